@@ -1,0 +1,1 @@
+"""Everything particular: ships, trial files, manoeuvres, published splits, synthetic trials."""

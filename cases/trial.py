@@ -1,0 +1,129 @@
+"""A trial: one run of one ship, in SI units and the frames of the contract."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+STATES = ("x", "y", "psi", "u", "v", "r")
+"""The six states of the 3-DOF model in their fixed order: m, m, rad, m/s, m/s, rad/s."""
+
+REQUIRED = ("psi", "u", "v", "r", "n", "delta")
+"""Columns without which nothing can be calibrated or predicted."""
+
+UNITS = {
+    "t": "s",
+    "x": "m",
+    "y": "m",
+    "psi": "rad",
+    "u": "m/s",
+    "v": "m/s",
+    "r": "rad/s",
+    "n": "rps",
+    "n_2": "rps",
+    "delta": "rad",
+    "delta_port": "rad",
+    "delta_starboard": "rad",
+    "n_bow": "rps",
+    "n_stern": "rps",
+    "wind_speed": "m/s",
+    "wind_direction": "rad",
+    "apparent_wind_speed": "m/s",
+    "apparent_wind_direction": "rad",
+}
+"""Canonical columns and the unit they have inside the house."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One run in canonical columns.
+
+    Attributes
+    ----------
+    name: file stem, or the name given by the caller.
+    columns: canonical name (see ``UNITS``) -> array of shape (N,), SI and radians. Always holds "t",
+        strictly increasing, as stored (it need not start at zero). Missing samples are NaN. ``psi`` is
+        as stored (possibly wrapped): use ``psi_unwrapped``. Optional columns that the file lacks are
+        absent.
+    path: where it was read from, if anywhere.
+    sha256: hash of the file's bytes, or "".
+    notices: sentences about everything converted, derived or assumed while reading.
+    kind: "turning", "zigzag", "random", "berthing", ... or "".
+    role: "train", "validate", "test" or "".
+    """
+
+    name: str
+    columns: Mapping[str, np.ndarray]
+    path: Path | None = None
+    sha256: str = ""
+    notices: tuple[str, ...] = ()
+    kind: str = ""
+    role: str = ""
+    meta: Mapping[str, str] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.columns["t"])
+
+    def __contains__(self, column: str) -> bool:
+        return column in self.columns
+
+    def __getitem__(self, column: str) -> np.ndarray:
+        return self.columns[column]
+
+    @property
+    def t(self) -> np.ndarray:
+        """Time as stored [s], shape (N,)."""
+        return self.columns["t"]
+
+    @property
+    def dt(self) -> float:
+        """Median sampling interval [s]."""
+        return float(np.median(np.diff(self.t)))
+
+    @property
+    def duration(self) -> float:
+        """Last minus first time stamp [s]."""
+        return float(self.t[-1] - self.t[0])
+
+    @property
+    def has_position(self) -> bool:
+        return "x" in self.columns and "y" in self.columns
+
+    @property
+    def has_wind(self) -> bool:
+        """True when the true wind is known (measured, or derived from the apparent wind on reading)."""
+        return "wind_speed" in self.columns and "wind_direction" in self.columns
+
+    @property
+    def psi_unwrapped(self) -> np.ndarray:
+        """Heading without jumps of 2 pi [rad], NaN where it is missing, shape (N,)."""
+        psi = np.array(self.columns["psi"], dtype=float)
+        good = np.isfinite(psi)
+        psi[good] = np.unwrap(psi[good])
+        return psi
+
+    @property
+    def wind_vector(self) -> np.ndarray:
+        """Velocity of the air over ground, north and east components [m/s], shape (N, 2).
+
+        The wind direction is *coming from* (contract), so the vector is minus the unit vector of it.
+        Zeros when the wind is not known.
+        """
+        if not self.has_wind:
+            return np.zeros((len(self), 2))
+        speed, direction = self["wind_speed"], self["wind_direction"]
+        return np.column_stack([-speed * np.cos(direction), -speed * np.sin(direction)])
+
+    @property
+    def states(self) -> np.ndarray:
+        """(x, y, psi unwrapped, u, v, r), shape (N, 6); x and y are NaN when not measured."""
+        nothing = np.full(len(self), np.nan)
+        x, y = (self["x"], self["y"]) if self.has_position else (nothing, nothing)
+        return np.column_stack([x, y, self.psi_unwrapped, self["u"], self["v"], self["r"]])
+
+    def with_columns(self, **columns: np.ndarray) -> Trial:
+        """A copy in which the named columns are replaced or added."""
+        return replace(self, columns={**self.columns, **columns})

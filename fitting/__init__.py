@@ -1,0 +1,1 @@
+"""From trajectories to coefficients with their uncertainty, and how well they predict."""

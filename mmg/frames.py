@@ -1,0 +1,60 @@
+"""Earth and body frames, true and apparent wind.
+
+Earth x0 north, y0 east, z down; heading psi clockwise from north; body x forward, y starboard, origin midship.
+Functions work on floats, numpy arrays and CasADi expressions alike.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+
+def _trigonometry(x: Any) -> Any:
+    return ca if isinstance(x, (ca.SX, ca.MX, ca.DM)) else np
+
+
+def earth_to_body(x0: Any, y0: Any, psi: Any) -> tuple[Any, Any]:
+    """Components of an earth-fixed vector along body axes, heading ``psi`` [rad]."""
+    f = _trigonometry(psi)
+    cosine, sine = f.cos(psi), f.sin(psi)
+    return cosine * x0 + sine * y0, cosine * y0 - sine * x0
+
+
+def body_to_earth(x: Any, y: Any, psi: Any) -> tuple[Any, Any]:
+    """North and east components of a body-fixed vector, heading ``psi`` [rad]."""
+    f = _trigonometry(psi)
+    cosine, sine = f.cos(psi), f.sin(psi)
+    return cosine * x - sine * y, sine * x + cosine * y
+
+
+def wind_vector(speed: Any, direction: Any) -> tuple[Any, Any]:
+    """Velocity of the air over ground (north, east) [m/s] from speed and *coming-from* direction [rad]."""
+    f = _trigonometry(direction)
+    return -speed * f.cos(direction), -speed * f.sin(direction)
+
+
+def relative_air(wind_north: Any, wind_east: Any, psi: Any, u: Any, v: Any) -> tuple[Any, Any]:
+    """Velocity of the air relative to the ship at midship, body axes [m/s] (ground velocity u, v)."""
+    a_x, a_y = earth_to_body(wind_north, wind_east, psi)
+    return a_x - u, a_y - v
+
+
+def apparent_wind(wind_speed: Any, wind_direction: Any, psi: Any, u: Any, v: Any) -> tuple[Any, Any]:
+    """Apparent wind speed [m/s] and direction [rad in 0..2 pi, clockwise from the bow, coming from].
+
+    True wind as *coming from* in the earth frame, ground velocity (u, v) at midship.
+    """
+    a_x, a_y = relative_air(*wind_vector(wind_speed, wind_direction), psi, u, v)
+    return np.hypot(a_x, a_y), np.mod(np.arctan2(-a_y, -a_x), 2 * np.pi)
+
+
+def true_wind(
+    apparent_speed: Any, apparent_direction: Any, psi: Any, u: Any, v: Any
+) -> tuple[Any, Any]:
+    """True wind speed [m/s] and coming-from direction [rad in 0..2 pi] from the apparent one."""
+    a_x, a_y = wind_vector(apparent_speed, apparent_direction)
+    north, east = body_to_earth(a_x + u, a_y + v, psi)
+    return np.hypot(north, east), np.mod(np.arctan2(-east, -north), 2 * np.pi)

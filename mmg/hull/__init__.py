@@ -1,0 +1,1 @@
+"""Hull forces: one file per model."""

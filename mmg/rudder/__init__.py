@@ -1,0 +1,1 @@
+"""Rudder forces: one file per model."""

@@ -1,0 +1,1 @@
+"""Wind forces: one file per model."""
