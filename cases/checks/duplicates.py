@@ -1,0 +1,98 @@
+"""Files that contain each other, whatever their clocks say: one hash per row, one sort over all files."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from cases.checks.report import Finding, warning
+from cases.trial import Trial
+
+COLUMNS = ("psi", "u", "v", "r")
+"""Required of every trial and noisy, so that rows of different runs never agree in all of them."""
+
+GRID = 1e-7
+"""Values are compared on this grid (rad, m/s, rad/s)."""
+
+SHARE = 0.05
+"""Overlaps below this share of the shorter file are not reported."""
+
+
+def duplicates(trials: Sequence[Trial]) -> list[tuple[list[dict[str, Any]], list[Finding]]]:
+    """Per trial: the other trials it overlaps with (numbers) and sentences about them.
+
+    Rows that occur twice within one file (a ship at rest) do not count, nor do matches out of step with
+    the others. Cost: one sort over all rows.
+    """
+    if len(trials) < 2:
+        return [([], []) for _ in trials]
+    hashes, owner, row = _rows(trials)
+    order = np.argsort(hashes, kind="stable")
+    hashes, owner, row = hashes[order], owner[order], row[order]
+    pairs: dict[tuple[int, int], list[tuple[np.ndarray, np.ndarray]]] = {}
+    for apart in range(1, len(trials)):
+        same = np.flatnonzero(hashes[apart:] == hashes[:-apart])
+        if not len(same):
+            break
+        first, second = owner[same], owner[same + apart]
+        for a, b in set(zip(first.tolist(), second.tolist(), strict=True)):
+            hit = same[(first == a) & (second == b)]
+            pairs.setdefault((a, b), []).append((row[hit], row[hit + apart]))
+    out: list[tuple[list[dict[str, Any]], list[Finding]]] = [([], []) for _ in trials]
+    for (a, b), hits in pairs.items():
+        rows_a = np.concatenate([h[0] for h in hits])
+        rows_b = np.concatenate([h[1] for h in hits])
+        _judge(trials, a, b, rows_a, rows_b, out)
+    return out
+
+
+def _rows(trials: Sequence[Trial]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Hash, trial index and row index of every complete row that is unique within its trial."""
+    keys = (np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9, 0xD6E8FEB86659FD93], np.uint64))
+    parts: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+    for i, trial in enumerate(trials):
+        values = np.column_stack([trial[c] for c in COLUMNS])
+        whole = np.flatnonzero(np.isfinite(values).all(axis=1))
+        whole_values = np.rint(values[whole] / GRID).astype(np.int64).view(np.uint64)
+        mixed = (whole_values * keys) ^ ((whole_values * keys) >> np.uint64(29))
+        hashed = (mixed * keys[::-1]).sum(axis=1, dtype=np.uint64)
+        unique, first, count = np.unique(hashed, return_index=True, return_counts=True)
+        once = count == 1
+        parts.append((unique[once], np.full(int(once.sum()), i), whole[first[once]]))
+    hashes, owner, row = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return hashes, owner, row
+
+
+def _judge(
+    trials: Sequence[Trial],
+    a: int,
+    b: int,
+    rows_a: np.ndarray,
+    rows_b: np.ndarray,
+    out: list[tuple[list[dict[str, Any]], list[Finding]]],
+) -> None:
+    """Adds the overlap of trials a and b to both reports when it is a run of rows in step."""
+    offsets, count = np.unique(rows_b - rows_a, return_counts=True)
+    in_step = rows_b - rows_a == offsets[np.argmax(count)]
+    rows_a, rows_b = rows_a[in_step], rows_b[in_step]
+    for me, other, mine, theirs in ((a, b, rows_a, rows_b), (b, a, rows_b, rows_a)):
+        n_me, n_other = len(trials[me]), len(trials[other])
+        span_me, span_other = int(mine.max() - mine.min() + 1), int(theirs.max() - theirs.min() + 1)
+        if len(mine) < 10 or len(mine) < SHARE * min(n_me, n_other):
+            return
+        inside, holds = span_me >= 0.99 * n_me, span_other >= 0.99 * n_other
+        relation = "copy" if inside and holds else "inside" if inside else "contains" if holds else "overlaps"
+        identical = bool(trials[me].sha256) and trials[me].sha256 == trials[other].sha256
+        out[me][0].append({
+            "other": trials[other].name, "relation": relation, "identical_bytes": identical,
+            "rows": [int(mine.min()), int(mine.max())], "other_rows": [int(theirs.min()), int(theirs.max())],
+            "share": span_me / n_me,
+        })  # fmt: skip
+        verb = {"copy": "Is a copy of", "inside": "Is contained in", "contains": "Contains", "overlaps": "Overlaps"}
+        text = (
+            f"{verb[relation]} {trials[other].name}: rows {mine.min()}-{mine.max()} are its rows "
+            f"{theirs.min()}-{theirs.max()}; keep both on the same side of a train/test split."
+        )
+        out[me][1].append(warning("duplicates", text))

@@ -1,0 +1,62 @@
+"""Sampling of a trial: rate, unevenness, gaps, missing samples."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from cases.checks.report import Finding, info, warning
+from cases.trial import REQUIRED, Trial
+
+GAP = 3.0
+"""A step longer than this many median steps is a gap."""
+
+
+def sampling(trial: Trial) -> tuple[dict[str, Any], list[Finding]]:
+    """Rows, duration, sampling interval, share of uneven steps, gaps, NaN share per column."""
+    steps = np.diff(trial.t)
+    dt = float(np.median(steps))
+    uneven = float(np.mean(np.abs(steps - dt) > 0.1 * dt))
+    gaps = _gaps(trial, steps, dt)
+    missing = {c: float(np.mean(~np.isfinite(v))) for c, v in trial.columns.items() if np.isnan(v).any()}
+    numbers = {
+        "rows": len(trial),
+        "duration_s": trial.duration,
+        "dt_s": dt,
+        "dt_min_s": float(steps.min()),
+        "dt_max_s": float(steps.max()),
+        "uneven_share": uneven,
+        "gaps": len(gaps),
+        "longest_gap_s": max((length for _, length in gaps), default=0.0),
+        "nan_share": missing,
+    }
+    said = []
+    if gaps:
+        at, length = max(gaps, key=lambda gap: gap[1])
+        said.append(
+            warning("sampling", f"{len(gaps)} gap(s) in the states; the longest lasts {length:.3g} s from t = {at:.6g} s.")
+        )
+    if uneven > 0.01:
+        said.append(
+            info("sampling", f"Uneven sampling: {uneven:.0%} of the steps differ by more than 10 % from {dt:.4g} s.")
+        )
+    worst = [c for c in missing if missing[c] > 0.05]
+    if worst:
+        said.append(
+            warning("sampling", "Missing samples: " + ", ".join(f"{c} {missing[c]:.0%}" for c in worst) + ".")
+        )
+    if trial.duration < 20 * dt:
+        said.append(warning("sampling", f"Very short: {len(trial)} rows, {trial.duration:.3g} s."))
+    return numbers, said
+
+
+def _gaps(trial: Trial, steps: np.ndarray, dt: float) -> list[tuple[float, float]]:
+    """(start time, length) [s] of stretches longer than GAP steps without a complete set of required columns."""
+    names = [c for c in REQUIRED if c in trial]
+    whole = np.flatnonzero(np.all([np.isfinite(trial[c]) for c in names], axis=0))
+    if len(whole) < 2:
+        return [(float(trial.t[0]), trial.duration)]
+    t = trial.t[whole]
+    length = np.diff(t)
+    return [(float(t[i]), float(length[i])) for i in np.flatnonzero(length > GAP * dt)]

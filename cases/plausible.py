@@ -1,0 +1,141 @@
+"""Units that the numbers themselves refute: degrees passed off as radians, and the like.
+
+Only contradictions are reported, never guesses: a heading is compared with the integral of the yaw rate
+and with the course made good, a rudder angle with the largest one a rudder can take.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+DEG = math.pi / 180.0
+
+RUDDER_LIMIT = 2.0
+"""rad; VecTwin rudders reach 105 deg = 1.83 rad, nothing that steers reaches 115 deg."""
+
+SPIN_LIMIT = 1.5
+"""rad/s; a ship or a metre-long model does not turn by 86 deg every second for most of a run."""
+
+_CAUSES = {
+    (DEG, 1.0): "psi holds degrees but is labelled rad",
+    (1 / DEG, 1.0): "psi holds radians but is labelled deg",
+    (1.0, DEG): "r holds deg/s but is labelled rad/s",
+    (1.0, 1 / DEG): "r holds rad/s but is labelled deg/s",
+}
+
+
+def implausible(columns: Mapping[str, np.ndarray]) -> str:
+    """One sentence about the first contradiction between the units of the columns, "" when there is none.
+
+    columns: canonical name -> (N,) in house units; needs t, psi, r; uses x, y, u, v, delta, wind if present.
+    """
+    for test in (_angles, _heading_and_rate, _heading_and_course, _spin):
+        sentence = test(columns)
+        if sentence:
+            return sentence
+    return ""
+
+
+def _angles(columns: Mapping[str, np.ndarray]) -> str:
+    """Angles too large to be radians: rudders and wind directions."""
+    for name in ("delta", "delta_port", "delta_starboard"):
+        if name in columns and np.isfinite(columns[name]).any():
+            largest = float(np.nanmax(np.abs(columns[name])))
+            if largest > RUDDER_LIMIT:
+                return (
+                    f"{name} reaches {largest:.4g} rad = {largest / DEG:.0f} deg, more than any rudder: "
+                    f"are these degrees labelled rad? (label the column '{name} [deg]')"
+                )
+    for name in ("wind_direction", "apparent_wind_direction"):
+        if name in columns and np.isfinite(columns[name]).any():
+            typical = float(np.nanpercentile(np.abs(columns[name]), 90))
+            if typical > 4 * math.pi:
+                return (
+                    f"{name} reaches {typical:.4g} rad: are these degrees labelled rad? "
+                    f"(label the column '{name} [deg]')"
+                )
+    return ""
+
+
+def _heading_and_rate(columns: Mapping[str, np.ndarray]) -> str:
+    """Change of heading over some seconds against the integral of r over the same seconds."""
+    t, psi, r = columns["t"], columns["psi"], columns["r"]
+    good = np.isfinite(psi) & np.isfinite(r)
+    t, psi, r = t[good], psi[good], r[good]
+    if len(t) < 20:
+        return ""
+    step = np.diff(t)
+    turned = np.concatenate([[0.0], np.cumsum(0.5 * (r[1:] + r[:-1]) * step)])
+    lag = max(1, min(20, len(t) // 10))
+    usable = (t[lag:] - t[:-lag]) < 3 * lag * np.median(step)
+    raw = (psi[lag:] - psi[:-lag])[usable]
+    turn = (turned[lag:] - turned[:-lag])[usable]
+    misfit = {scales: _misfit(raw * scales[0], turn * scales[1]) for scales in [(1.0, 1.0), *_CAUSES]}
+    if misfit[1.0, 1.0] < 0.9:
+        return ""
+    best = min(_CAUSES, key=lambda scales: misfit[scales])
+    if misfit[best] > 0.4:
+        return ""
+    cause = _CAUSES[best]
+    ratio = _ratio(raw, turn)
+    return f"{cause}: over {lag} samples psi changes by {ratio:.3g} times the integral of r (correct the unit)"
+
+
+def _heading_and_course(columns: Mapping[str, np.ndarray]) -> str:
+    """Displacement over some seconds against (u, v) turned by the heading, read as radians and as degrees."""
+    if not {"x", "y", "u", "v"} <= set(columns):
+        return ""
+    t, psi, u, v, x, y = (np.asarray(columns[c]) for c in ("t", "psi", "u", "v", "x", "y"))
+    good = np.isfinite(psi) & np.isfinite(u) & np.isfinite(v) & np.isfinite(x) & np.isfinite(y)
+    if good.sum() < 20 or np.abs(psi[good]).max() < 2 * math.pi + 0.1:
+        return ""
+    t, psi, body, place = t[good], psi[good], (u + 1j * v)[good], (x + 1j * y)[good]
+    lag = max(1, min(20, len(t) // 10))
+    step = np.diff(t)
+    usable = (t[lag:] - t[:-lag]) < 3 * lag * np.median(step)
+    moved = (place[lag:] - place[:-lag])[usable]
+    scale = math.sqrt(float(np.mean(np.abs(moved) ** 2)))
+    misfit = []
+    for unit in (1.0, DEG):
+        velocity = body * np.exp(1j * psi * unit)
+        way = np.concatenate([[0.0], np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * step)])
+        error = moved - (way[lag:] - way[:-lag])[usable]
+        misfit.append(math.sqrt(float(np.mean(np.abs(error) ** 2))) / max(scale, 1e-12))
+    if misfit[1] < 0.35 and misfit[0] > 0.7 and misfit[0] > 3 * misfit[1]:
+        return (
+            "psi holds degrees but is labelled rad: (u, v) turned by psi misses the track by "
+            f"{misfit[0]:.0%} as radians and by {misfit[1]:.0%} as degrees (correct the unit)"
+        )
+    return ""
+
+
+def _spin(columns: Mapping[str, np.ndarray]) -> str:
+    """A yaw rate that no ship has."""
+    r = columns["r"]
+    if not np.isfinite(r).any():
+        return ""
+    typical = float(np.nanpercentile(np.abs(r), 75))
+    if typical > SPIN_LIMIT:
+        return f"r is above {typical:.3g} rad/s a quarter of the time: are these deg/s labelled rad/s? (correct the unit)"
+    return ""
+
+
+def _misfit(change: np.ndarray, turn: np.ndarray) -> float:
+    """RMS of the difference as an angle over the RMS of both, the better of the two signs; 0 at rest."""
+    size = math.sqrt(float(np.mean(_wrap(change) ** 2) + np.mean(turn**2)))
+    if size < 1e-9:
+        return 0.0
+    errors = (_wrap(change - turn), _wrap(change + turn))
+    return min(math.sqrt(float(np.mean(error**2))) for error in errors) / size
+
+
+def _ratio(change: np.ndarray, turn: np.ndarray) -> float:
+    """Robust size of the change of heading over that of the integrated yaw rate."""
+    return float(np.median(np.abs(change)) / max(float(np.median(np.abs(turn))), 1e-12))
+
+
+def _wrap(angle: np.ndarray) -> np.ndarray:
+    return (angle + math.pi) % (2 * math.pi) - math.pi
