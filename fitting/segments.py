@@ -1,0 +1,206 @@
+"""From trials to the arrays of a multiple-shooting problem: grid, windows, intervals, nodes, targets, inputs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cases.trial import Trial
+from mmg.errors import UserError
+
+
+@dataclass(frozen=True)
+class Grid:
+    """One piece of a trial on a uniform grid of step h.
+
+    t: (N+1,) grid times [s]; states: (N+1, 6), NaN where not measured; controls: (N, 4), the mean over each step of
+    n, delta, wind_north, wind_east.
+    """
+
+    trial: str
+    t: np.ndarray
+    states: np.ndarray
+    controls: np.ndarray
+
+
+@dataclass(frozen=True)
+class Segments:
+    """Windows cut into shooting intervals of at most K steps, sorted by their number of steps, longest first.
+
+    M intervals, B nodes (one at each interval start and one at each window end), W windows.
+
+    Attributes
+    ----------
+    h: step [s]; K: steps per interval.
+    steps: (M,) steps of each interval; start, end: (M,) node at its start and end.
+    controls: (K, 4, M); targets, mask: (K - 1, 6, M) interior samples, mask 0 where none was measured.
+    nodes, node_mask: (B, 6) measured states at the nodes.
+    window: (M,) and node_window: (B,) number of the window; run: (W,) number of the trial of each window.
+    trials: names of the trials; duration: seconds of data in the windows.
+    dropped: sentences on what was left out.
+    """
+
+    h: float
+    K: int
+    steps: np.ndarray
+    start: np.ndarray
+    end: np.ndarray
+    controls: np.ndarray
+    targets: np.ndarray
+    mask: np.ndarray
+    nodes: np.ndarray
+    node_mask: np.ndarray
+    window: np.ndarray
+    node_window: np.ndarray
+    run: np.ndarray
+    trials: tuple[str, ...]
+    duration: float
+    dropped: tuple[str, ...] = ()
+
+    @property
+    def intervals(self) -> int:
+        return len(self.steps)
+
+
+def control_array(trial: Trial) -> np.ndarray:
+    """Inputs of the right-hand side at the samples of a trial, shape (N, 4): n, delta, wind north, wind east."""
+    return np.column_stack([trial["n"], trial["delta"], trial.wind_vector])
+
+
+def step_means(t: np.ndarray, values: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """Mean over each [edges[k], edges[k+1]] of samples held until the next one, shape (len(edges)-1, columns)."""
+    widths = np.diff(t)[:, None]
+    integral = np.vstack([np.zeros((1, values.shape[1])), np.cumsum(values[:-1] * widths, axis=0)])
+    at = np.clip(np.searchsorted(t, edges, side="right") - 1, 0, len(t) - 1)
+    reached = integral[at] + values[at] * (edges - t[at])[:, None]
+    return np.diff(reached, axis=0) / np.diff(edges)[:, None]
+
+
+def pieces(trial: Trial, longest_gap: float) -> list[slice]:
+    """Stretches of samples without a gap: all required columns present, time steps at most ``longest_gap`` [s]."""
+    wind = trial.wind_vector
+    good = np.isfinite(np.column_stack([trial[c] for c in ("psi", "u", "v", "r", "n", "delta")])).all(axis=1)
+    good &= np.isfinite(wind).all(axis=1)
+    index = np.flatnonzero(good)
+    if len(index) == 0:
+        return []
+    breaks = np.flatnonzero((np.diff(trial.t[index]) > longest_gap)) + 1
+    return [slice(part[0], part[-1] + 1) for part in np.split(index, breaks)]
+
+
+def grids(trial: Trial, h: float) -> list[Grid]:
+    """The gap-free pieces of a trial on grids of step h [s]."""
+    result = []
+    states, controls = trial.states, control_array(trial)
+    for piece in pieces(trial, longest_gap=max(2.5 * trial.dt, 0.75 * h)):
+        rows = np.arange(piece.start, piece.stop)
+        rows = rows[np.isfinite(controls[rows]).all(axis=1) & np.isfinite(states[rows, 2:]).all(axis=1)]
+        t = trial.t[rows]
+        if len(t) < 2:
+            continue
+        count = int(np.floor((t[-1] - t[0]) / h + 1e-9))
+        if count < 1:
+            continue
+        edges = t[0] + h * np.arange(count + 1)
+        on_grid = np.column_stack([_interpolate(edges, t, states[rows, j]) for j in range(6)])
+        result.append(Grid(trial.name, edges, on_grid, step_means(t, controls[rows], edges)))
+    return result
+
+
+def _interpolate(at: np.ndarray, t: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Linear interpolation; NaN where a neighbouring sample is missing."""
+    good = np.isfinite(values)
+    if good.sum() < 2:
+        return np.full(len(at), np.nan)
+    out = np.interp(at, t[good], values[good])
+    if not good.all():
+        position = np.clip(np.searchsorted(t, at - 1e-9), 0, len(t) - 1)
+        out[~(good[position] & good[np.maximum(position - 1, 0)])] = np.nan
+    return out
+
+
+def default_step(trials: Sequence[Trial], length: float) -> float:
+    """Integration step [s]: a tenth of the time to travel a ship length at rms speed, at least the sampling interval.
+
+    Rounded to 1, 2 or 5 times a power of ten.
+    """
+    u2 = np.concatenate([t["u"] ** 2 + t["v"] ** 2 for t in trials])
+    speed = max(float(np.sqrt(np.nanmean(u2))), 0.02 * np.sqrt(9.81 * length))
+    wanted = max(0.1 * length / speed, max(t.dt for t in trials))
+    decade = 10 ** np.floor(np.log10(wanted))
+    return float(min((c * decade for c in (1, 2, 5, 10)), key=lambda s: abs(np.log(s / wanted))))
+
+
+def cut(
+    trials: Sequence[Trial], h: float, window: float, K: int = 10, shortest: float | None = None
+) -> Segments:
+    """Cut trials into windows of about ``window`` seconds and those into intervals of at most K steps.
+
+    A piece is divided evenly into windows; a piece shorter than ``shortest`` (default 10 steps) is left out and said.
+    Raises UserError when nothing is left.
+    """
+    least = int(round((10 * h if shortest is None else shortest) / h))
+    controls, nodes, run, dropped = [], [], [], []
+    spans: list[tuple[int, int, int, np.ndarray, np.ndarray]] = []  # start node, end node, window, inputs, interior
+    node_window: list[int] = []
+    seconds = 0.0
+    for number, trial in enumerate(trials):
+        for grid in grids(trial, h):
+            total = len(grid.controls)
+            if total < least:
+                dropped.append(f"{trial.name}: a piece of {total * h:.1f} s is too short and was left out")
+                continue
+            parts = max(1, round(total * h / window))
+            for first, last in _even(total, parts):
+                w = len(run)
+                run.append(number)
+                seconds += (last - first) * h
+                starts = list(range(first, last, K))
+                nodes.append(grid.states[first])
+                node_window.append(w)
+                for s in starts:
+                    e = min(s + K, last)
+                    nodes.append(grid.states[e])
+                    node_window.append(w)
+                    spans.append((len(nodes) - 2, len(nodes) - 1, w, grid.controls[s:e], grid.states[s + 1 : e]))
+    if not spans:
+        raise UserError(
+            f"nothing to fit: no piece of the trials is longer than {least * h:g} s without a gap; "
+            "use longer records or a smaller --step"
+        )
+    spans.sort(key=lambda span: -len(span[3]))
+    M = len(spans)
+    controls_array = np.zeros((K, 4, M))
+    targets, mask = np.zeros((max(K - 1, 0), 6, M)), np.zeros((max(K - 1, 0), 6, M))
+    for i, (_, _, _, inputs, interior) in enumerate(spans):
+        controls_array[: len(inputs), :, i] = inputs
+        targets[: len(interior), :, i] = np.nan_to_num(interior)
+        mask[: len(interior), :, i] = np.isfinite(interior)
+    measured = np.array(nodes)
+    del controls
+    return Segments(
+        h=h,
+        K=K,
+        steps=np.array([len(s[3]) for s in spans]),
+        start=np.array([s[0] for s in spans]),
+        end=np.array([s[1] for s in spans]),
+        controls=controls_array,
+        targets=targets,
+        mask=mask,
+        nodes=np.nan_to_num(measured),
+        node_mask=np.isfinite(measured).astype(float),
+        window=np.array([s[2] for s in spans]),
+        node_window=np.array(node_window),
+        run=np.array(run),
+        trials=tuple(t.name for t in trials),
+        duration=seconds,
+        dropped=tuple(dropped),
+    )
+
+
+def _even(total: int, parts: int) -> list[tuple[int, int]]:
+    """``total`` steps divided into ``parts`` nearly equal ranges."""
+    edges = np.linspace(0, total, parts + 1).round().astype(int)
+    return list(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True))
