@@ -126,25 +126,30 @@ class Problem:
         return ((end.T - nodes[self.segments.end]) / self.scale).reshape(-1)
 
     # -- derivatives -------------------------------------------------------------------------------------------
-    def sweep(self, x: np.ndarray) -> Sweep:
+    def sweep(self, x: np.ndarray) -> list[Sweep]:
+        """Forward sweeps with sensitivities at x, one per block of intervals."""
         if self._sweep_at is None or not np.array_equal(x, self._sweep_at):
             nodes, p = self.split(x)
             self._sweep = self.shooting.sweep(nodes[self.segments.start].T, self.coefficients(p))
-            self._values = (nodes, p, self._sweep.end, self._sweep.interior)
+            end = np.concatenate([s.end for s in self._sweep], axis=1)
+            interior = np.concatenate([s.interior for s in self._sweep], axis=2)
+            self._values = (nodes, p, end, interior)
             self._values_at = self._sweep_at = x.copy()
         return self._sweep
 
     def gradient(self, x: np.ndarray) -> np.ndarray:
-        sweep, seg = self.sweep(x), self.segments
+        sweeps, seg = self.sweep(x), self.segments
         nodes, p = self.split(x)
         d_nodes = self.node_weight * (nodes - seg.nodes)
         d_theta = np.zeros(self.P)
-        for k, S in enumerate(sweep.S_interior):
-            m = len(S)
-            we = (self.weight[k] * (sweep.interior[k] - seg.targets[k]))[:, :m]
-            pulled = np.einsum("mij,im->mj", S, we)
-            np.add.at(d_nodes, seg.start[:m], pulled[:, :6])
-            d_theta += pulled[:, 6:].sum(axis=0)
+        for sweep, s in zip(sweeps, self.shooting.slices, strict=True):
+            start = seg.start[s]
+            for k, S in enumerate(sweep.S_interior):
+                m = len(S)
+                we = (self.weight[k, :, s] * (sweep.interior[k] - seg.targets[k, :, s]))[:, :m]
+                pulled = (we.T[:, None, :] @ S)[:, 0]
+                d_nodes[start[:m]] += pulled[:, :6]
+                d_theta += pulled[:, 6:].sum(axis=0)
         return np.concatenate([(d_nodes * self.scale).reshape(-1), d_theta * self.prior.std + p])
 
     def _build_sparsity(self) -> None:
@@ -156,8 +161,7 @@ class Problem:
         ip, jp = np.meshgrid(np.arange(6), np.arange(P), indexing="ij")
         dense = (rows + ip, 6 * B + jp + 0 * rows)
         r = np.concatenate([part[0].reshape(-1) for part in (block, ends, dense)])
-        c = np.concatenate([np.broadcast_to(*np.broadcast_arrays(part[1])[:1], part[0].shape).reshape(-1)
-                            for part in (block, ends, dense)])  # fmt: skip
+        c = np.concatenate([part[1].reshape(-1) for part in (block, ends, dense)])
         self.jacobian_sparsity, self._jacobian_order = _sparsity(r, c, self.m, self.n)
         iu, ju = np.triu_indices(6)
         own = (6 * np.arange(B)[:, None] + iu, 6 * np.arange(B)[:, None] + ju)
@@ -169,7 +173,7 @@ class Problem:
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
         """Nonzeros of d defects / dx in the order of ``jacobian_sparsity``."""
-        S = self.sweep(x).S_end
+        S = np.concatenate([sweep.S_end for sweep in self.sweep(x)])
         block = S[:, :, :6] * (self.scale[None, :] / self.scale[:, None])
         theta = S[:, :, 6:] * (self.prior.std[None, :] / self.scale[:, None])
         ends = np.full(self.m, -1.0)
@@ -177,15 +181,13 @@ class Problem:
 
     def hessian(self, x: np.ndarray, factor: float, multipliers: np.ndarray) -> np.ndarray:
         """Nonzeros of the upper triangle of the Hessian of factor objective + multipliers . defects."""
-        sweep, seg = self.sweep(x), self.segments
-        _, p = self.split(x)
+        sweeps, seg = self.sweep(x), self.segments
+        _, p, _, interior = self._values
         weight = factor * self.weight
         lam = (multipliers.reshape(self.M, 6) / self.scale).T
-        rows, shared = self.shooting.hessian(
-            sweep, self.coefficients(p), lam, sweep.interior - seg.targets, weight
-        )
+        rows, shared = self.shooting.hessian(sweeps, self.coefficients(p), lam, interior - seg.targets, weight)
         nodes = np.zeros((self.B, 6, 6 + self.P))
-        np.add.at(nodes, seg.start, rows)
+        nodes[seg.start] += rows
         nodes[:, np.arange(6), np.arange(6)] += factor * self.node_weight
         s, t = self.scale, self.prior.std
         own = (nodes[:, :, :6] * np.outer(s, s))[:, *np.triu_indices(6)]

@@ -68,60 +68,66 @@ def kernels(model: Model, free: np.ndarray, compiled: bool = True) -> Kernels:
 class Sweep:
     """What a forward sweep with sensitivities leaves for the gradient, the Jacobian and the Hessian.
 
-    end: (6, M); interior: (K-1, 6, M); S_end: (M, 6, 6 + P); S_interior: list of (m_k, 6, 6 + P);
-    stages: per step and stage (q (4, m), Jacobian (m, 6, 4 + P), Q (m, 4, 6 + P)).
+    end: (6, M); interior: (K-1, 6, M); S_end: (M, 6, 6 + P) with respect to the start node and the free coefficients;
+    S_interior: per step (m_k, 6, 6 + P); q: per step (4 stages, 4, m_k) the arguments (psi, u, v, r) of the stages;
+    J_q: per step (m_k, 4, 6, 4); Q: per step (m_k, 4 stages, 4, 6 + P), derivative of q.
     """
 
     end: np.ndarray
     interior: np.ndarray
     S_end: np.ndarray
     S_interior: list[np.ndarray]
-    stages: list[list[tuple[np.ndarray, np.ndarray, np.ndarray]]]
+    q: list[np.ndarray]
+    J_q: list[np.ndarray]
+    Q: list[np.ndarray]
 
 
-class Shooting:
-    """Evaluates all intervals of a Segments with the kernels of a model."""
+def _pad(array: np.ndarray) -> np.ndarray:
+    """Columns padded with copies of the first one to a whole number of lanes."""
+    count = array.shape[1]
+    missing = padded(count) - count
+    return np.hstack([array, np.repeat(array[:, :1], missing, axis=1)]) if missing else array
 
-    def __init__(self, kernels_: Kernels, segments: Segments) -> None:
-        self.kernels = kernels_
-        self.segments = segments
-        self.P = len(kernels_.free)
-        self.active = [int((segments.steps > k).sum()) for k in range(segments.K)]
 
-    def _pad(self, array: np.ndarray, count: int) -> np.ndarray:
-        """The first ``count`` columns, padded with copies of the first one to a whole number of lanes."""
-        missing = padded(count) - count
-        part = array[:, :count]
-        return np.hstack([part, np.repeat(part[:, :1], missing, axis=1)]) if missing else part
+class Intervals:
+    """Evaluates a block of intervals, sorted longest first, with the kernels of a model.
 
-    def _rates(self, q: np.ndarray, c: np.ndarray, theta: np.ndarray, count: int) -> np.ndarray:
-        result = self.kernels.rates(self._pad(q, count), self._pad(c, count), theta)[0]
+    steps: (M,); controls: (K, 4, M) as in Segments.
+    """
+
+    def __init__(self, kernels_: Kernels, steps: np.ndarray, controls: np.ndarray, h: float) -> None:
+        self.kernels, self.controls, self.h = kernels_, controls, h
+        self.M, self.P, self.K = len(steps), len(kernels_.free), len(controls)
+        self.active = [m for k in range(self.K) if (m := int((steps > k).sum()))]
+        rows, columns = kernels_.hessian_at
+        self._both = (rows < 4) & (columns < 4)
+        self._mixed = (rows < 4) & (columns >= 4)
+        self._own = rows >= 4
+
+    def _rates(self, q: np.ndarray, c: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        result = self.kernels.rates(_pad(q), _pad(c), theta)[0]
         assert result is not None
-        return result[:, :count]
+        return result[:, : q.shape[1]]
 
     def values(self, start: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """End states (6, M) and interior states (K-1, 6, M) from start states (6, M) and all coefficients."""
-        seg, h = self.segments, self.segments.h
-        z = start.copy()
-        interior = np.zeros(seg.targets.shape)
+        h, z = self.h, start.copy()
+        interior = np.zeros((max(self.K - 1, 0), 6, self.M))
         for k, m in enumerate(self.active):
-            if m == 0:
-                break
-            z0, c = z[:, :m], seg.controls[k]
+            z0, c = z[:, :m].copy(), self.controls[k, :, :m]
             rate, total = np.zeros((6, m)), np.zeros((6, m))
             for fraction, weight in zip(STAGE_FRACTION, STAGE_WEIGHT, strict=True):
-                rate = self._rates(z0[2:] + fraction * h * rate[2:], c, theta, m)
+                rate = self._rates(z0[2:] + fraction * h * rate[2:], c, theta)
                 total += weight * rate
             z[:, :m] = z0 + h * total
-            if k < seg.K - 1:
+            if k < self.K - 1:
                 interior[k, :, :m] = z[:, :m]
         return z, interior
 
-    def _jacobian(
-        self, q: np.ndarray, c: np.ndarray, theta: np.ndarray, m: int
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def _jacobian(self, q: np.ndarray, c: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Rates (6, m) and dense Jacobian (m, 6, 4 + P)."""
-        k, nonzeros = self.kernels.jacobian(self._pad(q, m), self._pad(c, m), theta)
+        m = q.shape[1]
+        k, nonzeros = self.kernels.jacobian(_pad(q), _pad(c), theta)
         assert k is not None and nonzeros is not None
         J = np.zeros((m, 6, 4 + self.P))
         rows, columns = self.kernels.jacobian_at
@@ -130,35 +136,36 @@ class Shooting:
 
     def sweep(self, start: np.ndarray, theta: np.ndarray) -> Sweep:
         """Forward sweep with sensitivities; arguments as in ``values``."""
-        seg, h, P = self.segments, self.segments.h, self.P
-        M = seg.intervals
-        z = start.copy()
-        S = np.zeros((M, 6, 6 + P))
+        h, P, K, M = self.h, self.P, self.K, self.M
+        z, S = start.copy(), np.zeros((M, 6, 6 + P))
         S[:, np.arange(6), np.arange(6)] = 1.0
-        interior, S_interior, stages = np.zeros(seg.targets.shape), [], []
+        result = Sweep(z, np.zeros((max(K - 1, 0), 6, M)), S, [], [], [], [])
         for k, m in enumerate(self.active):
-            if m == 0:
-                break
-            z0, S0, c = z[:, :m], S[:m], seg.controls[k]
+            z0, c = z[:, :m].copy(), self.controls[k, :, :m]
             rate, total = np.zeros((6, m)), np.zeros((6, m))
-            dRate, dTotal = None, np.zeros((m, 6, 6 + P))
-            step = []
-            for fraction, weight in zip(STAGE_FRACTION, STAGE_WEIGHT, strict=True):
-                q = z0[2:] + fraction * h * rate[2:]
-                Q = S0[:, 2:].copy() if dRate is None else S0[:, 2:] + fraction * h * dRate[:, 2:]
-                rate, J = self._jacobian(q, c, theta, m)
-                dRate = J[:, :, :4] @ Q
+            dRate, dTotal = np.zeros((m, 6, 6 + P)), np.zeros((m, 6, 6 + P))
+            qs, Js, Qs = np.empty((4, 4, m)), np.empty((m, 4, 6, 4)), np.empty((m, 4, 4, 6 + P))
+            for i, (fraction, weight) in enumerate(zip(STAGE_FRACTION, STAGE_WEIGHT, strict=True)):
+                q = qs[i]
+                q[:] = z0[2:] + fraction * h * rate[2:]
+                Q = Qs[:, i]
+                np.multiply(dRate[:, 2:], fraction * h, out=Q)
+                Q += S[:m, 2:]
+                rate, J = self._jacobian(q, c, theta)
+                Js[:, i] = J[:, :, :4]
+                dRate = Js[:, i] @ Q
                 dRate[:, :, 6:] += J[:, :, 4:]
                 total += weight * rate
                 dTotal += weight * dRate
-                step.append((q, J, Q))
-            stages.append(step)
             z[:, :m] = z0 + h * total
             S[:m] += h * dTotal
-            if k < seg.K - 1:
-                interior[k, :, :m] = z[:, :m]
-                S_interior.append(S[:m].copy())
-        return Sweep(z, interior, S, S_interior, stages)
+            result.q.append(qs)
+            result.J_q.append(Js)
+            result.Q.append(Qs)
+            if k < K - 1:
+                result.interior[k, :, :m] = z[:, :m]
+                result.S_interior.append(S[:m].copy())
+        return result
 
     def hessian(
         self, sweep: Sweep, theta: np.ndarray, end_weight: np.ndarray, residual: np.ndarray, weight: np.ndarray
@@ -168,71 +175,106 @@ class Shooting:
         end_weight: (6, M); residual: (K-1, 6, M) interior minus target; weight: (K-1, 6, M). Returns the rows of the
         start nodes (M, 6, 6 + P), symmetric within their first six columns, and the (P, P) block of the coefficients.
         """
-        seg, P = self.segments, self.P
-        nodes = np.zeros((seg.intervals, 6, 6 + P))
-        shared = np.zeros((P, P))
+        P = self.P
+        nodes, shared = np.zeros((self.M, 6, 6 + P)), np.zeros((P, P))
         adjoint = end_weight.copy()
-        for k in range(len(sweep.stages) - 1, -1, -1):
+        for k in range(len(self.active) - 1, -1, -1):
             m = self.active[k]
-            if k < seg.K - 1:
+            if k < self.K - 1:
                 w = weight[k, :, :m]
                 adjoint[:, :m] += w * residual[k, :, :m]
                 S = sweep.S_interior[k]
                 WS = w.T[:, :, None] * S
                 nodes[:m] += np.swapaxes(S[:, :, :6], 1, 2) @ WS
                 shared += S[:, :, 6:].reshape(-1, P).T @ WS[:, :, 6:].reshape(-1, P)
-            adjoint[:, :m] = self._step_hessian(k, sweep, theta, adjoint[:, :m], nodes[:m], shared)
+            multipliers = self._adjoints(adjoint[:, :m], sweep.J_q[k])
+            self._curvature(k, sweep, theta, multipliers, nodes[:m], shared)
         return nodes, shared
 
-    def _step_hessian(
-        self,
-        k: int,
-        sweep: Sweep,
-        theta: np.ndarray,
-        adjoint: np.ndarray,
-        nodes: np.ndarray,
-        shared: np.ndarray,
-    ) -> np.ndarray:
-        """Adds the curvature of one step to ``nodes`` and ``shared``; returns the adjoint at the step's start."""
-        h, m, P = self.segments.h, adjoint.shape[1], self.P
-        back, later = adjoint.copy(), np.zeros((6, m))
-        multipliers: list[np.ndarray] = [np.empty(0)] * 4
+    def _adjoints(self, adjoint: np.ndarray, J_q: np.ndarray) -> np.ndarray:
+        """Multipliers of the four stage rates (4, 6, m); ``adjoint`` (6, m) is moved back over the step in place."""
+        h = self.h
+        multipliers = np.empty((4, *adjoint.shape))
+        back, later = adjoint.copy(), np.zeros_like(adjoint)
         for i in (3, 2, 1, 0):
-            _, J, _ = sweep.stages[k][i]
-            mu = h * STAGE_WEIGHT[i] * adjoint + later
-            pulled = np.zeros((6, m))
-            pulled[2:] = np.einsum("mij,im->jm", J[:, :, :4], mu)
-            back += pulled
-            later = h * STAGE_FRACTION[i] * pulled
-            multipliers[i] = mu
-        for i in range(4):
-            q, _, Q = sweep.stages[k][i]
-            nonzeros = self.kernels.hessian(
-                self._pad(q, m), self._pad(self.segments.controls[k], m), theta, self._pad(multipliers[i], m)
-            )[0]
-            assert nonzeros is not None
-            self._scatter(nonzeros[:, :m], Q, nodes, shared)
-        return back
+            mu = multipliers[i]
+            mu[:] = h * STAGE_WEIGHT[i] * adjoint + later
+            pulled = (np.swapaxes(J_q[:, i], 1, 2) @ mu.T[:, :, None])[:, :, 0].T
+            back[2:] += pulled
+            later = np.zeros_like(adjoint)
+            later[2:] = h * STAGE_FRACTION[i] * pulled
+        adjoint[:] = back
+        return multipliers
 
-    def _scatter(self, nonzeros: np.ndarray, Q: np.ndarray, nodes: np.ndarray, shared: np.ndarray) -> None:
-        """Chain rule: H += Q^T U + U^T Q + H_thth with U = 1/2 H_qq Q + H_qth."""
-        P, m = self.P, Q.shape[0]
+    def _curvature(
+        self, k: int, sweep: Sweep, theta: np.ndarray, mu: np.ndarray, nodes: np.ndarray, shared: np.ndarray
+    ) -> None:
+        """Adds sum of mu . (second derivative of the stage rates) of one step by the chain rule.
+
+        With U = 1/2 H_qq Q + H_qth for each stage: H += Q^T U + U^T Q + H_thth.
+        """
+        m, P = nodes.shape[0], self.P
         rows, columns = self.kernels.hessian_at
-        state = rows < 4
-        both = state & (columns < 4)
-        mixed = state & (columns >= 4)
-        U = np.zeros((m, 4, 6 + P))
-        H_qq = np.zeros((m, 4, 4))
-        H_qq[:, rows[both], columns[both]] = nonzeros[both].T
-        H_qq[:, columns[both], rows[both]] = nonzeros[both].T
-        U += 0.5 * (H_qq @ Q)
-        U[:, rows[mixed], columns[mixed] + 2] += nonzeros[mixed].T
+        nonzeros = np.empty((len(rows), 4, m))
+        c = _pad(self.controls[k, :, :m])
+        for i in range(4):
+            part = self.kernels.hessian(_pad(sweep.q[k][i]), c, theta, _pad(mu[i]))[0]
+            assert part is not None
+            nonzeros[:, i] = part[:, :m]
+        H_qq = np.zeros((m, 4, 4, 4))
+        both = np.moveaxis(nonzeros[self._both], 0, 2).swapaxes(0, 1)
+        H_qq[:, :, rows[self._both], columns[self._both]] = both
+        H_qq[:, :, columns[self._both], rows[self._both]] = both
+        Q = sweep.Q[k]
+        U = 0.5 * (H_qq @ Q)
+        U[:, :, rows[self._mixed], columns[self._mixed] + 2] += np.moveaxis(
+            nonzeros[self._mixed], 0, 2
+        ).swapaxes(0, 1)
+        Q, U = Q.reshape(m, 16, -1), U.reshape(m, 16, -1)
         nodes += np.swapaxes(Q[:, :, :6], 1, 2) @ U + np.swapaxes(U[:, :, :6], 1, 2) @ Q
         cross = Q[:, :, 6:].reshape(-1, P).T @ U[:, :, 6:].reshape(-1, P)
         shared += cross + cross.T
-        own = ~state
-        total = nonzeros[own].sum(axis=1)
-        r, c = rows[own] - 4, columns[own] - 4
-        np.add.at(shared, (r, c), total)
-        off = r != c
-        np.add.at(shared, (c[off], r[off]), total[off])
+        total = nonzeros[self._own].sum(axis=(1, 2))
+        r, col = rows[self._own] - 4, columns[self._own] - 4
+        shared[r, col] += total
+        off = r != col
+        shared[col[off], r[off]] += total[off]
+
+
+class Shooting:
+    """All intervals of a Segments, evaluated in blocks that fit the processor's cache."""
+
+    def __init__(self, kernels_: Kernels, segments: Segments, block: int = 128) -> None:
+        self.P, self.segments = len(kernels_.free), segments
+        count = max(1, round(segments.intervals / block))
+        edges = np.linspace(0, segments.intervals, count + 1).round().astype(int)
+        self.slices = [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True) if b > a]
+        self.blocks = [
+            Intervals(kernels_, segments.steps[s], np.ascontiguousarray(segments.controls[:, :, s]), segments.h)
+            for s in self.slices
+        ]
+
+    def values(self, start: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """End states (6, M) and interior states (K-1, 6, M) from start states (6, M) and all coefficients."""
+        parts = [b.values(start[:, s], theta) for b, s in zip(self.blocks, self.slices, strict=True)]
+        return np.concatenate([p[0] for p in parts], axis=1), np.concatenate([p[1] for p in parts], axis=2)
+
+    def sweep(self, start: np.ndarray, theta: np.ndarray) -> list[Sweep]:
+        """Forward sweeps with sensitivities, one per block."""
+        return [b.sweep(start[:, s], theta) for b, s in zip(self.blocks, self.slices, strict=True)]
+
+    def hessian(
+        self,
+        sweeps: list[Sweep],
+        theta: np.ndarray,
+        end_weight: np.ndarray,
+        residual: np.ndarray,
+        weight: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """As ``Intervals.hessian``, for all blocks: (M, 6, 6 + P) and (P, P)."""
+        rows, shared = [], np.zeros((self.P, self.P))
+        for b, s, sweep in zip(self.blocks, self.slices, sweeps, strict=True):
+            nodes, part = b.hessian(sweep, theta, end_weight[:, s], residual[:, :, s], weight[:, :, s])
+            rows.append(nodes)
+            shared += part
+        return np.concatenate(rows), shared

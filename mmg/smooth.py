@@ -65,14 +65,14 @@ class Exact:
 
 @dataclass(frozen=True)
 class Smooth:
-    """Blends with widths proportional to ``speed`` [m/s], 0.01 m/s for a 3 m model (Froude scaled)."""
+    """Blends with widths proportional to ``speed`` [m/s], 3 mm/s for a 3 m model (Froude scaled)."""
 
-    speed: float = 0.01
+    speed: float = 0.003
 
     @classmethod
     def for_length(cls, length: float) -> Smooth:
-        """Widths for a ship of this length [m]: 1.84e-3 sqrt(g L), which is 0.01 m/s at L = 3 m."""
-        return cls(0.01 * float(np.sqrt(length / 3.0)))
+        """Widths for a ship of this length [m]: 5.5e-4 sqrt(g L), which is 3 mm/s at L = 3 m."""
+        return cls(0.003 * float(np.sqrt(length / 3.0)))
 
     def absolute(self, x: Any, width: float) -> Any:
         return x * x / ca.sqrt(x * x + width * width)

@@ -61,7 +61,7 @@ def inflow(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> 
     scale = nD**2 + u**2 + small**2
     pulling = wash.ahead * s.step(wash.loading, 0.01 * scale)
     u_R = pulling * ahead + (1 - pulling) * otherwise
-    to_starboard = s.step_or_zero(flow.v + p.x_R * flow.r, 0.5 * s.speed)
+    to_starboard = s.step(flow.v + p.x_R * flow.r, 0.5 * s.speed)
     gamma = to_starboard * c.gamma_P + (1 - to_starboard) * c.gamma_N
     v_R = -gamma * (flow.v + c.ell_R * p.L * flow.r)
     return u_R, v_R

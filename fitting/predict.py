@@ -1,0 +1,97 @@
+"""Open-loop predictions over windows of a trial, started from the measured state."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cases.trial import Trial
+from fitting.segments import control_array
+from mmg.rollout import Simulator
+
+
+@dataclass(frozen=True)
+class Window:
+    """One open-loop window: rows ``first`` .. ``last`` (inclusive) of the trial, and the predicted states there.
+
+    states: (last - first + 1, 6): x, y, psi (unwrapped), u, v, r; the first row is the measured state.
+    """
+
+    number: int
+    first: int
+    last: int
+    states: np.ndarray
+
+
+def window_rows(t: np.ndarray, length: float, stride: float, short_last: bool) -> list[tuple[int, int]]:
+    """First and last row of windows of ``length`` seconds started every ``stride`` seconds from the first sample.
+
+    ``length`` 0 is the whole run. ``short_last`` keeps a last window that the run's end cuts short.
+    """
+    if length <= 0:
+        return [(0, len(t) - 1)]
+    tolerance = 0.5 * float(np.median(np.diff(t)))
+    result = []
+    start = t[0]
+    while start < t[-1] - tolerance:
+        first = int(np.searchsorted(t, start - tolerance))
+        last = int(np.searchsorted(t, t[first] + length + tolerance)) - 1
+        if t[first] + length <= t[-1] + tolerance or short_last:
+            if last > first:
+                result.append((first, min(last, len(t) - 1)))
+        start += stride
+    return result
+
+
+def usable(trial: Trial) -> np.ndarray:
+    """Rows whose state and inputs are all measured, shape (N,)."""
+    needed = np.column_stack([trial.states[:, 2:], control_array(trial)])
+    if trial.has_position:
+        needed = np.column_stack([needed, trial.states[:, :2]])
+    return np.isfinite(needed).all(axis=1)
+
+
+def predict(
+    simulator: Simulator,
+    trial: Trial,
+    length: float,
+    stride: float,
+    short_last: bool = True,
+    method: str = "rk4",
+    longest_step: float = 1.0,
+    theta: np.ndarray | None = None,
+) -> tuple[list[Window], list[str]]:
+    """Open-loop windows of a trial, and sentences on windows that had to be left out.
+
+    Inputs are held from sample to sample. A window that begins at, or runs across, missing samples or a gap longer
+    than ``longest_step`` seconds plus two samples is left out. Without measured positions a window starts at (0, 0).
+    theta: coefficients to use instead of the ship's.
+    """
+    t, states, controls = trial.t, trial.states, control_array(trial)
+    if not trial.has_position:
+        states = states.copy()
+        states[:, :2] = 0.0
+    bad = ~usable(trial)
+    gap = np.diff(t) > longest_step + 2 * trial.dt
+    kept, left_out = [], 0
+    for number, (first, last) in enumerate(window_rows(t, length, stride, short_last)):
+        if bad[first : last + 1].any() or gap[first:last].any():
+            left_out += 1
+            continue
+        kept.append((number, first, last))
+    notes = [f"{trial.name}: {left_out} window(s) touch missing samples and were left out"] if left_out else []
+    if not kept:
+        return [], notes
+    N = max(last - first for _, first, last in kept)
+    rows = np.minimum(np.array([first for _, first, _ in kept])[None, :] + np.arange(N + 1)[:, None], len(t) - 1)
+    inputs = np.moveaxis(controls[rows[:-1]], 1, 2)
+    steps = np.where(np.diff(t[rows], axis=0) > 0, np.diff(t[rows], axis=0), trial.dt)
+    steps = np.minimum(steps, longest_step + 2 * trial.dt)
+    inputs = np.nan_to_num(inputs)
+    out = simulator.run(states[rows[0]].T, inputs, steps, theta=theta, method=method)
+    windows = [
+        Window(number, first, last, out[: last - first + 1, :, i])
+        for i, (number, first, last) in enumerate(kept)
+    ]
+    return windows, notes
