@@ -109,10 +109,11 @@ class Problem:
     # -- values ------------------------------------------------------------------------------------------------
     def _evaluate(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         if self._values_at is None or not np.array_equal(x, self._values_at):
+            x = x.copy()  # IPOPT hands over views of its own memory
             nodes, p = self.split(x)
             end, interior = self.shooting.values(nodes[self.segments.start].T, self.coefficients(p))
             self._values = (nodes, p, end, interior)
-            self._values_at = x.copy()
+            self._values_at = x
         return self._values
 
     def objective(self, x: np.ndarray) -> float:
@@ -129,12 +130,13 @@ class Problem:
     def sweep(self, x: np.ndarray) -> list[Sweep]:
         """Forward sweeps with sensitivities at x, one per block of intervals."""
         if self._sweep_at is None or not np.array_equal(x, self._sweep_at):
+            x = x.copy()
             nodes, p = self.split(x)
             self._sweep = self.shooting.sweep(nodes[self.segments.start].T, self.coefficients(p))
             end = np.concatenate([s.end for s in self._sweep], axis=1)
             interior = np.concatenate([s.interior for s in self._sweep], axis=2)
             self._values = (nodes, p, end, interior)
-            self._values_at = self._sweep_at = x.copy()
+            self._values_at = self._sweep_at = x
         return self._sweep
 
     def gradient(self, x: np.ndarray) -> np.ndarray:

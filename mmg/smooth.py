@@ -65,14 +65,14 @@ class Exact:
 
 @dataclass(frozen=True)
 class Smooth:
-    """Blends with widths proportional to ``speed`` [m/s], 3 mm/s for a 3 m model (Froude scaled)."""
+    """Blends with widths proportional to ``speed`` [m/s], 10 mm/s for a 3 m model (Froude scaled)."""
 
-    speed: float = 0.003
+    speed: float = 0.01
 
     @classmethod
     def for_length(cls, length: float) -> Smooth:
-        """Widths for a ship of this length [m]: 5.5e-4 sqrt(g L), which is 3 mm/s at L = 3 m."""
-        return cls(0.003 * float(np.sqrt(length / 3.0)))
+        """Widths for a ship of this length [m]: 1.84e-3 sqrt(g L), which is 10 mm/s at L = 3 m."""
+        return cls(0.01 * float(np.sqrt(length / 3.0)))
 
     def absolute(self, x: Any, width: float) -> Any:
         return x * x / ca.sqrt(x * x + width * width)
@@ -84,8 +84,8 @@ class Smooth:
         return 0.5 * (1.0 + ca.tanh(x / width))
 
     def step_or_zero(self, x: Any, width: Any) -> Any:
-        """As ``step``, moved by three widths so that x = 0 is already on the upper side (0.9975)."""
-        return 0.5 * (1.0 + ca.tanh(x / width + 3.0))
+        """As ``step``, moved by 1.5 widths so that x = 0 is already on the upper side (0.953)."""
+        return 0.5 * (1.0 + ca.tanh(x / width + 1.5))
 
     def sign(self, x: Any, width: float) -> Any:
         return x / ca.sqrt(x * x + width * width)
