@@ -52,7 +52,8 @@ def _turn_signs(out: dict[str, np.ndarray], settings: Settings, notices: list[st
 def _move_to_midship(out: dict[str, np.ndarray], settings: Settings, notices: list[str]) -> None:
     """Positions and velocities of the measured point P = (l_x, l_y) taken to midship.
 
-    x0 = x_P - l_x cos psi + l_y sin psi, y0 = y_P - l_x sin psi - l_y cos psi; u = u_P + l_y r, v = v_P - l_x r.
+    x0 = x_P - l_x cos psi + l_y sin psi, y0 = y_P - l_x sin psi - l_y cos psi;
+    u = u_P + l_y r, v = v_P - l_x r.
     """
     l_x, l_y = settings.reference_point
     if l_x == 0.0 and l_y == 0.0:
@@ -69,7 +70,7 @@ def _move_to_midship(out: dict[str, np.ndarray], settings: Settings, notices: li
 
 
 def _wind(out: dict[str, np.ndarray], settings: Settings, notices: list[str]) -> None:
-    """Directions turned to *coming from*; true wind derived from the apparent one where only that is given."""
+    """Directions turned to *coming from*; true wind derived where only the apparent one is given."""
     if settings.wind_direction == "to":
         for name in ("wind_direction", "apparent_wind_direction"):
             if name in out:

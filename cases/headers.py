@@ -77,7 +77,8 @@ def _find(path: Path, wanted: str, header: list[str], parts: list[tuple[str, str
     hits = hits or [i for i, (name, _) in enumerate(parts) if name == wanted.strip()]
     if len(hits) != 1:
         problem = "is not in the file" if not hits else "fits several columns"
-        raise UserError(f"{path}: column '{wanted}' named in {source} {problem}; headers: {', '.join(header)}")
+        found = ", ".join(header)
+        raise UserError(f"{path}: column '{wanted}' named in {source} {problem}; headers: {found}")
     return hits[0]
 
 

@@ -20,10 +20,8 @@ SPIN_LIMIT = 1.5
 """rad/s; a ship or a metre-long model does not turn by 86 deg every second for most of a run."""
 
 _CAUSES = {
-    (DEG, 1.0): "psi holds degrees but is labelled rad",
-    (1 / DEG, 1.0): "psi holds radians but is labelled deg",
-    (1.0, DEG): "r holds deg/s but is labelled rad/s",
-    (1.0, 1 / DEG): "r holds rad/s but is labelled deg/s",
+    (DEG, 1.0): "psi holds degrees but is labelled rad (or r holds rad/s but is labelled deg/s)",
+    (1.0, DEG): "r holds deg/s but is labelled rad/s (or psi holds radians but is labelled deg)",
 }
 
 
@@ -69,8 +67,16 @@ def _heading_and_rate(columns: Mapping[str, np.ndarray]) -> str:
         return ""
     step = np.diff(t)
     turned = np.concatenate([[0.0], np.cumsum(0.5 * (r[1:] + r[:-1]) * step)])
-    lag = max(1, min(20, len(t) // 10))
-    usable = (t[lag:] - t[:-lag]) < 3 * lag * np.median(step)
+    for lag in (20, 50, 100):
+        sentence = _compare_over(max(1, min(lag, len(t) // 10)), t, psi, turned)
+        if sentence:
+            return sentence
+    return ""
+
+
+def _compare_over(lag: int, t: np.ndarray, psi: np.ndarray, turned: np.ndarray) -> str:
+    """The sentence about psi against the integral of r (both (N,)) over so many samples, "" when they agree."""
+    usable = (t[lag:] - t[:-lag]) < 3 * lag * np.median(np.diff(t))
     raw = (psi[lag:] - psi[:-lag])[usable]
     turn = (turned[lag:] - turned[:-lag])[usable]
     misfit = {scales: _misfit(raw * scales[0], turn * scales[1]) for scales in [(1.0, 1.0), *_CAUSES]}
@@ -81,7 +87,7 @@ def _heading_and_rate(columns: Mapping[str, np.ndarray]) -> str:
         return ""
     cause = _CAUSES[best]
     ratio = _ratio(raw, turn)
-    return f"{cause}: over {lag} samples psi changes by {ratio:.3g} times the integral of r (correct the unit)"
+    return f"{cause}: over {lag} samples psi changes by {ratio:.3g} x the integral of r; correct the unit"
 
 
 def _heading_and_course(columns: Mapping[str, np.ndarray]) -> str:
@@ -104,7 +110,7 @@ def _heading_and_course(columns: Mapping[str, np.ndarray]) -> str:
         way = np.concatenate([[0.0], np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * step)])
         error = moved - (way[lag:] - way[:-lag])[usable]
         misfit.append(math.sqrt(float(np.mean(np.abs(error) ** 2))) / max(scale, 1e-12))
-    if misfit[1] < 0.35 and misfit[0] > 0.7 and misfit[0] > 3 * misfit[1]:
+    if misfit[1] < 0.35 and misfit[0] > 0.3 and misfit[0] > 4 * misfit[1]:
         return (
             "psi holds degrees but is labelled rad: (u, v) turned by psi misses the track by "
             f"{misfit[0]:.0%} as radians and by {misfit[1]:.0%} as degrees (correct the unit)"
@@ -119,7 +125,10 @@ def _spin(columns: Mapping[str, np.ndarray]) -> str:
         return ""
     typical = float(np.nanpercentile(np.abs(r), 75))
     if typical > SPIN_LIMIT:
-        return f"r is above {typical:.3g} rad/s a quarter of the time: are these deg/s labelled rad/s? (correct the unit)"
+        return (
+            f"r is above {typical:.3g} rad/s a quarter of the time: are these deg/s labelled rad/s? "
+            "(correct the unit)"
+        )
     return ""
 
 

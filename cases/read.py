@@ -69,13 +69,14 @@ def read_trial(path: str | Path, settings: Settings | Mapping[str, Any] | None =
     if sentence:
         raise UserError(f"{path}: {sentence}")
     columns = converted(columns, settings, notices)
+    kind = settings.kind or _kind_from_name(path.stem, notices)
     return Trial(
         name=settings.name or path.stem,
         columns=columns,
         path=path,
         sha256=hashlib.sha256(content).hexdigest(),
         notices=tuple(notices),
-        kind=settings.kind or _kind_from_name(path.stem, notices),
+        kind=kind,
         role=settings.role,
         meta={"rows_before": str(_rows_before(raw["t"], columns["t"])), "settings": settings.source},
     )
@@ -123,7 +124,7 @@ def _trimmed(path: Path, columns: dict[str, np.ndarray], notices: list[str]) -> 
     states = np.array([np.isfinite(columns[c]) for c in STATE_COLUMNS if c in columns])
     alive = np.isfinite(columns["t"]) & states.any(axis=0)
     if not alive.any():
-        raise UserError(f"{path}: no row holds a time and a state ({rows} rows, all empty or NaN); nothing to read")
+        raise UserError(f"{path}: no row holds a time and a state ({rows} rows, all NaN); nothing to read")
     first, last = int(np.argmax(alive)), rows - int(np.argmax(alive[::-1]))
     if first:
         notices.append(f"the first {first} of {rows} rows hold no state and were cut off")

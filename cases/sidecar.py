@@ -146,7 +146,7 @@ def _check_table(key: str, table: Any, where: str) -> None:
         raise UserError(f"{where}: {key} must be a table such as {key} = {{ u = ... }}")
     for column, value in table.items():
         if not is_canonical(column):
-            raise UserError(f"{where}: {key}: '{column}' is not a canonical column (t, x, y, psi, u, v, r, n, ...)")
+            raise UserError(f"{where}: {key}: '{column}' is not a canonical column (t, psi, u, ...)")
         if key == "sign" and value not in (1, -1):
             raise UserError(f"{where}: sign.{column} = {value!r}; must be 1 or -1")
         if key != "sign" and not isinstance(value, str):

@@ -162,7 +162,7 @@ def data_folder() -> Path:
     for place in places:
         if place.is_dir():
             return place.resolve()
-    raise UserError("no data folder: set MMG_DATA to the folder that holds frt-ds-esso (looked in ../shared/data)")
+    raise UserError("no ../shared/data here: set MMG_DATA to the folder that holds frt-ds-esso")
 
 
 def find(names: Iterable[str]) -> list[Path]:
@@ -179,5 +179,6 @@ def find(names: Iterable[str]) -> list[Path]:
     if missing:
         held = sorted(set(missing) & set(TEST))
         reason = f" ({len(held)} of them in the published test set)" if held else ""
-        raise UserError(f"{folder}: {len(missing)} of {len(wanted)} records are not there{reason}: {', '.join(missing)}")
+        listed = ", ".join(missing)
+        raise UserError(f"{folder}: {len(missing)} of {len(wanted)} records are not there{reason}: {listed}")
     return [at[name] for name in wanted]

@@ -55,7 +55,8 @@ def _csv(path: Path, content: bytes) -> tuple[list[str], Any]:
     except pd.errors.EmptyDataError:
         return header, pd.DataFrame()
     except (pd.errors.ParserError, pd.errors.ParserWarning, ValueError) as error:
-        raise UserError(f"{path}: not a table ({' '.join(str(error).split())}); check the row's commas") from None
+        why = " ".join(str(error).split())
+        raise UserError(f"{path}: not a table ({why}); check the commas of that row") from None
     return header, frame
 
 
@@ -65,7 +66,8 @@ def _parquet(path: Path, content: bytes) -> tuple[list[str], Any]:
     try:
         frame = pd.read_parquet(io.BytesIO(content))
     except Exception as error:
-        raise UserError(f"{path}: not a readable Parquet file ({' '.join(str(error).split())[:120]})") from None
+        why = " ".join(str(error).split())[:120]
+        raise UserError(f"{path}: not a readable Parquet file ({why})") from None
     return [str(name).strip() for name in frame.columns], frame
 
 

@@ -25,16 +25,16 @@ class Settings:
     """How to calibrate.
 
     window: length of a shooting window [s], None: about ten ship lengths at rms speed; step: integration and sampling
-    step [s], None: a twentieth; interval: Runge-Kutta steps per shooting interval; passes: most solves with
-    re-estimated noise; starts: further random starts of the last solve; tolerance, max_iterations, time_limit
+    step [s], None: a twentieth; interval: Runge-Kutta steps per shooting interval; passes: solves, the noise being
+    re-estimated between them; starts: further random starts of the last solve; tolerance, max_iterations, time_limit
     [s, of the whole calibration]: of IPOPT; sigma: fixed residual standard deviations (6,) instead of estimated ones;
     compiled: use a C compiler if there is one.
     """
 
     window: float | None = None
     step: float | None = None
-    interval: int = 10
-    passes: int = 4
+    interval: int = 5
+    passes: int = 3
     starts: int = 1
     seed: int = 0
     tolerance: float = 1e-6
@@ -199,14 +199,31 @@ def _noise(problem: Problem, x: np.ndarray) -> Noise:
     return estimate(seg, nodes - seg.nodes, interior - seg.targets, floor)
 
 
+FEW_WINDOWS = 30
+"""Windows of the first solve: enough to bring the coefficients near and to see the size of the residuals."""
+
+
 def _passes(
     problem: Problem, x: np.ndarray, settings: Settings, began: float, report: Report | None
 ) -> tuple[Problem, Solution, Noise, list[dict]]:
-    """Solve, re-estimate the noise, solve again, until it changes by less than 15 % or ``passes`` is reached."""
+    """Rough solves that estimate the noise, then one with that noise to full tolerance.
+
+    The first rough solve sees at most FEW_WINDOWS windows, evenly spread; the estimate of each solve starts the next.
+    """
     passes: list[dict] = []
     count = 1 if settings.sigma else max(1, settings.passes)
+    full, p = problem, problem.split(x)[1]
     for number in range(count):
-        name = f"pass {number + 1}"
+        rough = number < count - 1
+        windows = len(full.segments.run)
+        if rough and number == 0 and windows > 1.5 * FEW_WINDOWS:
+            few = np.unique(np.linspace(0, windows - 1, FEW_WINDOWS).round().astype(int))
+            segments = full.segments.subset(few)
+            problem = Problem(full.ship, full.prior, full.kernels, segments, full.sigma)
+            x = problem.start(p)
+        else:
+            problem = full
+        name = f"pass {number + 1} of {count}"
         solution = solve(
             problem,
             x,
@@ -214,6 +231,7 @@ def _passes(
             settings.max_iterations,
             _left(settings, began),
             report=(lambda i, f, v, name=name: report(name, i, f, v)) if report else None,
+            rough=rough,
         )
         noise = _noise(problem, solution.x)
         passes.append(
@@ -222,15 +240,31 @@ def _passes(
                 "status": solution.status,
                 "iterations": solution.iterations,
                 "seconds": solution.seconds,
+                "windows": len(problem.segments.run),
                 "sigma": problem.sigma.tolist(),
             }
         )
-        change = np.abs(np.log(noise.sigma / problem.sigma)).max()
-        if not solution.converged or change < 0.15 or number == count - 1:
+        p = problem.split(solution.x)[1]
+        good = solution.converged or (rough and solution.status == "Solved_To_Acceptable_Level")
+        if not good or not rough:
             break
-        x = solution.x
-        problem = problem.with_sigma(noise.sigma)
+        x = solution.x if problem is full else full.start(p)
+        full = full.with_sigma(noise.sigma)
+    if problem.segments is not full.segments:
+        problem, solution = _whole(full, p, solution)
     return problem, solution, noise, passes
+
+
+def _whole(full: Problem, p: np.ndarray, solution: Solution) -> tuple[Problem, Solution]:
+    """A solution of a subset that stopped early, carried over to all windows with nodes on the measurements."""
+    x = full.start(p)
+    return full, replace(
+        solution,
+        x=x,
+        multipliers=np.zeros(full.m),
+        objective=full.objective(x),
+        violation=float(np.abs(full.defects(x)).max()),
+    )
 
 
 def _starts(

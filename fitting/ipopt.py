@@ -63,6 +63,17 @@ ADVICE = {
 }
 
 
+ROUGH = {
+    "ipopt.acceptable_tol": 1e8,
+    "ipopt.acceptable_dual_inf_tol": 1e8,
+    "ipopt.acceptable_constr_viol_tol": 1e-2,
+    "ipopt.acceptable_compl_inf_tol": 1.0,
+    "ipopt.acceptable_iter": 2,
+    "ipopt.acceptable_obj_change_tol": 3e-4,
+}
+"""IPOPT options for a solve of which only the noise level is wanted."""
+
+
 class _Buffered(ca.Callback):
     """A CasADi callback that reads and writes numpy views of CasADi's own memory."""
 
@@ -149,12 +160,14 @@ def solve(
     time_limit: float | None = None,
     report: Callable[[int, float, float], None] | None = None,
     multipliers: np.ndarray | None = None,
+    rough: bool = False,
     options: dict[str, Any] | None = None,
 ) -> Solution:
     """Solve from x0 to ``tolerance``; never raises for a solver failure, it says so in the solution.
 
     ``report(iteration, objective, violation)`` is called at every iterate. Ctrl-C (in the main thread) stops at the
-    next iterate and returns the best one. ``multipliers`` (with a nearby x0) makes it a warm start.
+    next iterate and returns the best one. ``multipliers`` (with a nearby x0) makes it a warm start. ``rough``
+    also accepts an iterate that is nearly feasible once the objective has twice changed by less than 3e-4 relative.
     """
     n, m = program.n, program.m
     column, row, scalar = ca.Sparsity.dense(n, 1), ca.Sparsity.dense(1, n), ca.Sparsity.dense(1, 1)
@@ -211,6 +224,8 @@ def solve(
             }
         )
         start["lam_g0"] = multipliers
+    if rough:
+        settings.update(ROUGH)
     settings.update(options or {})
     solver = ca.nlpsol("solver", "ipopt", {"x": x, "f": f, "g": g}, settings)
     lower, upper = program.bounds()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -62,6 +62,27 @@ class Segments:
     @property
     def intervals(self) -> int:
         return len(self.steps)
+
+    def subset(self, windows: np.ndarray) -> Segments:
+        """Only these windows (numbers in increasing order), renumbered from 0."""
+        kept, nodes = np.isin(self.window, windows), np.isin(self.node_window, windows)
+        position = np.cumsum(nodes) - 1
+        number = {int(w): i for i, w in enumerate(windows)}
+        return replace(
+            self,
+            steps=self.steps[kept],
+            start=position[self.start[kept]],
+            end=position[self.end[kept]],
+            controls=np.ascontiguousarray(self.controls[:, :, kept]),
+            targets=self.targets[:, :, kept],
+            mask=self.mask[:, :, kept],
+            nodes=self.nodes[nodes],
+            node_mask=self.node_mask[nodes],
+            window=np.array([number[int(w)] for w in self.window[kept]]),
+            node_window=np.array([number[int(w)] for w in self.node_window[nodes]]),
+            run=self.run[windows],
+            duration=float(self.steps[kept].sum() * self.h),
+        )
 
 
 def control_array(trial: Trial) -> np.ndarray:
@@ -142,7 +163,7 @@ def cut(
     Raises UserError when nothing is left.
     """
     least = int(round((10 * h if shortest is None else shortest) / h))
-    controls, nodes, run, dropped = [], [], [], []
+    nodes, run, dropped = [], [], []
     spans: list[tuple[int, int, int, np.ndarray, np.ndarray]] = []  # start node, end node, window, inputs, interior
     node_window: list[int] = []
     seconds = 0.0
@@ -179,7 +200,6 @@ def cut(
         targets[: len(interior), :, i] = np.nan_to_num(interior)
         mask[: len(interior), :, i] = np.isfinite(interior)
     measured = np.array(nodes)
-    del controls
     return Segments(
         h=h,
         K=K,

@@ -99,6 +99,7 @@ class Intervals:
         self.kernels, self.controls, self.h = kernels_, controls, h
         self.M, self.P, self.K = len(steps), len(kernels_.free), len(controls)
         self.active = [m for k in range(self.K) if (m := int((steps > k).sum()))]
+        self._to_q = kernels_.jacobian_at[1] < 4
         rows, columns = kernels_.hessian_at
         self._both = (rows < 4) & (columns < 4)
         self._mixed = (rows < 4) & (columns >= 4)
@@ -124,48 +125,59 @@ class Intervals:
                 interior[k, :, :m] = z[:, :m]
         return z, interior
 
-    def _jacobian(self, q: np.ndarray, c: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Rates (6, m) and dense Jacobian (m, 6, 4 + P)."""
+    def _jacobian(
+        self, q: np.ndarray, c: np.ndarray, theta: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Rates (6, m), their Jacobian (m, 6, 4) to q, and that of the accelerations (m, 3, P) to the coefficients."""
         m = q.shape[1]
         k, nonzeros = self.kernels.jacobian(_pad(q), _pad(c), theta)
         assert k is not None and nonzeros is not None
-        J = np.zeros((m, 6, 4 + self.P))
+        J_q, J_theta = np.zeros((m, 6, 4)), np.zeros((m, 3, self.P))
         rows, columns = self.kernels.jacobian_at
-        J[:, rows, columns] = nonzeros[:, :m].T
-        return k[:, :m], J
+        J_q[:, rows[self._to_q], columns[self._to_q]] = nonzeros[self._to_q, :m].T
+        J_theta[:, rows[~self._to_q] - 3, columns[~self._to_q] - 4] = nonzeros[~self._to_q, :m].T
+        return k[:, :m], J_q, J_theta
 
     def sweep(self, start: np.ndarray, theta: np.ndarray) -> Sweep:
         """Forward sweep with sensitivities; arguments as in ``values``."""
-        h, P, K, M = self.h, self.P, self.K, self.M
+        P, K, M = self.P, self.K, self.M
         z, S = start.copy(), np.zeros((M, 6, 6 + P))
         S[:, np.arange(6), np.arange(6)] = 1.0
         result = Sweep(z, np.zeros((max(K - 1, 0), 6, M)), S, [], [], [], [])
         for k, m in enumerate(self.active):
-            z0, c = z[:, :m].copy(), self.controls[k, :, :m]
-            rate, total = np.zeros((6, m)), np.zeros((6, m))
-            dRate, dTotal = np.zeros((m, 6, 6 + P)), np.zeros((m, 6, 6 + P))
-            qs, Js, Qs = np.empty((4, 4, m)), np.empty((m, 4, 6, 4)), np.empty((m, 4, 4, 6 + P))
-            for i, (fraction, weight) in enumerate(zip(STAGE_FRACTION, STAGE_WEIGHT, strict=True)):
-                q = qs[i]
-                q[:] = z0[2:] + fraction * h * rate[2:]
-                Q = Qs[:, i]
-                np.multiply(dRate[:, 2:], fraction * h, out=Q)
-                Q += S[:m, 2:]
-                rate, J = self._jacobian(q, c, theta)
-                Js[:, i] = J[:, :, :4]
-                dRate = Js[:, i] @ Q
-                dRate[:, :, 6:] += J[:, :, 4:]
-                total += weight * rate
-                dTotal += weight * dRate
-            z[:, :m] = z0 + h * total
-            S[:m] += h * dTotal
-            result.q.append(qs)
-            result.J_q.append(Js)
-            result.Q.append(Qs)
+            self._step(k, z[:, :m], S[:m], theta, result)
             if k < K - 1:
                 result.interior[k, :, :m] = z[:, :m]
                 result.S_interior.append(S[:m].copy())
         return result
+
+    def _step(self, k: int, z: np.ndarray, S: np.ndarray, theta: np.ndarray, result: Sweep) -> None:
+        """One Runge-Kutta step of states (6, m) and sensitivities (m, 6, 6 + P), both in place."""
+        h, P, m = self.h, self.P, z.shape[1]
+        c = self.controls[k, :, :m]
+        rate, total = np.zeros((6, m)), np.zeros((6, m))
+        dq, theta_part = np.zeros((m, 4, 6 + P)), np.zeros((m, 3, P))
+        qs, Js, Qs = np.empty((4, 4, m)), np.empty((m, 4, 6, 4)), np.empty((m, 4, 4, 6 + P))
+        for i, (fraction, weight) in enumerate(zip(STAGE_FRACTION, STAGE_WEIGHT, strict=True)):
+            qs[i] = z[2:] + fraction * h * rate[2:]
+            Q = Qs[:, i]
+            np.multiply(dq, fraction * h, out=Q)
+            Q += S[:, 2:]
+            rate, J_q, J_theta = self._jacobian(qs[i], c, theta)
+            Js[:, i] = J_q
+            if i < 3:
+                dq = J_q[:, 2:] @ Q
+                dq[:, 1:, 6:] += J_theta
+            total += weight * rate
+            J_theta *= weight
+            theta_part += J_theta
+        weighted = np.swapaxes(Js * (h * np.array(STAGE_WEIGHT))[None, :, None, None], 1, 2).reshape(m, 6, 16)
+        z += h * total
+        S += weighted @ Qs.reshape(m, 16, 6 + P)
+        S[:, 3:, 6:] += h * theta_part
+        result.q.append(qs)
+        result.J_q.append(Js)
+        result.Q.append(Qs)
 
     def hessian(
         self, sweep: Sweep, theta: np.ndarray, end_weight: np.ndarray, residual: np.ndarray, weight: np.ndarray

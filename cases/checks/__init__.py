@@ -1,6 +1,6 @@
 """Import checks: is this trial what its header says, and what can be learned from it?
 
-``check(trials)`` gives one ``CheckReport`` per trial; ``pooled(reports)`` says what the files excite together.
+``check(trials)`` gives one ``CheckReport`` per trial; ``pooled(reports)`` says what they excite together.
 """
 
 from __future__ import annotations

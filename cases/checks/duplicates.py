@@ -16,6 +16,11 @@ COLUMNS = ("psi", "u", "v", "r")
 GRID = 1e-7
 """Values are compared on this grid (rad, m/s, rad/s)."""
 
+ODD = (0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9, 0xD6E8FEB86659FD93)
+"""One large odd multiplier per column, to mix its bits."""
+
+VERBS = {"copy": "Is a copy of", "inside": "Is contained in", "contains": "Contains", "overlaps": "Overlaps"}
+
 SHARE = 0.05
 """Overlaps below this share of the shorter file are not reported."""
 
@@ -50,7 +55,7 @@ def duplicates(trials: Sequence[Trial]) -> list[tuple[list[dict[str, Any]], list
 
 def _rows(trials: Sequence[Trial]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Hash, trial index and row index of every complete row that is unique within its trial."""
-    keys = (np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9, 0xD6E8FEB86659FD93], np.uint64))
+    keys = np.array(ODD, np.uint64)
     parts: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     for i, trial in enumerate(trials):
         values = np.column_stack([trial[c] for c in COLUMNS])
@@ -90,9 +95,8 @@ def _judge(
             "rows": [int(mine.min()), int(mine.max())], "other_rows": [int(theirs.min()), int(theirs.max())],
             "share": span_me / n_me,
         })  # fmt: skip
-        verb = {"copy": "Is a copy of", "inside": "Is contained in", "contains": "Contains", "overlaps": "Overlaps"}
         text = (
-            f"{verb[relation]} {trials[other].name}: rows {mine.min()}-{mine.max()} are its rows "
+            f"{VERBS[relation]} {trials[other].name}: rows {mine.min()}-{mine.max()} are its rows "
             f"{theirs.min()}-{theirs.max()}; keep both on the same side of a train/test split."
         )
         out[me][1].append(warning("duplicates", text))

@@ -34,13 +34,11 @@ def sampling(trial: Trial) -> tuple[dict[str, Any], list[Finding]]:
     said = []
     if gaps:
         at, length = max(gaps, key=lambda gap: gap[1])
-        said.append(
-            warning("sampling", f"{len(gaps)} gap(s) in the states; the longest lasts {length:.3g} s from t = {at:.6g} s.")
-        )
+        text = f"{len(gaps)} gap(s) in the states; the longest lasts {length:.3g} s from t = {at:.6g} s."
+        said.append(warning("sampling", text))
     if uneven > 0.01:
-        said.append(
-            info("sampling", f"Uneven sampling: {uneven:.0%} of the steps differ by more than 10 % from {dt:.4g} s.")
-        )
+        text = f"Uneven sampling: {uneven:.0%} of the steps differ by more than 10 % from {dt:.4g} s."
+        said.append(info("sampling", text))
     worst = [c for c in missing if missing[c] > 0.05]
     if worst:
         said.append(
@@ -52,7 +50,7 @@ def sampling(trial: Trial) -> tuple[dict[str, Any], list[Finding]]:
 
 
 def _gaps(trial: Trial, steps: np.ndarray, dt: float) -> list[tuple[float, float]]:
-    """(start time, length) [s] of stretches longer than GAP steps without a complete set of required columns."""
+    """(start time, length) [s] of stretches beyond GAP steps without complete required columns."""
     names = [c for c in REQUIRED if c in trial]
     whole = np.flatnonzero(np.all([np.isfinite(trial[c]) for c in names], axis=0))
     if len(whole) < 2:

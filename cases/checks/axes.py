@@ -1,0 +1,152 @@
+"""Which axes and signs the logged velocities have, judged by the track; heading offset; lever arm."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from cases.checks.motion import Motion
+from cases.checks.report import Finding, info, warning
+
+BLOCK = 10.0
+"""s; differences are averaged over blocks this long before a slope and its standard error are taken."""
+
+HYPOTHESES = {
+    "body": ("u, v are body-axes velocities", ""),
+    "earth": ("u, v are earth-fixed velocities (north, east)", 'set velocity_frame = "earth" in trials.toml'),
+    "earth_swapped": (
+        "u, v are earth-fixed velocities (east, north)",
+        'map the columns the other way round and set velocity_frame = "earth" in trials.toml',
+    ),
+    "v_to_port": ("v is positive to port", "set sign = { v = -1 } in trials.toml"),
+    "mirrored": (
+        "y is positive to port, or psi and v both are",
+        "set sign = { y = -1 } or { psi = -1, v = -1, r = -1 } in trials.toml",
+    ),
+    "psi_counter_clockwise": ("psi is positive counter-clockwise", "set sign = { psi = -1 } in trials.toml"),
+}
+"""Reading of the columns -> what it means, and what to do about it."""
+
+
+def frame_misfits(m: Motion) -> dict[str, float | None]:
+    """Per hypothesis: RMS of (track velocity - logged velocity) over RMS of the track velocity.
+
+    "scaled" is "body" times the factor that fits best.
+    """
+    good = np.all([np.isfinite(a) for a in (m.north, m.east, m.u, m.v, m.psi)], axis=0)
+    track, w, turn = (m.north + 1j * m.east)[good], (m.u + 1j * m.v)[good], np.exp(1j * m.psi[good])
+    guesses = {
+        "body": w * turn,
+        "earth": w,
+        "earth_swapped": w.imag + 1j * w.real,
+        "v_to_port": w.conj() * turn,
+        "mirrored": (w * turn).conj(),
+        "psi_counter_clockwise": w * turn.conj(),
+    }
+    power = float(np.sum(np.abs(w) ** 2))
+    guesses["scaled"] = w * turn * (np.vdot(w * turn, track).real / power if power > 0 else 0.0)
+    size = math.sqrt(float(np.mean(np.abs(track) ** 2))) if len(track) else 0.0
+    if size < 1e-6:
+        return dict.fromkeys(guesses)
+    return {
+        name: math.sqrt(float(np.mean(np.abs(track - guess) ** 2))) / size for name, guess in guesses.items()
+    }
+
+
+def frame_sentences(misfit: dict[str, float | None]) -> list[Finding]:
+    """A warning when another reading of the columns explains the track far better, or none does."""
+    values = {name: value for name, value in misfit.items() if value is not None}
+    if not values:
+        return []
+    best, body = min(HYPOTHESES, key=lambda name: values[name]), values["body"]
+    if body > 0.3 and values[best] < 0.4 * body:
+        meaning, remedy = HYPOTHESES[best]
+        text = (
+            f"The track says that {meaning}: misfit {values[best]:.0%} against {body:.0%} as labelled; "
+            f"{remedy}."
+        )
+        return [warning("kinematics", text)]
+    if body > 0.8 and values["scaled"] > 0.5:
+        text = (
+            f"Velocities and positions disagree (misfit {body:.0%}) and no other frame or sign explains it; "
+            "check units, clocks and axes."
+        )
+        return [warning("kinematics", text)]
+    return []
+
+
+def heading_offset(m: Motion, aligned: np.ndarray) -> float | None:
+    """Angle [deg] by which the track is turned clockwise from the logged (u, v); None at rest."""
+    w = m.u + 1j * m.v
+    good = np.isfinite(w) & np.isfinite(aligned)
+    product = complex(np.vdot(w[good], aligned[good]))
+    size = math.sqrt(float(np.sum(np.abs(w[good]) ** 2)) * float(np.sum(np.abs(aligned[good]) ** 2)))
+    if good.sum() < 50 or size <= 0 or abs(product) < 0.7 * size:
+        return None
+    return math.degrees(math.atan2(product.imag, product.real))
+
+
+def offset_sentences(offset: float | None) -> list[Finding]:
+    """A warning for more than 5 deg."""
+    if offset is None or abs(offset) < 5.0:
+        return []
+    side = "clockwise" if offset > 0 else "counter-clockwise"
+    text = (
+        f"The track is turned {abs(offset):.1f} deg {side} from heading and velocities: "
+        "heading offset or axes?"
+    )
+    return [warning("kinematics", text)]
+
+
+def lever_arm(m: Motion, aligned: np.ndarray) -> dict[str, float | None]:
+    """Where the position was measured, from midship [m], with standard errors.
+
+    The velocity of a point (l_x, l_y) is (u - r l_y, v + r l_x): the differences between track and logged
+    velocities are regressed on the turning rate of the heading, through the origin, over 10 s blocks. In a
+    steady turn a gain error of v, or a lag of arm / u seconds, looks much the same. None where the ship
+    hardly turns.
+    """
+    out: dict[str, float | None] = dict.fromkeys(("x_m", "x_std_m", "y_m", "y_std_m"))
+    block = max(round(BLOCK / m.dt), 5)
+    for axis, difference in (("x", aligned.imag - m.v), ("y", m.u - aligned.real)):
+        fit = _slope(m.turn, difference, block)
+        if fit is not None:
+            out[f"{axis}_m"], out[f"{axis}_std_m"] = fit
+    return out
+
+
+def lever_sentences(lever: dict[str, float | None]) -> list[Finding]:
+    """One sentence per axis along which the arm is at least 5 cm and four standard errors."""
+    said = []
+    for axis, ahead, behind in (("x", "forward of", "aft of"), ("y", "to starboard of", "to port of")):
+        arm, std = lever[f"{axis}_m"], lever[f"{axis}_std_m"]
+        if arm is not None and std is not None and abs(arm) >= max(4 * std, 0.05):
+            where = ahead if arm > 0 else behind
+            text = (
+                f"The position fits a measured point {abs(arm):.2f} +- {std:.2f} m {where} midship "
+                "(lever arm; reference_point in trials.toml moves it)."
+            )
+            said.append(info("kinematics", text))
+    return said
+
+
+def _slope(x: np.ndarray, y: np.ndarray, block: int) -> tuple[float, float] | None:
+    """Slope of y on x through the origin and its standard error, from block means; None when undetermined."""
+    count = len(x) // block
+    good = np.isfinite(x) & np.isfinite(y)
+    if count < 4 or good.sum() < 4 * block or float(np.sqrt(np.mean(x[good] ** 2))) < 1e-4:
+        return None
+
+    def blocks(values: np.ndarray) -> np.ndarray:
+        return np.where(good, values, 0.0)[: count * block].reshape(count, block).sum(axis=1)
+
+    weight = blocks(np.ones(len(x)))
+    use = weight > block / 2
+    if use.sum() < 4:
+        return None
+    mean_x, mean_y = blocks(x)[use] / weight[use], blocks(y)[use] / weight[use]
+    power = float(mean_x @ mean_x)
+    slope = float(mean_x @ mean_y) / power
+    error = mean_y - slope * mean_x
+    return slope, math.sqrt(float(error @ error) / (len(mean_x) - 1) / power)

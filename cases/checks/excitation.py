@@ -1,0 +1,154 @@
+"""What the inputs and the motion of a trial can teach: quadrants, and groups of MMG coefficients.
+
+The names are those of the low-speed four-quadrant model of the ESSO OSAKA (Yoshimura 2009 hull, Hachii 2004
+propeller, Yasukawa & Yoshimura 2015 rudder); other component models read the groups, not the symbols.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cases.checks.report import CheckReport, Finding, info, unusable
+from cases.checks.rudder import rudder_angle
+from cases.trial import Trial
+
+ENOUGH = 20.0
+"""s; a group seen for less than this is weakly excited (or 2 % of the trial, if that is longer)."""
+
+
+@dataclass(frozen=True)
+class Group:
+    """A group of coefficients: what must happen for it to matter, and the symbols."""
+
+    condition: str
+    symbols: str
+
+
+GROUPS = {
+    "hull_ahead": Group("headway (u > 0)", "X_0F"),
+    "hull_astern": Group("sternway (u < 0)", "X_0A"),
+    "cross_flow": Group("drift beyond 30 deg or turning nearly on the spot", "C_D, C_rY, C_rN"),
+    "sway_yaw_linear": Group("sway and yaw at headway", "Y_v, Y_r, N_v, N_r, X_vr"),
+    "propeller_ahead": Group("n > 0 with u > 0", "k_0..k_2, t_P, w_P0, tau, C_P"),
+    "propeller_ahead_astern_motion": Group("n > 0 with u < 0", "A_6..A_8, B_6..B_8"),
+    "propeller_reversed": Group("n < 0", "C_3..C_10, A_1..A_5, B_1..B_5"),
+    "rudder_ahead": Group(
+        "rudder angles with n > 0 and u > 0", "t_R, a_H, x_H, ell_R, gamma_P, gamma_N, k_x, epsilon"
+    ),
+    "rudder_reversed_flow": Group("rudder angles with n < 0 and u > 0, or u < 0", "k_xR, C_PR"),
+    "wind": Group("true wind above the ship's speed from changing sides", "wind coefficients"),
+}
+
+
+def excitation(trial: Trial) -> tuple[dict[str, Any], list[Finding]]:
+    """Share of time per quadrant, seconds per coefficient group, and sentences about what is never seen."""
+    u, v, r, n, delta = trial["u"], trial["v"], trial["r"], trial["n"], rudder_angle(trial)
+    good = np.isfinite(u) & np.isfinite(v) & np.isfinite(r) & np.isfinite(n) & np.isfinite(delta)
+    seconds = np.minimum(np.gradient(trial.t), 3 * trial.dt)
+    total = float(seconds[good].sum())
+    if total <= 0:
+        text = "No row holds u, v, r, n and delta together: nothing to identify."
+        return {}, [unusable("excitation", text)]
+    still = 0.02 * max(float(np.percentile(np.hypot(u[good], v[good]), 95)), 1e-9)
+    ahead, astern = good & (u > still), good & (u < -still)
+    forward, reverse, stopped = good & (n > 1e-6), good & (n < -1e-6), good & (np.abs(n) <= 1e-6)
+
+    def time(mask: np.ndarray) -> float:
+        return float(seconds[mask].sum())
+
+    quadrants = {
+        "u+ n+": ahead & forward, "u+ n-": ahead & reverse,
+        "u- n+": astern & forward, "u- n-": astern & reverse,
+        "n 0": stopped, "u 0": good & ~ahead & ~astern & ~stopped,
+    }  # fmt: skip
+    beta = np.abs(np.arctan2(v, np.abs(u)))
+    steered = np.abs(delta) > math.radians(2.0)
+    moving = np.hypot(u, v) > still
+    turning = np.abs(r) > 0.25 * max(float(np.percentile(np.abs(r[good]), 95)), 1e-9)
+    seen = {
+        "hull_ahead": ahead,
+        "hull_astern": astern,
+        "cross_flow": good & ((moving & (beta > math.radians(30))) | (~moving & turning)),
+        "sway_yaw_linear": ahead & turning & (np.abs(r) > 1e-4),
+        "propeller_ahead": ahead & forward,
+        "propeller_ahead_astern_motion": astern & forward,
+        "propeller_reversed": reverse,
+        "rudder_ahead": ahead & forward & steered,
+        "rudder_reversed_flow": steered & ((ahead & reverse) | astern),
+        "wind": _windy(trial, good),
+    }
+    constant = inputs_are_constant(trial)
+    numbers: dict[str, Any] = {
+        "inputs_constant": constant,
+        "quadrants": {name: time(mask) / total for name, mask in quadrants.items()},
+        "group_seconds": {name: time(mask) for name, mask in seen.items()},
+        "seconds": total,
+        "delta_max_deg": math.degrees(float(np.abs(delta[good]).max())),
+        "n_range_rps": [float(n[good].min()), float(n[good].max())],
+        "drift_max_deg": None,
+    }
+    if (good & moving).any():
+        numbers["drift_max_deg"] = math.degrees(float(np.percentile(beta[good & moving], 99)))
+    return numbers, _sentences(numbers, constant)
+
+
+def inputs_are_constant(trial: Trial) -> bool:
+    """True when neither revolutions nor rudder nor thrusters ever change: nothing to identify."""
+    names = [c for c in trial.columns if c in ("n", "n_bow", "n_stern") or c.startswith(("delta", "n_"))]
+    spans = [float(np.nanmax(trial[c]) - np.nanmin(trial[c])) for c in names if np.isfinite(trial[c]).any()]
+    return all(span < 1e-9 for span in spans)
+
+
+def pooled(reports: Iterable[CheckReport]) -> tuple[dict[str, float], list[str]]:
+    """Seconds per coefficient group over all reports, and sentences about groups that stay out of reach."""
+    seconds = dict.fromkeys(GROUPS, 0.0)
+    total = 0.0
+    for report in reports:
+        numbers = report.numbers.get("excitation") or {}
+        total += numbers.get("seconds", 0.0)
+        for name, value in numbers.get("group_seconds", {}).items():
+            seconds[name] += value
+    return seconds, _missing(seconds, total)
+
+
+def _sentences(numbers: dict[str, Any], constant: bool) -> list[Finding]:
+    said = []
+    if constant:
+        said.append(unusable("excitation", "Revolutions and rudder never change: nothing to identify."))
+    largest = numbers["delta_max_deg"]
+    if 0 < largest < 1.0:
+        said.append(info("excitation", f"The rudder never exceeds {largest:.2g} deg; if these are radians, "
+                         "label the column [rad]."))  # fmt: skip
+    missing = _missing(numbers["group_seconds"], numbers["seconds"])
+    return said + [info("excitation", text) for text in missing]
+
+
+def _missing(seconds: dict[str, float], total: float) -> list[str]:
+    """Never seen: one sentence per group; hardly seen: one sentence for all of them."""
+    never = [name for name, value in seconds.items() if value <= 0]
+    few = [name for name, value in seconds.items() if 0 < value < max(ENOUGH, 0.02 * min(total, 2000.0))]
+    text = []
+    for name in never:
+        group = GROUPS[name]
+        text.append(f"Never {group.condition}: {group.symbols} cannot be determined.")
+    if few:
+        listed = "; ".join(f"{GROUPS[k].condition} {seconds[k]:.1f} s ({GROUPS[k].symbols})" for k in few)
+        text.append(f"Hardly seen: {listed}.")
+    return text
+
+
+def _windy(trial: Trial, good: np.ndarray) -> np.ndarray:
+    """Rows with a true wind stronger than the ship's speed, if it comes from more than a 60 deg sector."""
+    if not trial.has_wind:
+        return np.zeros(len(trial), bool)
+    angle = trial["wind_direction"] - trial["psi"]
+    strong = good & np.isfinite(angle) & (trial["wind_speed"] > np.hypot(trial["u"], trial["v"]))
+    if not strong.any():
+        return strong
+    sectors = np.unique(np.floor((angle[strong] % (2 * math.pi)) / math.radians(30)))
+    return strong if len(sectors) > 2 else np.zeros(len(trial), bool)

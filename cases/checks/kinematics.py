@@ -1,0 +1,100 @@
+"""Do the logged velocities follow from the logged position and heading? Axes, lags, gains, lever arm.
+
+The logged u, v, r are compared with the differentiated position (turned into body axes) and heading, both
+smoothed alike (motion.py). Nothing here needs a ship model.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from cases.checks.axes import (
+    frame_misfits,
+    frame_sentences,
+    heading_offset,
+    lever_arm,
+    lever_sentences,
+    offset_sentences,
+)
+from cases.checks.lags import Channel, aligned_track, compare, gain, velocity_lag
+from cases.checks.motion import Motion, motion
+from cases.checks.report import Finding, info, warning
+from cases.trial import Trial
+
+SOURCE = {"u": "the position", "v": "the position", "r": "the heading"}
+
+
+def kinematics(trial: Trial) -> tuple[dict[str, Any], list[Finding]]:
+    """Frame hypotheses, lag/gain/correlation of u, v, r, heading offset and lever arm, with sentences."""
+    m = motion(trial)
+    channels: dict[str, Channel] = {"r": compare(m.r, m.turn, m.dt)}
+    numbers: dict[str, Any] = {
+        "frame_misfit": None, "velocity_lag": None, "lever_arm": None, "heading_offset_deg": None,
+        "channels": channels,
+    }  # fmt: skip
+    if not m.has_track:
+        return numbers, _channel_sentences(channels)
+    misfit = numbers["frame_misfit"] = frame_misfits(m)
+    wrong = frame_sentences(misfit)
+    track = (m.north + 1j * m.east) * np.exp(-1j * m.psi)
+    channels = {"u": compare(m.u, track.real, m.dt), "v": compare(m.v, track.imag, m.dt), **channels}
+    numbers["channels"] = channels
+    if wrong:
+        return numbers, wrong + _channel_sentences({"r": channels["r"]})
+    said = _aligned(m, channels, numbers)
+    return numbers, _channel_sentences(channels) + said
+
+
+def _aligned(m: Motion, channels: dict[str, Channel], numbers: dict[str, Any]) -> list[Finding]:
+    """Gains of u and v, lever arm and heading offset once the lag of the velocities is taken out."""
+    lag = numbers["velocity_lag"] = velocity_lag(m)
+    aligned = aligned_track(m, lag)
+    channels["u"]["gain"], channels["v"]["gain"] = gain(m.u, aligned.real), gain(m.v, aligned.imag)
+    numbers["lever_arm"] = lever = lever_arm(m, aligned)
+    numbers["heading_offset_deg"] = offset = heading_offset(m, aligned)
+    said = lever_sentences(lever) + offset_sentences(offset)
+    seconds = lag[f"{lag['frame']}_s"]
+    if seconds is not None and abs(seconds) > 0.2 and min(lag["earth_misfit"], lag["body_misfit"]) < 0.3:
+        how = "turned by the present heading" if lag["frame"] == "earth" else "late as finished columns"
+        word = "lag" if seconds > 0 else "lead"
+        text = f"As a vector (u, v) {word} the track by {abs(seconds):.2f} s, {how}."
+        said.insert(0, info("kinematics", text))
+    return said
+
+
+def _channel_sentences(channels: dict[str, Channel]) -> list[Finding]:
+    return [sentence for name, channel in channels.items() for sentence in _channel(name, channel)]
+
+
+def _channel(name: str, channel: Channel) -> list[Finding]:
+    """Sign, lag and gain of one channel against its source, where the correlation allows a statement."""
+    lag, scale, correlation = channel["lag_s"], channel["gain"], channel["correlation"]
+    if correlation is None:
+        return []
+    if correlation < -0.7:
+        text = (
+            f"{name} has the opposite sign of the derivative of {SOURCE[name]} "
+            f"(correlation {correlation:.2f}); set sign = {{ {name} = -1 }} in trials.toml."
+        )
+        return [warning("kinematics", text)]
+    if correlation < 0.9:
+        return []
+    said = []
+    if lag is not None and abs(lag) > 0.3:
+        word = "lags" if lag > 0 else "leads"
+        text = f"{name} {word} the derivative of {SOURCE[name]} by {abs(lag):.2f} s"
+        said.append(info("kinematics", f"{text} (correlation {correlation:.3f})."))
+    if scale is None or abs(scale - 1) <= 0.005:
+        return said
+    if abs(scale - 1) > 0.1:
+        hint = " (knots labelled m/s?)" if abs(scale - 1.944) < 0.1 else ""
+        hint = " (m/s labelled kn?)" if abs(scale - 0.514) < 0.03 else hint
+        text = f"{name} is {scale:.3g} times the derivative of {SOURCE[name]}{hint}."
+        said.append(warning("kinematics", text))
+    elif name == "r":
+        word = "high" if scale > 1 else "low"
+        text = f"r reads {abs(scale - 1):.1%} {word} against the heading (gyro scale)."
+        said.append(info("kinematics", text))
+    return said

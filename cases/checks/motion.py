@@ -1,0 +1,89 @@
+"""Velocities that follow from the track and the heading, on a uniform clock, smoothed alike."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cases.trial import Trial
+
+SMOOTHING = 1.1
+"""s; moving average over the measured and the derived velocities (at least 5 samples): below it the
+differentiated satellite position is noise."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """One trial on a uniform clock. All arrays (N,), NaN in gaps; missing positions give NaN velocities.
+
+    t [s], dt [s], psi unwrapped [rad]; u, v [m/s], r [rad/s] as logged; north, east [m/s] from the
+    position; turn [rad/s] from the heading. u ... turn are smoothed by the same moving average.
+    """
+
+    t: np.ndarray
+    dt: float
+    psi: np.ndarray
+    u: np.ndarray
+    v: np.ndarray
+    r: np.ndarray
+    north: np.ndarray
+    east: np.ndarray
+    turn: np.ndarray
+
+    @property
+    def has_track(self) -> bool:
+        return bool(np.isfinite(self.north).sum() > 50)
+
+
+def motion(trial: Trial) -> Motion:
+    """Interpolated linearly onto the median step; nothing is interpolated across gaps."""
+    dt = trial.dt
+    t = trial.t[0] + dt * np.arange(min(round(trial.duration / dt) + 1, 20 * len(trial)))
+    width = max(round(SMOOTHING / dt), 5) | 1
+    x, y, psi, u, v, r = (_uniform(trial.t, column, t, dt) for column in trial.states.T)
+    return Motion(
+        t=t,
+        dt=dt,
+        psi=psi,
+        u=smooth(u, width),
+        v=smooth(v, width),
+        r=smooth(r, width),
+        north=smooth(np.gradient(x, dt), width),
+        east=smooth(np.gradient(y, dt), width),
+        turn=smooth(np.gradient(psi, dt), width),
+    )
+
+
+def smooth(values: np.ndarray, width: int) -> np.ndarray:
+    """Centred moving average, NaN wherever the window is not complete, shape kept."""
+    if len(values) < width:
+        return np.full(len(values), np.nan)
+    missing = ~np.isfinite(values)
+    total = np.concatenate([[0.0], np.cumsum(np.where(missing, 0.0, values))])
+    holes = np.concatenate([[0], np.cumsum(missing)])
+    mean = (total[width:] - total[:-width]) / width
+    mean[holes[width:] > holes[:-width]] = np.nan
+    half = width // 2
+    return np.concatenate([np.full(half, np.nan), mean, np.full(half, np.nan)])
+
+
+def delayed(values: np.ndarray, steps: float) -> np.ndarray:
+    """values at t - steps * dt (linear between samples), NaN outside, shape kept."""
+    at = np.arange(len(values)) - steps
+    low = np.floor(at).astype(int)
+    weight = at - low
+    inside = (low >= 0) & (low + 1 < len(values))
+    low = np.clip(low, 0, len(values) - 2)
+    out = (1 - weight) * values[low] + weight * values[low + 1]
+    return np.where(inside, out, np.nan)
+
+
+def _uniform(t: np.ndarray, values: np.ndarray, clock: np.ndarray, dt: float) -> np.ndarray:
+    good = np.flatnonzero(np.isfinite(values))
+    if len(good) < 2:
+        return np.full(len(clock), np.nan)
+    out = np.interp(clock, t[good], values[good], left=np.nan, right=np.nan)
+    for i in np.flatnonzero(np.diff(t[good]) > 3 * dt):
+        out[(clock > t[good[i]]) & (clock < t[good[i + 1]])] = np.nan
+    return out

@@ -1,0 +1,71 @@
+"""Wind against the ship's own speed, and the true against the apparent wind columns."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from cases.checks.report import Finding, info, warning
+from cases.convert import apparent_wind
+from cases.trial import Trial
+
+
+def wind(trial: Trial) -> tuple[dict[str, Any], list[Finding]]:
+    """Mean true wind, its ratio to the ship's speed, and how well true and apparent columns agree.
+
+    consistency_m_s is the RMS vector difference between the logged apparent wind and the one that follows
+    from the true wind, u, v and psi; derived true wind agrees by construction and is not compared.
+    """
+    numbers: dict[str, Any] = {
+        "mean_m_s": None, "std_m_s": None, "ratio_to_ship_speed": None, "steadiness": None,
+        "consistency_m_s": None,
+    }  # fmt: skip
+    if not trial.has_wind:
+        return numbers, []
+    speed = trial["wind_speed"]
+    ship = float(np.nanmean(np.hypot(trial["u"], trial["v"])))
+    mean = float(np.nanmean(speed))
+    vector = np.nanmean(trial.wind_vector, axis=0)
+    numbers.update(
+        mean_m_s=mean,
+        std_m_s=float(np.nanstd(speed)),
+        ratio_to_ship_speed=mean / ship if ship > 1e-6 else None,
+        steadiness=float(np.hypot(*vector)) / mean if mean > 1e-9 else None,
+    )
+    said = []
+    if ship > 1e-6 and mean > 3 * ship:
+        said.append(info("wind", f"The wind ({mean:.2f} m/s) is {mean / ship:.1f} times the ship's speed "
+                         f"({ship:.2f} m/s): a first-order force here, do not leave it out."))  # fmt: skip
+    if float(np.nanmin(speed)) < 0:
+        said.append(warning("wind", "The wind speed is negative at times; check the column."))
+    measured = "apparent_wind_speed" in trial and "apparent_wind_direction" in trial
+    if measured and not any("true wind derived" in notice for notice in trial.notices):
+        said += _consistency(trial, mean, numbers)
+    return numbers, said
+
+
+def _consistency(trial: Trial, mean: float, numbers: dict[str, Any]) -> list[Finding]:
+    """Adds consistency_m_s to the numbers and says when the two descriptions of the wind disagree."""
+    logged = trial["apparent_wind_speed"] * np.exp(1j * trial["apparent_wind_direction"])
+    misfit = {}
+    for turned, angle in (("as logged", 0.0), ("reversed", math.pi)):
+        speed, direction = apparent_wind(
+            trial["wind_speed"], trial["wind_direction"] + angle, trial["u"], trial["v"], trial["psi"]
+        )
+        misfit[turned] = math.sqrt(float(np.nanmean(np.abs(logged - speed * np.exp(1j * direction)) ** 2)))
+    earth = trial["wind_speed"] * np.exp(1j * trial["wind_direction"])
+    misfit["the same column twice"] = math.sqrt(float(np.nanmean(np.abs(logged - earth) ** 2)))
+    numbers["consistency_m_s"] = misfit["as logged"]
+    if misfit["as logged"] <= max(0.15 * mean, 0.02):
+        return []
+    if misfit["reversed"] < 0.4 * misfit["as logged"]:
+        why = "the directions differ by 180 deg: one of them says where the wind goes to"
+    elif misfit["the same column twice"] < 0.4 * misfit["as logged"]:
+        why = "the apparent direction is not counted from the bow but equals the true one"
+    else:
+        why = "check directions, heading and units"
+    off = misfit["as logged"]
+    text = f"True wind, u, v and psi give an apparent wind {off:.2f} m/s off the logged one; {why}."
+    return [warning("wind", text)]

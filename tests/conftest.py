@@ -1,0 +1,22 @@
+"""Fixtures shared by the tests."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+
+@pytest.fixture(scope="session")
+def frt() -> Path:
+    """The folder of the FRT-DS-ESSO records; the test is skipped where they are not installed."""
+    from cases.splits import data_folder
+    from mmg.errors import UserError
+
+    try:
+        folder = data_folder() / "frt-ds-esso"
+    except UserError as error:
+        pytest.skip(f"FRT-DS-ESSO records not here: {error}")
+    if not any(folder.glob("*/*.csv")):
+        pytest.skip(f"FRT-DS-ESSO records not here: no {folder}/*/*.csv")
+    return folder
