@@ -75,19 +75,23 @@ def _heading_and_rate(columns: Mapping[str, np.ndarray]) -> str:
 
 
 def _compare_over(lag: int, t: np.ndarray, psi: np.ndarray, turned: np.ndarray) -> str:
-    """The sentence about psi against the integral of r (both (N,)) over so many samples, "" when they agree."""
+    """The sentence about psi against the integral of r, (N,) both, over so many samples; "" if they agree."""
     usable = (t[lag:] - t[:-lag]) < 3 * lag * np.median(np.diff(t))
-    raw = (psi[lag:] - psi[:-lag])[usable]
     turn = (turned[lag:] - turned[:-lag])[usable]
-    misfit = {scales: _misfit(raw * scales[0], turn * scales[1]) for scales in [(1.0, 1.0), *_CAUSES]}
-    if misfit[1.0, 1.0] < 0.9:
+
+    def change(unit: float) -> np.ndarray:
+        heading = np.unwrap(psi * unit)
+        return (heading[lag:] - heading[:-lag])[usable]
+
+    if _misfit(change(1.0), turn) < 0.9:
         return ""
-    best = min(_CAUSES, key=lambda scales: misfit[scales])
+    misfit = {units: _misfit(change(units[0]), turn * units[1]) for units in _CAUSES}
+    best = min(misfit, key=lambda units: misfit[units])
     if misfit[best] > 0.4:
         return ""
-    cause = _CAUSES[best]
-    ratio = _ratio(raw, turn)
-    return f"{cause}: over {lag} samples psi changes by {ratio:.3g} x the integral of r; correct the unit"
+    size = float(np.median(np.abs(psi[lag:] - psi[:-lag])[usable]))
+    ratio = size / max(float(np.median(np.abs(turn))), 1e-12)
+    return f"{_CAUSES[best]}: psi changes by {ratio:.3g} x the integral of r; correct the unit"
 
 
 def _heading_and_course(columns: Mapping[str, np.ndarray]) -> str:
@@ -133,18 +137,8 @@ def _spin(columns: Mapping[str, np.ndarray]) -> str:
 
 
 def _misfit(change: np.ndarray, turn: np.ndarray) -> float:
-    """RMS of the difference as an angle over the RMS of both, the better of the two signs; 0 at rest."""
-    size = math.sqrt(float(np.mean(_wrap(change) ** 2) + np.mean(turn**2)))
+    """RMS of the difference over the RMS of both together, the better of the two signs; 0 at rest."""
+    size = math.sqrt(float(np.mean(change**2) + np.mean(turn**2)))
     if size < 1e-9:
         return 0.0
-    errors = (_wrap(change - turn), _wrap(change + turn))
-    return min(math.sqrt(float(np.mean(error**2))) for error in errors) / size
-
-
-def _ratio(change: np.ndarray, turn: np.ndarray) -> float:
-    """Robust size of the change of heading over that of the integrated yaw rate."""
-    return float(np.median(np.abs(change)) / max(float(np.median(np.abs(turn))), 1e-12))
-
-
-def _wrap(angle: np.ndarray) -> np.ndarray:
-    return (angle + math.pi) % (2 * math.pi) - math.pi
+    return min(math.sqrt(float(np.mean(error**2))) for error in (change - turn, change + turn)) / size

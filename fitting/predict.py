@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from cases.trial import Trial
 from fitting.segments import control_array
+from mmg.errors import UserError
 from mmg.rollout import Simulator
 
 
@@ -95,3 +98,33 @@ def predict(
         for i, (number, first, last) in enumerate(kept)
     ]
     return windows, notes
+
+
+def table(trial: Trial, windows: list[Window]) -> np.ndarray:
+    """Rows (window, t, x, y, psi, u, v, r) of all windows, shape (rows, 8)."""
+    parts = [
+        np.column_stack(
+            [np.full(len(w.states), float(w.number)), trial.t[w.first : w.last + 1], w.states]
+        )
+        for w in windows
+    ]
+    return np.vstack(parts) if parts else np.empty((0, 8))
+
+
+HEADER = "window,t [s],x [m],y [m],psi [rad],u [m/s],v [m/s],r [rad/s]"
+
+
+def write_tables(tables: dict[Path, np.ndarray]) -> None:
+    """Write prediction tables as CSV, each atomically; UserError when a folder cannot be written."""
+    try:
+        for path, rows in tables.items():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            scratch = path.with_name(f".{path.name}.part")
+            with scratch.open("w", encoding="utf-8") as file:
+                file.write(HEADER + "\n")
+                file.writelines(
+                    f"{int(row[0])}," + ",".join(repr(float(value)) for value in row[1:]) + "\n" for row in rows
+                )
+            os.replace(scratch, path)
+    except OSError as error:
+        raise UserError(f"{error.filename or 'output'}: cannot be written ({error.strerror})") from None

@@ -1,0 +1,104 @@
+"""Steady and gusty true wind: one-dimensional Ornstein-Uhlenbeck filters for speed and direction.
+
+dU = -alpha_u (U - U_mean) dt + sigma_u dW, dgamma = -alpha_g sin(gamma - gamma_mean) dt + sigma_g dW; the filter of the
+speed matches Hino's spectrum at f = 0 and 0.5 Hz, that of the direction a spread of 32 U^(-3/4) degrees
+(Maki et al. 2022; physics F.4). The time scale is that of real wind, for models too.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from mmg.errors import UserError
+
+REFERENCE_FREQUENCY = 0.5
+"""Hz at which filter and spectrum agree, besides zero."""
+
+
+@dataclass(frozen=True)
+class GustFilter:
+    """Rates alpha [1/s] and intensities sigma [m/s / sqrt(s), rad / sqrt(s)] of the two filters."""
+
+    alpha_u: float
+    sigma_u: float
+    alpha_direction: float
+    sigma_direction: float
+
+
+def hino_spectrum(f: float, mean: float, height: float = 15.0) -> float:
+    """Two-sided spectrum of the wind speed [m^2/s] at f [Hz] for a mean speed [m/s] > 0 at ``height`` [m]."""
+    drag, exponent = 0.001, 1.0 / 8.0
+    variance = 6 * drag * mean**2
+    beta = 1.169e-3 * mean * exponent / math.sqrt(drag) * (height / 10) ** (4 * exponent - 1)
+    return 0.2382 * variance / beta * (1 + (f / beta) ** 2) ** (-5 / 6)
+
+
+def gust_filter(mean: float) -> GustFilter:
+    """The filters for a mean wind speed [m/s] > 0."""
+    at_zero, at_reference = hino_spectrum(0.0, mean), hino_spectrum(REFERENCE_FREQUENCY, mean)
+    alpha = 2 * math.pi * REFERENCE_FREQUENCY * math.sqrt(at_reference / (at_zero - at_reference))
+    spread = 2.3
+    return GustFilter(
+        alpha_u=alpha,
+        sigma_u=math.sqrt(at_zero) * alpha,
+        alpha_direction=spread**2 * mean**1.5 / (2 * 32.0**2),
+        sigma_direction=math.radians(spread),
+    )
+
+
+@dataclass(frozen=True)
+class Wind:
+    """True wind over ground: mean speed [m/s], mean direction it comes from [rad], gusty or steady."""
+
+    speed: float
+    direction: float = 0.0
+    gusty: bool = False
+
+    def series(self, t: np.ndarray, seed: int = 0) -> np.ndarray:
+        """Speed [m/s], never negative, and direction [rad in 0..2 pi], shape (N, 2), at increasing times t (N,) [s].
+
+        Gusts start from the mean and are reproducible by ``seed``. The update of the speed is exact for any step,
+        that of the direction is exact for small deviations (its rate is frozen at alpha sin(e) / e over a step).
+        """
+        mean = np.full(len(t), self.speed)
+        direction = np.full(len(t), self.direction)
+        if self.gusty and self.speed > 0:
+            filters = gust_filter(self.speed)
+            draws = np.random.default_rng([1, seed]).standard_normal((len(t), 2))
+            deviation, turn = 0.0, 0.0
+            for k, dt in enumerate(np.diff(t), start=1):
+                deviation = _advance(deviation, filters.alpha_u, filters.sigma_u, dt, draws[k, 0])
+                turn = math.remainder(turn, 2 * math.pi)
+                rate = filters.alpha_direction * (math.sin(turn) / turn if abs(turn) > 1e-9 else 1.0)
+                turn = _advance(turn, max(rate, 0.0), filters.sigma_direction, dt, draws[k, 1])
+                mean[k] += deviation
+                direction[k] += turn
+        return np.column_stack([np.maximum(mean, 0.0), np.mod(direction, 2 * math.pi)])
+
+
+def _advance(value: float, alpha: float, sigma: float, dt: float, draw: float) -> float:
+    """Exact step of an Ornstein-Uhlenbeck process about zero; a random walk where alpha is zero."""
+    growth = -math.expm1(-2 * alpha * dt) / (2 * alpha) if alpha * dt > 1e-12 else dt
+    return value * math.exp(-alpha * dt) + sigma * math.sqrt(growth) * draw
+
+
+def parse_wind(text: str) -> Wind:
+    """A wind from "speed:direction" or "speed:direction:gusty", m/s and degrees it comes from.
+
+    Raises UserError when the text is anything else.
+    """
+    parts = [part.strip() for part in text.split(":")]
+    try:
+        speed, direction = float(parts[0]), float(parts[1])
+    except (ValueError, IndexError):
+        speed = direction = math.nan
+    fits = len(parts) == 2 or (len(parts) == 3 and parts[2] == "gusty")
+    if not (fits and math.isfinite(direction) and 0 <= speed < math.inf):
+        raise UserError(
+            f"wind '{text}': write speed:direction or speed:direction:gusty in m/s and degrees it comes from, "
+            "such as 1.5:60:gusty"
+        )
+    return Wind(speed, math.radians(direction) % (2 * math.pi), len(parts) == 3)

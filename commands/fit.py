@@ -1,0 +1,245 @@
+"""``mmg fit``: calibrate a ship on trials."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from cases.trial import Trial
+    from fitting.calibration import Calibration
+    from mmg.ship import Ship
+
+
+def fit(
+    ship: Annotated[str, typer.Argument(help="Ship to start from: library name, ship file or run folder.")],
+    trials: Annotated[list[Path], typer.Argument(help="Trial files, or folders of them.")],
+    out: Annotated[Path, typer.Option("--out", help="Run folder to write; it must not exist.")],
+    validate: Annotated[
+        list[Path] | None,
+        typer.Option("--validate", help="Held-out trials to score before and after; several may follow."),
+    ] = None,
+    without: Annotated[
+        list[str] | None, typer.Option("--without", help="Leave a component out of the model, such as wind.")
+    ] = None,
+    fix: Annotated[
+        list[str] | None, typer.Option("--fix", help="Coefficients to leave alone (comma-separated).")
+    ] = None,
+    only: Annotated[
+        list[str] | None, typer.Option("--only", help="Free only these coefficients (comma-separated).")
+    ] = None,
+    window: Annotated[
+        float | None, typer.Option("--window", help="Window length [s]; default 100 steps.")
+    ] = None,
+    step: Annotated[
+        float | None,
+        typer.Option("--step", help="Integration and sampling step [s]; default a twentieth of L/U."),
+    ] = None,
+    interval: Annotated[int, typer.Option("--interval", help="Steps per shooting interval.")] = 5,
+    starts: Annotated[int, typer.Option("--starts", help="Starts of the final solve (1: the prior).")] = 1,
+    sigma: Annotated[
+        str | None,
+        typer.Option("--sigma", help="Fixed residual sigma x,y,psi,u,v,r instead of estimated ones."),
+    ] = None,
+    seed: Annotated[int, typer.Option("--seed", help="Seed of the random starts.")] = 0,
+    tolerance: Annotated[float, typer.Option("--tolerance", help="IPOPT's tolerance.")] = 1e-6,
+    max_iterations: Annotated[int, typer.Option("--max-iterations", help="IPOPT's limit per solve.")] = 300,
+    time_limit: Annotated[
+        float | None, typer.Option("--time-limit", help="Wall-clock limit of the calibration [s].")
+    ] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Continue an interrupted run in --out from its best iterate.")
+    ] = False,
+    compiled: Annotated[
+        bool, typer.Option("--compiled/--no-compiled", help="Use a C compiler if there is one.")
+    ] = True,
+    json: Annotated[bool, typer.Option("--json", help="Print result.json on stdout.")] = False,
+) -> int:
+    """Calibrate a ship on trials by multiple shooting and IPOPT.
+
+    Example: mmg fit esso_osaka_3m trials/*.csv --validate held_out.csv --out runs/first
+    """
+    import shlex
+    import sys
+    import time
+
+    from cases.read import read_trials
+    from commands.output import end_progress, print_json, progress, say
+    from fitting.calibration import calibrate
+    from fitting.run import read_iterate, read_result, result, write_run
+
+    began = time.perf_counter()
+    settings = _settings(
+        window, step, interval, starts, sigma, seed, tolerance, max_iterations, time_limit, compiled
+    )
+    warm, start = _target(out, resume, ship)
+    if resume and out.exists() and read_result(out)["converged"]:
+        say(f"{out} has converged already; nothing to resume")
+        return 0
+    if out.exists() and resume:
+        warm = read_iterate(out)
+    start = _reduced(start, without, fix, only)
+    train = read_trials(trials)
+    held_out = read_trials(validate) if validate else []
+    _compare_hashes(out, train, resume)
+    reading = time.perf_counter() - began
+    for line in start.notices:
+        say(line)
+    calibration = calibrate(start, train, settings, progress(), warm)
+    end_progress()
+    calibration.timings["read"] = reading
+    scores = _scores(start, calibration, train, held_out)
+    command = "mmg " + " ".join(shlex.quote(a) for a in sys.argv[1:])
+    content = result(calibration, train, held_out, scores, command)
+
+    def decorate(folder: Path) -> None:
+        from fitting.plots import write_figures
+        from fitting.report import write_report
+        from fitting.run import RESULT, write_json
+
+        content["figures"] = write_figures(folder, calibration, start, train, held_out)
+        content["timings_s"]["wall"] = time.perf_counter() - began
+        write_json(folder / RESULT, content)
+        write_report([folder], folder / "report.html")
+
+    write_run(out, calibration, start, content, decorate, replace=resume)
+    _summary(calibration, content, out) if not json else print_json(content)
+    if calibration.converged:
+        return 0
+    return 130 if calibration.solution.status == "User_Requested_Stop" else 1
+
+
+def _settings(*values: Any) -> Any:
+    from commands.output import numbers_of
+    from fitting.calibration import Settings
+    from mmg.errors import UserError
+
+    window, step, interval, starts, sigma, seed, tolerance, iterations, limit, compiled = values
+    positive = {"--window": window, "--step": step, "--tolerance": tolerance, "--time-limit": limit}
+    for name, value in positive.items():
+        if value is not None and not value > 0:
+            raise UserError(f"{name} {value:g} must be positive")
+    for name, value in {"--interval": interval, "--starts": starts}.items():
+        if value < 1:
+            raise UserError(f"{name} {value} must be at least 1")
+    if iterations < 0:
+        raise UserError(f"--max-iterations {iterations} must not be negative")
+    return Settings(
+        window=window,
+        step=step,
+        interval=interval,
+        starts=starts,
+        seed=seed,
+        tolerance=tolerance,
+        max_iterations=iterations,
+        time_limit=limit,
+        sigma=numbers_of(sigma, 6, "--sigma") if sigma else None,
+        compiled=compiled,
+    )
+
+
+def _target(out: Path, resume: bool, ship: str) -> tuple[None, Ship]:
+    """Check the run folder before any work; the ship to start from (the run's own start when resuming)."""
+    from cases.ships import load_ship
+    from fitting.run import START, check_target
+
+    if resume and out.exists():
+        return None, load_ship(out / START)
+    check_target(out)
+    return None, load_ship(ship)
+
+
+def _reduced(ship: Ship, without: list[str] | None, fix: list[str] | None, only: list[str] | None) -> Ship:
+    """The ship with components left out and coefficients fixed as asked."""
+    from cases.ships import dump_ship, parse_ship
+    from commands.output import names_of
+    from mmg.errors import UserError
+
+    for role in names_of(without):
+        if role not in ship.components:
+            raise UserError(f"--without {role}: {ship.name} has no such component; it has {', '.join(ship.components)}")
+        if role == "hull" or (role == "propeller" and "rudder" in ship.components):
+            raise UserError(f"--without {role}: the rest of the model needs it")
+        from dataclasses import replace
+
+        from mmg.components import coefficient_table
+
+        components = {r: n for r, n in ship.components.items() if r != role}
+        kept = coefficient_table(components, ship.particulars)
+        ship = replace(
+            ship, components=components, coefficients={s: ship.coefficients[s] for s in kept if s in ship.coefficients}
+        )
+        ship = parse_ship(dump_ship(ship), ship.name)
+    for option, names in (("--fix", names_of(fix)), ("--only", names_of(only))):
+        unknown = [name for name in names if name not in ship.coefficients]
+        if unknown:
+            raise UserError(f"{option}: unknown coefficient {', '.join(unknown)}; known: {', '.join(ship.symbols)}")
+    if only:
+        ship = ship.fixing([s for s in ship.symbols if s not in names_of(only)])
+    return ship.fixing(names_of(fix))
+
+
+def _compare_hashes(out: Path, trials: Sequence[Trial], resume: bool) -> None:
+    """When resuming, the data must be those of the interrupted run."""
+    from fitting.run import read_result
+    from mmg.errors import UserError
+
+    if not (resume and out.exists()):
+        return
+    before = sorted(row["sha256"] for row in read_result(out)["data"])
+    if before != sorted(t.sha256 for t in trials):
+        raise UserError(f"{out}: --resume needs the same trial files as the interrupted run")
+
+
+def _scores(
+    start: Ship, calibration: Calibration, train: Sequence[Trial], held_out: Sequence[Trial]
+) -> dict[str, dict]:
+    """Both metrics before and after, on the training and on the held-out trials that have positions."""
+    from fitting.run import score_rows
+    from fitting.score import pooled_sigma, score
+    from mmg.errors import UserError
+    from mmg.rollout import Simulator
+
+    result: dict[str, dict] = {}
+    compiled = calibration.settings.compiled
+    models = {"before": Simulator(start, compiled), "after": Simulator(calibration.ship, compiled)}
+    for name, trials in (("validation", held_out), ("training", train)):
+        usable = [t for t in trials if t.has_position]
+        if not usable:
+            continue
+        try:
+            sigma = pooled_sigma(usable)
+        except UserError:
+            continue
+        result[name] = {
+            when: score_rows(score(model, usable, sigma, f"the {name} trials"))
+            for when, model in models.items()
+        }
+    return result
+
+
+def _summary(calibration: Calibration, content: dict, out: Path) -> None:
+    """A few lines for a person."""
+    from commands.output import say
+
+    words = "converged" if calibration.converged else "NOT CONVERGED"
+    say(
+        f"{words} ({calibration.solution.status}) after {sum(p['iterations'] for p in calibration.passes)} iterations "
+        f"in {calibration.timings['total']:.1f} s; objective {calibration.solution.objective:.6g}; "
+        f"{len(calibration.prior.symbols)} free coefficients, {calibration.segments.duration:.0f} s of data"
+    )
+    for line in calibration.warnings:
+        say(f"warning: {line}")
+    for line in calibration.notices:
+        say(f"note: {line}")
+    for name, pair in content["scores"].items():
+        before, after = pair["before"], pair["after"]
+        say(
+            f"{name}: 30 s windows {before['window']:.4f} -> {after['window']:.4f}, "
+            f"100 s restarts {before['paper']:.4f} -> {after['paper']:.4f}"
+        )
+    say(f"run folder: {out} (ship.toml, result.json, report.html)")

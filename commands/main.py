@@ -1,0 +1,84 @@
+"""The ``mmg`` command: collects the verbs and turns every failure into one clear line."""
+
+from __future__ import annotations
+
+import os
+import sys
+
+for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
+
+import typer
+
+from commands.check import check
+from commands.demo import demo
+from commands.fit import fit
+from commands.predict import predict
+from commands.report import report
+from commands.score import score
+from commands.ships import ships
+from commands.simulate import simulate
+from mmg.errors import UserError
+
+MANY = ("--validate", "--test", "--sigma-from")
+"""Options that take several values after one name: ``--validate a.csv b.csv``."""
+
+app = typer.Typer(
+    name="mmg",
+    help="Manoeuvring models (MMG) of ships, calibrated from trial data.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+for verb in (demo, ships, check, simulate, fit, predict, score, report):
+    app.command(verb.__name__)(verb)
+
+
+def expand(arguments: list[str]) -> list[str]:
+    """Repeat an option of ``MANY`` before each of its values, which end at the next option."""
+    result: list[str] = []
+    current = None
+    for argument in arguments:
+        if argument.startswith("-") and argument != "-":
+            current = argument if argument in MANY else None
+            if current is None:
+                result.append(argument)
+        elif current:
+            result += [current, argument]
+        else:
+            result.append(argument)
+    return result
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run one command line; returns the exit code: 0 success, 1 unfinished, 2 bad input, 130 interrupted."""
+    try:
+        outcome = app(expand(sys.argv[1:] if arguments is None else arguments), standalone_mode=False)
+        return outcome if isinstance(outcome, int) else 0
+    except UserError as error:
+        line = " ".join(str(error).split())
+        print(f"mmg: {line}", file=sys.stderr)
+        return 2
+    except (KeyboardInterrupt, EOFError, typer.Abort):
+        print("mmg: interrupted; nothing was written", file=sys.stderr)
+        return 130
+    except BrokenPipeError:
+        sys.stderr.close()
+        return 0
+    except typer.Exit as stop:
+        return int(stop.exit_code)
+    except Exception as error:
+        if hasattr(error, "format_message"):  # a usage error of the command line
+            print(f"mmg: {' '.join(error.format_message().split())}; see mmg --help", file=sys.stderr)
+            return 2
+        raise
+
+
+def run() -> None:
+    """Entry point of the console script."""
+    sys.exit(main())
+
+
+if __name__ == "__main__":
+    run()

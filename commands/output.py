@@ -1,0 +1,69 @@
+"""What the verbs share: messages, progress, and what counts as a model or a trial on the command line."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+
+def say(text: str) -> None:
+    """A line for a person, on stderr so that stdout stays clean for data."""
+    print(text, file=sys.stderr)
+
+
+def print_json(data: Any) -> None:
+    """One JSON document on stdout."""
+    import json
+
+    from fitting.run import _plain
+
+    print(json.dumps(_plain(data), indent=2))
+
+
+def progress() -> Callable[[str, int, float, float], None] | None:
+    """A one-line progress display on a terminal; None when stderr is none."""
+    if not sys.stderr.isatty():
+        return None
+
+    def show(name: str, iteration: int, objective: float, violation: float) -> None:
+        sys.stderr.write(
+            f"\r{name}: iteration {iteration:3d}  objective {objective:12.5g}  violation {violation:8.1e} \033[K"
+        )
+        sys.stderr.flush()
+
+    return show
+
+
+def end_progress() -> None:
+    if sys.stderr.isatty():
+        sys.stderr.write("\r\033[K")
+
+
+def is_model(argument: str) -> bool:
+    """A library ship, a ship file (.toml), or a folder with a ship.toml."""
+    from cases.ships import library
+
+    path = Path(argument)
+    if path.is_dir():
+        return (path / "ship.toml").exists()
+    return argument in library() or path.suffix.lower() == ".toml"
+
+
+def names_of(text: Iterable[str] | None) -> list[str]:
+    """Names from repeated and comma-separated option values."""
+    return [name.strip() for part in text or [] for name in part.split(",") if name.strip()]
+
+
+def numbers_of(text: str, count: int, what: str) -> tuple[float, ...]:
+    """``count`` comma-separated numbers; UserError otherwise."""
+    from mmg.errors import UserError
+
+    try:
+        values = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        values = ()
+    if len(values) != count:
+        raise UserError(f"{what}: {text!r} is not {count} comma-separated numbers")
+    return values

@@ -1,0 +1,67 @@
+"""``mmg predict``: open-loop windows from the measured state."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def predict(
+    model: Annotated[str, typer.Argument(help="Ship or run folder.")],
+    trials: Annotated[list[Path], typer.Argument(help="Trial files, or folders of them.")],
+    out: Annotated[Path, typer.Option("--out", help="CSV file (one trial) or folder (NAME.csv for each).")],
+    window: Annotated[float, typer.Option("--window", help="Window length [s]; 0 is the whole run.")] = 100.0,
+    stride: Annotated[
+        float | None, typer.Option("--stride", help="Seconds between window starts; default the window length.")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite existing files.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print what was written as JSON.")] = False,
+) -> None:
+    """Predict open-loop windows of trials, each started from the measured state.
+
+    A window shorter than asked is kept at the end of a run only when windows do not overlap. Rows carry the trial's
+    own time stamps; the first row of a window is the measured state; psi is continuous (not wrapped).
+
+    Example: mmg predict runs/first held_out.csv --window 30 --stride 15 --out forecast.csv
+    """
+    from cases.read import read_trials
+    from cases.ships import load_ship
+    from commands.output import print_json, say
+    from fitting.predict import predict as windows_of
+    from fitting.predict import table, write_tables
+    from mmg.errors import UserError
+    from mmg.rollout import Simulator
+
+    if window < 0 or (stride is not None and stride <= 0):
+        raise UserError("--window must be 0 or positive and --stride positive")
+    step = stride or (window if window > 0 else 1.0)
+    runs = read_trials(trials)
+    single = len(runs) == 1 and out.suffix.lower() == ".csv"
+    if not single and out.suffix.lower() == ".csv":
+        raise UserError(f"--out {out}: {len(runs)} trials need a folder, not one CSV file")
+    files = {run.name: out if single else out / f"{run.name}.csv" for run in runs}
+    if len(files) < len(runs):
+        raise UserError("two trials have the same name; rename one or predict them separately")
+    existing = [str(path) for path in files.values() if path.exists()]
+    if existing and not force:
+        raise UserError(f"{existing[0]}: exists already; choose another --out or add --force")
+    simulator = Simulator(load_ship(model))
+    tables, notes, counts = {}, [], {}
+    for run in runs:
+        found, remarks = windows_of(simulator, run, window, step, short_last=window <= 0 or step >= window)
+        notes += remarks
+        if not run.has_position:
+            notes.append(f"{run.name}: no measured position; each window starts at x = y = 0")
+        if not run.has_wind:
+            notes.append(f"{run.name}: no wind columns; calm air is assumed")
+        tables[files[run.name]] = table(run, found)
+        counts[run.name] = len(found)
+    write_tables(tables)
+    for note in notes:
+        say(f"note: {note}")
+    if json:
+        print_json({"files": {n: str(p) for n, p in files.items()}, "windows": counts, "notes": notes})
+    else:
+        say(f"{sum(counts.values())} windows of {len(runs)} trial(s) written to {out}")
