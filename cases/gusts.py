@@ -1,8 +1,8 @@
 """Steady and gusty true wind: one-dimensional Ornstein-Uhlenbeck filters for speed and direction.
 
-dU = -alpha_u (U - U_mean) dt + sigma_u dW, dgamma = -alpha_g sin(gamma - gamma_mean) dt + sigma_g dW; the filter of the
-speed matches Hino's spectrum at f = 0 and 0.5 Hz, that of the direction a spread of 32 U^(-3/4) degrees
-(Maki et al. 2022; physics F.4). The time scale is that of real wind, for models too.
+dU = -alpha_u (U - U_mean) dt + sigma_u dW, dgamma = -alpha_g sin(gamma - gamma_mean) dt + sigma_g dW; the
+filter of the speed matches Hino's spectrum at f = 0 and 0.5 Hz, that of the direction a spread of 32 U^(-3/4)
+degrees (Maki et al. 2022; physics F.4). The time scale is that of real wind, for models too.
 """
 
 from __future__ import annotations
@@ -58,10 +58,11 @@ class Wind:
     gusty: bool = False
 
     def series(self, t: np.ndarray, seed: int = 0) -> np.ndarray:
-        """Speed [m/s], never negative, and direction [rad in 0..2 pi], shape (N, 2), at increasing times t (N,) [s].
+        """Speed [m/s], never negative, and direction [rad in 0..2 pi], (N, 2), at rising times t (N,) [s].
 
-        Gusts start from the mean and are reproducible by ``seed``. The update of the speed is exact for any step,
-        that of the direction is exact for small deviations (its rate is frozen at alpha sin(e) / e over a step).
+        Gusts start from the mean and are reproducible by ``seed``. The update of the speed is exact for any
+        step, that of the direction is exact for small deviations (its rate is frozen at alpha sin(e) / e over
+        a step).
         """
         mean = np.full(len(t), self.speed)
         direction = np.full(len(t), self.direction)
@@ -98,7 +99,7 @@ def parse_wind(text: str) -> Wind:
     fits = len(parts) == 2 or (len(parts) == 3 and parts[2] == "gusty")
     if not (fits and math.isfinite(direction) and 0 <= speed < math.inf):
         raise UserError(
-            f"wind '{text}': write speed:direction or speed:direction:gusty in m/s and degrees it comes from, "
-            "such as 1.5:60:gusty"
+            f"wind '{text}': write speed:direction or speed:direction:gusty in m/s and degrees it "
+            "comes from, such as 1.5:60:gusty"
         )
     return Wind(speed, math.radians(direction) % (2 * math.pi), len(parts) == 3)

@@ -58,6 +58,7 @@ def match_headers(
             )
         else:
             taken[canonical] = (index, unit)
+    ignored = [cell for cell in ignored if cell]
     if ignored:
         notices.append(f"columns not used: {', '.join(ignored)}")
     _require(path, header, taken)

@@ -1,8 +1,8 @@
-"""Standard and identification manoeuvres: orders to propeller and rudder over time, from text such as "zigzag:20/20".
+"""Standard and identification manoeuvres, from text such as "zigzag:20/20", and the actuators that obey.
 
-Angles are degrees in the text and radians inside. Times, rates and revolutions are those of a 3 m model, taken to
-other lengths by Froude's law (time with sqrt(L / 3 m)). Turning, zigzag and crash stop are executed as in
-IMO MSC.137(76); the rudder moves at a limited rate from the moment of the order.
+Angles are degrees in the text and radians inside. Times, rates and revolutions are those of a 3 m model,
+taken to other lengths by Froude's law (time with sqrt(L / 3 m)). Turning, zigzag and crash stop are executed
+as in IMO MSC.137(76); the rudder moves at a limited rate from the moment of the order.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ from mmg.errors import UserError
 from mmg.ship import Ship
 
 FORMS = (
-    "turning:35, zigzag:20/20, zigzag:-10/10, crash-stop, random, random:SEED, straight, berthing, acceleration"
+    "turning:35, zigzag:20/20, zigzag:-10/10, crash-stop, random, random:SEED, straight, berthing, "
+    "acceleration"
 )
 """What ``parse_maneuver`` understands; a negative angle begins to port."""
 
@@ -125,10 +126,10 @@ def parse_maneuver(
 ) -> Maneuver:
     """The manoeuvre that a text such as "turning:35" names, for a ship.
 
-    n [1/s], speed [m/s]: approach; one follows from the other by the ship's surge balance, both may be given, by
-    default the speed is that of Froude number 0.07 (7.7 kn for 320 m). duration [s] replaces the default time limit;
-    a zigzag of given duration goes on until then, otherwise it ends with the sixth execute. rudder_rate [rad/s]
-    replaces the Froude-scaled 20 deg/s. seed serves "random" when the text has none.
+    n [1/s], speed [m/s]: approach; one follows from the other by the ship's surge balance, both may be given,
+    by default the speed is that of Froude number 0.07 (7.7 kn for 320 m). duration [s] replaces the default
+    time limit; a zigzag of given duration goes on until then, otherwise it ends with the sixth execute.
+    rudder_rate [rad/s] replaces the Froude-scaled 20 deg/s. seed serves "random" when the text has none.
     Raises UserError for an unknown or ill-formed text and for an approach that the ship cannot hold.
     """
     kind, _, argument = text.strip().partition(":")
@@ -182,7 +183,7 @@ class _Setup:
         )
 
     def angle(self, words: str, what: str, largest: float) -> float:
-        """An angle [rad] from degrees in the text. Raises UserError unless 0 < |angle| <= ``largest`` [deg]."""
+        """An angle [rad] from degrees in the text. UserError unless 0 < |angle| <= ``largest`` [deg]."""
         try:
             degrees = float(words)
         except ValueError:

@@ -1,7 +1,7 @@
 """The orders of each manoeuvre: functions of time and state that say what is asked of propeller and rudder.
 
-Each factory returns a fresh function (t [s], state (6,)) -> (n [1/s], delta [rad]), or None once it is over. The
-state is (x, y, psi continuous, u, v, r). Orders are steps; the rate limits are those of the controller.
+Each factory returns a fresh function (t [s], state (6,)) -> (n [1/s], delta [rad]), or None once it is over.
+The state is (x, y, psi continuous, u, v, r). Orders are steps; the rate limits are those of the controller.
 """
 
 from __future__ import annotations
@@ -42,7 +42,8 @@ def turning(n: float, rudder: float, lead: float) -> Orders:
 def zigzag(n: float, rudder: float, heading: float, lead: float, executes: int | None = None) -> Orders:
     """Rudder over; reversed each time the heading has changed by ``heading`` to the side of the rudder.
 
-    The change counts from the heading at the first execute. ``executes``: the manoeuvre is over with this execute.
+    The change counts from the heading at the first execute. ``executes``: the manoeuvre is over with this
+    execute.
     """
     origin: list[float] = []
     side = [1.0 if rudder > 0 else -1.0]
@@ -64,7 +65,7 @@ def zigzag(n: float, rudder: float, heading: float, lead: float, executes: int |
 
 
 def crash_stop(n: float, lead: float) -> Orders:
-    """Straight for ``lead`` seconds, then the same revolutions astern until the ship makes no more headway."""
+    """Straight for ``lead`` seconds, then the same revolutions astern until headway is lost."""
 
     def orders(t: float, state: np.ndarray) -> tuple[float, float] | None:
         if t < lead - _TINY:
@@ -75,7 +76,7 @@ def crash_stop(n: float, lead: float) -> Orders:
 
 
 def schedule(n_times: np.ndarray, n: np.ndarray, delta_times: np.ndarray, delta: np.ndarray) -> Orders:
-    """Orders held from each time to the next; the first times are 0. Shapes (A,), (A,), (B,), (B,); s, 1/s, rad."""
+    """Orders held from each time to the next, the first at 0: (A,) [s], (A,) [1/s], (B,) [s], (B,) [rad]."""
 
     def orders(t: float, state: np.ndarray) -> tuple[float, float]:
         i = np.searchsorted(n_times, t + _TINY, side="right") - 1
@@ -88,8 +89,9 @@ def schedule(n_times: np.ndarray, n: np.ndarray, delta_times: np.ndarray, delta:
 def random_telegraph(n: float, duration: float, scale: float, seed: int) -> Orders:
     """Random revolutions and rudder angles, each held for a random time; reproducible by ``seed``.
 
-    Rudder: -35..35 deg, held 4..20 s. Revolutions: 0.3..1.2 n ahead, or 0.3..1 n astern (about every third order,
-    and at least every fourth), held 10..30 s. ``scale`` stretches the times, which are those of a 3 m model.
+    Rudder: -35..35 deg, held 4..20 s. Revolutions: 0.3..1.2 n ahead, or 0.3..1 n astern (about every third
+    order, and at least every fourth), held 10..30 s. ``scale`` stretches the times, which are those of a 3 m
+    model.
     """
     rng = np.random.default_rng([3, seed])
     delta_times = _switches(rng, 4.0 * scale, 20.0 * scale, duration)
@@ -112,13 +114,24 @@ BERTHING_SPEED = 0.6
 """Share of the approach speed and revolutions with which berthing begins."""
 
 _BERTHING_PERIOD = 150.0
-_BERTHING_N = ((0, BERTHING_SPEED), (40, 0.0), (50, -0.7), (75, 0.5), (95, -0.6), (112, 0.4), (130, -0.4))
-_BERTHING_DELTA = ((0, 0), (8, 15), (20, -20), (34, 10), (50, 0), (75, 35), (88, -35), (100, 20), (112, -35), (125, 15))
+_BERTHING_N = ((0, BERTHING_SPEED), (30, 0.0), (36, -1.0), (88, 0.6), (105, -0.8), (130, 0.5))
+_BERTHING_DELTA = (
+    (0, 0),
+    (8, 15),
+    (20, -20),
+    (34, 10),
+    (50, -35),
+    (70, 0),
+    (88, 35),
+    (97, -35),
+    (112, 20),
+    (130, -25),
+)
 """(time [s of the 3 m model], share of n) and (time, rudder [deg]): slow ahead, reversals, kicks ahead."""
 
 
 def berthing(n: float, scale: float) -> Orders:
-    """A slow approach with stops, reversals and kicks ahead on large rudder; repeats after 150 s (3 m model)."""
+    """Slow approach, stops, reversals, kicks ahead on large rudder; repeats after 150 s (3 m model)."""
     n_times, shares = np.array(_BERTHING_N, dtype=float).T
     delta_times, degrees = np.array(_BERTHING_DELTA, dtype=float).T
     orders = schedule(n_times, n * shares, delta_times, np.radians(degrees))

@@ -30,7 +30,7 @@ def implausible(columns: Mapping[str, np.ndarray]) -> str:
 
     columns: canonical name -> (N,) in house units; needs t, psi, r; uses x, y, u, v, delta, wind if present.
     """
-    for test in (_angles, _heading_and_rate, _heading_and_course, _spin):
+    for test in (_angles, _full_turn_jumps, _heading_and_rate, _heading_and_course, _spin):
         sentence = test(columns)
         if sentence:
             return sentence
@@ -55,6 +55,16 @@ def _angles(columns: Mapping[str, np.ndarray]) -> str:
                     f"{name} reaches {typical:.4g} rad: are these degrees labelled rad? "
                     f"(label the column '{name} [deg]')"
                 )
+    return ""
+
+
+def _full_turn_jumps(columns: Mapping[str, np.ndarray]) -> str:
+    """A heading that jumps back by 360 from one sample to the next is wrapped, and counted in degrees."""
+    psi = columns["psi"][np.isfinite(columns["psi"])]
+    step = np.abs(np.diff(psi))
+    jumps = int(np.sum(np.abs(step - 360.0) < 20.0))
+    if jumps and jumps == int(np.sum(step > 20.0)):
+        return f"psi holds degrees but is labelled rad: it jumps by 360 {jumps} time(s); correct the unit"
     return ""
 
 

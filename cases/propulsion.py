@@ -1,4 +1,4 @@
-"""Self-propulsion: the revolutions that hold a speed and the speed that revolutions give, by a ship's surge balance."""
+"""Self-propulsion: the revolutions that hold a speed, and the speed they give, by a ship's surge balance."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ FROUDE = 0.07
 
 
 def surge_balance(ship: Ship) -> Callable[[float, float], float]:
-    """Surge acceleration [m/s^2] of speed u [m/s] and revolutions n [1/s]: straight, rudder midships, calm air."""
+    """Surge acceleration [m/s^2] at u [m/s] and n [1/s]: straight, rudder midships, calm air."""
     rates = assemble(ship, symbols=()).rates
     return lambda u, n: float(rates([0.0, 0.0, 0.0, u, 0.0, 0.0], [n, 0.0, 0.0, 0.0], [])[3])
 
@@ -51,8 +51,20 @@ def _root(function: Callable[[float], float], first: float, failure: str) -> flo
 def approach(ship: Ship, n: float | None, speed: float | None, at_rest: bool = False) -> tuple[float, float]:
     """(speed [m/s], n [1/s]) at the start of a manoeuvre; what is not given follows from the surge balance.
 
-    ``at_rest``: the ship starts with speed 0 whatever n is. Raises UserError for numbers that make no approach.
+    ``at_rest``: the ship starts with speed 0 whatever n is. Raises UserError for numbers that make no
+    approach.
     """
+    u, revolutions = _approach(ship, n, speed, at_rest)
+    fastest = math.sqrt(GRAVITY * ship.particulars["L"])
+    if abs(u) > fastest:
+        raise UserError(
+            f"an approach at {u:g} m/s is Froude number {u / fastest:.2g}, outside this model; give a "
+            "lower speed or n"
+        )
+    return u, revolutions
+
+
+def _approach(ship: Ship, n: float | None, speed: float | None, at_rest: bool) -> tuple[float, float]:
     for name, value in (("n", n), ("speed", speed)):
         if value is not None and not math.isfinite(value):
             raise UserError(f"{name} = {value} is not a finite number")
@@ -64,9 +76,13 @@ def approach(ship: Ship, n: float | None, speed: float | None, at_rest: bool = F
         return speed, n
     if n is not None:
         if n <= 0:
-            raise UserError(f"n = {n:g} rps gives no steady approach ahead; give a positive n, or a speed as well")
+            raise UserError(
+                f"n = {n:g} rps gives no steady approach ahead; give a positive n, or a speed as well"
+            )
         return speed_for(ship, n), n
     if speed is not None and speed <= 0:
-        raise UserError(f"speed = {speed:g} m/s: the approach must be ahead; give n as well for anything else")
+        raise UserError(
+            f"speed = {speed:g} m/s: the approach must be ahead; give n as well for anything else"
+        )
     wanted = FROUDE * math.sqrt(GRAVITY * ship.particulars["L"]) if speed is None else speed
     return (0.0 if at_rest else wanted), revolutions_for(ship, wanted)

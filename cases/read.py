@@ -51,6 +51,8 @@ def read_trial(path: str | Path, settings: Settings | Mapping[str, Any] | None =
     a required column without values, and units that the numbers refute.
     """
     path = Path(path)
+    if not path.exists():
+        raise UserError(f"{path}: no such file or folder; check the path")
     if path.suffix.lower() not in SUFFIXES:
         raise UserError(f"{path}: not a trial file; expected .csv or .parquet")
     try:

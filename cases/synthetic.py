@@ -1,4 +1,4 @@
-"""Synthetic trials: a ship simulated through a manoeuvre or under recorded inputs, sensor noise, trial files."""
+"""Synthetic trials: a ship in a manoeuvre or under recorded inputs, sensor noise, trial files."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from mmg.errors import UserError
 from mmg.frames import wind_vector
 from mmg.model import assemble
 from mmg.ship import Ship
+from mmg.smooth import GRAVITY
 
 LONGEST_STEP = 0.5
 """Largest Runge-Kutta step [s] for a 3 m model; longer samples are divided. Scales with sqrt(L)."""
@@ -45,17 +46,18 @@ def simulate(
     seed: int = 0,
     start: np.ndarray | None = None,
 ) -> Trial:
-    """A manoeuvre in closed loop: the controller sees the true state at every sample, inputs are held between samples.
+    """A manoeuvre in closed loop: the controller sees the true state at each sample; inputs are held between.
 
-    dt: sampling and integration step [s] (divided where it is longer than 0.5 s of a 3 m model); seed: of the gusts;
-    start: state (6,) instead of the manoeuvre's own. Columns t, x, y, psi (wrapped), u, v, r, n, delta, and the true
-    wind when there is one. Raises UserError for a step that makes no sense and for a motion that diverges.
+    dt: sampling and integration step [s] (divided where it is longer than 0.5 s of a 3 m model); seed: of the
+    gusts; start: state (6,) instead of the manoeuvre's own. Columns t, x, y, psi (wrapped), u, v, r, n,
+    delta, and the true wind when there is one. Raises UserError for a step that makes no sense and for a
+    motion that diverges.
     """
     if not (math.isfinite(dt) and dt > 0):
         raise UserError(f"dt = {dt:g} s must be positive")
     if not 1 <= maneuver.duration / dt <= MOST_STEPS:
         raise UserError(f"{maneuver.duration:g} s in steps of {dt:g} s: give 1 to {MOST_STEPS} steps")
-    count = int(math.floor(maneuver.duration / dt + 1e-9))
+    count = math.floor(maneuver.duration / dt + 1e-9)
     t = np.round(dt * np.arange(count + 1), 9)
     air = (wind or Wind(0.0)).series(t, seed)
     north, east = wind_vector(air[:, 0], air[:, 1])
@@ -74,14 +76,16 @@ def simulate(
     columns = _columns(t[rows], states[rows], inputs[rows], None if wind is None else air[rows])
     notices = _notices(ship, wind is not None)
     meta = {"ship": ship.name, "maneuver": maneuver.name, "seed": str(seed)}
-    return Trial(_stem(maneuver.name), _checked(columns), notices=notices, kind=maneuver.kind, meta=meta)
+    return Trial(
+        _stem(maneuver.name), _checked(columns, ship), notices=notices, kind=maneuver.kind, meta=meta
+    )
 
 
 def simulate_controls(ship: Ship, controls: Trial, wind: Wind | None = None, seed: int = 0) -> Trial:
-    """Open loop under the recorded n, delta and wind of a trial, from its first state (position 0 where it has none).
+    """Open loop under the recorded n, delta and wind of a trial, from its first state (origin if unknown).
 
-    Inputs are held from each sample to the next, at the samples' own times, all in one call. ``wind`` replaces the
-    trial's. Raises UserError when an input is missing somewhere, or the motion diverges.
+    Inputs are held from each sample to the next, at the samples' own times, all in one call. ``wind``
+    replaces the trial's. Raises UserError when an input is missing somewhere, or the motion diverges.
     """
     t, inputs = controls.t, np.column_stack([controls["n"], controls["delta"]])
     air = wind.series(t, seed) if wind else None
@@ -97,14 +101,16 @@ def simulate_controls(ship: Ship, controls: Trial, wind: Wind | None = None, see
     gaps = np.diff(t)
     parts = np.ceil(gaps / _longest(ship) - 1e-9).astype(int)
     if parts.sum() > MOST_STEPS:
-        raise UserError(f"{controls.name}: {t[-1] - t[0]:g} s are too long for {ship.name}; at most {MOST_STEPS} steps")
+        raise UserError(
+            f"{controls.name}: {t[-1] - t[0]:g} s are too long for {ship.name}; at most {MOST_STEPS} steps"
+        )
     h, rows = np.repeat(gaps / parts, parts), np.repeat(np.arange(len(gaps)), parts)
     run = step_function(ship).mapaccum("run", len(h))
     path = np.vstack([start, np.array(run(start, held[rows].T, h)).T])
     states = path[np.concatenate([[0], np.cumsum(parts)])]
     notices = _notices(ship, air is not None)
     meta = {"ship": ship.name, "controls": controls.name, "seed": str(seed)}
-    columns = _checked(_columns(t, states, inputs, air))
+    columns = _checked(_columns(t, states, inputs, air), ship)
     return Trial(controls.name, columns, notices=notices, kind=controls.kind, meta=meta)
 
 
@@ -131,12 +137,20 @@ def _columns(
     return {name: np.array(wrap(a) if name == "psi" else a, dtype=float) for name, a in columns.items()}
 
 
-def _checked(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """The columns, if every number in them is finite. Raises UserError with the time of the first that is not."""
-    bad = ~np.isfinite(np.column_stack([columns[name] for name in STATES])).all(axis=1)
-    if bad.any():
-        when = columns["t"][int(np.argmax(bad))]
-        raise UserError(f"the motion diverges at t = {when:g} s; check the coefficients of the ship, or take a smaller dt")
+def _checked(columns: dict[str, np.ndarray], ship: Ship) -> dict[str, np.ndarray]:
+    """The columns, if the motion is one of a ship. Raises UserError with the first time at which it is not.
+
+    That is: not finite, faster than Froude number 3 or spinning by more than 10 sqrt(g / L).
+    """
+    L = ship.particulars["L"]
+    speed, spin = np.hypot(columns["u"], columns["v"]), np.abs(columns["r"])
+    good = np.isfinite(np.column_stack([columns[name] for name in STATES])).all(axis=1)
+    good &= (speed < 3 * math.sqrt(GRAVITY * L)) & (spin < 10 * math.sqrt(GRAVITY / L))
+    if not good.all():
+        when = columns["t"][int(np.argmin(good))]
+        raise UserError(
+            f"the motion of {ship.name} diverges at t = {when:g} s; check its coefficients and the inputs"
+        )
     return columns
 
 
@@ -154,7 +168,7 @@ def wrap(psi: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class SensorNoise:
-    """Standard deviations of white noise on x, y [m], psi [rad], u, v [m/s], r [rad/s]; the defaults fit a 3 m model."""
+    """Standard deviations of white noise: m, rad, m/s, rad/s; the defaults are those of a 3 m model."""
 
     x: float = 0.01
     y: float = 0.01
@@ -165,14 +179,14 @@ class SensorNoise:
 
     @classmethod
     def for_length(cls, length: float) -> SensorNoise:
-        """Noise for a ship of this length [m]: positions with L, velocities with sqrt(L), rates with 1 / sqrt(L)."""
+        """Noise for a length [m]: positions scale with L, velocities with sqrt(L), rates with 1 / sqrt(L)."""
         n, scale = cls(), length / MODEL_LENGTH
         root = math.sqrt(scale)
         return cls(n.x * scale, n.y * scale, n.psi, n.u * root, n.v * root, n.r / root)
 
 
 def add_noise(trial: Trial, noise: SensorNoise, seed: int = 0) -> Trial:
-    """A copy with white noise on the states it has; reproducible by ``seed``. Inputs and wind stay as they are."""
+    """A copy with white noise on the states it has, by ``seed``. Inputs and wind stay as they are."""
     draws = np.random.default_rng([2, seed]).standard_normal((len(STATES), len(trial)))
     noisy = {
         name: trial[name] + sd * draw
@@ -184,10 +198,10 @@ def add_noise(trial: Trial, noise: SensorNoise, seed: int = 0) -> Trial:
 
 
 def write_trial(trial: Trial, path: str | Path) -> None:
-    """The trial as a CSV file (Parquet for the suffix .parquet) with the contract's headers, SI, shortest exact digits.
+    """The trial as a CSV file (Parquet for .parquet) with the contract's headers, SI, shortest exact digits.
 
-    The file appears complete or not at all; one that exists is replaced. Raises UserError when it cannot be written
-    or the suffix is neither.
+    The file appears complete or not at all; one that exists is replaced. Raises UserError when it cannot be
+    written or the suffix is neither.
     """
     import pandas as pd
 

@@ -25,12 +25,24 @@ def read_table(path: Path, content: bytes) -> tuple[list[str], Numbers]:
     if not content.strip():
         raise UserError(f"{path}: the file is empty")
     header, frame = (_parquet if path.suffix.lower() == ".parquet" else _csv)(path, content)
-    doubled = sorted({cell for cell in header if header.count(cell) > 1})
+    if any(cell and not _is_text(cell) for cell in header):
+        raise UserError(f"{path}: the first line holds numbers, not headers such as 't [s],psi [rad],...'")
+    if not any(header):
+        raise UserError(f"{path}: the first line is blank; it must hold the headers")
+    doubled = sorted({cell for cell in header if cell and header.count(cell) > 1})
     if doubled:
         raise UserError(f"{path}: the header names '{doubled[0]}' twice; rename or remove one of them")
     if len(frame) == 0:
         raise UserError(f"{path}: a header but no rows")
     return header, lambda index: _numbers(path, header[index], frame.iloc[:, index])
+
+
+def _is_text(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return True
+    return cell.lower() in ("nan", "inf", "infinity")
 
 
 def _csv(path: Path, content: bytes) -> tuple[list[str], Any]:

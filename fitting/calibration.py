@@ -24,7 +24,7 @@ from mmg.ship import Ship
 class Settings:
     """How to calibrate.
 
-    window: length of a shooting window [s], None: about ten ship lengths at rms speed; step: integration and sampling
+    window: length of a shooting window [s], None: 100 steps; step: integration and sampling
     step [s], None: a twentieth; interval: Runge-Kutta steps per shooting interval; passes: solves, the noise being
     re-estimated between them; starts: further random starts of the last solve; tolerance, max_iterations, time_limit
     [s, of the whole calibration]: of IPOPT; sigma: fixed residual standard deviations (6,) instead of estimated ones;
@@ -144,7 +144,7 @@ def calibrate(
     positions = np.array([ship.symbols.index(s) for s in prior.symbols])
     kernel = kernels(assemble(ship), positions, settings.compiled)
     timings = {"prepare": time.perf_counter() - began}
-    notices = [*segments.dropped, *(n for t in trials for n in t.notices), *ship.notices]
+    notices = [*segments.dropped, *ship.notices, *_missing(trials)]
     if kernel.interpreted_because:
         notices.append(f"running without compiled code, several times slower: {kernel.interpreted_because}")
     sigma = _given_sigma(settings) if settings.sigma else first_sigma(ship, segments)
@@ -179,6 +179,18 @@ def calibrate(
         timings=timings,
         nodes=nodes,
     )
+
+
+def _missing(trials: Sequence[Trial]) -> list[str]:
+    """What cannot be done for lack of columns."""
+    no_wind = [t.name for t in trials if not t.has_wind]
+    no_position = [t.name for t in trials if not t.has_position]
+    words = []
+    if no_wind:
+        words.append(f"calm air is assumed in {', '.join(no_wind)} (no wind columns)")
+    if no_position:
+        words.append(f"positions cannot be fitted in {', '.join(no_position)} (no x, y columns)")
+    return words
 
 
 def _given_sigma(settings: Settings) -> np.ndarray:
@@ -290,6 +302,8 @@ def _starts(
                     report=(lambda i, f, v, name=name: report(name, i, f, v)) if report else None,
                 )
             )
+            if solutions[-1].status == "User_Requested_Stop":
+                break
     converged = [s for s in solutions if s.converged] or solutions[:1]
     best = min(converged, key=lambda s: s.objective)
     p = problem.split(best.x)[1]

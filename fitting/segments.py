@@ -143,13 +143,13 @@ def _interpolate(at: np.ndarray, t: np.ndarray, values: np.ndarray) -> np.ndarra
 
 
 def default_step(trials: Sequence[Trial], length: float) -> float:
-    """Integration step [s]: a tenth of the time to travel a ship length at rms speed, at least the sampling interval.
+    """Integration step [s]: a twentieth of the time to travel a ship length at rms speed, at least the sampling interval.
 
     Rounded to 1, 2 or 5 times a power of ten.
     """
     u2 = np.concatenate([t["u"] ** 2 + t["v"] ** 2 for t in trials])
     speed = max(float(np.sqrt(np.nanmean(u2))), 0.02 * np.sqrt(9.81 * length))
-    wanted = max(0.1 * length / speed, max(t.dt for t in trials))
+    wanted = max(0.05 * length / speed, max(t.dt for t in trials))
     decade = 10 ** np.floor(np.log10(wanted))
     return float(min((c * decade for c in (1, 2, 5, 10)), key=lambda s: abs(np.log(s / wanted))))
 

@@ -7,7 +7,7 @@ import pytest
 from typer import Typer
 from typer.testing import CliRunner
 
-from cases.checks import check, inputs_are_constant, pooled
+from cases.checks import CheckReport, check, inputs_are_constant, pooled
 from cases.read import read_trials
 from cases.trial import Trial
 from commands.check import check as command
@@ -145,6 +145,15 @@ def test_an_exact_copy_is_found_and_a_ship_at_rest_is_not_a_duplicate():
     assert all(report.numbers["duplicates"] == [] for report in reports)
 
 
+def test_a_copy_saved_with_fewer_digits_is_found():
+    whole = make_trial("whole")
+    rounded = Trial("rounded", {c: np.round(v[300:2000], 5) for c, v in whole.columns.items()})
+    reports = check([whole, rounded, Trial("stranger", motion_columns(seed=7))])
+    (copy,) = reports[1].numbers["duplicates"]
+    assert (copy["other"], copy["relation"]) == ("whole", "inside")
+    assert reports[2].numbers["duplicates"] == []
+
+
 def test_gaps_and_uneven_sampling_are_counted():
     c = motion_columns()
     keep = np.ones(len(c["t"]), bool)
@@ -175,6 +184,19 @@ def test_without_positions_or_wind_the_rest_is_still_checked():
 def test_very_short_trials_do_not_break_the_checks(rows):
     report = one(Trial("run", {name: v[:rows] for name, v in motion_columns().items()}))
     json.dumps(report.as_dict(), allow_nan=False)
+
+
+def test_numbers_that_are_not_finite_leave_the_json_document_valid():
+    numbers = {"a": float("inf"), "b": [np.float64("nan"), np.int64(3)], "c": {"d": True, "e": None}}
+    document = CheckReport("run", "", (), numbers).as_dict()
+    assert document["numbers"] == {"a": None, "b": [None, 3.0], "c": {"d": True, "e": None}}
+    json.dumps(document, allow_nan=False)
+
+
+def test_the_share_of_time_per_quadrant_is_said():
+    n = motion_columns()["n"].copy()
+    n[:750] = -8.0
+    assert "Share of time: ahead with n > 0 75%, ahead with n < 0 25%." in text_of(one(make_trial(n=n)))
 
 
 def app():
@@ -227,3 +249,13 @@ def test_real_velocities_lag_the_track_and_the_gyro_reads_low(reports):
 def test_a_flipped_rudder_is_found_in_every_real_record(frt):
     for trial in read_trials(frt):
         assert one(trial.with_columns(delta=-trial["delta"])).verdict == "warnings", trial.name
+
+
+@pytest.mark.data
+def test_earth_fixed_velocities_and_a_flipped_sway_are_found_in_every_real_record(frt):
+    for trial in read_trials(frt):
+        w = (trial["u"] + 1j * trial["v"]) * np.exp(1j * trial["psi"])
+        earth = one(trial.with_columns(u=w.real, v=w.imag))
+        assert "earth-fixed velocities (north, east)" in text_of(earth, "warning"), trial.name
+        flipped = text_of(one(trial.with_columns(v=-trial["v"])), "warning")
+        assert "v is positive to port" in flipped or "v has the opposite sign" in flipped, trial.name

@@ -119,7 +119,7 @@ def test_doubled_headers_and_two_columns_for_one_quantity_are_refused(tmp_path):
 
 
 def test_unreadable_files_are_refused(tmp_path):
-    refused(tmp_path / "nowhere.csv", "cannot be read")
+    refused(tmp_path / "nowhere.csv", "no such file")
     (tmp_path / "run.xlsx").write_text("x")
     refused(tmp_path / "run.xlsx", "expected .csv or .parquet")
     (tmp_path / "run.parquet").write_text("x")
@@ -263,3 +263,27 @@ def test_real_records_with_a_wrong_angle_unit_are_refused(frt):
         assert implausible(trial.columns) == "", trial.name
         for column in ("psi", "r", "delta"):
             assert implausible({**trial.columns, column: trial[column] / DEG}), (trial.name, column)
+
+
+def test_a_file_without_headers_or_with_a_blank_first_line_is_refused(tmp_path):
+    lines = write_csv(tmp_path / "run.csv").read_text().split("\n", 1)
+    (tmp_path / "bare.csv").write_text(lines[1])
+    (tmp_path / "blank.csv").write_text("\n" + "\n".join(lines))
+    (tmp_path / "head.csv").write_text(lines[0] + "\n")
+    refusals = {"bare": "numbers, not headers", "blank": "first line is blank", "head": "no rows"}
+    for name, said in refusals.items():
+        with pytest.raises(UserError, match=said):
+            read_trial(tmp_path / f"{name}.csv")
+
+
+def test_a_path_that_does_not_exist_is_said(tmp_path):
+    for path in (tmp_path / "nowhere", tmp_path / "nowhere.csv"):
+        with pytest.raises(UserError, match="no such file or folder"):
+            read_trials([path])
+
+
+def test_a_heading_that_jumps_by_360_is_in_degrees_even_beside_a_rate_in_degrees():
+    c = motion_columns()
+    psi = np.degrees(c["psi"] + 0.02 * c["t"])
+    columns = {"t": c["t"], "psi": psi % 360.0, "r": np.degrees(c["r"] + 0.02)}
+    assert "jumps by 360" in implausible(columns)

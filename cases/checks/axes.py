@@ -60,7 +60,7 @@ def frame_sentences(misfit: dict[str, float | None]) -> list[Finding]:
     if not values:
         return []
     best, body = min(HYPOTHESES, key=lambda name: values[name]), values["body"]
-    if body > 0.3 and values[best] < 0.4 * body:
+    if body > 0.15 and values[best] < 0.6 * body:
         meaning, remedy = HYPOTHESES[best]
         text = (
             f"The track says that {meaning}: misfit {values[best]:.0%} against {body:.0%} as labelled; "

@@ -45,6 +45,17 @@ GROUPS = {
 }
 
 
+QUADRANTS = {
+    "u+ n+": "ahead with n > 0",
+    "u+ n-": "ahead with n < 0",
+    "u- n+": "astern with n > 0",
+    "u- n-": "astern with n < 0",
+    "n 0": "propeller stopped",
+    "u 0": "no way on",
+}
+"""Keys of the quadrants in the numbers -> how they are said."""
+
+
 def excitation(trial: Trial) -> tuple[dict[str, Any], list[Finding]]:
     """Share of time per quadrant, seconds per coefficient group, and sentences about what is never seen."""
     u, v, r, n, delta = trial["u"], trial["v"], trial["r"], trial["n"], rudder_angle(trial)
@@ -125,6 +136,8 @@ def _sentences(numbers: dict[str, Any], constant: bool) -> list[Finding]:
         said.append(info("excitation", f"The rudder never exceeds {largest:.2g} deg; if these are radians, "
                          "label the column [rad]."))  # fmt: skip
     missing = _missing(numbers["group_seconds"], numbers["seconds"])
+    share = ", ".join(f"{QUADRANTS[k]} {v:.0%}" for k, v in numbers["quadrants"].items() if v >= 0.005)
+    said.append(info("excitation", f"Share of time: {share}."))
     return said + [info("excitation", text) for text in missing]
 
 

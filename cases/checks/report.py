@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -48,8 +49,20 @@ class CheckReport:
             "path": self.path,
             "verdict": self.verdict,
             "findings": [{"topic": f.topic, "level": f.level, "text": f.text} for f in self.findings],
-            "numbers": dict(self.numbers),
+            "numbers": _plain(self.numbers),
         }
+
+
+def _plain(value: Any) -> Any:
+    """Mappings and sequences as dict and list, numbers as Python's own, None for what is not finite."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if isinstance(value, (bool, int, str)) or value is None:
+        return value
+    number = float(value)
+    return number if math.isfinite(number) else None
 
 
 def info(topic: str, text: str) -> Finding:

@@ -1,0 +1,153 @@
+"""Manoeuvres: text to orders, approach, rate limits, Froude scaling."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cases.criteria import stopping_figures, turning_figures, zigzag_figures
+from cases.maneuvers import Limits, parse_maneuver
+from cases.orders import random_telegraph
+from cases.propulsion import revolutions_for, speed_for
+from cases.ships import load_ship
+from cases.synthetic import simulate
+from cases.trial import Trial
+from mmg.errors import UserError
+
+SHIP = load_ship("esso_osaka_3m")
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "spin:35", "turning", "turning:", "turning:0", "turning:abc", "turning:nan", "turning:95",
+     "zigzag:20", "zigzag:20/-20", "zigzag:a/b", "random:x", "random:-1", "straight:3", "crash-stop:5"],
+)  # fmt: skip
+def test_ill_formed_text_is_one_clear_line(text: str) -> None:
+    with pytest.raises(UserError) as caught:
+        parse_maneuver(text, SHIP)
+    assert "\n" not in str(caught.value) and text in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "approach", [{"n": -3.0}, {"n": 0.0}, {"speed": 0.0}, {"speed": 30.0}, {"n": math.nan}]
+)
+def test_an_approach_that_cannot_be_held_is_refused(approach: dict[str, float]) -> None:
+    with pytest.raises(UserError):
+        parse_maneuver("turning:35", SHIP, n=approach.get("n"), speed=approach.get("speed"))
+
+
+def test_self_propulsion_and_steady_speed_are_inverse() -> None:
+    assert speed_for(SHIP, revolutions_for(SHIP, 0.3)) == pytest.approx(0.3, rel=1e-9)
+    assert speed_for(SHIP, 10.0) == pytest.approx(0.39539, rel=5e-4)
+
+
+def test_straight_running_keeps_the_approach_speed() -> None:
+    trial = simulate(SHIP, parse_maneuver("straight", SHIP, duration=60), dt=0.5)
+    np.testing.assert_allclose(trial["u"], trial["u"][0], rtol=1e-9)
+    np.testing.assert_allclose(trial["y"], 0.0, atol=1e-12)
+
+
+def test_limits_follow_froude() -> None:
+    assert math.degrees(Limits.for_length(3.0).rudder_rate) == pytest.approx(20.0)
+    assert math.degrees(Limits.for_length(320.0).rudder_rate) == pytest.approx(1.94, abs=0.01)
+    large = replace(SHIP, particulars={**SHIP.particulars, "L": 300.0, "D_P": 8.4})
+    ratio = (
+        parse_maneuver("berthing", large, n=1.0, speed=1.0).duration
+        / parse_maneuver("berthing", SHIP).duration
+    )
+    assert ratio == pytest.approx(10.0)
+
+
+def test_actuators_never_move_faster_than_their_limits() -> None:
+    maneuver = parse_maneuver("random:5", SHIP)
+    trial = simulate(SHIP, maneuver)
+    limits = maneuver.limits
+    assert np.abs(np.diff(trial["delta"])).max() <= limits.rudder_rate * 0.1 + 1e-12
+    assert np.abs(np.diff(trial["n"])).max() <= limits.propeller_rate * 0.1 + 1e-12
+    slow = simulate(SHIP, parse_maneuver("turning:35", SHIP, rudder_rate=math.radians(2), duration=30))
+    assert np.abs(np.diff(slow["delta"])).max() == pytest.approx(math.radians(0.2))
+
+
+@pytest.mark.parametrize(("text", "side", "heading"), [("zigzag:20/20", 1, 20), ("zigzag:-10/5", -1, 5)])
+def test_zigzag_reverses_at_the_first_sample_beyond_the_switch_heading(
+    text: str, side: int, heading: int
+) -> None:
+    trial = simulate(SHIP, parse_maneuver(text, SHIP))
+    psi, delta = np.degrees(trial.psi_unwrapped), np.degrees(trial["delta"])
+    moves = np.flatnonzero(np.diff(delta) * np.append(0, np.diff(delta)[:-1]) <= 0)
+    starts = [k + 1 for k in moves if abs(delta[k + 1] - delta[k]) > 1e-9 and abs(delta[k]) > 1]
+    assert len(starts) >= 4
+    for number, k in enumerate(starts):
+        s = side * (-1) ** number
+        assert s * psi[k] >= heading > s * psi[k - 1]
+        assert np.sign(delta[k] - delta[k - 1]) == -s
+
+
+def test_zigzag_counts_from_the_heading_at_the_execute() -> None:
+    maneuver = parse_maneuver("zigzag:10/10", SHIP)
+    turned = maneuver.start
+    turned[2] = 3.0
+    a, b = simulate(SHIP, maneuver), simulate(SHIP, maneuver, start=turned)
+    np.testing.assert_allclose(b.psi_unwrapped - 3.0, a.psi_unwrapped, atol=1e-9)
+    assert np.abs(b["psi"]).max() <= math.pi
+
+
+def test_zigzag_of_given_duration_goes_on_until_then() -> None:
+    maneuver = parse_maneuver("zigzag:5/5", SHIP, duration=300)
+    assert simulate(SHIP, maneuver, dt=0.5).duration == pytest.approx(300)
+
+
+def test_turning_ends_after_540_degrees_or_at_the_time_limit() -> None:
+    whole = simulate(SHIP, parse_maneuver("turning:-35", SHIP), dt=0.5)
+    assert -3 * math.pi - 0.1 < whole.psi_unwrapped[-1] <= -3 * math.pi
+    assert simulate(SHIP, parse_maneuver("turning:-35", SHIP, duration=50)).duration == pytest.approx(50)
+
+
+def test_crash_stop_ends_when_headway_is_lost() -> None:
+    maneuver = parse_maneuver("crash-stop", SHIP)
+    trial = simulate(SHIP, maneuver)
+    assert trial["u"][-1] <= 0 < trial["u"][-2]
+    assert trial["n"][-1] == pytest.approx(-maneuver.n)
+    figures = stopping_figures(trial, maneuver.parameters["order_time"])
+    assert figures["track_reach"] >= figures["head_reach"] > 0
+
+
+def test_acceleration_starts_from_rest() -> None:
+    trial = simulate(SHIP, parse_maneuver("acceleration", SHIP, n=8.0, duration=60), dt=0.5)
+    assert trial["u"][0] == 0 and trial["n"][0] == 0 and trial["n"][-1] == 8.0
+    assert (np.diff(trial["u"])[1:] > 0).all()
+
+
+def test_random_orders_reverse_and_are_reproducible() -> None:
+    state, times = np.zeros(6), np.arange(0.0, 150.0)
+    for seed in range(10):
+        first, again = (random_telegraph(10.0, 150.0, 1.0, seed) for _ in range(2))
+        orders = [first(t, state) or (0.0, 9.9) for t in times]
+        assert orders == [again(t, state) for t in times]
+        assert min(n for n, _ in orders) < 0 < orders[0][0]
+        assert max(abs(delta) for _, delta in orders) <= math.radians(35)
+    assert random_telegraph(10.0, 150.0, 1.0, 1)(80.0, state) != random_telegraph(10.0, 150.0, 1.0, 2)(
+        80.0, state
+    )
+
+
+def test_figures_of_a_perfect_circle_are_its_radius_and_diameter() -> None:
+    psi = np.linspace(0, 4, 401)
+    columns = {"x": 7 * np.sin(psi), "y": 7 * (1 - np.cos(psi)), "psi": psi, "t": np.arange(401.0)}
+    columns |= dict.fromkeys(("u", "v", "r", "n", "delta"), np.zeros(401))
+    figures = turning_figures(Trial("circle", columns), 0.6, 0.0)
+    assert figures["advance"] == pytest.approx(7, rel=1e-4) == figures["transfer"]
+    assert figures["tactical_diameter"] == pytest.approx(14, rel=1e-4)
+    assert figures["time_180"] == pytest.approx(100 * math.pi, rel=1e-6)
+
+
+def test_overshoots_of_a_sine_are_its_amplitude_beyond_the_switch_heading() -> None:
+    t = np.arange(0.0, 100.0, 0.1)
+    columns = {"t": t, "psi": -0.5 * np.sin(0.2 * t)}
+    columns |= dict.fromkeys(("x", "y", "u", "v", "r", "n", "delta"), np.zeros(len(t)))
+    figures = zigzag_figures(Trial("sine", columns), -0.3, 0.35, 0.0)
+    assert len(figures) == 6
+    np.testing.assert_allclose(list(figures.values()), 0.15, atol=1e-4)
