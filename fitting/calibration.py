@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
 
+from cases.checks import inputs_are_constant
 from cases.trial import Trial
 from fitting import gauss_newton
 from fitting.ipopt import Solution, solve
@@ -97,16 +98,10 @@ def _check_inputs(ship: Ship, trials: Sequence[Trial]) -> None:
         raise UserError("no trials to fit: name at least one trial file")
     if not ship.free:
         raise UserError(f"{ship.name}: every coefficient is fixed; free some of them in the ship file or with --only")
-    moving = [t for t in trials if np.nanmax(np.hypot(t["u"], t["v"])) > 0]
-    varied = [
-        t for t in moving
-        if any(np.nanstd(t[c]) > 1e-6 * (1 + np.nanmax(np.abs(t[c]))) for c in ("n", "delta"))
-        or (np.nanmax(t["u"]) - np.nanmin(t["u"])) > 0.05 * np.nanmax(np.hypot(t["u"], t["v"]))
-    ]  # fmt: skip
-    if not varied:
+    if all(inputs_are_constant(t) for t in trials):
         raise UserError(
-            f"{', '.join(t.name for t in trials)}: inputs n, delta and the speed never change, so there is nothing "
-            "to identify; give trials with manoeuvres"
+            f"{', '.join(t.name for t in trials)}: the inputs n and delta never change, so there is nothing to "
+            "identify; give trials with manoeuvres"
         )
 
 

@@ -1,31 +1,30 @@
 """Figures of a calibration: one function per plot, each takes a result and returns a matplotlib Figure.
 
-No pyplot, no backend and no rcParams are touched; units stand on every axis. Measured is black, before the calibration
-orange and dashed, after it blue (colours of Okabe & Ito, told apart by colour-blind readers and in grey print).
+``write_figures`` writes those of a run folder. The look is that of ``plot_style``; tracks are in ``plot_tracks``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 
 from cases.trial import Trial
 from fitting.calibration import Calibration, Start
 from fitting.ipopt import Solution
-from fitting.predict import Window, predict
-from fitting.run import coefficient_rows
+from fitting.plot_style import AFTER, ALARM, BEFORE, DPI, GREY, dress, new_figure
+from fitting.plot_tracks import error_growth_plot, trajectory_plot
+from fitting.predict import predict
+from fitting.run import RESULT, coefficient_rows, read_result
 from fitting.score import PAPER_WINDOW, wrapped_error
 from mmg.components import ROLES, coefficient_table
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 
-BEFORE, AFTER, MEASURED, GREY, ALARM = "#D58A00", "#0072B2", "#111111", "#8A8A8A", "#C0305A"
-STYLES = ({"color": BEFORE, "linestyle": (0, (4, 1.5))}, {"color": AFTER}, {"color": "#009E73", "linestyle": ":"})
-WIDTH, DPI = 8.2, 110
 GROUPS = ("mass", *ROLES, "other")
 DETERMINED, PARTLY = 0.1, 0.7
 """Prior's share of the variance below which a coefficient is determined, partly determined by the data."""
@@ -54,24 +53,6 @@ def determination(row: Mapping[str, Any]) -> str:
     if share is None or not np.isfinite(share):
         return "unknown"
     return "determined" if share < DETERMINED else "partly" if share < PARTLY else "prior"
-
-
-def _figure(height: float) -> Figure:
-    return Figure(figsize=(WIDTH, height), dpi=DPI, layout="constrained", facecolor="white")
-
-
-def _dress(ax: Axes, x: str = "", y: str = "", title: str = "") -> Axes:
-    ax.set_xlabel(x, fontsize=9)
-    ax.set_ylabel(y, fontsize=9)
-    ax.set_title(title, fontsize=9.5, loc="left", fontweight="bold")
-    ax.tick_params(labelsize=8, length=3, color=GREY)
-    ax.grid(True, color="#E4E4E4", linewidth=0.6)
-    ax.set_axisbelow(True)
-    for side in ("top", "right"):
-        ax.spines[side].set_visible(False)
-    for side in ("left", "bottom"):
-        ax.spines[side].set_color(GREY)
-    return ax
 
 
 MARKS = {
@@ -104,12 +85,12 @@ def coefficient_plot(
         half = min(heads, key=lambda i: abs(i - half)) if heads else half
     parts = [lines[:half], lines[half:]] if columns == 2 else [lines]
     longest = max(len(part) for part in parts)
-    figure = _figure(1.3 + 0.185 * longest)
+    figure = new_figure(1.3 + 0.185 * longest)
     used: dict[str, Any] = {}
     extent = 2.2
     axes = figure.subplots(1, columns, squeeze=False, sharex=True)[0]
     for ax, part in zip(axes, parts, strict=True):
-        _dress(ax, "(estimate - prior) / prior standard deviation [-]")
+        dress(ax, "(estimate - prior) / prior standard deviation [-]")
         ax.axvspan(-1, 1, color="#EFF3F6", zorder=0)
         ax.axvline(0, color=GREY, linewidth=0.8, zorder=1)
         for height, (group, symbol) in enumerate(part):
@@ -148,141 +129,6 @@ def coefficient_plot(
     return figure
 
 
-def _joined(trial: Trial, windows: Sequence[Window]) -> tuple[np.ndarray, np.ndarray]:
-    """Time from the first sample (rows,) and states (rows, 6) of all windows with NaN rows between them."""
-    gap = np.full((1, 6), np.nan)
-    t = [np.append(trial.t[w.first : w.last + 1] - trial.t[0], np.nan) for w in windows]
-    z = [np.vstack([w.states, gap]) for w in windows]
-    return (np.concatenate(t), np.vstack(z)) if windows else (np.empty(0), np.empty((0, 6)))
-
-
-def trajectory_plot(
-    trial: Trial, before: Sequence[Window], after: Sequence[Window], length: float | None = None
-) -> Figure:
-    """Track of one trial, measured against open-loop windows, north up, and histories of its states and inputs.
-
-    before, after: windows of ``predict``; length: of the ship [m], to draw outlines on the measured track.
-    """
-    t, states = trial.t - trial.t[0], trial.states
-    runs = [_joined(trial, before), _joined(trial, after)]
-    starts = t[[w.first for w in after]] if after else np.empty(0)
-    heights = [1.0] * 5
-    figure = _figure(10.2 if trial.has_position else 6.4)
-    if trial.has_position:
-        grid = figure.add_gridspec(6, 1, height_ratios=[5.2, *heights])
-        ax = _dress(figure.add_subplot(grid[0]), "y, east [m]", "x, north [m]")
-        _track(ax, states, runs, [w.first for w in after], length)
-        first = 1
-    else:
-        grid, first = figure.add_gridspec(5, 1, height_ratios=heights), 0
-    below: list[Axes] = []
-    wanted = ((3, "u [m/s]", 1.0), (4, "v [m/s]", 1.0), (5, "r [deg/s]", 180 / np.pi), (2, "psi [deg]", 180 / np.pi))
-    for k, (state, label, factor) in enumerate(wanted):
-        ax = _dress(figure.add_subplot(grid[first + k], sharex=below[0] if below else None), y=label)
-        ax.plot(t, states[:, state] * factor, color=MEASURED, lw=1.1, label="measured")
-        for (tw, zw), style, name in zip(runs, STYLES[:2], ("before", "after"), strict=True):
-            ax.plot(tw, zw[:, state] * factor, lw=1.2, label=name, **style)
-        values = states[:, state][np.isfinite(states[:, state])] * factor
-        reach = runs[1][1][:, state] * factor
-        reach = np.concatenate([values, reach[np.isfinite(reach)]])
-        if len(reach):  # a prediction that runs away before the calibration must not flatten the rest
-            middle, span = 0.5 * (reach.max() + reach.min()), max(np.ptp(reach), 1e-9)
-            ax.set_ylim(*np.clip(ax.get_ylim(), middle - 1.1 * span, middle + 1.1 * span))
-        below.append(ax)
-    ax = _dress(
-        figure.add_subplot(grid[first + 4], sharex=below[0]), "time from the first sample [s]", "delta [deg]"
-    )
-    ax.plot(t, np.degrees(trial["delta"]), color=MEASURED, lw=1.0)
-    twin = _dress(ax.twinx(), y="n [1/s]")
-    twin.plot(t, trial["n"], color=GREY, lw=1.0)
-    twin.yaxis.label.set_color("#666666")
-    twin.grid(False)
-    twin.spines["right"].set_visible(True)
-    below.append(ax)
-    for ax in below:
-        for start in starts:
-            ax.axvline(start, color="#C8C8C8", lw=0.7, ls=":", zorder=0)
-        ax.set_xlim(0, max(t[-1], 1e-9))
-        ax.tick_params(labelbottom=ax is below[-1])
-    figure.align_ylabels(below)
-    handles, labels = below[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=3, fontsize=9, frameon=False)
-    return figure
-
-
-def _track(ax: Axes, states: np.ndarray, runs: list, first: list[int], length: float | None) -> None:
-    ax.plot(states[:, 1], states[:, 0], color=MEASURED, lw=1.3, zorder=2)
-    for (_, z), style in zip(runs, STYLES[:2], strict=True):
-        ax.plot(z[:, 1], z[:, 0], lw=1.3, zorder=3, **style)
-    ax.plot(states[first, 1], states[first, 0], ".", color=MEASURED, ms=6, zorder=4)
-    if length:
-        body = np.array([[0.5, 0], [0.32, 0.08], [-0.5, 0.08], [-0.5, -0.08], [0.32, -0.08], [0.5, 0]]) * length
-        for x, y, psi in states[first, :3]:
-            c, s = np.cos(psi), np.sin(psi)
-            ax.fill(y + body @ [s, c], x + body @ [c, -s], fc="none", ec=MEASURED, lw=0.8, zorder=4)
-    good = states[np.isfinite(states[:, :2]).all(axis=1), :2]
-    if len(good):
-        margin = 0.35 * max(np.ptp(good[:, 0]), np.ptp(good[:, 1]), 1e-6)
-        (north, south), (east, west) = ((good[:, i].max(), good[:, i].min()) for i in (0, 1))
-        ax.set_ylim(*np.clip(ax.get_ylim(), south - margin, north + margin))
-        ax.set_xlim(*np.clip(ax.get_xlim(), west - margin, east + margin))
-    ax.set_aspect("equal", adjustable="datalim")
-
-
-def window_errors(
-    simulator: Simulator, trials: Sequence[Trial], times: np.ndarray, stride: float
-) -> np.ndarray:
-    """Open-loop errors (windows, times, 6) at ``times`` [s] after window starts ``stride`` seconds apart, NaN beyond."""
-    rows = []
-    for trial in trials:
-        windows, _ = predict(simulator, trial, float(times[-1]), stride, short_last=True)
-        for w in windows:
-            error = wrapped_error(w.states, trial.states[w.first : w.last + 1])
-            clock = trial.t[w.first : w.last + 1] - trial.t[w.first]
-            rows.append(np.column_stack([np.interp(times, clock, e, right=np.nan) for e in error.T]))
-    return np.array(rows).reshape(-1, len(times), 6)
-
-
-def error_growth_plot(
-    simulators: Mapping[str, Simulator],
-    trials: Sequence[Trial],
-    horizon: float = PAPER_WINDOW,
-    stride: float | None = None,
-) -> Figure:
-    """Rms error of open-loop predictions against the time since the measured start, for each simulator.
-
-    horizon: longest prediction [s]; stride: between the starts of windows [s], default half the horizon.
-    """
-    times = np.linspace(0, horizon, 101)
-    used = [t for t in trials if t.has_position] or list(trials)
-    figure = _figure(5.0)
-    axes = figure.subplots(2, 3, sharex=True).ravel()
-    panels = (
-        ("position [m]", (0, 1), 1.0), ("heading [deg]", (2,), 180 / np.pi), ("u [m/s]", (3,), 1.0),
-        ("v [m/s]", (4,), 1.0), ("r [deg/s]", (5,), 180 / np.pi),
-    )  # fmt: skip
-    counts = np.zeros(len(times))
-    for (name, simulator), style in zip(simulators.items(), STYLES, strict=False):
-        errors = window_errors(simulator, used, times, stride or horizon / 2)
-        counts = np.isfinite(errors[:, :, 3]).sum(axis=0)
-        shown = counts >= max(1, 0.3 * counts.max(initial=0))
-        for ax, (_, states, factor) in zip(axes, panels, strict=False):
-            squares = np.where(np.isfinite(errors[:, :, states]), errors[:, :, states] ** 2, 0.0).sum(axis=(0, 2))
-            rms = np.sqrt(squares / np.maximum(counts, 1)) * factor
-            ax.plot(times[shown], rms[shown], lw=1.8, label=name, **style)
-    for ax, (label, *_) in zip(axes, panels, strict=False):
-        _dress(ax, "", f"rms error of {label}")
-        ax.set_ylim(bottom=0)
-        ax.set_xlim(0, horizon)
-    _dress(axes[5], "", "windows [-]").plot(times, counts, color=GREY, lw=1.4)
-    axes[5].set_ylim(bottom=0)
-    for ax in axes[3:]:
-        ax.set_xlabel("time since the start of a window [s]", fontsize=8.5)
-    handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=3, fontsize=9, frameon=False)
-    return figure
-
-
 def score_plot(scores: Mapping[str, Mapping[str, Mapping[str, Any]]], most: int = 30) -> Figure:
     """Both metrics of every trial before and after, from "scores" of result.json: set -> before, after -> rows.
 
@@ -296,10 +142,10 @@ def score_plot(scores: Mapping[str, Mapping[str, Mapping[str, Any]]], most: int 
         if rows and room > 0:
             pooled = dict(pair["before"], name="all pooled"), dict(pair["after"], name="all pooled")
             lines += [(title, None, None), ("", *pooled), *(("", b, a) for b, a in rows[:room])]
-    figure = _figure(1.1 + 0.3 * len(lines))
+    figure = new_figure(1.1 + 0.3 * len(lines))
     axes = figure.subplots(1, 2, sharey=True)
     for ax, key, title in zip(axes, ("window", "paper"), ("30 s windows", "100 s restarts"), strict=True):
-        _dress(ax, "mean squared normalised error [-]", "", title)
+        dress(ax, "mean squared normalised error [-]", "", title)
         largest = max((v for _, *pair in lines for row in pair if row and (v := row[key])), default=1.0)
         for height, (_, *pair) in enumerate(lines):
             for row, offset, colour in zip(pair, (-0.19, 0.19), (BEFORE, AFTER), strict=True):
@@ -319,6 +165,126 @@ def score_plot(scores: Mapping[str, Mapping[str, Mapping[str, Any]]], most: int 
     for tick, (heading, *_) in zip(axes[0].get_yticklabels(), lines, strict=True):
         tick.set_fontweight("bold" if heading or tick.get_text() == "all pooled" else "normal")
     axes[0].set_ylim(len(lines) - 0.4, -0.6)
-    bars = [figure_bar(BEFORE, "////"), figure_bar(AFTER, None)]
+    bars = [Patch(facecolor=BEFORE, hatch="////", edgecolor="white"), Patch(facecolor=AFTER)]
     figure.legend(bars, ["before", "after"], loc="outside upper center", ncols=2, fontsize=9, frameon=False)
     return figure
+
+
+def convergence_plot(solution: Solution) -> Figure:
+    """Objective and constraint violation over the iterations of the last solve."""
+    figure = new_figure(3.2)
+    left, right = figure.subplots(1, 2)
+    history = np.array(solution.history, dtype=float).reshape(-1, 2)
+    steps = np.arange(len(history))
+    dress(left, "iteration [-]", "objective [-]", "objective").plot(steps, history[:, 0], "o-", color=AFTER, ms=3)
+    dress(right, "iteration [-]", "largest defect, scaled [-]", "gaps between shooting intervals")
+    right.plot(steps, np.maximum(history[:, 1], 1e-16), "o-", color=AFTER, ms=3)
+    right.set_yscale("log")
+    if (history[:, 0] > 0).all() and len(history):
+        left.set_yscale("log")
+    return figure
+
+
+def waterfall_plot(starts: Sequence[Start]) -> Figure:
+    """Objective of every start above the best one, in increasing order; open squares did not converge."""
+    figure = new_figure(3.2)
+    ax = dress(figure.subplots(), "start, in order of its objective [-]", "objective above the best [-]")
+    ordered = sorted(starts, key=lambda s: s.objective)
+    best = min((s.objective for s in ordered if s.converged), default=ordered[0].objective)
+    floor = 1e-10 * max(abs(best), 1.0)
+    for done, mark, colour, name in ((True, "o", AFTER, "converged"), (False, "s", ALARM, "not converged")):
+        points = [(i + 1, max(s.objective - best, floor)) for i, s in enumerate(ordered) if s.converged is done]
+        if points:
+            ax.plot(*zip(*points, strict=True), mark, color=colour, mfc=colour if done else "white", label=name)
+    ax.set_yscale("log")
+    ax.axhline(max(1e-5 * abs(best), 10 * floor), color=GREY, lw=0.8, ls="--", label="same optimum to 1e-5")
+    ax.set_xticks(range(1, len(ordered) + 1))
+    ax.legend(fontsize=8, frameon=False)
+    return figure
+
+
+def _shown(trials: Sequence[Trial], validation: Sequence[Trial], most: int) -> list[tuple[Trial, bool]]:
+    """Up to ``most`` (trial, held out) to draw: one of each kind, held-out ones first, the longest of its kind."""
+    chosen: dict[str, tuple[Trial, bool]] = {}
+    for held_out, pool in ((True, validation), (False, trials)):
+        for trial in sorted(pool, key=lambda t: -t.duration):
+            chosen.setdefault(trial.kind or trial.name, (trial, held_out))
+    return list(chosen.values())[:most]
+
+
+def _position_rms(trial: Trial, windows: Sequence) -> float:
+    errors = [wrapped_error(w.states, trial.states[w.first : w.last + 1])[:, :2] for w in windows]
+    return float(np.sqrt(np.nanmean(np.vstack(errors) ** 2) * 2)) if errors and trial.has_position else float("nan")
+
+
+def write_figures(
+    folder: Path,
+    calibration: Calibration,
+    start: Ship,
+    trials: Sequence[Trial],
+    validation: Sequence[Trial] = (),
+    most_tracks: int = 4,
+) -> list[dict[str, str]]:
+    """Write the figures of a calibration as PNG into ``folder``/figures.
+
+    start: the ship before. Returns {"file", "title", "caption"} for each figure, file relative to folder/figures, in
+    the order of a report. Scores are drawn when ``folder`` holds a result.json with scores.
+    """
+    target = folder / "figures"
+    target.mkdir(parents=True, exist_ok=True)
+    written: list[dict[str, str]] = []
+
+    def write(name: str, title: str, caption: str, draw: Callable[[], Figure]) -> None:
+        draw().savefig(target / f"{name}.png", dpi=DPI)
+        written.append({"file": f"{name}.png", "title": title, "caption": caption})
+
+    compiled = calibration.settings.compiled
+    models = {"before": Simulator(start, compiled), "after": Simulator(calibration.ship, compiled)}
+    scores = read_result(folder).get("scores") if (folder / RESULT).exists() else None
+    if scores:
+        write(
+            "scores", "Scores per trial",
+            "Mean squared error of open-loop predictions, summed over the six states, each divided by its sigma; "
+            "lower is better.", lambda: score_plot(scores),
+        )  # fmt: skip
+    judged, which = (validation, "held-out") if validation else (trials, "training (none was held out)")
+    write(
+        "error_growth", "How errors grow with the length of the prediction",
+        f"Rms error over windows of the {which} trials, each started from the measured state and then driven by the "
+        "measured rudder, revolutions and wind alone. Windows at the end of a run are shorter; times reached by "
+        "fewer than 30 % of them are left out.",
+        lambda: error_growth_plot(models, judged),
+    )  # fmt: skip
+    for number, (trial, held_out) in enumerate(_shown(trials, validation, most_tracks), 1):
+        pairs = [predict(model, trial, PAPER_WINDOW, PAPER_WINDOW)[0] for model in models.values()]
+        rms = [_position_rms(trial, windows) for windows in pairs]
+        words = f" Rms position error {rms[0]:.3g} m before, {rms[1]:.3g} m after." if np.isfinite(rms).all() else ""
+        write(
+            f"track_{number}", f"{trial.name} ({'held out' if held_out else 'used in the calibration'})",
+            f"Black: measured. Predictions restart from the measured state every {PAPER_WINDOW:g} s (dots and ship "
+            f"outlines; dotted lines).{words}",
+            lambda t=trial, p=pairs: trajectory_plot(t, *p, length=start.particulars["L"]),
+        )  # fmt: skip
+    write(
+        "coefficients", "Coefficients: shift from the prior",
+        "Point: estimate; bar: its standard error; both in prior standard deviations. Shaded: one prior standard "
+        "deviation. A short bar means that the trials decided, a bar as wide as the shading that the prior did.",
+        lambda: coefficient_plot(calibration),
+    )  # fmt: skip
+    if calibration.solution.history:
+        write(
+            "convergence", "Convergence of the last solve", "Objective and largest gap between shooting intervals.",
+            lambda: convergence_plot(calibration.solution),
+        )  # fmt: skip
+    if len(calibration.starts) > 1:
+        write(
+            "starts", "Starts", "Objective of each random start above the best one: equal values mean one optimum.",
+            lambda: waterfall_plot(calibration.starts),
+        )  # fmt: skip
+    return written
+
+
+__all__ = [
+    "coefficient_plot", "component_of", "convergence_plot", "determination", "error_growth_plot", "grouped",
+    "score_plot", "trajectory_plot", "waterfall_plot", "write_figures",
+]  # fmt: skip

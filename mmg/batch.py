@@ -63,6 +63,8 @@ def compile_library(text: str, flags: Sequence[str] = FLAGS) -> tuple[Path | Non
     """Compile C source into a cached shared library; returns (path, ""), or (None, why it was not possible)."""
     cc = compiler()
     if cc is None:
+        if os.environ.get("MMG_CC"):
+            return None, f"no C compiler, because MMG_CC is {os.environ['MMG_CC']!r}"
         return None, "no C compiler found (gcc or clang)"
     key = hashlib.sha256("\n".join([text, cc, *flags, _processor(), platform.platform()]).encode()).hexdigest()[:24]
     suffix = ".dll" if platform.system() == "Windows" else ".so"

@@ -1,0 +1,34 @@
+"""One restrained look for all figures: colours, line styles, dressed axes.
+
+No pyplot, no backend and no rcParams are touched. Measured is black, before the calibration orange and dashed, after it
+blue (colours of Okabe & Ito, told apart by colour-blind readers and in grey print).
+"""
+
+from __future__ import annotations
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+BEFORE, AFTER, MEASURED, GREY, ALARM = "#D58A00", "#0072B2", "#111111", "#8A8A8A", "#C0305A"
+STYLES: tuple[dict, ...] = ({"color": BEFORE, "linestyle": (0, (4, 1.5))}, {"color": AFTER}, {"color": "#009E73", "linestyle": ":"})
+WIDTH, DPI = 8.2, 110
+
+
+def new_figure(height: float) -> Figure:
+    """A white figure 8.2 inches (900 pixels) wide."""
+    return Figure(figsize=(WIDTH, height), dpi=DPI, layout="constrained", facecolor="white")
+
+
+def dress(ax: Axes, x: str = "", y: str = "", title: str = "") -> Axes:
+    """Labels with units, a light grid, no box."""
+    ax.set_xlabel(x, fontsize=9)
+    ax.set_ylabel(y, fontsize=9)
+    ax.set_title(title, fontsize=9.5, loc="left", fontweight="bold")
+    ax.tick_params(labelsize=8, length=3, color=GREY)
+    ax.grid(True, color="#E4E4E4", linewidth=0.6)
+    ax.set_axisbelow(True)
+    for side in ("top", "right"):
+        ax.spines[side].set_visible(False)
+    for side in ("left", "bottom"):
+        ax.spines[side].set_color(GREY)
+    return ax
