@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -237,7 +238,7 @@ def _passes(
             settings.tolerance,
             settings.max_iterations,
             _left(settings, began),
-            report=(lambda i, f, v, name=name: report(name, i, f, v)) if report else None,
+            report=partial(report, name) if report else None,
             rough=rough,
         )
         noise = _noise(problem, solution.x)
@@ -294,7 +295,7 @@ def _starts(
                     settings.tolerance,
                     settings.max_iterations,
                     left,
-                    report=(lambda i, f, v, name=name: report(name, i, f, v)) if report else None,
+                    report=partial(report, name) if report else None,
                 )
             )
             if solutions[-1].status == "User_Requested_Stop":

@@ -103,7 +103,7 @@ class _Buffered(ca.Callback):
     def has_eval_buffer(self) -> bool:
         return True
 
-    def eval_buffer(self, arg: list[Any], res: list[Any]) -> int:
+    def eval_buffer(self, arg: Any, res: Any) -> int:
         views = [np.empty(0) if a is None else np.frombuffer(a, dtype=float) for a in arg]
         for target, value in zip(res, self._work(views), strict=True):
             if target is not None:
@@ -139,7 +139,7 @@ class _Watch(ca.Callback):
         sizes = {"f": 1, "x": self.n_x, "lam_x": self.n_x, "g": self.m_g, "lam_g": self.m_g}
         return ca.Sparsity.dense(sizes[name], 1) if (name := ca.nlpsol_out(i)) in sizes else ca.Sparsity(0, 0)
 
-    def eval(self, arg: list[Any]) -> list[Any]:
+    def eval(self, arg: Any) -> Any:
         named = {ca.nlpsol_out(i): a for i, a in enumerate(arg)}
         f, g = float(named["f"]), np.array(named["g"]).ravel()
         violation = float(np.abs(g).max()) if g.size else 0.0

@@ -1,7 +1,7 @@
 """One restrained look for all figures: colours, line styles, dressed axes.
 
-No pyplot, no backend and no rcParams are touched. Measured is black, before the calibration orange and dashed, after it
-blue (colours of Okabe & Ito, told apart by colour-blind readers and in grey print).
+No pyplot, no backend and no rcParams are touched. Measured is black, before the calibration orange and dashed, after
+it blue (after Okabe & Ito: told apart by colour-blind readers and in grey print).
 """
 
 from __future__ import annotations
@@ -10,7 +10,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 BEFORE, AFTER, MEASURED, GREY, ALARM = "#D58A00", "#0072B2", "#111111", "#8A8A8A", "#C0305A"
-STYLES: tuple[dict, ...] = ({"color": BEFORE, "linestyle": (0, (4, 1.5))}, {"color": AFTER}, {"color": "#009E73", "linestyle": ":"})
+STYLES: tuple[dict, ...] = (
+    {"color": BEFORE, "linestyle": (0, (4, 1.5))},
+    {"color": AFTER},
+    {"color": "#009E73", "linestyle": ":"},
+)
 WIDTH, DPI = 8.2, 110
 
 

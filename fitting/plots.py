@@ -1,11 +1,12 @@
 """Figures of a calibration: one function per plot, each takes a result and returns a matplotlib Figure.
 
-``write_figures`` writes those of a run folder. The look is that of ``plot_style``; tracks are in ``plot_tracks``.
+``write_figures`` writes those of a run folder. The look is in ``plot_style``; tracks are in ``plot_tracks``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -63,12 +64,24 @@ MARKS = {
 }
 
 
+def _columns(lines: list[tuple[str, str | None]]) -> list[list[tuple[str, str | None]]]:
+    """One or two columns of rows; a component that the break divides gets its heading again."""
+    if len(lines) <= 24:
+        return [lines]
+    half = -(-len(lines) // 2)
+    heads = [i for i, line in enumerate(lines) if line[1] is None and abs(i - half) <= 4]
+    if heads:
+        half = min(heads, key=lambda i: abs(i - half))
+        return [lines[:half], lines[half:]]
+    return [lines[:half], [(f"{lines[half][0]} (continued)", None), *lines[half:]]]
+
+
 def coefficient_plot(
     source: Calibration | Mapping[str, Mapping[str, Any]], components: Mapping[str, str] | None = None
 ) -> Figure:
     """Shift of every free coefficient from its prior in prior standard deviations, with its standard error.
 
-    source: a calibration, or the rows of "coefficients" in result.json; components: symbol -> component, for rows.
+    source: a calibration, or "coefficients" of result.json with ``components``: symbol -> component.
     """
     if isinstance(source, Calibration):
         components = components or component_of(source.ship)
@@ -78,26 +91,20 @@ def coefficient_plot(
     lines: list[tuple[str, str | None]] = []
     for group, symbols in grouped(rows, components or {}):
         lines += [(group, None), *((group, symbol) for symbol in symbols)]
-    columns = 2 if len(lines) > 24 else 1
-    half = -(-len(lines) // columns)
-    if columns == 2:  # break at the component boundary nearest to the middle if that keeps the columns balanced
-        heads = [i for i, line in enumerate(lines) if line[1] is None and abs(i - half) <= 5]
-        half = min(heads, key=lambda i: abs(i - half)) if heads else half
-    parts = [lines[:half], lines[half:]] if columns == 2 else [lines]
+    parts = _columns(lines)
     longest = max(len(part) for part in parts)
     figure = new_figure(1.3 + 0.185 * longest)
     used: dict[str, Any] = {}
     extent = 2.2
-    axes = figure.subplots(1, columns, squeeze=False, sharex=True)[0]
+    axes = figure.subplots(1, len(parts), squeeze=False, sharex=True)[0]
     for ax, part in zip(axes, parts, strict=True):
         dress(ax, "(estimate - prior) / prior standard deviation [-]")
         ax.axvspan(-1, 1, color="#EFF3F6", zorder=0)
         ax.axvline(0, color=GREY, linewidth=0.8, zorder=1)
         for height, (group, symbol) in enumerate(part):
             if symbol is None:
-                ax.text(
-                    0.01, height, group, transform=ax.get_yaxis_transform(), fontsize=9, fontweight="bold", va="center"
-                )
+                where = ax.get_yaxis_transform()
+                ax.text(0.01, height, group, transform=where, fontsize=9, fontweight="bold", va="center")
                 continue
             row = rows[symbol]
             prior_std = row["prior_std"] or np.nan
@@ -106,14 +113,14 @@ def coefficient_plot(
             kind = determination(row)
             look = MARKS[kind]
             used[kind] = ax.errorbar(
-                shift, height, xerr=std if np.isfinite(std) else None, fmt=look["marker"], color=look["color"],
-                mfc=look["mfc"], ms=4.2, lw=1.2, zorder=3,
+                shift, height, xerr=std if np.isfinite(std) else None, fmt=look["marker"],
+                color=look["color"], mfc=look["mfc"], ms=4.2, lw=1.2, zorder=3,
             )  # fmt: skip
             if np.isfinite(shift):
                 extent = max(extent, abs(shift) + (std if np.isfinite(std) else 0) + 0.2)
             if row.get("at_bound"):
                 sign = "<" if row["at_bound"] == "lower" else ">"
-                used["bound"] = ax.plot(shift, height, sign, color=ALARM, ms=9, mfc="none", mew=1.4, zorder=4)[0]
+                (used["bound"],) = ax.plot(shift, height, sign, color=ALARM, ms=9, mfc="none", mew=1.4, zorder=4)
         ax.set_ylim(longest - 0.4, -0.8)
         ax.set_yticks(
             [i for i, line in enumerate(part) if line[1]], [line[1] for line in part if line[1]], fontsize=8
@@ -130,7 +137,7 @@ def coefficient_plot(
 
 
 def score_plot(scores: Mapping[str, Mapping[str, Mapping[str, Any]]], most: int = 30) -> Figure:
-    """Both metrics of every trial before and after, from "scores" of result.json: set -> before, after -> rows.
+    """Both metrics of every trial before and after; scores as in result.json: set -> before, after -> rows.
 
     At most ``most`` trials are drawn, held-out ones first.
     """
@@ -146,21 +153,19 @@ def score_plot(scores: Mapping[str, Mapping[str, Mapping[str, Any]]], most: int 
     axes = figure.subplots(1, 2, sharey=True)
     for ax, key, title in zip(axes, ("window", "paper"), ("30 s windows", "100 s restarts"), strict=True):
         dress(ax, "mean squared normalised error [-]", "", title)
-        largest = max((v for _, *pair in lines for row in pair if row and (v := row[key])), default=1.0)
-        for height, (_, *pair) in enumerate(lines):
-            for row, offset, colour in zip(pair, (-0.19, 0.19), (BEFORE, AFTER), strict=True):
+        largest = max((row[key] for _, *both in lines for row in both if row and row[key]), default=1.0)
+        for height, (_, *both) in enumerate(lines):
+            for row, offset, colour in zip(both, (-0.19, 0.19), (BEFORE, AFTER), strict=True):
                 if row is None or row[key] is None:
                     continue
-                ax.barh(height + offset, row[key], 0.36, color=colour, hatch="////" if colour == BEFORE else None,
-                        edgecolor="white", linewidth=0)  # fmt: skip
-                ax.text(
-                    row[key] + 0.012 * largest, height + offset, f"{row[key]:.3g}", fontsize=7, va="center",
-                    color="#444444",
-                )  # fmt: skip
+                hatch = "////" if colour == BEFORE else None
+                ax.barh(height + offset, row[key], 0.36, color=colour, hatch=hatch, edgecolor="white", linewidth=0)
+                number = f"{row[key]:.3g}"
+                ax.text(row[key] + 0.012 * largest, height + offset, number, fontsize=7, va="center", color="#444")
         ax.set_xlim(0, 1.14 * largest)
         ax.grid(axis="y", visible=False)
         ax.tick_params(axis="y", length=0)
-    labels = [heading or (pair[0]["name"] if pair[0] else "") for heading, *pair in lines]
+    labels = [heading or (row["name"] if row else "") for heading, row, _ in lines]
     axes[0].set_yticks(range(len(lines)), labels, fontsize=7.5)
     for tick, (heading, *_) in zip(axes[0].get_yticklabels(), lines, strict=True):
         tick.set_fontweight("bold" if heading or tick.get_text() == "all pooled" else "normal")
@@ -176,7 +181,8 @@ def convergence_plot(solution: Solution) -> Figure:
     left, right = figure.subplots(1, 2)
     history = np.array(solution.history, dtype=float).reshape(-1, 2)
     steps = np.arange(len(history))
-    dress(left, "iteration [-]", "objective [-]", "objective").plot(steps, history[:, 0], "o-", color=AFTER, ms=3)
+    dress(left, "iteration [-]", "objective [-]", "objective")
+    left.plot(steps, history[:, 0], "o-", color=AFTER, ms=3)
     dress(right, "iteration [-]", "largest defect, scaled [-]", "gaps between shooting intervals")
     right.plot(steps, np.maximum(history[:, 1], 1e-16), "o-", color=AFTER, ms=3)
     right.set_yscale("log")
@@ -192,10 +198,11 @@ def waterfall_plot(starts: Sequence[Start]) -> Figure:
     ordered = sorted(starts, key=lambda s: s.objective)
     best = min((s.objective for s in ordered if s.converged), default=ordered[0].objective)
     floor = 1e-10 * max(abs(best), 1.0)
-    for done, mark, colour, name in ((True, "o", AFTER, "converged"), (False, "s", ALARM, "not converged")):
-        points = [(i + 1, max(s.objective - best, floor)) for i, s in enumerate(ordered) if s.converged is done]
-        if points:
-            ax.plot(*zip(*points, strict=True), mark, color=colour, mfc=colour if done else "white", label=name)
+    above = np.array([max(s.objective - best, floor) for s in ordered])
+    done = np.array([s.converged for s in ordered])
+    for which, mark, colour, name in ((done, "o", AFTER, "converged"), (~done, "s", ALARM, "not converged")):
+        if which.any():
+            ax.plot(np.flatnonzero(which) + 1, above[which], mark, color=colour, label=name)
     ax.set_yscale("log")
     ax.axhline(max(1e-5 * abs(best), 10 * floor), color=GREY, lw=0.8, ls="--", label="same optimum to 1e-5")
     ax.set_xticks(range(1, len(ordered) + 1))
@@ -204,7 +211,7 @@ def waterfall_plot(starts: Sequence[Start]) -> Figure:
 
 
 def _shown(trials: Sequence[Trial], validation: Sequence[Trial], most: int) -> list[tuple[Trial, bool]]:
-    """Up to ``most`` (trial, held out) to draw: one of each kind, held-out ones first, the longest of its kind."""
+    """Up to ``most`` (trial, held out) to draw: the longest of each kind, held-out ones first."""
     chosen: dict[str, tuple[Trial, bool]] = {}
     for held_out, pool in ((True, validation), (False, trials)):
         for trial in sorted(pool, key=lambda t: -t.duration):
@@ -213,8 +220,11 @@ def _shown(trials: Sequence[Trial], validation: Sequence[Trial], most: int) -> l
 
 
 def _position_rms(trial: Trial, windows: Sequence) -> float:
+    """Rms distance [m] between predicted and measured positions over all windows, NaN when there are none."""
+    if not windows or not trial.has_position:
+        return float("nan")
     errors = [wrapped_error(w.states, trial.states[w.first : w.last + 1])[:, :2] for w in windows]
-    return float(np.sqrt(np.nanmean(np.vstack(errors) ** 2) * 2)) if errors and trial.has_position else float("nan")
+    return float(np.sqrt(np.nanmean((np.vstack(errors) ** 2).sum(axis=1))))
 
 
 def write_figures(
@@ -227,8 +237,8 @@ def write_figures(
 ) -> list[dict[str, str]]:
     """Write the figures of a calibration as PNG into ``folder``/figures.
 
-    start: the ship before. Returns {"file", "title", "caption"} for each figure, file relative to folder/figures, in
-    the order of a report. Scores are drawn when ``folder`` holds a result.json with scores.
+    start: the ship before. Returns {"file", "title", "caption"} of each figure in the order of a report, the file
+    relative to ``folder``/figures. Scores are drawn when ``folder`` holds a result.json with scores.
     """
     target = folder / "figures"
     target.mkdir(parents=True, exist_ok=True)
@@ -244,41 +254,43 @@ def write_figures(
     if scores:
         write(
             "scores", "Scores per trial",
-            "Mean squared error of open-loop predictions, summed over the six states, each divided by its sigma; "
-            "lower is better.", lambda: score_plot(scores),
+            "Mean squared error of open-loop predictions, summed over the six states, each divided by its "
+            "sigma; lower is better.", lambda: score_plot(scores),
         )  # fmt: skip
     judged, which = (validation, "held-out") if validation else (trials, "training (none was held out)")
     write(
         "error_growth", "How errors grow with the length of the prediction",
-        f"Rms error over windows of the {which} trials, each started from the measured state and then driven by the "
-        "measured rudder, revolutions and wind alone. Windows at the end of a run are shorter; times reached by "
-        "fewer than 30 % of them are left out.",
+        f"Rms error over windows of the {which} trials, each started from the measured state and from there on "
+        "driven by the measured rudder, revolutions and wind alone.",
         lambda: error_growth_plot(models, judged),
     )  # fmt: skip
     for number, (trial, held_out) in enumerate(_shown(trials, validation, most_tracks), 1):
         pairs = [predict(model, trial, PAPER_WINDOW, PAPER_WINDOW)[0] for model in models.values()]
         rms = [_position_rms(trial, windows) for windows in pairs]
-        words = f" Rms position error {rms[0]:.3g} m before, {rms[1]:.3g} m after." if np.isfinite(rms).all() else ""
+        words = f"Rms position error {rms[0]:.3g} m before, {rms[1]:.3g} m after." if np.isfinite(rms).all() else ""
+        draw = partial(trajectory_plot, trial, pairs[0], pairs[1], start.particulars["L"])
         write(
             f"track_{number}", f"{trial.name} ({'held out' if held_out else 'used in the calibration'})",
-            f"Black: measured. Predictions restart from the measured state every {PAPER_WINDOW:g} s (dots and ship "
-            f"outlines; dotted lines).{words}",
-            lambda t=trial, p=pairs: trajectory_plot(t, *p, length=start.particulars["L"]),
+            f"Predictions restart from the measured state every {PAPER_WINDOW:g} s (dots and ship outlines on the "
+            f"track; dotted lines below). {words}", draw,
         )  # fmt: skip
     write(
         "coefficients", "Coefficients: shift from the prior",
-        "Point: estimate; bar: its standard error; both in prior standard deviations. Shaded: one prior standard "
-        "deviation. A short bar means that the trials decided, a bar as wide as the shading that the prior did.",
+        "Point: estimate; bar: its standard error; both in prior standard deviations. Shaded: one prior "
+        "standard deviation. A short bar means that the trials decided, a bar as wide as the shading that the "
+        "prior did.",
         lambda: coefficient_plot(calibration),
     )  # fmt: skip
     if calibration.solution.history:
         write(
-            "convergence", "Convergence of the last solve", "Objective and largest gap between shooting intervals.",
+            "convergence", "Convergence of the last solve",
+            "Objective and largest gap between shooting intervals at each iteration.",
             lambda: convergence_plot(calibration.solution),
         )  # fmt: skip
     if len(calibration.starts) > 1:
         write(
-            "starts", "Starts", "Objective of each random start above the best one: equal values mean one optimum.",
+            "starts", "Starts",
+            "Objective of each random start above the best one: points below the line reached the same optimum.",
             lambda: waterfall_plot(calibration.starts),
         )  # fmt: skip
     return written

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -55,6 +56,72 @@ def usable(trial: Trial) -> np.ndarray:
     return np.isfinite(needed).all(axis=1)
 
 
+@dataclass(frozen=True)
+class _Plan:
+    """Windows of one trial before simulation: numbers and rows, start states and inputs of the whole trial."""
+
+    trial: Trial
+    kept: list[tuple[int, int, int]]
+    states: np.ndarray
+    controls: np.ndarray
+    notes: list[str]
+
+
+def _plan(trial: Trial, length: float, stride: float, short_last: bool, longest_step: float) -> _Plan:
+    t, states = trial.t, trial.states
+    if not trial.has_position:
+        states = states.copy()
+        states[:, :2] = 0.0
+    bad = ~usable(trial)
+    gap = np.diff(t) > longest_step + 2 * trial.dt
+    kept, left_out = [], 0
+    for number, (first, last) in enumerate(window_rows(t, length, stride, short_last)):
+        if bad[first : last + 1].any() or gap[first:last].any():
+            left_out += 1
+        else:
+            kept.append((number, first, last))
+    notes = [f"{trial.name}: {left_out} window(s) touch missing samples and were left out"] if left_out else []
+    return _Plan(trial, kept, states, control_array(trial), notes)
+
+
+def predict_all(
+    simulator: Simulator,
+    trials: Sequence[Trial],
+    length: float,
+    stride: float,
+    short_last: bool = True,
+    method: str = "rk4",
+    longest_step: float = 1.0,
+    theta: np.ndarray | None = None,
+) -> list[tuple[list[Window], list[str]]]:
+    """Open-loop windows of several trials, simulated side by side; per trial the windows and notes on those left out.
+
+    Inputs are held from sample to sample. A window that begins at, or runs across, missing samples or a gap longer
+    than ``longest_step`` seconds plus two samples is left out. Without measured positions a window starts at (0, 0).
+    theta: coefficients to use instead of the ship's.
+    """
+    plans = [_plan(trial, length, stride, short_last, longest_step) for trial in trials]
+    flat = [(plan, number, first, last) for plan in plans for number, first, last in plan.kept]
+    if not flat:
+        return [([], plan.notes) for plan in plans]
+    N, M = max(last - first for _, _, first, last in flat), len(flat)
+    inputs, steps = np.zeros((N, 4, M)), np.zeros((N, M))
+    for i, (plan, _, first, last) in enumerate(flat):
+        steps[: last - first, i] = np.diff(plan.trial.t[first : last + 1])
+        inputs[: last - first, :, i] = plan.controls[first:last]
+    start = np.array([plan.states[first] for plan, _, first, _ in flat]).T
+    out = simulator.run(start, inputs, steps, theta=theta, method=method)
+    windows = [
+        Window(number, first, last, np.ascontiguousarray(out[: last - first + 1, :, i]))
+        for i, (_, number, first, last) in enumerate(flat)
+    ]
+    result, at = [], 0
+    for plan in plans:
+        result.append((windows[at : at + len(plan.kept)], plan.notes))
+        at += len(plan.kept)
+    return result
+
+
 def predict(
     simulator: Simulator,
     trial: Trial,
@@ -65,39 +132,8 @@ def predict(
     longest_step: float = 1.0,
     theta: np.ndarray | None = None,
 ) -> tuple[list[Window], list[str]]:
-    """Open-loop windows of a trial, and sentences on windows that had to be left out.
-
-    Inputs are held from sample to sample. A window that begins at, or runs across, missing samples or a gap longer
-    than ``longest_step`` seconds plus two samples is left out. Without measured positions a window starts at (0, 0).
-    theta: coefficients to use instead of the ship's.
-    """
-    t, states, controls = trial.t, trial.states, control_array(trial)
-    if not trial.has_position:
-        states = states.copy()
-        states[:, :2] = 0.0
-    bad = ~usable(trial)
-    gap = np.diff(t) > longest_step + 2 * trial.dt
-    kept, left_out = [], 0
-    for number, (first, last) in enumerate(window_rows(t, length, stride, short_last)):
-        if bad[first : last + 1].any() or gap[first:last].any():
-            left_out += 1
-            continue
-        kept.append((number, first, last))
-    notes = [f"{trial.name}: {left_out} window(s) touch missing samples and were left out"] if left_out else []
-    if not kept:
-        return [], notes
-    N = max(last - first for _, first, last in kept)
-    rows = np.minimum(np.array([first for _, first, _ in kept])[None, :] + np.arange(N + 1)[:, None], len(t) - 1)
-    inputs = np.moveaxis(controls[rows[:-1]], 1, 2)
-    steps = np.where(np.diff(t[rows], axis=0) > 0, np.diff(t[rows], axis=0), trial.dt)
-    steps = np.minimum(steps, longest_step + 2 * trial.dt)
-    inputs = np.nan_to_num(inputs)
-    out = simulator.run(states[rows[0]].T, inputs, steps, theta=theta, method=method)
-    windows = [
-        Window(number, first, last, out[: last - first + 1, :, i])
-        for i, (number, first, last) in enumerate(kept)
-    ]
-    return windows, notes
+    """Open-loop windows of one trial and notes on those left out; arguments as in ``predict_all``."""
+    return predict_all(simulator, [trial], length, stride, short_last, method, longest_step, theta)[0]
 
 
 def table(trial: Trial, windows: list[Window]) -> np.ndarray:

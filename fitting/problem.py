@@ -210,9 +210,9 @@ class Problem:
         """The same problem with other noise levels."""
         return Problem(self.ship, self.prior, self.kernels, self.segments, sigma)
 
-    def with_prior(self, **changes: np.ndarray) -> Problem:
-        """The same problem with another prior."""
-        prior = replace(self.prior, **changes)
+    def with_bounds(self, lower: np.ndarray, upper: np.ndarray) -> Problem:
+        """The same problem with other bounds of the coefficients, (P,) each."""
+        prior = replace(self.prior, lower=lower, upper=upper)
         return Problem(self.ship, prior, self.kernels, self.segments, self.sigma)
 
 

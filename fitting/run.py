@@ -249,6 +249,7 @@ def write_run(
             },
             scratch / ITERATE,
         )
+        (scratch / ITERATE).chmod(0o644)
         write_json(scratch / RESULT, content)
         if decorate:
             decorate(scratch)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from cases.trial import STATES, Trial
-from fitting.predict import predict, usable
+from fitting.predict import Window, predict_all, usable
 from mmg.errors import UserError
 from mmg.rollout import Simulator
 
@@ -62,33 +62,22 @@ def wrapped_error(predicted: np.ndarray, measured: np.ndarray) -> np.ndarray:
     return error
 
 
-def score_trial(simulator: Simulator, trial: Trial, sigma: np.ndarray, method: str = "rk4") -> tuple[
-    TrialScore, float, int, float, int, list[str]
-]:  # fmt: skip
-    """Score one trial; also returns the sums and row counts that pool into a set, and notes."""
-    if not trial.has_position:
-        raise UserError(f"{trial.name}: no position columns x [m], y [m]; both metrics need all six states")
-    measured = trial.states
-    totals = []
-    notes: list[str] = []
-    for length, stride, whole in ((PAPER_WINDOW, PAPER_WINDOW, True), (WINDOW, STRIDE, False)):
-        windows, remarks = predict(simulator, trial, length, stride, short_last=whole, method=method)
-        notes += remarks
-        squares, rows = np.zeros(6), 0
-        for w in windows:
-            error = wrapped_error(w.states, measured[w.first : w.last + 1])
-            # paper metric: a window's first row counts with error 0, the next window's first row is not counted twice
-            end = w.last if whole and w.last < len(trial) - 1 else w.last + 1
-            part = error[: end - w.first] if whole else error[1:]
-            squares += (part**2).sum(axis=0)
-            rows += len(part)
-        totals.append((squares / sigma**2, rows, len(windows)))
-    (paper, n_paper, _), (window, n_window, count) = totals
-    by_paper, by_window = (s / n if n else np.full(6, np.nan) for s, n in ((paper, n_paper), (window, n_window)))
-    result = TrialScore(
-        trial.name, float(by_paper.sum()), by_paper, float(by_window.sum()), by_window, count
-    )
-    return result, float(paper.sum()), n_paper, float(window.sum()), n_window, notes
+def _squares(trial: Trial, windows: Sequence[Window], whole: bool) -> tuple[np.ndarray, int]:
+    """Sum of squared errors by state (6,) and number of rows counted.
+
+    ``whole`` (restarts): a window's first row counts with error 0, and the row at which the next window starts is its.
+    Otherwise the first row of each window is left out.
+    """
+    measured, total, rows = trial.states, np.zeros(6), 0
+    for w in windows:
+        error = wrapped_error(w.states, measured[w.first : w.last + 1])
+        if not whole:
+            error = error[1:]
+        elif w.last < len(trial) - 1:
+            error = error[:-1]
+        total += (error**2).sum(axis=0)
+        rows += len(error)
+    return total, rows
 
 
 def score(
@@ -98,12 +87,31 @@ def score(
     sigma_from: str = "the scored trials",
     method: str = "rk4",
 ) -> Score:
-    """Both metrics of a ship on a set of trials; sigma defaults to the pooled one of these trials."""
+    """Both metrics of a ship on a set of trials; sigma defaults to the pooled one of these trials.
+
+    Raises UserError when a trial has no positions, or sigma cannot be pooled.
+    """
+    for trial in trials:
+        if not trial.has_position:
+            raise UserError(f"{trial.name}: no position columns x [m], y [m]; both metrics need all six states")
     sigma = pooled_sigma(trials) if sigma is None else np.asarray(sigma, dtype=float)
-    rows = [score_trial(simulator, trial, sigma, method) for trial in trials]
-    paper = sum(r[1] for r in rows) / max(sum(r[2] for r in rows), 1)
-    total = sum(r[4] for r in rows)
-    window = sum(r[3] for r in rows) / total if total else float("nan")
-    return Score(
-        tuple(r[0] for r in rows), paper, window, sigma, sigma_from, tuple(note for r in rows for note in r[5])
-    )
+    paper = predict_all(simulator, trials, PAPER_WINDOW, PAPER_WINDOW, True, method)
+    short = predict_all(simulator, trials, WINDOW, STRIDE, False, method)
+    rows, notes = [], []
+    pooled = np.zeros((2, 2))
+    for trial, (restarts, remarks), (windows, more) in zip(trials, paper, short, strict=True):
+        notes += remarks + more
+        means = []
+        for j, (found, whole) in enumerate(((restarts, True), (windows, False))):
+            squares, count = _squares(trial, found, whole)
+            squares = squares / sigma**2
+            pooled[j] += squares.sum(), count
+            means.append(squares / count if count else np.full(6, np.nan))
+        rows.append(
+            TrialScore(
+                trial.name, float(means[0].sum()), means[0], float(means[1].sum()), means[1], len(windows)
+            )
+        )
+    with np.errstate(invalid="ignore", divide="ignore"):
+        means_all = pooled[:, 0] / pooled[:, 1]
+    return Score(tuple(rows), float(means_all[0]), float(means_all[1]), sigma, sigma_from, tuple(notes))

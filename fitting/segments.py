@@ -163,7 +163,9 @@ def cut(
     Raises UserError when nothing is left.
     """
     least = int(round((10 * h if shortest is None else shortest) / h))
-    nodes, run, dropped = [], [], []
+    nodes: list[np.ndarray] = []
+    run: list[int] = []
+    dropped: list[str] = []
     spans: list[tuple[int, int, int, np.ndarray, np.ndarray]] = []  # start node, end node, window, inputs, interior
     node_window: list[int] = []
     seconds = 0.0

@@ -56,12 +56,20 @@ def kernels(model: Model, free: np.ndarray, compiled: bool = True) -> Kernels:
     ]
     batch, reason = batch_functions(functions, compiled)
     return Kernels(
-        *batch,
-        jacobian_at=tuple(np.array(part) for part in J.sparsity().get_triplet()),
-        hessian_at=tuple(np.array(part) for part in H.sparsity().get_triplet()),
+        rates=batch[0],
+        jacobian=batch[1],
+        hessian=batch[2],
+        jacobian_at=_positions(J),
+        hessian_at=_positions(H),
         free=np.asarray(free, dtype=int),
         interpreted_because=reason,
     )
+
+
+def _positions(matrix: ca.SX) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and columns of the structural nonzeros."""
+    rows, columns = matrix.sparsity().get_triplet()
+    return np.array(rows, dtype=int), np.array(columns, dtype=int)
 
 
 @dataclass

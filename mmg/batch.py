@@ -137,9 +137,9 @@ class BatchFunction:
         arrays = [np.ascontiguousarray(a if a.ndim == 1 else a.T, dtype=float) for a in inputs]
         results = [np.zeros((points, f.nnz_out(j))) for j in range(f.n_out())]
         for i, a in enumerate(arrays):
-            buffer.set_arg(i, memoryview(a.reshape(-1)))
+            buffer.set_arg(i, a.reshape(-1).data)
         for j, a in enumerate(results):
-            buffer.set_res(j, memoryview(a.reshape(-1)))
+            buffer.set_res(j, a.reshape(-1).data)
         trigger()
         return [np.ascontiguousarray(a.T) for a in results]
 

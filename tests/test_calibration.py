@@ -56,7 +56,7 @@ def test_a_calibrated_ship_is_again_a_ship(fitted: Calibration) -> None:
     assert c.verdict and c.std == fitted.ship.coefficients["Y_v"].std < c.prior_std
 
 
-def test_fixed_coefficients_stay_and_components_can_be_left_out() -> None:
+def test_fixed_coefficients_stay_as_they_are() -> None:
     ship = load_ship("esso_osaka_3m").fixing(["m_x", "m_y", "I_J_z"])
     result = calibrate(ship, runs()[0][:3], Settings(passes=1))
     for symbol in ("m_x", "m_y", "I_J_z"):

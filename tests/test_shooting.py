@@ -151,7 +151,7 @@ def test_stopping_early_returns_the_best_iterate_and_says_so() -> None:
 def test_bounds_hold_at_the_optimum() -> None:
     p = problem()
     lower, upper = p.prior.mean - 0.2 * p.prior.std, p.prior.mean + 0.2 * p.prior.std
-    tight = p.with_prior(lower=lower, upper=upper)
+    tight = p.with_bounds(lower, upper)
     s = solve(tight, tight.start())
     theta = tight.coefficients(tight.split(s.x)[1])
     assert s.converged
