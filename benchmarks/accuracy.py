@@ -31,8 +31,16 @@ def main() -> None:
         rows.append([trial.name, *[f"{s.trials[i].paper:.4f} / {s.trials[i].window:.4f}" for s in scores.values()]])
     rows.append(["pooled", *[f"{s.paper:.4f} / {s.window:.4f}" for s in scores.values()]])
     captive = scores["captive"]
-    rows.append(["captive / this", *[f"{captive.paper / s.paper:.2f} / {captive.window / s.window:.2f}" for s in scores.values()]])
-    lines = ["100 s restarts (Eq. 25) / 30 s windows; sigma pooled over the five files. Nothing was selected on them.", ""]
+    rows.append(
+        [
+            "captive / this",
+            *[f"{captive.paper / s.paper:.2f} / {captive.window / s.window:.2f}" for s in scores.values()],
+        ]
+    )
+    lines = [
+        "100 s restarts (Eq. 25) / 30 s windows; sigma pooled over the five files. Nothing was selected on them.",
+        "",
+    ]
     lines += table(["hold-out", *[s if s == "captive" else f"calibrated on {s}" for s in scores]], rows)
     record("Accuracy on the development hold-outs", "python -m benchmarks.accuracy", lines)
 

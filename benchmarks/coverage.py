@@ -20,8 +20,7 @@ def inside(calibration: Calibration) -> dict[str, bool]:
     truth = hidden_ship().coefficients
     return {
         s: bool(
-            abs(calibration.ship.coefficients[s].value - truth[s].value)
-            <= 1.96 * calibration.ship.coefficients[s].std
+            abs(calibration.ship.coefficients[s].value - truth[s].value) <= 1.96 * calibration.ship.coefficients[s].std
         )
         for s in calibration.prior.symbols
     }
@@ -50,9 +49,7 @@ def main() -> None:
         ["data decide (prior's share below 50 %)", str(data.sum()), f"{shares[:, data].mean():.1%}"],
         ["prior decides", str((~data).sum()), f"{shares[:, ~data].mean():.1%}"],
     ]
-    low = [
-        f"{s} {v:.0%}" for s, v in zip(found[0].prior.symbols, shares.mean(axis=0), strict=True) if v < 0.8
-    ]
+    low = [f"{s} {v:.0%}" for s, v in zip(found[0].prior.symbols, shares.mean(axis=0), strict=True) if v < 0.8]
     lines = [
         f"{len(hits)} noise seeds ({SEEDS.start} to {SEEDS.stop - 1}), all converged: "
         f"{all(c.converged for c in found)}; by seed {', '.join(f'{v:.0%}' for v in shares.mean(axis=1))}.",

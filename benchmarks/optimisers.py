@@ -5,6 +5,7 @@ Run from the repository root: python -m benchmarks.optimisers
 
 from __future__ import annotations
 
+import contextlib
 import time
 
 import numpy as np
@@ -60,7 +61,7 @@ class SingleShooting:
 
 
 def scipy_time(one: SingleShooting, goal: float, limit: float) -> tuple[float, float]:
-    """Seconds until `least_squares` (trf, 2-point) reaches ``goal``, and the objective it had then (or at the limit)."""
+    """Seconds until `least_squares` (trf, 2-point) reaches ``goal``, and the objective then (or at the limit)."""
     began, best = time.perf_counter(), [np.inf, 0.0]
 
     class Done(Exception):
@@ -75,11 +76,9 @@ def scipy_time(one: SingleShooting, goal: float, limit: float) -> tuple[float, f
             raise Done
         return r
 
-    try:
+    with contextlib.suppress(Done):
         least_squares(residuals, np.zeros(6 * one.W + one.problem.P), bounds=one.bounds(), x_scale="jac",
                       ftol=1e-10, xtol=1e-10, gtol=1e-10)  # fmt: skip
-    except Done:
-        pass
     return time.perf_counter() - began, best[0]
 
 
@@ -121,16 +120,29 @@ def main() -> None:
     z0[first.window] = first.nodes[first.start]
     gn = gauss_newton.solve(whole, z0, np.zeros(whole.P), damping=1.0)
     took = time.perf_counter() - began
-    rows.append(["structured Gauss-Newton, single shooting", f"{took:.2f}", f"{took / seconds:.1f}", f"{gn.objective:.6f}",
-                 f"relative difference {abs(gn.objective / ours.objective - 1):.1e}"])  # fmt: skip
+    words = f"relative difference {abs(gn.objective / ours.objective - 1):.1e}"
+    rows.append(
+        [
+            "structured Gauss-Newton, single shooting",
+            f"{took:.2f}",
+            f"{took / seconds:.1f}",
+            f"{gn.objective:.6f}",
+            words,
+        ]
+    )
     took, value = scipy_time(one, goal, limit=200 * seconds)
     words = "reached" if value <= goal else "not reached"
-    rows.append(["scipy least_squares, finite differences", f"{took:.1f}", f"{took / seconds:.0f}", f"{value:.6f}", words])
+    rows.append(
+        ["scipy least_squares, finite differences", f"{took:.1f}", f"{took / seconds:.0f}", f"{value:.6f}", words]
+    )
     took, value = cma_time(one, goal, limit=105 * seconds)
     words = "reached" if value <= goal else "not reached in this time"
     rows.append(["CMA-ES (pycma)", f"{took:.1f}", f"{took / seconds:.0f}", f"{value:.1f}", words])
-    lines = [f"Train-TZRB, {whole.P} coefficients and {6 * one.W} initial states, the same objective and start (captive "
-             "coefficients); time until the objective of IPOPT is reached within 1e-5.", ""]  # fmt: skip
+    lines = [
+        f"Train-TZRB, {whole.P} coefficients and {6 * one.W} initial states, the same objective and start "
+        "(captive coefficients); time until the objective of IPOPT is reached within 1e-5.",
+        "",
+    ]
     lines += table(["method", "seconds", "times IPOPT", "objective", "outcome"], rows)
     record("Optimisers", "python -m benchmarks.optimisers", lines)
 

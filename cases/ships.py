@@ -132,9 +132,7 @@ def _number(entry: dict[str, Any], key: str, default: float | None, where: str) 
     return float(value)
 
 
-def _coefficient(
-    symbol: str, entry: Any, default: Coefficient, where: str
-) -> tuple[Coefficient, list[str]]:
+def _coefficient(symbol: str, entry: Any, default: Coefficient, where: str) -> tuple[Coefficient, list[str]]:
     """A coefficient from its table, completed from the default, and notices about repairs."""
     place = f"{where}: [coefficients.{symbol}]"
     if not isinstance(entry, dict):

@@ -53,9 +53,7 @@ def demo(
     end_progress()
     scores = _scores(start, calibration, train, held_out)
     truth = _against_truth(calibration)
-    content = result(
-        calibration, train, held_out, scores, f"mmg demo --seed {seed}", {"hidden_truth": truth}
-    )
+    content = result(calibration, train, held_out, scores, f"mmg demo --seed {seed}", {"hidden_truth": truth})
 
     def decorate(target: Path) -> None:
         from fitting.plots import write_figures

@@ -32,9 +32,7 @@ def fit(
     only: Annotated[
         list[str] | None, typer.Option("--only", help="Free only these coefficients (comma-separated).")
     ] = None,
-    window: Annotated[
-        float | None, typer.Option("--window", help="Window length [s]; default 100 steps.")
-    ] = None,
+    window: Annotated[float | None, typer.Option("--window", help="Window length [s]; default 100 steps.")] = None,
     step: Annotated[
         float | None,
         typer.Option("--step", help="Integration and sampling step [s]; default a twentieth of L/U."),
@@ -73,9 +71,7 @@ def fit(
     from fitting.run import read_iterate, read_result, result, write_run
 
     began = time.perf_counter()
-    settings = _settings(
-        window, step, interval, starts, sigma, seed, tolerance, max_iterations, time_limit, compiled
-    )
+    settings = _settings(window, step, interval, starts, sigma, seed, tolerance, max_iterations, time_limit, compiled)
     warm, start = _target(out, resume, ship)
     if resume and out.exists() and read_result(out)["converged"]:
         say(f"{out} has converged already; nothing to resume")
@@ -216,8 +212,7 @@ def _scores(
         except UserError:
             continue
         result[name] = {
-            when: score_rows(score(model, usable, sigma, f"the {name} trials"))
-            for when, model in models.items()
+            when: score_rows(score(model, usable, sigma, f"the {name} trials")) for when, model in models.items()
         }
     return result
 

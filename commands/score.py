@@ -14,7 +14,9 @@ if TYPE_CHECKING:
 def score(
     models_and_trials: Annotated[
         list[str],
-        typer.Argument(help="Ships or run folders, then trial files or folders of them.", metavar="SHIP|RUN... TRIAL..."),
+        typer.Argument(
+            help="Ships or run folders, then trial files or folders of them.", metavar="SHIP|RUN... TRIAL..."
+        ),
     ],
     sigma: Annotated[
         str | None, typer.Option("--sigma", help="Sigma of x,y,psi,u,v,r to divide errors by (six numbers).")

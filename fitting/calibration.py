@@ -3,57 +3,25 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field, replace
-from functools import partial
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from cases.checks import inputs_are_constant
 from cases.trial import Trial
 from fitting import gauss_newton
-from fitting.ipopt import Solution, solve
-from fitting.noise import Noise, estimate
+from fitting.ipopt import Solution
+from fitting.noise import Noise
+from fitting.passes import solve_passes, solve_starts
 from fitting.problem import Prior, Problem
 from fitting.segments import Segments, cut, default_step
+from fitting.settings import Report, Settings, Start
 from fitting.shooting import Kernels, kernels
+from fitting.verdicts import calibrated_ship, warnings_of
 from mmg.errors import UserError
 from mmg.model import assemble
 from mmg.ship import Ship
-
-
-@dataclass(frozen=True)
-class Settings:
-    """How to calibrate.
-
-    window: length of a shooting window [s], None: 100 steps; step: integration and sampling
-    step [s], None: a twentieth; interval: Runge-Kutta steps per shooting interval; passes: solves, the noise being
-    re-estimated between them; starts: further random starts of the last solve; tolerance, max_iterations, time_limit
-    [s, of the whole calibration]: of IPOPT; sigma: fixed residual standard deviations (6,) instead of estimated ones;
-    compiled: use a C compiler if there is one.
-    """
-
-    window: float | None = None
-    step: float | None = None
-    interval: int = 5
-    passes: int = 3
-    starts: int = 1
-    seed: int = 0
-    tolerance: float = 1e-6
-    max_iterations: int = 300
-    time_limit: float | None = None
-    sigma: tuple[float, ...] | None = None
-    compiled: bool = True
-
-
-@dataclass(frozen=True)
-class Start:
-    """One start of the multi-start: seed number, objective, whether it converged, largest |p - p_best|."""
-
-    number: int
-    objective: float
-    converged: bool
-    distance: float
 
 
 @dataclass(frozen=True)
@@ -89,9 +57,6 @@ class Calibration:
     def standard_errors(self) -> np.ndarray:
         """Standard errors of the free coefficients in their own units, (P,)."""
         return np.sqrt(np.diag(self.covariance)) * self.prior.std
-
-
-Report = Callable[[str, int, float, float], None]
 
 
 def _check_inputs(ship: Ship, trials: Sequence[Trial]) -> None:
@@ -150,16 +115,16 @@ def calibrate(
         if len(warm.get("nodes", ())) == problem.B:
             x = problem.join(warm["nodes"], np.clip(warm["p"], *problem.p_bounds()))
         problem = problem.with_sigma(warm["sigma"]) if not settings.sigma else problem
-    problem, solution, noise, passes = _passes(problem, x, settings, began, report)
+    problem, solution, noise, passes = solve_passes(problem, x, settings, began, report)
     timings["solve"] = time.perf_counter() - began - timings["prepare"]
-    best, starts = _starts(problem, solution, settings, began, report)
+    best, starts = solve_starts(problem, solution, settings, began, report)
     nodes, p = problem.split(best.x)
     p = np.clip(p, *problem.p_bounds())
     covariance = _covariance(problem, kernel, trials, window, nodes, p)
-    warnings = _warnings(problem, best, p, starts, passes)
+    warnings = warnings_of(problem, best, p, starts, passes)
     timings["total"] = time.perf_counter() - began
     return Calibration(
-        ship=_calibrated(ship, prior, p, covariance, best.converged),
+        ship=calibrated_ship(ship, prior, p, covariance, best.converged),
         prior=prior,
         p=p,
         covariance=covariance,
@@ -196,120 +161,6 @@ def _given_sigma(settings: Settings) -> np.ndarray:
     return sigma
 
 
-def _left(settings: Settings, began: float) -> float | None:
-    return None if settings.time_limit is None else settings.time_limit - (time.perf_counter() - began)
-
-
-def _noise(problem: Problem, x: np.ndarray) -> Noise:
-    seg = problem.segments
-    nodes, _, _, interior = problem._evaluate(x)
-    floor = 1e-6 * problem.scale
-    return estimate(seg, nodes - seg.nodes, interior - seg.targets, floor)
-
-
-FEW_WINDOWS = 30
-"""Windows of the first solve: enough to bring the coefficients near and to see the size of the residuals."""
-
-
-def _passes(
-    problem: Problem, x: np.ndarray, settings: Settings, began: float, report: Report | None
-) -> tuple[Problem, Solution, Noise, list[dict]]:
-    """Rough solves that estimate the noise, then one with that noise to full tolerance.
-
-    The first rough solve sees at most FEW_WINDOWS windows, evenly spread; the estimate of each solve starts the next.
-    """
-    passes: list[dict] = []
-    count = 1 if settings.sigma else max(1, settings.passes)
-    full, p = problem, problem.split(x)[1]
-    for number in range(count):
-        rough = number < count - 1
-        windows = len(full.segments.run)
-        if rough and number == 0 and windows > 1.5 * FEW_WINDOWS:
-            few = np.unique(np.linspace(0, windows - 1, FEW_WINDOWS).round().astype(int))
-            segments = full.segments.subset(few)
-            problem = Problem(full.ship, full.prior, full.kernels, segments, full.sigma)
-            x = problem.start(p)
-        else:
-            problem = full
-        name = f"pass {number + 1} of {count}"
-        solution = solve(
-            problem,
-            x,
-            settings.tolerance,
-            settings.max_iterations,
-            _left(settings, began),
-            report=partial(report, name) if report else None,
-            rough=rough,
-        )
-        noise = _noise(problem, solution.x)
-        passes.append(
-            {
-                "objective": solution.objective,
-                "status": solution.status,
-                "iterations": solution.iterations,
-                "seconds": solution.seconds,
-                "windows": len(problem.segments.run),
-                "sigma": problem.sigma.tolist(),
-            }
-        )
-        p = problem.split(solution.x)[1]
-        good = solution.converged or (rough and solution.status == "Solved_To_Acceptable_Level")
-        if not good or not rough:
-            break
-        x = solution.x if problem is full else full.start(p)
-        full = full.with_sigma(noise.sigma)
-    if problem.segments is not full.segments:
-        problem, solution = _whole(full, p, solution)
-    return problem, solution, noise, passes
-
-
-def _whole(full: Problem, p: np.ndarray, solution: Solution) -> tuple[Problem, Solution]:
-    """A solution of a subset that stopped early, carried over to all windows with nodes on the measurements."""
-    x = full.start(p)
-    return full, replace(
-        solution,
-        x=x,
-        multipliers=np.zeros(full.m),
-        objective=full.objective(x),
-        violation=float(np.abs(full.defects(x)).max()),
-    )
-
-
-def _starts(
-    problem: Problem, first: Solution, settings: Settings, began: float, report: Report | None
-) -> tuple[Solution, list[Start]]:
-    """Further random starts of the last problem; returns the best solution and the list of all starts."""
-    solutions = [first]
-    if first.converged:
-        rng = np.random.default_rng(settings.seed)
-        for number in range(1, settings.starts):
-            left = _left(settings, began)
-            if left is not None and left <= 0:
-                break
-            x0 = problem.start(rng.normal(scale=0.5, size=problem.P))
-            name = f"start {number + 1}"
-            solutions.append(
-                solve(
-                    problem,
-                    x0,
-                    settings.tolerance,
-                    settings.max_iterations,
-                    left,
-                    report=partial(report, name) if report else None,
-                )
-            )
-            if solutions[-1].status == "User_Requested_Stop":
-                break
-    converged = [s for s in solutions if s.converged] or solutions[:1]
-    best = min(converged, key=lambda s: s.objective)
-    p = problem.split(best.x)[1]
-    starts = [
-        Start(i, s.objective, s.converged, float(np.abs(problem.split(s.x)[1] - p).max()))
-        for i, s in enumerate(solutions)
-    ]
-    return best, starts
-
-
 def _covariance(
     problem: Problem,
     kernel: Kernels,
@@ -329,76 +180,3 @@ def _covariance(
     if not np.isfinite(total).all():
         return np.full_like(total, np.nan)
     return np.linalg.inv(0.5 * (total + total.T))
-
-
-def at_bound(p: float, lower: float, upper: float) -> str:
-    """ "lower", "upper" or "" for a scaled coefficient against its scaled bounds."""
-    if p <= lower + 1e-4:
-        return "lower"
-    return "upper" if p >= upper - 1e-4 else ""
-
-
-def verdict(share: float, where: str) -> str:
-    """A sentence on what decided a coefficient; share: posterior over prior variance (1: the data said nothing)."""
-    if where:
-        return f"at its {where} bound: the data ask for a value outside the range given"
-    if not np.isfinite(share):
-        return "its uncertainty could not be computed"
-    if share < 0.1:
-        return f"determined by the data (the prior's share of the variance is {share:.0%})"
-    if share < 0.7:
-        return f"partly determined by the data (the prior's share of the variance is {share:.0%})"
-    return f"decided by the prior (its share of the variance is {min(share, 1):.0%})"
-
-
-def _calibrated(ship: Ship, prior: Prior, p: np.ndarray, covariance: np.ndarray, converged: bool) -> Ship:
-    changed = {}
-    for i, symbol in enumerate(prior.symbols):
-        c = ship.coefficients[symbol]
-        share = float(covariance[i, i])
-        where = at_bound(
-            p[i], (prior.lower[i] - prior.mean[i]) / prior.std[i], (prior.upper[i] - prior.mean[i]) / prior.std[i]
-        )
-        words = verdict(share, where)
-        value = float(np.clip(prior.mean[i] + prior.std[i] * p[i], prior.lower[i], prior.upper[i]))
-        std = float(np.sqrt(share) * prior.std[i]) if np.isfinite(share) else c.std
-        changed[symbol] = c.with_(
-            value=value,
-            std=std,
-            prior_value=float(prior.mean[i]),
-            prior_std=float(prior.std[i]),
-            verdict=words if converged else f"NOT CONVERGED; {words}",
-            source="calibrated by mmg fit" if "calibrated by mmg fit" in c.source or not c.source
-            else f"calibrated by mmg fit; prior: {c.source}",
-        )  # fmt: skip
-    return replace(ship.with_coefficients(changed), notices=())
-
-
-def _warnings(
-    problem: Problem, best: Solution, p: np.ndarray, starts: list[Start], passes: list[dict]
-) -> list[str]:
-    words = []
-    if not best.converged:
-        words.append(f"not converged ({best.status}): {best.advice or 'the best iterate is kept'}")
-    lower, upper = problem.p_bounds()
-    hit = [
-        f"{s} ({where})"
-        for s, value, lo, hi in zip(problem.prior.symbols, p, lower, upper, strict=True)
-        if (where := at_bound(value, lo, hi))
-    ]
-    if hit:
-        words.append(f"at a bound: {', '.join(hit)}")
-    away = [s for s, value in zip(problem.prior.symbols, p, strict=True) if abs(value) > 3]
-    if away:
-        words.append(f"more than three prior standard deviations from the prior: {', '.join(away)}")
-    other = [s for s in starts if s.converged and s.objective > best.objective * (1 + 1e-5) + 1e-6]
-    if other:
-        words.append(
-            f"{len(other)} of {len(starts)} starts ended in another optimum; the lowest objective is kept"
-        )
-    return words
-
-
-def settings_dict(settings: Settings) -> dict:
-    """Settings as plain JSON values."""
-    return {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(settings).items()}

@@ -172,12 +172,8 @@ def solve(
     n, m = program.n, program.m
     column, row, scalar = ca.Sparsity.dense(n, 1), ca.Sparsity.dense(1, n), ca.Sparsity.dense(1, 1)
     empty, constraint = ca.Sparsity(0, 0), ca.Sparsity.dense(m, 1)
-    fg = _Buffered(
-        "fg", [column], [scalar, constraint], lambda a: [program.objective(a[0]), program.defects(a[0])]
-    )
-    gf = _Buffered(
-        "gf", [column, empty], [scalar, row], lambda a: [program.objective(a[0]), program.gradient(a[0])]
-    )
+    fg = _Buffered("fg", [column], [scalar, constraint], lambda a: [program.objective(a[0]), program.defects(a[0])])
+    gf = _Buffered("gf", [column, empty], [scalar, row], lambda a: [program.objective(a[0]), program.gradient(a[0])])
     jg = _Buffered(
         "jg",
         [column, empty],

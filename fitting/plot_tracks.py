@@ -106,9 +106,7 @@ def _track(ax: Axes, states: np.ndarray, runs: list, first: list[int], length: f
     ax.set_aspect("equal", adjustable="box")
 
 
-def window_errors(
-    simulator: Simulator, trials: Sequence[Trial], times: np.ndarray, stride: float
-) -> np.ndarray:
+def window_errors(simulator: Simulator, trials: Sequence[Trial], times: np.ndarray, stride: float) -> np.ndarray:
     """Open-loop errors (windows, times, 6) at ``times`` [s] after the start of windows ``stride`` seconds apart.
 
     Windows that reach the last time are used; where there are none, shorter ones, with NaN after their end.
@@ -164,6 +162,6 @@ def error_growth_plot(
     axes[5].axis("off")
     axes[5].legend(*axes[0].get_legend_handles_labels(), loc="upper left", fontsize=9, frameon=False)
     after = f"\n\nafter {horizon:g} s:{words}" if words else ""
-    note = f"{count} windows of up to {horizon:g} s\nfrom {len(used)} trials{after}"
+    note = f"{count} windows of {horizon:g} s\nof {len(used)} trials{after}"
     axes[5].text(0.06, 0.62, note, transform=axes[5].transAxes, fontsize=8.5, va="top", linespacing=1.5)
     return figure

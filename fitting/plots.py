@@ -122,9 +122,7 @@ def coefficient_plot(
                 sign = "<" if row["at_bound"] == "lower" else ">"
                 (used["bound"],) = ax.plot(shift, height, sign, color=ALARM, ms=9, mfc="none", mew=1.4, zorder=4)
         ax.set_ylim(longest - 0.4, -0.8)
-        ax.set_yticks(
-            [i for i, line in enumerate(part) if line[1]], [line[1] for line in part if line[1]], fontsize=8
-        )
+        ax.set_yticks([i for i, line in enumerate(part) if line[1]], [line[1] for line in part if line[1]], fontsize=8)
         ax.grid(axis="y", visible=False)
     axes[0].set_xlim(-extent, extent)
     order = [k for k in (*MARKS, "bound") if k in used]

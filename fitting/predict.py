@@ -41,9 +41,8 @@ def window_rows(t: np.ndarray, length: float, stride: float, short_last: bool) -
     while start < t[-1] - tolerance:
         first = int(np.searchsorted(t, start - tolerance))
         last = int(np.searchsorted(t, t[first] + length + tolerance)) - 1
-        if t[first] + length <= t[-1] + tolerance or short_last:
-            if last > first:
-                result.append((first, min(last, len(t) - 1)))
+        if last > first and (t[first] + length <= t[-1] + tolerance or short_last):
+            result.append((first, min(last, len(t) - 1)))
         start += stride
     return result
 
@@ -139,9 +138,7 @@ def predict(
 def table(trial: Trial, windows: list[Window]) -> np.ndarray:
     """Rows (window, t, x, y, psi, u, v, r) of all windows, shape (rows, 8)."""
     parts = [
-        np.column_stack(
-            [np.full(len(w.states), float(w.number)), trial.t[w.first : w.last + 1], w.states]
-        )
+        np.column_stack([np.full(len(w.states), float(w.number)), trial.t[w.first : w.last + 1], w.states])
         for w in windows
     ]
     return np.vstack(parts) if parts else np.empty((0, 8))

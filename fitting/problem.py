@@ -44,9 +44,7 @@ class Problem:
     sigma: (6,) standard deviation of the residual of each state channel. All evaluations cache on x.
     """
 
-    def __init__(
-        self, ship: Ship, prior: Prior, kernels: Kernels, segments: Segments, sigma: np.ndarray
-    ) -> None:
+    def __init__(self, ship: Ship, prior: Prior, kernels: Kernels, segments: Segments, sigma: np.ndarray) -> None:
         self.ship, self.prior, self.segments = ship, prior, segments
         self.sigma = np.asarray(sigma, dtype=float)
         speed = np.sqrt(np.mean(segments.nodes[:, 3] ** 2 + segments.nodes[:, 4] ** 2)) + 1e-3
@@ -192,7 +190,8 @@ class Problem:
         nodes[seg.start] += rows
         nodes[:, np.arange(6), np.arange(6)] += factor * self.node_weight
         s, t = self.scale, self.prior.std
-        own = (nodes[:, :, :6] * np.outer(s, s))[:, *np.triu_indices(6)]
+        rows_u, columns_u = np.triu_indices(6)
+        own = (nodes[:, :, :6] * np.outer(s, s))[:, rows_u, columns_u]
         border = nodes[:, :, 6:] * np.outer(s, t)
         shared = shared * np.outer(t, t) + factor * np.eye(self.P)
         values = np.concatenate([own.reshape(-1), border.reshape(-1), shared[np.triu_indices(self.P)]])

@@ -24,8 +24,10 @@ from safetensors.numpy import load_file, save_file
 
 from cases.ships import dump_ship
 from cases.trial import STATES, UNITS, Trial
-from fitting.calibration import Calibration, at_bound, settings_dict
+from fitting.calibration import Calibration
 from fitting.score import Score
+from fitting.settings import settings_dict
+from fitting.verdicts import at_bound
 from mmg.errors import UserError
 from mmg.ship import Ship
 
@@ -46,9 +48,7 @@ def versions() -> dict[str, str]:
 def check_target(folder: Path) -> None:
     """UserError unless ``folder`` is free and can be created."""
     if folder.exists():
-        raise UserError(
-            f"{folder}: already exists; choose another --out, or continue an interrupted run with --resume"
-        )
+        raise UserError(f"{folder}: already exists; choose another --out, or continue an interrupted run with --resume")
     parent = folder.absolute().parent
     while not parent.exists():
         parent = parent.parent

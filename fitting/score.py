@@ -108,9 +108,7 @@ def score(
             pooled[j] += squares.sum(), count
             means.append(squares / count if count else np.full(6, np.nan))
         rows.append(
-            TrialScore(
-                trial.name, float(means[0].sum()), means[0], float(means[1].sum()), means[1], len(windows)
-            )
+            TrialScore(trial.name, float(means[0].sum()), means[0], float(means[1].sum()), means[1], len(windows))
         )
     with np.errstate(invalid="ignore", divide="ignore"):
         means_all = pooled[:, 0] / pooled[:, 1]

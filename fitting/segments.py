@@ -107,7 +107,7 @@ def pieces(trial: Trial, longest_gap: float) -> list[slice]:
     index = np.flatnonzero(good)
     if len(index) == 0:
         return []
-    breaks = np.flatnonzero((np.diff(trial.t[index]) > longest_gap)) + 1
+    breaks = np.flatnonzero(np.diff(trial.t[index]) > longest_gap) + 1
     return [slice(part[0], part[-1] + 1) for part in np.split(index, breaks)]
 
 
@@ -154,19 +154,18 @@ def default_step(trials: Sequence[Trial], length: float) -> float:
     return float(min((c * decade for c in (1, 2, 5, 10)), key=lambda s: abs(np.log(s / wanted))))
 
 
-def cut(
-    trials: Sequence[Trial], h: float, window: float, K: int = 10, shortest: float | None = None
-) -> Segments:
+def cut(trials: Sequence[Trial], h: float, window: float, K: int = 10, shortest: float | None = None) -> Segments:
     """Cut trials into windows of about ``window`` seconds and those into intervals of at most K steps.
 
-    A piece is divided evenly into windows; a piece shorter than ``shortest`` (default 10 steps) is left out and said.
+    A piece is divided evenly into windows; one shorter than ``shortest`` (default 10 steps) is left out and said.
     Raises UserError when nothing is left.
     """
-    least = int(round((10 * h if shortest is None else shortest) / h))
+    least = round((10 * h if shortest is None else shortest) / h)
     nodes: list[np.ndarray] = []
     run: list[int] = []
     dropped: list[str] = []
-    spans: list[tuple[int, int, int, np.ndarray, np.ndarray]] = []  # start node, end node, window, inputs, interior
+    # start node, end node, window, inputs, interior
+    spans: list[tuple[int, int, int, np.ndarray, np.ndarray]] = []
     node_window: list[int] = []
     seconds = 0.0
     for number, trial in enumerate(trials):

@@ -10,6 +10,7 @@ dense linear algebra over intervals.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import casadi as ca
 import numpy as np
@@ -133,9 +134,7 @@ class Intervals:
                 interior[k, :, :m] = z[:, :m]
         return z, interior
 
-    def _jacobian(
-        self, q: np.ndarray, c: np.ndarray, theta: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _jacobian(self, q: np.ndarray, c: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Rates (6, m), their Jacobian (m, 6, 4) to q, and that of the accelerations (m, 3, P) to the coefficients."""
         m = q.shape[1]
         k, nonzeros = self.kernels.jacobian(_pad(q), _pad(c), theta)
@@ -247,9 +246,7 @@ class Intervals:
         H_qq[:, :, columns[self._both], rows[self._both]] = both
         Q = sweep.Q[k]
         U = 0.5 * (H_qq @ Q)
-        U[:, :, rows[self._mixed], columns[self._mixed] + 2] += np.moveaxis(
-            nonzeros[self._mixed], 0, 2
-        ).swapaxes(0, 1)
+        U[:, :, rows[self._mixed], columns[self._mixed] + 2] += np.moveaxis(nonzeros[self._mixed], 0, 2).swapaxes(0, 1)
         Q, U = Q.reshape(m, 16, -1), U.reshape(m, 16, -1)
         nodes += np.swapaxes(Q[:, :, :6], 1, 2) @ U + np.swapaxes(U[:, :, :6], 1, 2) @ Q
         cross = Q[:, :, 6:].reshape(-1, P).T @ U[:, :, 6:].reshape(-1, P)
@@ -268,7 +265,7 @@ class Shooting:
         self.P, self.segments = len(kernels_.free), segments
         count = max(1, round(segments.intervals / block))
         edges = np.linspace(0, segments.intervals, count + 1).round().astype(int)
-        self.slices = [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True) if b > a]
+        self.slices = [slice(a, b) for a, b in pairwise(edges) if b > a]
         self.blocks = [
             Intervals(kernels_, segments.steps[s], np.ascontiguousarray(segments.controls[:, :, s]), segments.h)
             for s in self.slices

@@ -132,9 +132,7 @@ EXPORT void {function.name()}(long long points, const double* const* arg, const 
 def source(functions: Sequence[ca.Function]) -> str:
     """One C file with a batch kernel for each function (SXFunctions with distinct names)."""
     one = "\n".join(f"static V v_{f}(V x) {{ LANEWISE({f}(x[i])); }}" for f in _CALLS.values() if f != "sqrt")
-    two = "\n".join(
-        f"static V v_{f}(V a, V b) {{ LANEWISE({f}(a[i], b[i])); }}" for f in sorted(set(_CALLS2.values()))
-    )
+    two = "\n".join(f"static V v_{f}(V a, V b) {{ LANEWISE({f}(a[i], b[i])); }}" for f in sorted(set(_CALLS2.values())))
     helpers = f"""{one}
 {two}
 static inline V v_sqrt(V x) {{ LANEWISE(__builtin_sqrt(x[i])); }}

@@ -44,9 +44,7 @@ def required_particulars(components: Mapping[str, str]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(needed))
 
 
-def coefficient_table(
-    components: Mapping[str, str], particulars: Mapping[str, float]
-) -> dict[str, Coefficient]:
+def coefficient_table(components: Mapping[str, str], particulars: Mapping[str, float]) -> dict[str, Coefficient]:
     """All coefficients of a choice of force models with their defaults, in the fixed order of the library."""
     rows = list(INERTIA)
     for role in ROLES:

@@ -51,9 +51,7 @@ def apparent_wind(wind_speed: Any, wind_direction: Any, psi: Any, u: Any, v: Any
     return np.hypot(a_x, a_y), np.mod(np.arctan2(-a_y, -a_x), 2 * np.pi)
 
 
-def true_wind(
-    apparent_speed: Any, apparent_direction: Any, psi: Any, u: Any, v: Any
-) -> tuple[Any, Any]:
+def true_wind(apparent_speed: Any, apparent_direction: Any, psi: Any, u: Any, v: Any) -> tuple[Any, Any]:
     """True wind speed [m/s] and coming-from direction [rad in 0..2 pi] from the apparent one."""
     a_x, a_y = wind_vector(apparent_speed, apparent_direction)
     north, east = body_to_earth(a_x + u, a_y + v, psi)

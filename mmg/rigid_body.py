@@ -25,9 +25,7 @@ INERTIA = table(
 """Mass coefficients that every ship has, whatever its force models."""
 
 
-def accelerations(
-    u: Any, v: Any, r: Any, force: Force, p: SimpleNamespace, c: SimpleNamespace
-) -> tuple[Any, Any, Any]:
+def accelerations(u: Any, v: Any, r: Any, force: Force, p: SimpleNamespace, c: SimpleNamespace) -> tuple[Any, Any, Any]:
     """Accelerations (du/dt, dv/dt, dr/dt) about midship.
 
     (m + m_x) u' - (m + m_y) v r - x_G m r^2 = X

@@ -53,9 +53,7 @@ class Simulator:
         method: "rk4" or "euler".
         """
         N, M = controls.shape[0], start.shape[1]
-        steps = np.broadcast_to(
-            np.asarray(dt, dtype=float).reshape(np.shape(dt) + (1,) * (2 - np.ndim(dt))), (N, M)
-        )
+        steps = np.broadcast_to(np.asarray(dt, dtype=float).reshape(np.shape(dt) + (1,) * (2 - np.ndim(dt))), (N, M))
         out = np.empty((N + 1, 6, M))
         out[0] = z = np.array(start, dtype=float)
         for k in range(N):

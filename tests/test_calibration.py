@@ -65,9 +65,7 @@ def test_fixed_coefficients_stay_as_they_are() -> None:
 
 
 def test_without_positions_the_rest_is_still_fitted() -> None:
-    trials = [
-        Trial(t.name, {k: v for k, v in t.columns.items() if k not in ("x", "y")}) for t in runs()[0][:3]
-    ]
+    trials = [Trial(t.name, {k: v for k, v in t.columns.items() if k not in ("x", "y")}) for t in runs()[0][:3]]
     result = calibrate(load_ship("esso_osaka_3m"), trials, Settings(passes=1))
     assert result.converged and any("positions cannot be fitted" in n for n in result.notices)
 

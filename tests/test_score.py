@@ -31,9 +31,7 @@ def test_captive_check_values_of_both_metrics_are_reproduced_to_one_percent(frt,
 
     trials = read_trials(splits.find(splits.DEVELOPMENT_HOLDOUT))
     result = score(Simulator(load_ship("esso_osaka_3m")), trials, method=method)
-    np.testing.assert_allclose(
-        result.sigma, [14.23641, 4.24764, 1.54728, 0.11526, 0.04059, 0.01965], rtol=2e-4
-    )
+    np.testing.assert_allclose(result.sigma, [14.23641, 4.24764, 1.54728, 0.11526, 0.04059, 0.01965], rtol=2e-4)
     for row in result.trials:
         paper, window, count = CHECK_VALUES[row.name]
         assert row.paper == pytest.approx(paper, rel=0.01)

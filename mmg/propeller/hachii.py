@@ -101,4 +101,3 @@ def force(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> F
     N = unit * p.L * _side_force(u, nD, B, p, ahead, s)
     loading = ahead * loading_ahead + (1 - ahead) * loading_reversed
     return Force(X, Y, N, Slipstream(one_minus_w, u_P, loading, ahead))
-

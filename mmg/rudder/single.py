@@ -49,9 +49,7 @@ def inflow(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> 
     small = 0.1 * s.speed
     pull = s.positive(wash.loading, s.speed * small)
     jet = s.root(wash.u_P**2 + 8 * pull / ca.pi, small) - wash.u_P
-    ahead = c.epsilon * s.root(
-        eta * (wash.u_P + c.k_x / c.epsilon * jet) ** 2 + (1 - eta) * wash.u_P**2, small
-    )
+    ahead = c.epsilon * s.root(eta * (wash.u_P + c.k_x / c.epsilon * jet) ** 2 + (1 - eta) * wash.u_P**2, small)
     u_2 = u * c.epsilon * wash.one_minus_w
     u_1 = u_2 + s.sign(nD, s.speed) * c.k_xR * s.root(8 * s.absolute(wash.loading, small**2) / ca.pi, small)
     q = eta * u_1 * s.absolute(u_1, small) + (1 - eta) * u_2**2 + c.C_PR * u * u

@@ -1,0 +1,162 @@
+"""Words and numbers of the report: the headline, warnings, particulars with their units, rounding."""
+
+from __future__ import annotations
+
+import math
+
+from mmg.ship import Ship
+
+PARTICULARS = {
+    "L": ("length between perpendiculars", "m"),
+    "B": ("breadth", "m"),
+    "d": ("draught", "m"),
+    "m": ("mass", "kg"),
+    "x_G": ("centre of gravity, forward of midship", "m"),
+    "C_b": ("block coefficient", "-"),
+    "rho": ("water density", "kg/m³"),
+    "D_P": ("propeller diameter", "m"),
+    "pitch_ratio": ("propeller pitch / diameter", "-"),
+    "A_R": ("rudder area", "m²"),
+    "aspect_ratio": ("rudder aspect ratio", "-"),
+    "x_R": ("rudder, forward of midship", "m"),
+    "A_T": ("frontal projected area above water", "m²"),
+    "A_L": ("lateral projected area above water", "m²"),
+    "A_OD": ("lateral area of superstructures on deck", "m²"),
+    "C": ("centre of A_L, forward of midship", "m"),
+    "C_BR": ("centre of superstructure, forward of midship", "m"),
+    "H_BR": ("height of superstructure top above water", "m"),
+    "H_C": ("height of the centre of A_L above water", "m"),
+    "rho_a": ("air density", "kg/m³"),
+}
+"""Particulars of a ship file: words and unit."""
+
+
+def plus_minus(value: float | None, std: float | None) -> str:
+    """ "value ± std" rounded to two figures of the std, with true minus signs."""
+    if value is None or not math.isfinite(value):
+        return "–"
+    if std is None or not math.isfinite(std) or std <= 0:
+        return f"{value:.4g}".replace("-", "−")
+    decimals = 1 - math.floor(math.log10(std))
+    if float(f"{std:.1e}") >= 10 ** (2 - decimals):  # 0.0996 rounds up to 0.10
+        decimals -= 1
+    if decimals > 6 or decimals < -3:
+        power = math.floor(math.log10(max(abs(value), std)))
+        scale = 10.0**power
+        digits = max(0, decimals + power)
+        words = f"({value / scale:.{digits}f} ± {std / scale:.{digits}f})e{power}"
+    else:
+        words = f"{value:.{max(0, decimals)}f} ± {std:.{max(0, decimals)}f}"
+    return words.replace("-", "−")
+
+
+def change(before: float | None, after: float | None) -> str:
+    """How an error changed, in words."""
+    if before is None or after is None:
+        return "could not be computed"
+    numbers = f"from {before:.3g} to {after:.3g}"
+    if after < before:
+        factor = f"{before / after:.2g} times smaller" if after > 0 else "to nothing"
+        return f"fell {numbers} ({factor})"
+    return f"ROSE {numbers}" if after > before else f"stayed at {before:.3g}"
+
+
+def headline(result: dict) -> dict[str, str]:
+    """What was calibrated on what, whether it converged, how much better on held-out windows: sentences by name."""
+    data, scores = result.get("data", []), result.get("scores") or {}
+    free = len(result["coefficients"])
+    seconds = sum(row.get("duration_s") or 0 for row in data)
+    what = f"{free} coefficient{'s' * (free != 1)} of {result.get('ship', '?')} calibrated on {len(data)} trial"
+    what += f"{'s' * (len(data) != 1)} ({seconds:,.0f} s)."
+    name = "validation" if "validation" in scores else "training" if "training" in scores else ""
+    if not name:
+        better = "No scores: the trials hold no positions, so predictions could not be judged."
+    else:
+        before, after = scores[name]["before"], scores[name]["after"]
+        count = len(after["trials"])
+        where = {"validation": f"{count} held-out trial{'s' * (count != 1)}", "training": "the training trials"}[name]
+        better = (
+            f"On {where} the error of 30 s predictions {change(before['window'], after['window'])}; "
+            f"with restarts every 100 s it {change(before['paper'], after['paper'])}."
+        )
+    iterations = sum(p.get("iterations", 0) for p in result.get("passes") or [])
+    iterations = iterations or result.get("iterations") or 0
+    if result.get("converged"):
+        state = f"Converged ({result.get('status', '')}) after {iterations} iterations."
+    else:
+        advice = result.get("advice") or "the best iterate is kept"
+        state = f"NOT CONVERGED ({result.get('status', '')}) after {iterations} iterations: {advice}."
+    return {"what": what, "better": better, "state": state}
+
+
+def warnings_of(result: dict) -> list[str]:
+    """The run's own warnings and those that follow from its scores. Convergence has its own place."""
+    words = [w for w in result.get("warnings", []) if not str(w).startswith("not converged")]
+    scores = result.get("scores") or {}
+    if "validation" not in scores:
+        words.append(
+            "no held-out trials were scored: the fit was judged, if at all, on the trials it was made from, which "
+            "says little about other manoeuvres; give some with --validate"
+        )
+    for name, label in (("validation", "held-out"), ("training", "training")):
+        pair = scores.get(name)
+        if not pair:
+            continue
+        rows = list(zip(pair["before"]["trials"], pair["after"]["trials"], strict=True))
+        worse = [
+            f"{b['name']} ({b['window']:.3g} to {a['window']:.3g})"
+            for b, a in rows
+            if b["window"] is not None and a["window"] is not None and a["window"] > b["window"]
+        ]
+        if worse:
+            words.append(
+                f"30 s predictions became worse on {len(worse)} of {len(rows)} {label} trials: {', '.join(worse)}"
+            )
+    trained = {row.get("sha256") for row in result.get("data", []) if row.get("sha256")}
+    twice = [row["name"] for row in result.get("validation_data", []) if row.get("sha256") in trained]
+    if twice:
+        words.append(f"not held out at all, the same file was used in the calibration: {', '.join(twice)}")
+    return words
+
+
+def not_in_model(ship: Ship) -> list[str]:
+    """What the model leaves out, and where it goes instead."""
+    words = [
+        "current, waves, shallow water and banks: where present in the trials, their mean effect is absorbed by the "
+        "coefficients, the rest shows in the residuals",
+        "heel, trim and squat: three degrees of freedom (surge, sway, yaw)",
+        "actuator dynamics: rudder and revolutions act as logged",
+    ]
+    if "wind" not in ship.components:
+        words.insert(0, "wind: no wind model in this ship; its forces are absorbed like those of current")
+    if "propeller" not in ship.components:
+        words.append("propeller: no propeller model in this ship")
+    return words
+
+
+LABELS = {
+    "window": "window length [s]",
+    "step": "integration and sampling step [s]",
+    "interval": "steps per shooting interval",
+    "passes": "solves, noise re-estimated between them",
+    "starts": "starts",
+    "seed": "seed",
+    "tolerance": "tolerance of IPOPT",
+    "max_iterations": "iteration limit per solve",
+    "time_limit": "time limit [s]",
+    "sigma": "given residual sigma (x, y, psi, u, v, r)",
+    "compiled": "C compiler allowed",
+}
+
+
+def setting_rows(result: dict) -> list[tuple[str, str]]:
+    """Settings of the run in words."""
+    rows = []
+    for key, value in (result.get("settings") or {}).items():
+        shown = {None: "none", True: "yes", False: "no"}.get(value) if not isinstance(value, list) else None
+        if isinstance(value, (int, float)) and not isinstance(value, bool):
+            shown = f"{value:g}"
+        if isinstance(value, list):
+            shown = ", ".join(f"{v:g}" for v in value)
+        rows.append((LABELS.get(key, key), shown if shown is not None else str(value)))
+    return rows

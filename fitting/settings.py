@@ -1,0 +1,48 @@
+"""How to calibrate: the settings of ``calibrate`` and what a start of it ended with."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+
+Report = Callable[[str, int, float, float], None]
+"""Called with the name of the solve, iteration, objective and constraint violation."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How to calibrate.
+
+    window: length of a shooting window [s], None: 100 steps; step: integration and sampling
+    step [s], None: a twentieth; interval: Runge-Kutta steps per shooting interval; passes: solves, the noise being
+    re-estimated between them; starts: further random starts of the last solve; tolerance, max_iterations, time_limit
+    [s, of the whole calibration]: of IPOPT; sigma: fixed residual standard deviations (6,) instead of estimated ones;
+    compiled: use a C compiler if there is one.
+    """
+
+    window: float | None = None
+    step: float | None = None
+    interval: int = 5
+    passes: int = 3
+    starts: int = 1
+    seed: int = 0
+    tolerance: float = 1e-6
+    max_iterations: int = 300
+    time_limit: float | None = None
+    sigma: tuple[float, ...] | None = None
+    compiled: bool = True
+
+
+@dataclass(frozen=True)
+class Start:
+    """One start of the multi-start: seed number, objective, whether it converged, largest |p - p_best|."""
+
+    number: int
+    objective: float
+    converged: bool
+    distance: float
+
+
+def settings_dict(settings: Settings) -> dict:
+    """Settings as plain JSON values."""
+    return {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(settings).items()}
