@@ -198,6 +198,7 @@ def solve(
         "iteration_callback": watch,
         "print_time": False,
         "error_on_fail": False,
+        "show_eval_warnings": False,
         "ipopt.print_level": 0,
         "ipopt.sb": "yes",
         "ipopt.tol": tolerance,

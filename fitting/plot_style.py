@@ -6,6 +6,8 @@ it blue (after Okabe & Ito: told apart by colour-blind readers and in grey print
 
 from __future__ import annotations
 
+from typing import Literal
+
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -18,9 +20,9 @@ STYLES: tuple[dict, ...] = (
 WIDTH, DPI = 8.2, 110
 
 
-def new_figure(height: float) -> Figure:
-    """A white figure 8.2 inches (900 pixels) wide."""
-    return Figure(figsize=(WIDTH, height), dpi=DPI, layout="constrained", facecolor="white")
+def new_figure(height: float, layout: Literal["constrained"] | None = "constrained") -> Figure:
+    """A white figure 8.2 inches (900 pixels) wide; ``layout`` None where the caller places the axes."""
+    return Figure(figsize=(WIDTH, height), dpi=DPI, layout=layout, facecolor="white")
 
 
 def dress(ax: Axes, x: str = "", y: str = "", title: str = "") -> Axes:

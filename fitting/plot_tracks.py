@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from cases.trial import Trial
 from fitting.plot_style import MEASURED, STYLES, dress, new_figure
-from fitting.predict import Window, predict
+from fitting.predict import Window, predict_all
 from fitting.score import PAPER_WINDOW, wrapped_error
 from mmg.rollout import Simulator
 
@@ -38,11 +38,17 @@ def trajectory_plot(
     runs = [_joined(trial, before), _joined(trial, after)]
     first = [w.first for w in after]
     top = 1 if trial.has_position else 0
-    figure = new_figure(10.6 if top else 6.2)
-    grid = figure.add_gridspec(6 + top, 1, height_ratios=[5.2] * top + [1.0] * 6)
+    height = 10.6 if top else 6.2
+    figure = new_figure(height, layout=None)
+    grid = figure.add_gridspec(
+        6 + top, 1, height_ratios=[5.2] * top + [1.0] * 6, left=0.085, right=0.985, bottom=0.5 / height,
+        top=1 - 0.4 / height, hspace=0.32,
+    )  # fmt: skip
     if top:
         ax = dress(figure.add_subplot(grid[0]), "y, east [m]", "x, north [m]")
         _track(ax, states, runs, first, length)
+        box = ax.get_position()  # room for the label of the horizontal axis
+        ax.set_position((box.x0, box.y0 + 0.018, box.width, box.height - 0.018))
     strips: list[Axes] = []
     for state, label, factor in HISTORIES:
         ax = figure.add_subplot(grid[top + len(strips)], sharex=strips[0] if strips else None)
@@ -62,9 +68,10 @@ def trajectory_plot(
             ax.axvline(begin, color="#C8C8C8", lw=0.7, ls=":", zorder=0)
         ax.set_xlim(0, max(t[-1], 1e-9))
         ax.tick_params(labelbottom=ax is strips[-1])
-    figure.align_ylabels(strips)
+    for ax in strips:
+        ax.yaxis.set_label_coords(-0.062, 0.5)
     handles, labels = strips[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=3, fontsize=9, frameon=False)
+    figure.legend(handles, labels, loc="upper center", ncols=3, fontsize=9, frameon=False)
     return figure
 
 
@@ -113,8 +120,9 @@ def window_errors(simulator: Simulator, trials: Sequence[Trial], times: np.ndarr
     """
     for short in (False, True):
         rows = []
-        for trial in trials:
-            for w in predict(simulator, trial, float(times[-1]), stride, short_last=short)[0]:
+        predicted = predict_all(simulator, trials, float(times[-1]), stride, short_last=short)
+        for trial, (windows, _) in zip(trials, predicted, strict=True):
+            for w in windows:
                 error = wrapped_error(w.states, trial.states[w.first : w.last + 1])
                 clock = trial.t[w.first : w.last + 1] - trial.t[w.first]
                 right = np.nan if short else None

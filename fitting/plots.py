@@ -15,13 +15,14 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from cases.trial import Trial
-from fitting.calibration import Calibration, Start
+from fitting.calibration import Calibration
 from fitting.ipopt import Solution
 from fitting.plot_style import AFTER, ALARM, BEFORE, DPI, GREY, dress, new_figure
 from fitting.plot_tracks import error_growth_plot, trajectory_plot
-from fitting.predict import predict
+from fitting.predict import predict_all
 from fitting.run import RESULT, coefficient_rows, read_result
 from fitting.score import PAPER_WINDOW, wrapped_error
+from fitting.settings import Start
 from mmg.components import ROLES, coefficient_table
 from mmg.rollout import Simulator
 from mmg.ship import Ship
@@ -262,13 +263,16 @@ def write_figures(
         "driven by the measured rudder, revolutions and wind alone.",
         lambda: error_growth_plot(models, judged),
     )  # fmt: skip
-    for number, (trial, held_out) in enumerate(_shown(trials, validation, most_tracks), 1):
-        pairs = [predict(model, trial, PAPER_WINDOW, PAPER_WINDOW)[0] for model in models.values()]
+    shown = _shown(trials, validation, most_tracks)
+    drawn = [trial for trial, _ in shown]
+    windows = [predict_all(model, drawn, PAPER_WINDOW, PAPER_WINDOW) for model in models.values()]
+    for number, (trial, held_out) in enumerate(shown):
+        pairs = [side[number][0] for side in windows]
         rms = [_position_rms(trial, windows) for windows in pairs]
         words = f"Rms position error {rms[0]:.3g} m before, {rms[1]:.3g} m after." if np.isfinite(rms).all() else ""
         draw = partial(trajectory_plot, trial, pairs[0], pairs[1], start.particulars["L"])
         write(
-            f"track_{number}", f"{trial.name} ({'held out' if held_out else 'used in the calibration'})",
+            f"track_{number + 1}", f"{trial.name} ({'held out' if held_out else 'used in the calibration'})",
             f"Predictions restart from the measured state every {PAPER_WINDOW:g} s (dots and ship outlines on the "
             f"track; dotted lines below). {words}", draw,
         )  # fmt: skip

@@ -6,6 +6,7 @@ Its sections follow the headings of ITTC 7.5-02-06-03 (validation of manoeuvring
 from __future__ import annotations
 
 import base64
+import contextlib
 import math
 import os
 import re
@@ -80,15 +81,16 @@ def _coefficients(result: dict, ship: Ship) -> list[dict]:
                 {
                     "symbol": symbol,
                     "description": row.get("description", ""),
-                    "unit": "prime (MMG)" if row.get("prime") == "mmg" else row.get("unit") or "-",
+                    "unit": row.get("unit") or "",
+                    "prime": "′" if row.get("prime") else "",
                     "prior": plus_minus(row.get("prior_value"), row.get("prior_std")),
                     "estimate": plus_minus(row.get("value"), row.get("std")),
                     "shift": ((row.get("value") or 0.0) - (row.get("prior_value") or 0.0)) / prior_std,
                     "share": None if share is None else min(max(share, 0.0), 1.0),
                     "kind": determination(row),
-                    "verdict": re.sub(r"\s*\([^()]*share of the variance[^()]*\)", "", row.get("verdict", "")),
+                    "verdict": row.get("verdict", ""),
                     "bound": row.get("at_bound"),
-                    "limits": f"{row.get('lower')} to {row.get('upper')}",
+                    "limits": f"{_number(row.get('lower'))} to {_number(row.get('upper'))}",
                 }
             )
         groups.append({"name": group, "rows": table, "fixed": fixed})
@@ -266,5 +268,6 @@ def write_report(folders: Sequence[Path], out: Path) -> None:
         scratch.write_text(text, encoding="utf-8")
         os.replace(scratch, out)
     except OSError as error:
-        scratch.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            scratch.unlink()
         raise UserError(f"{out}: cannot be written ({error.strerror}); choose another --out") from None

@@ -143,7 +143,7 @@ def _interpolate(at: np.ndarray, t: np.ndarray, values: np.ndarray) -> np.ndarra
 
 
 def default_step(trials: Sequence[Trial], length: float) -> float:
-    """Integration step [s]: a twentieth of the time to travel a ship length at rms speed, at least the sampling interval.
+    """Integration step [s]: a twentieth of the time to travel a ship length at rms speed, at least the sampling time.
 
     Rounded to 1, 2 or 5 times a power of ten.
     """

@@ -26,6 +26,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with two training trials, one held-out trial and a finished run."""
     folder = tmp_path_factory.mktemp("cli")
     train, held_out = runs()
+    (folder / "train").mkdir()
     for trial in train[:2]:
         write_trial(trial, folder / "train" / f"{trial.name}.csv")
     write_trial(held_out[0], folder / "held_out.csv")
@@ -144,7 +145,7 @@ def test_an_iteration_limit_exits_1_and_resume_finishes(folder: Path, tmp_path: 
 def test_ctrl_c_leaves_a_flagged_folder_that_resume_continues(folder: Path, tmp_path: Path) -> None:
     run = tmp_path / "run"
     code = (
-        "import sys, fitting.calibration as c; from commands.main import main; solve = c.solve\n"
+        "import sys, fitting.passes as c; from commands.main import main; solve = c.solve\n"
         "def slow(*a, **k):\n"
         "    def report(i, f, v):\n"
         "        import time; print('iterating', flush=True); time.sleep(0.4)\n"
@@ -171,7 +172,7 @@ def test_ctrl_c_leaves_a_flagged_folder_that_resume_continues(folder: Path, tmp_
     ("change", "words"),
     [
         (lambda c: {k: v for k, v in c.items() if k != "r"}, "r"),
-        (lambda c: {**c, "psi": np.rad2deg(c["psi"]) * 5}, "psi"),
+        (lambda c: {**c, "psi": np.rad2deg(c["psi"])}, "psi"),
         (lambda c: {**c, "u": np.full_like(c["u"], np.nan)}, "u"),
         (lambda c: {k: np.full_like(v, np.nan) for k, v in c.items()}, ""),
         (lambda c: {k: v[:1] for k, v in c.items()}, "row"),
