@@ -46,9 +46,7 @@ def main() -> None:
         code = ca.CodeGenerator("rates.c")
         code.add(model.rates)
         code.generate(scratch + "/")
-        library, reason = compile_library(
-            (Path(scratch) / "rates.c").read_text(), ("-O2", "-fPIC", "-shared", "-march=native", "-w")
-        )
+        library, reason = compile_library((Path(scratch) / "rates.c").read_text(), ("-O2", "-fPIC", "-shared", "-w"))
         if library:
             one = ca.external("rates", str(library)).map(N, "serial")
             arguments = [ca.DM(state), ca.DM(controls), ca.DM(np.repeat(ship.values[:, None], N, axis=1))]

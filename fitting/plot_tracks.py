@@ -41,14 +41,14 @@ def trajectory_plot(
     height = 10.6 if top else 6.2
     figure = new_figure(height, layout=None)
     grid = figure.add_gridspec(
-        6 + top, 1, height_ratios=[5.2] * top + [1.0] * 6, left=0.085, right=0.985, bottom=0.5 / height,
-        top=1 - 0.4 / height, hspace=0.32,
+        6 + top, 1, height_ratios=[5.2] * top + [1.0] * 6, left=0.1, right=0.985, bottom=0.5 / height,
+        top=1 - 0.4 / height, hspace=0.14,
     )  # fmt: skip
     if top:
         ax = dress(figure.add_subplot(grid[0]), "y, east [m]", "x, north [m]")
         _track(ax, states, runs, first, length)
         box = ax.get_position()  # room for the label of the horizontal axis
-        ax.set_position((box.x0, box.y0 + 0.018, box.width, box.height - 0.018))
+        ax.set_position((box.x0, box.y0 + 0.026, box.width, box.height - 0.026))
     strips: list[Axes] = []
     for state, label, factor in HISTORIES:
         ax = figure.add_subplot(grid[top + len(strips)], sharex=strips[0] if strips else None)
@@ -69,7 +69,7 @@ def trajectory_plot(
         ax.set_xlim(0, max(t[-1], 1e-9))
         ax.tick_params(labelbottom=ax is strips[-1])
     for ax in strips:
-        ax.yaxis.set_label_coords(-0.062, 0.5)
+        ax.yaxis.set_label_coords(-0.085, 0.5)
     handles, labels = strips[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="upper center", ncols=3, fontsize=9, frameon=False)
     return figure

@@ -185,7 +185,7 @@ def convergence_plot(solution: Solution) -> Figure:
     dress(right, "iteration [-]", "largest defect, scaled [-]", "gaps between shooting intervals")
     right.plot(steps, np.maximum(history[:, 1], 1e-16), "o-", color=AFTER, ms=3)
     right.set_yscale("log")
-    if (history[:, 0] > 0).all() and len(history):
+    if len(history) and history[:, 0].min() > 0 and history[:, 0].max() > 20 * history[:, 0].min():
         left.set_yscale("log")
     return figure
 

@@ -81,6 +81,8 @@ def _coefficients(result: dict, ship: Ship) -> list[dict]:
                 {
                     "symbol": symbol,
                     "description": row.get("description", ""),
+                    "value": row.get("value"),
+                    "std": row.get("std"),
                     "unit": row.get("unit") or "",
                     "prime": "′" if row.get("prime") else "",
                     "prior": plus_minus(row.get("prior_value"), row.get("prior_std")),
@@ -208,28 +210,33 @@ def _run(folder: Path, number: int) -> dict:
 
 
 def _comparison(runs: list[dict]) -> dict:
-    """Scores and coefficients of several runs side by side, and why scores may not be compared."""
+    """Scores and coefficients of several runs side by side, and whether the scores may be compared."""
     sets = [{s["key"]: s for s in run["scores"]} for run in runs]
     keys = list(dict.fromkeys(key for s in sets for key in s))
-    tables, remarks = [], []
+    tables = []
     for key in keys:
         present = [s.get(key) for s in sets]
         names = list(dict.fromkeys(row["name"] for s in present if s for row in s["rows"]))
         names = [*names, "all rows pooled"]
         by_name = [{row["name"]: row for row in [*s["rows"], s["pooled"]]} if s else {} for s in present]
         title = next(s["name"] for s in present if s)
-        same = {(tuple(r["name"] for r in s["rows"]), s["sigma"]) if s else None for s in present}
-        if len(same) > 1:
-            remarks.append(f"{title}: the runs were scored on different trials or with another sigma, so these "
-                           "numbers do not compare directly; mmg score puts models on one scale.")  # fmt: skip
-        tables.append({"title": title, "rows": [(name, [b.get(name) for b in by_name]) for name in names]})
+        comparable = len({(tuple(r["name"] for r in s["rows"]), s["sigma"]) for s in present if s}) == 1
+        rows = [(name, [b.get(name) for b in by_name]) for name in names]
+        started = {tuple(row[k]["before"] for k in ("window", "paper")) for row in rows[-1][1] if row}
+        tables.append(
+            {"title": title, "rows": rows, "comparable": comparable, "same_start": comparable and len(started) == 1}
+        )
     symbols = list(dict.fromkeys(r["symbol"] for run in runs for g in run["groups"] for r in g["rows"]))
     found = [{r["symbol"]: r for g in run["groups"] for r in g["rows"]} for run in runs]
-    return {
-        "tables": tables,
-        "remarks": remarks,
-        "coefficients": [(s, [f.get(s) for f in found]) for s in symbols],
-    }
+    rows = [(s, [f.get(s) for f in found]) for s in symbols]
+    return {"tables": tables, "coefficients": [(s, [(r, _differs(c[0], r)) for r in c]) for s, c in rows]}
+
+
+def _differs(first: dict | None, other: dict | None) -> bool:
+    """Whether two estimates lie more than two standard errors of their difference apart (taken as independent)."""
+    if not first or not other or None in (first["std"], other["std"], first["value"], other["value"]):
+        return False
+    return abs(first["value"] - other["value"]) > 2 * math.hypot(first["std"], other["std"])
 
 
 def _number(value: Any, digits: int = 3) -> str:

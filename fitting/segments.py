@@ -86,7 +86,14 @@ class Segments:
 
 
 def control_array(trial: Trial) -> np.ndarray:
-    """Inputs of the right-hand side at the samples of a trial, shape (N, 4): n, delta, wind north, wind east."""
+    """Inputs of the right-hand side at the samples of a trial, shape (N, 4): n, delta, wind north, wind east.
+
+    Raises UserError for a trial of a ship with another number of rudders than the model has.
+    """
+    if "delta" not in trial:
+        raise UserError(
+            f"{trial.name}: no column delta; its twin rudders need a ship model with two rudders, and none is available yet"
+        )
     return np.column_stack([trial["n"], trial["delta"], trial.wind_vector])
 
 

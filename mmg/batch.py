@@ -23,7 +23,9 @@ import numpy as np
 
 from mmg.codegen import LANES, source
 
-FLAGS = ("-O1", "-fPIC", "-shared", "-fno-math-errno", "-fno-trapping-math", "-march=native", "-w")
+FLAGS = ("-O1", "-fPIC", "-shared", "-fno-math-errno", "-fno-trapping-math", "-w")
+NATIVE = "-march=native"
+"""Tried first; compilers that do not know it compile for the generic processor."""
 
 
 def cache_folder() -> Path:
@@ -78,7 +80,11 @@ def compile_library(text: str, flags: Sequence[str] = FLAGS) -> tuple[Path | Non
             code = Path(scratch) / "code.c"
             code.write_text(text)
             built = Path(scratch) / f"code{suffix}"
-            run = subprocess.run([cc, *flags, str(code), "-o", str(built), "-lm"], capture_output=True, text=True)
+            for extra in ((NATIVE,), ()):
+                command = [cc, *flags, *extra, str(code), "-o", str(built), "-lm"]
+                run = subprocess.run(command, capture_output=True, text=True)
+                if run.returncode == 0:
+                    break
             if run.returncode:
                 return None, f"{cc} failed: {(run.stderr.strip().splitlines() or ['no message'])[0]}"
             os.replace(built, library)

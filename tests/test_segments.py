@@ -96,3 +96,9 @@ def test_a_subset_of_windows_keeps_their_data() -> None:
     same = np.flatnonzero(seg.window == 3)
     np.testing.assert_array_equal(part.nodes[part.start[one]], seg.nodes[seg.start[same]])
     np.testing.assert_array_equal(part.controls[:, :, one], seg.controls[:, :, same])
+
+
+def test_twin_rudders_are_refused_with_a_reason() -> None:
+    columns = {k: v for k, v in motion_columns().items() if k != "delta"}
+    with pytest.raises(UserError, match="twin rudders"):
+        cut([Trial("twin", {**columns, "delta_port": columns["n"], "delta_starboard": columns["n"]})], 1.0, 50.0, 5)
