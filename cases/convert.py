@@ -13,9 +13,7 @@ from mmg.errors import UserError
 RUDDERS = ("delta", "delta_port", "delta_starboard")
 
 
-def converted(
-    columns: Mapping[str, np.ndarray], settings: Settings, notices: list[str]
-) -> dict[str, np.ndarray]:
+def converted(columns: Mapping[str, np.ndarray], settings: Settings, notices: list[str]) -> dict[str, np.ndarray]:
     """Columns with the signs, frames and reference point of the house; each step adds a notice.
 
     columns: canonical name -> (N,) in house units. Order: signs, velocity frame, reference point, wind.

@@ -28,9 +28,7 @@ FRT_NAMES = {
 REQUIRED = ("t", "psi", "u", "v", "r", "n")
 
 
-def match_headers(
-    path: Path, header: list[str], settings: Settings, notices: list[str]
-) -> dict[str, tuple[int, str]]:
+def match_headers(path: Path, header: list[str], settings: Settings, notices: list[str]) -> dict[str, tuple[int, str]]:
     """Canonical name -> (column index, unit) for every column that the house understands.
 
     Raises UserError for a mapped header that is absent, two headers for one quantity, a missing unit or a
@@ -54,7 +52,7 @@ def match_headers(
             other = header[taken[canonical][0]]
             raise UserError(
                 f"{path}: both '{other}' and '{header[index]}' are {canonical}; "
-                f"say which in trials.toml: columns = {{ {canonical} = \"{other}\" }}"
+                f'say which in trials.toml: columns = {{ {canonical} = "{other}" }}'
             )
         else:
             taken[canonical] = (index, unit)
@@ -94,7 +92,7 @@ def _unit(path: Path, name: str, cell: str, unit: str, settings: Settings, notic
         units = accepted(name)
         raise UserError(
             f"{path}: column '{cell}' has no unit; write '{cell} [{units[0]}]' "
-            f"(accepted: {', '.join(units)}) or trials.toml: units = {{ {name} = \"{units[0]}\" }}"
+            f'(accepted: {", ".join(units)}) or trials.toml: units = {{ {name} = "{units[0]}" }}'
         )
     return unit
 
@@ -109,5 +107,5 @@ def _require(path: Path, header: list[str], taken: dict[str, tuple[int, str]]) -
         units = f"{missing[0]} [{accepted(missing[0])[0]}]"
         raise UserError(
             f"{path}: missing column {', '.join(missing)}; found: {', '.join(header)}. Name it '{units}', "
-            f"or map it in trials.toml beside the file: columns = {{ {missing[0]} = \"HEADER\" }}"
+            f'or map it in trials.toml beside the file: columns = {{ {missing[0]} = "HEADER" }}'
         )

@@ -18,10 +18,7 @@ from cases.propulsion import approach
 from mmg.errors import UserError
 from mmg.ship import Ship
 
-FORMS = (
-    "turning:35, zigzag:20/20, zigzag:-10/10, crash-stop, random, random:SEED, straight, berthing, "
-    "acceleration"
-)
+FORMS = "turning:35, zigzag:20/20, zigzag:-10/10, crash-stop, random, random:SEED, straight, berthing, acceleration"
 """What ``parse_maneuver`` understands; a negative angle begins to port."""
 
 MODEL_LENGTH = 3.0

@@ -140,8 +140,7 @@ def _spin(columns: Mapping[str, np.ndarray]) -> str:
     typical = float(np.nanpercentile(np.abs(r), 75))
     if typical > SPIN_LIMIT:
         return (
-            f"r is above {typical:.3g} rad/s a quarter of the time: are these deg/s labelled rad/s? "
-            "(correct the unit)"
+            f"r is above {typical:.3g} rad/s a quarter of the time: are these deg/s labelled rad/s? (correct the unit)"
         )
     return ""
 

@@ -58,8 +58,7 @@ def approach(ship: Ship, n: float | None, speed: float | None, at_rest: bool = F
     fastest = math.sqrt(GRAVITY * ship.particulars["L"])
     if abs(u) > fastest:
         raise UserError(
-            f"an approach at {u:g} m/s is Froude number {u / fastest:.2g}, outside this model; give a "
-            "lower speed or n"
+            f"an approach at {u:g} m/s is Froude number {u / fastest:.2g}, outside this model; give a lower speed or n"
         )
     return u, revolutions
 
@@ -76,13 +75,9 @@ def _approach(ship: Ship, n: float | None, speed: float | None, at_rest: bool) -
         return speed, n
     if n is not None:
         if n <= 0:
-            raise UserError(
-                f"n = {n:g} rps gives no steady approach ahead; give a positive n, or a speed as well"
-            )
+            raise UserError(f"n = {n:g} rps gives no steady approach ahead; give a positive n, or a speed as well")
         return speed_for(ship, n), n
     if speed is not None and speed <= 0:
-        raise UserError(
-            f"speed = {speed:g} m/s: the approach must be ahead; give n as well for anything else"
-        )
+        raise UserError(f"speed = {speed:g} m/s: the approach must be ahead; give n as well for anything else")
     wanted = FROUDE * math.sqrt(GRAVITY * ship.particulars["L"]) if speed is None else speed
     return (0.0 if at_rest else wanted), revolutions_for(ship, wanted)

@@ -95,13 +95,11 @@ def _files_of(folder: Path) -> list[Path]:
         names = {p.name for p in found} | {p.stem for p in found}
         absent = [name for name in data["files"] if name not in names]
         if absent:
-            raise UserError(f"{folder / NAME}: [files.\"{absent[0]}\"] names no file of this folder")
+            raise UserError(f'{folder / NAME}: [files."{absent[0]}"] names no file of this folder')
     return found
 
 
-def _house_columns(
-    path: Path, content: bytes, settings: Settings, notices: list[str]
-) -> dict[str, np.ndarray]:
+def _house_columns(path: Path, content: bytes, settings: Settings, notices: list[str]) -> dict[str, np.ndarray]:
     """Canonical columns of the file in house units, every row of it, scaled but not yet turned or moved."""
     header, numbers = read_table(path, content)
     matched = match_headers(path, header, settings, notices)

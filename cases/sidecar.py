@@ -84,14 +84,14 @@ def read_sidecar(path: Path) -> dict[str, Any]:
         raise UserError(f"{path}: not a readable TOML file ({_one_line(error)})") from None
     unknown = sorted(set(data) - {"default", "all", "files"})
     if unknown:
-        raise UserError(f"{path}: unknown section [{unknown[0]}]; use [default] and [files.\"NAME.csv\"]")
+        raise UserError(f'{path}: unknown section [{unknown[0]}]; use [default] and [files."NAME.csv"]')
     if "default" in data and "all" in data:
         raise UserError(f"{path}: both [default] and [all]: they mean the same, keep one")
     default = _checked(data.get("default", data.get("all", {})), f"{path}: [default]")
     entries = data.get("files", {})
     if not isinstance(entries, dict):
-        raise UserError(f"{path}: files must be tables such as [files.\"run_07.csv\"]")
-    files = {name: _checked(entry, f"{path}: [files.\"{name}\"]") for name, entry in entries.items()}
+        raise UserError(f'{path}: files must be tables such as [files."run_07.csv"]')
+    files = {name: _checked(entry, f'{path}: [files."{name}"]') for name, entry in entries.items()}
     return {"default": default, "files": files}
 
 
@@ -117,9 +117,7 @@ def make_settings(values: Mapping[str, Any], source: str = "settings") -> Settin
 
 def _merged(default: Mapping[str, Any], entry: Mapping[str, Any]) -> dict[str, Any]:
     """The entry of a file, its tables merged into those of the default."""
-    return {
-        key: {**default.get(key, {}), **value} if key in TABLES else value for key, value in entry.items()
-    }
+    return {key: {**default.get(key, {}), **value} if key in TABLES else value for key, value in entry.items()}
 
 
 def _checked(section: Any, where: str) -> dict[str, Any]:

@@ -76,9 +76,7 @@ def simulate(
     columns = _columns(t[rows], states[rows], inputs[rows], None if wind is None else air[rows])
     notices = _notices(ship, wind is not None)
     meta = {"ship": ship.name, "maneuver": maneuver.name, "seed": str(seed)}
-    return Trial(
-        _stem(maneuver.name), _checked(columns, ship), notices=notices, kind=maneuver.kind, meta=meta
-    )
+    return Trial(_stem(maneuver.name), _checked(columns, ship), notices=notices, kind=maneuver.kind, meta=meta)
 
 
 def simulate_controls(ship: Ship, controls: Trial, wind: Wind | None = None, seed: int = 0) -> Trial:
@@ -101,9 +99,7 @@ def simulate_controls(ship: Ship, controls: Trial, wind: Wind | None = None, see
     gaps = np.diff(t)
     parts = np.ceil(gaps / _longest(ship) - 1e-9).astype(int)
     if parts.sum() > MOST_STEPS:
-        raise UserError(
-            f"{controls.name}: {t[-1] - t[0]:g} s are too long for {ship.name}; at most {MOST_STEPS} steps"
-        )
+        raise UserError(f"{controls.name}: {t[-1] - t[0]:g} s are too long for {ship.name}; at most {MOST_STEPS} steps")
     h, rows = np.repeat(gaps / parts, parts), np.repeat(np.arange(len(gaps)), parts)
     run = step_function(ship).mapaccum("run", len(h))
     path = np.vstack([start, np.array(run(start, held[rows].T, h)).T])
@@ -128,9 +124,7 @@ def _stem(name: str) -> str:
     return name.replace(":", "_").replace("/", "_")
 
 
-def _columns(
-    t: np.ndarray, states: np.ndarray, inputs: np.ndarray, air: np.ndarray | None
-) -> dict[str, np.ndarray]:
+def _columns(t: np.ndarray, states: np.ndarray, inputs: np.ndarray, air: np.ndarray | None) -> dict[str, np.ndarray]:
     columns = {"t": t, **dict(zip(STATES, states.T, strict=True)), "n": inputs[:, 0], "delta": inputs[:, 1]}
     if air is not None:
         columns |= {"wind_speed": air[:, 0], "wind_direction": air[:, 1]}
@@ -148,9 +142,7 @@ def _checked(columns: dict[str, np.ndarray], ship: Ship) -> dict[str, np.ndarray
     good &= (speed < 3 * math.sqrt(GRAVITY * L)) & (spin < 10 * math.sqrt(GRAVITY / L))
     if not good.all():
         when = columns["t"][int(np.argmin(good))]
-        raise UserError(
-            f"the motion of {ship.name} diverges at t = {when:g} s; check its coefficients and the inputs"
-        )
+        raise UserError(f"the motion of {ship.name} diverges at t = {when:g} s; check its coefficients and the inputs")
     return columns
 
 

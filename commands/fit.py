@@ -225,7 +225,8 @@ def _summary(calibration: Calibration, content: dict, out: Path) -> None:
     say(
         f"{words} ({calibration.solution.status}) after {sum(p['iterations'] for p in calibration.passes)} iterations "
         f"in {calibration.timings['total']:.1f} s; objective {calibration.solution.objective:.6g}; "
-        f"{len(calibration.prior.symbols)} free coefficients, {calibration.segments.duration:.0f} s of data, seed {calibration.settings.seed}"
+        f"{len(calibration.prior.symbols)} free coefficients, {calibration.segments.duration:.0f} s of data, "
+        f"seed {calibration.settings.seed}"
     )
     for line in calibration.warnings:
         say(f"warning: {line}")

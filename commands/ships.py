@@ -12,9 +12,7 @@ if TYPE_CHECKING:
 
 
 def ships(
-    name: Annotated[
-        str | None, typer.Argument(help="Ship, ship file or run folder to print as TOML.")
-    ] = None,
+    name: Annotated[str | None, typer.Argument(help="Ship, ship file or run folder to print as TOML.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print as JSON.")] = False,
 ) -> None:
     """List the ships that come with the package, or print one as a ship file.

@@ -28,22 +28,14 @@ def simulate(
     ] = None,
     controls: Annotated[
         Path | None,
-        typer.Option(
-            "--controls", help="Trial file whose n, delta and wind are followed, from its first state."
-        ),
+        typer.Option("--controls", help="Trial file whose n, delta and wind are followed, from its first state."),
     ] = None,
     wind: Annotated[
         str | None,
-        typer.Option(
-            "--wind", help="speed:direction[:gusty], m/s and degrees it comes from; default calm air."
-        ),
+        typer.Option("--wind", help="speed:direction[:gusty], m/s and degrees it comes from; default calm air."),
     ] = None,
-    noise: Annotated[
-        bool, typer.Option("--noise", help="Add white sensor noise to the states written.")
-    ] = False,
-    n: Annotated[
-        float | None, typer.Option("--n", help="Approach revolutions [1/s]; default from the speed.")
-    ] = None,
+    noise: Annotated[bool, typer.Option("--noise", help="Add white sensor noise to the states written.")] = False,
+    n: Annotated[float | None, typer.Option("--n", help="Approach revolutions [1/s]; default from the speed.")] = None,
     speed: Annotated[
         float | None,
         typer.Option("--speed", help="Approach speed [m/s]; default from n, else Froude number 0.07."),
@@ -51,9 +43,7 @@ def simulate(
     duration: Annotated[float | None, typer.Option("--duration", help="Longest time [s].")] = None,
     rudder_rate: Annotated[
         float | None,
-        typer.Option(
-            "--rudder-rate", help="[deg/s]; default 20 for a 3 m model, Froude scaled to other lengths."
-        ),
+        typer.Option("--rudder-rate", help="[deg/s]; default 20 for a 3 m model, Froude scaled to other lengths."),
     ] = None,
     dt: Annotated[float | None, typer.Option("--dt", help="Sampling interval [s]; default 0.1.")] = None,
     seed: Annotated[int, typer.Option("--seed", help="Seed of gusts, noise and random manoeuvres.")] = 0,
@@ -130,9 +120,7 @@ def _run_maneuver(
     return run(ship, plan, 0.1 if dt is None else dt, wind, seed), plan
 
 
-def _run_controls(
-    ship: Ship, path: Path, wind: Wind | None, seed: int, options: Mapping[str, float | None]
-) -> Trial:
+def _run_controls(ship: Ship, path: Path, wind: Wind | None, seed: int, options: Mapping[str, float | None]) -> Trial:
     from dataclasses import replace
 
     from cases.controls import read_controls

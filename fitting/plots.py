@@ -23,13 +23,12 @@ from fitting.predict import predict_all
 from fitting.run import RESULT, coefficient_rows, read_result
 from fitting.score import PAPER_WINDOW, wrapped_error
 from fitting.settings import Start
+from fitting.verdicts import DETERMINED, PARTLY
 from mmg.components import ROLES, coefficient_table
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 
 GROUPS = ("mass", *ROLES, "other")
-DETERMINED, PARTLY = 0.1, 0.7
-"""Prior's share of the variance below which a coefficient is determined, partly determined by the data."""
 
 
 def component_of(ship: Ship) -> dict[str, str]:

@@ -258,7 +258,7 @@ def build_report(folders: Sequence[Path]) -> str:
         if labels.count(run["label"]) > 1:
             run["label"] = f"{run['label']} ({run['id']})"
     environment = Environment(
-        loader=PackageLoader("commands", "templates"), autoescape=True, undefined=StrictUndefined,
+        loader=PackageLoader("fitting", "templates"), autoescape=True, undefined=StrictUndefined,
         trim_blocks=True, lstrip_blocks=True,
     )  # fmt: skip
     environment.filters["number"] = _number

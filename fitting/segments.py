@@ -92,7 +92,8 @@ def control_array(trial: Trial) -> np.ndarray:
     """
     if "delta" not in trial:
         raise UserError(
-            f"{trial.name}: no column delta; its twin rudders need a ship model with two rudders, and none is available yet"
+            f"{trial.name}: no column delta; its twin rudders need a ship model with two rudders, "
+            "and none is available yet"
         )
     return np.column_stack([trial["n"], trial["delta"], trial.wind_vector])
 

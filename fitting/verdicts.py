@@ -12,6 +12,10 @@ from fitting.settings import Start
 from mmg.ship import Ship
 
 
+DETERMINED, PARTLY = 0.1, 0.7
+"""Prior's share of the posterior variance below which the data determine a coefficient, or have a say in it."""
+
+
 def at_bound(p: float, lower: float, upper: float) -> str:
     """ "lower", "upper" or "" for a scaled coefficient against its scaled bounds."""
     if p <= lower + 1e-4:
@@ -25,9 +29,9 @@ def verdict(share: float, where: str) -> str:
         return f"at its {where} bound: the data ask for a value outside the range given"
     if not np.isfinite(share):
         return "its uncertainty could not be computed"
-    if share < 0.1:
+    if share < DETERMINED:
         return f"determined by the data (the prior's share of the variance is {share:.0%})"
-    if share < 0.7:
+    if share < PARTLY:
         return f"partly determined by the data (the prior's share of the variance is {share:.0%})"
     return f"decided by the prior (its share of the variance is {min(share, 1):.0%})"
 

@@ -31,9 +31,7 @@ def test_ill_formed_text_is_one_clear_line(text: str) -> None:
     assert "\n" not in str(caught.value) and text in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    "approach", [{"n": -3.0}, {"n": 0.0}, {"speed": 0.0}, {"speed": 30.0}, {"n": math.nan}]
-)
+@pytest.mark.parametrize("approach", [{"n": -3.0}, {"n": 0.0}, {"speed": 0.0}, {"speed": 30.0}, {"n": math.nan}])
 def test_an_approach_that_cannot_be_held_is_refused(approach: dict[str, float]) -> None:
     with pytest.raises(UserError):
         parse_maneuver("turning:35", SHIP, n=approach.get("n"), speed=approach.get("speed"))
@@ -54,10 +52,7 @@ def test_limits_follow_froude() -> None:
     assert math.degrees(Limits.for_length(3.0).rudder_rate) == pytest.approx(20.0)
     assert math.degrees(Limits.for_length(320.0).rudder_rate) == pytest.approx(1.94, abs=0.01)
     large = replace(SHIP, particulars={**SHIP.particulars, "L": 300.0, "D_P": 8.4})
-    ratio = (
-        parse_maneuver("berthing", large, n=1.0, speed=1.0).duration
-        / parse_maneuver("berthing", SHIP).duration
-    )
+    ratio = parse_maneuver("berthing", large, n=1.0, speed=1.0).duration / parse_maneuver("berthing", SHIP).duration
     assert ratio == pytest.approx(10.0)
 
 
@@ -72,9 +67,7 @@ def test_actuators_never_move_faster_than_their_limits() -> None:
 
 
 @pytest.mark.parametrize(("text", "side", "heading"), [("zigzag:20/20", 1, 20), ("zigzag:-10/5", -1, 5)])
-def test_zigzag_reverses_at_the_first_sample_beyond_the_switch_heading(
-    text: str, side: int, heading: int
-) -> None:
+def test_zigzag_reverses_at_the_first_sample_beyond_the_switch_heading(text: str, side: int, heading: int) -> None:
     trial = simulate(SHIP, parse_maneuver(text, SHIP))
     psi, delta = np.degrees(trial.psi_unwrapped), np.degrees(trial["delta"])
     moves = np.flatnonzero(np.diff(delta) * np.append(0, np.diff(delta)[:-1]) <= 0)
@@ -129,9 +122,7 @@ def test_random_orders_reverse_and_are_reproducible() -> None:
         assert orders == [again(t, state) for t in times]
         assert min(n for n, _ in orders) < 0 < orders[0][0]
         assert max(abs(delta) for _, delta in orders) <= math.radians(35)
-    assert random_telegraph(10.0, 150.0, 1.0, 1)(80.0, state) != random_telegraph(10.0, 150.0, 1.0, 2)(
-        80.0, state
-    )
+    assert random_telegraph(10.0, 150.0, 1.0, 1)(80.0, state) != random_telegraph(10.0, 150.0, 1.0, 2)(80.0, state)
 
 
 def test_figures_of_a_perfect_circle_are_its_radius_and_diameter() -> None:

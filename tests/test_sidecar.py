@@ -14,7 +14,9 @@ def sidecar(folder, text):
 
 
 def test_a_file_entry_wins_over_the_default_and_tables_are_merged(tmp_path):
-    sidecar(tmp_path, """
+    sidecar(
+        tmp_path,
+        """
 [default]
 kind = "zigzag"
 units = { u = "kn", n = "rpm" }
@@ -22,7 +24,8 @@ units = { u = "kn", n = "rpm" }
 role = "test"
 kind = "turning"
 units = { n = "rps" }
-""")
+""",
+    )
     settings = settings_for(tmp_path / "a.csv")
     assert (settings.kind, settings.role) == ("turning", "test")
     assert settings.units == {"u": "kn", "n": "rps"}
@@ -62,12 +65,15 @@ def test_foreign_headers_units_and_rudder_sign_are_converted_and_said(tmp_path):
     truth = motion_columns(20.0)
     stored = {**truth, "u": truth["u"] / (1852 / 3600), "n": truth["n"] * 60, "delta": -truth["delta"]}
     write_csv(tmp_path / "a.csv", stored, {"u": "SOG", "n": "Shaft [rpm]", "t": "time"})
-    sidecar(tmp_path, """
+    sidecar(
+        tmp_path,
+        """
 [all]
 rudder_positive = "port"
 columns = { u = "SOG", n = "Shaft", t = "time" }
 units = { u = "kn", t = "s" }
-""")
+""",
+    )
     trial = read_trial(tmp_path / "a.csv")
     for name in ("t", "u", "n", "delta"):
         np.testing.assert_allclose(trial[name], truth[name], rtol=1e-12)

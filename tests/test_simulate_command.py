@@ -61,9 +61,7 @@ def test_noise_is_added_to_the_file_and_follows_the_seed(tmp_path: Path) -> None
         ("c", []),
         ("d", ["--noise", "--seed", "5"]),
     ):
-        assert (
-            mmg(*ESSO, "--maneuver", "straight", *options, "--out", tmp_path / f"{name}.csv").exit_code == 0
-        )
+        assert mmg(*ESSO, "--maneuver", "straight", *options, "--out", tmp_path / f"{name}.csv").exit_code == 0
         runs.append(read_trial(tmp_path / f"{name}.csv"))
     np.testing.assert_array_equal(runs[0]["u"], runs[1]["u"])
     assert (runs[0]["u"] != runs[3]["u"]).all()

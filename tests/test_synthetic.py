@@ -23,9 +23,7 @@ ESSO = load_ship(SHIP)
 
 @pytest.fixture(scope="module")
 def windy() -> Trial:
-    return simulate(
-        ESSO, parse_maneuver("zigzag:20/20", ESSO, duration=60), wind=Wind(1.5, 1.0, gusty=True), seed=3
-    )
+    return simulate(ESSO, parse_maneuver("zigzag:20/20", ESSO, duration=60), wind=Wind(1.5, 1.0, gusty=True), seed=3)
 
 
 def mirrored() -> Ship:
@@ -37,9 +35,7 @@ def mirrored() -> Ship:
 @pytest.mark.parametrize("kind", ["turning:{}35", "zigzag:{}20/10"])
 def test_port_and_starboard_mirror_each_other_without_asymmetry(kind: str) -> None:
     ship = mirrored()
-    a, b = (
-        simulate(ship, parse_maneuver(kind.format(sign), ship, duration=150), dt=0.2) for sign in ("", "-")
-    )
+    a, b = (simulate(ship, parse_maneuver(kind.format(sign), ship, duration=150), dt=0.2) for sign in ("", "-"))
     for name, sign in (("x", 1), ("y", -1), ("u", 1), ("v", -1), ("r", -1), ("delta", -1)):
         np.testing.assert_allclose(b[name], sign * a[name], atol=1e-9)
 
@@ -53,9 +49,7 @@ def test_crash_stop_of_a_symmetric_ship_stays_on_its_line() -> None:
 def test_coasting_ship_loses_energy_in_calm_air() -> None:
     trial = simulate(ESSO, parse_maneuver("straight", ESSO, n=0.0, speed=0.4, duration=200), 0.5)
     start = np.array([0, 0, 0, 0.3, 0.1, 0.05])
-    drifting = simulate(
-        ESSO, parse_maneuver("straight", ESSO, n=0.0, speed=0.4, duration=200), 0.5, start=start
-    )
+    drifting = simulate(ESSO, parse_maneuver("straight", ESSO, n=0.0, speed=0.4, duration=200), 0.5, start=start)
     c, p = {s: x.value for s, x in ESSO.coefficients.items()}, ESSO.particulars
     unit = 0.5 * p["rho"] * p["L"] ** 2 * p["d"]
     m_x, m_y = p["m"] + c["m_x"] * unit, p["m"] + c["m_y"] * unit
@@ -123,9 +117,7 @@ def test_gust_filter_has_the_published_constants() -> None:
     assert ten.alpha_direction == pytest.approx(0.08168, abs=5e-6)
     spread = math.degrees(ten.sigma_direction) / math.sqrt(2 * ten.alpha_direction)
     assert spread == pytest.approx(5.69, abs=5e-3)
-    assert five.alpha_u == pytest.approx(0.20498, rel=3e-5) and five.sigma_u == pytest.approx(
-        0.28210, rel=3e-5
-    )
+    assert five.alpha_u == pytest.approx(0.20498, rel=3e-5) and five.sigma_u == pytest.approx(0.28210, rel=3e-5)
 
 
 def test_gusts_have_the_stationary_spread_of_their_filter_at_any_step() -> None:
@@ -153,9 +145,7 @@ def test_wind_text_is_read_in_degrees_or_refused() -> None:
 
 
 def test_noise_has_the_stated_spread_and_leaves_inputs_alone(windy: Trial) -> None:
-    long = Trial(
-        "long", {**{s: np.zeros(20_000) for s in STATES}, "t": np.arange(20_000.0), "n": np.ones(20_000)}
-    )
+    long = Trial("long", {**{s: np.zeros(20_000) for s in STATES}, "t": np.arange(20_000.0), "n": np.ones(20_000)})
     noise = SensorNoise()
     noisy, again = add_noise(long, noise, 4), add_noise(long, noise, 4)
     for name in STATES:

@@ -49,9 +49,7 @@ def frame_misfits(m: Motion) -> dict[str, float | None]:
     size = math.sqrt(float(np.mean(np.abs(track) ** 2))) if len(track) else 0.0
     if size < 1e-6:
         return dict.fromkeys(guesses)
-    return {
-        name: math.sqrt(float(np.mean(np.abs(track - guess) ** 2))) / size for name, guess in guesses.items()
-    }
+    return {name: math.sqrt(float(np.mean(np.abs(track - guess) ** 2))) / size for name, guess in guesses.items()}
 
 
 def frame_sentences(misfit: dict[str, float | None]) -> list[Finding]:
@@ -62,10 +60,7 @@ def frame_sentences(misfit: dict[str, float | None]) -> list[Finding]:
     best, body = min(HYPOTHESES, key=lambda name: values[name]), values["body"]
     if body > 0.15 and values[best] < 0.6 * body:
         meaning, remedy = HYPOTHESES[best]
-        text = (
-            f"The track says that {meaning}: misfit {values[best]:.0%} against {body:.0%} as labelled; "
-            f"{remedy}."
-        )
+        text = f"The track says that {meaning}: misfit {values[best]:.0%} against {body:.0%} as labelled; {remedy}."
         return [warning("kinematics", text)]
     if body > 0.8 and values["scaled"] > 0.5:
         text = (
@@ -92,10 +87,7 @@ def offset_sentences(offset: float | None) -> list[Finding]:
     if offset is None or abs(offset) < 5.0:
         return []
     side = "clockwise" if offset > 0 else "counter-clockwise"
-    text = (
-        f"The track is turned {abs(offset):.1f} deg {side} from heading and velocities: "
-        "heading offset or axes?"
-    )
+    text = f"The track is turned {abs(offset):.1f} deg {side} from heading and velocities: heading offset or axes?"
     return [warning("kinematics", text)]
 
 

@@ -42,9 +42,7 @@ def duplicates(trials: Sequence[Trial]) -> list[tuple[list[dict[str, Any]], list
     return out
 
 
-def _matches(
-    trials: Sequence[Trial], grid: float
-) -> dict[tuple[int, int], tuple[np.ndarray, np.ndarray]]:
+def _matches(trials: Sequence[Trial], grid: float) -> dict[tuple[int, int], tuple[np.ndarray, np.ndarray]]:
     """Pair of trials -> row indices of equal rows in the first and in the second."""
     hashes, owner, row = _rows(trials, grid)
     order = np.argsort(hashes, kind="stable")

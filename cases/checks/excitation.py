@@ -37,9 +37,7 @@ GROUPS = {
     "propeller_ahead": Group("n > 0 with u > 0", "k_0..k_2, t_P, w_P0, tau, C_P"),
     "propeller_ahead_astern_motion": Group("n > 0 with u < 0", "A_6..A_8, B_6..B_8"),
     "propeller_reversed": Group("n < 0", "C_3..C_10, A_1..A_5, B_1..B_5"),
-    "rudder_ahead": Group(
-        "rudder angles with n > 0 and u > 0", "t_R, a_H, x_H, ell_R, gamma_P, gamma_N, k_x, epsilon"
-    ),
+    "rudder_ahead": Group("rudder angles with n > 0 and u > 0", "t_R, a_H, x_H, ell_R, gamma_P, gamma_N, k_x, epsilon"),
     "rudder_reversed_flow": Group("rudder angles with n < 0 and u > 0, or u < 0", "k_xR, C_PR"),
     "wind": Group("true wind above the ship's speed from changing sides", "wind coefficients"),
 }

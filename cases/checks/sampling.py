@@ -41,9 +41,7 @@ def sampling(trial: Trial) -> tuple[dict[str, Any], list[Finding]]:
         said.append(info("sampling", text))
     worst = [c for c in missing if missing[c] > 0.05]
     if worst:
-        said.append(
-            warning("sampling", "Missing samples: " + ", ".join(f"{c} {missing[c]:.0%}" for c in worst) + ".")
-        )
+        said.append(warning("sampling", "Missing samples: " + ", ".join(f"{c} {missing[c]:.0%}" for c in worst) + "."))
     if trial.duration < 20 * dt:
         said.append(warning("sampling", f"Very short: {len(trial)} rows, {trial.duration:.3g} s."))
     return numbers, said
