@@ -11,7 +11,6 @@ from fitting.problem import Prior, Problem
 from fitting.settings import Start
 from mmg.ship import Ship
 
-
 DETERMINED, PARTLY = 0.1, 0.7
 """Prior's share of the posterior variance below which the data determine a coefficient, or have a say in it."""
 
