@@ -39,6 +39,7 @@ def fit(
     ] = None,
     interval: Annotated[int, typer.Option("--interval", help="Steps per shooting interval.")] = 5,
     starts: Annotated[int, typer.Option("--starts", help="Starts of the final solve (1: the prior).")] = 1,
+    workers: Annotated[int, typer.Option("--workers", help="Processes over which further starts are spread.")] = 1,
     sigma: Annotated[
         str | None,
         typer.Option("--sigma", help="Fixed residual sigma x,y,psi,u,v,r instead of estimated ones."),
@@ -71,7 +72,9 @@ def fit(
     from fitting.run import read_iterate, read_result, result, write_run
 
     began = time.perf_counter()
-    settings = _settings(window, step, interval, starts, sigma, seed, tolerance, max_iterations, time_limit, compiled)
+    settings = _settings(
+        window, step, interval, starts, workers, sigma, seed, tolerance, max_iterations, time_limit, compiled
+    )
     warm, start = _target(out, resume, ship)
     if resume and out.exists() and read_result(out)["converged"]:
         say(f"{out} has converged already; nothing to resume")
@@ -114,12 +117,12 @@ def _settings(*values: Any) -> Any:
     from fitting.calibration import Settings
     from mmg.errors import UserError
 
-    window, step, interval, starts, sigma, seed, tolerance, iterations, limit, compiled = values
+    window, step, interval, starts, workers, sigma, seed, tolerance, iterations, limit, compiled = values
     positive = {"--window": window, "--step": step, "--tolerance": tolerance, "--time-limit": limit}
     for name, value in positive.items():
         if value is not None and not value > 0:
             raise UserError(f"{name} {value:g} must be positive")
-    for name, value in {"--interval": interval, "--starts": starts}.items():
+    for name, value in {"--interval": interval, "--starts": starts, "--workers": workers}.items():
         if value < 1:
             raise UserError(f"{name} {value} must be at least 1")
     if iterations < 0:
@@ -129,6 +132,7 @@ def _settings(*values: Any) -> Any:
         step=step,
         interval=interval,
         starts=starts,
+        workers=workers,
         seed=seed,
         tolerance=tolerance,
         max_iterations=iterations,

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
+from fitting.execute import run_all
 from fitting.ipopt import Solution, solve
 from fitting.noise import Noise, estimate
-from fitting.problem import Problem
+from fitting.problem import Prior, Problem
+from fitting.segments import Segments
 from fitting.settings import Report, Settings, Start
+from fitting.shooting import kernels
+from mmg.model import assemble
+from mmg.ship import Ship
 
 
 def _left(settings: Settings, began: float) -> float | None:
@@ -93,31 +98,61 @@ def _whole(full: Problem, p: np.ndarray, solution: Solution) -> tuple[Problem, S
     )
 
 
+@dataclass(frozen=True)
+class StartTask:
+    """One further start of the final solve, complete enough to be solved in another process."""
+
+    ship: Ship
+    prior: Prior
+    segments: Segments
+    sigma: np.ndarray
+    p: np.ndarray
+    settings: Settings
+    time_limit: float | None
+
+
+def solve_start(task: StartTask) -> Solution:
+    """Solve one start; kernels are built anew (their compiled code is cached)."""
+    free = np.array([task.ship.symbols.index(s) for s in task.prior.symbols])
+    kernel = kernels(assemble(task.ship), free, task.settings.compiled)
+    problem = Problem(task.ship, task.prior, kernel, task.segments, task.sigma)
+    settings = task.settings
+    return solve(problem, problem.start(task.p), settings.tolerance, settings.max_iterations, task.time_limit)
+
+
+def _further(
+    problem: Problem, settings: Settings, points: list[np.ndarray], began: float, report: Report | None
+) -> list[Solution]:
+    """Solutions from other starting points, in processes when there are several workers."""
+    if settings.workers > 1 and len(points) > 1:
+        left = _left(settings, began)
+        tasks = [
+            StartTask(problem.ship, problem.prior, problem.segments, problem.sigma, p, settings, left) for p in points
+        ]
+        return run_all(solve_start, tasks, settings.workers)
+    solutions: list[Solution] = []
+    for number, p in enumerate(points, start=2):
+        left = _left(settings, began)
+        if left is not None and left <= 0:
+            break
+        watch = partial(report, f"start {number}") if report else None
+        solutions.append(
+            solve(problem, problem.start(p), settings.tolerance, settings.max_iterations, left, report=watch)
+        )
+        if solutions[-1].status == "User_Requested_Stop":
+            break
+    return solutions
+
+
 def solve_starts(
     problem: Problem, first: Solution, settings: Settings, began: float, report: Report | None
 ) -> tuple[Solution, list[Start]]:
     """Further random starts of the last problem; returns the best solution and the list of all starts."""
     solutions = [first]
-    if first.converged:
+    if first.converged and settings.starts > 1:
         rng = np.random.default_rng(settings.seed)
-        for number in range(1, settings.starts):
-            left = _left(settings, began)
-            if left is not None and left <= 0:
-                break
-            x0 = problem.start(rng.normal(scale=0.5, size=problem.P))
-            name = f"start {number + 1}"
-            solutions.append(
-                solve(
-                    problem,
-                    x0,
-                    settings.tolerance,
-                    settings.max_iterations,
-                    left,
-                    report=partial(report, name) if report else None,
-                )
-            )
-            if solutions[-1].status == "User_Requested_Stop":
-                break
+        points = [rng.normal(scale=0.5, size=problem.P) for _ in range(1, settings.starts)]
+        solutions += _further(problem, settings, points, began, report)
     converged = [s for s in solutions if s.converged] or solutions[:1]
     best = min(converged, key=lambda s: s.objective)
     p = problem.split(best.x)[1]

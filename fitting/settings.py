@@ -15,7 +15,8 @@ class Settings:
 
     window: length of a shooting window [s], None: 100 steps; step: integration and sampling
     step [s], None: a twentieth; interval: Runge-Kutta steps per shooting interval; passes: solves, the noise being
-    re-estimated between them; starts: further random starts of the last solve; tolerance, max_iterations, time_limit
+    re-estimated between them; starts: starts of the last solve, all but the first random;
+    workers: processes over which further starts are spread; tolerance, max_iterations, time_limit
     [s, of the whole calibration]: of IPOPT; sigma: fixed residual standard deviations (6,) instead of estimated ones;
     compiled: use a C compiler if there is one.
     """
@@ -25,6 +26,7 @@ class Settings:
     interval: int = 5
     passes: int = 3
     starts: int = 1
+    workers: int = 1
     seed: int = 0
     tolerance: float = 1e-6
     max_iterations: int = 300

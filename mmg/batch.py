@@ -86,7 +86,8 @@ def compile_library(text: str, flags: Sequence[str] = FLAGS) -> tuple[Path | Non
                 if run.returncode == 0:
                     break
             if run.returncode:
-                return None, f"{cc} failed: {(run.stderr.strip().splitlines() or ['no message'])[0]}"
+                lines = run.stderr.strip().splitlines() or ["no message"]
+                return None, f"{cc} failed: {next((line for line in lines if 'error' in line), lines[0])}"
             os.replace(built, library)
         return library, ""
     except OSError as error:

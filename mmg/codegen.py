@@ -8,6 +8,7 @@ of shape (rows,) is shared by all points. An output holds the nonzeros of a spar
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import casadi as ca
@@ -95,6 +96,15 @@ def _expression(operation: int, operands: list[str]) -> str:
     raise NotImplementedError(f"no C for CasADi operation {operation}")
 
 
+def _constant(value: float) -> str:
+    """C literal of a number: Python writes inf and nan in words that C does not know."""
+    if math.isnan(value):
+        return "NAN"
+    if math.isinf(value):
+        return "INFINITY" if value > 0 else "-INFINITY"
+    return repr(value)
+
+
 def kernel(function: ca.Function) -> str:
     """C source of ``void NAME(long points, const double** arg, const long* ld, double** res)``.
 
@@ -106,7 +116,7 @@ def kernel(function: ca.Function) -> str:
         operation = function.instruction_id(k)
         inputs, outputs = function.instruction_input(k), function.instruction_output(k)
         if operation == ca.OP_CONST:
-            body.append(f"w[{outputs[0]}] = fill({function.instruction_constant(k)!r});")
+            body.append(f"w[{outputs[0]}] = fill({_constant(function.instruction_constant(k))});")
         elif operation == ca.OP_INPUT:
             body.append(f"w[{outputs[0]}] = IN({inputs[0]}, {inputs[1]});")
         elif operation == ca.OP_OUTPUT:

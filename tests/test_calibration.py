@@ -27,6 +27,14 @@ def test_it_converges_to_tolerance_and_every_start_agrees(fitted: Calibration) -
     assert max(s.distance for s in fitted.starts) < 1e-2
 
 
+def test_starts_spread_over_processes_give_the_same_solutions() -> None:
+    inline, spread = (
+        calibrate(load_ship("esso_osaka_3m"), runs()[0][:2], Settings(passes=1, starts=3, workers=w)) for w in (1, 2)
+    )
+    assert [s.objective for s in spread.starts] == pytest.approx([s.objective for s in inline.starts], rel=1e-9)
+    np.testing.assert_allclose(spread.p, inline.p, atol=1e-6)
+
+
 def test_the_noise_of_the_sensors_is_recovered(fitted: Calibration) -> None:
     np.testing.assert_allclose(fitted.noise.rms, [0.01, 0.01, 0.0015, 0.004, 0.004, 0.0006], rtol=0.1)
     assert (fitted.noise.tau < 1.5).all()

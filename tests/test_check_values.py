@@ -1,4 +1,4 @@
-"""Published check values of ESSO OSAKA 3 m: forces, accelerations, wind, cross-flow (shared physics.md K.2, F.1, B.2).
+"""Published check values of ESSO OSAKA 3 m: forces, accelerations, wind, cross-flow (physics K.2, F.1, B.2).
 
 The numbers come from running the public simulator. The exact branches must reproduce them; the smooth model
 deviates by stated amounts.
@@ -89,15 +89,15 @@ SMOOTH_TOLERANCES = (1e-3, 1e-3, 2e-3, 2e-4, 5e-5, 5e-2)
 Measured largest deviation, and its cause found by making one blend at a time exact:
 row 1  6.6e-4 surge: share of the astern resistance; |beta| is held above 1 mm/s over 0.3 m/s
 row 2  7.0e-4 yaw: wake; |v' + x_P' r'| rounded over 0.01 and U over 10 mm/s, through the rudder inflow
-row 3  1.2e-3 surge: J_s = -0.238 sits on the branch point C_10 = -0.233 of the reverse thrust, blended over 0.02
+row 3  1.2e-3 surge: J_s = -0.238 sits on the branch point C_10 = -0.233 of reverse thrust, blended over 0.02
 row 4  1.1e-4 yaw: U_R at the rudder and |u| in N_H, rounded over 1 mm/s
 row 5  2.1e-5 surge: U_A of the wind rounded over 10 mm/s, U of the hull over 1 mm/s
-row 6  4.3e-2 sway: u = 0 sits on the branch point of headway, where 4.7 % of the side force in sternway is present;
+row 6  4.3e-2 sway: u = 0 sits on the branch point of headway: 4.7 % of the side force in sternway is there;
        in units of the row's largest force over the mass this is 1.9e-3
 """
 
 SMOOTH_FORCE_TOLERANCE = 5e-3
-"""Largest deviation of a component of the smooth model, by the largest force of its row (measured 3.7e-3, row 6)."""
+"""Largest deviation of a component of the smooth model by the largest force of its row (row 6: 3.7e-3)."""
 
 
 @cache
@@ -105,7 +105,9 @@ def model(exact: bool) -> Model:
     return assemble(SHIP, exact=exact)
 
 
-def arguments(row: int, wind: tuple[float, float] = (0.0, 0.0)) -> tuple[list[float], list[float], np.ndarray]:
+def arguments(
+    row: int, wind: tuple[float, float] = (0.0, 0.0)
+) -> tuple[list[float], list[float], np.ndarray]:
     """State, controls and coefficients of a row; wind = (speed [m/s], coming-from direction [rad])."""
     u, v, r, n, degrees = MOTIONS[row]
     return [0, 0, 0, u, v, r], [n, np.radians(degrees), *wind_vector(*wind)], SHIP.values
@@ -121,10 +123,10 @@ def components(row: int, exact: bool, **wind: tuple[float, float]) -> dict[str, 
 
 
 def reference_quadrature_error() -> float:
-    """Error of the reference's Simpson rule on 100 points in I_Y of row 6 [m^2/s^2], where I_Y itself is zero.
+    """Error of the reference's Simpson rule on 100 points in I_Y of row 6 [m^2/s^2]; I_Y itself is zero.
 
-    Ninety-nine intervals are odd in number: the rule is Simpson on the first 98, and the parabola through the last
-    three points on the last one, so that an antisymmetric integrand leaves a remainder.
+    Ninety-nine intervals are odd in number: the rule is Simpson on the first 98, and the parabola through
+    the last three points on the last one, so that an antisymmetric integrand leaves a remainder.
     """
     _, v, r, *_ = MOTIONS[5]
     b = SHIP.coefficients["C_rY"].value * r * SHIP.particulars["L"]
@@ -150,11 +152,13 @@ def expected_accelerations(row: int) -> np.ndarray:
 
 @pytest.mark.parametrize("row", range(6))
 def test_exact_accelerations_agree_with_the_published_ones_to_1e_5(row: int) -> None:
-    np.testing.assert_allclose(accelerations(row, True), expected_accelerations(row), rtol=EXACT_TOLERANCE, atol=1e-15)
+    np.testing.assert_allclose(
+        accelerations(row, True), expected_accelerations(row), rtol=EXACT_TOLERANCE, atol=1e-15
+    )
 
 
 def test_row_6_sway_needs_the_quadrature_error_of_the_reference() -> None:
-    """As printed it deviates by 2.3e-5: the reference's Simpson rule leaves 9.5e-9 m^2/s^2 in an integral that is zero.
+    """As printed it deviates by 2.3e-5: the reference's Simpson rule leaves 9.5e-9 m^2/s^2 of nothing.
 
     The closed form leaves none; the sway acceleration of this row is small, so the remainder shows.
     """
@@ -164,7 +168,9 @@ def test_row_6_sway_needs_the_quadrature_error_of_the_reference() -> None:
     assert accelerations(5, True)[1] == pytest.approx(expected_accelerations(5)[1], rel=EXACT_TOLERANCE)
 
 
-@pytest.mark.parametrize(("role", "row"), [(role, row) for role, rows in FORCES.items() for row in range(len(rows))])
+@pytest.mark.parametrize(
+    ("role", "row"), [(role, row) for role, rows in FORCES.items() for row in range(len(rows))]
+)
 def test_exact_forces_agree_with_the_published_ones_to_the_last_printed_digit(role: str, row: int) -> None:
     np.testing.assert_allclose(components(row, True)[role], FORCES[role][row], rtol=0, atol=LAST_DIGIT)
 
@@ -222,7 +228,7 @@ def test_fujiwara_regression_gives_the_published_coefficients(symbol: str, value
     ],
 )
 def test_wind_series_by_apparent_angle(degrees: float, published: tuple[float, float, float]) -> None:
-    """Angle counter-clockwise from the bow: U_A cos = -a_x, U_A sin = a_y (wind from port pushes to starboard)."""
+    """Angle counter-clockwise from the bow: U_A cos = -a_x, U_A sin = a_y; from port it pushes right."""
     angle, speed = np.radians(degrees), 7.0
     flow = Flow(u=0.0, v=0.0, r=0.0, a_x=-speed * np.cos(angle), a_y=speed * np.sin(angle))
     p = names(dict(SHIP.particulars))

@@ -25,7 +25,13 @@ TOLERANCE = 1e-8
 Measured over these points: 4e-10, the round-off of the differences.
 """
 
-KINDS = ("open", "near rest", "on the branches of the reversed propeller", "straight, ahead and astern", "stopped")
+KINDS = (
+    "open",
+    "near rest",
+    "on the branches of the reversed propeller",
+    "straight, ahead and astern",
+    "stopped",
+)
 
 
 def point(kind: str, seed: int) -> np.ndarray:
@@ -99,7 +105,9 @@ def test_jacobian_agrees_with_finite_differences(kind: str, seed: int, derivativ
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("seed", range(3))
-def test_hessian_agrees_with_finite_differences_of_the_jacobian(kind: str, seed: int, derivatives: tuple) -> None:
+def test_hessian_agrees_with_finite_differences_of_the_jacobian(
+    kind: str, seed: int, derivatives: tuple
+) -> None:
     _, jacobian, hessian = derivatives
     x = point(kind, seed)
     shape = (6, ARGUMENTS, ARGUMENTS)

@@ -1,4 +1,4 @@
-"""Limiting cases of the ship: mirror symmetry, rest, coasting, straight running, cross-flow, rudder inflow."""
+"""Limiting cases of the ship: mirror symmetry, rest, coasting, straight course, cross-flow, rudder inflow."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ from scipy.integrate import quad
 
 from cases.ships import load_ship
 from mmg.coefficients import names
-from mmg.flow import Flow
+from mmg.flow import Flow, Force
 from mmg.hull.unified import cross_flow
 from mmg.model import Model, assemble
 from mmg.propeller import hachii
+from mmg.rigid_body import accelerations
 from mmg.rollout import Simulator
 from mmg.rudder import single
 from mmg.smooth import Exact, Smooth, Smoothing
@@ -71,12 +72,10 @@ def flow(u: float = 0.0, v: float = 0.0, r: float = 0.0, n: float = 0.0) -> Flow
 @given(speeds, sways, yaw_rates, revolutions, rudders, winds, winds, st.booleans())
 def test_mirrored_motion_gives_mirrored_forces(u, v, r, n, delta, north, east, exact) -> None:
     """F(u, -v, -r, -delta, mirrored wind) = (X, -Y, -N) without propeller walk and with one gamma_R."""
-    assume_off_the_switch = v + SHIP.particulars["x_R"] * r
     theta = symmetric_coefficients()
     forces = model(exact).forces
     one = np.array(forces([0, 0, 0, u, v, r], [n, delta, north, east], theta))
     other = np.array(forces([0, 0, 0, u, -v, -r], [n, -delta, north, -east], theta))
-    assert np.isfinite(assume_off_the_switch)
     np.testing.assert_allclose(other, one * MIRROR, rtol=1e-9, atol=1e-13)
 
 
@@ -173,7 +172,7 @@ def coasting_starts(count: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_a_coasting_ship_loses_energy(simulator: Simulator) -> None:
-    """In every one of 512 runs energy falls at each step, and by 9 % or more in 20 s."""
+    """In every one of 512 runs energy falls at each step, and by 5 % or more in 20 s (measured 11 %)."""
     start, controls = coasting_starts(512)
     path = simulator.run(start, np.tile(controls, (200, 1, 1)), 0.1)
     energy = np.array([kinetic_energy(state[3:]) for state in path])
@@ -184,9 +183,9 @@ def test_a_coasting_ship_loses_energy(simulator: Simulator) -> None:
 def test_energy_falls_in_every_direction_of_motion(simulator: Simulator) -> None:
     """dE/dt < 0 for n = 0, although single terms of the model do work.
 
-    Those are: the terms in u v r, namely (m_y - m_x) of the equations, which hold no Munk moment, and the part of
-    N_v', Y_r', X_vr' that belongs with it; the rudder; and the stopped propeller, whose k_2 u_P^2 keeps pushing
-    astern in sternway and whose side force there has A_6 u^2. Hull drag outweighs them in all directions.
+    Those are: the terms in u v r, namely (m_y - m_x) of the equations, which hold no Munk moment, and the
+    part of N_v', Y_r', X_vr' that belongs with it; the rudder; and the stopped propeller, whose k_2 u_P^2
+    keeps pushing astern in sternway and whose side force there has A_6 u^2. Hull drag outweighs them everywhere.
     """
     azimuth, height = np.meshgrid(np.linspace(-np.pi, np.pi, 73), np.linspace(-1, 1, 25))
     for delta in (-0.6, -0.2, 0.0, 0.2, 0.6):
@@ -204,9 +203,6 @@ def test_energy_falls_in_every_direction_of_motion(simulator: Simulator) -> None
 @given(speeds, sways, yaw_rates)
 def test_without_forces_only_the_munk_term_does_work(u: float, v: float, r: float) -> None:
     """dE/dt = (m_y - m_x) u v r exactly: the rest of the Coriolis terms does no work."""
-    from mmg.flow import Force
-    from mmg.rigid_body import accelerations
-
     velocity = np.array([u, v, r])
     got = power(velocity, np.array(accelerations(u, v, r, Force(), P, C)))
     unit = 0.5 * P.rho * P.L**2 * P.d
@@ -217,9 +213,9 @@ def test_without_forces_only_the_munk_term_does_work(u: float, v: float, r: floa
 
 
 @pytest.mark.parametrize("u", [0.05, 0.2, 0.4])
-@pytest.mark.parametrize(("smoothing", "tolerance"), [(Exact(), 1e-14), (Smooth(), 3e-4)])
+@pytest.mark.parametrize(("smoothing", "tolerance"), [(Exact(), 1e-14), (Smooth(), 2e-4)])
 def test_wake_in_straight_running_is_w_P0(u: float, smoothing: Smoothing, tolerance: float) -> None:
-    """Smooth: 2.7e-4 of 1 - w_P0, from the two rounded clips of width 0.01."""
+    """Smooth: 1.3e-4 of 1 - w_P0 at 0.05 m/s, 6e-5 above 0.1 m/s: the two rounded clips of width 0.01."""
     wake = number(hachii.wake(flow(u=u, n=10.0), P, C, smoothing))
     assert wake == pytest.approx(1 - C.w_P0, rel=tolerance)
 
@@ -235,7 +231,7 @@ def test_there_is_no_wake_with_sternway(u: float, v: float, smoothing: Smoothing
 @given(speeds, sways, yaw_rates, st.booleans())
 def test_wake_stays_between_none_and_all(u: float, v: float, r: float, exact: bool) -> None:
     wake = number(hachii.wake(flow(u=u, v=v, r=r), P, C, Exact() if exact else Smooth()))
-    assert -1e-12 <= wake <= 1 + 5e-3
+    assert 0 <= wake <= 1 + 3e-5  # the rounded clip exceeds 1 by at most width^2 / 4
 
 
 def test_wake_is_the_hirano_formula_in_an_oblique_flow() -> None:
@@ -247,16 +243,19 @@ def test_wake_is_the_hirano_formula_in_an_oblique_flow() -> None:
 
 
 @pytest.mark.parametrize("u", [0.1, 0.3, 0.5])
-@pytest.mark.parametrize(("smoothing", "tolerance"), [(Exact(), 1e-12), (Smooth(), 0.03)])
+@pytest.mark.parametrize(("smoothing", "tolerance"), [(Exact(), 1e-12), (Smooth(), 0.05)])
 def test_a_stopped_propeller_windmills_with_the_last_term_of_K_T(
     u: float, smoothing: Smoothing, tolerance: float
 ) -> None:
-    """n = 0 counts as ahead; X_P = (1 - t_P) rho D^2 k_2 u_P^2 < 0. Smooth: 4.7 % of the reversed branch is in it."""
+    """n = 0 counts as ahead; X_P = (1 - t_P) rho D^2 k_2 u_P^2 < 0.
+
+    Smooth: 4.7 % less, as n = 0 is 1.5 widths inside the blend to the reversed branch, which is zero there.
+    """
     force = hachii.force(flow(u=u), P, C, smoothing)
     by_hand = (1 - C.t_P) * P.rho * P.D_P**2 * C.k_2 * (u * (1 - C.w_P0)) ** 2
     assert by_hand < 0
-    assert abs(number(force.X) / by_hand - 1) < max(tolerance, 0.05 * (tolerance > 1e-9))
-    assert number(force.Y) == pytest.approx(0.0, abs=1e-15 if tolerance < 1e-9 else 1e-2)
+    assert number(force.X) == pytest.approx(by_hand, rel=tolerance)
+    assert number(force.Y) == pytest.approx(0.0, abs=1e-9)
 
 
 @pytest.mark.parametrize("smoothing", [Exact(), Smooth()])
@@ -300,14 +299,18 @@ def cross_flow_numbers(a: float, b: float, width: float) -> tuple[float, float]:
 @settings(max_examples=200, deadline=None)
 @given(sways, st.floats(-1.0, 1.0) | st.just(0.0))
 def test_cross_flow_is_the_integral_as_the_width_vanishes(a: float, b: float) -> None:
-    np.testing.assert_allclose(cross_flow_numbers(a, b, 1e-7), integrals_by_quadrature(a, b), rtol=1e-7, atol=1e-12)
+    np.testing.assert_allclose(
+        cross_flow_numbers(a, b, 1e-7), integrals_by_quadrature(a, b), rtol=1e-7, atol=1e-12
+    )
 
 
 @settings(max_examples=200, deadline=None)
 @given(sways, st.floats(-1.0, 1.0) | st.just(0.0))
 def test_cross_flow_at_the_width_of_the_model_is_the_integral_to_its_square(a: float, b: float) -> None:
-    """1 mm/s: the error is below the square of the width, 1e-6 m^2/s^2 (the integrals are of order 1e-2)."""
-    np.testing.assert_allclose(cross_flow_numbers(a, b, 1e-3), integrals_by_quadrature(a, b), rtol=0, atol=1e-6)
+    """1 mm/s: the error (7e-8 measured) is below the square of the width; the integrals are of order 1e-2."""
+    np.testing.assert_allclose(
+        cross_flow_numbers(a, b, 1e-3), integrals_by_quadrature(a, b), rtol=0, atol=1e-6
+    )
 
 
 @settings(max_examples=100, deadline=None)
@@ -327,12 +330,14 @@ def test_cross_flow_is_zero_without_flow(width: float) -> None:
 
 
 @pytest.mark.parametrize(("u", "n"), [(0.3, 10.0), (0.1, 5.0), (0.4, 12.0), (0.0, 8.0)])
-@pytest.mark.parametrize(("smoothing", "tolerance"), [(Exact(), 1e-12), (Smooth(), 1e-3)])
+@pytest.mark.parametrize(("smoothing", "tolerance"), [(Exact(), 1e-12), (Smooth(), 1e-4)])
 def test_rudder_inflow_straight_ahead_is_the_slipstream_formula(
     u: float, n: float, smoothing: Smoothing, tolerance: float
 ) -> None:
-    """u_R = eps u_P sqrt{eta [1 + kappa (sqrt(1 + 8 K_T/(pi J^2)) - 1)]^2 + 1 - eta}, multiplied out by u_P."""
-    # with no speed the wake is not defined; the reference takes 1 for u <= 0
+    """u_R = eps u_P sqrt{eta [1 + kappa (sqrt(1 + 8 K_T/(pi J^2)) - 1)]^2 + 1 - eta}, multiplied out by u_P.
+
+    Smooth: 9e-5 or less.
+    """
     u_P = u * (1 - C.w_P0)
     K_T = C.k_0 + C.k_1 * u_P / (n * P.D_P) + C.k_2 * (u_P / (n * P.D_P)) ** 2
     eta = P.D_P / np.sqrt(P.A_R * P.aspect_ratio)
@@ -345,7 +350,9 @@ def test_rudder_inflow_straight_ahead_is_the_slipstream_formula(
     assert number(v_R) == 0.0
 
 
-@pytest.mark.parametrize(("v", "r", "gamma"), [(0.1, 0.0, "gamma_P"), (-0.1, 0.0, "gamma_N"), (0.0, 0.05, "gamma_N")])
+@pytest.mark.parametrize(
+    ("v", "r", "gamma"), [(0.1, 0.0, "gamma_P"), (-0.1, 0.0, "gamma_N"), (0.0, 0.05, "gamma_N")]
+)
 def test_lateral_inflow_takes_gamma_of_its_side(v: float, r: float, gamma: str) -> None:
     """gamma_P where the rudder moves to starboard through the water, that is for v + x_R r >= 0."""
     motion = Flow(u=0.3, v=v, r=r, n=10.0)
