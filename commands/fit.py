@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 
     from cases.trial import Trial
     from fitting.calibration import Calibration
+    from fitting.settings import Settings
     from mmg.ship import Ship
 
 
@@ -73,13 +74,24 @@ def fit(
 
     began = time.perf_counter()
     settings = _settings(
-        window, step, interval, starts, workers, sigma, seed, tolerance, max_iterations, time_limit, compiled
+        window=window,
+        step=step,
+        interval=interval,
+        starts=starts,
+        workers=workers,
+        sigma=sigma,
+        seed=seed,
+        tolerance=tolerance,
+        max_iterations=max_iterations,
+        time_limit=time_limit,
+        compiled=compiled,
     )
-    warm, start = _target(out, resume, ship)
-    if resume and out.exists() and read_result(out)["converged"]:
-        say(f"{out} has converged already; nothing to resume")
-        return 0
-    if out.exists() and resume:
+    start = _start(out, resume, ship)
+    warm = None
+    if resume and out.exists():
+        if read_result(out)["converged"]:
+            say(f"{out} has converged already; nothing to resume")
+            return 0
         warm = read_iterate(out)
     start = _reduced(start, without, fix, only)
     train = read_trials(trials)
@@ -112,45 +124,30 @@ def fit(
     return 130 if calibration.solution.status == "User_Requested_Stop" else 1
 
 
-def _settings(*values: Any) -> Any:
+def _settings(sigma: str | None, **values: Any) -> Settings:
+    """Settings from the options; UserError when a number makes no sense."""
     from commands.output import numbers_of
-    from fitting.calibration import Settings
+    from fitting.settings import Settings
     from mmg.errors import UserError
 
-    window, step, interval, starts, workers, sigma, seed, tolerance, iterations, limit, compiled = values
-    positive = {"--window": window, "--step": step, "--tolerance": tolerance, "--time-limit": limit}
-    for name, value in positive.items():
-        if value is not None and not value > 0:
-            raise UserError(f"{name} {value:g} must be positive")
-    for name, value in {"--interval": interval, "--starts": starts, "--workers": workers}.items():
-        if value < 1:
-            raise UserError(f"{name} {value} must be at least 1")
-    if iterations < 0:
-        raise UserError(f"--max-iterations {iterations} must not be negative")
-    return Settings(
-        window=window,
-        step=step,
-        interval=interval,
-        starts=starts,
-        workers=workers,
-        seed=seed,
-        tolerance=tolerance,
-        max_iterations=iterations,
-        time_limit=limit,
-        sigma=numbers_of(sigma, 6, "--sigma") if sigma else None,
-        compiled=compiled,
-    )
+    for name in ("window", "step", "tolerance", "time_limit"):
+        if values[name] is not None and not values[name] > 0:
+            raise UserError(f"--{name.replace('_', '-')} {values[name]:g} must be positive")
+    for name, least in (("interval", 1), ("starts", 1), ("workers", 1), ("max_iterations", 0)):
+        if values[name] < least:
+            raise UserError(f"--{name.replace('_', '-')} {values[name]} must be at least {least}")
+    return Settings(sigma=numbers_of(sigma, 6, "--sigma") if sigma else None, **values)
 
 
-def _target(out: Path, resume: bool, ship: str) -> tuple[None, Ship]:
-    """Check the run folder before any work; the ship to start from (the run's own start when resuming)."""
+def _start(out: Path, resume: bool, ship: str) -> Ship:
+    """The ship to start from (the run's own start when resuming), after checking the run folder."""
     from cases.ships import load_ship
     from fitting.run import START, check_target
 
     if resume and out.exists():
-        return None, load_ship(out / START)
+        return load_ship(out / START)
     check_target(out)
-    return None, load_ship(ship)
+    return load_ship(ship)
 
 
 def _reduced(ship: Ship, without: list[str] | None, fix: list[str] | None, only: list[str] | None) -> Ship:

@@ -158,7 +158,7 @@ def test_exact_accelerations_agree_with_the_published_ones_to_1e_5(row: int) -> 
 
 
 def test_row_6_sway_needs_the_quadrature_error_of_the_reference() -> None:
-    """As printed it deviates by 2.3e-5: the reference's Simpson rule leaves 9.5e-9 m^2/s^2 of nothing.
+    """As printed it deviates by 2.3e-5: the reference's Simpson rule leaves 9.5e-9 m^2/s^2 where 0 is due.
 
     The closed form leaves none; the sway acceleration of this row is small, so the remainder shows.
     """

@@ -185,7 +185,7 @@ def test_energy_falls_in_every_direction_of_motion(simulator: Simulator) -> None
 
     Those are: the terms in u v r, namely (m_y - m_x) of the equations, which hold no Munk moment, and the
     part of N_v', Y_r', X_vr' that belongs with it; the rudder; and the stopped propeller, whose k_2 u_P^2
-    keeps pushing astern in sternway and whose side force there has A_6 u^2. Hull drag outweighs them everywhere.
+    keeps pushing astern in sternway and whose side force there has A_6 u^2. Hull drag outweighs them.
     """
     azimuth, height = np.meshgrid(np.linspace(-np.pi, np.pi, 73), np.linspace(-1, 1, 25))
     for delta in (-0.6, -0.2, 0.0, 0.2, 0.6):
