@@ -8,7 +8,9 @@ default of its force model; for the wind model that is the regression on the par
 
 from __future__ import annotations
 
+import json
 import math
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -65,7 +67,10 @@ def parse_ship(text: str, where: str = "ship file") -> Ship:
     if not isinstance(ship, dict):
         raise UserError(f"{where}: table [ship] with the particulars is missing")
     particulars = _particulars(ship, components, where)
-    defaults = coefficient_table(components, particulars)
+    try:
+        defaults = coefficient_table(components, particulars)
+    except (ZeroDivisionError, OverflowError):
+        raise UserError(f"{where}: [ship] the particulars are out of all proportion; check their units (SI)") from None
     given = data.get("coefficients", {})
     if not isinstance(given, dict):
         raise UserError(f"{where}: [coefficients] must hold one table per coefficient")
@@ -110,9 +115,12 @@ def _particulars(ship: dict[str, Any], components: dict[str, str], where: str) -
     for key, value in ship.items():
         if key in _WORDS:
             continue
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+        if not re.fullmatch(r"[A-Za-z0-9_-]+", key):
+            raise UserError(f"{where}: [ship] key {key!r} must be letters, digits and underscores")
+        number = _number(ship, key, None, f"{where}: [ship]")
+        if number is None or not math.isfinite(number):
             raise UserError(f"{where}: [ship] {key} = {value!r} is not a finite number")
-        particulars[key] = float(value)
+        particulars[key] = number
     missing = [key for key in required_particulars(components) if key not in particulars]
     if missing:
         raise UserError(f"{where}: [ship] lacks {', '.join(missing)}, needed by {_models(components)}")
@@ -129,7 +137,10 @@ def _number(entry: dict[str, Any], key: str, default: float | None, where: str) 
         return None
     if isinstance(value, bool) or not isinstance(value, (int, float)) or math.isnan(value):
         raise UserError(f"{where}: {key} = {value!r} is not a number")
-    return float(value)
+    try:
+        return float(value)
+    except OverflowError:
+        raise UserError(f"{where}: {key} is too large a number") from None
 
 
 def _coefficient(symbol: str, entry: Any, default: Coefficient, where: str) -> tuple[Coefficient, list[str]]:
@@ -207,9 +218,8 @@ def _float(value: float) -> str:
 
 
 def _text(words: str) -> str:
-    """A TOML basic string."""
-    escaped = words.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n").replace("\t", "\\t")
-    return f'"{escaped}"'
+    """A TOML basic string: JSON's escapes are TOML's, but for DEL."""
+    return json.dumps(words, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 __all__ = ["BASE_PARTICULARS", "dump_ship", "library", "load_ship", "parse_ship"]

@@ -36,6 +36,10 @@ def verdict(share: float, where: str) -> str:
 
 
 def calibrated_ship(ship: Ship, prior: Prior, p: np.ndarray, covariance: np.ndarray, converged: bool) -> Ship:
+    """The ship with estimates, standard errors, priors and verdicts.
+
+    p: scaled estimate (P,); covariance: (P, P) in prior standard deviations. An estimate that did not converge says so.
+    """
     changed = {}
     for i, symbol in enumerate(prior.symbols):
         c = ship.coefficients[symbol]
@@ -59,6 +63,7 @@ def calibrated_ship(ship: Ship, prior: Prior, p: np.ndarray, covariance: np.ndar
 
 
 def warnings_of(problem: Problem, best: Solution, p: np.ndarray, starts: list[Start], passes: list[dict]) -> list[str]:
+    """Sentences on what a user must know before using the estimates; p: scaled estimate (P,)."""
     words = []
     if not best.converged:
         words.append(f"not converged ({best.status}): {best.advice or 'the best iterate is kept'}")

@@ -163,7 +163,10 @@ def batch_functions(functions: Sequence[ca.Function], compiled: bool = True) -> 
     """
     library, reason = (None, "compilation switched off")
     if compiled:
-        path, reason = compile_library(source(functions))
+        try:
+            path, reason = compile_library(source(functions))
+        except NotImplementedError as error:
+            path, reason = None, str(error)
         if path is not None:
             try:
                 library = ctypes.CDLL(str(path))

@@ -105,9 +105,7 @@ def model(exact: bool) -> Model:
     return assemble(SHIP, exact=exact)
 
 
-def arguments(
-    row: int, wind: tuple[float, float] = (0.0, 0.0)
-) -> tuple[list[float], list[float], np.ndarray]:
+def arguments(row: int, wind: tuple[float, float] = (0.0, 0.0)) -> tuple[list[float], list[float], np.ndarray]:
     """State, controls and coefficients of a row; wind = (speed [m/s], coming-from direction [rad])."""
     u, v, r, n, degrees = MOTIONS[row]
     return [0, 0, 0, u, v, r], [n, np.radians(degrees), *wind_vector(*wind)], SHIP.values
@@ -152,9 +150,7 @@ def expected_accelerations(row: int) -> np.ndarray:
 
 @pytest.mark.parametrize("row", range(6))
 def test_exact_accelerations_agree_with_the_published_ones_to_1e_5(row: int) -> None:
-    np.testing.assert_allclose(
-        accelerations(row, True), expected_accelerations(row), rtol=EXACT_TOLERANCE, atol=1e-15
-    )
+    np.testing.assert_allclose(accelerations(row, True), expected_accelerations(row), rtol=EXACT_TOLERANCE, atol=1e-15)
 
 
 def test_row_6_sway_needs_the_quadrature_error_of_the_reference() -> None:
@@ -168,9 +164,7 @@ def test_row_6_sway_needs_the_quadrature_error_of_the_reference() -> None:
     assert accelerations(5, True)[1] == pytest.approx(expected_accelerations(5)[1], rel=EXACT_TOLERANCE)
 
 
-@pytest.mark.parametrize(
-    ("role", "row"), [(role, row) for role, rows in FORCES.items() for row in range(len(rows))]
-)
+@pytest.mark.parametrize(("role", "row"), [(role, row) for role, rows in FORCES.items() for row in range(len(rows))])
 def test_exact_forces_agree_with_the_published_ones_to_the_last_printed_digit(role: str, row: int) -> None:
     np.testing.assert_allclose(components(row, True)[role], FORCES[role][row], rtol=0, atol=LAST_DIGIT)
 

@@ -214,7 +214,10 @@ def script(folder: Path, body: str) -> str:
     [
         ("echo 'fatal: out of order' >&2; echo second line >&2; exit 3", "cc.sh failed: fatal: out of order"),
         ("exit 1", "cc.sh failed: no message"),
-        ("echo 'code.c: In function f' >&2; echo 'c.c:1: error: why' >&2; exit 1", "failed: c.c:1: error: why"),
+        (
+            "echo 'code.c: In function f' >&2; echo 'c.c:1: error: why' >&2; exit 1",
+            "failed: c.c:1: error: why",
+        ),
     ],
 )
 def test_a_broken_compiler_is_reported_in_one_sentence(

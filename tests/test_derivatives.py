@@ -5,9 +5,15 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from cases.ships import load_ship
+from mmg.coefficients import names
+from mmg.flow import Flow
 from mmg.model import assemble
+from mmg.propeller import hachii
+from mmg.rudder import single
+from mmg.smooth import Smooth
 
 SHIP = load_ship("esso_osaka_3m")
 COUNT = len(SHIP.symbols)
@@ -19,10 +25,11 @@ SCALE = np.concatenate([[1, 1, 1, 0.3, 0.1, 0.05, 10, 0.3, 1, 1], np.maximum(np.
 STEP = 1e-6
 """Step of the finite differences in units of SCALE: far below the narrowest blend (1 mm/s of 0.3 m/s)."""
 
-TOLERANCE = 1e-8
+TOLERANCE = 1e-7
 """Largest deviation, by the largest derivative of the same rate (both in units of SCALE).
 
-Measured over these points: 4e-10, the round-off of the differences.
+Measured: 4e-10, the round-off of the differences; 2e-8 in the Hessian in dead water at the rudder, where U_R
+bends within 0.2 mm/s of u (1 mm/s of blend over a slope du_R/du of 4.2) and the step shows.
 """
 
 KINDS = (
@@ -31,7 +38,22 @@ KINDS = (
     "on the branches of the reversed propeller",
     "straight, ahead and astern",
     "stopped",
+    "dead water at the rudder",
 )
+
+
+def speed_of_dead_water(n: float) -> float:
+    """Speed [m/s] at which the reversed propeller just stops the flow at the rudder: U_R is all rounding."""
+    p, c = names(dict(SHIP.particulars)), names({name: c.value for name, c in SHIP.coefficients.items()})
+    s = Smooth.for_length(p.L)
+
+    def u_R(u: float) -> float:
+        motion = Flow(u=u, v=0.0, r=0.0, n=n)
+        wash = hachii.force(motion, p, c, s).slipstream
+        inflow, _ = single.inflow(Flow(u=u, v=0.0, r=0.0, n=n, slipstream=wash), p, c, s)
+        return float(ca.DM(inflow))
+
+    return brentq(u_R, 0.1, 0.8, xtol=1e-12)
 
 
 def point(kind: str, seed: int) -> np.ndarray:
@@ -50,6 +72,9 @@ def point(kind: str, seed: int) -> np.ndarray:
         u, v, r = (-1) ** seed * abs(u), 0.0, 0.0
     elif kind == "stopped":
         n = 0.0
+    elif kind == "dead water at the rudder":
+        n, v, r = -10.0, 0.0, 0.0
+        u = speed_of_dead_water(n)
     return np.concatenate(
         [
             rng.normal(size=2),
@@ -57,7 +82,7 @@ def point(kind: str, seed: int) -> np.ndarray:
             (u, v, r, n),
             rng.uniform(-0.6, 0.6, 1),
             rng.normal(0, 0.5, 2),
-            SHIP.values * (1 + 0.02 * rng.normal(size=COUNT)),
+            SHIP.values * (1 + 0.02 * rng.normal(size=COUNT) * (kind != "dead water at the rudder")),
         ]
     )
 
@@ -105,9 +130,7 @@ def test_jacobian_agrees_with_finite_differences(kind: str, seed: int, derivativ
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("seed", range(3))
-def test_hessian_agrees_with_finite_differences_of_the_jacobian(
-    kind: str, seed: int, derivatives: tuple
-) -> None:
+def test_hessian_agrees_with_finite_differences_of_the_jacobian(kind: str, seed: int, derivatives: tuple) -> None:
     _, jacobian, hessian = derivatives
     x = point(kind, seed)
     shape = (6, ARGUMENTS, ARGUMENTS)

@@ -187,9 +187,7 @@ def test_a_steady_turn_needs_the_centripetal_force_at_the_centre_of_gravity(x_G:
     u, r = 1.2, 0.3
     inward = 500.0 * u * r
     steady = Force(Y=inward, N=x_G * inward)
-    np.testing.assert_allclose(
-        accelerations(u, -x_G * r, r, steady, body(x_G), masses()), (0.0, 0.0, 0.0), atol=1e-14
-    )
+    np.testing.assert_allclose(accelerations(u, -x_G * r, r, steady, body(x_G), masses()), (0.0, 0.0, 0.0), atol=1e-14)
 
 
 def test_a_force_at_the_centre_of_gravity_does_not_turn_the_body() -> None:

@@ -220,6 +220,29 @@ def test_a_folder_without_a_ship_is_refused(tmp_path: Path) -> None:
 
 # The library
 
+PUBLISHED = {
+    "m_x": 0.0467, "m_y": 0.2579, "I_J_z": 0.0286, "X_0F": -0.02139, "X_0A": -0.03189, "X_vr": -0.0081,
+    "Y_v": -0.3728, "Y_r": 0.116, "N_v": -0.1458, "N_r": -0.04849, "C_D": 0.9665, "C_rY": 2.217,
+    "C_rN": 0.8097, "k_0": 0.3278, "k_1": -0.3323, "k_2": -0.156, "t_P": 0.22, "w_P0": 0.614, "tau": 0.871,
+    "C_P": -0.359, "x_P": -0.517, "C_3": -0.251, "C_6": -0.175, "C_7": 0.330, "C_10": -0.233,
+    "A_1": -7.90e-5, "A_2": 7.99e-3, "A_3": -4.93e-3, "A_4": -5.87e-3,
+    "A_5": -5.58e-4, "A_6": 5.08e-3, "A_7": 1.70e-3, "A_8": 9.16e-4,
+    "B_1": 3.50e-5, "B_2": -3.17e-3, "B_3": 1.96e-3, "B_4": 2.33e-3,
+    "B_5": 2.25e-4, "B_6": -2.16e-3, "B_7": 6.27e-5, "B_8": 6.25e-5,
+    "t_R": 0.19, "a_H": 0.393, "x_H": -0.45, "ell_R": -1.08, "k_x": 0.288, "epsilon": 1.42, "k_xR": 0.144,
+    "C_PR": -0.176, "gamma_P": 0.3506, "gamma_N": 0.4406,
+}  # fmt: skip
+"""Captive-test values of ESSO OSAKA 3 m (physics K.2) and of the reversing propeller (C.2)."""
+
+
+@pytest.mark.parametrize("symbol", PUBLISHED)
+def test_the_library_ship_carries_the_published_values(symbol: str) -> None:
+    assert SHIP.coefficients[symbol].value == PUBLISHED[symbol]
+
+
+def test_published_values_and_the_wind_regression_are_all_there_is() -> None:
+    assert set(SHIP.symbols) == set(PUBLISHED) | set(fujiwara.NAMES)
+
 
 def test_the_library_ship_is_complete() -> None:
     assert len(SHIP.symbols) == 61

@@ -276,6 +276,37 @@ def test_astern_revolutions_push_astern_and_the_bow_to_starboard() -> None:
     assert number(force.N) > 0
 
 
+@pytest.mark.parametrize(
+    ("advance", "A", "B"),
+    [
+        (0.3, lambda J: C.A_5, lambda J: C.B_5),
+        (0.0, lambda J: C.A_5, lambda J: C.B_5),
+        (-0.2, lambda J: C.A_1 + C.A_2 * J, lambda J: C.B_1 + C.B_2 * J),
+        (-0.5, lambda J: C.A_3 + C.A_4 * J, lambda J: C.B_3 + C.B_4 * J),
+    ],
+)
+@pytest.mark.parametrize(("smoothing", "tolerance"), [(Exact(), 1e-12), (Smooth(), 3e-3)])
+def test_side_force_of_the_reversing_propeller_on_each_branch(
+    advance: float, A, B, smoothing: Smoothing, tolerance: float
+) -> None:
+    """Hachii (2004). Smooth: 2.2e-3 at J_s = 0, three blends of 0.02 from the branch point; else 4e-7."""
+    n = -10.0
+    force = hachii.force(flow(u=advance * n * P.D_P, n=n), P, C, smoothing)
+    unit = 0.5 * P.rho * P.L * P.d * (n * P.D_P) ** 2
+    assert number(force.Y) == pytest.approx(unit * A(advance), rel=tolerance)
+    assert number(force.N) == pytest.approx(unit * P.L * B(advance), rel=tolerance)
+
+
+@pytest.mark.parametrize("advance", [-0.06, -0.233, -0.35])
+def test_the_branches_of_the_reversing_propeller_meet(advance: float) -> None:
+    """To 0.1 % of the force there, as the published constants are rounded (0.4 % for the thrust at C_10)."""
+    n = -10.0
+    below, above = (hachii.force(flow(u=J * n * P.D_P, n=n), P, C, Exact()) for J in (advance - 1e-9, advance + 1e-9))
+    assert number(above.X) == pytest.approx(number(below.X), rel=4e-3)
+    assert number(above.Y) == pytest.approx(number(below.Y), rel=1e-3)
+    assert number(above.N) == pytest.approx(number(below.N), rel=1e-3)
+
+
 # Cross-flow integrals
 
 
@@ -299,18 +330,14 @@ def cross_flow_numbers(a: float, b: float, width: float) -> tuple[float, float]:
 @settings(max_examples=200, deadline=None)
 @given(sways, st.floats(-1.0, 1.0) | st.just(0.0))
 def test_cross_flow_is_the_integral_as_the_width_vanishes(a: float, b: float) -> None:
-    np.testing.assert_allclose(
-        cross_flow_numbers(a, b, 1e-7), integrals_by_quadrature(a, b), rtol=1e-7, atol=1e-12
-    )
+    np.testing.assert_allclose(cross_flow_numbers(a, b, 1e-7), integrals_by_quadrature(a, b), rtol=1e-7, atol=1e-12)
 
 
 @settings(max_examples=200, deadline=None)
 @given(sways, st.floats(-1.0, 1.0) | st.just(0.0))
 def test_cross_flow_at_the_width_of_the_model_is_the_integral_to_its_square(a: float, b: float) -> None:
     """1 mm/s: the error (7e-8 measured) is below the square of the width; the integrals are of order 1e-2."""
-    np.testing.assert_allclose(
-        cross_flow_numbers(a, b, 1e-3), integrals_by_quadrature(a, b), rtol=0, atol=1e-6
-    )
+    np.testing.assert_allclose(cross_flow_numbers(a, b, 1e-3), integrals_by_quadrature(a, b), rtol=0, atol=1e-6)
 
 
 @settings(max_examples=100, deadline=None)
@@ -350,9 +377,7 @@ def test_rudder_inflow_straight_ahead_is_the_slipstream_formula(
     assert number(v_R) == 0.0
 
 
-@pytest.mark.parametrize(
-    ("v", "r", "gamma"), [(0.1, 0.0, "gamma_P"), (-0.1, 0.0, "gamma_N"), (0.0, 0.05, "gamma_N")]
-)
+@pytest.mark.parametrize(("v", "r", "gamma"), [(0.1, 0.0, "gamma_P"), (-0.1, 0.0, "gamma_N"), (0.0, 0.05, "gamma_N")])
 def test_lateral_inflow_takes_gamma_of_its_side(v: float, r: float, gamma: str) -> None:
     """gamma_P where the rudder moves to starboard through the water, that is for v + x_R r >= 0."""
     motion = Flow(u=0.3, v=v, r=r, n=10.0)
