@@ -19,6 +19,7 @@ from mmg.coefficients import Coefficient
 from mmg.components import BASE_PARTICULARS, ROLES, coefficient_table, module, required_particulars
 from mmg.errors import UserError
 from mmg.ship import Ship
+from mmg.wind.fujiwara import NAMES as WIND
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -27,6 +28,8 @@ else:  # pragma: no cover
 
 LIBRARY = Path(__file__).parent / "ships"
 _KEYS = {f for f in Coefficient.__dataclass_fields__ if f != "symbol"}
+OPTIONAL = ("C_b",)
+"""Particulars that no force model needs but every ship file may state."""
 _WORDS = ("name", "description", "reference")
 
 
@@ -45,11 +48,9 @@ def load_ship(where: str | Path) -> Ship:
         path = path / "ship.toml"
     try:
         text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
+    except (OSError, UnicodeDecodeError):
         names = ", ".join(library())
-        raise UserError(
-            f"{where}: no such ship ({type(error).__name__}): give a ship file, a run folder, or one of {names}"
-        ) from None
+        raise UserError(f"{where}: no such ship: give a ship file, a run folder, or one of {names}") from None
     return parse_ship(text, str(path))
 
 
@@ -74,7 +75,11 @@ def parse_ship(text: str, where: str = "ship file") -> Ship:
     given = data.get("coefficients", {})
     if not isinstance(given, dict):
         raise UserError(f"{where}: [coefficients] must hold one table per coefficient")
-    coefficients, notices = dict(defaults), []
+    coefficients = dict(defaults)
+    left_out = [s for s in defaults if s not in given and s not in WIND]
+    notices = [f"not in the ship file, so at the model's default: {', '.join(left_out)}"] if left_out else []
+    unknown = [k for k in particulars if k not in (*required_particulars(components), *OPTIONAL)]
+    notices += [f"[ship] {', '.join(unknown)}: not used by any model"] if unknown else []
     for symbol, entry in given.items():
         if symbol not in defaults:
             raise UserError(
@@ -173,6 +178,10 @@ def _coefficient(symbol: str, entry: Any, default: Coefficient, where: str) -> t
             f"repaired to [{repaired[0]:g}, {repaired[1]:g}]"
         )
         lower, upper = repaired
+    if entry.get("prime", "") not in ("", "mmg"):
+        raise UserError(f'{place}: prime = {entry["prime"]!r} is unknown; use "mmg" or leave it out')
+    if std == 0 and not entry.get("fixed", False):
+        notices.append(f"{symbol}: std = 0 fixes it")
     fixed = entry.get("fixed", False)
     if not isinstance(fixed, bool):
         raise UserError(f"{place}: fixed = {fixed!r} must be true or false")

@@ -1,8 +1,8 @@
 """The published train/test splits of the FRT-DS-ESSO records, as lists of file names without suffix.
 
 Source: correspondence tables of the data set's README (Wakita et al. 2022, J Mar Sci Technol 27(1)
-772-785; Miyauchi et al. 2022, J Mar Sci Technol 27(2) 1065-1083). The data are CC BY-NC 4.0 and are
-not part of this package; only the names are.
+772-785; Miyauchi et al. 2022, J Mar Sci Technol 27(2) 1065-1083). The data are CC BY-NC-SA 4.0 by
+their licence file (their README says CC BY-NC 4.0) and are not part of this package; only the names are.
 """
 
 from __future__ import annotations

@@ -10,6 +10,7 @@ import typer
 
 if TYPE_CHECKING:
     from cases.checks import CheckReport
+    from mmg.errors import UserError
 
 
 def check(
@@ -20,27 +21,47 @@ def check(
 
     Example: mmg check data/turning data/zigzag/run_07.csv
 
-    Exit code 0 when every file could be read, even with warnings; 2 with one line when one could not.
+    Exit code 0 when every file could be read, even with warnings; 2, after the report on the others, when one could
+    not.
     """
     from cases.checks import check as check_trials
     from cases.read import read_trials
+    from mmg.errors import UserError
 
-    reports = check_trials(read_trials(trials))
+    found, unreadable = [], []
+    for path in trials:
+        try:
+            found += read_trials([path])
+        except UserError as error:
+            unreadable.append((path, error))
+    if not found:
+        raise unreadable[0][1]
+    reports = check_trials(found)
     if as_json:
-        print(json.dumps(_document(reports), indent=2, allow_nan=False))
+        print(json.dumps(_document(reports, unreadable), indent=2, allow_nan=False))
     else:
         _print(reports)
+    if unreadable:
+        raise UserError("; ".join(str(error) for _, error in unreadable))
 
 
-def _document(reports: list[CheckReport]) -> dict[str, Any]:
-    """{"files": [report, ...], "pooled": {"group_seconds": {...}, "sentences": [...]}}."""
+def _document(reports: list[CheckReport], unreadable: list[tuple[Path, UserError]]) -> dict[str, Any]:
+    """{"files": [report, ...], "pooled": {"group_seconds": {...}, "sentences": [...]}}.
+
+    A file that could not be read is a report with the verdict "unusable" and no numbers.
+    """
     from cases.checks import pooled
 
     seconds, sentences = pooled(reports)
     return {
-        "files": [report.as_dict() for report in reports],
+        "files": [report.as_dict() for report in reports] + [_refused(path, error) for path, error in unreadable],
         "pooled": {"group_seconds": seconds, "sentences": sentences},
     }
+
+
+def _refused(path: Path, error: UserError) -> dict[str, Any]:
+    finding = {"topic": "reading", "level": "unusable", "text": str(error)}
+    return {"name": path.stem, "path": str(path), "verdict": "unusable", "findings": [finding], "numbers": {}}
 
 
 def _print(reports: list[CheckReport]) -> None:

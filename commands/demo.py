@@ -28,13 +28,19 @@ def demo(
     from commands.output import end_progress, print_json, progress, say
     from fitting.calibration import Settings, calibrate
     from fitting.run import RESULT, check_target, result, write_json, write_run
+    from mmg.errors import UserError
 
     folder = _free(out)
+    if folder.exists():
+        raise UserError(f"{folder}: already exists; choose another --out")
     check_target(folder)
     say(f"1. Simulating trials of a ship with hidden coefficients, wind and sensor noise (seed {seed})")
     made_train, made_held_out = demo_trials(seed)
     trials_folder = folder / "trials"
-    trials_folder.mkdir(parents=True)
+    try:
+        trials_folder.mkdir(parents=True)
+    except OSError as error:
+        raise UserError(f"{folder}: cannot be written ({error.strerror}); choose another --out") from None
     for role, made in (("train", made_train), ("held_out", made_held_out)):
         (trials_folder / role).mkdir()
         for trial in made:

@@ -70,6 +70,7 @@ def fit(
     from cases.read import read_trials
     from commands.output import end_progress, print_json, progress, say
     from fitting.calibration import calibrate
+    from fitting.ipopt import Interrupts
     from fitting.run import read_iterate, read_result, result, write_run
 
     began = time.perf_counter()
@@ -94,31 +95,32 @@ def fit(
             return 0
         warm = read_iterate(out)
     start = _reduced(start, without, fix, only)
-    train = read_trials(trials)
-    held_out = read_trials(validate) if validate else []
-    _compare_hashes(out, train, resume)
+    train, held_out, remarks = _by_role(read_trials(trials), read_trials(validate) if validate else [])
+    _compare_hashes(out, start, train, resume)
     reading = time.perf_counter() - began
     for line in start.notices:
         say(line)
-    calibration = calibrate(start, train, settings, progress(), warm)
-    end_progress()
-    calibration.timings["read"] = reading
-    scores = _scores(start, calibration, train, held_out)
-    command = "mmg " + " ".join(shlex.quote(a) for a in sys.argv[1:])
-    content = result(calibration, train, held_out, scores, command)
+    with Interrupts(lambda: say("interrupted: stopping at the next iterate and writing the run folder")):
+        calibration = calibrate(start, train, settings, progress(), warm)
+        end_progress()
+        calibration.timings["read"] = reading
+        scores = _scores(start, calibration, train, held_out)
+        command = "mmg " + " ".join(shlex.quote(a) for a in sys.argv[1:])
+        content = result(calibration, train, held_out, scores, command)
+        content["warnings"] += [*remarks, *_leaks(train, held_out), *_worse(scores)]
 
-    def decorate(folder: Path) -> None:
-        from fitting.plots import write_figures
-        from fitting.report import write_report
-        from fitting.run import RESULT, write_json
+        def decorate(folder: Path) -> None:
+            from fitting.plots import write_figures
+            from fitting.report import write_report
+            from fitting.run import RESULT, write_json
 
-        content["figures"] = write_figures(folder, calibration, start, train, held_out)
-        content["timings_s"]["wall"] = time.perf_counter() - began
-        write_json(folder / RESULT, content)
-        write_report([folder], folder / "report.html")
+            content["figures"] = write_figures(folder, calibration, start, train, held_out)
+            content["timings_s"]["wall"] = time.perf_counter() - began
+            write_json(folder / RESULT, content)
+            write_report([folder], folder / "report.html")
 
-    write_run(out, calibration, start, content, decorate, replace=resume)
-    _summary(calibration, content, out) if not json else print_json(content)
+        write_run(out, calibration, start, content, decorate, replace=resume)
+        _summary(calibration, content, out) if not json else print_json(content)
     if calibration.converged:
         return 0
     return 130 if calibration.solution.status == "User_Requested_Stop" else 1
@@ -180,14 +182,57 @@ def _reduced(ship: Ship, without: list[str] | None, fix: list[str] | None, only:
     return ship.fixing(names_of(fix))
 
 
-def _compare_hashes(out: Path, trials: Sequence[Trial], resume: bool) -> None:
-    """When resuming, the data must be those of the interrupted run."""
+def _by_role(train: list[Trial], held_out: list[Trial]) -> tuple[list[Trial], list[Trial], list[str]]:
+    """Trials to train on and to hold out, and what was said: a sidecar's role keeps a trial out of the training."""
+    from mmg.errors import UserError
+
+    kept = [t for t in train if t.role not in ("test", "validate")]
+    out = [t.name for t in train if t.role in ("test", "validate")]
+    if out and not kept:
+        raise UserError(f"{', '.join(out)}: trials.toml gives them the role test or validate; none is left to train on")
+    return kept, held_out, [f"not trained on, by their role in trials.toml: {', '.join(out)}"] if out else []
+
+
+def _leaks(train: Sequence[Trial], held_out: Sequence[Trial]) -> list[str]:
+    """Sentences on rows that are counted twice, or that are in the training and held out."""
+    from cases.checks.duplicates import duplicates
+
+    trials = [*train, *held_out]
+    words = []
+    for i, (copies, _) in enumerate(duplicates(trials)):
+        for copy in copies:
+            other = next((j for j, t in enumerate(trials) if j > i and t.name == copy.get("other")), None)
+            if other is None:
+                continue
+            if (i < len(train)) != (other < len(train)):
+                words.append(f"{trials[other].name} shares rows with {trials[i].name}: its score is not held out")
+            elif i < len(train):
+                words.append(f"{trials[i].name} and {trials[other].name} share rows, which count twice in the fit")
+    return list(dict.fromkeys(words))
+
+
+def _worse(scores: dict[str, dict]) -> list[str]:
+    """Sentences on sets of trials that the calibrated ship predicts worse than the one it started from."""
+    words = []
+    for name, pair in scores.items():
+        for metric, label in (("window", "30 s windows"), ("paper", "100 s restarts")):
+            before, after = pair["before"][metric], pair["after"][metric]
+            if after > before:
+                words.append(f"{label} of the {name} trials became worse: {before:.4f} -> {after:.4f}")
+    return words
+
+
+def _compare_hashes(out: Path, start: Ship, trials: Sequence[Trial], resume: bool) -> None:
+    """When resuming, data and free coefficients must be those of the interrupted run."""
     from fitting.run import read_result
     from mmg.errors import UserError
 
     if not (resume and out.exists()):
         return
-    before = sorted(row["sha256"] for row in read_result(out)["data"])
+    earlier = read_result(out)
+    if set(earlier["coefficients"]) != set(start.free):
+        raise UserError(f"{out}: --resume needs the same --without, --fix and --only as the interrupted run")
+    before = sorted(row["sha256"] for row in earlier["data"])
     if before != sorted(t.sha256 for t in trials):
         raise UserError(f"{out}: --resume needs the same trial files as the interrupted run")
 
@@ -229,7 +274,7 @@ def _summary(calibration: Calibration, content: dict, out: Path) -> None:
         f"{len(calibration.prior.symbols)} free coefficients, {calibration.segments.duration:.0f} s of data, "
         f"seed {calibration.settings.seed}"
     )
-    for line in calibration.warnings:
+    for line in content["warnings"]:
         say(f"warning: {line}")
     for line in calibration.notices:
         say(f"note: {line}")

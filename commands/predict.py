@@ -34,7 +34,7 @@ def predict(
     from mmg.errors import UserError
     from mmg.rollout import Simulator
 
-    if window < 0 or (stride is not None and stride <= 0):
+    if not window >= 0 or (stride is not None and not stride > 0):
         raise UserError("--window must be 0 or positive and --stride positive")
     step = stride or (window if window > 0 else 1.0)
     runs = read_trials(trials)
@@ -58,6 +58,8 @@ def predict(
             notes.append(f"{run.name}: no wind columns; calm air is assumed")
         tables[files[run.name]] = table(run, found)
         counts[run.name] = len(found)
+    if not any(counts.values()):
+        raise UserError(f"no window could be predicted; {'; '.join(notes) or 'the trials are shorter than --window'}")
     write_tables(tables)
     for note in notes:
         say(f"note: {note}")

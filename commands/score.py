@@ -45,6 +45,8 @@ def score(
 
     models = list(dict.fromkeys(a for a in models_and_trials if is_model(a)))
     files = [Path(a) for a in models_and_trials if not is_model(a)]
+    if not models and not Path(models_and_trials[0]).exists():
+        load_ship(models_and_trials[0])
     if not models:
         raise UserError("no model named: give a ship of mmg ships, a ship file or a run folder before the trials")
     if not files:

@@ -78,6 +78,7 @@ def first_sigma(ship: Ship, segments: Segments) -> np.ndarray:
     return np.array([length / 3, length / 3, 0.1, 0.1 * speed, 0.1 * speed, 0.1 * speed / length])
 
 
+@np.errstate(all="ignore")
 def calibrate(
     ship: Ship,
     trials: Sequence[Trial],
@@ -122,6 +123,8 @@ def calibrate(
     p = np.clip(p, *problem.p_bounds())
     covariance = _covariance(problem, kernel, trials, window, nodes, p)
     warnings = warnings_of(problem, best, p, starts, passes)
+    if best.converged and len(starts) < settings.starts:
+        warnings.append(f"only {len(starts)} of {settings.starts} starts were solved before the run was stopped")
     timings["total"] = time.perf_counter() - began
     return Calibration(
         ship=calibrated_ship(ship, prior, p, covariance, best.converged),
@@ -148,9 +151,9 @@ def _missing(trials: Sequence[Trial]) -> list[str]:
     no_position = [t.name for t in trials if not t.has_position]
     words = []
     if no_wind:
-        words.append(f"calm air is assumed in {', '.join(no_wind)} (no wind columns)")
+        words.append(f"calm air is assumed in {', '.join(no_wind)} (no complete wind columns)")
     if no_position:
-        words.append(f"positions cannot be fitted in {', '.join(no_position)} (no x, y columns)")
+        words.append(f"positions cannot be fitted in {', '.join(no_position)} (no complete x, y columns)")
     return words
 
 

@@ -117,7 +117,6 @@ class _Watch(ca.Callback):
     def __init__(self, n: int, m: int, report: Callable[[int, float, float], None] | None) -> None:
         ca.Callback.__init__(self)
         self.n_x, self.m_g, self.report = n, m, report
-        self.stop = False
         self.best: tuple[float, float, np.ndarray, np.ndarray] | None = None
         self.last_error: BaseException | None = None
         self.history: list[tuple[float, float]] = []
@@ -149,7 +148,7 @@ class _Watch(ca.Callback):
             self.best = (*rank, np.array(named["x"]).ravel(), np.array(named["lam_g"]).ravel())
         if self.report:
             self.report(len(self.history) - 1, f, violation)
-        return [1 if self.stop else 0]
+        return [1 if INTERRUPTED.asked else 0]
 
 
 def solve(
@@ -166,8 +165,9 @@ def solve(
     """Solve from x0 to ``tolerance``; never raises for a solver failure, it says so in the solution.
 
     ``report(iteration, objective, violation)`` is called at every iterate. Ctrl-C (in the main thread) stops at the
-    next iterate and returns the best one. ``multipliers`` (with a nearby x0) makes it a warm start. ``rough``
-    also accepts an iterate that is nearly feasible once the objective has twice changed by less than 3e-4 relative.
+    next iterate and returns the best one (``Interrupts``). ``multipliers`` (with a nearby x0) makes it a warm start.
+    ``rough`` also accepts an iterate that is nearly feasible once the objective has twice changed by less than 3e-4
+    relative.
     """
     n, m = program.n, program.m
     column, row, scalar = ca.Sparsity.dense(n, 1), ca.Sparsity.dense(1, n), ca.Sparsity.dense(1, 1)
@@ -227,7 +227,7 @@ def solve(
     solver = ca.nlpsol("solver", "ipopt", {"x": x, "f": f, "g": g}, settings)
     lower, upper = program.bounds()
     began = time.perf_counter()
-    with _interrupts(watch):
+    with Interrupts():
         out = solver(lbx=lower, ubx=upper, lbg=0.0, ubg=0.0, **start)
     stats = solver.stats()
     status = str(stats["return_status"])
@@ -250,20 +250,42 @@ def solve(
     )
 
 
-class _interrupts:
-    """While active, Ctrl-C asks the solver to stop at its next iterate instead of raising."""
+class Interrupts:
+    """While active (in the main thread), Ctrl-C is noted instead of raised, so that a run is still written.
 
-    def __init__(self, watch: _Watch) -> None:
-        self.watch = watch
+    The solver stops at its next iterate; whatever runs outside it is finished. A second Ctrl-C is raised as usual.
+    """
+
+    def __init__(self, say: Callable[[], None] | None = None) -> None:
+        self.say = say
         self.previous: Any = None
+        self.nested = False
 
     def __enter__(self) -> None:
-        if threading.current_thread() is threading.main_thread():
-            self.previous = signal.signal(signal.SIGINT, self._ask)
+        self.nested = threading.current_thread() is not threading.main_thread() or INTERRUPTED.active
+        if not self.nested:
+            INTERRUPTED.active, INTERRUPTED.asked = True, False
+            self.previous = signal.signal(signal.SIGINT, self._note)
 
-    def _ask(self, *_: Any) -> None:
-        self.watch.stop = True
+    def _note(self, *_: Any) -> None:
+        if INTERRUPTED.asked:
+            raise KeyboardInterrupt
+        INTERRUPTED.asked = True
+        if self.say:
+            self.say()
 
     def __exit__(self, *_: Any) -> None:
-        if self.previous is not None:
+        if not self.nested:
             signal.signal(signal.SIGINT, self.previous)
+            INTERRUPTED.active = False
+
+
+@dataclass
+class _Interrupted:
+    """Whether Ctrl-C is being held (active) and has been pressed since (asked)."""
+
+    active: bool = False
+    asked: bool = False
+
+
+INTERRUPTED = _Interrupted()

@@ -41,7 +41,8 @@ def window_rows(t: np.ndarray, length: float, stride: float, short_last: bool) -
     while start < t[-1] - tolerance:
         first = int(np.searchsorted(t, start - tolerance))
         last = int(np.searchsorted(t, t[first] + length + tolerance)) - 1
-        if last > first and (t[first] + length <= t[-1] + tolerance or short_last):
+        whole = t[min(last, len(t) - 1)] >= t[first] + length - 2 * tolerance
+        if last > first and (whole or short_last):
             result.append((first, min(last, len(t) - 1)))
         start += stride
     return result

@@ -80,6 +80,7 @@ def _squares(trial: Trial, windows: Sequence[Window], whole: bool) -> tuple[np.n
     return total, rows
 
 
+@np.errstate(all="ignore")
 def score(
     simulator: Simulator,
     trials: Sequence[Trial],

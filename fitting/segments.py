@@ -123,7 +123,7 @@ def grids(trial: Trial, h: float) -> list[Grid]:
     """The gap-free pieces of a trial on grids of step h [s]."""
     result = []
     states, controls = trial.states, control_array(trial)
-    for piece in pieces(trial, longest_gap=max(2.5 * trial.dt, 0.75 * h)):
+    for piece in pieces(trial, longest_gap=max(2.5 * trial.dt, 2.0 * h)):
         rows = np.arange(piece.start, piece.stop)
         rows = rows[np.isfinite(controls[rows]).all(axis=1) & np.isfinite(states[rows, 2:]).all(axis=1)]
         t = trial.t[rows]
@@ -171,7 +171,7 @@ def cut(trials: Sequence[Trial], h: float, window: float, K: int = 10, shortest:
     least = round((10 * h if shortest is None else shortest) / h)
     nodes: list[np.ndarray] = []
     run: list[int] = []
-    dropped: list[str] = []
+    short: dict[str, float] = {}
     # start node, end node, window, inputs, interior
     spans: list[tuple[int, int, int, np.ndarray, np.ndarray]] = []
     node_window: list[int] = []
@@ -180,7 +180,7 @@ def cut(trials: Sequence[Trial], h: float, window: float, K: int = 10, shortest:
         for grid in grids(trial, h):
             total = len(grid.controls)
             if total < least:
-                dropped.append(f"{trial.name}: a piece of {total * h:.1f} s is too short and was left out")
+                short[trial.name] = short.get(trial.name, 0.0) + total * h
                 continue
             parts = max(1, round(total * h / window))
             for first, last in _even(total, parts):
@@ -195,6 +195,7 @@ def cut(trials: Sequence[Trial], h: float, window: float, K: int = 10, shortest:
                     nodes.append(grid.states[e])
                     node_window.append(w)
                     spans.append((len(nodes) - 2, len(nodes) - 1, w, grid.controls[s:e], grid.states[s + 1 : e]))
+    dropped = [f"{name}: {s:.0f} s in pieces too short between gaps were left out" for name, s in short.items()]
     if not spans:
         raise UserError(
             f"nothing to fit: no piece of the trials is longer than {least * h:g} s without a gap; "

@@ -239,3 +239,49 @@ def test_wrong_usage_exits_2_in_one_line(capsys: pytest.CaptureFixture[str], fol
     for option, value in (("--window", "-3"), ("--fix", "Z_z"), ("--without", "sails"), ("--sigma", "1,2")):
         refused(capsys, "fit", "esso_osaka_3m", folder / "train", option, value, "--out", tmp_path / "run")
     assert not (tmp_path / "run").exists()
+
+
+def test_rows_on_both_sides_of_a_split_are_said(folder: Path, tmp_path: Path) -> None:
+    one = sorted((folder / "train").glob("*.csv"))[0]
+    arguments = ["fit", "esso_osaka_3m", str(folder / "train"), "--validate", str(one), "--out", str(tmp_path / "run")]
+    main([*arguments, "--max-iterations", "1"])
+    warnings = json.loads((tmp_path / "run" / "result.json").read_text())["warnings"]
+    assert any("shares rows" in w and "not held out" in w for w in warnings)
+
+
+def test_a_role_in_the_sidecar_keeps_a_trial_out_of_the_training(folder: Path, tmp_path: Path) -> None:
+    import shutil
+
+    shutil.copytree(folder / "train", tmp_path / "train")
+    files = sorted((tmp_path / "train").glob("*.csv"))
+    (tmp_path / "train" / "trials.toml").write_text(f'[files."{files[0].name}"]\nrole = "test"\n')
+    main(["fit", "esso_osaka_3m", str(tmp_path / "train"), "--out", str(tmp_path / "run"), "--max-iterations", "1"])
+    content = json.loads((tmp_path / "run" / "result.json").read_text())
+    assert [row["name"] for row in content["data"]] == [files[1].stem]
+    assert any(files[0].stem in w for w in content["warnings"])
+
+
+def test_a_readable_file_is_checked_even_when_another_is_broken(folder: Path, tmp_path: Path, capsys) -> None:  # type: ignore[no-untyped-def]
+    broken = tmp_path / "broken.csv"
+    broken.write_text("nonsense")
+    capsys.readouterr()
+    assert main(["check", str(broken), str(folder / "held_out.csv"), "--json"]) == 2
+    out, err = capsys.readouterr()
+    verdicts = {f["name"]: f["verdict"] for f in json.loads(out)["files"]}
+    assert verdicts["broken"] == "unusable" and verdicts["held_out"] == "ok" and len(err.splitlines()) == 1
+
+
+def test_nothing_to_predict_is_an_error(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    held_out = folder / "held_out.csv"
+    out = tmp_path / "p.csv"
+    assert "no window" in refused(
+        capsys, "predict", "esso_osaka_3m", held_out, "--window", "500", "--stride", "10", "--out", out
+    )
+    assert "--window" in refused(capsys, "predict", "esso_osaka_3m", held_out, "--window", "nan", "--out", out)
+    assert not out.exists()
+
+
+def test_a_demo_that_cannot_be_written_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "file").write_text("x")
+    assert "cannot be written" in refused(capsys, "demo", "--out", tmp_path / "file" / "demo")
+    assert "already exists" in refused(capsys, "demo", "--out", tmp_path)

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from cases.checks.report import CheckReport, Finding, info, unusable
+from cases.checks.report import CheckReport, Finding, info, unusable, warning
 from cases.checks.rudder import rudder_angle
 from cases.trial import Trial
 
@@ -103,7 +103,11 @@ def excitation(trial: Trial) -> tuple[dict[str, Any], list[Finding]]:
     }
     if (good & moving).any():
         numbers["drift_max_deg"] = math.degrees(float(np.percentile(beta[good & moving], 99)))
-    return numbers, _sentences(numbers, constant)
+    said = _sentences(numbers, constant)
+    fastest = float(np.nanmax(np.abs(trial["n"])))
+    if fastest > 100:
+        said.append(warning("excitation", f"The revolutions reach {fastest:.0f} per second: rpm labelled rps?"))
+    return numbers, said
 
 
 def inputs_are_constant(trial: Trial) -> bool:

@@ -23,6 +23,12 @@ from cases.checks.motion import Motion, motion
 from cases.checks.report import Finding, info, warning
 from cases.trial import Trial
 
+LATE = 1.5
+"""Lag [s] of a channel beyond which the verdict is no longer "ok"."""
+
+GAIN = {"u": 0.06, "v": 0.1, "r": 0.075}
+"""Deviation of a channel's gain from one beyond which the verdict is no longer "ok"."""
+
 SOURCE = {"u": "the position", "v": "the position", "r": "the heading"}
 
 
@@ -85,16 +91,18 @@ def _channel(name: str, channel: Channel) -> list[Finding]:
     if lag is not None and abs(lag) > 0.3:
         word = "lags" if lag > 0 else "leads"
         text = f"{name} {word} the derivative of {SOURCE[name]} by {abs(lag):.2f} s"
-        said.append(info("kinematics", f"{text} (correlation {correlation:.3f})."))
+        level = warning if abs(lag) > LATE else info
+        said.append(level("kinematics", f"{text} (correlation {correlation:.3f})."))
     if scale is None or abs(scale - 1) <= 0.005:
         return said
-    if abs(scale - 1) > 0.1:
+    if abs(scale - 1) > GAIN[name]:
         hint = " (knots labelled m/s?)" if abs(scale - 1.944) < 0.1 else ""
         hint = " (m/s labelled kn?)" if abs(scale - 0.514) < 0.03 else hint
         text = f"{name} is {scale:.3g} times the derivative of {SOURCE[name]}{hint}."
         said.append(warning("kinematics", text))
-    elif name == "r":
+    elif name == "r" or abs(scale - 1) > 0.03:
         word = "high" if scale > 1 else "low"
-        text = f"r reads {abs(scale - 1):.1%} {word} against the heading (gyro scale)."
+        kind = " (gyro scale)" if name == "r" else ""
+        text = f"{name} reads {abs(scale - 1):.1%} {word} against {SOURCE[name]}{kind}."
         said.append(info("kinematics", text))
     return said
