@@ -34,13 +34,13 @@ def demo(
     if folder.exists():
         raise UserError(f"{folder}: already exists; choose another --out")
     check_target(folder)
-    say(f"1. Simulating trials of a ship with hidden coefficients, wind and sensor noise (seed {seed})")
-    made_train, made_held_out = demo_trials(seed)
     trials_folder = folder / "trials"
     try:
         trials_folder.mkdir(parents=True)
     except OSError as error:
         raise UserError(f"{folder}: cannot be written ({error.strerror}); choose another --out") from None
+    say(f"1. Simulating trials of a ship with hidden coefficients, wind and sensor noise (seed {seed})")
+    made_train, made_held_out = demo_trials(seed)
     for role, made in (("train", made_train), ("held_out", made_held_out)):
         (trials_folder / role).mkdir()
         for trial in made:
