@@ -18,6 +18,7 @@ from typing import Any
 from mmg.coefficients import Coefficient
 from mmg.components import BASE_PARTICULARS, ROLES, coefficient_table, module, required_particulars
 from mmg.errors import UserError
+from mmg.particulars import PARTICULARS
 from mmg.ship import Ship
 from mmg.wind.fujiwara import NAMES as WIND
 
@@ -206,7 +207,7 @@ def dump_ship(ship: Ship, comment: str = "") -> str:
     lines = [f"# {line}".rstrip() for line in comment.splitlines()] + ([""] if comment else [])
     lines += ["[ship]", f"name = {_text(ship.name)}"]
     lines += [f"{key} = {_text(getattr(ship, key))}" for key in ("description", "reference") if getattr(ship, key)]
-    lines += [f"{key} = {_float(value)}" for key, value in ship.particulars.items()]
+    lines += [f"{key} = {_float(value)}{_remark(key)}" for key, value in ship.particulars.items()]
     lines += ["", "[model]"] + [f"{role} = {_text(name)}" for role, name in ship.components.items()]
     for symbol, c in ship.coefficients.items():
         lines += ["", f"[coefficients.{symbol}]", f"value = {_float(c.value)}"]
@@ -220,6 +221,12 @@ def dump_ship(ship: Ship, comment: str = "") -> str:
             number = getattr(c, key)
             lines += [f"{key} = {_float(number)}"] if number is not None else []
     return "\n".join(lines) + "\n"
+
+
+def _remark(particular: str) -> str:
+    """A comment with meaning and unit of a particular."""
+    words, unit = PARTICULARS.get(particular, ("", ""))
+    return f"  # {words} [{unit}]" if words else ""
 
 
 def _float(value: float) -> str:

@@ -19,10 +19,11 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from cases.ships import load_ship
 from cases.trial import STATES, UNITS
 from fitting.plots import component_of, determination, grouped
-from fitting.report_words import PARTICULARS, headline, not_in_model, plus_minus, setting_rows, warnings_of
+from fitting.report_words import headline, not_in_model, plus_minus, setting_rows, warnings_of
 from fitting.run import SHIP, read_result
 from mmg.components import module
 from mmg.errors import UserError
+from mmg.particulars import PARTICULARS
 from mmg.ship import Ship
 
 PNG = b"\x89PNG\r\n\x1a\n"
