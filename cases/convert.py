@@ -9,6 +9,7 @@ import numpy as np
 
 from cases.sidecar import Settings
 from mmg.errors import UserError
+from mmg.frames import true_wind
 
 RUDDERS = ("delta", "delta_port", "delta_starboard")
 
@@ -83,32 +84,8 @@ def _wind(out: dict[str, np.ndarray], settings: Settings, notices: list[str]) ->
         return
     if "apparent_wind_speed" in out:
         out["wind_speed"], out["wind_direction"] = true_wind(
-            out["apparent_wind_speed"], out["apparent_wind_direction"], out["u"], out["v"], out["psi"]
+            out["apparent_wind_speed"], out["apparent_wind_direction"], out["psi"], out["u"], out["v"]
         )
         notices.append("true wind derived from the apparent wind, u, v and psi")
     else:
         notices.append("no wind: wind forces cannot be modelled and are taken as zero")
-
-
-def true_wind(
-    speed: np.ndarray, angle: np.ndarray, u: np.ndarray, v: np.ndarray, psi: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """True wind speed [m/s] and earth-fixed direction it comes from [rad in [0, 2 pi)], shapes (N,).
-
-    speed, angle: apparent wind, angle clockwise from the bow, coming from. The air moves over ground with
-    the apparent wind plus the ship (vector sum in body axes), then psi turns it into the earth frame.
-    """
-    ahead = -speed * np.cos(angle) + u
-    side = -speed * np.sin(angle) + v
-    north = ahead * np.cos(psi) - side * np.sin(psi)
-    east = ahead * np.sin(psi) + side * np.cos(psi)
-    return np.hypot(north, east), np.arctan2(-east, -north) % (2 * math.pi)
-
-
-def apparent_wind(
-    speed: np.ndarray, direction: np.ndarray, u: np.ndarray, v: np.ndarray, psi: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Apparent wind speed [m/s] and angle from the bow it comes from [rad in [0, 2 pi)]; undoes true_wind."""
-    ahead = speed * np.cos(direction - psi) + u
-    side = speed * np.sin(direction - psi) + v
-    return np.hypot(ahead, side), np.arctan2(side, ahead) % (2 * math.pi)

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from mmg.coefficients import Coefficient
-from mmg.components import BASE_PARTICULARS, ROLES, coefficient_table, module, required_particulars
+from mmg.components import ROLES, coefficient_table, module, required_particulars
 from mmg.errors import UserError
 from mmg.particulars import PARTICULARS
 from mmg.ship import Ship
@@ -238,4 +238,4 @@ def _text(words: str) -> str:
     return json.dumps(words, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
-__all__ = ["BASE_PARTICULARS", "dump_ship", "library", "load_ship", "parse_ship"]
+__all__ = ["dump_ship", "library", "load_ship", "parse_ship"]

@@ -17,9 +17,9 @@ def print_json(data: Any) -> None:
     """One JSON document on stdout."""
     import json
 
-    from fitting.run import _plain
+    from fitting.run import plain
 
-    print(json.dumps(_plain(data), indent=2))
+    print(json.dumps(plain(data), indent=2))
 
 
 def progress() -> Callable[[str, int, float, float], None] | None:

@@ -122,7 +122,7 @@ def calibrate(
     nodes, p = problem.split(best.x)
     p = np.clip(p, *problem.p_bounds())
     covariance = _covariance(problem, kernel, trials, window, nodes, p)
-    warnings = warnings_of(problem, best, p, starts, passes)
+    warnings = warnings_of(problem, best, p, starts)
     if best.converged and len(starts) < settings.starts:
         warnings.append(f"only {len(starts)} of {settings.starts} starts were solved before the run was stopped")
     timings["total"] = time.perf_counter() - began

@@ -158,14 +158,13 @@ def solve(
     max_iterations: int = 300,
     time_limit: float | None = None,
     report: Callable[[int, float, float], None] | None = None,
-    multipliers: np.ndarray | None = None,
     rough: bool = False,
     options: dict[str, Any] | None = None,
 ) -> Solution:
     """Solve from x0 to ``tolerance``; never raises for a solver failure, it says so in the solution.
 
     ``report(iteration, objective, violation)`` is called at every iterate. Ctrl-C (in the main thread) stops at the
-    next iterate and returns the best one (``Interrupts``). ``multipliers`` (with a nearby x0) makes it a warm start.
+    next iterate and returns the best one (``Interrupts``).
     ``rough`` also accepts an iterate that is nearly feasible once the objective has twice changed by less than 3e-4
     relative.
     """
@@ -209,18 +208,6 @@ def solve(
     }
     if time_limit is not None:
         settings["ipopt.max_wall_time"] = max(time_limit, 1e-3)
-    start: dict[str, Any] = {"x0": x0}
-    if multipliers is not None:
-        settings.update(
-            {
-                "ipopt.warm_start_init_point": "yes",
-                "ipopt.mu_init": 1e-6,
-                "ipopt.bound_push": 1e-8,
-                "ipopt.warm_start_bound_push": 1e-8,
-                "ipopt.warm_start_mult_bound_push": 1e-8,
-            }
-        )
-        start["lam_g0"] = multipliers
     if rough:
         settings.update(ROUGH)
     settings.update(options or {})
@@ -228,7 +215,7 @@ def solve(
     lower, upper = program.bounds()
     began = time.perf_counter()
     with Interrupts():
-        out = solver(lbx=lower, ubx=upper, lbg=0.0, ubg=0.0, **start)
+        out = solver(lbx=lower, ubx=upper, lbg=0.0, ubg=0.0, x0=x0)
     stats = solver.stats()
     status = str(stats["return_status"])
     converged = status == "Solve_Succeeded"

@@ -6,6 +6,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -92,13 +93,11 @@ def predict_all(
     short_last: bool = True,
     method: str = "rk4",
     longest_step: float = 1.0,
-    theta: np.ndarray | None = None,
 ) -> list[tuple[list[Window], list[str]]]:
     """Open-loop windows of several trials, simulated side by side; per trial the windows and notes on those left out.
 
     Inputs are held from sample to sample. A window that begins at, or runs across, missing samples or a gap longer
     than ``longest_step`` seconds plus two samples is left out. Without measured positions a window starts at (0, 0).
-    theta: coefficients to use instead of the ship's.
     """
     plans = [_plan(trial, length, stride, short_last, longest_step) for trial in trials]
     flat = [(plan, number, first, last) for plan in plans for number, first, last in plan.kept]
@@ -110,7 +109,7 @@ def predict_all(
         steps[: last - first, i] = np.diff(plan.trial.t[first : last + 1])
         inputs[: last - first, :, i] = plan.controls[first:last]
     start = np.array([plan.states[first] for plan, _, first, _ in flat]).T
-    out = simulator.run(start, inputs, steps, theta=theta, method=method)
+    out = simulator.run(start, inputs, steps, method=method)
     windows = [
         Window(number, first, last, np.ascontiguousarray(out[: last - first + 1, :, i]))
         for i, (_, number, first, last) in enumerate(flat)
@@ -122,18 +121,9 @@ def predict_all(
     return result
 
 
-def predict(
-    simulator: Simulator,
-    trial: Trial,
-    length: float,
-    stride: float,
-    short_last: bool = True,
-    method: str = "rk4",
-    longest_step: float = 1.0,
-    theta: np.ndarray | None = None,
-) -> tuple[list[Window], list[str]]:
-    """Open-loop windows of one trial and notes on those left out; arguments as in ``predict_all``."""
-    return predict_all(simulator, [trial], length, stride, short_last, method, longest_step, theta)[0]
+def predict(simulator: Simulator, trial: Trial, *args: Any, **options: Any) -> tuple[list[Window], list[str]]:
+    """Open-loop windows of one trial and notes on those left out; further arguments as in ``predict_all``."""
+    return predict_all(simulator, [trial], *args, **options)[0]
 
 
 def table(trial: Trial, windows: list[Window]) -> np.ndarray:

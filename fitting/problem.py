@@ -105,7 +105,8 @@ class Problem:
         return np.concatenate([-free, lower]), np.concatenate([free, upper])
 
     # -- values ------------------------------------------------------------------------------------------------
-    def _evaluate(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    def evaluate(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Node states (B, 6), scaled coefficients, interval ends (6, M) and interior states at x, cached."""
         if self._values_at is None or not np.array_equal(x, self._values_at):
             x = x.copy()  # IPOPT hands over views of its own memory
             nodes, p = self.split(x)
@@ -115,13 +116,13 @@ class Problem:
         return self._values
 
     def objective(self, x: np.ndarray) -> float:
-        nodes, p, _, interior = self._evaluate(x)
+        nodes, p, _, interior = self.evaluate(x)
         e, ei = nodes - self.segments.nodes, interior - self.segments.targets
         return 0.5 * float((self.node_weight * e * e).sum() + (self.weight * ei * ei).sum() + p @ p)
 
     def defects(self, x: np.ndarray) -> np.ndarray:
         """End of interval minus next node, divided by the channel's scale, shape (6 M,), interval by interval."""
-        nodes, _, end, _ = self._evaluate(x)
+        nodes, _, end, _ = self.evaluate(x)
         return ((end.T - nodes[self.segments.end]) / self.scale).reshape(-1)
 
     # -- derivatives -------------------------------------------------------------------------------------------
@@ -199,7 +200,7 @@ class Problem:
 
     def residuals(self, x: np.ndarray) -> np.ndarray:
         """z - y at all measured grid samples, shape (samples, 6), NaN where not measured; nodes first."""
-        nodes, _, _, interior = self._evaluate(x)
+        nodes, _, _, interior = self.evaluate(x)
         seg = self.segments
         at_nodes = np.where(seg.node_mask > 0, nodes - seg.nodes, np.nan)
         inside = np.where(seg.mask > 0, interior - seg.targets, np.nan)

@@ -62,7 +62,7 @@ def calibrated_ship(ship: Ship, prior: Prior, p: np.ndarray, covariance: np.ndar
     return replace(ship.with_coefficients(changed), notices=())
 
 
-def warnings_of(problem: Problem, best: Solution, p: np.ndarray, starts: list[Start], passes: list[dict]) -> list[str]:
+def warnings_of(problem: Problem, best: Solution, p: np.ndarray, starts: list[Start]) -> list[str]:
     """Sentences on what a user must know before using the estimates; p: scaled estimate (P,)."""
     words = []
     if not best.converged:

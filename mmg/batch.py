@@ -13,7 +13,6 @@ import platform
 import shutil
 import subprocess
 import tempfile
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -105,17 +104,11 @@ class BatchFunction:
 
     function: ca.Function
     library: ctypes.CDLL | None
-    calls: int = 0
-    seconds: float = 0.0
     _mapped: dict = field(default_factory=dict, repr=False)
 
     def __call__(self, *inputs: np.ndarray, outputs: Sequence[bool] | None = None) -> list[np.ndarray | None]:
-        started = time.perf_counter()
         points = max((a.shape[1] for a in inputs if a.ndim == 2), default=LANES)
-        result = self._compiled(points, inputs, outputs) if self.library else self._interpreted(points, inputs)
-        self.calls += points
-        self.seconds += time.perf_counter() - started
-        return result
+        return self._compiled(points, inputs, outputs) if self.library else self._interpreted(points, inputs)
 
     def _compiled(
         self, points: int, inputs: Sequence[np.ndarray], outputs: Sequence[bool] | None

@@ -6,7 +6,7 @@ actuators, ``p`` the particulars, ``c`` the coefficients (both by attribute) and
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 
@@ -54,4 +54,3 @@ class Flow:
     a_x: Any = 0.0
     a_y: Any = 0.0
     slipstream: Slipstream | None = None
-    extra: dict[str, Any] = field(default_factory=dict)

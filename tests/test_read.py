@@ -9,11 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from cases.convert import apparent_wind, true_wind
 from cases.plausible import implausible
 from cases.read import read_trial, read_trials
 from cases.trial import UNITS
 from mmg.errors import UserError
+from mmg.frames import apparent_wind, true_wind
 from tests.trial_files import motion_columns, write_csv
 
 DEG = np.pi / 180
@@ -176,7 +176,7 @@ def test_unknown_columns_are_ignored_with_a_notice(tmp_path):
 
 def test_true_wind_follows_from_the_apparent_one_with_a_notice(tmp_path):
     truth = motion_columns(20.0)
-    speed, angle = apparent_wind(*(truth[c] for c in ("wind_speed", "wind_direction", "u", "v", "psi")))
+    speed, angle = apparent_wind(*(truth[c] for c in ("wind_speed", "wind_direction", "psi", "u", "v")))
     columns = {c: v for c, v in truth.items() if not c.startswith("wind")}
     columns.update(apparent_wind_speed=speed, apparent_wind_direction=angle)
     trial = read_trial(write_csv(tmp_path / "run.csv", columns))
@@ -186,7 +186,7 @@ def test_true_wind_follows_from_the_apparent_one_with_a_notice(tmp_path):
 
 
 def test_going_ahead_in_still_air_the_apparent_wind_is_a_headwind():
-    speed, angle = apparent_wind(np.zeros(1), np.zeros(1), np.array([2.0]), np.zeros(1), np.array([0.7]))
+    speed, angle = apparent_wind(np.zeros(1), np.zeros(1), np.array([0.7]), np.array([2.0]), np.zeros(1))
     assert speed[0] == pytest.approx(2.0) and angle[0] == pytest.approx(0.0)
 
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from cases.checks.report import Finding, info, warning
-from cases.convert import apparent_wind
 from cases.trial import Trial
+from mmg.frames import apparent_wind
 
 
 def wind(trial: Trial) -> tuple[dict[str, Any], list[Finding]]:
@@ -52,7 +52,7 @@ def _consistency(trial: Trial, mean: float, numbers: dict[str, Any]) -> list[Fin
     misfit = {}
     for turned, angle in (("as logged", 0.0), ("reversed", math.pi)):
         speed, direction = apparent_wind(
-            trial["wind_speed"], trial["wind_direction"] + angle, trial["u"], trial["v"], trial["psi"]
+            trial["wind_speed"], trial["wind_direction"] + angle, trial["psi"], trial["u"], trial["v"]
         )
         misfit[turned] = math.sqrt(float(np.nanmean(np.abs(logged - speed * np.exp(1j * direction)) ** 2)))
     earth = trial["wind_speed"] * np.exp(1j * trial["wind_direction"])
