@@ -198,8 +198,8 @@ def cut(trials: Sequence[Trial], h: float, window: float, K: int = 10, shortest:
     dropped = [f"{name}: {s:.0f} s in pieces too short between gaps were left out" for name, s in short.items()]
     if not spans:
         raise UserError(
-            f"nothing to fit: no piece of the trials is longer than {least * h:g} s without a gap; "
-            "use longer records or a smaller --step"
+            f"{', '.join(t.name for t in trials)}: nothing to fit, no piece is longer than {least * h:g} s "
+            "without a gap; use longer records or a smaller --step"
         )
     spans.sort(key=lambda span: -len(span[3]))
     M = len(spans)
