@@ -14,7 +14,7 @@ from cases.ships import load_ship
 from mmg.coefficients import names
 from mmg.flow import Force
 from mmg.model import Model, assemble
-from mmg.rigid_body import accelerations
+from mmg.rigid_body import accelerations, inertia
 from mmg.rollout import Simulator
 
 SHIP = load_ship("esso_osaka_3m")
@@ -190,6 +190,6 @@ def test_energy_falls_in_every_direction_of_motion(simulator: Simulator) -> None
 def test_without_forces_only_the_munk_term_does_work(u: float, v: float, r: float) -> None:
     """dE/dt = (m_y - m_x) u v r exactly: the rest of the Coriolis terms does no work."""
     velocity = np.array([u, v, r])
-    got = power(velocity, np.array(accelerations(u, v, r, Force(), P, C)))
+    got = power(velocity, np.array(accelerations(u, v, r, Force(), inertia(P, C))))
     unit = 0.5 * P.rho * P.L**2 * P.d
     assert got == pytest.approx((C.m_y - C.m_x) * unit * u * v * r, rel=1e-9, abs=1e-12)

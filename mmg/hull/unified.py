@@ -19,6 +19,7 @@ from mmg.flow import Flow, Force
 from mmg.smooth import Smoothing
 
 PARTICULARS = ("L", "d", "rho")
+INPUTS: tuple[str, ...] = ()
 
 COEFFICIENTS = table(
     "default of the unified low-speed hull model",

@@ -16,9 +16,12 @@ from typing import Any
 
 from mmg.coefficients import table
 from mmg.flow import Flow, Force, Slipstream
+from mmg.propeller.wake import HIRANO
+from mmg.propeller.wake import hirano as wake
 from mmg.smooth import Smoothing
 
 PARTICULARS = ("L", "d", "rho", "D_P", "pitch_ratio")
+INPUTS = ("n",)
 
 ADVANCE_LOW, ADVANCE_HIGH = -0.35, -0.06
 """Advance ratios J_s between which the side force of the reversing propeller is its middle branch."""
@@ -40,10 +43,7 @@ COEFFICIENTS = table(
     ("k_1", -0.33, 0.05, -1.0, 0.2, "", "open-water thrust, linear in J"),
     ("k_2", -0.15, 0.045, -1.0, 0.5, "", "open-water thrust, quadratic in J"),
     ("t_P", 0.20, 0.05, 0.0, 0.5, "", "thrust deduction fraction"),
-    ("w_P0", 0.40, 0.08, 0.0, 0.85, "", "wake fraction in straight running"),
-    ("tau", 0.8, 0.25, 0.0, 2.0, "", "change of wake linear in the geometric inflow angle"),
-    ("C_P", -0.35, 0.15, -1.5, 0.5, "", "change of wake quadratic in the geometric inflow angle"),
-    ("x_P", -0.5, 0.05, -0.7, -0.3, "mmg", "effective longitudinal position of the propeller, by L"),
+    *HIRANO,
     ("C_3", -0.251, 0.05, -1.0, 0.0, "", "effective reverse thrust at strongly negative advance ratio"),
     ("C_6", -0.175, 0.04, -1.0, 0.0, "", "effective reverse thrust at zero speed"),
     ("C_7", 0.330, 0.10, 0.0, 1.0, "", "slope of the effective reverse thrust with J_s"),
@@ -51,15 +51,6 @@ COEFFICIENTS = table(
     *_side("A", _A, 0.05, "side force of the reversing propeller or in sternway"),
     *_side("B", _B, 0.02, "yaw moment of the reversing propeller or in sternway"),
 )
-
-
-def wake(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Any:
-    """1 - w_P [-], in (0, 1]; 1 with sternway."""
-    U = s.root(flow.u**2 + flow.v**2, s.speed)
-    angle = s.divide(flow.v + c.x_P * p.L * flow.r, U, 0.0)
-    one_minus = 1 - c.w_P0 + c.tau * s.absolute(angle, 0.01) + c.C_P * angle**2
-    clipped = s.positive(1 - s.positive(1 - one_minus, 0.01), 0.01)
-    return 1 + s.step(flow.u, s.speed) * (clipped - 1)
 
 
 def _between(u: Any, nD: Any, advance: float, s: Smoothing) -> Any:

@@ -1,0 +1,1 @@
+"""Steering gear and engine: from orders to positions, where a ship's inputs are orders and not positions."""

@@ -1,0 +1,39 @@
+"""Actuators that follow their orders as first-order lags: y' = (y_c - y) / T, for rudders and propellers.
+
+For large ships' main engines T_n is 5 to 50 s; for rudders a lag is the simplest stand-in for a rate limit.
+"""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+from mmg.actuators.rate_limited import PROPELLERS, RUDDERS
+from mmg.coefficients import Coefficient, table
+from mmg.flow import Flow
+from mmg.memory import Memory, scale
+from mmg.smooth import Smoothing
+
+PARTICULARS = ("L",)
+INPUTS: tuple[str, ...] = ()
+
+
+def coefficients(p: SimpleNamespace) -> tuple[Coefficient, ...]:
+    """Time constants for a ship of length L: 1 s for the rudder and 1 s for the propeller of a 3 m model."""
+    k = scale(p)
+    return table(
+        "1 s at 3 m by Froude's law",
+        ("T_delta", 1.0 * k, 0.5 * k, 0.4 * k, 10.0 * k, "s", "time constant of the rudder"),
+        ("T_n", 1.0 * k, 0.5 * k, 0.4 * k, 30.0 * k, "s", "time constant of the propeller"),
+    )
+
+
+def actuators(flow: Flow, memory: Memory, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Flow:
+    """Positions of rudders and propellers whose orders the flow holds."""
+    moved = {}
+    for name in (*RUDDERS, *PROPELLERS):
+        order = getattr(flow, name)
+        if not isinstance(order, float):
+            rudder = name in RUDDERS
+            size = 0.3 if rudder else 10.0 / scale(p)
+            moved[name] = memory.low_pass(name, order, c.T_delta if rudder else c.T_n, size)
+    return flow.with_(**moved)

@@ -1,0 +1,105 @@
+"""What a model remembers besides its motion: lags, delays, play and rate limits, smooth for optimisation.
+
+Effects and actuators ask a ``Memory`` for states; the assembled model integrates them with the six of the ship.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+from typing import Any
+
+import casadi as ca
+
+MODEL_LENGTH = 3.0
+"""Length [m] for which times are written; times and speeds scale with sqrt(L), forces with L^3."""
+
+
+def scale(p: SimpleNamespace) -> float:
+    """sqrt(L / 3 m): the factor of times and speeds."""
+    return float((p.L / MODEL_LENGTH) ** 0.5)
+
+
+@dataclass
+class Memory:
+    """Internal states that effects and actuators ask for: each follows a target with a time constant.
+
+    names, symbols: of the states; rates: their derivatives; targets: what they start from; sizes: their typical size.
+    """
+
+    names: list[str] = field(default_factory=list)
+    symbols: list[ca.SX] = field(default_factory=list)
+    rates: list[Any] = field(default_factory=list)
+    targets: list[Any] = field(default_factory=list)
+    sizes: list[float] = field(default_factory=list)
+
+    def state(self, name: str, target: Any, size: float) -> ca.SX:
+        """A new state that starts at ``target``; its rate is to be given by ``moves``."""
+        self.names.append(name)
+        self.symbols.append(ca.SX.sym(name))
+        self.targets.append(target)
+        self.sizes.append(size)
+        return self.symbols[-1]
+
+    def moves(self, *rates: Any) -> None:
+        """The rates [1/s] of the newest states, in the order in which they were made."""
+        self.rates.extend(rates)
+
+    def low_pass(self, name: str, target: Any, time: Any, size: float) -> ca.SX:
+        """A state that follows ``target`` with time constant ``time`` [s]."""
+        state = self.state(name, target, size)
+        self.moves((target - state) / time)
+        return state
+
+
+def lagged(memory: Memory, name: str, x: Any, T: Any, least: float, size: float) -> Any:
+    """x after a first-order lag of T >= 0 [s]: exactly x at T = 0, and smooth in T there.
+
+    (1 - kappa) x + kappa x_tau with x_tau lagged by tau = sqrt(T^2 + least^2) and kappa = T / tau, so the mean lag is
+    T and no time constant is shorter than ``least`` [s], which an explicit integrator needs.
+    """
+    tau = ca.sqrt(T * T + least * least)
+    return x - T / tau * (x - memory.low_pass(name, x, tau, size))
+
+
+def delayed(memory: Memory, name: str, x: Any, T: Any, least: float, size: float) -> Any:
+    """x after a delay of T >= 0 [s], by the all-pass (1 - tau s / 2) / (1 + tau s / 2) (Pade), mixed as in ``lagged``.
+
+    Phase and amplitude are those of the delay up to frequencies of about 1 / T; steps get a short kick the wrong way.
+    """
+    tau = ca.sqrt(T * T + least * least)
+    return x - 2 * T / tau * (x - memory.low_pass(name, x, 0.5 * tau, size))
+
+
+SHARP, SHARPER = 16, 32
+"""Powers q of the clip x b / (|x|^q + b^q)^(1/q): of a play, and of what draws the remembered position along.
+
+The second must be sharper, or the remembered position would creep back inside the play.
+"""
+
+
+def clip(x: Any, b: Any, softest: float, sharpness: int = SHARP) -> Any:
+    """x limited to +-b, smooth, exactly zero for b = 0; ``softest`` is the size of x that keeps it smooth there."""
+    x2, b2 = (x / softest) ** 2, (b / softest) ** 2
+    return b * x / softest / (x2 ** (sharpness // 2) + b2 ** (sharpness // 2) + 1.0) ** (1 / sharpness)
+
+
+def played(memory: Memory, name: str, x: Any, b: Any, time: float, softest: float, size: float) -> Any:
+    """x behind a play (backlash) of half width b >= 0: rests until x has moved by b off its middle; x at b = 0.
+
+    The result is x less the smooth clip of its distance to a remembered position, which is drawn along, within
+    about ``time`` [s], once the distance exceeds b.
+    """
+    held = memory.state(name, x, size)
+    memory.moves((x - held - clip(x - held, b, softest, SHARPER)) / time)
+    return x - clip(x - held, b, softest)
+
+
+def rate_limited(memory: Memory, name: str, x: Any, rate: Any, time: Any, size: float) -> Any:
+    """A position that follows x with y' = rate tanh((x - y) / (rate time)): at most ``rate`` [1/s], near x as a lag.
+
+    Smooth form of the sloped step of Wakita et al. (2025, Eqs. 39-40), physics I; ``time`` [s] is the lag near x.
+    """
+    y = memory.state(name, x, size)
+    memory.moves(rate * ca.tanh((x - y) / (rate * time)))
+    return y

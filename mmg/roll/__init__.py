@@ -1,0 +1,1 @@
+"""Roll as a fourth degree of freedom."""

@@ -1,0 +1,100 @@
+"""Shallow water: factors f on coefficients, D(h) = f D(deep), as functions of depth and particulars.
+
+h is the depth of water [m], x = d/h. UNVERIFIED as a whole: one public source each, partly from recollection, that of
+Kijima & Nakiri from a code whose own text says it does not work. Compare with tests before use; ``growth`` has two
+numbers to identify instead. All functions raise ValueError for a ship aground (h <= d).
+"""
+
+from __future__ import annotations
+
+
+def _ratio(d: float, h: float) -> float:
+    if not h > d:
+        raise ValueError(f"depth {h:g} m must be larger than the draught {d:g} m")
+    return d / h
+
+
+def growth(d: float, h: float, alpha: float, power: float) -> float:
+    """1 + alpha (d/(h - d))^power: for added masses and cross-flow drag, alpha and power to be identified.
+
+    Own robust form (UNVERIFIED): 1 in deep water, rising without bound towards the ground.
+    """
+    _ratio(d, h)
+    return float(1 + alpha * (d / (h - d)) ** power)
+
+
+def kijima_nakiri_1990(L: float, B: float, d: float, C_b: float, h: float) -> dict[str, float]:
+    """Factors on the hull derivatives of ``empirical.kijima_1990``; h/d >= 1.2. UNVERIFIED.
+
+    f1 = 1/(1 - x)^n - x for Y_beta (n = 0.40 C_b B/d), N_beta (0.425 C_b B/d, from recollection), N_r (1.5 - 14.28
+    d/L); f2 = 1 + a_1 x + a_2 x^2 + a_3 x^3 for the rest (Kijima & Nakiri 1990 as in a public code after Taimuri et
+    al. 2020). The cubics do not tend to 1 monotonically: a factor far from 1 in deep water is the polynomial's doing.
+    """
+    x = _ratio(d, h)
+    b, beam, fine = C_b * B / d, C_b * d / B, 1 - C_b
+    t = fine * d / B
+
+    def f1(n: float) -> float:
+        return float(1 / (1 - x) ** n - x)
+
+    def f2(a_1: float, a_2: float, a_3: float) -> float:
+        return 1 + a_1 * x + a_2 * x**2 + a_3 * x**3
+
+    return {
+        "Y_beta": f1(0.40 * b),
+        "N_beta": f1(0.425 * b),
+        "N_r": f1(1.5 - 14.28 * d / L),
+        "Y_r": f2(-5.5 * b**2 + 26 * b - 31.5, 37 * b**2 - 185 * b + 230, -38 * b**2 + 197 * b - 250),
+        "Y_rr": f2(-15600 * fine**5, 116000 * fine**5, -128000 * fine**5),
+        "Y_brr": f2(21500 * t**2 - 4800 * t + 220, -40800 * t**2 + 7500 * t - 274, -90800 * t**2 + 25500 * t - 1400),
+        "N_bb": f2(-240 * fine + 57, 1770 * fine - 413, -1980 * fine + 467),
+        "N_rr": f2(-1960 * t**2 + 448 * t - 25, 12220 * t**2 - 2720 * t + 146, -12160 * t**2 + 2650 * t - 137),
+        "N_bbr": f2(91 * beam - 25, -515 * beam + 144, 508 * beam - 143),
+        "N_brr": f2(40 * b - 88, -295 * b + 645, 312 * b - 678),
+    }
+
+
+def ankudinov(L: float, B: float, d: float, C_b: float, h: float) -> dict[str, float]:
+    """Factors of the type of Ankudinov (1990): f_nr, f_yr, f_nv, f_yv, g_nr, g_v. UNVERIFIED, single source.
+
+    H = h/d - 1, K_0 = 1 + 0.0775/H^2 - 0.011/H^3 + 0.000068/H^5, K_1 = -0.0643/H + 0.0724/H^2 - 0.0113/H^3 +
+    0.0000767/H^5, K_2 = 0.0342/H (B/d <= 4) or 0.137 B/(H d), the latter doubtful. f: linear derivatives of sway (v)
+    and yaw (r) in force (y) and moment (n); g: added masses.
+    """
+    _ratio(d, h)
+    H, b = h / d - 1, C_b * B / d * (1 + B / L) ** 2
+    K_0 = 1 + 0.0775 / H**2 - 0.011 / H**3 + 0.000068 / H**5
+    K_1 = -0.0643 / H + 0.0724 / H**2 - 0.0113 / H**3 + 0.0000767 / H**5
+    K_2 = 0.0342 / H if B / d <= 4 else 0.137 * B / (H * d)
+
+    def combined(one: float, two: float) -> float:
+        return K_0 + one * K_1 * b + two * K_2 * b**2
+
+    f_nv = combined(1, 1)
+    return {
+        "f_nr": combined(1 / 2, 1 / 3),
+        "f_yr": combined(2 / 5, 24 / 105),
+        "f_nv": f_nv,
+        "f_yv": 1.5 * f_nv - 0.5,
+        "g_nr": combined(8 / 15, 40 / 105),
+        "g_v": combined(2 / 3, 8 / 15),
+    }
+
+
+def taimuri_interaction(L: float, B: float, d: float, C_b: float, h: float) -> dict[str, float]:
+    """Factors on w_P0, 1 - t_P and gamma_R after Taimuri et al. (2020), Ocean Eng (108103). UNVERIFIED.
+
+    Single source. gamma_R has two forms; the second holds for x <= 0.581 - 0.332 d/B. The factor of 1 - t_P does not
+    tend to 1 in deep water.
+    """
+    x, c, s = _ratio(d, h), C_b * B / L, C_b * L / B
+    if x <= -0.332 * d / B + 0.581:
+        gamma_R = 1 + (-135.25 + 2432.95 * c - 10137.7 * c**2) * x**4.81
+    else:
+        gamma_R = 1 + (-10.258 + 178.207 * c - 686.25 * c**2) * (-3.854 + 13.665 * x - 10.468 * x**2)
+    long = C_b * L / d
+    return {
+        "w_P0": 1 + (-4.932 + 0.6425 * long - 0.0165 * long**2) * x**1.655,
+        "one_minus_t_P": 1 + (29.495 - 14.089 * s + 1.6486 * s**2) * (1 / 250 - 7 * x / 200 - 13 * x**2 / 125),
+        "gamma_R": gamma_R,
+    }

@@ -1,0 +1,1 @@
+"""Wave forces: one file per model."""
