@@ -8,8 +8,9 @@ import numpy as np
 
 from cases.gusts import Wind
 from cases.maneuvers import parse_maneuver
+from cases.sensors import SensorNoise, add_noise
 from cases.ships import load_ship
-from cases.synthetic import SensorNoise, add_noise, simulate
+from cases.synthetic import simulate
 from cases.trial import Trial
 from mmg.ship import Ship
 

@@ -5,18 +5,25 @@ from __future__ import annotations
 import contextlib
 import math
 import os
-from dataclasses import astuple, dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import casadi as ca
 import numpy as np
 
+from cases.controller import MODEL_LENGTH
 from cases.gusts import Wind
-from cases.maneuvers import MODEL_LENGTH, Maneuver
+from cases.inputs import actuator_columns, step_means
+from cases.maneuvers import Maneuver
+from cases.propulsion import design_pitch
+from cases.sensors import logged, wrap
 from cases.trial import STATES, UNITS, Trial
 from cases.units import house_unit
+from mmg.effects import effect
 from mmg.errors import UserError
-from mmg.frames import wind_vector
+from mmg.frames import earth_to_body, wind_vector
 from mmg.model import assemble
 from mmg.ship import Ship
 from mmg.smooth import GRAVITY
@@ -27,15 +34,84 @@ LONGEST_STEP = 0.5
 MOST_STEPS = 5_000_000
 
 
-def step_function(ship: Ship) -> ca.Function:
-    """One step of the classical Runge-Kutta method: (state (6,), controls (4,), h [s]) -> state (6,), SI."""
-    rates = assemble(ship, symbols=()).rates
-    z, c, h = ca.SX.sym("z", 6), ca.SX.sym("c", 4), ca.SX.sym("h")
+@dataclass(frozen=True)
+class _Plant:
+    """A ship that is driven by logged inputs: its right-hand side without what the generator does exactly.
+
+    step: one classical Runge-Kutta step (state (S,), inputs (C,), h [s]) -> state (S,); initial: (six states, inputs)
+    -> state (S,); states, inputs: their names; delay: of rudder and revolutions [s].
+    """
+
+    step: ca.Function
+    initial: ca.Function
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    delay: float
+
+    def roll(self, states: np.ndarray) -> dict[str, np.ndarray]:
+        """Columns phi and p of a ship with a roll model, from its states (N, S)."""
+        return {name: states[:, self.states.index(name)] for name in ("phi", "p") if name in self.states}
+
+
+def _plant(ship: Ship) -> _Plant:
+    delay = ship.parameters_of("control_delay").tau if "control_delay" in ship.effects else 0.0
+    for exact in ("control_delay", "gnss_delay"):
+        ship = ship.without_effect(exact)
+    model = assemble(ship, symbols=())
+    z, c, h = ca.SX.sym("z", len(model.states)), ca.SX.sym("c", len(model.controls)), ca.SX.sym("h")
+    rates = model.rates
     k1 = rates(z, c, [])
     k2 = rates(z + 0.5 * h * k1, c, [])
     k3 = rates(z + 0.5 * h * k2, c, [])
     k4 = rates(z + h * k3, c, [])
-    return ca.Function("step", [z, c, h], [z + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)], {"cse": True})
+    step = ca.Function("step", [z, c, h], [z + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)], {"cse": True})
+    return _Plant(step, model.initial, model.states, model.controls, float(delay))
+
+
+def _vector(plant: _Plant, moved: Mapping[str, float], air: tuple[float, float], t: float) -> np.ndarray:
+    """Inputs (C,) of the plant by name; actuators that are not moved are at rest."""
+    values = {**moved, "wind_north": air[0], "wind_east": air[1], "time": t}
+    return np.array([values.get(name, 0.0) for name in plant.inputs])
+
+
+def _moved(ship: Ship, n: float, delta: float) -> dict[str, float]:
+    """Positions of all actuators under one order: both propellers and both rudders alike, thrusters at rest.
+
+    A controllable-pitch propeller turns ahead all the time: its blades reverse instead.
+    """
+    moved = dict.fromkeys(ship.actuators, 0.0)
+    for name in moved:
+        if name in ("n", "n_2"):
+            moved[name] = abs(n) if "pitch" in moved else n
+        elif name.startswith("delta"):
+            moved[name] = delta
+        elif name == "pitch":
+            moved[name] = design_pitch(ship, n)
+    return moved
+
+
+def _begin(ship: Ship, maneuver: Maneuver) -> np.ndarray:
+    """State (6,) of the approach: the manoeuvre's speed is through the water, the state's over ground."""
+    six = np.array(maneuver.start, dtype=float)
+    if "current" in ship.effects:
+        current = ship.parameters_of("current")
+        u_c, v_c = earth_to_body(current.x, current.y, six[2])
+        six[3:5] += u_c, v_c
+    return six
+
+
+class _Delayed:
+    """Inputs of a while ago, as the mean over each step of the inputs held over earlier steps."""
+
+    def __init__(self, steps: float) -> None:
+        self.whole, self.part = divmod(steps, 1.0)
+        self.past: list[np.ndarray] = []
+
+    def __call__(self, now: np.ndarray) -> np.ndarray:
+        """What acts over a step whose own inputs are ``now``."""
+        line, k = [*self.past, now], len(self.past)
+        at = [line[max(k - int(self.whole) - back, 0)] for back in (0, 1)]
+        return (1 - self.part) * at[0] + self.part * at[1]
 
 
 def simulate(
@@ -49,9 +125,9 @@ def simulate(
     """A manoeuvre in closed loop: the controller sees the true state at each sample; inputs are held between.
 
     dt: sampling and integration step [s] (divided where it is longer than 0.5 s of a 3 m model); seed: of the
-    gusts; start: state (6,) instead of the manoeuvre's own. Columns t, x, y, psi (wrapped), u, v, r, n,
-    delta, and the true wind when there is one. Raises UserError for a step that makes no sense and for a
-    motion that diverges.
+    gusts; start: state (6,) instead of the manoeuvre's own. Columns t, x, y, psi (wrapped), u, v, r as the ship's
+    measurement effects log them, its actuators, and the true wind when there is one. Inputs are means over the
+    step that follows. Raises UserError for a step that makes no sense and for a motion that diverges.
     """
     if not (math.isfinite(dt) and dt > 0):
         raise UserError(f"dt = {dt:g} s must be positive")
@@ -60,53 +136,80 @@ def simulate(
     count = math.floor(maneuver.duration / dt + 1e-9)
     t = np.round(dt * np.arange(count + 1), 9)
     air = (wind or Wind(0.0)).series(t, seed)
-    north, east = wind_vector(air[:, 0], air[:, 1])
-    step, parts = step_function(ship), _parts(ship, dt)
-    controller = maneuver.controller()
-    state = np.array(maneuver.start if start is None else start, dtype=float)
-    states, inputs = np.empty((count + 1, 6)), np.empty((count + 1, 2))
+    flow = np.column_stack(wind_vector(air[:, 0], air[:, 1]))
+    plant, parts, controller = _plant(ship), _parts(ship, dt), maneuver.controller()
+    delayed = _Delayed(plant.delay / dt)
+    six = _begin(ship, maneuver) if start is None else np.array(start, dtype=float)
+    first = _vector(plant, _moved(ship, controller.n, controller.delta), tuple(flow[0]), 0.0)
+    state = np.array(plant.initial(six, first, [])).ravel()
+    states, inputs = np.empty((count + 1, len(state))), np.empty((count + 1, 2))
+
+    def advanced(k: int, state: np.ndarray, order: tuple[float, float]) -> np.ndarray:
+        acting = delayed(np.array(order))
+        held = _vector(plant, _moved(ship, *acting), tuple(flow[k]), t[k])
+        for _ in range(parts):
+            state = np.array(plant.step(state, held, dt / parts)).ravel()
+        return state
+
+    def ahead(k: int, state: np.ndarray, order: tuple[float, float]) -> np.ndarray:
+        return advanced(k, state, order)[:6]
+
     for k in range(count + 1):
-        states[k], inputs[k] = state, controller.commands(t[k], state)
+        states[k] = state
+        inputs[k] = controller.held(t[k], dt, state[:6], partial(ahead, k, state))
         if controller.over or k == count:
             break
-        held = np.array([*inputs[k], north[k], east[k]])
-        for _ in range(parts):
-            state = np.array(step(state, held, dt / parts)).ravel()
+        state = advanced(k, state, (inputs[k, 0], inputs[k, 1]))
+        delayed.past.append(inputs[k].copy())
     rows = slice(0, k + 1)
-    columns = _columns(t[rows], states[rows], inputs[rows], None if wind is None else air[rows])
-    notices = _notices(ship, wind is not None)
+    moved = [_moved(ship, *row) for row in inputs[rows]]
+    actuators = {name: np.array([m[name] for m in moved]) for name in ship.actuators}
+    columns = _columns(t[rows], states[rows, :6], actuators, None if wind is None else air[rows])
+    columns = _logged(ship, _checked(columns, ship), states[rows, :6]) | plant.roll(states[rows])
     meta = {"ship": ship.name, "maneuver": maneuver.name, "seed": str(seed)}
-    return Trial(_stem(maneuver.name), _checked(columns, ship), notices=notices, kind=maneuver.kind, meta=meta)
+    return Trial(_stem(maneuver.name), columns, notices=_notices(ship, wind is not None), kind=maneuver.kind, meta=meta)
 
 
 def simulate_controls(ship: Ship, controls: Trial, wind: Wind | None = None, seed: int = 0) -> Trial:
-    """Open loop under the recorded n, delta and wind of a trial, from its first state (origin if unknown).
+    """Open loop under the recorded inputs and wind of a trial, from its first state (origin if unknown).
 
     Inputs are held from each sample to the next, at the samples' own times, all in one call. ``wind``
     replaces the trial's. Raises UserError when an input is missing somewhere, or the motion diverges.
     """
-    t, inputs = controls.t, np.column_stack([controls["n"], controls["delta"]])
+    t = controls.t
+    moved, assumed = actuator_columns(controls, ship.actuators)
     air = wind.series(t, seed) if wind else None
     if air is None and controls.has_wind:
         air = np.column_stack([controls["wind_speed"], controls["wind_direction"]])
     flow = np.zeros((len(t), 2)) if air is None else np.column_stack(wind_vector(air[:, 0], air[:, 1]))
     start = controls.states[0]
     start[:2] = np.where(np.isfinite(start[:2]), start[:2], 0.0)
-    held = np.column_stack([inputs, flow])
-    for name, values in (("first state", start), ("n, delta or wind", held)):
+    plant = _plant(ship)
+    for name, values in (("first state", start), ("an input or the wind", np.column_stack([moved, flow]))):
         if not np.isfinite(values).all():
             raise UserError(f"{controls.name}: missing values in {name}; the inputs must be complete")
+    acting = np.vstack([step_means(t, moved, t - plant.delay), moved[-1:]]) if plant.delay else moved
+    rows_of = {name: i for i, name in enumerate(ship.actuators)}
+    held = np.array(
+        [
+            _vector(plant, {name: row[i] for name, i in rows_of.items()}, tuple(wind_), when - t[0])
+            for row, wind_, when in zip(acting, flow, t, strict=True)
+        ]
+    )
     gaps = np.diff(t)
     parts = np.ceil(gaps / _longest(ship) - 1e-9).astype(int)
     if parts.sum() > MOST_STEPS:
         raise UserError(f"{controls.name}: {t[-1] - t[0]:g} s are too long for {ship.name}; at most {MOST_STEPS} steps")
     h, rows = np.repeat(gaps / parts, parts), np.repeat(np.arange(len(gaps)), parts)
-    run = step_function(ship).mapaccum("run", len(h))
-    path = np.vstack([start, np.array(run(start, held[rows].T, h)).T])
-    states = path[np.concatenate([[0], np.cumsum(parts)])]
-    notices = _notices(ship, air is not None)
+    run = plant.step.mapaccum("run", len(h))
+    begin = np.array(plant.initial(start, held[0], [])).ravel()
+    path = np.vstack([begin, np.array(run(begin, held[rows].T, h)).T])
+    whole = path[np.concatenate([[0], np.cumsum(parts)])]
+    states = whole[:, :6]
+    actuators = {name: moved[:, i] for name, i in rows_of.items()}
+    columns = _logged(ship, _checked(_columns(t, states, actuators, air), ship), states) | plant.roll(whole)
+    notices = (*_notices(ship, air is not None), *assumed)
     meta = {"ship": ship.name, "controls": controls.name, "seed": str(seed)}
-    columns = _checked(_columns(t, states, inputs, air), ship)
     return Trial(controls.name, columns, notices=notices, kind=controls.kind, meta=meta)
 
 
@@ -124,11 +227,26 @@ def _stem(name: str) -> str:
     return name.replace(":", "_").replace("/", "_")
 
 
-def _columns(t: np.ndarray, states: np.ndarray, inputs: np.ndarray, air: np.ndarray | None) -> dict[str, np.ndarray]:
-    columns = {"t": t, **dict(zip(STATES, states.T, strict=True)), "n": inputs[:, 0], "delta": inputs[:, 1]}
+def _columns(
+    t: np.ndarray, states: np.ndarray, actuators: Mapping[str, np.ndarray], air: np.ndarray | None
+) -> dict[str, np.ndarray]:
+    """Columns of the true motion. A trial always has revolutions and a rudder angle: zero where the ship has none."""
+    columns = {"t": t, **dict(zip(STATES, states.T, strict=True)), **actuators}
+    if "n" not in columns:
+        columns["n"] = np.zeros(len(t))
+    if not {"delta", "delta_port"} & set(columns):
+        columns["delta"] = np.zeros(len(t))
     if air is not None:
         columns |= {"wind_speed": air[:, 0], "wind_direction": air[:, 1]}
     return {name: np.array(wrap(a) if name == "psi" else a, dtype=float) for name, a in columns.items()}
+
+
+def _logged(ship: Ship, columns: dict[str, np.ndarray], states: np.ndarray) -> dict[str, np.ndarray]:
+    """The columns with what the ship's measurement effects make of the states (N, 6)."""
+    if not any(effect(name).enters == "measurement" for name in ship.effects):
+        return columns
+    seen = dict(zip(STATES, logged(ship, columns["t"], states).T, strict=True))
+    return {**columns, **seen, "psi": wrap(seen["psi"])}
 
 
 def _checked(columns: dict[str, np.ndarray], ship: Ship) -> dict[str, np.ndarray]:
@@ -147,46 +265,9 @@ def _checked(columns: dict[str, np.ndarray], ship: Ship) -> dict[str, np.ndarray
 
 
 def _notices(ship: Ship, windy: bool) -> tuple[str, ...]:
-    if windy and "wind" not in ship.components:
+    if windy and "wind" not in ship.components and "wind_force" not in ship.effects:
         return (f"{ship.name} has no wind model: the wind is recorded but exerts no force",)
     return ()
-
-
-def wrap(psi: np.ndarray) -> np.ndarray:
-    """Angles [rad] in (-pi, pi]; those already there are left to the last digit."""
-    inside = (psi > -math.pi) & (psi <= math.pi)
-    return np.where(inside, psi, math.pi - np.mod(math.pi - psi, 2 * math.pi))
-
-
-@dataclass(frozen=True)
-class SensorNoise:
-    """Standard deviations of white noise: m, rad, m/s, rad/s; the defaults are those of a 3 m model."""
-
-    x: float = 0.01
-    y: float = 0.01
-    psi: float = 0.0015
-    u: float = 0.004
-    v: float = 0.004
-    r: float = 0.0006
-
-    @classmethod
-    def for_length(cls, length: float) -> SensorNoise:
-        """Noise for a length [m]: positions scale with L, velocities with sqrt(L), rates with 1 / sqrt(L)."""
-        n, scale = cls(), length / MODEL_LENGTH
-        root = math.sqrt(scale)
-        return cls(n.x * scale, n.y * scale, n.psi, n.u * root, n.v * root, n.r / root)
-
-
-def add_noise(trial: Trial, noise: SensorNoise, seed: int = 0) -> Trial:
-    """A copy with white noise on the states it has, by ``seed``. Inputs and wind stay as they are."""
-    draws = np.random.default_rng([2, seed]).standard_normal((len(STATES), len(trial)))
-    noisy = {
-        name: trial[name] + sd * draw
-        for name, sd, draw in zip(STATES, astuple(noise), draws, strict=True)
-        if name in trial
-    }
-    noisy["psi"] = wrap(noisy["psi"])
-    return replace(trial, columns={**trial.columns, **noisy})
 
 
 def write_trial(trial: Trial, path: str | Path) -> None:

@@ -27,6 +27,13 @@ def fit(
     without: Annotated[
         list[str] | None, typer.Option("--without", help="Leave a component out of the model, such as wind.")
     ] = None,
+    with_: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--with",
+            help="Free an effect (see mmg effects): NAME, or NAME:held=value,freed. May be repeated.",
+        ),
+    ] = None,
     fix: Annotated[
         list[str] | None, typer.Option("--fix", help="Coefficients to leave alone (comma-separated).")
     ] = None,
@@ -94,7 +101,7 @@ def fit(
             say(f"{out} has converged already; nothing to resume")
             return 0
         warm = read_iterate(out)
-    start = _reduced(start, without, fix, only)
+    start = _reduced(start, without, with_, fix, only)
     train, held_out, remarks = _by_role(read_trials(trials), read_trials(validate) if validate else [])
     _compare_hashes(out, start, train, resume)
     reading = time.perf_counter() - began
@@ -152,8 +159,15 @@ def _start(out: Path, resume: bool, ship: str) -> Ship:
     return load_ship(ship)
 
 
-def _reduced(ship: Ship, without: list[str] | None, fix: list[str] | None, only: list[str] | None) -> Ship:
-    """The ship with components left out and coefficients fixed as asked."""
+def _reduced(
+    ship: Ship,
+    without: list[str] | None,
+    with_: list[str] | None,
+    fix: list[str] | None,
+    only: list[str] | None,
+) -> Ship:
+    """The ship with components left out, effects freed and coefficients fixed as asked."""
+    from cases.effects import freeing_effects
     from cases.ships import dump_ship, parse_ship
     from commands.output import names_of
     from mmg.errors import UserError
@@ -173,6 +187,7 @@ def _reduced(ship: Ship, without: list[str] | None, fix: list[str] | None, only:
             ship, components=components, coefficients={s: ship.coefficients[s] for s in kept if s in ship.coefficients}
         )
         ship = parse_ship(dump_ship(ship), ship.name)
+    ship = freeing_effects(ship, with_ or [])
     for option, names in (("--fix", names_of(fix)), ("--only", names_of(only))):
         unknown = [name for name in names if name not in ship.coefficients]
         if unknown:

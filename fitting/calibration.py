@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from cases.checks import inputs_are_constant
+from cases.inputs import actuator_columns
 from cases.trial import Trial
 from fitting import gauss_newton
 from fitting.ipopt import Solution
@@ -101,12 +102,12 @@ def calibrate(
     window = settings.window or 100.0 * step
     if window < 10 * step:
         raise UserError(f"a window of {window:g} s holds fewer than ten steps of {step:g} s; use a longer --window")
-    segments = cut(trials, step, window, settings.interval)
+    segments = cut(trials, step, window, settings.interval, inputs=ship.inputs)
     prior = Prior.of(ship)
     positions = np.array([ship.symbols.index(s) for s in prior.symbols])
     kernel = kernels(assemble(ship), positions, settings.compiled)
     timings = {"prepare": time.perf_counter() - began}
-    notices = [*segments.dropped, *ship.notices, *_missing(trials)]
+    notices = [*segments.dropped, *ship.notices, *_missing(trials), *_assumed(ship, trials)]
     if kernel.interpreted_because:
         notices.append(f"running without compiled code, several times slower: {kernel.interpreted_because}")
     sigma = _given_sigma(settings) if settings.sigma else first_sigma(ship, segments)
@@ -157,6 +158,11 @@ def _missing(trials: Sequence[Trial]) -> list[str]:
     return words
 
 
+def _assumed(ship: Ship, trials: Sequence[Trial]) -> list[str]:
+    """What stands in for actuators of the ship that a trial does not log."""
+    return [note for trial in trials for note in actuator_columns(trial, ship.actuators)[1]]
+
+
 def _given_sigma(settings: Settings) -> np.ndarray:
     sigma = np.asarray(settings.sigma, dtype=float)
     if sigma.shape != (6,) or not (sigma > 0).all():
@@ -175,7 +181,7 @@ def _covariance(
     """Posterior covariance of p: inverse of the Fisher information of the effective noise plus the prior's."""
     seg = problem.segments
     longest = int(np.bincount(seg.window, weights=seg.steps).max())
-    whole = cut(trials, seg.h, window, longest)
+    whole = cut(trials, seg.h, window, longest, inputs=problem.ship.inputs)
     single = Problem(problem.ship, problem.prior, kernel, whole, problem.sigma)
     first = np.unique(seg.node_window, return_index=True)[1]
     data = gauss_newton.information(single, nodes[first], p).sum(axis=0)

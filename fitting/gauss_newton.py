@@ -16,7 +16,7 @@ from fitting.problem import Problem
 
 @dataclass
 class Linearised:
-    """Objective and normal equations at (z0, p): per window (W, 6, 6), (W, 6, P), (W, 6); shared (W, P, P), (W, P).
+    """Objective and normal equations at (z0, p): per window (W, S, S), (W, S, P), (W, S); shared (W, P, P), (W, P).
 
     In units of the problem's scaled variables; the prior is not included in the shared parts.
     """
@@ -30,53 +30,74 @@ class Linearised:
 
 
 def cost(problem: Problem, z0: np.ndarray, p: np.ndarray) -> float:
-    """Objective from the windows' initial states (W, 6) in SI and scaled coefficients (P,)."""
+    """Objective from the windows' initial states (W, S) in SI and scaled coefficients (P,)."""
     seg = problem.segments
     end, interior = problem.shooting.values(z0[seg.window].T, problem.coefficients(p))
     return _cost(problem, z0, end, interior, p)
 
 
 def _cost(problem: Problem, z0: np.ndarray, end: np.ndarray, interior: np.ndarray, p: np.ndarray) -> float:
-    seg = problem.segments
-    e0 = z0[seg.window] - seg.nodes[seg.start]
-    e1 = end.T - seg.nodes[seg.end]
-    ei = interior - seg.targets
-    return 0.5 * float(
-        (problem.node_weight[seg.start] * e0**2).sum()
-        + (problem.node_weight[seg.end] * e1**2).sum()
-        + (problem.weight * ei**2).sum()
-        + p @ p
-    )
+    seg, h, theta = problem.segments, problem.kernels.measurement, problem.coefficients(p)
+    start = z0[seg.window]
+    e0 = h.values(start.T, theta).T - seg.nodes[seg.start]
+    e1 = h.values(end, theta).T - seg.nodes[seg.end]
+    memory = problem.memory_weight[seg.start] * (start[:, 6:] - problem.measured_nodes[seg.start, 6:]) ** 2
+    total = (problem.node_weight[seg.start] * e0**2).sum() + (problem.node_weight[seg.end] * e1**2).sum()
+    for k, z in enumerate(interior):
+        total += (problem.weight[k] * (h.values(z, theta) - seg.targets[k]) ** 2).sum()
+    return 0.5 * float(total + memory.sum() + p @ p)
+
+
+def _logged(problem: Problem, z: np.ndarray, S: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Columns (m, 6) of states z (S, m) and their sensitivities (m, 6, S + P), from those of the states."""
+    h = problem.kernels.measurement
+    if h.identity:
+        return z[:6].T, S[:, :6]
+    J = h.jacobian(z, theta)
+    total = J[:, :, : problem.S] @ S
+    total[:, :, problem.S :] += J[:, :, problem.S :]
+    return h.values(z, theta).T, total
 
 
 def linearise(problem: Problem, z0: np.ndarray, p: np.ndarray) -> Linearised:
     """Normal equations; ``problem`` must have one interval per window (segments cut with K as long as a window)."""
-    seg, P = problem.segments, problem.P
+    seg, size, P = problem.segments, problem.S, problem.P
     if len(seg.run) != seg.intervals:
         raise ValueError("single shooting needs one interval per window")
     theta = problem.coefficients(p)
     sweeps = problem.shooting.sweep(z0[seg.window].T, theta)
     unit = np.concatenate([problem.scale, problem.prior.std])
     W = seg.intervals
-    H, g = np.zeros((W, 6 + P, 6 + P)), np.zeros((W, 6 + P))
+    H, g = np.zeros((W, size + P, size + P)), np.zeros((W, size + P))
     for s, sweep in zip(problem.shooting.slices, sweeps, strict=True):
-        rows = [(sweep.S_end * unit, (sweep.end.T - seg.nodes[seg.end[s]]), problem.node_weight[seg.end[s]])]
+        at_start = np.zeros((len(seg.start[s]), size, size + P))
+        at_start[:, np.arange(size), np.arange(size)] = 1.0
+        samples = [
+            (z0[seg.window[s]].T, at_start, seg.nodes[seg.start[s]], problem.node_weight[seg.start[s]]),
+            (sweep.end, sweep.S_end, seg.nodes[seg.end[s]], problem.node_weight[seg.end[s]]),
+        ]
         for k, S in enumerate(sweep.S_interior):
             m = len(S)
-            error = (sweep.interior[k] - seg.targets[k, :, s])[:, :m].T
-            rows.append((S * unit, error, problem.weight[k, :, s][:, :m].T))
-        for S, error, weight in rows:
-            m = len(S)
-            WS = weight[:, :, None] * S
-            H[s][:m] += np.swapaxes(S, 1, 2) @ WS
-            g[s][:m] += (error[:, None, :] @ WS)[:, 0]
-    start = problem.node_weight[seg.start]
-    H[:, np.arange(6), np.arange(6)] += start * problem.scale**2
-    g[:, :6] += start * (z0[seg.window] - seg.nodes[seg.start]) * problem.scale
+            targets, weight = seg.targets[k, :, s][:, :m].T, problem.weight[k, :, s][:, :m].T
+            samples.append((sweep.interior[k, :, :m], S, targets, weight))
+        for z, S, measured, weight in samples:
+            y, S_y = _logged(problem, z, S, theta)
+            S_y = S_y * unit
+            m, WS = len(S_y), weight[:, :, None] * S_y
+            H[s][:m] += np.swapaxes(S_y, 1, 2) @ WS
+            g[s][:m] += ((y - measured)[:, None, :] @ WS)[:, 0]
+    memory = problem.memory_weight[seg.start]
+    H[:, np.arange(6, size), np.arange(6, size)] += memory * problem.scale[6:] ** 2
+    g[:, 6:size] += memory * (z0[seg.window, 6:] - problem.measured_nodes[seg.start, 6:]) * problem.scale[6:]
     end = np.concatenate([sweep.end for sweep in sweeps], axis=1)
     interior = np.concatenate([sweep.interior for sweep in sweeps], axis=2)
     return Linearised(
-        _cost(problem, z0, end, interior, p), H[:, :6, :6], H[:, :6, 6:], g[:, :6], H[:, 6:, 6:], g[:, 6:]
+        _cost(problem, z0, end, interior, p),
+        H[:, :size, :size],
+        H[:, :size, size:],
+        g[:, :size],
+        H[:, size:, size:],
+        g[:, size:],
     )
 
 
@@ -88,7 +109,7 @@ def information(problem: Problem, z0: np.ndarray, p: np.ndarray) -> np.ndarray:
 
 @dataclass
 class Result:
-    """Where Gauss-Newton ended: z0 (W, 6), p (P,), objective, iterations, converged."""
+    """Where Gauss-Newton ended: z0 (W, S), p (P,), objective, iterations, converged."""
 
     z0: np.ndarray
     p: np.ndarray
@@ -100,7 +121,7 @@ class Result:
 def _step(problem: Problem, a: Linearised, p: np.ndarray, damping: float) -> tuple[np.ndarray, np.ndarray]:
     """Damped step with coefficients held at a bound when they push against it."""
     lower, upper = problem.p_bounds()
-    ww = a.ww * (1 + damping * np.eye(6))
+    ww = a.ww * (1 + damping * np.eye(problem.S))
     solved = np.linalg.solve(ww, np.concatenate([a.wp, a.gw[:, :, None]], axis=2))
     H = a.pp.sum(axis=0) - (np.swapaxes(a.wp, 1, 2) @ solved[:, :, :-1]).sum(axis=0) + np.eye(problem.P)
     g = a.gp.sum(axis=0) - (np.swapaxes(a.wp, 1, 2) @ solved[:, :, -1:]).sum(axis=0)[:, 0] + p
@@ -114,7 +135,7 @@ def _step(problem: Problem, a: Linearised, p: np.ndarray, damping: float) -> tup
             break
         free &= ~blocked
     dp = np.clip(p + dp, lower, upper) - p
-    dz = np.zeros((len(problem.segments.run), 6))
+    dz = np.zeros((len(problem.segments.run), problem.S))
     dz[problem.segments.window] = -(solved[:, :, -1] + solved[:, :, :-1] @ dp) * problem.scale
     return dz, dp
 
@@ -127,7 +148,7 @@ def solve(
     max_iterations: int = 200,
     damping: float = 1e-2,
 ) -> Result:
-    """Levenberg-Marquardt from initial states z0 (W, 6) and coefficients p (P,), bounds respected.
+    """Levenberg-Marquardt from initial states z0 (W, S) and coefficients p (P,), bounds respected.
 
     Stops when an accepted step lowers the objective by less than ``tolerance`` relative, twice in a row.
     """

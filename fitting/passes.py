@@ -24,10 +24,7 @@ def _left(settings: Settings, began: float) -> float | None:
 
 
 def _noise(problem: Problem, x: np.ndarray) -> Noise:
-    seg = problem.segments
-    nodes, _, _, interior = problem.evaluate(x)
-    floor = 1e-6 * problem.scale
-    return estimate(seg, nodes - seg.nodes, interior - seg.targets, floor)
+    return estimate(problem.segments, *problem.errors(x), floor=1e-6 * problem.scale[:6])
 
 
 FEW_WINDOWS = 30

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from cases.inputs import STANDARD, control_array
 from cases.trial import Trial
-from fitting.segments import control_array
 from mmg.errors import UserError
 from mmg.rollout import Simulator
 
@@ -49,9 +49,9 @@ def window_rows(t: np.ndarray, length: float, stride: float, short_last: bool) -
     return result
 
 
-def usable(trial: Trial) -> np.ndarray:
+def usable(trial: Trial, inputs: Sequence[str] = STANDARD) -> np.ndarray:
     """Rows whose state and inputs are all measured, shape (N,)."""
-    needed = np.column_stack([trial.states[:, 2:], control_array(trial)])
+    needed = np.column_stack([trial.states[:, 2:], control_array(trial, inputs)])
     if trial.has_position:
         needed = np.column_stack([needed, trial.states[:, :2]])
     return np.isfinite(needed).all(axis=1)
@@ -68,12 +68,14 @@ class _Plan:
     notes: list[str]
 
 
-def _plan(trial: Trial, length: float, stride: float, short_last: bool, longest_step: float) -> _Plan:
+def _plan(
+    trial: Trial, inputs: Sequence[str], length: float, stride: float, short_last: bool, longest_step: float
+) -> _Plan:
     t, states = trial.t, trial.states
     if not trial.has_position:
         states = states.copy()
         states[:, :2] = 0.0
-    bad = ~usable(trial)
+    bad = ~usable(trial, inputs)
     gap = np.diff(t) > longest_step + 2 * trial.dt
     kept, left_out = [], 0
     for number, (first, last) in enumerate(window_rows(t, length, stride, short_last)):
@@ -82,7 +84,7 @@ def _plan(trial: Trial, length: float, stride: float, short_last: bool, longest_
         else:
             kept.append((number, first, last))
     notes = [f"{trial.name}: {left_out} window(s) touch missing samples and were left out"] if left_out else []
-    return _Plan(trial, kept, states, control_array(trial), notes)
+    return _Plan(trial, kept, states, control_array(trial, inputs), notes)
 
 
 def predict_all(
@@ -99,17 +101,18 @@ def predict_all(
     Inputs are held from sample to sample. A window that begins at, or runs across, missing samples or a gap longer
     than ``longest_step`` seconds plus two samples is left out. Without measured positions a window starts at (0, 0).
     """
-    plans = [_plan(trial, length, stride, short_last, longest_step) for trial in trials]
+    plans = [_plan(trial, simulator.ship.inputs, length, stride, short_last, longest_step) for trial in trials]
     flat = [(plan, number, first, last) for plan in plans for number, first, last in plan.kept]
     if not flat:
         return [([], plan.notes) for plan in plans]
     N, M = max(last - first for _, _, first, last in flat), len(flat)
-    inputs, steps = np.zeros((N, 4, M)), np.zeros((N, M))
+    inputs, steps = np.zeros((N, plans[0].controls.shape[1], M)), np.zeros((N, M))
     for i, (plan, _, first, last) in enumerate(flat):
         steps[: last - first, i] = np.diff(plan.trial.t[first : last + 1])
         inputs[: last - first, :, i] = plan.controls[first:last]
-    start = np.array([plan.states[first] for plan, _, first, _ in flat]).T
-    out = simulator.run(start, inputs, steps, method=method)
+    logged = np.array([plan.states[first] for plan, _, first, _ in flat]).T
+    start = simulator.start(logged, inputs[0])
+    out = simulator.columns(simulator.run(start, inputs, steps, method=method))
     windows = [
         Window(number, first, last, np.ascontiguousarray(out[: last - first + 1, :, i]))
         for i, (_, number, first, last) in enumerate(flat)

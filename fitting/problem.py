@@ -14,7 +14,8 @@ import casadi as ca
 import numpy as np
 
 from fitting.segments import Segments
-from fitting.shooting import Kernels, Shooting, Sweep
+from fitting.shooting import Kernels, SampleCost, Shooting, Sweep
+from mmg.logged import states_behind
 from mmg.ship import Ship
 
 
@@ -49,14 +50,18 @@ class Problem:
         self.sigma = np.asarray(sigma, dtype=float)
         speed = np.sqrt(np.mean(segments.nodes[:, 3] ** 2 + segments.nodes[:, 4] ** 2)) + 1e-3
         length = ship.particulars["L"]
-        self.scale = np.array([length / 3, length / 3, 0.1, 0.3 * speed, 0.1 * speed, 0.1 * speed / length])
-        self.kernels = kernels
+        scale = np.array([length / 3, length / 3, 0.1, 0.3 * speed, 0.1 * speed, 0.1 * speed / length])
+        self.scale = np.concatenate([scale, kernels.model.sizes])
+        self.kernels, self.S = kernels, kernels.S
         self.shooting = Shooting(kernels, segments)
         self.base = ship.values
         self.B, self.P, self.M = len(segments.nodes), len(prior.mean), segments.intervals
-        self.n, self.m = 6 * self.B + self.P, 6 * self.M
+        self.n, self.m = self.S * self.B + self.P, self.S * self.M
         self.node_weight = self._pinned() / self.sigma**2
         self.weight = segments.mask / self.sigma[None, :, None] ** 2
+        self.measured_nodes = states_behind(kernels.model, segments.nodes.T, segments.node_controls, self.base).T
+        self.memory_weight = np.zeros((self.B, self.S - 6))
+        self.memory_weight[np.unique(segments.node_window, return_index=True)[1]] = 1 / kernels.model.sizes**2
         self._build_sparsity()
         self._values_at: np.ndarray | None = None
         self._sweep_at: np.ndarray | None = None
@@ -75,8 +80,8 @@ class Problem:
 
     # -- variables ---------------------------------------------------------------------------------------------
     def split(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Node states (B, 6) in SI and scaled coefficients p (P,)."""
-        return x[: 6 * self.B].reshape(self.B, 6) * self.scale, x[6 * self.B :]
+        """Node states (B, S) in SI and scaled coefficients p (P,)."""
+        return x[: self.S * self.B].reshape(self.B, self.S) * self.scale, x[self.S * self.B :]
 
     def join(self, nodes: np.ndarray, p: np.ndarray) -> np.ndarray:
         return np.concatenate([(nodes / self.scale).reshape(-1), p])
@@ -90,7 +95,7 @@ class Problem:
     def start(self, p: np.ndarray | None = None) -> np.ndarray:
         """Nodes on the measurements, coefficients at the prior mean (or at p)."""
         inside = np.clip(np.zeros(self.P) if p is None else p, *self.p_bounds())
-        return self.join(self.segments.nodes, inside)
+        return self.join(self.measured_nodes, inside)
 
     def p_bounds(self) -> tuple[np.ndarray, np.ndarray]:
         return (
@@ -100,13 +105,13 @@ class Problem:
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Bounds of x: the coefficients' own, none for the nodes."""
-        free = np.full(6 * self.B, np.inf)
+        free = np.full(self.S * self.B, np.inf)
         lower, upper = self.p_bounds()
         return np.concatenate([-free, lower]), np.concatenate([free, upper])
 
     # -- values ------------------------------------------------------------------------------------------------
     def evaluate(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Node states (B, 6), scaled coefficients, interval ends (6, M) and interior states at x, cached."""
+        """Node states (B, S), scaled coefficients, interval ends (S, M) and interior states at x, cached."""
         if self._values_at is None or not np.array_equal(x, self._values_at):
             x = x.copy()  # IPOPT hands over views of its own memory
             nodes, p = self.split(x)
@@ -115,13 +120,23 @@ class Problem:
             self._values_at = x
         return self._values
 
-    def objective(self, x: np.ndarray) -> float:
+    def errors(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Model minus measured columns at the nodes (B, 6) and inside the intervals (K - 1, 6, M)."""
         nodes, p, _, interior = self.evaluate(x)
-        e, ei = nodes - self.segments.nodes, interior - self.segments.targets
-        return 0.5 * float((self.node_weight * e * e).sum() + (self.weight * ei * ei).sum() + p @ p)
+        theta, h, seg = self.coefficients(p), self.kernels.measurement, self.segments
+        if h.identity:
+            return nodes[:, :6] - seg.nodes, interior[:, :6] - seg.targets
+        inside = [h.values(z, theta) for z in interior]
+        return h.values(nodes.T, theta).T - seg.nodes, np.array(inside).reshape(seg.targets.shape) - seg.targets
+
+    def objective(self, x: np.ndarray) -> float:
+        e, ei = self.errors(x)
+        nodes, p, _, _ = self.evaluate(x)
+        memory = self.memory_weight * (nodes[:, 6:] - self.measured_nodes[:, 6:]) ** 2
+        return 0.5 * float((self.node_weight * e * e).sum() + (self.weight * ei * ei).sum() + memory.sum() + p @ p)
 
     def defects(self, x: np.ndarray) -> np.ndarray:
-        """End of interval minus next node, divided by the channel's scale, shape (6 M,), interval by interval."""
+        """End of interval minus next node, divided by the channel's scale, shape (S M,), interval by interval."""
         nodes, _, end, _ = self.evaluate(x)
         return ((end.T - nodes[self.segments.end]) / self.scale).reshape(-1)
 
@@ -139,71 +154,107 @@ class Problem:
         return self._sweep
 
     def gradient(self, x: np.ndarray) -> np.ndarray:
-        sweeps, seg = self.sweep(x), self.segments
+        sweeps, seg, S = self.sweep(x), self.segments, self.S
         nodes, p = self.split(x)
-        d_nodes = self.node_weight * (nodes - seg.nodes)
-        d_theta = np.zeros(self.P)
+        e, ei = self.errors(x)
+        d_nodes, d_theta = self._pulled(nodes, self.node_weight * e, self.coefficients(p))
+        d_nodes[:, 6:] += self.memory_weight * (nodes[:, 6:] - self.measured_nodes[:, 6:])
         for sweep, s in zip(sweeps, self.shooting.slices, strict=True):
             start = seg.start[s]
-            for k, S in enumerate(sweep.S_interior):
-                m = len(S)
-                we = (self.weight[k, :, s] * (sweep.interior[k] - seg.targets[k, :, s]))[:, :m]
-                pulled = (we.T[:, None, :] @ S)[:, 0]
-                d_nodes[start[:m]] += pulled[:, :6]
-                d_theta += pulled[:, 6:].sum(axis=0)
+            for k, Sk in enumerate(sweep.S_interior):
+                m = len(Sk)
+                we = (self.weight[k, :, s] * ei[k, :, s])[:, :m]
+                pull, own = self._pulled(sweep.interior[k, :, :m].T, we.T, self.coefficients(p))
+                pulled = (pull[:, None, :] @ Sk)[:, 0]
+                d_nodes[start[:m]] += pulled[:, :S]
+                d_theta += pulled[:, S:].sum(axis=0) + own
         return np.concatenate([(d_nodes * self.scale).reshape(-1), d_theta * self.prior.std + p])
 
+    def _pulled(self, z: np.ndarray, we: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Gradient of 1/2 sum w e^2 with respect to states z (m, S) and, directly, the coefficients (P,)."""
+        if self.kernels.measurement.identity:
+            return np.hstack([we, np.zeros((len(we), self.S - 6))]), np.zeros(self.P)
+        pull = (we[:, None, :] @ self.kernels.measurement.jacobian(z.T, theta))[:, 0]
+        return pull[:, : self.S], pull[:, self.S :].sum(axis=0)
+
+    def _curved(self, z: np.ndarray, w: np.ndarray, we: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """Hessian of 1/2 sum w e^2 with respect to (z, coefficients), (m, S + P, S + P); w, we: (m, 6)."""
+        h = self.kernels.measurement
+        J = h.jacobian(z.T, theta)
+        return np.swapaxes(J, 1, 2) @ (w[:, :, None] * J) + h.hessian(z.T, theta, we.T)
+
     def _build_sparsity(self) -> None:
-        seg, P, M, B = self.segments, self.P, self.M, self.B
-        i, j = np.meshgrid(np.arange(6), np.arange(6), indexing="ij")
-        rows = 6 * np.arange(M)[:, None, None]
-        block = (rows + i, 6 * seg.start[:, None, None] + j)
-        ends = (6 * np.arange(M)[:, None] + np.arange(6), 6 * seg.end[:, None] + np.arange(6))
-        ip, jp = np.meshgrid(np.arange(6), np.arange(P), indexing="ij")
-        dense = (rows + ip, 6 * B + jp + 0 * rows)
+        seg, S, P, M, B = self.segments, self.S, self.P, self.M, self.B
+        i, j = np.meshgrid(np.arange(S), np.arange(S), indexing="ij")
+        rows = S * np.arange(M)[:, None, None]
+        block = (rows + i, S * seg.start[:, None, None] + j)
+        ends = (S * np.arange(M)[:, None] + np.arange(S), S * seg.end[:, None] + np.arange(S))
+        ip, jp = np.meshgrid(np.arange(S), np.arange(P), indexing="ij")
+        dense = (rows + ip, S * B + jp + 0 * rows)
         r = np.concatenate([part[0].reshape(-1) for part in (block, ends, dense)])
         c = np.concatenate([part[1].reshape(-1) for part in (block, ends, dense)])
         self.jacobian_sparsity, self._jacobian_order = _sparsity(r, c, self.m, self.n)
-        iu, ju = np.triu_indices(6)
-        own = (6 * np.arange(B)[:, None] + iu, 6 * np.arange(B)[:, None] + ju)
-        border = (6 * np.arange(B)[:, None, None] + ip, 6 * B + jp + 0 * np.arange(B)[:, None, None])
+        iu, ju = np.triu_indices(S)
+        own = (S * np.arange(B)[:, None] + iu, S * np.arange(B)[:, None] + ju)
+        border = (S * np.arange(B)[:, None, None] + ip, S * B + jp + 0 * np.arange(B)[:, None, None])
         pu, qu = np.triu_indices(P)
-        r = np.concatenate([own[0].reshape(-1), border[0].reshape(-1), 6 * B + pu])
-        c = np.concatenate([own[1].reshape(-1), border[1].reshape(-1), 6 * B + qu])
+        r = np.concatenate([own[0].reshape(-1), border[0].reshape(-1), S * B + pu])
+        c = np.concatenate([own[1].reshape(-1), border[1].reshape(-1), S * B + qu])
         self.hessian_sparsity, self._hessian_order = _sparsity(r, c, self.n, self.n)
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
         """Nonzeros of d defects / dx in the order of ``jacobian_sparsity``."""
-        S = np.concatenate([sweep.S_end for sweep in self.sweep(x)])
-        block = S[:, :, :6] * (self.scale[None, :] / self.scale[:, None])
-        theta = S[:, :, 6:] * (self.prior.std[None, :] / self.scale[:, None])
+        sensitivity = np.concatenate([sweep.S_end for sweep in self.sweep(x)])
+        block = sensitivity[:, :, : self.S] * (self.scale[None, :] / self.scale[:, None])
+        theta = sensitivity[:, :, self.S :] * (self.prior.std[None, :] / self.scale[:, None])
         ends = np.full(self.m, -1.0)
         return np.concatenate([block.reshape(-1), ends, theta.reshape(-1)])[self._jacobian_order]
 
     def hessian(self, x: np.ndarray, factor: float, multipliers: np.ndarray) -> np.ndarray:
         """Nonzeros of the upper triangle of the Hessian of factor objective + multipliers . defects."""
-        sweeps, seg = self.sweep(x), self.segments
-        _, p, _, interior = self._values
-        weight = factor * self.weight
-        lam = (multipliers.reshape(self.M, 6) / self.scale).T
-        rows, shared = self.shooting.hessian(sweeps, self.coefficients(p), lam, interior - seg.targets, weight)
-        nodes = np.zeros((self.B, 6, 6 + self.P))
+        sweeps, seg, S = self.sweep(x), self.segments, self.S
+        at_nodes, p, _, _ = self.evaluate(x)
+        theta = self.coefficients(p)
+        lam = (multipliers.reshape(self.M, S) / self.scale).T
+        rows, shared = self.shooting.hessian(sweeps, theta, lam, self._sample_cost(x, factor))
+        nodes = np.zeros((self.B, S, S + self.P))
         nodes[seg.start] += rows
-        nodes[:, np.arange(6), np.arange(6)] += factor * self.node_weight
+        if self.kernels.measurement.identity:
+            nodes[:, np.arange(6), np.arange(6)] += factor * self.node_weight
+        else:
+            we = self.node_weight * self.errors(x)[0]
+            H = factor * self._curved(at_nodes, self.node_weight, we, theta)
+            nodes += H[:, :S]
+            shared += H[:, S:, S:].sum(axis=0)
+        nodes[:, np.arange(6, S), np.arange(6, S)] += factor * self.memory_weight
         s, t = self.scale, self.prior.std
-        rows_u, columns_u = np.triu_indices(6)
-        own = (nodes[:, :, :6] * np.outer(s, s))[:, rows_u, columns_u]
-        border = nodes[:, :, 6:] * np.outer(s, t)
+        rows_u, columns_u = np.triu_indices(S)
+        own = (nodes[:, :, :S] * np.outer(s, s))[:, rows_u, columns_u]
+        border = nodes[:, :, S:] * np.outer(s, t)
         shared = shared * np.outer(t, t) + factor * np.eye(self.P)
         values = np.concatenate([own.reshape(-1), border.reshape(-1), shared[np.triu_indices(self.P)]])
         return values[self._hessian_order]
 
+    def _sample_cost(self, x: np.ndarray, factor: float) -> SampleCost:
+        """Derivatives of factor times the cost of the samples inside the intervals."""
+        _, p, _, interior = self.evaluate(x)
+        weight = factor * self.weight
+        we = weight * self.errors(x)[1]
+        room = ((0, 0), (0, self.S - 6), (0, 0))
+        if self.kernels.measurement.identity:
+            return SampleCost(np.pad(we, room), np.pad(weight, room))
+        theta = self.coefficients(p)
+        pull, full = np.zeros(interior.shape), np.zeros((len(interior), self.M, self.S + self.P, self.S + self.P))
+        for k, z in enumerate(interior):
+            pull[k] = self._pulled(z.T, we[k].T, theta)[0].T
+            full[k] = self._curved(z.T, weight[k].T, we[k].T, theta)
+        return SampleCost(pull, weight, full)
+
     def residuals(self, x: np.ndarray) -> np.ndarray:
-        """z - y at all measured grid samples, shape (samples, 6), NaN where not measured; nodes first."""
-        nodes, _, _, interior = self.evaluate(x)
-        seg = self.segments
-        at_nodes = np.where(seg.node_mask > 0, nodes - seg.nodes, np.nan)
-        inside = np.where(seg.mask > 0, interior - seg.targets, np.nan)
+        """Model minus measured at all measured grid samples, (samples, 6), NaN where not measured; nodes first."""
+        e, ei = self.errors(x)
+        at_nodes = np.where(self.segments.node_mask > 0, e, np.nan)
+        inside = np.where(self.segments.mask > 0, ei, np.nan)
         return np.vstack([at_nodes, np.moveaxis(inside, 1, 2).reshape(-1, 6)])
 
     def with_sigma(self, sigma: np.ndarray) -> Problem:

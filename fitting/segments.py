@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cases.inputs import STANDARD, control_array, step_means
 from cases.trial import Trial
 from mmg.errors import UserError
 
@@ -15,8 +16,8 @@ from mmg.errors import UserError
 class Grid:
     """One piece of a trial on a uniform grid of step h.
 
-    t: (N+1,) grid times [s]; states: (N+1, 6), NaN where not measured; controls: (N, 4), the mean over each step of
-    n, delta, wind_north, wind_east.
+    t: (N+1,) grid times [s]; states: (N+1, 6), NaN where not measured; controls: (N, C), the mean over each step of
+    the inputs of the model.
     """
 
     trial: str
@@ -35,8 +36,9 @@ class Segments:
     ----------
     h: step [s]; K: steps per interval.
     steps: (M,) steps of each interval; start, end: (M,) node at its start and end.
-    controls: (K, 4, M); targets, mask: (K - 1, 6, M) interior samples, mask 0 where none was measured.
+    controls: (K, C, M); targets, mask: (K - 1, 6, M) interior samples, mask 0 where none was measured.
     nodes, node_mask: (B, 6) measured states at the nodes.
+    node_controls: (C, B) inputs at the nodes.
     window: (M,) and node_window: (B,) number of the window; run: (W,) number of the trial of each window.
     trials: names of the trials; duration: seconds of data in the windows.
     dropped: sentences on what was left out.
@@ -52,6 +54,7 @@ class Segments:
     mask: np.ndarray
     nodes: np.ndarray
     node_mask: np.ndarray
+    node_controls: np.ndarray
     window: np.ndarray
     node_window: np.ndarray
     run: np.ndarray
@@ -78,6 +81,7 @@ class Segments:
             mask=self.mask[:, :, kept],
             nodes=self.nodes[nodes],
             node_mask=self.node_mask[nodes],
+            node_controls=self.node_controls[:, nodes],
             window=np.array([number[int(w)] for w in self.window[kept]]),
             node_window=np.array([number[int(w)] for w in self.node_window[nodes]]),
             run=self.run[windows],
@@ -85,33 +89,10 @@ class Segments:
         )
 
 
-def control_array(trial: Trial) -> np.ndarray:
-    """Inputs of the right-hand side at the samples of a trial, shape (N, 4): n, delta, wind north, wind east.
-
-    Raises UserError for a trial of a ship with another number of rudders than the model has.
-    """
-    if "delta" not in trial:
-        raise UserError(
-            f"{trial.name}: no column delta; its twin rudders need a ship model with two rudders, "
-            "and none is available yet"
-        )
-    return np.column_stack([trial["n"], trial["delta"], trial.wind_vector])
-
-
-def step_means(t: np.ndarray, values: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Mean over each [edges[k], edges[k+1]] of samples held until the next one, shape (len(edges)-1, columns)."""
-    widths = np.diff(t)[:, None]
-    integral = np.vstack([np.zeros((1, values.shape[1])), np.cumsum(values[:-1] * widths, axis=0)])
-    at = np.clip(np.searchsorted(t, edges, side="right") - 1, 0, len(t) - 1)
-    reached = integral[at] + values[at] * (edges - t[at])[:, None]
-    return np.diff(reached, axis=0) / np.diff(edges)[:, None]
-
-
-def pieces(trial: Trial, longest_gap: float) -> list[slice]:
-    """Stretches of samples without a gap: all required columns present, time steps at most ``longest_gap`` [s]."""
-    wind = trial.wind_vector
-    good = np.isfinite(np.column_stack([trial[c] for c in ("psi", "u", "v", "r", "n", "delta")])).all(axis=1)
-    good &= np.isfinite(wind).all(axis=1)
+def pieces(trial: Trial, longest_gap: float, controls: np.ndarray) -> list[slice]:
+    """Stretches of samples without a gap: states and inputs (N, C) present, time steps at most ``longest_gap`` [s]."""
+    good = np.isfinite(np.column_stack([trial[c] for c in ("psi", "u", "v", "r")])).all(axis=1)
+    good &= np.isfinite(controls).all(axis=1)
     index = np.flatnonzero(good)
     if len(index) == 0:
         return []
@@ -119,11 +100,11 @@ def pieces(trial: Trial, longest_gap: float) -> list[slice]:
     return [slice(part[0], part[-1] + 1) for part in np.split(index, breaks)]
 
 
-def grids(trial: Trial, h: float) -> list[Grid]:
-    """The gap-free pieces of a trial on grids of step h [s]."""
+def grids(trial: Trial, h: float, inputs: Sequence[str] = STANDARD) -> list[Grid]:
+    """The gap-free pieces of a trial on grids of step h [s], for a model with these inputs."""
     result = []
-    states, controls = trial.states, control_array(trial)
-    for piece in pieces(trial, longest_gap=max(2.5 * trial.dt, 2.0 * h)):
+    states, controls = trial.states, control_array(trial, inputs)
+    for piece in pieces(trial, max(2.5 * trial.dt, 2.0 * h), controls):
         rows = np.arange(piece.start, piece.stop)
         rows = rows[np.isfinite(controls[rows]).all(axis=1) & np.isfinite(states[rows, 2:]).all(axis=1)]
         t = trial.t[rows]
@@ -162,7 +143,14 @@ def default_step(trials: Sequence[Trial], length: float) -> float:
     return float(min((c * decade for c in (1, 2, 5, 10)), key=lambda s: abs(np.log(s / wanted))))
 
 
-def cut(trials: Sequence[Trial], h: float, window: float, K: int = 10, shortest: float | None = None) -> Segments:
+def cut(
+    trials: Sequence[Trial],
+    h: float,
+    window: float,
+    K: int = 10,
+    shortest: float | None = None,
+    inputs: Sequence[str] = STANDARD,
+) -> Segments:
     """Cut trials into windows of about ``window`` seconds and those into intervals of at most K steps.
 
     A piece is divided evenly into windows; one shorter than ``shortest`` (default 10 steps) is left out and said.
@@ -177,7 +165,7 @@ def cut(trials: Sequence[Trial], h: float, window: float, K: int = 10, shortest:
     node_window: list[int] = []
     seconds = 0.0
     for number, trial in enumerate(trials):
-        for grid in grids(trial, h):
+        for grid in grids(trial, h, inputs):
             total = len(grid.controls)
             if total < least:
                 short[trial.name] = short.get(trial.name, 0.0) + total * h
@@ -203,13 +191,18 @@ def cut(trials: Sequence[Trial], h: float, window: float, K: int = 10, shortest:
         )
     spans.sort(key=lambda span: -len(span[3]))
     M = len(spans)
-    controls_array = np.zeros((K, 4, M))
+    controls_array = np.zeros((K, spans[0][3].shape[1], M))
     targets, mask = np.zeros((max(K - 1, 0), 6, M)), np.zeros((max(K - 1, 0), 6, M))
-    for i, (_, _, _, inputs, interior) in enumerate(spans):
-        controls_array[: len(inputs), :, i] = inputs
+    for i, (_, _, _, held, interior) in enumerate(spans):
+        controls_array[: len(held), :, i] = held
         targets[: len(interior), :, i] = np.nan_to_num(interior)
         mask[: len(interior), :, i] = np.isfinite(interior)
     measured = np.array(nodes)
+    node_controls = np.empty((controls_array.shape[1], len(nodes)))
+    for _, end, _, held, _ in spans:
+        node_controls[:, end] = held[-1]
+    for start, _, _, held, _ in spans:
+        node_controls[:, start] = held[0]
     return Segments(
         h=h,
         K=K,
@@ -221,6 +214,7 @@ def cut(trials: Sequence[Trial], h: float, window: float, K: int = 10, shortest:
         mask=mask,
         nodes=np.nan_to_num(measured),
         node_mask=np.isfinite(measured).astype(float),
+        node_controls=node_controls,
         window=np.array([s[2] for s in spans]),
         node_window=np.array(node_window),
         run=np.array(run),

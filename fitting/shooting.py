@@ -15,6 +15,7 @@ from itertools import pairwise
 import casadi as ca
 import numpy as np
 
+from fitting.measurement import Measurement
 from fitting.segments import Segments
 from mmg.batch import BatchFunction, batch_functions, padded
 from mmg.model import Model
@@ -26,10 +27,11 @@ STAGE_WEIGHT = (1 / 6, 1 / 3, 1 / 3, 1 / 6)
 
 @dataclass
 class Kernels:
-    """Right-hand side, Jacobian and Hessian as batch functions of (psi, u, v, r), controls, coefficients.
+    """Right-hand side, Jacobian and Hessian as batch functions of q, controls, coefficients.
 
-    free: positions of the free coefficients among all (P of them). ``jacobian_at``: row and column of each nonzero of
-    the (6, 4 + P) Jacobian; ``hessian_at``: of the upper triangle of the (4 + P, 4 + P) Hessian of mu . rates.
+    A state has S rows, of which q are the Q last ones, on which the rates depend: from ``first`` on. free: positions
+    of the free coefficients among all (P of them). ``jacobian_at``: row and column of each nonzero of the (S, Q + P)
+    Jacobian; ``hessian_at``: of the upper triangle of the (Q + P, Q + P) Hessian of mu . rates.
     """
 
     rates: BatchFunction
@@ -39,13 +41,24 @@ class Kernels:
     hessian_at: tuple[np.ndarray, np.ndarray]
     free: np.ndarray
     interpreted_because: str
+    model: Model
+    measurement: Measurement
+
+    @property
+    def S(self) -> int:
+        return len(self.model.states)
+
+    @property
+    def first(self) -> int:
+        return self.model.first
 
 
 def kernels(model: Model, free: np.ndarray, compiled: bool = True) -> Kernels:
     """Derivative kernels of a model for the coefficients at positions ``free``."""
-    q, c = ca.SX.sym("q", 4), ca.SX.sym("c", 4)
-    theta, mu = ca.SX.sym("theta", len(model.symbols)), ca.SX.sym("mu", 6)
-    k = ca.cse(model.rates(ca.vertcat(0, 0, q), c, theta))
+    S, first = len(model.states), model.first
+    q, c = ca.SX.sym("q", S - first), ca.SX.sym("c", len(model.controls))
+    theta, mu = ca.SX.sym("theta", len(model.symbols)), ca.SX.sym("mu", S)
+    k = ca.cse(model.rates(ca.vertcat(ca.SX.zeros(first), q), c, theta))
     z = ca.vertcat(q, *[theta[int(i)] for i in free])
     J = ca.jacobian(k, z)
     H = ca.triu(ca.hessian(ca.dot(mu, k), z)[0])
@@ -64,6 +77,8 @@ def kernels(model: Model, free: np.ndarray, compiled: bool = True) -> Kernels:
         hessian_at=_positions(H),
         free=np.asarray(free, dtype=int),
         interpreted_because=reason,
+        model=model,
+        measurement=Measurement(model, np.asarray(free, dtype=int), compiled),
     )
 
 
@@ -77,9 +92,9 @@ def _positions(matrix: ca.SX) -> tuple[np.ndarray, np.ndarray]:
 class Sweep:
     """What a forward sweep with sensitivities leaves for the gradient, the Jacobian and the Hessian.
 
-    end: (6, M); interior: (K-1, 6, M); S_end: (M, 6, 6 + P) with respect to the start node and the free coefficients;
-    S_interior: per step (m_k, 6, 6 + P); q: per step (4 stages, 4, m_k) the arguments (psi, u, v, r) of the stages;
-    J_q: per step (m_k, 4, 6, 4); Q: per step (m_k, 4 stages, 4, 6 + P), derivative of q.
+    end: (S, M); interior: (K-1, S, M); S_end: (M, S, S + P) with respect to the start node and the free coefficients;
+    S_interior: per step (m_k, S, S + P); q: per step (4 stages, Q, m_k) the arguments of the stages;
+    J_q: per step (m_k, 4, S, Q); Q: per step (m_k, 4 stages, Q, S + P), derivative of q.
     """
 
     end: np.ndarray
@@ -89,6 +104,38 @@ class Sweep:
     q: list[np.ndarray]
     J_q: list[np.ndarray]
     Q: list[np.ndarray]
+
+
+@dataclass
+class SampleCost:
+    """Derivatives of the cost of the interior states, by step and interval.
+
+    pull: (K-1, S, M) gradient with respect to the state; weight: (K-1, S, M) diagonal of its Hessian; full: instead,
+    (K-1, M, S + P, S + P) Hessian with respect to state and free coefficients.
+    """
+
+    pull: np.ndarray
+    weight: np.ndarray
+    full: np.ndarray | None = None
+
+    def block(self, s: slice) -> SampleCost:
+        """The intervals of a slice."""
+        return SampleCost(self.pull[:, :, s], self.weight[:, :, s], None if self.full is None else self.full[:, s])
+
+    def add(self, k: int, m: int, S: np.ndarray, nodes: np.ndarray, shared: np.ndarray) -> None:
+        """Adds the cost's curvature after step k, seen from the start nodes, for sensitivities S (m, S, S + P)."""
+        size, P = S.shape[1], S.shape[2] - S.shape[1]
+        if self.full is None:
+            WS = self.weight[k, :, :m].T[:, :, None] * S
+            nodes[:m] += np.swapaxes(S[:, :, :size], 1, 2) @ WS
+            shared += S[:, :, size:].reshape(-1, P).T @ WS[:, :, size:].reshape(-1, P)
+            return
+        through = np.zeros((m, size + P, size + P))
+        through[:, :size] = S
+        through[:, np.arange(size, size + P), np.arange(size, size + P)] = 1.0
+        H = np.swapaxes(through, 1, 2) @ self.full[k, :m] @ through
+        nodes[:m] += H[:, :size]
+        shared += H[:, size:, size:].sum(axis=0)
 
 
 def _pad(array: np.ndarray) -> np.ndarray:
@@ -101,18 +148,20 @@ def _pad(array: np.ndarray) -> np.ndarray:
 class Intervals:
     """Evaluates a block of intervals, sorted longest first, with the kernels of a model.
 
-    steps: (M,); controls: (K, 4, M) as in Segments.
+    steps: (M,); controls: (K, C, M) as in Segments.
     """
 
     def __init__(self, kernels_: Kernels, steps: np.ndarray, controls: np.ndarray, h: float) -> None:
         self.kernels, self.controls, self.h = kernels_, controls, h
         self.M, self.P, self.K = len(steps), len(kernels_.free), len(controls)
+        self.S, self.first = kernels_.S, kernels_.first
+        self.Q = self.S - self.first
         self.active = [m for k in range(self.K) if (m := int((steps > k).sum()))]
-        self._to_q = kernels_.jacobian_at[1] < 4
+        self._to_q = kernels_.jacobian_at[1] < self.Q
         rows, columns = kernels_.hessian_at
-        self._both = (rows < 4) & (columns < 4)
-        self._mixed = (rows < 4) & (columns >= 4)
-        self._own = rows >= 4
+        self._both = (rows < self.Q) & (columns < self.Q)
+        self._mixed = (rows < self.Q) & (columns >= self.Q)
+        self._own = rows >= self.Q
 
     def _rates(self, q: np.ndarray, c: np.ndarray, theta: np.ndarray) -> np.ndarray:
         result = self.kernels.rates(_pad(q), _pad(c), theta)[0]
@@ -120,14 +169,14 @@ class Intervals:
         return result[:, : q.shape[1]]
 
     def values(self, start: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """End states (6, M) and interior states (K-1, 6, M) from start states (6, M) and all coefficients."""
+        """End states (S, M) and interior states (K-1, S, M) from start states (S, M) and all coefficients."""
         h, z = self.h, start.copy()
-        interior = np.zeros((max(self.K - 1, 0), 6, self.M))
+        interior = np.zeros((max(self.K - 1, 0), self.S, self.M))
         for k, m in enumerate(self.active):
             z0, c = z[:, :m].copy(), self.controls[k, :, :m]
-            rate, total = np.zeros((6, m)), np.zeros((6, m))
+            rate, total = np.zeros((self.S, m)), np.zeros((self.S, m))
             for fraction, weight in zip(STAGE_FRACTION, STAGE_WEIGHT, strict=True):
-                rate = self._rates(z0[2:] + fraction * h * rate[2:], c, theta)
+                rate = self._rates(z0[self.first :] + fraction * h * rate[self.first :], c, theta)
                 total += weight * rate
             z[:, :m] = z0 + h * total
             if k < self.K - 1:
@@ -135,22 +184,22 @@ class Intervals:
         return z, interior
 
     def _jacobian(self, q: np.ndarray, c: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Rates (6, m), their Jacobian (m, 6, 4) to q, and that of the accelerations (m, 3, P) to the coefficients."""
+        """Rates (S, m), their Jacobian (m, S, Q) to q, and that of rows 3.. (m, S - 3, P) to the coefficients."""
         m = q.shape[1]
         k, nonzeros = self.kernels.jacobian(_pad(q), _pad(c), theta)
         assert k is not None and nonzeros is not None
-        J_q, J_theta = np.zeros((m, 6, 4)), np.zeros((m, 3, self.P))
+        J_q, J_theta = np.zeros((m, self.S, self.Q)), np.zeros((m, self.S - 3, self.P))
         rows, columns = self.kernels.jacobian_at
         J_q[:, rows[self._to_q], columns[self._to_q]] = nonzeros[self._to_q, :m].T
-        J_theta[:, rows[~self._to_q] - 3, columns[~self._to_q] - 4] = nonzeros[~self._to_q, :m].T
+        J_theta[:, rows[~self._to_q] - 3, columns[~self._to_q] - self.Q] = nonzeros[~self._to_q, :m].T
         return k[:, :m], J_q, J_theta
 
     def sweep(self, start: np.ndarray, theta: np.ndarray) -> Sweep:
         """Forward sweep with sensitivities; arguments as in ``values``."""
-        P, K, M = self.P, self.K, self.M
-        z, S = start.copy(), np.zeros((M, 6, 6 + P))
-        S[:, np.arange(6), np.arange(6)] = 1.0
-        result = Sweep(z, np.zeros((max(K - 1, 0), 6, M)), S, [], [], [], [])
+        P, K, M, size = self.P, self.K, self.M, self.S
+        z, S = start.copy(), np.zeros((M, size, size + P))
+        S[:, np.arange(size), np.arange(size)] = 1.0
+        result = Sweep(z, np.zeros((max(K - 1, 0), size, M)), S, [], [], [], [])
         for k, m in enumerate(self.active):
             self._step(k, z[:, :m], S[:m], theta, result)
             if k < K - 1:
@@ -159,59 +208,55 @@ class Intervals:
         return result
 
     def _step(self, k: int, z: np.ndarray, S: np.ndarray, theta: np.ndarray, result: Sweep) -> None:
-        """One Runge-Kutta step of states (6, m) and sensitivities (m, 6, 6 + P), both in place."""
-        h, P, m = self.h, self.P, z.shape[1]
+        """One Runge-Kutta step of states (S, m) and sensitivities (m, S, S + P), both in place."""
+        h, P, m, size, first, Q_ = self.h, self.P, z.shape[1], self.S, self.first, self.Q
         c = self.controls[k, :, :m]
-        rate, total = np.zeros((6, m)), np.zeros((6, m))
-        dq, theta_part = np.zeros((m, 4, 6 + P)), np.zeros((m, 3, P))
-        qs, Js, Qs = np.empty((4, 4, m)), np.empty((m, 4, 6, 4)), np.empty((m, 4, 4, 6 + P))
+        rate, total = np.zeros((self.S, m)), np.zeros((self.S, m))
+        dq, theta_part = np.zeros((m, Q_, size + P)), np.zeros((m, size - 3, P))
+        qs, Js, Qs = np.empty((4, Q_, m)), np.empty((m, 4, size, Q_)), np.empty((m, 4, Q_, size + P))
         for i, (fraction, weight) in enumerate(zip(STAGE_FRACTION, STAGE_WEIGHT, strict=True)):
-            qs[i] = z[2:] + fraction * h * rate[2:]
+            qs[i] = z[first:] + fraction * h * rate[first:]
             Q = Qs[:, i]
             np.multiply(dq, fraction * h, out=Q)
-            Q += S[:, 2:]
+            Q += S[:, first:]
             rate, J_q, J_theta = self._jacobian(qs[i], c, theta)
             Js[:, i] = J_q
             if i < 3:
-                dq = J_q[:, 2:] @ Q
-                dq[:, 1:, 6:] += J_theta
+                dq = J_q[:, first:] @ Q
+                dq[:, 3 - first :, size:] += J_theta
             total += weight * rate
             J_theta *= weight
             theta_part += J_theta
-        weighted = np.swapaxes(Js * (h * np.array(STAGE_WEIGHT))[None, :, None, None], 1, 2).reshape(m, 6, 16)
+        weighted = np.swapaxes(Js * (h * np.array(STAGE_WEIGHT))[None, :, None, None], 1, 2)
         z += h * total
-        S += weighted @ Qs.reshape(m, 16, 6 + P)
-        S[:, 3:, 6:] += h * theta_part
+        S += weighted.reshape(m, size, 4 * Q_) @ Qs.reshape(m, 4 * Q_, size + P)
+        S[:, 3:, size:] += h * theta_part
         result.q.append(qs)
         result.J_q.append(Js)
         result.Q.append(Qs)
 
     def hessian(
-        self, sweep: Sweep, theta: np.ndarray, end_weight: np.ndarray, residual: np.ndarray, weight: np.ndarray
+        self, sweep: Sweep, theta: np.ndarray, end_weight: np.ndarray, cost: SampleCost
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Hessian of sum over intervals of end_weight . end + 1/2 sum weight (interior - target)^2.
+        """Hessian of sum over intervals of end_weight . end + cost of the interior states.
 
-        end_weight: (6, M); residual: (K-1, 6, M) interior minus target; weight: (K-1, 6, M). Returns the rows of the
-        start nodes (M, 6, 6 + P), symmetric within their first six columns, and the (P, P) block of the coefficients.
+        end_weight: (S, M). Returns the rows of the start nodes (M, S, S + P), symmetric within their first S columns,
+        and the (P, P) block of the coefficients.
         """
-        P = self.P
-        nodes, shared = np.zeros((self.M, 6, 6 + P)), np.zeros((P, P))
+        P, size = self.P, self.S
+        nodes, shared = np.zeros((self.M, size, size + P)), np.zeros((P, P))
         adjoint = end_weight.copy()
         for k in range(len(self.active) - 1, -1, -1):
             m = self.active[k]
             if k < self.K - 1:
-                w = weight[k, :, :m]
-                adjoint[:, :m] += w * residual[k, :, :m]
-                S = sweep.S_interior[k]
-                WS = w.T[:, :, None] * S
-                nodes[:m] += np.swapaxes(S[:, :, :6], 1, 2) @ WS
-                shared += S[:, :, 6:].reshape(-1, P).T @ WS[:, :, 6:].reshape(-1, P)
+                adjoint[:, :m] += cost.pull[k, :, :m]
+                cost.add(k, m, sweep.S_interior[k], nodes, shared)
             multipliers = self._adjoints(adjoint[:, :m], sweep.J_q[k])
             self._curvature(k, sweep, theta, multipliers, nodes[:m], shared)
         return nodes, shared
 
     def _adjoints(self, adjoint: np.ndarray, J_q: np.ndarray) -> np.ndarray:
-        """Multipliers of the four stage rates (4, 6, m); ``adjoint`` (6, m) is moved back over the step in place."""
+        """Multipliers of the four stage rates (4, S, m); ``adjoint`` (S, m) is moved back over the step in place."""
         h = self.h
         multipliers = np.empty((4, *adjoint.shape))
         back, later = adjoint.copy(), np.zeros_like(adjoint)
@@ -219,9 +264,9 @@ class Intervals:
             mu = multipliers[i]
             mu[:] = h * STAGE_WEIGHT[i] * adjoint + later
             pulled = (np.swapaxes(J_q[:, i], 1, 2) @ mu.T[:, :, None])[:, :, 0].T
-            back[2:] += pulled
+            back[self.first :] += pulled
             later = np.zeros_like(adjoint)
-            later[2:] = h * STAGE_FRACTION[i] * pulled
+            later[self.first :] = h * STAGE_FRACTION[i] * pulled
         adjoint[:] = back
         return multipliers
 
@@ -232,7 +277,7 @@ class Intervals:
 
         With U = 1/2 H_qq Q + H_qth for each stage: H += Q^T U + U^T Q + H_thth.
         """
-        m, P = nodes.shape[0], self.P
+        m, P, size, Q_ = nodes.shape[0], self.P, self.S, self.Q
         rows, columns = self.kernels.hessian_at
         nonzeros = np.empty((len(rows), 4, m))
         c = _pad(self.controls[k, :, :m])
@@ -240,19 +285,20 @@ class Intervals:
             part = self.kernels.hessian(_pad(sweep.q[k][i]), c, theta, _pad(mu[i]))[0]
             assert part is not None
             nonzeros[:, i] = part[:, :m]
-        H_qq = np.zeros((m, 4, 4, 4))
+        H_qq = np.zeros((m, 4, Q_, Q_))
         both = np.moveaxis(nonzeros[self._both], 0, 2).swapaxes(0, 1)
         H_qq[:, :, rows[self._both], columns[self._both]] = both
         H_qq[:, :, columns[self._both], rows[self._both]] = both
         Q = sweep.Q[k]
         U = 0.5 * (H_qq @ Q)
-        U[:, :, rows[self._mixed], columns[self._mixed] + 2] += np.moveaxis(nonzeros[self._mixed], 0, 2).swapaxes(0, 1)
-        Q, U = Q.reshape(m, 16, -1), U.reshape(m, 16, -1)
-        nodes += np.swapaxes(Q[:, :, :6], 1, 2) @ U + np.swapaxes(U[:, :, :6], 1, 2) @ Q
-        cross = Q[:, :, 6:].reshape(-1, P).T @ U[:, :, 6:].reshape(-1, P)
+        mixed = np.moveaxis(nonzeros[self._mixed], 0, 2).swapaxes(0, 1)
+        U[:, :, rows[self._mixed], columns[self._mixed] - Q_ + size] += mixed
+        Q, U = Q.reshape(m, 4 * Q_, -1), U.reshape(m, 4 * Q_, -1)
+        nodes += np.swapaxes(Q[:, :, :size], 1, 2) @ U + np.swapaxes(U[:, :, :size], 1, 2) @ Q
+        cross = Q[:, :, size:].reshape(-1, P).T @ U[:, :, size:].reshape(-1, P)
         shared += cross + cross.T
         total = nonzeros[self._own].sum(axis=(1, 2))
-        r, col = rows[self._own] - 4, columns[self._own] - 4
+        r, col = rows[self._own] - Q_, columns[self._own] - Q_
         shared[r, col] += total
         off = r != col
         shared[col[off], r[off]] += total[off]
@@ -272,7 +318,7 @@ class Shooting:
         ]
 
     def values(self, start: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """End states (6, M) and interior states (K-1, 6, M) from start states (6, M) and all coefficients."""
+        """End states (S, M) and interior states (K-1, S, M) from start states (S, M) and all coefficients."""
         parts = [b.values(start[:, s], theta) for b, s in zip(self.blocks, self.slices, strict=True)]
         return np.concatenate([p[0] for p in parts], axis=1), np.concatenate([p[1] for p in parts], axis=2)
 
@@ -285,13 +331,12 @@ class Shooting:
         sweeps: list[Sweep],
         theta: np.ndarray,
         end_weight: np.ndarray,
-        residual: np.ndarray,
-        weight: np.ndarray,
+        cost: SampleCost,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """As ``Intervals.hessian``, for all blocks: (M, 6, 6 + P) and (P, P)."""
+        """As ``Intervals.hessian``, for all blocks: (M, S, S + P) and (P, P)."""
         rows, shared = [], np.zeros((self.P, self.P))
         for b, s, sweep in zip(self.blocks, self.slices, sweeps, strict=True):
-            nodes, part = b.hessian(sweep, theta, end_weight[:, s], residual[:, :, s], weight[:, :, s])
+            nodes, part = b.hessian(sweep, theta, end_weight[:, s], cost.block(s))
             rows.append(nodes)
             shared += part
         return np.concatenate(rows), shared

@@ -1,74 +1,147 @@
-"""Assembles the force models of a ship into one right-hand side, as a CasADi expression."""
+"""Assembles the force models and effects of a ship into one right-hand side, as a CasADi expression."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
+from mmg import twin
 from mmg.coefficients import names
-from mmg.components import ROLES, module
+from mmg.components import FORCES, module, twin_screw
+from mmg.effects import effect
 from mmg.flow import Flow, Force
-from mmg.frames import body_to_earth, relative_air
-from mmg.rigid_body import accelerations
+from mmg.frames import body_to_earth, earth_to_body, relative_air
+from mmg.memory import Memory
+from mmg.rigid_body import accelerations, inertia
 from mmg.ship import Ship
 from mmg.smooth import Exact, Smooth, Smoothing
 
 STATES = ("x", "y", "psi", "u", "v", "r")
-CONTROLS = ("n", "delta", "wind_north", "wind_east")
-"""Inputs of the right-hand side: 1/s, rad, and the velocity of the air over ground in the earth frame [m/s]."""
 
 
 @dataclass(frozen=True)
 class Model:
     """The right-hand side of a ship and its parts.
 
+    A state is x, y, psi, u, v, r (velocities over ground) and whatever the ship's effects remember; S of them.
+
     Attributes
     ----------
     ship: the ship it was made from.
     symbols: coefficients that are arguments, in order; all others are constants inside.
-    rates: Function (state (6,), controls (4,), coefficients (P,)) -> d state / dt (6,), SI.
+    controls: names of the inputs, ``ship.inputs``: actuators, air over ground, perhaps the time.
+    states: names of the states, STATES first; sizes: typical size of those that follow, (S - 6,).
+    first: the rates depend on the states from this one on (2: not on the position).
+    rates: Function (state (S,), controls (C,), coefficients (P,)) -> d state / dt (S,), SI.
     forces: Function of the same arguments -> (number of roles, 3): X, Y [N], N [N m] per role of ``roles``.
-    roles: roles present in the ship, in the order of the rows of ``forces``.
+    roles: parts of the force, in the order of the rows of ``forces``: roles of the ship, then effects.
+    initial: Function (x, y, psi, u, v, r (6,), controls, coefficients) -> state (S,) whose memory is settled.
+    columns: Function (state (S,), coefficients) -> the six columns as they are logged (6,).
+    measured: whether the columns differ from the first six states.
     """
 
     ship: Ship
     symbols: tuple[str, ...]
+    controls: tuple[str, ...]
+    states: tuple[str, ...]
+    sizes: np.ndarray
+    first: int
     rates: ca.Function
     forces: ca.Function
     roles: tuple[str, ...]
+    initial: ca.Function
+    columns: ca.Function
+    measured: bool
 
 
-def component_forces(flow: Flow, ship: Ship, c: Any, s: Smoothing) -> dict[str, Force]:
+def component_forces(flow: Flow, ship: Ship, p: SimpleNamespace, c: Any, s: Smoothing) -> dict[str, Force]:
     """Force of each component by role, evaluated in the order in which they feed each other."""
-    p = names(dict(ship.particulars))
     result: dict[str, Force] = {}
-    for role in ROLES:
+    flows: tuple[Flow, ...] = twin.sides(flow, p) if twin_screw(ship.particulars) else (flow,)
+    for role in FORCES:
         if role not in ship.components:
             continue
-        result[role] = module(role, ship.components[role]).force(flow, p, c, s)
-        if role == "propeller":
-            flow = Flow(**{**flow.__dict__, "slipstream": result[role].slipstream})
+        model = module(role, ship.components[role])
+        if role in ("propeller", "rudder"):
+            forces = [model.force(side, p, c, s) for side in flows]
+            result[role] = twin.both(forces[0], forces[1], p) if len(forces) == 2 else forces[0]
+            if role == "propeller":
+                flows = tuple(f.with_(slipstream=x.slipstream) for f, x in zip(flows, forces, strict=True))
+        else:
+            result[role] = model.force(flow, p, c, s)
     return result
 
 
-def rates(state: Any, controls: Any, c: Any, ship: Ship, s: Smoothing) -> tuple[Any, dict[str, Force]]:
-    """d(x, y, psi, u, v, r)/dt as an expression (6,), and the force of each component.
+@dataclass
+class _Equations:
+    """Expressions of one ship: rates of the six states, forces by role, what is remembered, logged columns."""
 
-    ``controls`` as in CONTROLS, ``c`` the coefficients by attribute.
-    """
-    psi, u, v, r = state[2], state[3], state[4], state[5]
-    a_x, a_y = relative_air(controls[2], controls[3], psi, u, v)
-    flow = Flow(u=u, v=v, r=r, n=controls[0], delta=controls[1], a_x=a_x, a_y=a_y)
-    parts = component_forces(flow, ship, c, s)
+    rates: Any
+    parts: dict[str, Force]
+    memory: Memory
+    columns: list[Any]
+    measured: bool
+
+
+def _equations(state: Any, controls: Mapping[str, Any], c: SimpleNamespace, ship: Ship, s: Smoothing) -> _Equations:
+    """The model as expressions of the state (6,), the inputs by name and the coefficients by attribute."""
+    effects = [(effect(name), ship.parameters_of(name, vars(c))) for name in ship.effects]
+    p, memory = names(dict(ship.particulars)), Memory()
+    for e, values in effects:
+        p = e.particulars(p, values)
+    x, y, psi, u, v, r = (state[i] for i in range(6))
+    place = {"psi": psi, "x": x, "y": y, "time": controls.get("time", 0.0)}
+    flow = Flow(u=u, v=v, r=r, **place, **{name: controls[name] for name in ship.actuators})
+    north, east = controls["wind_north"], controls["wind_east"]
+    for e, values in effects:
+        north, east = e.air(north, east, values)
+        flow = e.actuators(flow, memory, values, p, s)
+    if "actuators" in ship.components:
+        flow = module("actuators", ship.components["actuators"]).actuators(flow, memory, p, c, s)
+    a_x, a_y = relative_air(north, east, psi, u, v)
+    currents = [w for e, values in effects if (w := e.water(flow, values)) is not None]
+    flow, u_c, v_c, a_cx, a_cy = _through_water(flow.with_(a_x=a_x, a_y=a_y), currents)
+    parts = component_forces(flow, ship, p, c, s)
+    mass = inertia(p, c)
+    context = SimpleNamespace(components=ship.components, c=c)
+    for e, values in effects:
+        parts = e.forces(parts, flow, memory, values, p, context, s)
+        mass = e.inertia(mass, flow, values, p, s)
     total = Force()
     for part in parts.values():
         total = total + part
-    du, dv, dr = accelerations(u, v, r, total, names(dict(ship.particulars)), c)
+    du, dv, dr = accelerations(flow.u, flow.v, r, total, mass)
+    if "roll" in ship.components:
+        module("roll", ship.components["roll"]).roll(flow, parts, dv, memory, p, c)
+    if currents:
+        du, dv = du + r * v_c + a_cx, dv - r * u_c + a_cy
     dx, dy = body_to_earth(u, v, psi)
-    return ca.vertcat(dx, dy, r, du, dv, dr), parts
+    columns: list[Any] = [x, y, psi, u, v, r]
+    measured = False
+    for e, values in effects:
+        columns = e.columns(columns, flow, memory, values, p)
+        measured = measured or e.enters == "measurement"
+    return _Equations(ca.vertcat(dx, dy, r, du, dv, dr), parts, memory, columns, measured)
+
+
+def _through_water(flow: Flow, currents: list[tuple[Any, Any, Any, Any]]) -> tuple[Flow, Any, Any, Any, Any]:
+    """The flow with velocities through the water, and the water's velocity and acceleration in body axes.
+
+    Relative-velocity formulation (Fossen 2021): all forces, and the equations of motion, are those of (u - u_c,
+    v - v_c, r). An unsteady uniform current brings no further term, as Froude-Krylov force and apparent force cancel
+    for a floating body. The ground velocity changes with u_c' = r v_c + a_cx, v_c' = -r u_c + a_cy.
+    """
+    if not currents:
+        return flow, 0.0, 0.0, 0.0, 0.0
+    north, east, north_rate, east_rate = (sum(values[1:], values[0]) for values in zip(*currents, strict=True))
+    u_c, v_c = earth_to_body(north, east, flow.psi)
+    a_cx, a_cy = earth_to_body(north_rate, east_rate, flow.psi)
+    return flow.with_(u=flow.u - u_c, v=flow.v - v_c), u_c, v_c, a_cx, a_cy
 
 
 def assemble(ship: Ship, symbols: Sequence[str] | None = None, exact: bool = False) -> Model:
@@ -78,20 +151,42 @@ def assemble(ship: Ship, symbols: Sequence[str] | None = None, exact: bool = Fal
     numbers. ``exact`` evaluates the published branches instead of their smooth blends: for checking only.
     """
     chosen = tuple(ship.symbols if symbols is None else symbols)
-    state, controls = ca.SX.sym("state", 6), ca.SX.sym("controls", len(CONTROLS))
+    six, controls = ca.SX.sym("state", 6), ca.SX.sym("controls", len(ship.inputs))
     theta = ca.SX.sym("coefficients", len(chosen))
     values: dict[str, Any] = {name: c.value for name, c in ship.coefficients.items()}
     values.update({name: theta[i] for i, name in enumerate(chosen)})
     s: Smoothing = Exact() if exact else Smooth.for_length(ship.particulars["L"])
-    derivative, parts = rates(state, controls, names(values), ship, s)
-    roles = tuple(parts)
-    rows = ca.vertcat(*[ca.horzcat(parts[role].X, parts[role].Y, parts[role].N) for role in roles])
-    arguments, labels = [state, controls, theta], ["state", "controls", "coefficients"]
-    options = {"cse": True}
+    by_name = {name: controls[i] for i, name in enumerate(ship.inputs)}
+    built = _equations(six, by_name, names(values), ship, s)
+    memory = built.memory
+    state = ca.vertcat(six, *memory.symbols)
+    derivative = ca.vertcat(built.rates, *memory.rates)
+    roles = tuple(built.parts)
+    rows = ca.vertcat(*[ca.horzcat(part.X, part.Y, part.N) for part in built.parts.values()])
+    arguments, labels, options = [state, controls, theta], ["state", "controls", "coefficients"], {"cse": True}
+    placed = bool(ca.which_depends(derivative, six[:2], 1, True) != [False] * derivative.numel())
     return Model(
         ship=ship,
         symbols=chosen,
+        controls=ship.inputs,
+        states=(*STATES, *memory.names),
+        sizes=np.array(memory.sizes),
+        first=0 if placed else 2,
         rates=ca.Function("rates", arguments, [derivative], labels, ["rates"], options),
         forces=ca.Function("forces", arguments, [rows], labels, ["forces"], options),
         roles=roles,
+        initial=ca.Function("initial", [six, controls, theta], [ca.vertcat(six, *_settled(memory))]),
+        columns=ca.Function("columns", [state, theta], [ca.vertcat(*built.columns)], options),
+        measured=built.measured,
     )
+
+
+def _settled(memory: Memory) -> list[Any]:
+    """Initial values of the remembered states, each free of the others."""
+    known: list[Any] = []
+    for target in memory.targets:
+        start = ca.SX(target)
+        if known:
+            start = ca.substitute([start], memory.symbols[: len(known)], known)[0]
+        known.append(start)
+    return known

@@ -4,10 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 
 from mmg.coefficients import Coefficient
+from mmg.components import actuators
+from mmg.effects import EFFECTS, effect
+
+AIR = ("wind_north", "wind_east")
+"""Inputs of every right-hand side after the actuators: velocity of the air over ground, earth frame [m/s]."""
 
 
 @dataclass(frozen=True)
@@ -21,6 +28,8 @@ class Ship:
     components: role ("hull", "propeller", "rudder", "wind") -> name of the force model.
     coefficients: symbol -> Coefficient, in the order of the models' tables.
     description, reference: words and citations that travel with the ship file.
+    effects: names of effects (mmg.effects) in the order in which they enter; their parameters are coefficients
+    ``effect.parameter``.
     """
 
     name: str
@@ -30,11 +39,53 @@ class Ship:
     description: str = ""
     reference: str = ""
     notices: tuple[str, ...] = field(default=())
+    effects: tuple[str, ...] = field(default=())
 
     @property
     def symbols(self) -> tuple[str, ...]:
         """All coefficient symbols in their fixed order."""
         return tuple(self.coefficients)
+
+    @property
+    def actuators(self) -> tuple[str, ...]:
+        """Actuators that its force models listen to: names of mmg.flow.INPUTS, in that order."""
+        return actuators(self.components, self.particulars)
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Inputs of the right-hand side: actuators, AIR, and the time [s] where an effect changes with it."""
+        timed = any(effect(name).needs_time for name in self.effects)
+        return (*self.actuators, *AIR, *(("time",) if timed else ()))
+
+    @property
+    def namespace(self) -> SimpleNamespace:
+        """The particulars by attribute."""
+        return SimpleNamespace(**self.particulars)
+
+    def parameters_of(self, name: str, values: Mapping[str, Any] | None = None) -> SimpleNamespace:
+        """Parameters of one of its effects by attribute, out of ``values`` (default: the ship's own)."""
+        source = {s: c.value for s, c in self.coefficients.items()} if values is None else values
+        prefix = f"{name}."
+        return SimpleNamespace(**{s[len(prefix) :]: source[s] for s in self.coefficients if s.startswith(prefix)})
+
+    def with_effect(self, name: str, values: Mapping[str, float] | None = None) -> Ship:
+        """A copy with an effect, its parameters at their neutral values or at ``values`` (symbol -> value)."""
+        p, chosen = self.namespace, dict(values or {})
+        rows = {}
+        for parameter in effect(name).parameters(p, dict(self.components)):
+            row = self.coefficients.get(f"{name}.{parameter.symbol}") or parameter.coefficient(name)
+            if parameter.symbol in chosen:
+                row = row.with_(value=float(chosen.pop(parameter.symbol)), source="given with the effect")
+            rows[row.symbol] = row
+        if chosen:
+            raise KeyError(f"{name} has no parameter {next(iter(chosen))!r}")
+        order = tuple(e for e in EFFECTS if e in (*self.effects, name))
+        return replace(self, effects=order, coefficients={**self.coefficients, **rows})
+
+    def without_effect(self, name: str) -> Ship:
+        """A copy without one of its effects."""
+        kept = {s: c for s, c in self.coefficients.items() if not s.startswith(f"{name}.")}
+        return replace(self, effects=tuple(e for e in self.effects if e != name), coefficients=kept)
 
     @property
     def free(self) -> tuple[str, ...]:

@@ -12,8 +12,9 @@ from cases.demo_trials import OFFSETS, SHIP, demo_trials, hidden_ship
 from cases.gusts import Wind, gust_filter, hino_spectrum, parse_wind
 from cases.maneuvers import parse_maneuver
 from cases.read import read_trial
+from cases.sensors import SensorNoise, add_noise, wrap
 from cases.ships import load_ship
-from cases.synthetic import SensorNoise, add_noise, simulate, simulate_controls, wrap, write_trial
+from cases.synthetic import simulate, simulate_controls, write_trial
 from cases.trial import STATES, Trial
 from mmg.errors import UserError
 from mmg.ship import Ship

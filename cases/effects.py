@@ -1,0 +1,77 @@
+"""Effects from text such as "current:x=0.02,y=-0.01", put on a ship."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+from cases.ships import check_needs
+from mmg.effects import EFFECTS, Parameter
+from mmg.errors import UserError
+from mmg.ship import Ship
+
+
+def parameters(ship: Ship, name: str) -> tuple[Parameter, ...]:
+    """The parameters of an effect for a ship."""
+    return EFFECTS[name].parameters(ship.namespace, dict(ship.components))
+
+
+def parse_effect(text: str, ship: Ship, option: str) -> tuple[str, dict[str, float], list[str]]:
+    """(name, values by parameter, parameters named without a value) of "NAME:key=value,key".
+
+    ``option`` names the place in messages. Raises UserError for an unknown effect or parameter, a value that is no
+    number or lies outside the parameter's bounds, and a ship that lacks what the effect changes.
+    """
+    name, _, rest = text.strip().partition(":")
+    where = f"{option} {text}"
+    check_needs(ship, name, where)
+    known = {p.symbol: p for p in parameters(ship, name)}
+    values, named = {}, []
+    for item in filter(None, (part.strip() for part in rest.split(","))):
+        key, equals, word = (part.strip() for part in item.partition("="))
+        if key not in known:
+            raise UserError(f"{where}: {name} has no parameter '{key}'; it has {', '.join(known)} (see mmg effects)")
+        if not equals:
+            named.append(key)
+            continue
+        values[key] = _within(word, known[key], where)
+    return name, values, named
+
+
+def _within(word: str, parameter: Parameter, where: str) -> float:
+    try:
+        value = float(word)
+    except ValueError:
+        value = math.nan
+    if not parameter.lower <= value <= parameter.upper:
+        raise UserError(
+            f"{where}: {parameter.symbol} = {word} must be a number from {parameter.lower:g} to "
+            f"{parameter.upper:g} {parameter.unit}".rstrip()
+        )
+    return value
+
+
+def with_effects(ship: Ship, texts: Iterable[str]) -> Ship:
+    """The ship with effects switched on for a simulation; one without values gets its typical size."""
+    for text in texts:
+        name, values, named = parse_effect(text, ship, "--effect")
+        if named:
+            raise UserError(f"--effect {text}: give {named[0]} a value, such as {name}:{named[0]}=0.1")
+        if not values:
+            values = {p.symbol: p.neutral + p.typical for p in parameters(ship, name) if not p.held}
+        ship = ship.with_effect(name, values)
+    return ship
+
+
+def freeing_effects(ship: Ship, texts: Iterable[str]) -> Ship:
+    """The ship with effects to be fitted: their parameters free, those that are held unless named without a value.
+
+    A value is what a free parameter's prior is centred on, and what a held one is held at.
+    """
+    for text in texts:
+        name, values, named = parse_effect(text, ship, "--with")
+        ship = ship.with_effect(name, values)
+        free = {p.symbol for p in parameters(ship, name) if not p.held} | set(named)
+        rows = {f"{name}.{p.symbol}": p.symbol in free for p in parameters(ship, name)}
+        ship = ship.with_coefficients({s: ship.coefficients[s].with_(fixed=not f) for s, f in rows.items()})
+    return ship

@@ -1,0 +1,81 @@
+"""The inputs that a ship's model takes, from the columns of a trial."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cases.trial import Trial
+from mmg.errors import UserError
+from mmg.flow import INPUTS
+
+STANDARD = ("n", "delta", "wind_north", "wind_east")
+"""Inputs of a single-screw, single-rudder ship."""
+
+_STAND_INS = {"delta_port": "delta", "delta_starboard": "delta", "n_2": "n"}
+_AT_REST = ("n_bow", "n_stern", "n_azimuth", "azimuth")
+"""Actuators that a trial may leave out: they follow another column, or are taken to be at rest."""
+
+
+def actuator_columns(trial: Trial, actuators: Sequence[str]) -> tuple[np.ndarray, list[str]]:
+    """Columns of the actuators (N, A) and sentences on what was assumed.
+
+    Raises UserError when the trial lacks one for which nothing can stand in, or moves one that the model does not
+    have.
+    """
+    _check_unheard(trial, actuators)
+    columns, notes = [], []
+    for name in actuators:
+        other = _STAND_INS.get(name, "")
+        if name in trial:
+            columns.append(trial[name])
+        elif other in trial:
+            columns.append(trial[other])
+            notes.append(f"{trial.name}: no column {name}, so {name} = {other}")
+        elif name in _AT_REST:
+            columns.append(np.zeros(len(trial)))
+            notes.append(f"{trial.name}: no column {name}, so it is taken to be at rest")
+        else:
+            raise UserError(_missing(trial, name))
+    return np.column_stack([*columns]) if columns else np.empty((len(trial), 0)), notes
+
+
+def _missing(trial: Trial, name: str) -> str:
+    words, unit = INPUTS[name]
+    if name == "delta" and "delta_port" in trial:
+        return f"{trial.name}: no column delta; its twin rudders need a ship model with two rudders"
+    return f"{trial.name}: no column {name} [{unit}] ({words}), which the ship's model needs"
+
+
+def _check_unheard(trial: Trial, actuators: Sequence[str]) -> None:
+    """Raises UserError for a thruster or second propeller that moves but is not in the model."""
+    for name in ("n_bow", "n_stern", "n_azimuth", "n_2"):
+        if name in trial and name not in actuators:
+            most = float(np.nanmax(np.abs(trial[name]), initial=0.0))
+            if most > 0 and not (name == "n_2" and np.array_equal(trial["n_2"], trial["n"], equal_nan=True)):
+                raise UserError(
+                    f"{trial.name}: {name} reaches {most:g} rps, but the ship's model has no such actuator; "
+                    "add it to the ship file ([model]) or remove the column"
+                )
+
+
+def control_array(trial: Trial, inputs: Sequence[str] = STANDARD) -> np.ndarray:
+    """Inputs of the right-hand side at the samples of a trial, (N, C), in the order of ``Ship.inputs``.
+
+    Raises UserError as ``actuator_columns`` does.
+    """
+    actuators = [name for name in inputs if name in INPUTS]
+    parts = [actuator_columns(trial, actuators)[0], trial.wind_vector]
+    if "time" in inputs:
+        parts.append((trial.t - trial.t[0])[:, None])
+    return np.column_stack(parts)
+
+
+def step_means(t: np.ndarray, values: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """Mean over each [edges[k], edges[k+1]] of samples held until the next one, shape (len(edges)-1, columns)."""
+    widths = np.diff(t)[:, None]
+    integral = np.vstack([np.zeros((1, values.shape[1])), np.cumsum(values[:-1] * widths, axis=0)])
+    at = np.clip(np.searchsorted(t, edges, side="right") - 1, 0, len(t) - 1)
+    reached = integral[at] + values[at] * (edges - t[at])[:, None]
+    return np.diff(reached, axis=0) / np.diff(edges)[:, None]

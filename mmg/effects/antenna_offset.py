@@ -1,0 +1,34 @@
+"""Antenna offset: satellite position and velocity belong to a point off midship.
+
+That point is x ahead and y to starboard of midship: its velocity is (u - r y, v + r x) in body axes.
+"""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+from mmg.effects.effect import Effect, Parameter
+from mmg.flow import Flow
+from mmg.frames import body_to_earth
+from mmg.memory import Memory
+
+
+class AntennaOffset(Effect):
+    """Lever arm of the position."""
+
+    name, enters = "antenna_offset", "measurement"
+
+    def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
+        size, most = 0.07 * p.L, p.L
+        return (
+            Parameter("x", 0.0, size, -most, most, "m", "antenna ahead of midship"),
+            Parameter("y", 0.0, size, -most, most, "m", "antenna to starboard of midship"),
+        )
+
+    def columns(self, y: list[Any], flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace) -> list[Any]:
+        north, east = body_to_earth(e.x, e.y, flow.psi)
+        return [y[0] + north, y[1] + east, y[2], y[3] - flow.r * e.y, y[4] + flow.r * e.x, y[5]]
+
+
+EFFECT = AntennaOffset()

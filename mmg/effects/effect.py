@@ -1,0 +1,102 @@
+"""What an effect is: parameters with a neutral value, and where it enters the model.
+
+An effect is one file of this folder: a subclass of ``Effect`` that overrides the hooks through which it enters. At its
+neutral value every hook returns what it was given, to the last bit. The same object serves the synthetic generator,
+the fit and the diagnosis. In the hooks ``e`` holds the effect's parameters by attribute, ``p`` the particulars.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any
+
+from mmg.coefficients import Coefficient
+from mmg.flow import Flow, Force
+from mmg.memory import Memory
+from mmg.rigid_body import Inertia
+from mmg.smooth import Smoothing
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of an effect.
+
+    neutral: the value at which the effect is absent; typical: a size that shows in a trial (an offset from neutral);
+    lower, upper: bounds of a fit; held: not freed unless asked for by name (places, widths).
+    """
+
+    symbol: str
+    neutral: float
+    typical: float
+    lower: float
+    upper: float
+    unit: str
+    description: str
+    held: bool = False
+
+    def coefficient(self, effect: str) -> Coefficient:
+        """The coefficient ``effect.symbol`` of a ship, at its neutral value, with a wide prior."""
+        return Coefficient(
+            symbol=f"{effect}.{self.symbol}",
+            value=self.neutral,
+            std=3.0 * abs(self.typical),
+            lower=self.lower,
+            upper=self.upper,
+            unit=self.unit,
+            fixed=self.held,
+            source="neutral value of the effect",
+            description=self.description,
+        )
+
+
+class Effect:
+    """An effect that enters nowhere: the base of all others."""
+
+    name: str = ""
+    enters: str = ""
+    """Where it enters: "inflow", "force", "inertia", "actuator path" or "measurement", in words."""
+    needs_time: bool = False
+    needs: tuple[str, ...] = ()
+    """Roles that the ship must have."""
+
+    def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
+        """Parameters for a ship of these particulars and force models."""
+        raise NotImplementedError
+
+    def particulars(self, p: SimpleNamespace, e: SimpleNamespace) -> SimpleNamespace:
+        """The particulars as the ship really is."""
+        return p
+
+    def water(self, flow: Flow, e: SimpleNamespace) -> tuple[Any, Any, Any, Any] | None:
+        """Velocity of the water over ground, north and east [m/s], and its rates [m/s^2]."""
+        return None
+
+    def air(self, north: Any, east: Any, e: SimpleNamespace) -> tuple[Any, Any]:
+        """Velocity of the air over ground [m/s] from the logged one."""
+        return north, east
+
+    def actuators(self, flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace, s: Smoothing) -> Flow:
+        """The actuators as they are, from the logged ones."""
+        return flow
+
+    def forces(
+        self,
+        parts: dict[str, Force],
+        flow: Flow,
+        memory: Memory,
+        e: SimpleNamespace,
+        p: SimpleNamespace,
+        ship: SimpleNamespace,
+        s: Smoothing,
+    ) -> dict[str, Force]:
+        """Forces by role, changed or added to; ``ship`` has ``components`` and the coefficients ``c``."""
+        return parts
+
+    def inertia(self, inertia: Inertia, flow: Flow, e: SimpleNamespace, p: SimpleNamespace, s: Smoothing) -> Inertia:
+        """Masses as they really are."""
+        return inertia
+
+    def columns(self, y: list[Any], flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace) -> list[Any]:
+        """The six columns x, y, psi, u, v, r as logged, from the true ones (or those of an earlier effect)."""
+        return y

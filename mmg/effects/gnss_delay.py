@@ -1,0 +1,44 @@
+"""Satellite delay: logged position and velocity over ground are late; heading and turn rate are not.
+
+Inside the model the delay is its all-pass approximation: with V_f the velocity over ground behind a low pass of tau/2,
+the position is late by T V_f and the velocity by 2 T / tau (V - V_f). The late velocity, an earth-fixed vector, is
+turned into u and v by the present heading. The synthetic generator delays the columns themselves.
+"""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import casadi as ca
+
+from mmg.effects.effect import Effect, Parameter
+from mmg.flow import Flow
+from mmg.frames import body_to_earth, earth_to_body
+from mmg.memory import Memory, scale
+from mmg.smooth import GRAVITY
+
+
+class GnssDelay(Effect):
+    """Late satellite position and velocity."""
+
+    name, enters = "gnss_delay", "measurement"
+
+    def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
+        k = scale(p)
+        return (Parameter("tau", 0.0, 0.5 * k, 0.0, 5.0 * k, "s", "time by which position and velocity are late"),)
+
+    def columns(self, y: list[Any], flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace) -> list[Any]:
+        tau = ca.sqrt(e.tau**2 + scale(p) ** 2)
+        size = 0.1 * float((GRAVITY * p.L) ** 0.5)
+        velocity = body_to_earth(y[3], y[4], y[2])
+        followed = [
+            memory.low_pass(f"gnss_delay.{axis}", value, 0.5 * tau, size)
+            for axis, value in zip(("north", "east"), velocity, strict=True)
+        ]
+        behind = earth_to_body(velocity[0] - followed[0], velocity[1] - followed[1], y[2])
+        u, v = (component - 2 * e.tau / tau * part for component, part in zip(y[3:5], behind, strict=True))
+        return [y[0] - e.tau * followed[0], y[1] - e.tau * followed[1], y[2], u, v, y[5]]
+
+
+EFFECT = GnssDelay()

@@ -1,0 +1,30 @@
+"""Heading bias: the logged heading is off by a constant, and u and v are turned with it.
+
+u and v of a record come from the velocity over ground, turned by the logged heading.
+"""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+from mmg.effects.effect import Effect, Parameter
+from mmg.flow import Flow
+from mmg.frames import earth_to_body
+from mmg.memory import Memory
+
+
+class HeadingBias(Effect):
+    """Constant error of the compass."""
+
+    name, enters = "heading_bias", "measurement"
+
+    def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
+        return (Parameter("psi", 0.0, 0.01, -0.5, 0.5, "rad", "logged heading less the true one"),)
+
+    def columns(self, y: list[Any], flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace) -> list[Any]:
+        u, v = earth_to_body(y[3], y[4], e.psi)
+        return [y[0], y[1], y[2] + e.psi, u, v, y[5]]
+
+
+EFFECT = HeadingBias()

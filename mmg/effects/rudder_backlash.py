@@ -1,0 +1,39 @@
+"""Rudder backlash: the real rudder stays where it is until the logged one has moved by the dead band.
+
+The play operator (``played`` of mmg/memory.py): the real angle is never further than b from the logged one, and rests
+while that moves within 2 b.
+"""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+from mmg.effects.effect import Effect, Parameter
+from mmg.effects.rudder_lag import RUDDERS
+from mmg.flow import Flow
+from mmg.memory import Memory, played, scale
+from mmg.smooth import Smoothing
+
+SOFTEST = 2e-3
+"""Angle [rad] that keeps the play smooth at zero dead band."""
+
+
+class RudderBacklash(Effect):
+    """Dead band of the steering gear."""
+
+    name, enters, needs = "rudder_backlash", "actuator path", ("rudder",)
+
+    def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
+        return (Parameter("b", 0.0, 0.05, 0.0, 0.5, "rad", "half of the dead band between logged and real rudder"),)
+
+    def actuators(self, flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace, s: Smoothing) -> Flow:
+        moved = {}
+        for name in RUDDERS:
+            angle = getattr(flow, name)
+            if isinstance(angle, float):
+                continue
+            moved[name] = played(memory, f"rudder_backlash.{name}", angle, e.b, 0.5 * scale(p), SOFTEST, 0.3)
+        return flow.with_(**moved)
+
+
+EFFECT = RudderBacklash()

@@ -1,0 +1,33 @@
+"""Rudder lag: the real rudder follows the logged one with a first-order lag of time constant T."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+from mmg.effects.effect import Effect, Parameter
+from mmg.flow import Flow
+from mmg.memory import Memory, lagged, scale
+from mmg.smooth import Smoothing
+
+RUDDERS = ("delta", "delta_port", "delta_starboard")
+
+
+class RudderLag(Effect):
+    """Late rudder."""
+
+    name, enters, needs = "rudder_lag", "actuator path", ("rudder",)
+
+    def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
+        k = scale(p)
+        return (Parameter("T", 0.0, 0.6 * k, 0.0, 10.0 * k, "s", "time constant of the rudder behind its record"),)
+
+    def actuators(self, flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace, s: Smoothing) -> Flow:
+        moved = {
+            name: lagged(memory, f"rudder_lag.{name}", angle, e.T, 0.5 * scale(p), 0.3)
+            for name in RUDDERS
+            if not isinstance(angle := getattr(flow, name), float)
+        }
+        return flow.with_(**moved)
+
+
+EFFECT = RudderLag()

@@ -1,0 +1,49 @@
+"""Rudder stall: the normal force falls short of the model's at large inflow angles.
+
+F_N is smaller by loss w(alpha), w = 1/2 [1 + tanh((sin^2 alpha - sin^2 alpha_s) / width)] (generic smooth stall,
+UNVERIFIED shape), for each rudder by itself.
+"""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+
+import casadi as ca
+
+from mmg.effects.effect import Effect, Parameter
+from mmg.flow import Flow, Force
+from mmg.memory import Memory
+from mmg.smooth import Smoothing
+
+
+class RudderStall(Effect):
+    """Loss of rudder force beyond the stall angle."""
+
+    name, enters, needs = "rudder_stall", "force", ("rudder",)
+
+    def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
+        return (
+            Parameter("loss", 0.0, 0.4, -0.5, 1.2, "", "share of the normal force that is lost beyond stall"),
+            Parameter("alpha_s", math.radians(20), 0.1, 0.1, 1.2, "rad", "inflow angle of stall", held=True),
+            Parameter("width", 0.06, 0.02, 0.01, 0.5, "", "width of the change in sin^2 alpha", held=True),
+        )
+
+    def forces(
+        self,
+        parts: dict[str, Force],
+        flow: Flow,
+        memory: Memory,
+        e: SimpleNamespace,
+        p: SimpleNamespace,
+        ship: SimpleNamespace,
+        s: Smoothing,
+    ) -> dict[str, Force]:
+        X, Y, N = parts["rudder"].X, parts["rudder"].Y, parts["rudder"].N
+        for blade in parts["rudder"].blades:
+            lost = e.loss * 0.5 * (1 + ca.tanh((blade.sin2_alpha - ca.sin(e.alpha_s) ** 2) / e.width))
+            X, Y, N = X - lost * blade.X, Y - lost * blade.Y, N - lost * blade.N
+        return {**parts, "rudder": Force(X, Y, N)}
+
+
+EFFECT = RudderStall()

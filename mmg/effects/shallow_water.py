@@ -1,0 +1,72 @@
+"""Shallow water: hull forces and added masses grow with draught over depth, everywhere or beyond a shelf line.
+
+Each is multiplied by 1 + a g, g = (d/h) / (1 - d/h), with one a per quantity (GROWTH; simple robust form of physics
+B.3b, UNVERIFIED numbers chosen so that added mass in sway doubles at about h/d = 1.6; Kijima & Nakiri 1990 and
+Ankudinov's factors are in mmg/shallow.py). Beyond the shelf line means x cos(bearing) + y sin(bearing) > line.
+"""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import casadi as ca
+
+from mmg.effects.effect import Effect, Parameter
+from mmg.flow import Flow, Force
+from mmg.memory import Memory
+from mmg.rigid_body import Inertia
+from mmg.smooth import Smoothing
+
+GROWTH = {"X": 0.15, "Y": 0.5, "N": 0.5, "m_x": 0.2, "m_y": 0.65, "J_z": 0.3}
+"""Growth of hull forces and added masses with g."""
+
+EVERYWHERE = -1e6
+"""Line [m] of a shelf that is under the whole area."""
+
+
+def growth(flow: Flow, e: SimpleNamespace) -> Any:
+    """g at the ship's place."""
+    beyond = flow.x * ca.cos(e.bearing) + flow.y * ca.sin(e.bearing) - e.line
+    ratio = e.d_h * 0.5 * (1 + ca.tanh(beyond / e.width))
+    return ratio / (1 - ratio)
+
+
+class ShallowWater(Effect):
+    """Finite depth."""
+
+    name, enters, needs = "shallow_water", "force and inertia", ("hull",)
+
+    def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
+        return (
+            Parameter("d_h", 0.0, 0.3, -0.5, 0.9, "", "draught over depth of the water"),
+            Parameter("line", EVERYWHERE, p.L, -2e6, 2e6, "m", "shelf line from the origin along bearing", held=True),
+            Parameter("bearing", 0.0, 0.1, -7.0, 7.0, "rad", "direction from deep to shallow water", held=True),
+            Parameter("width", 0.5 * p.L, 0.2 * p.L, 0.01 * p.L, 100 * p.L, "m", "width of the shelf", held=True),
+        )
+
+    def forces(
+        self,
+        parts: dict[str, Force],
+        flow: Flow,
+        memory: Memory,
+        e: SimpleNamespace,
+        p: SimpleNamespace,
+        ship: SimpleNamespace,
+        s: Smoothing,
+    ) -> dict[str, Force]:
+        g, old = growth(flow, e), parts["hull"]
+        X, Y, N = (1 + GROWTH[axis] * g for axis in ("X", "Y", "N"))
+        return {**parts, "hull": Force(X * old.X, Y * old.Y, N * old.N)}
+
+    def inertia(self, inertia: Inertia, flow: Flow, e: SimpleNamespace, p: SimpleNamespace, s: Smoothing) -> Inertia:
+        g = growth(flow, e)
+        hull = 0.0625 * p.L**2 * p.m + p.x_G**2 * p.m
+        return inertia.with_(
+            m_x=inertia.m_x * (1 + GROWTH["m_x"] * g),
+            m_y=inertia.m_y * (1 + GROWTH["m_y"] * g),
+            I_z=inertia.I_z + GROWTH["J_z"] * g * (inertia.I_z - hull),
+        )
+
+
+EFFECT = ShallowWater()

@@ -1,0 +1,40 @@
+"""Tow: a constant force and moment in the body frame, as of a tow line, a fender or a lasting asymmetry."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+from mmg.effects.effect import Effect, Parameter
+from mmg.flow import Flow, Force
+from mmg.memory import MODEL_LENGTH, Memory
+from mmg.smooth import Smoothing
+
+
+class Tow(Effect):
+    """Constant force and moment in the body frame."""
+
+    name, enters = "tow", "force"
+
+    def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
+        force = 0.05 * (p.L / MODEL_LENGTH) ** 3
+        moment = force * p.L / 3
+        return (
+            Parameter("X", 0.0, force, -50 * force, 50 * force, "N", "constant force ahead"),
+            Parameter("Y", 0.0, force, -50 * force, 50 * force, "N", "constant force to starboard"),
+            Parameter("N", 0.0, moment, -50 * moment, 50 * moment, "N m", "constant moment, bow to starboard"),
+        )
+
+    def forces(
+        self,
+        parts: dict[str, Force],
+        flow: Flow,
+        memory: Memory,
+        e: SimpleNamespace,
+        p: SimpleNamespace,
+        ship: SimpleNamespace,
+        s: Smoothing,
+    ) -> dict[str, Force]:
+        return {**parts, "tow": Force(e.X, e.Y, e.N)}
+
+
+EFFECT = Tow()

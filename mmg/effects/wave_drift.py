@@ -1,0 +1,48 @@
+"""Wave drift: a force that is constant in the earth frame, larger on the side of the ship than on the bow.
+
+The drift force of waves from abeam is several times that from ahead (second-order theory; short form, UNVERIFIED
+ratio): the component along the ship is multiplied by BOW.
+"""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+from mmg.effects.effect import Effect, Parameter
+from mmg.flow import Flow, Force
+from mmg.frames import earth_to_body
+from mmg.memory import MODEL_LENGTH, Memory
+from mmg.smooth import Smoothing
+
+BOW = 0.3
+"""Share of the drift force that acts when it comes along the ship."""
+
+
+class WaveDrift(Effect):
+    """Mean wave drift force from one direction."""
+
+    name, enters = "wave_drift", "force"
+
+    def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
+        size = 0.08 * (p.L / MODEL_LENGTH) ** 3
+        most = 50 * size
+        return (
+            Parameter("x", 0.0, size, -most, most, "N", "drift force to the north on a ship beam on"),
+            Parameter("y", 0.0, size, -most, most, "N", "drift force to the east on a ship beam on"),
+        )
+
+    def forces(
+        self,
+        parts: dict[str, Force],
+        flow: Flow,
+        memory: Memory,
+        e: SimpleNamespace,
+        p: SimpleNamespace,
+        ship: SimpleNamespace,
+        s: Smoothing,
+    ) -> dict[str, Force]:
+        along, across = earth_to_body(e.x, e.y, flow.psi)
+        return {**parts, "wave_drift": Force(BOW * along, across, 0.0)}
+
+
+EFFECT = WaveDrift()

@@ -1,0 +1,59 @@
+"""Wind force: the force of the air is the ship's wind model times a factor per X, Y and N.
+
+A ship without a wind model gets factors on a reference instead: Fujiwara, Ueno & Nimura (1998) with the particulars of
+its upper works, or those of a typical tanker of its length and breadth where the ship file does not give them; its
+neutral factors are 0.
+"""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+from mmg.effects.effect import Effect, Parameter
+from mmg.flow import Flow, Force
+from mmg.memory import Memory
+from mmg.smooth import Smoothing
+from mmg.wind import fujiwara
+
+
+def upper_works(p: SimpleNamespace) -> SimpleNamespace:
+    """The particulars with those of the upper works filled in, by the ratios of the ESSO OSAKA to L and B."""
+    typical = {
+        "A_T": 0.566 * p.B**2, "A_L": 0.0578 * p.L**2, "A_OD": 0.0158 * p.L**2, "C": -0.0043 * p.L,
+        "C_BR": -0.0207 * p.L, "H_BR": 0.098 * p.L, "H_C": 0.0345 * p.L, "rho_a": 1.225,
+    }  # fmt: skip
+    return SimpleNamespace(**{**typical, **vars(p)})
+
+
+class WindForce(Effect):
+    """Wind force by a factor per component."""
+
+    name, enters = "wind_force", "force"
+
+    def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
+        neutral = 1.0 if "wind" in components else 0.0
+        model = "the ship's wind model" if neutral else "Fujiwara's wind force"
+        return tuple(
+            Parameter(axis, neutral, 0.25, -2.0, 6.0, "", f"factor on {model}, {words}")
+            for axis, words in (("X", "surge"), ("Y", "sway"), ("N", "yaw"))
+        )
+
+    def forces(
+        self,
+        parts: dict[str, Force],
+        flow: Flow,
+        memory: Memory,
+        e: SimpleNamespace,
+        p: SimpleNamespace,
+        ship: SimpleNamespace,
+        s: Smoothing,
+    ) -> dict[str, Force]:
+        if "wind" in ship.components:
+            air = parts["wind"]
+        else:
+            whole = upper_works(p)
+            air = fujiwara.force(flow, whole, SimpleNamespace(**fujiwara.regression(whole)), s)
+        return {**parts, "wind": Force(e.X * air.X, e.Y * air.Y, e.N * air.N)}
+
+
+EFFECT = WindForce()
