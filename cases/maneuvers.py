@@ -2,80 +2,41 @@
 
 Angles are degrees in the text and radians inside. Times, rates and revolutions are those of a 3 m model,
 taken to other lengths by Froude's law (time with sqrt(L / 3 m)). Turning, zigzag and crash stop are executed
-as in IMO MSC.137(76); the rudder moves at a limited rate from the moment of the order.
+as in IMO MSC.137(76), spiral and pull-out as in its explanatory notes (MSC/Circ.1053); the rudder moves at a
+limited rate from the moment of the order.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from cases.orders import BERTHING_SPEED, Orders, berthing, crash_stop, held, random_telegraph, turning, zigzag
+from cases.controller import MODEL_LENGTH, Controller, Limits
+from cases.orders import (
+    BERTHING_SPEED,
+    Orders,
+    berthing,
+    crash_stop,
+    held,
+    random_telegraph,
+    spiral_angles,
+    steps,
+    turning,
+    zigzag,
+)
 from cases.propulsion import approach
 from mmg.errors import UserError
 from mmg.ship import Ship
+from mmg.smooth import GRAVITY
 
-FORMS = "turning:35, zigzag:20/20, zigzag:-10/10, crash-stop, random, random:SEED, straight, berthing, acceleration"
+FORMS = (
+    "turning:35, zigzag:20/20, zigzag:-10/10, crash-stop, crash-stop:0.6, spiral:15/5, pull-out:20, random, random:SEED, straight, "
+    "berthing, acceleration"
+)
 """What ``parse_maneuver`` understands; a negative angle begins to port."""
-
-MODEL_LENGTH = 3.0
-"""Length [m] for which the times and rates of this file are written."""
-
-
-@dataclass(frozen=True)
-class Limits:
-    """Rates of the actuators: rudder [rad/s], propeller [1/s^2].
-
-    20 deg/s and 20 rps/s for a 3 m model (public simulator of Osaka University; physics I), Froude scaled:
-    1.9 deg/s for a ship of 320 m.
-    """
-
-    rudder_rate: float
-    propeller_rate: float
-
-    @classmethod
-    def for_length(cls, length: float) -> Limits:
-        """Limits for a ship of this length [m]."""
-        share = MODEL_LENGTH / length
-        return cls(math.radians(20.0) * math.sqrt(share), 20.0 * share)
-
-
-@dataclass
-class Controller:
-    """Follows the orders of one run within the limits; ``over`` tells that the manoeuvre has ended.
-
-    n [1/s] and delta [rad] are the positions reached, t [s] the time of the last call.
-    """
-
-    orders: Orders
-    limits: Limits
-    n: float
-    delta: float = 0.0
-    t: float = 0.0
-    over: bool = False
-
-    def commands(self, t: float, state: np.ndarray) -> tuple[float, float]:
-        """Revolutions [1/s] and rudder angle [rad] at time t [s] (never earlier than the last call).
-
-        state: (6,) x, y, psi (continuous, not wrapped), u, v, r. Positions move from those of the last call
-        towards the order within the limits.
-        """
-        order = self.orders(t, state)
-        if order is None:
-            self.over = True
-        else:
-            step = max(t - self.t, 0.0)
-            self.n += _clip(order[0] - self.n, self.limits.propeller_rate * step)
-            self.delta += _clip(order[1] - self.delta, self.limits.rudder_rate * step)
-        self.t = t
-        return self.n, self.delta
-
-
-def _clip(change: float, limit: float) -> float:
-    return min(max(change, -limit), limit)
 
 
 @dataclass(frozen=True)
@@ -90,6 +51,8 @@ class Maneuver:
     limits: rates of the actuators.
     orders: makes the orders of a fresh run, a function of (t, state).
     parameters: angles [rad] and times [s] that evaluations need, such as "rudder", "heading", "order_time".
+    partial: a duration was asked for, so the manoeuvre may end before its events. sampled: orders change at samples
+    only.
     """
 
     name: str
@@ -100,10 +63,12 @@ class Maneuver:
     limits: Limits
     orders: Callable[[], Orders] = field(repr=False)
     parameters: Mapping[str, float] = field(default_factory=dict)
+    partial: bool = False
+    sampled: bool = False
 
     def controller(self) -> Controller:
         """A controller for one run; each run needs its own, it remembers executes and actuator positions."""
-        return Controller(self.orders(), self.limits, self.n)
+        return Controller(self.orders(), self.limits, self.n, located=not self.sampled)
 
     @property
     def start(self) -> np.ndarray:
@@ -120,12 +85,13 @@ def parse_maneuver(
     duration: float | None = None,
     rudder_rate: float | None = None,
     seed: int = 0,
+    sampled: bool = False,
 ) -> Maneuver:
     """The manoeuvre that a text such as "turning:35" names, for a ship.
 
     n [1/s], speed [m/s]: approach; one follows from the other by the ship's surge balance, both may be given,
-    by default the speed is that of Froude number 0.07 (7.7 kn for 320 m). duration [s] replaces the default
-    time limit; a zigzag of given duration goes on until then, otherwise it ends with the sixth execute.
+    by default the speed is the ship's U_0 or that of Froude number 0.07 (7.7 kn for 320 m). duration [s] replaces the
+    default time limit; a zigzag of given duration goes on until then, otherwise it ends with the sixth execute.
     rudder_rate [rad/s] replaces the Froude-scaled 20 deg/s. seed serves "random" when the text has none.
     Raises UserError for an unknown or ill-formed text and for an approach that the ship cannot hold.
     """
@@ -135,16 +101,17 @@ def parse_maneuver(
     for name, value in (("duration", duration), ("rudder rate", rudder_rate)):
         if value is not None and not (math.isfinite(value) and value > 0):
             raise UserError(f"{name} = {value:g} must be positive")
-    if kind in ("straight", "acceleration", "crash-stop", "berthing") and argument:
+    if kind in ("straight", "acceleration", "berthing") and argument:
         raise UserError(f"manoeuvre '{text}': {kind} takes no argument; known: {FORMS}")
     scale = math.sqrt(ship.particulars["L"] / MODEL_LENGTH)
-    limits = Limits.for_length(ship.particulars["L"])
+    limits = Limits.for_ship(ship)
     if rudder_rate is not None:
         limits = Limits(rudder_rate, limits.propeller_rate)
     at_rest = kind == "acceleration"
     steady, revolutions = approach(ship, n, speed, at_rest)
-    setup = _Setup(text.strip(), kind, argument, scale, steady, revolutions, duration, limits, seed)
-    return _BUILDERS[kind](setup)
+    length = ship.particulars["L"]
+    setup = _Setup(text.strip(), kind, argument, scale, steady, revolutions, duration, limits, seed, length)
+    return replace(_BUILDERS[kind](setup), sampled=sampled)
 
 
 @dataclass(frozen=True)
@@ -160,6 +127,12 @@ class _Setup:
     duration: float | None
     limits: Limits
     seed: int
+    length: float
+
+    @property
+    def crossing(self) -> float:
+        """L / U [s]: time in which the ship runs her length at the approach speed (at least Froude number 0.01)."""
+        return self.length / max(abs(self.speed), 0.01 * math.sqrt(GRAVITY * self.length))
 
     def maneuver(
         self, default: float, orders: Callable[[], Orders], share: float = 1.0, **parameters: float
@@ -177,6 +150,7 @@ class _Setup:
             limits=self.limits,
             orders=orders,
             parameters=parameters,
+            partial=self.duration is not None,
         )
 
     def angle(self, words: str, what: str, largest: float) -> float:
@@ -221,7 +195,55 @@ def _zigzag(s: _Setup) -> Maneuver:
 
 def _crash_stop(s: _Setup) -> Maneuver:
     lead = _LEAD * s.scale
-    return s.maneuver(600.0, lambda: crash_stop(s.n, lead), order_time=lead)
+    try:
+        share = float(s.argument or 1.0)
+    except ValueError:
+        share = math.nan
+    if not 0 < share <= 2:
+        raise UserError(
+            f"manoeuvre '{s.text}': '{s.argument}' must be the revolutions astern by those of the approach, more "
+            "than 0 and at most 2, such as crash-stop:0.6"
+        )
+    return s.maneuver(600.0, lambda: crash_stop(s.n, lead, share), order_time=lead)
+
+
+STEADY_WINDOW, STEADY_CHANGE = 3.0, 0.0002
+"""The turn rate is steady when r L / U changes by no more than 0.0002 over three ship lengths (U of the approach)."""
+
+_LONGEST_HOLD = 100.0
+"""Ship lengths that one rudder angle of a spiral or pull-out may take to become steady."""
+
+
+def _steps(s: _Setup, angles: tuple[float, ...], **parameters: float) -> Maneuver:
+    lead, window, tolerance = _LEAD * s.scale, STEADY_WINDOW * s.crossing, STEADY_CHANGE / s.crossing
+    return s.maneuver(
+        (lead + len(angles) * _LONGEST_HOLD * s.crossing) / s.scale,
+        lambda: steps(s.n, angles, lead, window, tolerance),
+        order_time=lead,
+        window=window,
+        tolerance=tolerance,
+        steps=float(len(angles)),
+        **parameters,
+    )
+
+
+def _spiral(s: _Setup) -> Maneuver:
+    first, slash, second = s.argument.partition("/")
+    if not slash:
+        raise UserError(f"manoeuvre '{s.text}': write largest rudder/step in degrees, such as spiral:15/5")
+    largest, step = s.angle(first, "rudder angle", 90), s.angle(second, "step", 90)
+    count = abs(largest) / step
+    if step < 0 or not 1 <= round(count) <= 40 or abs(count - round(count)) > 1e-6:
+        raise UserError(
+            f"manoeuvre '{s.text}': the step must divide the largest rudder angle into 1 to 40 equal steps; "
+            "such as spiral:15/5, spiral:-20/5"
+        )
+    return _steps(s, spiral_angles(largest, step), rudder=largest, step=step)
+
+
+def _pull_out(s: _Setup) -> Maneuver:
+    rudder = s.angle(s.argument, "rudder angle", 90)
+    return _steps(s, (rudder, 0.0), rudder=rudder)
 
 
 def _random(s: _Setup) -> Maneuver:
@@ -250,6 +272,8 @@ _BUILDERS: dict[str, Callable[[_Setup], Maneuver]] = {
     "turning": _turning,
     "zigzag": _zigzag,
     "crash-stop": _crash_stop,
+    "spiral": _spiral,
+    "pull-out": _pull_out,
     "random": _random,
     "straight": _straight,
     "berthing": _berthing,

@@ -1,12 +1,16 @@
 """The orders of each manoeuvre: functions of time and state that say what is asked of propeller and rudder.
 
-Each factory returns a fresh function (t [s], state (6,)) -> (n [1/s], delta [rad]), or None once it is over.
-The state is (x, y, psi continuous, u, v, r). Orders are steps; the rate limits are those of the controller.
+Orders are called with (t [s], state (6,)) and give (n [1/s], delta [rad]), or None once the manoeuvre is over. The
+state is (x, y, psi continuous, u, v, r). Orders are steps; the rate limits are those of the controller. Orders that
+change between two samples also have ``event(t0, before, t1, after)``: the fraction of the step from state ``before``
+to state ``after`` at which they must be asked again, None if they stand until t1; and ``watches(t0, t1)``: False where
+no event can fall into a step.
 """
 
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable
 
 import numpy as np
@@ -17,7 +21,7 @@ FULL_TURN = 3 * math.pi
 """Change of heading after which a turning test ends [rad]: 540 degrees (IMO MSC/Circ.1053)."""
 
 _TINY = 1e-9
-"""Slack in comparisons of times [s], so that 0.1 + 0.2 is not later than 0.3."""
+"""Slack in comparisons of times [s] and angles [rad], so that 0.1 + 0.2 is not later than 0.3."""
 
 
 def held(n: float) -> Orders:
@@ -25,54 +29,145 @@ def held(n: float) -> Orders:
     return lambda t, state: (n, 0.0)
 
 
+class FromLead:
+    """Straight running for ``lead`` seconds, then ``ordered``; the heading at that moment is ``origin`` [rad]."""
+
+    def __init__(self, n: float, lead: float) -> None:
+        self.n, self.lead = n, lead
+        self.origin: float | None = None
+
+    def __call__(self, t: float, state: np.ndarray) -> tuple[float, float] | None:
+        if t < self.lead - _TINY:
+            return self.n, 0.0
+        if self.origin is None:
+            self.origin = float(state[2])
+        return self.ordered(t, state)
+
+    def ordered(self, t: float, state: np.ndarray) -> tuple[float, float] | None:
+        """Orders from the execute on."""
+        raise NotImplementedError
+
+    def watches(self, t0: float, t1: float) -> bool:
+        """Whether an event may fall into the step from t0 to t1 [s]."""
+        return t0 < self.lead < t1
+
+    def event(self, t0: float, before: np.ndarray, t1: float, after: np.ndarray) -> float | None:
+        """Fraction of the step at which the execute falls, or the switch of the orders that follow it."""
+        if t0 < self.lead - _TINY:
+            return (self.lead - t0) / (t1 - t0) if self.lead < t1 - _TINY else None
+        return self.switch(before, after)
+
+    def switch(self, before: np.ndarray, after: np.ndarray) -> float | None:
+        """Fraction of the step at which orders change because of the motion; here never."""
+        return None
+
+
+class Turning(FromLead):
+    """The rudder over until the heading has changed by 540 degrees."""
+
+    def __init__(self, n: float, rudder: float, lead: float) -> None:
+        super().__init__(n, lead)
+        self.rudder = rudder
+
+    def ordered(self, t: float, state: np.ndarray) -> tuple[float, float] | None:
+        assert self.origin is not None
+        return None if abs(state[2] - self.origin) >= FULL_TURN else (self.n, self.rudder)
+
+
+class Zigzag(FromLead):
+    """Rudder over; reversed each time the heading has changed by ``heading`` to the side of the rudder.
+
+    The change counts from the heading at the first execute. ``executes``: over with this execute.
+    """
+
+    def __init__(self, n: float, rudder: float, heading: float, lead: float, executes: int | None) -> None:
+        super().__init__(n, lead)
+        self.rudder, self.heading, self.executes = abs(rudder), heading, executes
+        self.side, self.count = math.copysign(1.0, rudder), 1
+
+    def _beyond(self, state: np.ndarray) -> float:
+        """Heading past the switch heading, to the side of the rudder [rad]."""
+        assert self.origin is not None
+        return float(self.side * (state[2] - self.origin) - self.heading)
+
+    def ordered(self, t: float, state: np.ndarray) -> tuple[float, float] | None:
+        if self._beyond(state) >= -_TINY:
+            self.side, self.count = -self.side, self.count + 1
+        over = self.executes is not None and self.count >= self.executes
+        return None if over else (self.n, self.side * self.rudder)
+
+    def watches(self, t0: float, t1: float) -> bool:
+        return t1 > self.lead
+
+    def switch(self, before: np.ndarray, after: np.ndarray) -> float | None:
+        a, b = self._beyond(before), self._beyond(after)
+        return -a / (b - a) if a < 0 <= b else None
+
+
+class CrashStop(FromLead):
+    """``share`` of the revolutions astern, rudder midships, until headway is lost."""
+
+    def __init__(self, n: float, lead: float, share: float) -> None:
+        super().__init__(n, lead)
+        self.share = share
+
+    def ordered(self, t: float, state: np.ndarray) -> tuple[float, float] | None:
+        return None if state[3] <= 0 else (-self.share * self.n, 0.0)
+
+
+class Steps(FromLead):
+    """Rudder angles [rad] in turn, each held until the turn rate is steady; over when the last one is.
+
+    Steady: all turn rates of the last ``window`` [s] lie within ``tolerance`` [rad/s] of each other.
+    """
+
+    def __init__(self, n: float, angles: tuple[float, ...], lead: float, window: float, tolerance: float) -> None:
+        super().__init__(n, lead)
+        self.angles, self.window, self.tolerance = angles, window, tolerance
+        self.step = 0
+        self.rates: deque[tuple[float, float]] = deque()
+
+    def ordered(self, t: float, state: np.ndarray) -> tuple[float, float] | None:
+        if self._steady(t, float(state[5])):
+            self.step += 1
+            self.rates.clear()
+        return None if self.step >= len(self.angles) else (self.n, self.angles[self.step])
+
+    def _steady(self, t: float, r: float) -> bool:
+        self.rates.append((t, r))
+        if t - self.rates[0][0] < self.window - _TINY:
+            return False
+        while len(self.rates) > 1 and self.rates[1][0] <= t - self.window + _TINY:
+            self.rates.popleft()
+        values = [rate for _, rate in self.rates]
+        return max(values) - min(values) <= self.tolerance
+
+
 def turning(n: float, rudder: float, lead: float) -> Orders:
-    """Straight for ``lead`` seconds, then the rudder over until the heading has changed by 540 degrees."""
-    origin: list[float] = []
-
-    def orders(t: float, state: np.ndarray) -> tuple[float, float] | None:
-        if t < lead - _TINY:
-            return n, 0.0
-        if not origin:
-            origin.append(state[2])
-        return None if abs(state[2] - origin[0]) >= FULL_TURN else (n, rudder)
-
-    return orders
+    """Turning circle: n [1/s], rudder [rad], order after ``lead`` [s]."""
+    return Turning(n, rudder, lead)
 
 
 def zigzag(n: float, rudder: float, heading: float, lead: float, executes: int | None = None) -> Orders:
-    """Rudder over; reversed each time the heading has changed by ``heading`` to the side of the rudder.
-
-    The change counts from the heading at the first execute. ``executes``: the manoeuvre is over with this
-    execute.
-    """
-    origin: list[float] = []
-    side = [1.0 if rudder > 0 else -1.0]
-    count = [1]
-
-    def orders(t: float, state: np.ndarray) -> tuple[float, float] | None:
-        if t < lead - _TINY:
-            return n, 0.0
-        if not origin:
-            origin.append(state[2])
-        if side[0] * (state[2] - origin[0]) >= heading:
-            side[0] = -side[0]
-            count[0] += 1
-        if executes is not None and count[0] >= executes:
-            return None
-        return n, side[0] * abs(rudder)
-
-    return orders
+    """Zigzag: n [1/s], rudder (its sign the first side) and switch heading [rad], first execute after ``lead`` [s]."""
+    return Zigzag(n, rudder, heading, lead, executes)
 
 
-def crash_stop(n: float, lead: float) -> Orders:
-    """Straight for ``lead`` seconds, then the same revolutions astern until headway is lost."""
+def crash_stop(n: float, lead: float, share: float = 1.0) -> Orders:
+    """Astern with ``share`` of n [1/s] from n ahead, order after ``lead`` [s]."""
+    return CrashStop(n, lead, share)
 
-    def orders(t: float, state: np.ndarray) -> tuple[float, float] | None:
-        if t < lead - _TINY:
-            return n, 0.0
-        return None if state[3] <= 0 else (-n, 0.0)
 
-    return orders
+def spiral_angles(largest: float, step: float) -> tuple[float, ...]:
+    """Rudder angles of a direct spiral [rad]: from ``largest`` (signed) to the other side and back by ``step`` > 0."""
+    side, count = math.copysign(1.0, largest), round(2 * abs(largest) / step)
+    there = [side * (abs(largest) - k * step) for k in range(count + 1)]
+    return tuple(round(angle, 12) + 0.0 for angle in there + there[-2::-1])
+
+
+def steps(n: float, angles: tuple[float, ...], lead: float, window: float, tolerance: float) -> Orders:
+    """Direct spiral (many angles) or pull-out (an angle, then 0): see ``Steps``."""
+    return Steps(n, angles, lead, window, tolerance)
 
 
 def schedule(n_times: np.ndarray, n: np.ndarray, delta_times: np.ndarray, delta: np.ndarray) -> Orders:

@@ -14,10 +14,32 @@ FROUDE = 0.07
 """Froude number of the default approach: harbour speed, 7.7 kn for 320 m, 0.38 m/s for 3 m."""
 
 
+DESIGN_PITCH = math.radians(20.0)
+"""Blade angle [rad] of a controllable-pitch propeller ahead, where the ship file gives no particular ``pitch``."""
+
+
+def design_pitch(ship: Ship, n: float) -> float:
+    """Blade angle [rad] ahead for n >= 0; astern, n < 0, as far on the other side of the zero-thrust pitch."""
+    ahead = ship.particulars.get("pitch", DESIGN_PITCH)
+    zero = ship.coefficients["theta_0"].value if "theta_0" in ship.coefficients else 0.0
+    return ahead if n >= 0 else 2 * zero - ahead
+
+
+def steady_inputs(ship: Ship, n: float) -> list[float]:
+    """Inputs of the right-hand side at n [1/s] in calm air, rudders midships, thrusters at rest."""
+    values = {"n": n, "n_2": n, "pitch": design_pitch(ship, n)}
+    return [values.get(name, 0.0) for name in ship.inputs]
+
+
 def surge_balance(ship: Ship) -> Callable[[float, float], float]:
-    """Surge acceleration [m/s^2] at u [m/s] and n [1/s]: straight, rudder midships, calm air."""
-    rates = assemble(ship, symbols=()).rates
-    return lambda u, n: float(rates([0.0, 0.0, 0.0, u, 0.0, 0.0], [n, 0.0, 0.0, 0.0], [])[3])
+    """Surge acceleration [m/s^2] at u [m/s] and n [1/s]: straight, rudder midships, calm air, still water."""
+    still = ship
+    for name in ship.effects:
+        still = still if name in ("fouling", "draft") else still.without_effect(name)
+    model = assemble(still, symbols=())
+    return lambda u, n: float(
+        model.rates(model.initial([0.0, 0.0, 0.0, u, 0.0, 0.0], inputs := steady_inputs(still, n), []), inputs, [])[3]
+    )
 
 
 def revolutions_for(ship: Ship, u: float) -> float:
@@ -48,6 +70,11 @@ def _root(function: Callable[[float], float], first: float, failure: str) -> flo
     return float(brentq(function, low, high, xtol=1e-12, rtol=1e-12))
 
 
+def own_speed(ship: Ship) -> float:
+    """Approach speed where none is asked for [m/s]: the ship's U_0, else that of Froude number 0.07."""
+    return ship.particulars.get("U_0", FROUDE * math.sqrt(GRAVITY * ship.particulars["L"]))
+
+
 def approach(ship: Ship, n: float | None, speed: float | None, at_rest: bool = False) -> tuple[float, float]:
     """(speed [m/s], n [1/s]) at the start of a manoeuvre; what is not given follows from the surge balance.
 
@@ -67,6 +94,10 @@ def _approach(ship: Ship, n: float | None, speed: float | None, at_rest: bool) -
     for name, value in (("n", n), ("speed", speed)):
         if value is not None and not math.isfinite(value):
             raise UserError(f"{name} = {value} is not a finite number")
+    if not {"n", "n_azimuth"} & set(ship.actuators):
+        if n is not None or at_rest:
+            raise UserError(f"{ship.name} has no propeller in its model: give a speed, not n or a start at rest")
+        return own_speed(ship) if speed is None else speed, 0.0
     if at_rest and n is not None:
         if speed is not None:
             raise UserError("an acceleration starts from rest: give n or the speed to reach, not both")
@@ -79,5 +110,5 @@ def _approach(ship: Ship, n: float | None, speed: float | None, at_rest: bool) -
         return speed_for(ship, n), n
     if speed is not None and speed <= 0:
         raise UserError(f"speed = {speed:g} m/s: the approach must be ahead; give n as well for anything else")
-    wanted = FROUDE * math.sqrt(GRAVITY * ship.particulars["L"]) if speed is None else speed
+    wanted = own_speed(ship) if speed is None else speed
     return (0.0 if at_rest else wanted), revolutions_for(ship, wanted)

@@ -16,11 +16,11 @@ from pathlib import Path
 from typing import Any
 
 from mmg.coefficients import Coefficient
-from mmg.components import ROLES, coefficient_table, module, required_particulars
+from mmg.components import ROLES, coefficient_table, derived, module, required_particulars
+from mmg.effects import EFFECTS
 from mmg.errors import UserError
 from mmg.particulars import PARTICULARS
 from mmg.ship import Ship
-from mmg.wind.fujiwara import NAMES as WIND
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -29,7 +29,9 @@ else:  # pragma: no cover
 
 LIBRARY = Path(__file__).parent / "ships"
 _KEYS = {f for f in Coefficient.__dataclass_fields__ if f != "symbol"}
-OPTIONAL = ("C_b",)
+SIGNED = ("x_G", "x_R", "C", "C_BR", "x_BT", "x_ST", "x_az", "y_az")
+"""Particulars that may be zero or negative: places relative to midship."""
+OPTIONAL = ("C_b", "U_0", "y_P", "pitch", "rudder_rate")
 """Particulars that no force model needs but every ship file may state."""
 _WORDS = ("name", "description", "reference")
 
@@ -64,7 +66,7 @@ def parse_ship(text: str, where: str = "ship file") -> Ship:
     for key in data:
         if key not in ("ship", "model", "coefficients"):
             raise UserError(f"{where}: unknown table [{key}]; known: [ship], [model], [coefficients.NAME]")
-    components = _components(data.get("model"), where)
+    components, effects = _components(data.get("model"), where)
     ship = data.get("ship")
     if not isinstance(ship, dict):
         raise UserError(f"{where}: table [ship] with the particulars is missing")
@@ -73,11 +75,16 @@ def parse_ship(text: str, where: str = "ship file") -> Ship:
         defaults = coefficient_table(components, particulars)
     except (ZeroDivisionError, OverflowError):
         raise UserError(f"{where}: [ship] the particulars are out of all proportion; check their units (SI)") from None
+    bare = Ship("", particulars, components, defaults)
+    for name in effects:
+        check_needs(bare, name, f"{where}: [model] effects")
+        bare = bare.with_effect(name)
+    defaults = dict(bare.coefficients)
     given = data.get("coefficients", {})
     if not isinstance(given, dict):
         raise UserError(f"{where}: [coefficients] must hold one table per coefficient")
     coefficients = dict(defaults)
-    left_out = [s for s in defaults if s not in given and s not in WIND]
+    left_out = [s for s in defaults if s not in given and s not in derived(components, particulars)]
     notices = [f"not in the ship file, so at the model's default: {', '.join(left_out)}"] if left_out else []
     unknown = [k for k in particulars if k not in (*required_particulars(components), *OPTIONAL)]
     notices += [f"[ship] {', '.join(unknown)}: not used by any model"] if unknown else []
@@ -96,16 +103,31 @@ def parse_ship(text: str, where: str = "ship file") -> Ship:
         description=str(ship.get("description", "")),
         reference=str(ship.get("reference", "")),
         notices=tuple(notices),
+        effects=bare.effects,
     )
+
+
+def check_needs(ship: Ship, name: str, where: str) -> None:
+    """Raises UserError for an effect that does not exist or lacks the force model it changes."""
+    if name not in EFFECTS:
+        raise UserError(f"{where}: unknown effect '{name}'; known: {', '.join(sorted(EFFECTS))}")
+    missing = [role for role in EFFECTS[name].needs if role not in ship.components]
+    if missing:
+        raise UserError(f"{where}: effect {name} needs a {missing[0]} model, which {ship.name or 'the ship'} lacks")
 
 
 def _models(components: dict[str, str]) -> str:
     return ", ".join(f"{role} {name}" for role, name in components.items())
 
 
-def _components(model: Any, where: str) -> dict[str, str]:
+def _components(model: Any, where: str) -> tuple[dict[str, str], list[str]]:
+    """Force models by role, and the names of effects."""
     if not isinstance(model, dict) or not model:
         raise UserError(f"{where}: table [model] is missing; it names the force model of hull, propeller, rudder, wind")
+    effects = model.get("effects", [])
+    if not isinstance(effects, list) or not all(isinstance(name, str) for name in effects):
+        raise UserError(f'{where}: [model] effects must be a list of names, such as ["current"]')
+    model = {role: name for role, name in model.items() if role != "effects"}
     for role, name in model.items():
         try:
             module(role, str(name))
@@ -113,7 +135,7 @@ def _components(model: Any, where: str) -> dict[str, str]:
             raise UserError(f"{where}: [model] {error.args[0]}") from None
     if "rudder" in model and "propeller" not in model:
         raise UserError(f"{where}: [model] has a rudder but no propeller; the rudder model needs its slipstream")
-    return {role: str(model[role]) for role in ROLES if role in model}
+    return {role: str(model[role]) for role in ROLES if role in model}, list(dict.fromkeys(effects))
 
 
 def _particulars(ship: dict[str, Any], components: dict[str, str], where: str) -> dict[str, float]:
@@ -130,9 +152,8 @@ def _particulars(ship: dict[str, Any], components: dict[str, str], where: str) -
     missing = [key for key in required_particulars(components) if key not in particulars]
     if missing:
         raise UserError(f"{where}: [ship] lacks {', '.join(missing)}, needed by {_models(components)}")
-    signed = ("x_G", "x_R", "C", "C_BR")
     for key in required_particulars(components):
-        if key not in signed and particulars[key] <= 0:
+        if key not in SIGNED and particulars[key] <= 0:
             raise UserError(f"{where}: [ship] {key} = {particulars[key]:g} must be positive")
     return particulars
 
@@ -209,8 +230,10 @@ def dump_ship(ship: Ship, comment: str = "") -> str:
     lines += [f"{key} = {_text(getattr(ship, key))}" for key in ("description", "reference") if getattr(ship, key)]
     lines += [f"{key} = {_float(value)}{_remark(key)}" for key, value in ship.particulars.items()]
     lines += ["", "[model]"] + [f"{role} = {_text(name)}" for role, name in ship.components.items()]
+    lines += [f"effects = [{', '.join(_text(name) for name in ship.effects)}]"] if ship.effects else []
     for symbol, c in ship.coefficients.items():
-        lines += ["", f"[coefficients.{symbol}]", f"value = {_float(c.value)}"]
+        key = _text(symbol) if "." in symbol else symbol
+        lines += ["", f"[coefficients.{key}]", f"value = {_float(c.value)}"]
         lines += [f"unit = {_text(c.unit)}"] if c.unit else []
         lines += [f"prime = {_text(c.prime)}"] if c.prime else []
         lines += [f"std = {_float(c.std)}", f"lower = {_float(c.lower)}", f"upper = {_float(c.upper)}"]

@@ -12,7 +12,9 @@ import typer
 
 from commands.check import check
 from commands.demo import demo
+from commands.effects import effects
 from commands.fit import fit
+from commands.imo import imo
 from commands.predict import predict
 from commands.report import report
 from commands.score import score
@@ -20,7 +22,7 @@ from commands.ships import ships
 from commands.simulate import simulate
 from mmg.errors import UserError
 
-MANY = ("--validate", "--test", "--sigma-from")
+MANY = ("--validate", "--test", "--sigma-from", "--new")
 """Options that take several values after one name: ``--validate a.csv b.csv``."""
 
 app = typer.Typer(
@@ -31,8 +33,16 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for verb in (demo, ships, check, simulate, fit, predict, score, report):
+for verb in (demo, ships, effects, check, simulate, imo, fit, predict, score, report):
     app.command(verb.__name__)(verb)
+
+
+def _is_number(argument: str) -> bool:
+    try:
+        float(argument)
+    except ValueError:
+        return False
+    return True
 
 
 def expand(arguments: list[str]) -> list[str]:
@@ -40,7 +50,7 @@ def expand(arguments: list[str]) -> list[str]:
     result: list[str] = []
     current = None
     for argument in arguments:
-        if argument.startswith("-") and argument != "-":
+        if argument.startswith("-") and argument != "-" and not (current and _is_number(argument)):
             current = argument if argument in MANY else None
             if current is None:
                 result.append(argument)

@@ -22,8 +22,8 @@ def simulate(
         str | None,
         typer.Option(
             "--maneuver",
-            help="turning:35, zigzag:20/20 (rudder/heading), crash-stop, random, random:SEED, straight, "
-            "berthing or acceleration; degrees, negative begins to port.",
+            help="turning:35, zigzag:20/20 (rudder/heading), spiral:15/5, pull-out:20, crash-stop, random, "
+            "random:SEED, straight, berthing or acceleration; degrees, negative begins to port.",
         ),
     ] = None,
     controls: Annotated[
@@ -34,17 +34,27 @@ def simulate(
         str | None,
         typer.Option("--wind", help="speed:direction[:gusty], m/s and degrees it comes from; default calm air."),
     ] = None,
+    effect: Annotated[
+        list[str] | None,
+        typer.Option("--effect", help="NAME or NAME:key=value,... (see mmg effects). May be repeated."),
+    ] = None,
     noise: Annotated[bool, typer.Option("--noise", help="Add white sensor noise to the states written.")] = False,
     n: Annotated[float | None, typer.Option("--n", help="Approach revolutions [1/s]; default from the speed.")] = None,
     speed: Annotated[
         float | None,
-        typer.Option("--speed", help="Approach speed [m/s]; default from n, else Froude number 0.07."),
+        typer.Option(
+            "--speed", help="Approach speed [m/s]; default from n, else the ship's U_0, else Froude number 0.07."
+        ),
     ] = None,
     duration: Annotated[float | None, typer.Option("--duration", help="Longest time [s].")] = None,
     rudder_rate: Annotated[
         float | None,
-        typer.Option("--rudder-rate", help="[deg/s]; default 20 for a 3 m model, Froude scaled to other lengths."),
+        typer.Option("--rudder-rate", help="[deg/s]; default the ship's own, else 20 for a 3 m model, Froude scaled."),
     ] = None,
+    sampled_helm: Annotated[
+        bool,
+        typer.Option("--sampled-helm", help="Orders are given at samples only; default: at the very moment."),
+    ] = False,
     dt: Annotated[float | None, typer.Option("--dt", help="Sampling interval [s]; default 0.1.")] = None,
     seed: Annotated[int, typer.Option("--seed", help="Seed of gusts, noise and random manoeuvres.")] = 0,
     out: Annotated[
@@ -60,20 +70,22 @@ def simulate(
 
     Example: mmg simulate esso_osaka_3m --maneuver zigzag:20/20 --wind 1.5:60:gusty --noise --out zigzag.csv
     """
+    from cases.effects import with_effects
     from cases.gusts import parse_wind
+    from cases.sensors import SensorNoise, add_noise
     from cases.ships import load_ship
-    from cases.synthetic import SensorNoise, add_noise, write_trial
+    from cases.synthetic import write_trial
     from mmg.errors import UserError
 
     if (maneuver is None) == (controls is None):
         raise UserError("give either --maneuver or --controls, one of them")
     _check_options(out, force, seed)
-    model, air = load_ship(ship), parse_wind(wind) if wind is not None else None
+    model, air = with_effects(load_ship(ship), effect or []), parse_wind(wind) if wind is not None else None
     plan = None
     if maneuver is not None:
         rate = None if rudder_rate is None else math.radians(rudder_rate)
         trial, plan = _run_maneuver(
-            model, maneuver, air, dt, seed, n=n, speed=speed, duration=duration, rudder_rate=rate
+            model, maneuver, air, dt, seed, n=n, speed=speed, duration=duration, rudder_rate=rate, sampled=sampled_helm
         )
     else:
         assert controls is not None
@@ -82,6 +94,7 @@ def simulate(
             "--speed": speed,
             "--duration": duration,
             "--rudder-rate": rudder_rate,
+            "--sampled-helm": sampled_helm or None,
             "--dt": dt,
         }
         trial = _run_controls(model, controls, air, seed, options)
@@ -90,8 +103,14 @@ def simulate(
         trial = add_noise(trial, SensorNoise.for_length(model.particulars["L"]), seed)
     if out is not None:
         write_trial(trial, out)
-    summary |= {"seed": seed, "noise": noise, "wind": wind, "out": None if out is None else str(out)}
+    summary |= {"seed": seed, "noise": noise, "wind": wind, "effects": _effects(model)}
+    summary["out"] = None if out is None else str(out)
     _tell(summary, json)
+
+
+def _effects(ship: Ship) -> dict[str, dict[str, float]]:
+    """Effects in force and their parameters, SI."""
+    return {name: vars(ship.parameters_of(name)) for name in ship.effects}
 
 
 def _check_options(out: Path | None, force: bool, seed: int) -> None:
@@ -113,11 +132,15 @@ def _check_options(out: Path | None, force: bool, seed: int) -> None:
 def _run_maneuver(
     ship: Ship, text: str, wind: Wind | None, dt: float | None, seed: int, **options: Any
 ) -> tuple[Trial, Maneuver]:
+    from dataclasses import replace
+
     from cases.maneuvers import parse_maneuver
+    from cases.reached import check_reached
     from cases.synthetic import simulate as run
 
     plan = parse_maneuver(text, ship, seed=seed, **options)
-    return run(ship, plan, 0.1 if dt is None else dt, wind, seed), plan
+    trial = run(ship, plan, 0.1 if dt is None else dt, wind, seed)
+    return replace(trial, notices=trial.notices + check_reached(trial, plan)), plan
 
 
 def _run_controls(ship: Ship, path: Path, wind: Wind | None, seed: int, options: Mapping[str, float | None]) -> Trial:
@@ -159,22 +182,11 @@ def _summary(ship: Ship, trial: Trial, plan: Maneuver | None) -> dict[str, Any]:
 
 def _figures(trial: Trial, plan: Maneuver | None) -> dict[str, float]:
     """Figures of the standard manoeuvres, with their unit as the end of the name."""
-    from cases.criteria import stopping_figures, turning_figures, zigzag_figures
+    from cases.criteria import figure_unit
+    from cases.standard_runs import figures_of
 
-    kind, p = (plan.kind, plan.parameters) if plan else ("", {})
-    if kind == "turning":
-        found = turning_figures(trial, p["rudder"], p["order_time"])
-    elif kind == "zigzag":
-        found = zigzag_figures(trial, p["rudder"], p["heading"], p["order_time"])
-    elif kind == "crash-stop":
-        found = stopping_figures(trial, p["order_time"])
-    else:
-        return {}
-    return {f"{name}_{_unit(name)}": value for name, value in found.items()}
-
-
-def _unit(name: str) -> str:
-    return "s" if "time" in name else "rad" if name.startswith("overshoot") else "m"
+    found = figures_of(trial, plan) if plan else {}
+    return {f"{name}_{figure_unit(name).replace('/', '_')}".rstrip("_"): value for name, value in found.items()}
 
 
 def _tell(summary: dict[str, Any], as_json: bool) -> None:
@@ -200,10 +212,25 @@ def _tell(summary: dict[str, Any], as_json: bool) -> None:
         )
     print(f"  greatest turn rate  {math.degrees(summary['greatest_turn_rate_rad_s']):.3f} deg/s")
     for name, value in summary["figures"].items():
-        words, _, unit = name.rpartition("_")
-        if unit == "L":
-            continue
-        shown = f"{math.degrees(value):.1f} deg" if unit == "rad" else f"{value:.2f} {unit}"
-        if unit == "m":
-            shown += f" = {summary['figures'][words + '_L']:.2f} L"
-        print(f"  {words.replace('_', ' ')}  {shown}")
+        if not name.endswith("_L"):
+            print(f"  {_line(name, value, summary['figures'])}")
+
+
+_SHOWN = {
+    "_rad_s": ("deg/s", math.degrees(1.0), ".3f"),
+    "_rad": ("deg", math.degrees(1.0), ".1f"),
+    "_m_s": ("m/s", 1.0, ".3f"),
+}
+"""Ends of figure names -> unit, factor and format for people."""
+
+
+def _line(name: str, value: float, figures: Mapping[str, float]) -> str:
+    """A figure in words: angles in degrees, lengths also in ship lengths."""
+    for end, (unit, factor, form) in _SHOWN.items():
+        if name.endswith(end):
+            return f"{name[: -len(end)].replace('_', ' ')}  {factor * value:{form}} {unit}"
+    words, _, unit = name.rpartition("_")
+    if unit not in ("m", "s"):
+        return f"{name.replace('_', ' ')}  {value:.3f}"
+    lengths = f" = {figures[words + '_L']:.2f} L" if unit == "m" else ""
+    return f"{words.replace('_', ' ')}  {value:.2f} {unit}{lengths}"

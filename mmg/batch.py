@@ -22,7 +22,16 @@ import numpy as np
 
 from mmg.codegen import LANES, source
 
-FLAGS = ("-O1", "-fPIC", "-shared", "-fno-math-errno", "-fno-trapping-math", "-w")
+FLAGS = (
+    "-O1",
+    "-ftree-loop-vectorize",
+    "-ffp-contract=off",
+    "-fPIC",
+    "-shared",
+    "-fno-math-errno",
+    "-fno-trapping-math",
+    "-w",
+)
 NATIVE = "-march=native"
 """Tried first; compilers that do not know it compile for the generic processor."""
 
@@ -93,6 +102,17 @@ def compile_library(text: str, flags: Sequence[str] = FLAGS) -> tuple[Path | Non
         return None, f"no cache folder for compiled code ({error})"
 
 
+def load_library(text: str, flags: Sequence[str] = FLAGS) -> tuple[ctypes.CDLL | None, str]:
+    """The library of C source, compiled or from the cache; (None, why) where that is not possible."""
+    path, reason = compile_library(text, flags)
+    if path is None:
+        return None, reason
+    try:
+        return ctypes.CDLL(str(path)), ""
+    except OSError as error:
+        return None, f"compiled code does not load ({error})"
+
+
 @dataclass
 class BatchFunction:
     """A CasADi function over many points.
@@ -154,15 +174,10 @@ def batch_functions(functions: Sequence[ca.Function], compiled: bool = True) -> 
 
     Returns them with a sentence on why they run interpreted, or "" when compiled.
     """
-    library, reason = (None, "compilation switched off")
+    library, reason = None, "compilation switched off"
     if compiled:
         try:
-            path, reason = compile_library(source(functions))
+            library, reason = load_library(source(functions))
         except NotImplementedError as error:
-            path, reason = None, str(error)
-        if path is not None:
-            try:
-                library = ctypes.CDLL(str(path))
-            except OSError as error:
-                reason = f"compiled code does not load ({error})"
+            reason = str(error)
     return [BatchFunction(f, library) for f in functions], reason

@@ -13,6 +13,8 @@ from collections.abc import Sequence
 
 import casadi as ca
 
+from mmg.vector_math import MATH
+
 LANES = 8
 """Points per vector: 8 doubles fill an AVX-512 register, two AVX2 ones, four NEON ones."""
 
@@ -49,23 +51,66 @@ _CALLS2 = {
 }
 _COMPARE = {ca.OP_LT: "<", ca.OP_LE: "<=", ca.OP_EQ: "==", ca.OP_NE: "!="}
 
-PRELUDE = f"""#include <math.h>
+_COMMON = """#include <math.h>
 #include <string.h>
 #ifdef _WIN32
 #define EXPORT __declspec(dllexport)
 #else
 #define EXPORT
 #endif
-#define LANES {LANES}
+"""
+_VECTOR = f"""#define LANES {LANES}
 typedef double V __attribute__((vector_size(8 * LANES)));
+typedef long long M __attribute__((vector_size(8 * LANES)));
+typedef unsigned long long U __attribute__((vector_size(8 * LANES)));
+#define bits(x) ((U)(x))
+#define real(x) ((V)(x))
+#define LANEWISE(e) V y; for (int i = 0; i < LANES; i++) y[i] = (e); return y
 static inline V load(const double* p) {{ V x; memcpy(&x, p, sizeof x); return x; }}
 static inline void store(double* p, V x) {{ memcpy(p, &x, sizeof x); }}
 static inline V fill(double a) {{ V x; for (int i = 0; i < LANES; i++) x[i] = a; return x; }}
-#define LANEWISE(e) V y; for (int i = 0; i < LANES; i++) y[i] = (e); return y
+static inline V choose(M m, V a, V b) {{ return real(((U)m & bits(a)) | (~(U)m & bits(b))); }}
+static inline int any(M m) {{ long long y = 0; for (int i = 0; i < LANES; i++) y |= m[i]; return y != 0; }}
+static inline V v_sqrt(V x) {{ LANEWISE(__builtin_sqrt(x[i])); }}
+static V each_sin(V x) {{ LANEWISE(sin(x[i])); }}
+static V each_cos(V x) {{ LANEWISE(cos(x[i])); }}
+static V each_atan2(V y_, V x) {{ LANEWISE(atan2(y_[i], x[i])); }}
 """
+_SCALAR = """#define LANES 1
+typedef double V;
+typedef int M;
+typedef unsigned long long U;
+static inline U bits(V x) { U y; memcpy(&y, &x, sizeof y); return y; }
+static inline V real(U x) { V y; memcpy(&y, &x, sizeof y); return y; }
+#define load(p) (*(p))
+#define store(p, x) (*(p) = (x))
+#define fill(a) (a)
+#define choose(m, a, b) ((m) ? (a) : (b))
+#define any(m) (m)
+#define v_sqrt sqrt
+#define each_sin sin
+#define each_cos cos
+#define each_atan2 atan2
+"""
+_LAST = """#define compare(m) choose(m, fill(1.0), fill(0.0))
+#define when(c, x) choose((c) != 0.0, x, fill(0.0))
+"""
+_OWN = ("sqrt", "exp", "tanh", "sin", "cos", "atan2")
+"""Functions that do without the C library."""
 
 
-def _expression(operation: int, operands: list[str]) -> str:
+def prelude(lanes: int = LANES) -> str:
+    """What all C files begin with: the type V of ``lanes`` points (LANES or 1) and the functions on it."""
+    one, two = sorted(set(_CALLS.values()) - set(_OWN)), sorted(set(_CALLS2.values()) - set(_OWN))
+    if lanes == 1:
+        calls = [f"#define v_{f} {f}" for f in (*one, *two)]
+    else:
+        calls = [f"static V v_{f}(V x) {{ LANEWISE({f}(x[i])); }}" for f in one]
+        calls += [f"static V v_{f}(V a, V b) {{ LANEWISE({f}(a[i], b[i])); }}" for f in two]
+    return _COMMON + (_SCALAR if lanes == 1 else _VECTOR) + _LAST + MATH + "\n".join(calls) + "\n"
+
+
+def expression(operation: int, operands: list[str]) -> str:
     """C expression of one instruction on its operands."""
     first = operands[0]
     if operation in _INFIX:
@@ -96,7 +141,7 @@ def _expression(operation: int, operands: list[str]) -> str:
     raise NotImplementedError(f"no C for CasADi operation {operation}")
 
 
-def _constant(value: float) -> str:
+def constant(value: float) -> str:
     """C literal of a number: Python writes inf and nan in words that C does not know."""
     if math.isnan(value):
         return "NAN"
@@ -116,14 +161,14 @@ def kernel(function: ca.Function) -> str:
         operation = function.instruction_id(k)
         inputs, outputs = function.instruction_input(k), function.instruction_output(k)
         if operation == ca.OP_CONST:
-            body.append(f"w[{outputs[0]}] = fill({_constant(function.instruction_constant(k))});")
+            body.append(f"w[{outputs[0]}] = fill({constant(function.instruction_constant(k))});")
         elif operation == ca.OP_INPUT:
             body.append(f"w[{outputs[0]}] = IN({inputs[0]}, {inputs[1]});")
         elif operation == ca.OP_OUTPUT:
             body.append(f"OUT({outputs[0]}, {outputs[1]}, w[{inputs[0]}]);")
         else:
-            expression = _expression(operation, [f"w[{i}]" for i in inputs])
-            body.append(f"w[{outputs[0]}] = {expression};")
+            text = expression(operation, [f"w[{i}]" for i in inputs])
+            body.append(f"w[{outputs[0]}] = {text};")
     lines = "\n    ".join(body)
     return f"""
 #define IN(i, k) (ld[i] ? load(arg[i] + (k) * ld[i] + at) : fill(arg[i][k]))
@@ -141,13 +186,4 @@ EXPORT void {function.name()}(long long points, const double* const* arg, const 
 
 def source(functions: Sequence[ca.Function]) -> str:
     """One C file with a batch kernel for each function (SXFunctions with distinct names)."""
-    one = "\n".join(f"static V v_{f}(V x) {{ LANEWISE({f}(x[i])); }}" for f in _CALLS.values() if f != "sqrt")
-    two = "\n".join(f"static V v_{f}(V a, V b) {{ LANEWISE({f}(a[i], b[i])); }}" for f in sorted(set(_CALLS2.values())))
-    helpers = f"""{one}
-{two}
-static inline V v_sqrt(V x) {{ LANEWISE(__builtin_sqrt(x[i])); }}
-typedef long long M __attribute__((vector_size(8 * LANES)));
-static inline V compare(M m) {{ LANEWISE(m[i] ? 1.0 : 0.0); }}
-static inline V when(V c, V x) {{ LANEWISE(c[i] != 0.0 ? x[i] : 0.0); }}
-"""
-    return PRELUDE + helpers + "".join(kernel(f) for f in functions)
+    return prelude() + "".join(kernel(f) for f in functions)

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import casadi as ca
 import numpy as np
 
 from mmg.batch import BatchFunction, batch_functions, padded
+from mmg.codegen import LANES
+from mmg.fused import Rollout, compile_rollout
+from mmg.logged import columns, settled, states_behind
 from mmg.model import assemble
 from mmg.ship import Ship
 
@@ -13,21 +18,39 @@ from mmg.ship import Ship
 class Simulator:
     """Integrates a ship from given initial states under given inputs.
 
-    ``compiled=False`` runs without a C compiler. ``interpreted_because`` says why it does when it does.
+    States have S rows: x, y, psi, u, v, r and what the ship's effects remember (``model.states``).
+    ``compiled=False`` runs without a C compiler. Code is compiled (or taken from the cache) when it is first used.
     """
 
     def __init__(self, ship: Ship, compiled: bool = True) -> None:
-        self.ship = ship
+        self.ship, self.compiled = ship, compiled
         self.model = assemble(ship)
-        q, c = ca.SX.sym("q", 4), ca.SX.sym("c", 4)
+        first = self.model.first
+        q, c = ca.SX.sym("q", len(self.model.states) - first), ca.SX.sym("c", len(self.model.controls))
         theta = ca.SX.sym("theta", len(self.model.symbols))
-        rates = ca.cse(self.model.rates(ca.vertcat(0, 0, q), c, theta))
-        function = ca.Function("f_rates", [q, c, theta], [rates], {"cse": True})
-        batch, self.interpreted_because = batch_functions([function], compiled)
-        self._rates: BatchFunction = batch[0]
+        rates = ca.cse(self.model.rates(ca.vertcat(ca.SX.zeros(first), q), c, theta))
+        self._function = ca.Function("f_rates", [q, c, theta], [ca.densify(rates)], {"cse": True})
+
+    @cached_property
+    def _batch(self) -> tuple[BatchFunction, str]:
+        (batch,), reason = batch_functions([self._function], self.compiled)
+        return batch, reason
+
+    @cached_property
+    def _many(self) -> Rollout | None:
+        return compile_rollout(self._function, self.model.first, LANES) if self.compiled else None
+
+    @cached_property
+    def _single(self) -> Rollout | None:
+        return compile_rollout(self._function, self.model.first, 1) if self.compiled else None
+
+    @property
+    def interpreted_because(self) -> str:
+        """Why it runs without compiled code, when it does; else empty."""
+        return self._batch[1]
 
     def rates(self, state: np.ndarray, controls: np.ndarray, theta: np.ndarray | None = None) -> np.ndarray:
-        """d state / dt (6, M) from states (6, M), controls (4, M), coefficients (P,) or (P, M)."""
+        """d state / dt (S, M) from states (S, M), controls (C, M), coefficients (P,) or (P, M)."""
         count = state.shape[1]
         extra = padded(count) - count
         theta = self.ship.values if theta is None else theta
@@ -35,9 +58,17 @@ class Simulator:
             state, controls = (np.hstack([a, np.repeat(a[:, -1:], extra, axis=1)]) for a in (state, controls))
             if theta.ndim == 2:
                 theta = np.hstack([theta, np.repeat(theta[:, -1:], extra, axis=1)])
-        result = self._rates(state[2:], controls, theta)[0]
+        result = self._batch[0](state[self.model.first :], controls, theta)[0]
         assert result is not None
         return result[:, :count]
+
+    def columns(self, states: np.ndarray, theta: np.ndarray | None = None) -> np.ndarray:
+        """The six columns as they are logged, (..., 6, M), of states (..., S, M)."""
+        return columns(self.model, states, self.ship.values if theta is None else theta)
+
+    def start(self, logged: np.ndarray, controls: np.ndarray, theta: np.ndarray | None = None) -> np.ndarray:
+        """States (S, M) that are logged as (6, M) under inputs (C, M), their memory settled."""
+        return states_behind(self.model, logged, controls, self.ship.values if theta is None else theta)
 
     def run(
         self,
@@ -46,25 +77,99 @@ class Simulator:
         dt: float | np.ndarray,
         theta: np.ndarray | None = None,
         method: str = "rk4",
+        *,
+        linear: bool = False,
+        keep: np.ndarray | None = None,
+        threads: int = 1,
     ) -> np.ndarray:
-        """States (N + 1, 6, M) from start (6, M) and inputs (N, 4, M) held over each step.
+        """States (N + 1, S, M) from start (S, M) and inputs (N, C, M), or (N, C) for all points, held over each step.
 
-        dt: one step [s], or (N,) or (N, M) steps. theta: coefficients (P,) shared or (P, M); default the ship's.
-        method: "rk4" or "euler".
+        A start of six rows is settled. dt: one step [s], or (N,) or (N, M) steps. theta: coefficients (P,) shared
+        or (P, M); default the ship's. method: "rk4" or "euler". linear: inputs are given at the N + 1 nodes and run
+        straight from one to the next. keep: (N,) bool, the steps whose end is wanted: states (1 + kept, S, M).
+        threads: over which the points are spread. The result does not depend on them. Raises ValueError for shapes
+        that do not fit and for an unknown method.
         """
-        N, M = controls.shape[0], start.shape[1]
-        steps = np.broadcast_to(np.asarray(dt, dtype=float).reshape(np.shape(dt) + (1,) * (2 - np.ndim(dt))), (N, M))
-        out = np.empty((N + 1, 6, M))
+        theta = self.ship.values if theta is None else theta
+        N, M = len(controls) - linear, start.shape[1]
+        keep = np.ones(N, dtype=bool) if keep is None else np.asarray(keep, dtype=bool)
+        steps = np.asarray(dt, dtype=float)
+        if steps.ndim == 2 and steps.shape[1] == 1:
+            steps = steps[:, 0]
+        self._check(start, controls, steps, theta, keep, method, N)
+        if len(start) == 6 and len(controls):
+            start = settled(self.model, start, controls[0], theta)
+        if M * N == 0:
+            return np.repeat(start[None], 1 + int(keep.sum()), axis=0)
+        rollout = self._single if M == 1 else self._many
+        if rollout is None:
+            return self._stepwise(start, controls, steps, theta, keep, method, linear)
+        given = [start, controls, steps, theta]
+        if rollout.lanes > M:
+            extra = rollout.lanes - M
+            per_point = (True, controls.ndim == 3, steps.ndim == 2, theta.ndim == 2)
+            given = [
+                np.concatenate([a, np.repeat(a[..., -1:], extra, axis=-1)], axis=-1) if own else a
+                for a, own in zip(given, per_point, strict=True)
+            ]
+        start, controls, steps, theta = given
+        return rollout(start, controls, steps, theta, keep, method == "euler", linear, threads)[..., :M]
+
+    def _check(
+        self,
+        start: np.ndarray,
+        controls: np.ndarray,
+        steps: np.ndarray,
+        theta: np.ndarray,
+        keep: np.ndarray,
+        method: str,
+        N: int,
+    ) -> None:
+        M, C, P = start.shape[1], len(self.model.controls), len(self.model.symbols)
+        allowed: dict[str, tuple[tuple[int, ...], set[tuple[int, ...]]]] = {
+            "start": (start.shape, {(len(self.model.states), M), (6, M)}),
+            "controls": (controls.shape[1:], {(C,), (C, M)}),
+            "dt": (steps.shape, {(), (N,), (N, M)}),
+            "theta": (theta.shape, {(P,), (P, M)}),
+            "keep": (keep.shape, {(N,)}),
+        }
+        for name, (shape, possible) in allowed.items():
+            if N and shape not in possible:
+                raise ValueError(f"{name} of shape {shape}; possible: {sorted(possible, key=len)}")
+        if method not in ("rk4", "euler"):
+            raise ValueError(f"method {method!r} is neither 'rk4' nor 'euler'")
+
+    def _stepwise(
+        self,
+        start: np.ndarray,
+        controls: np.ndarray,
+        steps: np.ndarray,
+        theta: np.ndarray,
+        keep: np.ndarray,
+        method: str,
+        linear: bool,
+    ) -> np.ndarray:
+        """``run`` in Python, one call of the rates per stage: what the compiled rollout does."""
+        (S, M), N = start.shape, len(keep)
+        if controls.ndim == 2:
+            controls = np.repeat(controls[:, :, None], M, axis=2)
+        steps = np.broadcast_to(steps[:, None] if steps.ndim == 1 else steps, (N, M))
+        out = np.empty((1 + int(keep.sum()), S, M))
         out[0] = z = np.array(start, dtype=float)
+        row = 1
         for k in range(N):
-            h, c = steps[k], controls[k]
-            k1 = self.rates(z, c, theta)
+            h, a = steps[k], controls[k]
+            b = controls[k + 1] if linear else a
+            middle = 0.5 * (a + b) if linear else a
+            k1 = self.rates(z, a, theta)
             if method == "euler":
                 z = z + h * k1
             else:
-                k2 = self.rates(z + 0.5 * h * k1, c, theta)
-                k3 = self.rates(z + 0.5 * h * k2, c, theta)
-                k4 = self.rates(z + h * k3, c, theta)
+                k2 = self.rates(z + 0.5 * h * k1, middle, theta)
+                k3 = self.rates(z + 0.5 * h * k2, middle, theta)
+                k4 = self.rates(z + h * k3, b, theta)
                 z = z + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-            out[k + 1] = z
+            if keep[k]:
+                out[row] = z
+                row += 1
         return out

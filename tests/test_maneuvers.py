@@ -8,10 +8,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cases.criteria import stopping_figures, turning_figures, zigzag_figures
-from cases.maneuvers import Limits, parse_maneuver
-from cases.orders import random_telegraph
+from cases.controller import Controller, Limits
+from cases.criteria import (
+    figure_unit,
+    initial_turning_figures,
+    overshoot_figures,
+    stopping_figures,
+    turning_figures,
+    zigzag_figures,
+)
+from cases.maneuvers import parse_maneuver
+from cases.orders import random_telegraph, zigzag
 from cases.propulsion import revolutions_for, speed_for
+from cases.reached import check_reached
 from cases.ships import load_ship
 from cases.synthetic import simulate
 from cases.trial import Trial
@@ -23,7 +32,8 @@ SHIP = load_ship("esso_osaka_3m")
 @pytest.mark.parametrize(
     "text",
     ["", "spin:35", "turning", "turning:", "turning:0", "turning:abc", "turning:nan", "turning:95",
-     "zigzag:20", "zigzag:20/-20", "zigzag:a/b", "random:x", "random:-1", "straight:3", "crash-stop:5"],
+     "zigzag:20", "zigzag:20/-20", "spiral:15", "spiral:15/4", "spiral:15/-5", "spiral:a/5", "pull-out",
+     "pull-out:0", "zigzag:a/b", "random:x", "random:-1", "straight:3", "crash-stop:5"],
 )  # fmt: skip
 def test_ill_formed_text_is_one_clear_line(text: str) -> None:
     with pytest.raises(UserError) as caught:
@@ -67,7 +77,7 @@ def test_actuators_never_move_faster_than_their_limits() -> None:
 
 
 @pytest.mark.parametrize(("text", "side", "heading"), [("zigzag:20/20", 1, 20), ("zigzag:-10/5", -1, 5)])
-def test_zigzag_reverses_at_the_first_sample_beyond_the_switch_heading(text: str, side: int, heading: int) -> None:
+def test_zigzag_reverses_within_the_step_that_crosses_the_switch_heading(text: str, side: int, heading: int) -> None:
     trial = simulate(SHIP, parse_maneuver(text, SHIP))
     psi, delta = np.degrees(trial.psi_unwrapped), np.degrees(trial["delta"])
     moves = np.flatnonzero(np.diff(delta) * np.append(0, np.diff(delta)[:-1]) <= 0)
@@ -75,8 +85,95 @@ def test_zigzag_reverses_at_the_first_sample_beyond_the_switch_heading(text: str
     assert len(starts) >= 4
     for number, k in enumerate(starts):
         s = side * (-1) ** number
-        assert s * psi[k] >= heading > s * psi[k - 1]
+        assert s * psi[k] < heading <= s * psi[k + 1] + 1e-9
         assert np.sign(delta[k] - delta[k - 1]) == -s
+
+
+def yawing(rate: float, dt: float) -> tuple[list[float], list[float], Controller]:
+    """Rudder and heading per step of a zigzag:10/5 whose heading just turns at ``rate`` [rad/s] whatever is asked."""
+    limits = Limits(math.radians(20.0), 20.0)
+    controller = Controller(zigzag(10.0, math.radians(10), math.radians(5), 0.33), limits, 10.0)
+    state, rudder, heading = np.zeros(6), [], []
+
+    for k in range(round(4.0 / dt)):
+        after = state + np.array([0, 0, rate * dt, 0, 0, 0])
+        rudder.append(controller.held(k * dt, dt, state, lambda inputs, after=after: after)[1])
+        heading.append(state[2])
+        state = after
+    return rudder, heading, controller
+
+
+@pytest.mark.parametrize("dt", [0.05, 0.1, 0.4])
+def test_rudder_moves_from_the_moment_of_order_and_crossing_not_from_the_next_sample(dt: float) -> None:
+    """Order at 0.33 s: 20 deg/s to 10 deg; 5 deg on are passed at 2.33 s (2.5 deg/s): to -10 deg by 3.33 s.
+
+    The sum of the held means is the integral of that ramp, for every step.
+    """
+    rudder, _, controller = yawing(math.radians(2.5), dt)
+    exact = 10 * (2.33 - 0.33 - 0.25) - 10 * (4.0 - 3.33)
+    assert math.degrees(sum(rudder) * dt) == pytest.approx(exact, abs=1e-6)
+    assert math.degrees(controller.delta) == pytest.approx(-10.0)
+
+
+def test_event_gives_the_fraction_of_the_step_or_none() -> None:
+    orders = zigzag(10.0, -0.2, 0.1, 5.0)
+    before, after = np.zeros(6), np.zeros(6)
+    event = getattr(orders, "event")  # noqa: B009
+    assert event(4.0, before, 4.5, before) is None
+    assert event(4.8, before, 5.3, before) == pytest.approx(0.4)
+    assert orders(5.0, before) == (10.0, -0.2)
+    before[2], after[2] = -0.08, -0.12
+    assert event(6.0, before, 6.1, after) == pytest.approx(0.5)
+    assert event(6.0, before, 6.1, -after) is None
+    assert orders(6.05, 0.5 * (before + after)) == (10.0, 0.2)
+
+
+@pytest.mark.parametrize("text", ["zigzag:20/20", "zigzag:-10/10"])
+def test_overshoots_hardly_depend_on_the_sampling_interval(text: str) -> None:
+    """A reversal at the next sample would be late by up to 0.5 s: 0.8 deg at the yaw rate of a 20/20 zigzag."""
+    maneuver = parse_maneuver(text, SHIP)
+    p = maneuver.parameters
+    coarse, fine = (
+        zigzag_figures(simulate(SHIP, maneuver, dt), p["rudder"], p["heading"], p["order_time"]) for dt in (0.5, 0.05)
+    )
+    for name in ("overshoot_1", "overshoot_2", "overshoot_3"):
+        assert math.degrees(coarse[name]) == pytest.approx(math.degrees(fine[name]), abs=0.03)
+
+
+@pytest.mark.parametrize(
+    ("text", "seconds", "words"),
+    [
+        ("turning:0.5", 60.0, r"turning:0.5: the heading changed by \d+(\.\d+)? deg of the 90 deg"),
+        (
+            "zigzag:1/60",
+            60.0,
+            r"zigzag:1/60: the heading changed by \d+(\.\d+)? deg of the 60 deg .* side of execute 1",
+        ),
+        ("crash-stop", 20.0, r"crash-stop: the ship still makes 0\.\d+ m/s of 0\.\d+ m/s"),
+        ("pull-out:20", 25.0, r"pull-out:20: at rudder 20 deg the turn rate still changes by .* deg/s"),
+    ],
+)
+def test_a_manoeuvre_that_misses_its_event_says_by_how_much(text: str, seconds: float, words: str) -> None:
+    """Without --duration an error; the same sentence is a notice where a duration was asked for."""
+    maneuver = replace(parse_maneuver(text, SHIP), duration=seconds)
+    trial = simulate(SHIP, maneuver, 0.2)
+    with pytest.raises(UserError, match=words) as caught:
+        check_reached(trial, maneuver)
+    assert "\n" not in str(caught.value)
+    partial = parse_maneuver(text, SHIP, duration=maneuver.duration)
+    assert partial.partial
+    assert check_reached(trial, partial) == (str(caught.value),)
+
+
+def test_complete_manoeuvres_miss_nothing_and_a_quarter_turn_says_what_is_absent() -> None:
+    for text in ("turning:35", "zigzag:10/10", "crash-stop", "straight"):
+        maneuver = parse_maneuver(text, SHIP)
+        assert check_reached(simulate(SHIP, maneuver), maneuver) == ()
+    maneuver = parse_maneuver("turning:35", SHIP, duration=60)
+    notices = check_reached(simulate(SHIP, maneuver), maneuver)
+    assert len(notices) == 1 and "180 deg that the tactical diameter needs" in notices[0]
+    maneuver = parse_maneuver("turning:35", SHIP, duration=3)
+    assert "before the order" in check_reached(simulate(SHIP, maneuver), maneuver)[0]
 
 
 def test_zigzag_counts_from_the_heading_at_the_execute() -> None:
@@ -110,7 +207,7 @@ def test_crash_stop_ends_when_headway_is_lost() -> None:
 
 def test_acceleration_starts_from_rest() -> None:
     trial = simulate(SHIP, parse_maneuver("acceleration", SHIP, n=8.0, duration=60), dt=0.5)
-    assert trial["u"][0] == 0 and trial["n"][0] == 0 and trial["n"][-1] == 8.0
+    assert trial["u"][0] == 0 and trial["n"][0] < trial["n"][1] == trial["n"][-1] == 8.0
     assert (np.diff(trial["u"])[1:] > 0).all()
 
 
@@ -142,3 +239,32 @@ def test_overshoots_of_a_sine_are_its_amplitude_beyond_the_switch_heading() -> N
     figures = zigzag_figures(Trial("sine", columns), -0.3, 0.35, 0.0)
     assert len(figures) == 6
     np.testing.assert_allclose(list(figures.values()), 0.15, atol=1e-4)
+
+
+def test_measured_overshoots_of_a_sine_count_from_the_heading_at_each_reversal() -> None:
+    """Rudder reversed at 0.35 rad, then late at 0.4 rad: 0.15 and 0.1 rad; the last has not come back."""
+    t = np.arange(0.0, 40.0, 0.01)
+    psi = 0.5 * np.sin(0.2 * t)
+    trial = Trial("sine", {"t": t, "psi": psi + 3.0})
+    first, second = math.asin(0.7) / 0.2, (math.pi + math.asin(0.8)) / 0.2
+    figures = overshoot_figures(trial, 0.3, (first, second, 38.0), 39.0)
+    assert figures == pytest.approx({"overshoot_1": 0.15, "overshoot_2": 0.1}, abs=1e-5)
+
+
+def test_initial_turning_is_the_way_along_the_track_to_10_degrees() -> None:
+    """A circle of radius 7: 7 times 10 deg in radians, order between two samples."""
+    t = np.arange(0.0, 60.0, 0.3)
+    psi = np.maximum(t - 4.8, 0.0) * 0.01
+    columns = {"t": t, "psi": psi, "u": np.full(len(t), 0.07), "v": np.zeros(len(t)), "r": np.zeros(len(t)),
+               "delta": np.zeros(len(t)), "n": np.zeros(len(t))}  # fmt: skip
+    figures = initial_turning_figures(Trial("circle", columns), 0.2, 5.0)
+    assert figures["initial_turning_track"] == pytest.approx(7 * math.radians(10), rel=2e-3)
+    assert figures["time_10"] == pytest.approx(100 * math.radians(10), rel=2e-3)
+
+
+def test_every_figure_has_its_unit() -> None:
+    units = {"advance": "m", "track_reach": "m", "steady_diameter": "m", "time_90": "s", "stopping_time": "s",
+             "overshoot_3": "rad", "loop_width": "rad", "steady_drift": "rad", "residual_rate": "rad/s",
+             "rate_at_midships": "rad/s", "loop_height": "rad/s",
+             "steady_speed": "m/s", "residual_share": ""}  # fmt: skip
+    assert {name: figure_unit(name) for name in units} == units

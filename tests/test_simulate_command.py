@@ -38,7 +38,7 @@ def test_turning_prints_advance_and_tactical_diameter_in_ship_lengths() -> None:
 
 def test_zigzag_prints_overshoots_and_other_runs_no_figures() -> None:
     figures = json.loads(mmg(*ESSO, "--maneuver", "zigzag:20/20", "--json").stdout)["figures"]
-    assert list(figures) == [f"overshoot_{k}_rad" for k in range(1, 5)]
+    assert [name for name in figures if "overshoot" in name] == [f"overshoot_{k}_rad" for k in range(1, 5)]
     assert 0.05 < figures["overshoot_1_rad"] < 0.2
     assert json.loads(mmg(*ESSO, "--maneuver", "straight", "--json").stdout)["figures"] == {}
 
