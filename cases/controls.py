@@ -1,7 +1,8 @@
-"""Input files of ``mmg simulate --controls``: trial files that need only time, n and delta."""
+"""Input files of ``mmg simulate --controls``: trial files that need only time and the ship's actuators."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,28 +10,30 @@ import numpy as np
 
 from cases.convert import converted
 from cases.headers import FRT_NAMES, match_headers, split_header
+from cases.inputs import actuator_columns
 from cases.read import SUFFIXES, read_trial
 from cases.sidecar import settings_for
 from cases.table import read_table
 from cases.trial import Trial
 from cases.units import to_si
 from mmg.errors import UserError
+from mmg.flow import INPUTS
 
 STATE_UNITS = {"psi": "rad", "u": "m/s", "v": "m/s", "r": "rad/s"}
-_INPUTS = ("n", "delta", "wind_speed", "wind_direction")
+_INPUTS = (*INPUTS, "wind_speed", "wind_direction")
 
 
-def read_controls(path: str | Path) -> Trial:
+def read_controls(path: str | Path, actuators: Sequence[str] = ("n", "delta")) -> Trial:
     """Inputs and the first state of a run; a file without psi, u, v, r starts from rest at the origin.
 
     Returns a trial that begins at its first complete state, inputs without gaps: a missing sample holds the
     last one, and that is said in the notices. Units, signs and the sidecar are those of ``read_trial``.
-    Raises UserError as ``read_trial`` does, and when an input is missing from the start.
+    Raises UserError as ``read_trial`` does, when an input is missing from the start, and as ``actuator_columns`` does
+    for a ship with these ``actuators``.
     """
     path = Path(path)
     trial = _from_rest(path) if _lacks_states(path) else read_trial(path)
-    if "delta" not in trial:
-        raise UserError(f"{path}: this ship is steered by one rudder; a column 'delta [rad]' is needed")
+    actuator_columns(trial, actuators)
     return _without_gaps(trial, path)
 
 

@@ -199,11 +199,30 @@ Estimate = tuple[float, float, str]
 """Value, standard deviation as a share of it, source."""
 
 
+def _spread(p: Mapping[str, float], m_x: float) -> dict[str, float]:
+    """How far the regressions of the literature differ, as a share: largest deviation from the one that is used.
+
+    Linear derivatives and added masses of Kijima, Inoue and Clarke against Yoshimura & Masumoto and Motora's charts.
+    """
+    L, B, d, C_b = (p[name] for name in LEAST)
+    mass = empirical.motora_added_mass(L, B, d, C_b)
+    used = empirical.yoshimura_masumoto_2012(L, B, d, C_b, m_x, mass["m_y"]) | mass
+    clarke = empirical.clarke_1983(L, B, d, C_b)
+    others = [
+        empirical.kijima_1990(L, B, d, C_b, m_x),
+        empirical.inoue_1981(L, B, d, C_b),
+        clarke | {"m_y": -clarke["Y_vdot"], "J_z": -clarke["N_rdot"]},
+    ]
+    symbols = ("Y_v", "Y_r", "N_v", "N_r", "m_y", "J_z")
+    return {s: max(abs(other[s] / used[s] - 1) for other in others if s in other) for s in symbols}
+
+
 def _estimates(p: Mapping[str, float], hull: str) -> dict[str, Estimate]:
     """Coefficient -> estimate for these particulars."""
     L, B, d, C_b = (p[name] for name in LEAST)
     mass = empirical.motora_added_mass(L, B, d, C_b)
     regression = empirical.yoshimura_masumoto_2012(L, B, d, C_b, mass["m_x"], mass["m_y"], p["x_G"])
+    spread = _spread(p, mass["m_x"])
     radius = 0.25**2 * p["m"] / (0.5 * p["rho"] * L**2 * d)
     R_0 = resistance(p)
     k_0, k_1, k_2 = thrust_parabola(p["pitch_ratio"])
@@ -211,8 +230,12 @@ def _estimates(p: Mapping[str, float], hull: str) -> dict[str, Estimate]:
     source = "Yoshimura & Masumoto (2012) on L, B, d, C_b"
     found: dict[str, Estimate] = {
         "m_x": (mass["m_x"], 0.3, "Motora's charts, regression of Zhou et al. (1983)"),
-        "m_y": (mass["m_y"], 0.15, "Motora's charts, regression of Zhou et al. (1983)"),
-        "I_J_z": (radius + mass["J_z"], 0.15, "radius of gyration 0.25 L, J_z from Motora's charts"),
+        "m_y": (mass["m_y"], max(0.15, spread["m_y"]), "Motora's charts, regression of Zhou et al. (1983)"),
+        "I_J_z": (
+            radius + mass["J_z"],
+            max(0.15, 0.3 * spread["J_z"]),
+            "radius of gyration 0.25 L, J_z from Motora's charts",
+        ),
         "k_0": (k_0, 0.1, "Wageningen B-series (4 blades, area ratio 0.6)"),
         "k_1": (k_1, 0.15, "Wageningen B-series (4 blades, area ratio 0.6)"),
         "k_2": (k_2, 0.3, "Wageningen B-series (4 blades, area ratio 0.6)"),
@@ -228,14 +251,14 @@ def _estimates(p: Mapping[str, float], hull: str) -> dict[str, Estimate]:
         linear = ("Y_v", "Y_r", "N_v", "N_r")
         for symbol, value in regression.items():
             if symbol[0] in "XYN" and "_" in symbol:
-                found[symbol] = (value, 0.25 if symbol in linear else 0.5, source)
+                found[symbol] = (value, max(0.25, spread[symbol]) if symbol in linear else 0.5, source)
         return found
     low = empirical.yoshimura_2009_low_speed(L, B, d)
     found |= {
         "X_0F": (-R_0, 0.3, "ITTC-57 friction with a form factor"),
         "X_0A": (-1.3 * R_0, 0.4, "1.3 times the resistance ahead"),
         "X_vr": (regression["X_vr"], 1.0, source),
-        **{symbol: (regression[symbol], 0.25, source) for symbol in ("Y_v", "Y_r", "N_v", "N_r")},
+        **{symbol: (regression[symbol], max(0.25, spread[symbol]), source) for symbol in ("Y_v", "Y_r", "N_v", "N_r")},
         "C_D": (min(max(low["C_D"], 0.4), 1.2), 0.3, "Yoshimura et al. (2009) on L/d, within 0.4 to 1.2"),
         "C_rY": (min(max(low["C_rY"], 0.8), 2.4), 0.3, "Yoshimura et al. (2009) on L/B, within 0.8 to 2.4"),
         "C_rN": (min(max(low["C_rN"], 0.4), 1.5), 0.3, "Yoshimura et al. (2009) on L/d, within 0.4 to 1.5"),

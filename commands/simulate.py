@@ -153,7 +153,7 @@ def _run_controls(ship: Ship, path: Path, wind: Wind | None, seed: int, options:
     given = [name for name, value in options.items() if value is not None]
     if given:
         raise UserError(f"{given[0]} belongs to --maneuver; with --controls the file gives times and inputs")
-    source = read_controls(path)
+    source = read_controls(path, ship.actuators)
     trial = simulate_controls(ship, source, wind, seed)
     notices = source.notices
     if wind is not None and source.has_wind:

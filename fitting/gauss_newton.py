@@ -55,7 +55,7 @@ def _logged(problem: Problem, z: np.ndarray, S: np.ndarray, theta: np.ndarray) -
         return z[:6].T, S[:, :6]
     J = h.jacobian(z, theta)
     total = J[:, :, : problem.S] @ S
-    total[:, :, problem.S :] += J[:, :, problem.S :]
+    total[:, :, problem.S + h.own] += J[:, :, problem.S :]
     return h.values(z, theta).T, total
 
 

@@ -15,17 +15,19 @@ from mmg.model import Model
 class Measurement:
     """h of a model, for the free coefficients at positions ``free`` among all of them.
 
-    identity: h copies the first six states; the other methods need not be called then. States are (S, m), columns
-    (6, m), coefficients (all,).
+    identity: h copies the first six states; the other methods need not be called then. own: positions, among the free
+    coefficients, of those that h depends on (O of them). States are (S, m), columns (6, m), coefficients (all,).
     """
 
     def __init__(self, model: Model, free: np.ndarray, compiled: bool = True) -> None:
-        self.S, self.P, self.identity = len(model.states), len(free), not model.measured
+        self.S, self.identity, self.own = len(model.states), not model.measured, np.zeros(0, dtype=int)
         if self.identity:
             return
         z, theta = ca.SX.sym("z", self.S), ca.SX.sym("theta", len(model.symbols))
         mu, y = ca.SX.sym("mu", 6), model.columns(z, theta)
-        x = ca.vertcat(z, *[theta[int(i)] for i in free])
+        touched = ca.which_depends(y, ca.vertcat(*[theta[int(i)] for i in free]), 1) if len(free) else []
+        self.own = np.flatnonzero(touched)
+        x = ca.vertcat(z, *[theta[int(free[i])] for i in self.own])
         J, H = ca.densify(ca.jacobian(y, x)), ca.densify(ca.hessian(ca.dot(mu, y), x)[0])
         functions = [
             ca.Function("h_values", [z, theta], [y], {"cse": True}),
@@ -46,11 +48,11 @@ class Measurement:
         return z[:6] if self.identity else self._call(0, z.shape[1], z, theta)
 
     def jacobian(self, z: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """d y / d (z, free coefficients), (m, 6, S + P)."""
+        """d y / d (z, own coefficients), (m, 6, S + O)."""
         flat = self._call(1, z.shape[1], z, theta)
-        return np.ascontiguousarray(flat.T.reshape(-1, self.S + self.P, 6).swapaxes(1, 2))
+        return np.ascontiguousarray(flat.T.reshape(-1, self.S + len(self.own), 6).swapaxes(1, 2))
 
     def hessian(self, z: np.ndarray, theta: np.ndarray, mu: np.ndarray) -> np.ndarray:
-        """Second derivative of mu . y with respect to (z, free coefficients), mu (6, m): (m, S + P, S + P)."""
-        size = self.S + self.P
+        """Second derivative of mu . y with respect to (z, own coefficients), mu (6, m): (m, S + O, S + O)."""
+        size = self.S + len(self.own)
         return np.ascontiguousarray(self._call(2, z.shape[1], z, theta, mu).T.reshape(-1, size, size))

@@ -174,11 +174,13 @@ class Problem:
         """Gradient of 1/2 sum w e^2 with respect to states z (m, S) and, directly, the coefficients (P,)."""
         if self.kernels.measurement.identity:
             return np.hstack([we, np.zeros((len(we), self.S - 6))]), np.zeros(self.P)
-        pull = (we[:, None, :] @ self.kernels.measurement.jacobian(z.T, theta))[:, 0]
-        return pull[:, : self.S], pull[:, self.S :].sum(axis=0)
+        h, direct = self.kernels.measurement, np.zeros(self.P)
+        pull = (we[:, None, :] @ h.jacobian(z.T, theta))[:, 0]
+        direct[h.own] = pull[:, self.S :].sum(axis=0)
+        return pull[:, : self.S], direct
 
     def _curved(self, z: np.ndarray, w: np.ndarray, we: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """Hessian of 1/2 sum w e^2 with respect to (z, coefficients), (m, S + P, S + P); w, we: (m, 6)."""
+        """Hessian of 1/2 sum w e^2 with respect to (z, own coefficients of h), (m, S + O, S + O); w, we: (m, 6)."""
         h = self.kernels.measurement
         J = h.jacobian(z.T, theta)
         return np.swapaxes(J, 1, 2) @ (w[:, :, None] * J) + h.hessian(z.T, theta, we.T)
@@ -224,8 +226,10 @@ class Problem:
         else:
             we = self.node_weight * self.errors(x)[0]
             H = factor * self._curved(at_nodes, self.node_weight, we, theta)
-            nodes += H[:, :S]
-            shared += H[:, S:, S:].sum(axis=0)
+            own = self.kernels.measurement.own
+            nodes[:, :, :S] += H[:, :S, :S]
+            nodes[:, :, S + own] += H[:, :S, S:]
+            shared[np.ix_(own, own)] += H[:, S:, S:].sum(axis=0)
         nodes[:, np.arange(6, S), np.arange(6, S)] += factor * self.memory_weight
         s, t = self.scale, self.prior.std
         rows_u, columns_u = np.triu_indices(S)
@@ -244,11 +248,13 @@ class Problem:
         if self.kernels.measurement.identity:
             return SampleCost(np.pad(we, room), np.pad(weight, room))
         theta = self.coefficients(p)
-        pull, full = np.zeros(interior.shape), np.zeros((len(interior), self.M, self.S + self.P, self.S + self.P))
+        own = self.kernels.measurement.own
+        size = self.S + len(own)
+        pull, full = np.zeros(interior.shape), np.zeros((len(interior), self.M, size, size))
         for k, z in enumerate(interior):
             pull[k] = self._pulled(z.T, we[k].T, theta)[0].T
             full[k] = self._curved(z.T, weight[k].T, we[k].T, theta)
-        return SampleCost(pull, weight, full)
+        return SampleCost(pull, weight, full, own)
 
     def residuals(self, x: np.ndarray) -> np.ndarray:
         """Model minus measured at all measured grid samples, (samples, 6), NaN where not measured; nodes first."""

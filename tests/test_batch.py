@@ -54,7 +54,7 @@ def test_held_inputs_give_the_motion_of_one_ship_by_herself(name: str, text: str
 @pytest.mark.parametrize("text", ["turning:35", "zigzag:10/10", "crash-stop"])
 def test_each_set_of_coefficients_is_a_ship_of_her_own(text: str) -> None:
     simulator = SIMULATORS["esso_osaka_3m"]
-    rng, symbols = np.random.default_rng(0), ("N_r", "Y_v", "C_D", "f_alpha")
+    rng, symbols = np.random.default_rng(0), ("N_r", "Y_v", "C_D", "X_0F")
     given = {s: ESSO.coefficients[s].value * (1 + 0.1 * rng.standard_normal(11)) for s in symbols}
     plan = parse_maneuver(text, ESSO)
     batch = simulate_batch(simulator, plan, given, 0.5, held=True)
@@ -92,13 +92,13 @@ def test_long_steps_of_a_turning_are_accurate() -> None:
 
 
 def test_short_samples_of_the_synthetic_trial_come_to_the_same_turning() -> None:
-    """Held means of 0.05 s against ramps: 1e-5 of a ship length."""
+    """Held means of 0.05 s against ramps: 2e-5 of a ship length."""
     ship, plan = kvlcc2()
     trial = simulate(ship, plan, 0.05)
     batch = simulate_batch(ship, plan, dt=0.5)
     rows = (len(trial) - 1) // 10 + 1
     off = batch.states[:rows, :2, 0] - trial.states[::10, :2]
-    assert np.hypot(*off.T).max() < 1e-5 * ship.particulars["L"]
+    assert np.hypot(*off.T).max() < 2e-5 * ship.particulars["L"]
 
 
 def test_the_rudder_runs_up_from_the_moment_of_the_order() -> None:

@@ -13,6 +13,7 @@ from cases.ships import load_ship
 from mmg import codegen
 from mmg.batch import batch_functions, cache_folder, compile_library, compiler, padded
 from mmg.codegen import LANES
+from mmg.fused import compile_rollout
 from mmg.rollout import Simulator
 
 needs_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler")
@@ -167,6 +168,23 @@ def test_derivatives_and_sparse_results_come_out_as_nonzeros_in_order() -> None:
     unwanted, wanted = batch(points, shared, outputs=[False, True])
     assert unwanted is None
     np.testing.assert_array_equal(wanted, values)
+
+
+@needs_compiler
+def test_one_point_gets_the_same_bits_as_many() -> None:
+    """All operations in one rollout of a single Euler step, as vectors and point by point."""
+    q, c, p = ca.SX.sym("q"), ca.SX.sym("c"), ca.SX.sym("p")
+    rows = ca.vertcat(*[f(q, c * p) for f in OPERATIONS.values()])
+    rates = ca.Function("all", [q, c, p], [ca.densify(rows)])
+    many, single = (compile_rollout(rates, len(OPERATIONS) - 1, lanes) for lanes in (LANES, 1))
+    assert many is not None and single is not None
+    x, y = arguments()
+    start = np.repeat(x, len(OPERATIONS), axis=0)
+    rest = (np.asarray(1.0), np.ones(1), np.ones(1, dtype=bool), True, False, 1)
+    together = many(start, y[None], *rest)
+    for k in range(POINTS):
+        alone = single(start[:, [k]], y[None, :, [k]], *rest)
+        np.testing.assert_array_equal(together[:, :, [k]], alone)
 
 
 # Without a compiler
