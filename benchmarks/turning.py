@@ -86,9 +86,12 @@ def shipmmg(ship: Ship, plan: Maneuver, t: np.ndarray) -> tuple[list[dict[str, f
     }  # fmt: skip
     python = os.environ.get("SHIPMMG_PYTHON", sys.executable)
     script = str(Path(__file__).with_name("turning_shipmmg.py"))
-    run = subprocess.run([python, script], input=json.dumps(given), capture_output=True, text=True)
-    if run.returncode:
-        why = (run.stderr.strip().splitlines() or ["no message"])[-1]
+    try:
+        run = subprocess.run([python, script], input=json.dumps(given), capture_output=True, text=True)
+        why = (run.stderr.strip().splitlines() or ["no message"])[-1] if run.returncode else ""
+    except OSError as error:
+        why = str(error)
+    if why:
         return [], f"shipmmg was not measured ({why}); see the docstring of benchmarks/turning.py."
     return json.loads(run.stdout), ""
 
@@ -141,15 +144,16 @@ def main() -> None:
                 ],
             ),
         ]  # fmt: skip
-        good = [r for r in theirs if r["error"] / L < GOAL]
-        if good:
-            best = min(good, key=lambda r: r["s"])
-            lines += [
-                "",
-                f"At an error below {GOAL:g} L shipmmg takes {1e3 * best['s']:.1f} ms ({best['words']}): "
-                f"{best['s'] / one:.0f} times one of ours, {best['s'] / each:.0f} times one of our batch on 2 threads "
-                "(goals: 15 and 100).",
-            ]
+        for goal, words in ((GOAL, f"below {GOAL:g} L"), (error, "no larger than ours")):
+            good = [r for r in theirs if r["error"] / L <= goal]
+            if good:
+                best = min(good, key=lambda r: r["s"])
+                lines += [
+                    "",
+                    f"At an error {words} shipmmg takes {1e3 * best['s']:.1f} ms ({best['words']}): "
+                    f"{best['s'] / one:.0f} times one of ours, {best['s'] / each:.0f} times one of our batch on 2 "
+                    "threads (goals: 15 and 100).",
+                ]
     record("Turning of KVLCC2", "python -m benchmarks.turning", lines)
 
 

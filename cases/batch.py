@@ -61,8 +61,8 @@ def simulate_batch(
     dt: sampling [s], divided into steps of at most 0.5 s of a 3 m model. threads: over which the runs are spread.
     held: inputs are held at their means over each sample, as a logged trial has them, and ``cases.synthetic.simulate``
     gives the same motion; else they move within the sample (a zigzag is always held). A control delay acts as in the
-    model, by its approximation. Raises UserError for a step that makes no sense and for spiral and pull-out, whose
-    orders wait for a steady turn.
+    model, by its approximation. A run that diverges is not noticed here: look at its states. Raises UserError for a
+    step that makes no sense and for spiral and pull-out, whose orders wait for a steady turn.
     """
     simulator = ship if isinstance(ship, Simulator) else Simulator(ship)
     ship = simulator.ship

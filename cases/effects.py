@@ -31,6 +31,8 @@ def parse_effect(text: str, ship: Ship, option: str) -> tuple[str, dict[str, flo
         key, equals, word = (part.strip() for part in item.partition("="))
         if key not in known:
             raise UserError(f"{where}: {name} has no parameter '{key}'; it has {', '.join(known)} (see mmg effects)")
+        if key in values or key in named:
+            raise UserError(f"{where}: {key} is given twice")
         if not equals:
             named.append(key)
             continue

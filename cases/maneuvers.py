@@ -98,9 +98,10 @@ def parse_maneuver(
     kind, _, argument = text.strip().partition(":")
     if kind not in _BUILDERS:
         raise UserError(f"unknown manoeuvre '{text}'; known: {FORMS}")
-    for name, value in (("duration", duration), ("rudder rate", rudder_rate)):
+    given = (("duration", duration, "s"), ("rudder rate", rudder_rate and math.degrees(rudder_rate), "deg/s"))
+    for name, value, unit in given:
         if value is not None and not (math.isfinite(value) and value > 0):
-            raise UserError(f"{name} = {value:g} must be positive")
+            raise UserError(f"{name} = {value:g} {unit} must be positive")
     if kind in ("straight", "acceleration", "berthing") and argument:
         raise UserError(f"manoeuvre '{text}': {kind} takes no argument; known: {FORMS}")
     scale = math.sqrt(ship.particulars["L"] / MODEL_LENGTH)

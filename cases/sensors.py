@@ -19,7 +19,7 @@ from mmg.ship import Ship
 def logged(ship: Ship, t: np.ndarray, states: np.ndarray) -> np.ndarray:
     """Columns x, y, psi, u, v, r (N, 6) as the ship's measurement effects make them of the true ones (N, 6) at t.
 
-    The satellite delay is exact here (interpolated between samples), where the model of a fit approximates it.
+    Delays and lags are exact here, on the samples, where the model of a fit approximates them.
     """
     columns = list(np.asarray(states, dtype=float).T)
     flow = Flow(u=columns[3], v=columns[4], r=columns[5], psi=columns[2])
@@ -30,6 +30,10 @@ def logged(ship: Ship, t: np.ndarray, states: np.ndarray) -> np.ndarray:
         e = ship.parameters_of(name)
         if name == "gnss_delay":
             columns = _late(t, columns, e.tau)
+        elif name == "velocity_lag":
+            columns = [*columns[:3], *_late(t, columns, e.tau)[3:5], columns[5]]
+        elif name == "gyro":
+            columns = [*columns[:5], _behind(t, columns[5], e.T) * (1 + e.share)]
         else:
             columns = effect(name).columns(columns, flow, nothing, e, p)
     return np.column_stack(columns)
@@ -46,6 +50,17 @@ def _late(t: np.ndarray, columns: list[np.ndarray], delay: float) -> list[np.nda
     moved = [np.interp(past, t, place) + before * speed[0] for place, speed in zip((x, y), velocity, strict=True)]
     late = earth_to_body(np.interp(past, t, velocity[0]), np.interp(past, t, velocity[1]), psi)
     return [*moved, psi, *late, r]
+
+
+def _behind(t: np.ndarray, x: np.ndarray, T: float) -> np.ndarray:
+    """x after a first-order lag of T [s], exact for x linear between samples; settled at the start."""
+    if T == 0:
+        return x
+    out = x.astype(float).copy()
+    for k, h in enumerate(np.diff(t)):
+        left, slope = math.exp(-h / T), (x[k + 1] - x[k]) / h
+        out[k + 1] = x[k + 1] - slope * T + (out[k] - x[k] + slope * T) * left
+    return out
 
 
 def wrap(psi: np.ndarray) -> np.ndarray:

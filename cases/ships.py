@@ -15,6 +15,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from cases.sound import check_particulars
 from mmg.coefficients import Coefficient
 from mmg.components import ROLES, coefficient_table, derived, module, required_particulars
 from mmg.effects import EFFECTS
@@ -29,8 +30,6 @@ else:  # pragma: no cover
 
 LIBRARY = Path(__file__).parent / "ships"
 _KEYS = {f for f in Coefficient.__dataclass_fields__ if f != "symbol"}
-SIGNED = ("x_G", "x_R", "C", "C_BR", "x_BT", "x_ST", "x_az", "y_az")
-"""Particulars that may be zero or negative: places relative to midship."""
 OPTIONAL = ("C_b", "U_0", "y_P", "pitch", "rudder_rate")
 """Particulars that no force model needs but every ship file may state."""
 _WORDS = ("name", "description", "reference")
@@ -152,9 +151,7 @@ def _particulars(ship: dict[str, Any], components: dict[str, str], where: str) -
     missing = [key for key in required_particulars(components) if key not in particulars]
     if missing:
         raise UserError(f"{where}: [ship] lacks {', '.join(missing)}, needed by {_models(components)}")
-    for key in required_particulars(components):
-        if key not in SIGNED and particulars[key] <= 0:
-            raise UserError(f"{where}: [ship] {key} = {particulars[key]:g} must be positive")
+    check_particulars(particulars, f"{where}: [ship]")
     return particulars
 
 

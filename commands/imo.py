@@ -25,7 +25,7 @@ def imo(
     ] = None,
     rudder_rate: Annotated[
         float | None,
-        typer.Option("--rudder-rate", help="[deg/s]; default 20 for a 3 m model, Froude scaled to other lengths."),
+        typer.Option("--rudder-rate", help="[deg/s]; default the ship's own, else 20 for a 3 m model, Froude scaled."),
     ] = None,
     maneuver: Annotated[
         list[str] | None,
@@ -154,7 +154,7 @@ def _simulated(
     heading = f"{ship.name}, simulated: L {L:g} m, V {V:.4g} m/s, L/V {L / V:.3g} s"
     if "n" in ship.actuators:
         heading += f", n {runs[0].trial['n'][0]:.4g} rps"
-    degrees = math.degrees(rate if rate is not None else Limits.for_length(L).rudder_rate)
+    degrees = math.degrees(rate if rate is not None else Limits.for_ship(ship).rudder_rate)
     return ship.name, runs, heading, [f"test speed V: {origin}; rudder rate {degrees:.3g} deg/s"], missed
 
 

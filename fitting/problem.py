@@ -15,6 +15,7 @@ import numpy as np
 
 from fitting.segments import Segments
 from fitting.shooting import Kernels, SampleCost, Shooting, Sweep
+from mmg.effects.disturbance import STATES as LATENT
 from mmg.logged import states_behind
 from mmg.ship import Ship
 
@@ -56,7 +57,12 @@ class Problem:
         self.shooting = Shooting(kernels, segments)
         self.base = ship.values
         self.B, self.P, self.M = len(segments.nodes), len(prior.mean), segments.intervals
-        self.n, self.m = self.S * self.B + self.P, self.S * self.M
+        names = kernels.model.states
+        self.random = np.array([i for i, name in enumerate(names) if name in LATENT], dtype=int)
+        self.fixed = np.array([i for i in range(self.S) if i not in self.random], dtype=int)
+        self.D = len(self.fixed)
+        self.n, self.m = self.S * self.B + self.P, self.D * self.M
+        self.decay, self.jump_weight = self._process()
         self.node_weight = self._pinned() / self.sigma**2
         self.weight = segments.mask / self.sigma[None, :, None] ** 2
         self.measured_nodes = states_behind(kernels.model, segments.nodes.T, segments.node_controls, self.base).T
@@ -65,6 +71,19 @@ class Problem:
         self._build_sparsity()
         self._values_at: np.ndarray | None = None
         self._sweep_at: np.ndarray | None = None
+
+    def _process(self) -> tuple[np.ndarray, np.ndarray]:
+        """Of the latent process over each interval (M,): what is left of it, and 1 / variance of its change."""
+        if not len(self.random):
+            return np.zeros(self.M), np.zeros(self.M)
+        x = self.segments.h / self.ship.coefficients["disturbance.tau"].value
+        left = (1 - x + x**2 / 2 - x**3 / 6 + x**4 / 24) ** self.segments.steps
+        return left, 1 / (1 - left**2)
+
+    def _jumps(self, nodes: np.ndarray) -> np.ndarray:
+        """Change of the latent process over each interval beyond its decay, (M, number of its states)."""
+        seg = self.segments
+        return self.decay[:, None] * nodes[seg.start][:, self.random] - nodes[seg.end][:, self.random]
 
     def _pinned(self) -> np.ndarray:
         """Node mask in which a channel that a window never measures is pinned at the window's first node."""
@@ -133,12 +152,17 @@ class Problem:
         e, ei = self.errors(x)
         nodes, p, _, _ = self.evaluate(x)
         memory = self.memory_weight * (nodes[:, 6:] - self.measured_nodes[:, 6:]) ** 2
-        return 0.5 * float((self.node_weight * e * e).sum() + (self.weight * ei * ei).sum() + memory.sum() + p @ p)
+        jumps = self.jump_weight[:, None] * self._jumps(nodes) ** 2
+        total = (self.node_weight * e * e).sum() + (self.weight * ei * ei).sum() + memory.sum() + jumps.sum()
+        return 0.5 * float(total + p @ p)
 
     def defects(self, x: np.ndarray) -> np.ndarray:
-        """End of interval minus next node, divided by the channel's scale, shape (S M,), interval by interval."""
+        """End of interval minus next node, divided by the channel's scale, shape (D M,), interval by interval.
+
+        States of the latent process are free to jump: D of S are not.
+        """
         nodes, _, end, _ = self.evaluate(x)
-        return ((end.T - nodes[self.segments.end]) / self.scale).reshape(-1)
+        return ((end.T - nodes[self.segments.end]) / self.scale)[:, self.fixed].reshape(-1)
 
     # -- derivatives -------------------------------------------------------------------------------------------
     def sweep(self, x: np.ndarray) -> list[Sweep]:
@@ -159,6 +183,9 @@ class Problem:
         e, ei = self.errors(x)
         d_nodes, d_theta = self._pulled(nodes, self.node_weight * e, self.coefficients(p))
         d_nodes[:, 6:] += self.memory_weight * (nodes[:, 6:] - self.measured_nodes[:, 6:])
+        pushed = self.jump_weight[:, None] * self._jumps(nodes)
+        d_nodes[seg.start[:, None], self.random] += self.decay[:, None] * pushed
+        d_nodes[seg.end[:, None], self.random] -= pushed
         for sweep, s in zip(sweeps, self.shooting.slices, strict=True):
             start = seg.start[s]
             for k, Sk in enumerate(sweep.S_interior):
@@ -186,29 +213,32 @@ class Problem:
         return np.swapaxes(J, 1, 2) @ (w[:, :, None] * J) + h.hessian(z.T, theta, we.T)
 
     def _build_sparsity(self) -> None:
-        seg, S, P, M, B = self.segments, self.S, self.P, self.M, self.B
-        i, j = np.meshgrid(np.arange(S), np.arange(S), indexing="ij")
-        rows = S * np.arange(M)[:, None, None]
+        seg, S, D, P, M, B = self.segments, self.S, self.D, self.P, self.M, self.B
+        i, j = np.meshgrid(np.arange(D), np.arange(S), indexing="ij")
+        rows = D * np.arange(M)[:, None, None]
         block = (rows + i, S * seg.start[:, None, None] + j)
-        ends = (S * np.arange(M)[:, None] + np.arange(S), S * seg.end[:, None] + np.arange(S))
-        ip, jp = np.meshgrid(np.arange(S), np.arange(P), indexing="ij")
+        ends = (D * np.arange(M)[:, None] + np.arange(D), S * seg.end[:, None] + self.fixed)
+        ip, jp = np.meshgrid(np.arange(D), np.arange(P), indexing="ij")
         dense = (rows + ip, S * B + jp + 0 * rows)
         r = np.concatenate([part[0].reshape(-1) for part in (block, ends, dense)])
         c = np.concatenate([part[1].reshape(-1) for part in (block, ends, dense)])
         self.jacobian_sparsity, self._jacobian_order = _sparsity(r, c, self.m, self.n)
+        ip, jp = np.meshgrid(np.arange(S), np.arange(P), indexing="ij")
+        across = (S * seg.start[:, None] + self.random, S * seg.end[:, None] + self.random)
         iu, ju = np.triu_indices(S)
         own = (S * np.arange(B)[:, None] + iu, S * np.arange(B)[:, None] + ju)
         border = (S * np.arange(B)[:, None, None] + ip, S * B + jp + 0 * np.arange(B)[:, None, None])
         pu, qu = np.triu_indices(P)
-        r = np.concatenate([own[0].reshape(-1), border[0].reshape(-1), S * B + pu])
-        c = np.concatenate([own[1].reshape(-1), border[1].reshape(-1), S * B + qu])
+        r = np.concatenate([own[0].reshape(-1), border[0].reshape(-1), across[0].reshape(-1), S * B + pu])
+        c = np.concatenate([own[1].reshape(-1), border[1].reshape(-1), across[1].reshape(-1), S * B + qu])
         self.hessian_sparsity, self._hessian_order = _sparsity(r, c, self.n, self.n)
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
         """Nonzeros of d defects / dx in the order of ``jacobian_sparsity``."""
-        sensitivity = np.concatenate([sweep.S_end for sweep in self.sweep(x)])
-        block = sensitivity[:, :, : self.S] * (self.scale[None, :] / self.scale[:, None])
-        theta = sensitivity[:, :, self.S :] * (self.prior.std[None, :] / self.scale[:, None])
+        sensitivity = np.concatenate([sweep.S_end[:, self.fixed] for sweep in self.sweep(x)])
+        scale = self.scale[self.fixed]
+        block = sensitivity[:, :, : self.S] * (self.scale[None, :] / scale[:, None])
+        theta = sensitivity[:, :, self.S :] * (self.prior.std[None, :] / scale[:, None])
         ends = np.full(self.m, -1.0)
         return np.concatenate([block.reshape(-1), ends, theta.reshape(-1)])[self._jacobian_order]
 
@@ -217,7 +247,8 @@ class Problem:
         sweeps, seg, S = self.sweep(x), self.segments, self.S
         at_nodes, p, _, _ = self.evaluate(x)
         theta = self.coefficients(p)
-        lam = (multipliers.reshape(self.M, S) / self.scale).T
+        lam = np.zeros((S, self.M))
+        lam[self.fixed] = (multipliers.reshape(self.M, self.D) / self.scale[self.fixed]).T
         rows, shared = self.shooting.hessian(sweeps, theta, lam, self._sample_cost(x, factor))
         nodes = np.zeros((self.B, S, S + self.P))
         nodes[seg.start] += rows
@@ -231,12 +262,17 @@ class Problem:
             nodes[:, :, S + own] += H[:, :S, S:]
             shared[np.ix_(own, own)] += H[:, S:, S:].sum(axis=0)
         nodes[:, np.arange(6, S), np.arange(6, S)] += factor * self.memory_weight
+        q = factor * np.repeat(self.jump_weight[:, None], len(self.random), axis=1)
+        np.add.at(nodes, (seg.start[:, None], self.random, self.random), self.decay[:, None] ** 2 * q)
+        np.add.at(nodes, (seg.end[:, None], self.random, self.random), q)
+        across = -self.decay[:, None] * q * self.scale[self.random] ** 2
         s, t = self.scale, self.prior.std
         rows_u, columns_u = np.triu_indices(S)
         own = (nodes[:, :, :S] * np.outer(s, s))[:, rows_u, columns_u]
         border = nodes[:, :, S:] * np.outer(s, t)
         shared = shared * np.outer(t, t) + factor * np.eye(self.P)
-        values = np.concatenate([own.reshape(-1), border.reshape(-1), shared[np.triu_indices(self.P)]])
+        corner = shared[np.triu_indices(self.P)]
+        values = np.concatenate([own.reshape(-1), border.reshape(-1), across.reshape(-1), corner])
         return values[self._hessian_order]
 
     def _sample_cost(self, x: np.ndarray, factor: float) -> SampleCost:

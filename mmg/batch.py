@@ -22,8 +22,9 @@ import numpy as np
 
 from mmg.codegen import LANES, source
 
-FLAGS = ("-O1", "-ftree-vectorize", "-ffp-contract=off", "-fPIC", "-shared")
-FLAGS += ("-fno-math-errno", "-fno-trapping-math", "-w")
+FLAGS: tuple[str, ...] = (
+    "-O1", "-ftree-vectorize", "-ffp-contract=off", "-fPIC", "-shared", "-fno-math-errno", "-fno-trapping-math", "-w"
+)  # fmt: skip
 """-ftree-vectorize makes vectors of the loops over lanes (square roots). Without contraction a product and a sum are
 rounded one by one whatever stands beside them, so equal expressions give equal bits; its cost is not measurable."""
 NATIVE = "-march=native"

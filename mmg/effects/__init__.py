@@ -9,9 +9,11 @@ from mmg.effects import (
     bank,
     control_delay,
     current,
+    disturbance,
     draft,
     fouling,
     gnss_delay,
+    gyro,
     heading_bias,
     hull_memory,
     log_scale,
@@ -22,6 +24,7 @@ from mmg.effects import (
     rudder_stall,
     shallow_water,
     tow,
+    velocity_lag,
     wave_drift,
     wind_force,
     wind_sensor_bias,
@@ -33,7 +36,8 @@ EFFECTS: dict[str, Effect] = {
     for module in (
         draft, current, wind_sensor_bias, control_delay, rudder_lag, rudder_backlash, rudder_offset,
         wind_force, propeller_side_force, rudder_stall, fouling, shallow_water, hull_memory, bank, wave_drift, tow,
-        antenna_offset, gnss_delay, heading_bias, log_scale,
+        disturbance,
+        antenna_offset, gnss_delay, velocity_lag, heading_bias, log_scale, gyro,
     )
 }  # fmt: skip
 

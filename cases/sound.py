@@ -1,0 +1,84 @@
+"""Particulars that no ship has: signs, sizes by one another, and units that the numbers themselves refute.
+
+Both the ship files and the starting ships of ``mmg ships --new`` are held to these rules; they leave room for odd ships.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+
+from mmg.errors import UserError
+from mmg.particulars import PARTICULARS
+
+SIGNED = ("x_G", "x_R", "C", "C_BR", "x_BT", "x_ST", "x_az", "y_az")
+"""Particulars that may be zero or negative: places relative to midship."""
+
+LONGEST = 600.0
+"""m; the longest ship built has 458."""
+
+
+def check_particulars(p: Mapping[str, float], where: str) -> None:
+    """Raises UserError, naming ``where``, the particular and its value, for the first that no ship has.
+
+    p: some or all particulars [SI]; rules that need one that is absent are left out.
+    """
+    for name, value in p.items():
+        if name in PARTICULARS and (not math.isfinite(value) or (name not in SIGNED and value <= 0)):
+            words, unit = PARTICULARS[name]
+            wanted = "a finite number" if name in SIGNED else "a positive number"
+            size = f"{value:g}" if unit == "-" else f"{value:g} {unit}"
+            raise UserError(f"{where} {name} = {size} ({words}) must be {wanted}")
+    for sentence in _refuted(p):
+        raise UserError(f"{where} {sentence}")
+
+
+def _refuted(p: Mapping[str, float]) -> Iterator[str]:
+    """Sentences on what cannot be."""
+
+    def have(*names: str) -> bool:
+        return all(name in p for name in names)
+
+    if have("C_b") and p["C_b"] > 1:
+        yield f"C_b = {p['C_b']:g}: a block coefficient is at most 1"
+    if have("L") and not 0.1 <= p["L"] <= LONGEST:
+        yield f"L = {p['L']:g} m is outside 0.1 to {LONGEST:g} m; check its unit"
+    if have("L", "B") and p["B"] > p["L"]:
+        yield f"B = {p['B']:g} m is more than the length L = {p['L']:g} m"
+    for name in ("D_P", "D_BT", "D_ST"):
+        if have(name, "d") and p[name] > p["d"]:
+            what = PARTICULARS[name][0].removesuffix(" diameter")
+            yield f"{name} = {p[name]:g} m: the {what} is larger than the draught d = {p['d']:g} m"
+    if have("rho") and not 500 <= p["rho"] <= 1500:
+        yield f"rho = {p['rho']:g} kg/m³ is no water density"
+    if have("rho_a") and not 0.5 <= p["rho_a"] <= 2.0:
+        yield f"rho_a = {p['rho_a']:g} kg/m³ is no air density"
+    if have("m", "rho", "L", "B", "d"):
+        block = p["rho"] * p["L"] * p["B"] * p["d"]
+        if not 0.02 * block <= p["m"] <= 1.05 * block:
+            yield f"m = {p['m']:g} kg is {p['m'] / block:.3g} of rho L B d = {block:.4g} kg; check units"
+    if have("A_R", "L", "d") and p["A_R"] > 0.1 * p["L"] * p["d"]:
+        yield f"A_R = {p['A_R']:g} m² is more than a tenth of L d = {p['L'] * p['d']:g} m²"
+    if have("A_R", "aspect_ratio", "d"):
+        height = math.sqrt(p["A_R"] * p["aspect_ratio"])
+        if height > 1.2 * p["d"]:
+            yield (
+                f"A_R = {p['A_R']:g} m² and aspect_ratio = {p['aspect_ratio']:g} give a rudder {height:.3g} m high, "
+                f"more than the draught d = {p['d']:g} m"
+            )
+    for name in ("x_G", "x_R", "C", "C_BR", "x_BT", "x_ST", "x_az"):
+        if have(name, "L") and abs(p[name]) > 0.6 * p["L"]:
+            yield f"{name} = {p[name]:g} m lies off the ship (L = {p['L']:g} m)"
+    for name in ("y_P", "y_az"):
+        if have(name, "B") and abs(p[name]) > 0.5 * p["B"]:
+            yield f"{name} = {p[name]:g} m lies off the ship (B = {p['B']:g} m)"
+    for name, side in (("A_T", "B"), ("A_L", "L")):
+        if have(name, side) and p[name] > 5 * p[side] ** 2:
+            yield f"{name} = {p[name]:g} m² is more than 5 {side}² = {5 * p[side] ** 2:g} m²; check its unit"
+    if have("rudder_rate", "L"):
+        most = 10 * math.radians(20) * math.sqrt(3 / p["L"])
+        if p["rudder_rate"] > most:
+            yield f"rudder_rate = {p['rudder_rate']:g} rad/s is more than {most:.3g} rad/s, too fast for any; check its unit"
+
+
+__all__ = ["SIGNED", "check_particulars"]

@@ -1,0 +1,51 @@
+"""Disturbance: slowly varying forces that no model explains, as a random process of its own in X, Y and N.
+
+Each is an Ornstein-Uhlenbeck process: F = size d with d' = -d / tau + noise and d of unit variance when stationary. A
+calibration estimates d along each run (latent force, Alvarez et al. 2013; here as extra variables of the multiple
+shooting), so that coefficients need not bend to a gust; a simulation without noise has d = 0 and no force. The sizes
+and tau are what prediction bands are made of.
+"""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+from mmg.effects.effect import Effect, Parameter
+from mmg.flow import Flow, Force
+from mmg.memory import MODEL_LENGTH, Memory, scale
+from mmg.smooth import Smoothing
+
+STATES = tuple(f"disturbance.{axis}" for axis in "XYN")
+
+
+class Disturbance(Effect):
+    """Latent force process."""
+
+    name, enters = "disturbance", "force"
+
+    def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
+        k, force = scale(p), 0.15 * (p.L / MODEL_LENGTH) ** 3
+        rows = (("X", force, "N"), ("Y", force, "N"), ("N", force * p.L / 4, "N m"))
+        return (
+            *(
+                Parameter(axis, 0.0, size, 0.0, 1e3 * size, unit, f"standard deviation of the force {axis}", held=True)
+                for axis, size, unit in rows
+            ),
+            Parameter("tau", 10.0 * k, 5.0 * k, 1.0 * k, 1e3 * k, "s", "correlation time of the process", held=True),
+        )
+
+    def forces(
+        self,
+        parts: dict[str, Force],
+        flow: Flow,
+        memory: Memory,
+        e: SimpleNamespace,
+        p: SimpleNamespace,
+        ship: SimpleNamespace,
+        s: Smoothing,
+    ) -> dict[str, Force]:
+        d = [memory.low_pass(name, 0.0, e.tau, 1.0) for name in STATES]
+        return {**parts, "disturbance": Force(e.X * d[0], e.Y * d[1], e.N * d[2])}
+
+
+EFFECT = Disturbance()

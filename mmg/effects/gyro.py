@@ -1,0 +1,30 @@
+"""Gyro: the logged turn rate is off by a share and late by a lag."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+from mmg.effects.effect import Effect, Parameter
+from mmg.flow import Flow
+from mmg.memory import Memory, lagged, scale
+
+
+class Gyro(Effect):
+    """Gain and lag of the turn rate."""
+
+    name, enters = "gyro", "measurement"
+
+    def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
+        k = scale(p)
+        return (
+            Parameter("share", 0.0, 0.01, -0.3, 0.3, "", "logged turn rate larger than the true one by this share"),
+            Parameter("T", 0.0, 0.3 * k, 0.0, 5.0 * k, "s", "lag of the logged turn rate", held=True),
+        )
+
+    def columns(self, y: list[Any], flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace) -> list[Any]:
+        late = lagged(memory, "gyro.r", y[5], e.T, 0.5 * scale(p), 0.05 / scale(p))
+        return [*y[:5], late * (1 + e.share)]
+
+
+EFFECT = Gyro()
