@@ -55,8 +55,12 @@ def _within(word: str, parameter: Parameter, where: str) -> float:
 
 def with_effects(ship: Ship, texts: Iterable[str]) -> Ship:
     """The ship with effects switched on for a simulation; one without values gets its typical size."""
+    seen: set[str] = set()
     for text in texts:
         name, values, named = parse_effect(text, ship, "--effect")
+        if name in seen:
+            raise UserError(f"--effect {text}: {name} is given twice; write its parameters in one, NAME:a=1,b=2")
+        seen.add(name)
         if named:
             raise UserError(f"--effect {text}: give {named[0]} a value, such as {name}:{named[0]}=0.1")
         if not values:
@@ -77,3 +81,15 @@ def freeing_effects(ship: Ship, texts: Iterable[str]) -> Ship:
         rows = {f"{name}.{p.symbol}": p.symbol in free for p in parameters(ship, name)}
         ship = ship.with_coefficients({s: ship.coefficients[s].with_(fixed=not f) for s, f in rows.items()})
     return ship
+
+
+SURROUNDINGS = ("current", "wind_sensor_bias", "wind_force", "wave_drift", "bank", "shallow_water", "tow", "disturbance")
+"""Effects that belong to a place or a day, not to the ship."""
+
+
+def calm_and_deep(ship: Ship) -> tuple[Ship, list[str]]:
+    """The ship without effects of its surroundings and of its instruments, and the names of those."""
+    left_out = [e for e in ship.effects if e in SURROUNDINGS or EFFECTS[e].enters == "measurement"]
+    for name in left_out:
+        ship = ship.without_effect(name)
+    return ship, left_out

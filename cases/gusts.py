@@ -17,6 +17,9 @@ from mmg.errors import UserError
 REFERENCE_FREQUENCY = 0.5
 """Hz at which filter and spectrum agree, besides zero."""
 
+STRONGEST = 115.0
+"""m/s; the strongest gust ever measured has 113."""
+
 
 @dataclass(frozen=True)
 class GustFilter:
@@ -102,4 +105,6 @@ def parse_wind(text: str) -> Wind:
             f"wind '{text}': write speed:direction or speed:direction:gusty in m/s and degrees it "
             "comes from, such as 1.5:60:gusty"
         )
+    if speed > STRONGEST:
+        raise UserError(f"wind '{text}': {speed:g} m/s is more than any wind; at most {STRONGEST:g} m/s")
     return Wind(speed, math.radians(direction) % (2 * math.pi), len(parts) == 3)

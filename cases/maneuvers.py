@@ -98,6 +98,8 @@ def parse_maneuver(
     kind, _, argument = text.strip().partition(":")
     if kind not in _BUILDERS:
         raise UserError(f"unknown manoeuvre '{text}'; known: {FORMS}")
+    if kind in ("crash-stop", "acceleration") and not {"n", "n_azimuth"} & set(ship.actuators):
+        raise UserError(f"manoeuvre '{text}': {ship.name} has no propeller in its model that could be ordered")
     given = (("duration", duration, "s"), ("rudder rate", rudder_rate and math.degrees(rudder_rate), "deg/s"))
     for name, value, unit in given:
         if value is not None and not (math.isfinite(value) and value > 0):

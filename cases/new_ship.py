@@ -12,6 +12,7 @@ from types import SimpleNamespace
 
 from cases.sound import check_particulars
 from mmg import empirical
+from mmg.coefficients import Coefficient
 from mmg.components import coefficient_table, required_particulars
 from mmg.effects.wind_force import upper_works
 from mmg.errors import UserError
@@ -173,11 +174,15 @@ def new_ship(name: str, given: Mapping[str, float], hull: str = "unified") -> Sh
         if symbol in ship.coefficients:
             row, value = ship.coefficients[symbol], float(f"{value:.5g}")
             std = float(f"{share * abs(value):.3g}")
-            rows[symbol] = row.with_(
-                value=value, std=std, lower=min(row.lower, value - 3 * std), upper=max(row.upper, value + 3 * std),
-                source=source,
-            )  # fmt: skip
+            lower, upper = _widened(row, value, 3 * std)
+            rows[symbol] = row.with_(value=value, std=std, lower=lower, upper=upper, source=source)
     return ship.with_coefficients(rows)
+
+
+def _widened(row: Coefficient, value: float, reach: float) -> tuple[float, float]:
+    """Bounds of the model widened to ``value`` +- ``reach``, but not across zero where they have one sign."""
+    lower, upper = min(row.lower, value - reach), max(row.upper, value + reach)
+    return max(lower, 0.0) if row.lower >= 0 else lower, min(upper, 0.0) if row.upper <= 0 else upper
 
 
 Estimate = tuple[float, float, str]
@@ -242,7 +247,6 @@ def _estimates(p: Mapping[str, float], hull: str) -> dict[str, Estimate]:
     found |= {
         "X_0F": (-R_0, 0.3, "ITTC-57 friction with a form factor"),
         "X_0A": (-1.3 * R_0, 0.4, "1.3 times the resistance ahead"),
-        "X_vr": (regression["X_vr"], 1.0, source),
         **{symbol: (regression[symbol], max(0.25, spread[symbol]), source) for symbol in ("Y_v", "Y_r", "N_v", "N_r")},
         "C_D": (min(max(low["C_D"], 0.4), 1.2), 0.3, "Yoshimura et al. (2009) on L/d, within 0.4 to 1.2"),
         "C_rY": (min(max(low["C_rY"], 0.8), 2.4), 0.3, "Yoshimura et al. (2009) on L/B, within 0.8 to 2.4"),

@@ -26,8 +26,12 @@ def design_pitch(ship: Ship, n: float) -> float:
 
 
 def steady_inputs(ship: Ship, n: float) -> list[float]:
-    """Inputs of the right-hand side at n [1/s] in calm air, rudders midships, thrusters at rest."""
+    """Inputs of the right-hand side at n [1/s] in calm air, rudders midships, thrusters at rest.
+
+    A ship without a propeller is driven by its azimuth thruster.
+    """
     values = {"n": n, "n_2": n, "pitch": design_pitch(ship, n)}
+    values |= {"n_azimuth": n} if "n" not in ship.actuators else {}
     return [values.get(name, 0.0) for name in ship.inputs]
 
 

@@ -30,7 +30,7 @@ else:  # pragma: no cover
 
 LIBRARY = Path(__file__).parent / "ships"
 _KEYS = {f for f in Coefficient.__dataclass_fields__ if f != "symbol"}
-OPTIONAL = ("C_b", "U_0", "y_P", "pitch", "rudder_rate")
+OPTIONAL = ("C_b", "U_0", "y_P", "pitch", "rudder_rate", "scale")
 """Particulars that no force model needs but every ship file may state."""
 _WORDS = ("name", "description", "reference")
 
@@ -132,6 +132,8 @@ def _components(model: Any, where: str) -> tuple[dict[str, str], list[str]]:
             module(role, str(name))
         except KeyError as error:
             raise UserError(f"{where}: [model] {error.args[0]}") from None
+    if model.get("hull") == "abkowitz" and {"propeller", "rudder"} & set(model):
+        raise UserError(f"{where}: [model] hull abkowitz holds propeller and rudder already; leave out those roles")
     if "rudder" in model and "propeller" not in model:
         raise UserError(f"{where}: [model] has a rudder but no propeller; the rudder model needs its slipstream")
     return {role: str(model[role]) for role in ROLES if role in model}, list(dict.fromkeys(effects))
@@ -148,6 +150,8 @@ def _particulars(ship: dict[str, Any], components: dict[str, str], where: str) -
         if number is None or not math.isfinite(number):
             raise UserError(f"{where}: [ship] {key} = {value!r} is not a finite number")
         particulars[key] = number
+    if particulars.get("y_P", 0.0) > 0 and ("propeller" not in components or components.get("rudder") == "vectwin"):
+        raise UserError(f"{where}: [ship] y_P makes two screws with a rudder each; {_models(components)} cannot have them")
     missing = [key for key in required_particulars(components) if key not in particulars]
     if missing:
         raise UserError(f"{where}: [ship] lacks {', '.join(missing)}, needed by {_models(components)}")

@@ -44,7 +44,7 @@ def _refuted(p: Mapping[str, float]) -> Iterator[str]:
     if have("L") and not 0.1 <= p["L"] <= LONGEST:
         yield f"L = {p['L']:g} m is outside 0.1 to {LONGEST:g} m; check its unit"
     if have("L", "B") and p["B"] > p["L"]:
-        yield f"B = {p['B']:g} m is more than the length L = {p['L']:g} m"
+        yield f"L / B = {p['L']:g} / {p['B']:g} = {p['L'] / p['B']:.3g} is less than 1; check L and B"
     for name in ("D_P", "D_BT", "D_ST"):
         if have(name, "d") and p[name] > p["d"]:
             what = PARTICULARS[name][0].removesuffix(" diameter")

@@ -92,6 +92,8 @@ def simulated_run(ship: Ship, text: str, speed: float, n: float | None = None, r
     [rad/s]. Raises UserError when the manoeuvre does not reach its event.
     """
     plan = parse_maneuver(text, ship, speed=speed, n=n, rudder_rate=rudder_rate)
+    if "order_time" not in plan.parameters:
+        raise UserError(f"manoeuvre '{text}' has no order to judge; name a turning, zigzag, spiral, pull-out or crash-stop")
     trial = simulate(ship, plan, STEP * math.sqrt(ship.particulars["L"] / MODEL_LENGTH))
     notices = check_reached(trial, plan)
     p = plan.parameters
@@ -118,7 +120,8 @@ def figures_of(trial: Trial, plan: Maneuver) -> dict[str, float]:
         return turning_figures(*arguments) | steady_turn_figures(*arguments)
     if kind == "zigzag":
         found = zigzag_figures(trial, p["rudder"], p["heading"], p["order_time"])
-        return found | initial_turning_figures(trial, p["rudder"], p["order_time"])
+        ten = math.isclose(abs(p["rudder"]), math.radians(10), rel_tol=1e-6)
+        return found | (initial_turning_figures(trial, p["rudder"], p["order_time"]) if ten else {})
     if kind == "crash-stop":
         return stopping_figures(trial, p["order_time"])
     if kind == "spiral":

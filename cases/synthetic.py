@@ -77,7 +77,8 @@ def _vector(plant: _Plant, moved: Mapping[str, float], air: tuple[float, float],
 def _moved(ship: Ship, n: float, delta: float) -> dict[str, float]:
     """Positions of all actuators under one order: both propellers and both rudders alike, thrusters at rest.
 
-    A controllable-pitch propeller turns ahead all the time: its blades reverse instead.
+    A controllable-pitch propeller turns ahead all the time: its blades reverse instead. A ship without a propeller is
+    driven by its azimuth thruster, which also steers where there is no rudder: aft of midship it pushes to port then.
     """
     moved = dict.fromkeys(ship.actuators, 0.0)
     for name in moved:
@@ -87,6 +88,10 @@ def _moved(ship: Ship, n: float, delta: float) -> dict[str, float]:
             moved[name] = delta
         elif name == "pitch":
             moved[name] = design_pitch(ship, n)
+    if "n_azimuth" in moved and "n" not in moved:
+        moved["n_azimuth"] = n
+        if "rudder" not in ship.components:
+            moved["azimuth"] = math.copysign(delta, delta * ship.particulars["x_az"])
     return moved
 
 

@@ -232,7 +232,7 @@ def _worse(scores: dict[str, dict]) -> list[str]:
     for name, pair in scores.items():
         for metric, label in (("window", "30 s windows"), ("paper", "100 s restarts")):
             before, after = pair["before"][metric], pair["after"][metric]
-            if after > before:
+            if after > 1.005 * before + 1e-6:
                 words.append(f"{label} of the {name} trials became worse: {before:.4f} -> {after:.4f}")
     return words
 

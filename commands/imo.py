@@ -37,7 +37,11 @@ def imo(
         str, typer.Option("--kind", help="Read the trials as turning, zigzag or crash-stop; default from the data.")
     ] = "",
     scale: Annotated[
-        float | None, typer.Option("--scale", help="Of a model, ship length over model length: judged at ship scale.")
+        float | None,
+        typer.Option(
+            "--scale",
+            help="Of a model, ship length over model length (default: the ship file's): judged at ship scale.",
+        ),
     ] = None,
     plot: Annotated[Path | None, typer.Option("--plot", help="Figure to write (.png, .svg or .pdf).")] = None,
     out: Annotated[
@@ -75,6 +79,7 @@ def imo(
             raise UserError(f"{option} belongs to a ship that is simulated; trial files have their own")
         who, runs, heading, notices = _measured(files, ship, length, kind)
         missed = {}
+    scale = scale or _own_scale(models[0] if models else ship)
     rows = [row for run in runs for row in assess(run, scale, who)]
     rows += [Row("", text, "no figure", None, None, "", OPEN, why) for text, why in missed.items()]
     verdict = worst(rows)
@@ -88,6 +93,13 @@ def imo(
     _print(heading, rows, runs, notices, verdict)
     for path in filter(None, (plot, out)):
         say(f"written: {path}")
+
+
+def _own_scale(ship: str | None) -> float | None:
+    """The scale that a ship file gives for a model, None without one."""
+    from cases.ships import load_ship
+
+    return load_ship(ship).particulars.get("scale") if ship else None
 
 
 def _check(
@@ -131,17 +143,21 @@ def _simulated(
     import math
 
     from cases.controller import Limits
+    from cases.effects import calm_and_deep
     from cases.maneuvers import parse_maneuver
     from cases.ships import load_ship
     from cases.standard_runs import STANDARD, approach_speed, simulated_run
     from mmg.errors import UserError
 
-    ship: Ship = load_ship(model)
+    ship, left_out = calm_and_deep(load_ship(model))
     V, origin = approach_speed(ship, speed)
     rate = None if rudder_rate is None else math.radians(rudder_rate)
     texts = [*STANDARD, *[text for text in more if text not in STANDARD]]
-    for text in texts:
-        parse_maneuver(text, ship, speed=V, rudder_rate=rate)
+    for text in more:
+        if "order_time" not in parse_maneuver(text, ship, speed=V, rudder_rate=rate).parameters:
+            raise UserError(
+                f"--maneuver {text} has no order to judge; use turning, zigzag, spiral, pull-out, crash-stop"
+            )
     runs, missed = [], {}
     for text in texts:
         try:
@@ -155,7 +171,15 @@ def _simulated(
     if "n" in ship.actuators:
         heading += f", n {runs[0].trial['n'][0]:.4g} rps"
     degrees = math.degrees(rate if rate is not None else Limits.for_ship(ship).rudder_rate)
-    return ship.name, runs, heading, [f"test speed V: {origin}; rudder rate {degrees:.3g} deg/s"], missed
+    helm = (
+        f"rudder rate {degrees:.3g} deg/s" if math.isfinite(degrees) else "the rudder moves as the ship's actuators do"
+    )
+    notices = [f"test speed V: {origin}; {helm}"]
+    if left_out:
+        notices.append(
+            f"left out, as the tests are in calm, deep water and free of sensor errors: {', '.join(left_out)}"
+        )
+    return ship.name, runs, heading, notices, missed
 
 
 def _measured(

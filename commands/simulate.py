@@ -75,6 +75,7 @@ def simulate(
     from cases.sensors import SensorNoise, add_noise
     from cases.ships import load_ship
     from cases.synthetic import write_trial
+    from commands.output import say
     from mmg.errors import UserError
 
     if (maneuver is None) == (controls is None):
@@ -99,6 +100,8 @@ def simulate(
         }
         trial = _run_controls(model, controls, air, seed, options)
     summary = _summary(model, trial, plan)
+    if noise and out is None:
+        say("note: --noise changes nothing without --out: it belongs to the trial file, not to the summary")
     if noise:
         trial = add_noise(trial, SensorNoise.for_length(model.particulars["L"]), seed)
     if out is not None:
@@ -176,7 +179,7 @@ def _summary(ship: Ship, trial: Trial, plan: Maneuver | None) -> dict[str, Any]:
         "final": dict(zip(names, states[-1].tolist(), strict=True)) | {"n_rps": float(trial["n"][-1])},
         "greatest_turn_rate_rad_s": float(abs(trial["r"]).max()),
         "figures": figures | lengths,
-        "notices": list(trial.notices),
+        "notices": [*ship.notices, *trial.notices],
     }
 
 

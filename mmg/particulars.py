@@ -10,6 +10,7 @@ PARTICULARS = {
     "GM": ("metacentric height", "m"),
     "rho": ("water density", "kg/m³"),
     "U_0": ("service or test speed; an Abkowitz polynomial is expanded about it", "m/s"),
+    "scale": ("length of the ship that a model stands for, by that of the model", "-"),
     "rudder_rate": ("greatest rate of the steering gear", "rad/s"),
     "y_P": ("propellers of a twin-screw ship, from the centre plane", "m"),
     "pitch": ("blade angle ahead of a controllable-pitch propeller", "rad"),

@@ -215,6 +215,15 @@ def test_verb_judges_measured_runs_and_says_why_not(frt: Path) -> None:
     assert data["verdict"] == "not judged"
 
 
+def test_the_rudder_rate_that_is_told_is_the_one_that_was_used() -> None:
+    told = {
+        tuple(options): " ".join(json.loads(mmg("imo", "kvlcc2_l7", *options, "--json").stdout)["notices"])
+        for options in ([], ["--rudder-rate", "5"])
+    }
+    assert "rudder rate 15.8 deg/s" in told[()]
+    assert "rudder rate 5 deg/s" in told["--rudder-rate", "5"]
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

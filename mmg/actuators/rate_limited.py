@@ -23,9 +23,10 @@ RUDDERS, PROPELLERS = ("delta", "delta_port", "delta_starboard"), ("n", "n_2")
 
 
 def coefficients(p: SimpleNamespace) -> tuple[Coefficient, ...]:
-    """Rates and time constants for a ship of length L."""
+    """Rates and time constants for a ship of length L, with its own ``rudder_rate`` where the file gives one."""
     k = scale(p)
-    swift, turns, time = math.radians(20.0) / k, 20.0 / k**2, 0.4 * k
+    swift = getattr(p, "rudder_rate", math.radians(20.0) / k)
+    turns, time = 20.0 / k**2, 0.4 * k
     return table(
         "20 deg/s and 20 rps/s of 3 m models by Froude's law",
         ("K_delta", swift, 0.2 * swift, 0.05 * swift, 5 * swift, "rad/s", "greatest rate of the rudder"),
