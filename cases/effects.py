@@ -77,13 +77,24 @@ def freeing_effects(ship: Ship, texts: Iterable[str]) -> Ship:
     for text in texts:
         name, values, named = parse_effect(text, ship, "--with")
         ship = ship.with_effect(name, values)
+        wide = {f"{name}.{p.symbol}": p.coefficient(name).std for p in parameters(ship, name) if p.symbol in values}
+        ship = ship.with_coefficients({s: ship.coefficients[s].with_(std=std) for s, std in wide.items()})
         free = {p.symbol for p in parameters(ship, name) if not p.held} | set(named)
         rows = {f"{name}.{p.symbol}": p.symbol in free for p in parameters(ship, name)}
         ship = ship.with_coefficients({s: ship.coefficients[s].with_(fixed=not f) for s, f in rows.items()})
     return ship
 
 
-SURROUNDINGS = ("current", "wind_sensor_bias", "wind_force", "wave_drift", "bank", "shallow_water", "tow", "disturbance")
+SURROUNDINGS = (
+    "current",
+    "wind_sensor_bias",
+    "wind_force",
+    "wave_drift",
+    "bank",
+    "shallow_water",
+    "tow",
+    "disturbance",
+)
 """Effects that belong to a place or a day, not to the ship."""
 
 

@@ -38,6 +38,10 @@ def actuator_columns(trial: Trial, actuators: Sequence[str]) -> tuple[np.ndarray
             notes.append(f"{trial.name}: no column {name}, so it is taken to be at rest")
         else:
             raise UserError(_missing(trial, name))
+    heard = {*actuators, *(_STAND_INS[name] for name in actuators if name in _STAND_INS and name not in trial)}
+    ignored = [name for name in INPUTS if name in trial and name not in heard and np.nan_to_num(trial[name]).any()]
+    if ignored:
+        notes.append(f"{trial.name}: {', '.join(ignored)}: the ship's model has no such input, so it is ignored")
     return np.column_stack([*columns]) if columns else np.empty((len(trial), 0)), notes
 
 

@@ -83,10 +83,17 @@ def check_plausible(p: Mapping[str, float]) -> None:
         not 0.3 <= p.get("pitch_ratio", 0.7) <= 1.6,
         f"pitch_ratio = {p.get('pitch_ratio', 0):g}: pitch by diameter lies between 0.3 and 1.6",
     )
-    speed = p.get("U_0", 0.0) / math.sqrt(GRAVITY * L)
+    refuse(p.get("D_P", d) < 0.1 * d, f"D_P = {p.get('D_P', d):g} m is less than a tenth of the draught d = {d:g} m")
     refuse(
-        speed > 0.6, f"U_0 = {p.get('U_0', 0):g} m/s is Froude number {speed:.2g}; displacement ships stay below 0.6"
+        p.get("A_R", L * d) < 0.002 * L * d,
+        f"A_R = {p.get('A_R', L * d):g} m² is less than 0.002 L d = {0.002 * L * d:.3g} m²",
     )
+    if "U_0" in p:
+        speed = p["U_0"] / math.sqrt(GRAVITY * L)
+        refuse(
+            not 0.02 <= speed <= 0.6,
+            f"U_0 = {p['U_0']:g} m/s is Froude number {speed:.2g}; displacement ships have 0.02 to 0.6",
+        )
 
 
 @dataclass

@@ -1,6 +1,6 @@
 """Particulars that no ship has: signs, sizes by one another, and units that the numbers themselves refute.
 
-Both the ship files and the starting ships of ``mmg ships --new`` are held to these rules; they leave room for odd ships.
+Ship files and the starting ships of ``mmg ships --new`` are held to these rules; they leave room for odd ships.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ def _refuted(p: Mapping[str, float]) -> Iterator[str]:
     if have("rudder_rate", "L"):
         most = 10 * math.radians(20) * math.sqrt(3 / p["L"])
         if p["rudder_rate"] > most:
-            yield f"rudder_rate = {p['rudder_rate']:g} rad/s is more than {most:.3g} rad/s, too fast for any; check its unit"
+            yield f"rudder_rate = {p['rudder_rate']:g} rad/s is more than {most:.3g} rad/s; check its unit"
 
 
 __all__ = ["SIGNED", "check_particulars"]

@@ -21,6 +21,7 @@ from cases.propulsion import design_pitch
 from cases.sensors import logged, wrap
 from cases.trial import STATES, UNITS, Trial
 from cases.units import house_unit
+from mmg.components import module
 from mmg.effects import effect
 from mmg.errors import UserError
 from mmg.frames import earth_to_body, wind_vector
@@ -172,7 +173,13 @@ def simulate(
     columns = _columns(t[rows], states[rows, :6], actuators, None if wind is None else air[rows])
     columns = _logged(ship, _checked(columns, ship), states[rows, :6]) | plant.roll(states[rows])
     meta = {"ship": ship.name, "maneuver": maneuver.name, "seed": str(seed)}
-    return Trial(_stem(maneuver.name), columns, notices=_notices(ship, wind is not None), kind=maneuver.kind, meta=meta)
+    return Trial(
+        _stem(maneuver.name),
+        columns,
+        notices=_notices(ship, wind is not None, states[rows]),
+        kind=maneuver.kind,
+        meta=meta,
+    )
 
 
 def simulate_controls(ship: Ship, controls: Trial, wind: Wind | None = None, seed: int = 0) -> Trial:
@@ -213,7 +220,7 @@ def simulate_controls(ship: Ship, controls: Trial, wind: Wind | None = None, see
     states = whole[:, :6]
     actuators = {name: moved[:, i] for name, i in rows_of.items()}
     columns = _logged(ship, _checked(_columns(t, states, actuators, air), ship), states) | plant.roll(whole)
-    notices = (*_notices(ship, air is not None), *assumed)
+    notices = (*_notices(ship, air is not None, states), *assumed)
     meta = {"ship": ship.name, "controls": controls.name, "seed": str(seed)}
     return Trial(controls.name, columns, notices=notices, kind=controls.kind, meta=meta)
 
@@ -269,10 +276,20 @@ def _checked(columns: dict[str, np.ndarray], ship: Ship) -> dict[str, np.ndarray
     return columns
 
 
-def _notices(ship: Ship, windy: bool) -> tuple[str, ...]:
+def _notices(ship: Ship, windy: bool, states: np.ndarray) -> tuple[str, ...]:
+    """What a user must know of a run of true states (N, 6)."""
+    words = []
     if windy and "wind" not in ship.components and "wind_force" not in ship.effects:
-        return (f"{ship.name} has no wind model: the wind is recorded but exerts no force",)
-    return ()
+        words.append(f"{ship.name} has no wind model: the wind is recorded but exerts no force")
+    limit = getattr(module("hull", ship.components["hull"]), "LARGEST_DRIFT", None)
+    speed = np.hypot(states[:, 3], states[:, 4])
+    drift = np.abs(np.arctan2(states[:, 4], states[:, 3]))[speed > 0.1 * speed.max()]
+    if limit is not None and len(drift) and drift.max() > limit:
+        words.append(
+            f"the drift angle reaches {math.degrees(drift.max()):.0f} deg, where the {ship.components['hull']} hull "
+            f"(up to about {math.degrees(limit):.0f} deg) only extrapolates"
+        )
+    return tuple(words)
 
 
 def write_trial(trial: Trial, path: str | Path) -> None:

@@ -25,7 +25,7 @@ def fit(
         typer.Option("--validate", help="Held-out trials to score before and after; several may follow."),
     ] = None,
     without: Annotated[
-        list[str] | None, typer.Option("--without", help="Leave a component out of the model, such as wind.")
+        list[str] | None, typer.Option("--without", help="Leave a component or effect out of the model, such as wind.")
     ] = None,
     with_: Annotated[
         list[str] | None,
@@ -34,6 +34,13 @@ def fit(
             help="Free an effect (see mmg effects): NAME, or NAME:held=value,freed. May be repeated.",
         ),
     ] = None,
+    measurement: Annotated[
+        str,
+        typer.Option(
+            "--measurement",
+            help="Effects of the instruments that are fitted along: velocity_lag, or several, or none.",
+        ),
+    ] = "velocity_lag",
     fix: Annotated[
         list[str] | None, typer.Option("--fix", help="Coefficients to leave alone (comma-separated).")
     ] = None,
@@ -64,6 +71,10 @@ def fit(
     compiled: Annotated[
         bool, typer.Option("--compiled/--no-compiled", help="Use a C compiler if there is one.")
     ] = True,
+    next_trial: Annotated[
+        bool,
+        typer.Option("--next-trial/--no-next-trial", help="Name the trials that would determine what is left open."),
+    ] = True,
     json: Annotated[bool, typer.Option("--json", help="Print result.json on stdout.")] = False,
 ) -> int:
     """Calibrate a ship on trials by multiple shooting and IPOPT.
@@ -77,8 +88,12 @@ def fit(
     from cases.read import read_trials
     from commands.output import end_progress, print_json, progress, say
     from fitting.calibration import calibrate
+    from fitting.forecast import enrich
     from fitting.ipopt import Interrupts
+    from fitting.next_trial import identify
     from fitting.run import read_iterate, read_result, result, write_run
+    from fitting.verdicts import identifiability_dict
+    from mmg.rollout import Simulator
 
     began = time.perf_counter()
     settings = _settings(
@@ -102,6 +117,7 @@ def fit(
             return 0
         warm = read_iterate(out)
     start = _reduced(start, without, with_, fix, only)
+    start = _measuring(start, measurement)
     train, held_out, remarks = _by_role(read_trials(trials), read_trials(validate) if validate else [])
     _compare_hashes(out, start, train, resume)
     reading = time.perf_counter() - began
@@ -115,13 +131,18 @@ def fit(
         command = "mmg " + " ".join(shlex.quote(a) for a in sys.argv[1:])
         content = result(calibration, train, held_out, scores, command)
         content["warnings"] += [*remarks, *_leaks(train, held_out), *_worse(scores)]
+        found, trial = identify(calibration, next_trial and calibration.converged)
+        content["identifiability"] = identifiability_dict(found, trial)
+        enrich(Simulator(calibration.ship, settings.compiled), content, train, held_out)
 
         def decorate(folder: Path) -> None:
+            from fitting.plot_identifiability import write_identifiability_figures
             from fitting.plots import write_figures
             from fitting.report import write_report
             from fitting.run import RESULT, write_json
 
             content["figures"] = write_figures(folder, calibration, start, train, held_out)
+            content["figures"] += write_identifiability_figures(folder, found, trial)
             content["timings_s"]["wall"] = time.perf_counter() - began
             write_json(folder / RESULT, content)
             write_report([folder], folder / "report.html")
@@ -173,6 +194,9 @@ def _reduced(
     from mmg.errors import UserError
 
     for role in names_of(without):
+        if role in ship.effects:
+            ship = ship.without_effect(role)
+            continue
         if role not in ship.components:
             raise UserError(f"--without {role}: {ship.name} has no such component; it has {', '.join(ship.components)}")
         if role == "hull" or (role == "propeller" and "rudder" in ship.components):
@@ -195,6 +219,25 @@ def _reduced(
     if only:
         ship = ship.fixing([s for s in ship.symbols if s not in names_of(only)])
     return ship.fixing(names_of(fix))
+
+
+def _measuring(ship: Ship, measurement: str) -> Ship:
+    """The ship with effects of its instruments freed; those that it has already stay as they are.
+
+    A satellite delay stands for the velocity lag, which is then not added.
+    """
+    from cases.effects import freeing_effects
+    from commands.output import names_of
+    from mmg.effects import EFFECTS
+    from mmg.errors import UserError
+
+    names = [] if measurement == "none" else names_of([measurement])
+    for name in names:
+        if name not in EFFECTS or EFFECTS[name].enters != "measurement":
+            known = [e for e, effect in EFFECTS.items() if effect.enters == "measurement"]
+            raise UserError(f"--measurement {name}: no effect of an instrument; known: {', '.join(known)}, or none")
+    present = {"velocity_lag"} if "gnss_delay" in ship.effects else set()
+    return freeing_effects(ship, [name for name in names if name not in {*ship.effects, *present}])
 
 
 def _by_role(train: list[Trial], held_out: list[Trial]) -> tuple[list[Trial], list[Trial], list[str]]:
@@ -281,6 +324,7 @@ def _scores(
 def _summary(calibration: Calibration, content: dict, out: Path) -> None:
     """A few lines for a person."""
     from commands.output import say
+    from fitting.identifiability import KINDS
 
     words = "converged" if calibration.converged else "NOT CONVERGED"
     say(
@@ -299,4 +343,9 @@ def _summary(calibration: Calibration, content: dict, out: Path) -> None:
             f"{name}: 30 s windows {before['window']:.4f} -> {after['window']:.4f}, "
             f"100 s restarts {before['paper']:.4f} -> {after['paper']:.4f}"
         )
+    kinds = content["identifiability"]["counts"]
+    say("coefficients: " + ", ".join(f"{count} {KINDS[kind]}" for kind, count in kinds.items()))
+    plan = content["identifiability"].get("next_trial", {}).get("plan", [])
+    if plan:
+        say(f"next trial that would tell most: {plan[0]['name']}")
     say(f"run folder: {out} (ship.toml, result.json, report.html)")

@@ -46,19 +46,26 @@ def _is_number(argument: str) -> bool:
 
 
 def expand(arguments: list[str]) -> list[str]:
-    """Repeat an option of ``MANY`` before each of its values, which end at the next option."""
+    """Repeat an option of ``MANY`` before each of its values, which end at the next option.
+
+    One without a value ends the line, so that the missing value is what is complained about.
+    """
     result: list[str] = []
-    current = None
+    current, waiting = None, False
     for argument in arguments:
         if argument.startswith("-") and argument != "-" and not (current and _is_number(argument)):
+            if waiting:
+                break
             current = argument if argument in MANY else None
+            waiting = current is not None
             if current is None:
                 result.append(argument)
         elif current:
             result += [current, argument]
+            waiting = False
         else:
             result.append(argument)
-    return result
+    return [*result, current] if waiting and current else result
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -51,6 +51,13 @@ def test_options_that_take_several_values_are_expanded() -> None:
     ]  # fmt: skip
 
 
+@pytest.mark.parametrize("given", [["ships", "--new"], ["fit", "a", "b.csv", "--validate", "--out", "run"]])
+def test_an_option_without_its_values_is_one_clear_line(given: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(given) == 2
+    line = capsys.readouterr().err.strip()
+    assert "requires an argument" in line and "\n" not in line
+
+
 def test_help_needs_neither_casadi_nor_torch() -> None:
     code = (
         "import sys; from commands.main import main; main(['--help']); main(['fit', '--help']);"
@@ -72,7 +79,7 @@ def test_a_run_folder_is_complete(folder: Path) -> None:
     for name in ("ship.toml", "start.toml", "result.json", "iterate.safetensors", "report.html"):
         assert (run / name).stat().st_size > 0
     assert content["converged"] and content["status"] == "Solve_Succeeded"
-    assert len(content["coefficients"]) == 61 and content["versions"]["casadi"]
+    assert len(content["coefficients"]) == 62 and content["versions"]["casadi"]
     assert all(len(row["sha256"]) == 64 for row in content["data"])
     assert content["scores"]["validation"]["after"]["window"] < content["scores"]["validation"]["before"]["window"]
     assert content["figures"] and all((run / "figures" / f["file"]).exists() or (run / f["file"]).exists()

@@ -109,7 +109,7 @@ def test_derivatives_with_respect_to_the_parameters_agree_with_finite_difference
         moved = False
         for column in range(state.shape[1]):
             point = np.array(model.initial(state[:, column], controls[:, column], values)).ravel()
-            point[6:] *= 1 + 0.1 * rng.normal(size=len(point) - 6)
+            point[6:] += 0.1 * model.sizes * rng.normal(size=len(point) - 6)
             exact = np.array(J(point, controls[:, column], values))
             assert np.isfinite(exact).all()
             for i, p in enumerate(rows):

@@ -79,6 +79,18 @@ def test_controls_with_time_propeller_and_rudder_alone_start_from_rest(tmp_path:
     assert any("rest" in notice for notice in data["notices"]) and any("hold" in n for n in data["notices"])
 
 
+def test_inputs_that_the_model_does_not_have_are_said_to_be_ignored(tmp_path: Path) -> None:
+    file = tmp_path / "inputs.csv"
+    file.write_text("t [s],n [rps],delta [rad]\n0,1.2,0.1\n1,1.2,0.1\n")
+    told = {
+        ship: json.loads(mmg("simulate", ship, "--controls", str(file), "--json").stdout)["notices"]
+        for ship in ("mariner", "vectwin_3m", "esso_osaka_3m")
+    }
+    ignored = {ship: [notice for notice in notices if "is ignored" in notice] for ship, notices in told.items()}
+    assert ignored["mariner"] == ["inputs: n: the ship's model has no such input, so it is ignored"]
+    assert ignored["vectwin_3m"] == ignored["esso_osaka_3m"] == []
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [

@@ -29,16 +29,24 @@ class GnssDelay(Effect):
         return (Parameter("tau", 0.0, 0.5 * k, 0.0, 5.0 * k, "s", "time by which position and velocity are late"),)
 
     def columns(self, y: list[Any], flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace) -> list[Any]:
-        tau = ca.sqrt(e.tau**2 + scale(p) ** 2)
-        size = 0.1 * float((GRAVITY * p.L) ** 0.5)
-        velocity = body_to_earth(y[3], y[4], y[2])
-        followed = [
-            memory.low_pass(f"gnss_delay.{axis}", value, 0.5 * tau, size)
-            for axis, value in zip(("north", "east"), velocity, strict=True)
-        ]
-        behind = earth_to_body(velocity[0] - followed[0], velocity[1] - followed[1], y[2])
-        u, v = (component - 2 * e.tau / tau * part for component, part in zip(y[3:5], behind, strict=True))
-        return [y[0] - e.tau * followed[0], y[1] - e.tau * followed[1], y[2], u, v, y[5]]
+        u, v, (north, east) = late_velocity(y, memory, self.name, e.tau, p)
+        return [y[0] - e.tau * north, y[1] - e.tau * east, y[2], u, v, y[5]]
+
+
+def late_velocity(
+    y: list[Any], memory: Memory, name: str, tau: Any, p: SimpleNamespace
+) -> tuple[Any, Any, tuple[Any, Any]]:
+    """u and v of columns y from the velocity over ground of ``tau`` ago, turned by the present heading; and V_f."""
+    least = ca.sqrt(tau**2 + scale(p) ** 2)
+    size = 0.1 * float((GRAVITY * p.L) ** 0.5)
+    velocity = body_to_earth(y[3], y[4], y[2])
+    north, east = (
+        memory.low_pass(f"{name}.{axis}", value, 0.5 * least, size)
+        for axis, value in zip(("north", "east"), velocity, strict=True)
+    )
+    behind = earth_to_body(velocity[0] - north, velocity[1] - east, y[2])
+    u, v = (component - 2 * tau / least * part for component, part in zip(y[3:5], behind, strict=True))
+    return u, v, (north, east)
 
 
 EFFECT = GnssDelay()

@@ -10,13 +10,10 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
-import casadi as ca
-
 from mmg.effects.effect import Effect, Parameter
+from mmg.effects.gnss_delay import late_velocity
 from mmg.flow import Flow
-from mmg.frames import body_to_earth, earth_to_body
 from mmg.memory import Memory, scale
-from mmg.smooth import GRAVITY
 
 
 class VelocityLag(Effect):
@@ -29,15 +26,7 @@ class VelocityLag(Effect):
         return (Parameter("tau", 0.0, 0.5 * k, 0.0, 5.0 * k, "s", "time by which logged u and v are late"),)
 
     def columns(self, y: list[Any], flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace) -> list[Any]:
-        tau = ca.sqrt(e.tau**2 + scale(p) ** 2)
-        size = 0.1 * float((GRAVITY * p.L) ** 0.5)
-        velocity = body_to_earth(y[3], y[4], y[2])
-        followed = [
-            memory.low_pass(f"velocity_lag.{axis}", value, 0.5 * tau, size)
-            for axis, value in zip(("north", "east"), velocity, strict=True)
-        ]
-        behind = earth_to_body(velocity[0] - followed[0], velocity[1] - followed[1], y[2])
-        u, v = (component - 2 * e.tau / tau * part for component, part in zip(y[3:5], behind, strict=True))
+        u, v, _ = late_velocity(y, memory, self.name, e.tau, p)
         return [y[0], y[1], y[2], u, v, y[5]]
 
 

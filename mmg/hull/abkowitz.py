@@ -19,6 +19,7 @@ below 1/(0.4 U_0), and all vanishes at rest, the propeller's push too: take anot
 
 from __future__ import annotations
 
+import math
 from types import SimpleNamespace
 from typing import Any
 
@@ -30,6 +31,9 @@ from mmg.smooth import Smoothing
 
 PARTICULARS = ("L", "d", "rho", "m", "x_G", "U_0")
 INPUTS = ("delta",)
+
+LARGEST_DRIFT = math.radians(30.0)
+"""Drift angle [rad] up to which a polynomial of this kind is fitted to tests; beyond, it extrapolates."""
 
 SOURCE = "Mariner, Chislett & Stroem-Tejsen (1965) Hy-5, as published in MSS; single lineage"
 LOWEST = 0.4

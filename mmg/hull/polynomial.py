@@ -14,6 +14,7 @@ degrees of drift. In the terms with 1/U the speed is held above r L/2: they see 
 
 from __future__ import annotations
 
+import math
 from types import SimpleNamespace
 from typing import Any
 
@@ -25,6 +26,9 @@ from mmg.smooth import Smoothing
 
 PARTICULARS = ("L", "d", "rho")
 INPUTS: tuple[str, ...] = ()
+
+LARGEST_DRIFT = math.radians(30.0)
+"""Drift angle [rad] up to which a polynomial of this kind is fitted to tests; beyond, it extrapolates."""
 
 COEFFICIENTS = table(
     "default of the MMG hull polynomial: of the size met in captive tests of full ships",
