@@ -33,8 +33,8 @@ from mmg.ship import Ship
 from mmg.smooth import GRAVITY
 
 FORMS = (
-    "turning:35, zigzag:20/20, zigzag:-10/10, crash-stop, crash-stop:0.6, spiral:15/5, pull-out:20, random, random:SEED, straight, "
-    "berthing, acceleration"
+    "turning:35, zigzag:20/20, zigzag:-10/10, crash-stop, crash-stop:0.6, spiral:15/5, pull-out:20, random, "
+    "random:SEED, straight, berthing, acceleration"
 )
 """What ``parse_maneuver`` understands; a negative angle begins to port."""
 

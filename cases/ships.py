@@ -151,7 +151,9 @@ def _particulars(ship: dict[str, Any], components: dict[str, str], where: str) -
             raise UserError(f"{where}: [ship] {key} = {value!r} is not a finite number")
         particulars[key] = number
     if particulars.get("y_P", 0.0) > 0 and ("propeller" not in components or components.get("rudder") == "vectwin"):
-        raise UserError(f"{where}: [ship] y_P makes two screws with a rudder each; {_models(components)} cannot have them")
+        raise UserError(
+            f"{where}: [ship] y_P makes two screws with a rudder each; {_models(components)} cannot have them"
+        )
     missing = [key for key in required_particulars(components) if key not in particulars]
     if missing:
         raise UserError(f"{where}: [ship] lacks {', '.join(missing)}, needed by {_models(components)}")

@@ -93,7 +93,9 @@ def simulated_run(ship: Ship, text: str, speed: float, n: float | None = None, r
     """
     plan = parse_maneuver(text, ship, speed=speed, n=n, rudder_rate=rudder_rate)
     if "order_time" not in plan.parameters:
-        raise UserError(f"manoeuvre '{text}' has no order to judge; name a turning, zigzag, spiral, pull-out or crash-stop")
+        raise UserError(
+            f"manoeuvre '{text}' has no order to judge; name a turning, zigzag, spiral, pull-out or crash-stop"
+        )
     trial = simulate(ship, plan, STEP * math.sqrt(ship.particulars["L"] / MODEL_LENGTH))
     notices = check_reached(trial, plan)
     p = plan.parameters

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -12,7 +12,6 @@ if TYPE_CHECKING:
 
     from cases.trial import Trial
     from fitting.calibration import Calibration
-    from fitting.settings import Settings
     from mmg.ship import Ship
 
 
@@ -65,6 +64,12 @@ def fit(
     time_limit: Annotated[
         float | None, typer.Option("--time-limit", help="Wall-clock limit of the calibration [s].")
     ] = None,
+    bootstrap: Annotated[
+        int, typer.Option("--bootstrap", help="Refits to runs drawn with replacement, over --workers processes.")
+    ] = 0,
+    profile: Annotated[
+        list[str] | None, typer.Option("--profile", help="Profile the likelihood of these coefficients.")
+    ] = None,
     resume: Annotated[
         bool, typer.Option("--resume", help="Continue an interrupted run in --out from its best iterate.")
     ] = False,
@@ -75,6 +80,21 @@ def fit(
         bool,
         typer.Option("--next-trial/--no-next-trial", help="Name the trials that would determine what is left open."),
     ] = True,
+    loss: Annotated[
+        str, typer.Option("--loss", help="What a residual costs: gaussian, or robust to outliers huber or student.")
+    ] = "gaussian",
+    captive: Annotated[
+        Path | None,
+        typer.Option("--captive", help="Table of captive-test points u,v,r,n,delta,X,Y,N whose forces are fitted too."),
+    ] = None,
+    captive_sigma: Annotated[
+        str | None,
+        typer.Option("--captive-sigma", help="Standard deviations X,Y [N],N [N m] of captive forces; default 3 % rms."),
+    ] = None,
+    auto: Annotated[
+        bool, typer.Option("--auto", help="Choose the model by cross-validation over runs (window, priors, loss, ...).")
+    ] = False,
+    auto_limit: Annotated[float, typer.Option("--auto-limit", help="Time for the choice [s].")] = 480.0,
     json: Annotated[bool, typer.Option("--json", help="Print result.json on stdout.")] = False,
 ) -> int:
     """Calibrate a ship on trials by multiple shooting and IPOPT.
@@ -84,15 +104,20 @@ def fit(
     import shlex
     import sys
     import time
+    from dataclasses import replace
 
     from cases.read import read_trials
-    from commands.output import end_progress, print_json, progress, say
+    from commands.fit_input import _by_role, _captive, _chosen, _compare_hashes, _leaks, _measuring, _reduced, _settings
+    from commands.fit_input import _start as _starting
+    from commands.output import end_progress, names_of, print_json, progress, say
     from fitting.calibration import calibrate
     from fitting.forecast import enrich
     from fitting.ipopt import Interrupts
     from fitting.next_trial import identify
     from fitting.run import read_iterate, read_result, result, write_run
+    from fitting.uncertainty_rows import check_asked, uncertainty_rows
     from fitting.verdicts import identifiability_dict
+    from mmg.errors import UserError
     from mmg.rollout import Simulator
 
     began = time.perf_counter()
@@ -108,8 +133,12 @@ def fit(
         max_iterations=max_iterations,
         time_limit=time_limit,
         compiled=compiled,
+        loss=loss,
     )
-    start = _start(out, resume, ship)
+    points = _captive(captive, captive_sigma)
+    if auto and resume:
+        raise UserError("--auto cannot be resumed: repeat the choice as options, or start again without --resume")
+    start = _starting(out, resume, ship)
     warm = None
     if resume and out.exists():
         if read_result(out)["converged"]:
@@ -121,18 +150,26 @@ def fit(
     train, held_out, remarks = _by_role(read_trials(trials), read_trials(validate) if validate else [])
     _compare_hashes(out, start, train, resume)
     reading = time.perf_counter() - began
+    check_asked(bootstrap, names_of(profile), start.free)
     for line in start.notices:
         say(line)
     with Interrupts(lambda: say("interrupted: stopping at the next iterate and writing the run folder")):
-        calibration = calibrate(start, train, settings, progress(), warm)
+        choice = _chosen(start, train, settings, points, auto_limit) if auto else None
+        if choice:
+            start, settings = choice.ship, replace(choice.settings, workers=workers)
+        calibration = calibrate(start, train, settings, progress(), warm, points)
         end_progress()
         calibration.timings["read"] = reading
         scores = _scores(start, calibration, train, held_out)
         command = "mmg " + " ".join(shlex.quote(a) for a in sys.argv[1:])
         content = result(calibration, train, held_out, scores, command)
+        content |= uncertainty_rows(calibration, bootstrap, names_of(profile))
         content["warnings"] += [*remarks, *_leaks(train, held_out), *_worse(scores)]
         found, trial = identify(calibration, next_trial and calibration.converged)
         content["identifiability"] = identifiability_dict(found, trial)
+        if choice:
+            content["auto"] = choice.to_rows()
+            content["notices"] += list(choice.notices)
         enrich(Simulator(calibration.ship, settings.compiled), content, train, held_out)
 
         def decorate(folder: Path) -> None:
@@ -154,121 +191,6 @@ def fit(
     return 130 if calibration.solution.status == "User_Requested_Stop" else 1
 
 
-def _settings(sigma: str | None, **values: Any) -> Settings:
-    """Settings from the options; UserError when a number makes no sense."""
-    from commands.output import numbers_of
-    from fitting.settings import Settings
-    from mmg.errors import UserError
-
-    for name in ("window", "step", "tolerance", "time_limit"):
-        if values[name] is not None and not values[name] > 0:
-            raise UserError(f"--{name.replace('_', '-')} {values[name]:g} must be positive")
-    for name, least in (("interval", 1), ("starts", 1), ("workers", 1), ("max_iterations", 0)):
-        if values[name] < least:
-            raise UserError(f"--{name.replace('_', '-')} {values[name]} must be at least {least}")
-    return Settings(sigma=numbers_of(sigma, 6, "--sigma") if sigma else None, **values)
-
-
-def _start(out: Path, resume: bool, ship: str) -> Ship:
-    """The ship to start from (the run's own start when resuming), after checking the run folder."""
-    from cases.ships import load_ship
-    from fitting.run import START, check_target
-
-    if resume and out.exists():
-        return load_ship(out / START)
-    check_target(out)
-    return load_ship(ship)
-
-
-def _reduced(
-    ship: Ship,
-    without: list[str] | None,
-    with_: list[str] | None,
-    fix: list[str] | None,
-    only: list[str] | None,
-) -> Ship:
-    """The ship with components left out, effects freed and coefficients fixed as asked."""
-    from cases.effects import freeing_effects
-    from cases.ships import dump_ship, parse_ship
-    from commands.output import names_of
-    from mmg.errors import UserError
-
-    for role in names_of(without):
-        if role in ship.effects:
-            ship = ship.without_effect(role)
-            continue
-        if role not in ship.components:
-            raise UserError(f"--without {role}: {ship.name} has no such component; it has {', '.join(ship.components)}")
-        if role == "hull" or (role == "propeller" and "rudder" in ship.components):
-            raise UserError(f"--without {role}: the rest of the model needs it")
-        from dataclasses import replace
-
-        from mmg.components import coefficient_table
-
-        components = {r: n for r, n in ship.components.items() if r != role}
-        kept = coefficient_table(components, ship.particulars)
-        ship = replace(
-            ship, components=components, coefficients={s: ship.coefficients[s] for s in kept if s in ship.coefficients}
-        )
-        ship = parse_ship(dump_ship(ship), ship.name)
-    ship = freeing_effects(ship, with_ or [])
-    for option, names in (("--fix", names_of(fix)), ("--only", names_of(only))):
-        unknown = [name for name in names if name not in ship.coefficients]
-        if unknown:
-            raise UserError(f"{option}: unknown coefficient {', '.join(unknown)}; known: {', '.join(ship.symbols)}")
-    if only:
-        ship = ship.fixing([s for s in ship.symbols if s not in names_of(only)])
-    return ship.fixing(names_of(fix))
-
-
-def _measuring(ship: Ship, measurement: str) -> Ship:
-    """The ship with effects of its instruments freed; those that it has already stay as they are.
-
-    A satellite delay stands for the velocity lag, which is then not added.
-    """
-    from cases.effects import freeing_effects
-    from commands.output import names_of
-    from mmg.effects import EFFECTS
-    from mmg.errors import UserError
-
-    names = [] if measurement == "none" else names_of([measurement])
-    for name in names:
-        if name not in EFFECTS or EFFECTS[name].enters != "measurement":
-            known = [e for e, effect in EFFECTS.items() if effect.enters == "measurement"]
-            raise UserError(f"--measurement {name}: no effect of an instrument; known: {', '.join(known)}, or none")
-    present = {"velocity_lag"} if "gnss_delay" in ship.effects else set()
-    return freeing_effects(ship, [name for name in names if name not in {*ship.effects, *present}])
-
-
-def _by_role(train: list[Trial], held_out: list[Trial]) -> tuple[list[Trial], list[Trial], list[str]]:
-    """Trials to train on and to hold out, and what was said: a sidecar's role keeps a trial out of the training."""
-    from mmg.errors import UserError
-
-    kept = [t for t in train if t.role not in ("test", "validate")]
-    out = [t.name for t in train if t.role in ("test", "validate")]
-    if out and not kept:
-        raise UserError(f"{', '.join(out)}: trials.toml gives them the role test or validate; none is left to train on")
-    return kept, held_out, [f"not trained on, by their role in trials.toml: {', '.join(out)}"] if out else []
-
-
-def _leaks(train: Sequence[Trial], held_out: Sequence[Trial]) -> list[str]:
-    """Sentences on rows that are counted twice, or that are in the training and held out."""
-    from cases.checks.duplicates import duplicates
-
-    trials = [*train, *held_out]
-    words = []
-    for i, (copies, _) in enumerate(duplicates(trials)):
-        for copy in copies:
-            other = next((j for j, t in enumerate(trials) if j > i and t.name == copy.get("other")), None)
-            if other is None:
-                continue
-            if (i < len(train)) != (other < len(train)):
-                words.append(f"{trials[other].name} shares rows with {trials[i].name}: its score is not held out")
-            elif i < len(train):
-                words.append(f"{trials[i].name} and {trials[other].name} share rows, which count twice in the fit")
-    return list(dict.fromkeys(words))
-
-
 def _worse(scores: dict[str, dict]) -> list[str]:
     """Sentences on sets of trials that the calibrated ship predicts worse than the one it started from."""
     words = []
@@ -278,21 +200,6 @@ def _worse(scores: dict[str, dict]) -> list[str]:
             if after > 1.005 * before + 1e-6:
                 words.append(f"{label} of the {name} trials became worse: {before:.4f} -> {after:.4f}")
     return words
-
-
-def _compare_hashes(out: Path, start: Ship, trials: Sequence[Trial], resume: bool) -> None:
-    """When resuming, data and free coefficients must be those of the interrupted run."""
-    from fitting.run import read_result
-    from mmg.errors import UserError
-
-    if not (resume and out.exists()):
-        return
-    earlier = read_result(out)
-    if set(earlier["coefficients"]) != set(start.free):
-        raise UserError(f"{out}: --resume needs the same --without, --fix and --only as the interrupted run")
-    before = sorted(row["sha256"] for row in earlier["data"])
-    if before != sorted(t.sha256 for t in trials):
-        raise UserError(f"{out}: --resume needs the same trial files as the interrupted run")
 
 
 def _scores(

@@ -11,7 +11,6 @@ import typer
 if TYPE_CHECKING:
     from cases.imo import Row
     from cases.standard_runs import Run
-    from mmg.ship import Ship
 
 
 def imo(

@@ -51,6 +51,14 @@ def is_model(argument: str) -> bool:
     return argument in library() or path.suffix.lower() == ".toml"
 
 
+def known_of(model: str) -> dict[str, Any]:
+    """What a run folder's result.json holds; empty for a bare ship."""
+    from fitting.run import RESULT, read_result
+
+    folder = Path(model)
+    return read_result(folder) if (folder / RESULT).exists() else {}
+
+
 def names_of(text: Iterable[str] | None) -> list[str]:
     """Names from repeated and comma-separated option values."""
     return [name.strip() for part in text or [] for name in part.split(",") if name.strip()]

@@ -16,24 +16,34 @@ def predict(
     stride: Annotated[
         float | None, typer.Option("--stride", help="Seconds between window starts; default the window length.")
     ] = None,
+    adapt: Annotated[
+        float,
+        typer.Option("--adapt", help="Seconds before each window that may tell of the run's disturbance; 0: none."),
+    ] = 0.0,
     force: Annotated[bool, typer.Option("--force", help="Overwrite existing files.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print what was written as JSON.")] = False,
 ) -> None:
     """Predict open-loop windows of trials, each started from the measured state.
 
     A window shorter than asked is kept at the end of a run only when windows do not overlap. Rows carry the trial's
-    own time stamps; the first row of a window is the measured state; psi is continuous (not wrapped).
+    own time stamps; the first row of a window is the measured state; psi is continuous (not wrapped). A run
+    folder that knows how far its predictions are off adds x_std ... r_std. With --adapt, the seconds before a window
+    (never the window itself) give a current that fades and what the ship's lags remember.
 
     Example: mmg predict runs/first held_out.csv --window 30 --stride 15 --out forecast.csv
     """
     from cases.read import read_trials
     from cases.ships import load_ship
-    from commands.output import print_json, say
+    from commands.output import known_of, print_json, say
+    from fitting.adapt import Adaptation, advice
+    from fitting.bands import bands_of
     from fitting.predict import predict as windows_of
     from fitting.predict import table, write_tables
     from mmg.errors import UserError
     from mmg.rollout import Simulator
 
+    if not (0 <= adapt < float("inf")):
+        raise UserError("--adapt must be 0 or a positive number of seconds")
     if not window >= 0 or (stride is not None and not stride > 0):
         raise UserError("--window must be 0 or positive and --stride positive")
     step = stride or (window if window > 0 else 1.0)
@@ -48,9 +58,14 @@ def predict(
     if existing and not force:
         raise UserError(f"{existing[0]}: exists already; choose another --out or add --force")
     simulator = Simulator(load_ship(model))
-    tables, notes, counts = {}, [], {}
+    known = known_of(model)
+    bands = bands_of(known, simulator.ship)
+    past = Adaptation.of(simulator.ship, adapt) if adapt else None
+    tables, notes, counts = {}, advice(known) if adapt else [], {}
     for run in runs:
-        found, remarks = windows_of(simulator, run, window, step, short_last=window <= 0 or step >= window)
+        found, remarks = windows_of(
+            simulator, run, window, step, short_last=window <= 0 or step >= window, adaptation=past, bands=bands
+        )
         notes += remarks
         if not run.has_position:
             notes.append(f"{run.name}: no measured position; each window starts at x = y = 0")

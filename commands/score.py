@@ -25,12 +25,17 @@ def score(
         list[Path] | None, typer.Option("--sigma-from", help="Trials whose pooled sigma to use; several may follow.")
     ] = None,
     method: Annotated[str, typer.Option("--method", help="Integration: rk4 or euler.")] = "rk4",
+    adapt: Annotated[
+        float,
+        typer.Option("--adapt", help="Score also with this many seconds before each window as a help; 0: not."),
+    ] = 0.0,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
 ) -> None:
     """Score models on trials: Eq. 25 of Wakita et al. (2022) with 100 s restarts, and 30 s windows every 15 s.
 
     Both are the mean squared error summed over x, y, psi, u, v, r, each divided by its sigma, by default pooled over
-    the scored trials with the heading as stored.
+    the scored trials with the heading as stored. --adapt scores every model twice: without and with what the past of
+    each window tells of the run's disturbance (see mmg predict).
 
     Example: mmg score esso_osaka_3m runs/first held_out/*.csv
     """
@@ -53,6 +58,8 @@ def score(
         raise UserError("no trial named: give trial files, or a folder of them, after the models")
     if method not in ("rk4", "euler"):
         raise UserError(f"--method {method!r} is unknown; use rk4 or euler")
+    if not (0 <= adapt < float("inf")):
+        raise UserError("--adapt must be 0 or a positive number of seconds")
     if sigma and sigma_from:
         raise UserError("--sigma and --sigma-from exclude each other")
     trials = read_trials(files)
@@ -67,7 +74,12 @@ def score(
         values, origin = pooled_sigma(read_trials(sigma_from)), ", ".join(str(p) for p in sigma_from)
     else:
         values, origin = pooled_sigma(trials), "the scored trials"
-    scores = {name: scored(Simulator(ship), trials, values, origin, method) for name, ship in ships.items()}
+    scores = {}
+    for name, ship in ships.items():
+        simulator = Simulator(ship)
+        scores[name] = scored(simulator, trials, values, origin, method)
+        if adapt:
+            scores[f"{name} --adapt {adapt:g}"] = scored(simulator, trials, values, origin, method, adapt)
     if json:
         print_json({"metric": METRIC, "method": method, "models": {n: score_rows(s) for n, s in scores.items()}})
     else:

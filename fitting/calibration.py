@@ -11,14 +11,20 @@ import numpy as np
 from cases.checks import inputs_are_constant
 from cases.inputs import actuator_columns
 from cases.trial import Trial
-from fitting import gauss_newton
+from fitting.captive import Captive, CaptiveForces
+from fitting.information import Information, information
 from fitting.ipopt import Solution
+from fitting.loss import Loss
 from fitting.noise import Noise
-from fitting.passes import solve_passes, solve_starts
+from fitting.passes import solve_passes
 from fitting.problem import Prior, Problem
+from fitting.recipe import Recipe
+from fitting.sandwich import Robust, robust
 from fitting.segments import Segments, cut, default_step
 from fitting.settings import Report, Settings, Start
-from fitting.shooting import Kernels, kernels
+from fitting.shooting import kernels
+from fitting.starts import solve_starts
+from fitting.suspects import against_captive, contradictions, odd_runs, unexcited_astern
 from fitting.verdicts import calibrated_ship, warnings_of
 from mmg.errors import UserError
 from mmg.model import assemble
@@ -30,8 +36,10 @@ class Calibration:
     """A calibrated ship and how it came about.
 
     ship: with estimates, standard errors, priors and verdicts. p, covariance: scaled estimate (P,) and its covariance
-    (P, P) in prior standard deviations. sigma: (6,) used in the last solve; noise: estimated from its residuals.
-    solution: of the last solve; history: objective and status of every pass.
+    (P, P) in prior standard deviations, robust to residuals that remember (fitting/sandwich.py). sigma: (6,) used in
+    the last solve; noise: estimated from its residuals. solution: of the last solve; history: objective and status of
+    every pass. information: of each window on p, from which ``spread`` has the robust and the model-based covariance;
+    recipe: of the problem solved.
     """
 
     ship: Ship
@@ -49,15 +57,36 @@ class Calibration:
     notices: tuple[str, ...]
     timings: dict[str, float] = field(default_factory=dict)
     nodes: np.ndarray = field(default_factory=lambda: np.empty((0, 6)))
+    information: Information | None = None
+    spread: Robust | None = None
+    recipe: Recipe | None = None
 
     @property
     def converged(self) -> bool:
         return self.solution.converged
 
     @property
+    def condition_number(self) -> float:
+        """Condition number of the covariance in prior standard deviations."""
+        return condition_number(self.covariance)
+
+    @property
+    def covariance_model(self) -> np.ndarray:
+        """Covariance (P, P) if the noise were as the fit weighs it: inverse of information plus prior."""
+        return self.spread.model if self.spread else self.covariance
+
+    @property
     def standard_errors(self) -> np.ndarray:
         """Standard errors of the free coefficients in their own units, (P,)."""
         return np.sqrt(np.diag(self.covariance)) * self.prior.std
+
+
+def condition_number(covariance: np.ndarray) -> float:
+    """Largest over smallest eigenvalue of a covariance (P, P); infinite where it is no covariance."""
+    if not np.isfinite(covariance).all():
+        return float("inf")
+    values = np.linalg.eigvalsh(covariance)
+    return float(values[-1] / values[0]) if values[0] > 0 else float("inf")
 
 
 def _check_inputs(ship: Ship, trials: Sequence[Trial]) -> None:
@@ -86,13 +115,15 @@ def calibrate(
     settings: Settings | None = None,
     report: Report | None = None,
     warm: dict[str, np.ndarray] | None = None,
+    captive: Captive | None = None,
 ) -> Calibration:
     """Fit the free coefficients of a ship to trials, jointly over all of them.
 
     The residual's standard deviation of each state is re-estimated from pass to pass (``Noise``) until it settles.
     report(pass name, iteration, objective, constraint violation) follows the solver. ``warm`` holds "p", "nodes" and
-    "sigma" of an earlier, interrupted run. Raises UserError for input from which nothing can be identified; a solver
-    that stops early is no error: the best iterate is returned and ``converged`` is False.
+    "sigma" of an earlier, interrupted run. ``captive``: points whose forces are fitted too. Raises UserError for input
+    from which nothing can be identified; a solver that stops early is no error: the best iterate is returned and
+    ``converged`` is False.
     """
     settings = settings or Settings()
     began = time.perf_counter()
@@ -104,6 +135,7 @@ def calibrate(
         raise UserError(f"a window of {window:g} s holds fewer than ten steps of {step:g} s; use a longer --window")
     segments = cut(trials, step, window, settings.interval, inputs=ship.inputs)
     prior = Prior.of(ship)
+    warnings = [*contradictions(prior), *unexcited_astern(ship, trials, segments)]
     positions = np.array([ship.symbols.index(s) for s in prior.symbols])
     kernel = kernels(assemble(ship), positions, settings.compiled)
     timings = {"prepare": time.perf_counter() - began}
@@ -111,24 +143,37 @@ def calibrate(
     if kernel.interpreted_because:
         notices.append(f"running without compiled code, several times slower: {kernel.interpreted_because}")
     sigma = _given_sigma(settings) if settings.sigma else first_sigma(ship, segments)
-    problem = Problem(ship, prior, kernel, segments, sigma)
+    forces = CaptiveForces(kernel.model, positions, captive, settings.compiled) if captive else None
+    if forces:
+        warnings += against_captive(forces, ship.values, positions, prior)
+    problem = Problem(ship, prior, kernel, segments, sigma, Loss(settings.loss), forces)
     x = problem.start()
     if warm and len(warm.get("p", ())) == problem.P:
         if len(warm.get("nodes", ())) == problem.B:
             x = problem.join(warm["nodes"], np.clip(warm["p"], *problem.p_bounds()))
-        problem = problem.with_sigma(warm["sigma"]) if not settings.sigma else problem
+        else:
+            x = problem.start(warm["p"])
+        problem = problem.with_sigma(warm["sigma"]) if "sigma" in warm and not settings.sigma else problem
     problem, solution, noise, passes = solve_passes(problem, x, settings, began, report)
     timings["solve"] = time.perf_counter() - began - timings["prepare"]
     best, starts = solve_starts(problem, solution, settings, began, report)
     nodes, p = problem.split(best.x)
     p = np.clip(p, *problem.p_bounds())
-    covariance = _covariance(problem, kernel, trials, window, nodes, p)
-    warnings = warnings_of(problem, best, p, starts)
+    found = information(problem, best.x)
+    spread = robust(found)
+    covariance = spread.covariance
+    warnings = [*warnings_of(problem, best, p, starts), *warnings, *odd_runs(problem, best.x)]
     if best.converged and len(starts) < settings.starts:
         warnings.append(f"only {len(starts)} of {settings.starts} starts were solved before the run was stopped")
+    condition = condition_number(covariance)
+    if condition > 1e12:
+        warnings.append(
+            f"condition number {condition:.1g}: some combination of coefficients is not determined at all and the "
+            "standard errors are unreliable; fix coefficients or narrow their priors"
+        )
     timings["total"] = time.perf_counter() - began
     return Calibration(
-        ship=calibrated_ship(ship, prior, p, covariance, best.converged),
+        ship=calibrated_ship(ship, prior, p, covariance, best.converged, found.hessian - np.eye(len(p))),
         prior=prior,
         p=p,
         covariance=covariance,
@@ -143,6 +188,9 @@ def calibrate(
         notices=tuple(dict.fromkeys(notices)),
         timings=timings,
         nodes=nodes,
+        information=found,
+        spread=spread,
+        recipe=Recipe.of(problem),
     )
 
 
@@ -168,24 +216,3 @@ def _given_sigma(settings: Settings) -> np.ndarray:
     if sigma.shape != (6,) or not (sigma > 0).all():
         raise UserError("sigma must be six positive numbers: x, y [m], psi [rad], u, v [m/s], r [rad/s]")
     return sigma
-
-
-def _covariance(
-    problem: Problem,
-    kernel: Kernels,
-    trials: Sequence[Trial],
-    window: float,
-    nodes: np.ndarray,
-    p: np.ndarray,
-) -> np.ndarray:
-    """Posterior covariance of p: inverse of the Fisher information of the effective noise plus the prior's."""
-    seg = problem.segments
-    longest = int(np.bincount(seg.window, weights=seg.steps).max())
-    whole = cut(trials, seg.h, window, longest, inputs=problem.ship.inputs)
-    single = Problem(problem.ship, problem.prior, kernel, whole, problem.sigma)
-    first = np.unique(seg.node_window, return_index=True)[1]
-    data = gauss_newton.information(single, nodes[first], p).sum(axis=0)
-    total = data + np.eye(problem.P)
-    if not np.isfinite(total).all():
-        return np.full_like(total, np.nan)
-    return np.linalg.inv(0.5 * (total + total.T))

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fitting.loss import trimmed
 from fitting.segments import Segments
 
 
@@ -64,16 +65,19 @@ def correlation_time(residuals: list[np.ndarray], longest: int) -> float:
     return float(max(1.0, 1 + 2 * rho[1:end].sum()))
 
 
-def estimate(segments: Segments, node_residuals: np.ndarray, interior: np.ndarray, floor: np.ndarray) -> Noise:
+def estimate(
+    segments: Segments, node_residuals: np.ndarray, interior: np.ndarray, floor: np.ndarray, robust: bool = False
+) -> Noise:
     """Noise of each channel from the residuals of a fit; ``floor`` (6,) is the least rms believed.
 
     One degree of freedom per window and channel is given to the free initial states. A channel that is nowhere
-    measured keeps rms = floor, tau = 1.
+    measured keeps rms = floor, tau = 1. ``robust`` leaves out residuals beyond four robust standard deviations.
     """
     windows = series(segments, np.where(segments.node_mask > 0, node_residuals, np.nan), interior)
     rms, tau = np.array(floor, dtype=float), np.ones(6)
     for channel in range(6):
         e = [w[:, channel] for w in windows if np.isfinite(w[:, channel]).any()]
+        e = trimmed(e) if robust else e
         count = sum(int(np.isfinite(part).sum()) for part in e)
         if count <= len(e):
             continue

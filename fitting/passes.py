@@ -1,30 +1,22 @@
-"""The solves of a calibration: rough ones that estimate the noise, the final one, and further starts of it."""
+"""The solves of a calibration: rough ones that estimate the noise, then the final one."""
 
 from __future__ import annotations
 
-import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from fitting.execute import run_all
 from fitting.ipopt import Solution, solve
 from fitting.noise import Noise, estimate
-from fitting.problem import Prior, Problem
-from fitting.segments import Segments
-from fitting.settings import Report, Settings, Start
-from fitting.shooting import kernels
-from mmg.model import assemble
-from mmg.ship import Ship
-
-
-def _left(settings: Settings, began: float) -> float | None:
-    return None if settings.time_limit is None else settings.time_limit - (time.perf_counter() - began)
+from fitting.problem import Problem
+from fitting.settings import Report, Settings
+from fitting.starts import STUCK, damped, time_left
 
 
 def _noise(problem: Problem, x: np.ndarray) -> Noise:
-    return estimate(problem.segments, *problem.errors(x), floor=1e-6 * problem.scale[:6])
+    floor = 1e-6 * problem.scale[:6]
+    return estimate(problem.segments, *problem.errors(x), floor=floor, robust=problem.loss.robust)
 
 
 FEW_WINDOWS = 30
@@ -37,6 +29,8 @@ def solve_passes(
     """Rough solves that estimate the noise, then one with that noise to full tolerance.
 
     The first rough solve sees at most FEW_WINDOWS windows, evenly spread; the estimate of each solve starts the next.
+    A solve that gets stuck is repeated with damping (``starts.damped``). With a
+    robust loss the rough solves use Student's t, which lets go of gross outliers at once.
     """
     passes: list[dict] = []
     count = 1 if settings.sigma else max(1, settings.passes)
@@ -46,21 +40,25 @@ def solve_passes(
         windows = len(full.segments.run)
         if rough and number == 0 and windows > 1.5 * FEW_WINDOWS:
             few = np.unique(np.linspace(0, windows - 1, FEW_WINDOWS).round().astype(int))
-            segments = full.segments.subset(few)
-            problem = Problem(full.ship, full.prior, full.kernels, segments, full.sigma)
+            problem = full.with_segments(full.segments.subset(few))
             x = problem.start(p)
         else:
             problem = full
+        if rough and problem.loss.robust:
+            problem = problem.with_loss("student")
         name = f"pass {number + 1} of {count}"
         solution = solve(
             problem,
             x,
             settings.tolerance,
             settings.max_iterations,
-            _left(settings, began),
+            time_left(settings, began),
             report=partial(report, name) if report else None,
             rough=rough,
         )
+        restarted = solution.status in STUCK
+        if restarted:
+            solution = damped(problem, p, settings, began, report)
         noise = _noise(problem, solution.x)
         passes.append(
             {
@@ -70,17 +68,18 @@ def solve_passes(
                 "seconds": solution.seconds,
                 "windows": len(problem.segments.run),
                 "sigma": problem.sigma.tolist(),
+                "restarted": restarted,
             }
         )
         p = problem.split(solution.x)[1]
         good = solution.converged or (rough and solution.status == "Solved_To_Acceptable_Level")
         if not good or not rough:
             break
-        x = solution.x if problem is full else full.start(p)
-        full = full.with_sigma(noise.sigma)
+        x = solution.x if problem.segments is full.segments else full.start(p)
+        full = full.with_sigma(noise.sigma, noise.tau)
     if problem.segments is not full.segments:
         problem, solution = _whole(full, p, solution)
-    return problem, solution, noise, passes
+    return problem.with_loss(full.loss.name), solution, noise, passes
 
 
 def _whole(full: Problem, p: np.ndarray, solution: Solution) -> tuple[Problem, Solution]:
@@ -93,68 +92,3 @@ def _whole(full: Problem, p: np.ndarray, solution: Solution) -> tuple[Problem, S
         objective=full.objective(x),
         violation=float(np.abs(full.defects(x)).max()),
     )
-
-
-@dataclass(frozen=True)
-class StartTask:
-    """One further start of the final solve, complete enough to be solved in another process."""
-
-    ship: Ship
-    prior: Prior
-    segments: Segments
-    sigma: np.ndarray
-    p: np.ndarray
-    settings: Settings
-    time_limit: float | None
-
-
-def solve_start(task: StartTask) -> Solution:
-    """Solve one start; kernels are built anew (their compiled code is cached)."""
-    free = np.array([task.ship.symbols.index(s) for s in task.prior.symbols])
-    kernel = kernels(assemble(task.ship), free, task.settings.compiled)
-    problem = Problem(task.ship, task.prior, kernel, task.segments, task.sigma)
-    settings = task.settings
-    return solve(problem, problem.start(task.p), settings.tolerance, settings.max_iterations, task.time_limit)
-
-
-def _further(
-    problem: Problem, settings: Settings, points: list[np.ndarray], began: float, report: Report | None
-) -> list[Solution]:
-    """Solutions from other starting points, in processes when there are several workers."""
-    if settings.workers > 1 and len(points) > 1:
-        left = _left(settings, began)
-        tasks = [
-            StartTask(problem.ship, problem.prior, problem.segments, problem.sigma, p, settings, left) for p in points
-        ]
-        return run_all(solve_start, tasks, settings.workers)
-    solutions: list[Solution] = []
-    for number, p in enumerate(points, start=2):
-        left = _left(settings, began)
-        if left is not None and left <= 0:
-            break
-        watch = partial(report, f"start {number}") if report else None
-        solutions.append(
-            solve(problem, problem.start(p), settings.tolerance, settings.max_iterations, left, report=watch)
-        )
-        if solutions[-1].status == "User_Requested_Stop":
-            break
-    return solutions
-
-
-def solve_starts(
-    problem: Problem, first: Solution, settings: Settings, began: float, report: Report | None
-) -> tuple[Solution, list[Start]]:
-    """Further random starts of the last problem; returns the best solution and the list of all starts."""
-    solutions = [first]
-    if first.converged and settings.starts > 1:
-        rng = np.random.default_rng(settings.seed)
-        points = [rng.normal(scale=0.5, size=problem.P) for _ in range(1, settings.starts)]
-        solutions += _further(problem, settings, points, began, report)
-    converged = [s for s in solutions if s.converged] or solutions[:1]
-    best = min(converged, key=lambda s: s.objective)
-    p = problem.split(best.x)[1]
-    starts = [
-        Start(i, s.objective, s.converged, float(np.abs(problem.split(s.x)[1] - p).max()))
-        for i, s in enumerate(solutions)
-    ]
-    return best, starts

@@ -16,14 +16,14 @@ from matplotlib.patches import Patch
 
 from cases.trial import Trial
 from fitting.calibration import Calibration
+from fitting.identifiability import DETERMINED, PARTLY
 from fitting.ipopt import Solution
 from fitting.plot_style import AFTER, ALARM, BEFORE, DPI, GREY, dress, new_figure
 from fitting.plot_tracks import error_growth_plot, trajectory_plot
+from fitting.plot_waterfall import waterfall_figure
 from fitting.predict import predict_all
 from fitting.run import RESULT, coefficient_rows, read_result
 from fitting.score import PAPER_WINDOW, wrapped_error
-from fitting.settings import Start
-from fitting.verdicts import DETERMINED, PARTLY
 from mmg.components import ROLES, coefficient_table
 from mmg.rollout import Simulator
 from mmg.ship import Ship
@@ -189,25 +189,6 @@ def convergence_plot(solution: Solution) -> Figure:
     return figure
 
 
-def waterfall_plot(starts: Sequence[Start]) -> Figure:
-    """Objective of every start above the best one, in increasing order; open squares did not converge."""
-    figure = new_figure(3.2)
-    ax = dress(figure.subplots(), "start, in order of its objective [-]", "objective above the best [-]")
-    ordered = sorted(starts, key=lambda s: s.objective)
-    best = min((s.objective for s in ordered if s.converged), default=ordered[0].objective)
-    floor = 1e-10 * max(abs(best), 1.0)
-    above = np.array([max(s.objective - best, floor) for s in ordered])
-    done = np.array([s.converged for s in ordered])
-    for which, mark, colour, name in ((done, "o", AFTER, "converged"), (~done, "s", ALARM, "not converged")):
-        if which.any():
-            ax.plot(np.flatnonzero(which) + 1, above[which], mark, color=colour, label=name)
-    ax.set_yscale("log")
-    ax.axhline(max(1e-5 * abs(best), 10 * floor), color=GREY, lw=0.8, ls="--", label="same optimum to 1e-5")
-    ax.set_xticks(range(1, len(ordered) + 1))
-    ax.legend(fontsize=8, frameon=False)
-    return figure
-
-
 def _shown(trials: Sequence[Trial], validation: Sequence[Trial], most: int) -> list[tuple[Trial, bool]]:
     """Up to ``most`` (trial, held out) to draw: the longest of each kind, held-out ones first."""
     chosen: dict[str, tuple[Trial, bool]] = {}
@@ -291,13 +272,14 @@ def write_figures(
     if len(calibration.starts) > 1:
         write(
             "starts", "Starts",
-            "Objective of each random start above the best one: points below the line reached the same optimum.",
-            lambda: waterfall_plot(calibration.starts),
+            "Objective of each start above the best one: points below the line reached the same optimum. Numbers are "
+            "those of the starts (0: the prior); a ring marks one that was solved again with damping.",
+            lambda: waterfall_figure(calibration.starts),
         )  # fmt: skip
     return written
 
 
 __all__ = [
     "coefficient_plot", "component_of", "convergence_plot", "determination", "error_growth_plot", "grouped",
-    "score_plot", "trajectory_plot", "waterfall_plot", "write_figures",
+    "score_plot", "trajectory_plot", "write_figures",
 ]  # fmt: skip

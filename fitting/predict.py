@@ -12,6 +12,9 @@ import numpy as np
 
 from cases.inputs import STANDARD, control_array
 from cases.trial import Trial
+from fitting.adapt import Adaptation, adapt
+from fitting.bands import Bands
+from fitting.windows import Batch, Record, Stretch, Water, roll
 from mmg.errors import UserError
 from mmg.rollout import Simulator
 
@@ -21,12 +24,14 @@ class Window:
     """One open-loop window: rows ``first`` .. ``last`` (inclusive) of the trial, and the predicted states there.
 
     states: (last - first + 1, 6): x, y, psi (unwrapped), u, v, r; the first row is the measured state.
+    std: their standard deviations, of the same shape, where they are known.
     """
 
     number: int
     first: int
     last: int
     states: np.ndarray
+    std: np.ndarray | None = None
 
 
 def window_rows(t: np.ndarray, length: float, stride: float, short_last: bool) -> list[tuple[int, int]]:
@@ -59,32 +64,34 @@ def usable(trial: Trial, inputs: Sequence[str] = STANDARD) -> np.ndarray:
 
 @dataclass(frozen=True)
 class _Plan:
-    """Windows of one trial before simulation: numbers and rows, start states and inputs of the whole trial."""
+    """Windows of one trial before simulation: their numbers and rows, and remarks on those left out."""
 
-    trial: Trial
-    kept: list[tuple[int, int, int]]
-    states: np.ndarray
-    controls: np.ndarray
+    kept: list[tuple[int, Stretch]]
     notes: list[str]
+
+
+def record_of(trial: Trial, inputs: Sequence[str]) -> Record:
+    """A trial as windows need it, for a model with these inputs; x = y = 0 where no positions were measured."""
+    states = trial.states
+    if not trial.has_position:
+        states = states.copy()
+        states[:, :2] = 0.0
+    return Record(trial.t, states, control_array(trial, inputs), usable(trial, inputs), trial.has_position)
 
 
 def _plan(
     trial: Trial, inputs: Sequence[str], length: float, stride: float, short_last: bool, longest_step: float
 ) -> _Plan:
-    t, states = trial.t, trial.states
-    if not trial.has_position:
-        states = states.copy()
-        states[:, :2] = 0.0
-    bad = ~usable(trial, inputs)
-    gap = np.diff(t) > longest_step + 2 * trial.dt
+    record = record_of(trial, inputs)
+    gap = np.diff(trial.t) > longest_step + 2 * trial.dt
     kept, left_out = [], 0
-    for number, (first, last) in enumerate(window_rows(t, length, stride, short_last)):
-        if bad[first : last + 1].any() or gap[first:last].any():
+    for number, (first, last) in enumerate(window_rows(trial.t, length, stride, short_last)):
+        if not record.good[first : last + 1].all() or gap[first:last].any():
             left_out += 1
         else:
-            kept.append((number, first, last))
+            kept.append((number, Stretch(record, first, last)))
     notes = [f"{trial.name}: {left_out} window(s) touch missing samples and were left out"] if left_out else []
-    return _Plan(trial, kept, states, control_array(trial, inputs), notes)
+    return _Plan(kept, notes)
 
 
 def predict_all(
@@ -95,32 +102,37 @@ def predict_all(
     short_last: bool = True,
     method: str = "rk4",
     longest_step: float = 1.0,
+    adaptation: Adaptation | None = None,
+    bands: Bands | None = None,
 ) -> list[tuple[list[Window], list[str]]]:
     """Open-loop windows of several trials, simulated side by side; per trial the windows and notes on those left out.
 
     Inputs are held from sample to sample. A window that begins at, or runs across, missing samples or a gap longer
     than ``longest_step`` seconds plus two samples is left out. Without measured positions a window starts at (0, 0).
+    adaptation: use the past of each window; bands: add standard deviations.
     """
     plans = [_plan(trial, simulator.ship.inputs, length, stride, short_last, longest_step) for trial in trials]
-    flat = [(plan, number, first, last) for plan in plans for number, first, last in plan.kept]
+    flat = [stretch for plan in plans for _, stretch in plan.kept]
     if not flat:
         return [([], plan.notes) for plan in plans]
-    N, M = max(last - first for _, _, first, last in flat), len(flat)
-    inputs, steps = np.zeros((N, plans[0].controls.shape[1], M)), np.zeros((N, M))
-    for i, (plan, _, first, last) in enumerate(flat):
-        steps[: last - first, i] = np.diff(plan.trial.t[first : last + 1])
-        inputs[: last - first, :, i] = plan.controls[first:last]
-    logged = np.array([plan.states[first] for plan, _, first, _ in flat]).T
-    start = simulator.start(logged, inputs[0])
-    out = simulator.columns(simulator.run(start, inputs, steps, method=method))
-    windows = [
-        Window(number, first, last, np.ascontiguousarray(out[: last - first + 1, :, i]))
-        for i, (_, number, first, last) in enumerate(flat)
-    ]
+    batch = Batch.of(flat)
+    water: Water | None = None
+    offset: np.ndarray | None = None
+    if adaptation is not None:
+        water, offset = adapt(simulator, flat, adaptation)
+    out = roll(simulator, batch, water, offset, method)[0]
+    std = bands.std(simulator, batch, out, adaptation is not None) if bands else None
     result, at = [], 0
     for plan in plans:
-        result.append((windows[at : at + len(plan.kept)], plan.notes))
-        at += len(plan.kept)
+        windows = []
+        for number, s in plan.kept:
+            states, spread = (
+                None if a is None else np.ascontiguousarray(a[: s.last - s.first + 1, :, at]) for a in (out, std)
+            )
+            assert states is not None
+            windows.append(Window(number, s.first, s.last, states, spread))
+            at += 1
+        result.append((windows, plan.notes))
     return result
 
 
@@ -130,15 +142,16 @@ def predict(simulator: Simulator, trial: Trial, *args: Any, **options: Any) -> t
 
 
 def table(trial: Trial, windows: list[Window]) -> np.ndarray:
-    """Rows (window, t, x, y, psi, u, v, r) of all windows, shape (rows, 8)."""
-    parts = [
-        np.column_stack([np.full(len(w.states), float(w.number)), trial.t[w.first : w.last + 1], w.states])
-        for w in windows
-    ]
+    """Rows (window, t, x, y, psi, u, v, r) of all windows, (rows, 8), and the six standard deviations, (rows, 14)."""
+    parts = []
+    for w in windows:
+        columns = [np.full(len(w.states), float(w.number)), trial.t[w.first : w.last + 1], w.states]
+        parts.append(np.column_stack(columns if w.std is None else [*columns, w.std]))
     return np.vstack(parts) if parts else np.empty((0, 8))
 
 
 HEADER = "window,t [s],x [m],y [m],psi [rad],u [m/s],v [m/s],r [rad/s]"
+STD_HEADER = ",x_std [m],y_std [m],psi_std [rad],u_std [m/s],v_std [m/s],r_std [rad/s]"
 
 
 def write_tables(tables: dict[Path, np.ndarray]) -> None:
@@ -148,7 +161,7 @@ def write_tables(tables: dict[Path, np.ndarray]) -> None:
             path.parent.mkdir(parents=True, exist_ok=True)
             scratch = path.with_name(f".{path.name}.part")
             with scratch.open("w", encoding="utf-8") as file:
-                file.write(HEADER + "\n")
+                file.write(HEADER + (STD_HEADER if rows.shape[1] > 8 else "") + "\n")
                 file.writelines(
                     f"{int(row[0])}," + ",".join(repr(float(value)) for value in row[1:]) + "\n" for row in rows
                 )

@@ -1,18 +1,23 @@
 """The calibration as one nonlinear program: objective, constraints and their exact derivatives.
 
 Variables x: node states (each divided by its channel's scale), then the free coefficients as p = (theta - prior) / std.
-Objective: 1/2 sum (z - y)^2 / sigma^2 over all measured grid samples + 1/2 |p|^2, the negative log posterior of
-independent Gaussian residuals and priors. Constraints: the state at the end of each shooting interval equals the next
-node. (Multiple shooting, Bock & Plitt 1984.)
+Objective: 1/2 sum phi((z - y)^2 / sigma^2) over all measured grid samples + 1/2 |p|^2, the negative log posterior of
+independent residuals (Gaussian: phi(s) = s; others in loss.py) and priors, and 1/2 sum of the squared, scaled
+residuals of the forces of captive tests, if there are any. Constraints: the state at the end of each shooting interval
+equals the next node. (Multiple shooting, Bock & Plitt 1984.)
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import Any
 
-import casadi as ca
 import numpy as np
 
+from fitting.captive import CaptiveForces
+from fitting.loss import Loss
+from fitting.pattern import patterns
+from fitting.prior import Prior as Prior
 from fitting.segments import Segments
 from fitting.shooting import Kernels, SampleCost, Shooting, Sweep
 from mmg.effects.disturbance import STATES as LATENT
@@ -20,34 +25,25 @@ from mmg.logged import states_behind
 from mmg.ship import Ship
 
 
-@dataclass(frozen=True)
-class Prior:
-    """Gaussian prior and bounds of the free coefficients, each of shape (P,)."""
-
-    symbols: tuple[str, ...]
-    mean: np.ndarray
-    std: np.ndarray
-    lower: np.ndarray
-    upper: np.ndarray
-
-    @classmethod
-    def of(cls, ship: Ship) -> Prior:
-        """The prior that a ship file states: value +- std within its bounds."""
-        chosen = [ship.coefficients[s] for s in ship.free]
-        return cls(
-            ship.free,
-            *(np.array([getattr(c, key) for c in chosen]) for key in ("value", "std", "lower", "upper")),
-        )
-
-
 class Problem:
     """The nonlinear program over the intervals of ``segments``.
 
-    sigma: (6,) standard deviation of the residual of each state channel. All evaluations cache on x.
+    sigma: (6,) standard deviation of the residual of each state channel; loss: what residuals cost; captive: forces of
+    captive tests as further residuals. All evaluations cache on x.
     """
 
-    def __init__(self, ship: Ship, prior: Prior, kernels: Kernels, segments: Segments, sigma: np.ndarray) -> None:
+    def __init__(
+        self,
+        ship: Ship,
+        prior: Prior,
+        kernels: Kernels,
+        segments: Segments,
+        sigma: np.ndarray,
+        loss: Loss | None = None,
+        captive: CaptiveForces | None = None,
+    ) -> None:
         self.ship, self.prior, self.segments = ship, prior, segments
+        self.loss, self.captive = loss or Loss(), captive
         self.sigma = np.asarray(sigma, dtype=float)
         speed = np.sqrt(np.mean(segments.nodes[:, 3] ** 2 + segments.nodes[:, 4] ** 2)) + 1e-3
         length = ship.particulars["L"]
@@ -68,7 +64,9 @@ class Problem:
         self.measured_nodes = states_behind(kernels.model, segments.nodes.T, segments.node_controls, self.base).T
         self.memory_weight = np.zeros((self.B, self.S - 6))
         self.memory_weight[np.unique(segments.node_window, return_index=True)[1]] = 1 / kernels.model.sizes**2
-        self._build_sparsity()
+        jacobian, hessian = patterns(segments, self.S, self.P, self.fixed, self.random)
+        self.jacobian_sparsity, self._jacobian_order = jacobian
+        self.hessian_sparsity, self._hessian_order = hessian
         self._values_at: np.ndarray | None = None
         self._sweep_at: np.ndarray | None = None
 
@@ -153,8 +151,9 @@ class Problem:
         nodes, p, _, _ = self.evaluate(x)
         memory = self.memory_weight * (nodes[:, 6:] - self.measured_nodes[:, 6:]) ** 2
         jumps = self.jump_weight[:, None] * self._jumps(nodes) ** 2
-        total = (self.node_weight * e * e).sum() + (self.weight * ei * ei).sum() + memory.sum() + jumps.sum()
-        return 0.5 * float(total + p @ p)
+        samples = self.loss.cost(self.node_weight, e).sum() + self.loss.cost(self.weight, ei).sum()
+        captive = 2 * self.captive.cost(self.coefficients(p)) if self.captive else 0.0
+        return 0.5 * float(samples + memory.sum() + jumps.sum() + captive + p @ p)
 
     def defects(self, x: np.ndarray) -> np.ndarray:
         """End of interval minus next node, divided by the channel's scale, shape (D M,), interval by interval.
@@ -181,7 +180,11 @@ class Problem:
         sweeps, seg, S = self.sweep(x), self.segments, self.S
         nodes, p = self.split(x)
         e, ei = self.errors(x)
-        d_nodes, d_theta = self._pulled(nodes, self.node_weight * e, self.coefficients(p))
+        theta = self.coefficients(p)
+        pull_in = self.loss.slope(self.weight, ei) * ei
+        d_nodes, d_theta = self._pulled(nodes, self.loss.slope(self.node_weight, e) * e, theta)
+        if self.captive:
+            d_theta = d_theta + self.captive.gradient(theta)
         d_nodes[:, 6:] += self.memory_weight * (nodes[:, 6:] - self.measured_nodes[:, 6:])
         pushed = self.jump_weight[:, None] * self._jumps(nodes)
         d_nodes[seg.start[:, None], self.random] += self.decay[:, None] * pushed
@@ -190,8 +193,7 @@ class Problem:
             start = seg.start[s]
             for k, Sk in enumerate(sweep.S_interior):
                 m = len(Sk)
-                we = (self.weight[k, :, s] * ei[k, :, s])[:, :m]
-                pull, own = self._pulled(sweep.interior[k, :, :m].T, we.T, self.coefficients(p))
+                pull, own = self._pulled(sweep.interior[k, :, :m].T, pull_in[k, :, s][:, :m].T, theta)
                 pulled = (pull[:, None, :] @ Sk)[:, 0]
                 d_nodes[start[:m]] += pulled[:, :S]
                 d_theta += pulled[:, S:].sum(axis=0) + own
@@ -212,27 +214,6 @@ class Problem:
         J = h.jacobian(z.T, theta)
         return np.swapaxes(J, 1, 2) @ (w[:, :, None] * J) + h.hessian(z.T, theta, we.T)
 
-    def _build_sparsity(self) -> None:
-        seg, S, D, P, M, B = self.segments, self.S, self.D, self.P, self.M, self.B
-        i, j = np.meshgrid(np.arange(D), np.arange(S), indexing="ij")
-        rows = D * np.arange(M)[:, None, None]
-        block = (rows + i, S * seg.start[:, None, None] + j)
-        ends = (D * np.arange(M)[:, None] + np.arange(D), S * seg.end[:, None] + self.fixed)
-        ip, jp = np.meshgrid(np.arange(D), np.arange(P), indexing="ij")
-        dense = (rows + ip, S * B + jp + 0 * rows)
-        r = np.concatenate([part[0].reshape(-1) for part in (block, ends, dense)])
-        c = np.concatenate([part[1].reshape(-1) for part in (block, ends, dense)])
-        self.jacobian_sparsity, self._jacobian_order = _sparsity(r, c, self.m, self.n)
-        ip, jp = np.meshgrid(np.arange(S), np.arange(P), indexing="ij")
-        across = (S * seg.start[:, None] + self.random, S * seg.end[:, None] + self.random)
-        iu, ju = np.triu_indices(S)
-        own = (S * np.arange(B)[:, None] + iu, S * np.arange(B)[:, None] + ju)
-        border = (S * np.arange(B)[:, None, None] + ip, S * B + jp + 0 * np.arange(B)[:, None, None])
-        pu, qu = np.triu_indices(P)
-        r = np.concatenate([own[0].reshape(-1), border[0].reshape(-1), across[0].reshape(-1), S * B + pu])
-        c = np.concatenate([own[1].reshape(-1), border[1].reshape(-1), across[1].reshape(-1), S * B + qu])
-        self.hessian_sparsity, self._hessian_order = _sparsity(r, c, self.n, self.n)
-
     def jacobian(self, x: np.ndarray) -> np.ndarray:
         """Nonzeros of d defects / dx in the order of ``jacobian_sparsity``."""
         sensitivity = np.concatenate([sweep.S_end[:, self.fixed] for sweep in self.sweep(x)])
@@ -252,11 +233,14 @@ class Problem:
         rows, shared = self.shooting.hessian(sweeps, theta, lam, self._sample_cost(x, factor))
         nodes = np.zeros((self.B, S, S + self.P))
         nodes[seg.start] += rows
+        if self.captive:
+            shared = shared + factor * self.captive.hessian(theta)
+        e = self.errors(x)[0]
+        bend = self.loss.bend(self.node_weight, e)
         if self.kernels.measurement.identity:
-            nodes[:, np.arange(6), np.arange(6)] += factor * self.node_weight
+            nodes[:, np.arange(6), np.arange(6)] += factor * bend
         else:
-            we = self.node_weight * self.errors(x)[0]
-            H = factor * self._curved(at_nodes, self.node_weight, we, theta)
+            H = factor * self._curved(at_nodes, bend, self.loss.slope(self.node_weight, e) * e, theta)
             own = self.kernels.measurement.own
             nodes[:, :, :S] += H[:, :S, :S]
             nodes[:, :, S + own] += H[:, :S, S:]
@@ -278,8 +262,8 @@ class Problem:
     def _sample_cost(self, x: np.ndarray, factor: float) -> SampleCost:
         """Derivatives of factor times the cost of the samples inside the intervals."""
         _, p, _, interior = self.evaluate(x)
-        weight = factor * self.weight
-        we = weight * self.errors(x)[1]
+        ei = self.errors(x)[1]
+        weight, we = factor * self.loss.bend(self.weight, ei), factor * self.loss.slope(self.weight, ei) * ei
         room = ((0, 0), (0, self.S - 6), (0, 0))
         if self.kernels.measurement.identity:
             return SampleCost(np.pad(we, room), np.pad(weight, room))
@@ -292,6 +276,11 @@ class Problem:
             full[k] = self._curved(z.T, weight[k].T, we[k].T, theta)
         return SampleCost(pull, weight, full, own)
 
+    def weights_at(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """1 / sigma^2 of the samples at the nodes (B, 6) and inside (K - 1, 6, M), less for what the loss holds off."""
+        e, ei = self.errors(x)
+        return self.loss.slope(self.node_weight, e), self.loss.slope(self.weight, ei)
+
     def residuals(self, x: np.ndarray) -> np.ndarray:
         """Model minus measured at all measured grid samples, (samples, 6), NaN where not measured; nodes first."""
         e, ei = self.errors(x)
@@ -299,19 +288,22 @@ class Problem:
         inside = np.where(self.segments.mask > 0, ei, np.nan)
         return np.vstack([at_nodes, np.moveaxis(inside, 1, 2).reshape(-1, 6)])
 
-    def with_sigma(self, sigma: np.ndarray) -> Problem:
-        """The same problem with other noise levels."""
-        return Problem(self.ship, self.prior, self.kernels, self.segments, sigma)
+    def with_sigma(self, sigma: np.ndarray, tau: np.ndarray | None = None) -> Problem:
+        """The same problem with other noise levels; tau: (6,) memory of the residuals [samples], for the loss."""
+        return self._again(sigma=sigma, loss=self.loss if tau is None else self.loss.with_tau(tau))
+
+    def with_loss(self, name: str) -> Problem:
+        """The same problem with another loss."""
+        return self._again(loss=replace(self.loss, name=name))
 
     def with_bounds(self, lower: np.ndarray, upper: np.ndarray) -> Problem:
         """The same problem with other bounds of the coefficients, (P,) each."""
-        prior = replace(self.prior, lower=lower, upper=upper)
-        return Problem(self.ship, prior, self.kernels, self.segments, self.sigma)
+        return self._again(prior=replace(self.prior, lower=lower, upper=upper))
 
+    def with_segments(self, segments: Segments) -> Problem:
+        """The same problem over other data."""
+        return self._again(segments=segments)
 
-def _sparsity(rows: np.ndarray, columns: np.ndarray, n: int, m: int) -> tuple[ca.Sparsity, np.ndarray]:
-    """CasADi's compressed-column pattern of distinct triplets and the order that sorts their values into it."""
-    order = np.lexsort((rows, columns))
-    counts = np.bincount(columns, minlength=m)
-    pointers = np.concatenate([[0], np.cumsum(counts)])
-    return ca.Sparsity(n, m, pointers.tolist(), rows[order].tolist()), order
+    def _again(self, **changes: Any) -> Problem:
+        names = ("ship", "prior", "kernels", "segments", "sigma", "loss", "captive")
+        return Problem(**{**{name: getattr(self, name) for name in names}, **changes})

@@ -19,6 +19,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from cases.ships import load_ship
 from cases.trial import STATES, UNITS
 from fitting.plots import component_of, determination, grouped
+from fitting.report_identifiability import section
 from fitting.report_words import headline, not_in_model, plus_minus, setting_rows, warnings_of
 from fitting.run import SHIP, read_result
 from mmg.components import module
@@ -43,6 +44,9 @@ DATA_SOURCES = (
     ),
 )
 """Trial names by which a public data set is known, its licence sentence and what to cite."""
+
+PLACED = ("scores", "error_growth", "track", "coefficients", "identifiability")
+"""Beginnings of the names of figures that have a section of their own."""
 
 
 def _figures(folder: Path, listed: Any) -> list[dict]:
@@ -187,6 +191,8 @@ def _run(folder: Path, number: int) -> dict:
         "groups": groups,
         "counts": {kind: kinds.count(kind) for kind in ("determined", "partly", "prior", "unknown")},
         "correlated": _correlated(result),
+        "identifiability": section(result),
+        "auto": result.get("auto") or [],
         "particulars": [(k, v, *PARTICULARS.get(k, ("", ""))) for k, v in ship.particulars.items()],
         "models": [
             (role, name, (module(role, name).__doc__ or "").strip()) for role, name in ship.components.items()
@@ -195,9 +201,8 @@ def _run(folder: Path, number: int) -> dict:
         "figures": {
             "validation": [f for f in figures if f["name"].startswith(("scores", "error_growth", "track"))],
             "coefficients": [f for f in figures if f["name"].startswith("coefficients")],
-            "other": [
-                f for f in figures if not f["name"].startswith(("scores", "error_growth", "track", "coefficients"))
-            ],
+            "identifiability": [f for f in figures if f["name"].startswith("identifiability")],
+            "other": [f for f in figures if not f["name"].startswith(PLACED)],
         },
         "settings": setting_rows(result),
         "noise": [

@@ -25,9 +25,9 @@ from safetensors.numpy import load_file, save_file
 from cases.ships import dump_ship
 from cases.trial import STATES, UNITS, Trial
 from fitting.calibration import Calibration
+from fitting.identifiability import at_bound
 from fitting.score import Score
 from fitting.settings import settings_dict
-from fitting.verdicts import at_bound
 from mmg.errors import UserError
 from mmg.ship import Ship
 
@@ -199,6 +199,7 @@ def result(
         "advice": s.advice,
         "objective": s.objective,
         "constraint_violation": s.violation,
+        "condition_number": calibration.condition_number,
         "iterations": s.iterations,
         "passes": list(calibration.passes),
         "starts": [vars(start) for start in calibration.starts],

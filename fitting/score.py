@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from cases.trial import STATES, Trial
+from fitting.adapt import Adaptation
 from fitting.predict import Window, predict_all, usable
 from mmg.errors import UserError
 from mmg.rollout import Simulator
@@ -87,8 +88,11 @@ def score(
     sigma: np.ndarray | None = None,
     sigma_from: str = "the scored trials",
     method: str = "rk4",
+    adapt: float | None = None,
 ) -> Score:
     """Both metrics of a ship on a set of trials; sigma defaults to the pooled one of these trials.
+
+    adapt: seconds before each window from which the run's disturbance is estimated (fitting.adapt).
 
     Raises UserError when a trial has no positions, or sigma cannot be pooled.
     """
@@ -96,8 +100,9 @@ def score(
         if not trial.has_position:
             raise UserError(f"{trial.name}: no position columns x [m], y [m]; both metrics need all six states")
     sigma = pooled_sigma(trials) if sigma is None else np.asarray(sigma, dtype=float)
-    paper = predict_all(simulator, trials, PAPER_WINDOW, PAPER_WINDOW, True, method)
-    short = predict_all(simulator, trials, WINDOW, STRIDE, False, method)
+    past = Adaptation.of(simulator.ship, adapt) if adapt else None
+    paper = predict_all(simulator, trials, PAPER_WINDOW, PAPER_WINDOW, True, method, adaptation=past)
+    short = predict_all(simulator, trials, WINDOW, STRIDE, False, method, adaptation=past)
     rows, notes = [], []
     pooled = np.zeros((2, 2))
     for trial, (restarts, remarks), (windows, more) in zip(trials, paper, short, strict=True):

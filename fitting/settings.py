@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 
 Report = Callable[[str, int, float, float], None]
 """Called with the name of the solve, iteration, objective and constraint violation."""
@@ -18,7 +18,7 @@ class Settings:
     re-estimated between them; starts: starts of the last solve, all but the first random;
     workers: processes over which further starts are spread; tolerance, max_iterations, time_limit
     [s, of the whole calibration]: of IPOPT; sigma: fixed residual standard deviations (6,) instead of estimated ones;
-    compiled: use a C compiler if there is one.
+    compiled: use a C compiler if there is one; loss: what residuals cost, one of ``loss.LOSSES``.
     """
 
     window: float | None = None
@@ -33,16 +33,23 @@ class Settings:
     time_limit: float | None = None
     sigma: tuple[float, ...] | None = None
     compiled: bool = True
+    loss: str = "gaussian"
 
 
 @dataclass(frozen=True)
 class Start:
-    """One start of the multi-start: seed number, objective, whether it converged, largest |p - p_best|."""
+    """One start of the multi-start: seed number, objective, whether it converged, largest |p - p_best|.
+
+    restarted: it was solved again with damping; apart: for one in another optimum, the coefficients that differ most
+    from the best start's, in prior standard deviations.
+    """
 
     number: int
     objective: float
     converged: bool
     distance: float
+    restarted: bool = False
+    apart: dict[str, float] = field(default_factory=dict)
 
 
 def settings_dict(settings: Settings) -> dict:

@@ -2,52 +2,122 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fitting.identifiability import DETERMINED, WORSE, Finding, Identifiability, analyse, at_bound
 from fitting.ipopt import Solution
+from fitting.physical import implausible
 from fitting.problem import Prior, Problem
 from fitting.settings import Start
+from fitting.starts import disagreement
 from mmg.ship import Ship
 
-DETERMINED, PARTLY = 0.1, 0.7
-"""Prior's share of the posterior variance below which the data determine a coefficient, or have a say in it."""
+if TYPE_CHECKING:
+    from fitting.next_trial import NextTrial
 
 
-def at_bound(p: float, lower: float, upper: float) -> str:
-    """ "lower", "upper" or "" for a scaled coefficient against its scaled bounds."""
-    if p <= lower + 1e-4:
-        return "lower"
-    return "upper" if p >= upper - 1e-4 else ""
-
-
-def verdict(share: float, where: str) -> str:
-    """A sentence on what decided a coefficient; share: posterior over prior variance (1: the data said nothing)."""
-    if where:
-        return f"at its {where} bound: the data ask for a value outside the range given"
-    if not np.isfinite(share):
+def cause(finding: Finding, missing: str = "") -> str:
+    """What decided a coefficient, in words; missing: what trials that excite it have and these have not."""
+    names = listed(finding.partners)
+    if finding.kind == "bound":
+        return f"at its {finding.bound} bound: the data ask for a value outside the range given"
+    if finding.kind == "unknown":
         return "its uncertainty could not be computed"
-    if share < DETERMINED:
-        return f"determined by the data (the prior's share of the variance is {share:.0%})"
-    if share < PARTLY:
-        return f"partly determined by the data (the prior's share of the variance is {share:.0%})"
-    return f"decided by the prior (its share of the variance is {min(share, 1):.0%})"
+    if finding.kind == "determined":
+        return "determined by the data"
+    if finding.kind == "partly":
+        return "partly determined by the data" + (f", what is missing is shared with {names}" if names else "")
+    if finding.kind == "silent":
+        return "not excited by these trials" + (f", which have no {missing}" if missing else "")
+    if finding.kind == "prior" and finding.share > WORSE:
+        return "no better known than by its prior: correlated residuals pull it about; fix it or narrow its prior"
+    if finding.kind == "prior":
+        return "decided by the prior" + (f", what the data say is shared with {names}" if names else "")
+    if not names:
+        return "shared with many coefficients: only combinations of them are determined"
+    if finding.together >= DETERMINED:
+        return f"shared with {', '.join(finding.partners)} and others: only combinations of them are determined"
+    return f"shared with {names}: the data determine only {finding.combination or 'their combination'}"
 
 
-def calibrated_ship(ship: Ship, prior: Prior, p: np.ndarray, covariance: np.ndarray, converged: bool) -> Ship:
+def verdict(finding: Finding, missing: str = "") -> str:
+    """A sentence on what decided a coefficient, with the prior's share; missing: see ``cause``."""
+    words = cause(finding, missing)
+    if finding.kind in ("bound", "unknown"):
+        return words
+    known = "it were known" if len(finding.partners) == 1 else "they were known"
+    tied = f", {finding.together:.0%} if {known}" if finding.kind == "shared" and finding.partners else ""
+    if finding.share > WORSE:
+        return f"{words} (its variance is {finding.share:.2g} times the prior's{tied})"
+    return f"{words} (the prior's share of the variance is {min(finding.share, 1):.0%}{tied})"
+
+
+def listed(names: Sequence[str]) -> str:
+    """ "a", "a and b", "a, b and c"."""
+    return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else "".join(names)
+
+
+def advice(i: int, finding: Finding, trial: NextTrial | None) -> str:
+    """Which trial would help coefficient i, in words; "" when it needs no help or no trials were scored."""
+    if trial is None or finding.kind in ("determined", "unknown") or not trial.options:
+        return ""
+    best = trial.best(i)
+    if best:
+        option, left = best
+        after = trial.before[i] * left
+        outcome = f"would bring its standard error down by {1 - np.sqrt(left):.0%}"
+        if after < DETERMINED:
+            outcome = f"would determine it (share {after:.0%})"
+        return f"best next trial: {option.name}, {trial.duration:.0f} s of it {outcome}"
+    many = trial.best(i, many=True)
+    if many:
+        option, left = many
+        return (
+            f"{trial.duration:.0f} s of no trial of the library would help by much; {trial.many} times that of "
+            f"{option.name} would bring its standard error down by {1 - np.sqrt(left):.0%}"
+        )
+    return "none of the library would help: take it from captive tests, computation or regression"
+
+
+def identifiability_dict(found: Identifiability, trial: NextTrial | None = None) -> dict[str, Any]:
+    """Plain values for result.json: the findings with a sentence each, and the trials scored, if they were."""
+    content = found.to_dict()
+    for i, finding in enumerate(found.findings):
+        missing, help_ = trial.missing[i] if trial else "", advice(i, finding, trial)
+        said = verdict(finding, missing)
+        content["coefficients"][finding.symbol] |= {
+            "sentence": f"{said}; {help_}" if help_ else said,
+            "cause": cause(finding, missing),
+            "advice": help_,
+        }
+    if trial:
+        content["next_trial"] = trial.to_dict([f.symbol for f in found.findings])
+        for cluster, best in zip(content["clusters"], trial.clusters(found), strict=True):
+            cluster["best_trial"] = {"name": best[0].name, "variance_left": best[1]} if best else None
+    return content
+
+
+def calibrated_ship(
+    ship: Ship,
+    prior: Prior,
+    p: np.ndarray,
+    covariance: np.ndarray,
+    converged: bool,
+    information: np.ndarray | None = None,
+) -> Ship:
     """The ship with estimates, standard errors, priors and verdicts.
 
-    p: scaled estimate (P,); covariance: (P, P) in prior standard deviations. An estimate that did not converge says so.
+    p: scaled estimate (P,); covariance: (P, P) in prior standard deviations; information: of the data (P, P), see
+    ``identifiability.analyse``. An estimate that did not converge says so.
     """
     changed = {}
-    for i, symbol in enumerate(prior.symbols):
-        c = ship.coefficients[symbol]
-        share = float(covariance[i, i])
-        where = at_bound(
-            p[i], (prior.lower[i] - prior.mean[i]) / prior.std[i], (prior.upper[i] - prior.mean[i]) / prior.std[i]
-        )
-        words = verdict(share, where)
+    for i, finding in enumerate(analyse(prior, p, covariance, information).findings):
+        symbol, words = finding.symbol, verdict(finding)
+        c, share = ship.coefficients[symbol], float(covariance[i, i])
         value = float(np.clip(prior.mean[i] + prior.std[i] * p[i], prior.lower[i], prior.upper[i]))
         std = float(np.sqrt(share) * prior.std[i]) if np.isfinite(share) else c.std
         changed[symbol] = c.with_(
@@ -78,7 +148,6 @@ def warnings_of(problem: Problem, best: Solution, p: np.ndarray, starts: list[St
     away = [s for s, value in zip(problem.prior.symbols, p, strict=True) if abs(value) > 3]
     if away:
         words.append(f"more than three prior standard deviations from the prior: {', '.join(away)}")
-    other = [s for s in starts if s.converged and s.objective > best.objective * (1 + 1e-5) + 1e-6]
-    if other:
-        words.append(f"{len(other)} of {len(starts)} starts ended in another optimum; the lowest objective is kept")
-    return words
+    values = problem.prior.mean + problem.prior.std * p
+    words += implausible(problem.prior, dict(zip(problem.prior.symbols, values.tolist(), strict=True)))
+    return words + disagreement(starts, best.objective)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from cases.new_ship import new_ship
 from cases.ships import library, load_ship
 from mmg.coefficients import names
-from mmg.components import FORCES, MODELS, coefficient_table, required_particulars
+from mmg.components import FORCES, MODELS, coefficient_table
 from mmg.flow import INPUTS, Flow
 from mmg.model import assemble
 from mmg.ship import Ship
@@ -19,8 +19,8 @@ from mmg.smooth import Smooth
 
 PARTICULARS = {
     "L": 3.0, "B": 0.49, "d": 0.2, "m": 245.0, "x_G": 0.09, "rho": 998.0, "D_P": 0.084, "pitch_ratio": 0.72, "U_0": 0.8,
-    "A_R": 0.0106, "aspect_ratio": 1.54, "x_R": -1.5, "A_T": 0.135, "A_L": 0.52, "A_OD": 0.14, "C": -0.013, "C_BR": -0.06,
-    "H_BR": 0.29, "H_C": 0.1, "rho_a": 1.225, "D_BT": 0.04, "x_BT": 1.3, "D_ST": 0.04, "x_ST": -1.3, "D_az": 0.06,
+    "A_R": 0.0106, "aspect_ratio": 1.54, "x_R": -1.5, "A_T": 0.135, "A_L": 0.52, "A_OD": 0.14, "C": -0.013,
+    "C_BR": -0.06, "H_BR": 0.29, "H_C": 0.1, "rho_a": 1.225, "D_BT": 0.04, "x_BT": 1.3, "D_ST": 0.04, "x_ST": -1.3, "D_az": 0.06,
     "x_az": -1.3, "y_az": 0.0, "L_OA": 3.1, "A_SS": 0.14, "S_A": 7.0, "GM": 0.02, "C_b": 0.83,
 }  # fmt: skip
 """A ship of everything."""

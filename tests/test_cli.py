@@ -100,14 +100,16 @@ def test_predictions_follow_the_contract(folder: Path, tmp_path: Path) -> None:
     arguments = ["predict", str(folder / "run"), str(folder / "held_out.csv"), "--window", "30", "--stride", "15"]
     assert main([*arguments, "--out", str(out)]) == 0
     header, *rows = out.read_text().splitlines()
-    assert header == "window,t [s],x [m],y [m],psi [rad],u [m/s],v [m/s],r [rad/s]"
+    bare = "window,t [s],x [m],y [m],psi [rad],u [m/s],v [m/s],r [rad/s]"
+    assert header == bare + ",x_std [m],y_std [m],psi_std [rad],u_std [m/s],v_std [m/s],r_std [rad/s]"
     table = np.array([[float(cell) for cell in row.split(",")] for row in rows])
     windows = table[:, 0].astype(int)
     assert (np.bincount(windows) == 301).all()
     assert windows.max() == 7  # 140 s: windows start at 0, 15, ..., 105 s
     assert main([*arguments, "--out", str(out)]) == 2  # never overwritten without being asked
     assert main(["predict", "esso_osaka_3m", str(folder / "train"), "--window", "0", "--out", str(tmp_path / "d")]) == 0
-    assert len(list((tmp_path / "d").glob("*.csv"))) == 2
+    files = list((tmp_path / "d").glob("*.csv"))
+    assert len(files) == 2 and all(file.read_text().splitlines()[0] == bare for file in files)
 
 
 def test_scores_of_several_models_come_side_by_side(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

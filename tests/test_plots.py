@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from fitting.plot_waterfall import waterfall_plot
 from fitting.plots import (
     coefficient_plot,
     component_of,
@@ -16,7 +17,6 @@ from fitting.plots import (
     error_growth_plot,
     score_plot,
     trajectory_plot,
-    waterfall_plot,
     write_figures,
 )
 from fitting.predict import predict
@@ -121,9 +121,12 @@ def test_scores_of_every_trial_are_written_beside_their_bars() -> None:
 
 
 def test_starts_that_did_not_converge_are_told_apart() -> None:
-    figure = waterfall_plot([Start(0, 10.0, True, 0.0), Start(1, 12.0, False, 3.0), Start(2, 10.0, True, 0.0)])
-    labels = figure.axes[0].get_legend_handles_labels()[1]
-    assert {"converged", "not converged"} <= set(labels)
+    starts = [Start(0, 10.0, True, 0.0), Start(1, 12.0, False, 3.0), Start(2, 10.0, True, 0.0, restarted=True)]
+    ax = waterfall_plot(starts)
+    labels = ax.get_legend_handles_labels()[1]
+    assert {"converged", "not converged", "restarted, damped"} <= set(labels)
+    assert [t.get_text() for t in ax.texts] == ["0", "2", "1"]
+    ax.figure.draw_without_rendering()
 
 
 def test_convergence_shows_every_iteration() -> None:

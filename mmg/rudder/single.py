@@ -27,7 +27,7 @@ COEFFICIENTS = table(
     ("x_H", -0.45, 0.05, -0.6, -0.3, "mmg", "position of the additional lateral force, by L"),
     ("ell_R", -0.9, 0.2, -1.5, -0.4, "mmg", "effective lever of yaw in the rudder inflow, by L"),
     ("k_x", 0.35, 0.1, 0.05, 1.0, "", "propeller acceleration at the rudder, kappa = k_x / epsilon"),
-    ("epsilon", 1.1, 0.25, 0.5, 2.0, "", "ratio of wake at rudder and propeller"),
+    ("epsilon", 1.1, 0.25, 0.7, 1.6, "", "ratio of wake at rudder and propeller"),
     *shared.REVERSED,
     ("gamma_P", 0.40, 0.1, 0.05, 1.0, "", "flow straightening, sway at the rudder to starboard"),
     ("gamma_N", 0.40, 0.1, 0.05, 1.0, "", "flow straightening, sway at the rudder to port"),

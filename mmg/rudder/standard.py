@@ -27,7 +27,7 @@ INFLOW = (
     ("x_H", -0.46, 0.05, -0.6, -0.3, "mmg", "position of the additional lateral force, by L"),
     ("ell_R", -0.71, 0.2, -1.5, -0.4, "mmg", "effective lever of yaw in the rudder inflow, by L"),
     ("kappa", 0.50, 0.12, 0.05, 1.2, "", "propeller acceleration at the rudder"),
-    ("epsilon", 1.09, 0.25, 0.5, 2.0, "", "ratio of wake at rudder and propeller"),
+    ("epsilon", 1.09, 0.25, 0.7, 1.6, "", "ratio of wake at rudder and propeller"),
     *shared.REVERSED,
     ("gamma_R_plus", 0.5, 0.13, 0.05, 1.0, "", "flow straightening, beta_R > 0 (water from port)"),
     ("gamma_R_minus", 0.5, 0.13, 0.05, 1.0, "", "flow straightening, beta_R < 0 (water from starboard)"),

@@ -1,0 +1,42 @@
+"""A calibration problem as plain data, to be built again in another process (compiled code cannot travel)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fitting.captive import Captive, CaptiveForces
+from fitting.loss import Loss
+from fitting.problem import Prior, Problem
+from fitting.segments import Segments
+from fitting.shooting import kernels
+from mmg.model import assemble
+from mmg.ship import Ship
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """What a Problem is made of. compiled: whether its kernels were."""
+
+    ship: Ship
+    prior: Prior
+    segments: Segments
+    sigma: np.ndarray
+    loss: Loss
+    captive: Captive | None
+    compiled: bool
+
+    @classmethod
+    def of(cls, problem: Problem) -> Recipe:
+        """The recipe of a problem."""
+        points = problem.captive.points if problem.captive else None
+        compiled = not problem.kernels.interpreted_because
+        return cls(problem.ship, problem.prior, problem.segments, problem.sigma, problem.loss, points, compiled)
+
+    def problem(self) -> Problem:
+        """The problem again; its compiled code comes from the cache."""
+        free = np.array([self.ship.symbols.index(s) for s in self.prior.symbols])
+        kernel = kernels(assemble(self.ship), free, self.compiled)
+        forces = CaptiveForces(kernel.model, free, self.captive, self.compiled) if self.captive else None
+        return Problem(self.ship, self.prior, kernel, self.segments, self.sigma, self.loss, forces)

@@ -1,0 +1,129 @@
+"""Stretches of trials simulated side by side from their measured first row, in still or in moving water."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mmg.logged import columns, settled
+from mmg.rollout import Simulator
+
+INVERSIONS = 30
+"""Most fixed-point steps from logged columns to the six states behind them, as in mmg.logged."""
+
+
+@dataclass(frozen=True)
+class Record:
+    """What a prediction needs of a trial: t (N,), logged states (N, 6), inputs of the model (N, C), usable rows (N,).
+
+    placed: whether positions were measured; without them the states' x and y are zero.
+    """
+
+    t: np.ndarray
+    states: np.ndarray
+    controls: np.ndarray
+    good: np.ndarray
+    placed: bool
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Rows ``first`` .. ``last`` (inclusive) of a record."""
+
+    record: Record
+    first: int
+    last: int
+
+    @property
+    def logged(self) -> np.ndarray:
+        """The logged states, (last - first + 1, 6)."""
+        return self.record.states[self.first : self.last + 1]
+
+
+@dataclass(frozen=True)
+class Water:
+    """A uniform current over ground that fades: velocity (2, M) north and east [m/s] at the first row, decay [s]."""
+
+    velocity: np.ndarray
+    decay: float
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Stretches as arrays: steps (N, M) [s], 0 where a stretch has ended; inputs (N, C, M); logged start (6, M)."""
+
+    steps: np.ndarray
+    inputs: np.ndarray
+    logged: np.ndarray
+
+    @classmethod
+    def of(cls, stretches: Sequence[Stretch]) -> Batch:
+        N = max(1, max(s.last - s.first for s in stretches))
+        steps = np.zeros((N, len(stretches)))
+        inputs = np.zeros((N, stretches[0].record.controls.shape[1], len(stretches)))
+        for i, s in enumerate(stretches):
+            rows = s.last - s.first
+            steps[:rows, i] = np.diff(s.record.t[s.first : s.last + 1])
+            inputs[:rows, :, i] = s.record.controls[s.first : s.last]
+            inputs[0, :, i] = s.record.controls[s.first]
+        return cls(steps, inputs, np.array([s.record.states[s.first] for s in stretches]).T)
+
+    @property
+    def times(self) -> np.ndarray:
+        """Seconds since the first row, (N + 1, M)."""
+        return np.vstack([np.zeros(self.steps.shape[1]), np.cumsum(self.steps, axis=0)])
+
+
+def roll(
+    simulator: Simulator,
+    batch: Batch,
+    water: Water | None = None,
+    offset: np.ndarray | None = None,
+    method: str = "rk4",
+) -> tuple[np.ndarray, np.ndarray]:
+    """Logged columns (N + 1, 6, M) and states (N + 1, S, M) of a batch, from its logged start.
+
+    water: computed in the frame that moves with it: velocities and air are relative to it, the way it has gone is
+    added to the positions, and a fading current accelerates nothing (relative-velocity formulation, Fossen 2021).
+    Forces that depend on the place (bank, shelf) see the position without that way, a few decimetres.
+    offset: (S - 6, M) what the remembered states start from beyond their settled values.
+    """
+    inputs, logged = batch.inputs, batch.logged
+    if water is not None:
+        fade = np.exp(-batch.times / water.decay)[:, None]
+        drift, way = water.velocity * fade, water.velocity * water.decay * (1 - fade)
+        inputs, logged = inputs.copy(), logged.copy()
+        air = simulator.model.controls.index("wind_north")
+        inputs[:, air : air + 2] -= drift[:-1]
+        logged[3:5] -= _body(drift[0], logged[2])
+    start = _started(simulator, logged, inputs[0], offset)
+    states = simulator.run(start, inputs, batch.steps, method=method)
+    out = np.array(simulator.columns(states))
+    if water is not None:
+        out[:, :2] += way
+        out[:, 3:5] += np.moveaxis(_body(np.moveaxis(drift, 1, 0), out[:, 2]), 0, 1)
+    return out, states
+
+
+def _body(earth: np.ndarray, psi: np.ndarray) -> np.ndarray:
+    """Earth-fixed components (2, ...) in body axes turned by psi (...)."""
+    c, s = np.cos(psi), np.sin(psi)
+    return np.array([c * earth[0] + s * earth[1], -s * earth[0] + c * earth[1]])
+
+
+def _started(simulator: Simulator, logged: np.ndarray, controls: np.ndarray, offset: np.ndarray | None) -> np.ndarray:
+    """States (S, M) logged as (6, M), their memory settled or beyond that by ``offset``."""
+    if offset is None or len(simulator.model.states) == 6:
+        return simulator.start(logged, controls)
+    model, values = simulator.model, simulator.ship.values
+    six = np.array(logged)
+    for _ in range(INVERSIONS):
+        start = settled(model, six, controls, values)
+        start[6:] += offset
+        error = columns(model, start, values) - logged
+        six -= error
+        if not np.nanmax(np.abs(error), initial=0.0) > 1e-12:
+            break
+    return start
