@@ -14,6 +14,7 @@ from mmg import twin
 from mmg.coefficients import names
 from mmg.components import FORCES, module, twin_screw
 from mmg.effects import effect
+from mmg.effects.effect import Setting
 from mmg.flow import Flow, Force
 from mmg.frames import body_to_earth, earth_to_body, relative_air
 from mmg.memory import Memory
@@ -108,9 +109,9 @@ def _equations(state: Any, controls: Mapping[str, Any], c: SimpleNamespace, ship
     flow, u_c, v_c, a_cx, a_cy = _through_water(flow.with_(a_x=a_x, a_y=a_y), currents)
     parts = component_forces(flow, ship, p, c, s)
     mass = inertia(p, c)
-    context = SimpleNamespace(components=ship.components, c=c)
+    at = Setting(p, ship.components, c, memory, s)
     for e, values in effects:
-        parts = e.forces(parts, flow, memory, values, p, context, s)
+        parts = e.forces(parts, flow, values, at)
         mass = e.inertia(mass, flow, values, p, s)
     total = Force()
     for part in parts.values():

@@ -12,10 +12,8 @@ from types import SimpleNamespace
 
 import casadi as ca
 
-from mmg.effects.effect import Effect, Parameter
+from mmg.effects.effect import Effect, Parameter, Parts, Setting
 from mmg.flow import Flow, Force
-from mmg.memory import Memory
-from mmg.smooth import Smoothing
 
 
 class Bank(Effect):
@@ -33,20 +31,11 @@ class Bank(Effect):
             Parameter("decay", 0.5 * p.L, 0.2 * p.L, 0.01 * p.L, 100 * p.L, "m", "length of the decay", held=True),
         )
 
-    def forces(
-        self,
-        parts: dict[str, Force],
-        flow: Flow,
-        memory: Memory,
-        e: SimpleNamespace,
-        p: SimpleNamespace,
-        ship: SimpleNamespace,
-        s: Smoothing,
-    ) -> dict[str, Force]:
+    def forces(self, parts: Parts, flow: Flow, e: SimpleNamespace, at: Setting) -> Parts:
         away = e.distance - flow.x * ca.cos(e.bearing) - flow.y * ca.sin(e.bearing)
         weight = 0.5 * (1 - ca.tanh(0.5 * away / e.decay))
-        unit = 0.5 * p.rho * p.L * p.d * flow.u**2 * weight * ca.sin(e.bearing - flow.psi)
-        return {**parts, "bank": Force(0.0, e.suction * unit, -e.moment * p.L * unit)}
+        unit = 0.5 * at.p.rho * at.p.L * at.p.d * flow.u**2 * weight * ca.sin(e.bearing - flow.psi)
+        return {**parts, "bank": Force(0.0, e.suction * unit, -e.moment * at.p.L * unit)}
 
 
 EFFECT = Bank()

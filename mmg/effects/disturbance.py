@@ -10,10 +10,9 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
-from mmg.effects.effect import Effect, Parameter
+from mmg.effects.effect import Effect, Parameter, Parts, Setting
 from mmg.flow import Flow, Force
-from mmg.memory import MODEL_LENGTH, Memory, scale
-from mmg.smooth import Smoothing
+from mmg.memory import MODEL_LENGTH, scale
 
 STATES = tuple(f"disturbance.{axis}" for axis in "XYN")
 
@@ -34,17 +33,8 @@ class Disturbance(Effect):
             Parameter("tau", 10.0 * k, 5.0 * k, 1.0 * k, 1e3 * k, "s", "correlation time of the process", held=True),
         )
 
-    def forces(
-        self,
-        parts: dict[str, Force],
-        flow: Flow,
-        memory: Memory,
-        e: SimpleNamespace,
-        p: SimpleNamespace,
-        ship: SimpleNamespace,
-        s: Smoothing,
-    ) -> dict[str, Force]:
-        d = [memory.low_pass(name, 0.0, e.tau, 1.0) for name in STATES]
+    def forces(self, parts: Parts, flow: Flow, e: SimpleNamespace, at: Setting) -> Parts:
+        d = [at.memory.low_pass(name, 0.0, e.tau, 1.0) for name in STATES]
         return {**parts, "disturbance": Force(e.X * d[0], e.Y * d[1], e.N * d[2])}
 
 

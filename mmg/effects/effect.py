@@ -7,6 +7,7 @@ the fit and the diagnosis. In the hooks ``e`` holds the effect's parameters by a
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
@@ -50,6 +51,24 @@ class Parameter:
         )
 
 
+Parts = dict[str, Force]
+"""Forces by role of the ship, and by name of the effect that adds one."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What a force may look at besides the flow.
+
+    p: particulars; components: force models by role; c: coefficients of the ship; memory, s: of the model.
+    """
+
+    p: SimpleNamespace
+    components: Mapping[str, str]
+    c: SimpleNamespace
+    memory: Memory
+    s: Smoothing
+
+
 class Effect:
     """An effect that enters nowhere: the base of all others."""
 
@@ -80,17 +99,8 @@ class Effect:
         """The actuators as they are, from the logged ones."""
         return flow
 
-    def forces(
-        self,
-        parts: dict[str, Force],
-        flow: Flow,
-        memory: Memory,
-        e: SimpleNamespace,
-        p: SimpleNamespace,
-        ship: SimpleNamespace,
-        s: Smoothing,
-    ) -> dict[str, Force]:
-        """Forces by role, changed or added to; ``ship`` has ``components`` and the coefficients ``c``."""
+    def forces(self, parts: Parts, flow: Flow, e: SimpleNamespace, at: Setting) -> Parts:
+        """Forces by role, changed or added to."""
         return parts
 
     def inertia(self, inertia: Inertia, flow: Flow, e: SimpleNamespace, p: SimpleNamespace, s: Smoothing) -> Inertia:

@@ -5,10 +5,8 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 from mmg.components import module
-from mmg.effects.effect import Effect, Parameter
+from mmg.effects.effect import Effect, Parameter, Parts, Setting
 from mmg.flow import Flow, Force
-from mmg.memory import Memory
-from mmg.smooth import Smoothing
 
 
 class Fouling(Effect):
@@ -19,18 +17,9 @@ class Fouling(Effect):
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         return (Parameter("share", 0.0, 0.3, -0.6, 5.0, "", "resistance larger by this share"),)
 
-    def forces(
-        self,
-        parts: dict[str, Force],
-        flow: Flow,
-        memory: Memory,
-        e: SimpleNamespace,
-        p: SimpleNamespace,
-        ship: SimpleNamespace,
-        s: Smoothing,
-    ) -> dict[str, Force]:
-        hull = module("hull", ship.components["hull"])
-        resistance = hull.force(flow.with_(v=0.0, r=0.0, delta=0.0), p, ship.c, s).X
+    def forces(self, parts: Parts, flow: Flow, e: SimpleNamespace, at: Setting) -> Parts:
+        hull = module("hull", at.components["hull"])
+        resistance = hull.force(flow.with_(v=0.0, r=0.0, delta=0.0), at.p, at.c, at.s).X
         old = parts["hull"]
         return {**parts, "hull": Force(old.X + e.share * resistance, old.Y, old.N)}
 

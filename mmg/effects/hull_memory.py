@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
-from mmg.effects.effect import Effect, Parameter
+from mmg.effects.effect import Effect, Parameter, Parts, Setting
 from mmg.flow import Flow, Force
-from mmg.memory import Memory, lagged, scale
-from mmg.smooth import GRAVITY, Smoothing
+from mmg.memory import lagged, scale
+from mmg.smooth import GRAVITY
 
 
 class HullMemory(Effect):
@@ -22,21 +22,12 @@ class HullMemory(Effect):
         k = scale(p)
         return (Parameter("T", 0.0, 1.2 * k, 0.0, 10.0 * k, "s", "time constant of the lag"),)
 
-    def forces(
-        self,
-        parts: dict[str, Force],
-        flow: Flow,
-        memory: Memory,
-        e: SimpleNamespace,
-        p: SimpleNamespace,
-        ship: SimpleNamespace,
-        s: Smoothing,
-    ) -> dict[str, Force]:
-        k = scale(p)
-        size = 0.5 * p.rho * p.L * p.d * 1e-3 * GRAVITY * p.L
+    def forces(self, parts: Parts, flow: Flow, e: SimpleNamespace, at: Setting) -> Parts:
+        k = scale(at.p)
+        size = 0.5 * at.p.rho * at.p.L * at.p.d * 1e-3 * GRAVITY * at.p.L
         old = parts["hull"]
-        Y = lagged(memory, "hull_memory.Y", old.Y, e.T, 0.5 * k, size)
-        N = lagged(memory, "hull_memory.N", old.N, e.T, 0.5 * k, 0.3 * size * p.L)
+        Y = lagged(at.memory, "hull_memory.Y", old.Y, e.T, 0.5 * k, size)
+        N = lagged(at.memory, "hull_memory.N", old.N, e.T, 0.5 * k, 0.3 * size * at.p.L)
         return {**parts, "hull": Force(old.X, Y, N)}
 
 

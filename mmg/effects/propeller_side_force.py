@@ -8,11 +8,9 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
-from mmg.effects.effect import Effect, Parameter
+from mmg.effects.effect import Effect, Parameter, Parts, Setting
 from mmg.flow import Flow, Force
-from mmg.memory import Memory
 from mmg.propeller import hachii
-from mmg.smooth import Smoothing
 
 WITH_SIDE_FORCE = ("hachii", "cpp")
 """Propeller models that have a side force of their own."""
@@ -27,23 +25,14 @@ class PropellerSideForce(Effect):
         neutral = 1.0 if components.get("propeller") in WITH_SIDE_FORCE else 0.0
         return (Parameter("factor", neutral, 1.0, -5.0, 10.0, "", "factor on side force and moment of the propeller"),)
 
-    def forces(
-        self,
-        parts: dict[str, Force],
-        flow: Flow,
-        memory: Memory,
-        e: SimpleNamespace,
-        p: SimpleNamespace,
-        ship: SimpleNamespace,
-        s: Smoothing,
-    ) -> dict[str, Force]:
+    def forces(self, parts: Parts, flow: Flow, e: SimpleNamespace, at: Setting) -> Parts:
         old = parts["propeller"]
-        if ship.components["propeller"] in WITH_SIDE_FORCE:
+        if at.components["propeller"] in WITH_SIDE_FORCE:
             new = Force(old.X, e.factor * old.Y, e.factor * old.N)
         else:
-            pitched = SimpleNamespace(**{"pitch_ratio": 0.7, **vars(p)})
+            pitched = SimpleNamespace(**{"pitch_ratio": 0.7, **vars(at.p)})
             published = SimpleNamespace(**{row.symbol: row.value for row in hachii.COEFFICIENTS})
-            side = hachii.force(flow, pitched, published, s)
+            side = hachii.force(flow, pitched, published, at.s)
             new = Force(old.X, old.Y + e.factor * side.Y, old.N + e.factor * side.N)
         return {**parts, "propeller": new}
 

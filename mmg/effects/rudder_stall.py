@@ -11,10 +11,8 @@ from types import SimpleNamespace
 
 import casadi as ca
 
-from mmg.effects.effect import Effect, Parameter
+from mmg.effects.effect import Effect, Parameter, Parts, Setting
 from mmg.flow import Flow, Force
-from mmg.memory import Memory
-from mmg.smooth import Smoothing
 
 
 class RudderStall(Effect):
@@ -29,16 +27,7 @@ class RudderStall(Effect):
             Parameter("width", 0.06, 0.02, 0.01, 0.5, "", "width of the change in sin^2 alpha", held=True),
         )
 
-    def forces(
-        self,
-        parts: dict[str, Force],
-        flow: Flow,
-        memory: Memory,
-        e: SimpleNamespace,
-        p: SimpleNamespace,
-        ship: SimpleNamespace,
-        s: Smoothing,
-    ) -> dict[str, Force]:
+    def forces(self, parts: Parts, flow: Flow, e: SimpleNamespace, at: Setting) -> Parts:
         X, Y, N = parts["rudder"].X, parts["rudder"].Y, parts["rudder"].N
         for blade in parts["rudder"].blades:
             lost = e.loss * 0.5 * (1 + ca.tanh((blade.sin2_alpha - ca.sin(e.alpha_s) ** 2) / e.width))

@@ -12,9 +12,8 @@ from typing import Any
 
 import casadi as ca
 
-from mmg.effects.effect import Effect, Parameter
+from mmg.effects.effect import Effect, Parameter, Parts, Setting
 from mmg.flow import Flow, Force
-from mmg.memory import Memory
 from mmg.rigid_body import Inertia
 from mmg.smooth import Smoothing
 
@@ -45,16 +44,7 @@ class ShallowWater(Effect):
             Parameter("width", 0.5 * p.L, 0.2 * p.L, 0.01 * p.L, 100 * p.L, "m", "width of the shelf", held=True),
         )
 
-    def forces(
-        self,
-        parts: dict[str, Force],
-        flow: Flow,
-        memory: Memory,
-        e: SimpleNamespace,
-        p: SimpleNamespace,
-        ship: SimpleNamespace,
-        s: Smoothing,
-    ) -> dict[str, Force]:
+    def forces(self, parts: Parts, flow: Flow, e: SimpleNamespace, at: Setting) -> Parts:
         g, old = growth(flow, e), parts["hull"]
         X, Y, N = (1 + GROWTH[axis] * g for axis in ("X", "Y", "N"))
         return {**parts, "hull": Force(X * old.X, Y * old.Y, N * old.N)}

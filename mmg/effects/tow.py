@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
-from mmg.effects.effect import Effect, Parameter
+from mmg.effects.effect import Effect, Parameter, Parts, Setting
 from mmg.flow import Flow, Force
-from mmg.memory import MODEL_LENGTH, Memory
-from mmg.smooth import Smoothing
+from mmg.memory import MODEL_LENGTH
 
 
 class Tow(Effect):
@@ -24,16 +23,7 @@ class Tow(Effect):
             Parameter("N", 0.0, moment, -50 * moment, 50 * moment, "N m", "constant moment, bow to starboard"),
         )
 
-    def forces(
-        self,
-        parts: dict[str, Force],
-        flow: Flow,
-        memory: Memory,
-        e: SimpleNamespace,
-        p: SimpleNamespace,
-        ship: SimpleNamespace,
-        s: Smoothing,
-    ) -> dict[str, Force]:
+    def forces(self, parts: Parts, flow: Flow, e: SimpleNamespace, at: Setting) -> Parts:
         return {**parts, "tow": Force(e.X, e.Y, e.N)}
 
 

@@ -8,11 +8,10 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
-from mmg.effects.effect import Effect, Parameter
+from mmg.effects.effect import Effect, Parameter, Parts, Setting
 from mmg.flow import Flow, Force
 from mmg.frames import earth_to_body
-from mmg.memory import MODEL_LENGTH, Memory
-from mmg.smooth import Smoothing
+from mmg.memory import MODEL_LENGTH
 
 BOW = 0.3
 """Share of the drift force that acts when it comes along the ship."""
@@ -31,16 +30,7 @@ class WaveDrift(Effect):
             Parameter("y", 0.0, size, -most, most, "N", "drift force to the east on a ship beam on"),
         )
 
-    def forces(
-        self,
-        parts: dict[str, Force],
-        flow: Flow,
-        memory: Memory,
-        e: SimpleNamespace,
-        p: SimpleNamespace,
-        ship: SimpleNamespace,
-        s: Smoothing,
-    ) -> dict[str, Force]:
+    def forces(self, parts: Parts, flow: Flow, e: SimpleNamespace, at: Setting) -> Parts:
         along, across = earth_to_body(e.x, e.y, flow.psi)
         return {**parts, "wave_drift": Force(BOW * along, across, 0.0)}
 

@@ -9,10 +9,8 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
-from mmg.effects.effect import Effect, Parameter
+from mmg.effects.effect import Effect, Parameter, Parts, Setting
 from mmg.flow import Flow, Force
-from mmg.memory import Memory
-from mmg.smooth import Smoothing
 from mmg.wind import fujiwara
 
 
@@ -38,21 +36,12 @@ class WindForce(Effect):
             for axis, words in (("X", "surge"), ("Y", "sway"), ("N", "yaw"))
         )
 
-    def forces(
-        self,
-        parts: dict[str, Force],
-        flow: Flow,
-        memory: Memory,
-        e: SimpleNamespace,
-        p: SimpleNamespace,
-        ship: SimpleNamespace,
-        s: Smoothing,
-    ) -> dict[str, Force]:
-        if "wind" in ship.components:
+    def forces(self, parts: Parts, flow: Flow, e: SimpleNamespace, at: Setting) -> Parts:
+        if "wind" in at.components:
             air = parts["wind"]
         else:
-            whole = upper_works(p)
-            air = fujiwara.force(flow, whole, SimpleNamespace(**fujiwara.regression(whole)), s)
+            whole = upper_works(at.p)
+            air = fujiwara.force(flow, whole, SimpleNamespace(**fujiwara.regression(whole)), at.s)
         return {**parts, "wind": Force(e.X * air.X, e.Y * air.Y, e.N * air.N)}
 
 
