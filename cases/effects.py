@@ -85,22 +85,9 @@ def freeing_effects(ship: Ship, texts: Iterable[str]) -> Ship:
     return ship
 
 
-SURROUNDINGS = (
-    "current",
-    "wind_sensor_bias",
-    "wind_force",
-    "wave_drift",
-    "bank",
-    "shallow_water",
-    "tow",
-    "disturbance",
-)
-"""Effects that belong to a place or a day, not to the ship."""
-
-
 def calm_and_deep(ship: Ship) -> tuple[Ship, list[str]]:
     """The ship without effects of its surroundings and of its instruments, and the names of those."""
-    left_out = [e for e in ship.effects if e in SURROUNDINGS or EFFECTS[e].enters == "measurement"]
+    left_out = [e for e in ship.effects if EFFECTS[e].surroundings or EFFECTS[e].measures]
     for name in left_out:
         ship = ship.without_effect(name)
     return ship, left_out

@@ -10,6 +10,7 @@ no event can fall into a step.
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable
 
@@ -29,7 +30,7 @@ def held(n: float) -> Orders:
     return lambda t, state: (n, 0.0)
 
 
-class FromLead:
+class FromLead(ABC):
     """Straight running for ``lead`` seconds, then ``ordered``; the heading at that moment is ``origin`` [rad]."""
 
     def __init__(self, n: float, lead: float) -> None:
@@ -43,9 +44,9 @@ class FromLead:
             self.origin = float(state[2])
         return self.ordered(t, state)
 
+    @abstractmethod
     def ordered(self, t: float, state: np.ndarray) -> tuple[float, float] | None:
         """Orders from the execute on."""
-        raise NotImplementedError
 
     def watches(self, t0: float, t1: float) -> bool:
         """Whether an event may fall into the step from t0 to t1 [s]."""

@@ -11,8 +11,6 @@ from cases.controller import MODEL_LENGTH
 from cases.trial import STATES, Trial
 from mmg.effects import effect
 from mmg.flow import Flow
-from mmg.frames import body_to_earth, earth_to_body
-from mmg.memory import Memory
 from mmg.ship import Ship
 
 
@@ -23,44 +21,11 @@ def logged(ship: Ship, t: np.ndarray, states: np.ndarray) -> np.ndarray:
     """
     columns = list(np.asarray(states, dtype=float).T)
     flow = Flow(u=columns[3], v=columns[4], r=columns[5], psi=columns[2])
-    p, nothing = ship.namespace, Memory()
     for name in ship.effects:
-        if effect(name).enters != "measurement":
-            continue
-        e = ship.parameters_of(name)
-        if name == "gnss_delay":
-            columns = _late(t, columns, e.tau)
-        elif name == "velocity_lag":
-            columns = [*columns[:3], *_late(t, columns, e.tau)[3:5], columns[5]]
-        elif name == "gyro":
-            columns = [*columns[:5], _behind(t, columns[5], e.T) * (1 + e.share)]
-        else:
-            columns = effect(name).columns(columns, flow, nothing, e, p)
+        e = effect(name)
+        if e.measures:
+            columns = e.samples(t, columns, flow, ship.parameters_of(name), ship.namespace)
     return np.column_stack(columns)
-
-
-def _late(t: np.ndarray, columns: list[np.ndarray], delay: float) -> list[np.ndarray]:
-    """Position and earth-fixed velocity of ``delay`` [s] ago; before the first sample the ship ran straight on."""
-    if delay == 0:
-        return columns
-    x, y, psi, u, v, r = columns
-    velocity = body_to_earth(u, v, psi)
-    past = t - delay
-    before = np.minimum(past - t[0], 0.0)
-    moved = [np.interp(past, t, place) + before * speed[0] for place, speed in zip((x, y), velocity, strict=True)]
-    late = earth_to_body(np.interp(past, t, velocity[0]), np.interp(past, t, velocity[1]), psi)
-    return [*moved, psi, *late, r]
-
-
-def _behind(t: np.ndarray, x: np.ndarray, T: float) -> np.ndarray:
-    """x after a first-order lag of T [s], exact for x linear between samples; settled at the start."""
-    if T == 0:
-        return x
-    out = x.astype(float).copy()
-    for k, h in enumerate(np.diff(t)):
-        left, slope = math.exp(-h / T), (x[k + 1] - x[k]) / h
-        out[k + 1] = x[k + 1] - slope * T + (out[k] - x[k] + slope * T) * left
-    return out
 
 
 def wrap(psi: np.ndarray) -> np.ndarray:

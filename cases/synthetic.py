@@ -55,9 +55,12 @@ class _Plant:
 
 
 def _plant(ship: Ship) -> _Plant:
-    delay = ship.parameters_of("control_delay").tau if "control_delay" in ship.effects else 0.0
-    for exact in ("control_delay", "gnss_delay"):
-        ship = ship.without_effect(exact)
+    delay = 0.0
+    for name in ship.effects:
+        held_back = effect(name).input_delay(ship.parameters_of(name))
+        delay += held_back or 0.0
+        if held_back is not None or effect(name).measures:
+            ship = ship.without_effect(name)
     model = assemble(ship, symbols=())
     z, c, h = ca.SX.sym("z", len(model.states)), ca.SX.sym("c", len(model.controls)), ca.SX.sym("h")
     rates = model.rates
@@ -255,7 +258,7 @@ def _columns(
 
 def _logged(ship: Ship, columns: dict[str, np.ndarray], states: np.ndarray) -> dict[str, np.ndarray]:
     """The columns with what the ship's measurement effects make of the states (N, 6)."""
-    if not any(effect(name).enters == "measurement" for name in ship.effects):
+    if not any(effect(name).measures for name in ship.effects):
         return columns
     seen = dict(zip(STATES, logged(ship, columns["t"], states).T, strict=True))
     return {**columns, **seen, "psi": wrap(seen["psi"])}

@@ -6,6 +6,7 @@ actuators, ``p`` the particulars, ``c`` the coefficients (both by attribute) and
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -22,6 +23,9 @@ INPUTS = {
     "azimuth": ("direction into which the azimuth thruster pushes, clockwise from ahead", "rad"),
 }
 """Actuators that a force model may ask for: words and unit. They are columns of trial files and fields of Flow."""
+
+RUDDERS, PROPELLERS = ("delta", "delta_port", "delta_starboard"), ("n", "n_2")
+"""Rudders and propellers among them."""
 
 
 @dataclass(frozen=True)
@@ -104,3 +108,7 @@ class Flow:
     def with_(self, **changes: Any) -> Flow:
         """A copy with some fields changed."""
         return replace(self, **changes)
+
+    def present(self, actuators: Iterable[str]) -> dict[str, Any]:
+        """Those of the actuators that the ship has, by name; the others are a plain 0.0."""
+        return {name: value for name in actuators if not isinstance(value := getattr(self, name), float)}

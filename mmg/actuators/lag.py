@@ -7,9 +7,8 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
-from mmg.actuators.rate_limited import PROPELLERS, RUDDERS
 from mmg.coefficients import Coefficient, table
-from mmg.flow import Flow
+from mmg.flow import PROPELLERS, RUDDERS, Flow
 from mmg.memory import Memory, scale
 from mmg.smooth import Smoothing
 
@@ -29,11 +28,7 @@ def coefficients(p: SimpleNamespace) -> tuple[Coefficient, ...]:
 
 def actuators(flow: Flow, memory: Memory, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Flow:
     """Positions of rudders and propellers whose orders the flow holds."""
-    moved = {}
-    for name in (*RUDDERS, *PROPELLERS):
-        order = getattr(flow, name)
-        if not isinstance(order, float):
-            rudder = name in RUDDERS
-            size = 0.3 if rudder else 10.0 / scale(p)
-            moved[name] = memory.low_pass(name, order, c.T_delta if rudder else c.T_n, size)
-    return flow.with_(**moved)
+    rudders = {name: memory.low_pass(name, x, c.T_delta, 0.3) for name, x in flow.present(RUDDERS).items()}
+    size = 10.0 / scale(p)
+    propellers = {name: memory.low_pass(name, x, c.T_n, size) for name, x in flow.present(PROPELLERS).items()}
+    return flow.with_(**rudders, **propellers)

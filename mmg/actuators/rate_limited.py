@@ -12,14 +12,12 @@ import math
 from types import SimpleNamespace
 
 from mmg.coefficients import Coefficient, table
-from mmg.flow import Flow
+from mmg.flow import PROPELLERS, RUDDERS, Flow
 from mmg.memory import Memory, rate_limited, scale
 from mmg.smooth import Smoothing
 
 PARTICULARS = ("L",)
 INPUTS: tuple[str, ...] = ()
-
-RUDDERS, PROPELLERS = ("delta", "delta_port", "delta_starboard"), ("n", "n_2")
 
 
 def coefficients(p: SimpleNamespace) -> tuple[Coefficient, ...]:
@@ -39,10 +37,7 @@ def coefficients(p: SimpleNamespace) -> tuple[Coefficient, ...]:
 def actuators(flow: Flow, memory: Memory, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Flow:
     """Positions of rudders and propellers whose orders the flow holds."""
     moved = {}
-    for name in (*RUDDERS, *PROPELLERS):
-        order = getattr(flow, name)
-        if not isinstance(order, float):
-            rudder = name in RUDDERS
-            rate, time = (c.K_delta, c.T_delta) if rudder else (c.K_n, c.T_n)
-            moved[name] = rate_limited(memory, name, order, rate, time, 0.3 if rudder else 10.0 / scale(p))
+    for names, rate, time, size in ((RUDDERS, c.K_delta, c.T_delta, 0.3), (PROPELLERS, c.K_n, c.T_n, 10.0 / scale(p))):
+        for name, order in flow.present(names).items():
+            moved[name] = rate_limited(memory, name, order, rate, time, size)
     return flow.with_(**moved)

@@ -20,6 +20,7 @@ class Bank(Effect):
     """Bank suction and bank moment of one straight bank."""
 
     name, enters = "bank", "force"
+    surroundings = True
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         half = math.pi / 2

@@ -9,8 +9,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 from mmg.effects.effect import Effect, Parameter
-from mmg.effects.rudder_lag import RUDDERS
-from mmg.flow import Flow
+from mmg.flow import PROPELLERS, RUDDERS, Flow
 from mmg.memory import Memory, delayed, scale
 from mmg.smooth import GRAVITY, Smoothing
 
@@ -27,12 +26,13 @@ class ControlDelay(Effect):
     def actuators(self, flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace, s: Smoothing) -> Flow:
         revolutions = 0.1 * float((GRAVITY * p.L) ** 0.5) / (0.03 * p.L)
         moved = {}
-        for name in (*RUDDERS, "n", "n_2"):
-            value = getattr(flow, name)
-            if not isinstance(value, float):
-                size = 0.3 if name in RUDDERS else revolutions
+        for names, size in ((RUDDERS, 0.3), (PROPELLERS, revolutions)):
+            for name, value in flow.present(names).items():
                 moved[name] = delayed(memory, f"control_delay.{name}", value, e.tau, scale(p), size)
         return flow.with_(**moved)
+
+    def input_delay(self, e: SimpleNamespace) -> float:
+        return float(e.tau)
 
 
 EFFECT = ControlDelay()

@@ -19,6 +19,7 @@ class Current(Effect):
     """Uniform current, direction *going to*."""
 
     name, enters = "current", "inflow"
+    surroundings = True
     needs_time = True
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:

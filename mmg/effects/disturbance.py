@@ -21,6 +21,7 @@ class Disturbance(Effect):
     """Latent force process."""
 
     name, enters = "disturbance", "force"
+    surroundings = True
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         k, force = scale(p), 0.15 * (p.L / MODEL_LENGTH) ** 3

@@ -7,10 +7,13 @@ the fit and the diagnosis. In the hooks ``e`` holds the effect's parameters by a
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
+
+import numpy as np
 
 from mmg.coefficients import Coefficient
 from mmg.flow import Flow, Force
@@ -69,7 +72,7 @@ class Setting:
     s: Smoothing
 
 
-class Effect:
+class Effect(ABC):
     """An effect that enters nowhere: the base of all others."""
 
     name: str = ""
@@ -78,10 +81,17 @@ class Effect:
     needs_time: bool = False
     needs: tuple[str, ...] = ()
     """Roles that the ship must have."""
+    surroundings: bool = False
+    """Whether it belongs to a place or a day, not to the ship."""
 
+    @property
+    def measures(self) -> bool:
+        """Whether it belongs to the instruments: it enters in ``columns`` alone."""
+        return self.enters == "measurement"
+
+    @abstractmethod
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         """Parameters for a ship of these particulars and force models."""
-        raise NotImplementedError
 
     def particulars(self, p: SimpleNamespace, e: SimpleNamespace) -> SimpleNamespace:
         """The particulars as the ship really is."""
@@ -110,3 +120,16 @@ class Effect:
     def columns(self, y: list[Any], flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace) -> list[Any]:
         """The six columns x, y, psi, u, v, r as logged, from the true ones (or those of an earlier effect)."""
         return y
+
+    def input_delay(self, e: SimpleNamespace) -> float | None:
+        """Time [s] by which the generator holds back rudder and revolutions, exactly, in place of ``actuators``."""
+        return None
+
+    def samples(
+        self, t: np.ndarray, y: list[np.ndarray], flow: Flow, e: SimpleNamespace, p: SimpleNamespace
+    ) -> list[np.ndarray]:
+        """``columns`` of the generator: at its samples t (N,) [s], exact where those of a fit remember and approximate.
+
+        To be overridden by an effect whose ``columns`` need a memory.
+        """
+        return self.columns(y, flow, Memory(), e, p)

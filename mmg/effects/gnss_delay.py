@@ -11,6 +11,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
 from mmg.effects.effect import Effect, Parameter
 from mmg.flow import Flow
@@ -32,6 +33,11 @@ class GnssDelay(Effect):
         u, v, (north, east) = late_velocity(y, memory, self.name, e.tau, p)
         return [y[0] - e.tau * north, y[1] - e.tau * east, y[2], u, v, y[5]]
 
+    def samples(
+        self, t: np.ndarray, y: list[np.ndarray], flow: Flow, e: SimpleNamespace, p: SimpleNamespace
+    ) -> list[np.ndarray]:
+        return late_samples(t, y, e.tau)
+
 
 def late_velocity(
     y: list[Any], memory: Memory, name: str, tau: Any, p: SimpleNamespace
@@ -47,6 +53,18 @@ def late_velocity(
     behind = earth_to_body(velocity[0] - north, velocity[1] - east, y[2])
     u, v = (component - 2 * tau / least * part for component, part in zip(y[3:5], behind, strict=True))
     return u, v, (north, east)
+
+
+def late_samples(t: np.ndarray, y: list[np.ndarray], delay: float) -> list[np.ndarray]:
+    """Columns with position and earth-fixed velocity of ``delay`` [s] ago; before the first sample it ran straight."""
+    if delay == 0:
+        return y
+    velocity = body_to_earth(y[3], y[4], y[2])
+    past = t - delay
+    before = np.minimum(past - t[0], 0.0)
+    moved = [np.interp(past, t, place) + before * speed[0] for place, speed in zip(y[:2], velocity, strict=True)]
+    late = earth_to_body(np.interp(past, t, velocity[0]), np.interp(past, t, velocity[1]), y[2])
+    return [*moved, y[2], *late, y[5]]
 
 
 EFFECT = GnssDelay()

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from types import SimpleNamespace
 from typing import Any
+
+import numpy as np
 
 from mmg.effects.effect import Effect, Parameter
 from mmg.flow import Flow
@@ -25,6 +28,22 @@ class Gyro(Effect):
     def columns(self, y: list[Any], flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace) -> list[Any]:
         late = lagged(memory, "gyro.r", y[5], e.T, 0.5 * scale(p), 0.05 / scale(p))
         return [*y[:5], late * (1 + e.share)]
+
+    def samples(
+        self, t: np.ndarray, y: list[np.ndarray], flow: Flow, e: SimpleNamespace, p: SimpleNamespace
+    ) -> list[np.ndarray]:
+        return [*y[:5], _behind(t, y[5], e.T) * (1 + e.share)]
+
+
+def _behind(t: np.ndarray, x: np.ndarray, T: float) -> np.ndarray:
+    """x after a first-order lag of T [s], exact for x linear between samples; settled at the start."""
+    if T == 0:
+        return x
+    out = x.astype(float).copy()
+    for k, h in enumerate(np.diff(t)):
+        left, slope = math.exp(-h / T), (x[k + 1] - x[k]) / h
+        out[k + 1] = x[k + 1] - slope * T + (out[k] - x[k] + slope * T) * left
+    return out
 
 
 EFFECT = Gyro()

@@ -6,14 +6,13 @@ A propeller model without a side force gets the factor on that of Hachii (2004) 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from types import SimpleNamespace
 
+from mmg.components import module
 from mmg.effects.effect import Effect, Parameter, Parts, Setting
 from mmg.flow import Flow, Force
 from mmg.propeller import hachii
-
-WITH_SIDE_FORCE = ("hachii", "cpp")
-"""Propeller models that have a side force of their own."""
 
 
 class PropellerSideForce(Effect):
@@ -22,12 +21,12 @@ class PropellerSideForce(Effect):
     name, enters, needs = "propeller_side_force", "force", ("propeller",)
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
-        neutral = 1.0 if components.get("propeller") in WITH_SIDE_FORCE else 0.0
+        neutral = 1.0 if "propeller" in components and _has_side_force(components) else 0.0
         return (Parameter("factor", neutral, 1.0, -5.0, 10.0, "", "factor on side force and moment of the propeller"),)
 
     def forces(self, parts: Parts, flow: Flow, e: SimpleNamespace, at: Setting) -> Parts:
         old = parts["propeller"]
-        if at.components["propeller"] in WITH_SIDE_FORCE:
+        if _has_side_force(at.components):
             new = Force(old.X, e.factor * old.Y, e.factor * old.N)
         else:
             pitched = SimpleNamespace(**{"pitch_ratio": 0.7, **vars(at.p)})
@@ -35,6 +34,10 @@ class PropellerSideForce(Effect):
             side = hachii.force(flow, pitched, published, at.s)
             new = Force(old.X, old.Y + e.factor * side.Y, old.N + e.factor * side.N)
         return {**parts, "propeller": new}
+
+
+def _has_side_force(components: Mapping[str, str]) -> bool:
+    return getattr(module("propeller", components["propeller"]), "SIDE_FORCE", False)
 
 
 EFFECT = PropellerSideForce()

@@ -9,8 +9,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 from mmg.effects.effect import Effect, Parameter
-from mmg.effects.rudder_lag import RUDDERS
-from mmg.flow import Flow
+from mmg.flow import RUDDERS, Flow
 from mmg.memory import Memory, played, scale
 from mmg.smooth import Smoothing
 
@@ -27,12 +26,10 @@ class RudderBacklash(Effect):
         return (Parameter("b", 0.0, 0.05, 0.0, 0.5, "rad", "half of the dead band between logged and real rudder"),)
 
     def actuators(self, flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace, s: Smoothing) -> Flow:
-        moved = {}
-        for name in RUDDERS:
-            angle = getattr(flow, name)
-            if isinstance(angle, float):
-                continue
-            moved[name] = played(memory, f"rudder_backlash.{name}", angle, e.b, 0.5 * scale(p), SOFTEST, 0.3)
+        moved = {
+            name: played(memory, f"rudder_backlash.{name}", angle, e.b, 0.5 * scale(p), SOFTEST, 0.3)
+            for name, angle in flow.present(RUDDERS).items()
+        }
         return flow.with_(**moved)
 
 

@@ -5,11 +5,9 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 from mmg.effects.effect import Effect, Parameter
-from mmg.flow import Flow
+from mmg.flow import RUDDERS, Flow
 from mmg.memory import Memory, lagged, scale
 from mmg.smooth import Smoothing
-
-RUDDERS = ("delta", "delta_port", "delta_starboard")
 
 
 class RudderLag(Effect):
@@ -24,8 +22,7 @@ class RudderLag(Effect):
     def actuators(self, flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace, s: Smoothing) -> Flow:
         moved = {
             name: lagged(memory, f"rudder_lag.{name}", angle, e.T, 0.5 * scale(p), 0.3)
-            for name in RUDDERS
-            if not isinstance(angle := getattr(flow, name), float)
+            for name, angle in flow.present(RUDDERS).items()
         }
         return flow.with_(**moved)
 

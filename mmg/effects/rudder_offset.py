@@ -5,8 +5,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 from mmg.effects.effect import Effect, Parameter
-from mmg.effects.rudder_lag import RUDDERS
-from mmg.flow import Flow
+from mmg.flow import RUDDERS, Flow
 from mmg.memory import Memory
 from mmg.smooth import Smoothing
 
@@ -20,8 +19,7 @@ class RudderOffset(Effect):
         return (Parameter("delta", 0.0, 0.05, -0.5, 0.5, "rad", "real rudder angle less the logged one"),)
 
     def actuators(self, flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace, s: Smoothing) -> Flow:
-        angles = {name: getattr(flow, name) for name in RUDDERS}
-        return flow.with_(**{name: a + e.delta for name, a in angles.items() if not isinstance(a, float)})
+        return flow.with_(**{name: angle + e.delta for name, angle in flow.present(RUDDERS).items()})
 
 
 EFFECT = RudderOffset()

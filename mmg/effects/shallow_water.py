@@ -35,6 +35,7 @@ class ShallowWater(Effect):
     """Finite depth."""
 
     name, enters, needs = "shallow_water", "force and inertia", ("hull",)
+    surroundings = True
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         return (

@@ -13,6 +13,7 @@ class Tow(Effect):
     """Constant force and moment in the body frame."""
 
     name, enters = "tow", "force"
+    surroundings = True
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         force = 0.05 * (p.L / MODEL_LENGTH) ** 3

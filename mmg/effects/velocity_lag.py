@@ -10,8 +10,10 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
+
 from mmg.effects.effect import Effect, Parameter
-from mmg.effects.gnss_delay import late_velocity
+from mmg.effects.gnss_delay import late_samples, late_velocity
 from mmg.flow import Flow
 from mmg.memory import Memory, scale
 
@@ -28,6 +30,11 @@ class VelocityLag(Effect):
     def columns(self, y: list[Any], flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace) -> list[Any]:
         u, v, _ = late_velocity(y, memory, self.name, e.tau, p)
         return [y[0], y[1], y[2], u, v, y[5]]
+
+    def samples(
+        self, t: np.ndarray, y: list[np.ndarray], flow: Flow, e: SimpleNamespace, p: SimpleNamespace
+    ) -> list[np.ndarray]:
+        return [*y[:3], *late_samples(t, y, e.tau)[3:5], y[5]]
 
 
 EFFECT = VelocityLag()

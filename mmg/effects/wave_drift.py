@@ -21,6 +21,7 @@ class WaveDrift(Effect):
     """Mean wave drift force from one direction."""
 
     name, enters = "wave_drift", "force"
+    surroundings = True
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         size = 0.08 * (p.L / MODEL_LENGTH) ** 3

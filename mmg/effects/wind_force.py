@@ -27,6 +27,7 @@ class WindForce(Effect):
     """Wind force by a factor per component."""
 
     name, enters = "wind_force", "force"
+    surroundings = True
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         neutral = 1.0 if "wind" in components else 0.0

@@ -13,6 +13,7 @@ class WindSensorBias(Effect):
     """Air velocity minus logged wind, constant in the earth frame. Needs a wind model to have a force."""
 
     name, enters, needs = "wind_sensor_bias", "inflow", ("wind",)
+    surroundings = True
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         size, most = 0.3 * scale(p), 5.0 * scale(p)

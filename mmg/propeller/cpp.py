@@ -27,6 +27,8 @@ from mmg.smooth import Smoothing
 
 PARTICULARS = ("L", "rho", "D_P")
 INPUTS = ("n", "pitch")
+SIDE_FORCE = True
+"""The model has a side force of its own (the effect propeller_side_force takes a factor on it)."""
 
 COEFFICIENTS = (
     *table(

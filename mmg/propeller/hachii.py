@@ -22,6 +22,8 @@ from mmg.smooth import Smoothing
 
 PARTICULARS = ("L", "d", "rho", "D_P", "pitch_ratio")
 INPUTS = ("n",)
+SIDE_FORCE = True
+"""The model has a side force of its own (the effect propeller_side_force takes a factor on it)."""
 
 ADVANCE_LOW, ADVANCE_HIGH = -0.35, -0.06
 """Advance ratios J_s between which the side force of the reversing propeller is its middle branch."""
