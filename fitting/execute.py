@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import multiprocessing
-from collections.abc import Callable, Sequence
+import os
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from typing import TypeVar
 
 Task = TypeVar("Task")
 Outcome = TypeVar("Outcome")
+
+THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+"""How many threads numerical libraries start, read by each when it is loaded."""
 
 
 def run_all(function: Callable[[Task], Outcome], tasks: Sequence[Task], workers: int = 1) -> list[Outcome]:
@@ -19,5 +24,20 @@ def run_all(function: Callable[[Task], Outcome], tasks: Sequence[Task], workers:
     if workers <= 1 or len(tasks) <= 1:
         return [function(task) for task in tasks]
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(max_workers=min(workers, len(tasks)), mp_context=context) as pool:
+    with _one_thread(), ProcessPoolExecutor(max_workers=min(workers, len(tasks)), mp_context=context) as pool:
         return list(pool.map(function, tasks))
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """An environment in which processes begin with one thread each: several of them only get in each other's way."""
+    before = {name: os.environ.get(name) for name in THREADS}
+    os.environ.update(dict.fromkeys(THREADS, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
