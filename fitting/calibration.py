@@ -173,7 +173,7 @@ def calibrate(
         )
     timings["total"] = time.perf_counter() - began
     return Calibration(
-        ship=calibrated_ship(ship, prior, p, covariance, best.converged, found.hessian - np.eye(len(p))),
+        ship=calibrated_ship(problem.ship, prior, p, covariance, best.converged, found.hessian - np.eye(len(p))),
         prior=prior,
         p=p,
         covariance=covariance,

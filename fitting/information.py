@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fitting.problem import Problem
+from fitting.segments import Segments
 
 
 @dataclass(frozen=True)
@@ -60,19 +61,15 @@ def information(problem: Problem, x: np.ndarray) -> Information:
     p = problem.split(x)[1].copy()
     q, g = _inside(problem, x)
     at_nodes = _at_nodes(problem, x)
-    order = np.lexsort((-seg.start, seg.window))
-    window = seg.window[order]
-    first = np.r_[0, np.flatnonzero(np.diff(window)) + 1]
-    level = np.arange(len(order)) - np.repeat(first, np.diff(np.r_[first, len(order)]))
     V, v = np.zeros((len(seg.run), S + P, S + P)), np.zeros((len(seg.run), S + P))
     maps, moved = _transitions(problem, x)
-    for depth in range(int(level.max()) + 1):
-        i = order[level == depth]
+    for depth, i in enumerate(levels(seg)):
         w = seg.window[i]
         if depth == 0:
             V[w], v[w] = at_nodes(seg.end[i])
         T, c = maps(i), moved[i]
-        H, slope = _freed(V[w], v[w], problem, i)
+        price = problem.jump_weight[i][:, None] * problem.scale[problem.random] ** 2
+        H, slope = freed(V[w], v[w], problem.random, price)
         node_H, node_slope = at_nodes(seg.start[i])
         T_t = np.swapaxes(T, 1, 2)
         V[w] = T_t @ H @ T + q[i] + node_H
@@ -83,6 +80,30 @@ def information(problem: Problem, x: np.ndarray) -> Information:
     fisher = 0.5 * (fisher + np.swapaxes(fisher, 1, 2))
     score = v[:, S:] - across[:, :, P]
     return Information(fisher, score, p, seg.run.copy(), problem.prior.symbols, *_known(problem, p))
+
+
+def levels(seg: Segments) -> list[np.ndarray]:
+    """Intervals by how many of their window come after them: the last ones of all windows, those before them, ..."""
+    order = np.lexsort((-seg.start, seg.window))
+    window = seg.window[order]
+    first = np.r_[0, np.flatnonzero(np.diff(window)) + 1]
+    level = np.arange(len(order)) - np.repeat(first, np.diff(np.r_[first, len(order)]))
+    return [order[level == depth] for depth in range(int(level.max()) + 1)]
+
+
+@dataclass(frozen=True)
+class Quadratics:
+    """What the windows' cost is made of at x, in scaled (state, p): of the samples inside each interval and of those at
+    each node, (M or B, S + P, S + P), and the map of each interval from its start to its end."""
+
+    inside: np.ndarray
+    nodes: np.ndarray
+    maps: np.ndarray
+
+    @classmethod
+    def of(cls, problem: Problem, x: np.ndarray) -> Quadratics:
+        nodes = _at_nodes(problem, x)(np.arange(problem.B))[0]
+        return cls(_inside(problem, x)[0], nodes, _transitions(problem, x)[0](np.arange(problem.M)))
 
 
 def _known(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -166,12 +187,10 @@ def _transitions(problem: Problem, x: np.ndarray) -> tuple[Callable[[np.ndarray]
     return of, off
 
 
-def _freed(V: np.ndarray, v: np.ndarray, problem: Problem, i: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Quadratics and slopes after minimising over the jumps of the latent states at the end of intervals i."""
-    r = problem.random
+def freed(V: np.ndarray, v: np.ndarray, r: np.ndarray, price: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Quadratics and slopes after minimising over jumps of the states ``r``, whose squares cost ``price`` (m, R)."""
     if not len(r):
         return V, v
-    price = problem.jump_weight[i][:, None] * problem.scale[r] ** 2
     inner, own = V[:, r[:, None], r].copy(), np.arange(len(r))
     inner[:, own, own] += price
     K = np.linalg.inv(inner)

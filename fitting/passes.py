@@ -7,6 +7,7 @@ from functools import partial
 
 import numpy as np
 
+from fitting.disturbance import asked, begun, estimated
 from fitting.ipopt import Solution, solve
 from fitting.noise import Noise, estimate
 from fitting.problem import Problem
@@ -19,6 +20,8 @@ def _noise(problem: Problem, x: np.ndarray) -> Noise:
     return estimate(problem.segments, *problem.errors(x), floor=floor, robust=problem.loss.robust)
 
 
+FORCE_PASSES = 3
+"""Further solves when sizes of latent forces are estimated, which settle more slowly than the noise."""
 FEW_WINDOWS = 30
 """Windows of the first solve: enough to bring the coefficients near and to see the size of the residuals."""
 
@@ -26,15 +29,16 @@ FEW_WINDOWS = 30
 def solve_passes(
     problem: Problem, x: np.ndarray, settings: Settings, began: float, report: Report | None
 ) -> tuple[Problem, Solution, Noise, list[dict]]:
-    """Rough solves that estimate the noise, then one with that noise to full tolerance.
+    """Rough solves that estimate the noise and the sizes of latent forces, then one with those to full tolerance.
 
     The first rough solve sees at most FEW_WINDOWS windows, evenly spread; the estimate of each solve starts the next.
     A solve that gets stuck is repeated with damping (``starts.damped``). With a
     robust loss the rough solves use Student's t, which lets go of gross outliers at once.
     """
     passes: list[dict] = []
-    count = 1 if settings.sigma else max(1, settings.passes)
-    full, p = problem, problem.split(x)[1]
+    axes = asked(problem.ship)
+    count = 1 if settings.sigma and not axes else max(1, settings.passes) + (FORCE_PASSES if axes else 0)
+    full, p = problem.with_ship(begun(problem.ship, axes)) if axes else problem, problem.split(x)[1]
     for number in range(count):
         rough = number < count - 1
         windows = len(full.segments.run)
@@ -75,8 +79,13 @@ def solve_passes(
         good = solution.converged or (rough and solution.status == "Solved_To_Acceptable_Level")
         if not good or not rough:
             break
-        x = solution.x if problem.segments is full.segments else full.start(p)
-        full = full.with_sigma(noise.sigma, noise.tau)
+        x = solution.x
+        if axes:
+            problem, x = estimated(problem, x, axes)
+            full = full.with_ship(problem.ship)
+        x = x if problem.segments is full.segments else full.start(p)
+        if not settings.sigma:
+            full = full.with_sigma(noise.sigma, noise.tau)
     if problem.segments is not full.segments:
         problem, solution = _whole(full, p, solution)
     return problem.with_loss(full.loss.name), solution, noise, passes

@@ -292,6 +292,10 @@ class Problem:
         """The same problem with other noise levels; tau: (6,) memory of the residuals [samples], for the loss."""
         return self._again(sigma=sigma, loss=self.loss if tau is None else self.loss.with_tau(tau))
 
+    def with_ship(self, ship: Ship) -> Problem:
+        """The same problem with other values of coefficients that are not free."""
+        return self._again(ship=ship)
+
     def with_loss(self, name: str) -> Problem:
         """The same problem with another loss."""
         return self._again(loss=replace(self.loss, name=name))
