@@ -85,6 +85,45 @@ def freeing_effects(ship: Ship, texts: Iterable[str]) -> Ship:
     return ship
 
 
+VARIES = ("rudder_offset", "heading_bias", "log_scale", "fouling", "draft")
+"""Effects of ship and instruments that differ from day to day, as those of the surroundings do."""
+
+
+def varies(name: str) -> bool:
+    """Whether each run may have its own constants of an effect; of ``disturbance`` it has a process already."""
+    return name in VARIES or (EFFECTS[name].surroundings and name != "disturbance")
+
+
+def varying_effects(ship: Ship, texts: Iterable[str]) -> tuple[Ship, tuple[str, ...]]:
+    """The ship with effects of which each run gets its own constants, and the symbols of those constants.
+
+    "NAME" takes the parameters that are not held, "NAME:a,b" those named; a value is what the prior of a constant is
+    centred on (its standard deviation is the typical size), or where another parameter stays. All are fixed in the
+    ship, which does not have them: they belong to the runs.
+    """
+    constants: list[str] = []
+    for text in texts:
+        name, values, named = parse_effect(text, ship, "--per-run")
+        where = f"--per-run {text}"
+        if name in ship.effects:
+            raise UserError(
+                f"{where}: {name} is in the model already; name it once, in --with, --measurement or --per-run"
+            )
+        if not varies(name):
+            because = "is a process along each run already" if name == "disturbance" else "belongs to the ship"
+            known = ", ".join(e for e in EFFECTS if varies(e))
+            raise UserError(f"{where}: {name} {because}, use --with {name}; each run may have its own {known}")
+        ship = ship.with_effect(name, values)
+        rows = {}
+        for p in parameters(ship, name):
+            symbol = f"{name}.{p.symbol}"
+            rows[symbol] = ship.coefficients[symbol].with_(std=abs(p.typical), fixed=True)
+            if (p.symbol in named) if named else not p.held:
+                constants.append(symbol)
+        ship = ship.with_coefficients(rows)
+    return ship, tuple(constants)
+
+
 def calm_and_deep(ship: Ship) -> tuple[Ship, list[str]]:
     """The ship without effects of its surroundings and of its instruments, and the names of those."""
     left_out = [e for e in ship.effects if EFFECTS[e].surroundings or EFFECTS[e].measures]

@@ -40,6 +40,13 @@ def fit(
             help="Effects of the instruments that are fitted along: velocity_lag, or several, or none.",
         ),
     ] = "velocity_lag",
+    per_run: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--per-run",
+            help="Give each run its own constants of an effect: current, or NAME:parameter=prior. May be repeated.",
+        ),
+    ] = None,
     fix: Annotated[
         list[str] | None, typer.Option("--fix", help="Coefficients to leave alone (comma-separated).")
     ] = None,
@@ -107,7 +114,17 @@ def fit(
     from dataclasses import replace
 
     from cases.read import read_trials
-    from commands.fit_input import _by_role, _captive, _chosen, _compare_hashes, _leaks, _measuring, _reduced, _settings
+    from commands.fit_input import (
+        _by_role,
+        _captive,
+        _chosen,
+        _compare_hashes,
+        _leaks,
+        _measuring,
+        _own_constants,
+        _reduced,
+        _settings,
+    )
     from commands.fit_input import _start as _starting
     from commands.output import end_progress, names_of, print_json, progress, say
     from fitting.calibration import calibrate
@@ -148,7 +165,8 @@ def fit(
     start = _reduced(start, without, with_, fix, only)
     start = _measuring(start, measurement)
     train, held_out, remarks = _by_role(read_trials(trials), read_trials(validate) if validate else [])
-    _compare_hashes(out, start, train, resume)
+    model, constants = _own_constants(start, per_run, train, auto)
+    _compare_hashes(out, start, train, resume, constants)
     reading = time.perf_counter() - began
     check_asked(bootstrap, names_of(profile), start.free)
     for line in start.notices:
@@ -157,7 +175,8 @@ def fit(
         choice = _chosen(start, train, settings, points, auto_limit) if auto else None
         if choice:
             start, settings = choice.ship, replace(choice.settings, workers=workers)
-        calibration = calibrate(start, train, settings, progress(), warm, points)
+            model = start
+        calibration = calibrate(model, train, settings, progress(), warm, points, constants)
         end_progress()
         calibration.timings["read"] = reading
         scores = _scores(start, calibration, train, held_out)
@@ -165,6 +184,7 @@ def fit(
         content = result(calibration, train, held_out, scores, command)
         content |= uncertainty_rows(calibration, bootstrap, names_of(profile))
         content["warnings"] += [*remarks, *_leaks(train, held_out), *_worse(scores)]
+        content["notices"] += calibration.constants.sentences() if calibration.constants else []
         found, trial = identify(calibration, next_trial and calibration.converged)
         content["identifiability"] = identifiability_dict(found, trial)
         if choice:
@@ -179,7 +199,9 @@ def fit(
             from fitting.run import RESULT, write_json
 
             content["figures"] = write_figures(folder, calibration, start, train, held_out)
-            content["figures"] += write_identifiability_figures(folder, found, trial)
+            content["figures"] += write_identifiability_figures(
+                folder, found, trial, content.get("profiles", ()), content["coefficients"]
+            )
             content["timings_s"]["wall"] = time.perf_counter() - began
             write_json(folder / RESULT, content)
             write_report([folder], folder / "report.html")
@@ -234,16 +256,19 @@ def _summary(calibration: Calibration, content: dict, out: Path) -> None:
     from fitting.identifiability import KINDS
 
     words = "converged" if calibration.converged else "NOT CONVERGED"
+    own = f" and {len(calibration.constants.p)} constants of runs" if calibration.constants else ""
     say(
         f"{words} ({calibration.solution.status}) after {sum(p['iterations'] for p in calibration.passes)} iterations "
         f"in {calibration.timings['total']:.1f} s; objective {calibration.solution.objective:.6g}; "
-        f"{len(calibration.prior.symbols)} free coefficients, {calibration.segments.duration:.0f} s of data, "
+        f"{len(calibration.prior.symbols)} free coefficients{own}, {calibration.segments.duration:.0f} s of data, "
         f"seed {calibration.settings.seed}"
     )
     for line in content["warnings"]:
         say(f"warning: {line}")
     for line in calibration.notices:
         say(f"note: {line}")
+    for line in calibration.constants.table() if calibration.constants else []:
+        say(line)
     for name, pair in content["scores"].items():
         before, after = pair["before"], pair["after"]
         say(

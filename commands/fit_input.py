@@ -103,6 +103,27 @@ def _measuring(ship: Ship, measurement: str) -> Ship:
     return freeing_effects(ship, [name for name in names if name not in {*ship.effects, *present}])
 
 
+def _own_constants(
+    ship: Ship, texts: list[str] | None, train: Sequence[Trial], auto: bool
+) -> tuple[Ship, tuple[str, ...]]:
+    """The ship with effects of which each run has its own constants, and the symbols of those constants."""
+    from cases.effects import varying_effects
+    from commands.output import say
+    from mmg.errors import UserError
+
+    if not texts:
+        return ship, ()
+    if auto:
+        raise UserError(
+            "--auto does not choose among models with constants of their own: leave out --auto or --per-run"
+        )
+    if len(train) == 1:
+        say(
+            f"a single run: its own constants are, but for the narrower prior, those of --with {' --with '.join(texts)}"
+        )
+    return varying_effects(ship, texts)
+
+
 def _by_role(train: list[Trial], held_out: list[Trial]) -> tuple[list[Trial], list[Trial], list[str]]:
     """Trials to train on and to hold out, and what was said: a sidecar's role keeps a trial out of the training."""
     from mmg.errors import UserError
@@ -133,8 +154,10 @@ def _leaks(train: Sequence[Trial], held_out: Sequence[Trial]) -> list[str]:
     return list(dict.fromkeys(words))
 
 
-def _compare_hashes(out: Path, start: Ship, trials: Sequence[Trial], resume: bool) -> None:
-    """When resuming, data and free coefficients must be those of the interrupted run."""
+def _compare_hashes(
+    out: Path, start: Ship, trials: Sequence[Trial], resume: bool, constants: Sequence[str] = ()
+) -> None:
+    """When resuming, data, free coefficients and constants of the runs must be those of the interrupted run."""
     from fitting.run import read_result
     from mmg.errors import UserError
 
@@ -143,6 +166,8 @@ def _compare_hashes(out: Path, start: Ship, trials: Sequence[Trial], resume: boo
     earlier = read_result(out)
     if set(earlier["coefficients"]) != set(start.free):
         raise UserError(f"{out}: --resume needs the same --without, --fix and --only as the interrupted run")
+    if {symbol for rows in earlier.get("per_run", {}).values() for symbol in rows} != set(constants):
+        raise UserError(f"{out}: --resume needs the same --per-run as the interrupted run")
     before = sorted(row["sha256"] for row in earlier["data"])
     if before != sorted(t.sha256 for t in trials):
         raise UserError(f"{out}: --resume needs the same trial files as the interrupted run")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -12,11 +13,13 @@ from cases.checks import inputs_are_constant
 from cases.inputs import actuator_columns
 from cases.trial import Trial
 from fitting.captive import Captive, CaptiveForces
+from fitting.identifiability import Identifiability, analyse
 from fitting.information import Information, information
 from fitting.ipopt import Solution
 from fitting.loss import Loss
 from fitting.noise import Noise
 from fitting.passes import solve_passes
+from fitting.per_run import RunConstants, neutral, shared_prior, with_constants, without_constants
 from fitting.problem import Prior, Problem
 from fitting.recipe import Recipe
 from fitting.sandwich import Robust, robust
@@ -24,7 +27,7 @@ from fitting.segments import Segments, cut, default_step
 from fitting.settings import Report, Settings, Start
 from fitting.shooting import kernels
 from fitting.starts import solve_starts
-from fitting.suspects import against_captive, contradictions, odd_runs, unexcited_astern
+from fitting.suspects import against_captive, contradictions, odd_runs, refuse_outliers, unexcited_astern
 from fitting.verdicts import calibrated_ship, warnings_of
 from mmg.errors import UserError
 from mmg.model import assemble
@@ -36,10 +39,11 @@ class Calibration:
     """A calibrated ship and how it came about.
 
     ship: with estimates, standard errors, priors and verdicts. p, covariance: scaled estimate (P,) and its covariance
-    (P, P) in prior standard deviations, robust to residuals that remember (fitting/sandwich.py). sigma: (6,) used in
-    the last solve; noise: estimated from its residuals. solution: of the last solve; history: objective and status of
-    every pass. information: of each window on p, from which ``spread`` has the robust and the model-based covariance;
-    recipe: of the problem solved.
+    (P, P) in prior standard deviations, robust to residuals that remember (fitting/sandwich.py), of what all runs
+    share, as ``prior``. sigma: (6,) used in the last solve; noise: estimated from its residuals. solution: of the last
+    solve; history: objective and status of every pass. information: of each window on p, from which ``spread`` has the
+    robust and the model-based covariance; recipe: of the problem solved. constants: what each run has of its own;
+    solution, information, spread and recipe are of all that was fitted, the shared ones first.
     """
 
     ship: Ship
@@ -60,6 +64,7 @@ class Calibration:
     information: Information | None = None
     spread: Robust | None = None
     recipe: Recipe | None = None
+    constants: RunConstants | None = None
 
     @property
     def converged(self) -> bool:
@@ -73,7 +78,26 @@ class Calibration:
     @property
     def covariance_model(self) -> np.ndarray:
         """Covariance (P, P) if the noise were as the fit weighs it: inverse of information plus prior."""
-        return self.spread.model if self.spread else self.covariance
+        shared = slice(len(self.p))
+        return self.spread.model[shared, shared] if self.spread else self.covariance
+
+    @property
+    def iterate(self) -> np.ndarray:
+        """Scaled estimates of all that was fitted, constants of the runs last."""
+        return np.concatenate([self.p, self.constants.p]) if self.constants else self.p
+
+    @cached_property
+    def identifiability(self) -> Identifiability:
+        """What the trials say about each of the ship's free coefficients."""
+        return analyse(self.prior, self.p, self.covariance, self.data_information)
+
+    @property
+    def data_information(self) -> np.ndarray | None:
+        """Information of the trials on the ship's coefficients without the prior (P, P), if there is a finite one."""
+        if self.information is None or not np.isfinite(self.information.hessian).all():
+            return None
+        info = self.information.shared()
+        return info.hessian - np.eye(len(info.p))
 
     @property
     def standard_errors(self) -> np.ndarray:
@@ -116,14 +140,16 @@ def calibrate(
     report: Report | None = None,
     warm: dict[str, np.ndarray] | None = None,
     captive: Captive | None = None,
+    per_run: Sequence[str] = (),
 ) -> Calibration:
     """Fit the free coefficients of a ship to trials, jointly over all of them.
 
     The residual's standard deviation of each state is re-estimated from pass to pass (``Noise``) until it settles.
     report(pass name, iteration, objective, constraint violation) follows the solver. ``warm`` holds "p", "nodes" and
-    "sigma" of an earlier, interrupted run. ``captive``: points whose forces are fitted too. Raises UserError for input
-    from which nothing can be identified; a solver that stops early is no error: the best iterate is returned and
-    ``converged`` is False.
+    "sigma" of an earlier, interrupted run. ``captive``: points whose forces are fitted too. ``per_run``: coefficients
+    of effects of the ship, fixed in it, of which each run gets its own (``cases.effects.varying_effects``); the
+    calibrated ship is without those effects. Raises UserError for input from which nothing can be identified; a solver
+    that stops early is no error: the best iterate is returned and ``converged`` is False.
     """
     settings = settings or Settings()
     began = time.perf_counter()
@@ -133,19 +159,22 @@ def calibrate(
     window = settings.window or 100.0 * step
     if window < 10 * step:
         raise UserError(f"a window of {window:g} s holds fewer than ten steps of {step:g} s; use a longer --window")
+    refuse_outliers(trials, step)
     segments = cut(trials, step, window, settings.interval, inputs=ship.inputs)
-    prior = Prior.of(ship)
+    segments = segments.by_run() if per_run else segments
+    prior = with_constants(Prior.of(ship), ship, per_run, segments.trials)
     warnings = [*contradictions(prior), *unexcited_astern(ship, trials, segments)]
-    positions = np.array([ship.symbols.index(s) for s in prior.symbols])
+    positions, common = prior.positions(ship), shared_prior(prior)
+    shared = slice(prior.shared)
     kernel = kernels(assemble(ship), positions, settings.compiled)
     timings = {"prepare": time.perf_counter() - began}
     notices = [*segments.dropped, *ship.notices, *_missing(trials), *_assumed(ship, trials)]
     if kernel.interpreted_because:
         notices.append(f"running without compiled code, several times slower: {kernel.interpreted_because}")
     sigma = _given_sigma(settings) if settings.sigma else first_sigma(ship, segments)
-    forces = CaptiveForces(kernel.model, positions, captive, settings.compiled) if captive else None
+    forces = CaptiveForces(kernel.model, positions[shared], captive, settings.compiled) if captive else None
     if forces:
-        warnings += against_captive(forces, ship.values, positions, prior)
+        warnings += against_captive(forces, neutral(ship, per_run), positions[shared], common)
     problem = Problem(ship, prior, kernel, segments, sigma, Loss(settings.loss), forces)
     x = problem.start()
     if warm and len(warm.get("p", ())) == problem.P:
@@ -161,8 +190,12 @@ def calibrate(
     p = np.clip(p, *problem.p_bounds())
     found = information(problem, best.x)
     spread = robust(found)
-    covariance = spread.covariance
-    warnings = [*warnings_of(problem, best, p, starts), *warnings, *odd_runs(problem, best.x)]
+    covariance = spread.covariance[shared, shared]
+    warnings = [
+        *warnings_of(problem, best, p, starts),
+        *warnings,
+        *odd_runs(problem, best.x, settings.look and best.converged),
+    ]
     if best.converged and len(starts) < settings.starts:
         warnings.append(f"only {len(starts)} of {settings.starts} starts were solved before the run was stopped")
     condition = condition_number(covariance)
@@ -172,10 +205,12 @@ def calibrate(
             "standard errors are unreliable; fix coefficients or narrow their priors"
         )
     timings["total"] = time.perf_counter() - began
+    about_shared = found.shared().hessian - np.eye(prior.shared)
+    own_ship = without_constants(problem.ship, per_run)
     return Calibration(
-        ship=calibrated_ship(problem.ship, prior, p, covariance, best.converged, found.hessian - np.eye(len(p))),
-        prior=prior,
-        p=p,
+        ship=calibrated_ship(own_ship, common, p[shared], covariance, best.converged, about_shared),
+        prior=common,
+        p=p[shared],
         covariance=covariance,
         sigma=problem.sigma,
         noise=noise,
@@ -191,6 +226,7 @@ def calibrate(
         information=found,
         spread=spread,
         recipe=Recipe.of(problem),
+        constants=RunConstants.of(problem.ship, prior, p, spread.covariance, segments.trials),
     )
 
 

@@ -64,6 +64,8 @@ def linearise(problem: Problem, z0: np.ndarray, p: np.ndarray) -> Linearised:
     seg, size, P = problem.segments, problem.S, problem.P
     if len(seg.run) != seg.intervals:
         raise ValueError("single shooting needs one interval per window")
+    if problem.prior.constants:
+        raise ValueError("single shooting knows no constants of single runs")
     theta = problem.coefficients(p)
     sweeps = problem.shooting.sweep(z0[seg.window].T, theta)
     unit = np.concatenate([problem.scale, problem.prior.std])

@@ -19,7 +19,7 @@ from cases.controller import MODEL_LENGTH
 from cases.maneuvers import parse_maneuver
 from cases.synthetic import simulate
 from cases.trial import Trial
-from fitting.identifiability import Identifiability, analyse, precision, worth_of
+from fitting.identifiability import Identifiability, precision, worth_of
 from fitting.information import information
 from fitting.problem import Problem
 from fitting.segments import cut
@@ -134,7 +134,7 @@ def next_trial(
         )
     had = features(calibration.segments, ship)
     F, seen = fisher(calibration, trials, seconds)
-    data = _information(calibration)
+    data = calibration.data_information
     worth = 1.0 if data is None else worth_of(data, C)
     A = precision(C) if data is None else worth * data + np.eye(P)
     F = worth * F
@@ -163,18 +163,10 @@ def identify(calibration: Calibration, trials: bool = True) -> tuple[Identifiabi
     Timings of the calibration get an entry "identifiability" [s].
     """
     began = time.perf_counter()
-    found = analyse(calibration.prior, calibration.p, calibration.covariance, _information(calibration))
+    found = calibration.identifiability
     scored = next_trial(calibration) if trials and np.isfinite(calibration.covariance).all() else None
     calibration.timings["identifiability"] = time.perf_counter() - began
     return found, scored
-
-
-def _information(calibration: Calibration) -> np.ndarray | None:
-    """Information of a calibration's data without the prior (P, P), if it keeps it and it is finite."""
-    given = getattr(calibration, "information", None)
-    if given is None or not np.isfinite(given.hessian).all():
-        return None
-    return given.hessian - np.eye(len(given.p))
 
 
 def _runs(

@@ -5,16 +5,20 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
+from fitting.per_run import Columns
 from fitting.segments import Segments
 
 Pattern = tuple[ca.Sparsity, np.ndarray]
 """A compressed-column pattern, and the order that sorts values, as they are assembled, into it."""
 
 
-def patterns(seg: Segments, S: int, P: int, fixed: np.ndarray, random: np.ndarray) -> tuple[Pattern, Pattern]:
+def patterns(
+    seg: Segments, S: int, P: int, fixed: np.ndarray, random: np.ndarray, columns: Columns
+) -> tuple[Pattern, Pattern]:
     """Patterns of the Jacobian (D M, S B + P) and of the upper triangle of the Hessian.
 
-    fixed: (D,) and random: states whose continuity is a constraint, and those that may jump at a node.
+    fixed: (D,) and random: states whose continuity is a constraint, and those that may jump at a node. Nodes and
+    intervals border on the ``columns`` of their group.
     """
     D, M, B = len(fixed), seg.intervals, len(seg.nodes)
     n, m = S * B + P, D * M
@@ -22,16 +26,16 @@ def patterns(seg: Segments, S: int, P: int, fixed: np.ndarray, random: np.ndarra
     rows = D * np.arange(M)[:, None, None]
     block = (rows + i, S * seg.start[:, None, None] + j)
     ends = (D * np.arange(M)[:, None] + np.arange(D), S * seg.end[:, None] + fixed)
-    ip, jp = np.meshgrid(np.arange(D), np.arange(P), indexing="ij")
-    dense = (rows + ip, S * B + jp + 0 * rows)
+    at = columns.at[columns.interval][:, None, :]
+    dense = np.broadcast_arrays(rows + np.arange(D)[:, None], S * B + at)
     r = np.concatenate([part[0].reshape(-1) for part in (block, ends, dense)])
     c = np.concatenate([part[1].reshape(-1) for part in (block, ends, dense)])
     jacobian = _sparsity(r, c, m, n)
-    ip, jp = np.meshgrid(np.arange(S), np.arange(P), indexing="ij")
     across = (S * seg.start[:, None] + random, S * seg.end[:, None] + random)
     iu, ju = np.triu_indices(S)
     own = (S * np.arange(B)[:, None] + iu, S * np.arange(B)[:, None] + ju)
-    border = (S * np.arange(B)[:, None, None] + ip, S * B + jp + 0 * np.arange(B)[:, None, None])
+    at = columns.at[columns.node][:, None, :]
+    border = np.broadcast_arrays(S * np.arange(B)[:, None, None] + np.arange(S)[:, None], S * B + at)
     pu, qu = np.triu_indices(P)
     r = np.concatenate([own[0].reshape(-1), border[0].reshape(-1), across[0].reshape(-1), S * B + pu])
     c = np.concatenate([own[1].reshape(-1), border[1].reshape(-1), across[1].reshape(-1), S * B + qu])

@@ -7,7 +7,9 @@ own.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -128,6 +130,7 @@ def profile_plot(
     estimate: float | None = None,
     std: float | None = None,
     data: np.ndarray | None = None,
+    unit: str = "",
     ax: Axes | None = None,
 ) -> Axes:
     """Profile likelihood of one coefficient: the best objective over all others at each of its values.
@@ -136,7 +139,7 @@ def profile_plot(
     the standard error stands for. Where the curve is flat below the dashed lines the data do not bound it.
     """
     ax = new_figure(3.0).subplots() if ax is None else ax
-    dress(ax, f"{symbol} [-]" if symbol else "value", "objective above its minimum [-]")
+    dress(ax, f"{symbol} [{unit or '-'}]" if symbol else "value", "objective above its minimum [-]")
     ax.plot(values, objective - objective.min(), "o-", color=AFTER, ms=3.5, label="profile")
     if data is not None:
         ax.plot(values, data - data.min(), ":", color=BEFORE, label="data alone, along the profile")
@@ -152,8 +155,21 @@ def profile_plot(
     return ax
 
 
+def profile_plot_of(row: Mapping[str, Any], std: float | None, unit: str = "", ax: Axes | None = None) -> Axes:
+    """``profile_plot`` of a row of "profiles" in result.json; std: the coefficient's standard error."""
+    good = [k for k, rise in enumerate(row["increase"]) if rise is not None and np.isfinite(rise)]
+    values = np.array([row["values"][k] for k in good])
+    rise = np.array([row["increase"][k] for k in good]) / row["dispersion"]
+    at = float(values[int(np.argmin(rise))]) if good else None
+    return profile_plot(values, rise, row["symbol"], at, std, unit=unit, ax=ax)
+
+
 def write_identifiability_figures(
-    folder: Path, found: Identifiability, trial: NextTrial | None = None
+    folder: Path,
+    found: Identifiability,
+    trial: NextTrial | None = None,
+    profiles: Sequence[Mapping[str, Any]] = (),
+    coefficients: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> list[Mapping[str, str]]:
     """Write the figures as PNG into ``folder``/figures; returns file, title and caption of each, as a report needs."""
     target = folder / "figures"
@@ -184,5 +200,14 @@ def write_identifiability_figures(
             f"Predicted fall of the standard errors when {trial.duration:.0f} s of a trial are added, best trial on "
             "top (by the mean prior's share); numbers at the best trial of each coefficient.",
             lambda: next_trial_plot(trial, found.findings),
+        )  # fmt: skip
+    for row in profiles:
+        known = (coefficients or {}).get(row["symbol"], {})
+        write(
+            f"identifiability_profile_{row['symbol']}", f"Profile of {row['symbol']}",
+            "Objective, minimised over all other coefficients and states, above its minimum and divided by the "
+            f"dispersion of {row['dispersion']:.3g} (how much more the runs scatter than the noise says): below the "
+            "dashed lines the coefficient may lie. A parabola is what its standard error stands for.",
+            partial(profile_plot_of, row, known.get("std"), known.get("unit") or ""),
         )  # fmt: skip
     return written

@@ -28,16 +28,17 @@ from mmg.components import ROLES, coefficient_table
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 
-GROUPS = ("mass", *ROLES, "other")
+GROUPS = ("mass", *ROLES, "effects", "other")
 
 
 def component_of(ship: Ship) -> dict[str, str]:
-    """Component each coefficient belongs to: "mass", or the role of its force model."""
+    """Component each coefficient belongs to: "mass", the role of its force model, or "effects"."""
     found = dict.fromkeys(coefficient_table({}, ship.particulars), "mass")
     for role, name in ship.components.items():
         for symbol in coefficient_table({role: name}, ship.particulars):
             found.setdefault(symbol, role)
-    return found
+    own = tuple(f"{name}." for name in ship.effects)
+    return found | dict.fromkeys((s for s in ship.coefficients if s.startswith(own)), "effects")
 
 
 def grouped(rows: Mapping[str, Any], components: Mapping[str, str]) -> list[tuple[str, list[str]]]:

@@ -1,6 +1,7 @@
 """The calibration as one nonlinear program: objective, constraints and their exact derivatives.
 
-Variables x: node states (each divided by its channel's scale), then the free coefficients as p = (theta - prior) / std.
+Variables x: node states (each divided by its channel's scale), then the free coefficients as p = (theta - prior) / std;
+those of one run are L of the P, all of them unless runs have constants of their own (fitting/per_run.py).
 Objective: 1/2 sum phi((z - y)^2 / sigma^2) over all measured grid samples + 1/2 |p|^2, the negative log posterior of
 independent residuals (Gaussian: phi(s) = s; others in loss.py) and priors, and 1/2 sum of the squared, scaled
 residuals of the forces of captive tests, if there are any. Constraints: the state at the end of each shooting interval
@@ -17,9 +18,11 @@ import numpy as np
 from fitting.captive import CaptiveForces
 from fitting.loss import Loss
 from fitting.pattern import patterns
+from fitting.per_run import Columns, neutral
 from fitting.prior import Prior as Prior
+from fitting.sample_cost import SampleCost
 from fitting.segments import Segments
-from fitting.shooting import Kernels, SampleCost, Shooting, Sweep
+from fitting.shooting import Kernels, Shooting, Sweep
 from mmg.effects.disturbance import STATES as LATENT
 from mmg.logged import states_behind
 from mmg.ship import Ship
@@ -50,8 +53,10 @@ class Problem:
         scale = np.array([length / 3, length / 3, 0.1, 0.3 * speed, 0.1 * speed, 0.1 * speed / length])
         self.scale = np.concatenate([scale, kernels.model.sizes])
         self.kernels, self.S = kernels, kernels.S
-        self.shooting = Shooting(kernels, segments)
-        self.base = ship.values
+        self.columns = Columns.of(prior, segments)
+        self.shooting = Shooting(kernels, segments, self.columns)
+        self.base, self.std = ship.values, prior.std[self.columns.at]
+        self.L = self.columns.at.shape[1]
         self.B, self.P, self.M = len(segments.nodes), len(prior.mean), segments.intervals
         names = kernels.model.states
         self.random = np.array([i for i, name in enumerate(names) if name in LATENT], dtype=int)
@@ -59,12 +64,12 @@ class Problem:
         self.D = len(self.fixed)
         self.n, self.m = self.S * self.B + self.P, self.D * self.M
         self.decay, self.jump_weight = self._process()
-        self.node_weight = self._pinned() / self.sigma**2
+        self.node_weight = segments.pinned() / self.sigma**2
         self.weight = segments.mask / self.sigma[None, :, None] ** 2
         self.measured_nodes = states_behind(kernels.model, segments.nodes.T, segments.node_controls, self.base).T
         self.memory_weight = np.zeros((self.B, self.S - 6))
         self.memory_weight[np.unique(segments.node_window, return_index=True)[1]] = 1 / kernels.model.sizes**2
-        jacobian, hessian = patterns(segments, self.S, self.P, self.fixed, self.random)
+        jacobian, hessian = patterns(segments, self.S, self.P, self.fixed, self.random, self.columns)
         self.jacobian_sparsity, self._jacobian_order = jacobian
         self.hessian_sparsity, self._hessian_order = hessian
         self._values_at: np.ndarray | None = None
@@ -83,18 +88,6 @@ class Problem:
         seg = self.segments
         return self.decay[:, None] * nodes[seg.start][:, self.random] - nodes[seg.end][:, self.random]
 
-    def _pinned(self) -> np.ndarray:
-        """Node mask in which a channel that a window never measures is pinned at the window's first node."""
-        seg = self.segments
-        mask = seg.node_mask.copy()
-        measured = np.zeros((len(seg.run), 6))
-        np.add.at(measured, seg.node_window, seg.node_mask)
-        np.add.at(measured, seg.window, seg.mask.sum(axis=0).T)
-        first = np.unique(seg.node_window, return_index=True)[1]
-        for w, b in enumerate(first):
-            mask[b, measured[w] == 0] = 1.0
-        return mask
-
     # -- variables ---------------------------------------------------------------------------------------------
     def split(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Node states (B, S) in SI and scaled coefficients p (P,)."""
@@ -104,9 +97,16 @@ class Problem:
         return np.concatenate([(nodes / self.scale).reshape(-1), p])
 
     def coefficients(self, p: np.ndarray) -> np.ndarray:
-        """All coefficients, free ones from p, shape (number of coefficients,)."""
-        theta = self.base.copy()
-        theta[self.kernels.free] = self.prior.mean + self.prior.std * p
+        """All coefficients, free ones from p, (all,); by run (R, all) if runs have constants of their own."""
+        values = (self.prior.mean + self.prior.std * p)[self.columns.at]
+        theta = np.tile(self.base, (len(values), 1))
+        theta[:, self.kernels.free] = values
+        return theta if self.prior.constants else theta[0]
+
+    def in_tank(self, p: np.ndarray) -> np.ndarray:
+        """All coefficients of captive tests (all,), which have no constants of a run."""
+        theta = neutral(self.ship, self.prior.constants)
+        theta[self.kernels.free[: self.prior.shared]] = (self.prior.mean + self.prior.std * p)[: self.prior.shared]
         return theta
 
     def start(self, p: np.ndarray | None = None) -> np.ndarray:
@@ -140,11 +140,12 @@ class Problem:
     def errors(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Model minus measured columns at the nodes (B, 6) and inside the intervals (K - 1, 6, M)."""
         nodes, p, _, interior = self.evaluate(x)
-        theta, h, seg = self.coefficients(p), self.kernels.measurement, self.segments
+        h, seg = self.kernels.measurement, self.segments
         if h.identity:
             return nodes[:, :6] - seg.nodes, interior[:, :6] - seg.targets
-        inside = [h.values(z, theta) for z in interior]
-        return h.values(nodes.T, theta).T - seg.nodes, np.array(inside).reshape(seg.targets.shape) - seg.targets
+        at_nodes, at_intervals = self._theta(p)
+        inside = [h.values(z, at_intervals) for z in interior]
+        return h.values(nodes.T, at_nodes).T - seg.nodes, np.array(inside).reshape(seg.targets.shape) - seg.targets
 
     def objective(self, x: np.ndarray) -> float:
         e, ei = self.errors(x)
@@ -152,7 +153,7 @@ class Problem:
         memory = self.memory_weight * (nodes[:, 6:] - self.measured_nodes[:, 6:]) ** 2
         jumps = self.jump_weight[:, None] * self._jumps(nodes) ** 2
         samples = self.loss.cost(self.node_weight, e).sum() + self.loss.cost(self.weight, ei).sum()
-        captive = 2 * self.captive.cost(self.coefficients(p)) if self.captive else 0.0
+        captive = 2 * self.captive.cost(self.in_tank(p)) if self.captive else 0.0
         return 0.5 * float(samples + memory.sum() + jumps.sum() + captive + p @ p)
 
     def defects(self, x: np.ndarray) -> np.ndarray:
@@ -180,32 +181,41 @@ class Problem:
         sweeps, seg, S = self.sweep(x), self.segments, self.S
         nodes, p = self.split(x)
         e, ei = self.errors(x)
-        theta = self.coefficients(p)
+        theta, shooting, columns = self.coefficients(p), self.shooting, self.columns
         pull_in = self.loss.slope(self.weight, ei) * ei
-        d_nodes, d_theta = self._pulled(nodes, self.loss.slope(self.node_weight, e) * e, theta)
+        d_nodes, direct = self._pulled(nodes, self.loss.slope(self.node_weight, e) * e, self._theta(p)[0])
+        d_theta = columns.total(direct, columns.node)
         if self.captive:
-            d_theta = d_theta + self.captive.gradient(theta)
+            d_theta[0, : columns.shared] += self.captive.gradient(self.in_tank(p))
         d_nodes[:, 6:] += self.memory_weight * (nodes[:, 6:] - self.measured_nodes[:, 6:])
         pushed = self.jump_weight[:, None] * self._jumps(nodes)
         d_nodes[seg.start[:, None], self.random] += self.decay[:, None] * pushed
         d_nodes[seg.end[:, None], self.random] -= pushed
-        for sweep, s in zip(sweeps, self.shooting.slices, strict=True):
-            start = seg.start[s]
+        for sweep, s, g in zip(sweeps, shooting.slices, shooting.group, strict=True):
+            start, own_theta = seg.start[s], theta if theta.ndim == 1 else theta[g]
             for k, Sk in enumerate(sweep.S_interior):
                 m = len(Sk)
-                pull, own = self._pulled(sweep.interior[k, :, :m].T, pull_in[k, :, s][:, :m].T, theta)
+                pull, own = self._pulled(sweep.interior[k, :, :m].T, pull_in[k, :, s][:, :m].T, own_theta)
                 pulled = (pull[:, None, :] @ Sk)[:, 0]
                 d_nodes[start[:m]] += pulled[:, :S]
-                d_theta += pulled[:, S:].sum(axis=0) + own
-        return np.concatenate([(d_nodes * self.scale).reshape(-1), d_theta * self.prior.std + p])
+                d_theta[g] += pulled[:, S:].sum(axis=0) + own.sum(axis=0)
+        return np.concatenate([(d_nodes * self.scale).reshape(-1), columns.vector(d_theta * self.std, self.P) + p])
+
+    def _theta(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """All coefficients at each node and of each interval: (all, B) and (all, M), or (all,) where all are shared."""
+        theta = self.coefficients(p)
+        return self.columns.points(theta, self.columns.node), self.columns.points(theta, self.columns.interval)
 
     def _pulled(self, z: np.ndarray, we: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Gradient of 1/2 sum w e^2 with respect to states z (m, S) and, directly, the coefficients (P,)."""
+        """Gradient of 1/2 sum w e^2 with respect to states z (m, S) and, directly, the coefficients (m, L).
+
+        The latter has one row of zeros if the measurement model depends on none.
+        """
         if self.kernels.measurement.identity:
-            return np.hstack([we, np.zeros((len(we), self.S - 6))]), np.zeros(self.P)
-        h, direct = self.kernels.measurement, np.zeros(self.P)
+            return np.hstack([we, np.zeros((len(we), self.S - 6))]), np.zeros((1, self.L))
+        h, direct = self.kernels.measurement, np.zeros((len(we), self.L))
         pull = (we[:, None, :] @ h.jacobian(z.T, theta))[:, 0]
-        direct[h.own] = pull[:, self.S :].sum(axis=0)
+        direct[:, h.own] = pull[:, self.S :]
         return pull[:, : self.S], direct
 
     def _curved(self, z: np.ndarray, w: np.ndarray, we: np.ndarray, theta: np.ndarray) -> np.ndarray:
@@ -219,42 +229,42 @@ class Problem:
         sensitivity = np.concatenate([sweep.S_end[:, self.fixed] for sweep in self.sweep(x)])
         scale = self.scale[self.fixed]
         block = sensitivity[:, :, : self.S] * (self.scale[None, :] / scale[:, None])
-        theta = sensitivity[:, :, self.S :] * (self.prior.std[None, :] / scale[:, None])
+        std = self.columns.each(self.std, self.columns.interval)[:, None, :]
+        theta = sensitivity[:, :, self.S :] * (std / scale[:, None])
         ends = np.full(self.m, -1.0)
         return np.concatenate([block.reshape(-1), ends, theta.reshape(-1)])[self._jacobian_order]
 
     def hessian(self, x: np.ndarray, factor: float, multipliers: np.ndarray) -> np.ndarray:
         """Nonzeros of the upper triangle of the Hessian of factor objective + multipliers . defects."""
-        sweeps, seg, S = self.sweep(x), self.segments, self.S
+        sweeps, seg, S, columns = self.sweep(x), self.segments, self.S, self.columns
         at_nodes, p, _, _ = self.evaluate(x)
-        theta = self.coefficients(p)
         lam = np.zeros((S, self.M))
         lam[self.fixed] = (multipliers.reshape(self.M, self.D) / self.scale[self.fixed]).T
-        rows, shared = self.shooting.hessian(sweeps, theta, lam, self._sample_cost(x, factor))
-        nodes = np.zeros((self.B, S, S + self.P))
+        rows, shared = self.shooting.hessian(sweeps, self.coefficients(p), lam, self._sample_cost(x, factor))
+        nodes = np.zeros((self.B, S, S + self.L))
         nodes[seg.start] += rows
         if self.captive:
-            shared = shared + factor * self.captive.hessian(theta)
+            shared[0, : columns.shared, : columns.shared] += factor * self.captive.hessian(self.in_tank(p))
         e = self.errors(x)[0]
         bend = self.loss.bend(self.node_weight, e)
         if self.kernels.measurement.identity:
             nodes[:, np.arange(6), np.arange(6)] += factor * bend
         else:
-            H = factor * self._curved(at_nodes, bend, self.loss.slope(self.node_weight, e) * e, theta)
+            H = factor * self._curved(at_nodes, bend, self.loss.slope(self.node_weight, e) * e, self._theta(p)[0])
             own = self.kernels.measurement.own
             nodes[:, :, :S] += H[:, :S, :S]
             nodes[:, :, S + own] += H[:, :S, S:]
-            shared[np.ix_(own, own)] += H[:, S:, S:].sum(axis=0)
+            shared[:, own[:, None], own] += columns.total(H[:, S:, S:], columns.node)
         nodes[:, np.arange(6, S), np.arange(6, S)] += factor * self.memory_weight
         q = factor * np.repeat(self.jump_weight[:, None], len(self.random), axis=1)
         np.add.at(nodes, (seg.start[:, None], self.random, self.random), self.decay[:, None] ** 2 * q)
         np.add.at(nodes, (seg.end[:, None], self.random, self.random), q)
         across = -self.decay[:, None] * q * self.scale[self.random] ** 2
-        s, t = self.scale, self.prior.std
+        s, t = self.scale, self.std[:, None, :]
         rows_u, columns_u = np.triu_indices(S)
         own = (nodes[:, :, :S] * np.outer(s, s))[:, rows_u, columns_u]
-        border = nodes[:, :, S:] * np.outer(s, t)
-        shared = shared * np.outer(t, t) + factor * np.eye(self.P)
+        border = nodes[:, :, S:] * columns.each(s[:, None] * t, columns.node)
+        shared = columns.matrix(shared * (np.swapaxes(t, 1, 2) * t), self.P) + factor * np.eye(self.P)
         corner = shared[np.triu_indices(self.P)]
         values = np.concatenate([own.reshape(-1), border.reshape(-1), across.reshape(-1), corner])
         return values[self._hessian_order]
@@ -267,7 +277,7 @@ class Problem:
         room = ((0, 0), (0, self.S - 6), (0, 0))
         if self.kernels.measurement.identity:
             return SampleCost(np.pad(we, room), np.pad(weight, room))
-        theta = self.coefficients(p)
+        theta = self._theta(p)[1]
         own = self.kernels.measurement.own
         size = self.S + len(own)
         pull, full = np.zeros(interior.shape), np.zeros((len(interior), self.M, size, size))

@@ -36,7 +36,8 @@ class Recipe:
 
     def problem(self) -> Problem:
         """The problem again; its compiled code comes from the cache."""
-        free = np.array([self.ship.symbols.index(s) for s in self.prior.symbols])
+        free = self.prior.positions(self.ship)
         kernel = kernels(assemble(self.ship), free, self.compiled)
-        forces = CaptiveForces(kernel.model, free, self.captive, self.compiled) if self.captive else None
+        shared = free[: self.prior.shared]
+        forces = CaptiveForces(kernel.model, shared, self.captive, self.compiled) if self.captive else None
         return Problem(self.ship, self.prior, kernel, self.segments, self.sigma, self.loss, forces)

@@ -23,6 +23,7 @@ from fitting.report_identifiability import section
 from fitting.report_words import headline, not_in_model, plus_minus, setting_rows, warnings_of
 from fitting.run import SHIP, read_result
 from mmg.components import module
+from mmg.effects import effect
 from mmg.errors import UserError
 from mmg.particulars import PARTICULARS
 from mmg.ship import Ship
@@ -195,7 +196,8 @@ def _run(folder: Path, number: int) -> dict:
         "auto": result.get("auto") or [],
         "particulars": [(k, v, *PARTICULARS.get(k, ("", ""))) for k, v in ship.particulars.items()],
         "models": [
-            (role, name, (module(role, name).__doc__ or "").strip()) for role, name in ship.components.items()
+            *((role, name, (module(role, name).__doc__ or "").strip()) for role, name in ship.components.items()),
+            *(("effect", name, effect(name).about) for name in ship.effects),
         ],
         "missing": not_in_model(ship),
         "figures": {

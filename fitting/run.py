@@ -187,8 +187,6 @@ def result(
     s = calibration.solution
     noise, seg = calibration.noise, calibration.segments
     free = list(calibration.prior.symbols)
-    std = np.sqrt(np.diag(calibration.covariance))
-    correlation = calibration.covariance / np.outer(std, std)
     return {
         "kind": "calibration",
         "created": datetime.now(timezone.utc).isoformat(timespec="seconds"),
@@ -219,8 +217,9 @@ def result(
             for i, state in enumerate(STATES)
         },
         "coefficients": coefficient_rows(calibration),
+        **({"per_run": calibration.constants.rows()} if calibration.constants else {}),
         "fixed": [s for s in calibration.ship.symbols if s not in free],
-        "correlation": {"symbols": free, "matrix": np.round(correlation, 4).tolist()},
+        "correlation": {"symbols": free, "matrix": np.round(calibration.identifiability.correlation, 4).tolist()},
         "scores": scores,
         "warnings": list(calibration.warnings),
         "notices": list(calibration.notices),
@@ -245,7 +244,7 @@ def write_run(
         (scratch / START).write_text(dump_ship(start, "The ship before calibration."), encoding="utf-8")
         save_file(
             {
-                "p": np.ascontiguousarray(calibration.p),
+                "p": np.ascontiguousarray(calibration.iterate),
                 "nodes": np.ascontiguousarray(calibration.nodes),
                 "sigma": np.ascontiguousarray(calibration.sigma),
             },

@@ -71,7 +71,8 @@ def robust(info: Information) -> Robust:
     """The robust covariance of an estimate from its windows' information and scores.
 
     All NaN when they are not finite. With a single window there is nothing to measure: the model-based covariance
-    stands, and its one degree of freedom says so.
+    stands, and its one degree of freedom says so. A constant of one run has no other runs to be compared with: its
+    clusters are windows alone, and leaving its run out counts as no move.
     """
     P, windows, by_run = len(info.p), len(info.run), info.by_run()
     H = info.hessian
@@ -89,10 +90,15 @@ def robust(info: Information) -> Robust:
     total = moves_w.T @ moves_w
     if clusters[1] > 1:
         moves_r, seen_r, freedom_r = _clusters(by_run, model)
-        weight = freedom_r / (freedom_r + RUNS_NEEDED)
+        shared = np.ones(P, dtype=bool)
+        if info.owner is not None:
+            shared = info.owner < 0
+            moves_r[by_run.run[:, None] == info.owner] = 0.0
+        weight = np.where(shared, freedom_r / (freedom_r + RUNS_NEEDED), 0.0)
         seen = weight * seen_r + (1 - weight) * seen
         freedom = weight * freedom_r + (1 - weight) * freedom
-        total = weight.mean() * moves_r.T @ moves_r + (1 - weight.mean()) * total
+        mean = weight[shared].mean()
+        total = mean * moves_r.T @ moves_r + (1 - mean) * total
     excited = np.diag(model) < ABSORBED
     dispersion = max(1.0, float((seen[excited] / by_model[excited]).mean())) if excited.any() else 1.0
     own = np.where(excited, freedom, 0.0)

@@ -28,7 +28,8 @@ class Grid:
 
 @dataclass(frozen=True)
 class Segments:
-    """Windows cut into shooting intervals of at most K steps, sorted by their number of steps, longest first.
+    """Windows cut into shooting intervals of at most K steps, sorted by their number of steps, longest first
+    (``by_run``: those of each run, one run after the other).
 
     M intervals, B nodes (one at each interval start and one at each window end), W windows.
 
@@ -65,6 +66,31 @@ class Segments:
     @property
     def intervals(self) -> int:
         return len(self.steps)
+
+    def pinned(self) -> np.ndarray:
+        """Node mask (B, 6) in which a channel that a window never measures is pinned at the window's first node."""
+        mask = self.node_mask.copy()
+        measured = np.zeros((len(self.run), 6))
+        np.add.at(measured, self.node_window, self.node_mask)
+        np.add.at(measured, self.window, self.mask.sum(axis=0).T)
+        first = np.unique(self.node_window, return_index=True)[1]
+        for w, b in enumerate(first):
+            mask[b, measured[w] == 0] = 1.0
+        return mask
+
+    def by_run(self) -> Segments:
+        """The same with its intervals sorted by run, and longest first within each."""
+        order = np.argsort(self.run[self.window], kind="stable")
+        return replace(
+            self,
+            steps=self.steps[order],
+            start=self.start[order],
+            end=self.end[order],
+            controls=np.ascontiguousarray(self.controls[:, :, order]),
+            targets=self.targets[:, :, order],
+            mask=self.mask[:, :, order],
+            window=self.window[order],
+        )
 
     def subset(self, windows: np.ndarray) -> Segments:
         """Only these windows (numbers in increasing order), renumbered from 0."""

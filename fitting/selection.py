@@ -202,7 +202,7 @@ class Selector:
     def _fold(self, choice: Choice, out: tuple[int, ...]) -> Fold:
         settings = replace(
             self.settings, window=choice.window, loss=choice.loss, starts=1, workers=1, tolerance=1e-4, time_limit=None,
-            passes=self.settings.passes,
+            look=False,
         )  # fmt: skip
         deadline = time.time() + self.left if self.warm else float("inf")
         ship = prepare(self.ship, choice)

@@ -16,6 +16,8 @@ import casadi as ca
 import numpy as np
 
 from fitting.measurement import Measurement
+from fitting.per_run import Columns
+from fitting.sample_cost import SampleCost
 from fitting.segments import Segments
 from mmg.batch import BatchFunction, batch_functions, padded
 from mmg.model import Model
@@ -104,43 +106,6 @@ class Sweep:
     q: list[np.ndarray]
     J_q: list[np.ndarray]
     Q: list[np.ndarray]
-
-
-@dataclass
-class SampleCost:
-    """Derivatives of the cost of the interior states, by step and interval.
-
-    pull: (K-1, S, M) gradient with respect to the state; weight: (K-1, S, M) diagonal of its Hessian; full: instead,
-    (K-1, M, S + O, S + O) Hessian with respect to the state and the free coefficients at positions ``own`` (O of them).
-    """
-
-    pull: np.ndarray
-    weight: np.ndarray
-    full: np.ndarray | None = None
-    own: np.ndarray | None = None
-
-    def block(self, s: slice) -> SampleCost:
-        """The intervals of a slice."""
-        full = None if self.full is None else self.full[:, s]
-        return SampleCost(self.pull[:, :, s], self.weight[:, :, s], full, self.own)
-
-    def add(self, k: int, m: int, S: np.ndarray, nodes: np.ndarray, shared: np.ndarray) -> None:
-        """Adds the cost's curvature after step k, seen from the start nodes, for sensitivities S (m, S, S + P)."""
-        size, P = S.shape[1], S.shape[2] - S.shape[1]
-        if self.full is None:
-            WS = self.weight[k, :, :m].T[:, :, None] * S
-            nodes[:m] += np.swapaxes(S[:, :, :size], 1, 2) @ WS
-            shared += S[:, :, size:].reshape(-1, P).T @ WS[:, :, size:].reshape(-1, P)
-            return
-        assert self.own is not None
-        extra = len(self.own)
-        through = np.zeros((m, size + extra, size + P))
-        through[:, :size] = S
-        through[:, np.arange(size, size + extra), size + self.own] = 1.0
-        bent = self.full[k, :m] @ through
-        nodes[:m] += np.swapaxes(through[:, :, :size], 1, 2) @ bent
-        rows = through[:, :, size:].reshape(-1, P)
-        shared += rows.T @ bent[:, :, size:].reshape(-1, P)
 
 
 def _pad(array: np.ndarray) -> np.ndarray:
@@ -310,38 +275,48 @@ class Intervals:
 
 
 class Shooting:
-    """All intervals of a Segments, evaluated in blocks that fit the processor's cache."""
+    """All intervals of a Segments, evaluated in blocks that fit the processor's cache, each of one group of columns.
 
-    def __init__(self, kernels_: Kernels, segments: Segments, block: int = 128) -> None:
-        self.P, self.segments = len(kernels_.free), segments
-        count = max(1, round(segments.intervals / block))
-        edges = np.linspace(0, segments.intervals, count + 1).round().astype(int)
-        self.slices = [slice(a, b) for a, b in pairwise(edges) if b > a]
+    theta: all coefficients, (all,) or by group (G, all); group: that of each block.
+    """
+
+    def __init__(self, kernels_: Kernels, segments: Segments, columns: Columns, block: int = 128) -> None:
+        self.P, self.segments, self.columns = len(kernels_.free), segments, columns
+        changes = np.flatnonzero((np.diff(columns.interval) != 0) | (np.diff(segments.steps) > 0)) + 1
+        self.slices = []
+        for first, last in pairwise([0, *changes.tolist(), segments.intervals]):
+            edges = np.linspace(first, last, max(1, round((last - first) / block)) + 1).round().astype(int)
+            self.slices += [slice(a, b) for a, b in pairwise(edges) if b > a]
+        self.group = [int(columns.interval[s.start]) for s in self.slices]
         self.blocks = [
             Intervals(kernels_, segments.steps[s], np.ascontiguousarray(segments.controls[:, :, s]), segments.h)
             for s in self.slices
         ]
 
+    def _each(self, theta: np.ndarray) -> list[np.ndarray]:
+        """All coefficients of each block."""
+        return [theta if theta.ndim == 1 else theta[g] for g in self.group]
+
     def values(self, start: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """End states (S, M) and interior states (K-1, S, M) from start states (S, M) and all coefficients."""
-        parts = [b.values(start[:, s], theta) for b, s in zip(self.blocks, self.slices, strict=True)]
+        parts = [
+            b.values(start[:, s], own) for b, s, own in zip(self.blocks, self.slices, self._each(theta), strict=True)
+        ]
         return np.concatenate([p[0] for p in parts], axis=1), np.concatenate([p[1] for p in parts], axis=2)
 
     def sweep(self, start: np.ndarray, theta: np.ndarray) -> list[Sweep]:
         """Forward sweeps with sensitivities, one per block."""
-        return [b.sweep(start[:, s], theta) for b, s in zip(self.blocks, self.slices, strict=True)]
+        each = zip(self.blocks, self.slices, self._each(theta), strict=True)
+        return [b.sweep(start[:, s], own) for b, s, own in each]
 
     def hessian(
-        self,
-        sweeps: list[Sweep],
-        theta: np.ndarray,
-        end_weight: np.ndarray,
-        cost: SampleCost,
+        self, sweeps: list[Sweep], theta: np.ndarray, end_weight: np.ndarray, cost: SampleCost
     ) -> tuple[np.ndarray, np.ndarray]:
-        """As ``Intervals.hessian``, for all blocks: (M, S, S + P) and (P, P)."""
-        rows, shared = [], np.zeros((self.P, self.P))
-        for b, s, sweep in zip(self.blocks, self.slices, sweeps, strict=True):
-            nodes, part = b.hessian(sweep, theta, end_weight[:, s], cost.block(s))
+        """As ``Intervals.hessian``, for all blocks: (M, S, S + P) and, by group, (G, P, P)."""
+        rows, shared = [], np.zeros((self.columns.groups, self.P, self.P))
+        each = zip(self.blocks, self.slices, self.group, self._each(theta), sweeps, strict=True)
+        for b, s, group, own, sweep in each:
+            nodes, part = b.hessian(sweep, own, end_weight[:, s], cost.block(s))
             rows.append(nodes)
-            shared += part
+            shared[group] += part
         return np.concatenate(rows), shared

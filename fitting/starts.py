@@ -9,16 +9,11 @@ from functools import partial
 
 import numpy as np
 
-from fitting.captive import Captive, CaptiveForces
 from fitting.execute import run_all
 from fitting.ipopt import Solution, solve
-from fitting.loss import Loss
-from fitting.problem import Prior, Problem
-from fitting.segments import Segments
+from fitting.problem import Problem
+from fitting.recipe import Recipe
 from fitting.settings import Report, Settings, Start
-from fitting.shooting import kernels
-from mmg.model import assemble
-from mmg.ship import Ship
 
 STUCK = {
     "Restoration_Failed",
@@ -73,26 +68,17 @@ def damped(problem: Problem, p: np.ndarray, settings: Settings, began: float, re
 class StartTask:
     """One further start of the final solve, complete enough to be solved in another process."""
 
-    ship: Ship
-    prior: Prior
-    segments: Segments
-    sigma: np.ndarray
+    recipe: Recipe
     p: np.ndarray
     settings: Settings
     time_limit: float | None
-    loss: Loss
-    captive: Captive | None
     damped: bool = False
 
 
 def solve_start(task: StartTask) -> Solution:
     """Solve one start; kernels are built anew (their compiled code is cached)."""
-    free = np.array([task.ship.symbols.index(s) for s in task.prior.symbols])
-    settings, model = replace(task.settings, time_limit=task.time_limit), assemble(task.ship)
-    kernel = kernels(model, free, settings.compiled)
-    captive = CaptiveForces(model, free, task.captive, settings.compiled) if task.captive else None
-    problem = Problem(task.ship, task.prior, kernel, task.segments, task.sigma, task.loss, captive)
-    return _one(problem, task.p, settings, time.perf_counter(), task.damped)
+    settings = replace(task.settings, time_limit=task.time_limit)
+    return _one(task.recipe.problem(), task.p, settings, time.perf_counter(), task.damped)
 
 
 def _one(
@@ -110,12 +96,8 @@ def _solve_all(
 ) -> list[Solution]:
     """Solutions from other starting points, in processes when there are several workers."""
     if settings.workers > 1 and len(points) > 1:
-        left = time_left(settings, began)
-        q, points_of = problem, problem.captive.points if problem.captive else None
-        tasks = [
-            StartTask(q.ship, q.prior, q.segments, q.sigma, p, settings, left, q.loss, points_of, careful)
-            for p in points
-        ]
+        left, recipe = time_left(settings, began), Recipe.of(problem)
+        tasks = [StartTask(recipe, p, settings, left, careful) for p in points]
         return run_all(solve_start, tasks, settings.workers)
     solutions: list[Solution] = []
     for p in points:

@@ -65,7 +65,8 @@ def uncertainty_rows(calibration: Calibration, replicates: int = 0, profiled: Se
 def _without(found: Replicates, p: np.ndarray, sizes: np.ndarray, symbols: Sequence[str]) -> dict:
     """What each run moves, in standard errors: the coefficients it moves most."""
     rows = {}
-    for name, moved in zip(found.labels, (found.p - p) / sizes, strict=True):
+    shared = len(symbols)
+    for name, moved in zip(found.labels, ((found.p - p) / sizes)[:, :shared], strict=True):
         most = np.argsort(-np.abs(np.nan_to_num(moved)))[:5]
         rows[name] = {"largest": {symbols[i]: float(moved[i]) for i in most}, "rms": float(np.sqrt(np.mean(moved**2)))}
     return {"method": found.method, "change_in_standard_errors": rows}

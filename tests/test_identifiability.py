@@ -24,6 +24,7 @@ from fitting.plot_identifiability import (
     correlation_plot,
     next_trial_plot,
     profile_plot,
+    profile_plot_of,
     share_plot,
     write_identifiability_figures,
 )
@@ -270,3 +271,14 @@ def test_the_report_section_puts_what_is_open_first_and_bears_missing_keys() -> 
     assert shown is not None and shown["rows"][0]["kind"] == "silent" and shown["plan"]
     assert {row["symbol"] for row in shown["rows"]} == set(FREE)
     assert section({}) is None and section({"identifiability": {"coefficients": {"a": {}}}}) is not None
+
+
+def test_a_profile_row_is_drawn_about_its_minimum_in_dispersions() -> None:
+    row = {"symbol": "Y_v", "values": [1.0, 2.0, 3.0, 4.0], "increase": [8.0, 0.0, 8.0, None], "dispersion": 4.0}
+    drawn = profile_plot_of(row, 0.5)
+    x, y = drawn.get_lines()[0].get_data()
+    np.testing.assert_allclose(x, [1, 2, 3])
+    np.testing.assert_allclose(y, [2, 0, 2])
+    parabola = dict(zip(*drawn.get_lines()[1].get_data(), strict=True))
+    assert parabola[1.0] == pytest.approx(2.0)
+    assert drawn.get_xlabel() == "Y_v [-]"

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cases.effects import freeing_effects
 from cases.maneuvers import parse_maneuver
 from cases.sensors import SensorNoise, add_noise
 from cases.ships import load_ship
@@ -17,12 +18,13 @@ from fitting.problem import Prior
 from fitting.segments import cut
 from fitting.settings import Settings, Start
 from fitting.starts import disagreement
-from fitting.suspects import contradictions, unexcited_astern
+from fitting.suspects import contradictions, refuse_outliers, unexcited_astern
 from mmg.errors import UserError
 from tests.synthetic_runs import runs
 
 ESSO = load_ship("esso_osaka_3m")
 FAST = Settings(passes=2)
+NOISE = vars(SensorNoise.for_length(3.0))
 
 
 def scrambled(trial: Trial) -> Trial:
@@ -50,11 +52,22 @@ def test_runs_that_belong_are_not_named() -> None:
     assert named(list(runs()[0])) == []
 
 
-def test_a_run_that_is_all_outliers_is_named_as_such() -> None:
+def test_a_run_that_is_all_outliers_is_refused_by_name_before_the_fit() -> None:
     trials = list(runs()[0])
     bad = replace(scrambled(trials[4]), name="spoilt")
-    words = named([*trials[:4], bad, *trials[5:]])
-    assert len(words) == 1 and words[0].startswith("spoilt: its samples are outliers throughout")
+    with pytest.raises(UserError, match=r"^spoilt \(\d+ times\): samples are outliers throughout"):
+        calibrate(ESSO, [*trials[:4], bad, *trials[5:]], FAST)
+    refuse_outliers(trials, 1.0)
+    refuse_outliers([bad, trials[0]], 1.0)  # two runs: nobody knows which
+
+
+def test_a_run_whose_residuals_are_white_is_called_outliers() -> None:
+    trials = list(runs()[0])
+    rng = np.random.default_rng(1)
+    noisy = {name: trials[4][name] + 7 * sd * rng.normal(size=len(trials[4])) for name, sd in NOISE.items()}
+    mild = replace(trials[4], name="noisy", columns={**trials[4].columns, **noisy})
+    words = [w for w in calibrate(ESSO, [*trials[:4], mild, *trials[5:]], FAST).warnings if "noisy" in w]
+    assert len(words) == 1 and "its samples are outliers throughout" in words[0]
 
 
 def test_a_run_of_another_ship_is_named_as_such() -> None:
@@ -100,3 +113,10 @@ def test_starts_that_disagree_say_how_far() -> None:
     assert "Y_v by 2.5, N_r by 0.4 prior standard deviations" in words[0]
     assert "did not converge" in words[1]
     assert disagreement(starts[:1], 100.0) == []
+
+
+def test_astern_coefficients_alone_are_refused_also_with_an_instrument_fitted_along() -> None:
+    ahead = [t for t in runs()[0] if t["u"].min() > 0.05 and t["n"].min() >= 0]
+    ship = freeing_effects(ESSO.fixing([s for s in ESSO.symbols if s not in ("A_5", "B_5")]), ["velocity_lag"])
+    with pytest.raises(UserError, match="A_5, B_5: act only going astern"):
+        unexcited_astern(ship, ahead, cut(ahead, 1.0, 50.0, 5))

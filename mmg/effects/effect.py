@@ -7,6 +7,7 @@ the fit and the diagnosis. In the hooks ``e`` holds the effect's parameters by a
 
 from __future__ import annotations
 
+import sys
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -83,6 +84,11 @@ class Effect(ABC):
     """Roles that the ship must have."""
     surroundings: bool = False
     """Whether it belongs to a place or a day, not to the ship."""
+
+    @property
+    def about(self) -> str:
+        """What its file says of it: equations and sources."""
+        return (sys.modules[type(self).__module__].__doc__ or "").strip()
 
     @property
     def measures(self) -> bool:

@@ -3,7 +3,11 @@
 X_R = -(1 - t_R) F_N sin delta, Y_R = -(1 + a_H) F_N cos delta, N_R = -(x_R + a_H x_H) F_N cos delta,
 F_N = 1/2 rho A_R f_alpha U_R^2 sin(delta - atan2(v_R, u_R)), f_alpha = 6.13 Lambda / (Lambda + 2.25) (Fujii),
 v_R = -gamma_R (v + ell_R r), gamma_P for v + x_R r >= 0, else gamma_N (Yasukawa & Yoshimura 2015).
-Inflow u_R in all quadrants: see ``inflow``, with kappa = k_x / epsilon.
+Inflow u_R with kappa = k_x / eps (Yoshimura ahead, Kitagawa 2015 reversed; see mmg/rudder/inflow.py):
+  n >= 0 and K_T > 0: u_R = eps sqrt{ eta [u_P + kappa (sqrt(u_P^2 + 8 K_T n^2 D^2/pi) - u_P)]^2 + (1 - eta) u_P^2 }
+  else with headway:  u_R = sgn(q) sqrt|q|, q = eta sgn(u_1) u_1^2 + (1 - eta) u_2^2 + C_PR u^2,
+                      u_2 = u eps (1 - w_P), u_1 = u_2 + n D k_xR sqrt(8 |K_T|/pi)
+  else (sternway):    u_R = u.
 The angle of attack is never formed: U_R^2 sin(delta - phi) = U_R (u_R sin delta - v_R cos delta).
 """
 
