@@ -15,6 +15,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from cases.network_file import NETWORK, load_network
 from cases.sound import check_particulars
 from mmg.coefficients import Coefficient
 from mmg.components import ROLES, coefficient_table, derived, module, required_particulars
@@ -41,19 +42,20 @@ def library() -> dict[str, Path]:
 
 
 def load_ship(where: str | Path) -> Ship:
-    """A ship by library name, from a ship file, or from a run folder (its ``ship.toml``).
+    """A ship by library name, from a ship file, or from a run folder: its ``ship.toml`` and network, if it has one.
 
-    Raises UserError when the file is missing, is not TOML, or contradicts itself.
+    Raises UserError when the file is missing, is not TOML, or contradicts itself, or the network is another ship's.
     """
-    path = library().get(str(where)) or Path(where)
+    path, network = library().get(str(where)) or Path(where), None
     if path.is_dir():
-        path = path / "ship.toml"
+        path, network = path / "ship.toml", path / NETWORK
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError):
         names = ", ".join(library())
         raise UserError(f"{where}: no such ship: give a ship file, a run folder, or one of {names}") from None
-    return parse_ship(text, str(path))
+    ship = parse_ship(text, str(path))
+    return ship.with_network(load_network(network, ship)) if network and network.exists() else ship
 
 
 def parse_ship(text: str, where: str = "ship file") -> Ship:

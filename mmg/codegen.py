@@ -68,7 +68,7 @@ typedef unsigned long long U __attribute__((vector_size(8 * LANES)));
 #define LANEWISE(e) V y; for (int i = 0; i < LANES; i++) y[i] = (e); return y
 static inline V load(const double* p) {{ V x; memcpy(&x, p, sizeof x); return x; }}
 static inline void store(double* p, V x) {{ memcpy(p, &x, sizeof x); }}
-static inline V fill(double a) {{ V x; for (int i = 0; i < LANES; i++) x[i] = a; return x; }}
+static inline V fill(double a) {{ return a - (V){{0}}; }}
 static inline V choose(M m, V a, V b) {{ return real(((U)m & bits(a)) | (~(U)m & bits(b))); }}
 static inline int any(M m) {{ long long y = 0; for (int i = 0; i < LANES; i++) y |= m[i]; return y != 0; }}
 static inline V v_sqrt(V x) {{ LANEWISE(__builtin_sqrt(x[i])); }}

@@ -43,6 +43,7 @@ class Model:
     roles: parts of the force, in the order of the rows of ``forces``: roles of the ship, then effects.
     initial: Function (x, y, psi, u, v, r (6,), controls, coefficients) -> state (S,) whose memory is settled.
     columns: Function (state (S,), coefficients) -> the six columns as they are logged (6,).
+    features: Function (state (S,), controls (C,), coefficients (P,)) -> what a network sees, ``ship.features`` (F,).
     measured: whether the columns differ from the first six states.
     """
 
@@ -57,6 +58,7 @@ class Model:
     roles: tuple[str, ...]
     initial: ca.Function
     columns: ca.Function
+    features: ca.Function
     measured: bool
 
 
@@ -80,12 +82,13 @@ def component_forces(flow: Flow, ship: Ship, p: SimpleNamespace, c: Any, s: Smoo
 
 @dataclass
 class _Equations:
-    """Expressions of one ship: rates of the six states, forces by role, what is remembered, logged columns."""
+    """Expressions of one ship: rates of the six states, forces by role, memory, logged columns, what a network sees."""
 
     rates: Any
     parts: dict[str, Force]
     memory: Memory
     columns: list[Any]
+    features: dict[str, Any]
     measured: bool
 
 
@@ -121,13 +124,17 @@ def _equations(state: Any, controls: Mapping[str, Any], c: SimpleNamespace, ship
         module("roll", ship.components["roll"]).roll(flow, parts, dv, memory, p, c)
     if currents:
         du, dv = du + r * v_c + a_cx, dv - r * u_c + a_cy
+    features = {name: getattr(flow, name) for name in ship.features}
+    if ship.network:
+        added = ship.network.accelerations(ca.vertcat(*[features[name] for name in ship.network.features]))
+        du, dv, dr = du + added[0], dv + added[1], dr + added[2]
     dx, dy = body_to_earth(u, v, psi)
     columns: list[Any] = [x, y, psi, u, v, r]
     measured = False
     for e, values in effects:
         columns = e.columns(columns, flow, memory, values, p)
-        measured = measured or e.enters == "measurement"
-    return _Equations(ca.vertcat(dx, dy, r, du, dv, dr), parts, memory, columns, measured)
+        measured = measured or e.measures
+    return _Equations(ca.vertcat(dx, dy, r, du, dv, dr), parts, memory, columns, features, measured)
 
 
 def _through_water(flow: Flow, currents: list[tuple[Any, Any, Any, Any]]) -> tuple[Flow, Any, Any, Any, Any]:
@@ -178,6 +185,9 @@ def assemble(ship: Ship, symbols: Sequence[str] | None = None, exact: bool = Fal
         roles=roles,
         initial=ca.Function("initial", [six, controls, theta], [ca.vertcat(six, *_settled(memory))]),
         columns=ca.Function("columns", [state, theta], [ca.vertcat(*built.columns)], options),
+        features=ca.Function(
+            "features", arguments, [ca.vertcat(*built.features.values())], labels, ["features"], options
+        ),
         measured=built.measured,
     )
 

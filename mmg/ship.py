@@ -12,6 +12,7 @@ import numpy as np
 from mmg.coefficients import Coefficient
 from mmg.components import actuators
 from mmg.effects import EFFECTS, effect
+from mmg.network import Network, features_of
 
 AIR = ("wind_north", "wind_east")
 """Inputs of every right-hand side after the actuators: velocity of the air over ground, earth frame [m/s]."""
@@ -30,6 +31,8 @@ class Ship:
     description, reference: words and citations that travel with the ship file.
     effects: names of effects (mmg.effects) in the order in which they enter; their parameters are coefficients
     ``effect.parameter``.
+    network: what adds accelerations to those of the forces, if anything: a hybrid ship. UserError if its inputs are
+    not those of the ship.
     """
 
     name: str
@@ -40,6 +43,11 @@ class Ship:
     reference: str = ""
     notices: tuple[str, ...] = field(default=())
     effects: tuple[str, ...] = field(default=())
+    network: Network | None = None
+
+    def __post_init__(self) -> None:
+        if self.network is not None:
+            self.network.check(self.name, self.actuators)
 
     @property
     def symbols(self) -> tuple[str, ...]:
@@ -56,6 +64,19 @@ class Ship:
         """Inputs of the right-hand side: actuators, AIR, and the time [s] where an effect changes with it."""
         timed = any(effect(name).needs_time for name in self.effects)
         return (*self.actuators, *AIR, *(("time",) if timed else ()))
+
+    @property
+    def features(self) -> tuple[str, ...]:
+        """What a network on this ship may see: velocities through the water, actuators, air relative to the hull."""
+        return features_of(self.actuators)
+
+    def with_network(self, network: Network | None) -> Ship:
+        """A copy with this network, or with none."""
+        return replace(self, network=network)
+
+    def without_network(self) -> Ship:
+        """A copy that is the forces alone."""
+        return self.with_network(None)
 
     @property
     def namespace(self) -> SimpleNamespace:
