@@ -184,7 +184,6 @@ def fit(
         content = result(calibration, train, held_out, scores, command)
         content |= uncertainty_rows(calibration, bootstrap, names_of(profile))
         content["warnings"] += [*remarks, *_leaks(train, held_out), *_worse(scores)]
-        content["notices"] += calibration.constants.sentences() if calibration.constants else []
         found, trial = identify(calibration, next_trial and calibration.converged)
         content["identifiability"] = identifiability_dict(found, trial)
         if choice:

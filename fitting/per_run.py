@@ -178,17 +178,6 @@ class RunConstants:
             for name, row in lines
         ]
 
-    def sentences(self) -> list[str]:
-        """One for each constant, for a report."""
-        words = []
-        for q, (symbol, unit) in enumerate(zip(self.symbols, self.units, strict=True)):
-            each = [
-                f"{run} {v:.3g} +- {s:.2g}"
-                for run, v, s in zip(self.runs, self.value[:, q], self.std[:, q], strict=True)
-            ]
-            words.append(f"each run has its own {symbol}{f' [{unit}]' if unit else ''}: {', '.join(each)}")
-        return words
-
 
 def _distinct(names: Sequence[str]) -> tuple[str, ...]:
     """The names, the second of equal ones with "(2)" behind it."""

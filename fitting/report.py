@@ -118,6 +118,21 @@ def _correlated(result: dict, most: int = 12, least: float = 0.7) -> list[tuple[
     return sorted(pairs, key=lambda p: -abs(p[2]))[:most]
 
 
+def _per_run(result: dict) -> dict | None:
+    """Table of the constants of each run, if runs have any."""
+    table = result.get("per_run")
+    if not table:
+        return None
+    first = next(iter(table.values()))
+    return {
+        "names": [f"{symbol} [{row['unit']}]" if row["unit"] else symbol for symbol, row in first.items()],
+        "rows": [
+            (run, [plus_minus(row["value"], row["std"]) for row in cells.values()]) for run, cells in table.items()
+        ],
+        "prior": [plus_minus(row["prior_value"], row["prior_std"]) for row in first.values()],
+    }
+
+
 def _scores(result: dict) -> list[dict]:
     """Sets of trials with before and after per trial, ready for the table."""
     sets = []
@@ -194,6 +209,7 @@ def _run(folder: Path, number: int) -> dict:
         "correlated": _correlated(result),
         "identifiability": section(result),
         "auto": result.get("auto") or [],
+        "per_run": _per_run(result),
         "particulars": [(k, v, *PARTICULARS.get(k, ("", ""))) for k, v in ship.particulars.items()],
         "models": [
             *((role, name, (module(role, name).__doc__ or "").strip()) for role, name in ship.components.items()),
