@@ -36,11 +36,13 @@ def _settings(sigma: str | None, **values: Any) -> Settings:
 
 def _start(out: Path, resume: bool, ship: str) -> Ship:
     """The ship to start from (the run's own start when resuming), after checking the run folder."""
+    from cases.network_file import NETWORK, load_network
     from cases.ships import load_ship
     from fitting.run import START, check_target
 
     if resume and out.exists():
-        return load_ship(out / START)
+        start, network = load_ship(out / START), out / NETWORK
+        return start.with_network(load_network(network, start)) if network.exists() else start
     check_target(out)
     return load_ship(ship)
 
@@ -52,10 +54,14 @@ def _reduced(
     fix: list[str] | None,
     only: list[str] | None,
 ) -> Ship:
-    """The ship with components left out, effects freed and coefficients fixed as asked."""
+    """The ship with components left out, effects freed and coefficients fixed as asked.
+
+    What of the instruments is free stays so with --only: --measurement and --fix decide that.
+    """
     from cases.effects import freeing_effects
     from cases.ships import dump_ship, parse_ship
     from commands.output import names_of
+    from mmg.effects import EFFECTS
     from mmg.errors import UserError
 
     for role in names_of(without):
@@ -70,17 +76,19 @@ def _reduced(
 
         components = {r: n for r, n in ship.components.items() if r != role}
         kept = coefficient_table(components, ship.particulars)
-        ship = replace(
-            ship, components=components, coefficients={s: ship.coefficients[s] for s in kept if s in ship.coefficients}
-        )
+        kept |= {s: c for s, c in ship.coefficients.items() if s.partition(".")[0] in ship.effects}
+        rest = {s: ship.coefficients[s] for s in kept if s in ship.coefficients}
+        network, ship = ship.network, replace(ship.without_network(), components=components, coefficients=rest)
         ship = parse_ship(dump_ship(ship), ship.name)
+        ship = ship.with_network(network) if network else ship
     ship = freeing_effects(ship, with_ or [])
     for option, names in (("--fix", names_of(fix)), ("--only", names_of(only))):
         unknown = [name for name in names if name not in ship.coefficients]
         if unknown:
             raise UserError(f"{option}: unknown coefficient {', '.join(unknown)}; known: {', '.join(ship.symbols)}")
     if only:
-        ship = ship.fixing([s for s in ship.symbols if s not in names_of(only)])
+        instruments = tuple(f"{name}." for name in ship.effects if EFFECTS[name].measures)
+        ship = ship.fixing([s for s in ship.symbols if s not in names_of(only) and not s.startswith(instruments)])
     return ship.fixing(names_of(fix))
 
 
@@ -96,8 +104,8 @@ def _measuring(ship: Ship, measurement: str) -> Ship:
 
     names = [] if measurement == "none" else names_of([measurement])
     for name in names:
-        if name not in EFFECTS or EFFECTS[name].enters != "measurement":
-            known = [e for e, effect in EFFECTS.items() if effect.enters == "measurement"]
+        if name not in EFFECTS or not EFFECTS[name].measures:
+            known = [e for e, effect in EFFECTS.items() if effect.measures]
             raise UserError(f"--measurement {name}: no effect of an instrument; known: {', '.join(known)}, or none")
     present = {"velocity_lag"} if "gnss_delay" in ship.effects else set()
     return freeing_effects(ship, [name for name in names if name not in {*ship.effects, *present}])

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from safetensors.numpy import load_file, save_file
 
+from cases.network_file import NETWORK, save_network
 from cases.ships import dump_ship
 from cases.trial import STATES, UNITS, Trial
 from fitting.calibration import Calibration
@@ -251,6 +252,8 @@ def write_run(
             scratch / ITERATE,
         )
         (scratch / ITERATE).chmod(0o644)
+        if calibration.ship.network is not None:
+            save_network(scratch / NETWORK, calibration.ship.network, calibration.ship)
         write_json(scratch / RESULT, content)
         if decorate:
             decorate(scratch)

@@ -12,11 +12,14 @@ from safetensors.numpy import load_file, save_file
 
 from cases.network_file import NETWORK, load_network, save_network
 from cases.ships import dump_ship, load_ship
+from cases.synthetic import write_trial
+from commands.main import main
 from mmg.errors import UserError
 from mmg.model import assemble
 from mmg.network import Layers, Network
 from mmg.rollout import Simulator
 from tests.networks import random_layers, random_network
+from tests.synthetic_runs import runs
 
 ESSO = load_ship("esso_osaka_3m")
 HYBRID = ESSO.with_network(random_network(ESSO, members=2))
@@ -198,3 +201,21 @@ def test_a_file_that_lacks_an_array_is_refused(tmp_path, lost):
     save_file({name: a for name, a in load_file(path).items() if name != lost}, path, about)
     with pytest.raises(UserError, match="train it again"):
         load_ship(tmp_path)
+
+
+def test_a_refitted_hybrid_keeps_its_network_also_when_resumed(tmp_path: Path) -> None:
+    ship = load_ship("esso_osaka_3m")
+    base = tmp_path / "base"
+    base.mkdir()
+    (base / "ship.toml").write_text(dump_ship(ship))
+    save_network(base / NETWORK, random_network(ship), ship)
+    trial = replace(runs()[0][0], name="one")
+    write_trial(trial, tmp_path / "one.csv")
+    out = tmp_path / "run"
+    command = ["fit", str(base), str(tmp_path / "one.csv"), "--only", "N_r,Y_v", "--no-next-trial", "--out", str(out)]
+    assert main([*command, "--max-iterations", "1"]) == 1
+    assert main([*command, "--resume"]) == 0
+    refitted = load_ship(out)
+    assert refitted.network is not None
+    np.testing.assert_array_equal(refitted.network.members[0].weights[0], random_layers(len(ship.features)).weights[0])
+    assert refitted.coefficients["N_r"].value != ship.coefficients["N_r"].value
