@@ -20,7 +20,7 @@ from cases.ships import load_ship
 from cases.trial import STATES, UNITS
 from fitting.plots import component_of, determination, grouped
 from fitting.report_identifiability import section
-from fitting.report_words import headline, not_in_model, plus_minus, setting_rows, warnings_of
+from fitting.report_words import headline, not_in_model, per_run_table, plus_minus, setting_rows, warnings_of
 from fitting.run import SHIP, read_result
 from mmg.components import module
 from mmg.effects import effect
@@ -118,21 +118,6 @@ def _correlated(result: dict, most: int = 12, least: float = 0.7) -> list[tuple[
     return sorted(pairs, key=lambda p: -abs(p[2]))[:most]
 
 
-def _per_run(result: dict) -> dict | None:
-    """Table of the constants of each run, if runs have any."""
-    table = result.get("per_run")
-    if not table:
-        return None
-    first = next(iter(table.values()))
-    return {
-        "names": [f"{symbol} [{row['unit']}]" if row["unit"] else symbol for symbol, row in first.items()],
-        "rows": [
-            (run, [plus_minus(row["value"], row["std"]) for row in cells.values()]) for run, cells in table.items()
-        ],
-        "prior": [plus_minus(row["prior_value"], row["prior_std"]) for row in first.values()],
-    }
-
-
 def _scores(result: dict) -> list[dict]:
     """Sets of trials with before and after per trial, ready for the table."""
     sets = []
@@ -209,7 +194,7 @@ def _run(folder: Path, number: int) -> dict:
         "correlated": _correlated(result),
         "identifiability": section(result),
         "auto": result.get("auto") or [],
-        "per_run": _per_run(result),
+        "per_run": per_run_table(result),
         "particulars": [(k, v, *PARTICULARS.get(k, ("", ""))) for k, v in ship.particulars.items()],
         "models": [
             *((role, name, (module(role, name).__doc__ or "").strip()) for role, name in ship.components.items()),

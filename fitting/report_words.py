@@ -136,3 +136,18 @@ def setting_rows(result: dict) -> list[tuple[str, str]]:
             shown = ", ".join(f"{v:g}" for v in value)
         rows.append((LABELS.get(key, key), shown if shown is not None else str(value)))
     return rows
+
+
+def per_run_table(result: dict) -> dict | None:
+    """Table of the constants of each run, if runs have any."""
+    table = result.get("per_run")
+    if not table:
+        return None
+    first = next(iter(table.values()))
+    return {
+        "names": [f"{symbol} [{row['unit']}]" if row["unit"] else symbol for symbol, row in first.items()],
+        "rows": [
+            (run, [plus_minus(row["value"], row["std"]) for row in cells.values()]) for run, cells in table.items()
+        ],
+        "prior": [plus_minus(row["prior_value"], row["prior_std"]) for row in first.values()],
+    }
