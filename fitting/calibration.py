@@ -194,7 +194,7 @@ def calibrate(
     warnings = [
         *warnings_of(problem, best, p, starts),
         *warnings,
-        *odd_runs(problem, best.x, settings.look and best.converged),
+        *odd_runs(problem, best.x, spread.moves),
     ]
     if best.converged and len(starts) < settings.starts:
         warnings.append(f"only {len(starts)} of {settings.starts} starts were solved before the run was stopped")

@@ -200,10 +200,8 @@ class Selector:
         return [replace(row, seconds=seconds) for row in rows]
 
     def _fold(self, choice: Choice, out: tuple[int, ...]) -> Fold:
-        settings = replace(
-            self.settings, window=choice.window, loss=choice.loss, starts=1, workers=1, tolerance=1e-4, time_limit=None,
-            look=False,
-        )  # fmt: skip
+        settings = replace(self.settings, window=choice.window, loss=choice.loss, starts=1, workers=1)
+        settings = replace(settings, tolerance=1e-4, time_limit=None)
         deadline = time.time() + self.left if self.warm else float("inf")
         ship = prepare(self.ship, choice)
         return Fold(ship, settings, self.trials, out, self.sigma, self.captive, self.warm, deadline)

@@ -18,8 +18,7 @@ class Settings:
     re-estimated between them; starts: starts of the last solve, all but the first random;
     workers: processes over which further starts are spread; tolerance, max_iterations, time_limit
     [s, of the whole calibration]: of IPOPT; sigma: fixed residual standard deviations (6,) instead of estimated ones;
-    compiled: use a C compiler if there is one; loss: what residuals cost, one of ``loss.LOSSES``; look:
-    refit without a run that stands out, to see whether it belongs (``suspects.odd_runs``).
+    compiled: use a C compiler if there is one; loss: what residuals cost, one of ``loss.LOSSES``.
     """
 
     window: float | None = None
@@ -35,7 +34,6 @@ class Settings:
     sigma: tuple[float, ...] | None = None
     compiled: bool = True
     loss: str = "gaussian"
-    look: bool = True
 
 
 @dataclass(frozen=True)

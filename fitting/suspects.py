@@ -21,14 +21,14 @@ from mmg.ship import Ship
 FAR = 4.0
 """Residuals of a run, as a multiple of those of the median run, from which it is named. Runs of the 3 m model that
 belong reach 3.3 when they are left out of the fit; one whose rudder has the wrong sign 6 to 18."""
-LOOK, MOST_LOOKS = 1.7, 2
-"""Multiple from which a run is left out of the fit to see (it bends the fit towards itself), and how many are."""
+LOOK = 1.5
+"""Multiple from which a run is judged by a fit without it: it bends the joint one towards itself."""
 SCATTER = 10.0
 """Scatter of a run from sample to sample, as a multiple of that of the median run, from which it is refused."""
 WHITE = 0.3
 """Lag-one autocorrelation of a run's residuals below which they are outliers of the sensors rather than of the ship."""
-ROUGH_TOLERANCE, ROUGH_ITERATIONS = 1e-4, 100
-"""Of the fit without a run."""
+ROUGH_TOLERANCE, ROUGH_ITERATIONS = 1e-3, 60
+"""Of the fit of a run's states alone."""
 ASTERN = 1e-3
 """Share of its effect going astern that a coefficient must have in the trials to count as excited."""
 
@@ -62,10 +62,11 @@ def _scatter(trial: Trial, name: str, step: float) -> float:
     return float(1.4826 * np.median(np.abs(bend))) if len(bend) > 10 else float("nan")
 
 
-def odd_runs(problem: Problem, x: np.ndarray, look: bool = True) -> list[str]:
+def odd_runs(problem: Problem, x: np.ndarray, moves: np.ndarray) -> list[str]:
     """Sentences on runs whose residuals at x are far beyond those of the others; needs three runs.
 
-    A run that stands out is left out of the fit, unless ``look`` is False, and judged by what the others say of it.
+    moves: (runs, P) change of the scaled coefficients without each run, to first order (``sandwich.left_out``): a run
+    that stands out is judged at what the others say of it.
     """
     size, white = run_residuals(problem, x)
     names = problem.segments.trials
@@ -74,10 +75,11 @@ def odd_runs(problem: Problem, x: np.ndarray, look: bool = True) -> list[str]:
     if measured.sum() < 3:
         return []
     far = np.array([_multiple(row, np.delete(size, i, axis=0)) if measured[i] else 0.0 for i, row in enumerate(size)])
-    for i in [i for i in np.argsort(-far)[:MOST_LOOKS] if look and LOOK < far[i] < FAR]:
-        alone = left_out_residuals(problem, x, int(i))
+    moved = dict(zip(np.unique(problem.segments.run).tolist(), moves, strict=True))
+    for k in np.flatnonzero((far > LOOK) & (far < FAR)).tolist():
+        alone = left_out_residual(problem, x, k, moved[k])
         if alone is not None:
-            far[i] = max(far[i], _multiple(alone[i], np.delete(alone, i, axis=0)))
+            far[k] = max(far[k], _multiple(alone, np.delete(size, k, axis=0)))
     for i in np.flatnonzero(far >= FAR):
         if white[i] < WHITE:
             words.append(
@@ -100,25 +102,19 @@ def _multiple(own: np.ndarray, others: np.ndarray) -> float:
     return float(np.exp(np.mean(np.log(ratio)))) if len(ratio) else 1.0
 
 
-def left_out_residuals(problem: Problem, x: np.ndarray, run: int) -> np.ndarray | None:
-    """Rms residuals (R, 6) of a fit without a run, its own with the states alone fitted; None if a solve fails."""
+def left_out_residual(problem: Problem, x: np.ndarray, run: int, move: np.ndarray) -> np.ndarray | None:
+    """Rms residuals (6,) of a run at the coefficients moved by ``move`` (P,), its own states and constants fitted.
+
+    None where that fails.
+    """
     seg = problem.segments
-    own = seg.run == run
-    rest, alone = (problem.with_segments(seg.subset(np.flatnonzero(part))) for part in (~own, own))
-    nodes, p = problem.split(x)
-    kept = np.isin(seg.node_window, np.flatnonzero(~own))
-    without = solve(rest, rest.join(nodes[kept], p), ROUGH_TOLERANCE, ROUGH_ITERATIONS, rough=True)
-    p = rest.split(without.x)[1]
-    theta, own_too = problem.prior.mean + problem.prior.std * p, np.arange(problem.P) >= problem.prior.shared
-    alone = alone.with_bounds(
-        np.where(own_too, problem.prior.lower, theta), np.where(own_too, problem.prior.upper, theta)
+    p = np.clip(problem.split(x)[1] + np.nan_to_num(move), *problem.p_bounds())
+    theta, own = problem.prior.mean + problem.prior.std * p, np.arange(problem.P) >= problem.prior.shared
+    alone = problem.with_segments(seg.subset(np.flatnonzero(seg.run == run))).with_bounds(
+        np.where(own, problem.prior.lower, theta), np.where(own, problem.prior.upper, theta)
     )
     held = solve(alone, alone.start(p), ROUGH_TOLERANCE, ROUGH_ITERATIONS, rough=True)
-    if not (np.isfinite(without.objective) and np.isfinite(held.objective)):
-        return None
-    size = run_residuals(rest, without.x)[0]
-    size[run] = run_residuals(alone, held.x)[0][run]
-    return size
+    return run_residuals(alone, held.x)[0][run] if np.isfinite(held.objective) else None
 
 
 def run_residuals(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
