@@ -11,6 +11,7 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 import typer
 
 from commands.check import check
+from commands.compare import compare
 from commands.demo import demo
 from commands.effects import effects
 from commands.fit import fit
@@ -20,9 +21,10 @@ from commands.report import report
 from commands.score import score
 from commands.ships import ships
 from commands.simulate import simulate
+from commands.train import train
 from mmg.errors import UserError
 
-MANY = ("--validate", "--test", "--sigma-from", "--new")
+MANY = ("--validate", "--train", "--test", "--sigma-from", "--new")
 """Options that take several values after one name: ``--validate a.csv b.csv``."""
 
 app = typer.Typer(
@@ -33,7 +35,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for verb in (demo, ships, effects, check, simulate, imo, fit, predict, score, report):
+for verb in (demo, ships, effects, check, simulate, imo, fit, train, predict, score, compare, report):
     app.command(verb.__name__)(verb)
 
 

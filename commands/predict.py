@@ -28,15 +28,16 @@ def predict(
     A window shorter than asked is kept at the end of a run only when windows do not overlap. Rows carry the trial's
     own time stamps; the first row of a window is the measured state; psi is continuous (not wrapped). A run
     folder that knows how far its predictions are off adds x_std ... r_std. With --adapt, the seconds before a window
-    (never the window itself) give a current that fades and what the ship's lags remember.
+    (never the window itself) give a current that fades and what the ship's lags remember. Of a hybrid it says which
+    share of the predicted rows lies outside the range of the data that its network was trained on.
 
     Example: mmg predict runs/first held_out.csv --window 30 --stride 15 --out forecast.csv
     """
     from cases.read import read_trials
-    from cases.ships import load_ship
-    from commands.output import known_of, print_json, say
+    from commands.output import known_of, predictor, print_json, say
     from fitting.adapt import Adaptation, advice
     from fitting.bands import bands_of
+    from fitting.envelope import outside_share
     from fitting.predict import predict as windows_of
     from fitting.predict import table, write_tables
     from mmg.errors import UserError
@@ -57,11 +58,14 @@ def predict(
     existing = [str(path) for path in files.values() if path.exists()]
     if existing and not force:
         raise UserError(f"{existing[0]}: exists already; choose another --out or add --force")
-    simulator = Simulator(load_ship(model))
+    simulator = predictor(model)
+    ship = simulator.ship if isinstance(simulator, Simulator) else None
+    if adapt and not ship:
+        raise UserError(f"--adapt: {model} is a black box, whose disturbance cannot be estimated; leave it out")
     known = known_of(model)
-    bands = bands_of(known, simulator.ship)
-    past = Adaptation.of(simulator.ship, adapt) if adapt else None
-    tables, notes, counts = {}, advice(known) if adapt else [], {}
+    bands = bands_of(known, ship) if ship else None
+    past = Adaptation.of(ship, adapt) if adapt and ship else None
+    tables, notes, counts, outside = {}, advice(known) if adapt else [], {}, {}
     for run in runs:
         found, remarks = windows_of(
             simulator, run, window, step, short_last=window <= 0 or step >= window, adaptation=past, bands=bands
@@ -73,12 +77,16 @@ def predict(
             notes.append(f"{run.name}: no wind columns; calm air is assumed")
         tables[files[run.name]] = table(run, found)
         counts[run.name] = len(found)
+        outside[run.name] = outside_share(simulator, run, found) if isinstance(simulator, Simulator) else None
+        if outside[run.name]:
+            notes.append(f"{run.name}: {outside[run.name]:.1%} of the rows lie outside the data the network knows")
     if not any(counts.values()):
         raise UserError(f"no window could be predicted; {'; '.join(notes) or 'the trials are shorter than --window'}")
     write_tables(tables)
     for note in notes:
         say(f"note: {note}")
     if json:
-        print_json({"files": {n: str(p) for n, p in files.items()}, "windows": counts, "notes": notes})
+        written = {"files": {n: str(p) for n, p in files.items()}, "windows": counts, "notes": notes}
+        print_json(written | ({"outside_envelope": outside} if ship and ship.network else {}))
     else:
         say(f"{sum(counts.values())} windows of {len(runs)} trial(s) written to {out}")

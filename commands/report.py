@@ -22,9 +22,15 @@ def report(
     """
     from commands.output import print_json, say
     from fitting.report import write_report
+    from fitting.run import RESULT, read_result
     from mmg.errors import UserError
 
     folders = list({folder.absolute(): folder for folder in runs}.values())
+    for folder in folders:
+        if (folder / RESULT).exists() and read_result(folder).get("kind") == "training":
+            raise UserError(
+                f"{folder}: is a run of mmg train, which has no report; its figures are in {folder / 'figures'}"
+            )
     target = out or (folders[0] / "report.html" if len(folders) == 1 else Path("report.html"))
     own = {(folder / "report.html").absolute() for folder in folders}
     if target.is_dir():

@@ -91,7 +91,7 @@ def fit_bands(simulator: Simulator, trials: Sequence[Trial], root: np.ndarray | 
         for d in DECAYS:
             parts = np.moveaxis(growth(np.moveaxis(shape, 0, 1), dt, m * k, d * k), 0, 1)[:, every::every]
             for c in range(3):
-                value, found = _likely(parts, seen[:, c], 2 * noise[3 + c] ** 2)
+                value, found = likely_sizes(parts, seen[:, c], 2 * noise[3 + c] ** 2)
                 if value < best[c]:
                     best[c], memory[c], decay[c], size[c] = value, m * k, d * k, found
     process = Process(memory, decay, size, noise, np.ones(6), np.ones(6))
@@ -119,8 +119,8 @@ def _errors(stretches: Sequence[Stretch], out: np.ndarray) -> tuple[np.ndarray, 
     return error, np.isfinite(error[:, 2:]).all(axis=1)
 
 
-def _likely(parts: np.ndarray, error: np.ndarray, floor: float) -> tuple[float, np.ndarray]:
-    """Least -log likelihood of errors (n, M) over sizes (3,) with variance sum size^2 parts (3, n, M) + floor."""
+def likely_sizes(parts: np.ndarray, error: np.ndarray, floor: float) -> tuple[float, np.ndarray]:
+    """Least -log likelihood of errors (n, M) over sizes (K,) with variance sum size^2 parts (K, n, M) + floor."""
     good = np.isfinite(error)
     A, e2 = parts[:, good], error[good] ** 2
     floor = max(floor, 1e-6 * float(e2.mean()), 1e-300)
@@ -134,7 +134,7 @@ def _likely(parts: np.ndarray, error: np.ndarray, floor: float) -> tuple[float, 
         slope = (1 / variance - e2 / variance**2) / len(e2)
         return float((np.log(variance) + e2 / variance).mean()), weight * (A @ slope)
 
-    found = minimize(objective, np.full(3, -1.0), jac=True, method="L-BFGS-B", bounds=[(-12.0, 6.0)] * 3)
+    found = minimize(objective, np.full(len(A), -1.0), jac=True, method="L-BFGS-B", bounds=[(-12.0, 6.0)] * len(A))
     return float(found.fun), np.sqrt(typical * np.exp(found.x) / means)
 
 

@@ -9,8 +9,9 @@ import numpy as np
 
 from cases.trial import STATES, Trial
 from fitting.adapt import Adaptation
-from fitting.predict import Window, predict_all, usable
+from fitting.predict import Forecaster, Window, predict_all, usable
 from mmg.errors import UserError
+from mmg.flow import INPUTS
 from mmg.rollout import Simulator
 
 PAPER_WINDOW = 100.0
@@ -46,7 +47,8 @@ class Score:
 
 def pooled_sigma(trials: Sequence[Trial]) -> np.ndarray:
     """Standard deviation of each state over all rows of all trials, heading as stored, shape (6,)."""
-    rows = [np.column_stack([t[c] for c in STATES])[usable(t)] for t in trials if t.has_position]
+    placed = [t for t in trials if t.has_position]
+    rows = [np.column_stack([t[c] for c in STATES])[usable(t, [n for n in INPUTS if n in t])] for t in placed]
     if not rows:
         raise UserError("sigma cannot be taken from trials without positions x and y; give it with --sigma")
     sigma = np.vstack(rows).std(axis=0)
@@ -83,16 +85,16 @@ def _squares(trial: Trial, windows: Sequence[Window], whole: bool) -> tuple[np.n
 
 @np.errstate(all="ignore")
 def score(
-    simulator: Simulator,
+    simulator: Simulator | Forecaster,
     trials: Sequence[Trial],
     sigma: np.ndarray | None = None,
     sigma_from: str = "the scored trials",
     method: str = "rk4",
     adapt: float | None = None,
 ) -> Score:
-    """Both metrics of a ship on a set of trials; sigma defaults to the pooled one of these trials.
+    """Both metrics of a ship or a black box on a set of trials; sigma defaults to the pooled one of these trials.
 
-    adapt: seconds before each window from which the run's disturbance is estimated (fitting.adapt).
+    adapt: seconds before each window from which the run's disturbance is estimated (fitting.adapt), of a ship only.
 
     Raises UserError when a trial has no positions, or sigma cannot be pooled.
     """
@@ -100,7 +102,7 @@ def score(
         if not trial.has_position:
             raise UserError(f"{trial.name}: no position columns x [m], y [m]; both metrics need all six states")
     sigma = pooled_sigma(trials) if sigma is None else np.asarray(sigma, dtype=float)
-    past = Adaptation.of(simulator.ship, adapt) if adapt else None
+    past = Adaptation.of(simulator.ship, adapt) if adapt and isinstance(simulator, Simulator) else None
     paper = predict_all(simulator, trials, PAPER_WINDOW, PAPER_WINDOW, True, method, adaptation=past)
     short = predict_all(simulator, trials, WINDOW, STRIDE, False, method, adaptation=past)
     rows, notes = [], []

@@ -1,1 +1,1 @@
-"""Torch networks on top of a calibrated ship. Nothing is here yet: the calibrated ship comes first."""
+"""Torch networks on a calibrated ship: physics as a torch operator, systems, rollouts, training, decision."""

@@ -18,7 +18,7 @@ from torch.autograd.function import once_differentiable
 
 from mmg.batch import load_library, padded
 from mmg.codegen import source
-from residual.network import Residual
+from residual.network import TwoLayers
 from residual.operator import Physics
 
 FLAGS = ("-O2", "-ftree-vectorize", "-ffp-contract=off", "-fPIC", "-shared", "-fno-math-errno", "-fno-trapping-math")
@@ -153,7 +153,7 @@ class _Run(ctypes.Structure):
 
 
 class FusedRollout:
-    """Rollouts of a ship with a ``Residual`` of one width, compiled when first used."""
+    """Rollouts of a ship with a residual of one width, compiled when first used."""
 
     def __init__(self, physics: Physics, width: int) -> None:
         self.physics = physics
@@ -181,7 +181,7 @@ class FusedRollout:
             text = text.replace(f"@{name}@", str(getattr(self, name)))
         return load_library(source(parts) + text, FLAGS)[0]
 
-    def __call__(self, start: Tensor, controls: Tensor, h: float, residual: Residual, method: str = "rk4") -> Tensor:
+    def __call__(self, start: Tensor, controls: Tensor, h: float, residual: TwoLayers, method: str = "rk4") -> Tensor:
         """States (N + 1, S, M) from start (S, M) under inputs (N, C, M) held over steps of h [s], float64.
 
         Gradients go to the start and to the weights of the residual. method: "rk4" or "euler". Raises RuntimeError

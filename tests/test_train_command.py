@@ -1,0 +1,159 @@
+"""``mmg train`` and a hybrid in the other commands: run folder, decision, envelope, one clear line for bad input."""
+
+from __future__ import annotations
+
+import builtins
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch")
+
+from cases.read import read_trial
+from cases.ships import load_ship
+from cases.synthetic import write_trial
+from commands.main import main
+from fitting.envelope import outside_share
+from fitting.predict import predict
+from fitting.run import read_result
+from mmg.rollout import Simulator
+from tests import hybrids
+from tests.test_cli import refused
+
+QUICK = ["--seeds", "2", "--epochs", "12", "--width", "8", "--rate", "1e-2", "--penalty", "0.001", "--step", "1"]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Trials of the ship that lacks a force, and the run folder of a training on them."""
+    folder = tmp_path_factory.mktemp("train")
+    (folder / "trials").mkdir()
+    for trial in hybrids.trials(hybrids.lacking(), 3, 400):
+        write_trial(trial, folder / "trials" / f"{trial.name}.csv")
+    write_trial(hybrids.trials(hybrids.lacking(), 1, 300, seed=7)[0], folder / "held_out.csv")
+    arguments = ["train", "esso_osaka_3m", str(folder / "trials"), "--validate", str(folder / "held_out.csv"), *QUICK]
+    assert main([*arguments, "--workers", "2", "--out", str(folder / "run")]) == 0
+    return folder
+
+
+def test_the_run_folder_tells_how_it_came_about(folder: Path) -> None:
+    content = read_result(folder / "run")
+    assert content["kind"] == "training" and content["kept"] and "residual kept" in content["decision"]["words"]
+    assert content["seeds"] == [0, 1] and len(content["per_seed"]) == 2
+    assert [row["name"] for row in content["data"]] == ["run0", "run1", "run2"]
+    assert all(row["sha256"] for row in content["data"]) and content["versions"]["torch"]
+    pair = content["scores"]["validation"]
+    assert pair["after"]["window"] < pair["before"]["window"]
+    for name in ("ship.toml", "network.safetensors", "figures/learning.png", "figures/scores.png"):
+        assert (folder / "run" / name).is_file()
+
+
+def test_a_hybrid_is_a_ship(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    ship = load_ship(folder / "run")
+    assert ship.network is not None and len(ship.network.members) == 2
+    bound = read_result(folder / "run")["bound"]
+    np.testing.assert_allclose([bound[a] for a in ("du", "dv", "dr")], ship.network.bound)
+    capsys.readouterr()
+    assert main(["score", "esso_osaka_3m", str(folder / "run"), str(folder / "held_out.csv"), "--json"]) == 0
+    models = json.loads(capsys.readouterr().out)["models"]
+    assert models[str(folder / "run")]["window"] < models["esso_osaka_3m"]["window"]
+
+
+def test_prediction_says_which_share_lies_outside_the_envelope(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    trial = read_trial(folder / "held_out.csv")
+    fast = trial.with_columns(n=3.0 * trial["n"])
+    simulator = Simulator(load_ship(folder / "run"))
+    known = outside_share(simulator, trial, predict(simulator, trial, 30.0, 30.0)[0])
+    beyond = outside_share(simulator, fast, predict(simulator, fast, 30.0, 30.0)[0])
+    assert known is not None and beyond is not None and known < 0.25 and beyond > 0.6
+    bare = Simulator(load_ship("esso_osaka_3m"))
+    assert outside_share(bare, trial, predict(bare, trial, 30.0, 30.0)[0]) is None
+    write_trial(fast, tmp_path / "fast.csv")
+    capsys.readouterr()
+    assert main(["predict", str(folder / "run"), str(tmp_path / "fast.csv"), "--out", str(tmp_path / "out.csv")]) == 0
+    assert "lie outside the data the network knows" in capsys.readouterr().err
+
+
+def test_a_residual_that_is_not_worth_it_is_not_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "trials").mkdir()
+    for trial in hybrids.trials(hybrids.ship(), 3, 300):
+        write_trial(trial, tmp_path / "trials" / f"{trial.name}.csv")
+    arguments = ["train", "esso_osaka_3m", str(tmp_path / "trials"), *QUICK[:3], "2", "--step", "1"]
+    assert main([*arguments, "--out", str(tmp_path / "run"), "--json"]) == 0
+    content = json.loads(capsys.readouterr().out)
+    assert not content["kept"] and "NOT kept" in content["decision"]["words"]
+    assert not (tmp_path / "run" / "network.safetensors").exists()
+    assert load_ship(tmp_path / "run").network is None
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--model", "oracle"], "--model oracle: unknown; choose one of"),
+        (["--seeds", "0"], "--seeds 0 must be at least 1"),
+        (["--rate", "-1"], "--rate -1 must be positive"),
+        (["--penalty", "-1"], "--penalty -1 must not be negative"),
+        (["--time-limit", "0"], "--time-limit 0 must be positive"),
+    ],
+)
+def test_options_that_make_no_sense(
+    options: list[str], words: str, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    line = refused(capsys, "train", "esso_osaka_3m", folder / "held_out.csv", *options, "--out", tmp_path / "run")
+    assert words in line and not (tmp_path / "run").exists()
+
+
+def test_ctrl_c_keeps_the_best_weights_so_far(folder: Path, tmp_path: Path) -> None:
+    arguments = ["train", "esso_osaka_3m", str(folder / "trials"), *QUICK[:2], "--epochs", "3000", "--step", "1"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "commands.main", *arguments, "--workers", "2", "--out", str(tmp_path / "run")],
+        stderr=subprocess.PIPE, text=True, cwd=Path(__file__).parent.parent, start_new_session=True,
+    )  # fmt: skip
+    assert process.stderr is not None and "training from" in process.stderr.readline()
+    time.sleep(1.0)
+    process.send_signal(signal.SIGINT)
+    _, words = process.communicate(timeout=120)
+    assert process.returncode == 130 and "best weights so far" in words
+    assert {row["status"] for row in read_result(tmp_path / "run")["per_seed"]} == {"stopped"}
+    assert [p.name for p in tmp_path.iterdir()] == ["run"]
+
+
+def test_bad_input_is_one_line_and_leaves_nothing(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "run"
+    write_trial(hybrids.trials(hybrids.ship(), 1, 25)[0], tmp_path / "short.csv")
+    short = refused(capsys, "train", "esso_osaka_3m", tmp_path / "short.csv", "--out", out)
+    assert "too little data for a residual" in short
+    assert "already exists" in refused(
+        capsys, "train", "esso_osaka_3m", folder / "held_out.csv", "--out", folder / "run"
+    )
+    assert "run of mmg train" in refused(capsys, "report", folder / "run")
+    assert "no such ship" in refused(capsys, "train", "nothing", folder / "held_out.csv", "--out", out)
+    assert list(tmp_path.iterdir()) == [tmp_path / "short.csv"]
+
+
+def test_without_torch_one_line_says_what_to_install(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = builtins.__import__
+
+    def without(name: str, *args: Any, **options: Any) -> Any:
+        if name == "torch" or name.startswith("torch."):
+            raise ModuleNotFoundError("No module named 'torch'", name="torch")
+        return real(name, *args, **options)
+
+    for name in [n for n in sys.modules if n.split(".")[0] in ("torch", "residual")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setattr(builtins, "__import__", without)
+    line = refused(capsys, "train", "esso_osaka_3m", folder / "held_out.csv", "--out", tmp_path / "run")
+    assert "needs torch" in line and "mmg-ident[learn]" in line
