@@ -20,7 +20,8 @@ from mmg.ship import Ship
 
 NETWORK = "network.safetensors"
 """Its name in a run folder."""
-FORMAT = "mmg network 1"
+FORMAT, BLACK_BOX = "mmg network 1", "mmg black box 1"
+"""Formats of a network on a ship and of one that stands alone (``residual.blackbox_file``)."""
 _PLAIN = ("feature_scales", "output_scales", "lower", "upper")
 
 
@@ -28,6 +29,18 @@ def ship_hash(ship: Ship) -> str:
     """Text that differs between ships of different particulars or force models."""
     what = [sorted(ship.particulars.items()), sorted(ship.components.items())]
     return hashlib.sha256(json.dumps(what).encode()).hexdigest()[:16]
+
+
+def is_black_box(where: str | Path) -> bool:
+    """Whether a file or run folder holds a network that stands alone instead of a ship."""
+    path = Path(where) / NETWORK if Path(where).is_dir() else Path(where)
+    if path.suffix != ".safetensors" or not path.is_file() or path.with_name("ship.toml").exists():
+        return False
+    try:
+        with safe_open(path, framework="numpy") as file:
+            return (file.metadata() or {}).get("format") == BLACK_BOX
+    except (OSError, SafetensorError, ValueError, TypeError):
+        return False
 
 
 def save_network(path: str | Path, network: Network, ship: Ship) -> None:

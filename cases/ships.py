@@ -15,7 +15,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from cases.network_file import NETWORK, load_network
+from cases.network_file import NETWORK, is_black_box, load_network
 from cases.sound import check_particulars
 from mmg.coefficients import Coefficient
 from mmg.components import ROLES, coefficient_table, derived, module, required_particulars
@@ -47,6 +47,8 @@ def load_ship(where: str | Path) -> Ship:
     Raises UserError when the file is missing, is not TOML, or contradicts itself, or the network is another ship's.
     """
     path, network = library().get(str(where)) or Path(where), None
+    if is_black_box(path):
+        raise UserError(f"{where}: is a black box of mmg train, no ship: mmg predict and mmg score take it")
     if path.is_dir():
         path, network = path / "ship.toml", path / NETWORK
     try:

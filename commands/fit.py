@@ -120,7 +120,7 @@ def fit(
         _chosen,
         _compare_hashes,
         _leaks,
-        _measuring,
+        measuring,
         _own_constants,
         _reduced,
         _settings,
@@ -163,7 +163,7 @@ def fit(
             return 0
         warm = read_iterate(out)
     start = _reduced(start, without, with_, fix, only)
-    start = _measuring(start, measurement)
+    start = measuring(start, measurement)
     train, held_out, remarks = _by_role(read_trials(trials), read_trials(validate) if validate else [])
     model, constants = _own_constants(start, per_run, train, auto)
     _compare_hashes(out, start, train, resume, constants)

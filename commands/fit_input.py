@@ -92,7 +92,7 @@ def _reduced(
     return ship.fixing(names_of(fix))
 
 
-def _measuring(ship: Ship, measurement: str) -> Ship:
+def measuring(ship: Ship, measurement: str) -> Ship:
     """The ship with effects of its instruments freed; those that it has already stay as they are.
 
     A satellite delay stands for the velocity lag, which is then not added.

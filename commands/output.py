@@ -5,7 +5,11 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from fitting.predict import Forecaster
+    from mmg.rollout import Simulator
 
 
 def say(text: str) -> None:
@@ -42,13 +46,45 @@ def end_progress() -> None:
 
 
 def is_model(argument: str) -> bool:
-    """A library ship, a ship file (.toml), or a folder with a ship.toml."""
+    """A library ship, a ship file (.toml), or a folder with a ship.toml or a black box."""
+    from cases.network_file import is_black_box
     from cases.ships import library
 
     path = Path(argument)
     if path.is_dir():
-        return (path / "ship.toml").exists()
+        return (path / "ship.toml").exists() or is_black_box(path)
     return argument in library() or path.suffix.lower() == ".toml"
+
+
+def predictor(model: str) -> Simulator | Forecaster:
+    """What predicts: a ship by its name, file or run folder, or the black box of a run folder.
+
+    Raises UserError where there is neither, or torch is missing for a black box.
+    """
+    from cases.network_file import is_black_box
+    from cases.ships import load_ship
+    from fitting.run import START
+    from mmg.rollout import Simulator
+
+    if not is_black_box(model):
+        return Simulator(load_ship(model))
+    needs_torch("a black box")
+    from residual.blackbox_file import load_box
+
+    start = Path(model) / START
+    return load_box(model, load_ship(start) if start.exists() else None)
+
+
+def needs_torch(what: str) -> None:
+    """UserError when torch is missing."""
+    from mmg.errors import UserError
+
+    try:
+        import torch  # noqa: F401
+    except ModuleNotFoundError as error:
+        if error.name != "torch":
+            raise
+        raise UserError(f"{what} needs torch, which is not installed: pip install 'mmg-ident[learn]'") from None
 
 
 def known_of(model: str) -> dict[str, Any]:

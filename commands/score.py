@@ -35,13 +35,14 @@ def score(
 
     Both are the mean squared error summed over x, y, psi, u, v, r, each divided by its sigma, by default pooled over
     the scored trials with the heading as stored. --adapt scores every model twice: without and with what the past of
-    each window tells of the run's disturbance (see mmg predict).
+    each window tells of the run's disturbance (see mmg predict), but for a black box of mmg train --model fnn, rnn or
+    rnn-window, which has its own integration as well.
 
     Example: mmg score esso_osaka_3m runs/first held_out/*.csv
     """
     from cases.read import read_trials
     from cases.ships import load_ship
-    from commands.output import is_model, numbers_of, print_json
+    from commands.output import is_model, numbers_of, predictor, print_json
     from fitting.run import score_rows
     from fitting.score import pooled_sigma
     from fitting.score import score as scored
@@ -63,7 +64,7 @@ def score(
     if sigma and sigma_from:
         raise UserError("--sigma and --sigma-from exclude each other")
     trials = read_trials(files)
-    ships = {name: load_ship(name) for name in models}
+    loaded = {name: predictor(name) for name in models}
     if sigma:
         import numpy as np
 
@@ -75,10 +76,9 @@ def score(
     else:
         values, origin = pooled_sigma(trials), "the scored trials"
     scores = {}
-    for name, ship in ships.items():
-        simulator = Simulator(ship)
+    for name, simulator in loaded.items():
         scores[name] = scored(simulator, trials, values, origin, method)
-        if adapt:
+        if adapt and isinstance(simulator, Simulator):
             scores[f"{name} --adapt {adapt:g}"] = scored(simulator, trials, values, origin, method, adapt)
     if json:
         print_json({"metric": METRIC, "method": method, "models": {n: score_rows(s) for n, s in scores.items()}})

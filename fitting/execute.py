@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from typing import TypeVar
@@ -16,16 +16,30 @@ THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 """How many threads numerical libraries start, read by each when it is loaded."""
 
 
-def run_all(function: Callable[[Task], Outcome], tasks: Sequence[Task], workers: int = 1) -> list[Outcome]:
+def run_all(
+    function: Callable[[Task], Outcome],
+    tasks: Sequence[Task],
+    workers: int = 1,
+    each: Callable[[Outcome], None] = lambda _: None,
+) -> list[Outcome]:
     """``function`` of each task, in order; with more than one worker in processes of their own.
 
-    The function must be importable and tasks and outcomes picklable between processes of this one program.
+    The function must be importable and tasks and outcomes picklable between processes of this one program. each: called
+    with every outcome, in order, as soon as it is there.
     """
     if workers <= 1 or len(tasks) <= 1:
-        return [function(task) for task in tasks]
+        return _collected((function(task) for task in tasks), each)
     context = multiprocessing.get_context("spawn")
     with _one_thread(), ProcessPoolExecutor(max_workers=min(workers, len(tasks)), mp_context=context) as pool:
-        return list(pool.map(function, tasks))
+        return _collected(pool.map(function, tasks), each)
+
+
+def _collected(outcomes: Iterable[Outcome], each: Callable[[Outcome], None]) -> list[Outcome]:
+    result = []
+    for outcome in outcomes:
+        each(outcome)
+        result.append(outcome)
+    return result
 
 
 @contextmanager

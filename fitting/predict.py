@@ -6,7 +6,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -17,6 +17,17 @@ from fitting.bands import Bands
 from fitting.windows import Batch, Record, Stretch, Water, roll
 from mmg.errors import UserError
 from mmg.rollout import Simulator
+
+
+class Forecaster(Protocol):
+    """What predicts without being a ship: a black box."""
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of its inputs, as of ``Ship.inputs``."""
+
+    def forecast(self, stretches: Sequence[Stretch]) -> np.ndarray:
+        """Logged columns (N + 1, 6, M) at the samples of stretches, each from its measured first row."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +106,7 @@ def _plan(
 
 
 def predict_all(
-    simulator: Simulator,
+    simulator: Simulator | Forecaster,
     trials: Sequence[Trial],
     length: float,
     stride: float,
@@ -109,19 +120,18 @@ def predict_all(
 
     Inputs are held from sample to sample. A window that begins at, or runs across, missing samples or a gap longer
     than ``longest_step`` seconds plus two samples is left out. Without measured positions a window starts at (0, 0).
-    adaptation: use the past of each window; bands: add standard deviations.
+    adaptation: use the past of each window; bands: add standard deviations. A forecaster has neither, and a method of
+    its own.
     """
-    plans = [_plan(trial, simulator.ship.inputs, length, stride, short_last, longest_step) for trial in trials]
+    inputs = simulator.ship.inputs if isinstance(simulator, Simulator) else simulator.inputs
+    plans = [_plan(trial, inputs, length, stride, short_last, longest_step) for trial in trials]
     flat = [stretch for plan in plans for _, stretch in plan.kept]
     if not flat:
         return [([], plan.notes) for plan in plans]
-    batch = Batch.of(flat)
-    water: Water | None = None
-    offset: np.ndarray | None = None
-    if adaptation is not None:
-        water, offset = adapt(simulator, flat, adaptation)
-    out = roll(simulator, batch, water, offset, method)[0]
-    std = bands.std(simulator, batch, out, adaptation is not None) if bands else None
+    if isinstance(simulator, Simulator):
+        out, std = _simulated(simulator, flat, method, adaptation, bands)
+    else:
+        out, std = simulator.forecast(flat), None
     result, at = [], 0
     for plan in plans:
         windows = []
@@ -136,7 +146,22 @@ def predict_all(
     return result
 
 
-def predict(simulator: Simulator, trial: Trial, *args: Any, **options: Any) -> tuple[list[Window], list[str]]:
+def _simulated(
+    simulator: Simulator, flat: Sequence[Stretch], method: str, adaptation: Adaptation | None, bands: Bands | None
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """Logged columns (N + 1, 6, M) of stretches by a ship, and their standard deviations where asked for."""
+    batch = Batch.of(flat)
+    water: Water | None = None
+    offset: np.ndarray | None = None
+    if adaptation is not None:
+        water, offset = adapt(simulator, flat, adaptation)
+    out = roll(simulator, batch, water, offset, method)[0]
+    return out, bands.std(simulator, batch, out, adaptation is not None) if bands else None
+
+
+def predict(
+    simulator: Simulator | Forecaster, trial: Trial, *args: Any, **options: Any
+) -> tuple[list[Window], list[str]]:
     """Open-loop windows of one trial and notes on those left out; further arguments as in ``predict_all``."""
     return predict_all(simulator, [trial], *args, **options)[0]
 

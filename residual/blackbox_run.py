@@ -1,0 +1,73 @@
+"""The run folder of a black box: its network, the ship that named its inputs, result.json."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
+from datetime import datetime, timezone
+from importlib import metadata
+from pathlib import Path
+
+from cases.network_file import NETWORK
+from cases.ships import dump_ship
+from cases.trial import STATES, Trial
+from fitting.run import RESULT, START, data_rows, versions, write_json, write_whole
+from mmg.network import features_of
+from mmg.ship import Ship
+from residual.blackbox import TrainedBox
+from residual.blackbox_file import save_box
+from residual.run import seed_rows
+
+
+def result(
+    trained: TrainedBox,
+    trials: Sequence[Trial],
+    validation: Sequence[Trial],
+    scores: Mapping[str, dict],
+    command: str,
+) -> dict:
+    """The content of ``result.json``."""
+    scales, settings = trained.scales, trained.settings
+    lower, upper = scales.seen.min(axis=1), scales.seen.max(axis=1)
+    return {
+        "kind": "training",
+        "created": datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        "command": command,
+        "ship": trained.box.ship,
+        "model": settings.kind,
+        "settings": asdict(settings),
+        "seed": settings.seed,
+        "seeds": [o.seed for o in trained.outcomes],
+        "versions": {**versions(), "torch": metadata.version("torch")},
+        "timings_s": {"train": trained.seconds, "seeds": [o.seconds for o in trained.outcomes]},
+        "data": data_rows(trials),
+        "validation_data": data_rows(validation),
+        "per_seed": seed_rows(trained.outcomes),
+        "sigma": {
+            "loss": dict(zip(STATES, scales.sigma, strict=True)),
+            "held_out": dict(zip(STATES, scales.score, strict=True)),
+        },
+        "envelope": {
+            name: [float(low), float(high)]
+            for name, low, high in zip(features_of(trained.box.actuators), lower, upper, strict=True)
+        },
+        "scores": dict(scores),
+        "warnings": list(trained.warnings),
+        "notices": [],
+    }
+
+
+def write_box(
+    folder: Path, trained: TrainedBox, ship: Ship, content: dict, decorate: Callable[[Path], None] | None = None
+) -> None:
+    """Write the run folder whole or not at all. There is no ship.toml: a black box is no ship."""
+
+    def fill(scratch: Path) -> None:
+        note = f"{ship.name}: the ship whose inputs the black box takes; nothing else of it is used."
+        (scratch / START).write_text(dump_ship(ship.without_network(), note), encoding="utf-8")
+        save_box(scratch / NETWORK, trained.box, trained.scales)
+        if decorate:
+            decorate(scratch)
+        write_json(scratch / RESULT, content)
+
+    write_whole(folder, fill)
