@@ -120,10 +120,10 @@ def fit(
         _chosen,
         _compare_hashes,
         _leaks,
-        measuring,
         _own_constants,
         _reduced,
         _settings,
+        measuring,
     )
     from commands.fit_input import _start as _starting
     from commands.output import end_progress, names_of, print_json, progress, say
