@@ -66,5 +66,5 @@ def to_si(column: str, unit: str, where: str) -> float:
     factors = FACTORS[house_unit(column)]
     match = {name.lower(): name for name in factors}.get(key.lower())
     if match is None:
-        raise UserError(f"{where}: unknown unit '{unit.strip()}' for {column}; accepted: {', '.join(accepted(column))}")
+        raise UserError(f"{where}: unknown unit '{" ".join(unit.split())}' for {column}; accepted: {', '.join(accepted(column))}")
     return factors[match]
