@@ -66,5 +66,6 @@ def to_si(column: str, unit: str, where: str) -> float:
     factors = FACTORS[house_unit(column)]
     match = {name.lower(): name for name in factors}.get(key.lower())
     if match is None:
-        raise UserError(f"{where}: unknown unit '{" ".join(unit.split())}' for {column}; accepted: {', '.join(accepted(column))}")
+        said = " ".join(unit.split())
+        raise UserError(f"{where}: unknown unit '{said}' for {column}; accepted: {', '.join(accepted(column))}")
     return factors[match]
