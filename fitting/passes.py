@@ -22,7 +22,7 @@ def _noise(problem: Problem, x: np.ndarray) -> Noise:
 
 FORCE_PASSES = 3
 """Further solves when sizes of latent forces are estimated, which settle more slowly than the noise."""
-FEW_WINDOWS = 30
+FEW_WINDOWS = 12
 """Windows of the first solve: enough to bring the coefficients near and to see the size of the residuals."""
 
 
