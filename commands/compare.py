@@ -9,7 +9,8 @@ import typer
 
 if TYPE_CHECKING:
     from cases.trial import Trial
-    from residual.compare import Subset
+    from residual.checkpoint import Store
+    from residual.compare import Study, Subset
 
 
 def compare(
@@ -41,13 +42,16 @@ def compare(
     workers: Annotated[int, typer.Option("--workers", help="Processes over which everything is spread.")] = 1,
     time_limit: Annotated[float | None, typer.Option("--time-limit", help="Of the whole [s].")] = None,
     out: Annotated[Path | None, typer.Option("--out", help="Folder for tables, result.json and figures.")] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Continue an interrupted comparison in --out; finished entries are kept.")
+    ] = False,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON document instead of the tables.")] = False,
 ) -> int:
     """Calibrate and train every model on the same trials and score all of them on others, side by side.
 
     Both metrics of mmg score, growth of the error over the horizon, error over the amount of training data, and Table 9
     of Wakita et al. (2022) as published. Nothing is chosen by the test trials. Ctrl-C and --time-limit keep what is
-    done (exit code 130 after Ctrl-C or when something was left out).
+    done (exit code 130 after Ctrl-C or when something was left out); with --out, --resume goes on from there.
 
     Example: mmg compare --train train-tzrb --seeds 5 --fractions 0.1,0.3,1 --no-random --workers 2 --out comparison
     """
@@ -57,7 +61,7 @@ def compare(
     from cases.ships import load_ship
     from commands.fit_input import measuring
     from commands.output import names_of, needs_torch, print_json, say
-    from fitting.run import RESULT, check_target, write_json, write_whole
+    from fitting.run import RESULT, check_target, write_json
     from mmg.errors import UserError
 
     names = tuple(dict.fromkeys(names_of([models])))
@@ -70,12 +74,15 @@ def compare(
     from residual.compare import compare as compared
     from residual.compare_figures import write_figures
     from residual.compare_tables import text, values
+    from residual.run import write_kept
 
     unknown = [name for name in names if name not in MODELS]
     if unknown or not names:
         raise UserError(f"--models {models}: unknown {', '.join(unknown)}; choose from {', '.join(MODELS)}")
     subsets = _subsets(fractions, no_random)
-    if out:
+    if resume and not out:
+        raise UserError("--resume needs the --out of the interrupted comparison")
+    if out and not (resume and out.exists()):
         check_target(out)
     tests = _trials(test or ["development-holdout"], "--test")
     seen = {t.name for t in tests} | {t.sha256 for t in tests if t.sha256}
@@ -88,26 +95,54 @@ def compare(
         captive, tuple(trained_on), tuple(tests), names, subsets, seeds, seed, workers,
         epochs, step, time_limit, instruments,
     )  # fmt: skip
-    found = compared(study, say)
+    store = _store(out, resume, study) if out else None
+    if store is None:
+        found = compared(study, say)
+    else:
+        try:
+            found = compared(study, say, store)
+        except UserError:
+            store.discard()
+            raise
     content = values(found, "mmg " + " ".join(shlex.quote(a) for a in sys.argv[1:]))
     if not any(e.score for e in found.entries):
         reasons = dict.fromkeys(e.status for e in found.entries)
+        if store:
+            store.discard()
         raise UserError(f"nothing could be compared: {'; '.join(reasons)}")
-    if out:
+    if out and store:
 
         def fill(folder: Path) -> None:
             (folder / "tables.md").write_text(text(found), encoding="utf-8")
             content["figures"] = write_figures(folder, found)
             write_json(folder / RESULT, content)
 
-        write_whole(out, fill)
+        write_kept(out, fill, store)
     if json:
         print_json(content)
     else:
         print(text(found), end="")
     if out:
         say(f"comparison: {out} (tables.md, result.json, figures)")
+    if found.interrupted and out:
+        say("not everything was done: the same command with --resume continues")
     return 130 if found.interrupted else 0
+
+
+def _store(out: Path, resume: bool, study: Study) -> Store:
+    """Where finished entries are kept, with what must be the same to continue."""
+    from residual import checkpoint as c
+
+    about = {
+        "--seeds": [study.seeds, study.seed],
+        "--models": list(study.models),
+        "settings": {"epochs": study.epochs, "step": study.step, "instruments": list(study.instruments)},
+        "--fractions": [subset.words for subset in study.subsets],
+        "ship": c.hash_of_ship(study.ship),
+        "--train": c.hashes_of_trials(study.train),
+        "--test": c.hashes_of_trials(study.test),
+    }
+    return c.Store(out / "entries", about, resume and out.exists())
 
 
 def _trials(given: list[str], option: str) -> list[Trial]:

@@ -2,11 +2,26 @@
 
 from __future__ import annotations
 
+import functools
 import os
+import signal
 import sys
+from collections.abc import Callable
+from typing import Any
 
 for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
+
+
+def _stopped(*_: Any) -> None:
+    """Ctrl-C while the program is still being read: one line instead of a traceback."""
+    os.write(2, b"mmg: interrupted; nothing was written\n")
+    os._exit(130)
+
+
+_usual = signal.getsignal(signal.SIGINT)
+if __name__ == "__main__" or sys.argv[0].endswith("mmg"):
+    signal.signal(signal.SIGINT, _stopped)
 
 import typer
 
@@ -35,8 +50,25 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
+
+
+def _interruptible(verb: Callable[..., Any]) -> Callable[..., Any]:
+    """The verb with Ctrl-C as ``typer.Abort``, since typer would make a silent exit code of it."""
+
+    @functools.wraps(verb)
+    def run_verb(*given: Any, **options: Any) -> Any:
+        if signal.getsignal(signal.SIGINT) is _stopped:
+            signal.signal(signal.SIGINT, _usual)
+        try:
+            return verb(*given, **options)
+        except KeyboardInterrupt:
+            raise typer.Abort from None
+
+    return run_verb
+
+
 for verb in (demo, ships, effects, check, simulate, imo, fit, train, predict, score, compare, report):
-    app.command(verb.__name__)(verb)
+    app.command(verb.__name__)(_interruptible(verb))
 
 
 def _is_number(argument: str) -> bool:

@@ -9,7 +9,7 @@ import typer
 
 
 def report(
-    runs: Annotated[list[Path], typer.Argument(help="Run folders of mmg fit.", metavar="RUN...")],
+    runs: Annotated[list[Path], typer.Argument(help="Run folders of mmg fit, or of mmg train.", metavar="RUN...")],
     out: Annotated[
         Path | None,
         typer.Option("--out", help="HTML file to write; default RUN/report.html, ./report.html for several runs."),
@@ -21,23 +21,21 @@ def report(
     Example: mmg report runs/first runs/second --out comparison.html
     """
     from commands.output import print_json, say
-    from fitting.report import write_report
-    from fitting.run import RESULT, read_result
+    from fitting.report import write_report as write_calibrations
+    from fitting.run import read_result
     from mmg.errors import UserError
+    from residual.report import write_report as write_trainings
 
     folders = list({folder.absolute(): folder for folder in runs}.values())
-    for folder in folders:
-        if (folder / RESULT).exists() and read_result(folder).get("kind") == "training":
-            raise UserError(
-                f"{folder}: is a run of mmg train, which has no report; its figures are in {folder / 'figures'}"
-            )
     target = out or (folders[0] / "report.html" if len(folders) == 1 else Path("report.html"))
     own = {(folder / "report.html").absolute() for folder in folders}
     if target.is_dir():
         raise UserError(f"{target}: is a folder; name the HTML file to write with --out")
     if target.exists() and target.absolute() not in own:
         raise UserError(f"{target}: already exists; choose another --out")
-    write_report(folders, target)
+    found = read_result(folders[0])
+    training = isinstance(found, dict) and found.get("kind") == "training"
+    (write_trainings if training else write_calibrations)(folders, target)
     if json:
         print_json({"report": str(target), "runs": [str(folder) for folder in folders]})
     else:

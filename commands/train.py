@@ -3,17 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import typer
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from cases.trial import Trial
-    from mmg.ship import Ship
-    from residual.learn import Trained
-    from residual.train import Training
 
 
 def train(
@@ -75,6 +67,9 @@ def train(
     time_limit: Annotated[
         float | None, typer.Option("--time-limit", help="Wall-clock limit of the training [s].")
     ] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Continue an interrupted training in --out; finished seeds are kept.")
+    ] = False,
     json: Annotated[bool, typer.Option("--json", help="Print result.json on stdout.")] = False,
 ) -> int:
     """Learn a residual acceleration on a calibrated ship, and keep it only if windows that it never saw say so.
@@ -82,7 +77,8 @@ def train(
     With --model fnn, rnn or rnn-window a network without physics is trained instead, for comparison; of the ship only
     inputs and length are used, and mmg predict and mmg score take the run folder.
 
-    Ctrl-C keeps the best weights so far (exit code 130).
+    Ctrl-C keeps the best weights so far (exit code 130); the same command with --resume trains the seeds that are not
+    finished.
 
     Example: mmg train runs/first trials/*.csv --validate held_out.csv --workers 2 --out runs/hybrid
     """
@@ -92,135 +88,32 @@ def train(
 
     from cases.read import read_trials
     from cases.ships import load_ship
-    from commands.fit_input import _by_role, _leaks
-    from commands.output import known_of, print_json, say
+    from commands.fit_input import _by_role
+    from commands.output import known_of, say
+    from commands.train_box import train_box
+    from commands.train_hybrid import train_hybrid
+    from commands.train_input import AGAIN, Order, guarded, is_complete, settings_of, store_of
     from fitting.run import check_target
     from mmg.errors import UserError
 
     began = time.perf_counter()
-    settings = _settings(
+    settings = settings_of(
         model, seeds=seeds, seed=seed, workers=workers, epochs=epochs, width=width, penalty=penalty, jitter=jitter,
         rate=rate, batch=batch, step=step, time_limit=time_limit, loss=loss, augment=augment, layers=layers,
         memory=memory, zero=zero, initial=initial, symmetric=symmetric,
     )  # fmt: skip
-    from residual.learn import train as trained_on
-    from residual.run import result, write_training
-
-    check_target(out)
+    if not (resume and out.exists()):
+        check_target(out)
+    elif is_complete(out):
+        say(f"{out} has finished already; nothing to resume")
+        return 0
     ship, base = load_ship(run), known_of(run)
     chosen, held_out, remarks = _by_role(read_trials(trials), read_trials(validate) if validate else [])
     if not chosen:
         raise UserError("no trials to train on: name at least one trial file")
     command = "mmg " + " ".join(shlex.quote(a) for a in sys.argv[1:])
-    if model != "hybrid":
-        from commands.train_box import train_box
-
-        return train_box(ship, chosen, held_out, settings, remarks, command, out, json)
-    trained = trained_on(ship, chosen, settings, held_out, say)
-    scores = _scores(ship, trained, chosen, held_out)
-    content = result(trained, model, chosen, held_out, scores, command, base)
-    content["warnings"] += [*remarks, *_leaks(chosen, held_out), *_known_before(base, held_out)]
-
-    def decorate(folder: Path) -> None:
-        from residual.figures import write_figures
-
-        content["figures"] = write_figures(folder, content)
-        content["timings_s"]["wall"] = time.perf_counter() - began
-
-    write_training(out, trained, content, decorate)
-    _summary(trained, content, out) if not json else print_json(content)
-    return 130 if trained.interrupted else 0
-
-
-def _settings(model: str, **values: Any) -> Training:
-    """Settings from the options, None where not given; UserError without torch and for numbers that make no sense."""
-    from commands.output import needs_torch
-    from mmg.errors import UserError
-
-    if model not in MODELS:
-        raise UserError(f"--model {model}: unknown; choose one of {', '.join(MODELS)}")
-    values = {name: value for name, value in values.items() if value is not None}
-    for name in ("seeds", "workers", "epochs", "width", "batch", "layers", "memory"):
-        if not values.get(name, 1) >= 1:
-            raise UserError(f"--{name} {values[name]} must be at least 1")
-    for name in ("rate", "step", "time_limit"):
-        if not 0 < values.get(name, 1.0) < float("inf"):
-            raise UserError(f"--{name.replace('_', '-')} {values[name]:g} must be positive")
-    for name in ("penalty", "jitter", "initial"):
-        if not 0 <= values.get(name, 0) < float("inf"):
-            raise UserError(f"--{name} {values[name]:g} must not be negative")
-    needs_torch("mmg train")
-    from residual.augment import SETS
-    from residual.blackbox import BoxTraining
-    from residual.train import LOSSES, Training
-
-    for name, known in (("loss", LOSSES), ("augment", ("", *SETS))):
-        if values[name] not in known:
-            raise UserError(f"--{name} {values[name]}: unknown; choose one of {', '.join(k for k in known if k)}")
-    strange = [name for name, kinds in ONLY.items() if name in values and model not in kinds]
-    if strange:
-        raise UserError(f"--{strange[0]} is not for --model {model}, only for {', '.join(ONLY[strange[0]])}")
-    return Training(**values) if model == "hybrid" else BoxTraining(kind=model, **values)
-
-
-MODELS = ("hybrid", "fnn", "rnn", "rnn-window")
-"""What --model may be."""
-ONLY = {
-    "layers": ("fnn",),
-    "zero": ("fnn",),
-    "memory": ("rnn", "rnn-window"),
-    "initial": MODELS[1:],
-    "symmetric": ("hybrid",),
-}
-"""Options that only some models take."""
-
-
-def _scores(ship: Ship, trained: Trained, chosen: Sequence[Trial], held_out: Sequence[Trial]) -> dict[str, dict]:
-    """Both metrics without and with the residual, kept or not, on training and validation trials with positions."""
-    from fitting.run import score_rows
-    from fitting.score import pooled_sigma, score
-    from mmg.errors import UserError
-    from mmg.rollout import Simulator
-
-    models = {"before": Simulator(ship.without_network())}
-    if trained.network is not None:
-        models["after"] = Simulator(ship.with_network(trained.network))
-    result = {}
-    for name, trials in (("validation", held_out), ("training", chosen)):
-        placed = [t for t in trials if t.has_position]
-        try:
-            sigma = pooled_sigma(placed) if placed else None
-        except UserError:
-            sigma = None
-        if sigma is not None:
-            result[name] = {
-                when: score_rows(score(model, placed, sigma, f"the {name} trials")) for when, model in models.items()
-            }
-    return result
-
-
-def _known_before(base: dict, held_out: Sequence[Trial]) -> list[str]:
-    """A sentence on validation trials that the ship was calibrated on."""
-    seen = {row.get("sha256") for row in base.get("data", [])}
-    both = [t.name for t in held_out if t.sha256 and t.sha256 in seen]
-    return [f"{', '.join(both)}: the ship was calibrated on it, so its score is not held out"] if both else []
-
-
-def _summary(trained: Trained, content: dict, out: Path) -> None:
-    """A few lines for a person."""
-    from commands.output import say
-
-    for line in content["warnings"]:
-        say(f"warning: {line}")
-    say(trained.decision.words)
-    for name, pair in content["scores"].items():
-        if "after" in pair:
-            before, after = pair["before"], pair["after"]
-            say(
-                f"{name}, with the residual: 30 s windows {before['window']:.4f} -> {after['window']:.4f}, "
-                f"100 s restarts {before['paper']:.4f} -> {after['paper']:.4f}"
-            )
-    if trained.network is not None and trained.decision.kept:
-        du, dv, dr = trained.network.bound
-        say(f"the residual never exceeds |du| {du:.3g}, |dv| {dv:.3g} m/s2, |dr| {dr:.3g} rad/s2, whatever the inputs")
-    say(f"run folder: {out} (ship.toml, {'network.safetensors, ' if trained.decision.kept else ''}result.json)")
+    store = store_of(out, resume, model, settings, ship, chosen, held_out)
+    if store.resume:
+        store.open()  # compares before anything is made
+    order = Order(ship, chosen, held_out, settings, base, remarks, command, out, json, store, began)
+    return guarded(lambda: train_hybrid(order) if model == "hybrid" else train_box(order, run), store, AGAIN)

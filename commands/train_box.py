@@ -2,58 +2,58 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from commands.train_input import AGAIN, Order
+
 if TYPE_CHECKING:
-    from cases.trial import Trial
-    from mmg.ship import Ship
-    from residual.train import Training
+    from fitting.predict import Forecaster
+    from mmg.rollout import Simulator
 
 
-def train_box(
-    ship: Ship,
-    trials: Sequence[Trial],
-    held_out: Sequence[Trial],
-    settings: Training,
-    remarks: Sequence[str],
-    command: str,
-    out: Path,
-    json: bool,
-) -> int:
-    """Train, score and write a black box; the exit code."""
+def train_box(order: Order, run: str) -> int:
+    """Train a black box, score it beside the ship model of ``run``, write a run folder with its report; exit code."""
+    import time
+
     from commands.fit_input import _leaks
     from commands.output import print_json, say
-    from fitting.run import score_rows
-    from fitting.score import pooled_sigma, score
+    from commands.train_hybrid import scores_of
+    from fitting.run import RESULT, write_json
+    from mmg.rollout import Simulator
     from residual.blackbox import BoxTraining
     from residual.blackbox import train_box as trained_on
     from residual.blackbox_run import result, write_box
     from residual.figures import write_figures
+    from residual.report import write_report
 
-    assert isinstance(settings, BoxTraining)
-    trained = trained_on(ship, trials, settings, held_out, say)
-    scores = {}
-    for name, some in (("validation", held_out), ("training", trials)):
-        placed = [t for t in some if t.has_position]
-        if placed:
-            found = score(trained.box, placed, pooled_sigma(placed), f"the {name} trials")
-            scores[name] = {"after": score_rows(found)}
-    content = result(trained, trials, held_out, scores, command)
-    content["warnings"] += [*remarks, *_leaks(trials, held_out)]
+    assert isinstance(order.settings, BoxTraining)
+    trained = trained_on(order.ship, order.trials, order.settings, order.held_out, say, order.store)
+    models: dict[str, Simulator | Forecaster] = {"ship model": Simulator(order.ship), "black box": trained.box}
+    scores = scores_of(models, order.trials, order.held_out)
+    content = result(trained, order.trials, order.held_out, scores, order.command, run)
+    content["warnings"] += [*order.remarks, *_leaks(order.trials, order.held_out)]
 
     def decorate(folder: Path) -> None:
-        content["figures"] = write_figures(folder, {**content, "scores": {}}, "untrained network")
+        shown = order.held_out or order.trials
+        content["figures"] = write_figures(folder, content, models, shown, "untrained network")
+        content["timings_s"]["wall"] = time.perf_counter() - order.began
+        write_json(folder / RESULT, content)
+        write_report([folder], folder / "report.html")
 
-    write_box(out, trained, ship, content, decorate)
-    if json:
+    write_box(order.out, trained, order.ship, content, decorate, order.store)
+    if order.json:
         print_json(content)
         return 130 if trained.interrupted else 0
     for line in content["warnings"]:
         say(f"warning: {line}")
     for name, pair in scores.items():
-        after = pair["after"]
-        say(f"{name}: 30 s windows {after['window']:.4f}, 100 s restarts {after['paper']:.4f}")
-    say(f"run folder: {out} (network.safetensors, result.json): mmg predict and mmg score take it")
+        before, after = pair["before"], pair["after"]
+        say(
+            f"{name}: 30 s windows {after['window']:.4f} (ship model {before['window']:.4f}), "
+            f"100 s restarts {after['paper']:.4f} ({before['paper']:.4f})"
+        )
+    if any(o.status == "stopped" for o in trained.outcomes) or len(trained.outcomes) < trained.settings.seeds:
+        say(f"not all seeds came to their end: {AGAIN}")
+    say(f"run folder: {order.out} (network.safetensors, report.html): mmg predict and mmg score take it")
     return 130 if trained.interrupted else 0

@@ -1,9 +1,14 @@
-"""Independent tasks handed to an executor: inline, or spread over processes. Nothing else knows about parallelism."""
+"""Independent tasks handed to an executor: inline, or spread over processes. Nothing else knows about parallelism.
+
+Ctrl-C reaches all processes of a terminal. The children hold it back (``held_back``) except where they note it
+(``fitting.ipopt.Interrupts``), so that none of them dies while it imports and none leaves a traceback.
+"""
 
 from __future__ import annotations
 
 import multiprocessing
 import os
+import signal
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
@@ -31,7 +36,34 @@ def run_all(
         return _collected((function(task) for task in tasks), each)
     context = multiprocessing.get_context("spawn")
     with _one_thread(), ProcessPoolExecutor(max_workers=min(workers, len(tasks)), mp_context=context) as pool:
-        return _collected(pool.map(function, tasks), each)
+        try:
+            with held_back():
+                outcomes = pool.map(function, tasks)
+            return _collected(outcomes, each)
+        except BaseException:
+            _end(pool)
+            raise
+
+
+def _end(pool: ProcessPoolExecutor) -> None:
+    """End the processes of a pool at once: what they would still do is of no use."""
+    processes = list((pool._processes or {}).values())
+    pool.shutdown(wait=False, cancel_futures=True)
+    for process in processes:
+        process.terminate()
+
+
+@contextmanager
+def held_back() -> Iterator[None]:
+    """Ctrl-C waits until the end of this, and for ever in processes begun meanwhile, which inherit the signal mask."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _collected(outcomes: Iterable[Outcome], each: Callable[[Outcome], None]) -> list[Outcome]:

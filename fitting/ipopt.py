@@ -241,18 +241,22 @@ class Interrupts:
     """While active (in the main thread), Ctrl-C is noted instead of raised, so that a run is still written.
 
     The solver stops at its next iterate; whatever runs outside it is finished. A second Ctrl-C is raised as usual.
+    In a process of ``fitting.execute``, which holds Ctrl-C back, it is let through while this is active.
     """
 
     def __init__(self, say: Callable[[], None] | None = None) -> None:
         self.say = say
         self.previous: Any = None
         self.nested = False
+        self.held_back = False
 
     def __enter__(self) -> None:
         self.nested = threading.current_thread() is not threading.main_thread() or INTERRUPTED.active
         if not self.nested:
             INTERRUPTED.active, INTERRUPTED.asked = True, False
             self.previous = signal.signal(signal.SIGINT, self._note)
+            if hasattr(signal, "pthread_sigmask"):
+                self.held_back = signal.SIGINT in signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 
     def _note(self, *_: Any) -> None:
         if INTERRUPTED.asked:
@@ -263,6 +267,8 @@ class Interrupts:
 
     def __exit__(self, *_: Any) -> None:
         if not self.nested:
+            if self.held_back:
+                signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
             signal.signal(signal.SIGINT, self.previous)
             INTERRUPTED.active = False
 

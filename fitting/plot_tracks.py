@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from cases.trial import Trial
 from fitting.plot_style import MEASURED, STYLES, dress, new_figure
-from fitting.predict import Window, predict_all
+from fitting.predict import Forecaster, Window, predict_all
 from fitting.score import PAPER_WINDOW, wrapped_error
 from mmg.rollout import Simulator
 
@@ -113,7 +113,9 @@ def _track(ax: Axes, states: np.ndarray, runs: list, first: list[int], length: f
     ax.set_aspect("equal", adjustable="box")
 
 
-def window_errors(simulator: Simulator, trials: Sequence[Trial], times: np.ndarray, stride: float) -> np.ndarray:
+def window_errors(
+    simulator: Simulator | Forecaster, trials: Sequence[Trial], times: np.ndarray, stride: float
+) -> np.ndarray:
     """Open-loop errors (windows, times, 6) at ``times`` [s] after the start of windows ``stride`` seconds apart.
 
     Windows that reach the last time are used; where there are none, shorter ones, with NaN after their end.
@@ -133,15 +135,17 @@ def window_errors(simulator: Simulator, trials: Sequence[Trial], times: np.ndarr
 
 
 def error_growth_plot(
-    simulators: Mapping[str, Simulator],
+    simulators: Mapping[str, Simulator | Forecaster],
     trials: Sequence[Trial],
     horizon: float = PAPER_WINDOW,
     stride: float | None = None,
 ) -> Figure:
-    """Rms error of open-loop predictions against the time since the measured start, for each simulator.
+    """Rms error of open-loop predictions against the time since the measured start, for each simulator or black box.
 
-    horizon: longest prediction [s]; stride: between the starts of windows [s], default a quarter of the horizon.
+    horizon: longest prediction [s]; stride: between the starts of windows [s], default a quarter of the horizon. Errors
+    in ship lengths are those of the first simulator that is a ship.
     """
+    length = next((s.ship.particulars["L"] for s in simulators.values() if isinstance(s, Simulator)), None)
     times = np.linspace(0, horizon, 101)
     used = [t for t in trials if t.has_position] or list(trials)
     figure = new_figure(4.9)
@@ -161,8 +165,8 @@ def error_growth_plot(
             shown = measured.sum(axis=0) >= max(1, 0.3 * count)
             rms = np.sqrt(squares / np.maximum(measured.sum(axis=0), 1)) * factor
             ax.plot(times[shown], rms[shown], lw=1.8, label=name, **style)
-            if states == (0, 1) and shown[-1]:
-                words += f"\nposition, {name}: {rms[-1] / simulator.ship.particulars['L']:.2g} ship lengths"
+            if states == (0, 1) and shown[-1] and length:
+                words += f"\nposition, {name}: {rms[-1] / length:.2g} ship lengths"
     for ax, (label, *_) in zip(axes, panels, strict=False):
         dress(ax, "time since window start [s]", f"rms error of {label}")
         ax.set_ylim(bottom=0)

@@ -50,7 +50,7 @@ PLACED = ("scores", "error_growth", "track", "coefficients", "identifiability")
 """Beginnings of the names of figures that have a section of their own."""
 
 
-def _figures(folder: Path, listed: Any) -> list[dict]:
+def figures_of(folder: Path, listed: Any) -> list[dict]:
     """Figures named in result.json with their content as a data URI; ``image`` is None for one that is missing."""
     figures = []
     for entry in listed or []:
@@ -118,7 +118,7 @@ def _correlated(result: dict, most: int = 12, least: float = 0.7) -> list[tuple[
     return sorted(pairs, key=lambda p: -abs(p[2]))[:most]
 
 
-def _scores(result: dict) -> list[dict]:
+def score_sets(result: dict) -> list[dict]:
     """Sets of trials with before and after per trial, ready for the table."""
     sets = []
     for name, pair in (result.get("scores") or {}).items():
@@ -161,12 +161,13 @@ def _pooled(trials: list[dict], state: str) -> float | None:
     return sum(value * count for value, count in parts) / total if good else None
 
 
-def _citations(result: dict) -> list[tuple[str, tuple[str, ...]]]:
+def citations_of(result: dict) -> list[tuple[str, tuple[str, ...]]]:
+    """Licence sentence and papers of each public data set whose trials were used."""
     names = [row["name"] for row in [*result.get("data", []), *result.get("validation_data", [])]]
     return [(licence, papers) for pattern, licence, papers in DATA_SOURCES if any(pattern.match(str(n)) for n in names)]
 
 
-def _label(folder: Path) -> str:
+def label_of(folder: Path) -> str:
     """Name of a run folder, also of one that is still being written under a temporary name."""
     name = folder.absolute().name
     return name.lstrip(".").rsplit(".", 1)[0] if name.startswith(".") else name
@@ -176,19 +177,19 @@ def _run(folder: Path, number: int) -> dict:
     """All that the template shows of one run folder."""
     result = read_result(folder)
     if not isinstance(result, dict) or not isinstance(result.get("coefficients"), dict):
-        raise UserError(f"{folder}: its result.json is not that of a calibration; give a run folder of mmg fit")
+        raise UserError(f"{folder}: its result.json is not that of a calibration; give run folders of one command")
     ship = load_ship(folder / SHIP)
     groups = _coefficients(result, ship)
     kinds = [row["kind"] for g in groups for row in g["rows"]]
-    figures = _figures(folder, result.get("figures"))
+    figures = figures_of(folder, result.get("figures"))
     return {
         "id": f"run{number}",
-        "label": _label(folder),
+        "label": label_of(folder),
         "result": result,
         "ship": ship,
         "headline": headline(result),
         "warnings": warnings_of(result),
-        "scores": _scores(result),
+        "scores": score_sets(result),
         "groups": groups,
         "counts": {kind: kinds.count(kind) for kind in ("determined", "partly", "prior", "unknown")},
         "correlated": _correlated(result),
@@ -214,7 +215,7 @@ def _run(folder: Path, number: int) -> dict:
             for state, row in (result.get("noise") or {}).items()
         ],
         "step": (result.get("settings") or {}).get("step"),
-        "citations": _citations(result),
+        "citations": citations_of(result),
     }  # fmt: skip
 
 
@@ -254,6 +255,16 @@ def _number(value: Any, digits: int = 3) -> str:
     return f"{value:.{digits}g}".replace("-", "−") if isinstance(value, (int, float)) else str(value)
 
 
+def environment() -> Environment:
+    """Where the templates are, with their filters; what they print is escaped."""
+    found = Environment(
+        loader=PackageLoader("fitting", "templates"), autoescape=True, undefined=StrictUndefined,
+        trim_blocks=True, lstrip_blocks=True,
+    )  # fmt: skip
+    found.filters["number"] = _number
+    return found
+
+
 def build_report(folders: Sequence[Path]) -> str:
     """One self-contained HTML page on one or several run folders.
 
@@ -266,18 +277,17 @@ def build_report(folders: Sequence[Path]) -> str:
     for run in runs:
         if labels.count(run["label"]) > 1:
             run["label"] = f"{run['label']} ({run['id']})"
-    environment = Environment(
-        loader=PackageLoader("fitting", "templates"), autoescape=True, undefined=StrictUndefined,
-        trim_blocks=True, lstrip_blocks=True,
-    )  # fmt: skip
-    environment.filters["number"] = _number
-    page = environment.get_template("report.html.j2")
+    page = environment().get_template("report.html.j2")
     return page.render(runs=runs, comparison=_comparison(runs) if len(runs) > 1 else None)
 
 
 def write_report(folders: Sequence[Path], out: Path) -> None:
     """Write the report on these run folders to ``out``, atomically; UserError when it cannot be written."""
-    text = build_report(folders)
+    write_page(build_report(folders), out)
+
+
+def write_page(text: str, out: Path) -> None:
+    """Write a page to ``out``, atomically; UserError when it cannot be written."""
     scratch = out.with_name(f".{out.name}.{os.getpid()}.part")
     try:
         out.parent.mkdir(parents=True, exist_ok=True)

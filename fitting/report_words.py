@@ -122,6 +122,20 @@ LABELS = {
     "time_limit": "time limit [s]",
     "sigma": "given residual sigma (x, y, psi, u, v, r)",
     "compiled": "C compiler allowed",
+    "seeds": "trainings, from seeds one apart",
+    "workers": "processes",
+    "width": "neurons of each hidden layer",
+    "symmetric": "port and starboard alike",
+    "penalty": "weight of the penalty on the residual or the weights",
+    "rate": "first learning rate of Adam",
+    "last_rate": "last learning rate",
+    "clip": "largest norm of a gradient",
+    "batch": "windows per gradient step",
+    "epochs": "passes over the windows",
+    "curriculum": "length of rollouts [s], share of the epochs",
+    "stride": "seconds between windows",
+    "jitter": "noise added to the states, in that of the instruments",
+    "block": "length of blocks where there are few runs [s]",
 }
 
 
@@ -133,7 +147,7 @@ def setting_rows(result: dict) -> list[tuple[str, str]]:
         if isinstance(value, (int, float)) and not isinstance(value, bool):
             shown = f"{value:g}"
         if isinstance(value, list):
-            shown = ", ".join(f"{v:g}" for v in value)
+            shown = ", ".join(f"{v:g}" if isinstance(v, (int, float)) else str(v) for v in value)
         rows.append((LABELS.get(key, key), shown if shown is not None else str(value)))
     return rows
 

@@ -5,11 +5,9 @@
 
 from __future__ import annotations
 
-import tempfile
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 import torch
@@ -17,13 +15,12 @@ import torch
 from cases.inputs import step_means
 from cases.network_file import ship_hash
 from cases.trial import Trial
-from fitting.execute import run_all
-from fitting.ipopt import Interrupts
 from fitting.score import pooled_sigma
 from fitting.segments import default_step
 from fitting.windows import Stretch
 from mmg.errors import UserError
 from mmg.ship import AIR, Ship
+from residual.checkpoint import Store
 from residual.data import Piece, loss_sigma, pieces_of, windows
 from residual.ensemble import restored
 from residual.feedforward import Feedforward
@@ -31,9 +28,10 @@ from residual.initial_state import InitialState
 from residual.learn import MARGIN, noise_of, tasks_of, warnings_of
 from residual.recurrent import Standard, Windowed
 from residual.rollout import Batch, measured_accelerations, rollout
+from residual.seeds import train_seeds
 from residual.seen import features
 from residual.system import Past, System
-from residual.train import Outcome, Scales, Training, train_one
+from residual.train import Outcome, Scales, Training
 
 KINDS = ("fnn", "rnn", "rnn-window")
 """Feedforward (2024, 2025), standard RNN (2022, Eq. 7), RNN with a memory of m rows (2022, Eq. 9)."""
@@ -220,12 +218,14 @@ def train_box(
     training: BoxTraining,
     validation: Sequence[Trial] = (),
     say: Callable[[str], None] = lambda _: None,
+    store: Store | None = None,
 ) -> TrainedBox:
     """Train a black box for a ship from several seeds; of the ship only actuators and length are used.
 
     Each seed stops by another part of the trials (``residual.folds``), or by ``validation``. Nothing has to be decided,
-    so nothing is kept back to judge: the held-out errors are those of the windows to stop by. Raises UserError where
-    there is too little, or every training diverged.
+    so nothing is kept back to judge: the held-out errors are those of the windows to stop by. store: finished seeds,
+    which are not trained again. Raises UserError where there is too little, or every training diverged,
+    KeyboardInterrupt after Ctrl-C before any training began.
     """
     began = time.perf_counter()
     inputs = inputs_of(ship.actuators)
@@ -234,24 +234,11 @@ def train_box(
     pieces = pieces_of(trials, h, inputs)
     held = pieces_of(validation, h, inputs) if validation else []
     scales = box_scales(pieces, trials, h, ship.particulars["L"])
-    with tempfile.TemporaryDirectory() as scratch:
-        stop = Path(scratch) / "stop"
-        tasks = tasks_of(ship, scales, training, pieces, held, stop, build_box, "a network", judge=False)
-        say(f"training {training.kind} from {len(tasks)} seed(s) in {min(training.workers, len(tasks))} process(es)")
-
-        def interrupted() -> None:
-            stop.touch()
-            say("interrupted: keeping the best weights so far")
-
-        with Interrupts(interrupted):
-            outcomes = run_all(train_one, tasks, training.workers)
-        broken = stop.exists()
-    for o in outcomes:
-        held_out = f"held-out 30 s windows {o.before[0]:.4f} -> {o.after[0]:.4f}"
-        say(f"seed {o.seed}: {o.status} in {o.seconds:.0f} s, {held_out}")
+    tasks = tasks_of(ship, scales, training, pieces, held, None, build_box, "a network", judge=False)
+    outcomes, broken = train_seeds(tasks, training, say, store)
     systems = restored(build_box, ship, scales, training, outcomes)
     if not systems:
         raise UserError("every training of the network diverged, also at lower rates; give a lower --rate or more data")
     box = BlackBox(training, ship.actuators, h, tuple(systems), ship.name, ship_hash(ship))
-    seconds, warnings = time.perf_counter() - began, tuple(warnings_of(outcomes))
+    seconds, warnings = time.perf_counter() - began, tuple(warnings_of(outcomes, training))
     return TrainedBox(box, tuple(outcomes), training, scales, seconds, warnings, broken)

@@ -6,8 +6,6 @@ fixed beforehand.
 
 from __future__ import annotations
 
-import multiprocessing
-import signal
 import tempfile
 import time
 from collections.abc import Callable, Sequence
@@ -31,6 +29,8 @@ from mmg.errors import UserError
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 from residual.blackbox import KINDS, BlackBox, BoxTraining, box_scales, build_box, inputs_of
+from residual.checkpoint import Store
+from residual.compare_store import Subset, arrays_of, filled, name_of, words_of
 from residual.data import pieces_of
 from residual.ensemble import restored
 from residual.learn import network_of, scales_of, tasks_of
@@ -43,18 +43,6 @@ BLOCK = 65.0
 """Length [s] of the blocks of which a share of the data is made: what ``residual.folds`` asks of one to hold out."""
 LEAST = 10.0
 """Seconds that have to be left of a time limit for something to be begun."""
-
-
-@dataclass(frozen=True)
-class Subset:
-    """Part of the training data: a share of its blocks, with or without runs of random manoeuvres."""
-
-    fraction: float = 1.0
-    random: bool = True
-
-    @property
-    def words(self) -> str:
-        return f"{self.fraction:.0%}" + ("" if self.random else " without random")
 
 
 @dataclass(frozen=True)
@@ -122,19 +110,25 @@ class _Job:
     ship: Ship
     end: float | None
     stop: Path
+    store: Store | None
 
 
-def compare(study: Study, say: Callable[[str], None] = lambda _: None) -> Comparison:
-    """Calibrate and train on every subset, score all on the test trials; what is done when it is stopped is kept."""
+def compare(study: Study, say: Callable[[str], None] = lambda _: None, store: Store | None = None) -> Comparison:
+    """Calibrate and train on every subset, score all on the test trials; what is done when it is stopped is kept.
+
+    What ``store`` holds is not trained again, calibrations of which a hybrid may start excepted.
+    """
     began = time.time()
     entries: list[Entry] = []
     end = began + study.time_limit if study.time_limit else None
     chosen = {subset: portion(study.train, subset) for subset in study.subsets}
+    if store:
+        store.open()
     with tempfile.TemporaryDirectory() as scratch:
         stop = Path(scratch) / "stop"
 
         def job(subset: Subset, model: str, seed: int | None, ship: Ship) -> _Job:
-            return _Job(study, subset, chosen[subset], model, seed, ship, end, stop)
+            return _Job(study, subset, chosen[subset], model, seed, ship, end, stop, store)
 
         def note(entry: Entry) -> None:
             entries.append(entry)
@@ -151,17 +145,22 @@ def compare(study: Study, say: Callable[[str], None] = lambda _: None) -> Compar
             if {"calibrated", "hybrid"} & set(study.models):
                 first += [job(subset, "calibrated", None, study.ship) for subset in study.subsets]
             ships: dict[Subset, Ship] = {}
+            unfinished: set[Subset] = set()
             for made, (entry, ship) in zip(
                 first, run_all(_done, first, study.workers, lambda r: note(r[0])), strict=True
             ):
                 if ship is not None and entry.model == "calibrated":
                     ships[made.subset] = ship
+                    if entry.status != "finished":  # what starts from it is not that of a whole run
+                        unfinished.add(made.subset)
             later = []
             for subset in study.subsets:
                 for model in study.models:
                     if model in KINDS or (model == "hybrid" and subset in ships):
                         ship = ships[subset] if model == "hybrid" else study.ship
-                        later += [job(subset, model, study.seed + i, ship) for i in range(study.seeds)]
+                        jobs = [job(subset, model, study.seed + i, ship) for i in range(study.seeds)]
+                        loose = model == "hybrid" and subset in unfinished
+                        later += [replace(one, store=None) for one in jobs] if loose else jobs
             run_all(_done, later, study.workers, lambda r: note(r[0]))
         broken = stop.exists() or (end is not None and time.time() > end)
     return Comparison(study, tuple(entries), time.time() - began, broken)
@@ -169,12 +168,16 @@ def compare(study: Study, say: Callable[[str], None] = lambda _: None) -> Compar
 
 def _done(job: _Job) -> tuple[Entry, Ship | None]:
     """The entry of a job and, of a calibration, the ship."""
-    if multiprocessing.parent_process() is not None:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent stops everything by the file
     began = time.time()
     amount = sum(t.duration for t in job.trials)
     blank = Entry(job.model, job.subset, job.seed, "", amount)
     left = None if job.end is None else job.end - began
+    name = name_of(job.model, job.subset, job.seed)
+    known = (
+        job.store.load(name) if job.store and not (job.model == "calibrated" and "hybrid" in job.study.models) else None
+    )
+    if known:
+        return filled(blank, *known), None
     if job.stop.exists() or (left is not None and left < LEAST):
         return replace(blank, status="not begun"), None
     ship = job.ship
@@ -195,7 +198,10 @@ def _done(job: _Job) -> tuple[Entry, Ship | None]:
     sigma = pooled_sigma(job.study.test)
     found_score = score(model, job.study.test, sigma, "the test trials")
     entry = replace(blank, status=status, score=found_score, growth=growth(model, job.study.test), held_out=held_out)
-    return replace(entry, took=time.time() - began), ship
+    entry = replace(entry, took=time.time() - began)
+    if job.store and entry.status == "finished":
+        job.store.save(name, words_of(entry), arrays_of(entry))
+    return entry, ship
 
 
 def _trained(job: _Job, left: float | None) -> tuple[Simulator | Forecaster, str, float]:

@@ -22,7 +22,8 @@ class Decision:
     improvement: of the 30 s windows; restarts: of the 100 s restarts (NaN: none fits); spread, restarts_spread: their
     standard deviations over the trainings, each from another seed and judged by its part; of these, seed_spread: among
     trainings judged by the same part, fold_spread: among the means of parts (NaN where not told apart);
-    runs_error: standard error of the improvement by the choice of judged runs (NaN for fewer than three).
+    runs_error: standard error of the improvement by the choice of judged runs (NaN for fewer than three); reason: why
+    it is not kept, as a clause.
     """
 
     kept: bool
@@ -34,6 +35,7 @@ class Decision:
     seed_spread: float = nan
     fold_spread: float = nan
     runs_error: float = nan
+    reason: str = ""
 
 
 def decide(outcomes: Sequence[Outcome]) -> Decision:
@@ -46,12 +48,11 @@ def decide(outcomes: Sequence[Outcome]) -> Decision:
     good = [o for o in outcomes if o.status != "diverged"]
     if not good:
         words = "every training diverged, also at lower rates: the calibrated ship stays as it is"
-        return Decision(False, words, nan, nan, nan, nan)
+        return Decision(False, words, nan, nan, nan, nan, reason="every training diverged, also at lower rates")
     window, spread = _pooled(good, 0)
     restart, restart_spread = _pooled(good, 1)
     among_seeds, among_folds = _parts(good)
     runs = _runs_error(good)
-    found = Decision(False, "", window, spread, restart, restart_spread, among_seeds, among_folds, runs)
     figures = f"judged 30 s windows {window:+.1%} better, spread of {len(good)} seed(s) {spread:.1%}"
     if isfinite(runs):
         figures += f", standard error by the choice of runs {runs:.1%}"
@@ -68,7 +69,8 @@ def decide(outcomes: Sequence[Outcome]) -> Decision:
         reason = "the 100 s restarts became worse beyond the standard error over seeds"
     words = f"residual NOT kept, the calibrated ship stays as it is, because {reason}" if reason else "residual kept"
     words = f"{words} ({figures})" if reason else f"{words}: {figures}"
-    return Decision(not reason, words, *list(vars(found).values())[2:])
+    found = (window, spread, restart, restart_spread, among_seeds, among_folds, runs)
+    return Decision(not reason, words, *found, reason)
 
 
 def _pooled(outcomes: Sequence[Outcome], which: int) -> tuple[float, float]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -12,13 +11,12 @@ import numpy as np
 import torch
 
 from cases.trial import Trial
-from fitting.execute import run_all
-from fitting.ipopt import Interrupts
 from fitting.score import pooled_sigma
 from fitting.segments import default_step
 from mmg.errors import UserError
 from mmg.network import Network
 from mmg.ship import Ship
+from residual.checkpoint import Store
 from residual.data import Piece, features_of, loss_sigma, pieces_of, windows
 from residual.decide import Decision, decide
 from residual.folds import FOLDS, GAP, Sides, sides_of
@@ -26,8 +24,9 @@ from residual.judge import WINDOW
 from residual.network import Residual, Symmetric, TwoLayers, to_network
 from residual.operator import Physics
 from residual.rollout import measured_accelerations
+from residual.seeds import train_seeds
 from residual.system import Hybrid, System
-from residual.train import Build, Outcome, Scales, Task, Training, train_one
+from residual.train import Build, Outcome, Scales, Task, Training
 
 OUTPUT = 0.3
 """Scale of the residual as a share of the rms accelerations of the ship on the training rows."""
@@ -72,11 +71,13 @@ def train(
     training: Training,
     validation: Sequence[Trial] = (),
     say: Callable[[str], None] = lambda _: None,
+    store: Store | None = None,
 ) -> Trained:
     """Train a residual on a calibrated ship from several seeds and decide whether to keep their mean.
 
     Each seed stops by other parts of the trials and is judged by others again (``residual.folds``), or by
-    ``validation`` where that is given. Raises UserError where there is too little to train on, stop or judge by.
+    ``validation`` where that is given. store: finished seeds, which are not trained again. Raises UserError where there
+    is too little to train on, stop or judge by, KeyboardInterrupt after Ctrl-C before any training began.
     """
     began = time.perf_counter()
     ship = ship.without_network()
@@ -85,24 +86,8 @@ def train(
     pieces = pieces_of(trials, h, ship.inputs)
     held = pieces_of(validation, h, ship.inputs) if validation else []
     scales = scales_of(ship, pieces, [*trials], h)
-    with tempfile.TemporaryDirectory() as scratch:
-        stop = Path(scratch) / "stop"
-        tasks = tasks_of(ship, scales, training, pieces, held, stop, apart=True)
-        numbers = ", ".join(str(task.seed) for task in tasks)
-        say(f"training from seed(s) {numbers} in {min(training.workers, len(tasks))} process(es)")
-
-        def interrupted() -> None:
-            stop.touch()
-            say("interrupted: keeping the best weights so far")
-
-        with Interrupts(interrupted):
-            outcomes = run_all(train_one, tasks, training.workers)
-        broken = stop.exists()
-    for o in outcomes:
-        say(
-            f"seed {o.seed}: {o.status} in {o.seconds:.0f} s, judged 30 s windows {o.before[0]:.4f} -> "
-            f"{o.after[0]:.4f}" + (f", restarted {o.restarts} time(s) at a lower rate" if o.restarts else "")
-        )
+    tasks = tasks_of(ship, scales, training, pieces, held, None, apart=True)
+    outcomes, broken = train_seeds(tasks, training, say, store)
     decision = decide(outcomes)
     good = [o for o in outcomes if o.status != "diverged"]
     network = network_of(ship, scales, training, good) if good else None
@@ -114,7 +99,7 @@ def train(
         training,
         scales,
         time.perf_counter() - began,
-        tuple(warnings_of(outcomes)),
+        tuple(warnings_of(outcomes, training)),
         broken,
     )
 
@@ -226,8 +211,13 @@ def network_of(ship: Ship, scales: Scales, training: Training, outcomes: Sequenc
     return to_network(residuals, ship.actuators, scales.seen.min(axis=1), scales.seen.max(axis=1))
 
 
-def warnings_of(outcomes: Sequence[Outcome]) -> list[str]:
-    diverged = [str(o.seed) for o in outcomes if o.status == "diverged"]
-    words = [f"diverged, also at lower rates, and left out: seed(s) {', '.join(diverged)}"] if diverged else []
-    stopped = [str(o.seed) for o in outcomes if o.status == "stopped"]
-    return [*words, *([f"stopped before the end: seed(s) {', '.join(stopped)}"] if stopped else [])]
+def warnings_of(outcomes: Sequence[Outcome], training: Training) -> list[str]:
+    """Sentences on the seeds that did not come to their end."""
+    begun = {o.seed: o.status for o in outcomes}
+    seeds = range(training.seed, training.seed + training.seeds)
+    kinds = {
+        "diverged, also at lower rates, and left out": [s for s in seeds if begun.get(s) == "diverged"],
+        "stopped before the end": [s for s in seeds if begun.get(s) == "stopped"],
+        "not begun": [s for s in seeds if s not in begun],
+    }
+    return [f"{words}: seed(s) {', '.join(map(str, which))}" for words, which in kinds.items() if which]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from datetime import datetime, timezone
@@ -13,6 +14,8 @@ from cases.network_file import NETWORK, save_network
 from cases.ships import dump_ship
 from cases.trial import STATES, Trial
 from fitting.run import RESULT, SHIP, data_rows, versions, write_json, write_whole
+from residual.checkpoint import Store
+from residual.facts import judged_runs, outside_hybrid, residual_size
 from residual.learn import Trained
 from residual.train import Outcome
 
@@ -32,6 +35,7 @@ def result(
     """The content of ``result.json``. base: that of the run it started from, {} for a bare ship."""
     decision, scales, network = trained.decision, trained.scales, trained.network
     rates = ("du", "dv", "dr")
+    assert trained.settings.step is not None
     return {
         "kind": "training",
         "created": datetime.now(timezone.utc).isoformat(timespec="seconds"),
@@ -47,7 +51,7 @@ def result(
         "timings_s": {"train": trained.seconds, "seeds": [o.seconds for o in trained.outcomes]},
         "data": data_rows(trials),
         "validation_data": data_rows(validation),
-        "per_seed": seed_rows(trained.outcomes),
+        "per_seed": seed_rows(trained.outcomes, validation or trials),
         "bound": dict(zip(rates, network.bound, strict=True)) if network else None,
         "output_scale": dict(zip(rates, scales.output, strict=True)),
         "sigma": {
@@ -60,6 +64,8 @@ def result(
                 trained.ship.features, scales.seen.min(axis=1), scales.seen.max(axis=1), strict=True
             )
         },
+        "residual_size": residual_size(trained),
+        "outside": outside_hybrid(trained.ship, validation, trained.settings.step, scales.seen),
         "scores": dict(scores),
         "calibration": {key: base.get(key) for key in ("created", "command", "converged")} if base else None,
         **{key: base[key] for key in CARRIED if key in base},
@@ -68,8 +74,8 @@ def result(
     }
 
 
-def seed_rows(outcomes: Sequence[Outcome]) -> list[dict]:
-    """How the training of each seed went, as plain values."""
+def seed_rows(outcomes: Sequence[Outcome], judging: Sequence[Trial]) -> list[dict]:
+    """How the training of each seed went, as plain values; judging: the trials whose runs judged it."""
     return [
         {
             "seed": o.seed,
@@ -77,6 +83,7 @@ def seed_rows(outcomes: Sequence[Outcome]) -> list[dict]:
             "judged_by_part": o.fold,
             "judged_window": {"before": o.before[0], "after": o.after[0], "windows": o.held_out_windows},
             "judged_restarts": {"before": o.before[1], "after": o.after[1]},
+            "judged_runs": judged_runs(o, judging),
             "stop_window": {"before": o.history[0][3], "after": min(row[3] for row in o.history)},
             "training_windows": o.windows,
             "learning_rate": o.rate,
@@ -89,9 +96,13 @@ def seed_rows(outcomes: Sequence[Outcome]) -> list[dict]:
 
 
 def write_training(
-    folder: Path, trained: Trained, content: dict, decorate: Callable[[Path], None] | None = None
+    folder: Path,
+    trained: Trained,
+    content: dict,
+    decorate: Callable[[Path], None] | None = None,
+    store: Store | None = None,
 ) -> None:
-    """Write the run folder whole or not at all; the network only where it was kept."""
+    """Write the run folder whole or not at all; the network only where it was kept. store: as of ``write_kept``."""
 
     def fill(scratch: Path) -> None:
         what = "with a residual network (network.safetensors)" if trained.decision.kept else "no residual was kept"
@@ -99,8 +110,21 @@ def write_training(
         (scratch / SHIP).write_text(dump_ship(trained.ship.without_network(), note), encoding="utf-8")
         if trained.ship.network is not None:
             save_network(scratch / NETWORK, trained.ship.network, trained.ship)
+        write_json(scratch / RESULT, content)
         if decorate:
             decorate(scratch)
-        write_json(scratch / RESULT, content)
 
-    write_whole(folder, fill)
+    write_kept(folder, fill, store)
+
+
+def write_kept(folder: Path, fill: Callable[[Path], None], store: Store | None) -> None:
+    """A run folder written whole or not at all; one that holds nothing but finished seeds or an earlier, interrupted
+    run of theirs (``store``) is replaced, and the seeds are kept.
+    """
+
+    def both(scratch: Path) -> None:
+        if store:
+            shutil.copytree(store.folder, scratch / store.folder.name)
+        fill(scratch)
+
+    write_whole(folder, both, replace=store is not None)

@@ -141,8 +141,14 @@ def test_the_comparison_is_written_whole(folder: Path, tmp_path: Path, capsys: p
     tables = (tmp_path / "cmp" / "tables.md").read_text()
     assert "Data efficiency" in tables and "not like for like" in tables and "0.236 ± 0.003" in tables
     assert {p.name for p in (tmp_path / "cmp").iterdir()} == {
-        "tables.md", "result.json", "scores.png", "growth.png", "efficiency.png",
+        "tables.md", "result.json", "scores.png", "growth.png", "efficiency.png", "entries",
     }  # fmt: skip
+    (tmp_path / "cmp" / "entries" / "fnn_1_seed_1.json").unlink()
+    assert main([*arguments, "--out", str(tmp_path / "cmp"), "--json", "--resume"]) == 0
+    again = json.loads(capsys.readouterr().out)["entries"]
+    assert [e["score"] for e in again] == [e["score"] for e in entries]
+    other = [*arguments, "--epochs", "3", "--out", tmp_path / "cmp", "--resume"]
+    assert "the same settings" in refused(capsys, *other)
     seconds = {(e["fraction"], e["random"]): e["training_s"] for e in entries if e["model"] == "fnn"}
     assert seconds[1.0, True] == 1000 and seconds[1.0, False] == 600 and 400 < seconds[0.5, True] < 600
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import builtins
 import json
+import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -13,6 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from safetensors.numpy import load_file
 
 pytest.importorskip("torch")
 
@@ -24,6 +27,9 @@ from fitting.envelope import outside_share
 from fitting.predict import predict
 from fitting.run import read_result
 from mmg.rollout import Simulator
+from residual.decide import LEAST
+from residual.report_words import LEAST as NEEDED
+from residual.report_words import criteria, headline
 from tests import hybrids
 from tests.test_cli import refused
 
@@ -39,7 +45,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         write_trial(trial, folder / "trials" / f"{trial.name}.csv")
     write_trial(hybrids.trials(hybrids.lacking(), 1, 300, seed=7)[0], folder / "held_out.csv")
     arguments = ["train", "esso_osaka_3m", str(folder / "trials"), "--validate", str(folder / "held_out.csv"), *QUICK]
-    assert main([*arguments, "--workers", "2", "--out", str(folder / "run")]) == 0
+    assert main([*arguments, "--out", str(folder / "run")]) == 0
     return folder
 
 
@@ -115,16 +121,120 @@ def test_options_that_make_no_sense(
 def test_ctrl_c_keeps_the_best_weights_so_far(folder: Path, tmp_path: Path) -> None:
     arguments = ["train", "esso_osaka_3m", str(folder / "trials"), *QUICK[:2], "--epochs", "3000", "--step", "1"]
     process = subprocess.Popen(
-        [sys.executable, "-m", "commands.main", *arguments, "--workers", "2", "--out", str(tmp_path / "run")],
+        [sys.executable, "-m", "commands.main", *arguments, "--out", str(tmp_path / "run")],
         stderr=subprocess.PIPE, text=True, cwd=Path(__file__).parent.parent, start_new_session=True,
     )  # fmt: skip
     assert process.stderr is not None and "training from" in process.stderr.readline()
-    time.sleep(1.0)
+    time.sleep(2.0)
     process.send_signal(signal.SIGINT)
     _, words = process.communicate(timeout=120)
     assert process.returncode == 130 and "best weights so far" in words
     assert {row["status"] for row in read_result(tmp_path / "run")["per_seed"]} == {"stopped"}
-    assert [p.name for p in tmp_path.iterdir()] == ["run"]
+    assert [p.name for p in tmp_path.iterdir()] == ["run"] and "--resume continues" in words
+
+
+def interrupted(arguments: list[str], seconds: float) -> tuple[int, str, list[int]]:
+    """Exit code, words and processes left of a command that gets Ctrl-C, with all its processes, after a while."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "commands.main", *arguments],
+        stderr=subprocess.PIPE, text=True, cwd=Path(__file__).parent.parent, start_new_session=True,
+    )  # fmt: skip
+    time.sleep(seconds)
+    os.killpg(process.pid, signal.SIGINT)
+    _, words = process.communicate(timeout=60)
+    stats = [path.read_text().rpartition(")")[2].split() for path in Path("/proc").glob("[0-9]*/stat") if path.exists()]
+    return process.returncode, words, [s for s in stats if int(s[3]) == process.pid and s[0] != "Z"]  # type: ignore
+
+
+@pytest.mark.parametrize("wait", [2.5, 5.0])
+def test_ctrl_c_in_the_first_seconds_leaves_no_process_and_no_traceback(
+    wait: float, folder: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "run"
+    arguments = ["train", "esso_osaka_3m", str(folder / "trials"), *QUICK[:2], "--epochs", "3000", "--step", "1"]
+    code, words, left = interrupted([*arguments, "--workers", "2", "--out", str(out)], wait)
+    assert code == 130 and "interrupted" in words and "Traceback" not in words and not left
+
+
+def resumable(folder: Path, tmp_path: Path) -> tuple[Path, list[str]]:
+    """A copy of the finished run from which a seed and the result are missing, as after an end without notice."""
+    out = tmp_path / "run"
+    shutil.copytree(folder / "run" / "training", out / "training")
+    (out / "training" / "seed_1.json").unlink()
+    arguments = ["train", "esso_osaka_3m", str(folder / "trials"), "--validate", str(folder / "held_out.csv"), *QUICK]
+    return out, [*arguments, "--out", str(out), "--resume"]
+
+
+def test_resume_trains_what_is_missing_and_gives_the_same_weights(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, arguments = resumable(folder, tmp_path)
+    assert main(arguments) == 0
+    words = capsys.readouterr().err
+    assert "seed 0: already trained" in words and "training from seed(s) 1" in words
+    one, other = (load_file(run / "network.safetensors") for run in (folder / "run", out))
+    assert one.keys() == other.keys() and all((one[k] == other[k]).all() for k in one)
+    before, after = (read_result(run)["per_seed"] for run in (folder / "run", out))
+    assert all(a[k] == b[k] for a, b in zip(before, after, strict=True) for k in ("history", "judged_runs", "status"))
+    assert main(arguments) == 0 and "nothing to resume" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda a: [*a, "--epochs", "5"], "the same settings as the interrupted run (epochs: 5, then 12)"),
+        (lambda a: [*a, "--model", "fnn"], "the same --model as the interrupted run"),
+        (lambda a: [a[0], "kvlcc2_l7", *a[2:]], "the same ship as the interrupted run"),
+        (lambda a: [*a[:2], a[4], *a[5:]], "the same trial files as the interrupted run"),
+        (lambda a: [*a[:3], *a[5:]], "the same --validate as the interrupted run"),
+    ],
+)
+def test_resume_of_something_else_is_one_line(
+    change: Any, words: str, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, arguments = resumable(folder, tmp_path)
+    assert words in refused(capsys, *change(arguments))
+    assert (out / "training" / "seed_0.json").exists() and not (out / "result.json").exists()
+
+
+def test_a_folder_without_a_training_is_not_resumed(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "other").mkdir()
+    line = refused(capsys, "train", "esso_osaka_3m", folder / "trials", "--out", tmp_path / "other", "--resume")
+    assert "holds no interrupted run to resume" in line and not list((tmp_path / "other").iterdir())
+
+
+def test_a_time_limit_leaves_a_folder_to_resume(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "run"
+    arguments = ["train", "esso_osaka_3m", str(folder / "trials"), *QUICK, "--out", str(out)]
+    assert main([*arguments, "--time-limit", "0.01"]) == 0
+    assert "--resume continues" in capsys.readouterr().err
+    assert {row["status"] for row in read_result(out)["per_seed"]} == {"stopped"}
+    assert main([*arguments, "--resume"]) == 0
+    assert {row["status"] for row in read_result(out)["per_seed"]} == {"finished"}
+
+
+def test_the_report_says_what_was_decided_and_can_be_made_again(folder: Path, tmp_path: Path) -> None:
+    page = folder / "run" / "report.html"
+    text = page.read_text()
+    assert text.index("The residual is kept") < text.index("<table")
+    for words in ("run0", "held_out", "its bound", "share outside", "fulfilled", "seed 1"):
+        assert words in text, words
+    assert text.count("data:image/png;base64,") == 4 and "missing from the run folder" not in text
+    page.unlink()
+    assert main(["report", str(folder / "run")]) == 0 and page.read_text() == text
+
+
+def test_the_report_of_a_declined_residual_says_why(folder: Path, tmp_path: Path) -> None:
+    content = read_result(folder / "run")
+    content["decision"] |= {"kept": False, "improvement": 0.004, "reason": "less than 1% is gained"}
+    found = headline(content)
+    assert found["state"] == "declined" and "because less than 1% is gained" in found["sentence"]
+    assert criteria(content)[0]["good"] is False
+    assert LEAST == NEEDED
 
 
 def test_bad_input_is_one_line_and_leaves_nothing(
@@ -137,7 +247,6 @@ def test_bad_input_is_one_line_and_leaves_nothing(
     assert "already exists" in refused(
         capsys, "train", "esso_osaka_3m", folder / "held_out.csv", "--out", folder / "run"
     )
-    assert "run of mmg train" in refused(capsys, "report", folder / "run")
     assert "no such ship" in refused(capsys, "train", "nothing", folder / "held_out.csv", "--out", out)
     assert list(tmp_path.iterdir()) == [tmp_path / "short.csv"]
 
