@@ -1,0 +1,158 @@
+"""One batch of cases from hands to logged columns: runs, sensors, and the error floor of the true model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from benchmarks.blind.generator import weather
+from benchmarks.blind.generator.coefficients import ship_numbers, true_coefficients
+from benchmarks.blind.generator.controls import DURATION, SETS, Helm, Orders, begin, orders
+from benchmarks.blind.generator.deal import Hand, draw, site_of
+from benchmarks.blind.generator.effect import Drawn, Effect, History
+from benchmarks.blind.generator.plant import DT, Array, Plant, Signals, plant_of, rollout, step
+
+NOISE = np.array([0.01, 0.01, 0.0015, 0.004, 0.004, 0.0006])
+"""Standard deviations of the noise of x, y [m], psi [rad], u, v [m/s], r [rad/s]."""
+SCALES = np.array([0.3, 0.3, np.radians(5.0), 0.05, 0.05, 0.01])
+"""What errors of the six columns are divided by in J."""
+SAMPLE, WINDOW = 0.5, 30.0
+"""Sampling interval of the records and length of an open-loop window [s]."""
+ROWS, EVERY = round(DURATION / DT) + 1, round(SAMPLE / DT)
+
+
+@dataclass
+class Case:
+    """One case before it is run: what it holds and all that is random about it."""
+
+    hand: Hand
+    drawn: list[tuple[Effect, Drawn]]
+    coefficients: dict[str, float]
+    site: dict[str, dict[str, Any]]
+    orders: Orders
+    start: Array  # (6, B)
+    wind: tuple[Array, Array]  # speed, direction (K, B)
+    force: Array  # (K, 3, B)
+    process: dict[str, float]
+    noise: Array  # (R, 6, B)
+    kinds: tuple[str, ...]
+    training: int
+
+    @classmethod
+    def prepared(cls, hand: Hand, chosen: str, seed: np.random.SeedSequence) -> Case:
+        """A case of a manoeuvre set, from its own seed."""
+        rng = np.random.default_rng(seed)
+        train, test = SETS[chosen]
+        kinds, runs = (*train, *test), len(train) + len(test)
+        drawn = draw(hand, runs, rng)
+        coefficients, site = true_coefficients(ship_numbers()[1], rng), site_of(drawn, rng)
+        bank = next((one.bank for _, one in drawn if one.bank is not None), None)
+        sides = rng.choice((-1.0, 1.0), runs)
+        given = orders(kinds, ROWS, DT, sides, rng)
+        start, _ = begin(kinds, bank, sides, given.n[0], rng)
+        force, process = weather.random_force(ROWS, DT, runs, rng)
+        wind = weather.wind(ROWS, DT, runs, rng)
+        noise = NOISE[:, None] * rng.standard_normal(((ROWS - 1) // EVERY + 1, 6, runs))
+        return cls(hand, drawn, coefficients, site, given, start, wind, force, process, noise, kinds, len(train))
+
+
+@dataclass
+class Runs:
+    """A batch that has been run: truth on the fine grid, and the records. R rows, B runs of all cases side by side.
+
+    columns: logged x, y, psi, u, v, r (R, 6, B); n, delta, speed, direction: logged actuators and wind (R, B).
+    """
+
+    plant: Plant
+    states: Array
+    signals: Signals
+    columns: Array
+    n: Array
+    delta: Array
+    speed: Array
+    direction: Array
+
+
+def measured(plant: Plant, states: Array, rows: Array) -> Array:
+    """Columns (R, 6, B) as the instruments give them, without noise."""
+    history = History(states[:, :6], DT)
+    y = history.states[rows]
+    for effect, e in plant.effects:
+        y = effect.columns(y, history, rows, e)
+    return y
+
+
+def closed_loop(plant: Plant, start: Array, signals: Signals, helm: Helm) -> Array:
+    """States (K, 6 + S, B) under the helm; fills the real n and delta of the signals."""
+    states = np.empty((ROWS, 6 + plant.states, plant.runs))
+    states[0] = np.vstack([start, np.zeros((plant.states, plant.runs))])
+    real: list[tuple[Array, Array, dict]] = [(np.empty_like(helm.n), np.empty_like(helm.n), {}) for _ in plant.effects]
+    _actuate(plant, helm, real, signals, 0)
+    zero = np.zeros(plant.runs)
+    for k in range(ROWS - 1):
+        helm.advance(k, states[k, 2])
+        _actuate(plant, helm, real, signals, k + 1)
+        states[k + 1] = step(plant, states[k], signals, k, zero + k * DT)
+    return states
+
+
+def _actuate(plant: Plant, helm: Helm, real: list[tuple[Array, Array, dict]], signals: Signals, k: int) -> None:
+    n, delta = helm.n, helm.delta
+    for (effect, e), (out_n, out_delta, memory) in zip(plant.effects, real, strict=True):
+        out_n[k], out_delta[k] = effect.actuators(n, delta, k, DT, e, memory)
+        n, delta = out_n, out_delta
+    signals.n[k], signals.delta[k] = n[k], delta[k]
+
+
+def run(cases: list[Case]) -> Runs:
+    """Runs a batch of cases side by side."""
+    particulars, _ = ship_numbers()
+    plant = plant_of(particulars, [c.coefficients for c in cases], [c.drawn for c in cases], len(cases[0].kinds))
+    start = np.concatenate([c.start for c in cases], axis=1)
+    speed, direction = (np.concatenate([c.wind[i] for c in cases], axis=1) for i in range(2))
+    north, east = weather.air_over_ground(speed, direction)
+    force = np.concatenate([c.force for c in cases], axis=2)
+    signals = Signals(np.empty((ROWS, plant.runs)), np.empty((ROWS, plant.runs)), north, east, force)
+    helm = Helm(Orders.joined([c.orders for c in cases]), start[2], DT)
+    states = closed_loop(plant, start, signals, helm)
+    rows = np.arange(0, ROWS, EVERY)
+    columns = measured(plant, states, rows) + np.concatenate([c.noise for c in cases], axis=2)
+    return Runs(plant, states, signals, columns, helm.n[rows], helm.delta[rows], speed[rows], direction[rows])
+
+
+def floors(cases: list[Case], runs: Runs, with_effects: bool = True) -> Array:
+    """Mean J per case over the 30 s windows of the held-out runs, of the true model from the true state; (cases,).
+
+    The model has the true coefficients and, if asked, every hidden effect and misfit with the memory that the truth
+    has, real actuators and true wind, but not the random force. J is the mean over windows, samples after the first
+    and the six columns of the squared error against the record, by SCALES. Without effects: the same ship, taken at
+    its logged actuators; what the hidden cause costs before any calibration.
+    """
+    length, each = round(WINDOW / DT), len(cases[0].kinds)
+    held = np.array([i * each + j for i, c in enumerate(cases) for j in range(c.training, each)])
+    begins = np.arange(0, ROWS - length, length)
+    columns, starts = np.repeat(held, len(begins)), np.tile(begins, len(held))
+    plant = runs.plant.take(columns, with_effects)
+    source = runs.signals if with_effects else _as_logged(runs)
+    first = runs.states[starts, :, columns].T[: 6 + plant.states]
+    ahead = rollout(plant, first, source.windows(starts, columns, length + 1), starts * DT)
+    rows = np.arange(EVERY, length + 1, EVERY)
+    past = min(int(8.0 / DT), ROWS)  # what late instruments may still show of the time before the window
+    before = np.clip(starts[None, :] + np.arange(-past, 0)[:, None], 0, None)
+    history = np.concatenate([runs.states[before, : 6 + plant.states, columns[None, :]].transpose(0, 2, 1), ahead])
+    predicted = measured(plant, history, past + rows)
+    record = runs.columns[(starts[None, :] + rows[:, None]) // EVERY, :, columns[None, :]].transpose(0, 2, 1)
+    error = predicted - record
+    error[:, 2] = (error[:, 2] + np.pi) % (2 * np.pi) - np.pi
+    J = np.mean((error / SCALES[:, None]) ** 2, axis=(0, 1))
+    return J.reshape(len(cases), -1).mean(axis=1)
+
+
+def _as_logged(runs: Runs) -> Signals:
+    """The signals with actuators as logged, straight lines between the samples."""
+    t, s = np.arange(ROWS) * DT, runs.signals
+    at = np.arange(len(runs.n)) * SAMPLE
+    n, delta = (np.stack([np.interp(t, at, a[:, i]) for i in range(a.shape[1])], 1) for a in (runs.n, runs.delta))
+    return Signals(n, delta, s.north, s.east, s.force)

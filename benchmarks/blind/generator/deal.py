@@ -1,0 +1,88 @@
+"""What the cases hold: kinds, effects and strengths, dealt from the seed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from benchmarks.blind.generator import instruments, machinery, surroundings
+from benchmarks.blind.generator.effect import LEVELS, Drawn, Effect
+from benchmarks.blind.generator.foreign import FOREIGN, MISFIT
+
+LIBRARY: tuple[Effect, ...] = (*surroundings.EFFECTS, *machinery.EFFECTS, *instruments.EFFECTS)
+KINDS = ("library", "null", "foreign", "pair", "misfit", "mix")
+NULL_SHARE, FOREIGN_SHARE, DECOYS = 0.10, 0.15, 0.25
+"""Shares of null and foreign cases in a mix, and of other cases with a site file that explains nothing."""
+
+
+@dataclass(frozen=True)
+class Hand:
+    """What one case holds: its kind, and effects with their strengths (the misfit last, if any)."""
+
+    kind: str
+    effects: tuple[tuple[Effect, str], ...]
+
+
+def _cycled(pool: list[Any], count: int, rng: np.random.Generator) -> list[Any]:
+    """``count`` items of the pool, each as often as any other but one, in random order."""
+    out: list[Any] = []
+    while len(out) < count:
+        out += [pool[i] for i in rng.permutation(len(pool))]
+    return out[:count]
+
+
+def _hands_of(kind: str, count: int, rng: np.random.Generator) -> list[Hand]:
+    if kind == "null":
+        return [Hand(kind, ())] * count
+    if kind == "library":
+        # every block of twenty holds each effect once, and three blocks each of its strengths once
+        first = {effect.name: int(rng.integers(3)) for effect in LIBRARY}
+        blocks = [_cycled(list(LIBRARY), len(LIBRARY), rng) for _ in range(-(-count // len(LIBRARY)))]
+        hands = [
+            Hand(kind, ((effect, LEVELS[(first[effect.name] + b) % 3]),))
+            for b, block in enumerate(blocks)
+            for effect in block
+        ]
+        return hands[:count]
+    if kind == "foreign":
+        pool = [(effect, level) for effect in FOREIGN for level in LEVELS[1:]]
+        return [Hand(kind, (one,)) for one in _cycled(pool, count, rng)]
+    if kind == "pair":
+        pairs = [(a, b) for i, a in enumerate(LIBRARY) for b in LIBRARY[i + 1 :]]
+        return [Hand(kind, tuple((effect, "medium") for effect in pair)) for pair in _cycled(pairs, count, rng)]
+    return [Hand(kind, ((effect, "medium"), (MISFIT, "medium"))) for effect in _cycled(list(LIBRARY), count, rng)]
+
+
+def deal(kind: str, count: int, rng: np.random.Generator) -> list[Hand]:
+    """The hands of ``count`` cases; a mix is 10 % null, 15 % foreign, the rest library effects, shuffled."""
+    if kind != "mix":
+        return _hands_of(kind, count, rng)
+    null, foreign = round(NULL_SHARE * count), round(FOREIGN_SHARE * count)
+    hands = _hands_of("null", null, rng) + _hands_of("foreign", foreign, rng)
+    hands += _hands_of("library", count - null - foreign, rng)
+    return [hands[i] for i in rng.permutation(count)]
+
+
+def decoy(rng: np.random.Generator) -> dict[str, dict[str, Any]]:
+    """A site file of a place whose bank, shelf or depth plays no part."""
+    axis, way, greater, less = surroundings.SIDES[int(rng.integers(4))]
+    which = rng.choice(("bank", "shelf", "water"))
+    if which == "bank":
+        return {"bank": {axis: round(way * rng.uniform(8.0, 15.0), 1), "water_side": less}}
+    if which == "shelf":
+        return {"shelf": {axis: round(way * rng.uniform(-4.0, 4.0), 1), "shallow_side": greater}}
+    return {"water": {"depth": round(float(rng.uniform(2.0, 4.0)), 2)}}
+
+
+def draw(hand: Hand, runs: int, rng: np.random.Generator) -> list[tuple[Effect, Drawn]]:
+    """Draws of the effects of a hand."""
+    return [(effect, effect.draw(strength, rng, runs)) for effect, strength in hand.effects]
+
+
+def site_of(drawn: list[tuple[Effect, Drawn]], rng: np.random.Generator) -> dict[str, dict[str, Any]]:
+    """Tables of the site file of a case; perhaps a decoy where no effect has one; {} for no file."""
+    site = {name: table for _, draw in drawn for name, table in draw.site.items()}
+    hidden = decoy(rng) if rng.uniform() < DECOYS else {}
+    return site or hidden

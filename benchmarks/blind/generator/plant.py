@@ -1,0 +1,163 @@
+"""The true plant: equations of motion of a batch of runs, with the hidden effects, and its integration.
+
+(m + m_x) u' - (m + m_y) v r - x_G m r^2 = X, (m + m_y) v' + (m + m_x) u r + x_G m r' = Y,
+I_z r' + x_G m (v' + u r) = N about midship (Yasukawa & Yoshimura 2015, Eq. 4), in velocities through the water; the
+state holds x, y, psi and velocities over ground, then the states of the effects. Heun steps on a fixed grid.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from benchmarks.blind.generator import forces as own
+from benchmarks.blind.generator.effect import Drawn, Effect, Parts
+from benchmarks.blind.generator.forces import Array, Moment
+
+DT = 0.05
+"""Step of the integration and of all signals [s]."""
+
+Active = tuple[Effect, SimpleNamespace]
+
+
+@dataclass
+class Signals:
+    """What acts on the runs, on the grid of the plant: real n, delta, wind over ground, unmodelled force; (K, B)."""
+
+    n: Array
+    delta: Array
+    north: Array
+    east: Array
+    force: Array  # (K, 3, B)
+
+    def windows(self, starts: Array, columns: Array, length: int) -> Signals:
+        """Pieces of ``length`` rows that begin at ``starts`` (W,) of these columns (W,), without the force."""
+        rows = starts[None, :] + np.arange(length)[:, None]
+        n, delta, north, east = (a[rows, columns[None, :]] for a in (self.n, self.delta, self.north, self.east))
+        return Signals(n, delta, north, east, np.zeros((length, 3, len(starts))))
+
+
+@dataclass
+class Plant:
+    """Truth of a batch of B runs: particulars, coefficients (numbers or (B,)), wind series, effects with numbers."""
+
+    p: dict[str, Any]
+    c: dict[str, Any]
+    series: dict[str, float]
+    effects: list[Active]
+    runs: int
+
+    @property
+    def states(self) -> int:
+        """States of the effects."""
+        return sum(effect.states for effect, _ in self.effects)
+
+    def take(self, columns: Array, with_effects: bool = True) -> Plant:
+        """The plant of these runs (W,); without effects if asked."""
+        c = {name: value[columns] for name, value in self.c.items()}
+        kept = self.effects if with_effects else []
+        effects = [(f, SimpleNamespace(**{k: v[columns] for k, v in vars(e).items()})) for f, e in kept]
+        return Plant(self.p, c, self.series, effects, len(columns))
+
+
+def plant_of(
+    p: dict[str, float],
+    coefficients: Sequence[dict[str, float]],
+    drawn: Sequence[list[tuple[Effect, Drawn]]],
+    runs: int,
+) -> Plant:
+    """The plant of several cases of ``runs`` runs each, side by side; an effect is neutral where it was not drawn."""
+    c = {name: np.repeat([one[name] for one in coefficients], runs) for name in coefficients[0]}
+    total = runs * len(coefficients)
+    found: dict[str, Active] = {}
+    for case, effects in enumerate(drawn):
+        for effect, draw in effects:
+            if effect.name not in found:
+                start = {key: np.full(total, float(value)) for key, value in effect.neutral.items()}
+                found[effect.name] = (effect, SimpleNamespace(**start))
+            for key, value in draw.inside.items():
+                getattr(found[effect.name][1], key)[case * runs : (case + 1) * runs] = value
+    return Plant(dict(p), c, own.wind_series(p), [found[name] for name in sorted(found)], total)
+
+
+def parts_of(plant: Plant, state: Array, inputs: Sequence[Array], t: Array) -> tuple[Parts, Moment, dict, Array, tuple]:
+    """Forces by part, the moment, the particulars, the rates of the effects' states, and (u_c, v_c, rates)."""
+    p = dict(plant.p)
+    for effect, e in plant.effects:
+        effect.particulars(p, e)
+    x, y, psi, u, v, r = state[:6]
+    n, delta, north, east = inputs
+    for effect, e in plant.effects:
+        north, east = effect.air(north, east, t, e)
+    cosine, sine = np.cos(psi), np.sin(psi)
+    m = Moment(x, y, psi, u, v, r, n, delta, north * cosine + east * sine - u, east * cosine - north * sine - v, t)
+    water = np.zeros((4, plant.runs))
+    for effect, e in plant.effects:
+        found = effect.water(m, e)
+        if found is not None:
+            water = water + np.stack(np.broadcast_arrays(*found))
+    u_c, a_u = (water[i] * cosine + water[i + 1] * sine for i in (0, 2))
+    v_c, a_v = (water[i + 1] * cosine - water[i] * sine for i in (0, 2))
+    m.u, m.v = u - u_c, v - v_c
+    for effect, e in plant.effects:
+        effect.inflow(m, e)
+    parts: Parts = {"hull": own.hull(m, p, plant.c), "wind": own.wind(m, p, plant.series)}
+    one_minus_w = own.wake(m, p, plant.c)
+    m.u_P = m.u * one_minus_w
+    parts["propeller"], loading = own.propeller(m, one_minus_w, p, plant.c)
+    parts["rudder"], m.alpha = own.rudder(m, own.rudder_inflow(m, one_minus_w, loading, p, plant.c), p, plant.c)
+    rates, at = np.zeros((plant.states, plant.runs)), 0
+    for effect, e in plant.effects:
+        z = state[6 + at : 6 + at + effect.states]
+        found = effect.forces(parts, m, e, z, p)
+        if effect.states:
+            rates[at : at + effect.states] = found
+        at += effect.states
+    return parts, m, p, rates, (u_c, v_c, a_u, a_v)
+
+
+def rates(plant: Plant, state: Array, inputs: Sequence[Array], extra: Array, t: Array) -> Array:
+    """d state / dt (6 + S, B); inputs n, delta, wind north and east (B,) each, extra force (3, B), time (B,) [s]."""
+    parts, m, p, memory, (u_c, v_c, a_u, a_v) = parts_of(plant, state, inputs, t)
+    X, Y, N = (sum(part[i] for part in parts.values()) + extra[i] for i in range(3))
+    unit = 0.5 * p["rho"] * p["L"] ** 2 * p["d"]
+    mass = {
+        "m": p["m"],
+        "m_x": plant.c["m_x"] * unit,
+        "m_y": plant.c["m_y"] * unit,
+        "I_z": plant.c["I_J_z"] * unit * p["L"] ** 2 + p["x_G"] ** 2 * p["m"],
+    }
+    for effect, e in plant.effects:
+        effect.inertia(mass, m, e, p)
+    lever, surge, sway = p["x_G"] * mass["m"], mass["m"] + mass["m_x"], mass["m"] + mass["m_y"]
+    du = (X + sway * m.v * m.r + lever * m.r**2) / surge
+    f_Y, f_N = Y - surge * m.u * m.r, N - lever * m.u * m.r
+    determinant = sway * mass["I_z"] - lever**2
+    dv = (f_Y * mass["I_z"] - lever * f_N) / determinant
+    dr = (f_N * sway - lever * f_Y) / determinant
+    u, v, r, psi = state[3], state[4], state[5], state[2]
+    cosine, sine = np.cos(psi), np.sin(psi)
+    over_ground = (du + r * v_c + a_u, dv - r * u_c + a_v)
+    return np.vstack([u * cosine - v * sine, u * sine + v * cosine, r, *over_ground, dr, memory])
+
+
+def step(plant: Plant, state: Array, signals: Signals, k: int, t: Array) -> Array:
+    """The state one Heun step after row k of the signals; t: time of row k (B,) [s]."""
+    now = (signals.n[k], signals.delta[k], signals.north[k], signals.east[k])
+    then = (signals.n[k + 1], signals.delta[k + 1], signals.north[k + 1], signals.east[k + 1])
+    first = rates(plant, state, now, signals.force[k], t)
+    second = rates(plant, state + DT * first, then, signals.force[k + 1], t + DT)
+    return state + 0.5 * DT * (first + second)
+
+
+def rollout(plant: Plant, start: Array, signals: Signals, t_0: Array) -> Array:
+    """States (K, 6 + S, B) from ``start`` (6 + S, B) under given signals of K rows that begin at t_0 (B,) [s]."""
+    states = np.empty((len(signals.n), *start.shape))
+    states[0] = start
+    for k in range(len(signals.n) - 1):
+        states[k + 1] = step(plant, states[k], signals, k, t_0 + k * DT)
+    return states

@@ -1,0 +1,104 @@
+"""Files of a blind benchmark: trials and site files of the cases, the key with its hash, and the sealed truth."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.blind.generator.cases import SAMPLE, Case, Runs, floors, run
+from benchmarks.blind.generator.deal import deal
+
+HEADER = (
+    "t [s],x [m],y [m],psi [rad],u [m/s],v [m/s],r [rad/s],n [rps],delta [rad],wind_speed [m/s],wind_direction [rad]"
+)
+BATCH = 50
+"""Cases that are integrated side by side."""
+
+
+def generate(out: Path, count: int, seed: int, kind: str = "mix", chosen: str = "mixed") -> str:
+    """Writes ``count`` cases of a kind and a manoeuvre set into ``out``; returns the hash of the key (SHA-256, hex).
+
+    ``out`` must not exist yet or be empty (FileExistsError). Layout: case_0000/{train,test}/*.csv and perhaps
+    site.toml; key.json (kinds, effects, parameters, strengths); key.sha256 (the hash of its bytes);
+    sealed/case_0000.json (true coefficients, floor). The key holds the hashes of all trials and sealed files, so one
+    hash commits to all.
+    """
+    if out.exists() and any(out.iterdir()):
+        raise FileExistsError(f"{out} is not empty")
+    out.mkdir(parents=True, exist_ok=True)
+    dealer, *seeds = np.random.SeedSequence(seed).spawn(count + 1)
+    hands = deal(kind, count, np.random.default_rng(dealer))
+    entries = []
+    for first in range(0, count, BATCH):
+        numbers = range(first, min(first + BATCH, count))
+        cases = [Case.prepared(hands[i], chosen, seeds[i]) for i in numbers]
+        runs = run(cases)
+        floor, without = floors(cases, runs), floors(cases, runs, with_effects=False)
+        for j, i in enumerate(numbers):
+            entries.append(_write_case(out, i, j, cases[j], runs, float(floor[j]), float(without[j]), seed))
+    head = {"seed": seed, "kind": kind, "set": chosen, "cases": entries}
+    content = (json.dumps(head, indent=1) + "\n").encode()
+    (out / "key.json").write_bytes(content)
+    digest = hashlib.sha256(content).hexdigest()
+    (out / "key.sha256").write_text(f"{digest}  key.json\n")
+    return digest
+
+
+def _write_case(
+    out: Path, number: int, place: int, case: Case, runs: Runs, floor: float, without: float, seed: int
+) -> dict[str, Any]:
+    """Writes one case; returns its entry in the key."""
+    name = f"case_{number:04d}"
+    folder = out / name
+    hashes = {}
+    for j, kind in enumerate(case.kinds):
+        role = "train" if j < case.training else "test"
+        path = folder / role / f"{kind}_{j:02d}.csv"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        content = _table(runs, place * len(case.kinds) + j).encode()
+        path.write_bytes(content)
+        hashes[f"{role}/{path.name}"] = hashlib.sha256(content).hexdigest()
+    if case.site:
+        (folder / "site.toml").write_text(_site(case.site))
+        hashes["site.toml"] = hashlib.sha256((folder / "site.toml").read_bytes()).hexdigest()
+    sealed = out / "sealed" / f"{name}.json"
+    sealed.parent.mkdir(exist_ok=True)
+    truth = {
+        "floor": floor,
+        "true_model_without_effects": without,
+        "nominal_true_coefficients": case.coefficients,
+        "random_force": case.process,
+    }
+    sealed.write_text(json.dumps(truth, indent=1) + "\n")
+    hashes["sealed"] = hashlib.sha256(sealed.read_bytes()).hexdigest()
+    effects = [
+        {"name": effect.name, "strength": strength, "parameters": {k: float(v) for k, v in draw.key.items()}}
+        for (effect, strength), (_, draw) in zip(case.hand.effects, case.drawn, strict=True)
+    ]
+    return {"case": name, "kind": case.hand.kind, "effects": effects, "seed": [seed, number], "sha256": hashes}
+
+
+def _table(runs: Runs, column: int) -> str:
+    """The CSV text of one run."""
+    rows = len(runs.n)
+    values = np.empty((rows, 11))
+    values[:, 0] = SAMPLE * np.arange(rows)
+    values[:, 1:7] = runs.columns[:, :, column]
+    for at, signal in enumerate((runs.n, runs.delta, runs.speed, runs.direction), start=7):
+        values[:, at] = signal[:, column]
+    values[:, 10] = (values[:, 10] + np.pi) % (2 * np.pi) - np.pi
+    line = "%.1f,%.4f,%.4f" + ",%.6f" * 8 + "\n"
+    return HEADER + "\n" + (line * rows) % tuple(values.ravel().tolist())
+
+
+def _site(site: dict[str, dict[str, Any]]) -> str:
+    """The text of a site file."""
+    lines = ["# what is roughly known of the place"]
+    for table, entries in sorted(site.items()):
+        lines.append(f"\n[{table}]")
+        lines += [f"{k} = {json.dumps(v if isinstance(v, str) else float(v))}" for k, v in entries.items()]
+    return "\n".join(lines) + "\n"
