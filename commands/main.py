@@ -28,6 +28,7 @@ import typer
 from commands.check import check
 from commands.compare import compare
 from commands.demo import demo
+from commands.diagnose import diagnose
 from commands.effects import effects
 from commands.fit import fit
 from commands.imo import imo
@@ -67,7 +68,7 @@ def _interruptible(verb: Callable[..., Any]) -> Callable[..., Any]:
     return run_verb
 
 
-for verb in (demo, ships, effects, check, simulate, imo, fit, train, predict, score, compare, report):
+for verb in (demo, ships, effects, check, simulate, imo, fit, train, predict, score, compare, diagnose, report):
     app.command(verb.__name__)(_interruptible(verb))
 
 

@@ -126,7 +126,7 @@ def next_trial(
     ship, prior = calibration.ship, calibration.prior
     P, C = len(prior.symbols), calibration.covariance
     seconds = duration or DURATION * math.sqrt(ship.particulars["L"] / MODEL_LENGTH)
-    chosen, trials, left_out = _runs(ship, options or library(ship), seconds, calibration.segments.h)
+    chosen, trials, left_out = runs(ship, options or library(ship), seconds, calibration.segments.h)
     empty = np.empty((0, P))
     if not trials or not np.isfinite(C).all():
         return NextTrial(
@@ -169,7 +169,7 @@ def identify(calibration: Calibration, trials: bool = True) -> tuple[Identifiabi
     return found, scored
 
 
-def _runs(
+def runs(
     ship: Ship, options: Sequence[Option], seconds: float, dt: float
 ) -> tuple[list[Option], list[Trial], list[str]]:
     """Options that the ship can run, their trials and why the others are left out."""

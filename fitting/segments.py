@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -126,8 +126,13 @@ def pieces(trial: Trial, longest_gap: float, controls: np.ndarray) -> list[slice
     return [slice(part[0], part[-1] + 1) for part in np.split(index, breaks)]
 
 
-def grids(trial: Trial, h: float, inputs: Sequence[str] = STANDARD) -> list[Grid]:
-    """The gap-free pieces of a trial on grids of step h [s], for a model with these inputs."""
+def grids(
+    trial: Trial, h: float, inputs: Sequence[str] = STANDARD, means: Callable[..., np.ndarray] = step_means
+) -> list[Grid]:
+    """The gap-free pieces of a trial on grids of step h [s], for a model with these inputs.
+
+    means: how samples of the inputs become means over steps (``step_means``: each is held until the next).
+    """
     result = []
     states, controls = trial.states, control_array(trial, inputs)
     for piece in pieces(trial, max(2.5 * trial.dt, 2.0 * h), controls):
@@ -141,7 +146,7 @@ def grids(trial: Trial, h: float, inputs: Sequence[str] = STANDARD) -> list[Grid
             continue
         edges = t[0] + h * np.arange(count + 1)
         on_grid = np.column_stack([_interpolate(edges, t, states[rows, j]) for j in range(6)])
-        result.append(Grid(trial.name, edges, on_grid, step_means(t, controls[rows], edges)))
+        result.append(Grid(trial.name, edges, on_grid, means(t, controls[rows], edges)))
     return result
 
 

@@ -161,7 +161,8 @@ def assemble(ship: Ship, symbols: Sequence[str] | None = None, exact: bool = Fal
     chosen = tuple(ship.symbols if symbols is None else symbols)
     six, controls = ca.SX.sym("state", 6), ca.SX.sym("controls", len(ship.inputs))
     theta = ca.SX.sym("coefficients", len(chosen))
-    values: dict[str, Any] = {name: c.value for name, c in ship.coefficients.items()}
+    values_of = {name: c.value for name, c in ship.coefficients.items()}
+    values: dict[str, Any] = dict(values_of)
     values.update({name: theta[i] for i, name in enumerate(chosen)})
     s: Smoothing = Exact() if exact else Smooth.for_length(ship.particulars["L"])
     by_name = {name: controls[i] for i, name in enumerate(ship.inputs)}
@@ -178,7 +179,7 @@ def assemble(ship: Ship, symbols: Sequence[str] | None = None, exact: bool = Fal
         symbols=chosen,
         controls=ship.inputs,
         states=(*STATES, *memory.names),
-        sizes=np.array(memory.sizes),
+        sizes=_at_values(ca.vertcat(*memory.sizes), theta, [values_of[name] for name in chosen]),
         first=0 if placed else 2,
         rates=ca.Function("rates", arguments, [derivative], labels, ["rates"], options),
         forces=ca.Function("forces", arguments, [rows], labels, ["forces"], options),
@@ -190,6 +191,11 @@ def assemble(ship: Ship, symbols: Sequence[str] | None = None, exact: bool = Fal
         ),
         measured=built.measured,
     )
+
+
+def _at_values(expression: Any, theta: ca.SX, values: Sequence[float]) -> np.ndarray:
+    """A vector expression of the coefficients (n,) as numbers."""
+    return np.array(ca.Function("numbers", [theta], [ca.SX(expression)])(values), dtype=float).reshape(-1)
 
 
 def _settled(memory: Memory) -> list[Any]:

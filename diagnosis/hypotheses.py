@@ -1,0 +1,184 @@
+"""From the fit without any effect to the effects that the trials name: screen, refit, step by step."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.stats import chi2
+
+from diagnosis.data import Data
+from diagnosis.judge import likelihood, refit, robust_p
+from diagnosis.latent import Estimate, Priors
+from diagnosis.screen import Scored, scored, slopes
+from diagnosis.steps import Steps
+from diagnosis.wide import Candidate
+from fitting.execute import run_all
+
+SHORT = 6
+"""Candidates refitted, the best by the score test; those in CURVED are refitted whatever it says."""
+CURVED = ("rudder_backlash",)
+"""Effects whose slope at the neutral value says little: a dead band moves nothing until it is as wide as the motion."""
+LEVEL = 0.03
+"""Probability of a false alarm in one search over all candidates."""
+SAME = 6.0
+"""Candidates within this of the best in BIC cannot be told from it (odds of 20 : 1)."""
+FURTHER = 6.0
+"""Gain in BIC that every effect after the first must bring: where the first is not quite as the library has it, small
+others seem to help."""
+AGREE = 0.05
+"""Probability by the agreement of the runs up to which an effect is named."""
+MOST = 3
+"""Effects named at the most."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What all hypotheses share: the steps of the wide ship, the data, priors of its own coefficients, candidates."""
+
+    steps: Steps
+    data: Data
+    base: Priors
+    candidates: Mapping[str, Candidate]
+
+    @property
+    def cost(self) -> float:
+        """ln N of the BIC."""
+        return float(np.log(self.data.samples))
+
+
+@dataclass(frozen=True)
+class Tried:
+    """A candidate added to a hypothesis and refitted: the fit, the drop of the negative log likelihood, the gain in
+    BIC, the probability of such a drop by chance anywhere among the candidates."""
+
+    name: str
+    found: Estimate
+    drop: float
+    delta_bic: float
+    p_value: float
+
+
+@dataclass(frozen=True)
+class Search:
+    """One search: scores of all candidates at a hypothesis, those refitted (best BIC first), those that stand apart
+    from none (``same``: best first, all within SAME of it)."""
+
+    scores: tuple[Scored, ...]
+    tried: tuple[Tried, ...]
+    before: Estimate
+
+    @property
+    def best(self) -> Tried | None:
+        return self.tried[0] if self.tried else None
+
+    @property
+    def same(self) -> tuple[str, ...]:
+        """Names that the data cannot tell from the best, which comes first."""
+        return tuple(t.name for t in self.tried if t.delta_bic > self.tried[0].delta_bic - SAME)
+
+    @property
+    def significant(self) -> bool:
+        """Whether the best is more than chance."""
+        return bool(self.tried) and self.tried[0].p_value < LEVEL and self.tried[0].delta_bic > 0
+
+    def score(self, name: str) -> Scored:
+        return next(s for s in self.scores if s.name == name)
+
+
+@dataclass(frozen=True)
+class Found:
+    """Where the search ended: the effects named, in the order found, the fit with them, and the searches.
+
+    robust: of each effect named, its probability by how well the runs agree on it."""
+
+    effects: tuple[str, ...]
+    null: Estimate
+    final: Estimate
+    searches: tuple[Search, ...]
+    robust: Mapping[str, float] = field(default_factory=dict)
+
+
+def search(
+    problem: Problem, before: Estimate, named: Sequence[str], short: int = SHORT, seed: int = 0, workers: int = 1
+) -> Search:
+    """Screen all candidates that are not named yet, refit the short list with those named.
+
+    workers: processes over which the refits are spread.
+    """
+    p = problem
+    rest = {name: c for name, c in p.candidates.items() if name not in named}
+    scores = scored(slopes(p.steps, p.data, before, rest), rest, seed)
+    excited = [s for s in scores if s.excited]
+    ranked = sorted(excited, key=lambda s: s.degrees * p.cost - s.T)
+    chosen = ranked[:short] + [s for s in ranked[short:] if s.name in CURVED]
+    tried = run_all(_try, [(p, before, tuple(named), s, len(excited)) for s in chosen], workers)
+    return Search(tuple(scores), tuple(sorted(tried, key=lambda t: -t.delta_bic)), before)
+
+
+def _try(task: tuple[Problem, Estimate, tuple[str, ...], Scored, int]) -> Tried:
+    return try_one(*task)
+
+
+def try_one(problem: Problem, before: Estimate, named: Sequence[str], score: Scored, count: int) -> Tried:
+    """Refit with one more effect, from its first-order estimate."""
+    c = problem.candidates[score.name]
+    own = [problem.candidates[name] for name in named]
+    start = {s: before.value(s) for e in own for s in e.symbols}
+    first = np.clip(c.neutral + score.phi * c.typical, c.lower, c.upper)
+    if score.name in CURVED:
+        first = np.clip(c.neutral + c.typical, c.lower, c.upper)
+    start |= dict(zip(c.symbols, first, strict=True))
+    found = refit(problem.steps, problem.data, problem.base, before, [*own, c], start)
+    kept = sum(len(e.symbols) for e in own)
+    drop = likelihood(before, kept) - likelihood(found, kept + len(c.symbols))
+    by_chance = min(1.0, count * float(chi2.sf(max(2 * drop, 0.0), score.degrees)))
+    p_value = min(score.p_value, by_chance) if score.name not in CURVED else by_chance
+    return Tried(c.name, found, drop, 2 * drop - score.degrees * problem.cost, p_value)
+
+
+def explain(problem: Problem, null: Estimate, seed: int = 0, workers: int = 1) -> Found:
+    """Name effects one after the other while the best of the rest is more than chance.
+
+    A later effect may make an earlier one superfluous: it is left out again if BIC is better without it.
+    """
+    named: list[str] = []
+    now, searches = null, []
+    while len(named) < MOST:
+        s = search(problem, now, named, seed=seed, workers=workers)
+        searches.append(s)
+        if s.best is None or not s.significant or (named and not s.best.delta_bic > FURTHER):
+            break
+        if named and robust_p(problem.steps, problem.data, s.best.found, problem.candidates[s.best.name]) > AGREE:
+            break
+        named.append(s.best.name)
+        now = s.best.found
+        if len(named) > 1:
+            named, now = _pruned(problem, null, named, now)
+    robust = {n: robust_p(problem.steps, problem.data, now, problem.candidates[n]) for n in named}
+    return Found(tuple(named), null, now, tuple(searches), robust)
+
+
+def _pruned(problem: Problem, null: Estimate, named: list[str], now: Estimate) -> tuple[list[str], Estimate]:
+    """Without effects that a later one has made superfluous."""
+    for name in named[:-1]:
+        rest = [n for n in named if n != name]
+        effects = [problem.candidates[n] for n in rest]
+        start = {s: now.value(s) for e in effects for s in e.symbols}
+        without = refit(problem.steps, problem.data, problem.base, now_without(now, problem, rest), effects, start)
+        every = sum(len(problem.candidates[n].symbols) for n in named)
+        kept = sum(len(e.symbols) for e in effects)
+        if 2 * (likelihood(without, kept) - likelihood(now, every)) < (every - kept) * problem.cost:
+            return rest, without
+    return named, now
+
+
+def now_without(now: Estimate, problem: Problem, kept: Sequence[str]) -> Estimate:
+    """A fit as a start of one with fewer effects: the others at their neutral values."""
+    theta = now.theta.copy()
+    for c in problem.candidates.values():
+        if c.name not in kept:
+            for s, value in zip(c.symbols, c.neutral, strict=True):
+                theta[problem.steps.ship.symbols.index(s)] = value
+    return Estimate(theta, now.free, now.p, now.covariance, now.path, now.noise, now.nll, now.iterations, now.converged)

@@ -1,0 +1,79 @@
+"""The wide ship: a ship that carries every effect that can be screened, at its neutral value."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cases.trial import Trial
+from mmg.effects import EFFECTS, Parameter
+from mmg.ship import Ship
+
+NEVER = ("disturbance",)
+"""Effects that are no hypothesis: the latent force itself."""
+WIDE = 10.0
+"""Prior standard deviation of an effect's parameter, in typical sizes of it."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect that may be missing: its name and the symbols of its parameters that are freed.
+
+    typical: (p,) sizes of the parameters that show in a trial; neutral: (p,).
+    """
+
+    name: str
+    symbols: tuple[str, ...]
+    neutral: np.ndarray
+    typical: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+
+
+@dataclass(frozen=True)
+class Wide:
+    """ship: with every candidate at its neutral value; candidates: by name; left_out: why others are none."""
+
+    ship: Ship
+    candidates: dict[str, Candidate]
+    left_out: dict[str, str]
+
+
+def parameters(ship: Ship, name: str) -> tuple[Parameter, ...]:
+    """Parameters of an effect of a ship."""
+    return EFFECTS[name].parameters(ship.namespace, dict(ship.components))
+
+
+def neutral(ship: Ship, name: str, parameter: str) -> float:
+    """Neutral value of a parameter of one of the ship's effects."""
+    return next(p.neutral for p in parameters(ship, name) if p.symbol == parameter)
+
+
+def widened(ship: Ship, trials: list[Trial] | None = None, site: dict[str, dict[str, float]] | None = None) -> Wide:
+    """The ship with all candidates: effects it does not have yet and that its force models and the trials allow.
+
+    site: parameters of effects that are known of the place, by effect and parameter (cases.site).
+    """
+    candidates, left_out, wide = {}, {}, ship
+    windy = trials is None or any(t.has_wind for t in trials)
+    known = site or {}
+    for name, e in EFFECTS.items():
+        if name in NEVER or name in ship.effects:
+            continue
+        missing = [role for role in e.needs if role not in ship.components]
+        if missing:
+            left_out[name] = f"the ship has no {' or '.join(missing)} model"
+        elif name in ("wind_force", "wind_sensor_bias") and not windy:
+            left_out[name] = "no trial has wind columns"
+        elif name == "bank" and "bank" not in known:
+            left_out[name] = "no bank line is known (site.toml)"
+        rows = parameters(ship, name)
+        held = {p.symbol: known.get(name, {}).get(p.symbol, p.neutral) for p in rows if p.held}
+        wide = wide.with_effect(name, held)
+        if name in left_out:
+            continue
+        free = [p for p in rows if not p.held]
+        array = {k: np.array([getattr(p, k) for p in free]) for k in ("neutral", "typical", "lower", "upper")}
+        candidates[name] = Candidate(name, tuple(f"{name}.{p.symbol}" for p in free), **array)
+    return Wide(wide, candidates, left_out)
