@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from cases.effects import with_effects
 from cases.gusts import Wind
 from cases.maneuvers import parse_maneuver
 from cases.sensors import SensorNoise, add_noise
@@ -45,12 +47,17 @@ def hidden_ship() -> Ship:
     return replace(ship.with_values(moved), name="hidden")
 
 
-def demo_trials(seed: int = 0, dt: float = 0.1) -> tuple[list[Trial], list[Trial]]:
+SECRET = "current:x=0.03,y=-0.02"
+"""The effect behind the demo's second campaign, as ``mmg simulate --effect`` takes it."""
+
+
+def demo_trials(seed: int = 0, dt: float = 0.1, effects: Sequence[str] = ()) -> tuple[list[Trial], list[Trial]]:
     """(train, validate): about 940 s and 250 s of the hidden ship, white noise, gusty wind of 0.5 to 2 m/s.
 
-    Every run has its own mean wind and initial heading; all follow from ``seed``. dt: sampling interval [s].
+    Every run has its own mean wind and initial heading; all follow from ``seed``. dt: sampling interval [s]; effects:
+    switched on (``cases.effects.with_effects``).
     """
-    ship = hidden_ship()
+    ship = with_effects(hidden_ship(), effects)
     noise = SensorNoise.for_length(ship.particulars["L"])
     runs = [(run, "train") for run in TRAIN] + [(run, "validate") for run in VALIDATE]
     trials: dict[str, list[Trial]] = {"train": [], "validate": []}

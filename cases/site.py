@@ -66,7 +66,8 @@ class Site(NamedTuple):
 def read_site(places: Iterable[Trial | Path | str], ship: Ship, explicit: Path | None = None) -> Site:
     """The site of trials, given as trials, their files or folders; ``explicit`` names one file for them all.
 
-    The file lies beside the trials, or one folder above (as of folders train and test). Raises UserError for an unreadable or wrong file, and for folders whose files say different things.
+    The file lies beside the trials, or one folder above (as of folders train and test). Raises UserError for an
+    unreadable or wrong file, and for folders whose files say different things.
     """
     if explicit is not None:
         if not explicit.is_file():

@@ -15,7 +15,7 @@ def demo(
     seed: Annotated[int, typer.Option("--seed", help="Seed of wind and sensor noise.")] = 1,
     json: Annotated[bool, typer.Option("--json", help="Print what was found as JSON.")] = False,
 ) -> int:
-    """Simulate trials of a ship nobody knows, check, calibrate, score on held-out runs, learn a residual, report.
+    """Simulate trials of a ship nobody knows, check, calibrate, score on held-out runs, learn a residual, diagnose.
 
     Example: mmg demo --out demo
     """
@@ -24,6 +24,7 @@ def demo(
     from cases.read import read_trials
     from cases.ships import dump_ship, load_ship
     from cases.synthetic import write_trial
+    from commands.demo_diagnosis import demo_diagnosis
     from commands.demo_residual import demo_residual
     from commands.fit import _scores
     from commands.output import end_progress, print_json, progress, say
@@ -73,8 +74,10 @@ def demo(
     write_run(folder / "run", calibration, start, content, decorate)
     _tell(calibration, scores, truth, folder)
     learned = demo_residual(folder)
+    diagnosis = demo_diagnosis(folder, seed)
     if json:
         found = {"folder": str(folder), "converged": calibration.converged, "scores": scores, "residual": learned}
+        found["diagnosis"] = diagnosis
         print_json({**found, **truth})
     return 0 if calibration.converged else 1
 

@@ -68,7 +68,8 @@ def diagnose(
     )
     content = contract(found)
     content["warnings"] = [*remarks, *place.notices, *content["warnings"]]
-    _write(out, found, content, train, tests, sys.argv[1:], seed, time.perf_counter() - began)
+    command = "mmg " + " ".join(sys.argv[1:])
+    write_diagnosis(out, found, content, train, tests, command, seed, time.perf_counter() - began)
     if json:
         print_json(content)
     else:
@@ -96,10 +97,25 @@ def _ship(where: str, without: Sequence[str]) -> tuple[Ship, list[str]]:
         remarks.append("the learned residual is left out: what it learnt is what is to be explained")
     if not any(c.prior_std is not None for c in ship.coefficients.values()):
         remarks.append(
-            f"{ship.name} was not calibrated: its coefficients are fitted here, from the priors that it states, and what "
-            "these allow is not called a gap"
+            f"{ship.name} was not calibrated: its coefficients are fitted here, from the priors that it states, and "
+            "what these allow is not called a gap"
         )
     return _reduced(ship, list(without), None, None, None), remarks
+
+
+def _unseen(where: str, trials: Sequence[Trial]) -> tuple[bool, list[str]]:
+    """Whether a run was calibrated on none of these trials, so that its estimates are known before them; a remark."""
+    from fitting.run import RESULT, read_result
+
+    if not (Path(where) / RESULT).exists():
+        return False, []
+    seen = {row.get("sha256") for row in read_result(Path(where)).get("data", [])}
+    both = [t.name for t in trials if t.sha256 in seen]
+    if both or not seen:
+        return False, []
+    return True, [
+        "the ship was calibrated on other trials: its estimates and standard errors are taken as known before"
+    ]
 
 
 def _apart(train: Sequence[Trial], tests: Sequence[Trial]) -> tuple[list[Trial], list[str]]:
@@ -132,13 +148,13 @@ def _apart(train: Sequence[Trial], tests: Sequence[Trial]) -> tuple[list[Trial],
     return kept, words
 
 
-def _write(
+def write_diagnosis(
     out: Path,
     found: Diagnosis,
     content: dict[str, Any],
     train: Sequence[Trial],
     tests: Sequence[Trial],
-    command: Sequence[str],
+    command: str,
     seed: int,
     seconds: float,
 ) -> None:
@@ -159,7 +175,7 @@ def _write(
             folder / "result.json",
             {
                 "kind": "diagnosis",
-                "command": "mmg " + " ".join(command),
+                "command": command,
                 "seed": seed,
                 "versions": versions(),
                 "data": data_rows(train),

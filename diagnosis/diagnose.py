@@ -12,12 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cases.effects import freeing_effects
 from cases.trial import Trial
 from diagnosis.data import arrange, moving
 from diagnosis.dictionary import unnamed
 from diagnosis.held_out import compare
-from diagnosis.hypotheses import AGREE, LEVEL, SAME, Found, Problem, Search, Tried, explain
-from diagnosis.kinematics import consistency
+from diagnosis.hypotheses import AGREE, LEVEL, ODDS, SAME, Found, Problem, Search, Tried, explain
+from diagnosis.kinematics import Kinematics, consistency
 from diagnosis.latent import Estimate, Priors, echo, estimate, first_noise, with_memory_time
 from diagnosis.next_test import next_test
 from diagnosis.result import Diagnosis, HeldOut, Named, Parameter, Screened
@@ -29,12 +30,13 @@ from mmg.errors import UserError
 from mmg.memory import MODEL_LENGTH
 from mmg.ship import Ship
 
-ODDS = np.log(3.0)
-"""Log Bayes factor from which something without a name is there."""
 ECHO, APART, LEAST = 0.25, 5.0, 100
 """Correlation of neighbouring whitened residuals from which samples APART seconds [of a 3 m model] are compared, if
 at least LEAST grid times are left. On the records of the 3 m tanker the correlation is .65 and the latent force three
 times what it is at 3, 5 or 10 s, with worse predictions; with white errors it is below .05."""
+SUPPORTED = 0.05
+"""Share by which predictions of the test trials must become better, with an interval above zero, for a name to stand
+although more is left than it explains."""
 SLIGHTLY, WORSE = 0.02, 0.15
 """Shares by which predictions of the test trials may become worse: whatever their one-step likelihood does, and if that
 becomes better."""
@@ -57,10 +59,13 @@ class Prepared:
     notices: tuple[str, ...]
 
 
-def priors_before(ship: Ship) -> Priors:
-    """The priors that a calibrated ship started from, or those that an uncalibrated one states."""
+def priors_before(ship: Ship, unseen: bool = False) -> Priors:
+    """The priors that a calibrated ship started from, or those that an uncalibrated one states.
+
+    unseen: it was calibrated on other trials than these, so that its estimates are what is known before these.
+    """
     rows = [ship.coefficients[s] for s in ship.free]
-    known = [c.prior_value is not None and c.prior_std is not None for c in rows]
+    known = [not unseen and c.prior_value is not None and c.prior_std is not None for c in rows]
     mean = np.array([c.prior_value if k else c.value for c, k in zip(rows, known, strict=True)], dtype=float)
     std = np.array([c.prior_std if k else c.std for c, k in zip(rows, known, strict=True)], dtype=float)
     lower, upper = (np.array([getattr(c, k) for c in rows]) for k in ("lower", "upper"))
@@ -74,11 +79,12 @@ def prepare(
     trials: Sequence[Trial],
     site: Mapping[str, Mapping[str, float]] | None = None,
     step: float | None = None,
+    unseen: bool = False,
     say: Report = lambda words: None,
 ) -> Prepared:
     """Arrange the trials, choose how inputs lie between samples, and fit without any effect."""
     wide = widened(ship, list(trials), {k: dict(v) for k, v in (site or {}).items()})
-    base = priors_before(ship)
+    base = priors_before(ship, unseen)
     if not base.symbols:
         raise UserError(f"{ship.name}: every coefficient is fixed, so nothing is known of how far each may be off")
     length = float(ship.particulars["L"])
@@ -114,6 +120,19 @@ def prepare(
     )
 
 
+FILTERS = ("velocity_lag", "gyro")
+"""Faults of instruments that belong into the model of the measurement before anything is asked of the dynamics."""
+
+
+def with_sensor_faults(ship: Ship, sensors: Kinematics) -> tuple[Ship, list[str]]:
+    """The ship with those faults of FILTERS that the kinematics show, their sizes free, and a sentence on them."""
+    faults = [name for name in sensors.effects() if name in FILTERS and name not in ship.effects]
+    if not faults:
+        return ship, []
+    words = f"the logged columns disagree with each other: {' and '.join(faults)} was put into the model of the sensors"
+    return freeing_effects(ship, faults), [words]
+
+
 def diagnose(
     ship: Ship,
     trials: Sequence[Trial],
@@ -122,15 +141,18 @@ def diagnose(
     step: float | None = None,
     seed: int = 0,
     workers: int = 1,
+    unseen: bool = False,
     say: Report = lambda words: None,
 ) -> Diagnosis:
     """Say which effect the ship's model lacks, judged by trials.
 
-    ship: calibrated (its priors before the calibration count) or not; site: what is known of the place, by effect and
-    parameter. Raises UserError for input from which nothing can be concluded.
+    ship: calibrated (its priors before the calibration count, unless these trials are ``unseen`` by it) or not; site:
+    what is known of the place, by effect and parameter. Raises UserError for input from which nothing can be concluded.
     """
     began = time.perf_counter()
-    ready = prepare(ship, trials, site, step, say)
+    sensors = consistency(trials, ship)
+    given, (ship, mended) = ship, with_sensor_faults(ship, sensors)
+    ready = prepare(ship, trials, site, step, unseen, say)
     timings = {"fit": time.perf_counter() - began}
     p = ready.problem
     before = unnamed(p.steps, p.data, ready.null)
@@ -147,7 +169,6 @@ def diagnose(
         held = compare(p.steps, test_data, found.null, found.final, seed)
     verdict, reasons = decide(found, before.log_bayes, after.log_bayes, held)
     say("looking at where the gap lies and what to test next")
-    sensors = consistency(trials, ship)
     effects = tuple(_named(ready, found, name) for name in found.effects) if verdict == "named" else ()
     final = found.final if verdict == "named" else found.null
     same = _same(found) if verdict == "named" else ()
@@ -166,9 +187,9 @@ def diagnose(
         where=place,
         held_out=held,
         next_test=advice,
-        warnings=(*ready.notices, *reasons, *_cautions(ready, found, trials, tests), *sensors.warnings),
+        warnings=(*mended, *ready.notices, *reasons, *_cautions(ready, found, trials, tests), *sensors.warnings),
         left_out=ready.wide.left_out,
-        ship=ship,
+        ship=given,
         before=ship_before,
         after=ship_after if verdict == "named" else ship_before,
         null=ready.null,
@@ -196,7 +217,8 @@ def decide(found: Found, before: float, after: float, held: HeldOut | None) -> t
     if not found.effects:
         return ("unknown" if before > ODDS else "none"), []
     drop = found.null.nll - found.final.nll
-    if after > max(ODDS, drop):
+    supported = held is not None and held.interval_90[0] > 0 and held.reduction > SUPPORTED
+    if after > max(ODDS, drop) and not supported:
         names = " and ".join(found.effects)
         return "unknown", [
             f"{names} would explain a part (log likelihood {drop:.0f}), but effects without a name explain more of "

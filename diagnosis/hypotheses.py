@@ -9,6 +9,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from diagnosis.data import Data
+from diagnosis.dictionary import unnamed
 from diagnosis.judge import likelihood, refit, robust_p
 from diagnosis.latent import Estimate, Priors
 from diagnosis.screen import Scored, scored, slopes
@@ -27,6 +28,8 @@ SAME = 6.0
 FURTHER = 6.0
 """Gain in BIC that every effect after the first must bring: where the first is not quite as the library has it, small
 others seem to help."""
+ODDS = float(np.log(3.0))
+"""Log Bayes factor from which something without a name is there."""
 AGREE = 0.05
 """Probability by the agreement of the runs up to which an effect is named."""
 MOST = 3
@@ -150,7 +153,7 @@ def explain(problem: Problem, null: Estimate, seed: int = 0, workers: int = 1) -
         searches.append(s)
         if s.best is None or not s.significant or (named and not s.best.delta_bic > FURTHER):
             break
-        if named and robust_p(problem.steps, problem.data, s.best.found, problem.candidates[s.best.name]) > AGREE:
+        if named and _doubtful(problem, s.best):
             break
         named.append(s.best.name)
         now = s.best.found
@@ -158,6 +161,13 @@ def explain(problem: Problem, null: Estimate, seed: int = 0, workers: int = 1) -
             named, now = _pruned(problem, null, named, now)
     robust = {n: robust_p(problem.steps, problem.data, now, problem.candidates[n]) for n in named}
     return Found(tuple(named), null, now, tuple(searches), robust)
+
+
+def _doubtful(problem: Problem, best: Tried) -> bool:
+    """Whether the runs do not agree on a further effect, or effects without a name explain more than it does."""
+    if robust_p(problem.steps, problem.data, best.found, problem.candidates[best.name]) > AGREE:
+        return True
+    return unnamed(problem.steps, problem.data, best.found).log_bayes > max(ODDS, best.drop)
 
 
 def _pruned(problem: Problem, null: Estimate, named: list[str], now: Estimate) -> tuple[list[str], Estimate]:

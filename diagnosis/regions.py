@@ -160,6 +160,7 @@ def _differences(inner: np.ndarray, outer: np.ndarray) -> tuple[np.ndarray, np.n
     """Log ratio of the mean squares and difference of the means from sums (..., 7): count, 3 sums, 3 squares."""
     n_in, n_out = np.maximum(inner[..., :1], 1.0), np.maximum(outer[..., :1], 1.0)
     a, b = inner[..., 4:] / n_in, outer[..., 4:] / n_out
+    a, b = np.maximum(a, 0.0), np.maximum(b, 0.0)
     tiny = 1e-12 * (a + b) + 1e-300
     return np.log((a + tiny) / (b + tiny)), inner[..., 1:4] / n_in - outer[..., 1:4] / n_out
 

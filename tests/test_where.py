@@ -33,7 +33,8 @@ def weaving(seed: int = 1) -> tuple[Data, np.ndarray]:
     inputs[..., 0], inputs[..., 1], inputs[..., 2] = 10.0, 6 * r[:-1], 1.5
     steps = np.array([K] * (R - 1) + [K - 100])
     names = tuple(f"run_{i}" for i in range(R))
-    return Data(H, t, z.copy(), np.isfinite(z), inputs, steps, np.arange(R), names), z
+    seen = np.isfinite(z)
+    return Data(H, t, z.copy(), seen, seen, inputs, steps, np.arange(R), names), z
 
 
 def fitted(z: np.ndarray, force: np.ndarray) -> Estimate:
@@ -155,9 +156,8 @@ def test_phases_of_a_manoeuvre() -> None:
 def test_no_wind_columns_and_one_run() -> None:
     data, z = weaving()
     data.inputs[..., 2:] = 0.0
-    one = Data(
-        H, data.t[:, :1], data.y[:, :1], data.good[:, :1], data.inputs[:, :1], data.steps[:1], data.run[:1], ("a",)
-    )
+    y, good = data.y[:, :1], data.good[:, :1]
+    one = Data(H, data.t[:, :1], y, good, good, data.inputs[:, :1], data.steps[:1], data.run[:1], ("a",))
     found = where(INPUTS, one, fitted(z[:, :1], coloured(6)[:, :1]), SHIP)
     json.dumps(found, allow_nan=False)
     assert not any("wind" in row["variable"] for row in found["variables"] + found["regions"])

@@ -1,0 +1,120 @@
+"""Blind benchmark of ``mmg diagnose``: cases whose key is sealed, answers, and only then the score.
+
+Run from the repository root: python -m benchmarks.blind [--cases 100] [--seed 1] [--workers 2]
+[--kinds mix,pair,misfit] [--sets mixed] [--out runs/blind_1] [--white] [--record].
+Begun again with the same arguments it goes on where it stopped.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shlex
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from benchmarks.blind.controls import own_floors, report, white_rankings
+from benchmarks.blind.rows import Refused, Row, rows_of, with_own
+from benchmarks.blind.score import scored
+from benchmarks.blind.solve import cases_of, solve
+from benchmarks.record import record
+
+ROOT = Path(__file__).parents[2]
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Generates, solves, scores; 2 on bad input or a key that was changed."""
+    given = _parsed(arguments)
+    out = given.out or Path("runs") / f"blind_{given.seed}"
+    parts = [(kind, chosen) for chosen in given.sets.split(",") for kind in given.kinds.split(",")]
+    try:
+        digests = {part: sealed(out, *part, given.cases, given.seed) for part in parts}
+        answers = {part: solve(_cases(out, *part), _answers(out, *part), given.workers, _say) for part in parts}
+        lines = []
+        for chosen in given.sets.split(","):
+            here = [part for part in parts if part[1] == chosen]
+            rows, white = _rows(out, here, digests, answers, given)
+            hashes = ", ".join(f"{kind} {digests[kind, chosen][:16]}..." for kind, _ in here)
+            lines += [f"Manoeuvres: {chosen}. Keys (SHA-256): {hashes}.", "", *scored(rows), ""]
+            lines += [*report(rows, white), ""]
+    except Refused as error:
+        print(error, file=sys.stderr)
+        return 2
+    (out / "score.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    words = sys.argv[1:] if arguments is None else arguments
+    if given.record:
+        record("Blind diagnosis", shlex.join(["python", "-m", "benchmarks.blind", *words]), lines[:-1])
+    else:
+        print("\n".join(lines))
+    return 0
+
+
+def _parsed(arguments: list[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.blind", description="Blind benchmark of mmg diagnose.")
+    parser.add_argument("--cases", type=int, default=100, help="cases of each kind and set")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--kinds", default="mix", help="comma-separated: mix, library, null, foreign, pair, misfit")
+    parser.add_argument("--sets", default="mixed", help="comma-separated: mixed, zigzag, turn, random, berthing")
+    parser.add_argument("--out", type=Path, help="folder (default: runs/blind_SEED)")
+    parser.add_argument("--white", action="store_true", help="also rank without the latent force (first 20 cases)")
+    parser.add_argument("--record", action="store_true", help="put the table into RESULTS.md")
+    return parser.parse_args(arguments)
+
+
+def _cases(out: Path, kind: str, chosen: str) -> Path:
+    return out / "cases" / f"{kind}_{chosen}"
+
+
+def _answers(out: Path, kind: str, chosen: str) -> Path:
+    return out / "answers" / f"{kind}_{chosen}"
+
+
+def _say(words: str) -> None:
+    print(words, flush=True)
+
+
+def sealed(out: Path, kind: str, chosen: str, count: int, seed: int) -> str:
+    """Generates a benchmark in a process of its own, unless it is there; prints and returns the hash of its key.
+
+    The hash is kept in ``made.json``: what is scored later is what was generated now.
+    """
+    folder, notes = _cases(out, kind, chosen), out / "made.json"
+    made: dict[str, Any] = json.loads(notes.read_text(encoding="utf-8")) if notes.is_file() else {}
+    known, asked = made.get(folder.name), {"cases": count, "seed": seed}
+    if known is not None and {k: known[k] for k in asked} != asked:
+        raise Refused(f"{folder} holds {known['cases']} cases of seed {known['seed']}; choose another --out")
+    if known is None:
+        options = ["--cases", str(count), "--seed", str(seed), "--kind", kind, "--set", chosen]
+        command = [sys.executable, "-m", "benchmarks.blind.generator", str(folder.resolve()), *options]
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+        if done.returncode:
+            raise Refused((done.stderr.strip().splitlines() or ["the generator failed"])[-1])
+        known = asked | {"sha256": (folder / "key.sha256").read_text(encoding="utf-8").split()[0]}
+        notes.write_text(json.dumps(made | {folder.name: known}, indent=1) + "\n", encoding="utf-8")
+    _say(f"{folder.name}: {len(cases_of(folder))} cases, SHA-256 of the key {known['sha256']}")
+    return str(known["sha256"])
+
+
+def _rows(
+    out: Path, parts: list[tuple[str, str]], digests: dict, answers: dict, given: argparse.Namespace
+) -> tuple[list[Row], dict[str, list[str]]]:
+    """All cases of one manoeuvre set and, if asked, their rankings without the latent force; a case is kind/name."""
+    rows: list[Row] = []
+    white: dict[str, list[str]] = {}
+    own: dict[str, float] = {}
+    for part in parts:
+        folder = _cases(out, *part)
+        here = rows_of(folder, digests[part], answers[part])
+        rows += [replace(r, case=f"{part[0]}/{r.case}") for r in here]
+        own |= {f"{part[0]}/{k}": v for k, v in own_floors(folder, digests[part], given.workers).items()}
+        if given.white and any(r.kind == "library" for r in here):
+            white |= {f"{part[0]}/{k}": v for k, v in white_rankings(folder, given.workers).items()}
+    return with_own(rows, own), white
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,150 @@
+"""What a score is worth: names by chance, answers against other cases' keys, a screening without the latent force.
+
+Also the error of the true model, measured as the diagnosis measures.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.blind.rows import MISFIT, Row, opened, top1
+from benchmarks.blind.score import rate
+from benchmarks.blind.solve import blind_ship, cases_of
+from cases.read import read_trials
+from cases.site import read_site
+from diagnosis.data import Data, arrange, moving
+from diagnosis.diagnose import priors_before
+from diagnosis.held_out import WINDOW, errors
+from diagnosis.latent import Estimate, Priors, active_states, estimate, first_noise, look_around
+from diagnosis.screen import scored, slopes
+from diagnosis.steps import Steps
+from diagnosis.wide import Wide, widened
+from fitting.execute import run_all
+
+DEALS = 2000
+"""Permutations of the truths."""
+WHITE_CASES = 20
+"""Cases that the control without the latent force looks at."""
+TINY = 1e-3
+"""Size of the latent force there, in the sizes the diagnosis starts from."""
+ROUNDS = 3
+"""Fits there, between which the white errors are fitted to what is left."""
+
+
+def by_chance(rows: Sequence[Row]) -> float:
+    """Expected rate of a right first name if the candidates of each library case were drawn by lot."""
+    chances = [
+        sum(c["name"] in r.truth for c in r.ranking) / max(len(r.ranking), 1) for r in rows if r.kind == "library"
+    ]
+    return float(np.mean(chances)) if chances else float("nan")
+
+
+def shuffled(rows: Sequence[Row], seed: int = 0) -> tuple[float, float]:
+    """Rate of right first candidates, mean and 95th percentile, if truths are dealt to the library cases anew."""
+    library = [r for r in rows if r.kind == "library"]
+    if not library:
+        return float("nan"), float("nan")
+    hits = np.array([[top1(replace(r, truth=other.truth)) for other in library] for r in library])
+    rng, n = np.random.default_rng(seed), len(library)
+    rates = [hits[np.arange(n), rng.permutation(n)].mean() for _ in range(DEALS)]
+    return float(np.mean(rates)), float(np.quantile(rates, 0.95))
+
+
+def report(rows: Sequence[Row], white: Mapping[str, Sequence[str]] | None = None) -> list[str]:
+    """The controls in words; white: rankings without the latent force, by case."""
+    if not any(r.kind == "library" for r in rows):
+        return []
+    mean, most = shuffled(rows)
+    lines = [
+        f"Controls (top-1 of library cases): names by lot {100 * by_chance(rows):.1f} %; the same answers against keys "
+        f"dealt anew {100 * mean:.1f} % (95 % of the deals below {100 * most:.1f} %)."
+    ]
+    if white:
+        some = [r for r in rows if r.kind == "library" and r.case in white]
+        other = [replace(r, answer={**r.answer, "candidates": [{"name": n} for n in white[r.case]]}) for r in some]
+        lines.append(
+            f"Score test without the latent force (errors white, {len(some)} library cases): "
+            f"{rate('', other, lambda r: r.ranking[0]['name'] in r.truth)[-1]}; the diagnosis on the same cases: "
+            f"{rate('', some, top1)[-1]}."
+        )
+    return lines
+
+
+# The true model, measured as the diagnosis measures
+
+
+def own_floors(folder: Path, digest: str, workers: int = 1) -> dict[str, float]:
+    """Held-out error, as the diagnosis measures it, of the package's own model with the true coefficients and effects.
+
+    Only where the library holds the truth. To be called when all cases are solved; Refused if the key was changed.
+    """
+    tasks = []
+    for entry in opened(folder, digest)["cases"]:
+        if entry["kind"] in ("foreign", MISFIT):
+            continue
+        sealed = json.loads((folder / "sealed" / f"{entry['case']}.json").read_text(encoding="utf-8"))
+        values = dict(sealed["nominal_true_coefficients"])
+        values |= {f"{e['name']}.{s}": v for e in entry["effects"] for s, v in e["parameters"].items()}
+        tasks.append((folder / entry["case"], values))
+    floors = run_all(own_floor, tasks, workers)
+    return {case.name: floor for (case, _), floor in zip(tasks, floors, strict=True)}
+
+
+def own_floor(task: tuple[Path, dict[str, float]]) -> float:
+    """The same of one case: its folder and the true values by symbol."""
+    case, true = task
+    wide, _, steps, data = _prepared(case)
+    straight = moving(read_trials(case / "train"))
+    tests = arrange(read_trials(case / "test"), wide.ship.inputs, float(wide.ship.particulars["L"]), data.h, straight)
+    theta = wide.ship.values.copy()
+    unknown = [s for s in true if s not in wide.ship.symbols]
+    if unknown:
+        raise KeyError(f"{case.name}: the package's model has no {', '.join(unknown)}")
+    for symbol, value in true.items():
+        theta[wide.ship.symbols.index(symbol)] = value
+    return float(errors(steps, tests, theta, WINDOW)[0].mean())
+
+
+def _prepared(case: Path) -> tuple[Wide, Priors, Steps, Data]:
+    """The wide ship, the priors, the steps and the training data of a case, as the diagnosis makes them."""
+    ship, trials = blind_ship(), read_trials(case / "train")
+    wide = widened(ship, trials, {k: dict(v) for k, v in read_site([case], ship).held.items()})
+    base = priors_before(ship)
+    data = arrange(trials, wide.ship.inputs, float(ship.particulars["L"]), None, moving(trials))
+    symbols = [*base.symbols, *(s for c in wide.candidates.values() for s in c.symbols)]
+    return wide, base, Steps(wide.ship, symbols, data.h), data
+
+
+# The score test without the latent force
+
+
+def white_rankings(folder: Path, workers: int = 1) -> dict[str, list[str]]:
+    """Names ranked by the score test, by case, of the first cases; reads no key."""
+    cases = cases_of(folder)[:WHITE_CASES]
+    return dict(zip((c.name for c in cases), run_all(white_ranking, cases, workers), strict=True))
+
+
+def white_ranking(case: Path) -> list[str]:
+    """All candidates, the most telling first, where every residual is taken for white errors of the sensors."""
+    wide, base, steps, data = _prepared(case)
+    noise = first_noise(wide.ship, data)
+    noise = noise.with_(force=TINY * noise.force)
+    found = estimate(steps, data, wide.ship.values, base, noise, iterations=8, steady=True)
+    for _ in range(ROUNDS - 1):
+        noise = noise.with_(white=noise.white * _spread(steps, data, found))
+        found = estimate(steps, data, wide.ship.values, base, noise, found.path, found.p, iterations=8, steady=True)
+    return [row.name for row in scored(slopes(steps, data, found, wide.candidates), wide.candidates)]
+
+
+def _spread(steps: Steps, data: Data, found: Estimate) -> np.ndarray:
+    """Root mean square of the whitened residuals by channel (6,)."""
+    nothing = Priors((), *(np.zeros(0) for _ in range(4)))
+    active = active_states(steps, found.free.symbols, found.theta)
+    white = look_around(steps, data, found.theta, found.path, found.noise, nothing, np.zeros(0), active).white[..., -1]
+    count = np.maximum(data.good.sum(axis=(0, 1)), 1)
+    return np.sqrt(np.where(data.good, white**2, 0.0).sum(axis=(0, 1)) / count)

@@ -1,0 +1,205 @@
+"""The diagnosis on real records whose effect is known, because it was taken away or put in.
+
+Run from the repository root: python -m benchmarks.real_gap [wind] [starts] [calm] [reversal] [faults] [nothing]
+(default: all; about ten minutes on two cores). Trained on Train-TZRB and, for the faults, on five other records of
+Train-TZRB+; checked on the five development hold-outs, on which nothing is fitted or chosen.
+
+* wind: the ship without its wind model; wind_force must be named, and the test trials predicted better.
+* starts: the same from three other starting points of the coefficients, drawn from their priors.
+* calm: no wind columns at all: the earth-fixed part of the smoothed force, run by run, beside the measured wind.
+* reversal: a propeller model without the side force and moment of reversal, on the records that have any.
+* faults: six faults put into five records each, one record at a time, with the ship calibrated on others.
+* nothing: the whole model on halves of the records: no name may come out.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from benchmarks.record import record, table
+from cases.effects import freeing_effects
+from cases.read import read_trials
+from cases.ships import load_ship
+from cases.splits import DEVELOPMENT_HOLDOUT, TRAIN_TZRB, find
+from cases.trial import Trial
+from commands.fit_input import _reduced
+from diagnosis.diagnose import diagnose
+from diagnosis.result import Diagnosis
+from fitting.calibration import Settings, calibrate
+from mmg.components import coefficient_table
+from mmg.frames import body_to_earth
+from mmg.ship import Ship
+
+OTHERS = (
+    "random_31-Jul-2020_14_52_18", "turn_14-Oct-2020_14_17_39", "turn_14-Sep-2020_14_16_04",
+    "zigzag_31-Jul-2020_13_57_45", "berthing_12-Nov-2020_11_21_46",
+)  # fmt: skip
+"""Records of Train-TZRB+ into which faults are put."""
+
+
+def whole_ship() -> Ship:
+    """The tanker with the faults of its instruments free that the kinematics show."""
+    return freeing_effects(load_ship("esso_osaka_3m"), ["velocity_lag", "gyro"])
+
+
+def without_wind() -> Ship:
+    """The same without a wind model."""
+    return _reduced(whole_ship(), ["wind"], None, None, None)
+
+
+def row(name: str, d: Diagnosis) -> list[str]:
+    """One line of the table."""
+    first = d.candidates[0]
+    held = (
+        ""
+        if d.held_out is None
+        else f"{d.held_out.reduction:+.0%} [{d.held_out.interval_90[0]:+.0%}, {d.held_out.interval_90[1]:+.0%}]"
+    )
+    named = ", ".join(
+        f"{e.name} (" + ", ".join(f"{k} {p.value:.3g} ± {p.std:.2g}" for k, p in e.parameters.items()) + ")"
+        for e in d.effects
+    )
+    best = f"{first.name} ({first.score:.0f}; {first.delta_bic or 0:.0f})"
+    return [name, d.verdict + (" + remainder" if d.remainder else ""), named or "-", best, held or "-"]
+
+
+def wind(train: Sequence[Trial], test: Sequence[Trial]) -> list[list[str]]:
+    return [row("wind withheld", diagnose(without_wind(), train, test))]
+
+
+def starts(train: Sequence[Trial], test: Sequence[Trial]) -> list[list[str]]:
+    rows = []
+    for seed in (1, 2, 3):
+        ship, rng = without_wind(), np.random.default_rng(seed)
+        moved = {}
+        for s in ship.free:
+            c = ship.coefficients[s]
+            value = float(np.clip(c.value + 0.5 * c.std * rng.standard_normal(), c.lower, c.upper))
+            moved[s] = c.with_(value=value, prior_value=c.value, prior_std=c.std)
+        rows.append(row(f"wind withheld, start {seed}", diagnose(ship.with_coefficients(moved), train, test)))
+    return rows
+
+
+def calm(train: Sequence[Trial], test: Sequence[Trial]) -> list[list[str]]:
+    """Median angle between the mean earth-fixed force of a run and the measured wind."""
+    bare = [replace(t, columns={k: v for k, v in t.columns.items() if not k.startswith("wind")}) for t in train]
+    d = diagnose(without_wind(), bare)
+    lines, angles = [], []
+    for i, trial in enumerate(train):
+        at = np.flatnonzero(d.data.run == i)
+        inside = d.data.inside[:, at]
+        force, psi = d.null.path.force[:-1][:, at][inside], d.null.path.z[:-1][:, at][inside][:, 2]
+        north, east = (float(x.mean()) for x in body_to_earth(force[:, 0], force[:, 1], psi))
+        blown = np.nanmean(trial.wind_vector, axis=0)
+        angle = np.degrees(np.angle(complex(north, east) / complex(*blown)))
+        angles.append(abs(angle))
+        lines.append(
+            f"{trial.name}: {np.hypot(north, east):.2f} N, {angle:+.0f} deg from the wind of {np.hypot(*blown):.1f} m/s"
+        )
+    print("\n".join(lines))
+    return [[*row("no wind columns", d)[:4], f"median angle to the wind {np.median(angles):.0f} deg"]]
+
+
+def reversal(train: Sequence[Trial], test: Sequence[Trial]) -> list[list[str]]:
+    """A propeller model without side force, on the records with reversal."""
+    ship = whole_ship()
+    components = {**ship.components, "propeller": "standard"}
+    rows = {s: ship.coefficients.get(s, c) for s, c in coefficient_table(components, ship.particulars).items()}
+    rows |= {s: c for s, c in ship.coefficients.items() if "." in s}
+    bare = replace(ship, components=components, coefficients=rows)
+    astern = [*(t for t in train if float((t["n"] < -0.5).mean()) > 0.05), *read_trials(find(OTHERS[-1:]))]
+    return [row("reversal side force taken out", diagnose(bare, astern, test))]
+
+
+def shifted(trial: Trial, names: Sequence[str], delay: float) -> Trial:
+    """The trial with columns logged late by ``delay`` [s]."""
+    columns = dict(trial.columns)
+    for name in names:
+        columns[name] = np.interp(trial.t - delay, trial.t, columns[name])
+    return replace(trial, columns=columns)
+
+
+def changed(trial: Trial, **columns: np.ndarray) -> Trial:
+    return replace(trial, columns={**trial.columns, **columns})
+
+
+def turned(trial: Trial, angle: float) -> Trial:
+    """Heading logged too large by ``angle`` [rad], u and v turned with it."""
+    c, s = np.cos(angle), np.sin(angle)
+    u, v = trial["u"], trial["v"]
+    return changed(trial, psi=trial["psi"] + angle, u=c * u + s * v, v=-s * u + c * v)
+
+
+def off(trial: Trial, x: float) -> Trial:
+    """Position and velocity of a point x [m] ahead of midship."""
+    psi = trial["psi"]
+    return changed(trial, x=trial["x"] + x * np.cos(psi), y=trial["y"] + x * np.sin(psi), v=trial["v"] + x * trial["r"])
+
+
+FAULTS: dict[str, tuple[str, Callable[[Trial], Trial]]] = {
+    "rudder logged 5 deg too small": ("rudder_offset", lambda t: changed(t, delta=t["delta"] - np.radians(5.0))),
+    "rudder and revolutions logged 1.5 s early": ("control_delay", lambda t: shifted(t, ("n", "delta"), -1.5)),
+    "positions and velocities logged 1.5 s late": ("gnss_delay", lambda t: shifted(t, ("x", "y", "u", "v"), 1.5)),
+    "heading 3 deg too large": ("heading_bias", lambda t: turned(t, np.radians(3.0))),
+    "u 5 % too large": ("log_scale", lambda t: changed(t, u=1.05 * t["u"])),
+    "antenna 0.6 m ahead": ("antenna_offset", lambda t: off(t, 0.6)),
+}  # fmt: skip
+
+
+def faults(train: Sequence[Trial], test: Sequence[Trial]) -> list[list[str]]:
+    """How often each fault is ranked first and named, one record at a time."""
+    ship = calibrate(whole_ship(), train, Settings()).ship
+    trials, rows = read_trials(find(OTHERS)), []
+    plain = [diagnose(ship, [t], unseen=True) for t in trials]
+    rows.append(
+        ["no fault", ", ".join(d.verdict for d in plain), ", ".join(d.candidates[0].name for d in plain), "", ""]
+    )
+    for words, (name, put) in FAULTS.items():
+        found = [diagnose(ship, [put(t)], unseen=True) for t in trials]
+        first = sum(d.candidates[0].name == name for d in found)
+        named = sum(bool(d.effects) and any(e.name == name for e in d.effects) for d in found)
+        wrong = [d.candidates[0].name for d in found if d.candidates[0].name != name]
+        rows.append([words, f"first {first} of {len(found)}, named {named}", name, ", ".join(wrong) or "-", "-"])
+        print(rows[-1], flush=True)
+    return rows
+
+
+def nothing(train: Sequence[Trial], test: Sequence[Trial]) -> list[list[str]]:
+    rows = [row("nothing withheld, all", diagnose(whole_ship(), train, test))]
+    for seed in range(4):
+        order = np.random.default_rng(seed).permutation(len(train))
+        for half in (order[: len(train) // 2], order[len(train) // 2 :]):
+            d = diagnose(whole_ship(), [train[i] for i in sorted(half)], test)
+            rows.append(row(f"half {seed}: {', '.join(train[i].name[:14] for i in sorted(half))}", d))
+            print(rows[-1], flush=True)
+    return rows
+
+
+PARTS = {f.__name__: f for f in (wind, starts, calm, reversal, faults, nothing)}
+
+
+def main() -> None:
+    began = time.perf_counter()
+    chosen = [a for a in sys.argv[1:] if a in PARTS] or list(PARTS)
+    train, test = read_trials(find(TRAIN_TZRB)), read_trials(find(DEVELOPMENT_HOLDOUT))
+    rows = []
+    for name in chosen:
+        for line in PARTS[name](train, test):
+            rows.append(line)
+            print(line, flush=True)
+    lines = table(
+        ["case", "verdict", "effects", "first candidate (score; gain in BIC)", "30 s error of the hold-outs"], rows
+    )
+    lines += ["", f"{time.perf_counter() - began:.0f} s."]
+    if "--record" in sys.argv:
+        record("Diagnosis of real records", "python -m benchmarks.real_gap " + " ".join(chosen), lines)
+    print("\n".join(lines))
+
+
+if __name__ == "__main__":
+    main()
