@@ -32,7 +32,6 @@ from diagnosis.diagnose import diagnose
 from diagnosis.result import Diagnosis
 from fitting.calibration import Settings, calibrate
 from mmg.components import coefficient_table
-from mmg.frames import body_to_earth
 from mmg.ship import Ship
 
 OTHERS = (
@@ -90,16 +89,12 @@ def calm(train: Sequence[Trial], test: Sequence[Trial]) -> list[list[str]]:
     bare = [replace(t, columns={k: v for k, v in t.columns.items() if not k.startswith("wind")}) for t in train]
     d = diagnose(without_wind(), bare)
     lines, angles = [], []
-    for i, trial in enumerate(train):
-        at = np.flatnonzero(d.data.run == i)
-        inside = d.data.inside[:, at]
-        force, psi = d.null.path.force[:-1][:, at][inside], d.null.path.z[:-1][:, at][inside][:, 2]
-        north, east = (float(x.mean()) for x in body_to_earth(force[:, 0], force[:, 1], psi))
+    for trial, found in zip(train, d.where["earth"], strict=True):
         blown = np.nanmean(trial.wind_vector, axis=0)
-        angle = np.degrees(np.angle(complex(north, east) / complex(*blown)))
+        angle = np.degrees(np.angle(complex(found["north"], found["east"]) / complex(*blown)))
         angles.append(abs(angle))
         lines.append(
-            f"{trial.name}: {np.hypot(north, east):.2f} N, {angle:+.0f} deg from the wind of {np.hypot(*blown):.1f} m/s"
+            f"{trial.name}: {found['force']:.2f} N, {angle:+.0f} deg from the wind of {np.hypot(*blown):.1f} m/s"
         )
     print("\n".join(lines))
     return [[*row("no wind columns", d)[:4], f"median angle to the wind {np.median(angles):.0f} deg"]]

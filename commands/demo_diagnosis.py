@@ -12,7 +12,7 @@ def demo_diagnosis(folder: Path, seed: int) -> dict[str, Any]:
     from cases.read import read_trials
     from cases.ships import load_ship
     from cases.synthetic import write_trial
-    from commands.diagnose import write_diagnosis
+    from commands.diagnose import with_learned, write_diagnosis
     from commands.output import say
     from diagnosis.diagnose import diagnose
     from diagnosis.result import contract
@@ -25,6 +25,7 @@ def demo_diagnosis(folder: Path, seed: int) -> dict[str, Any]:
             write_trial(trial, folder / "second" / role / f"{trial.name}.csv")
     train, test = (read_trials([folder / "second" / role]) for role in made)
     found = diagnose(load_ship(folder / "run" / "ship.toml"), train, test, seed=seed, unseen=True)
+    found = with_learned(found, train, test, seed)
     content = contract(found)
     command = f"mmg diagnose {folder / 'run'} {folder / 'second' / 'train'} --test {folder / 'second' / 'test'}"
     write_diagnosis(folder / "diagnosis", found, content, train, test, command, seed, content["timings"]["total"])

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from cases.trial import Trial
     from diagnosis.result import Diagnosis
@@ -31,13 +31,18 @@ def diagnose(
     step: Annotated[float | None, typer.Option("--step", help="Time step of the analysis [s].")] = None,
     workers: Annotated[int, typer.Option("--workers", help="Processes that refit candidates side by side.")] = 1,
     seed: Annotated[int, typer.Option("--seed", help="Seed of the drawn probabilities and intervals.")] = 0,
+    no_learn: Annotated[
+        bool, typer.Option("--no-learn", help="Do not measure how much a learned residual closes of what has no name.")
+    ] = False,
     json: Annotated[bool, typer.Option("--json", help="Print diagnosis.json.")] = False,
 ) -> None:
     """Say which effect a ship's model lacks, judged by trials: an effect by name, none, or unknown.
 
     The coefficients, a slowly varying force and the noise of the sensors are fitted together; every effect of the
     library (mmg effects) is tested on what is left, the best ones are refitted, and what stands out is checked on the
-    --test trials. Writes diagnosis.json, report.html, figures and ship.toml (the ship with what was named).
+    --test trials. Where something is left without a name, residuals are trained on the trials, as by mmg train, to see
+    how much of the error of the --test trials they close. Writes diagnosis.json, report.html, figures and ship.toml
+    (the ship with what was named).
 
     Example: mmg diagnose runs/first trials/*.csv --test held_out/*.csv --out runs/gap
     """
@@ -63,9 +68,16 @@ def diagnose(
     tests, shared = _apart(train, read_trials(test) if test else [])
     remarks += shared
     place = read_site(train, ship, site)
-    found = diagnosed(
-        ship, train, tests, place.held, step, seed, workers, say=lambda words: None if json else say(words)
-    )
+
+    def tell(words: str) -> None:
+        if not json:
+            say(words)
+
+    unseen, reference, told = _calibrated_on(run, train, without or [])
+    remarks += told
+    found = diagnosed(ship, train, tests, place, step, seed, workers, unseen, reference, tell)
+    if not no_learn:
+        found = with_learned(found, train, tests, seed, workers, tell)
     content = contract(found)
     content["warnings"] = [*remarks, *place.notices, *content["warnings"]]
     command = "mmg " + " ".join(sys.argv[1:])
@@ -103,19 +115,69 @@ def _ship(where: str, without: Sequence[str]) -> tuple[Ship, list[str]]:
     return _reduced(ship, list(without), None, None, None), remarks
 
 
-def _unseen(where: str, trials: Sequence[Trial]) -> tuple[bool, list[str]]:
-    """Whether a run was calibrated on none of these trials, so that its estimates are known before them; a remark."""
+def with_learned(
+    found: Diagnosis,
+    train: Sequence[Trial],
+    tests: Sequence[Trial],
+    seed: int = 0,
+    workers: int = 1,
+    tell: Callable[[str], None] = lambda words: None,
+) -> Diagnosis:
+    """The diagnosis with how much a learned residual closes of what has no name, or a warning why that is not known.
+
+    As given where nothing is left without a name, and without test trials.
+    """
+    import time
+    from dataclasses import replace
+
+    from commands.output import needs_torch
+    from mmg.errors import UserError
+
+    if not tests or not (found.verdict == "unknown" or found.remainder):
+        return found
+    began = time.perf_counter()
+    try:
+        needs_torch("a learned residual")
+        from diagnosis.learned import learned
+
+        tell("learning what has no name, from the training trials")
+        rest = learned(found.after, train, tests, found.data.h, seed, workers, say=tell)
+    except UserError as reason:
+        why = f"how much of the rest a learned residual closes was not measured: {reason}"
+        return replace(found, warnings=(*found.warnings, why))
+    seconds = time.perf_counter() - began
+    spent = {**found.timings, "learned residual": seconds}
+    if "total" in spent:
+        spent["total"] = spent.pop("total") + seconds
+    return replace(found, learned=rest, timings=spent)
+
+
+def _calibrated_on(where: str, trials: Sequence[Trial], without: Sequence[str]) -> tuple[bool, list[Trial], list[str]]:
+    """Whether a run was calibrated on none of these trials; the trials it was calibrated on, if so; remarks.
+
+    They serve as a reference only where they can be read as they were, and for the model that was calibrated on them.
+    """
+    from cases.read import read_trials
     from fitting.run import RESULT, read_result
+    from mmg.errors import UserError
 
     if not (Path(where) / RESULT).exists():
-        return False, []
-    seen = {row.get("sha256") for row in read_result(Path(where)).get("data", [])}
-    both = [t.name for t in trials if t.sha256 in seen]
-    if both or not seen:
-        return False, []
-    return True, [
-        "the ship was calibrated on other trials: its estimates and standard errors are taken as known before"
-    ]
+        return False, [], []
+    rows = [row for row in read_result(Path(where)).get("data", []) if row.get("sha256")]
+    if not rows or {t.sha256 for t in trials} & {row["sha256"] for row in rows}:
+        return False, [], []
+    known = "the ship was calibrated on other trials: its estimates and standard errors are taken as known before"
+    if without:
+        return True, [], [known]
+    paths = [Path(row["path"]) for row in rows if row.get("path")]
+    try:
+        old = read_trials([p for p in paths if p.is_file()])
+    except UserError:
+        old = []
+    same = [t for t in old if t.sha256 in {row["sha256"] for row in rows}]
+    if len(same) < len(rows):
+        return True, [], [f"{known}; they cannot be read as they were, so they are no reference for their usual misfit"]
+    return True, same, []
 
 
 def _apart(train: Sequence[Trial], tests: Sequence[Trial]) -> tuple[list[Trial], list[str]]:
@@ -212,6 +274,8 @@ def _summary(content: dict[str, Any], out: Path) -> None:
             )
     console.print(table)
     console.print(content["sentence"], highlight=False, soft_wrap=True)
+    if content["learned"]:
+        console.print(content["learned"]["sentence"], highlight=False, soft_wrap=True)
     for line in content["kinematics"]:
         console.print(f"sensors: {line}", highlight=False, soft_wrap=True)
     if content["next_test"]:

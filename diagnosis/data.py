@@ -17,6 +17,8 @@ from mmg.memory import MODEL_LENGTH
 LONGEST, SHORTEST = 600, 20
 """Steps of a window: a longer piece of a run is divided evenly, a shorter one is left out."""
 
+COARSE = 0.2
+"""Sampling time [s of a 3 m model] from which it matters whether inputs are held or joined by lines."""
 RUN_IN = 3.0
 """Seconds [of a 3 m model] at the start of a window that are simulated but not compared: what acts or is logged late
 has no past there."""
@@ -68,7 +70,8 @@ def arrange(
 ) -> Data:
     """Trials on a grid for a model with these inputs; ``length`` of the ship [m], ``step`` [s] (default: as the fit).
 
-    straight: samples of the inputs are joined by straight lines instead of held until the next one.
+    straight: samples of the inputs are joined by straight lines instead of held until the next one; where they are
+    not COARSE, half of each is taken, so that neither way is wrong by more than a quarter of a sample.
 
     Raises UserError when no piece without a gap is long enough.
     """
@@ -76,7 +79,9 @@ def arrange(
     pieces, dropped = [], []
     for number, trial in enumerate(trials):
         kept = 0
-        for grid in grids(trial, h, inputs, straight_means if straight else step_means):
+        fine = trial.dt <= COARSE * (length / MODEL_LENGTH) ** 0.5
+        means = (middle_means if fine else straight_means) if straight else step_means
+        for grid in grids(trial, h, inputs, means):
             total = len(grid.controls)
             if total < SHORTEST:
                 continue
@@ -112,6 +117,11 @@ def arrange(
         trials=tuple(trial.name for trial in trials),
         dropped=tuple(dropped),
     )
+
+
+def middle_means(t: np.ndarray, values: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """Half-way between ``step_means`` and ``straight_means``."""
+    return 0.5 * (step_means(t, values, edges) + straight_means(t, values, edges))
 
 
 def moving(trials: Sequence[Trial]) -> bool:

@@ -7,152 +7,57 @@ than chance; test what is left against a dictionary without names; check on tria
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
-import numpy as np
-
-from cases.effects import freeing_effects
+from cases.site import Site
 from cases.trial import Trial
-from diagnosis.data import arrange, moving
-from diagnosis.dictionary import unnamed
+from diagnosis.data import arrange
+from diagnosis.dictionary import Unnamed, unnamed
 from diagnosis.held_out import compare
-from diagnosis.hypotheses import AGREE, LEVEL, ODDS, SAME, Found, Problem, Search, Tried, explain
-from diagnosis.kinematics import Kinematics, consistency
-from diagnosis.latent import Estimate, Priors, echo, estimate, first_noise, with_memory_time
+from diagnosis.hypotheses import AGREE, LEVEL, ODDS, SAME, Found, Search, Tried, explain
+from diagnosis.kinematics import consistency
+from diagnosis.latent import Estimate
 from diagnosis.next_test import next_test
+from diagnosis.prepare import Prepared, Report, prepare, with_sensor_faults
 from diagnosis.result import Diagnosis, HeldOut, Named, Parameter, Screened
-from diagnosis.steps import Steps
 from diagnosis.where import where
-from diagnosis.wide import Wide, parameters, widened
+from diagnosis.wide import Wide, parameters
 from diagnosis.words import sentence_of
-from mmg.errors import UserError
-from mmg.memory import MODEL_LENGTH
 from mmg.ship import Ship
 
-ECHO, APART, LEAST = 0.25, 5.0, 100
-"""Correlation of neighbouring whitened residuals from which samples APART seconds [of a 3 m model] are compared, if
-at least LEAST grid times are left. On the records of the 3 m tanker the correlation is .65 and the latent force three
-times what it is at 3, 5 or 10 s, with worse predictions; with white errors it is below .05."""
+BEYOND = 2.0
+"""Log likelihood, less the log of the number of forms, by which one form without a name must better a fit."""
 SUPPORTED = 0.05
 """Share by which predictions of the test trials must become better, with an interval above zero, for a name to stand
 although more is left than it explains."""
 SLIGHTLY, WORSE = 0.02, 0.15
 """Shares by which predictions of the test trials may become worse: whatever their one-step likelihood does, and if that
 becomes better."""
-MAX_FITS = 12
-"""Linearisations of the first fit."""
-COARSE = 0.2
-"""Sampling time [s of a 3 m model] from which it matters whether inputs are held or joined by lines."""
-Report = Callable[[str], None]
-
-
-@dataclass(frozen=True)
-class Prepared:
-    """The problem, the fit without any effect, and what was learnt on the way."""
-
-    problem: Problem
-    wide: Wide
-    null: Estimate
-    straight: bool
-    gap: int
-    notices: tuple[str, ...]
-
-
-def priors_before(ship: Ship, unseen: bool = False) -> Priors:
-    """The priors that a calibrated ship started from, or those that an uncalibrated one states.
-
-    unseen: it was calibrated on other trials than these, so that its estimates are what is known before these.
-    """
-    rows = [ship.coefficients[s] for s in ship.free]
-    known = [not unseen and c.prior_value is not None and c.prior_std is not None for c in rows]
-    mean = np.array([c.prior_value if k else c.value for c, k in zip(rows, known, strict=True)], dtype=float)
-    std = np.array([c.prior_std if k else c.std for c, k in zip(rows, known, strict=True)], dtype=float)
-    lower, upper = (np.array([getattr(c, k) for c in rows]) for k in ("lower", "upper"))
-    usable = std > 0
-    symbols = tuple(s for s, u in zip(ship.free, usable, strict=True) if u)
-    return Priors(symbols, *(a[usable] for a in (mean, std, lower, upper)))
-
-
-def prepare(
-    ship: Ship,
-    trials: Sequence[Trial],
-    site: Mapping[str, Mapping[str, float]] | None = None,
-    step: float | None = None,
-    unseen: bool = False,
-    say: Report = lambda words: None,
-) -> Prepared:
-    """Arrange the trials, choose how inputs lie between samples, and fit without any effect."""
-    wide = widened(ship, list(trials), {k: dict(v) for k, v in (site or {}).items()})
-    base = priors_before(ship, unseen)
-    if not base.symbols:
-        raise UserError(f"{ship.name}: every coefficient is fixed, so nothing is known of how far each may be off")
-    length = float(ship.particulars["L"])
-    notices: list[str] = []
-    straight = moving(trials)
-    if max(t.dt for t in trials) > COARSE * (length / MODEL_LENGTH) ** 0.5:
-        how = "joined by straight lines" if straight else "held until the next one"
-        notices.append(
-            f"samples of the actuators are taken as {how}; a delay of half a sample cannot be told from the other way"
-        )
-    data = arrange(trials, wide.ship.inputs, length, step, straight)
-    steps = Steps(wide.ship, [*base.symbols, *(s for c in wide.candidates.values() for s in c.symbols)], data.h)
-    p = (np.array([ship.coefficients[s].value for s in base.symbols]) - base.mean) / base.std
-    null = estimate(steps, data, wide.ship.values, base, first_noise(wide.ship, data), p=p, iterations=MAX_FITS)
-    gap = max(1, round(APART * (length / MODEL_LENGTH) ** 0.5 / data.h))
-    heard = echo(steps, data, null)
-    if not (heard > ECHO and data.thinned(gap).samples >= LEAST):
-        gap = 1
-    if gap > 1:
-        data = data.thinned(gap)
-        notices.append(
-            f"what remains of neighbouring samples is alike (correlation {heard:.2f}), as of filtered instruments: one "
-            f"sample every {gap * data.h:g} s is compared"
-        )
-        null = estimate(steps, data, wide.ship.values, base, first_noise(wide.ship, data), p=p, iterations=MAX_FITS)
-    null = with_memory_time(steps, data, null)
-    say(f"fitted without any effect: {len(data.trials)} runs, {data.samples} samples")
-    notices += list(data.dropped)
-    if not null.converged:
-        notices.append("the fit without any effect has not quite settled")
-    return Prepared(
-        Problem(steps, data, base, wide.candidates), wide, null, straight, gap if heard > ECHO else 1, tuple(notices)
-    )
-
-
-FILTERS = ("velocity_lag", "gyro")
-"""Faults of instruments that belong into the model of the measurement before anything is asked of the dynamics."""
-
-
-def with_sensor_faults(ship: Ship, sensors: Kinematics) -> tuple[Ship, list[str]]:
-    """The ship with those faults of FILTERS that the kinematics show, their sizes free, and a sentence on them."""
-    faults = [name for name in sensors.effects() if name in FILTERS and name not in ship.effects]
-    if not faults:
-        return ship, []
-    words = f"the logged columns disagree with each other: {' and '.join(faults)} was put into the model of the sensors"
-    return freeing_effects(ship, faults), [words]
 
 
 def diagnose(
     ship: Ship,
     trials: Sequence[Trial],
     tests: Sequence[Trial] = (),
-    site: Mapping[str, Mapping[str, float]] | None = None,
+    site: Site | None = None,
     step: float | None = None,
     seed: int = 0,
     workers: int = 1,
     unseen: bool = False,
+    reference: Sequence[Trial] = (),
     say: Report = lambda words: None,
 ) -> Diagnosis:
     """Say which effect the ship's model lacks, judged by trials.
 
     ship: calibrated (its priors before the calibration count, unless these trials are ``unseen`` by it) or not; site:
-    what is known of the place, by effect and parameter. Raises UserError for input from which nothing can be concluded.
+    what is known of the place; reference: the trials that the ship was calibrated on, if the
+    trials are unseen by it: what those show already is no news. Raises UserError for input from which nothing can be
+    concluded.
     """
     began = time.perf_counter()
     sensors = consistency(trials, ship)
     given, (ship, mended) = ship, with_sensor_faults(ship, sensors)
-    ready = prepare(ship, trials, site, step, unseen, say)
+    ready = prepare(ship, trials, site, step, unseen, reference, say)
     timings = {"fit": time.perf_counter() - began}
     p = ready.problem
     before = unnamed(p.steps, p.data, ready.null)
@@ -160,14 +65,14 @@ def diagnose(
     after = unnamed(p.steps, p.data, found.final) if found.effects else before
     timings["screen and refits"] = time.perf_counter() - began - timings["fit"]
     say("screened and refitted: " + (", ".join(found.effects) or "no effect stands out"))
-    ship_before = fitted_ship(ship, ready.wide, ready.null, ())
+    ship_before = fitted_ship(ship, ready.wide, found.null, ())
     ship_after = fitted_ship(ship, ready.wide, found.final, found.effects)
     held = None
     if tests:
         test_data = arrange(tests, ready.wide.ship.inputs, float(ship.particulars["L"]), p.data.h, ready.straight)
         test_data = test_data.thinned(ready.gap)
         held = compare(p.steps, test_data, found.null, found.final, seed)
-    verdict, reasons = decide(found, before.log_bayes, after.log_bayes, held)
+    verdict, reasons = decide(found, before.log_bayes - p.usual, after.log_bayes - p.usual, held)
     say("looking at where the gap lies and what to test next")
     effects = tuple(_named(ready, found, name) for name in found.effects) if verdict == "named" else ()
     final = found.final if verdict == "named" else found.null
@@ -176,7 +81,7 @@ def diagnose(
     advice = next_test(p, found, names, ship_after) if names else ""
     place = where(p.steps.model.controls, p.data, found.null, ship, final if verdict == "named" else None)
     timings["total"] = time.perf_counter() - began
-    remainder = bool(verdict == "named" and after.log_bayes > ODDS)
+    remainder = verdict == "named" and incomplete(found, before, after, p.usual)
     return Diagnosis(
         verdict=verdict,
         sentence=sentence_of(verdict, effects, same, remainder, held, found),
@@ -192,15 +97,22 @@ def diagnose(
         ship=given,
         before=ship_before,
         after=ship_after if verdict == "named" else ship_before,
-        null=ready.null,
+        null=found.null,
         final=final,
         data=p.data,
         states=p.steps.model.states,
-        unnamed_before={"all": before.log_bayes, **before.by_kind},
-        unnamed_after={"all": after.log_bayes, **after.by_kind},
+        unnamed_before={"all": before.log_bayes, "single": before.single, **before.by_kind},
+        unnamed_after={"all": after.log_bayes, "single": after.single, **after.by_kind},
         kinematics=tuple(r.sentence for r in sensors.found),
         timings=timings,
     )
+
+
+def incomplete(found: Found, before: Unnamed, after: Unnamed, usual: float = 0.0) -> bool:
+    """Whether something without a name is left beside the named effects, more than is usual, or one form without a name
+    alone explains more than they do."""
+    drop = found.null.nll - found.final.nll
+    return bool(after.log_bayes - usual > ODDS or after.single - usual > BEYOND or before.single - usual > drop)
 
 
 def _rivals(found: Found) -> list[str]:
@@ -212,7 +124,8 @@ def _rivals(found: Found) -> list[str]:
 def decide(found: Found, before: float, after: float, held: HeldOut | None) -> tuple[str, list[str]]:
     """The verdict, and why a name was withdrawn.
 
-    before, after: log Bayes factors of the dictionary without names at the fit without effects and with those named.
+    before, after: log Bayes factors of the dictionary without names at the fit without effects and with those named,
+    less what is usual.
     """
     if not found.effects:
         return ("unknown" if before > ODDS else "none"), []
@@ -286,8 +199,8 @@ def _named(ready: Prepared, found: Found, name: str) -> Named:
 
 def _same(found: Found) -> tuple[str, ...]:
     """What the data cannot tell from the first named effect (contract)."""
-    first = found.searches[0]
-    return tuple(t.name for t in first.tried[1:] if first.best and t.delta_bic > first.best.delta_bic - SAME)
+    s, best = _tried(found, found.effects[0])
+    return tuple(t.name for t in s.tried[1:] if t.delta_bic > best.delta_bic - SAME)
 
 
 def _ranking(ready: Prepared, found: Found) -> tuple[Screened, ...]:
@@ -326,7 +239,10 @@ def _cautions(ready: Prepared, found: Found, trials: Sequence[Trial], tests: Seq
         words.append(
             f"no wind columns in {', '.join(calm)}: calm air is assumed, so wind would be taken for something else"
         )
-    if len({t.kind for t in trials}) == 1 and len(trials) > 1:
+    kinds = {t.kind for t in trials}
+    if len(trials) == 1:
+        words.append("one trial only: many effects look alike in it, and whether runs agree cannot be asked")
+    elif len(kinds) == 1 and "" not in kinds:
         words.append(f"all trials are of one kind ({trials[0].kind}): many effects look alike in them")
     if not tests:
         words.append("no --test trials: how far the gap closes was not checked on trials that took no part")

@@ -27,10 +27,12 @@ DELAYS = (0.5, 1.0, 2.0, 4.0)
 
 @dataclass(frozen=True)
 class Unnamed:
-    """What the dictionary explains: log Bayes factor of each kind of columns, and of their mixture in equal parts."""
+    """What the dictionary explains: log Bayes factor of each kind of columns, and of their mixture in equal parts;
+    single: that of the best column alone that acts on the ship, less the log of their number."""
 
     log_bayes: float
     by_kind: dict[str, float]
+    single: float
 
 
 def unnamed(steps: Steps, data: Data, found: Estimate) -> Unnamed:
@@ -49,7 +51,10 @@ def unnamed(steps: Steps, data: Data, found: Estimate) -> Unnamed:
     g = slope[P:] - project.T @ slope[:P]
     names = sorted(set(kinds))
     by_kind = {name: log_bayes(g, S, np.array([k == name for k in kinds])) for name in names}
-    return Unnamed(float(np.logaddexp.reduce(list(by_kind.values())) - np.log(len(names))), by_kind)
+    forces = [i for i, kind in enumerate(kinds) if not kind.startswith("sensor")]
+    alone = max(log_bayes(g, S, np.arange(len(g)) == i) for i in forces) - float(np.log(len(forces)))
+    mixture = float(np.logaddexp.reduce(list(by_kind.values())) - np.log(len(names)))
+    return Unnamed(mixture, by_kind, alone)
 
 
 def log_bayes(g: np.ndarray, S: np.ndarray, chosen: np.ndarray) -> float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 
 from diagnosis.data import Data
@@ -11,10 +13,25 @@ from diagnosis.result import HeldOut
 from diagnosis.steps import Steps
 from mmg.logged import columns
 from mmg.memory import MODEL_LENGTH
+from mmg.model import Model
+from mmg.ship import Ship
 
 WINDOW, STRIDE = 30.0, 15.0
 """Seconds of a window and between their starts."""
 DRAWS = 2000
+
+
+class Stepper(Protocol):
+    """What predicts step by step: ``Steps`` of a ship, or a ship with a learned residual."""
+
+    ship: Ship
+    model: Model
+
+    def settled(self, six: np.ndarray, controls: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """States (S, M) that are logged as (6, M) under inputs (C, M)."""
+
+    def advance(self, z: np.ndarray, controls: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """States (S, M) a step later."""
 
 
 def scales(length: float) -> np.ndarray:
@@ -24,7 +41,7 @@ def scales(length: float) -> np.ndarray:
     return np.array([0.3 * lam, 0.3 * lam, np.radians(5.0), 0.05 * k, 0.05 * k, 0.01 / k])
 
 
-def errors(steps: Steps, data: Data, theta: np.ndarray, length: float) -> tuple[np.ndarray, np.ndarray]:
+def errors(steps: Stepper, data: Data, theta: np.ndarray, length: float) -> tuple[np.ndarray, np.ndarray]:
     """Mean squared scaled errors of open-loop windows of ``length`` seconds (0: whole runs), by window, and their run.
 
     Each begins at its logged row; of two windows one begins STRIDE seconds after the other. A channel that was not
@@ -55,34 +72,55 @@ def errors(steps: Steps, data: Data, theta: np.ndarray, length: float) -> tuple[
     return total / np.maximum(seen, 1), data.run[r0]
 
 
+def window_length(ship: Ship) -> float:
+    """Seconds of a window: WINDOW of a 3 m model."""
+    return WINDOW * (float(ship.particulars["L"]) / MODEL_LENGTH) ** 0.5
+
+
+FEW, TOGETHER = 3, 4
+"""With fewer runs than this, so many neighbouring windows are drawn together instead of runs."""
+
+
+def interval_of(a: np.ndarray, b: np.ndarray, run: np.ndarray, rng: np.random.Generator) -> tuple[float, float]:
+    """90 % interval of 1 - sum(b) / sum(a), errors by window before and after, by drawing the runs again.
+
+    Of FEW runs, neighbouring windows are drawn together instead.
+    """
+    if len(np.unique(run)) < FEW:
+        run = np.arange(len(a)) // TOGETHER + 1000 * run
+    runs = np.unique(run)
+    sums = np.array([[x[run == r].sum() for r in runs] for x in (a, b)])
+    draws = rng.choice(len(runs), (DRAWS, len(runs)))
+    lost = 1 - sums[1][draws].sum(axis=1) / np.maximum(sums[0][draws].sum(axis=1), 1e-300)
+    low, high = np.quantile(lost, [0.05, 0.95])
+    return float(low), float(high)
+
+
 def compare(steps: Steps, data: Data, before: Estimate, after: Estimate, seed: int = 0) -> HeldOut | None:
     """Windows by two fits, with an interval of the reduction by drawing runs again; None without a whole window."""
-    length = WINDOW * (float(steps.ship.particulars["L"]) / MODEL_LENGTH) ** 0.5
+    length = window_length(steps.ship)
     a, run = errors(steps, data, before.theta, length)
     b, _ = errors(steps, data, after.theta, length)
     if not len(a):
         return None
     runs = np.unique(run)
-    sums = np.array([[x[run == r].sum() for r in runs] for x in (a, b)])
     rng = np.random.default_rng(seed)
-    draws = rng.choice(len(runs), (DRAWS, len(runs)))
-    lost = 1 - sums[1][draws].sum(axis=1) / np.maximum(sums[0][draws].sum(axis=1), 1e-300)
-    low, high = np.quantile(lost, [0.05, 0.95])
+    interval = interval_of(a, b, run, rng)
     whole = [errors(steps, data, f.theta, 0.0)[0].mean() for f in (before, after)]
     likely = [one_step_likelihood(steps, data, f) for f in (before, after)]
     gain = likely[0] - likely[1]
     gains = np.array([gain[data.run == r].sum() for r in np.unique(data.run)])
     drawn = gains[rng.choice(len(gains), (DRAWS, len(gains)))].sum(axis=1)
-    between = np.quantile(drawn, [0.05, 0.95])
+    low, high = (float(x) for x in np.quantile(drawn, [0.05, 0.95]))
     return HeldOut(
         mse_before=float(a.mean()),
         mse_after=float(b.mean()),
         reduction=float(1 - b.sum() / max(a.sum(), 1e-300)),
-        interval_90=(float(low), float(high)),
+        interval_90=interval,
         windows=len(a),
         by_run={data.trials[r]: (float(a[run == r].mean()), float(b[run == r].mean())) for r in runs},
         likelihood_gain=float(gains.sum()),
-        likelihood_interval_90=(float(between[0]), float(between[1])),
+        likelihood_interval_90=(low, high) if len(gains) >= FEW else None,
         horizons={
             "1 step": (one_step_error(steps, data, before), one_step_error(steps, data, after)),
             "30 s": (float(a.mean()), float(b.mean())),

@@ -10,7 +10,7 @@ from scipy.stats import chi2
 
 from diagnosis.data import Data
 from diagnosis.dictionary import unnamed
-from diagnosis.judge import likelihood, refit, robust_p
+from diagnosis.judge import likelihood, refit, robust_p, wald_p
 from diagnosis.latent import Estimate, Priors
 from diagnosis.screen import Scored, scored, slopes
 from diagnosis.steps import Steps
@@ -30,6 +30,8 @@ FURTHER = 6.0
 others seem to help."""
 ODDS = float(np.log(3.0))
 """Log Bayes factor from which something without a name is there."""
+NEUTRAL = 0.05
+"""Probability of an effect by its own standard errors from which it counts as neutral, whatever else it helped."""
 AGREE = 0.05
 """Probability by the agreement of the runs up to which an effect is named."""
 MOST = 3
@@ -38,12 +40,16 @@ MOST = 3
 
 @dataclass(frozen=True)
 class Problem:
-    """What all hypotheses share: the steps of the wide ship, the data, priors of its own coefficients, candidates."""
+    """What all hypotheses share: the steps of the wide ship, the data, priors of its own coefficients, candidates.
+
+    usual: log Bayes factor of effects without a name that the trials of the calibration would have, were they as many.
+    """
 
     steps: Steps
     data: Data
     base: Priors
     candidates: Mapping[str, Candidate]
+    usual: float = 0.0
 
     @property
     def cost(self) -> float:
@@ -130,7 +136,9 @@ def try_one(problem: Problem, before: Estimate, named: Sequence[str], score: Sco
     own = [problem.candidates[name] for name in named]
     start = {s: before.value(s) for e in own for s in e.symbols}
     first = np.clip(c.neutral + score.phi * c.typical, c.lower, c.upper)
-    if score.name in CURVED:
+    if c.start is not None:
+        first = c.start
+    elif score.name in CURVED:
         first = np.clip(c.neutral + c.typical, c.lower, c.upper)
     start |= dict(zip(c.symbols, first, strict=True))
     found = refit(problem.steps, problem.data, problem.base, before, [*own, c], start)
@@ -144,21 +152,22 @@ def try_one(problem: Problem, before: Estimate, named: Sequence[str], score: Sco
 def explain(problem: Problem, null: Estimate, seed: int = 0, workers: int = 1) -> Found:
     """Name effects one after the other while the best of the rest is more than chance.
 
-    A later effect may make an earlier one superfluous: it is left out again if BIC is better without it.
+    A later effect may make an earlier one superfluous: it is left out again (``_pruned``).
     """
     named: list[str] = []
     now, searches = null, []
-    while len(named) < MOST:
+    for _ in range(MOST + 2):
         s = search(problem, now, named, seed=seed, workers=workers)
         searches.append(s)
         if s.best is None or not s.significant or (named and not s.best.delta_bic > FURTHER):
             break
         if named and _doubtful(problem, s.best):
             break
-        named.append(s.best.name)
-        now = s.best.found
-        if len(named) > 1:
-            named, now = _pruned(problem, null, named, now)
+        named, now = _pruned(problem, [*named, s.best.name], s.best.found)
+        if not named:
+            null = now
+        if len(named) >= MOST:
+            break
     robust = {n: robust_p(problem.steps, problem.data, now, problem.candidates[n]) for n in named}
     return Found(tuple(named), null, now, tuple(searches), robust)
 
@@ -167,20 +176,26 @@ def _doubtful(problem: Problem, best: Tried) -> bool:
     """Whether the runs do not agree on a further effect, or effects without a name explain more than it does."""
     if robust_p(problem.steps, problem.data, best.found, problem.candidates[best.name]) > AGREE:
         return True
-    return unnamed(problem.steps, problem.data, best.found).log_bayes > max(ODDS, best.drop)
+    rest = unnamed(problem.steps, problem.data, best.found).log_bayes - problem.usual
+    return rest > max(ODDS, best.drop)
 
 
-def _pruned(problem: Problem, null: Estimate, named: list[str], now: Estimate) -> tuple[list[str], Estimate]:
-    """Without effects that a later one has made superfluous."""
-    for name in named[:-1]:
+def _pruned(problem: Problem, named: list[str], now: Estimate) -> tuple[list[str], Estimate]:
+    """Without those effects that the others have made superfluous, the newest included.
+
+    Each is left out in turn, and the rest is fitted again from where the fit with it ended: a new effect may have
+    helped the fit to a better place that needs no such effect.
+    """
+    for name in named:
         rest = [n for n in named if n != name]
         effects = [problem.candidates[n] for n in rest]
         start = {s: now.value(s) for e in effects for s in e.symbols}
         without = refit(problem.steps, problem.data, problem.base, now_without(now, problem, rest), effects, start)
         every = sum(len(problem.candidates[n].symbols) for n in named)
         kept = sum(len(e.symbols) for e in effects)
-        if 2 * (likelihood(without, kept) - likelihood(now, every)) < (every - kept) * problem.cost:
-            return rest, without
+        lost = 2 * (likelihood(without, kept) - likelihood(now, every))
+        if lost < (every - kept) * problem.cost or wald_p(now, problem.candidates[name]) > NEUTRAL:
+            return _pruned(problem, rest, without) if rest else (rest, without)
     return named, now
 
 

@@ -36,6 +36,12 @@ class Priors:
         join = {k: np.concatenate([getattr(self, k), getattr(other, k)]) for k in ("mean", "std", "lower", "upper")}
         return Priors(self.symbols + other.symbols, **join)
 
+    def only(self, kept: Sequence[bool]) -> Priors:
+        """Those columns that are marked."""
+        symbols = tuple(s for s, k in zip(self.symbols, kept, strict=True) if k)
+        at = np.array(kept, dtype=bool)
+        return Priors(symbols, self.mean[at], self.std[at], self.lower[at], self.upper[at])
+
 
 @dataclass(frozen=True)
 class Path:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -78,7 +79,7 @@ def _head(d: Diagnosis) -> dict[str, Any]:
         what = "Something changes the motion that the library of effects does not hold, or several do at once."
         if best:
             what += f" The nearest is {best[0]['name']}: {best[0]['meaning'][:1].lower()}{best[0]['meaning'][1:]}"
-        kinds = {k: v for k, v in d.unnamed_before.items() if k != "all" and v > 1.1}
+        kinds = {k: v for k, v in d.unnamed_before.items() if k not in ("all", "single") and v > 1.1}
         if kinds:
             nearest = words.kind_words(max(kinds, key=kinds.__getitem__))
             what += f" Among functions without a name it acts most like {nearest}."
@@ -88,6 +89,8 @@ def _head(d: Diagnosis) -> dict[str, Any]:
         "sentence": words.readable(d.sentence),
         "verdict_words": words.verdict_words(d), "what_words": what, "shrinks": shrinks, "changed": changed,
         "held_words": words.held_words(held, d.verdict), "where_words": where, "where_big": report_where.where_big(d),
+        "learned": words.readable(d.learned.sentence) if d.learned else "",
+        "learned_words": words.learned_words(d.learned),
         "next_test": words.next_words(d), "warnings": [words.readable(w.rstrip(".")) for w in d.warnings],
         "version": _version(),
         "trials": d.data.trials, "tests": len(held.by_run) if held is not None else 0,
@@ -126,7 +129,12 @@ def _rest(d: Diagnosis) -> dict[str, Any]:
     fits = [("random force, rms, without any effect", d.null.noise.force)]
     if d.effects:
         fits.append(("with what was named", d.final.noise.force))
+    earth = {
+        row["run"]: f"{row['force']:.2g} {row['unit']} to {round(math.degrees(row['towards'])) % 360:03d}°"
+        for row in where.get("earth", [])
+    }
     return {
+        "earth": earth,
         "held": held_rows(d), "likelihood": _likelihood(d), "channels": channels, "regions": regions,
         "later": any("force_rms_after" in row for row in channels),
         "phases": _by_channel(where.get("phases", []), "phase"), "runs": _by_channel(where.get("runs", []), "run"),

@@ -9,7 +9,7 @@ from typing import Any
 
 from diagnosis.figures_where import by_degrees
 from diagnosis.report_where import PLAIN, first_channel, percent
-from diagnosis.result import Diagnosis, HeldOut, Parameter, Screened
+from diagnosis.result import Diagnosis, HeldOut, Learned, Parameter, Screened
 from fitting.report_words import plus_minus
 from mmg.effects import EFFECTS
 
@@ -174,6 +174,19 @@ def held_words(h: HeldOut | None, verdict: str) -> str:
     return words
 
 
+def learned_words(found: Learned | None) -> str:
+    """What the learned residual closes, in a few sentences."""
+    if found is None:
+        return ""
+    each = ", ".join(f"{signed(100 * r, '.1f')} %" for r in found.reductions)
+    decision = found.decision[:1].upper() + found.decision[1:].rstrip(".")
+    return readable(
+        f"The mean squared error goes from {found.mse_before:.3g} to {found.mse_after:.3g}; reductions by training: "
+        f"{each}; with the mean of their networks {signed(100 * found.together, '.1f')} %. The test trials took no "
+        f"part in the training. By parts of the training trials alone, as mmg train decides: {decision}."
+    )
+
+
 def verdict_words(d: Diagnosis) -> str:
     """What the verdict means and what to do with it."""
     tried = len([c for c in d.candidates if c.excited])
@@ -196,7 +209,7 @@ def verdict_words(d: Diagnosis) -> str:
         )
     return (
         f"There is more in the trials than the model and chance, but none of {tried} effects accounts for it. Below: "
-        "where it lies and what it follows. A learnt residual (mmg train) may take it up."
+        "where it lies and what it follows." + ("" if d.learned else " A learnt residual (mmg train) may take it up.")
     )
 
 
@@ -205,7 +218,7 @@ def unnamed_words(d: Diagnosis) -> str:
     before, after = d.unnamed_before.get("all"), d.unnamed_after.get("all")
     if before is None:
         return ""
-    kinds = {k: v for k, v in d.unnamed_before.items() if k != "all"}
+    kinds = {k: v for k, v in d.unnamed_before.items() if k not in ("all", "single")}
     words = (
         f"A dictionary of functions of state, inputs, wind and place has a log Bayes factor of {signed(before, '.1f')}"
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -73,6 +73,31 @@ class HeldOut:
 
 
 @dataclass(frozen=True)
+class Learned:
+    """How much of the prediction error of the test trials a learned residual closes, beyond what was named.
+
+    The measure and the windows are those of ``HeldOut``; before is the ship as the diagnosis left it. mse_after,
+    reduction: means over the trainings, of which each has its seed in ``seeds`` and its own reduction in
+    ``reductions``; spread: their standard deviation; together: reduction with the mean of the networks, which is what
+    ``mmg train`` would keep; interval_90: of the reduction, by drawing test runs again (None: a single run).
+    kept: what ``mmg train`` would decide from parts of the training trials alone; decision: that in words.
+    """
+
+    mse_before: float
+    mse_after: float
+    reduction: float
+    interval_90: tuple[float, float] | None
+    seeds: tuple[int, ...]
+    reductions: tuple[float, ...]
+    spread: float
+    together: float
+    windows: int
+    kept: bool
+    decision: str
+    sentence: str
+
+
+@dataclass(frozen=True)
 class Diagnosis:
     """The whole answer.
 
@@ -80,7 +105,8 @@ class Diagnosis:
     ships refitted by the diagnosis without and with the named effects (the same for "none"). null, final: the fits
     behind them; data: the training trials as arranged. unnamed_before, unnamed_after: log Bayes factors of the
     dictionary of effects without a name, by kind ("all" is the whole). where: as in diagnosis.json, plus what figures
-    need. kinematics: sentences of measurement faults that need no dynamics.
+    need. kinematics: sentences of measurement faults that need no dynamics. learned: how much a residual closes of what
+    has no name (None: not measured).
     """
 
     verdict: str
@@ -105,6 +131,7 @@ class Diagnosis:
     unnamed_after: Mapping[str, float]
     kinematics: tuple[str, ...] = ()
     timings: Mapping[str, float] = field(default_factory=dict)
+    learned: Learned | None = None
 
 
 def contract(d: Diagnosis) -> dict[str, Any]:
@@ -154,7 +181,7 @@ def contract(d: Diagnosis) -> dict[str, Any]:
             for c in d.candidates
         ],
         "where": {k: d.where[k] for k in ("channels", "phases", "regions", "bands") if k in d.where}
-        | {k: d.where[k] for k in ("runs",) if k in d.where},
+        | {k: d.where[k] for k in ("runs", "earth", "variables") if k in d.where},
         "held_out": held,
         "next_test": d.next_test,
         "warnings": list(d.warnings),
@@ -168,5 +195,6 @@ def contract(d: Diagnosis) -> dict[str, Any]:
             "white": np.asarray(d.null.noise.white).tolist(),
             "coloured": np.asarray(d.null.noise.coloured).tolist(),
         },
+        "learned": asdict(d.learned) if d.learned is not None else None,
         "timings": dict(d.timings),
     }

@@ -20,6 +20,7 @@ from diagnosis.data import Data
 from diagnosis.latent import Estimate
 from diagnosis.regions import CHANNELS, UNITS, Samples, all_bins, by_variable, means, regions, with_later
 from diagnosis.situations import PHASES, phases, variables_of
+from mmg.frames import body_to_earth
 from mmg.memory import MODEL_LENGTH
 from mmg.rigid_body import Inertia, inertia
 from mmg.ship import Ship
@@ -50,6 +51,7 @@ def where(controls: Sequence[str], data: Data, estimate: Estimate, ship: Ship, a
         "regions": regions(names, bins, member, seen),
         "bands": _bands(data, estimate, after, float(ship.particulars["L"])),
         "runs": _runs(data, seen),
+        "earth": _earth(data, estimate, z),
         "variables": by_variable(variables, seen),
     }
 
@@ -148,6 +150,22 @@ def _energies(data: Data, force: np.ndarray, edges: Sequence[float]) -> np.ndarr
         result[0] += steps * mean**2
         np.add.at(result, at, power)
     return result / data.steps.sum()
+
+
+def _earth(data: Data, estimate: Estimate, z: np.ndarray) -> list[dict[str, Any]]:
+    """By trial: mean of the force in the earth frame [N], its size and where it points to [rad, clockwise of north].
+
+    Wind, waves or a current that the model does not have leave a mean here, whatever the headings.
+    """
+    rows: list[dict[str, Any]] = []
+    for i, name in enumerate(data.trials):
+        inside = data.inside & (data.run == i)
+        if inside.any():
+            force, psi = estimate.path.force[:-1][inside], z[:-1][inside][:, 2]
+            north, east = (float(np.mean(x)) for x in body_to_earth(force[:, 0], force[:, 1], psi))
+            size, towards = math.hypot(north, east), math.atan2(east, north) % (2 * math.pi)
+            rows.append({"run": name, "north": north, "east": east, "force": size, "towards": towards, "unit": "N"})
+    return rows
 
 
 def _runs(data: Data, s: Samples) -> list[dict[str, Any]]:

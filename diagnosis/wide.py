@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +22,8 @@ WIDE = 10.0
 class Candidate:
     """An effect that may be missing: its name and the symbols of its parameters that are freed.
 
-    typical: (p,) sizes of the parameters that show in a trial; neutral: (p,).
+    typical: (p,) sizes of the parameters that show in a trial; neutral: (p,); start: (p,) where a refit begins, if
+    something is known of it, or None.
     """
 
     name: str
@@ -29,6 +32,7 @@ class Candidate:
     typical: np.ndarray
     lower: np.ndarray
     upper: np.ndarray
+    start: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -50,10 +54,16 @@ def neutral(ship: Ship, name: str, parameter: str) -> float:
     return next(p.neutral for p in parameters(ship, name) if p.symbol == parameter)
 
 
-def widened(ship: Ship, trials: list[Trial] | None = None, site: dict[str, dict[str, float]] | None = None) -> Wide:
+def widened(
+    ship: Ship,
+    trials: list[Trial] | None = None,
+    site: Mapping[str, Mapping[str, float]] | None = None,
+    start: Mapping[str, Mapping[str, float]] | None = None,
+) -> Wide:
     """The ship with all candidates: effects it does not have yet and that its force models and the trials allow.
 
-    site: parameters of effects that are known of the place, by effect and parameter (cases.site).
+    site: parameters of effects that are known of the place, by effect and parameter (cases.site); start: others of
+    which it is known about how large they are.
     """
     candidates, left_out, wide = {}, {}, ship
     windy = trials is None or any(t.has_wind for t in trials)
@@ -74,6 +84,10 @@ def widened(ship: Ship, trials: list[Trial] | None = None, site: dict[str, dict[
         if name in left_out:
             continue
         free = [p for p in rows if not p.held]
-        array = {k: np.array([getattr(p, k) for p in free]) for k in ("neutral", "typical", "lower", "upper")}
+        array: dict[str, Any] = {
+            k: np.array([getattr(p, k) for p in free]) for k in ("neutral", "typical", "lower", "upper")
+        }
+        begin = (start or {}).get(name)
+        array["start"] = np.array([begin.get(p.symbol, p.neutral) for p in free]) if begin else None
         candidates[name] = Candidate(name, tuple(f"{name}.{p.symbol}" for p in free), **array)
     return Wide(wide, candidates, left_out)

@@ -10,13 +10,11 @@ import numpy as np
 
 from cases.disturbed import Disturbed, disturbed_trials
 from cases.effects import with_effects
-from cases.gusts import Wind
-from cases.maneuvers import parse_maneuver
 from cases.ships import load_ship
-from cases.synthetic import simulate
 from cases.trial import Trial
 from diagnosis.data import Data, arrange
-from diagnosis.latent import Path, first_path
+from diagnosis.hypotheses import Problem
+from diagnosis.latent import Estimate, Path, estimate, first_noise, first_path, priors_of, with_memory_time
 from diagnosis.steps import Steps
 from diagnosis.wide import Wide, widened
 from mmg.effects import EFFECTS
@@ -29,6 +27,8 @@ WHITE = np.array([0.01, 0.01, 0.0015, 0.004, 0.004, 0.0006]) * 1.25**0.5
 """Sizes of the white noise of ``quiet``: a half and a whole of each sensor's, independent."""
 FREE = ("X_0F", "Y_v", "N_r", "k_0", "gamma_P", "t_R")
 """A few coefficients, so that a case stays quick."""
+FEW = SHIP.fixing([s for s in SHIP.symbols if s not in FREE])
+"""The ship with nothing else free."""
 
 OFF_NEUTRAL = {
     "current.x": 0.03, "current.y": -0.02, "wind_force.X": 1.3, "wind_force.Y": 0.7, "wind_force.N": 1.2,
@@ -58,11 +58,6 @@ def pushed_trials(
     return disturbed_trials(acting, runs, seed, replace(how or quiet(), defects=tuple(seen)))
 
 
-def clean_trial(ship: Ship, text: str = "zigzag:20/20", duration: float = 60.0, dt: float = 0.5) -> Trial:
-    """A run in steady wind without noise."""
-    return simulate(ship, parse_maneuver(text, ship, n=10.0, duration=duration), dt, Wind(1.5, 0.7), 0)
-
-
 @lru_cache(maxsize=1)
 def wide() -> Wide:
     """ESSO OSAKA with every effect, a bank line 6 m to the west known."""
@@ -74,6 +69,16 @@ def wide_steps(h: float = 1.0, compiled: bool = True) -> Steps:
     """Steps of it with a few coefficients and all effects as possible columns."""
     symbols = [*FREE, *(s for c in wide().candidates.values() for s in c.symbols)]
     return Steps(wide().ship, symbols, h, compiled)
+
+
+def problem_of(trials: Sequence[Trial], h: float = 0.5) -> tuple[Problem, Estimate]:
+    """The problem that trials pose with FREE coefficients free, and its fit without any effect.
+
+    Inputs are held between samples, as the generator has them."""
+    steps, base = wide_steps(h), priors_of(SHIP, FREE)
+    data = arrange(trials, steps.ship.inputs, 3.0, h)
+    null = estimate(steps, data, steps.ship.values, base, first_noise(steps.ship, data), iterations=12)
+    return Problem(steps, data, base, wide().candidates), with_memory_time(steps, data, null)
 
 
 def theta_of(steps: Steps, changed: dict[str, float]) -> np.ndarray:
@@ -89,9 +94,7 @@ def off_neutral(steps: Steps) -> np.ndarray:
     return theta_of(steps, OFF_NEUTRAL)
 
 
-def states_about(
-    steps: Steps, count: int, seed: int, inputs: np.ndarray | None = None
-) -> tuple[np.ndarray, np.ndarray]:
+def states_about(steps: Steps, count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Random states (S, M) of a ship under way, memory disturbed, and inputs (C, M)."""
     rng = np.random.default_rng(seed)
     z = rng.standard_normal((steps.S, count))

@@ -9,7 +9,6 @@ import pytest
 
 from cases.disturbed import drawn_ship
 from diagnosis.data import Data, arrange
-from diagnosis.diagnose import priors_before
 from diagnosis.kalman import Noise, smoothed
 from diagnosis.latent import (
     Around,
@@ -23,6 +22,7 @@ from diagnosis.latent import (
     priors_of,
     with_memory_time,
 )
+from diagnosis.prepare import priors_before
 from diagnosis.steps import Steps
 from diagnosis.wide import widened
 from tests.diagnosis_cases import (

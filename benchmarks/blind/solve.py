@@ -98,4 +98,4 @@ def answered(case: Path) -> dict[str, Any]:
     """What ``diagnosis.json`` would hold for a case."""
     ship = blind_ship()
     site = read_site([case], ship)
-    return contract(diagnose(ship, read_trials(case / "train"), read_trials(case / "test"), site.held))
+    return contract(diagnose(ship, read_trials(case / "train"), read_trials(case / "test"), site))
