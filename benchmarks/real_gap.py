@@ -8,7 +8,7 @@ Train-TZRB+; checked on the five development hold-outs, on which nothing is fitt
 * starts: the same from three other starting points of the coefficients, drawn from their priors.
 * calm: no wind columns at all: the earth-fixed part of the smoothed force, run by run, beside the measured wind.
 * reversal: a propeller model without the side force and moment of reversal, on the records that have any.
-* faults: six faults put into five records each, one record at a time, with the ship calibrated on others.
+* faults: six faults put into five records, together and one at a time, with the ship calibrated on Train-TZRB.
 * nothing: the whole model on halves of the records: no name may come out.
 """
 
@@ -31,6 +31,7 @@ from commands.fit_input import _reduced
 from diagnosis.diagnose import diagnose
 from diagnosis.result import Diagnosis
 from fitting.calibration import Settings, calibrate
+from fitting.execute import run_all
 from mmg.components import coefficient_table
 from mmg.ship import Ship
 
@@ -146,20 +147,30 @@ FAULTS: dict[str, tuple[str, Callable[[Trial], Trial]]] = {
 }  # fmt: skip
 
 
+def fault_case(task: tuple[Ship, str, str | None, Sequence[Trial]]) -> list[str]:
+    """[first candidate, named effects] of records (one of them, or all) with a fault or none."""
+    ship, words, one, train = task
+    put = FAULTS[words][1] if words in FAULTS else (lambda t: t)
+    trials = [put(t) for t in read_trials(find(OTHERS)) if one in (None, t.name)]
+    d = diagnose(ship, trials, unseen=True, reference=train)
+    return [d.candidates[0].name, *(e.name for e in d.effects)]
+
+
 def faults(train: Sequence[Trial], test: Sequence[Trial]) -> list[list[str]]:
-    """How often each fault is ranked first and named, one record at a time."""
+    """How often each fault is ranked first and named: in five records together, and in each of them alone."""
     ship = calibrate(whole_ship(), train, Settings()).ship
-    trials, rows = read_trials(find(OTHERS)), []
-    plain = [diagnose(ship, [t], unseen=True) for t in trials]
-    rows.append(
-        ["no fault", ", ".join(d.verdict for d in plain), ", ".join(d.candidates[0].name for d in plain), "", ""]
-    )
-    for words, (name, put) in FAULTS.items():
-        found = [diagnose(ship, [put(t)], unseen=True) for t in trials]
-        first = sum(d.candidates[0].name == name for d in found)
-        named = sum(bool(d.effects) and any(e.name == name for e in d.effects) for d in found)
-        wrong = [d.candidates[0].name for d in found if d.candidates[0].name != name]
-        rows.append([words, f"first {first} of {len(found)}, named {named}", name, ", ".join(wrong) or "-", "-"])
+    kinds = {"no fault": "-", **{words: name for words, (name, _) in FAULTS.items()}}
+    tasks = [(ship, words, one, train) for words in kinds for one in (None, *OTHERS)]
+    answers = iter(run_all(fault_case, tasks, 2))
+    rows = []
+    for words, name in kinds.items():
+        together, *alone = (next(answers) for _ in range(1 + len(OTHERS)))
+        named = ", ".join(together[1:]) or "no name"
+        told = f"first {sum(a[0] == name for a in alone)}, named {sum(name in a[1:] for a in alone)} of {len(alone)}"
+        others = [", ".join(a[1:]) for a in alone if a[1:] and name not in a[1:]]
+        rows.append(
+            [words, f"together: {named}", f"alone: {told}", f"other names alone: {'; '.join(others) or 'none'}", "-"]
+        )
         print(rows[-1], flush=True)
     return rows
 

@@ -24,7 +24,8 @@ def demo_diagnosis(folder: Path, seed: int) -> dict[str, Any]:
         for trial in trials:
             write_trial(trial, folder / "second" / role / f"{trial.name}.csv")
     train, test = (read_trials([folder / "second" / role]) for role in made)
-    found = diagnose(load_ship(folder / "run" / "ship.toml"), train, test, seed=seed, unseen=True)
+    first = read_trials([folder / "trials" / "train"])
+    found = diagnose(load_ship(folder / "run" / "ship.toml"), train, test, seed=seed, unseen=True, reference=first)
     found = with_learned(found, train, test, seed)
     content = contract(found)
     command = f"mmg diagnose {folder / 'run'} {folder / 'second' / 'train'} --test {folder / 'second' / 'test'}"

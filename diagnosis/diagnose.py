@@ -11,25 +11,29 @@ from collections.abc import Sequence
 
 from cases.site import Site
 from cases.trial import Trial
+from diagnosis import told
 from diagnosis.data import arrange
 from diagnosis.dictionary import Unnamed, unnamed
 from diagnosis.held_out import compare
-from diagnosis.hypotheses import AGREE, LEVEL, ODDS, SAME, Found, Search, Tried, explain
+from diagnosis.hypotheses import AGREE, LEVEL, ODDS, Found, explain
 from diagnosis.kinematics import consistency
-from diagnosis.latent import Estimate
 from diagnosis.next_test import next_test
 from diagnosis.prepare import Prepared, Report, prepare, with_sensor_faults
-from diagnosis.result import Diagnosis, HeldOut, Named, Parameter, Screened
+from diagnosis.result import Diagnosis, HeldOut
 from diagnosis.where import where
-from diagnosis.wide import Wide, parameters
+from diagnosis.wide import effect_of
 from diagnosis.words import sentence_of
 from mmg.ship import Ship
 
+LINE = 1e-4
+"""Probability by chance below which a line in the spectrum of the residuals counts as something without a name."""
 BEYOND = 2.0
 """Log likelihood, less the log of the number of forms, by which one form without a name must better a fit."""
 SUPPORTED = 0.05
 """Share by which predictions of the test trials must become better, with an interval above zero, for a name to stand
 although more is left than it explains."""
+ASIDE = 0.25
+"""Share of what the named effects explain that may be left without a name before the test trials must support them."""
 SLIGHTLY, WORSE = 0.02, 0.15
 """Shares by which predictions of the test trials may become worse: whatever their one-step likelihood does, and if that
 becomes better."""
@@ -65,30 +69,37 @@ def diagnose(
     after = unnamed(p.steps, p.data, found.final) if found.effects else before
     timings["screen and refits"] = time.perf_counter() - began - timings["fit"]
     say("screened and refitted: " + (", ".join(found.effects) or "no effect stands out"))
-    ship_before = fitted_ship(ship, ready.wide, found.null, ())
-    ship_after = fitted_ship(ship, ready.wide, found.final, found.effects)
+    ship_before = told.fitted_ship(p, ship, ready.wide, found.null, ())
+    ship_after = told.fitted_ship(p, ship, ready.wide, found.final, found.effects)
     held = None
     if tests:
         test_data = arrange(tests, ready.wide.ship.inputs, float(ship.particulars["L"]), p.data.h, ready.straight)
         test_data = test_data.thinned(ready.gap)
         held = compare(p.steps, test_data, found.null, found.final, seed)
-    verdict, reasons = decide(found, before.log_bayes - p.usual, after.log_bayes - p.usual, held)
+    there = max(before.log_bayes, before.single + ODDS - BEYOND)
+    verdict, reasons = decide(found, there - p.usual, after.log_bayes - p.usual, held)
+    chance, period = ready.line
+    if chance < LINE:
+        reasons.append(
+            f"what remains swings with a period of {period:.2g} s, as under a force of waves or of the engine"
+        )
+        verdict = "unknown" if verdict == "none" else verdict
     say("looking at where the gap lies and what to test next")
-    effects = tuple(_named(ready, found, name) for name in found.effects) if verdict == "named" else ()
+    effects = tuple(told.named(p, ready.wide, found, name) for name in found.effects) if verdict == "named" else ()
     final = found.final if verdict == "named" else found.null
-    same = _same(found) if verdict == "named" else ()
-    names = ([found.effects[0], *(n for n in same if n not in found.effects)]) if verdict == "named" else _rivals(found)
-    advice = next_test(p, found, names, ship_after) if names else ""
+    same = told.same(found) if verdict == "named" else ()
+    names = [effects[0].name, *same] if verdict == "named" else _rivals(found)
+    advice = next_test(p, told.fit_with(found, names[0]), names, ship_after) if names else ""
     place = where(p.steps.model.controls, p.data, found.null, ship, final if verdict == "named" else None)
     timings["total"] = time.perf_counter() - began
-    remainder = verdict == "named" and incomplete(found, before, after, p.usual)
+    remainder = verdict == "named" and (incomplete(found, before, after, p.usual) or chance < LINE)
     return Diagnosis(
         verdict=verdict,
         sentence=sentence_of(verdict, effects, same, remainder, held, found),
         effects=effects,
         equivalence_class=same,
         remainder=remainder,
-        candidates=_ranking(ready, found),
+        candidates=told.ranking(p, ready.wide, found),
         where=place,
         held_out=held,
         next_test=advice,
@@ -118,7 +129,8 @@ def incomplete(found: Found, before: Unnamed, after: Unnamed, usual: float = 0.0
 def _rivals(found: Found) -> list[str]:
     """What a next test should tell apart where nothing was named: the best two that were more than chance."""
     first = found.searches[0]
-    return [t.name for t in first.tried[:2] if t.p_value < LEVEL and t.delta_bic > 0]
+    near = [effect_of(t.name) for t in first.tried[:2] if t.p_value < LEVEL and t.delta_bic > 0]
+    return list(dict.fromkeys(near))
 
 
 def decide(found: Found, before: float, after: float, held: HeldOut | None) -> tuple[str, list[str]]:
@@ -137,6 +149,17 @@ def decide(found: Found, before: float, after: float, held: HeldOut | None) -> t
             f"{names} would explain a part (log likelihood {drop:.0f}), but effects without a name explain more of "
             f"what is left ({after:.0f}): the name is withdrawn"
         ]
+    if held is not None and after > max(ODDS, ASIDE * drop) and not supported:
+        return "unknown", [
+            f"{' and '.join(found.effects)} would explain a part (log likelihood {drop:.0f}), but much is left without "
+            f"a name ({after:.0f}), and the test trials are not predicted better: the name is withdrawn"
+        ]
+    local = [effect_of(n) for n in found.effects if n != effect_of(n)]
+    if local and not supported and (held is not None or after > ODDS):
+        return "unknown", [
+            f"{' and '.join(local)} could differ from run to run and so explain a part (log likelihood {drop:.0f}), "
+            "but so many parameters need test trials that they predict: the name is withdrawn"
+        ]
     apart = [f"{n} (p = {p:.2g})" for n, p in found.robust.items() if p > AGREE]
     if apart:
         return "unknown", [f"the runs do not agree on {' and '.join(apart)}: the name is withdrawn"]
@@ -154,66 +177,6 @@ def _contradicted(held: HeldOut) -> bool:
     gain, sure = held.likelihood_gain or 0.0, held.likelihood_interval_90
     worse = held.interval_90[1] < 0 and (held.reduction < -WORSE or not (sure is not None and sure[0] > 0))
     return worse or (gain < 0 and held.reduction < -SLIGHTLY) or (gain < -3 and held.interval_90[0] <= 0)
-
-
-def fitted_ship(ship: Ship, wide: Wide, found: Estimate, effects: Sequence[str]) -> Ship:
-    """The ship with the coefficients of a fit and with these effects."""
-    at = {s: float(v) for s, v in zip(wide.ship.symbols, found.theta, strict=True)}
-    after = ship
-    for name in effects:
-        values = {p.symbol: at[f"{name}.{p.symbol}"] for p in parameters(ship, name)}
-        after = after.with_effect(name, values)
-    changed = {}
-    for s in found.free.symbols:
-        if s in after.coefficients:
-            c = after.coefficients[s]
-            prior = (
-                {}
-                if s.split(".")[0] in effects or c.prior_std is not None
-                else {"prior_value": c.value, "prior_std": c.std}
-            )
-            changed[s] = c.with_(value=at[s], std=found.std(s), fixed=False, source="mmg diagnose", **prior)
-    return after.with_coefficients(changed)
-
-
-def _values(ready: Prepared, found: Estimate, name: str) -> dict[str, Parameter]:
-    units = {p.symbol: p.unit for p in parameters(ready.wide.ship, name)}
-    return {
-        s.split(".", 1)[1]: Parameter(found.value(s), found.std(s), units[s.split(".", 1)[1]])
-        for s in ready.problem.candidates[name].symbols
-    }
-
-
-def _tried(found: Found, name: str) -> tuple[Search, Tried]:
-    """The search in which an effect was named."""
-    for s in found.searches:
-        if s.best is not None and s.best.name == name:
-            return s, s.best
-    raise KeyError(name)
-
-
-def _named(ready: Prepared, found: Found, name: str) -> Named:
-    s, t = _tried(found, name)
-    return Named(name, _values(ready, found.final, name), t.p_value, t.delta_bic, s.score(name).absorbed)
-
-
-def _same(found: Found) -> tuple[str, ...]:
-    """What the data cannot tell from the first named effect (contract)."""
-    s, best = _tried(found, found.effects[0])
-    return tuple(t.name for t in s.tried[1:] if t.delta_bic > best.delta_bic - SAME)
-
-
-def _ranking(ready: Prepared, found: Found) -> tuple[Screened, ...]:
-    """All candidates: those refitted by BIC, the others behind them by their score."""
-    first = found.searches[0]
-    rows = []
-    for t in first.tried:
-        s = first.score(t.name)
-        rows.append(Screened(t.name, s.T, t.p_value, t.delta_bic, True, s.absorbed, _values(ready, t.found, t.name)))
-    done = {t.name for t in first.tried}
-    rest = sorted((s for s in first.scores if s.name not in done), key=lambda s: s.degrees * ready.problem.cost - s.T)
-    rows += [Screened(s.name, s.T, s.p_value, None, s.excited, s.absorbed) for s in rest]
-    return tuple(rows)
 
 
 def _cautions(ready: Prepared, found: Found, trials: Sequence[Trial], tests: Sequence[Trial]) -> list[str]:

@@ -14,7 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from diagnosis.data import Data
-from diagnosis.latent import Estimate, Further, active_states, look_around
+from diagnosis.free import active_states
+from diagnosis.latent import Estimate, Further, look_around
 from diagnosis.steps import Linear, Steps
 from mmg.frames import relative_air
 from mmg.memory import MODEL_LENGTH
@@ -28,7 +29,7 @@ DELAYS = (0.5, 1.0, 2.0, 4.0)
 @dataclass(frozen=True)
 class Unnamed:
     """What the dictionary explains: log Bayes factor of each kind of columns, and of their mixture in equal parts;
-    single: that of the best column alone that acts on the ship, less the log of their number."""
+    single: that of the best force of OUTER alone, less the log of their number."""
 
     log_bayes: float
     by_kind: dict[str, float]
@@ -38,7 +39,7 @@ class Unnamed:
 def unnamed(steps: Steps, data: Data, found: Estimate) -> Unnamed:
     """Test the dictionary at a fitted hypothesis."""
     active = active_states(steps, found.free.symbols, found.theta)
-    columns, kinds = _columns(steps, data, found, active)
+    columns, kinds, outer = _columns(steps, data, found, active)
     around = look_around(steps, data, found.theta, found.path, found.noise, found.free, found.p, active, columns)
     flat = around.white.reshape(-1, around.white.shape[-1])
     gram = flat.T @ flat
@@ -51,8 +52,7 @@ def unnamed(steps: Steps, data: Data, found: Estimate) -> Unnamed:
     g = slope[P:] - project.T @ slope[:P]
     names = sorted(set(kinds))
     by_kind = {name: log_bayes(g, S, np.array([k == name for k in kinds])) for name in names}
-    forces = [i for i, kind in enumerate(kinds) if not kind.startswith("sensor")]
-    alone = max(log_bayes(g, S, np.arange(len(g)) == i) for i in forces) - float(np.log(len(forces)))
+    alone = max(log_bayes(g, S, np.arange(len(g)) == i) for i in outer) - float(np.log(len(outer)))
     mixture = float(np.logaddexp.reduce(list(by_kind.values())) - np.log(len(names)))
     return Unnamed(mixture, by_kind, alone)
 
@@ -67,8 +67,27 @@ def log_bayes(g: np.ndarray, S: np.ndarray, chosen: np.ndarray) -> float:
     return top + float(np.log(np.mean(np.exp(np.array(logs) - top))))
 
 
-def _columns(steps: Steps, data: Data, found: Estimate, active: np.ndarray) -> tuple[Further, list[str]]:
-    """The dictionary as further columns of ``look_around``, and the kind of each."""
+OUTER = (
+    "1",
+    "n",
+    "nn",
+    "n|n|",
+    "back",
+    "back|back|",
+    "delta",
+    "delta nn",
+    "delta|delta|",
+    "cos",
+    "sin",
+    "cos 2",
+    "sin 2",
+)
+"""Functions of what does not answer to the random force within its memory. The slopes along the others are somewhat off
+by chance alone, since the force moves the ship and so the function."""
+
+
+def _columns(steps: Steps, data: Data, found: Estimate, active: np.ndarray) -> tuple[Further, list[str], list[int]]:
+    """The dictionary as further columns of ``look_around``, the kind of each, and which are OUTER."""
     z = found.path.z
     basis = _basis(steps, data, z)
     reach = _reach(steps, data, found, active)
@@ -97,7 +116,8 @@ def _columns(steps: Steps, data: Data, found: Estimate, active: np.ndarray) -> t
             seen[:, :, channel, count + i] = found.noise.white[channel] * values
         return forcing, seen
 
-    return further, kinds
+    outer = [3 * i + c for i, name in enumerate(basis) if name in OUTER for c in range(3)]
+    return further, kinds, outer
 
 
 def _scaled(values: np.ndarray, mask: np.ndarray) -> np.ndarray:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
 
 from diagnosis.data import Data
+from diagnosis.free import Priors, active_states, read
 from diagnosis.kalman import smoothed
-from diagnosis.latent import Estimate, Path, Priors, active_states, first_path, look_around
+from diagnosis.latent import Estimate, Path, estimate, first_path, look_around
 from diagnosis.result import HeldOut
 from diagnosis.steps import Steps
+from diagnosis.wide import AT, stem
 from mmg.logged import columns
 from mmg.memory import MODEL_LENGTH
 from mmg.model import Model
@@ -41,22 +44,27 @@ def scales(length: float) -> np.ndarray:
     return np.array([0.3 * lam, 0.3 * lam, np.radians(5.0), 0.05 * k, 0.05 * k, 0.01 / k])
 
 
-def errors(steps: Stepper, data: Data, theta: np.ndarray, length: float) -> tuple[np.ndarray, np.ndarray]:
+def errors(
+    steps: Stepper, data: Data, theta: np.ndarray, length: float, later: bool = False
+) -> tuple[np.ndarray, np.ndarray]:
     """Mean squared scaled errors of open-loop windows of ``length`` seconds (0: whole runs), by window, and their run.
 
     Each begins at its logged row; of two windows one begins STRIDE seconds after the other. A channel that was not
-    measured does not count.
+    measured does not count. theta: (all,), or (all, R) by window of the data; later: in the second half of each run.
     """
+    half = halves(data)
     starts: list[tuple[int, int]] = []
     rows = round(length / data.h)
-    for r, total in enumerate(data.steps):
-        span = rows or int(total)
-        first = range(0, max(int(total) - span, 0) + 1, max(1, round(STRIDE / data.h)) if rows else int(total))
-        starts += [(k, r) for k in first if k + span <= total and data.measured[k, r, 2:].all()]
+    for r, total in enumerate(data.steps.astype(int)):
+        begin = min(int(np.searchsorted(data.t[: total + 1, r], half[r])), total) if later else 0
+        span = rows or max(total - begin, 1)
+        first = range(begin, total - span + 1, max(1, round(STRIDE / data.h)) if rows else span)
+        starts += [(k, r) for k in first if data.measured[k, r, 2:].all()]
     if not starts:
         return np.zeros(0), np.zeros(0, dtype=int)
     k0, r0 = np.array(starts).T
-    count = np.full(len(k0), rows) if rows else data.steps[r0]
+    count = np.full(len(k0), rows) if rows else data.steps[r0] - k0
+    theta = theta[:, r0] if theta.ndim > 1 else theta
     z = steps.settled(data.y[k0, r0].T, data.inputs[np.minimum(k0, len(data.inputs) - 1), r0].T, theta)
     sigma = scales(float(steps.ship.particulars["L"]))
     total, seen = np.zeros(len(k0)), np.zeros(len(k0))
@@ -70,6 +78,29 @@ def errors(steps: Stepper, data: Data, theta: np.ndarray, length: float) -> tupl
         total += square.sum(axis=1)
         seen += good.sum(axis=1)
     return total / np.maximum(seen, 1), data.run[r0]
+
+
+def halves(data: Data) -> np.ndarray:
+    """Time at which the second half of the run of each window begins, (R,) [s]."""
+    ends = np.array([data.t[n, r] for r, n in enumerate(data.steps)])
+    return np.array([0.5 * (data.t[0, data.run == r].min() + ends[data.run == r].max()) for r in data.run])
+
+
+def in_their_runs(steps: Steps, data: Data, found: Estimate) -> Estimate:
+    """A fit with parameters by run, on other trials: theirs follow from the first half of each run.
+
+    What is known of them before is their mean and scatter over the runs of the fit; all else stays as it is.
+    """
+    symbols = dict.fromkeys(stem(s) for s in found.free.symbols if AT in s)
+    values = [np.array([found.value(s) for s in found.free.symbols if AT in s and stem(s) == x]) for x in symbols]
+    runs = np.unique(data.run)
+    names = tuple(f"{x}{AT}{r}" for r in runs for x in symbols)
+    mean, std = (np.tile([f(v) for v in values], len(runs)) for f in (np.mean, lambda v: np.std(v) + 1e-9))
+    wide = np.full(len(names), np.inf)
+    theta = read(steps.ship, data, found.theta, steps.ship.symbols)
+    first = replace(data, good=data.good & (data.t < halves(data))[..., None])
+    own = Priors(names, mean, std, -wide, wide)
+    return replace(found, theta=estimate(steps, first, theta, own, found.noise, iterations=6, steady=True).theta)
 
 
 def window_length(ship: Ship) -> float:
@@ -99,14 +130,19 @@ def interval_of(a: np.ndarray, b: np.ndarray, run: np.ndarray, rng: np.random.Ge
 def compare(steps: Steps, data: Data, before: Estimate, after: Estimate, seed: int = 0) -> HeldOut | None:
     """Windows by two fits, with an interval of the reduction by drawing runs again; None without a whole window."""
     length = window_length(steps.ship)
-    a, run = errors(steps, data, before.theta, length)
-    b, _ = errors(steps, data, after.theta, length)
+    later = any(AT in s for s in after.free.symbols)
+    if later:
+        after = in_their_runs(steps, data, after)
+    a, run = errors(steps, data, before.theta, length, later)
+    b, _ = errors(steps, data, after.theta, length, later)
     if not len(a):
         return None
     runs = np.unique(run)
     rng = np.random.default_rng(seed)
     interval = interval_of(a, b, run, rng)
-    whole = [errors(steps, data, f.theta, 0.0)[0].mean() for f in (before, after)]
+    whole = [errors(steps, data, f.theta, 0.0, later)[0].mean() for f in (before, after)]
+    if later:
+        data = replace(data, good=data.good & (data.t >= halves(data))[..., None])
     likely = [one_step_likelihood(steps, data, f) for f in (before, after)]
     gain = likely[0] - likely[1]
     gains = np.array([gain[data.run == r].sum() for r in np.unique(data.run)])

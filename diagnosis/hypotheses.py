@@ -10,11 +10,12 @@ from scipy.stats import chi2
 
 from diagnosis.data import Data
 from diagnosis.dictionary import unnamed
+from diagnosis.free import Priors
 from diagnosis.judge import likelihood, refit, robust_p, wald_p
-from diagnosis.latent import Estimate, Priors
+from diagnosis.latent import Estimate
 from diagnosis.screen import Scored, scored, slopes
 from diagnosis.steps import Steps
-from diagnosis.wide import Candidate
+from diagnosis.wide import Candidate, effect_of, stem
 from fitting.execute import run_all
 
 SHORT = 6
@@ -117,7 +118,8 @@ def search(
     workers: processes over which the refits are spread.
     """
     p = problem
-    rest = {name: c for name, c in p.candidates.items() if name not in named}
+    known = {effect_of(n) for n in named}
+    rest = {name: c for name, c in p.candidates.items() if effect_of(name) not in known}
     scores = scored(slopes(p.steps, p.data, before, rest), rest, seed)
     excited = [s for s in scores if s.excited]
     ranked = sorted(excited, key=lambda s: s.degrees * p.cost - s.T)
@@ -201,9 +203,11 @@ def _pruned(problem: Problem, named: list[str], now: Estimate) -> tuple[list[str
 
 def now_without(now: Estimate, problem: Problem, kept: Sequence[str]) -> Estimate:
     """A fit as a start of one with fewer effects: the others at their neutral values."""
-    theta = now.theta.copy()
+    theta, remains = now.theta.copy(), {effect_of(n) for n in kept}
     for c in problem.candidates.values():
-        if c.name not in kept:
+        if effect_of(c.name) not in remains:
             for s, value in zip(c.symbols, c.neutral, strict=True):
-                theta[problem.steps.ship.symbols.index(s)] = value
+                theta[problem.steps.ship.symbols.index(stem(s))] = value
+    if theta.ndim > 1 and np.ptp(theta, axis=1).max() == 0:
+        theta = theta[:, 0].copy()
     return Estimate(theta, now.free, now.p, now.covariance, now.path, now.noise, now.nll, now.iterations, now.converged)

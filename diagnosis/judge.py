@@ -9,9 +9,10 @@ from scipy.stats import chi2
 from scipy.stats import f as f_law
 
 from diagnosis.data import Data
-from diagnosis.latent import Estimate, Path, Priors, active_states, estimate, look_around
+from diagnosis.free import Priors, active_states, placed, read
+from diagnosis.latent import Estimate, Path, estimate, look_around
 from diagnosis.steps import Steps
-from diagnosis.wide import WIDE, Candidate
+from diagnosis.wide import AT, WIDE, Candidate, stem
 from mmg.memory import MODEL_LENGTH
 
 
@@ -44,12 +45,11 @@ def refit(
     Where an effect has a prior among those of ``base``, as known from other trials, that is set aside.
     """
     more = priors_of_effects(effects)
-    kept = [s not in more.symbols for s in base.symbols]
-    free = base.only(kept) + more
-    theta = before.theta.copy()
-    at = [steps.ship.symbols.index(s) for s in more.symbols]
-    theta[at] = [start.get(s, m) for s, m in zip(more.symbols, more.mean, strict=True)]
-    p = (theta[[steps.ship.symbols.index(s) for s in free.symbols]] - free.mean) / free.std
+    own = {stem(s) for s in more.symbols}
+    free = base.only([s not in own for s in base.symbols]) + more
+    first = np.array([start.get(s, m) for s, m in zip(more.symbols, more.mean, strict=True)])
+    theta = placed(steps.ship, data, before.theta, more.symbols, first)
+    p = (read(steps.ship, data, theta, free.symbols) - free.mean) / free.std
     active = active_states(steps, free.symbols, theta)
     asleep = np.setdiff1d(active, active_states(steps, before.free.symbols, before.theta))
     path = before.path
@@ -83,8 +83,11 @@ def robust_p(steps: Steps, data: Data, found: Estimate, effect: Candidate) -> fl
     """Probability of an effect by how well the runs agree on it (cluster-robust Wald test, ``clusters``).
 
     The covariance of the estimate is taken from the scatter of the clusters' slopes about the fit instead of from the
-    model of the noise (Liang & Zeger 1986). An effect that one run alone shows is not doubted by this.
+    model of the noise (Liang & Zeger 1986). An effect that one run alone shows is not doubted by this, nor one with
+    parameters of its own in each run.
     """
+    if any(AT in s for s in effect.symbols):
+        return 0.0
     active = active_states(steps, found.free.symbols, found.theta)
     around = look_around(steps, data, found.theta, found.path, found.noise, found.free, found.p, active)
     own = np.array([found.free.symbols.index(s) for s in effect.symbols])

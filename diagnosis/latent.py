@@ -8,39 +8,19 @@ of what is random follow by the fixed point of their likelihood equations.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from diagnosis.data import Data
+from diagnosis.free import Priors, acting, active_states, placed
 from diagnosis.kalman import Adjoint, Filtered, Noise, System, adjoint, filtered, responses, smoothed, system
-from diagnosis.steps import Linear, Steps
-from diagnosis.wide import neutral
+from diagnosis.steps import Linear, Steps, spread
+from diagnosis.wide import stem
 from mmg.logged import settled
 from mmg.memory import MODEL_LENGTH
 from mmg.ship import Ship
-
-
-@dataclass(frozen=True)
-class Priors:
-    """Gaussian priors and bounds of some columns: symbols and (P,) each of mean, std, lower, upper."""
-
-    symbols: tuple[str, ...]
-    mean: np.ndarray
-    std: np.ndarray
-    lower: np.ndarray
-    upper: np.ndarray
-
-    def __add__(self, other: Priors) -> Priors:
-        join = {k: np.concatenate([getattr(self, k), getattr(other, k)]) for k in ("mean", "std", "lower", "upper")}
-        return Priors(self.symbols + other.symbols, **join)
-
-    def only(self, kept: Sequence[bool]) -> Priors:
-        """Those columns that are marked."""
-        symbols = tuple(s for s, k in zip(self.symbols, kept, strict=True) if k)
-        at = np.array(kept, dtype=bool)
-        return Priors(symbols, self.mean[at], self.std[at], self.lower[at], self.upper[at])
 
 
 @dataclass(frozen=True)
@@ -80,8 +60,9 @@ class Around:
 class Estimate:
     """A hypothesis fitted.
 
-    theta: (all,) coefficients of the wide ship; free: the priors of those that were free; p: their values less the
-    prior mean, in prior std; covariance: (P, P) of p; path, noise; nll; iterations used; converged.
+    theta: (all,) coefficients of the wide ship, or (all, R) by window; free: the priors of those that were free; p:
+    their values less the prior mean, in prior std; covariance: (P, P) of p; path, noise; nll; iterations used;
+    converged.
     """
 
     theta: np.ndarray
@@ -125,7 +106,8 @@ def first_path(steps: Steps, data: Data, theta: np.ndarray) -> Path:
                 y[:, r, j] = np.interp(rows, rows[known], y[known, r, j]) if known.any() else 0.0
     K1, R = y.shape[:2]
     controls = np.concatenate([data.inputs, data.inputs[-1:]]).reshape(K1 * R, -1).T
-    z = steps.settled(y.reshape(K1 * R, 6).T, controls, theta)
+    every = spread(theta, K1 * R) if theta.ndim > 1 else theta
+    z = steps.settled(y.reshape(K1 * R, 6).T, controls, every)
     return Path(z.T.reshape(K1, R, -1), np.zeros((K1, R, 3)))
 
 
@@ -145,7 +127,8 @@ def first_covariance(steps: Steps, data: Data, z: np.ndarray, theta: np.ndarray,
         for j in range(6):
             start[j, :, j + 1] += 1e-4 * six[j]
         controls = np.repeat(data.inputs[0].T, 7, axis=1)
-        tried = settled(steps.model, start.reshape(6, -1), controls, theta).reshape(steps.S, R, 7)
+        every = np.repeat(theta, 7, axis=1) if theta.ndim > 1 else theta
+        tried = settled(steps.model, start.reshape(6, -1), controls, every).reshape(steps.S, R, 7)
         slope[:, 6:] = np.moveaxis((tried[6:, :, 1:] - tried[6:, :, :1]) / 1e-4, 0, 1)
     P = slope @ slope.swapaxes(1, 2)
     at = np.arange(6, steps.S)
@@ -168,13 +151,14 @@ def look_around(
 
     further: from the linearisation, more columns; the slope of the log determinant by them is taken as zero.
     """
-    columns = np.array([steps.symbols.index(s) for s in free.symbols], dtype=int)
+    columns = np.array([steps.symbols.index(stem(s)) for s in free.symbols], dtype=int)
     linear = steps.linearise(path.z, data.inputs, theta, path.force[:-1], columns, active)
     K, R, A = linear.G.shape[:3]
     s = system(linear, noise, first_covariance(steps, data, path.z[0], theta, active), data.good, data.inside, data.h)
     f = filtered(s)
     left = np.exp(-data.h / noise.tau)
-    pushed, seen = linear.G * free.std, linear.D * free.std
+    size = free.std * acting(free.symbols, data)  # (R, P)
+    pushed, seen = linear.G * size[:, None], linear.D * size[:, None]
     if further is not None:
         more_pushed, more_seen = further(linear)
         pushed, seen = np.concatenate([pushed, more_pushed], axis=3), np.concatenate([seen, more_seen], axis=3)
@@ -199,7 +183,7 @@ def look_around(
     )
     weight = 0.5 * (ahead + linear.F.swapaxes(2, 3) @ weight)
     by_Z = np.where(data.good[..., None], found.by_Z[..., :A], 0.0)
-    bend = steps.bend(path.z, data.inputs, theta, path.force[:-1], weight, by_Z, columns, active) * free.std
+    bend = steps.bend(path.z, data.inputs, theta, path.force[:-1], weight, by_Z, columns, active) * size
     bend = np.hstack([bend, np.zeros((R, P - len(columns)))])
     nll = 0.5 * float(f.log_det.sum() + (white[..., -1] ** 2).sum() + p @ p)
     return Around(linear, s, f, white, states, found, bend, nll)
@@ -221,27 +205,6 @@ def renewed(noise: Noise, data: Data, found: Adjoint, r: np.ndarray, u: np.ndarr
         white=np.maximum(noise.white * np.sqrt(scattered), floor.white),
         coloured=np.where(noise.coloured > 0, np.maximum(colours, floor.coloured), 0.0),
     )
-
-
-def active_states(steps: Steps, free: Sequence[str], theta: np.ndarray) -> np.ndarray:
-    """Positions of the states on which the motion or the columns depend: not the memory of effects at neutral values.
-
-    free: symbols that are being fitted; an effect whose parameters are neither free nor off neutral is asleep.
-    """
-    ship, awake = steps.ship, {s.split(".")[0] for s in free if "." in s}
-    for symbol, value in zip(ship.symbols, theta, strict=True):
-        name, _, parameter = symbol.partition(".")
-        if parameter and value != neutral(ship, name, parameter):
-            awake.add(name)
-    keep = [i for i, s in enumerate(steps.model.states) if "." not in s or s.split(".")[0] in awake]
-    return np.array(keep)
-
-
-def priors_of(ship: Ship, symbols: Sequence[str]) -> Priors:
-    """As the ship's file states them."""
-    rows = [ship.coefficients[s] for s in symbols]
-    mean, std, lower, upper = (np.array([getattr(c, k) for c in rows]) for k in ("value", "std", "lower", "upper"))
-    return Priors(tuple(symbols), mean, std, lower, upper)
 
 
 @dataclass(frozen=True)
@@ -272,18 +235,15 @@ def estimate(
     Stops when an iteration is expected to gain less than ``tolerance`` of log likelihood, after at most ``iterations``
     linearisations. steady: the sizes of what is random stay as they are.
     """
-    at = np.array([steps.ship.symbols.index(s) for s in free.symbols], dtype=int)
     active = active_states(steps, free.symbols, theta)
     low, high = (free.lower - free.mean) / free.std, (free.upper - free.mean) / free.std
     typical = first_noise(steps.ship, data)
     floor = Noise(0.02 * typical.force, typical.tau, 0.02 * typical.white, 0.02 * typical.white, typical.colour_tau)
 
     def coefficients(p: np.ndarray) -> np.ndarray:
-        every = theta.copy()
-        every[at] = free.mean + free.std * p
-        return every
+        return placed(steps.ship, data, theta, free.symbols, free.mean + free.std * p)
 
-    p = np.clip(np.zeros(len(at)) if p is None else p, low, high)
+    p = np.clip(np.zeros(len(low)) if p is None else p, low, high)
     now = _Point(p, first_path(steps, data, coefficients(p)) if path is None else path, noise)
     best: tuple | None = None
     share, halved, converged, used = 1.0, 0, False, 0
@@ -296,9 +256,9 @@ def estimate(
             now = _moved(start, dp, dz, df, share, low, high)
             continue
         share, halved = 1.0, 0
-        flat = around.white.reshape(-1, len(at) + 1)
+        flat = around.white.reshape(-1, len(p) + 1)
         gram = flat.T @ flat
-        A = gram[:-1, :-1] + np.eye(len(at))
+        A = gram[:-1, :-1] + np.eye(len(p))
         slope = gram[:-1, -1] + now.p + around.bend.sum(axis=0)
         dp = _bounded_step(A, slope, now.p, low, high)
         gain = -float(slope @ dp + 0.5 * dp @ A @ dp)
@@ -345,37 +305,3 @@ def _bounded_step(A: np.ndarray, slope: np.ndarray, p: np.ndarray, low: np.ndarr
         d[out] = np.clip(p + d, low, high)[out] - p[out]
         held |= out
     return d
-
-
-@np.errstate(all="ignore")
-def with_memory_time(steps: Steps, data: Data, found: Estimate) -> Estimate:
-    """A fit with the memory of its latent force made more likely: a parabola through three values of its logarithm."""
-    active = active_states(steps, found.free.symbols, found.theta)
-    nothing = Priors((), *(np.zeros(0) for _ in range(4)))
-    logs, values = np.log(found.noise.tau) + np.array([-0.6, 0.0, 0.6]), []
-    for log in logs:
-        tau = float(np.exp(log))
-        size = found.noise.force * (tau / found.noise.tau) ** 0.25  # between equal size and equal change over a second
-        noise = found.noise.with_(tau=tau, force=size)
-        values.append(look_around(steps, data, found.theta, found.path, noise, nothing, np.zeros(0), active).nll)
-    a, b, _ = np.polyfit(logs - logs[1], values, 2)
-    if not a > 0:
-        return found
-    tau = float(np.exp(logs[1] + np.clip(-b / (2 * a), -0.7, 0.7)))
-    if not 2 * data.h <= tau <= 60 * data.h:
-        return found
-    noise = found.noise.with_(tau=tau)
-    return estimate(steps, data, found.theta, found.free, noise, found.path, found.p, iterations=6)
-
-
-def echo(steps: Steps, data: Data, found: Estimate) -> float:
-    """Largest correlation of whitened residuals of a sensor with those one or two samples before; 0 if all is well."""
-    active = active_states(steps, found.free.symbols, found.theta)
-    nothing = Priors((), *(np.zeros(0) for _ in range(4)))
-    a = look_around(steps, data, found.theta, found.path, found.noise, nothing, np.zeros(0), active)
-    w = np.where(data.good, a.white[..., -1], 0.0)
-    seen = data.good.any(axis=(1, 2))
-    w = w[seen][4:]
-    square = (w**2).sum(axis=(0, 1))
-    pairs = [np.abs((w[lag:] * w[:-lag]).sum(axis=(0, 1))) / np.maximum(square, 1e-300) for lag in (1, 2)]
-    return float(np.max(pairs)) if len(w) > 4 else 0.0

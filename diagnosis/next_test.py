@@ -9,14 +9,17 @@ largest is named. With one explanation only, it is the one that would make its s
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from cases.trial import Trial
 from diagnosis.data import arrange
-from diagnosis.hypotheses import Found, Problem
+from diagnosis.free import read
+from diagnosis.hypotheses import Problem
 from diagnosis.judge import priors_of_effects
-from diagnosis.latent import Estimate, Path, Priors, look_around
+from diagnosis.latent import Estimate, Path, look_around
+from diagnosis.wide import AT
 from fitting.next_trial import runs
 from fitting.trial_library import Option, library
 from mmg.memory import MODEL_LENGTH
@@ -28,13 +31,13 @@ TOLD = 6.6
 """Misfit that tells two explanations apart at 1 %."""
 
 
-def next_test(problem: Problem, found: Found, names: Sequence[str], ship: Ship) -> str:
+def next_test(problem: Problem, first: Estimate, names: Sequence[str], ship: Ship) -> str:
     """A sentence: the manoeuvre that would separate the first of ``names`` from each of the others.
 
-    names: at least one effect of the first search, refitted there; ship: with that effect, as diagnosed.
+    first: a fit with the first of the effects; ship: with that effect, as diagnosed.
     """
-    tried = {t.name: t for t in found.searches[0].tried}
-    first = tried[names[0]].found
+    theta = read(problem.steps.ship, problem.data, first.theta, problem.steps.ship.symbols)
+    first = replace(first, theta=theta)
     k = (float(ship.particulars["L"]) / MODEL_LENGTH) ** 0.5
     chosen = [o for o in library(ship) if not o.name.endswith("half speed") or o.maneuver.startswith("zigzag:20")]
     options, trials, _ = runs(ship, chosen, SECONDS * k, problem.data.h)
@@ -46,7 +49,7 @@ def next_test(problem: Problem, found: Found, names: Sequence[str], ship: Ship) 
         best = int(np.argmax(rows[:, 0]))
         return (
             f"To know the size of {names[0]} better: {_order(options[best])} of {SECONDS * k:.0f} s, which alone would "
-            f"measure it to {1 / max(np.sqrt(rows[best, 0]), 1e-9):.0%} of its value."
+            f"measure it to {100 / max(np.sqrt(rows[best, 0]), 1e-9):.2g} % of its value."
         )
     worst = rows.min(axis=1)
     best = int(np.argmax(worst))
@@ -78,15 +81,19 @@ def _told(problem: Problem, first: Estimate, name: str, others: Sequence[str], t
     nothing = np.zeros((K + 1, R, 3))
     effects = [problem.candidates[n] for n in (name, *others)]
     more = priors_of_effects(effects)
-    P = len(problem.base.symbols)
-    free = Priors(problem.base.symbols, *(getattr(problem.base, k) for k in ("mean", "std", "lower", "upper"))) + more
+    acting = {s.partition(".")[0] for s in first.free.symbols if AT in s} | {name, *others}
+    kept = [s in first.free.symbols and s.partition(".")[0] not in acting for s in problem.base.symbols]
+    base = problem.base.only(kept)
+    P, free = len(base.symbols), base + more
     around = look_around(steps, data, first.theta, Path(z, nothing), first.noise, free, np.zeros(len(free.mean)), every)
     flat = np.nan_to_num(around.white[..., :-1]).reshape(-1, len(free.mean))
     gram = flat.T @ flat
-    gram[:P, :P] += np.linalg.inv(first.covariance[:P, :P])
+    known = [first.free.symbols.index(s) for s in base.symbols]
+    gram[:P, :P] += np.linalg.inv(first.covariance[np.ix_(known, known)])
     S = gram[P:, P:] - gram[P:, :P] @ np.linalg.solve(gram[:P, :P], gram[:P, P:])
     q = len(effects[0].symbols)
-    phi = (np.array([first.value(s) for s in effects[0].symbols]) - effects[0].neutral) / more.std[:q]
+    size = read(problem.steps.ship, problem.data, first.theta, effects[0].symbols)
+    phi = (size - effects[0].neutral) / more.std[:q]
     if not others:
         return np.array([phi @ S[:q, :q] @ phi])
     misfit, at = [], q

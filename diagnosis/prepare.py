@@ -11,13 +11,15 @@ from cases.effects import freeing_effects
 from cases.site import Site
 from cases.trial import Trial
 from diagnosis.data import COARSE, Data, arrange, moving
+from diagnosis.free import Priors
 from diagnosis.hypotheses import Problem
 from diagnosis.kalman import Noise
 from diagnosis.kinematics import Kinematics
-from diagnosis.latent import Estimate, Priors, echo, estimate, first_noise, with_memory_time
+from diagnosis.latent import Estimate, estimate, first_noise
+from diagnosis.memory import echo, hum, with_memory_time
 from diagnosis.reference import refer
 from diagnosis.steps import Steps
-from diagnosis.wide import Wide, widened
+from diagnosis.wide import LOCAL, Wide, by_run, widened
 from mmg.errors import UserError
 from mmg.memory import MODEL_LENGTH
 from mmg.ship import Ship
@@ -28,12 +30,17 @@ at least LEAST grid times are left. On the records of the 3 m tanker the correla
 times what it is at 3, 5 or 10 s, with worse predictions; with white errors it is below .05."""
 MAX_FITS = 12
 """Linearisations of the first fit."""
+RUNS = 3
+"""Runs from which effects of the surroundings may differ from run to run."""
 Report = Callable[[str], None]
 
 
 @dataclass(frozen=True)
 class Prepared:
-    """The problem, the fit without any effect, and what was learnt on the way."""
+    """The problem, the fit without any effect, and what was learnt on the way.
+
+    straight: inputs are joined by lines; gap: one in so many grid times is compared; line: as ``memory.hum`` has it.
+    """
 
     problem: Problem
     wide: Wide
@@ -41,6 +48,7 @@ class Prepared:
     straight: bool
     gap: int
     notices: tuple[str, ...]
+    line: tuple[float, float]
 
 
 def priors_before(ship: Ship, unseen: bool = False) -> Priors:
@@ -93,7 +101,7 @@ def prepare(
     if reference:
         old = arrange(reference, wide.ship.inputs, length, data.h, moving(reference))
         old, null, *_ = fitted(steps, old, values, base, first_noise(wide.ship, old))
-        known = refer(steps, old, null, base, wide.candidates)
+        known = refer(steps, old, null, base, wide.candidates, len(trials))
         base, wide = known.priors, replace(wide, candidates=known.candidates)
         values, usual = known.theta, known.unnamed
         notices.append(
@@ -103,7 +111,7 @@ def prepare(
         if known.strong:
             notices.append(f"the trials of the calibration show these effects already: {', '.join(known.strong)}")
         say(f"fitted to what the ship was calibrated on: {len(old.trials)} runs, {old.samples} samples")
-    data, null, gap, heard = fitted(steps, data, values, base, first_noise(wide.ship, data))
+    data, null, gap, heard, line = fitted(steps, data, values, base, first_noise(wide.ship, data))
     if gap > 1:
         notices.append(
             f"what remains of neighbouring samples is alike (correlation {heard:.2f}), as of filtered instruments: one "
@@ -113,24 +121,29 @@ def prepare(
     notices += list(data.dropped)
     if not null.converged:
         notices.append("the fit without any effect has not quite settled")
+    runs = np.unique(data.run).tolist()
+    if len(runs) >= RUNS:
+        own = [by_run(wide.candidates[n], runs) for n in LOCAL if n in wide.candidates]
+        wide = replace(wide, candidates=wide.candidates | {c.name: c for c in own})
     problem = Problem(steps, data, base, wide.candidates, usual * data.samples)
-    return Prepared(problem, wide, null, straight, gap, tuple(notices))
+    return Prepared(problem, wide, null, straight, gap, tuple(notices), line)
 
 
 def fitted(
     steps: Steps, data: Data, theta: np.ndarray, base: Priors, noise: Noise
-) -> tuple[Data, Estimate, int, float]:
-    """(data, fit, every how many grid times are compared, correlation of neighbouring residuals) without any effect."""
+) -> tuple[Data, Estimate, int, float, tuple[float, float]]:
+    """(data, fit, every how many grid times are compared, correlation of neighbouring residuals, sharpest line in their
+    spectrum) without any effect."""
     p = (theta[[steps.ship.symbols.index(s) for s in base.symbols]] - base.mean) / base.std
     null = estimate(steps, data, theta, base, noise, p=p, iterations=MAX_FITS)
     gap = max(1, round(APART * (float(steps.ship.particulars["L"]) / MODEL_LENGTH) ** 0.5 / data.h))
-    heard = echo(steps, data, null)
+    heard, line = echo(steps, data, null), hum(steps, data, null)
     if not (heard > ECHO and data.thinned(gap).samples >= LEAST):
         gap = 1
     if gap > 1:
         data = data.thinned(gap)
         null = estimate(steps, data, theta, base, noise, p=p, iterations=MAX_FITS)
-    return data, with_memory_time(steps, data, null), gap, heard
+    return data, with_memory_time(steps, data, null), gap, heard, line
 
 
 FILTERS = ("velocity_lag", "gyro")

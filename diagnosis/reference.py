@@ -15,7 +15,8 @@ import numpy as np
 
 from diagnosis.data import Data
 from diagnosis.dictionary import unnamed
-from diagnosis.latent import Estimate, Path, Priors, active_states, estimate, look_around
+from diagnosis.free import Priors, active_states
+from diagnosis.latent import Estimate, Path, estimate, look_around
 from diagnosis.steps import Steps
 from diagnosis.wide import Candidate
 
@@ -51,8 +52,13 @@ def of_effects(candidates: Sequence[Candidate]) -> Priors:
     return Priors(symbols, join["neutral"], join["typical"], join["lower"], join["upper"])
 
 
-def refer(steps: Steps, data: Data, null: Estimate, base: Priors, candidates: dict[str, Candidate]) -> Reference:
-    """Fit all effects to the calibration's trials, from the fit without any, and see how they scatter by run."""
+def refer(
+    steps: Steps, data: Data, null: Estimate, base: Priors, candidates: dict[str, Candidate], runs: int = 1
+) -> Reference:
+    """Fit all effects to the calibration's trials, from the fit without any, and see how they scatter by run.
+
+    runs: number of the other trials, whose mean scatters less than each of them.
+    """
     effects = of_effects(list(candidates.values()))
     free = base + effects
     p = np.concatenate([null.p, np.zeros(len(effects.symbols))])
@@ -64,13 +70,13 @@ def refer(steps: Steps, data: Data, null: Estimate, base: Priors, candidates: di
     spread = _scatter(steps, data, found, len(base.symbols))
     P, known = len(base.symbols), found.p.copy()
     std = np.sqrt(np.diag(found.covariance))
-    std[P:] = np.hypot(std[P:], spread)
+    std[P:] = np.hypot(std[P:], spread / np.sqrt(runs))
     moved, strong = {}, []
     for c in candidates.values():
         at = [free.symbols.index(s) for s in c.symbols]
         if np.abs(found.p[at]).max() > STRONG:
             strong.append(c.name)
-            known[at], std[at] = 0.0, np.minimum(spread[np.array(at) - P], 1.0)
+            known[at], std[at] = 0.0, np.minimum(spread[np.array(at) - P] / np.sqrt(runs), 1.0)
         moved[c.name] = replace(c, neutral=free.mean[at] + free.std[at] * known[at])
     value = free.mean + free.std * known
     theta = found.theta.copy()

@@ -27,7 +27,8 @@ class Named:
     """An effect that the data name.
 
     p_value: of its test among all candidates; delta_bic: what it gains over the model without it (positive is better);
-    absorbed_share: of its information that the coefficients could have imitated.
+    absorbed_share: of its information that the coefficients could have imitated; by_run: run -> parameter -> value, if
+    it differs from run to run (parameters: the mean).
     """
 
     name: str
@@ -35,6 +36,7 @@ class Named:
     p_value: float
     delta_bic: float
     absorbed_share: float
+    by_run: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -164,6 +166,7 @@ def contract(d: Diagnosis) -> dict[str, Any]:
                 "delta_bic": e.delta_bic,
                 "absorbed_share": e.absorbed_share,
             }
+            | ({"by_run": {k: dict(v) for k, v in e.by_run.items()}} if e.by_run else {})
             for e in d.effects
         ],
         "equivalence_class": list(d.equivalence_class),

@@ -15,9 +15,10 @@ import numpy as np
 from scipy.stats import chi2
 
 from diagnosis.data import Data
-from diagnosis.latent import Estimate, Path, Priors, active_states, look_around
+from diagnosis.free import Priors, acting, active_states
+from diagnosis.latent import Estimate, Path, look_around
 from diagnosis.steps import Steps
-from diagnosis.wide import Candidate
+from diagnosis.wide import Candidate, stem
 
 DRAWS = 4000
 """Draws of the joint law of all slopes, for the probability of the largest."""
@@ -60,23 +61,29 @@ def slopes(steps: Steps, data: Data, found: Estimate, candidates: Mapping[str, C
     active, z = np.arange(steps.S), found.path.z  # a candidate's memory takes part in the slope of the log determinant
     if len(passive):
         z = steps.remembered(z, data.inputs, found.theta, found.path.force, passive)
-    symbols = [s for c in candidates.values() for s in c.symbols]
-    typical = np.concatenate([c.typical for c in candidates.values()])
-    free, n = found.free, len(symbols)
+    each = [s for c in candidates.values() for s in c.symbols]
+    symbols = list(dict.fromkeys(stem(s) for s in each))
+    sizes = dict(zip((stem(s) for s in each), np.concatenate([c.typical for c in candidates.values()]), strict=True))
+    typical, free, n = np.array([sizes[s] for s in symbols]), found.free, len(symbols)
     both = free + Priors(tuple(symbols), np.zeros(n), typical, np.full(n, -np.inf), np.full(n, np.inf))
     path, nowhere = Path(z, found.path.force), np.zeros(len(both.symbols))
     around = look_around(steps, data, found.theta, path, found.noise, both, nowhere, active)
     P = len(free.symbols)
     grams = np.einsum("krca,krcb->rab", around.white, around.white, optimize=True)
-    gram = grams.sum(axis=0)
+    bend = np.hstack([around.bend, np.zeros((len(data.run), 1))])
+    # a parameter of one run has the column of the ship's parameter in that run's windows and nothing elsewhere
+    pick = np.array([*range(P), *(P + symbols.index(stem(s)) for s in each), P + n])
+    acts = np.hstack([np.ones((len(data.run), P)), acting(each, data), np.ones((len(data.run), 1))])
+    grams = grams[:, pick[:, None], pick[None]] * acts[:, :, None] * acts[:, None]
+    gram, bends = grams.sum(axis=0), (bend[:, pick] * acts).sum(axis=0)[:-1]
     A = gram[:P, :P] + np.eye(P)
     project = np.linalg.solve(A, gram[:P, P:-1])
     S = gram[P:-1, P:-1] - gram[P:-1, :P] @ project
     own = np.diag(gram)[P:-1].copy()
-    g_all = -(gram[:-1, -1] + around.bend.sum(axis=0))
+    g_all = -(gram[:-1, -1] + bends)
     g_all[:P] -= found.p
     g = g_all[P:] - project.T @ g_all[:P]
-    return Slopes(tuple(symbols), g, S, own)
+    return Slopes(tuple(each), g, S, own)
 
 
 def scored(s: Slopes, candidates: Mapping[str, Candidate], seed: int = 0) -> list[Scored]:

@@ -108,8 +108,11 @@ class Steps:
         return states_behind(self.model, six, controls, theta)
 
     def coefficients(self, theta: np.ndarray, force: np.ndarray) -> np.ndarray:
-        """All coefficients by point (all, M) with the latent force (3, M) added to that of ``tow``."""
-        every = np.repeat(theta[:, None], force.shape[1], axis=1)
+        """All coefficients by point (all, M) with the latent force (3, M) added to that of ``tow``.
+
+        theta: (all,), or (all, R) by window where the points are K times those of R windows.
+        """
+        every = spread(theta, force.shape[1]).copy()
         every[self.force] += force
         return every
 
@@ -144,7 +147,8 @@ class Steps:
         columns: np.ndarray,
         active: np.ndarray,
     ) -> Linear:
-        """The model about a path z (K + 1, R, S) with inputs (K, R, C), coefficients (all,), latent force (K, R, 3).
+        """The model about a path z (K + 1, R, S) with inputs (K, R, C), latent force (K, R, 3), coefficients (all,) or,
+        by window, (all, R).
 
         columns: positions in ``symbols`` of those that the result differentiates by (P of them); active: of the
         states (A of them), which must not depend on the others.
@@ -192,7 +196,8 @@ class Steps:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Logged columns (K + 1, R, 6) and their derivatives by active state and by coefficient."""
         rows, R = z.shape[:2]
-        y, nonzeros = _at(self._h_jacobian, np.ascontiguousarray(z.reshape(rows * R, -1).T), theta)
+        every = spread(theta, rows * R) if theta.ndim > 1 else theta
+        y, nonzeros = _at(self._h_jacobian, np.ascontiguousarray(z.reshape(rows * R, -1).T), every)
         J = np.zeros((rows * R, 6, self.S + self.P))
         J[:, self._h_at[0], self._h_at[1]] = nonzeros.T
         J = J.reshape(rows, R, 6, -1)
@@ -228,9 +233,17 @@ class Steps:
         full = np.zeros((M, 6, self.S))
         full[:, :, active] = weight_logged.reshape(M, 6, -1)
         chosen = np.ascontiguousarray(full[:, self._h_bend_at[0], self._h_bend_at[1]].T)
-        found = _at(self._h_bend, z.reshape(M, -1).T, theta, chosen)[0]
+        every = spread(theta, M) if theta.ndim > 1 else theta
+        found = _at(self._h_bend, z.reshape(M, -1).T, every, chosen)[0]
         result += found.reshape(-1, K + 1, R).sum(axis=1)
         return result[columns].T
+
+
+def spread(theta: np.ndarray, points: int) -> np.ndarray:
+    """Coefficients by point (all, points) from (all,), or from (all, R) of R windows that follow each other K times."""
+    return (
+        np.tile(theta, (1, points // theta.shape[1])) if theta.ndim > 1 else np.repeat(theta[:, None], points, axis=1)
+    )
 
 
 def _nonzeros(matrix: ca.SX) -> ca.SX:

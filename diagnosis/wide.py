@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +12,10 @@ from cases.trial import Trial
 from mmg.effects import EFFECTS, Parameter
 from mmg.ship import Ship
 
+LOCAL = ("current", "wind_sensor_bias", "tow")
+"""Effects of the surroundings that may differ from run to run."""
+BY_RUN, AT = " by run", "@"
+"""What marks the name of such a candidate, and the symbol of a parameter in one run."""
 NEVER = ("disturbance",)
 """Effects that are no hypothesis: the latent force itself."""
 WIDE = 10.0
@@ -42,6 +46,23 @@ class Wide:
     ship: Ship
     candidates: dict[str, Candidate]
     left_out: dict[str, str]
+
+
+def stem(symbol: str) -> str:
+    """The symbol of the ship behind that of a parameter in one run."""
+    return symbol.partition(AT)[0]
+
+
+def effect_of(name: str) -> str:
+    """The effect behind the name of a candidate."""
+    return name.removesuffix(BY_RUN)
+
+
+def by_run(c: Candidate, runs: Sequence[int]) -> Candidate:
+    """The candidate with parameters of its own in each of these runs; those of a run stand together."""
+    symbols = tuple(f"{s}{AT}{r}" for r in runs for s in c.symbols)
+    tiled = {k: np.tile(getattr(c, k), len(runs)) for k in ("neutral", "typical", "lower", "upper")}
+    return Candidate(c.name + BY_RUN, symbols, **tiled)
 
 
 def parameters(ship: Ship, name: str) -> tuple[Parameter, ...]:

@@ -13,7 +13,7 @@ def amount(effect: Named) -> str:
     parts = []
     for symbol, p in effect.parameters.items():
         parts.append(f"{symbol} = {p.value:.3g} ± {p.std:.2g} {p.unit}".rstrip())
-    return ", ".join(parts)
+    return ", ".join(parts) + (" in the mean, different in each run" if effect.by_run else "")
 
 
 def sentence_of(

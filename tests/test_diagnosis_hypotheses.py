@@ -11,9 +11,10 @@ from scipy.stats import multivariate_normal
 from cases.disturbed import drawn_ship, process
 from diagnosis.diagnose import SLIGHTLY, SUPPORTED, WORSE, decide
 from diagnosis.dictionary import SIZES, log_bayes, unnamed
+from diagnosis.free import Priors
 from diagnosis.hypotheses import AGREE, LEVEL, ODDS, SAME, Found, Problem, Search, Tried, explain
 from diagnosis.kalman import Noise
-from diagnosis.latent import Estimate, Path, Priors, estimate, first_noise
+from diagnosis.latent import Estimate, Path, estimate, first_noise
 from diagnosis.result import HeldOut
 from tests.diagnosis_cases import FEW, WHITE, problem_of, pushed_trials, quiet
 

@@ -9,19 +9,10 @@ import pytest
 
 from cases.disturbed import drawn_ship
 from diagnosis.data import Data, arrange
+from diagnosis.free import Priors, active_states, priors_of
 from diagnosis.kalman import Noise, smoothed
-from diagnosis.latent import (
-    Around,
-    Estimate,
-    Path,
-    Priors,
-    active_states,
-    estimate,
-    first_noise,
-    look_around,
-    priors_of,
-    with_memory_time,
-)
+from diagnosis.latent import Around, Estimate, Path, estimate, first_noise, look_around
+from diagnosis.memory import with_memory_time
 from diagnosis.prepare import priors_before
 from diagnosis.steps import Steps
 from diagnosis.wide import widened

@@ -9,8 +9,9 @@ import pytest
 
 from cases.ships import load_ship
 from diagnosis.data import Data
+from diagnosis.free import Priors
 from diagnosis.kalman import Noise
-from diagnosis.latent import Estimate, Path, Priors
+from diagnosis.latent import Estimate, Path
 from diagnosis.situations import PHASES, phases
 from diagnosis.where import where
 

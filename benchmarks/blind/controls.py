@@ -18,8 +18,9 @@ from benchmarks.blind.solve import blind_ship, cases_of
 from cases.read import read_trials
 from cases.site import read_site
 from diagnosis.data import Data, arrange, moving
+from diagnosis.free import Priors, active_states
 from diagnosis.held_out import WINDOW, errors
-from diagnosis.latent import Estimate, Priors, active_states, estimate, first_noise, look_around
+from diagnosis.latent import Estimate, estimate, first_noise, look_around
 from diagnosis.prepare import priors_before
 from diagnosis.screen import scored, slopes
 from diagnosis.steps import Steps

@@ -1,0 +1,81 @@
+"""What is learnt about a fit afterwards: the memory of its latent force, and whether what remains is white."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.ndimage import median_filter
+from scipy.stats import gamma
+
+from diagnosis.data import Data
+from diagnosis.free import Priors, active_states
+from diagnosis.latent import Estimate, estimate, look_around
+from diagnosis.steps import Steps
+
+LEAST_ROWS, BINS, NEAR = 60, 30, 9
+"""Grid times of a window whose spectrum is taken, frequencies in it, and neighbours that a line is compared with."""
+
+
+@np.errstate(all="ignore")
+def with_memory_time(steps: Steps, data: Data, found: Estimate) -> Estimate:
+    """A fit with the memory of its latent force made more likely: a parabola through three values of its logarithm."""
+    active = active_states(steps, found.free.symbols, found.theta)
+    nothing = Priors((), *(np.zeros(0) for _ in range(4)))
+    logs, values = np.log(found.noise.tau) + np.array([-0.6, 0.0, 0.6]), []
+    for log in logs:
+        tau = float(np.exp(log))
+        size = found.noise.force * (tau / found.noise.tau) ** 0.25  # between equal size and equal change over a second
+        noise = found.noise.with_(tau=tau, force=size)
+        values.append(look_around(steps, data, found.theta, found.path, noise, nothing, np.zeros(0), active).nll)
+    a, b, _ = np.polyfit(logs - logs[1], values, 2)
+    if not a > 0:
+        return found
+    tau = float(np.exp(logs[1] + np.clip(-b / (2 * a), -0.7, 0.7)))
+    if not 2 * data.h <= tau <= 60 * data.h:
+        return found
+    noise = found.noise.with_(tau=tau)
+    return estimate(steps, data, found.theta, found.free, noise, found.path, found.p, iterations=6)
+
+
+def echo(steps: Steps, data: Data, found: Estimate) -> float:
+    """Largest correlation of whitened residuals of a sensor with those one or two samples before; 0 if all is well."""
+    active = active_states(steps, found.free.symbols, found.theta)
+    nothing = Priors((), *(np.zeros(0) for _ in range(4)))
+    a = look_around(steps, data, found.theta, found.path, found.noise, nothing, np.zeros(0), active)
+    w = np.where(data.good, a.white[..., -1], 0.0)
+    seen = data.good.any(axis=(1, 2))
+    w = w[seen][4:]
+    square = (w**2).sum(axis=(0, 1))
+    pairs = [np.abs((w[lag:] * w[:-lag]).sum(axis=(0, 1))) / np.maximum(square, 1e-300) for lag in (1, 2)]
+    return float(np.max(pairs)) if len(w) > 4 else 0.0
+
+
+@np.errstate(all="ignore")
+def hum(steps: Steps, data: Data, found: Estimate) -> tuple[float, float]:
+    """(p, period [s]) of the sharpest line in the spectrum of the whitened residuals; p by chance (Fisher 1929).
+
+    Periodograms are averaged over windows: under chance a sum of exponentials, here about the median of the
+    neighbouring frequencies. A force that swings, as in waves, stands out as a line, which the random force cannot
+    follow. p = 1 where samples are left out or too few.
+    """
+    active = active_states(steps, found.free.symbols, found.theta)
+    nothing = Priors((), *(np.zeros(0) for _ in range(4)))
+    a = look_around(steps, data, found.theta, found.path, found.noise, nothing, np.zeros(0), active)
+    w, seen = np.where(data.good, a.white[..., -1], 0.0), np.asarray(data.good.any(axis=2))
+    powers: list[np.ndarray] = []
+    for r in range(w.shape[1]):
+        rows = np.flatnonzero(seen[:, r])[4:]
+        if len(rows) < LEAST_ROWS or np.ptp(rows) + 1 > len(rows):
+            continue
+        part = w[rows, r]
+        full = np.abs(np.fft.rfft(part - part.mean(axis=0), axis=0)[1:-1]) ** 2
+        full /= np.maximum(full.mean(axis=0), 1e-300)
+        at = np.linspace(0, len(full) - 1, BINS).round().astype(int)
+        powers.append(full[at])
+    if not powers:
+        return 1.0, float("inf")
+    total, W = np.sum(powers, axis=0), len(powers)
+    about = median_filter(total, (NEAR, 1), mode="nearest") / (gamma.median(W) / W)
+    ratio = total / np.maximum(about, 1e-300)
+    line = int(np.argmax(ratio.max(axis=1)))
+    p = min(1.0, total.size * float(gamma.sf(W * ratio.max(), W)))
+    return p, 2 * data.h * (BINS - 1) / max(line, 0.5)
