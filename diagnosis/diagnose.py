@@ -8,15 +8,17 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 from cases.site import Site
 from cases.trial import Trial
 from diagnosis import told
-from diagnosis.data import arrange
+from diagnosis.data import Data, arrange
 from diagnosis.dictionary import Unnamed, unnamed
 from diagnosis.held_out import compare
-from diagnosis.hypotheses import AGREE, LEVEL, ODDS, Found, explain
+from diagnosis.hypotheses import AGREE, LEVEL, ODDS, Found, Problem, explain
 from diagnosis.kinematics import consistency
+from diagnosis.latent import Estimate
 from diagnosis.next_test import next_test
 from diagnosis.prepare import Prepared, Report, prepare, with_sensor_faults
 from diagnosis.result import Diagnosis, HeldOut
@@ -64,20 +66,23 @@ def diagnose(
     ready = prepare(ship, trials, site, step, unseen, reference, say)
     timings = {"fit": time.perf_counter() - began}
     p = ready.problem
-    before = unnamed(p.steps, p.data, ready.null)
-    found = explain(p, ready.null, seed, workers)
-    after = unnamed(p.steps, p.data, found.final) if found.effects else before
-    timings["screen and refits"] = time.perf_counter() - began - timings["fit"]
-    say("screened and refitted: " + (", ".join(found.effects) or "no effect stands out"))
-    ship_before = told.fitted_ship(p, ship, ready.wide, found.null, ())
-    ship_after = told.fitted_ship(p, ship, ready.wide, found.final, found.effects)
-    held = None
+    test_data = None
     if tests:
         test_data = arrange(tests, ready.wide.ship.inputs, float(ship.particulars["L"]), p.data.h, ready.straight)
         test_data = test_data.thinned(ready.gap)
-        held = compare(p.steps, test_data, found.null, found.final, seed)
-    there = max(before.log_bayes, before.single + ODDS - BEYOND)
-    verdict, reasons = decide(found, there - p.usual, after.log_bayes - p.usual, held)
+    before = unnamed(p.steps, p.data, ready.null)
+    answer = _answer(p, ready.null, before, test_data, seed, workers)
+    reasons = list(answer.reasons)
+    if answer.verdict != "named" and any(n != effect_of(n) for n in answer.found.effects):
+        say("asking again with the same surroundings in all runs")
+        alike = {n: c for n, c in p.candidates.items() if n == effect_of(n)}
+        answer = _answer(replace(p, candidates=alike), ready.null, before, test_data, seed, workers)
+        reasons += answer.reasons
+    found, after, held, verdict = answer.found, answer.after, answer.held, answer.verdict
+    timings["screen, refits, test trials"] = time.perf_counter() - began - timings["fit"]
+    say("screened and refitted: " + (", ".join(found.effects) or "no effect stands out"))
+    ship_before = told.fitted_ship(p, ship, ready.wide, found.null, ())
+    ship_after = told.fitted_ship(p, ship, ready.wide, found.final, found.effects)
     chance, period = ready.line
     if chance < LINE:
         reasons.append(
@@ -117,6 +122,25 @@ def diagnose(
         kinematics=tuple(r.sentence for r in sensors.found),
         timings=timings,
     )
+
+
+@dataclass(frozen=True)
+class _Answer:
+    """Of one search: what it found, what is left without a name, the test trials, the verdict and why a name went."""
+
+    found: Found
+    after: Unnamed
+    held: HeldOut | None
+    verdict: str
+    reasons: list[str]
+
+
+def _answer(p: Problem, null: Estimate, before: Unnamed, tests: Data | None, seed: int, workers: int) -> _Answer:
+    found = explain(p, null, seed, workers)
+    after = unnamed(p.steps, p.data, found.final) if found.effects else before
+    held = compare(p.steps, tests, found.null, found.final, seed) if tests is not None else None
+    there = max(before.log_bayes, before.single + ODDS - BEYOND)
+    return _Answer(found, after, held, *decide(found, there - p.usual, after.log_bayes - p.usual, held))
 
 
 def incomplete(found: Found, before: Unnamed, after: Unnamed, usual: float = 0.0) -> bool:
@@ -161,7 +185,7 @@ def decide(found: Found, before: float, after: float, held: HeldOut | None) -> t
             "but so many parameters need test trials that they predict: the name is withdrawn"
         ]
     apart = [f"{n} (p = {p:.2g})" for n, p in found.robust.items() if p > AGREE]
-    if apart:
+    if apart and not supported:
         return "unknown", [f"the runs do not agree on {' and '.join(apart)}: the name is withdrawn"]
     if held is not None and _contradicted(held):
         return "unknown", [
@@ -183,10 +207,11 @@ def _cautions(ready: Prepared, found: Found, trials: Sequence[Trial], tests: Seq
     """What cannot be concluded from this input."""
     words = []
     first = found.searches[0]
-    quiet = [s.name for s in first.scores if not s.excited]
+    every = [s for s in first.scores if s.name == effect_of(s.name)]
+    quiet = [s.name for s in every if not s.excited]
     if quiet:
         words.append(f"not excited by these trials, so neither found nor excluded: {', '.join(quiet)}")
-    hidden = [s.name for s in first.scores if s.excited and s.absorbed > 0.9]
+    hidden = [s.name for s in every if s.excited and s.absorbed > 0.9]
     if hidden:
         words.append(
             "absorbed by calibration, visible through the priors only (over 90 % of the information): "

@@ -19,7 +19,7 @@ from diagnosis.free import read
 from diagnosis.hypotheses import Problem
 from diagnosis.judge import priors_of_effects
 from diagnosis.latent import Estimate, Path, look_around
-from diagnosis.wide import AT
+from diagnosis.wide import AT, stem
 from fitting.next_trial import runs
 from fitting.trial_library import Option, library
 from mmg.memory import MODEL_LENGTH
@@ -37,6 +37,9 @@ def next_test(problem: Problem, first: Estimate, names: Sequence[str], ship: Shi
     first: a fit with the first of the effects; ship: with that effect, as diagnosed.
     """
     theta = read(problem.steps.ship, problem.data, first.theta, problem.steps.ship.symbols)
+    for s in {stem(s) for s in first.free.symbols if AT in s}:  # of one that differs by run, its usual size
+        own = [first.value(x) for x in first.free.symbols if stem(x) == s]
+        theta[problem.steps.ship.symbols.index(s)] = float(np.sqrt(np.mean(np.square(own))))
     first = replace(first, theta=theta)
     k = (float(ship.particulars["L"]) / MODEL_LENGTH) ** 0.5
     chosen = [o for o in library(ship) if not o.name.endswith("half speed") or o.maneuver.startswith("zigzag:20")]

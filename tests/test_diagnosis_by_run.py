@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from functools import cache
 
@@ -11,6 +12,7 @@ import pytest
 from cases.trial import Trial
 from diagnosis import told
 from diagnosis.data import Data, arrange
+from diagnosis.diagnose import diagnose
 from diagnosis.free import Priors, acting, placed, read
 from diagnosis.held_out import STRIDE, WINDOW, compare, errors, halves, in_their_runs
 from diagnosis.hypotheses import Found, Problem, explain, now_without
@@ -410,3 +412,17 @@ def test_effects_of_the_surroundings_differ_by_run_from_three_runs_on() -> None:
     assert not any(name.endswith(BY_RUN) for name in few.candidates)
     assert set(enough.candidates) - set(few.candidates) == {name + BY_RUN for name in LOCAL}
     assert enough.candidates["tow by run"].symbols == tuple(f"tow.{k}@{r}" for r in range(3) for k in ("X", "Y", "N"))
+
+
+def test_the_whole_diagnosis_names_the_current_once_with_its_value_in_each_run() -> None:
+    trials, tests = in_currents(10, RUNS, TRUTH), in_currents(50, OTHERS, ELSEWHERE)
+    d = diagnose(FEW, trials, tests, step=H)
+    content = json.loads(json.dumps(contract(d)))
+    assert content["verdict"] == "named" and [e["name"] for e in content["effects"]] == ["current"]
+    for pair, values in zip(TRUTH, content["effects"][0]["by_run"].values(), strict=True):
+        assert (values["x"], values["y"]) == pytest.approx(pair, abs=0.01)
+    assert list(content["effects"][0]["by_run"]) == [t.name for t in trials]
+    names = [c["name"] for c in content["candidates"]]
+    assert names[0] == "current" and len(names) == len(set(names)) and not any(BY_RUN in n for n in names)
+    assert "in the mean, different in each run" in d.sentence and d.next_test
+    assert content["held_out"]["reduction"] > 0.3 and set(d.after.effects) == {"current"}

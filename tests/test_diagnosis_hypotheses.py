@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from cases.disturbed import drawn_ship, process
-from diagnosis.diagnose import SLIGHTLY, SUPPORTED, WORSE, decide
+from diagnosis.diagnose import ASIDE, SLIGHTLY, SUPPORTED, WORSE, decide
 from diagnosis.dictionary import SIZES, log_bayes, unnamed
 from diagnosis.free import Priors
 from diagnosis.hypotheses import AGREE, LEVEL, ODDS, SAME, Found, Problem, Search, Tried, explain
@@ -234,7 +234,9 @@ def test_a_name_that_explains_less_than_is_left_needs_support_by_test_trials(
     assert found == verdict and bool(reasons) == (verdict == "unknown")
     if reasons:
         assert "draft and tow would explain a part" in reasons[0] and "withdrawn" in reasons[0]
-    assert decide(found_with(6.0, "draft", "tow"), 9.0, 5.9, test)[0] == "named"  # a remainder, no more
+    less = decide(found_with(6.0, "draft", "tow"), 9.0, 5.9, test)[0]
+    assert less == ("named" if test is None else verdict)  # test trials that are there must support it
+    assert decide(found_with(6.0 / ASIDE, "draft", "tow"), 9.0, 5.9, test)[0] == "named"  # a remainder, no more
     assert decide(found_with(0.5, "draft"), 9.0, ODDS - 0.01, test)[0] == "named"
 
 
@@ -244,6 +246,26 @@ def test_a_name_on_which_the_runs_do_not_agree_is_withdrawn() -> None:
         f"the runs do not agree on bank (p = {1.1 * AGREE:.2g}): the name is withdrawn"
     ]
     assert decide(found_with(12.0, "bank", p=0.9 * AGREE), 9.0, -1.0, None)[0] == "named"
+    support = held(2 * SUPPORTED, (0.01, 0.2), 3.0, (1.0, 5.0))
+    assert decide(found_with(12.0, "bank", p=1.1 * AGREE), 9.0, -1.0, support)[0] == "named"
+
+
+@pytest.mark.parametrize(
+    ("after", "test", "verdict"),
+    [
+        (-1.0, None, "named"),
+        (2 * ODDS, None, "unknown"),
+        (-1.0, held(0.01, (-0.1, 0.1), 3.0, (1.0, 5.0)), "unknown"),
+        (2 * ODDS, held(2 * SUPPORTED, (0.01, 0.2), 3.0, (1.0, 5.0)), "named"),
+    ],
+)
+def test_an_effect_with_values_of_its_own_in_each_run_needs_support(
+    after: float, test: HeldOut | None, verdict: str
+) -> None:
+    found, reasons = decide(found_with(40.0, "current by run"), 9.0, after, test)
+    assert found == verdict and bool(reasons) == (verdict == "unknown")
+    if reasons:
+        assert "current could differ from run to run" in reasons[0]
 
 
 @pytest.mark.parametrize(

@@ -46,7 +46,11 @@ def main(arguments: list[str] | None = None) -> int:
     (out / "score.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
     words = sys.argv[1:] if arguments is None else arguments
     if given.record:
-        record("Blind diagnosis", shlex.join(["python", "-m", "benchmarks.blind", *words]), lines[:-1])
+        record(
+            f"Blind diagnosis: {given.kinds}; {given.sets} manoeuvres",
+            shlex.join(["python", "-m", "benchmarks.blind", *words]),
+            lines[:-1],
+        )
     else:
         print("\n".join(lines))
     return 0
