@@ -173,9 +173,10 @@ def decide(found: Found, before: float, after: float, held: HeldOut | None) -> t
             f"{names} would explain a part (log likelihood {drop:.0f}), but effects without a name explain more of "
             f"what is left ({after:.0f}): the name is withdrawn"
         ]
-    if held is not None and after > max(ODDS, ASIDE * drop) and not supported:
+    left = after > max(ODDS, ASIDE * drop) or (after > ODDS and held is not None and held.reduction < -SLIGHTLY)
+    if held is not None and left and not supported:
         return "unknown", [
-            f"{' and '.join(found.effects)} would explain a part (log likelihood {drop:.0f}), but much is left without "
+            f"{' and '.join(found.effects)} would explain a part (log likelihood {drop:.0f}), but more is left without "
             f"a name ({after:.0f}), and the test trials are not predicted better: the name is withdrawn"
         ]
     local = [effect_of(n) for n in found.effects if n != effect_of(n)]
