@@ -20,7 +20,7 @@ from functools import partial
 
 import numpy as np
 
-from cases.checks.motion import SMOOTHING, _uniform, delayed, smooth
+from cases.checks.motion import SMOOTHING, delayed, smooth, uniform
 from cases.trial import Trial
 from diagnosis.kinematic_fit import Fit, Rows, fit
 from diagnosis.kinematic_words import TRACK, TURN, UNSEEN, Quantity, Reading, pooled_with, reading
@@ -108,7 +108,7 @@ class _Log:
     def __init__(self, trial: Trial, k: float) -> None:
         self.name, self.dt, self.delta = trial.name, trial.dt, max(trial.dt, 0.2 * k)
         clock = trial.t[0] + self.dt * np.arange(min(round(trial.duration / self.dt) + 1, 20 * len(trial)))
-        x, y, psi, self.u, self.v, self.r = (_uniform(trial.t, c, clock, self.dt) for c in trial.states.T)
+        x, y, psi, self.u, self.v, self.r = (uniform(trial.t, c, clock, self.dt) for c in trial.states.T)
         self.width = max(round(SMOOTHING / self.dt), 5) | 1
         self.turned = np.exp(1j * psi)
         self.place, self.psi = smooth(x + 1j * y, self.width), smooth(psi, self.width)

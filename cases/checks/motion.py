@@ -41,7 +41,7 @@ def motion(trial: Trial) -> Motion:
     dt = trial.dt
     t = trial.t[0] + dt * np.arange(min(round(trial.duration / dt) + 1, 20 * len(trial)))
     width = max(round(SMOOTHING / dt), 5) | 1
-    x, y, psi, u, v, r = (_uniform(trial.t, column, t, dt) for column in trial.states.T)
+    x, y, psi, u, v, r = (uniform(trial.t, column, t, dt) for column in trial.states.T)
     return Motion(
         t=t,
         dt=dt,
@@ -79,7 +79,8 @@ def delayed(values: np.ndarray, steps: float) -> np.ndarray:
     return np.where(inside, out, np.nan)
 
 
-def _uniform(t: np.ndarray, values: np.ndarray, clock: np.ndarray, dt: float) -> np.ndarray:
+def uniform(t: np.ndarray, values: np.ndarray, clock: np.ndarray, dt: float) -> np.ndarray:
+    """Values (N,) logged at t [s] on another clock (M,) [s]: NaN outside, and where more than 3 dt are missing."""
     good = np.flatnonzero(np.isfinite(values))
     if len(good) < 2:
         return np.full(len(clock), np.nan)
