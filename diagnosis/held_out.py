@@ -14,6 +14,7 @@ from diagnosis.latent import Estimate, Path, estimate, first_path, look_around
 from diagnosis.result import HeldOut
 from diagnosis.steps import Steps
 from diagnosis.wide import AT, stem
+from mmg.effects import EFFECTS
 from mmg.logged import columns
 from mmg.memory import MODEL_LENGTH
 from mmg.model import Model
@@ -49,8 +50,9 @@ def errors(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Mean squared scaled errors of open-loop windows of ``length`` seconds (0: whole runs), by window, and their run.
 
-    Each begins at its logged row; of two windows one begins STRIDE seconds after the other. A channel that was not
-    measured does not count. theta: (all,), or (all, R) by window of the data; later: in the second half of each run.
+    Each begins at its logged row, with what actuators and forces remember of the run before it (``begun``); of two
+    windows one begins STRIDE seconds after the other. A channel that was not measured does not count. theta: (all,), or
+    (all, R) by window of the data; later: in the second half of each run.
     """
     half = halves(data)
     starts: list[tuple[int, int]] = []
@@ -64,8 +66,8 @@ def errors(
         return np.zeros(0), np.zeros(0, dtype=int)
     k0, r0 = np.array(starts).T
     count = np.full(len(k0), rows) if rows else data.steps[r0] - k0
+    z = begun(steps, data, theta)[k0, r0].T
     theta = theta[:, r0] if theta.ndim > 1 else theta
-    z = steps.settled(data.y[k0, r0].T, data.inputs[np.minimum(k0, len(data.inputs) - 1), r0].T, theta)
     sigma = scales(float(steps.ship.particulars["L"]))
     total, seen = np.zeros(len(k0)), np.zeros(len(k0))
     for k in range(int(count.max())):
@@ -78,6 +80,34 @@ def errors(
         total += square.sum(axis=1)
         seen += good.sum(axis=1)
     return total / np.maximum(seen, 1), data.run[r0]
+
+
+def begun(steps: Stepper, data: Data, theta: np.ndarray) -> np.ndarray:
+    """States (K + 1, R, S) at the logged rows, from which a prediction may begin.
+
+    What actuators and forces remember follows from the inputs and the logged motion before; what a sensor remembers is
+    settled, since the motion behind its log is not known.
+    """
+    names = steps.model.states
+    carried = np.array([i for i, s in enumerate(names) if "." in s and not _of_sensor(s)], dtype=int)
+    K, R = data.inputs.shape[:2]
+    inputs = np.concatenate([data.inputs, data.inputs[-1:]])
+    every = np.tile(theta, (1, K + 1)) if theta.ndim > 1 else theta
+    z = steps.settled(data.y.reshape(-1, 6).T, inputs.reshape((K + 1) * R, -1).T, every).T.reshape(K + 1, R, -1)
+    if not len(carried):
+        return z
+    logged = np.asarray(data.measured[..., 2:].all(axis=2))
+    for k in range(K):
+        end = steps.advance(z[k].T, inputs[k].T, theta).T
+        z[k + 1][:, carried] = end[:, carried]
+        z[k + 1] = np.where(logged[k + 1, :, None], z[k + 1], end)
+    return z
+
+
+def _of_sensor(state: str) -> bool:
+    """Whether a state is the memory of an effect of the measurement."""
+    name = state.split(".")[0]
+    return name in EFFECTS and EFFECTS[name].measures
 
 
 def halves(data: Data) -> np.ndarray:
