@@ -31,7 +31,7 @@ LINE = 1e-4
 """Probability by chance below which a line in the spectrum of the residuals counts as something without a name."""
 BEYOND = 2.0
 """Log likelihood, less the log of the number of forms, by which one form without a name must better a fit."""
-SUPPORTED = 0.05
+SUPPORTED = 0.1
 """Share by which predictions of the test trials must become better, with an interval above zero, for a name to stand
 although more is left than it explains."""
 ASIDE = 0.25
