@@ -86,7 +86,7 @@ def _track(ax: Axes, d: Diagnosis, w: int, reach: float, turn: float) -> LineCol
     }  # fmt: skip
     arrows = ax.quiver(points[at, 0], points[at, 1], east, north, **style)
     size = float(f"{reach:.1g}")
-    ax.quiverkey(arrows, 0.8, 1.03, size, f"{size:g} N", labelpos="E", fontproperties={"size": 8.5})
+    ax.quiverkey(arrows, 0.8, 0.94, size, f"{size:g} N", labelpos="E", fontproperties={"size": 8.5})
     for k in np.linspace(0, steps - 1, 5).round().astype(int):
         c, s = np.cos(z[k, 2]), np.sin(z[k, 2])
         body = OUTLINE * float(d.ship.particulars["L"])
