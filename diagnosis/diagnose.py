@@ -27,7 +27,7 @@ from diagnosis.wide import effect_of
 from diagnosis.words import sentence_of
 from mmg.ship import Ship
 
-LINE = 1e-4
+LINE = 1e-6
 """Probability by chance below which a line in the spectrum of the residuals counts as something without a name."""
 BEYOND = 2.0
 """Log likelihood, less the log of the number of forms, by which one form without a name must better a fit."""

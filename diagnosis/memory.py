@@ -12,7 +12,7 @@ from diagnosis.latent import Estimate, estimate, look_around
 from diagnosis.steps import Steps
 
 LEAST_ROWS, BINS, NEAR = 60, 30, 9
-"""Grid times of a window whose spectrum is taken, frequencies in it, and neighbours that a line is compared with."""
+"""Grid times of a window whose spectrum is taken, bands of it, and neighbours that a line is compared with."""
 
 
 @np.errstate(all="ignore")
@@ -53,15 +53,15 @@ def echo(steps: Steps, data: Data, found: Estimate) -> float:
 def hum(steps: Steps, data: Data, found: Estimate) -> tuple[float, float]:
     """(p, period [s]) of the sharpest line in the spectrum of the whitened residuals; p by chance (Fisher 1929).
 
-    Periodograms are averaged over windows: under chance a sum of exponentials, here about the median of the
-    neighbouring frequencies. A force that swings, as in waves, stands out as a line, which the random force cannot
+    Periodograms are added over windows and narrow bands: under chance a sum of exponentials, here about the median of
+    the neighbouring bands (so p is somewhat too small). A force that swings, as in waves, stands out as a line, which the random force cannot
     follow. p = 1 where samples are left out or too few.
     """
     active = active_states(steps, found.free.symbols, found.theta)
     nothing = Priors((), *(np.zeros(0) for _ in range(4)))
     a = look_around(steps, data, found.theta, found.path, found.noise, nothing, np.zeros(0), active)
     w, seen = np.where(data.good, a.white[..., -1], 0.0), np.asarray(data.good.any(axis=2))
-    powers: list[np.ndarray] = []
+    total, count = np.zeros((BINS, w.shape[2])), np.zeros(BINS)
     for r in range(w.shape[1]):
         rows = np.flatnonzero(seen[:, r])[4:]
         if len(rows) < LEAST_ROWS or np.ptp(rows) + 1 > len(rows):
@@ -69,13 +69,14 @@ def hum(steps: Steps, data: Data, found: Estimate) -> tuple[float, float]:
         part = w[rows, r]
         full = np.abs(np.fft.rfft(part - part.mean(axis=0), axis=0)[1:-1]) ** 2
         full /= np.maximum(full.mean(axis=0), 1e-300)
-        at = np.linspace(0, len(full) - 1, BINS).round().astype(int)
-        powers.append(full[at])
-    if not powers:
+        at = np.linspace(0, BINS, len(full), endpoint=False).astype(int)
+        np.add.at(total, at, full)
+        count += np.bincount(at, minlength=BINS)
+    if not count.any():
         return 1.0, float("inf")
-    total, W = np.sum(powers, axis=0), len(powers)
-    about = median_filter(total, (NEAR, 1), mode="nearest") / (gamma.median(W) / W)
-    ratio = total / np.maximum(about, 1e-300)
-    line = int(np.argmax(ratio.max(axis=1)))
-    p = min(1.0, total.size * float(gamma.sf(W * ratio.max(), W)))
-    return p, 2 * data.h * (BINS - 1) / max(line, 0.5)
+    mean, size = total / np.maximum(count, 1)[:, None], np.maximum(count, 1)[:, None]
+    about = median_filter(mean, (NEAR, 1), mode="nearest")
+    ratio = mean / np.maximum(about, 1e-300)
+    p = gamma.sf(size * ratio, size)
+    line = int(np.argmin(p.min(axis=1)))
+    return min(1.0, p.size * float(p.min())), 2 * data.h * BINS / (line + 0.5)
