@@ -54,8 +54,8 @@ def hum(steps: Steps, data: Data, found: Estimate) -> tuple[float, float]:
     """(p, period [s]) of the sharpest line in the spectrum of the whitened residuals; p by chance (Fisher 1929).
 
     Periodograms are added over windows and narrow bands: under chance a sum of exponentials, here about the median of
-    the neighbouring bands (so p is somewhat too small). A force that swings, as in waves, stands out as a line, which the random force cannot
-    follow. p = 1 where samples are left out or too few.
+    the neighbouring bands (so p is somewhat too small). A force that swings, as in waves, stands out as a line, which
+    the random force cannot follow. p = 1 where samples are left out or too few.
     """
     active = active_states(steps, found.free.symbols, found.theta)
     nothing = Priors((), *(np.zeros(0) for _ in range(4)))
