@@ -142,8 +142,26 @@ def interrupted(arguments: list[str], seconds: float) -> tuple[int, str, list[in
     time.sleep(seconds)
     os.killpg(process.pid, signal.SIGINT)
     _, words = process.communicate(timeout=60)
-    stats = [path.read_text().rpartition(")")[2].split() for path in Path("/proc").glob("[0-9]*/stat") if path.exists()]
-    return process.returncode, words, [s for s in stats if int(s[3]) == process.pid and s[0] != "Z"]  # type: ignore
+    left = still_there(process.pid)
+    for _ in range(100):  # what was told to end may need a moment for it
+        if not left:
+            break
+        time.sleep(0.1)
+        left = still_there(process.pid)
+    return process.returncode, words, left
+
+
+def still_there(session: int) -> list[int]:
+    """Processes of a session that have not ended."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            stat = path.read_text().rpartition(")")[2].split()
+        except OSError:  # ended meanwhile
+            continue
+        if int(stat[3]) == session and stat[0] != "Z":
+            found.append(int(path.parent.name))
+    return found
 
 
 @pytest.mark.parametrize("wait", [2.5, 5.0])
