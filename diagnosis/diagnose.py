@@ -56,9 +56,8 @@ def diagnose(
     """Say which effect the ship's model lacks, judged by trials.
 
     ship: calibrated (its priors before the calibration count, unless these trials are ``unseen`` by it) or not; site:
-    what is known of the place; reference: the trials that the ship was calibrated on, if the
-    trials are unseen by it: what those show already is no news. Raises UserError for input from which nothing can be
-    concluded.
+    what is known of the place; reference: the trials that the ship was calibrated on, if the trials are unseen by it:
+    what those show already is no news. Raises UserError for input from which nothing can be concluded.
     """
     began = time.perf_counter()
     sensors = consistency(trials, ship)
@@ -85,9 +84,7 @@ def diagnose(
     ship_after = told.fitted_ship(p, ship, ready.wide, found.final, found.effects)
     chance, period = ready.line
     if chance < LINE:
-        reasons.append(
-            f"what remains swings with a period of {period:.2g} s, as under a force of waves or of the engine"
-        )
+        reasons.append(f"what remains swings with a period of {period:.2g} s, as under waves or an engine")
         verdict = "unknown" if verdict == "none" else verdict
     say("looking at where the gap lies and what to test next")
     effects = tuple(told.named(p, ready.wide, found, name) for name in found.effects) if verdict == "named" else ()
@@ -165,35 +162,36 @@ def decide(found: Found, before: float, after: float, held: HeldOut | None) -> t
     """
     if not found.effects:
         return ("unknown" if before > ODDS else "none"), []
-    drop = found.null.nll - found.final.nll
-    supported = held is not None and held.interval_90[0] > 0 and held.reduction > SUPPORTED
-    if after > max(ODDS, drop) and not supported:
-        names = " and ".join(found.effects)
-        return "unknown", [
-            f"{names} would explain a part (log likelihood {drop:.0f}), but effects without a name explain more of "
-            f"what is left ({after:.0f}): the name is withdrawn"
-        ]
-    left = after > max(ODDS, ASIDE * drop) or (after > ODDS and held is not None and held.reduction < -SLIGHTLY)
-    if held is not None and left and not supported:
-        return "unknown", [
-            f"{' and '.join(found.effects)} would explain a part (log likelihood {drop:.0f}), but more is left without "
-            f"a name ({after:.0f}), and the test trials are not predicted better: the name is withdrawn"
-        ]
+    reason = _doubt(found, after, held) if held is None or not _supports(held) else ""
+    if not reason and held is not None and _contradicted(held):
+        reason = f"{' and '.join(found.effects)} fits the training trials but does not predict the test trials better"
+    return ("unknown", [f"{reason}: the name is withdrawn"]) if reason else ("named", [])
+
+
+def _supports(held: HeldOut) -> bool:
+    """Whether the test trials become so much more predictable that nothing else is asked of a name."""
+    return held.interval_90[0] > 0 and held.reduction > SUPPORTED
+
+
+def _doubt(found: Found, after: float, held: HeldOut | None) -> str:
+    """What speaks against a name that test trials do not support, or nothing; after: as of ``decide``."""
+    drop, names = found.null.nll - found.final.nll, " and ".join(found.effects)
+    part = f"would explain a part (log likelihood {drop:.0f})"
+    if after > max(ODDS, drop):
+        return f"{names} {part}, but effects without a name explain more of what is left ({after:.0f})"
+    if held is not None and after > ODDS and (after > ASIDE * drop or held.reduction < -SLIGHTLY):
+        return (
+            f"{names} {part}, but more is left without a name ({after:.0f}), and the test trials are not predicted "
+            "better"
+        )
     local = [effect_of(n) for n in found.effects if n != effect_of(n)]
-    if local and not supported and (held is not None or after > ODDS):
-        return "unknown", [
-            f"{' and '.join(local)} could differ from run to run and so explain a part (log likelihood {drop:.0f}), "
-            "but so many parameters need test trials that they predict: the name is withdrawn"
-        ]
+    if local and (held is not None or after > ODDS):
+        return (
+            f"{' and '.join(local)} could differ from run to run and so {part}, but so many parameters need test "
+            "trials that they predict"
+        )
     apart = [f"{n} (p = {p:.2g})" for n, p in found.robust.items() if p > AGREE]
-    if apart and not supported:
-        return "unknown", [f"the runs do not agree on {' and '.join(apart)}: the name is withdrawn"]
-    if held is not None and _contradicted(held):
-        return "unknown", [
-            f"{' and '.join(found.effects)} fits the training trials but does not predict the test trials better: the "
-            "name is withdrawn"
-        ]
-    return "named", []
+    return f"the runs do not agree on {' and '.join(apart)}" if apart else ""
 
 
 def _contradicted(held: HeldOut) -> bool:

@@ -78,6 +78,10 @@ def read(ship: Ship, data: Data, theta: np.ndarray, symbols: Sequence[str]) -> n
     return np.array(rows)
 
 
+NOTHING = Priors((), *(np.zeros(0) for _ in range(4)))
+"""No columns."""
+
+
 def priors_of(ship: Ship, symbols: Sequence[str]) -> Priors:
     """As the ship's file states them."""
     rows = [ship.coefficients[s] for s in symbols]

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 
 from diagnosis.data import Data
-from diagnosis.free import Priors, active_states, read
+from diagnosis.free import NOTHING, Priors, active_states, read
 from diagnosis.kalman import smoothed
 from diagnosis.latent import Estimate, Path, estimate, first_path, look_around
 from diagnosis.result import HeldOut
@@ -46,27 +46,32 @@ def scales(length: float) -> np.ndarray:
 
 
 def errors(
-    steps: Stepper, data: Data, theta: np.ndarray, length: float, later: bool = False
+    steps: Stepper,
+    data: Data,
+    theta: np.ndarray,
+    length: float,
+    later: bool = False,
+    begin: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Mean squared scaled errors of open-loop windows of ``length`` seconds (0: whole runs), by window, and their run.
 
     Each begins at its logged row, with what actuators and forces remember of the run before it (``begun``); of two
     windows one begins STRIDE seconds after the other. A channel that was not measured does not count. theta: (all,), or
-    (all, R) by window of the data; later: in the second half of each run.
+    (all, R) by window of the data; later: in the second half of each run; begin: ``begun`` if it is known already.
     """
-    half = halves(data)
+    half = halves(data) if later else data.t[0]
     starts: list[tuple[int, int]] = []
     rows = round(length / data.h)
     for r, total in enumerate(data.steps.astype(int)):
-        begin = min(int(np.searchsorted(data.t[: total + 1, r], half[r])), total) if later else 0
-        span = rows or max(total - begin, 1)
-        first = range(begin, total - span + 1, max(1, round(STRIDE / data.h)) if rows else span)
+        start = min(int(np.searchsorted(data.t[: total + 1, r], half[r])), total)
+        span = rows or max(total - start, 1)
+        first = range(start, total - span + 1, max(1, round(STRIDE / data.h)) if rows else span)
         starts += [(k, r) for k in first if data.measured[k, r, 2:].all()]
     if not starts:
         return np.zeros(0), np.zeros(0, dtype=int)
     k0, r0 = np.array(starts).T
     count = np.full(len(k0), rows) if rows else data.steps[r0] - k0
-    z = begun(steps, data, theta)[k0, r0].T
+    z = (begun(steps, data, theta) if begin is None else begin)[k0, r0].T
     theta = theta[:, r0] if theta.ndim > 1 else theta
     sigma = scales(float(steps.ship.particulars["L"]))
     total, seen = np.zeros(len(k0)), np.zeros(len(k0))
@@ -157,57 +162,64 @@ def interval_of(a: np.ndarray, b: np.ndarray, run: np.ndarray, rng: np.random.Ge
     return float(low), float(high)
 
 
-def compare(steps: Steps, data: Data, before: Estimate, after: Estimate, seed: int = 0) -> HeldOut | None:
-    """Windows by two fits, with an interval of the reduction by drawing runs again; None without a whole window."""
-    length = window_length(steps.ship)
-    later = any(AT in s for s in after.free.symbols)
-    if later:
-        after = in_their_runs(steps, data, after)
-    a, run = errors(steps, data, before.theta, length, later)
-    b, _ = errors(steps, data, after.theta, length, later)
-    if not len(a):
+@dataclass(frozen=True)
+class _Measured:
+    """What a fit predicts: errors of windows and their run, of whole runs and of one step, log likelihood by window."""
+
+    windows: np.ndarray
+    run: np.ndarray
+    whole: float
+    step: float
+    nll: np.ndarray
+
+
+def _measured(steps: Steps, data: Data, found: Estimate, later: bool) -> _Measured | None:
+    """None without a whole window."""
+    begin = begun(steps, data, found.theta)
+    lengths = (window_length(steps.ship), 0.0, data.h)
+    (windows, run), (whole, _), (step, _) = (errors(steps, data, found.theta, x, later, begin) for x in lengths)
+    if not len(windows):
         return None
-    runs = np.unique(run)
-    rng = np.random.default_rng(seed)
-    interval = interval_of(a, b, run, rng)
-    whole = [errors(steps, data, f.theta, 0.0, later)[0].mean() for f in (before, after)]
     if later:
         data = replace(data, good=data.good & (data.t >= halves(data))[..., None])
-    likely = [one_step_likelihood(steps, data, f) for f in (before, after)]
-    gain = likely[0] - likely[1]
+    return _Measured(windows, run, float(whole.mean()), float(step.mean()), one_step_likelihood(steps, data, found))
+
+
+def compare(steps: Steps, data: Data, before: Estimate, after: Estimate, seed: int = 0) -> HeldOut | None:
+    """Windows by two fits, with an interval of the reduction by drawing runs again; None without a whole window."""
+    later = any(AT in s for s in after.free.symbols)
+    a = _measured(steps, data, before, later)
+    b = a if after is before else _measured(steps, data, in_their_runs(steps, data, after) if later else after, later)
+    if a is None or b is None:
+        return None
+    rng = np.random.default_rng(seed)
+    interval = interval_of(a.windows, b.windows, a.run, rng)
+    gain = a.nll - b.nll
     gains = np.array([gain[data.run == r].sum() for r in np.unique(data.run)])
     drawn = gains[rng.choice(len(gains), (DRAWS, len(gains)))].sum(axis=1)
     low, high = (float(x) for x in np.quantile(drawn, [0.05, 0.95]))
+    mean = float(a.windows.mean()), float(b.windows.mean())
+    each = {data.trials[r]: (a.windows[a.run == r], b.windows[a.run == r]) for r in np.unique(a.run)}
     return HeldOut(
-        mse_before=float(a.mean()),
-        mse_after=float(b.mean()),
-        reduction=float(1 - b.sum() / max(a.sum(), 1e-300)),
+        mse_before=mean[0],
+        mse_after=mean[1],
+        reduction=1 - mean[1] / max(mean[0], 1e-300),
         interval_90=interval,
-        windows=len(a),
-        by_run={data.trials[r]: (float(a[run == r].mean()), float(b[run == r].mean())) for r in runs},
+        windows=len(a.windows),
+        by_run={name: (float(x.mean()), float(y.mean())) for name, (x, y) in each.items()},
         likelihood_gain=float(gains.sum()),
         likelihood_interval_90=(low, high) if len(gains) >= FEW else None,
-        horizons={
-            "1 step": (one_step_error(steps, data, before), one_step_error(steps, data, after)),
-            "30 s": (float(a.mean()), float(b.mean())),
-            "whole run": (float(whole[0]), float(whole[1])),
-        },
+        horizons={"1 step": (a.step, b.step), "30 s": mean, "whole run": (a.whole, b.whole)},
     )
-
-
-def one_step_error(steps: Steps, data: Data, found: Estimate) -> float:
-    """Mean squared scaled error one grid step after each logged row."""
-    return float(errors(steps, data, found.theta, data.h)[0].mean())
 
 
 @np.errstate(all="ignore")
 def one_step_likelihood(steps: Steps, data: Data, found: Estimate, iterations: int = 4) -> np.ndarray:
     """Negative log likelihood of each window (R,) of other trials at the coefficients and noise of a fit."""
-    nothing = Priors((), *(np.zeros(0) for _ in range(4)))
     active = active_states(steps, found.free.symbols, found.theta)
     path = first_path(steps, data, found.theta)
     for k in range(iterations):
-        around = look_around(steps, data, found.theta, path, found.noise, nothing, np.zeros(0), active)
+        around = look_around(steps, data, found.theta, path, found.noise, NOTHING, np.zeros(0), active)
         if k == iterations - 1:
             break
         mean, _, _ = smoothed(around.system, around.filter, around.white[..., -1], around.states[..., -1])

@@ -16,14 +16,14 @@ from diagnosis.wide import AT, WIDE, Candidate, stem
 from mmg.memory import MODEL_LENGTH
 
 
-def priors_of_effects(candidates: Sequence[Candidate]) -> Priors:
-    """Wide priors about the neutral values."""
+def priors_of_effects(candidates: Sequence[Candidate], width: float = WIDE) -> Priors:
+    """Priors about the neutral values, of so many typical sizes."""
     join = {
         k: np.concatenate([np.zeros(0), *(getattr(c, k) for c in candidates)])
         for k in ("neutral", "typical", "lower", "upper")
     }
     symbols = tuple(s for c in candidates for s in c.symbols)
-    return Priors(symbols, join["neutral"], WIDE * join["typical"], join["lower"], join["upper"])
+    return Priors(symbols, join["neutral"], width * join["typical"], join["lower"], join["upper"])
 
 
 def likelihood(found: Estimate, own: int) -> float:

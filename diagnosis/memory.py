@@ -7,7 +7,7 @@ from scipy.ndimage import median_filter
 from scipy.stats import gamma
 
 from diagnosis.data import Data
-from diagnosis.free import Priors, active_states
+from diagnosis.free import NOTHING, active_states
 from diagnosis.latent import Estimate, estimate, look_around
 from diagnosis.steps import Steps
 
@@ -19,13 +19,12 @@ LEAST_ROWS, BINS, NEAR = 60, 30, 9
 def with_memory_time(steps: Steps, data: Data, found: Estimate) -> Estimate:
     """A fit with the memory of its latent force made more likely: a parabola through three values of its logarithm."""
     active = active_states(steps, found.free.symbols, found.theta)
-    nothing = Priors((), *(np.zeros(0) for _ in range(4)))
     logs, values = np.log(found.noise.tau) + np.array([-0.6, 0.0, 0.6]), []
     for log in logs:
         tau = float(np.exp(log))
         size = found.noise.force * (tau / found.noise.tau) ** 0.25  # between equal size and equal change over a second
         noise = found.noise.with_(tau=tau, force=size)
-        values.append(look_around(steps, data, found.theta, found.path, noise, nothing, np.zeros(0), active).nll)
+        values.append(look_around(steps, data, found.theta, found.path, noise, NOTHING, np.zeros(0), active).nll)
     a, b, _ = np.polyfit(logs - logs[1], values, 2)
     if not a > 0:
         return found
@@ -36,12 +35,17 @@ def with_memory_time(steps: Steps, data: Data, found: Estimate) -> Estimate:
     return estimate(steps, data, found.theta, found.free, noise, found.path, found.p, iterations=6)
 
 
-def echo(steps: Steps, data: Data, found: Estimate) -> float:
-    """Largest correlation of whitened residuals of a sensor with those one or two samples before; 0 if all is well."""
+@np.errstate(all="ignore")
+def residuals(steps: Steps, data: Data, found: Estimate) -> np.ndarray:
+    """Whitened residuals (K + 1, R, 6) of a fit, 0 where nothing is compared."""
     active = active_states(steps, found.free.symbols, found.theta)
-    nothing = Priors((), *(np.zeros(0) for _ in range(4)))
-    a = look_around(steps, data, found.theta, found.path, found.noise, nothing, np.zeros(0), active)
-    w = np.where(data.good, a.white[..., -1], 0.0)
+    a = look_around(steps, data, found.theta, found.path, found.noise, NOTHING, np.zeros(0), active)
+    return np.where(data.good, a.white[..., -1], 0.0)
+
+
+def echo(data: Data, w: np.ndarray) -> float:
+    """Largest correlation of ``residuals`` (K + 1, R, 6) of a sensor with those one or two samples before; 0 if all is
+    well."""
     seen = data.good.any(axis=(1, 2))
     w = w[seen][4:]
     square = (w**2).sum(axis=(0, 1))
@@ -49,18 +53,14 @@ def echo(steps: Steps, data: Data, found: Estimate) -> float:
     return float(np.max(pairs)) if len(w) > 4 else 0.0
 
 
-@np.errstate(all="ignore")
-def hum(steps: Steps, data: Data, found: Estimate) -> tuple[float, float]:
-    """(p, period [s]) of the sharpest line in the spectrum of the whitened residuals; p by chance (Fisher 1929).
+def hum(data: Data, w: np.ndarray) -> tuple[float, float]:
+    """(p, period [s]) of the sharpest line in the spectrum of ``residuals`` (K + 1, R, 6); p by chance (Fisher 1929).
 
     Periodograms are added over windows and narrow bands: under chance a sum of exponentials, here about the median of
     the neighbouring bands (so p is somewhat too small). A force that swings, as in waves, stands out as a line, which
     the random force cannot follow. p = 1 where samples are left out or too few.
     """
-    active = active_states(steps, found.free.symbols, found.theta)
-    nothing = Priors((), *(np.zeros(0) for _ in range(4)))
-    a = look_around(steps, data, found.theta, found.path, found.noise, nothing, np.zeros(0), active)
-    w, seen = np.where(data.good, a.white[..., -1], 0.0), np.asarray(data.good.any(axis=2))
+    seen = np.asarray(data.good.any(axis=2))
     total, count = np.zeros((BINS, w.shape[2])), np.zeros(BINS)
     for r in range(w.shape[1]):
         rows = np.flatnonzero(seen[:, r])[4:]
@@ -77,6 +77,6 @@ def hum(steps: Steps, data: Data, found: Estimate) -> tuple[float, float]:
     mean, size = total / np.maximum(count, 1)[:, None], np.maximum(count, 1)[:, None]
     about = median_filter(mean, (NEAR, 1), mode="nearest")
     ratio = mean / np.maximum(about, 1e-300)
-    p = gamma.sf(size * ratio, size)
+    p = np.asarray(gamma.sf(size * ratio, size))
     line = int(np.argmin(p.min(axis=1)))
     return min(1.0, p.size * float(p.min())), 2 * data.h * BINS / (line + 0.5)

@@ -16,7 +16,7 @@ from diagnosis.hypotheses import Problem
 from diagnosis.kalman import Noise
 from diagnosis.kinematics import Kinematics
 from diagnosis.latent import Estimate, estimate, first_noise
-from diagnosis.memory import echo, hum, with_memory_time
+from diagnosis.memory import echo, hum, residuals, with_memory_time
 from diagnosis.reference import refer
 from diagnosis.steps import Steps
 from diagnosis.wide import LOCAL, Wide, by_run, widened
@@ -137,7 +137,8 @@ def fitted(
     p = (theta[[steps.ship.symbols.index(s) for s in base.symbols]] - base.mean) / base.std
     null = estimate(steps, data, theta, base, noise, p=p, iterations=MAX_FITS)
     gap = max(1, round(APART * (float(steps.ship.particulars["L"]) / MODEL_LENGTH) ** 0.5 / data.h))
-    heard, line = echo(steps, data, null), hum(steps, data, null)
+    remains = residuals(steps, data, null)
+    heard, line = echo(data, remains), hum(data, remains)
     if not (heard > ECHO and data.thinned(gap).samples >= LEAST):
         gap = 1
     if gap > 1:

@@ -8,7 +8,6 @@ expectation-maximisation); both become the prior of the effect in other trials (
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,6 +15,7 @@ import numpy as np
 from diagnosis.data import Data
 from diagnosis.dictionary import unnamed
 from diagnosis.free import Priors, active_states
+from diagnosis.judge import priors_of_effects
 from diagnosis.latent import Estimate, Path, estimate, look_around
 from diagnosis.steps import Steps
 from diagnosis.wide import Candidate
@@ -45,13 +45,6 @@ class Reference:
     unnamed: float
 
 
-def of_effects(candidates: Sequence[Candidate]) -> Priors:
-    """Priors of the size in which an effect shows."""
-    join = {k: np.concatenate([getattr(c, k) for c in candidates]) for k in ("neutral", "typical", "lower", "upper")}
-    symbols = tuple(s for c in candidates for s in c.symbols)
-    return Priors(symbols, join["neutral"], join["typical"], join["lower"], join["upper"])
-
-
 def refer(
     steps: Steps, data: Data, null: Estimate, base: Priors, candidates: dict[str, Candidate], runs: int = 1
 ) -> Reference:
@@ -59,7 +52,7 @@ def refer(
 
     runs: number of the other trials, whose mean scatters less than each of them.
     """
-    effects = of_effects(list(candidates.values()))
+    effects = priors_of_effects(list(candidates.values()), 1.0)
     free = base + effects
     p = np.concatenate([null.p, np.zeros(len(effects.symbols))])
     passive = np.setdiff1d(np.arange(steps.S), active_states(steps, null.free.symbols, null.theta))

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from diagnosis.free import read
-from diagnosis.hypotheses import SAME, Found, Problem, Search, Tried
+from diagnosis.hypotheses import Found, Problem, Search, Tried
 from diagnosis.latent import Estimate
 from diagnosis.result import Named, Parameter, Screened
 from diagnosis.wide import AT, Wide, effect_of, parameters, stem
@@ -83,8 +83,7 @@ def named(problem: Problem, wide: Wide, found: Found, name: str) -> Named:
 
 def same(found: Found) -> tuple[str, ...]:
     """What the data cannot tell from the first named effect (contract)."""
-    s, best = _tried(found, found.effects[0])
-    near = dict.fromkeys(effect_of(t.name) for t in s.tried if t.delta_bic > best.delta_bic - SAME)
+    near = dict.fromkeys(effect_of(n) for n in _tried(found, found.effects[0])[0].same)
     named = {effect_of(n) for n in found.effects}
     return tuple(n for n in near if n not in named)
 

@@ -2,30 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-import diagnosis.memory
 from diagnosis.diagnose import LINE
-from diagnosis.latent import first_noise
-from diagnosis.memory import hum
+from diagnosis.memory import hum, residuals
 from diagnosis.where import where
-from tests.diagnosis_cases import FREE, path_near, short_data, wide_steps
+from tests.diagnosis_cases import problem_of, pushed_trials
 from tests.test_where import INPUTS, SHIP, fitted, weaving
 
 K, R, H = 150, 7, 1.0
 
 
-def heard(monkeypatch: pytest.MonkeyPatch, white: np.ndarray, good: np.ndarray | None = None) -> tuple[float, float]:
+def heard(white: np.ndarray, good: np.ndarray | None = None) -> tuple[float, float]:
     """The line in whitened residuals (K + 1, R, 6)."""
-    around = SimpleNamespace(white=white[..., None])
-    monkeypatch.setattr(diagnosis.memory, "look_around", lambda *args: around)
-    monkeypatch.setattr(diagnosis.memory, "active_states", lambda *args: np.arange(6))
     data = SimpleNamespace(good=np.ones(white.shape, dtype=bool) if good is None else good, h=H)
-    found = SimpleNamespace(free=SimpleNamespace(symbols=()), theta=None, path=None, noise=None)
-    return hum(None, data, found)  # type: ignore[arg-type]
+    return hum(data, white)  # type: ignore[arg-type]
 
 
 def chance(seed: int, memory: float = 0.0) -> np.ndarray:
@@ -37,37 +32,39 @@ def chance(seed: int, memory: float = 0.0) -> np.ndarray:
     return x
 
 
-def test_chance_and_filtered_instruments_have_no_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    plain = np.array([heard(monkeypatch, chance(seed))[0] for seed in range(60)])
+def test_chance_and_filtered_instruments_have_no_line() -> None:
+    plain = np.array([heard(chance(seed))[0] for seed in range(60)])
     assert plain.min() > 10 * LINE and (plain < 0.05).mean() < 0.5  # the median of few neighbours makes it eager
-    filtered = np.array([heard(monkeypatch, chance(seed, 0.65))[0] for seed in range(30)])
+    filtered = np.array([heard(chance(seed, 0.65))[0] for seed in range(30)])
     assert filtered.min() > 10 * LINE
 
 
 @pytest.mark.parametrize("period", [2.7, 4.0, 9.0])
-def test_a_swing_in_one_sensor_is_a_line_at_its_period(monkeypatch: pytest.MonkeyPatch, period: float) -> None:
+def test_a_swing_in_one_sensor_is_a_line_at_its_period(period: float) -> None:
     white = chance(1)
     phase = np.random.default_rng(2).uniform(0, 2 * np.pi, R)
     white[..., 4] += np.sin(2 * np.pi * H * np.arange(K + 1)[:, None] / period + phase)
-    p, found = heard(monkeypatch, white)
+    p, found = heard(white)
     assert p < 1e-8 and 1 / found == pytest.approx(1 / period, abs=1.0 / (2 * H * 30))
 
 
-def test_short_windows_and_thinned_samples_say_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert heard(monkeypatch, chance(3)[:40]) == (1.0, float("inf"))
+def test_short_windows_and_thinned_samples_say_nothing() -> None:
+    assert heard(chance(3)[:40]) == (1.0, float("inf"))
     every = np.arange(K + 1) % 5 == 4
     good = np.broadcast_to(every[:, None, None], (K + 1, R, 6))
-    assert heard(monkeypatch, chance(3), good)[0] == 1.0
+    assert heard(chance(3), good)[0] == 1.0
 
 
-def test_a_line_is_asked_of_a_real_fit() -> None:
-    steps, data = wide_steps(), short_data(seconds=90.0)
-    theta = steps.ship.values
-    path = path_near(steps, data, theta)
-    noise = first_noise(steps.ship, data)
-    found = SimpleNamespace(free=SimpleNamespace(symbols=FREE), theta=theta, path=path, noise=noise)
-    p, period = hum(steps, data, found)  # type: ignore[arg-type]
-    assert 0.0 <= p <= 1.0 and period > 0
+def test_a_sensor_that_swings_is_a_line_in_what_a_fit_leaves() -> None:
+    trials, period = pushed_trials(11), 3.0
+    swing = [0.02 * np.sin(2 * np.pi * t.t / period) for t in trials]
+    swinging = [replace(t, columns={**t.columns, "v": t["v"] + s}) for t, s in zip(trials, swing, strict=True)]
+    found = []
+    for logged in (trials, swinging):
+        problem, null = problem_of(logged)
+        found.append(hum(problem.data, residuals(problem.steps, problem.data, null)))
+    assert found[0][0] > LINE
+    assert found[1][0] < 1e-20 and found[1][1] == pytest.approx(period, rel=0.1)
 
 
 def test_a_constant_force_in_the_earth_frame_points_its_way_in_every_run() -> None:

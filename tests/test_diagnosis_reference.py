@@ -17,9 +17,10 @@ from cases.trial import Trial
 from commands.diagnose import _calibrated_on
 from diagnosis.dictionary import unnamed
 from diagnosis.hypotheses import ODDS, Found, Problem, explain
+from diagnosis.judge import priors_of_effects
 from diagnosis.latent import Estimate
 from diagnosis.prepare import Prepared, prepare
-from diagnosis.reference import LEAST, STRONG, Reference, of_effects, refer
+from diagnosis.reference import LEAST, STRONG, Reference, refer
 from fitting.run import RESULT, data_rows, write_json
 from mmg.ship import Ship
 from tests.diagnosis_cases import FEW, FREE, problem_of, pushed_trials
@@ -90,7 +91,7 @@ def test_what_is_known_is_the_fit_with_its_errors_and_the_scatter_between_runs()
     assert found.priors.symbols == (*FREE, *found.shift)
     P = len(FREE)
     assert (found.priors.std[:P] <= problem.base.std * (1 + 1e-9)).all()
-    prior = of_effects(list(problem.candidates.values()))
+    prior = priors_of_effects(list(problem.candidates.values()), 1.0)
     shift, scatter = (np.array(list(x.values())) for x in (found.shift, found.scatter))
     np.testing.assert_allclose(found.priors.mean[P:], prior.mean + prior.std * shift, rtol=1e-12)
     assert (found.priors.std[P:] >= prior.std * scatter * (1 - 1e-12)).all()
@@ -109,7 +110,7 @@ def test_the_mean_of_more_runs_is_known_more_closely() -> None:
     P = len(FREE)
     np.testing.assert_array_equal(many.priors.std[:P], one.priors.std[:P])
     np.testing.assert_array_equal(many.priors.mean, one.priors.mean)
-    sizes = of_effects(list(known().problem.candidates.values())).std
+    sizes = priors_of_effects(list(known().problem.candidates.values()), 1.0).std
     scatter = sizes * np.array(list(one.scatter.values()))
     np.testing.assert_allclose(
         one.priors.std[P:] ** 2 - many.priors.std[P:] ** 2, (1 - 1 / 9) * scatter**2, rtol=1e-6, atol=1e-12
