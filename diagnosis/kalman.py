@@ -14,17 +14,33 @@ import numpy as np
 
 from diagnosis.steps import Linear
 
+KNOWN = 30.0
+"""Samples that the usual size of what is random counts as."""
+
 
 @dataclass(frozen=True)
 class Noise:
     """What is random: sizes of the latent force (3,) [N, N, N m] and its memory [s], white errors of the sensors (6,),
-    and the size (6,) and memory [s] of their coloured errors (size 0: none)."""
+    and the size (6,) and memory [s] of their coloured errors (size 0: none).
+
+    usual: what the same ship and instruments showed in other trials, if any; it counts as KNOWN samples of each size.
+    """
 
     force: np.ndarray
     tau: float
     white: np.ndarray
     coloured: np.ndarray
     colour_tau: float
+    usual: Noise | None = None
+
+    @property
+    def unusual(self) -> float:
+        """Negative log of the prior of the sizes of force and white errors (inverse gamma), 0 where they are usual."""
+        if self.usual is None:
+            return 0.0
+        pairs = ((self.usual.force, self.force), (self.usual.white, self.white))
+        ratio = np.concatenate([(known / size) ** 2 for known, size in pairs])
+        return 0.5 * KNOWN * float(np.sum(ratio - 1 - np.log(ratio)))
 
     def with_(self, **changed: object) -> Noise:
         """A copy with some fields replaced."""

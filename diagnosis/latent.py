@@ -15,7 +15,7 @@ import numpy as np
 
 from diagnosis.data import Data
 from diagnosis.free import Priors, acting, active_states, placed
-from diagnosis.kalman import Adjoint, Filtered, Noise, System, adjoint, filtered, responses, smoothed, system
+from diagnosis.kalman import KNOWN, Adjoint, Filtered, Noise, System, adjoint, filtered, responses, smoothed, system
 from diagnosis.steps import Linear, Steps, spread
 from diagnosis.wide import stem
 from mmg.logged import settled
@@ -43,7 +43,7 @@ class Around:
     white: (K + 1, R, 6, P + 1) responses of the columns, in units of their prior std, and last the residual, negative;
     states: (K + 1, R, n, P + 1) predicted; adjoint: of log det; bend: (R, P) derivative of 1/2 log
     det by the columns, by window.
-    nll: negative log likelihood without constants, the prior of the free columns included.
+    nll: negative log likelihood without constants, the priors of the free columns and of what is random included.
     """
 
     linear: Linear
@@ -185,19 +185,33 @@ def look_around(
     by_Z = np.where(data.good[..., None], found.by_Z[..., :A], 0.0)
     bend = steps.bend(path.z, data.inputs, theta, path.force[:-1], weight, by_Z, columns, active) * size
     bend = np.hstack([bend, np.zeros((R, P - len(columns)))])
-    nll = 0.5 * float(f.log_det.sum() + (white[..., -1] ** 2).sum() + p @ p)
+    nll = 0.5 * float(f.log_det.sum() + (white[..., -1] ** 2).sum() + p @ p) + noise.unusual
     return Around(linear, s, f, white, states, found, bend, nll)
 
 
 def renewed(noise: Noise, data: Data, found: Adjoint, r: np.ndarray, u: np.ndarray, A: int, floor: Noise) -> Noise:
-    """Sizes by one step of the fixed point q <- q sum r^2 / sum N (force, colours) and R <- R sum u^2 / sum D."""
+    """Sizes by one step of the fixed point q <- q sum r^2 / sum N (force, colours) and R <- R sum u^2 / sum D.
 
-    def ratio(top: np.ndarray, bottom: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    Usual sizes count as KNOWN more samples of each.
+    """
+
+    usual = noise.usual
+    pull = KNOWN if usual is not None else 0.0
+    force, white = (noise.force, noise.white) if usual is None else (usual.force, usual.white)
+    rest = len(found.N[0, 0]) - A - 3
+    fresh = 1 - np.exp(-2 * data.h / noise.tau)
+    added = pull / (fresh * np.concatenate([noise.force**2, np.full(rest, np.inf)]))
+    more = np.concatenate([(force / noise.force) ** 2, np.zeros(rest)])
+
+    def ratio(
+        top: np.ndarray, bottom: np.ndarray, mask: np.ndarray, known: np.ndarray, count: np.ndarray
+    ) -> np.ndarray:
         a, b = (np.where(mask, x, 0.0).sum(axis=(0, 1)) for x in (top, bottom))
+        a, b = a + count * known, b + count
         return np.clip(np.where(b > 0, a / np.maximum(b, 1e-300), 1.0), 0.1, 10.0)
 
-    grown = ratio(r[..., A:] ** 2, found.N[..., A:], data.inside[..., None])
-    scattered = ratio(u**2, found.D, data.good)
+    grown = ratio(r[..., A:] ** 2, found.N[..., A:], data.inside[..., None], more, added)
+    scattered = ratio(u**2, found.D, data.good, (white / noise.white) ** 2, pull / noise.white**2)
     colours = noise.coloured.copy()
     colours[noise.coloured > 0] *= np.sqrt(grown[3:])
     return noise.with_(
@@ -273,7 +287,8 @@ def estimate(
         renewed_noise = now.noise if steady else renewed(now.noise, data, around.adjoint, r, u, len(active), floor)
         here = _Point(now.p, now.path, now.noise, around.nll)
         best = (here, (dp, dz, df), A, around, gain)
-        quiet = np.abs(np.log(renewed_noise.force / now.noise.force)).max() < 0.05
+        pairs = ((renewed_noise.force, now.noise.force), (renewed_noise.white, now.noise.white))
+        quiet = max(float(np.abs(np.log(new / old)).max()) for new, old in pairs) < 0.05
         if gain < tolerance and quiet:
             converged = True
             break

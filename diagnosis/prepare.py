@@ -28,6 +28,8 @@ ECHO, APART, LEAST = 0.25, 5.0, 100
 """Correlation of neighbouring whitened residuals from which samples APART seconds [of a 3 m model] are compared, if
 at least LEAST grid times are left. On the records of the 3 m tanker the correlation is .65 and the latent force three
 times what it is at 3, 5 or 10 s, with worse predictions; with white errors it is below .05."""
+FEW = 20
+"""The same where the instruments are known from other trials."""
 MAX_FITS = 12
 """Linearisations of the first fit."""
 RUNS = 3
@@ -97,13 +99,13 @@ def prepare(
     values = wide.ship.values
     at = [wide.ship.symbols.index(s) for s in base.symbols]
     values[at] = [ship.coefficients[s].value for s in base.symbols]
-    usual = 0.0
+    usual, noise, gap = 0.0, first_noise(wide.ship, data), 0
     if reference:
         old = arrange(reference, wide.ship.inputs, length, data.h, moving(reference))
-        old, null, *_ = fitted(steps, old, values, base, first_noise(wide.ship, old))
+        old, null, gap, *_ = fitted(steps, old, values, base, first_noise(wide.ship, old))
         known = refer(steps, old, null, base, wide.candidates, len(trials))
         base, wide = known.priors, replace(wide, candidates=known.candidates)
-        values, usual = known.theta, known.unnamed
+        values, usual, noise = known.theta, known.unnamed, known.noise.with_(usual=known.noise)
         notices.append(
             "the ship was calibrated on other trials, and those were fitted first: only what goes beyond their usual "
             "misfit and scatter counts"
@@ -111,7 +113,7 @@ def prepare(
         if known.strong:
             notices.append(f"the trials of the calibration show these effects already: {', '.join(known.strong)}")
         say(f"fitted to what the ship was calibrated on: {len(old.trials)} runs, {old.samples} samples")
-    data, null, gap, heard, line = fitted(steps, data, values, base, first_noise(wide.ship, data))
+    data, null, gap, heard, line = fitted(steps, data, values, base, noise, gap)
     if gap > 1:
         notices.append(
             f"what remains of neighbouring samples is alike (correlation {heard:.2f}), as of filtered instruments: one "
@@ -130,21 +132,21 @@ def prepare(
 
 
 def fitted(
-    steps: Steps, data: Data, theta: np.ndarray, base: Priors, noise: Noise
+    steps: Steps, data: Data, theta: np.ndarray, base: Priors, noise: Noise, gap: int = 0
 ) -> tuple[Data, Estimate, int, float, tuple[float, float]]:
     """(data, fit, every how many grid times are compared, correlation of neighbouring residuals, sharpest line in their
-    spectrum) without any effect."""
+    spectrum) without any effect; gap: every how many the same instruments were compared in other trials, if known."""
     p = (theta[[steps.ship.symbols.index(s) for s in base.symbols]] - base.mean) / base.std
     null = estimate(steps, data, theta, base, noise, p=p, iterations=MAX_FITS)
-    gap = max(1, round(APART * (float(steps.ship.particulars["L"]) / MODEL_LENGTH) ** 0.5 / data.h))
+    apart = gap or max(1, round(APART * (float(steps.ship.particulars["L"]) / MODEL_LENGTH) ** 0.5 / data.h))
     remains = residuals(steps, data, null)
     heard, line = echo(data, remains), hum(data, remains)
-    if not (heard > ECHO and data.thinned(gap).samples >= LEAST):
-        gap = 1
-    if gap > 1:
-        data = data.thinned(gap)
+    if not (gap or heard > ECHO) or data.thinned(apart).samples < (FEW if gap else LEAST):
+        apart = 1
+    if apart > 1:
+        data = data.thinned(apart)
         null = estimate(steps, data, theta, base, noise, p=p, iterations=MAX_FITS)
-    return data, with_memory_time(steps, data, null), gap, heard, line
+    return data, null if noise.usual else with_memory_time(steps, data, null), apart, heard, line
 
 
 FILTERS = ("velocity_lag", "gyro")

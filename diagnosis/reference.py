@@ -16,6 +16,7 @@ from diagnosis.data import Data
 from diagnosis.dictionary import unnamed
 from diagnosis.free import Priors, active_states
 from diagnosis.judge import priors_of_effects
+from diagnosis.kalman import Noise
 from diagnosis.latent import Estimate, Path, estimate, look_around
 from diagnosis.steps import Steps
 from diagnosis.wide import Candidate
@@ -34,7 +35,7 @@ class Reference:
     calibration; candidates: with what the calibration's trials show as their neutral values, unless that is STRONG;
     strong: names of those; theta: (all,) coefficients to begin with; shift, scatter: of each parameter by symbol, its
     value and its standard deviation between runs [typical sizes]; unnamed: log Bayes factor, per grid time compared, of
-    effects without a name in the trials of the calibration."""
+    effects without a name in the trials of the calibration; noise: what is random in them."""
 
     priors: Priors
     candidates: dict[str, Candidate]
@@ -43,6 +44,7 @@ class Reference:
     shift: dict[str, float]
     scatter: dict[str, float]
     unnamed: float
+    noise: Noise
 
 
 def refer(
@@ -76,7 +78,9 @@ def refer(
     theta[[steps.ship.symbols.index(s) for s in free.symbols]] = value
     shift, scatter = (dict(zip(effects.symbols, x.tolist(), strict=True)) for x in (found.p[P:], spread))
     rest = max(unnamed(steps, data, found).log_bayes, 0.0) / data.samples
-    return Reference(replace(free, mean=value, std=free.std * std), moved, tuple(strong), theta, shift, scatter, rest)
+    return Reference(
+        replace(free, mean=value, std=free.std * std), moved, tuple(strong), theta, shift, scatter, rest, found.noise
+    )
 
 
 def _scatter(steps: Steps, data: Data, found: Estimate, first: int) -> np.ndarray:

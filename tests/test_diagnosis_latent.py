@@ -142,6 +142,33 @@ def test_sizes_of_what_is_random_are_found(one: tuple) -> None:
     assert not better.noise.coloured.any()
 
 
+def test_usual_sizes_of_what_is_random_count_as_so_many_samples_more(one: tuple) -> None:
+    """The fit ends where the likelihood with their prior is best by each size; a short record stays near them."""
+    steps, data, found, _ = one
+    usual = found.noise.with_(force=2 * found.noise.force, white=0.5 * found.noise.white)
+    assert usual.unusual == 0.0 and usual.with_(usual=usual).unusual == 0.0
+    assert found.noise.with_(usual=usual).unusual > 0.0
+
+    def last(data: Data) -> Estimate:
+        noise = found.noise.with_(usual=usual)
+        return estimate(steps, data, found.theta, columns_of(()), noise, found.path, iterations=30, tolerance=1e-4)
+
+    def nll(data: Data, fit: Estimate, **sizes: np.ndarray) -> float:
+        active = active_states(steps, (), fit.theta)
+        noise = fit.noise.with_(**sizes)
+        return look_around(steps, data, fit.theta, fit.path, noise, fit.free, fit.p, active).nll
+
+    for few in (data, data.thinned(20)):
+        end = last(few)
+        for k in ("force", "white"):
+            size = getattr(end.noise, k)
+            for i in range(len(size)):
+                other = [size * np.where(np.arange(len(size)) == i, f, 1.0) for f in (1.3, 1 / 1.3)]
+                assert min(nll(few, end, **{k: x}) for x in other) > nll(few, end), (k, i)
+    off = [np.abs(np.log(last(d).noise.white / usual.white)).mean() for d in (data, data.thinned(20))]
+    assert off[1] < 0.7 * off[0] and off[0] > 0.4
+
+
 def test_the_fit_starts_anywhere_and_ends_at_the_same_place(one: tuple) -> None:
     steps, data, found, _ = one
     other = found.noise.with_(force=3 * found.noise.force, white=0.5 * found.noise.white)
