@@ -10,6 +10,8 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from cases.site import Site
 from cases.trial import Trial
 from diagnosis import told
@@ -23,7 +25,7 @@ from diagnosis.next_test import next_test
 from diagnosis.prepare import Prepared, Report, prepare, with_sensor_faults
 from diagnosis.result import Diagnosis, HeldOut
 from diagnosis.where import where
-from diagnosis.wide import effect_of
+from diagnosis.wide import BY_RUN, effect_of, stem
 from diagnosis.words import sentence_of
 from mmg.ship import Ship
 
@@ -72,9 +74,9 @@ def diagnose(
     before = unnamed(p.steps, p.data, ready.null)
     answer = _answer(p, ready.null, before, test_data, seed, workers)
     reasons = list(answer.reasons)
-    if answer.verdict != "named" and any(n != effect_of(n) for n in answer.found.effects):
+    if answer.verdict != "named" and any(n.endswith(BY_RUN) for n in answer.found.effects):
         say("asking again with the same surroundings in all runs")
-        alike = {n: c for n, c in p.candidates.items() if n == effect_of(n)}
+        alike = {n: c for n, c in p.candidates.items() if not n.endswith(BY_RUN)}
         answer = _answer(replace(p, candidates=alike), ready.null, before, test_data, seed, workers)
         reasons += answer.reasons
     found, after, held, verdict = answer.found, answer.after, answer.held, answer.verdict
@@ -184,7 +186,10 @@ def _doubt(found: Found, after: float, held: HeldOut | None) -> str:
             f"{names} {part}, but more is left without a name ({after:.0f}), and the test trials are not predicted "
             "better"
         )
-    local = [effect_of(n) for n in found.effects if n != effect_of(n)]
+    extreme = _extreme(found)
+    if extreme:
+        return f"{names} {part}, but only with {extreme} at the end of what is possible"
+    local = [effect_of(n) for n in found.effects if n.endswith(BY_RUN)]
     if local and (held is not None or after > ODDS):
         return (
             f"{' and '.join(local)} could differ from run to run and so {part}, but so many parameters need test "
@@ -192,6 +197,15 @@ def _doubt(found: Found, after: float, held: HeldOut | None) -> str:
         )
     apart = [f"{n} (p = {p:.2g})" for n, p in found.robust.items() if p > AGREE]
     return f"the runs do not agree on {' and '.join(apart)}" if apart else ""
+
+
+def _extreme(found: Found) -> str:
+    """The parameters of named effects that the fit put at a bound, unless at none of it: a delay of 0."""
+    f, own = found.final.free, {effect_of(n) for n in found.effects}
+    value = f.mean + f.std * found.final.p
+    near = (np.minimum(value - f.lower, f.upper - value) <= 1e-6 * (f.upper - f.lower)) & (value != 0)
+    rows = zip(f.symbols, value, near, strict=True)
+    return ", ".join(f"{stem(s)} = {v:.3g}" for s, v, n in rows if n and s.split(".")[0] in own)
 
 
 def _contradicted(held: HeldOut) -> bool:

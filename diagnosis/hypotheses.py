@@ -26,7 +26,7 @@ LEVEL = 0.03
 """Probability of a false alarm in one search over all candidates."""
 SAME = 6.0
 """Candidates within this of the best in BIC cannot be told from it (odds of 20 : 1)."""
-FURTHER = 6.0
+FURTHER = 9.0
 """Gain in BIC that every effect after the first must bring: where the first is not quite as the library has it, small
 others seem to help."""
 ODDS = float(np.log(3.0))

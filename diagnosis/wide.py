@@ -54,8 +54,8 @@ def stem(symbol: str) -> str:
 
 
 def effect_of(name: str) -> str:
-    """The effect behind the name of a candidate."""
-    return name.removesuffix(BY_RUN)
+    """The effect behind the name of a candidate, which may be another form of it, or differ by run."""
+    return name.partition(" ")[0]
 
 
 def by_run(c: Candidate, runs: Sequence[int]) -> Candidate:
@@ -73,6 +73,15 @@ def parameters(ship: Ship, name: str) -> tuple[Parameter, ...]:
 def neutral(ship: Ship, name: str, parameter: str) -> float:
     """Neutral value of a parameter of one of the ship's effects."""
     return next(p.neutral for p in parameters(ship, name) if p.symbol == parameter)
+
+
+def _candidate(called: str, name: str, free: list[Parameter], start: Mapping[str, float] | None = None) -> Candidate:
+    """A candidate that frees these parameters of an effect."""
+    array: dict[str, Any] = {
+        k: np.array([getattr(p, k) for p in free]) for k in ("neutral", "typical", "lower", "upper")
+    }
+    array["start"] = np.array([start.get(p.symbol, p.neutral) for p in free]) if start else None
+    return Candidate(called, tuple(f"{name}.{p.symbol}" for p in free), **array)
 
 
 def widened(
@@ -104,11 +113,9 @@ def widened(
         wide = wide.with_effect(name, held)
         if name in left_out:
             continue
-        free = [p for p in rows if not p.held]
-        array: dict[str, Any] = {
-            k: np.array([getattr(p, k) for p in free]) for k in ("neutral", "typical", "lower", "upper")
-        }
         begin = (start or {}).get(name)
-        array["start"] = np.array([begin.get(p.symbol, p.neutral) for p in free]) if begin else None
-        candidates[name] = Candidate(name, tuple(f"{name}.{p.symbol}" for p in free), **array)
+        candidates[name] = _candidate(name, name, [p for p in rows if not p.held], begin)
+        for form in dict.fromkeys(p.form for p in rows if p.form):
+            called = f"{name} {form}"
+            candidates[called] = _candidate(called, name, [p for p in rows if p.form == form])
     return Wide(wide, candidates, left_out)

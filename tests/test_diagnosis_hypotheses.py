@@ -240,6 +240,17 @@ def test_a_name_that_explains_less_than_is_left_needs_support_by_test_trials(
     assert decide(found_with(0.5, "draft"), 9.0, ODDS - 0.01, test)[0] == "named"
 
 
+@pytest.mark.parametrize(("value", "verdict"), [(4.9, "named"), (5.0, "unknown")])
+def test_a_name_that_needs_the_end_of_what_is_possible_is_withdrawn(value: float, verdict: str) -> None:
+    free = Priors(("X_0F", "fouling.share"), np.zeros(2), np.ones(2), np.array([0.0, -0.6]), np.array([9.0, 5.0]))
+    final = replace(a_fit(80.0), free=free, p=np.array([0.0, value]))  # a coefficient of the ship's own may be there
+    found = Found(("fouling",), a_fit(100.0), final, (), {"fouling": 1e-4})
+    got, reasons = decide(found, 9.0, -1.0, None)
+    assert got == verdict and bool(reasons) == (verdict == "unknown")
+    assert not reasons or "fouling.share = 5 at the end of what is possible" in reasons[0]
+    assert decide(found, 9.0, -1.0, held(0.3, (0.1, 0.4), 20.0, (5.0, 30.0)))[0] == "named"
+
+
 def test_a_name_on_which_the_runs_do_not_agree_is_withdrawn() -> None:
     verdict, reasons = decide(found_with(12.0, "bank", p=1.1 * AGREE), 9.0, -1.0, None)
     assert verdict == "unknown" and reasons == [

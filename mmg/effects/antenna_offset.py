@@ -1,6 +1,7 @@
 """Antenna offset: satellite position and velocity belong to a point off midship.
 
-That point is x ahead and y to starboard of midship: its velocity is (u - r y, v + r x) in body axes.
+That point is x ahead and y to starboard of midship: its velocity is (u - r y, v + r x) in body axes. Where a log of
+the ship's own measures u and v, the position alone belongs to it.
 """
 
 from __future__ import annotations
@@ -24,10 +25,12 @@ class AntennaOffset(Effect):
         return (
             Parameter("x", 0.0, size, -most, most, "m", "antenna ahead of midship"),
             Parameter("y", 0.0, size, -most, most, "m", "antenna to starboard of midship"),
+            Parameter("alone_x", 0.0, size, -most, most, "m", "the same while u and v are midship's", True, "alone"),
+            Parameter("alone_y", 0.0, size, -most, most, "m", "the same while u and v are midship's", True, "alone"),
         )
 
     def columns(self, y: list[Any], flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace) -> list[Any]:
-        north, east = body_to_earth(e.x, e.y, flow.psi)
+        north, east = body_to_earth(e.x + e.alone_x, e.y + e.alone_y, flow.psi)
         return [y[0] + north, y[1] + east, y[2], y[3] - flow.r * e.y, y[4] + flow.r * e.x, y[5]]
 
 

@@ -28,7 +28,8 @@ class Parameter:
     """One parameter of an effect.
 
     neutral: the value at which the effect is absent; typical: a size that shows in a trial (an offset from neutral);
-    lower, upper: bounds of a fit; held: not freed unless asked for by name (places, widths).
+    lower, upper: bounds of a fit; held: not freed unless asked for by name (places, widths); form: of another form of
+    the effect, which a diagnosis asks about in place of the usual one.
     """
 
     symbol: str
@@ -39,6 +40,7 @@ class Parameter:
     unit: str
     description: str
     held: bool = False
+    form: str = ""
 
     def coefficient(self, effect: str) -> Coefficient:
         """The coefficient ``effect.symbol`` of a ship, at its neutral value, with a wide prior."""

@@ -2,7 +2,9 @@
 
 Inside the model the delay is its all-pass approximation: with V_f the velocity over ground behind a low pass of tau/2,
 the position is late by T V_f and the velocity by 2 T / tau (V - V_f). The late velocity, an earth-fixed vector, is
-turned into u and v by the present heading. The synthetic generator delays the columns themselves.
+turned into u and v by the present heading. The synthetic generator delays the columns themselves. Where a log of the
+ship's own measures u and v, the position alone is late; where u and v were finished before they were held up, they are
+those of ``tau`` ago, turned by the heading of then.
 """
 
 from __future__ import annotations
@@ -16,7 +18,7 @@ import numpy as np
 from mmg.effects.effect import Effect, Parameter
 from mmg.flow import Flow
 from mmg.frames import body_to_earth, earth_to_body
-from mmg.memory import Memory, scale
+from mmg.memory import Memory, delayed, scale
 from mmg.smooth import GRAVITY
 
 
@@ -27,23 +29,50 @@ class GnssDelay(Effect):
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         k = scale(p)
-        return (Parameter("tau", 0.0, 0.5 * k, 0.0, 5.0 * k, "s", "time by which position and velocity are late"),)
+        return (
+            Parameter("tau", 0.0, 0.5 * k, 0.0, 5.0 * k, "s", "time by which position and velocity are late"),
+            Parameter(
+                "alone", 0.0, 0.5 * k, 0.0, 5.0 * k, "s", "time by which the position alone is late", True, "alone"
+            ),
+            Parameter(
+                "finished",
+                0.0,
+                0.5 * k,
+                0.0,
+                5.0 * k,
+                "s",
+                "time by which x, y, u and v are late as they are",
+                True,
+                "finished",
+            ),
+        )
 
     def columns(self, y: list[Any], flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace) -> list[Any]:
-        u, v, (north, east) = late_velocity(y, memory, self.name, e.tau, p)
-        return [y[0] - e.tau * north, y[1] - e.tau * east, y[2], u, v, y[5]]
+        u, v, (north, east) = late_velocity(y, memory, self.name, e.tau, p, e.alone + e.finished)
+        size = 0.1 * float((GRAVITY * p.L) ** 0.5)
+        u, v = (
+            delayed(memory, f"{self.name}.{axis}", value, e.finished, scale(p), size)
+            for axis, value in (("u", u), ("v", v))
+        )
+        late = e.tau + e.alone + e.finished
+        return [y[0] - late * north, y[1] - late * east, y[2], u, v, y[5]]
 
     def samples(
         self, t: np.ndarray, y: list[np.ndarray], flow: Flow, e: SimpleNamespace, p: SimpleNamespace
     ) -> list[np.ndarray]:
-        return late_samples(t, y, e.tau)
+        place, (u, v) = late_samples(t, y, e.tau + e.alone + e.finished)[:2], late_samples(t, y, e.tau)[3:5]
+        past = t - e.finished
+        return [*place, y[2], np.interp(past, t, u), np.interp(past, t, v), y[5]]
 
 
 def late_velocity(
-    y: list[Any], memory: Memory, name: str, tau: Any, p: SimpleNamespace
+    y: list[Any], memory: Memory, name: str, tau: Any, p: SimpleNamespace, further: Any = 0.0
 ) -> tuple[Any, Any, tuple[Any, Any]]:
-    """u and v of columns y from the velocity over ground of ``tau`` ago, turned by the present heading; and V_f."""
-    least = ca.sqrt(tau**2 + scale(p) ** 2)
+    """u and v of columns y from the velocity over ground of ``tau`` ago, turned by the present heading; and V_f.
+
+    further: a delay [s] of something else that V_f is to serve.
+    """
+    least = ca.sqrt(tau**2 + further**2 + scale(p) ** 2)
     size = 0.1 * float((GRAVITY * p.L) ** 0.5)
     velocity = body_to_earth(y[3], y[4], y[2])
     north, east = (

@@ -1,6 +1,7 @@
 """Heading bias: the logged heading is off by a constant, and u and v are turned with it.
 
-u and v of a record come from the velocity over ground, turned by the logged heading.
+u and v of a record come from the velocity over ground, turned by the logged heading. Where a log of the ship's own
+measures them, the heading alone is off.
 """
 
 from __future__ import annotations
@@ -20,11 +21,14 @@ class HeadingBias(Effect):
     name, enters = "heading_bias", "measurement"
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
-        return (Parameter("psi", 0.0, 0.01, -0.5, 0.5, "rad", "logged heading less the true one"),)
+        return (
+            Parameter("psi", 0.0, 0.01, -0.5, 0.5, "rad", "logged heading less the true one"),
+            Parameter("alone", 0.0, 0.01, -0.5, 0.5, "rad", "the same while u and v are right", True, "alone"),
+        )
 
     def columns(self, y: list[Any], flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace) -> list[Any]:
         u, v = earth_to_body(y[3], y[4], e.psi)
-        return [y[0], y[1], y[2] + e.psi, u, v, y[5]]
+        return [y[0], y[1], y[2] + e.psi + e.alone, u, v, y[5]]
 
 
 EFFECT = HeadingBias()
