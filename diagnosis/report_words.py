@@ -50,6 +50,10 @@ def probability(p: float) -> str:
     return f"{digit}·10{str(int(power)).translate(SUPERSCRIPT)}"
 
 
+HOPELESS = 30.0
+"""Typical sizes of an effect from which "would be seen from" says no more than that it is not seen."""
+
+
 def signed(value: float | None, digits: str = ".0f") -> str:
     """A number with its sign, or a dash."""
     return "–" if value is None or not math.isfinite(value) else f"{value:+{digits}}".replace("-", "−")
@@ -76,6 +80,17 @@ def sizes(name: str, parameters: Mapping[str, Parameter], d: Diagnosis) -> list[
     return rows
 
 
+def visible(c: Screened, d: Diagnosis) -> str:
+    """From which sizes on these trials would show an effect; where even its typical size is far below, a dash."""
+    known = {p.symbol: p for p in EFFECTS[c.name].parameters(d.ship.namespace, dict(d.ship.components))}
+    told = []
+    for symbol, size in c.visible_from.items():
+        factor, unit = by_degrees(known[symbol].unit)
+        if size < HOPELESS * known[symbol].typical:
+            told.append(f"{symbol} {factor * size:.2g} {unit}".strip())
+    return ", ".join(told) or "–"
+
+
 def ranking(d: Diagnosis) -> list[dict[str, Any]]:
     """The candidates for the table."""
     named = {e.name: e for e in d.effects}
@@ -93,6 +108,7 @@ def ranking(d: Diagnosis) -> list[dict[str, Any]]:
                 "p": probability(e.p_value if e else c.p_value) if c.excited else "–",
                 "bic": signed(e.delta_bic if e else c.delta_bic),
                 "absorbed": percent(c.absorbed_share) if c.excited else "–",
+                "visible": visible(c, d),
                 "note": note_on(c, role, d),
             }
         )

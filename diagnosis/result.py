@@ -42,7 +42,8 @@ class Named:
 @dataclass(frozen=True)
 class Screened:
     """A row of the ranking: score (chi-squared of the test at the calibrated model), p_value (of the largest of all),
-    delta_bic (None: not refitted), excited (the trials move it at all), parameters if refitted."""
+    delta_bic (None: not refitted), excited (the trials move it at all), parameters if refitted; visible_from: parameter
+    -> size (off neutral) of three standard errors, from which these trials would show it."""
 
     name: str
     score: float
@@ -51,6 +52,7 @@ class Screened:
     excited: bool
     absorbed_share: float
     parameters: Mapping[str, Parameter] = field(default_factory=dict)
+    visible_from: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -180,6 +182,7 @@ def contract(d: Diagnosis) -> dict[str, Any]:
                 "excited": c.excited,
                 "absorbed_share": c.absorbed_share,
                 "parameters": values(c.parameters),
+                "visible_from": dict(c.visible_from),
             }
             for c in d.candidates
         ],

@@ -9,7 +9,7 @@ projected out. All slopes are jointly normal with a known covariance, which give
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.stats import chi2
@@ -43,7 +43,8 @@ class Slopes:
 @dataclass(frozen=True)
 class Scored:
     """A candidate's test: T (chi-squared with ``degrees``), its probability by itself and as the largest of all;
-    phi: (p,) first-order estimates [typical sizes]; absorbed: share of its information that coefficients imitate."""
+    phi: (p,) first-order estimates [typical sizes]; absorbed: share of its information that coefficients imitate;
+    errors: (p,) standard errors of phi, infinite where nothing is seen."""
 
     name: str
     T: float
@@ -53,6 +54,7 @@ class Scored:
     phi: np.ndarray
     absorbed: float
     excited: bool
+    errors: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
 
 def slopes(steps: Steps, data: Data, found: Estimate, candidates: Mapping[str, Candidate]) -> Slopes:
@@ -106,7 +108,8 @@ def _test(s: Slopes, c: Candidate, draws: np.ndarray) -> tuple[Scored, np.ndarra
     seen = excited & (np.diag(S) > EXCITED)
     if not seen.any():
         absorbed = 1.0 if excited.any() else 0.0
-        row = Scored(c.name, 0.0, len(at), 1.0, 1.0, np.zeros(len(at)), absorbed, bool(excited.any()))
+        nowhere = np.full(len(at), np.inf)
+        row = Scored(c.name, 0.0, len(at), 1.0, 1.0, np.zeros(len(at)), absorbed, bool(excited.any()), nowhere)
         return row, np.ones(len(draws))
     S = S[np.ix_(seen, seen)]
     inverse = np.linalg.pinv(S, rcond=1e-8, hermitian=True)
@@ -122,7 +125,9 @@ def _test(s: Slopes, c: Candidate, draws: np.ndarray) -> tuple[Scored, np.ndarra
         if phi[0] <= 0:
             T, p, phi = 0.0, 1.0, np.zeros(1)
     absorbed = float(np.clip(1 - np.mean(np.diag(S) / own[seen]), 0.0, 1.0))
-    return Scored(c.name, T, degrees, p, 1.0, phi, absorbed, True), null
+    errors = np.full(len(at), np.inf)
+    errors[seen] = np.sqrt(np.diag(inverse))
+    return Scored(c.name, T, degrees, p, 1.0, phi, absorbed, True, errors), null
 
 
 def _largest(p: float, least: np.ndarray, count: int) -> float:

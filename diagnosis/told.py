@@ -88,6 +88,17 @@ def same(found: Found) -> tuple[str, ...]:
     return tuple(n for n in near if n not in named)
 
 
+SHOWS = 3.0
+"""Standard errors from which an effect would show."""
+
+
+def visible(problem: Problem, first: Search, name: str) -> dict[str, float]:
+    """Sizes, off neutral, from which these trials would show the parameters of an effect; those they show at all."""
+    c, errors = problem.candidates[name], first.score(name).errors
+    pairs = zip(c.symbols, SHOWS * errors * c.typical, strict=True)
+    return {s.split(".", 1)[1]: float(size) for s, size in pairs if np.isfinite(size)}
+
+
 def ranking(problem: Problem, wide: Wide, found: Found) -> tuple[Screened, ...]:
     """All candidates: those refitted by BIC, the others behind them by their score; each effect once."""
     first = found.searches[0]
@@ -96,8 +107,11 @@ def ranking(problem: Problem, wide: Wide, found: Found) -> tuple[Screened, ...]:
         s, name = first.score(t.name), effect_of(t.name)
         if name not in rows:
             sizes = values(problem, wide, t.found, t.name)
-            rows[name] = Screened(name, s.T, t.p_value, t.delta_bic, True, s.absorbed, sizes)
+            rows[name] = Screened(
+                name, s.T, t.p_value, t.delta_bic, True, s.absorbed, sizes, visible(problem, first, name)
+            )
     for s in sorted(first.scores, key=lambda s: s.degrees * problem.cost - s.T):
         name = effect_of(s.name)
-        rows.setdefault(name, Screened(name, s.T, s.p_value, None, s.excited, s.absorbed))
+        seen = visible(problem, first, name)
+        rows.setdefault(name, Screened(name, s.T, s.p_value, None, s.excited, s.absorbed, {}, seen))
     return tuple(rows.values())

@@ -11,7 +11,7 @@ import pytest
 
 from diagnosis.report import build_report, held_rows, write_report
 from diagnosis.report_where import first_channel, region_words, where_words
-from diagnosis.report_words import meaning, next_words, probability, quantity, ranking, readable
+from diagnosis.report_words import meaning, next_words, probability, quantity, ranking, readable, visible
 from diagnosis.result import Diagnosis, HeldOut, Named, Parameter, Screened
 from diagnosis.where import where
 from tests.test_where import INPUTS, SHIP, coloured, fitted, weaving
@@ -29,8 +29,8 @@ def case(verdict: str) -> Diagnosis:
     named = verdict == "named"
     candidates = (
         Screened("current", 300.0, 1e-12, 280.0, True, 0.3, CURRENT),
-        Screened("wave_drift", 290.0, 2e-11, 277.0, True, 0.2, DRIFT),
-        Screened("rudder_offset", 5.0, 0.4, None, True, 0.95),
+        Screened("wave_drift", 290.0, 2e-11, 277.0, True, 0.2, DRIFT, {"x": 0.31, "y": 0.42}),
+        Screened("rudder_offset", 5.0, 0.4, None, True, 0.95, {}, {"delta": 0.01}),
         Screened("propeller_side_force", 0.0, 1.0, None, False, 0.0),
     )
     runs = {"test <1>": (0.5, 0.2), "test 2": (0.3, 0.35)}
@@ -97,6 +97,16 @@ def test_named_effect_and_its_class_are_told() -> None:
     assert rows["propeller side force"]["p"] == "–"
     assert "imitates" in rows["rudder offset"]["note"]
     assert rows["current"]["role"] == "named" and rows["current"]["bic"] == "+280"
+
+
+def test_the_size_from_which_a_candidate_would_be_seen_is_told(tmp_path: Path) -> None:
+    rows = {row["name"]: row["visible"] for row in ranking(case("none"))}
+    assert list(rows.values()) == ["–", "x 0.31 N, y 0.42 N", "delta 0.57 deg", "–"]
+    write_report(case("none"), tmp_path)
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "would be seen from" in page and "delta 0.57 deg" in page and "x 0.31 N, y 0.42 N" in page
+    hopeless = replace(case("none").candidates[2], visible_from={"delta": 3.0})
+    assert visible(hopeless, case("none")) == "–"
 
 
 def test_verdicts_without_a_name_name_nothing() -> None:

@@ -12,7 +12,7 @@ from cases.disturbed import drawn_ship
 from diagnosis.hypotheses import Problem
 from diagnosis.latent import Estimate
 from diagnosis.screen import EXCITED, Scored, Slopes, scored, slopes
-from diagnosis.wide import Candidate, widened
+from diagnosis.wide import Candidate, effect_of, widened
 from mmg.effects import EFFECTS
 from tests.diagnosis_cases import ASTERN, FEW, RUNS, SHIP, problem_of, pushed_trials, wide
 
@@ -93,6 +93,8 @@ def test_the_first_order_estimate_is_the_solution_of_the_slopes() -> None:
     np.testing.assert_allclose(np.concatenate([rows[name].phi for name in candidates]), phi, rtol=1e-8)
     for name, c in candidates.items():
         assert rows[name].degrees == len(c.symbols) and rows[name].absorbed == pytest.approx(0.5)
+    errors = np.concatenate([rows[name].errors for name in candidates])
+    np.testing.assert_allclose(errors, np.sqrt(np.diag(np.linalg.inv(block))), rtol=1e-8)
 
 
 def test_an_effect_that_can_only_be_positive_is_not_seen_in_a_negative_slope() -> None:
@@ -209,7 +211,7 @@ def test_effects_that_nothing_is_known_of_are_left_out_with_a_reason() -> None:
     assert set(without.left_out) == {"bank", "wind_force", "wind_sensor_bias"}
     assert not set(without.left_out) & set(without.candidates)
     known = widened(SHIP, trials, {"bank": {"distance": 4.0, "bearing": 1.0}})
-    assert not known.left_out and set(known.candidates) == set(EFFECTS) - {"disturbance"}
+    assert not known.left_out and {effect_of(n) for n in known.candidates} == set(EFFECTS) - {"disturbance"}
     values = known.ship.parameters_of("bank")
     assert (values.distance, values.bearing) == (4.0, 1.0)
     # a parameter that is held is no column, and an effect that the ship has already is no candidate

@@ -180,6 +180,17 @@ def _sizes(name: str) -> dict[str, tuple[float, float]]:
     return {p.symbol: (p.neutral, p.typical) for p in parameters(blind_ship(), name)}
 
 
+def errors_off(row: Row) -> float:
+    """By how many standard errors of these trials the truth is off neutral, by the parameter that shows it best; of two
+    effects that which shows less."""
+    found = []
+    for name, values in row.truth.items():
+        seen = next((c.get("visible_from", {}) for c in row.ranking if c["name"] == name), {})
+        off = [3 * abs(values[s] - _sizes(name)[s][0]) / size for s, size in seen.items() if s in values]
+        found.append(max(off, default=0.0))
+    return min(found, default=0.0)
+
+
 def shared(row: Row) -> list[tuple[str, str, float, float, float]]:
     """Effect, parameter, truth, estimate, standard error of what the truth and the named effects both hold."""
     return [

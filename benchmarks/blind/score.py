@@ -13,6 +13,7 @@ from benchmarks.blind.rows import (
     Row,
     closure,
     covered,
+    errors_off,
     in_group,
     one_too_many,
     right,
@@ -25,6 +26,8 @@ from benchmarks.blind.rows import (
 from benchmarks.record import table
 
 STRENGTHS = ("weak", "medium", "strong")
+CLEAR = 3.0
+"""Standard errors of the truth from which a case is counted as one that the trials show."""
 
 
 def interval(k: int, n: int) -> tuple[float, float]:
@@ -77,8 +80,10 @@ def measures(rows: Sequence[Row]) -> list[list[str]]:
 
 def _library(rows: Sequence[Row]) -> list[list[str]]:
     named = [r for r in rows if rightly_named(r)]
+    clear = [r for r in rows if errors_off(r) > CLEAR]
     return [
         rate("library: first candidate right (top-1)", rows, top1),
+        rate(f"library: the same where the truth is {CLEAR:g} standard errors off", clear, top1),
         rate("library: verdict named", rows, lambda r: r.verdict == "named"),
         rate("library: named, and the right one first", rows, rightly_named),
         rate("library: verdict none", rows, lambda r: r.verdict == "none"),
@@ -120,8 +125,14 @@ def _foreign(rows: Sequence[Row]) -> list[list[str]]:
 
 
 def _pair(rows: Sequence[Row]) -> list[list[str]]:
+    clear = [r for r in rows if errors_off(r) > CLEAR]
     return [
         rate("pair: both named, nothing else", rows, lambda r: set(r.named) == set(r.truth)),
+        rate(
+            f"pair: the same where both are {CLEAR:g} standard errors off",
+            clear,
+            lambda r: set(r.named) == set(r.truth),
+        ),
         rate("pair: both named", rows, lambda r: set(r.truth) <= set(r.named)),
         rate("pair: the first name is one of the two", rows, rightly_named),
     ]
