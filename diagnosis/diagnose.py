@@ -38,6 +38,9 @@ SUPPORTED = 0.1
 although more is left than it explains."""
 ASIDE = 0.25
 """Share of what the named effects explain that may be left without a name before the test trials must support them."""
+EXACT = (5.0, 0.1)
+"""Log Bayes factor, or share of what the named effects explain, that may be left without a name beside another form of
+an instrument's fault. A constant error of v, say, is nearly one of the heading alone."""
 SLIGHTLY, WORSE = 0.02, 0.15
 """Shares by which predictions of the test trials may become worse: whatever their one-step likelihood does, and if that
 becomes better."""
@@ -164,7 +167,9 @@ def decide(found: Found, before: float, after: float, held: HeldOut | None) -> t
     """
     if not found.effects:
         return ("unknown" if before > ODDS else "none"), []
-    reason = _doubt(found, after, held) if held is None or not _supports(held) else ""
+    reason = _inexact(found, after)
+    if not reason and (held is None or not _supports(held)):
+        reason = _doubt(found, after, held)
     if not reason and held is not None and _contradicted(held):
         reason = f"{' and '.join(found.effects)} fits the training trials but does not predict the test trials better"
     return ("unknown", [f"{reason}: the name is withdrawn"]) if reason else ("named", [])
@@ -197,6 +202,16 @@ def _doubt(found: Found, after: float, held: HeldOut | None) -> str:
         )
     apart = [f"{n} (p = {p:.2g})" for n, p in found.robust.items() if p > AGREE]
     return f"the runs do not agree on {' and '.join(apart)}" if apart else ""
+
+
+def _inexact(found: Found, after: float) -> str:
+    """Whether too much is left beside a fault of one instrument alone, which would be exact; in words, or nothing."""
+    forms = [n for n in found.effects if n != effect_of(n) and not n.endswith(BY_RUN)]
+    drop = found.null.nll - found.final.nll
+    if not forms or after <= max(EXACT[0], EXACT[1] * drop):
+        return ""
+    part = f"would explain a part (log likelihood {drop:.0f})"
+    return f"{' and '.join(forms)} {part}, but such a fault leaves little over, and something is ({after:.0f})"
 
 
 def _extreme(found: Found) -> str:

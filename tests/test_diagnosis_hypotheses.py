@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from cases.disturbed import drawn_ship, process
-from diagnosis.diagnose import ASIDE, SLIGHTLY, SUPPORTED, WORSE, decide
+from diagnosis.diagnose import ASIDE, EXACT, SLIGHTLY, SUPPORTED, WORSE, decide
 from diagnosis.dictionary import SIZES, log_bayes, unnamed
 from diagnosis.free import Priors
 from diagnosis.hypotheses import AGREE, LEVEL, ODDS, SAME, Found, Problem, Search, Tried, explain
@@ -249,6 +249,17 @@ def test_a_name_that_needs_the_end_of_what_is_possible_is_withdrawn(value: float
     assert got == verdict and bool(reasons) == (verdict == "unknown")
     assert not reasons or "fouling.share = 5 at the end of what is possible" in reasons[0]
     assert decide(found, 9.0, -1.0, held(0.3, (0.1, 0.4), 20.0, (5.0, 30.0)))[0] == "named"
+
+
+def test_a_fault_of_one_instrument_alone_leaves_little_over() -> None:
+    """Whatever the test trials say: they have the same fault, and a neighbour of it predicts them better, too."""
+    support = held(0.3, (0.1, 0.4), 20.0, (5.0, 30.0))
+    for drop, left in ((30.0, EXACT[0]), (200.0, 200.0 * EXACT[1])):
+        for test in (None, support):
+            assert decide(found_with(drop, "heading_bias alone"), 99.0, left - 0.1, test)[0] == "named"
+            verdict, reasons = decide(found_with(drop, "heading_bias alone"), 99.0, left + 0.1, test)
+            assert verdict == "unknown" and "leaves little over" in reasons[0]
+        assert decide(found_with(drop, "heading_bias"), 99.0, left + 0.1, support)[0] == "named"
 
 
 def test_a_name_on_which_the_runs_do_not_agree_is_withdrawn() -> None:
