@@ -8,7 +8,7 @@ Train-TZRB+; checked on the five development hold-outs, on which nothing is fitt
 * starts: the same from three other starting points of the coefficients, drawn from their priors.
 * calm: no wind columns at all: the earth-fixed part of the smoothed force, run by run, beside the measured wind.
 * reversal: a propeller model without the side force and moment of reversal, on the records that have any.
-* faults: six faults put into five records, together and one at a time, with the ship calibrated on Train-TZRB.
+* faults: eight faults put into five records, together and one at a time, with the ship calibrated on Train-TZRB.
 * nothing: the whole model on halves of the records: no name may come out.
 """
 
@@ -142,6 +142,8 @@ FAULTS: dict[str, tuple[str, Callable[[Trial], Trial]]] = {
     "rudder and revolutions logged 1.5 s early": ("control_delay", lambda t: shifted(t, ("n", "delta"), -1.5)),
     "positions and velocities logged 1.5 s late": ("gnss_delay", lambda t: shifted(t, ("x", "y", "u", "v"), 1.5)),
     "heading 3 deg too large": ("heading_bias", lambda t: turned(t, np.radians(3.0))),
+    "heading alone 3 deg too large": ("heading_bias", lambda t: changed(t, psi=t["psi"] + np.radians(3.0))),
+    "positions alone logged 1.5 s late": ("gnss_delay", lambda t: shifted(t, ("x", "y"), 1.5)),
     "u 5 % too large": ("log_scale", lambda t: changed(t, u=1.05 * t["u"])),
     "antenna 0.6 m ahead": ("antenna_offset", lambda t: off(t, 0.6)),
 }  # fmt: skip

@@ -25,7 +25,7 @@ from diagnosis.next_test import next_test
 from diagnosis.prepare import Prepared, Report, prepare, with_sensor_faults
 from diagnosis.result import Diagnosis, HeldOut
 from diagnosis.where import where
-from diagnosis.wide import BY_RUN, effect_of, stem
+from diagnosis.wide import BY_RUN, all_runs, effect_of, stem
 from diagnosis.words import sentence_of
 from mmg.ship import Ship
 
@@ -95,7 +95,7 @@ def diagnose(
     effects = tuple(told.named(p, ready.wide, found, name) for name in found.effects) if verdict == "named" else ()
     final = found.final if verdict == "named" else found.null
     same = told.same(found) if verdict == "named" else ()
-    names = [effects[0].name, *same] if verdict == "named" else _rivals(found)
+    names = [all_runs(found.effects[0]), *same] if verdict == "named" else _rivals(found)
     advice = next_test(p, told.fit_with(found, names[0]), names, ship_after) if names else ""
     place = where(p.steps.model.controls, p.data, found.null, ship, final if verdict == "named" else None)
     timings["total"] = time.perf_counter() - began
@@ -155,7 +155,7 @@ def incomplete(found: Found, before: Unnamed, after: Unnamed, usual: float = 0.0
 def _rivals(found: Found) -> list[str]:
     """What a next test should tell apart where nothing was named: the best two that were more than chance."""
     first = found.searches[0]
-    near = [effect_of(t.name) for t in first.tried[:2] if t.p_value < LEVEL and t.delta_bic > 0]
+    near = [all_runs(t.name) for t in first.tried[:2] if t.p_value < LEVEL and t.delta_bic > 0]
     return list(dict.fromkeys(near))
 
 

@@ -19,7 +19,7 @@ from diagnosis.free import read
 from diagnosis.hypotheses import Problem
 from diagnosis.judge import priors_of_effects
 from diagnosis.latent import Estimate, Path, look_around
-from diagnosis.wide import AT, stem
+from diagnosis.wide import AT, effect_of, stem
 from fitting.next_trial import runs
 from fitting.trial_library import Option, library
 from mmg.memory import MODEL_LENGTH
@@ -27,6 +27,8 @@ from mmg.ship import Ship
 
 SECONDS = 150.0
 """Time at sea of each manoeuvre [s of a 3 m model]."""
+AIM = 10.0
+"""Standard error of a size that is good to have [% of it]."""
 TOLD = 6.6
 """Misfit that tells two explanations apart at 1 %."""
 
@@ -50,21 +52,22 @@ def next_test(problem: Problem, first: Estimate, names: Sequence[str], ship: Shi
     rows = np.array([_told(problem, first, names[0], others, trial) for trial in trials])
     if not others:
         best = int(np.argmax(rows[:, 0]))
-        return (
-            f"To know the size of {names[0]} better: {_order(options[best])} of {SECONDS * k:.0f} s, which alone would "
-            f"measure it to {100 / max(np.sqrt(rows[best, 0]), 1e-9):.2g} % of its value."
-        )
+        percent = 100 / max(np.sqrt(rows[best, 0]), 1e-9)
+        words = f"To know the size of {effect_of(names[0])} better: {_order(options[best])} of {SECONDS * k:.0f} s, "
+        if percent <= 2 * AIM:
+            return (
+                words + f"which alone would measure it to {percent:.{'1f' if percent < 10 else '0f'}} % of its value."
+            )
+        return words + f"about {np.ceil((percent / AIM) ** 2):.0f} times for {AIM:.0f} % of its value."
     worst = rows.min(axis=1)
     best = int(np.argmax(worst))
-    words = f"To tell {names[0]} from {' and '.join(others)}: {_order(options[best])} of {SECONDS * k:.0f} s"
+    rivals = f"{effect_of(names[0])} from {' and '.join(effect_of(n) for n in others)}"
+    words = f"To tell {rivals}: {_order(options[best])} of {SECONDS * k:.0f} s"
     if worst[best] >= TOLD:
         return words + f" (expected misfit of the wrong one: {worst[best]:.0f}, 6.6 suffices)."
     times = TOLD / max(worst[best], 1e-6)
     if times > 50:
-        return (
-            f"No manoeuvre of the library would tell {names[0]} from {' and '.join(others)}: look at the instruments "
-            "and the place instead."
-        )
+        return f"No manoeuvre of the library would tell {rivals}: look at the instruments and the place instead."
     return words + f", about {np.ceil(times):.0f} times (one is expected to bring {worst[best]:.1f} of 6.6)."
 
 
@@ -84,7 +87,7 @@ def _told(problem: Problem, first: Estimate, name: str, others: Sequence[str], t
     nothing = np.zeros((K + 1, R, 3))
     effects = [problem.candidates[n] for n in (name, *others)]
     more = priors_of_effects(effects)
-    acting = {s.partition(".")[0] for s in first.free.symbols if AT in s} | {name, *others}
+    acting = {s.partition(".")[0] for s in first.free.symbols if AT in s} | {effect_of(n) for n in (name, *others)}
     kept = [s in first.free.symbols and s.partition(".")[0] not in acting for s in problem.base.symbols]
     base = problem.base.only(kept)
     P, free = len(base.symbols), base + more

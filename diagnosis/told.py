@@ -10,7 +10,7 @@ from diagnosis.free import read
 from diagnosis.hypotheses import Found, Problem, Search, Tried
 from diagnosis.latent import Estimate
 from diagnosis.result import Named, Parameter, Screened
-from diagnosis.wide import AT, Wide, effect_of, parameters, stem
+from diagnosis.wide import AT, BY_RUN, Wide, all_runs, effect_of, parameters, stem
 from mmg.ship import Ship
 
 
@@ -71,7 +71,7 @@ def _tried(found: Found, name: str) -> tuple[Search, Tried]:
 
 def fit_with(found: Found, name: str) -> Estimate:
     """The fit in which an effect was first tried, and came best."""
-    return next(t.found for s in found.searches for t in s.tried if effect_of(t.name) == name)
+    return next(t.found for s in found.searches for t in s.tried if name in (t.name, all_runs(t.name)))
 
 
 def named(problem: Problem, wide: Wide, found: Found, name: str) -> Named:
@@ -93,14 +93,14 @@ SHOWS = 3.0
 
 
 def visible(problem: Problem, first: Search, name: str) -> dict[str, float]:
-    """Sizes, off neutral, from which these trials would show the parameters of an effect; those they show at all."""
+    """Sizes, off neutral, from which these trials would show the parameters of a candidate; those they show at all."""
     c, errors = problem.candidates[name], first.score(name).errors
     pairs = zip(c.symbols, SHOWS * errors * c.typical, strict=True)
     return {s.split(".", 1)[1]: float(size) for s, size in pairs if np.isfinite(size)}
 
 
 def ranking(problem: Problem, wide: Wide, found: Found) -> tuple[Screened, ...]:
-    """All candidates: those refitted by BIC, the others behind them by their score; each effect once."""
+    """All candidates: those refitted first, the others behind them by their score; each effect once."""
     first = found.searches[0]
     rows: dict[str, Screened] = {}
     for t in first.tried:
@@ -108,9 +108,9 @@ def ranking(problem: Problem, wide: Wide, found: Found) -> tuple[Screened, ...]:
         if name not in rows:
             sizes = values(problem, wide, t.found, t.name)
             rows[name] = Screened(
-                name, s.T, t.p_value, t.delta_bic, True, s.absorbed, sizes, visible(problem, first, name)
+                name, s.T, t.p_value, t.delta_bic, True, s.absorbed, sizes, visible(problem, first, all_runs(t.name))
             )
-    for s in sorted(first.scores, key=lambda s: s.degrees * problem.cost - s.T):
+    for s in sorted(first.scores, key=lambda s: s.name.endswith(BY_RUN)):
         name = effect_of(s.name)
         seen = visible(problem, first, name)
         rows.setdefault(name, Screened(name, s.T, s.p_value, None, s.excited, s.absorbed, {}, seen))

@@ -58,6 +58,11 @@ def effect_of(name: str) -> str:
     return name.partition(" ")[0]
 
 
+def all_runs(name: str) -> str:
+    """The candidate with the same values in all runs behind one that differs by run."""
+    return name.removesuffix(BY_RUN)
+
+
 def by_run(c: Candidate, runs: Sequence[int]) -> Candidate:
     """The candidate with parameters of its own in each of these runs; those of a run stand together."""
     symbols = tuple(f"{s}{AT}{r}" for r in runs for s in c.symbols)

@@ -10,9 +10,10 @@ import pytest
 from diagnosis import told
 from diagnosis.dictionary import unnamed
 from diagnosis.hypotheses import explain
+from diagnosis.next_test import next_test
 from diagnosis.wide import effect_of
 from mmg.effects import EFFECTS
-from tests.diagnosis_cases import problem_of, pushed_trials, wide
+from tests.diagnosis_cases import FEW, problem_of, pushed_trials, wide
 
 FORMS = {
     "heading_bias alone": {"alone": 0.05},
@@ -88,3 +89,14 @@ def test_other_forms_take_no_part_unless_asked_for() -> None:
         rows = EFFECTS[name].parameters(wide().ship.namespace, dict(wide().ship.components))
         assert all(p.held == bool(p.form) for p in rows)
         assert set(wide().candidates[name].symbols) == {f"{name}.{p.symbol}" for p in rows if not p.form}
+
+
+def test_what_to_test_next_is_asked_of_the_form_and_told_of_the_effect() -> None:
+    problem, null = problem_of(pushed_trials(4, (spec("heading_bias alone"),)))
+    found = explain(problem, null)
+    form = found.effects[0]
+    ship = told.fitted_ship(problem, FEW, wide(), found.final, found.effects)
+    words = next_test(problem, told.fit_with(found, form), [form], ship)
+    assert words.startswith("To know the size of heading_bias better: ") and "alone would measure it to" in words
+    percent = float(words.split("measure it to ")[1].split(" %")[0])
+    assert 0 < percent < 5  # 0.05 rad of a compass that is good to 0.0015
