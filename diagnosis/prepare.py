@@ -15,8 +15,9 @@ from diagnosis.free import Priors
 from diagnosis.hypotheses import Problem
 from diagnosis.kalman import Noise
 from diagnosis.kinematics import Kinematics
-from diagnosis.latent import Estimate, estimate, first_noise
+from diagnosis.latent import Estimate, estimate
 from diagnosis.memory import echo, hum, residuals, with_memory_time
+from diagnosis.noise import first_noise
 from diagnosis.reference import refer
 from diagnosis.steps import Steps
 from diagnosis.wide import LOCAL, Wide, by_run, widened

@@ -15,8 +15,9 @@ from cases.trial import Trial
 from diagnosis.data import Data, arrange
 from diagnosis.free import priors_of
 from diagnosis.hypotheses import Problem
-from diagnosis.latent import Estimate, Path, estimate, first_noise, first_path
+from diagnosis.latent import Estimate, Path, estimate, first_path
 from diagnosis.memory import with_memory_time
+from diagnosis.noise import first_noise
 from diagnosis.steps import Steps
 from diagnosis.wide import Wide, widened
 from mmg.effects import EFFECTS

@@ -12,7 +12,8 @@ from cases.trial import Trial
 from diagnosis.data import Data, arrange
 from diagnosis.free import Priors, acting, placed, read
 from diagnosis.judge import priors_of_effects
-from diagnosis.latent import first_covariance, first_noise, first_path, look_around
+from diagnosis.latent import first_covariance, first_path, look_around
+from diagnosis.noise import first_noise
 from diagnosis.wide import BY_RUN, by_run, effect_of, stem
 from tests.diagnosis_cases import (
     OFF_NEUTRAL,

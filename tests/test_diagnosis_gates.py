@@ -19,7 +19,8 @@ from diagnosis.free import Priors
 from diagnosis.hypotheses import AGREE, NEUTRAL, Found, Problem, Scored, Search, Tried, explain
 from diagnosis.judge import BLOCK, SPARE, clusters, refit, robust_p, wald_p
 from diagnosis.kalman import Noise
-from diagnosis.latent import Estimate, Path, estimate, first_noise
+from diagnosis.latent import Estimate, Path, estimate
+from diagnosis.noise import first_noise
 from diagnosis.wide import Candidate
 from tests.diagnosis_cases import WHITE, problem_of, pushed_trials, quiet, short_data, wide_steps
 

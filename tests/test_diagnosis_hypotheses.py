@@ -14,7 +14,8 @@ from diagnosis.dictionary import SIZES, log_bayes, unnamed
 from diagnosis.free import Priors
 from diagnosis.hypotheses import AGREE, LEVEL, ODDS, SAME, Found, Problem, Search, Tried, explain
 from diagnosis.kalman import Noise
-from diagnosis.latent import Estimate, Path, estimate, first_noise
+from diagnosis.latent import Estimate, Path, estimate
+from diagnosis.noise import first_noise
 from diagnosis.result import HeldOut
 from tests.diagnosis_cases import FEW, WHITE, problem_of, pushed_trials, quiet
 

@@ -11,8 +11,9 @@ from cases.disturbed import drawn_ship
 from diagnosis.data import Data, arrange
 from diagnosis.free import Priors, active_states, priors_of
 from diagnosis.kalman import Noise, smoothed
-from diagnosis.latent import Around, Estimate, Path, estimate, first_noise, look_around
+from diagnosis.latent import Around, Estimate, Path, estimate, look_around
 from diagnosis.memory import with_memory_time
+from diagnosis.noise import first_noise
 from diagnosis.prepare import priors_before
 from diagnosis.steps import Steps
 from diagnosis.wide import widened

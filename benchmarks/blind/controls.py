@@ -20,7 +20,8 @@ from cases.site import read_site
 from diagnosis.data import Data, arrange, moving
 from diagnosis.free import Priors, active_states
 from diagnosis.held_out import WINDOW, errors
-from diagnosis.latent import Estimate, estimate, first_noise, look_around
+from diagnosis.latent import Estimate, estimate, look_around
+from diagnosis.noise import first_noise
 from diagnosis.prepare import priors_before
 from diagnosis.screen import scored, slopes
 from diagnosis.steps import Steps
