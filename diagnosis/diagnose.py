@@ -36,8 +36,9 @@ BEYOND = 2.0
 SUPPORTED = 0.1
 """Share by which predictions of the test trials must become better, with an interval above zero, for a name to stand
 although more is left than it explains."""
-ASIDE = 0.25
-"""Share of what the named effects explain that may be left without a name before the test trials must support them."""
+ASIDE, LITTLE = 0.25, 0.05
+"""Share of what the named effects explain that may be left without a name before the test trials must support them: the
+rule, and where longer predictions of them become worse."""
 EXACT = (5.0, 0.1)
 """Log Bayes factor, or share of what the named effects explain, that may be left without a name beside another form of
 an instrument's fault. A constant error of v, say, is nearly one of the heading alone."""
@@ -186,7 +187,8 @@ def _doubt(found: Found, after: float, held: HeldOut | None) -> str:
     part = f"would explain a part (log likelihood {drop:.0f})"
     if after > max(ODDS, drop):
         return f"{names} {part}, but effects without a name explain more of what is left ({after:.0f})"
-    if held is not None and after > ODDS and (after > ASIDE * drop or held.reduction < -SLIGHTLY):
+    share = ASIDE if held is None or held.reduction >= -SLIGHTLY else LITTLE
+    if held is not None and after > max(ODDS, share * drop):
         return (
             f"{names} {part}, but more is left without a name ({after:.0f}), and the test trials are not predicted "
             "better"

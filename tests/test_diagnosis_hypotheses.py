@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from cases.disturbed import drawn_ship, process
-from diagnosis.diagnose import ASIDE, EXACT, SLIGHTLY, SUPPORTED, WORSE, decide
+from diagnosis.diagnose import ASIDE, EXACT, LITTLE, SLIGHTLY, SUPPORTED, WORSE, decide
 from diagnosis.dictionary import SIZES, log_bayes, unnamed
 from diagnosis.free import Priors
 from diagnosis.hypotheses import AGREE, LEVEL, ODDS, SAME, Found, Problem, Search, Tried, explain
@@ -250,6 +250,13 @@ def test_a_name_that_needs_the_end_of_what_is_possible_is_withdrawn(value: float
     assert got == verdict and bool(reasons) == (verdict == "unknown")
     assert not reasons or "fouling.share = 5 at the end of what is possible" in reasons[0]
     assert decide(found, 9.0, -1.0, held(0.3, (0.1, 0.4), 20.0, (5.0, 30.0)))[0] == "named"
+
+
+def test_where_longer_predictions_become_worse_less_may_be_left_without_a_name() -> None:
+    for reduction, share in ((-0.9 * SLIGHTLY, ASIDE), (-1.1 * SLIGHTLY, LITTLE)):
+        test = held(reduction, (-0.2, 0.1), 20.0, (5.0, 30.0))
+        for left, verdict in ((0.9, "named"), (1.1, "unknown")):
+            assert decide(found_with(100.0, "rudder_lag"), 99.0, left * share * 100.0, test)[0] == verdict
 
 
 def test_a_fault_of_one_instrument_alone_leaves_little_over() -> None:
