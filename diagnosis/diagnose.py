@@ -144,7 +144,7 @@ def _answer(p: Problem, null: Estimate, before: Unnamed, tests: Data | None, see
     after = unnamed(p.steps, p.data, found.final) if found.effects else before
     held = compare(p.steps, tests, found.null, found.final, seed) if tests is not None else None
     there = max(before.log_bayes, before.single + ODDS - BEYOND)
-    return _Answer(found, after, held, *decide(found, there - p.usual, after.log_bayes - p.usual, held))
+    return _Answer(found, after, held, *decide(found, there - p.usual_before, after.log_bayes - p.usual, held))
 
 
 def incomplete(found: Found, before: Unnamed, after: Unnamed, usual: float = 0.0) -> bool:

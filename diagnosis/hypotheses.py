@@ -47,7 +47,8 @@ MOST = 3
 class Problem:
     """What all hypotheses share: the steps of the wide ship, the data, priors of its own coefficients, candidates.
 
-    usual: log Bayes factor of effects without a name that the trials of the calibration would have, were they as many.
+    usual: log Bayes factor of effects without a name that the trials of the calibration would have, were they as many;
+    usual_before: the same where no effect is fitted that is strong in them.
     """
 
     steps: Steps
@@ -55,6 +56,7 @@ class Problem:
     base: Priors
     candidates: Mapping[str, Candidate]
     usual: float = 0.0
+    usual_before: float = 0.0
 
     @property
     def cost(self) -> float:

@@ -100,13 +100,14 @@ def prepare(
     values = wide.ship.values
     at = [wide.ship.symbols.index(s) for s in base.symbols]
     values[at] = [ship.coefficients[s].value for s in base.symbols]
-    usual, noise, gap = 0.0, first_noise(wide.ship, data), 0
+    usual, noise, gap = np.zeros(2), first_noise(wide.ship, data), 0
     if reference:
         old = arrange(reference, wide.ship.inputs, length, data.h, moving(reference))
         old, null, gap, *_ = fitted(steps, old, values, base, first_noise(wide.ship, old))
         known = refer(steps, old, null, base, wide.candidates, len(trials))
         base, wide = known.priors, replace(wide, candidates=known.candidates)
-        values, usual, noise = known.theta, known.unnamed, known.noise.with_(usual=known.noise)
+        values, noise = known.theta, known.noise.with_(usual=known.noise)
+        usual = np.array([known.unnamed, known.unexplained])
         notices.append(
             "the ship was calibrated on other trials, and those were fitted first: only what goes beyond their usual "
             "misfit and scatter counts"
@@ -128,7 +129,7 @@ def prepare(
     if len(runs) >= RUNS:
         own = [by_run(wide.candidates[n], runs) for n in LOCAL if n in wide.candidates]
         wide = replace(wide, candidates=wide.candidates | {c.name: c for c in own})
-    problem = Problem(steps, data, base, wide.candidates, usual * data.samples)
+    problem = Problem(steps, data, base, wide.candidates, *(data.samples * usual).tolist())
     return Prepared(problem, wide, null, straight, gap, tuple(notices), line)
 
 

@@ -8,6 +8,7 @@ expectation-maximisation); both become the prior of the effect in other trials (
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -35,7 +36,8 @@ class Reference:
     calibration; candidates: with what the calibration's trials show as their neutral values, unless that is STRONG;
     strong: names of those; theta: (all,) coefficients to begin with; shift, scatter: of each parameter by symbol, its
     value and its standard deviation between runs [typical sizes]; unnamed: log Bayes factor, per grid time compared, of
-    effects without a name in the trials of the calibration; noise: what is random in them."""
+    effects without a name in the trials of the calibration; unexplained: the same where those that are strong are not
+    fitted; noise: what is random in them."""
 
     priors: Priors
     candidates: dict[str, Candidate]
@@ -44,6 +46,7 @@ class Reference:
     shift: dict[str, float]
     scatter: dict[str, float]
     unnamed: float
+    unexplained: float
     noise: Noise
 
 
@@ -78,9 +81,20 @@ def refer(
     theta[[steps.ship.symbols.index(s) for s in free.symbols]] = value
     shift, scatter = (dict(zip(effects.symbols, x.tolist(), strict=True)) for x in (found.p[P:], spread))
     rest = max(unnamed(steps, data, found).log_bayes, 0.0) / data.samples
-    return Reference(
-        replace(free, mean=value, std=free.std * std), moved, tuple(strong), theta, shift, scatter, rest, found.noise
-    )
+    whole = rest
+    if strong:
+        whole = max(unnamed(steps, data, _without(steps, data, found, [moved[n] for n in strong])).log_bayes, 0.0)
+        whole /= data.samples
+    priors = replace(free, mean=value, std=free.std * std)
+    return Reference(priors, moved, tuple(strong), theta, shift, scatter, rest, whole, found.noise)
+
+
+def _without(steps: Steps, data: Data, found: Estimate, effects: Sequence[Candidate]) -> Estimate:
+    """The fit with these effects at their neutral values."""
+    theta, gone = found.theta.copy(), [s for c in effects for s in c.symbols]
+    theta[[steps.ship.symbols.index(s) for s in gone]] = np.concatenate([c.neutral for c in effects])
+    kept = [s not in gone for s in found.free.symbols]
+    return estimate(steps, data, theta, found.free.only(kept), found.noise, found.path, found.p[kept], MAX_FITS)
 
 
 def _scatter(steps: Steps, data: Data, found: Estimate, first: int) -> np.ndarray:
