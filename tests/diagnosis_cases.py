@@ -41,6 +41,8 @@ OFF_NEUTRAL = {
     "draft.share": 0.08, "antenna_offset.x": 0.2, "antenna_offset.y": -0.15, "heading_bias.psi": 0.02,
     "log_scale.share": 0.03, "control_delay.tau": 0.5, "gnss_delay.tau": 0.4, "velocity_lag.tau": 0.3,
     "gyro.share": -0.02, "hull_memory.T": 1.0, "tow.X": 0.05, "tow.Y": -0.06, "tow.N": 0.04,
+    "antenna_offset.alone_x": 0.1, "antenna_offset.alone_y": 0.12, "heading_bias.alone": -0.015,
+    "gnss_delay.alone": 0.3, "gnss_delay.finished": 0.25,
 }  # fmt: skip
 """A value of every screened parameter at which it acts."""
 

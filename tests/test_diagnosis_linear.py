@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from diagnosis.steps import FORCE, Steps
+from diagnosis.wide import effect_of
 from mmg.effects import EFFECTS
 from mmg.rollout import Simulator
 from tests.diagnosis_cases import OFF_NEUTRAL, SHIP, off_neutral, states_about, wide, wide_steps
@@ -46,7 +47,7 @@ def close(found: np.ndarray, expected: np.ndarray, rtol: float) -> None:
 
 def test_every_effect_that_may_be_screened_is_on_board(steps: Steps) -> None:
     screened = {s for c in wide().candidates.values() for s in c.symbols}
-    assert set(wide().candidates) == set(EFFECTS) - {"disturbance"}
+    assert {effect_of(name) for name in wide().candidates} == set(EFFECTS) - {"disturbance"}
     assert screened <= set(OFF_NEUTRAL) <= set(steps.symbols)
     assert set(FORCE) <= set(steps.symbols)
 
