@@ -106,7 +106,7 @@ def variables_of(names: Sequence[str], data: Data, z: np.ndarray) -> list[Variab
     found.append(Variable("y, east", "m", y, quantile_edges(y, 4)))
     clock = data.t[:-1][inside]
     found.append(Variable("time since the start", "s", clock, quantile_edges(clock, 4)))
-    return [f for f in found if len(f.edges) > 2]
+    return [f for f in found if len(f.edges) > 2 and np.ptp(f.values) > 1e-6 * np.abs(f.values).max()]
 
 
 def _rate_edges(rate: np.ndarray) -> np.ndarray:

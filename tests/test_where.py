@@ -12,7 +12,7 @@ from diagnosis.data import Data
 from diagnosis.free import Priors
 from diagnosis.kalman import Noise
 from diagnosis.latent import Estimate, Path
-from diagnosis.situations import PHASES, phases
+from diagnosis.situations import PHASES, phases, variables_of
 from diagnosis.where import where
 
 INPUTS = ("n", "delta", "wind_north", "wind_east")
@@ -60,6 +60,15 @@ def coloured(seed: int, size: float = 1.0) -> np.ndarray:
 
 def regions_of(found: dict, variable: str, channel: str) -> list[dict]:
     return [row for row in found["regions"] if (row["variable"], row["channel"]) == (variable, channel)]
+
+
+def test_what_does_not_vary_but_for_rounding_is_no_variable() -> None:
+    data, z = weaving()
+    data.inputs[..., 0] = 15.0 + 1e-12 * np.random.default_rng(1).standard_normal((K, R))
+    names = {one.name for one in variables_of(INPUTS, data, z)}
+    assert "n" not in names and {"u", "r", "delta", "heading", "apparent wind speed"} <= names
+    data.inputs[..., 0] += np.where(np.arange(K)[:, None] < K // 2, 0.0, 0.5)
+    assert "n" in {one.name for one in variables_of(INPUTS, data, z)}
 
 
 def test_force_in_starboard_turns_is_found_there() -> None:
