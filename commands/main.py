@@ -19,6 +19,15 @@ def _stopped(*_: Any) -> None:
     os._exit(130)
 
 
+_pressed: list[int] = []
+
+
+def _noted(*given: Any) -> None:
+    """Ctrl-C while a verb runs: a library that is just being imported may make another exception of it."""
+    _pressed.append(1)
+    signal.default_int_handler(*given)
+
+
 _usual = signal.getsignal(signal.SIGINT)
 if __name__ == "__main__" or sys.argv[0].endswith("mmg"):
     signal.signal(signal.SIGINT, _stopped)
@@ -59,7 +68,7 @@ def _interruptible(verb: Callable[..., Any]) -> Callable[..., Any]:
     @functools.wraps(verb)
     def run_verb(*given: Any, **options: Any) -> Any:
         if signal.getsignal(signal.SIGINT) is _stopped:
-            signal.signal(signal.SIGINT, _usual)
+            signal.signal(signal.SIGINT, _usual if _usual is signal.SIG_IGN else _noted)
         try:
             return verb(*given, **options)
         except KeyboardInterrupt:
@@ -124,6 +133,9 @@ def main(arguments: list[str] | None = None) -> int:
         if hasattr(error, "format_message"):  # a usage error of the command line
             print(f"mmg: {' '.join(error.format_message().split())}; see mmg --help", file=sys.stderr)
             return 2
+        if _pressed:
+            print("mmg: interrupted", file=sys.stderr)
+            return 130
         raise
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import commands.main
 from cases.synthetic import write_trial
 from commands.main import expand, main
 from tests.synthetic_runs import runs
@@ -148,6 +149,24 @@ def test_an_iteration_limit_exits_1_and_resume_finishes(folder: Path, tmp_path: 
     prior = {k: (v["prior_value"], v["prior_std"]) for k, v in whole["coefficients"].items()}
     assert prior == {k: (v["prior_value"], v["prior_std"]) for k, v in after["coefficients"].items()}
     assert main([*arguments, "--resume"]) == 0  # already converged: nothing to do
+
+
+def test_what_a_library_makes_of_ctrl_c_is_an_interruption(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """An import that is broken off may end in an error of its own."""
+
+    def broken(*given: object, **options: object) -> None:
+        raise RuntimeError("could not be imported")
+
+    pressed: list[int] = []
+    monkeypatch.setattr(commands.main, "app", broken)
+    monkeypatch.setattr(commands.main, "_pressed", pressed)
+    with pytest.raises(RuntimeError):
+        main(["ships"])
+    with pytest.raises(KeyboardInterrupt):
+        commands.main._noted(signal.SIGINT, None)
+    assert main(["ships"]) == 130 and capsys.readouterr().err == "mmg: interrupted\n"
 
 
 @pytest.mark.skipif(os.name == "nt", reason="sends SIGINT")
