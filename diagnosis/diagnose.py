@@ -170,7 +170,7 @@ def decide(found: Found, before: float, after: float, held: HeldOut | None) -> t
     if not found.effects:
         return ("unknown" if before > ODDS else "none"), []
     reason = _inexact(found, after)
-    if not reason and (held is None or not _supports(held)):
+    if not reason and not (held is not None and _supports(held)):
         reason = _doubt(found, after, held)
     if not reason and held is not None and _contradicted(held):
         reason = f"{' and '.join(found.effects)} fits the training trials but does not predict the test trials better"

@@ -93,10 +93,14 @@ SHOWS = 3.0
 
 
 def visible(problem: Problem, first: Search, name: str) -> dict[str, float]:
-    """Sizes, off neutral, from which these trials would show the parameters of a candidate; those they show at all."""
-    c, errors = problem.candidates[name], first.score(name).errors
-    pairs = zip(c.symbols, SHOWS * errors * c.typical, strict=True)
-    return {s.split(".", 1)[1]: float(size) for s, size in pairs if np.isfinite(size)}
+    """Sizes, off neutral, from which these trials would show the parameters of an effect, in all its forms; those they
+    show at all."""
+    sizes: dict[str, float] = {}
+    for s in first.scores:
+        if effect_of(s.name) == name and not s.name.endswith(BY_RUN):
+            c = problem.candidates[s.name]
+            sizes |= dict(zip((x.split(".", 1)[1] for x in c.symbols), SHOWS * s.errors * c.typical, strict=True))
+    return {parameter: float(size) for parameter, size in sizes.items() if np.isfinite(size)}
 
 
 def ranking(problem: Problem, wide: Wide, found: Found) -> tuple[Screened, ...]:
@@ -106,10 +110,8 @@ def ranking(problem: Problem, wide: Wide, found: Found) -> tuple[Screened, ...]:
     for t in first.tried:
         s, name = first.score(t.name), effect_of(t.name)
         if name not in rows:
-            sizes = values(problem, wide, t.found, t.name)
-            rows[name] = Screened(
-                name, s.T, t.p_value, t.delta_bic, True, s.absorbed, sizes, visible(problem, first, all_runs(t.name))
-            )
+            sizes, seen = values(problem, wide, t.found, t.name), visible(problem, first, name)
+            rows[name] = Screened(name, s.T, t.p_value, t.delta_bic, True, s.absorbed, sizes, seen)
     for s in sorted(first.scores, key=lambda s: s.name.endswith(BY_RUN)):
         name = effect_of(s.name)
         seen = visible(problem, first, name)

@@ -79,7 +79,9 @@ def test_the_fault_that_moves_all_columns_keeps_its_parameters() -> None:
 
 def test_the_ranking_has_each_effect_once() -> None:
     problem, null = problem_of(pushed_trials(4, (spec("heading_bias alone"),)))
-    rows = [row.name for row in told.ranking(problem, wide(), explain(problem, null))]
+    ranked = told.ranking(problem, wide(), explain(problem, null))
+    assert set(ranked[0].visible_from) == {"psi", "alone"} and ranked[0].visible_from["alone"] < 0.05
+    rows = [row.name for row in ranked]
     assert len(rows) == len(set(rows)) and rows[0] == "heading_bias"
     assert set(rows) == {effect_of(n) for n in wide().candidates}
 
