@@ -4,7 +4,7 @@ Inside the model the delay is its all-pass approximation: with V_f the velocity 
 the position is late by T V_f and the velocity by 2 T / tau (V - V_f). The late velocity, an earth-fixed vector, is
 turned into u and v by the present heading. The synthetic generator delays the columns themselves. Where a log of the
 ship's own measures u and v, the position alone is late; where u and v were finished before they were held up, they are
-those of ``tau`` ago, turned by the heading of then.
+those of ``finished`` ago, turned by the heading of then.
 """
 
 from __future__ import annotations
@@ -28,30 +28,18 @@ class GnssDelay(Effect):
     name, enters = "gnss_delay", "measurement"
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
-        k = scale(p)
+        size, most = 0.5 * scale(p), 5.0 * scale(p)
+        alone, finished = "time by which the position alone is late", "time by which x, y, u and v are late as they are"
         return (
-            Parameter("tau", 0.0, 0.5 * k, 0.0, 5.0 * k, "s", "time by which position and velocity are late"),
-            Parameter(
-                "alone", 0.0, 0.5 * k, 0.0, 5.0 * k, "s", "time by which the position alone is late", True, "alone"
-            ),
-            Parameter(
-                "finished",
-                0.0,
-                0.5 * k,
-                0.0,
-                5.0 * k,
-                "s",
-                "time by which x, y, u and v are late as they are",
-                True,
-                "finished",
-            ),
+            Parameter("tau", 0.0, size, 0.0, most, "s", "time by which position and velocity are late"),
+            Parameter("alone", 0.0, size, 0.0, most, "s", alone, held=True, form="alone"),
+            Parameter("finished", 0.0, size, 0.0, most, "s", finished, held=True, form="finished"),
         )
 
     def columns(self, y: list[Any], flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace) -> list[Any]:
         u, v, (north, east) = late_velocity(y, memory, self.name, e.tau, p, e.alone + e.finished)
-        size = 0.1 * float((GRAVITY * p.L) ** 0.5)
         u, v = (
-            delayed(memory, f"{self.name}.{axis}", value, e.finished, scale(p), size)
+            delayed(memory, f"{self.name}.{axis}", value, e.finished, scale(p), _speed(p))
             for axis, value in (("u", u), ("v", v))
         )
         late = e.tau + e.alone + e.finished
@@ -65,6 +53,11 @@ class GnssDelay(Effect):
         return [*place, y[2], np.interp(past, t, u), np.interp(past, t, v), y[5]]
 
 
+def _speed(p: SimpleNamespace) -> float:
+    """A speed [m/s] that the ship usually has: Fn = 0.1."""
+    return 0.1 * float((GRAVITY * p.L) ** 0.5)
+
+
 def late_velocity(
     y: list[Any], memory: Memory, name: str, tau: Any, p: SimpleNamespace, further: Any = 0.0
 ) -> tuple[Any, Any, tuple[Any, Any]]:
@@ -73,10 +66,9 @@ def late_velocity(
     further: a delay [s] of something else that V_f is to serve.
     """
     least = ca.sqrt(tau**2 + further**2 + scale(p) ** 2)
-    size = 0.1 * float((GRAVITY * p.L) ** 0.5)
     velocity = body_to_earth(y[3], y[4], y[2])
     north, east = (
-        memory.low_pass(f"{name}.{axis}", value, 0.5 * least, size)
+        memory.low_pass(f"{name}.{axis}", value, 0.5 * least, _speed(p))
         for axis, value in zip(("north", "east"), velocity, strict=True)
     )
     behind = earth_to_body(velocity[0] - north, velocity[1] - east, y[2])
