@@ -182,10 +182,15 @@ def _supports(held: HeldOut) -> bool:
     return held.interval_90[0] > 0 and held.reduction > SUPPORTED
 
 
+def _explained(found: Found) -> tuple[float, str]:
+    """Log likelihood that the named effects explain, also in words."""
+    drop = found.null.nll - found.final.nll
+    return drop, f"would explain a part (log likelihood {drop:.0f})"
+
+
 def _doubt(found: Found, after: float, held: HeldOut | None) -> str:
     """What speaks against a name that test trials do not support, or nothing; after: as of ``decide``."""
-    drop, names = found.null.nll - found.final.nll, " and ".join(found.effects)
-    part = f"would explain a part (log likelihood {drop:.0f})"
+    names, (drop, part) = " and ".join(found.effects), _explained(found)
     if after > max(ODDS, drop):
         return f"{names} {part}, but effects without a name explain more of what is left ({after:.0f})"
     share = ASIDE if held is None or held.reduction >= -SLIGHTLY else LITTLE
@@ -210,10 +215,9 @@ def _doubt(found: Found, after: float, held: HeldOut | None) -> str:
 def _inexact(found: Found, after: float) -> str:
     """Whether too much is left beside a fault of one instrument alone, which would be exact; in words, or nothing."""
     forms = [n for n in found.effects if n != effect_of(n) and not n.endswith(BY_RUN)]
-    drop = found.null.nll - found.final.nll
+    drop, part = _explained(found)
     if not forms or after <= max(EXACT[0], EXACT[1] * drop):
         return ""
-    part = f"would explain a part (log likelihood {drop:.0f})"
     return f"{' and '.join(forms)} {part}, but such a fault leaves little over, and something is ({after:.0f})"
 
 
