@@ -10,18 +10,18 @@ from collections.abc import Sequence
 import numpy as np
 
 from benchmarks.record import record, table
-from cases import splits
-from cases.effects import freeing_effects
-from cases.read import read_trials
-from cases.ships import load_ship
+from cases import published_splits as splits
+from cases.io.read import read_trials
+from cases.shipfiles.effects import freeing_effects
+from cases.shipfiles.ship_file import load_ship
 from cases.trial import STATES, Trial
-from fitting.adapt import Adaptation
-from fitting.bands import bands_of
 from fitting.calibration import Calibration, calibrate
-from fitting.forecast import NORMAL, enrich
-from fitting.predict import predict_all
-from fitting.run import result
-from fitting.score import Score, pooled_sigma, score
+from fitting.prediction.adaptation import Adaptation
+from fitting.prediction.band_calibration import NORMAL, enrich
+from fitting.prediction.bands import bands_of
+from fitting.prediction.predict import predict_all
+from fitting.prediction.score import Score, pooled_sigma, score
+from fitting.report.run_folder import result
 from mmg.rollout import Simulator
 
 PAST = 30.0

@@ -11,11 +11,11 @@ import time
 import numpy as np
 
 from benchmarks.record import record, table
-from cases.read import read_trials
-from cases.ships import load_ship
-from cases.splits import TRAIN_TZRB, find
+from cases.io.read import read_trials
+from cases.published_splits import TRAIN_TZRB, find
+from cases.shipfiles.ship_file import load_ship
 from fitting.calibration import calibrate
-from fitting.uncertainty import Replicates, bootstrap
+from fitting.uncertainty.bootstrap import Replicates, bootstrap
 
 
 def main() -> None:

@@ -11,8 +11,8 @@ import tempfile
 from pathlib import Path
 
 from benchmarks.record import record
-from commands.main import main as mmg
-from fitting.run import read_result
+from fitting.report.run_folder import read_result
+from mmg_ident.commands.main import main as mmg
 
 ARGUMENTS = ["compare", "--seeds", "5", "--fractions", "0.1,0.3,1", "--no-random", "--workers", "2"]
 

@@ -2,7 +2,7 @@
 
 Run from the repository root: python -m benchmarks.coverage, or with the argument ``clean`` for white noise only.
 
-The trials are as bad as the real ones (cases/disturbed.py): forces that remember, late velocities, a gyro that reads
+The trials are as bad as the real ones (cases/simulation/disturbed.py): forces that remember, late velocities, a gyro that reads
 too little, an antenna off midship, coloured noise. Three intervals of the same fit of coefficients and measurement
 effects: of white noise (sigma = rms, information + prior, refitted with those weights), of the effective noise that
 the fit weighs by, and the cluster-robust ones that ``mmg fit`` reports.
@@ -17,14 +17,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.record import record, table
-from cases.demo_trials import TRAIN, demo_trials, hidden_ship
-from cases.disturbed import DEFECTS, Disturbed, disturbed_trials, drawn_ship
-from cases.effects import freeing_effects, with_effects
-from cases.ships import load_ship
+from cases.shipfiles.effects import freeing_effects, with_effects
+from cases.shipfiles.ship_file import load_ship
+from cases.simulation.demo_trials import TRAIN, demo_trials, hidden_ship
+from cases.simulation.disturbed import DEFECTS, Disturbed, disturbed_trials, drawn_ship
 from fitting.calibration import Calibration, Settings, calibrate
-from fitting.execute import run_all
-from fitting.information import information
-from fitting.ipopt import solve
+from fitting.nlp.fisher_information import information
+from fitting.parallel import run_all
+from fitting.solvers.ipopt import solve
 from mmg.errors import UserError
 
 SEEDS = range(100, 120)

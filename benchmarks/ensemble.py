@@ -19,24 +19,24 @@ import torch
 from torch import Tensor
 
 from benchmarks.record import record, table
-from cases import splits
-from cases.effects import freeing_effects
-from cases.read import read_trials
-from cases.ships import load_ship
+from cases import published_splits as splits
+from cases.io.read import read_trials
+from cases.shipfiles.effects import freeing_effects
+from cases.shipfiles.ship_file import load_ship
 from cases.trial import STATES, Trial
 from fitting.calibration import calibrate
-from fitting.segments import default_step
+from fitting.nlp.grid import default_step
 from mmg.ship import Ship
-from residual.blackbox import BoxTraining, box_scales, build_box
-from residual.data import pieces_of, windows
-from residual.ensemble import SAMPLINGS, distances, particles, train_members
-from residual.learn import build_hybrid, scales_of
-from residual.operator import Physics
+from residual.blackbox.models import BoxTraining, box_scales, build_box
+from residual.ensembles.ensemble import SAMPLINGS, distances, particles, train_members
+from residual.ensembles.spread_calibration import Spread, calibrated, coverage
+from residual.ensembles.stacked import Stacked, losses, on
+from residual.physics.operator import Physics
 from residual.rollout import Batch, state_loss
-from residual.spread import Spread, calibrated, coverage
-from residual.stacked import Stacked, losses, on
 from residual.system import Hybrid, System
-from residual.train import Scales, Training
+from residual.training.hybrid import build_hybrid, scales_of
+from residual.training.trainer import Scales, Training
+from residual.training.windows import pieces_of, windows
 
 MEMBERS, PARTICLES, WINDOW, STRIDE = 8, 40, 30.0, 15.0
 COUSINS = "turn_14-Sep-2020_15_58_08"

@@ -14,7 +14,7 @@ import time
 from pathlib import Path
 
 from benchmarks.record import record, table
-from cases import splits
+from cases import published_splits as splits
 
 
 def run(names: list[str], folder: Path, cache: Path, *options: str) -> dict:
@@ -22,7 +22,7 @@ def run(names: list[str], folder: Path, cache: Path, *options: str) -> dict:
     out = folder / f"run-{time.time_ns()}"
     files = [str(p) for p in splits.find(names)]
     code = (
-        "import resource, sys; from commands.main import main; code = main(sys.argv[1:]); "
+        "import resource, sys; from mmg_ident.commands.main import main; code = main(sys.argv[1:]); "
         "print(code, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)"
     )
     began = time.perf_counter()

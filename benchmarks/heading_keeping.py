@@ -15,20 +15,20 @@ import torch
 from scipy.stats import spearmanr
 
 from benchmarks.record import record, table
-from cases.gusts import Wind
-from cases.maneuvers import parse_maneuver
-from cases.random_controls import RandomControls, random_control_trials
-from cases.sensors import SensorNoise
-from cases.ships import load_ship
-from cases.synthetic import simulate
+from cases.maneuvers.definitions import parse_maneuver
+from cases.shipfiles.ship_file import load_ship
+from cases.simulation.gusts import Wind
+from cases.simulation.random_controls import RandomControls, random_control_trials
+from cases.simulation.sensors import SensorNoise
+from cases.simulation.simulate import simulate
 from cases.trial import Trial
 from mmg.ship import Ship
-from residual.blackbox import BoxTraining, box_scales, build_box
-from residual.data import pieces_of, windows
-from residual.ensemble import Known, distances, particles, train_members
-from residual.heading_keeping import HeadingKeeping, Judgement, grid, judge, random_winds
-from residual.judgement_figure import judgement_plot
+from residual.blackbox.models import BoxTraining, box_scales, build_box
+from residual.ensembles.ensemble import Known, distances, particles, train_members
+from residual.ensembles.heading_keeping import HeadingKeeping, Judgement, grid, judge, random_winds
+from residual.ensembles.heading_keeping_figure import judgement_plot
 from residual.system import System
+from residual.training.windows import pieces_of, windows
 
 MEMBERS, PARTICLES, H, RUNS = 10, 50, 1.0, 8
 KP, KD = np.geomspace(0.2, 20, 11), np.geomspace(0.5, 200, 11)

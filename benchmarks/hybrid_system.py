@@ -1,6 +1,6 @@
 """A hybrid that knows more at its start: lagged features, errors of the past, a current, coefficients of its own.
 
-What it knows rides along as further rows of the state, so that the compiled rollouts of ``residual.fused`` train it
+What it knows rides along as further rows of the state, so that the compiled rollouts of ``residual.physics.fused_rollout`` train it
 as they are: features behind lags; innovations (measured less predicted over the seconds before the start, earth-fixed,
 fading); a fading current and a fading force; shifts of the coefficients. What is read from the past of a window is
 tabulated once per row by ``with_past`` and travels behind the inputs of the windows.
@@ -17,25 +17,25 @@ import numpy as np
 import torch
 from torch import nn
 
-from fitting.adapt import Adaptation, adapt
-from fitting.windows import Batch as Stretches
-from fitting.windows import Record, Stretch, roll
+from fitting.prediction.adaptation import Adaptation, adapt
+from fitting.prediction.stretches import Batch as Stretches
+from fitting.prediction.stretches import Record, Stretch, roll
 from mmg.model import assemble
 from mmg.rollout import Simulator
 from mmg.ship import Ship
-from residual.data import Piece
-from residual.network import Residual, Symmetric, TwoLayers, mirror_of
-from residual.operator import Physics
+from residual.bounded_network import Residual, Symmetric, TwoLayers, mirror_of
+from residual.physics.operator import Physics
 from residual.system import Hybrid, Past, System
-from residual.train import Scales, Training
+from residual.training.trainer import Scales, Training
+from residual.training.windows import Piece
 
 LAGS = (3.0, 10.0, 30.0)
 ERRORS = ((3, 0), (10, 0), (10, 10), (10, 20))
 """Innovations: length [s] of the prediction and how long before the start it ends."""
 FADE = 45.0
-"""Seconds in which innovations, current and force fade, as in ``fitting.adapt``."""
+"""Seconds in which innovations, current and force fade, as in ``fitting.prediction.adaptation``."""
 EVERY = 5
-"""The current of ``fitting.adapt`` is known in every fifth row, where windows start."""
+"""The current of ``fitting.prediction.adaptation`` is known in every fifth row, where windows start."""
 EVEN, ODD = (0, 3), (1, 2, 4, 5)
 """Rows of an innovation (x, y, psi, u, v, r in body axes) that keep or change their sign from port to starboard."""
 MOST = 3.0
@@ -46,7 +46,7 @@ LIMITS = {"current": (0.02, 0.02), "force": (1.0, 1.0, 1.0), "start": (0.02, 0.0
 
 @dataclass(frozen=True)
 class Extra:
-    """lags, innovation: what the network sees besides; adapted: starts with the current of ``fitting.adapt``;
+    """lags, innovation: what the network sees besides; adapted: starts with the current of ``fitting.prediction.adaptation``;
     gains: of "current", "force", "start", moved in proportion to the innovations; coefficients: tuned along;
     kappa: cost of (shift / std)^2 of those; cost: of squared gains; network: whether there is one; symmetric.
     """
@@ -281,7 +281,7 @@ def _memory(physics: Physics, start: np.ndarray, controls: np.ndarray) -> np.nda
 
 
 def _adapted(simulator: Simulator, piece: Piece, start: np.ndarray, seconds: float) -> tuple[np.ndarray, np.ndarray]:
-    """Start states (S, N) relative to the current (2, N) of ``fitting.adapt``; known in every EVERY-th row."""
+    """Start states (S, N) relative to the current (2, N) of ``fitting.prediction.adaptation``; known in every EVERY-th row."""
     grid = piece.grid
     good = np.isfinite(grid.states).all(axis=1)
     held = np.vstack([grid.controls, grid.controls[-1:]])

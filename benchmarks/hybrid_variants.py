@@ -17,20 +17,20 @@ import numpy as np
 import torch
 
 from benchmarks.hybrid_system import Extra, Knowing, build, with_past
-from cases import splits
-from cases.read import read_trials
-from cases.ships import load_ship
-from fitting.score import pooled_sigma
-from fitting.segments import default_step
+from cases import published_splits as splits
+from cases.io.read import read_trials
+from cases.shipfiles.ship_file import load_ship
+from fitting.nlp.grid import default_step
+from fitting.prediction.score import pooled_sigma
 from mmg.ship import Ship
-from residual.data import Piece, windows
-from residual.data import pieces_of as grid_pieces
-from residual.ensemble import Known, restored
-from residual.judge import RESTART, STRIDE, WINDOW
-from residual.learn import scales_of, tasks_of
+from residual.ensembles.ensemble import Known, restored
 from residual.rollout import Batch, rollout, squares
 from residual.system import System
-from residual.train import Scales, Training, train_one
+from residual.training.hybrid import scales_of, tasks_of
+from residual.training.trainer import Scales, Training, train_one
+from residual.training.window_errors import RESTART, STRIDE, WINDOW
+from residual.training.windows import Piece, windows
+from residual.training.windows import pieces_of as grid_pieces
 
 PARTS = 5
 """Parts of the 21 records in the variants on more data."""
@@ -234,7 +234,7 @@ def gains_of(s: Setting, v: Variant, seed: int) -> Gains:
 
 
 def adapted(s: Setting) -> Gains:
-    """What ``fitting.adapt`` alone brings."""
+    """What ``fitting.prediction.adaptation`` alone brings."""
     extra, batches = Extra(adapted=True, network=False), s.batches(s.others)
     system = build(extra, s.ship, s.scaled(extra, s.train), Training(), 0)
     after, before = errors(paths(system, batches), batches, s.sigma), ship_errors(s, batches)

@@ -12,15 +12,15 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from benchmarks.record import record, table
-from cases import splits
-from cases.read import read_trials
-from cases.ships import load_ship
-from fitting import gauss_newton
+from cases import published_splits as splits
+from cases.io.read import read_trials
+from cases.shipfiles.ship_file import load_ship
 from fitting.calibration import Settings, calibrate
-from fitting.ipopt import solve
-from fitting.problem import Prior, Problem
-from fitting.segments import cut
-from fitting.shooting import kernels
+from fitting.nlp.problem import Prior, Problem
+from fitting.nlp.shooting import kernels
+from fitting.nlp.windows import cut
+from fitting.solvers import gauss_newton
+from fitting.solvers.ipopt import solve
 from mmg.model import assemble
 
 STEP, WINDOW = 1.0, 100.0

@@ -16,10 +16,10 @@ import torch
 from torch import Tensor
 
 from benchmarks.record import record, table
-from cases.ships import load_ship
-from residual.fused import FusedRollout
-from residual.network import Residual
-from residual.operator import Physics
+from cases.shipfiles.ship_file import load_ship
+from residual.bounded_network import Residual
+from residual.physics.fused_rollout import FusedRollout
+from residual.physics.operator import Physics
 
 ALONE = "network alone"
 BATCH, STEPS, H, REPEATS = 512, 100, 0.2, 15

@@ -22,18 +22,18 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.record import record, table
-from cases.effects import freeing_effects
-from cases.read import read_trials
-from cases.ships import load_ship
-from cases.splits import DEVELOPMENT_HOLDOUT, TRAIN_TZRB, find
+from cases.io.read import read_trials
+from cases.published_splits import DEVELOPMENT_HOLDOUT, TRAIN_TZRB, find
+from cases.shipfiles.effects import freeing_effects
+from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
-from commands.fit_input import _reduced
 from diagnosis.diagnose import diagnose
 from diagnosis.result import Diagnosis
 from fitting.calibration import Settings, calibrate
-from fitting.execute import run_all
+from fitting.parallel import run_all
 from mmg.components import coefficient_table
 from mmg.ship import Ship
+from mmg_ident.commands.fit_input import _reduced
 
 OTHERS = (
     "random_31-Jul-2020_14_52_18", "turn_14-Oct-2020_14_17_39", "turn_14-Sep-2020_14_16_04",

@@ -14,15 +14,15 @@ import numpy as np
 from scipy.stats import spearmanr
 
 from benchmarks.record import record, table
-from cases import splits
-from cases.effects import freeing_effects
-from cases.read import read_trials
-from cases.ships import load_ship
+from cases import published_splits as splits
+from cases.io.read import read_trials
+from cases.shipfiles.effects import freeing_effects
+from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
 from fitting.calibration import calibrate
-from fitting.predict import record_of, window_rows
-from fitting.score import pooled_sigma
-from fitting.windows import Batch, Stretch, Water, roll
+from fitting.prediction.predict import record_of, window_rows
+from fitting.prediction.score import pooled_sigma
+from fitting.prediction.stretches import Batch, Stretch, Water, roll
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 

@@ -15,22 +15,22 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from cases import splits
-from cases.read import read_trials
-from cases.ships import load_ship
-from fitting.score import pooled_sigma
-from fitting.segments import default_step
+from cases import published_splits as splits
+from cases.io.read import read_trials
+from cases.shipfiles.ship_file import load_ship
+from fitting.nlp.grid import default_step
+from fitting.prediction.score import pooled_sigma
 from mmg.ship import Ship
-from residual.data import pieces_of, windows
-from residual.decide import decide
-from residual.ensemble import Known, restored
-from residual.judge import RESTART, STRIDE, WINDOW, window_errors
-from residual.learn import build_hybrid, scales_of, tasks_of
-from residual.network import Residual
-from residual.operator import Physics
+from residual.bounded_network import Residual
+from residual.ensembles.ensemble import Known, restored
+from residual.physics.operator import Physics
 from residual.rollout import rollout, squares
 from residual.system import Hybrid, Past, System
-from residual.train import Build, Scales, Training, train_one
+from residual.training.acceptance import decide
+from residual.training.hybrid import build_hybrid, scales_of, tasks_of
+from residual.training.trainer import Build, Scales, Training, train_one
+from residual.training.window_errors import RESTART, STRIDE, WINDOW, window_errors
+from residual.training.windows import pieces_of, windows
 
 LAG = 10.0
 """Time constant of the memory [s]; it is settled along twice as many rows of 1 s before a start."""

@@ -15,8 +15,8 @@ import casadi as ca
 import numpy as np
 
 from benchmarks.record import record, table
-from cases.ships import load_ship
-from mmg.batch import compile_library
+from cases.shipfiles.ship_file import load_ship
+from mmg.compile.batch import compile_library
 from mmg.model import assemble
 from mmg.rollout import Simulator
 
@@ -55,7 +55,10 @@ def main() -> None:
         else:
             rows.append([f"CasADi's C: {reason}", "-"])
     seconds = best_of(
-        5, lambda: subprocess.run([sys.executable, "-m", "commands.main", "--help"], capture_output=True, check=True)
+        5,
+        lambda: subprocess.run(
+            [sys.executable, "-m", "mmg_ident.commands.main", "--help"], capture_output=True, check=True
+        ),
     )
     lines = table(["right-hand side of ESSO OSAKA (61 coefficients)", "microseconds per call"], rows)
     lines += ["", f"`mmg --help`: {seconds:.2f} s (limit 0.5 s)"]

@@ -20,12 +20,12 @@ from scipy.integrate import solve_ivp
 
 from benchmarks.record import record, table
 from benchmarks.speed import best_of
-from cases.batch import input_array, simulate_batch
-from cases.maneuvers import Maneuver, parse_maneuver
-from cases.orders import turning
-from cases.ramps import ramps
-from cases.ships import load_ship
-from cases.synthetic import simulate
+from cases.maneuvers.definitions import Maneuver, parse_maneuver
+from cases.maneuvers.orders import turning
+from cases.shipfiles.ship_file import load_ship
+from cases.simulation.actuator_ramps import ramps
+from cases.simulation.simulate import simulate
+from cases.simulation.simulate_batch import input_array, simulate_batch
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 

@@ -10,13 +10,13 @@ import sys
 from dataclasses import replace
 
 from benchmarks.record import record, table
-from cases import splits
-from cases.read import read_trials
-from cases.ships import load_ship
-from fitting.score import pooled_sigma, score
-from residual.augment import SETS
-from residual.blackbox import BoxTraining, train_box
-from residual.compare_tables import spread
+from cases import published_splits as splits
+from cases.io.read import read_trials
+from cases.shipfiles.ship_file import load_ship
+from fitting.prediction.score import pooled_sigma, score
+from residual.blackbox.models import BoxTraining, train_box
+from residual.comparison.tables import spread
+from residual.training.augmentation import SETS
 
 BASE = BoxTraining(kind="rnn-window", seeds=3, workers=2)
 VARIANTS = {

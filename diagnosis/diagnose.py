@@ -12,21 +12,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cases.site import Site
+from cases.io.site import Site
 from cases.trial import Trial
-from diagnosis import told
-from diagnosis.data import Data, arrange
-from diagnosis.dictionary import Unnamed, unnamed
-from diagnosis.held_out import compare
-from diagnosis.hypotheses import AGREE, LEVEL, ODDS, Found, Problem, explain
-from diagnosis.kinematics import consistency
-from diagnosis.latent import Estimate
-from diagnosis.next_test import next_test
+from diagnosis import summary as told
+from diagnosis.estimation.candidates import BY_RUN, all_runs, effect_of, stem
+from diagnosis.estimation.gridded_trials import Data, arrange
+from diagnosis.estimation.map_estimate import Estimate
+from diagnosis.hypotheses.forward_selection import AGREE, LEVEL, ODDS, Found, Problem, explain
+from diagnosis.hypotheses.next_test import next_test
+from diagnosis.hypotheses.unnamed import Unnamed, unnamed
+from diagnosis.location.where import where
 from diagnosis.prepare import Prepared, Report, prepare, with_sensor_faults
+from diagnosis.report.sentence import sentence_of
 from diagnosis.result import Diagnosis, HeldOut
-from diagnosis.where import where
-from diagnosis.wide import BY_RUN, all_runs, effect_of, stem
-from diagnosis.words import sentence_of
+from diagnosis.sensors.kinematics import consistency
+from diagnosis.validation.held_out import compare
 from mmg.ship import Ship
 
 LINE = 1e-6

@@ -7,20 +7,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cases.effects import freeing_effects
-from cases.site import Site
+from cases.io.site import Site
+from cases.shipfiles.effects import freeing_effects
 from cases.trial import Trial
-from diagnosis.data import COARSE, Data, arrange, moving
-from diagnosis.free import Priors
-from diagnosis.hypotheses import Problem
-from diagnosis.kalman import Noise
-from diagnosis.kinematics import Kinematics
-from diagnosis.latent import Estimate, estimate
-from diagnosis.memory import echo, hum, residuals, with_memory_time
-from diagnosis.noise import first_noise
-from diagnosis.reference import refer
-from diagnosis.steps import Steps
-from diagnosis.wide import LOCAL, Wide, by_run, widened
+from diagnosis.estimation.candidates import LOCAL, Wide, by_run, widened
+from diagnosis.estimation.gridded_trials import COARSE, Data, arrange, moving
+from diagnosis.estimation.kalman import Noise
+from diagnosis.estimation.linearised_model import Steps
+from diagnosis.estimation.map_estimate import Estimate, estimate
+from diagnosis.estimation.noise_sizes import first_noise
+from diagnosis.estimation.parameters import Priors
+from diagnosis.estimation.residual_checks import echo, hum, residuals, with_memory_time
+from diagnosis.hypotheses.forward_selection import Problem
+from diagnosis.hypotheses.reference import refer
+from diagnosis.sensors.kinematics import Kinematics
 from mmg.errors import UserError
 from mmg.memory import MODEL_LENGTH
 from mmg.ship import Ship

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from diagnosis.data import Data
-from diagnosis.latent import Estimate
+from diagnosis.estimation.gridded_trials import Data
+from diagnosis.estimation.map_estimate import Estimate
 from mmg.ship import Ship
 
 

@@ -12,23 +12,30 @@ import numpy as np
 from cases.checks import inputs_are_constant
 from cases.inputs import actuator_columns
 from cases.trial import Trial
-from fitting.captive import Captive, CaptiveForces
-from fitting.identifiability import Identifiability, analyse
-from fitting.information import Information, information
-from fitting.ipopt import Solution
-from fitting.loss import Loss
-from fitting.noise import Noise
-from fitting.passes import solve_passes
-from fitting.per_run import RunConstants, neutral, shared_prior, with_constants, without_constants
-from fitting.problem import Prior, Problem
-from fitting.recipe import Recipe
-from fitting.sandwich import Robust, robust
-from fitting.segments import Segments, cut, default_step
+from fitting.identifiability.analysis import Identifiability, analyse
+from fitting.identifiability.data_checks import (
+    against_captive,
+    contradictions,
+    odd_runs,
+    refuse_outliers,
+    unexcited_astern,
+)
+from fitting.identifiability.verdicts import calibrated_ship, warnings_of
+from fitting.nlp.captive import Captive, CaptiveForces
+from fitting.nlp.fisher_information import Information, information
+from fitting.nlp.grid import default_step
+from fitting.nlp.loss import Loss
+from fitting.nlp.problem import Prior, Problem
+from fitting.nlp.problem_data import Recipe
+from fitting.nlp.run_constants import RunConstants, neutral, shared_prior, with_constants, without_constants
+from fitting.nlp.shooting import kernels
+from fitting.nlp.windows import Segments, cut
 from fitting.settings import Report, Settings, Start
-from fitting.shooting import kernels
-from fitting.starts import solve_starts
-from fitting.suspects import against_captive, contradictions, odd_runs, refuse_outliers, unexcited_astern
-from fitting.verdicts import calibrated_ship, warnings_of
+from fitting.solvers.ipopt import Solution
+from fitting.solvers.multistart import solve_starts
+from fitting.solvers.noise_iteration import solve_passes
+from fitting.solvers.residual_noise import Noise
+from fitting.uncertainty.sandwich import Robust, robust
 from mmg.errors import UserError
 from mmg.model import assemble
 from mmg.ship import Ship
@@ -39,7 +46,7 @@ class Calibration:
     """A calibrated ship and how it came about.
 
     ship: with estimates, standard errors, priors and verdicts. p, covariance: scaled estimate (P,) and its covariance
-    (P, P) in prior standard deviations, robust to residuals that remember (fitting/sandwich.py), of what all runs
+    (P, P) in prior standard deviations, robust to residuals that remember (fitting/uncertainty/sandwich.py), of what all runs
     share, as ``prior``. sigma: (6,) used in the last solve; noise: estimated from its residuals. solution: of the last
     solve; history: objective and status of every pass. information: of each window on p, from which ``spread`` has the
     robust and the model-based covariance; recipe: of the problem solved. constants: what each run has of its own;
@@ -147,7 +154,7 @@ def calibrate(
     The residual's standard deviation of each state is re-estimated from pass to pass (``Noise``) until it settles.
     report(pass name, iteration, objective, constraint violation) follows the solver. ``warm`` holds "p", "nodes" and
     "sigma" of an earlier, interrupted run. ``captive``: points whose forces are fitted too. ``per_run``: coefficients
-    of effects of the ship, fixed in it, of which each run gets its own (``cases.effects.varying_effects``); the
+    of effects of the ship, fixed in it, of which each run gets its own (``cases.shipfiles.effects.varying_effects``); the
     calibrated ship is without those effects. Raises UserError for input from which nothing can be identified; a solver
     that stops early is no error: the best iterate is returned and ``converged`` is False.
     """

@@ -7,9 +7,9 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from mmg.batch import BatchFunction, batch_functions, padded
-from mmg.codegen import LANES
-from mmg.fused import Rollout, compile_rollout
+from mmg.compile.batch import BatchFunction, batch_functions, padded
+from mmg.compile.codegen import LANES
+from mmg.compile.fused import Rollout, compile_rollout
 from mmg.logged import columns, settled, states_behind
 from mmg.model import assemble
 from mmg.ship import Ship

@@ -12,8 +12,8 @@ import numpy as np
 import torch
 from torch import nn
 
-from residual.fused import FusedRollout
-from residual.network import TwoLayers
+from residual.bounded_network import TwoLayers
+from residual.physics.fused_rollout import FusedRollout
 
 
 class Past(NamedTuple):
@@ -81,7 +81,7 @@ class System(nn.Module):
 class Hybrid(System):
     """A calibrated ship and a residual acceleration of its u, v, r.
 
-    physics: ``residual.operator.Physics`` of the ship; residual: the network; seen: features (F, R) of the training
+    physics: ``residual.physics.operator.Physics`` of the ship; residual: the network; seen: features (F, R) of the training
     rows, on which its size is penalised.
     """
 

@@ -14,7 +14,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as in the background of
 @pytest.fixture(scope="session")
 def frt() -> Path:
     """The folder of the FRT-DS-ESSO records; the test is skipped where they are not installed."""
-    from cases.splits import data_folder
+    from cases.published_splits import data_folder
     from mmg.errors import UserError
 
     try:

@@ -15,18 +15,18 @@ import numpy as np
 from benchmarks.blind.rows import MISFIT, Row, opened, top1
 from benchmarks.blind.score import rate
 from benchmarks.blind.solve import blind_ship, cases_of
-from cases.read import read_trials
-from cases.site import read_site
-from diagnosis.data import Data, arrange, moving
-from diagnosis.free import Priors, active_states
-from diagnosis.held_out import WINDOW, errors
-from diagnosis.latent import Estimate, estimate, look_around
-from diagnosis.noise import first_noise
+from cases.io.read import read_trials
+from cases.io.site import read_site
+from diagnosis.estimation.candidates import Wide, widened
+from diagnosis.estimation.gridded_trials import Data, arrange, moving
+from diagnosis.estimation.linearised_model import Steps
+from diagnosis.estimation.map_estimate import Estimate, estimate, look_around
+from diagnosis.estimation.noise_sizes import first_noise
+from diagnosis.estimation.parameters import Priors, active_states
+from diagnosis.hypotheses.score_test import scored, slopes
 from diagnosis.prepare import priors_before
-from diagnosis.screen import scored, slopes
-from diagnosis.steps import Steps
-from diagnosis.wide import Wide, widened
-from fitting.execute import run_all
+from diagnosis.validation.held_out import WINDOW, errors
+from fitting.parallel import run_all
 
 DEALS = 2000
 """Permutations of the truths."""

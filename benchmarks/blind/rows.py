@@ -175,7 +175,7 @@ def closure(row: Row, own: bool = False) -> float | None:
 def _sizes(name: str) -> dict[str, tuple[float, float]]:
     """Neutral value and typical size of each parameter of an effect."""
     from benchmarks.blind.solve import blind_ship
-    from diagnosis.wide import parameters
+    from diagnosis.estimation.candidates import parameters
 
     return {p.symbol: (p.neutral, p.typical) for p in parameters(blind_ship(), name)}
 

@@ -15,12 +15,12 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from cases.read import read_trials
-from cases.ships import load_ship
-from cases.site import read_site
+from cases.io.read import read_trials
+from cases.io.site import read_site
+from cases.shipfiles.ship_file import load_ship
 from diagnosis.diagnose import diagnose
 from diagnosis.result import contract
-from fitting.execute import run_all
+from fitting.parallel import run_all
 from mmg.errors import UserError
 from mmg.ship import Ship
 

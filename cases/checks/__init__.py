@@ -14,7 +14,7 @@ from cases.checks.report import CheckReport, Finding, info, unusable
 from cases.checks.rudder import rudder_sign
 from cases.checks.sampling import sampling
 from cases.checks.wind import wind
-from cases.plausible import implausible
+from cases.io.unit_sanity import implausible
 from cases.trial import Trial
 
 __all__ = ["GROUPS", "CheckReport", "Finding", "check", "inputs_are_constant", "pooled"]

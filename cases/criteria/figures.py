@@ -1,0 +1,260 @@
+"""Figures of the standard manoeuvres from a trial: turning circle, zigzag, stopping, spiral, pull-out.
+
+Definitions of IMO MSC.137(76) and its explanatory notes: origin and axes are midship and heading when the order is
+given; samples are interpolated linearly, the moment of the order too. The path length is the integral of the speed,
+so that noise of the positions does not lengthen it; without positions the track is integrated from u, v and psi.
+Lengths in metres, angles in radians, times in seconds; what was not reached is absent.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import savgol_filter
+
+from cases.trial import Trial
+
+_UNITS = {"time": "s", "overshoot": "rad", "width": "rad", "drift": "rad", "rate": "rad/s", "height": "rad/s"}
+
+
+def figure_unit(name: str) -> str:
+    """Unit of a figure of this file or of cases/criteria/spiral.py by its name; "" for a share."""
+    words = name.split("_")
+    if words[-1] in ("speed", "share"):
+        return "m/s" if words[-1] == "speed" else ""
+    return next((unit for word, unit in _UNITS.items() if word in words), "m")
+
+
+@dataclass(frozen=True)
+class Since:
+    """A run from the order on, each (M,): t [s] since the order, track, heading change, motion, actuators.
+
+    advance, transfer: ahead and to starboard of the ship at the order [m]; path: length of the track [m];
+    change: of heading, clockwise [rad]; u [m/s], r [rad/s], delta [rad].
+    """
+
+    t: np.ndarray
+    advance: np.ndarray
+    transfer: np.ndarray
+    path: np.ndarray
+    change: np.ndarray
+    u: np.ndarray
+    r: np.ndarray
+    delta: np.ndarray
+
+
+def since(trial: Trial, order_time: float) -> Since:
+    """The run from ``order_time`` [s after the first sample] on; rows without heading or speed are left out."""
+    t = trial.t - trial.t[0]
+    psi, u, v = trial.psi_unwrapped, trial["u"], trial["v"]
+    good = np.isfinite(psi) & np.isfinite(u) & np.isfinite(v)
+    if trial.has_position:
+        good &= np.isfinite(trial["x"]) & np.isfinite(trial["y"])
+    start = min(max(order_time, 0.0), float(t[good][-1]))
+    times = np.concatenate([[start], t[good & (t > start + 1e-9)]])
+
+    def at(values: np.ndarray) -> np.ndarray:
+        fine = good & np.isfinite(values)
+        return np.interp(times, t[fine], values[fine])
+
+    psi, u, v = at(psi), at(u), at(v)
+    if trial.has_position:
+        x, y = at(trial["x"]), at(trial["y"])
+    else:
+        x = _integral(times, u * np.cos(psi) - v * np.sin(psi))
+        y = _integral(times, u * np.sin(psi) + v * np.cos(psi))
+    x, y, c, s = x - x[0], y - y[0], math.cos(psi[0]), math.sin(psi[0])
+    return Since(
+        t=times - start,
+        advance=x * c + y * s,
+        transfer=y * c - x * s,
+        path=_integral(times, np.hypot(u, v)),
+        change=psi - psi[0],
+        u=u,
+        r=at(trial["r"]),
+        delta=at(rudder_of(trial)),
+    )
+
+
+def rudder_of(trial: Trial) -> np.ndarray:
+    """Rudder angle (N,) [rad]: of two rudders their mean; 0 for a ship that logs none."""
+    if "delta" in trial:
+        return trial["delta"]
+    two = [trial[name] for name in ("delta_port", "delta_starboard") if name in trial]
+    return np.mean(two, axis=0) if two else np.zeros(len(trial))
+
+
+def _integral(t: np.ndarray, rate: np.ndarray) -> np.ndarray:
+    return np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))])
+
+
+def _when(change: np.ndarray, level: float) -> float | None:
+    """Fractional row at which ``change`` first reaches ``level`` > 0, None if it never does."""
+    reached = np.flatnonzero(change >= level)
+    if len(reached) == 0:
+        return None
+    k = int(reached[0])
+    return 0.0 if k == 0 else k - 1 + (level - change[k - 1]) / (change[k] - change[k - 1])
+
+
+def _at(row: float, values: np.ndarray) -> float:
+    return float(np.interp(row, np.arange(len(values)), values))
+
+
+def turning_figures(trial: Trial, rudder: float, order_time: float) -> dict[str, float]:
+    """advance, transfer (at 90 deg), tactical_diameter (at 180 deg) [m] and the times they take [s].
+
+    rudder [rad] gives the side; order_time [s] after the first sample.
+    """
+    run, side, figures = since(trial, order_time), math.copysign(1.0, rudder), {}
+    quarter, half = _when(side * run.change, math.pi / 2), _when(side * run.change, math.pi)
+    if quarter is not None:
+        figures["advance"] = _at(quarter, run.advance)
+        figures["transfer"] = _at(quarter, side * run.transfer)
+        figures["time_90"] = _at(quarter, run.t)
+    if half is not None:
+        figures["tactical_diameter"] = _at(half, side * run.transfer)
+        figures["time_180"] = _at(half, run.t)
+    return figures
+
+
+def steady_turn_figures(trial: Trial, rudder: float, order_time: float) -> dict[str, float]:
+    """steady_speed [m/s], steady_rate [rad/s], steady_drift [rad] and steady_diameter [m], means over the last 90 deg.
+
+    Empty unless the heading changes by 270 deg; wind or current shift these means (a whole turn would cancel them).
+    """
+    run, side = since(trial, order_time), math.copysign(1.0, rudder)
+    largest = float((side * run.change).max())
+    if largest < 1.5 * math.pi:
+        return {}
+    rows = side * run.change >= largest - math.pi / 2
+    t = trial.t - trial.t[0] - order_time
+    v = float(np.interp(run.t[rows], t, trial["v"]).mean())
+    u, r = float(run.u[rows].mean()), float(run.r[rows].mean())
+    speed = math.hypot(u, v)
+    figures = {"steady_speed": speed, "steady_rate": r, "steady_drift": math.atan2(-v, u)}
+    return figures | ({"steady_diameter": 2 * speed / abs(r)} if r else {})
+
+
+def zigzag_figures(trial: Trial, rudder: float, heading: float, order_time: float) -> dict[str, float]:
+    """overshoot_1, overshoot_2, ... [rad]: largest heading after each counter order, less the switch one.
+
+    rudder [rad] gives the first side, heading [rad] > 0 is the switch heading. An overshoot counts once the
+    heading has come back to the switch heading.
+    """
+    change = since(trial, order_time).change
+    side, row, figures = math.copysign(1.0, rudder), 0, {}
+    for k in range(1, len(change)):
+        beyond = np.flatnonzero(side * change[row:] >= heading)
+        if len(beyond) == 0:
+            break
+        row += int(beyond[0])
+        back = np.flatnonzero(side * change[row:] < heading)
+        if len(back) == 0:
+            break
+        end = row + int(back[0])
+        figures[f"overshoot_{k}"] = float((side * change[row:end]).max() - heading)
+        row, side = end, -side
+    return figures
+
+
+SMOOTHED = 9
+"""Samples of the parabola that takes the noise from a measured heading; it leaves a peak its height."""
+
+
+def overshoot_figures(trial: Trial, rudder: float, reversals: tuple[float, ...], end: float) -> dict[str, float]:
+    """overshoot_1, ... [rad] of a measured zigzag: heading gained after each reversal of the rudder at its own heading.
+
+    rudder [rad] gives the first side; reversals, end: times [s after the first sample]. The last one counts only if
+    a fifth of it has gone again before the hold ends.
+    """
+    t, psi = trial.t - trial.t[0], trial.psi_unwrapped
+    good = np.isfinite(psi)
+    t, psi = t[good], psi[good]
+    if len(t) > SMOOTHED:
+        psi = savgol_filter(psi, SMOOTHED, 2)
+    figures, side = {}, math.copysign(1.0, rudder)
+    for k, begin in enumerate(reversals):
+        stop = reversals[k + 1] if k + 1 < len(reversals) else end
+        gained = side * (psi[(t >= begin) & (t <= stop)] - np.interp(begin, t, psi))
+        if len(gained) > 2 and gained[-1] < 0.8 * gained.max():
+            figures[f"overshoot_{k + 1}"] = float(gained.max())
+        side = -side
+    return figures
+
+
+INITIAL_TURN = math.radians(10.0)
+"""Change of heading at which the initial turning ability is read [rad]."""
+
+
+def initial_turning_figures(trial: Trial, rudder: float, order_time: float) -> dict[str, float]:
+    """initial_turning_track [m]: way along the track until the heading has changed by 10 deg, and time_10 [s].
+
+    The criterion asks for 10 deg of rudder: the first execute of a 10/10 zigzag serves.
+    """
+    run = since(trial, order_time)
+    row = _when(math.copysign(1.0, rudder) * run.change, INITIAL_TURN)
+    return {} if row is None else {"initial_turning_track": _at(row, run.path), "time_10": _at(row, run.t)}
+
+
+def stopping_figures(trial: Trial, order_time: float) -> dict[str, float]:
+    """track_reach (along the path), head_reach, lateral_deviation [m] and stopping_time [s] until headway is lost."""
+    run = since(trial, order_time)
+    stop = _when(run.u[0] - run.u, run.u[0]) if run.u[0] > 0 else None
+    if stop is None:
+        return {}
+    series = {
+        "track_reach": run.path,
+        "head_reach": run.advance,
+        "lateral_deviation": run.transfer,
+        "stopping_time": run.t,
+    }
+    return {name: _at(stop, values) for name, values in series.items()}
+
+
+def pull_out_figures(trial: Trial, order_time: float) -> dict[str, float]:
+    """steady_rate under rudder, residual_rate after it went back to midships [rad/s], and their share.
+
+    Means over the last tenth of each hold. A ship that is stable on course decays to the same small rate from
+    either side; one that keeps turning to the side it came from is unstable (MSC/Circ.1053).
+    """
+    holds = rudder_holds(trial, order_time)
+    if len(holds) < 2:
+        return {}
+    first, last = holds[0], holds[-1]
+    return {"steady_rate": first.rate, "residual_rate": last.rate, "residual_share": last.rate / first.rate}
+
+
+@dataclass(frozen=True)
+class Hold:
+    """A stretch of constant rudder: its angle [rad], first and last time since the order [s], and the mean turn
+    rate over its last tenth [rad/s]."""
+
+    rudder: float
+    begin: float
+    end: float
+    rate: float
+
+
+def rudder_holds(trial: Trial, order_time: float, tolerance: float = math.radians(0.5)) -> list[Hold]:
+    """Stretches in which the rudder stays within ``tolerance`` [rad] of where the stretch begins, in order.
+
+    Those shorter than a tenth of the longest (the rudder on its way) are left out.
+    """
+    run = since(trial, order_time)
+    found, first = [], 0
+    for k in range(1, len(run.t) + 1):
+        if k == len(run.t) or abs(run.delta[k] - run.delta[first]) > tolerance:
+            if k - first > 1:
+                found.append((first, k))
+            first = k
+    longest = max((run.t[b - 1] - run.t[a] for a, b in found), default=0.0)
+    holds = []
+    for a, b in found:
+        if run.t[b - 1] - run.t[a] >= max(0.1 * longest, 1e-9):
+            tail = run.t[a:b] >= run.t[b - 1] - 0.1 * (run.t[b - 1] - run.t[a])
+            rate = float(run.r[a:b][tail].mean())
+            holds.append(Hold(float(np.median(run.delta[a:b])), float(run.t[a]), float(run.t[b - 1]), rate))
+    return holds

@@ -1,0 +1,174 @@
+"""The standards for ship manoeuvrability, IMO MSC.137(76): limits, and a verdict for every figure of a run.
+
+They hold for ships of 100 m and more (and all chemical and gas carriers), in deep water and calm weather, at full load
+on even keel, at a test speed V of at least 90 % of the speed at 85 % MCR. A model is judged at the length and the L/V
+of the ship it stands for: L scale and (L/V) sqrt(scale).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from cases.criteria.published_figures import reference
+from cases.criteria.standard_runs import Run
+
+SMALLEST = 100.0
+"""Length from which the standard applies [m]."""
+
+ASSUMED = "not checked: deep water, calm weather, full load on even keel, V at least 90 % of the speed at 85 % MCR"
+
+PASS, FAIL, OPEN, NONE = "pass", "fail", "not judged", "-"
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the table: a figure, its limit and the verdict.
+
+    ability: of the standard, in words; run: the manoeuvre; figure: name of cases/criteria/figures.py; value, limit: in
+    ``unit`` ("L" or "deg"), None where there is none; verdict: "pass", "fail", "not judged", or "-" where the standard
+    sets no limit; why: reason or remark; reference: published value for this ship, None where there is none.
+    """
+
+    ability: str
+    run: str
+    figure: str
+    value: float | None
+    limit: float | None
+    unit: str
+    verdict: str
+    why: str = ""
+    reference: float | None = None
+
+
+def first_overshoot_limit(ratio: float) -> float:
+    """Limit of the first overshoot of the 10/10 zigzag [deg] for L/V = ``ratio`` [s] of the ship."""
+    return min(max(5.0 + 0.5 * ratio, 10.0), 20.0)
+
+
+def second_overshoot_limit(ratio: float) -> float:
+    """Limit of the second overshoot of the 10/10 zigzag [deg] for L/V = ``ratio`` [s] of the ship."""
+    return min(max(17.5 + 0.75 * ratio, 25.0), 40.0)
+
+
+ADVANCE, TACTICAL_DIAMETER, INITIAL_TURNING, TRACK_REACH, LONGEST_TRACK_REACH = 4.5, 5.0, 2.5, 15.0, 20.0
+"""Limits in L; the last is what an Administration may allow for ships of large displacement."""
+
+OVERSHOOT_20 = 25.0
+"""Limit of the first overshoot of the 20/20 zigzag [deg]."""
+
+LEAST_TURNING_RUDDER, SLACK = math.radians(33.0), math.radians(2.0)
+"""A turning test with less rudder is not judged; the zigzags are recognised within 2 deg [rad]."""
+
+
+def full_scale_ratio(run: Run, scale: float | None) -> float:
+    """L/V [s] of the ship: that of the run times sqrt(scale)."""
+    return run.length / run.speed * math.sqrt(scale or 1.0)
+
+
+def assess(run: Run, scale: float | None = None, ship: str = "") -> list[Row]:
+    """Rows of one run. scale: of a model, ship length over model length; ship: name for the reference values."""
+    rows = {"turning": _turning, "zigzag": _zigzag, "crash-stop": _stopping}.get(run.kind, _informative)(run, scale)
+    why = _not_applicable(run, scale)
+    result = []
+    for row in rows:
+        verdict, remark = row.verdict, row.why
+        if verdict in (PASS, FAIL) and why:
+            verdict, remark = OPEN, why
+        known = reference(ship, run.name, row.figure)
+        result.append(Row(row.ability, row.run, row.figure, row.value, row.limit, row.unit, verdict, remark, known))
+    return result
+
+
+def worst(rows: Iterable[Row]) -> str:
+    """ "fail" if any row fails, "pass" if all that have a limit pass, else "not judged"."""
+    verdicts = [row.verdict for row in rows if row.verdict != NONE]
+    if FAIL in verdicts:
+        return FAIL
+    return PASS if verdicts and all(v == PASS for v in verdicts) else OPEN
+
+
+def _not_applicable(run: Run, scale: float | None) -> str:
+    """Why nothing of a run can be judged, "" if it can."""
+    length = run.length * (scale or 1.0)
+    if length < SMALLEST:
+        words = f"L = {length:g} m: the standard is for ships of {SMALLEST:g} m and more"
+        return words if scale else f"{words}; for a model give its scale"
+    return "; ".join(run.notes)
+
+
+def _row(run: Run, ability: str, figure: str, unit: str, limit: float | None, why: str = "", open_: str = "") -> Row:
+    """A row with its verdict; ``open_`` says why it is not judged although there is a value and a limit."""
+    value = run.figures.get(figure)
+    if value is not None:
+        value = math.degrees(value) if unit == "deg" else value / run.length
+    if limit is None:
+        verdict = NONE
+    elif value is None:
+        verdict, why = OPEN, "the run does not reach it"
+    elif open_:
+        verdict, why = OPEN, open_
+    else:
+        verdict = PASS if value <= limit else FAIL
+    return Row(ability, run.name, figure, value, limit, unit, verdict, why)
+
+
+def _turning(run: Run, scale: float | None) -> list[Row]:
+    rudder = abs(run.rudder)
+    open_ = "" if rudder >= LEAST_TURNING_RUDDER else _asks(run, "35 deg of rudder or the largest")
+    return [
+        _row(run, "turning", "advance", "L", ADVANCE, open_=open_),
+        _row(run, "turning", "transfer", "L", None),
+        _row(run, "turning", "tactical_diameter", "L", TACTICAL_DIAMETER, open_=open_),
+    ]
+
+
+def _asks(run: Run, words: str) -> str:
+    return f"rudder {abs(math.degrees(run.rudder)):.0f} deg; the standard asks for {words}"
+
+
+def _is_zigzag(run: Run, degrees: float) -> bool:
+    angle = math.radians(degrees)
+    return abs(abs(run.rudder) - angle) <= SLACK and abs(run.heading - angle) <= SLACK
+
+
+def _zigzag(run: Run, scale: float | None) -> list[Row]:
+    if _is_zigzag(run, 10.0):
+        ratio = full_scale_ratio(run, scale)
+        words = f"L/V = {ratio:.3g} s"
+        if scale:
+            words += f" ({run.length / run.speed:.3g} s at scale {scale:g})"
+        return [
+            _row(run, "initial turning", "initial_turning_track", "L", INITIAL_TURNING),
+            _row(run, "yaw checking", "overshoot_1", "deg", first_overshoot_limit(ratio), words),
+            _row(run, "yaw checking", "overshoot_2", "deg", second_overshoot_limit(ratio), words),
+        ]
+    if _is_zigzag(run, 20.0):
+        return [
+            _row(run, "yaw checking", "overshoot_1", "deg", OVERSHOOT_20),
+            _row(run, "yaw checking", "overshoot_2", "deg", None),
+        ]
+    words = f"{abs(math.degrees(run.rudder)):.0f}/{math.degrees(run.heading):.0f} is no zigzag of the standard"
+    return [_row(run, "yaw checking", f"overshoot_{k}", "deg", None, words) for k in (1, 2)]
+
+
+def _stopping(run: Run, scale: float | None) -> list[Row]:
+    row = _row(run, "stopping", "track_reach", "L", TRACK_REACH)
+    if row.verdict == FAIL and row.value is not None and row.value <= LONGEST_TRACK_REACH:
+        why = f"an Administration may allow {LONGEST_TRACK_REACH:g} L for a ship of large displacement"
+        row = Row(row.ability, row.run, row.figure, row.value, row.limit, row.unit, FAIL, why)
+    return [row, _row(run, "stopping", "head_reach", "L", None)]
+
+
+def _informative(run: Run, scale: float | None) -> list[Row]:
+    """Spiral and pull-out have no limit: rates times L / V, dimensionless."""
+    return [
+        Row("course stability", run.name, name, value * run.length / run.speed, None, "V/L", NONE)
+        for name, value in run.figures.items()
+        if "rate" in name or name == "loop_height"
+    ] + [
+        Row("course stability", run.name, name, math.degrees(value), None, "deg", NONE)
+        for name, value in run.figures.items()
+        if name == "loop_width"
+    ]

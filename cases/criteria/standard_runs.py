@@ -1,0 +1,168 @@
+"""One executed standard manoeuvre with its figures, simulated or measured: what criteria and plots take."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from cases.criteria.completeness import check_reached
+from cases.criteria.figures import (
+    initial_turning_figures,
+    overshoot_figures,
+    pull_out_figures,
+    steady_turn_figures,
+    stopping_figures,
+    turning_figures,
+    zigzag_figures,
+)
+from cases.criteria.measured_maneuvers import find_execute
+from cases.criteria.spiral import spiral_figures
+from cases.maneuvers.definitions import MODEL_LENGTH, Maneuver, parse_maneuver
+from cases.simulation.simulate import simulate
+from cases.trial import Trial
+from mmg.errors import UserError
+from mmg.ship import Ship
+from mmg.smooth import GRAVITY
+
+TEST_FROUDE = 0.142
+"""Froude number of the test speed of a ship whose file gives none: 15.5 kn for 320 m."""
+
+STEP = 0.05
+"""Sampling and integration step [s] for a 3 m model; Froude scaled."""
+
+STANDARD = (
+    "turning:35",
+    "turning:-35",
+    "zigzag:10/10",
+    "zigzag:-10/10",
+    "zigzag:20/20",
+    "zigzag:-20/20",
+    "crash-stop",
+)
+"""What the criteria of MSC.137(76) need."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """A standard manoeuvre and its figures.
+
+    name: as ordered ("zigzag:20/20") or the trial's; kind: "turning", "zigzag", "crash-stop", "spiral", "pull-out".
+    trial: the motion; order_time [s after its first sample]; end [s]: up to where it counts. rudder, heading:
+    ordered, signed and positive [rad]. speed: test speed V [m/s]; length L [m]. figures: SI and rad, by the names of
+    cases/criteria/figures.py. measured: from a file. notes: what keeps a criterion from being judged.
+    """
+
+    name: str
+    kind: str
+    trial: Trial
+    order_time: float
+    end: float
+    rudder: float
+    heading: float
+    speed: float
+    length: float
+    figures: Mapping[str, float]
+    measured: bool = False
+    notes: tuple[str, ...] = ()
+
+
+def approach_speed(ship: Ship, speed: float | None = None) -> tuple[float, str]:
+    """Test speed [m/s] and where it comes from: given, the particular U_0 of the ship file, or Froude number 0.142.
+
+    Raises UserError for a speed that is not positive.
+    """
+    if speed is not None:
+        if not (math.isfinite(speed) and speed > 0):
+            raise UserError(f"test speed {speed:g} m/s must be positive")
+        return speed, "as given"
+    own = ship.particulars.get("U_0", 0.0)
+    if own > 0:
+        return own, "U_0 of the ship file"
+    default = TEST_FROUDE * math.sqrt(GRAVITY * ship.particulars["L"])
+    return default, f"Froude number {TEST_FROUDE:g}: the ship file gives no U_0"
+
+
+def simulated_run(ship: Ship, text: str, speed: float, n: float | None = None, rudder_rate: float | None = None) -> Run:
+    """A standard manoeuvre of a ship in calm air and deep water.
+
+    text: as for ``parse_maneuver``; speed [m/s] and n [1/s] of the approach (None: self-propulsion); rudder_rate
+    [rad/s]. Raises UserError when the manoeuvre does not reach its event.
+    """
+    plan = parse_maneuver(text, ship, speed=speed, n=n, rudder_rate=rudder_rate)
+    if "order_time" not in plan.parameters:
+        raise UserError(
+            f"manoeuvre '{text}' has no order to judge; name a turning, zigzag, spiral, pull-out or crash-stop"
+        )
+    trial = simulate(ship, plan, STEP * math.sqrt(ship.particulars["L"] / MODEL_LENGTH))
+    notices = check_reached(trial, plan)
+    p = plan.parameters
+    return Run(
+        name=plan.name,
+        kind=plan.kind,
+        trial=trial,
+        order_time=p["order_time"],
+        end=trial.duration,
+        rudder=p.get("rudder", 0.0),
+        heading=p.get("heading", 0.0),
+        speed=plan.speed,
+        length=ship.particulars["L"],
+        figures=figures_of(trial, plan),
+        notes=notices,
+    )
+
+
+def figures_of(trial: Trial, plan: Maneuver) -> dict[str, float]:
+    """All figures of a simulated manoeuvre, SI and rad; empty for one that has none."""
+    p, kind = plan.parameters, plan.kind
+    if kind == "turning":
+        arguments = trial, p["rudder"], p["order_time"]
+        return turning_figures(*arguments) | steady_turn_figures(*arguments)
+    if kind == "zigzag":
+        found = zigzag_figures(trial, p["rudder"], p["heading"], p["order_time"])
+        ten = math.isclose(abs(p["rudder"]), math.radians(10), rel_tol=1e-6)
+        return found | (initial_turning_figures(trial, p["rudder"], p["order_time"]) if ten else {})
+    if kind == "crash-stop":
+        return stopping_figures(trial, p["order_time"])
+    if kind == "spiral":
+        return spiral_figures(trial, p["order_time"])
+    return pull_out_figures(trial, p["order_time"]) if kind == "pull-out" else {}
+
+
+def measured_run(trial: Trial, length: float, kind: str = "") -> Run:
+    """A standard manoeuvre found in a measured run of a ship of this length [m].
+
+    The approach is cut off (cases/criteria/measured_maneuvers.py); kind as there. Raises UserError when there is none in it.
+    """
+    execute = find_execute(trial, length, kind)
+    used = _until(trial, execute.end)
+    if execute.kind == "turning":
+        figures = turning_figures(used, execute.rudder, execute.time)
+        figures |= steady_turn_figures(used, execute.rudder, execute.time)
+    elif execute.kind == "zigzag":
+        figures = overshoot_figures(used, execute.rudder, execute.reversals, execute.end)
+        figures |= initial_turning_figures(used, execute.rudder, execute.time)
+    else:
+        figures = stopping_figures(used, execute.time)
+    return Run(
+        name=trial.name,
+        kind=execute.kind,
+        trial=trial,
+        order_time=execute.time,
+        end=execute.end,
+        rudder=execute.rudder,
+        heading=execute.heading,
+        speed=execute.speed,
+        length=length,
+        figures=figures,
+        measured=True,
+        notes=execute.notes,
+    )
+
+
+def _until(trial: Trial, end: float) -> Trial:
+    """The rows up to ``end`` [s after the first sample]."""
+    rows = trial.t - trial.t[0] <= end + 1e-9
+    return trial.with_columns(**{name: np.asarray(values)[rows] for name, values in trial.columns.items()})

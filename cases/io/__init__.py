@@ -1,0 +1,1 @@
+"""Reading trial files: tables, headers, units, conventions, sidecars and site files."""

@@ -1,0 +1,92 @@
+"""Input files of ``mmg simulate --controls``: trial files that need only time and the ship's actuators."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from cases.inputs import actuator_columns
+from cases.io.conventions import converted
+from cases.io.headers import FRT_NAMES, match_headers, split_header
+from cases.io.read import SUFFIXES, read_trial
+from cases.io.sidecar import settings_for
+from cases.io.table import read_table
+from cases.io.units import to_si
+from cases.trial import Trial
+from mmg.errors import UserError
+from mmg.flow import INPUTS
+
+STATE_UNITS = {"psi": "rad", "u": "m/s", "v": "m/s", "r": "rad/s"}
+_INPUTS = (*INPUTS, "wind_speed", "wind_direction")
+
+
+def read_controls(path: str | Path, actuators: Sequence[str] = ("n", "delta")) -> Trial:
+    """Inputs and the first state of a run; a file without psi, u, v, r starts from rest at the origin.
+
+    Returns a trial that begins at its first complete state, inputs without gaps: a missing sample holds the
+    last one, and that is said in the notices. Units, signs and the sidecar are those of ``read_trial``.
+    Raises UserError as ``read_trial`` does, when an input is missing from the start, and as ``actuator_columns`` does
+    for a ship with these ``actuators``.
+    """
+    path = Path(path)
+    trial = _from_rest(path) if _lacks_states(path) else read_trial(path)
+    actuator_columns(trial, actuators)
+    return _without_gaps(trial, path)
+
+
+def _lacks_states(path: Path) -> bool:
+    """True when the file is a table in which none of psi, u, v, r is found."""
+    if path.suffix.lower() not in SUFFIXES or not path.is_file():
+        return False
+    header, _ = read_table(path, path.read_bytes())
+    named = {FRT_NAMES.get(name, name) for name, _ in map(split_header, header)}
+    return not named & set(STATE_UNITS) and not set(settings_for(path).columns) & set(STATE_UNITS)
+
+
+def _from_rest(path: Path) -> Trial:
+    """A trial of inputs alone, its states zero."""
+    header, numbers = read_table(path, path.read_bytes())
+    settings, notices = settings_for(path), ["no states in the file: the ship starts from rest at the origin"]
+    matched = match_headers(path, header + [f"{s} [{u}]" for s, u in STATE_UNITS.items()], settings, notices)
+    columns = {
+        name: numbers(index) * to_si(name, unit, f"{path}: column '{header[index]}'")
+        for name, (index, unit) in matched.items()
+        if index < len(header)
+    }
+    if "apparent_wind_speed" in columns and "wind_speed" not in columns:
+        raise UserError(
+            f"{path}: apparent wind needs psi, u and v to become true wind; give wind_speed, wind_direction"
+        )
+    keep = np.isfinite(columns["t"])
+    columns = {name: values[keep] for name, values in columns.items()}
+    if len(columns["t"]) < 2 or (np.diff(columns["t"]) <= 0).any():
+        raise UserError(f"{path}: time must increase from row to row, over two rows at least")
+    nothing = np.zeros(len(columns["t"]))
+    columns |= dict.fromkeys(STATE_UNITS, nothing)
+    columns = converted(columns, settings, notices)
+    return Trial(path.stem, columns, path=path, notices=tuple(notices), kind=settings.kind)
+
+
+def _without_gaps(trial: Trial, path: Path) -> Trial:
+    """From the first complete state on, missing inputs replaced by the last one given."""
+    whole = np.isfinite(trial.states[:, 2:]).all(axis=1)
+    if not whole.any() or len(trial) - int(np.argmax(whole)) < 2:
+        raise UserError(f"{path}: no row with psi, u, v and r to start from")
+    first, notices = int(np.argmax(whole)), list(trial.notices)
+    if first:
+        notices.append(f"the simulation starts at row {first + 1}, the first with a complete state")
+    columns = {name: values[first:] for name, values in trial.columns.items()}
+    for name in _INPUTS:
+        if name not in columns:
+            continue
+        good = np.isfinite(columns[name])
+        if not good[0]:
+            raise UserError(f"{path}: {name} has no value where the simulation starts (row {first + 1})")
+        if not good.all():
+            last = np.maximum.accumulate(np.where(good, np.arange(len(good)), 0))
+            columns[name] = columns[name][last]
+            notices.append(f"{name}: {int((~good).sum())} missing samples hold the last value")
+    return replace(trial, columns=columns, notices=tuple(notices))

@@ -1,0 +1,111 @@
+"""Which column of a file is which quantity, and in which unit: canonical, FRT-DS-ESSO and mapped headers."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from cases.io.sidecar import Settings
+from cases.io.units import accepted, is_canonical
+from mmg.errors import UserError
+
+FRT_NAMES = {
+    "x_position_mid": "x",
+    "y_position_mid": "y",
+    "psi_hat": "psi",
+    "u_velo": "u",
+    "vm_velo": "v",
+    "r_angvelo": "r",
+    "n_prop": "n",
+    "delta_rudder": "delta",
+    "wind_velo_true": "wind_speed",
+    "wind_dir_true": "wind_direction",
+    "wind_velo_relative_mid": "apparent_wind_speed",
+    "wind_dir_relative_mid": "apparent_wind_direction",
+}
+"""Header names of the FRT-DS-ESSO records -> canonical names (data set README, "Measurement items")."""
+
+REQUIRED = ("t", "psi", "u", "v", "r", "n")
+
+
+def match_headers(path: Path, header: list[str], settings: Settings, notices: list[str]) -> dict[str, tuple[int, str]]:
+    """Canonical name -> (column index, unit) for every column that the house understands.
+
+    Raises UserError for a mapped header that is absent, two headers for one quantity, a missing unit or a
+    missing required column. Columns that mean nothing to the house are named in the notices.
+    """
+    parts = [split_header(cell) for cell in header]
+    taken: dict[str, tuple[int, str]] = {}
+    for name, wanted in settings.columns.items():
+        index = _find(path, wanted, header, parts, settings.source)
+        taken[name] = (index, parts[index][1])
+        notices.append(f"{name} is read from '{header[index]}' ({settings.source})")
+    mapped = {index for index, _ in taken.values()}
+    ignored = []
+    for index, (name, unit) in enumerate(parts):
+        canonical = FRT_NAMES.get(name, name)
+        if index in mapped:
+            continue
+        if not is_canonical(canonical) or canonical in settings.columns:
+            ignored.append(header[index])
+        elif canonical in taken:
+            other = header[taken[canonical][0]]
+            raise UserError(
+                f"{path}: both '{other}' and '{header[index]}' are {canonical}; "
+                f'say which in trials.toml: columns = {{ {canonical} = "{other}" }}'
+            )
+        else:
+            taken[canonical] = (index, unit)
+    ignored = [cell for cell in ignored if cell]
+    if ignored:
+        notices.append(f"columns not used: {', '.join(ignored)}")
+    _require(path, header, taken)
+    return {name: (index, _unit(path, name, header[index], unit, settings, notices))
+            for name, (index, unit) in taken.items()}  # fmt: skip
+
+
+def split_header(cell: str) -> tuple[str, str]:
+    """("u", "m/s") of "u [m/s]"; the unit is "" when the cell has none."""
+    match = re.fullmatch(r"\s*(.*?)\s*\[([^\]]*)\]\s*", cell)
+    return (match[1], match[2].strip()) if match else (cell.strip(), "")
+
+
+def _find(path: Path, wanted: str, header: list[str], parts: list[tuple[str, str]], source: str) -> int:
+    """Index of the column a sidecar asks for by its whole header cell or by its name without the unit."""
+    hits = [i for i, cell in enumerate(header) if cell == wanted.strip()]
+    hits = hits or [i for i, (name, _) in enumerate(parts) if name == wanted.strip()]
+    if len(hits) != 1:
+        problem = "is not in the file" if not hits else "fits several columns"
+        found = ", ".join(header)
+        raise UserError(f"{path}: column '{wanted}' named in {source} {problem}; headers: {found}")
+    return hits[0]
+
+
+def _unit(path: Path, name: str, cell: str, unit: str, settings: Settings, notices: list[str]) -> str:
+    """The unit of a column: the sidecar's, else the header's. Raises UserError when neither says."""
+    told = settings.units.get(name)
+    if told is not None:
+        if unit and unit != told:
+            notices.append(f"{name}: unit {told} from {settings.source} used instead of {unit} in the header")
+        return told
+    if not unit:
+        units = accepted(name)
+        raise UserError(
+            f"{path}: column '{cell}' has no unit; write '{cell} [{units[0]}]' "
+            f'(accepted: {", ".join(units)}) or trials.toml: units = {{ {name} = "{units[0]}" }}'
+        )
+    return unit
+
+
+def _require(path: Path, header: list[str], taken: dict[str, tuple[int, str]]) -> None:
+    """Raises UserError naming the required columns that are missing and how to map them."""
+    missing = [name for name in REQUIRED if name not in taken]
+    if "delta" not in taken:
+        twins = [c for c in ("delta_port", "delta_starboard") if c not in taken]
+        missing += [] if not twins else ["delta"] if len(twins) == 2 else twins
+    if missing:
+        units = f"{missing[0]} [{accepted(missing[0])[0]}]"
+        raise UserError(
+            f"{path}: missing column {', '.join(missing)}; found: {', '.join(header)}. Name it '{units}', "
+            f'or map it in trials.toml beside the file: columns = {{ {missing[0]} = "HEADER" }}'
+        )

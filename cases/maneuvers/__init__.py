@@ -1,0 +1,1 @@
+"""Standard manoeuvres: their definitions, orders to rudder and propeller, self-propulsion, heading control."""

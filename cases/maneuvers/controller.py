@@ -1,0 +1,104 @@
+"""The actuators that follow the orders of a manoeuvre, at limited rates, and the moment at which orders change."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from cases.maneuvers.orders import Orders
+from mmg.ship import Ship
+
+MODEL_LENGTH = 3.0
+"""Length [m] for which the times and rates of manoeuvres are written."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Rates of the actuators: rudder [rad/s], propeller [1/s^2].
+
+    20 deg/s and 20 rps/s for a 3 m model (public simulator of Osaka University; physics I), Froude scaled:
+    1.9 deg/s for a ship of 320 m.
+    """
+
+    rudder_rate: float
+    propeller_rate: float
+
+    @classmethod
+    def for_length(cls, length: float) -> Limits:
+        """Limits for a ship of this length [m]."""
+        share = MODEL_LENGTH / length
+        return cls(math.radians(20.0) * math.sqrt(share), 20.0 * share)
+
+    @classmethod
+    def for_ship(cls, ship: Ship) -> Limits:
+        """Limits for a ship: its own rudder_rate if the file gives one; none where its model has actuators."""
+        if "actuators" in ship.components:
+            return cls(math.inf, math.inf)
+        usual = cls.for_length(ship.particulars["L"])
+        return cls(ship.particulars.get("rudder_rate", usual.rudder_rate), usual.propeller_rate)
+
+
+@dataclass
+class Controller:
+    """Follows the orders of one run within the limits; ``over`` tells that the manoeuvre has ended.
+
+    n [1/s] and delta [rad] are the positions reached, t [s] the time of the last call. ``located``: orders change at
+    the very moment of their event; otherwise at the next sample, as those of a digital autopilot.
+    """
+
+    orders: Orders
+    limits: Limits
+    n: float
+    delta: float = 0.0
+    t: float = 0.0
+    over: bool = False
+    located: bool = True
+
+    def held(
+        self, t: float, dt: float, state: np.ndarray, advance: Callable[[tuple[float, float]], np.ndarray]
+    ) -> tuple[float, float]:
+        """Mean revolutions [1/s] and rudder angle [rad] over the step from t to t + dt: what to hold and to record.
+
+        state (6,) at t, psi continuous; ``advance`` gives the state at t + dt when these inputs are held. Where the
+        orders change within the step (execute, rudder reversal), the moment is located by interpolation and the
+        actuators move from then on, not from the next sample. Positions follow the orders within the limits, and
+        the means are those of their ramps, so that held inputs give the right impulse. Orders that end within a
+        step end with the next call (``over``), which returns the positions reached. One event per step.
+        """
+        self.t = t
+        order = self.orders(t, state)
+        if order is None:
+            self.over = True
+            return self.n, self.delta
+        watches = getattr(self.orders, "watches", None)
+        if self.located and watches is not None and watches(t, t + dt):
+            before = self.n, self.delta
+            after = advance(self._travel(order, dt))
+            fraction = self.orders.event(t, state, t + dt, after)  # type: ignore[attr-defined]
+            self.n, self.delta = before
+            if fraction is not None:
+                first = self._travel(order, fraction * dt)
+                order = self.orders(t + fraction * dt, state + fraction * (after - state)) or order
+                second = self._travel(order, (1 - fraction) * dt)
+                n, delta = (fraction * a + (1 - fraction) * b for a, b in zip(first, second, strict=True))
+                return n, delta
+        return self._travel(order, dt)
+
+    def _travel(self, order: tuple[float, float], dt: float) -> tuple[float, float]:
+        """Moves the actuators towards ``order`` for dt [s]; their mean positions on the way."""
+        self.n, n = _ramp(self.n, order[0], self.limits.propeller_rate, dt)
+        self.delta, delta = _ramp(self.delta, order[1], self.limits.rudder_rate, dt)
+        return n, delta
+
+
+def _ramp(position: float, order: float, rate: float, dt: float) -> tuple[float, float]:
+    """Position after dt [s] at a limited rate towards the order, and the mean position on the way."""
+    way, longest = order - position, rate * dt
+    if abs(way) > longest:
+        end = position + math.copysign(longest, way)
+        return end, 0.5 * (position + end)
+    share = abs(way) / longest if longest > 0 else 0.0
+    return order, order - 0.5 * way * share

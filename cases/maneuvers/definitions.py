@@ -1,0 +1,284 @@
+"""Standard and identification manoeuvres, from text such as "zigzag:20/20", and the actuators that obey.
+
+Angles are degrees in the text and radians inside. Times, rates and revolutions are those of a 3 m model,
+taken to other lengths by Froude's law (time with sqrt(L / 3 m)). Turning, zigzag and crash stop are executed
+as in IMO MSC.137(76), spiral and pull-out as in its explanatory notes (MSC/Circ.1053); the rudder moves at a
+limited rate from the moment of the order.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from cases.maneuvers.controller import MODEL_LENGTH, Controller, Limits
+from cases.maneuvers.orders import (
+    BERTHING_SPEED,
+    Orders,
+    berthing,
+    crash_stop,
+    held,
+    random_telegraph,
+    spiral_angles,
+    steps,
+    turning,
+    zigzag,
+)
+from cases.maneuvers.self_propulsion import approach
+from mmg.errors import UserError
+from mmg.ship import Ship
+from mmg.smooth import GRAVITY
+
+FORMS = (
+    "turning:35, zigzag:20/20, zigzag:-10/10, crash-stop, crash-stop:0.6, spiral:15/5, pull-out:20, random, "
+    "random:SEED, straight, berthing, acceleration"
+)
+"""What ``parse_maneuver`` understands; a negative angle begins to port."""
+
+
+@dataclass(frozen=True)
+class Maneuver:
+    """What is ordered, from which steady motion, for how long at most.
+
+    Attributes
+    ----------
+    name: the text it came from; kind: its first word.
+    duration: longest time [s]; turning, zigzag and crash stop may end earlier.
+    speed, n: surge speed [m/s] and revolutions [1/s] at the start.
+    limits: rates of the actuators.
+    orders: makes the orders of a fresh run, a function of (t, state).
+    parameters: angles [rad] and times [s] that evaluations need, such as "rudder", "heading", "order_time".
+    partial: a duration was asked for, so the manoeuvre may end before its events. sampled: orders change at samples
+    only.
+    """
+
+    name: str
+    kind: str
+    duration: float
+    speed: float
+    n: float
+    limits: Limits
+    orders: Callable[[], Orders] = field(repr=False)
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    partial: bool = False
+    sampled: bool = False
+
+    def controller(self) -> Controller:
+        """A controller for one run; each run needs its own, it remembers executes and actuator positions."""
+        return Controller(self.orders(), self.limits, self.n, located=not self.sampled)
+
+    @property
+    def start(self) -> np.ndarray:
+        """Initial state (6,): at the origin heading north with the approach speed."""
+        return np.array([0.0, 0.0, 0.0, self.speed, 0.0, 0.0])
+
+
+def parse_maneuver(
+    text: str,
+    ship: Ship,
+    *,
+    n: float | None = None,
+    speed: float | None = None,
+    duration: float | None = None,
+    rudder_rate: float | None = None,
+    seed: int = 0,
+    sampled: bool = False,
+) -> Maneuver:
+    """The manoeuvre that a text such as "turning:35" names, for a ship.
+
+    n [1/s], speed [m/s]: approach; one follows from the other by the ship's surge balance, both may be given,
+    by default the speed is the ship's U_0 or that of Froude number 0.07 (7.7 kn for 320 m). duration [s] replaces the
+    default time limit; a zigzag of given duration goes on until then, otherwise it ends with the sixth execute.
+    rudder_rate [rad/s] replaces the Froude-scaled 20 deg/s. seed serves "random" when the text has none.
+    Raises UserError for an unknown or ill-formed text and for an approach that the ship cannot hold.
+    """
+    kind, _, argument = text.strip().partition(":")
+    if kind not in _BUILDERS:
+        raise UserError(f"unknown manoeuvre '{text}'; known: {FORMS}")
+    if kind in ("crash-stop", "acceleration") and not {"n", "n_azimuth"} & set(ship.actuators):
+        raise UserError(f"manoeuvre '{text}': {ship.name} has no propeller in its model that could be ordered")
+    given = (("duration", duration, "s"), ("rudder rate", rudder_rate and math.degrees(rudder_rate), "deg/s"))
+    for name, value, unit in given:
+        if value is not None and not (math.isfinite(value) and value > 0):
+            raise UserError(f"{name} = {value:g} {unit} must be positive")
+    if kind in ("straight", "acceleration", "berthing") and argument:
+        raise UserError(f"manoeuvre '{text}': {kind} takes no argument; known: {FORMS}")
+    scale = math.sqrt(ship.particulars["L"] / MODEL_LENGTH)
+    limits = Limits.for_ship(ship)
+    if rudder_rate is not None:
+        limits = Limits(rudder_rate, limits.propeller_rate)
+    at_rest = kind == "acceleration"
+    steady, revolutions = approach(ship, n, speed, at_rest)
+    length = ship.particulars["L"]
+    setup = _Setup(text.strip(), kind, argument, scale, steady, revolutions, duration, limits, seed, length)
+    return replace(_BUILDERS[kind](setup), sampled=sampled)
+
+
+@dataclass(frozen=True)
+class _Setup:
+    """What the builders share: the text and its parts, time scale, approach, limit of time."""
+
+    text: str
+    kind: str
+    argument: str
+    scale: float
+    speed: float
+    n: float
+    duration: float | None
+    limits: Limits
+    seed: int
+    length: float
+
+    @property
+    def crossing(self) -> float:
+        """L / U [s]: time in which the ship runs her length at the approach speed (at least Froude number 0.01)."""
+        return self.length / max(abs(self.speed), 0.01 * math.sqrt(GRAVITY * self.length))
+
+    def maneuver(
+        self, default: float, orders: Callable[[], Orders], share: float = 1.0, **parameters: float
+    ) -> Maneuver:
+        """The manoeuvre with ``default`` as its time limit [s of the 3 m model].
+
+        It starts with ``share`` times the approach speed and revolutions.
+        """
+        return Maneuver(
+            name=self.text,
+            kind=self.kind,
+            duration=self.duration or default * self.scale,
+            speed=share * self.speed,
+            n=share * self.n,
+            limits=self.limits,
+            orders=orders,
+            parameters=parameters,
+            partial=self.duration is not None,
+        )
+
+    def angle(self, words: str, what: str, largest: float) -> float:
+        """An angle [rad] from degrees in the text. UserError unless 0 < |angle| <= ``largest`` [deg]."""
+        try:
+            degrees = float(words)
+        except ValueError:
+            degrees = math.nan
+        if not 0 < abs(degrees) <= largest:
+            raise UserError(
+                f"manoeuvre '{self.text}': {what} '{words}' must be an angle in degrees, not 0 and at most "
+                f"{largest:g}; for example {FORMS.split(', crash')[0]}"
+            )
+        return math.radians(degrees)
+
+
+_LEAD = 5.0
+"""Straight approach before the first order [s of the 3 m model]."""
+
+
+def _turning(s: _Setup) -> Maneuver:
+    rudder, lead = s.angle(s.argument, "rudder angle", 90), _LEAD * s.scale
+    return s.maneuver(600.0, lambda: turning(s.n, rudder, lead), rudder=rudder, order_time=lead)
+
+
+def _zigzag(s: _Setup) -> Maneuver:
+    first, slash, second = s.argument.partition("/")
+    if not slash:
+        raise UserError(f"manoeuvre '{s.text}': write rudder/heading in degrees, such as zigzag:20/20")
+    rudder, heading = s.angle(first, "rudder angle", 90), s.angle(second, "heading", 90)
+    if heading < 0:
+        raise UserError(f"manoeuvre '{s.text}': give the side by the sign of the rudder: zigzag:-10/10")
+    lead, executes = _LEAD * s.scale, 6 if s.duration is None else None
+    return s.maneuver(
+        600.0,
+        lambda: zigzag(s.n, rudder, heading, lead, executes),
+        rudder=rudder,
+        heading=heading,
+        order_time=lead,
+    )
+
+
+def _crash_stop(s: _Setup) -> Maneuver:
+    lead = _LEAD * s.scale
+    try:
+        share = float(s.argument or 1.0)
+    except ValueError:
+        share = math.nan
+    if not 0 < share <= 2:
+        raise UserError(
+            f"manoeuvre '{s.text}': '{s.argument}' must be the revolutions astern by those of the approach, more "
+            "than 0 and at most 2, such as crash-stop:0.6"
+        )
+    return s.maneuver(600.0, lambda: crash_stop(s.n, lead, share), order_time=lead)
+
+
+STEADY_WINDOW, STEADY_CHANGE = 3.0, 0.0002
+"""The turn rate is steady when r L / U changes by no more than 0.0002 over three ship lengths (U of the approach)."""
+
+_LONGEST_HOLD = 100.0
+"""Ship lengths that one rudder angle of a spiral or pull-out may take to become steady."""
+
+
+def _steps(s: _Setup, angles: tuple[float, ...], **parameters: float) -> Maneuver:
+    lead, window, tolerance = _LEAD * s.scale, STEADY_WINDOW * s.crossing, STEADY_CHANGE / s.crossing
+    return s.maneuver(
+        (lead + len(angles) * _LONGEST_HOLD * s.crossing) / s.scale,
+        lambda: steps(s.n, angles, lead, window, tolerance),
+        order_time=lead,
+        window=window,
+        tolerance=tolerance,
+        steps=float(len(angles)),
+        **parameters,
+    )
+
+
+def _spiral(s: _Setup) -> Maneuver:
+    first, slash, second = s.argument.partition("/")
+    if not slash:
+        raise UserError(f"manoeuvre '{s.text}': write largest rudder/step in degrees, such as spiral:15/5")
+    largest, step = s.angle(first, "rudder angle", 90), s.angle(second, "step", 90)
+    count = abs(largest) / step
+    if step < 0 or not 1 <= round(count) <= 40 or abs(count - round(count)) > 1e-6:
+        raise UserError(
+            f"manoeuvre '{s.text}': the step must divide the largest rudder angle into 1 to 40 equal steps; "
+            "such as spiral:15/5, spiral:-20/5"
+        )
+    return _steps(s, spiral_angles(largest, step), rudder=largest, step=step)
+
+
+def _pull_out(s: _Setup) -> Maneuver:
+    rudder = s.angle(s.argument, "rudder angle", 90)
+    return _steps(s, (rudder, 0.0), rudder=rudder)
+
+
+def _random(s: _Setup) -> Maneuver:
+    seed = s.seed
+    if s.argument:
+        if not s.argument.isdecimal():
+            raise UserError(f"manoeuvre '{s.text}': the seed must be a whole number, such as random:7")
+        seed = int(s.argument)
+    duration = s.duration or 150.0 * s.scale
+    return s.maneuver(150.0, lambda: random_telegraph(s.n, duration, s.scale, seed), seed=float(seed))
+
+
+def _straight(s: _Setup) -> Maneuver:
+    return s.maneuver(100.0, lambda: held(s.n))
+
+
+def _berthing(s: _Setup) -> Maneuver:
+    return s.maneuver(150.0, lambda: berthing(s.n, s.scale), share=BERTHING_SPEED)
+
+
+def _acceleration(s: _Setup) -> Maneuver:
+    return s.maneuver(200.0, lambda: held(s.n), share=0.0)
+
+
+_BUILDERS: dict[str, Callable[[_Setup], Maneuver]] = {
+    "turning": _turning,
+    "zigzag": _zigzag,
+    "crash-stop": _crash_stop,
+    "spiral": _spiral,
+    "pull-out": _pull_out,
+    "random": _random,
+    "straight": _straight,
+    "berthing": _berthing,
+    "acceleration": _acceleration,
+}

@@ -1,0 +1,132 @@
+"""Effects from text such as "current:x=0.02,y=-0.01", put on a ship."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+from cases.shipfiles.ship_file import check_needs
+from mmg.effects import EFFECTS, Parameter
+from mmg.errors import UserError
+from mmg.ship import Ship
+
+
+def parameters(ship: Ship, name: str) -> tuple[Parameter, ...]:
+    """The parameters of an effect for a ship."""
+    return EFFECTS[name].parameters(ship.namespace, dict(ship.components))
+
+
+def parse_effect(text: str, ship: Ship, option: str) -> tuple[str, dict[str, float], list[str]]:
+    """(name, values by parameter, parameters named without a value) of "NAME:key=value,key".
+
+    ``option`` names the place in messages. Raises UserError for an unknown effect or parameter, a value that is no
+    number or lies outside the parameter's bounds, and a ship that lacks what the effect changes.
+    """
+    name, _, rest = text.strip().partition(":")
+    where = f"{option} {text}"
+    check_needs(ship, name, where)
+    known = {p.symbol: p for p in parameters(ship, name)}
+    values, named = {}, []
+    for item in filter(None, (part.strip() for part in rest.split(","))):
+        key, equals, word = (part.strip() for part in item.partition("="))
+        if key not in known:
+            raise UserError(f"{where}: {name} has no parameter '{key}'; it has {', '.join(known)} (see mmg effects)")
+        if key in values or key in named:
+            raise UserError(f"{where}: {key} is given twice")
+        if not equals:
+            named.append(key)
+            continue
+        values[key] = _within(word, known[key], where)
+    return name, values, named
+
+
+def _within(word: str, parameter: Parameter, where: str) -> float:
+    try:
+        value = float(word)
+    except ValueError:
+        value = math.nan
+    if not parameter.lower <= value <= parameter.upper:
+        raise UserError(
+            f"{where}: {parameter.symbol} = {word} must be a number from {parameter.lower:g} to "
+            f"{parameter.upper:g} {parameter.unit}".rstrip()
+        )
+    return value
+
+
+def with_effects(ship: Ship, texts: Iterable[str]) -> Ship:
+    """The ship with effects switched on for a simulation; one without values gets its typical size."""
+    seen: set[str] = set()
+    for text in texts:
+        name, values, named = parse_effect(text, ship, "--effect")
+        if name in seen:
+            raise UserError(f"--effect {text}: {name} is given twice; write its parameters in one, NAME:a=1,b=2")
+        seen.add(name)
+        if named:
+            raise UserError(f"--effect {text}: give {named[0]} a value, such as {name}:{named[0]}=0.1")
+        if not values:
+            values = {p.symbol: p.neutral + p.typical for p in parameters(ship, name) if not p.held}
+        ship = ship.with_effect(name, values)
+    return ship
+
+
+def freeing_effects(ship: Ship, texts: Iterable[str]) -> Ship:
+    """The ship with effects to be fitted: their parameters free, those that are held unless named without a value.
+
+    A value is what a free parameter's prior is centred on, and what a held one is held at.
+    """
+    for text in texts:
+        name, values, named = parse_effect(text, ship, "--with")
+        ship = ship.with_effect(name, values)
+        wide = {f"{name}.{p.symbol}": p.coefficient(name).std for p in parameters(ship, name) if p.symbol in values}
+        ship = ship.with_coefficients({s: ship.coefficients[s].with_(std=std) for s, std in wide.items()})
+        free = {p.symbol for p in parameters(ship, name) if not p.held} | set(named)
+        rows = {f"{name}.{p.symbol}": p.symbol in free for p in parameters(ship, name)}
+        ship = ship.with_coefficients({s: ship.coefficients[s].with_(fixed=not f) for s, f in rows.items()})
+    return ship
+
+
+VARIES = ("rudder_offset", "heading_bias", "log_scale", "fouling", "draft")
+"""Effects of ship and instruments that differ from day to day, as those of the surroundings do."""
+
+
+def varies(name: str) -> bool:
+    """Whether each run may have its own constants of an effect; of ``disturbance`` it has a process already."""
+    return name in VARIES or (EFFECTS[name].surroundings and name != "disturbance")
+
+
+def varying_effects(ship: Ship, texts: Iterable[str]) -> tuple[Ship, tuple[str, ...]]:
+    """The ship with effects of which each run gets its own constants, and the symbols of those constants.
+
+    "NAME" takes the parameters that are not held, "NAME:a,b" those named; a value is what the prior of a constant is
+    centred on (its standard deviation is the typical size), or where another parameter stays. All are fixed in the
+    ship, which does not have them: they belong to the runs.
+    """
+    constants: list[str] = []
+    for text in texts:
+        name, values, named = parse_effect(text, ship, "--per-run")
+        where = f"--per-run {text}"
+        if name in ship.effects:
+            raise UserError(
+                f"{where}: {name} is in the model already; name it once, in --with, --measurement or --per-run"
+            )
+        if not varies(name):
+            because = "is a process along each run already" if name == "disturbance" else "belongs to the ship"
+            known = ", ".join(e for e in EFFECTS if varies(e))
+            raise UserError(f"{where}: {name} {because}, use --with {name}; each run may have its own {known}")
+        ship = ship.with_effect(name, values)
+        rows = {}
+        for p in parameters(ship, name):
+            symbol = f"{name}.{p.symbol}"
+            rows[symbol] = ship.coefficients[symbol].with_(std=abs(p.typical), fixed=True)
+            if (p.symbol in named) if named else not p.held:
+                constants.append(symbol)
+        ship = ship.with_coefficients(rows)
+    return ship, tuple(constants)
+
+
+def calm_and_deep(ship: Ship) -> tuple[Ship, list[str]]:
+    """The ship without effects of its surroundings and of its instruments, and the names of those."""
+    left_out = [e for e in ship.effects if EFFECTS[e].surroundings or EFFECTS[e].measures]
+    for name in left_out:
+        ship = ship.without_effect(name)
+    return ship, left_out

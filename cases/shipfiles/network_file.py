@@ -1,0 +1,97 @@
+"""Network files: the network of a hybrid ship as safetensors, beside its ``ship.toml``.
+
+Tensors are float64; the metadata say for which ship it was trained (a hash of particulars and components, not of the
+coefficients, which may be edited) and name its features.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+
+import numpy as np
+from safetensors import SafetensorError, safe_open
+from safetensors.numpy import save_file
+
+from mmg.errors import UserError
+from mmg.network import OTHER, Layers, Network
+from mmg.ship import Ship
+
+NETWORK = "network.safetensors"
+"""Its name in a run folder."""
+FORMAT, BLACK_BOX = "mmg network 1", "mmg black box 1"
+"""Formats of a network on a ship and of one that stands alone (``residual.blackbox.file``)."""
+_PLAIN = ("feature_scales", "output_scales", "lower", "upper")
+
+
+def ship_hash(ship: Ship) -> str:
+    """Text that differs between ships of different particulars or force models."""
+    what = [sorted(ship.particulars.items()), sorted(ship.components.items())]
+    return hashlib.sha256(json.dumps(what).encode()).hexdigest()[:16]
+
+
+def is_black_box(where: str | Path) -> bool:
+    """Whether a file or run folder holds a network that stands alone instead of a ship."""
+    path = Path(where) / NETWORK if Path(where).is_dir() else Path(where)
+    if path.suffix != ".safetensors" or not path.is_file() or path.with_name("ship.toml").exists():
+        return False
+    try:
+        with safe_open(path, framework="numpy") as file:
+            return (file.metadata() or {}).get("format") == BLACK_BOX
+    except (OSError, SafetensorError, ValueError, TypeError):
+        return False
+
+
+def save_network(path: str | Path, network: Network, ship: Ship) -> None:
+    """Write the network of a ship. Raises UserError where it does not fit the ship or cannot be written."""
+    network.check(ship.name, ship.actuators)
+    arrays = {name: getattr(network, name) for name in _PLAIN}
+    for k, member in enumerate(network.members):
+        arrays |= {f"{k}.weight.{i}": W for i, W in enumerate(member.weights)}
+        arrays |= {f"{k}.bias.{i}": b for i, b in enumerate(member.biases)}
+    about = {"format": FORMAT, "ship": ship.name, "ship_hash": ship_hash(ship)}
+    about |= {"features": json.dumps(network.features), "members": str(len(network.members))}
+    try:
+        save_file({name: np.ascontiguousarray(a, dtype=float) for name, a in arrays.items()}, path, about)
+        Path(path).chmod(0o644)
+    except (OSError, SafetensorError) as error:
+        raise UserError(f"{path}: cannot be written ({error})") from None
+
+
+def load_network(path: str | Path, ship: Ship) -> Network:
+    """The network in a file. Raises UserError when it cannot be read or belongs to another ship."""
+    try:
+        with safe_open(path, framework="numpy") as file:
+            about = file.metadata() or {}
+            arrays = {name: np.asarray(file.get_tensor(name), dtype=float) for name in file.keys()}  # noqa: SIM118
+    except (OSError, SafetensorError, ValueError, TypeError) as error:
+        raise UserError(f"{path}: cannot be read as a network file ({error}); train it again") from None
+    if about.get("format") != FORMAT:
+        raise UserError(f"{path}: is no network file of this program (format {about.get('format')!r}, not {FORMAT!r})")
+    if about.get("ship_hash") != ship_hash(ship):
+        raise UserError(
+            f"{path}: {OTHER}: it was trained on {about.get('ship') or 'a ship'}, whose particulars or "
+            f"force models differ from those of {ship.name or 'this ship'}; train it again or remove the file"
+        )
+    try:
+        features = tuple(str(name) for name in json.loads(about["features"]))
+        members = tuple(_member(arrays, k) for k in range(int(about["members"])))
+        network = Network(features, members=members, **{name: arrays[name] for name in _PLAIN})
+    except (KeyError, ValueError, TypeError) as error:
+        raise UserError(f"{path}: is incomplete ({error}); train it again") from None
+    try:
+        network.check(ship.name, ship.actuators)
+    except UserError as error:
+        raise UserError(f"{path}: {error}") from None
+    return network
+
+
+def _member(arrays: dict[str, np.ndarray], k: int) -> Layers:
+    """Member k; its layers are numbered from 0 without gaps."""
+    counts = [sum(name.startswith(f"{k}.{kind}.") for name in arrays) for kind in ("weight", "bias")]
+    weights, biases = (
+        tuple(arrays[f"{k}.{kind}.{i}"] for i in range(count))
+        for kind, count in zip(("weight", "bias"), counts, strict=True)
+    )
+    return Layers(weights, biases)

@@ -1,0 +1,262 @@
+"""A starting ship from its main particulars: regressions of the literature with wide priors.
+
+What is not given follows from rules of thumb, each named in the notices and in the ``source`` of its coefficient.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+
+from cases.shipfiles.particulars import check_particulars
+from mmg import empirical
+from mmg.coefficients import Coefficient
+from mmg.components import coefficient_table, required_particulars
+from mmg.effects.wind_force import upper_works
+from mmg.errors import UserError
+from mmg.propeller.b_series import thrust_parabola
+from mmg.ship import Ship
+from mmg.smooth import GRAVITY
+
+ORDER = ("L", "B", "d", "C_b", "D_P", "pitch_ratio", "A_R", "U_0")
+"""Main particulars in the order in which they may be given without names; the first four are needed."""
+
+LEAST = ORDER[:4]
+WORDS = {"Cb": "C_b", "CB": "C_b", "T": "d", "Lpp": "L", "P/D": "pitch_ratio", "DP": "D_P", "AR": "A_R", "V": "U_0"}
+"""Other spellings of particulars."""
+
+OPTIONAL = (
+    "rho", "x_G", "m", "aspect_ratio", "x_R", "y_P", "A_T", "A_L", "A_OD", "C", "C_BR", "H_BR", "H_C", "rho_a",
+    "D_BT", "x_BT", "D_ST", "x_ST",
+)  # fmt: skip
+"""Particulars that may be added as NAME=VALUE."""
+
+HULLS = ("unified", "polynomial")
+
+
+def parse_particulars(words: Sequence[str]) -> dict[str, float]:
+    """Particulars from "320 58 20.8 C_b=0.81 D_P=9.86": numbers in the order of ORDER, then NAME=VALUE.
+
+    Raises UserError for anything else.
+    """
+    given: dict[str, float] = {}
+    for i, word in enumerate(word for part in words for word in part.replace(",", " ").split()):
+        name, equals, number = word.rpartition("=")
+        if not equals:
+            if i >= len(ORDER) or i != len(given):
+                raise UserError(
+                    f"--new: '{word}' has no name; give numbers in the order {' '.join(ORDER)}, then NAME=VALUE"
+                )
+            name = ORDER[i]
+        name = WORDS.get(name.strip(), name.strip())
+        if name not in (*ORDER, *OPTIONAL):
+            raise UserError(f"--new: unknown particular '{name}'; known: {', '.join((*ORDER, *OPTIONAL))}")
+        if name in given:
+            raise UserError(f"--new: {name} is given twice")
+        try:
+            given[name] = float(number)
+        except ValueError:
+            raise UserError(f"--new: {name} = '{number}' is not a number") from None
+    missing = [name for name in LEAST if name not in given]
+    if missing:
+        raise UserError(
+            f"--new: {', '.join(missing)} missing; give at least L B d C_b, such as --new 320 58 20.8 0.81 D_P=9.86"
+        )
+    return given
+
+
+def check_plausible(p: Mapping[str, float]) -> None:
+    """Raises UserError, naming the value, for particulars that no ship has or that the regressions do not know."""
+    check_particulars(p, "--new:")
+
+    def refuse(true: bool, sentence: str) -> None:
+        if true:
+            raise UserError(f"--new: {sentence}")
+
+    L, B, d, C_b = (p[name] for name in LEAST)
+    refuse(C_b < 0.3, f"C_b = {C_b:g}: a block coefficient lies between 0.3 and 1")
+    refuse(not 2.0 <= L / B <= 15.0, f"L / B = {L:g} / {B:g} = {L / B:.3g} is outside 2 to 15; check L and B")
+    refuse(not 1.0 <= B / d <= 12.0, f"B / d = {B:g} / {d:g} = {B / d:.3g} is outside 1 to 12; check B and d")
+    refuse(
+        not 0.3 <= p.get("pitch_ratio", 0.7) <= 1.6,
+        f"pitch_ratio = {p.get('pitch_ratio', 0):g}: pitch by diameter lies between 0.3 and 1.6",
+    )
+    refuse(p.get("D_P", d) < 0.1 * d, f"D_P = {p.get('D_P', d):g} m is less than a tenth of the draught d = {d:g} m")
+    refuse(
+        p.get("A_R", L * d) < 0.002 * L * d,
+        f"A_R = {p.get('A_R', L * d):g} m² is less than 0.002 L d = {0.002 * L * d:.3g} m²",
+    )
+    if "U_0" in p:
+        speed = p["U_0"] / math.sqrt(GRAVITY * L)
+        refuse(
+            not 0.02 <= speed <= 0.6,
+            f"U_0 = {p['U_0']:g} m/s is Froude number {speed:.2g}; displacement ships have 0.02 to 0.6",
+        )
+
+
+@dataclass
+class _Filling:
+    """Particulars that are completed by rules, and the sentences that say so."""
+
+    values: dict[str, float]
+    notices: list[str] = field(default_factory=list)
+
+    def default(self, name: str, value: float, rule: str) -> None:
+        if name not in self.values:
+            self.values[name] = float(f"{value:.6g}")
+            self.notices.append(f"{name} = {value:.4g} by default: {rule}")
+
+
+def complete(given: Mapping[str, float]) -> tuple[dict[str, float], list[str]]:
+    """All particulars of a ship from those given, and sentences on the rules that filled the gaps."""
+    f = _Filling(dict(given))
+    v = f.values
+    L, B, d, C_b = (v[name] for name in LEAST)
+    f.default("rho", 1025.0 if L > 20 else 1000.0, "sea water" if L > 20 else "fresh water, as it is a model")
+    f.default("U_0", (0.15 + 0.5 * max(0.81 - C_b, 0.0)) * math.sqrt(GRAVITY * L), "service speed typical of C_b")
+    froude = v["U_0"] / math.sqrt(GRAVITY * L)
+    f.default(
+        "x_G", L * min(max(8.80 - 38.9 * froude, -3.0), 3.5) / 100, "usual centre of buoyancy at this Froude number"
+    )
+    f.default("m", v["rho"] * L * B * d * C_b, "rho L B d C_b")
+    f.default("D_P", 0.45 * d if "y_P" not in v else 0.35 * d, "usual share of the draught")
+    f.default("pitch_ratio", 0.75, "usual for slow merchant ships")
+    rudders = 2 if v.get("y_P", 0.0) > 0 else 1
+    f.default("A_R", 0.01 * L * d * (1 + 25 * (B / L) ** 2) / rudders, "class rule on the rudder area")
+    f.default("aspect_ratio", (0.7 * d) ** 2 / v["A_R"], "rudder height 0.7 d")
+    f.default("x_R", -0.5 * L, "at the aft perpendicular")
+    whole = vars(upper_works(SimpleNamespace(**v)))
+    missing = [name for name in ("A_T", "A_L", "A_OD", "C", "C_BR", "H_BR", "H_C", "rho_a") if name not in v]
+    v.update({name: float(f"{whole[name]:.4g}") for name in missing})
+    if "A_T" in missing or "A_L" in missing:
+        f.notices.append("upper works (A_T, A_L, ...) by default: those of a loaded tanker of this L and B")
+    for name, place in (("BT", 0.42), ("ST", -0.42)):
+        if f"D_{name}" in v:
+            f.default(f"x_{name}", place * L, "usual place of the thruster")
+    return v, f.notices
+
+
+def resistance(p: Mapping[str, float]) -> float:
+    """R_0' [-]: viscous resistance at the service speed by 1/2 rho L d U^2.
+
+    ITTC-57 friction on the wetted surface of Mumford, S = 1.7 L d + vol/d, with Watanabe's form factor
+    k = -0.095 + 25.6 C_b / ((L/B)^2 sqrt(B/d)) and 0.0004 for roughness and waves; 24 % low for the KVLCC2 model.
+    """
+    L, B, d, C_b = (p[name] for name in LEAST)
+    viscosity = 1.14e-6 if p["rho"] < 1010 else 1.19e-6
+    C_F = 0.075 / (math.log10(p["U_0"] * L / viscosity) - 2) ** 2
+    form = -0.095 + 25.6 * C_b / ((L / B) ** 2 * math.sqrt(B / d))
+    surface = 1.7 * L * d + L * B * C_b
+    return surface / (L * d) * (C_F * (1 + max(form, 0.05)) + 4e-4)
+
+
+def new_ship(name: str, given: Mapping[str, float], hull: str = "unified") -> Ship:
+    """A ship from main particulars (at least LEAST), ready to be simulated and calibrated.
+
+    Hull: "unified" (Yoshimura et al. 2009, any drift angle, harbour) or "polynomial" (Yoshimura & Masumoto 2012,
+    ahead). Single screw or, with y_P, twin. Raises UserError for particulars that no ship has.
+    """
+    if hull not in HULLS:
+        raise UserError(f"--hull {hull}: known are {', '.join(HULLS)}")
+    check_plausible(given)
+    p, notices = complete(given)
+    check_plausible(p)
+    components = {"hull": hull, "propeller": "hachii", "rudder": "standard", "wind": "fujiwara"}
+    components |= {"bow_thruster": "kobayashi"} if "D_BT" in p else {}
+    components |= {"stern_thruster": "kobayashi"} if "D_ST" in p else {}
+    kept = (*required_particulars(components), "C_b", "U_0", *(("y_P",) if "y_P" in p else ()))
+    particulars = {key: p[key] for key in dict.fromkeys(kept)}
+    ship = Ship(
+        name=name,
+        particulars=particulars,
+        components=components,
+        coefficients=coefficient_table(components, particulars),
+        description="starting ship from main particulars",
+        notices=tuple(notices),
+    )
+    rows = {}
+    for symbol, (value, share, source) in _estimates(p, hull).items():
+        if symbol in ship.coefficients:
+            row, value = ship.coefficients[symbol], float(f"{value:.5g}")
+            std = float(f"{share * abs(value):.3g}")
+            lower, upper = _widened(row, value, 3 * std)
+            rows[symbol] = row.with_(value=value, std=std, lower=lower, upper=upper, source=source)
+    return ship.with_coefficients(rows)
+
+
+def _widened(row: Coefficient, value: float, reach: float) -> tuple[float, float]:
+    """Bounds of the model widened to ``value`` +- ``reach``, but not across zero where they have one sign."""
+    lower, upper = min(row.lower, value - reach), max(row.upper, value + reach)
+    return max(lower, 0.0) if row.lower >= 0 else lower, min(upper, 0.0) if row.upper <= 0 else upper
+
+
+Estimate = tuple[float, float, str]
+"""Value, standard deviation as a share of it, source."""
+
+
+def _spread(p: Mapping[str, float], m_x: float) -> dict[str, float]:
+    """How far the regressions of the literature differ, as a share: largest deviation from the one that is used.
+
+    Linear derivatives and added masses of Kijima, Inoue and Clarke against Yoshimura & Masumoto and Motora's charts.
+    """
+    L, B, d, C_b = (p[name] for name in LEAST)
+    mass = empirical.motora_added_mass(L, B, d, C_b)
+    used = empirical.yoshimura_masumoto_2012(L, B, d, C_b, m_x, mass["m_y"]) | mass
+    clarke = empirical.clarke_1983(L, B, d, C_b)
+    others = [
+        empirical.kijima_1990(L, B, d, C_b, m_x),
+        empirical.inoue_1981(L, B, d, C_b),
+        clarke | {"m_y": -clarke["Y_vdot"], "J_z": -clarke["N_rdot"]},
+    ]
+    symbols = ("Y_v", "Y_r", "N_v", "N_r", "m_y", "J_z")
+    return {s: max(abs(other[s] / used[s] - 1) for other in others if s in other) for s in symbols}
+
+
+def _estimates(p: Mapping[str, float], hull: str) -> dict[str, Estimate]:
+    """Coefficient -> estimate for these particulars."""
+    L, B, d, C_b = (p[name] for name in LEAST)
+    mass = empirical.motora_added_mass(L, B, d, C_b)
+    regression = empirical.yoshimura_masumoto_2012(L, B, d, C_b, mass["m_x"], mass["m_y"], p["x_G"])
+    spread = _spread(p, mass["m_x"])
+    radius = 0.25**2 * p["m"] / (0.5 * p["rho"] * L**2 * d)
+    R_0 = resistance(p)
+    k_0, k_1, k_2 = thrust_parabola(p["pitch_ratio"])
+    wake = 0.5 * C_b - 0.05 if "y_P" not in p else max(0.55 * C_b - 0.20, 0.05)
+    source = "Yoshimura & Masumoto (2012) on L, B, d, C_b"
+    found: dict[str, Estimate] = {
+        "m_x": (mass["m_x"], 0.3, "Motora's charts, regression of Zhou et al. (1983)"),
+        "m_y": (mass["m_y"], max(0.15, spread["m_y"]), "Motora's charts, regression of Zhou et al. (1983)"),
+        "I_J_z": (
+            radius + mass["J_z"],
+            max(0.15, 0.3 * spread["J_z"]),
+            "radius of gyration 0.25 L, J_z from Motora's charts",
+        ),
+        "k_0": (k_0, 0.1, "Wageningen B-series (4 blades, area ratio 0.6)"),
+        "k_1": (k_1, 0.15, "Wageningen B-series (4 blades, area ratio 0.6)"),
+        "k_2": (k_2, 0.3, "Wageningen B-series (4 blades, area ratio 0.6)"),
+        "w_P0": (wake, 0.25, "0.5 C_b - 0.05, twin screw 0.55 C_b - 0.20"),
+        "t_R": (regression["t_R"], 0.3, source),
+        "ell_R": (regression["ell_R"], 0.2, source),
+        "gamma_R_plus": (regression["gamma_R"], 0.3, source),
+        "gamma_R_minus": (regression["gamma_R"], 0.3, source),
+        "a_H": (max(regression["a_H"], 0.05), 0.4, "Quadvlieg (2013): 0.627 C_b - 0.153"),
+    }
+    if hull == "polynomial":
+        found["R_0"] = (R_0, 0.3, "ITTC-57 friction with a form factor")
+        linear = ("Y_v", "Y_r", "N_v", "N_r")
+        for symbol, value in regression.items():
+            if symbol[0] in "XYN" and "_" in symbol:
+                found[symbol] = (value, max(0.25, spread[symbol]) if symbol in linear else 0.5, source)
+        return found
+    low = empirical.yoshimura_2009_low_speed(L, B, d)
+    found |= {
+        "X_0F": (-R_0, 0.3, "ITTC-57 friction with a form factor"),
+        "X_0A": (-1.3 * R_0, 0.4, "1.3 times the resistance ahead"),
+        **{symbol: (regression[symbol], max(0.25, spread[symbol]), source) for symbol in ("Y_v", "Y_r", "N_v", "N_r")},
+        "C_D": (min(max(low["C_D"], 0.4), 1.2), 0.3, "Yoshimura et al. (2009) on L/d, within 0.4 to 1.2"),
+        "C_rY": (min(max(low["C_rY"], 0.8), 2.4), 0.3, "Yoshimura et al. (2009) on L/B, within 0.8 to 2.4"),
+        "C_rN": (min(max(low["C_rN"], 0.4), 1.5), 0.3, "Yoshimura et al. (2009) on L/d, within 0.4 to 1.5"),
+    }
+    return found

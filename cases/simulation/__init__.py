@@ -1,0 +1,1 @@
+"""Simulated trials: wind, sensor noise, random controls, batches, the embedded demo."""

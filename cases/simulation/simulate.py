@@ -1,0 +1,323 @@
+"""Synthetic trials: a ship in a manoeuvre or under recorded inputs, sensor noise, trial files."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+
+from cases.inputs import actuator_columns, step_means
+from cases.io.units import house_unit
+from cases.maneuvers.controller import MODEL_LENGTH
+from cases.maneuvers.definitions import Maneuver
+from cases.maneuvers.self_propulsion import design_pitch
+from cases.simulation.gusts import Wind
+from cases.simulation.sensors import logged, wrap
+from cases.trial import STATES, UNITS, Trial
+from mmg.components import module
+from mmg.effects import effect
+from mmg.errors import UserError
+from mmg.frames import earth_to_body, wind_vector
+from mmg.model import assemble
+from mmg.ship import Ship
+from mmg.smooth import GRAVITY
+
+LONGEST_STEP = 0.5
+"""Largest Runge-Kutta step [s] for a 3 m model; longer samples are divided. Scales with sqrt(L)."""
+
+MOST_STEPS = 5_000_000
+
+
+@dataclass(frozen=True)
+class _Plant:
+    """A ship that is driven by logged inputs: its right-hand side without what the generator does exactly.
+
+    step: one classical Runge-Kutta step (state (S,), inputs (C,), h [s]) -> state (S,); initial: (six states, inputs)
+    -> state (S,); states, inputs: their names; delay: of rudder and revolutions [s].
+    """
+
+    step: ca.Function
+    initial: ca.Function
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    delay: float
+
+    def roll(self, states: np.ndarray) -> dict[str, np.ndarray]:
+        """Columns phi and p of a ship with a roll model, from its states (N, S)."""
+        return {name: states[:, self.states.index(name)] for name in ("phi", "p") if name in self.states}
+
+
+def _plant(ship: Ship) -> _Plant:
+    delay = 0.0
+    for name in ship.effects:
+        held_back = effect(name).input_delay(ship.parameters_of(name))
+        delay += held_back or 0.0
+        if held_back is not None or effect(name).measures:
+            ship = ship.without_effect(name)
+    model = assemble(ship, symbols=())
+    z, c, h = ca.SX.sym("z", len(model.states)), ca.SX.sym("c", len(model.controls)), ca.SX.sym("h")
+    rates = model.rates
+    k1 = rates(z, c, [])
+    k2 = rates(z + 0.5 * h * k1, c, [])
+    k3 = rates(z + 0.5 * h * k2, c, [])
+    k4 = rates(z + h * k3, c, [])
+    step = ca.Function("step", [z, c, h], [z + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)], {"cse": True})
+    return _Plant(step, model.initial, model.states, model.controls, float(delay))
+
+
+def _vector(plant: _Plant, moved: Mapping[str, float], air: tuple[float, float], t: float) -> np.ndarray:
+    """Inputs (C,) of the plant by name; actuators that are not moved are at rest."""
+    values = {**moved, "wind_north": air[0], "wind_east": air[1], "time": t}
+    return np.array([values.get(name, 0.0) for name in plant.inputs])
+
+
+def _moved(ship: Ship, n: float, delta: float) -> dict[str, float]:
+    """Positions of all actuators under one order: both propellers and both rudders alike, thrusters at rest.
+
+    A controllable-pitch propeller turns ahead all the time: its blades reverse instead. A ship without a propeller is
+    driven by its azimuth thruster, which also steers where there is no rudder: aft of midship it pushes to port then.
+    """
+    moved = dict.fromkeys(ship.actuators, 0.0)
+    for name in moved:
+        if name in ("n", "n_2"):
+            moved[name] = abs(n) if "pitch" in moved else n
+        elif name.startswith("delta"):
+            moved[name] = delta
+        elif name == "pitch":
+            moved[name] = design_pitch(ship, n)
+    if "n_azimuth" in moved and "n" not in moved:
+        moved["n_azimuth"] = n
+        if "rudder" not in ship.components:
+            moved["azimuth"] = math.copysign(delta, delta * ship.particulars["x_az"])
+    return moved
+
+
+def _begin(ship: Ship, maneuver: Maneuver) -> np.ndarray:
+    """State (6,) of the approach: the manoeuvre's speed is through the water, the state's over ground."""
+    six = np.array(maneuver.start, dtype=float)
+    if "current" in ship.effects:
+        current = ship.parameters_of("current")
+        u_c, v_c = earth_to_body(current.x, current.y, six[2])
+        six[3:5] += u_c, v_c
+    return six
+
+
+class _Delayed:
+    """Inputs of a while ago, as the mean over each step of the inputs held over earlier steps."""
+
+    def __init__(self, steps: float) -> None:
+        self.whole, self.part = divmod(steps, 1.0)
+        self.past: list[np.ndarray] = []
+
+    def __call__(self, now: np.ndarray) -> np.ndarray:
+        """What acts over a step whose own inputs are ``now``."""
+        line, k = [*self.past, now], len(self.past)
+        at = [line[max(k - int(self.whole) - back, 0)] for back in (0, 1)]
+        return (1 - self.part) * at[0] + self.part * at[1]
+
+
+def simulate(
+    ship: Ship,
+    maneuver: Maneuver,
+    dt: float = 0.1,
+    wind: Wind | None = None,
+    seed: int = 0,
+    start: np.ndarray | None = None,
+) -> Trial:
+    """A manoeuvre in closed loop: the controller sees the true state at each sample; inputs are held between.
+
+    dt: sampling and integration step [s] (divided where it is longer than 0.5 s of a 3 m model); seed: of the
+    gusts; start: state (6,) instead of the manoeuvre's own. Columns t, x, y, psi (wrapped), u, v, r as the ship's
+    measurement effects log them, its actuators, and the true wind when there is one. Inputs are means over the
+    step that follows. Raises UserError for a step that makes no sense and for a motion that diverges.
+    """
+    if not (math.isfinite(dt) and dt > 0):
+        raise UserError(f"dt = {dt:g} s must be positive")
+    if not 1 <= maneuver.duration / dt <= MOST_STEPS:
+        raise UserError(f"{maneuver.duration:g} s in steps of {dt:g} s: give 1 to {MOST_STEPS} steps")
+    count = math.floor(maneuver.duration / dt + 1e-9)
+    t = np.round(dt * np.arange(count + 1), 9)
+    air = (wind or Wind(0.0)).series(t, seed)
+    flow = np.column_stack(wind_vector(air[:, 0], air[:, 1]))
+    plant, parts, controller = _plant(ship), _parts(ship, dt), maneuver.controller()
+    delayed = _Delayed(plant.delay / dt)
+    six = _begin(ship, maneuver) if start is None else np.array(start, dtype=float)
+    first = _vector(plant, _moved(ship, controller.n, controller.delta), tuple(flow[0]), 0.0)
+    state = np.array(plant.initial(six, first, [])).ravel()
+    states, inputs = np.empty((count + 1, len(state))), np.empty((count + 1, 2))
+
+    def advanced(k: int, state: np.ndarray, order: tuple[float, float]) -> np.ndarray:
+        acting = delayed(np.array(order))
+        held = _vector(plant, _moved(ship, *acting), tuple(flow[k]), t[k])
+        for _ in range(parts):
+            state = np.array(plant.step(state, held, dt / parts)).ravel()
+        return state
+
+    def ahead(k: int, state: np.ndarray, order: tuple[float, float]) -> np.ndarray:
+        return advanced(k, state, order)[:6]
+
+    for k in range(count + 1):
+        states[k] = state
+        inputs[k] = controller.held(t[k], dt, state[:6], partial(ahead, k, state))
+        if controller.over or k == count:
+            break
+        state = advanced(k, state, (inputs[k, 0], inputs[k, 1]))
+        delayed.past.append(inputs[k].copy())
+    rows = slice(0, k + 1)
+    moved = [_moved(ship, *row) for row in inputs[rows]]
+    actuators = {name: np.array([m[name] for m in moved]) for name in ship.actuators}
+    columns = _columns(t[rows], states[rows, :6], actuators, None if wind is None else air[rows])
+    columns = _logged(ship, _checked(columns, ship), states[rows, :6]) | plant.roll(states[rows])
+    meta = {"ship": ship.name, "maneuver": maneuver.name, "seed": str(seed)}
+    return Trial(
+        _stem(maneuver.name),
+        columns,
+        notices=_notices(ship, wind is not None, states[rows]),
+        kind=maneuver.kind,
+        meta=meta,
+    )
+
+
+def simulate_controls(ship: Ship, controls: Trial, wind: Wind | None = None, seed: int = 0) -> Trial:
+    """Open loop under the recorded inputs and wind of a trial, from its first state (origin if unknown).
+
+    Inputs are held from each sample to the next, at the samples' own times, all in one call. ``wind``
+    replaces the trial's. Raises UserError when an input is missing somewhere, or the motion diverges.
+    """
+    t = controls.t
+    moved, assumed = actuator_columns(controls, ship.actuators)
+    air = wind.series(t, seed) if wind else None
+    if air is None and controls.has_wind:
+        air = np.column_stack([controls["wind_speed"], controls["wind_direction"]])
+    flow = np.zeros((len(t), 2)) if air is None else np.column_stack(wind_vector(air[:, 0], air[:, 1]))
+    start = controls.states[0]
+    start[:2] = np.where(np.isfinite(start[:2]), start[:2], 0.0)
+    plant = _plant(ship)
+    for name, values in (("first state", start), ("an input or the wind", np.column_stack([moved, flow]))):
+        if not np.isfinite(values).all():
+            raise UserError(f"{controls.name}: missing values in {name}; the inputs must be complete")
+    acting = np.vstack([step_means(t, moved, t - plant.delay), moved[-1:]]) if plant.delay else moved
+    rows_of = {name: i for i, name in enumerate(ship.actuators)}
+    held = np.array(
+        [
+            _vector(plant, {name: row[i] for name, i in rows_of.items()}, tuple(wind_), when - t[0])
+            for row, wind_, when in zip(acting, flow, t, strict=True)
+        ]
+    )
+    gaps = np.diff(t)
+    parts = np.ceil(gaps / _longest(ship) - 1e-9).astype(int)
+    if parts.sum() > MOST_STEPS:
+        raise UserError(f"{controls.name}: {t[-1] - t[0]:g} s are too long for {ship.name}; at most {MOST_STEPS} steps")
+    h, rows = np.repeat(gaps / parts, parts), np.repeat(np.arange(len(gaps)), parts)
+    run = plant.step.mapaccum("run", len(h))
+    begin = np.array(plant.initial(start, held[0], [])).ravel()
+    path = np.vstack([begin, np.array(run(begin, held[rows].T, h)).T])
+    whole = path[np.concatenate([[0], np.cumsum(parts)])]
+    states = whole[:, :6]
+    actuators = {name: moved[:, i] for name, i in rows_of.items()}
+    columns = _logged(ship, _checked(_columns(t, states, actuators, air), ship), states) | plant.roll(whole)
+    notices = (*_notices(ship, air is not None, states), *assumed)
+    meta = {"ship": ship.name, "controls": controls.name, "seed": str(seed)}
+    return Trial(controls.name, columns, notices=notices, kind=controls.kind, meta=meta)
+
+
+def _longest(ship: Ship) -> float:
+    return LONGEST_STEP * math.sqrt(ship.particulars["L"] / MODEL_LENGTH)
+
+
+def _parts(ship: Ship, dt: float) -> int:
+    """Into how many integration steps a sample is divided."""
+    return max(1, math.ceil(dt / _longest(ship) - 1e-9))
+
+
+def _stem(name: str) -> str:
+    """A manoeuvre's name as a file stem: zigzag:-10/10 -> zigzag_-10_10."""
+    return name.replace(":", "_").replace("/", "_")
+
+
+def _columns(
+    t: np.ndarray, states: np.ndarray, actuators: Mapping[str, np.ndarray], air: np.ndarray | None
+) -> dict[str, np.ndarray]:
+    """Columns of the true motion. A trial always has revolutions and a rudder angle: zero where the ship has none."""
+    columns = {"t": t, **dict(zip(STATES, states.T, strict=True)), **actuators}
+    if "n" not in columns:
+        columns["n"] = np.zeros(len(t))
+    if not {"delta", "delta_port"} & set(columns):
+        columns["delta"] = np.zeros(len(t))
+    if air is not None:
+        columns |= {"wind_speed": air[:, 0], "wind_direction": air[:, 1]}
+    return {name: np.array(wrap(a) if name == "psi" else a, dtype=float) for name, a in columns.items()}
+
+
+def _logged(ship: Ship, columns: dict[str, np.ndarray], states: np.ndarray) -> dict[str, np.ndarray]:
+    """The columns with what the ship's measurement effects make of the states (N, 6)."""
+    if not any(effect(name).measures for name in ship.effects):
+        return columns
+    seen = dict(zip(STATES, logged(ship, columns["t"], states).T, strict=True))
+    return {**columns, **seen, "psi": wrap(seen["psi"])}
+
+
+def _checked(columns: dict[str, np.ndarray], ship: Ship) -> dict[str, np.ndarray]:
+    """The columns, if the motion is one of a ship. Raises UserError with the first time at which it is not.
+
+    That is: not finite, faster than Froude number 3 or spinning by more than 10 sqrt(g / L).
+    """
+    L = ship.particulars["L"]
+    speed, spin = np.hypot(columns["u"], columns["v"]), np.abs(columns["r"])
+    good = np.isfinite(np.column_stack([columns[name] for name in STATES])).all(axis=1)
+    good &= (speed < 3 * math.sqrt(GRAVITY * L)) & (spin < 10 * math.sqrt(GRAVITY / L))
+    if not good.all():
+        when = columns["t"][int(np.argmin(good))]
+        raise UserError(f"the motion of {ship.name} diverges at t = {when:g} s; check its coefficients and the inputs")
+    return columns
+
+
+def _notices(ship: Ship, windy: bool, states: np.ndarray) -> tuple[str, ...]:
+    """What a user must know of a run of true states (N, 6)."""
+    words = []
+    if windy and "wind" not in ship.components and "wind_force" not in ship.effects:
+        words.append(f"{ship.name} has no wind model: the wind is recorded but exerts no force")
+    limit = getattr(module("hull", ship.components["hull"]), "LARGEST_DRIFT", None)
+    speed = np.hypot(states[:, 3], states[:, 4])
+    drift = np.abs(np.arctan2(states[:, 4], states[:, 3]))[speed > 0.1 * speed.max()]
+    if limit is not None and len(drift) and drift.max() > limit:
+        words.append(
+            f"the drift angle reaches {math.degrees(drift.max()):.0f} deg, where the {ship.components['hull']} hull "
+            f"(up to about {math.degrees(limit):.0f} deg) only extrapolates"
+        )
+    return tuple(words)
+
+
+def write_trial(trial: Trial, path: str | Path) -> None:
+    """The trial as a CSV file (Parquet for .parquet) with the contract's headers, SI, shortest exact digits.
+
+    The file appears complete or not at all; one that exists is replaced. Raises UserError when it cannot be
+    written or the suffix is neither.
+    """
+    import pandas as pd
+
+    path = Path(path)
+    if path.suffix.lower() not in (".csv", ".parquet"):
+        raise UserError(f"{path}: trial files end in .csv or .parquet")
+    order = {name: i for i, name in enumerate(UNITS)}
+    names = sorted(trial.columns, key=lambda name: order.get(name, len(order)))
+    frame = pd.DataFrame({f"{name} [{house_unit(name)}]": trial[name] for name in names})
+    scratch = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        if path.suffix.lower() == ".parquet":
+            frame.to_parquet(scratch, index=False)
+        else:
+            frame.to_csv(scratch, index=False, lineterminator="\n")
+        scratch.replace(path)
+    except OSError as error:
+        raise UserError(f"{path}: cannot be written ({error.strerror or error}); check the folder") from None
+    finally:
+        with contextlib.suppress(OSError):
+            scratch.unlink(missing_ok=True)

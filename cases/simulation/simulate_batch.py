@@ -1,0 +1,188 @@
+"""Many manoeuvres at once: one ship with scattered coefficients, integrated in compiled code.
+
+Where the orders do not depend on the motion (turning, crash stop, random, berthing, straight), the rudder and the
+revolutions are ramps known in advance: steps are cut at their kinks, so that few Runge-Kutta steps are accurate. In a
+zigzag each ship reverses her rudder at her own time; all of them are stepped side by side.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from cases.maneuvers.controller import MODEL_LENGTH
+from cases.maneuvers.definitions import Maneuver
+from cases.maneuvers.orders import FULL_TURN, CrashStop, Orders, Steps, Turning, Zigzag
+from cases.maneuvers.self_propulsion import design_pitch
+from cases.simulation.actuator_ramps import TINY, ramps
+from cases.simulation.batch_zigzag import Rudders
+from mmg.errors import UserError
+from mmg.logged import settled
+from mmg.rollout import Simulator
+from mmg.ship import Ship
+
+LONGEST_STEP = 0.5
+"""Largest Runge-Kutta step [s] for a 3 m model; longer samples are divided. Scales with sqrt(L)."""
+
+
+@dataclass(frozen=True)
+class Batch:
+    """M runs of one manoeuvre.
+
+    Attributes
+    ----------
+    t: (N + 1,) [s].
+    states: (N + 1, 6, M): x, y, psi (continuous), u, v, r of the true motion.
+    inputs: (N + 1, 2, M): means of revolutions [1/s] and rudder angle [rad] over the step that follows; read-only.
+    last: (M,) row in which each run ends; the rows after it are what follows if its orders stand.
+    """
+
+    t: np.ndarray
+    states: np.ndarray
+    inputs: np.ndarray
+    last: np.ndarray
+
+
+def simulate_batch(
+    ship: Ship | Simulator,
+    maneuver: Maneuver,
+    coefficients: np.ndarray | Mapping[str, float | np.ndarray] | None = None,
+    dt: float = 0.5,
+    threads: int = 1,
+    held: bool = False,
+) -> Batch:
+    """A manoeuvre in calm air from its own start, once for each set of coefficients.
+
+    ship: give a Simulator to run again without assembling the ship again. coefficients: (P,) or (P, M) in the order of
+    ``ship.symbols``, or symbol -> number or (M,) for those that differ from the ship's; default the ship's, M = 1.
+    dt: sampling [s], divided into steps of at most 0.5 s of a 3 m model. threads: over which the runs are spread.
+    held: inputs are held at their means over each sample, as a logged trial has them, and ``cases.simulation.simulate.simulate``
+    gives the same motion; else they move within the sample (a zigzag is always held). A control delay acts as in the
+    model, by its approximation. A run that diverges is not noticed here: look at its states. Raises UserError for a
+    step that makes no sense and for spiral and pull-out, whose orders wait for a steady turn.
+    """
+    simulator = ship if isinstance(ship, Simulator) else Simulator(ship)
+    ship = simulator.ship
+    if not (math.isfinite(dt) and 0 < dt <= maneuver.duration):
+        raise UserError(f"dt = {dt:g} s must be positive and no longer than the manoeuvre ({maneuver.duration:g} s)")
+    theta = coefficient_array(ship, coefficients)
+    six = np.repeat(maneuver.start[:, None], theta.shape[1] if theta.ndim == 2 else 1, axis=1)
+    start = settled(simulator.model, six, input_array(ship, np.array([[maneuver.n, 0.0]]), np.zeros(1))[0], theta)
+    orders, N = maneuver.orders(), math.floor(maneuver.duration / dt + TINY)
+    t = np.round(dt * np.arange(N + 1), 9)
+    if isinstance(orders, Steps):
+        raise UserError(f"{maneuver.name}: its orders wait for a steady turn; simulate one ship at a time")
+    if isinstance(orders, Zigzag):
+        return _zigzag(simulator, maneuver, orders, start, theta, t, threads)
+    moves = ramps(maneuver, orders, t)
+    means = np.vstack([moves.means(t), moves.at(t[-1:])])
+    if held or "pitch" in ship.actuators:
+        parts = _parts(ship, dt)
+        controls = np.repeat(input_array(ship, means[:-1], t[:-1]), parts, axis=0)
+        steps: float | np.ndarray = dt / parts
+        keep = np.arange(1, N * parts + 1) % parts == 0
+    else:
+        fine, keep = moves.grid(t, _longest(ship))
+        controls, steps = input_array(ship, moves.at(fine), fine), np.diff(fine)
+    linear = len(controls) > len(keep)
+    out = simulator.run(start, controls, steps, theta, linear=linear, keep=keep, threads=threads)
+    states = out if out.shape[1] == 6 else np.ascontiguousarray(out[:, :6])
+    inputs = np.broadcast_to(means[:, :, None], (*means.shape, states.shape[2]))
+    return Batch(t, states, inputs, _last(orders, t, states))
+
+
+def coefficient_array(ship: Ship, given: np.ndarray | Mapping[str, float | np.ndarray] | None) -> np.ndarray:
+    """Coefficients (P,) or (P, M) in the ship's order; those not ``given`` are the ship's own. KeyError if unknown."""
+    if given is None:
+        return ship.values
+    if not isinstance(given, Mapping):
+        return np.asarray(given, dtype=float)
+    shape = np.broadcast_shapes(*(np.shape(values) for values in given.values()))
+    theta = np.repeat(ship.values[:, None], shape[0], axis=1) if shape else ship.values
+    for symbol, values in given.items():
+        if symbol not in ship.coefficients:
+            raise KeyError(f"{ship.name} has no coefficient {symbol!r}")
+        theta[ship.symbols.index(symbol)] = values
+    return theta
+
+
+def _longest(ship: Ship) -> float:
+    return LONGEST_STEP * math.sqrt(ship.particulars["L"] / MODEL_LENGTH)
+
+
+def _parts(ship: Ship, dt: float) -> int:
+    """Into how many integration steps a sample is divided."""
+    return max(1, math.ceil(dt / _longest(ship) - TINY))
+
+
+def input_array(ship: Ship, positions: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """Inputs (N, C) or (N, C, M) from n and delta (N, 2) or (N, 2, M) in calm air.
+
+    Both propellers and both rudders are alike, thrusters at rest. A controllable-pitch propeller turns ahead all the
+    time: its blades reverse instead.
+    """
+    n, delta, names = positions[:, 0], positions[:, 1], ship.inputs
+    out = np.zeros((len(positions), len(names), *positions.shape[2:]))
+    for i, name in enumerate(names):
+        if name in ("n", "n_2"):
+            out[:, i] = np.abs(n) if "pitch" in names else n
+        elif name.startswith("delta"):
+            out[:, i] = delta
+        elif name == "pitch":
+            out[:, i] = np.where(n >= 0, design_pitch(ship, 1.0), design_pitch(ship, -1.0))
+        elif name == "time":
+            out[:, i] = t.reshape(-1, *(1,) * (n.ndim - 1))
+    return out
+
+
+def _last(orders: Orders, t: np.ndarray, states: np.ndarray) -> np.ndarray:
+    """Row (M,) of the end of each run: heading changed by 540 degrees, headway lost, or the last one."""
+    N = len(states) - 1
+    if isinstance(orders, Turning):
+        k = min(int(np.searchsorted(t, orders.lead)), N)
+        origin = states[k, 2] if k == 0 else _between(orders.lead, t[k - 1 : k + 1], states[k - 1 : k + 1, 2])
+        over = np.abs(states[:, 2] - origin) >= FULL_TURN
+    elif isinstance(orders, CrashStop):
+        over = (states[:, 3] <= 0) & (t >= orders.lead - TINY)[:, None]
+    else:
+        return np.full(states.shape[2], N)
+    return np.where(over.any(axis=0), np.argmax(over, axis=0), N)
+
+
+def _between(when: float, t: np.ndarray, values: np.ndarray) -> np.ndarray:
+    share = (when - t[0]) / (t[1] - t[0])
+    return values[0] + share * (values[1] - values[0])
+
+
+def _zigzag(
+    simulator: Simulator,
+    maneuver: Maneuver,
+    orders: Zigzag,
+    start: np.ndarray,
+    theta: np.ndarray,
+    t: np.ndarray,
+    threads: int,
+) -> Batch:
+    """All ships side by side, a sample at a time."""
+    ship, M, N, dt = simulator.ship, start.shape[1], len(t) - 1, float(t[1] - t[0])
+    rudders, parts = Rudders(orders, maneuver.limits.rudder_rate, M), _parts(ship, dt)
+    keep = np.arange(1, parts + 1) == parts
+    states, inputs = np.empty((N + 1, 6, M)), np.empty((N + 1, 2, M))
+    inputs[:, 0], last, state = maneuver.n, np.full(M, N), start
+    for k in range(N + 1):
+
+        def advance(delta: np.ndarray, state: np.ndarray = state, when: np.ndarray = t[[k]]) -> np.ndarray:
+            held = input_array(ship, np.stack([np.full(M, maneuver.n), delta])[None], when)
+            held = np.repeat(held, parts, axis=0)
+            return simulator.run(state, held, dt / parts, theta, keep=keep, threads=threads)[-1]
+
+        states[k] = state[:6]
+        rudders.see(float(t[k]), state)
+        last = np.where(rudders.over & (last == N), k, last)
+        inputs[k, 1] = rudders.delta
+        if k < N:
+            inputs[k, 1], state = rudders.means(float(t[k]), dt, state, advance)
+    return Batch(t, states, inputs, last)

@@ -1,0 +1,141 @@
+"""Trials as the diagnosis takes them: windows side by side on one grid, with masks where something is missing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from cases.inputs import step_means, straight_means
+from cases.trial import Trial
+from fitting.nlp.grid import default_step, grids
+from mmg.errors import UserError
+from mmg.memory import MODEL_LENGTH
+
+LONGEST, SHORTEST = 600, 20
+"""Steps of a window: a longer piece of a run is divided evenly, a shorter one is left out."""
+
+COARSE = 0.2
+"""Sampling time [s of a 3 m model] from which it matters whether inputs are held or joined by lines."""
+RUN_IN = 3.0
+"""Seconds [of a 3 m model] at the start of a window that are simulated but not compared: what acts or is logged late
+has no past there."""
+
+
+@dataclass(frozen=True)
+class Data:
+    """Windows of trials on a grid of step h [s]; R windows of at most K steps, padded at their ends.
+
+    Attributes
+    ----------
+    h: step [s]; t: (K + 1, R) time since the start of the run [s].
+    y, good: (K + 1, R, 6) logged x, y, psi, u, v, r and whether each counts (not in the first RUN_IN seconds, nor
+    behind a window's end, nor where it was not measured).
+    measured: (K + 1, R, 6) whether each was measured.
+    inputs: (K, R, C) of the model, held over each step; steps: (R,) steps of each window.
+    run: (R,) number of the trial of each window; trials: their names; dropped: sentences on what was left out.
+    """
+
+    h: float
+    t: np.ndarray
+    y: np.ndarray
+    good: np.ndarray
+    measured: np.ndarray
+    inputs: np.ndarray
+    steps: np.ndarray
+    run: np.ndarray
+    trials: tuple[str, ...]
+    dropped: tuple[str, ...] = ()
+
+    @property
+    def inside(self) -> np.ndarray:
+        """Which steps exist, (K, R)."""
+        return np.arange(len(self.inputs))[:, None] < self.steps[None]
+
+    @property
+    def samples(self) -> int:
+        """Number of grid times with anything measured, over all windows."""
+        return int(self.good.any(axis=2).sum())
+
+    def thinned(self, every: int) -> Data:
+        """The same with one in so many grid times compared."""
+        kept = np.arange(len(self.good)) % every == every - 1
+        return replace(self, good=self.good & kept[:, None, None])
+
+
+def arrange(
+    trials: Sequence[Trial], inputs: Sequence[str], length: float, step: float | None = None, straight: bool = False
+) -> Data:
+    """Trials on a grid for a model with these inputs; ``length`` of the ship [m], ``step`` [s] (default: as the fit).
+
+    straight: samples of the inputs are joined by straight lines instead of held until the next one; where they are
+    not COARSE, half of each is taken, so that neither way is wrong by more than a quarter of a sample.
+
+    Raises UserError when no piece without a gap is long enough.
+    """
+    h = step or default_step(trials, length)
+    pieces, dropped = [], []
+    for number, trial in enumerate(trials):
+        kept = 0
+        fine = trial.dt <= COARSE * (length / MODEL_LENGTH) ** 0.5
+        means = (middle_means if fine else straight_means) if straight else step_means
+        for grid in grids(trial, h, inputs, means):
+            total = len(grid.controls)
+            if total < SHORTEST:
+                continue
+            edges = np.linspace(0, total, max(1, -(-total // LONGEST)) + 1).round().astype(int)
+            for a, b in pairwise(edges):
+                pieces.append((number, grid.t[a : b + 1], grid.states[a : b + 1], grid.controls[a:b]))
+                kept += b - a
+        lost = trial.t[-1] - trial.t[0] - kept * h
+        if lost > SHORTEST * h:
+            dropped.append(f"{trial.name}: {lost:.0f} s lie in gaps or in pieces too short between them")
+    if not pieces:
+        names = ", ".join(t.name for t in trials)
+        raise UserError(f"{names}: nothing to diagnose, no piece is longer than {SHORTEST * h:g} s without a gap")
+    K, R = max(len(p[3]) for p in pieces), len(pieces)
+    t, y = np.zeros((K + 1, R)), np.full((K + 1, R, 6), np.nan)
+    held = np.zeros((K, R, pieces[0][3].shape[1]))
+    for i, (_, times, states, controls) in enumerate(pieces):
+        n = len(controls)
+        t[: n + 1, i], y[: n + 1, i], held[:n, i] = times, states, controls
+        t[n + 1 :, i], held[n:, i] = times[-1], controls[-1]
+    measured = np.isfinite(y)
+    good = measured.copy()
+    good[: round(RUN_IN * (length / MODEL_LENGTH) ** 0.5 / h)] = False
+    return Data(
+        h=h,
+        t=t,
+        y=np.nan_to_num(y),
+        good=good,
+        measured=measured,
+        inputs=held,
+        steps=np.array([len(p[3]) for p in pieces]),
+        run=np.array([p[0] for p in pieces]),
+        trials=tuple(trial.name for trial in trials),
+        dropped=tuple(dropped),
+    )
+
+
+def middle_means(t: np.ndarray, values: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """Half-way between ``step_means`` and ``straight_means``."""
+    return 0.5 * (step_means(t, values, edges) + straight_means(t, values, edges))
+
+
+def moving(trials: Sequence[Trial]) -> bool:
+    """Whether the logged rudder moves as a rudder does, over several samples, and not in single steps as orders do.
+
+    Of the first kind the samples are joined by straight lines, of the second each is held until the next.
+    """
+    alone, whole = 0.0, 0.0
+    for trial in trials:
+        for name in ("delta", "delta_port"):
+            if name not in trial:
+                continue
+            d = np.abs(np.diff(np.nan_to_num(trial[name])))
+            moves = np.concatenate([[False], d > 1e-6, [False]])
+            single = moves[1:-1] & ~moves[:-2] & ~moves[2:]
+            alone, whole = alone + float(d[single].sum()), whole + float(d.sum())
+    return not alone > 0.5 * whole

@@ -1,0 +1,281 @@
+"""The most likely path, latent force and coefficients under a hypothesis, and what is random re-estimated.
+
+A hypothesis frees the ship's coefficients and the parameters of some effects. Each iteration linearises the model about
+the present path, whitens by the filter, takes a Gauss-Newton step in the coefficients with their priors, smooths, and
+moves the path, the latent force included: so the linearisation is about the smoothed force, not about none. The sizes
+of what is random follow by the fixed point of their likelihood equations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from diagnosis.estimation.candidates import stem
+from diagnosis.estimation.gridded_trials import Data
+from diagnosis.estimation.kalman import Adjoint, Filtered, Noise, System, adjoint, filtered, responses, smoothed, system
+from diagnosis.estimation.linearised_model import Linear, Steps, spread
+from diagnosis.estimation.noise_sizes import first_noise, renewed
+from diagnosis.estimation.parameters import Priors, acting, active_states, placed
+from mmg.logged import settled
+from mmg.memory import MODEL_LENGTH
+
+
+@dataclass(frozen=True)
+class Path:
+    """States (K + 1, R, S), latent force (K + 1, R, 3) [N, N, N m]."""
+
+    z: np.ndarray
+    force: np.ndarray
+
+
+Further = Callable[[Linear], tuple[np.ndarray, np.ndarray]]
+"""More columns about a linearisation: what they add to the active states over a step (K, R, A, c), and to the logged
+columns (K + 1, R, 6, c)."""
+
+
+@dataclass(frozen=True)
+class Around:
+    """Everything about one linearisation: the model, the filter, the white columns and residual.
+
+    white: (K + 1, R, 6, P + 1) responses of the columns, in units of their prior std, and last the residual, negative;
+    states: (K + 1, R, n, P + 1) predicted; adjoint: of log det; bend: (R, P) derivative of 1/2 log
+    det by the columns, by window.
+    nll: negative log likelihood without constants, the priors of the free columns and of what is random included.
+    """
+
+    linear: Linear
+    system: System
+    filter: Filtered
+    white: np.ndarray
+    states: np.ndarray
+    adjoint: Adjoint
+    bend: np.ndarray
+    nll: float
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A hypothesis fitted.
+
+    theta: (all,) coefficients of the wide ship, or (all, R) by window; free: the priors of those that were free; p:
+    their values less the prior mean, in prior std; covariance: (P, P) of p; path, noise; nll; iterations used;
+    converged.
+    """
+
+    theta: np.ndarray
+    free: Priors
+    p: np.ndarray
+    covariance: np.ndarray
+    path: Path
+    noise: Noise
+    nll: float
+    iterations: int
+    converged: bool
+
+    def value(self, symbol: str) -> float:
+        """Value of a free coefficient."""
+        i = self.free.symbols.index(symbol)
+        return float(self.free.mean[i] + self.free.std[i] * self.p[i])
+
+    def std(self, symbol: str) -> float:
+        """Standard error of a free coefficient."""
+        i = self.free.symbols.index(symbol)
+        return float(self.free.std[i] * np.sqrt(self.covariance[i, i]))
+
+
+def first_path(steps: Steps, data: Data, theta: np.ndarray) -> Path:
+    """The measured states, no latent force; what is missing is interpolated in time or zero."""
+    y, measured = data.y.copy(), data.measured
+    for r in range(y.shape[1]):
+        rows = np.arange(len(y))
+        for j in range(6):
+            if not measured[:, r, j].all():
+                known = measured[:, r, j]
+                y[:, r, j] = np.interp(rows, rows[known], y[known, r, j]) if known.any() else 0.0
+    K1, R = y.shape[:2]
+    controls = np.concatenate([data.inputs, data.inputs[-1:]]).reshape(K1 * R, -1).T
+    every = spread(theta, K1 * R) if theta.ndim > 1 else theta
+    z = steps.settled(y.reshape(K1 * R, 6).T, controls, every)
+    return Path(z.T.reshape(K1, R, -1), np.zeros((K1, R, 3)))
+
+
+SETTLED = 0.03
+"""How far, in typical sizes, a memory may be from settled at the start of a window."""
+
+
+def first_covariance(steps: Steps, data: Data, z: np.ndarray, theta: np.ndarray, active: np.ndarray) -> np.ndarray:
+    """Covariance (R, A, A) at the start: motion as good as unknown, memory settled with it but for a little."""
+    R = len(z)
+    k = (float(steps.ship.particulars["L"]) / MODEL_LENGTH) ** 0.5
+    six = np.array([MODEL_LENGTH * k**2, MODEL_LENGTH * k**2, 0.3, 0.3 * k, 0.3 * k, 0.1 / k])
+    slope = np.zeros((R, steps.S, 6))
+    slope[:, np.arange(6), np.arange(6)] = six
+    if len(active) > 6:
+        start = np.repeat(z[:, :6].T, 7, axis=1).reshape(6, R, 7)
+        for j in range(6):
+            start[j, :, j + 1] += 1e-4 * six[j]
+        controls = np.repeat(data.inputs[0].T, 7, axis=1)
+        every = np.repeat(theta, 7, axis=1) if theta.ndim > 1 else theta
+        tried = settled(steps.model, start.reshape(6, -1), controls, every).reshape(steps.S, R, 7)
+        slope[:, 6:] = np.moveaxis((tried[6:, :, 1:] - tried[6:, :, :1]) / 1e-4, 0, 1)
+    P = slope @ slope.swapaxes(1, 2)
+    at = np.arange(6, steps.S)
+    P[:, at, at] += (SETTLED * steps.model.sizes) ** 2
+    return P[:, active[:, None], active[None]]
+
+
+def look_around(
+    steps: Steps,
+    data: Data,
+    theta: np.ndarray,
+    path: Path,
+    noise: Noise,
+    free: Priors,
+    p: np.ndarray,
+    active: np.ndarray,
+    further: Further | None = None,
+) -> Around:
+    """Linearise at coefficients (all,) and a path; columns are those of ``free``, in units of their std, then further.
+
+    further: from the linearisation, more columns; the slope of the log determinant by them is taken as zero.
+    """
+    columns = np.array([steps.symbols.index(stem(s)) for s in free.symbols], dtype=int)
+    linear = steps.linearise(path.z, data.inputs, theta, path.force[:-1], columns, active)
+    K, R, A = linear.G.shape[:3]
+    s = system(linear, noise, first_covariance(steps, data, path.z[0], theta, active), data.good, data.inside, data.h)
+    f = filtered(s)
+    left = np.exp(-data.h / noise.tau)
+    size = free.std * acting(free.symbols, data)  # (R, P)
+    pushed, seen = linear.G * size[:, None], linear.D * size[:, None]
+    if further is not None:
+        more_pushed, more_seen = further(linear)
+        pushed, seen = np.concatenate([pushed, more_pushed], axis=3), np.concatenate([seen, more_seen], axis=3)
+    P = pushed.shape[3]
+    forcing = np.zeros((K, R, A + 3, P + 1))
+    forcing[:, :, :A, :-1] = pushed
+    forcing[:, :, :A, -1] = (linear.end - path.z[1:])[..., active]
+    forcing[:, :, A:, -1] = left * path.force[:-1] - path.force[1:]
+    seen = np.concatenate([seen, (linear.logged - data.y)[..., None]], axis=3)
+    start = np.zeros((R, s.T.shape[2], P + 1))
+    start[:, A : A + 3, -1] = -path.force[0]
+    if A > 6:
+        calm = settled(steps.model, path.z[0, :, :6].T, data.inputs[0].T, theta).T
+        start[:, 6:A, -1] = (calm - path.z[0])[:, active[6:]]
+    white, states = responses(s, f, forcing, seen, start)
+    found = adjoint(s, f)
+    weight = np.where(data.inside[..., None, None], found.by_T[:, :, :A, : A + 3], 0.0)
+    through = np.concatenate([linear.F, linear.force], axis=3)
+    # T = exp of the generator: a change of the generator acts on either side of the step alike
+    ahead = weight @ np.concatenate([through, np.broadcast_to(np.eye(A + 3)[A:], (K, R, 3, A + 3))], axis=2).swapaxes(
+        2, 3
+    )
+    weight = 0.5 * (ahead + linear.F.swapaxes(2, 3) @ weight)
+    by_Z = np.where(data.good[..., None], found.by_Z[..., :A], 0.0)
+    bend = steps.bend(path.z, data.inputs, theta, path.force[:-1], weight, by_Z, columns, active) * size
+    bend = np.hstack([bend, np.zeros((R, P - len(columns)))])
+    nll = 0.5 * float(f.log_det.sum() + (white[..., -1] ** 2).sum() + p @ p) + noise.unusual
+    return Around(linear, s, f, white, states, found, bend, nll)
+
+
+@dataclass(frozen=True)
+class _Point:
+    """Where an iteration stands."""
+
+    p: np.ndarray
+    path: Path
+    noise: Noise
+    nll: float = np.inf
+
+
+@np.errstate(all="ignore")
+def estimate(
+    steps: Steps,
+    data: Data,
+    theta: np.ndarray,
+    free: Priors,
+    noise: Noise,
+    path: Path | None = None,
+    p: np.ndarray | None = None,
+    iterations: int = 8,
+    tolerance: float = 0.05,
+    steady: bool = False,
+) -> Estimate:
+    """Fit a hypothesis from coefficients (all,) and, if given, a path and scaled values p.
+
+    Stops when an iteration is expected to gain less than ``tolerance`` of log likelihood, after at most ``iterations``
+    linearisations. steady: the sizes of what is random stay as they are.
+    """
+    active = active_states(steps, free.symbols, theta)
+    low, high = (free.lower - free.mean) / free.std, (free.upper - free.mean) / free.std
+    typical = first_noise(steps.ship, data)
+    floor = Noise(0.02 * typical.force, typical.tau, 0.02 * typical.white, 0.02 * typical.white, typical.colour_tau)
+
+    def coefficients(p: np.ndarray) -> np.ndarray:
+        return placed(steps.ship, data, theta, free.symbols, free.mean + free.std * p)
+
+    p = np.clip(np.zeros(len(low)) if p is None else p, low, high)
+    now = _Point(p, first_path(steps, data, coefficients(p)) if path is None else path, noise)
+    best: tuple | None = None
+    share, halved, converged, used = 1.0, 0, False, 0
+    while used < iterations:
+        used += 1
+        around = look_around(steps, data, coefficients(now.p), now.path, now.noise, free, now.p, active)
+        if best is not None and not around.nll < best[0].nll + 0.5 * tolerance + 0.05 * best[4] and halved < 2:
+            halved, share = halved + 1, 0.3 * share
+            start, (dp, dz, df) = best[0], best[1]
+            now = _moved(start, dp, dz, df, share, low, high)
+            continue
+        share, halved = 1.0, 0
+        flat = around.white.reshape(-1, len(p) + 1)
+        gram = flat.T @ flat
+        A = gram[:-1, :-1] + np.eye(len(p))
+        slope = gram[:-1, -1] + now.p + around.bend.sum(axis=0)
+        dp = _bounded_step(A, slope, now.p, low, high)
+        gain = -float(slope @ dp + 0.5 * dp @ A @ dp)
+        mean, r, u = smoothed(
+            around.system,
+            around.filter,
+            around.white[..., -1] + around.white[..., :-1] @ dp,
+            around.states[..., -1] + around.states[..., :-1] @ dp,
+        )
+        dz = np.zeros_like(now.path.z)
+        dz[..., active], df = mean[..., : len(active)], mean[..., len(active) : len(active) + 3]
+        renewed_noise = now.noise if steady else renewed(now.noise, data, around.adjoint, r, u, len(active), floor)
+        here = _Point(now.p, now.path, now.noise, around.nll)
+        best = (here, (dp, dz, df), A, around, gain)
+        pairs = ((renewed_noise.force, now.noise.force), (renewed_noise.white, now.noise.white))
+        quiet = max(float(np.abs(np.log(new / old)).max()) for new, old in pairs) < 0.05
+        if gain < tolerance and quiet:
+            converged = True
+            break
+        now = _moved(_Point(now.p, now.path, renewed_noise, around.nll), dp, dz, df, 1.0, low, high)
+    assert best is not None
+    here, _, A, around, _ = best
+    return Estimate(
+        coefficients(here.p), free, here.p, np.linalg.inv(A), here.path, here.noise, here.nll, used, converged
+    )
+
+
+def _moved(
+    start: _Point, dp: np.ndarray, dz: np.ndarray, df: np.ndarray, share: float, low: np.ndarray, high: np.ndarray
+) -> _Point:
+    """A part of the way."""
+    path = Path(start.path.z + share * dz, start.path.force + share * df)
+    return _Point(np.clip(start.p + share * dp, low, high), path, start.noise)
+
+
+def _bounded_step(A: np.ndarray, slope: np.ndarray, p: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """The minimum of slope d + 1/2 d A d with p + d in its bounds, by holding those that would leave (active set)."""
+    d, held = np.zeros(len(p)), np.zeros(len(p), dtype=bool)
+    for _ in range(len(p)):
+        f = ~held
+        d[f] = np.linalg.solve(A[np.ix_(f, f)], -slope[f] - A[np.ix_(f, held)] @ d[held])
+        out = f & ((p + d < low - 1e-12) | (p + d > high + 1e-12))
+        if not out.any():
+            break
+        d[out] = np.clip(p + d, low, high)[out] - p[out]
+        held |= out
+    return d

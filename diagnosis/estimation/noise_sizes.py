@@ -1,0 +1,51 @@
+"""Sizes of what is random: where a fit begins, and how they follow from what it left."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from diagnosis.estimation.gridded_trials import Data
+from diagnosis.estimation.kalman import KNOWN, Adjoint, Noise
+from mmg.memory import MODEL_LENGTH
+from mmg.ship import Ship
+
+
+def first_noise(ship: Ship, data: Data) -> Noise:
+    """Sizes to start from, by Froude's law from those of a 3 m model."""
+    length = float(ship.particulars["L"])
+    lam = length / MODEL_LENGTH
+    force = np.array([0.2, 0.3, 0.2]) * np.array([lam**3, lam**3, lam**4])
+    white = np.array([0.02 * lam, 0.02 * lam, 0.003, 0.006 * lam**0.5, 0.006 * lam**0.5, 0.001 / lam**0.5])
+    return Noise(force, 6.0 * lam**0.5, white, np.zeros(6), 4.0 * lam**0.5)
+
+
+def renewed(noise: Noise, data: Data, found: Adjoint, r: np.ndarray, u: np.ndarray, A: int, floor: Noise) -> Noise:
+    """Sizes by one step of the fixed point q <- q sum r^2 / sum N (force, colours) and R <- R sum u^2 / sum D.
+
+    Usual sizes count as KNOWN more samples of each.
+    """
+
+    usual = noise.usual
+    pull = KNOWN if usual is not None else 0.0
+    force, white = (noise.force, noise.white) if usual is None else (usual.force, usual.white)
+    rest = len(found.N[0, 0]) - A - 3
+    fresh = 1 - np.exp(-2 * data.h / noise.tau)
+    added = pull / (fresh * np.concatenate([noise.force**2, np.full(rest, np.inf)]))
+    more = np.concatenate([(force / noise.force) ** 2, np.zeros(rest)])
+
+    def ratio(
+        top: np.ndarray, bottom: np.ndarray, mask: np.ndarray, known: np.ndarray, count: np.ndarray
+    ) -> np.ndarray:
+        a, b = (np.where(mask, x, 0.0).sum(axis=(0, 1)) for x in (top, bottom))
+        a, b = a + count * known, b + count
+        return np.clip(np.where(b > 0, a / np.maximum(b, 1e-300), 1.0), 0.1, 10.0)
+
+    grown = ratio(r[..., A:] ** 2, found.N[..., A:], data.inside[..., None], more, added)
+    scattered = ratio(u**2, found.D, data.good, (white / noise.white) ** 2, pull / noise.white**2)
+    colours = noise.coloured.copy()
+    colours[noise.coloured > 0] *= np.sqrt(grown[3:])
+    return noise.with_(
+        force=np.maximum(noise.force * np.sqrt(grown[:3]), floor.force),
+        white=np.maximum(noise.white * np.sqrt(scattered), floor.white),
+        coloured=np.where(noise.coloured > 0, np.maximum(colours, floor.coloured), 0.0),
+    )

@@ -1,0 +1,1 @@
+"""Which effect is missing: score tests, forward selection, refits, unnamed forces, next test."""

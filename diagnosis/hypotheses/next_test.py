@@ -1,0 +1,116 @@
+"""The manoeuvre that would tell two explanations apart, from the model alone.
+
+Each manoeuvre of the library is run with the ship as diagnosed. If the first effect is what it was found to be, a fit
+with another one in its place leaves a misfit (non-centrality of the likelihood ratio) of phi_1' (S_11 - S_12 S_22^+
+S_21) phi_1, the coefficients projected out of S with what the present trials say of them; the manoeuvre with the
+largest is named. With one explanation only, it is the one that would make its size surest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from cases.trial import Trial
+from diagnosis.estimation.candidates import AT, effect_of, stem
+from diagnosis.estimation.gridded_trials import arrange
+from diagnosis.estimation.map_estimate import Estimate, Path, look_around
+from diagnosis.estimation.parameters import read
+from diagnosis.hypotheses.forward_selection import Problem
+from diagnosis.hypotheses.refit import priors_of_effects
+from fitting.design.candidates import Option, library
+from fitting.design.next_trial import runs
+from mmg.memory import MODEL_LENGTH
+from mmg.ship import Ship
+
+SECONDS = 150.0
+"""Time at sea of each manoeuvre [s of a 3 m model]."""
+AIM = 10.0
+"""Standard error of a size that is good to have [% of it]."""
+TOLD = 6.6
+"""Misfit that tells two explanations apart at 1 %."""
+
+
+def next_test(problem: Problem, first: Estimate, names: Sequence[str], ship: Ship) -> str:
+    """A sentence: the manoeuvre that would separate the first of ``names`` from each of the others.
+
+    first: a fit with the first of the effects; ship: with that effect, as diagnosed.
+    """
+    theta = read(problem.steps.ship, problem.data, first.theta, problem.steps.ship.symbols)
+    for s in {stem(s) for s in first.free.symbols if AT in s}:  # of one that differs by run, its usual size
+        own = [first.value(x) for x in first.free.symbols if stem(x) == s]
+        theta[problem.steps.ship.symbols.index(s)] = float(np.sqrt(np.mean(np.square(own))))
+    first = replace(first, theta=theta)
+    k = (float(ship.particulars["L"]) / MODEL_LENGTH) ** 0.5
+    chosen = [o for o in library(ship) if not o.name.endswith("half speed") or o.maneuver.startswith("zigzag:20")]
+    options, trials, _ = runs(ship, chosen, SECONDS * k, problem.data.h)
+    if not options:
+        return ""
+    others = list(names[1:])
+    rows = np.array([_told(problem, first, names[0], others, trial) for trial in trials])
+    if not others:
+        best = int(np.argmax(rows[:, 0]))
+        percent = 100 / max(np.sqrt(rows[best, 0]), 1e-9)
+        words = f"To know the size of {effect_of(names[0])} better: {_order(options[best])} of {SECONDS * k:.0f} s, "
+        if percent <= 2 * AIM:
+            return (
+                words + f"which alone would measure it to {percent:.{'1f' if percent < 10 else '0f'}} % of its value."
+            )
+        return words + f"about {np.ceil((percent / AIM) ** 2):.0f} times for {AIM:.0f} % of its value."
+    worst = rows.min(axis=1)
+    best = int(np.argmax(worst))
+    rivals = f"{effect_of(names[0])} from {' and '.join(effect_of(n) for n in others)}"
+    words = f"To tell {rivals}: {_order(options[best])} of {SECONDS * k:.0f} s"
+    if worst[best] >= TOLD:
+        return words + f" (expected misfit of the wrong one: {worst[best]:.0f}, 6.6 suffices)."
+    times = TOLD / max(worst[best], 1e-6)
+    if times > 50:
+        return f"No manoeuvre of the library would tell {rivals}: look at the instruments and the place instead."
+    return words + f", about {np.ceil(times):.0f} times (one is expected to bring {worst[best]:.1f} of 6.6)."
+
+
+def _order(option: Option) -> str:
+    """A manoeuvre in words, with what ``mmg simulate`` takes."""
+    return f"{option.name} (mmg simulate SHIP --maneuver {option.arguments})"
+
+
+def _told(problem: Problem, first: Estimate, name: str, others: Sequence[str], trial: Trial) -> np.ndarray:
+    """Misfit of each other effect in place of the first (or of none, without others) in one run of a manoeuvre."""
+    steps, data = problem.steps, arrange([trial], problem.steps.ship.inputs, _length(problem), problem.data.h)
+    every = np.arange(steps.S)
+    K, R = data.inputs.shape[:2]
+    z = np.repeat(steps.settled(data.y[0].T, data.inputs[0].T, first.theta).T[None], K + 1, axis=0)
+    for k in range(K):
+        z[k + 1] = steps.advance(z[k].T, data.inputs[k].T, first.theta).T
+    nothing = np.zeros((K + 1, R, 3))
+    effects = [problem.candidates[n] for n in (name, *others)]
+    more = priors_of_effects(effects)
+    acting = {s.partition(".")[0] for s in first.free.symbols if AT in s} | {effect_of(n) for n in (name, *others)}
+    kept = [s in first.free.symbols and s.partition(".")[0] not in acting for s in problem.base.symbols]
+    base = problem.base.only(kept)
+    P, free = len(base.symbols), base + more
+    around = look_around(steps, data, first.theta, Path(z, nothing), first.noise, free, np.zeros(len(free.mean)), every)
+    flat = np.nan_to_num(around.white[..., :-1]).reshape(-1, len(free.mean))
+    gram = flat.T @ flat
+    known = [first.free.symbols.index(s) for s in base.symbols]
+    gram[:P, :P] += np.linalg.inv(first.covariance[np.ix_(known, known)])
+    S = gram[P:, P:] - gram[P:, :P] @ np.linalg.solve(gram[:P, :P], gram[:P, P:])
+    q = len(effects[0].symbols)
+    size = read(problem.steps.ship, problem.data, first.theta, effects[0].symbols)
+    phi = (size - effects[0].neutral) / more.std[:q]
+    if not others:
+        return np.array([phi @ S[:q, :q] @ phi])
+    misfit, at = [], q
+    for e in effects[1:]:
+        own = slice(at, at + len(e.symbols))
+        rest = S[:q, :q] - S[:q, own] @ np.linalg.pinv(S[own, own], rcond=1e-8, hermitian=True) @ S[own, :q]
+        misfit.append(float(phi @ rest @ phi))
+        at += len(e.symbols)
+    return np.array(misfit)
+
+
+def _length(problem: Problem) -> float:
+    """Length of the ship [m]."""
+    return float(problem.steps.ship.particulars["L"])

@@ -1,0 +1,115 @@
+"""What the trials that a ship was calibrated on already show of every effect, as what is known before other trials.
+
+No model is perfect: on its own trials, too, a calibrated ship looks a little late, or as if its antenna stood
+elsewhere. Only what other trials show beyond that is news. All effects are fitted to the trials of the calibration
+together, with priors of their typical sizes, and the scatter of each from run to run is estimated (by
+expectation-maximisation); both become the prior of the effect in other trials (empirical Bayes, Robbins 1956).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from diagnosis.estimation.candidates import Candidate
+from diagnosis.estimation.gridded_trials import Data
+from diagnosis.estimation.kalman import Noise
+from diagnosis.estimation.linearised_model import Steps
+from diagnosis.estimation.map_estimate import Estimate, Path, estimate, look_around
+from diagnosis.estimation.parameters import Priors, active_states
+from diagnosis.hypotheses.refit import priors_of_effects
+from diagnosis.hypotheses.unnamed import unnamed
+
+LEAST, ROUNDS = 0.1, 20
+"""Least standard deviation of an effect between runs, in typical sizes; rounds of expectation-maximisation."""
+MAX_FITS = 12
+"""Linearisations of the fit."""
+STRONG = 2.0
+"""Typical sizes from which an effect shown by the calibration's trials is a gap there already, not the usual misfit."""
+
+
+@dataclass(frozen=True)
+class Reference:
+    """priors: of the coefficients, then of the parameters of all effects, for trials that are not those of the
+    calibration; candidates: with what the calibration's trials show as their neutral values, unless that is STRONG;
+    strong: names of those; theta: (all,) coefficients to begin with; shift, scatter: of each parameter by symbol, its
+    value and its standard deviation between runs [typical sizes]; unnamed: log Bayes factor, per grid time compared, of
+    effects without a name in the trials of the calibration; unexplained: the same where those that are strong are not
+    fitted; noise: what is random in them."""
+
+    priors: Priors
+    candidates: dict[str, Candidate]
+    strong: tuple[str, ...]
+    theta: np.ndarray
+    shift: dict[str, float]
+    scatter: dict[str, float]
+    unnamed: float
+    unexplained: float
+    noise: Noise
+
+
+def refer(
+    steps: Steps, data: Data, null: Estimate, base: Priors, candidates: dict[str, Candidate], runs: int = 1
+) -> Reference:
+    """Fit all effects to the calibration's trials, from the fit without any, and see how they scatter by run.
+
+    runs: number of the other trials, whose mean scatters less than each of them.
+    """
+    effects = priors_of_effects(list(candidates.values()), 1.0)
+    free = base + effects
+    p = np.concatenate([null.p, np.zeros(len(effects.symbols))])
+    passive = np.setdiff1d(np.arange(steps.S), active_states(steps, null.free.symbols, null.theta))
+    z = null.path.z
+    if len(passive):
+        z = steps.remembered(z, data.inputs, null.theta, null.path.force, passive)
+    found = estimate(steps, data, null.theta, free, null.noise, Path(z, null.path.force), p, MAX_FITS)
+    spread = _scatter(steps, data, found, len(base.symbols))
+    P, known = len(base.symbols), found.p.copy()
+    std = np.sqrt(np.diag(found.covariance))
+    std[P:] = np.hypot(std[P:], spread / np.sqrt(runs))
+    moved, strong = {}, []
+    for c in candidates.values():
+        at = [free.symbols.index(s) for s in c.symbols]
+        if np.abs(found.p[at]).max() > STRONG:
+            strong.append(c.name)
+            known[at], std[at] = 0.0, np.minimum(spread[np.array(at) - P] / np.sqrt(runs), 1.0)
+        moved[c.name] = replace(c, neutral=free.mean[at] + free.std[at] * known[at])
+    value = free.mean + free.std * known
+    theta = found.theta.copy()
+    theta[[steps.ship.symbols.index(s) for s in free.symbols]] = value
+    shift, scatter = (dict(zip(effects.symbols, x.tolist(), strict=True)) for x in (found.p[P:], spread))
+    rest = max(unnamed(steps, data, found).log_bayes, 0.0) / data.samples
+    whole = rest
+    if strong:
+        whole = max(unnamed(steps, data, _without(steps, data, found, [moved[n] for n in strong])).log_bayes, 0.0)
+        whole /= data.samples
+    priors = replace(free, mean=value, std=free.std * std)
+    return Reference(priors, moved, tuple(strong), theta, shift, scatter, rest, whole, found.noise)
+
+
+def _without(steps: Steps, data: Data, found: Estimate, effects: Sequence[Candidate]) -> Estimate:
+    """The fit with these effects at their neutral values."""
+    theta, gone = found.theta.copy(), [s for c in effects for s in c.symbols]
+    theta[[steps.ship.symbols.index(s) for s in gone]] = np.concatenate([c.neutral for c in effects])
+    kept = [s not in gone for s in found.free.symbols]
+    return estimate(steps, data, theta, found.free.only(kept), found.noise, found.path, found.p[kept], MAX_FITS)
+
+
+def _scatter(steps: Steps, data: Data, found: Estimate, first: int) -> np.ndarray:
+    """Standard deviation between runs of the columns from ``first`` on, in their prior std, by EM."""
+    active = active_states(steps, found.free.symbols, found.theta)
+    around = look_around(steps, data, found.theta, found.path, found.noise, found.free, found.p, active)
+    grams = np.einsum("krca,krcb->rab", around.white, around.white, optimize=True)
+    slopes = -(grams[:, :-1, -1] + around.bend)
+    runs = np.unique(data.run)
+    G = np.array([grams[data.run == r][:, first:-1, first:-1].sum(axis=0) for r in runs])
+    g = np.array([slopes[data.run == r][:, first:].sum(axis=0) for r in runs])
+    std = np.ones(G.shape[1])
+    for _ in range(ROUNDS):
+        C = np.linalg.inv(G + np.diag(std**-2.0))
+        move = np.einsum("rab,rb->ra", C, g)
+        std = np.sqrt(np.mean(move**2 + np.einsum("raa->ra", C), axis=0))
+        std = np.maximum(std, LEAST)
+    return std

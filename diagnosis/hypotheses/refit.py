@@ -1,0 +1,115 @@
+"""Candidates refitted: coefficients, effect, latent force and noise together, compared by the same measure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from scipy.stats import chi2
+from scipy.stats import f as f_law
+
+from diagnosis.estimation.candidates import AT, WIDE, Candidate, stem
+from diagnosis.estimation.gridded_trials import Data
+from diagnosis.estimation.linearised_model import Steps
+from diagnosis.estimation.map_estimate import Estimate, Path, estimate, look_around
+from diagnosis.estimation.parameters import Priors, active_states, placed, read
+from mmg.memory import MODEL_LENGTH
+
+
+def priors_of_effects(candidates: Sequence[Candidate], width: float = WIDE) -> Priors:
+    """Priors about the neutral values, of so many typical sizes."""
+    join = {
+        k: np.concatenate([np.zeros(0), *(getattr(c, k) for c in candidates)])
+        for k in ("neutral", "typical", "lower", "upper")
+    }
+    symbols = tuple(s for c in candidates for s in c.symbols)
+    return Priors(symbols, join["neutral"], width * join["typical"], join["lower"], join["upper"])
+
+
+def likelihood(found: Estimate, own: int) -> float:
+    """Negative log likelihood without the prior of the last ``own`` columns, the effects'."""
+    return found.nll - 0.5 * float(found.p[len(found.p) - own :] @ found.p[len(found.p) - own :])
+
+
+def refit(
+    steps: Steps,
+    data: Data,
+    base: Priors,
+    before: Estimate,
+    effects: Sequence[Candidate],
+    start: Mapping[str, float],
+    iterations: int = 8,
+) -> Estimate:
+    """The fit with these effects, from a fit with fewer; start: values of their parameters to begin with.
+
+    Where an effect has a prior among those of ``base``, as known from other trials, that is set aside.
+    """
+    more = priors_of_effects(effects)
+    own = {stem(s) for s in more.symbols}
+    free = base.only([s not in own for s in base.symbols]) + more
+    first = np.array([start.get(s, m) for s, m in zip(more.symbols, more.mean, strict=True)])
+    theta = placed(steps.ship, data, before.theta, more.symbols, first)
+    p = (read(steps.ship, data, theta, free.symbols) - free.mean) / free.std
+    active = active_states(steps, free.symbols, theta)
+    asleep = np.setdiff1d(active, active_states(steps, before.free.symbols, before.theta))
+    path = before.path
+    if len(asleep):
+        path = Path(steps.remembered(path.z, data.inputs, theta, path.force, asleep), path.force)
+    return estimate(steps, data, theta, free, before.noise, path, p, iterations)
+
+
+def wald_p(found: Estimate, effect: Candidate) -> float:
+    """Probability that an effect is as far from neutral by chance, by the standard errors of the fit."""
+    own = np.array([found.free.symbols.index(s) for s in effect.symbols])
+    move = found.p[own] - (effect.neutral - found.free.mean[own]) / found.free.std[own]
+    return float(chi2.sf(move @ np.linalg.solve(found.covariance[np.ix_(own, own)], move), len(own)))
+
+
+BLOCK, SPARE = 20.0, 4
+"""Runs are clusters if they are at least SPARE more than parameters; else blocks of BLOCK seconds [of a 3 m model]."""
+
+
+def clusters(data: Data, parameters: int, length: float) -> np.ndarray:
+    """Number of the cluster of each grid time of each window, (K + 1, R): its run or, with few runs, a block of it."""
+    runs = np.broadcast_to(data.run, data.good.shape[:2])
+    if len(np.unique(data.run)) >= parameters + SPARE:
+        return runs
+    block = max(1, round(BLOCK * (length / MODEL_LENGTH) ** 0.5 / data.h))
+    within = np.arange(len(data.good))[:, None] // block + np.zeros_like(runs)
+    return np.arange(runs.shape[1]) * (within.max() + 1) + within
+
+
+def robust_p(steps: Steps, data: Data, found: Estimate, effect: Candidate) -> float:
+    """Probability of an effect by how well the runs agree on it (cluster-robust Wald test, ``clusters``).
+
+    The covariance of the estimate is taken from the scatter of the clusters' slopes about the fit instead of from the
+    model of the noise (Liang & Zeger 1986). An effect that one run alone shows is not doubted by this, nor one with
+    parameters of its own in each run.
+    """
+    if any(AT in s for s in effect.symbols):
+        return 0.0
+    active = active_states(steps, found.free.symbols, found.theta)
+    around = look_around(steps, data, found.theta, found.path, found.noise, found.free, found.p, active)
+    own = np.array([found.free.symbols.index(s) for s in effect.symbols])
+    rest = np.setdiff1d(np.arange(len(found.p)), own)
+    white = around.white.reshape(*around.white.shape[:2], 6, -1)
+    gram = np.einsum("krca,krcb->ab", white, white, optimize=True)
+    A = gram[:-1, :-1] + np.eye(len(found.p))
+    project = np.linalg.solve(A[np.ix_(rest, rest)], A[np.ix_(rest, own)])
+    S = A[np.ix_(own, own)] - A[np.ix_(own, rest)] @ project
+    there = data.good.any(axis=2)
+    slope = -np.einsum("krca,krc->kra", white[..., :-1], white[..., -1])
+    slope -= np.where(there, 1.0, 0.0)[..., None] / np.maximum(there.sum(axis=0), 1)[:, None] * around.bend
+    each = slope[..., own] - slope[..., rest] @ project
+    names, number = np.unique(clusters(data, len(own), float(steps.ship.particulars["L"])), return_inverse=True)
+    sums = np.zeros((len(names), len(own)))
+    np.add.at(sums, number.reshape(there.shape), each)
+    sums = sums[np.bincount(number.ravel(), there.ravel(), len(names)) > 0]
+    R, q = len(sums), len(own)
+    if q + 2 > R:
+        return 0.0
+    sums -= sums.mean(axis=0)
+    V = sums.T @ sums * R / (R - 1)
+    move = S @ (found.p[own] - (effect.neutral - found.free.mean[own]) / found.free.std[own])
+    T = float(move @ np.linalg.pinv(V, rcond=1e-9, hermitian=True) @ move)
+    return float(f_law.sf(T * (R - q) / (q * (R - 1)), q, R - q))

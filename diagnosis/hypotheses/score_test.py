@@ -1,0 +1,136 @@
+"""Which effects would explain what a fitted hypothesis leaves: score tests of all candidates at once.
+
+At the optimum of a hypothesis the slope of the marginal likelihood along a parameter that is not in it should vanish
+but for chance (score test, Rao 1948). The slopes are those of residuals whitened by the filter, plus that of the log
+determinant; what the coefficients of the hypothesis (with their priors) and the states at the start could imitate is
+projected out. All slopes are jointly normal with a known covariance, which gives the law of the largest of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from diagnosis.estimation.candidates import Candidate, stem
+from diagnosis.estimation.gridded_trials import Data
+from diagnosis.estimation.linearised_model import Steps
+from diagnosis.estimation.map_estimate import Estimate, Path, look_around
+from diagnosis.estimation.parameters import Priors, acting, active_states
+
+DRAWS = 4000
+"""Draws of the joint law of all slopes, for the probability of the largest."""
+EXCITED = 1e-3
+"""Information on a parameter, in its typical sizes to the power -2, below which the trials do not move it."""
+
+
+@dataclass(frozen=True)
+class Slopes:
+    """The slopes of all candidates at a fitted hypothesis.
+
+    symbols: of the parameters, P of them, in units of their typical size; g: (P,) slopes of the log likelihood, the
+    hypothesis projected out; S: (P, P) their covariance; own: (P,) information before the projection.
+    """
+
+    symbols: tuple[str, ...]
+    g: np.ndarray
+    S: np.ndarray
+    own: np.ndarray
+
+
+@dataclass(frozen=True)
+class Scored:
+    """A candidate's test: T (chi-squared with ``degrees``), its probability by itself and as the largest of all;
+    phi: (p,) first-order estimates [typical sizes]; absorbed: share of its information that coefficients imitate;
+    errors: (p,) standard errors of phi, infinite where nothing is seen."""
+
+    name: str
+    T: float
+    degrees: int
+    p_single: float
+    p_value: float
+    phi: np.ndarray
+    absorbed: float
+    excited: bool
+    errors: np.ndarray = field(default_factory=lambda: np.zeros(0))
+
+
+def slopes(steps: Steps, data: Data, found: Estimate, candidates: Mapping[str, Candidate]) -> Slopes:
+    """Linearise about a fitted hypothesis with all candidates as further columns."""
+    passive = np.setdiff1d(np.arange(steps.S), active_states(steps, found.free.symbols, found.theta))
+    active, z = np.arange(steps.S), found.path.z  # a candidate's memory takes part in the slope of the log determinant
+    if len(passive):
+        z = steps.remembered(z, data.inputs, found.theta, found.path.force, passive)
+    each = [s for c in candidates.values() for s in c.symbols]
+    symbols = list(dict.fromkeys(stem(s) for s in each))
+    sizes = dict(zip((stem(s) for s in each), np.concatenate([c.typical for c in candidates.values()]), strict=True))
+    typical, free, n = np.array([sizes[s] for s in symbols]), found.free, len(symbols)
+    both = free + Priors(tuple(symbols), np.zeros(n), typical, np.full(n, -np.inf), np.full(n, np.inf))
+    path, nowhere = Path(z, found.path.force), np.zeros(len(both.symbols))
+    around = look_around(steps, data, found.theta, path, found.noise, both, nowhere, active)
+    P = len(free.symbols)
+    grams = np.einsum("krca,krcb->rab", around.white, around.white, optimize=True)
+    bend = np.hstack([around.bend, np.zeros((len(data.run), 1))])
+    # a parameter of one run has the column of the ship's parameter in that run's windows and nothing elsewhere
+    pick = np.array([*range(P), *(P + symbols.index(stem(s)) for s in each), P + n])
+    acts = np.hstack([np.ones((len(data.run), P)), acting(each, data), np.ones((len(data.run), 1))])
+    grams = grams[:, pick[:, None], pick[None]] * acts[:, :, None] * acts[:, None]
+    gram, bends = grams.sum(axis=0), (bend[:, pick] * acts).sum(axis=0)[:-1]
+    A = gram[:P, :P] + np.eye(P)
+    project = np.linalg.solve(A, gram[:P, P:-1])
+    S = gram[P:-1, P:-1] - gram[P:-1, :P] @ project
+    own = np.diag(gram)[P:-1].copy()
+    g_all = -(gram[:-1, -1] + bends)
+    g_all[:P] -= found.p
+    g = g_all[P:] - project.T @ g_all[:P]
+    return Slopes(tuple(each), g, S, own)
+
+
+def scored(s: Slopes, candidates: Mapping[str, Candidate], seed: int = 0) -> list[Scored]:
+    """Tests of all candidates, the most telling first."""
+    rng = np.random.default_rng(seed)
+    values, vectors = np.linalg.eigh(s.S)
+    draws = rng.standard_normal((DRAWS, len(values))) * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
+    tests = [_test(s, c, draws) for c in candidates.values()]
+    least = np.min([null for _, null in tests], axis=0)
+    count = sum(row.excited for row, _ in tests)
+    rows = [replace(row, p_value=_largest(row.p_single, least, count) if row.T > 0 else 1.0) for row, _ in tests]
+    return sorted(rows, key=lambda r: (r.p_single, -r.T))
+
+
+def _test(s: Slopes, c: Candidate, draws: np.ndarray) -> tuple[Scored, np.ndarray]:
+    """The test of one candidate, and the single probabilities (DRAWS,) that chance gives it."""
+    at = np.array([s.symbols.index(x) for x in c.symbols])
+    S, own = s.S[np.ix_(at, at)], s.own[at]
+    excited = own > EXCITED
+    seen = excited & (np.diag(S) > EXCITED)
+    if not seen.any():
+        absorbed = 1.0 if excited.any() else 0.0
+        nowhere = np.full(len(at), np.inf)
+        row = Scored(c.name, 0.0, len(at), 1.0, 1.0, np.zeros(len(at)), absorbed, bool(excited.any()), nowhere)
+        return row, np.ones(len(draws))
+    S = S[np.ix_(seen, seen)]
+    inverse = np.linalg.pinv(S, rcond=1e-8, hermitian=True)
+    degrees = int(np.linalg.matrix_rank(S, tol=1e-8 * np.trace(S), hermitian=True))
+    phi = np.zeros(len(at))
+    phi[seen] = inverse @ s.g[at][seen]
+    T = float(phi[seen] @ s.g[at][seen])
+    d = draws[:, at][:, seen]
+    null = chi2.sf(np.einsum("da,ab,db->d", d, inverse, d), degrees)
+    p = float(chi2.sf(T, degrees))
+    if len(at) == 1 and c.neutral[0] <= c.lower[0]:  # it can only be positive
+        null, p = np.where(d[:, 0] > 0, 0.5 * null, 1.0), 0.5 * p
+        if phi[0] <= 0:
+            T, p, phi = 0.0, 1.0, np.zeros(1)
+    absorbed = float(np.clip(1 - np.mean(np.diag(S) / own[seen]), 0.0, 1.0))
+    errors = np.full(len(at), np.inf)
+    errors[seen] = np.sqrt(np.diag(inverse))
+    return Scored(c.name, T, degrees, p, 1.0, phi, absorbed, True, errors), null
+
+
+def _largest(p: float, least: np.ndarray, count: int) -> float:
+    """Probability that chance gives a smaller single probability anywhere; beyond the draws by Bonferroni."""
+    seen = float((least <= p).mean())
+    return seen if seen > 20 / DRAWS else min(1.0, p * count, max(seen, 20 / DRAWS))

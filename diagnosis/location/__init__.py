@@ -1,0 +1,1 @@
+"""Where the gap lies: channels, phases, regions, frequency bands."""

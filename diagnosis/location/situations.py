@@ -1,0 +1,157 @@
+"""What the ship was doing at every step of the trials: variables with bins, and phases of a manoeuvre in words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from diagnosis.estimation.gridded_trials import Data
+from mmg.flow import INPUTS, PROPELLERS, RUDDERS
+from mmg.frames import relative_air
+
+STEADY, CHANGING = "steady turning", "entering a turn / yaw changing"
+STRAIGHT, ACCELERATING = "straight ahead", "accelerating"
+STOPPING, SLOW = "stopping / astern (n<0)", "drifting slow"
+PHASES = (STRAIGHT, ACCELERATING, CHANGING, STEADY, STOPPING, SLOW)
+SLOW_SHARE, ASTERN_SHARE = 0.25, 0.05
+"""Of the speed that a trial usually has: below the first a ship ahead is slow; this fast backwards it goes astern."""
+TURNING, TURN_CHANGE, SPEED_CHANGE = 0.1, 0.1, 0.03
+"""r L/U, r' (L/U)^2 and u' L/U^2 from which a ship turns, changes its turn, changes its speed."""
+GRID = 3
+"""Cells of the place along north and along east."""
+FEW = 12
+"""An input with no more different values than this has a bin for each of them."""
+
+
+@dataclass(frozen=True)
+class Variable:
+    """Something a force may depend on.
+
+    values: (M,) by sample; edges: (B + 1,) of its bins, rising; wraps: an angle; signed: half of it mirrors the other.
+    """
+
+    name: str
+    unit: str
+    values: np.ndarray
+    edges: np.ndarray
+    wraps: bool = False
+    signed: bool = False
+
+
+def quantile_edges(values: np.ndarray, bins: int = 6) -> np.ndarray:
+    """Edges of bins with about equally many samples, fewer where values repeat; the last one a little above."""
+    different = np.unique(values)
+    if len(different) <= FEW:
+        middles = 0.5 * (different[1:] + different[:-1])
+        ends = np.array([different[0], different[-1] + 1e-9 * max(1.0, abs(different[-1]))])
+        return np.concatenate([ends[:1], middles, ends[1:]])
+    edges = np.unique(np.quantile(values, np.linspace(0, 1, bins + 1)))
+    edges[-1] += 1e-9 * max(1.0, abs(edges[-1]))
+    return edges
+
+
+def signed_edges(values: np.ndarray) -> np.ndarray:
+    """Edges by quantiles of either sign, so that one lies at zero: port and starboard have bins of their own."""
+    sides = [quantile_edges(part, 3) for part in (values[values < 0], values[values >= 0]) if len(part)]
+    if len(sides) < 2 or len(np.unique(values)) <= FEW:
+        return quantile_edges(values)
+    return np.concatenate([sides[0][:-1], [0.0], sides[1][1:]])
+
+
+def sector_edges(count: int) -> np.ndarray:
+    """Edges of equal sectors of the full circle, the first about 0 [rad]."""
+    half = np.pi / count
+    return np.linspace(-half, 2 * np.pi - half, count + 1)
+
+
+def sectors(values: np.ndarray, count: int) -> np.ndarray:
+    """Angles [rad] turned by whole circles into the range of ``sector_edges``."""
+    half = np.pi / count
+    return np.mod(values + half, 2 * np.pi) - half
+
+
+def variables_of(names: Sequence[str], data: Data, z: np.ndarray) -> list[Variable]:
+    """All variables over the samples inside the windows; names: of the model's inputs; z: (K + 1, R, S) states.
+
+    What does not vary is left out, and the wind where none was logged.
+    """
+    inside = data.inside
+    middle = 0.5 * (z[:-1] + z[1:])[inside]
+    x, y, psi, u, v, r = middle[:, :6].T
+    inputs = {name: data.inputs[..., i][inside] for i, name in enumerate(names)}
+    found = [
+        Variable("u", "m/s", u, quantile_edges(u)),
+        Variable("v", "m/s", v, signed_edges(v), signed=True),
+        Variable("r", "rad/s", r, signed_edges(r), signed=True),
+    ]
+    for name in INPUTS:
+        values = inputs.get(name)
+        if values is None:
+            continue
+        signed = name in RUDDERS or (INPUTS[name][1] == "rps" and bool((values < 0).any()))
+        edges = signed_edges(values) if signed else quantile_edges(values)
+        found.append(Variable(name, INPUTS[name][1], values, edges, signed=signed))
+        if name in RUDDERS:
+            rate = (np.gradient(data.inputs[..., names.index(name)], data.h, axis=0))[inside]
+            found.append(Variable(f"rate of {name}", "rad/s", rate, _rate_edges(rate), signed=True))
+    if any(np.any(inputs.get(name, 0.0)) for name in ("wind_north", "wind_east")):
+        a_x, a_y = relative_air(inputs["wind_north"], inputs["wind_east"], psi, u, v)
+        speed, angle = np.hypot(a_x, a_y), sectors(np.arctan2(-a_y, -a_x), 8)
+        found.append(Variable("apparent wind speed", "m/s", speed, quantile_edges(speed)))
+        found.append(Variable("apparent wind angle", "rad", angle, sector_edges(8), wraps=True))
+    found.append(Variable("heading", "rad", sectors(psi, 8), sector_edges(8), wraps=True))
+    found.append(Variable("x, north", "m", x, quantile_edges(x, 4)))
+    found.append(Variable("y, east", "m", y, quantile_edges(y, 4)))
+    clock = data.t[:-1][inside]
+    found.append(Variable("time since the start", "s", clock, quantile_edges(clock, 4)))
+    return [f for f in found if len(f.edges) > 2 and np.ptp(f.values) > 1e-6 * np.abs(f.values).max()]
+
+
+def _rate_edges(rate: np.ndarray) -> np.ndarray:
+    """Edges that part a rudder moving to port, at rest and moving to starboard."""
+    size = float(np.abs(rate).max(initial=0.0))
+    if size <= 0:
+        return np.array([0.0, 1.0])
+    return size * np.array([-1.0001, -0.1, 0.1, 1.0001])
+
+
+def phases(names: Sequence[str], data: Data, z: np.ndarray, length: float) -> np.ndarray:
+    """Phase of every sample inside the windows (M,), as a position in PHASES; length: of the ship [m].
+
+    Thresholds are of the ship's own time L/U, with U not below a share of the speed that the trials usually have.
+    """
+    inside = data.inside
+    u, v, r = (0.5 * (z[:-1, :, i] + z[1:, :, i]) for i in (3, 4, 5))
+    # over some steps, so that the noise of the path does not count as a change
+    reach = max(1, round(0.25 * length / max(float(np.abs(u[inside]).mean()), 1e-6) / data.h))
+    du, dr = (_change(z[..., i], reach, data.steps) / (reach * data.h) for i in (3, 5))
+    speed = np.hypot(u, v)
+    usual = float(np.quantile(speed[inside], 0.8))
+    U = np.maximum(speed, max(SLOW_SHARE * usual, 1e-9))
+    back = np.zeros_like(inside)
+    for name in PROPELLERS:
+        if name in names:
+            back |= data.inputs[..., names.index(name)] < 0
+    result = np.full(inside.shape, PHASES.index(STRAIGHT))
+    result[np.abs(du) * length / U**2 > SPEED_CHANGE] = PHASES.index(ACCELERATING)
+    result[np.abs(r) * length / U > TURNING] = PHASES.index(STEADY)
+    result[np.abs(dr) * (length / U) ** 2 > TURN_CHANGE] = PHASES.index(CHANGING)
+    result[speed < SLOW_SHARE * usual] = PHASES.index(SLOW)
+    result[back | (u < -ASTERN_SHARE * usual)] = PHASES.index(STOPPING)
+    return result[inside]
+
+
+def _change(z: np.ndarray, reach: int, steps: np.ndarray) -> np.ndarray:
+    """Change (K, R) of z (K + 1, R) over ``reach`` steps about each step, never beyond the end of its window."""
+    k = np.arange(len(z) - 1)[:, None]
+    start = np.clip(k - reach // 2, 0, np.maximum(steps - reach, 0)[None])
+    end = np.minimum(start + reach, steps[None])
+    return np.take_along_axis(z, end, axis=0) - np.take_along_axis(z, start, axis=0)
+
+
+def place_edges(values: np.ndarray) -> np.ndarray:
+    """Edges of GRID equal cells between the ends of the values."""
+    low, high = float(values.min()), float(values.max())
+    return np.linspace(low, high + 1e-9 * max(1.0, abs(high)), GRID + 1)

@@ -1,0 +1,182 @@
+"""Where the gap lies: the smoothed latent force by channel, phase of the manoeuvre, region of state, band, and run.
+
+The latent force is what must be added to the forces of the model so that it follows the trials. It is smoothed, so its
+rms is somewhat below that of the force itself where the sensors are too rough to see it. Surge, sway and yaw are made
+comparable by X^2/(m + m_x), Y^2/(m + m_y), N^2/(I_z + J_z): the kinetic energy that each would give to the free ship in
+the same time. "relative" is the rms by that of the net force of the channel, mass times acceleration with the terms of
+the turning frame, over the same trials.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from diagnosis.estimation.gridded_trials import Data
+from diagnosis.estimation.map_estimate import Estimate
+from diagnosis.location.regions import CHANNELS, UNITS, Samples, all_bins, by_variable, means, regions, with_later
+from diagnosis.location.situations import PHASES, phases, variables_of
+from mmg.frames import body_to_earth
+from mmg.memory import MODEL_LENGTH
+from mmg.rigid_body import Inertia, inertia
+from mmg.ship import Ship
+
+PERIODS = (60.0, 20.0, 5.0)
+"""Periods [s] between the bands, of a 3 m model (Froude's law)."""
+
+
+def where(controls: Sequence[str], data: Data, estimate: Estimate, ship: Ship, after: Estimate | None = None) -> dict:
+    """What ``diagnosis.json`` says under "where"; all values are plain floats in SI units.
+
+    controls: names of the model's inputs, in the order of ``data.inputs``; after: the fit with the named effects, whose
+    latent force is set beside that of ``estimate`` in the same places (keys ending in "_after").
+    """
+    inside = data.inside
+    z = estimate.path.z
+    mass = _mass(ship)
+    force = estimate.path.force[:-1][inside]
+    later = after.path.force[:-1][inside] if after is not None else None
+    seen = Samples(force, later, np.broadcast_to(data.run, inside.shape)[inside], data.h, estimate.noise.tau)
+    variables = variables_of(list(controls), data, z)
+    names, bins, member = all_bins(variables, z, inside)
+    phase = phases(list(controls), data, z, float(ship.particulars["L"]))
+    by_phase = phase[None] == np.arange(len(PHASES))[:, None]
+    return {
+        "channels": _channels(data, z, mass, seen),
+        "phases": _phases(by_phase, seen),
+        "regions": regions(names, bins, member, seen),
+        "bands": _bands(data, estimate, after, float(ship.particulars["L"])),
+        "runs": _runs(data, seen),
+        "earth": _earth(data, estimate, z),
+        "variables": by_variable(variables, seen),
+    }
+
+
+def _mass(ship: Ship) -> Inertia:
+    coefficients = {s: c.value for s, c in ship.coefficients.items()}
+    return inertia(ship.namespace, type(ship.namespace)(**coefficients))
+
+
+def _channels(data: Data, z: np.ndarray, mass: Inertia, s: Samples) -> dict[str, dict[str, Any]]:
+    """By channel: rms, mean, share of the comparable energy, and the rms by that of the net force."""
+    masses = np.array([mass.m + mass.m_x, mass.m + mass.m_y, mass.I_z])
+    square = (s.force**2).mean(axis=0)
+    energy = square / masses
+    later = (s.after**2).mean(axis=0) / masses if s.after is not None else None
+    net = np.sqrt((_net_force(data, z, mass) ** 2).mean(axis=0))
+    every = np.ones(len(s.force), dtype=bool)
+    result: dict[str, dict[str, Any]] = {}
+    for c, name in enumerate(CHANNELS):
+        row = {
+            "force_rms": math.sqrt(square[c]),
+            "share": float(energy[c] / energy.sum()) if energy.sum() > 0 else 1 / 3,
+            "mean": float(s.force[:, c].mean()),
+            "relative": float(math.sqrt(square[c]) / net[c]) if net[c] > 0 else 0.0,
+        }
+        row = with_later(row, s.after, every, c)
+        if later is not None and energy.sum() > 0:
+            row["share_after"] = float(later[c] / later.sum()) if later.sum() > 0 else 1 / 3
+        result[name] = {"unit": UNITS[c], **row}
+    return result
+
+
+def _net_force(data: Data, z: np.ndarray, mass: Inertia) -> np.ndarray:
+    """Net force X, Y, N of every sample (M, 3) from the smoothed motion, by the equations of motion."""
+    u, v, r = (0.5 * (z[:-1, :, i] + z[1:, :, i]) for i in (3, 4, 5))
+    du, dv, dr = ((z[1:, :, i] - z[:-1, :, i]) / data.h for i in (3, 4, 5))
+    X = (mass.m + mass.m_x) * du - (mass.m + mass.m_y) * v * r - mass.moment * r**2
+    Y = (mass.m + mass.m_y) * dv + (mass.m + mass.m_x) * u * r + mass.moment * dr
+    N = mass.I_z * dr + mass.moment * (dv + u * r)
+    return np.stack([X, Y, N], axis=-1)[data.inside]
+
+
+def _phases(member: np.ndarray, s: Samples) -> list[dict[str, Any]]:
+    """Rows by phase and channel; phases that do not occur are left out, the strongest first."""
+    rms, mean, overall = s.rms(member), means(s.force, member), np.sqrt((s.force**2).mean(axis=0))
+    rows: list[dict[str, Any]] = []
+    for i, name in enumerate(PHASES):
+        if not member[i].any():
+            continue
+        for c, channel in enumerate(CHANNELS):
+            row = {
+                "force_rms": float(rms[i, c]),
+                "mean": float(mean[i, c]),
+                "share_of_time": float(member[i].mean()),
+                "ratio": float(rms[i, c] / overall[c]) if overall[c] > 0 else 1.0,
+            }
+            rows.append({"phase": name, "channel": channel, "unit": UNITS[c], **with_later(row, s.after, member[i], c)})
+    return sorted(rows, key=lambda row: -float(row["ratio"]))
+
+
+def _bands(data: Data, before: Estimate, after: Estimate | None, length: float) -> list[dict[str, Any]]:
+    """Energy of each channel by band: the mean of each window first, then by Fourier transform of what is left."""
+    k = math.sqrt(length / MODEL_LENGTH)
+    longest = float(data.steps.max()) * data.h
+    edges = [1 / (p * k) for p in PERIODS if p * k < longest]
+    edges = [0.0, *edges, 0.5 / data.h] if edges and edges[-1] < 0.5 / data.h else [0.0, 0.5 / data.h]
+    parts = [_energies(data, e.path.force, edges) for e in (before, after) if e is not None]
+    ends = [(0.0, 1 / longest, "mean of each run"), *((a, b, "") for a, b in itertools.pairwise(edges))]
+    rows: list[dict[str, Any]] = []
+    for i, (low, high, words) in enumerate(ends):
+        for c, channel in enumerate(CHANNELS):
+            energies = [part[i, c] for part in parts]
+            total = float(parts[0][:, c].sum())
+            row: dict[str, Any] = {
+                "from_hz": max(low, 0.0 if i < 1 else 1 / longest),
+                "to_hz": high,
+                "channel": channel,
+            }
+            row |= {"share": float(energies[0] / total) if total > 0 else float(i == 0), "words": words}
+            row |= {"force_rms": math.sqrt(energies[0]), "unit": UNITS[c]}
+            if len(energies) > 1:
+                row["force_rms_after"] = math.sqrt(energies[1])
+            rows.append(row)
+    return rows
+
+
+def _energies(data: Data, force: np.ndarray, edges: Sequence[float]) -> np.ndarray:
+    """Mean square of the force (1 + bands, 3) in the means of the windows and in each band."""
+    result = np.zeros((len(edges), 3))
+    for w, steps in enumerate(data.steps):
+        part = force[:steps, w]
+        mean = part.mean(axis=0)
+        power = np.abs(np.fft.rfft(part - mean, axis=0)) ** 2 / steps
+        power[1 : (steps + 1) // 2] *= 2
+        at = np.clip(np.digitize(np.fft.rfftfreq(steps, data.h), edges), 1, len(edges) - 1)
+        result[0] += steps * mean**2
+        np.add.at(result, at, power)
+    return result / data.steps.sum()
+
+
+def _earth(data: Data, estimate: Estimate, z: np.ndarray) -> list[dict[str, Any]]:
+    """By trial: mean of the force in the earth frame [N], its size and where it points to [rad, clockwise of north].
+
+    Wind, waves or a current that the model does not have leave a mean here, whatever the headings.
+    """
+    rows: list[dict[str, Any]] = []
+    for i, name in enumerate(data.trials):
+        inside = data.inside & (data.run == i)
+        if inside.any():
+            force, psi = estimate.path.force[:-1][inside], z[:-1][inside][:, 2]
+            north, east = (float(np.mean(x)) for x in body_to_earth(force[:, 0], force[:, 1], psi))
+            size, towards = math.hypot(north, east), math.atan2(east, north) % (2 * math.pi)
+            rows.append({"run": name, "north": north, "east": east, "force": size, "towards": towards, "unit": "N"})
+    return rows
+
+
+def _runs(data: Data, s: Samples) -> list[dict[str, Any]]:
+    """Rows by trial and channel."""
+    rows: list[dict[str, Any]] = []
+    for i in np.unique(s.run):
+        member = s.run == i
+        for c, channel in enumerate(CHANNELS):
+            part = s.force[member, c]
+            row = {"force_rms": float(np.sqrt((part**2).mean())), "mean": float(part.mean())}
+            row = with_later(row, s.after, member, c)
+            head = {"run": data.trials[i], "channel": channel, "unit": UNITS[c]}
+            rows.append({**head, **row, "seconds": float(member.sum() * data.h)})
+    return rows

@@ -1,0 +1,184 @@
+"""The report on a diagnosis: figures and one self-contained HTML page that a naval architect reads in two minutes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from jinja2 import ChoiceLoader, Environment, PackageLoader
+
+from diagnosis.location.regions import CHANNELS
+from diagnosis.report import where_words as report_where
+from diagnosis.report import words
+from diagnosis.report.figures import figures_for
+from diagnosis.result import Diagnosis
+from fitting.report.page import environment, figures_of, write_page
+from mmg.errors import UserError
+
+REPORT, FIGURES = "report.html", "figures"
+TOLD = 12
+"""Regions in the table."""
+FAINT = 0.05
+"""Share of the energy up to which the regions of a channel are left to diagnosis.json."""
+
+
+def write_report(d: Diagnosis, folder: Path) -> list[dict[str, str]]:
+    """Write the figures and ``report.html`` of a diagnosis to a folder; the figures' files, titles and captions.
+
+    Raises UserError when they cannot be written.
+    """
+    listed = write_figures(d, folder)
+    write_page(build_report(d, folder, listed), folder / REPORT)
+    return listed
+
+
+def write_figures(d: Diagnosis, folder: Path) -> list[dict[str, str]]:
+    """Draw the figures into ``folder/figures``; their files, titles and captions."""
+    listed = []
+    try:
+        (folder / FIGURES).mkdir(parents=True, exist_ok=True)
+        for f in figures_for(d):
+            f.draw(d).savefig(folder / FIGURES / f"{f.name}.png")
+            listed.append({"file": f"{FIGURES}/{f.name}.png", "title": f.title, "caption": f.caption})
+    except OSError as error:
+        raise UserError(f"{folder}: cannot be written ({error.strerror}); choose another --out") from None
+    return listed
+
+
+def templates() -> Environment:
+    """The templates of this package before those of ``fitting``, with their filters."""
+    found = environment()
+    found.loader = ChoiceLoader(
+        [PackageLoader("diagnosis.report", "templates"), PackageLoader("fitting.report", "templates")]
+    )
+    found.filters["plain"] = words.plain
+    found.filters["signed"] = words.signed
+    found.filters["capitalize_first"] = lambda text: text[:1].upper() + text[1:]
+    return found
+
+
+def build_report(d: Diagnosis, folder: Path, listed: Sequence[Mapping[str, str]]) -> str:
+    """The page; listed: figures that lie in the folder."""
+    page = templates().get_template("diagnosis.html.j2")
+    figures = {f["name"]: f for f in figures_of(folder, listed)}
+    names = ("where_on_track", "where_in_state", "ranking", "held_out", "shares")
+    return page.render(figures={name: figures.get(name) for name in names}, **_head(d), **_effects(d), **_rest(d))
+
+
+def _head(d: Diagnosis) -> dict[str, Any]:
+    """Title, sentence, cards."""
+    held = d.held_out
+    changed = held is not None and held.mse_after != held.mse_before
+    shrinks = ""
+    if held is not None and changed and d.verdict == "named":
+        shrinks = f"{words.signed(-100 * held.reduction)} % error"
+    best = words.ranking(d)[:1]
+    what = "What is left looks like chance."
+    if d.verdict == "unknown":
+        what = "Something changes the motion that the library of effects does not hold, or several do at once."
+        if best:
+            what += f" The nearest is {best[0]['name']}: {best[0]['meaning'][:1].lower()}{best[0]['meaning'][1:]}"
+        kinds = {k: v for k, v in d.unnamed_before.items() if k not in ("all", "single") and v > 1.1}
+        if kinds:
+            nearest = words.kind_words(max(kinds, key=kinds.__getitem__))
+            what += f" Among functions without a name it acts most like {nearest}."
+    where = report_where.where_words(d)
+    return {
+        "ship": d.ship.name, "verdict": d.verdict, "badge": words.BADGE[d.verdict],
+        "sentence": words.readable(d.sentence),
+        "verdict_words": words.verdict_words(d), "what_words": what, "shrinks": shrinks, "changed": changed,
+        "held_words": words.held_words(held, d.verdict), "where_words": where, "where_big": report_where.where_big(d),
+        "learned": words.readable(d.learned.sentence) if d.learned else "",
+        "learned_words": words.learned_words(d.learned),
+        "next_test": words.next_words(d), "warnings": [words.readable(w.rstrip(".")) for w in d.warnings],
+        "version": _version(),
+        "trials": d.data.trials, "tests": len(held.by_run) if held is not None else 0,
+    }  # fmt: skip
+
+
+def _version() -> str:
+    try:
+        return version("mmg-ident")
+    except PackageNotFoundError:
+        return "?"
+
+
+def _effects(d: Diagnosis) -> dict[str, Any]:
+    """The named effects, and the candidates in two tables: those refitted, and the others."""
+    rows = words.ranking(d)
+    done = [c.delta_bic is not None for c in d.candidates]
+    order = {words.plain(e.name): i for i, e in enumerate(d.effects)}
+    named = set(order)
+    refitted = [row for row, yes in zip(rows, done, strict=True) if yes or row["name"] in named]
+    return {
+        "named": sorted((row for row in rows if row["name"] in named), key=lambda row: order[row["name"]]),
+        "refitted": sorted(refitted, key=lambda row: order.get(row["name"], len(order))),
+        "others": [row for row, yes in zip(rows, done, strict=True) if not yes and row["name"] not in named],
+        "left_out": d.left_out,
+        "unnamed_words": words.unnamed_words(d),
+    }
+
+
+def _rest(d: Diagnosis) -> dict[str, Any]:
+    """Tables of the test trials, of where, of what is random."""
+    where = d.where
+    channels = [{"name": name, **row} for name, row in where.get("channels", {}).items()]
+    told = [row for row in where.get("regions", []) if where["channels"][row["channel"]]["share"] > FAINT][:TOLD]
+    regions = [{"words": report_where.region_words(row), **row} for row in told]
+    fits = [("random force, rms, without any effect", d.null.noise.force)]
+    if d.effects:
+        fits.append(("with what was named", d.final.noise.force))
+    earth = {
+        row["run"]: f"{row['force']:.2g} {row['unit']} to {round(math.degrees(row['towards'])) % 360:03d}°"
+        for row in where.get("earth", [])
+    }
+    return {
+        "earth": earth,
+        "held": held_rows(d), "likelihood": _likelihood(d), "channels": channels, "regions": regions,
+        "later": any("force_rms_after" in row for row in channels),
+        "phases": _by_channel(where.get("phases", []), "phase"), "runs": _by_channel(where.get("runs", []), "run"),
+        "kinematics": d.kinematics, "noise": {"tau": d.null.noise.tau, "rows": fits}, "timings": d.timings,
+    }  # fmt: skip
+
+
+def held_rows(d: Diagnosis) -> list[dict[str, Any]]:
+    """Errors of the test trials before and after, the total last."""
+    if d.held_out is None:
+        return []
+    h = d.held_out
+    pairs = [*h.by_run.items(), ("all windows", (h.mse_before, h.mse_after))]
+    return [
+        {
+            "name": name,
+            "before": before,
+            "after": after,
+            "worse": after > before,
+            "change": f"{words.signed(100 * (after / before - 1))} %" if before > 0 else "–",
+        }
+        for name, (before, after) in pairs
+    ]
+
+
+def _likelihood(d: Diagnosis) -> str:
+    """The gain of the one-step predictions of the test trials in words."""
+    h = d.held_out
+    if h is None or h.likelihood_gain is None:
+        return ""
+    text = f"One step at a time, the log likelihood of the test trials changes by {words.signed(h.likelihood_gain)}"
+    if h.likelihood_interval_90 is not None:
+        low, high = h.likelihood_interval_90
+        text += f" (90 % interval {words.signed(low)} to {words.signed(high)}; above 0 is better)"
+    return text + "."
+
+
+def _by_channel(rows: Sequence[Mapping[str, Any]], key: str) -> list[dict[str, Any]]:
+    """Rows by channel joined to one per phase or run, in the order in which they come."""
+    found = []
+    for name in dict.fromkeys(row[key] for row in rows):
+        cells = {row["channel"]: row for row in rows if row[key] == name}
+        time = next(iter(cells.values())).get("share_of_time")
+        found.append({"name": name, "time": report_where.percent(time), "cells": [cells[c] for c in CHANNELS]})
+    return found

@@ -1,0 +1,142 @@
+"""Figures of where the gap lies: the missing force on the tracks, and averaged over what it follows most."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator, MultipleLocator
+
+from diagnosis.result import Diagnosis
+from fitting.report.plot_style import AFTER, BEFORE, MEASURED, dress, new_figure
+from fitting.report.plot_tracks import OUTLINE
+
+DEGREES = 180 / np.pi
+ARROWS = 26
+"""Arrows along a track."""
+TURNING = LinearSegmentedColormap.from_list("turning", ["#7A3B9A", "#B9B9B9", "#009E73"])
+"""Colours of a moment to port, none, to starboard."""
+
+
+def by_degrees(unit: str) -> tuple[float, str]:
+    """Factor to the unit that is shown, and its name."""
+    return (DEGREES, unit.replace("rad", "deg")) if unit.startswith("rad") else (1.0, unit)
+
+
+def track_figure(d: Diagnosis, most: int = 4) -> Figure:
+    """Tracks of the windows with the largest missing force, as arrows of one scale, the moment by colour; north up."""
+    chosen = _strongest(d, most)
+    columns = 2 if len(chosen) > 1 else 1
+    rows = -(-len(chosen) // columns)
+    figure = new_figure(0.5 + (3.6 if columns > 1 else 5.0) * rows)
+    axes = np.atleast_1d(figure.subplots(rows, columns)).ravel()
+    force = d.null.path.force[:-1]
+    sizes = np.concatenate([np.hypot(*force[: d.data.steps[w], w, :2].T) for w in chosen])
+    moments = np.concatenate([np.abs(force[: d.data.steps[w], w, 2]) for w in chosen])
+    reach, turn = (max(float(np.quantile(a, 0.95)), 1e-12) for a in (sizes, moments))
+    lines = None
+    for ax, w in zip(axes, chosen, strict=False):
+        lines = _track(ax, d, int(w), reach, turn)
+    for ax in axes[len(chosen) :]:
+        ax.axis("off")
+    if lines is not None:
+        bar = figure.colorbar(lines, ax=list(axes), location="bottom", fraction=0.02, aspect=70, pad=0.02)
+        bar.outline.set_visible(False)
+        bar.set_label("missing yaw moment [N m]: bow to port  ←   track   →  bow to starboard", fontsize=8.5)
+        bar.ax.tick_params(labelsize=8)
+    return figure
+
+
+def _strongest(d: Diagnosis, most: int) -> np.ndarray:
+    """Windows with the most energy of the missing force, one of each trial, in the order of the trials."""
+    channels = d.where["channels"]
+    rms = np.array([max(row["force_rms"], 1e-12) for row in channels.values()])
+    weight = np.array([row["share"] for row in channels.values()]) / rms**2
+    energy = [float((d.null.path.force[:s, w] ** 2 @ weight).mean()) for w, s in enumerate(d.data.steps)]
+    best = [max(np.flatnonzero(d.data.run == run), key=lambda w: energy[w]) for run in np.unique(d.data.run)]
+    return np.array(sorted(sorted(best, key=lambda w: -energy[w])[:most]), dtype=int)
+
+
+def _track(ax: Axes, d: Diagnosis, w: int, reach: float, turn: float) -> LineCollection:
+    """One track with its arrows; reach [N] is drawn 0.15 of the panel long, turn [N m] has full colour."""
+    steps = d.data.steps[w]
+    z, force = d.null.path.z[: steps + 1, w], d.null.path.force[:steps, w]
+    points = z[:, 1::-1]  # east, north
+    dress(ax, "y, east [m]", "x, north [m]", d.data.trials[d.data.run[w]])
+    half = 0.65 * max(np.ptp(points[:, 0]), np.ptp(points[:, 1]), 2 * float(d.ship.particulars["L"]))
+    middle = 0.5 * (points.max(axis=0) + points.min(axis=0))
+    ax.set_xlim(middle[0] - half, middle[0] + half)
+    ax.set_ylim(middle[1] - half, middle[1] + half)
+    ax.set_aspect("equal", adjustable="box")
+    lines = LineCollection(np.stack([points[:-1], points[1:]], axis=1), cmap=TURNING, lw=3.0, zorder=2)  # type: ignore[arg-type]
+    lines.set_array(force[:, 2])
+    lines.set_clim(-turn, turn)
+    ax.add_collection(lines)
+    at = np.linspace(0, steps - 1, min(ARROWS, steps)).round().astype(int)
+    c, s = np.cos(z[at, 2]), np.sin(z[at, 2])
+    north, east = c * force[at, 0] - s * force[at, 1], s * force[at, 0] + c * force[at, 1]
+    style: dict[str, Any] = {
+        "color": BEFORE, "angles": "xy", "scale_units": "xy", "scale": reach / (0.3 * half),
+        "width": 0.006, "zorder": 3,
+    }  # fmt: skip
+    arrows = ax.quiver(points[at, 0], points[at, 1], east, north, **style)
+    size = float(f"{reach:.1g}")
+    ax.quiverkey(arrows, 0.8, 0.94, size, f"{size:g} N", labelpos="E", fontproperties={"size": 8.5})
+    for k in np.linspace(0, steps - 1, 5).round().astype(int):
+        c, s = np.cos(z[k, 2]), np.sin(z[k, 2])
+        body = OUTLINE * float(d.ship.particulars["L"])
+        ax.fill(points[k, 0] + body @ [s, c], points[k, 1] + body @ [c, -s], fc="none", ec="#666666", lw=0.7, zorder=4)
+    ax.plot(points[0, 0], points[0, 1], "o", color=MEASURED, ms=4.5, zorder=5)
+    return lines
+
+
+def telling(d: Diagnosis, most: int = 6) -> list[Mapping[str, Any]]:
+    """Rows of where["variables"] that explain most of the force, at most two of one variable."""
+    chosen: list[Mapping[str, Any]] = []
+    for row in d.where.get("variables", []):
+        if sum(row["variable"] == other["variable"] for other in chosen) < 2:
+            chosen.append(row)
+    return chosen[:most]
+
+
+def state_figure(d: Diagnosis) -> Figure:
+    """Missing force averaged in bins of what it follows most, with two standard errors, before and after."""
+    rows = telling(d)
+    figure = new_figure(0.4 + 2.5 * max(1, -(-len(rows) // 3)))
+    axes = np.atleast_1d(figure.subplots(max(1, -(-len(rows) // 3)), 3)).ravel()
+    for ax, row in zip(axes, rows, strict=False):
+        factor, unit = by_degrees(row["unit"])
+        at = factor * np.array(row["at"])
+        dress(ax, f"{row['variable']} [{unit}]", f"missing {row['channel']} [{row['force_unit']}]")
+        ax.axhline(0.0, color=MEASURED, lw=0.8)
+        round_angle = row["variable"] in ("heading", "apparent wind angle")
+        ax.xaxis.set_major_locator(MultipleLocator(90) if round_angle else MaxNLocator(5))
+        words = "before" if "mean_after" in row else "missing force"
+        ax.errorbar(
+            at,
+            row["mean"],
+            2 * np.array(row["std"]),
+            color=BEFORE,
+            ls="--",
+            marker="o",
+            ms=4,
+            lw=1.3,
+            capsize=2.5,
+            label=words,
+        )
+        if "mean_after" in row:
+            ax.plot(at, row["mean_after"], color=AFTER, marker="s", ms=4, lw=1.5, label="after")
+        share = max(0.0, row["explained"])
+        weight = "bold" if share > 0.2 else "normal"
+        ax.set_title(f"explains {100 * share:.0f} % of {row['channel']}", fontsize=8.5, loc="left", fontweight=weight)
+    for ax in axes[len(rows) :]:
+        ax.axis("off")
+    if rows:
+        handles, names = (list(part)[::-1] for part in axes[0].get_legend_handles_labels())
+        figure.legend(handles, names, loc="outside upper center", ncols=2, fontsize=9, frameon=False)
+    return figure

@@ -1,0 +1,117 @@
+"""Where the gap lies, in words: the channel with most of it, what it follows, where it is strongest."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from diagnosis.report.where_figures import by_degrees
+from diagnosis.result import Diagnosis
+
+SIDES = {
+    "surge": ("ahead", "astern"), "sway": ("to starboard", "to port"), "yaw": ("bow to starboard", "bow to port"),
+}  # fmt: skip
+"""Words for a positive and a negative force of each channel."""
+FOLLOWED = 0.15
+"""Share of a missing force from which a variable is said to be followed."""
+TURN_BACK = ("heading", "apparent wind angle")
+PLAIN = {
+    "delta": "rudder angle", "n": "revolutions", "u": "speed ahead u", "v": "sway velocity v", "r": "turn rate r",
+    "x, north": "position north", "y, east": "position east", "rate of delta": "rate of the rudder",
+}  # fmt: skip
+"""Variables in words."""
+
+
+def percent(share: float | None) -> str:
+    """A share in percent, true minus sign."""
+    return "–" if share is None or not math.isfinite(share) else f"{100 * share:.0f}\u00a0%".replace("-", "−")
+
+
+def region_words(row: Mapping[str, Any]) -> str:
+    """A region in words, with angles in degrees."""
+    factor, unit = by_degrees(row["unit"])
+    name = PLAIN.get(row["variable"], row["variable"])
+    if isinstance(row["low"], (list, tuple)):
+        (a, c), (b, e) = row["low"], row["high"]
+        words = f"place: north {a:.3g} to {b:.3g} m, east {c:.3g} to {e:.3g} m"
+    else:
+        low, high = factor * row["low"], factor * row["high"]
+        words = f"{name} {low:.2g} to {high:.2g} {unit}"
+        if unit == "deg" and row["variable"] in TURN_BACK:
+            words = f"{name} {round(low) % 360:.0f}° to {round(high) % 360:.0f}°"
+    return words.replace("-", "−")
+
+
+def first_channel(d: Diagnosis) -> str:
+    """The channel with most of the gap."""
+    channels = d.where.get("channels", {})
+    return max(channels, key=lambda name: channels[name]["share"]) if channels else ""
+
+
+def where_words(d: Diagnosis) -> list[str]:
+    """Where the gap lies, in two or three sentences."""
+    if not d.where:
+        return []
+    first = first_channel(d)
+    row = d.where["channels"][first]
+    size = f"{row['force_rms']:.2g} {row['unit']}"
+    kind = "moment" if first == "yaw" else "force"
+    words = [
+        f"Most of it is in {first}: {percent(row['share'])} of the energy, a missing {kind} of {size} rms, "
+        f"{percent(row['relative'])} of the net {kind} that moves the ship in {first}."
+    ]
+    slow = next((b for b in d.where["bands"] if b["channel"] == first), None)
+    if slow is not None and slow["share"] > 0.3:
+        words.append(f"{percent(slow['share'])} of that {kind}'s energy is constant through each run.")
+    words.append(_follows(d, first))
+    if "force_rms_after" in row:
+        words.append(_after(row))
+    return words
+
+
+def _after(row: Mapping[str, Any]) -> str:
+    """What became of the rms of a channel with the named effects."""
+    before, after = row["force_rms"], row["force_rms_after"]
+    if after < 0.9 * before:
+        return f"With what was named, the rms falls to {after:.2g} {row['unit']}."
+    return (
+        f"With what was named, the rms is {after:.2g} {row['unit']}, hardly less: in these trials the coefficients had "
+        "taken up most of the gap; it shows in their values and on other trials."
+    )
+
+
+def _follows(d: Diagnosis, first: str) -> str:
+    """What the missing force of the first channel follows, or else that of another one."""
+    rows = [v for v in d.where.get("variables", []) if v["explained"] > FOLLOWED]
+    own = [v for v in rows if v["channel"] == first] or rows[:1]
+    if not own:
+        share = percent(FOLLOWED)
+        return f"It follows none of the variables: no speed, angle, wind, heading or place explains over {share} of it."
+    names = [PLAIN.get(v["variable"], v["variable"]) for v in own]
+    words = f"the {names[0]} ({percent(own[0]['explained'])} of it"
+    words += f"; the {names[1]}: {percent(own[1]['explained'])})" if len(own) > 1 else ")"
+    what = "It" if own[0]["channel"] == first else f"What is missing in {own[0]['channel']}"
+    return f"{what} follows {words}, {_extreme(own[0])}."
+
+
+def where_big(d: Diagnosis) -> str:
+    """The channel with most of the gap, in a few words."""
+    if not d.where:
+        return ""
+    first = first_channel(d)
+    row = d.where["channels"][first]
+    return f"{percent(row['share'])} in {first}, {row['force_rms']:.2g} {row['unit']} rms"
+
+
+def _extreme(v: Mapping[str, Any]) -> str:
+    """Where the mean of a force over its variable is largest."""
+    factor, unit = by_degrees(v["unit"])
+    at = int(np.argmax(np.abs(v["mean"])))
+    side = SIDES[v["channel"]][0 if v["mean"][at] > 0 else 1]
+    place = f"{PLAIN.get(v['variable'], v['variable'])} {factor * v['at'][at]:.2g} {unit}".replace("-", "−")
+    if unit == "deg" and v["variable"] in TURN_BACK:
+        place = f"{v['variable']} {round(factor * v['at'][at]) % 360}°"
+    return f"strongest at {place}: {abs(v['mean'][at]):.2g} {v['force_unit']} {side} on average"

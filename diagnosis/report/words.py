@@ -1,0 +1,247 @@
+"""Words and numbers of the report on a diagnosis: effects, their sizes, where the gap lies, how far it shrinks."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from typing import Any
+
+from diagnosis.report.where_figures import by_degrees
+from diagnosis.report.where_words import PLAIN, first_channel, percent
+from diagnosis.result import Diagnosis, HeldOut, Learned, Parameter, Screened
+from fitting.report.words import plus_minus
+from mmg.effects import EFFECTS
+
+SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+BADGE = {"named": "cause named", "none": "no gap found", "unknown": "cause unknown"}
+
+
+def plain(name: str) -> str:
+    """Name of an effect without underscores."""
+    return name.replace("_", " ")
+
+
+def readable(text: str) -> str:
+    """Effects in a text without underscores, and true minus signs."""
+    for name in EFFECTS:
+        text = text.replace(name, plain(name))
+    return re.sub(r"(?<![\w.])-(?=\d)", "−", text)
+
+
+def meaning(name: str) -> str:
+    """What an effect is in one sentence: the first of its file, without its name."""
+    if name not in EFFECTS:
+        return ""
+    first = EFFECTS[name].about.split("\n\n")[0].replace("\n", " ").strip()
+    words = first.split(": ", 1)[-1]
+    return words[:1].upper() + words[1:]
+
+
+def probability(p: float) -> str:
+    """A probability with two figures, small ones by a power of ten."""
+    if not math.isfinite(p):
+        return "–"
+    if p >= 0.001:
+        return f"{p:.2g}"
+    if p < 1e-30:
+        return "< 10⁻³⁰"
+    digit, power = f"{p:.0e}".split("e")
+    return f"{digit}·10{str(int(power)).translate(SUPERSCRIPT)}"
+
+
+HOPELESS = 30.0
+"""Typical sizes of an effect from which "would be seen from" says no more than that it is not seen."""
+
+
+def signed(value: float | None, digits: str = ".0f") -> str:
+    """A number with its sign, or a dash."""
+    return "–" if value is None or not math.isfinite(value) else f"{value:+{digits}}".replace("-", "−")
+
+
+def quantity(p: Parameter) -> str:
+    """Value, standard error, unit; angles in degrees."""
+    factor, unit = by_degrees(p.unit)
+    return f"{plus_minus(factor * p.value, factor * p.std)} {unit}".strip()
+
+
+def sizes(name: str, parameters: Mapping[str, Parameter], d: Diagnosis) -> list[dict[str, str]]:
+    """Rows of parameter, size, words; a vector over ground also as its amount and direction."""
+    known = {p.symbol: p for p in EFFECTS[name].parameters(d.ship.namespace, dict(d.ship.components))}
+    rows = [
+        {"symbol": symbol, "size": quantity(p), "words": known[symbol].description if symbol in known else ""}
+        for symbol, p in parameters.items()
+    ]
+    if {"x", "y"} <= set(parameters) and "to the north" in known["x"].description:
+        x, y = parameters["x"].value, parameters["y"].value
+        towards = math.degrees(math.atan2(y, x)) % 360
+        words = f"{math.hypot(x, y):.2g} {parameters['x'].unit} towards {towards:.0f}°"
+        rows.append({"symbol": "together", "size": words, "words": ""})
+    return rows
+
+
+def visible(c: Screened, d: Diagnosis) -> str:
+    """From which sizes on these trials would show an effect; where even its typical size is far below, a dash."""
+    known = {p.symbol: p for p in EFFECTS[c.name].parameters(d.ship.namespace, dict(d.ship.components))}
+    told = []
+    for symbol, size in c.visible_from.items():
+        factor, unit = by_degrees(known[symbol].unit)
+        if size < HOPELESS * known[symbol].typical:
+            told.append(f"{symbol} {factor * size:.2g} {unit}".strip())
+    return ", ".join(told) or "–"
+
+
+def ranking(d: Diagnosis) -> list[dict[str, Any]]:
+    """The candidates for the table."""
+    named = {e.name: e for e in d.effects}
+    rows = []
+    for c in d.candidates:
+        e = named.get(c.name)
+        role = "named" if e else "class" if c.name in d.equivalence_class else ""
+        rows.append(
+            {
+                "name": plain(c.name),
+                "meaning": meaning(c.name),
+                "role": role,
+                "sizes": sizes(c.name, e.parameters if e else c.parameters, d),
+                "score": f"{c.score:.3g}",
+                "p": probability(e.p_value if e else c.p_value) if c.excited else "–",
+                "bic": signed(e.delta_bic if e else c.delta_bic),
+                "absorbed": percent(c.absorbed_share) if c.excited else "–",
+                "visible": visible(c, d),
+                "note": note_on(c, role, d),
+            }
+        )
+    return rows
+
+
+def note_on(c: Screened, role: str, d: Diagnosis) -> str:
+    """Why a candidate is where it is, in a few words."""
+    if not c.excited:
+        return "not excited by these trials: neither found nor excluded"
+    if role == "named":
+        return "named" if c.name == d.effects[0].name else f"named, beside {plain(d.effects[0].name)}"
+    if role == "class":
+        return f"cannot be told from {plain(d.effects[0].name)}" if d.effects else "cannot be told apart"
+    if c.absorbed_share > 0.9:
+        return "calibration imitates it almost fully"
+    if c.delta_bic is not None and c.delta_bic > 0:
+        if d.effects:
+            return "explains less than the named one"
+        return "no more than chance" if d.verdict == "none" or c.p_value > 0.05 else "a part of it at most"
+    return ""
+
+
+def kind_words(kind: str) -> str:
+    """A kind of function of the dictionary without names, in words."""
+    what, _, name = kind.partition(" of ")
+    name = PLAIN.get(name, name)
+    if what == "sensor":
+        return f"an error of the logged {name}"
+    if what in ("action", "delay"):
+        does = "do" if name.endswith("s") else "does"
+        return f"a {'change in' if what == 'action' else 'delay of'} what the {name} {does}"
+    return f"a {kind}" if " " in kind else f"a {kind} of its own"
+
+
+def next_words(d: Diagnosis) -> str:
+    """What to test next, also where the diagnosis says nothing of it."""
+    if d.next_test:
+        return readable(d.next_test)
+    if d.verdict == "named" and d.equivalence_class:
+        others = " or ".join(plain(name) for name in d.equivalence_class)
+        return f"No manoeuvre was found that would tell {plain(d.effects[0].name)} from {others}."
+    if d.verdict == "named":
+        return "No trial is needed to separate the name from others: none of the candidates comes near it."
+    quiet = [plain(c.name) for c in d.candidates if not c.excited]
+    if d.verdict == "none":
+        return (
+            f"Nothing is left to separate. These trials do not excite {', '.join(quiet)}: other manoeuvres could."
+            if quiet
+            else "Nothing is left to separate: these trials excite all effects that were screened."
+        )
+    energy = {r["run"]: r["force_rms"] for r in d.where.get("runs", []) if r["channel"] == first_channel(d)}
+    runs = sorted(energy, key=lambda name: -energy[name])[:2]
+    follows = [v for v in d.where.get("variables", []) if v["channel"] == first_channel(d)][:1]
+    words = f"Repeat {' and '.join(runs)}, where most is missing" if runs else "Repeat the trials"
+    if follows:
+        words += f", with another {PLAIN.get(follows[0]['variable'], follows[0]['variable'])}"
+    return words + "; if the same is missing again it belongs to the ship, otherwise to the place or the day."
+
+
+def held_words(h: HeldOut | None, verdict: str) -> str:
+    """How far the gap shrinks, in one sentence."""
+    if h is None:
+        return "No test trials were given (--test), so it was not measured on trials that took no part."
+    trials = f"{len(h.by_run)} test trial{'s' * (len(h.by_run) != 1)} ({h.windows} windows of 30 s)"
+    if verdict == "none" or (verdict == "unknown" and h.mse_after == h.mse_before):
+        return f"Nothing was added, so nothing changes: the mean squared error on {trials} is {h.mse_before:.3g}."
+    low, high = h.interval_90
+    fell = "shrinks" if h.reduction >= 0 else "GROWS"
+    words = f"On {trials} the mean squared error {fell} by {percent(abs(h.reduction))}"
+    words += f" (90 % interval of the reduction {percent(low)} to {percent(high)}), "
+    words += f"from {h.mse_before:.3g} to {h.mse_after:.3g}."
+    if verdict == "unknown":
+        return f"With the nearest candidates, whose names were withdrawn: {words[0].lower()}{words[1:]}"
+    if low <= 0 <= h.reduction:
+        words += (
+            " The interval holds zero: it is real in the statistics, but not a gap that one would notice in practice."
+        )
+    return words
+
+
+def learned_words(found: Learned | None) -> str:
+    """What the learned residual closes, in a few sentences."""
+    if found is None:
+        return ""
+    each = ", ".join(f"{signed(100 * r, '.1f')} %" for r in found.reductions)
+    decision = found.decision[:1].upper() + found.decision[1:].rstrip(".")
+    return readable(
+        f"The mean squared error goes from {found.mse_before:.3g} to {found.mse_after:.3g}; reductions by training: "
+        f"{each}; with the mean of their networks {signed(100 * found.together, '.1f')} %. The test trials took no "
+        f"part in the training. By parts of the training trials alone, as mmg train decides: {decision}."
+    )
+
+
+def verdict_words(d: Diagnosis) -> str:
+    """What the verdict means and what to do with it."""
+    tried = len([c for c in d.candidates if c.excited])
+    if d.verdict == "named":
+        names = " and ".join(plain(e.name) for e in d.effects)
+        words = f"{names[:1].upper()}{names[1:]} passed all tests among {tried} candidates."
+        if d.equivalence_class:
+            others = " or ".join(plain(n) for n in d.equivalence_class)
+            words += (
+                f" These trials cannot tell {plain(d.effects[0].name)} from {others}: take the name for one of them."
+            )
+        if d.remainder:
+            words += " A part of the gap is left without a name."
+        return words
+    if d.verdict == "none":
+        best = min((c.p_value for c in d.candidates if c.excited), default=1.0)
+        return (
+            f"None of {tried} effects would improve the model by more than chance does (the smallest p is "
+            f"{probability(best)}); the force that is left looks like a random disturbance."
+        )
+    return (
+        f"There is more in the trials than the model and chance, but none of {tried} effects accounts for it. Below: "
+        "where it lies and what it follows." + ("" if d.learned else " A learnt residual (mmg train) may take it up.")
+    )
+
+
+def unnamed_words(d: Diagnosis) -> str:
+    """What the dictionary without names found, in one sentence."""
+    before, after = d.unnamed_before.get("all"), d.unnamed_after.get("all")
+    if before is None:
+        return ""
+    kinds = {k: v for k, v in d.unnamed_before.items() if k not in ("all", "single")}
+    words = (
+        f"A dictionary of functions of state, inputs, wind and place has a log Bayes factor of {signed(before, '.1f')}"
+    )
+    if d.verdict == "named" and after is not None:
+        words += f" before and {signed(after, '.1f')} after the effect was added"
+    words += " (above 1.1 something without a name is there)."
+    if kinds and before > 1.1:
+        top = max(kinds, key=lambda k: kinds[k])
+        words += f" Strongest by itself: {top} ({signed(kinds[top], '.1f')})."
+    return words

@@ -1,0 +1,1 @@
+"""Instruments against kinematics: heading against turn rate, position against velocity."""

@@ -1,0 +1,219 @@
+"""Step 0 of a diagnosis, without dynamics: do the logged position, heading, u, v and r follow from one another?
+
+Over windows of some seconds the displacement of the position P = x + i y is compared with the integral of w = u + i v
+turned by the heading, and the change of the heading with the integral of r, both sides smoothed alike. What differs is
+regressed on what sensors do wrong, with robust weights::
+
+    dP = int e^(i psi(t)) w(t + lag) dt (gains, heading offset) - biases + drift + arm (e^(i psi) end - start)
+    d psi = (int r dt + T dr) / (1 + share) - bias
+
+Few faults explain the data: they are added one after the other, those that would do nearly as well are named beside
+them (kinematic_fit.py). All times and sizes are those of a 3 m model; others follow by Froude's law.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from cases.checks.motion import SMOOTHING, delayed, smooth, uniform
+from cases.trial import Trial
+from diagnosis.sensors.kinematic_fit import Fit, Rows, fit
+from diagnosis.sensors.kinematic_words import TRACK, TURN, UNSEEN, Quantity, Reading, pooled_with, reading
+from mmg.memory import scale
+from mmg.ship import Ship
+
+WINDOW, STRIDE, BLOCK = 8.0, 2.0, 30.0
+"""s: length of a window, from one to the next, and of a block that a standard error leaves out (shorter in short
+runs: a twelfth of the run)."""
+CORRELATION = 0.9
+"""A displacement or turn that correlates less with the integral of the velocities is a fault of the data."""
+MOVED, TURNED = 0.3, 0.03
+"""m and rad, RMS over the windows: a run that moves or turns less says nothing about it."""
+BODY = 0.1
+"""The residual's log variance must be lower by this for u and v to be called late as finished columns."""
+FRAMES = ("earth", "body")
+
+
+@dataclass(frozen=True)
+class Consistency:
+    """Readings of a run, or of all that are no fault of the data.
+
+    frame: "earth" (a late velocity over ground, turned by the present heading) or "body" (late as finished columns),
+    whichever fits better. track, turn: correlation of displacements and of changes of heading with the integrals of
+    the velocities, NaN when there is nothing to correlate. faults: sentences on what makes the data unusable.
+    """
+
+    name: str
+    readings: tuple[Reading, ...]
+    frame: str
+    track: float
+    turn: float
+    faults: tuple[str, ...] = ()
+
+    def __getitem__(self, symbol: str) -> Reading:
+        return next(reading for reading in self.readings if reading.symbol == symbol)
+
+
+@dataclass(frozen=True)
+class Kinematics:
+    """All runs, each by itself and pooled; warnings: faults of data, what could not be checked, what cannot be seen."""
+
+    runs: tuple[Consistency, ...]
+    pooled: Consistency
+    warnings: tuple[str, ...]
+
+    @property
+    def found(self) -> tuple[Reading, ...]:
+        """Pooled readings worth a word: found, or found in some runs."""
+        return tuple(r for r in self.pooled.readings if r.verdict in ("found", "some runs"))
+
+    def effects(self) -> dict[str, dict[str, tuple[float, float]]]:
+        """effect -> parameter -> (value, std) of found faults that an effect of the library repeats exactly."""
+        named: dict[str, dict[str, tuple[float, float]]] = {}
+        for r in self.pooled.readings:
+            if r.verdict == "found" and r.exact:
+                named.setdefault(r.effect, {})[r.parameter] = (r.value, r.std)
+        return named
+
+
+def consistency(trials: Sequence[Trial], ship: Ship) -> Kinematics:
+    """The kinematic consistency of trials of a ship, run by run and pooled over those without a fault of the data."""
+    k = scale(ship.namespace)
+    logs = [_Log(trial, k) for trial in trials]
+    readings, frame, known = _readings([log for log in logs if not log.faults()], k)
+    runs = tuple(
+        Consistency(log.name, *_readings([log], k, known)[:2], log.track, log.turn, log.faults()) for log in logs
+    )
+    sound = [run for run in runs if not run.faults]
+    clear = {r.symbol for r in readings if r.verdict == "found"}
+    pooled = [pooled_with(r, [(run.name, run[r.symbol]) for run in sound], clear) for r in readings]
+    warnings = [f"{run.name}: {said}" for run in runs for said in run.faults]
+    bare = [log.name for log, trial in zip(logs, trials, strict=True) if not trial.has_position]
+    if bare:
+        what = "u and v cannot be checked (lag, gain, offset, lever arm), only r against psi"
+        warnings.append(f"{', '.join(bare)}: no positions, so {what}")
+    every = np.array([[run.track, run.turn] for run in sound]).reshape(-1, 2)
+    track, turn = (float(np.median(c[np.isfinite(c)])) if np.isfinite(c).any() else math.nan for c in every.T)
+    return Kinematics(runs, Consistency("all runs", tuple(pooled), frame, track, turn), (*warnings, UNSEEN))
+
+
+class _Log:
+    """One trial on a uniform clock with its windows: M of n steps from ``starts``, each in the block ``block``."""
+
+    def __init__(self, trial: Trial, k: float) -> None:
+        self.name, self.dt, self.delta = trial.name, trial.dt, max(trial.dt, 0.2 * k)
+        clock = trial.t[0] + self.dt * np.arange(min(round(trial.duration / self.dt) + 1, 20 * len(trial)))
+        x, y, psi, self.u, self.v, self.r = (uniform(trial.t, c, clock, self.dt) for c in trial.states.T)
+        self.width = max(round(SMOOTHING / self.dt), 5) | 1
+        self.turned = np.exp(1j * psi)
+        self.place, self.psi = smooth(x + 1j * y, self.width), smooth(psi, self.width)
+        self.n = max(round(WINDOW * k / self.dt), 4)
+        self.starts = np.arange(0, max(len(clock) - self.n, 0), max(round(STRIDE * k / self.dt), 1))
+        length = float(np.clip(trial.duration / 12, 1.5 * WINDOW * k, BLOCK * k))
+        self.block = (self.starts * self.dt // length).astype(int)
+        self.moved, self.swung = self.between(self.place), self.between(self.psi)
+        self.track = _correlation(self.moved, self.integral(self.turned * (self.u + 1j * self.v)), MOVED * k**2)
+        self.turn = _correlation(self.swung, self.integral(self.r), TURNED)
+
+    def between(self, values: np.ndarray) -> np.ndarray:
+        """End less start of every window, (M,)."""
+        return values[self.starts + self.n] - values[self.starts]
+
+    def integral(self, values: np.ndarray) -> np.ndarray:
+        """Integral of the smoothed values (N,) over every window (M,), NaN where one is missing."""
+        f = smooth(values, self.width)
+        missing = ~np.isfinite(f)
+        f = np.where(missing, 0.0, f)
+        total = np.concatenate([[0.0], np.cumsum(0.5 * (f[1:] + f[:-1]) * self.dt)])
+        holes = np.concatenate([[0], np.cumsum(missing)])
+        gap = holes[self.starts + self.n + 1] > holes[self.starts]
+        return np.where(gap, np.nan, self.between(total))
+
+    def faults(self) -> tuple[str, ...]:
+        """Sentences on velocities that do not belong to the positions or the heading."""
+        pairs = (("u and v", "position", self.track), ("r", "heading", self.turn))
+        return tuple(
+            f"data fault: {logged} hardly follow{'s' * (logged == 'r')} from the {source} (correlation {c:.2f}, "
+            f"below {CORRELATION:g}); left out, see mmg check"
+            for logged, source, c in pairs
+            if c < CORRELATION
+        )
+
+    def track_rows(self, frame: str, lag: float) -> tuple[np.ndarray, np.ndarray]:
+        """(A (M, 10), y (M,)), complex: y = A TRACK, linear about a lag [s]."""
+        at, before, after = (self._way(lag + step, frame) for step in (0.0, -self.delta, self.delta))
+        slope = (sum(after) - sum(before)) / (2 * self.delta)
+        arm, bias = self.between(smooth(self.turned, self.width)), self.integral(self.turned)
+        time = np.full(len(self.starts), self.n * self.dt)
+        columns = [slope, *at, 1j * sum(at), arm, 1j * arm, -bias, -1j * bias, time, 1j * time]
+        return np.column_stack(columns), self.moved - sum(at) + slope * lag
+
+    def turn_rows(self, lag: float) -> tuple[np.ndarray, np.ndarray]:
+        """(A (M, 3), y (M,)): y = A TURN."""
+        way, swing = self.integral(self.r), self.between(smooth(self.r, self.width))
+        return np.column_stack([swing, way, np.full(len(way), -self.n * self.dt)]), self.swung - way
+
+    def _way(self, lag: float, frame: str) -> tuple[np.ndarray, np.ndarray]:
+        """Displacements (M,) by u and by v that are late by ``lag`` [s]."""
+        steps, parts = -lag / self.dt, (self.u, 1j * self.v)
+        late = (delayed(self.turned * w, steps) if frame == "earth" else self.turned * delayed(w, steps) for w in parts)
+        u, v = (self.integral(w) for w in late)
+        return u, v
+
+
+def _correlation(a: np.ndarray, b: np.ndarray, least: float) -> float:
+    """Correlation through the origin, real part; NaN where the RMS of both is below ``least`` or nothing is there."""
+    good = np.isfinite(a) & np.isfinite(b)
+    size = [math.sqrt(float(np.mean(np.abs(c[good]) ** 2))) if good.sum() >= 8 else 0.0 for c in (a, b)]
+    if max(size) < least or min(size) == 0:
+        return math.nan
+    return float(np.mean((a * np.conj(b))[good]).real) / (size[0] * size[1])
+
+
+def _readings(
+    logs: Sequence[_Log], k: float, known: Sequence[Sequence[int]] = ((), ())
+) -> tuple[tuple[Reading, ...], str, tuple[Sequence[int], Sequence[int]]]:
+    """(readings of all quantities, frame of the lag, faults of track and turn) of runs together.
+
+    known: faults that all runs have, so that a run is judged by what it has on top.
+    """
+    track = [log for log in logs if math.isfinite(log.track)]
+    turn = [log for log in logs if math.isfinite(log.turn)]
+    earth, body = (
+        _solved(track, TRACK, k, [partial(log.track_rows, frame) for log in track], known[0]) for frame in FRAMES
+    )
+    late_columns = earth is not None and body is not None and body.noise < earth.noise - BODY
+    way, yaw = body if late_columns else earth, _solved(turn, TURN, k, [log.turn_rows for log in turn], known[1])
+    faults = way.active if way else (), yaw.active if yaw else ()
+    return (*_judged(way, TRACK, k), *_judged(yaw, TURN, k)), FRAMES[1] if late_columns else FRAMES[0], faults
+
+
+def _solved(
+    logs: Sequence[_Log], of: Sequence[Quantity], k: float, rows: Sequence[Rows], known: Sequence[int]
+) -> Fit | None:
+    """The faults among these quantities behind the rows of the runs; None without runs."""
+    prior, least = np.array([[q.prior, q.threshold] * np.array(k ** (2 * q.power)) for q in of]).T
+    preferred = np.array([q.exact for q in of])
+    return fit(rows, [log.block for log in logs], prior, least, preferred, STRIDE / WINDOW, known) if logs else None
+
+
+def _judged(found: Fit | None, of: Sequence[Quantity], k: float) -> list[Reading]:
+    """Readings of a fit, without a word on single runs."""
+    if found is None:
+        return [reading(q, math.nan, math.nan, "not checked") for q in of]
+    out = []
+    for i, q in enumerate(of):
+        value, std = q.as_logged(found.values[i]), float(found.std[i])
+        least = q.threshold * k ** (2 * q.power)
+        if abs(value) > max(found.crit * std, least):
+            verdict = "found"
+        else:
+            verdict = "none" if max(abs(value), std) < least and found.sharp[i] else "undetermined"
+        rivals = [(of[j], of[j].as_logged(size)) for j, size in found.rivals.get(i, [])]
+        out.append(reading(q, value, std, verdict, rivals))
+    return out

@@ -1,0 +1,1 @@
+"""Held-out trials: how far the gap shrinks, and a learned residual of what is left."""

@@ -1,0 +1,158 @@
+"""How much a learned residual closes of what has no name: trained like ``mmg train``, measured like ``held_out``.
+
+Nothing of the test trials reaches the training: they only say afterwards what it was worth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+import torch
+
+from cases.inputs import step_means, straight_means
+from cases.trial import Trial
+from diagnosis.estimation.gridded_trials import arrange, moving
+from diagnosis.result import Learned
+from diagnosis.validation.held_out import errors, interval_of, window_length
+from fitting.nlp.grid import default_step, grids
+from mmg.errors import UserError
+from mmg.model import Model
+from mmg.ship import Ship
+from residual.ensembles.ensemble import restored
+from residual.physics.operator import Physics
+from residual.system import Hybrid, System
+from residual.training.acceptance import decide
+from residual.training.hybrid import build_hybrid, residual_of, scales_of, tasks_of
+from residual.training.seeds import train_seeds
+from residual.training.trainer import Outcome, Scales, Training
+from residual.training.windows import Piece
+
+SEEDS = 3
+"""Trainings, which are judged by three fifths of the runs; ``mmg train`` takes five, so that all of them judge."""
+NOTHING = 0.005
+"""Share of the error up to which words call a reduction or growth none."""
+
+
+class Stepped:
+    """A ship with the mean of some learned residuals, a step of h [s] at a time as ``held_out.errors`` takes it."""
+
+    def __init__(self, members: Sequence[Hybrid], h: float) -> None:
+        self.members, self.h = members, h
+        self.ship: Ship = members[0].physics.ship
+        self.model: Model = members[0].physics.model
+        self._mean = Mean(members)
+
+    def settled(self, six: np.ndarray, controls: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """States (S, M) that are logged as (6, M) under inputs (C, M), what they remember settled."""
+        return self.members[0].start(torch.as_tensor(six), torch.as_tensor(controls)).numpy()
+
+    @torch.no_grad()
+    def advance(self, z: np.ndarray, controls: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """End states (S, M) of one step from (S, M) under inputs (C, M)."""
+        return self._mean.step(torch.as_tensor(z), torch.as_tensor(controls), self.h).numpy()
+
+
+class Mean(System):
+    """Hybrids of one ship with their rates averaged, which is the ship with the mean of their residuals."""
+
+    def __init__(self, members: Sequence[Hybrid]) -> None:
+        super().__init__()
+        self.members = members
+
+    def rates(self, z: torch.Tensor, controls: torch.Tensor) -> torch.Tensor:
+        return torch.stack([m.rates(z, controls) for m in self.members]).mean(dim=0)
+
+
+def learned(
+    ship: Ship,
+    trials: Sequence[Trial],
+    tests: Sequence[Trial],
+    step: float | None = None,
+    seed: int = 0,
+    workers: int = 1,
+    training: Training | None = None,
+    say: Callable[[str], None] = lambda _: None,
+) -> Learned:
+    """Train residuals on the training trials and say how far the error of 30 s predictions of the test trials falls.
+
+    ship: as the diagnosis left it; step [s]: of grid and integration (default: as the fit); seed: of the first training
+    and of the drawn runs; training: how to train (default: that of ``mmg train`` with SEEDS seeds). Raises UserError
+    for too little to train, stop and judge by or to measure on, and where every training diverged; KeyboardInterrupt
+    after Ctrl-C.
+    """
+    torch.set_num_threads(1)
+    ship = ship.without_network()
+    straight = moving(trials)
+    length = float(ship.particulars["L"])
+    h = step or default_step(trials, length)
+    settings = replace(training or Training(seeds=SEEDS), seed=seed, workers=workers, step=h)
+    means = straight_means if straight else step_means
+    pieces = [Piece(i, g, 0, len(g.controls)) for i, t in enumerate(trials) for g in grids(t, h, ship.inputs, means)]
+    scales = scales_of(ship, pieces, list(trials), h)
+    data = arrange(tests, ship.inputs, length, h, straight)
+    seconds = window_length(ship)
+
+    def measured(members: Sequence[Hybrid]) -> tuple[np.ndarray, np.ndarray]:
+        return errors(Stepped(members, h), data, ship.values[:0], seconds)
+
+    before, run = measured([Hybrid(Physics(ship), residual_of(ship, scales, settings, seed), scales.seen)])
+    if not len(before):
+        raise UserError(f"no test trial holds {seconds:.0f} s without a gap")
+    outcomes = _trained(ship, settings, pieces, scales, say)
+    members = [m for m in restored(build_hybrid, ship, scales, settings, outcomes) if isinstance(m, Hybrid)]
+    one, together = np.array([measured([m])[0] for m in members]), measured(members)[0]
+    reductions = 1 - one.sum(axis=1) / before.sum()
+    after, decision = one.mean(axis=0), decide(outcomes)
+    several = len(np.unique(run)) > 1
+    found = Learned(
+        mse_before=float(before.mean()),
+        mse_after=float(after.mean()),
+        reduction=float(reductions.mean()),
+        interval_90=interval_of(before, after, run, np.random.default_rng(seed)) if several else None,
+        seeds=tuple(o.seed for o in outcomes),
+        reductions=tuple(reductions.tolist()),
+        spread=float(reductions.std(ddof=1)) if len(reductions) > 1 else 0.0,
+        together=float(1 - together.sum() / before.sum()),
+        windows=len(before),
+        kept=decision.kept,
+        decision=decision.words,
+        sentence="",
+    )
+    return replace(found, sentence=sentence_of(found))
+
+
+def _trained(
+    ship: Ship, settings: Training, pieces: Sequence[Piece], scales: Scales, say: Callable[[str], None]
+) -> list[Outcome]:
+    """The trainings that did not diverge. Raises as ``learned`` does."""
+    tasks = tasks_of(ship, scales, settings, pieces, [], None)
+    outcomes, interrupted = train_seeds(tasks, settings, say)
+    if interrupted:
+        raise KeyboardInterrupt
+    good = [o for o in outcomes if o.status != "diverged"]
+    if not good:
+        raise UserError("every training diverged, also at lower rates")
+    return good
+
+
+def sentence_of(found: Learned) -> str:
+    """One sentence on how much the residual closes: no more than chance is called none."""
+    size, least = f"{abs(found.reduction):.1%}", max(found.spread, NOTHING)
+    low, high = found.interval_90 or (-np.inf, np.inf)
+    chance = (
+        f"90 % interval {low:+.1%} to {high:+.1%}"
+        if found.interval_90
+        else "a single test trial does not tell how much of that is chance"
+    )
+    figures = f"{chance}; {len(found.seeds)} training(s), ± {found.spread:.1%} among them"
+    what = "of the error of 30 s predictions of the test trials"
+    if low > 0 and found.reduction > least:
+        return f"A learned residual closes {size} {what} ({figures}): so much of what has no name can be learned."
+    if high < 0 and found.reduction < -least:
+        return f"A learned residual does not close any {what} but makes it {size} larger ({figures})."
+    return (
+        f"A learned residual does not close any {what} beyond chance (reduction {found.reduction:+.1%}; {figures}): "
+        "what has no name was not learned from these trials."
+    )

@@ -1,0 +1,1 @@
+"""Which trial to run next: candidate manoeuvres and what each would determine."""

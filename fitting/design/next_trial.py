@@ -1,0 +1,230 @@
+"""The trial that would tell most: every manoeuvre of a library is run with the calibrated ship and scored.
+
+One such run adds its Fisher information F to the posterior precision C^-1; with it the covariance would be
+(C^-1 + F)^-1 (Bayesian D- and A-optimal design, Chaloner & Verdinelli 1995). All runs count for the same time at sea: a
+manoeuvre that is over sooner is repeated.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cases.maneuvers.controller import MODEL_LENGTH
+from cases.maneuvers.definitions import parse_maneuver
+from cases.simulation.simulate import simulate
+from cases.trial import Trial
+from fitting.design.candidates import Option, features, library, missing
+from fitting.identifiability.analysis import Identifiability, precision, worth_of
+from fitting.nlp.fisher_information import information
+from fitting.nlp.problem import Problem
+from fitting.nlp.shooting import kernels
+from fitting.nlp.windows import cut
+from mmg.errors import UserError
+from mmg.model import assemble
+from mmg.ship import Ship
+
+if TYPE_CHECKING:
+    from fitting.calibration import Calibration
+
+DURATION = 300.0
+"""Time at sea of a trial [s of a 3 m model, Froude scaled]."""
+
+HELPS, MANY = 0.1, 10
+"""Least part of a variance that a trial must remove to be recommended for it, and repetitions of a long campaign."""
+
+NEARLY = 0.9
+"""Of several trials that gain at least this part of the best one's the first of the library, a simple one, is named."""
+
+
+@dataclass(frozen=True)
+class NextTrial:
+    """What each possible trial would add.
+
+    Attributes
+    ----------
+    options: (K,) trials that can be simulated; duration: time at sea of each [s]; left_out: sentences.
+    left, left_by_many: (K, P) posterior variance with the trial, once or ``MANY`` times, by that without.
+    total: (K,) mean prior's share with the trial; mean: without, both by the information alone, discounted by worth;
+    before: (P,) prior's share by the covariance.
+    worth: factor on the information of a run that makes up for residuals correlated beyond the noise model.
+    missing: (P,) what a trial that excites a coefficient has and these had not.
+    plan: numbers of the trials that are best one after another, by the mean prior's share; planned: that mean then.
+    """
+
+    options: tuple[Option, ...]
+    duration: float
+    left_out: tuple[str, ...]
+    left: np.ndarray
+    left_by_many: np.ndarray
+    total: np.ndarray
+    mean: float
+    before: np.ndarray
+    worth: float
+    missing: tuple[str, ...]
+    plan: tuple[int, ...]
+    planned: tuple[float, ...]
+
+    @property
+    def many(self) -> int:
+        """Repetitions behind ``left_by_many``."""
+        return MANY
+
+    def best(self, i: int, many: bool = False) -> tuple[Option, float] | None:
+        """The best trial for coefficient i and the part of its variance left; None when none helps by ``HELPS``.
+
+        many: for ``MANY`` times the time at sea.
+        """
+        return self._best((self.left_by_many if many else self.left)[:, i])
+
+    def clusters(self, found: Identifiability) -> list[tuple[Option, float] | None]:
+        """Best trial of each cluster and the mean part of its coefficients' variance left; None when none helps."""
+        symbols = [f.symbol for f in found.findings]
+        return [self._best(self.left[:, [symbols.index(s) for s in c.symbols]].mean(axis=1)) for c in found.clusters]
+
+    def _best(self, left: np.ndarray) -> tuple[Option, float] | None:
+        if not len(left) or left.min() > 1 - HELPS:
+            return None
+        k = simplest(-np.log(left))
+        return self.options[k], float(left[k])
+
+    def to_dict(self, symbols: Sequence[str]) -> dict[str, Any]:
+        """Plain values for result.json."""
+        best = {s: self.best(i) for i, s in enumerate(symbols)}
+        return {
+            "duration_s": self.duration,
+            "worth": self.worth,
+            "mean_prior_share": self.mean,
+            "options": [
+                {"name": o.name, "simulate": o.arguments, "mean_prior_share": float(total)}
+                for o, total in zip(self.options, self.total, strict=True)
+            ],
+            "best": {
+                s: {"name": b[0].name, "variance_left": b[1]} if b else None for s, b in best.items()
+            },
+            "plan": [
+                {"name": self.options[k].name, "simulate": self.options[k].arguments, "mean_prior_share": share}
+                for k, share in zip(self.plan, self.planned, strict=True)
+            ],
+            "left_out": list(self.left_out),
+        }  # fmt: skip
+
+
+def next_trial(
+    calibration: Calibration, options: Sequence[Option] | None = None, duration: float | None = None
+) -> NextTrial:
+    """Score possible trials by what they would add to a calibration.
+
+    options: default ``library`` of its ship; duration: time at sea of each [s], default 300 s of a 3 m model, Froude
+    scaled. Noise levels, windows and step are those of the calibration. Takes seconds.
+    """
+    ship, prior = calibration.ship, calibration.prior
+    P, C = len(prior.symbols), calibration.covariance
+    seconds = duration or DURATION * math.sqrt(ship.particulars["L"] / MODEL_LENGTH)
+    chosen, trials, left_out = runs(ship, options or library(ship), seconds, calibration.segments.h)
+    empty = np.empty((0, P))
+    if not trials or not np.isfinite(C).all():
+        return NextTrial(
+            (), seconds, tuple(left_out), empty, empty, np.empty(0), np.nan, np.diag(C), 1.0, ("",) * P, (), ()
+        )
+    had = features(calibration.segments, ship)
+    F, seen = fisher(calibration, trials, seconds)
+    data = calibration.data_information
+    worth = 1.0 if data is None else worth_of(data, C)
+    A = precision(C) if data is None else worth * data + np.eye(P)
+    F = worth * F
+    own = np.diag(np.linalg.inv(A))
+    left, by_many = (np.diagonal(np.linalg.inv(A + k * F), axis1=1, axis2=2) / own for k in (1, MANY))
+    plan, planned = _plan(A, F)
+    return NextTrial(
+        tuple(chosen),
+        seconds,
+        tuple(left_out),
+        left,
+        by_many,
+        (left * own).mean(axis=1),
+        float(own.mean()),
+        np.diag(C).copy(),
+        worth,
+        tuple(missing(F[:, i, i], seen, had) for i in range(P)),
+        plan,
+        planned,
+    )
+
+
+def identify(calibration: Calibration, trials: bool = True) -> tuple[Identifiability, NextTrial | None]:
+    """What the trials of a calibration say about each coefficient and, if asked for, which trial would say more.
+
+    Timings of the calibration get an entry "identifiability" [s].
+    """
+    began = time.perf_counter()
+    found = calibration.identifiability
+    scored = next_trial(calibration) if trials and np.isfinite(calibration.covariance).all() else None
+    calibration.timings["identifiability"] = time.perf_counter() - began
+    return found, scored
+
+
+def runs(
+    ship: Ship, options: Sequence[Option], seconds: float, dt: float
+) -> tuple[list[Option], list[Trial], list[str]]:
+    """Options that the ship can run, their trials and why the others are left out."""
+    chosen, trials, left_out = [], [], []
+    for option in options:
+        try:
+            maneuver = parse_maneuver(option.maneuver, ship, n=option.n, speed=option.speed, duration=seconds)
+            trial = simulate(ship, maneuver, dt, option.wind)
+        except UserError as error:
+            left_out.append(f"{option.name}: {error}")
+            continue
+        if len(trial) < 12:
+            left_out.append(f"{option.name}: over before it begins")
+            continue
+        chosen.append(option)
+        trials.append(trial)
+    return chosen, trials, left_out
+
+
+def fisher(calibration: Calibration, trials: Sequence[Trial], seconds: float) -> tuple[np.ndarray, list[frozenset]]:
+    """Information (K, P, P) of runs of the calibrated ship, each repeated to fill ``seconds``, and what they excite.
+
+    In prior standard deviations, prior excluded, the initial state of every window being unknown.
+    """
+    ship, prior, settings = calibration.ship, calibration.prior, calibration.settings
+    positions = np.array([ship.symbols.index(s) for s in prior.symbols])
+    kernel = kernels(assemble(ship), positions, settings.compiled)
+    h = calibration.segments.h
+    window = settings.window or 100 * h
+    parts = cut(trials, h, window, settings.interval, shortest=10 * h, inputs=ship.inputs)
+    problem = Problem(ship, prior, kernel, parts, calibration.sigma)
+    per_window = information(problem, problem.join(problem.measured_nodes, calibration.p)).fisher
+    F = np.zeros((len(trials), problem.P, problem.P))
+    np.add.at(F, parts.run, np.nan_to_num(per_window))
+    repeats = np.array([max(1.0, seconds // max(t.duration, 1e-9)) for t in trials])
+    seen = [features(parts.subset(np.flatnonzero(parts.run == k)), ship) for k in range(len(trials))]
+    return F * repeats[:, None, None], seen
+
+
+def simplest(gain: np.ndarray) -> int:
+    """First of the trials whose gain (K,) is nearly the best."""
+    return int(np.argmax(gain >= NEARLY * gain.max()))
+
+
+def _plan(A: np.ndarray, F: np.ndarray, most: int = 3) -> tuple[tuple[int, ...], tuple[float, ...]]:
+    """Up to ``most`` trials, each the best addition to those before it by the mean prior's share; and that mean.
+
+    A: precision (P, P) before; F: (K, P, P) added by each trial.
+    """
+    plan: list[int] = []
+    shares: list[float] = []
+    for _ in range(most):
+        means = np.diagonal(np.linalg.inv(A + F), axis1=1, axis2=2).mean(axis=1)
+        k = simplest(float(np.diag(np.linalg.inv(A)).mean()) - means)
+        plan.append(k)
+        shares.append(float(means[k]))
+        A = A + F[k]
+    return tuple(plan), tuple(shares)

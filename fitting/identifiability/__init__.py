@@ -1,0 +1,1 @@
+"""What the data determine: shares of the prior, shared combinations, verdicts per coefficient."""

@@ -1,0 +1,268 @@
+"""What trials say about each coefficient: prior's share, partners it cannot be told from, clusters, weak directions.
+
+Everything follows from the posterior covariance C in prior standard deviations, in which the prior is the identity:
+C_ii is the prior's share of the variance, 1 / (C^-1)_ii what would be left of it if all other coefficients were known.
+A coefficient whose C_ii is large although that remainder is small is not badly excited but shared: the trials see a
+combination of it and its partners (practical non-identifiability, Raue et al. 2009).
+
+Shares are those of a robust covariance if there is one. Which coefficients go together is taken from the information of
+the model, discounted by one factor: correlations estimated from a few tens of windows would be mostly chance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from fitting.identifiability.clusters import Cluster, Direction, clusters, directions, order
+from fitting.nlp.problem import Prior
+
+DETERMINED, PARTLY = 0.1, 0.7
+"""Prior's share of the posterior variance below which the data determine a coefficient, or have a say in it."""
+
+WORSE = 1.2
+"""Share from which an estimate is worse known than by its prior alone: correlated residuals moved it about."""
+
+SILENT = 0.1
+"""Information of the data, in units of the prior's, below which a coefficient counts as not excited at all."""
+
+MOST_PARTNERS = 4
+LEAST_GAIN = 0.1
+"""Partners named at most, and the part of the variance that knowing one more must remove."""
+
+KINDS = {
+    "determined": "determined by the data",
+    "partly": "partly determined",
+    "shared": "shared with others",
+    "prior": "decided by the prior",
+    "silent": "not excited",
+    "bound": "at a bound",
+    "unknown": "unknown",
+}
+"""Kinds of findings in words."""
+
+ALONG, PAIR = 0.15, 0.8
+"""Tolerance of the logarithmic slope within which a shared pair is called a product or a ratio, and the correlation
+from which their combination is named at all."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What decided one coefficient.
+
+    Attributes
+    ----------
+    symbol: the coefficient. kind: "determined", "partly", "shared", "prior", "silent" (not excited), "bound" or
+    "unknown".
+    share: prior's share of the posterior variance. alone: the share that would be left if all others were known.
+    partners: coefficients it cannot be told from, the most important first; together: the share that would be left
+    if these were known. combination: what of it and its first partner is determined, in words, "" when not simple.
+    bound: "lower", "upper" or "".
+    """
+
+    symbol: str
+    kind: str
+    share: float
+    alone: float
+    partners: tuple[str, ...] = ()
+    together: float = float("nan")
+    combination: str = ""
+    bound: str = ""
+
+
+@dataclass(frozen=True)
+class Identifiability:
+    """Findings by coefficient, clusters and weak directions of a calibration.
+
+    Attributes
+    ----------
+    findings: one per free coefficient, in the prior's order. clusters, directions: see there, strongest first.
+    condition_number: of the data's information in prior standard deviations, infinite when it is singular.
+    condition_with_prior: of the posterior precision. correlation: (P, P); order: the P coefficients in an order that
+    puts correlated ones beside each other.
+    """
+
+    findings: tuple[Finding, ...]
+    clusters: tuple[Cluster, ...]
+    directions: tuple[Direction, ...]
+    condition_number: float
+    condition_with_prior: float
+    correlation: np.ndarray
+    order: np.ndarray
+
+    def counts(self) -> dict[str, int]:
+        """How many coefficients are of each kind."""
+        kinds = [f.kind for f in self.findings]
+        return {kind: kinds.count(kind) for kind in KINDS if kind in kinds}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for result.json."""
+        return {
+            "counts": self.counts(),
+            "coefficients": {
+                f.symbol: {
+                    "kind": f.kind,
+                    "prior_share": f.share,
+                    "share_if_all_others_were_known": f.alone,
+                    "share_if_partners_were_known": f.together,
+                    "partners": list(f.partners),
+                    "combination": f.combination,
+                }
+                for f in self.findings
+            },
+            "clusters": [{"symbols": list(c.symbols), "correlation": c.strongest} for c in self.clusters],
+            "weak_directions": [
+                {"information": d.information, "weights": dict(zip(d.symbols, d.weights, strict=True))}
+                for d in self.directions
+            ],
+            "condition_number": self.condition_number,
+            "condition_number_with_prior": self.condition_with_prior,
+        }
+
+
+def at_bound(p: float, lower: float, upper: float) -> str:
+    """ "lower", "upper" or "" for a scaled coefficient against its scaled bounds."""
+    if p <= lower + 1e-4:
+        return "lower"
+    return "upper" if p >= upper - 1e-4 else ""
+
+
+def precision(covariance: np.ndarray) -> np.ndarray:
+    """Inverse (P, P) of a covariance, symmetric, with its eigenvalues kept positive."""
+    values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
+    values = np.maximum(values, 1e-12 * max(values[-1], 1e-300))
+    return (vectors / values) @ vectors.T
+
+
+def analyse(
+    prior: Prior, p: np.ndarray, covariance: np.ndarray, information: np.ndarray | None = None
+) -> Identifiability:
+    """What the trials say about each coefficient.
+
+    prior: of the P free coefficients; p: scaled estimate (P,); covariance: (P, P) in prior standard deviations.
+    information: of the data, (P, P) or per window (W, P, P), for the condition number and the weak directions; default
+    what the covariance implies. A covariance that is not finite gives findings of kind "unknown".
+    """
+    P = len(prior.symbols)
+    bounds = [at_bound(*z) for z in zip(p, (prior.lower - prior.mean) / prior.std,
+                                        (prior.upper - prior.mean) / prior.std, strict=True)]  # fmt: skip
+    nan = float("nan")
+    if not np.isfinite(covariance).all() or (np.diag(covariance) <= 0).any():
+        kinds = ["bound" if where else "unknown" for where in bounds]
+        unknown = [Finding(s, k, nan, nan, bound=b) for s, k, b in zip(prior.symbols, kinds, bounds, strict=True)]
+        return Identifiability(tuple(unknown), (), (), nan, nan, np.full((P, P), nan), np.arange(P))
+    if information is None:
+        data, worth = precision(covariance) - np.eye(P), 1.0
+    else:
+        data = information.sum(axis=0) if information.ndim == 3 else information
+        worth = worth_of(data, covariance)
+    inverse = worth * data + np.eye(P)
+    C = precision(inverse)
+    std, own = np.sqrt(np.diag(covariance)), np.sqrt(np.diag(C))
+    correlation = C / np.outer(own, own)
+    C = correlation * np.outer(std, std)
+    alone = (std / own) ** 2 / np.diag(inverse)
+    excited = np.diag(data) >= SILENT
+    findings = tuple(_finding(i, prior, p, C, float(alone[i]), bool(excited[i]), bounds[i]) for i in range(P))
+    values, vectors = np.linalg.eigh(0.5 * (data + data.T))
+    with_prior = np.linalg.eigvalsh(inverse)
+    return Identifiability(
+        findings,
+        clusters(prior.symbols, correlation),
+        directions(prior.symbols, values, vectors, np.diag(data)),
+        float(values[-1] / values[0]) if values[0] > 1e-14 * values[-1] else float("inf"),
+        float(with_prior[-1] / with_prior[0]),
+        correlation,
+        order(correlation),
+    )
+
+
+def worth_of(data: np.ndarray, covariance: np.ndarray) -> float:
+    """How much the information of the data (P, P) is worth, 0 to 1: one over the dispersion of the scores.
+
+    The dispersion D is the median over well excited directions, covariance = (data + I)^-1 (D data + I) (data + I)^-1:
+    1 for the covariance that the noise model implies, more for a cluster-robust one.
+    """
+    values, vectors = np.linalg.eigh(0.5 * (data + data.T))
+    for least in (10.0, 1.0):
+        strong = values > least
+        if strong.any():
+            value = values[strong]
+            variance = np.einsum("ji,jk,ki->i", vectors[:, strong], covariance, vectors[:, strong])
+            dispersion = float(np.median((variance * (value + 1) ** 2 - 1) / value))
+            return float(np.clip(1 / max(dispersion, 1e-3), 1e-3, 1.0))
+    return 1.0
+
+
+def _finding(
+    i: int, prior: Prior, p: np.ndarray, covariance: np.ndarray, alone: float, excited: bool, where: str
+) -> Finding:
+    share = float(covariance[i, i])
+    partners, together = _partners(i, covariance) if share >= DETERMINED else ([], share)
+    told = together < DETERMINED and together < 0.5 * share
+    shared = bool(partners) and (told or (share >= 0.5 * PARTLY and alone < DETERMINED))
+    if where:
+        kind = "bound"
+    elif share < DETERMINED:
+        kind = "determined"
+    elif shared:
+        kind = "shared"
+    elif not excited:
+        kind = "silent"
+    else:
+        kind = "partly" if share < PARTLY else "prior"
+    if kind == "silent" or (not shared and together > 0.67 * share):
+        partners, together = [], share
+    words = ""
+    if len(partners) == 1:
+        j = partners[0]
+        close = abs(covariance[i, j]) >= PAIR * np.sqrt(share * covariance[j, j])
+        words = combination(i, j, prior, p, covariance) if close else ""
+    names = tuple(prior.symbols[j] for j in partners)
+    return Finding(prior.symbols[i], kind, share, alone, names, together, words, where)
+
+
+def _partners(i: int, covariance: np.ndarray) -> tuple[list[int], float]:
+    """Coefficients whose knowledge would help most with i, chosen one after another, and the variance then left."""
+    chosen: list[int] = []
+    left, C = float(covariance[i, i]), covariance.copy()
+    for _ in range(MOST_PARTNERS):
+        spread = np.where(np.diag(C) > 1e-10, np.diag(C), np.inf)
+        gain = C[i] ** 2 / spread
+        gain[[i, *chosen]] = 0.0
+        j = int(np.argmax(gain))
+        if left < DETERMINED or gain[j] < LEAST_GAIN * left:
+            break
+        chosen.append(j)
+        C = C - np.outer(C[:, j], C[j]) / C[j, j]
+        left = float(max(C[i, i], 0.0))
+    return chosen, left
+
+
+def combination(i: int, j: int, prior: Prior, p: np.ndarray, covariance: np.ndarray) -> str:
+    """What of two coefficients the data determine: their product, their ratio, a sum or a difference, in words.
+
+    Deductions enter as 1 - t, wake fractions as 1 - w, the rudder force increase as 1 + a_H.
+    """
+    weak = np.linalg.eigh(covariance[np.ix_([i, j], [i, j])])[1][:, 1] * prior.std[[i, j]]
+    if np.abs(weak).min() < 1e-9 * np.abs(weak).max():
+        return ""
+    value = (prior.mean + prior.std * p)[[i, j]]
+    factors = [_factor(prior.symbols[k], float(v)) for k, v in zip((i, j), value, strict=True)]
+    a, b = (name for name, _ in factors)
+    slope = float(weak[0] * factors[0][1] / (weak[1] * factors[1][1]))
+    if abs(np.log(abs(slope) + 1e-300)) < ALONG:
+        return f"the ratio {a} / {b}" if slope > 0 else f"the product {a} {b}"
+    weight = -float(weak[0] / weak[1])
+    times = "" if abs(abs(weight) - 1) < 0.05 else f"{abs(weight):.2g} "
+    return f"{prior.symbols[i]} {'+' if weight > 0 else '-'} {times}{prior.symbols[j]}"
+
+
+def _factor(symbol: str, value: float) -> tuple[str, float]:
+    """How a coefficient enters a product, and d ln of that by d of the coefficient (0 where it crosses zero)."""
+    sign = -1 if symbol.startswith(("t_", "w_")) else 1 if symbol == "a_H" else 0
+    if sign:
+        return f"(1 {'-' if sign < 0 else '+'} {symbol})", sign / (1 + sign * value)
+    return symbol, 1 / value if value else 0.0

@@ -1,0 +1,225 @@
+"""Trials and priors that do not belong into a calibration, named: each function returns sentences for a person."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import casadi as ca
+import numpy as np
+
+from cases.trial import STATES, Trial
+from fitting.nlp.captive import CaptiveForces, determine
+from fitting.nlp.problem import Prior, Problem
+from fitting.nlp.windows import Segments
+from fitting.solvers.ipopt import solve
+from fitting.solvers.residual_noise import series
+from mmg.effects import effect
+from mmg.errors import UserError
+from mmg.model import assemble
+from mmg.ship import Ship
+
+FAR = 4.0
+"""Residuals of a run, as a multiple of those of the median run, from which it is named. Runs of the 3 m model that
+belong reach 3.3 when they are left out of the fit; one whose rudder has the wrong sign 6 to 18."""
+LOOK = 1.5
+"""Multiple from which a run is judged by a fit without it: it bends the joint one towards itself."""
+SCATTER = 10.0
+"""Scatter of a run from sample to sample, as a multiple of that of the median run, from which it is refused."""
+WHITE = 0.3
+"""Lag-one autocorrelation of a run's residuals below which they are outliers of the sensors rather than of the ship."""
+ROUGH_TOLERANCE, ROUGH_ITERATIONS = 1e-3, 60
+"""Of the fit of a run's states alone."""
+ASTERN = 1e-3
+"""Share of its effect going astern that a coefficient must have in the trials to count as excited."""
+
+
+def refuse_outliers(trials: Sequence[Trial], step: float) -> None:
+    """UserError for runs whose samples, ``step`` [s] apart, scatter SCATTER times as much as those of the others.
+
+    Scatter is the robust size of second differences of the states, the geometric mean over the channels both have.
+    Needs three runs. Runs that belong differ by less than a factor of two.
+    """
+    if len(trials) < 3:
+        return
+    size = np.array([[_scatter(t, name, step) for name in STATES] for t in trials])
+    far = [_multiple(row, np.delete(size, i, axis=0)) for i, row in enumerate(size)]
+    bad = [f"{t.name} ({m:.0f} times)" for t, m in zip(trials, far, strict=True) if m > SCATTER]
+    if bad:
+        raise UserError(
+            f"{', '.join(bad)}: samples are outliers throughout, they scatter so much more from one to the next than "
+            "those of the other runs; leave the run out, or mend its file (mmg check)"
+        )
+
+
+def _scatter(trial: Trial, name: str, step: float) -> float:
+    """Robust rms of second differences of a column ``step`` [s] apart; NaN where it is hardly measured."""
+    if name not in trial.columns:
+        return float("nan")
+    x = np.unwrap(trial[name]) if name == "psi" else trial[name]
+    x = x[:: max(1, round(step / trial.dt))]
+    bend = np.diff(x, 2)
+    bend = bend[np.isfinite(bend)]
+    return float(1.4826 * np.median(np.abs(bend))) if len(bend) > 10 else float("nan")
+
+
+def odd_runs(problem: Problem, x: np.ndarray, moves: np.ndarray) -> list[str]:
+    """Sentences on runs whose residuals at x are far beyond those of the others; needs three runs.
+
+    moves: (runs, P) change of the scaled coefficients without each run, to first order (``sandwich.left_out``): a run
+    that stands out is judged at what the others say of it.
+    """
+    size, white = run_residuals(problem, x)
+    names = problem.segments.trials
+    words = []
+    measured = np.isfinite(size).any(axis=1)
+    if measured.sum() < 3:
+        return []
+    far = np.array([_multiple(row, np.delete(size, i, axis=0)) if measured[i] else 0.0 for i, row in enumerate(size)])
+    moved = dict(zip(np.unique(problem.segments.run).tolist(), moves, strict=True))
+    for k in np.flatnonzero((far > LOOK) & (far < FAR)).tolist():
+        alone = left_out_residual(problem, x, k, moved[k])
+        if alone is not None:
+            far[k] = max(far[k], _multiple(alone, np.delete(size, k, axis=0)))
+    for i in np.flatnonzero(far >= FAR):
+        if white[i] < WHITE:
+            words.append(
+                f"{names[i]}: its samples are outliers throughout, {far[i]:.0f} times the residuals of the other runs "
+                "and without memory; leave it out, or use --loss student if only some of its samples are bad"
+            )
+        else:
+            words.append(
+                f"{names[i]}: residuals {far[i]:.0f} times those of the other runs; it may be of another ship or "
+                "loading, or have a wrong unit or sign: leave it out and compare (mmg check, mmg score)"
+            )
+    return words
+
+
+def _multiple(own: np.ndarray, others: np.ndarray) -> float:
+    """Rms residuals (6,) of a run over the median of others (R, 6), geometric mean over the channels both have."""
+    usual = np.array([np.median(c[np.isfinite(c)]) if np.isfinite(c).any() else np.nan for c in others.T])
+    ratio = own / usual
+    ratio = ratio[np.isfinite(ratio) & (ratio > 0)]
+    return float(np.exp(np.mean(np.log(ratio)))) if len(ratio) else 1.0
+
+
+def left_out_residual(problem: Problem, x: np.ndarray, run: int, move: np.ndarray) -> np.ndarray | None:
+    """Rms residuals (6,) of a run at the coefficients moved by ``move`` (P,), its own states and constants fitted.
+
+    None where that fails.
+    """
+    seg = problem.segments
+    p = np.clip(problem.split(x)[1] + np.nan_to_num(move), *problem.p_bounds())
+    theta, own = problem.prior.mean + problem.prior.std * p, np.arange(problem.P) >= problem.prior.shared
+    alone = problem.with_segments(seg.subset(np.flatnonzero(seg.run == run))).with_bounds(
+        np.where(own, problem.prior.lower, theta), np.where(own, problem.prior.upper, theta)
+    )
+    held = solve(alone, alone.start(p), ROUGH_TOLERANCE, ROUGH_ITERATIONS, rough=True)
+    return run_residuals(alone, held.x)[0][run] if np.isfinite(held.objective) else None
+
+
+def run_residuals(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """By run: rms residual of each channel (R, 6), NaN where unmeasured; mean lag-one autocorrelation (R,)."""
+    seg = problem.segments
+    e, ei = problem.errors(x)
+    windows = series(seg, np.where(seg.node_mask > 0, e, np.nan), ei)
+    count = len(seg.trials)
+    squares, samples, lagged = np.zeros((count, 6)), np.zeros((count, 6)), np.zeros((count, 6))
+    for w, part in enumerate(windows):
+        run = seg.run[w]
+        squares[run] += np.nansum(part**2, axis=0)
+        samples[run] += np.isfinite(part).sum(axis=0)
+        lagged[run] += np.nansum(part[1:] * part[:-1], axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        size = np.sqrt(squares / samples)
+        memory = np.where(squares > 0, lagged / squares, np.nan)
+    white = np.array([np.mean(m[np.isfinite(m)]) if np.isfinite(m).any() else 0.0 for m in memory])
+    return np.where(samples > 0, size, np.nan), white
+
+
+def unexcited_astern(ship: Ship, trials: Sequence[Trial], segments: Segments) -> list[str]:
+    """A sentence on free coefficients that act only going astern (n < 0 or u < 0) when no trial does.
+
+    They are found by their influence on the accelerations, over the data and over the data with surge velocity,
+    revolutions or both turned round. Raises UserError when they are all that is free of the ship itself.
+    """
+    ahead, astern = _influence(ship, segments)
+    unmoved = [s for s, a, b in zip(ship.free, ahead, astern, strict=True) if b > 0 and a < ASTERN * b]
+    if not unmoved:
+        return []
+    slowest = min(float(np.nanmin(t["u"])) for t in trials)
+    text = f"{', '.join(unmoved)}: act only going astern, of which the trials have nothing (least u {slowest:.3g} m/s)"
+    instruments = tuple(f"{name}." for name in ship.effects if effect(name).measures)
+    if all(s in unmoved or s.startswith(instruments) for s in ship.free):
+        raise UserError(f"{text}: nothing to identify; add a stopping or astern trial, or free other coefficients")
+    return [f"{text}; the prior decides them: add a stopping or astern trial"]
+
+
+def _influence(ship: Ship, segments: Segments, most: int = 300) -> tuple[np.ndarray, np.ndarray]:
+    """Of each free coefficient: rms change of the scaled accelerations for one prior standard deviation.
+
+    Over the data (P,), and the largest one over the data turned round (P,).
+    """
+    model = assemble(ship)
+    free = [ship.symbols.index(s) for s in ship.free]
+    pick = np.unique(np.linspace(0, len(segments.nodes) - 1, most).round().astype(int))
+    theta = np.tile(ship.values[:, None], len(pick))
+    z, c, t = (ca.SX.sym("a", n) for n in (len(model.states), len(model.controls), len(model.symbols)))
+    rates = model.rates(z, c, t)[3:6] * ca.DM([1.0, 1.0, ship.particulars["L"]])
+    J = ca.jacobian(rates, ca.vertcat(*[t[i] for i in free]))
+    squares = ca.Function("influence", [z, c, t], [ca.sum1(ca.densify(J) ** 2)]).map(len(pick))
+    initial = model.initial.map(len(pick))
+    propellers = [i for i, name in enumerate(ship.inputs) if name == "n" or name.startswith("n_")]
+    found = []
+    for surge, turns in ((1, 1), (1, -1), (-1, 1), (-1, -1), (1, -0.3), (-1, -0.3), (-1, 0.3)):
+        states, controls = segments.nodes[pick].T.copy(), segments.node_controls[:, pick].copy()
+        states[3] *= surge
+        controls[propellers] *= turns
+        total = np.array(squares(initial(states, controls, theta), controls, theta))
+        mean = np.nanmean(total.T.reshape(len(pick), len(free)), axis=0)
+        found.append(np.sqrt(mean) * Prior.of(ship).std)
+    return found[0], np.max(found[1:], axis=0)
+
+
+def contradictions(prior: Prior) -> list[str]:
+    """Sentences on priors at odds with their own bounds. UserError for a standard deviation that is not positive."""
+    bad = [s for s, std in zip(prior.symbols, prior.std, strict=True) if not std > 0 or not np.isfinite(std)]
+    if bad:
+        raise UserError(
+            f"{', '.join(bad)}: free, but the standard deviation of the prior is not a positive number; give std in "
+            "the ship file, or fix them with --fix"
+        )
+    crossed = [s for s, lo, hi in zip(prior.symbols, prior.lower, prior.upper, strict=True) if lo >= hi]
+    if crossed:
+        raise UserError(f"{', '.join(crossed)}: lower bound not below the upper one; correct the ship file, or --fix")
+    words = []
+    for i, symbol in enumerate(prior.symbols):
+        below, above = prior.lower[i] - prior.mean[i], prior.mean[i] - prior.upper[i]
+        out = max(below, above)
+        if out > prior.std[i]:
+            words.append(
+                f"{symbol}: its prior {prior.mean[i]:.4g} +- {prior.std[i]:.2g} lies {out / prior.std[i]:.1f} standard "
+                f"deviations outside its bounds {prior.lower[i]:.4g} to {prior.upper[i]:.4g}: one of them is wrong"
+            )
+    return words
+
+
+def against_captive(
+    forces: CaptiveForces, base: np.ndarray, free: np.ndarray, prior: Prior, most: float = 5.0
+) -> list[str]:
+    """Sentences on coefficients that the captive points alone put ``most`` standard deviations from their prior.
+
+    The points are fitted with the prior 30 times wider; what they leave to that prior is not compared.
+    """
+    alone = determine(forces, base, free, prior.mean, prior.std, ridge=1e-3)
+    spread = np.sqrt(np.clip(np.diag(alone.covariance), 0, None))
+    found = [
+        (abs(p) / np.sqrt(1 + s**2), symbol, prior.mean[i], prior.std[i], prior.mean[i] + prior.std[i] * p)
+        for i, (symbol, p, s) in enumerate(zip(prior.symbols, alone.p, spread, strict=True))
+        if s < 3.0
+    ]
+    return [
+        f"{symbol}: the captive points of {forces.points.name} put it at {value:.4g}, {far:.1f} standard deviations "
+        f"from its prior {mean:.4g} +- {std:.2g}; check units, axes and sign of the points, or widen the prior"
+        for far, symbol, mean, std, value in sorted(found, reverse=True)
+        if far > most
+    ]

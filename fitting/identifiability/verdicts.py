@@ -1,0 +1,113 @@
+"""What became of the coefficients, in numbers for the ship file and in words for a person."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fitting.identifiability.analysis import DETERMINED, WORSE, Finding, analyse, at_bound
+from fitting.identifiability.plausibility import implausible
+from fitting.nlp.problem import Prior, Problem
+from fitting.settings import Start
+from fitting.solvers.ipopt import Solution
+from fitting.solvers.multistart import disagreement
+from mmg.ship import Ship
+
+if TYPE_CHECKING:
+    pass
+
+
+def cause(finding: Finding, missing: str = "") -> str:
+    """What decided a coefficient, in words; missing: what trials that excite it have and these have not."""
+    names = listed(finding.partners)
+    if finding.kind == "bound":
+        return f"at its {finding.bound} bound: the data ask for a value outside the range given"
+    if finding.kind == "unknown":
+        return "its uncertainty could not be computed"
+    if finding.kind == "determined":
+        return "determined by the data"
+    if finding.kind == "partly":
+        return "partly determined by the data" + (f", what is missing is shared with {names}" if names else "")
+    if finding.kind == "silent":
+        return "not excited by these trials" + (f", which have no {missing}" if missing else "")
+    if finding.kind == "prior" and finding.share > WORSE:
+        return "no better known than by its prior: correlated residuals pull it about; fix it or narrow its prior"
+    if finding.kind == "prior":
+        return "decided by the prior" + (f", what the data say is shared with {names}" if names else "")
+    if not names:
+        return "shared with many coefficients: only combinations of them are determined"
+    if finding.together >= DETERMINED:
+        return f"shared with {', '.join(finding.partners)} and others: only combinations of them are determined"
+    return f"shared with {names}: the data determine only {finding.combination or 'their combination'}"
+
+
+def verdict(finding: Finding, missing: str = "") -> str:
+    """A sentence on what decided a coefficient, with the prior's share; missing: see ``cause``."""
+    words = cause(finding, missing)
+    if finding.kind in ("bound", "unknown"):
+        return words
+    known = "it were known" if len(finding.partners) == 1 else "they were known"
+    tied = f", {finding.together:.0%} if {known}" if finding.kind == "shared" and finding.partners else ""
+    if finding.share > WORSE:
+        return f"{words} (its variance is {finding.share:.2g} times the prior's{tied})"
+    return f"{words} (the prior's share of the variance is {min(finding.share, 1):.0%}{tied})"
+
+
+def listed(names: Sequence[str]) -> str:
+    """ "a", "a and b", "a, b and c"."""
+    return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else "".join(names)
+
+
+def calibrated_ship(
+    ship: Ship,
+    prior: Prior,
+    p: np.ndarray,
+    covariance: np.ndarray,
+    converged: bool,
+    information: np.ndarray | None = None,
+) -> Ship:
+    """The ship with estimates, standard errors, priors and verdicts.
+
+    p: scaled estimate (P,); covariance: (P, P) in prior standard deviations; information: of the data (P, P), see
+    ``identifiability.analyse``. An estimate that did not converge says so.
+    """
+    changed = {}
+    for i, finding in enumerate(analyse(prior, p, covariance, information).findings):
+        symbol, words = finding.symbol, verdict(finding)
+        c, share = ship.coefficients[symbol], float(covariance[i, i])
+        value = float(np.clip(prior.mean[i] + prior.std[i] * p[i], prior.lower[i], prior.upper[i]))
+        std = float(np.sqrt(share) * prior.std[i]) if np.isfinite(share) else c.std
+        changed[symbol] = c.with_(
+            value=value,
+            std=std,
+            prior_value=float(prior.mean[i]),
+            prior_std=float(prior.std[i]),
+            verdict=words if converged else f"NOT CONVERGED; {words}",
+            source="calibrated by mmg fit" if "calibrated by mmg fit" in c.source or not c.source
+            else f"calibrated by mmg fit; prior: {c.source}",
+        )  # fmt: skip
+    return replace(ship.with_coefficients(changed), notices=())
+
+
+def warnings_of(problem: Problem, best: Solution, p: np.ndarray, starts: list[Start]) -> list[str]:
+    """Sentences on what a user must know before using the estimates; p: scaled estimate (P,)."""
+    words = []
+    if not best.converged:
+        words.append(f"not converged ({best.status}): {best.advice or 'the best iterate is kept'}")
+    lower, upper = problem.p_bounds()
+    hit = [
+        f"{s} ({where})"
+        for s, value, lo, hi in zip(problem.prior.symbols, p, lower, upper, strict=True)
+        if (where := at_bound(value, lo, hi))
+    ]
+    if hit:
+        words.append(f"at a bound: {', '.join(hit)}")
+    away = [s for s, value in zip(problem.prior.symbols, p, strict=True) if abs(value) > 3]
+    if away:
+        words.append(f"more than three prior standard deviations from the prior: {', '.join(away)}")
+    values = problem.prior.mean + problem.prior.std * p
+    words += implausible(problem.prior, dict(zip(problem.prior.symbols, values.tolist(), strict=True)))
+    return words + disagreement(starts, best.objective)

@@ -1,0 +1,302 @@
+"""Model choice by cross-validation over runs: which coefficients are free, how wide their priors are, and so on.
+
+Runs are left out in turn (all of them one by one, or in folds); the ship fitted on the rest is judged by 30 s windows
+of the runs left out. Choices are made one after the other (greedily), each from where the last one left off. A
+candidate replaces the present choice only if it is better by LEAST and by more than one standard error of the
+difference over runs: an ever finer choice among nearly equal models would fit the cross-validation itself.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+
+import numpy as np
+
+from cases.shipfiles.effects import freeing_effects
+from cases.trial import Trial
+from fitting.calibration import Calibration, calibrate
+from fitting.nlp.captive import Captive
+from fitting.nlp.grid import default_step
+from fitting.parallel import run_all
+from fitting.prediction.score import Score, pooled_sigma, score
+from fitting.settings import Settings
+from mmg.errors import UserError
+from mmg.rollout import Simulator
+from mmg.ship import Ship
+
+LEAST = 0.005
+"""Share by which a candidate must lower the score."""
+INSTRUMENTS = (("velocity_lag",), ("velocity_lag", "gyro"))
+"""Measurement models that are tried beside none."""
+MANAGED = ("velocity_lag", "gyro")
+"""Effects that a choice puts on a ship or takes off it; all others stay as they were given."""
+WIDTHS = (0.5, 2.0)
+"""Factors on the standard deviations of the priors that are tried beside 1."""
+STEPS = (30, 50, 200)
+"""Window lengths [steps] that are tried beside the one asked for."""
+DECIDED = 0.9
+"""Prior's share of the variance from which a coefficient counts as decided by its prior."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One model: effects of the instruments, factor on prior widths, window [s], loss, coefficients held."""
+
+    measurement: tuple[str, ...] = ()
+    width: float = 1.0
+    window: float = 100.0
+    loss: str = "gaussian"
+    held: tuple[str, ...] = ()
+
+    def words(self) -> str:
+        held = f"{len(self.held)} coefficients held at their priors" if self.held else "all free"
+        instruments = "+".join(self.measurement) or "none"
+        return f"{held}, priors x {self.width:g}, windows {self.window:g} s, measurement {instruments}, {self.loss}"
+
+
+@dataclass(frozen=True)
+class Tried:
+    """A row of the table: what was varied, the choice, its scores, and whether it was taken.
+
+    window, paper: pooled over the runs left out (30 s windows; restarts every 100 s); difference, error: of ``window``
+    to the choice before, mean and standard error over runs; converged: fits that did, of ``folds``.
+    """
+
+    varied: str
+    choice: Choice
+    window: float
+    paper: float
+    difference: float
+    error: float
+    converged: int
+    folds: int
+    seconds: float
+    taken: bool
+
+    def to_dict(self) -> dict:
+        return {**asdict(self), "words": self.choice.words()}
+
+
+@dataclass(frozen=True)
+class Selection:
+    """The choice, the ship and settings to fit with, and the table of what was tried."""
+
+    choice: Choice
+    ship: Ship
+    settings: Settings
+    table: tuple[Tried, ...]
+    notices: tuple[str, ...]
+
+    def to_rows(self) -> list[dict]:
+        return [row.to_dict() for row in self.table]
+
+
+@dataclass(frozen=True)
+class Fold:
+    """One fit of a candidate, complete enough for another process.
+
+    out: numbers of the trials left out; warm: coefficients to start from; deadline: time (``time.time``) from which it
+    is not begun any more.
+    """
+
+    ship: Ship
+    settings: Settings
+    trials: tuple[Trial, ...]
+    out: tuple[int, ...]
+    sigma: np.ndarray
+    captive: Captive | None
+    warm: dict[str, float]
+    deadline: float = float("inf")
+
+
+def prepare(ship: Ship, choice: Choice) -> Ship:
+    """The ship with a choice put on it."""
+    for name in MANAGED:
+        if name in ship.effects and name not in choice.measurement:
+            ship = ship.without_effect(name)
+    ship = freeing_effects(ship, [name for name in choice.measurement if name not in ship.effects])
+    wider = {s: ship.coefficients[s].with_(std=choice.width * ship.coefficients[s].std) for s in ship.free}
+    return ship.with_coefficients(wider).fixing([s for s in choice.held if s in ship.free])
+
+
+Outcome = tuple[list[tuple[int, float, float, int]], bool, dict[str, float]]
+"""Per trial left out: number, both metrics, windows; whether the fit converged; its coefficients."""
+
+
+def run_fold(fold: Fold) -> Outcome | None:
+    """Fit and judge; None when it is too late to begin."""
+    if time.time() > fold.deadline:
+        return None
+    rest = [t for i, t in enumerate(fold.trials) if i not in fold.out]
+    free = fold.ship.free
+    p = [(fold.warm.get(s, c.value) - c.value) / c.std for s in free for c in (fold.ship.coefficients[s],)]
+    warm = {"p": np.array(p)} if fold.warm else None
+    found = calibrate(fold.ship, rest, fold.settings, warm=warm, captive=fold.captive)
+    left_out = [fold.trials[i] for i in fold.out]
+    judged: Score = score(Simulator(found.ship, fold.settings.compiled), left_out, fold.sigma)
+    rows = [(i, t.window, t.paper, t.windows) for i, t in zip(fold.out, judged.trials, strict=True)]
+    return rows, found.converged, {s: found.ship.coefficients[s].value for s in free}
+
+
+def folds_of(trials: Sequence[Trial], count: int) -> list[tuple[int, ...]]:
+    """Runs in ``count`` folds, those of a kind spread over them."""
+    order = sorted(range(len(trials)), key=lambda i: (trials[i].kind or "", i))
+    return [tuple(sorted(order[k::count])) for k in range(min(count, len(trials)))]
+
+
+class Selector:
+    """Cross-validation of candidates on trials.
+
+    folds: number of parts into which the runs are divided; limit: seconds; what would take longer, judged by the last
+    candidates, is not tried.
+    """
+
+    def __init__(
+        self,
+        ship: Ship,
+        trials: Sequence[Trial],
+        settings: Settings,
+        captive: Captive | None = None,
+        folds: int = 8,
+        limit: float = 480.0,
+        say: Callable[[str], None] | None = None,
+    ) -> None:
+        judged = [t for t in trials if t.has_position]
+        if len(judged) < 3 or len(judged) < len(trials):
+            raise UserError("--auto needs at least three trials, all with positions, to leave out in turn")
+        self.ship, self.trials, self.settings, self.captive = ship, tuple(trials), settings, captive
+        self.sigma, self.parts = pooled_sigma(trials), folds_of(trials, max(2, folds))
+        self.limit, self.say, self.began = limit, say, time.perf_counter()
+        self.table: list[Tried] = []
+        self.scores: dict[Choice, np.ndarray] = {}
+        self.warm: dict[str, float] = {}
+        self.each = 0.0
+
+    @property
+    def left(self) -> float:
+        return self.limit - (time.perf_counter() - self.began)
+
+    def judge(self, varied: str, choices: Sequence[Choice], present: Choice | None) -> list[Tried]:
+        """Scores of candidates, all their folds spread over the workers at once; those out of time are left out."""
+        began = time.perf_counter()
+        tasks = [self._fold(choice, out) for choice in choices for out in self.parts]
+        done = run_all(run_fold, tasks, self.settings.workers)
+        rows, n = [], len(self.parts)
+        for k, choice in enumerate(choices):
+            mine = [outcome for outcome in done[k * n : (k + 1) * n] if outcome is not None]
+            if len(mine) < n:
+                continue
+            scores = np.full((len(self.trials), 3), np.nan)
+            for found, _, _ in mine:
+                for i, window, paper, windows in found:
+                    scores[i] = window, paper, windows
+            self.scores[choice] = scores
+            if present is None:
+                self.warm = {s: float(np.mean([m[2][s] for m in mine])) for s in mine[0][2]}
+            rows.append(self._row(varied, choice, present, sum(m[1] for m in mine)))
+        seconds = self.each = (time.perf_counter() - began) / len(choices)
+        return [replace(row, seconds=seconds) for row in rows]
+
+    def _fold(self, choice: Choice, out: tuple[int, ...]) -> Fold:
+        settings = replace(self.settings, window=choice.window, loss=choice.loss, starts=1, workers=1)
+        settings = replace(settings, tolerance=1e-4, time_limit=None)
+        deadline = time.time() + self.left if self.warm else float("inf")
+        ship = prepare(self.ship, choice)
+        return Fold(ship, settings, self.trials, out, self.sigma, self.captive, self.warm, deadline)
+
+    def _row(self, varied: str, choice: Choice, present: Choice | None, converged: int) -> Tried:
+        scores = self.scores[choice]
+        weight = np.array([t.duration for t in self.trials])
+        mean, paper = pooled(scores[:, 0], scores[:, 2]), pooled(scores[:, 1], weight)
+        difference, error = 0.0, 0.0
+        if present is not None:
+            before = self.scores[present]
+            difference, error = mean - pooled(before[:, 0], before[:, 2]), spread(scores - before, scores[:, 2])
+        return Tried(varied, choice, mean, paper, difference, error, converged, len(self.parts), 0.0, present is None)
+
+    def decide(self, varied: str, choices: Sequence[Choice], present: Choice) -> Choice:
+        """The best of the candidates, or the present choice when none is clearly better; extends the table."""
+        fresh = [c for c in choices if c not in self.scores][: max(0, int(self.left / max(self.each, 1e-3)))]
+        if not fresh:
+            return present
+        rows = self.judge(varied, fresh, present)
+        base = pooled(self.scores[present][:, 0], self.scores[present][:, 2])
+        good = [r for r in rows if r.difference < -max(LEAST * base, r.error) and r.converged == r.folds]
+        best = min(good, key=lambda r: r.window) if good else None
+        self.table += [replace(r, taken=r is best) for r in rows]
+        if self.say:
+            for r in rows:
+                self.say(
+                    f"auto, {varied}: {r.choice.words()}: {r.window:.4f} ({r.difference:+.4f} +- {r.error:.4f})"
+                    f"{', taken' if r is best else ''}"
+                )
+        return best.choice if best else present
+
+
+def pooled(values: np.ndarray, weights: np.ndarray) -> float:
+    """Weighted mean over runs that have a value."""
+    good = np.isfinite(values) & (weights > 0)
+    return float(np.average(values[good], weights=weights[good])) if good.any() else float("nan")
+
+
+def spread(difference: np.ndarray, weights: np.ndarray) -> float:
+    """Standard error over runs (R, ...) of the weighted mean of the first column."""
+    d = difference[:, 0]
+    good = np.isfinite(d) & (weights > 0)
+    d, w = d[good], weights[good] / weights[good].sum()
+    n = len(d)
+    return float(np.sqrt(n / max(n - 1, 1) * (w**2 * (d - w @ d) ** 2).sum())) if n else float("nan")
+
+
+def select(
+    ship: Ship,
+    trials: Sequence[Trial],
+    settings: Settings,
+    captive: Captive | None = None,
+    folds: int = 8,
+    limit: float = 480.0,
+    say: Callable[[str], None] | None = None,
+) -> Selection:
+    """Choose the model for a final fit of ``ship`` on ``trials``; nothing but these trials is looked at.
+
+    ``settings.workers`` processes
+    share the fits; ``limit`` [s] ends the search at the best choice so far. Raises UserError for fewer than three runs.
+    """
+    step = settings.step or default_step(trials, ship.particulars["L"])
+    given = tuple(e for e in MANAGED if e in ship.effects)
+    selector = Selector(ship, trials, settings, captive, folds, limit, say)
+    now = Choice(given, window=settings.window or 100 * step, loss=settings.loss)
+    selector.table += selector.judge("start", [now], None)
+    if say:
+        say(f"auto, start: {now.words()}: {selector.table[0].window:.4f}")
+    instruments = ((), *(() if "gnss_delay" in ship.effects else INSTRUMENTS))
+    now = selector.decide("measurement", [replace(now, measurement=m) for m in instruments], now)
+    now = selector.decide("window", [replace(now, window=k * step) for k in STEPS], now)
+    now = selector.decide("prior width", [replace(now, width=w) for w in WIDTHS], now)
+    losses = [name for name in ("gaussian", "student") if name != now.loss]
+    now = selector.decide("loss", [replace(now, loss=name) for name in losses], now)
+    held = _decided(selector, now)
+    if held:
+        now = selector.decide("free coefficients", [replace(now, held=held)], now)
+    notices = [f"chosen by cross-validation over runs: {now.words()}"]
+    if selector.left <= selector.each:
+        notices.append(f"--auto stopped trying after its {limit:.0f} s")
+    return Selection(
+        choice=now,
+        ship=prepare(ship, now),
+        settings=replace(settings, window=now.window, loss=now.loss),
+        table=tuple(selector.table),
+        notices=tuple(notices),
+    )
+
+
+def _decided(selector: Selector, now: Choice) -> tuple[str, ...]:
+    """Coefficients that the prior decides when all are free."""
+    if selector.left <= 0:
+        return ()
+    fold = selector._fold(now, ())
+    found: Calibration = calibrate(fold.ship, fold.trials, fold.settings, captive=fold.captive)
+    share = np.diag(found.covariance)
+    return tuple(s for s, value in zip(found.prior.symbols, share, strict=True) if value > DECIDED)

@@ -1,0 +1,1 @@
+"""The nonlinear program: grids, windows, shooting intervals, costs, priors, measurement effects, information."""

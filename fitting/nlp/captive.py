@@ -1,0 +1,219 @@
+"""Forces of captive tests as further residuals of a calibration: X, Y, N at given u, v, r, n, delta.
+
+A point is the hydrodynamic force on the model, as in the MMG equations (m + m_x) u' - (m + m_y) v r = X and so on:
+inertia and the centripetal forces of mass and added mass taken off, propeller and rudder included, no wind. One set of
+points is the table of a planar-motion, oblique-towing or rotating-arm campaign.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+
+from cases.io.headers import split_header
+from cases.io.table import read_table
+from cases.io.units import to_si
+from mmg.compile.batch import batch_functions, padded
+from mmg.errors import UserError
+from mmg.model import Model
+
+FORCES = ("X", "Y", "N")
+UNITS = {"X": ("N", "kN"), "Y": ("N", "kN"), "N": ("N m", "kN m", "Nm", "kNm")}
+FLOOR = 0.03
+"""Standard deviation of a force when none is given, as a share of its rms over the points."""
+
+
+@dataclass(frozen=True)
+class Captive:
+    """Captive points: motion (3, M): u, v, r; actuators by name (M,); forces and their sigma, (3, M) each, SI."""
+
+    name: str
+    motion: np.ndarray
+    actuators: dict[str, np.ndarray]
+    forces: np.ndarray
+    sigma: np.ndarray
+
+    def __len__(self) -> int:
+        return self.motion.shape[1]
+
+
+def read_captive(path: Path, sigma: tuple[float, ...] | None = None) -> Captive:
+    """Points of a CSV or Parquet file with headers such as ``u [m/s], ..., X [N], Y [N], N [N m]``.
+
+    Columns sigma_X, sigma_Y, sigma_N give standard deviations point by point; ``sigma`` is for those that the file does
+    not give (X, Y [N], N [N m]); without either it is 3 % of the rms of the column, and said nowhere else. A force may
+    be empty in some rows: it is then not used there. Raises UserError for missing columns, unknown units, empty motion.
+    """
+    if not path.exists():
+        raise UserError(f"{path}: no such file; --captive takes a table of captive-test points")
+    header, numbers = read_table(path, path.read_bytes())
+    cells = {name: (i, unit) for i, (name, unit) in enumerate(split_header(cell) for cell in header)}
+    missing = [name for name in ("u", "v", "r", "n", *FORCES) if name not in cells]
+    missing += [] if any(name.startswith("delta") for name in cells) else ["delta"]
+    if missing:
+        raise UserError(f"{path}: missing column {', '.join(missing)}; found: {', '.join(header)}")
+    columns: dict[str, np.ndarray] = {}
+    for name, (i, unit) in cells.items():
+        force = name.removeprefix("sigma_")
+        if force in FORCES:
+            columns[name] = numbers(i) * _force_factor(path, header[i], force, unit)
+        elif name in ("u", "v", "r") or name.startswith(("n", "delta")):
+            try:
+                factor = to_si(name, unit, f"{path}: column '{header[i]}'")
+            except KeyError:
+                raise UserError(f"{path}: column '{header[i]}' is no actuator that a ship can have") from None
+            columns[name] = numbers(i) * factor
+    motion = np.array([columns[name] for name in ("u", "v", "r")])
+    actuators = {name: values for name, values in columns.items() if name.startswith(("n", "delta"))}
+    empty = ~np.isfinite(np.vstack([motion, *actuators.values()])).all(axis=0)
+    if empty.any():
+        row = int(np.flatnonzero(empty)[0])
+        raise UserError(f"{path}: row {row + 1} lacks a motion or an actuator ({int(empty.sum())} such rows)")
+    forces = np.array([columns[name] for name in FORCES])
+    return Captive(path.stem, motion, actuators, forces, _sigma(path, forces, columns, sigma))
+
+
+def _force_factor(path: Path, cell: str, force: str, unit: str) -> float:
+    if unit not in UNITS[force]:
+        raise UserError(f"{path}: column '{cell}' needs a unit out of {', '.join(UNITS[force])}")
+    return 1e3 if unit.startswith("k") else 1.0
+
+
+def _sigma(path: Path, forces: np.ndarray, columns: dict, given: tuple[float, ...] | None) -> np.ndarray:
+    """Standard deviations (3, M), infinite where a force is missing."""
+    result = np.empty_like(forces)
+    for i, name in enumerate(FORCES):
+        rms = float(np.sqrt(np.nanmean(forces[i] ** 2))) if np.isfinite(forces[i]).any() else 0.0
+        usual = given[i] if given else FLOOR * rms
+        result[i] = columns.get(f"sigma_{name}", np.full(forces.shape[1], usual))
+        if not (result[i][np.isfinite(forces[i])] > 0).all():
+            raise UserError(f"{path}: the standard deviation of {name} must be positive; give it with --captive-sigma")
+    return np.where(np.isfinite(forces), result, np.inf)
+
+
+class CaptiveForces:
+    """1/2 sum of squared residuals of a model's forces, and derivatives to the free coefficients, all exact.
+
+    free: positions of the free coefficients among all. Arguments ``theta`` are all coefficients.
+    """
+
+    def __init__(self, model: Model, free: np.ndarray, points: Captive, compiled: bool = True) -> None:
+        self.points, self.P, M = points, len(free), len(points)
+        self._inputs = self._arrays(model, points)
+        u, c = ca.SX.sym("motion", 3), ca.SX.sym("controls", len(model.controls))
+        theta, mu = ca.SX.sym("theta", len(model.symbols)), ca.SX.sym("mu", 3)
+        state = model.initial(ca.vertcat(0, 0, 0, u), c, theta)
+        rows = model.forces(state, c, theta)
+        kept = [i for i, role in enumerate(model.roles) if role != "wind"]
+        F = ca.sum1(rows[kept, :]).T
+        x = ca.vertcat(*[theta[int(i)] for i in free])
+        J, H = ca.jacobian(F, x), ca.triu(ca.hessian(ca.dot(mu, F), x)[0])
+        self._J_at, self._H_at = (np.array(A.sparsity().get_triplet(), dtype=int) for A in (J, H))
+        functions = [
+            ca.Function("captive_values", [u, c, theta], [F], {"cse": True}),
+            ca.Function("captive_jacobian", [u, c, theta], [J], {"cse": True}),
+            ca.Function("captive_hessian", [u, c, theta, mu], [H], {"cse": True}),
+        ]
+        self._batch = batch_functions(functions, compiled)[0]
+        self.weight = 1 / points.sigma**2
+        self.measured = np.nan_to_num(points.forces)
+        self._short = padded(M) - M
+
+    @staticmethod
+    def _arrays(model: Model, points: Captive) -> tuple[np.ndarray, np.ndarray]:
+        """Motion (3, M) and inputs (C, M) of the model: in still air as seen from the ship, at time 0."""
+        M = len(points)
+        rows = {"wind_north": points.motion[0], "wind_east": points.motion[1], "time": np.zeros(M)}
+        controls = []
+        for name in model.controls:
+            found = points.actuators.get(name, points.actuators.get(name.split("_")[0]))
+            if name in rows:
+                controls.append(rows[name])
+            elif found is not None:
+                controls.append(found)
+            else:
+                raise UserError(f"{points.name}: no column {name}, which {model.ship.name} has for an actuator")
+        return points.motion, np.array(controls)
+
+    def _call(self, which: int, theta: np.ndarray, *more: np.ndarray) -> np.ndarray:
+        motion, controls, *rest = (
+            np.hstack([a, np.repeat(a[:, :1], self._short, axis=1)]) for a in (*self._inputs, *more)
+        )
+        result = self._batch[which](motion, controls, theta, *rest)[0]
+        assert result is not None
+        return result[:, : len(self.points)]
+
+    def residuals(self, theta: np.ndarray) -> np.ndarray:
+        """Model minus measured forces (3, M), 0 where none was measured."""
+        return np.where(self.weight > 0, self._call(0, theta) - self.measured, 0.0)
+
+    def jacobian(self, theta: np.ndarray) -> np.ndarray:
+        """d forces / d free coefficients, (M, 3, P)."""
+        J = np.zeros((len(self.points), 3, self.P))
+        J[:, self._J_at[0], self._J_at[1]] = self._call(1, theta).T
+        return J
+
+    def cost(self, theta: np.ndarray) -> float:
+        return 0.5 * float((self.weight * self.residuals(theta) ** 2).sum())
+
+    def gradient(self, theta: np.ndarray) -> np.ndarray:
+        return np.einsum("im,mip->p", self.weight * self.residuals(theta), self.jacobian(theta))
+
+    def information(self, theta: np.ndarray) -> np.ndarray:
+        """Fisher information of the free coefficients, (P, P)."""
+        J = self.jacobian(theta)
+        return np.einsum("mip,im,miq->pq", J, self.weight, J, optimize=True)
+
+    def hessian(self, theta: np.ndarray) -> np.ndarray:
+        """Hessian of ``cost``, (P, P)."""
+        H = np.zeros((self.P, self.P))
+        H[self._H_at[0], self._H_at[1]] = self._call(2, theta, self.weight * self.residuals(theta)).sum(axis=1)
+        return self.information(theta) + H + np.triu(H, 1).T
+
+
+@dataclass(frozen=True)
+class Alone:
+    """What captive points and a prior say without any trial: p and covariance in prior standard deviations."""
+
+    p: np.ndarray
+    covariance: np.ndarray
+    converged: bool
+
+
+def determine(
+    forces: CaptiveForces, base: np.ndarray, free: np.ndarray, mean: np.ndarray, std: np.ndarray, ridge: float = 1.0
+) -> Alone:
+    """Minimum of the captive cost + ridge/2 |p|^2 over free = mean + std p, by damped Newton steps on p.
+
+    base: all coefficients; ridge 1: the prior as it stands, smaller: wider. Bounds are not regarded.
+    """
+    p, damping, P = np.zeros(len(free)), 0.0, len(free)
+
+    def at(p: np.ndarray) -> np.ndarray:
+        theta = base.copy()
+        theta[free] = mean + std * p
+        return theta
+
+    def value(p: np.ndarray) -> float:
+        return forces.cost(at(p)) + 0.5 * ridge * float(p @ p)
+
+    here, converged = value(p), False
+    for _ in range(200):
+        g = std * forces.gradient(at(p)) + ridge * p
+        H = np.outer(std, std) * forces.information(at(p)) + ridge * np.eye(P)
+        step = -np.linalg.solve(H + damping * np.diag(np.diag(H)), g)
+        there = value(p + step)
+        if np.isfinite(there) and there <= here:
+            p, gain, here, damping = p + step, here - there, there, damping / 10 if damping > 1e-9 else 0.0
+            if gain <= 1e-9 * abs(here) + 1e-14:
+                converged = True
+                break
+        else:
+            damping = max(10 * damping, 1e-4)
+            if damping > 1e10:
+                break
+    H = np.outer(std, std) * forces.information(at(p)) + ridge * np.eye(P)
+    return Alone(p, np.linalg.inv(H), converged)

@@ -1,0 +1,238 @@
+"""What each window says about the coefficients: Fisher information and score with its states eliminated.
+
+Windows are independent given the coefficients p. Over one window the cost of the node states is minimised from the
+last node backwards (dynamic programming on the linearised problem, Bellman 1957): what remains at a node is a quadratic
+in the state there and p, pulled through each shooting interval by its sensitivities. A latent process may jump at every
+node for a price: minimising over the jump adds its variance, as the prediction of an information filter does. The
+result is the Schur complement of the window's Gauss-Newton KKT matrix and, at a solution, by the envelope theorem the
+exact gradient of the window's profiled cost.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fitting.nlp.problem import Problem
+from fitting.nlp.windows import Segments
+
+
+@dataclass(frozen=True)
+class Information:
+    """Of scaled coefficients p, by window: of the cost profiled over node states.
+
+    fisher: (W, P, P); score: (W, P) gradient of the cost (minus the log likelihood); p: (P,) where it was taken; run:
+    (W,) number of the run of each window; symbols: of the coefficients. known: (P, P) information from elsewhere, the
+    prior (the identity) and captive tests; pull: (P,) its score. owner: (P,) run of a constant of one run, -1 of what
+    all share; None if all share all.
+    """
+
+    fisher: np.ndarray
+    score: np.ndarray
+    p: np.ndarray
+    run: np.ndarray
+    symbols: tuple[str, ...]
+    known: np.ndarray
+    pull: np.ndarray
+    owner: np.ndarray | None = None
+
+    @property
+    def hessian(self) -> np.ndarray:
+        """Gauss-Newton Hessian of the whole objective in p, prior included (P, P)."""
+        total = self.fisher.sum(axis=0) + self.known
+        return 0.5 * (total + total.T)
+
+    def by_run(self) -> Information:
+        """The windows of each run added up: one row per run."""
+        runs, position = np.unique(self.run, return_inverse=True)
+        fisher, score = np.zeros((len(runs), *self.fisher.shape[1:])), np.zeros((len(runs), len(self.p)))
+        np.add.at(fisher, position, self.fisher)
+        np.add.at(score, position, self.score)
+        return replace(self, fisher=fisher, score=score, run=runs)
+
+    def shared(self) -> Information:
+        """What each run says about the shared coefficients, its own constants being unknown up to their prior.
+
+        One row per run, or this itself if all coefficients are shared.
+        """
+        if self.owner is None:
+            return self
+        runs, kept = self.by_run(), np.flatnonzero(self.owner < 0)
+        fisher, score = np.empty((len(runs.run), len(kept), len(kept))), np.empty((len(runs.run), len(kept)))
+        for k, run in enumerate(runs.run):
+            own = np.flatnonzero(self.owner == run)
+            across = runs.fisher[k][np.ix_(kept, own)]
+            gain = np.linalg.solve(runs.fisher[k][np.ix_(own, own)] + self.known[np.ix_(own, own)], across.T).T
+            fisher[k] = runs.fisher[k][np.ix_(kept, kept)] - gain @ across.T
+            score[k] = runs.score[k][kept] - gain @ (runs.score[k][own] + self.pull[own])
+        symbols = tuple(self.symbols[i] for i in kept)
+        known = self.known[np.ix_(kept, kept)]
+        return Information(fisher, score, self.p[kept], runs.run, symbols, known, self.pull[kept])
+
+
+def information(problem: Problem, x: np.ndarray) -> Information:
+    """Information and score of every window at x, which should satisfy the defects (a solution of the problem).
+
+    Defects that are left count to first order; a robust loss counts by its weights. Elements are in units of the
+    problem's scaled coefficients.
+    """
+    seg, S, L, columns = problem.segments, problem.S, problem.L, problem.columns
+    p = problem.split(x)[1].copy()
+    q, g = _inside(problem, x)
+    at_nodes = _at_nodes(problem, x)
+    V, v = np.zeros((len(seg.run), S + L, S + L)), np.zeros((len(seg.run), S + L))
+    maps, moved = _transitions(problem, x)
+    for depth, i in enumerate(levels(seg)):
+        w = seg.window[i]
+        if depth == 0:
+            V[w], v[w] = at_nodes(seg.end[i])
+        T, c = maps(i), moved[i]
+        price = problem.jump_weight[i][:, None] * problem.scale[problem.random] ** 2
+        H, slope = freed(V[w], v[w], problem.random, price)
+        node_H, node_slope = at_nodes(seg.start[i])
+        T_t = np.swapaxes(T, 1, 2)
+        V[w] = T_t @ H @ T + q[i] + node_H
+        v[w] = (T_t @ (slope + (H @ c[:, :, None])[:, :, 0])[:, :, None])[:, :, 0] + g[i] + node_slope
+    solved = np.linalg.solve(V[:, :S, :S], np.concatenate([V[:, :S, S:], v[:, :S, None]], axis=2))
+    across = np.swapaxes(V[:, :S, S:], 1, 2) @ solved
+    local = V[:, S:, S:] - across[:, :, :L]
+    at = columns.each(columns.at, columns.window)
+    fisher, score = np.zeros((len(seg.run), problem.P, problem.P)), np.zeros((len(seg.run), problem.P))
+    window = np.arange(len(seg.run))[:, None]
+    fisher[window[:, :, None], at[:, :, None], at[:, None, :]] = 0.5 * (local + np.swapaxes(local, 1, 2))
+    score[window, at] = v[:, S:] - across[:, :, L]
+    return Information(fisher, score, p, seg.run.copy(), problem.prior.symbols, *_known(problem, p), columns.owner)
+
+
+def levels(seg: Segments) -> list[np.ndarray]:
+    """Intervals by how many of their window come after them: the last ones of all windows, those before them, ..."""
+    order = np.lexsort((-seg.start, seg.window))
+    window = seg.window[order]
+    first = np.r_[0, np.flatnonzero(np.diff(window)) + 1]
+    level = np.arange(len(order)) - np.repeat(first, np.diff(np.r_[first, len(order)]))
+    return [order[level == depth] for depth in range(int(level.max()) + 1)]
+
+
+@dataclass(frozen=True)
+class Quadratics:
+    """What the windows' cost is made of at x, in scaled (state, p): of the samples inside each interval and of those at
+    each node, (M or B, S + L, S + L), and the map of each interval from its start to its end."""
+
+    inside: np.ndarray
+    nodes: np.ndarray
+    maps: np.ndarray
+
+    @classmethod
+    def of(cls, problem: Problem, x: np.ndarray) -> Quadratics:
+        nodes = _at_nodes(problem, x)(np.arange(problem.B))[0]
+        return cls(_inside(problem, x)[0], nodes, _transitions(problem, x)[0](np.arange(problem.M)))
+
+
+def _known(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Information and score of the prior and of captive tests."""
+    known, pull = np.eye(problem.P), p.copy()
+    if problem.captive:
+        shared = slice(problem.columns.shared)
+        std, theta = problem.prior.std[shared], problem.in_tank(p)
+        known[shared, shared] += np.outer(std, std) * problem.captive.information(theta)
+        pull[shared] += std * problem.captive.gradient(theta)
+    return known, pull
+
+
+def _unit(problem: Problem, group: np.ndarray) -> np.ndarray:
+    """What one of the scaled (state, p) is in SI, for points of these groups (m,): (m or 1, 1, S + L)."""
+    std = problem.columns.each(problem.std, group)
+    return np.hstack([np.tile(problem.scale, (len(std), 1)), std])[:, None, :]
+
+
+def _columns(
+    problem: Problem, z: np.ndarray, sensitivity: np.ndarray, theta: np.ndarray, group: np.ndarray
+) -> np.ndarray:
+    """Scaled sensitivities (m, 6, S + L) of the logged columns from those of the states (m, S, S + L), SI.
+
+    theta: all coefficients (all,), or of points (all, m) of these groups (m,).
+    """
+    h, unit = problem.kernels.measurement, _unit(problem, group)
+    if h.identity:
+        return sensitivity[:, :6] * unit
+    J = h.jacobian(z, theta)
+    total = J[:, :, : problem.S] @ sensitivity
+    total[:, :, problem.S + h.own] += J[:, :, problem.S :]
+    return total * unit
+
+
+def _inside(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Quadratic (M, S + L, S + L) and slope (M, S + L) in (start node, p) of the samples inside each interval."""
+    size, columns = problem.S + problem.L, problem.columns
+    q, g = np.zeros((problem.M, size, size)), np.zeros((problem.M, size))
+    theta, error, weight = problem.coefficients(problem.split(x)[1]), problem.errors(x)[1], problem.weights_at(x)[1]
+    for sweep, s in zip(problem.sweep(x), problem.shooting.slices, strict=True):
+        for k, sensitivity in enumerate(sweep.S_interior):
+            m = len(sensitivity)
+            group = columns.interval[s][:m]
+            J = _columns(problem, sweep.interior[k, :, :m], sensitivity, columns.points(theta, group), group)
+            weighted = weight[k, :, s][:, :m].T[:, :, None] * J
+            q[s][:m] += np.swapaxes(J, 1, 2) @ weighted
+            g[s][:m] += (error[k, :, s][:, :m].T[:, None, :] @ weighted)[:, 0]
+    return q, g
+
+
+def _at_nodes(problem: Problem, x: np.ndarray) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
+    """A function of node numbers: quadratics and slopes in (node, p) of the samples at those nodes."""
+    nodes, p = problem.split(x)
+    S, L, theta, error = problem.S, problem.L, problem.coefficients(p), problem.errors(x)[0]
+    weight, remembered = problem.weights_at(x)[0], np.arange(6, S)
+
+    def of(b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        still, group = np.zeros((len(b), S, S + L)), problem.columns.node[b]
+        still[:, np.arange(S), np.arange(S)] = 1.0
+        J = _columns(problem, nodes[b].T, still, problem.columns.points(theta, group), group)
+        weighted = weight[b][:, :, None] * J
+        H, slope = np.swapaxes(J, 1, 2) @ weighted, (error[b][:, None, :] @ weighted)[:, 0]
+        memory = problem.memory_weight[b] * problem.scale[6:]
+        H[:, remembered, remembered] += memory * problem.scale[6:]
+        slope[:, 6:S] += memory * (nodes[b, 6:] - problem.measured_nodes[b, 6:])
+        return H, slope
+
+    return of
+
+
+def _transitions(problem: Problem, x: np.ndarray) -> tuple[Callable[[np.ndarray], np.ndarray], np.ndarray]:
+    """A function of interval numbers giving d(end, p) / d(start, p), scaled (m, S + L, S + L); and what the end is
+    off the next node (M, S + L), a latent state taken where it would be without a jump."""
+    seg, S, L = problem.segments, problem.S, problem.L
+    nodes, _, end, _ = problem.evaluate(x)
+    off = np.zeros((problem.M, S + L))
+    off[:, :S] = (end.T - nodes[seg.end]) / problem.scale
+    off[:, problem.random] = problem._jumps(nodes) / problem.scale[problem.random]
+    ends = np.concatenate([sweep.S_end for sweep in problem.sweep(x)])
+
+    def of(i: np.ndarray) -> np.ndarray:
+        T = np.zeros((len(i), S + L, S + L))
+        T[:, :S] = ends[i] * _unit(problem, problem.columns.interval[i]) / problem.scale[:, None]
+        T[:, problem.random] = 0.0
+        T[:, problem.random, problem.random] = problem.decay[i][:, None]
+        T[:, np.arange(S, S + L), np.arange(S, S + L)] = 1.0
+        return T
+
+    return of, off
+
+
+def freed(V: np.ndarray, v: np.ndarray, r: np.ndarray, price: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Quadratics and slopes after minimising over jumps of the states ``r``, whose squares cost ``price`` (m, R)."""
+    if not len(r):
+        return V, v
+    inner, own = V[:, r[:, None], r].copy(), np.arange(len(r))
+    inner[:, own, own] += price
+    K = np.linalg.inv(inner)
+    pulled = V[:, :, r] @ K
+    H = V - pulled @ V[:, r]
+    slope = v - (pulled @ v[:, r, None])[:, :, 0]
+    H[:, :, r] = pulled * price[:, None, :]
+    H[:, r, :] = np.swapaxes(H[:, :, r], 1, 2)
+    H[:, r[:, None], r] = -price[:, :, None] * K * price[:, None, :]
+    H[:, r, r] += price
+    slope[:, r] = price * (K @ v[:, r, None])[:, :, 0]
+    return H, slope

@@ -1,0 +1,84 @@
+"""Trials on a uniform grid of time: pieces without gaps, interpolated states, mean inputs over each step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cases.inputs import STANDARD, control_array, step_means
+from cases.trial import Trial
+
+
+@dataclass(frozen=True)
+class Grid:
+    """One piece of a trial on a uniform grid of step h.
+
+    t: (N+1,) grid times [s]; states: (N+1, 6), NaN where not measured; controls: (N, C), the mean over each step of
+    the inputs of the model.
+    """
+
+    trial: str
+    t: np.ndarray
+    states: np.ndarray
+    controls: np.ndarray
+
+
+def pieces(trial: Trial, longest_gap: float, controls: np.ndarray) -> list[slice]:
+    """Stretches of samples without a gap: states and inputs (N, C) present, time steps at most ``longest_gap`` [s]."""
+    good = np.isfinite(np.column_stack([trial[c] for c in ("psi", "u", "v", "r")])).all(axis=1)
+    good &= np.isfinite(controls).all(axis=1)
+    index = np.flatnonzero(good)
+    if len(index) == 0:
+        return []
+    breaks = np.flatnonzero(np.diff(trial.t[index]) > longest_gap) + 1
+    return [slice(part[0], part[-1] + 1) for part in np.split(index, breaks)]
+
+
+def grids(
+    trial: Trial, h: float, inputs: Sequence[str] = STANDARD, means: Callable[..., np.ndarray] = step_means
+) -> list[Grid]:
+    """The gap-free pieces of a trial on grids of step h [s], for a model with these inputs.
+
+    means: how samples of the inputs become means over steps (``step_means``: each is held until the next).
+    """
+    result = []
+    states, controls = trial.states, control_array(trial, inputs)
+    for piece in pieces(trial, max(2.5 * trial.dt, 2.0 * h), controls):
+        rows = np.arange(piece.start, piece.stop)
+        rows = rows[np.isfinite(controls[rows]).all(axis=1) & np.isfinite(states[rows, 2:]).all(axis=1)]
+        t = trial.t[rows]
+        if len(t) < 2:
+            continue
+        count = int(np.floor((t[-1] - t[0]) / h + 1e-9))
+        if count < 1:
+            continue
+        edges = t[0] + h * np.arange(count + 1)
+        on_grid = np.column_stack([_interpolate(edges, t, states[rows, j]) for j in range(6)])
+        result.append(Grid(trial.name, edges, on_grid, means(t, controls[rows], edges)))
+    return result
+
+
+def _interpolate(at: np.ndarray, t: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Linear interpolation; NaN where a neighbouring sample is missing."""
+    good = np.isfinite(values)
+    if good.sum() < 2:
+        return np.full(len(at), np.nan)
+    out = np.interp(at, t[good], values[good])
+    if not good.all():
+        position = np.clip(np.searchsorted(t, at - 1e-9), 0, len(t) - 1)
+        out[~(good[position] & good[np.maximum(position - 1, 0)])] = np.nan
+    return out
+
+
+def default_step(trials: Sequence[Trial], length: float) -> float:
+    """Integration step [s]: a twentieth of the time to travel a ship length at rms speed, at least the sampling time.
+
+    Rounded to 1, 2 or 5 times a power of ten.
+    """
+    u2 = np.concatenate([t["u"] ** 2 + t["v"] ** 2 for t in trials])
+    speed = max(float(np.sqrt(np.nanmean(u2))), 0.02 * np.sqrt(9.81 * length))
+    wanted = max(0.05 * length / speed, max(t.dt for t in trials))
+    decade = 10 ** np.floor(np.log10(wanted))
+    return float(min((c * decade for c in (1, 2, 5, 10)), key=lambda s: abs(np.log(s / wanted))))

@@ -1,0 +1,86 @@
+"""What a residual costs: its square, or less than that once it is too large to be noise.
+
+With s = e^2 / sigma^2 of one sample in one channel the objective sums 1/2 phi(s). ``gaussian``: phi = s. ``huber``: the
+pseudo-Huber function phi = 2 a (sqrt(1 + s / a) - 1), convex, growing like |e| beyond sqrt(a) sigma (Charbonnier et al.
+1997). ``student``: phi = (a + 1/tau) log(1 + s / a), Student's t with nu degrees of freedom (Lange et al. 1989), for
+which a gross outlier has no pull at all. sigma is the effective one, rms sqrt(tau) (fitting/solvers/residual_noise.py), while a spike
+stands out against the rms: a = threshold^2 / tau (huber), nu / tau (student).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+LOSSES = ("gaussian", "huber", "student")
+THRESHOLD = 1.5
+"""Residual [rms] beyond which ``huber`` stops being quadratic: 96 % efficient on Gaussian noise."""
+NU = 4.0
+"""Degrees of freedom of ``student``."""
+
+
+@dataclass(frozen=True)
+class Loss:
+    """Cost of residuals by channel. name: one of LOSSES; tau: (6,) samples that residuals of a channel remember.
+
+    Arrays e (residuals) and w (1 / sigma^2, 0 where nothing was measured) have the channels on axis 1: (B, 6) or
+    (K - 1, 6, M).
+    """
+
+    name: str = "gaussian"
+    tau: np.ndarray = field(default_factory=lambda: np.ones(6))
+
+    def __post_init__(self) -> None:
+        if self.name not in LOSSES:
+            raise ValueError(f"loss {self.name!r} is none of {', '.join(LOSSES)}")
+
+    @property
+    def robust(self) -> bool:
+        return self.name != "gaussian"
+
+    def with_tau(self, tau: np.ndarray) -> Loss:
+        """The same loss for residuals of another memory (6,)."""
+        return replace(self, tau=np.asarray(tau, dtype=float))
+
+    def _over(self, e: np.ndarray, value: float) -> np.ndarray:
+        """value / tau, shaped to go with e."""
+        return (value / self.tau).reshape(6, *([1] * (e.ndim - 2)))
+
+    def cost(self, w: np.ndarray, e: np.ndarray) -> np.ndarray:
+        """phi of each sample."""
+        s = w * e * e
+        if self.name == "huber":
+            a = self._over(e, THRESHOLD**2)
+            return 2 * s / (np.sqrt(1 + s / a) + 1)
+        if self.name == "student":
+            return self._over(e, NU + 1) * np.log1p(s / self._over(e, NU))
+        return s
+
+    def slope(self, w: np.ndarray, e: np.ndarray) -> np.ndarray:
+        """W with d(1/2 phi)/de = W e: the weight that a sample has, at most about w."""
+        if self.name == "huber":
+            return w / np.sqrt(1 + w * e * e / self._over(e, THRESHOLD**2))
+        if self.name == "student":
+            return w * (NU + 1) / NU / (1 + w * e * e / self._over(e, NU))
+        return w
+
+    def bend(self, w: np.ndarray, e: np.ndarray) -> np.ndarray:
+        """Second derivative of 1/2 phi with respect to e; ``student`` bends down beyond sqrt(a)."""
+        if self.name == "huber":
+            return w * (1 + w * e * e / self._over(e, THRESHOLD**2)) ** -1.5
+        if self.name == "student":
+            x = w * e * e / self._over(e, NU)
+            return w * (NU + 1) / NU * (1 - x) / (1 + x) ** 2
+        return w
+
+
+def trimmed(residuals: list[np.ndarray], most: float = 4.0) -> list[np.ndarray]:
+    """Residuals of one channel (n,) with those beyond ``most`` robust standard deviations made NaN.
+
+    The robust standard deviation is 1.4826 times the median of |e|.
+    """
+    everything = np.abs(np.concatenate(residuals)) if residuals else np.zeros(0)
+    everything = everything[np.isfinite(everything)]
+    limit = most * 1.4826 * float(np.median(everything)) if len(everything) else 0.0
+    return [np.where(np.abs(e) > limit, np.nan, e) for e in residuals] if limit > 0 else residuals

@@ -1,0 +1,323 @@
+"""The calibration as one nonlinear program: objective, constraints and their exact derivatives.
+
+Variables x: node states (each divided by its channel's scale), then the free coefficients as p = (theta - prior) / std;
+those of one run are L of the P, all of them unless runs have constants of their own (fitting/nlp/run_constants.py).
+Objective: 1/2 sum phi((z - y)^2 / sigma^2) over all measured grid samples + 1/2 |p|^2, the negative log posterior of
+independent residuals (Gaussian: phi(s) = s; others in loss.py) and priors, and 1/2 sum of the squared, scaled
+residuals of the forces of captive tests, if there are any. Constraints: the state at the end of each shooting interval
+equals the next node. (Multiple shooting, Bock & Plitt 1984.)
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from fitting.nlp.captive import CaptiveForces
+from fitting.nlp.loss import Loss
+from fitting.nlp.prior import Prior as Prior
+from fitting.nlp.run_constants import Columns, neutral
+from fitting.nlp.sample_cost import SampleCost
+from fitting.nlp.shooting import Kernels, Shooting, Sweep
+from fitting.nlp.sparsity import patterns
+from fitting.nlp.windows import Segments
+from mmg.effects.disturbance import STATES as LATENT
+from mmg.logged import states_behind
+from mmg.ship import Ship
+
+
+class Problem:
+    """The nonlinear program over the intervals of ``segments``.
+
+    sigma: (6,) standard deviation of the residual of each state channel; loss: what residuals cost; captive: forces of
+    captive tests as further residuals. All evaluations cache on x.
+    """
+
+    def __init__(
+        self,
+        ship: Ship,
+        prior: Prior,
+        kernels: Kernels,
+        segments: Segments,
+        sigma: np.ndarray,
+        loss: Loss | None = None,
+        captive: CaptiveForces | None = None,
+    ) -> None:
+        self.ship, self.prior, self.segments = ship, prior, segments
+        self.loss, self.captive = loss or Loss(), captive
+        self.sigma = np.asarray(sigma, dtype=float)
+        speed = np.sqrt(np.mean(segments.nodes[:, 3] ** 2 + segments.nodes[:, 4] ** 2)) + 1e-3
+        length = ship.particulars["L"]
+        scale = np.array([length / 3, length / 3, 0.1, 0.3 * speed, 0.1 * speed, 0.1 * speed / length])
+        self.scale = np.concatenate([scale, kernels.model.sizes])
+        self.kernels, self.S = kernels, kernels.S
+        self.columns = Columns.of(prior, segments)
+        self.shooting = Shooting(kernels, segments, self.columns)
+        self.base, self.std = ship.values, prior.std[self.columns.at]
+        self.L = self.columns.at.shape[1]
+        self.B, self.P, self.M = len(segments.nodes), len(prior.mean), segments.intervals
+        names = kernels.model.states
+        self.random = np.array([i for i, name in enumerate(names) if name in LATENT], dtype=int)
+        self.fixed = np.array([i for i in range(self.S) if i not in self.random], dtype=int)
+        self.D = len(self.fixed)
+        self.n, self.m = self.S * self.B + self.P, self.D * self.M
+        self.decay, self.jump_weight = self._process()
+        self.node_weight = segments.pinned() / self.sigma**2
+        self.weight = segments.mask / self.sigma[None, :, None] ** 2
+        self.measured_nodes = states_behind(kernels.model, segments.nodes.T, segments.node_controls, self.base).T
+        self.memory_weight = np.zeros((self.B, self.S - 6))
+        self.memory_weight[np.unique(segments.node_window, return_index=True)[1]] = 1 / kernels.model.sizes**2
+        jacobian, hessian = patterns(segments, self.S, self.P, self.fixed, self.random, self.columns)
+        self.jacobian_sparsity, self._jacobian_order = jacobian
+        self.hessian_sparsity, self._hessian_order = hessian
+        self._values_at: np.ndarray | None = None
+        self._sweep_at: np.ndarray | None = None
+
+    def _process(self) -> tuple[np.ndarray, np.ndarray]:
+        """Of the latent process over each interval (M,): what is left of it, and 1 / variance of its change."""
+        if not len(self.random):
+            return np.zeros(self.M), np.zeros(self.M)
+        x = self.segments.h / self.ship.coefficients["disturbance.tau"].value
+        left = (1 - x + x**2 / 2 - x**3 / 6 + x**4 / 24) ** self.segments.steps
+        return left, 1 / (1 - left**2)
+
+    def _jumps(self, nodes: np.ndarray) -> np.ndarray:
+        """Change of the latent process over each interval beyond its decay, (M, number of its states)."""
+        seg = self.segments
+        return self.decay[:, None] * nodes[seg.start][:, self.random] - nodes[seg.end][:, self.random]
+
+    # -- variables ---------------------------------------------------------------------------------------------
+    def split(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Node states (B, S) in SI and scaled coefficients p (P,)."""
+        return x[: self.S * self.B].reshape(self.B, self.S) * self.scale, x[self.S * self.B :]
+
+    def join(self, nodes: np.ndarray, p: np.ndarray) -> np.ndarray:
+        return np.concatenate([(nodes / self.scale).reshape(-1), p])
+
+    def coefficients(self, p: np.ndarray) -> np.ndarray:
+        """All coefficients, free ones from p, (all,); by run (R, all) if runs have constants of their own."""
+        values = (self.prior.mean + self.prior.std * p)[self.columns.at]
+        theta = np.tile(self.base, (len(values), 1))
+        theta[:, self.kernels.free] = values
+        return theta if self.prior.constants else theta[0]
+
+    def in_tank(self, p: np.ndarray) -> np.ndarray:
+        """All coefficients of captive tests (all,), which have no constants of a run."""
+        theta = neutral(self.ship, self.prior.constants)
+        theta[self.kernels.free[: self.prior.shared]] = (self.prior.mean + self.prior.std * p)[: self.prior.shared]
+        return theta
+
+    def start(self, p: np.ndarray | None = None) -> np.ndarray:
+        """Nodes on the measurements, coefficients at the prior mean (or at p)."""
+        inside = np.clip(np.zeros(self.P) if p is None else p, *self.p_bounds())
+        return self.join(self.measured_nodes, inside)
+
+    def p_bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        return (
+            (self.prior.lower - self.prior.mean) / self.prior.std,
+            (self.prior.upper - self.prior.mean) / self.prior.std,
+        )
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds of x: the coefficients' own, none for the nodes."""
+        free = np.full(self.S * self.B, np.inf)
+        lower, upper = self.p_bounds()
+        return np.concatenate([-free, lower]), np.concatenate([free, upper])
+
+    # -- values ------------------------------------------------------------------------------------------------
+    def evaluate(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Node states (B, S), scaled coefficients, interval ends (S, M) and interior states at x, cached."""
+        if self._values_at is None or not np.array_equal(x, self._values_at):
+            x = x.copy()  # IPOPT hands over views of its own memory
+            nodes, p = self.split(x)
+            end, interior = self.shooting.values(nodes[self.segments.start].T, self.coefficients(p))
+            self._values = (nodes, p, end, interior)
+            self._values_at = x
+        return self._values
+
+    def errors(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Model minus measured columns at the nodes (B, 6) and inside the intervals (K - 1, 6, M)."""
+        nodes, p, _, interior = self.evaluate(x)
+        h, seg = self.kernels.measurement, self.segments
+        if h.identity:
+            return nodes[:, :6] - seg.nodes, interior[:, :6] - seg.targets
+        at_nodes, at_intervals = self._theta(p)
+        inside = [h.values(z, at_intervals) for z in interior]
+        return h.values(nodes.T, at_nodes).T - seg.nodes, np.array(inside).reshape(seg.targets.shape) - seg.targets
+
+    def objective(self, x: np.ndarray) -> float:
+        e, ei = self.errors(x)
+        nodes, p, _, _ = self.evaluate(x)
+        memory = self.memory_weight * (nodes[:, 6:] - self.measured_nodes[:, 6:]) ** 2
+        jumps = self.jump_weight[:, None] * self._jumps(nodes) ** 2
+        samples = self.loss.cost(self.node_weight, e).sum() + self.loss.cost(self.weight, ei).sum()
+        captive = 2 * self.captive.cost(self.in_tank(p)) if self.captive else 0.0
+        return 0.5 * float(samples + memory.sum() + jumps.sum() + captive + p @ p)
+
+    def defects(self, x: np.ndarray) -> np.ndarray:
+        """End of interval minus next node, divided by the channel's scale, shape (D M,), interval by interval.
+
+        States of the latent process are free to jump: D of S are not.
+        """
+        nodes, _, end, _ = self.evaluate(x)
+        return ((end.T - nodes[self.segments.end]) / self.scale)[:, self.fixed].reshape(-1)
+
+    # -- derivatives -------------------------------------------------------------------------------------------
+    def sweep(self, x: np.ndarray) -> list[Sweep]:
+        """Forward sweeps with sensitivities at x, one per block of intervals."""
+        if self._sweep_at is None or not np.array_equal(x, self._sweep_at):
+            x = x.copy()
+            nodes, p = self.split(x)
+            self._sweep = self.shooting.sweep(nodes[self.segments.start].T, self.coefficients(p))
+            end = np.concatenate([s.end for s in self._sweep], axis=1)
+            interior = np.concatenate([s.interior for s in self._sweep], axis=2)
+            self._values = (nodes, p, end, interior)
+            self._values_at = self._sweep_at = x
+        return self._sweep
+
+    def gradient(self, x: np.ndarray) -> np.ndarray:
+        sweeps, seg, S = self.sweep(x), self.segments, self.S
+        nodes, p = self.split(x)
+        e, ei = self.errors(x)
+        theta, shooting, columns = self.coefficients(p), self.shooting, self.columns
+        pull_in = self.loss.slope(self.weight, ei) * ei
+        d_nodes, direct = self._pulled(nodes, self.loss.slope(self.node_weight, e) * e, self._theta(p)[0])
+        d_theta = columns.total(direct, columns.node)
+        if self.captive:
+            d_theta[0, : columns.shared] += self.captive.gradient(self.in_tank(p))
+        d_nodes[:, 6:] += self.memory_weight * (nodes[:, 6:] - self.measured_nodes[:, 6:])
+        pushed = self.jump_weight[:, None] * self._jumps(nodes)
+        d_nodes[seg.start[:, None], self.random] += self.decay[:, None] * pushed
+        d_nodes[seg.end[:, None], self.random] -= pushed
+        for sweep, s, g in zip(sweeps, shooting.slices, shooting.group, strict=True):
+            start, own_theta = seg.start[s], theta if theta.ndim == 1 else theta[g]
+            for k, Sk in enumerate(sweep.S_interior):
+                m = len(Sk)
+                pull, own = self._pulled(sweep.interior[k, :, :m].T, pull_in[k, :, s][:, :m].T, own_theta)
+                pulled = (pull[:, None, :] @ Sk)[:, 0]
+                d_nodes[start[:m]] += pulled[:, :S]
+                d_theta[g] += pulled[:, S:].sum(axis=0) + own.sum(axis=0)
+        return np.concatenate([(d_nodes * self.scale).reshape(-1), columns.vector(d_theta * self.std, self.P) + p])
+
+    def _theta(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """All coefficients at each node and of each interval: (all, B) and (all, M), or (all,) where all are shared."""
+        theta = self.coefficients(p)
+        return self.columns.points(theta, self.columns.node), self.columns.points(theta, self.columns.interval)
+
+    def _pulled(self, z: np.ndarray, we: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Gradient of 1/2 sum w e^2 with respect to states z (m, S) and, directly, the coefficients (m, L).
+
+        The latter has one row of zeros if the measurement model depends on none.
+        """
+        if self.kernels.measurement.identity:
+            return np.hstack([we, np.zeros((len(we), self.S - 6))]), np.zeros((1, self.L))
+        h, direct = self.kernels.measurement, np.zeros((len(we), self.L))
+        pull = (we[:, None, :] @ h.jacobian(z.T, theta))[:, 0]
+        direct[:, h.own] = pull[:, self.S :]
+        return pull[:, : self.S], direct
+
+    def _curved(self, z: np.ndarray, w: np.ndarray, we: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """Hessian of 1/2 sum w e^2 with respect to (z, own coefficients of h), (m, S + O, S + O); w, we: (m, 6)."""
+        h = self.kernels.measurement
+        J = h.jacobian(z.T, theta)
+        return np.swapaxes(J, 1, 2) @ (w[:, :, None] * J) + h.hessian(z.T, theta, we.T)
+
+    def jacobian(self, x: np.ndarray) -> np.ndarray:
+        """Nonzeros of d defects / dx in the order of ``jacobian_sparsity``."""
+        sensitivity = np.concatenate([sweep.S_end[:, self.fixed] for sweep in self.sweep(x)])
+        scale = self.scale[self.fixed]
+        block = sensitivity[:, :, : self.S] * (self.scale[None, :] / scale[:, None])
+        std = self.columns.each(self.std, self.columns.interval)[:, None, :]
+        theta = sensitivity[:, :, self.S :] * (std / scale[:, None])
+        ends = np.full(self.m, -1.0)
+        return np.concatenate([block.reshape(-1), ends, theta.reshape(-1)])[self._jacobian_order]
+
+    def hessian(self, x: np.ndarray, factor: float, multipliers: np.ndarray) -> np.ndarray:
+        """Nonzeros of the upper triangle of the Hessian of factor objective + multipliers . defects."""
+        sweeps, seg, S, columns = self.sweep(x), self.segments, self.S, self.columns
+        at_nodes, p, _, _ = self.evaluate(x)
+        lam = np.zeros((S, self.M))
+        lam[self.fixed] = (multipliers.reshape(self.M, self.D) / self.scale[self.fixed]).T
+        rows, shared = self.shooting.hessian(sweeps, self.coefficients(p), lam, self._sample_cost(x, factor))
+        nodes = np.zeros((self.B, S, S + self.L))
+        nodes[seg.start] += rows
+        if self.captive:
+            shared[0, : columns.shared, : columns.shared] += factor * self.captive.hessian(self.in_tank(p))
+        e = self.errors(x)[0]
+        bend = self.loss.bend(self.node_weight, e)
+        if self.kernels.measurement.identity:
+            nodes[:, np.arange(6), np.arange(6)] += factor * bend
+        else:
+            H = factor * self._curved(at_nodes, bend, self.loss.slope(self.node_weight, e) * e, self._theta(p)[0])
+            own = self.kernels.measurement.own
+            nodes[:, :, :S] += H[:, :S, :S]
+            nodes[:, :, S + own] += H[:, :S, S:]
+            shared[:, own[:, None], own] += columns.total(H[:, S:, S:], columns.node)
+        nodes[:, np.arange(6, S), np.arange(6, S)] += factor * self.memory_weight
+        q = factor * np.repeat(self.jump_weight[:, None], len(self.random), axis=1)
+        np.add.at(nodes, (seg.start[:, None], self.random, self.random), self.decay[:, None] ** 2 * q)
+        np.add.at(nodes, (seg.end[:, None], self.random, self.random), q)
+        across = -self.decay[:, None] * q * self.scale[self.random] ** 2
+        s, t = self.scale, self.std[:, None, :]
+        rows_u, columns_u = np.triu_indices(S)
+        own = (nodes[:, :, :S] * np.outer(s, s))[:, rows_u, columns_u]
+        border = nodes[:, :, S:] * columns.each(s[:, None] * t, columns.node)
+        shared = columns.matrix(shared * (np.swapaxes(t, 1, 2) * t), self.P) + factor * np.eye(self.P)
+        corner = shared[np.triu_indices(self.P)]
+        values = np.concatenate([own.reshape(-1), border.reshape(-1), across.reshape(-1), corner])
+        return values[self._hessian_order]
+
+    def _sample_cost(self, x: np.ndarray, factor: float) -> SampleCost:
+        """Derivatives of factor times the cost of the samples inside the intervals."""
+        _, p, _, interior = self.evaluate(x)
+        ei = self.errors(x)[1]
+        weight, we = factor * self.loss.bend(self.weight, ei), factor * self.loss.slope(self.weight, ei) * ei
+        room = ((0, 0), (0, self.S - 6), (0, 0))
+        if self.kernels.measurement.identity:
+            return SampleCost(np.pad(we, room), np.pad(weight, room))
+        theta = self._theta(p)[1]
+        own = self.kernels.measurement.own
+        size = self.S + len(own)
+        pull, full = np.zeros(interior.shape), np.zeros((len(interior), self.M, size, size))
+        for k, z in enumerate(interior):
+            pull[k] = self._pulled(z.T, we[k].T, theta)[0].T
+            full[k] = self._curved(z.T, weight[k].T, we[k].T, theta)
+        return SampleCost(pull, weight, full, own)
+
+    def weights_at(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """1 / sigma^2 of the samples at the nodes (B, 6) and inside (K - 1, 6, M), less for what the loss holds off."""
+        e, ei = self.errors(x)
+        return self.loss.slope(self.node_weight, e), self.loss.slope(self.weight, ei)
+
+    def residuals(self, x: np.ndarray) -> np.ndarray:
+        """Model minus measured at all measured grid samples, (samples, 6), NaN where not measured; nodes first."""
+        e, ei = self.errors(x)
+        at_nodes = np.where(self.segments.node_mask > 0, e, np.nan)
+        inside = np.where(self.segments.mask > 0, ei, np.nan)
+        return np.vstack([at_nodes, np.moveaxis(inside, 1, 2).reshape(-1, 6)])
+
+    def with_sigma(self, sigma: np.ndarray, tau: np.ndarray | None = None) -> Problem:
+        """The same problem with other noise levels; tau: (6,) memory of the residuals [samples], for the loss."""
+        return self._again(sigma=sigma, loss=self.loss if tau is None else self.loss.with_tau(tau))
+
+    def with_ship(self, ship: Ship) -> Problem:
+        """The same problem with other values of coefficients that are not free."""
+        return self._again(ship=ship)
+
+    def with_loss(self, name: str) -> Problem:
+        """The same problem with another loss."""
+        return self._again(loss=replace(self.loss, name=name))
+
+    def with_bounds(self, lower: np.ndarray, upper: np.ndarray) -> Problem:
+        """The same problem with other bounds of the coefficients, (P,) each."""
+        return self._again(prior=replace(self.prior, lower=lower, upper=upper))
+
+    def with_segments(self, segments: Segments) -> Problem:
+        """The same problem over other data."""
+        return self._again(segments=segments)
+
+    def _again(self, **changes: Any) -> Problem:
+        names = ("ship", "prior", "kernels", "segments", "sigma", "loss", "captive")
+        return Problem(**{**{name: getattr(self, name) for name in names}, **changes})

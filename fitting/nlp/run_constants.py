@@ -1,0 +1,196 @@
+"""Constants that each run has for itself (a current, a rudder's zero), estimated along with what all runs share.
+
+The scaled coefficients of a fit are p = (shared, constants of run 0, constants of run 1, ...), each constant with the
+same prior N(centre, typical size^2) in every run. The model of one run depends on the shared ones and on its own: L of
+the P. All sums over samples are therefore made by run in L columns, and put together in P at the end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fitting.nlp.prior import Prior
+from fitting.nlp.windows import Segments
+from mmg.ship import Ship
+
+
+@dataclass(frozen=True)
+class Columns:
+    """The coefficients of a fit by group of intervals: a group is a run, or all runs if none has constants of its own.
+
+    at: (G, L) where those of each group lie in p (P,), the ``shared`` first ones in all groups; window (W,),
+    interval (M,), node (B,): group of each.
+    """
+
+    at: np.ndarray
+    shared: int
+    window: np.ndarray
+    interval: np.ndarray
+    node: np.ndarray
+
+    @classmethod
+    def of(cls, prior: Prior, segments: Segments) -> Columns:
+        """Those of a prior; with constants, intervals sorted by run (``Segments.by_run``) make the fewest blocks."""
+        group = segments.run if prior.constants else np.zeros_like(segments.run)
+        shared, own = prior.shared, len(prior.constants)
+        runs = np.arange(prior.runs if own else 1)
+        at = np.hstack([np.tile(np.arange(shared), (len(runs), 1)), shared + own * runs[:, None] + np.arange(own)])
+        return cls(at, shared, group, group[segments.window], group[segments.node_window])
+
+    @property
+    def groups(self) -> int:
+        return len(self.at)
+
+    @property
+    def owner(self) -> np.ndarray | None:
+        """Run that each coefficient belongs to, -1 for shared ones, (P,); None if all are shared."""
+        if self.at.shape[1] == self.shared:
+            return None
+        owner = np.full(int(self.at.max()) + 1, -1)
+        owner[self.at[:, self.shared :]] = np.arange(self.groups)[:, None]
+        return owner
+
+    def each(self, values: np.ndarray, group: np.ndarray) -> np.ndarray:
+        """Values (G, ...) for points of these groups (m,): (m, ...), or (1, ...) for all of them."""
+        return values if self.groups == 1 else values[group]
+
+    def points(self, theta: np.ndarray, group: np.ndarray) -> np.ndarray:
+        """All coefficients of points: (all, m) from (G, all), or as they are if they are the same for all (all,)."""
+        return theta if theta.ndim == 1 else np.ascontiguousarray(theta[group].T)
+
+    def total(self, values: np.ndarray, group: np.ndarray) -> np.ndarray:
+        """Sums by group (G, ...) of values of points (m, ...); one row stands for each point."""
+        if self.groups == 1:
+            return values.sum(axis=0)[None]
+        sums = np.zeros((self.groups, *values.shape[1:]))
+        np.add.at(sums, group, values)
+        return sums
+
+    def vector(self, parts: np.ndarray, size: int) -> np.ndarray:
+        """Sum (P,) of parts (G, L) of the groups."""
+        whole = np.zeros(size)
+        np.add.at(whole, self.at, parts)
+        return whole
+
+    def matrix(self, parts: np.ndarray, size: int) -> np.ndarray:
+        """Sum (P, P) of parts (G, L, L) of the groups."""
+        whole = np.zeros((size, size))
+        for at, part in zip(self.at, parts, strict=True):
+            whole[np.ix_(at, at)] += part
+        return whole
+
+
+def with_constants(prior: Prior, ship: Ship, symbols: Sequence[str], runs: Sequence[str]) -> Prior:
+    """The prior with constants of each run: those of the ship's coefficients ``symbols``, named "current.x@RUN"."""
+    if not symbols:
+        return prior
+    one = Prior.of(ship, symbols)
+    names = [f"{symbol}@{run}" for run in runs for symbol in symbols]
+    mean, std, lower, upper = (
+        np.r_[getattr(prior, key), np.tile(getattr(one, key), len(runs))] for key in ("mean", "std", "lower", "upper")
+    )
+    return Prior((*prior.symbols, *names), mean, std, lower, upper, tuple(symbols), len(runs))
+
+
+def without_constants(ship: Ship, symbols: Sequence[str]) -> Ship:
+    """The ship without the effects of these constants, which belong to the runs."""
+    for name in dict.fromkeys(s.split(".")[0] for s in symbols):
+        ship = ship.without_effect(name)
+    return ship
+
+
+def neutral(ship: Ship, symbols: Sequence[str]) -> np.ndarray:
+    """Values of all coefficients with the effects of these constants absent, (all,): a captive test has none."""
+    off = ship
+    for name in dict.fromkeys(s.split(".")[0] for s in symbols):
+        off = off.without_effect(name).with_effect(name)
+    return np.array([off.coefficients[s].value for s in ship.symbols])
+
+
+@dataclass(frozen=True)
+class RunConstants:
+    """Estimated constants of the runs.
+
+    symbols: of the Q constants; runs: names; units: (Q,); value, std: (R, Q) in those units; prior_value, prior_std:
+    (Q,); p: (R Q,) scaled, run by run.
+    """
+
+    symbols: tuple[str, ...]
+    runs: tuple[str, ...]
+    units: tuple[str, ...]
+    value: np.ndarray
+    std: np.ndarray
+    prior_value: np.ndarray
+    prior_std: np.ndarray
+    p: np.ndarray
+
+    @classmethod
+    def of(
+        cls, ship: Ship, prior: Prior, p: np.ndarray, covariance: np.ndarray, runs: Sequence[str]
+    ) -> RunConstants | None:
+        """From the scaled estimate (P,) and its covariance (P, P) in prior standard deviations; None without any."""
+        if not prior.constants:
+            return None
+        shape, own = (prior.runs, len(prior.constants)), slice(prior.shared, None)
+        mean, unit = prior.mean[own].reshape(shape), prior.std[own].reshape(shape)
+        return cls(
+            symbols=prior.constants,
+            runs=_distinct(runs),
+            units=tuple(ship.coefficients[s].unit for s in prior.constants),
+            value=mean + unit * p[own].reshape(shape),
+            std=unit * np.sqrt(np.diag(covariance)[own]).reshape(shape),
+            prior_value=mean[0],
+            prior_std=unit[0],
+            p=p[own].copy(),
+        )
+
+    def rows(self) -> dict[str, dict[str, dict]]:
+        """Plain values for ``result.json``: {run: {symbol: {"value", "std", "unit", "prior_value", "prior_std"}}}."""
+        return {
+            run: {
+                symbol: {
+                    "value": float(self.value[r, q]),
+                    "std": float(self.std[r, q]),
+                    "unit": self.units[q],
+                    "prior_value": float(self.prior_value[q]),
+                    "prior_std": float(self.prior_std[q]),
+                }
+                for q, symbol in enumerate(self.symbols)
+            }
+            for r, run in enumerate(self.runs)
+        }
+
+    def table(self) -> list[str]:
+        """Lines for a person: a head, then a row per run."""
+        names = [f"{s} [{unit}]" if unit else s for s, unit in zip(self.symbols, self.units, strict=True)]
+        wide = max(len("run"), *(len(run) for run in self.runs))
+        cells = [
+            [f"{v:.4g} +- {s:.2g}" for v, s in zip(*pair, strict=True)]
+            for pair in zip(self.value, self.std, strict=True)
+        ]
+        size = [max(len(name), *(len(row[q]) for row in cells)) for q, name in enumerate(names)]
+        lines = [("run", names), *zip(self.runs, cells, strict=True)]
+        return [
+            "  ".join([name.ljust(wide), *(cell.ljust(w) for cell, w in zip(row, size, strict=True))]).rstrip()
+            for name, row in lines
+        ]
+
+
+def _distinct(names: Sequence[str]) -> tuple[str, ...]:
+    """The names, the second of equal ones with "(2)" behind it."""
+    return tuple(f"{n} ({k})" if (k := names[: i + 1].count(n)) > 1 else n for i, n in enumerate(names))
+
+
+def shared_prior(prior: Prior) -> Prior:
+    """The prior of the shared coefficients alone."""
+    own = slice(prior.shared)
+    return replace(
+        prior,
+        symbols=prior.symbols[own],
+        **{key: getattr(prior, key)[own] for key in ("mean", "std", "lower", "upper")},
+        constants=(),
+        runs=0,
+    )

@@ -1,0 +1,89 @@
+"""Independent tasks handed to an executor: inline, or spread over processes. Nothing else knows about parallelism.
+
+Ctrl-C reaches all processes of a terminal. The children hold it back (``held_back``) except where they note it
+(``fitting.interrupts.Interrupts``), so that none of them dies while it imports and none leaves a traceback.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from typing import TypeVar
+
+Task = TypeVar("Task")
+Outcome = TypeVar("Outcome")
+
+THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+"""How many threads numerical libraries start, read by each when it is loaded."""
+
+
+def run_all(
+    function: Callable[[Task], Outcome],
+    tasks: Sequence[Task],
+    workers: int = 1,
+    each: Callable[[Outcome], None] = lambda _: None,
+) -> list[Outcome]:
+    """``function`` of each task, in order; with more than one worker in processes of their own.
+
+    The function must be importable and tasks and outcomes picklable between processes of this one program. each: called
+    with every outcome, in order, as soon as it is there.
+    """
+    if workers <= 1 or len(tasks) <= 1:
+        return _collected((function(task) for task in tasks), each)
+    context = multiprocessing.get_context("spawn")
+    with _one_thread(), ProcessPoolExecutor(max_workers=min(workers, len(tasks)), mp_context=context) as pool:
+        try:
+            with held_back():
+                outcomes = pool.map(function, tasks)
+            return _collected(outcomes, each)
+        except BaseException:
+            _end(pool)
+            raise
+
+
+def _end(pool: ProcessPoolExecutor) -> None:
+    """End the processes of a pool at once: what they would still do is of no use."""
+    processes = list((pool._processes or {}).values())
+    pool.shutdown(wait=False, cancel_futures=True)
+    for process in processes:
+        process.terminate()
+
+
+@contextmanager
+def held_back() -> Iterator[None]:
+    """Ctrl-C waits until the end of this, and for ever in processes begun meanwhile, which inherit the signal mask."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _collected(outcomes: Iterable[Outcome], each: Callable[[Outcome], None]) -> list[Outcome]:
+    result = []
+    for outcome in outcomes:
+        each(outcome)
+        result.append(outcome)
+    return result
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """An environment in which processes begin with one thread each: several of them only get in each other's way."""
+    before = {name: os.environ.get(name) for name in THREADS}
+    os.environ.update(dict.fromkeys(THREADS, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value

@@ -1,0 +1,161 @@
+"""What the past of a run tells about its future: a slowly varying current, and what the ship remembers.
+
+The seconds before a window are cut into short restarts from the measured state. Their errors, younger ones counting
+more, are explained by a current with a Gaussian prior: one Gauss-Newton step, all windows and both directions in one
+batch. In the forecast the current fades, as what is not explained does not last (shared measurements: estimates 30 s
+apart hardly correlate). Remembered states (lags, filters) start where the last restart left them, relative to settled.
+Rows from a window's start on are never read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from fitting.prediction.stretches import Batch, Record, Stretch, Water, roll
+from mmg.logged import settled
+from mmg.rollout import Simulator
+from mmg.ship import Ship
+
+LENGTH = 3.0
+"""Length [m] for which the times and sizes below are written; they scale by Froude's law."""
+RESTART, FORGET, DECAY = 10.0, 15.0, 45.0
+"""Seconds: length of a restart, time in which an error's weight falls to 1/e^2, time in which the current fades."""
+SIZE = 0.02
+"""Prior standard deviation of the current [m/s]."""
+ERRORS = (0.06, 0.04, 0.017, 0.011, 0.0066, 0.003)
+"""Typical error of x, y, psi, u, v, r over a restart: what of it a current explains counts against these."""
+AT_ONCE = 256
+"""Windows adapted in one batch, which bounds the memory it takes."""
+ROBUST = 3.0
+"""Errors count less beyond so many of these (Huber)."""
+
+
+@dataclass(frozen=True)
+class Adaptation:
+    """How the past is used: ``seconds`` of it; the other fields as the constants above, errors (6,)."""
+
+    seconds: float
+    restart: float
+    forget: float
+    decay: float
+    size: float
+    errors: np.ndarray
+
+    @classmethod
+    def of(cls, ship: Ship, seconds: float) -> Adaptation:
+        """Settings for a ship, chosen on runs of a 3 m model and scaled by Froude's law."""
+        scale = float(ship.particulars["L"]) / LENGTH
+        k = scale**0.5
+        errors = np.array(ERRORS) * np.array([scale, scale, 1.0, k, k, 1 / k])
+        return cls(seconds, RESTART * k, FORGET * k, DECAY * k, SIZE * k, errors)
+
+
+def advice(result: Mapping[str, Any]) -> list[str]:
+    """A sentence on what adaptation brought on the validation trials, from a run's result.json; empty if it paid."""
+    known = result.get("adaptation")
+    if not known:
+        return ["whether adapting pays with this model is not known: calibrate it with mmg fit --validate to find out"]
+    if known["worthwhile"]:
+        return []
+    before, after = known["without"], known["with"]
+    return [
+        f"adapting did not pay on the {known['trials']} trials of this run: 30 s windows {before['window']:.4f} -> "
+        f"{after['window']:.4f}, 100 s restarts {before['paper']:.4f} -> {after['paper']:.4f}; better leave it off"
+    ]
+
+
+def history(record: Record, row: int, seconds: float) -> int:
+    """First row of the unbroken, measured stretch of at most ``seconds`` before ``row``; ``row`` if there is none."""
+    t = record.t
+    gap = 2.5 * float(np.median(np.diff(t)))
+    first = int(np.searchsorted(t, t[row] - seconds - 0.2 * gap))
+    broken = ~record.good[first : row + 1]
+    broken[:-1] |= np.diff(t[first : row + 1]) > gap
+    at = np.flatnonzero(broken)
+    return row if len(at) and at[-1] == row - first else first + (int(at[-1]) + 1 if len(at) else 0)
+
+
+def restarts(record: Record, row: int, a: Adaptation) -> list[Stretch]:
+    """The past of a window that starts at ``row`` in restarts, youngest first; a last one under half length is left."""
+    begin, sample = history(record, row, a.seconds), float(np.median(np.diff(record.t)))
+    result: list[Stretch] = []
+    last = row
+    while last > begin:
+        first = max(begin, int(np.searchsorted(record.t, record.t[last] - a.restart - 0.5 * sample)))
+        if result and record.t[last] - record.t[first] < 0.5 * a.restart:
+            break
+        if first == last:
+            break
+        result.append(Stretch(record, first, last))
+        last = first
+    return result
+
+
+def adapt(simulator: Simulator, windows: Sequence[Stretch], a: Adaptation) -> tuple[Water, np.ndarray]:
+    """The current at the start of each window, fading, and offsets (S - 6, M) of what is remembered from settled.
+
+    Both are zero for a window without a past.
+    """
+    parts = [_adapt(simulator, windows[i : i + AT_ONCE], a) for i in range(0, len(windows), AT_ONCE)]
+    return Water(np.hstack([w for w, _ in parts]), a.decay), np.hstack([o for _, o in parts])
+
+
+def _adapt(simulator: Simulator, windows: Sequence[Stretch], a: Adaptation) -> tuple[np.ndarray, np.ndarray]:
+    """Currents (2, M) and offsets (S - 6, M) of some windows."""
+    M = len(windows)
+    offset = np.zeros((len(simulator.model.states) - 6, M))
+    current = np.zeros((2, M))
+    owner, pieces, youngest = [], [], []
+    for i, w in enumerate(windows):
+        for j, piece in enumerate(restarts(w.record, w.first, a)):
+            owner.append(i)
+            pieces.append(piece)
+            youngest.append(j == 0)
+    if not pieces:
+        return current, offset
+    batch, K = Batch.of(pieces), len(pieces)
+    tried = Batch(np.tile(batch.steps, 3), np.tile(batch.inputs, 3), np.tile(batch.logged, 3))
+    probe = np.zeros((2, 3, K))
+    probe[0, 1] = probe[1, 2] = 0.5 * a.size
+    # within a restart the current hardly fades: its age is counted in the weights
+    out, states = roll(simulator, tried, Water(probe.reshape(2, -1), 1e3 * a.decay))
+    information, gradient = np.zeros((M, 2, 2)), np.zeros((M, 2))
+    for k, piece in enumerate(pieces):
+        start = windows[owner[k]].first
+        J, error, weight = _equations(out[:, :, [k, K + k, 2 * K + k]], piece, float(piece.record.t[start]), a)
+        information[owner[k]] += np.einsum("ans,ns,bns->ab", J, weight, J)
+        gradient[owner[k]] -= np.einsum("ans,ns,ns->a", J, weight, error)
+        if youngest[k] and len(offset):
+            rows = piece.last - piece.first
+            end = states[rows, :, k : k + 1]
+            here = piece.record.controls[piece.last][:, None]
+            beyond = (end - settled(simulator.model, end[:6], here, simulator.ship.values))[6:, 0]
+            offset[:, owner[k]] = beyond if np.isfinite(beyond).all() else 0.0
+    return np.linalg.solve(information + np.eye(2) / a.size**2, gradient[..., None])[..., 0].T, offset
+
+
+def _equations(out: np.ndarray, piece: Stretch, now: float, a: Adaptation) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Sensitivities (2, n, 6), errors (n, 6) and weights (n, 6) of one restart at about ten of its rows.
+
+    out: (rows, 6, 3) without and with a probing current in either direction. The rows of a restart of full length
+    together count as one observation of each state.
+    """
+    rows = piece.last - piece.first
+    t = piece.record.t[piece.first : piece.last + 1]
+    every = max(1, round(0.1 * a.restart * rows / max(float(t[-1] - t[0]), 1e-9)))
+    at = np.arange(rows, 0, -every)[::-1]
+    error = out[at, :, 0] - piece.logged[at]
+    error[:, 2] = np.pi - np.mod(np.pi - error[:, 2], 2 * np.pi)
+    J = np.moveaxis(out[at, :, 1:] - out[at, :, :1], 2, 0) / (0.5 * a.size)
+    age = now - t[at]
+    share = every * (t[-1] - t[0]) / rows / a.restart
+    relative = np.abs(error) / a.errors
+    weight = share * np.exp(-2 * age / a.forget)[:, None] * ROBUST / np.maximum(relative, ROBUST)
+    weight = weight / a.errors**2
+    usable = np.isfinite(error) & np.isfinite(J).all(axis=0)
+    usable[:, :2] &= piece.record.placed
+    return np.where(usable, J, 0.0), np.where(usable, error, 0.0), np.where(usable, weight, 0.0)

@@ -1,0 +1,248 @@
+"""How far a prediction may be off: standard deviations of its six states, growing with the time since the start.
+
+Three parts. The process: accelerations that no model explains, of some seconds' memory (Ornstein-Uhlenbeck) and of a
+size that grows with speed and turning, drive errors of u, v, r that themselves die away; heading and position follow
+by kinematics along the predicted track. Its sizes and times are the most likely ones for the errors of the training
+windows, and a factor per state makes 90 % of those fall into the 90 % band. The coefficients: draws from their
+covariance, simulated. The measurement: noise of the start and of the sample compared with.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from fitting.prediction.stretches import Batch
+from mmg.rollout import Simulator
+from mmg.ship import Ship
+
+DRAWS, SHRINK = 16, 0.3
+"""Draws of the coefficients, and the factor by which they are moved less, and their effect multiplied, to stay linear.
+"""
+COARSE = 0.5
+"""Step of the covariance in seconds of a 3 m model."""
+STATES = ("x", "y", "psi", "u", "v", "r")
+
+
+@dataclass(frozen=True)
+class Process:
+    """Unexplained accelerations of u, v [m/s^2] and r [rad/s^2] and what follows from them.
+
+    memory, decay: (3,) seconds by which the accelerations, and the velocity errors, die away. size: (3, 3) standard
+    deviation of each acceleration: a constant part, one per U^2 / L, one per U |r| (r: each over L).
+    noise: (6,) of the samples; factor: (6,) by which the process part of each state is multiplied, adapted: the same
+    for predictions that use the past of a window (fitting.prediction.adaptation).
+    """
+
+    memory: np.ndarray
+    decay: np.ndarray
+    size: np.ndarray
+    noise: np.ndarray
+    factor: np.ndarray
+    adapted: np.ndarray
+
+
+def features(states: np.ndarray, length: float) -> np.ndarray:
+    """Squares of what the size of the accelerations grows with, (3, ..., M), from predicted states (..., 6, M)."""
+    u, v, r = states[..., 3, :], states[..., 4, :], states[..., 5, :]
+    U2 = u * u + v * v
+    return np.array([np.ones_like(u), (U2 / length) ** 2, U2 * r * r])
+
+
+def coarse_rows(batch: Batch, step: float) -> np.ndarray:
+    """Rows at about ``step`` seconds, the first and the last among them."""
+    taken = batch.steps[batch.steps > 0]
+    every = max(1, round(step / float(np.median(taken)))) if len(taken) else 1
+    return np.unique(np.append(np.arange(0, len(batch.steps) + 1, every), len(batch.steps)))
+
+
+@dataclass(frozen=True)
+class Step:
+    """A step of an acceleration of unit variance and the error that it drives, all (M,).
+
+    left, error: shares of acceleration and error that are left; gain: error per acceleration [s]; aa, ae, ee: variances
+    and covariance of what the noise within the step adds.
+    """
+
+    left: np.ndarray
+    error: np.ndarray
+    gain: np.ndarray
+    aa: np.ndarray
+    ae: np.ndarray
+    ee: np.ndarray
+
+    @classmethod
+    def of(cls, dt: np.ndarray, memory: float, decay: float) -> Step:
+        T = decay * 1.01 if abs(decay - memory) < 0.01 * memory else decay
+        left, error, rate = np.exp(-dt / memory), np.exp(-dt / T), 1 / T - 1 / memory
+        both, own, other = (1 - left * error) / (1 / memory + 1 / T), memory / 2 * (1 - left**2), T / 2 * (1 - error**2)
+        noise = 2 / memory
+        ee = np.maximum(noise / rate**2 * (own - 2 * both + other), 0.0)
+        return cls(left, error, (left - error) / rate, 1 - left**2, noise / rate * (own - both), ee)
+
+
+def growth(square: np.ndarray, dt: np.ndarray, memory: float, decay: float) -> np.ndarray:
+    """Variance (n + 1, ..., M) of the velocity error that accelerations of variance ``square`` (n + 1, ..., M) leave.
+
+    dt: (n, M) steps. The accelerations start with their local size, the error with zero.
+    """
+    aa = square[0].copy()
+    ae, ee = np.zeros_like(aa), np.zeros_like(aa)
+    out = [ee]
+    for k in range(len(dt)):
+        s = Step.of(dt[k], memory, decay)
+        ee = s.error**2 * ee + 2 * s.error * s.gain * ae + s.gain**2 * aa + s.ee * square[k]
+        ae = s.left * (s.error * ae + s.gain * aa) + s.ae * square[k]
+        aa = s.left**2 * aa + s.aa * square[k]
+        out.append(ee)
+    return np.array(out)
+
+
+@dataclass(frozen=True)
+class Bands:
+    """Standard deviations of predictions; ``root`` (P, draws): draws of all coefficients less their values."""
+
+    process: Process
+    root: np.ndarray
+
+    def std(self, simulator: Simulator, batch: Batch, out: np.ndarray, adapted: bool = False) -> np.ndarray:
+        """Standard deviations (N + 1, 6, M) of predicted columns ``out`` (N + 1, 6, M); zero in the first row.
+
+        The first row is the measured state, repeated in the prediction.
+        """
+        length = float(simulator.ship.particulars["L"])
+        rows = coarse_rows(batch, COARSE * (length / 3) ** 0.5)
+        variance = self.process_variance(batch, out, length, rows)
+        factor = self.process.adapted if adapted else self.process.factor
+        variance = variance * factor[:, None] ** 2
+        variance += self.measurement_variance(batch, out, rows)
+        if self.root.shape[1]:
+            variance += self.coefficient_variance(simulator, batch, out, rows)
+        coarse = np.sqrt(variance)
+        place = np.interp(np.arange(len(out)), rows, np.arange(len(rows)))
+        low = np.minimum(place.astype(int), max(len(rows) - 2, 0))
+        high = np.minimum(low + 1, len(rows) - 1)
+        share = (place - low)[:, None, None]
+        std = (1 - share) * coarse[low] + share * coarse[high]
+        std[0] = 0.0
+        return std
+
+    def process_variance(self, batch: Batch, out: np.ndarray, length: float, rows: np.ndarray) -> np.ndarray:
+        """Variance (n, 6, M) at coarse rows by the process, without its factors."""
+        p, states, times = self.process, out[rows], batch.times[rows]
+        square = np.einsum("ck,k...->c...", p.size**2, features(states, length))
+        M = out.shape[2]
+        # order: accelerations (3), errors of u, v, r (3), of x, y, psi (3)
+        P = np.zeros((M, 9, 9))
+        for c in range(3):
+            P[:, c, c] = square[c, 0]
+        result = [np.zeros((6, M))]
+        for k in range(len(rows) - 1):
+            dt = times[k + 1] - times[k]
+            F = np.tile(np.eye(9), (M, 1, 1))
+            steps = [Step.of(dt, p.memory[c], p.decay[c]) for c in range(3)]
+            for c, step in enumerate(steps):
+                F[:, c, c], F[:, 3 + c, 3 + c], F[:, 3 + c, c] = step.left, step.error, step.gain
+            F[:, 6:] = kinematics(states[k], dt) @ F
+            P = F @ P @ np.swapaxes(F, 1, 2)
+            for c, step in enumerate(steps):
+                P[:, c, c] += step.aa * square[c, k]
+                P[:, 3 + c, 3 + c] += step.ee * square[c, k]
+                P[:, c, 3 + c] += step.ae * square[c, k]
+                P[:, 3 + c, c] += step.ae * square[c, k]
+            d = np.diagonal(P, axis1=1, axis2=2).T
+            result.append(np.maximum(np.concatenate([d[6:], d[3:6]]), 0.0))
+        return np.array(result)
+
+    def measurement_variance(self, batch: Batch, out: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        """Variance (n, 6, M) by noise of the start, carried on, and of the sample that is predicted."""
+        noise, times = self.process.noise**2, batch.times[rows]
+        left = np.exp(-2 * times[:, None] / self.process.decay[:, None])
+        reach = (1 - np.sqrt(left)) * self.process.decay[:, None]
+        way = np.hypot(out[rows, 0] - out[0, 0], out[rows, 1] - out[0, 1])
+        place = np.maximum(noise[3], noise[4]) * np.maximum(reach[:, 0], reach[:, 1]) ** 2 + noise[2] * way**2
+        start = np.stack(
+            [place, place, noise[5] * reach[:, 2] ** 2, *np.moveaxis(noise[3:, None] * left, 1, 0)], axis=1
+        )
+        start[:, :3] += noise[:3, None]
+        return start + noise[:, None]
+
+    def coefficient_variance(self, simulator: Simulator, batch: Batch, out: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        """Variance (n, 6, M) by the draws of the coefficients; a draw that fails somewhere does not count there."""
+        keep = np.zeros(len(batch.steps), dtype=bool)
+        keep[rows[1:] - 1] = True
+
+        def states(theta: np.ndarray) -> np.ndarray:
+            start = simulator.start(batch.logged, batch.inputs[0], theta)
+            return simulator.run(start, batch.inputs, batch.steps, theta, keep=keep)[:, :6]
+
+        centre = states(simulator.ship.values)
+        total = np.zeros((len(rows), 6, out.shape[2]))
+        for draw in self.root.T:
+            total += np.nan_to_num((states(simulator.ship.values + SHRINK * draw) - centre) / SHRINK) ** 2
+        return total / self.root.shape[1]
+
+
+def kinematics(states: np.ndarray, dt: np.ndarray) -> np.ndarray:
+    """(M, 3, 9): errors of x, y, psi after dt (M,) from those of u, v, r after it and of x, y, psi before."""
+    psi, u, v = states[2], states[3], states[4]
+    c, s = np.cos(psi), np.sin(psi)
+    G = np.zeros((len(dt), 3, 9))
+    G[:, 0, 3], G[:, 0, 4], G[:, 0, 8] = dt * c, -dt * s, -dt * (u * s + v * c)
+    G[:, 1, 3], G[:, 1, 4], G[:, 1, 8] = dt * s, dt * c, dt * (u * c - v * s)
+    G[:, 2, 5] = dt
+    for i in range(3):
+        G[:, i, 6 + i] = 1.0
+    return G
+
+
+def as_dict(p: Process) -> dict[str, Any]:
+    """A process as it stands in result.json under "bands"."""
+    return {
+        "acceleration_memory_s": dict(zip("uvr", p.memory.tolist(), strict=True)),
+        "error_decay_s": dict(zip("uvr", p.decay.tolist(), strict=True)),
+        "acceleration_std": {
+            c: dict(zip(("constant", "U2/L", "U r"), p.size[i], strict=True)) for i, c in enumerate("uvr")
+        },
+        "noise": dict(zip(STATES, p.noise.tolist(), strict=True)),
+        "factor": dict(zip(STATES, p.factor.tolist(), strict=True)),
+        "factor_adapted": dict(zip(STATES, p.adapted.tolist(), strict=True)),
+    }
+
+
+def bands_of(result: Mapping[str, Any], ship: Ship) -> Bands | None:
+    """The bands that a run's result.json holds for its ship; None if it holds none."""
+    try:
+        b = result["bands"]
+        process = Process(
+            np.array([b["acceleration_memory_s"][c] for c in "uvr"], dtype=float),
+            np.array([b["error_decay_s"][c] for c in "uvr"], dtype=float),
+            np.array([[b["acceleration_std"][c][k] for k in ("constant", "U2/L", "U r")] for c in "uvr"], dtype=float),
+            np.array([b["noise"][s] for s in STATES], dtype=float),
+            np.array([b["factor"][s] for s in STATES], dtype=float),
+            np.array([b["factor_adapted"][s] for s in STATES], dtype=float),
+        )
+    except (KeyError, TypeError, ValueError):
+        return None
+    return Bands(process, draws_of(result, ship))
+
+
+def draws_of(result: Mapping[str, Any], ship: Ship) -> np.ndarray:
+    """Draws (P, DRAWS) of the ship's coefficients about their values, from the stored errors and correlations."""
+    root = np.zeros((len(ship.symbols), DRAWS))
+    try:
+        symbols = list(result["correlation"]["symbols"])
+        matrix = np.array(result["correlation"]["matrix"], dtype=float)
+        std = np.array([result["coefficients"][s]["std"] for s in symbols], dtype=float)
+        at = [ship.symbols.index(s) for s in symbols]
+    except (KeyError, TypeError, ValueError):
+        return root[:, :0]
+    if not (np.isfinite(matrix).all() and np.isfinite(std).all()):
+        return root[:, :0]
+    values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
+    normal = np.random.default_rng(0).standard_normal((len(symbols), DRAWS))
+    root[at] = std[:, None] * (vectors @ (np.sqrt(np.maximum(values, 0.0))[:, None] * normal))
+    return root

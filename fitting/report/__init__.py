@@ -1,0 +1,1 @@
+"""The run folder of a calibration, its figures and its report page."""

@@ -1,0 +1,299 @@
+"""The report: one self-contained HTML file made from run folders alone.
+
+Its sections follow the headings of ITTC 7.5-02-06-03 (validation of manoeuvring simulation models) where they fit.
+"""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import math
+import os
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from cases.shipfiles.ship_file import load_ship
+from cases.trial import STATES, UNITS
+from fitting.report.identifiability import section
+from fitting.report.plots import component_of, determination, grouped
+from fitting.report.run_folder import SHIP, read_result
+from fitting.report.words import headline, not_in_model, per_run_table, plus_minus, setting_rows, warnings_of
+from mmg.components import module
+from mmg.effects import effect
+from mmg.errors import UserError
+from mmg.particulars import PARTICULARS
+from mmg.ship import Ship
+
+PNG = b"\x89PNG\r\n\x1a\n"
+DATA_SOURCES = (
+    (
+        re.compile(r"^(turn|turn_cut|zigzag|random|berthing)_\d\d-[A-Z][a-z]{2}-2020_\d\d_\d\d_\d\d"),
+        "Free-running trials of the 3 m ESSO OSAKA model: data set FRT-DS-ESSO, Osaka University, licence "
+        "CC BY-NC-SA 4.0 (licence file of the data set; its README says CC BY-NC 4.0): not for commercial use.",
+        (
+            "Wakita, K., Maki, A., Umeda, N., Miyauchi, Y., Shimoji, T., Rachman, D. M. & Akimoto, Y. (2022). On "
+            "neural network identification for low-speed ship maneuvering model. J Mar Sci Technol 27(1), 772-785. "
+            "doi:10.1007/s00773-021-00867-1",
+            "Miyauchi, Y., Maki, A., Umeda, N., Rachman, D. M. & Akimoto, Y. (2022). System parameter exploration of "
+            "ship maneuvering model for automatic docking/berthing using CMA-ES. J Mar Sci Technol 27(2), 1065-1083. "
+            "doi:10.1007/s00773-022-00889-3",
+        ),
+    ),
+)
+"""Trial names by which a public data set is known, its licence sentence and what to cite."""
+
+PLACED = ("scores", "error_growth", "track", "coefficients", "identifiability")
+"""Beginnings of the names of figures that have a section of their own."""
+
+
+def figures_of(folder: Path, listed: Any) -> list[dict]:
+    """Figures named in result.json with their content as a data URI; ``image`` is None for one that is missing."""
+    figures = []
+    for entry in listed or []:
+        path = folder / "figures" / Path(str(entry.get("file", ""))).name
+        try:
+            content = path.read_bytes()
+        except OSError:
+            content = b""
+        good = content.startswith(PNG)
+        uri = "data:image/png;base64," + base64.b64encode(content).decode() if good else None
+        size = (int.from_bytes(content[16:20], "big"), int.from_bytes(content[20:24], "big")) if good else (0, 0)
+        figures.append(
+            {"title": entry.get("title", path.stem), "caption": entry.get("caption", ""), "image": uri,
+             "name": path.stem, "file": path.name, "width": size[0], "height": size[1]}
+        )  # fmt: skip
+    return figures
+
+
+def _coefficients(result: dict, ship: Ship) -> list[dict]:
+    """Rows for the coefficient table by component, and fixed coefficients of the same component."""
+    free = result["coefficients"]
+    rows = {symbol: free.get(symbol) for symbol in ship.coefficients} | free
+    groups = []
+    for group, symbols in grouped(rows, component_of(ship)):
+        table, fixed = [], []
+        for symbol in symbols:
+            row = rows[symbol]
+            if row is None:
+                fixed.append(f"{symbol} = {ship.coefficients[symbol].value:.6g}")
+                continue
+            share = row.get("prior_share")
+            prior_std = row.get("prior_std") or math.nan
+            table.append(
+                {
+                    "symbol": symbol,
+                    "description": row.get("description", ""),
+                    "value": row.get("value"),
+                    "std": row.get("std"),
+                    "unit": row.get("unit") or "",
+                    "prime": "′" if row.get("prime") else "",
+                    "prior": plus_minus(row.get("prior_value"), row.get("prior_std")),
+                    "estimate": plus_minus(row.get("value"), row.get("std")),
+                    "shift": ((row.get("value") or 0.0) - (row.get("prior_value") or 0.0)) / prior_std,
+                    "share": None if share is None else min(max(share, 0.0), 1.0),
+                    "kind": determination(row),
+                    "verdict": row.get("verdict", ""),
+                    "bound": row.get("at_bound"),
+                    "limits": f"{_number(row.get('lower'))} to {_number(row.get('upper'))}",
+                }
+            )
+        groups.append({"name": group, "rows": table, "fixed": fixed})
+    return groups
+
+
+def _correlated(result: dict, most: int = 12, least: float = 0.7) -> list[tuple[str, str, float]]:
+    """Pairs of coefficients whose estimates are correlated by at least ``least``, strongest first."""
+    table = result.get("correlation") or {}
+    symbols, matrix = table.get("symbols", []), table.get("matrix", [])
+    pairs = [
+        (symbols[i], symbols[j], value)
+        for i, row in enumerate(matrix)
+        for j, value in enumerate(row[:i])
+        if value is not None and abs(value) >= least
+    ]
+    return sorted(pairs, key=lambda p: -abs(p[2]))[:most]
+
+
+def score_sets(result: dict) -> list[dict]:
+    """Sets of trials with before and after per trial, ready for the table."""
+    sets = []
+    for name, pair in (result.get("scores") or {}).items():
+        before, after = pair["before"], pair["after"]
+        trials = list(zip(before["trials"], after["trials"], strict=True))
+        rows = [_score_row(b["name"], b, a) for b, a in trials]
+        sigma = [f"{s} {v:.4g} {UNITS[s]}" for s, v in after["sigma"].items() if v is not None]
+        by_state = [
+            {"state": s, **{k: _pooled(part["trials"], s) for k, part in (("before", before), ("after", after))}}
+            for s in STATES
+        ]
+        sets.append(
+            {
+                "name": {"validation": "Held-out trials", "training": "Training trials"}.get(name, name),
+                "key": name,
+                "rows": rows,
+                "pooled": _score_row("all rows pooled", before, after),
+                "sigma": ", ".join(sigma),
+                "sigma_from": after.get("sigma_from", ""),
+                "notes": after.get("notes", []),
+                "by_state": by_state,
+            }
+        )
+    return sets
+
+
+def _score_row(name: str, before: dict, after: dict) -> dict:
+    row = {"name": name, "windows": after.get("windows")}
+    for key in ("window", "paper"):
+        b, a = before.get(key), after.get(key)
+        row[key] = {"before": b, "after": a, "gain": b / a if a and b is not None else None}
+    return row
+
+
+def _pooled(trials: list[dict], state: str) -> float | None:
+    """One state's part of the 30 s-window error, pooled by the number of windows."""
+    parts = [(t["window_by_state"][state], t["windows"]) for t in trials if t.get("windows")]
+    total = sum(count for _, count in parts)
+    good = total and all(value is not None for value, _ in parts)
+    return sum(value * count for value, count in parts) / total if good else None
+
+
+def citations_of(result: dict) -> list[tuple[str, tuple[str, ...]]]:
+    """Licence sentence and papers of each public data set whose trials were used."""
+    names = [row["name"] for row in [*result.get("data", []), *result.get("validation_data", [])]]
+    return [(licence, papers) for pattern, licence, papers in DATA_SOURCES if any(pattern.match(str(n)) for n in names)]
+
+
+def label_of(folder: Path) -> str:
+    """Name of a run folder, also of one that is still being written under a temporary name."""
+    name = folder.absolute().name
+    return name.lstrip(".").rsplit(".", 1)[0] if name.startswith(".") else name
+
+
+def _run(folder: Path, number: int) -> dict:
+    """All that the template shows of one run folder."""
+    result = read_result(folder)
+    if not isinstance(result, dict) or not isinstance(result.get("coefficients"), dict):
+        raise UserError(f"{folder}: its result.json is not that of a calibration; give run folders of one command")
+    ship = load_ship(folder / SHIP)
+    groups = _coefficients(result, ship)
+    kinds = [row["kind"] for g in groups for row in g["rows"]]
+    figures = figures_of(folder, result.get("figures"))
+    return {
+        "id": f"run{number}",
+        "label": label_of(folder),
+        "result": result,
+        "ship": ship,
+        "headline": headline(result),
+        "warnings": warnings_of(result),
+        "scores": score_sets(result),
+        "groups": groups,
+        "counts": {kind: kinds.count(kind) for kind in ("determined", "partly", "prior", "unknown")},
+        "correlated": _correlated(result),
+        "identifiability": section(result),
+        "auto": result.get("auto") or [],
+        "per_run": per_run_table(result),
+        "particulars": [(k, v, *PARTICULARS.get(k, ("", ""))) for k, v in ship.particulars.items()],
+        "models": [
+            *((role, name, (module(role, name).__doc__ or "").strip()) for role, name in ship.components.items()),
+            *(("effect", name, effect(name).about) for name in ship.effects),
+        ],
+        "missing": not_in_model(ship),
+        "figures": {
+            "validation": [f for f in figures if f["name"].startswith(("scores", "error_growth", "track"))],
+            "coefficients": [f for f in figures if f["name"].startswith("coefficients")],
+            "identifiability": [f for f in figures if f["name"].startswith("identifiability")],
+            "other": [f for f in figures if not f["name"].startswith(PLACED)],
+        },
+        "settings": setting_rows(result),
+        "noise": [
+            (state, UNITS[state], row.get("rms"), row.get("correlation_time_samples"),
+             result.get("sigma", {}).get(state))
+            for state, row in (result.get("noise") or {}).items()
+        ],
+        "step": (result.get("settings") or {}).get("step"),
+        "citations": citations_of(result),
+    }  # fmt: skip
+
+
+def _comparison(runs: list[dict]) -> dict:
+    """Scores and coefficients of several runs side by side, and whether the scores may be compared."""
+    sets = [{s["key"]: s for s in run["scores"]} for run in runs]
+    keys = list(dict.fromkeys(key for s in sets for key in s))
+    tables = []
+    for key in keys:
+        present = [s.get(key) for s in sets]
+        names = list(dict.fromkeys(row["name"] for s in present if s for row in s["rows"]))
+        names = [*names, "all rows pooled"]
+        by_name = [{row["name"]: row for row in [*s["rows"], s["pooled"]]} if s else {} for s in present]
+        title = next(s["name"] for s in present if s)
+        comparable = len({(tuple(r["name"] for r in s["rows"]), s["sigma"]) for s in present if s}) == 1
+        rows = [(name, [b.get(name) for b in by_name]) for name in names]
+        started = {tuple(row[k]["before"] for k in ("window", "paper")) for row in rows[-1][1] if row}
+        tables.append(
+            {"title": title, "rows": rows, "comparable": comparable, "same_start": comparable and len(started) == 1}
+        )
+    symbols = list(dict.fromkeys(r["symbol"] for run in runs for g in run["groups"] for r in g["rows"]))
+    found = [{r["symbol"]: r for g in run["groups"] for r in g["rows"]} for run in runs]
+    rows = [(s, [f.get(s) for f in found]) for s in symbols]
+    return {"tables": tables, "coefficients": [(s, [(r, _differs(c[0], r)) for r in c]) for s, c in rows]}
+
+
+def _differs(first: dict | None, other: dict | None) -> bool:
+    """Whether two estimates lie more than two standard errors of their difference apart (taken as independent)."""
+    if not first or not other or None in (first["std"], other["std"], first["value"], other["value"]):
+        return False
+    return abs(first["value"] - other["value"]) > 2 * math.hypot(first["std"], other["std"])
+
+
+def _number(value: Any, digits: int = 3) -> str:
+    if value is None or (isinstance(value, float) and not math.isfinite(value)):
+        return "–"
+    return f"{value:.{digits}g}".replace("-", "−") if isinstance(value, (int, float)) else str(value)
+
+
+def environment() -> Environment:
+    """Where the templates are, with their filters; what they print is escaped."""
+    found = Environment(
+        loader=PackageLoader("fitting.report", "templates"), autoescape=True, undefined=StrictUndefined,
+        trim_blocks=True, lstrip_blocks=True,
+    )  # fmt: skip
+    found.filters["number"] = _number
+    return found
+
+
+def build_report(folders: Sequence[Path]) -> str:
+    """One self-contained HTML page on one or several run folders.
+
+    Raises UserError for a folder that is no run of a calibration.
+    """
+    if not folders:
+        raise UserError("no run folder given")
+    runs = [_run(Path(folder), i + 1) for i, folder in enumerate(folders)]
+    labels = [run["label"] for run in runs]
+    for run in runs:
+        if labels.count(run["label"]) > 1:
+            run["label"] = f"{run['label']} ({run['id']})"
+    page = environment().get_template("report.html.j2")
+    return page.render(runs=runs, comparison=_comparison(runs) if len(runs) > 1 else None)
+
+
+def write_report(folders: Sequence[Path], out: Path) -> None:
+    """Write the report on these run folders to ``out``, atomically; UserError when it cannot be written."""
+    write_page(build_report(folders), out)
+
+
+def write_page(text: str, out: Path) -> None:
+    """Write a page to ``out``, atomically; UserError when it cannot be written."""
+    scratch = out.with_name(f".{out.name}.{os.getpid()}.part")
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        scratch.write_text(text, encoding="utf-8")
+        os.replace(scratch, out)
+    except OSError as error:
+        with contextlib.suppress(OSError):
+            scratch.unlink()
+        raise UserError(f"{out}: cannot be written ({error.strerror}); choose another --out") from None

@@ -1,0 +1,238 @@
+"""Figures of standard manoeuvres: turning circles with their dimensions, zigzags with their overshoots, stops.
+
+One function per kind of figure, each takes runs (cases/criteria/standard_runs.py) of one ship and draws them on axes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from cases.criteria.figures import Since, since
+from cases.criteria.spiral import spiral_curve
+from cases.criteria.standard_runs import Run
+from fitting.report.plot_style import AFTER, ALARM, BEFORE, GREY, MEASURED, dress, new_figure
+
+COLOURS = (AFTER, BEFORE, "#009E73", ALARM, "#7A5AA6", MEASURED)
+ROW = 2.9
+"""Height of a zigzag panel [inch]."""
+
+
+def maneuver_figure(runs: Sequence[Run], title: str) -> Figure:
+    """All runs on one sheet: turning circles and stops in L side by side, a panel per zigzag, spiral and pull-out.
+
+    Raises ValueError for no runs.
+    """
+    if not runs:
+        raise ValueError("no runs to draw")
+    turns = [run for run in runs if run.kind == "turning"]
+    stops = [run for run in runs if run.kind == "crash-stop"]
+    others = [run for run in runs if run.kind in ("zigzag", "spiral", "pull-out")]
+    tall = 4.9 if turns or stops else 0.0
+    lines = math.ceil(len(others) / 2)
+    figure = new_figure(tall + ROW * lines + 0.4)
+    figure.suptitle(title, fontsize=10.5, x=0.01, ha="left", fontweight="bold")
+    heights = ([tall] if tall else []) + [ROW] * lines
+    grid = figure.add_gridspec(len(heights), 2, height_ratios=heights)
+    if turns and stops:
+        turning_plot(figure.add_subplot(grid[0, 0]), turns)
+        stopping_plot(figure.add_subplot(grid[0, 1]), stops)
+    elif tall:
+        axes = figure.add_subplot(grid[0, :])
+        turning_plot(axes, turns) if turns else stopping_plot(axes, stops)
+    first = 1 if tall else 0
+    for k, run in enumerate(others):
+        whole = len(others) % 2 == 1 and k == len(others) - 1
+        axes = figure.add_subplot(grid[first + k // 2, :] if whole else grid[first + k // 2, k % 2])
+        {"zigzag": zigzag_plot, "spiral": spiral_plot, "pull-out": pull_out_plot}[run.kind](axes, run)
+    return figure
+
+
+def save_figure(runs: Sequence[Run], title: str, path: Path) -> None:
+    """``maneuver_figure`` as a PNG (or what the suffix says). Raises OSError when it cannot be written."""
+    maneuver_figure(runs, title).savefig(path)
+
+
+def _cut(run: Run) -> Since:
+    """The run from the order to its end."""
+    motion = since(run.trial, run.order_time)
+    rows = motion.t <= run.end - run.order_time + 1e-9
+    return Since(**{name: values[rows] for name, values in vars(motion).items()})
+
+
+def turning_plot(ax: Axes, runs: Sequence[Run]) -> Axes:
+    """Tracks from the order on, in ship lengths, the ship heading up at the origin; dimension lines for the figures.
+
+    Dashed: the course before the order.
+    """
+    dress(ax, "to starboard / L", "ahead / L", "Turning circles")
+    for run, colour in zip(runs, _colours(len(runs)), strict=True):
+        motion, L, side = _cut(run), run.length, math.copysign(1.0, run.rudder)
+        label = run.name if not run.measured else f"{run.name} ({math.degrees(run.rudder):+.0f} deg)"
+        ax.plot(motion.transfer / L, motion.advance / L, color=colour, linewidth=1.3, label=label)
+        if len(runs) <= 2:
+            _turning_dimensions(ax, run, side, colour)
+    ax.plot([0, 0], [-2, 0], color=GREY, linewidth=1.0, linestyle=(0, (4, 2)))
+    ax.plot(0, 0, marker="^", color=MEASURED, markersize=6)
+    ax.set_aspect("equal", adjustable="datalim")
+    ax.legend(fontsize=7.5, loc="lower right", frameon=True, framealpha=0.9, edgecolor="none")
+    return ax
+
+
+def _turning_dimensions(ax: Axes, run: Run, side: float, colour: str) -> None:
+    """Dimension lines of advance and tactical diameter, with their values in L."""
+    advance, diameter = run.figures.get("advance"), run.figures.get("tactical_diameter")
+    transfer = run.figures.get("transfer")
+    if advance is not None and transfer is not None:
+        a, b = advance / run.length, side * transfer / run.length
+        x = 0.33 * side
+        ax.plot([0, b], [a, a], color=colour, linewidth=0.6, linestyle=":")
+        _arrow(ax, (x, 0.0), (x, a), colour)
+        align = "left" if side > 0 else "right"
+        ax.text(x + 0.1 * side, 0.1 * a, f"advance\n{a:.2f} L", fontsize=7.5, color=colour, ha=align, va="center")
+    if diameter is not None:
+        d = side * diameter / run.length
+        y = -0.75
+        ax.plot([d, d], [y, _ahead_at_half(run)], color=colour, linewidth=0.6, linestyle=":")
+        _arrow(ax, (0.0, y), (d, y), colour)
+        words = f"tactical diameter {abs(d):.2f} L"
+        ax.text(0.5 * d, y - 0.12, words, fontsize=7.5, color=colour, ha="center", va="top")
+
+
+def _ahead_at_half(run: Run) -> float:
+    motion = _cut(run)
+    return float(np.interp(math.pi, np.abs(motion.change), motion.advance)) / run.length
+
+
+def _arrow(ax: Axes, begin: tuple[float, float], end: tuple[float, float], colour: str) -> None:
+    style = {"arrowstyle": "<->", "color": colour, "linewidth": 0.9, "shrinkA": 0, "shrinkB": 0}
+    ax.annotate("", xy=end, xytext=begin, arrowprops=style)
+
+
+def stopping_plot(ax: Axes, runs: Sequence[Run]) -> Axes:
+    """Headway in the share of the approach speed against the track run, in ship lengths, with the track reach."""
+    dress(ax, "track / L", "u / V", "Stop: headway along the track")
+    for run, colour in zip(runs, _colours(len(runs)), strict=True):
+        motion = _cut(run)
+        ax.plot(motion.path / run.length, motion.u / run.speed, color=colour, linewidth=1.3, label=run.name)
+        reach = run.figures.get("track_reach")
+        if reach is not None:
+            ax.plot(reach / run.length, 0, marker="o", color=colour, markersize=4)
+            words = f"track reach {reach / run.length:.2f} L"
+            ax.annotate(
+                words,
+                (reach / run.length, 0),
+                xytext=(-6, 8),
+                textcoords="offset points",
+                fontsize=7.5,
+                color=colour,
+                ha="right",
+            )
+    ax.axhline(0, color=GREY, linewidth=0.8)
+    ax.set_xlim(left=0)
+    if len(runs) > 1:
+        ax.legend(fontsize=7.5, frameon=False)
+    return ax
+
+
+def zigzag_plot(ax: Axes, run: Run) -> Axes:
+    """Heading change and rudder against time since the execute [s]; switch headings dotted, overshoots marked."""
+    name = run.name
+    if run.measured:
+        name += f" ({abs(math.degrees(run.rudder)):.0f}/{math.degrees(run.heading):.0f})"
+    dress(ax, "time since the execute / s", "heading change (blue), rudder (grey) / deg", name)
+    motion = _cut(run)
+    degrees = np.degrees(motion.change)
+    ax.plot(motion.t, np.degrees(motion.delta), color=GREY, linewidth=1.0)
+    ax.plot(motion.t, degrees, color=AFTER, linewidth=1.4)
+    switch = math.degrees(run.heading)
+    for level in (switch, -switch):
+        ax.axhline(level, color=GREY, linewidth=0.6, linestyle=":")
+    for k, (row, value) in enumerate(_overshoots(run, motion)):
+        sign = math.copysign(1.0, degrees[row])
+        top = degrees[row]
+        ax.plot([motion.t[row]] * 2, [top - sign * value, top], color=ALARM, linewidth=1.6)
+        ax.annotate(
+            f"{value:.1f}°" if k else f"overshoot {value:.1f}°",
+            (motion.t[row], top),
+            xytext=(0, 5 * sign),
+            textcoords="offset points",
+            fontsize=7.5,
+            color=ALARM,
+            ha="center",
+            va="bottom" if sign > 0 else "top",
+        )
+    ax.margins(y=0.16)
+    return ax
+
+
+def _overshoots(run: Run, motion: Since) -> list[tuple[int, float]]:
+    """(row of the extreme, overshoot [deg]) of each overshoot among the figures."""
+    side, row, found = math.copysign(1.0, run.rudder), 0, []
+    count = sum(name.startswith("overshoot_") for name in run.figures)
+    for k in range(1, count + 1):
+        beyond = np.flatnonzero(side * motion.change[row:] >= 0.5 * run.heading)
+        if len(beyond) == 0:
+            break
+        row += int(beyond[0])
+        back = np.flatnonzero(side * motion.change[row:] < 0)
+        end = row + int(back[0]) if len(back) else len(motion.t)
+        top = row + int(np.argmax(side * motion.change[row:end]))
+        found.append((top, math.degrees(run.figures[f"overshoot_{k}"])))
+        row, side = end, -side
+    return found
+
+
+def spiral_plot(ax: Axes, run: Run) -> Axes:
+    """Steady turn rate r L / V against rudder angle, the way there and the way back."""
+    dress(ax, "rudder / deg", "r L / V", run.name)
+    curve = spiral_curve(run.trial, run.order_time)
+    if curve is not None:
+        unit = run.length / run.speed
+        parts = (("there", slice(None, curve.turn + 1), AFTER), ("back", slice(curve.turn, None), BEFORE))
+        for label, rows, colour in parts:
+            ax.plot(
+                np.degrees(curve.rudder[rows]),
+                curve.rate[rows] * unit,
+                color=colour,
+                marker="o" if label == "there" else "s",
+                markersize=4 if label == "there" else 2.5,
+                linewidth=1.2,
+                label=label,
+            )
+        ax.legend(fontsize=7.5, frameon=False)
+    ax.axhline(0, color=GREY, linewidth=0.6)
+    ax.axvline(0, color=GREY, linewidth=0.6)
+    return ax
+
+
+def pull_out_plot(ax: Axes, run: Run) -> Axes:
+    """Turn rate r L / V against time since the order [s], with the residual rate."""
+    dress(ax, "time since the order / s", "r L / V", run.name)
+    motion, unit = _cut(run), run.length / run.speed
+    ax.plot(motion.t, motion.r * unit, color=AFTER, linewidth=1.3)
+    residual = run.figures.get("residual_rate")
+    if residual is not None:
+        ax.axhline(residual * unit, color=ALARM, linewidth=0.8, linestyle=(0, (4, 2)))
+        words = f"residual {residual * unit:+.3f}"
+        at = (motion.t[-1], residual * unit)
+        ax.annotate(
+            words, at, xytext=(0, 4), textcoords="offset points", ha="right", va="bottom", fontsize=7.5, color=ALARM
+        )
+    ax.axhline(0, color=GREY, linewidth=0.6)
+    return ax
+
+
+def _colours(count: int) -> list[str]:
+    return [COLOURS[k % len(COLOURS)] for k in range(count)]
+
+
+__all__ = [
+    "maneuver_figure", "pull_out_plot", "save_figure", "spiral_plot", "stopping_plot", "turning_plot",
+    "zigzag_plot",
+]  # fmt: skip

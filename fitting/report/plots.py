@@ -1,0 +1,286 @@
+"""Figures of a calibration: one function per plot, each takes a result and returns a matplotlib Figure.
+
+``write_figures`` writes those of a run folder. The look is in ``plot_style``; tracks are in ``plot_tracks``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from cases.trial import Trial
+from fitting.calibration import Calibration
+from fitting.identifiability.analysis import DETERMINED, PARTLY
+from fitting.prediction.predict import predict_all
+from fitting.prediction.score import PAPER_WINDOW, wrapped_error
+from fitting.report.plot_style import AFTER, ALARM, BEFORE, DPI, GREY, dress, new_figure
+from fitting.report.plot_tracks import error_growth_plot, trajectory_plot
+from fitting.report.plot_waterfall import waterfall_figure
+from fitting.report.run_folder import RESULT, coefficient_rows, read_result
+from fitting.solvers.ipopt import Solution
+from mmg.components import ROLES, coefficient_table
+from mmg.rollout import Simulator
+from mmg.ship import Ship
+
+GROUPS = ("mass", *ROLES, "effects", "other")
+
+
+def component_of(ship: Ship) -> dict[str, str]:
+    """Component each coefficient belongs to: "mass", the role of its force model, or "effects"."""
+    found = dict.fromkeys(coefficient_table({}, ship.particulars), "mass")
+    for role, name in ship.components.items():
+        for symbol in coefficient_table({role: name}, ship.particulars):
+            found.setdefault(symbol, role)
+    own = tuple(f"{name}." for name in ship.effects)
+    return found | dict.fromkeys((s for s in ship.coefficients if s.startswith(own)), "effects")
+
+
+def grouped(rows: Mapping[str, Any], components: Mapping[str, str]) -> list[tuple[str, list[str]]]:
+    """(component, symbols in their order) for each component that has any of ``rows``."""
+    groups: dict[str, list[str]] = {g: [] for g in GROUPS}
+    for symbol in rows:
+        groups.setdefault(components.get(symbol, "other"), []).append(symbol)
+    return [(group, symbols) for group, symbols in groups.items() if symbols]
+
+
+def determination(row: Mapping[str, Any]) -> str:
+    """ "determined", "partly", "prior" or "unknown": what decided a coefficient, from the prior's share."""
+    share = row.get("prior_share")
+    if share is None or not np.isfinite(share):
+        return "unknown"
+    return "determined" if share < DETERMINED else "partly" if share < PARTLY else "prior"
+
+
+MARKS = {
+    "determined": {"marker": "o", "color": AFTER, "mfc": AFTER, "label": "determined by the data"},
+    "partly": {"marker": "o", "color": AFTER, "mfc": "white", "label": "partly determined"},
+    "prior": {"marker": "s", "color": GREY, "mfc": "white", "label": "decided by the prior"},
+    "unknown": {"marker": "x", "color": GREY, "mfc": GREY, "label": "uncertainty not available"},
+}
+
+
+def _columns(lines: list[tuple[str, str | None]]) -> list[list[tuple[str, str | None]]]:
+    """One or two columns of rows; a component that the break divides gets its heading again."""
+    if len(lines) <= 24:
+        return [lines]
+    half = -(-len(lines) // 2)
+    heads = [i for i, line in enumerate(lines) if line[1] is None and abs(i - half) <= 4]
+    if heads:
+        half = min(heads, key=lambda i: abs(i - half))
+        return [lines[:half], lines[half:]]
+    return [lines[:half], [(f"{lines[half][0]} (continued)", None), *lines[half:]]]
+
+
+def coefficient_plot(
+    source: Calibration | Mapping[str, Mapping[str, Any]], components: Mapping[str, str] | None = None
+) -> Figure:
+    """Shift of every free coefficient from its prior in prior standard deviations, with its standard error.
+
+    source: a calibration, or "coefficients" of result.json with ``components``: symbol -> component.
+    """
+    if isinstance(source, Calibration):
+        components = components or component_of(source.ship)
+        rows: Mapping[str, Mapping[str, Any]] = coefficient_rows(source)
+    else:
+        rows = source
+    lines: list[tuple[str, str | None]] = []
+    for group, symbols in grouped(rows, components or {}):
+        lines += [(group, None), *((group, symbol) for symbol in symbols)]
+    parts = _columns(lines)
+    longest = max(len(part) for part in parts)
+    figure = new_figure(1.3 + 0.185 * longest)
+    used: dict[str, Any] = {}
+    extent = 2.2
+    axes = figure.subplots(1, len(parts), squeeze=False, sharex=True)[0]
+    for ax, part in zip(axes, parts, strict=True):
+        dress(ax, "(estimate - prior) / prior standard deviation [-]")
+        ax.axvspan(-1, 1, color="#EFF3F6", zorder=0)
+        ax.axvline(0, color=GREY, linewidth=0.8, zorder=1)
+        for height, (group, symbol) in enumerate(part):
+            if symbol is None:
+                where = ax.get_yaxis_transform()
+                ax.text(0.01, height, group, transform=where, fontsize=9, fontweight="bold", va="center")
+                continue
+            row = rows[symbol]
+            prior_std = row["prior_std"] or np.nan
+            shift = (row["value"] - row["prior_value"]) / prior_std
+            std = row["std"] / prior_std if row.get("std") is not None else np.nan
+            kind = determination(row)
+            look = MARKS[kind]
+            used[kind] = ax.errorbar(
+                shift, height, xerr=std if np.isfinite(std) else None, fmt=look["marker"],
+                color=look["color"], mfc=look["mfc"], ms=4.2, lw=1.2, zorder=3,
+            )  # fmt: skip
+            if np.isfinite(shift):
+                extent = max(extent, abs(shift) + (std if np.isfinite(std) else 0) + 0.2)
+            if row.get("at_bound"):
+                sign = "<" if row["at_bound"] == "lower" else ">"
+                (used["bound"],) = ax.plot(shift, height, sign, color=ALARM, ms=9, mfc="none", mew=1.4, zorder=4)
+        ax.set_ylim(longest - 0.4, -0.8)
+        ax.set_yticks([i for i, line in enumerate(part) if line[1]], [line[1] for line in part if line[1]], fontsize=8)
+        ax.grid(axis="y", visible=False)
+    axes[0].set_xlim(-extent, extent)
+    order = [k for k in (*MARKS, "bound") if k in used]
+    names = {**{k: str(v["label"]) for k, v in MARKS.items()}, "bound": "at a bound"}
+    figure.legend(
+        [used[k] for k in order], [names[k] for k in order], loc="outside upper center", ncols=5, fontsize=8,
+        frameon=False,
+    )  # fmt: skip
+    return figure
+
+
+def score_plot(scores: Mapping[str, Mapping[str, Mapping[str, Any]]], most: int = 30) -> Figure:
+    """Both metrics of every trial before and after; scores as in result.json: set -> before, after -> rows.
+
+    At most ``most`` trials are drawn, held-out ones first.
+    """
+    lines: list[tuple[str, dict | None, dict | None]] = []
+    for name, pair in scores.items():
+        rows = list(zip(pair["before"]["trials"], pair["after"]["trials"], strict=True))
+        title = {"validation": "held out", "training": "training"}.get(name, name)
+        room = most - sum(1 for line in lines if line[1])
+        if rows and room > 0:
+            pooled = dict(pair["before"], name="all pooled"), dict(pair["after"], name="all pooled")
+            lines += [(title, None, None), ("", *pooled), *(("", b, a) for b, a in rows[:room])]
+    figure = new_figure(1.1 + 0.3 * len(lines))
+    axes = figure.subplots(1, 2, sharey=True)
+    for ax, key, title in zip(axes, ("window", "paper"), ("30 s windows", "100 s restarts"), strict=True):
+        dress(ax, "mean squared normalised error [-]", "", title)
+        largest = max((row[key] for _, *both in lines for row in both if row and row[key]), default=1.0)
+        for height, (_, *both) in enumerate(lines):
+            for row, offset, colour in zip(both, (-0.19, 0.19), (BEFORE, AFTER), strict=True):
+                if row is None or row[key] is None:
+                    continue
+                hatch = "////" if colour == BEFORE else None
+                ax.barh(height + offset, row[key], 0.36, color=colour, hatch=hatch, edgecolor="white", linewidth=0)
+                number = f"{row[key]:.3g}"
+                ax.text(row[key] + 0.012 * largest, height + offset, number, fontsize=7, va="center", color="#444")
+        ax.set_xlim(0, 1.14 * largest)
+        ax.grid(axis="y", visible=False)
+        ax.tick_params(axis="y", length=0)
+    labels = [heading or (row["name"] if row else "") for heading, row, _ in lines]
+    axes[0].set_yticks(range(len(lines)), labels, fontsize=7.5)
+    for tick, (heading, *_) in zip(axes[0].get_yticklabels(), lines, strict=True):
+        tick.set_fontweight("bold" if heading or tick.get_text() == "all pooled" else "normal")
+    axes[0].set_ylim(len(lines) - 0.4, -0.6)
+    bars = [Patch(facecolor=BEFORE, hatch="////", edgecolor="white"), Patch(facecolor=AFTER)]
+    figure.legend(bars, ["before", "after"], loc="outside upper center", ncols=2, fontsize=9, frameon=False)
+    return figure
+
+
+def convergence_plot(solution: Solution) -> Figure:
+    """Objective and constraint violation over the iterations of the last solve."""
+    figure = new_figure(3.2)
+    left, right = figure.subplots(1, 2)
+    history = np.array(solution.history, dtype=float).reshape(-1, 2)
+    steps = np.arange(len(history))
+    dress(left, "iteration [-]", "objective [-]", "objective")
+    left.plot(steps, history[:, 0], "o-", color=AFTER, ms=3)
+    dress(right, "iteration [-]", "largest defect, scaled [-]", "gaps between shooting intervals")
+    right.plot(steps, np.maximum(history[:, 1], 1e-16), "o-", color=AFTER, ms=3)
+    right.set_yscale("log")
+    if len(history) and history[:, 0].min() > 0 and history[:, 0].max() > 20 * history[:, 0].min():
+        left.set_yscale("log")
+    return figure
+
+
+def _shown(trials: Sequence[Trial], validation: Sequence[Trial], most: int) -> list[tuple[Trial, bool]]:
+    """Up to ``most`` (trial, held out) to draw: the longest of each kind, held-out ones first."""
+    chosen: dict[str, tuple[Trial, bool]] = {}
+    for held_out, pool in ((True, validation), (False, trials)):
+        for trial in sorted(pool, key=lambda t: -t.duration):
+            chosen.setdefault(trial.kind or trial.name, (trial, held_out))
+    return list(chosen.values())[:most]
+
+
+def _position_rms(trial: Trial, windows: Sequence) -> float:
+    """Rms distance [m] between predicted and measured positions over all windows, NaN when there are none."""
+    if not windows or not trial.has_position:
+        return float("nan")
+    errors = [wrapped_error(w.states, trial.states[w.first : w.last + 1])[:, :2] for w in windows]
+    return float(np.sqrt(np.nanmean((np.vstack(errors) ** 2).sum(axis=1))))
+
+
+def write_figures(
+    folder: Path,
+    calibration: Calibration,
+    start: Ship,
+    trials: Sequence[Trial],
+    validation: Sequence[Trial] = (),
+    most_tracks: int = 4,
+) -> list[dict[str, str]]:
+    """Write the figures of a calibration as PNG into ``folder``/figures.
+
+    start: the ship before. Returns {"file", "title", "caption"} of each figure in the order of a report, the file
+    relative to ``folder``/figures. Scores are drawn when ``folder`` holds a result.json with scores.
+    """
+    target = folder / "figures"
+    target.mkdir(parents=True, exist_ok=True)
+    written: list[dict[str, str]] = []
+
+    def write(name: str, title: str, caption: str, draw: Callable[[], Figure]) -> None:
+        draw().savefig(target / f"{name}.png", dpi=DPI)
+        written.append({"file": f"{name}.png", "title": title, "caption": caption})
+
+    compiled = calibration.settings.compiled
+    models = {"before": Simulator(start, compiled), "after": Simulator(calibration.ship, compiled)}
+    scores = read_result(folder).get("scores") if (folder / RESULT).exists() else None
+    if scores:
+        write(
+            "scores", "Scores per trial",
+            "Mean squared error of open-loop predictions, summed over the six states, each divided by its "
+            "sigma; lower is better.", lambda: score_plot(scores),
+        )  # fmt: skip
+    judged, which = (validation, "held-out") if validation else (trials, "training (none was held out)")
+    write(
+        "error_growth", "How errors grow with the length of the prediction",
+        f"Rms error over windows of the {which} trials, each started from the measured state and from there on "
+        "driven by the measured rudder, revolutions and wind alone.",
+        lambda: error_growth_plot(models, judged),
+    )  # fmt: skip
+    shown = _shown(trials, validation, most_tracks)
+    drawn = [trial for trial, _ in shown]
+    windows = [predict_all(model, drawn, PAPER_WINDOW, PAPER_WINDOW) for model in models.values()]
+    for number, (trial, held_out) in enumerate(shown):
+        pairs = [side[number][0] for side in windows]
+        rms = [_position_rms(trial, windows) for windows in pairs]
+        words = f"Rms position error {rms[0]:.3g} m before, {rms[1]:.3g} m after." if np.isfinite(rms).all() else ""
+        draw = partial(trajectory_plot, trial, pairs[0], pairs[1], start.particulars["L"])
+        write(
+            f"track_{number + 1}", f"{trial.name} ({'held out' if held_out else 'used in the calibration'})",
+            f"Predictions restart from the measured state every {PAPER_WINDOW:g} s (dots and ship outlines on the "
+            f"track; dotted lines below). {words}", draw,
+        )  # fmt: skip
+    write(
+        "coefficients", "Coefficients: shift from the prior",
+        "Point: estimate; bar: its standard error; both in prior standard deviations. Shaded: one prior "
+        "standard deviation. A short bar means that the trials decided, a bar as wide as the shading that the "
+        "prior did.",
+        lambda: coefficient_plot(calibration),
+    )  # fmt: skip
+    if calibration.solution.history:
+        write(
+            "convergence", "Convergence of the last solve",
+            "Objective and largest gap between shooting intervals at each iteration.",
+            lambda: convergence_plot(calibration.solution),
+        )  # fmt: skip
+    if len(calibration.starts) > 1:
+        write(
+            "starts", "Starts",
+            "Objective of each start above the best one: points below the line reached the same optimum. Numbers are "
+            "those of the starts (0: the prior); a ring marks one that was solved again with damping.",
+            lambda: waterfall_figure(calibration.starts),
+        )  # fmt: skip
+    return written
+
+
+__all__ = [
+    "coefficient_plot", "component_of", "convergence_plot", "determination", "error_growth_plot", "grouped",
+    "score_plot", "trajectory_plot", "write_figures",
+]  # fmt: skip

@@ -1,0 +1,91 @@
+"""The uncertainty of a calibration as plain values for ``result.json``; bootstrap and profiles where asked for."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+
+import numpy as np
+
+from fitting.calibration import Calibration
+from fitting.uncertainty.bootstrap import Replicates, bootstrap, leave_one_run_out
+from fitting.uncertainty.profile_likelihood import profiles
+from mmg.errors import UserError
+
+
+def check_asked(replicates: int, symbols: Sequence[str], free: Sequence[str]) -> None:
+    """UserError for a negative number of bootstrap replicates and for a coefficient to profile that is not free."""
+    if replicates < 0:
+        raise UserError(f"--bootstrap {replicates} must not be negative")
+    unknown = [s for s in symbols if s not in free]
+    if unknown:
+        raise UserError(f"--profile: {', '.join(unknown)} is not among the free coefficients: {', '.join(free)}")
+
+
+def uncertainty_rows(calibration: Calibration, replicates: int = 0, profiled: Sequence[str] = ()) -> dict:
+    """New keys of ``result.json``: "uncertainty", "bootstrap" when replicates > 0, "profiles" of the ``profiled``.
+
+    Refits are spread over the calibration's workers. What fails is listed, never raised, except (UserError) a
+    coefficient that is not free.
+    """
+    symbols, info, spread = calibration.prior.symbols, calibration.information, calibration.spread
+    check_asked(replicates, profiled, symbols)
+    if info is None or spread is None or calibration.recipe is None:
+        return {}
+    unit, sizes = calibration.prior.std, np.sqrt(np.diag(spread.covariance))
+    content: dict = {
+        "uncertainty": {
+            "windows": spread.clusters[0],
+            "runs": spread.clusters[1],
+            "dispersion": spread.dispersion,
+            "coefficients": {
+                s: {
+                    "std": float(sizes[i] * unit[i]),
+                    "std_model": float(np.sqrt(spread.model[i, i]) * unit[i]),
+                    "degrees_of_freedom": float(spread.freedom[i]),
+                }
+                for i, s in enumerate(symbols)
+            },
+            "without_run": _without(leave_one_run_out(info, calibration.segments.trials), info.p, sizes, symbols),
+        }
+    }
+    if not (replicates or profiled):
+        return content
+    problem, x, workers = calibration.recipe.problem(), calibration.solution.x, calibration.settings.workers
+    if replicates:
+        began = time.perf_counter()
+        full = bootstrap(info, replicates, calibration.settings.seed, problem, x, workers)
+        content["bootstrap"] = _drawn(full, calibration, sizes) | {"seconds": time.perf_counter() - began}
+    if profiled:
+        found = profiles(problem, x, profiled, spread.covariance, spread.model, workers)
+        content["profiles"] = [p.row() for p in found]
+    return content
+
+
+def _without(found: Replicates, p: np.ndarray, sizes: np.ndarray, symbols: Sequence[str]) -> dict:
+    """What each run moves, in standard errors: the coefficients it moves most."""
+    rows = {}
+    shared = len(symbols)
+    for name, moved in zip(found.labels, ((found.p - p) / sizes)[:, :shared], strict=True):
+        most = np.argsort(-np.abs(np.nan_to_num(moved)))[:5]
+        rows[name] = {"largest": {symbols[i]: float(moved[i]) for i in most}, "rms": float(np.sqrt(np.mean(moved**2)))}
+    return {"method": found.method, "change_in_standard_errors": rows}
+
+
+def _drawn(found: Replicates, calibration: Calibration, sizes: np.ndarray) -> dict:
+    prior = calibration.prior
+    std, interval = np.sqrt(np.diag(found.covariance)), found.interval()
+    return {
+        "method": found.method,
+        "replicates": len(found.p),
+        "failed": [{"replicate": label, "reason": why} for label, why in found.failures],
+        "coefficients": {
+            s: {
+                "std": float(std[i] * prior.std[i]),
+                "std_over_robust": float(std[i] / sizes[i]),
+                "lower": float(prior.mean[i] + prior.std[i] * interval[0, i]),
+                "upper": float(prior.mean[i] + prior.std[i] * interval[1, i]),
+            }
+            for i, s in enumerate(prior.symbols)
+        },
+    }

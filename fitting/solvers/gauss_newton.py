@@ -1,0 +1,174 @@
+"""The same objective without IPOPT: structured Gauss-Newton on single shooting, and the information matrix.
+
+Each window is integrated in one piece from its own initial state. The normal equations have an arrow shape (one 6 x 6
+block per window, bordered by the coefficients), so initial states are eliminated window by window (Schur complement).
+Serves as an independent check of the optimum and gives the covariance of the coefficients.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fitting.nlp.problem import Problem
+
+
+@dataclass
+class Linearised:
+    """Objective and normal equations at (z0, p): per window (W, S, S), (W, S, P), (W, S); shared (W, P, P), (W, P).
+
+    In units of the problem's scaled variables; the prior is not included in the shared parts.
+    """
+
+    cost: float
+    ww: np.ndarray
+    wp: np.ndarray
+    gw: np.ndarray
+    pp: np.ndarray
+    gp: np.ndarray
+
+
+def cost(problem: Problem, z0: np.ndarray, p: np.ndarray) -> float:
+    """Objective from the windows' initial states (W, S) in SI and scaled coefficients (P,)."""
+    seg = problem.segments
+    end, interior = problem.shooting.values(z0[seg.window].T, problem.coefficients(p))
+    return _cost(problem, z0, end, interior, p)
+
+
+def _cost(problem: Problem, z0: np.ndarray, end: np.ndarray, interior: np.ndarray, p: np.ndarray) -> float:
+    seg, h, theta = problem.segments, problem.kernels.measurement, problem.coefficients(p)
+    start = z0[seg.window]
+    e0 = h.values(start.T, theta).T - seg.nodes[seg.start]
+    e1 = h.values(end, theta).T - seg.nodes[seg.end]
+    memory = problem.memory_weight[seg.start] * (start[:, 6:] - problem.measured_nodes[seg.start, 6:]) ** 2
+    total = (problem.node_weight[seg.start] * e0**2).sum() + (problem.node_weight[seg.end] * e1**2).sum()
+    for k, z in enumerate(interior):
+        total += (problem.weight[k] * (h.values(z, theta) - seg.targets[k]) ** 2).sum()
+    return 0.5 * float(total + memory.sum() + p @ p)
+
+
+def _logged(problem: Problem, z: np.ndarray, S: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Columns (m, 6) of states z (S, m) and their sensitivities (m, 6, S + P), from those of the states."""
+    h = problem.kernels.measurement
+    if h.identity:
+        return z[:6].T, S[:, :6]
+    J = h.jacobian(z, theta)
+    total = J[:, :, : problem.S] @ S
+    total[:, :, problem.S + h.own] += J[:, :, problem.S :]
+    return h.values(z, theta).T, total
+
+
+def linearise(problem: Problem, z0: np.ndarray, p: np.ndarray) -> Linearised:
+    """Normal equations; ``problem`` must have one interval per window (segments cut with K as long as a window)."""
+    seg, size, P = problem.segments, problem.S, problem.P
+    if len(seg.run) != seg.intervals:
+        raise ValueError("single shooting needs one interval per window")
+    if problem.prior.constants:
+        raise ValueError("single shooting knows no constants of single runs")
+    theta = problem.coefficients(p)
+    sweeps = problem.shooting.sweep(z0[seg.window].T, theta)
+    unit = np.concatenate([problem.scale, problem.prior.std])
+    W = seg.intervals
+    H, g = np.zeros((W, size + P, size + P)), np.zeros((W, size + P))
+    for s, sweep in zip(problem.shooting.slices, sweeps, strict=True):
+        at_start = np.zeros((len(seg.start[s]), size, size + P))
+        at_start[:, np.arange(size), np.arange(size)] = 1.0
+        samples = [
+            (z0[seg.window[s]].T, at_start, seg.nodes[seg.start[s]], problem.node_weight[seg.start[s]]),
+            (sweep.end, sweep.S_end, seg.nodes[seg.end[s]], problem.node_weight[seg.end[s]]),
+        ]
+        for k, S in enumerate(sweep.S_interior):
+            m = len(S)
+            targets, weight = seg.targets[k, :, s][:, :m].T, problem.weight[k, :, s][:, :m].T
+            samples.append((sweep.interior[k, :, :m], S, targets, weight))
+        for z, S, measured, weight in samples:
+            y, S_y = _logged(problem, z, S, theta)
+            S_y = S_y * unit
+            m, WS = len(S_y), weight[:, :, None] * S_y
+            H[s][:m] += np.swapaxes(S_y, 1, 2) @ WS
+            g[s][:m] += ((y - measured)[:, None, :] @ WS)[:, 0]
+    memory = problem.memory_weight[seg.start]
+    H[:, np.arange(6, size), np.arange(6, size)] += memory * problem.scale[6:] ** 2
+    g[:, 6:size] += memory * (z0[seg.window, 6:] - problem.measured_nodes[seg.start, 6:]) * problem.scale[6:]
+    end = np.concatenate([sweep.end for sweep in sweeps], axis=1)
+    interior = np.concatenate([sweep.interior for sweep in sweeps], axis=2)
+    return Linearised(
+        _cost(problem, z0, end, interior, p),
+        H[:, :size, :size],
+        H[:, :size, size:],
+        g[:, :size],
+        H[:, size:, size:],
+        g[:, size:],
+    )
+
+
+def information(problem: Problem, z0: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """Fisher information of p per window with the initial states projected out, (W, P, P), prior excluded."""
+    a = linearise(problem, z0, p)
+    return a.pp - np.swapaxes(a.wp, 1, 2) @ np.linalg.solve(a.ww, a.wp)
+
+
+@dataclass
+class Result:
+    """Where Gauss-Newton ended: z0 (W, S), p (P,), objective, iterations, converged."""
+
+    z0: np.ndarray
+    p: np.ndarray
+    objective: float
+    iterations: int
+    converged: bool
+
+
+def _step(problem: Problem, a: Linearised, p: np.ndarray, damping: float) -> tuple[np.ndarray, np.ndarray]:
+    """Damped step with coefficients held at a bound when they push against it."""
+    lower, upper = problem.p_bounds()
+    ww = a.ww * (1 + damping * np.eye(problem.S))
+    solved = np.linalg.solve(ww, np.concatenate([a.wp, a.gw[:, :, None]], axis=2))
+    H = a.pp.sum(axis=0) - (np.swapaxes(a.wp, 1, 2) @ solved[:, :, :-1]).sum(axis=0) + np.eye(problem.P)
+    g = a.gp.sum(axis=0) - (np.swapaxes(a.wp, 1, 2) @ solved[:, :, -1:]).sum(axis=0)[:, 0] + p
+    H = H + damping * np.diag(np.diag(H))
+    free = np.ones(problem.P, dtype=bool)
+    for _ in range(problem.P):
+        dp = np.zeros(problem.P)
+        dp[free] = -np.linalg.solve(H[np.ix_(free, free)], g[free])
+        blocked = free & (((p <= lower) & (dp < 0)) | ((p >= upper) & (dp > 0)))
+        if not blocked.any():
+            break
+        free &= ~blocked
+    dp = np.clip(p + dp, lower, upper) - p
+    dz = np.zeros((len(problem.segments.run), problem.S))
+    dz[problem.segments.window] = -(solved[:, :, -1] + solved[:, :, :-1] @ dp) * problem.scale
+    return dz, dp
+
+
+def solve(
+    problem: Problem,
+    z0: np.ndarray,
+    p: np.ndarray,
+    tolerance: float = 1e-10,
+    max_iterations: int = 200,
+    damping: float = 1e-2,
+) -> Result:
+    """Levenberg-Marquardt from initial states z0 (W, S) and coefficients p (P,), bounds respected.
+
+    Stops when an accepted step lowers the objective by less than ``tolerance`` relative, twice in a row.
+    """
+    z0, p = z0.copy(), np.clip(p, *problem.p_bounds())
+    a = linearise(problem, z0, p)
+    small = 0
+    for iteration in range(1, max_iterations + 1):
+        dz, dp = _step(problem, a, p, damping)
+        trial = cost(problem, z0 + dz, p + dp)
+        if np.isfinite(trial) and trial <= a.cost:
+            gain = a.cost - trial
+            z0, p, damping = z0 + dz, p + dp, max(damping / 5, 1e-9)
+            a = linearise(problem, z0, p)
+            small = small + 1 if gain <= tolerance * a.cost else 0
+            if small >= 2:
+                return Result(z0, p, a.cost, iteration, True)
+        else:
+            damping *= 4
+            if damping > 1e8:
+                return Result(z0, p, a.cost, iteration, small > 0)
+    return Result(z0, p, a.cost, max_iterations, False)

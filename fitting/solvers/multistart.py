@@ -1,0 +1,171 @@
+"""Several starts of the final solve, restarts with damping, and words on starts that disagree."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from fitting.nlp.problem import Problem
+from fitting.nlp.problem_data import Recipe
+from fitting.parallel import run_all
+from fitting.settings import Report, Settings, Start
+from fitting.solvers.ipopt import Solution, solve
+
+STUCK = {
+    "Restoration_Failed",
+    "Infeasible_Problem_Detected",
+    "Invalid_Number_Detected",
+    "Diverging_Iterates",
+    "Error_In_Step_Computation",
+    "Search_Direction_Becomes_Too_Small",
+    "Not_Enough_Degrees_Of_Freedom",
+}
+"""Ends of a solve after which another way to the optimum is tried; limits and Ctrl-C are not among them."""
+RADII = (0.3, 1.0, 3.0)
+"""Of a damped restart: prior standard deviations that the coefficients may move in each of its solves."""
+
+
+def time_left(settings: Settings, began: float) -> float | None:
+    """Seconds until the calibration's time limit; None without one."""
+    return None if settings.time_limit is None else settings.time_limit - (time.perf_counter() - began)
+
+
+def same_optimum(objective: float, best: float) -> bool:
+    """Whether a solve ended at the best optimum found, up to the solver's tolerance."""
+    return objective <= best * (1 + 1e-5) + 1e-6
+
+
+def damped(problem: Problem, p: np.ndarray, settings: Settings, began: float, report: Report | None = None) -> Solution:
+    """Solve from coefficients p with nodes on the measurements, the coefficients let go step by step.
+
+    Each rough solve holds them within RADII prior standard deviations of where they came to; the last one is free.
+    """
+    iterations = 0
+    lower, upper = problem.p_bounds()
+    mean, std = problem.prior.mean, problem.prior.std
+    x = problem.start(p)
+    for radius in RADII:
+        p = np.clip(p, lower, upper)
+        low, high = np.maximum(lower, p - radius), np.minimum(upper, p + radius)
+        held = problem.with_bounds(mean + std * low, mean + std * high)
+        watch = partial(report, f"damped restart, {radius:g}") if report else None
+        left = time_left(settings, began)
+        part = solve(held, x, settings.tolerance, settings.max_iterations, left, watch, rough=True)
+        iterations += part.iterations
+        if not np.isfinite(part.objective) or part.status == "User_Requested_Stop":
+            break
+        x, p = part.x, problem.split(part.x)[1]
+    watch = partial(report, "damped restart") if report else None
+    last = solve(problem, x, settings.tolerance, settings.max_iterations, time_left(settings, began), watch)
+    return replace(last, iterations=last.iterations + iterations)
+
+
+@dataclass(frozen=True)
+class StartTask:
+    """One further start of the final solve, complete enough to be solved in another process."""
+
+    recipe: Recipe
+    p: np.ndarray
+    settings: Settings
+    time_limit: float | None
+    damped: bool = False
+
+
+def solve_start(task: StartTask) -> Solution:
+    """Solve one start; kernels are built anew (their compiled code is cached)."""
+    settings = replace(task.settings, time_limit=task.time_limit)
+    return _one(task.recipe.problem(), task.p, settings, time.perf_counter(), task.damped)
+
+
+def _one(
+    problem: Problem, p: np.ndarray, settings: Settings, began: float, careful: bool, report: Report | None = None
+) -> Solution:
+    if careful:
+        return damped(problem, p, settings, began, report)
+    left = time_left(settings, began)
+    watch = partial(report, "another start") if report else None
+    return solve(problem, problem.start(p), settings.tolerance, settings.max_iterations, left, report=watch)
+
+
+def _solve_all(
+    problem: Problem, settings: Settings, points: list[np.ndarray], careful: bool, began: float, report: Report | None
+) -> list[Solution]:
+    """Solutions from other starting points, in processes when there are several workers."""
+    if settings.workers > 1 and len(points) > 1:
+        left, recipe = time_left(settings, began), Recipe.of(problem)
+        tasks = [StartTask(recipe, p, settings, left, careful) for p in points]
+        return run_all(solve_start, tasks, settings.workers)
+    solutions: list[Solution] = []
+    for p in points:
+        left = time_left(settings, began)
+        if left is not None and left <= 0:
+            break
+        solutions.append(_one(problem, p, settings, began, careful, report))
+        if solutions[-1].status == "User_Requested_Stop":
+            break
+    return solutions
+
+
+def solve_starts(
+    problem: Problem, first: Solution, settings: Settings, began: float, report: Report | None
+) -> tuple[Solution, list[Start]]:
+    """Further random starts of the last problem; returns the best solution and the list of all starts.
+
+    Those that got stuck, or ended in a worse optimum, are solved once more with damping from where they began.
+    """
+    solutions, points, again = [first], [np.zeros(problem.P)], set()
+    if first.converged and settings.starts > 1:
+        rng = np.random.default_rng(settings.seed)
+        points += [rng.normal(scale=0.5, size=problem.P) for _ in range(1, settings.starts)]
+        solutions += _solve_all(problem, settings, points[1:], False, began, report)
+        lowest = min(s.objective for s in solutions if s.converged)
+        retry = [i for i, s in enumerate(solutions) if _worse(s, lowest)]
+        ends = _solve_all(problem, settings, [points[i] for i in retry], True, began, report)
+        for i, s in zip(retry, ends, strict=False):  # a time limit leaves some unsolved
+            again.add(i)
+            if s.converged and (not solutions[i].converged or s.objective < solutions[i].objective):
+                solutions[i] = s
+    converged = [s for s in solutions if s.converged] or solutions[:1]
+    best = min(converged, key=lambda s: s.objective)
+    p = problem.split(best.x)[1]
+    starts = []
+    for i, s in enumerate(solutions):
+        away = problem.split(s.x)[1] - p
+        apart = {}
+        if not same_optimum(s.objective, best.objective):
+            order = np.argsort(-np.abs(away))[:3]
+            apart = {problem.prior.symbols[j]: float(away[j]) for j in order if abs(away[j]) > 0.1}
+        starts.append(Start(i, s.objective, s.converged, float(np.abs(away).max()), i in again, apart))
+    return best, starts
+
+
+def _worse(s: Solution, lowest: float) -> bool:
+    return s.status in STUCK or (s.converged and not same_optimum(s.objective, lowest))
+
+
+def disagreement(starts: Sequence[Start], best: float) -> list[str]:
+    """A sentence on starts that ended elsewhere or nowhere: how far in objective and in which coefficients."""
+    words = []
+    other = [s for s in starts if s.converged and not same_optimum(s.objective, best)]
+    if other:
+        far, near = max(s.objective for s in other) - best, min(s.objective for s in other) - best
+        gap = f"{near:.3g}" if len(other) == 1 else f"{near:.3g} to {far:.3g}"
+        apart: dict[str, float] = {}
+        for s in other:
+            for symbol, value in s.apart.items():
+                apart[symbol] = max(apart.get(symbol, 0.0), abs(value))
+        listed = sorted(apart.items(), key=lambda item: -item[1])[:4]
+        where = ", ".join(f"{symbol} by {value:.1f}" for symbol, value in listed) or "no coefficient by more than 0.1"
+        words.append(
+            f"{len(other)} of {len(starts)} starts ended in another optimum, also after a damped restart: objective "
+            f"{gap} above the best of {best:.6g}, furthest apart in {where} prior standard deviations; the lowest "
+            "objective is kept: check it against other data, or use tighter priors"
+        )
+    failed = [s for s in starts if not s.converged]
+    if failed and len(failed) < len(starts):
+        words.append(f"{len(failed)} of {len(starts)} starts did not converge, also after a damped restart")
+    return words

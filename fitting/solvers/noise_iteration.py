@@ -1,0 +1,103 @@
+"""The solves of a calibration: rough ones that estimate the noise, then the final one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from fitting.nlp.problem import Problem
+from fitting.settings import Report, Settings
+from fitting.solvers.ipopt import Solution, solve
+from fitting.solvers.latent_forces import asked, begun, estimated
+from fitting.solvers.multistart import STUCK, damped, time_left
+from fitting.solvers.residual_noise import Noise, estimate
+
+
+def _noise(problem: Problem, x: np.ndarray) -> Noise:
+    floor = 1e-6 * problem.scale[:6]
+    return estimate(problem.segments, *problem.errors(x), floor=floor, robust=problem.loss.robust)
+
+
+FORCE_PASSES = 3
+"""Further solves when sizes of latent forces are estimated, which settle more slowly than the noise."""
+FEW_WINDOWS = 12
+"""Windows of the first solve: enough to bring the coefficients near and to see the size of the residuals."""
+
+
+def solve_passes(
+    problem: Problem, x: np.ndarray, settings: Settings, began: float, report: Report | None
+) -> tuple[Problem, Solution, Noise, list[dict]]:
+    """Rough solves that estimate the noise and the sizes of latent forces, then one with those to full tolerance.
+
+    The first rough solve sees at most FEW_WINDOWS windows, evenly spread; the estimate of each solve starts the next.
+    A solve that gets stuck is repeated with damping (``starts.damped``). With a
+    robust loss the rough solves use Student's t, which lets go of gross outliers at once.
+    """
+    passes: list[dict] = []
+    axes = asked(problem.ship)
+    count = 1 if settings.sigma and not axes else max(1, settings.passes) + (FORCE_PASSES if axes else 0)
+    full, p = problem.with_ship(begun(problem.ship, axes)) if axes else problem, problem.split(x)[1]
+    for number in range(count):
+        rough = number < count - 1
+        windows = len(full.segments.run)
+        if rough and number == 0 and windows > 1.5 * FEW_WINDOWS:
+            few = np.unique(np.linspace(0, windows - 1, FEW_WINDOWS).round().astype(int))
+            problem = full.with_segments(full.segments.subset(few))
+            x = problem.start(p)
+        else:
+            problem = full
+        if rough and problem.loss.robust:
+            problem = problem.with_loss("student")
+        name = f"pass {number + 1} of {count}"
+        solution = solve(
+            problem,
+            x,
+            settings.tolerance,
+            settings.max_iterations,
+            time_left(settings, began),
+            report=partial(report, name) if report else None,
+            rough=rough,
+        )
+        restarted = solution.status in STUCK
+        if restarted:
+            solution = damped(problem, p, settings, began, report)
+        noise = _noise(problem, solution.x)
+        passes.append(
+            {
+                "objective": solution.objective,
+                "status": solution.status,
+                "iterations": solution.iterations,
+                "seconds": solution.seconds,
+                "windows": len(problem.segments.run),
+                "sigma": problem.sigma.tolist(),
+                "restarted": restarted,
+            }
+        )
+        p = problem.split(solution.x)[1]
+        good = solution.converged or (rough and solution.status == "Solved_To_Acceptable_Level")
+        if not good or not rough:
+            break
+        x = solution.x
+        if axes:
+            problem, x = estimated(problem, x, axes)
+            full = full.with_ship(problem.ship)
+        x = x if problem.segments is full.segments else full.start(p)
+        if not settings.sigma:
+            full = full.with_sigma(noise.sigma, noise.tau)
+    if problem.segments is not full.segments:
+        problem, solution = _whole(full, p, solution)
+    return problem.with_loss(full.loss.name), solution, noise, passes
+
+
+def _whole(full: Problem, p: np.ndarray, solution: Solution) -> tuple[Problem, Solution]:
+    """A solution of a subset that stopped early, carried over to all windows with nodes on the measurements."""
+    x = full.start(p)
+    return full, replace(
+        solution,
+        x=x,
+        multipliers=np.zeros(full.m),
+        objective=full.objective(x),
+        violation=float(np.abs(full.defects(x)).max()),
+    )

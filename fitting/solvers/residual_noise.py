@@ -1,0 +1,87 @@
+"""How noisy the residuals of a fit are, and how long they remember: the weights of the next pass.
+
+Residuals of a real ship are not white: a gust or an unmodelled effect keeps a trajectory off for many seconds, so a
+1 Hz record of 1000 s holds far fewer than 1000 independent errors. Each channel therefore gets an effective standard
+deviation rms sqrt(tau), tau the integrated autocorrelation time in samples (at least 1): the likelihood then counts
+the effective number of samples, and white noise (tau = 1) is weighted as usual.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fitting.nlp.loss import trimmed
+from fitting.nlp.windows import Segments
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Residual statistics by state channel, each (6,): rms [SI], tau [samples], sigma = rms sqrt(tau)."""
+
+    rms: np.ndarray
+    tau: np.ndarray
+
+    @property
+    def sigma(self) -> np.ndarray:
+        return self.rms * np.sqrt(self.tau)
+
+
+def series(segments: Segments, node_residuals: np.ndarray, interior: np.ndarray) -> list[np.ndarray]:
+    """Residuals in time order per window, each (samples, 6), NaN where not measured.
+
+    node_residuals: (B, 6); interior: (K-1, 6, M) residuals inside the intervals.
+    """
+    parts: list[list[np.ndarray]] = [[] for _ in segments.run]
+    for i in np.lexsort((segments.start, segments.window)):
+        inside = np.where(segments.mask[:, :, i] > 0, interior[:, :, i], np.nan)[: segments.steps[i] - 1]
+        parts[segments.window[i]] += [node_residuals[segments.start[i]][None], inside]
+    last = {int(w): int(segments.end[i]) for i, w in enumerate(segments.window)}
+    for i, w in enumerate(segments.window):
+        last[int(w)] = max(last[int(w)], int(segments.end[i]))
+    for w, node in last.items():
+        parts[w].append(node_residuals[node][None])
+    return [np.vstack(p) for p in parts]
+
+
+def correlation_time(residuals: list[np.ndarray], longest: int) -> float:
+    """Integrated autocorrelation time [samples] of one channel over windows (n,), at least 1.
+
+    Sums the pooled autocorrelation up to its first value below 0.05 (a self-consistent window, Sokal 1997).
+    """
+    products, counts = np.zeros(longest), np.zeros(longest)
+    for e in residuals:
+        e = np.nan_to_num(e)
+        n = len(e)
+        for lag in range(min(longest, n)):
+            products[lag] += float(e[: n - lag] @ e[lag:])
+            counts[lag] += n - lag
+    if products[0] <= 0:
+        return 1.0
+    rho = (products / np.maximum(counts, 1)) / (products[0] / counts[0])
+    below = np.flatnonzero(rho < 0.05)
+    end = int(below[0]) if len(below) else longest
+    return float(max(1.0, 1 + 2 * rho[1:end].sum()))
+
+
+def estimate(
+    segments: Segments, node_residuals: np.ndarray, interior: np.ndarray, floor: np.ndarray, robust: bool = False
+) -> Noise:
+    """Noise of each channel from the residuals of a fit; ``floor`` (6,) is the least rms believed.
+
+    One degree of freedom per window and channel is given to the free initial states. A channel that is nowhere
+    measured keeps rms = floor, tau = 1. ``robust`` leaves out residuals beyond four robust standard deviations.
+    """
+    windows = series(segments, np.where(segments.node_mask > 0, node_residuals, np.nan), interior)
+    rms, tau = np.array(floor, dtype=float), np.ones(6)
+    for channel in range(6):
+        e = [w[:, channel] for w in windows if np.isfinite(w[:, channel]).any()]
+        e = trimmed(e) if robust else e
+        count = sum(int(np.isfinite(part).sum()) for part in e)
+        if count <= len(e):
+            continue
+        total = sum(float(np.nansum(part**2)) for part in e)
+        rms[channel] = max(np.sqrt(total / (count - len(e))), floor[channel])
+        tau[channel] = correlation_time(e, longest=max(2, max(len(part) for part in e) // 2))
+    return Noise(rms, tau)

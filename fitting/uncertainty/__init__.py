@@ -1,0 +1,1 @@
+"""Standard errors of correlated residuals, bootstrap over runs, profile likelihood."""

@@ -1,0 +1,186 @@
+"""What becomes of the estimate when runs are left out or drawn anew: leave-one-run-out and the bootstrap by run.
+
+Runs are resampled, never samples: residuals of one run belong together (block bootstrap, Kuensch 1989; by cluster,
+Cameron, Gelbach & Miller 2008). Each replicate also draws the prior's centres anew from the prior, so that the spread
+holds what the prior is unsure of; without that, a coefficient that no run excites would look known. A replicate is one
+Gauss-Newton step on the stored informations (milliseconds), or a refit from the estimate, spread over processes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fitting.nlp.fisher_information import Information
+from fitting.nlp.loss import Loss
+from fitting.nlp.problem import Problem
+from fitting.nlp.problem_data import Recipe
+from fitting.parallel import run_all
+from fitting.solvers.ipopt import solve
+from fitting.uncertainty.sandwich import left_out
+
+WARM = {"ipopt.mu_init": 1e-3, "ipopt.warm_start_init_point": "yes", "ipopt.bound_push": 1e-6, "ipopt.bound_frac": 1e-6}
+"""IPOPT options for a refit that starts near its optimum."""
+REFIT_TOLERANCE, REFIT_ITERATIONS = 1e-4, 100
+CHUNKS = 3
+"""Chunks of refits per worker: each builds its kernels once."""
+
+
+@dataclass(frozen=True)
+class Refits:
+    """A fit and what is to be changed of it, complete enough to be solved in another process.
+
+    x: variables at the estimate. counts: (replicates, W) how often each window counts; shifts: (replicates, P) of the
+    prior's centres, in prior standard deviations.
+    """
+
+    recipe: Recipe
+    x: np.ndarray
+    counts: np.ndarray
+    shifts: np.ndarray
+
+
+@dataclass(frozen=True)
+class Replicates:
+    """Estimates of changed data, scaled and relative to the original prior.
+
+    p: (replicates, P), NaN where a refit failed; labels: of each; failures: (label, reason) of those; method: "step"
+    or "refit".
+    """
+
+    p: np.ndarray
+    labels: tuple[str, ...]
+    failures: tuple[tuple[str, str], ...]
+    method: str
+
+    @property
+    def good(self) -> np.ndarray:
+        """Replicates that did not fail, (n, P)."""
+        return self.p[np.isfinite(self.p).all(axis=1)]
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """Covariance of the replicates (P, P), NaN from fewer than two."""
+        good = self.good
+        return np.cov(good.T, ddof=1).reshape(2 * [self.p.shape[1]]) if len(good) > 1 else np.full(
+            2 * [self.p.shape[1]], np.nan
+        )  # fmt: skip
+
+    def interval(self, level: float = 0.95) -> np.ndarray:
+        """Percentile interval of each coefficient, (2, P)."""
+        if not len(self.good):
+            return np.full((2, self.p.shape[1]), np.nan)
+        return np.quantile(self.good, [(1 - level) / 2, (1 + level) / 2], axis=0)
+
+
+def weighted(problem: Problem, x: np.ndarray, counts: np.ndarray, shift: np.ndarray) -> tuple[Problem, np.ndarray]:
+    """The problem in which window w counts ``counts[w]`` times and the prior's centre is shifted by ``shift`` (P,).
+
+    Windows that do not count are left out; also returns which nodes (B,) are kept. A robust loss becomes the weights
+    that it gives the samples at x.
+    """
+    seg = problem.segments
+    kept = np.flatnonzero(counts > 0)
+    prior = replace(problem.prior, mean=problem.prior.mean + problem.prior.std * shift)
+    args = (problem.ship, prior, problem.kernels, seg.subset(kept), problem.sigma, Loss(), problem.captive)
+    part = Problem(*args)
+    times, kept_nodes, kept_at = counts[kept].astype(float), np.isin(seg.node_window, kept), np.isin(seg.window, kept)
+    node_weight, weight = problem.weights_at(x)
+    at_nodes, inside = times[part.segments.node_window], times[part.segments.window]
+    part.scale = problem.scale
+    part.measured_nodes = problem.measured_nodes[kept_nodes]
+    part.node_weight = node_weight[kept_nodes] * at_nodes[:, None]
+    part.memory_weight = part.memory_weight * at_nodes[:, None]
+    part.weight = weight[:, :, kept_at] * inside
+    part.jump_weight = part.jump_weight * inside
+    return part, kept_nodes
+
+
+def refit(task: Refits) -> list[tuple[np.ndarray, str]]:
+    """(p relative to the original prior, reason of failure or "") of each replicate of a task."""
+    problem = task.recipe.problem()
+    return [_refit_one(problem, task.x, c, s) for c, s in zip(task.counts, task.shifts, strict=True)]
+
+
+def _refit_one(problem: Problem, x: np.ndarray, counts: np.ndarray, shift: np.ndarray) -> tuple[np.ndarray, str]:
+    nothing = np.full(problem.P, np.nan)
+    if not (counts > 0).any():
+        return nothing, "no window is left"
+    try:
+        nodes, p = problem.split(x)
+        part, kept = weighted(problem, x, counts, shift)
+        start = part.join(nodes[kept], np.clip(p - shift, *part.p_bounds()))
+        with np.errstate(all="ignore"):
+            s = solve(part, start, REFIT_TOLERANCE, REFIT_ITERATIONS, options=WARM)
+    except Exception as error:  # a replicate that breaks is a result, not the end of the others
+        return nothing, f"{type(error).__name__}: {error}"
+    if not s.converged and s.status != "Solved_To_Acceptable_Level":
+        return nothing, s.status
+    return part.split(s.x)[1] + shift, ""
+
+
+def _spread(problem: Problem, x: np.ndarray, counts: np.ndarray, shifts: np.ndarray, workers: int) -> list:
+    chunks = max(1, min(len(counts), CHUNKS * workers if workers > 1 else 1))
+    recipe = Recipe.of(problem)
+    tasks = [Refits(recipe, x, counts[i], shifts[i]) for i in np.array_split(np.arange(len(counts)), chunks)]
+    if len(tasks) == 1:  # the kernels are here already
+        return [_refit_one(problem, x, c, s) for c, s in zip(counts, shifts, strict=True)]
+    return [outcome for part in run_all(refit, tasks, workers) for outcome in part]
+
+
+def _replicates(outcomes: list[tuple[np.ndarray, str]], labels: Sequence[str]) -> Replicates:
+    failures = [(label, why) for label, (_, why) in zip(labels, outcomes, strict=True) if why]
+    return Replicates(np.array([p for p, _ in outcomes]), tuple(labels), tuple(failures), "refit")
+
+
+def leave_one_run_out(
+    info: Information, names: Sequence[str], problem: Problem | None = None, x: np.ndarray | None = None,
+    workers: int = 1,
+) -> Replicates:  # fmt: skip
+    """The estimate without each run: to first order, or refitted when the problem and its solution x are given.
+
+    names: of the runs, by number.
+    """
+    by_run = info.by_run()
+    labels = tuple(names[int(r)] for r in by_run.run)
+    if problem is None or x is None:
+        return Replicates(info.p + left_out(by_run), labels, (), "step")
+    counts = np.array([info.run != r for r in by_run.run], dtype=int)
+    shifts = np.zeros((len(counts), len(info.p)))
+    return _replicates(_spread(problem, x, counts, shifts, workers), labels)
+
+
+def drawn_runs(run: np.ndarray, replicates: int, rng: np.random.Generator) -> np.ndarray:
+    """How often each window counts when its runs are drawn with replacement, (replicates, W); run: (W,)."""
+    runs, position = np.unique(run, return_inverse=True)
+    drawn = rng.multinomial(len(runs), np.full(len(runs), 1 / len(runs)), size=replicates)
+    return drawn[:, position]
+
+
+def bootstrap(
+    info: Information,
+    replicates: int = 100,
+    seed: int = 0,
+    problem: Problem | None = None,
+    x: np.ndarray | None = None,
+    workers: int = 1,
+) -> Replicates:
+    """Estimates from runs drawn with replacement and prior centres drawn from the prior.
+
+    One Gauss-Newton step each; refits over ``workers`` processes when the problem and its solution x are given. The
+    draws depend on the seed only, not on the method or the number of workers. A single run is replaced by its windows.
+    """
+    rng = np.random.default_rng([11, seed])
+    clusters = info.run if len(np.unique(info.run)) > 1 else np.arange(len(info.run))
+    counts = drawn_runs(clusters, replicates, rng)
+    shifts = rng.standard_normal((replicates, len(info.p)))
+    labels = tuple(str(i) for i in range(replicates))
+    if problem is not None and x is not None:
+        lower, upper = problem.p_bounds()
+        inside = np.clip(shifts, lower, upper)  # a centre outside the bounds is no prior of this ship
+        return _replicates(_spread(problem, x, counts, inside, workers), labels)
+    H = np.einsum("bw,wij->bij", counts.astype(float), info.fisher, optimize=True) + info.known
+    slope = counts @ info.score + info.pull - shifts
+    return Replicates(info.p - np.linalg.solve(H, slope[:, :, None])[:, :, 0], labels, (), "step")

@@ -1,0 +1,114 @@
+"""Covariance of the coefficients that holds on autocorrelated residuals: cluster-robust, prior included.
+
+The estimate is off the truth by H^-1 (scores at the truth + prior's pull), H = sum of informations + I. The model-based
+covariance H^-1 believes that scores vary as the informations say. Here their variance is measured, from windows or
+runs as clusters (sandwich; White 1982, Liang & Zeger 1986), and the prior adds its own: V = H^-1 (J + I) H^-1
+(and captive tests theirs, by their stated accuracy).
+
+Residual scores are too small, each cluster having pulled the estimate towards itself. Leaving a cluster out moves the
+estimate by (H - I_c)^-1 s_c, and these moves added up are the jackknife form CR3 of the sandwich (Bell & McCaffrey
+2002), which errs to the safe side. A variance from few clusters is itself uncertain: it is drawn towards the dispersion
+that all coefficients share (moderated variances, Smyth 2004) and widened by Student's t at its degrees of freedom.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import t as student
+
+from fitting.nlp.fisher_information import Information
+
+BELIEF = 5.0
+"""Degrees of freedom of the dispersion shared by all coefficients, against those of each coefficient's clusters."""
+RUNS_NEEDED = 10.0
+"""Degrees of freedom at which clusters by run and by window count alike."""
+ENOUGH = 30.0
+"""Degrees of freedom below which a variance is not believed to be smaller than the model-based one."""
+ABSORBED = 0.9
+"""Prior's share of the model-based variance above which only the shared dispersion is used."""
+NORMAL = 1.959964
+
+
+@dataclass(frozen=True)
+class Robust:
+    """Covariances of scaled coefficients, in prior standard deviations squared.
+
+    covariance: (P, P) robust; model: (P, P) inverse of information plus prior; freedom: (P,) effective degrees of
+    freedom; dispersion: how much more the scores vary than the informations say, over all coefficients; clusters:
+    numbers of windows and runs; moves: (runs, P) change of the estimate without each run, to first order.
+    """
+
+    covariance: np.ndarray
+    model: np.ndarray
+    freedom: np.ndarray
+    dispersion: float
+    clusters: tuple[int, int]
+    moves: np.ndarray
+
+    @property
+    def ratio(self) -> np.ndarray:
+        """Robust over model-based standard errors (P,)."""
+        return np.sqrt(np.diag(self.covariance) / np.diag(self.model))
+
+
+def left_out(info: Information) -> np.ndarray:
+    """Change of the estimate when each row of ``info`` (a window or a run) is left out, to first order, (rows, P)."""
+    remaining = info.hessian - info.fisher
+    return np.linalg.solve(remaining, info.score[:, :, None])[:, :, 0]
+
+
+def _clusters(info: Information, inverse: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Moves without each cluster, the variance they add up to (P,), and its degrees of freedom (P,)."""
+    moves = left_out(info)
+    expected = np.einsum("ij,wjk,ki->wi", inverse, info.fisher, inverse, optimize=True)
+    freedom = expected.sum(axis=0) ** 2 / np.maximum((expected**2).sum(axis=0), 1e-300)
+    return moves, (moves**2).sum(axis=0), np.clip(freedom, 1.0, len(moves))
+
+
+def robust(info: Information) -> Robust:
+    """The robust covariance of an estimate from its windows' information and scores.
+
+    All NaN when they are not finite. With a single window there is nothing to measure: the model-based covariance
+    stands, and its one degree of freedom says so. A constant of one run has no other runs to be compared with: its
+    clusters are windows alone, and leaving its run out counts as no move.
+    """
+    P, windows, by_run = len(info.p), len(info.run), info.by_run()
+    H = info.hessian
+    clusters = (windows, len(by_run.run))
+    if not (np.isfinite(H).all() and np.isfinite(info.score).all()):
+        bad = np.full((P, P), np.nan)
+        return Robust(bad, bad, np.full(P, np.nan), np.nan, clusters, np.full((clusters[1], P), np.nan))
+    inverse = np.linalg.inv(H)
+    model = 0.5 * (inverse + inverse.T)
+    if windows < 2:
+        return Robust(model, model, np.ones(P), 1.0, clusters, np.zeros((1, P)))
+    by_model = np.diag(model @ (H - info.known) @ model)
+    moves_w, seen, freedom = _clusters(info, model)
+    moves_r = np.zeros((1, P))
+    total = moves_w.T @ moves_w
+    if clusters[1] > 1:
+        moves_r, seen_r, freedom_r = _clusters(by_run, model)
+        shared = np.ones(P, dtype=bool)
+        if info.owner is not None:
+            shared = info.owner < 0
+            moves_r[by_run.run[:, None] == info.owner] = 0.0
+        weight = np.where(shared, freedom_r / (freedom_r + RUNS_NEEDED), 0.0)
+        seen = weight * seen_r + (1 - weight) * seen
+        freedom = weight * freedom_r + (1 - weight) * freedom
+        mean = weight[shared].mean()
+        total = mean * moves_r.T @ moves_r + (1 - mean) * total
+    excited = np.diag(model) < ABSORBED
+    dispersion = max(1.0, float((seen[excited] / by_model[excited]).mean())) if excited.any() else 1.0
+    own = np.where(excited, freedom, 0.0)
+    variance = (BELIEF * dispersion * by_model + own * seen) / (BELIEF + own)
+    known = BELIEF + own
+    variance = np.where(known < ENOUGH, np.maximum(variance, by_model), variance)
+    variance *= (student.ppf(0.975, known) / NORMAL) ** 2
+    share = BELIEF / (BELIEF + freedom.mean())
+    matrix = (1 - share) * total + share * dispersion * model @ (H - info.known) @ model
+    size = np.sqrt(np.maximum(variance, 0.0) / np.maximum(np.diag(matrix), 1e-300))
+    noise = np.where(by_model[:, None] * by_model > 0, matrix * np.outer(size, size), 0.0)
+    covariance = noise + model @ info.known @ model
+    return Robust(0.5 * (covariance + covariance.T), model, known, dispersion, clusters, moves_r)

@@ -1,0 +1,246 @@
+"""C code that integrates whole trajectories: the right-hand side fused with its Runge-Kutta loop, no Python between.
+
+The instructions of the rates (q, c, theta) are sorted by what they depend on: those of the coefficients alone run once
+per trajectory, those of the inputs once per step (or per node), the rest in every stage. The same source serves
+vectors of LANES points and single points (``lanes`` 1).
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from mmg.compile.batch import FLAGS as BATCH_FLAGS
+from mmg.compile.batch import load_library
+from mmg.compile.codegen import constant, expression, prelude
+
+FLAGS = (*BATCH_FLAGS, "-O2")
+"""-O2 makes single points a fifth faster than -O1; it doubles the compile time of Hessians, which have none of it."""
+
+_CONSTANT, _COEFFICIENTS, _INPUTS, _STATE = range(4)
+_LEVEL_OF_ARGUMENT = (_STATE, _INPUTS, _COEFFICIENTS)
+
+
+def _sorted_instructions(rates: ca.Function) -> dict[str, str | int]:
+    """C statements by level, with the values that one level hands to the next ones in arrays K and H."""
+    level: dict[str, int] = {}
+    slots: dict[int, str] = {}
+    lines: list[tuple[int, str, str, list[str]]] = []
+    results: dict[int, str] = {}
+    for k in range(rates.n_instructions()):
+        operation = rates.instruction_id(k)
+        inputs, outputs = rates.instruction_input(k), rates.instruction_output(k)
+        name = f"a{k}"
+        if operation == ca.OP_OUTPUT:
+            results[outputs[1]] = slots[inputs[0]]
+            continue
+        used: list[str] = []
+        if operation == ca.OP_CONST:
+            level[name], text = _CONSTANT, f"fill({constant(rates.instruction_constant(k))})"
+        elif operation == ca.OP_INPUT:
+            level[name], text = _LEVEL_OF_ARGUMENT[inputs[0]], f"{'qcp'[inputs[0]]}[{inputs[1]}]"
+        else:
+            used = [slots[i] for i in inputs]
+            level[name] = max(level[i] for i in used)
+            text = expression(operation, used)
+        lines.append((level[name], name, text, used))
+        slots[outputs[0]] = name
+    needed = {name: level_of for level_of, _, _, used in lines for name in used if level[name] < level_of}
+    for name in results.values():
+        needed[name] = _STATE
+    handed = {
+        where: [name for stage, name, _, _ in lines if stage == where and name in needed]
+        for where in (_COEFFICIENTS, _INPUTS)
+    }
+    return _statements(lines, level, handed, results)
+
+
+def _statements(
+    lines: Sequence[tuple[int, str, str, list[str]]],
+    level: dict[str, int],
+    handed: dict[int, list[str]],
+    results: dict[int, str],
+) -> dict[str, str | int]:
+    """The bodies of the three functions; constants and what earlier ones hand over are written where they are used."""
+    text_of = {name: text for _, name, text, _ in lines}
+    array = {_COEFFICIENTS: "K", _INPUTS: "H"}
+    place = {n: f"{array[where]}[{i}]" for where, names in handed.items() for i, n in enumerate(names)}
+    bodies: dict[str, str | int] = {"K": len(handed[_COEFFICIENTS]), "H": len(handed[_INPUTS])}
+    for where, key in ((_COEFFICIENTS, "shared"), (_INPUTS, "inputs"), (_STATE, "rates")):
+        body: list[str] = []
+        known: set[str] = set()
+        own = [(name, text, used) for stage, name, text, used in lines if stage == where]
+        last = [("", "", list(results.values()))] if where == _STATE else []
+        for name, text, used in (*own, *last):
+            for other in used:
+                if level[other] != where and other not in known:
+                    known.add(other)
+                    body.append(f"const V {other} = {place.get(other) or text_of[other]};")
+            if name:
+                body.append(f"const V {name} = {text};")
+        if where != _STATE:
+            body += [f"{array[where]}[{i}] = {name};" for i, name in enumerate(handed[where])]
+        else:
+            body += [f"d[{row}] = {name};" for row, name in sorted(results.items())]
+        bodies[key] = "\n  ".join(body)
+    return bodies
+
+
+_LOOP = """
+typedef struct {
+  long long points, steps, linear, euler;
+  const double *start, *controls, *dt, *theta;
+  const unsigned char* keep;
+  double* out;
+  long long c_step, c_row, c_point, dt_step, dt_point, theta_row, theta_point;
+} Run;
+#define AT(p, each) ((each) ? load((p) + i) : fill(*(p)))
+static void shared(const V* p, V* K) {
+  @shared@
+}
+static void inputs(const V* c, const V* K, V* H) {
+  @inputs@
+}
+static void rates(const V* q, const V* K, const V* H, V* d) {
+  @rates@
+}
+static void read_controls(const Run* r, long long step, long long i, V* c) {
+  for (int j = 0; j < @C@; j++) c[j] = AT(r->controls + step * r->c_step + j * r->c_row, r->c_point);
+}
+EXPORT void rollout(const Run* r, long long begin, long long end) {
+  V p[@P@ + 1], K[@K@ + 1], held[3][@H@ + 1], c[@C@ + 1], next[@C@ + 1], mean[@C@ + 1];
+  V z[@S@], y[@S@], k1[@S@], k2[@S@], k3[@S@], k4[@S@];
+  for (long long at = begin; at < end; at += LANES) {
+    const long long i = at + LANES <= end ? at : end - LANES;
+    double* out = r->out + i;
+    V *H0 = held[0], *Hm = held[0], *H1 = held[0];
+    for (int j = 0; j < @P@; j++) p[j] = AT(r->theta + j * r->theta_row, r->theta_point);
+    shared(p, K);
+    for (int s = 0; s < @S@; s++, out += r->points) { z[s] = load(r->start + s * r->points + i); store(out, z[s]); }
+    if (r->linear) { Hm = held[1]; H1 = held[2]; read_controls(r, 0, i, c); inputs(c, K, H0); }
+    for (long long step = 0; step < r->steps; step++) {
+      const V h = AT(r->dt + step * r->dt_step, r->dt_point);
+      if (r->linear) {
+        read_controls(r, step + 1, i, next);
+        for (int j = 0; j < @C@; j++) { mean[j] = 0.5 * (c[j] + next[j]); c[j] = next[j]; }
+        inputs(mean, K, Hm);
+        inputs(next, K, H1);
+      } else {
+        read_controls(r, step, i, c);
+        inputs(c, K, H0);
+      }
+      rates(z + @first@, K, H0, k1);
+      if (r->euler) {
+        for (int s = 0; s < @S@; s++) z[s] = z[s] + h * k1[s];
+      } else {
+        for (int s = 0; s < @S@; s++) y[s] = z[s] + 0.5 * h * k1[s];
+        rates(y + @first@, K, Hm, k2);
+        for (int s = 0; s < @S@; s++) y[s] = z[s] + 0.5 * h * k2[s];
+        rates(y + @first@, K, Hm, k3);
+        for (int s = 0; s < @S@; s++) y[s] = z[s] + h * k3[s];
+        rates(y + @first@, K, H1, k4);
+        for (int s = 0; s < @S@; s++) z[s] = z[s] + h / 6.0 * (k1[s] + 2.0 * k2[s] + 2.0 * k3[s] + k4[s]);
+      }
+      if (r->linear) { V* spare = H0; H0 = H1; H1 = spare; }
+      if (r->keep[step]) for (int s = 0; s < @S@; s++, out += r->points) store(out, z[s]);
+    }
+  }
+}
+"""
+"""The integration loop; H0, Hm, H1: what the inputs give at the beginning, middle and end of a step. A block that
+would end beyond ``end`` is moved back: the points it repeats come out the same."""
+
+
+def rollout_source(rates: ca.Function, first: int, lanes: int) -> str:
+    """C file with ``void rollout(const Run*, long long begin, long long end)`` for points begin .. end.
+
+    rates: SXFunction (q (S - first,), inputs (C,), coefficients (P,)) -> dense d state / dt (S,).
+    """
+    parts = _sorted_instructions(rates)
+    parts |= {"S": rates.size1_out(0), "C": rates.size1_in(1), "P": rates.size1_in(2), "first": first}
+    text = _LOOP
+    for key, value in parts.items():
+        text = text.replace(f"@{key}@", str(value))
+    return prelude(lanes) + text
+
+
+class _Run(ctypes.Structure):
+    """The struct Run of the C code."""
+
+    _fields_ = (
+        [(name, ctypes.c_longlong) for name in ("points", "steps", "linear", "euler")]
+        + [(name, ctypes.c_void_p) for name in ("start", "controls", "dt", "theta", "keep", "out")]
+        + [
+            (name, ctypes.c_longlong)
+            for name in ("c_step", "c_row", "c_point", "dt_step", "dt_point", "theta_row", "theta_point")
+        ]
+    )
+
+
+@dataclass(frozen=True)
+class Rollout:
+    """A compiled rollout for blocks of ``lanes`` points."""
+
+    library: ctypes.CDLL
+    lanes: int
+
+    def __call__(
+        self,
+        start: np.ndarray,
+        controls: np.ndarray,
+        dt: np.ndarray,
+        theta: np.ndarray,
+        keep: np.ndarray,
+        euler: bool,
+        linear: bool,
+        threads: int,
+    ) -> np.ndarray:
+        """States (1 + kept, S, M) from start (S, M), M >= lanes; see ``Simulator.run`` for the other arguments.
+
+        dt: (), (N,) or (N, M); keep: (N,) bool.
+        """
+        S, M = start.shape
+        N, C = len(keep), controls.shape[1]
+        own, dt_step = controls.ndim == 3, (0, 1, M)[dt.ndim]
+        start, controls, dt, theta = (np.ascontiguousarray(a, dtype=float) for a in (start, controls, dt, theta))
+        keep = np.ascontiguousarray(keep, dtype=np.uint8)
+        out = np.empty((1 + int(keep.sum()), S, M))
+        run = _Run(
+            M, N, linear, euler,
+            *(a.ctypes.data for a in (start, controls, dt, theta, keep, out)),
+            C * M if own else C, M if own else 1, own,
+            dt_step, dt.ndim == 2,
+            M if theta.ndim == 2 else 1, theta.ndim == 2,
+        )  # fmt: skip
+        ends = self._ends(M, threads)
+
+        def work(k: int) -> None:
+            self.library.rollout(ctypes.byref(run), ctypes.c_longlong(ends[k]), ctypes.c_longlong(ends[k + 1]))
+
+        if len(ends) == 2:
+            work(0)
+        else:
+            with ThreadPoolExecutor(len(ends) - 1) as pool:
+                list(pool.map(work, range(len(ends) - 1)))
+        return out
+
+    def _ends(self, M: int, threads: int) -> list[int]:
+        """First points of the threads' shares, and M: whole blocks, the rest to the last one."""
+        blocks = M // self.lanes
+        shares = max(1, min(threads, blocks))
+        return [blocks * k // shares * self.lanes for k in range(shares)] + [M]
+
+
+def compile_rollout(rates: ca.Function, first: int, lanes: int) -> Rollout | None:
+    """The rollout of these rates, compiled or from the cache; None where that is not possible."""
+    try:
+        text = rollout_source(rates, first, lanes)
+    except NotImplementedError:
+        return None
+    library, _ = load_library(text, FLAGS)
+    return None if library is None else Rollout(library, lanes)

@@ -1,0 +1,1 @@
+"""Manoeuvring models (MMG) of ships, calibrated from trial data."""

@@ -1,0 +1,61 @@
+"""``mmg effects``: the effects that can be simulated, freed and screened."""
+
+from __future__ import annotations
+
+import inspect
+from typing import Annotated, Any
+
+import typer
+
+
+def effects(
+    name: Annotated[str | None, typer.Argument(help="One effect: its physics and its parameters.")] = None,
+    ship: Annotated[str, typer.Option("--ship", help="Ship for whose size and models the numbers are given.")] = (
+        "esso_osaka_3m"
+    ),
+    json: Annotated[bool, typer.Option("--json", help="Print as JSON.")] = False,
+) -> None:
+    """List the effects, or explain one: parameters, neutral value, typical size, where it enters.
+
+    Example: mmg effects current
+    """
+    from cases.shipfiles.ship_file import load_ship
+    from mmg.effects import EFFECTS
+    from mmg.errors import UserError
+    from mmg_ident.commands.output import print_json
+
+    if name is not None and name not in EFFECTS:
+        raise UserError(f"unknown effect '{name}'; known: {', '.join(sorted(EFFECTS))}")
+    model = load_ship(ship)
+    chosen = [name] if name else sorted(EFFECTS)
+    rows = [_row(model, key) for key in chosen]
+    if json:
+        print_json({"ship": model.name, "effects": rows})
+        return
+    if name:
+        print(f"{name} (enters: {rows[0]['enters']})\n\n{rows[0]['physics']}\n")
+    width = max(len(f"{row['name']}:{p['symbol']}") for row in rows for p in row["parameters"])
+    print(f"for {model.name}; * held in a fit unless named (--with NAME:PARAMETER)")
+    print(f"{'effect:parameter':<{width}}  {'neutral':>9}  {'typical':>9}  unit")
+    for row in rows:
+        for p in row["parameters"]:
+            label = f"{row['name']}:{p['symbol']}"
+            star = "*" if p["held"] else " "
+            numbers = f"{p['neutral']:>9.4g}  {p['typical']:>9.3g}"
+            print(f"{label:<{width}}  {numbers}  {p['unit'] or '-':<6}{star}{p['description']}")
+
+
+def _row(ship: Any, name: str) -> dict[str, Any]:
+    import dataclasses
+
+    from cases.shipfiles.effects import parameters
+    from mmg.effects import EFFECTS
+
+    effect = EFFECTS[name]
+    return {
+        "name": name,
+        "enters": effect.enters,
+        "needs": list(effect.needs),
+        "physics": inspect.getdoc(inspect.getmodule(type(effect))) or "",
+        "parameters": [dataclasses.asdict(p) for p in parameters(ship, name)],
+    }

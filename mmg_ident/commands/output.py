@@ -1,0 +1,113 @@
+"""What the verbs share: messages, progress, and what counts as a model or a trial on the command line."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from fitting.prediction.predict import Forecaster
+    from mmg.rollout import Simulator
+
+
+def say(text: str) -> None:
+    """A line for a person, on stderr so that stdout stays clean for data."""
+    print(text, file=sys.stderr)
+
+
+def print_json(data: Any) -> None:
+    """One JSON document on stdout."""
+    import json
+
+    from fitting.report.run_folder import plain
+
+    print(json.dumps(plain(data), indent=2))
+
+
+def progress() -> Callable[[str, int, float, float], None] | None:
+    """A one-line progress display on a terminal; None when stderr is none."""
+    if not sys.stderr.isatty():
+        return None
+
+    def show(name: str, iteration: int, objective: float, violation: float) -> None:
+        sys.stderr.write(
+            f"\r{name}: iteration {iteration:3d}  objective {objective:12.5g}  violation {violation:8.1e} \033[K"
+        )
+        sys.stderr.flush()
+
+    return show
+
+
+def end_progress() -> None:
+    if sys.stderr.isatty():
+        sys.stderr.write("\r\033[K")
+
+
+def is_model(argument: str) -> bool:
+    """A library ship, a ship file (.toml), or a folder with a ship.toml or a black box."""
+    from cases.shipfiles.network_file import is_black_box
+    from cases.shipfiles.ship_file import library
+
+    path = Path(argument)
+    if path.is_dir():
+        return (path / "ship.toml").exists() or is_black_box(path)
+    return argument in library() or path.suffix.lower() == ".toml"
+
+
+def predictor(model: str) -> Simulator | Forecaster:
+    """What predicts: a ship by its name, file or run folder, or the black box of a run folder.
+
+    Raises UserError where there is neither, or torch is missing for a black box.
+    """
+    from cases.shipfiles.network_file import is_black_box
+    from cases.shipfiles.ship_file import load_ship
+    from fitting.report.run_folder import START
+    from mmg.rollout import Simulator
+
+    if not is_black_box(model):
+        return Simulator(load_ship(model))
+    needs_torch("a black box")
+    from residual.blackbox.file import load_box
+
+    start = Path(model) / START
+    return load_box(model, load_ship(start) if start.exists() else None)
+
+
+def needs_torch(what: str) -> None:
+    """UserError when torch is missing."""
+    from mmg.errors import UserError
+
+    try:
+        import torch  # noqa: F401
+    except ModuleNotFoundError as error:
+        if error.name != "torch":
+            raise
+        raise UserError(f"{what} needs torch, which is not installed: pip install 'mmg-ident[learn]'") from None
+
+
+def known_of(model: str) -> dict[str, Any]:
+    """What a run folder's result.json holds; empty for a bare ship."""
+    from fitting.report.run_folder import RESULT, read_result
+
+    folder = Path(model)
+    return read_result(folder) if (folder / RESULT).exists() else {}
+
+
+def names_of(text: Iterable[str] | None) -> list[str]:
+    """Names from repeated and comma-separated option values."""
+    return [name.strip() for part in text or [] for name in part.split(",") if name.strip()]
+
+
+def numbers_of(text: str, count: int, what: str) -> tuple[float, ...]:
+    """``count`` comma-separated numbers; UserError otherwise."""
+    from mmg.errors import UserError
+
+    try:
+        values = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        values = ()
+    if len(values) != count:
+        raise UserError(f"{what}: {text!r} is not {count} comma-separated numbers")
+    return values

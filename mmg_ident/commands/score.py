@@ -1,0 +1,117 @@
+"""``mmg score``: both metrics, side by side for several models."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from fitting.prediction.score import Score
+
+
+def score(
+    models_and_trials: Annotated[
+        list[str],
+        typer.Argument(
+            help="Ships or run folders, then trial files or folders of them.", metavar="SHIP|RUN... TRIAL..."
+        ),
+    ],
+    sigma: Annotated[
+        str | None, typer.Option("--sigma", help="Sigma of x,y,psi,u,v,r to divide errors by (six numbers).")
+    ] = None,
+    sigma_from: Annotated[
+        list[Path] | None, typer.Option("--sigma-from", help="Trials whose pooled sigma to use; several may follow.")
+    ] = None,
+    method: Annotated[str, typer.Option("--method", help="Integration: rk4 or euler.")] = "rk4",
+    adapt: Annotated[
+        float,
+        typer.Option("--adapt", help="Score also with this many seconds before each window as a help; 0: not."),
+    ] = 0.0,
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+) -> None:
+    """Score models on trials: Eq. 25 of Wakita et al. (2022) with 100 s restarts, and 30 s windows every 15 s.
+
+    Both are the mean squared error summed over x, y, psi, u, v, r, each divided by its sigma, by default pooled over
+    the scored trials with the heading as stored. --adapt scores every model twice: without and with what the past of
+    each window tells of the run's disturbance (see mmg predict), but for a black box of mmg train --model fnn, rnn or
+    rnn-window, which has its own integration as well.
+
+    Example: mmg score esso_osaka_3m runs/first held_out/*.csv
+    """
+    from cases.io.read import read_trials
+    from cases.shipfiles.ship_file import load_ship
+    from fitting.prediction.score import pooled_sigma
+    from fitting.prediction.score import score as scored
+    from fitting.report.run_folder import score_rows
+    from mmg.errors import UserError
+    from mmg.rollout import Simulator
+    from mmg_ident.commands.output import is_model, numbers_of, predictor, print_json
+
+    models = list(dict.fromkeys(a for a in models_and_trials if is_model(a)))
+    files = [Path(a) for a in models_and_trials if not is_model(a)]
+    if not models and not Path(models_and_trials[0]).exists():
+        load_ship(models_and_trials[0])
+    if not models:
+        raise UserError("no model named: give a ship of mmg ships, a ship file or a run folder before the trials")
+    if not files:
+        raise UserError("no trial named: give trial files, or a folder of them, after the models")
+    if method not in ("rk4", "euler"):
+        raise UserError(f"--method {method!r} is unknown; use rk4 or euler")
+    if not (0 <= adapt < float("inf")):
+        raise UserError("--adapt must be 0 or a positive number of seconds")
+    if sigma and sigma_from:
+        raise UserError("--sigma and --sigma-from exclude each other")
+    trials = read_trials(files)
+    loaded = {name: predictor(name) for name in models}
+    if sigma:
+        import numpy as np
+
+        values, origin = np.array(numbers_of(sigma, 6, "--sigma")), "--sigma"
+        if not (values > 0).all():
+            raise UserError("--sigma: all six numbers must be positive")
+    elif sigma_from:
+        values, origin = pooled_sigma(read_trials(sigma_from)), ", ".join(str(p) for p in sigma_from)
+    else:
+        values, origin = pooled_sigma(trials), "the scored trials"
+    scores = {}
+    for name, simulator in loaded.items():
+        scores[name] = scored(simulator, trials, values, origin, method)
+        if adapt and isinstance(simulator, Simulator):
+            scores[f"{name} --adapt {adapt:g}"] = scored(simulator, trials, values, origin, method, adapt)
+    if json:
+        print_json({"metric": METRIC, "method": method, "models": {n: score_rows(s) for n, s in scores.items()}})
+    else:
+        _print(scores)
+
+
+METRIC = {
+    "paper": "mean squared normalised error, Eq. 25 of Wakita et al. (2022), restart every 100 s",
+    "window": "the same over full 30 s windows every 15 s, first row excluded",
+}
+
+
+def _print(scores: dict[str, Score]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    from cases.trial import STATES, UNITS
+
+    console = Console(width=None)
+    first = next(iter(scores.values()))
+    table = Table(title="100 s restarts (Eq. 25) | 30 s windows", caption_justify="left", title_justify="left")
+    table.add_column("trial", no_wrap=True)
+    for name in scores:
+        table.add_column(Path(name).name, justify="right")
+    table.add_column("windows", justify="right")
+    for i, row in enumerate(first.trials):
+        cells = [f"{s.trials[i].paper:.4f} | {s.trials[i].window:.4f}" for s in scores.values()]
+        table.add_row(row.name, *cells, str(row.windows))
+    table.add_section()
+    table.add_row("all rows pooled", *[f"{s.paper:.4f} | {s.window:.4f}" for s in scores.values()], "")
+    console.print(table)
+    words = ", ".join(f"{s} {v:.5g} {UNITS[s]}" for s, v in zip(STATES, first.sigma, strict=True))
+    console.print(f"sigma from {first.sigma_from}: {words}", highlight=False, soft_wrap=True)
+    for note in first.notes:
+        console.print(f"note: {note}", highlight=False, soft_wrap=True)

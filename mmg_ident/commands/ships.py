@@ -1,0 +1,127 @@
+"""``mmg ships``: the ships that come with the package, and a starting ship from main particulars."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from mmg.ship import Ship
+
+
+def ships(
+    name: Annotated[str | None, typer.Argument(help="Ship, ship file or run folder to print as TOML.")] = None,
+    new: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--new",
+            help="Main particulars of a new ship, SI: L B d C_b [D_P pitch_ratio A_R U_0] in this order, or NAME=VALUE "
+            "(also x_G, aspect_ratio, rho, A_T, A_L, y_P for twin screws, D_BT for a bow thruster, ...).",
+        ),
+    ] = None,
+    called: Annotated[str | None, typer.Option("--name", help="Name of the new ship; default from --out.")] = None,
+    hull: Annotated[
+        str, typer.Option("--hull", help="Hull model of the new ship: unified (harbour too) or polynomial (ahead).")
+    ] = "unified",
+    out: Annotated[Path | None, typer.Option("--out", help="Ship file to write; default: print it.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite an existing file.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print as JSON.")] = False,
+) -> None:
+    """List the ships that come with the package, print one as a ship file, or write a starting ship of your own.
+
+    Example: mmg ships esso_osaka_3m > my_ship.toml
+
+    Example: mmg ships --new 320 58 20.8 0.81 9.86 0.72 112.5 7.97 --out my_ship.toml
+    """
+    from cases.shipfiles.ship_file import dump_ship, library, load_ship
+    from mmg.errors import UserError
+    from mmg_ident.commands.output import print_json, say
+
+    if name is not None and new:
+        raise UserError(f"give either a ship ({name}) or --new, one of them")
+    if name is not None or new:
+        ship = _new(new, called, hull, out) if new else load_ship(str(name))
+        for notice in ship.notices if new else ():
+            say(f"note: {notice}")
+        if out is not None:
+            _write(out, dump_ship(ship, _HEAD if new else ""), force)
+            say(f"{ship.name}: {len(ship.coefficients)} coefficients, written to {out}")
+        elif json:
+            print_json(_document(ship))
+        else:
+            sys.stdout.write(dump_ship(ship, _HEAD if new else ""))
+        return
+    if out is not None:
+        raise UserError("--out needs a ship to write: name one, or describe it with --new")
+    known = {key: load_ship(key) for key in library()}
+    if json:
+        print_json({"ships": [_row(key, ship) for key, ship in known.items()]})
+        return
+    rows = [("name", "L [m]", "coefficients", "models")]
+    for key, ship in known.items():
+        models = ", ".join(f"{role} {model}" for role, model in ship.components.items())
+        rows.append((key, f"{ship.particulars['L']:g}", str(len(ship.coefficients)), models))
+    widths = [max(len(row[i]) for row in rows) for i in range(3)]
+    for a, b, c, models in rows:
+        print(f"{a:<{widths[0]}}  {b:>{widths[1]}}  {c:>{widths[2]}}  {models}")
+
+
+_HEAD = """Starting ship from main particulars, by regressions of the literature with wide priors: expect errors of
+20 to 40 % in nonlinear terms. Calibrate it on trials with mmg fit; correct by hand what you know better."""
+
+
+def _new(words: list[str], called: str | None, hull: str, out: Path | None) -> Ship:
+    """The ship that the particulars describe."""
+    from cases.shipfiles.new_ship import new_ship, parse_particulars
+
+    return new_ship(called or (out.stem if out else "my_ship"), parse_particulars(words), hull)
+
+
+def _write(path: Path, text: str, force: bool) -> None:
+    """Writes a ship file, whole or not at all; UserError when it exists or the folder does not."""
+    import os
+
+    from mmg.errors import UserError
+
+    if path.exists() and (path.is_dir() or not force):
+        raise UserError(f"--out {path}: exists already; choose another name or add --force")
+    if not path.parent.is_dir():
+        raise UserError(f"--out {path}: there is no folder {path.parent}")
+    scratch = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        scratch.write_text(text, encoding="utf-8")
+        scratch.replace(path)
+    except OSError as error:
+        raise UserError(f"--out {path}: cannot be written ({error.strerror or error})") from None
+
+
+def _row(key: str, ship: Ship) -> dict[str, Any]:
+    return {
+        "name": key,
+        "description": ship.description,
+        "L": ship.particulars["L"],
+        "model": dict(ship.components),
+        "coefficients": len(ship.coefficients),
+    }
+
+
+def _document(ship: Ship) -> dict[str, Any]:
+    """A ship file as JSON: the same tables; bounds that are infinite are null."""
+    import dataclasses
+    import math
+
+    def plain(value: Any) -> Any:
+        return None if isinstance(value, float) and not math.isfinite(value) else value
+
+    return {
+        "ship": {"name": ship.name, "description": ship.description, "reference": ship.reference}
+        | dict(ship.particulars),
+        "model": dict(ship.components),
+        "coefficients": {
+            symbol: {key: plain(value) for key, value in dataclasses.asdict(c).items() if key != "symbol"}
+            for symbol, c in ship.coefficients.items()
+        },
+    }

@@ -1,0 +1,1 @@
+"""Networks without physics: recurrent and feedforward models of the whole motion."""

@@ -1,0 +1,102 @@
+"""Black box files: safetensors with the weights of all seeds, settings in the metadata. No pickles."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+
+from cases.shipfiles.network_file import BLACK_BOX, NETWORK, ship_hash
+from mmg.errors import UserError
+from mmg.flow import INPUTS
+from mmg.network import OTHER
+from mmg.ship import Ship
+from residual.blackbox.models import KINDS, BlackBox, BoxScales, BoxTraining, build_box
+from residual.system import System
+
+_SCALES = ("feature", "output", "acceleration", "mean", "std", "acceleration_mean")
+"""Names of ``BoxScales`` with which a box is built; the rest belongs to its training."""
+
+
+def save_box(path: Path, box: BlackBox, scales: BoxScales) -> None:
+    """Write a black box. Raises UserError where a weight is not finite or the file cannot be written."""
+    arrays = {f"scales.{name}": torch.as_tensor(np.array(getattr(scales, name))) for name in _SCALES}
+    for k, system in enumerate(box.systems):
+        arrays |= {f"{k}.{name}": value.detach().contiguous() for name, value in system.state_dict().items()}
+    bad = [name for name, value in arrays.items() if not torch.isfinite(value).all()]
+    if bad:
+        raise UserError(f"{path}: {bad[0]} of the network is not finite, so it is not written; train it again")
+    about = {"format": BLACK_BOX, "ship": box.ship, "ship_hash": box.ship_hash, "h": repr(box.h)}
+    about |= {"actuators": json.dumps(box.actuators), "members": str(len(box.systems))}
+    about["training"] = json.dumps(asdict(box.training))
+    try:
+        save_file({name: value.clone() for name, value in arrays.items()}, path, about)
+        path.chmod(0o644)
+    except (OSError, SafetensorError) as error:
+        raise UserError(f"{path}: cannot be written ({error})") from None
+
+
+def load_box(where: str | Path, ship: Ship | None = None) -> BlackBox:
+    """The black box in a file or a run folder. ship: one that it must have been trained for.
+
+    Raises UserError when it cannot be read, is incomplete, or belongs to another ship or other inputs.
+    """
+    path = Path(where) / NETWORK if Path(where).is_dir() else Path(where)
+    try:
+        with safe_open(path, framework="pt") as file:
+            about = file.metadata() or {}
+            arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+    except (OSError, SafetensorError, ValueError, TypeError) as error:
+        raise UserError(f"{path}: cannot be read as a black box ({error}); train it again") from None
+    if about.get("format") != BLACK_BOX:
+        raise UserError(f"{path}: is no black box of this program (format {about.get('format')!r}, not {BLACK_BOX!r})")
+    try:
+        training, actuators = _training(about["training"]), tuple(str(a) for a in json.loads(about["actuators"]))
+        systems = tuple(_member(arrays, k, training) for k in range(int(about["members"])))
+        box = BlackBox(training, actuators, float(about["h"]), systems, about["ship"], about["ship_hash"])
+        fault = _fault(box)
+    except (KeyError, ValueError, TypeError, RuntimeError) as error:
+        raise UserError(f"{path}: is incomplete ({str(error).splitlines()[0]}); train it again") from None
+    if fault:
+        raise UserError(f"{path}: {fault}; train it again")
+    if ship and (actuators != ship.actuators or box.ship_hash != ship_hash(ship)):
+        raise UserError(
+            f"{path}: {OTHER}: it was trained for {box.ship} with {', '.join(actuators)}; "
+            f"{ship.name} has {', '.join(ship.actuators)}"
+        )
+    return box
+
+
+def _training(text: str) -> BoxTraining:
+    known = {f.name for f in fields(BoxTraining)}
+    values: dict[str, Any] = {name: value for name, value in json.loads(text).items() if name in known}
+    values["curriculum"] = tuple(tuple(stage) for stage in values["curriculum"])
+    return BoxTraining(**values)
+
+
+def _member(arrays: dict[str, torch.Tensor], k: int, training: BoxTraining) -> System:
+    scales = {name: arrays[f"scales.{name}"].double().numpy() for name in _SCALES}
+    nothing = {name: np.empty(0) for name in ("sigma", "score", "noise", "seen")}
+    if {len(scales[name]) for name in ("feature", "mean", "std")} != {len(scales["mean"])}:
+        raise ValueError("scales of different lengths")
+    system = build_box(None, BoxScales(**scales, **nothing), training, 0)
+    prefix = f"{k}."
+    system.load_state_dict({n.removeprefix(prefix): a for n, a in arrays.items() if n.startswith(prefix)})
+    return system
+
+
+def _fault(box: BlackBox) -> str:
+    """What is wrong with it, in words; "" if nothing."""
+    if box.training.kind not in KINDS or not box.systems or not box.h > 0:
+        return "it names no kind of network, or has no member, or no step"
+    if any(name not in INPUTS for name in box.actuators):
+        return f"{OTHER}: it takes {', '.join(box.actuators)}"
+    if not all(torch.isfinite(a).all() for system in box.systems for a in system.state_dict().values()):
+        return "some of its numbers are not finite"
+    return ""

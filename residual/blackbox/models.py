@@ -1,0 +1,244 @@
+"""Black boxes of the papers as one kind of thing: built from settings, trained as a hybrid is, predicting as a ship.
+
+``forecast`` is what ``fitting.prediction.predict`` asks of a model that is no ship.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+
+from cases.inputs import step_means
+from cases.shipfiles.network_file import ship_hash
+from cases.trial import Trial
+from fitting.nlp.grid import default_step
+from fitting.prediction.score import pooled_sigma
+from fitting.prediction.stretches import Stretch
+from mmg.errors import UserError
+from mmg.ship import AIR, Ship
+from residual.ensembles.ensemble import restored
+from residual.networks.features import features
+from residual.networks.feedforward import Feedforward
+from residual.networks.initial_state import InitialState
+from residual.networks.recurrent import Standard, Windowed
+from residual.rollout import Batch, measured_accelerations, rollout
+from residual.system import Past, System
+from residual.training.checkpoint import Store
+from residual.training.hybrid import MARGIN, noise_of, tasks_of, warnings_of
+from residual.training.seeds import train_seeds
+from residual.training.trainer import Outcome, Scales, Training
+from residual.training.windows import Piece, loss_sigma, pieces_of, windows
+
+KINDS = ("fnn", "rnn", "rnn-window")
+"""Feedforward (2024, 2025), standard RNN (2022, Eq. 7), RNN with a memory of m rows (2022, Eq. 9)."""
+REACH = 0.2
+"""How far an estimated initial velocity may be from the measured one, over the deviation of that velocity."""
+
+
+@dataclass(frozen=True)
+class BoxTraining(Training):
+    """How to train a black box, beside what ``Training`` says.
+
+    kind: one of KINDS; layers: hidden layers of a feedforward network; memory: rows m that a recurrent one runs along
+    (of the standard one: rows before the start that warm it up, plus one); zero: whether a feedforward network is zero
+    at the origin; initial: rows before the start from which its velocities are estimated, 0: they are as measured.
+    """
+
+    width: int = 64
+    penalty: float = 1e-4
+    epochs: int = 60
+    kind: str = "fnn"
+    layers: int = 2
+    memory: int = 2
+    zero: bool = True
+    initial: int = 0
+
+
+@dataclass(frozen=True)
+class BoxScales(Scales):
+    """Beside ``Scales``: mean and deviation of the features (F,) and mean of the measured accelerations (3,)."""
+
+    mean: np.ndarray
+    std: np.ndarray
+    acceleration_mean: np.ndarray
+
+
+def inputs_of(actuators: Sequence[str]) -> tuple[str, ...]:
+    """Inputs of a black box of a ship with these actuators."""
+    return (*actuators, *AIR)
+
+
+def build_box(ship: Ship | None, scales: Scales, training: Training, seed: int) -> System:
+    """An untrained black box of these settings; nothing of the ship is used."""
+    assert isinstance(scales, BoxScales) and isinstance(training, BoxTraining)
+    t, system = training, System()
+    if t.kind == "fnn":
+        accelerations = scales.acceleration_mean, scales.acceleration
+        system = Feedforward(scales.mean, scales.std, *accelerations, t.width, t.layers, t.zero, seed)
+    else:
+        recurrent = Standard if t.kind == "rnn" else Windowed
+        system = recurrent(scales.feature, scales.output, t.width, t.memory, seed)
+    if not t.initial:
+        return system
+    reach = REACH * scales.std[:3]
+    return InitialState(system, t.initial, scales.mean, scales.std, reach, t.width, seed)
+
+
+def box_scales(pieces: Sequence[Piece], trials: Sequence[Trial], h: float, length: float) -> BoxScales:
+    """Scales from the training rows, those of the measured accelerations included (2025, Eq. 14)."""
+    rows = windows(pieces, h, 1, 1)
+    if rows is None:
+        raise UserError("too little data for a network: no piece of a trial is longer than a step without a gap")
+    seen = features(rows.targets[0], rows.controls[0]).numpy()
+    measured, mask = measured_accelerations(rows)
+    known = measured[0].numpy()[:, mask[0].numpy().all(axis=0)]
+    rms, std = np.sqrt((seen**2).mean(axis=1)), seen.std(axis=1)
+    spread = np.maximum(known.std(axis=1), MARGIN)
+    sigma = loss_sigma(pieces, length)
+    placed = [t for t in trials if t.has_position]
+    return BoxScales(
+        feature=np.where(rms > MARGIN, rms, 1.0),
+        output=spread,
+        sigma=sigma,
+        score=pooled_sigma(placed) if placed else sigma,
+        acceleration=spread,
+        noise=noise_of(pieces),
+        seen=seen,
+        mean=seen.mean(axis=1),
+        std=np.where(std > MARGIN, std, 1.0),
+        acceleration_mean=known.mean(axis=1),
+    )
+
+
+@dataclass(frozen=True)
+class BlackBox:
+    """Trained black boxes of one kind from several seeds; it predicts the mean of their trajectories.
+
+    ship: name of the ship it was trained for, ship_hash: of ``cases.shipfiles.network_file``; h: step of its grid [s].
+    """
+
+    training: BoxTraining
+    actuators: tuple[str, ...]
+    h: float
+    systems: tuple[System, ...]
+    ship: str = ""
+    ship_hash: str = ""
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of its inputs, as of ``Ship.inputs``."""
+        return inputs_of(self.actuators)
+
+    @torch.no_grad()
+    def forecast(self, stretches: Sequence[Stretch]) -> np.ndarray:
+        """Logged columns (N + 1, 6, M) at the samples of stretches, each from its measured first row.
+
+        It steps along its own grid and is interpolated. Of what was before a stretch it reads the rows that its memory
+        takes; where there are fewer, the oldest one stands for those before.
+        """
+        torch.set_num_threads(1)
+        past = max(system.past for system in self.systems)
+        batch = gridded(stretches, self.h, past)
+        paths = [rollout(s, _with_past(batch, s.past), self.training.method).numpy() for s in self.systems]
+        path = np.mean(paths, axis=0)
+        rows = max(s.last - s.first for s in stretches) + 1
+        out = np.full((rows, 6, len(stretches)), np.nan)
+        grid = self.h * np.arange(len(path))
+        for i, s in enumerate(stretches):
+            t = s.record.t[s.first : s.last + 1] - s.record.t[s.first]
+            out[: len(t), :, i] = np.column_stack([np.interp(t, grid, path[:, j, i]) for j in range(6)])
+            out[0, :, i] = s.record.states[s.first]
+        return out
+
+
+def _with_past(batch: Batch, rows: int) -> Batch:
+    """The batch with only the last rows of its past."""
+    past = Past(batch.past.logged[-rows:], batch.past.controls[-rows:]) if batch.past and rows else None
+    return replace(batch, past=past)
+
+
+def gridded(stretches: Sequence[Stretch], h: float, past: int) -> Batch:
+    """Stretches on a grid of h [s] from their first rows, inputs held beyond their ends; targets only at the start."""
+    steps = [max(1, int(np.ceil((s.record.t[s.last] - s.record.t[s.first]) / h - 1e-9))) for s in stretches]
+    N, C, M = max(steps), stretches[0].record.controls.shape[1], len(stretches)
+    controls, start = np.zeros((N, C, M)), np.zeros((1, 6, M))
+    logged, held = np.zeros((past, 6, M)), np.zeros((past, C, M))
+    for i, s in enumerate(stretches):
+        rows = slice(s.first, s.last + 1)
+        t = s.record.t[rows]
+        means = step_means(t, s.record.controls[rows], t[0] + h * np.arange(steps[i] + 1))
+        controls[: steps[i], :, i], controls[steps[i] :, :, i] = means, means[-1]
+        start[0, :, i] = s.record.states[s.first]
+        if past:
+            logged[:, :, i], held[:, :, i] = _before(s, h, past)
+    tensors = [torch.from_numpy(a) for a in (controls, start, logged, held)]
+    return Batch(h, tensors[0], tensors[1], torch.ones_like(tensors[1]), Past(*tensors[2:]) if past else None)
+
+
+def _before(s: Stretch, h: float, rows: int) -> tuple[np.ndarray, np.ndarray]:
+    """Logged rows (P, 6) h [s] apart before a stretch and inputs (P, C) over the steps after them."""
+    record, first = s.record, s.first
+    longest = 2.5 * float(np.median(np.diff(record.t)))
+    k = first
+    while k > 0 and record.good[k - 1] and record.t[k] - record.t[k - 1] <= max(longest, 2 * h):
+        k -= 1
+        if record.t[first] - record.t[k] >= rows * h:
+            break
+    t = record.t[k : first + 1]
+    known = min(rows, int((t[-1] - t[0]) / h + 1e-6))
+    edges = t[-1] - h * np.arange(known, -1, -1)
+    if not known:
+        return record.states[[first] * rows], record.controls[[first] * rows]
+    states = np.column_stack([np.interp(edges[:-1], t, record.states[k : first + 1, j]) for j in range(6)])
+    inputs = step_means(t, record.controls[k : first + 1], edges)
+    missing = [0] * (rows - known) + list(range(known))
+    return states[missing], inputs[missing]
+
+
+@dataclass(frozen=True)
+class TrainedBox:
+    """What the training of a black box made: outcomes of the seeds, and the box of those that did not diverge."""
+
+    box: BlackBox
+    outcomes: tuple[Outcome, ...]
+    settings: BoxTraining
+    scales: BoxScales
+    seconds: float
+    warnings: tuple[str, ...]
+    interrupted: bool = False
+
+
+def train_box(
+    ship: Ship,
+    trials: Sequence[Trial],
+    training: BoxTraining,
+    validation: Sequence[Trial] = (),
+    say: Callable[[str], None] = lambda _: None,
+    store: Store | None = None,
+) -> TrainedBox:
+    """Train a black box for a ship from several seeds; of the ship only actuators and length are used.
+
+    Each seed stops by another part of the trials (``residual.training.folds``), or by ``validation``. Nothing has to be decided,
+    so nothing is kept back to judge: the held-out errors are those of the windows to stop by. store: finished seeds,
+    which are not trained again. Raises UserError where there is too little, or every training diverged,
+    KeyboardInterrupt after Ctrl-C before any training began.
+    """
+    began = time.perf_counter()
+    inputs = inputs_of(ship.actuators)
+    h = training.step or default_step(trials, ship.particulars["L"])
+    training = replace(training, step=h)
+    pieces = pieces_of(trials, h, inputs)
+    held = pieces_of(validation, h, inputs) if validation else []
+    scales = box_scales(pieces, trials, h, ship.particulars["L"])
+    tasks = tasks_of(ship, scales, training, pieces, held, None, build_box, "a network", judge=False)
+    outcomes, broken = train_seeds(tasks, training, say, store)
+    systems = restored(build_box, ship, scales, training, outcomes)
+    if not systems:
+        raise UserError("every training of the network diverged, also at lower rates; give a lower --rate or more data")
+    box = BlackBox(training, ship.actuators, h, tuple(systems), ship.name, ship_hash(ship))
+    seconds, warnings = time.perf_counter() - began, tuple(warnings_of(outcomes, training))
+    return TrainedBox(box, tuple(outcomes), training, scales, seconds, warnings, broken)

@@ -1,0 +1,1 @@
+"""Comparison of all model families on the published splits."""

@@ -1,0 +1,81 @@
+"""Figures of a comparison: scores of the models, growth of the error, error over the amount of data."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from fitting.report.plot_style import DPI, MEASURED, dress, new_figure
+from residual.comparison.study import HORIZONS, Comparison
+
+COLOURS = {
+    "captive": "#8A8A8A", "calibrated": "#0072B2", "hybrid": "#009E73", "fnn": "#D58A00", "rnn": "#CC79A7",
+    "rnn-window": "#C0305A",
+}  # fmt: skip
+
+
+def score_plot(found: Comparison) -> Figure:
+    """Pooled 30 s windows and 100 s restarts of each model, a point per seed."""
+    figure = new_figure(3.2)
+    axes = figure.subplots(1, 2)
+    for ax, metric, title in zip(axes, ("window", "paper"), ("30 s windows", "100 s restarts"), strict=True):
+        dress(ax, "", "mean squared error", title)
+        shown = [m for m in found.study.models if found.of(m, found.study.subsets[0])]
+        for i, model in enumerate(shown):
+            values = [getattr(e.score, metric) for e in found.of(model, found.study.subsets[0])]
+            ax.bar(i, np.mean(values), color=COLOURS[model], width=0.6)
+            ax.plot([i] * len(values), values, ".", color=MEASURED, markersize=4)
+        ax.set_xticks(range(len(shown)), shown, rotation=25, ha="right")
+        ax.set_ylim(bottom=0)
+    return figure
+
+
+def growth_plot(found: Comparison) -> Figure:
+    """Position and heading error over the horizon; mean and range over the seeds."""
+    figure = new_figure(3.2)
+    axes, factors = figure.subplots(1, 2), (1.0, np.degrees(1.0))
+    for column, (ax, words) in enumerate(
+        zip(axes, ("position error, rms [m]", "heading error, rms [deg]"), strict=True)
+    ):
+        dress(ax, "time since the start [s]", words, "Growth of the error" if column == 0 else "")
+        for model in found.study.models:
+            rows = [factors[column] * e.growth[:, column] for e in found.of(model, found.study.subsets[0])]
+            if rows:
+                ax.plot(HORIZONS, np.mean(rows, axis=0), color=COLOURS[model], marker=".", label=model)
+                ax.fill_between(HORIZONS, np.min(rows, axis=0), np.max(rows, axis=0), color=COLOURS[model], alpha=0.15)
+        ax.set_ylim(bottom=0)
+    axes[0].legend(fontsize=7.5, frameon=False)
+    return figure
+
+
+def efficiency_plot(found: Comparison) -> Figure:
+    """Pooled 30 s windows over the seconds of training data; dashed without random manoeuvres."""
+    figure = new_figure(3.2)
+    ax = dress(figure.subplots(), "training data [s]", "30 s windows, mean squared error", "Data efficiency")
+    for model in (m for m in found.study.models if m != "captive"):
+        for random in (True, False):
+            points = []
+            for subset in (s for s in found.study.subsets if s.random is random):
+                entries = found.of(model, subset)
+                if entries:
+                    points.append((entries[0].seconds, np.mean([e.score.window for e in entries if e.score])))
+            if points:
+                points.sort()
+                style, label = ("-", model) if random else ("--", None)
+                ax.plot(*zip(*points, strict=True), style, marker=".", color=COLOURS[model], label=label)
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    ax.legend(fontsize=7.5, frameon=False, title="dashed: without random", title_fontsize=7.5)
+    return figure
+
+
+def write_figures(folder: Path, found: Comparison) -> list[str]:
+    """Write the figures as PNG into a folder; their names."""
+    plots = {"scores.png": score_plot, "growth.png": growth_plot}
+    if len(found.study.subsets) > 1:
+        plots["efficiency.png"] = efficiency_plot
+    for name, plot in plots.items():
+        plot(found).savefig(folder / name, dpi=DPI)
+    return list(plots)

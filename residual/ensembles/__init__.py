@@ -1,0 +1,1 @@
+"""Ensembles of hybrids: trajectory sampling, calibrated spread, heading keeping."""

@@ -1,0 +1,218 @@
+"""Ensembles of systems: particles that follow their members, and how well their spread tells the error.
+
+Wakita et al. (2025), sections 4 and 5.3: systems trained from different seeds stand for what the data leave open.
+Particles start from one measured state; under TS-infinity each keeps its member, under TS1 it draws one at every step
+(Chua et al. 2018). Eq. 30 is their mean and covariance, Eq. 31 the distances of the truth from them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+
+from fitting.parallel import run_all
+from mmg.errors import UserError
+from mmg.ship import Ship
+from residual.bounded_network import Residual
+from residual.physics.operator import Physics
+from residual.rollout import Batch, rollout
+from residual.system import Hybrid, System
+from residual.training.hybrid import tasks_of
+from residual.training.trainer import Build, Outcome, Scales, Training, train_one
+from residual.training.windows import Piece, blocks
+
+SAMPLINGS = ("ts1", "ts-infinity")
+VELOCITIES = slice(3, 6)
+"""Rows u, v, r of the logged columns, on which Eq. 30 and 31 are taken."""
+LEAST_MEMBERS = 4
+"""Fewer distinct particles leave the covariance of u, v, r singular."""
+
+
+class Known(System):
+    """A ship as it is, its network included, as a system: nothing to train."""
+
+    def __init__(self, ship: Ship, physics: Physics | None = None) -> None:
+        super().__init__()
+        self.physics = physics or Physics(ship)
+
+    def start(self, logged: torch.Tensor, controls: torch.Tensor, past: object = None) -> torch.Tensor:
+        return self.physics.start(logged, controls)
+
+    def rates(self, z: torch.Tensor, controls: torch.Tensor) -> torch.Tensor:
+        return self.physics.rates(z, controls)
+
+    def columns(self, z: torch.Tensor) -> torch.Tensor:
+        return self.physics.columns(z)
+
+
+def members_of_ship(ship: Ship) -> list[System]:
+    """The members of a hybrid ship's network, each on the same physics. UserError for a ship without a network."""
+    if ship.network is None:
+        raise UserError(f"{ship.name} has no network, so there is no ensemble: train one with mmg train --seeds 5")
+    physics = Physics(ship.without_network())
+    seen = np.zeros((len(ship.features), 1))
+    count = range(len(ship.network.members))
+    return [Hybrid(physics, Residual.of_network(ship.network, i), seen) for i in count]
+
+
+def restored(build: Build, ship: Ship, scales: Scales, training: Training, outcomes: Sequence[Outcome]) -> list[System]:
+    """The systems that trainings ended with, those that diverged left out."""
+    members = []
+    for o in outcomes:
+        if o.status == "diverged":
+            continue
+        system = build(ship, scales, training, o.seed)
+        system.load_state_dict({name: torch.as_tensor(a) for name, a in o.state.items()}, strict=False)
+        members.append(system)
+    return members
+
+
+def bootstrapped(pieces: Sequence[Piece], seconds: float, h: float, seed: int) -> list[Piece]:
+    """As many blocks of about ``seconds`` as the pieces hold, drawn with replacement by ``seed``."""
+    cut = blocks(pieces, seconds, h)
+    draws = np.random.default_rng([11, seed]).integers(0, len(cut), len(cut))
+    return [cut[i] for i in draws]
+
+
+def train_members(
+    build: Build,
+    ship: Ship,
+    scales: Scales,
+    training: Training,
+    pieces: Sequence[Piece],
+    held: Sequence[Piece],
+    bootstrap: bool = False,
+) -> tuple[list[System], list[Outcome]]:
+    """Train ``training.seeds`` members, one process each, on the same pieces (paper 003) or on resampled blocks.
+
+    held: pieces that choose the weights of all; the training pieces themselves: nothing is held out, as in paper 003;
+    none: each member holds out other runs, as ``learn.train``. Raises UserError when every training diverged.
+    """
+    tasks = tasks_of(ship, scales, training, pieces, held, None, build, "an ensemble")
+    if bootstrap:
+        own = [bootstrapped(task.train, training.block, task.h, task.seed) for task in tasks]
+        tasks = [replace(task, train=tuple(drawn_pieces)) for task, drawn_pieces in zip(tasks, own, strict=True)]
+    outcomes = run_all(train_one, tasks, training.workers)
+    members = restored(build, ship, scales, training, outcomes)
+    if not members:
+        raise UserError("every member of the ensemble diverged in training; give a lower --rate or more data")
+    return members, outcomes
+
+
+def step(
+    members: Sequence[System], which: torch.Tensor, z: torch.Tensor, controls: torch.Tensor, h: float, method: str
+) -> torch.Tensor:
+    """States (Z, M) a step of h [s] later, each column by the member (M,) that it follows (Eq. 28).
+
+    What a member remembers is handed on to the next one.
+    """
+    if len(members) == 1:
+        return members[0].step(z, controls, h, method)
+    out = torch.empty_like(z)
+    for i, member in enumerate(members):
+        at = (which == i).nonzero()[:, 0]
+        if len(at):
+            out[:, at] = member.step(z[:, at], controls[:, at], h, method)
+    return out
+
+
+def start(members: Sequence[System], which: torch.Tensor, batch: Batch) -> torch.Tensor:
+    """States (Z, P M) of P particles for each of the windows, by the members (P M,) that they follow first."""
+    every = [member.start(batch.targets[0], batch.controls[0], batch.past) for member in members]
+    windows = torch.arange(len(which)) % len(batch)
+    return torch.stack(every)[which, :, windows].T.contiguous()
+
+
+def drawn(count: int, members: int, sampling: str, draw: torch.Generator) -> torch.Tensor:
+    """Members (count,) for a step of TS1, or once for all of TS-infinity: there each is taken equally often."""
+    if sampling not in SAMPLINGS:
+        raise ValueError(f"sampling {sampling!r} is none of {SAMPLINGS}")
+    return torch.randint(members, (count,), generator=draw) if sampling == "ts1" else torch.arange(count) % members
+
+
+@torch.no_grad()
+def particles(
+    members: Sequence[System],
+    batch: Batch,
+    count: int,
+    sampling: str = "ts-infinity",
+    method: str = "rk4",
+    seed: int = 0,
+) -> np.ndarray:
+    """Logged columns (N + 1, 6, P, M) of P = ``count`` particles per window, from its measured start.
+
+    sampling: "ts1" or "ts-infinity". Under the latter member i is followed by the particles i, i + E, i + 2E, ...
+    """
+    draw, M = torch.Generator().manual_seed(seed), len(batch)
+    if sampling == "ts-infinity":
+        paths = torch.stack([rollout(member, batch, method) for member in members[:count]], dim=2)
+        return paths[:, :, drawn(count, len(members), sampling, draw)].numpy()
+    which = drawn(count * M, len(members), sampling, draw)
+    z = start(members, which, batch)
+    states = [members[0].columns(z)]
+    for controls in batch.controls:
+        which = drawn(count * M, len(members), sampling, draw)
+        z = step(members, which, z, controls.repeat(1, count), batch.h, method)
+        states.append(members[0].columns(z))
+    return torch.stack(states).reshape(len(states), 6, count, M).numpy()
+
+
+def moments(paths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Eq. 30: mean (N + 1, 6, M) and covariance (N + 1, 6, 6, M) of particles (N + 1, 6, P, M).
+
+    Divided by P: particles that follow the same member add nothing.
+    """
+    mean = paths.mean(axis=2)
+    off = paths - mean[:, :, None]
+    return mean, np.einsum("nipm,njpm->nijm", off, off) / paths.shape[2]
+
+
+@dataclass(frozen=True)
+class Distances:
+    """Of the truth from the particles, per window (M,), in u, v, r; Eq. 31 and what belongs to it.
+
+    euclidean: mean over the rows of |truth - mean|^2; mahalanobis: the same weighted by the inverse covariance;
+    variance: mean trace of the covariance.
+    """
+
+    euclidean: np.ndarray
+    mahalanobis: np.ndarray
+    variance: np.ndarray
+
+    def correlation(self) -> float:
+        """Of bias and Mahalanobis distance, both as roots (Fig. 6): low where the spread grows with the bias."""
+        return float(np.corrcoef(np.sqrt(self.euclidean), np.sqrt(self.mahalanobis))[0, 1])
+
+    def spread_correlation(self) -> float:
+        """Of bias and spread, both as roots: high where the spread tells the bias."""
+        return float(np.corrcoef(np.sqrt(self.euclidean), np.sqrt(self.variance))[0, 1])
+
+
+def distances(paths: np.ndarray, truth: np.ndarray, mask: np.ndarray, noise: np.ndarray | None = None) -> Distances:
+    """Distances over the rows after the start; truth, mask (N + 1, 6, M), a row counts where u, v, r were measured.
+
+    noise: (6,) standard deviations of the measurement, added to the covariance of the particles (not in Eq. 31, where
+    the truth is known). ValueError when a covariance is singular: fewer than four members, or members that agree.
+    """
+    mean, covariance = moments(paths[1:])
+    C = np.moveaxis(covariance[:, VELOCITIES, VELOCITIES], -1, 1).copy()
+    if noise is not None:
+        C += np.diag(noise[VELOCITIES] ** 2)
+    scale = np.sqrt(np.maximum(np.diagonal(C, axis1=2, axis2=3), 1e-300))
+    alike = C / (scale[..., :, None] * scale[..., None, :])
+    if np.linalg.eigvalsh(alike)[..., 0].min() < 1e-13:
+        raise ValueError(f"the covariance of u, v, r is singular: {LEAST_MEMBERS} different members are needed")
+    error = np.moveaxis((truth[1:] - mean)[:, VELOCITIES], 1, -1)
+    counted = mask[1:, VELOCITIES].all(axis=1)
+    rows = np.maximum(counted.sum(axis=0), 1)
+
+    def averaged(values: np.ndarray) -> np.ndarray:
+        return np.where(counted, values, 0.0).sum(axis=0) / rows
+
+    scaled = error / scale
+    weighted = (scaled * np.linalg.solve(alike, scaled[..., None])[..., 0]).sum(axis=-1)
+    variance = np.trace(C, axis1=2, axis2=3)
+    return Distances(averaged((error**2).sum(axis=-1)), averaged(weighted), averaged(variance))

@@ -1,0 +1,1 @@
+"""Network layers: feedforward, recurrent, initial state, input features."""

@@ -1,0 +1,78 @@
+"""A network that estimates the state at the start of a rollout from measured rows: Wakita et al. (2025), Eq. 21, 22."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from torch import nn
+
+from residual.networks.features import features
+from residual.networks.feedforward import layered
+from residual.system import Past, System
+
+
+class InitialState(System):
+    """Any system, started from estimated u, v, r instead of the measured ones.
+
+    The estimate is the measured velocity plus reach * tanh(net(standardised features of the start and of ``rows`` rows
+    before it)): never further than reach (3,) from the measurement, and equal to it before training. The paper reads
+    the first rows of the window itself; a prediction may not, so here the rows before it are read.
+    """
+
+    mean: torch.Tensor
+    std: torch.Tensor
+    reach: torch.Tensor
+
+    def __init__(
+        self,
+        inner: System,
+        rows: int,
+        mean: np.ndarray,
+        std: np.ndarray,
+        reach: np.ndarray,
+        width: int = 32,
+        seed: int = 0,
+    ) -> None:
+        super().__init__()
+        self.inner, self.rows = inner, rows
+        self.past = max(rows, inner.past)
+        self.net = layered((len(mean) * (rows + 1), width, 3), seed)
+        last = self.net[-1]
+        assert isinstance(last, nn.Linear)
+        nn.init.zeros_(last.weight)
+        nn.init.zeros_(last.bias)
+        for name, value in (("mean", mean), ("std", std), ("reach", reach)):
+            self.register_buffer(name, torch.as_tensor(np.array(value, dtype=float))[:, None])
+
+    def shift(self, logged: torch.Tensor, controls: torch.Tensor, past: Past) -> torch.Tensor:
+        """Estimated less measured u, v, r (3, M)."""
+        before = zip(past.logged[self.past - self.rows :], past.controls[self.past - self.rows :], strict=True)
+        rows = [(row, inputs) for row, inputs in before] + [(logged, controls)]
+        seen = torch.cat([(features(row, inputs) - self.mean) / self.std for row, inputs in rows])
+        return self.reach * torch.tanh(self.net(seen.T).T)
+
+    def start(self, logged: torch.Tensor, controls: torch.Tensor, past: Past | None = None) -> torch.Tensor:
+        if past is None:
+            raise ValueError("the estimate of the initial state needs the rows before the start")
+        z = self.inner.start(logged, controls, self._inner_past(past))
+        return torch.cat([z[:3], z[3:6] + self.shift(logged, controls, past), z[6:]])
+
+    def _inner_past(self, past: Past | None) -> Past | None:
+        """The rows that the inner system reads."""
+        n = self.inner.past
+        return Past(past.logged[-n:], past.controls[-n:]) if past is not None and n else None
+
+    def rates(self, z: torch.Tensor, controls: torch.Tensor) -> torch.Tensor:
+        return self.inner.rates(z, controls)
+
+    def step(self, z: torch.Tensor, controls: torch.Tensor, h: float, method: str = "rk4") -> torch.Tensor:
+        return self.inner.step(z, controls, h, method)
+
+    def columns(self, z: torch.Tensor) -> torch.Tensor:
+        return self.inner.columns(z)
+
+    def accelerations(self, logged: torch.Tensor, controls: torch.Tensor, past: Past | None = None) -> torch.Tensor:
+        return self.inner.accelerations(logged, controls, self._inner_past(past))
+
+    def penalty(self) -> torch.Tensor:
+        return self.inner.penalty()

@@ -1,0 +1,1 @@
+"""The calibrated ship as a torch operator with exact derivatives."""

@@ -1,0 +1,78 @@
+"""The report on a training: one self-contained HTML page from run folders of ``mmg train``, without torch."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from fitting.report.page import citations_of, environment, figures_of, label_of, score_sets, write_page
+from fitting.report.run_folder import read_result
+from fitting.report.words import setting_rows
+from mmg.errors import UserError
+from residual.report.words import criteria, envelope_rows, headline, judged_table, percent
+
+TROUBLE = 0.2
+"""Share of validation rows outside the training range from which on the report warns."""
+
+
+def build_report(folders: Sequence[Path]) -> str:
+    """One self-contained HTML page on one or several run folders. Raises UserError for a folder of another command."""
+    runs = [_run(folder, number + 1) for number, folder in enumerate(folders)]
+    return environment().get_template("training.html.j2").render(runs=runs, percent=percent)
+
+
+def write_report(folders: Sequence[Path], out: Path) -> None:
+    """Write the report on these run folders to ``out``, atomically; UserError when it cannot be written."""
+    write_page(build_report(folders), out)
+
+
+def _run(folder: Path, number: int) -> dict[str, Any]:
+    """All that the template shows of one run folder."""
+    result = read_result(folder)
+    if not isinstance(result, dict) or result.get("kind") != "training":
+        raise UserError(f"{folder}: its result.json is not that of a training; give run folders of one command")
+    figures = {f["name"]: f for f in figures_of(folder, result.get("figures"))}
+    hybrid = bool(result.get("decision"))
+    complete = [pair for pair in (result.get("scores") or {}).values() if "before" in pair and "after" in pair]
+    scores = score_sets({**result, "scores": result["scores"]}) if complete else []
+    return {
+        "id": f"run{number}",
+        "label": label_of(folder),
+        "result": result,
+        "hybrid": hybrid,
+        "title": "learned residual" if hybrid else f"black box {result.get('model', '')}",
+        "before": "calibrated ship" if hybrid else "ship model",
+        "after": "with residual" if hybrid else "black box",
+        "headline": headline(result),
+        "warnings": _warnings(result),
+        "criteria": criteria(result),
+        "judged": judged_table(result),
+        "scores": scores,
+        "figures": figures,
+        "size": result.get("residual_size") or {},
+        "envelope": envelope_rows(result),
+        "outside": (result.get("outside") or {}).get("trials", {}),
+        "settings": setting_rows({"settings": _asked(result)}),
+        "citations": citations_of(result),
+    }
+
+
+def _asked(result: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings that mean something for this kind of model."""
+    return {k: v for k, v in result["settings"].items() if result.get("decision") or k != "symmetric"}
+
+
+def _warnings(result: Mapping[str, Any]) -> list[str]:
+    """Its own warnings and those that follow from its numbers."""
+    words = list(result.get("warnings", []))
+    far = {n: s for n, s in (result.get("outside") or {}).get("trials", {}).items() if s > TROUBLE}
+    if far:
+        names = ", ".join(f"{name} ({percent(share, False)})" for name, share in far.items())
+        words.append(f"much of these validation trials lies outside the data the network knows: {names}")
+    if not result.get("decision") and not result.get("validation_data"):
+        words.append("no trials were held out: the scores are those of the training trials; give some with --validate")
+    restarted = [str(row["seed"]) for row in result["per_seed"] if row["restarts"] and row["status"] != "diverged"]
+    if restarted:
+        words.append(f"diverged at first and trained again at a lower rate: seed(s) {', '.join(restarted)}")
+    return words

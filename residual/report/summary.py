@@ -1,0 +1,92 @@
+"""What a report on a training needs beside its outcomes: judged runs, size of the residual, rows outside its data."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from cases.trial import Trial
+from mmg.model import assemble
+from mmg.network import Network
+from mmg.ship import Ship
+from residual.blackbox.models import inputs_of
+from residual.networks.features import features
+from residual.training.hybrid import MARGIN, OUTPUT, Trained
+from residual.training.trainer import Outcome
+from residual.training.windows import features_of, pieces_of, windows
+
+RATES = {"du": "m/s²", "dv": "m/s²", "dr": "rad/s²"}
+"""Channels of the residual and their units."""
+
+
+def judged_runs(outcome: Outcome, trials: Sequence[Trial]) -> list[dict]:
+    """Per run that judged a training: name, number of its 30 s windows, their mean errors before and after.
+
+    trials: those that judged, in the order in which their runs are numbered.
+    """
+    rows = []
+    for run in np.unique(outcome.judged[:, 0]).astype(int):
+        own = outcome.judged[outcome.judged[:, 0] == run]
+        before, after = own[:, 2:].mean(axis=0).tolist()
+        rows.append({"run": trials[run].name, "windows": len(own), "before": before, "after": after})
+    return rows
+
+
+def residual_size(trained: Trained) -> dict[str, dict]:
+    """Per channel the residual over the training rows [m/s2, rad/s2]: rms, 95 % and largest, its bound, the ship's own.
+
+    ship_rms: rms of the accelerations of the ship without it; {} where no training came to anything.
+    """
+    if trained.network is None:
+        return {}
+    return size_of(trained.network, trained.scales.seen, (trained.scales.output - MARGIN) / OUTPUT)
+
+
+def size_of(network: Network, seen: np.ndarray, own: np.ndarray) -> dict[str, dict]:
+    """The same from features (F, R) and rms accelerations of the ship (3,); shares: quantiles of |residual|."""
+    sizes = np.abs(network.accelerations(seen))
+    shares = np.linspace(0, 1, 101)
+    return {
+        name: {
+            "rms": float(np.sqrt((size**2).mean())),
+            "p95": float(np.quantile(size, 0.95)),
+            "largest": float(size.max()),
+            "bound": float(bound),
+            "ship_rms": float(rms),
+            "unit": RATES[name],
+            "quantiles": np.quantile(size, shares).tolist(),
+        }
+        for name, size, bound, rms in zip(RATES, sizes, network.bound, own, strict=True)
+    }
+
+
+def outside_hybrid(ship: Ship, trials: Sequence[Trial], h: float, seen: np.ndarray) -> dict:
+    """Shares of rows of trials outside the range of the training rows (F, R), as a hybrid sees them."""
+    model = assemble(ship.without_network())
+    rows = {t.name: pieces_of([t], h, ship.inputs) for t in trials}
+    return _outside(ship.features, {name: features_of(model, p) for name, p in rows.items() if p}, seen)
+
+
+def outside_box(
+    names: Sequence[str], actuators: Sequence[str], trials: Sequence[Trial], h: float, seen: np.ndarray
+) -> dict:
+    """The same as a black box with these features and actuators sees them."""
+    rows = {t.name: windows(pieces_of([t], h, inputs_of(actuators)), h, 1, 1) for t in trials}
+    return _outside(names, {n: features(b.targets[0], b.controls[0]).numpy() for n, b in rows.items() if b}, seen)
+
+
+def _outside(names: Sequence[str], rows: Mapping[str, np.ndarray], seen: np.ndarray) -> dict:
+    """trials: name -> share of its rows with any feature outside; features: name -> share, lowest and highest value."""
+    lower, upper = seen.min(axis=1)[:, None], seen.max(axis=1)[:, None]
+    if not rows:
+        return {}
+    every = np.hstack(list(rows.values()))
+    beyond = (every < lower) | (every > upper)
+    return {
+        "trials": {n: float(((a < lower) | (a > upper)).any(axis=0).mean()) for n, a in rows.items()},
+        "features": {
+            n: {"share": float(b.mean()), "lowest": float(a.min()), "highest": float(a.max())}
+            for n, a, b in zip(names, every, beyond, strict=True)
+        },
+    }

@@ -1,0 +1,1 @@
+"""Training by rollouts: windows, folds, trainer, acceptance on held-out windows."""

@@ -1,0 +1,158 @@
+"""Finished parts of a long run, kept as they finish: what ``--resume`` continues from.
+
+A folder with ``settings.json`` (what the run was asked to do) and, per part, NAME.safetensors (numbers, exactly) and
+NAME.json (words; written last, so that a part with it is complete).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from safetensors import SafetensorError
+from safetensors.numpy import load_file, save_file
+
+from cases.shipfiles.ship_file import dump_ship
+from cases.trial import Trial
+from fitting.report.run_folder import plain, write_json
+from mmg.errors import UserError
+from mmg.ship import Ship
+from residual.training.trainer import Outcome
+
+SETTINGS = "settings.json"
+FREE = ("workers", "time_limit")
+"""Settings that may change between an interrupted run and its continuation: they do not change its numbers."""
+
+
+@dataclass(frozen=True)
+class Store:
+    """Finished parts in ``folder``, of the run that ``about`` describes by plain values.
+
+    resume: the folder is there, of an interrupted run; else it is made.
+    """
+
+    folder: Path
+    about: Mapping[str, Any]
+    resume: bool = False
+
+    def open(self) -> None:
+        """Create the folder, or compare it with ``about``. UserError where it is of another run or unwritable."""
+        path = self.folder / SETTINGS
+        if self.resume:
+            self._compare(path)
+            return
+        try:
+            self.folder.mkdir(parents=True)
+            write_json(path, self.about)
+        except OSError as error:
+            raise UserError(f"{self.folder}: cannot be written ({error.strerror}); choose another --out") from None
+
+    def _compare(self, path: Path) -> None:
+        where = self.folder.parent
+        try:
+            earlier = json.loads(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            raise UserError(f"{where}: holds no interrupted run to resume; choose another --out") from None
+        for name, value in plain(dict(self.about)).items():
+            before = earlier.get(name)
+            if before == value:
+                continue
+            words = ""
+            if isinstance(value, dict) and isinstance(before, dict):
+                first = next(key for key in {**before, **value} if before.get(key) != value.get(key))
+                words = f" ({first}: {_short(value.get(first))}, then {_short(before.get(first))})"
+            raise UserError(f"{where}: --resume needs the same {name} as the interrupted run{words}")
+
+    def discard(self) -> None:
+        """Remove what a run that ended with an error has begun, unless it was there before or holds finished parts."""
+        if self.resume or any(self._finished()) or not self.folder.is_dir():
+            return
+        shutil.rmtree(self.folder, ignore_errors=True)
+        if not any(self.folder.parent.iterdir()):
+            self.folder.parent.rmdir()
+
+    def _finished(self) -> Iterator[bool]:
+        for path in self.folder.glob("*.json"):
+            found = self.load(path.stem)
+            yield found is not None and found[0].get("status") != "diverged"
+
+    def save(self, name: str, words: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> None:
+        """Keep a finished part. Raises UserError where it cannot be written."""
+        scratch = self.folder / f".{name}.part"
+        try:
+            save_file({k: np.ascontiguousarray(a, dtype=float) for k, a in arrays.items()}, scratch)
+            scratch.chmod(0o644)
+            os.replace(scratch, self.folder / f"{name}.safetensors")
+            write_json(self.folder / f"{name}.json", words)
+        except (OSError, SafetensorError) as error:
+            raise UserError(f"{self.folder}: cannot be written ({error})") from None
+
+    def load(self, name: str) -> tuple[dict[str, Any], dict[str, np.ndarray]] | None:
+        """A finished part; None where there is none or it cannot be read, so that it is made again."""
+        try:
+            words = json.loads((self.folder / f"{name}.json").read_text(encoding="utf-8"))
+            return words, dict(load_file(self.folder / f"{name}.safetensors"))
+        except (OSError, ValueError, SafetensorError):
+            return None
+
+
+def _short(value: Any) -> str:
+    text = "none" if value is None else str(value)
+    return text if len(text) <= 40 else f"{text[:37]}..."
+
+
+def settings_of(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings without those that may change."""
+    return {name: value for name, value in settings.items() if name not in FREE}
+
+
+def hash_of_ship(ship: Ship) -> str:
+    """Text that differs between ships that differ in anything a ship file holds."""
+    return hashlib.sha256(dump_ship(ship.without_network()).encode()).hexdigest()
+
+
+def hashes_of_trials(trials: Sequence[Trial]) -> list[str]:
+    """Per trial a text that differs where a name or a number does, whether by the file or by its sidecar."""
+    result = []
+    for trial in trials:
+        content = hashlib.sha256(trial.name.encode())
+        for name, column in sorted(trial.columns.items()):
+            content.update(name.encode())
+            content.update(np.ascontiguousarray(column, dtype=float).tobytes())
+        result.append(content.hexdigest())
+    return result
+
+
+def save_outcome(store: Store, outcome: Outcome) -> None:
+    """Keep the training of a seed."""
+    o = outcome
+    words = {name: getattr(o, name) for name in _WORDS}
+    arrays = {f"state.{name}": value for name, value in o.state.items()}
+    arrays |= {"errors": np.array([o.before, o.after]), "history": np.array(o.history), "judged": o.judged}
+    store.save(f"seed_{o.seed}", words, {**arrays, "times": np.array([o.rate, o.seconds])})
+
+
+def load_outcome(store: Store, seed: int) -> Outcome | None:
+    """The training of a seed as it was kept, to the last bit; None where it is not complete."""
+    found = store.load(f"seed_{seed}")
+    if found is None:
+        return None
+    words, arrays = found
+    (before, after), (rate, seconds) = arrays["errors"].tolist(), arrays["times"].tolist()
+    history = tuple((int(row[0]), *row[1:]) for row in arrays["history"].tolist())
+    state = {name.removeprefix("state."): a for name, a in arrays.items() if name.startswith("state.")}
+    return Outcome(
+        before=tuple(before), after=tuple(after), history=history, state=state, rate=rate, seconds=seconds,
+        judged=arrays["judged"], **{name: words[name] for name in _WORDS},
+    )  # type: ignore[arg-type]  # fmt: skip
+
+
+_WORDS = ("seed", "status", "restarts", "windows", "held_out_windows", "fold")
+"""What of an outcome is no array."""

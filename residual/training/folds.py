@@ -1,0 +1,99 @@
+"""What a seed trains on, stops by and is judged by: rotating fifths of the runs, or of blocks of time of a few runs.
+
+What judges takes no part in the training, not even in the choice of the weights: those chosen on the windows that then
+decide look better than they are (Cawley and Talbot, 2010, J Mach Learn Res 11).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import accumulate
+from typing import NamedTuple
+
+from residual.training.windows import Piece, blocks
+
+FOLDS = 5
+"""Parts into which the runs are dealt, or the blocks of fewer runs."""
+GAP = 30.0
+"""Seconds left out between blocks of one run that serve differently: a run's next seconds know its motion and wind."""
+SHORTER = (120.0, 90.0, 75.0)
+"""Lengths of blocks [s] tried where longer ones are fewer than FOLDS."""
+
+
+class Sides(NamedTuple):
+    """Pieces to train on, to stop by and to judge by; fold: number of the part that judges, or else stops."""
+
+    train: list[Piece]
+    stop: list[Piece]
+    judge: list[Piece]
+    fold: int
+
+
+def sides_of(pieces: Sequence[Piece], turn: int, seconds: float, h: float, least: float, judge: bool = True) -> Sides:
+    """The sides of the turn-th training, turns 0, 1, ... judging by one part after the other.
+
+    Of FOLDS runs with a piece of ``least`` [s] or more, whole runs; of fewer, blocks of about ``seconds``, GAP apart.
+    Without ``judge`` only one part is taken away, to stop by. A side is empty where the data are too few.
+    """
+    runs = list(dict.fromkeys(p.run for p in pieces if p.steps * h >= least - 1e-9))
+    if len(runs) >= FOLDS:
+        role, fold = _role(turn, FOLDS, judge)
+        of_run = {run: role(number) for number, run in enumerate(runs)}
+        dealt = [(p, of_run.get(p.run, 0)) for p in pieces]
+    else:
+        dealt, fold = _dealt(pieces, turn, seconds, h, least + GAP, judge)
+        dealt = _joined(_apart(dealt, math.ceil(GAP / 2 / h - 1e-9)))
+    train, stop, judging = ([p for p, side in dealt if side == number] for number in range(3))
+    return Sides(train, stop, judging, fold)
+
+
+def _role(turn: int, folds: int, judge: bool):  # type: ignore[no-untyped-def]
+    """Number of a run or block -> 0 train, 1 stop, 2 judge; and the fold. Later rounds stop by other parts."""
+    fold = turn % folds
+    stop = (fold + 1 + turn // folds % (folds - 1)) % folds if judge else fold
+
+    def role(number: int) -> int:
+        part = number % folds
+        return 1 if part == stop else 2 if judge and part == fold else 0
+
+    return role, fold
+
+
+def _dealt(
+    pieces: Sequence[Piece], turn: int, seconds: float, h: float, least: float, judge: bool
+) -> tuple[list[tuple[Piece, int]], int]:
+    """Blocks and what each is for; those shorter than ``least`` [s] are trained on."""
+    for length in (seconds, *(s for s in SHORTER if s < seconds)):
+        cut = blocks(pieces, length, h)
+        long = [b.steps * h >= least - 1e-9 for b in cut]
+        if sum(long) >= FOLDS:
+            break
+    role, fold = _role(turn, max(3, min(FOLDS, sum(long))), judge)
+    numbers = accumulate(long)
+    return [(b, role(n - 1) if is_long else 0) for b, is_long, n in zip(cut, long, numbers, strict=True)], fold
+
+
+def _apart(dealt: Sequence[tuple[Piece, int]], rows: int) -> list[tuple[Piece, int]]:
+    """Blocks cut short by ``rows`` wherever the next one of the same run serves differently."""
+    result = []
+    for k, (block, side) in enumerate(dealt):
+        before, after = (
+            rows if 0 <= j < len(dealt) and dealt[j][0].run == block.run and dealt[j][1] != side else 0
+            for j in (k - 1, k + 1)
+        )
+        if block.steps > before + after:
+            result.append((Piece(block.run, block.grid, block.first + before, block.last - after), side))
+    return result
+
+
+def _joined(dealt: Sequence[tuple[Piece, int]]) -> list[tuple[Piece, int]]:
+    """Neighbouring blocks that are trained on, joined again."""
+    result: list[tuple[Piece, int]] = []
+    for block, side in dealt:
+        last = result[-1][0] if result else None
+        if last and side == result[-1][1] == 0 and last.grid is block.grid and last.last == block.first:
+            result[-1] = (Piece(last.run, last.grid, last.first, block.last), 0)
+        else:
+            result.append((block, side))
+    return result

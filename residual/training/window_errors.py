@@ -1,0 +1,45 @@
+"""How well systems predict windows that judge them, one by one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import torch
+
+from residual.rollout import Batch, rollout, squares
+from residual.system import System
+from residual.training.windows import Piece, windows
+
+WINDOW, STRIDE, RESTART = 30.0, 15.0, 100.0
+"""Stop and judged windows [s] and how far apart they start; length of the restarts of the second metric."""
+
+
+class Judged(NamedTuple):
+    """Errors of two systems. rows: of each 30 s window (run, first row of its piece, error of each system); before,
+    after: mean errors of the first and of the second system (30 s windows, 100 s restarts; NaN where none fits).
+    """
+
+    rows: np.ndarray
+    before: tuple[float, float]
+    after: tuple[float, float]
+
+
+def judge(systems: tuple[System, System], pieces: Sequence[Piece], h: float, sigma: np.ndarray, method: str) -> Judged:
+    """Errors of 30 s windows every 15 s and of 100 s windows side by side."""
+    past, scale = systems[0].past, torch.as_tensor(sigma)
+    errors = []
+    for length, stride in ((WINDOW, STRIDE), (RESTART, RESTART)):
+        batch = windows(pieces, h, round(length / h), round(stride / h), past)
+        errors.append(np.array([window_errors(s, batch, scale, method) if batch else [] for s in systems]))
+    counts = [len(range(p.first + past, p.last - round(WINDOW / h) + 1, round(STRIDE / h))) for p in pieces]
+    where = np.repeat(np.array([(p.run, p.first) for p in pieces]).reshape(-1, 2), counts, axis=0)
+    (a, b), (c, d) = (e.mean(axis=1) if e.size else (np.nan, np.nan) for e in errors)
+    return Judged(np.column_stack([where, errors[0].T]), (float(a), float(c)), (float(b), float(d)))
+
+
+@torch.no_grad()
+def window_errors(system: System, batch: Batch, sigma: torch.Tensor, method: str) -> np.ndarray:
+    """Mean squared normalised error of each window (M,), as ``fitting.prediction.score`` counts it but on the grid."""
+    return squares(rollout(system, batch, method), batch, sigma).numpy()

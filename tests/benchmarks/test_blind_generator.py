@@ -1,0 +1,191 @@
+"""The generator of the blind benchmark: independent of what it tests, right physics, reproducible, readable."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.blind.generator.cases import ROWS, Case, Runs, floors, run
+from benchmarks.blind.generator.coefficients import DRAWN, ship_numbers, true_coefficients
+from benchmarks.blind.generator.deal import LIBRARY, NULL_SHARE, Hand, deal
+from benchmarks.blind.generator.effect import Effect
+from benchmarks.blind.generator.foreign import FOREIGN, MISFIT
+from benchmarks.blind.generator.machinery import follow
+from benchmarks.blind.generator.plant import plant_of, rates
+from benchmarks.blind.generator.write import generate
+from cases.io.read import read_trials
+from cases.shipfiles.ship_file import load_ship
+from mmg.model import assemble
+
+ROOT = Path(__file__).parents[2]
+EFFECTS: tuple[Effect, ...] = (*LIBRARY, *FOREIGN, MISFIT)
+NULL = Hand("null", ())
+CONTRACT = (
+    "current wind_force wind_sensor_bias shallow_water bank wave_drift rudder_lag rudder_backlash rudder_offset "
+    "propeller_side_force rudder_stall fouling draft antenna_offset heading_bias log_scale control_delay gnss_delay "
+    "hull_memory tow"
+)
+
+
+def prepared(hand: Hand = NULL, seed: int = 5, chosen: str = "mixed") -> Case:
+    return Case.prepared(hand, chosen, np.random.SeedSequence(seed))
+
+
+@cache
+def with_each_effect() -> tuple[list[Case], Runs]:
+    """The same case without an effect, then with each of them at medium, in one batch: every hook sees every run."""
+    plain, rng = prepared(), np.random.default_rng(1)
+    drawn = [[(effect, effect.draw("medium", rng, len(plain.kinds)))] for effect in EFFECTS]
+    cases = [plain, *(replace(plain, drawn=one) for one in drawn)]
+    return cases, run(cases)
+
+
+@cache
+def alone() -> Runs:
+    return run([prepared()])
+
+
+@cache
+def benchmark(folder: Path) -> str:
+    return generate(folder, 2, 11, "library")
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    folder = tmp_path_factory.mktemp("blind") / "out"
+    return folder, benchmark(folder)
+
+
+def test_it_imports_nothing_of_what_it_tests() -> None:
+    code = (
+        "import sys, benchmarks.blind.generator.__main__;"
+        "print([m for m in sys.modules if m.split('.')[0] in ('mmg', 'cases', 'fitting', 'diagnosis', 'residual',"
+        " 'commands', 'casadi', 'torch')])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_the_accelerations_are_those_of_the_package() -> None:
+    rng, count = np.random.default_rng(2), 300
+    particulars, nominal = ship_numbers()
+    true = true_coefficients(nominal, rng)
+    u, v, r = rng.uniform(-0.2, 0.5, count), rng.uniform(-0.15, 0.15, count), rng.uniform(-0.08, 0.08, count)
+    state = np.stack([*rng.normal(0, 10, (2, count)), rng.uniform(-4, 4, count), u, v, r])
+    n, delta = rng.uniform(-12, 12, count), np.radians(rng.uniform(-35, 35, count))
+    wind = rng.normal(0, 1.5, (2, count))
+    plant = plant_of(particulars, [true], [[]], count)
+    ours = rates(plant, state, (n, delta, *wind), np.zeros((3, count)), np.zeros(count))
+    ship = load_ship("esso_osaka_3m").with_values({name: true[name] for name in DRAWN})
+    package = assemble(ship, (), exact=True).rates.map(count)
+    theirs = np.array(package(state, np.stack([n, delta, *wind]), np.zeros((0, count))))
+    size = np.median(np.abs(theirs), axis=1)[:, None]
+    assert np.max(np.abs(ours - theirs) / (np.abs(theirs) + 0.1 * size)) < 2e-3
+    assert np.median(np.abs(ours - theirs) / size) < 1e-4
+
+
+def test_the_library_effects_are_those_of_the_contract() -> None:
+    assert sorted(effect.name for effect in LIBRARY) == sorted(CONTRACT.split())
+    assert len(FOREIGN) >= 8 and len({effect.name for effect in EFFECTS}) == len(EFFECTS)
+
+
+def test_neutral_effects_leave_a_trial_as_it_is() -> None:
+    _, runs = with_each_effect()
+    plain = alone()
+    B = plain.plant.runs
+    np.testing.assert_allclose(runs.columns[:, :, :B], plain.columns, atol=1e-9)
+    np.testing.assert_allclose(runs.delta[:, :B], plain.delta, atol=1e-12)
+
+
+@pytest.mark.parametrize("index", range(len(EFFECTS)), ids=[effect.name for effect in EFFECTS])
+def test_a_medium_effect_changes_the_trials(index: int) -> None:
+    _, runs = with_each_effect()
+    plain = alone()
+    B = plain.plant.runs
+    changed = runs.columns[:, :, (index + 1) * B : (index + 2) * B]
+    assert np.isfinite(changed).all()
+    size = np.sqrt(np.mean((changed - plain.columns) ** 2, axis=(0, 2)))
+    assert np.max(size / np.array([0.01, 0.01, 0.0015, 0.004, 0.004, 0.0006])) > 0.5
+
+
+def test_the_true_model_predicts_better_with_its_effects() -> None:
+    cases, runs = with_each_effect()
+    floor, without = floors(cases, runs), floors(cases, runs, with_effects=False)
+    assert np.all(floor > 0) and np.all(floor < 0.3)
+    assert np.all(without[1:] > 0.8 * floor[1:]) and np.mean(without[1:] > 1.1 * floor[1:]) > 0.6
+    assert without[0] == pytest.approx(floor[0], rel=0.05)
+
+
+def test_without_random_force_the_floor_is_the_noise() -> None:
+    case = prepared()
+    quiet = replace(case, force=0 * case.force)
+    noise = quiet.noise[:, :, quiet.training :]
+    expected = np.mean((noise / np.array([0.3, 0.3, np.radians(5), 0.05, 0.05, 0.01])[:, None]) ** 2)
+    assert floors([quiet], run([quiet]))[0] == pytest.approx(expected, rel=0.05)
+
+
+def test_the_lag_of_a_ramp_is_its_time_constant() -> None:
+    y, x, T = np.zeros(1), 0.0, np.array([0.4])
+    for _ in range(200):
+        y, x = follow(y, np.array([x]), np.array([x + 0.05]), T, 0.05), x + 0.05
+    assert float(x - y[0]) == pytest.approx(0.4, rel=1e-6)
+
+
+def test_the_mix_is_dealt_in_its_shares() -> None:
+    hands = deal("mix", 100, np.random.default_rng(0))
+    kinds = [hand.kind for hand in hands]
+    assert (kinds.count("null"), kinds.count("foreign"), kinds.count("library")) == (round(100 * NULL_SHARE), 15, 75)
+    named = {(hand.effects[0][0].name, hand.effects[0][1]) for hand in hands if hand.kind == "library"}
+    assert len(named) >= 60
+
+
+def test_the_hash_is_that_of_the_key_and_the_key_of_all_files(written: tuple[Path, str]) -> None:
+    folder, digest = written
+    content = (folder / "key.json").read_bytes()
+    assert hashlib.sha256(content).hexdigest() == digest == (folder / "key.sha256").read_text().split()[0]
+    for entry in json.loads(content)["cases"]:
+        assert entry["effects"][0]["name"] in CONTRACT
+        for name, expected in entry["sha256"].items():
+            path = folder / "sealed" / f"{entry['case']}.json" if name == "sealed" else folder / entry["case"] / name
+            assert hashlib.sha256(path.read_bytes()).hexdigest() == expected
+        truth = json.loads((folder / "sealed" / f"{entry['case']}.json").read_text())
+        assert truth["floor"] > 0 and set(DRAWN) <= set(truth["nominal_true_coefficients"])
+
+
+def test_the_same_seed_gives_the_same_bytes(written: tuple[Path, str], tmp_path: Path) -> None:
+    folder, digest = written
+    assert generate(tmp_path / "again", 2, 11, "library") == digest
+    for path in sorted(folder.rglob("*")):
+        if path.is_file():
+            assert (tmp_path / "again" / path.relative_to(folder)).read_bytes() == path.read_bytes()
+    with pytest.raises(FileExistsError):
+        generate(folder, 1, 1)
+
+
+def test_the_package_reads_the_trials(written: tuple[Path, str]) -> None:
+    folder, _ = written
+    for case in sorted(folder.glob("case_*")):
+        for role, count in (("train", 7), ("test", 5)):
+            trials = read_trials(case / role)
+            assert len(trials) == count
+            for trial in trials:
+                assert trial.kind and len(trial) == 301 and trial.dt == pytest.approx(0.5)
+                assert trial.duration == pytest.approx(150.0)
+                assert np.abs(trial["u"]).max() < 0.8 and np.abs(trial["delta"]).max() < np.radians(35.1)
+                speed = np.hypot(np.diff(trial["x"]), np.diff(trial["y"])) / trial.dt
+                assert abs(np.mean(speed) - np.mean(np.hypot(trial["u"], trial["v"]))) < 0.05
+                assert {"wind_speed", "wind_direction"} <= set(trial.columns)
+
+
+@pytest.mark.parametrize("chosen", ("zigzag", "turn", "random", "berthing"))
+def test_a_manoeuvre_set_holds_only_its_kind(chosen: str) -> None:
+    case = prepared(chosen=chosen)
+    assert set(case.kinds) == {chosen} and len(case.kinds) == 12 and case.orders.n.shape == (ROWS, 12)

@@ -1,0 +1,261 @@
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from typer import Typer
+from typer.testing import CliRunner
+
+from cases.checks import CheckReport, check, inputs_are_constant, pooled
+from cases.io.read import read_trials
+from cases.trial import Trial
+from mmg_ident.commands.check import check as command
+from tests.support.trial_files import make_trial, motion_columns, shifted, write_csv
+
+
+def one(trial):
+    return check([trial])[0]
+
+
+def kinematics(trial):
+    return one(trial).numbers["kinematics"]
+
+
+def text_of(report, level=None):
+    return " ".join(f.text for f in report.findings if level is None or f.level == level)
+
+
+def test_a_consistent_trial_is_ok():
+    report = one(make_trial())
+    assert report.verdict == "ok", text_of(report, "warning")
+    channels = report.numbers["kinematics"]["channels"]
+    for name in "uvr":
+        assert abs(channels[name]["lag_s"] or 0.0) < 0.05
+        assert channels[name]["gain"] == pytest.approx(1.0, abs=0.01)
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.25, 0.73])
+def test_a_lag_of_the_finished_columns_is_recovered_between_samples(lag):
+    c = motion_columns()
+    numbers = kinematics(make_trial(u=shifted(c["u"], lag), v=shifted(c["v"], lag), r=shifted(c["r"], lag)))
+    for name in "vr":
+        assert (numbers["channels"][name]["lag_s"] or 0.0) == pytest.approx(lag, abs=0.05)
+    assert numbers["velocity_lag"]["body_s"] == pytest.approx(lag, abs=0.05)
+    assert numbers["velocity_lag"]["body_misfit"] < 0.01
+    assert abs(numbers["lever_arm"]["x_m"]) < 0.02
+
+
+def test_a_late_satellite_velocity_turned_by_the_present_heading_is_told_from_late_columns():
+    c = motion_columns()
+    w = (c["u"] + 1j * c["v"]) * np.exp(1j * c["psi"])
+    late = (shifted(w.real, 0.7) + 1j * shifted(w.imag, 0.7)) * np.exp(-1j * c["psi"])
+    lag = kinematics(make_trial(u=late.real, v=late.imag))["velocity_lag"]
+    assert lag["frame"] == "earth" and lag["earth_s"] == pytest.approx(0.7, abs=0.03)
+    assert lag["earth_misfit"] < 0.3 * lag["body_misfit"]
+
+
+@pytest.mark.parametrize("gain", [0.95, 0.987, 1.03])
+def test_the_gain_of_a_gyro_is_recovered(gain):
+    report = one(make_trial(r=gain * motion_columns()["r"]))
+    assert report.numbers["kinematics"]["channels"]["r"]["gain"] == pytest.approx(gain, abs=0.003)
+    assert "gyro scale" in text_of(report)
+
+
+@pytest.mark.parametrize("arm", [(0.5, 0.0), (-0.3, 0.2), (0.0, -0.4)])
+def test_a_lever_arm_of_the_position_is_recovered(arm):
+    c = motion_columns()
+    place = (c["x"] + 1j * c["y"]) + (arm[0] + 1j * arm[1]) * np.exp(1j * c["psi"])
+    lever = kinematics(make_trial(x=place.real, y=place.imag))["lever_arm"]
+    assert lever["x_m"] == pytest.approx(arm[0], abs=0.05)
+    assert lever["y_m"] == pytest.approx(arm[1], abs=0.05)
+
+
+def test_earth_fixed_velocities_passed_off_as_body_velocities_are_found():
+    c = motion_columns()
+    w = (c["u"] + 1j * c["v"]) * np.exp(1j * c["psi"])
+    report = one(make_trial(u=w.real, v=w.imag))
+    assert report.verdict == "warnings" and 'velocity_frame = "earth"' in text_of(report, "warning")
+
+
+@pytest.mark.parametrize(
+    ("flipped", "said"),
+    [(("delta",), "positive to port"), (("y",), "y is positive to port"), (("r",), "r has the opposite sign"),
+     (("y", "psi", "v", "r"), "mirrored")],
+)  # fmt: skip
+def test_wrong_signs_are_found(flipped, said):
+    c = motion_columns()
+    report = one(make_trial(**{name: -c[name] for name in flipped}))
+    assert report.verdict == "warnings" and said in text_of(report, "warning")
+
+
+def test_knots_labelled_as_metres_per_second_are_found():
+    c = motion_columns()
+    report = one(make_trial(u=c["u"] * 1.944, v=c["v"] * 1.944))
+    assert "knots" in text_of(report, "warning")
+
+
+def test_degrees_in_a_trial_made_in_memory_are_unusable():
+    assert one(make_trial(psi=np.degrees(motion_columns()["psi"]))).verdict == "unusable"
+
+
+def test_constant_inputs_are_unusable():
+    t = motion_columns()["t"]
+    trial = make_trial(n=np.full(len(t), 10.0), delta=np.zeros(len(t)))
+    assert inputs_are_constant(trial)
+    report = one(trial)
+    assert report.verdict == "unusable" and "nothing to identify" in text_of(report)
+
+
+def test_what_is_never_excited_is_said_per_file_and_together():
+    ahead = make_trial("ahead")
+    n = motion_columns()["n"].copy()
+    n[1000:2000] = -8.0
+    back = make_trial("back", n=n)
+    alone, other = check([ahead, back])
+    assert "Never n < 0: C_3..C_10" in text_of(alone)
+    assert other.numbers["excitation"]["group_seconds"]["propeller_reversed"] == pytest.approx(100.0, abs=1.0)
+    seconds, sentences = pooled([alone, other])
+    assert seconds["propeller_reversed"] == pytest.approx(100.0, abs=1.0)
+    assert not any(text.startswith("Never n < 0:") for text in sentences)
+    assert any(text.startswith("Never sternway") for text in sentences)
+    assert sum(alone.numbers["excitation"]["quadrants"].values()) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("offset", [0.0, 123.4])
+def test_a_part_of_another_file_is_found_whatever_its_clock_says(offset):
+    whole = make_trial("whole")
+    part = Trial("part", {c: v[500:1500] for c, v in whole.columns.items()})
+    part = part.with_columns(t=part.t + offset)
+    stranger = Trial("stranger", motion_columns(seed=7))
+    reports = check([whole, stranger, part])
+    (copy,) = reports[2].numbers["duplicates"]
+    assert (copy["other"], copy["relation"]) == ("whole", "inside")
+    assert (copy["rows"], copy["other_rows"]) == ([0, 999], [500, 1499])
+    assert reports[0].numbers["duplicates"][0]["relation"] == "contains"
+    assert reports[1].numbers["duplicates"] == []
+
+
+def test_an_exact_copy_is_found_and_a_ship_at_rest_is_not_a_duplicate():
+    a, b = check([make_trial("a"), make_trial("b")])
+    assert a.numbers["duplicates"][0]["relation"] == b.numbers["duplicates"][0]["relation"] == "copy"
+    t = np.arange(0.0, 60.0, 0.1)
+    rest = {c: np.zeros(len(t)) for c in ("psi", "u", "v", "r", "n", "delta")}
+    reports = check([Trial("a", {"t": t, **rest}), Trial("b", {"t": t, **rest})])
+    assert all(report.numbers["duplicates"] == [] for report in reports)
+
+
+def test_a_copy_saved_with_fewer_digits_is_found():
+    whole = make_trial("whole")
+    rounded = Trial("rounded", {c: np.round(v[300:2000], 5) for c, v in whole.columns.items()})
+    reports = check([whole, rounded, Trial("stranger", motion_columns(seed=7))])
+    (copy,) = reports[1].numbers["duplicates"]
+    assert (copy["other"], copy["relation"]) == ("whole", "inside")
+    assert reports[2].numbers["duplicates"] == []
+
+
+def test_gaps_and_uneven_sampling_are_counted():
+    c = motion_columns()
+    keep = np.ones(len(c["t"]), bool)
+    keep[700:800] = False
+    u = c["u"].copy()
+    u[1500:1600] = np.nan
+    report = one(Trial("run", {name: v[keep] for name, v in {**c, "u": u}.items()}))
+    sampling = report.numbers["sampling"]
+    assert sampling["gaps"] == 2 and sampling["longest_gap_s"] == pytest.approx(10.1)
+    assert sampling["nan_share"]["u"] == pytest.approx(100 / 2900)
+    assert "2 gap(s)" in text_of(report, "warning")
+
+
+def test_contradicting_wind_columns_are_found():
+    c = motion_columns()
+    angle = c["wind_direction"] + np.pi - c["psi"]
+    report = one(make_trial(apparent_wind_speed=c["wind_speed"], apparent_wind_direction=angle))
+    assert "where the wind goes to" in text_of(report, "warning")
+
+
+def test_without_positions_or_wind_the_rest_is_still_checked():
+    c = motion_columns()
+    report = one(Trial("run", {name: c[name] for name in ("t", "psi", "u", "v", "r", "n", "delta")}))
+    assert report.verdict == "ok" and set(report.numbers["kinematics"]["channels"]) == {"r"}
+
+
+@pytest.mark.parametrize("rows", [2, 3, 10, 60])
+def test_very_short_trials_do_not_break_the_checks(rows):
+    report = one(Trial("run", {name: v[:rows] for name, v in motion_columns().items()}))
+    json.dumps(report.as_dict(), allow_nan=False)
+
+
+def test_numbers_that_are_not_finite_leave_the_json_document_valid():
+    numbers = {"a": float("inf"), "b": [np.float64("nan"), np.int64(3)], "c": {"d": True, "e": None}}
+    document = CheckReport("run", "", (), numbers).as_dict()
+    assert document["numbers"] == {"a": None, "b": [None, 3.0], "c": {"d": True, "e": None}}
+    json.dumps(document, allow_nan=False)
+
+
+def test_the_share_of_time_per_quadrant_is_said():
+    n = motion_columns()["n"].copy()
+    n[:750] = -8.0
+    assert "Share of time: ahead with n > 0 75%, ahead with n < 0 25%." in text_of(one(make_trial(n=n)))
+
+
+def app():
+    made = Typer()
+    made.command()(command)
+    return made
+
+
+def test_the_command_prints_a_table_and_one_json_document(tmp_path):
+    write_csv(tmp_path / "run.csv", motion_columns(), rows=None)
+    human = CliRunner().invoke(app(), [str(tmp_path)])
+    assert human.exit_code == 0 and "run" in human.output and "verdict" in human.output
+    assert max(map(len, human.output.splitlines())) <= 100
+    machine = CliRunner().invoke(app(), [str(tmp_path / "run.csv"), "--json"])
+    document = json.loads(machine.output)
+    assert list(document) == ["files", "pooled"]
+    assert list(document["files"][0]) == ["name", "path", "verdict", "findings", "numbers"]
+
+
+@pytest.fixture(scope="module")
+def reports(frt):
+    return {report.name: report for report in check(read_trials(frt))}
+
+
+@pytest.mark.data
+def test_the_cut_turn_is_found_inside_the_whole_one_and_nothing_else(reports):
+    found = {name: r.numbers["duplicates"] for name, r in reports.items() if r.numbers["duplicates"]}
+    assert set(found) == {"turn_14-Sep-2020_15_58_08", "turn_cut_14-Sep-2020_15_58_08"}
+    (inside,) = found["turn_cut_14-Sep-2020_15_58_08"]
+    assert inside["relation"] == "inside" and inside["other_rows"] == [0, 2868]
+
+
+@pytest.mark.data
+def test_real_records_have_no_false_alarm(reports):
+    warned = {name: text_of(r, "warning") for name, r in reports.items() if r.verdict != "ok"}
+    assert set(warned) == {"turn_14-Sep-2020_15_58_08", "turn_cut_14-Sep-2020_15_58_08"}, warned
+
+
+@pytest.mark.data
+def test_real_velocities_lag_the_track_and_the_gyro_reads_low(reports):
+    lags = [r.numbers["kinematics"]["velocity_lag"] for r in reports.values()]
+    assert 0.6 < np.median([lag["earth_s"] for lag in lags]) < 0.85
+    assert all(lag["frame"] == "earth" for lag in lags)
+    turns = [report for name, report in reports.items() if name.startswith("turn")]
+    gains = [report.numbers["kinematics"]["channels"]["r"]["gain"] for report in turns]
+    assert np.median(gains) == pytest.approx(0.987, abs=0.004)
+
+
+@pytest.mark.data
+def test_a_flipped_rudder_is_found_in_every_real_record(frt):
+    for trial in read_trials(frt):
+        assert one(trial.with_columns(delta=-trial["delta"])).verdict == "warnings", trial.name
+
+
+@pytest.mark.data
+def test_earth_fixed_velocities_and_a_flipped_sway_are_found_in_every_real_record(frt):
+    for trial in read_trials(frt):
+        w = (trial["u"] + 1j * trial["v"]) * np.exp(1j * trial["psi"])
+        earth = one(trial.with_columns(u=w.real, v=w.imag))
+        assert "earth-fixed velocities (north, east)" in text_of(earth, "warning"), trial.name
+        flipped = text_of(one(trial.with_columns(v=-trial["v"])), "warning")
+        assert "v is positive to port" in flipped or "v has the opposite sign" in flipped, trial.name

@@ -1,0 +1,289 @@
+from __future__ import annotations
+
+import hashlib
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from cases.io.read import read_trial, read_trials
+from cases.io.unit_sanity import implausible
+from cases.trial import UNITS
+from mmg.errors import UserError
+from mmg.frames import apparent_wind, true_wind
+from tests.support.trial_files import motion_columns, write_csv
+
+DEG = np.pi / 180
+
+
+def refused(path, said):
+    with pytest.raises(UserError, match=said) as error:
+        read_trial(path)
+    text = str(error.value)
+    assert "\n" not in text and path.name in text
+    return text
+
+
+def replaced(path, line, column, text):
+    """Writes text into one cell of a CSV (line 0 = header)."""
+    rows = [row.split(",") for row in path.read_text().splitlines()]
+    rows[line][column] = text
+    path.write_text("\n".join(",".join(row) for row in rows) + "\n")
+
+
+def test_canonical_csv_is_read_as_it_is(tmp_path):
+    truth = motion_columns(20.0)
+    path = write_csv(tmp_path / "run.csv", truth)
+    trial = read_trial(path)
+    assert trial.name == "run" and trial.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
+    assert trial.notices == ()
+    for name, values in truth.items():
+        np.testing.assert_allclose(trial[name], values, rtol=1e-12, atol=1e-15)
+
+
+def test_parquet_equals_csv(tmp_path):
+    truth = motion_columns(20.0)
+    pd.DataFrame({f"{c} [{UNITS[c]}]": v for c, v in truth.items()}).to_parquet(tmp_path / "run.parquet")
+    a, b = read_trial(tmp_path / "run.parquet"), read_trial(write_csv(tmp_path / "run.csv", truth))
+    for name in truth:
+        np.testing.assert_allclose(a[name], b[name], rtol=1e-12, atol=1e-15)
+
+
+def test_degrees_knots_and_rpm_are_converted_and_said(tmp_path):
+    truth = motion_columns(20.0)
+    stored = {**truth, "psi": truth["psi"] / DEG, "r": truth["r"] / DEG, "u": truth["u"] * 3600 / 1852}
+    headers = {"psi": "psi [deg]", "r": "r [deg/s]", "u": "u [kn]"}
+    trial = read_trial(write_csv(tmp_path / "run.csv", stored, headers))
+    for name in ("psi", "r", "u"):
+        np.testing.assert_allclose(trial[name], truth[name], rtol=1e-12, atol=1e-15)
+    assert len([n for n in trial.notices if "converted" in n]) == 3
+
+
+def test_a_text_in_a_number_is_named_with_row_and_column(tmp_path):
+    path = write_csv(tmp_path / "run.csv")
+    replaced(path, 17, 4, "fast")
+    text = refused(path, "'fast' is not a number")
+    assert "row 17, column 'u [m/s]'" in text
+
+
+def test_a_missing_column_is_named_with_the_headers_found_and_the_mapping(tmp_path):
+    columns = motion_columns(20.0)
+    del columns["r"]
+    text = refused(write_csv(tmp_path / "run.csv", columns), "missing column r; found: t ")
+    assert "columns = { r =" in text
+
+
+def test_an_unknown_unit_is_refused(tmp_path):
+    path = write_csv(tmp_path / "run.csv", headers={"r": "r [grad/s]"})
+    refused(path, r"column 'r \[grad/s\]': unknown unit")
+
+
+def test_a_missing_unit_is_refused_even_for_time(tmp_path):
+    refused(write_csv(tmp_path / "run.csv", headers={"t": "t"}), "column 't' has no unit")
+
+
+def test_all_nan_one_row_and_empty_files_are_refused(tmp_path):
+    columns = motion_columns(20.0)
+    nothing = {name: np.full(len(v), np.nan) for name, v in columns.items()}
+    refused(write_csv(tmp_path / "nan.csv", nothing), "no row holds a time and a state")
+    refused(write_csv(tmp_path / "one.csv", columns, rows=1), "only one usable row")
+    refused(write_csv(tmp_path / "none.csv", columns, rows=0), "no rows")
+    (tmp_path / "empty.csv").write_text("")
+    refused(tmp_path / "empty.csv", "the file is empty")
+
+
+def test_a_required_column_without_numbers_is_refused_an_optional_one_left_out(tmp_path):
+    columns = motion_columns(20.0)
+    empty = np.full(len(columns["t"]), np.nan)
+    refused(write_csv(tmp_path / "a.csv", {**columns, "n": empty}), "column n holds no number")
+    trial = read_trial(write_csv(tmp_path / "b.csv", {**columns, "wind_speed": empty}))
+    assert not trial.has_wind and any("no wind" in notice for notice in trial.notices)
+
+
+@pytest.mark.parametrize(("value", "said"), [("0.4", "repeats at row 6"), ("0.2", "runs backwards at row 6")])
+def test_time_that_does_not_increase_is_named_by_row(tmp_path, value, said):
+    path = write_csv(tmp_path / "run.csv")
+    replaced(path, 6, 0, value)
+    refused(path, said)
+
+
+def test_doubled_headers_and_two_columns_for_one_quantity_are_refused(tmp_path):
+    columns = motion_columns(20.0)
+    refused(write_csv(tmp_path / "a.csv", columns, {"v": "u [m/s]"}), "names 'u .m/s.' twice")
+    both = {**columns, "u_velo": columns["u"]}
+    path = write_csv(tmp_path / "b.csv", both, {"u_velo": "u_velo [m/s]"})
+    refused(path, "both 'u .m/s.' and 'u_velo .m/s.' are u")
+
+
+def test_unreadable_files_are_refused(tmp_path):
+    refused(tmp_path / "nowhere.csv", "no such file")
+    (tmp_path / "run.xlsx").write_text("x")
+    refused(tmp_path / "run.xlsx", "expected .csv or .parquet")
+    (tmp_path / "run.parquet").write_text("x")
+    refused(tmp_path / "run.parquet", "not a readable Parquet")
+    path = write_csv(tmp_path / "semicolon.csv")
+    path.write_text(path.read_text().replace(",", ";"))
+    refused(path, "not separated by commas")
+    path = write_csv(tmp_path / "ragged.csv")
+    path.write_text(path.read_text() + "1,2,3,4,5,6,7,8,9,10,11,12,13,14\n")
+    refused(path, "not a table")
+    with pytest.raises(UserError, match=r"no \.csv"):
+        read_trials([(tmp_path / "folder", (tmp_path / "folder").mkdir())[0]])
+
+
+def test_nan_ends_are_cut_and_inner_rows_kept_as_gaps(tmp_path):
+    columns = motion_columns(20.0)
+    for name in columns:
+        columns[name] = columns[name].copy()
+        columns[name][-30:] = np.nan
+        columns[name][:4] = np.nan
+    columns["u"][50:60] = np.nan
+    trial = read_trial(write_csv(tmp_path / "run.csv", columns))
+    assert len(trial) == 200 - 34 and np.isnan(trial["u"]).sum() == 10
+    assert trial.meta["rows_before"] == "4"
+    said = " ".join(trial.notices)
+    assert "first 4 of 200" in said and "last 30 of 200" in said and "10 of 166" in said
+
+
+def test_uneven_sampling_and_a_late_clock_are_fine(tmp_path):
+    columns = motion_columns(60.0)
+    rng = np.random.default_rng(1)
+    keep = np.sort(rng.choice(len(columns["t"]), 300, replace=False))
+    columns = {name: values[keep] for name, values in columns.items()}
+    columns["t"] = columns["t"] + 1894.0
+    trial = read_trial(write_csv(tmp_path / "run.csv", columns, rows=None))
+    assert len(trial) == 300 and trial.t[0] >= 1894.0
+    assert any("clock starts" in notice for notice in trial.notices)
+
+
+def test_twin_rudders_stand_for_delta_and_one_alone_does_not(tmp_path):
+    columns = motion_columns(20.0)
+    delta = columns.pop("delta")
+    assert "delta_port" in read_trial(
+        write_csv(tmp_path / "a.csv", {**columns, "delta_port": delta, "delta_starboard": 0.5 * delta})
+    )
+    refused(write_csv(tmp_path / "b.csv", {**columns, "delta_port": delta}), "missing column delta_starboard")
+
+
+def test_unknown_columns_are_ignored_with_a_notice(tmp_path):
+    columns = {**motion_columns(20.0), "roll": np.zeros(200)}
+    trial = read_trial(write_csv(tmp_path / "run.csv", columns, {"roll": "roll [rad]"}))
+    assert "roll" not in trial and "columns not used: roll [rad]" in trial.notices
+
+
+def test_true_wind_follows_from_the_apparent_one_with_a_notice(tmp_path):
+    truth = motion_columns(20.0)
+    speed, angle = apparent_wind(*(truth[c] for c in ("wind_speed", "wind_direction", "psi", "u", "v")))
+    columns = {c: v for c, v in truth.items() if not c.startswith("wind")}
+    columns.update(apparent_wind_speed=speed, apparent_wind_direction=angle)
+    trial = read_trial(write_csv(tmp_path / "run.csv", columns))
+    np.testing.assert_allclose(trial["wind_speed"], truth["wind_speed"], rtol=1e-9)
+    np.testing.assert_allclose(trial["wind_direction"], truth["wind_direction"], rtol=1e-9)
+    assert any("derived" in notice for notice in trial.notices)
+
+
+def test_going_ahead_in_still_air_the_apparent_wind_is_a_headwind():
+    speed, angle = apparent_wind(np.zeros(1), np.zeros(1), np.array([0.7]), np.array([2.0]), np.zeros(1))
+    assert speed[0] == pytest.approx(2.0) and angle[0] == pytest.approx(0.0)
+
+
+@given(arrays(float, 5, elements=st.floats(0.1, 3.0)))
+def test_apparent_and_true_wind_undo_each_other(a):
+    motion = (a[2:3], a[3:4], a[4:5])
+    speed, direction = true_wind(*apparent_wind(a[:1] + 3.2, a[1:2], *motion), *motion)
+    assert speed[0] == pytest.approx(a[0] + 3.2) and direction[0] == pytest.approx(a[1])
+
+
+@pytest.mark.parametrize(
+    ("column", "factor", "said"),
+    [
+        ("psi", 1 / DEG, "psi holds degrees but is labelled rad"),
+        ("psi", DEG, "psi holds radians but is labelled deg"),
+        ("r", 1 / DEG, "deg/s .*labelled rad/s"),
+        ("r", DEG, "r holds rad/s but is labelled deg/s"),
+        ("delta", 1 / DEG, "delta reaches .* degrees labelled rad"),
+    ],
+)
+def test_degrees_passed_off_as_radians_are_refused(tmp_path, column, factor, said):
+    columns = motion_columns(60.0)
+    columns[column] = columns[column] * factor
+    refused(write_csv(tmp_path / "run.csv", columns, rows=None), said)
+
+
+@pytest.mark.parametrize("low", [0.0, -180.0])
+def test_wrapped_degrees_passed_off_as_radians_are_refused(tmp_path, low):
+    columns = motion_columns(300.0)
+    turned = columns["psi"] / DEG + 8 * columns["t"]
+    columns["r"] = columns["r"] + 8 * DEG
+    columns["psi"] = (turned - low) % 360.0 + low
+    refused(write_csv(tmp_path / "run.csv", columns, rows=None), "psi holds degrees")
+
+
+def test_a_steady_heading_in_degrees_is_caught_by_the_track(tmp_path):
+    t = np.arange(0.0, 60.0, 0.1)
+    rest = np.zeros(len(t))
+    columns = {"t": t, "x": rest, "y": 0.3 * t, "psi": rest + 90.0, "u": rest + 0.3, "v": rest, "r": rest}
+    path = write_csv(tmp_path / "run.csv", {**columns, "n": rest + 10, "delta": 0.1 * np.sin(t)}, rows=None)
+    refused(path, "psi holds degrees")
+
+
+def test_vectwin_rudders_and_many_turns_are_plausible():
+    columns = motion_columns(300.0)
+    columns["psi"] = columns["psi"] + 0.5 * columns["t"]
+    columns["r"] = columns["r"] + 0.5
+    columns["delta"] = columns["delta"] * (105 * DEG / np.abs(columns["delta"]).max())
+    assert implausible(columns) == ""
+
+
+@pytest.mark.parametrize("wrap", [False, True])
+def test_a_good_file_in_degrees_is_not_refused(tmp_path, wrap):
+    columns = motion_columns(60.0)
+    columns["psi"] = columns["psi"] / DEG + 700.0
+    if wrap:
+        columns["psi"] %= 360.0
+    read_trial(write_csv(tmp_path / "run.csv", columns, {"psi": "psi [deg]"}, rows=None))
+
+
+@pytest.mark.data
+def test_every_real_record_is_read_and_the_nan_tail_cut(frt):
+    trials = {trial.name: trial for trial in read_trials(frt)}
+    assert len(trials) == 35
+    tail = trials["zigzag_31-Jul-2020_13_50_28"]
+    assert len(tail) == 2028 - 327 and any("last 327 of 2028" in notice for notice in tail.notices)
+    assert trials["random_06-Aug-2020_16_24_25_4"].t[0] == pytest.approx(1894.0)
+    assert all(trial.has_wind and trial.has_position for trial in trials.values())
+
+
+@pytest.mark.data
+def test_real_records_with_a_wrong_angle_unit_are_refused(frt):
+    for trial in read_trials(frt):
+        assert implausible(trial.columns) == "", trial.name
+        for column in ("psi", "r", "delta"):
+            assert implausible({**trial.columns, column: trial[column] / DEG}), (trial.name, column)
+
+
+def test_a_file_without_headers_or_with_a_blank_first_line_is_refused(tmp_path):
+    lines = write_csv(tmp_path / "run.csv").read_text().split("\n", 1)
+    (tmp_path / "bare.csv").write_text(lines[1])
+    (tmp_path / "blank.csv").write_text("\n" + "\n".join(lines))
+    (tmp_path / "head.csv").write_text(lines[0] + "\n")
+    refusals = {"bare": "numbers, not headers", "blank": "first line is blank", "head": "no rows"}
+    for name, said in refusals.items():
+        with pytest.raises(UserError, match=said):
+            read_trial(tmp_path / f"{name}.csv")
+
+
+def test_a_path_that_does_not_exist_is_said(tmp_path):
+    for path in (tmp_path / "nowhere", tmp_path / "nowhere.csv"):
+        with pytest.raises(UserError, match="no such file or folder"):
+            read_trials([path])
+
+
+def test_a_heading_that_jumps_by_360_is_in_degrees_even_beside_a_rate_in_degrees():
+    c = motion_columns()
+    psi = np.degrees(c["psi"] + 0.02 * c["t"])
+    columns = {"t": c["t"], "psi": psi % 360.0, "r": np.degrees(c["r"] + 0.02)}
+    assert "jumps by 360" in implausible(columns)

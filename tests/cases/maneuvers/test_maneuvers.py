@@ -1,0 +1,270 @@
+"""Manoeuvres: text to orders, approach, rate limits, Froude scaling."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cases.criteria.completeness import check_reached
+from cases.criteria.figures import (
+    figure_unit,
+    initial_turning_figures,
+    overshoot_figures,
+    stopping_figures,
+    turning_figures,
+    zigzag_figures,
+)
+from cases.maneuvers.controller import Controller, Limits
+from cases.maneuvers.definitions import parse_maneuver
+from cases.maneuvers.orders import random_telegraph, zigzag
+from cases.maneuvers.self_propulsion import revolutions_for, speed_for
+from cases.shipfiles.ship_file import load_ship
+from cases.simulation.simulate import simulate
+from cases.trial import Trial
+from mmg.errors import UserError
+
+SHIP = load_ship("esso_osaka_3m")
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "spin:35", "turning", "turning:", "turning:0", "turning:abc", "turning:nan", "turning:95",
+     "zigzag:20", "zigzag:20/-20", "spiral:15", "spiral:15/4", "spiral:15/-5", "spiral:a/5", "pull-out",
+     "pull-out:0", "zigzag:a/b", "random:x", "random:-1", "straight:3", "crash-stop:5"],
+)  # fmt: skip
+def test_ill_formed_text_is_one_clear_line(text: str) -> None:
+    with pytest.raises(UserError) as caught:
+        parse_maneuver(text, SHIP)
+    assert "\n" not in str(caught.value) and text in str(caught.value)
+
+
+@pytest.mark.parametrize("approach", [{"n": -3.0}, {"n": 0.0}, {"speed": 0.0}, {"speed": 30.0}, {"n": math.nan}])
+def test_an_approach_that_cannot_be_held_is_refused(approach: dict[str, float]) -> None:
+    with pytest.raises(UserError):
+        parse_maneuver("turning:35", SHIP, n=approach.get("n"), speed=approach.get("speed"))
+
+
+def test_self_propulsion_and_steady_speed_are_inverse() -> None:
+    assert speed_for(SHIP, revolutions_for(SHIP, 0.3)) == pytest.approx(0.3, rel=1e-9)
+    assert speed_for(SHIP, 10.0) == pytest.approx(0.39539, rel=5e-4)
+
+
+def test_straight_running_keeps_the_approach_speed() -> None:
+    trial = simulate(SHIP, parse_maneuver("straight", SHIP, duration=60), dt=0.5)
+    np.testing.assert_allclose(trial["u"], trial["u"][0], rtol=1e-9)
+    np.testing.assert_allclose(trial["y"], 0.0, atol=1e-12)
+
+
+def test_limits_follow_froude() -> None:
+    assert math.degrees(Limits.for_length(3.0).rudder_rate) == pytest.approx(20.0)
+    assert math.degrees(Limits.for_length(320.0).rudder_rate) == pytest.approx(1.94, abs=0.01)
+    large = replace(SHIP, particulars={**SHIP.particulars, "L": 300.0, "D_P": 8.4})
+    ratio = parse_maneuver("berthing", large, n=1.0, speed=1.0).duration / parse_maneuver("berthing", SHIP).duration
+    assert ratio == pytest.approx(10.0)
+
+
+def test_actuators_never_move_faster_than_their_limits() -> None:
+    maneuver = parse_maneuver("random:5", SHIP)
+    trial = simulate(SHIP, maneuver)
+    limits = maneuver.limits
+    assert np.abs(np.diff(trial["delta"])).max() <= limits.rudder_rate * 0.1 + 1e-12
+    assert np.abs(np.diff(trial["n"])).max() <= limits.propeller_rate * 0.1 + 1e-12
+    slow = simulate(SHIP, parse_maneuver("turning:35", SHIP, rudder_rate=math.radians(2), duration=30))
+    assert np.abs(np.diff(slow["delta"])).max() == pytest.approx(math.radians(0.2))
+
+
+@pytest.mark.parametrize(("text", "side", "heading"), [("zigzag:20/20", 1, 20), ("zigzag:-10/5", -1, 5)])
+def test_zigzag_reverses_within_the_step_that_crosses_the_switch_heading(text: str, side: int, heading: int) -> None:
+    trial = simulate(SHIP, parse_maneuver(text, SHIP))
+    psi, delta = np.degrees(trial.psi_unwrapped), np.degrees(trial["delta"])
+    moves = np.flatnonzero(np.diff(delta) * np.append(0, np.diff(delta)[:-1]) <= 0)
+    starts = [k + 1 for k in moves if abs(delta[k + 1] - delta[k]) > 1e-9 and abs(delta[k]) > 1]
+    assert len(starts) >= 4
+    for number, k in enumerate(starts):
+        s = side * (-1) ** number
+        assert s * psi[k] < heading <= s * psi[k + 1] + 1e-9
+        assert np.sign(delta[k] - delta[k - 1]) == -s
+
+
+def yawing(rate: float, dt: float) -> tuple[list[float], list[float], Controller]:
+    """Rudder and heading per step of a zigzag:10/5 whose heading just turns at ``rate`` [rad/s] whatever is asked."""
+    limits = Limits(math.radians(20.0), 20.0)
+    controller = Controller(zigzag(10.0, math.radians(10), math.radians(5), 0.33), limits, 10.0)
+    state, rudder, heading = np.zeros(6), [], []
+
+    for k in range(round(4.0 / dt)):
+        after = state + np.array([0, 0, rate * dt, 0, 0, 0])
+        rudder.append(controller.held(k * dt, dt, state, lambda inputs, after=after: after)[1])
+        heading.append(state[2])
+        state = after
+    return rudder, heading, controller
+
+
+@pytest.mark.parametrize("dt", [0.05, 0.1, 0.4])
+def test_rudder_moves_from_the_moment_of_order_and_crossing_not_from_the_next_sample(dt: float) -> None:
+    """Order at 0.33 s: 20 deg/s to 10 deg; 5 deg on are passed at 2.33 s (2.5 deg/s): to -10 deg by 3.33 s.
+
+    The sum of the held means is the integral of that ramp, for every step.
+    """
+    rudder, _, controller = yawing(math.radians(2.5), dt)
+    exact = 10 * (2.33 - 0.33 - 0.25) - 10 * (4.0 - 3.33)
+    assert math.degrees(sum(rudder) * dt) == pytest.approx(exact, abs=1e-6)
+    assert math.degrees(controller.delta) == pytest.approx(-10.0)
+
+
+def test_event_gives_the_fraction_of_the_step_or_none() -> None:
+    orders = zigzag(10.0, -0.2, 0.1, 5.0)
+    before, after = np.zeros(6), np.zeros(6)
+    event = getattr(orders, "event")  # noqa: B009
+    assert event(4.0, before, 4.5, before) is None
+    assert event(4.8, before, 5.3, before) == pytest.approx(0.4)
+    assert orders(5.0, before) == (10.0, -0.2)
+    before[2], after[2] = -0.08, -0.12
+    assert event(6.0, before, 6.1, after) == pytest.approx(0.5)
+    assert event(6.0, before, 6.1, -after) is None
+    assert orders(6.05, 0.5 * (before + after)) == (10.0, 0.2)
+
+
+@pytest.mark.parametrize("text", ["zigzag:20/20", "zigzag:-10/10"])
+def test_overshoots_hardly_depend_on_the_sampling_interval(text: str) -> None:
+    """A reversal at the next sample would be late by up to 0.5 s: 0.8 deg at the yaw rate of a 20/20 zigzag."""
+    maneuver = parse_maneuver(text, SHIP)
+    p = maneuver.parameters
+    coarse, fine = (
+        zigzag_figures(simulate(SHIP, maneuver, dt), p["rudder"], p["heading"], p["order_time"]) for dt in (0.5, 0.05)
+    )
+    for name in ("overshoot_1", "overshoot_2", "overshoot_3"):
+        assert math.degrees(coarse[name]) == pytest.approx(math.degrees(fine[name]), abs=0.03)
+
+
+@pytest.mark.parametrize(
+    ("text", "seconds", "words"),
+    [
+        ("turning:0.5", 60.0, r"turning:0.5: the heading changed by \d+(\.\d+)? deg of the 90 deg"),
+        (
+            "zigzag:1/60",
+            60.0,
+            r"zigzag:1/60: the heading changed by \d+(\.\d+)? deg of the 60 deg .* side of execute 1",
+        ),
+        ("crash-stop", 20.0, r"crash-stop: the ship still makes 0\.\d+ m/s of 0\.\d+ m/s"),
+        ("pull-out:20", 25.0, r"pull-out:20: at rudder 20 deg the turn rate still changes by .* deg/s"),
+    ],
+)
+def test_a_manoeuvre_that_misses_its_event_says_by_how_much(text: str, seconds: float, words: str) -> None:
+    """Without --duration an error; the same sentence is a notice where a duration was asked for."""
+    maneuver = replace(parse_maneuver(text, SHIP), duration=seconds)
+    trial = simulate(SHIP, maneuver, 0.2)
+    with pytest.raises(UserError, match=words) as caught:
+        check_reached(trial, maneuver)
+    assert "\n" not in str(caught.value)
+    partial = parse_maneuver(text, SHIP, duration=maneuver.duration)
+    assert partial.partial
+    assert check_reached(trial, partial) == (str(caught.value),)
+
+
+def test_complete_manoeuvres_miss_nothing_and_a_quarter_turn_says_what_is_absent() -> None:
+    for text in ("turning:35", "zigzag:10/10", "crash-stop", "straight"):
+        maneuver = parse_maneuver(text, SHIP)
+        assert check_reached(simulate(SHIP, maneuver), maneuver) == ()
+    maneuver = parse_maneuver("turning:35", SHIP, duration=60)
+    notices = check_reached(simulate(SHIP, maneuver), maneuver)
+    assert len(notices) == 1 and "180 deg that the tactical diameter needs" in notices[0]
+    maneuver = parse_maneuver("turning:35", SHIP, duration=3)
+    assert "before the order" in check_reached(simulate(SHIP, maneuver), maneuver)[0]
+
+
+def test_zigzag_counts_from_the_heading_at_the_execute() -> None:
+    maneuver = parse_maneuver("zigzag:10/10", SHIP)
+    turned = maneuver.start
+    turned[2] = 3.0
+    a, b = simulate(SHIP, maneuver), simulate(SHIP, maneuver, start=turned)
+    np.testing.assert_allclose(b.psi_unwrapped - 3.0, a.psi_unwrapped, atol=1e-9)
+    assert np.abs(b["psi"]).max() <= math.pi
+
+
+def test_zigzag_of_given_duration_goes_on_until_then() -> None:
+    maneuver = parse_maneuver("zigzag:5/5", SHIP, duration=300)
+    assert simulate(SHIP, maneuver, dt=0.5).duration == pytest.approx(300)
+
+
+def test_turning_ends_after_540_degrees_or_at_the_time_limit() -> None:
+    whole = simulate(SHIP, parse_maneuver("turning:-35", SHIP), dt=0.5)
+    assert -3 * math.pi - 0.1 < whole.psi_unwrapped[-1] <= -3 * math.pi
+    assert simulate(SHIP, parse_maneuver("turning:-35", SHIP, duration=50)).duration == pytest.approx(50)
+
+
+def test_crash_stop_ends_when_headway_is_lost() -> None:
+    maneuver = parse_maneuver("crash-stop", SHIP)
+    trial = simulate(SHIP, maneuver)
+    assert trial["u"][-1] <= 0 < trial["u"][-2]
+    assert trial["n"][-1] == pytest.approx(-maneuver.n)
+    figures = stopping_figures(trial, maneuver.parameters["order_time"])
+    assert figures["track_reach"] >= figures["head_reach"] > 0
+
+
+def test_acceleration_starts_from_rest() -> None:
+    trial = simulate(SHIP, parse_maneuver("acceleration", SHIP, n=8.0, duration=60), dt=0.5)
+    assert trial["u"][0] == 0 and trial["n"][0] < trial["n"][1] == trial["n"][-1] == 8.0
+    assert (np.diff(trial["u"])[1:] > 0).all()
+
+
+def test_random_orders_reverse_and_are_reproducible() -> None:
+    state, times = np.zeros(6), np.arange(0.0, 150.0)
+    for seed in range(10):
+        first, again = (random_telegraph(10.0, 150.0, 1.0, seed) for _ in range(2))
+        orders = [first(t, state) or (0.0, 9.9) for t in times]
+        assert orders == [again(t, state) for t in times]
+        assert min(n for n, _ in orders) < 0 < orders[0][0]
+        assert max(abs(delta) for _, delta in orders) <= math.radians(35)
+    assert random_telegraph(10.0, 150.0, 1.0, 1)(80.0, state) != random_telegraph(10.0, 150.0, 1.0, 2)(80.0, state)
+
+
+def test_figures_of_a_perfect_circle_are_its_radius_and_diameter() -> None:
+    psi = np.linspace(0, 4, 401)
+    columns = {"x": 7 * np.sin(psi), "y": 7 * (1 - np.cos(psi)), "psi": psi, "t": np.arange(401.0)}
+    columns |= dict.fromkeys(("u", "v", "r", "n", "delta"), np.zeros(401))
+    figures = turning_figures(Trial("circle", columns), 0.6, 0.0)
+    assert figures["advance"] == pytest.approx(7, rel=1e-4) == figures["transfer"]
+    assert figures["tactical_diameter"] == pytest.approx(14, rel=1e-4)
+    assert figures["time_180"] == pytest.approx(100 * math.pi, rel=1e-6)
+
+
+def test_overshoots_of_a_sine_are_its_amplitude_beyond_the_switch_heading() -> None:
+    t = np.arange(0.0, 100.0, 0.1)
+    columns = {"t": t, "psi": -0.5 * np.sin(0.2 * t)}
+    columns |= dict.fromkeys(("x", "y", "u", "v", "r", "n", "delta"), np.zeros(len(t)))
+    figures = zigzag_figures(Trial("sine", columns), -0.3, 0.35, 0.0)
+    assert len(figures) == 6
+    np.testing.assert_allclose(list(figures.values()), 0.15, atol=1e-4)
+
+
+def test_measured_overshoots_of_a_sine_count_from_the_heading_at_each_reversal() -> None:
+    """Rudder reversed at 0.35 rad, then late at 0.4 rad: 0.15 and 0.1 rad; the last has not come back."""
+    t = np.arange(0.0, 40.0, 0.01)
+    psi = 0.5 * np.sin(0.2 * t)
+    trial = Trial("sine", {"t": t, "psi": psi + 3.0})
+    first, second = math.asin(0.7) / 0.2, (math.pi + math.asin(0.8)) / 0.2
+    figures = overshoot_figures(trial, 0.3, (first, second, 38.0), 39.0)
+    assert figures == pytest.approx({"overshoot_1": 0.15, "overshoot_2": 0.1}, abs=1e-5)
+
+
+def test_initial_turning_is_the_way_along_the_track_to_10_degrees() -> None:
+    """A circle of radius 7: 7 times 10 deg in radians, order between two samples."""
+    t = np.arange(0.0, 60.0, 0.3)
+    psi = np.maximum(t - 4.8, 0.0) * 0.01
+    columns = {"t": t, "psi": psi, "u": np.full(len(t), 0.07), "v": np.zeros(len(t)), "r": np.zeros(len(t)),
+               "delta": np.zeros(len(t)), "n": np.zeros(len(t))}  # fmt: skip
+    figures = initial_turning_figures(Trial("circle", columns), 0.2, 5.0)
+    assert figures["initial_turning_track"] == pytest.approx(7 * math.radians(10), rel=2e-3)
+    assert figures["time_10"] == pytest.approx(100 * math.radians(10), rel=2e-3)
+
+
+def test_every_figure_has_its_unit() -> None:
+    units = {"advance": "m", "track_reach": "m", "steady_diameter": "m", "time_90": "s", "stopping_time": "s",
+             "overshoot_3": "rad", "loop_width": "rad", "steady_drift": "rad", "residual_rate": "rad/s",
+             "rate_at_midships": "rad/s", "loop_height": "rad/s",
+             "steady_speed": "m/s", "residual_share": ""}  # fmt: skip
+    assert {name: figure_unit(name) for name in units} == units

@@ -1,0 +1,209 @@
+"""Synthetic trials: limiting cases of the simulated motion, gusts, noise, files, the demo's trials."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cases.io.read import read_trial
+from cases.maneuvers.definitions import parse_maneuver
+from cases.shipfiles.ship_file import load_ship
+from cases.simulation.demo_trials import OFFSETS, SHIP, demo_trials, hidden_ship
+from cases.simulation.gusts import Wind, gust_filter, hino_spectrum, parse_wind
+from cases.simulation.sensors import SensorNoise, add_noise, wrap
+from cases.simulation.simulate import simulate, simulate_controls, write_trial
+from cases.trial import STATES, Trial
+from mmg.errors import UserError
+from mmg.ship import Ship
+
+ESSO = load_ship(SHIP)
+
+
+@pytest.fixture(scope="module")
+def windy() -> Trial:
+    return simulate(ESSO, parse_maneuver("zigzag:20/20", ESSO, duration=60), wind=Wind(1.5, 1.0, gusty=True), seed=3)
+
+
+def mirrored() -> Ship:
+    """ESSO without port-starboard asymmetry: one flow straightening, no side force of the propeller."""
+    side = {f"{letter}_{i}": 0.0 for letter in "AB" for i in range(1, 9)}
+    return ESSO.with_values({"gamma_P": 0.4, "gamma_N": 0.4, **side})
+
+
+@pytest.mark.parametrize("kind", ["turning:{}35", "zigzag:{}20/10"])
+def test_port_and_starboard_mirror_each_other_without_asymmetry(kind: str) -> None:
+    ship = mirrored()
+    a, b = (simulate(ship, parse_maneuver(kind.format(sign), ship, duration=150), dt=0.2) for sign in ("", "-"))
+    for name, sign in (("x", 1), ("y", -1), ("u", 1), ("v", -1), ("r", -1), ("delta", -1)):
+        np.testing.assert_allclose(b[name], sign * a[name], atol=1e-9)
+
+
+def test_crash_stop_of_a_symmetric_ship_stays_on_its_line() -> None:
+    ship = mirrored()
+    trial = simulate(ship, parse_maneuver("crash-stop", ship), dt=0.2)
+    np.testing.assert_allclose(trial["y"], 0.0, atol=1e-9)
+
+
+def test_coasting_ship_loses_energy_in_calm_air() -> None:
+    trial = simulate(ESSO, parse_maneuver("straight", ESSO, n=0.0, speed=0.4, duration=200), 0.5)
+    start = np.array([0, 0, 0, 0.3, 0.1, 0.05])
+    drifting = simulate(ESSO, parse_maneuver("straight", ESSO, n=0.0, speed=0.4, duration=200), 0.5, start=start)
+    c, p = {s: x.value for s, x in ESSO.coefficients.items()}, ESSO.particulars
+    unit = 0.5 * p["rho"] * p["L"] ** 2 * p["d"]
+    m_x, m_y = p["m"] + c["m_x"] * unit, p["m"] + c["m_y"] * unit
+    I_z = c["I_J_z"] * unit * p["L"] ** 2 + p["m"] * p["x_G"] ** 2
+    for run in (trial, drifting):
+        u, v, r = run["u"], run["v"], run["r"]
+        energy = 0.5 * (m_x * u**2 + m_y * v**2 + I_z * r**2 + 2 * p["m"] * p["x_G"] * v * r)
+        assert (np.diff(energy) < 0).all()
+        assert energy[-1] < 0.2 * energy[0]
+
+
+def test_ship_at_rest_in_calm_air_stays_at_rest() -> None:
+    """To a micrometre in 50 s: the smooth blends leave 3e-10 m/s^2 at rest."""
+    trial = simulate(ESSO, parse_maneuver("straight", ESSO, n=0.0, speed=0.0, duration=50), 0.5)
+    for name in STATES:
+        np.testing.assert_allclose(trial[name], 0.0, atol=1e-6)
+
+
+def test_wind_pushes_a_ship_at_rest_away_from_where_it_comes() -> None:
+    plan = parse_maneuver("straight", ESSO, n=0.0, speed=0.0, duration=50)
+    trial = simulate(ESSO, plan, 0.5, Wind(2.0, math.radians(90)))
+    assert trial["y"][-1] < -0.1
+    np.testing.assert_allclose(trial["wind_speed"], 2.0)
+    assert "wind_speed" not in simulate(ESSO, plan, 0.5)
+
+
+def test_ship_without_wind_model_says_that_wind_has_no_force() -> None:
+    components = {role: name for role, name in ESSO.components.items() if role != "wind"}
+    still = replace(ESSO, components=components)
+    plan = parse_maneuver("straight", still, duration=10)
+    trial = simulate(still, plan, 0.5, Wind(5.0, 1.0))
+    assert "no force" in trial.notices[0]
+    np.testing.assert_allclose(trial["u"], trial["u"][0], rtol=1e-9)
+
+
+def test_recorded_inputs_give_the_same_motion_back(windy: Trial) -> None:
+    again = simulate_controls(ESSO, windy)
+    np.testing.assert_allclose(again.states, windy.states, atol=1e-10)
+
+
+def test_long_samples_are_divided() -> None:
+    plan = parse_maneuver("turning:35", ESSO, duration=100)
+    fine, coarse = simulate(ESSO, plan, 0.1), simulate(ESSO, plan, 5.0)
+    assert len(coarse) == 21
+    thin = Trial("thin", {name: values[::50] for name, values in fine.columns.items()})
+    for run in (coarse, simulate_controls(ESSO, thin)):
+        assert abs(run["r"][-1] - fine["r"][-1]) < 2e-4
+
+
+def test_motion_that_diverges_is_an_error_that_says_when() -> None:
+    wild = ESSO.with_values({"X_0F": 5.0, "N_r": 3.0})
+    with pytest.raises(UserError, match="diverges at t ="):
+        simulate(wild, parse_maneuver("turning:35", wild, n=10.0, speed=0.4, duration=200))
+    for dt in (0.0, -1.0, math.nan, 1e4):
+        with pytest.raises(UserError):
+            simulate(ESSO, parse_maneuver("turning:35", ESSO), dt)
+
+
+def test_gust_filter_has_the_published_constants() -> None:
+    """Check values of physics F.4 for mean winds of 10 and 5 m/s."""
+    ten, five = gust_filter(10.0), gust_filter(5.0)
+    assert hino_spectrum(0.0, 10.0) == pytest.approx(3.78804, rel=1e-5)
+    assert ten.alpha_u == pytest.approx(0.36628, rel=2e-5) and ten.sigma_u == pytest.approx(0.71288, rel=2e-5)
+    assert ten.sigma_u / math.sqrt(2 * ten.alpha_u) == pytest.approx(0.833, abs=5e-4)
+    assert ten.alpha_direction == pytest.approx(0.08168, abs=5e-6)
+    spread = math.degrees(ten.sigma_direction) / math.sqrt(2 * ten.alpha_direction)
+    assert spread == pytest.approx(5.69, abs=5e-3)
+    assert five.alpha_u == pytest.approx(0.20498, rel=3e-5) and five.sigma_u == pytest.approx(0.28210, rel=3e-5)
+
+
+def test_gusts_have_the_stationary_spread_of_their_filter_at_any_step() -> None:
+    for dt in (0.5, 10.0):
+        speed, direction = Wind(10.0, 1.0, gusty=True).series(dt * np.arange(40_000), seed=1).T
+        assert speed.mean() == pytest.approx(10.0, abs=0.06) and speed.std() == pytest.approx(0.833, rel=0.05)
+        assert np.degrees(direction.std()) == pytest.approx(5.69, rel=0.08)
+        assert direction.mean() == pytest.approx(1.0, abs=0.02)
+
+
+def test_wind_is_reproducible_by_seed_and_never_blows_backwards() -> None:
+    t = np.arange(0, 500, 0.1)
+    a, again, b = (Wind(0.3, 0.0, gusty=True).series(t, seed) for seed in (1, 1, 2))
+    np.testing.assert_array_equal(a, again)
+    assert (a != b).any() and (a[:, 0] >= 0).all() and (a[:, 1] >= 0).all() and (a[:, 1] < 2 * math.pi).all()
+    np.testing.assert_array_equal(Wind(1.0, 2.0).series(t[:3]), [[1.0, 2.0]] * 3)
+    assert (Wind(0.0, 1.0, gusty=True).series(t)[:, 0] == 0).all()
+
+
+def test_wind_text_is_read_in_degrees_or_refused() -> None:
+    assert parse_wind("1.5:-90:gusty") == Wind(1.5, math.radians(270), True)
+    for text in ("", "3", "a:b", "-1:0", "1:2:3", "1:2:gusty:4", "nan:3", "1:inf"):
+        with pytest.raises(UserError):
+            parse_wind(text)
+
+
+def test_noise_has_the_stated_spread_and_leaves_inputs_alone(windy: Trial) -> None:
+    long = Trial("long", {**{s: np.zeros(20_000) for s in STATES}, "t": np.arange(20_000.0), "n": np.ones(20_000)})
+    noise = SensorNoise()
+    noisy, again = add_noise(long, noise, 4), add_noise(long, noise, 4)
+    for name in STATES:
+        assert noisy[name].std() == pytest.approx(getattr(noise, name), rel=0.03)
+        assert abs(noisy[name].mean()) < 4 * getattr(noise, name) / math.sqrt(20_000)
+        np.testing.assert_array_equal(noisy[name], again[name])
+    np.testing.assert_array_equal(noisy["n"], long["n"])
+    lag = np.corrcoef(noisy["u"][1:], noisy["u"][:-1])[0, 1]
+    assert abs(lag) < 0.03
+    large = SensorNoise.for_length(300.0)
+    assert (large.x, large.u, large.r) == pytest.approx((1.0, 0.04, 6e-5))
+
+
+def test_wrapped_heading_stays_in_its_half_open_interval() -> None:
+    angles = np.array([math.pi, -math.pi, 3.0, 0.1, 4.0, -4.0, 3 * math.pi])
+    wrapped = wrap(angles)
+    assert (wrapped > -math.pi).all() and (wrapped <= math.pi).all()
+    np.testing.assert_allclose(np.exp(1j * wrapped), np.exp(1j * angles), atol=1e-12)
+    assert wrapped[2] == 3.0 and wrapped[3] == 0.1
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_written_file_reads_back_equal(windy: Trial, tmp_path, suffix: str) -> None:
+    path = tmp_path / f"run{suffix}"
+    write_trial(add_noise(windy, SensorNoise(), 1), path)
+    back, noisy = read_trial(path), add_noise(windy, SensorNoise(), 1)
+    assert set(back.columns) == set(noisy.columns)
+    for name in noisy.columns:
+        np.testing.assert_allclose(back[name], noisy[name], rtol=1e-14, atol=0)
+    assert [p.name for p in tmp_path.iterdir()] == [path.name]
+
+
+def test_unwritable_file_is_one_clear_line_and_leaves_nothing(windy: Trial, tmp_path) -> None:
+    for path in (tmp_path / "no" / "run.csv", tmp_path / "run.txt", tmp_path / "folder.csv"):
+        (tmp_path / "folder.csv").mkdir(exist_ok=True)
+        with pytest.raises(UserError):
+            write_trial(windy, path)
+    assert [p.name for p in tmp_path.iterdir()] == ["folder.csv"]
+
+
+def test_hidden_ship_lies_within_bounds_and_off_the_start() -> None:
+    hidden = hidden_ship()
+    assert len(OFFSETS) >= 20
+    for symbol, c in hidden.coefficients.items():
+        assert c.lower <= c.value <= c.upper
+        assert (c.value != ESSO.coefficients[symbol].value) == (symbol in OFFSETS)
+
+
+def test_demo_trials_are_reproducible_and_rich() -> None:
+    train, validate = demo_trials(1, dt=0.2)
+    assert (len(train), len(validate)) == (7, 2)
+    assert len({t.name for t in train + validate}) == 9
+    again, other = demo_trials(1, dt=0.2)[0], demo_trials(2, dt=0.2)[0]
+    np.testing.assert_array_equal(train[0]["u"], again[0]["u"])
+    assert (train[0]["u"] != other[0]["u"]).any()
+    for trial in train + validate:
+        assert 100 <= trial.duration <= 150 and 0.3 < trial["wind_speed"].mean() < 2.4
+        assert trial["u"].max() < 0.5 and trial["u"].min() > -0.3 and np.abs(trial["r"]).max() < 0.1
+        assert trial.role in ("train", "validate")
+    assert min(trial["n"].min() for trial in train) < -5

@@ -1,0 +1,146 @@
+"""Manoeuvres in batches: the motion of one ship simulated by herself, the end of each run, accuracy of long steps."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cases.maneuvers.definitions import Maneuver, parse_maneuver
+from cases.maneuvers.orders import turning
+from cases.shipfiles.ship_file import load_ship
+from cases.simulation.actuator_ramps import ramps
+from cases.simulation.simulate import simulate
+from cases.simulation.simulate_batch import Batch, coefficient_array, simulate_batch
+from cases.trial import Trial
+from mmg.errors import UserError
+from mmg.rollout import Simulator
+from mmg.ship import Ship
+
+ESSO = load_ship("esso_osaka_3m")
+SIMULATORS = {name: Simulator(load_ship(name)) for name in ("esso_osaka_3m", "vectwin_3m")}
+SIMULATORS["with memory"] = Simulator(ESSO.with_effect("rudder_lag", {"T": 0.5}))
+KNOWN = ("turning:35", "turning:-20", "crash-stop", "random:3", "berthing", "straight", "acceleration")
+
+
+def moved(trial: Trial, name: str) -> np.ndarray:
+    """A column of inputs, of the first actuator of that name; psi continuous."""
+    return trial[name if name in trial.columns else f"{name}_port"]
+
+
+def assert_same_motion(batch: Batch, m: int, trial: Trial, tolerance: float = 1e-9) -> None:
+    """Run m of the batch is the trial, which ends with its last row."""
+    rows = batch.last[m] + 1
+    assert len(trial) == rows
+    states = trial.states
+    states[:, 2] = np.unwrap(states[:, 2])
+    np.testing.assert_allclose(batch.states[:rows, :, m], states, atol=tolerance)
+    for i, name in enumerate(("n", "delta")):
+        np.testing.assert_allclose(batch.inputs[: rows - 1, i, m], moved(trial, name)[:-1], atol=tolerance)
+
+
+@pytest.mark.parametrize("name", SIMULATORS)
+@pytest.mark.parametrize("text", [*KNOWN, "zigzag:20/20", "zigzag:-10/10"])
+@pytest.mark.parametrize("dt", [0.25, 0.7])
+def test_held_inputs_give_the_motion_of_one_ship_by_herself(name: str, text: str, dt: float) -> None:
+    simulator = SIMULATORS[name]
+    plan = parse_maneuver(text, simulator.ship, duration=None if text.startswith(("turning", "zigzag")) else 100)
+    batch = simulate_batch(simulator, plan, dt=dt, held=True)
+    assert_same_motion(batch, 0, simulate(simulator.ship, plan, dt))
+
+
+@pytest.mark.parametrize("text", ["turning:35", "zigzag:10/10", "crash-stop"])
+def test_each_set_of_coefficients_is_a_ship_of_her_own(text: str) -> None:
+    simulator = SIMULATORS["esso_osaka_3m"]
+    rng, symbols = np.random.default_rng(0), ("N_r", "Y_v", "C_D", "X_0F")
+    given = {s: ESSO.coefficients[s].value * (1 + 0.1 * rng.standard_normal(11)) for s in symbols}
+    plan = parse_maneuver(text, ESSO)
+    batch = simulate_batch(simulator, plan, given, 0.5, held=True)
+    assert len(np.unique(batch.last)) > 1
+    for m in (0, 7, 10):
+        ship = ESSO.with_values({s: float(values[m]) for s, values in given.items()})
+        assert_same_motion(batch, m, simulate(ship, plan, 0.5))
+
+
+@pytest.mark.parametrize("text", ["turning:35", "zigzag:20/20"])
+def test_threads_and_arrays_of_coefficients_change_nothing(text: str) -> None:
+    simulator = SIMULATORS["esso_osaka_3m"]
+    given = {"N_r": ESSO.coefficients["N_r"].value * np.linspace(0.9, 1.1, 20)}
+    plan = parse_maneuver(text, ESSO, duration=60)
+    one = simulate_batch(simulator, plan, given, 0.5)
+    two = simulate_batch(ESSO, plan, coefficient_array(ESSO, given), 0.5, threads=2)
+    for name in ("states", "inputs", "last"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
+
+
+def kvlcc2() -> tuple[Ship, Maneuver]:
+    ship = load_ship("kvlcc2_l7")
+    plan = parse_maneuver("turning:35", ship, speed=1.179, duration=300, rudder_rate=math.radians(15.82))
+    return ship, plan
+
+
+def test_long_steps_of_a_turning_are_accurate() -> None:
+    """Steps of 0.75 s against steps of 0.05 s: the path within 1e-4 of a ship length for 300 s."""
+    ship, plan = kvlcc2()
+    rng = np.random.default_rng(0)
+    theta = ship.values[:, None] * (1 + 0.05 * rng.standard_normal((len(ship.values), 20)))
+    coarse, fine = (simulate_batch(ship, plan, theta, dt).states for dt in (0.75, 0.05))
+    off = coarse - fine[::15]
+    assert np.hypot(off[:, 0], off[:, 1]).max() < 1e-4 * ship.particulars["L"]
+
+
+def test_short_samples_of_the_synthetic_trial_come_to_the_same_turning() -> None:
+    """Held means of 0.05 s against ramps: 2e-5 of a ship length."""
+    ship, plan = kvlcc2()
+    trial = simulate(ship, plan, 0.05)
+    batch = simulate_batch(ship, plan, dt=0.5)
+    rows = (len(trial) - 1) // 10 + 1
+    off = batch.states[:rows, :2, 0] - trial.states[::10, :2]
+    assert np.hypot(*off.T).max() < 2e-5 * ship.particulars["L"]
+
+
+def test_the_rudder_runs_up_from_the_moment_of_the_order() -> None:
+    plan = kvlcc2()[1]
+    late = replace(plan, orders=lambda: turning(plan.n, 0.6, 1.03))
+    moves = ramps(late, late.orders(), np.arange(11.0))
+    np.testing.assert_allclose(moves.times, [0, 1.03, 1.03 + 0.6 / plan.limits.rudder_rate, 10])
+    np.testing.assert_allclose(moves.positions[:, 1], [0, 0, 0.6, 0.6])
+    np.testing.assert_array_equal(moves.positions[:, 0], plan.n)
+    fine, keep = moves.grid(np.arange(11.0), 0.4)
+    assert np.diff(fine).max() < 0.4 + 1e-12 and keep.sum() == 10
+    assert all(np.abs(fine - when).min() < 1e-12 for when in moves.times)
+    np.testing.assert_array_equal(fine[1:][keep], np.arange(1, 11.0))
+
+
+def test_ends_are_those_of_the_orders() -> None:
+    simulator = SIMULATORS["esso_osaka_3m"]
+    turn = simulate_batch(simulator, parse_maneuver("turning:35", ESSO), dt=0.5)
+    k = turn.last[0]
+    assert abs(turn.states[k - 1, 2, 0]) < 3 * math.pi <= abs(turn.states[k, 2, 0]) and k < len(turn.t) - 1
+    stop = simulate_batch(simulator, parse_maneuver("crash-stop", ESSO), dt=0.5)
+    k = stop.last[0]
+    assert stop.states[k - 1, 3, 0] > 0 >= stop.states[k, 3, 0]
+    straight = simulate_batch(simulator, parse_maneuver("straight", ESSO, duration=10), dt=0.5)
+    assert straight.last[0] == 20 and len(straight.t) == 21
+
+
+def test_coefficients_by_name_or_in_order() -> None:
+    np.testing.assert_array_equal(coefficient_array(ESSO, None), ESSO.values)
+    assert coefficient_array(ESSO, {}).shape == ESSO.values.shape
+    one = coefficient_array(ESSO, {"N_r": -0.06})
+    assert one.shape == ESSO.values.shape and one[ESSO.symbols.index("N_r")] == -0.06
+    many = coefficient_array(ESSO, {"N_r": np.array([-0.06, -0.05]), "Y_v": -0.4})
+    assert many.shape == (len(ESSO.values), 2)
+    np.testing.assert_array_equal(many[ESSO.symbols.index("Y_v")], -0.4)
+    with pytest.raises(KeyError, match="Z_w"):
+        coefficient_array(ESSO, {"Z_w": 1.0})
+
+
+def test_what_a_batch_cannot_do_is_said() -> None:
+    with pytest.raises(UserError, match="steady turn"):
+        simulate_batch(ESSO, parse_maneuver("spiral:15/5", ESSO))
+    for dt in (0.0, -1.0, math.nan, 1e4):
+        with pytest.raises(UserError, match="dt"):
+            simulate_batch(ESSO, parse_maneuver("turning:35", ESSO), dt=dt)

@@ -1,0 +1,64 @@
+from __future__ import annotations
+
+import pytest
+
+from cases import published_splits as splits
+from mmg.errors import UserError
+
+
+def test_no_split_trains_on_its_test_set():
+    for train in (splits.TRAIN_TZB, splits.TRAIN_TZRB, splits.TRAIN_TZRB_PLUS):
+        assert not set(train) & set(splits.TEST)
+    for train in (splits.MIYAUCHI_TRAIN_R, splits.MIYAUCHI_TRAIN_TR, splits.MIYAUCHI_TRAIN_TRZ):
+        assert not set(train) & set(splits.MIYAUCHI_TEST)
+
+
+def test_the_splits_have_the_published_sizes_without_doubles():
+    sizes = {name: len(names) for name, names in splits.SPLITS.items()}
+    assert sizes == {
+        "train-tzb": 11, "train-tzrb": 8, "train-tzrb+": 35, "test": 6, "development-holdout": 5,
+        "miyauchi-train-r": 4, "miyauchi-train-tr": 5, "miyauchi-train-trz": 6, "miyauchi-test": 5,
+    }  # fmt: skip
+    assert all(len(set(names)) == len(names) for names in splits.SPLITS.values())
+
+
+def test_holdout_is_part_of_the_largest_training_set_but_of_no_smaller_one():
+    assert set(splits.DEVELOPMENT_HOLDOUT) <= set(splits.TRAIN_TZRB_PLUS)
+    assert not set(splits.DEVELOPMENT_HOLDOUT) & set(splits.TRAIN_TZRB + splits.TRAIN_TZB)
+
+
+def test_absent_records_are_named(tmp_path, monkeypatch):
+    (tmp_path / "frt-ds-esso" / "zigzag").mkdir(parents=True)
+    (tmp_path / "frt-ds-esso" / "zigzag" / "a.csv").write_text("")
+    monkeypatch.setenv("MMG_DATA", str(tmp_path))
+    assert [p.name for p in splits.find(["a"])] == ["a.csv"]
+    with pytest.raises(UserError, match=r"2 of 3 records are not there.*b, c"):
+        splits.find(["a", "b", "c"])
+
+
+def test_a_wrong_data_folder_is_said(tmp_path, monkeypatch):
+    monkeypatch.setenv("MMG_DATA", str(tmp_path / "nowhere"))
+    with pytest.raises(UserError, match=r"MMG_DATA=.*no such folder"):
+        splits.data_folder()
+
+
+@pytest.mark.data
+def test_the_published_table_names_the_same_files(frt):
+    text = (frt / "SOURCE_README.md").read_text(encoding="utf-8")
+    wakita, miyauchi = text.split("[Wakita (2022)]")[-1].split("- [Miyauchi (2022)]")[:2]
+
+    def column(part: str, index: int) -> set[str]:
+        rows = [line.split("|") for line in part.splitlines() if line.startswith("| `data/")]
+        return {row[1].strip(" `").split("/")[-1][:-4] for row in rows if "⭕" in row[index]}
+
+    published = [column(wakita, i) for i in range(2, 6)] + [column(miyauchi, i) for i in range(2, 6)]
+    ours = [
+        splits.TRAIN_TZB, splits.TRAIN_TZRB, splits.TRAIN_TZRB_PLUS, splits.TEST,
+        splits.MIYAUCHI_TRAIN_R, splits.MIYAUCHI_TRAIN_TR, splits.MIYAUCHI_TRAIN_TRZ, splits.MIYAUCHI_TEST,
+    ]  # fmt: skip
+    assert published == [set(names) for names in ours]
+
+
+@pytest.mark.data
+def test_every_training_record_is_found(frt):
+    assert len(splits.find(splits.TRAIN_TZRB_PLUS)) == 35

@@ -1,0 +1,237 @@
+"""Whitening filter, smoother and the slopes of its log determinant against dense algebra and finite differences."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from diagnosis.estimation.kalman import Filtered, Noise, System, adjoint, filtered, responses, smoothed, system
+from diagnosis.estimation.linearised_model import Linear
+
+K, R, S = 7, 2, 3
+STEPS = np.array([7, 5])
+NOISE = Noise(
+    force=np.array([0.4, 0.7, 0.5]),
+    tau=3.0,
+    white=np.array([0.1, 0.2, 0.05, 0.3, 0.2, 0.1]),
+    coloured=np.array([0.0, 0.15, 0.0, 0.2, 0.0, 0.05]),
+    colour_tau=2.0,
+)
+H_STEP = 0.8
+FIRST = np.array([1.0, 0.5, 2.0])
+
+
+def linear(seed: int = 0) -> Linear:
+    """A stable random linear ship of three states, with forces and two columns."""
+    rng = np.random.default_rng(seed)
+    F = 0.8 * np.eye(S) + 0.15 * rng.standard_normal((K, R, S, S))
+    return Linear(
+        end=rng.standard_normal((K, R, S)),
+        F=F,
+        G=rng.standard_normal((K, R, S, 2)),
+        force=rng.standard_normal((K, R, S, 3)),
+        logged=rng.standard_normal((K + 1, R, 6)),
+        H=rng.standard_normal((K + 1, R, 6, S)),
+        D=rng.standard_normal((K + 1, R, 6, 2)),
+    )
+
+
+def case(noise: Noise = NOISE) -> tuple[System, Linear]:
+    """Two windows, the second shorter, with samples missing in both."""
+    inside = np.arange(K)[:, None] < STEPS[None]
+    good = np.ones((K + 1, R, 6), dtype=bool)
+    good[:, 1] &= (np.arange(K + 1) <= STEPS[1])[:, None]
+    good[2, 0, 3:] = good[0, 0, :2] = good[4, 1] = False
+    model = linear()
+    first = np.repeat(np.diag(FIRST**2)[None], R, axis=0)
+    return system(model, noise, first, good, inside, H_STEP), model
+
+
+def dense(s: System, w: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of one window: C (states at all times stacked, from start and random changes), its covariance, and rows seen.
+
+    Returns (covariance of all states, Z of all samples seen, R of them), states of K + 1 times stacked.
+    """
+    count, n = len(s.T) + 1, s.T.shape[2]
+    phi = np.zeros((count * n, count * n))  # from (start, changes) to the states
+    for k in range(count):
+        phi[k * n : (k + 1) * n, k * n : (k + 1) * n] = np.eye(n)
+        if k:
+            before = phi[(k - 1) * n : k * n]
+            phi[k * n : (k + 1) * n] += s.T[k - 1, w] @ before
+    inner = np.zeros((count * n, count * n))
+    inner[:n, :n] = s.first[w]
+    for k in range(1, count):
+        if s.inside[k - 1, w]:
+            inner[k * n : (k + 1) * n, k * n : (k + 1) * n] = np.diag(s.Q)
+    Z = np.zeros((count * 6, count * n))
+    for k in range(count):
+        Z[k * 6 : (k + 1) * 6, k * n : (k + 1) * n] = s.Z[k, w]
+    seen = s.good[:, w].reshape(-1)
+    return phi @ inner @ phi.T, Z[seen], np.tile(s.R, count)[seen]
+
+
+def column(seed: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What a column adds to the states over each step, to the logged columns, and its start."""
+    rng = np.random.default_rng(seed)
+    n = S + 3 + int((NOISE.coloured > 0).sum())
+    return rng.standard_normal((K, R, n, 1)), rng.standard_normal((K + 1, R, 6, 1)), rng.standard_normal((R, n, 1))
+
+
+def propagated(s: System, forcing: np.ndarray, start: np.ndarray, w: int) -> np.ndarray:
+    """The column's states at all times without noise, (K + 1) n."""
+    z = [start[w, :, 0]]
+    for k in range(len(s.T)):
+        z.append(s.T[k, w] @ z[-1] + np.where(s.inside[k, w], forcing[k, w, :, 0], 0.0))
+    return np.concatenate(z)
+
+
+@pytest.mark.parametrize("coloured", [True, False])
+def test_whitened_sum_of_squares_and_log_det_are_those_of_the_dense_covariance(coloured: bool) -> None:
+    s, _ = case(NOISE if coloured else NOISE.with_(coloured=np.zeros(6)))
+    n = s.T.shape[2]
+    forcing, seen, start = column()
+    forcing, start = forcing[:, :, :n], start[:, :n]
+    f = filtered(s)
+    white, _ = responses(s, f, forcing, seen, start)
+    for w in range(R):
+        P, Z, noise = dense(s, w)
+        sigma = Z @ P @ Z.T + np.diag(noise)
+        residual = Z @ propagated(s, forcing, start, w) + seen[:, w, :, 0].reshape(-1)[s.good[:, w].reshape(-1)]
+        assert (white[:, w] ** 2).sum() == pytest.approx(residual @ np.linalg.solve(sigma, residual), rel=1e-8)
+        assert f.log_det[w] == pytest.approx(np.linalg.slogdet(sigma)[1], rel=1e-8)
+        assert not white[:, w][~s.good[:, w]].any()
+
+
+def test_whitened_columns_have_the_inner_products_of_the_dense_covariance() -> None:
+    s, model = case()
+    f = filtered(s)
+    white, _ = responses(s, f, model.G, model.D)
+    n = s.T.shape[2]
+    for w in range(R):
+        P, Z, noise = dense(s, w)
+        sigma = Z @ P @ Z.T + np.diag(noise)
+        rows = []
+        for c in range(2):
+            forcing = np.zeros((K, R, n, 1))
+            forcing[:, :, :S, 0] = model.G[..., c]
+            rows.append(
+                Z @ propagated(s, forcing, np.zeros((R, n, 1)), w)
+                + model.D[:, w, :, c].reshape(-1)[s.good[:, w].reshape(-1)]
+            )
+        B = np.column_stack(rows)
+        gram = np.einsum("kia,kib->ab", white[:, w], white[:, w])
+        np.testing.assert_allclose(gram, B.T @ np.linalg.solve(sigma, B), rtol=1e-8)
+
+
+def test_smoothed_states_are_the_conditional_means() -> None:
+    """The column is (defect, -residual): the states that it leaves are the mean given that it is nought."""
+    s, _ = case()
+    f = filtered(s)
+    forcing, seen, start = column()
+    white, states = responses(s, f, forcing, seen, start)
+    mean, r, u = smoothed(s, f, white[..., 0], states[..., 0])
+    n = s.T.shape[2]
+    for w in range(R):
+        P, Z, noise = dense(s, w)
+        prior = propagated(s, forcing, start, w)
+        sigma = Z @ P @ Z.T + np.diag(noise)
+        residual = Z @ prior + seen[:, w, :, 0].reshape(-1)[s.good[:, w].reshape(-1)]
+        expected = (prior - P @ Z.T @ np.linalg.solve(sigma, residual)).reshape(K + 1, n)
+        np.testing.assert_allclose(mean[:, w], expected, rtol=1e-6, atol=1e-9)
+        # u is Sigma^-1 times minus the residual, so white errors are estimated as R u
+        scattered = np.zeros((K + 1) * 6)
+        scattered[s.good[:, w].reshape(-1)] = -np.linalg.solve(sigma, residual)
+        np.testing.assert_allclose(u[:, w].reshape(-1)[s.good[:, w].reshape(-1)],
+                                   scattered[s.good[:, w].reshape(-1)], rtol=1e-6, atol=1e-9)  # fmt: skip
+        # r is the multiplier of each step: the random change is estimated as Q r
+        moved = expected[1:] - np.array([s.T[k, w] @ expected[k] for k in range(K)])
+        change = moved - np.where(s.inside[:, w, None], forcing[:, w, :, 0], 0.0)
+        np.testing.assert_allclose(np.where(s.inside[:, w, None], s.Q * r[:, w], 0.0), change, atol=1e-8)
+
+
+def test_padding_behind_a_window_changes_nothing() -> None:
+    s, _ = case()
+    forcing, seen, start = column()
+    f = filtered(s)
+    white, states = responses(s, f, forcing, seen, start)
+    mean, _, _ = smoothed(s, f, white[..., 0], states[..., 0])
+    k = STEPS[1]
+    short = System(s.T[:k, 1:], s.Z[: k + 1, 1:], s.Q, s.R, s.first[1:], s.good[: k + 1, 1:], s.inside[:k, 1:])
+    g = filtered(short)
+    white_short, states_short = responses(short, g, forcing[:k, 1:], seen[: k + 1, 1:], start[1:])
+    mean_short, _, _ = smoothed(short, g, white_short[..., 0], states_short[..., 0])
+    assert g.log_det[0] == pytest.approx(f.log_det[1], rel=1e-12)
+    np.testing.assert_allclose(white_short[:, 0], white[: k + 1, 1], rtol=1e-10)
+    np.testing.assert_allclose(mean_short[:, 0], mean[: k + 1, 1], rtol=1e-10)
+
+
+def half_log_det(s: System) -> float:
+    return 0.5 * float(filtered(s).log_det.sum())
+
+
+def changed(array: np.ndarray, at: tuple[int, ...], by: float) -> np.ndarray:
+    result = array.copy()
+    result[at] += by
+    return result
+
+
+def test_slopes_of_the_log_determinant_are_those_of_finite_differences() -> None:
+    s, _ = case()
+    found = adjoint(s, filtered(s))
+    rng, n, small = np.random.default_rng(3), s.T.shape[2], 1e-4
+    for _ in range(40):
+        at = (int(rng.integers(K)), int(rng.integers(R)), int(rng.integers(n)), int(rng.integers(n)))
+        if not s.inside[at[:2]]:
+            continue
+        up, down = (half_log_det(replace(s, T=changed(s.T, at, e))) for e in (small, -small))
+        assert found.by_T[at] == pytest.approx((up - down) / (2 * small), rel=1e-5, abs=1e-7)
+    for _ in range(40):
+        at = (int(rng.integers(K + 1)), int(rng.integers(R)), int(rng.integers(6)), int(rng.integers(n)))
+        if not s.good[at[:3]]:
+            continue
+        up, down = (half_log_det(replace(s, Z=changed(s.Z, at, e))) for e in (small, -small))
+        assert found.by_Z[at] == pytest.approx((up - down) / (2 * small), rel=1e-5, abs=1e-7)
+
+
+def test_diagonals_are_the_slopes_by_the_variances() -> None:
+    """N and D are twice the slopes of 1/2 log det by a step's variance of change and by a sample's variance."""
+    s, _ = case()
+    found: Filtered = filtered(s)
+    a = adjoint(s, found)
+    n, small = s.T.shape[2], 1e-6
+    for j in range(n):
+        up, down = (half_log_det(replace(s, Q=changed(s.Q, (j,), e))) for e in (small, -small))
+        assert np.where(s.inside, a.N[..., j], 0).sum() == pytest.approx((up - down) / small, rel=1e-5, abs=1e-7)
+    for j in range(6):
+        up, down = (half_log_det(replace(s, R=changed(s.R, (j,), e))) for e in (small, -small))
+        assert np.where(s.good[..., j], a.D[..., j], 0).sum() == pytest.approx((up - down) / small, rel=1e-5, abs=1e-7)
+
+
+def test_expected_scatter_of_smoothed_errors_is_that_of_the_diagonals() -> None:
+    """E r^2 = N and E u^2 = D for data drawn from the model: what makes the sizes a fixed point."""
+    s, _ = case()
+    f, rng = filtered(s), np.random.default_rng(6)
+    a = adjoint(s, f)
+    draws = 4000
+    totals = np.zeros(3), np.zeros(6)
+    n = s.T.shape[2]
+    z = np.einsum("rij,rjc->ric", np.linalg.cholesky(s.first + 1e-15 * np.eye(n)), rng.standard_normal((R, n, draws)))
+    y = np.zeros((K + 1, R, 6, draws))
+    for k in range(K + 1):
+        noise = np.sqrt(s.R)[:, None] * rng.standard_normal((R, 6, draws))
+        y[k] = np.where(s.good[k][..., None], np.einsum("rij,rjc->ric", s.Z[k], z) + noise, 0.0)
+        if k < K:
+            z = np.einsum("rij,rjc->ric", s.T[k], z)
+            z += s.inside[k][:, None, None] * np.sqrt(s.Q)[:, None] * rng.standard_normal((R, n, draws))
+    white, states = responses(s, f, np.zeros((K, R, 1, draws)), -y)
+    assert (white[s.good] ** 2).mean() == pytest.approx(1.0, abs=5 * np.sqrt(2 / (s.good.sum() * draws)))
+    for c in range(draws):
+        _, r, u = smoothed(s, f, white[..., c], states[..., c])
+        totals[0][:] += (np.where(s.inside[..., None], r[..., S : S + 3], 0) ** 2).sum(axis=(0, 1))
+        totals[1][:] += (np.where(s.good, u, 0) ** 2).sum(axis=(0, 1))
+    expected = np.where(s.inside[..., None], a.N[..., S : S + 3], 0).sum(axis=(0, 1))
+    np.testing.assert_allclose(totals[0] / draws, expected, rtol=0.1)
+    np.testing.assert_allclose(totals[1] / draws, np.where(s.good, a.D, 0).sum(axis=(0, 1)), rtol=0.1)

@@ -1,0 +1,260 @@
+"""The fit with a latent force: slopes of its likelihood, bounds, and truths recovered from synthetic trials."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cases.simulation.disturbed import drawn_ship
+from diagnosis.estimation.candidates import widened
+from diagnosis.estimation.gridded_trials import Data, arrange
+from diagnosis.estimation.kalman import Noise, smoothed
+from diagnosis.estimation.linearised_model import Steps
+from diagnosis.estimation.map_estimate import Around, Estimate, Path, estimate, look_around
+from diagnosis.estimation.noise_sizes import first_noise
+from diagnosis.estimation.parameters import Priors, active_states, priors_of
+from diagnosis.estimation.residual_checks import with_memory_time
+from diagnosis.prepare import priors_before
+from tests.support.diagnosis_cases import (
+    FREE,
+    OFF_NEUTRAL,
+    SHIP,
+    WHITE,
+    path_near,
+    pushed_trials,
+    quiet,
+    short_data,
+    theta_of,
+    wide_steps,
+)
+
+LONG = (("zigzag:20/20", 120.0), ("random:11", 120.0), ("turning:-20", 120.0))
+NOISE = Noise(np.array([0.06, 0.15, 0.1]), 5.0, WHITE, np.zeros(6), 4.0)
+EFFECTS_TRIED = (
+    "log_scale.share", "rudder_stall.loss", "current.x", "wind_force.Y", "gyro.share", "tow.N", "draft.share",
+)  # fmt: skip
+REMEMBERING = ("hull_memory.T", "gnss_delay.tau", "rudder_lag.T", "velocity_lag.tau")
+
+
+def columns_of(symbols: tuple[str, ...]) -> Priors:
+    """Columns in units of a twentieth of their typical size or prior, without bounds."""
+    n = len(symbols)
+    std = np.full(n, 0.02)
+    return Priors(symbols, np.zeros(n), std, np.full(n, -np.inf), np.full(n, np.inf))
+
+
+def settled_path(steps: Steps, data: Data, theta: np.ndarray, active: np.ndarray) -> Path:
+    """The smoothed path at these coefficients, to convergence."""
+    nothing = columns_of(())
+    path = path_near(steps, data, theta)
+    for _ in range(12):
+        a = look_around(steps, data, theta, path, NOISE, nothing, np.zeros(0), active)
+        mean, _, _ = smoothed(a.system, a.filter, a.white[..., -1], a.states[..., -1])
+        z = path.z.copy()
+        z[..., active] += mean[..., : len(active)]
+        path = Path(z, path.force + mean[..., len(active) : len(active) + 3])
+        if np.abs(mean).max() < 1e-10:
+            break
+    return path
+
+
+@pytest.mark.parametrize("effects", ["at neutral", "off neutral", "with memory"])
+def test_slope_of_the_likelihood_is_that_of_finite_differences(effects: str) -> None:
+    """At a smoothed path: that of the sum of squares closely, that of the log determinant to what its middle-of-step
+    rule allows. How the coefficients move the memory in which a window starts is left out of the columns: a little."""
+    steps, data = wide_steps(0.5), short_data(0.5)
+    tried = EFFECTS_TRIED + REMEMBERING if effects == "with memory" else EFFECTS_TRIED
+    awake = {} if effects == "at neutral" else {s: OFF_NEUTRAL[s] for s in tried}
+    asked = FREE + tried
+    near = 0.1 if effects == "with memory" else 2e-3
+    theta, free = theta_of(steps, awake), columns_of(asked)
+    active = active_states(steps, asked, theta)
+    path = settled_path(steps, data, theta, active)
+
+    def around(symbol: str = "", by: float = 0.0) -> Around:
+        t = theta.copy()
+        if symbol:
+            t[steps.ship.symbols.index(symbol)] += by
+        return look_around(steps, data, t, path, NOISE, free, np.zeros(len(asked)), active)
+
+    here = around()
+    chi = np.einsum("krca,krc->a", here.white[..., :-1], here.white[..., -1])
+    bend = here.bend.sum(axis=0)
+    assert here.nll == pytest.approx(0.5 * (here.filter.log_det.sum() + (here.white[..., -1] ** 2).sum()), rel=1e-12)
+    for i, symbol in enumerate(asked):
+        small = 1e-3 * free.std[i]
+        up, down = around(symbol, small), around(symbol, -small)
+        by_squares = 0.5 * ((up.white[..., -1] ** 2).sum() - (down.white[..., -1] ** 2).sum()) / (2e-3)
+        by_log = 0.5 * (up.filter.log_det.sum() - down.filter.log_det.sum()) / (2e-3)
+        spread = float(np.sqrt((here.white[..., i] ** 2).sum()))  # chance moves the slope by so much
+        assert abs(chi[i] - by_squares) < near * spread + 1e-6, (symbol, chi[i], by_squares, spread)
+        assert abs(bend[i] - by_log) < 0.02 * spread + 0.05 * abs(by_log) + 1e-6, (symbol, bend[i], by_log, spread)
+
+
+def fitted(
+    seed: int, noise: Noise | None = None, iterations: int = 40
+) -> tuple[Steps, Data, Estimate, dict[str, float]]:
+    """A fit of all coefficients to runs of a ship drawn from its prior, with the truth."""
+    true = drawn_ship(SHIP, seed)
+    trials = pushed_trials(seed, ship=true, runs=LONG)
+    wide = widened(SHIP, trials)
+    base = priors_before(SHIP)
+    data = arrange(trials, wide.ship.inputs, 3.0, 0.5)
+    steps = Steps(wide.ship, [*base.symbols, *(s for c in wide.candidates.values() for s in c.symbols)], 0.5)
+    found = estimate(steps, data, wide.ship.values, base, noise or first_noise(wide.ship, data), iterations=iterations)
+    return steps, data, found, {s: true.coefficients[s].value for s in base.symbols}
+
+
+def against_truth(steps: Steps, data: Data, found: Estimate, truth: dict[str, float]) -> tuple[float, np.ndarray]:
+    """Twice the loss of log likelihood from the best to the true coefficients, and z of each coefficient.
+
+    The former is chi-squared of their number whatever the curvature, which for some ships is strong.
+    """
+    error = found.p - (np.array([truth[s] for s in found.free.symbols]) - found.free.mean) / found.free.std
+    p, theta = found.p - error, theta_of(steps, truth)
+    there = estimate(steps, data, theta, columns_of(()), found.noise, found.path, iterations=30, steady=True)
+    return 2 * (there.nll + 0.5 * float(p @ p) - found.nll), error / np.sqrt(np.diag(found.covariance))
+
+
+@pytest.fixture(scope="module")
+def one() -> tuple[Steps, Data, Estimate, dict[str, float]]:
+    return fitted(1)
+
+
+def test_coefficients_lie_within_their_errors(one: tuple) -> None:
+    found = one[2]
+    loss, z = against_truth(*one)
+    assert 28 < loss < 105  # chi-squared of 61: outside with a probability below 5e-4
+    assert 0.5 < np.sqrt((z**2).mean()) < 1.5
+    better = np.linalg.eigvalsh(found.covariance)
+    assert better.min() < 0.02 and better.max() < 1.0 + 1e-9  # never less sure than the prior
+
+
+def test_sizes_of_what_is_random_are_found(one: tuple) -> None:
+    steps, data, found, _ = one
+    np.testing.assert_allclose(found.noise.white, WHITE, rtol=0.2)
+    better = with_memory_time(steps, data, found)
+    how = quiet()
+    np.testing.assert_allclose(better.noise.force, [how.X, how.Y, how.N], rtol=0.6)
+    assert 0.4 * how.tau < better.noise.tau < 2.5 * how.tau
+    assert better.nll < found.nll + 0.1
+    assert not better.noise.coloured.any()
+
+
+def test_usual_sizes_of_what_is_random_count_as_so_many_samples_more(one: tuple) -> None:
+    """The fit ends where the likelihood with their prior is best by each size; a short record stays near them."""
+    steps, data, found, _ = one
+    usual = found.noise.with_(force=2 * found.noise.force, white=0.5 * found.noise.white)
+    assert usual.unusual == 0.0 and usual.with_(usual=usual).unusual == 0.0
+    assert found.noise.with_(usual=usual).unusual > 0.0
+
+    def last(data: Data) -> Estimate:
+        noise = found.noise.with_(usual=usual)
+        return estimate(steps, data, found.theta, columns_of(()), noise, found.path, iterations=30, tolerance=1e-4)
+
+    def nll(data: Data, fit: Estimate, **sizes: np.ndarray) -> float:
+        active = active_states(steps, (), fit.theta)
+        noise = fit.noise.with_(**sizes)
+        return look_around(steps, data, fit.theta, fit.path, noise, fit.free, fit.p, active).nll
+
+    for few in (data, data.thinned(20)):
+        end = last(few)
+        for k in ("force", "white"):
+            size = getattr(end.noise, k)
+            for i in range(len(size)):
+                other = [size * np.where(np.arange(len(size)) == i, f, 1.0) for f in (1.3, 1 / 1.3)]
+                assert min(nll(few, end, **{k: x}) for x in other) > nll(few, end), (k, i)
+    off = [np.abs(np.log(last(d).noise.white / usual.white)).mean() for d in (data, data.thinned(20))]
+    assert off[1] < 0.7 * off[0] and off[0] > 0.4
+
+
+def test_the_fit_starts_anywhere_and_ends_at_the_same_place(one: tuple) -> None:
+    steps, data, found, _ = one
+    other = found.noise.with_(force=3 * found.noise.force, white=0.5 * found.noise.white)
+    p = np.clip(found.p + 0.5, (found.free.lower - found.free.mean) / found.free.std,
+                (found.free.upper - found.free.mean) / found.free.std)  # fmt: skip
+    again = estimate(steps, data, steps.ship.values, found.free, other, p=p, iterations=40)
+    assert again.nll == pytest.approx(found.nll, abs=0.5)
+    errors = np.abs(again.p - found.p) / np.sqrt(np.diag(found.covariance))
+    assert errors.max() < 0.7  # a loss of the tolerance, 0.05, is 0.3 standard errors in one direction
+
+
+def test_the_smoothed_path_and_force_are_the_true_ones_within_chance(one: tuple) -> None:
+    _, data, found, _ = one
+    error = (found.path.z[..., :6] - data.y) / WHITE
+    scatter = np.sqrt((np.where(data.good, error, 0.0) ** 2).sum(axis=(0, 1)) / data.good.sum(axis=(0, 1)))
+    assert (scatter < 1.2).all() and (scatter > 0.7).all()
+
+
+def test_bounds_are_kept(one: tuple) -> None:
+    steps, data, found, _ = one
+    at = {s: i for i, s in enumerate(found.free.symbols)}
+    tight = replace(found.free, upper=found.free.upper.copy(), lower=found.free.lower.copy())
+    chosen = ("Y_v", "N_r", "k_0")
+    for s in chosen:  # the best value lies just outside
+        i = at[s]
+        best, std = found.value(s), found.std(s)
+        if best > found.free.mean[i]:
+            tight.upper[i] = best - std
+        else:
+            tight.lower[i] = best + std
+    held = estimate(steps, data, steps.ship.values, tight, found.noise, iterations=12)
+    for s in tight.symbols:
+        i = at[s]
+        assert tight.lower[i] - 1e-9 <= held.value(s) <= tight.upper[i] + 1e-9, s
+    reached = [s for s in chosen if min(held.value(s) - tight.lower[at[s]], tight.upper[at[s]] - held.value(s)) < 1e-9]
+    assert reached
+    assert held.nll > found.nll - 0.2
+
+
+def test_states_that_nothing_depends_on_are_left_out() -> None:
+    steps = wide_steps(0.5)
+    theta = steps.ship.values
+    assert list(active_states(steps, FREE, theta)) == list(range(6))
+    names = [steps.model.states[i] for i in active_states(steps, ("hull_memory.T",), theta)]
+    assert len(names) > 6 and all("." not in n or n.startswith("hull_memory") for n in names)
+    awake = active_states(steps, FREE, theta_of(steps, {"rudder_lag.T": 0.5}))
+    assert any(steps.model.states[i].startswith("rudder_lag") for i in awake)
+
+
+def test_priors_are_those_before_a_calibration() -> None:
+    c = SHIP.coefficients["Y_v"]
+    calibrated = SHIP.with_coefficients({"Y_v": c.with_(value=1.1 * c.value, std=0.1 * c.std, prior_value=c.value,
+                                                        prior_std=c.std)})  # fmt: skip
+    a, b = priors_before(SHIP), priors_before(calibrated)
+    assert a.symbols == b.symbols
+    np.testing.assert_array_equal(a.mean, b.mean)
+    np.testing.assert_array_equal(a.std, b.std)
+    assert priors_of(SHIP, ("Y_v",)).mean[0] == c.value
+
+
+def test_runs_without_positions_and_with_gaps_are_fitted() -> None:
+    trials = pushed_trials(4, runs=LONG[:2])
+    bare = replace(trials[0], columns={k: v for k, v in trials[0].columns.items() if k not in ("x", "y")})
+    holes = {k: v.copy() for k, v in trials[1].columns.items()}
+    holes["u"][300:330] = np.nan
+    wide = widened(SHIP, trials)
+    base = priors_before(SHIP)
+    data = arrange([bare, replace(trials[1], columns=holes)], wide.ship.inputs, 3.0, 0.5)
+    assert not data.measured[:, data.run == 0][..., :2].any()
+    steps = Steps(wide.ship, [*base.symbols, *(s for c in wide.candidates.values() for s in c.symbols)], 0.5)
+    found = estimate(steps, data, wide.ship.values, base, first_noise(wide.ship, data))
+    assert np.isfinite(found.nll) and np.isfinite(found.path.z).all() and np.isfinite(found.covariance).all()
+    np.testing.assert_allclose(found.noise.white, WHITE, rtol=0.35)
+
+
+@pytest.mark.slow
+def test_stated_errors_are_right_over_seeds() -> None:
+    """Likelihood of the truth, and z of every coefficient, of 6 ships."""
+    losses, every, white = [], [], []
+    for seed in range(10, 16):
+        case = fitted(seed)
+        lost, z = against_truth(*case)
+        losses.append(lost)
+        every.append(z)
+        white.append(case[2].noise.white / WHITE)
+    assert 0.7 < np.sqrt((np.array(every) ** 2).mean()) < 1.4
+    assert 300 < sum(losses) < 465, losses  # chi-squared of 366, 27 wide: 2.4 and 3.7 standard deviations
+    np.testing.assert_allclose(np.mean(white, axis=0), 1.0, atol=0.1)

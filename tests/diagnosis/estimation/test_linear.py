@@ -1,0 +1,250 @@
+"""One step of the wide ship and its derivatives, against the simulator and finite differences."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+
+from diagnosis.estimation.candidates import effect_of
+from diagnosis.estimation.linearised_model import FORCE, Steps
+from mmg.effects import EFFECTS
+from mmg.rollout import Simulator
+from tests.support.diagnosis_cases import OFF_NEUTRAL, SHIP, off_neutral, states_about, wide, wide_steps
+
+POINTS = 6
+
+
+@pytest.fixture(scope="module")
+def steps() -> Steps:
+    return wide_steps()
+
+
+def values(steps: Steps, where: str) -> np.ndarray:
+    return steps.ship.values if where == "neutral" else off_neutral(steps)
+
+
+def path(steps: Steps, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """States (2, M, S), inputs (1, M, C) and force (1, M, 3) of windows of one step."""
+    z, c = states_about(steps, POINTS, seed)
+    force = 0.1 * np.random.default_rng(seed + 50).standard_normal((1, POINTS, 3))
+    after = steps.advance(z, c, steps.coefficients(steps.ship.values, force[0].T))
+    return np.stack([z.T, after.T]), c.T[None], force
+
+
+def every_column(steps: Steps) -> np.ndarray:
+    return np.arange(steps.P)
+
+
+def close(found: np.ndarray, expected: np.ndarray, rtol: float) -> None:
+    """Relative to the largest of each column."""
+    scale = np.abs(expected).max(axis=tuple(range(expected.ndim - 1)), keepdims=True)
+    assert np.isfinite(found).all()
+    worst = np.abs(found - expected) / np.maximum(scale, 1e-4)
+    assert worst.max() < rtol, np.unravel_index(worst.argmax(), worst.shape)
+
+
+def test_every_effect_that_may_be_screened_is_on_board(steps: Steps) -> None:
+    screened = {s for c in wide().candidates.values() for s in c.symbols}
+    assert {effect_of(name) for name in wide().candidates} == set(EFFECTS) - {"disturbance"}
+    assert screened <= set(OFF_NEUTRAL) <= set(steps.symbols)
+    assert set(FORCE) <= set(steps.symbols)
+
+
+@pytest.mark.parametrize("where", ["neutral", "off neutral"])
+def test_one_step_ends_where_the_simulator_does(steps: Steps, where: str) -> None:
+    theta = values(steps, where)
+    z, c = states_about(steps, POINTS, 1)
+    expected = Simulator(steps.ship).run(z, c[None], steps.h, theta)[-1]
+    np.testing.assert_allclose(steps.advance(z, c, theta), expected, rtol=1e-10, atol=1e-12)
+    states, inputs, force = path(steps, 1)
+    linear = steps.linearise(states, inputs, theta, force, every_column(steps), np.arange(steps.S))
+    each = steps.coefficients(theta, force[0].T)
+    np.testing.assert_allclose(linear.end[0].T, steps.advance(z, c, each), rtol=1e-12, atol=1e-13)
+
+
+@pytest.mark.parametrize("where", ["neutral", "off neutral"])
+def test_derivatives_of_a_step_are_those_of_finite_differences(steps: Steps, where: str) -> None:
+    theta = values(steps, where)
+    states, inputs, force = path(steps)
+    columns, active = every_column(steps), np.arange(steps.S)
+    linear = steps.linearise(states, inputs, theta, force, columns, active)
+    z, c = states[0].T, inputs[0].T
+    each = steps.coefficients(theta, force[0].T)
+
+    def end(dz: np.ndarray | float = 0.0, dtheta: np.ndarray | float = 0.0) -> np.ndarray:
+        return steps.advance(z + dz, c, each + dtheta)
+
+    F, G, B = (np.empty_like(a[0]) for a in (linear.F, linear.G, linear.force))
+    for j in range(steps.S):
+        small = np.zeros((steps.S, 1))
+        small[j] = 1e-5 * max(1e-2, float(np.abs(z[j]).max()))
+        F[..., j] = ((end(small) - end(-small)) / (2 * small[j])).T
+    for i, j in enumerate(steps.at):
+        small = np.zeros((len(theta), 1))
+        small[j] = 1e-5 * max(1e-2, abs(theta[j]))
+        G[..., i] = ((end(0.0, small) - end(0.0, -small)) / (2 * small[j])).T
+    for i, j in enumerate(steps.force):
+        small = np.zeros((len(theta), 1))
+        small[j] = 1e-5
+        B[..., i] = ((end(0.0, small) - end(0.0, -small)) / (2 * small[j])).T
+    close(linear.F[0], F, 2e-6)
+    close(linear.force[0], B, 2e-6)
+    one_sided = [i for i, s in enumerate(steps.symbols) if where == "neutral" and one_sided_at_neutral(s)]
+    kept = np.setdiff1d(columns, one_sided)
+    close(linear.G[0][..., kept], G[..., kept], 5e-6)
+
+
+def one_sided_at_neutral(symbol: str) -> bool:
+    """Whether a parameter cannot be negative, so that a central difference at its neutral value says nothing."""
+    name, _, parameter = symbol.partition(".")
+    return bool(parameter) and any(
+        p.symbol == parameter and p.lower >= p.neutral
+        for p in EFFECTS[name].parameters(SHIP.namespace, dict(SHIP.components))
+    )
+
+
+def test_slopes_of_times_and_dead_bands_at_zero_point_into_what_they_allow(steps: Steps) -> None:
+    theta = steps.ship.values
+    states, inputs, force = path(steps)
+    columns = np.array([i for i, s in enumerate(steps.symbols) if one_sided_at_neutral(s)])
+    assert len(columns) >= 6
+    linear = steps.linearise(states, inputs, theta, force, columns, np.arange(steps.S))
+    each = steps.coefficients(theta, force[0].T)
+    G = np.empty_like(linear.G[0])
+    for i, column in enumerate(columns):
+        ends = []
+        for share in (0.0, 1.0, 2.0):
+            small = np.zeros((len(theta), 1))
+            small[steps.at[column]] = share * 1e-6
+            ends.append(steps.advance(states[0].T, inputs[0].T, each + small))
+        G[..., i] = ((-1.5 * ends[0] + 2 * ends[1] - 0.5 * ends[2]) / 1e-6).T
+    close(linear.G[0], G, 1e-3)
+
+
+@pytest.mark.parametrize("where", ["neutral", "off neutral"])
+def test_derivatives_of_what_is_logged_are_those_of_finite_differences(steps: Steps, where: str) -> None:
+    theta = values(steps, where)
+    states, inputs, force = path(steps, 2)
+    columns = every_column(steps)
+    linear = steps.linearise(states, inputs, theta, force, columns, np.arange(steps.S))
+    flat = states.reshape(-1, steps.S).T
+    sim = Simulator(steps.ship)
+
+    def seen(z: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        return sim.columns(z, theta).T.reshape(*states.shape[:2], 6)
+
+    np.testing.assert_allclose(linear.logged, seen(flat, theta), rtol=1e-12, atol=1e-13)
+    H, D = np.empty_like(linear.H), np.empty_like(linear.D)
+    for j in range(steps.S):
+        small = np.zeros((steps.S, 1))
+        small[j] = 1e-6 * max(1e-2, float(np.abs(flat[j]).max()))
+        H[..., j] = (seen(flat + small, theta) - seen(flat - small, theta)) / (2 * small[j])
+    for i, j in enumerate(steps.at):
+        small = np.zeros(len(theta))
+        small[j] = 1e-6 * max(1e-2, abs(theta[j]))
+        D[..., i] = (seen(flat, theta + small) - seen(flat, theta - small)) / (2 * small[j])
+    close(linear.H, H, 1e-6)
+    close(linear.D, D, 1e-6)
+
+
+def test_fewer_columns_and_states_are_a_part_of_all(steps: Steps) -> None:
+    theta = steps.ship.values
+    states, inputs, force = path(steps)
+    whole = steps.linearise(states, inputs, theta, force, every_column(steps), np.arange(steps.S))
+    asked = np.array([steps.symbols.index(s) for s in ("tow.Y", "N_r", "current.x", "N_r")])
+    six = np.arange(6)  # nothing else is awake at neutral values
+    part = steps.linearise(states, inputs, theta, force, asked, six)
+    np.testing.assert_allclose(part.F, whole.F[:, :, :6, :6], rtol=1e-12, atol=1e-14)
+    np.testing.assert_allclose(part.G, whole.G[:, :, :6][..., asked], rtol=1e-12, atol=1e-14)
+    np.testing.assert_allclose(part.force, whole.force[:, :, :6], rtol=1e-12, atol=1e-14)
+    np.testing.assert_allclose(part.D, whole.D[..., asked], rtol=1e-12, atol=1e-14)
+
+
+@pytest.mark.parametrize("where", ["neutral", "off neutral"])
+def test_bend_is_the_slope_of_the_weighted_jacobian(steps: Steps, where: str) -> None:
+    """Of h d rates / d (states, force) in the middle of the step, and of the logged columns by the states."""
+    theta = off_neutral(steps) if where == "off neutral" else steps.ship.values
+    states, inputs, force = path(steps, 4)
+    rng = np.random.default_rng(5)
+    S, columns = steps.S, every_column(steps)
+    weight, logged = rng.standard_normal((1, POINTS, S, S + 3)), rng.standard_normal((2, POINTS, 6, S))
+    found = steps.bend(states, inputs, theta, force, weight, logged, columns, np.arange(S))
+    middle = 0.5 * (states[0] + states[1]).T
+
+    def total(theta: np.ndarray) -> np.ndarray:
+        """(windows,)."""
+        each = steps.coefficients(theta, force[0].T)
+        result = np.zeros(POINTS)
+        nonzeros = steps._jacobian(*padded_to(4, middle, inputs[0].T, each))[1][:, :POINTS]
+        J = np.zeros((POINTS, S, S + steps.P))
+        J[:, steps._rows, steps._columns] = nonzeros.T
+        at = np.concatenate([np.arange(S), S + steps._force_columns])
+        result += steps.h * np.einsum("mij,mij->m", weight[0], J[..., at])
+        zero = np.zeros((2, POINTS, 3))
+        H = steps.linearise(states, inputs, theta, zero[:1], columns[:1], np.arange(S)).H
+        return result + np.einsum("kmij,kmij->m", logged, H)
+
+    skip = [i for i, s in enumerate(steps.symbols) if where == "neutral" and one_sided_at_neutral(s)]
+    for i, j in enumerate(steps.at):
+        if i in skip:
+            continue
+        small = np.zeros(len(theta))
+        small[j] = 1e-5 * max(1e-2, abs(theta[j]))
+        expected = (total(theta + small) - total(theta - small)) / (2 * small[j])
+        scale = max(1e-3, float(np.abs(expected).max()))
+        np.testing.assert_allclose(found[:, i] / scale, expected / scale, atol=2e-4, err_msg=steps.symbols[i])
+
+
+def padded_to(lanes: int, *arrays: np.ndarray) -> list[np.ndarray]:
+    from mmg.compile.batch import padded
+
+    m = next(a.shape[1] for a in arrays if a.ndim == 2)
+    return [np.hstack([a, np.repeat(a[:, :1], padded(m) - m, axis=1)]) if a.ndim == 2 else a for a in arrays]
+
+
+def test_a_wide_ship_at_neutral_values_moves_as_the_ship_itself(steps: Steps) -> None:
+    own = Simulator(SHIP)
+    z, c = states_about(steps, 20, 7)
+    at = [steps.model.controls.index(name) for name in own.model.controls]
+    found = Simulator(steps.ship).rates(z, c, steps.ship.values)[:6]
+    np.testing.assert_allclose(found, own.rates(z[:6], c[at]), rtol=1e-12, atol=1e-13)
+    settled = steps.settled(z[:6], c, steps.ship.values)
+    np.testing.assert_allclose(settled[:6], z[:6], rtol=0, atol=1e-13)
+    end = steps.advance(settled, c, steps.ship.values)[:6]
+    np.testing.assert_allclose(end, own.run(z[:6], c[at][None], steps.h)[-1], rtol=1e-12, atol=1e-13)
+
+
+def test_passive_memory_is_simulated_along_the_path(steps: Steps) -> None:
+    theta = steps.ship.values
+    z, c = states_about(steps, 3, 8)
+    K = 12
+    inputs = np.repeat(c.T[None], K, axis=0)
+    inputs[5:, :, steps.model.controls.index("delta")] += 0.2
+    force = 0.05 * np.ones((K + 1, 3, 3))
+    path = np.repeat(steps.settled(z[:6], c, theta).T[None], K + 1, axis=0)
+    for k in range(K):
+        path[k + 1] = steps.advance(path[k].T, inputs[k].T, steps.coefficients(theta, force[k].T)).T
+    spoilt = path.copy()
+    spoilt[..., 6:] = 99.0
+    back = steps.remembered(spoilt, inputs, theta, force, np.arange(6, steps.S))
+    np.testing.assert_allclose(back, path, rtol=1e-10, atol=1e-12)
+
+
+def test_steps_travel_to_another_process(steps: Steps) -> None:
+    again = pickle.loads(pickle.dumps(steps))
+    assert again.symbols == steps.symbols and again.h == steps.h
+    z, c = states_about(steps, 5, 9)
+    theta = off_neutral(steps)
+    assert np.array_equal(again.advance(z, c, theta), steps.advance(z, c, theta))
+
+
+def test_without_a_compiler_it_is_the_same(steps: Steps) -> None:
+    slow = wide_steps(compiled=False)
+    assert slow.interpreted_because and not steps.interpreted_because
+    states, inputs, force = path(steps)
+    theta = off_neutral(steps)
+    a, b = (s.linearise(states, inputs, theta, force, every_column(s), np.arange(s.S)) for s in (steps, slow))
+    for name in ("end", "F", "G", "force", "logged", "H", "D"):
+        np.testing.assert_allclose(getattr(a, name), getattr(b, name), rtol=1e-8, atol=1e-10)

@@ -1,0 +1,104 @@
+"""Other forms of faults of instruments: one column alone is wrong where the library moves several together."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from diagnosis import summary as told
+from diagnosis.estimation.candidates import effect_of
+from diagnosis.hypotheses.forward_selection import explain
+from diagnosis.hypotheses.next_test import next_test
+from diagnosis.hypotheses.unnamed import unnamed
+from mmg.effects import EFFECTS
+from tests.support.diagnosis_cases import FEW, problem_of, pushed_trials, wide
+
+FORMS = {
+    "heading_bias alone": {"alone": 0.05},
+    "antenna_offset alone": {"alone_x": 0.4, "alone_y": -0.3},
+    "gnss_delay alone": {"alone": 1.0},
+    "gnss_delay finished": {"finished": 1.2},
+}
+MOVED = {
+    "heading_bias alone": {"psi"}, "antenna_offset alone": {"x", "y"}, "gnss_delay alone": {"x", "y"},
+    "gnss_delay finished": {"x", "y", "u", "v"},
+}  # fmt: skip
+COLUMNS = ("x", "y", "psi", "u", "v", "r")
+
+
+def spec(form: str) -> str:
+    return f"{effect_of(form)}:" + ",".join(f"{k}={v}" for k, v in FORMS[form].items())
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_only_the_columns_of_one_instrument_are_touched(form: str) -> None:
+    right, wrong = (pushed_trials(3, e, runs=(("zigzag:20/20", 40.0),))[0] for e in ((), (spec(form),)))
+    assert {c for c in COLUMNS if not np.array_equal(right[c], wrong[c])} == MOVED[form]
+
+
+@pytest.mark.parametrize("form", ["gnss_delay alone", "gnss_delay finished"])
+def test_a_late_position_is_that_of_some_time_ago(form: str) -> None:
+    right, late = (pushed_trials(3, e, runs=(("zigzag:20/20", 40.0),))[0] for e in ((), (spec(form),)))
+    speed = np.hypot(right["u"], right["v"]).mean()
+    behind = np.hypot(right["x"] - late["x"], right["y"] - late["y"])
+    assert np.median(behind) == pytest.approx(speed * next(iter(FORMS[form].values())), rel=0.2)
+
+
+def test_finished_columns_are_those_of_some_time_ago() -> None:
+    t = np.arange(0.0, 30.0, 0.1)
+    y = [0.3 * t, 0.0 * t, 0.05 * t, 0.3 + 0.1 * np.sin(0.3 * t), 0.05 * np.cos(0.2 * t), 0.05 + 0.0 * t]
+    ship = wide().ship
+    e = SimpleNamespace(tau=0.0, alone=0.0, finished=1.2)
+    late = EFFECTS["gnss_delay"].samples(t, y, None, e, ship.namespace)  # type: ignore[arg-type]
+    for column in (3, 4):
+        np.testing.assert_allclose(late[column][12:], y[column][:-12], atol=1e-12)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_it_is_named_with_its_own_parameters(form: str) -> None:
+    problem, null = problem_of(pushed_trials(4, (spec(form),)))
+    found, name = explain(problem, null), effect_of(form)
+    assert found.effects == (form,)
+    row = told.named(problem, wide(), found, form)
+    assert row.name == name and set(row.parameters) == set(FORMS[form])
+    for k, size in FORMS[form].items():
+        got = row.parameters[k]
+        assert abs(got.value - size) < 3.5 * got.std + 0.06 * abs(size)
+    assert unnamed(problem.steps, problem.data, found.final).log_bayes < 3.0
+    after = told.fitted_ship(problem, problem.steps.ship, wide(), found.final, found.effects)
+    assert after.coefficients[f"{name}.{next(iter(FORMS[form]))}"].value != 0.0
+
+
+def test_the_fault_that_moves_all_columns_keeps_its_parameters() -> None:
+    problem, null = problem_of(pushed_trials(5, ("heading_bias:psi=0.06",)))
+    found = explain(problem, null)
+    assert found.effects == ("heading_bias",)
+
+
+def test_the_ranking_has_each_effect_once() -> None:
+    problem, null = problem_of(pushed_trials(4, (spec("heading_bias alone"),)))
+    ranked = told.ranking(problem, wide(), explain(problem, null))
+    assert set(ranked[0].visible_from) == {"psi", "alone"} and ranked[0].visible_from["alone"] < 0.05
+    rows = [row.name for row in ranked]
+    assert len(rows) == len(set(rows)) and rows[0] == "heading_bias"
+    assert set(rows) == {effect_of(n) for n in wide().candidates}
+
+
+def test_other_forms_take_no_part_unless_asked_for() -> None:
+    for name in {effect_of(form) for form in FORMS}:
+        rows = EFFECTS[name].parameters(wide().ship.namespace, dict(wide().ship.components))
+        assert all(p.held == bool(p.form) for p in rows)
+        assert set(wide().candidates[name].symbols) == {f"{name}.{p.symbol}" for p in rows if not p.form}
+
+
+def test_what_to_test_next_is_asked_of_the_form_and_told_of_the_effect() -> None:
+    problem, null = problem_of(pushed_trials(4, (spec("heading_bias alone"),)))
+    found = explain(problem, null)
+    form = found.effects[0]
+    ship = told.fitted_ship(problem, FEW, wide(), found.final, found.effects)
+    words = next_test(problem, told.fit_with(found, form), [form], ship)
+    assert words.startswith("To know the size of heading_bias better: ") and "alone would measure it to" in words
+    percent = float(words.split("measure it to ")[1].split(" %")[0])
+    assert 0 < percent < 5  # 0.05 rad of a compass that is good to 0.0015

@@ -1,0 +1,318 @@
+"""What a name must pass: nothing superfluous, no chance by standard errors, agreement, no form without a name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+import diagnosis.hypotheses.forward_selection as hypotheses
+from cases.inputs import step_means, straight_means
+from cases.simulation.disturbed import process
+from cases.trial import Trial
+from diagnosis.estimation.candidates import Candidate
+from diagnosis.estimation.gridded_trials import Data, arrange, middle_means
+from diagnosis.estimation.kalman import Noise
+from diagnosis.estimation.map_estimate import Estimate, Path, estimate
+from diagnosis.estimation.noise_sizes import first_noise
+from diagnosis.estimation.parameters import Priors
+from diagnosis.hypotheses.forward_selection import AGREE, NEUTRAL, Found, Problem, Scored, Search, Tried, explain
+from diagnosis.hypotheses.refit import BLOCK, SPARE, clusters, refit, robust_p, wald_p
+from diagnosis.hypotheses.unnamed import Unnamed, unnamed
+from tests.support.diagnosis_cases import WHITE, problem_of, pushed_trials, quiet, short_data, wide_steps
+
+H = 1.0
+NOISE = Noise(np.ones(3), 5.0, np.ones(6), np.zeros(6), 4.0)
+
+
+def candidate(name: str, degrees: int = 1, neutral: float = 0.0) -> Candidate:
+    zero = np.zeros(degrees)
+    symbols = tuple(f"{name}.{j}" for j in range(degrees))
+    return Candidate(name, symbols, zero + neutral, zero + 1.0, zero - np.inf, zero + np.inf)
+
+
+def fit_of(effects: Sequence[Candidate], nll: float, values: Sequence[float] | None = None) -> Estimate:
+    """A fit of which only its values and its likelihood matter."""
+    symbols = tuple(s for c in effects for s in c.symbols)
+    n = len(symbols)
+    free = Priors(symbols, np.zeros(n), np.ones(n), np.full(n, -np.inf), np.full(n, np.inf))
+    path = Path(np.zeros((2, 1, 6)), np.zeros((2, 1, 3)))
+    p = np.zeros(n) if values is None else np.array(values)
+    return Estimate(np.zeros(n), free, p, 0.01 * np.eye(n), path, NOISE, nll, 1, True)
+
+
+EFFECTS = {"a": candidate("a"), "b": candidate("b", 2)}
+
+
+@dataclass(frozen=True)
+class Refit:
+    """A call of ``refit``."""
+
+    names: tuple[str, ...]
+    before: Estimate
+    start: Mapping[str, float]
+
+
+@dataclass
+class Fits:
+    """Fits that the tests make up, by the effects in them: the negative log likelihood that ``refit`` ends at, and the
+    probability of each effect by its standard errors."""
+
+    problem: Problem
+    nll: dict[str, float]
+    wald: dict[str, float]
+    calls: list[Refit]
+
+    def prune(self, named: str, nll: float) -> tuple[str, Estimate]:
+        """The names that remain, and the fit, from one with ``named`` at ``nll``."""
+        effects = [EFFECTS[n] for n in named]
+        now = fit_of(effects, nll, [0.5 + i for i in range(sum(len(e.symbols) for e in effects))])
+        kept, found = hypotheses._pruned(self.problem, list(named), now)
+        return "".join(kept), found
+
+
+@pytest.fixture
+def fits(monkeypatch: pytest.MonkeyPatch) -> Fits:
+    made = Fits(Problem(wide_steps(H), short_data(H), Priors((), *4 * [np.zeros(0)]), EFFECTS), {}, {}, [])
+
+    def refitted(
+        steps: object,
+        data: object,
+        base: object,
+        before: Estimate,
+        effects: Sequence[Candidate],
+        start: dict[str, float],
+    ) -> Estimate:
+        names = tuple(e.name for e in effects)
+        made.calls.append(Refit(names, before, start))
+        return fit_of(effects, made.nll["".join(names)])
+
+    monkeypatch.setattr(hypotheses, "refit", refitted)
+    monkeypatch.setattr(hypotheses, "likelihood", lambda found, own: found.nll)
+    monkeypatch.setattr(hypotheses, "wald_p", lambda found, effect: made.wald.get(effect.name, 1e-9))
+    monkeypatch.setattr(hypotheses, "now_without", lambda now, problem, kept: now)
+    return made
+
+
+def test_an_effect_that_only_helped_the_fit_to_a_better_place_goes_although_it_is_the_newest(fits: Fits) -> None:
+    """With the older one alone the fit was far worse, but not if it begins where the fit with both ended."""
+    fits.nll = {"a": 60.1, "b": 100.0, "": 120.0}
+    kept, found = fits.prune("ab", 60.0)
+    assert kept == "a" and found.nll == 60.1
+    without_b = next(c for c in fits.calls if c.names == ("a",))
+    assert without_b.before.nll == 60.0 and without_b.start == {"a.0": 0.5}
+
+
+def test_an_older_effect_that_a_new_one_makes_superfluous_goes(fits: Fits) -> None:
+    fits.nll = {"a": 100.0, "b": 60.5, "": 120.0}
+    kept, found = fits.prune("ab", 60.0)
+    assert kept == "b" and found.nll == 60.5
+    assert fits.calls[0].names == ("b",) and fits.calls[0].start == {"b.0": 1.5, "b.1": 2.5}
+
+
+def test_effects_that_are_both_needed_stay(fits: Fits) -> None:
+    fits.nll = {"a": 100.0, "b": 100.0}
+    kept, found = fits.prune("ab", 60.0)
+    assert kept == "ab" and found.nll == 60.0 and len(fits.calls) == 2
+
+
+def test_nothing_stays_where_none_is_needed_at_the_end(fits: Fits) -> None:
+    fits.nll = {"a": 60.1, "b": 60.1, "": 60.2}
+    assert fits.prune("ab", 60.0)[0] == ""
+    assert fits.prune("ab", 60.0)[1].nll == 60.2
+
+
+@pytest.mark.parametrize(("name", "degrees"), [("a", 1), ("b", 2)])
+def test_an_effect_stays_if_what_is_lost_without_it_pays_for_its_parameters(
+    fits: Fits, name: str, degrees: int
+) -> None:
+    """Twice the loss of log likelihood against ln N by parameter, as in the BIC."""
+    worth = 0.5 * degrees * fits.problem.cost
+    assert fits.problem.cost == pytest.approx(np.log(fits.problem.data.samples))
+    fits.nll = {"": 60.0 + 0.99 * worth}
+    assert fits.prune(name, 60.0)[0] == ""
+    fits.nll = {"": 60.0 + 1.01 * worth}
+    assert fits.prune(name, 60.0)[0] == name
+
+
+@pytest.mark.parametrize(("p", "kept"), [(1.1 * NEUTRAL, "b"), (0.9 * NEUTRAL, "ab")])
+def test_an_effect_that_is_neutral_within_its_standard_errors_goes_whatever_it_helped(
+    fits: Fits, p: float, kept: str
+) -> None:
+    fits.nll, fits.wald = {"a": 100.0, "b": 100.0, "": 150.0}, {"a": p}
+    assert fits.prune("ab", 60.0)[0] == kept
+
+
+def test_a_better_place_without_any_effect_is_where_the_search_goes_on(
+    fits: Fits, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first effect goes again: what came of it is the fit without effects that all else is compared with."""
+    fits.nll = {"": 60.1}
+    null, begun = fit_of([], 100.0), []
+    row = Scored("a", 80.0, 1, 1e-9, 1e-9, np.ones(1), 0.0, True)
+    first = Tried("a", fit_of([EFFECTS["a"]], 60.0, [1.0]), 40.0, 75.0, 1e-9)
+
+    def searched(problem: Problem, before: Estimate, named: Sequence[str], **more: object) -> Search:
+        begun.append((before.nll, tuple(named)))
+        return Search((row,), (first,) if before is null else (), before)
+
+    monkeypatch.setattr(hypotheses, "search", searched)
+    found = explain(fits.problem, null)
+    assert begun == [(100.0, ()), (60.1, ())]
+    assert found.effects == () and found.null.nll == 60.1 and found.final is found.null and found.robust == {}
+
+
+def test_probability_by_standard_errors_is_that_of_a_normal_law() -> None:
+    e = candidate("a", neutral=1.0)
+    free = Priors(("Y_v", "a.0"), np.array([3.0, 2.0]), np.array([1.0, 5.0]), *np.array([[-np.inf] * 2, [np.inf] * 2]))
+    covariance = np.array([[0.3, 0.05], [0.05, 0.04]])  # of (value - mean) / prior std
+    found = replace(fit_of([], 0.0), free=free, p=np.array([4.0, 0.3]), covariance=covariance)
+    assert (found.value("a.0"), found.std("a.0")) == pytest.approx((3.5, 1.0))
+    assert wald_p(found, e) == pytest.approx(2 * norm.sf(2.5), rel=1e-9)
+    assert wald_p(replace(found, p=np.array([4.0, -0.2])), e) == pytest.approx(1.0)  # neutral
+
+
+def test_probability_of_two_parameters_together_minds_their_correlation() -> None:
+    """exp(-x^2 / 2) with two degrees of freedom, x^2 = (m^2 + n^2 - 2 c m n) / (1 - c^2)."""
+    e = candidate("b", 2)
+    free = Priors(e.symbols, np.zeros(2), np.array([2.0, 3.0]), np.full(2, -np.inf), np.full(2, np.inf))
+    c, m, n = -0.6, 1.5, 2.0
+    covariance = 0.01 * np.array([[1.0, c], [c, 1.0]])
+    found = replace(fit_of([], 0.0), free=free, p=np.array([0.1 * m, 0.1 * n]), covariance=covariance)
+    square = (m**2 + n**2 - 2 * c * m * n) / (1 - c**2)
+    assert wald_p(found, e) == pytest.approx(np.exp(-0.5 * square), rel=1e-9)
+    along = replace(found, p=np.array([0.1 * m, -0.1 * n]))  # as their correlation has it
+    assert wald_p(along, e) > 5 * wald_p(found, e)
+
+
+def windows(seconds: float, runs: Sequence[int], h: float = 1.0) -> Data:
+    """Windows of these runs with nothing in them."""
+    K, R = round(seconds / h), len(runs)
+    t = np.repeat(h * np.arange(K + 1)[:, None], R, axis=1)
+    nothing, good = np.zeros((K + 1, R, 6)), np.ones((K + 1, R, 6), dtype=bool)
+    held = np.zeros((K, R, 2))
+    return Data(h, t, nothing, good, good, held, np.full(R, K), np.array(runs), tuple(str(r) for r in set(runs)))
+
+
+def test_runs_are_clusters_where_they_are_enough_and_blocks_of_time_else() -> None:
+    q = 2
+    enough = list(range(q + SPARE))
+    data = windows(50.0, [*enough, 0])  # two windows of the first run
+    np.testing.assert_array_equal(clusters(data, q, 3.0), np.broadcast_to(data.run, (51, len(enough) + 1)))
+    few = clusters(windows(50.0, enough[:-1]), q, 3.0)
+    assert len(np.unique(few)) == 3 * len(enough[:-1])
+    for r in range(few.shape[1]):
+        np.testing.assert_array_equal(np.diff(few[:, r]).nonzero()[0] + 1, [BLOCK, 2 * BLOCK])
+    large = clusters(windows(50.0, [0], 0.5), q, 12.0)  # a ship of four times the length: blocks of twice the time
+    np.testing.assert_array_equal(np.diff(large[:, 0]).nonzero()[0] + 1, [2 * BLOCK / 0.5])
+
+
+@pytest.fixture(scope="module")
+def one_run() -> tuple[Problem, Estimate]:
+    return problem_of(pushed_trials(3, runs=(("random:11", 160.0),)), H)
+
+
+def log_off(problem: Problem, null: Estimate, begin: float, end: float) -> tuple[float, float]:
+    """Probability by standard errors and by agreement of a wrong log, where it is wrong from begin to end [s]."""
+    data = problem.data
+    wrong = np.where((data.t >= begin) & (data.t <= end), 1.05, 1.0)[..., None]
+    y = np.concatenate([data.y[..., :3], wrong * data.y[..., 3:5], data.y[..., 5:]], axis=2)
+    data, effect = replace(data, y=y), problem.candidates["log_scale"]
+    found = refit(problem.steps, data, problem.base, null, [effect], {"log_scale.share": 0.01})
+    return wald_p(found, effect), robust_p(problem.steps, data, found, effect)
+
+
+def test_stretches_of_one_run_agree_on_what_is_always_there_and_not_on_what_comes_once(
+    one_run: tuple[Problem, Estimate],
+) -> None:
+    always, agreed = log_off(*one_run, 0.0, 1e9)
+    once, doubted = log_off(*one_run, 20.0, 40.0)
+    assert always < 1e-6 and agreed < 0.1 * AGREE
+    assert once < 0.05  # its standard errors alone would let it pass
+    assert doubted > AGREE
+
+
+def test_too_few_stretches_cannot_disagree() -> None:
+    """Of 40 s there are two: as many as are needed for a scatter at all are three."""
+    problem, null = problem_of(pushed_trials(3, runs=(("random:11", 39.0),)), H)
+    assert log_off(problem, null, 15.0, 25.0)[1] == 0.0
+
+
+FORMS = {"nn": lambda psi, n: (n / 10.0) ** 2, "cos": lambda psi, n: np.cos(psi)}
+"""Forces that none of the fitted coefficients and no random force can give, by heading and revolutions."""
+
+
+def pushed_by(problem: Problem, seed: int, axis: int, form: str, size: float) -> Unnamed:
+    """What the dictionary says of the problem's windows, once more with a force [N, N m] besides random ones."""
+    steps, data, rng = problem.steps, problem.data, np.random.default_rng(seed)
+    K, R = data.inputs.shape[:2]
+    how = quiet()
+    sizes = np.array([how.X, how.Y, how.N])[:, None]
+    chance = np.array([[process(K, data.h, how.tau, rng) for _ in range(R)] for _ in range(3)])
+    y, z = data.y.copy(), steps.settled(data.y[0].T, data.inputs[0].T, steps.ship.values)
+    n = steps.model.controls.index("n")
+    for k in range(K):
+        force = sizes * chance[:, :, k]
+        force[axis] += size * FORMS[form](z[2], data.inputs[k, :, n])
+        z = steps.advance(z, data.inputs[k].T, steps.coefficients(steps.ship.values, force))
+        y[k + 1] = z[:6].T
+    seen = replace(data, y=y + WHITE * rng.standard_normal(y.shape))
+    null = estimate(steps, seen, steps.ship.values, problem.base, first_noise(steps.ship, seen), iterations=12)
+    return unnamed(steps, seen, null)
+
+
+@pytest.fixture(scope="module")
+def runs() -> Problem:
+    return problem_of(pushed_trials(1), H)[0]
+
+
+def test_no_single_form_is_seen_by_chance(runs: Problem) -> None:
+    found = np.array([pushed_by(runs, seed, 0, "cos", 0.0).single for seed in range(6)])
+    assert found.max() < 2.0 and np.median(found) < 0.0
+
+
+@pytest.mark.parametrize(("axis", "form", "size"), [(1, "nn", 0.5), (1, "cos", 0.7), (2, "cos", 0.4)])
+def test_a_single_form_that_the_ship_lacks_is_seen(runs: Problem, axis: int, form: str, size: float) -> None:
+    found = pushed_by(runs, 1, axis, form, size)
+    assert found.single > 5.0
+    assert max(found.by_kind, key=lambda k: found.by_kind[k]) == ("surge force", "sway force", "yaw force")[axis]
+
+
+def ramp(dt: float) -> Trial:
+    """A rudder that moves steadily."""
+    trial = pushed_trials(1, runs=(("zigzag:20/20", 40.0),))[0]
+    every = round(dt / trial.dt)
+    cut = replace(trial, columns={k: v[::every] for k, v in trial.columns.items()})
+    return cut.with_columns(delta=0.004 * (cut.t - cut.t[0]))
+
+
+def test_means_half_way_between_held_and_joined_samples_are_off_by_a_quarter_of_a_sample_at_most() -> None:
+    """A ramp that was really straight, and the same samples really held."""
+    rng = np.random.default_rng(0)
+    t, edges = np.arange(0.0, 20.01, 0.1), np.arange(0.0, 20.01, 0.5)
+    values = np.column_stack([0.3 * t, rng.standard_normal(len(t))])
+    middle, held, joined = (f(t, values, edges) for f in (middle_means, step_means, straight_means))
+    assert (middle >= np.minimum(held, joined)).all() and (middle <= np.maximum(held, joined)).all()
+    np.testing.assert_allclose(middle - held, joined - middle, atol=1e-12)
+    np.testing.assert_allclose(joined[:, 0] - middle[:, 0], 0.3 * 0.025)
+    np.testing.assert_allclose(middle[:, 0] - held[:, 0], 0.3 * 0.025)
+    assert np.abs(held[:, 1] - joined[:, 1]).max() > 0.01
+
+
+@pytest.mark.parametrize(("dt", "late"), [(0.1, 0.025), (0.5, 0.0)])
+def test_straight_inputs_are_half_way_where_samples_are_dense_and_joined_else(dt: float, late: float) -> None:
+    steps = wide_steps(H)
+    data = arrange([ramp(dt)], steps.ship.inputs, 3.0, H, straight=True)
+    delta = data.inputs[:, 0, steps.ship.inputs.index("delta")]
+    middle = 0.5 * (data.t[1:, 0] + data.t[:-1, 0]) - data.t[0, 0]
+    np.testing.assert_allclose(delta, 0.004 * (middle - late), rtol=1e-6, atol=1e-9)
+
+
+def test_a_search_that_finds_nothing_leaves_the_fit_as_it_is(fits: Fits, monkeypatch: pytest.MonkeyPatch) -> None:
+    null = fit_of([], 100.0)
+    monkeypatch.setattr(hypotheses, "search", lambda problem, before, named, **more: Search((), (), before))
+    found: Found = explain(fits.problem, null)
+    assert found.effects == () and found.final is null and found.null is null and not fits.calls

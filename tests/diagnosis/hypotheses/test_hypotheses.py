@@ -1,0 +1,314 @@
+"""Naming effects: a strong one and only it, none by chance, no name for what the library lacks, and the last word."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from cases.simulation.disturbed import drawn_ship, process
+from diagnosis.diagnose import ASIDE, EXACT, LITTLE, SLIGHTLY, SUPPORTED, WORSE, decide
+from diagnosis.estimation.kalman import Noise
+from diagnosis.estimation.map_estimate import Estimate, Path, estimate
+from diagnosis.estimation.noise_sizes import first_noise
+from diagnosis.estimation.parameters import Priors
+from diagnosis.hypotheses.forward_selection import AGREE, LEVEL, ODDS, SAME, Found, Problem, Search, Tried, explain
+from diagnosis.hypotheses.unnamed import SIZES, log_bayes, unnamed
+from diagnosis.result import HeldOut
+from tests.support.diagnosis_cases import FEW, WHITE, problem_of, pushed_trials, quiet
+
+NOISE = Noise(np.ones(3), 5.0, np.ones(6), np.zeros(6), 4.0)
+NAMES = {
+    "current": {"x": 0.03, "y": -0.02},
+    "antenna_offset": {"x": 0.3, "y": -0.2},
+    "heading_bias": {"psi": -0.03},
+}
+
+
+def text_of(name: str, values: dict[str, float]) -> str:
+    return f"{name}:" + ",".join(f"{k}={v}" for k, v in values.items())
+
+
+def assert_sizes(found: Found, name: str, values: dict[str, float]) -> None:
+    """Within four standard errors, and no error larger than the value."""
+    for k, v in values.items():
+        std = found.final.std(f"{name}.{k}")
+        assert abs(found.final.value(f"{name}.{k}") - v) < 4 * std < 4 * abs(v), (name, k)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_strong_effect_is_named_and_only_it(name: str) -> None:
+    problem, null = problem_of(pushed_trials(1, [text_of(name, NAMES[name])]))
+    found = explain(problem, null)
+    assert found.effects == (name,) == found.searches[0].same
+    assert found.robust[name] < AGREE and found.searches[0].significant
+    assert_sizes(found, name, NAMES[name])
+    assert found.final.nll < found.null.nll - 20
+    left = unnamed(problem.steps, problem.data, found.final)
+    assert decide(found, 99.0, left.log_bayes, None) == ("named", [])
+
+
+@pytest.mark.parametrize("seed", [2, 3])
+def test_none_is_named_by_chance(seed: int) -> None:
+    problem, null = problem_of(pushed_trials(seed, ship=drawn_ship(FEW, seed)))
+    found = explain(problem, null)
+    assert found.effects == () and found.final is null and len(found.searches) == 1
+    assert found.robust == {}
+    before = unnamed(problem.steps, problem.data, null).log_bayes
+    assert decide(found, before, before, None) == ("none", [])
+
+
+def test_two_effects_are_both_named() -> None:
+    truth = {"current": {"x": 0.03, "y": -0.02}, "rudder_offset": {"delta": 0.1}}
+    problem, null = problem_of(pushed_trials(2, [text_of(*e) for e in truth.items()]))
+    found = explain(problem, null)
+    assert set(found.effects) == set(truth)
+    assert found.effects[0] == found.searches[0].tried[0].name
+    for name, values in truth.items():
+        assert_sizes(found, name, values)
+    assert len(found.searches) == 3  # the last one finds nothing more
+
+
+@pytest.mark.parametrize("truth", ["rudder_lag:T=0.4", "control_delay:tau=0.4"])
+def test_what_looks_alike_is_in_one_class(truth: str) -> None:
+    """A rudder behind its record and a delay of both actuators, here hardly to be told apart."""
+    problem, null = problem_of(pushed_trials(2, [truth], runs=(("zigzag:20/20", 60.0), ("turning:-20", 60.0))))
+    s = explain(problem, null).searches[0]
+    assert s.significant and {"rudder_lag", "control_delay"} <= set(s.same)
+    assert s.same[0] == s.tried[0].name and "current" not in s.same
+
+
+def a_fit(nll: float) -> Estimate:
+    """A fit of which only the likelihood matters."""
+    zero = np.zeros(0)
+    path = Path(np.zeros((2, 1, 6)), np.zeros((2, 1, 3)))
+    return Estimate(zero, Priors((), zero, zero, zero, zero), zero, np.zeros((0, 0)), path, NOISE, nll, 1, True)
+
+
+def tried(name: str, delta_bic: float, p_value: float = 1e-6) -> Tried:
+    return Tried(name, a_fit(0.0), 0.5 * delta_bic, delta_bic, p_value)
+
+
+def test_a_class_is_what_lies_within_the_odds_of_the_best() -> None:
+    rows = (tried("a", 20.0), tried("b", 20.1 - SAME), tried("c", 19.9 - SAME), tried("d", -3.0))
+    assert Search((), rows, a_fit(0.0)).same == ("a", "b")
+    assert Search((), (), a_fit(0.0)).same == () and Search((), (), a_fit(0.0)).best is None
+
+
+@pytest.mark.parametrize(
+    ("best", "is_significant"),
+    [
+        (tried("a", 5.0, 0.5 * LEVEL), True),
+        (tried("a", 5.0, 2.0 * LEVEL), False),
+        (tried("a", -0.1, 1e-9), False),
+        (None, False),
+    ],
+)
+def test_more_than_chance_needs_a_small_probability_and_a_gain(best: Tried | None, is_significant: bool) -> None:
+    assert Search((), (best,) if best else (), a_fit(0.0)).significant is is_significant
+
+
+def covariance(count: int, seed: int = 0) -> np.ndarray:
+    A = np.random.default_rng(seed).standard_normal((count, count))
+    return 20.0 * (A @ A.T + 0.3 * np.eye(count))
+
+
+def test_log_bayes_is_the_ratio_of_the_marginal_likelihoods() -> None:
+    """Slopes g = S b + chance of covariance S, with b of covariance a^2 or none."""
+    S = covariance(4)
+    g = np.random.default_rng(1).standard_normal(4) @ np.linalg.cholesky(S).T + S @ np.array([0.3, 0.0, -0.2, 0.1])
+    some = np.array([True, False, True, True])
+    g3, S3 = g[some], S[np.ix_(some, some)]
+    likely = [multivariate_normal(np.zeros(3), S3 + a**2 * S3 @ S3).pdf(g3) for a in SIZES]
+    expected = np.log(np.mean(likely)) - multivariate_normal(np.zeros(3), S3).logpdf(g3)
+    assert log_bayes(g, S, some) == pytest.approx(expected, rel=1e-9)
+
+
+def test_log_bayes_speaks_against_more_columns_under_chance_and_for_them_where_something_is() -> None:
+    S, every = covariance(8), np.ones(8, dtype=bool)
+    root, rng = np.linalg.cholesky(S), np.random.default_rng(2)
+    by_chance = np.array([log_bayes(root @ rng.standard_normal(8), S, every) for _ in range(500)])
+    assert by_chance.mean() < 0 and np.median(by_chance) < 0
+    assert (by_chance > ODDS).mean() < np.exp(-ODDS)  # never wrong more often than the odds say
+    there = np.array([log_bayes(S @ np.full(8, 0.8) + root @ rng.standard_normal(8), S, every) for _ in range(50)])
+    assert there.min() > 10
+    assert log_bayes(np.zeros(8), S, every) < 0
+    assert log_bayes(np.zeros(8), np.zeros((8, 8)), every) == pytest.approx(0.0, abs=1e-12)
+
+
+def pushed_by(problem: Problem, seed: int, sin_2: float) -> Problem:
+    """The problem's windows again with a yaw moment of sin_2 sin 2 psi [N m] besides random forces, and white noise."""
+    steps, data, rng = problem.steps, problem.data, np.random.default_rng(seed)
+    K, R = data.inputs.shape[:2]
+    how = quiet()
+    sizes = np.array([how.X, how.Y, how.N])[:, None]
+    chance = np.array([[process(K, data.h, how.tau, rng) for _ in range(R)] for _ in range(3)])
+    y, z = data.y.copy(), steps.settled(data.y[0].T, data.inputs[0].T, steps.ship.values)
+    for k in range(K):
+        force = sizes * chance[:, :, k]
+        force[2] += sin_2 * np.sin(2 * z[2])
+        z = steps.advance(z, data.inputs[k].T, steps.coefficients(steps.ship.values, force))
+        y[k + 1] = z[:6].T
+    noisy = y + WHITE * rng.standard_normal(y.shape)
+    return replace(problem, data=replace(data, y=noisy))
+
+
+@pytest.fixture(scope="module")
+def runs() -> Problem:
+    return problem_of(pushed_trials(1))[0]
+
+
+@pytest.mark.parametrize(("sin_2", "low", "high"), [(0.0, -np.inf, ODDS), (0.4, ODDS, np.inf)])
+def test_a_force_that_no_effect_of_the_library_has_is_seen(
+    runs: Problem, sin_2: float, low: float, high: float
+) -> None:
+    problem = pushed_by(runs, 4, sin_2)
+    steps, data = problem.steps, problem.data
+    null = estimate(steps, data, steps.ship.values, problem.base, first_noise(steps.ship, data), iterations=12)
+    found = unnamed(steps, data, null)
+    assert low < found.log_bayes < high
+    logs = list(found.by_kind.values())
+    assert found.log_bayes == pytest.approx(np.log(np.mean(np.exp(logs))), rel=1e-6)
+    if sin_2:
+        assert max(found.by_kind, key=lambda kind: found.by_kind[kind]) == "yaw force"
+
+
+@pytest.mark.parametrize(("column", "by", "kind"), [("r", 0.002, "sensor of r"), ("v", 0.015, "sensor of v")])
+def test_a_fault_of_a_sensor_without_a_name_is_unknown(column: str, by: float, kind: str) -> None:
+    """A constant error of turn rate or sway velocity is no effect of the library."""
+    trials = [t.with_columns(**{column: t[column] + by}) for t in pushed_trials(2)]
+    problem, null = problem_of(trials)
+    before = unnamed(problem.steps, problem.data, null)
+    assert before.log_bayes > 20 and max(before.by_kind, key=lambda k: before.by_kind[k]) == kind
+    found = explain(problem, null)
+    after = unnamed(problem.steps, problem.data, found.final)
+    assert decide(found, before.log_bayes, after.log_bayes, None)[0] == "unknown"
+
+
+def found_with(drop: float, *effects: str, p: float = 1e-4) -> Found:
+    """A search that ended with these effects, ``drop`` of log likelihood below the start."""
+    return Found(effects, a_fit(100.0), a_fit(100.0 - drop), (), dict.fromkeys(effects, p))
+
+
+def held(
+    reduction: float, interval: tuple[float, float], gain: float | None = 0.0, sure: tuple[float, float] | None = None
+) -> HeldOut:
+    return HeldOut(1.0, 1.0 - reduction, reduction, interval, 8, {}, gain, sure)
+
+
+def test_nothing_named_is_none_or_unknown_by_the_dictionary() -> None:
+    nothing = found_with(0.0)
+    assert decide(nothing, ODDS - 0.01, ODDS - 0.01, None) == ("none", [])
+    assert decide(nothing, ODDS + 0.01, ODDS + 0.01, None) == ("unknown", [])
+    assert decide(nothing, ODDS - 0.01, ODDS - 0.01, held(0.0, (0.0, 0.0))) == ("none", [])
+
+
+@pytest.mark.parametrize(
+    "test",
+    [
+        None,
+        held(0.3, (0.1, 0.4), 20.0, (5.0, 30.0)),
+        held(0.0, (-0.1, 0.1), 1.0, (-2.0, 4.0)),
+        held(-0.9 * SLIGHTLY, (-0.1, 0.05), -1.0, (-4.0, 1.0)),  # a little worse in both, well within chance
+        held(-0.9 * WORSE, (-0.2, -0.05), 12.0, (3.0, 20.0)),  # longer predictions worse, one-step ones surely better
+    ],
+)
+def test_a_name_stands_where_nothing_speaks_against_it(test: HeldOut | None) -> None:
+    assert decide(found_with(12.0, "current"), 9.0, -1.0, test) == ("named", [])
+
+
+@pytest.mark.parametrize(
+    ("test", "verdict"),
+    [
+        (None, "unknown"),
+        (held(2 * SUPPORTED, (0.01, 0.2), 3.0, (1.0, 5.0)), "named"),
+        (held(0.9 * SUPPORTED, (0.01, 0.2), 3.0, (1.0, 5.0)), "unknown"),
+        (held(2 * SUPPORTED, (-0.01, 0.2), 3.0, (1.0, 5.0)), "unknown"),
+    ],
+)
+def test_a_name_that_explains_less_than_is_left_needs_support_by_test_trials(
+    test: HeldOut | None, verdict: str
+) -> None:
+    found, reasons = decide(found_with(6.0, "draft", "tow"), 9.0, 6.1, test)
+    assert found == verdict and bool(reasons) == (verdict == "unknown")
+    if reasons:
+        assert "draft and tow would explain a part" in reasons[0] and "withdrawn" in reasons[0]
+    less = decide(found_with(6.0, "draft", "tow"), 9.0, 5.9, test)[0]
+    assert less == ("named" if test is None else verdict)  # test trials that are there must support it
+    assert decide(found_with(6.0 / ASIDE, "draft", "tow"), 9.0, 5.9, test)[0] == "named"  # a remainder, no more
+    assert decide(found_with(0.5, "draft"), 9.0, ODDS - 0.01, test)[0] == "named"
+
+
+@pytest.mark.parametrize(("value", "verdict"), [(4.9, "named"), (5.0, "unknown")])
+def test_a_name_that_needs_the_end_of_what_is_possible_is_withdrawn(value: float, verdict: str) -> None:
+    free = Priors(("X_0F", "fouling.share"), np.zeros(2), np.ones(2), np.array([0.0, -0.6]), np.array([9.0, 5.0]))
+    final = replace(a_fit(80.0), free=free, p=np.array([0.0, value]))  # a coefficient of the ship's own may be there
+    found = Found(("fouling",), a_fit(100.0), final, (), {"fouling": 1e-4})
+    got, reasons = decide(found, 9.0, -1.0, None)
+    assert got == verdict and bool(reasons) == (verdict == "unknown")
+    assert not reasons or "fouling.share = 5 at the end of what is possible" in reasons[0]
+    assert decide(found, 9.0, -1.0, held(0.3, (0.1, 0.4), 20.0, (5.0, 30.0)))[0] == "named"
+
+
+def test_where_longer_predictions_become_worse_less_may_be_left_without_a_name() -> None:
+    for reduction, share in ((-0.9 * SLIGHTLY, ASIDE), (-1.1 * SLIGHTLY, LITTLE)):
+        test = held(reduction, (-0.2, 0.1), 20.0, (5.0, 30.0))
+        for left, verdict in ((0.9, "named"), (1.1, "unknown")):
+            assert decide(found_with(100.0, "rudder_lag"), 99.0, left * share * 100.0, test)[0] == verdict
+
+
+def test_a_fault_of_one_instrument_alone_leaves_little_over() -> None:
+    """Whatever the test trials say: they have the same fault, and a neighbour of it predicts them better, too."""
+    support = held(0.3, (0.1, 0.4), 20.0, (5.0, 30.0))
+    for drop, left in ((30.0, EXACT[0]), (200.0, 200.0 * EXACT[1])):
+        for test in (None, support):
+            assert decide(found_with(drop, "heading_bias alone"), 99.0, left - 0.1, test)[0] == "named"
+            verdict, reasons = decide(found_with(drop, "heading_bias alone"), 99.0, left + 0.1, test)
+            assert verdict == "unknown" and "leaves little over" in reasons[0]
+        assert decide(found_with(drop, "heading_bias"), 99.0, left + 0.1, support)[0] == "named"
+
+
+def test_a_name_on_which_the_runs_do_not_agree_is_withdrawn() -> None:
+    verdict, reasons = decide(found_with(12.0, "bank", p=1.1 * AGREE), 9.0, -1.0, None)
+    assert verdict == "unknown" and reasons == [
+        f"the runs do not agree on bank (p = {1.1 * AGREE:.2g}): the name is withdrawn"
+    ]
+    assert decide(found_with(12.0, "bank", p=0.9 * AGREE), 9.0, -1.0, None)[0] == "named"
+    support = held(2 * SUPPORTED, (0.01, 0.2), 3.0, (1.0, 5.0))
+    assert decide(found_with(12.0, "bank", p=1.1 * AGREE), 9.0, -1.0, support)[0] == "named"
+
+
+@pytest.mark.parametrize(
+    ("after", "test", "verdict"),
+    [
+        (-1.0, None, "named"),
+        (2 * ODDS, None, "unknown"),
+        (-1.0, held(0.01, (-0.1, 0.1), 3.0, (1.0, 5.0)), "unknown"),
+        (2 * ODDS, held(2 * SUPPORTED, (0.01, 0.2), 3.0, (1.0, 5.0)), "named"),
+    ],
+)
+def test_an_effect_with_values_of_its_own_in_each_run_needs_support(
+    after: float, test: HeldOut | None, verdict: str
+) -> None:
+    found, reasons = decide(found_with(40.0, "current by run"), 9.0, after, test)
+    assert found == verdict and bool(reasons) == (verdict == "unknown")
+    if reasons:
+        assert "current could differ from run to run" in reasons[0]
+
+
+@pytest.mark.parametrize(
+    "test",
+    [
+        held(-1.1 * WORSE, (-0.3, -0.01), 12.0, (3.0, 20.0)),  # clearly worse over 30 s, whatever the single steps do
+        held(-0.5 * WORSE, (-0.2, -0.01), 12.0, (-3.0, 20.0)),  # worse, and single steps not surely better
+        held(-0.5 * WORSE, (-0.2, -0.01), None, None),
+        held(-1.1 * SLIGHTLY, (-0.2, 0.1), -0.1, (-3.0, 2.0)),  # a little worse in both
+        held(0.01, (-0.1, 0.1), -3.1, (-6.0, -1.0)),  # single steps worse, no gain over 30 s
+    ],
+)
+def test_a_name_that_test_trials_contradict_is_withdrawn(test: HeldOut) -> None:
+    verdict, reasons = decide(found_with(12.0, "fouling"), 9.0, -1.0, test)
+    assert verdict == "unknown" and len(reasons) == 1
+    assert "fouling fits the training trials but does not predict the test trials better" in reasons[0]

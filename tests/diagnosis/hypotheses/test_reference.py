@@ -1,0 +1,306 @@
+"""What the trials of the calibration show already is no news in others; what only these show is."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cases.io.read import read_trials
+from cases.simulation.simulate import write_trial
+from cases.trial import Trial
+from diagnosis.estimation.map_estimate import Estimate
+from diagnosis.hypotheses.forward_selection import ODDS, Found, Problem, explain
+from diagnosis.hypotheses.reference import LEAST, STRONG, Reference, refer
+from diagnosis.hypotheses.refit import priors_of_effects
+from diagnosis.hypotheses.unnamed import unnamed
+from diagnosis.prepare import Prepared, prepare
+from fitting.report.run_folder import RESULT, data_rows, write_json
+from mmg.ship import Ship
+from mmg_ident.commands.diagnose import _calibrated_on
+from tests.support.diagnosis_cases import FEW, FREE, problem_of, pushed_trials
+
+H = 1.0
+BEFORE = (("zigzag:20/20", 60.0), ("random:11", 60.0), ("turning:-20", 60.0), ("zigzag:-10/10", 60.0))
+"""Runs that the ship was calibrated on."""
+NEW = (("zigzag:-20/20", 60.0), ("random:5", 60.0), ("turning:25", 60.0))
+MODERATE = {"antenna_offset": "antenna_offset:x=0.3,y=-0.25", "current": "current:x=0.02,y=-0.015"}
+"""Effects of one to two typical sizes."""
+LARGE = {"antenna_offset": "antenna_offset:x=0.9,y=-0.7", "current": "current:x=0.06,y=-0.05"}
+"""Effects of more than STRONG typical sizes."""
+SHOWN = "show these effects already"
+
+
+@cache
+def before(*effects: str) -> list[Trial]:
+    return pushed_trials(1, effects, BEFORE)
+
+
+@cache
+def new(*effects: str) -> list[Trial]:
+    return pushed_trials(2, effects, NEW)
+
+
+def calibrated() -> Ship:
+    """A ship as ``mmg fit`` would leave it: its priors are kept beside its estimates."""
+    rows = {s: FEW.coefficients[s] for s in FEW.free}
+    return FEW.with_coefficients({s: c.with_(prior_value=c.value, prior_std=c.std) for s, c in rows.items()})
+
+
+def diagnosed(trials: Sequence[Trial], reference: Sequence[Trial]) -> tuple[Prepared, Found]:
+    ready = prepare(calibrated(), trials, step=H, unseen=True, reference=reference)
+    return ready, explain(ready.problem, ready.null)
+
+
+@dataclass(frozen=True)
+class Known:
+    problem: Problem
+    null: Estimate
+    reference: Reference
+
+    def again(self, runs: int) -> Reference:
+        """The reference for so many other runs."""
+        p = self.problem
+        return refer(p.steps, p.data, self.null, p.base, dict(p.candidates), runs)
+
+
+@cache
+def known(*effects: str) -> Known:
+    problem, null = problem_of(before(*effects), H)
+    return Known(problem, null, refer(problem.steps, problem.data, null, problem.base, dict(problem.candidates)))
+
+
+def test_trials_of_the_ship_itself_show_little_and_hardly_scatter() -> None:
+    """In typical sizes of each effect."""
+    found = known().reference
+    symbols = [s for c in known().problem.candidates.values() for s in c.symbols]
+    assert list(found.shift) == list(found.scatter) == symbols
+    shift, scatter = np.array(list(found.shift.values())), np.array(list(found.scatter.values()))
+    assert np.abs(shift).max() < 1.5 and np.sqrt((shift**2).mean()) < 0.6
+    assert (scatter >= LEAST).all() and (scatter == LEAST).any() and scatter.max() < 1.2 and np.median(scatter) < 0.3
+    assert found.strong == () and 0.0 <= found.unnamed * known().problem.data.samples < ODDS
+
+
+def test_what_is_known_is_the_fit_with_its_errors_and_the_scatter_between_runs() -> None:
+    found, problem = known().reference, known().problem
+    assert found.priors.symbols == (*FREE, *found.shift)
+    P = len(FREE)
+    assert (found.priors.std[:P] <= problem.base.std * (1 + 1e-9)).all()
+    prior = priors_of_effects(list(problem.candidates.values()), 1.0)
+    shift, scatter = (np.array(list(x.values())) for x in (found.shift, found.scatter))
+    np.testing.assert_allclose(found.priors.mean[P:], prior.mean + prior.std * shift, rtol=1e-12)
+    assert (found.priors.std[P:] >= prior.std * scatter * (1 - 1e-12)).all()
+    for k in ("lower", "upper"):
+        np.testing.assert_array_equal(getattr(found.priors, k)[P:], getattr(prior, k))
+    at = [problem.steps.ship.symbols.index(s) for s in found.priors.symbols]
+    np.testing.assert_array_equal(found.theta[at], found.priors.mean)
+    for c in found.candidates.values():
+        where = [found.priors.symbols.index(s) for s in c.symbols]
+        np.testing.assert_allclose(c.neutral, found.priors.mean[where], rtol=1e-12)
+        np.testing.assert_array_equal(c.typical, problem.candidates[c.name].typical)
+
+
+def test_the_mean_of_more_runs_is_known_more_closely() -> None:
+    one, many = known().reference, known().again(9)
+    P = len(FREE)
+    np.testing.assert_array_equal(many.priors.std[:P], one.priors.std[:P])
+    np.testing.assert_array_equal(many.priors.mean, one.priors.mean)
+    sizes = priors_of_effects(list(known().problem.candidates.values()), 1.0).std
+    scatter = sizes * np.array(list(one.scatter.values()))
+    np.testing.assert_allclose(
+        one.priors.std[P:] ** 2 - many.priors.std[P:] ** 2, (1 - 1 / 9) * scatter**2, rtol=1e-6, atol=1e-12
+    )
+
+
+def test_what_is_random_in_the_reference_is_usual_in_other_trials() -> None:
+    """One short record says little of its own noise: it stays near that of the reference."""
+    one = new()[:1]
+    ready, alone = (prepare(calibrated(), one, step=H, unseen=True, reference=r) for r in (before(), ()))
+    usual = ready.null.noise.usual
+    assert usual is not None and usual.usual is None and alone.null.noise.usual is None
+    np.testing.assert_allclose(usual.white, known().reference.noise.white, rtol=0.05)
+    assert ready.null.noise.tau == usual.tau and ready.gap == alone.gap == 1
+    near, far = (np.abs(np.log(n.force / usual.force)).max() for n in (ready.null.noise, alone.null.noise))
+    assert near < 0.7 and near < far
+
+
+@pytest.mark.parametrize("name", LARGE)
+def test_a_strong_effect_of_the_reference_is_listed_and_not_taken_as_usual(name: str) -> None:
+    found, problem = known(LARGE[name]).reference, known(LARGE[name]).problem
+    assert found.strong == (name,)
+    c, own = problem.candidates[name], found.candidates[name]
+    assert max(abs(found.shift[s]) for s in c.symbols) > STRONG
+    np.testing.assert_array_equal(own.neutral, c.neutral)
+    where = [found.priors.symbols.index(s) for s in c.symbols]
+    np.testing.assert_array_equal(found.priors.mean[where], c.neutral)
+    assert (found.priors.std[where] <= c.typical).all()
+    at = [problem.steps.ship.symbols.index(s) for s in c.symbols]
+    np.testing.assert_array_equal(found.theta[at], c.neutral)
+
+
+@pytest.mark.parametrize("name", MODERATE)
+def test_a_moderate_effect_of_the_reference_is_its_neutral_value(name: str) -> None:
+    found = known(MODERATE[name]).reference
+    truth = dict(part.split("=") for part in MODERATE[name].split(":")[1].split(","))
+    c = found.candidates[name]
+    assert found.strong == ()
+    for symbol, value in zip(c.symbols, c.neutral, strict=True):
+        assert value == pytest.approx(float(truth[symbol.split(".")[1]]), abs=0.5 * c.typical[0]), symbol
+
+
+@pytest.mark.parametrize("name", MODERATE)
+def test_an_effect_is_news_only_without_it_in_the_reference(name: str) -> None:
+    """The same trials without a reference, with one that has it too, and with one that has not."""
+    trials = new(MODERATE[name])
+    for reference, news in (((), (name,)), (before(MODERATE[name]), ()), (before(), (name,))):
+        ready, found = diagnosed(trials, reference)
+        assert found.effects == news
+        assert not any(SHOWN in words for words in ready.notices)
+        assert any("calibrated on other trials" in words for words in ready.notices) is bool(reference)
+    # as large as it is, not as much larger as it is than in the reference
+    truth = dict(part.split("=") for part in MODERATE[name].split(":")[1].split(","))
+    for k, value in truth.items():
+        symbol = f"{name}.{k}"
+        assert abs(found.final.value(symbol) - float(value)) < 4 * found.final.std(symbol), symbol
+
+
+@pytest.mark.parametrize("name", LARGE)
+def test_a_strong_effect_of_both_is_told_and_still_named(name: str) -> None:
+    ready, found = diagnosed(new(LARGE[name]), before(LARGE[name]))
+    told = [words for words in ready.notices if SHOWN in words]
+    assert len(told) == 1 and told[0].endswith(f": {name}")
+    assert found.effects == (name,)
+
+
+def test_the_ship_as_its_trials_show_it_needs_nothing() -> None:
+    ready, found = diagnosed(new(), before())
+    assert found.effects == () and found.final is ready.null
+    assert unnamed(ready.problem.steps, ready.problem.data, ready.null).log_bayes - ready.problem.usual < ODDS
+
+
+def wrong(trials: Sequence[Trial]) -> list[Trial]:
+    """With a constant error of sway velocity, which is no effect of the library."""
+    return [t.with_columns(v=t["v"] + 0.015) for t in trials]
+
+
+def test_what_has_no_name_in_the_reference_either_is_usual_and_grows_with_the_number_of_samples() -> None:
+    few, many = (prepare(calibrated(), wrong(t), step=H, reference=wrong(before())) for t in (new()[:1], new()))
+    assert many.problem.data.samples > 2.5 * few.problem.data.samples
+    usual = [ready.problem.usual / ready.problem.data.samples for ready in (few, many)]
+    assert usual[0] == pytest.approx(usual[1], rel=1e-9) and few.problem.usual > ODDS
+    alone = prepare(calibrated(), wrong(new()), step=H)
+    assert alone.problem.usual == 0.0
+    left = [unnamed(r.problem.steps, r.problem.data, r.null).log_bayes for r in (many, alone)]
+    assert min(left) > 10 * ODDS  # it is seen
+    # and mostly expected, although the fit to the reference takes it for an error of the heading alone
+    assert left[0] - many.problem.usual_before < 0.5 * left[0] and many.problem.usual_before > many.problem.usual
+
+
+BIASES = (0.03, -0.05, 0.02, -0.04, 0.06, -0.03)
+"""Errors of the heading [rad] of six runs: drawn about none with a standard deviation of .04."""
+
+
+@pytest.fixture(scope="module")
+def unlike() -> tuple[Problem, Estimate]:
+    """Six runs, each with another error of its heading."""
+    kinds = ("zigzag:20/20", "random:11", "turning:-20", "zigzag:-10/10", "random:12", "turning:15")
+    trials = []
+    for i, (kind, bias) in enumerate(zip(kinds, BIASES, strict=True)):
+        trial = pushed_trials(60 + i, [f"heading_bias:psi={bias}"], ((kind, 60.0),))[0]
+        trials.append(replace(trial, name=str(i)))
+    return problem_of(trials, H)
+
+
+def scatter_of(unlike: tuple[Problem, Estimate], *names: str) -> tuple[dict[str, float], dict[str, float]]:
+    p, null = unlike
+    found = refer(p.steps, p.data, null, p.base, {n: p.candidates[n] for n in names})
+    return found.scatter, found.shift
+
+
+def test_the_scatter_between_runs_is_that_which_they_have(unlike: tuple[Problem, Estimate]) -> None:
+    size = unlike[0].candidates["heading_bias"].typical[0]
+    scatter, shift = scatter_of(unlike, "heading_bias", "antenna_offset", "rudder_offset")
+    assert scatter["heading_bias.psi"] * size == pytest.approx(np.sqrt(np.mean(np.square(BIASES))), rel=0.2)
+    assert abs(shift["heading_bias.psi"] * size - np.mean(BIASES)) < np.std(BIASES) / np.sqrt(len(BIASES))
+    assert all(v < 0.5 for s, v in scatter.items() if s != "heading_bias.psi"), scatter
+
+
+def test_runs_that_are_alike_do_not_scatter() -> None:
+    """As large an effect, but the same in all."""
+    problem, null = problem_of(before("heading_bias:psi=0.04"), H)
+    scatter, shift = scatter_of((problem, null), "heading_bias", "antenna_offset", "rudder_offset")
+    assert shift["heading_bias.psi"] * problem.candidates["heading_bias"].typical[0] == pytest.approx(0.04, abs=0.005)
+    assert max(scatter.values()) < 0.5
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A run folder of mmg fit, as far as it tells what it was calibrated on, and other trials."""
+    for role, seed in (("old", 1), ("new", 2)):
+        (tmp_path / role).mkdir()
+        for trial in pushed_trials(seed, runs=(("zigzag:20/20", 20.0), ("turning:-20", 20.0))):
+            write_trial(trial, tmp_path / role / f"{trial.kind}.csv")
+    (tmp_path / "run").mkdir()
+    write_json(tmp_path / "run" / RESULT, {"data": data_rows(read_trials(tmp_path / "old"))})
+    return tmp_path
+
+
+def test_trials_of_the_calibration_are_the_reference_for_others(folder: Path) -> None:
+    unseen, reference, remarks = _calibrated_on(str(folder / "run"), read_trials(folder / "new"), [])
+    assert unseen and remarks == []
+    assert [t.sha256 for t in reference] == [t.sha256 for t in read_trials(folder / "old")]
+    assert all(t.path and t.path.parent.name == "old" for t in reference)
+
+
+def test_trials_of_the_calibration_are_no_reference_for_themselves(folder: Path) -> None:
+    old, other = read_trials(folder / "old"), read_trials(folder / "new")
+    assert _calibrated_on(str(folder / "run"), old, []) == (False, [], [])
+    assert _calibrated_on(str(folder / "run"), [*other, old[0]], []) == (False, [], [])  # nor a part of them
+    shutil.copy(folder / "old" / "zigzag.csv", folder / "new" / "renamed.csv")
+    assert _calibrated_on(str(folder / "run"), read_trials(folder / "new"), []) == (False, [], [])
+
+
+def test_a_ship_that_was_not_calibrated_has_no_reference(folder: Path) -> None:
+    other = read_trials(folder / "new")
+    assert _calibrated_on("esso_osaka_3m", other, []) == (False, [], [])
+    assert _calibrated_on(str(folder / "old"), other, []) == (False, [], [])  # no result in it
+    write_json(folder / "run" / RESULT, {"kind": "other"})
+    assert _calibrated_on(str(folder / "run"), other, []) == (False, [], [])
+
+
+def gone(folder: Path) -> None:
+    shutil.rmtree(folder / "old")
+
+
+def moved(folder: Path) -> None:
+    (folder / "old" / "zigzag.csv").rename(folder / "elsewhere.csv")
+
+
+def changed(folder: Path) -> None:
+    path = folder / "old" / "turning.csv"
+    path.write_text("\n".join(path.read_text().splitlines()[:-5]) + "\n")
+
+
+def broken(folder: Path) -> None:
+    (folder / "old" / "turning.csv").write_text("nothing")
+
+
+@pytest.mark.parametrize("what", [gone, moved, changed, broken])
+def test_trials_that_cannot_be_read_as_they_were_are_no_reference_and_that_is_said(
+    what: Callable[[Path], None], folder: Path
+) -> None:
+    what(folder)
+    unseen, reference, remarks = _calibrated_on(str(folder / "run"), read_trials(folder / "new"), [])
+    assert unseen and reference == [] and len(remarks) == 1
+    assert "calibrated on other trials" in remarks[0] and "cannot be read as they were" in remarks[0]
+
+
+def test_for_another_model_than_was_calibrated_its_trials_are_no_reference(folder: Path) -> None:
+    unseen, reference, remarks = _calibrated_on(str(folder / "run"), read_trials(folder / "new"), ["wind"])
+    assert unseen and reference == [] and len(remarks) == 1
+    assert "taken as known" in remarks[0] and "cannot be read" not in remarks[0]

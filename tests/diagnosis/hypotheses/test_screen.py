@@ -1,0 +1,219 @@
+"""Score tests of all effects at once: calibrated under chance, and first to point at what is really there."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import binom, kstest
+
+from cases.simulation.disturbed import drawn_ship
+from diagnosis.estimation.candidates import Candidate, effect_of, widened
+from diagnosis.estimation.map_estimate import Estimate
+from diagnosis.hypotheses.forward_selection import Problem
+from diagnosis.hypotheses.score_test import EXCITED, Scored, Slopes, scored, slopes
+from mmg.effects import EFFECTS
+from tests.support.diagnosis_cases import ASTERN, FEW, RUNS, SHIP, problem_of, pushed_trials, wide
+
+SEEDS = 12
+STRONG = {
+    "current": {"x": 0.03, "y": -0.02},
+    "rudder_offset": {"delta": 0.1},
+    "wind_force": {"X": 1.6, "Y": 1.6, "N": 1.6},
+    "antenna_offset": {"x": 0.3, "y": -0.2},
+    "heading_bias": {"psi": -0.03},
+    "control_delay": {"tau": 0.8},
+    "propeller_side_force": {"factor": 3.0},
+}
+
+
+def made_up(count: int = 6, seed: int = 0) -> tuple[dict[str, Candidate], np.ndarray]:
+    """Candidates of one to three parameters, the last two one-sided, and a covariance of all their slopes."""
+    degrees = [1, 2, 3] + [1] * (count - 3)
+    candidates, total = {}, sum(degrees)
+    for i, d in enumerate(degrees):
+        zero, one = np.zeros(d), np.ones(d)
+        lower = zero if i >= count - 2 else -5 * one
+        candidates[f"e{i}"] = Candidate(f"e{i}", tuple(f"e{i}.{j}" for j in range(d)), zero, one, lower, 5 * one)
+    A = np.random.default_rng(seed).standard_normal((total, total))
+    return candidates, A @ A.T + 0.5 * np.eye(total)
+
+
+def slopes_of(candidates: dict[str, Candidate], S: np.ndarray, g: np.ndarray) -> Slopes:
+    symbols = tuple(s for c in candidates.values() for s in c.symbols)
+    return Slopes(symbols, g, S, 2.0 * np.diag(S))
+
+
+def rows_of(problem: Problem, null: Estimate) -> dict[str, Scored]:
+    """All rows by name, the most telling first."""
+    candidates = problem.candidates
+    return {row.name: row for row in scored(slopes(problem.steps, problem.data, null, candidates), candidates)}
+
+
+def test_p_values_of_slopes_drawn_from_their_law_are_uniform() -> None:
+    """That of the largest of all, and that of each by itself (a one-sided one is 1 every other time)."""
+    candidates, S = made_up()
+    rng, draws = np.random.default_rng(1), 200
+    root = np.linalg.cholesky(S)
+    least, single = [], []
+    for k in range(draws):
+        rows = scored(slopes_of(candidates, S, root @ rng.standard_normal(len(S))), candidates, seed=k)
+        assert [r.p_single for r in rows] == sorted(r.p_single for r in rows)
+        least.append(rows[0].p_value)
+        single.append({r.name: r.p_single for r in rows})
+    assert kstest(least, "uniform").pvalue > 1e-3
+    for name in candidates:
+        p = np.array([row[name] for row in single])
+        one_sided = candidates[name].lower[0] == 0
+        if one_sided:
+            assert 0.4 < (p == 1.0).mean() < 0.6
+        assert kstest(2 * p[p < 1] if one_sided else p, "uniform").pvalue > 1e-3, name
+
+
+def test_a_p_value_among_all_is_never_below_the_single_one_and_small_ones_are_told_apart() -> None:
+    candidates, S = made_up()
+    g = 20.0 * np.sqrt(np.diag(S))
+    rows = scored(slopes_of(candidates, S, g), candidates)
+    assert all(r.p_single <= r.p_value for r in rows)
+    assert rows[0].p_value <= len(candidates) * rows[0].p_single < 1e-60  # beyond the draws by Bonferroni
+    again = scored(slopes_of(candidates, S, g), candidates)
+    assert [r.p_value for r in again] == [r.p_value for r in rows]
+
+
+def test_the_first_order_estimate_is_the_solution_of_the_slopes() -> None:
+    candidates, S = made_up()
+    phi = np.linspace(0.5, 2.0, len(S))
+    block = np.zeros_like(S)
+    at = 0
+    for c in candidates.values():
+        s = slice(at, at + len(c.symbols))
+        block[s, s], at = S[s, s], s.stop
+    rows = {r.name: r for r in scored(slopes_of(candidates, block, block @ phi), candidates)}
+    np.testing.assert_allclose(np.concatenate([rows[name].phi for name in candidates]), phi, rtol=1e-8)
+    for name, c in candidates.items():
+        assert rows[name].degrees == len(c.symbols) and rows[name].absorbed == pytest.approx(0.5)
+    errors = np.concatenate([rows[name].errors for name in candidates])
+    np.testing.assert_allclose(errors, np.sqrt(np.diag(np.linalg.inv(block))), rtol=1e-8)
+
+
+def test_an_effect_that_can_only_be_positive_is_not_seen_in_a_negative_slope() -> None:
+    candidates, S = made_up()
+    rows = {r.name: r for r in scored(slopes_of(candidates, S, -8.0 * np.sqrt(np.diag(S))), candidates)}
+    for name in ("e4", "e5"):
+        assert (rows[name].T, rows[name].p_single, rows[name].p_value) == (0.0, 1.0, 1.0) and rows[name].phi[0] == 0
+    assert rows["e0"].p_single < 1e-10 and rows["e0"].phi[0] < 0
+
+
+def test_what_moves_nothing_is_not_excited_and_what_is_imitated_entirely_is_absorbed() -> None:
+    candidates, S = made_up()
+    own = 2.0 * np.diag(S)
+    quiet, hidden = 0, 6  # e0 and e3
+    own[quiet] = 0.1 * EXCITED
+    S[quiet], S[:, quiet] = 0.0, 0.0
+    S[hidden], S[:, hidden] = 0.0, 0.0
+    symbols = tuple(s for c in candidates.values() for s in c.symbols)
+    rows = {r.name: r for r in scored(Slopes(symbols, 3.0 * np.sqrt(np.diag(S)), S, own), candidates)}
+    assert not rows["e0"].excited and rows["e0"].absorbed == 0.0
+    assert rows["e3"].excited and rows["e3"].absorbed == 1.0
+    assert rows["e0"].p_value == rows["e3"].p_value == 1.0
+    assert rows["e1"].excited and rows["e1"].p_single < 0.1
+
+
+@pytest.fixture(scope="module")
+def by_chance() -> list[tuple[Slopes, list[Scored]]]:
+    """Ships drawn from the prior, pushed by random forces, without any effect."""
+    found = []
+    for seed in range(SEEDS):
+        p, null = problem_of(pushed_trials(seed, ship=drawn_ship(FEW, seed)))
+        s = slopes(p.steps, p.data, null, p.candidates)
+        found.append((s, scored(s, p.candidates)))
+    return found
+
+
+def test_no_effect_is_found_where_there_is_chance_only(by_chance: list[tuple[Slopes, list[Scored]]]) -> None:
+    least = np.array([min(r.p_value for r in rows) for _, rows in by_chance])
+    assert least.min() > 1e-3
+    assert (least < 0.05).sum() <= binom.ppf(0.999, SEEDS, 0.05)
+    assert 0.1 < np.median(least) < 0.9
+
+
+def test_slopes_have_the_spread_that_is_stated_and_no_trend(by_chance: list[tuple[Slopes, list[Scored]]]) -> None:
+    g, S = (np.array(a) for a in ([s.g for s, _ in by_chance], [np.diag(s.S) for s, _ in by_chance]))
+    z = g / np.sqrt(S)
+    assert 0.85 < np.sqrt((z**2).mean()) < 1.15
+    pooled = dict(zip(by_chance[0][0].symbols, g.sum(axis=0) / np.sqrt(S.sum(axis=0)), strict=True))
+    assert {s: round(v, 1) for s, v in pooled.items() if abs(v) > 3.5} == {}  # 31 parameters
+
+
+@pytest.mark.parametrize("name", STRONG)
+def test_a_strong_effect_has_the_highest_score_and_about_its_size(name: str) -> None:
+    truth = STRONG[name]
+    text = f"{name}:" + ",".join(f"{k}={v}" for k, v in truth.items())
+    runs = ASTERN if name == "propeller_side_force" else RUNS
+    p, null = problem_of(pushed_trials(1, [text], runs))
+    rows = rows_of(p, null)
+    assert next(iter(rows)) == name and rows[name].excited
+    assert rows[name].p_single <= rows[name].p_value < 1e-6
+    c = p.candidates[name]
+    wanted = (np.array([truth[s.split(".")[1]] for s in c.symbols]) - c.neutral) / c.typical
+    share = rows[name].phi / wanted
+    assert (share > 0.6).all() and (share < 1.6).all(), share
+    assert all(0.0 <= r.absorbed <= 1.0 for r in rows.values())
+
+
+def test_slopes_are_the_same_a_little_beside_the_best_coefficients() -> None:
+    """What the coefficients could still explain is taken off."""
+    p, null = problem_of(pushed_trials(1, [f"current:x={STRONG['current']['x']}"]))
+    moved = null.p + np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0]) * np.sqrt(np.diag(null.covariance))
+    theta = null.theta.copy()
+    theta[[p.steps.ship.symbols.index(s) for s in null.free.symbols]] = null.free.mean + null.free.std * moved
+    a, b = (slopes(p.steps, p.data, f, p.candidates) for f in (null, replace(null, p=moved, theta=theta)))
+    np.testing.assert_allclose(b.g / np.sqrt(a.own), a.g / np.sqrt(a.own), atol=0.35)
+    assert np.abs(a.g / np.sqrt(a.own)).max() > 5
+
+
+def test_effects_that_cannot_act_are_not_excited() -> None:
+    """No reversal of the propeller and a bank far away; where it reverses, the side force is seen."""
+    p, null = problem_of(pushed_trials(1, runs=(("zigzag:20/20", 60.0), ("turning:-20", 60.0))))
+    far = p.data.y + np.array([0.0, 500.0, 0.0, 0.0, 0.0, 0.0])
+    moved = replace(null.path, z=null.path.z.copy())
+    moved.z[..., 1] += 500.0
+    there = Problem(p.steps, replace(p.data, y=far), p.base, p.candidates)
+    rows = rows_of(there, replace(null, path=moved))
+    assert {name for name, r in rows.items() if not r.excited} == {"propeller_side_force", "bank"}
+    for name in ("propeller_side_force", "bank"):
+        assert (rows[name].T, rows[name].p_value, rows[name].absorbed) == (0.0, 1.0, 0.0) and not rows[name].phi.any()
+    p, null = problem_of(pushed_trials(1, runs=ASTERN[2:]))
+    assert rows_of(p, null)["propeller_side_force"].excited
+
+
+def test_a_coefficient_hides_an_effect_the_more_the_wider_its_prior() -> None:
+    """More resistance is imitated by X_0F, the others held, and an error of the heading is not."""
+    p, null = problem_of(pushed_trials(1, runs=RUNS[:2]))
+    shares, others = [], []
+    for factor in (0.01, 0.1, 1.0, 10.0):
+        std = null.free.std * np.where(np.array(null.free.symbols) == "X_0F", factor, 1e-3)
+        rows = rows_of(p, replace(null, free=replace(null.free, std=std)))
+        assert all(0.0 <= r.absorbed <= 1.0 for r in rows.values())
+        shares.append(rows["fouling"].absorbed)
+        others.append(rows["heading_bias"].absorbed)
+    assert (np.diff(shares) > 0).all(), shares
+    assert shares[0] < 0.1 and shares[-1] > 0.9, shares
+    assert max(others) < 0.05, others
+
+
+def test_effects_that_nothing_is_known_of_are_left_out_with_a_reason() -> None:
+    trials = pushed_trials(1, runs=RUNS[:1])
+    assert set(widened(SHIP, trials).left_out) == {"bank"} and "site.toml" in widened(SHIP, trials).left_out["bank"]
+    calm = [replace(t, columns={k: v for k, v in t.columns.items() if not k.startswith("wind")}) for t in trials]
+    without = widened(SHIP, calm)
+    assert set(without.left_out) == {"bank", "wind_force", "wind_sensor_bias"}
+    assert not set(without.left_out) & set(without.candidates)
+    known = widened(SHIP, trials, {"bank": {"distance": 4.0, "bearing": 1.0}})
+    assert not known.left_out and {effect_of(n) for n in known.candidates} == set(EFFECTS) - {"disturbance"}
+    values = known.ship.parameters_of("bank")
+    assert (values.distance, values.bearing) == (4.0, 1.0)
+    # a parameter that is held is no column, and an effect that the ship has already is no candidate
+    assert wide().candidates["bank"].symbols == ("bank.suction", "bank.moment")
+    assert "current" not in widened(SHIP.with_effect("current", {"x": 0.01})).candidates

@@ -1,0 +1,184 @@
+"""The report on a diagnosis says what the diagnosis says, for each verdict, and stands alone."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from diagnosis.location.where import where
+from diagnosis.report.page import build_report, held_rows, write_report
+from diagnosis.report.where_words import first_channel, region_words, where_words
+from diagnosis.report.words import meaning, next_words, probability, quantity, ranking, readable, visible
+from diagnosis.result import Diagnosis, HeldOut, Named, Parameter, Screened
+from tests.diagnosis.location.test_where import INPUTS, SHIP, coloured, fitted, weaving
+
+CURRENT = {"x": Parameter(0.03, 0.002, "m/s"), "y": Parameter(-0.04, 0.002, "m/s")}
+DRIFT = {"x": Parameter(0.7, 0.1, "N"), "y": Parameter(-0.9, 0.1, "N")}
+
+
+def case(verdict: str) -> Diagnosis:
+    """A diagnosis made by hand: a sway force that follows the heading, half explained."""
+    data, z = weaving()
+    force = coloured(7, 0.2)
+    force[..., 1] += 2.0 * np.sin(z[..., 2])
+    null, final = fitted(z, force), fitted(z, 0.1 * force)
+    named = verdict == "named"
+    candidates = (
+        Screened("current", 300.0, 1e-12, 280.0, True, 0.3, CURRENT),
+        Screened("wave_drift", 290.0, 2e-11, 277.0, True, 0.2, DRIFT, {"x": 0.31, "y": 0.42}),
+        Screened("rudder_offset", 5.0, 0.4, None, True, 0.95, {}, {"delta": 0.01}),
+        Screened("propeller_side_force", 0.0, 1.0, None, False, 0.0),
+    )
+    runs = {"test <1>": (0.5, 0.2), "test 2": (0.3, 0.35)}
+    after = 0.2 if named else 0.4
+    held = HeldOut(0.4, after, 1 - after / 0.4, (0.3, 0.6) if named else (0.0, 0.0), 12, runs, 30.0, (10.0, 50.0))
+    return Diagnosis(
+        verdict=verdict,
+        sentence=f"In one sentence: {verdict}, wave_drift or not, by -90%.",
+        effects=(Named("current", CURRENT, 1e-12, 280.0, 0.3),) if named else (),
+        equivalence_class=("wave_drift",) if named else (),
+        remainder=named,
+        candidates=candidates,
+        where=where(INPUTS, data, null, SHIP, final if named else None),
+        held_out=replace(held, horizons={"30 s": (0.4, after), "whole run": (9.0, 4.0)}),
+        next_test="Stop and drift." if named else "",
+        warnings=("beware of the <tide>.",),
+        left_out={"bank": "no bank line is known (site.toml)"},
+        ship=SHIP,
+        before=SHIP,
+        after=SHIP,
+        null=null,
+        final=final if named else null,
+        data=replace(data, trials=("run <0>", *data.trials[1:])),
+        states=("x", "y", "psi", "u", "v", "r"),
+        unnamed_before={"all": 20.0 if verdict != "none" else -1.0, "sway force": 15.0, "delay of delta": -2.0},
+        unnamed_after={"all": 4.0, "sway force": 3.0},
+        kinematics=("u and v are late by 0.7 s",),
+        timings={"fit": 1.5},
+    )
+
+
+def text_of(html: str) -> str:
+    """The page without tags and images."""
+    return re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", re.sub(r"<style>.*?</style>", "", html, flags=re.S)))
+
+
+@pytest.mark.parametrize("verdict", ["named", "none", "unknown"])
+def test_page_stands_alone(tmp_path: Path, verdict: str) -> None:
+    listed = write_report(case(verdict), tmp_path)
+    html = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert all((tmp_path / row["file"]).read_bytes().startswith(b"\x89PNG") for row in listed)
+    assert html.count("data:image/png;base64,") == len(listed) == (5 if verdict == "named" else 4)
+    assert "missing from the run folder" not in html
+    assert not re.search(r'(src|href)="(?!data:|#)', html)
+    text = text_of(html)
+    assert "run <0>" not in html and "&lt;tide&gt;" in html and "run &lt;0&gt;" in html
+    assert not re.search(r"\bnan\b|\bNone\b(?! of)|\binf\b|wave_drift", text)
+    head = text.index(f"In one sentence: {verdict}, wave drift or not, by −90%.")
+    assert head < text.index("How far it shrinks") < text.index("Which effect ")
+    assert "u and v are late by 0.7 s" in text and "no bank line is known" in text
+
+
+def test_named_effect_and_its_class_are_told() -> None:
+    d = case("named")
+    text = text_of(build_report(d, Path("nowhere"), []))
+    assert "cause named" in text
+    assert "0.0300 ± 0.0020 m/s" in text and "0.05 m/s towards 307°" in text
+    assert "cannot tell current from wave drift" in text and "A part of the gap is left without a name" in text
+    assert "Stop and drift." in text and "−50 % error" in text
+    assert "90 % interval of the reduction 30 % to 60 %" in text
+    rows = {row["name"]: row for row in ranking(d)}
+    assert rows["wave drift"]["note"] == "cannot be told from current"
+    assert "neither found nor excluded" in rows["propeller side force"]["note"]
+    assert rows["propeller side force"]["p"] == "–"
+    assert "imitates" in rows["rudder offset"]["note"]
+    assert rows["current"]["role"] == "named" and rows["current"]["bic"] == "+280"
+
+
+def test_the_size_from_which_a_candidate_would_be_seen_is_told(tmp_path: Path) -> None:
+    rows = {row["name"]: row["visible"] for row in ranking(case("none"))}
+    assert list(rows.values()) == ["–", "x 0.31 N, y 0.42 N", "delta 0.57 deg", "–"]
+    write_report(case("none"), tmp_path)
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "would be seen from" in page and "delta 0.57 deg" in page and "x 0.31 N, y 0.42 N" in page
+    hopeless = replace(case("none").candidates[2], visible_from={"delta": 3.0})
+    assert visible(hopeless, case("none")) == "–"
+
+
+def test_verdicts_without_a_name_name_nothing() -> None:
+    none, unknown = (text_of(build_report(case(v), Path("nowhere"), [])) for v in ("none", "unknown"))
+    assert "no gap found" in none and "Nothing found" in none and "propeller side force" in none
+    assert "cause unknown" in unknown and "acts most like a sway force" in unknown
+    for text in (none, unknown):
+        assert "Nothing was added" in text and "% error" not in text
+    assert "no more than chance" not in unknown
+    assert "Repeat " in next_words(case("unknown")) and "heading" in next_words(case("unknown"))
+
+
+def test_where_is_told_as_it_is() -> None:
+    d = case("named")
+    assert first_channel(d) == "sway"
+    words = " ".join(where_words(d))
+    assert "Most of it is in sway" in words and "It follows the heading" in words
+    strongest = re.search(r"strongest at heading (\d+)°: (\S+) N (to \w+)", words)
+    assert strongest is not None
+    east = np.sin(np.radians(float(strongest.group(1))))
+    assert abs(east) > 0.6 and float(strongest.group(2)) == pytest.approx(2 * abs(east), rel=0.25)
+    assert strongest.group(3) == ("to starboard" if east > 0 else "to port")
+    random = replace(d, where=where(INPUTS, d.data, fitted(d.null.path.z, coloured(9)), SHIP))
+    assert "follows none" in " ".join(where_words(random))
+
+
+def test_a_worse_test_trial_is_marked_and_no_test_trials_are_said() -> None:
+    d = case("named")
+    assert [row["worse"] for row in held_rows(d)] == [False, True, False]
+    assert held_rows(d)[0]["change"] == "−60 %"
+    text = text_of(build_report(replace(d, held_out=None), Path("nowhere"), []))
+    assert "No test trials were given" in text
+
+
+def test_page_without_where_and_with_one_run(tmp_path: Path) -> None:
+    d = replace(
+        case("unknown"), where={}, kinematics=(), left_out={}, warnings=(), candidates=case("none").candidates[:1]
+    )
+    assert [row["file"] for row in write_report(d, tmp_path)] == ["figures/ranking.png"]
+    assert "no lag, gain, bias or lever was seen" in (tmp_path / "report.html").read_text(encoding="utf-8")
+
+
+def test_numbers_in_words() -> None:
+    assert probability(0.034) == "0.034"
+    assert probability(2.3e-7) == "2·10⁻⁷"
+    assert probability(9.7e-5) == "1·10⁻⁴"
+    assert probability(0.0) == "< 10⁻³⁰"
+    assert quantity(Parameter(np.radians(2.0), np.radians(0.1), "rad")) == "2.00 ± 0.10 deg"
+    assert meaning("rudder_lag").startswith("The real rudder follows")
+    assert readable("by -3 and 10-3, hull_memory") == "by −3 and 10-3, hull memory"
+    region = {"variable": "heading", "low": -np.pi / 8, "high": np.pi / 8, "unit": "rad"}
+    assert region_words(region) == "heading 338° to 22°"
+    assert region_words({"variable": "r", "low": -0.02, "high": 0.0, "unit": "rad/s"}) == "turn rate r −1.1 to 0 deg/s"
+
+
+def test_second_effect_is_told_beside_the_first(tmp_path: Path) -> None:
+    d = case("named")
+    lag = Named("rudder_offset", {"delta": Parameter(0.02, 0.004, "rad")}, 0.003, 9.0, 0.4)
+    both = replace(d, effects=(*d.effects, lag))
+    text = text_of(build_report(both, tmp_path, write_report(both, tmp_path)))
+    assert "Current and rudder offset passed all tests" in text
+    table = text[text.index("Which effect effect") :]
+    assert table.index("rudder offset") < table.index("wave drift")
+    assert "1.15 ± 0.23 deg" in table and "named, beside current" in table
+
+
+def test_gap_that_calibration_had_hidden_and_name_that_was_withdrawn() -> None:
+    d = case("named")
+    same = replace(d, where=where(INPUTS, d.data, d.null, SHIP, d.null))
+    assert "hardly less" in where_words(same)[-1] and "falls" not in where_words(same)[-1]
+    assert "falls to" in where_words(d)[-1]
+    assert d.held_out is not None
+    withdrawn = replace(case("unknown"), held_out=replace(d.held_out, mse_after=0.5, reduction=-0.25))
+    assert "whose names were withdrawn: on 2 test trials" in text_of(build_report(withdrawn, Path("nowhere"), []))
+    assert "GROWS by 25" in text_of(build_report(withdrawn, Path("nowhere"), []))

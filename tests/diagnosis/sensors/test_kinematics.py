@@ -1,0 +1,235 @@
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from cases.io.read import read_trials
+from cases.shipfiles.ship_file import load_ship
+from cases.simulation.demo_trials import TRAIN, demo_trials
+from cases.simulation.disturbed import Disturbed, disturbed_trials
+from cases.simulation.sensors import logged
+from cases.trial import STATES, Trial
+from diagnosis.sensors.kinematics import consistency
+from tests.support.trial_files import make_trial, motion_columns, shifted
+
+SHIP = load_ship("esso_osaka_3m")
+
+
+@lru_cache(maxsize=1)
+def clean():
+    return tuple(demo_trials(3)[0])
+
+
+def changed(trials, change):
+    """Trials with columns replaced by those that ``change`` makes of the columns."""
+    return [trial.with_columns(**change(dict(trial.columns))) for trial in trials]
+
+
+def with_defect(trials, name, **values):
+    """The trials as an effect of the library logs them."""
+    ship = SHIP.with_effect(name, values)
+    out = []
+    for trial in trials:
+        columns = logged(ship, trial.t, trial.states)
+        out.append(trial.with_columns(**dict(zip(STATES, columns.T, strict=True))))
+    return out
+
+
+def symbols(found):
+    return [r.symbol for r in found.found]
+
+
+def test_clean_trials_have_no_fault_and_say_what_cannot_be_seen():
+    found = consistency(clean(), SHIP)
+    assert found.found == () and found.effects() == {}
+    assert {r.verdict for r in found.pooled.readings} == {"none"}
+    assert not [r for run in found.runs for r in run.readings if r.verdict == "found"]
+    assert len(found.warnings) == 1
+    assert all(name in found.warnings[0] for name in ("heading_bias", "gnss_delay", "antenna_offset"))
+    assert found.pooled.track > 0.999 and found.pooled.turn > 0.99
+
+
+@pytest.mark.parametrize(
+    ("effect", "values", "symbol"),
+    [
+        ("velocity_lag", {"tau": 0.7}, "lag"),
+        ("velocity_lag", {"tau": 0.2}, "lag"),
+        ("log_scale", {"share": 0.01}, "gain_u"),
+        ("log_scale", {"share": -0.1}, "gain_u"),
+        ("gyro", {"share": -0.013}, "gain_r"),
+        ("gyro", {"T": 0.4}, "lag_r"),
+    ],
+)
+def test_a_fault_of_the_library_is_named_and_measured(effect, values, symbol):
+    found = consistency(with_defect(clean(), effect, **values), SHIP)
+    assert symbols(found) == [symbol]
+    ((parameter, truth),) = values.items()
+    value, std = found.effects()[effect][parameter]
+    assert abs(value - truth) < 3 * std and std < 0.2 * abs(truth)
+    reading = found.pooled[symbol]
+    assert reading.effect == effect and effect in reading.sentence
+    assert 0 < len(reading.runs) <= reading.checked <= len(clean())
+
+
+def test_two_faults_at_once_are_both_found():
+    found = consistency(with_defect(with_defect(clean(), "velocity_lag", tau=0.5), "log_scale", share=0.03), SHIP)
+    assert sorted(symbols(found)) == ["gain_u", "lag"]
+    assert found.pooled["gain_u"].value == pytest.approx(0.03, abs=3 * found.pooled["gain_u"].std)
+
+
+@pytest.mark.parametrize(
+    ("effect", "values"),
+    [
+        ("antenna_offset", {"x": 0.4, "y": 0.2}),
+        ("heading_bias", {"psi": 0.05}),
+        ("gnss_delay", {"tau": 0.6}),
+    ],
+)
+def test_what_moves_position_and_velocity_alike_raises_no_alarm(effect, values):
+    assert symbols(consistency(with_defect(clean(), effect, **values), SHIP)) == []
+
+
+def position_off(c, arm):
+    place = (c["x"] + 1j * c["y"]) + arm * np.exp(1j * c["psi"])
+    return {"x": place.real, "y": place.imag}
+
+
+def position_late(c, seconds):
+    return {name: np.interp(c["t"] - seconds, c["t"], c[name]) for name in "xy"}
+
+
+def course_turned(c, angle):
+    w = (c["u"] + 1j * c["v"]) * np.exp(-1j * angle)
+    return {"u": w.real, "v": w.imag}
+
+
+@pytest.mark.parametrize(
+    ("change", "symbol", "truth"),
+    [
+        (lambda c: position_off(c, 0.3), "arm_x", 0.3),
+        (lambda c: position_off(c, -0.3j), "arm_y", -0.3),
+        (lambda c: position_late(c, 0.5), "lag", -0.5),
+        (lambda c: course_turned(c, 0.05), "heading", 0.05),
+        (lambda c: {"v": 1.2 * c["v"]}, "gain_v", 0.2),
+        (lambda c: {"v": c["v"] + 0.02}, "bias_v", 0.02),
+        (lambda c: {"x": c["x"] - 0.04 * (c["t"] - c["t"][0])}, "drift_x", -0.04),
+        (lambda c: {"r": c["r"] + 0.002}, "bias_r", 0.002),
+    ],
+)
+def test_faults_without_an_effect_of_the_library_are_measured_but_not_freed(change, symbol, truth):
+    found = consistency(changed(clean(), change), SHIP)
+    reading = found.pooled[symbol]
+    assert symbols(found) == [symbol] and found.effects() == {}
+    assert abs(reading.value - truth) < 3 * reading.std + 1e-3 * abs(truth)
+
+
+def test_the_signs_are_in_the_words():
+    late = consistency(changed(clean(), lambda c: position_late(c, 0.5)), SHIP).pooled["lag"]
+    assert late.effect == "gnss_delay" and "u and v lead the position by 0.5" in late.sentence
+    aft = consistency(changed(clean(), lambda c: position_off(c, -0.3)), SHIP).pooled["arm_x"]
+    assert aft.effect == "antenna_offset" and "aft of" in aft.sentence and "reference_point" in aft.sentence
+
+
+def test_late_columns_are_told_from_a_late_velocity_over_ground():
+    def late(c):
+        return {name: shifted(c[name], 0.8) for name in "uv"}
+
+    body = consistency([make_trial(str(seed), **late(motion_columns(seed=seed))) for seed in (0,)], SHIP)
+    earth = consistency(with_defect([make_trial()], "velocity_lag", tau=0.8), SHIP)
+    assert (body.pooled.frame, earth.pooled.frame) == ("body", "earth")
+    for found in (body, earth):
+        assert found.pooled["lag"].value == pytest.approx(0.8, abs=0.05)
+
+
+def test_a_fault_of_some_runs_is_told_from_one_of_all():
+    late = with_defect(clean()[:3], "gyro", T=1.2)
+    found = consistency([*late, *(clean() * 2)[3:]], SHIP)
+    reading = found.pooled["lag_r"]
+    assert reading.verdict == "some runs" and set(reading.runs) <= {t.name for t in late}
+    assert "runs only" in reading.sentence and "lag_r" in symbols(found) and found.effects() == {}
+
+
+def test_velocities_of_another_run_are_a_fault_of_the_data():
+    other = replace(clean()[2], name="mixed up")
+    length = min(len(other), len(clean()[0]))
+    columns = {name: c[:length] for name, c in other.columns.items()}
+    columns |= {name: clean()[0][name][:length] for name in ("u", "v", "r")}
+    columns["psi"] = columns["psi"] + 2.0
+    found = consistency([*clean(), replace(other, columns=columns)], SHIP)
+    assert [run.name for run in found.runs if run.faults] == ["mixed up"]
+    assert any("mixed up: data fault" in w for w in found.warnings) and found.found == ()
+
+
+def test_without_positions_only_the_turn_rate_is_checked():
+    bare = [Trial(t.name, {c: v for c, v in t.columns.items() if c not in "xy"}) for t in clean()]
+    found = consistency(with_bias(bare), SHIP)
+    assert {r.verdict for r in found.pooled.readings if r.symbol not in ("lag_r", "gain_r", "bias_r")} == {
+        "not checked"
+    }
+    assert symbols(found) == ["gain_r"]
+    assert any("no positions" in w and bare[0].name in w for w in found.warnings)
+    mixed = consistency([*bare[:2], *clean()[2:]], SHIP)
+    assert mixed.pooled["lag"].verdict == "none" and mixed.pooled["lag"].checked <= len(clean()) - 2
+
+
+def with_bias(trials):
+    return [t.with_columns(r=1.02 * t["r"]) for t in trials]
+
+
+def test_gaps_coarse_clocks_and_hopeless_runs_do_no_harm():
+    gappy, rng = [], np.random.default_rng(1)
+    for trial in with_defect(clean(), "velocity_lag", tau=0.7):
+        keep = np.ones(len(trial), dtype=bool)
+        keep[200:320] = False
+        columns = {name: c[keep][::5].copy() for name, c in trial.columns.items()}
+        columns["x"][rng.integers(0, len(columns["x"]), 10)] = np.nan
+        gappy.append(replace(trial, columns=columns))
+    c = motion_columns(30.0)
+    rest = make_trial("rest", **{name: np.zeros(3000) for name in ("x", "y", "u", "v", "r", "psi")})
+    short = Trial("short", {name: column[:30] for name, column in c.items()})
+    found = consistency([*gappy, rest, short], SHIP)
+    assert symbols(found) == ["lag"]
+    assert abs(found.pooled["lag"].value - 0.7) < 3 * found.pooled["lag"].std
+    assert {r.verdict for run in found.runs[-2:] for r in run.readings} <= {"not checked", "undetermined", "none"}
+    assert all(math.isnan(r.value) for r in consistency([rest], SHIP).pooled.readings)
+
+
+def test_values_and_thresholds_grow_with_the_ship():
+    factor = 100.0
+    big = replace(SHIP, particulars={**SHIP.particulars, "L": factor * SHIP.particulars["L"]})
+    root = math.sqrt(factor)
+    power = {"t": root, "x": factor, "y": factor, "u": root, "v": root, "r": 1 / root}
+    small = with_defect(clean()[:4], "velocity_lag", tau=0.7)
+    large = [t.with_columns(**{name: p * t[name] for name, p in power.items()}) for t in small]
+    a, b = consistency(small, SHIP).pooled["lag"], consistency(large, big).pooled["lag"]
+    assert b.value == pytest.approx(root * a.value, rel=0.05) and b.verdict == a.verdict == "found"
+
+
+def test_as_bad_as_real_sensors_a_hidden_lag_is_still_recovered():
+    how = Disturbed(X=0.05, Y=0.15, N=0.1, defects=("velocity_lag:tau=0.7", "log_scale:share=0.01"))
+    found = consistency(disturbed_trials(SHIP, TRAIN, 1, how), SHIP)
+    assert set(symbols(found)) == {"lag", "gain_u"}
+    for symbol, truth in (("lag", 0.7), ("gain_u", 0.01)):
+        assert abs(found.pooled[symbol].value - truth) < 3 * found.pooled[symbol].std
+
+
+@pytest.mark.slow
+def test_false_alarms_are_rare_on_clean_trials():
+    how = Disturbed(X=0.05, Y=0.15, N=0.1, defects=())
+    results = [consistency(disturbed_trials(SHIP, TRAIN, seed, how), SHIP) for seed in range(20)]
+    alarms = sum(len(found.found) for found in results)
+    assert alarms <= 0.05 * sum(len(found.pooled.readings) for found in results)
+
+
+@pytest.mark.data
+def test_the_real_records_have_late_velocities_and_a_gyro_that_reads_low(frt):
+    names = ("random_31-Jul-2020_12_29_58", "random_06-Aug-2020_16_24_25_1", "turn_14-Sep-2020_13_39_32")
+    paths = [p for p in sorted(frt.rglob("*.csv")) if p.stem in names]
+    found = consistency(read_trials(paths), SHIP)
+    assert 0.85 < found.pooled["lag"].value < 1.0 and found.pooled["lag"].verdict == "found"
+    assert -0.02 < found.pooled["gain_r"].value < -0.008
+    assert set(symbols(found)) == {"lag", "gain_r"}

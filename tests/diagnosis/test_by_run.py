@@ -1,0 +1,300 @@
+"""Effects of the surroundings that differ from run to run: their columns, their naming, and their check elsewhere."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from cases.trial import Trial
+from diagnosis import summary as told
+from diagnosis.diagnose import diagnose
+from diagnosis.estimation.candidates import AT, BY_RUN, LOCAL, Candidate, by_run, effect_of, stem
+from diagnosis.estimation.gridded_trials import Data, arrange
+from diagnosis.estimation.map_estimate import Estimate
+from diagnosis.estimation.parameters import Priors, read
+from diagnosis.hypotheses.forward_selection import Found, Problem, explain, now_without
+from diagnosis.hypotheses.refit import refit, robust_p
+from diagnosis.hypotheses.score_test import scored, slopes
+from diagnosis.prepare import prepare
+from diagnosis.result import HeldOut, contract
+from diagnosis.validation.held_out import STRIDE, WINDOW, compare, errors, halves, in_their_runs
+from tests.diagnosis.estimation.test_by_window import short_trials, three_windows
+from tests.diagnosis.report.test_report import case
+from tests.support.diagnosis_cases import (
+    FEW,
+    SHIP,
+    problem_of,
+    pushed_trials,
+    wide,
+    wide_steps,
+)
+
+H = 1.0
+RUNS = (("zigzag:20/20", 100.0), ("random:11", 100.0), ("turning:-20", 100.0))
+TRUTH = ((0.04, 0.0), (-0.03, 0.02), (0.0, -0.04))
+"""A current [m/s] of its own in each of the runs, none in their mean."""
+ELSEWHERE = ((0.03, 0.03), (-0.04, 0.01), (0.01, -0.04))
+OTHERS = (("zigzag:-20/20", 110.0), ("random:5", 120.0), ("turning:25", 130.0))
+
+
+def in_currents(
+    seed: int, runs: tuple[tuple[str, float], ...], currents: tuple[tuple[float, float], ...]
+) -> list[Trial]:
+    """Runs each in a current of its own."""
+    trials = []
+    for i, (run, (x, y)) in enumerate(zip(runs, currents, strict=True)):
+        trial = pushed_trials(seed + i, [f"current:x={x},y={y}"], (run,))[0]
+        trials.append(replace(trial, name=f"run {i}"))
+    return trials
+
+
+def local(problem: Problem) -> Problem:
+    """With the candidates that differ by run, as ``prepare`` adds them."""
+    runs = np.unique(problem.data.run).tolist()
+    own = [by_run(problem.candidates[name], runs) for name in LOCAL]
+    return replace(problem, candidates=dict(problem.candidates) | {c.name: c for c in own})
+
+
+@pytest.fixture(scope="module")
+def fits() -> tuple[Problem, Estimate, Found]:
+    """Runs in currents of their own: the problem, the fit without any effect, and what is found."""
+    problem, null = problem_of(in_currents(10, RUNS, TRUTH), H)
+    problem = local(problem)
+    return problem, null, explain(problem, null)
+
+
+def test_slopes_by_run_add_up_to_those_of_all_runs(fits: tuple[Problem, Estimate, Found]) -> None:
+    problem, null, _ = fits
+    both = {n: problem.candidates[n] for name in LOCAL for n in (name, name + BY_RUN)}
+    s = slopes(problem.steps, problem.data, null, both)
+    one = [x for name in LOCAL for x in both[name].symbols]
+    own = [x for name in LOCAL for x in both[name + BY_RUN].symbols]
+    adds = np.array([[stem(x) == y for x in own] for y in one], dtype=float)
+    a, b = (np.array([s.symbols.index(x) for x in symbols]) for symbols in (one, own))
+    np.testing.assert_allclose(adds @ s.g[b], s.g[a], rtol=1e-9, atol=1e-9 * np.abs(s.g).max())
+    np.testing.assert_allclose(adds @ s.S[np.ix_(b, b)] @ adds.T, s.S[np.ix_(a, a)], rtol=1e-8, atol=1e-9 * s.S.max())
+    np.testing.assert_allclose(adds @ s.own[b], s.own[a], rtol=1e-9)
+    rows = {row.name: row for row in scored(s, both)}
+    for name in LOCAL:
+        assert rows[name + BY_RUN].T >= rows[name].T and rows[name + BY_RUN].degrees == 3 * rows[name].degrees
+
+
+def test_information_on_a_run_is_that_where_no_other_run_counts(fits: tuple[Problem, Estimate, Found]) -> None:
+    problem, null, _ = fits
+    one = {"current": problem.candidates["current"]}
+    own = {"current by run": problem.candidates["current by run"]}
+    s = slopes(problem.steps, problem.data, null, own)
+    for r in range(3):
+        alone = replace(problem.data, good=problem.data.good & (problem.data.run == r)[:, None])
+        at = [s.symbols.index(f"current.{k}@{r}") for k in "xy"]
+        np.testing.assert_allclose(s.own[at], slopes(problem.steps, alone, null, one).own, rtol=1e-9)
+
+
+def test_of_a_single_run_the_candidate_by_run_is_the_candidate_itself() -> None:
+    problem, null = problem_of(pushed_trials(1, ["current:x=0.03,y=-0.02"], RUNS[:1]), H)
+    current = problem.candidates["current"]
+    a = slopes(problem.steps, problem.data, null, {"current": current})
+    b = slopes(problem.steps, problem.data, null, {"current by run": by_run(current, [0])})
+    np.testing.assert_allclose(a.g, b.g, rtol=1e-12)
+    np.testing.assert_allclose(a.S, b.S, rtol=1e-12)
+    start = {"current.x": 0.02, "current.y": -0.01}
+    one = refit(problem.steps, problem.data, problem.base, null, [current], start)
+    own = refit(
+        problem.steps, problem.data, problem.base, null, [by_run(current, [0])], {f"{k}@0": v for k, v in start.items()}
+    )
+    assert own.theta.shape == (len(problem.steps.ship.symbols), 1) and one.theta.ndim == 1
+    np.testing.assert_allclose(own.theta[:, 0], one.theta, rtol=1e-9, atol=1e-12)
+    assert own.nll == pytest.approx(one.nll, rel=1e-10)
+
+
+def test_the_score_by_run_points_to_the_size_in_each_run(fits: tuple[Problem, Estimate, Found]) -> None:
+    problem, null, _ = fits
+    chosen = {n: problem.candidates[n] for n in ("current", "current by run")}
+    rows = {row.name: row for row in scored(slopes(problem.steps, problem.data, null, chosen), chosen)}
+    assert rows["current by run"].p_single < 1e-15 and rows["current by run"].T > rows["current"].T + 50
+    size = (rows["current by run"].phi * chosen["current by run"].typical).reshape(3, 2)
+    np.testing.assert_allclose(size, TRUTH, atol=0.015)
+
+
+def test_a_current_of_its_own_in_each_run_is_named_by_run(fits: tuple[Problem, Estimate, Found]) -> None:
+    problem, _, found = fits
+    assert found.effects == ("current by run",) and found.robust == {"current by run": 0.0}
+    assert found.final.theta.shape == (len(problem.steps.ship.symbols), 3)
+    for r, pair in enumerate(TRUTH):
+        for k, value in zip("xy", pair, strict=True):
+            symbol = f"current.{k}{AT}{r}"
+            assert abs(found.final.value(symbol) - value) < 4 * found.final.std(symbol) < 0.02, symbol
+            assert read(problem.steps.ship, problem.data, found.final.theta, [symbol])[0] == pytest.approx(
+                found.final.value(symbol)
+            )
+
+
+def test_a_current_that_is_the_same_in_all_runs_is_not_named_by_run() -> None:
+    problem, null = problem_of(in_currents(10, RUNS, 3 * ((0.03, -0.02),)), H)
+    problem = local(problem)
+    found = explain(problem, null)
+    assert found.effects == ("current",)
+    assert "current by run" in [t.name for t in found.searches[0].tried] and found.final.theta.ndim == 1
+    assert (found.final.value("current.x"), found.final.value("current.y")) == pytest.approx((0.03, -0.02), abs=0.005)
+    row = told.named(problem, replace(wide(), candidates=dict(problem.candidates)), found, "current")
+    assert row.by_run == {}
+
+
+def test_without_the_effect_coefficients_are_those_of_all_runs_again(fits: tuple[Problem, Estimate, Found]) -> None:
+    problem, _, found = fits
+    kept = now_without(found.final, problem, ["current by run"])
+    np.testing.assert_array_equal(kept.theta, found.final.theta)
+    none = now_without(found.final, problem, [])
+    assert none.theta.ndim == 1
+    current = [problem.steps.ship.symbols.index(s) for s in ("current.x", "current.y")]
+    np.testing.assert_array_equal(none.theta[current], 0.0)
+    assert none.theta[problem.steps.ship.symbols.index("Y_v")] == pytest.approx(found.final.value("Y_v"))
+    assert robust_p(problem.steps, problem.data, found.final, problem.candidates["current by run"]) == 0.0
+
+
+def test_what_is_told_has_each_effect_once_and_the_values_of_each_run(fits: tuple[Problem, Estimate, Found]) -> None:
+    problem, _, found = fits
+    w = replace(wide(), candidates=dict(problem.candidates))
+    names = [row.name for row in told.ranking(problem, w, found)]
+    assert names[0] == "current" and len(names) == len(set(names))
+    assert set(names) == {effect_of(n) for n in problem.candidates}
+    row = told.named(problem, w, found, "current by run")
+    assert row.name == "current" and list(row.by_run) == ["run 0", "run 1", "run 2"]
+    for r, values in enumerate(row.by_run.values()):
+        assert values == {k: found.final.value(f"current.{k}@{r}") for k in "xy"}
+    for k in "xy":
+        assert row.parameters[k].value == pytest.approx(np.mean([v[k] for v in row.by_run.values()]))
+        errors_of = [found.final.std(f"current.{k}@{r}") for r in range(3)]
+        assert 0 < row.parameters[k].std < max(errors_of)
+    assert "current" not in told.same(found)
+    ship = told.fitted_ship(problem, SHIP, w, found.final, found.effects)
+    assert ship.parameters_of("current").x == pytest.approx(row.parameters["x"].value)
+    assert ship.coefficients["Y_v"].value == pytest.approx(found.final.value("Y_v"))
+
+
+def test_the_contract_has_the_values_by_run_where_an_effect_differs(fits: tuple[Problem, Estimate, Found]) -> None:
+    problem, _, found = fits
+    row = told.named(problem, replace(wide(), candidates=dict(problem.candidates)), found, "current by run")
+    d = case("named")
+    written = contract(replace(d, effects=(row, replace(row, by_run={}))))["effects"]
+    assert written[0]["name"] == "current" and written[0]["by_run"] == row.by_run
+    assert "by_run" not in written[1]
+
+
+@cache
+def elsewhere() -> Data:
+    """Trials that took no part, each in a current of its own."""
+    return arrange(in_currents(50, OTHERS, ELSEWHERE), wide().ship.inputs, 3.0, H)
+
+
+@pytest.fixture(scope="module")
+def held(fits: tuple[Problem, Estimate, Found]) -> tuple[Data, HeldOut]:
+    problem, null, found = fits
+    data = elsewhere()
+    result = compare(problem.steps, data, null, found.final)
+    assert result is not None
+    return data, result
+
+
+def test_later_windows_lie_in_the_second_halves_alone() -> None:
+    steps, data = wide_steps(H), elsewhere()
+    theta, half = steps.ship.values, halves(data)
+    np.testing.assert_allclose(half, 0.5 * data.steps * H, atol=H)
+    _, run = errors(steps, data, theta, WINDOW, later=True)
+    expected = [int((0.5 * s * H - WINDOW) // STRIDE) + 1 for s in data.steps]
+    assert [int((run == r).sum()) for r in range(3)] == expected == [2, 3, 3]
+    first = data.t < half
+    y = np.where(first[..., None], data.y + 0.3, data.y)
+    for length in (WINDOW, 0.0):
+        before, _ = errors(steps, data, theta, length, later=True)
+        np.testing.assert_array_equal(errors(steps, replace(data, y=y), theta, length, later=True)[0], before)
+        assert np.abs(errors(steps, replace(data, y=y), theta, length)[0].sum() / before.sum()) > 2
+    assert len(errors(steps, data, theta, 0.0, later=True)[0]) == 3
+
+
+def test_windows_of_one_run_have_one_middle() -> None:
+    data = three_windows()
+    t = data.t + np.array([0.0, 40.0, 0.0])
+    half = halves(replace(data, t=t))
+    assert half[0] == half[1] == pytest.approx(0.5 * t[data.steps[1], 1]) and half[2] == pytest.approx(20.0, abs=H)
+
+
+def test_other_runs_own_values_come_from_their_first_halves(fits: tuple[Problem, Estimate, Found]) -> None:
+    problem, _, found = fits
+    steps, data = problem.steps, elsewhere()
+    theirs = in_their_runs(steps, data, found.final).theta
+    symbols = [f"current.{k}@{r}" for r in range(3) for k in "xy"]
+    np.testing.assert_allclose(read(steps.ship, data, theirs, symbols), np.ravel(ELSEWHERE), atol=0.012)
+    y = np.where((data.t >= halves(data))[..., None], data.y + 0.3, data.y)
+    again = in_their_runs(steps, replace(data, y=y), found.final).theta
+    np.testing.assert_allclose(again, theirs, rtol=1e-6, atol=1e-9)
+    rest = [i for i, s in enumerate(steps.ship.symbols) if s not in ("current.x", "current.y")]
+    np.testing.assert_allclose(theirs[rest], np.repeat(found.final.theta[rest, :1], 3, axis=1), rtol=1e-12)
+
+
+def test_a_fit_by_run_closes_the_gap_of_other_runs(held: tuple[Data, HeldOut]) -> None:
+    data, h = held
+    assert h.windows == 8 and list(h.by_run) == list(data.trials)
+    assert h.reduction > 0.3 and h.interval_90[0] > 0 and h.mse_after < h.mse_before
+    assert h.likelihood_gain is not None and h.likelihood_gain > 20
+    assert all(after < before for before, after in h.by_run.values())
+    assert h.horizons["whole run"][1] < h.horizons["whole run"][0]
+
+
+def test_the_mean_of_the_runs_alone_would_not_close_it(
+    fits: tuple[Problem, Estimate, Found], held: tuple[Data, HeldOut]
+) -> None:
+    problem, _, found = fits
+    data, h = held
+    mean = read(problem.steps.ship, data, found.final.theta, problem.steps.ship.symbols)
+    errors_of, _ = errors(problem.steps, data, mean, WINDOW, later=True)
+    assert errors_of.mean() > 1.5 * h.mse_after
+
+
+def alike(found: Estimate, candidate: Candidate, value: float) -> Estimate:
+    """A fit by run with one value in all of its runs."""
+    zero = np.zeros(len(candidate.symbols))
+    free = Priors(candidate.symbols, zero, zero + 1.0, zero - np.inf, zero + np.inf)
+    return replace(found, free=free, p=zero + value)
+
+
+def test_runs_that_are_all_alike_leave_nothing_to_find_and_equal_models_close_nothing(
+    fits: tuple[Problem, Estimate, Found], held: tuple[Data, HeldOut]
+) -> None:
+    problem, null, _ = fits
+    data, h = held
+    same = alike(null, problem.candidates["current by run"], 0.0)
+    np.testing.assert_allclose(
+        in_their_runs(problem.steps, data, same).theta, np.repeat(null.theta[:, None], 3, axis=1), atol=1e-6
+    )
+    equal = compare(problem.steps, data, null, same)
+    assert equal is not None and equal.reduction == pytest.approx(0.0, abs=1e-5)
+    assert equal.interval_90 == pytest.approx((0.0, 0.0), abs=1e-5)
+    assert (equal.windows, equal.mse_before) == (h.windows, h.mse_before)
+    assert equal.likelihood_gain == pytest.approx(0.0, abs=1e-2)
+
+
+def test_effects_of_the_surroundings_differ_by_run_from_three_runs_on() -> None:
+    trials = short_trials()
+    few, enough = (prepare(FEW, trials[:count], step=H).problem for count in (2, 3))
+    assert not any(name.endswith(BY_RUN) for name in few.candidates)
+    assert set(enough.candidates) - set(few.candidates) == {name + BY_RUN for name in LOCAL}
+    assert enough.candidates["tow by run"].symbols == tuple(f"tow.{k}@{r}" for r in range(3) for k in ("X", "Y", "N"))
+
+
+def test_the_whole_diagnosis_names_the_current_once_with_its_value_in_each_run() -> None:
+    trials, tests = in_currents(10, RUNS, TRUTH), in_currents(50, OTHERS, ELSEWHERE)
+    d = diagnose(FEW, trials, tests, step=H)
+    content = json.loads(json.dumps(contract(d)))
+    assert content["verdict"] == "named" and [e["name"] for e in content["effects"]] == ["current"]
+    for pair, values in zip(TRUTH, content["effects"][0]["by_run"].values(), strict=True):
+        assert (values["x"], values["y"]) == pytest.approx(pair, abs=0.01)
+    assert list(content["effects"][0]["by_run"]) == [t.name for t in trials]
+    names = [c["name"] for c in content["candidates"]]
+    assert names[0] == "current" and len(names) == len(set(names)) and not any(BY_RUN in n for n in names)
+    assert "in the mean, different in each run" in d.sentence and d.next_test
+    assert content["held_out"]["reduction"] > 0.3 and set(d.after.effects) == {"current"}

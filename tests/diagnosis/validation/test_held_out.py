@@ -1,0 +1,187 @@
+"""How far the gap closes on trials that took no part: windows, their errors, and the reduction with its interval."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from diagnosis.estimation.gridded_trials import Data, arrange
+from diagnosis.estimation.linearised_model import Steps
+from diagnosis.estimation.map_estimate import Estimate
+from diagnosis.hypotheses.forward_selection import Problem
+from diagnosis.hypotheses.refit import refit
+from diagnosis.result import HeldOut
+from diagnosis.validation.held_out import STRIDE, WINDOW, begun, compare, errors, one_step_likelihood, scales
+from tests.support.diagnosis_cases import OFF_NEUTRAL, WHITE, problem_of, pushed_trials, theta_of, wide_steps
+
+EFFECT = "current:x=0.03,y=-0.02"
+H = 0.5
+OTHERS = (("zigzag:-20/20", 80.0), ("random:5", 100.0), ("turning:25", 60.0))
+
+
+def others(runs: tuple[tuple[str, float], ...] = OTHERS, seed: int = 31) -> Data:
+    """Trials that took no part, with the effect."""
+    return arrange(pushed_trials(seed, [EFFECT], runs), wide_steps(H).ship.inputs, 3.0, H)
+
+
+@pytest.fixture(scope="module")
+def fits() -> tuple[Problem, Estimate, Estimate]:
+    """The training trials, and the fits without and with the effect that they have."""
+    problem, null = problem_of(pushed_trials(1, [EFFECT]), H)
+    effect = problem.candidates["current"]
+    start = {"current.x": 0.02, "current.y": -0.01}
+    return problem, null, refit(problem.steps, problem.data, problem.base, null, [effect], start)
+
+
+@pytest.fixture(scope="module")
+def closed(fits: tuple[Problem, Estimate, Estimate]) -> tuple[Data, HeldOut]:
+    problem, null, true = fits
+    data = others()
+    held = compare(problem.steps, data, null, true)
+    assert held is not None
+    return data, held
+
+
+def simulated(steps: Steps, data: Data, theta: np.ndarray | None = None) -> Data:
+    """The windows as the model itself moves from their first rows: no noise, no forces."""
+    theta = steps.ship.values if theta is None else theta
+    y, z = data.y.copy(), steps.settled(data.y[0].T, data.inputs[0].T, theta)
+    for k in range(len(data.inputs)):
+        z = steps.advance(z, data.inputs[k].T, theta)
+        y[k + 1] = z[:6].T
+    return replace(data, y=y)
+
+
+def test_the_true_model_predicts_its_own_motion_without_error() -> None:
+    steps = wide_steps(H)
+    data = simulated(steps, others())
+    for length in (H, WINDOW, 0.0):
+        found, _ = errors(steps, data, steps.ship.values, length)
+        assert len(found) and found.max() < 1e-18
+
+
+@pytest.mark.parametrize("effect", ["rudder_backlash.b", "rudder_lag.T", "control_delay.tau", "hull_memory.T"])
+def test_a_window_begins_with_what_the_actuators_and_the_hull_remember_of_the_run_before(effect: str) -> None:
+    steps = wide_steps(H)
+    theta = theta_of(steps, {effect: OFF_NEUTRAL[effect]})
+    data = simulated(steps, others(), theta)
+    found, _ = errors(steps, data, theta, WINDOW)
+    assert len(found) and found.max() < 1e-12
+    middle = data.steps.min() // 2
+    settled = steps.settled(data.y[middle].T, data.inputs[middle].T, theta)
+    assert np.abs(begun(steps, data, theta)[middle].T - settled).max() > 1e-4  # which being settled is not
+
+
+def test_an_error_counts_in_units_of_its_scale_and_only_where_it_was_measured() -> None:
+    steps = wide_steps(H)
+    data = simulated(steps, others())
+    theta, sigma = steps.ship.values, scales(3.0)
+    assert sigma[0] == pytest.approx(0.3) and sigma[2] == pytest.approx(np.radians(5.0))
+    later = data.y.copy()
+    later[1:, :, 0] += 2.0 * sigma[0]
+    later[1:, :, 5] -= 1.0 * sigma[5]
+    off = replace(data, y=later)
+    np.testing.assert_allclose(errors(steps, off, theta, 0.0)[0], (4 + 1) / 6, rtol=1e-9)
+    unplaced = data.measured.copy()
+    unplaced[..., :2] = False
+    np.testing.assert_allclose(errors(steps, replace(off, measured=unplaced), theta, 0.0)[0], 1 / 4, rtol=1e-9)
+
+
+def test_a_window_every_stride_that_fits_into_its_run_and_begins_at_a_whole_row() -> None:
+    steps, data = wide_steps(H), others()
+    theta = steps.ship.values
+    found, run = errors(steps, data, theta, WINDOW)
+    seconds = data.steps * H
+    expected = [int((s - WINDOW) // STRIDE) + 1 for s in seconds]
+    assert [int((run == r).sum()) for r in range(3)] == expected and len(found) == sum(expected)
+    assert expected == [4, 5, 3]
+    holes = data.measured.copy()
+    holes[round(STRIDE / H), 0, 4] = False  # the second window of the first run has no start
+    _, run = errors(steps, replace(data, measured=holes), theta, WINDOW)
+    assert int((run == 0).sum()) == expected[0] - 1
+    whole, run = errors(steps, data, theta, 0.0)
+    assert len(whole) == 3 and list(run) == [0, 1, 2]
+
+
+def test_a_run_that_is_shorter_than_a_window_says_nothing(fits: tuple[Problem, Estimate, Estimate]) -> None:
+    problem, null, true = fits
+    assert compare(problem.steps, others((("zigzag:-20/20", 25.0),)), null, true) is None
+
+
+def test_equal_models_close_nothing(fits: tuple[Problem, Estimate, Estimate]) -> None:
+    problem, null, _ = fits
+    held = compare(problem.steps, others(OTHERS[:2]), null, null)
+    assert held is not None
+    assert held.reduction == 0.0 and held.interval_90 == (0.0, 0.0) and held.mse_before == held.mse_after > 0
+    assert held.likelihood_gain == 0.0 and held.likelihood_interval_90 is None  # two runs do not scatter enough
+    assert all(a == b for a, b in [*held.by_run.values(), *held.horizons.values()])
+
+
+def test_the_true_model_closes_the_gap_and_the_interval_says_so(closed: tuple[Data, HeldOut]) -> None:
+    _, held = closed
+    assert 0.3 < held.reduction < 1.0 and held.mse_after < held.mse_before
+    assert 0 < held.interval_90[0] < held.reduction < held.interval_90[1] < 1
+    assert held.likelihood_gain is not None and held.likelihood_interval_90 is not None
+    assert held.likelihood_gain > 20
+    assert 0 < held.likelihood_interval_90[0] < held.likelihood_gain < held.likelihood_interval_90[1]
+    assert set(held.horizons) == {"1 step", "30 s", "whole run"}
+    assert all(after < before for before, after in held.horizons.values())
+
+
+def test_numbers_of_the_runs_make_up_the_whole(closed: tuple[Data, HeldOut]) -> None:
+    data, held = closed
+    assert held.windows == 12 and list(held.by_run) == list(data.trials)
+    weights = np.array([4, 5, 3]) / 12
+    before, after = (weights @ np.array([pair[i] for pair in held.by_run.values()]) for i in (0, 1))
+    assert (held.mse_before, held.mse_after) == pytest.approx((before, after), rel=1e-9)
+    assert held.reduction == pytest.approx(1 - after / before, rel=1e-9)
+    assert held.horizons["30 s"] == (held.mse_before, held.mse_after)
+    reductions = [1 - b / a for a, b in held.by_run.values()]
+    assert min(reductions) - 1e-12 <= held.interval_90[0] and held.interval_90[1] <= max(reductions) + 1e-12
+
+
+def test_the_interval_is_drawn_with_its_seed_alone(
+    fits: tuple[Problem, Estimate, Estimate], closed: tuple[Data, HeldOut]
+) -> None:
+    problem, null, true = fits
+    data, held = closed
+    assert compare(problem.steps, data, null, true) == held
+    other = compare(problem.steps, data, null, true, seed=5)
+    assert other is not None and replace(other, interval_90=(0, 0), likelihood_interval_90=None) == replace(
+        held, interval_90=(0, 0), likelihood_interval_90=None
+    )
+
+
+def test_taking_a_true_effect_away_makes_predictions_worse(
+    fits: tuple[Problem, Estimate, Estimate], closed: tuple[Data, HeldOut]
+) -> None:
+    problem, null, true = fits
+    data, held = closed
+    back = compare(problem.steps, data, true, null)
+    assert back is not None and back.reduction < 0 and back.interval_90[1] < 0
+    assert back.reduction == pytest.approx(1 - held.mse_before / held.mse_after, rel=1e-9)
+    assert held.likelihood_gain is not None
+    assert back.likelihood_gain == pytest.approx(-held.likelihood_gain, rel=1e-9)
+
+
+def test_one_test_trial_is_enough_to_see_a_strong_effect(fits: tuple[Problem, Estimate, Estimate]) -> None:
+    problem, null, true = fits
+    held = compare(problem.steps, others(OTHERS[1:2]), null, true)
+    assert held is not None and held.windows == 5 and len(held.by_run) == 1
+    assert held.reduction > 0.2 and held.likelihood_gain is not None and held.likelihood_gain > 5
+    assert held.interval_90[0] - 1e-12 <= held.reduction <= held.interval_90[1] + 1e-12
+
+
+def test_likelihood_of_single_steps_is_by_window_and_lower_for_a_sensor_gone_wrong(
+    fits: tuple[Problem, Estimate, Estimate],
+) -> None:
+    problem, _, true = fits
+    data = others(OTHERS[:2])
+    right = one_step_likelihood(problem.steps, data, true)
+    assert right.shape == (2,) and np.isfinite(right).all()
+    wrong = data.y.copy()
+    wrong[..., 1, 3] += 5 * WHITE[3] * np.sign(np.sin(np.arange(len(wrong))))
+    worse = one_step_likelihood(problem.steps, replace(data, y=wrong), true)
+    assert worse[0] == pytest.approx(right[0], rel=1e-9) and worse[1] > right[1] + 100

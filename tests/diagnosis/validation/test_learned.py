@@ -1,0 +1,162 @@
+"""What a learned residual closes of the rest: found where there is something to learn, else said to be none."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch")
+
+import diagnosis.validation.learned as module  # noqa: E402
+from cases.simulation.simulate import write_trial  # noqa: E402
+from diagnosis.estimation.candidates import widened  # noqa: E402
+from diagnosis.estimation.gridded_trials import arrange  # noqa: E402
+from diagnosis.estimation.linearised_model import Steps  # noqa: E402
+from diagnosis.report.page import build_report  # noqa: E402
+from diagnosis.result import Learned, contract  # noqa: E402
+from diagnosis.validation.held_out import errors, window_length  # noqa: E402
+from diagnosis.validation.learned import learned, sentence_of  # noqa: E402
+from mmg.errors import UserError  # noqa: E402
+from mmg_ident.commands.diagnose import diagnose, with_learned  # noqa: E402
+from residual.training.trainer import Training  # noqa: E402
+from tests.diagnosis.report.test_report import case, text_of  # noqa: E402
+from tests.support import hybrids  # noqa: E402
+
+QUICK = Training(seeds=2, epochs=25, width=12, penalty=0.001, rate=1e-2)
+FOUND = Learned(0.4, 0.3, 0.25, (0.1, 0.4), (0, 1), (0.2, 0.3), 0.07, 0.28, 40, True, "residual kept: because", "")
+
+
+def test_what_is_missing_and_can_be_learned_is_closed() -> None:
+    true = hybrids.lacking()
+    tests = hybrids.trials(true, 3, 200, seed=9)
+    found = learned(hybrids.ship(), hybrids.trials(true), tests, training=QUICK)
+    assert found.interval_90 is not None and 0 < found.interval_90[0] < found.reduction < found.interval_90[1]
+    assert found.reduction > 0.3 and found.kept and found.sentence.startswith("A learned residual closes ")
+    assert found.seeds == (0, 1) and found.reduction == pytest.approx(np.mean(found.reductions))
+    assert found.mse_after == pytest.approx((1 - found.reduction) * found.mse_before)
+    assert found.together > found.reduction - 1e-3, "the mean of networks does what each does, or better"
+
+
+def test_nothing_missing_nothing_closed() -> None:
+    ship = hybrids.ship()
+    quick = replace(QUICK, epochs=6, penalty=0.3)
+    found = learned(ship, hybrids.trials(ship), hybrids.trials(ship, 3, 200, seed=9), training=quick)
+    assert abs(found.reduction) < 0.03 and not found.kept
+    assert "does not close any" in found.sentence
+
+
+def test_the_error_before_is_that_of_the_held_out_check() -> None:
+    ship, tests = hybrids.ship(), hybrids.trials(hybrids.lacking(), 2, 100, seed=9)
+    wide = widened(ship).ship
+    steps = Steps(wide, ["X_0F"], 1.0)
+    expected, _ = errors(steps, arrange(tests, wide.inputs, 3.0, 1.0), wide.values, window_length(ship))
+    few = replace(QUICK, epochs=1, seeds=1)
+    found = learned(ship, hybrids.trials(ship, 2, 200), tests, 1.0, training=few)
+    assert found.mse_before == pytest.approx(expected.mean(), rel=1e-6)
+
+
+@pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
+def test_the_seed_decides_and_the_workers_do_not(workers: int) -> None:
+    ship, few = hybrids.ship(), replace(QUICK, epochs=2)
+    trials, tests = hybrids.trials(hybrids.lacking(), 2, 200), hybrids.trials(hybrids.lacking(), 2, 60, seed=9)
+    one, again, other = (
+        learned(ship, trials, tests, seed=s, workers=w, training=few) for s, w in ((0, 1), (0, workers), (5, 1))
+    )
+    assert one == again and one.reductions != other.reductions and other.seeds == (5, 6)
+
+
+def test_a_single_test_trial_gives_no_interval_and_no_claim() -> None:
+    true, few = hybrids.lacking(), replace(QUICK, epochs=2)
+    found = learned(hybrids.ship(), hybrids.trials(true, 2, 200), hybrids.trials(true, 1, 100, seed=9), training=few)
+    assert found.interval_90 is None and "a single test trial" in found.sentence and "closes" not in found.sentence
+
+
+def test_too_little_data_is_said() -> None:
+    ship = hybrids.ship()
+    with pytest.raises(UserError, match="too little data for a residual"):
+        learned(ship, hybrids.trials(ship, 1, 60), hybrids.trials(ship, 1, 60, seed=9), training=QUICK)
+    with pytest.raises(UserError, match="no test trial holds 30 s"):
+        learned(ship, hybrids.trials(ship, 2, 200), hybrids.trials(ship, 1, 25, seed=9), training=QUICK)
+
+
+@pytest.mark.parametrize(
+    ("reduction", "interval", "spread", "words"),
+    [
+        (0.25, (0.1, 0.4), 0.07, "closes 25.0% of the error"),
+        (0.25, (0.1, 0.4), 0.3, "does not close any of the error of 30 s predictions of the test trials beyond chance"),
+        (0.02, (-0.1, 0.1), 0.01, "beyond chance (reduction +2.0%"),
+        (-0.25, (-0.4, -0.1), 0.07, "but makes it 25.0% larger"),
+        (0.004, (0.001, 0.006), 0.0, "beyond chance"),
+    ],
+)
+def test_words_follow_the_numbers(reduction: float, interval: tuple[float, float], spread: float, words: str) -> None:
+    assert words in sentence_of(replace(FOUND, reduction=reduction, interval_90=interval, spread=spread))
+
+
+def test_only_what_has_no_name_is_learned_and_only_with_tests(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[Any] = []
+
+    def stub(ship: Any, trials: Sequence[Any], tests: Sequence[Any], *given: Any, **more: Any) -> Learned:
+        asked.append(ship)
+        return FOUND
+
+    monkeypatch.setattr(module, "learned", stub)
+    trials = hybrids.trials(hybrids.ship(), 1, 60)
+    unknown, named, none = (case(v) for v in ("unknown", "named", "none"))
+    whole = replace(named, remainder=False)
+    assert all(with_learned(d, trials, t).learned is None for d, t in ((unknown, []), (none, trials), (whole, trials)))
+    assert not asked
+    after = hybrids.lacking()
+    rest = with_learned(replace(named, after=after), trials, trials)
+    assert rest.learned is FOUND and asked == [after] and "learned residual" in rest.timings
+    assert with_learned(unknown, trials, trials).learned is FOUND
+
+
+def test_missing_torch_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "torch", None)
+    trials = hybrids.trials(hybrids.ship(), 1, 60)
+    found = with_learned(case("unknown"), trials, trials)
+    assert found.learned is None and found.verdict == "unknown"
+    assert "was not measured: a learned residual needs torch" in found.warnings[-1]
+    assert "mmg-ident[learn]" in found.warnings[-1]
+
+
+def test_too_little_data_leaves_the_rest_of_the_diagnosis() -> None:
+    few = hybrids.trials(hybrids.ship(), 1, 60)
+    given = replace(case("unknown"), after=hybrids.ship())
+    found = with_learned(given, few, few)
+    assert found.learned is None and "too little data for a residual" in found.warnings[-1]
+    assert found.sentence == given.sentence
+
+
+def test_diagnosis_json_and_page_tell_it() -> None:
+    told = replace(FOUND, sentence=sentence_of(FOUND))
+    without, d = case("unknown"), replace(case("unknown"), learned=told)
+    assert contract(without)["learned"] is None
+    content = json.loads(json.dumps(contract(d)["learned"]))
+    assert content == json.loads(json.dumps(asdict(told))) and content["interval_90"] == [0.1, 0.4]
+    html = build_report(d, Path("nowhere"), [])
+    text = text_of(html)
+    assert text.count("closes 25.0% of the error of 30 s predictions") == 2
+    assert "+20.0 %, +30.0 %" in text and "as mmg train decides: Residual kept" in text
+    assert "may take it up" not in text and "may take it up" in text_of(build_report(without, Path("nowhere"), []))
+    assert "learned residual" not in text_of(build_report(without, Path("nowhere"), []))
+
+
+@pytest.mark.parametrize("no_learn", [False, True])
+def test_the_option_leaves_it_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, no_learn: bool) -> None:
+    for role, trial in zip(("train", "test"), hybrids.trials(hybrids.ship(), 2, 60), strict=True):
+        (tmp_path / role).mkdir()
+        write_trial(trial, tmp_path / role / f"{trial.name}.csv")
+    monkeypatch.setattr("diagnosis.diagnose.diagnose", lambda *given, **more: case("unknown"))
+    monkeypatch.setattr(module, "learned", lambda *given, **more: FOUND)
+    out = tmp_path / "out"
+    diagnose("esso_osaka_3m", [tmp_path / "train"], out, test=[tmp_path / "test"], no_learn=no_learn)
+    assert (json.loads((out / "diagnosis.json").read_text())["learned"] is None) == no_learn

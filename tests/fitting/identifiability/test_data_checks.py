@@ -1,0 +1,122 @@
+"""Trials and priors that do not belong into a calibration are named."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cases.maneuvers.definitions import parse_maneuver
+from cases.shipfiles.effects import freeing_effects
+from cases.shipfiles.ship_file import load_ship
+from cases.simulation.sensors import SensorNoise, add_noise
+from cases.simulation.simulate import simulate
+from cases.trial import Trial
+from fitting.calibration import calibrate
+from fitting.identifiability.data_checks import contradictions, refuse_outliers, unexcited_astern
+from fitting.nlp.problem import Prior
+from fitting.nlp.windows import cut
+from fitting.settings import Settings, Start
+from fitting.solvers.multistart import disagreement
+from mmg.errors import UserError
+from tests.support.synthetic_runs import runs
+
+ESSO = load_ship("esso_osaka_3m")
+FAST = Settings(passes=2)
+NOISE = vars(SensorNoise.for_length(3.0))
+
+
+def scrambled(trial: Trial) -> Trial:
+    """Every sample an outlier."""
+    rng = np.random.default_rng(0)
+    sizes = {"x": 3.0, "y": 3.0, "psi": 0.3, "u": 0.2, "v": 0.1, "r": 0.05}
+    return Trial(trial.name, {**trial.columns, **{
+        name: trial[name] + size * rng.normal(size=len(trial)) for name, size in sizes.items()
+    }})  # fmt: skip
+
+
+def foreign(trial: Trial) -> Trial:
+    """A run of another ship under the same name: one that turns the other way and much faster."""
+    other = ESSO.with_values({s: k * ESSO.coefficients[s].value for s, k in (("N_r", 0.2), ("Y_v", 0.3), ("k_0", 1.5))})
+    plan = parse_maneuver("zigzag:20/20", ESSO, n=10.0, duration=120.0)
+    run = add_noise(simulate(other, plan, 0.1, None, 1), SensorNoise.for_length(3.0), 1)
+    return Trial(trial.name, {**run.columns, "delta": -run["delta"]})
+
+
+def named(trials: list[Trial]) -> list[str]:
+    return [w for w in calibrate(ESSO, trials, FAST).warnings if "leave it out" in w]
+
+
+def test_runs_that_belong_are_not_named() -> None:
+    assert named(list(runs()[0])) == []
+
+
+def test_a_run_that_is_all_outliers_is_refused_by_name_before_the_fit() -> None:
+    trials = list(runs()[0])
+    bad = replace(scrambled(trials[4]), name="spoilt")
+    with pytest.raises(UserError, match=r"^spoilt \(\d+ times\): samples are outliers throughout"):
+        calibrate(ESSO, [*trials[:4], bad, *trials[5:]], FAST)
+    refuse_outliers(trials, 1.0)
+    refuse_outliers([bad, trials[0]], 1.0)  # two runs: nobody knows which
+
+
+def test_a_run_whose_residuals_are_white_is_called_outliers() -> None:
+    trials = list(runs()[0])
+    rng = np.random.default_rng(1)
+    noisy = {name: trials[4][name] + 7 * sd * rng.normal(size=len(trials[4])) for name, sd in NOISE.items()}
+    mild = replace(trials[4], name="noisy", columns={**trials[4].columns, **noisy})
+    words = [w for w in calibrate(ESSO, [*trials[:4], mild, *trials[5:]], FAST).warnings if "noisy" in w]
+    assert len(words) == 1 and "its samples are outliers throughout" in words[0]
+
+
+def test_a_run_of_another_ship_is_named_as_such() -> None:
+    trials = list(runs()[0])
+    words = named([*trials, replace(foreign(trials[0]), name="stranger")])
+    assert len(words) == 1 and words[0].startswith("stranger: residuals") and "another ship" in words[0]
+
+
+def test_astern_coefficients_without_astern_motion_are_refused_or_named() -> None:
+    ahead = [t for t in runs()[0] if t["u"].min() > 0.05 and t["n"].min() >= 0]
+    assert ahead
+    astern = ("A_5", "B_5", "C_6", "C_7", "A_6")
+    segments = cut(ahead, 1.0, 50.0, 5)
+    only = ESSO.fixing([s for s in ESSO.symbols if s not in astern])
+    with pytest.raises(UserError, match="act only going astern, of which the trials have nothing"):
+        unexcited_astern(only, ahead, segments)
+    words = unexcited_astern(ESSO, ahead, segments)
+    assert len(words) == 1 and all(s in words[0] for s in astern)
+    assert not any(s in words[0].split(":")[0].split(", ") for s in ("Y_v", "N_r", "k_0", "X_0F", "ell_R"))
+
+
+def test_priors_that_contradict_themselves_are_said() -> None:
+    prior = Prior.of(ESSO)
+    assert contradictions(prior) == []
+    i = prior.symbols.index("Y_v")
+    lower = prior.lower.copy()
+    lower[i] = prior.mean[i] + 4 * prior.std[i]
+    upper = np.maximum(prior.upper, lower + prior.std)
+    words = contradictions(replace(prior, lower=lower, upper=upper))
+    assert len(words) == 1 and words[0].startswith("Y_v") and "4.0 standard deviations outside its bounds" in words[0]
+    std = prior.std.copy()
+    std[i] = 0.0
+    with pytest.raises(UserError, match="Y_v: free, but the standard deviation"):
+        contradictions(replace(prior, std=std))
+
+
+def test_starts_that_disagree_say_how_far() -> None:
+    starts = [Start(0, 100.0, True, 0.0), Start(1, 130.0, True, 2.5, True, {"Y_v": -2.5, "N_r": 0.4}),
+              Start(2, 1e9, False, 9.0)]  # fmt: skip
+    words = disagreement(starts, 100.0)
+    assert len(words) == 2
+    assert "1 of 3 starts ended in another optimum" in words[0] and "objective 30 above the best of 100" in words[0]
+    assert "Y_v by 2.5, N_r by 0.4 prior standard deviations" in words[0]
+    assert "did not converge" in words[1]
+    assert disagreement(starts[:1], 100.0) == []
+
+
+def test_astern_coefficients_alone_are_refused_also_with_an_instrument_fitted_along() -> None:
+    ahead = [t for t in runs()[0] if t["u"].min() > 0.05 and t["n"].min() >= 0]
+    ship = freeing_effects(ESSO.fixing([s for s in ESSO.symbols if s not in ("A_5", "B_5")]), ["velocity_lag"])
+    with pytest.raises(UserError, match="A_5, B_5: act only going astern"):
+        unexcited_astern(ship, ahead, cut(ahead, 1.0, 50.0, 5))

@@ -1,0 +1,285 @@
+"""Verdicts on coefficients against cases whose answer is known, and predictions of new trials against new fits."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cases.maneuvers.definitions import parse_maneuver
+from cases.shipfiles.ship_file import load_ship
+from cases.simulation.gusts import Wind
+from cases.simulation.sensors import SensorNoise, add_noise
+from cases.simulation.simulate import simulate
+from cases.trial import Trial
+from fitting.calibration import Calibration, calibrate
+from fitting.design.advice import identifiability_dict
+from fitting.design.candidates import Option, library
+from fitting.design.next_trial import NextTrial, fisher, identify, next_trial
+from fitting.identifiability.analysis import DETERMINED, Identifiability, analyse
+from fitting.identifiability.plausibility import implausible
+from fitting.identifiability.verdicts import verdict
+from fitting.nlp.problem import Prior
+from fitting.report.identifiability import section
+from fitting.report.page import build_report
+from fitting.report.plot_identifiability import (
+    correlation_plot,
+    next_trial_plot,
+    profile_plot,
+    profile_plot_of,
+    share_plot,
+    write_identifiability_figures,
+)
+from fitting.report.run_folder import RESULT, read_result, write_json
+from fitting.settings import Settings
+from tests.fitting.report.test_report import EVIL, run_folder
+
+SIGMA = (0.05, 0.05, 0.01, 0.01, 0.01, 0.003)
+FREE = ("X_0F", "Y_v", "N_r", "k_0", "t_P", "a_H", "ell_R", "gamma_P", "gamma_N", "X_0A", "Y_A1")
+RUDDER = ("a_H", "ell_R", "gamma_P", "gamma_N")
+
+
+def prior_of(*symbols: str, mean: float = 1.0, std: float = 0.2) -> Prior:
+    P = len(symbols)
+    return Prior(symbols, np.full(P, mean), np.full(P, std), np.full(P, -9.0), np.full(P, 9.0))
+
+
+def trial(text: str, duration: float, seed: int = 0, wind: Wind | None = None) -> Trial:
+    ship = load_ship("esso_osaka_3m")
+    clean = simulate(ship, parse_maneuver(text, ship, duration=duration), 0.5, wind, seed)
+    return add_noise(clean, SensorNoise.for_length(3.0), seed)
+
+
+def fitted(trials: list[Trial], only: tuple[str, ...] = FREE) -> Calibration:
+    ship = load_ship("esso_osaka_3m")
+    return calibrate(ship.fixing([s for s in ship.symbols if s not in only]), trials, Settings(sigma=SIGMA, step=1.0))
+
+
+@cache
+def nearly_straight() -> tuple[Calibration, Identifiability, NextTrial]:
+    """A fit to accelerations and stops ahead: no rudder, no wind, never astern."""
+    calibration = fitted([trial("acceleration", 120.0), trial("acceleration", 80.0, 1)])
+    found, scored = identify(calibration)
+    assert scored is not None
+    return calibration, found, scored
+
+
+def kinds(found: Identifiability) -> dict[str, str]:
+    return {f.symbol: f.kind for f in found.findings}
+
+
+def test_rudder_coefficients_are_not_excited_by_straight_runs() -> None:
+    calibration, found, scored = nearly_straight()
+    assert all(kinds(found)[s] == "silent" for s in (*RUDDER, "Y_v", "Y_A1", "X_0A"))
+    assert kinds(found)["X_0F"] in ("determined", "partly", "shared")
+    said = identifiability_dict(found, scored)["coefficients"]
+    assert said["a_H"]["sentence"].startswith("not excited by these trials, which have no rudder movement")
+    assert "wind" in said["Y_A1"]["cause"] and "in wind" in said["Y_A1"]["advice"]
+    assert "straight astern" in said["X_0A"]["advice"] and "no astern revolutions, sternway" in said["X_0A"]["cause"]
+    assert "not excited" in calibration.ship.coefficients["a_H"].verdict
+
+
+def test_thrust_and_thrust_deduction_are_known_as_a_product() -> None:
+    _, found, scored = nearly_straight()
+    pair = {f.symbol: f for f in found.findings if f.symbol in ("k_0", "t_P")}
+    assert pair["t_P"].kind == "shared" and pair["t_P"].partners[0] == "k_0"
+    assert "shared with k_0: the data determine only the product (1 - t_P) k_0" in verdict(pair["t_P"])
+    cluster = next(c for c in found.clusters if "k_0" in c.symbols)
+    assert "t_P" in cluster.symbols and cluster.strongest > 0.9
+    assert len(scored.clusters(found)) == len(found.clusters)
+
+
+@pytest.mark.parametrize(
+    ("gradient", "words"),
+    [([1.0, 1.0], "the product a b"), ([1.0, -1.0], "the ratio a / b"), ([1.0, 2.0], "a + 2 b")],
+)
+def test_two_coefficients_that_enter_as_one_combination_are_shared(gradient: list[float], words: str) -> None:
+    """Information only on a combination of a and b, both 1 with equal priors; c is seen by itself, d not at all."""
+    seen = np.array([*gradient, 0.0, 0.0])
+    data = 1e4 * np.outer(seen, seen) + np.diag([0, 0, 1e3, 0])
+    found = analyse(prior_of("a", "b", "c", "d"), np.zeros(4), np.linalg.inv(data + np.eye(4)), data)
+    assert kinds(found) == {"a": "shared", "b": "shared", "c": "determined", "d": "silent"}
+    first = found.findings[0]
+    assert first.partners == ("b",) and first.combination == words and first.together < 0.01 < DETERMINED
+    assert found.clusters[0].symbols == ("a", "b") if gradient != [1.0, 2.0] else found.clusters
+    assert found.directions[0].symbols in (("a", "b"), ("b", "a")) and found.directions[0].information < 1e-6
+    assert found.condition_number == np.inf and found.condition_with_prior > 1e4
+
+
+def test_an_estimate_worse_than_its_prior_is_said_to_be() -> None:
+    data = np.diag([1e3, 5.0])
+    inverse = np.linalg.inv(data + np.eye(2))
+    found = analyse(prior_of("a", "b"), np.zeros(2), inverse @ (20 * data + np.eye(2)) @ inverse, data)
+    assert kinds(found) == {"a": "determined", "b": "prior"}
+    assert "no better known than by its prior" in verdict(found.findings[1])
+    assert "2.8 times the prior's" in verdict(found.findings[1])
+
+
+def test_a_product_of_three_names_both_partners() -> None:
+    data = 1e4 * np.ones((3, 3))
+    found = analyse(prior_of("a", "b", "c"), np.zeros(3), np.linalg.inv(data + np.eye(3)), data[None])
+    assert all(f.kind == "shared" and len(f.partners) == 2 for f in found.findings)
+    assert "their combination" in verdict(found.findings[0])
+
+
+def test_shares_and_what_is_left_if_all_others_were_known_are_those_of_the_matrix() -> None:
+    rng = np.random.default_rng(0)
+    root = rng.normal(size=(6, 8))
+    covariance = np.linalg.inv(root @ root.T + np.eye(6))
+    found = analyse(prior_of(*"abcdef"), np.zeros(6), covariance)
+    np.testing.assert_allclose([f.share for f in found.findings], np.diag(covariance))
+    np.testing.assert_allclose([f.alone for f in found.findings], 1 / np.diag(np.linalg.inv(covariance)), rtol=1e-9)
+    assert sorted(found.order) == list(range(6))
+
+
+def test_bounds_and_missing_uncertainty_are_said() -> None:
+    prior = prior_of("a", "b")
+    at = np.array([(9.0 - 1.0) / 0.2, 0.0])
+    assert "at its upper bound" in verdict(analyse(prior, at, np.eye(2)).findings[0])
+    found = analyse(prior, at, np.full((2, 2), np.nan))
+    assert kinds(found) == {"a": "bound", "b": "unknown"}
+    assert "could not be computed" in verdict(found.findings[1])
+    assert identifiability_dict(found)["counts"] == {"bound": 1, "unknown": 1}
+    assert write_identifiability_figures(Path("/nowhere"), analyse(prior, 0 * at, np.full((2, 2), np.nan))) == []
+
+
+def test_the_recommended_trial_does_what_was_predicted() -> None:
+    """Fit, add the recommended run with noise, fit again: the standard errors fall as predicted.
+
+    To 10 % where the noise model is believed, within a factor of two for robust standard errors from few windows.
+    """
+    calibration, found, scored = nearly_straight()
+    i = [f.symbol for f in found.findings].index("a_H")
+    best = scored.best(i)
+    assert best is not None and best[1] < 0.7
+    option = best[0]
+    believed = next_trial(replace(calibration, covariance=calibration.covariance_model), [option])
+    assert believed.worth == pytest.approx(1.0)
+    k = scored.options.index(option)
+    run = trial(option.maneuver, 300.0, 7, option.wind)
+    again = fitted([trial("acceleration", 120.0), trial("acceleration", 80.0, 1), run])
+    fell = np.sqrt(np.diag(again.covariance_model) / np.diag(calibration.covariance_model))
+    np.testing.assert_allclose(fell, np.sqrt(believed.left[0]), rtol=0.1)
+    careful = again.standard_errors / calibration.standard_errors / np.sqrt(scored.left[k])
+    assert (careful > 0.5).all() and (careful < 2.0).all()
+
+
+def test_more_time_tells_more_and_the_plan_never_loses() -> None:
+    calibration, _, scored = nearly_straight()
+    assert (scored.left <= 1 + 1e-9).all() and (scored.left_by_many <= scored.left + 1e-9).all()
+    shares = [scored.mean, *scored.planned]
+    assert all(b < a for a, b in pairwise(shares))
+    assert scored.total[scored.plan[0]] == pytest.approx(scored.planned[0])
+    assert scored.mean - scored.planned[0] >= 0.9 * (scored.mean - scored.total.min())
+    longer = next_trial(calibration, [Option("zigzag", "zigzag:20/20")], duration=600.0)
+    shorter = next_trial(calibration, [Option("zigzag", "zigzag:20/20")], duration=200.0)
+    assert (longer.left <= shorter.left + 1e-9).all()
+
+
+def test_runs_count_for_less_where_the_residuals_prove_to_be_correlated() -> None:
+    """Scores that vary four times as much as the noise model says: a run is taken to be worth a quarter."""
+    calibration, _, _ = nearly_straight()
+    assert calibration.information is not None
+    H, one = calibration.information.hessian, np.eye(len(FREE))
+    inverse, i = np.linalg.inv(H), FREE.index("a_H")
+    scored = {}
+    for dispersion in (1.0, 4.0):
+        covariance = inverse @ (dispersion * (H - one) + one) @ inverse
+        changed = replace(calibration, covariance=covariance, timings={})
+        found, trial = identify(changed)
+        assert trial is not None and trial.worth == pytest.approx(1 / dispersion, rel=1e-6)
+        assert changed.timings["identifiability"] > 0 and found.condition_number > 1
+        scored[dispersion] = trial.left[:, i].min()
+    assert scored[4.0] > 1.4 * scored[1.0]
+
+
+def test_information_of_a_run_is_that_of_the_fit_to_it() -> None:
+    """The covariance of a fit to one run is that of the information predicted for that run."""
+    run = simulate(
+        (ship := load_ship("esso_osaka_3m")), parse_maneuver("zigzag:20/20", ship, duration=200.0), 1.0
+    )  # fmt: skip
+    calibration = fitted([run])
+    F, seen = fisher(calibration, [run], run.duration)
+    np.testing.assert_allclose(
+        np.diag(np.linalg.inv(F[0] + np.eye(len(FREE)))), np.diag(calibration.covariance_model), rtol=0.05
+    )
+    assert {"rudder movement", "turning"} <= seen[0] and not {"wind", "sternway"} & seen[0]
+
+
+def test_nothing_helps_a_coefficient_that_no_trial_excites() -> None:
+    calibration, found, _ = nearly_straight()
+    only = next_trial(calibration, [Option("straight", "straight"), Option("fails", "turning:35", speed=99.0)])
+    assert [o.name for o in only.options] == ["straight"] and only.left_out[0].startswith("fails: ")
+    said = identifiability_dict(found, only)["coefficients"]
+    assert "none of the library would help" in said["gamma_N"]["advice"]
+    none = next_trial(calibration, [Option("fails", "turning:35", speed=99.0)])
+    assert none.options == () and identifiability_dict(found, none)["coefficients"]["gamma_N"]["advice"] == ""
+
+
+def test_every_ship_of_the_library_has_trials_it_can_run() -> None:
+    for name in ("esso_osaka_3m", "kvlcc2_full", "vectwin_3m"):
+        options = library(load_ship(name))
+        assert any("astern" in o.name for o in options)
+        assert any(o.wind for o in options) == ("wind" in load_ship(name).components)
+    assert library(load_ship("esso_osaka_3m"))[-1].arguments == "berthing --wind 1.5:60"
+
+
+def test_values_outside_their_physical_range_are_named() -> None:
+    prior = prior_of("a_H", "m_y", "Y_v", mean=0.3, std=0.05)
+    words = implausible(prior, {"a_H": -0.07, "m_y": 0.42, "Y_v": -0.3})
+    assert len(words) == 2 and "a_H = -0.07 is outside its physical range (0 to 1)" in words[0]
+    assert "2.4 prior standard deviations" in words[1]
+    assert implausible(prior, {"a_H": 0.3, "m_y": 0.35, "Y_v": -0.3}) == []
+
+
+def test_figures_return_the_axes_they_drew_on(tmp_path: Path) -> None:
+    _, found, scored = nearly_straight()
+    drawn = correlation_plot(found)
+    names = {t.get_text() for t in drawn.get_xticklabels()}
+    assert {"k_0", "t_P"} <= names and len(drawn.patches) == len(found.clusters)
+    assert len(share_plot(found.findings).patches) == len(FREE)
+    assert "a_H" in {t.get_text() for t in next_trial_plot(scored, found.findings).get_xticklabels()}
+    grid = np.linspace(-1, 1, 9)
+    ax = profile_plot(grid, 5 * grid**2, "a_H", 0.0, 0.3, 4 * grid**2)
+    assert profile_plot(grid, grid**2, ax=ax) is ax
+    listed = write_identifiability_figures(tmp_path, found, scored)
+    assert len(listed) == 3 and all((tmp_path / "figures" / f["file"]).stat().st_size > 5000 for f in listed)
+
+
+def test_the_report_shows_and_escapes_the_section(tmp_path: Path) -> None:
+    _, found, scored = nearly_straight()
+    content = identifiability_dict(found, scored)
+    content["coefficients"]["a_H"]["advice"] = content["next_trial"]["plan"][0]["name"] = EVIL
+    folder = run_folder(tmp_path / "run", identifiability=content)
+    listed = write_identifiability_figures(folder, found, scored)
+    write_json(folder / RESULT, {**read_result(folder), "figures": listed})
+    page = build_report([folder])
+    assert "<script" not in page and page.count("&lt;script") == 2
+    for words in ("not excited by these trials, which have no", "Next trials.", "Trials of the library", "Condition"):
+        assert words in page
+    assert page.count('src="data:image/png') == 3
+    bare: dict = {"coefficients": {"a_H": {}}, "counts": {}}
+    assert "a_H" in build_report([run_folder(tmp_path / "bare", identifiability=bare)])
+
+
+def test_the_report_section_puts_what_is_open_first_and_bears_missing_keys() -> None:
+    _, found, scored = nearly_straight()
+    shown = section({"identifiability": identifiability_dict(found, scored)})
+    assert shown is not None and shown["rows"][0]["kind"] == "silent" and shown["plan"]
+    assert {row["symbol"] for row in shown["rows"]} == set(FREE)
+    assert section({}) is None and section({"identifiability": {"coefficients": {"a": {}}}}) is not None
+
+
+def test_a_profile_row_is_drawn_about_its_minimum_in_dispersions() -> None:
+    row = {"symbol": "Y_v", "values": [1.0, 2.0, 3.0, 4.0], "increase": [8.0, 0.0, 8.0, None], "dispersion": 4.0}
+    drawn = profile_plot_of(row, 0.5)
+    x, y = drawn.get_lines()[0].get_data()
+    np.testing.assert_allclose(x, [1, 2, 3])
+    np.testing.assert_allclose(y, [2, 0, 2])
+    parabola = dict(zip(*drawn.get_lines()[1].get_data(), strict=True))
+    assert parabola[1.0] == pytest.approx(2.0)
+    assert drawn.get_xlabel() == "Y_v [-]"

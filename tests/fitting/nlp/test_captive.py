@@ -1,0 +1,162 @@
+"""Captive-test points in a calibration."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from scipy.optimize import least_squares
+
+from cases.shipfiles.ship_file import load_ship
+from cases.simulation.demo_trials import hidden_ship
+from fitting.calibration import calibrate
+from fitting.identifiability.data_checks import against_captive
+from fitting.nlp.captive import Captive, CaptiveForces, determine, read_captive
+from fitting.nlp.problem import Prior
+from fitting.settings import Settings
+from mmg.errors import UserError
+from mmg.model import assemble
+from mmg.ship import Ship
+from tests.fitting.nlp.test_shooting import matrix, somewhere
+from tests.support.synthetic_runs import problem, runs
+
+ESSO = load_ship("esso_osaka_3m")
+HULL = ("X_0F", "Y_v", "Y_r", "N_v", "N_r", "C_D", "X_vr")
+
+
+def points(ship: Ship, noise: float = 0.0, seed: int = 0, count: int = 120) -> Captive:
+    """A campaign of oblique tows, turns, revolutions and rudder angles of a ship."""
+    rng = np.random.default_rng(seed)
+    motion = np.array([rng.uniform(0.2, 0.6, count), rng.uniform(-0.15, 0.15, count), rng.uniform(-0.08, 0.08, count)])
+    actuators = {"n": rng.uniform(0, 12, count), "delta": rng.uniform(-0.6, 0.6, count)}
+    blank = Captive("tank", motion, actuators, np.zeros((3, count)), np.ones((3, count)))
+    F = CaptiveForces(assemble(ship), np.arange(2), blank, compiled=False).residuals(ship.values)
+    sigma = np.repeat(0.02 * np.sqrt((F**2).mean(axis=1))[:, None], count, axis=1)
+    return Captive("tank", motion, actuators, F + noise * sigma * rng.normal(size=F.shape), sigma)
+
+
+def prepared(ship: Ship, tank: Captive) -> tuple[CaptiveForces, np.ndarray, Prior]:
+    free = np.array([ship.symbols.index(s) for s in ship.free])
+    return CaptiveForces(assemble(ship), free, tank, compiled=False), free, Prior.of(ship)
+
+
+def test_derivatives_agree_with_finite_differences() -> None:
+    forces, free, prior = prepared(ESSO, points(hidden_ship()))
+    theta, rng = ESSO.values, np.random.default_rng(0)
+    d = np.zeros(len(theta))
+    d[free] = rng.normal(size=len(free)) * prior.std
+    e = 1e-5
+    slope = (forces.cost(theta + e * d) - forces.cost(theta - e * d)) / (2 * e)
+    assert forces.gradient(theta) @ d[free] == pytest.approx(slope, rel=1e-6)
+    bent = (forces.gradient(theta + e * d) - forces.gradient(theta - e * d)) / (2 * e)
+    H = forces.hessian(theta)
+    np.testing.assert_allclose(H @ d[free], bent, atol=1e-6 * np.abs(bent).max())
+    np.testing.assert_allclose(H, H.T)
+
+
+def test_the_problem_with_captive_points_has_exact_derivatives() -> None:
+    p = problem(5)
+    p = p._again(captive=prepared(ESSO, points(hidden_ship()))[0])
+    rng = np.random.default_rng(1)
+    x, d, lam, e = somewhere(p), rng.normal(size=p.n), rng.normal(size=p.m), 1e-6
+    slope = (p.objective(x + e * d) - p.objective(x - e * d)) / (2 * e)
+    assert p.gradient(x) @ d == pytest.approx(slope, rel=1e-5)
+
+    def gradient(x: np.ndarray) -> np.ndarray:
+        return 0.7 * p.gradient(x) + matrix(p.jacobian_sparsity, p.jacobian(x)).T @ lam
+
+    H = matrix(p.hessian_sparsity, p.hessian(x, 0.7, lam))
+    H = H + sp.triu(H, 1).T
+    bent = (gradient(x + e * d) - gradient(x - e * d)) / (2 * e)
+    np.testing.assert_allclose(H @ d, bent, atol=2e-5 * np.abs(bent).max())
+
+
+def test_captive_points_determine_the_hull_but_never_the_masses() -> None:
+    truth = hidden_ship()
+    forces, free, prior = prepared(ESSO, points(truth, noise=1.0))
+    found = determine(forces, ESSO.values, free, prior.mean, prior.std)
+    assert found.converged
+    spread = dict(zip(prior.symbols, np.sqrt(np.diag(found.covariance)), strict=True))
+    for symbol in ("m_x", "m_y", "I_J_z"):
+        assert spread[symbol] == pytest.approx(1.0, abs=1e-9), "a steady force says nothing about a mass"
+        assert found.p[prior.symbols.index(symbol)] == pytest.approx(0.0, abs=1e-9)
+    for symbol in ("Y_v", "N_v", "N_r"):
+        i = prior.symbols.index(symbol)
+        true = (truth.coefficients[symbol].value - prior.mean[i]) / prior.std[i]
+        assert spread[symbol] < 0.5
+        assert abs(found.p[i] - true) < 4 * spread[symbol] + 1e-3
+
+
+def test_hull_derivatives_are_recovered_and_agree_with_scipy() -> None:
+    truth = hidden_ship()
+    ship = truth.fixing([s for s in truth.symbols if s not in HULL]).with_values(
+        {s: ESSO.coefficients[s].value for s in HULL}
+    )
+    forces, free, prior = prepared(ship, points(truth))
+    found = determine(forces, ship.values, free, prior.mean, prior.std, ridge=1e-6)
+    true = [truth.coefficients[s].value for s in prior.symbols]
+    np.testing.assert_allclose(prior.mean + prior.std * found.p, true, atol=1e-5 * prior.std.max(), rtol=1e-4)
+
+    def residuals(p: np.ndarray) -> np.ndarray:
+        theta = ship.values
+        theta[free] = prior.mean + prior.std * p
+        return np.concatenate([(np.sqrt(forces.weight) * forces.residuals(theta)).ravel(), p])
+
+    ours = determine(forces, ship.values, free, prior.mean, prior.std)
+    theirs = least_squares(residuals, np.zeros(len(free)), xtol=1e-14, ftol=1e-14, gtol=1e-14)
+    np.testing.assert_allclose(ours.p, theirs.x, atol=1e-5)
+
+
+def test_a_joint_fit_uses_both_and_is_surer() -> None:
+    truth = hidden_ship()
+    trials = runs()[0][:2]
+    settings = Settings(passes=2)
+    free_running = calibrate(ESSO, trials, settings)
+    joint = calibrate(ESSO, trials, settings, captive=points(truth, noise=1.0))
+    assert joint.converged
+    i = joint.prior.symbols.index("N_v")
+    true = (truth.coefficients["N_v"].value - joint.prior.mean[i]) / joint.prior.std[i]
+    assert joint.covariance[i, i] < 0.5 * free_running.covariance[i, i]
+    assert abs(joint.p[i] - true) < 4 * np.sqrt(joint.covariance[i, i])
+
+
+def test_captive_points_at_odds_with_the_prior_are_said() -> None:
+    forces, free, prior = prepared(ESSO, points(ESSO))
+    assert against_captive(forces, ESSO.values, free, prior) == []
+    tank = points(ESSO)
+    tank.forces[1] *= -4
+    forces, free, prior = prepared(ESSO, tank)
+    assert any("Y_v" in w and "standard deviations from its prior" in w for w in
+               against_captive(forces, ESSO.values, free, prior))  # fmt: skip
+
+
+def write(path: Path, header: str, tank: Captive, scale: float = 1.0) -> Path:
+    rows = np.vstack([tank.motion, tank.actuators["n"], np.degrees(tank.actuators["delta"]), tank.forces * scale])
+    path.write_text(header + "\n" + "\n".join(",".join(repr(float(v)) for v in row) for row in rows.T) + "\n")
+    return path
+
+
+def test_a_table_is_read_with_its_units(tmp_path: Path) -> None:
+    tank = points(ESSO)
+    units = "u [m/s],v [m/s],r [rad/s],n [rps],delta [deg],X [kN],Y [kN],N [kN m]"
+    read = read_captive(write(tmp_path / "tank.csv", units, tank, 1e-3), (1.0, 2.0, 3.0))
+    np.testing.assert_allclose(read.forces, tank.forces, rtol=1e-12)
+    np.testing.assert_allclose(read.actuators["delta"], tank.actuators["delta"])
+    np.testing.assert_array_equal(read.sigma[:, 0], [1.0, 2.0, 3.0])
+    rms = np.sqrt((tank.forces**2).mean(axis=1))
+    np.testing.assert_allclose(read_captive(tmp_path / "tank.csv").sigma[:, 0], 0.03 * rms)
+
+
+@pytest.mark.parametrize(
+    ("header", "words"),
+    [
+        ("u [m/s],v [m/s],r [rad/s],n [rps],delta [deg],X [N],Y [N],M [N m]", "missing column N"),
+        ("u [m/s],v [m/s],r [rad/s],n [rps],delta [deg],X [lbf],Y [N],N [N m]", "needs a unit out of N, kN"),
+        ("u [ft/s],v [m/s],r [rad/s],n [rps],delta [deg],X [N],Y [N],N [N m]", "unknown unit 'ft/s'"),
+    ],
+)
+def test_bad_tables_are_refused(tmp_path: Path, header: str, words: str) -> None:
+    with pytest.raises(UserError, match=words):
+        read_captive(write(tmp_path / "tank.csv", header, points(ESSO, count=4)))

@@ -1,0 +1,95 @@
+"""Information and score of each window, states eliminated: against single shooting and finite differences."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from cases.shipfiles.effects import freeing_effects
+from cases.shipfiles.ship_file import load_ship
+from fitting.nlp.fisher_information import information
+from fitting.nlp.problem import Prior, Problem
+from fitting.nlp.shooting import kernels
+from fitting.nlp.windows import cut
+from fitting.solvers import gauss_newton
+from fitting.solvers.ipopt import Solution, solve
+from mmg.model import assemble
+from tests.fitting.nlp.test_effects_in_the_fit import crowded
+from tests.support.synthetic_runs import SIGMA, problem, runs
+
+
+@lru_cache(maxsize=4)
+def solved(kind: str) -> tuple[Problem, Solution]:
+    """A solution of a plain ship, of one with memory and measurement effects, and of one with the latent process."""
+    p = {"plain": problem, "crowded": lambda: crowded(5), "latent": latent}[kind]()
+    s = solve(p, p.start(), tolerance=1e-9)
+    assert s.violation < 1e-8
+    return p, s
+
+
+def latent() -> Problem:
+    ship = load_ship("esso_osaka_3m")
+    ship = ship.fixing([s for s in ship.symbols if s not in ("Y_v", "N_r", "C_D", "k_0", "X_0F", "ell_R")])
+    ship = freeing_effects(ship, ["disturbance:X=0.3,Y=0.3,N=0.3,tau=8", "velocity_lag"])
+    segments = cut(runs()[0][:2], 1.0, 40.0, 5, inputs=ship.inputs)
+    free = np.array([ship.symbols.index(s) for s in ship.free])
+    return Problem(ship, Prior.of(ship), kernels(assemble(ship), free, False), segments, SIGMA)
+
+
+def test_it_agrees_with_single_shooting_on_a_plain_ship() -> None:
+    p, s = solved("plain")
+    whole = problem(K=200)
+    nodes, at = p.split(s.x)
+    first = np.unique(p.segments.node_window, return_index=True)[1]
+    reference = gauss_newton.information(whole, nodes[first], at)
+    found = information(p, s.x)
+    reference = reference[np.argsort(whole.segments.window)]  # it is in the order of the intervals, longest first
+    scale = np.sqrt(np.einsum("wii->wi", reference).max(axis=0)) + 1e-9
+    np.testing.assert_allclose(found.fisher / np.outer(scale, scale), reference / np.outer(scale, scale), atol=2e-4)
+
+
+@pytest.mark.parametrize("kind", ["plain", "crowded", "latent"])
+def test_scores_and_prior_cancel_at_the_optimum(kind: str) -> None:
+    p, s = solved(kind)
+    found = information(p, s.x)
+    lower, upper = p.p_bounds()
+    inside = (found.p > lower + 1e-3) & (found.p < upper - 1e-3)
+    total = found.score.sum(axis=0) + found.p
+    size = np.abs(found.score).sum(axis=0) + np.abs(found.p) + 1
+    assert inside.any() and (np.abs(total / size)[inside] < 1e-4).all()
+    assert (np.linalg.eigvalsh(found.fisher) > -1e-6 * np.abs(found.fisher).max()).all()
+
+
+def profiled(p: Problem, at: np.ndarray, windows: np.ndarray) -> float:
+    """Cost of some windows without the prior, minimised over their states at fixed coefficients."""
+    theta = p.prior.mean + p.prior.std * at
+    part = Problem(p.ship, p.prior, p.kernels, p.segments.subset(windows), p.sigma).with_bounds(theta, theta)
+    s = solve(part, part.start(at), tolerance=1e-10)
+    assert s.converged
+    return s.objective - 0.5 * float(at @ at)
+
+
+@pytest.mark.parametrize("kind", ["plain", "crowded", "latent"])
+def test_the_score_is_the_slope_of_the_profiled_cost_of_a_window(kind: str) -> None:
+    p, s = solved(kind)
+    found, rng = information(p, s.x), np.random.default_rng(0)
+    lower, upper = p.p_bounds()
+    inside = (found.p > lower + 1e-2) & (found.p < upper - 1e-2)
+    d = rng.normal(size=p.P) * inside
+    d /= np.linalg.norm(d) * 1e3
+    for w in (0, len(found.run) - 1):
+        up, middle, down = (profiled(p, found.p + step * d, np.array([w])) for step in (1, 0, -1))
+        size = np.sqrt(d @ found.fisher[w] @ d)
+        assert (up - down) / 2 == pytest.approx(found.score[w] @ d, abs=2e-4 * size + 1e-7, rel=2e-3)
+        # curvature: Gauss-Newton against the exact one, which sees residuals of the order of the noise
+        assert up + down - 2 * middle == pytest.approx(d @ found.fisher[w] @ d, rel=0.35)
+
+
+def test_runs_are_sums_of_windows() -> None:
+    found = information(*(lambda p, s: (p, s.x))(*solved("plain")))
+    runs_ = found.by_run()
+    np.testing.assert_allclose(runs_.score.sum(axis=0), found.score.sum(axis=0))
+    np.testing.assert_allclose(runs_.hessian, found.hessian)
+    assert len(runs_.run) == len(np.unique(found.run))

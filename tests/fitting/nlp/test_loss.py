@@ -1,0 +1,103 @@
+"""Robust losses: exact derivatives, and spikes that ruin a gaussian fit only."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+from cases.shipfiles.ship_file import load_ship
+from cases.simulation.demo_trials import hidden_ship
+from cases.trial import Trial
+from fitting.calibration import calibrate
+from fitting.nlp.loss import LOSSES, Loss, trimmed
+from fitting.nlp.problem import Problem
+from fitting.prediction.score import score
+from fitting.settings import Settings
+from mmg.rollout import Simulator
+from tests.fitting.nlp.test_effects_in_the_fit import away_from_kinks, crowded
+from tests.fitting.nlp.test_shooting import matrix, somewhere
+from tests.support.synthetic_runs import SIGMA, problem, runs
+
+TAU = np.array([1.0, 2.0, 1.0, 3.0, 1.5, 1.0])
+FREE = ("X_0F", "Y_v", "N_v", "N_r", "Y_r", "C_D", "k_0", "w_P0", "t_R", "gamma_P", "C_rN")
+
+
+@pytest.mark.parametrize("name", LOSSES)
+def test_slope_and_bend_are_the_derivatives_of_the_cost(name: str) -> None:
+    loss, rng = Loss(name, TAU), np.random.default_rng(0)
+    w, e, h = rng.uniform(0.5, 2, (40, 6)), 4 * rng.normal(size=(40, 6)), 1e-4
+    first = (loss.cost(w, e + h) - loss.cost(w, e - h)) / (4 * h)
+    second = (loss.cost(w, e + h) - 2 * loss.cost(w, e) + loss.cost(w, e - h)) / (2 * h * h)
+    np.testing.assert_allclose(loss.slope(w, e) * e, first, atol=1e-6)
+    np.testing.assert_allclose(loss.bend(w, e), second, atol=1e-4)
+    cube = np.moveaxis(e[None], 1, 2)
+    np.testing.assert_allclose(loss.cost(np.moveaxis(w[None], 1, 2), cube)[0].T, loss.cost(w, e))
+
+
+@pytest.mark.parametrize("name", ["huber", "student"])
+@pytest.mark.parametrize("which", ["plain", "crowded"])
+def test_robust_derivatives_of_the_problem_agree_with_finite_differences(name: str, which: str) -> None:
+    plain = problem(5) if which == "plain" else crowded(5)
+    p = plain._again(loss=Loss(name, TAU))
+    x = somewhere(p) if which == "plain" else away_from_kinks(p)
+    rng = np.random.default_rng(1)
+    d, lam, e = rng.normal(size=p.n), rng.normal(size=p.m), 1e-6
+    slope = (p.objective(x + e * d) - p.objective(x - e * d)) / (2 * e)
+    assert p.gradient(x) @ d == pytest.approx(slope, rel=1e-5)
+
+    def gradient(x: np.ndarray) -> np.ndarray:
+        return 0.7 * p.gradient(x) + matrix(p.jacobian_sparsity, p.jacobian(x)).T @ lam
+
+    H = matrix(p.hessian_sparsity, p.hessian(x, 0.7, lam))
+    H = H + sp.triu(H, 1).T
+    bent = (gradient(x + e * d) - gradient(x - e * d)) / (2 * e)
+    np.testing.assert_allclose(H @ d, bent, atol=2e-5 * np.abs(bent).max())
+
+
+def test_small_residuals_cost_the_same_whatever_the_loss() -> None:
+    p = problem(5)
+    x = p.start()
+    wide = [Problem(p.ship, p.prior, p.kernels, p.segments, 1e4 * SIGMA, Loss(n)) for n in ("gaussian", "huber")]
+    assert wide[1].objective(x) == pytest.approx(wide[0].objective(x), rel=1e-4)
+
+
+def test_trimming_recovers_the_spread_under_outliers() -> None:
+    rng = np.random.default_rng(0)
+    e = rng.normal(size=5000)
+    e[::50] += 100.0
+    assert np.nanstd(trimmed([e])[0]) == pytest.approx(1.0, rel=0.06)
+
+
+def spiked(trial: Trial, seed: int) -> Trial:
+    """2 % of the samples of every state column replaced by gross errors."""
+    rng = np.random.default_rng(seed)
+    sizes = {"x": 20.0, "y": 20.0, "psi": 1.0, "u": 1.0, "v": 0.6, "r": 0.3}
+    columns = dict(trial.columns)
+    for name, size in sizes.items():
+        hit = rng.random(len(trial)) < 0.02
+        columns[name] = np.where(hit, columns[name] + size * np.sign(rng.normal(size=len(trial))), columns[name])
+    return Trial(trial.name, columns)
+
+
+@pytest.mark.parametrize("name", ["huber", "student"])
+def test_spikes_ruin_the_gaussian_fit_but_not_the_robust_one(name: str) -> None:
+    ship = load_ship("esso_osaka_3m")
+    truth = hidden_ship()
+    start = truth.fixing([s for s in truth.symbols if s not in FREE])
+    start = start.with_values({s: ship.coefficients[s].value for s in FREE})
+    clean = runs()[0][:5]
+    dirty = [spiked(t, i) for i, t in enumerate(clean)]
+    found = {n: calibrate(start, dirty, Settings(loss=n)) for n in ("gaussian", name)}
+    clean_fit = calibrate(start, clean)
+    assert all(c.converged for c in found.values())
+
+    def off(c) -> float:  # type: ignore[no-untyped-def]
+        z = [(c.ship.coefficients[s].value - truth.coefficients[s].value) / ship.coefficients[s].std for s in FREE]
+        return float(np.sqrt(np.mean(np.square(z))))
+
+    judged = {n: score(Simulator(c.ship), runs()[1]).window for n, c in found.items()}
+    best = score(Simulator(clean_fit.ship), runs()[1]).window
+    assert off(found[name]) < 2.0 * off(clean_fit) < 0.1 < 0.5 < off(found["gaussian"])
+    assert judged[name] < 1.01 * best < 1.1 * best < judged["gaussian"]
+    np.testing.assert_allclose(found[name].noise.rms, [0.01, 0.01, 0.0015, 0.004, 0.004, 0.0006], rtol=0.25)

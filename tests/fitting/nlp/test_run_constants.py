@@ -1,0 +1,317 @@
+"""Constants of single runs in a fit: exact derivatives, recovery, equivalence with shared ones, files and bad input."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+from cases.maneuvers.definitions import parse_maneuver
+from cases.shipfiles.effects import freeing_effects, varies, varying_effects, with_effects
+from cases.shipfiles.ship_file import load_ship
+from cases.simulation.sensors import SensorNoise, add_noise
+from cases.simulation.simulate import simulate, write_trial
+from cases.trial import Trial
+from fitting.calibration import Calibration, calibrate
+from fitting.nlp.captive import CaptiveForces
+from fitting.nlp.fisher_information import information
+from fitting.nlp.problem import Prior, Problem
+from fitting.nlp.run_constants import RunConstants, with_constants
+from fitting.nlp.shooting import kernels
+from fitting.nlp.windows import Segments, cut
+from fitting.settings import Settings
+from fitting.solvers.ipopt import solve
+from fitting.uncertainty.bootstrap import leave_one_run_out
+from mmg.effects import EFFECTS
+from mmg.errors import UserError
+from mmg.model import assemble
+from mmg.ship import Ship
+from mmg_ident.commands.main import main
+from tests.fitting.nlp.test_captive import points
+from tests.fitting.nlp.test_shooting import matrix
+from tests.support.synthetic_runs import SIGMA
+
+ESSO = load_ship("esso_osaka_3m")
+FREE = ("Y_v", "N_v", "Y_r", "N_r", "k_0")
+CURRENTS = {"zigzag:20/20": (0.03, -0.02), "turning:35": (-0.025, 0.03), "random:3": (0.0, -0.035)}
+
+
+def hidden() -> Ship:
+    """A ship that differs from ESSO OSAKA in what the fits free, by 8 %."""
+    return ESSO.with_values({s: 1.08 * ESSO.coefficients[s].value for s in FREE})
+
+
+@lru_cache(maxsize=2)
+def trials(duration: float = 120.0) -> tuple[Trial, ...]:
+    """Runs of the hidden ship, each in a current of its own."""
+    made = []
+    for seed, (text, (x, y)) in enumerate(CURRENTS.items()):
+        ship = with_effects(hidden(), [f"current:x={x},y={y}"])
+        run = simulate(ship, parse_maneuver(text, ESSO, n=10.0, duration=duration), 0.1)
+        made.append(replace(add_noise(run, SensorNoise(), seed), name=text.split(":")[0]))
+    return tuple(made)
+
+
+def start() -> Ship:
+    return ESSO.fixing([s for s in ESSO.symbols if s not in FREE])
+
+
+@lru_cache(maxsize=2)
+def fitted(per_run: bool) -> Calibration:
+    ship, constants = varying_effects(start(), ["current"] if per_run else [])
+    return calibrate(ship, trials(), Settings(compiled=False), per_run=constants)
+
+
+@lru_cache(maxsize=4)
+def small(K: int, captive: bool = False) -> Problem:
+    """Two short runs with a shared lag, each with a current (prior off zero) and a compass error of its own."""
+    ship, constants = varying_effects(freeing_effects(start(), ["velocity_lag"]), ["current:x=0.01", "heading_bias"])
+    segments = cut([trials()[0], trials()[1]], 1.0, 30.0, K, inputs=ship.inputs)
+    few = segments.subset(np.flatnonzero(np.isin(np.arange(len(segments.run)), (0, 1, 5)))).by_run()
+    prior = with_constants(Prior.of(ship), ship, constants, few.trials)
+    positions = prior.positions(ship)
+    kernel = kernels(assemble(ship), positions, False)
+    forces = CaptiveForces(kernel.model, positions[: prior.shared], points(hidden()), False) if captive else None
+    return Problem(ship, prior, kernel, few, SIGMA, captive=forces)
+
+
+def somewhere(p: Problem) -> np.ndarray:
+    return p.start() + 0.05 * np.random.default_rng(0).normal(size=p.n)
+
+
+@pytest.mark.parametrize(("K", "captive"), [(1, False), (7, True)])
+def test_derivatives_agree_with_finite_differences(K: int, captive: bool) -> None:
+    p = small(K, captive)
+    assert (p.P - p.prior.shared, p.L - p.prior.shared) == (2 * 3, 3)
+    rng, e = np.random.default_rng(1), 1e-6
+    x, lam = somewhere(p), rng.normal(size=p.m)
+    for d in (rng.normal(size=p.n), *np.eye(p.n)[-7:]):  # all at once, then a shared one and each constant
+        slope = (p.objective(x + e * d) - p.objective(x - e * d)) / (2 * e)
+        assert p.gradient(x) @ d == pytest.approx(slope, rel=1e-5, abs=1e-5)
+        J = matrix(p.jacobian_sparsity, p.jacobian(x))
+        difference = (p.defects(x + e * d) - p.defects(x - e * d)) / (2 * e)
+        np.testing.assert_allclose(J @ d, difference, atol=1e-6 * max(np.abs(difference).max(), 1e-3))
+
+        def pulled(x: np.ndarray) -> np.ndarray:
+            return 0.7 * p.gradient(x) + matrix(p.jacobian_sparsity, p.jacobian(x)).T @ lam
+
+        H = matrix(p.hessian_sparsity, p.hessian(x, 0.7, lam))
+        difference = (pulled(x + e * d) - pulled(x - e * d)) / (2 * e)
+        np.testing.assert_allclose((H + sp.triu(H, 1).T) @ d, difference, atol=2e-5 * np.abs(difference).max())
+
+
+def test_a_constant_of_one_run_moves_that_run_only() -> None:
+    p = small(7)
+    x = somewhere(p)
+    moved = x.copy()
+    moved[-1] += 1.0  # the compass of the last run
+    changed = np.abs(p.errors(moved)[0] - p.errors(x)[0]).max(axis=1) > 0
+    run = p.segments.run[p.segments.node_window]
+    assert (changed == (run == 1)).all()
+
+
+def test_captive_tests_know_no_constants_of_runs() -> None:
+    p = small(7, True)
+    still = ESSO.with_values({s: hidden().coefficients[s].value for s in FREE})
+    scaled = (np.array([still.coefficients[s].value if s in FREE else 0.0 for s in p.prior.local[: p.prior.shared]])
+              - p.prior.mean[: p.prior.shared]) / p.prior.std[: p.prior.shared]  # fmt: skip
+    assert p.captive is not None
+    assert p.captive.cost(p.in_tank(np.r_[scaled, np.full(6, 2.0)])) == pytest.approx(0, abs=1e-12)
+
+
+def test_information_and_its_shared_part_are_those_of_the_whole_program() -> None:
+    """Inverse by inverse; the scores are the gradient of the profiled cost: zero with the prior's at the optimum."""
+    p = small(7)
+    s = solve(p, p.start())
+    assert s.converged
+    found = information(p, s.x)
+    np.testing.assert_allclose(found.score.sum(axis=0) + found.pull, 0, atol=1e-3)
+    for w, run in enumerate(found.run):
+        others = (found.owner >= 0) & (found.owner != run)
+        assert not found.fisher[w][others].any() and found.fisher[w][found.owner == run].any()
+    shared, n = found.shared(), p.prior.shared
+    np.testing.assert_allclose(np.linalg.inv(shared.hessian), np.linalg.inv(found.hessian)[:n, :n], rtol=1e-8)
+    moves = leave_one_run_out(found, found.run.astype(str))
+    np.testing.assert_allclose(leave_one_run_out(shared, found.run.astype(str)).p, moves.p[:, :n], rtol=1e-2, atol=1e-4)
+
+
+def test_sorting_intervals_by_run_changes_nothing() -> None:
+    """And a problem without constants is one group, whose blocks may straddle runs."""
+    ship = freeing_effects(start(), ["velocity_lag"])
+    prior, segments = Prior.of(ship), cut(list(trials()), 1.0, 30.0, 7, inputs=ship.inputs)
+    kernel = kernels(assemble(ship), prior.positions(ship), False)
+    one, other = (Problem(ship, prior, kernel, s, SIGMA) for s in (segments, segments.by_run()))
+    assert len(one.shooting.slices) == 1 and one.columns.groups == 1 and one.P == one.L
+    x = somewhere(one)
+    assert other.objective(x) == pytest.approx(one.objective(x), rel=1e-12)
+    np.testing.assert_allclose(other.gradient(x), one.gradient(x), rtol=1e-9, atol=1e-9)
+    H = [matrix(p.hessian_sparsity, p.hessian(x, 1.0, np.zeros(p.m))) for p in (one, other)]
+    np.testing.assert_allclose(H[1].toarray(), H[0].toarray(), rtol=1e-9, atol=1e-6)
+    assert (np.diff(other.segments.run[other.segments.window]) >= 0).all()
+
+
+def test_blocks_of_unsorted_intervals_are_right_too() -> None:
+    """Each block is of one run, however the intervals are sorted."""
+    ship, constants = varying_effects(start(), ["current"])
+    segments = cut(list(trials()), 1.0, 30.0, 7, inputs=ship.inputs)
+    prior = with_constants(Prior.of(ship), ship, constants, segments.trials)
+    kernel = kernels(assemble(ship), prior.positions(ship), False)
+    one, other = (Problem(ship, prior, kernel, s, SIGMA) for s in (segments, segments.by_run()))
+    x = somewhere(one)
+    assert len(other.shooting.slices) == 3 < len(one.shooting.slices)
+    assert other.objective(x) == pytest.approx(one.objective(x), rel=1e-12)
+    np.testing.assert_allclose(other.gradient(x), one.gradient(x), rtol=1e-9, atol=1e-9)
+
+
+def test_constants_of_a_single_run_are_those_of_an_effect_freed_for_all() -> None:
+    ship, constants = varying_effects(start(), ["current"])
+    settings = Settings(compiled=False, sigma=tuple(SIGMA))
+    own = calibrate(ship, trials()[:1], settings, per_run=constants)
+    free = ship.with_coefficients({s: ship.coefficients[s].with_(fixed=False) for s in constants})
+    shared = calibrate(free, trials()[:1], settings)
+    assert own.solution.objective == pytest.approx(shared.solution.objective, rel=1e-8)
+    assert own.constants is not None
+    both = [shared.ship.coefficients[s] for s in constants]
+    np.testing.assert_allclose(own.constants.value[0], [c.value for c in both], atol=1e-6)
+    np.testing.assert_allclose(own.constants.std[0], [c.std for c in both], rtol=1e-3)
+    for s in FREE:
+        assert own.ship.coefficients[s].value == pytest.approx(shared.ship.coefficients[s].value, rel=1e-4)
+
+
+def test_each_run_gets_its_current_and_the_shared_coefficients_do_not_bend() -> None:
+    own, without, truth = fitted(True), fitted(False), hidden()
+    assert own.converged and own.constants is not None
+    rows = own.constants.rows()
+    for name, true in zip(("zigzag", "turning", "random"), CURRENTS.values(), strict=True):
+        for symbol, value in zip(("current.x", "current.y"), true, strict=True):
+            row = rows[name][symbol]
+            assert abs(row["value"] - value) < max(3 * row["std"], 2e-4), (name, symbol, row)
+            assert row["std"] < 0.004 and row["unit"] == "m/s" and row["prior_std"] == 0.02
+
+    def off(c: Calibration) -> np.ndarray:
+        shift = [c.ship.coefficients[s].value - truth.coefficients[s].value for s in FREE]
+        return np.abs(shift) / [abs(truth.coefficients[s].value) for s in FREE]
+
+    assert off(own).max() < 0.05 and off(own).mean() < 0.3 * off(without).mean()
+    assert own.ship.effects == () and set(own.ship.coefficients) == set(ESSO.coefficients)
+    n = len(FREE)
+    assert own.prior.symbols == own.ship.free and own.covariance.shape == own.covariance_model.shape == (n, n)
+    assert len(own.iterate) == n + 6 and len(own.p) == n
+
+
+def test_leaving_a_run_out_says_nothing_about_its_own_constants() -> None:
+    spread, owner = fitted(True).spread, fitted(True).information.owner  # type: ignore[union-attr]
+    assert spread is not None and owner is not None
+    assert (spread.moves[np.arange(3)[:, None] == owner] == 0).all() and spread.moves[:, owner < 0].any()
+
+
+def test_runs_without_data_keep_the_prior() -> None:
+    ship, constants = varying_effects(start(), ["rudder_offset:delta=0.01"])
+    whole = trials()[2]
+    short = replace(whole, name="short", columns={k: v[:50] for k, v in whole.columns.items()})
+    found = calibrate(ship, [*trials()[:2], short], Settings(compiled=False, passes=1), per_run=constants)
+    row = found.constants.rows()["short"]["rudder_offset.delta"]  # type: ignore[union-attr]
+    assert row["value"] == pytest.approx(0.01, abs=1e-6) and row["std"] == pytest.approx(0.05, rel=1e-3)
+
+
+def test_equal_names_of_runs_are_told_apart() -> None:
+    one = np.ones((2, 1))
+    found = RunConstants(("current.x",), ("a", "a (2)"), ("m/s",), one, one, one[0], one[0], one[:, 0])
+    assert set(found.rows()) == {"a", "a (2)"}
+    ship, constants = varying_effects(start(), ["current:x"])
+    prior = with_constants(Prior.of(ship), ship, constants, ("a", "a"))
+    made = RunConstants.of(ship, prior, np.zeros(len(prior.mean)), np.eye(len(prior.mean)), ("a", "a"))
+    assert made is not None and made.runs == ("a", "a (2)") and made.symbols == ("current.x",)
+
+
+def test_which_parameters_become_constants() -> None:
+    def of(text: str) -> tuple[Ship, tuple[str, ...]]:
+        return varying_effects(start(), [text])
+
+    assert of("current")[1] == ("current.x", "current.y")
+    assert of("current:x_rate")[1] == ("current.x_rate",)
+    ship, constants = of("current:x=0.05,y_rate=0.001")
+    assert constants == ("current.x", "current.y") and ship.free == start().free
+    at = {s: ship.coefficients[s] for s in ("current.x", "current.y_rate")}
+    assert at["current.x"].value == 0.05 and at["current.x"].std == 0.02 and at["current.y_rate"].value == 0.001
+    assert {"current", "rudder_offset", "wind_sensor_bias", "heading_bias", "draft"} <= {
+        e for e in EFFECTS if varies(e)
+    }
+    assert not any(varies(e) for e in ("disturbance", "rudder_lag", "velocity_lag", "rudder_stall"))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("per_run")
+    for trial in trials():
+        write_trial(trial, folder / f"{trial.name}.csv")
+    return folder
+
+
+def command(folder: Path, out: str, *more: str) -> list[str]:
+    return ["fit", "esso_osaka_3m", *(str(f) for f in sorted(folder.glob("*.csv"))), "--only", ",".join(FREE),
+            "--measurement", "none", "--no-next-trial", "--out", str(folder / out), *more]  # fmt: skip
+
+
+def test_a_fit_from_files_stops_and_resumes(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    first = command(folder, "run", "--per-run", "current", "--max-iterations", "4")
+    assert main(first) == 1
+    assert main(command(folder, "run", "--resume")) == 2
+    assert "--resume needs the same --per-run" in capsys.readouterr().err
+    more = ["--starts", "3", "--workers", "2", "--bootstrap", "4", "--profile", "N_r"]
+    assert main(command(folder, "run", "--per-run", "current", "--resume", *more)) == 0
+    said = capsys.readouterr().err
+    assert "current.x [m/s]" in said and "5 free coefficients and 6 constants of runs" in said
+    result = json.loads((folder / "run" / "result.json").read_text())
+    assert set(result["per_run"]) == {"zigzag", "turning", "random"}
+    row = result["per_run"]["zigzag"]["current.x"]
+    assert abs(row["value"] - 0.03) < 3 * row["std"] + 2e-4 and row["unit"] == "m/s"
+    assert set(result["coefficients"]) == set(FREE) == set(result["bootstrap"]["coefficients"])
+    assert len(result["starts"]) == 3 and result["bootstrap"]["failed"] == [] == result["profiles"][0]["failures"]
+    assert set(result["identifiability"]["coefficients"]) == set(FREE)
+    for name in ("ship.toml", "start.toml"):
+        assert "current" not in (folder / "run" / name).read_text()
+    page = (folder / "run" / "report.html").read_text()
+    assert "Constants of each run" in page and "current.x [m/s]" in page and "<td>zigzag</td>" in page
+    files = [str(f) for f in folder.glob("*.csv")]
+    assert main(["score", str(folder / "run"), *files]) == 0
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        (["--per-run", "tide"], "tide"),
+        (["--per-run", "current:z"], "has no parameter 'z'"),
+        (["--per-run", "current:x=9"], "must be a number from"),
+        (["--per-run", "current", "--per-run", "current:x"], "current is in the model already"),
+        (["--per-run", "current", "--with", "current"], "current is in the model already"),
+        (["--per-run", "disturbance"], "a process along each run already"),
+        (["--per-run", "rudder_lag"], "belongs to the ship"),
+        (["--per-run", "current", "--auto"], "--auto"),
+    ],
+)
+def test_bad_input_is_refused_in_one_line(
+    folder: Path, more: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(command(folder, "bad", *more)) == 2
+    error = capsys.readouterr().err.strip()
+    assert said in error and "\n" not in error and not (folder / "bad").exists()
+
+
+def test_an_effect_that_the_ship_cannot_have_is_refused() -> None:
+    with pytest.raises(UserError, match="needs a wind model"):
+        varying_effects(load_ship("kvlcc2_l7"), ["wind_sensor_bias"])
+
+
+def test_segments_by_run_keep_the_longest_first_in_each() -> None:
+    segments: Segments = cut(list(trials()), 1.0, 30.0, 7)
+    by_run = segments.by_run()
+    run = by_run.run[by_run.window]
+    for r in range(3):
+        assert (np.diff(by_run.steps[run == r]) <= 0).all()
+    assert sorted(by_run.start) == sorted(segments.start)

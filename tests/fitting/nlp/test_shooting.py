@@ -1,0 +1,159 @@
+"""Multiple shooting: values, exact derivatives, and agreement with independent solutions."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from scipy.optimize import least_squares
+
+from cases.shipfiles.ship_file import load_ship
+from fitting.nlp.problem import Prior, Problem
+from fitting.nlp.windows import cut
+from fitting.solvers import gauss_newton
+from fitting.solvers.ipopt import solve
+from mmg.rollout import Simulator
+from tests.support.synthetic_runs import SIGMA, kernel, problem, runs
+
+
+def matrix(sparsity: ca.Sparsity, values: np.ndarray) -> sp.csc_matrix:
+    return sp.csc_matrix((values, np.array(sparsity.row()), np.array(sparsity.colind())), shape=sparsity.shape)
+
+
+def somewhere(p: Problem, seed: int = 0) -> np.ndarray:
+    return p.start() + 0.02 * np.random.default_rng(seed).normal(size=p.n)
+
+
+def test_interval_ends_agree_with_the_simulator() -> None:
+    p = problem(K=7)
+    seg = p.segments
+    start = seg.nodes[seg.start].T
+    end, interior = p.shooting.values(start, p.ship.values)
+    full = np.flatnonzero(seg.steps == 7)
+    out = Simulator(p.ship).run(start[:, full], seg.controls[:, :, full], seg.h)
+    np.testing.assert_allclose(end[:, full], out[-1], rtol=1e-10, atol=1e-12)
+    np.testing.assert_allclose(interior[:, :, full], out[1:-1], rtol=1e-10, atol=1e-12)
+
+
+def test_short_last_intervals_end_after_their_own_steps() -> None:
+    p = problem(K=7)
+    seg = p.segments
+    short = np.flatnonzero(seg.steps < 7)
+    assert len(short)
+    end, _ = p.shooting.values(seg.nodes[seg.start].T, p.ship.values)
+    for i in short:
+        n = seg.steps[i]
+        out = Simulator(p.ship).run(seg.nodes[seg.start[[i]]].T, seg.controls[:n, :, [i]], seg.h)
+        np.testing.assert_allclose(end[:, i], out[-1, :, 0], rtol=1e-10, atol=1e-12)
+
+
+@pytest.mark.parametrize("K", [1, 5, 7])
+def test_first_derivatives_agree_with_finite_differences(K: int) -> None:
+    p = problem(K)
+    x, d, e = somewhere(p), np.random.default_rng(1).normal(size=p.n), 1e-6
+    slope = (p.objective(x + e * d) - p.objective(x - e * d)) / (2 * e)
+    assert p.gradient(x) @ d == pytest.approx(slope, rel=1e-6)
+    J = matrix(p.jacobian_sparsity, p.jacobian(x))
+    difference = (p.defects(x + e * d) - p.defects(x - e * d)) / (2 * e)
+    np.testing.assert_allclose(J @ d, difference, atol=1e-6 * np.abs(difference).max())
+
+
+@pytest.mark.parametrize("K", [1, 5, 7])
+def test_the_lagrangian_hessian_agrees_with_finite_differences(K: int) -> None:
+    p = problem(K)
+    rng = np.random.default_rng(2)
+    x, d, lam, e = somewhere(p), rng.normal(size=p.n), rng.normal(size=p.m), 1e-7
+
+    def slope(x: np.ndarray) -> np.ndarray:
+        return 0.7 * p.gradient(x) + matrix(p.jacobian_sparsity, p.jacobian(x)).T @ lam
+
+    H = matrix(p.hessian_sparsity, p.hessian(x, 0.7, lam))
+    H = H + sp.triu(H, 1).T
+    difference = (slope(x + e * d) - slope(x - e * d)) / (2 * e)
+    np.testing.assert_allclose(H @ d, difference, atol=1e-5 * np.abs(difference).max())
+
+
+def test_interpreted_and_compiled_kernels_agree() -> None:
+    compiled = problem()
+    slow = Problem(compiled.ship, compiled.prior, kernel(None, False), compiled.segments, compiled.sigma)
+    x, lam = somewhere(compiled), np.ones(compiled.m)
+    assert slow.objective(x) == pytest.approx(compiled.objective(x), rel=1e-12)
+    np.testing.assert_allclose(slow.gradient(x), compiled.gradient(x), rtol=1e-8, atol=1e-8)
+    np.testing.assert_allclose(slow.hessian(x, 1.0, lam), compiled.hessian(x, 1.0, lam), rtol=1e-8, atol=1e-8)
+
+
+@pytest.mark.parametrize("K", [1, 5, 40])
+def test_the_optimum_does_not_depend_on_the_shooting_interval(K: int) -> None:
+    reference = solve(problem(K=10), problem(K=10).start())
+    p = problem(K)
+    other = solve(p, p.start())
+    assert reference.converged and other.converged
+    assert other.objective == pytest.approx(reference.objective, rel=1e-6)
+
+
+def test_random_starts_reach_the_same_optimum() -> None:
+    p = problem()
+    rng = np.random.default_rng(3)
+    ends = [solve(p, p.start(rng.normal(scale=0.5, size=p.P))) for _ in range(4)]
+    assert all(s.converged and s.violation < 1e-6 for s in ends)
+    values = [s.objective for s in ends]
+    assert max(values) == pytest.approx(min(values), rel=1e-6)
+
+
+def test_gauss_newton_on_single_shooting_finds_the_same_optimum() -> None:
+    p, whole = problem(), problem(K=200)
+    ours = solve(p, p.start())
+    seg = whole.segments
+    z0 = np.zeros((len(seg.run), 6))
+    z0[seg.window] = seg.nodes[seg.start]
+    theirs = gauss_newton.solve(whole, z0, np.zeros(whole.P), damping=1.0)
+    assert ours.converged and theirs.converged
+    assert theirs.objective == pytest.approx(ours.objective, rel=1e-5)
+    np.testing.assert_allclose(theirs.p, p.split(ours.x)[1], atol=5e-3)
+
+
+def test_scipy_finds_the_same_optimum_of_a_small_problem() -> None:
+    symbols = ("Y_v", "N_v", "N_r", "C_D", "k_x", "X_0F")
+    ship = load_ship("esso_osaka_3m")
+    ship = ship.fixing([s for s in ship.symbols if s not in symbols])
+    prior = Prior.of(ship)
+    trials = runs()[0][:2]
+    ours = Problem(ship, prior, kernel(prior.symbols), cut(trials, 1.0, 60.0, 5), SIGMA)
+    whole = Problem(ship, prior, kernel(prior.symbols), cut(trials, 1.0, 60.0, 200), SIGMA)
+    found = solve(ours, ours.start())
+    seg = whole.segments
+
+    def residuals(x: np.ndarray) -> np.ndarray:
+        z0 = seg.nodes[seg.start] + x[whole.P :].reshape(-1, 6) * whole.scale
+        end, interior = whole.shooting.values(z0.T, whole.coefficients(x[: whole.P]))
+        parts = [
+            np.sqrt(whole.node_weight[seg.start]) * (z0 - seg.nodes[seg.start]),
+            np.sqrt(whole.node_weight[seg.end]) * (end.T - seg.nodes[seg.end]),
+            np.sqrt(whole.weight) * (interior - seg.targets),
+            x[: whole.P],
+        ]
+        return np.concatenate([part.reshape(-1) for part in parts])
+
+    theirs = least_squares(residuals, np.zeros(whole.P + 6 * seg.intervals), xtol=1e-12, ftol=1e-12)
+    assert found.converged
+    assert theirs.cost == pytest.approx(found.objective, rel=1e-5)
+    np.testing.assert_allclose(theirs.x[: whole.P], ours.split(found.x)[1], atol=1e-3)
+
+
+def test_stopping_early_returns_the_best_iterate_and_says_so() -> None:
+    p = problem()
+    s = solve(p, p.start(), max_iterations=3)
+    assert not s.converged and s.status == "Maximum_Iterations_Exceeded" and "--resume" in s.advice
+    assert np.isfinite(s.x).all() and s.objective == pytest.approx(p.objective(s.x))
+
+
+def test_bounds_hold_at_the_optimum() -> None:
+    p = problem()
+    lower, upper = p.prior.mean - 0.2 * p.prior.std, p.prior.mean + 0.2 * p.prior.std
+    tight = p.with_bounds(lower, upper)
+    s = solve(tight, tight.start())
+    theta = tight.coefficients(tight.split(s.x)[1])
+    assert s.converged
+    assert (theta >= lower - 1e-12).all() and (theta <= upper + 1e-12).all()
+    assert (np.abs(tight.split(s.x)[1]) > 0.2 - 1e-4).any()

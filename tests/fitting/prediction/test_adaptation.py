@@ -1,0 +1,168 @@
+"""Adaptation to a run's disturbance: it helps where there is one, and never looks into the window."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cases.maneuvers.definitions import parse_maneuver
+from cases.shipfiles.ship_file import dump_ship, load_ship
+from cases.simulation.demo_trials import hidden_ship
+from cases.simulation.sensors import SensorNoise, add_noise
+from cases.simulation.simulate import simulate, write_trial
+from cases.trial import Trial
+from fitting.prediction.adaptation import Adaptation, adapt, advice, history, restarts
+from fitting.prediction.predict import predict, predict_all, record_of
+from fitting.prediction.score import score
+from fitting.prediction.stretches import Batch, Stretch, Water, roll
+from mmg.rollout import Simulator
+from mmg.ship import Ship
+from mmg_ident.commands.main import main
+
+CURRENT = {"x": 0.03, "y": -0.04}
+
+
+@cache
+def simulator() -> Simulator:
+    return Simulator(hidden_ship())
+
+
+@cache
+def run(current: bool, noise: bool = True) -> Trial:
+    """A zigzag of the hidden ship, in a current that the model does not know, or in still water."""
+    ship = hidden_ship()
+    if current:
+        ship = ship.with_effect("current", CURRENT)
+    trial = simulate(ship, parse_maneuver("zigzag:20/20", ship, n=10.0, duration=120.0), dt=0.2)
+    return add_noise(trial, SensorNoise.for_length(3.0), 1) if noise else trial
+
+
+def past(seconds: float = 30.0, ship: Ship | None = None) -> Adaptation:
+    return Adaptation.of(ship or hidden_ship(), seconds)
+
+
+def test_a_hidden_current_is_found_and_the_forecast_gains() -> None:
+    trial = run(True)
+    record = record_of(trial, simulator().ship.inputs)
+    windows = [Stretch(record, row, row + 50) for row in (200, 300, 400)]
+    water, _ = adapt(simulator(), windows, past())
+    # the current along the ship shows little in ten seconds, so the prior keeps it small
+    np.testing.assert_allclose(water.velocity[1], CURRENT["y"], atol=0.02)
+    sigma = np.array([1.0, 1.0, 0.1, 0.1, 0.03, 0.01])
+    without, adapted = (score(simulator(), [trial], sigma, adapt=a) for a in (None, 30.0))
+    assert adapted.window < 0.6 * without.window
+    assert adapted.paper < without.paper
+
+
+def test_without_a_disturbance_it_costs_next_to_nothing() -> None:
+    sigma = np.array([1.0, 1.0, 0.1, 0.1, 0.03, 0.01])
+    without, adapted = (score(simulator(), [run(False)], sigma, adapt=a) for a in (None, 30.0))
+    assert adapted.window < without.window + 1e-3
+
+
+def test_data_after_the_start_of_a_window_do_not_change_its_prediction() -> None:
+    trial = run(True)
+    windows = predict(simulator(), trial, 30.0, 15.0, False, adaptation=past())[0]
+    at = windows[2].first
+    changed = {name: values.copy() for name, values in trial.columns.items()}
+    rng = np.random.default_rng(0)
+    for name in ("x", "y", "psi", "u", "v", "r"):
+        changed[name][at + 1 :] += rng.normal(0, 1, len(trial) - at - 1)
+    later = predict(simulator(), replace(trial, columns=changed), 30.0, 15.0, False, adaptation=past())[0]
+    for before, after in zip(windows[:3], later[:3], strict=True):
+        np.testing.assert_array_equal(before.states, after.states)
+    assert not np.array_equal(windows[4].states, later[4].states)
+
+
+def test_data_before_the_past_that_is_used_do_not_change_it_either() -> None:
+    trial = run(True)
+    windows = predict(simulator(), trial, 30.0, 15.0, False, adaptation=past(10.0))[0]
+    changed = {name: values.copy() for name, values in trial.columns.items()}
+    changed["v"][: windows[3].first - 51] += 0.1
+    later = predict(simulator(), replace(trial, columns=changed), 30.0, 15.0, False, adaptation=past(10.0))[0]
+    np.testing.assert_array_equal(windows[3].states, later[3].states)
+
+
+def test_windows_predicted_together_do_not_influence_each_other() -> None:
+    both = predict_all(simulator(), [run(True), run(False)], 30.0, 15.0, False, adaptation=past())
+    alone = predict(simulator(), run(True), 30.0, 15.0, False, adaptation=past())
+    for one, other in zip(both[0][0], alone[0], strict=True):
+        np.testing.assert_allclose(one.states, other.states, rtol=0, atol=1e-12)
+
+
+def test_a_window_without_a_past_is_predicted_as_without_adaptation() -> None:
+    trial = run(True)
+    plain = predict(simulator(), trial, 30.0, 15.0, False)[0]
+    adapted = predict(simulator(), trial, 30.0, 15.0, False, adaptation=past())[0]
+    np.testing.assert_allclose(plain[0].states, adapted[0].states, atol=1e-12)
+    assert np.abs(plain[1].states - adapted[1].states).max() > 0.05
+
+
+def test_the_past_ends_at_missing_samples_and_gaps() -> None:
+    trial = run(True)
+    u = trial["u"].copy()
+    u[150] = np.nan
+    record = record_of(trial.with_columns(u=u), simulator().ship.inputs)
+    assert history(record, 200, 30.0) == 151
+    assert history(record, 150, 30.0) == 150
+    assert history(record, 400, 30.0) == 250
+    pieces = restarts(record, 200, past())
+    assert pieces[0].last == 200 and min(p.first for p in pieces) >= 151
+
+
+def test_positions_are_not_needed() -> None:
+    trial = run(True)
+    blind = Trial("blind", {k: v for k, v in trial.columns.items() if k not in ("x", "y")})
+    windows = predict(simulator(), blind, 30.0, 15.0, False, adaptation=past())[0]
+    assert all(np.isfinite(w.states).all() for w in windows)
+    assert (windows[2].states[0, :2] == 0).all()
+
+
+def test_a_current_that_lasts_is_that_of_the_current_effect() -> None:
+    ship = hidden_ship()
+    moving = Simulator(ship.with_effect("current", CURRENT))
+    record = record_of(run(False, noise=False), ship.inputs)
+    timed = record_of(run(False, noise=False), moving.ship.inputs)
+    water = Water(np.array([[CURRENT["x"]], [CURRENT["y"]]]), 1e9)
+    ours = roll(simulator(), Batch.of([Stretch(record, 100, 250)]), water)[0]
+    theirs = roll(moving, Batch.of([Stretch(timed, 100, 250)]))[0]
+    np.testing.assert_allclose(ours, theirs, atol=1e-6)
+
+
+def test_a_lag_starts_from_what_the_past_left_in_it() -> None:
+    ship = hidden_ship().with_effect("velocity_lag", {"tau": 0.8})
+    lagged = Simulator(ship)
+    trial = simulate(ship, parse_maneuver("random:5", ship, n=10.0, duration=120.0), dt=0.1)
+    sigma = np.array([1.0, 1.0, 0.1, 0.1, 0.03, 0.01])
+    without, adapted = (score(lagged, [trial], sigma, adapt=a) for a in (None, 30.0))
+    assert adapted.window < 0.7 * without.window
+
+
+def test_settings_scale_by_froudes_law() -> None:
+    model, full = Adaptation.of(load_ship("esso_osaka_3m"), 30.0), Adaptation.of(load_ship("kvlcc2_full"), 300.0)
+    k = (load_ship("kvlcc2_full").particulars["L"] / 3.0) ** 0.5
+    assert model.restart == pytest.approx(10.0) and full.restart == pytest.approx(10.0 * k)
+    assert full.size == pytest.approx(0.02 * k) and full.errors[0] == pytest.approx(0.06 * k**2)
+
+
+def test_what_is_known_of_its_worth_is_said() -> None:
+    assert "not known" in advice({})[0]
+    rows = {"trials": "validation", "without": {"window": 1.0, "paper": 1.0}, "with": {"window": 1.1, "paper": 1.0}}
+    assert "did not pay" in advice({"adaptation": {**rows, "worthwhile": False}})[0]
+    assert not advice({"adaptation": {**rows, "worthwhile": True}})
+
+
+def test_score_shows_both_side_by_side(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "ship.toml").write_text(dump_ship(hidden_ship(), ""), encoding="utf-8")
+    write_trial(run(True), tmp_path / "run.csv")
+    arguments = ["score", str(tmp_path / "ship.toml"), str(tmp_path / "run.csv"), "--adapt", "30"]
+    assert main([*arguments, "--json"]) == 0
+    models = json.loads(capsys.readouterr().out)["models"]
+    without, adapted = models.values()
+    assert list(models)[1].endswith("--adapt 30") and adapted["window"] < without["window"]
+    assert main([*arguments[:-1], "-5"]) == 2

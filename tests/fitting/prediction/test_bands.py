@@ -1,0 +1,161 @@
+"""Prediction bands: they hold nine tenths of the errors where the truth is known, and are stored and written."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cases.simulation.demo_trials import hidden_ship
+from cases.simulation.disturbed import Disturbed, disturbed_trials
+from cases.simulation.simulate import write_trial
+from cases.trial import Trial
+from fitting.prediction.band_calibration import NORMAL, fit_bands, sample_noise
+from fitting.prediction.bands import STATES, Bands, bands_of, draws_of, growth
+from fitting.prediction.predict import predict, predict_all
+from fitting.prediction.score import wrapped_error
+from mmg.rollout import Simulator
+
+RUNS = (("zigzag:20/20", 100.0), ("turning:35", 120.0), ("random:11", 120.0), ("random:12", 120.0), ("berthing", 120.0))
+
+
+@cache
+def simulator() -> Simulator:
+    return Simulator(hidden_ship())
+
+
+@cache
+def trials(seed: int) -> tuple[Trial, ...]:
+    """Runs of the true ship, pushed by random forces."""
+    return tuple(disturbed_trials(hidden_ship(), RUNS, seed, Disturbed(defects=()), dt=0.2))
+
+
+@cache
+def fitted() -> dict:
+    found = fit_bands(simulator(), trials(1))
+    assert found is not None
+    return found
+
+
+def bands(**more: object) -> Bands:
+    known = bands_of({"bands": fitted(), **more}, simulator().ship)
+    assert known is not None
+    return known
+
+
+def coverage(known: Bands, length: float, stride: float) -> np.ndarray:
+    """Share of the errors of other runs inside the 90 % bands, (6,)."""
+    inside = []
+    predicted = predict_all(simulator(), trials(2), length, stride, bands=known)
+    for trial, (windows, _) in zip(trials(2), predicted, strict=True):
+        for w in windows:
+            assert w.std is not None
+            error = wrapped_error(w.states.copy(), trial.states[w.first : w.last + 1])
+            inside.append(np.abs(error[1:]) < NORMAL * w.std[1:])
+    return np.vstack(inside).mean(axis=0)
+
+
+def test_bands_hold_nine_tenths_of_the_errors_of_other_runs() -> None:
+    share = coverage(bands(), 30.0, 15.0)
+    assert (share > 0.84).all() and (share < 0.97).all(), share
+
+
+def test_bands_of_a_longer_window_hold_too() -> None:
+    share = coverage(bands(), 60.0, 30.0)
+    assert (share > 0.78).all() and (share < 0.99).all(), share
+
+
+def test_bands_grow_with_time_and_start_at_nothing() -> None:
+    windows, _ = predict(simulator(), trials(2)[2], 30.0, 15.0, False, bands=bands())
+    std = np.array([w.std for w in windows if w.std is not None])
+    assert (std[:, 0] == 0).all()
+    assert (std[:, 1:] > 0).all()
+    assert (std[:, 150].mean(axis=0) > std[:, 5].mean(axis=0)).all()
+    np.testing.assert_array_less(std[:, 25, :3].mean(axis=0), std[:, 100, :3].mean(axis=0))
+
+
+def test_prediction_is_the_same_with_and_without_bands() -> None:
+    with_bands, _ = predict(simulator(), trials(2)[0], 30.0, 15.0, bands=bands())
+    without, _ = predict(simulator(), trials(2)[0], 30.0, 15.0)
+    for a, b in zip(with_bands, without, strict=True):
+        np.testing.assert_array_equal(a.states, b.states)
+        assert b.std is None
+
+
+def test_uncertain_coefficients_widen_the_bands() -> None:
+    symbols = ["Y_v", "N_r"]
+    rows = {s: {"std": 0.5 * abs(simulator().ship.coefficients[s].value)} for s in symbols}
+    sure = bands()
+    unsure = bands(coefficients=rows, correlation={"symbols": symbols, "matrix": [[1.0, 0.5], [0.5, 1.0]]})
+    assert sure.root.shape[1] == 0 and unsure.root.shape[1] > 0
+    one, other = (predict(simulator(), trials(2)[1], 30.0, 30.0, bands=b)[0][0].std for b in (sure, unsure))
+    assert one is not None and other is not None
+    assert (other[-1] > one[-1]).all()
+
+
+def test_draws_have_the_covariance_that_was_stored() -> None:
+    ship = simulator().ship
+    rows = {"Y_v": {"std": 0.02}, "N_r": {"std": 0.01}}
+    correlation = {"symbols": ["Y_v", "N_r"], "matrix": [[1, 1], [1, 1]]}
+    root = draws_of({"coefficients": rows, "correlation": correlation}, ship)
+    a, b = root[ship.symbols.index("Y_v")], root[ship.symbols.index("N_r")]
+    np.testing.assert_allclose(a, 2 * b)
+    assert 0.01 < a.std() < 0.03
+    assert np.count_nonzero(root.any(axis=1)) == 2
+
+
+def test_variance_of_the_process_agrees_with_a_simulation_of_it() -> None:
+    memory, decay, dt, steps, count = 3.0, 8.0, 0.05, 400, 4000
+    rng = np.random.default_rng(0)
+    left = np.exp(-dt / memory)
+    a, e = rng.standard_normal(count), np.zeros(count)
+    for _ in range(steps):
+        e += dt * (a - e / decay)
+        a = left * a + np.sqrt(1 - left**2) * rng.standard_normal(count)
+    expected = growth(np.ones((41, 1)), np.full((40, 1), 0.5), memory, decay)[-1, 0]
+    assert e.var() == pytest.approx(expected, rel=0.08)
+
+
+def test_noise_of_samples_is_found_under_smooth_motion() -> None:
+    trial = trials(2)[0]
+    rng = np.random.default_rng(3)
+    t = np.arange(0, 200, 0.1)
+    columns = {"t": t, "psi": 0.5 * np.sin(0.1 * t) + 0.01 * rng.standard_normal(len(t))}
+    columns |= {name: np.cos(0.1 * t) + 0.02 * rng.standard_normal(len(t)) for name in ("x", "y", "u", "v", "r")}
+    columns |= {"n": np.ones_like(t), "delta": np.zeros_like(t)}
+    found = sample_noise([Trial("noisy", columns)])
+    np.testing.assert_allclose(found, [0.02, 0.02, 0.01, 0.02, 0.02, 0.02], rtol=0.15)
+    assert (sample_noise([trial]) > 0).all()
+
+
+def test_too_few_windows_give_no_bands() -> None:
+    trial = trials(1)[0]
+    short = Trial("short", {name: values[:100] for name, values in trial.columns.items()})
+    assert fit_bands(simulator(), [short]) is None
+
+
+def test_what_is_stored_is_plain_and_names_every_state() -> None:
+    text = json.loads(json.dumps(fitted()))
+    assert set(text["factor"]) == set(STATES) == set(text["noise"])
+    assert bands_of({"bands": {}}, simulator().ship) is None and bands_of({}, simulator().ship) is None
+
+
+def test_predict_writes_the_standard_deviations_of_a_run_folder(tmp_path: Path) -> None:
+    from cases.shipfiles.ship_file import dump_ship
+    from mmg_ident.commands.main import main
+
+    folder = tmp_path / "run"
+    folder.mkdir()
+    (folder / "ship.toml").write_text(dump_ship(simulator().ship, ""), encoding="utf-8")
+    (folder / "result.json").write_text(json.dumps({"bands": fitted()}), encoding="utf-8")
+    file = tmp_path / "run.csv"
+    write_trial(trials(2)[0], file)
+    common = [str(file), "--window", "30", "--stride", "15", "--adapt", "30", "--out"]
+    assert main(["predict", str(folder), *common, str(tmp_path / "a.csv")]) == 0
+    assert main(["predict", str(folder / "ship.toml"), *common, str(tmp_path / "b.csv")]) == 0
+    header, bare = ((tmp_path / name).read_text().splitlines()[0].split(",") for name in ("a.csv", "b.csv"))
+    assert bare[-1] == "r [rad/s]" and header[:8] == bare
+    assert header[8:] == ["x_std [m]", "y_std [m]", "psi_std [rad]", "u_std [m/s]", "v_std [m/s]", "r_std [rad/s]"]

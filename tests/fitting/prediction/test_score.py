@@ -1,0 +1,96 @@
+"""Predictions and the two metrics."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cases.shipfiles.ship_file import load_ship
+from cases.trial import Trial
+from fitting.prediction.predict import predict, window_rows
+from fitting.prediction.score import pooled_sigma, score, wrapped_error
+from mmg.errors import UserError
+from mmg.rollout import Simulator
+from tests.support.synthetic_runs import runs
+
+CHECK_VALUES = {
+    "random_06-Aug-2020_16_24_25_5": (0.2370, 0.1181, 47),
+    "turn_14-Oct-2020_14_56_07": (1.9800, 0.6865, 19),
+    "zigzag_31-Jul-2020_14_10_05": (1.8812, 1.0223, 9),
+    "berthing_12-Nov-2020_11_07_23": (0.1665, 0.1023, 11),
+    "berthing_12-Nov-2020_13_09_11": (0.3388, 0.2066, 5),
+}
+"""Captive ship: 100 s restarts, 30 s windows, number of windows (shared notes, measured independently)."""
+
+
+@pytest.mark.data
+@pytest.mark.parametrize("method", ["euler", "rk4"])
+def test_captive_check_values_of_both_metrics_are_reproduced_to_one_percent(frt, method) -> None:  # type: ignore[no-untyped-def]
+    from cases import published_splits as splits
+    from cases.io.read import read_trials
+
+    trials = read_trials(splits.find(splits.DEVELOPMENT_HOLDOUT))
+    result = score(Simulator(load_ship("esso_osaka_3m")), trials, method=method)
+    np.testing.assert_allclose(result.sigma, [14.23641, 4.24764, 1.54728, 0.11526, 0.04059, 0.01965], rtol=2e-4)
+    for row in result.trials:
+        paper, window, count = CHECK_VALUES[row.name]
+        assert row.paper == pytest.approx(paper, rel=0.01)
+        assert row.window == pytest.approx(window, rel=0.01)
+        assert row.windows == count
+
+
+def test_windows_are_301_rows_every_15_seconds() -> None:
+    t = np.arange(0, 100.05, 0.1)
+    rows = window_rows(t, 30.0, 15.0, short_last=False)
+    assert all(last - first == 300 for first, last in rows)
+    assert [first for first, _ in rows] == [0, 150, 300, 450, 600]
+
+
+def test_restarts_cover_the_run_and_the_short_last_one_counts() -> None:
+    t = 1894.0 + np.arange(0, 250.05, 0.1)
+    assert window_rows(t, 100.0, 100.0, short_last=True) == [(0, 1000), (1000, 2000), (2000, 2500)]
+    assert window_rows(t, 0.0, 1.0, short_last=True) == [(0, 2500)]
+
+
+def test_heading_errors_are_wrapped() -> None:
+    error = wrapped_error(np.array([[0, 0, 3.1, 0, 0, 0.0]]), np.array([[0, 0, -3.1, 0, 0, 0.0]]))
+    assert error[0, 2] == pytest.approx(6.2 - 2 * np.pi)
+
+
+def test_the_true_ship_predicts_its_own_noise_free_run() -> None:
+    from cases.maneuvers.definitions import parse_maneuver
+    from cases.simulation.demo_trials import hidden_ship
+    from cases.simulation.simulate import simulate
+
+    ship = hidden_ship()
+    trial = simulate(ship, parse_maneuver("zigzag:20/20", ship, n=10.0, duration=90.0))
+    result = score(Simulator(ship), [trial])
+    assert result.window < 1e-8 and result.paper < 1e-8
+    other = score(Simulator(load_ship("esso_osaka_3m")), [trial])
+    assert other.window > 1e3 * result.window
+
+
+def test_the_pooled_score_is_the_mean_over_rows_and_sigma_scales_it() -> None:
+    simulator, trials = Simulator(load_ship("esso_osaka_3m")), list(runs()[1])
+    sigma = pooled_sigma(trials)
+    both = score(simulator, trials, sigma)
+    single = [score(simulator, [t], sigma) for t in trials]
+    rows = [s.trials[0].windows * 300 for s in single]
+    assert both.window == pytest.approx(np.average([s.window for s in single], weights=rows))
+    assert score(simulator, trials, 2 * sigma).paper == pytest.approx(both.paper / 4)
+
+
+def test_a_window_across_missing_samples_is_left_out_and_said() -> None:
+    trial = runs()[1][0]
+    u = trial["u"].copy()
+    u[500:510] = np.nan
+    windows, notes = predict(Simulator(load_ship("esso_osaka_3m")), trial.with_columns(u=u), 30.0, 15.0, False)
+    assert notes and "left out" in notes[0]
+    assert all(not (w.first <= 505 <= w.last) for w in windows)
+
+
+def test_scores_need_positions() -> None:
+    trial = runs()[1][0]
+    blind = Trial("blind", {k: v for k, v in trial.columns.items() if k not in ("x", "y")})
+    with pytest.raises(UserError, match="position"):
+        score(Simulator(load_ship("esso_osaka_3m")), [blind], np.ones(6))

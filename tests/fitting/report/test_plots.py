@@ -1,0 +1,152 @@
+"""Figures: they show what they claim, at true scale, and leave matplotlib's global state alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from fitting.prediction.predict import predict
+from fitting.prediction.score import score
+from fitting.report.plot_waterfall import waterfall_plot
+from fitting.report.plots import (
+    coefficient_plot,
+    component_of,
+    convergence_plot,
+    error_growth_plot,
+    score_plot,
+    trajectory_plot,
+    write_figures,
+)
+from fitting.report.run_folder import RESULT, coefficient_rows, score_rows, write_json
+from fitting.settings import Start
+from mmg.rollout import Simulator
+from tests.support.calibrated import FREE, small_calibration
+
+
+def texts(figure: Figure) -> str:
+    """All words on a figure once it is drawn."""
+    figure.draw_without_rendering()
+    found = [t.get_text() for ax in figure.axes for t in (*ax.get_yticklabels(), *ax.texts, ax.title)]
+    found += [label for ax in figure.axes for label in (ax.get_xlabel(), ax.get_ylabel())]
+    return "\n".join(found)
+
+
+def test_every_free_coefficient_is_drawn_under_its_component() -> None:
+    calibration, *_ = small_calibration()
+    words = texts(coefficient_plot(calibration)).splitlines()
+    assert set(FREE) <= set(words)
+    assert {"hull", "propeller", "rudder", "wind"} <= set(words)
+
+
+def test_coefficients_from_rows_stand_where_those_of_the_calibration_do() -> None:
+    calibration, *_ = small_calibration()
+    rows = coefficient_rows(calibration)
+    rows["Y_v"] |= {"at_bound": "lower"}
+    figure = coefficient_plot(rows, component_of(calibration.ship))
+    assert "at a bound" in [t.get_text() for t in figure.legends[0].get_texts()]
+    drawn = sorted(float(line.get_xdata()[0]) for line in figure.axes[0].lines if line.get_marker() in ("o", "s"))
+    np.testing.assert_allclose(drawn, sorted(calibration.p), atol=1e-6)
+
+
+def test_sixty_coefficients_get_two_columns_and_none_is_lost() -> None:
+    calibration, start, *_ = small_calibration()
+    row = coefficient_rows(calibration)["Y_v"]
+    figure = coefficient_plot(dict.fromkeys(start.symbols, row), component_of(start))
+    words = texts(figure).splitlines()
+    assert len(figure.axes) == 2
+    assert set(start.symbols) <= set(words)
+
+
+def test_tracks_have_equal_scales_and_run_north_up() -> None:
+    calibration, _, _, (trial,) = small_calibration()
+    windows = predict(Simulator(calibration.ship, compiled=False), trial, 50.0, 50.0)[0]
+    figure = trajectory_plot(trial, windows, windows, length=3.0)
+    figure.draw_without_rendering()
+    track = figure.axes[0]
+    pixels = track.transData.transform([(0, 0), (1, 0), (0, 1)])
+    assert pixels[1, 0] - pixels[0, 0] == pytest.approx(pixels[2, 1] - pixels[0, 1], rel=1e-6)
+    measured = track.lines[0]
+    np.testing.assert_array_equal(measured.get_xdata(), trial["y"])
+    np.testing.assert_array_equal(measured.get_ydata(), trial["x"])
+    low, high = track.get_xlim()
+    assert low <= trial["y"].min() and trial["y"].max() <= high
+
+
+def test_a_runaway_prediction_does_not_flatten_the_measured_histories() -> None:
+    calibration, _, _, (trial,) = small_calibration()
+    good = predict(Simulator(calibration.ship, compiled=False), trial, 50.0, 50.0)[0]
+    wild = [type(w)(w.number, w.first, w.last, w.states * 1e4) for w in good]
+    figure = trajectory_plot(trial, wild, good)
+    low, high = figure.axes[1].get_ylim()
+    assert high - low < 10 * np.ptp(trial["u"])
+
+
+def test_a_trial_without_positions_gets_histories_only() -> None:
+    calibration, _, _, (trial,) = small_calibration()
+    blind = type(trial)("blind", {k: v for k, v in trial.columns.items() if k not in ("x", "y")})
+    windows = predict(Simulator(calibration.ship, compiled=False), blind, 50.0, 50.0)[0]
+    words = texts(trajectory_plot(blind, windows, windows))
+    assert "north" not in words and "psi [deg]" in words
+
+
+def test_errors_start_at_zero_and_the_end_is_the_rms_of_the_windows() -> None:
+    calibration, start, _, (trial,) = small_calibration()
+    model = Simulator(calibration.ship, compiled=False)
+    figure = error_growth_plot({"after": model}, [trial], horizon=40.0, stride=20.0)
+    windows = predict(model, trial, 40.0, 20.0, short_last=False)[0]
+    ends = [np.hypot(*(w.states[-1, :2] - trial.states[w.last, :2])) for w in windows]
+    line = figure.axes[0].lines[0].get_ydata()
+    assert line[0] == 0
+    assert line[-1] == pytest.approx(np.sqrt(np.mean(np.square(ends))), rel=1e-9)
+    assert f"{len(windows)} windows" in texts(figure)
+    shorter = error_growth_plot({"before": Simulator(start, False)}, [trial], horizon=5000.0)
+    assert shorter.axes[0].lines, "windows longer than every trial fall back to what there is"
+
+
+def test_scores_of_every_trial_are_written_beside_their_bars() -> None:
+    calibration, start, _, held_out = small_calibration()
+    pair = {
+        name: score_rows(score(Simulator(ship, False), held_out))
+        for name, ship in (("before", start), ("after", calibration.ship))
+    }
+    words = texts(score_plot({"validation": pair}))
+    assert held_out[0].name in words
+    assert f"{pair['after']['trials'][0]['paper']:.3g}" in words
+    unknown = {name: {**rows, "window": None} for name, rows in pair.items()}
+    score_plot({"validation": unknown}).draw_without_rendering()
+
+
+def test_starts_that_did_not_converge_are_told_apart() -> None:
+    starts = [Start(0, 10.0, True, 0.0), Start(1, 12.0, False, 3.0), Start(2, 10.0, True, 0.0, restarted=True)]
+    ax = waterfall_plot(starts)
+    labels = ax.get_legend_handles_labels()[1]
+    assert {"converged", "not converged", "restarted, damped"} <= set(labels)
+    assert [t.get_text() for t in ax.texts] == ["0", "2", "1"]
+    ax.figure.draw_without_rendering()
+
+
+def test_convergence_shows_every_iteration() -> None:
+    solution = small_calibration()[0].solution
+    figure = convergence_plot(solution)
+    assert len(figure.axes[0].lines[0].get_xdata()) == len(solution.history)
+
+
+def test_figures_are_written_and_nothing_global_changes(tmp_path: Path) -> None:
+    calibration, start, train, held_out = small_calibration()
+    before = dict(mpl.rcParams)
+    pair = {"before": score_rows(score(Simulator(start, False), held_out))}
+    pair["after"] = score_rows(score(Simulator(calibration.ship, False), held_out))
+    write_json(tmp_path / RESULT, {"scores": {"validation": pair}})
+    listed = write_figures(tmp_path, calibration, start, train, held_out)
+    assert dict(mpl.rcParams) == before
+    names = [entry["file"] for entry in listed]
+    assert {"scores.png", "error_growth.png", "coefficients.png", "track_1.png"} <= set(names)
+    for entry in listed:
+        path = tmp_path / "figures" / entry["file"]
+        assert path.stat().st_size > 5000, path
+        assert entry["title"] and entry["caption"]
+    assert held_out[0].name in next(e["title"] for e in listed if e["file"] == "track_1.png")

@@ -1,0 +1,220 @@
+"""The report: complete, self-contained, escaped, and honest about a run that did not converge."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from functools import cache
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+from fitting.prediction.score import score
+from fitting.report.page import build_report, write_report
+from fitting.report.plots import write_figures
+from fitting.report.run_folder import RESULT, read_result, result, score_rows, write_json, write_run
+from fitting.report.words import change, plus_minus
+from mmg.errors import UserError
+from mmg.rollout import Simulator
+from mmg_ident.commands.main import main
+from tests.support.calibrated import FREE, small_calibration
+
+EVIL = '<script>alert("x")</script>'
+
+
+@cache
+def _scores(iterations: int) -> dict:
+    calibration, start, train, held_out = small_calibration(iterations)
+    ships = {"before": start, "after": calibration.ship}
+    return {
+        name: {when: score_rows(score(Simulator(ship, False), trials)) for when, ship in ships.items()}
+        for name, trials in (("validation", held_out), ("training", train))
+    }
+
+
+def run_folder(folder: Path, iterations: int = 100, figures: bool = False, name: str = "", **extra: object) -> Path:
+    """A run folder of the small calibration."""
+    calibration, start, train, held_out = small_calibration(iterations)
+    if name:
+        calibration = replace(calibration, ship=replace(calibration.ship, name=name))
+    content = result(calibration, train, held_out, _scores(iterations), "mmg fit ship a.csv --out run", dict(extra))
+
+    def decorate(target: Path) -> None:
+        if figures:
+            content["figures"] = write_figures(target, calibration, start, train, held_out)
+            write_json(target / RESULT, content)
+
+    write_run(folder, calibration, start, content, decorate)
+    return folder
+
+
+class Page(HTMLParser):
+    """Tags, what they load, and the text of a page."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[str] = []
+        self.loads: list[str] = []
+        self.words = ""
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list) -> None:
+        self.tags.append(tag)
+        self.loads += [value for key, value in attrs if key in ("src", "href", "srcset", "data", "action") and value]
+
+    def handle_data(self, data: str) -> None:
+        self.words += data + " "
+
+
+def test_all_of_a_run_is_in_the_page(tmp_path: Path) -> None:
+    folder = run_folder(tmp_path / "run", figures=True)
+    page = Page(build_report([folder]))
+    content = read_result(folder)
+    for symbol in FREE:
+        assert re.search(rf"\b{symbol}\b", page.words), symbol
+    for symbol in content["fixed"]:
+        assert f"{symbol} = " in page.words, symbol
+    for row in content["data"] + content["validation_data"]:
+        assert row["name"] in page.words
+    assert page.tags.count("img") == len(content["figures"]) > 4
+    for heading in ("Ship particulars", "Mathematical model", "Benchmark data", "Causes of error", "Sensitivity"):
+        assert heading in page.words
+    assert "mmg fit ship a.csv --out run" in page.words
+    assert "NOT CONVERGED" not in page.words
+
+
+def test_the_page_loads_nothing_from_elsewhere(tmp_path: Path) -> None:
+    text = build_report([run_folder(tmp_path / "run", figures=True)])
+    page = Page(text)
+    assert all(link.startswith(("data:image/png;base64,", "#")) for link in page.loads)
+    assert not {"script", "link", "iframe", "object"} & set(page.tags)
+    assert "url(" not in text and "@import" not in text
+
+
+def test_words_from_files_are_escaped(tmp_path: Path) -> None:
+    folder = run_folder(tmp_path / "run", name=EVIL, warnings=[EVIL], command=EVIL, notices=[EVIL])
+    content = read_result(folder)
+    content["figures"] = [{"file": "../../etc/passwd", "title": EVIL, "caption": EVIL}]
+    content["coefficients"][EVIL] = content["coefficients"]["Y_v"]
+    content["coefficients"]["Y_v"]["description"] = EVIL
+    write_json(folder / RESULT, content)
+    text = build_report([folder, folder])
+    assert "<script" not in text
+    assert "&lt;script&gt;" in text
+    assert "root:" not in text
+
+
+def test_a_run_that_did_not_converge_says_so_before_anything_else(tmp_path: Path) -> None:
+    text = build_report([run_folder(tmp_path / "run", iterations=1)])
+    assert 'role="alert"' in text
+    where = text.index("NOT CONVERGED")
+    assert where < text.index("<table") and where < text.index("calibrated on")
+    assert "(not converged)" in text[: text.index("</title>")]
+
+
+def test_a_trial_that_became_worse_and_a_leaked_one_are_warned_about(tmp_path: Path) -> None:
+    folder = run_folder(tmp_path / "run")
+    content = read_result(folder)
+    pair = content["scores"]["validation"]
+    pair["after"]["trials"][0]["window"] = 9.0 + pair["before"]["trials"][0]["window"]
+    content["data"][0]["sha256"] = content["validation_data"][0]["sha256"] = "ab" * 32
+    write_json(folder / RESULT, content)
+    words = Page(build_report([folder])).words
+    assert "became worse on 1 of 1 held-out trials" in words
+    assert "not held out at all" in words
+
+
+def test_a_run_without_validation_scores_or_positions_still_makes_a_report(tmp_path: Path) -> None:
+    folder = run_folder(tmp_path / "run")
+    content = read_result(folder)
+    del content["scores"]["validation"]
+    write_json(folder / RESULT, content)
+    assert "no held-out trials were scored" in build_report([folder])
+    bare = {k: content[k] for k in ("ship", "converged", "coefficients")}
+    bare["coefficients"]["Y_v"] |= {"std": None, "prior_share": None}
+    write_json(folder / RESULT, bare)
+    assert "No scores" in build_report([folder])
+
+
+def test_public_data_are_cited_only_when_used(tmp_path: Path) -> None:
+    folder = run_folder(tmp_path / "run")
+    assert "Wakita, K." not in build_report([folder])
+    content = read_result(folder)
+    content["data"][0]["name"] = "turn_cut_14-Sep-2020_15_58_08"
+    write_json(folder / RESULT, content)
+    text = build_report([folder])
+    assert "Wakita, K." in text and "Miyauchi, Y." in text and "CC BY-NC-SA 4.0" in text
+
+
+def test_several_runs_stand_side_by_side(tmp_path: Path) -> None:
+    folders = [run_folder(tmp_path / name, iterations) for name, iterations in (("first", 100), ("second", 1))]
+    text = build_report(folders)
+    words = Page(text).words
+    assert "Comparison of 2 calibrations" in words
+    assert text.index("Comparison of 2") < text.index('id="run1"') < text.index('id="run2"')
+    head = text[: text.index('id="run1"')]
+    assert all(symbol in head for symbol in FREE) and "NOT CONVERGED" in head
+    assert "do not compare directly" not in words
+    content = read_result(folders[1])
+    content["scores"]["validation"]["after"]["sigma"]["u"] = 1.0
+    write_json(folders[1] / RESULT, content)
+    assert "do not compare directly" in build_report(folders)
+
+
+def test_the_command_writes_into_the_run_and_replaces_only_its_own_report(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = run_folder(tmp_path / "run")
+    assert main(["report", str(folder)]) == 0
+    assert main(["report", str(folder)]) == 0
+    assert (folder / "report.html").stat().st_size > 10_000
+    other = tmp_path / "kept.html"
+    other.write_text("precious")
+    assert main(["report", str(folder), "--out", str(other)]) == 2
+    assert other.read_text() == "precious"
+    monkeypatch.chdir(tmp_path)
+    second = run_folder(tmp_path / "run2")
+    assert main(["report", str(folder), str(second)]) == 0
+    assert (tmp_path / "report.html").exists()
+    assert main(["report", str(tmp_path / "nowhere")]) == 2
+    assert "is no run folder" in capsys.readouterr().err
+    assert not list(tmp_path.rglob("*.part"))
+
+
+def test_a_folder_that_is_no_calibration_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="no run folder"):
+        build_report([tmp_path])
+    for wrong in ([], {"kind": "diagnosis"}):
+        write_json(tmp_path / RESULT, wrong)
+        with pytest.raises(UserError, match="not that of a calibration"):
+            build_report([tmp_path])
+
+
+def test_a_report_that_cannot_be_written_is_one_clear_line(tmp_path: Path) -> None:
+    folder = run_folder(tmp_path / "run")
+    (tmp_path / "file").write_text("")
+    with pytest.raises(UserError, match="cannot be written"):
+        write_report([folder], tmp_path / "file" / "report.html")
+
+
+@pytest.mark.parametrize(
+    ("value", "std", "words"),
+    [
+        (-0.44137, 0.0484, "−0.441 ± 0.048"),
+        (0.5, 0.0996, "0.50 ± 0.10"),
+        (1234.5, 67.0, "1234 ± 67"),
+        (12345.0, 670.0, "12345 ± 670"),
+        (2.3e-9, 1.1e-10, "(2.30 ± 0.11)e−9"),
+        (0.1, None, "0.1"),
+        (None, 0.1, "–"),
+    ],
+)
+def test_numbers_keep_two_figures_of_their_uncertainty(value: float, std: float, words: str) -> None:
+    assert plus_minus(value, std) == words
+
+
+def test_change_is_put_in_words() -> None:
+    assert change(3.0, 1.0) == "fell from 3 to 1 (3 times smaller)"
+    assert change(1.0, 3.0) == "ROSE from 1 to 3"
+    assert change(None, 1.0) == "could not be computed"

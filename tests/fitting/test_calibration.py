@@ -1,0 +1,138 @@
+"""The calibration as a whole, on synthetic ships whose truth is known and on the real records."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cases.shipfiles.ship_file import dump_ship, load_ship, parse_ship
+from cases.simulation.demo_trials import demo_trials, hidden_ship
+from cases.trial import Trial
+from fitting.calibration import Calibration, Settings, calibrate
+from fitting.prediction.score import score
+from mmg.errors import UserError
+from mmg.rollout import Simulator
+from tests.support.synthetic_runs import runs
+from tests.support.trial_files import make_trial
+
+
+@pytest.fixture(scope="module")
+def fitted() -> Calibration:
+    return calibrate(load_ship("esso_osaka_3m"), runs()[0], Settings(starts=2))
+
+
+def test_it_converges_to_tolerance_and_every_start_agrees(fitted: Calibration) -> None:
+    assert fitted.solution.status == "Solve_Succeeded" and fitted.solution.violation < 1e-6
+    assert [s.converged for s in fitted.starts] == [True, True]
+    assert max(s.distance for s in fitted.starts) < 1e-2
+
+
+def test_starts_spread_over_processes_give_the_same_solutions() -> None:
+    inline, spread = (
+        calibrate(load_ship("esso_osaka_3m"), runs()[0][:2], Settings(passes=1, starts=3, workers=w)) for w in (1, 2)
+    )
+    assert [s.objective for s in spread.starts] == pytest.approx([s.objective for s in inline.starts], rel=1e-9)
+    np.testing.assert_allclose(spread.p, inline.p, atol=1e-6)
+
+
+def test_the_noise_of_the_sensors_is_recovered(fitted: Calibration) -> None:
+    np.testing.assert_allclose(fitted.noise.rms, [0.01, 0.01, 0.0015, 0.004, 0.004, 0.0006], rtol=0.1)
+    assert (fitted.noise.tau < 1.5).all()
+
+
+def test_the_fit_moves_towards_the_truth_and_predicts_better(fitted: Calibration) -> None:
+    truth, start = hidden_ship(), load_ship("esso_osaka_3m")
+    well = [s for i, s in enumerate(fitted.prior.symbols) if fitted.covariance[i, i] < 0.05]
+    moved = [s for s in well if truth.coefficients[s].value != start.coefficients[s].value]
+    assert len(moved) >= 8
+
+    def distance(ship):  # type: ignore[no-untyped-def]
+        return np.array([ship.coefficients[s].value - truth.coefficients[s].value for s in moved]) / [
+            start.coefficients[s].std for s in moved
+        ]
+
+    assert np.abs(distance(fitted.ship)).mean() < 0.35 * np.abs(distance(start)).mean()
+    before, after = (score(Simulator(s), runs()[1]) for s in (start, fitted.ship))
+    assert after.window < 0.6 * before.window and after.paper < 0.4 * before.paper
+
+
+def test_a_calibrated_ship_is_again_a_ship(fitted: Calibration) -> None:
+    again = parse_ship(dump_ship(fitted.ship))
+    np.testing.assert_array_equal(again.values, fitted.ship.values)
+    c = again.coefficients["Y_v"]
+    assert c.prior_value == load_ship("esso_osaka_3m").coefficients["Y_v"].value
+    assert c.verdict and c.std == fitted.ship.coefficients["Y_v"].std < c.prior_std
+
+
+def test_fixed_coefficients_stay_as_they_are() -> None:
+    ship = load_ship("esso_osaka_3m").fixing(["m_x", "m_y", "I_J_z"])
+    result = calibrate(ship, runs()[0][:3], Settings(passes=1))
+    for symbol in ("m_x", "m_y", "I_J_z"):
+        assert result.ship.coefficients[symbol] == ship.coefficients[symbol]
+        assert symbol not in result.prior.symbols
+
+
+def test_without_positions_the_rest_is_still_fitted() -> None:
+    trials = [Trial(t.name, {k: v for k, v in t.columns.items() if k not in ("x", "y")}) for t in runs()[0][:3]]
+    result = calibrate(load_ship("esso_osaka_3m"), trials, Settings(passes=1))
+    assert result.converged and any("positions cannot be fitted" in n for n in result.notices)
+
+
+def test_an_iteration_limit_leaves_a_flagged_best_iterate() -> None:
+    result = calibrate(load_ship("esso_osaka_3m"), runs()[0][:2], Settings(max_iterations=2))
+    assert not result.converged
+    assert any("not converged" in w for w in result.warnings)
+    assert all("NOT CONVERGED" in result.ship.coefficients[s].verdict for s in result.prior.symbols)
+
+
+def test_constant_inputs_are_refused() -> None:
+    trial = make_trial()
+    constant = make_trial(n=np.full(len(trial), 10.0), delta=np.zeros(len(trial)))
+    with pytest.raises(UserError, match="nothing to identify"):
+        calibrate(load_ship("esso_osaka_3m"), [constant])
+
+
+def test_intervals_of_one_seed_hold_most_true_values(fitted: Calibration) -> None:
+    truth = hidden_ship().coefficients
+    z = np.array(
+        [
+            (fitted.ship.coefficients[s].value - truth[s].value) / fitted.ship.coefficients[s].std
+            for s in fitted.prior.symbols
+        ]
+    )
+    assert (np.abs(z) < 1.96).mean() >= 0.85 and np.abs(z).max() < 4.5
+
+
+@pytest.mark.slow
+def test_coverage_of_95_percent_intervals_over_20_noise_seeds() -> None:
+    """White sensor noise and gusts: the model-based intervals hold; the robust ones, made for worse, hold more."""
+    inside, robust = [], []
+    truth = hidden_ship().coefficients
+    for seed in range(20):
+        c = calibrate(load_ship("esso_osaka_3m"), demo_trials(seed)[0])
+        assert c.converged
+        model = np.sqrt(np.diag(c.covariance_model)) * c.prior.std
+        for s, std in zip(c.prior.symbols, model, strict=True):
+            error = abs(c.ship.coefficients[s].value - truth[s].value)
+            inside.append(error <= 1.96 * std)
+            robust.append(error <= 1.96 * c.ship.coefficients[s].std)
+    assert 0.90 <= np.mean(inside) <= 0.995
+    assert np.mean(robust) >= np.mean(inside)
+
+
+@pytest.mark.data
+def test_a_fit_on_the_real_records_improves_every_development_hold_out(frt) -> None:  # type: ignore[no-untyped-def]
+    from cases import published_splits as splits
+    from cases.io.read import read_trials
+
+    ship = load_ship("esso_osaka_3m")
+    result = calibrate(ship, read_trials(splits.find(splits.TRAIN_TZRB)))
+    held_out = read_trials(splits.find(splits.DEVELOPMENT_HOLDOUT))
+    before, after = (score(Simulator(s), held_out) for s in (ship, result.ship))
+    assert result.converged
+    for a, b in zip(before.trials, after.trials, strict=True):
+        assert b.window < a.window, a.name
+    assert before.window / after.window >= 2.5
+    for symbol in result.prior.symbols:
+        c = result.ship.coefficients[symbol]
+        assert c.lower <= c.value <= c.upper

@@ -1,0 +1,189 @@
+"""Robust covariance, leave-one-run-out, bootstrap by run and profiles: against known laws and against each other."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from cases.shipfiles.ship_file import load_ship
+from fitting.nlp.fisher_information import Information, information
+from fitting.nlp.problem import Prior, Problem
+from fitting.nlp.windows import cut
+from fitting.solvers.ipopt import Solution, solve
+from fitting.uncertainty.bootstrap import bootstrap, drawn_runs, leave_one_run_out, weighted
+from fitting.uncertainty.profile_likelihood import LIMIT, profiles
+from fitting.uncertainty.sandwich import left_out, robust
+from tests.support.synthetic_runs import SIGMA, kernel, runs
+
+SYMBOLS = ("Y_v", "N_v", "N_r", "C_D", "k_x", "X_0F")
+
+
+def linear(
+    windows: int, per_run: int, P: int, inflation: float, seed: int, shared: float = 0.0
+) -> tuple[Information, np.ndarray]:
+    """A linear fit with truth from the prior, whose scores vary ``inflation`` times as the informations say.
+
+    shared: part of that variance that windows of one run have in common. Returns it at its optimum, and the truth.
+    """
+    rng = np.random.default_rng(seed)
+    truth = rng.standard_normal(P)
+    run = np.arange(windows) // per_run
+    J = rng.standard_normal((windows, 2 * P, P)) * np.geomspace(0.05, 1.5, P)
+    own = rng.standard_normal((windows, 2 * P))
+    common = rng.standard_normal((run[-1] + 1, 2 * P))[run]
+    if shared:
+        J = J[:1] + 0.1 * J
+    e = np.sqrt(inflation) * (np.sqrt(1 - shared) * own + np.sqrt(shared) * common)
+    fisher = np.swapaxes(J, 1, 2) @ J
+    H = fisher.sum(axis=0) + np.eye(P)
+    p = np.linalg.solve(H, np.einsum("wip,wi->p", J, J @ truth + e))
+    score = np.einsum("wip,wi->wp", J, J @ (p - truth) - e)
+    symbols = tuple(f"c{i}" for i in range(P))
+    return Information(fisher, score, p, run, symbols, np.eye(P), p.copy()), truth
+
+
+def covered(windows: int, per_run: int, P: int, inflation: float, shared: float = 0.0) -> tuple[float, float]:
+    """Shares of truths inside the robust and the model-based 95 % intervals over 60 draws."""
+    ours, theirs = [], []
+    for seed in range(60):
+        info, truth = linear(windows, per_run, P, inflation, seed, shared)
+        found = robust(info)
+        for share, C in ((ours, found.covariance), (theirs, found.model)):
+            share.append(np.abs(info.p - truth) < 1.96 * np.sqrt(np.diag(C)))
+    return float(np.mean(ours)), float(np.mean(theirs))
+
+
+@pytest.mark.parametrize("inflation", [1.0, 4.0, 16.0])
+@pytest.mark.parametrize(("windows", "per_run"), [(12, 3), (24, 3), (60, 5)])
+def test_intervals_hold_whatever_the_noise_is_like(inflation: float, windows: int, per_run: int) -> None:
+    ours, theirs = covered(windows, per_run, 12, inflation)
+    assert 0.9 <= ours <= 0.995
+    assert inflation < 4 or theirs < 0.86
+
+
+def test_intervals_hold_when_windows_of_a_run_err_together() -> None:
+    assert covered(48, 6, 8, 4.0, shared=0.8)[0] >= 0.88
+
+
+def test_with_many_clusters_and_honest_noise_it_is_the_model_based_one() -> None:
+    found = robust(linear(400, 4, 6, 1.0, 0)[0])
+    assert (np.abs(found.ratio - 1) < 0.15).all() and found.clusters == (400, 100)
+
+
+def test_it_is_never_narrower_than_the_model_based_one_when_clusters_are_few() -> None:
+    for seed in range(10):
+        found = robust(linear(8, 2, 6, 0.2, seed)[0])
+        assert (found.ratio > 1 - 1e-9).all()
+
+
+def test_a_coefficient_that_nothing_excites_keeps_its_prior() -> None:
+    info, _ = linear(20, 4, 5, 4.0, 1)
+    fisher, score, p, pull = info.fisher.copy(), info.score.copy(), info.p.copy(), info.pull.copy()
+    fisher[:, 4], fisher[:, :, 4], score[:, 4], p[4], pull[4] = 0, 0, 0, 0, 0
+    found = robust(Information(fisher, score, p, info.run, info.symbols, info.known, pull))
+    assert found.covariance[4, 4] == pytest.approx(1.0)
+    np.testing.assert_allclose(found.covariance[4, :4], 0, atol=1e-12)
+    assert (np.linalg.eigvalsh(found.covariance) > 0).all()
+
+
+def test_one_window_and_broken_numbers_are_answers_not_errors() -> None:
+    info, _ = linear(1, 1, 4, 1.0, 0)
+    np.testing.assert_allclose(robust(info).covariance, robust(info).model)
+    info.score[0, 0] = np.nan
+    assert np.isnan(robust(info).covariance).all()
+
+
+def test_one_step_without_a_run_is_exact_for_a_linear_fit() -> None:
+    info, _ = linear(12, 3, 5, 2.0, 3)
+    by_run = info.by_run()
+    for k in range(4):
+        rest = info.run != k
+        H = info.fisher[rest].sum(axis=0) + np.eye(5)
+        # gradient of the rest at p vanishes at the new optimum
+        gone = -np.linalg.solve(H, info.score[rest].sum(axis=0) + info.p)
+        np.testing.assert_allclose(left_out(by_run)[k], gone, atol=1e-10)
+
+
+def test_runs_are_drawn_whole() -> None:
+    run = np.array([0, 0, 1, 2, 2, 2])
+    counts = drawn_runs(run, 50, np.random.default_rng(0))
+    assert (counts[:, 0] == counts[:, 1]).all() and (counts[:, 3] == counts[:, 5]).all()
+    assert (counts[:, [0, 2, 3]].sum(axis=1) == 3).all() and len(np.unique(counts[:, 0])) > 1
+
+
+def test_the_bootstrap_of_a_linear_fit_agrees_with_the_sandwich() -> None:
+    info, _ = linear(300, 3, 5, 3.0, 4)
+    spread = np.sqrt(np.diag(bootstrap(info, 2000, 1).covariance))
+    np.testing.assert_allclose(spread, np.sqrt(np.diag(robust(info).covariance)), rtol=0.15)
+
+
+@lru_cache(maxsize=1)
+def small() -> tuple[Problem, Solution, Information]:
+    """A calibration of six coefficients on five runs."""
+    ship = load_ship("esso_osaka_3m")
+    ship = ship.fixing([s for s in ship.symbols if s not in SYMBOLS])
+    prior = Prior.of(ship)
+    p = Problem(ship, prior, kernel(prior.symbols), cut(runs()[0][:5], 1.0, 60.0, 5), SIGMA)
+    s = solve(p, p.start())
+    assert s.converged
+    return p, s, information(p, s.x)
+
+
+def test_windows_that_count_twice_cost_twice() -> None:
+    p, s, info = small()
+    part, _ = weighted(p, s.x, np.full(len(info.run), 2), np.zeros(p.P))
+    at = p.split(s.x)[1]
+    assert part.objective(s.x) - 0.5 * at @ at == pytest.approx(2 * (p.objective(s.x) - 0.5 * at @ at))
+
+
+def test_one_step_and_refit_agree_where_the_fit_is_nearly_linear() -> None:
+    p, s, info = small()
+    names = p.segments.trials
+    step = leave_one_run_out(info, names)
+    full = leave_one_run_out(info, names, p, s.x)
+    assert step.labels == full.labels == names and not full.failures
+    moved = np.abs(full.p - info.p).max()
+    assert np.abs(step.p - full.p).max() < 0.2 * moved
+    few = [bootstrap(info, 6, 2, *more) for more in ((), (p, s.x))]
+    apart, spread = (np.abs(few[1].p - other).max(axis=1) for other in (few[0].p, info.p))
+    assert np.median(apart / spread) < 0.25 and (apart < 0.6 * spread).all()
+
+
+def test_refits_do_not_depend_on_the_number_of_workers() -> None:
+    p, s, info = small()
+    alone, shared = (bootstrap(info, 4, 3, p, s.x, workers) for workers in (1, 2))
+    np.testing.assert_allclose(alone.p, shared.p, atol=1e-9)
+
+
+def test_a_refit_that_fails_is_reported_and_the_others_stand(monkeypatch: pytest.MonkeyPatch) -> None:
+    import fitting.uncertainty.bootstrap as module
+
+    p, s, info = small()
+    calls = iter([0, 1])
+
+    def sometimes(*args, **kwargs):  # type: ignore[no-untyped-def]
+        if next(calls) == 0:
+            raise FloatingPointError("made up")
+        return solve(*args, **kwargs)
+
+    monkeypatch.setattr(module, "solve", sometimes)
+    found = bootstrap(info, 2, 0, p, s.x)
+    assert [label for label, _ in found.failures] == ["0"] and "made up" in found.failures[0][1]
+    assert np.isnan(found.p[0]).all() and len(found.good) == 1
+
+
+def test_a_profile_is_the_parabola_of_the_model_based_error_near_the_estimate() -> None:
+    p, s, info = small()
+    found = robust(info)
+    (profile,) = profiles(p, s.x, ["N_r"], found.model, found.model)
+    i = p.prior.symbols.index("N_r")
+    se = np.sqrt(found.model[i, i]) * p.prior.std[i]
+    best = p.coefficients(info.p)[p.kernels.free[i]]
+    assert profile.increase[len(profile.increase) // 2] == 0 and min(profile.increase) > -1e-6
+    assert profile.lower == pytest.approx(best - 1.96 * se, abs=0.3 * se)
+    assert profile.upper == pytest.approx(best + 1.96 * se, abs=0.3 * se)
+    assert not profile.failures and pytest.approx(1.96**2 / 2, rel=1e-3) == LIMIT
+    with pytest.raises(ValueError, match="not among the free"):
+        profiles(p, s.x, ["m_x"], found.model, found.model)

@@ -1,0 +1,331 @@
+"""Compiled batch kernels: every operation as CasADi gives it, the cache, and life without a compiler."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from cases.shipfiles.ship_file import load_ship
+from mmg.compile import codegen
+from mmg.compile.batch import batch_functions, cache_folder, compile_library, compiler, padded
+from mmg.compile.codegen import LANES
+from mmg.compile.fused import compile_rollout
+from mmg.rollout import Simulator
+
+needs_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler")
+
+POINTS = 4 * LANES
+
+OPERATIONS: dict[str, Callable[[ca.SX, ca.SX], ca.SX]] = {
+    "add": lambda x, y: x + y,
+    "subtract": lambda x, y: x - y,
+    "multiply": lambda x, y: x * y,
+    "divide": lambda x, y: x / y,
+    "negate": lambda x, y: -x,
+    "square": lambda x, y: x**2,
+    "twice": lambda x, y: 2 * x,
+    "inverse": lambda x, y: 1 / x,
+    "assign": lambda x, y: x,
+    "constant": lambda x, y: ca.SX(1 / 3) + 0 * x,
+    "sqrt": lambda x, y: ca.sqrt(ca.fabs(x)),
+    "sin": lambda x, y: ca.sin(x),
+    "cos": lambda x, y: ca.cos(x),
+    "tan": lambda x, y: ca.tan(x),
+    "asin": lambda x, y: ca.asin(0.3 * x),
+    "acos": lambda x, y: ca.acos(0.3 * x),
+    "atan": lambda x, y: ca.atan(x),
+    "sinh": lambda x, y: ca.sinh(x),
+    "cosh": lambda x, y: ca.cosh(x),
+    "tanh": lambda x, y: ca.tanh(x),
+    "exp": lambda x, y: ca.exp(x),
+    "log": lambda x, y: ca.log(1 + x * x),
+    "log1p": lambda x, y: ca.log1p(x * x),
+    "expm1": lambda x, y: ca.expm1(x),
+    "erf": lambda x, y: ca.erf(x),
+    "fabs": lambda x, y: ca.fabs(x),
+    "floor": lambda x, y: ca.floor(x),
+    "ceil": lambda x, y: ca.ceil(x),
+    "sign": lambda x, y: ca.sign(x),
+    "power": lambda x, y: ca.fabs(x) ** y,
+    "constant power": lambda x, y: ca.fabs(x) ** 2.7,
+    "atan2": lambda x, y: ca.atan2(x, y),
+    "fmin": lambda x, y: ca.fmin(x, y),
+    "fmax": lambda x, y: ca.fmax(x, y),
+    "fmod": lambda x, y: ca.fmod(x, y),
+    "hypot": lambda x, y: ca.hypot(x, y),
+    "copysign": lambda x, y: ca.copysign(x, y),
+    "less": lambda x, y: x < y,
+    "less or equal": lambda x, y: x <= y,
+    "equal": lambda x, y: ca.eq(x, y),
+    "not equal": lambda x, y: ca.ne(x, y),
+    "and": lambda x, y: ca.logic_and(x, y),
+    "or": lambda x, y: ca.logic_or(x, y),
+    "not": lambda x, y: ca.logic_not(x),
+    "if_else": lambda x, y: ca.if_else(x > y, ca.sin(x), y * y),
+    "if_else of nothing": lambda x, y: ca.if_else(x >= 0, x, 0),
+    "if_else keeps away from the branch not taken": lambda x, y: ca.if_else(x > 0, ca.log(x), y),
+    "infinite constant": lambda x, y: ca.fmin(x, ca.SX.inf()),
+    "undefined constant": lambda x, y: ca.SX.nan() + x,
+}
+"""Name -> an expression of x and y in which CasADi keeps that operation."""
+
+KEPT = {
+    ca.OP_ADD: "add", ca.OP_SUB: "subtract", ca.OP_MUL: "multiply", ca.OP_DIV: "divide", ca.OP_NEG: "negate",
+    ca.OP_SQ: "square", ca.OP_TWICE: "twice", ca.OP_INV: "inverse", ca.OP_SQRT: "sqrt", ca.OP_SIN: "sin",
+    ca.OP_COS: "cos", ca.OP_TAN: "tan", ca.OP_ASIN: "asin", ca.OP_ACOS: "acos", ca.OP_ATAN: "atan",
+    ca.OP_SINH: "sinh", ca.OP_COSH: "cosh", ca.OP_TANH: "tanh", ca.OP_EXP: "exp", ca.OP_LOG: "log",
+    ca.OP_LOG1P: "log1p", ca.OP_EXPM1: "expm1", ca.OP_ERF: "erf", ca.OP_FABS: "fabs", ca.OP_FLOOR: "floor",
+    ca.OP_CEIL: "ceil", ca.OP_SIGN: "sign", ca.OP_POW: "power", ca.OP_CONSTPOW: "constant power",
+    ca.OP_ATAN2: "atan2", ca.OP_FMIN: "fmin", ca.OP_FMAX: "fmax", ca.OP_FMOD: "fmod", ca.OP_HYPOT: "hypot",
+    ca.OP_COPYSIGN: "copysign", ca.OP_LT: "less", ca.OP_LE: "less or equal", ca.OP_EQ: "equal",
+    ca.OP_NE: "not equal", ca.OP_AND: "and", ca.OP_OR: "or", ca.OP_NOT: "not", ca.OP_IF_ELSE_ZERO: "if_else",
+    ca.OP_CONST: "constant",
+}  # fmt: skip
+"""Operation -> the entry of OPERATIONS that must contain it."""
+
+
+def one(name: str) -> ca.Function:
+    """The operation as an SXFunction of x and y with a C name."""
+    x, y = ca.SX.sym("x"), ca.SX.sym("y")
+    return ca.Function("op_" + name.replace(" ", "_"), [x, y], [OPERATIONS[name](x, y)])
+
+
+def operations_of(function: ca.Function) -> set[int]:
+    return {function.instruction_id(k) for k in range(function.n_instructions())}
+
+
+def arguments() -> tuple[np.ndarray, np.ndarray]:
+    """x and y (1, POINTS): all quadrants, zeros, equal values and whole numbers among them."""
+    rng = np.random.default_rng(8)
+    x, y = rng.uniform(-3, 3, (2, 1, POINTS))
+    x[0, :8] = (0.0, 0.0, 1.5, 2.0, -2.0, -0.0, 1.0, 0.0)
+    y[0, :8] = (0.0, 2.0, 1.5, -1.0, -1.0, 0.7, 0.0, -1.0)
+    return x, y
+
+
+@pytest.fixture(scope="module")
+def compiled() -> dict[str, object]:
+    """All operations in one compiled library."""
+    functions = [one(name) for name in OPERATIONS]
+    batch, reason = batch_functions(functions)
+    assert reason == ""
+    return dict(zip(OPERATIONS, batch, strict=True))
+
+
+# Operations
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", OPERATIONS)
+def test_an_operation_gives_the_same_compiled_and_interpreted(name: str, compiled: dict) -> None:
+    x, y = arguments()
+    expected = np.array([[float(one(name)(a, b)) for a, b in zip(x[0], y[0], strict=True)]])
+    assert np.isfinite(expected).any() or "undefined" in name
+    (got,) = compiled[name](x, y)
+    np.testing.assert_allclose(got, expected, rtol=1e-14, atol=0)
+    ((interpreted,), _) = batch_functions([one(name)], compiled=False)
+    np.testing.assert_array_equal(interpreted(x, y)[0], expected)
+
+
+@pytest.mark.parametrize("operation", KEPT)
+def test_the_expressions_above_do_contain_their_operation(operation: int) -> None:
+    assert operation in operations_of(one(KEPT[operation]))
+
+
+def test_every_operation_that_has_c_is_among_those_tested() -> None:
+    """Leaves out only assignment, which CasADi removes."""
+    tables = (codegen._INFIX, codegen._CALLS, codegen._CALLS2, codegen._COMPARE)
+    others = {ca.OP_NEG, ca.OP_SQ, ca.OP_TWICE, ca.OP_INV, ca.OP_NOT, ca.OP_SIGN, ca.OP_AND, ca.OP_OR}
+    others |= {ca.OP_IF_ELSE_ZERO, ca.OP_CONST}
+    supported = {operation for table in tables for operation in table} | others
+    assert supported == set(KEPT)
+
+
+def test_an_operation_without_c_is_named() -> None:
+    x = ca.SX.sym("x")
+    with pytest.raises(NotImplementedError, match=str(ca.OP_ASINH)):
+        codegen.kernel(ca.Function("f", [x], [ca.asinh(x)]))
+
+
+@needs_compiler
+def test_derivatives_and_sparse_results_come_out_as_nonzeros_in_order() -> None:
+    x, p = ca.SX.sym("x", 4), ca.SX.sym("p", 3)
+    f = ca.vertcat(p[0] * x[0] * x[2], ca.sin(x[1]) * p[1], x[3] / p[2])
+    jacobian = ca.Function("sparse", [x, p], [ca.jacobian(f, x), f])
+    (batch,), reason = batch_functions([jacobian])
+    assert reason == ""
+    rng = np.random.default_rng(0)
+    points, shared = rng.uniform(0.5, 2, (4, 16)), rng.uniform(0.5, 2, 3)
+    nonzeros, values = batch(points, shared)
+    for k in range(16):
+        expected, value = jacobian(points[:, k], shared)
+        np.testing.assert_allclose(nonzeros[:, k], expected.nonzeros(), rtol=1e-14)
+        np.testing.assert_allclose(values[:, k], np.array(value).ravel(), rtol=1e-14)
+    unwanted, wanted = batch(points, shared, outputs=[False, True])
+    assert unwanted is None
+    np.testing.assert_array_equal(wanted, values)
+
+
+@needs_compiler
+def test_one_point_gets_the_same_bits_as_many() -> None:
+    """All operations in one rollout of a single Euler step, as vectors and point by point."""
+    q, c, p = ca.SX.sym("q"), ca.SX.sym("c"), ca.SX.sym("p")
+    rows = ca.vertcat(*[f(q, c * p) for f in OPERATIONS.values()])
+    rates = ca.Function("all", [q, c, p], [ca.densify(rows)])
+    many, single = (compile_rollout(rates, len(OPERATIONS) - 1, lanes) for lanes in (LANES, 1))
+    assert many is not None and single is not None
+    x, y = arguments()
+    start = np.repeat(x, len(OPERATIONS), axis=0)
+    rest = (np.asarray(1.0), np.ones(1), np.ones(1, dtype=bool), True, False, 1)
+    together = many(start, y[None], *rest)
+    for k in range(POINTS):
+        alone = single(start[:, [k]], y[None, :, [k]], *rest)
+        np.testing.assert_array_equal(together[:, :, [k]], alone)
+
+
+# Without a compiler
+
+
+def short_run(compiled: bool = True) -> tuple[np.ndarray, str]:
+    """Ten steps of a turn, three ships at once, and why it was interpreted."""
+    simulator = Simulator(load_ship("esso_osaka_3m"), compiled)
+    start = np.zeros((6, 3))
+    start[3] = (0.2, 0.3, -0.1)
+    inputs = np.tile(np.array([[8.0], [0.3], [0.5], [0.0]]), (10, 1, 3))
+    return simulator.run(start, inputs, 0.1), simulator.interpreted_because
+
+
+def test_without_a_compiler_it_works_and_says_so(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    expected, _ = short_run()
+    monkeypatch.setenv("MMG_CC", "none")
+    monkeypatch.setenv("MMG_CACHE", str(tmp_path))
+    got, reason = short_run()
+    assert reason.startswith("no C compiler") and "'none'" in reason
+    np.testing.assert_allclose(got, expected, rtol=1e-12, atol=1e-15)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_compiler_that_is_not_there_counts_as_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MMG_CC", "no-such-compiler-anywhere")
+    assert compiler() is None
+    assert short_run()[1].startswith("no C compiler")
+
+
+def test_switched_off_says_so() -> None:
+    assert short_run(compiled=False)[1] == "compilation switched off"
+
+
+def script(folder: Path, body: str) -> str:
+    """An executable shell script that stands in for a compiler."""
+    path = folder / "cc.sh"
+    path.write_text(f"#!/bin/sh\n{body}\n")
+    path.chmod(0o755)
+    return str(path)
+
+
+@pytest.mark.parametrize(
+    ("body", "sentence"),
+    [
+        ("echo 'fatal: out of order' >&2; echo second line >&2; exit 3", "cc.sh failed: fatal: out of order"),
+        ("exit 1", "cc.sh failed: no message"),
+        (
+            "echo 'code.c: In function f' >&2; echo 'c.c:1: error: why' >&2; exit 1",
+            "failed: c.c:1: error: why",
+        ),
+    ],
+)
+def test_a_broken_compiler_is_reported_in_one_sentence(
+    body: str, sentence: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("MMG_CC", script(tmp_path, body))
+    monkeypatch.setenv("MMG_CACHE", str(tmp_path / "cache"))
+    path, reason = compile_library("int x;")
+    assert path is None
+    assert sentence in reason and "\n" not in reason
+    assert list((tmp_path / "cache").iterdir()) == []
+    assert sentence in short_run()[1]
+
+
+def test_a_library_that_does_not_load_is_reported_and_interpreted(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """A compiler that ends well but writes rubbish to the file after -o."""
+    body = 'while [ "$1" != "-o" ]; do shift; done; echo rubbish > "$2"'
+    expected, _ = short_run()
+    monkeypatch.setenv("MMG_CC", script(tmp_path, body))
+    monkeypatch.setenv("MMG_CACHE", str(tmp_path / "cache"))
+    got, reason = short_run()
+    assert reason.startswith("compiled code does not load")
+    np.testing.assert_allclose(got, expected, rtol=1e-12, atol=1e-15)
+
+
+def test_a_cache_that_cannot_be_written_is_reported(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("in the way")
+    monkeypatch.setenv("MMG_CC", script(tmp_path, "exit 0"))
+    monkeypatch.setenv("MMG_CACHE", str(tmp_path / "file"))
+    path, reason = compile_library("int x;")
+    assert path is None
+    assert reason.startswith("no cache folder")
+
+
+# Cache
+
+
+def test_the_cache_folder_follows_the_environment(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("MMG_CACHE", str(tmp_path / "here"))
+    assert cache_folder() == tmp_path / "here"
+    monkeypatch.delenv("MMG_CACHE")
+    assert cache_folder().name == "mmg-ident"
+
+
+@needs_compiler
+def test_the_same_code_is_compiled_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A stand-in that counts its calls; other code or other flags compile again."""
+    real, log = compiler(), tmp_path / "calls"
+    monkeypatch.setenv("MMG_CC", script(tmp_path, f'echo called >> {log}\nexec {real} "$@"'))
+    monkeypatch.setenv("MMG_CACHE", str(tmp_path / "cache"))
+
+    def calls_and_files() -> tuple[int, int]:
+        return log.read_text().count("called"), len(list((tmp_path / "cache").iterdir()))
+
+    for _ in range(3):
+        assert batch_functions([one("add")])[1] == ""
+        assert calls_and_files() == (1, 1)
+    batch_functions([one("subtract")])
+    assert calls_and_files() == (2, 2)
+    compile_library("int x;")
+    compile_library("int x;", ("-shared", "-fPIC"))
+    assert calls_and_files() == (4, 4)
+
+
+# Points
+
+
+@needs_compiler
+@pytest.mark.parametrize("points", [1, LANES - 1, LANES + 1])
+def test_a_number_of_points_that_fills_no_vector_is_refused(points: int) -> None:
+    (add,), reason = batch_functions([one("add")])
+    assert reason == ""
+    with pytest.raises(ValueError, match=f"{points} points is not a multiple of {LANES}"):
+        add(np.zeros((1, points)), np.zeros((1, points)))
+
+
+@pytest.mark.parametrize(("points", "expected"), [(0, 8), (1, 8), (8, 8), (9, 16), (16, 16), (17, 24)])
+def test_padding_goes_to_the_next_multiple(points: int, expected: int) -> None:
+    assert LANES == 8
+    assert padded(points) == expected
+
+
+@pytest.mark.parametrize("count", [1, 3, 8, 11])
+def test_the_simulator_takes_any_number_of_ships(count: int) -> None:
+    simulator = Simulator(load_ship("esso_osaka_3m"))
+    rng = np.random.default_rng(1)
+    state, controls = rng.uniform(-0.2, 0.2, (6, count)), rng.uniform(-0.5, 0.5, (4, count))
+    got = simulator.rates(state, controls)
+    assert got.shape == (6, count)
+    for k in range(count):
+        np.testing.assert_array_equal(got[:, [k]], simulator.rates(state[:, [k]], controls[:, [k]]))

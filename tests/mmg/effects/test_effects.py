@@ -1,0 +1,337 @@
+"""Effects: neutral values leave no trace, derivatives agree with finite differences, and each does what it says."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from cases.maneuvers.definitions import parse_maneuver
+from cases.shipfiles.effects import freeing_effects, parse_effect, with_effects
+from cases.shipfiles.ship_file import check_needs, dump_ship, load_ship, parse_ship
+from cases.simulation.gusts import Wind
+from cases.simulation.sensors import logged
+from cases.simulation.simulate import simulate, simulate_controls
+from cases.trial import Trial
+from mmg.effects import EFFECTS
+from mmg.errors import UserError
+from mmg.memory import SHARPER, clip
+from mmg.model import assemble
+from mmg.rollout import Simulator
+from mmg.ship import Ship
+
+MORE = {"velocity_lag", "gyro", "disturbance"}
+"""Effects of the library beyond those of the contract: of the measurement model, and the latent process."""
+
+CONTRACT = {
+    "current", "wind_force", "wind_sensor_bias", "shallow_water", "bank", "wave_drift", "rudder_lag",
+    "rudder_backlash", "rudder_offset", "propeller_side_force", "rudder_stall", "fouling", "draft", "antenna_offset",
+    "heading_bias", "log_scale", "control_delay", "gnss_delay", "hull_memory", "tow",
+}  # fmt: skip
+
+ESSO = load_ship("esso_osaka_3m")
+SHIPS = ("esso_osaka_3m", "kvlcc2_l7", "vectwin_3m")
+
+
+def states_and_controls(ship: Ship, count: int = 40, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Random states (6, count) and inputs (C, count); the first few at rest, stopped, or both."""
+    rng = np.random.default_rng(seed)
+    k = math.sqrt(ship.particulars["L"] / 3)
+    state = rng.uniform(-1, 1, (6, count)) * np.array([[9.0], [9.0], [3.0], [0.4 * k], [0.1 * k], [0.06 / k]])
+    inputs = {"n": 12.0, "n_bow": 20.0, "wind_north": 2.0, "wind_east": 2.0, "time": 50.0}
+    controls = np.array([rng.uniform(-1, 1, count) * inputs.get(name, 0.6) for name in ship.inputs])
+    state[3:, 0] = 0.0
+    state[3:, 1], controls[:, 1] = 0.0, 0.0
+    controls[0, 2] = 0.0
+    return state, controls
+
+
+def usable(ship: Ship) -> list[str]:
+    return [name for name, e in EFFECTS.items() if all(role in ship.components for role in e.needs)]
+
+
+def test_the_library_has_the_effects_of_the_contract() -> None:
+    assert set(EFFECTS) == CONTRACT | MORE
+    for name, effect in EFFECTS.items():
+        assert effect.enters
+        for p in effect.parameters(ESSO.namespace, dict(ESSO.components)):
+            assert p.lower < p.neutral < p.upper or p.neutral in (p.lower, p.upper), name
+            assert p.typical > 0 and p.description
+
+
+@pytest.mark.parametrize("ship_name", SHIPS)
+@pytest.mark.parametrize("name", sorted(EFFECTS))
+def test_at_its_neutral_value_an_effect_changes_nothing_to_the_last_bit(name: str, ship_name: str) -> None:
+    ship = load_ship(ship_name)
+    if name not in usable(ship):
+        with pytest.raises(UserError, match=f"{name} needs a"):
+            check_needs(ship, name, "here")
+        return
+    touched = ship.with_effect(name)
+    plain, model = assemble(ship), assemble(touched)
+    state, controls = states_and_controls(touched)
+    rng = np.random.default_rng(1)
+    for z, c in zip(state.T, controls.T, strict=True):
+        expected = np.array(plain.rates(z, c[: len(plain.controls)], ship.values)).ravel()
+        whole = np.array(model.initial(z, c, touched.values)).ravel()
+        whole[6:] += rng.normal(size=len(whole) - 6)  # whatever it remembers
+        assert np.array_equal(np.array(model.rates(whole, c, touched.values)).ravel()[:6], expected)
+        assert np.array_equal(np.array(model.columns(whole, touched.values)).ravel(), z)
+
+
+@pytest.mark.parametrize("name", sorted(EFFECTS))
+def test_a_neutral_effect_leaves_a_synthetic_trial_as_it_is(name: str) -> None:
+    plan = parse_maneuver("zigzag:20/20", ESSO, n=10.0, duration=20.0)
+    plain, touched = (simulate(ship, plan, 0.1, Wind(1.0, 0.5, True), 3) for ship in (ESSO, ESSO.with_effect(name)))
+    assert plain.columns.keys() == touched.columns.keys()
+    for column in plain.columns:
+        assert np.array_equal(plain[column], touched[column]), column
+
+
+@pytest.mark.parametrize("name", sorted(EFFECTS))
+def test_derivatives_with_respect_to_the_parameters_agree_with_finite_differences(name: str) -> None:
+    """Of rates and logged columns, at neutral values (one-sided where the bound is neutral) and at typical ones."""
+    rows = EFFECTS[name].parameters(ESSO.namespace, dict(ESSO.components))
+    ship = ESSO.with_effect(name, {"distance": 12.0} if name == "bank" else {})
+    symbols = [f"{name}.{p.symbol}" for p in rows]
+    model = assemble(ship, symbols)
+    state, controls = states_and_controls(ship, 12)
+    z, c, q = ca.SX.sym("z", len(model.states)), ca.SX.sym("c", len(model.controls)), ca.SX.sym("q", len(symbols))
+    both = ca.vertcat(model.rates(z, c, q), model.columns(z, q))
+    f, J = ca.Function("f", [z, c, q], [both]), ca.Function("J", [z, c, q], [ca.jacobian(both, q)])
+    rng = np.random.default_rng(2)
+    neutral = np.array([ship.coefficients[s].value for s in symbols])
+    typical = neutral + np.array([p.typical for p in rows])
+    for values in (neutral, typical):
+        moved = False
+        for column in range(state.shape[1]):
+            point = np.array(model.initial(state[:, column], controls[:, column], values)).ravel()
+            point[6:] += 0.1 * model.sizes * rng.normal(size=len(point) - 6)
+            exact = np.array(J(point, controls[:, column], values))
+            assert np.isfinite(exact).all()
+            for i, p in enumerate(rows):
+                h = 1e-5 * p.typical
+                up, down = values.copy(), values.copy()
+                up[i] += h
+                down[i] -= h
+                slope = np.array(f(point, controls[:, column], up) - f(point, controls[:, column], down)).ravel() / (
+                    up[i] - down[i]
+                )
+                np.testing.assert_allclose(exact[:, i], slope, rtol=1e-5, atol=1e-6 * np.abs(exact).max() + 1e-9)
+                moved = moved or np.abs(exact[:, i]).max() > 0
+        assert moved, "no parameter has any influence"
+
+
+def test_the_second_derivatives_of_all_effects_are_finite_at_rest() -> None:
+    for name in EFFECTS:
+        ship = ESSO.with_effect(name)
+        model = assemble(ship)
+        z, c, q = (ca.SX.sym(n, k) for n, k in (("z", len(model.states)), ("c", len(model.controls)), ("q", 0)))
+        rates = ca.sum1(model.rates(z, c, ship.values))
+        H = ca.Function("H", [z, c, q], [ca.hessian(rates, ca.vertcat(z, c))[0]])
+        assert np.isfinite(np.array(H(np.zeros(len(model.states)), np.zeros(len(model.controls)), []))).all(), name
+
+
+# What each effect does
+
+
+@lru_cache(maxsize=1)
+def inputs(duration: float = 60.0, dt: float = 0.1) -> Trial:
+    """A trial with a moving rudder and reversals, to be followed in open loop from headway."""
+    t = np.arange(0, duration + dt / 2, dt)
+    columns = dict.fromkeys(("x", "y", "psi", "v", "r"), np.zeros(len(t)))
+    columns |= {"t": t, "u": np.full(len(t), 0.35), "n": np.where(t > 40, -8.0, 10.0)}
+    columns["delta"] = 0.5 * np.sign(np.sin(2 * math.pi * t / 23.0 + 0.3)) * (t > 3)
+    return Trial("inputs", columns)
+
+
+def followed(*texts: str, ship: Ship = ESSO) -> Trial:
+    return simulate_controls(with_effects(ship, texts), inputs())
+
+
+def test_a_steady_current_carries_the_whole_motion_along() -> None:
+    """In a uniform current the ship moves as in still water, plus the current (Galilean invariance, no air)."""
+    ship = parse_ship(dump_ship(ESSO).replace('wind = "fujiwara"\n', "").split("[coefficients.X_A0]")[0])
+    still = simulate_controls(ship, inputs())
+    carried = inputs().with_columns(u=inputs()["u"] + 0.03, v=inputs()["v"] + 0.02)
+    drifting = simulate_controls(with_effects(ship, ["current:x=0.03,y=0.02"]), carried)
+    np.testing.assert_allclose(drifting["x"], still["x"] + 0.03 * still.t, atol=1e-9)
+    np.testing.assert_allclose(drifting["y"], still["y"] + 0.02 * still.t, atol=1e-9)
+    np.testing.assert_allclose(drifting["r"], still["r"], atol=1e-10)
+
+
+def test_a_drifting_ship_takes_up_a_changing_current() -> None:
+    """x_rate is the rate of the water: a ship at rest in accelerating water is carried with it, as the water itself."""
+    ship = with_effects(ESSO.with_effect("wind_force", {"X": 0, "Y": 0, "N": 0}), ["current:x=0,x_rate=0.001"])
+    simulator = Simulator(ship, compiled=False)
+    controls = np.zeros((200, len(ship.inputs), 1))
+    controls[:, -1, 0] = np.arange(200) + 0.5
+    path = simulator.run(np.zeros((6, 1)), controls, 1.0)
+    assert path[-1, 3, 0] == pytest.approx(0.2, rel=1e-3)
+
+
+def test_wind_bias_is_more_wind() -> None:
+    plan = parse_maneuver("straight", ESSO, n=10.0, duration=30.0)
+    biased = simulate(with_effects(ESSO, ["wind_sensor_bias:x=-1,y=0.5"]), plan, 0.1, Wind(0.0))
+    real = simulate(ESSO, plan, 0.1, Wind(math.hypot(1, 0.5), math.atan2(-0.5, 1.0)))
+    np.testing.assert_allclose(biased["y"], real["y"], atol=1e-12)
+    assert abs(biased["y"][-1]) > 1e-3
+
+
+def test_wind_force_stands_in_for_a_missing_wind_model() -> None:
+    bare = parse_ship(dump_ship(ESSO).replace('wind = "fujiwara"\n', "").split("[coefficients.X_A0]")[0])
+    whole = bare.with_effect("wind_force", {"X": 1.0, "Y": 1.0, "N": 1.0})
+    state, controls = states_and_controls(ESSO, 10)
+    np.testing.assert_allclose(
+        np.array(assemble(whole).rates(state, controls, whole.values)),
+        np.array(assemble(ESSO).rates(state, controls, ESSO.values)),
+        rtol=1e-9,
+        atol=1e-14,
+    )
+
+
+def test_rudder_lag_and_delay_make_the_turn_late() -> None:
+    """Late by the mean of the lag, exactly so by a delay of whole samples in the synthetic trial."""
+    plain, delayed = followed(), followed("control_delay:tau=0.5")
+    late = np.searchsorted(plain.t, 3.0)
+    np.testing.assert_array_equal(delayed["r"][: late + 5], 0.0)
+    late_inputs = {name: np.concatenate([inputs()[name][:1].repeat(5), inputs()[name][:-5]]) for name in ("n", "delta")}
+    shifted = inputs().with_columns(**late_inputs)
+    np.testing.assert_allclose(delayed["r"], simulate_controls(ESSO, shifted)["r"], atol=1e-12)
+    lagged = followed("rudder_lag:T=2.0")
+    start = slice(late, late + 60)
+    assert np.all(np.abs(lagged["r"][start][10:]) < np.abs(plain["r"][start][10:]))
+
+
+def test_lag_and_delay_of_the_model_have_the_right_mean() -> None:
+    """A ramp of the rudder is followed T later, whatever T."""
+    for text, T in (("rudder_lag:T=0.1", 0.1), ("rudder_lag:T=3", 3.0), ("control_delay:tau=0.3", 0.3)):
+        ship = with_effects(ESSO, [text])
+        model = assemble(ship)
+        z, dt, rate = np.zeros(len(model.states)), 0.02, 0.01
+        z[6:] = np.array(model.initial(np.zeros(6), np.zeros(4), ship.values)).ravel()[6:]
+        for k in range(1500):
+            step = np.array(model.rates(z, [0, rate * k * dt, 0, 0], ship.values)).ravel()
+            z[6:] += dt * step[6:]
+        name = "rudder_lag.delta" if "lag" in text else "control_delay.delta"
+        behind = rate * 1500 * dt - z[list(model.states).index(name)]
+        tau = math.hypot(T, 0.5 if "lag" in text else 1.0)
+        slope = T / tau if "lag" in text else 2 * T / tau
+        assert slope * behind == pytest.approx(rate * T, rel=0.02)
+
+
+def test_backlash_is_a_play_of_half_width_b() -> None:
+    """The real angle follows at distance b and rests while the logged one travels back through 2 b."""
+    b, held, real = 0.05, 0.0, []
+    commands = np.concatenate([np.linspace(0, 0.4, 400), np.linspace(0.4, 0.0, 400)])
+    for command in commands:
+        for _ in range(20):
+            held += 0.1 * (command - held - float(clip(command - held, b, 2e-3, SHARPER)))
+        real.append(command - float(clip(command - held, b, 2e-3)))
+    real_ = np.array(real)
+    assert real_[399] == pytest.approx(0.35, abs=0.01)
+    resting = (commands[400:] > 0.32) & (commands[400:] < 0.4)
+    assert np.ptp(real_[400:][resting]) < 0.02
+    assert real_[-1] == pytest.approx(0.05, abs=0.01)
+
+
+def test_measurement_effects_by_hand() -> None:
+    t = np.linspace(0, 10, 101)
+    psi, u, v, r = 0.3 + 0.02 * t, np.full(101, 0.4), np.full(101, -0.05), np.full(101, 0.02)
+    states = np.column_stack([t, 2 * t, psi, u, v, r])
+    seen = logged(with_effects(ESSO, ["antenna_offset:x=0.6,y=-0.2"]), t, states)
+    np.testing.assert_allclose(seen[:, 0], t + 0.6 * np.cos(psi) + 0.2 * np.sin(psi))
+    np.testing.assert_allclose(seen[:, 3:5], np.column_stack([u + 0.2 * r, v + 0.6 * r]))
+    seen = logged(with_effects(ESSO, ["log_scale:share=0.1"]), t, states)
+    np.testing.assert_allclose(seen[:, 3], 1.1 * u)
+    seen = logged(with_effects(ESSO, ["heading_bias:psi=0.1"]), t, states)
+    np.testing.assert_allclose(seen[:, 2], psi + 0.1)
+    np.testing.assert_allclose(np.hypot(seen[:, 3], seen[:, 4]), np.hypot(u, v))
+    course = np.arctan2(seen[:, 4], seen[:, 3]) + seen[:, 2]
+    np.testing.assert_allclose(course, np.arctan2(v, u) + psi)
+    seen = logged(with_effects(ESSO, ["gnss_delay:tau=0.5"]), t, states)
+    np.testing.assert_allclose(seen[10:, 0], t[10:] - 0.5, atol=1e-12)
+    np.testing.assert_array_equal(seen[:, [2, 5]], states[:, [2, 5]])
+
+
+def test_bank_pulls_the_ship_and_turns_the_bow_away() -> None:
+    ship = with_effects(ESSO, ["bank:suction=0.5,moment=0.1,distance=3,bearing=1.5707963,decay=1"])
+    model = assemble(ship)
+    force = dict(
+        zip(model.roles, np.array(model.forces([0, 2.0, 0, 0.4, 0, 0], [10, 0, 0, 0], ship.values)), strict=True)
+    )
+    far = np.array(model.forces([0, -9.0, 0, 0.4, 0, 0], [10, 0, 0, 0], ship.values))[model.roles.index("bank")]
+    assert force["bank"][1] > 0 > force["bank"][2]
+    assert abs(far[1]) < 1e-3 * force["bank"][1]
+
+
+def test_shallow_water_ends_at_its_shelf_line() -> None:
+    ship = with_effects(ESSO, ["shallow_water:d_h=0.6,line=10,bearing=0,width=0.5"])
+    state, controls = states_and_controls(ESSO, 8)
+    model, plain = assemble(ship), assemble(ESSO)
+    deep, shallow = state.copy(), state.copy()
+    deep[0], shallow[0] = 0.0, 20.0
+    free = np.array(plain.rates(state, controls, ESSO.values))
+    np.testing.assert_allclose(np.array(model.rates(deep, controls, ship.values)), free, rtol=1e-9, atol=1e-12)
+    hull = [np.array(m.forces(shallow[:, 3], controls[:, 3], s.values))[0] for m, s in ((plain, ESSO), (model, ship))]
+    np.testing.assert_allclose(hull[1] / hull[0], 1 + np.array([0.15, 0.5, 0.5]) * 1.5, rtol=1e-6)
+
+
+def test_more_ship_more_resistance() -> None:
+    """A fouled ship is slower; a deeper one accelerates less; a stalled rudder turns less; a lossless one is as was."""
+    assert followed("fouling:share=1")["u"][300] < followed()["u"][300] - 0.01
+    heavy = assemble(with_effects(ESSO, ["draft:share=0.5"]))
+    plain = assemble(ESSO)
+    push = [0, 0, 0, 0.0, 0, 0], [10.0, 0, 0, 0]
+    ratio = float(heavy.rates(*push, heavy.ship.values)[3]) / float(plain.rates(*push, ESSO.values)[3])
+    assert ratio == pytest.approx(1 / 1.5, rel=1e-9)
+    plan = parse_maneuver("turning:35", ESSO, n=10.0, duration=60.0)
+    stalled = simulate(with_effects(ESSO, ["rudder_stall:loss=0.8,alpha_s=0.2"]), plan)
+    assert stalled.psi_unwrapped[-1] < 0.9 * simulate(ESSO, plan).psi_unwrapped[-1]
+
+
+# Text and ship files
+
+
+def test_a_ship_with_effects_is_a_ship_file() -> None:
+    ship = with_effects(ESSO, ["current:x=0.02", "rudder_lag:T=0.4"])
+    back = parse_ship(dump_ship(ship))
+    assert back.effects == ship.effects == ("current", "rudder_lag")
+    assert dict(back.coefficients) == dict(ship.coefficients)
+    assert np.array_equal(simulate_controls(back, inputs())["r"], simulate_controls(ship, inputs())["r"])
+
+
+def test_an_effect_of_a_fit_is_free_and_held_as_asked() -> None:
+    ship = freeing_effects(ESSO, ["current:x_rate,x=0.01", "bank:distance=5"])
+    assert {s for s in ship.free if "." in s} == {
+        "current.x",
+        "current.y",
+        "current.x_rate",
+        "bank.suction",
+        "bank.moment",
+    }
+    assert ship.coefficients["bank.distance"].value == 5 and ship.coefficients["current.x"].value == 0.01
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("curent", "unknown effect 'curent'"),
+        ("current:z=1", "no parameter 'z'"),
+        ("current:x=fast", "must be a number from"),
+        ("rudder_lag:T=-1", "must be a number from 0"),
+        ("shallow_water:d_h=1.5", "0.9"),
+    ],
+)
+def test_effects_that_make_no_sense_are_refused(text: str, words: str) -> None:
+    with pytest.raises(UserError, match=words):
+        parse_effect(text, ESSO, "--effect")
+
+
+def test_an_effect_needs_what_it_changes() -> None:
+    bare = parse_ship(dump_ship(ESSO).replace('wind = "fujiwara"\n', "").split("[coefficients.X_A0]")[0])
+    with pytest.raises(UserError, match="needs a wind model"):
+        with_effects(bare, ["wind_sensor_bias"])

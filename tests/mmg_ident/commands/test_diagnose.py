@@ -1,0 +1,297 @@
+"""``mmg diagnose``: the folder that it writes, what it warns of, and one clear line for bad input."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import re
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cases.io.read import read_trial
+from cases.shipfiles.ship_file import dump_ship, load_ship
+from cases.simulation.simulate import write_trial
+from cases.trial import Trial
+from mmg.effects import EFFECTS
+from mmg.errors import UserError
+from mmg.ship import Ship
+from mmg_ident.commands.main import main
+from tests.diagnosis.report.test_report import case
+from tests.mmg_ident.commands.test_main import refused
+from tests.support.diagnosis_cases import FEW, SHIP, pushed_trials
+
+EFFECT = "current:x=0.03,y=-0.02"
+OPTIONS = ["--step", "1", "--no-learn"]
+PLAIN = {"verdict": str, "effects": list, "equivalence_class": list, "remainder": bool, "candidates": list,
+         "where": dict, "held_out": dict, "next_test": str, "warnings": list}  # fmt: skip
+"""Key of diagnosis.json -> its type, as the contract has it."""
+
+
+def calibrated() -> Ship:
+    """A ship as ``mmg fit`` would leave it: its priors are kept beside its estimates."""
+    rows = {s: FEW.coefficients[s] for s in FEW.free}
+    return FEW.with_coefficients({s: c.with_(prior_value=c.value, prior_std=c.std) for s, c in rows.items()})
+
+
+def shown(verb: str, *arguments: object) -> dict[str, Any]:
+    """Run a command with --json; its document."""
+    out = io.StringIO()
+    with contextlib.redirect_stdout(out):
+        assert main([verb, *(str(a) for a in arguments), "--json"]) == 0
+    return json.loads(out.getvalue())
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A calibrated ship, three training trials in a current and two that are kept back."""
+    folder = tmp_path_factory.mktemp("diagnose")
+    (folder / "ship.toml").write_text(dump_ship(calibrated()))
+    for role, seed, runs in (
+        ("train", 1, (("zigzag:20/20", 80.0), ("random:11", 80.0), ("turning:-20", 80.0))),
+        ("test", 2, (("zigzag:-10/10", 60.0), ("random:4", 75.0))),
+    ):
+        (folder / role).mkdir()
+        for trial in pushed_trials(seed, [EFFECT], runs):
+            write_trial(trial, folder / role / f"{trial.kind}.csv")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def content(folder: Path) -> dict[str, Any]:
+    """What ``mmg diagnose`` prints of it; the folder is ``run``."""
+    where = ("--test", folder / "test", "--out", folder / "run")
+    return shown("diagnose", folder / "ship.toml", folder / "train", *where, *OPTIONS)
+
+
+def assert_parameters(rows: dict[str, Any]) -> None:
+    for row in rows.values():
+        assert set(row) == {"value", "std", "unit"} and isinstance(row["unit"], str)
+        assert isinstance(row["value"], float) and row["std"] > 0
+
+
+def test_the_effect_is_named_with_the_keys_of_the_contract(content: dict[str, Any]) -> None:
+    assert {k: type(content[k]) for k in PLAIN} == PLAIN
+    assert content["verdict"] == "named" and [e["name"] for e in content["effects"]] == ["current"]
+    for e in content["effects"]:
+        assert {"name", "parameters", "p_value", "delta_bic", "absorbed_share"} <= set(e)
+        assert 0 <= e["p_value"] < 0.03 and e["delta_bic"] > 0 and 0 <= e["absorbed_share"] <= 1
+        assert_parameters(e["parameters"])
+    x, y = (content["effects"][0]["parameters"][k]["value"] for k in "xy")
+    assert (x, y) == pytest.approx((0.03, -0.02), abs=0.004)
+    assert content["effects"][0]["parameters"]["x"]["unit"] == "m/s"
+    assert all(name in EFFECTS for name in content["equivalence_class"])
+    assert "mmg simulate" in content["next_test"]
+
+
+def test_candidates_are_all_that_could_be_screened(content: dict[str, Any]) -> None:
+    names = [c["name"] for c in content["candidates"]]
+    assert len(names) == len(set(names))
+    assert set(names) | set(content["not_screened"]) == set(EFFECTS) - {"disturbance"}
+    assert set(content["not_screened"]) == {"bank"}
+    for c in content["candidates"]:
+        assert {"name", "score", "p_value", "delta_bic", "excited", "absorbed_share"} <= set(c)
+        assert c["score"] >= 0 and 0 <= c["p_value"] <= 1 and 0 <= c["absorbed_share"] <= 1
+        assert isinstance(c["excited"], bool) and (c["delta_bic"] is None or isinstance(c["delta_bic"], float))
+        assert_parameters(c["parameters"])
+    gains = [c["delta_bic"] for c in content["candidates"] if c["delta_bic"] is not None]
+    assert len(gains) >= 6 and gains == sorted(gains, reverse=True) and names[0] == "current"
+    refitted = [c["delta_bic"] is not None for c in content["candidates"]]
+    assert refitted == sorted(refitted, reverse=True)
+
+
+def test_where_and_held_out_have_their_keys(content: dict[str, Any]) -> None:
+    where, held = content["where"], content["held_out"]
+    assert {"channels", "phases", "regions", "bands"} <= set(where)
+    assert set(where["channels"]) == {"surge", "sway", "yaw"}
+    assert all(c["force_rms"] > 0 and 0 <= c["share"] <= 1 for c in where["channels"].values())
+    assert sum(c["share"] for c in where["channels"].values()) == pytest.approx(1.0)
+    assert where["phases"] and where["regions"] and where["bands"]
+    assert {row["channel"] for row in where["phases"]} <= set(where["channels"])
+    assert {"mse_before", "mse_after", "reduction", "interval_90", "windows"} <= set(held)
+    low, high = held["interval_90"]
+    assert held["windows"] == 3 + 4 and 0 < low <= held["reduction"] <= high < 1
+    assert held["reduction"] == pytest.approx(1 - held["mse_after"] / held["mse_before"])
+
+
+def test_the_folder_is_complete_and_stands_alone(folder: Path, content: dict[str, Any]) -> None:
+    run = folder / "run"
+    assert json.loads((run / "diagnosis.json").read_text()) == content
+    html = (run / "report.html").read_text(encoding="utf-8")
+    assert "data:image/png;base64," in html and not re.search(r'(src|href)="(?!data:|#)', html)
+    result = json.loads((run / "result.json").read_text())
+    assert result["kind"] == "diagnosis" and result["seed"] == 0 and result["versions"]["casadi"]
+    for key, role, count in (("data", "train", 3), ("test", "test", 2)):
+        assert len(result[key]) == count and all(len(row["sha256"]) == 64 for row in result[key])
+        assert {Path(row["path"]).parent.name for row in result[key]} == {role}
+    assert result["figures"] and all((run / f["file"]).stat().st_size > 5000 for f in result["figures"])
+    assert result["warnings"] == content["warnings"] and result["timings_s"]["wall"] > 0
+    assert not [p for p in folder.iterdir() if p.name.startswith(".")]
+
+
+def test_the_ship_of_the_folder_has_what_was_named_and_can_be_used_again(folder: Path, content: dict[str, Any]) -> None:
+    ship = load_ship(folder / "run")
+    assert set(ship.effects) == {"current"}
+    assert ship.parameters_of("current").x == pytest.approx(content["effects"][0]["parameters"]["x"]["value"])
+    for s in FEW.free:
+        c = ship.coefficients[s]
+        assert c.source == "mmg diagnose" and c.std < FEW.coefficients[s].std
+        assert (c.prior_value, c.prior_std) == (FEW.coefficients[s].value, FEW.coefficients[s].std)
+    scores = shown("score", folder / "ship.toml", folder / "run", folder / "test" / "random.csv")["models"]
+    assert scores[str(folder / "run")]["window"] < scores[str(folder / "ship.toml")]["window"]
+
+
+def test_trials_that_show_all_that_is_needed_are_not_warned_of(content: dict[str, Any]) -> None:
+    said = " ".join(content["warnings"])
+    for words in ("no positions", "no wind columns", "of one kind", "not calibrated", "shares rows", "no --test"):
+        assert words not in said
+
+
+def bare(trial: Trial, *names: str) -> Trial:
+    return replace(trial, columns={k: v for k, v in trial.columns.items() if k not in names})
+
+
+@pytest.fixture(scope="module")
+def poor(folder: Path) -> Path:
+    """Three zigzags, one without positions, one without wind; tests that are the first of them, twice, and a third."""
+    poor = folder / "poor"
+    (poor / "train").mkdir(parents=True)
+    (poor / "test").mkdir()
+    (poor / "ship.toml").write_text(dump_ship(FEW))
+    a, b, c = pushed_trials(3, [EFFECT], [(f"zigzag:{angles}", 60.0) for angles in ("20/20", "-20/20", "15/15")])
+    write_trial(a, poor / "train" / "zigzag_a.csv")
+    write_trial(bare(b, "x", "y"), poor / "train" / "zigzag_b.csv")
+    write_trial(bare(c, "wind_speed", "wind_direction"), poor / "train" / "zigzag_c.csv")
+    shutil.copy(poor / "train" / "zigzag_a.csv", poor / "test" / "again.csv")
+    late = {**a.columns, "t": a.t + 1000.0}
+    write_trial(replace(a, columns={k: v[100:] for k, v in late.items()}), poor / "test" / "renamed.csv")
+    return poor
+
+
+def test_what_poor_trials_cannot_say_is_said_and_the_rest_is_concluded(folder: Path, poor: Path) -> None:
+    tests = [poor / "test", folder / "test" / "random.csv"]
+    content = shown("diagnose", poor / "ship.toml", poor / "train", "--test", *tests, "--out", poor / "run", *OPTIONS)
+    said = content["warnings"]
+    for words in (
+        "was not calibrated",
+        "no positions in zigzag_b: effects of place and of satellite sensors are hardly seen there",
+        "no wind columns in zigzag_c: calm air is assumed",
+        "all trials are of one kind (zigzag): many effects look alike in them",
+        "again shares rows with zigzag_a, so it is no test",
+        "renamed shares rows with zigzag_a, so it is no test",
+        "not excited by these trials, so neither found nor excluded: propeller_side_force",
+    ):
+        assert sum(words in line for line in said) == 1, (words, said)
+    assert content["verdict"] in ("none", "named", "unknown") and content["candidates"]
+    assert list(content["held_out"]["by_run"]) == ["random"]
+    assert json.loads((poor / "run" / "result.json").read_text())["warnings"] == said
+    html = (poor / "run" / "report.html").read_text(encoding="utf-8")
+    assert re.search("no positions in", html, re.I) and "so it is no test" in html
+
+
+def test_without_test_trials_and_without_any_wind_it_still_concludes(folder: Path, poor: Path) -> None:
+    """One run, no wind, and no test trial left."""
+    where = ("--test", poor / "test" / "again.csv", "--out", poor / "one")
+    trial = read_trial(poor / "train" / "zigzag_a.csv")
+    write_trial(bare(trial, "wind_speed", "wind_direction"), poor / "calm.csv")
+    content = shown("diagnose", folder / "ship.toml", poor / "calm.csv", *where, *OPTIONS)
+    said = " ".join(content["warnings"])
+    assert "no wind columns in calm" in said and "again shares rows with calm" in said
+    assert "no test trial is left" in said and "no --test trials: how far the gap closes was not checked" in said
+    assert content["held_out"] is None
+    assert set(content["not_screened"]) == {"bank", "wind_force", "wind_sensor_bias"}
+    assert {c["name"] for c in content["candidates"]}.isdisjoint(content["not_screened"])
+    assert "No test trials were given" in (poor / "one" / "report.html").read_text(encoding="utf-8")
+
+
+def short(folder: Path) -> list[str | Path]:
+    trial = read_trial(folder / "train" / "zigzag.csv")
+    path = folder / "short.csv"
+    write_trial(replace(trial, columns={k: v[:60] for k, v in trial.columns.items()}), path)
+    return [folder / "ship.toml", path]
+
+
+def all_fixed(folder: Path) -> list[str | Path]:
+    path = folder / "fixed.toml"
+    path.write_text(dump_ship(SHIP.fixing(list(SHIP.symbols))))
+    return [path, folder / "train"]
+
+
+BAD: list[tuple[Callable[[Path], list[str | Path]], str]] = [
+    (lambda f: [f / "ship.toml", f / "nowhere.csv"], "nowhere.csv: no such file"),
+    (lambda f: [f / "ship.toml", f / "train", "--test", f / "no_test.csv"], "no_test.csv: no such file"),
+    (lambda f: [f / "nothing", f / "train"], "nothing: neither a run folder nor a ship file nor a ship of mmg ships"),
+    (lambda f: [f / "train", f / "train"], "train: no ship.toml in it"),
+    (lambda f: [f / "no_ship.toml", f / "train"], "no_ship.toml"),
+    (short, "short: nothing to diagnose, no piece is longer than 10 s"),
+    (all_fixed, "every coefficient is fixed"),
+    (lambda f: [f / "ship.toml", f / "train", "--without", "sails"], "--without sails: ESSO"),
+    (lambda f: [f / "ship.toml", f / "train", "--without", "hull"], "--without hull: the rest of the model needs it"),
+    (lambda f: [f / "ship.toml", f / "train", "--step", "0"], "--step 0: must be a positive number"),
+    (lambda f: [f / "ship.toml", f / "train", "--workers", "0"], "--workers 0: must be at least 1"),
+    (lambda f: [f / "ship.toml", f / "train", "--site", f / "no_site.toml"], "no_site.toml: no such file"),
+    (lambda f: [f / "ship.toml", f / "train", "--site", f / "ship.toml"], "unknown section"),
+    (lambda f: [f / "ship.toml"], "TRIAL"),
+]
+
+
+@pytest.mark.parametrize(("arguments", "words"), BAD, ids=[words for _, words in BAD])
+def test_bad_input_is_one_clear_line_and_writes_nothing(
+    arguments: Callable[[Path], list[str | Path]],
+    words: str,
+    folder: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    line = refused(capsys, "diagnose", *arguments(folder), "--out", tmp_path / "run")
+    assert words.lower() in line.lower() and "Traceback" not in line
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_folder_that_exists_is_never_overwritten(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "precious.txt").write_text("mine")
+    line = refused(capsys, "diagnose", folder / "ship.toml", folder / "train", "--out", tmp_path / "run")
+    assert "run: already exists; choose another --out" in line
+    assert [p.name for p in (tmp_path / "run").iterdir()] == ["precious.txt"]
+
+
+def made(monkeypatch: pytest.MonkeyPatch, verdict: str) -> None:
+    """The command answers with a diagnosis made by hand."""
+    monkeypatch.setattr("diagnosis.diagnose.diagnose", lambda *arguments, **more: case(verdict))
+
+
+@pytest.mark.parametrize("verdict", ["named", "none"])
+def test_a_person_is_told_the_verdict_the_ranking_and_the_warnings(
+    verdict: str, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    made(monkeypatch, verdict)
+    capsys.readouterr()
+    where = ["--out", str(tmp_path / "run"), "--no-learn"]
+    assert main(["diagnose", str(folder / "ship.toml"), str(folder / "train"), *where]) == 0
+    out, err = capsys.readouterr()
+    assert f"verdict: {verdict}" in out and f"In one sentence: {verdict}" in out
+    assert "current" in out and "not excited" in out and "u and v are late by 0.7 s" in out
+    assert ("next: Stop and drift." in out) == (verdict == "named")
+    assert "warning: beware of the <tide>." in err and f"diagnosis: {tmp_path / 'run'}" in err
+    assert json.loads((tmp_path / "run" / "diagnosis.json").read_text())["verdict"] == verdict
+
+
+def test_nothing_is_left_when_writing_fails(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def full(*arguments: object) -> None:
+        raise UserError("the disk is full")
+
+    made(monkeypatch, "none")
+    monkeypatch.setattr("diagnosis.report.page.write_report", full)
+    where = ("--out", tmp_path / "run", "--no-learn")
+    assert "the disk is full" in refused(capsys, "diagnose", folder / "ship.toml", folder / "train", *where)
+    assert not list(tmp_path.iterdir())

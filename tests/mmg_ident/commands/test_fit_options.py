@@ -1,0 +1,76 @@
+"""``mmg fit`` with a robust loss, captive points and an automatic choice, from files to result.json and report."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cases.simulation.demo_trials import hidden_ship
+from cases.simulation.simulate import write_trial
+from mmg_ident.commands.main import main
+from tests.fitting.nlp.test_captive import points, write
+from tests.support.synthetic_runs import runs
+
+UNITS = "u [m/s],v [m/s],r [rad/s],n [rps],delta [deg],X [N],Y [N],N [N m]"
+FREE = "Y_v,N_v,N_r,k_0"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three training trials with positions, and captive points of the same ship."""
+    folder = tmp_path_factory.mktemp("options")
+    (folder / "train").mkdir()
+    for trial in runs()[0][:3]:
+        write_trial(trial, folder / "train" / f"{trial.name}.csv")
+    write(folder / "tank.csv", UNITS, points(hidden_ship(), 1.0))
+    return folder
+
+
+def test_captive_points_and_a_robust_loss_go_into_the_run(folder: Path) -> None:
+    arguments = ["fit", "esso_osaka_3m", str(folder / "train"), "--only", FREE, "--out", str(folder / "run"),
+                 "--captive", str(folder / "tank.csv"), "--captive-sigma", "0.5,0.5,0.3", "--loss", "student",
+                 "--starts", "2", "--no-next-trial"]  # fmt: skip
+    assert main(arguments) == 0
+    result = json.loads((folder / "run" / "result.json").read_text())
+    assert result["settings"]["loss"] == "student" and 1 <= result["condition_number"] < 1e12
+    assert len(result["starts"]) == 2 and result["starts"][1]["apart"] == {}
+    assert (folder / "run" / "figures" / "starts.png").stat().st_size > 5000
+
+
+def test_an_automatic_choice_is_told_in_result_and_report(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from fitting import model_selection as selection
+
+    monkeypatch.setattr(selection, "STEPS", (50,))
+    monkeypatch.setattr(selection, "WIDTHS", ())
+    monkeypatch.setattr("os.cpu_count", lambda: 1)
+    arguments = ["fit", "esso_osaka_3m", str(folder / "train"), "--only", FREE, "--out", str(folder / "auto"), "--auto",
+                 "--no-next-trial", "--window", "40"]  # fmt: skip
+    assert main(arguments) == 0
+    result = json.loads((folder / "auto" / "result.json").read_text())
+    varied = [row["varied"] for row in result["auto"]]
+    assert varied[0] == "start" and {"measurement", "window", "loss"} <= set(varied)
+    assert all(np.isfinite(row["window"]) for row in result["auto"])
+    assert any("chosen by cross-validation" in line for line in result["notices"])
+    assert "Choice of the model" in (folder / "auto" / "report.html").read_text()
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--loss", "absolute"], "--loss absolute: unknown; choose one of gaussian, huber, student"),
+        (["--captive", "nowhere.csv"], "nowhere.csv: no such file"),
+        (["--captive-sigma", "1,1,1"], "there is no --captive"),
+        (["--auto", "--resume"], "--auto cannot be resumed"),
+    ],
+)
+def test_bad_options_are_one_clear_line(
+    folder: Path, options: list[str], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    capsys.readouterr()
+    assert main(["fit", "esso_osaka_3m", str(folder / "train"), "--out", str(folder / "none"), *options]) == 2
+    line = capsys.readouterr().err.strip()
+    assert words in line and "\n" not in line
+    assert not (folder / "none").exists()

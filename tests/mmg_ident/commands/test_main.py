@@ -1,0 +1,315 @@
+"""The command line: exit codes, one clear line for bad input, nothing half-written, resume."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mmg_ident.commands.main
+from cases.simulation.simulate import write_trial
+from mmg_ident.commands.main import expand, main
+from tests.support.synthetic_runs import runs
+from tests.support.trial_files import motion_columns, write_csv
+
+ROOT = Path(__file__).parents[3]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with two training trials, one held-out trial and a finished run."""
+    folder = tmp_path_factory.mktemp("cli")
+    train, held_out = runs()
+    (folder / "train").mkdir()
+    for trial in train[:2]:
+        write_trial(trial, folder / "train" / f"{trial.name}.csv")
+    write_trial(held_out[0], folder / "held_out.csv")
+    arguments = ["fit", "esso_osaka_3m", str(folder / "train"), "--validate", str(folder / "held_out.csv")]
+    assert main([*arguments, "--out", str(folder / "run")]) == 0
+    return folder
+
+
+def refused(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
+    """Run a command that must be refused; returns its one line."""
+    capsys.readouterr()
+    assert main([str(a) for a in arguments]) == 2
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert len(lines) == 1 and lines[0].startswith("mmg: "), lines
+    return lines[0]
+
+
+def test_options_that_take_several_values_are_expanded() -> None:
+    given = ["fit", "ship", "a.csv", "--validate", "b.csv", "c.csv", "--out", "run"]
+    assert expand(given) == [
+        "fit", "ship", "a.csv", "--validate", "b.csv", "--validate", "c.csv", "--out", "run",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("given", [["ships", "--new"], ["fit", "a", "b.csv", "--validate", "--out", "run"]])
+def test_an_option_without_its_values_is_one_clear_line(given: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(given) == 2
+    line = capsys.readouterr().err.strip()
+    assert "requires an argument" in line and "\n" not in line
+
+
+def test_help_needs_neither_casadi_nor_torch() -> None:
+    code = (
+        "import sys; from mmg_ident.commands.main import main; main(['--help']); main(['fit', '--help']);"
+        "sys.exit(any(name in sys.modules for name in ('casadi', 'torch', 'pandas', 'scipy', 'matplotlib')))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0 and "fit" in done.stdout
+
+
+@pytest.mark.parametrize("verb", ["demo", "ships", "check", "simulate", "fit", "predict", "score", "report"])
+def test_every_verb_has_help_with_an_example(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([verb, "--help"]) == 0
+    assert "Example" in capsys.readouterr().out
+
+
+def test_a_run_folder_is_complete(folder: Path) -> None:
+    run = folder / "run"
+    content = json.loads((run / "result.json").read_text())
+    for name in ("ship.toml", "start.toml", "result.json", "iterate.safetensors", "report.html"):
+        assert (run / name).stat().st_size > 0
+    assert content["converged"] and content["status"] == "Solve_Succeeded"
+    assert len(content["coefficients"]) == 62 and content["versions"]["casadi"]
+    assert all(len(row["sha256"]) == 64 for row in content["data"])
+    assert content["scores"]["validation"]["after"]["window"] < content["scores"]["validation"]["before"]["window"]
+    assert content["figures"] and all((run / "figures" / f["file"]).exists() or (run / f["file"]).exists()
+                                      for f in content["figures"])  # fmt: skip
+    assert not [p for p in folder.iterdir() if p.name.startswith(".")]
+
+
+def test_the_same_command_on_the_same_data_gives_the_same_result(folder: Path, tmp_path: Path) -> None:
+    arguments = ["fit", "esso_osaka_3m", str(folder / "train"), "--out", str(tmp_path / "again")]
+    assert main(arguments) == 0
+    first, second = (json.loads((p / "result.json").read_text()) for p in (folder / "run", tmp_path / "again"))
+    assert first["objective"] == second["objective"]
+    assert first["coefficients"] == second["coefficients"]
+
+
+def test_predictions_follow_the_contract(folder: Path, tmp_path: Path) -> None:
+    out = tmp_path / "forecast.csv"
+    arguments = ["predict", str(folder / "run"), str(folder / "held_out.csv"), "--window", "30", "--stride", "15"]
+    assert main([*arguments, "--out", str(out)]) == 0
+    header, *rows = out.read_text().splitlines()
+    bare = "window,t [s],x [m],y [m],psi [rad],u [m/s],v [m/s],r [rad/s]"
+    assert header == bare + ",x_std [m],y_std [m],psi_std [rad],u_std [m/s],v_std [m/s],r_std [rad/s]"
+    table = np.array([[float(cell) for cell in row.split(",")] for row in rows])
+    windows = table[:, 0].astype(int)
+    assert (np.bincount(windows) == 301).all()
+    assert windows.max() == 7  # 140 s: windows start at 0, 15, ..., 105 s
+    assert main([*arguments, "--out", str(out)]) == 2  # never overwritten without being asked
+    assert main(["predict", "esso_osaka_3m", str(folder / "train"), "--window", "0", "--out", str(tmp_path / "d")]) == 0
+    files = list((tmp_path / "d").glob("*.csv"))
+    assert len(files) == 2 and all(file.read_text().splitlines()[0] == bare for file in files)
+
+
+def test_scores_of_several_models_come_side_by_side(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["score", "esso_osaka_3m", str(folder / "run"), str(folder / "held_out.csv")]
+    capsys.readouterr()
+    assert main([*arguments, "--json"]) == 0
+    data = json.loads(capsys.readouterr().out)["models"]
+    before, after = data["esso_osaka_3m"], data[str(folder / "run")]
+    assert after["window"] < before["window"] and before["sigma"] == after["sigma"]
+    assert set(before["sigma"]) == {"x", "y", "psi", "u", "v", "r"}
+    assert main([*arguments, "--sigma", "1,1,1,1,1,1", "--json"]) == 0
+    other = json.loads(capsys.readouterr().out)["models"]["esso_osaka_3m"]
+    assert set(other["sigma"].values()) == {1.0} and other["sigma_from"] == "--sigma"
+    assert main(arguments) == 0
+    assert "sigma" in capsys.readouterr().out
+
+
+def test_a_component_can_be_left_out_and_coefficients_fixed(folder: Path, tmp_path: Path) -> None:
+    arguments = ["fit", "esso_osaka_3m", str(folder / "train"), "--out", str(tmp_path / "run")]
+    assert main([*arguments, "--without", "wind", "--fix", "m_x,m_y"]) == 0
+    content = json.loads((tmp_path / "run" / "result.json").read_text())
+    assert not [s for s in content["coefficients"] if s.startswith(("X_A", "Y_A", "N_A"))]
+    assert content["fixed"] == ["m_x", "m_y"]
+
+
+def test_an_iteration_limit_exits_1_and_resume_finishes(folder: Path, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    arguments = ["fit", "esso_osaka_3m", str(folder / "train"), "--out", str(run)]
+    assert main([*arguments, "--max-iterations", "2"]) == 1
+    before = json.loads((run / "result.json").read_text())
+    assert not before["converged"] and "NOT CONVERGED" in (run / "ship.toml").read_text()
+    assert main([*arguments, "--resume"]) == 0
+    after = json.loads((run / "result.json").read_text())
+    assert after["converged"] and after["objective"] != before["objective"]
+    whole = json.loads((folder / "run" / "result.json").read_text())
+    prior = {k: (v["prior_value"], v["prior_std"]) for k, v in whole["coefficients"].items()}
+    assert prior == {k: (v["prior_value"], v["prior_std"]) for k, v in after["coefficients"].items()}
+    assert main([*arguments, "--resume"]) == 0  # already converged: nothing to do
+
+
+def test_what_a_library_makes_of_ctrl_c_is_an_interruption(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """An import that is broken off may end in an error of its own."""
+
+    def broken(*given: object, **options: object) -> None:
+        raise RuntimeError("could not be imported")
+
+    pressed: list[int] = []
+    monkeypatch.setattr(mmg_ident.commands.main, "app", broken)
+    monkeypatch.setattr(mmg_ident.commands.main, "_pressed", pressed)
+    with pytest.raises(RuntimeError):
+        main(["ships"])
+    with pytest.raises(KeyboardInterrupt):
+        mmg_ident.commands.main._noted(signal.SIGINT, None)
+    assert main(["ships"]) == 130 and capsys.readouterr().err == "mmg: interrupted\n"
+
+
+@pytest.mark.skipif(os.name == "nt", reason="sends SIGINT")
+def test_ctrl_c_leaves_a_flagged_folder_that_resume_continues(folder: Path, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    code = (
+        "import sys, fitting.solvers.noise_iteration as c; from mmg_ident.commands.main import main; solve = c.solve\n"
+        "def slow(*a, **k):\n"
+        "    def report(i, f, v):\n"
+        "        import time; print('iterating', flush=True); time.sleep(0.4)\n"
+        "    k['report'] = report; return solve(*a, **k)\n"
+        "c.solve = slow; sys.exit(main(sys.argv[1:]))"
+    )
+    arguments = ["fit", "esso_osaka_3m", str(folder / "train"), "--out", str(run)]
+    process = subprocess.Popen(
+        [sys.executable, "-c", code, *arguments], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    process.stdout.readline()
+    time.sleep(0.2)
+    process.send_signal(signal.SIGINT)
+    _, error = process.communicate(timeout=120)
+    assert process.returncode == 130 and "Traceback" not in error
+    content = json.loads((run / "result.json").read_text())
+    assert not content["converged"] and content["status"] == "User_Requested_Stop"
+    assert main([*arguments, "--resume"]) == 0
+    assert json.loads((run / "result.json").read_text())["converged"]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda c: {k: v for k, v in c.items() if k != "r"}, "r"),
+        (lambda c: {**c, "psi": np.rad2deg(c["psi"])}, "psi"),
+        (lambda c: {**c, "u": np.full_like(c["u"], np.nan)}, "u"),
+        (lambda c: {k: np.full_like(v, np.nan) for k, v in c.items()}, ""),
+        (lambda c: {k: v[:1] for k, v in c.items()}, "row"),
+        (lambda c: {**c, "t": np.zeros_like(c["t"])}, "t"),
+        (lambda c: {**c, "t": c["t"][::-1]}, "t"),
+        (lambda c: {**c, "n": np.full_like(c["n"], 10.0), "delta": np.zeros_like(c["delta"])}, "nothing to identify"),
+    ],
+    ids=["missing column", "degrees", "NaN column", "all NaN", "one row", "same time", "falling time", "constant"],
+)
+def test_bad_trials_are_refused_in_one_line_and_nothing_is_written(change, words, tmp_path, capsys) -> None:  # type: ignore[no-untyped-def]
+    path = write_csv(tmp_path / "bad.csv", change(motion_columns(120.0)), rows=None)
+    line = refused(capsys, "fit", "esso_osaka_3m", path, "--out", tmp_path / "run")
+    assert words in line and ("bad" in line)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["bad.csv"]
+
+
+def test_text_in_a_number_and_unknown_units_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = write_csv(tmp_path / "bad.csv", motion_columns(60.0), rows=None)
+    text = path.read_text()
+    path.write_text(text.replace("u [m/s]", "u [furlong/fortnight]"))
+    assert "furlong" in refused(capsys, "fit", "esso_osaka_3m", path, "--out", tmp_path / "run")
+    rows = text.splitlines()
+    rows[5] = "abc" + rows[5][rows[5].index(",") :]
+    path.write_text("\n".join(rows))
+    assert "abc" in refused(capsys, "fit", "esso_osaka_3m", path, "--out", tmp_path / "run")
+
+
+def test_bad_ships_are_refused(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    good = (ROOT / "cases" / "ships" / "esso_osaka_3m.toml").read_text()
+    cases = {
+        "unknown coefficient": good.replace("[coefficients.Y_v]", "[coefficients.Y_vvvv]"),
+        "below": good.replace("lower = 0.04203\nupper = 0.05137", "lower = 0.06\nupper = 0.05"),
+        "not a valid TOML": "ship = ",
+    }
+    for words, text in cases.items():
+        ship = tmp_path / "ship.toml"
+        ship.write_text(text)
+        assert words in refused(capsys, "fit", ship, folder / "train", "--out", tmp_path / "run")
+    assert "no such ship" in refused(capsys, "fit", "nobody", folder / "train", "--out", tmp_path / "run")
+
+
+def test_bounds_that_exclude_their_value_are_repaired_with_a_notice(folder, tmp_path, capsys) -> None:  # type: ignore[no-untyped-def]
+    text = (ROOT / "cases" / "ships" / "esso_osaka_3m.toml").read_text()
+    ship = tmp_path / "ship.toml"
+    ship.write_text(text.replace("lower = -1.5\nupper = -0.4", "lower = 0.5\nupper = 1.5"))
+    arguments = ["fit", str(ship), str(folder / "train"), "--out", str(tmp_path / "run"), "--max-iterations", "0"]
+    main(arguments)
+    assert "ell_R: the bounds [0.5, 1.5] exclude" in capsys.readouterr().err
+
+
+def test_targets_that_exist_or_cannot_be_written_are_refused(folder: Path, tmp_path: Path, capsys) -> None:  # type: ignore[no-untyped-def]
+    assert "already exists" in refused(capsys, "fit", "esso_osaka_3m", folder / "train", "--out", folder / "run")
+    (tmp_path / "file").write_text("x")
+    line = refused(capsys, "fit", "esso_osaka_3m", folder / "train", "--out", tmp_path / "file" / "run")
+    assert "cannot be written" in line
+    assert (tmp_path / "file").read_text() == "x"
+
+
+def test_wrong_usage_exits_2_in_one_line(capsys: pytest.CaptureFixture[str], folder: Path, tmp_path: Path) -> None:
+    assert "no-such-option" in refused(capsys, "fit", "--no-such-option")
+    refused(capsys, "nonsense")
+    refused(capsys, "score", folder / "held_out.csv")
+    refused(capsys, "score", "esso_osaka_3m")
+    for option, value in (("--window", "-3"), ("--fix", "Z_z"), ("--without", "sails"), ("--sigma", "1,2")):
+        refused(capsys, "fit", "esso_osaka_3m", folder / "train", option, value, "--out", tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+def test_rows_on_both_sides_of_a_split_are_said(folder: Path, tmp_path: Path) -> None:
+    one = sorted((folder / "train").glob("*.csv"))[0]
+    arguments = ["fit", "esso_osaka_3m", str(folder / "train"), "--validate", str(one), "--out", str(tmp_path / "run")]
+    main([*arguments, "--max-iterations", "1"])
+    warnings = json.loads((tmp_path / "run" / "result.json").read_text())["warnings"]
+    assert any("shares rows" in w and "not held out" in w for w in warnings)
+
+
+def test_a_role_in_the_sidecar_keeps_a_trial_out_of_the_training(folder: Path, tmp_path: Path) -> None:
+    import shutil
+
+    shutil.copytree(folder / "train", tmp_path / "train")
+    files = sorted((tmp_path / "train").glob("*.csv"))
+    (tmp_path / "train" / "trials.toml").write_text(f'[files."{files[0].name}"]\nrole = "test"\n')
+    main(["fit", "esso_osaka_3m", str(tmp_path / "train"), "--out", str(tmp_path / "run"), "--max-iterations", "1"])
+    content = json.loads((tmp_path / "run" / "result.json").read_text())
+    assert [row["name"] for row in content["data"]] == [files[1].stem]
+    assert any(files[0].stem in w for w in content["warnings"])
+
+
+def test_a_readable_file_is_checked_even_when_another_is_broken(folder: Path, tmp_path: Path, capsys) -> None:  # type: ignore[no-untyped-def]
+    broken = tmp_path / "broken.csv"
+    broken.write_text("nonsense")
+    capsys.readouterr()
+    assert main(["check", str(broken), str(folder / "held_out.csv"), "--json"]) == 2
+    out, err = capsys.readouterr()
+    verdicts = {f["name"]: f["verdict"] for f in json.loads(out)["files"]}
+    assert verdicts["broken"] == "unusable" and verdicts["held_out"] == "ok" and len(err.splitlines()) == 1
+
+
+def test_nothing_to_predict_is_an_error(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    held_out = folder / "held_out.csv"
+    out = tmp_path / "p.csv"
+    assert "no window" in refused(
+        capsys, "predict", "esso_osaka_3m", held_out, "--window", "500", "--stride", "10", "--out", out
+    )
+    assert "--window" in refused(capsys, "predict", "esso_osaka_3m", held_out, "--window", "nan", "--out", out)
+    assert not out.exists()
+
+
+def test_a_demo_that_cannot_be_written_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "file").write_text("x")
+    assert "cannot be written" in refused(capsys, "demo", "--out", tmp_path / "file" / "demo")
+    assert "already exists" in refused(capsys, "demo", "--out", tmp_path)

@@ -1,0 +1,286 @@
+"""``mmg train`` and a hybrid in the other commands: run folder, decision, envelope, one clear line for bad input."""
+
+from __future__ import annotations
+
+import builtins
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from safetensors.numpy import load_file
+
+pytest.importorskip("torch")
+
+from cases.io.read import read_trial
+from cases.shipfiles.ship_file import load_ship
+from cases.simulation.simulate import write_trial
+from fitting.prediction.predict import predict
+from fitting.prediction.training_range import outside_share
+from fitting.report.run_folder import read_result
+from mmg.rollout import Simulator
+from mmg_ident.commands.main import main
+from residual.report.words import LEAST as NEEDED
+from residual.report.words import criteria, headline
+from residual.training.acceptance import LEAST
+from tests.mmg_ident.commands.test_main import refused
+from tests.support import hybrids
+
+QUICK = ["--seeds", "2", "--epochs", "12", "--width", "8", "--rate", "1e-2", "--penalty", "0.001", "--step", "1"]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Trials of the ship that lacks a force, and the run folder of a training on them."""
+    folder = tmp_path_factory.mktemp("train")
+    (folder / "trials").mkdir()
+    for trial in hybrids.trials(hybrids.lacking(), 3, 400):
+        write_trial(trial, folder / "trials" / f"{trial.name}.csv")
+    write_trial(hybrids.trials(hybrids.lacking(), 1, 300, seed=7)[0], folder / "held_out.csv")
+    arguments = ["train", "esso_osaka_3m", str(folder / "trials"), "--validate", str(folder / "held_out.csv"), *QUICK]
+    assert main([*arguments, "--out", str(folder / "run")]) == 0
+    return folder
+
+
+def test_the_run_folder_tells_how_it_came_about(folder: Path) -> None:
+    content = read_result(folder / "run")
+    assert content["kind"] == "training" and content["kept"] and "residual kept" in content["decision"]["words"]
+    assert content["seeds"] == [0, 1] and len(content["per_seed"]) == 2
+    assert [row["name"] for row in content["data"]] == ["run0", "run1", "run2"]
+    assert all(row["sha256"] for row in content["data"]) and content["versions"]["torch"]
+    pair = content["scores"]["validation"]
+    assert pair["after"]["window"] < pair["before"]["window"]
+    for name in ("ship.toml", "network.safetensors", "figures/learning.png", "figures/scores.png"):
+        assert (folder / "run" / name).is_file()
+
+
+def test_a_hybrid_is_a_ship(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    ship = load_ship(folder / "run")
+    assert ship.network is not None and len(ship.network.members) == 2
+    bound = read_result(folder / "run")["bound"]
+    np.testing.assert_allclose([bound[a] for a in ("du", "dv", "dr")], ship.network.bound)
+    capsys.readouterr()
+    assert main(["score", "esso_osaka_3m", str(folder / "run"), str(folder / "held_out.csv"), "--json"]) == 0
+    models = json.loads(capsys.readouterr().out)["models"]
+    assert models[str(folder / "run")]["window"] < models["esso_osaka_3m"]["window"]
+
+
+def test_prediction_says_which_share_lies_outside_the_envelope(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    trial = read_trial(folder / "held_out.csv")
+    fast = trial.with_columns(n=3.0 * trial["n"])
+    simulator = Simulator(load_ship(folder / "run"))
+    known = outside_share(simulator, trial, predict(simulator, trial, 30.0, 30.0)[0])
+    beyond = outside_share(simulator, fast, predict(simulator, fast, 30.0, 30.0)[0])
+    assert known is not None and beyond is not None and known < 0.25 and beyond > 0.6
+    bare = Simulator(load_ship("esso_osaka_3m"))
+    assert outside_share(bare, trial, predict(bare, trial, 30.0, 30.0)[0]) is None
+    write_trial(fast, tmp_path / "fast.csv")
+    capsys.readouterr()
+    assert main(["predict", str(folder / "run"), str(tmp_path / "fast.csv"), "--out", str(tmp_path / "out.csv")]) == 0
+    assert "lie outside the data the network knows" in capsys.readouterr().err
+
+
+def test_a_residual_that_is_not_worth_it_is_not_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "trials").mkdir()
+    for trial in hybrids.trials(hybrids.ship(), 3, 300):
+        write_trial(trial, tmp_path / "trials" / f"{trial.name}.csv")
+    arguments = ["train", "esso_osaka_3m", str(tmp_path / "trials"), *QUICK[:3], "2", "--step", "1"]
+    assert main([*arguments, "--out", str(tmp_path / "run"), "--json"]) == 0
+    content = json.loads(capsys.readouterr().out)
+    assert not content["kept"] and "NOT kept" in content["decision"]["words"]
+    assert not (tmp_path / "run" / "network.safetensors").exists()
+    assert load_ship(tmp_path / "run").network is None
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--model", "oracle"], "--model oracle: unknown; choose one of"),
+        (["--seeds", "0"], "--seeds 0 must be at least 1"),
+        (["--rate", "-1"], "--rate -1 must be positive"),
+        (["--penalty", "-1"], "--penalty -1 must not be negative"),
+        (["--time-limit", "0"], "--time-limit 0 must be positive"),
+    ],
+)
+def test_options_that_make_no_sense(
+    options: list[str], words: str, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    line = refused(capsys, "train", "esso_osaka_3m", folder / "held_out.csv", *options, "--out", tmp_path / "run")
+    assert words in line and not (tmp_path / "run").exists()
+
+
+def test_ctrl_c_keeps_the_best_weights_so_far(folder: Path, tmp_path: Path) -> None:
+    arguments = ["train", "esso_osaka_3m", str(folder / "trials"), *QUICK[:2], "--epochs", "3000", "--step", "1"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "mmg_ident.commands.main", *arguments, "--out", str(tmp_path / "run")],
+        stderr=subprocess.PIPE, text=True, cwd=Path(__file__).parents[3], start_new_session=True,
+    )  # fmt: skip
+    assert process.stderr is not None and "training from" in process.stderr.readline()
+    time.sleep(2.0)
+    process.send_signal(signal.SIGINT)
+    _, words = process.communicate(timeout=120)
+    assert process.returncode == 130 and "best weights so far" in words
+    assert {row["status"] for row in read_result(tmp_path / "run")["per_seed"]} == {"stopped"}
+    assert [p.name for p in tmp_path.iterdir()] == ["run"] and "--resume continues" in words
+
+
+def interrupted(arguments: list[str], seconds: float) -> tuple[int, str, list[int]]:
+    """Exit code, words and processes left of a command that gets Ctrl-C, with all its processes, after a while."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "mmg_ident.commands.main", *arguments],
+        stderr=subprocess.PIPE, text=True, cwd=Path(__file__).parents[3], start_new_session=True,
+    )  # fmt: skip
+    time.sleep(seconds)
+    os.killpg(process.pid, signal.SIGINT)
+    _, words = process.communicate(timeout=60)
+    left = still_there(process.pid)
+    for _ in range(100):  # what was told to end may need a moment for it
+        if not left:
+            break
+        time.sleep(0.1)
+        left = still_there(process.pid)
+    return process.returncode, words, left
+
+
+def still_there(session: int) -> list[int]:
+    """Processes of a session that have not ended."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            stat = path.read_text().rpartition(")")[2].split()
+        except OSError:  # ended meanwhile
+            continue
+        if int(stat[3]) == session and stat[0] != "Z":
+            found.append(int(path.parent.name))
+    return found
+
+
+@pytest.mark.parametrize("wait", [2.5, 5.0])
+def test_ctrl_c_in_the_first_seconds_leaves_no_process_and_no_traceback(
+    wait: float, folder: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "run"
+    arguments = ["train", "esso_osaka_3m", str(folder / "trials"), *QUICK[:2], "--epochs", "3000", "--step", "1"]
+    code, words, left = interrupted([*arguments, "--workers", "2", "--out", str(out)], wait)
+    assert code == 130 and "interrupted" in words and "Traceback" not in words and not left
+
+
+def resumable(folder: Path, tmp_path: Path) -> tuple[Path, list[str]]:
+    """A copy of the finished run from which a seed and the result are missing, as after an end without notice."""
+    out = tmp_path / "run"
+    shutil.copytree(folder / "run" / "training", out / "training")
+    (out / "training" / "seed_1.json").unlink()
+    arguments = ["train", "esso_osaka_3m", str(folder / "trials"), "--validate", str(folder / "held_out.csv"), *QUICK]
+    return out, [*arguments, "--out", str(out), "--resume"]
+
+
+def test_resume_trains_what_is_missing_and_gives_the_same_weights(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, arguments = resumable(folder, tmp_path)
+    assert main(arguments) == 0
+    words = capsys.readouterr().err
+    assert "seed 0: already trained" in words and "training from seed(s) 1" in words
+    one, other = (load_file(run / "network.safetensors") for run in (folder / "run", out))
+    assert one.keys() == other.keys() and all((one[k] == other[k]).all() for k in one)
+    before, after = (read_result(run)["per_seed"] for run in (folder / "run", out))
+    assert all(a[k] == b[k] for a, b in zip(before, after, strict=True) for k in ("history", "judged_runs", "status"))
+    assert main(arguments) == 0 and "nothing to resume" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda a: [*a, "--epochs", "5"], "the same settings as the interrupted run (epochs: 5, then 12)"),
+        (lambda a: [*a, "--model", "fnn"], "the same --model as the interrupted run"),
+        (lambda a: [a[0], "kvlcc2_l7", *a[2:]], "the same ship as the interrupted run"),
+        (lambda a: [*a[:2], a[4], *a[5:]], "the same trial files as the interrupted run"),
+        (lambda a: [*a[:3], *a[5:]], "the same --validate as the interrupted run"),
+    ],
+)
+def test_resume_of_something_else_is_one_line(
+    change: Any, words: str, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, arguments = resumable(folder, tmp_path)
+    assert words in refused(capsys, *change(arguments))
+    assert (out / "training" / "seed_0.json").exists() and not (out / "result.json").exists()
+
+
+def test_a_folder_without_a_training_is_not_resumed(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "other").mkdir()
+    line = refused(capsys, "train", "esso_osaka_3m", folder / "trials", "--out", tmp_path / "other", "--resume")
+    assert "holds no interrupted run to resume" in line and not list((tmp_path / "other").iterdir())
+
+
+def test_a_time_limit_leaves_a_folder_to_resume(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "run"
+    arguments = ["train", "esso_osaka_3m", str(folder / "trials"), *QUICK, "--out", str(out)]
+    assert main([*arguments, "--time-limit", "0.01"]) == 0
+    assert "--resume continues" in capsys.readouterr().err
+    assert {row["status"] for row in read_result(out)["per_seed"]} == {"stopped"}
+    assert main([*arguments, "--resume"]) == 0
+    assert {row["status"] for row in read_result(out)["per_seed"]} == {"finished"}
+
+
+def test_the_report_says_what_was_decided_and_can_be_made_again(folder: Path, tmp_path: Path) -> None:
+    page = folder / "run" / "report.html"
+    text = page.read_text()
+    assert text.index("The residual is kept") < text.index("<table")
+    for words in ("run0", "held_out", "its bound", "share outside", "fulfilled", "seed 1"):
+        assert words in text, words
+    assert text.count("data:image/png;base64,") == 4 and "missing from the run folder" not in text
+    page.unlink()
+    assert main(["report", str(folder / "run")]) == 0 and page.read_text() == text
+
+
+def test_the_report_of_a_declined_residual_says_why(folder: Path, tmp_path: Path) -> None:
+    content = read_result(folder / "run")
+    content["decision"] |= {"kept": False, "improvement": 0.004, "reason": "less than 1% is gained"}
+    found = headline(content)
+    assert found["state"] == "declined" and "because less than 1% is gained" in found["sentence"]
+    assert criteria(content)[0]["good"] is False
+    assert LEAST == NEEDED
+
+
+def test_bad_input_is_one_line_and_leaves_nothing(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "run"
+    write_trial(hybrids.trials(hybrids.ship(), 1, 25)[0], tmp_path / "short.csv")
+    short = refused(capsys, "train", "esso_osaka_3m", tmp_path / "short.csv", "--out", out)
+    assert "too little data for a residual" in short
+    assert "already exists" in refused(
+        capsys, "train", "esso_osaka_3m", folder / "held_out.csv", "--out", folder / "run"
+    )
+    assert "no such ship" in refused(capsys, "train", "nothing", folder / "held_out.csv", "--out", out)
+    assert list(tmp_path.iterdir()) == [tmp_path / "short.csv"]
+
+
+def test_without_torch_one_line_says_what_to_install(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = builtins.__import__
+
+    def without(name: str, *args: Any, **options: Any) -> Any:
+        if name == "torch" or name.startswith("torch."):
+            raise ModuleNotFoundError("No module named 'torch'", name="torch")
+        return real(name, *args, **options)
+
+    for name in [n for n in sys.modules if n.split(".")[0] in ("torch", "residual")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setattr(builtins, "__import__", without)
+    line = refused(capsys, "train", "esso_osaka_3m", folder / "held_out.csv", "--out", tmp_path / "run")
+    assert "needs torch" in line and "mmg-ident[learn]" in line

@@ -1,0 +1,198 @@
+"""The torch operators of a ship give what CasADi gives, values and gradients, whatever runs them."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from cases.shipfiles.ship_file import library, load_ship
+from mmg.compile.batch import compiler
+from mmg.model import assemble
+from mmg.rollout import Simulator
+from mmg.ship import Ship
+from tests.mmg.test_rollout import with_effects
+from tests.support.networks import random_network
+
+torch = pytest.importorskip("torch", reason="needs torch: pip install mmg-ident[learn]")
+
+from residual.bounded_network import Residual, to_network  # noqa: E402
+from residual.physics.casadi_to_torch import emitted  # noqa: E402
+from residual.physics.operator import Operator, Physics  # noqa: E402
+
+needs_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler")
+ESSO = load_ship("esso_osaka_3m")
+
+
+SHIPS = {name: load_ship(name) for name in library()}
+OTHERS = {
+    "memory": with_effects("rudder_lag", "hull_memory", "control_delay"),
+    "place and current": with_effects("current", "bank"),
+    "measured": with_effects("antenna_offset", "log_scale"),
+    "hybrid": ESSO.with_network(random_network(ESSO, members=2)),
+}
+WAYS = {
+    "C": {"backend": "c"},
+    "interpreted": {"backend": "c", "compiled": False},
+    "torch": {"backend": "torch"},
+}
+
+
+def points(ship: Ship) -> tuple[torch.Tensor, torch.Tensor]:
+    """States (S, 33) and inputs (C, 33) from a settled start: at rest, astern, and scattered ahead and astern."""
+    rng = np.random.default_rng(0)
+    names, M = ship.inputs, 33
+    speed = np.sqrt(ship.particulars["L"] / 3.0)
+    six = rng.normal(size=(6, M)) * np.array([3.0, 3.0, 2.0, 0.5 * speed, 0.2 * speed, 0.1 / speed])[:, None]
+    size = np.array(
+        [10.0 / speed if name.startswith("n") else 2.0 if name.startswith("wind") else 0.4 for name in names]
+    )
+    controls = rng.normal(size=(len(names), M)) * size[:, None]
+    six[:, 0], controls[:, 0] = 0.0, 0.0
+    six[3, 1:6] = -np.abs(six[3, 1:6])
+    for i, name in enumerate(names):
+        if name in ("n", "n_2"):
+            controls[i, 1:6] = -np.abs(controls[i, 1:6])
+    states = Simulator(ship).start(six, controls)
+    states[6:, 6:] *= 1 + 0.1 * rng.normal(size=(len(states) - 6, M - 6))
+    return torch.as_tensor(states).contiguous(), torch.as_tensor(controls)
+
+
+def close(found: torch.Tensor, expected: np.ndarray, relative: float = 1e-12) -> None:
+    """Relative to the largest value of the row."""
+    size = np.maximum(np.abs(expected).max(axis=1, keepdims=True), 1e-300)
+    assert np.isfinite(found.detach().numpy()).all()
+    np.testing.assert_array_less(np.abs(found.detach().numpy() - expected) / size, relative)
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("name", [*SHIPS, *OTHERS])
+def test_values_and_gradients_are_those_of_casadi(name, way):
+    if way == "C" and compiler() is None:
+        pytest.skip("no C compiler")
+    ship = {**SHIPS, **OTHERS}[name]
+    z, c = points(ship)
+    model = assemble(ship, ())
+    zs, cs, seed = (ca.SX.sym(s, n) for s, n in (("z", len(z)), ("c", len(c)), ("seed", len(z))))
+    rates = model.rates(zs, cs, [])
+    products = [ca.densify(ca.jtimes(rates, x, seed, True)) for x in (zs, cs)]
+    reference = ca.Function("reference", [zs, cs, seed], [ca.densify(rates), *products])
+    seeds = torch.randn(z.shape, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
+    expected = [np.array(a) for a in reference.map(z.shape[1])(z.numpy(), c.numpy(), seeds.numpy())]
+    z.requires_grad_(), c.requires_grad_()
+    found = Physics(ship, **WAYS[way]).rates(z, c)
+    gradients = torch.autograd.grad(found, (z, c), seeds)
+    for one, other in zip((found, *gradients), expected, strict=True):
+        close(one, other)
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_gradients_are_those_of_finite_differences(way):
+    physics = Physics(ESSO, **WAYS[way])
+    z, c = (a[:, 3:11].contiguous().requires_grad_() for a in points(ESSO))
+    added = torch.zeros((3, 8), dtype=torch.float64, requires_grad=True)
+    torch.autograd.gradcheck(physics.rates_and_features, (z, c), atol=1e-6)
+
+    def step(z: torch.Tensor, added: torch.Tensor) -> torch.Tensor:
+        return physics.step(z, c, 0.3, lambda features: added * features[:3])
+
+    torch.autograd.gradcheck(step, (z, added), atol=1e-6)
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_features_and_columns_are_those_of_the_model(way):
+    for ship in (OTHERS["measured"], OTHERS["place and current"], OTHERS["memory"]):
+        z, c = points(ship)
+        physics, model = Physics(ship, **WAYS[way]), assemble(ship, ())
+        seen = np.array(model.features.map(z.shape[1])(z.numpy(), c.numpy(), np.zeros((0, z.shape[1]))))
+        close(physics.features(z, c), seen)
+        close(physics.rates_and_features(z, c)[1], seen)
+        close(physics.columns(z), Simulator(ship).columns(z.numpy()))
+        logged = physics.columns(z)
+        close(physics.columns(physics.start(logged, c)), logged.numpy(), 1e-9)
+
+
+@pytest.mark.parametrize("method", ["euler", "rk4"])
+@pytest.mark.parametrize("name", ["esso_osaka_3m", "vectwin_3m", "memory", "place and current"])
+def test_a_network_trained_in_torch_is_the_same_in_casadi(name, method):
+    ship = {**SHIPS, **OTHERS}[name]
+    network = random_network(ship, width=32)
+    residual = Residual.of_network(network)
+    hybrid = ship.with_network(to_network([residual], ship.actuators, network.lower, network.upper))
+    z, c = points(ship)
+    z = torch.cat([z[:, 1:9], z[:, 20:28]], dim=1).contiguous()
+    inputs = torch.stack([torch.cat([c[:, 1:9], c[:, 20:28]], dim=1) * (1 + 0.05 * k) for k in range(20)])
+    expected = Simulator(hybrid).run(z.numpy(), inputs.numpy(), 0.05, method=method)
+    alone = Simulator(ship).run(z.numpy(), inputs.numpy(), 0.05, method=method)
+    physics, states = Physics(ship), [z]
+    for controls in inputs:
+        states.append(physics.step(states[-1], controls, 0.05, residual, method))
+    np.testing.assert_allclose(torch.stack(states).detach().numpy(), expected, rtol=1e-9, atol=1e-9)
+    assert np.abs(expected - alone).max() > 1e-3
+    close(Physics(hybrid).rates(z, inputs[0])[3:6] - physics.rates(z, inputs[0])[3:6],
+          residual(physics.features(z, inputs[0])).detach().numpy(), 1e-9)  # fmt: skip
+
+
+def test_smaller_types_and_other_layouts_come_out_the_same():
+    physics = Physics(ESSO)
+    z, c = points(ESSO)
+    whole = physics.rates(z, c)
+    torch.testing.assert_close(physics.rates(z.T.contiguous().T, c), whole, rtol=0, atol=0)
+    for M in (1, 3, 8, 32):
+        torch.testing.assert_close(physics.rates(z[:, :M], c[:, :M]), whole[:, :M], rtol=0, atol=0)
+    single = z.float().requires_grad_()
+    found = physics.rates(single, c)
+    assert found.dtype == torch.float32
+    found.sum().backward()
+    assert single.grad is not None and single.grad.dtype == torch.float32
+    torch.testing.assert_close(found.double(), whole, rtol=1e-4, atol=1e-5)
+
+
+def test_an_input_without_gradient_gets_none_and_nothing_is_kept_without_grad():
+    physics = Physics(ESSO)
+    z, c = points(ESSO)
+    z.requires_grad_()
+    physics.rates(z, c).sum().backward()
+    assert z.grad is not None and c.grad is None
+    with torch.no_grad():
+        assert physics.rates(z, c).grad_fn is None
+
+
+@pytest.mark.parametrize("shape", [(5, 33), (7, 33), (6, 32), (6,)])
+def test_tensors_that_do_not_fit_are_refused(shape):
+    _, c = points(ESSO)
+    with pytest.raises(ValueError, match="needed"):
+        Physics(ESSO).rates(torch.zeros(shape, dtype=torch.float64), c)
+
+
+def test_every_operation_of_casadi_is_emitted_right():
+    x, y = ca.SX.sym("x"), ca.SX.sym("y")
+    one = [ca.sqrt(x * x + 1), ca.tan(x), ca.asin(x / 9), ca.acos(x / 9), ca.atan(x), ca.sinh(x), ca.cosh(x), ca.exp(x)]
+    one += [ca.log(x * x + 1), ca.fabs(x), ca.floor(x), ca.ceil(x), ca.erf(x), ca.log1p(x * x), ca.expm1(x), ca.sign(x)]
+    one += [-x, 1 / x, x**2.5 * 0 + (x * x + 1) ** 2.5, ca.if_else(x > 0, x, y), ca.logic_not(x > 0), 2 * x]
+    two = [ca.fmin(x, y), ca.fmax(x, 0.3), ca.atan2(y, x), ca.fmod(x, 0.7), ca.hypot(x, y), ca.copysign(x, y)]
+    two += [x <= y, x < 0.5, x == y, x != y, ca.logic_and(x > 0, y > 0), ca.logic_or(x > 0, y > 0), (x * x + 1) ** y]
+    f = ca.Function("every", [x, y], [ca.vertcat(*one, *two), ca.SX([3.0, 0.0])])
+    values = torch.tensor([[-1.3, -0.4, 0.2, 0.9], [0.8, -0.4, 0.7, -1.1]], dtype=torch.float64)
+    expected = [np.array(a) for a in f.map(4)(*values.numpy()[:, None])]
+    for found, reference in zip(emitted(f)(values[:1], values[1:]), expected, strict=True):
+        ok = np.isfinite(reference)
+        np.testing.assert_allclose(found.numpy()[ok], reference[ok], rtol=1e-13, atol=1e-15)
+
+
+def test_one_input_may_be_shared_by_all_points():
+    x, h = ca.SX.sym("x", 2), ca.SX.sym("h")
+    for compiled in (True, False):
+        operator = Operator(ca.Function("scaled", [x, h], [h * x * x]), compiled)
+        given = torch.randn(2, 5, dtype=torch.float64, requires_grad=True)
+        (found,) = operator(given, torch.full((1, 1), 0.3, dtype=torch.float64))
+        found.sum().backward()
+        torch.testing.assert_close(found, 0.3 * given * given)
+        torch.testing.assert_close(given.grad, 0.6 * given.detach())
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU")
+def test_the_emitted_code_runs_on_a_gpu():
+    z, c = points(ESSO)
+    found = Physics(ESSO, "torch").rates(z.cuda(), c.cuda())
+    torch.testing.assert_close(found.cpu(), Physics(ESSO).rates(z, c), rtol=1e-9, atol=1e-12)

@@ -1,0 +1,139 @@
+"""Small synthetic trials shared by the tests of the diagnosis: a known ship, known effects, known noise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+
+from cases.shipfiles.effects import with_effects
+from cases.shipfiles.ship_file import load_ship
+from cases.simulation.disturbed import Disturbed, disturbed_trials
+from cases.trial import Trial
+from diagnosis.estimation.candidates import Wide, widened
+from diagnosis.estimation.gridded_trials import Data, arrange
+from diagnosis.estimation.linearised_model import Steps
+from diagnosis.estimation.map_estimate import Estimate, Path, estimate, first_path
+from diagnosis.estimation.noise_sizes import first_noise
+from diagnosis.estimation.parameters import priors_of
+from diagnosis.estimation.residual_checks import with_memory_time
+from diagnosis.hypotheses.forward_selection import Problem
+from mmg.effects import EFFECTS
+from mmg.ship import Ship
+
+SHIP = load_ship("esso_osaka_3m")
+RUNS = (("zigzag:20/20", 80.0), ("random:11", 80.0), ("turning:-20", 80.0))
+ASTERN = (("zigzag:20/20", 80.0), ("random:11", 80.0), ("berthing", 80.0))
+WHITE = np.array([0.01, 0.01, 0.0015, 0.004, 0.004, 0.0006]) * 1.25**0.5
+"""Sizes of the white noise of ``quiet``: a half and a whole of each sensor's, independent."""
+FREE = ("X_0F", "Y_v", "N_r", "k_0", "gamma_P", "t_R")
+"""A few coefficients, so that a case stays quick."""
+FEW = SHIP.fixing([s for s in SHIP.symbols if s not in FREE])
+"""The ship with nothing else free."""
+
+OFF_NEUTRAL = {
+    "current.x": 0.03, "current.y": -0.02, "wind_force.X": 1.3, "wind_force.Y": 0.7, "wind_force.N": 1.2,
+    "wind_sensor_bias.x": 0.4, "wind_sensor_bias.y": -0.3, "shallow_water.d_h": 0.25, "bank.suction": 0.03,
+    "bank.moment": 0.01, "wave_drift.x": 0.06, "wave_drift.y": -0.05, "rudder_lag.T": 0.7, "rudder_backlash.b": 0.05,
+    "rudder_offset.delta": 0.04, "propeller_side_force.factor": 1.8, "rudder_stall.loss": 0.3, "fouling.share": 0.2,
+    "draft.share": 0.08, "antenna_offset.x": 0.2, "antenna_offset.y": -0.15, "heading_bias.psi": 0.02,
+    "log_scale.share": 0.03, "control_delay.tau": 0.5, "gnss_delay.tau": 0.4, "velocity_lag.tau": 0.3,
+    "gyro.share": -0.02, "hull_memory.T": 1.0, "tow.X": 0.05, "tow.Y": -0.06, "tow.N": 0.04,
+    "antenna_offset.alone_x": 0.1, "antenna_offset.alone_y": 0.12, "heading_bias.alone": -0.015,
+    "gnss_delay.alone": 0.3, "gnss_delay.finished": 0.25,
+}  # fmt: skip
+"""A value of every screened parameter at which it acts."""
+
+
+def quiet(**changed: object) -> Disturbed:
+    """Small random forces, white sensor noise of WHITE, exact sensors."""
+    how = Disturbed(X=0.05, Y=0.15, N=0.1, tau=5.0, noise_tau=1e-6, defects=())
+    return replace(how, **changed)  # type: ignore[arg-type]
+
+
+def pushed_trials(
+    seed: int, effects: Sequence[str] = (), runs: Sequence[tuple[str, float]] = RUNS, ship: Ship = SHIP,
+    how: Disturbed | None = None,
+) -> list[Trial]:  # fmt: skip
+    """Runs of the ship with effects, pushed by random forces and logged with noise; sensor effects are defects."""
+    seen = [e for e in effects if EFFECTS[e.partition(":")[0]].measures]
+    acting = with_effects(ship, [e for e in effects if e not in seen])
+    return disturbed_trials(acting, runs, seed, replace(how or quiet(), defects=tuple(seen)))
+
+
+@lru_cache(maxsize=1)
+def wide() -> Wide:
+    """ESSO OSAKA with every effect, a bank line 6 m to the west known."""
+    return widened(SHIP, None, {"bank": {"distance": 6.0, "bearing": -np.pi / 2}})
+
+
+@lru_cache(maxsize=4)
+def wide_steps(h: float = 1.0, compiled: bool = True) -> Steps:
+    """Steps of it with a few coefficients and all effects as possible columns."""
+    symbols = [*FREE, *(s for c in wide().candidates.values() for s in c.symbols)]
+    return Steps(wide().ship, symbols, h, compiled)
+
+
+def problem_of(trials: Sequence[Trial], h: float = 0.5) -> tuple[Problem, Estimate]:
+    """The problem that trials pose with FREE coefficients free, and its fit without any effect.
+
+    Inputs are held between samples, as the generator has them."""
+    steps, base = wide_steps(h), priors_of(SHIP, FREE)
+    data = arrange(trials, steps.ship.inputs, 3.0, h)
+    null = estimate(steps, data, steps.ship.values, base, first_noise(steps.ship, data), iterations=12)
+    return Problem(steps, data, base, wide().candidates), with_memory_time(steps, data, null)
+
+
+def theta_of(steps: Steps, changed: dict[str, float]) -> np.ndarray:
+    """Coefficients of the wide ship with some changed."""
+    theta = steps.ship.values.copy()
+    for symbol, value in changed.items():
+        theta[steps.ship.symbols.index(symbol)] = value
+    return theta
+
+
+def off_neutral(steps: Steps) -> np.ndarray:
+    """Coefficients at which every effect acts."""
+    return theta_of(steps, OFF_NEUTRAL)
+
+
+def states_about(steps: Steps, count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Random states (S, M) of a ship under way, memory disturbed, and inputs (C, M)."""
+    rng = np.random.default_rng(seed)
+    z = rng.standard_normal((steps.S, count))
+    scale = np.concatenate([[3.0, 3.0, 1.0, 0.08, 0.06, 0.03], steps.model.sizes])
+    z *= scale[:, None]
+    z[3] += 0.35
+    c = np.zeros((steps.C, count))
+    values = {
+        "n": (9.0, 2.0),
+        "delta": (0.0, 0.3),
+        "wind_north": (0.5, 1.0),
+        "wind_east": (-0.5, 1.0),
+        "time": (30.0, 5.0),
+    }
+    for name, (mean, spread) in values.items():
+        if name in steps.model.controls:
+            c[steps.model.controls.index(name)] = mean + spread * rng.standard_normal(count)
+    return z, c
+
+
+def short_data(h: float = 1.0, seed: int = 3, seconds: float = 40.0) -> Data:
+    """Two short windows of unlike length with a gap in one sensor."""
+    trials = pushed_trials(seed, runs=(("zigzag:20/20", seconds), ("random:11", 0.7 * seconds)))
+    data = arrange(trials, wide().ship.inputs, 3.0, h)
+    good, measured = data.good.copy(), data.measured.copy()
+    good[9:12, 0, 4] = measured[9:12, 0, 4] = False
+    good[5, 1] = measured[5, 1] = False
+    return replace(data, good=good, measured=measured)
+
+
+def path_near(steps: Steps, data: Data, theta: np.ndarray, seed: int = 0) -> Path:
+    """A path that is neither the measured nor the simulated one, with a force."""
+    rng = np.random.default_rng(seed)
+    path = first_path(steps, data, theta)
+    passive = np.arange(6, steps.S)
+    z = steps.remembered(path.z, data.inputs, theta, path.force[:-1], passive) if len(passive) else path.z
+    return Path(z, path.force + 0.02 * rng.standard_normal(path.force.shape))
