@@ -1,0 +1,38 @@
+"""Notices and warnings: a sentence for a person, and a code by which programs tell one from another."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+
+class Message(str):
+    """A sentence with a ``code``, such as ``Message("calm air is assumed in run7", "no_wind")``.
+
+    It is a string, so it can be printed, joined and written as it is. Programs compare ``code`` and never the words.
+    text: the sentence; code: lower-case words joined by underscores, which stay the same when the sentence changes.
+    """
+
+    code: str
+
+    def __new__(cls, text: str, code: str) -> Message:
+        message = super().__new__(cls, text)
+        message.code = code
+        return message
+
+    def __getnewargs__(self) -> tuple[str, str]:  # type: ignore[override]
+        return str(self), self.code
+
+
+def has_code(messages: Iterable[str], code: str) -> bool:
+    """Whether one of ``messages`` carries ``code``."""
+    return any(isinstance(m, Message) and m.code == code for m in messages)
+
+
+def message_rows(messages: Iterable[str]) -> list[dict[str, str]]:
+    """Rows {"code", "text"} of ``messages`` for JSON; a plain string has the code "other"."""
+    return [{"code": getattr(m, "code", "other"), "text": str(m)} for m in messages]
+
+
+def messages_from(rows: Iterable[dict[str, str]]) -> tuple[Message, ...]:
+    """The messages behind ``rows``, as ``message_rows`` wrote them."""
+    return tuple(Message(row["text"], row["code"]) for row in rows)
