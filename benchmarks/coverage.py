@@ -2,7 +2,8 @@
 
 Run from the repository root: python -m benchmarks.coverage, or with the argument ``clean`` for white noise only.
 
-The trials are as bad as the real ones (cases/simulation/disturbed.py): forces that remember, late velocities, a gyro that reads
+The trials are as bad as the real ones (cases/simulation/disturbed.py): forces that remember, late velocities, a gyro
+that reads
 too little, an antenna off midship, coloured noise. Three intervals of the same fit of coefficients and measurement
 effects: of white noise (sigma = rms, information + prior, refitted with those weights), of the effective noise that
 the fit weighs by, and the cluster-robust ones that ``mmg fit`` reports.

@@ -1,6 +1,7 @@
 """A hybrid that knows more at its start: lagged features, errors of the past, a current, coefficients of its own.
 
-What it knows rides along as further rows of the state, so that the compiled rollouts of ``residual.physics.fused_rollout`` train it
+What it knows rides along as further rows of the state, so that the compiled rollouts of
+``residual.physics.fused_rollout`` train it
 as they are: features behind lags; innovations (measured less predicted over the seconds before the start, earth-fixed,
 fading); a fading current and a fading force; shifts of the coefficients. What is read from the past of a window is
 tabulated once per row by ``with_past`` and travels behind the inputs of the windows.
@@ -46,7 +47,8 @@ LIMITS = {"current": (0.02, 0.02), "force": (1.0, 1.0, 1.0), "start": (0.02, 0.0
 
 @dataclass(frozen=True)
 class Extra:
-    """lags, innovation: what the network sees besides; adapted: starts with the current of ``fitting.prediction.adaptation``;
+    """lags, innovation: what the network sees besides; adapted: starts with the current of
+    ``fitting.prediction.adaptation``;
     gains: of "current", "force", "start", moved in proportion to the innovations; coefficients: tuned along;
     kappa: cost of (shift / std)^2 of those; cost: of squared gains; network: whether there is one; symmetric.
     """
@@ -281,7 +283,8 @@ def _memory(physics: Physics, start: np.ndarray, controls: np.ndarray) -> np.nda
 
 
 def _adapted(simulator: Simulator, piece: Piece, start: np.ndarray, seconds: float) -> tuple[np.ndarray, np.ndarray]:
-    """Start states (S, N) relative to the current (2, N) of ``fitting.prediction.adaptation``; known in every EVERY-th row."""
+    """Start states (S, N) relative to the current (2, N) of ``fitting.prediction.adaptation``; known in every
+    EVERY-th row."""
     grid = piece.grid
     good = np.isfinite(grid.states).all(axis=1)
     held = np.vstack([grid.controls, grid.controls[-1:]])

@@ -46,7 +46,8 @@ class Calibration:
     """A calibrated ship and how it came about.
 
     ship: with estimates, standard errors, priors and verdicts. p, covariance: scaled estimate (P,) and its covariance
-    (P, P) in prior standard deviations, robust to residuals that remember (fitting/uncertainty/sandwich.py), of what all runs
+    (P, P) in prior standard deviations, robust to residuals that remember (fitting/uncertainty/sandwich.py), of what
+    all runs
     share, as ``prior``. sigma: (6,) used in the last solve; noise: estimated from its residuals. solution: of the last
     solve; history: objective and status of every pass. information: of each window on p, from which ``spread`` has the
     robust and the model-based covariance; recipe: of the problem solved. constants: what each run has of its own;
@@ -154,7 +155,8 @@ def calibrate(
     The residual's standard deviation of each state is re-estimated from pass to pass (``Noise``) until it settles.
     report(pass name, iteration, objective, constraint violation) follows the solver. ``warm`` holds "p", "nodes" and
     "sigma" of an earlier, interrupted run. ``captive``: points whose forces are fitted too. ``per_run``: coefficients
-    of effects of the ship, fixed in it, of which each run gets its own (``cases.shipfiles.effects.varying_effects``); the
+    of effects of the ship, fixed in it, of which each run gets its own
+    (``cases.shipfiles.effects.varying_effects``); the
     calibrated ship is without those effects. Raises UserError for input from which nothing can be identified; a solver
     that stops early is no error: the best iterate is returned and ``converged`` is False.
     """

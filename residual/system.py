@@ -81,7 +81,8 @@ class System(nn.Module):
 class Hybrid(System):
     """A calibrated ship and a residual acceleration of its u, v, r.
 
-    physics: ``residual.physics.operator.Physics`` of the ship; residual: the network; seen: features (F, R) of the training
+    physics: ``residual.physics.operator.Physics`` of the ship; residual: the network; seen: features (F, R) of the
+    training
     rows, on which its size is penalised.
     """
 

@@ -134,7 +134,8 @@ def figures_of(trial: Trial, plan: Maneuver) -> dict[str, float]:
 def measured_run(trial: Trial, length: float, kind: str = "") -> Run:
     """A standard manoeuvre found in a measured run of a ship of this length [m].
 
-    The approach is cut off (cases/criteria/measured_maneuvers.py); kind as there. Raises UserError when there is none in it.
+    The approach is cut off (cases/criteria/measured_maneuvers.py); kind as there. Raises UserError when there is
+    none in it.
     """
     execute = find_execute(trial, length, kind)
     used = _until(trial, execute.end)

@@ -11,7 +11,8 @@ from cases.simulation.actuator_ramps import TINY
 
 
 class Rudders:
-    """Rudders of M ships that do what ``cases.maneuvers.orders.Zigzag`` and ``cases.maneuvers.controller.Controller`` do for one.
+    """Rudders of M ships that do what ``cases.maneuvers.orders.Zigzag`` and
+    ``cases.maneuvers.controller.Controller`` do for one.
 
     delta: angles reached [rad]; side: to which they are ordered; count: executes so far; origin: headings at the first
     one [rad], None before; over: whose last execute has come; their orders stand from then on.

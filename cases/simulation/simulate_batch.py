@@ -59,7 +59,8 @@ def simulate_batch(
     ship: give a Simulator to run again without assembling the ship again. coefficients: (P,) or (P, M) in the order of
     ``ship.symbols``, or symbol -> number or (M,) for those that differ from the ship's; default the ship's, M = 1.
     dt: sampling [s], divided into steps of at most 0.5 s of a 3 m model. threads: over which the runs are spread.
-    held: inputs are held at their means over each sample, as a logged trial has them, and ``cases.simulation.simulate.simulate``
+    held: inputs are held at their means over each sample, as a logged trial has them, and
+    ``cases.simulation.simulate.simulate``
     gives the same motion; else they move within the sample (a zigzag is always held). A control delay acts as in the
     model, by its approximation. A run that diverges is not noticed here: look at its states. Raises UserError for a
     step that makes no sense and for spiral and pull-out, whose orders wait for a steady turn.

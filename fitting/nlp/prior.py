@@ -14,7 +14,8 @@ from mmg.ship import Ship
 class Prior:
     """Gaussian prior and bounds of the free coefficients, each of shape (P,).
 
-    constants: coefficients of which each of ``runs`` runs has its own (fitting/nlp/run_constants.py); they come last, run by run.
+    constants: coefficients of which each of ``runs`` runs has its own (fitting/nlp/run_constants.py); they come
+    last, run by run.
     """
 
     symbols: tuple[str, ...]

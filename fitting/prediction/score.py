@@ -94,7 +94,8 @@ def score(
 ) -> Score:
     """Both metrics of a ship or a black box on a set of trials; sigma defaults to the pooled one of these trials.
 
-    adapt: seconds before each window from which the run's disturbance is estimated (fitting.prediction.adaptation), of a ship only.
+    adapt: seconds before each window from which the run's disturbance is estimated (fitting.prediction.adaptation),
+    of a ship only.
 
     Raises UserError when a trial has no positions, or sigma cannot be pooled.
     """

@@ -1,7 +1,8 @@
 """C source of exp, tanh, sin, cos and atan2 on vectors, free of branches, within a few units of the last bit.
 
 A C library evaluates one number per call, with branches that scattered ships mispredict; these act on all points of a
-vector at once. Written for the types of ``mmg.compile.codegen.prelude``: V (doubles), U (their bits), choose, bits, real, fill;
+vector at once. Written for the types of ``mmg.compile.codegen.prelude``: V (doubles), U (their bits), choose, bits,
+real, fill;
 with one lane the same operations give the same bits. Arguments are reduced by multiples of ln 2 or pi / 2 given in
 parts (Cody & Waite 1980), the rest are Taylor polynomials. exp gives 0 below -708; sin and cos of more than 1e5 rad are
 the C library's. The reduction needs every product rounded: compile with -ffp-contract=off.

@@ -2,7 +2,8 @@
 
 Each is an Ornstein-Uhlenbeck process: F = size d with d' = -d / tau + noise and d of unit variance when stationary. A
 calibration estimates d along each run (latent force, Alvarez et al. 2013; here as extra variables of the multiple
-shooting), so that coefficients need not bend to a gust, and with it sizes that are left at 0 (fitting/solvers/latent_forces.py).
+shooting), so that coefficients need not bend to a gust, and with it sizes that are left at 0
+(fitting/solvers/latent_forces.py).
 A simulation has d = 0 and no force. Prediction bands rest on a process of the same kind (fitting/prediction/bands.py).
 """
 

@@ -222,7 +222,8 @@ def train_box(
 ) -> TrainedBox:
     """Train a black box for a ship from several seeds; of the ship only actuators and length are used.
 
-    Each seed stops by another part of the trials (``residual.training.folds``), or by ``validation``. Nothing has to be decided,
+    Each seed stops by another part of the trials (``residual.training.folds``), or by ``validation``. Nothing has to
+    be decided,
     so nothing is kept back to judge: the held-out errors are those of the windows to stop by. store: finished seeds,
     which are not trained again. Raises UserError where there is too little, or every training diverged,
     KeyboardInterrupt after Ctrl-C before any training began.

@@ -40,7 +40,8 @@ MODELS = ("captive", "calibrated", "hybrid", *KINDS)
 HORIZONS = (5.0, 10.0, 20.0, 30.0, 50.0, 100.0)
 """Seconds after a start at which the growth of the error is read."""
 BLOCK = 65.0
-"""Length [s] of the blocks of which a share of the data is made: what ``residual.training.folds`` asks of one to hold out."""
+"""Length [s] of the blocks of which a share of the data is made: what ``residual.training.folds`` asks of one to
+hold out."""
 LEAST = 10.0
 """Seconds that have to be left of a time limit for something to be begun."""
 

@@ -1,6 +1,7 @@
 """Torch code from the instruction list of a CasADi function, for any device and floating type, with torch's gradients.
 
-The same list from which ``mmg.compile.codegen`` makes C becomes a sequence of torch operations on vectors of points. Run
+The same list from which ``mmg.compile.codegen`` makes C becomes a sequence of torch operations on vectors of points.
+Run
 eagerly it launches one small kernel per instruction, which is slow: give the result to ``torch.compile``.
 """
 

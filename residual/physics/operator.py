@@ -1,7 +1,8 @@
 """The equations of a ship as torch operators with exact gradients, made from its one CasADi expression.
 
 On a processor an operator is a pair of C functions (forward, and the product of a vector with the Jacobian), eight
-points per vector; without a compiler CasADi's virtual machine runs both. For other devices ``residual.physics.casadi_to_torch`` walks the
+points per vector; without a compiler CasADi's virtual machine runs both. For other devices
+``residual.physics.casadi_to_torch`` walks the
 same instructions in torch. Tensors are (rows, M), points contiguous, M best a multiple of 8: they are then handed over
 without a copy. Gradients are those of CasADi; there are no second derivatives.
 """

@@ -1,7 +1,8 @@
 """Training of one system from one seed: Adam on rollouts that grow, the best weights on the stop windows are kept.
 
 Learning rate along a half cosine, gradients clipped, windows drawn anew in every epoch. What judges the result are
-other windows, which the training never sees (``residual.training.folds``). A loss that is not finite, or a stop error that
+other windows, which the training never sees (``residual.training.folds``). A loss that is not finite, or a stop
+error that
 explodes, starts the training again at a lower rate, twice; then it is given up.
 """
 
