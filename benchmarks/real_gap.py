@@ -31,7 +31,7 @@ from diagnosis.diagnose import diagnose
 from diagnosis.result import Diagnosis
 from fitting.calibration import Settings, calibrate
 from fitting.parallel import run_all
-from mmg.components import coefficient_table
+from mmg.components.catalogue import coefficient_table
 from mmg.ship import Ship
 from mmg_ident.commands.fit_input import _reduced
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from cases.trial import Trial
 from mmg.errors import UserError
-from mmg.flow import INPUTS
+from mmg.motion.flow import INPUTS
 
 STANDARD = ("n", "delta", "wind_north", "wind_east")
 """Inputs of a single-screw, single-rudder ship."""

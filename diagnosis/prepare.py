@@ -22,7 +22,7 @@ from diagnosis.hypotheses.forward_selection import Problem
 from diagnosis.hypotheses.reference import refer
 from diagnosis.sensors.kinematics import Kinematics
 from mmg.errors import UserError
-from mmg.memory import MODEL_LENGTH
+from mmg.motion.memory import MODEL_LENGTH
 from mmg.ship import Ship
 
 ECHO, APART, LEAST = 0.25, 5.0, 100

@@ -10,17 +10,17 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from mmg import twin
-from mmg.coefficients import names
-from mmg.components import FORCES, module, twin_screw
+from mmg.components import twin
+from mmg.components.catalogue import FORCES, module, twin_screw
+from mmg.components.coefficients import names
+from mmg.components.rigid_body import accelerations, inertia
 from mmg.effects import effect
 from mmg.effects.effect import Setting
-from mmg.flow import Flow, Force
-from mmg.frames import body_to_earth, earth_to_body, relative_air
-from mmg.memory import Memory
-from mmg.rigid_body import accelerations, inertia
+from mmg.motion.flow import Flow, Force
+from mmg.motion.frames import body_to_earth, earth_to_body, relative_air
+from mmg.motion.memory import Memory
+from mmg.motion.smooth import Exact, Smooth, Smoothing
 from mmg.ship import Ship
-from mmg.smooth import Exact, Smooth, Smoothing
 
 STATES = ("x", "y", "psi", "u", "v", "r")
 

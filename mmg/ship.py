@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from mmg.coefficients import Coefficient
-from mmg.components import actuators
+from mmg.components.catalogue import actuators
+from mmg.components.coefficients import Coefficient
 from mmg.effects import EFFECTS, effect
 from mmg.network import Network, features_of
 
@@ -56,7 +56,7 @@ class Ship:
 
     @property
     def actuators(self) -> tuple[str, ...]:
-        """Actuators that its force models listen to: names of mmg.flow.INPUTS, in that order."""
+        """Actuators that its force models listen to: names of mmg.motion.flow.INPUTS, in that order."""
         return actuators(self.components, self.particulars)
 
     @property

@@ -9,7 +9,7 @@ import numpy as np
 
 from cases.checks.report import Finding, info, warning
 from cases.trial import Trial
-from mmg.frames import apparent_wind
+from mmg.motion.frames import apparent_wind
 
 
 def wind(trial: Trial) -> tuple[dict[str, Any], list[Finding]]:

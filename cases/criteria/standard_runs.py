@@ -24,8 +24,8 @@ from cases.maneuvers.definitions import MODEL_LENGTH, Maneuver, parse_maneuver
 from cases.simulation.simulate import simulate
 from cases.trial import Trial
 from mmg.errors import UserError
+from mmg.motion.smooth import GRAVITY
 from mmg.ship import Ship
-from mmg.smooth import GRAVITY
 
 TEST_FROUDE = 0.142
 """Froude number of the test speed of a ship whose file gives none: 15.5 kn for 320 m."""

@@ -17,7 +17,7 @@ from cases.io.table import read_table
 from cases.io.units import to_si
 from cases.trial import Trial
 from mmg.errors import UserError
-from mmg.flow import INPUTS
+from mmg.motion.flow import INPUTS
 
 STATE_UNITS = {"psi": "rad", "u": "m/s", "v": "m/s", "r": "rad/s"}
 _INPUTS = (*INPUTS, "wind_speed", "wind_direction")

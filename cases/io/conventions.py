@@ -9,7 +9,7 @@ import numpy as np
 
 from cases.io.sidecar import Settings
 from mmg.errors import UserError
-from mmg.frames import true_wind
+from mmg.motion.frames import true_wind
 
 RUDDERS = ("delta", "delta_port", "delta_starboard")
 

@@ -29,8 +29,8 @@ from cases.maneuvers.orders import (
 )
 from cases.maneuvers.self_propulsion import approach
 from mmg.errors import UserError
+from mmg.motion.smooth import GRAVITY
 from mmg.ship import Ship
-from mmg.smooth import GRAVITY
 
 FORMS = (
     "turning:35, zigzag:20/20, zigzag:-10/10, crash-stop, crash-stop:0.6, spiral:15/5, pull-out:20, random, "

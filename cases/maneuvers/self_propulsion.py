@@ -7,8 +7,8 @@ from collections.abc import Callable
 
 from mmg.errors import UserError
 from mmg.model import assemble
+from mmg.motion.smooth import GRAVITY
 from mmg.ship import Ship
-from mmg.smooth import GRAVITY
 
 FROUDE = 0.07
 """Froude number of the default approach: harbour speed, 7.7 kn for 320 m, 0.38 m/s for 3 m."""

@@ -11,14 +11,14 @@ from dataclasses import dataclass, field
 from types import SimpleNamespace
 
 from cases.shipfiles.particulars import check_particulars
-from mmg import empirical
-from mmg.coefficients import Coefficient
-from mmg.components import coefficient_table, required_particulars
+from mmg.components import empirical
+from mmg.components.catalogue import coefficient_table, required_particulars
+from mmg.components.coefficients import Coefficient
+from mmg.components.propeller.b_series import thrust_parabola
 from mmg.effects.wind_force import upper_works
 from mmg.errors import UserError
-from mmg.propeller.b_series import thrust_parabola
+from mmg.motion.smooth import GRAVITY
 from mmg.ship import Ship
-from mmg.smooth import GRAVITY
 
 ORDER = ("L", "B", "d", "C_b", "D_P", "pitch_ratio", "A_R", "U_0")
 """Main particulars in the order in which they may be given without names; the first four are needed."""

@@ -8,8 +8,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 
+from mmg.components.particulars import PARTICULARS
 from mmg.errors import UserError
-from mmg.particulars import PARTICULARS
 
 SIGNED = ("x_G", "x_R", "C", "C_BR", "x_BT", "x_ST", "x_az", "y_az")
 """Particulars that may be zero or negative: places relative to midship."""

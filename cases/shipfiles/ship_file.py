@@ -17,11 +17,11 @@ from typing import Any
 
 from cases.shipfiles.network_file import NETWORK, is_black_box, load_network
 from cases.shipfiles.particulars import check_particulars
-from mmg.coefficients import Coefficient
-from mmg.components import ROLES, coefficient_table, derived, module, required_particulars
+from mmg.components.catalogue import ROLES, coefficient_table, derived, module, required_particulars
+from mmg.components.coefficients import Coefficient
+from mmg.components.particulars import PARTICULARS
 from mmg.effects import EFFECTS
 from mmg.errors import UserError
-from mmg.particulars import PARTICULARS
 from mmg.ship import Ship
 
 if sys.version_info >= (3, 11):

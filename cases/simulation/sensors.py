@@ -10,7 +10,7 @@ import numpy as np
 from cases.maneuvers.controller import MODEL_LENGTH
 from cases.trial import STATES, Trial
 from mmg.effects import effect
-from mmg.flow import Flow
+from mmg.motion.flow import Flow
 from mmg.ship import Ship
 
 

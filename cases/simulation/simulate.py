@@ -21,13 +21,13 @@ from cases.maneuvers.self_propulsion import design_pitch
 from cases.simulation.gusts import Wind
 from cases.simulation.sensors import logged, wrap
 from cases.trial import STATES, UNITS, Trial
-from mmg.components import module
+from mmg.components.catalogue import module
 from mmg.effects import effect
 from mmg.errors import UserError
-from mmg.frames import earth_to_body, wind_vector
 from mmg.model import assemble
+from mmg.motion.frames import earth_to_body, wind_vector
+from mmg.motion.smooth import GRAVITY
 from mmg.ship import Ship
-from mmg.smooth import GRAVITY
 
 LONGEST_STEP = 0.5
 """Largest Runge-Kutta step [s] for a 3 m model; longer samples are divided. Scales with sqrt(L)."""

@@ -12,7 +12,7 @@ from cases.inputs import step_means, straight_means
 from cases.trial import Trial
 from fitting.nlp.grid import default_step, grids
 from mmg.errors import UserError
-from mmg.memory import MODEL_LENGTH
+from mmg.motion.memory import MODEL_LENGTH
 
 LONGEST, SHORTEST = 600, 20
 """Steps of a window: a longer piece of a run is divided evenly, a shorter one is left out."""

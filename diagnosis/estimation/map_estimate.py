@@ -20,7 +20,7 @@ from diagnosis.estimation.linearised_model import Linear, Steps, spread
 from diagnosis.estimation.noise_sizes import first_noise, renewed
 from diagnosis.estimation.parameters import Priors, acting, active_states, placed
 from mmg.logged import settled
-from mmg.memory import MODEL_LENGTH
+from mmg.motion.memory import MODEL_LENGTH
 
 
 @dataclass(frozen=True)

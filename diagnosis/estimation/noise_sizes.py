@@ -6,7 +6,7 @@ import numpy as np
 
 from diagnosis.estimation.gridded_trials import Data
 from diagnosis.estimation.kalman import KNOWN, Adjoint, Noise
-from mmg.memory import MODEL_LENGTH
+from mmg.motion.memory import MODEL_LENGTH
 from mmg.ship import Ship
 
 

@@ -22,7 +22,7 @@ from diagnosis.hypotheses.forward_selection import Problem
 from diagnosis.hypotheses.refit import priors_of_effects
 from fitting.design.candidates import Option, library
 from fitting.design.next_trial import runs
-from mmg.memory import MODEL_LENGTH
+from mmg.motion.memory import MODEL_LENGTH
 from mmg.ship import Ship
 
 SECONDS = 150.0

@@ -13,7 +13,7 @@ from diagnosis.estimation.gridded_trials import Data
 from diagnosis.estimation.linearised_model import Steps
 from diagnosis.estimation.map_estimate import Estimate, Path, estimate, look_around
 from diagnosis.estimation.parameters import Priors, active_states, placed, read
-from mmg.memory import MODEL_LENGTH
+from mmg.motion.memory import MODEL_LENGTH
 
 
 def priors_of_effects(candidates: Sequence[Candidate], width: float = WIDE) -> Priors:

@@ -17,8 +17,8 @@ from diagnosis.estimation.gridded_trials import Data
 from diagnosis.estimation.linearised_model import Linear, Steps
 from diagnosis.estimation.map_estimate import Estimate, Further, look_around
 from diagnosis.estimation.parameters import active_states
-from mmg.frames import relative_air
-from mmg.memory import MODEL_LENGTH
+from mmg.motion.frames import relative_air
+from mmg.motion.memory import MODEL_LENGTH
 
 SIZES = (0.03, 0.1, 0.3, 1.0)
 """Prior standard deviations of a column's coefficient, in the sizes of what is random."""

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from diagnosis.estimation.gridded_trials import Data
-from mmg.flow import INPUTS, PROPELLERS, RUDDERS
-from mmg.frames import relative_air
+from mmg.motion.flow import INPUTS, PROPELLERS, RUDDERS
+from mmg.motion.frames import relative_air
 
 STEADY, CHANGING = "steady turning", "entering a turn / yaw changing"
 STRAIGHT, ACCELERATING = "straight ahead", "accelerating"

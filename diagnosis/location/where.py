@@ -20,9 +20,9 @@ from diagnosis.estimation.gridded_trials import Data
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.location.regions import CHANNELS, UNITS, Samples, all_bins, by_variable, means, regions, with_later
 from diagnosis.location.situations import PHASES, phases, variables_of
-from mmg.frames import body_to_earth
-from mmg.memory import MODEL_LENGTH
-from mmg.rigid_body import Inertia, inertia
+from mmg.components.rigid_body import Inertia, inertia
+from mmg.motion.frames import body_to_earth
+from mmg.motion.memory import MODEL_LENGTH
 from mmg.ship import Ship
 
 PERIODS = (60.0, 20.0, 5.0)

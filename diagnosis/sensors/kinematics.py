@@ -24,7 +24,7 @@ from cases.checks.motion import SMOOTHING, delayed, smooth, uniform
 from cases.trial import Trial
 from diagnosis.sensors.kinematic_fit import Fit, Rows, fit
 from diagnosis.sensors.kinematic_words import TRACK, TURN, UNSEEN, Quantity, Reading, pooled_with, reading
-from mmg.memory import scale
+from mmg.motion.memory import scale
 from mmg.ship import Ship
 
 WINDOW, STRIDE, BLOCK = 8.0, 2.0, 30.0

@@ -16,8 +16,8 @@ from diagnosis.estimation.parameters import NOTHING, Priors, active_states, read
 from diagnosis.result import HeldOut
 from mmg.effects import EFFECTS
 from mmg.logged import columns
-from mmg.memory import MODEL_LENGTH
 from mmg.model import Model
+from mmg.motion.memory import MODEL_LENGTH
 from mmg.ship import Ship
 
 WINDOW, STRIDE = 30.0, 15.0

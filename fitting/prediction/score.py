@@ -11,7 +11,7 @@ from cases.trial import STATES, Trial
 from fitting.prediction.adaptation import Adaptation
 from fitting.prediction.predict import Forecaster, Window, predict_all, usable
 from mmg.errors import UserError
-from mmg.flow import INPUTS
+from mmg.motion.flow import INPUTS
 from mmg.rollout import Simulator
 
 PAPER_WINDOW = 100.0

@@ -22,10 +22,10 @@ from fitting.report.identifiability import section
 from fitting.report.plots import component_of, determination, grouped
 from fitting.report.run_folder import SHIP, read_result
 from fitting.report.words import headline, not_in_model, per_run_table, plus_minus, setting_rows, warnings_of
-from mmg.components import module
+from mmg.components.catalogue import module
+from mmg.components.particulars import PARTICULARS
 from mmg.effects import effect
 from mmg.errors import UserError
-from mmg.particulars import PARTICULARS
 from mmg.ship import Ship
 
 PNG = b"\x89PNG\r\n\x1a\n"

@@ -24,7 +24,7 @@ from fitting.report.plot_tracks import error_growth_plot, trajectory_plot
 from fitting.report.plot_waterfall import waterfall_figure
 from fitting.report.run_folder import RESULT, coefficient_rows, read_result
 from fitting.solvers.ipopt import Solution
-from mmg.components import ROLES, coefficient_table
+from mmg.components.catalogue import ROLES, coefficient_table
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 

@@ -10,9 +10,9 @@ from types import SimpleNamespace
 from typing import Any
 
 from mmg.effects.effect import Effect, Parameter
-from mmg.flow import Flow
-from mmg.frames import body_to_earth
-from mmg.memory import Memory
+from mmg.motion.flow import Flow
+from mmg.motion.frames import body_to_earth
+from mmg.motion.memory import Memory
 
 
 class AntennaOffset(Effect):

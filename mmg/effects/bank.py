@@ -13,7 +13,7 @@ from types import SimpleNamespace
 import casadi as ca
 
 from mmg.effects.effect import Effect, Parameter, Parts, Setting
-from mmg.flow import Flow, Force
+from mmg.motion.flow import Flow, Force
 
 
 class Bank(Effect):

@@ -1,6 +1,6 @@
 """Control delay: rudder and revolutions act later than they are logged, by a fixed time.
 
-Inside the model the delay is its all-pass approximation (``delayed`` of mmg/memory.py). The synthetic generator
+Inside the model the delay is its all-pass approximation (``delayed`` of mmg/motion/memory.py). The synthetic generator
 delays the inputs themselves, so a trial made with this effect holds the true delay.
 """
 
@@ -9,9 +9,9 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 from mmg.effects.effect import Effect, Parameter
-from mmg.flow import PROPELLERS, RUDDERS, Flow
-from mmg.memory import Memory, delayed, scale
-from mmg.smooth import GRAVITY, Smoothing
+from mmg.motion.flow import PROPELLERS, RUDDERS, Flow
+from mmg.motion.memory import Memory, delayed, scale
+from mmg.motion.smooth import GRAVITY, Smoothing
 
 
 class ControlDelay(Effect):

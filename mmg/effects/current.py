@@ -11,8 +11,8 @@ from types import SimpleNamespace
 from typing import Any
 
 from mmg.effects.effect import Effect, Parameter
-from mmg.flow import Flow
-from mmg.memory import scale
+from mmg.motion.flow import Flow
+from mmg.motion.memory import scale
 
 
 class Current(Effect):

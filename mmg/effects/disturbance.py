@@ -12,8 +12,8 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 from mmg.effects.effect import Effect, Parameter, Parts, Setting
-from mmg.flow import Flow, Force
-from mmg.memory import MODEL_LENGTH, scale
+from mmg.motion.flow import Flow, Force
+from mmg.motion.memory import MODEL_LENGTH, scale
 
 STATES = tuple(f"disturbance.{axis}" for axis in "XYN")
 

@@ -16,11 +16,11 @@ from typing import Any
 
 import numpy as np
 
-from mmg.coefficients import Coefficient
-from mmg.flow import Flow, Force
-from mmg.memory import Memory
-from mmg.rigid_body import Inertia
-from mmg.smooth import Smoothing
+from mmg.components.coefficients import Coefficient
+from mmg.components.rigid_body import Inertia
+from mmg.motion.flow import Flow, Force
+from mmg.motion.memory import Memory
+from mmg.motion.smooth import Smoothing
 
 
 @dataclass(frozen=True)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
-from mmg.components import module
+from mmg.components.catalogue import module
 from mmg.effects.effect import Effect, Parameter, Parts, Setting
-from mmg.flow import Flow, Force
+from mmg.motion.flow import Flow, Force
 
 
 class Fouling(Effect):

@@ -16,10 +16,10 @@ import casadi as ca
 import numpy as np
 
 from mmg.effects.effect import Effect, Parameter
-from mmg.flow import Flow
-from mmg.frames import body_to_earth, earth_to_body
-from mmg.memory import Memory, delayed, scale
-from mmg.smooth import GRAVITY
+from mmg.motion.flow import Flow
+from mmg.motion.frames import body_to_earth, earth_to_body
+from mmg.motion.memory import Memory, delayed, scale
+from mmg.motion.smooth import GRAVITY
 
 
 class GnssDelay(Effect):

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from mmg.effects.effect import Effect, Parameter
-from mmg.flow import Flow
-from mmg.memory import Memory, lagged, scale
+from mmg.motion.flow import Flow
+from mmg.motion.memory import Memory, lagged, scale
 
 
 class Gyro(Effect):

@@ -1,6 +1,6 @@
 """Hull memory: sway force and yaw moment of the hull arrive with a lag, as of a vortex system that must form.
 
-Y_H and N_H pass a first-order lag of time constant T (``lagged`` of mmg/memory.py).
+Y_H and N_H pass a first-order lag of time constant T (``lagged`` of mmg/motion/memory.py).
 """
 
 from __future__ import annotations
@@ -8,9 +8,9 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 from mmg.effects.effect import Effect, Parameter, Parts, Setting
-from mmg.flow import Flow, Force
-from mmg.memory import lagged, scale
-from mmg.smooth import GRAVITY
+from mmg.motion.flow import Flow, Force
+from mmg.motion.memory import lagged, scale
+from mmg.motion.smooth import GRAVITY
 
 
 class HullMemory(Effect):

@@ -6,8 +6,8 @@ from types import SimpleNamespace
 from typing import Any
 
 from mmg.effects.effect import Effect, Parameter
-from mmg.flow import Flow
-from mmg.memory import Memory
+from mmg.motion.flow import Flow
+from mmg.motion.memory import Memory
 
 
 class LogScale(Effect):

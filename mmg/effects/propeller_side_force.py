@@ -1,7 +1,7 @@
 """Propeller side force: side force and moment of the reversing propeller are those of the model times a factor.
 
 A propeller model without a side force gets the factor on that of Hachii (2004) with its published coefficients
-(mmg/propeller/hachii.py); its neutral factor is 0.
+(mmg/components/propeller/hachii.py); its neutral factor is 0.
 """
 
 from __future__ import annotations
@@ -9,10 +9,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import SimpleNamespace
 
-from mmg.components import module
+from mmg.components.catalogue import module
+from mmg.components.propeller import hachii
 from mmg.effects.effect import Effect, Parameter, Parts, Setting
-from mmg.flow import Flow, Force
-from mmg.propeller import hachii
+from mmg.motion.flow import Flow, Force
 
 
 class PropellerSideForce(Effect):

@@ -1,6 +1,6 @@
 """Rudder backlash: the real rudder stays where it is until the logged one has moved by the dead band.
 
-The play operator (``played`` of mmg/memory.py): the real angle is never further than b from the logged one, and rests
+The play operator (``played``): the real angle is never further than b from the logged one, and rests
 while that moves within 2 b.
 """
 
@@ -9,9 +9,9 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 from mmg.effects.effect import Effect, Parameter
-from mmg.flow import RUDDERS, Flow
-from mmg.memory import Memory, played, scale
-from mmg.smooth import Smoothing
+from mmg.motion.flow import RUDDERS, Flow
+from mmg.motion.memory import Memory, played, scale
+from mmg.motion.smooth import Smoothing
 
 SOFTEST = 2e-3
 """Angle [rad] that keeps the play smooth at zero dead band."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 from mmg.effects.effect import Effect, Parameter
-from mmg.flow import RUDDERS, Flow
-from mmg.memory import Memory
-from mmg.smooth import Smoothing
+from mmg.motion.flow import RUDDERS, Flow
+from mmg.motion.memory import Memory
+from mmg.motion.smooth import Smoothing
 
 
 class RudderOffset(Effect):

@@ -2,7 +2,7 @@
 
 Each is multiplied by 1 + a g, g = (d/h) / (1 - d/h), with one a per quantity (GROWTH; simple robust form of physics
 B.3b, UNVERIFIED numbers chosen so that added mass in sway doubles at about h/d = 1.6; Kijima & Nakiri 1990 and
-Ankudinov's factors are in mmg/shallow.py). Beyond the shelf line means x cos(bearing) + y sin(bearing) > line.
+Ankudinov's factors are in components/shallow.py). Beyond the shelf line means x cos(bearing) + y sin(bearing) > line.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from typing import Any
 
 import casadi as ca
 
+from mmg.components.rigid_body import Inertia
 from mmg.effects.effect import Effect, Parameter, Parts, Setting
-from mmg.flow import Flow, Force
-from mmg.rigid_body import Inertia
-from mmg.smooth import Smoothing
+from mmg.motion.flow import Flow, Force
+from mmg.motion.smooth import Smoothing
 
 GROWTH = {"X": 0.15, "Y": 0.5, "N": 0.5, "m_x": 0.2, "m_y": 0.65, "J_z": 0.3}
 """Growth of hull forces and added masses with g."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 from mmg.effects.effect import Effect, Parameter, Parts, Setting
-from mmg.flow import Flow, Force
-from mmg.memory import MODEL_LENGTH
+from mmg.motion.flow import Flow, Force
+from mmg.motion.memory import MODEL_LENGTH
 
 
 class Tow(Effect):

@@ -14,8 +14,8 @@ import numpy as np
 
 from mmg.effects.effect import Effect, Parameter
 from mmg.effects.gnss_delay import late_samples, late_velocity
-from mmg.flow import Flow
-from mmg.memory import Memory, scale
+from mmg.motion.flow import Flow
+from mmg.motion.memory import Memory, scale
 
 
 class VelocityLag(Effect):

@@ -9,9 +9,9 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 from mmg.effects.effect import Effect, Parameter, Parts, Setting
-from mmg.flow import Flow, Force
-from mmg.frames import earth_to_body
-from mmg.memory import MODEL_LENGTH
+from mmg.motion.flow import Flow, Force
+from mmg.motion.frames import earth_to_body
+from mmg.motion.memory import MODEL_LENGTH
 
 BOW = 0.3
 """Share of the drift force that acts when it comes along the ship."""

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
+from mmg.components.wind import fujiwara
 from mmg.effects.effect import Effect, Parameter, Parts, Setting
-from mmg.flow import Flow, Force
-from mmg.wind import fujiwara
+from mmg.motion.flow import Flow, Force
 
 
 def upper_works(p: SimpleNamespace) -> SimpleNamespace:

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from mmg.effects.effect import Effect, Parameter
-from mmg.memory import scale
+from mmg.motion.memory import scale
 
 
 class WindSensorBias(Effect):

@@ -72,7 +72,7 @@ def _reduced(
             raise UserError(f"--without {role}: {ship.name} has no such component; it has {', '.join(ship.components)}")
         if role == "hull" or (role == "propeller" and "rudder" in ship.components):
             raise UserError(f"--without {role}: the rest of the model needs it")
-        from mmg.components import coefficient_table
+        from mmg.components.catalogue import coefficient_table
 
         components = {r: n for r, n in ship.components.items() if r != role}
         kept = coefficient_table(components, ship.particulars)

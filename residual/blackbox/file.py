@@ -14,7 +14,7 @@ from safetensors.torch import save_file
 
 from cases.shipfiles.network_file import BLACK_BOX, NETWORK, ship_hash
 from mmg.errors import UserError
-from mmg.flow import INPUTS
+from mmg.motion.flow import INPUTS
 from mmg.network import OTHER
 from mmg.ship import Ship
 from residual.blackbox.models import KINDS, BlackBox, BoxScales, BoxTraining, build_box

@@ -16,7 +16,7 @@ import numpy as np
 import torch
 
 from cases.simulation.gusts import Wind
-from mmg.frames import wind_vector
+from mmg.motion.frames import wind_vector
 from residual.ensembles.ensemble import drawn, step
 from residual.system import System
 

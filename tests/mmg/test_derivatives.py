@@ -8,12 +8,12 @@ import pytest
 from scipy.optimize import brentq
 
 from cases.shipfiles.ship_file import load_ship
-from mmg.coefficients import names
-from mmg.flow import Flow
+from mmg.components.coefficients import names
+from mmg.components.propeller import hachii
+from mmg.components.rudder import single
 from mmg.model import assemble
-from mmg.propeller import hachii
-from mmg.rudder import single
-from mmg.smooth import Smooth
+from mmg.motion.flow import Flow
+from mmg.motion.smooth import Smooth
 
 SHIP = load_ship("esso_osaka_3m")
 COUNT = len(SHIP.symbols)

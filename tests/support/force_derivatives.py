@@ -8,9 +8,9 @@ from types import SimpleNamespace
 import casadi as ca
 import numpy as np
 
-from mmg.coefficients import names
-from mmg.flow import Flow, Force
-from mmg.smooth import Smoothing
+from mmg.components.coefficients import names
+from mmg.motion.flow import Flow, Force
+from mmg.motion.smooth import Smoothing
 
 FORCE = Callable[[Flow, SimpleNamespace, SimpleNamespace, Smoothing], Force]
 STEP = 1e-6

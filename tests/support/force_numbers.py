@@ -10,10 +10,10 @@ import casadi as ca
 import numpy as np
 
 from cases.shipfiles.ship_file import load_ship
-from mmg.coefficients import names
-from mmg.components import module
-from mmg.flow import Flow, Force
-from mmg.smooth import Smooth, Smoothing
+from mmg.components.catalogue import module
+from mmg.components.coefficients import names
+from mmg.motion.flow import Flow, Force
+from mmg.motion.smooth import Smooth, Smoothing
 
 MOTION = ("u", "v", "r", "n", "delta")
 SCALE = np.array([1.0, 0.3, 0.1, 10.0, 0.4])

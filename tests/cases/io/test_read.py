@@ -13,7 +13,7 @@ from cases.io.read import read_trial, read_trials
 from cases.io.unit_sanity import implausible
 from cases.trial import UNITS
 from mmg.errors import UserError
-from mmg.frames import apparent_wind, true_wind
+from mmg.motion.frames import apparent_wind, true_wind
 from tests.support.trial_files import motion_columns, write_csv
 
 DEG = np.pi / 180

@@ -48,7 +48,7 @@ def test_the_bank_of_the_contract_pulls_towards_it(tmp_path):
     assert held == pytest.approx({"distance": 6.0, "bearing": -math.pi / 2})
     from mmg.effects import effect
     from mmg.effects.effect import Setting
-    from mmg.flow import Flow
+    from mmg.motion.flow import Flow
 
     values = SHIP.with_effect("bank", {**held, "suction": 0.03}).parameters_of("bank")
     e = effect("bank")

@@ -14,9 +14,9 @@ from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.new_ship import ORDER, complete, new_ship, parse_particulars, resistance
 from cases.shipfiles.ship_file import dump_ship, load_ship, parse_ship
 from cases.simulation.simulate import simulate
+from mmg.components.propeller.b_series import K_Q_TERMS, K_T_TERMS, open_water, thrust_parabola
 from mmg.errors import UserError
 from mmg.model import assemble
-from mmg.propeller.b_series import K_Q_TERMS, K_T_TERMS, open_water, thrust_parabola
 from mmg_ident.commands.main import main
 
 KVLCC2 = dict(zip(ORDER, (7.0, 1.27, 0.455, 0.81, 0.216, 0.721, 0.0539, 1.179), strict=True))

@@ -17,10 +17,10 @@ from hypothesis import strategies as st
 import fitting
 import mmg
 from cases.shipfiles.ship_file import dump_ship, library, load_ship, parse_ship
-from mmg.coefficients import names
+from mmg.components.coefficients import names
+from mmg.components.wind import fujiwara
 from mmg.errors import UserError
 from mmg.ship import Ship
-from mmg.wind import fujiwara
 
 SHIP = load_ship("esso_osaka_3m")
 TEXT = library()["esso_osaka_3m"].read_text(encoding="utf-8")
@@ -308,7 +308,7 @@ PUBLIC = [
 
 def test_the_walk_finds_the_public_functions() -> None:
     found = {f"{module.__name__}.{name}" for module, name, _ in PUBLIC}
-    assert {"mmg.model.assemble", "mmg.hull.unified.force", "fitting.calibration.calibrate"} <= found
+    assert {"mmg.model.assemble", "mmg.components.hull.unified.force", "fitting.calibration.calibrate"} <= found
 
 
 @pytest.mark.parametrize(

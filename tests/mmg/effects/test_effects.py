@@ -18,8 +18,8 @@ from cases.simulation.simulate import simulate, simulate_controls
 from cases.trial import Trial
 from mmg.effects import EFFECTS
 from mmg.errors import UserError
-from mmg.memory import SHARPER, clip
 from mmg.model import assemble
+from mmg.motion.memory import SHARPER, clip
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 

@@ -1,0 +1,109 @@
+"""The force models by role and name, and what each needs: particulars, coefficients, inputs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import ModuleType
+
+from mmg.components.actuators import lag, rate_limited
+from mmg.components.coefficients import Coefficient, names
+from mmg.components.hull import abkowitz, polynomial, unified
+from mmg.components.propeller import cpp, four_quadrant, hachii, kang, standard_hirano, standard_kijima
+from mmg.components.propeller import standard as standard_propeller
+from mmg.components.rigid_body import INERTIA
+from mmg.components.roll import linear
+from mmg.components.rudder import lindenburg, single, vectwin
+from mmg.components.rudder import standard as standard_rudder
+from mmg.components.thruster import azimuth, bow, stern
+from mmg.components.waves import drift
+from mmg.components.wind import blendermann, fujiwara, isherwood
+from mmg.motion.flow import INPUTS
+
+FORCES = ("hull", "propeller", "rudder", "bow_thruster", "stern_thruster", "azimuth", "wind", "waves")
+"""Roles that exert forces, in the order of evaluation: the rudder sees the propeller's slipstream."""
+
+ROLES = (*FORCES, "actuators", "roll")
+"""All roles: the last two move rudder and propeller to their orders, and add a degree of freedom."""
+
+MODELS: dict[str, dict[str, ModuleType]] = {
+    "hull": {"unified": unified, "polynomial": polynomial, "abkowitz": abkowitz},
+    "propeller": {
+        "hachii": hachii,
+        "four_quadrant": four_quadrant,
+        "kang": kang,
+        "cpp": cpp,
+        "standard": standard_propeller,
+        "standard_kijima": standard_kijima,
+        "standard_hirano": standard_hirano,
+    },
+    "rudder": {"single": single, "vectwin": vectwin, "standard": standard_rudder, "lindenburg": lindenburg},
+    "bow_thruster": {"kobayashi": bow},
+    "stern_thruster": {"kobayashi": stern},
+    "azimuth": {"azimuth": azimuth},
+    "wind": {"fujiwara": fujiwara, "blendermann": blendermann, "isherwood": isherwood},
+    "waves": {"drift": drift},
+    "actuators": {"rate_limited": rate_limited, "lag": lag},
+    "roll": {"linear": linear},
+}
+
+BASE_PARTICULARS = ("L", "B", "d", "m", "x_G", "rho")
+"""Particulars that every ship needs, whatever its force models."""
+
+
+def module(role: str, name: str) -> ModuleType:
+    """The force model ``name`` of a role; KeyError with the choices if there is none."""
+    try:
+        return MODELS[role][name]
+    except KeyError:
+        known = ", ".join(MODELS.get(role, {})) or "no such role; roles are " + ", ".join(ROLES)
+        raise KeyError(f"{role} = {name!r} is unknown; known: {known}") from None
+
+
+def required_particulars(components: Mapping[str, str]) -> tuple[str, ...]:
+    """Particulars needed by a choice of force models, in order, without repetition."""
+    needed = list(BASE_PARTICULARS)
+    for role in ROLES:
+        if role in components:
+            needed += module(role, components[role]).PARTICULARS
+    return tuple(dict.fromkeys(needed))
+
+
+def coefficient_table(components: Mapping[str, str], particulars: Mapping[str, float]) -> dict[str, Coefficient]:
+    """All coefficients of a choice of force models with their defaults, in the fixed order of the library."""
+    rows = list(INERTIA)
+    for role in ROLES:
+        if role in components:
+            rows += _rows(module(role, components[role]), particulars)
+    return {row.symbol: row for row in rows}
+
+
+def _rows(model: ModuleType, particulars: Mapping[str, float]) -> tuple[Coefficient, ...]:
+    """Coefficient table of a force model: a constant, or made from the particulars."""
+    if hasattr(model, "coefficients"):
+        return model.coefficients(names(dict(particulars)))
+    return model.COEFFICIENTS
+
+
+def derived(components: Mapping[str, str], particulars: Mapping[str, float]) -> set[str]:
+    """Coefficients whose defaults follow from the particulars, so that a ship file may leave them out."""
+    models = [module(role, name) for role, name in components.items()]
+    return {row.symbol for model in models if hasattr(model, "coefficients") for row in _rows(model, particulars)}
+
+
+def actuators(components: Mapping[str, str], particulars: Mapping[str, float]) -> tuple[str, ...]:
+    """Actuators (names of mmg.motion.flow.INPUTS) that a choice of force models listens to, in the order of INPUTS.
+
+    A ship with two screws (particular y_P, their distance from the centre plane) has n, n_2 and a rudder each.
+    """
+    needed: set[str] = set()
+    for role, name in components.items():
+        needed |= set(module(role, name).INPUTS)
+    if twin_screw(particulars):
+        needed |= {"n_2"} if "n" in needed else set()
+        needed = (needed - {"delta"}) | {"delta_port", "delta_starboard"} if "delta" in needed else needed
+    return tuple(name for name in INPUTS if name in needed)
+
+
+def twin_screw(particulars: Mapping[str, float]) -> bool:
+    """True for a ship with two propellers at +- y_P from the centre plane."""
+    return particulars.get("y_P", 0.0) > 0.0

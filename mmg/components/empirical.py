@@ -1,0 +1,158 @@
+"""Coefficients from particulars: regressions of the literature, as starting values of a fit.
+
+Each is a pure function of numbers that returns symbol -> value. k = 2 d/L, c = C_b B/L throughout. Expect 20..40 % of
+error in the nonlinear terms. Primes are those of MMG (by 1/2 rho L d U^2, 1/2 rho L^2 d, ...) unless stated.
+"""
+
+from __future__ import annotations
+
+import math
+
+
+def kijima_1990(L: float, B: float, d: float, C_b: float, m_x: float = 0.0) -> dict[str, float]:
+    """Hull derivatives of Kijima et al. (1990), JSNAJ 168:141, even keel, MMG primes.
+
+    Y_H = 1/2 rho L d U^2 (Y_beta beta + Y_r r' + Y_bb beta|beta| + Y_rr r'|r'| + (Y_bbr beta + Y_brr r') beta r'),
+    N_H alike. Y_r is pure: Y_r - (m' + m_x') = -1.5 c and m' = 2 c give Y_r = m_x' + 0.5 c (``m_x`` in MMG primes).
+    Y_v = -Y_beta and N_v = -N_beta are added for the MMG polynomial. Two public codes agree on the numbers.
+    """
+    k, c, beam = 2 * d / L, C_b * B / L, d / B
+    fine = (1 - C_b) * beam
+    Y_beta, N_beta = 0.5 * math.pi * k + 1.4 * c, k
+    return {
+        "Y_beta": Y_beta,
+        "Y_r": m_x + 0.5 * c,
+        "Y_bb": 2.5 * fine + 0.5,
+        "Y_rr": 0.343 * C_b * beam - 0.07,
+        "Y_brr": 5.95 * fine,
+        "Y_bbr": 1.5 * C_b * beam - 0.65,
+        "N_beta": N_beta,
+        "N_r": -0.54 * k + k * k,
+        "N_bb": -0.96 * fine + 0.066,
+        "N_rr": 0.5 * c - 0.09,
+        "N_brr": -(0.5 * C_b * beam - 0.05),
+        "N_bbr": -(57.5 * c * c - 18.4 * c + 1.6),
+        "Y_v": -Y_beta,
+        "N_v": -N_beta,
+    }
+
+
+def interaction(L: float, B: float, C_b: float) -> dict[str, float]:
+    """Wake, slipstream and flow straightening of the Kijima set.
+
+    w_P0 = 0.5 C_b - 0.05, kappa = 0.55 - 0.8 c (single source); epsilon = -156.2 c^2 + 41.6 c - 1.76 (one code prints
+    -156.5), gamma_R = -22.2 c^2 + 0.02 c + 0.68, t_R = 0.45 - 0.28 C_b. UNVERIFIED: gamma_R, t_R and epsilon from
+    recollection; epsilon falls below 0.5 for full and for fine hulls alike, so look at it before use.
+    """
+    c = C_b * B / L
+    return {
+        "w_P0": 0.5 * C_b - 0.05,
+        "kappa": 0.55 - 0.8 * c,
+        "epsilon": -156.2 * c * c + 41.6 * c - 1.76,
+        "gamma_R": -22.2 * c * c + 0.02 * c + 0.68,
+        "t_R": 0.45 - 0.28 * C_b,
+    }
+
+
+def inoue_1981(L: float, B: float, d: float, C_b: float, trim: float = 0.0) -> dict[str, float]:
+    """Linear derivatives with trim [m, positive by the stern], Inoue et al. (1981), ISP 28:112; d the mean draught.
+
+    UNVERIFIED (from recollection). Y_r as printed: Y_r - (m' + m_x') is not meant, Y_r is the pure one.
+    """
+    k, c, t = 2 * d / L, C_b * B / L, trim / d
+    sway = 0.5 * math.pi * k + 1.4 * c
+    lever = k / sway
+    return {
+        "Y_v": -sway * (1 + 2 / 3 * t),
+        "Y_r": 0.25 * math.pi * k * (1 + 0.80 * t),
+        "N_v": -k * (1 - 0.27 * t / lever),
+        "N_r": -(0.54 * k - k * k) * (1 + 0.30 * t),
+    }
+
+
+def yoshimura_masumoto_2012(
+    L: float, B: float, d: float, C_b: float, m_x: float, m_y: float, x_G: float = 0.0
+) -> dict[str, float]:
+    """Hull polynomial and rudder interaction, Yoshimura & Masumoto (2012), MARSIM; for the polynomial hull.
+
+    m_x, m_y in MMG primes, x_G [m]. Medium-speed merchant and fishing vessels. Hull: two public codes agree. Rudder:
+    single source; a_H = 0.627 C_b - 0.153 after Quadvlieg (2013), single source.
+    """
+    k, c, slender = 2 * d / L, C_b * B / L, L / B
+    return {
+        "X_vv": 1.15 * c - 0.18,
+        "X_vr": m_y - 1.91 * c + 0.08,
+        "X_rr": -0.085 * c + 0.008 - x_G / L * m_y,
+        "X_vvvv": -6.68 * c + 1.1,
+        "Y_v": -(0.5 * math.pi * k + 1.4 * c),
+        "Y_r": m_x + 0.5 * c,
+        "Y_vvv": -0.185 * slender + 0.48,
+        "Y_vvr": -0.75,
+        "Y_vrr": -(0.26 * (1 - C_b) * slender + 0.11),
+        "Y_rrr": -0.051,
+        "N_v": -k,
+        "N_r": -0.54 * k + k * k,
+        "N_vvv": -(0.66 - 0.69 * C_b),
+        "N_vvr": 1.55 * c - 0.76,
+        "N_vrr": -0.075 * (1 - C_b) * slender - 0.098,
+        "N_rrr": 0.25 * c - 0.056,
+        "t_R": 0.39,
+        "ell_R": -0.9,
+        "gamma_R": 2.06 * c + 0.14,
+        "a_H": 0.627 * C_b - 0.153,
+    }
+
+
+def clarke_1983(L: float, B: float, d: float, C_b: float) -> dict[str, float]:
+    """Linear derivatives of Clarke et al. (1983) in MMG primes, i.e. those of 1/2 rho L^2 U^2 times L/d.
+
+    With S = pi (d/L)^2 the printed ones are S times the brackets. Y_vdot, Y_rdot, N_vdot, N_rdot are the added masses
+    with the sign of a derivative: m_y = -Y_vdot, J_z = -N_rdot. Two public texts agree.
+    """
+    unit = math.pi * d / L  # S L/d
+    wide, high = B / L, B / d
+    return {
+        "Y_vdot": -unit * (1 + 0.16 * C_b * high - 5.1 * wide**2),
+        "Y_rdot": -unit * (0.67 * wide - 0.0033 * high**2),
+        "N_vdot": -unit * (1.1 * wide - 0.041 * high),
+        "N_rdot": -unit * (1 / 12 + 0.017 * C_b * high - 0.33 * wide),
+        "Y_v": -unit * (1 + 0.40 * C_b * high),
+        "Y_r": -unit * (-0.5 + 2.2 * wide - 0.08 * high),
+        "N_v": -unit * (0.5 + 2.4 * d / L),
+        "N_r": -unit * (0.25 + 0.039 * high - 0.56 * wide),
+    }
+
+
+def motora_added_mass(L: float, B: float, d: float, C_b: float) -> dict[str, float]:
+    """Added masses in MMG primes: regression of Motora's charts by Zhou et al. (1983).
+
+    m_x/m, m_y/m and k_J/L of the regression, with m' = 2 c (displacement L B d C_b); J_z = m k_J^2. m_y and J_z agree
+    in two public codes; the line of m_x is UNVERIFIED but gives 0.0231 for KVLCC2 (published 0.022).
+    """
+    s, b, D = L / B, d / B, d * L / B**2
+    m = 2 * C_b * B / L
+    surge = 0.01 * (
+        0.398
+        + 11.97 * C_b * (1 + 3.73 * b)
+        - 2.89 * C_b * s * (1 + 1.13 * b)
+        + 0.175 * C_b * s**2 * (1 + 0.541 * b)
+        - 1.107 * s * b
+    )
+    sway = (
+        0.882
+        - 0.54 * C_b * (1 - 1.6 * b)
+        - 0.156 * s * (1 - 0.673 * C_b)
+        + 0.826 * D * (1 - 0.678 * b)
+        - 0.638 * C_b * D * (1 - 0.669 * b)
+    )
+    arm = 0.01 * (33 - 76.85 * C_b * (1 - 0.784 * C_b) + 3.43 * s * (1 - 0.63 * C_b))
+    return {"m_x": m * surge, "m_y": m * sway, "J_z": m * arm**2}
+
+
+def yoshimura_2009_low_speed(L: float, B: float, d: float) -> dict[str, float]:
+    """Cross-flow coefficients of the unified low-speed hull (Yoshimura, Nakao & Ishibashi 2009, MARSIM).
+
+    C_D = 1.848 - 0.0591 L/d, C_rY = 0.52 L/B - 1.062, C_rN = 0.0742 L/d - 0.297: tanker-like ratios only (L/d = 25
+    gives C_D = 0.37). They reproduce C_D, C_rN of ESSO OSAKA and C_rY, C_rN of a second ship to all digits.
+    """
+    return {"C_D": 1.848 - 0.0591 * L / d, "C_rY": 0.52 * L / B - 1.062, "C_rN": 0.0742 * L / d - 0.297}

@@ -1,0 +1,26 @@
+"""Standard MMG propeller (see ``standard``) with the wake of Hirano type.
+
+w_P = w_P0 - tau |v' + x_P' r'| - C_P (v' + x_P' r')^2, as in ``hachii``.
+"""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+from mmg.components.coefficients import Coefficient
+from mmg.components.propeller import standard, wake
+from mmg.motion.flow import Flow, Force
+from mmg.motion.smooth import Smoothing
+
+PARTICULARS = standard.PARTICULARS
+INPUTS = standard.INPUTS
+
+
+def coefficients(p: SimpleNamespace) -> tuple[Coefficient, ...]:
+    """Coefficients with their defaults; beta_t from the pitch ratio."""
+    return standard.coefficients_with(wake.HIRANO, p)
+
+
+def force(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Force:
+    """Propeller force [N, N, N m] and slipstream."""
+    return standard.thrust(flow, wake.hirano(flow, p, c, s), p, c, s)

@@ -1,0 +1,90 @@
+"""What the rudder models share: longitudinal inflow in all quadrants, aspect ratio, and the force on the ship.
+
+Longitudinal inflow u_R (Yoshimura's low-speed form ahead; Kitagawa 2015 in reversed flow, single public lineage):
+  n >= 0 and K_T > 0: u_R = eps sqrt{ eta [u_P + kappa (sqrt(u_P^2 + 8 K_T n^2 D^2/pi) - u_P)]^2 + (1 - eta) u_P^2 }
+  else with headway:  u_R = sgn(q) sqrt|q|, q = eta sgn(u_1) u_1^2 + (1 - eta) u_2^2 + C_PR u^2,
+                      u_2 = u eps (1 - w_P), u_1 = u_2 + n D k_xR sqrt(8 |K_T|/pi)
+  else (sternway):    u_R = u.
+The first is u_R = eps u_P sqrt{ eta [1 + kappa (sqrt(1 + 8 K_T/(pi J^2)) - 1)]^2 + 1 - eta } of Yasukawa & Yoshimura
+(2015) for u_P > 0, multiplied out by u_P.
+"""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import casadi as ca
+
+from mmg.motion.flow import Blade, Flow, Force, Slipstream
+from mmg.motion.smooth import Smoothing
+
+REVERSED = (
+    ("k_xR", 0.15, 0.05, 0.0, 0.6, "", "propeller acceleration at the rudder when reversed"),
+    ("C_PR", -0.176, 0.08, -1.0, 0.3, "", "inflow correction in reversed flow"),
+)
+"""Rows of the coefficient table that reversed flow needs."""
+
+
+def slipstream(flow: Flow) -> Slipstream:
+    """The propeller's slipstream; ValueError when there is none."""
+    if flow.slipstream is None:
+        raise ValueError("the rudder needs the slipstream of a propeller")
+    return flow.slipstream
+
+
+def longitudinal(flow: Flow, p: SimpleNamespace, kappa: Any, c: SimpleNamespace, s: Smoothing) -> Any:
+    """u_R [m/s]; ``kappa`` [-] the acceleration of the slipstream ahead; uses c.epsilon, c.k_xR, c.C_PR."""
+    wash = slipstream(flow)
+    u, nD = flow.u, flow.n * p.D_P
+    eta = p.D_P / (p.A_R * p.aspect_ratio) ** 0.5
+    small = 0.1 * s.speed
+    pull = s.positive(wash.loading, s.speed * small)
+    jet = s.root(wash.u_P**2 + 8 * pull / ca.pi, small) - wash.u_P
+    ahead = c.epsilon * s.root(eta * (wash.u_P + kappa * jet) ** 2 + (1 - eta) * wash.u_P**2, small)
+    u_2 = u * c.epsilon * wash.one_minus_w
+    aft = s.sign(nD, s.speed) if wash.aft is None else wash.aft
+    u_1 = u_2 + aft * c.k_xR * s.root(8 * s.absolute(wash.loading, small**2) / ca.pi, small)
+    q = eta * u_1 * s.absolute(u_1, small) + (1 - eta) * u_2**2 + c.C_PR * u * u
+    headway = s.step_or_zero(u, s.speed)
+    otherwise = headway * s.signed_root(q, s.speed) + (1 - headway) * u
+    # K_T > 0, with a width of 0.01 in K_T (0.02 in J) and a scale that is positive at rest
+    scale = nD**2 + u**2 + small**2
+    pulling = wash.ahead * s.step(wash.loading, 0.01 * scale)
+    return pulling * ahead + (1 - pulling) * otherwise
+
+
+def fujii(aspect_ratio: float) -> float:
+    """Slope of the rudder's normal force f_alpha = 6.13 Lambda / (Lambda + 2.25) [-] (Fujii)."""
+    return 6.13 * aspect_ratio / (aspect_ratio + 2.25)
+
+
+def across(u_R: Any, v_R: Any, delta: Any) -> Any:
+    """U_R sin(alpha_R) = u_R sin(delta) - v_R cos(delta) [m/s]: the angle itself is never formed."""
+    return u_R * ca.sin(delta) - v_R * ca.cos(delta)
+
+
+def resultant(u_R: Any, v_R: Any, s: Smoothing) -> Any:
+    """U_R = sqrt(u_R^2 + v_R^2) [m/s]."""
+    return s.root(u_R**2 + v_R**2, 0.1 * s.speed)
+
+
+def on_the_ship(F_N: Any, sin2_alpha: Any, delta: Any, p: SimpleNamespace, c: SimpleNamespace) -> Force:
+    """Force [N, N, N m] of a rudder of normal force F_N [N] with its effect on the hull, and the rudder itself.
+
+    X_R = -(1 - t_R) F_N sin(delta), Y_R = -(1 + a_H) F_N cos(delta), N_R = -(x_R + a_H x_H) F_N cos(delta).
+    """
+    sine, cosine = ca.sin(delta), ca.cos(delta)
+    X = -(1 - c.t_R) * F_N * sine
+    Y = -(1 + c.a_H) * F_N * cosine
+    N = -(p.x_R + c.a_H * c.x_H * p.L) * F_N * cosine
+    return Force(X, Y, N, blades=(Blade(X, Y, N, sin2_alpha),))
+
+
+def by_sine_law(
+    u_R: Any, v_R: Any, f_alpha: Any, flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing
+) -> Force:
+    """Force with F_N = 1/2 rho A_R f_alpha U_R^2 sin(delta - atan2(v_R, u_R))."""
+    U_R, cross = resultant(u_R, v_R, s), across(u_R, v_R, flow.delta)
+    F_N = 0.5 * p.rho * p.A_R * f_alpha * U_R * cross
+    return on_the_ship(F_N, s.divide(cross**2, U_R**2, 0.0), flow.delta, p, c)

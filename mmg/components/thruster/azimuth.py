@@ -1,0 +1,43 @@
+"""Azimuth thruster or pod at (x_az, y_az) that pushes into the direction a = azimuth, clockwise from ahead.
+
+u_i = u - y r, v_i = v + x r; V_A = (1 - w_az) (u_i cos a + v_i sin a); T = (1 - t_az) k_T_az T_4Q(V_A/k_J_az, n) with
+the four-quadrant thrust of B4-70, P/D = 1.0 (propeller/four_quadrant.py), valid for every sign of V_A and n;
+X = T cos a - D_x, Y = T sin a - D_y [N], N = x Y - y X [N m],
+pod drag (D_x, D_y) = 1/2 rho D_az^2 C_pod sqrt(u_i^2 + v_i^2) (u_i, v_i).
+Standard composition; inflow angle effects on thrust, the Coanda effect and the interaction of thrusters are left out
+(UNVERIFIED: no source with numbers was found; calibrate k_T_az, t_az, w_az).
+"""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import casadi as ca
+
+from mmg.components.coefficients import table
+from mmg.components.propeller.four_quadrant import thrust
+from mmg.motion.flow import Flow, Force
+from mmg.motion.smooth import Smoothing
+
+PARTICULARS = ("rho", "D_az", "x_az", "y_az")
+INPUTS = ("n_azimuth", "azimuth")
+
+COEFFICIENTS = table(
+    "default of the azimuth thruster: a guess",
+    ("k_T_az", 1.0, 0.15, 0.3, 2.0, "", "factor on the thrust of the azimuth thruster's series"),
+    ("k_J_az", 1.0, 0.1, 0.4, 1.6, "", "factor on the advance ratios of the azimuth thruster's series (pitch)"),
+    ("t_az", 0.05, 0.05, -0.1, 0.5, "", "thrust lost to the hull"),
+    ("w_az", 0.1, 0.1, -0.2, 0.7, "", "wake fraction at the azimuth thruster"),
+    ("C_pod", 0.3, 0.2, 0.0, 3.0, "", "drag coefficient of the pod, by D_az^2"),
+)
+
+
+def force(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Force:
+    """Force of the azimuth thruster [N, N, N m]."""
+    u, v = flow.u - p.y_az * flow.r, flow.v + p.x_az * flow.r
+    cosine, sine = ca.cos(flow.azimuth), ca.sin(flow.azimuth)
+    V_A = (1 - c.w_az) * (u * cosine + v * sine)
+    T = (1 - c.t_az) * c.k_T_az * thrust(V_A / c.k_J_az, flow.n_azimuth, p.D_az, p.rho, s)
+    drag = 0.5 * p.rho * p.D_az**2 * c.C_pod * s.root(u**2 + v**2, 0.1 * s.speed)
+    X, Y = T * cosine - drag * u, T * sine - drag * v
+    return Force(X, Y, p.x_az * Y - p.y_az * X)

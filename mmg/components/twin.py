@@ -1,0 +1,34 @@
+"""Two screws with a rudder behind each: one side is evaluated twice, the port side in the mirror.
+
+At +- y_P from the centre plane the water comes with u - y r. The port propeller turns the other way, so its force
+is that of a starboard one in mirrored motion (v, r, delta with the opposite sign), mirrored back. Each thrust has a
+lever: N = -y X. (Standard reduction; no interaction between the sides.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from types import SimpleNamespace
+
+from mmg.motion.flow import Blade, Flow, Force
+
+Model = Callable[[Flow], Force]
+
+
+def sides(flow: Flow, p: SimpleNamespace) -> tuple[Flow, Flow]:
+    """What the starboard side sees, and what the port side sees in the mirror; ``p.y_P`` > 0 [m]."""
+    starboard = flow.with_(u=flow.u - p.y_P * flow.r, delta=flow.delta_starboard)
+    port = flow.with_(u=flow.u + p.y_P * flow.r, v=-flow.v, r=-flow.r, n=flow.n_2, delta=-flow.delta_port)
+    return starboard, port
+
+
+def both(starboard: Force, port: Force, p: SimpleNamespace) -> Force:
+    """The sum of the two sides, the port one mirrored back, with the moments of their thrusts."""
+    right, left = _levered(starboard, p, 1), _levered(port, p, -1)
+    return replace(right + left, blades=right.blades + left.blades)
+
+
+def _levered(force: Force, p: SimpleNamespace, side: int) -> Force:
+    blades = tuple(Blade(b.X, side * b.Y, side * (b.N - p.y_P * b.X), b.sin2_alpha) for b in force.blades)
+    return Force(force.X, side * force.Y, side * (force.N - p.y_P * force.X), blades=blades)

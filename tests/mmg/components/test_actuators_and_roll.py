@@ -1,0 +1,152 @@
+"""Actuators that follow orders, play, and the roll option, by hand."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from cases.maneuvers.definitions import parse_maneuver
+from cases.shipfiles.ship_file import dump_ship, load_ship, parse_ship
+from cases.simulation.simulate import simulate
+from fitting.calibration import calibrate
+from fitting.settings import Settings
+from mmg.components.catalogue import coefficient_table
+from mmg.model import assemble
+from mmg.motion.memory import Memory, clip, delayed, lagged, played, rate_limited
+from mmg.motion.smooth import GRAVITY
+from mmg.rollout import Simulator
+from mmg.ship import Ship
+
+ESSO = load_ship("esso_osaka_3m")
+
+
+def with_role(ship: Ship, role: str, name: str, **particulars: float) -> Ship:
+    """The ship with one more component at its default coefficients."""
+    components = {**ship.components, role: name}
+    known = {**ship.particulars, **particulars}
+    return replace(
+        ship,
+        components=components,
+        particulars=known,
+        coefficients={**coefficient_table(components, known), **ship.coefficients},
+    )
+
+
+def response(make, orders: np.ndarray, dt: float) -> np.ndarray:  # type: ignore[no-untyped-def]
+    """What ``make(memory, x)`` puts out for orders held over steps of dt, integrated finely."""
+    memory, x = Memory(), ca.SX.sym("x")
+    out = make(memory, x)
+    z = ca.vertcat(*memory.symbols)
+    f = ca.Function("f", [z, x], [ca.vertcat(*memory.rates), out])
+    start = ca.Function("s", [x], [ca.vertcat(*memory.targets)])
+    state, result = np.array(start(orders[0])).ravel(), []
+    for order in orders:
+        rates, value = f(state, order)
+        state = state + dt * np.array(rates).ravel()
+        result.append(float(value))
+    return np.array(result)
+
+
+def test_a_rate_limit_is_never_exceeded_and_reached_far_from_the_order() -> None:
+    order, dt = np.where(np.arange(4000) > 100, 0.6, 0.0), 0.005
+    y = response(lambda m, x: rate_limited(m, "y", x, 0.1, 0.2, 1.0), order, dt)
+    speed = np.diff(y) / dt
+    assert np.abs(speed).max() <= 0.1 + 1e-12
+    assert speed[300] == pytest.approx(0.1, rel=1e-6)
+    assert y[-1] == pytest.approx(0.6, abs=1e-4)
+
+
+@pytest.mark.parametrize("T", [0.0, 0.05, 0.5, 2.0])
+def test_lag_and_delay_shift_slow_signals_by_their_time(T: float) -> None:
+    """A slow sine comes T later; the delay keeps its amplitude, the lag loses what a lag loses."""
+    dt, period = 0.01, 60.0
+    t = np.arange(0, 180, dt)
+    w = 2 * math.pi / period
+    last = t > 120
+    for make, shrink in ((lagged, 1 / math.hypot(1, w * T)), (delayed, 1.0)):
+        y = response(lambda m, x, make=make: make(m, "y", x, T, 0.5, 1.0), np.sin(w * t), dt)
+        a, b = (2 * np.mean(y[last] * f(w * t[last])) for f in (np.sin, np.cos))
+        assert math.atan2(-b, a) / w == pytest.approx(T, abs=0.01 + 0.02 * T)
+        assert math.hypot(a, b) == pytest.approx(shrink, abs=0.005)
+
+
+def test_nothing_is_changed_by_a_lag_delay_or_play_of_zero() -> None:
+    x = np.random.default_rng(0).normal(size=300)
+    for make in (
+        lambda m, x: lagged(m, "y", x, 0.0, 0.5, 1.0),
+        lambda m, x: delayed(m, "y", x, 0.0, 0.5, 1.0),
+        lambda m, x: played(m, "y", x, 0.0, 0.5, 2e-3, 1.0),
+    ):
+        assert np.array_equal(response(make, x, 0.1), x)
+
+
+def test_the_clip_is_smooth_and_stays_within_its_limits() -> None:
+    x = np.linspace(-1, 1, 2001)
+    y = np.array([float(clip(v, 0.05, 2e-3)) for v in x])
+    assert np.abs(y).max() <= 0.05 + 1e-12
+    inside = np.abs(x) < 0.03
+    np.testing.assert_allclose(y[inside], x[inside], atol=1e-3)
+
+
+@pytest.mark.parametrize("name", ["rate_limited", "lag"])
+def test_a_ship_with_actuators_follows_orders(name: str) -> None:
+    """Orders are steps in the trial; the ship turns later than with an ideal rudder, and it is a ship file."""
+    ship = parse_ship(dump_ship(with_role(ESSO, "actuators", name)))
+    model = assemble(ship)
+    assert model.states[6:] == ("delta", "n")
+    plan = parse_maneuver("turning:35", ship, n=10.0, duration=40.0)
+    turned = simulate(ship, plan)
+    assert set(np.round(np.unique(turned["delta"]), 12)) == {0.0, round(math.radians(35), 12)}
+    ideal = replace(plan, limits=plan.limits)
+    assert turned["r"][60] < simulate(ESSO, ideal)["r"][60]
+    assert turned["r"][-1] == pytest.approx(simulate(ESSO, ideal)["r"][-1], rel=0.02)
+
+
+def test_a_rate_limit_can_be_calibrated() -> None:
+    """Greatest rudder rate of a slow steering gear from a zigzag under recorded orders."""
+    ship = with_role(ESSO, "actuators", "rate_limited")
+    true = ship.with_values({"K_delta": 0.10})
+    runs = [
+        simulate(true, parse_maneuver(text, true, n=10.0, duration=100.0)) for text in ("zigzag:30/20", "turning:-35")
+    ]
+    start = ship.fixing([s for s in ship.symbols if s != "K_delta"])
+    found = calibrate(start, runs, Settings(compiled=False))
+    assert found.ship.coefficients["K_delta"].value == pytest.approx(0.10, rel=0.03)
+
+
+# Roll
+
+ROLLING = with_role(ESSO, "roll", "linear", GM=0.02)
+
+
+def test_a_heeled_ship_at_rest_rolls_with_its_natural_period() -> None:
+    simulator = Simulator(ROLLING, compiled=False)
+    start = np.zeros((8, 1))
+    start[6] = 0.05
+    path = simulator.run(start, np.zeros((4000, 4, 1)), 0.01)
+    phi = path[:, 6, 0]
+    crossings = np.flatnonzero(np.diff(np.sign(phi)) != 0)
+    omega = math.sqrt(GRAVITY * 0.02) / ROLLING.coefficients["k_x_roll"].value
+    damped = omega * math.sqrt(1 - ROLLING.coefficients["zeta_roll"].value ** 2)
+    assert np.diff(crossings).mean() * 0.01 == pytest.approx(math.pi / damped, rel=0.01)
+    upright = Simulator(ESSO, compiled=False).run(np.zeros((6, 1)), np.zeros((4000, 4, 1)), 0.01)
+    assert np.array_equal(path[:, :6], upright), "roll does not act back on the ship"
+
+
+def test_the_steady_heel_balances_the_moments() -> None:
+    plan = parse_maneuver("turning:35", ROLLING, n=10.0, duration=200.0)
+    run, plain = simulate(ROLLING, plan), simulate(ESSO, plan)
+    assert np.array_equal(run["r"], plain["r"])
+    model = assemble(ROLLING)
+    state = np.array([0, 0, 0, run["u"][-1], run["v"][-1], run["r"][-1], run["phi"][-1], run["p"][-1]])
+    forces = np.array(model.forces(state, [10.0, run["delta"][-1], 0, 0], ROLLING.values))
+    c = {s: ROLLING.coefficients[s].value for s in ("z_H", "z_R", "z_A", "z_G")}
+    by_role = dict(zip(model.roles, forces[:, 1], strict=True))
+    K = -(c["z_H"] * by_role["hull"] + c["z_R"] * by_role["rudder"] + c["z_A"] * by_role["wind"])
+    heel = K / (ROLLING.particulars["m"] * GRAVITY * 0.02)
+    assert math.sin(run["phi"][-1]) == pytest.approx(heel, rel=1e-3)
+    assert run["phi"][-1] != 0

@@ -1,0 +1,174 @@
+"""Regressions for coefficients against the printed check values of KVLCC2 and ESSO OSAKA (physics B.2, B.3)."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from mmg.components import empirical, shallow
+
+KVLCC2 = {"L": 320.0, "B": 58.0, "d": 20.8, "C_b": 0.810}
+
+
+@pytest.mark.parametrize(
+    ("symbol", "value", "digits"),
+    [
+        ("X_vv", -0.0112, 4), ("X_vr", 0.0226, 4), ("X_vvvv", 0.119, 3), ("Y_v", -0.4097, 4), ("Y_r", 0.0954, 4),
+        ("Y_vvv", -0.541, 3), ("Y_vvr", -0.75, 2), ("Y_vrr", -0.383, 3), ("Y_rrr", -0.051, 3), ("N_v", -0.130, 3),
+        ("N_r", -0.0533, 4), ("N_vvv", -0.101, 3), ("N_vvr", -0.532, 3), ("N_vrr", -0.177, 3), ("N_rrr", -0.0193, 4),
+        ("a_H", 0.355, 3), ("gamma_R", 0.442, 3),
+    ],
+)  # fmt: skip
+def test_yoshimura_masumoto_for_kvlcc2(symbol: str, value: float, digits: int) -> None:
+    got = empirical.yoshimura_masumoto_2012(**KVLCC2, m_x=0.022, m_y=0.223, x_G=11.2)
+    assert got[symbol] == pytest.approx(value, abs=0.51 * 10**-digits)
+
+
+def test_x_G_enters_X_rr_alone() -> None:
+    """X_rr = -0.085 c + 0.008 - x_G' m_y'."""
+    one, other = (empirical.yoshimura_masumoto_2012(**KVLCC2, m_x=0.022, m_y=0.223, x_G=x) for x in (0.0, 11.2))
+    assert other["X_rr"] - one["X_rr"] == pytest.approx(-11.2 / 320 * 0.223)
+    assert one["X_rr"] == pytest.approx(-0.085 * 0.1468125 + 0.008)
+    assert {s for s in one if one[s] != other[s]} == {"X_rr"}
+
+
+def test_motoras_charts_for_kvlcc2() -> None:
+    """Regression 0.0231, 0.2243, 0.0112; published 0.022, 0.223, 0.011."""
+    got = empirical.motora_added_mass(**KVLCC2)
+    assert got == pytest.approx({"m_x": 0.0231, "m_y": 0.2243, "J_z": 0.0112}, abs=0.51e-4)
+
+
+def test_clarke_for_kvlcc2() -> None:
+    """Printed by 1/2 rho L^2 U^2 (times d/L here); m_y' 0.2438 and Y_v -0.3887 in the MMG system."""
+    got = empirical.clarke_1983(**KVLCC2)
+    assert got["Y_v"] == pytest.approx(-0.3887, abs=0.51e-4)
+    assert got["Y_vdot"] == pytest.approx(-0.2438, abs=0.51e-4)
+    printed = {"Y_v": -0.025265, "Y_vdot": -0.015846, "N_v": -0.008707, "N_r": -0.0034145}
+    for symbol, value in printed.items():
+        assert got[symbol] * 20.8 / 320 == pytest.approx(value, rel=6e-5)
+
+
+def test_the_rest_of_clarke_by_hand() -> None:
+    """pi d/L = 0.204204, B/L = 0.18125, B/d = 2.788462, C_b B/d = 2.258654."""
+    got = empirical.clarke_1983(**KVLCC2)
+    brackets = {"Y_rdot": -0.0957783, "N_vdot": -0.0850481, "N_rdot": -0.0619179, "Y_r": 0.3243269}
+    for symbol, bracket in brackets.items():
+        assert got[symbol] == pytest.approx(0.2042035 * bracket, rel=2e-6), symbol
+
+
+def test_kijima_agrees_with_yoshimura_masumoto_where_they_share_a_formula() -> None:
+    kijima = empirical.kijima_1990(**KVLCC2, m_x=0.022)
+    yoshimura = empirical.yoshimura_masumoto_2012(**KVLCC2, m_x=0.022, m_y=0.223)
+    for symbol in ("Y_v", "Y_r", "N_v", "N_r"):
+        assert kijima[symbol] == pytest.approx(yoshimura[symbol], rel=1e-12)
+    assert kijima["Y_beta"] == -kijima["Y_v"] > 0 and kijima["N_beta"] == -kijima["N_v"] > 0
+
+
+def test_kijimas_nonlinear_terms_by_hand() -> None:
+    """C_b d/B = 0.290483, (1 - C_b) d/B = 0.0681379, c = 0.1468125."""
+    got = empirical.kijima_1990(**KVLCC2)
+    by_hand = {
+        "Y_bb": 0.670345, "Y_rr": 0.029636, "Y_brr": 0.405421, "Y_bbr": -0.214276,
+        "N_bb": 0.000588, "N_rr": -0.016594, "N_brr": -0.095241, "N_bbr": -0.138000,
+    }  # fmt: skip
+    for symbol, value in by_hand.items():
+        assert got[symbol] == pytest.approx(value, abs=0.6e-6)
+    assert got["Y_r"] == pytest.approx(0.5 * 0.1468125)
+
+
+def test_interaction_by_hand() -> None:
+    got = empirical.interaction(320.0, 58.0, 0.81)
+    expected = {"w_P0": 0.355, "kappa": 0.43255, "epsilon": 0.98068, "gamma_R": 0.20444, "t_R": 0.2232}
+    assert got == pytest.approx(expected, abs=0.6e-5)
+
+
+def test_inoue_without_trim_is_linear_kijima() -> None:
+    even = empirical.inoue_1981(**KVLCC2)
+    kijima = empirical.kijima_1990(**KVLCC2)
+    for symbol in ("Y_v", "N_v", "N_r"):
+        assert even[symbol] == pytest.approx(kijima[symbol], rel=1e-12)
+    assert even["Y_r"] == pytest.approx(math.pi / 4 * 0.13)
+
+
+def test_trim_by_the_stern_steadies_the_ship() -> None:
+    """N_v gets smaller, N_r and Y_v larger in size; each by its printed factor."""
+    even, trimmed = (empirical.inoue_1981(**KVLCC2, trim=t) for t in (0.0, 2.08))
+    assert trimmed["Y_v"] / even["Y_v"] == pytest.approx(1 + 0.2 / 3)
+    assert trimmed["Y_r"] / even["Y_r"] == pytest.approx(1.08)
+    assert trimmed["N_r"] / even["N_r"] == pytest.approx(1.03)
+    lever = 0.13 / (math.pi / 2 * 0.13 + 1.4 * 0.1468125)
+    assert trimmed["N_v"] / even["N_v"] == pytest.approx(1 - 0.027 / lever)
+
+
+def test_low_speed_regressions_of_esso_osaka_and_takaoki() -> None:
+    esso = empirical.yoshimura_2009_low_speed(3.0, 0.48925, 0.20114)
+    assert esso == pytest.approx({"C_D": 0.96652, "C_rY": 2.127, "C_rN": 0.80969}, abs=0.8e-3)
+    assert esso["C_D"] == pytest.approx(0.96652, abs=1e-5) and esso["C_rN"] == pytest.approx(0.80969, abs=1e-5)
+    takaoki = empirical.yoshimura_2009_low_speed(3.0, 0.4843, 0.1721)
+    assert takaoki["C_rY"] == pytest.approx(2.15914, abs=1e-5)
+    assert takaoki["C_rN"] == pytest.approx(0.99643, abs=1e-5)
+
+
+# Shallow water (UNVERIFIED sets: what is tested is the arithmetic and the limits)
+
+
+def test_kijima_nakiri_by_hand_at_twice_the_draught() -> None:
+    """x = 0.5, C_b B/d = 2.258654: f1 = 2^0.903462 - 0.5, N_r: 2^(1.5 - 0.9282) - 0.5; cubics summed by hand."""
+    got = shallow.kijima_nakiri_1990(**KVLCC2, h=41.6)
+    assert got["Y_beta"] == pytest.approx(2**0.9034615 - 0.5, rel=1e-6)
+    assert got["N_r"] == pytest.approx(2 ** (1.5 - 14.28 * 20.8 / 320) - 0.5, rel=1e-9)
+    by_hand = {
+        "Y_r": 0.9473, "Y_rr": 2.2875, "Y_brr": -1.2252, "N_bb": -1.1250, "N_rr": 1.9520, "N_bbr": 0.8878,
+        "N_brr": 0.1849,
+    }  # fmt: skip
+    for symbol, value in by_hand.items():
+        assert got[symbol] == pytest.approx(value, abs=1e-3), symbol
+
+
+SETS = (shallow.kijima_nakiri_1990, shallow.ankudinov, shallow.taimuri_interaction)
+
+
+@pytest.mark.parametrize("factors", SETS)
+def test_deep_water_leaves_the_coefficients_alone(factors) -> None:
+    """1 - t_P tends to 0.998 in print, not to 1."""
+    for symbol, value in factors(**KVLCC2, h=2e6).items():
+        assert value == pytest.approx(1.0, abs=0.0025 if symbol == "one_minus_t_P" else 1e-3), symbol
+
+
+@pytest.mark.parametrize("symbol", ["f_nr", "f_yr", "f_nv", "f_yv", "g_nr", "g_v"])
+def test_ankudinovs_factors_grow_as_the_water_gets_shallow(symbol: str) -> None:
+    deep, middle, low = (shallow.ankudinov(**KVLCC2, h=x * 20.8)[symbol] for x in (3.0, 2.0, 1.3))
+    assert 1 < deep < middle < low
+
+
+def test_ankudinov_by_hand_at_twice_the_draught() -> None:
+    """H = 1: K_0 = 1.066568, K_1 = -0.0031233, K_2 = 0.0342; b = 3.15179 (C_b B/d (1 + B/L)^2)."""
+    got = shallow.ankudinov(**KVLCC2, h=41.6)
+    b = 0.81 * 58 / 20.8 * (1 + 58 / 320) ** 2
+    f_nv = 1.066568 - 0.0031233 * b + 0.0342 * b * b
+    assert got["f_nv"] == pytest.approx(f_nv, rel=1e-6)
+    assert got["f_yv"] == pytest.approx(1.5 * f_nv - 0.5, rel=1e-6)
+    assert got["g_v"] == pytest.approx(1.066568 - 0.0031233 * b * 2 / 3 + 0.0342 * b * b * 8 / 15, rel=1e-6)
+
+
+def test_taimuris_two_forms_of_gamma_R() -> None:
+    """x = 0.4 lies below 0.581 - 0.332 d/B = 0.4619, x = 0.5 above."""
+    c = 0.81 * 58 / 320
+    below, above = (shallow.taimuri_interaction(**KVLCC2, h=20.8 / x)["gamma_R"] for x in (0.4, 0.5))
+    assert below == pytest.approx(1 + (-135.25 + 2432.95 * c - 10137.7 * c * c) * 0.4**4.81)
+    hump = -3.854 + 13.665 * 0.5 - 10.468 * 0.25
+    assert above == pytest.approx(1 + (-10.258 + 178.207 * c - 686.25 * c * c) * hump)
+
+
+def test_simple_growth_has_its_two_limits() -> None:
+    assert shallow.growth(1.0, 1e9, 0.5, 1.5) == pytest.approx(1.0)
+    assert shallow.growth(1.0, 2.0, 0.5, 1.5) == pytest.approx(1.5)
+    assert shallow.growth(1.0, 1.25, 0.5, 1.5) == pytest.approx(1 + 0.5 * 8)
+
+
+@pytest.mark.parametrize("h", [20.8, 10.0, -1.0])
+@pytest.mark.parametrize("factors", SETS)
+def test_a_ship_aground_is_refused(factors, h: float) -> None:
+    with pytest.raises(ValueError, match="larger than the draught"):
+        factors(**KVLCC2, h=h)

@@ -1,0 +1,191 @@
+"""Four-quadrant propeller: printed check values of B4-70 (physics C.4), limits, derivatives, energy."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cases.shipfiles.ship_file import load_ship
+from mmg.components.catalogue import coefficient_table
+from mmg.components.coefficients import names
+from mmg.components.propeller import four_quadrant as fq
+from mmg.motion.flow import Flow
+from mmg.motion.smooth import Exact, Smooth
+from mmg.rollout import Simulator
+from tests.support.force_derivatives import Derivatives, behind, defaults, values
+
+ESSO = load_ship("esso_osaka_3m")
+P = names(dict(ESSO.particulars))
+C = defaults(fq.COEFFICIENTS)
+EXACT, SMOOTH = Exact(), Smooth.for_length(3.0)
+D, RHO = 0.084, 998.0
+
+speeds = st.floats(-0.5, 0.5) | st.just(0.0)
+revolutions = st.floats(-15.0, 15.0) | st.just(0.0)
+
+
+def C_T(degrees: float, smoothing: Exact | Smooth = EXACT, speed: float = 2.0) -> float:
+    """C_T* [-] at an advance angle, for V_r = ``speed`` [m/s]."""
+    beta = np.radians(degrees)
+    V_A, tip = speed * np.sin(beta), speed * np.cos(beta)
+    return float(ca.DM(fq.series(V_A, tip, fq.A_T, fq.B_T, smoothing))) / speed**2
+
+
+def K_T(J: float, n: float = 10.0, k_T: float = 1.0, k_J: float = 1.0) -> float:
+    return k_T * float(ca.DM(fq.thrust(J * n * D / k_J, n, D, RHO))) / (RHO * n * n * D**4)
+
+
+@pytest.mark.parametrize(
+    ("degrees", "printed"),
+    [
+        (0, 0.234362), (30, -0.06076), (60, -0.60702), (90, -0.77011), (120, -0.73177), (150, -0.38562),
+        (180, -0.18276), (210, 0.10146), (240, 0.63829), (270, 0.70806), (300, 0.82157), (330, 0.50876),
+    ],
+)  # fmt: skip
+def test_thrust_coefficient_at_the_printed_angles(degrees: float, printed: float) -> None:
+    assert C_T(degrees) == pytest.approx(printed, abs=0.51e-5)
+    assert C_T(degrees, SMOOTH) == pytest.approx(printed, abs=1e-5)
+
+
+@pytest.mark.parametrize(("n", "thrust", "torque"), [(10.0, 0.4451, 0.0666), (-10.0, -0.3471, -0.0628)])
+def test_bollard_thrust_and_torque(n: float, thrust: float, torque: float) -> None:
+    assert K_T(0.0, n) == pytest.approx(thrust, abs=0.51e-4)
+    Q = float(ca.DM(fq.torque(0.0, n, D, RHO)))
+    assert Q / (RHO * n * n * D**5) == pytest.approx(torque, abs=0.51e-4)
+
+
+@pytest.mark.parametrize(
+    ("J", "printed", "polynomial"), [(0.2, 0.385, 0.392), (0.4, 0.300, 0.314), (0.6, 0.219, 0.226), (0.8, 0.124, 0.130)]
+)
+def test_open_water_thrust_against_the_b_series_polynomial(J: float, printed: float, polynomial: float) -> None:
+    """Z = 4, 0.70, P/D = 1: the series lies 0.006 to 0.014 below the polynomial."""
+    assert K_T(J) == pytest.approx(printed, abs=0.51e-3)
+    assert 0.0 < polynomial - K_T(J) < 0.015
+
+
+@pytest.mark.parametrize(("J", "polynomial"), [(0.0, 0.3100), (0.4, 0.1688), (0.8, -0.0149)])
+def test_another_pitch_by_the_two_factors(J: float, polynomial: float) -> None:
+    """P/D = 0.7151 by k_T = 0.6965, k_J = 0.75 (measured: 0, 0.0027, 0.0021); the plain table is far off."""
+    assert K_T(J, k_T=0.6965, k_J=0.75) == pytest.approx(polynomial, abs=0.003)
+    assert abs(K_T(J) - polynomial) > 0.1
+
+
+def test_ten_harmonics_would_miss_the_bollard_thrust_by_a_sixth() -> None:
+    """Why all twenty are kept; the second derivative by beta grows from 8 to 21."""
+    beta = np.linspace(0, 2 * np.pi, 721)
+    k = np.arange(21)[:, None]
+    terms = np.array(fq.A_T)[:, None] * np.cos(k * beta) + np.array(fq.B_T)[:, None] * np.sin(k * beta)
+    short = terms[:11].sum(0) - terms.sum(0)
+    assert short[0] * np.pi / 8 * (0.7 * np.pi) ** 2 == pytest.approx(-0.0712, abs=1e-3)
+    assert np.abs(short).max() == pytest.approx(0.067, abs=1e-3)
+    for kept, bend in ((11, 8.2), (21, 21.2)):
+        assert np.abs((-(k**2) * terms)[:kept].sum(0)).max() == pytest.approx(bend, abs=0.1)
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.floats(-1, 1), st.floats(-15, 15), st.floats(0.1, 10.0))
+def test_thrust_grows_with_the_square_of_speed(V_A: float, n: float, factor: float) -> None:
+    one, other = (float(ca.DM(fq.thrust(k * V_A, k * n, D, RHO))) for k in (1.0, factor))
+    assert other == pytest.approx(factor**2 * one, rel=1e-9, abs=1e-12)
+
+
+def test_thrust_is_zero_at_rest() -> None:
+    assert float(ca.DM(fq.thrust(0.0, 0.0, D, RHO))) == 0.0
+    assert abs(float(ca.DM(fq.thrust(0.0, 0.0, D, RHO, SMOOTH)))) < 1e-6
+
+
+@pytest.mark.parametrize("s", [EXACT, SMOOTH])
+def test_thrust_deduction_and_wake_belong_to_headway(s: Exact | Smooth) -> None:
+    """Ahead (1 - t_P) T at u (1 - w_P0); reversed (1 - t_PA) T; no wake with sternway."""
+    for u, n, share, wake in ((0.3, 10, C.t_P, C.w_P0), (0.3, -10, C.t_PA, C.w_P0), (-0.3, 10, C.t_P, 0.0)):
+        got = fq.force(Flow(u=u, v=0.0, r=0.0, n=n), P, C, s)
+        T = float(ca.DM(fq.thrust(u * (1 - wake), n, P.D_P, P.rho)))
+        assert values(got)[0] == pytest.approx((1 - share) * T, rel=2e-4)
+        assert got.slipstream is not None
+        assert float(ca.DM(got.slipstream.u_P)) == pytest.approx(u * (1 - wake), rel=1e-4)
+        loading = T * (1 if n > 0 else 1 - share) / (P.rho * P.D_P**2)
+        assert float(ca.DM(got.slipstream.loading)) == pytest.approx(loading, rel=2e-4)
+
+
+def test_factors_on_thrust_and_advance() -> None:
+    c = SimpleNamespace(**{**vars(C), "k_T": 0.7, "k_J": 0.75})
+    X = values(fq.force(Flow(u=0.3, v=0.0, r=0.0, n=10.0), P, c, EXACT))[0]
+    T = float(ca.DM(fq.thrust(0.3 * (1 - C.w_P0) / 0.75, 10.0, P.D_P, P.rho)))
+    assert pytest.approx((1 - C.t_P) * 0.7 * T) == X
+
+
+def test_wake_fades_with_drift() -> None:
+    straight, oblique = (fq.force(Flow(u=0.3, v=v, r=0.0, n=10.0), P, C, EXACT) for v in (0.0, -0.2))
+    assert straight.slipstream is not None and oblique.slipstream is not None
+    beta = np.arctan2(0.2, 0.3)
+    assert float(ca.DM(oblique.slipstream.one_minus_w)) == pytest.approx(1 - C.w_P0 * np.exp(-4 * beta**2), rel=1e-6)
+    assert float(ca.DM(straight.slipstream.one_minus_w)) == pytest.approx(1 - C.w_P0)
+
+
+def test_a_stopped_propeller_is_a_brake() -> None:
+    for u in np.linspace(-0.5, 0.5, 21):
+        X, Y, N = values(fq.force(Flow(u=u, v=0.05, r=0.02, n=0.0), P, C, SMOOTH))
+        assert (X * u < 0 or u == 0) and Y == N == 0
+
+
+DERIVATIVES = Derivatives(fq.force, fq.INPUTS, P, C, SMOOTH)
+
+
+@settings(max_examples=200, deadline=None)
+@given(speeds, speeds, speeds, revolutions)
+def test_derivatives_are_finite_in_every_quadrant(u: float, v: float, r: float, n: float) -> None:
+    DERIVATIVES.assert_finite(np.array([u, v, r, n]))
+
+
+@pytest.mark.parametrize("n", [-10.0, 0.0, 10.0])
+@pytest.mark.parametrize("u", [-0.3, 0.0, 0.3])
+def test_derivatives_are_finite_and_bounded_where_all_else_is_zero(u: float, n: float) -> None:
+    """Second derivatives are those of a quadratic law: they do not blow up towards rest."""
+    DERIVATIVES.assert_finite(np.array([u, 0, 0, n]))
+    _, _, H = DERIVATIVES(np.array([1e-4 * u, 0, 0, 1e-4 * n]))
+    area = np.pi / 8 * P.rho * P.D_P**2
+    assert np.abs(H[0, 3, 3]) < 60 * area * (0.7 * np.pi * P.D_P) ** 2
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_derivatives_agree_with_finite_differences(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    scale = np.array([0.3, 0.1, 0.05, 10.0])
+    x = rng.normal(size=4) * scale * (1.0 if seed < 5 else 0.02)
+    DERIVATIVES.assert_agree_with_differences(x, scale, 1e-6)
+
+
+def test_a_ship_with_this_propeller_coasts_to_rest() -> None:
+    """ESSO OSAKA with the series in place of its polynomial: energy falls at each step, n = 0, any rudder."""
+    components = {**ESSO.components, "propeller": "four_quadrant"}
+    table = coefficient_table(components, ESSO.particulars)
+    coefficients = {name: ESSO.coefficients.get(name, row) for name, row in table.items()}
+    ship = replace(ESSO, components=components, coefficients=coefficients)
+    rng = np.random.default_rng(3)
+    start, controls = np.zeros((6, 64)), np.zeros((4, 64))
+    start[3:] = rng.uniform(-1, 1, (3, 64)) * np.array([[0.4], [0.2], [0.15]])
+    controls[1] = rng.uniform(-0.6, 0.6, 64)
+    path = Simulator(ship).run(start, np.tile(controls, (100, 1, 1)), 0.2)
+    c = names({name: row.value for name, row in ship.coefficients.items()})
+    unit = 0.5 * P.rho * P.L**2 * P.d
+    I_z = c.I_J_z * unit * P.L**2 + P.x_G**2 * P.m
+    u, v, r = np.moveaxis(path[:, 3:6], 1, 0)
+    energy = 0.5 * ((P.m + c.m_x * unit) * u**2 + (P.m + c.m_y * unit) * v**2 + I_z * r**2) + P.x_G * P.m * v * r
+    assert (np.diff(energy, axis=0) < 0).all()
+    assert (energy[-1] < 0.95 * energy[0]).all()
+
+
+def test_rudder_takes_its_slipstream() -> None:
+    """More revolutions make the single rudder stronger."""
+    from mmg.components.rudder import single
+
+    c = defaults(fq.COEFFICIENTS, single.COEFFICIENTS)
+    both = behind(fq.force, single.force)
+    slow, fast = (values(both(Flow(u=0.3, v=0.0, r=0.0, n=n, delta=0.3), P, c, SMOOTH))[1] for n in (5.0, 15.0))
+    assert fast < 2 * slow < 0

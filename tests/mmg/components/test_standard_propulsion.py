@@ -1,0 +1,233 @@
+"""Standard propeller and rudder: wakes, thrust in four quadrants, flow straightening, stall, limiting cases."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mmg.components.catalogue import module
+from mmg.components.coefficients import names
+from mmg.components.propeller import hachii, standard, wake
+from mmg.motion.drift import drift_angle
+from mmg.motion.flow import Flow, Force, Slipstream
+from mmg.motion.smooth import Exact, Smoothing
+from tests.support.force_numbers import (
+    as_function,
+    assert_derivatives_are_right,
+    assert_finite_everywhere,
+    defaults,
+    number,
+    particulars_and_coefficients,
+    smooth,
+    xyn,
+)
+
+P, C = particulars_and_coefficients("kvlcc2_l7")
+SMOOTH = smooth(P)
+PROPELLERS = ("standard", "standard_kijima", "standard_hirano")
+RUDDERS = ("standard", "lindenburg", "single")
+WAKES = {"yasukawa_2015": wake.yasukawa_2015, "kijima": wake.kijima, "hirano": wake.hirano}
+
+speeds = st.floats(-1.5, 1.5) | st.just(0.0)
+sways = st.floats(-1.0, 1.0) | st.just(0.0)
+yaw_rates = st.floats(-0.5, 0.5) | st.just(0.0)
+revolutions = st.floats(-15, 15) | st.just(0.0)
+rudders = st.floats(-0.7, 0.7) | st.just(0.0)
+
+
+def everything(**changes: float):
+    """Coefficients of all three propellers and rudders at once, those of KVLCC2 where it has them."""
+    values: dict[str, float] = {}
+    for role, models in (("propeller", PROPELLERS), ("rudder", RUDDERS)):
+        for name in models:
+            values.update(defaults(role, name, P))
+    return names({**values, **vars(C), **changes})
+
+
+ALL = everything()
+
+
+def behind(flow: Flow, propeller: str, steering: str, c, s: Smoothing) -> tuple[Force, Force]:
+    push = module("propeller", propeller).force(flow, P, c, s)
+    return push, module("rudder", steering).force(flow.with_(slipstream=push.slipstream), P, c, s)
+
+
+# Wake
+
+
+@pytest.mark.parametrize("name", WAKES)
+@pytest.mark.parametrize("u", [0.3, 0.7, 1.2])
+@pytest.mark.parametrize("s", [Exact(), SMOOTH])
+def test_the_wake_straight_ahead_is_w_P0(name: str, u: float, s: Smoothing) -> None:
+    """Exactly, smoothed or not; the clip of the Hirano type costs 6e-5."""
+    got = number(WAKES[name](Flow(u=u, v=0.0, r=0.0), P, ALL, s))
+    assert got == pytest.approx(1 - C.w_P0, rel=2e-4 if name == "hirano" and s is SMOOTH else 1e-14)
+
+
+@pytest.mark.parametrize("name", WAKES)
+@pytest.mark.parametrize(("u", "v"), [(-0.3, 0.0), (-0.5, 0.2)])
+@pytest.mark.parametrize("s", [Exact(), SMOOTH])
+def test_there_is_no_wake_astern(name: str, u: float, v: float, s: Smoothing) -> None:
+    assert number(WAKES[name](Flow(u=u, v=v, r=0.05), P, ALL, s)) == pytest.approx(1.0, abs=1e-12)
+
+
+@pytest.mark.parametrize(("v", "r", "C_2"), [(-0.2, 0.05, 1.6), (0.2, -0.05, 1.1), (0.0, 0.08, 1.6), (0.1, 0.0, 1.1)])
+@pytest.mark.parametrize(("s", "tolerance"), [(Exact(), 1e-12), (SMOOTH, 2e-3)])
+def test_the_wake_of_2015_takes_C_2_by_the_side_of_the_flow(
+    v: float, r: float, C_2: float, s: Smoothing, tolerance: float
+) -> None:
+    """(1 - w_P)/(1 - w_P0) = 1 + [1 - exp(-C_1 |beta_P|)] (C_2 - 1) by hand; beta_P > 0 takes C_2_plus."""
+    u = 0.9
+    beta_P = np.arctan2(-v, u) + 0.48 * r * P.L / np.hypot(u, v)
+    assert (beta_P > 0) == (C_2 == 1.6)
+    by_hand = (1 - C.w_P0) * (1 + (1 - np.exp(-C.C_1 * abs(beta_P))) * (C_2 - 1))
+    assert number(wake.yasukawa_2015(Flow(u=u, v=v, r=r), P, C, s)) == pytest.approx(by_hand, rel=tolerance)
+
+
+@pytest.mark.parametrize(("s", "tolerance"), [(Exact(), 1e-12), (SMOOTH, 5e-4)])
+def test_kijimas_wake_by_hand(s: Smoothing, tolerance: float) -> None:
+    u, v, r = 0.9, -0.2, 0.04
+    beta_P = np.arctan2(-v, u) + 0.48 * r * P.L / np.hypot(u, v)
+    by_hand = 1 - C.w_P0 * np.exp(-4 * beta_P**2)
+    assert 1 - C.w_P0 < by_hand - 0.05
+    assert number(wake.kijima(Flow(u=u, v=v, r=r), P, C, s)) == pytest.approx(by_hand, rel=tolerance)
+
+
+def test_hachii_has_the_hirano_wake() -> None:
+    assert hachii.wake is wake.hirano
+
+
+@pytest.mark.parametrize("u", [-0.5, 0.5])
+def test_the_drift_angle_is_acute_and_defined_at_rest(u: float) -> None:
+    """-v = U sin(beta) ahead and astern; zero at rest, and 90 degrees abeam."""
+    v = -0.3
+    beta = number(drift_angle(u, v, Exact()))
+    assert np.hypot(u, v) * np.sin(beta) == pytest.approx(-v, rel=1e-12)
+    assert number(drift_angle(0.0, v, Exact())) == pytest.approx(np.pi / 2)
+    for s in (Exact(), SMOOTH):
+        assert number(drift_angle(0.0, 0.0, s)) == 0.0
+
+
+# Thrust
+
+
+def by_quadrant(u: float, n: float) -> float:
+    """X_P [N] of the standard propeller straight ahead or astern, from K_T(J) (Yasukawa 2008)."""
+    one_minus_w = 1 - C.w_P0 if u > 0 else 1.0
+    J = u * one_minus_w / (n * P.D_P)
+
+    def polynomial(x: float) -> float:
+        return C.k_0 + C.k_1 * x + C.k_2 * x * x
+
+    K_T = polynomial(J)
+    if J <= -0.5:
+        K_T = 1.5 * (C.k_1 * (J + 0.5) - C.k_2 * (J + 0.5) ** 2) + polynomial(-0.5)
+    factor = 1 - C.t_P if n > 0 else 0.4811 * 0.721**2 - 1.1116 * 0.721 - 0.1404
+    return float(factor * P.rho * n**2 * P.D_P**4 * K_T)
+
+
+@pytest.mark.parametrize("n", [12.0, 4.0, -4.0, -12.0])
+@pytest.mark.parametrize("u", [1.2, 0.5, 0.0, -0.2, -0.6, -1.2])
+@pytest.mark.parametrize(("s", "tolerance"), [(Exact(), 1e-6), (SMOOTH, 5e-3)])
+def test_thrust_in_four_quadrants_is_K_T_of_J(u: float, n: float, s: Smoothing, tolerance: float) -> None:
+    """Both branches, both directions of rotation; 1e-6 is the rounding of beta_t in the ship file."""
+    X = xyn(standard.force(Flow(u=u, v=0.0, r=0.0, n=n), P, C, s))
+    expected = by_quadrant(u, n)
+    scale = P.rho * (n * P.D_P) ** 2 * P.D_P**2 * 0.05
+    assert X[0] == pytest.approx(expected, rel=tolerance, abs=tolerance * scale)
+    assert X[1] == X[2] == 0.0
+
+
+def test_both_branches_of_K_T_are_reached() -> None:
+    advance = [u / (n * P.D_P) for u in (-0.6, -1.2) for n in (4.0, 12.0)] + [1.2 * 0.6 / (-4 * P.D_P)]
+    assert min(advance) < -0.5 < max(advance)
+
+
+@pytest.mark.parametrize("n", [10.0, -10.0])
+def test_the_branches_meet_at_J_min(n: float) -> None:
+    u = -0.5 * n * P.D_P / (1 - C.w_P0 if n < 0 else 1.0)
+    low, high = (xyn(standard.force(Flow(u=u * f, v=0.0, r=0.0, n=n), P, C, Exact()))[0] for f in (1 - 1e-9, 1 + 1e-9))
+    assert low == pytest.approx(high, rel=1e-7)
+
+
+@pytest.mark.parametrize("u", [0.5, 1.2, -0.5, -1.2])
+@pytest.mark.parametrize("s", [Exact(), SMOOTH])
+def test_a_stopped_propeller_is_a_brake_both_ways(u: float, s: Smoothing) -> None:
+    """(1 - t_P) rho D^2 k_2 u_P^2 ahead, -(1 - t_P) rho D^2 alpha_p k_2 u^2 astern; blend to n < 0: 3 %."""
+    X = xyn(standard.force(Flow(u=u, v=0.0, r=0.0, n=0.0), P, C, s))[0]
+    k = C.k_2 * (1 - C.w_P0) ** 2 if u > 0 else -C.alpha_p * C.k_2
+    assert X * u < 0
+    assert pytest.approx((1 - C.t_P) * P.rho * P.D_P**2 * k * u * u, rel=1e-12 if s is not SMOOTH else 0.03) == X
+
+
+def test_pitch_ratio_sets_the_reversed_thrust() -> None:
+    assert standard.reversal(0.7151) == pytest.approx(-0.6893, abs=5e-5)
+    for ratio in (0.6, 0.9):
+        p = names({**vars(P), "pitch_ratio": ratio})
+        assert defaults("propeller", "standard", p)["beta_t"] == standard.reversal(ratio)
+
+
+def test_the_slipstream_holds_what_the_rudder_needs() -> None:
+    flow = Flow(u=1.0, v=-0.1, r=0.05, n=10.0)
+    push = standard.force(flow, P, C, Exact())
+    wash = push.slipstream
+    assert isinstance(wash, Slipstream)
+    assert number(wash.u_P) == pytest.approx(number(wash.one_minus_w), rel=1e-15)
+    assert number(push.X) == pytest.approx((1 - C.t_P) * P.rho * P.D_P**2 * number(wash.loading), rel=1e-12)
+    assert number(wash.ahead) == 1.0
+    assert number(standard.force(flow.with_(n=-10.0), P, C, Exact()).slipstream.ahead) == 0.0
+
+
+# All together
+
+
+@pytest.mark.parametrize("propeller", PROPELLERS)
+@pytest.mark.parametrize("steering", RUDDERS)
+@settings(max_examples=60, deadline=None)
+@given(u=speeds, v=sways, r=yaw_rates, n=revolutions, delta=rudders, exact=st.booleans())
+def test_mirrored_motion_gives_mirrored_forces(propeller, steering, u, v, r, n, delta, exact) -> None:
+    """With one gamma_R and one C_2 nothing tells port from starboard."""
+    c = everything(gamma_R_plus=0.5, gamma_R_minus=0.5, C_2_plus=1.4, C_2_minus=1.4, gamma_P=0.4, gamma_N=0.4)
+    s: Smoothing = Exact() if exact else SMOOTH
+    flow = Flow(u=u, v=v, r=r, n=n, delta=delta)
+    one = behind(flow, propeller, steering, c, s)
+    other = behind(flow.with_(v=-v, r=-r, delta=-delta), propeller, steering, c, s)
+    for a, b in zip(one, other, strict=True):
+        np.testing.assert_allclose(xyn(b), xyn(a) * (1, -1, -1), rtol=1e-9, atol=1e-9)
+
+
+def test_gamma_R_and_C_2_do_tell_port_from_starboard() -> None:
+    flow = Flow(u=0.9, v=-0.2, r=0.05, n=10.0)
+    push, turn = behind(flow, "standard", "standard", ALL, SMOOTH)
+    push_2, turn_2 = behind(flow.with_(v=0.2, r=-0.05), "standard", "standard", ALL, SMOOTH)
+    assert abs(xyn(push)[0] - xyn(push_2)[0]) > 1
+    assert abs(xyn(turn)[1] + xyn(turn_2)[1]) > 1
+
+
+@pytest.mark.parametrize("propeller", PROPELLERS)
+@pytest.mark.parametrize("steering", RUDDERS)
+def test_derivatives_are_finite_everywhere(propeller: str, steering: str) -> None:
+    def total(flow: Flow) -> Force:
+        push, turn = behind(flow, propeller, steering, ALL, SMOOTH)
+        return push + turn
+
+    assert_finite_everywhere(as_function(total))
+
+
+@pytest.mark.parametrize("steering", RUDDERS)
+def test_the_angle_of_a_blade_has_finite_derivatives(steering: str) -> None:
+    def angle(flow: Flow) -> Force:
+        return Force(behind(flow, "standard", steering, ALL, SMOOTH)[1].blades[0].sin2_alpha)
+
+    assert_finite_everywhere(as_function(angle))
+
+
+@pytest.mark.parametrize(("propeller", "steering"), [*zip(PROPELLERS, RUDDERS, strict=True), ("standard", "standard")])
+def test_derivatives_agree_with_finite_differences(propeller: str, steering: str) -> None:
+    def total(flow: Flow) -> Force:
+        push, turn = behind(flow, propeller, steering, ALL, SMOOTH)
+        return push + turn
+
+    assert_derivatives_are_right(as_function(total), 2)

@@ -1,0 +1,190 @@
+"""Tunnel thrusters at bow and stern, azimuth thruster: laws, limits, derivatives."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cases.shipfiles.ship_file import load_ship
+from mmg.components.catalogue import coefficient_table
+from mmg.components.coefficients import names
+from mmg.components.propeller.four_quadrant import thrust
+from mmg.components.thruster import azimuth, bow, stern
+from mmg.components.thruster.kobayashi import effectiveness
+from mmg.model import assemble
+from mmg.motion.flow import Flow
+from mmg.motion.smooth import Exact, Smooth
+from tests.support.force_derivatives import Derivatives, defaults, values
+
+TAKAOKI = load_ship("vectwin_3m")
+P = names({**TAKAOKI.particulars, "D_ST": 0.05, "x_ST": -1.30, "D_az": 0.06, "x_az": -1.4, "y_az": 0.12})
+BOW = names({name: c.value for name, c in TAKAOKI.coefficients.items()})
+STERN, AZIMUTH = defaults(stern.COEFFICIENTS), defaults(azimuth.COEFFICIENTS)
+EXACT, SMOOTH = Exact(), Smooth.for_length(P.L)
+BOTH = pytest.mark.parametrize("s", [EXACT, SMOOTH])
+
+A_Y, A_N = (0.2352, -12.701, 67.116), (0.2231, -6.5716, 79.614)
+
+
+def push(u: float, n: float, s: Exact | Smooth = EXACT, c: SimpleNamespace = BOW) -> np.ndarray:
+    return values(bow.force(Flow(u=u, v=0.0, r=0.0, n_bow=n), P, c, s))
+
+
+# Tunnel thrusters
+
+
+@BOTH
+@pytest.mark.parametrize(("n", "K_T"), [(20.0, 0.16684), (-20.0, -0.2213)])
+@pytest.mark.parametrize("u", [0.0, 0.15, -0.15, 0.4, 0.6])
+def test_bow_thruster_law(u: float, n: float, K_T: float, s: Exact | Smooth) -> None:
+    """T = rho D^4 n^2 K_T, by the quadratic factors in Fr up to their minima at Fr = 0.0946 and 0.0413."""
+    Fr = abs(u) / np.sqrt(9.80665 * 3.0)
+    T = 998.0 * 0.039**4 * n * n * K_T
+    factor_Y, factor_N = (
+        1 + a[0] + a[1] * F + a[2] * F**2 for a, lowest in ((A_Y, 0.09462), (A_N, 0.041272)) for F in (min(Fr, lowest),)
+    )
+    expected = np.array([0.0, factor_Y * T, factor_N * 1.3564 * T])
+    np.testing.assert_allclose(push(u, n, s), expected, rtol=1e-6 if s is EXACT else 2e-3, atol=1e-9)
+
+
+@BOTH
+def test_bow_and_stern_thruster_turn_the_ship_to_opposite_sides(s: Exact | Smooth) -> None:
+    _, Y, N = push(0.05, 20.0, s)
+    assert Y > 0 and N > 0
+    _, Y, N = values(stern.force(Flow(u=0.05, v=0.0, r=0.0, n_stern=20.0), P, STERN, s))
+    assert Y > 0 > N
+
+
+def test_stern_thruster_law() -> None:
+    """ESSO OSAKA's first-order factors: 1 - 2.56 Fr and 1 - 7.46 Fr."""
+    u, n = 0.1, -15.0
+    Fr, T = u / np.sqrt(9.80665 * 3.0), 998.0 * 0.05**4 * n * n * -0.21
+    got = values(stern.force(Flow(u=u, v=0.0, r=0.0, n_stern=n), P, STERN, EXACT))
+    np.testing.assert_allclose(got, [0.0, (1 - 2.56 * Fr) * T, (1 - 7.46 * Fr) * -1.30 * T], rtol=1e-9)
+
+
+@BOTH
+@pytest.mark.parametrize("a", [A_Y, A_N, (0.0, -5.83, 0.0), (0.1, -3.0, 2.0), (0.0, 0.0, 0.0)])
+def test_effect_never_rises_with_speed(a: tuple[float, float, float], s: Exact | Smooth) -> None:
+    Fr = np.linspace(0, 0.3, 601)
+    factor = np.array([float(ca.DM(effectiveness(F, a, s))) for F in Fr])
+    assert (np.diff(factor) < 1e-9).all()
+    below = Fr < (-a[1] / (2 * a[2]) if a[2] > 0 else np.inf)
+    parabola = 1 + a[0] + a[1] * Fr + a[2] * Fr**2
+    np.testing.assert_allclose(factor[below], parabola[below], atol=1e-12 if s is EXACT else 7e-4)
+    if s is EXACT and a[2] > 0 and not below.all():
+        assert factor[-1] == pytest.approx(1 + a[0] - a[1] ** 2 / (4 * a[2]))
+
+
+def test_no_effect_beyond_the_highest_speed() -> None:
+    for u in (0.651, 0.8, -0.8):
+        np.testing.assert_array_equal(push(u, 20.0), 0.0)
+    assert abs(push(0.75, 20.0, SMOOTH)[1]) < 1e-3 * push(0.55, 20.0, SMOOTH)[1]
+    assert push(0.64, 20.0)[1] > 0.09
+
+
+@BOTH
+def test_a_stopped_thruster_gives_no_force(s: Exact | Smooth) -> None:
+    for u in (0.0, 0.3):
+        np.testing.assert_array_equal(push(u, 0.0, s), 0.0)
+
+
+# Azimuth thruster
+
+
+def pod(c: SimpleNamespace = AZIMUTH, s: Exact | Smooth = EXACT, **motion: float) -> np.ndarray:
+    return values(azimuth.force(Flow(**{"u": 0.0, "v": 0.0, "r": 0.0, **motion}), P, c, s))
+
+
+@BOTH
+@pytest.mark.parametrize("degrees", [0, 45, 90, 180, -120])
+def test_at_rest_the_pod_pushes_into_its_direction(degrees: float, s: Exact | Smooth) -> None:
+    a = np.radians(degrees)
+    X, Y, N = pod(s=s, n_azimuth=15.0, azimuth=a)
+    T = (1 - AZIMUTH.t_az) * 0.4451 * 998.0 * 15.0**2 * 0.06**4
+    np.testing.assert_allclose((X, Y), (T * np.cos(a), T * np.sin(a)), rtol=2e-4, atol=1e-9)
+    assert pytest.approx(-1.4 * Y - 0.12 * X, abs=1e-12) == N
+
+
+def test_pod_sees_the_speed_along_its_axis_at_its_place() -> None:
+    """Without drag: the speed into its direction, with yaw, is the advance speed of the four-quadrant screw."""
+    c = SimpleNamespace(**{**vars(AZIMUTH), "C_pod": 0.0})
+    u, v, r, n, a = 0.3, -0.1, 0.05, 12.0, 2.0
+    V = (1 - c.w_az) * ((u - 0.12 * r) * np.cos(a) + (v - 1.4 * r) * np.sin(a))
+    T = (1 - c.t_az) * float(ca.DM(thrust(V, n, 0.06, 998.0)))
+    X, Y, _ = pod(c, u=u, v=v, r=r, n_azimuth=n, azimuth=a)
+    np.testing.assert_allclose((X, Y), (T * np.cos(a), T * np.sin(a)), rtol=1e-9)
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.floats(-0.5, 0.5), st.floats(-0.3, 0.3), st.floats(-0.2, 0.2), st.floats(-4, 4))
+def test_a_stopped_pod_takes_energy(u: float, v: float, r: float, a: float) -> None:
+    """Power X u + Y v + N r of the pod is never positive: drag and windmilling only."""
+    for s in (EXACT, SMOOTH):
+        assert pod(s=s, u=u, v=v, r=r, azimuth=a) @ (u, v, r) <= 1e-12
+
+
+def test_turned_by_half_a_turn_is_not_reversed_revolutions() -> None:
+    """A pod pushes astern as well as ahead; a reversed screw gives 78 % of that."""
+    turned, reversed_ = pod(n_azimuth=10.0, azimuth=np.pi)[0], pod(n_azimuth=-10.0)[0]
+    assert reversed_ / turned == pytest.approx(0.3471 / 0.4451, rel=1e-3)
+
+
+# Derivatives and the ship
+
+CASES = {
+    "bow": (Derivatives(bow.force, bow.INPUTS, P, BOW, SMOOTH), 20.0),
+    "stern": (Derivatives(stern.force, stern.INPUTS, P, STERN, SMOOTH), 20.0),
+    "azimuth": (Derivatives(azimuth.force, azimuth.INPUTS, P, AZIMUTH, SMOOTH), 15.0),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+@settings(max_examples=100, deadline=None)
+@given(
+    st.floats(-0.8, 0.8) | st.just(0.0), st.floats(-0.3, 0.3) | st.just(0.0), st.floats(-0.2, 0.2) | st.just(0.0),
+    st.floats(-20, 20) | st.just(0.0), st.floats(-4, 4),
+)  # fmt: skip
+def test_derivatives_are_finite(case: str, u: float, v: float, r: float, n: float, a: float) -> None:
+    derivatives, _ = CASES[case]
+    derivatives.assert_finite(np.array([u, v, r, n, a])[: derivatives.count])
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("u", [-0.3, 0.0, 0.3])
+@pytest.mark.parametrize("n", [-20.0, 0.0, 20.0])
+def test_derivatives_are_finite_where_all_else_is_zero(case: str, u: float, n: float) -> None:
+    derivatives, _ = CASES[case]
+    derivatives.assert_finite(np.array([u, 0.0, 0.0, n, 0.0])[: derivatives.count])
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("seed", range(6))
+def test_derivatives_agree_with_finite_differences(case: str, seed: int) -> None:
+    derivatives, n = CASES[case]
+    rng = np.random.default_rng(seed)
+    scale = np.array([0.3, 0.1, 0.05, n, 1.0])[: derivatives.count]
+    x = rng.uniform(-1, 1, derivatives.count) * scale
+    x[:4] *= 0.03 if seed > 3 else 1.0
+    derivatives.assert_agree_with_differences(x, scale, 1e-6)
+
+
+def test_a_ship_with_all_thrusters_assembles_and_each_one_acts() -> None:
+    components = {**TAKAOKI.components, "stern_thruster": "kobayashi", "azimuth": "azimuth"}
+    table = coefficient_table(components, vars(P))
+    coefficients = {name: TAKAOKI.coefficients.get(name, row) for name, row in table.items()}
+    ship = replace(TAKAOKI, components=components, particulars=vars(P), coefficients=coefficients)
+    model = assemble(ship)
+    rest = dict.fromkeys(model.controls, 0.0)
+    expected = {"n_bow": (0, 1, 1), "n_stern": (0, 1, -1), "n_azimuth": (1, 0, -1)}
+    still = np.array(model.rates([0.0] * 6, list(rest.values()), ship.values)).ravel()[3:]
+    for name, signs in expected.items():
+        moved = np.array(model.rates([0.0] * 6, list({**rest, name: 15.0}.values()), ship.values)).ravel()[3:] - still
+        for value, sign in zip(moved, signs, strict=True):
+            assert sign == 0 or np.sign(value) == sign

@@ -1,0 +1,240 @@
+"""VecTwin ship of 3 m: check values of propeller and rudders (physics K.3), hovering, the section, all quadrants.
+
+The check values come from running the public simulator with x_H' put right and its sign of x_P'.
+"""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cases.shipfiles.ship_file import load_ship
+from mmg.components.coefficients import names
+from mmg.components.propeller import kang
+from mmg.components.rudder import vectwin
+from mmg.motion.flow import Flow, Force
+from mmg.motion.smooth import Exact, Smooth
+from tests.support import vectwin_oracle
+from tests.support.force_derivatives import values
+
+SHIP = load_ship("vectwin_3m")
+P = names(dict(SHIP.particulars))
+C = names({name: c.value for name, c in SHIP.coefficients.items()})
+PUBLISHED = SimpleNamespace(**{**vars(C), "x_P": 0.498})
+EXACT, SMOOTH = Exact(), Smooth.for_length(P.L)
+
+ROWS = (
+    # u, v, r, n, starboard, port [deg] -> X_P, X_R, Y_R, N_R
+    ((0.3, 0.0, 0.0, 10, 0, 0), (1.9915, None, -0.1557, 0.2233)),
+    ((0.3, 0.0, 0.0, 10, 20, 20), (1.9915, -0.6074, -2.2880, 3.2810)),
+    ((0.3, -0.04, 0.03, 10, 35, 20), (1.9905, -0.8819, -2.1231, 3.0446)),
+    ((0.0, 0.0, 0.0, 10, 75, -75), (2.7996, -2.5093, 0.0621, None)),
+    ((0.0, 0.0, 0.0, 10, 105, -105), (None, -3.0529, None, None)),
+)
+SMOOTH_TOLERANCE = (2.5e-4, 4e-4, 8e-3, 4e-2, 5e-3)
+"""Largest deviation [N, N m] per row (measured 1.6e-4, 2.9e-4, 6.8e-3, 3.7e-2, 4.3e-3). Row 3 has the starboard rudder
+at 34.9 deg, inside the blend of the stall at 37.5 deg; row 4 lies on the jump of 1 - t_P at u = 0 (X_P -1.3 %)."""
+
+
+def flow(u: float, v: float, r: float, n: float, starboard: float, port: float) -> Flow:
+    return Flow(u=u, v=v, r=r, n=n, delta_starboard=np.radians(starboard), delta_port=np.radians(port))
+
+
+def forces(motion: Flow, c: SimpleNamespace, s: Exact | Smooth) -> tuple[Force, Force]:
+    push = kang.force(motion, P, c, s)
+    return push, vectwin.force(motion.with_(slipstream=push.slipstream), P, c, s)
+
+
+@pytest.mark.parametrize("row", range(5))
+@pytest.mark.parametrize("exact", [True, False])
+def test_check_values(row: int, exact: bool) -> None:
+    motion, printed = ROWS[row]
+    push, rudders = forces(flow(*motion), PUBLISHED, EXACT if exact else SMOOTH)
+    got = (values(push)[0], *values(rudders))
+    tolerance = 0.51e-4 if exact else SMOOTH_TOLERANCE[row]
+    for value, expected in zip(got, printed, strict=True):
+        assert expected is None or value == pytest.approx(expected, abs=tolerance)
+
+
+def test_check_values_of_wake_advance_and_angles() -> None:
+    motion = flow(*ROWS[1][0])
+    push = kang.force(motion, P, PUBLISHED, EXACT)
+    wash = push.slipstream
+    assert wash is not None
+    assert float(ca.DM(wash.one_minus_w)) == pytest.approx(0.6184, abs=0.51e-4)
+    nD = 10 * P.D_P
+    assert float(ca.DM(kang.advance_ratio(wash.u_P, nD, EXACT))) == pytest.approx(0.1853, abs=0.51e-4)
+    assert float(ca.DM(wash.loading)) / nD**2 == pytest.approx(0.2459, abs=0.51e-4)
+    for port, printed in ((False, 23.53), (True, 14.56)):
+        u_R, v_R, angle = (
+            float(ca.DM(x)) for x in vectwin.inflow(motion.with_(slipstream=wash), port, P, PUBLISHED, EXACT)
+        )
+        assert np.degrees(angle - np.arctan2(v_R, u_R)) == pytest.approx(printed, abs=0.51e-2)
+
+
+def test_sign_of_x_P_matters_in_a_turn() -> None:
+    """By the geometry the propeller in a turn sees the swinging stern: less wake, 10 % more thrust in row 3."""
+    motion = flow(*ROWS[2][0])
+    one, other = (values(kang.force(motion, P, c, EXACT))[0] for c in (C, PUBLISHED))
+    assert one / other == pytest.approx(1.1045, abs=1e-3)
+
+
+@settings(max_examples=500, deadline=None)
+@given(
+    st.floats(0.02, 0.6), st.floats(-0.2, 0.2) | st.just(0.0), st.floats(-0.1, 0.1) | st.just(0.0),
+    st.floats(8.0, 15.0), st.floats(-1.83, 0.61) | st.just(0.0), st.floats(-0.61, 1.83) | st.just(0.0),
+)  # fmt: skip
+def test_exact_forces_are_those_of_the_branches(
+    u: float, v: float, r: float, n: float, port: float, starboard: float
+) -> None:
+    motion = Flow(u=u, v=v, r=r, n=n, delta_port=port, delta_starboard=starboard)
+    push, rudders = forces(motion, C, EXACT)
+    X_P, _, _, K_T = vectwin_oracle.propeller(u, v, r, n, P, C)
+    assert values(push)[0] == pytest.approx(X_P, rel=1e-9)
+    if K_T > 1e-6:
+        expected = vectwin_oracle.rudders((u, v, r, n), {"s": starboard, "p": port}, P, C)
+        np.testing.assert_allclose(values(rudders), expected, rtol=1e-8, atol=1e-10)
+
+
+def test_smooth_forces_stay_near_the_branches() -> None:
+    """By the thrust at rest, random motion and rudders: propeller within 0.6 %; rudders 0.02 % in the median, 0.5 % in
+    95 of 100. The rest lies in the blends of the source's jumps (stall, C_j, r_i): up to 29 %.
+    """
+    rng = np.random.default_rng(0)
+    deviation = []
+    for _ in range(400):
+        u, v, r, n, port, starboard = rng.uniform((0.1, -0.2, -0.1, 8, -1.83, -0.61), (0.5, 0.2, 0.1, 15, 0.61, 1.83))
+        motion = Flow(u=u, v=v, r=r, n=n, delta_port=port, delta_starboard=starboard)
+        unit = P.rho * n**2 * P.D_P**4 * C.k_0 * np.array([1, 1, P.L])
+        pairs = zip(forces(motion, C, EXACT), forces(motion, C, SMOOTH), strict=True)
+        deviation.append([np.abs((values(smooth) - values(exact)) / unit).max() for exact, smooth in pairs])
+    propeller, rudders = np.array(deviation).T
+    assert propeller.max() < 0.006
+    assert np.median(rudders) < 4e-4 and np.quantile(rudders, 0.95) < 0.01
+
+
+# Hovering
+
+
+def surge(angle: float, s: Exact | Smooth) -> float:
+    """Net surge force [N] at rest with both rudders outwards by this angle [deg], n = 10."""
+    push, rudders = forces(flow(0, 0, 0, 10, angle, -angle), C, s)
+    return float(values(push)[0] + values(rudders)[0])
+
+
+@pytest.mark.parametrize("s", [EXACT, SMOOTH])
+def test_outward_rudders_hold_the_ship_and_drive_it_astern(s: Exact | Smooth) -> None:
+    """Net surge by the thrust of 2.8 N: +10 % at 75 deg, zero at 78, least (-19 %) at 86, -9 % at 105 deg."""
+    thrust = surge(0.0, s)
+    assert thrust > 2.7
+    assert 0.05 * thrust < surge(75.0, s) < 0.12 * thrust
+    assert abs(surge(78.0, s)) < 0.02 * thrust
+    assert -0.21 * thrust < surge(86.0, s) < surge(90.0, s)
+    assert surge(105.0, s) < -0.05 * thrust
+    assert surge(77.0, s) > 0 > surge(79.0, s)
+
+
+def test_both_rudders_to_starboard_push_the_stern_to_port() -> None:
+    _, rudders = forces(flow(0.3, 0, 0, 10, 30, 30), C, SMOOTH)
+    X, Y, N = values(rudders)
+    assert X < 0 and Y < 0 < N
+
+
+# Normal force of the section
+
+
+def normal(angle: float, s: Exact | Smooth) -> float:
+    return float(ca.DM(vectwin.normal_coefficient(np.sin(angle), np.cos(angle), s)))
+
+
+@pytest.mark.parametrize("angle", [0.1, 0.5, 0.65, 0.66, 1.0, 1.5708, 1.8326, 2.4])
+def test_normal_coefficient_is_that_of_kang(angle: float) -> None:
+    expected = 2.6252 * np.sin(angle) if angle <= 0.6545 else -0.8449 * angle**2 + 2.0621 * angle + 0.6387
+    assert normal(angle, EXACT) == pytest.approx(expected, abs=1e-9)
+    assert normal(-angle, EXACT) == pytest.approx(-expected, abs=1e-9)
+
+
+def test_normal_coefficient_is_continuous_all_round_and_vanishes_from_behind() -> None:
+    """Smooth: no step larger than its steepest slope allows; exact: the published step of 0.028 only."""
+    angle = np.linspace(-np.pi, np.pi, 2001)
+    smooth, exact = (np.array([normal(a, s) for a in angle]) for s in (SMOOTH, EXACT))
+    assert abs(smooth[0]) < 1e-9 and abs(smooth[1000]) < 1e-9
+    assert np.abs(np.diff(smooth)).max() < 3.5 * (angle[1] - angle[0])
+    steps = np.abs(np.diff(exact)) - 2.7 * (angle[1] - angle[0])
+    assert (steps > 0).sum() == 2 and 0.01 < steps.max() < 0.03
+    assert np.abs(smooth - exact).max() < 0.02
+    assert (np.sign(exact[np.abs(exact) > 1e-9]) == np.sign(np.sin(angle[np.abs(exact) > 1e-9]))).all()
+
+
+# Where the source ends
+
+
+def test_no_force_with_sternway_as_published_is_k_A_zero() -> None:
+    motion = flow(-0.1, 0.02, 0.01, 10, 40, -30)
+    published = SimpleNamespace(**{**vars(C), "k_A": 0.0})
+    np.testing.assert_array_equal(values(forces(motion, published, EXACT)[1]), 0.0)
+    assert np.abs(values(forces(motion, C, EXACT)[1])).min() > 1e-2
+
+
+@pytest.mark.parametrize("s", [EXACT, SMOOTH])
+def test_rudders_of_a_stopped_ship_work_the_other_way_astern(s: Exact | Smooth) -> None:
+    """n = 0: deflected rudders push the stern to port with headway and to starboard with sternway, and brake."""
+    for u in (0.3, -0.3):
+        X, Y, _ = values(forces(flow(u, 0, 0, 0, 30, 30), C, s)[1])
+        assert X * u < -1e-3 and Y * u < -1e-3
+
+
+def test_sternway_does_not_switch_off_the_hovering_rudders() -> None:
+    still, astern = (values(forces(flow(u, 0, 0, 10, 80, -80), C, SMOOTH)[1])[0] for u in (0.0, -0.05))
+    assert 0.75 * still > astern > still
+
+
+@pytest.mark.parametrize("s", [EXACT, SMOOTH])
+def test_propeller_in_every_quadrant(s: Exact | Smooth) -> None:
+    """Reversed it pushes astern, by k_rev at rest; stopped it is a brake."""
+    ahead, astern = (values(kang.force(flow(0, 0, 0, n, 0, 0), P, C, s))[0] for n in (10, -10))
+    assert ahead > 2.7 and astern == pytest.approx(-C.k_rev * 2.7996, rel=0.03)
+    for u in (-0.3, 0.3):
+        assert values(kang.force(flow(u, 0, 0, -10, 0, 0), P, C, s))[0] < 0
+        assert values(kang.force(flow(u, 0, 0, 0, 0, 0), P, C, s))[0] * u < 0
+
+
+@pytest.mark.parametrize("u", [-0.3, 0.3])
+def test_reversed_propeller_is_that_of_the_mirrored_motion(u: float) -> None:
+    """-k_rev rho n^2 D^4 K_T(J): the first polynomial astern (J > 0), the second one against headway (J < 0)."""
+    got = kang.force(flow(u, 0, 0, -10, 0, 0), P, C, EXACT)
+    assert got.slipstream is not None
+    J = float(ca.DM(got.slipstream.u_P)) / (-10 * P.D_P)
+    k = (C.k_0, C.k_1, C.k_2) if u < 0 else (C.k2_0, C.k2_1, C.k2_2)
+    loading = -C.k_rev * (10 * P.D_P) ** 2 * (k[0] + k[1] * J + k[2] * J**2)
+    assert float(ca.DM(got.slipstream.loading)) == pytest.approx(loading, rel=1e-9)
+    assert values(got)[0] == pytest.approx(P.rho * P.D_P**2 * loading, rel=1e-9)
+
+
+def advance(speed: float, nD: float, s: Exact | Smooth) -> float:
+    return float(ca.DM(kang.advance_ratio(speed, nD, s)))
+
+
+@pytest.mark.parametrize(
+    ("speed", "nD", "loss"),
+    [(0.3, 1.0, 2.5e-4), (0.3, -1.0, 2.5e-4), (-0.48, 0.8, 4e-3), (0.0, 1.0, 0.0), (0.9, 1.0, 0.017)],
+)
+def test_advance_ratio(speed: float, nD: float, loss: float) -> None:
+    """Exact as it is; smooth a little below it in the range of use."""
+    assert advance(speed, nD, EXACT) == pytest.approx(speed / nD, rel=1e-12)
+    assert advance(speed, nD, SMOOTH) == pytest.approx(speed / nD, rel=loss)
+    assert abs(advance(speed, nD, SMOOTH)) <= abs(speed / nD)
+
+
+def test_smooth_advance_ratio_is_limited_and_vanishes_at_rest() -> None:
+    nD = np.linspace(-1, 1, 401)
+    largest = max(advance(0.5, x, SMOOTH) for x in nD)
+    assert largest == pytest.approx(kang.LIMIT, rel=2e-3)
+    assert min(advance(0.5, x, SMOOTH) for x in nD) == pytest.approx(-kang.LIMIT, rel=2e-3)
+    for s in (EXACT, SMOOTH):
+        assert advance(0.5, 0.0, s) == advance(0.0, 0.0, s) == 0.0

@@ -1,0 +1,219 @@
+"""Limiting cases of the forces: straight course, windmilling, reversed propeller, cross-flow, rudder inflow."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import quad
+
+from mmg.components.hull.unified import cross_flow
+from mmg.components.propeller import hachii
+from mmg.components.rudder import single
+from mmg.motion.flow import Flow
+from mmg.motion.smooth import Exact, Smooth, Smoothing
+from tests.mmg.components.test_symmetry_and_rest import C, P, speeds, sways, yaw_rates
+
+
+def number(value: object) -> float:
+    return float(ca.DM(value))
+
+
+def flow(u: float = 0.0, v: float = 0.0, r: float = 0.0, n: float = 0.0) -> Flow:
+    return Flow(u=u, v=v, r=r, n=n)
+
+
+# Wake and windmilling
+
+
+@pytest.mark.parametrize("u", [0.05, 0.2, 0.4])
+@pytest.mark.parametrize(("smoothing", "tolerance"), [(Exact(), 1e-14), (Smooth(), 2e-4)])
+def test_wake_in_straight_running_is_w_P0(u: float, smoothing: Smoothing, tolerance: float) -> None:
+    """Smooth: 1.3e-4 of 1 - w_P0 at 0.05 m/s, 6e-5 above 0.1 m/s: the two rounded clips of width 0.01."""
+    wake = number(hachii.wake(flow(u=u, n=10.0), P, C, smoothing))
+    assert wake == pytest.approx(1 - C.w_P0, rel=tolerance)
+
+
+@pytest.mark.parametrize("u", [-0.4, -0.1, -0.05])
+@pytest.mark.parametrize("v", [-0.1, 0.0, 0.1])
+@pytest.mark.parametrize(("smoothing", "tolerance"), [(Exact(), 0.0), (Smooth(), 5e-5)])
+def test_there_is_no_wake_with_sternway(u: float, v: float, smoothing: Smoothing, tolerance: float) -> None:
+    assert number(hachii.wake(flow(u=u, v=v, n=10.0), P, C, smoothing)) == pytest.approx(1.0, abs=tolerance)
+
+
+@settings(max_examples=200, deadline=None)
+@given(speeds, sways, yaw_rates, st.booleans())
+def test_wake_stays_between_none_and_all(u: float, v: float, r: float, exact: bool) -> None:
+    wake = number(hachii.wake(flow(u=u, v=v, r=r), P, C, Exact() if exact else Smooth()))
+    assert 0 <= wake <= 1 + 3e-5  # the rounded clip exceeds 1 by at most width^2 / 4
+
+
+def test_wake_is_the_hirano_formula_in_an_oblique_flow() -> None:
+    u, v, r = 0.3, -0.05, 0.01
+    inflow = (v + C.x_P * P.L * r) / np.hypot(u, v)
+    by_hand = 1 - (C.w_P0 - C.tau * abs(inflow) - C.C_P * inflow**2)
+    assert 0 < by_hand < 1
+    assert number(hachii.wake(flow(u=u, v=v, r=r), P, C, Exact())) == pytest.approx(by_hand, rel=1e-12)
+
+
+@pytest.mark.parametrize("u", [0.1, 0.3, 0.5])
+@pytest.mark.parametrize(("smoothing", "tolerance"), [(Exact(), 1e-12), (Smooth(), 0.05)])
+def test_a_stopped_propeller_windmills_with_the_last_term_of_K_T(
+    u: float, smoothing: Smoothing, tolerance: float
+) -> None:
+    """n = 0 counts as ahead; X_P = (1 - t_P) rho D^2 k_2 u_P^2 < 0.
+
+    Smooth: 4.7 % less, as n = 0 is 1.5 widths inside the blend to the reversed branch, which is zero there.
+    """
+    force = hachii.force(flow(u=u), P, C, smoothing)
+    by_hand = (1 - C.t_P) * P.rho * P.D_P**2 * C.k_2 * (u * (1 - C.w_P0)) ** 2
+    assert by_hand < 0
+    assert number(force.X) == pytest.approx(by_hand, rel=tolerance)
+    assert number(force.Y) == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("smoothing", [Exact(), Smooth()])
+def test_thrust_changes_sign_where_K_T_does(smoothing: Smoothing) -> None:
+    """J_0 = 0.72 for this propeller: thrust at higher revolutions, a brake at lower ones."""
+    discriminant = np.sqrt(C.k_1**2 - 4 * C.k_0 * C.k_2)
+    J_0 = (-C.k_1 - discriminant) / (2 * C.k_2)
+    n_0 = 0.3 * (1 - C.w_P0) / (J_0 * P.D_P)
+    assert 0.5 < J_0 < 1.0
+    assert number(hachii.force(flow(u=0.3, n=1.02 * n_0), P, C, smoothing).X) > 0
+    assert number(hachii.force(flow(u=0.3, n=0.98 * n_0), P, C, smoothing).X) < 0
+
+
+def test_astern_revolutions_push_astern_and_the_bow_to_starboard() -> None:
+    force = hachii.force(flow(u=0.1, n=-10.0), P, C, Smooth())
+    assert number(force.X) < 0
+    assert number(force.Y) < 0
+    assert number(force.N) > 0
+
+
+@pytest.mark.parametrize(
+    ("advance", "A", "B"),
+    [
+        (0.3, lambda J: C.A_5, lambda J: C.B_5),
+        (0.0, lambda J: C.A_5, lambda J: C.B_5),
+        (-0.2, lambda J: C.A_1 + C.A_2 * J, lambda J: C.B_1 + C.B_2 * J),
+        (-0.5, lambda J: C.A_3 + C.A_4 * J, lambda J: C.B_3 + C.B_4 * J),
+    ],
+)
+@pytest.mark.parametrize(("smoothing", "tolerance"), [(Exact(), 1e-12), (Smooth(), 3e-3)])
+def test_side_force_of_the_reversing_propeller_on_each_branch(
+    advance: float, A, B, smoothing: Smoothing, tolerance: float
+) -> None:
+    """Hachii (2004). Smooth: 2.2e-3 at J_s = 0, three blends of 0.02 from the branch point; else 4e-7."""
+    n = -10.0
+    force = hachii.force(flow(u=advance * n * P.D_P, n=n), P, C, smoothing)
+    unit = 0.5 * P.rho * P.L * P.d * (n * P.D_P) ** 2
+    assert number(force.Y) == pytest.approx(unit * A(advance), rel=tolerance)
+    assert number(force.N) == pytest.approx(unit * P.L * B(advance), rel=tolerance)
+
+
+@pytest.mark.parametrize("advance", [-0.06, -0.233, -0.35])
+def test_the_branches_of_the_reversing_propeller_meet(advance: float) -> None:
+    """To 0.1 % of the force there, as the published constants are rounded (0.4 % for the thrust at C_10)."""
+    n = -10.0
+    below, above = (hachii.force(flow(u=J * n * P.D_P, n=n), P, C, Exact()) for J in (advance - 1e-9, advance + 1e-9))
+    assert number(above.X) == pytest.approx(number(below.X), rel=4e-3)
+    assert number(above.Y) == pytest.approx(number(below.Y), rel=1e-3)
+    assert number(above.N) == pytest.approx(number(below.N), rel=1e-3)
+
+
+# Cross-flow integrals
+
+
+def integrals_by_quadrature(a: float, b: float) -> tuple[float, float]:
+    kink = [-a / b] if b and abs(a / b) < 0.5 else None
+
+    def sway(xi: float) -> float:
+        return abs(a + b * xi) * (a + b * xi)
+
+    return (
+        quad(sway, -0.5, 0.5, points=kink, epsabs=1e-14)[0],
+        quad(lambda xi: sway(xi) * xi, -0.5, 0.5, points=kink, epsabs=1e-14)[0],
+    )
+
+
+def cross_flow_numbers(a: float, b: float, width: float) -> tuple[float, float]:
+    I_Y, I_N = cross_flow(ca.DM(a), ca.DM(b), width)
+    return float(I_Y), float(I_N)
+
+
+@settings(max_examples=200, deadline=None)
+@given(sways, st.floats(-1.0, 1.0) | st.just(0.0))
+def test_cross_flow_is_the_integral_as_the_width_vanishes(a: float, b: float) -> None:
+    np.testing.assert_allclose(cross_flow_numbers(a, b, 1e-7), integrals_by_quadrature(a, b), rtol=1e-7, atol=1e-12)
+
+
+@settings(max_examples=200, deadline=None)
+@given(sways, st.floats(-1.0, 1.0) | st.just(0.0))
+def test_cross_flow_at_the_width_of_the_model_is_the_integral_to_its_square(a: float, b: float) -> None:
+    """1 mm/s: the error (7e-8 measured) is below the square of the width; the integrals are of order 1e-2."""
+    np.testing.assert_allclose(cross_flow_numbers(a, b, 1e-3), integrals_by_quadrature(a, b), rtol=0, atol=1e-6)
+
+
+@settings(max_examples=100, deadline=None)
+@given(sways, st.floats(-1.0, 1.0), st.sampled_from([1e-3, 1e-2]))
+def test_cross_flow_sway_is_odd_in_sway_and_moment_odd_in_yaw(a: float, b: float, width: float) -> None:
+    I_Y, I_N = cross_flow_numbers(a, b, width)
+    assert cross_flow_numbers(-a, b, width) == pytest.approx((-I_Y, I_N), rel=1e-12, abs=1e-18)
+    assert cross_flow_numbers(a, -b, width) == pytest.approx((I_Y, -I_N), rel=1e-12, abs=1e-18)
+
+
+@pytest.mark.parametrize("width", [1e-6, 1e-3])
+def test_cross_flow_is_zero_without_flow(width: float) -> None:
+    assert cross_flow_numbers(0.0, 0.0, width) == (0.0, 0.0)
+
+
+# Rudder inflow
+
+
+@pytest.mark.parametrize(("u", "n"), [(0.3, 10.0), (0.1, 5.0), (0.4, 12.0), (0.0, 8.0)])
+@pytest.mark.parametrize(("smoothing", "tolerance"), [(Exact(), 1e-12), (Smooth(), 1e-4)])
+def test_rudder_inflow_straight_ahead_is_the_slipstream_formula(
+    u: float, n: float, smoothing: Smoothing, tolerance: float
+) -> None:
+    """u_R = eps u_P sqrt{eta [1 + kappa (sqrt(1 + 8 K_T/(pi J^2)) - 1)]^2 + 1 - eta}, multiplied out by u_P.
+
+    Smooth: 9e-5 or less.
+    """
+    u_P = u * (1 - C.w_P0)
+    K_T = C.k_0 + C.k_1 * u_P / (n * P.D_P) + C.k_2 * (u_P / (n * P.D_P)) ** 2
+    eta = P.D_P / np.sqrt(P.A_R * P.aspect_ratio)
+    jet = np.sqrt(u_P**2 + 8 * K_T / np.pi * (n * P.D_P) ** 2)
+    by_hand = C.epsilon * np.sqrt(eta * (u_P + C.k_x / C.epsilon * (jet - u_P)) ** 2 + (1 - eta) * u_P**2)
+    motion = flow(u=u, n=n)
+    wash = hachii.force(motion, P, C, smoothing).slipstream
+    u_R, v_R = single.inflow(Flow(u=u, v=0.0, r=0.0, n=n, slipstream=wash), P, C, smoothing)
+    assert number(u_R) == pytest.approx(by_hand, rel=tolerance)
+    assert number(v_R) == 0.0
+
+
+@pytest.mark.parametrize(("v", "r", "gamma"), [(0.1, 0.0, "gamma_P"), (-0.1, 0.0, "gamma_N"), (0.0, 0.05, "gamma_N")])
+def test_lateral_inflow_takes_gamma_of_its_side(v: float, r: float, gamma: str) -> None:
+    """gamma_P where the rudder moves to starboard through the water, that is for v + x_R r >= 0."""
+    motion = Flow(u=0.3, v=v, r=r, n=10.0)
+    wash = hachii.force(motion, P, C, Exact()).slipstream
+    _, v_R = single.inflow(Flow(u=0.3, v=v, r=r, n=10.0, slipstream=wash), P, C, Exact())
+    assert number(v_R) == pytest.approx(-getattr(C, gamma) * (v + C.ell_R * P.L * r), rel=1e-12)
+
+
+def test_a_rudder_without_a_slipstream_is_refused() -> None:
+    with pytest.raises(ValueError, match="slipstream"):
+        single.inflow(flow(u=0.3), P, SimpleNamespace(**vars(C)), Exact())
+
+
+@pytest.mark.parametrize("smoothing", [Exact(), Smooth()])
+def test_rudder_to_starboard_turns_to_starboard_going_ahead(smoothing: Smoothing) -> None:
+    motion = flow(u=0.3, n=10.0)
+    wash = hachii.force(motion, P, C, smoothing).slipstream
+    force = single.force(Flow(u=0.3, v=0.0, r=0.0, n=10.0, delta=0.3, slipstream=wash), P, C, smoothing)
+    assert number(force.N) > 0
+    assert number(force.Y) < 0
+    assert number(force.X) < 0

@@ -1,0 +1,215 @@
+"""Frames, apparent and true wind by hand, and the rigid body in cases that can be worked out on paper."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mmg.components.rigid_body import accelerations
+from mmg.components.rigid_body import inertia as mass_of
+from mmg.motion.flow import Force
+from mmg.motion.frames import apparent_wind, body_to_earth, earth_to_body, relative_air, true_wind, wind_vector
+
+angles = st.floats(-10.0, 10.0)
+velocities = st.floats(-5.0, 5.0)
+
+
+def assert_same_angle(one: float, other: float, tolerance: float = 1e-9) -> None:
+    """Equal modulo 2 pi."""
+    assert abs((one - other + np.pi) % (2 * np.pi) - np.pi) < tolerance
+
+
+# Wind
+
+# true wind speed, coming-from direction, heading [deg], u, v -> apparent speed, angle off the bow [deg]
+BY_HAND = {
+    "northerly, stopped, heading north: from ahead": (5, 0, 0, 0, 0, 5, 0),
+    "northerly, stopped, heading east: from port": (5, 0, 90, 0, 0, 5, 270),
+    "northerly, stopped, heading west: from starboard": (5, 0, 270, 0, 0, 5, 90),
+    "northerly, stopped, heading south: from astern": (5, 0, 180, 0, 0, 5, 180),
+    "easterly, stopped, heading north: from starboard": (5, 90, 0, 0, 0, 5, 90),
+    "calm, going ahead: own wind from ahead": (0, 123, 40, 3, 0, 3, 0),
+    "calm, going astern: own wind from astern": (0, 123, 40, -3, 0, 3, 180),
+    "calm, drifting to starboard: own wind from starboard": (0, 0, 40, 0, 2, 2, 90),
+    "head wind adds": (5, 30, 30, 2, 0, 7, 0),
+    "following wind takes away": (5, 210, 30, 2, 0, 3, 180),
+    "beam wind at the same speed: 45 degrees off the bow": (3, 90, 0, 3, 0, 3 * 2**0.5, 45),
+    "3-4-5 from port": (3, 270, 0, 4, 0, 5, 360 - np.degrees(np.arctan2(3, 4))),
+}
+
+
+@pytest.mark.parametrize("case", BY_HAND)
+def test_apparent_wind_by_hand(case: str) -> None:
+    speed, direction, heading, u, v, expected_speed, expected_degrees = BY_HAND[case]
+    got = apparent_wind(speed, np.radians(direction), np.radians(heading), u, v)
+    assert got[0] == pytest.approx(expected_speed, rel=1e-12)
+    assert_same_angle(got[1], np.radians(expected_degrees), 1e-12)
+
+
+@pytest.mark.parametrize("case", BY_HAND)
+def test_true_wind_by_hand(case: str) -> None:
+    speed, direction, heading, u, v, apparent_speed, apparent_degrees = BY_HAND[case]
+    got = true_wind(apparent_speed, np.radians(apparent_degrees), np.radians(heading), u, v)
+    assert got[0] == pytest.approx(speed, abs=1e-12)
+    if speed > 0:
+        assert_same_angle(got[1], np.radians(direction), 1e-12)
+
+
+def test_a_northerly_blows_to_the_south() -> None:
+    np.testing.assert_allclose(wind_vector(4.0, 0.0), (-4.0, 0.0), atol=1e-15)
+    np.testing.assert_allclose(wind_vector(4.0, np.pi / 2), (0.0, -4.0), atol=1e-15)
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.floats(0.01, 20.0), angles, angles, velocities, velocities)
+def test_true_wind_returns_from_the_apparent_one(
+    speed: float, direction: float, psi: float, u: float, v: float
+) -> None:
+    back_speed, back_direction = true_wind(*apparent_wind(speed, direction, psi, u, v), psi, u, v)
+    assert back_speed == pytest.approx(speed, rel=1e-9, abs=1e-12)
+    assert_same_angle(back_direction, direction, 1e-10 / speed + 1e-9)
+    assert 0 <= back_direction <= 2 * np.pi
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.floats(0.0, 20.0), angles, angles, velocities, velocities)
+def test_apparent_wind_is_the_relative_air_velocity_reversed(
+    speed: float, direction: float, psi: float, u: float, v: float
+) -> None:
+    """a = -U_A (cos, sin) of the angle it comes from: as the force model sees it."""
+    apparent_speed, angle = apparent_wind(speed, direction, psi, u, v)
+    a = relative_air(*wind_vector(speed, direction), psi, u, v)
+    by_angle = (-apparent_speed * np.cos(angle), -apparent_speed * np.sin(angle))
+    np.testing.assert_allclose(a, by_angle, rtol=0, atol=1e-9)
+    assert 0 <= angle <= 2 * np.pi
+
+
+def test_wind_functions_take_arrays() -> None:
+    psi = np.linspace(-3, 3, 7)
+    speed, angle = apparent_wind(np.full(7, 5.0), np.zeros(7), psi, np.zeros(7), np.zeros(7))
+    np.testing.assert_allclose(speed, 5.0)
+    np.testing.assert_allclose(angle, np.mod(-psi, 2 * np.pi), atol=1e-12)
+
+
+# Frames
+
+
+@pytest.mark.parametrize(
+    ("degrees", "north", "east"), [(0, 1, 0), (90, 0, 1), (180, -1, 0), (270, 0, -1), (45, 2**-0.5, 2**-0.5)]
+)
+def test_the_bow_points_along_the_heading_and_starboard_is_to_its_right(
+    degrees: float, north: float, east: float
+) -> None:
+    psi = np.radians(degrees)
+    np.testing.assert_allclose(body_to_earth(1.0, 0.0, psi), (north, east), atol=1e-15)
+    np.testing.assert_allclose(body_to_earth(0.0, 1.0, psi), (-east, north), atol=1e-15)
+
+
+@settings(max_examples=200, deadline=None)
+@given(velocities, velocities, angles)
+def test_body_and_earth_are_inverse_and_keep_lengths(x: float, y: float, psi: float) -> None:
+    there = body_to_earth(x, y, psi)
+    np.testing.assert_allclose(earth_to_body(*there, psi), (x, y), atol=1e-12)
+    assert np.hypot(*there) == pytest.approx(np.hypot(x, y), rel=1e-12, abs=1e-15)
+
+
+def test_frames_agree_on_numbers_and_expressions() -> None:
+    x, y, psi = ca.SX.sym("x"), ca.SX.sym("y"), ca.SX.sym("psi")
+    for function in (body_to_earth, earth_to_body):
+        symbolic = ca.Function("f", [x, y, psi], [ca.vertcat(*function(x, y, psi))])
+        np.testing.assert_allclose(
+            np.array(symbolic(1.3, -0.4, 2.2)).ravel(), function(1.3, -0.4, 2.2), rtol=1e-14, atol=0
+        )
+
+
+# Rigid body
+
+UNIT = 0.5 * 1000.0 * 4.0**2 * 0.25
+"""1/2 rho L^2 d of the body below [kg]."""
+
+
+def body(x_G: float) -> SimpleNamespace:
+    """Particulars of a body of 500 kg, 4 m long."""
+    return SimpleNamespace(rho=1000.0, L=4.0, d=0.25, m=500.0, x_G=x_G)
+
+
+def masses(m_x: float = 0.0, m_y: float = 0.0, inertia: float = 600.0) -> SimpleNamespace:
+    """Mass coefficients from added masses [kg] and the yaw inertia about the centre of gravity [kg m^2]."""
+    return SimpleNamespace(m_x=m_x / UNIT, m_y=m_y / UNIT, I_J_z=inertia / (UNIT * 16.0))
+
+
+@pytest.mark.parametrize(
+    ("force", "expected"),
+    [
+        (Force(X=50.0), (0.1, 0.0, 0.0)),
+        (Force(Y=50.0), (0.0, 0.1, 0.0)),
+        (Force(N=60.0), (0.0, 0.0, 0.1)),
+    ],
+)
+def test_force_over_mass_with_the_centre_of_gravity_at_midship(force: Force, expected: tuple) -> None:
+    np.testing.assert_allclose(accelerations(0.0, 0.0, 0.0, force, mass_of(body(0.0), masses())), expected, rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("force", "expected"),
+    [(Force(X=50.0), (0.05, 0.0, 0.0)), (Force(Y=50.0), (0.0, 0.04, 0.0))],
+)
+def test_added_mass_adds_to_its_own_direction(force: Force, expected: tuple) -> None:
+    got = accelerations(0.0, 0.0, 0.0, force, mass_of(body(0.0), masses(m_x=500.0, m_y=750.0)))
+    np.testing.assert_allclose(got, expected, rtol=1e-14)
+
+
+@pytest.mark.parametrize("x_G", [0.3, -0.2])
+def test_spinning_about_midship_throws_the_centre_of_gravity_outward(x_G: float) -> None:
+    """u = v = 0: midship is pushed forward by m x_G r^2 / m when the centre of gravity is ahead of it."""
+    got = accelerations(0.0, 0.0, 0.5, Force(), mass_of(body(x_G), masses()))
+    np.testing.assert_allclose(got, (x_G * 0.25, 0.0, 0.0), atol=1e-15)
+
+
+@pytest.mark.parametrize("x_G", [0.3, 0.0, -0.2])
+def test_a_free_body_keeps_the_velocity_of_its_centre_of_gravity(x_G: float) -> None:
+    """No force, no added mass: the centre of gravity goes straight and the spin stays.
+
+    With v_G = v + x_G r the turning axes alone make u' = v_G r and v_G' = -u r, and r' = 0.
+    """
+    u, v, r = 0.8, -0.3, 0.4
+    got = accelerations(u, v, r, Force(), mass_of(body(x_G), masses()))
+    np.testing.assert_allclose(got, ((v + x_G * r) * r, -u * r, 0.0), atol=1e-14)
+
+
+@pytest.mark.parametrize("x_G", [0.3, -0.2])
+def test_a_steady_turn_needs_the_centripetal_force_at_the_centre_of_gravity(x_G: float) -> None:
+    """Constant u, v = -x_G r (no sway at the centre of gravity) and r: Y = m u r to its right, N = x_G Y."""
+    u, r = 1.2, 0.3
+    inward = 500.0 * u * r
+    steady = Force(Y=inward, N=x_G * inward)
+    got = accelerations(u, -x_G * r, r, steady, mass_of(body(x_G), masses()))
+    np.testing.assert_allclose(got, (0.0, 0.0, 0.0), atol=1e-14)
+
+
+def test_a_force_at_the_centre_of_gravity_does_not_turn_the_body() -> None:
+    x_G = 0.3
+    got = accelerations(0.0, 0.0, 0.0, Force(Y=50.0, N=x_G * 50.0), mass_of(body(x_G), masses()))
+    np.testing.assert_allclose(got, (0.0, 0.1, 0.0), atol=1e-15)
+
+
+def test_a_moment_turns_the_body_about_its_centre_of_gravity() -> None:
+    """Midship, x_G behind it, is swung the other way: v' = -x_G r'."""
+    got = accelerations(0.0, 0.0, 0.0, Force(N=60.0), mass_of(body(0.3), masses()))
+    np.testing.assert_allclose(got, (0.0, -0.3 * 0.1, 0.1), atol=1e-15)
+
+
+@pytest.mark.parametrize("x_G", [0.3, 0.0, -0.2])
+def test_accelerations_satisfy_the_equations_of_motion(x_G: float) -> None:
+    """Yasukawa & Yoshimura (2015), Eq. 4, put back in, m_x and m_y told apart."""
+    u, v, r, X, Y, N = 0.8, -0.3, 0.4, 12.0, -30.0, 25.0
+    m, m_x, m_y, inertia = 500.0, 40.0, 450.0, 600.0
+    du, dv, dr = accelerations(u, v, r, Force(X, Y, N), mass_of(body(x_G), masses(m_x, m_y, inertia)))
+    assert (m + m_x) * du - (m + m_y) * v * r - x_G * m * r**2 == pytest.approx(X, rel=1e-12)
+    assert (m + m_y) * dv + (m + m_x) * u * r + x_G * m * dr == pytest.approx(Y, rel=1e-12)
+    assert (inertia + x_G**2 * m) * dr + x_G * m * (dv + u * r) == pytest.approx(N, rel=1e-12)
