@@ -1,7 +1,7 @@
 """A neural network that adds accelerations to the right-hand side of a ship: zero at the origin, bounded, smooth.
 
 h_1 = tanh(W_1 x / scale + b_1) - tanh(b_1), h_2 = tanh(W_2 h_1 + b_2) - tanh(b_2), ..., and the accelerations are
-output_scale * (W h_last), without bias, so that a ship at rest in calm air stays there (paper 000). As
+output_scale * (W h_last), without bias, so that a ship at rest in calm air stays there (Wakita et al. 2022). As
 |tanh(.) - tanh(b)| <= 1 + |tanh(b)|, no input whatever makes it exceed its ``bound``. It sees what the force models
 see (``Flow``): velocities through the water, actuators behind their lags and delays, air relative to the hull.
 """

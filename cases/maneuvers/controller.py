@@ -19,7 +19,7 @@ MODEL_LENGTH = 3.0
 class Limits:
     """Rates of the actuators: rudder [rad/s], propeller [1/s^2].
 
-    20 deg/s and 20 rps/s for a 3 m model (public simulator of Osaka University; physics I), Froude scaled:
+    20 deg/s and 20 rps/s for a 3 m model (public simulator of Osaka University), Froude scaled:
     1.9 deg/s for a ship of 320 m.
     """
 

@@ -2,7 +2,7 @@
 
 dU = -alpha_u (U - U_mean) dt + sigma_u dW, dgamma = -alpha_g sin(gamma - gamma_mean) dt + sigma_g dW; the
 filter of the speed matches Hino's spectrum at f = 0 and 0.5 Hz, that of the direction a spread of 32 U^(-3/4)
-degrees (Maki et al. 2022; physics F.4). The time scale is that of real wind, for models too.
+degrees (Maki et al. 2022). The time scale is that of real wind, for models too.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ from cases.trial import Trial
 from mmg.ship import Ship
 
 LIMITS = {"delta": (-35.0, 35.0), "delta_port": (-105.0, 35.0), "delta_starboard": (-35.0, 105.0)}
-"""Range of each rudder [deg]; VecTwin rudders turn further outwards (paper 003, Table 1)."""
+"""Range of each rudder [deg]; VecTwin rudders turn further outwards (Wakita et al. 2025, Table 1)."""
 
 
 @dataclass(frozen=True)

@@ -296,7 +296,7 @@ def _notices(ship: Ship, windy: bool, states: np.ndarray) -> tuple[str, ...]:
 
 
 def write_trial(trial: Trial, path: str | Path) -> None:
-    """The trial as a CSV file (Parquet for .parquet) with the contract's headers, SI, shortest exact digits.
+    """The trial as a CSV file (Parquet for .parquet) with canonical headers, SI, shortest exact digits.
 
     The file appears complete or not at all; one that exists is replaced. Raises UserError when it cannot be
     written or the suffix is neither.

@@ -33,7 +33,7 @@ def meaning(name: str) -> str:
     """What an effect is in one sentence: the first of its file, without its name."""
     if name not in EFFECTS:
         return ""
-    first = EFFECTS[name].about.split("\n\n")[0].replace("\n", " ").strip()
+    first = EFFECTS[name].summary.split("\n\n")[0].replace("\n", " ").strip()
     words = first.split(": ", 1)[-1]
     return words[:1].upper() + words[1:]
 

@@ -22,7 +22,7 @@ from fitting.report.identifiability import section
 from fitting.report.plots import component_of, determination, grouped
 from fitting.report.run_folder import SHIP, read_result
 from fitting.report.words import headline, not_in_model, per_run_table, plus_minus, setting_rows, warnings_of
-from mmg.components.catalogue import module
+from mmg.components.catalogue import summary
 from mmg.components.particulars import PARTICULARS
 from mmg.effects import effect
 from mmg.errors import UserError
@@ -198,8 +198,8 @@ def _run(folder: Path, number: int) -> dict:
         "per_run": per_run_table(result),
         "particulars": [(k, v, *PARTICULARS.get(k, ("", ""))) for k, v in ship.particulars.items()],
         "models": [
-            *((role, name, (module(role, name).__doc__ or "").strip()) for role, name in ship.components.items()),
-            *(("effect", name, effect(name).about) for name in ship.effects),
+            *((role, name, summary(role, name)) for role, name in ship.components.items()),
+            *(("effect", name, effect(name).summary.strip()) for name in ship.effects),
         ],
         "missing": not_in_model(ship),
         "figures": {

@@ -59,6 +59,11 @@ def module(role: str, name: str) -> ModuleType:
         raise KeyError(f"{role} = {name!r} is unknown; known: {known}") from None
 
 
+def summary(role: str, name: str) -> str:
+    """What the force model ``name`` of ``role`` is: title, equations and their source; KeyError as ``module``."""
+    return module(role, name).SUMMARY.strip()
+
+
 def required_particulars(components: Mapping[str, str]) -> tuple[str, ...]:
     """Particulars needed by a choice of force models, in order, without repetition."""
     needed = list(BASE_PARTICULARS)

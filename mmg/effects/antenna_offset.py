@@ -1,8 +1,4 @@
-"""Antenna offset: satellite position and velocity belong to a point off midship.
-
-That point is x ahead and y to starboard of midship: its velocity is (u - r y, v + r x) in body axes. Where a log of
-the ship's own measures u and v, the position alone belongs to it.
-"""
+"""The effect ``antenna_offset``."""
 
 from __future__ import annotations
 
@@ -14,11 +10,18 @@ from mmg.motion.flow import Flow
 from mmg.motion.frames import body_to_earth
 from mmg.motion.memory import Memory
 
+SUMMARY = """Antenna offset: satellite position and velocity belong to a point off midship.
+
+That point is x ahead and y to starboard of midship: its velocity is (u - r y, v + r x) in body axes. Where a log of
+the ship's own measures u and v, the position alone belongs to it.
+"""
+
 
 class AntennaOffset(Effect):
     """Lever arm of the position."""
 
     name, enters = "antenna_offset", "measurement"
+    summary = SUMMARY
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         size, most = 0.07 * p.L, p.L

@@ -1,8 +1,4 @@
-"""Control delay: rudder and revolutions act later than they are logged, by a fixed time.
-
-Inside the model the delay is its all-pass approximation (``delayed`` of mmg/motion/memory.py). The synthetic generator
-delays the inputs themselves, so a trial made with this effect holds the true delay.
-"""
+"""The effect ``control_delay``."""
 
 from __future__ import annotations
 
@@ -13,11 +9,18 @@ from mmg.motion.flow import PROPELLERS, RUDDERS, Flow
 from mmg.motion.memory import Memory, delayed, scale
 from mmg.motion.smooth import GRAVITY, Smoothing
 
+SUMMARY = """Control delay: rudder and revolutions act later than they are logged, by a fixed time.
+
+Inside the model the delay is its all-pass approximation (``delayed`` of mmg/motion/memory.py). The synthetic generator
+delays the inputs themselves, so a trial made with this effect holds the true delay.
+"""
+
 
 class ControlDelay(Effect):
     """Late inputs."""
 
     name, enters = "control_delay", "actuator path"
+    summary = SUMMARY
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         k = scale(p)

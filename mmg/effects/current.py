@@ -1,9 +1,4 @@
-"""Current: uniform water velocity over ground, steady or changing slowly with time.
-
-The water moves with (x + x_rate t, y + y_rate t) over ground, t since the start of the run. All forces and the
-equations of motion are those of the velocity through the water (relative-velocity formulation, Fossen 2021); positions
-and logged velocities are over ground. Froude-Krylov force included, so an unsteady current adds no other term.
-"""
+"""The effect ``current``."""
 
 from __future__ import annotations
 
@@ -14,11 +9,19 @@ from mmg.effects.effect import Effect, Parameter
 from mmg.motion.flow import Flow
 from mmg.motion.memory import scale
 
+SUMMARY = """Current: uniform water velocity over ground, steady or changing slowly with time.
+
+The water moves with (x + x_rate t, y + y_rate t) over ground, t since the start of the run. All forces and the
+equations of motion are those of the velocity through the water (relative-velocity formulation, Fossen 2021); positions
+and logged velocities are over ground. Froude-Krylov force included, so an unsteady current adds no other term.
+"""
+
 
 class Current(Effect):
     """Uniform current, direction *going to*."""
 
     name, enters = "current", "inflow"
+    summary = SUMMARY
     surroundings = True
     needs_time = True
 

@@ -1,11 +1,4 @@
-"""Disturbance: slowly varying forces that no model explains, as a random process of its own in X, Y and N.
-
-Each is an Ornstein-Uhlenbeck process: F = size d with d' = -d / tau + noise and d of unit variance when stationary. A
-calibration estimates d along each run (latent force, Alvarez et al. 2013; here as extra variables of the multiple
-shooting), so that coefficients need not bend to a gust, and with it sizes that are left at 0
-(fitting/solvers/latent_forces.py).
-A simulation has d = 0 and no force. Prediction bands rest on a process of the same kind (fitting/prediction/bands.py).
-"""
+"""The effect ``disturbance``."""
 
 from __future__ import annotations
 
@@ -15,6 +8,15 @@ from mmg.effects.effect import Effect, Parameter, Parts, Setting
 from mmg.motion.flow import Flow, Force
 from mmg.motion.memory import MODEL_LENGTH, scale
 
+SUMMARY = """Disturbance: slowly varying forces that no model explains, as a random process of its own in X, Y and N.
+
+Each is an Ornstein-Uhlenbeck process: F = size d with d' = -d / tau + noise and d of unit variance when stationary. A
+calibration estimates d along each run (latent force, Alvarez et al. 2013; here as extra variables of the multiple
+shooting), so that coefficients need not bend to a gust, and with it sizes that are left at 0
+(fitting/solvers/latent_forces.py).
+A simulation has d = 0 and no force. Prediction bands rest on a process of the same kind (fitting/prediction/bands.py).
+"""
+
 STATES = tuple(f"disturbance.{axis}" for axis in "XYN")
 
 
@@ -22,6 +24,7 @@ class Disturbance(Effect):
     """Latent force process."""
 
     name, enters = "disturbance", "force"
+    summary = SUMMARY
     surroundings = True
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:

@@ -7,7 +7,6 @@ the fit and the diagnosis. In the hooks ``e`` holds the effect's parameters by a
 
 from __future__ import annotations
 
-import sys
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -79,6 +78,8 @@ class Effect(ABC):
     """An effect that enters nowhere: the base of all others."""
 
     name: str = ""
+    summary: str = ""
+    """What it is, with its equations and their source; the first paragraph says it in a sentence."""
     enters: str = ""
     """Where it enters: "inflow", "force", "inertia", "actuator path" or "measurement", in words."""
     needs_time: bool = False
@@ -86,11 +87,6 @@ class Effect(ABC):
     """Roles that the ship must have."""
     surroundings: bool = False
     """Whether it belongs to a place or a day, not to the ship."""
-
-    @property
-    def about(self) -> str:
-        """What its file says of it: equations and sources."""
-        return (sys.modules[type(self).__module__].__doc__ or "").strip()
 
     @property
     def measures(self) -> bool:

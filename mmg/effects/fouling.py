@@ -1,4 +1,4 @@
-"""Fouling: the resistance is larger by a share, that of the hull in straight motion at the same speed."""
+"""The effect ``fouling``."""
 
 from __future__ import annotations
 
@@ -8,11 +8,14 @@ from mmg.components.catalogue import module
 from mmg.effects.effect import Effect, Parameter, Parts, Setting
 from mmg.motion.flow import Flow, Force
 
+SUMMARY = """Fouling: the resistance is larger by a share, that of the hull in straight motion at the same speed."""
+
 
 class Fouling(Effect):
     """Larger resistance."""
 
     name, enters, needs = "fouling", "force", ("hull",)
+    summary = SUMMARY
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         return (Parameter("share", 0.0, 0.3, -0.6, 5.0, "", "resistance larger by this share"),)

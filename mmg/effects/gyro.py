@@ -1,4 +1,4 @@
-"""Gyro: the logged turn rate is off by a share and late by a lag."""
+"""The effect ``gyro``."""
 
 from __future__ import annotations
 
@@ -12,11 +12,14 @@ from mmg.effects.effect import Effect, Parameter
 from mmg.motion.flow import Flow
 from mmg.motion.memory import Memory, lagged, scale
 
+SUMMARY = """Gyro: the logged turn rate is off by a share and late by a lag."""
+
 
 class Gyro(Effect):
     """Gain and lag of the turn rate."""
 
     name, enters = "gyro", "measurement"
+    summary = SUMMARY
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         k = scale(p)

@@ -1,8 +1,4 @@
-"""Heading bias: the logged heading is off by a constant, and u and v are turned with it.
-
-u and v of a record come from the velocity over ground, turned by the logged heading. Where a log of the ship's own
-measures them, the heading alone is off.
-"""
+"""The effect ``heading_bias``."""
 
 from __future__ import annotations
 
@@ -14,11 +10,18 @@ from mmg.motion.flow import Flow
 from mmg.motion.frames import earth_to_body
 from mmg.motion.memory import Memory
 
+SUMMARY = """Heading bias: the logged heading is off by a constant, and u and v are turned with it.
+
+u and v of a record come from the velocity over ground, turned by the logged heading. Where a log of the ship's own
+measures them, the heading alone is off.
+"""
+
 
 class HeadingBias(Effect):
     """Constant error of the compass."""
 
     name, enters = "heading_bias", "measurement"
+    summary = SUMMARY
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         return (

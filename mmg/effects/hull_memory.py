@@ -1,7 +1,4 @@
-"""Hull memory: sway force and yaw moment of the hull arrive with a lag, as of a vortex system that must form.
-
-Y_H and N_H pass a first-order lag of time constant T (``lagged`` of mmg/motion/memory.py).
-"""
+"""The effect ``hull_memory``."""
 
 from __future__ import annotations
 
@@ -12,11 +9,17 @@ from mmg.motion.flow import Flow, Force
 from mmg.motion.memory import lagged, scale
 from mmg.motion.smooth import GRAVITY
 
+SUMMARY = """Hull memory: sway force and yaw moment of the hull arrive with a lag, as of a vortex system that must form.
+
+Y_H and N_H pass a first-order lag of time constant T (``lagged`` of mmg/motion/memory.py).
+"""
+
 
 class HullMemory(Effect):
     """Lag of the lateral hull force."""
 
     name, enters, needs = "hull_memory", "force", ("hull",)
+    summary = SUMMARY
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         k = scale(p)

@@ -1,4 +1,4 @@
-"""Log scale: the logged speed ahead u is off by a share."""
+"""The effect ``log_scale``."""
 
 from __future__ import annotations
 
@@ -9,11 +9,14 @@ from mmg.effects.effect import Effect, Parameter
 from mmg.motion.flow import Flow
 from mmg.motion.memory import Memory
 
+SUMMARY = """Log scale: the logged speed ahead u is off by a share."""
+
 
 class LogScale(Effect):
     """Gain error of the log."""
 
     name, enters = "log_scale", "measurement"
+    summary = SUMMARY
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         return (Parameter("share", 0.0, 0.01, -0.5, 0.5, "", "logged u larger than the true one by this share"),)

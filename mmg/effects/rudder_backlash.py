@@ -1,8 +1,4 @@
-"""Rudder backlash: the real rudder stays where it is until the logged one has moved by the dead band.
-
-The play operator (``played``): the real angle is never further than b from the logged one, and rests
-while that moves within 2 b.
-"""
+"""The effect ``rudder_backlash``."""
 
 from __future__ import annotations
 
@@ -13,6 +9,12 @@ from mmg.motion.flow import RUDDERS, Flow
 from mmg.motion.memory import Memory, played, scale
 from mmg.motion.smooth import Smoothing
 
+SUMMARY = """Rudder backlash: the real rudder stays where it is until the logged one has moved by the dead band.
+
+The play operator (``played``): the real angle is never further than b from the logged one, and rests
+while that moves within 2 b.
+"""
+
 SOFTEST = 2e-3
 """Angle [rad] that keeps the play smooth at zero dead band."""
 
@@ -21,6 +23,7 @@ class RudderBacklash(Effect):
     """Dead band of the steering gear."""
 
     name, enters, needs = "rudder_backlash", "actuator path", ("rudder",)
+    summary = SUMMARY
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         return (Parameter("b", 0.0, 0.05, 0.0, 0.5, "rad", "half of the dead band between logged and real rudder"),)

@@ -1,4 +1,4 @@
-"""Rudder lag: the real rudder follows the logged one with a first-order lag of time constant T."""
+"""The effect ``rudder_lag``."""
 
 from __future__ import annotations
 
@@ -9,11 +9,14 @@ from mmg.motion.flow import RUDDERS, Flow
 from mmg.motion.memory import Memory, lagged, scale
 from mmg.motion.smooth import Smoothing
 
+SUMMARY = """Rudder lag: the real rudder follows the logged one with a first-order lag of time constant T."""
+
 
 class RudderLag(Effect):
     """Late rudder."""
 
     name, enters, needs = "rudder_lag", "actuator path", ("rudder",)
+    summary = SUMMARY
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         k = scale(p)

@@ -1,4 +1,4 @@
-"""Rudder offset: the real rudder angle is the logged one plus a constant."""
+"""The effect ``rudder_offset``."""
 
 from __future__ import annotations
 
@@ -9,11 +9,14 @@ from mmg.motion.flow import RUDDERS, Flow
 from mmg.motion.memory import Memory
 from mmg.motion.smooth import Smoothing
 
+SUMMARY = """Rudder offset: the real rudder angle is the logged one plus a constant."""
+
 
 class RudderOffset(Effect):
     """Zero error of the rudder indicator."""
 
     name, enters, needs = "rudder_offset", "actuator path", ("rudder",)
+    summary = SUMMARY
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         return (Parameter("delta", 0.0, 0.05, -0.5, 0.5, "rad", "real rudder angle less the logged one"),)

@@ -1,8 +1,4 @@
-"""Rudder stall: the normal force falls short of the model's at large inflow angles.
-
-F_N is smaller by loss w(alpha), w = 1/2 [1 + tanh((sin^2 alpha - sin^2 alpha_s) / width)] (generic smooth stall,
-UNVERIFIED shape), for each rudder by itself.
-"""
+"""The effect ``rudder_stall``."""
 
 from __future__ import annotations
 
@@ -14,11 +10,18 @@ import casadi as ca
 from mmg.effects.effect import Effect, Parameter, Parts, Setting
 from mmg.motion.flow import Flow, Force
 
+SUMMARY = """Rudder stall: the normal force falls short of the model's at large inflow angles.
+
+F_N is smaller by loss w(alpha), w = 1/2 [1 + tanh((sin^2 alpha - sin^2 alpha_s) / width)] (generic smooth stall,
+UNVERIFIED shape), for each rudder by itself.
+"""
+
 
 class RudderStall(Effect):
     """Loss of rudder force beyond the stall angle."""
 
     name, enters, needs = "rudder_stall", "force", ("rudder",)
+    summary = SUMMARY
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         return (

@@ -1,4 +1,4 @@
-"""Tow: a constant force and moment in the body frame, as of a tow line, a fender or a lasting asymmetry."""
+"""The effect ``tow``."""
 
 from __future__ import annotations
 
@@ -8,11 +8,14 @@ from mmg.effects.effect import Effect, Parameter, Parts, Setting
 from mmg.motion.flow import Flow, Force
 from mmg.motion.memory import MODEL_LENGTH
 
+SUMMARY = """Tow: a constant force and moment in the body frame, as of a tow line, a fender or a lasting asymmetry."""
+
 
 class Tow(Effect):
     """Constant force and moment in the body frame."""
 
     name, enters = "tow", "force"
+    summary = SUMMARY
     surroundings = True
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:

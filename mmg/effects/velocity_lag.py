@@ -1,9 +1,4 @@
-"""Velocity lag: logged u and v come from a velocity over ground that is late; position, heading and turn rate are not.
-
-As of a velocity that is differenced and smoothed from satellite positions: an earth-fixed vector of ``tau`` ago, turned
-into body axes by the present heading. Inside the model the delay is an all-pass (``gnss_delay``); the synthetic
-generator delays the columns themselves.
-"""
+"""The effect ``velocity_lag``."""
 
 from __future__ import annotations
 
@@ -17,11 +12,20 @@ from mmg.effects.gnss_delay import late_samples, late_velocity
 from mmg.motion.flow import Flow
 from mmg.motion.memory import Memory, scale
 
+SUMMARY = """\
+Velocity lag: logged u and v come from a velocity over ground that is late; position, heading and turn rate are not.
+
+As of a velocity that is differenced and smoothed from satellite positions: an earth-fixed vector of ``tau`` ago, turned
+into body axes by the present heading. Inside the model the delay is an all-pass (``gnss_delay``); the synthetic
+generator delays the columns themselves.
+"""
+
 
 class VelocityLag(Effect):
     """Late u and v."""
 
     name, enters = "velocity_lag", "measurement"
+    summary = SUMMARY
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         k = scale(p)

@@ -1,8 +1,4 @@
-"""Wave drift: a force that is constant in the earth frame, larger on the side of the ship than on the bow.
-
-The drift force of waves from abeam is several times that from ahead (second-order theory; short form, UNVERIFIED
-ratio): the component along the ship is multiplied by BOW.
-"""
+"""The effect ``wave_drift``."""
 
 from __future__ import annotations
 
@@ -13,6 +9,12 @@ from mmg.motion.flow import Flow, Force
 from mmg.motion.frames import earth_to_body
 from mmg.motion.memory import MODEL_LENGTH
 
+SUMMARY = """Wave drift: a force that is constant in the earth frame, larger on the side of the ship than on the bow.
+
+The drift force of waves from abeam is several times that from ahead (second-order theory; short form, UNVERIFIED
+ratio): the component along the ship is multiplied by BOW.
+"""
+
 BOW = 0.3
 """Share of the drift force that acts when it comes along the ship."""
 
@@ -21,6 +23,7 @@ class WaveDrift(Effect):
     """Mean wave drift force from one direction."""
 
     name, enters = "wave_drift", "force"
+    summary = SUMMARY
     surroundings = True
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:

@@ -1,9 +1,4 @@
-"""Wind force: the force of the air is the ship's wind model times a factor per X, Y and N.
-
-A ship without a wind model gets factors on a reference instead: Fujiwara, Ueno & Nimura (1998) with the particulars of
-its upper works, or those of a typical tanker of its length and breadth where the ship file does not give them; its
-neutral factors are 0.
-"""
+"""The effect ``wind_force``."""
 
 from __future__ import annotations
 
@@ -12,6 +7,13 @@ from types import SimpleNamespace
 from mmg.components.wind import fujiwara
 from mmg.effects.effect import Effect, Parameter, Parts, Setting
 from mmg.motion.flow import Flow, Force
+
+SUMMARY = """Wind force: the force of the air is the ship's wind model times a factor per X, Y and N.
+
+A ship without a wind model gets factors on a reference instead: Fujiwara, Ueno & Nimura (1998) with the particulars of
+its upper works, or those of a typical tanker of its length and breadth where the ship file does not give them; its
+neutral factors are 0.
+"""
 
 
 def upper_works(p: SimpleNamespace) -> SimpleNamespace:
@@ -27,6 +29,7 @@ class WindForce(Effect):
     """Wind force by a factor per component."""
 
     name, enters = "wind_force", "force"
+    summary = SUMMARY
     surroundings = True
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:

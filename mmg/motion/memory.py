@@ -98,7 +98,7 @@ def played(memory: Memory, name: str, x: Any, b: Any, time: float, softest: floa
 def rate_limited(memory: Memory, name: str, x: Any, rate: Any, time: Any, size: float) -> Any:
     """A position that follows x with y' = rate tanh((x - y) / (rate time)): at most ``rate`` [1/s], near x as a lag.
 
-    Smooth form of the sloped step of Wakita et al. (2025, Eqs. 39-40), physics I; ``time`` [s] is the lag near x.
+    Smooth form of the sloped step of Wakita et al. (2025, Eqs. 39-40); ``time`` [s] is the lag near x.
     """
     y = memory.state(name, x, size)
     memory.moves(rate * ca.tanh((x - y) / (rate * time)))

@@ -2,7 +2,7 @@
 
 Every force is written once against the small interface below. ``Exact`` evaluates it with branches, as the
 published models do; ``Smooth`` replaces each branch by a blend of stated width so that first and second
-derivatives are finite everywhere, at rest too (physics: sqrt(x^2 + eps^2) for |x|, tanh for a switch).
+derivatives are finite everywhere, at rest too: sqrt(x^2 + eps^2) for |x|, tanh for a switch.
 """
 
 from __future__ import annotations

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 from typing import Annotated, Any
 
 import typer
@@ -56,6 +55,6 @@ def _row(ship: Any, name: str) -> dict[str, Any]:
         "name": name,
         "enters": effect.enters,
         "needs": list(effect.needs),
-        "physics": inspect.getdoc(inspect.getmodule(type(effect))) or "",
+        "physics": effect.summary.strip(),
         "parameters": [dataclasses.asdict(p) for p in parameters(ship, name)],
     }

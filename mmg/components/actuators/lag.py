@@ -1,7 +1,4 @@
-"""Actuators that follow their orders as first-order lags: y' = (y_c - y) / T, for rudders and propellers.
-
-For large ships' main engines T_n is 5 to 50 s; for rudders a lag is the simplest stand-in for a rate limit.
-"""
+"""Actuator model ``lag``."""
 
 from __future__ import annotations
 
@@ -11,6 +8,11 @@ from mmg.components.coefficients import Coefficient, table
 from mmg.motion.flow import PROPELLERS, RUDDERS, Flow
 from mmg.motion.memory import Memory, scale
 from mmg.motion.smooth import Smoothing
+
+SUMMARY = """Actuators that follow their orders as first-order lags: y' = (y_c - y) / T, for rudders and propellers.
+
+For large ships' main engines T_n is 5 to 50 s; for rudders a lag is the simplest stand-in for a rate limit.
+"""
 
 PARTICULARS = ("L",)
 INPUTS: tuple[str, ...] = ()

@@ -1,21 +1,4 @@
-"""Abkowitz polynomial about a service speed, propeller and rudder inside: defaults are the Mariner.
-
-Delta u' = (u - U_0)/U, v' = v/U, r' = r L/U, delta; X = 1/2 rho L^2 U^2 X', Y alike, N = 1/2 rho L^3 U^2 N':
-X' = X_u u' + X_uu u'^2 + X_uuu u'^3 + X_vv v'^2 + X_rr r'^2 + X_rv r'v' + X_dd delta^2 + X_udd u' delta^2
-     + X_vd v' delta + X_uvd u'v' delta                                    (u' written for Delta u')
-Y' = Y_v v' + Y_r r' + Y_vvv v'^3 + Y_vvr v'^2 r' + Y_vu v'u' + Y_ru r'u' + Y_d delta + Y_ddd delta^3 + Y_ud u' delta
-     + Y_uud u'^2 delta + Y_vdd v' delta^2 + Y_vvd v'^2 delta + Y_0 + Y_0u u' + Y_0uu u'^2,  N' alike.
-(Chislett & Stroem-Tejsen 1965, Hy-A report Hy-5, as published with the Marine Systems Simulator of Fossen & Perez;
-single lineage of numbers.) Conventions: origin midship; system 1/2 rho L^2 (no draught); the rudder angle is the
-house's, positive to starboard, so every term odd in delta has the other sign than in print. As in print, m v r,
-m u r, m x_G r^2 and m x_G u r are inside X_rv, Y_r, Y_ru, X_rr, N_r, N_ru (Y_r stands for Y_r - m U_0): what the MMG
-equations have on the left is added here, so the force is hydrodynamic and the motion that of the printed equations.
-m_x, m_y, I_J_z are -X_udot, -Y_vdot and I_z - N_rdot - m x_G^2 in the MMG system (times L/d); Y_rdot and N_vdot are the
-cross terms of the added mass, in the MMG system too; the equations of motion read them.
-
-Worth: as tested, at constant revolutions, about U_0; below half of U_0 it is a continuation. There 1/U is held
-below 1/(0.4 U_0), and all vanishes at rest, the propeller's push too: take another model to stop or to start.
-"""
+"""Hull model ``abkowitz``."""
 
 from __future__ import annotations
 
@@ -28,6 +11,25 @@ import casadi as ca
 from mmg.components.coefficients import Coefficient, table
 from mmg.motion.flow import Flow, Force
 from mmg.motion.smooth import Smoothing
+
+SUMMARY = """Abkowitz polynomial about a service speed, propeller and rudder inside: defaults are the Mariner.
+
+Delta u' = (u - U_0)/U, v' = v/U, r' = r L/U, delta; X = 1/2 rho L^2 U^2 X', Y alike, N = 1/2 rho L^3 U^2 N':
+X' = X_u u' + X_uu u'^2 + X_uuu u'^3 + X_vv v'^2 + X_rr r'^2 + X_rv r'v' + X_dd delta^2 + X_udd u' delta^2
+     + X_vd v' delta + X_uvd u'v' delta                                    (u' written for Delta u')
+Y' = Y_v v' + Y_r r' + Y_vvv v'^3 + Y_vvr v'^2 r' + Y_vu v'u' + Y_ru r'u' + Y_d delta + Y_ddd delta^3 + Y_ud u' delta
+     + Y_uud u'^2 delta + Y_vdd v' delta^2 + Y_vvd v'^2 delta + Y_0 + Y_0u u' + Y_0uu u'^2,  N' alike.
+(Chislett & Stroem-Tejsen 1965, Hy-A report Hy-5, as published with the Marine Systems Simulator of Fossen & Perez;
+single lineage of numbers.) Conventions: origin midship; system 1/2 rho L^2 (no draught); the rudder angle is positive
+to starboard as everywhere here, so every term odd in delta has the other sign than in print. As in print, m v r, m u r,
+m x_G r^2 and m x_G u r are inside X_rv, Y_r, Y_ru, X_rr, N_r, N_ru (Y_r stands for Y_r - m U_0): what the MMG
+equations have on the left is added here, so the force is hydrodynamic and the motion that of the printed equations.
+m_x, m_y, I_J_z are -X_udot, -Y_vdot and I_z - N_rdot - m x_G^2 in the MMG system (times L/d); Y_rdot and N_vdot are the
+cross terms of the added mass, in the MMG system too; the equations of motion read them.
+
+Worth: as tested, at constant revolutions, about U_0; below half of U_0 it is a continuation. There 1/U is held
+below 1/(0.4 U_0), and all vanishes at rest, the propeller's push too: take another model to stop or to start.
+"""
 
 PARTICULARS = ("L", "d", "rho", "m", "x_G", "U_0")
 INPUTS = ("delta",)
@@ -50,7 +52,7 @@ _N = {
     "v": -264, "r": -166, "vvv": 1636, "vvr": -5483, "vu": -264, "ru": -166, "d": 139, "ddd": -45, "ud": 278,
     "uud": 139, "vdd": 13, "vvd": 489, "0": 3, "0u": 6, "0uu": 3,
 }  # fmt: skip
-"""Derivatives times 1e5, terms odd in delta with the sign of the house."""
+"""Derivatives times 1e5, terms odd in delta with the sign of a rudder angle positive to starboard."""
 
 _WORDS = {"u": "change of speed", "v": "sway", "r": "yaw", "d": "rudder"}
 

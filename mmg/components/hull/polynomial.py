@@ -1,16 +1,4 @@
-"""Standard MMG hull polynomial (Yasukawa & Yoshimura 2015, J Mar Sci Technol 20:37-52), written dimensionally.
-
-X_H = 1/2 rho L d U^2 ( -R_0' + X_vv' v'^2 + X_vr' v'r' + X_rr' r'^2 + X_vvvv' v'^4 )
-Y_H = 1/2 rho L d U^2 ( Y_v' v' + Y_r' r' + Y_vvv' v'^3 + Y_vvr' v'^2 r' + Y_vrr' v' r'^2 + Y_rrr' r'^3 )
-N_H = 1/2 rho L^2 d U^2 ( the same with N ),  v' = v/U, r' = r L/U
-Valid for u > 0, |beta| up to 20..30 degrees, |r'| up to about 1, merchant hulls at low Froude number. X_vr and Y_r are
-pure: m_y v r and m_x u r are in the equations of motion.
-
-Outside of that it is a continuation that is smooth and takes energy out of the ship, and no more: for slow, drifting
-or sternway motion take the unified model. Astern the hull is that of the ship mirrored fore and aft, so that the terms
-R_0, X_vv, X_rr, X_vvvv, Y_r, Y_vvr, Y_rrr, N_v, N_vvv, N_vrr change sign with u, by tanh(u/(0.15 U)): 1 - 2e-5 at 30
-degrees of drift. In the terms with 1/U the speed is held above r L/2: they see |r'| < 2 and vanish at rest.
-"""
+"""Hull model ``polynomial``."""
 
 from __future__ import annotations
 
@@ -23,6 +11,21 @@ import casadi as ca
 from mmg.components.coefficients import table
 from mmg.motion.flow import Flow, Force
 from mmg.motion.smooth import Smoothing
+
+SUMMARY = """\
+Standard MMG hull polynomial (Yasukawa & Yoshimura 2015, J Mar Sci Technol 20:37-52), written dimensionally.
+
+X_H = 1/2 rho L d U^2 ( -R_0' + X_vv' v'^2 + X_vr' v'r' + X_rr' r'^2 + X_vvvv' v'^4 )
+Y_H = 1/2 rho L d U^2 ( Y_v' v' + Y_r' r' + Y_vvv' v'^3 + Y_vvr' v'^2 r' + Y_vrr' v' r'^2 + Y_rrr' r'^3 )
+N_H = 1/2 rho L^2 d U^2 ( the same with N ),  v' = v/U, r' = r L/U
+Valid for u > 0, |beta| up to 20..30 degrees, |r'| up to about 1, merchant hulls at low Froude number. X_vr and Y_r are
+pure: m_y v r and m_x u r are in the equations of motion.
+
+Outside of that it is a continuation that is smooth and takes energy out of the ship, and no more: for slow, drifting
+or sternway motion take the unified model. Astern the hull is that of the ship mirrored fore and aft, so that the terms
+R_0, X_vv, X_rr, X_vvvv, Y_r, Y_vvr, Y_rrr, N_v, N_vvv, N_vrr change sign with u, by tanh(u/(0.15 U)): 1 - 2e-5 at 30
+degrees of drift. In the terms with 1/U the speed is held above r L/2: they see |r'| < 2 and vanish at rest.
+"""
 
 PARTICULARS = ("L", "d", "rho")
 INPUTS: tuple[str, ...] = ()

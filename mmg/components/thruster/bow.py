@@ -1,4 +1,4 @@
-"""Bow thruster: Kobayashi's tunnel thruster (mmg.components.thruster.kobayashi) at x_BT, revolutions n_bow."""
+"""Thruster model ``bow``."""
 
 from __future__ import annotations
 
@@ -7,6 +7,9 @@ from types import SimpleNamespace
 from mmg.components.thruster.kobayashi import coefficient_table, side_thruster
 from mmg.motion.flow import Flow, Force
 from mmg.motion.smooth import Smoothing
+
+SUMMARY = """\
+Bow thruster: Kobayashi's tunnel thruster at x_BT, revolutions n_bow."""
 
 PARTICULARS = ("L", "rho", "D_BT", "x_BT")
 INPUTS = ("n_bow",)

@@ -1,15 +1,4 @@
-"""Mean second-order wave drift in short form: three coefficients times the square of the wave height.
-
-X_W = -rho g H_s^2 L C_XW cos g,  Y_W = -rho g H_s^2 L C_YW sin g,  N_W = -rho g H_s^2 L^2 C_NW sin 2g,
-with g = wave direction - heading, the direction *coming from*, clockwise from the bow: waves from ahead push aft, waves
-from starboard push to port; a positive C_NW turns the ship beam on to the waves.
-
-UNVERIFIED: the form is that of irregular-wave drift coefficients (Yasukawa et al. 2019 style, physics G), reduced to
-the lowest harmonic of each component; wave length, speed and short-crestedness are inside the coefficients. The
-defaults are orders of magnitude from total reflection of short waves: 1/2 rho g zeta_a^2 with zeta_a^2 = H_s^2 / 8 on
-a flat side gives C_YW = 1/16 (Faltinsen 1980), on a bow of B / L = 1/6 about a tenth of it. First-order motions are
-left out.
-"""
+"""Wave model ``drift``."""
 
 from __future__ import annotations
 
@@ -20,6 +9,19 @@ import casadi as ca
 from mmg.components.coefficients import Coefficient, table
 from mmg.motion.flow import Flow, Force
 from mmg.motion.smooth import GRAVITY, Smoothing
+
+SUMMARY = """Mean second-order wave drift in short form: three coefficients times the square of the wave height.
+
+X_W = -rho g H_s^2 L C_XW cos g,  Y_W = -rho g H_s^2 L C_YW sin g,  N_W = -rho g H_s^2 L^2 C_NW sin 2g,
+with g = wave direction - heading, the direction *coming from*, clockwise from the bow: waves from ahead push aft, waves
+from starboard push to port; a positive C_NW turns the ship beam on to the waves.
+
+UNVERIFIED: the form is that of irregular-wave drift coefficients (as in Yasukawa et al. 2019), reduced to
+the lowest harmonic of each component; wave length, speed and short-crestedness are inside the coefficients. The
+defaults are orders of magnitude from total reflection of short waves: 1/2 rho g zeta_a^2 with zeta_a^2 = H_s^2 / 8 on
+a flat side gives C_YW = 1/16 (Faltinsen 1980), on a bow of B / L = 1/6 about a tenth of it. First-order motions are
+left out.
+"""
 
 PARTICULARS = ("L", "rho")
 INPUTS: tuple[str, ...] = ()

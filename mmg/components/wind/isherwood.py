@@ -1,16 +1,4 @@
-"""Wind force by Isherwood (1972): regression on wind tunnel tests of merchant ships.
-
-C_X = -(A0 + A1 2 A_L / L^2 + A2 2 A_T / B^2 + A3 L / B + A4 S / L + A5 C / L + A6 M) on A_T,
-C_Y =   B0 + B1 2 A_L / L^2 + B2 2 A_T / B^2 + B3 L / B + B4 S / L + B5 C / L + B6 A_SS / A_L on A_L,
-C_N =   C0 + C1 2 A_L / L^2 + C2 2 A_T / B^2 + C3 L / B + C4 S / L + C5 C / L on A_L L,
-L length over all, C distance of the centre of A_L from the bow, S perimeter of the lateral projection without
-waterline, masts and ventilators, M groups of masts, A_SS lateral area of the superstructure. The tables, every 10 deg
-from the bow, are refitted by cosines (C_X) and sines (C_Y, C_N) of multiples 1..7 of the wind angle: smooth, periodic,
-and symmetric port and starboard. Largest deviation of the refit from the table, by the largest value of the same
-coefficient, for a tanker, a container ship and a ferry: C_X 5 to 9 %, C_Y 4 to 5 %, C_N 6 to 9 % (the columns of the
-table are regressions angle by angle, and jump from row to row). Table and order of the terms as in the public MSS
-toolbox (one source, physics F.3 and appendix 1). Fujiwara's model is preferable where its inputs are known.
-"""
+"""Wind model ``isherwood``."""
 
 from __future__ import annotations
 
@@ -22,6 +10,20 @@ import numpy as np
 from mmg.components.coefficients import table
 from mmg.motion.flow import Flow, Force
 from mmg.motion.smooth import Smoothing
+
+SUMMARY = """Wind force by Isherwood (1972): regression on wind tunnel tests of merchant ships.
+
+C_X = -(A0 + A1 2 A_L / L^2 + A2 2 A_T / B^2 + A3 L / B + A4 S / L + A5 C / L + A6 M) on A_T,
+C_Y =   B0 + B1 2 A_L / L^2 + B2 2 A_T / B^2 + B3 L / B + B4 S / L + B5 C / L + B6 A_SS / A_L on A_L,
+C_N =   C0 + C1 2 A_L / L^2 + C2 2 A_T / B^2 + C3 L / B + C4 S / L + C5 C / L on A_L L,
+L length over all, C distance of the centre of A_L from the bow, S perimeter of the lateral projection without
+waterline, masts and ventilators, M groups of masts, A_SS lateral area of the superstructure. The tables, every 10 deg
+from the bow, are refitted by cosines (C_X) and sines (C_Y, C_N) of multiples 1..7 of the wind angle: smooth, periodic,
+and symmetric port and starboard. Largest deviation of the refit from the table, by the largest value of the same
+coefficient, for a tanker, a container ship and a ferry: C_X 5 to 9 %, C_Y 4 to 5 %, C_N 6 to 9 % (the columns of the
+table are regressions angle by angle, and jump from row to row). Table and order of the terms as in the public MSS
+toolbox (one source). Fujiwara's model is preferable where its inputs are known.
+"""
 
 PARTICULARS = ("B", "A_T", "A_L", "A_SS", "L_OA", "C", "S_A", "rho_a")
 INPUTS: tuple[str, ...] = ()
