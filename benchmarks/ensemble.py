@@ -27,15 +27,16 @@ from cases.trial import STATES, Trial
 from fitting.calibration import calibrate
 from fitting.nlp.grid import default_step
 from mmg.ship import Ship
-from residual.blackbox.models import BoxTraining, box_scales, build_box
+from residual.blackbox.models import box_scales, build_box
 from residual.ensembles.ensemble import SAMPLINGS, distances, particles, train_members
 from residual.ensembles.spread_calibration import Spread, calibrated, coverage
 from residual.ensembles.stacked import Stacked, losses, on
 from residual.physics.operator import Physics
 from residual.rollout import Batch, state_loss
+from residual.settings import BlackBoxSettings, TrainSettings
 from residual.system import Hybrid, System
 from residual.training.hybrid import build_hybrid, scales_of
-from residual.training.trainer import Scales, Training
+from residual.training.trainer import Scales
 from residual.training.windows import pieces_of, windows
 
 MEMBERS, PARTICLES, WINDOW, STRIDE = 8, 40, 30.0, 15.0
@@ -177,9 +178,24 @@ def main() -> None:
     box = box_scales(pieces, train, h, ship.particulars["L"])
     whole = "all runs, no early stopping"
     kinds = {
-        f"hybrid, {whole}": (build_hybrid, hybrid_scales, Training(seeds=MEMBERS, workers=2, epochs=12, step=h), False),
-        "hybrid, bootstrap": (build_hybrid, hybrid_scales, Training(seeds=MEMBERS, workers=2, epochs=12, step=h), True),
-        f"FNN, {whole}": (build_box, box, BoxTraining(seeds=MEMBERS, workers=2, epochs=20, penalty=0.0, step=h), False),
+        f"hybrid, {whole}": (
+            build_hybrid,
+            hybrid_scales,
+            TrainSettings(seeds=MEMBERS, workers=2, epochs=12, step=h),
+            False,
+        ),
+        "hybrid, bootstrap": (
+            build_hybrid,
+            hybrid_scales,
+            TrainSettings(seeds=MEMBERS, workers=2, epochs=12, step=h),
+            True,
+        ),
+        f"FNN, {whole}": (
+            build_box,
+            box,
+            BlackBoxSettings(seeds=MEMBERS, workers=2, epochs=20, penalty=0.0, step=h),
+            False,
+        ),
     }
     covered: list[list[str]] = []
     far: list[list[str]] = []

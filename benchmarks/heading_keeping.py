@@ -23,10 +23,11 @@ from cases.simulation.sensors import SensorNoise
 from cases.simulation.simulate import simulate
 from cases.trial import Trial
 from mmg.ship import Ship
-from residual.blackbox.models import BoxTraining, box_scales, build_box
+from residual.blackbox.models import box_scales, build_box
 from residual.ensembles.ensemble import Known, distances, particles, train_members
 from residual.ensembles.heading_keeping import HeadingKeeping, Judgement, grid, judge, random_winds
 from residual.ensembles.heading_keeping_figure import judgement_plot
+from residual.settings import BlackBoxSettings
 from residual.system import System
 from residual.training.windows import pieces_of, windows
 
@@ -45,7 +46,7 @@ def ensemble(ship: Ship, how: RandomControls) -> tuple[list[System], float]:
     began, trials = time.perf_counter(), random_control_trials(ship, RUNS, 0, how)
     pieces = pieces_of(trials, H, ship.inputs)
     scales = box_scales(pieces, trials, H, ship.particulars["L"])
-    training = BoxTraining(seeds=MEMBERS, workers=2, epochs=30, penalty=0.0, zero=False, step=H)
+    training = BlackBoxSettings(seeds=MEMBERS, workers=2, epochs=30, penalty=0.0, zero=False, step=H)
     members, _ = train_members(build_box, ship, scales, training, pieces, pieces)
     return members, time.perf_counter() - began
 

@@ -26,8 +26,9 @@ from mmg.rollout import Simulator
 from mmg.ship import Ship
 from residual.bounded_network import Residual, Symmetric, TwoLayers, mirror_of
 from residual.physics.operator import Physics
+from residual.settings import TrainSettings
 from residual.system import Hybrid, Past, System
-from residual.training.trainer import Scales, Training
+from residual.training.trainer import Scales
 from residual.training.windows import Piece
 
 LAGS = (3.0, 10.0, 30.0)
@@ -200,7 +201,7 @@ class Extended(Hybrid):
         return own + shifts + gains * self.extra.cost / 0.3
 
 
-def build(extra: Extra, ship: Ship, scales: Scales, training: Training, seed: int) -> System:
+def build(extra: Extra, ship: Ship, scales: Scales, training: TrainSettings, seed: int) -> System:
     """An untrained one."""
     physics = Knowing(ship, extra)
     if not extra.symmetric:

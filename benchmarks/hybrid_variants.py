@@ -25,9 +25,10 @@ from fitting.prediction.score import pooled_sigma
 from mmg.ship import Ship
 from residual.ensembles.ensemble import Known, restored
 from residual.rollout import Batch, rollout, squares
+from residual.settings import TrainSettings
 from residual.system import System
 from residual.training.hybrid import scales_of, tasks_of
-from residual.training.trainer import Scales, Training, train_one
+from residual.training.trainer import Scales, train_one
 from residual.training.window_errors import RESTART, STRIDE, WINDOW
 from residual.training.windows import Piece, windows
 from residual.training.windows import pieces_of as grid_pieces
@@ -144,7 +145,7 @@ class Setting:
         """Scales of what a network of these extras sees in the training rows; outputs and sigma stay."""
         physics = Knowing(self.ship, extra)
         blind = replace(self.scales, feature=np.ones(physics.seen), seen=np.zeros((physics.seen, 1)))
-        system = build(replace(extra, symmetric=False), self.ship, blind, Training(), 0)
+        system = build(replace(extra, symmetric=False), self.ship, blind, TrainSettings(), 0)
         rows = windows(pieces, self.h, 1, 5)
         assert rows is not None
         with torch.no_grad():
@@ -219,7 +220,7 @@ def gains_of(s: Setting, v: Variant, seed: int) -> Gains:
         scales, make = s.scaled(v.extra, train), partial(build, v.extra)
         total, known = sum(p.steps for p in train), sum(p.steps for p in s.train)
         epochs = max(8, round(40 * known / total))
-        training = Training(seed=seed, seeds=v.members, step=s.h, **{"epochs": epochs, **v.settings})
+        training = TrainSettings(seed=seed, seeds=v.members, step=s.h, **{"epochs": epochs, **v.settings})
         stop = held if v.within else []
         outcomes = [train_one(t) for t in tasks_of(s.ship, scales, training, train, stop, None, make, judge=v.judge)]
         systems, batches = restored(make, s.ship, scales, training, outcomes), s.batches(held)
@@ -236,7 +237,7 @@ def gains_of(s: Setting, v: Variant, seed: int) -> Gains:
 def adapted(s: Setting) -> Gains:
     """What ``fitting.prediction.adaptation`` alone brings."""
     extra, batches = Extra(adapted=True, network=False), s.batches(s.others)
-    system = build(extra, s.ship, s.scaled(extra, s.train), Training(), 0)
+    system = build(extra, s.ship, s.scaled(extra, s.train), TrainSettings(), 0)
     after, before = errors(paths(system, batches), batches, s.sigma), ship_errors(s, batches)
     gain = 1 - sums(after) / sums(before)
     files = (by_file(after[0], s.others, s.h) <= by_file(before[0], s.others, s.h)).sum()

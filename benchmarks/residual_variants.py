@@ -25,10 +25,11 @@ from residual.bounded_network import Residual
 from residual.ensembles.ensemble import Known, restored
 from residual.physics.operator import Physics
 from residual.rollout import rollout, squares
+from residual.settings import TrainSettings
 from residual.system import Hybrid, Past, System
 from residual.training.acceptance import decide
 from residual.training.hybrid import build_hybrid, scales_of, tasks_of
-from residual.training.trainer import Build, Scales, Training, train_one
+from residual.training.trainer import Build, Scales, train_one
 from residual.training.window_errors import RESTART, STRIDE, WINDOW, window_errors
 from residual.training.windows import pieces_of, windows
 
@@ -67,7 +68,7 @@ class Remembering(Hybrid):
         return System.simulate(self, z, controls, h, method)
 
 
-def build_remembering(ship: Ship, scales: Scales, training: Training, seed: int) -> System:
+def build_remembering(ship: Ship, scales: Scales, training: TrainSettings, seed: int) -> System:
     """An untrained one."""
     residual = Residual(np.tile(scales.feature, 2), scales.output, training.width, seed)
     return Remembering(Physics(ship), residual, scales.seen)
@@ -109,7 +110,7 @@ def main(run: str, names: list[str]) -> None:
         settings, build, changed = VARIANTS[name]
         scales, rows = changed(scales_of(ship, pieces, train, h)), []
         for seed in (0, 100, 200):
-            training = Training(seed=seed, step=h, **settings)
+            training = TrainSettings(seed=seed, step=h, **settings)
             outcomes = [train_one(task) for task in tasks_of(ship, scales, training, pieces, [], None, build)]
             systems, row = restored(build, ship, scales, training, outcomes), []
             for length, stride in ((WINDOW, STRIDE), (RESTART, RESTART)):

@@ -14,11 +14,12 @@ from cases import published_splits as splits
 from cases.io.read import read_trials
 from cases.shipfiles.ship_file import load_ship
 from fitting.prediction.score import pooled_sigma, score
-from residual.blackbox.models import BoxTraining, train_box
+from residual.blackbox.models import train_box
 from residual.comparison.tables import spread
+from residual.settings import BlackBoxSettings
 from residual.training.augmentation import SETS
 
-BASE = BoxTraining(kind="rnn-window", seeds=3, workers=2)
+BASE = BlackBoxSettings(kind="rnn-window", seeds=3, workers=2)
 VARIANTS = {
     "as by default, m = 2": BASE,
     "m = 1, no memory": replace(BASE, memory=1),

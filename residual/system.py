@@ -70,7 +70,7 @@ class System(nn.Module):
         return self.rates(self.start(rows, inputs), inputs)[3:6].reshape(3, N, M).transpose(0, 1)
 
     def penalty(self) -> torch.Tensor:
-        """What its size costs, a scalar; times ``Training.penalty`` beside the loss."""
+        """What its size costs, a scalar; times ``TrainSettings.penalty`` beside the loss."""
         return torch.zeros((), dtype=torch.float64)
 
     def learned(self) -> list[nn.Parameter]:

@@ -22,11 +22,12 @@ from mmg.model import Model
 from mmg.ship import Ship
 from residual.ensembles.ensemble import restored
 from residual.physics.operator import Physics
+from residual.settings import TrainSettings
 from residual.system import Hybrid, System
 from residual.training.acceptance import decide
 from residual.training.hybrid import build_hybrid, residual_of, scales_of, tasks_of
 from residual.training.seeds import train_seeds
-from residual.training.trainer import Outcome, Scales, Training
+from residual.training.trainer import Outcome, Scales
 from residual.training.windows import Piece
 
 SEEDS = 3
@@ -72,7 +73,7 @@ def learned(
     step: float | None = None,
     seed: int = 0,
     workers: int = 1,
-    training: Training | None = None,
+    training: TrainSettings | None = None,
     say: Callable[[str], None] = lambda _: None,
 ) -> Learned:
     """Train residuals on the training trials and say how far the error of 30 s predictions of the test trials falls.
@@ -87,7 +88,7 @@ def learned(
     straight = moving(trials)
     length = float(ship.particulars["L"])
     h = step or default_step(trials, length)
-    settings = replace(training or Training(seeds=SEEDS), seed=seed, workers=workers, step=h)
+    settings = replace(training or TrainSettings(seeds=SEEDS), seed=seed, workers=workers, step=h)
     means = straight_means if straight else step_means
     pieces = [Piece(i, g, 0, len(g.controls)) for i, t in enumerate(trials) for g in grids(t, h, ship.inputs, means)]
     scales = scales_of(ship, pieces, list(trials), h)
@@ -100,7 +101,7 @@ def learned(
     before, run = measured([Hybrid(Physics(ship), residual_of(ship, scales, settings, seed), scales.seen)])
     if not len(before):
         raise UserError(f"no test trial holds {seconds:.0f} s without a gap")
-    outcomes = _trained(ship, settings, pieces, scales, say)
+    outcomes = _trained(ship, settings, pieces, scales)
     members = [m for m in restored(build_hybrid, ship, scales, settings, outcomes) if isinstance(m, Hybrid)]
     one, together = np.array([measured([m])[0] for m in members]), measured(members)[0]
     reductions = 1 - one.sum(axis=1) / before.sum()
@@ -123,12 +124,10 @@ def learned(
     return replace(found, sentence=sentence_of(found))
 
 
-def _trained(
-    ship: Ship, settings: Training, pieces: Sequence[Piece], scales: Scales, say: Callable[[str], None]
-) -> list[Outcome]:
+def _trained(ship: Ship, settings: TrainSettings, pieces: Sequence[Piece], scales: Scales) -> list[Outcome]:
     """The trainings that did not diverge. Raises as ``learned`` does."""
     tasks = tasks_of(ship, scales, settings, pieces, [], None)
-    outcomes, interrupted = train_seeds(tasks, settings, say)
+    outcomes, interrupted = train_seeds(tasks, settings)
     if interrupted:
         raise KeyboardInterrupt
     good = [o for o in outcomes if o.status != "diverged"]

@@ -56,10 +56,11 @@ def compare(
     Example: mmg compare --train train-tzrb --seeds 5 --fractions 0.1,0.3,1 --no-random --workers 2 --out comparison
     """
     import shlex
+    import shutil
     import sys
 
     from cases.shipfiles.ship_file import load_ship
-    from fitting.report.run_folder import RESULT, check_target, write_json
+    from fitting.report.run_folder import RESULT, check_target, write_json, write_whole
     from mmg.errors import UserError
     from mmg_ident.commands.fit_input import measuring
     from mmg_ident.commands.output import names_of, needs_torch, print_json, say
@@ -74,7 +75,6 @@ def compare(
     from residual.comparison.study import MODELS, Study
     from residual.comparison.study import compare as compared
     from residual.comparison.tables import text, values
-    from residual.report.hybrid_run import write_kept
 
     unknown = [name for name in names if name not in MODELS]
     if unknown or not names:
@@ -113,11 +113,12 @@ def compare(
     if out and store:
 
         def fill(folder: Path) -> None:
+            shutil.copytree(store.folder, folder / store.folder.name)
             (folder / "tables.md").write_text(text(found), encoding="utf-8")
             content["figures"] = write_figures(folder, found)
             write_json(folder / RESULT, content)
 
-        write_kept(out, fill, store)
+        write_whole(out, fill, replace=True)
     if json:
         print_json(content)
     else:

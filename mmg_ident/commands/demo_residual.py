@@ -15,12 +15,8 @@ def demo_residual(folder: Path) -> dict | None:
     Returns the decision as plain values; None, with a line, where torch is missing or nothing was decided.
     """
     from cases.io.read import read_trials
-    from cases.shipfiles.ship_file import load_ship
-    from fitting.report.run_folder import read_result
     from mmg.errors import UserError
     from mmg_ident.commands.output import needs_torch, say
-    from mmg_ident.commands.train_hybrid import train_hybrid
-    from mmg_ident.commands.train_input import Order, settings_of, store_of
 
     say("6. Learning a residual on the calibrated ship")
     try:
@@ -28,28 +24,24 @@ def demo_residual(folder: Path) -> dict | None:
     except UserError as missing:
         say(f"   skipped: {missing}")
         return None
+    from residual.pipeline import train
+    from residual.settings import TrainSettings
+
     began = time.perf_counter()
     run, out = folder / "run", folder / "residual"
     trials, held_out = (read_trials([folder / "trials" / role]) for role in ("train", "held_out"))
-    settings = settings_of(
-        "hybrid", seeds=SEEDS, epochs=EPOCHS, width=WIDTH, workers=1, loss="state", augment="", jitter=0.0
-    )
-    ship, base = load_ship(run), read_result(run)
-    store = store_of(out, False, "hybrid", settings, ship, trials, held_out)
     command = (
         f"mmg train {run} {folder / 'trials' / 'train'} --validate {folder / 'trials' / 'held_out'} "
         f"--seeds {SEEDS} --epochs {EPOCHS} --width {WIDTH} --out {out}"
     )
-    order = Order(ship, trials, held_out, settings, base, (), command, out, False, store, began, lambda _: None)
     try:
-        train_hybrid(order)
+        settings = TrainSettings(seeds=SEEDS, epochs=EPOCHS, width=WIDTH)
+        result = train(run, trials, held_out, settings, command=command)
+        result.save(out)
     except UserError as error:
-        store.discard()
         say(f"   nothing was learned: {error}")
         return None
-    content = read_result(out)
-    from residual.report.words import headline
-
-    say(f"   {headline(content)['sentence']}")
+    content = result.to_dict()
+    say(f"   {result.sentence}")
     say(f"   {time.perf_counter() - began:.1f} s; report: {out / 'report.html'}")
     return {"kept": content["kept"], **content["decision"]}

@@ -113,6 +113,7 @@ def fit(
     import time
     from dataclasses import replace
 
+    from cases.checks.held_out import shared_rows, training_trials
     from cases.io.read import read_trials
     from fitting.calibration import calibrate
     from fitting.design.advice import identifiability_dict
@@ -124,11 +125,9 @@ def fit(
     from mmg.errors import UserError
     from mmg.rollout import Simulator
     from mmg_ident.commands.fit_input import (
-        _by_role,
         _captive,
         _chosen,
         _compare_hashes,
-        _leaks,
         _own_constants,
         _reduced,
         _settings,
@@ -164,7 +163,8 @@ def fit(
         warm = read_iterate(out)
     start = _reduced(start, without, with_, fix, only)
     start = measuring(start, measurement)
-    train, held_out, remarks = _by_role(read_trials(trials), read_trials(validate) if validate else [])
+    train, remarks = training_trials(read_trials(trials))
+    held_out = read_trials(validate) if validate else []
     model, constants = _own_constants(start, per_run, train, auto)
     _compare_hashes(out, start, train, resume, constants)
     reading = time.perf_counter() - began
@@ -183,7 +183,7 @@ def fit(
         command = "mmg " + " ".join(shlex.quote(a) for a in sys.argv[1:])
         content = result(calibration, train, held_out, scores, command)
         content |= uncertainty_rows(calibration, bootstrap, names_of(profile))
-        content["warnings"] += [*remarks, *_leaks(train, held_out), *_worse(scores)]
+        content["warnings"] += [*remarks, *shared_rows(train, held_out), *_worse(scores)]
         found, trial = identify(calibration, next_trial and calibration.converged)
         content["identifiability"] = identifiability_dict(found, trial)
         if choice:

@@ -132,36 +132,6 @@ def _own_constants(
     return varying_effects(ship, texts)
 
 
-def _by_role(train: list[Trial], held_out: list[Trial]) -> tuple[list[Trial], list[Trial], list[str]]:
-    """Trials to train on and to hold out, and what was said: a sidecar's role keeps a trial out of the training."""
-    from mmg.errors import UserError
-
-    kept = [t for t in train if t.role not in ("test", "validate")]
-    out = [t.name for t in train if t.role in ("test", "validate")]
-    if out and not kept:
-        raise UserError(f"{', '.join(out)}: trials.toml gives them the role test or validate; none is left to train on")
-    return kept, held_out, [f"not trained on, by their role in trials.toml: {', '.join(out)}"] if out else []
-
-
-def _leaks(train: Sequence[Trial], held_out: Sequence[Trial]) -> list[str]:
-    """Sentences on rows that are counted twice, or that are in the training and held out."""
-    from cases.checks.duplicates import duplicates
-
-    trials = [*train, *held_out]
-    words = []
-    for i, (copies, _) in enumerate(duplicates(trials)):
-        for copy in copies:
-            other = next((j for j, t in enumerate(trials) if j > i and t.name == copy.get("other")), None)
-            if other is None:
-                continue
-            if (i < len(train)) != (other < len(train)):
-                words.append(f"{trials[other].name} shares rows with {trials[i].name}: its score is not held out")
-            elif i < len(train):
-                both = f"{trials[i].name} and {trials[other].name}"
-                words.append(f"{both} share rows, which count twice in the fit: leave one of them out")
-    return list(dict.fromkeys(words))
-
-
 def _compare_hashes(
     out: Path, start: Ship, trials: Sequence[Trial], resume: bool, constants: Sequence[str] = ()
 ) -> None:

@@ -76,15 +76,13 @@ def predictor(model: str) -> Simulator | Forecaster:
 
 
 def needs_torch(what: str) -> None:
-    """UserError when torch is missing."""
+    """Raises UserError where torch, which ``what`` needs, is missing or broken."""
     from mmg.errors import UserError
 
     try:
         import torch  # noqa: F401
-    except ModuleNotFoundError as error:
-        if error.name != "torch":
-            raise
-        raise UserError(f"{what} needs torch, which is not installed: pip install 'mmg-ident[learn]'") from None
+    except (ImportError, OSError) as error:
+        raise UserError(f"{what} needs torch, which cannot be imported ({error}); pip install torch") from None
 
 
 def known_of(model: str) -> dict[str, Any]:

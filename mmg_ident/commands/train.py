@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    from residual.result import TrainResult
 
 
 def train(
@@ -67,13 +70,17 @@ def train(
     time_limit: Annotated[
         float | None, typer.Option("--time-limit", help="Wall-clock limit of the training [s].")
     ] = None,
+    keep: Annotated[
+        str, typer.Option("--keep", help="Recommended ship: better, as the decision says, or always the hybrid.")
+    ] = "better",
     resume: Annotated[
         bool, typer.Option("--resume", help="Continue an interrupted training in --out; finished seeds are kept.")
     ] = False,
     json: Annotated[bool, typer.Option("--json", help="Print result.json on stdout.")] = False,
 ) -> int:
-    """Learn a residual acceleration on a calibrated ship, and keep it only if windows that it never saw say so.
+    """Learn a residual acceleration on a calibrated ship, and recommend it only if windows it never saw say so.
 
+    The run folder is the recommended ship. The other one lies in RUN/hybrid or RUN/calibrated; every command takes it.
     With --model fnn, rnn or rnn-window a network without physics is trained instead, for comparison; of the ship only
     inputs and length are used, and mmg predict and mmg score take the run folder.
 
@@ -84,36 +91,76 @@ def train(
     """
     import shlex
     import sys
-    import time
 
+    from cases.checks.held_out import training_trials
     from cases.io.read import read_trials
     from cases.shipfiles.ship_file import load_ship
     from fitting.report.run_folder import check_target
     from mmg.errors import UserError
-    from mmg_ident.commands.fit_input import _by_role
-    from mmg_ident.commands.output import known_of, say
-    from mmg_ident.commands.train_box import train_box
-    from mmg_ident.commands.train_hybrid import train_hybrid
-    from mmg_ident.commands.train_input import AGAIN, Order, guarded, is_complete, settings_of, store_of
+    from mmg_ident.commands.output import print_json, say
+    from mmg_ident.commands.train_input import AGAIN, is_complete, sentences_on_stderr, settings_of
 
-    began = time.perf_counter()
     settings = settings_of(
         model, seeds=seeds, seed=seed, workers=workers, epochs=epochs, width=width, penalty=penalty, jitter=jitter,
         rate=rate, batch=batch, step=step, time_limit=time_limit, loss=loss, augment=augment, layers=layers,
         memory=memory, zero=zero, initial=initial, symmetric=symmetric,
     )  # fmt: skip
+    from residual.pipeline import KEEP
+    from residual.pipeline import train as trained
+    from residual.training.checkpoint import training_store
+
+    if keep not in KEEP:
+        raise UserError(f"--keep {keep}: unknown; choose one of {', '.join(KEEP)}")
     if not (resume and out.exists()):
         check_target(out)
     elif is_complete(out):
         say(f"{out} has finished already; nothing to resume")
         return 0
-    ship, base = load_ship(run), known_of(run)
-    chosen, held_out, remarks = _by_role(read_trials(trials), read_trials(validate) if validate else [])
-    if not chosen:
-        raise UserError("no trials to train on: name at least one trial file")
+    chosen, held_out = read_trials(trials), read_trials(validate) if validate else []
+    store = training_store(out, load_ship(run), training_trials(chosen)[0], held_out, settings, resume)
     command = "mmg " + " ".join(shlex.quote(a) for a in sys.argv[1:])
-    store = store_of(out, resume, model, settings, ship, chosen, held_out)
-    if store.resume:
-        store.open()  # compares before anything is made
-    order = Order(ship, chosen, held_out, settings, base, remarks, command, out, json, store, began)
-    return guarded(lambda: train_hybrid(order) if model == "hybrid" else train_box(order, run), store, AGAIN)
+    try:
+        with sentences_on_stderr():
+            result = trained(run, chosen, held_out, settings, keep, command, store=store)
+        result.save(out, replace=True)
+    except KeyboardInterrupt:
+        if not store.folder.is_dir():
+            raise
+        say(f"mmg: interrupted; what was finished is in {store.folder}: {AGAIN}")
+        return 130
+    if json:
+        print_json(result.to_dict())
+    else:
+        _summary(result, out)
+    return 130 if result.interrupted else 0
+
+
+def _summary(result: TrainResult, out: Path) -> None:
+    """A few lines for a person."""
+    from mmg_ident.commands.output import say
+    from mmg_ident.commands.train_input import AGAIN
+
+    for line in result.warnings:
+        say(f"warning: {line}")
+    for line in result.notices:
+        say(f"note: {line}")
+    if result.decision:
+        say(result.decision.words)
+    what = "of the black box, after that of the ship model" if result.black_box else "with the residual"
+    for name, pair in result.scores.items():
+        if "after" in pair:
+            before, after = pair["before"], pair["after"]
+            say(
+                f"{name}, {what}: 30 s windows {before['window']:.4f} -> {after['window']:.4f}, "
+                f"100 s restarts {before['paper']:.4f} -> {after['paper']:.4f}"
+            )
+    if result.network:
+        du, dv, dr = result.network.bound
+        say(f"the residual never exceeds |du| {du:.3g}, |dv| {dv:.3g} m/s2, |dr| {dr:.3g} rad/s2, whatever the inputs")
+    if not result.complete:
+        say(f"not all seeds came to their end: {AGAIN}")
+    if result.black_box:
+        say(f"run folder: {out} (network.safetensors, report.html): mmg predict and mmg score take it")
+    else:
+        other = f"; the {result.other} ship: {out / result.other}" if result.other else ""
+        say(f"run folder: {out} (the {result.recommended} ship, report.html){other}")

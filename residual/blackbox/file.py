@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
@@ -17,16 +16,20 @@ from mmg.errors import UserError
 from mmg.motion.flow import INPUTS
 from mmg.network import OTHER
 from mmg.ship import Ship
-from residual.blackbox.models import KINDS, BlackBox, BoxScales, BoxTraining, build_box
+from residual.blackbox.models import BlackBox, BoxScales, build_box
+from residual.settings import KINDS, BlackBoxSettings, settings_from
 from residual.system import System
 
 _SCALES = ("feature", "output", "acceleration", "mean", "std", "acceleration_mean")
 """Names of ``BoxScales`` with which a box is built; the rest belongs to its training."""
 
 
-def save_box(path: Path, box: BlackBox, scales: BoxScales) -> None:
-    """Write a black box. Raises UserError where a weight is not finite or the file cannot be written."""
-    arrays = {f"scales.{name}": torch.as_tensor(np.array(getattr(scales, name))) for name in _SCALES}
+def save_box(path: Path, box: BlackBox) -> None:
+    """Write the black ``box`` with its scales to ``path``.
+
+    Raises UserError where a weight is not finite or the file cannot be written.
+    """
+    arrays = {f"scales.{name}": torch.as_tensor(np.array(getattr(box.scales, name))) for name in _SCALES}
     for k, system in enumerate(box.systems):
         arrays |= {f"{k}.{name}": value.detach().contiguous() for name, value in system.state_dict().items()}
     bad = [name for name, value in arrays.items() if not torch.isfinite(value).all()]
@@ -58,8 +61,9 @@ def load_box(where: str | Path, ship: Ship | None = None) -> BlackBox:
         raise UserError(f"{path}: is no black box of this program (format {about.get('format')!r}, not {BLACK_BOX!r})")
     try:
         training, actuators = _training(about["training"]), tuple(str(a) for a in json.loads(about["actuators"]))
-        systems = tuple(_member(arrays, k, training) for k in range(int(about["members"])))
-        box = BlackBox(training, actuators, float(about["h"]), systems, about["ship"], about["ship_hash"])
+        scales = _scales(arrays)
+        systems = tuple(_member(arrays, k, training, scales) for k in range(int(about["members"])))
+        box = BlackBox(training, actuators, float(about["h"]), systems, about["ship"], about["ship_hash"], scales)
         fault = _fault(box)
     except (KeyError, ValueError, TypeError, RuntimeError) as error:
         raise UserError(f"{path}: is incomplete ({str(error).splitlines()[0]}); train it again") from None
@@ -73,19 +77,21 @@ def load_box(where: str | Path, ship: Ship | None = None) -> BlackBox:
     return box
 
 
-def _training(text: str) -> BoxTraining:
-    known = {f.name for f in fields(BoxTraining)}
-    values: dict[str, Any] = {name: value for name, value in json.loads(text).items() if name in known}
-    values["curriculum"] = tuple(tuple(stage) for stage in values["curriculum"])
-    return BoxTraining(**values)
+def _training(text: str) -> BlackBoxSettings:
+    settings = settings_from(json.loads(text))
+    assert isinstance(settings, BlackBoxSettings)
+    return settings
 
 
-def _member(arrays: dict[str, torch.Tensor], k: int, training: BoxTraining) -> System:
+def _scales(arrays: dict[str, torch.Tensor]) -> BoxScales:
     scales = {name: arrays[f"scales.{name}"].double().numpy() for name in _SCALES}
-    nothing = {name: np.empty(0) for name in ("sigma", "score", "noise", "seen")}
     if {len(scales[name]) for name in ("feature", "mean", "std")} != {len(scales["mean"])}:
         raise ValueError("scales of different lengths")
-    system = build_box(None, BoxScales(**scales, **nothing), training, 0)
+    return BoxScales(**scales, **{name: np.empty(0) for name in ("sigma", "score", "noise", "seen")})
+
+
+def _member(arrays: dict[str, torch.Tensor], k: int, training: BlackBoxSettings, scales: BoxScales) -> System:
+    system = build_box(None, scales, training, 0)
     prefix = f"{k}."
     system.load_state_dict({n.removeprefix(prefix): a for n, a in arrays.items() if n.startswith(prefix)})
     return system

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +19,7 @@ from fitting.nlp.grid import default_step
 from fitting.prediction.score import pooled_sigma
 from fitting.prediction.stretches import Stretch
 from mmg.errors import UserError
+from mmg.progress import OnProgress
 from mmg.ship import AIR, Ship
 from residual.ensembles.ensemble import restored
 from residual.networks.features import features
@@ -26,36 +27,16 @@ from residual.networks.feedforward import Feedforward
 from residual.networks.initial_state import InitialState
 from residual.networks.recurrent import Standard, Windowed
 from residual.rollout import Batch, measured_accelerations, rollout
+from residual.settings import BlackBoxSettings, TrainSettings
 from residual.system import Past, System
 from residual.training.checkpoint import Store
-from residual.training.hybrid import MARGIN, noise_of, tasks_of, warnings_of
+from residual.training.hybrid import MARGIN, noise_of, tasks_of
 from residual.training.seeds import train_seeds
-from residual.training.trainer import Outcome, Scales, Training
+from residual.training.trainer import Outcome, Scales
 from residual.training.windows import Piece, loss_sigma, pieces_of, windows
 
-KINDS = ("fnn", "rnn", "rnn-window")
-"""Feedforward (2024, 2025), standard RNN (2022, Eq. 7), RNN with a memory of m rows (2022, Eq. 9)."""
 REACH = 0.2
 """How far an estimated initial velocity may be from the measured one, over the deviation of that velocity."""
-
-
-@dataclass(frozen=True)
-class BoxTraining(Training):
-    """How to train a black box, beside what ``Training`` says.
-
-    kind: one of KINDS; layers: hidden layers of a feedforward network; memory: rows m that a recurrent one runs along
-    (of the standard one: rows before the start that warm it up, plus one); zero: whether a feedforward network is zero
-    at the origin; initial: rows before the start from which its velocities are estimated, 0: they are as measured.
-    """
-
-    width: int = 64
-    penalty: float = 1e-4
-    epochs: int = 60
-    kind: str = "fnn"
-    layers: int = 2
-    memory: int = 2
-    zero: bool = True
-    initial: int = 0
 
 
 @dataclass(frozen=True)
@@ -72,9 +53,9 @@ def inputs_of(actuators: Sequence[str]) -> tuple[str, ...]:
     return (*actuators, *AIR)
 
 
-def build_box(ship: Ship | None, scales: Scales, training: Training, seed: int) -> System:
+def build_box(ship: Ship | None, scales: Scales, training: TrainSettings, seed: int) -> System:
     """An untrained black box of these settings; nothing of the ship is used."""
-    assert isinstance(scales, BoxScales) and isinstance(training, BoxTraining)
+    assert isinstance(scales, BoxScales) and isinstance(training, BlackBoxSettings)
     t, system = training, System()
     if t.kind == "fnn":
         accelerations = scales.acceleration_mean, scales.acceleration
@@ -118,15 +99,17 @@ def box_scales(pieces: Sequence[Piece], trials: Sequence[Trial], h: float, lengt
 class BlackBox:
     """Trained black boxes of one kind from several seeds; it predicts the mean of their trajectories.
 
-    ship: name of the ship it was trained for, ship_hash: of ``cases.shipfiles.network_file``; h: step of its grid [s].
+    ship: name of the ship it was trained for, ship_hash: of ``cases.shipfiles.network_file``; h: step of its grid [s];
+    scales: with which its systems were built, needed to write it.
     """
 
-    training: BoxTraining
+    training: BlackBoxSettings
     actuators: tuple[str, ...]
     h: float
     systems: tuple[System, ...]
     ship: str = ""
     ship_hash: str = ""
+    scales: BoxScales | None = None
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -201,45 +184,46 @@ def _before(s: Stretch, h: float, rows: int) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True)
 class TrainedBox:
-    """What the training of a black box made: outcomes of the seeds, and the box of those that did not diverge."""
+    """What training a black box made: outcomes of the seeds, and the box of those that did not diverge.
+
+    settings: with the step filled in; scales: of the training data; seconds: it took; interrupted: by Ctrl-C.
+    """
 
     box: BlackBox
     outcomes: tuple[Outcome, ...]
-    settings: BoxTraining
+    settings: BlackBoxSettings
     scales: BoxScales
     seconds: float
-    warnings: tuple[str, ...]
     interrupted: bool = False
 
 
 def train_box(
     ship: Ship,
     trials: Sequence[Trial],
-    training: BoxTraining,
+    settings: BlackBoxSettings,
     validation: Sequence[Trial] = (),
-    say: Callable[[str], None] = lambda _: None,
+    progress: OnProgress | None = None,
     store: Store | None = None,
 ) -> TrainedBox:
     """Train a black box for a ship from several seeds; of the ship only actuators and length are used.
 
-    Each seed stops by another part of the trials (``residual.training.folds``), or by ``validation``. Nothing has to
-    be decided,
-    so nothing is kept back to judge: the held-out errors are those of the windows to stop by. store: finished seeds,
-    which are not trained again. Raises UserError where there is too little, or every training diverged,
-    KeyboardInterrupt after Ctrl-C before any training began.
+    Each seed stops by another part of the ``trials`` (``residual.training.folds``), or by ``validation``. Nothing has
+    to be decided, so nothing is kept back to judge: the held-out errors are those of the windows to stop by. settings:
+    how to train; progress: called after each epoch or seed; store: finished seeds, which are not trained again. Raises
+    UserError where there is too little, or every training diverged, KeyboardInterrupt after Ctrl-C before any training
+    began.
     """
     began = time.perf_counter()
     inputs = inputs_of(ship.actuators)
-    h = training.step or default_step(trials, ship.particulars["L"])
-    training = replace(training, step=h)
+    h = settings.step or default_step(trials, ship.particulars["L"])
+    settings = replace(settings, step=h)
     pieces = pieces_of(trials, h, inputs)
     held = pieces_of(validation, h, inputs) if validation else []
     scales = box_scales(pieces, trials, h, ship.particulars["L"])
-    tasks = tasks_of(ship, scales, training, pieces, held, None, build_box, "a network", judge=False)
-    outcomes, broken = train_seeds(tasks, training, say, store)
-    systems = restored(build_box, ship, scales, training, outcomes)
+    tasks = tasks_of(ship, scales, settings, pieces, held, None, build_box, "a network", judge=False)
+    outcomes, interrupted = train_seeds(tasks, settings, progress, store)
+    systems = restored(build_box, ship, scales, settings, outcomes)
     if not systems:
         raise UserError("every training of the network diverged, also at lower rates; give a lower --rate or more data")
-    box = BlackBox(training, ship.actuators, h, tuple(systems), ship.name, ship_hash(ship))
-    seconds, warnings = time.perf_counter() - began, tuple(warnings_of(outcomes, training))
-    return TrainedBox(box, tuple(outcomes), training, scales, seconds, warnings, broken)
+    box = BlackBox(settings, ship.actuators, h, tuple(systems), ship.name, ship_hash(ship), scales)
+    return TrainedBox(box, tuple(outcomes), settings, scales, time.perf_counter() - began, interrupted)

@@ -28,12 +28,13 @@ from fitting.settings import Settings
 from mmg.errors import UserError
 from mmg.rollout import Simulator
 from mmg.ship import Ship
-from residual.blackbox.models import KINDS, BlackBox, BoxTraining, box_scales, build_box, inputs_of
+from residual.blackbox.models import BlackBox, box_scales, build_box, inputs_of
 from residual.comparison.store import Subset, arrays_of, filled, name_of, words_of
 from residual.ensembles.ensemble import restored
+from residual.settings import KINDS, BlackBoxSettings, TrainSettings
 from residual.training.checkpoint import Store
 from residual.training.hybrid import network_of, scales_of, tasks_of
-from residual.training.trainer import Training, train_one
+from residual.training.trainer import train_one
 from residual.training.windows import pieces_of
 
 MODELS = ("captive", "calibrated", "hybrid", *KINDS)
@@ -215,12 +216,12 @@ def _trained(job: _Job, left: float | None) -> tuple[Simulator | Forecaster, str
     settings |= {"epochs": study.epochs} if study.epochs else {}
     i = job.seed - study.seed
     if job.model == "hybrid":
-        training = Training(**settings)
+        training = TrainSettings(**settings)
         pieces = pieces_of(trials, h, ship.inputs)
         scales = scales_of(ship, pieces, trials, h)
         tasks = tasks_of(ship, scales, training, pieces, [], job.stop, judge=False)
     else:
-        box = BoxTraining(kind=job.model, **settings)
+        box = BlackBoxSettings(kind=job.model, **settings)
         pieces = pieces_of(trials, h, inputs_of(ship.actuators))
         seen = box_scales(pieces, trials, h, length)
         tasks = tasks_of(ship, seen, box, pieces, [], job.stop, build_box, "a network", judge=False)

@@ -19,9 +19,10 @@ from mmg.ship import Ship
 from residual.bounded_network import Residual
 from residual.physics.operator import Physics
 from residual.rollout import Batch, rollout
+from residual.settings import TrainSettings
 from residual.system import Hybrid, System
 from residual.training.hybrid import tasks_of
-from residual.training.trainer import Build, Outcome, Scales, Training, train_one
+from residual.training.trainer import Build, Outcome, Scales, train_one
 from residual.training.windows import Piece, blocks
 
 SAMPLINGS = ("ts1", "ts-infinity")
@@ -58,7 +59,9 @@ def members_of_ship(ship: Ship) -> list[System]:
     return [Hybrid(physics, Residual.of_network(ship.network, i), seen) for i in count]
 
 
-def restored(build: Build, ship: Ship, scales: Scales, training: Training, outcomes: Sequence[Outcome]) -> list[System]:
+def restored(
+    build: Build, ship: Ship, scales: Scales, training: TrainSettings, outcomes: Sequence[Outcome]
+) -> list[System]:
     """The systems that trainings ended with, those that diverged left out."""
     members = []
     for o in outcomes:
@@ -81,7 +84,7 @@ def train_members(
     build: Build,
     ship: Ship,
     scales: Scales,
-    training: Training,
+    training: TrainSettings,
     pieces: Sequence[Piece],
     held: Sequence[Piece],
     bootstrap: bool = False,

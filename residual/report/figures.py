@@ -57,60 +57,58 @@ def size_plot(size: Mapping[str, Mapping[str, Any]]) -> Figure:
     return figure
 
 
+def figure_rows(content: Mapping[str, Any]) -> list[dict[str, str]]:
+    """File, title and caption of the figures of a training; content: of its result.json."""
+    hybrid = content.get("decision") is not None
+    before, after = ("calibrated ship", "with residual") if hybrid else ("ship model", "black box")
+    start = before if hybrid else "untrained network"
+    apart = ", which took no part in the training" if hybrid else ", here the same that it stopped by, which flatters"
+    trials = content["validation_data"] or content["data"]
+    which = "validation" if content["validation_data"] else "training"
+    rows = [
+        (
+            "learning", "Error of the windows to stop by", True,
+            f"Error of the windows to stop by after each epoch, over that of the {start}. Dot: the weights kept; bar "
+            f"at the right: their error on the windows that judge{apart}.",
+        ),
+        (
+            "scores", "Scores per trial", any("after" in pair for pair in content["scores"].values()),
+            f"Mean squared error of open-loop predictions; lower is better. Before: {before}; after: {after}.",
+        ),
+        (
+            "error_growth", "How errors grow with the length of the prediction",
+            any(row["has_position"] for row in trials),
+            f"Rms error over windows of the {which} trials, each started from the measured state and from there on "
+            "driven by the measured rudder, revolutions and wind alone.",
+        ),
+        (
+            "residual_size", "Size of the residual against its bound", bool(content.get("residual_size")),
+            "Share of the training rows in which the residual acceleration is larger than a value. It cannot pass the "
+            "bound, whatever the inputs. Dashed: rms acceleration of the ship without it in the same rows.",
+        ),
+    ]  # fmt: skip
+    return [{"file": f"{n}.png", "title": title, "caption": words} for n, title, there, words in rows if there]
+
+
 def write_figures(
     folder: Path,
     content: Mapping[str, Any],
     models: Mapping[str, Simulator | Forecaster],
     trials: Sequence[Trial],
-    before: str = "calibrated ship",
-) -> list[dict[str, str]]:
-    """Write the figures of a training's result.json as PNG into ``folder``/figures; file, title and caption of each.
+) -> None:
+    """Write the figures that ``content`` of a result.json names as PNG into ``folder``/figures.
 
-    models: by their names in the figures, without and with what was trained; trials: that show how the error grows;
-    before: what the learning curves are relative to.
+    models: by their names in the figures, without and with what was trained; trials: that show how the error grows,
+    () to leave that figure out.
     """
-    target = folder / "figures"
-    target.mkdir(parents=True, exist_ok=True)
-    written: list[dict[str, str]] = []
-
-    def write(name: str, title: str, caption: str, draw: Callable[[], Figure]) -> None:
-        draw().savefig(target / f"{name}.png", dpi=DPI)
-        written.append({"file": f"{name}.png", "title": title, "caption": caption})
-
-    write(
-        "learning", "Error of the windows to stop by",
-        f"Error of the windows to stop by after each epoch, over that of the {before}. Dot: the weights kept; bar at "
-        f"the right: their error on the windows that judge{_apart(content)}.",
-        lambda: learning_plot(content["per_seed"], before),
-    )  # fmt: skip
-    scores = {name: pair for name, pair in content["scores"].items() if "after" in pair}
-    if scores:
-        write(
-            "scores", "Scores per trial",
-            f"Mean squared error of open-loop predictions; lower is better. Before: {next(iter(models))}; after: "
-            f"{list(models)[-1]}.",
-            lambda: score_plot(scores),
-        )  # fmt: skip
-    if any(t.has_position for t in trials):
-        which = "validation" if content["validation_data"] else "training"
-        write(
-            "error_growth", "How errors grow with the length of the prediction",
-            f"Rms error over windows of the {which} trials, each started from the measured state and from there on "
-            "driven by the measured rudder, revolutions and wind alone.",
-            lambda: error_growth_plot(models, trials),
-        )  # fmt: skip
-    if content.get("residual_size"):
-        write(
-            "residual_size", "Size of the residual against its bound",
-            "Share of the training rows in which the residual acceleration is larger than a value. It cannot pass the "
-            "bound, whatever the inputs. Dashed: rms acceleration of the ship without it in the same rows.",
-            lambda: size_plot(content["residual_size"]),
-        )  # fmt: skip
-    return written
-
-
-def _apart(content: Mapping[str, Any]) -> str:
-    """What is to be known of the judging windows of a training."""
-    if content.get("decision"):
-        return ", which took no part in the training"
-    return ", here the same that it stopped by, which flatters"
+    (folder / "figures").mkdir(parents=True, exist_ok=True)
+    start = "calibrated ship" if content.get("decision") is not None else "untrained network"
+    draw: dict[str, Callable[[], Figure]] = {
+        "learning.png": lambda: learning_plot(content["per_seed"], start),
+        "scores.png": lambda: score_plot({n: pair for n, pair in content["scores"].items() if "after" in pair}),
+        "error_growth.png": lambda: error_growth_plot(models, trials),
+        "residual_size.png": lambda: size_plot(content["residual_size"]),
+    }
+    for row in content["figures"]:
+        if trials or row["file"] != "error_growth.png":
+            draw[row["file"]]().savefig(folder / "figures" / row["file"], dpi=DPI)

@@ -16,29 +16,37 @@ TROUBLE = 0.2
 """Share of validation rows outside the training range from which on the report warns."""
 
 
-def build_report(folders: Sequence[Path]) -> str:
-    """One self-contained HTML page on one or several run folders. Raises UserError for a folder of another command."""
-    runs = [_run(folder, number + 1) for number, folder in enumerate(folders)]
-    return environment().get_template("training.html.j2").render(runs=runs, percent=percent)
+def page_of(runs: Sequence[tuple[str, Path, Mapping[str, Any]]]) -> str:
+    """One self-contained HTML page on trainings.
+
+    runs: of each its name, the folder that holds its figures, and the content of its result.json.
+    """
+    shown = [_run(*run, number + 1) for number, run in enumerate(runs)]
+    return environment().get_template("training.html.j2").render(runs=shown, percent=percent)
 
 
 def write_report(folders: Sequence[Path], out: Path) -> None:
-    """Write the report on these run folders to ``out``, atomically; UserError when it cannot be written."""
-    write_page(build_report(folders), out)
+    """Write the report on run folders, atomically.
+
+    folders: of trainings; out: the HTML file. Raises UserError for a folder of another command, or when it cannot be
+    written.
+    """
+    runs = [(label_of(folder), folder, read_result(folder)) for folder in folders]
+    for _, folder, content in runs:
+        if not isinstance(content, dict) or content.get("kind") != "training":
+            raise UserError(f"{folder}: its result.json is not that of a training; give run folders of one command")
+    write_page(page_of(runs), out)
 
 
-def _run(folder: Path, number: int) -> dict[str, Any]:
-    """All that the template shows of one run folder."""
-    result = read_result(folder)
-    if not isinstance(result, dict) or result.get("kind") != "training":
-        raise UserError(f"{folder}: its result.json is not that of a training; give run folders of one command")
+def _run(label: str, folder: Path, result: Mapping[str, Any], number: int) -> dict[str, Any]:
+    """All that the template shows of one training."""
     figures = {f["name"]: f for f in figures_of(folder, result.get("figures"))}
     hybrid = bool(result.get("decision"))
     complete = [pair for pair in (result.get("scores") or {}).values() if "before" in pair and "after" in pair]
     scores = score_sets({**result, "scores": result["scores"]}) if complete else []
     return {
         "id": f"run{number}",
-        "label": label_of(folder),
+        "label": label,
         "result": result,
         "hybrid": hybrid,
         "title": "learned residual" if hybrid else f"black box {result.get('model', '')}",
@@ -54,7 +62,7 @@ def _run(folder: Path, number: int) -> dict[str, Any]:
         "envelope": envelope_rows(result),
         "outside": (result.get("outside") or {}).get("trials", {}),
         "settings": setting_rows({"settings": _asked(result)}),
-        "citations": citations_of(result),
+        "citations": citations_of(dict(result)),
     }
 
 

@@ -12,7 +12,7 @@ from mmg.network import Network
 from mmg.ship import Ship
 from residual.blackbox.models import inputs_of
 from residual.networks.features import features
-from residual.training.hybrid import MARGIN, OUTPUT, Trained
+from residual.training.hybrid import MARGIN, OUTPUT, TrainedResidual
 from residual.training.trainer import Outcome
 from residual.training.windows import features_of, pieces_of, windows
 
@@ -33,7 +33,7 @@ def judged_runs(outcome: Outcome, trials: Sequence[Trial]) -> list[dict]:
     return rows
 
 
-def residual_size(trained: Trained) -> dict[str, dict]:
+def residual_size(trained: TrainedResidual) -> dict[str, dict]:
     """Per channel the residual over the training rows [m/s2, rad/s2]: rms, 95 % and largest, its bound, the ship's own.
 
     ship_rms: rms of the accelerations of the ship without it; {} where no training came to anything.

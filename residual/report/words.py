@@ -6,8 +6,7 @@ from collections.abc import Mapping
 from math import degrees, isfinite, nan, sqrt
 from typing import Any
 
-LEAST = 0.01
-"""``residual.training.acceptance.LEAST``, repeated so that a report needs no torch; a test compares them."""
+from residual.training.decision import MINIMUM_GAIN
 
 
 def percent(share: float | None, sign: bool = True) -> str:
@@ -36,7 +35,7 @@ def headline(result: Mapping[str, Any]) -> dict[str, str]:
         return {"sentence": _box_sentence(result), "state": "", "what": f"{what}."}
     return {
         "sentence": _sentence(decision, result),
-        "state": "kept" if decision["kept"] else "declined",
+        "state": "kept" if result.get("kept", decision["kept"]) else "declined",
         "what": f"{what}; judged by {'the validation trials' if result.get('validation_data') else 'parts in turn'}.",
     }
 
@@ -56,6 +55,8 @@ def _sentence(decision: Mapping[str, Any], result: Mapping[str, Any]) -> str:
     if decision["kept"]:
         return f"The residual is kept: {figures}."
     why = decision.get("reason") or "it does not pay"
+    if result.get("kept"):
+        return f"The residual is declined by the decision, but recommended by --keep always; {why}: {figures}."
     return f"The residual is declined and the calibrated ship stays as it is, because {why}: {figures}."
 
 
@@ -84,7 +85,7 @@ def criteria(result: Mapping[str, Any]) -> list[dict[str, Any]]:
     gain, spread, runs, far = (_float(d.get(k)) for k in ("improvement", "spread", "runs_error", "restarts"))
     count = sum(row["status"] != "diverged" for row in result["per_seed"])
     allowed = -_float(d.get("restarts_spread")) / sqrt(max(1, count))
-    rows = [("30 s predictions improve", gain, LEAST, gain >= LEAST, "at least")]
+    rows = [("30 s predictions improve", gain, MINIMUM_GAIN, gain >= MINIMUM_GAIN, "at least")]
     rows.append(("by more than the standard deviation among the trainings", gain, spread, gain > spread, "more than"))
     if isfinite(runs):
         rows.append(("by more than the standard error by the choice of runs", gain, runs, gain > runs, "more than"))

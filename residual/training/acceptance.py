@@ -3,39 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from math import isfinite, nan, sqrt
 
 import numpy as np
 
+from residual.training.decision import MINIMUM_GAIN, Decision
 from residual.training.folds import FOLDS
 from residual.training.trainer import Outcome
-
-LEAST = 0.01
-"""Smallest mean improvement of the judged 30 s windows that is worth a network."""
-
-
-@dataclass(frozen=True)
-class Decision:
-    """kept, and why in words. Shares by which judged windows became better (positive), pooled over all trainings:
-
-    improvement: of the 30 s windows; restarts: of the 100 s restarts (NaN: none fits); spread, restarts_spread: their
-    standard deviations over the trainings, each from another seed and judged by its part; of these, seed_spread: among
-    trainings judged by the same part, fold_spread: among the means of parts (NaN where not told apart);
-    runs_error: standard error of the improvement by the choice of judged runs (NaN for fewer than three); reason: why
-    it is not kept, as a clause.
-    """
-
-    kept: bool
-    words: str
-    improvement: float
-    spread: float
-    restarts: float
-    restarts_spread: float
-    seed_spread: float = nan
-    fold_spread: float = nan
-    runs_error: float = nan
-    reason: str = ""
 
 
 def decide(outcomes: Sequence[Outcome]) -> Decision:
@@ -59,8 +33,8 @@ def decide(outcomes: Sequence[Outcome]) -> Decision:
     if isfinite(restart):
         figures += f"; 100 s restarts {restart:+.1%} better, spread {restart_spread:.1%}"
     reason = ""
-    if not window >= LEAST:
-        reason = f"less than {LEAST:.0%} is gained"
+    if not window >= MINIMUM_GAIN:
+        reason = f"less than {MINIMUM_GAIN:.0%} is gained"
     elif window <= spread:
         reason = "the gain is within the spread of seeds"
     elif isfinite(runs) and window <= runs:

@@ -11,7 +11,7 @@ import json
 import os
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,7 @@ from cases.trial import Trial
 from fitting.report.run_folder import plain, write_json
 from mmg.errors import UserError
 from mmg.ship import Ship
+from residual.settings import TrainSettings
 from residual.training.trainer import Outcome
 
 SETTINGS = "settings.json"
@@ -108,9 +109,27 @@ def _short(value: Any) -> str:
     return text if len(text) <= 40 else f"{text[:37]}..."
 
 
-def settings_of(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Settings without those that may change."""
-    return {name: value for name, value in settings.items() if name not in FREE}
+def training_store(
+    out: Path,
+    ship: Ship,
+    trials: Sequence[Trial],
+    validation: Sequence[Trial],
+    settings: TrainSettings,
+    resume: bool = False,
+) -> Store:
+    """Where the finished seeds of a training are, or will be, kept, with what must be the same to continue it.
+
+    out: its run folder; ship, trials, validation, settings: as given to ``residual.pipeline.train``, the trials without
+    those held out by their role; resume: continue where ``out`` is there.
+    """
+    about = {
+        "--model": getattr(settings, "kind", "hybrid"),
+        "settings": {name: value for name, value in asdict(settings).items() if name not in FREE},
+        "ship": hash_of_ship(ship),
+        "trial files": hashes_of_trials(trials),
+        "--validate": hashes_of_trials(validation),
+    }
+    return Store(out / "training", about, resume and out.exists())
 
 
 def hash_of_ship(ship: Ship) -> str:

@@ -1,9 +1,9 @@
-"""The one function that ``mmg train`` calls: a calibrated ship and trials -> a hybrid, or the ship as it was."""
+"""Training of a residual on a calibrated ship: scales, tasks of the seeds, the mean network, the decision."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,17 +14,21 @@ from cases.trial import Trial
 from fitting.nlp.grid import default_step
 from fitting.prediction.score import pooled_sigma
 from mmg.errors import UserError
+from mmg.messages import Message
 from mmg.network import Network
+from mmg.progress import OnProgress
 from mmg.ship import Ship
 from residual.bounded_network import Residual, Symmetric, TwoLayers, to_network
 from residual.physics.operator import Physics
 from residual.rollout import measured_accelerations
+from residual.settings import TrainSettings
 from residual.system import Hybrid, System
-from residual.training.acceptance import Decision, decide
+from residual.training.acceptance import decide
 from residual.training.checkpoint import Store
+from residual.training.decision import Decision
 from residual.training.folds import FOLDS, GAP, Sides, sides_of
 from residual.training.seeds import train_seeds
-from residual.training.trainer import Build, Outcome, Scales, Task, Training
+from residual.training.trainer import Build, Outcome, Scales, Task
 from residual.training.window_errors import WINDOW
 from residual.training.windows import Piece, features_of, loss_sigma, pieces_of, windows
 
@@ -35,29 +39,28 @@ MARGIN = 1e-9
 
 
 @dataclass(frozen=True)
-class Trained:
-    """What training made. ship: with the network where it was kept, else as given; network: kept or not; decision:
-    why. outcomes: of each seed; settings: with the step filled in; scales, seconds, warnings as said;
-    interrupted: by Ctrl-C.
+class TrainedResidual:
+    """What training a residual made. ship: the calibrated ship; network: the mean of the residuals, None where every
+    training diverged; decision: whether it is worth keeping; outcomes: of each seed; settings: with the step filled in;
+    scales: of the training data; seconds: it took; interrupted: by Ctrl-C.
     """
 
     ship: Ship
     network: Network | None
     decision: Decision
     outcomes: tuple[Outcome, ...]
-    settings: Training
+    settings: TrainSettings
     scales: Scales
     seconds: float
-    warnings: tuple[str, ...]
     interrupted: bool = False
 
 
-def build_hybrid(ship: Ship, scales: Scales, training: Training, seed: int) -> System:
+def build_hybrid(ship: Ship, scales: Scales, training: TrainSettings, seed: int) -> System:
     """A calibrated ship with a residual that is still zero."""
     return Hybrid(Physics(ship), residual_of(ship, scales, training, seed), scales.seen)
 
 
-def residual_of(ship: Ship, scales: Scales, training: Training, seed: int) -> TwoLayers:
+def residual_of(ship: Ship, scales: Scales, training: TrainSettings, seed: int) -> TwoLayers:
     """An untrained residual of these settings."""
     if not training.symmetric:
         return Residual(scales.feature, scales.output, training.width, seed)
@@ -65,49 +68,40 @@ def residual_of(ship: Ship, scales: Scales, training: Training, seed: int) -> Tw
     return Symmetric(own, ship.actuators)
 
 
-def train(
+def train_residual(
     ship: Ship,
     trials: Sequence[Trial],
-    training: Training,
+    settings: TrainSettings,
     validation: Sequence[Trial] = (),
-    say: Callable[[str], None] = lambda _: None,
+    progress: OnProgress | None = None,
     store: Store | None = None,
-) -> Trained:
-    """Train a residual on a calibrated ship from several seeds and decide whether to keep their mean.
+) -> TrainedResidual:
+    """Train a residual on a calibrated ship from several seeds and decide whether their mean is worth keeping.
 
-    Each seed stops by other parts of the trials and is judged by others again (``residual.training.folds``), or by
-    ``validation`` where that is given. store: finished seeds, which are not trained again. Raises UserError where there
-    is too little to train on, stop or judge by, KeyboardInterrupt after Ctrl-C before any training began.
+    Each seed stops by other parts of the ``trials`` and is judged by others again (``residual.training.folds``), or by
+    ``validation`` where that is given. ship: its network, if any, is left out; settings: how to train; progress: called
+    after each epoch or seed; store: finished seeds, which are not trained again. Raises UserError where there is too
+    little to train on, stop or judge by, KeyboardInterrupt after Ctrl-C before any training began.
     """
     began = time.perf_counter()
     ship = ship.without_network()
-    h = training.step or default_step(trials, ship.particulars["L"])
-    training = replace(training, step=h)
+    h = settings.step or default_step(trials, ship.particulars["L"])
+    settings = replace(settings, step=h)
     pieces = pieces_of(trials, h, ship.inputs)
     held = pieces_of(validation, h, ship.inputs) if validation else []
     scales = scales_of(ship, pieces, [*trials], h)
-    tasks = tasks_of(ship, scales, training, pieces, held, None, apart=True)
-    outcomes, broken = train_seeds(tasks, training, say, store)
-    decision = decide(outcomes)
+    tasks = tasks_of(ship, scales, settings, pieces, held, None, apart=True)
+    outcomes, interrupted = train_seeds(tasks, settings, progress, store)
     good = [o for o in outcomes if o.status != "diverged"]
-    network = network_of(ship, scales, training, good) if good else None
-    return Trained(
-        ship.with_network(network) if decision.kept and network else ship,
-        network,
-        decision,
-        tuple(outcomes),
-        training,
-        scales,
-        time.perf_counter() - began,
-        tuple(warnings_of(outcomes, training)),
-        broken,
-    )
+    network = network_of(ship, scales, settings, good) if good else None
+    seconds = time.perf_counter() - began
+    return TrainedResidual(ship, network, decide(outcomes), tuple(outcomes), settings, scales, seconds, interrupted)
 
 
 def tasks_of(
     ship: Ship,
     scales: Scales,
-    training: Training,
+    training: TrainSettings,
     pieces: Sequence[Piece],
     held: Sequence[Piece],
     stop: Path | None,
@@ -142,7 +136,7 @@ def tasks_of(
     return tasks
 
 
-def _check(sides: Sides, h: float, training: Training, given: bool, what: str) -> None:
+def _check(sides: Sides, h: float, training: TrainSettings, given: bool, what: str) -> None:
     """Raises UserError unless a window fits into each side."""
     longest = max((p.steps * h for p in sides.train), default=0.0)
     shortest = training.curriculum[0][0]
@@ -200,7 +194,7 @@ def noise_of(pieces: Sequence[Piece]) -> np.ndarray:
     return np.median(np.abs(together), axis=0) / 0.6745 / np.sqrt(20.0) if len(together) else np.zeros(6)
 
 
-def network_of(ship: Ship, scales: Scales, training: Training, outcomes: Sequence[Outcome]) -> Network:
+def network_of(ship: Ship, scales: Scales, training: TrainSettings, outcomes: Sequence[Outcome]) -> Network:
     """The mean of the residuals of outcomes, with the envelope of the training rows."""
     residuals = []
     for o in outcomes:
@@ -211,13 +205,17 @@ def network_of(ship: Ship, scales: Scales, training: Training, outcomes: Sequenc
     return to_network(residuals, ship.actuators, scales.seen.min(axis=1), scales.seen.max(axis=1))
 
 
-def warnings_of(outcomes: Sequence[Outcome], training: Training) -> list[str]:
-    """Sentences on the seeds that did not come to their end."""
-    begun = {o.seed: o.status for o in outcomes}
-    seeds = range(training.seed, training.seed + training.seeds)
-    kinds = {
-        "diverged, also at lower rates, and left out": [s for s in seeds if begun.get(s) == "diverged"],
-        "stopped before the end": [s for s in seeds if begun.get(s) == "stopped"],
-        "not begun": [s for s in seeds if s not in begun],
-    }
-    return [f"{words}: seed(s) {', '.join(map(str, which))}" for words, which in kinds.items() if which]
+def warnings_of(outcomes: Sequence[Outcome], settings: TrainSettings) -> tuple[Message, ...]:
+    """Warnings on the seeds of ``settings`` that did not come to their end, by the ``outcomes`` of the others."""
+    status = {o.seed: o.status for o in outcomes}
+    seeds = range(settings.seed, settings.seed + settings.seeds)
+    kinds = (
+        ("diverged", "diverged, also at lower rates, and left out"),
+        ("stopped", "stopped before the end"),
+        ("missing", "not begun"),
+    )
+    found = []
+    for kind, words in kinds:
+        which = ", ".join(str(s) for s in seeds if status.get(s, "missing") == kind)
+        found += [Message(f"{words}: seed(s) {which}", f"seeds_{kind}")] if which else []
+    return tuple(found)

@@ -18,53 +18,17 @@ import numpy as np
 import torch
 
 from fitting.interrupts import INTERRUPTED, Interrupts
+from mmg.progress import OnProgress, Progress
 from mmg.ship import Ship
 from residual.rollout import Batch, acceleration_loss, state_loss
+from residual.settings import TrainSettings
 from residual.system import System
 from residual.training.augmentation import SETS, augmented
 from residual.training.window_errors import STRIDE, WINDOW, judge, window_errors
 from residual.training.windows import Piece, jittered, windows
 
-LOSSES = ("state", "acceleration")
-"""Eq. 23 and Eq. 16 of Wakita et al. (2022)."""
 RESTARTS, LOWER = 2, 0.2
 """How often a diverged training starts again, and the factor on its learning rate."""
-
-
-@dataclass(frozen=True)
-class Training:
-    """How to train.
-
-    seeds: systems trained from seeds seed, seed + 1, ...; width: of the hidden layers; symmetric: whether a residual
-    treats port and starboard alike (half of its neurons are then those of the mirror image); penalty: weight of the
-    system's own penalty; rate, last_rate: of Adam; clip: of the norm of gradients; batch: windows per gradient step;
-    epochs: passes over the windows, of which each stage (length [s], share) of the curriculum gets its share;
-    stride: seconds between slices; jitter: multiples of the noise of the instruments added to the states, anew at every
-    step; augment: a named set of ``augment.SETS`` instead of stride, "" for none; loss:
-    "state" (Eq. 23) or "acceleration" (Eq. 16); method: "rk4" or "euler"; step: of grid and integration [s], None as
-    in a calibration; block: length of blocks [s] where there are few runs; time_limit [s] of the whole training.
-    """
-
-    seeds: int = 5
-    seed: int = 0
-    workers: int = 1
-    width: int = 32
-    symmetric: bool = True
-    penalty: float = 0.3
-    rate: float = 3e-3
-    last_rate: float = 2e-5
-    clip: float = 1.0
-    batch: int = 64
-    epochs: int = 40
-    curriculum: tuple[tuple[float, float], ...] = ((10.0, 0.3), (30.0, 0.7))
-    stride: float = 5.0
-    jitter: float = 0.0
-    loss: str = "state"
-    method: str = "rk4"
-    step: float | None = None
-    block: float = 150.0
-    augment: str = ""
-    time_limit: float | None = None
 
 
 @dataclass(frozen=True)
@@ -84,7 +48,7 @@ class Scales:
     seen: np.ndarray
 
 
-Build = Callable[[Ship, Scales, Training, int], System]
+Build = Callable[[Ship, Scales, TrainSettings, int], System]
 """Makes the system of a seed; importable, so that it reaches other processes."""
 
 
@@ -100,7 +64,7 @@ class Task:
     build: Build
     ship: Ship
     scales: Scales
-    training: Training
+    training: TrainSettings
     seed: int
     h: float
     train: tuple[Piece, ...]
@@ -140,14 +104,14 @@ class _Diverged(Exception):
     """The loss is not finite, or the held-out error exploded."""
 
 
-def train_one(task: Task) -> Outcome:
-    """Train one system; never raises for a training that fails."""
+def train_one(task: Task, progress: OnProgress | None = None) -> Outcome:
+    """Train the system of a ``task``; never raises for a training that fails. progress: called after each epoch."""
     torch.set_num_threads(1)
     began, training = time.perf_counter(), task.training
     with Interrupts():
         for restart in range(RESTARTS + 1):
             rate = training.rate * LOWER**restart
-            attempt = _Attempt(task, began, rate)
+            attempt = _Attempt(task, began, rate, progress)
             try:
                 status = attempt.run()
                 break
@@ -176,8 +140,8 @@ def train_one(task: Task) -> Outcome:
 class _Attempt:
     """One attempt at one learning rate."""
 
-    def __init__(self, task: Task, began: float, rate: float) -> None:
-        self.task, self.began, self.rate = task, began, rate
+    def __init__(self, task: Task, began: float, rate: float, progress: OnProgress | None) -> None:
+        self.task, self.began, self.rate, self.progress = task, began, rate, progress
         t, h = task.training, task.h
         self.system = task.build(task.ship, task.scales, t, task.seed)
         self.sigma, self.score = (torch.as_tensor(a) for a in (task.scales.sigma, task.scales.score))
@@ -211,6 +175,9 @@ class _Attempt:
                 loss = self._epoch(optimizer, batch)
                 epoch += 1
                 self._keep(epoch, seconds, loss)
+                if self.progress:
+                    values = {"loss": loss, "error of 30 s windows": self.history[-1][3]}
+                    self.progress(Progress(f"seed {self.task.seed}", epoch, total, values))
                 if self._stopped():
                     status = "stopped"
                     break

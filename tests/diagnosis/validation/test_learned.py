@@ -25,11 +25,11 @@ from diagnosis.validation.held_out import errors, window_length  # noqa: E402
 from diagnosis.validation.learned import learned, sentence_of  # noqa: E402
 from mmg.errors import UserError  # noqa: E402
 from mmg_ident.commands.diagnose import diagnose, with_learned  # noqa: E402
-from residual.training.trainer import Training  # noqa: E402
+from residual.settings import TrainSettings  # noqa: E402
 from tests.diagnosis.report.test_report import case, text_of  # noqa: E402
 from tests.support import hybrids  # noqa: E402
 
-QUICK = Training(seeds=2, epochs=25, width=12, penalty=0.001, rate=1e-2)
+QUICK = TrainSettings(seeds=2, epochs=25, width=12, penalty=0.001, rate=1e-2)
 FOUND = Learned(0.4, 0.3, 0.25, (0.1, 0.4), (0, 1), (0.2, 0.3), 0.07, 0.28, 40, True, "residual kept: because", "")
 
 
@@ -125,7 +125,6 @@ def test_missing_torch_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     found = with_learned(case("unknown"), trials, trials)
     assert found.learned is None and found.verdict == "unknown"
     assert "was not measured: a learned residual needs torch" in found.warnings[-1]
-    assert "mmg-ident[learn]" in found.warnings[-1]
 
 
 def test_too_little_data_leaves_the_rest_of_the_diagnosis() -> None:

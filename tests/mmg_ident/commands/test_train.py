@@ -19,17 +19,20 @@ from safetensors.numpy import load_file
 
 pytest.importorskip("torch")
 
-from cases.io.read import read_trial
+from cases.io.read import read_trial, read_trials
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.simulate import write_trial
 from fitting.prediction.predict import predict
 from fitting.prediction.training_range import outside_share
 from fitting.report.run_folder import read_result
+from mmg.errors import UserError
+from mmg.progress import Progress
 from mmg.rollout import Simulator
 from mmg_ident.commands.main import main
-from residual.report.words import LEAST as NEEDED
+from residual.pipeline import train
 from residual.report.words import criteria, headline
-from residual.training.acceptance import LEAST
+from residual.result import read_training
+from residual.settings import TrainSettings
 from tests.mmg_ident.commands.test_main import refused
 from tests.support import hybrids
 
@@ -89,21 +92,111 @@ def test_prediction_says_which_share_lies_outside_the_envelope(
     assert "lie outside the data the network knows" in capsys.readouterr().err
 
 
-def test_a_residual_that_is_not_worth_it_is_not_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "trials").mkdir()
+@pytest.fixture(scope="module")
+def declined(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Trials of the ship itself, on which nothing is left to learn, and the run folder of a training on them."""
+    folder = tmp_path_factory.mktemp("declined")
+    (folder / "trials").mkdir()
     for trial in hybrids.trials(hybrids.ship(), 3, 300):
-        write_trial(trial, tmp_path / "trials" / f"{trial.name}.csv")
-    arguments = ["train", "esso_osaka_3m", str(tmp_path / "trials"), *QUICK[:3], "2", "--step", "1"]
-    assert main([*arguments, "--out", str(tmp_path / "run"), "--json"]) == 0
-    content = json.loads(capsys.readouterr().out)
+        write_trial(trial, folder / "trials" / f"{trial.name}.csv")
+    arguments = ["train", "esso_osaka_3m", str(folder / "trials"), *QUICK[:3], "2", "--step", "1"]
+    assert main([*arguments, "--out", str(folder / "run")]) == 0
+    assert main([*arguments, "--keep", "always", "--out", str(folder / "always")]) == 0
+    return folder
+
+
+def test_a_declined_residual_is_not_recommended_and_can_still_be_used(
+    folder: Path, declined: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = declined / "run"
+    content = read_result(run)
     assert not content["kept"] and "NOT kept" in content["decision"]["words"]
-    assert not (tmp_path / "run" / "network.safetensors").exists()
-    assert load_ship(tmp_path / "run").network is None
+    assert (content["recommended"], content["other"]) == ("calibrated", "hybrid")
+    assert not (run / "network.safetensors").exists() and load_ship(run).network is None
+    assert load_ship(run / "hybrid").network is not None
+    trial, out = str(folder / "held_out.csv"), str(tmp_path / "out.csv")
+    capsys.readouterr()
+    assert main(["score", str(run), str(run / "hybrid"), trial, "--json"]) == 0
+    assert len({m["window"] for m in json.loads(capsys.readouterr().out)["models"].values()}) == 2
+    assert main(["predict", str(run / "hybrid"), trial, "--out", out]) == 0
+    assert main(["simulate", str(run / "hybrid"), "--maneuver", "turning:20"]) == 0
+    assert "lies in <code>hybrid/</code>" in (run / "report.html").read_text()
+
+
+def test_always_recommends_the_hybrid_and_says_that_the_decision_declines_it(declined: Path) -> None:
+    run = declined / "always"
+    content = read_result(run)
+    assert content["kept"] and not content["decision"]["kept"]
+    assert (content["recommended"], content["other"]) == ("hybrid", "calibrated")
+    assert load_ship(run).network is not None and load_ship(run / "calibrated").network is None
+    assert [m["code"] for m in content["messages"] if m["level"] == "notice"] == ["kept_always"]
+    assert "declined by the decision, but recommended" in (run / "report.html").read_text()
+
+
+def test_a_kept_residual_leaves_the_calibrated_ship_beside_it(folder: Path) -> None:
+    ship = load_ship(folder / "run" / "calibrated")
+    assert ship.network is None and load_ship(folder / "run").without_network().coefficients == ship.coefficients
+
+
+KEYS = {
+    "kind", "schema_version", "created", "command", "ship", "model", "settings", "seed", "seeds", "versions",
+    "timings_s", "data", "validation_data", "per_seed", "sigma", "envelope", "outside", "scores", "figures", "warnings",
+    "notices", "messages",
+}  # fmt: skip
+OF_A_HYBRID = {
+    "kept", "recommended", "other", "decision", "bound", "output_scale", "residual_size", "calibration"
+}  # fmt: skip
+
+
+def test_the_keys_of_result_json_are_these(folder: Path, tmp_path: Path) -> None:
+    content = read_result(folder / "run")
+    assert set(content) == KEYS | OF_A_HYBRID and content["schema_version"] == 1
+    assert set(content["per_seed"][0]) == {
+        "seed", "status", "judged_by_part", "judged_window", "judged_restarts", "judged_runs", "stop_window",
+        "training_windows", "learning_rate", "restarts", "seconds", "history",
+    }  # fmt: skip
+    assert set(content["decision"]) == {
+        "kept", "words", "improvement", "spread", "restarts", "restarts_spread", "seed_spread", "fold_spread",
+        "runs_error", "reason",
+    }  # fmt: skip
+    box = ["train", "esso_osaka_3m", str(folder / "trials"), "--model", "fnn", "--seeds", "1", "--epochs", "2"]
+    assert main([*box, "--step", "1", "--out", str(tmp_path / "box")]) == 0
+    assert set(read_result(tmp_path / "box")) == KEYS | {"beside"}
+    again = read_training(tmp_path / "box")
+    assert again.to_dict() == read_result(tmp_path / "box") and again.black_box is not None
+
+
+def test_a_run_folder_is_read_as_the_result_that_was_written(folder: Path, declined: Path, tmp_path: Path) -> None:
+    for run in (folder / "run", declined / "run", declined / "always"):
+        result = read_training(run)
+        assert result.to_dict() == read_result(run)
+        assert (result.ship.network is not None) == read_result(run)["kept"] and result.hybrid is not None
+    table = result.to_pandas()
+    assert list(table.index) == [0, 1] and table["window_after"].notna().all()
+    assert "<table>" in result._repr_html_() and "declined" in result._repr_html_()
+    result.save(tmp_path / "copy")
+    assert load_ship(tmp_path / "copy").network is not None
+    with pytest.raises(UserError, match="already exists"):
+        result.save(tmp_path / "copy")
+
+
+def test_the_command_and_the_function_leave_the_same_folder(folder: Path, tmp_path: Path) -> None:
+    trials, held_out = read_trials([folder / "trials"]), [read_trial(folder / "held_out.csv")]
+    settings = TrainSettings(seeds=2, epochs=12, width=8, rate=1e-2, penalty=0.001, step=1.0)
+    events: list[Progress] = []
+    result = train("esso_osaka_3m", trials, held_out, settings, progress=events.append)
+    result.save(tmp_path / "run")
+    one, other = (read_result(run) for run in (folder / "run", tmp_path / "run"))
+    timed = {"created", "command", "timings_s", "per_seed"}
+    assert {k: v for k, v in one.items() if k not in timed} == {k: v for k, v in other.items() if k not in timed}
+    assert {p.name for p in (folder / "run").iterdir()} - {"training"} == {p.name for p in (tmp_path / "run").iterdir()}
+    assert {e.task for e in events} == {"seed 0", "seed 1", "seeds"} and max(e.step for e in events) == 12
 
 
 @pytest.mark.parametrize(
     ("options", "words"),
     [
+        (["--keep", "never"], "--keep never: unknown; choose one of better, always"),
         (["--model", "oracle"], "--model oracle: unknown; choose one of"),
         (["--seeds", "0"], "--seeds 0 must be at least 1"),
         (["--rate", "-1"], "--rate -1 must be positive"),
@@ -249,10 +342,10 @@ def test_the_report_says_what_was_decided_and_can_be_made_again(folder: Path, tm
 def test_the_report_of_a_declined_residual_says_why(folder: Path, tmp_path: Path) -> None:
     content = read_result(folder / "run")
     content["decision"] |= {"kept": False, "improvement": 0.004, "reason": "less than 1% is gained"}
+    content |= {"kept": False, "recommended": "calibrated"}
     found = headline(content)
     assert found["state"] == "declined" and "because less than 1% is gained" in found["sentence"]
     assert criteria(content)[0]["good"] is False
-    assert LEAST == NEEDED
 
 
 def test_bad_input_is_one_line_and_leaves_nothing(
@@ -269,7 +362,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(
     assert list(tmp_path.iterdir()) == [tmp_path / "short.csv"]
 
 
-def test_without_torch_one_line_says_what_to_install(
+def test_a_torch_that_cannot_be_imported_is_one_line(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     real = builtins.__import__
@@ -283,4 +376,4 @@ def test_without_torch_one_line_says_what_to_install(
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setattr(builtins, "__import__", without)
     line = refused(capsys, "train", "esso_osaka_3m", folder / "held_out.csv", "--out", tmp_path / "run")
-    assert "needs torch" in line and "mmg-ident[learn]" in line
+    assert "mmg train needs torch, which cannot be imported" in line and "pip install torch" in line

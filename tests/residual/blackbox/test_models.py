@@ -16,7 +16,7 @@ from fitting.prediction.score import pooled_sigma, score  # noqa: E402
 from fitting.prediction.stretches import Stretch  # noqa: E402
 from mmg.errors import UserError  # noqa: E402
 from residual.blackbox.file import load_box, save_box  # noqa: E402
-from residual.blackbox.models import KINDS, BlackBox, BoxTraining, box_scales, build_box, gridded, train_box  # noqa: E402
+from residual.blackbox.models import BlackBox, box_scales, build_box, gridded, train_box  # noqa: E402
 from residual.bounded_network import Residual  # noqa: E402
 from residual.networks.features import features, kinematics, moved  # noqa: E402
 from residual.networks.feedforward import Feedforward  # noqa: E402
@@ -24,12 +24,13 @@ from residual.networks.initial_state import InitialState  # noqa: E402
 from residual.networks.recurrent import Standard, Windowed  # noqa: E402
 from residual.physics.operator import Physics  # noqa: E402
 from residual.rollout import Batch, acceleration_loss, rollout, state_loss  # noqa: E402
+from residual.settings import KINDS, BlackBoxSettings  # noqa: E402
 from residual.system import Hybrid, Past, System  # noqa: E402
 from residual.training.augmentation import SETS, augmented  # noqa: E402
 from residual.training.windows import pieces_of, windows  # noqa: E402
 from tests.support import hybrids  # noqa: E402
 
-QUICK = BoxTraining(seeds=1, epochs=20, width=12, rate=1e-2, step=1.0)
+QUICK = BlackBoxSettings(seeds=1, epochs=20, width=12, rate=1e-2, step=1.0)
 SIGMA = torch.tensor([1.0, 1.0, 0.3, 0.1, 0.05, 0.02], dtype=torch.float64)
 
 
@@ -297,7 +298,7 @@ def test_a_black_box_learns_and_its_file_keeps_all(kind: str, tmp_path) -> None:
     trained = train_box(hybrids.ship(), runs(), replace(QUICK, kind=kind, seeds=2, initial=1 if kind == "rnn" else 0))
     assert all(o.after[0] < 0.7 * o.before[0] for o in trained.outcomes)
     path = tmp_path / "network.safetensors"
-    save_box(path, trained.box, trained.scales)
+    save_box(path, trained.box)
     loaded = load_box(path, hybrids.ship())
     assert loaded.training == trained.settings and loaded.actuators == ("n", "delta") and len(loaded.systems) == 2
     tests = hybrids.trials(hybrids.ship(), 1, 200, seed=8)
@@ -309,9 +310,9 @@ def test_a_black_box_learns_and_its_file_keeps_all(kind: str, tmp_path) -> None:
 
 def test_a_damaged_file_is_refused_in_one_sentence(tmp_path) -> None:  # type: ignore[no-untyped-def]
     path, system = tmp_path / "network.safetensors", box("rnn-window")
-    known = BlackBox(QUICK, ("n", "delta"), 1.0, (system,))
+    known = BlackBox(QUICK, ("n", "delta"), 1.0, (system,), scales=scales())
     with pytest.raises(UserError, match="is incomplete"):
-        save_box(path, known, scales())  # settings of a feedforward network
+        save_box(path, known)  # settings of a feedforward network
         load_box(path)
     path.write_bytes(b"nothing")
     with pytest.raises(UserError, match="cannot be read as a black box"):
@@ -319,7 +320,7 @@ def test_a_damaged_file_is_refused_in_one_sentence(tmp_path) -> None:  # type: i
     with torch.no_grad():
         system.b0[0] = float("nan")  # type: ignore[index]
     with pytest.raises(UserError, match=r"0\.b0 of the network is not finite"):
-        save_box(path, known, scales())
+        save_box(path, known)
 
 
 def test_predictions_do_not_depend_on_what_comes_after_their_window_or_long_before() -> None:

@@ -17,9 +17,9 @@ from residual.ensembles.spread_calibration import calibrated, coverage  # noqa: 
 from residual.ensembles.stacked import Stacked, losses, on  # noqa: E402
 from residual.physics.operator import Physics  # noqa: E402
 from residual.rollout import Batch, rollout, state_loss  # noqa: E402
+from residual.settings import TrainSettings  # noqa: E402
 from residual.system import Hybrid, System  # noqa: E402
 from residual.training.hybrid import build_hybrid, scales_of  # noqa: E402
-from residual.training.trainer import Training  # noqa: E402
 from residual.training.windows import pieces_of, windows  # noqa: E402
 from tests.support import hybrids  # noqa: E402
 from tests.support.yaw import Yaw  # noqa: E402
@@ -224,7 +224,7 @@ def test_members_differ_by_seed_or_resampled_blocks_and_come_back_the_same() -> 
     trials = hybrids.trials(hybrids.lacking(), 2, 150)
     ship = hybrids.ship()
     pieces = pieces_of(trials, 1.0, ship.inputs)
-    settings = Training(seeds=2, epochs=2, width=6, step=1.0, curriculum=((10.0, 1.0),), block=50.0)
+    settings = TrainSettings(seeds=2, epochs=2, width=6, step=1.0, curriculum=((10.0, 1.0),), block=50.0)
     scales = scales_of(ship, pieces, trials, 1.0)
 
     def trained(bootstrap: bool) -> list[System]:

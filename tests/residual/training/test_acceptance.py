@@ -12,11 +12,12 @@ torch = pytest.importorskip("torch")
 from cases.trial import Trial  # noqa: E402
 from mmg.errors import UserError  # noqa: E402
 from mmg.ship import Ship  # noqa: E402
+from residual.settings import TrainSettings  # noqa: E402
 from residual.system import Past, System  # noqa: E402
 from residual.training.acceptance import decide  # noqa: E402
 from residual.training.folds import FOLDS, GAP, Sides, sides_of  # noqa: E402
-from residual.training.hybrid import scales_of, tasks_of, train  # noqa: E402
-from residual.training.trainer import Outcome, Scales, Training, train_one  # noqa: E402
+from residual.training.hybrid import scales_of, tasks_of, train_residual  # noqa: E402
+from residual.training.trainer import Outcome, Scales, train_one  # noqa: E402
 from residual.training.windows import Piece, pieces_of  # noqa: E402
 from tests.support import hybrids  # noqa: E402
 
@@ -84,7 +85,7 @@ class Ballast(System):
         return torch.cat([self.w.expand(1, z.shape[1]), torch.zeros_like(z[1:])])
 
 
-def ballast(ship: Ship, scales: Scales, training: Training, seed: int) -> System:
+def ballast(ship: Ship, scales: Scales, training: TrainSettings, seed: int) -> System:
     return Ballast()
 
 
@@ -102,7 +103,7 @@ def test_what_judges_is_neither_trained_on_nor_stopped_by() -> None:
     ship = hybrids.ship()
     trials = drifting(5, [-0.3, 0.3, 0.3, 0.3, 0.3])
     given = pieces_of(trials, 1.0, ship.inputs)
-    training = Training(seeds=1, step=1.0, epochs=30, rate=2e-2, penalty=0.0, curriculum=((10.0, 1.0),))
+    training = TrainSettings(seeds=1, step=1.0, epochs=30, rate=2e-2, penalty=0.0, curriculum=((10.0, 1.0),))
     (task,) = tasks_of(ship, scales_of(ship, given, trials, 1.0), training, given, [], None, ballast)
     found = train_one(task)
     assert {int(run) for run in found.judged[:, 0]} == {0}
@@ -117,7 +118,7 @@ def test_validation_trials_judge_and_do_not_stop() -> None:
     ship = hybrids.ship()
     trials = drifting(6, [0.3, 0.3, 0.3, 0.3, 0.3, -0.3])
     given, held = (pieces_of(part, 1.0, ship.inputs) for part in (trials[:5], trials[5:]))
-    training = Training(seeds=2, step=1.0, epochs=30, rate=2e-2, penalty=0.0, curriculum=((10.0, 1.0),))
+    training = TrainSettings(seeds=2, step=1.0, epochs=30, rate=2e-2, penalty=0.0, curriculum=((10.0, 1.0),))
     scales = scales_of(ship, given, trials, 1.0)
     for task in tasks_of(ship, scales, training, given, held, None, ballast, apart=True):
         found = train_one(task)
@@ -130,7 +131,7 @@ def test_validation_needs_something_to_stop_by() -> None:
     ship = hybrids.ship()
     short, long = hybrids.trials(ship, 1, 60), hybrids.trials(ship, 1, 300, seed=5)
     with pytest.raises(UserError, match="too little data for a residual"):
-        train(ship, short, Training(step=1.0), long)
+        train_residual(ship, short, TrainSettings(step=1.0), long)
 
 
 def outcome(

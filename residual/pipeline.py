@@ -1,0 +1,220 @@
+"""``train``: from a calibrated ship and trials to a ``TrainResult``: train, decide, score, say what is to be known."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from datetime import datetime, timezone
+from importlib import metadata
+from pathlib import Path
+from typing import Any, Protocol
+
+from cases.checks.held_out import shared_rows, training_trials
+from cases.shipfiles.ship_file import load_ship
+from cases.trial import STATES, Trial
+from fitting.prediction.predict import Forecaster
+from fitting.prediction.score import pooled_sigma, score
+from fitting.report.run_folder import RESULT, data_rows, read_result, score_rows, versions
+from mmg.errors import UserError
+from mmg.messages import Message
+from mmg.network import features_of
+from mmg.progress import OnProgress
+from mmg.rollout import Simulator
+from mmg.ship import Ship
+from residual.blackbox.models import TrainedBox, train_box
+from residual.report.figures import figure_rows
+from residual.report.summary import RATES, judged_runs, outside_box, outside_hybrid, residual_size
+from residual.result import CALIBRATED, HYBRID, TrainResult
+from residual.settings import BlackBoxSettings, TrainSettings
+from residual.training.checkpoint import Store
+from residual.training.hybrid import TrainedResidual, train_residual, warnings_of
+from residual.training.trainer import Outcome
+
+CARRIED = ("coefficients", "correlation", "bands", "per_run")
+"""Of the calibration's result.json, what still holds of the ship inside."""
+KEEP = ("better", "always")
+"""Which ship is recommended: the better one as the decision says, or always the hybrid."""
+
+
+class Calibrated(Protocol):
+    """A result with a ship, such as that of a calibration or of an earlier training."""
+
+    @property
+    def ship(self) -> Ship:
+        """The ship."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of its result.json."""
+
+
+def train(
+    ship_or_fit: Ship | Calibrated | str | Path,
+    trials: Sequence[Trial],
+    validation: Sequence[Trial] = (),
+    settings: TrainSettings | None = None,
+    keep: str = "better",
+    command: str = "",
+    progress: OnProgress | None = None,
+    store: Store | None = None,
+) -> TrainResult:
+    """Train a residual on a calibrated ship, or a black box, from several seeds; decide, score and say what to know.
+
+    ship_or_fit: a ship, its library name, file or run folder, or the result of a calibration; trials: to train on, but
+    for those whose sidecar holds them out; validation: trials to judge and to score by; settings: of a hybrid
+    (default), or ``BlackBoxSettings`` for a black box; keep: "better": the decision recommends the hybrid or the
+    calibrated ship, "always": the hybrid; command: to be noted; progress: called after each epoch or seed; store: of
+    finished seeds, which are not trained again. Raises UserError where there is too little to train on, stop or judge
+    by, KeyboardInterrupt after Ctrl-C before any training began.
+    """
+    began = time.perf_counter()
+    if keep not in KEEP:
+        raise UserError(f"keep: {keep!r} is unknown; choose one of {', '.join(KEEP)}")
+    ship, known, name = _start(ship_or_fit)
+    chosen, by_role = training_trials(trials)
+    if not chosen:
+        raise UserError("no trials to train on: name at least one trial file")
+    settings = settings or TrainSettings()
+    trained: TrainedResidual | TrainedBox
+    try:
+        if isinstance(settings, BlackBoxSettings):
+            trained = train_box(ship, chosen, settings, validation, progress, store)
+            own = _black_box(trained, validation, name)
+        else:
+            trained = train_residual(ship, chosen, settings, validation, progress, store)
+            own = _hybrid(trained, validation, known, keep)
+    except UserError:
+        if store:
+            store.discard()
+        raise
+    scales, outcomes = trained.scales, trained.outcomes
+    ranges = zip(features_of(ship.actuators), scales.seen.min(axis=1), scales.seen.max(axis=1), strict=True)
+    result = TrainResult(
+        start=ship.without_network(),
+        settings=trained.settings,
+        per_seed=tuple(_seed_rows(outcomes, validation or chosen)),
+        scores={},
+        data=tuple(data_rows(chosen)),
+        validation_data=tuple(data_rows(validation)),
+        sigma={name: dict(zip(STATES, getattr(scales, key).tolist(), strict=True)) for name, key in _SIGMA},
+        envelope={name: [float(low), float(high)] for name, low, high in ranges},
+        timings_s={"train": trained.seconds, "seeds": [o.seconds for o in outcomes]},
+        versions={**versions(), "torch": metadata.version("torch")},
+        created=datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        command=command,
+        warnings=(
+            *warnings_of(outcomes, trained.settings),
+            *by_role,
+            *shared_rows(chosen, validation),
+            *_calibrated_on(known, validation),
+        ),
+        interrupted=trained.interrupted,
+        trials=validation or chosen,
+        **own,
+    )
+    result = replace(result, scores=_scores(result.models(), chosen, validation))
+    timings = {**result.timings_s, "wall": time.perf_counter() - began}
+    return replace(result, figures=tuple(figure_rows(result.to_dict())), timings_s=timings)
+
+
+_SIGMA = (("loss", "sigma"), ("held_out", "score"))
+
+
+def _start(given: Ship | Calibrated | str | Path) -> tuple[Ship, Mapping[str, Any], str]:
+    """The ship to start from, what is known of its calibration ({} for a bare ship), and words for it."""
+    if isinstance(given, Ship):
+        return given, {}, given.name
+    if isinstance(given, (str, Path)):
+        known = read_result(Path(given)) if (Path(given) / RESULT).exists() else {}
+        return load_ship(given), known, str(given)
+    return given.ship, given.to_dict(), given.ship.name
+
+
+def _hybrid(
+    trained: TrainedResidual, validation: Sequence[Trial], known: Mapping[str, Any], keep: str
+) -> dict[str, Any]:
+    """What only a hybrid has, as fields of ``TrainResult``."""
+    decision, network, settings = trained.decision, trained.network, trained.settings
+    always = keep == "always" and network is not None and not decision.kept
+    notice = Message(f"the hybrid is recommended by --keep always, although {decision.reason}", "kept_always")
+    assert settings.step is not None
+    return {
+        "model": HYBRID,
+        "network": network,
+        "black_box": None,
+        "decision": decision,
+        "recommended": HYBRID if network is not None and (decision.kept or always) else CALIBRATED,
+        "outside": outside_hybrid(trained.ship, validation, settings.step, trained.scales.seen),
+        "details": {
+            "bound": dict(zip(RATES, network.bound.tolist(), strict=True)) if network else None,
+            "output_scale": dict(zip(RATES, trained.scales.output.tolist(), strict=True)),
+            "residual_size": residual_size(trained),
+            "calibration": {key: known.get(key) for key in ("created", "command", "converged")} if known else None,
+            **{key: known[key] for key in CARRIED if key in known},
+        },
+        "notices": (notice,) if always else (),
+    }
+
+
+def _black_box(trained: TrainedBox, validation: Sequence[Trial], name: str) -> dict[str, Any]:
+    """What only a black box has, as fields of ``TrainResult``."""
+    box = trained.box
+    names = features_of(box.actuators)
+    return {
+        "model": box.training.kind,
+        "network": None,
+        "black_box": box,
+        "decision": None,
+        "recommended": "",
+        "outside": outside_box(names, box.actuators, validation, box.h, trained.scales.seen),
+        "details": {"beside": name},
+        "notices": (),
+    }
+
+
+def _seed_rows(outcomes: Sequence[Outcome], judging: Sequence[Trial]) -> list[dict[str, Any]]:
+    """How the training of each seed went, as plain values; judging: the trials whose runs judged it."""
+    return [
+        {
+            "seed": o.seed,
+            "status": o.status,
+            "judged_by_part": o.fold,
+            "judged_window": {"before": o.before[0], "after": o.after[0], "windows": o.held_out_windows},
+            "judged_restarts": {"before": o.before[1], "after": o.after[1]},
+            "judged_runs": judged_runs(o, judging),
+            "stop_window": {"before": o.history[0][3], "after": min(row[3] for row in o.history)},
+            "training_windows": o.windows,
+            "learning_rate": o.rate,
+            "restarts": o.restarts,
+            "seconds": o.seconds,
+            "history": [dict(zip(("epoch", "rollout_s", "loss", "stop"), h, strict=True)) for h in o.history],
+        }
+        for o in outcomes
+    ]
+
+
+def _scores(
+    models: Mapping[str, Simulator | Forecaster], trials: Sequence[Trial], validation: Sequence[Trial]
+) -> dict[str, dict]:
+    """Both metrics of models, "before" and "after", on training and validation trials with positions."""
+    result = {}
+    for name, some in (("validation", validation), ("training", trials)):
+        placed = [t for t in some if t.has_position]
+        try:
+            sigma = pooled_sigma(placed) if placed else None
+        except UserError:
+            sigma = None
+        if sigma is not None:
+            result[name] = {
+                when: score_rows(score(model, placed, sigma, f"the {name} trials"))
+                for when, model in zip(("before", "after"), models.values(), strict=False)
+            }
+    return result
+
+
+def _calibrated_on(known: Mapping[str, Any], validation: Sequence[Trial]) -> tuple[Message, ...]:
+    """A warning on validation trials that the ship was calibrated on."""
+    hashes = {row.get("sha256") for row in known.get("data", [])}
+    both = ", ".join(t.name for t in validation if t.sha256 and t.sha256 in hashes)
+    words = f"{both}: the ship was calibrated on it, so its score is not held out"
+    return (Message(words, "calibrated_on"),) if both else ()

@@ -1,0 +1,274 @@
+"""What a training found, and its run folder: one object, one writer, one reader.
+
+``ship.toml`` (and ``network.safetensors``) is the recommended ship, the other one lies in a folder of its own:
+``calibrated/`` beside a hybrid, ``hybrid/`` beside the calibrated ship. ``result.json`` holds settings, seeds, data and
+everything that led to the decision, ``training/`` the finished seeds. A black box has ``network.safetensors`` and
+``start.toml``, the ship that named its inputs.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field, fields
+from math import nan
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from cases.shipfiles.network_file import NETWORK, save_network
+from cases.shipfiles.ship_file import dump_ship, load_ship
+from cases.trial import Trial
+from fitting.report.page import label_of, write_page
+from fitting.report.run_folder import (
+    RESULT,
+    SHIP,
+    START,
+    check_target,
+    plain,
+    read_result,
+    write_json,
+    write_whole,
+)
+from mmg.errors import UserError
+from mmg.messages import Message, message_rows, messages_from
+from mmg.network import Network
+from mmg.notebook import html_table
+from mmg.rollout import Simulator
+from mmg.ship import Ship
+from residual.report.page import page_of
+from residual.report.words import headline
+from residual.settings import TrainSettings, settings_from
+from residual.training.decision import Decision
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from fitting.prediction.predict import Forecaster
+    from residual.blackbox.models import BlackBox
+
+SCHEMA_VERSION = 1
+CALIBRATED, HYBRID = "calibrated", "hybrid"
+"""The two ships of a training, and the folder of the one that is not recommended."""
+FINISHED = "training"
+"""Folder of the finished seeds, from which ``mmg train --resume`` continues."""
+
+
+@dataclass(frozen=True)
+class TrainResult:
+    """What ``train`` found. Rows are plain values, as in ``result.json``.
+
+    model: "hybrid" or the kind of black box; start: the ship that it started from, without a network (of a black box:
+    whose inputs it takes); network: the mean of the residuals, None of a black box and where every training diverged;
+    black_box: of a black box; decision: whether the residual is worth keeping; recommended: "hybrid" or "calibrated",
+    "" of a black box. settings: with the step filled in; per_seed: how each training went; scores: set of trials ->
+    {"before", "after"} -> both metrics; data, validation_data: rows of the trials; sigma: of the loss and of the held
+    out windows; envelope: feature -> range in the training rows; outside: validation rows beyond it; details: what
+    only this kind of model has; figures: rows file, title and caption. interrupted: by Ctrl-C. trials: those whose
+    prediction errors are drawn, None after reading.
+    """
+
+    model: str
+    start: Ship
+    network: Network | None
+    black_box: BlackBox | None
+    decision: Decision | None
+    recommended: str
+    settings: TrainSettings
+    per_seed: tuple[dict[str, Any], ...]
+    scores: dict[str, dict[str, Any]]
+    data: tuple[dict[str, Any], ...]
+    validation_data: tuple[dict[str, Any], ...]
+    sigma: dict[str, dict[str, float]]
+    envelope: dict[str, list[float]]
+    outside: dict[str, Any]
+    details: dict[str, Any]
+    timings_s: dict[str, Any]
+    versions: dict[str, str]
+    created: str
+    command: str
+    warnings: tuple[Message, ...]
+    notices: tuple[Message, ...]
+    figures: tuple[dict[str, str], ...] = ()
+    interrupted: bool = False
+    trials: Sequence[Trial] | None = field(default=None, repr=False, compare=False)
+
+    @property
+    def hybrid(self) -> Ship | None:
+        """The ship with the trained residual, recommended or not; None where there is none."""
+        return self.start.with_network(self.network) if self.network is not None else None
+
+    @property
+    def ship(self) -> Ship:
+        """The recommended ship; of a black box the ship that it was trained for."""
+        return self.hybrid if self.recommended == HYBRID and self.hybrid else self.start
+
+    @property
+    def other(self) -> str:
+        """Folder of the ship that is not recommended, inside the run folder; "" where there is only one."""
+        if self.network is None:
+            return ""
+        return CALIBRATED if self.recommended == HYBRID else HYBRID
+
+    @property
+    def sentence(self) -> str:
+        """Kept or declined, by how much and why; of a black box its errors beside those of the ship."""
+        return headline(self.to_dict())["sentence"]
+
+    @property
+    def complete(self) -> bool:
+        """Whether every seed was trained to its end, so that there is nothing to resume."""
+        ended = [row["status"] for row in self.per_seed]
+        return len(ended) == self.settings.seeds and "stopped" not in ended
+
+    def models(self) -> dict[str, Simulator | Forecaster]:
+        """What predicts, by its name in figures: without, then with what was trained."""
+        if self.black_box is not None:
+            return {"ship model": Simulator(self.start), "black box": self.black_box}
+        found: dict[str, Simulator | Forecaster] = {"calibrated ship": Simulator(self.start)}
+        return found | ({"with residual": Simulator(self.hybrid)} if self.hybrid else {})
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of ``result.json``, as plain values."""
+        levels = (("warning", self.warnings), ("notice", self.notices))
+        decided = {}
+        if self.decision is not None:
+            decided = {"kept": self.recommended == HYBRID, "recommended": self.recommended, "other": self.other}
+            decided["decision"] = asdict(self.decision)
+        return plain(
+            {
+                "kind": "training",
+                "schema_version": SCHEMA_VERSION,
+                "created": self.created,
+                "command": self.command,
+                "ship": self.start.name,
+                "model": self.model,
+                **decided,
+                "settings": asdict(self.settings),
+                "seed": self.settings.seed,
+                "seeds": [row["seed"] for row in self.per_seed],
+                **{name: getattr(self, name) for name in _STORED},
+                **self.details,
+                "warnings": [str(m) for m in self.warnings],
+                "notices": [str(m) for m in self.notices],
+                "messages": [{"level": level, **row} for level, some in levels for row in message_rows(some)],
+            }
+        )
+
+    def to_pandas(self) -> pd.DataFrame:
+        """One row per seed: how it ended, and the errors of the judged windows before and after."""
+        import pandas as pd
+
+        rows = []
+        for row in self.per_seed:
+            errors = {
+                f"{name}_{when}": row[f"judged_{name}"][when]
+                for name in ("window", "restarts")
+                for when in ("before", "after")
+            }
+            kept = ("seed", "status", "judged_by_part", "training_windows", "learning_rate", "restarts", "seconds")
+            rows.append({name: row[name] for name in kept} | errors)
+        return pd.DataFrame(rows).set_index("seed")
+
+    def _repr_html_(self) -> str:
+        table = self.to_pandas().reset_index()
+        return html_table(self.sentence, [str(name) for name in table], table.itertuples(index=False))
+
+    def save(self, folder: str | Path, replace: bool = False) -> None:
+        """Write the run folder with figures and report, whole or not at all.
+
+        folder: it must not exist unless ``replace``, which keeps only its finished seeds. Raises UserError where it
+        exists or cannot be written.
+        """
+        folder = Path(folder)
+        if not replace:
+            check_target(folder)
+
+        def fill(scratch: Path) -> None:
+            if (folder / FINISHED).is_dir():
+                shutil.copytree(folder / FINISHED, scratch / FINISHED)
+            self._write_models(scratch)
+            content = self.to_dict()
+            if self.figures:
+                from residual.report.figures import write_figures
+
+                write_figures(scratch, content, self.models(), self.trials or ())
+            write_json(scratch / RESULT, content)
+            write_page(page_of([(label_of(folder), scratch, content)]), scratch / "report.html")
+
+        write_whole(folder, fill, replace)
+
+    def _write_models(self, folder: Path) -> None:
+        """The recommended ship and the other one, or the black box."""
+        if self.black_box is not None:
+            from residual.blackbox.file import save_box
+
+            note = f"{self.start.name}: the ship whose inputs the black box takes; nothing else of it is used."
+            (folder / START).write_text(dump_ship(self.start, note), encoding="utf-8")
+            save_box(folder / NETWORK, self.black_box)
+            return
+        notes = {
+            HYBRID: f"{self.start.name}, calibrated ship with a residual network (network.safetensors) of mmg train.",
+            CALIBRATED: f"{self.start.name}, calibrated ship without a residual network.",
+        }
+        ships = {HYBRID: self.hybrid, CALIBRATED: self.start}
+        for name, ship in ships.items():
+            if ship is None:
+                continue
+            place = folder if name == self.recommended else folder / name
+            place.mkdir(exist_ok=True)
+            (place / SHIP).write_text(dump_ship(ship.without_network(), notes[name]), encoding="utf-8")
+            if ship.network is not None:
+                save_network(place / NETWORK, ship.network, ship)
+
+
+_STORED = (
+    "versions", "timings_s", "data", "validation_data", "per_seed", "sigma", "envelope", "outside", "scores", "figures"
+)  # fmt: skip
+"""Fields that are stored as they are."""
+_BUILT = {
+    "kind", "schema_version", "created", "command", "ship", "model", "kept", "recommended", "other", "decision",
+    "settings", "seed", "seeds", "warnings", "notices", "messages", *_STORED,
+}  # fmt: skip
+"""Keys of result.json that every training may have; the others are its details."""
+
+
+def read_training(folder: str | Path) -> TrainResult:
+    """The training in a run folder, with its ships or its black box.
+
+    folder: as ``TrainResult.save`` wrote it. Raises UserError where it is none, or something of it cannot be read.
+    """
+    folder = Path(folder)
+    content = read_result(folder)
+    if not isinstance(content, dict) or content.get("kind") != "training":
+        raise UserError(f"{folder}: is no run of mmg train")
+    box, network, decision, recommended = None, None, None, ""
+    try:
+        if content["model"] == HYBRID:
+            values: dict[str, Any] = {n: nan if v is None else v for n, v in content["decision"].items()}
+            decision = Decision(**values)
+            recommended = content.get("recommended", HYBRID if content["kept"] else CALIBRATED)
+            place = folder if recommended == HYBRID else folder / HYBRID
+            start = load_ship(folder).without_network()
+            network = load_ship(place).network if (place / NETWORK).exists() else None
+        else:
+            from residual.blackbox.file import load_box
+
+            start = load_ship(folder / START)
+            box = load_box(folder, start)
+        levels = {
+            level: messages_from(row for row in content["messages"] if row["level"] == level)
+            for level in ("warning", "notice")
+        }
+        stored: dict[str, Any] = {name: tuple(content[name]) if _is_tuple(name) else content[name] for name in _STORED}
+        return TrainResult(
+            model=content["model"], start=start, network=network, black_box=box, decision=decision,
+            recommended=recommended, settings=settings_from(content["settings"]), created=content["created"],
+            command=content["command"], warnings=levels["warning"], notices=levels["notice"],
+            details={name: value for name, value in content.items() if name not in _BUILT}, **stored,
+        )  # fmt: skip
+    except (KeyError, TypeError, AttributeError, ValueError) as error:
+        raise UserError(f"{folder / RESULT}: is incomplete ({error}); train again") from None
+
+
+def _is_tuple(name: str) -> bool:
+    return str(next(f.type for f in fields(TrainResult) if f.name == name)).startswith("tuple")
