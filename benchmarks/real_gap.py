@@ -27,7 +27,7 @@ from cases.published_splits import DEVELOPMENT_HOLDOUT, TRAIN_TZRB, find
 from cases.shipfiles.effects import freeing_effects
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
-from diagnosis.diagnose import diagnose
+from diagnosis.diagnose import DiagnosisOptions, diagnose
 from diagnosis.result import Diagnosis
 from fitting.calibration import Settings, calibrate
 from fitting.parallel import run_all
@@ -52,6 +52,11 @@ def without_wind() -> Ship:
     return _reduced(whole_ship(), ["wind"], None, None, None)
 
 
+def gap(ship: Ship, train: Sequence[Trial], test: Sequence[Trial] = ()) -> Diagnosis:
+    """The diagnosis without a learned residual."""
+    return diagnose(ship, train, test, options=DiagnosisOptions(learn=False))
+
+
 def row(name: str, d: Diagnosis) -> list[str]:
     """One line of the table."""
     first = d.candidates[0]
@@ -69,7 +74,7 @@ def row(name: str, d: Diagnosis) -> list[str]:
 
 
 def wind(train: Sequence[Trial], test: Sequence[Trial]) -> list[list[str]]:
-    return [row("wind withheld", diagnose(without_wind(), train, test))]
+    return [row("wind withheld", gap(without_wind(), train, test))]
 
 
 def starts(train: Sequence[Trial], test: Sequence[Trial]) -> list[list[str]]:
@@ -81,14 +86,14 @@ def starts(train: Sequence[Trial], test: Sequence[Trial]) -> list[list[str]]:
             c = ship.coefficients[s]
             value = float(np.clip(c.value + 0.5 * c.std * rng.standard_normal(), c.lower, c.upper))
             moved[s] = c.with_(value=value, prior_value=c.value, prior_std=c.std)
-        rows.append(row(f"wind withheld, start {seed}", diagnose(ship.with_coefficients(moved), train, test)))
+        rows.append(row(f"wind withheld, start {seed}", gap(ship.with_coefficients(moved), train, test)))
     return rows
 
 
 def calm(train: Sequence[Trial], test: Sequence[Trial]) -> list[list[str]]:
     """Median angle between the mean earth-fixed force of a run and the measured wind."""
     bare = [replace(t, columns={k: v for k, v in t.columns.items() if not k.startswith("wind")}) for t in train]
-    d = diagnose(without_wind(), bare)
+    d = gap(without_wind(), bare)
     lines, angles = [], []
     for trial, found in zip(train, d.where["earth"], strict=True):
         blown = np.nanmean(trial.wind_vector, axis=0)
@@ -109,7 +114,7 @@ def reversal(train: Sequence[Trial], test: Sequence[Trial]) -> list[list[str]]:
     rows |= {s: c for s, c in ship.coefficients.items() if "." in s}
     bare = replace(ship, components=components, coefficients=rows)
     astern = [*(t for t in train if float((t["n"] < -0.5).mean()) > 0.05), *read_trials(find(OTHERS[-1:]))]
-    return [row("reversal side force taken out", diagnose(bare, astern, test))]
+    return [row("reversal side force taken out", gap(bare, astern, test))]
 
 
 def shifted(trial: Trial, names: Sequence[str], delay: float) -> Trial:
@@ -154,7 +159,7 @@ def fault_case(task: tuple[Ship, str, str | None, Sequence[Trial]]) -> list[str]
     ship, words, one, train = task
     put = FAULTS[words][1] if words in FAULTS else (lambda t: t)
     trials = [put(t) for t in read_trials(find(OTHERS)) if one in (None, t.name)]
-    d = diagnose(ship, trials, unseen=True, reference=train)
+    d = diagnose(ship, trials, options=DiagnosisOptions(learn=False), calibrated_on=train)
     return [d.candidates[0].name, *(e.name for e in d.effects)]
 
 
@@ -178,11 +183,11 @@ def faults(train: Sequence[Trial], test: Sequence[Trial]) -> list[list[str]]:
 
 
 def nothing(train: Sequence[Trial], test: Sequence[Trial]) -> list[list[str]]:
-    rows = [row("nothing withheld, all", diagnose(whole_ship(), train, test))]
+    rows = [row("nothing withheld, all", gap(whole_ship(), train, test))]
     for seed in range(4):
         order = np.random.default_rng(seed).permutation(len(train))
         for half in (order[: len(train) // 2], order[len(train) // 2 :]):
-            d = diagnose(whole_ship(), [train[i] for i in sorted(half)], test)
+            d = gap(whole_ship(), [train[i] for i in sorted(half)], test)
             rows.append(row(f"half {seed}: {', '.join(train[i].name[:14] for i in sorted(half))}", d))
             print(rows[-1], flush=True)
     return rows

@@ -1,1 +1,1 @@
-"""Where the sim-to-real gap lies and which effect causes it. Nothing is here yet: calibration comes first."""
+"""Where the sim-to-real gap lies, which effect causes it, and how far it closes on trials that took no part."""

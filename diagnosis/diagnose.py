@@ -9,24 +9,31 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
-from cases.io.site import Site
+from cases.io.site import Site, read_site
 from cases.trial import Trial
-from diagnosis import summary as told
+from diagnosis import summary
 from diagnosis.estimation.candidates import BY_RUN, all_runs, effect_of, stem
 from diagnosis.estimation.gridded_trials import Data, arrange
 from diagnosis.estimation.map_estimate import Estimate
+from diagnosis.findings import DiagnosisInputs, HeldOut, LearnedResidual, RandomSizes
 from diagnosis.hypotheses.forward_selection import AGREE, LEVEL, ODDS, Found, Problem, explain
 from diagnosis.hypotheses.next_test import next_test
 from diagnosis.hypotheses.unnamed import Unnamed, unnamed
+from diagnosis.inputs import CalibrationTrials, calibration_trials, diagnosable, independent_tests
 from diagnosis.location.where import where
-from diagnosis.prepare import Prepared, Report, prepare, with_sensor_faults
+from diagnosis.prepare import Prepared, prepare, with_sensor_faults
 from diagnosis.report.sentence import sentence_of
-from diagnosis.result import Diagnosis, HeldOut
+from diagnosis.result import Diagnosis
 from diagnosis.sensors.kinematics import consistency
 from diagnosis.validation.held_out import compare
+from fitting.report.run_folder import data_rows, versions
+from mmg.errors import UserError
+from mmg.messages import Message
+from mmg.progress import LOGGER, OnProgress
 from mmg.ship import Ship
 
 LINE = 1e-6
@@ -48,28 +55,67 @@ SLIGHTLY, WORSE = 0.02, 0.15
 becomes better."""
 
 
+@dataclass(frozen=True)
+class DiagnosisOptions:
+    """How to diagnose. step: of the analysis [s] (default: as of a fit); seed: of drawn probabilities and intervals and
+    of the learned residual; workers: processes; learn: whether to measure how much a learned residual closes of what
+    has no name; command: the words by which result.json says how it was made."""
+
+    step: float | None = None
+    seed: int = 0
+    workers: int = 1
+    learn: bool = True
+    command: str = "mmg_ident.diagnose"
+
+
 def diagnose(
     ship: Ship,
     trials: Sequence[Trial],
     tests: Sequence[Trial] = (),
-    site: Site | None = None,
-    step: float | None = None,
-    seed: int = 0,
-    workers: int = 1,
-    unseen: bool = False,
-    reference: Sequence[Trial] = (),
-    say: Report = lambda words: None,
+    site: Site | Path | None = None,
+    options: DiagnosisOptions | None = None,
+    calibrated_on: Path | str | Sequence[Trial] | None = None,
+    progress: OnProgress | None = None,
 ) -> Diagnosis:
-    """Say which effect the ship's model lacks, judged by trials.
+    """Say which effect the model of ``ship`` lacks, judged by ``trials``; what ``mmg diagnose`` does.
 
-    ship: calibrated (its priors before the calibration count, unless these trials are ``unseen`` by it) or not; site:
-    what is known of the place; reference: the trials that the ship was calibrated on, if the trials are unseen by it:
-    what those show already is no news. Raises UserError for input from which nothing can be concluded.
+    ship: calibrated or not; its learned residual is left out. tests: trials to check on; those that share rows with
+    ``trials`` are left out. site: what is known of the place, or its file (default: site.toml beside the trials).
+    calibrated_on: the trials that the ship was calibrated on, or the folder of that run. If those are other trials,
+    what they show already is no news; otherwise the priors from before the calibration count. options: step, seed, ...;
+    progress: called as the work goes on. Raises UserError for input from which nothing can be concluded.
     """
+    o = options or DiagnosisOptions()
+    if o.step is not None and not 0 < o.step < 60:
+        raise UserError(f"--step {o.step:g}: must be a positive number of seconds below 60")
+    if o.workers < 1:
+        raise UserError(f"--workers {o.workers}: must be at least 1")
+    ship, remarks = diagnosable(ship)
+    place = site if isinstance(site, Site) else read_site(trials, ship, site)
+    kept, shared = independent_tests(trials, tests)
+    known = calibration_trials(ship, trials, calibrated_on)
+    found = _diagnosed(ship, trials, kept, place, o, known, progress)
+    remarks += [*shared, *known.remarks, *place.notices]
+    inputs = DiagnosisInputs(tuple(data_rows(trials)), tuple(data_rows(kept)), o.command, o.seed, versions())
+    found = replace(found, warnings=(*remarks, *found.warnings), inputs=inputs)
+    return with_learned(found, trials, kept, o, progress) if o.learn else found
+
+
+def _diagnosed(
+    ship: Ship,
+    trials: Sequence[Trial],
+    tests: Sequence[Trial],
+    site: Site,
+    options: DiagnosisOptions,
+    known: CalibrationTrials,
+    progress: OnProgress | None,
+) -> Diagnosis:
+    """The diagnosis without what is learned, by trials of which none is a copy of another."""
+    say, seed, workers = LOGGER.info, options.seed, options.workers
     began = time.perf_counter()
     sensors = consistency(trials, ship)
-    given, (ship, mended) = ship, with_sensor_faults(ship, sensors)
-    ready = prepare(ship, trials, site, step, unseen, reference, say)
+    ship, mended = with_sensor_faults(ship, sensors)
+    ready = prepare(ship, trials, site, options.step, known.other, known.reference)
     timings = {"fit": time.perf_counter() - began}
     p = ready.problem
     test_data = None
@@ -87,18 +133,18 @@ def diagnose(
     found, after, held, verdict = answer.found, answer.after, answer.held, answer.verdict
     timings["screen, refits, test trials"] = time.perf_counter() - began - timings["fit"]
     say("screened and refitted: " + (", ".join(found.effects) or "no effect stands out"))
-    ship_before = told.fitted_ship(p, ship, ready.wide, found.null, ())
-    ship_after = told.fitted_ship(p, ship, ready.wide, found.final, found.effects)
+    ship_before = summary.fitted_ship(p, ship, ready.wide, found.null, ())
+    ship_after = summary.fitted_ship(p, ship, ready.wide, found.final, found.effects)
     chance, period = ready.line
     if chance < LINE:
         reasons.append(f"what remains swings with a period of {period:.2g} s, as under waves or an engine")
         verdict = "unknown" if verdict == "none" else verdict
     say("looking at where the gap lies and what to test next")
-    effects = tuple(told.named(p, ready.wide, found, name) for name in found.effects) if verdict == "named" else ()
+    effects = tuple(summary.named(p, ready.wide, found, name) for name in found.effects) if verdict == "named" else ()
     final = found.final if verdict == "named" else found.null
-    same = told.same(found) if verdict == "named" else ()
+    same = summary.same(found) if verdict == "named" else ()
     names = [all_runs(found.effects[0]), *same] if verdict == "named" else _rivals(found)
-    advice = next_test(p, told.fit_with(found, names[0]), names, ship_after) if names else ""
+    advice = next_test(p, summary.fit_with(found, names[0]), names, ship_after) if names else ""
     place = where(p.steps.model.controls, p.data, found.null, ship, final if verdict == "named" else None)
     timings["total"] = time.perf_counter() - began
     remainder = verdict == "named" and (incomplete(found, before, after, p.usual) or chance < LINE)
@@ -108,24 +154,69 @@ def diagnose(
         effects=effects,
         equivalence_class=same,
         remainder=remainder,
-        candidates=told.ranking(p, ready.wide, found),
+        candidates=summary.ranking(p, ready.wide, found),
         where=place,
         held_out=held,
         next_test=advice,
         warnings=(*mended, *ready.notices, *reasons, *_cautions(ready, found, trials, tests), *sensors.warnings),
-        left_out=ready.wide.left_out,
-        ship=given,
-        before=ship_before,
-        after=ship_after if verdict == "named" else ship_before,
-        null=found.null,
-        final=final,
-        data=p.data,
-        states=p.steps.model.states,
+        not_screened=ready.wide.left_out,
+        noise=RandomSizes.of(found.null),
         unnamed_before={"all": before.log_bayes, "single": before.single, **before.by_kind},
         unnamed_after={"all": after.log_bayes, "single": after.single, **after.by_kind},
         kinematics=tuple(r.sentence for r in sensors.found),
         timings=timings,
+        inputs=DiagnosisInputs(),
+        ship=ship_after if verdict == "named" else ship_before,
+        before=ship_before,
+        null=found.null,
+        final=final,
+        data=p.data,
     )
+
+
+def with_learned(
+    found: Diagnosis,
+    trials: Sequence[Trial],
+    tests: Sequence[Trial],
+    options: DiagnosisOptions,
+    progress: OnProgress | None = None,
+) -> Diagnosis:
+    """``found`` with how much a residual learned from ``trials`` closes of what has no name, measured on ``tests``.
+
+    As given where nothing is left without a name, and without test trials. Where it cannot be measured, a warning says
+    why. options, progress: as of ``diagnose``.
+    """
+    if not tests or not (found.verdict == "unknown" or found.remainder):
+        return found
+    began = time.perf_counter()
+    try:
+        rest = _learned(found, trials, tests, options)
+    except UserError as reason:
+        why = f"how much of the rest a learned residual closes was not measured: {reason}"
+        return replace(found, warnings=(*found.warnings, Message(why, "not_learned")))
+    seconds = time.perf_counter() - began
+    spent = {**found.timings, "learned residual": seconds}
+    if "total" in spent:
+        spent["total"] = spent.pop("total") + seconds
+    return replace(found, learned=rest, timings=spent)
+
+
+def _learned(
+    found: Diagnosis, trials: Sequence[Trial], tests: Sequence[Trial], options: DiagnosisOptions
+) -> LearnedResidual:
+    """The measurement behind ``with_learned``, which is where torch is imported."""
+    try:
+        import torch  # noqa: F401
+    except ModuleNotFoundError as error:
+        if error.name != "torch":
+            raise
+        message = "a learned residual needs torch, which is not installed: pip install 'mmg-ident[learn]'"
+        raise UserError(message) from None
+    from diagnosis.validation.learned import learned
+
+    LOGGER.info("learning what has no name, from the training trials")
+    step = found.data.h if found.data is not None else options.step
+    return learned(found.ship, trials, tests, step, options.seed, options.workers)
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,6 +23,7 @@ from diagnosis.hypotheses.reference import refer
 from diagnosis.sensors.kinematics import Kinematics
 from mmg.errors import UserError
 from mmg.motion.memory import MODEL_LENGTH
+from mmg.progress import LOGGER
 from mmg.ship import Ship
 
 ECHO, APART, LEAST = 0.25, 5.0, 100
@@ -35,7 +36,6 @@ MAX_FITS = 12
 """Linearisations of the first fit."""
 RUNS = 3
 """Runs from which effects of the surroundings may differ from run to run."""
-Report = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,6 @@ def prepare(
     step: float | None = None,
     unseen: bool = False,
     reference: Sequence[Trial] = (),
-    say: Report = lambda words: None,
 ) -> Prepared:
     """Arrange the trials, choose how inputs lie between samples, and fit without any effect.
 
@@ -114,14 +113,14 @@ def prepare(
         )
         if known.strong:
             notices.append(f"the trials of the calibration show these effects already: {', '.join(known.strong)}")
-        say(f"fitted to what the ship was calibrated on: {len(old.trials)} runs, {old.samples} samples")
+        LOGGER.info(f"fitted to what the ship was calibrated on: {len(old.trials)} runs, {old.samples} samples")
     data, null, gap, heard, line = fitted(steps, data, values, base, noise, gap)
     if gap > 1:
         notices.append(
             f"what remains of neighbouring samples is alike (correlation {heard:.2f}), as of filtered instruments: one "
             f"sample every {gap * data.h:g} s is compared"
         )
-    say(f"fitted without any effect: {len(data.trials)} runs, {data.samples} samples")
+    LOGGER.info(f"fitted without any effect: {len(data.trials)} runs, {data.samples} samples")
     notices += list(data.dropped)
     if not null.converged:
         notices.append("the fit without any effect has not quite settled")

@@ -9,8 +9,8 @@ import numpy as np
 from diagnosis.estimation.candidates import AT, BY_RUN, Wide, all_runs, effect_of, parameters, stem
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import read
+from diagnosis.findings import EstimatedParameter, NamedEffect, RankedCandidate
 from diagnosis.hypotheses.forward_selection import Found, Problem, Search, Tried
-from diagnosis.result import Named, Parameter, Screened
 from mmg.ship import Ship
 
 
@@ -35,16 +35,16 @@ def fitted_ship(problem: Problem, ship: Ship, wide: Wide, found: Estimate, effec
     return after.with_coefficients(changed)
 
 
-def estimated(found: Estimate, symbol: str, unit: str = "") -> Parameter:
+def estimated(found: Estimate, symbol: str, unit: str = "") -> EstimatedParameter:
     """A parameter, or the mean over the runs of one that differs by run."""
     own = [s for s in found.free.symbols if stem(s) == symbol]
     i = [found.free.symbols.index(s) for s in own]
     weight = found.free.std[i] / len(i)
     value = float(np.mean([found.value(s) for s in own]))
-    return Parameter(value, float(np.sqrt(weight @ found.covariance[np.ix_(i, i)] @ weight)), unit)
+    return EstimatedParameter(value, float(np.sqrt(weight @ found.covariance[np.ix_(i, i)] @ weight)), unit)
 
 
-def values(problem: Problem, wide: Wide, found: Estimate, name: str) -> dict[str, Parameter]:
+def values(problem: Problem, wide: Wide, found: Estimate, name: str) -> dict[str, EstimatedParameter]:
     """The parameters of a candidate in a fit."""
     units = {p.symbol: p.unit for p in parameters(wide.ship, effect_of(name))}
     symbols = dict.fromkeys(stem(s) for s in problem.candidates[name].symbols)
@@ -74,11 +74,11 @@ def fit_with(found: Found, name: str) -> Estimate:
     return next(t.found for s in found.searches for t in s.tried if name in (t.name, all_runs(t.name)))
 
 
-def named(problem: Problem, wide: Wide, found: Found, name: str) -> Named:
+def named(problem: Problem, wide: Wide, found: Found, name: str) -> NamedEffect:
     """An effect as it is told."""
     s, t = _tried(found, name)
     sizes, runs = values(problem, wide, found.final, name), by_run(problem, found.final, name)
-    return Named(effect_of(name), sizes, t.p_value, t.delta_bic, s.score(name).absorbed, runs)
+    return NamedEffect(effect_of(name), sizes, t.p_value, t.delta_bic, s.score(name).absorbed, runs)
 
 
 def same(found: Found) -> tuple[str, ...]:
@@ -103,17 +103,17 @@ def visible(problem: Problem, first: Search, name: str) -> dict[str, float]:
     return {parameter: float(size) for parameter, size in sizes.items() if np.isfinite(size)}
 
 
-def ranking(problem: Problem, wide: Wide, found: Found) -> tuple[Screened, ...]:
+def ranking(problem: Problem, wide: Wide, found: Found) -> tuple[RankedCandidate, ...]:
     """All candidates: those refitted first, the others behind them by their score; each effect once."""
     first = found.searches[0]
-    rows: dict[str, Screened] = {}
+    rows: dict[str, RankedCandidate] = {}
     for t in first.tried:
         s, name = first.score(t.name), effect_of(t.name)
         if name not in rows:
             sizes, seen = values(problem, wide, t.found, t.name), visible(problem, first, name)
-            rows[name] = Screened(name, s.T, t.p_value, t.delta_bic, True, s.absorbed, sizes, seen)
+            rows[name] = RankedCandidate(name, s.T, t.p_value, t.delta_bic, True, s.absorbed, sizes, seen)
     for s in sorted(first.scores, key=lambda s: s.name.endswith(BY_RUN)):
         name = effect_of(s.name)
         seen = visible(problem, first, name)
-        rows.setdefault(name, Screened(name, s.T, s.p_value, None, s.excited, s.absorbed, {}, seen))
+        rows.setdefault(name, RankedCandidate(name, s.T, s.p_value, None, s.excited, s.absorbed, {}, seen))
     return tuple(rows.values())

@@ -18,8 +18,7 @@ from typing import Any
 from cases.io.read import read_trials
 from cases.io.site import read_site
 from cases.shipfiles.ship_file import load_ship
-from diagnosis.diagnose import diagnose
-from diagnosis.result import contract
+from diagnosis.diagnose import DiagnosisOptions, diagnose
 from fitting.parallel import run_all
 from mmg.errors import UserError
 from mmg.ship import Ship
@@ -98,4 +97,5 @@ def answered(case: Path) -> dict[str, Any]:
     """What ``diagnosis.json`` would hold for a case."""
     ship = blind_ship()
     site = read_site([case], ship)
-    return contract(diagnose(ship, read_trials(case / "train"), read_trials(case / "test"), site))
+    train, test = read_trials(case / "train"), read_trials(case / "test")
+    return diagnose(ship, train, test, site, DiagnosisOptions(learn=False)).to_dict()

@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
+from diagnosis.findings import Findings, RankedCandidate
 from diagnosis.report.where_figures import state_figure, track_figure
-from diagnosis.result import Diagnosis, Screened
 from fitting.report.plot_style import AFTER, ALARM, BEFORE, GREY, MEASURED, dress, new_figure
 
 CLASS = "#7FB8D8"
@@ -24,7 +24,7 @@ BAND_COLOURS = ("#3B3B3B", "#6B5B95", "#0072B2", "#56B4E9", "#B9DDF0", "#DDDDDD"
 """From the mean of a run to the fastest band."""
 
 
-def ranking_figure(d: Diagnosis, most: int = 14) -> Figure:
+def ranking_figure(d: Findings, most: int = 14) -> Figure:
     """Candidates: score of the test at the fit without effects, and gain in BIC of those that were refitted."""
     rows = list(d.candidates[:most])[::-1]
     figure = new_figure(1.3 + 0.27 * len(rows))
@@ -62,12 +62,12 @@ def _ticks(top: float) -> Iterable[float]:
     return sorted({float(f"{x:.1g}") for x in wanted})
 
 
-def _colour(d: Diagnosis, row: Screened) -> str:
+def _colour(d: Findings, row: RankedCandidate) -> str:
     named = {e.name for e in d.effects}
     return AFTER if row.name in named else CLASS if row.name in d.equivalence_class else "#C4C9CE"
 
 
-def _legend(figure: Figure, d: Diagnosis) -> None:
+def _legend(figure: Figure, d: Findings) -> None:
     """Which colour is what; only colours that occur."""
     items = [("named", AFTER, bool(d.effects)), ("cannot be told from it", CLASS, bool(d.equivalence_class))]
     items.append(("other candidates" if d.effects else "candidates, none of them named", "#C4C9CE", True))
@@ -77,7 +77,7 @@ def _legend(figure: Figure, d: Diagnosis) -> None:
     figure.legend(handles, names, loc="outside lower center", ncols=3, fontsize=8.5, frameon=False)
 
 
-def p_words(row: Screened) -> str:
+def p_words(row: RankedCandidate) -> str:
     """The probability of a candidate's test in a few words."""
     if not row.excited:
         return "not excited"
@@ -86,7 +86,7 @@ def p_words(row: Screened) -> str:
     return f"p = {row.p_value:.4f}" if row.p_value >= 1e-4 else "p < 0.0001"
 
 
-def held_out_figure(d: Diagnosis) -> Figure:
+def held_out_figure(d: Findings) -> Figure:
     """Error on the test trials before and after, by trial with the total; and by length of the prediction."""
     held = d.held_out
     assert held is not None
@@ -136,7 +136,7 @@ def _pairs(ax: Axes, rows: list[tuple[str, tuple[float, float]]]) -> None:
     ax.set_ylim(-0.7, len(rows) - 0.3)
 
 
-def share_figure(d: Diagnosis) -> Figure:
+def share_figure(d: Findings) -> Figure:
     """Energy of the missing force by channel and, within, by how fast it changes; below it what is left after."""
     channels = d.where["channels"]
     later = any("force_rms_after" in row for row in channels.values())
@@ -195,7 +195,7 @@ class Drawn:
     name: str
     title: str
     caption: str
-    draw: Callable[[Diagnosis], Figure]
+    draw: Callable[[Findings], Figure]
 
 
 TRACK = Drawn(
@@ -232,7 +232,9 @@ SHARE = Drawn(
 )  # fmt: skip
 
 
-def figures_for(d: Diagnosis) -> tuple[Drawn, ...]:
-    """Figures that this diagnosis can have; the one of the test trials only where there are any."""
+def figures_for(d: Findings) -> tuple[Drawn, ...]:
+    """Figures that this diagnosis can have; the one of the test trials only where there are any, that of the tracks
+    only with the fit."""
     held = (HELD_OUT,) if d.held_out is not None and d.verdict == "named" else ()
-    return (TRACK, STATE, RANKING, *held, SHARE) if d.where else (RANKING, *held)
+    track = (TRACK,) if d.null is not None and d.data is not None else ()
+    return (*track, STATE, RANKING, *held, SHARE) if d.where else (RANKING, *held)

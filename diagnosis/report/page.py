@@ -10,11 +10,11 @@ from typing import Any
 
 from jinja2 import ChoiceLoader, Environment, PackageLoader
 
+from diagnosis.findings import Findings, RandomSizes
 from diagnosis.location.regions import CHANNELS
 from diagnosis.report import where_words as report_where
 from diagnosis.report import words
 from diagnosis.report.figures import figures_for
-from diagnosis.result import Diagnosis
 from fitting.report.page import environment, figures_of, write_page
 from mmg.errors import UserError
 
@@ -25,7 +25,7 @@ FAINT = 0.05
 """Share of the energy up to which the regions of a channel are left to diagnosis.json."""
 
 
-def write_report(d: Diagnosis, folder: Path) -> list[dict[str, str]]:
+def write_report(d: Findings, folder: Path) -> list[dict[str, str]]:
     """Write the figures and ``report.html`` of a diagnosis to a folder; the figures' files, titles and captions.
 
     Raises UserError when they cannot be written.
@@ -35,7 +35,7 @@ def write_report(d: Diagnosis, folder: Path) -> list[dict[str, str]]:
     return listed
 
 
-def write_figures(d: Diagnosis, folder: Path) -> list[dict[str, str]]:
+def write_figures(d: Findings, folder: Path) -> list[dict[str, str]]:
     """Draw the figures into ``folder/figures``; their files, titles and captions."""
     listed = []
     try:
@@ -60,7 +60,7 @@ def templates() -> Environment:
     return found
 
 
-def build_report(d: Diagnosis, folder: Path, listed: Sequence[Mapping[str, str]]) -> str:
+def build_report(d: Findings, folder: Path, listed: Sequence[Mapping[str, str]]) -> str:
     """The page; listed: figures that lie in the folder."""
     page = templates().get_template("diagnosis.html.j2")
     figures = {f["name"]: f for f in figures_of(folder, listed)}
@@ -68,7 +68,7 @@ def build_report(d: Diagnosis, folder: Path, listed: Sequence[Mapping[str, str]]
     return page.render(figures={name: figures.get(name) for name in names}, **_head(d), **_effects(d), **_rest(d))
 
 
-def _head(d: Diagnosis) -> dict[str, Any]:
+def _head(d: Findings) -> dict[str, Any]:
     """Title, sentence, cards."""
     held = d.held_out
     changed = held is not None and held.mse_after != held.mse_before
@@ -95,7 +95,7 @@ def _head(d: Diagnosis) -> dict[str, Any]:
         "learned_words": words.learned_words(d.learned),
         "next_test": words.next_words(d), "warnings": [words.readable(w.rstrip(".")) for w in d.warnings],
         "version": _version(),
-        "trials": d.data.trials, "tests": len(held.by_run) if held is not None else 0,
+        "trials": [row["name"] for row in d.inputs.data], "tests": len(held.by_run) if held is not None else 0,
     }  # fmt: skip
 
 
@@ -106,7 +106,7 @@ def _version() -> str:
         return "?"
 
 
-def _effects(d: Diagnosis) -> dict[str, Any]:
+def _effects(d: Findings) -> dict[str, Any]:
     """The named effects, and the candidates in two tables: those refitted, and the others."""
     rows = words.ranking(d)
     done = [c.delta_bic is not None for c in d.candidates]
@@ -117,20 +117,20 @@ def _effects(d: Diagnosis) -> dict[str, Any]:
         "named": sorted((row for row in rows if row["name"] in named), key=lambda row: order[row["name"]]),
         "refitted": sorted(refitted, key=lambda row: order.get(row["name"], len(order))),
         "others": [row for row, yes in zip(rows, done, strict=True) if not yes and row["name"] not in named],
-        "left_out": d.left_out,
+        "left_out": d.not_screened,
         "unnamed_words": words.unnamed_words(d),
     }
 
 
-def _rest(d: Diagnosis) -> dict[str, Any]:
+def _rest(d: Findings) -> dict[str, Any]:
     """Tables of the test trials, of where, of what is random."""
     where = d.where
     channels = [{"name": name, **row} for name, row in where.get("channels", {}).items()]
     told = [row for row in where.get("regions", []) if where["channels"][row["channel"]]["share"] > FAINT][:TOLD]
     regions = [{"words": report_where.region_words(row), **row} for row in told]
-    fits = [("random force, rms, without any effect", d.null.noise.force)]
-    if d.effects:
-        fits.append(("with what was named", d.final.noise.force))
+    fits = [("random force, rms, without any effect", d.noise.force_N_N_Nm)]
+    if d.effects and d.final is not None:
+        fits.append(("with what was named", RandomSizes.of(d.final).force_N_N_Nm))
     earth = {
         row["run"]: f"{row['force']:.2g} {row['unit']} to {round(math.degrees(row['towards'])) % 360:03d}°"
         for row in where.get("earth", [])
@@ -140,11 +140,11 @@ def _rest(d: Diagnosis) -> dict[str, Any]:
         "held": held_rows(d), "likelihood": _likelihood(d), "channels": channels, "regions": regions,
         "later": any("force_rms_after" in row for row in channels),
         "phases": _by_channel(where.get("phases", []), "phase"), "runs": _by_channel(where.get("runs", []), "run"),
-        "kinematics": d.kinematics, "noise": {"tau": d.null.noise.tau, "rows": fits}, "timings": d.timings,
+        "kinematics": d.kinematics, "noise": {"tau": d.noise.force_memory_s, "rows": fits}, "timings": d.timings,
     }  # fmt: skip
 
 
-def held_rows(d: Diagnosis) -> list[dict[str, Any]]:
+def held_rows(d: Findings) -> list[dict[str, Any]]:
     """Errors of the test trials before and after, the total last."""
     if d.held_out is None:
         return []
@@ -162,7 +162,7 @@ def held_rows(d: Diagnosis) -> list[dict[str, Any]]:
     ]
 
 
-def _likelihood(d: Diagnosis) -> str:
+def _likelihood(d: Findings) -> str:
     """The gain of the one-step predictions of the test trials in words."""
     h = d.held_out
     if h is None or h.likelihood_gain is None:

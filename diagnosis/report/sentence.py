@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from diagnosis.estimation.candidates import effect_of
+from diagnosis.findings import HeldOut, NamedEffect
 from diagnosis.hypotheses.forward_selection import Found
-from diagnosis.result import HeldOut, Named
 
 
-def amount(effect: Named) -> str:
+def amount(effect: NamedEffect) -> str:
     """The parameters of an effect as words."""
     parts = []
     for symbol, p in effect.parameters.items():
@@ -19,7 +19,7 @@ def amount(effect: Named) -> str:
 
 def sentence_of(
     verdict: str,
-    effects: Sequence[Named],
+    effects: Sequence[NamedEffect],
     same: Sequence[str],
     remainder: bool,
     held: HeldOut | None,

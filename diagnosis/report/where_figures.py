@@ -12,7 +12,7 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, MultipleLocator
 
-from diagnosis.result import Diagnosis
+from diagnosis.findings import Findings
 from fitting.report.plot_style import AFTER, BEFORE, MEASURED, dress, new_figure
 from fitting.report.plot_tracks import OUTLINE
 
@@ -28,8 +28,9 @@ def by_degrees(unit: str) -> tuple[float, str]:
     return (DEGREES, unit.replace("rad", "deg")) if unit.startswith("rad") else (1.0, unit)
 
 
-def track_figure(d: Diagnosis, most: int = 4) -> Figure:
+def track_figure(d: Findings, most: int = 4) -> Figure:
     """Tracks of the windows with the largest missing force, as arrows of one scale, the moment by colour; north up."""
+    assert d.null is not None and d.data is not None
     chosen = _strongest(d, most)
     columns = 2 if len(chosen) > 1 else 1
     rows = -(-len(chosen) // columns)
@@ -52,8 +53,9 @@ def track_figure(d: Diagnosis, most: int = 4) -> Figure:
     return figure
 
 
-def _strongest(d: Diagnosis, most: int) -> np.ndarray:
+def _strongest(d: Findings, most: int) -> np.ndarray:
     """Windows with the most energy of the missing force, one of each trial, in the order of the trials."""
+    assert d.null is not None and d.data is not None
     channels = d.where["channels"]
     rms = np.array([max(row["force_rms"], 1e-12) for row in channels.values()])
     weight = np.array([row["share"] for row in channels.values()]) / rms**2
@@ -62,8 +64,9 @@ def _strongest(d: Diagnosis, most: int) -> np.ndarray:
     return np.array(sorted(sorted(best, key=lambda w: -energy[w])[:most]), dtype=int)
 
 
-def _track(ax: Axes, d: Diagnosis, w: int, reach: float, turn: float) -> LineCollection:
+def _track(ax: Axes, d: Findings, w: int, reach: float, turn: float) -> LineCollection:
     """One track with its arrows; reach [N] is drawn 0.15 of the panel long, turn [N m] has full colour."""
+    assert d.null is not None and d.data is not None
     steps = d.data.steps[w]
     z, force = d.null.path.z[: steps + 1, w], d.null.path.force[:steps, w]
     points = z[:, 1::-1]  # east, north
@@ -95,7 +98,7 @@ def _track(ax: Axes, d: Diagnosis, w: int, reach: float, turn: float) -> LineCol
     return lines
 
 
-def telling(d: Diagnosis, most: int = 6) -> list[Mapping[str, Any]]:
+def telling(d: Findings, most: int = 6) -> list[Mapping[str, Any]]:
     """Rows of where["variables"] that explain most of the force, at most two of one variable."""
     chosen: list[Mapping[str, Any]] = []
     for row in d.where.get("variables", []):
@@ -104,7 +107,7 @@ def telling(d: Diagnosis, most: int = 6) -> list[Mapping[str, Any]]:
     return chosen[:most]
 
 
-def state_figure(d: Diagnosis) -> Figure:
+def state_figure(d: Findings) -> Figure:
     """Missing force averaged in bins of what it follows most, with two standard errors, before and after."""
     rows = telling(d)
     figure = new_figure(0.4 + 2.5 * max(1, -(-len(rows) // 3)))

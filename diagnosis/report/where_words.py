@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from diagnosis.findings import Findings
 from diagnosis.report.where_figures import by_degrees
-from diagnosis.result import Diagnosis
 
 SIDES = {
     "surge": ("ahead", "astern"), "sway": ("to starboard", "to port"), "yaw": ("bow to starboard", "bow to port"),
@@ -45,13 +45,13 @@ def region_words(row: Mapping[str, Any]) -> str:
     return words.replace("-", "−")
 
 
-def first_channel(d: Diagnosis) -> str:
+def first_channel(d: Findings) -> str:
     """The channel with most of the gap."""
     channels = d.where.get("channels", {})
     return max(channels, key=lambda name: channels[name]["share"]) if channels else ""
 
 
-def where_words(d: Diagnosis) -> list[str]:
+def where_words(d: Findings) -> list[str]:
     """Where the gap lies, in two or three sentences."""
     if not d.where:
         return []
@@ -83,7 +83,7 @@ def _after(row: Mapping[str, Any]) -> str:
     )
 
 
-def _follows(d: Diagnosis, first: str) -> str:
+def _follows(d: Findings, first: str) -> str:
     """What the missing force of the first channel follows, or else that of another one."""
     rows = [v for v in d.where.get("variables", []) if v["explained"] > FOLLOWED]
     own = [v for v in rows if v["channel"] == first] or rows[:1]
@@ -97,7 +97,7 @@ def _follows(d: Diagnosis, first: str) -> str:
     return f"{what} follows {words}, {_extreme(own[0])}."
 
 
-def where_big(d: Diagnosis) -> str:
+def where_big(d: Findings) -> str:
     """The channel with most of the gap, in a few words."""
     if not d.where:
         return ""

@@ -7,9 +7,9 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
+from diagnosis.findings import EstimatedParameter, Findings, HeldOut, LearnedResidual, RankedCandidate
 from diagnosis.report.where_figures import by_degrees
 from diagnosis.report.where_words import PLAIN, first_channel, percent
-from diagnosis.result import Diagnosis, HeldOut, Learned, Parameter, Screened
 from fitting.report.words import plus_minus
 from mmg.effects import EFFECTS
 
@@ -59,13 +59,13 @@ def signed(value: float | None, digits: str = ".0f") -> str:
     return "–" if value is None or not math.isfinite(value) else f"{value:+{digits}}".replace("-", "−")
 
 
-def quantity(p: Parameter) -> str:
+def quantity(p: EstimatedParameter) -> str:
     """Value, standard error, unit; angles in degrees."""
     factor, unit = by_degrees(p.unit)
     return f"{plus_minus(factor * p.value, factor * p.std)} {unit}".strip()
 
 
-def sizes(name: str, parameters: Mapping[str, Parameter], d: Diagnosis) -> list[dict[str, str]]:
+def sizes(name: str, parameters: Mapping[str, EstimatedParameter], d: Findings) -> list[dict[str, str]]:
     """Rows of parameter, size, words; a vector over ground also as its amount and direction."""
     known = {p.symbol: p for p in EFFECTS[name].parameters(d.ship.namespace, dict(d.ship.components))}
     rows = [
@@ -80,7 +80,7 @@ def sizes(name: str, parameters: Mapping[str, Parameter], d: Diagnosis) -> list[
     return rows
 
 
-def visible(c: Screened, d: Diagnosis) -> str:
+def visible(c: RankedCandidate, d: Findings) -> str:
     """From which sizes on these trials would show an effect; where even its typical size is far below, a dash."""
     known = {p.symbol: p for p in EFFECTS[c.name].parameters(d.ship.namespace, dict(d.ship.components))}
     told = []
@@ -91,7 +91,7 @@ def visible(c: Screened, d: Diagnosis) -> str:
     return ", ".join(told) or "–"
 
 
-def ranking(d: Diagnosis) -> list[dict[str, Any]]:
+def ranking(d: Findings) -> list[dict[str, Any]]:
     """The candidates for the table."""
     named = {e.name: e for e in d.effects}
     rows = []
@@ -115,7 +115,7 @@ def ranking(d: Diagnosis) -> list[dict[str, Any]]:
     return rows
 
 
-def note_on(c: Screened, role: str, d: Diagnosis) -> str:
+def note_on(c: RankedCandidate, role: str, d: Findings) -> str:
     """Why a candidate is where it is, in a few words."""
     if not c.excited:
         return "not excited by these trials: neither found nor excluded"
@@ -144,7 +144,7 @@ def kind_words(kind: str) -> str:
     return f"a {kind}" if " " in kind else f"a {kind} of its own"
 
 
-def next_words(d: Diagnosis) -> str:
+def next_words(d: Findings) -> str:
     """What to test next, also where the diagnosis says nothing of it."""
     if d.next_test:
         return readable(d.next_test)
@@ -190,7 +190,7 @@ def held_words(h: HeldOut | None, verdict: str) -> str:
     return words
 
 
-def learned_words(found: Learned | None) -> str:
+def learned_words(found: LearnedResidual | None) -> str:
     """What the learned residual closes, in a few sentences."""
     if found is None:
         return ""
@@ -203,7 +203,7 @@ def learned_words(found: Learned | None) -> str:
     )
 
 
-def verdict_words(d: Diagnosis) -> str:
+def verdict_words(d: Findings) -> str:
     """What the verdict means and what to do with it."""
     tried = len([c for c in d.candidates if c.excited])
     if d.verdict == "named":
@@ -229,7 +229,7 @@ def verdict_words(d: Diagnosis) -> str:
     )
 
 
-def unnamed_words(d: Diagnosis) -> str:
+def unnamed_words(d: Findings) -> str:
     """What the dictionary without names found, in one sentence."""
     before, after = d.unnamed_before.get("all"), d.unnamed_after.get("all")
     if before is None:

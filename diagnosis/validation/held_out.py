@@ -13,7 +13,7 @@ from diagnosis.estimation.kalman import smoothed
 from diagnosis.estimation.linearised_model import Steps
 from diagnosis.estimation.map_estimate import Estimate, Path, estimate, first_path, look_around
 from diagnosis.estimation.parameters import NOTHING, Priors, active_states, read
-from diagnosis.result import HeldOut
+from diagnosis.findings import HeldOut
 from mmg.effects import EFFECTS
 from mmg.logged import columns
 from mmg.model import Model

@@ -5,7 +5,7 @@ Nothing of the test trials reaches the training: they only say afterwards what i
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +14,7 @@ import torch
 from cases.inputs import step_means, straight_means
 from cases.trial import Trial
 from diagnosis.estimation.gridded_trials import arrange, moving
-from diagnosis.result import Learned
+from diagnosis.findings import LearnedResidual
 from diagnosis.validation.held_out import errors, interval_of, window_length
 from fitting.nlp.grid import default_step, grids
 from mmg.errors import UserError
@@ -74,8 +74,7 @@ def learned(
     seed: int = 0,
     workers: int = 1,
     training: TrainSettings | None = None,
-    say: Callable[[str], None] = lambda _: None,
-) -> Learned:
+) -> LearnedResidual:
     """Train residuals on the training trials and say how far the error of 30 s predictions of the test trials falls.
 
     ship: as the diagnosis left it; step [s]: of grid and integration (default: as the fit); seed: of the first training
@@ -107,7 +106,7 @@ def learned(
     reductions = 1 - one.sum(axis=1) / before.sum()
     after, decision = one.mean(axis=0), decide(outcomes)
     several = len(np.unique(run)) > 1
-    found = Learned(
+    found = LearnedResidual(
         mse_before=float(before.mean()),
         mse_after=float(after.mean()),
         reduction=float(reductions.mean()),
@@ -136,7 +135,7 @@ def _trained(ship: Ship, settings: TrainSettings, pieces: Sequence[Piece], scale
     return good
 
 
-def sentence_of(found: Learned) -> str:
+def sentence_of(found: LearnedResidual) -> str:
     """One sentence on how much the residual closes: no more than chance is called none."""
     size, least = f"{abs(found.reduction):.1%}", max(found.spread, NOTHING)
     low, high = found.interval_90 or (-np.inf, np.inf)

@@ -12,9 +12,7 @@ def demo_diagnosis(folder: Path, seed: int) -> dict[str, Any]:
     from cases.shipfiles.ship_file import load_ship
     from cases.simulation.demo_trials import SECRET, demo_trials
     from cases.simulation.simulate import write_trial
-    from diagnosis.diagnose import diagnose
-    from diagnosis.result import contract
-    from mmg_ident.commands.diagnose import with_learned, write_diagnosis
+    from diagnosis.diagnose import DiagnosisOptions, diagnose
     from mmg_ident.commands.output import say
 
     say("7. A second campaign, a year later: what is different?")
@@ -24,13 +22,12 @@ def demo_diagnosis(folder: Path, seed: int) -> dict[str, Any]:
         for trial in trials:
             write_trial(trial, folder / "second" / role / f"{trial.name}.csv")
     train, test = (read_trials([folder / "second" / role]) for role in made)
-    first = read_trials([folder / "trials" / "train"])
-    found = diagnose(load_ship(folder / "run" / "ship.toml"), train, test, seed=seed, unseen=True, reference=first)
-    found = with_learned(found, train, test, seed)
-    content = contract(found)
     command = f"mmg diagnose {folder / 'run'} {folder / 'second' / 'train'} --test {folder / 'second' / 'test'}"
-    write_diagnosis(folder / "diagnosis", found, content, train, test, command, seed, content["timings"]["total"])
-    say(f"   {content['sentence']}")
+    options, ship = DiagnosisOptions(seed=seed, command=command), load_ship(folder / "run" / "ship.toml")
+    found = diagnose(ship, train, test, options=options, calibrated_on=folder / "run")
+    found.save(folder / "diagnosis")
+    say(f"   {found.sentence}")
     say(f"   (the truth behind it: {SECRET})")
     say(f"   Report: {folder / 'diagnosis' / 'report.html'}")
+    content = found.to_dict()
     return {k: content[k] for k in ("verdict", "effects", "equivalence_class", "sentence")}

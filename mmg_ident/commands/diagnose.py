@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
-    from cases.trial import Trial
     from diagnosis.result import Diagnosis
     from mmg.ship import Ship
 
@@ -46,50 +45,32 @@ def diagnose(
 
     Example: mmg diagnose runs/first trials/*.csv --test held_out/*.csv --out runs/gap
     """
+    import logging
     import sys
-    import time
 
     from cases.io.read import read_trials
-    from cases.io.site import read_site
-    from diagnosis.diagnose import diagnose as diagnosed
-    from diagnosis.result import contract
+    from diagnosis import diagnose as pipeline
     from fitting.report.run_folder import check_target
-    from mmg.errors import UserError
-    from mmg_ident.commands.output import print_json, say
+    from mmg.progress import LOGGER
+    from mmg_ident.commands.output import print_json
 
-    began = time.perf_counter()
     check_target(out)
-    if step is not None and not 0 < step < 60:
-        raise UserError(f"--step {step:g}: must be a positive number of seconds below 60")
-    if workers < 1:
-        raise UserError(f"--workers {workers}: must be at least 1")
-    ship, remarks = _ship(run, without or [])
-    train = read_trials(trials)
-    tests, shared = _apart(train, read_trials(test) if test else [])
-    remarks += shared
-    place = read_site(train, ship, site)
-
-    def tell(words: str) -> None:
-        if not json:
-            say(words)
-
-    unseen, reference, told = _calibrated_on(run, train, without or [])
-    remarks += told
-    found = diagnosed(ship, train, tests, place, step, seed, workers, unseen, reference, tell)
-    if not no_learn:
-        found = with_learned(found, train, tests, seed, workers, tell)
-    content = contract(found)
-    content["warnings"] = [*remarks, *place.notices, *content["warnings"]]
-    command = "mmg " + " ".join(sys.argv[1:])
-    write_diagnosis(out, found, content, train, tests, command, seed, time.perf_counter() - began)
+    LOGGER.setLevel(logging.WARNING if json else logging.INFO)
+    if not LOGGER.handlers:
+        LOGGER.addHandler(logging.StreamHandler())
+    ship = _ship(run, without or [])
+    options = pipeline.DiagnosisOptions(step, seed, workers, not no_learn, "mmg " + " ".join(sys.argv[1:]))
+    train, tests = read_trials(trials), read_trials(test) if test else []
+    found = pipeline.diagnose(ship, train, tests, site, options, calibrated_on=run)
+    found.save(out)
     if json:
-        print_json(content)
+        print_json(found.to_dict())
     else:
-        _summary(content, out)
+        _summary(found, out)
 
 
-def _ship(where: str, without: Sequence[str]) -> tuple[Ship, list[str]]:
-    """The ship of a run folder, file or library, without a network and without some components; remarks on it."""
+def _ship(where: str, without: Sequence[str]) -> Ship:
+    """The ship of a run folder, file or library, without some components."""
     from cases.shipfiles.ship_file import load_ship
     from mmg.errors import UserError
     from mmg_ident.commands.fit_input import _reduced
@@ -102,182 +83,34 @@ def _ship(where: str, without: Sequence[str]) -> tuple[Ship, list[str]]:
         )
     if not path.is_dir() and not is_model(where):
         raise UserError(f"{where}: neither a run folder nor a ship file nor a ship of mmg ships")
-    ship = load_ship(path / "ship.toml" if path.is_dir() else where)
-    remarks = []
-    if ship.network is not None:
-        ship = ship.without_network()
-        remarks.append("the learned residual is left out: what it learnt is what is to be explained")
-    if not any(c.prior_std is not None for c in ship.coefficients.values()):
-        remarks.append(
-            f"{ship.name} was not calibrated: its coefficients are fitted here, from the priors that it states, and "
-            "what these allow is not called a gap"
-        )
-    return _reduced(ship, list(without), None, None, None), remarks
+    return _reduced(load_ship(path / "ship.toml" if path.is_dir() else where), list(without), None, None, None)
 
 
-def with_learned(
-    found: Diagnosis,
-    train: Sequence[Trial],
-    tests: Sequence[Trial],
-    seed: int = 0,
-    workers: int = 1,
-    tell: Callable[[str], None] = lambda words: None,
-) -> Diagnosis:
-    """The diagnosis with how much a learned residual closes of what has no name, or a warning why that is not known.
-
-    As given where nothing is left without a name, and without test trials.
-    """
-    import time
-    from dataclasses import replace
-
-    from mmg.errors import UserError
-    from mmg_ident.commands.output import needs_torch
-
-    if not tests or not (found.verdict == "unknown" or found.remainder):
-        return found
-    began = time.perf_counter()
-    try:
-        needs_torch("a learned residual")
-        from diagnosis.validation.learned import learned
-
-        tell("learning what has no name, from the training trials")
-        rest = learned(found.after, train, tests, found.data.h, seed, workers, say=tell)
-    except UserError as reason:
-        why = f"how much of the rest a learned residual closes was not measured: {reason}"
-        return replace(found, warnings=(*found.warnings, why))
-    seconds = time.perf_counter() - began
-    spent = {**found.timings, "learned residual": seconds}
-    if "total" in spent:
-        spent["total"] = spent.pop("total") + seconds
-    return replace(found, learned=rest, timings=spent)
-
-
-def _calibrated_on(where: str, trials: Sequence[Trial], without: Sequence[str]) -> tuple[bool, list[Trial], list[str]]:
-    """Whether a run was calibrated on none of these trials; the trials it was calibrated on, if so; remarks.
-
-    They serve as a reference only where they can be read as they were, and for the model that was calibrated on them.
-    """
-    from cases.io.read import read_trials
-    from fitting.report.run_folder import RESULT, read_result
-    from mmg.errors import UserError
-
-    if not (Path(where) / RESULT).exists():
-        return False, [], []
-    rows = [row for row in read_result(Path(where)).get("data", []) if row.get("sha256")]
-    if not rows or {t.sha256 for t in trials} & {row["sha256"] for row in rows}:
-        return False, [], []
-    known = "the ship was calibrated on other trials: its estimates and standard errors are taken as known before"
-    if without:
-        return True, [], [known]
-    paths = [Path(row["path"]) for row in rows if row.get("path")]
-    try:
-        old = read_trials([p for p in paths if p.is_file()])
-    except UserError:
-        old = []
-    same = [t for t in old if t.sha256 in {row["sha256"] for row in rows}]
-    if len(same) < len(rows):
-        return True, [], [f"{known}; they cannot be read as they were, so they are no reference for their usual misfit"]
-    return True, same, []
-
-
-def _apart(train: Sequence[Trial], tests: Sequence[Trial]) -> tuple[list[Trial], list[str]]:
-    """The test trials that share no rows with the others, and sentences on those left out."""
-    from cases.checks.duplicates import duplicates
-
-    if not tests:
-        return [], []
-    every = [*train, *tests]
-    shared: dict[str, str] = {}
-    hashes = {t.sha256: t.name for t in train if t.sha256}
-    kept = []
-    copies = duplicates(every)
-    for i, t in enumerate(tests):
-        others = {str(c.get("other")) for c in copies[len(train) + i][0]}
-        others |= {every[j].name for j in range(len(train)) for c in copies[j][0] if c.get("other") == t.name}
-        here = [o.name for o in train if o.name in others]
-        if t.sha256 in hashes:
-            here.append(hashes[t.sha256])
-        if here:
-            shared[t.name] = here[0]
-        else:
-            kept.append(t)
-    words = [
-        f"{name} shares rows with {other}, so it is no test and was left out of the check"
-        for name, other in shared.items()
-    ]
-    if tests and not kept:
-        words.append("no test trial is left: how far the gap closes was not checked")
-    return kept, words
-
-
-def write_diagnosis(
-    out: Path,
-    found: Diagnosis,
-    content: dict[str, Any],
-    train: Sequence[Trial],
-    tests: Sequence[Trial],
-    command: str,
-    seed: int,
-    seconds: float,
-) -> None:
-    """The folder: diagnosis.json, result.json, ship.toml, figures, report.html; whole or not at all."""
-    from dataclasses import replace
-
-    from cases.shipfiles.ship_file import dump_ship
-    from diagnosis.report.page import write_report
-    from fitting.report.run_folder import data_rows, versions, write_json, write_whole
-
-    whole = replace(found, warnings=tuple(content["warnings"]))
-
-    def fill(folder: Path) -> None:
-        (folder / "ship.toml").write_text(dump_ship(whole.after, "refitted by mmg diagnose"), encoding="utf-8")
-        write_json(folder / "diagnosis.json", content)
-        figures = write_report(whole, folder)
-        write_json(
-            folder / "result.json",
-            {
-                "kind": "diagnosis",
-                "command": command,
-                "seed": seed,
-                "versions": versions(),
-                "data": data_rows(train),
-                "test": data_rows(tests),
-                "figures": figures,
-                "warnings": content["warnings"],
-                "timings_s": {**content["timings"], "wall": seconds},
-            },
-        )
-
-    write_whole(out, fill)
-
-
-def _summary(content: dict[str, Any], out: Path) -> None:
+def _summary(found: Diagnosis, out: Path) -> None:
     """A few lines for a person."""
     from rich.console import Console
     from rich.table import Table
 
     from mmg_ident.commands.output import say
 
-    for line in content["warnings"]:
+    for line in found.warnings:
         say(f"warning: {line}")
     console = Console(width=None)
-    table = Table(title=f"verdict: {content['verdict']}", title_justify="left")
+    table = Table(title=f"verdict: {found.verdict}", title_justify="left")
     for name in ("effect", "score", "p", "gain in BIC", "absorbed"):
         table.add_column(name, justify="left" if name == "effect" else "right")
-    for row in content["candidates"][:8]:
-        gain = "" if row["delta_bic"] is None else f"{row['delta_bic']:.1f}"
-        if not row["excited"]:
-            table.add_row(row["name"], "not excited", "", "", "")
+    for row in found.candidates[:8]:
+        gain = "" if row.delta_bic is None else f"{row.delta_bic:.1f}"
+        if not row.excited:
+            table.add_row(row.name, "not excited", "", "", "")
         else:
-            table.add_row(
-                row["name"], f"{row['score']:.1f}", f"{row['p_value']:.1g}", gain, f"{row['absorbed_share']:.0%}"
-            )
+            table.add_row(row.name, f"{row.score:.1f}", f"{row.p_value:.1g}", gain, f"{row.absorbed_share:.0%}")
     console.print(table)
-    console.print(content["sentence"], highlight=False, soft_wrap=True)
-    if content["learned"]:
-        console.print(content["learned"]["sentence"], highlight=False, soft_wrap=True)
-    for line in content["kinematics"]:
+    console.print(found.sentence, highlight=False, soft_wrap=True)
+    if found.learned:
+        console.print(found.learned.sentence, highlight=False, soft_wrap=True)
+    for line in found.kinematics:
         console.print(f"sensors: {line}", highlight=False, soft_wrap=True)
-    if content["next_test"]:
-        console.print(f"next: {content['next_test']}", highlight=False, soft_wrap=True)
+    if found.next_test:
+        console.print(f"next: {found.next_test}", highlight=False, soft_wrap=True)
     say(f"diagnosis: {out} (diagnosis.json, report.html, ship.toml)")

@@ -11,16 +11,16 @@ import pytest
 
 from cases.trial import Trial
 from diagnosis import summary as told
-from diagnosis.diagnose import diagnose
+from diagnosis.diagnose import DiagnosisOptions, diagnose
 from diagnosis.estimation.candidates import AT, BY_RUN, LOCAL, Candidate, by_run, effect_of, stem
 from diagnosis.estimation.gridded_trials import Data, arrange
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import Priors, read
+from diagnosis.findings import HeldOut
 from diagnosis.hypotheses.forward_selection import Found, Problem, explain, now_without
 from diagnosis.hypotheses.refit import refit, robust_p
 from diagnosis.hypotheses.score_test import scored, slopes
 from diagnosis.prepare import prepare
-from diagnosis.result import HeldOut, contract
 from diagnosis.validation.held_out import STRIDE, WINDOW, compare, errors, halves, in_their_runs
 from tests.diagnosis.estimation.test_by_window import short_trials, three_windows
 from tests.diagnosis.report.test_report import case
@@ -180,7 +180,7 @@ def test_the_contract_has_the_values_by_run_where_an_effect_differs(fits: tuple[
     problem, _, found = fits
     row = told.named(problem, replace(wide(), candidates=dict(problem.candidates)), found, "current by run")
     d = case("named")
-    written = contract(replace(d, effects=(row, replace(row, by_run={}))))["effects"]
+    written = replace(d, effects=(row, replace(row, by_run={}))).to_dict()["effects"]
     assert written[0]["name"] == "current" and written[0]["by_run"] == row.by_run
     assert "by_run" not in written[1]
 
@@ -288,8 +288,8 @@ def test_effects_of_the_surroundings_differ_by_run_from_three_runs_on() -> None:
 
 def test_the_whole_diagnosis_names_the_current_once_with_its_value_in_each_run() -> None:
     trials, tests = in_currents(10, RUNS, TRUTH), in_currents(50, OTHERS, ELSEWHERE)
-    d = diagnose(FEW, trials, tests, step=H)
-    content = json.loads(json.dumps(contract(d)))
+    d = diagnose(FEW, trials, tests, options=DiagnosisOptions(step=H, learn=False))
+    content = json.loads(json.dumps(d.to_dict()))
     assert content["verdict"] == "named" and [e["name"] for e in content["effects"]] == ["current"]
     for pair, values in zip(TRUTH, content["effects"][0]["by_run"].values(), strict=True):
         assert (values["x"], values["y"]) == pytest.approx(pair, abs=0.01)
@@ -297,4 +297,4 @@ def test_the_whole_diagnosis_names_the_current_once_with_its_value_in_each_run()
     names = [c["name"] for c in content["candidates"]]
     assert names[0] == "current" and len(names) == len(set(names)) and not any(BY_RUN in n for n in names)
     assert "in the mean, different in each run" in d.sentence and d.next_test
-    assert content["held_out"]["reduction"] > 0.3 and set(d.after.effects) == {"current"}
+    assert content["held_out"]["reduction"] > 0.3 and set(d.ship.effects) == {"current"}

@@ -14,9 +14,9 @@ from diagnosis.estimation.kalman import Noise
 from diagnosis.estimation.map_estimate import Estimate, Path, estimate
 from diagnosis.estimation.noise_sizes import first_noise
 from diagnosis.estimation.parameters import Priors
+from diagnosis.findings import HeldOut
 from diagnosis.hypotheses.forward_selection import AGREE, LEVEL, ODDS, SAME, Found, Problem, Search, Tried, explain
 from diagnosis.hypotheses.unnamed import SIZES, log_bayes, unnamed
-from diagnosis.result import HeldOut
 from tests.support.diagnosis_cases import FEW, WHITE, problem_of, pushed_trials, quiet
 
 NOISE = Noise(np.ones(3), 5.0, np.ones(6), np.zeros(6), 4.0)

@@ -9,15 +9,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from diagnosis.findings import (
+    DiagnosisInputs,
+    EstimatedParameter,
+    HeldOut,
+    NamedEffect,
+    RandomSizes,
+    RankedCandidate,
+)
 from diagnosis.location.where import where
 from diagnosis.report.page import build_report, held_rows, write_report
 from diagnosis.report.where_words import first_channel, region_words, where_words
 from diagnosis.report.words import meaning, next_words, probability, quantity, ranking, readable, visible
-from diagnosis.result import Diagnosis, HeldOut, Named, Parameter, Screened
+from diagnosis.result import Diagnosis
 from tests.diagnosis.location.test_where import INPUTS, SHIP, coloured, fitted, weaving
 
-CURRENT = {"x": Parameter(0.03, 0.002, "m/s"), "y": Parameter(-0.04, 0.002, "m/s")}
-DRIFT = {"x": Parameter(0.7, 0.1, "N"), "y": Parameter(-0.9, 0.1, "N")}
+CURRENT = {"x": EstimatedParameter(0.03, 0.002, "m/s"), "y": EstimatedParameter(-0.04, 0.002, "m/s")}
+DRIFT = {"x": EstimatedParameter(0.7, 0.1, "N"), "y": EstimatedParameter(-0.9, 0.1, "N")}
 
 
 def case(verdict: str) -> Diagnosis:
@@ -28,10 +36,10 @@ def case(verdict: str) -> Diagnosis:
     null, final = fitted(z, force), fitted(z, 0.1 * force)
     named = verdict == "named"
     candidates = (
-        Screened("current", 300.0, 1e-12, 280.0, True, 0.3, CURRENT),
-        Screened("wave_drift", 290.0, 2e-11, 277.0, True, 0.2, DRIFT, {"x": 0.31, "y": 0.42}),
-        Screened("rudder_offset", 5.0, 0.4, None, True, 0.95, {}, {"delta": 0.01}),
-        Screened("propeller_side_force", 0.0, 1.0, None, False, 0.0),
+        RankedCandidate("current", 300.0, 1e-12, 280.0, True, 0.3, CURRENT),
+        RankedCandidate("wave_drift", 290.0, 2e-11, 277.0, True, 0.2, DRIFT, {"x": 0.31, "y": 0.42}),
+        RankedCandidate("rudder_offset", 5.0, 0.4, None, True, 0.95, {}, {"delta": 0.01}),
+        RankedCandidate("propeller_side_force", 0.0, 1.0, None, False, 0.0),
     )
     runs = {"test <1>": (0.5, 0.2), "test 2": (0.3, 0.35)}
     after = 0.2 if named else 0.4
@@ -39,7 +47,7 @@ def case(verdict: str) -> Diagnosis:
     return Diagnosis(
         verdict=verdict,
         sentence=f"In one sentence: {verdict}, wave_drift or not, by -90%.",
-        effects=(Named("current", CURRENT, 1e-12, 280.0, 0.3),) if named else (),
+        effects=(NamedEffect("current", CURRENT, 1e-12, 280.0, 0.3),) if named else (),
         equivalence_class=("wave_drift",) if named else (),
         remainder=named,
         candidates=candidates,
@@ -47,14 +55,14 @@ def case(verdict: str) -> Diagnosis:
         held_out=replace(held, horizons={"30 s": (0.4, after), "whole run": (9.0, 4.0)}),
         next_test="Stop and drift." if named else "",
         warnings=("beware of the <tide>.",),
-        left_out={"bank": "no bank line is known (site.toml)"},
+        not_screened={"bank": "no bank line is known (site.toml)"},
         ship=SHIP,
         before=SHIP,
-        after=SHIP,
         null=null,
         final=final if named else null,
         data=replace(data, trials=("run <0>", *data.trials[1:])),
-        states=("x", "y", "psi", "u", "v", "r"),
+        noise=RandomSizes.of(null),
+        inputs=DiagnosisInputs(tuple({"name": name} for name in ("run <0>", *data.trials[1:]))),
         unnamed_before={"all": 20.0 if verdict != "none" else -1.0, "sway force": 15.0, "delay of delta": -2.0},
         unnamed_after={"all": 4.0, "sway force": 3.0},
         kinematics=("u and v are late by 0.7 s",),
@@ -143,7 +151,7 @@ def test_a_worse_test_trial_is_marked_and_no_test_trials_are_said() -> None:
 
 def test_page_without_where_and_with_one_run(tmp_path: Path) -> None:
     d = replace(
-        case("unknown"), where={}, kinematics=(), left_out={}, warnings=(), candidates=case("none").candidates[:1]
+        case("unknown"), where={}, kinematics=(), not_screened={}, warnings=(), candidates=case("none").candidates[:1]
     )
     assert [row["file"] for row in write_report(d, tmp_path)] == ["figures/ranking.png"]
     assert "no lag, gain, bias or lever was seen" in (tmp_path / "report.html").read_text(encoding="utf-8")
@@ -154,7 +162,7 @@ def test_numbers_in_words() -> None:
     assert probability(2.3e-7) == "2·10⁻⁷"
     assert probability(9.7e-5) == "1·10⁻⁴"
     assert probability(0.0) == "< 10⁻³⁰"
-    assert quantity(Parameter(np.radians(2.0), np.radians(0.1), "rad")) == "2.00 ± 0.10 deg"
+    assert quantity(EstimatedParameter(np.radians(2.0), np.radians(0.1), "rad")) == "2.00 ± 0.10 deg"
     assert meaning("rudder_lag").startswith("The real rudder follows")
     assert readable("by -3 and 10-3, hull_memory") == "by −3 and 10-3, hull memory"
     region = {"variable": "heading", "low": -np.pi / 8, "high": np.pi / 8, "unit": "rad"}
@@ -164,7 +172,7 @@ def test_numbers_in_words() -> None:
 
 def test_second_effect_is_told_beside_the_first(tmp_path: Path) -> None:
     d = case("named")
-    lag = Named("rudder_offset", {"delta": Parameter(0.02, 0.004, "rad")}, 0.003, 9.0, 0.4)
+    lag = NamedEffect("rudder_offset", {"delta": EstimatedParameter(0.02, 0.004, "rad")}, 0.003, 9.0, 0.4)
     both = replace(d, effects=(*d.effects, lag))
     text = text_of(build_report(both, tmp_path, write_report(both, tmp_path)))
     assert "Current and rudder offset passed all tests" in text

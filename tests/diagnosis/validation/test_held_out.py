@@ -10,9 +10,9 @@ import pytest
 from diagnosis.estimation.gridded_trials import Data, arrange
 from diagnosis.estimation.linearised_model import Steps
 from diagnosis.estimation.map_estimate import Estimate
+from diagnosis.findings import HeldOut
 from diagnosis.hypotheses.forward_selection import Problem
 from diagnosis.hypotheses.refit import refit
-from diagnosis.result import HeldOut
 from diagnosis.validation.held_out import STRIDE, WINDOW, begun, compare, errors, one_step_likelihood, scales
 from tests.support.diagnosis_cases import OFF_NEUTRAL, WHITE, problem_of, pushed_trials, theta_of, wide_steps
 

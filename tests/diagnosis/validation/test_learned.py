@@ -16,21 +16,26 @@ torch = pytest.importorskip("torch")
 
 import diagnosis.validation.learned as module  # noqa: E402
 from cases.simulation.simulate import write_trial  # noqa: E402
+from diagnosis.diagnose import DiagnosisOptions, with_learned  # noqa: E402
 from diagnosis.estimation.candidates import widened  # noqa: E402
 from diagnosis.estimation.gridded_trials import arrange  # noqa: E402
 from diagnosis.estimation.linearised_model import Steps  # noqa: E402
+from diagnosis.findings import LearnedResidual  # noqa: E402
 from diagnosis.report.page import build_report  # noqa: E402
-from diagnosis.result import Learned, contract  # noqa: E402
+from diagnosis.result import Diagnosis  # noqa: E402
 from diagnosis.validation.held_out import errors, window_length  # noqa: E402
 from diagnosis.validation.learned import learned, sentence_of  # noqa: E402
 from mmg.errors import UserError  # noqa: E402
-from mmg_ident.commands.diagnose import diagnose, with_learned  # noqa: E402
+from mmg_ident.commands.diagnose import diagnose  # noqa: E402
 from residual.settings import TrainSettings  # noqa: E402
 from tests.diagnosis.report.test_report import case, text_of  # noqa: E402
 from tests.support import hybrids  # noqa: E402
 
 QUICK = TrainSettings(seeds=2, epochs=25, width=12, penalty=0.001, rate=1e-2)
-FOUND = Learned(0.4, 0.3, 0.25, (0.1, 0.4), (0, 1), (0.2, 0.3), 0.07, 0.28, 40, True, "residual kept: because", "")
+OPTIONS = DiagnosisOptions()
+FOUND = LearnedResidual(
+    0.4, 0.3, 0.25, (0.1, 0.4), (0, 1), (0.2, 0.3), 0.07, 0.28, 40, True, "residual kept: because", ""
+)
 
 
 def test_what_is_missing_and_can_be_learned_is_closed() -> None:
@@ -103,7 +108,7 @@ def test_words_follow_the_numbers(reduction: float, interval: tuple[float, float
 def test_only_what_has_no_name_is_learned_and_only_with_tests(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[Any] = []
 
-    def stub(ship: Any, trials: Sequence[Any], tests: Sequence[Any], *given: Any, **more: Any) -> Learned:
+    def stub(ship: Any, trials: Sequence[Any], tests: Sequence[Any], *given: Any, **more: Any) -> LearnedResidual:
         asked.append(ship)
         return FOUND
 
@@ -111,26 +116,28 @@ def test_only_what_has_no_name_is_learned_and_only_with_tests(monkeypatch: pytes
     trials = hybrids.trials(hybrids.ship(), 1, 60)
     unknown, named, none = (case(v) for v in ("unknown", "named", "none"))
     whole = replace(named, remainder=False)
-    assert all(with_learned(d, trials, t).learned is None for d, t in ((unknown, []), (none, trials), (whole, trials)))
+    assert all(
+        with_learned(d, trials, t, OPTIONS).learned is None for d, t in ((unknown, []), (none, trials), (whole, trials))
+    )
     assert not asked
     after = hybrids.lacking()
-    rest = with_learned(replace(named, after=after), trials, trials)
+    rest = with_learned(replace(named, ship=after), trials, trials, OPTIONS)
     assert rest.learned is FOUND and asked == [after] and "learned residual" in rest.timings
-    assert with_learned(unknown, trials, trials).learned is FOUND
+    assert with_learned(unknown, trials, trials, OPTIONS).learned is FOUND
 
 
 def test_missing_torch_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "torch", None)
     trials = hybrids.trials(hybrids.ship(), 1, 60)
-    found = with_learned(case("unknown"), trials, trials)
+    found = with_learned(case("unknown"), trials, trials, OPTIONS)
     assert found.learned is None and found.verdict == "unknown"
     assert "was not measured: a learned residual needs torch" in found.warnings[-1]
 
 
 def test_too_little_data_leaves_the_rest_of_the_diagnosis() -> None:
     few = hybrids.trials(hybrids.ship(), 1, 60)
-    given = replace(case("unknown"), after=hybrids.ship())
-    found = with_learned(given, few, few)
+    given = replace(case("unknown"), ship=hybrids.ship())
+    found = with_learned(given, few, few, OPTIONS)
     assert found.learned is None and "too little data for a residual" in found.warnings[-1]
     assert found.sentence == given.sentence
 
@@ -138,8 +145,8 @@ def test_too_little_data_leaves_the_rest_of_the_diagnosis() -> None:
 def test_diagnosis_json_and_page_tell_it() -> None:
     told = replace(FOUND, sentence=sentence_of(FOUND))
     without, d = case("unknown"), replace(case("unknown"), learned=told)
-    assert contract(without)["learned"] is None
-    content = json.loads(json.dumps(contract(d)["learned"]))
+    assert without.to_dict()["learned"] is None
+    content = json.loads(json.dumps(d.to_dict()["learned"]))
     assert content == json.loads(json.dumps(asdict(told))) and content["interval_90"] == [0.1, 0.4]
     html = build_report(d, Path("nowhere"), [])
     text = text_of(html)
@@ -154,7 +161,11 @@ def test_the_option_leaves_it_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     for role, trial in zip(("train", "test"), hybrids.trials(hybrids.ship(), 2, 60), strict=True):
         (tmp_path / role).mkdir()
         write_trial(trial, tmp_path / role / f"{trial.name}.csv")
-    monkeypatch.setattr("diagnosis.diagnose.diagnose", lambda *given, **more: case("unknown"))
+
+    def stub(ship: Any, train: Any, tests: Any, site: Any, options: DiagnosisOptions, **more: Any) -> Diagnosis:
+        return with_learned(case("unknown"), train, tests, options) if options.learn else case("unknown")
+
+    monkeypatch.setattr("diagnosis.diagnose.diagnose", stub)
     monkeypatch.setattr(module, "learned", lambda *given, **more: FOUND)
     out = tmp_path / "out"
     diagnose("esso_osaka_3m", [tmp_path / "train"], out, test=[tmp_path / "test"], no_learn=no_learn)

@@ -1,0 +1,222 @@
+"""What a diagnosis found, as data: the figures, the report and ``diagnosis.json`` are made from this alone."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator
+
+from diagnosis.estimation.gridded_trials import Data
+from diagnosis.estimation.map_estimate import Estimate
+from fitting.report.run_folder import plain
+from mmg.messages import message_rows
+from mmg.ship import Ship
+
+SCHEMA_VERSION = 1
+"""Of ``diagnosis.json`` and of its ``result.json``; it grows when a key changes its meaning or goes."""
+
+Real = Annotated[float, BeforeValidator(lambda value: math.nan if value is None else value)]
+"""A number; JSON holds null where it is not finite."""
+Pair = Annotated[
+    tuple[Real, Real], BeforeValidator(lambda v: (v.get("before"), v.get("after")) if isinstance(v, dict) else v)
+]
+"""A number before and after the named effects were added; JSON names them."""
+
+
+@dataclass(frozen=True)
+class EstimatedParameter:
+    """Estimate of an effect's parameter: value, standard error, unit."""
+
+    value: Real
+    std: Real
+    unit: str
+
+
+@dataclass(frozen=True)
+class NamedEffect:
+    """An effect that the data name.
+
+    p_value: of its test among all candidates; delta_bic: gain over the model without it (positive is better);
+    absorbed_share: of its information that the coefficients could have imitated; by_run: run -> parameter -> value, if
+    it differs from run to run (parameters: the mean).
+    """
+
+    name: str
+    parameters: Mapping[str, EstimatedParameter]
+    p_value: Real
+    delta_bic: Real
+    absorbed_share: Real
+    by_run: Mapping[str, Mapping[str, Real]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class RankedCandidate:
+    """A row of the ranking.
+
+    score: chi-squared of the test at the fit without effects; p_value: of the largest of all; delta_bic: None if not
+    refitted; excited: whether the trials move it at all; parameters: if refitted; visible_from: parameter -> size (off
+    neutral) of three standard errors, from which these trials would show it.
+    """
+
+    name: str
+    score: Real
+    p_value: Real
+    delta_bic: float | None
+    excited: bool
+    absorbed_share: Real
+    parameters: Mapping[str, EstimatedParameter] = field(default_factory=dict)
+    visible_from: Mapping[str, Real] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Prediction error of trials that took no part, before and after the effects are added and all is refitted.
+
+    mse_before, mse_after: mean squared error of 30 s windows, each state in units of its scale; reduction: share;
+    interval_90: of the reduction, by drawing runs again; windows: their number; by_run: name -> (before, after).
+    likelihood_gain: of the trials' log likelihood by one-step predictions, and its 90 % interval (None: not known).
+    horizons: name ("1 step", "30 s", "whole run") -> (before, after).
+    """
+
+    mse_before: Real
+    mse_after: Real
+    reduction: Real
+    interval_90: tuple[Real, Real]
+    windows: int
+    by_run: Mapping[str, Pair]
+    likelihood_gain: float | None = None
+    likelihood_interval_90: tuple[Real, Real] | None = None
+    horizons: Mapping[str, Pair] = field(default_factory=dict)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The part "held_out" of ``diagnosis.json``."""
+        pairs = {"by_run": self.by_run, "horizons": self.horizons}
+        named = {key: {k: {"before": a, "after": b} for k, (a, b) in rows.items()} for key, rows in pairs.items()}
+        return asdict(self) | named
+
+
+@dataclass(frozen=True)
+class LearnedResidual:
+    """How much of the prediction error of the test trials a learned residual closes, beyond what was named.
+
+    The measure and the windows are those of ``HeldOut``; before is the ship as the diagnosis left it. mse_after,
+    reduction: means over the trainings, of which each has its seed in ``seeds`` and its own reduction in
+    ``reductions``; spread: their standard deviation; together: reduction with the mean of the networks, which is what
+    ``mmg train`` would keep; interval_90: of the reduction, by drawing test runs again (None: a single run).
+    kept: what ``mmg train`` would decide from parts of the training trials alone; decision: that in words.
+    """
+
+    mse_before: Real
+    mse_after: Real
+    reduction: Real
+    interval_90: tuple[Real, Real] | None
+    seeds: tuple[int, ...]
+    reductions: tuple[Real, ...]
+    spread: Real
+    together: Real
+    windows: int
+    kept: bool
+    decision: str
+    sentence: str
+
+
+@dataclass(frozen=True)
+class RandomSizes:
+    """What is random in the fit without effects: rms of the latent force (3,) [N, N, N m] and its correlation time [s];
+    standard deviations (6,) of the white and of the correlated errors of x, y [m], psi [rad], u, v [m/s], r [rad/s]."""
+
+    force_N_N_Nm: tuple[Real, Real, Real]
+    force_memory_s: Real
+    white: tuple[Real, ...]
+    coloured: tuple[Real, ...]
+
+    @staticmethod
+    def of(fit: Estimate) -> RandomSizes:
+        """The sizes of the noise of ``fit``."""
+        n = fit.noise
+        force, white, coloured = (tuple(float(x) for x in a) for a in (n.force, n.white, n.coloured))
+        return RandomSizes((force[0], force[1], force[2]), float(n.tau), white, coloured)
+
+
+@dataclass(frozen=True)
+class DiagnosisInputs:
+    """What a diagnosis was made from: rows on the training and the test trials (name, path, sha256, ...), the command,
+    the seed, and the versions of the program and its libraries."""
+
+    data: tuple[Mapping[str, Any], ...] = ()
+    test: tuple[Mapping[str, Any], ...] = ()
+    command: str = ""
+    seed: int = 0
+    versions: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Findings:
+    """The whole answer.
+
+    verdict: "none", "named" or "unknown"; sentence: it in words. where: as in diagnosis.json. not_screened: effects
+    that could not be tested, and why. noise: sizes of what is random. unnamed_before, unnamed_after: log Bayes factors
+    of forces without a name, by kind ("all" is the whole). kinematics: sentences on measurement faults that need no
+    dynamics. learned: how much a learned residual closes of what has no name (None: not measured). ship: refitted, with
+    the named effects.
+
+    None after reading a folder: before (the ship refitted without effects), null, final (the fits behind both), data
+    (the training trials as arranged).
+    """
+
+    verdict: str
+    sentence: str
+    effects: tuple[NamedEffect, ...]
+    equivalence_class: tuple[str, ...]
+    remainder: bool
+    candidates: tuple[RankedCandidate, ...]
+    where: Mapping[str, Any]
+    held_out: HeldOut | None
+    next_test: str
+    warnings: tuple[str, ...]
+    not_screened: Mapping[str, str]
+    noise: RandomSizes
+    unnamed_before: Mapping[str, float]
+    unnamed_after: Mapping[str, float]
+    kinematics: tuple[str, ...]
+    timings: Mapping[str, float]
+    inputs: DiagnosisInputs
+    ship: Ship
+    learned: LearnedResidual | None = None
+    before: Ship | None = None
+    null: Estimate | None = None
+    final: Estimate | None = None
+    data: Data | None = None
+
+    @property
+    def notices(self) -> tuple[str, ...]:
+        """None: whatever a diagnosis remarks is a warning."""
+        return ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of ``diagnosis.json``."""
+        effects = [asdict(e) for e in self.effects]
+        content = {
+            "schema_version": SCHEMA_VERSION,
+            "verdict": self.verdict,
+            "effects": [e if e["by_run"] else {k: v for k, v in e.items() if k != "by_run"} for e in effects],
+            "equivalence_class": self.equivalence_class,
+            "remainder": self.remainder,
+            "candidates": [asdict(c) for c in self.candidates],
+            "where": self.where,
+            "held_out": self.held_out and self.held_out.to_dict(),
+            "next_test": self.next_test,
+            "warnings": [str(w) for w in self.warnings],
+            "messages": [{"level": "warning", **row} for row in message_rows(self.warnings)],
+            "sentence": self.sentence,
+            "kinematics": self.kinematics,
+            "not_screened": self.not_screened,
+            "unnamed": {"before": self.unnamed_before, "after": self.unnamed_after},
+            "noise": asdict(self.noise),
+            "learned": self.learned and asdict(self.learned),
+            "timings": self.timings,
+        }
+        return plain(content)

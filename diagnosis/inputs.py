@@ -1,0 +1,105 @@
+"""What a diagnosis is given, looked at first: test trials that are none, and what the ship was calibrated on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from cases.checks.duplicates import duplicates
+from cases.io.read import read_trials
+from cases.shipfiles.ship_file import load_ship
+from cases.trial import Trial
+from fitting.report.run_folder import RESULT, SHIP, read_result
+from mmg.errors import UserError
+from mmg.messages import Message
+from mmg.ship import Ship
+
+
+def diagnosable(ship: Ship) -> tuple[Ship, list[str]]:
+    """The ship without a learned residual, which is part of what is to be explained; remarks on it."""
+    remarks: list[str] = []
+    if ship.network is not None:
+        ship = ship.without_network()
+        words = "the learned residual is left out: what it learnt is what is to be explained"
+        remarks.append(Message(words, "network_left_out"))
+    if not any(c.prior_std is not None for c in ship.coefficients.values()):
+        words = (
+            f"{ship.name} was not calibrated: its coefficients are fitted here, from the priors that it states, and "
+            "what these allow is not called a gap"
+        )
+        remarks.append(Message(words, "not_calibrated"))
+    return ship, remarks
+
+
+def independent_tests(train: Sequence[Trial], tests: Sequence[Trial]) -> tuple[list[Trial], list[str]]:
+    """The test trials that share no rows with the training trials, and sentences on those left out."""
+    if not tests:
+        return [], []
+    every = [*train, *tests]
+    shared: dict[str, str] = {}
+    hashes = {t.sha256: t.name for t in train if t.sha256}
+    kept = []
+    copies = duplicates(every)
+    for i, t in enumerate(tests):
+        others = {str(c.get("other")) for c in copies[len(train) + i][0]}
+        others |= {every[j].name for j in range(len(train)) for c in copies[j][0] if c.get("other") == t.name}
+        here = [o.name for o in train if o.name in others]
+        if t.sha256 in hashes:
+            here.append(hashes[t.sha256])
+        if here:
+            shared[t.name] = here[0]
+        else:
+            kept.append(t)
+    remarks: list[str] = [
+        Message(f"{name} shares rows with {other}, so it is no test and was left out of the check", "shared_rows")
+        for name, other in shared.items()
+    ]
+    if not kept:
+        remarks.append(Message("no test trial is left: how far the gap closes was not checked", "no_test_left"))
+    return kept, remarks
+
+
+@dataclass(frozen=True)
+class CalibrationTrials:
+    """What a ship was calibrated on. other: on none of the trials of the diagnosis; reference: the trials, if they are
+    others and can be read as they were; remarks: sentences."""
+
+    other: bool = False
+    reference: tuple[Trial, ...] = ()
+    remarks: tuple[str, ...] = ()
+
+
+def calibration_trials(
+    ship: Ship, trials: Sequence[Trial], calibrated_on: Path | str | Sequence[Trial] | None
+) -> CalibrationTrials:
+    """What is known of the calibration behind ``ship`` and whether ``trials`` took part in it.
+
+    calibrated_on: the trials of the calibration, or the folder that ``mmg fit`` wrote; a folder without result.json
+    tells nothing. Its trials are a reference only for the model that was calibrated on them.
+    """
+    if calibrated_on is None:
+        return CalibrationTrials()
+    if not isinstance(calibrated_on, (str, Path)):
+        return CalibrationTrials(bool(calibrated_on), tuple(calibrated_on))
+    folder = Path(calibrated_on)
+    if not (folder / RESULT).exists():
+        return CalibrationTrials()
+    rows = [row for row in read_result(folder).get("data", []) if row.get("sha256")]
+    hashes = {row["sha256"] for row in rows}
+    if not rows or {t.sha256 for t in trials} & hashes:
+        return CalibrationTrials()
+    known = "the ship was calibrated on other trials: its estimates and standard errors are taken as known before"
+    fitted = load_ship(folder / SHIP)
+    if (dict(fitted.components), fitted.effects) != (dict(ship.components), ship.effects):
+        return CalibrationTrials(True, (), (Message(known, "calibrated_elsewhere"),))
+    paths = [Path(row["path"]) for row in rows if row.get("path")]
+    try:
+        old = read_trials([p for p in paths if p.is_file()])
+    except UserError:
+        old = []
+    same = [t for t in old if t.sha256 in hashes]
+    if len(same) < len(rows):
+        words = f"{known}; they cannot be read as they were, so they are no reference for their usual misfit"
+        return CalibrationTrials(True, (), (Message(words, "calibration_trials_missing"),))
+    return CalibrationTrials(True, tuple(same))

@@ -1,0 +1,129 @@
+"""The folder of a diagnosis has exactly its keys, and what is read from it is what was written."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cases.shipfiles.ship_file import dump_ship
+from diagnosis.findings import LearnedResidual
+from diagnosis.report.figures import figures_for
+from diagnosis.result import Diagnosis, read_diagnosis
+from mmg.errors import UserError
+from mmg.messages import Message
+from tests.diagnosis.report.test_report import case
+
+KEYS = {
+    "schema_version", "verdict", "effects", "equivalence_class", "remainder", "candidates", "where", "held_out",
+    "next_test", "warnings", "messages", "sentence", "kinematics", "not_screened", "unnamed", "noise", "learned",
+    "timings",
+}  # fmt: skip
+RESULT_KEYS = {
+    "schema_version", "kind", "command", "seed", "versions", "data", "test", "figures", "warnings", "timings_s",
+}  # fmt: skip
+LEARNED = LearnedResidual(0.4, 0.3, 0.25, (0.1, 0.4), (0, 1), (0.2, 0.3), 0.07, 0.28, 40, True, "kept", "It closes.")
+
+
+def full() -> Diagnosis:
+    """A diagnosis with everything in it, a number that is not finite included."""
+    d = case("named")
+    by_run = replace(d.effects[0], by_run={"run 1": {"x": 0.1}}, p_value=float("nan"))
+    warnings = (Message("beware of the <tide>.", "tide"),)
+    return replace(d, effects=(*d.effects, by_run), warnings=warnings, learned=LEARNED)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("saved") / "gap"
+    full().save(folder)
+    return folder
+
+
+def keys_of(rows: Any) -> set[str]:
+    return {key for row in rows for key in row}
+
+
+def test_the_files_have_exactly_their_keys(folder: Path) -> None:
+    content, result = (json.loads((folder / name).read_text()) for name in ("diagnosis.json", "result.json"))
+    assert set(content) == KEYS and set(result) == RESULT_KEYS
+    assert content["schema_version"] == result["schema_version"] == 1 and result["kind"] == "diagnosis"
+    effect = {"name", "parameters", "p_value", "delta_bic", "absorbed_share"}
+    assert [set(e) for e in content["effects"]] == [effect, effect | {"by_run"}]
+    assert set(content["effects"][0]["parameters"]["x"]) == {"value", "std", "unit"}
+    assert keys_of(content["candidates"]) == {
+        "name", "score", "p_value", "delta_bic", "excited", "absorbed_share", "parameters", "visible_from",
+    }  # fmt: skip
+    assert set(content["where"]) == {"channels", "phases", "regions", "bands", "runs", "earth", "variables"}
+    assert set(content["held_out"]) == {
+        "mse_before", "mse_after", "reduction", "interval_90", "windows", "by_run", "likelihood_gain",
+        "likelihood_interval_90", "horizons",
+    }  # fmt: skip
+    assert keys_of(content["held_out"]["by_run"].values()) == {"before", "after"}
+    assert set(content["noise"]) == {"force_N_N_Nm", "force_memory_s", "white", "coloured"}
+    assert set(content["unnamed"]) == {"before", "after"}
+    assert set(content["learned"]) == {f.name for f in fields(LearnedResidual)}
+    assert content["messages"] == [{"level": "warning", "code": "tide", "text": "beware of the <tide>."}]
+    assert content["warnings"] == result["warnings"] == ["beware of the <tide>."]
+
+
+def test_what_is_read_is_what_was_written(folder: Path, tmp_path: Path) -> None:
+    found = read_diagnosis(folder)
+    on_disk = json.loads((folder / "diagnosis.json").read_text())
+    assert found.to_dict() == on_disk == full().to_dict()
+    assert on_disk["effects"][1]["p_value"] is None
+    assert found.held_out == full().held_out and found.learned == LEARNED and found.inputs == full().inputs
+    assert found.warnings == full().warnings and found.warnings[0].code == "tide" and found.notices == ()  # type: ignore[attr-defined]
+    assert dump_ship(found.ship) == dump_ship(full().ship)
+    assert found.null is found.final is found.data is found.before is None
+    found.save(tmp_path / "again")
+    assert read_diagnosis(tmp_path / "again").to_dict() == on_disk
+    assert {f.name for f in figures_for(found)} == {"where_in_state", "ranking", "held_out", "shares"}
+
+
+def test_a_folder_is_replaced_only_when_asked(folder: Path, tmp_path: Path) -> None:
+    case("none").save(tmp_path / "gap")
+    with pytest.raises(UserError, match="already exists"):
+        full().save(tmp_path / "gap")
+    full().save(tmp_path / "gap", replace=True)
+    assert read_diagnosis(tmp_path / "gap").verdict == "named"
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (
+            {"verdict": "perhaps"},
+            "diagnosis.json: verdict: Input should be 'none', 'named' or 'unknown', not 'perhaps'",
+        ),
+        ({"schema_version": 2}, "diagnosis.json: schema_version: Input should be 1"),
+        ({"remainder": "maybe", "next_test": 3}, r"remainder: .*boolean.*; next_test: .*string"),
+        ({"candidates": [{"name": "tow"}]}, "candidates.0.score: Field required"),
+    ],
+)
+def test_a_wrong_value_is_named_with_its_file_and_key(
+    change: dict[str, Any], words: str, folder: Path, tmp_path: Path
+) -> None:
+    content = json.loads((folder / "diagnosis.json").read_text())
+    (tmp_path / "diagnosis.json").write_text(json.dumps(content | change))
+    with pytest.raises(UserError, match=words):
+        read_diagnosis(tmp_path)
+
+
+def test_what_is_no_diagnosis_is_said(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="holds no diagnosis"):
+        read_diagnosis(tmp_path)
+    (tmp_path / "diagnosis.json").write_text("{")
+    with pytest.raises(UserError, match=r"diagnosis.json: cannot be read"):
+        read_diagnosis(tmp_path)
+
+
+def test_a_notebook_shows_the_sentence_and_the_candidates() -> None:
+    d = full()
+    table, html = d.to_pandas(), d._repr_html_()
+    assert list(table.index) == [c.name for c in d.candidates]
+    assert list(table["role"]) == ["named", "same class", "", ""] and table.loc["current", "delta_bic"] == 280.0
+    assert "In one sentence: named" in html and "propeller_side_force" in html
