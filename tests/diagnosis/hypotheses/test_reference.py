@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from cases.io.read import read_trials
+from cases.shipfiles.ship_file import dump_ship
 from cases.simulation.simulate import write_trial
 from cases.trial import Trial
 from diagnosis.estimation.map_estimate import Estimate
@@ -19,10 +20,10 @@ from diagnosis.hypotheses.forward_selection import ODDS, Found, Problem, explain
 from diagnosis.hypotheses.reference import LEAST, STRONG, Reference, refer
 from diagnosis.hypotheses.refit import priors_of_effects
 from diagnosis.hypotheses.unnamed import unnamed
+from diagnosis.inputs import calibration_trials
 from diagnosis.prepare import Prepared, prepare
 from fitting.report.run_folder import RESULT, data_rows, write_json
 from mmg.ship import Ship
-from mmg_ident.commands.diagnose import _calibrated_on
 from tests.support.diagnosis_cases import FEW, FREE, problem_of, pushed_trials
 
 H = 1.0
@@ -246,12 +247,21 @@ def folder(tmp_path: Path) -> Path:
         for trial in pushed_trials(seed, runs=(("zigzag:20/20", 20.0), ("turning:-20", 20.0))):
             write_trial(trial, tmp_path / role / f"{trial.kind}.csv")
     (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "ship.toml").write_text(dump_ship(calibrated()))
     write_json(tmp_path / "run" / RESULT, {"data": data_rows(read_trials(tmp_path / "old"))})
     return tmp_path
 
 
+def known_of(
+    where: Path | str, trials: Sequence[Trial], ship: Ship | None = None
+) -> tuple[bool, list[Trial], list[str]]:
+    """Whether the ship was calibrated on other trials, those that serve as a reference, and remarks."""
+    found = calibration_trials(ship or calibrated(), trials, where)
+    return found.other, list(found.reference), list(found.remarks)
+
+
 def test_trials_of_the_calibration_are_the_reference_for_others(folder: Path) -> None:
-    unseen, reference, remarks = _calibrated_on(str(folder / "run"), read_trials(folder / "new"), [])
+    unseen, reference, remarks = known_of(folder / "run", read_trials(folder / "new"))
     assert unseen and remarks == []
     assert [t.sha256 for t in reference] == [t.sha256 for t in read_trials(folder / "old")]
     assert all(t.path and t.path.parent.name == "old" for t in reference)
@@ -259,18 +269,18 @@ def test_trials_of_the_calibration_are_the_reference_for_others(folder: Path) ->
 
 def test_trials_of_the_calibration_are_no_reference_for_themselves(folder: Path) -> None:
     old, other = read_trials(folder / "old"), read_trials(folder / "new")
-    assert _calibrated_on(str(folder / "run"), old, []) == (False, [], [])
-    assert _calibrated_on(str(folder / "run"), [*other, old[0]], []) == (False, [], [])  # nor a part of them
+    assert known_of(folder / "run", old, []) == (False, [])
+    assert known_of(folder / "run", [*other, old[0]], []) == (False, [])  # nor a part of them
     shutil.copy(folder / "old" / "zigzag.csv", folder / "new" / "renamed.csv")
-    assert _calibrated_on(str(folder / "run"), read_trials(folder / "new"), []) == (False, [], [])
+    assert known_of(folder / "run", read_trials(folder / "new"), []) == (False, [])
 
 
 def test_a_ship_that_was_not_calibrated_has_no_reference(folder: Path) -> None:
     other = read_trials(folder / "new")
-    assert _calibrated_on("esso_osaka_3m", other, []) == (False, [], [])
-    assert _calibrated_on(str(folder / "old"), other, []) == (False, [], [])  # no result in it
+    assert known_of("esso_osaka_3m", other, []) == (False, [])
+    assert known_of(folder / "old", other, []) == (False, [])  # no result in it
     write_json(folder / "run" / RESULT, {"kind": "other"})
-    assert _calibrated_on(str(folder / "run"), other, []) == (False, [], [])
+    assert known_of(folder / "run", other, []) == (False, [])
 
 
 def gone(folder: Path) -> None:
@@ -295,12 +305,14 @@ def test_trials_that_cannot_be_read_as_they_were_are_no_reference_and_that_is_sa
     what: Callable[[Path], None], folder: Path
 ) -> None:
     what(folder)
-    unseen, reference, remarks = _calibrated_on(str(folder / "run"), read_trials(folder / "new"), [])
+    unseen, reference, remarks = known_of(folder / "run", read_trials(folder / "new"))
     assert unseen and reference == [] and len(remarks) == 1
     assert "calibrated on other trials" in remarks[0] and "cannot be read as they were" in remarks[0]
 
 
 def test_for_another_model_than_was_calibrated_its_trials_are_no_reference(folder: Path) -> None:
-    unseen, reference, remarks = _calibrated_on(str(folder / "run"), read_trials(folder / "new"), ["wind"])
+    ship = calibrated()
+    without_wind = replace(ship, components={k: v for k, v in ship.components.items() if k != "wind"})
+    unseen, reference, remarks = known_of(folder / "run", read_trials(folder / "new"), without_wind)
     assert unseen and reference == [] and len(remarks) == 1
     assert "taken as known" in remarks[0] and "cannot be read" not in remarks[0]
