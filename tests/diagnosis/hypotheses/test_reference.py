@@ -269,18 +269,18 @@ def test_trials_of_the_calibration_are_the_reference_for_others(folder: Path) ->
 
 def test_trials_of_the_calibration_are_no_reference_for_themselves(folder: Path) -> None:
     old, other = read_trials(folder / "old"), read_trials(folder / "new")
-    assert known_of(folder / "run", old, []) == (False, [])
-    assert known_of(folder / "run", [*other, old[0]], []) == (False, [])  # nor a part of them
+    assert known_of(folder / "run", old) == (False, [], [])
+    assert known_of(folder / "run", [*other, old[0]]) == (False, [], [])  # nor a part of them
     shutil.copy(folder / "old" / "zigzag.csv", folder / "new" / "renamed.csv")
-    assert known_of(folder / "run", read_trials(folder / "new"), []) == (False, [])
+    assert known_of(folder / "run", read_trials(folder / "new")) == (False, [], [])
 
 
 def test_a_ship_that_was_not_calibrated_has_no_reference(folder: Path) -> None:
     other = read_trials(folder / "new")
-    assert known_of("esso_osaka_3m", other, []) == (False, [])
-    assert known_of(folder / "old", other, []) == (False, [])  # no result in it
+    assert known_of("esso_osaka_3m", other) == (False, [], [])
+    assert known_of(folder / "old", other) == (False, [], [])  # no result in it
     write_json(folder / "run" / RESULT, {"kind": "other"})
-    assert known_of(folder / "run", other, []) == (False, [])
+    assert known_of(folder / "run", other) == (False, [], [])
 
 
 def gone(folder: Path) -> None:
