@@ -15,7 +15,7 @@ from cases.io.read import read_trials
 from cases.shipfiles.effects import freeing_effects
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import STATES, Trial
-from fitting.calibration import Calibration, calibrate
+from fitting.calibration import Calibration, estimate_coefficients
 from fitting.prediction.adaptation import Adaptation
 from fitting.prediction.band_calibration import NORMAL, enrich
 from fitting.prediction.bands import bands_of
@@ -56,7 +56,11 @@ def main() -> None:
     small = read_trials(splits.find(splits.TRAIN_TZRB))
     names = [n for n in splits.TRAIN_TZRB_PLUS if n not in splits.DEVELOPMENT_HOLDOUT]
     large = read_trials(splits.find(names))
-    plain, lag, more = calibrate(start, small), calibrate(late, small), calibrate(late, large)
+    plain, lag, more = (
+        estimate_coefficients(start, small),
+        estimate_coefficients(late, small),
+        estimate_coefficients(late, large),
+    )
     scores: dict[str, Score] = {"captive": score(Simulator(start), held_out, sigma)}
     for name, found in (
         ("TZRB, --measurement none", plain), ("TZRB (default: velocity lag)", lag), ("TZRB+ without them", more),

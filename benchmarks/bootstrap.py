@@ -14,13 +14,13 @@ from benchmarks.record import record, table
 from cases.io.read import read_trials
 from cases.published_splits import TRAIN_TZRB, find
 from cases.shipfiles.ship_file import load_ship
-from fitting.calibration import calibrate
+from fitting.calibration import estimate_coefficients
 from fitting.uncertainty.bootstrap import Replicates, bootstrap
 
 
 def main() -> None:
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 100
-    found = calibrate(load_ship("esso_osaka_3m"), read_trials(find(TRAIN_TZRB)))
+    found = estimate_coefficients(load_ship("esso_osaka_3m"), read_trials(find(TRAIN_TZRB)))
     info, recipe = found.information, found.recipe
     assert info is not None and recipe is not None
     problem, x = recipe.problem(), found.solution.x

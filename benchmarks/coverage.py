@@ -22,7 +22,7 @@ from cases.shipfiles.effects import freeing_effects, with_effects
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.demo_trials import TRAIN, demo_trials, hidden_ship
 from cases.simulation.disturbed import DEFECTS, Disturbed, disturbed_trials, drawn_ship
-from fitting.calibration import Calibration, Settings, calibrate
+from fitting.calibration import Calibration, Settings, estimate_coefficients
 from fitting.nlp.fisher_information import information
 from fitting.parallel import run_all
 from fitting.solvers.ipopt import solve
@@ -57,7 +57,7 @@ def one(seed: int) -> Trialled:
         except UserError:
             continue
     start = freeing_effects(base, EFFECTS)
-    found = calibrate(start, trials, SETTINGS)
+    found = estimate_coefficients(start, trials, SETTINGS)
     truth, prior = with_effects(true, DEFECTS).coefficients, found.prior
     at = np.array([truth[s].value if s in truth else start.coefficients[s].value for s in prior.symbols])
     p = (at - prior.mean) / prior.std
@@ -126,7 +126,7 @@ def held(calibration: Calibration) -> dict[str, bool]:
 
 
 def clean_one(seed: int) -> tuple[dict[str, bool], np.ndarray, bool]:
-    found = calibrate(load_ship("esso_osaka_3m"), demo_trials(seed)[0], Settings())
+    found = estimate_coefficients(load_ship("esso_osaka_3m"), demo_trials(seed)[0], Settings())
     return held(found), np.diag(found.covariance_model).copy(), found.converged
 
 

@@ -24,7 +24,7 @@ from cases.io.read import read_trials
 from cases.shipfiles.effects import freeing_effects
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import STATES, Trial
-from fitting.calibration import calibrate
+from fitting.calibration import estimate_coefficients
 from fitting.nlp.grid import default_step
 from mmg.ship import Ship
 from residual.blackbox.models import box_scales, build_box
@@ -171,7 +171,7 @@ def main() -> None:
     torch.set_num_threads(1)
     train = read_trials(splits.find(splits.TRAIN_TZRB))
     others = read_trials(splits.find(unseen()))
-    ship = calibrate(freeing_effects(load_ship("esso_osaka_3m"), ["velocity_lag"]), train).ship
+    ship = estimate_coefficients(freeing_effects(load_ship("esso_osaka_3m"), ["velocity_lag"]), train).ship
     h = default_step(train, ship.particulars["L"])
     pieces = pieces_of(train, h, ship.inputs)
     hybrid_scales: Scales = scales_of(ship, pieces, train, h)

@@ -15,7 +15,7 @@ from benchmarks.record import record, table
 from cases import published_splits as splits
 from cases.io.read import read_trials
 from cases.shipfiles.ship_file import load_ship
-from fitting.calibration import Settings, calibrate
+from fitting.calibration import Settings, estimate_coefficients
 from fitting.nlp.problem import Prior, Problem
 from fitting.nlp.shooting import kernels
 from fitting.nlp.windows import cut
@@ -103,7 +103,7 @@ def cma_time(one: SingleShooting, goal: float, limit: float, seed: int = 1) -> t
 def main() -> None:
     ship = load_ship("esso_osaka_3m")
     trials = read_trials(splits.find(splits.TRAIN_TZRB))
-    sigma = calibrate(ship, trials, Settings(window=WINDOW, step=STEP)).sigma
+    sigma = estimate_coefficients(ship, trials, Settings(window=WINDOW, step=STEP)).sigma
     prior = Prior.of(ship)
     kernel = kernels(assemble(ship), np.array([ship.symbols.index(s) for s in prior.symbols]))
     problem = Problem(ship, prior, kernel, cut(trials, STEP, WINDOW, 5), sigma)

@@ -29,7 +29,7 @@ from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
 from diagnosis.diagnose import DiagnosisOptions, diagnose
 from diagnosis.result import Diagnosis
-from fitting.calibration import Settings, calibrate
+from fitting.calibration import Settings, estimate_coefficients
 from fitting.parallel import run_all
 from mmg.components.catalogue import coefficient_table
 from mmg.ship import Ship
@@ -165,7 +165,7 @@ def fault_case(task: tuple[Ship, str, str | None, Sequence[Trial]]) -> list[str]
 
 def faults(train: Sequence[Trial], test: Sequence[Trial]) -> list[list[str]]:
     """How often each fault is ranked first and named: in five records together, and in each of them alone."""
-    ship = calibrate(whole_ship(), train, Settings()).ship
+    ship = estimate_coefficients(whole_ship(), train, Settings()).ship
     kinds = {"no fault": "-", **{words: name for words, (name, _) in FAULTS.items()}}
     tasks = [(ship, words, one, train) for words in kinds for one in (None, *OTHERS)]
     answers = iter(run_all(fault_case, tasks, 2))

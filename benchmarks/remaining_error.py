@@ -19,7 +19,7 @@ from cases.io.read import read_trials
 from cases.shipfiles.effects import freeing_effects
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
-from fitting.calibration import calibrate
+from fitting.calibration import estimate_coefficients
 from fitting.prediction.predict import record_of, window_rows
 from fitting.prediction.score import pooled_sigma
 from fitting.prediction.stretches import Batch, Stretch, Water, roll
@@ -221,7 +221,7 @@ def _structure(start: Ship, train: list[Trial], trials: list[Trial], sigma: np.n
     """The ship with the velocity lag, and what refits with further effects leave."""
     rows, chosen = [], start
     for effects in STRUCTURE:
-        fitted = calibrate(freeing_effects(start, list(effects)), train).ship
+        fitted = estimate_coefficients(freeing_effects(start, list(effects)), train).ship
         chosen = fitted if effects == ("velocity_lag",) else chosen
         rows.append([" + ".join(effects) or "none", *_by_state(Look.at(fitted, trials, sigma, 15.0).mean())])
         print(rows[-1], flush=True)

@@ -1,4 +1,4 @@
-"""Calibration of a ship on trials: the one function that ``mmg fit`` calls."""
+"""Calibration of a ship on trials: estimates of the free coefficients of a ship."""
 
 from __future__ import annotations
 
@@ -141,7 +141,7 @@ def first_sigma(ship: Ship, segments: Segments) -> np.ndarray:
 
 
 @np.errstate(all="ignore")
-def calibrate(
+def estimate_coefficients(
     ship: Ship,
     trials: Sequence[Trial],
     settings: Settings | None = None,

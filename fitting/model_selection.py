@@ -16,7 +16,7 @@ import numpy as np
 
 from cases.shipfiles.effects import freeing_effects
 from cases.trial import Trial
-from fitting.calibration import Calibration, calibrate
+from fitting.calibration import Calibration, estimate_coefficients
 from fitting.nlp.captive import Captive
 from fitting.nlp.grid import default_step
 from fitting.parallel import run_all
@@ -133,7 +133,7 @@ def run_fold(fold: Fold) -> Outcome | None:
     free = fold.ship.free
     p = [(fold.warm.get(s, c.value) - c.value) / c.std for s in free for c in (fold.ship.coefficients[s],)]
     warm = {"p": np.array(p)} if fold.warm else None
-    found = calibrate(fold.ship, rest, fold.settings, warm=warm, captive=fold.captive)
+    found = estimate_coefficients(fold.ship, rest, fold.settings, warm=warm, captive=fold.captive)
     left_out = [fold.trials[i] for i in fold.out]
     judged: Score = score(Simulator(found.ship, fold.settings.compiled), left_out, fold.sigma)
     rows = [(i, t.window, t.paper, t.windows) for i, t in zip(fold.out, judged.trials, strict=True)]
@@ -297,6 +297,6 @@ def _decided(selector: Selector, now: Choice) -> tuple[str, ...]:
     if selector.left <= 0:
         return ()
     fold = selector._fold(now, ())
-    found: Calibration = calibrate(fold.ship, fold.trials, fold.settings, captive=fold.captive)
+    found: Calibration = estimate_coefficients(fold.ship, fold.trials, fold.settings, captive=fold.captive)
     share = np.diag(found.covariance)
     return tuple(s for s, value in zip(found.prior.symbols, share, strict=True) if value > DECIDED)

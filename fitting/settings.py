@@ -1,4 +1,4 @@
-"""How to calibrate: the settings of ``calibrate`` and what a start of it ended with."""
+"""How to calibrate: the settings of ``estimate_coefficients`` and what a start of it ended with."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ def demo(
     from cases.shipfiles.ship_file import dump_ship, load_ship
     from cases.simulation.demo_trials import demo_trials, hidden_ship
     from cases.simulation.simulate import write_trial
-    from fitting.calibration import Settings, calibrate
+    from fitting.calibration import Settings, estimate_coefficients
     from fitting.report.run_folder import RESULT, check_target, result, write_json, write_run
     from mmg.errors import UserError
     from mmg_ident.commands.demo_diagnosis import demo_diagnosis
@@ -57,7 +57,7 @@ def demo(
 
     start = load_ship("esso_osaka_3m")
     say(f"3. Calibrating {len(start.free)} coefficients from the captive-test ship (IPOPT, multiple shooting)")
-    calibration = calibrate(start, train, Settings(seed=seed), progress())
+    calibration = estimate_coefficients(start, train, Settings(seed=seed), progress())
     end_progress()
     scores = _scores(start, calibration, train, held_out)
     truth = _against_truth(calibration)

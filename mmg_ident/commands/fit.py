@@ -115,7 +115,7 @@ def fit(
 
     from cases.checks.held_out import shared_rows, training_trials
     from cases.io.read import read_trials
-    from fitting.calibration import calibrate
+    from fitting.calibration import estimate_coefficients
     from fitting.design.advice import identifiability_dict
     from fitting.design.next_trial import identify
     from fitting.interrupts import Interrupts
@@ -176,7 +176,7 @@ def fit(
         if choice:
             start, settings = choice.ship, replace(choice.settings, workers=workers)
             model = start
-        calibration = calibrate(model, train, settings, progress(), warm, points, constants)
+        calibration = estimate_coefficients(model, train, settings, progress(), warm, points, constants)
         end_progress()
         calibration.timings["read"] = reading
         scores = _scores(start, calibration, train, held_out)

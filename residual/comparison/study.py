@@ -18,7 +18,7 @@ import numpy as np
 
 from cases.shipfiles.effects import freeing_effects
 from cases.trial import Trial
-from fitting.calibration import calibrate
+from fitting.calibration import estimate_coefficients
 from fitting.interrupts import Interrupts
 from fitting.nlp.grid import default_step
 from fitting.parallel import run_all
@@ -190,7 +190,7 @@ def _done(job: _Job) -> tuple[Entry, Ship | None]:
             model = Simulator(ship)
         elif job.model == "calibrated":
             start = freeing_effects(ship, [name for name in job.study.instruments if name not in ship.effects])
-            found = calibrate(start, job.trials, Settings(time_limit=left))
+            found = estimate_coefficients(start, job.trials, Settings(time_limit=left))
             ship, status = found.ship, "finished" if found.converged else "stopped"
             model = Simulator(ship)
         else:

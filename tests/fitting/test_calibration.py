@@ -8,7 +8,7 @@ import pytest
 from cases.shipfiles.ship_file import dump_ship, load_ship, parse_ship
 from cases.simulation.demo_trials import demo_trials, hidden_ship
 from cases.trial import Trial
-from fitting.calibration import Calibration, Settings, calibrate
+from fitting.calibration import Calibration, Settings, estimate_coefficients
 from fitting.prediction.score import score
 from mmg.errors import UserError
 from mmg.rollout import Simulator
@@ -18,7 +18,7 @@ from tests.support.trial_files import make_trial
 
 @pytest.fixture(scope="module")
 def fitted() -> Calibration:
-    return calibrate(load_ship("esso_osaka_3m"), runs()[0], Settings(starts=2))
+    return estimate_coefficients(load_ship("esso_osaka_3m"), runs()[0], Settings(starts=2))
 
 
 def test_it_converges_to_tolerance_and_every_start_agrees(fitted: Calibration) -> None:
@@ -29,7 +29,8 @@ def test_it_converges_to_tolerance_and_every_start_agrees(fitted: Calibration) -
 
 def test_starts_spread_over_processes_give_the_same_solutions() -> None:
     inline, spread = (
-        calibrate(load_ship("esso_osaka_3m"), runs()[0][:2], Settings(passes=1, starts=3, workers=w)) for w in (1, 2)
+        estimate_coefficients(load_ship("esso_osaka_3m"), runs()[0][:2], Settings(passes=1, starts=3, workers=w))
+        for w in (1, 2)
     )
     assert [s.objective for s in spread.starts] == pytest.approx([s.objective for s in inline.starts], rel=1e-9)
     np.testing.assert_allclose(spread.p, inline.p, atol=1e-6)
@@ -66,7 +67,7 @@ def test_a_calibrated_ship_is_again_a_ship(fitted: Calibration) -> None:
 
 def test_fixed_coefficients_stay_as_they_are() -> None:
     ship = load_ship("esso_osaka_3m").fixing(["m_x", "m_y", "I_J_z"])
-    result = calibrate(ship, runs()[0][:3], Settings(passes=1))
+    result = estimate_coefficients(ship, runs()[0][:3], Settings(passes=1))
     for symbol in ("m_x", "m_y", "I_J_z"):
         assert result.ship.coefficients[symbol] == ship.coefficients[symbol]
         assert symbol not in result.prior.symbols
@@ -74,12 +75,12 @@ def test_fixed_coefficients_stay_as_they_are() -> None:
 
 def test_without_positions_the_rest_is_still_fitted() -> None:
     trials = [Trial(t.name, {k: v for k, v in t.columns.items() if k not in ("x", "y")}) for t in runs()[0][:3]]
-    result = calibrate(load_ship("esso_osaka_3m"), trials, Settings(passes=1))
+    result = estimate_coefficients(load_ship("esso_osaka_3m"), trials, Settings(passes=1))
     assert result.converged and any("positions cannot be fitted" in n for n in result.notices)
 
 
 def test_an_iteration_limit_leaves_a_flagged_best_iterate() -> None:
-    result = calibrate(load_ship("esso_osaka_3m"), runs()[0][:2], Settings(max_iterations=2))
+    result = estimate_coefficients(load_ship("esso_osaka_3m"), runs()[0][:2], Settings(max_iterations=2))
     assert not result.converged
     assert any("not converged" in w for w in result.warnings)
     assert all("NOT CONVERGED" in result.ship.coefficients[s].verdict for s in result.prior.symbols)
@@ -89,7 +90,7 @@ def test_constant_inputs_are_refused() -> None:
     trial = make_trial()
     constant = make_trial(n=np.full(len(trial), 10.0), delta=np.zeros(len(trial)))
     with pytest.raises(UserError, match="nothing to identify"):
-        calibrate(load_ship("esso_osaka_3m"), [constant])
+        estimate_coefficients(load_ship("esso_osaka_3m"), [constant])
 
 
 def test_intervals_of_one_seed_hold_most_true_values(fitted: Calibration) -> None:
@@ -109,7 +110,7 @@ def test_coverage_of_95_percent_intervals_over_20_noise_seeds() -> None:
     inside, robust = [], []
     truth = hidden_ship().coefficients
     for seed in range(20):
-        c = calibrate(load_ship("esso_osaka_3m"), demo_trials(seed)[0])
+        c = estimate_coefficients(load_ship("esso_osaka_3m"), demo_trials(seed)[0])
         assert c.converged
         model = np.sqrt(np.diag(c.covariance_model)) * c.prior.std
         for s, std in zip(c.prior.symbols, model, strict=True):
@@ -126,7 +127,7 @@ def test_a_fit_on_the_real_records_improves_every_development_hold_out(frt) -> N
     from cases.io.read import read_trials
 
     ship = load_ship("esso_osaka_3m")
-    result = calibrate(ship, read_trials(splits.find(splits.TRAIN_TZRB)))
+    result = estimate_coefficients(ship, read_trials(splits.find(splits.TRAIN_TZRB)))
     held_out = read_trials(splits.find(splits.DEVELOPMENT_HOLDOUT))
     before, after = (score(Simulator(s), held_out) for s in (ship, result.ship))
     assert result.converged

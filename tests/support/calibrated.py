@@ -7,7 +7,7 @@ from functools import cache
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.demo_trials import demo_trials
 from cases.trial import Trial
-from fitting.calibration import Calibration, calibrate
+from fitting.calibration import Calibration, estimate_coefficients
 from fitting.settings import Settings
 from mmg.ship import Ship
 
@@ -21,4 +21,4 @@ def small_calibration(iterations: int = 100) -> tuple[Calibration, Ship, list[Tr
     start = start.fixing([s for s in start.symbols if s not in FREE])
     train, held_out = demo_trials(3, dt=0.5)
     settings = Settings(passes=2, max_iterations=iterations, compiled=False)
-    return calibrate(start, train[:1], settings), start, train[:1], held_out[-1:]
+    return estimate_coefficients(start, train[:1], settings), start, train[:1], held_out[-1:]

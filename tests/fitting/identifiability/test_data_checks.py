@@ -13,7 +13,7 @@ from cases.shipfiles.ship_file import load_ship
 from cases.simulation.sensors import SensorNoise, add_noise
 from cases.simulation.simulate import simulate
 from cases.trial import Trial
-from fitting.calibration import calibrate
+from fitting.calibration import estimate_coefficients
 from fitting.identifiability.data_checks import contradictions, refuse_outliers, unexcited_astern
 from fitting.nlp.problem import Prior
 from fitting.nlp.windows import cut
@@ -45,7 +45,7 @@ def foreign(trial: Trial) -> Trial:
 
 
 def named(trials: list[Trial]) -> list[str]:
-    return [w for w in calibrate(ESSO, trials, FAST).warnings if "leave it out" in w]
+    return [w for w in estimate_coefficients(ESSO, trials, FAST).warnings if "leave it out" in w]
 
 
 def test_runs_that_belong_are_not_named() -> None:
@@ -56,7 +56,7 @@ def test_a_run_that_is_all_outliers_is_refused_by_name_before_the_fit() -> None:
     trials = list(runs()[0])
     bad = replace(scrambled(trials[4]), name="spoilt")
     with pytest.raises(UserError, match=r"^spoilt \(\d+ times\): samples are outliers throughout"):
-        calibrate(ESSO, [*trials[:4], bad, *trials[5:]], FAST)
+        estimate_coefficients(ESSO, [*trials[:4], bad, *trials[5:]], FAST)
     refuse_outliers(trials, 1.0)
     refuse_outliers([bad, trials[0]], 1.0)  # two runs: nobody knows which
 
@@ -66,7 +66,7 @@ def test_a_run_whose_residuals_are_white_is_called_outliers() -> None:
     rng = np.random.default_rng(1)
     noisy = {name: trials[4][name] + 7 * sd * rng.normal(size=len(trials[4])) for name, sd in NOISE.items()}
     mild = replace(trials[4], name="noisy", columns={**trials[4].columns, **noisy})
-    words = [w for w in calibrate(ESSO, [*trials[:4], mild, *trials[5:]], FAST).warnings if "noisy" in w]
+    words = [w for w in estimate_coefficients(ESSO, [*trials[:4], mild, *trials[5:]], FAST).warnings if "noisy" in w]
     assert len(words) == 1 and "its samples are outliers throughout" in words[0]
 
 

@@ -16,7 +16,7 @@ from cases.simulation.gusts import Wind
 from cases.simulation.sensors import SensorNoise, add_noise
 from cases.simulation.simulate import simulate
 from cases.trial import Trial
-from fitting.calibration import Calibration, calibrate
+from fitting.calibration import Calibration, estimate_coefficients
 from fitting.design.advice import identifiability_dict
 from fitting.design.candidates import Option, library
 from fitting.design.next_trial import NextTrial, fisher, identify, next_trial
@@ -56,7 +56,9 @@ def trial(text: str, duration: float, seed: int = 0, wind: Wind | None = None) -
 
 def fitted(trials: list[Trial], only: tuple[str, ...] = FREE) -> Calibration:
     ship = load_ship("esso_osaka_3m")
-    return calibrate(ship.fixing([s for s in ship.symbols if s not in only]), trials, Settings(sigma=SIGMA, step=1.0))
+    return estimate_coefficients(
+        ship.fixing([s for s in ship.symbols if s not in only]), trials, Settings(sigma=SIGMA, step=1.0)
+    )
 
 
 @cache

@@ -11,7 +11,7 @@ from scipy.optimize import least_squares
 
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.demo_trials import hidden_ship
-from fitting.calibration import calibrate
+from fitting.calibration import estimate_coefficients
 from fitting.identifiability.data_checks import against_captive
 from fitting.nlp.captive import Captive, CaptiveForces, determine, read_captive
 from fitting.nlp.problem import Prior
@@ -113,8 +113,8 @@ def test_a_joint_fit_uses_both_and_is_surer() -> None:
     truth = hidden_ship()
     trials = runs()[0][:2]
     settings = Settings(passes=2)
-    free_running = calibrate(ESSO, trials, settings)
-    joint = calibrate(ESSO, trials, settings, captive=points(truth, noise=1.0))
+    free_running = estimate_coefficients(ESSO, trials, settings)
+    joint = estimate_coefficients(ESSO, trials, settings, captive=points(truth, noise=1.0))
     assert joint.converged
     i = joint.prior.symbols.index("N_v")
     true = (truth.coefficients["N_v"].value - joint.prior.mean[i]) / joint.prior.std[i]

@@ -9,7 +9,7 @@ import scipy.sparse as sp
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.demo_trials import hidden_ship
 from cases.trial import Trial
-from fitting.calibration import calibrate
+from fitting.calibration import estimate_coefficients
 from fitting.nlp.loss import LOSSES, Loss, trimmed
 from fitting.nlp.problem import Problem
 from fitting.prediction.score import score
@@ -88,8 +88,8 @@ def test_spikes_ruin_the_gaussian_fit_but_not_the_robust_one(name: str) -> None:
     start = start.with_values({s: ship.coefficients[s].value for s in FREE})
     clean = runs()[0][:5]
     dirty = [spiked(t, i) for i, t in enumerate(clean)]
-    found = {n: calibrate(start, dirty, Settings(loss=n)) for n in ("gaussian", name)}
-    clean_fit = calibrate(start, clean)
+    found = {n: estimate_coefficients(start, dirty, Settings(loss=n)) for n in ("gaussian", name)}
+    clean_fit = estimate_coefficients(start, clean)
     assert all(c.converged for c in found.values())
 
     def off(c) -> float:  # type: ignore[no-untyped-def]

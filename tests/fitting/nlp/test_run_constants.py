@@ -17,7 +17,7 @@ from cases.shipfiles.ship_file import load_ship
 from cases.simulation.sensors import SensorNoise, add_noise
 from cases.simulation.simulate import simulate, write_trial
 from cases.trial import Trial
-from fitting.calibration import Calibration, calibrate
+from fitting.calibration import Calibration, estimate_coefficients
 from fitting.nlp.captive import CaptiveForces
 from fitting.nlp.fisher_information import information
 from fitting.nlp.problem import Prior, Problem
@@ -64,7 +64,7 @@ def start() -> Ship:
 @lru_cache(maxsize=2)
 def fitted(per_run: bool) -> Calibration:
     ship, constants = varying_effects(start(), ["current"] if per_run else [])
-    return calibrate(ship, trials(), Settings(compiled=False), per_run=constants)
+    return estimate_coefficients(ship, trials(), Settings(compiled=False), per_run=constants)
 
 
 @lru_cache(maxsize=4)
@@ -171,9 +171,9 @@ def test_blocks_of_unsorted_intervals_are_right_too() -> None:
 def test_constants_of_a_single_run_are_those_of_an_effect_freed_for_all() -> None:
     ship, constants = varying_effects(start(), ["current"])
     settings = Settings(compiled=False, sigma=tuple(SIGMA))
-    own = calibrate(ship, trials()[:1], settings, per_run=constants)
+    own = estimate_coefficients(ship, trials()[:1], settings, per_run=constants)
     free = ship.with_coefficients({s: ship.coefficients[s].with_(fixed=False) for s in constants})
-    shared = calibrate(free, trials()[:1], settings)
+    shared = estimate_coefficients(free, trials()[:1], settings)
     assert own.solution.objective == pytest.approx(shared.solution.objective, rel=1e-8)
     assert own.constants is not None
     both = [shared.ship.coefficients[s] for s in constants]
@@ -214,7 +214,7 @@ def test_runs_without_data_keep_the_prior() -> None:
     ship, constants = varying_effects(start(), ["rudder_offset:delta=0.01"])
     whole = trials()[2]
     short = replace(whole, name="short", columns={k: v[:50] for k, v in whole.columns.items()})
-    found = calibrate(ship, [*trials()[:2], short], Settings(compiled=False, passes=1), per_run=constants)
+    found = estimate_coefficients(ship, [*trials()[:2], short], Settings(compiled=False, passes=1), per_run=constants)
     row = found.constants.rows()["short"]["rudder_offset.delta"]  # type: ignore[union-attr]
     assert row["value"] == pytest.approx(0.01, abs=1e-6) and row["std"] == pytest.approx(0.05, rel=1e-3)
 

@@ -9,7 +9,7 @@ from cases.shipfiles.effects import freeing_effects
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.disturbed import Disturbed, disturbed_trials
 from cases.simulation.sensors import SensorNoise
-from fitting.calibration import calibrate
+from fitting.calibration import estimate_coefficients
 from fitting.nlp.fisher_information import Quadratics
 from fitting.nlp.problem import Problem
 from fitting.settings import Settings
@@ -72,7 +72,7 @@ def few_free() -> Ship:
 def test_sizes_are_recovered_from_pushed_runs(truth: tuple[float, float, float]) -> None:
     how = Disturbed(*truth, tau=10.0, noise=SensorNoise(), defects=())
     trials = disturbed_trials(load_ship("esso_osaka_3m"), RUNS, 3, how)
-    found = calibrate(freeing_effects(few_free(), ["disturbance"]), trials, Settings(compiled=False))
+    found = estimate_coefficients(freeing_effects(few_free(), ["disturbance"]), trials, Settings(compiled=False))
     sizes = [found.ship.coefficients[f"disturbance.{a}"].value for a in AXES]
     assert found.converged
     assert np.abs(np.log(np.array(sizes) / truth)).max() < np.log(1.6), sizes
@@ -84,7 +84,7 @@ def test_without_forces_the_sizes_go_to_next_to_nothing_and_given_ones_stay() ->
     ship = freeing_effects(few_free(), ["disturbance:Y=0.2"])
     assert asked(ship) == ("X", "N")
     started = begun(ship, asked(ship))
-    found = calibrate(ship, trials, Settings(compiled=False)).ship
+    found = estimate_coefficients(ship, trials, Settings(compiled=False)).ship
     assert found.coefficients["disturbance.Y"].value == 0.2
     for a in ("X", "N"):
         symbol = f"disturbance.{a}"

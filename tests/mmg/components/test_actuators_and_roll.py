@@ -12,7 +12,7 @@ import pytest
 from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.ship_file import dump_ship, load_ship, parse_ship
 from cases.simulation.simulate import simulate
-from fitting.calibration import calibrate
+from fitting.calibration import estimate_coefficients
 from fitting.settings import Settings
 from mmg.components.catalogue import coefficient_table
 from mmg.model import assemble
@@ -114,7 +114,7 @@ def test_a_rate_limit_can_be_calibrated() -> None:
         simulate(true, parse_maneuver(text, true, n=10.0, duration=100.0)) for text in ("zigzag:30/20", "turning:-35")
     ]
     start = ship.fixing([s for s in ship.symbols if s != "K_delta"])
-    found = calibrate(start, runs, Settings(compiled=False))
+    found = estimate_coefficients(start, runs, Settings(compiled=False))
     assert found.ship.coefficients["K_delta"].value == pytest.approx(0.10, rel=0.03)
 
 
