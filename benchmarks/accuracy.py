@@ -16,12 +16,13 @@ from cases.shipfiles.effects import freeing_effects
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import STATES, Trial
 from fitting.calibration import Calibration, estimate_coefficients
+from fitting.pipeline import coefficient_rows, correlation_of, prediction_bands
 from fitting.prediction.adaptation import Adaptation
-from fitting.prediction.band_calibration import NORMAL, enrich
+from fitting.prediction.band_calibration import NORMAL
 from fitting.prediction.bands import bands_of
 from fitting.prediction.predict import predict_all
 from fitting.prediction.score import Score, pooled_sigma, score
-from fitting.report.run_folder import result
+from fitting.report.run_folder import plain
 from mmg.rollout import Simulator
 
 PAST = 30.0
@@ -32,9 +33,8 @@ def inside(
 ) -> list[str]:
     """Share of rows after the first inside the 90 % band, by state."""
     simulator = Simulator(found.ship)
-    content = result(found, train, [], {}, "")
-    enrich(simulator, content, train, [])
-    bands = bands_of(content, found.ship)
+    known = {"coefficients": coefficient_rows(found), "correlation": correlation_of(found)}
+    bands = bands_of(plain(known) | {"bands": prediction_bands(found, simulator, train)}, found.ship)
     adaptation = Adaptation.of(found.ship, past) if past else None
     hit, count = np.zeros(6), 0
     made = predict_all(simulator, held_out, length, stride, length > 50, adaptation=adaptation, bands=bands)

@@ -25,6 +25,7 @@ from benchmarks.record import record, table
 from cases.io.read import read_trials
 from cases.published_splits import DEVELOPMENT_HOLDOUT, TRAIN_TZRB, find
 from cases.shipfiles.effects import freeing_effects
+from cases.shipfiles.model_changes import reduced_ship
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
 from diagnosis.diagnose import DiagnosisOptions, diagnose
@@ -33,7 +34,6 @@ from fitting.calibration import Settings, estimate_coefficients
 from fitting.parallel import run_all
 from mmg.components.catalogue import coefficient_table
 from mmg.ship import Ship
-from mmg_ident.commands.fit_input import _reduced
 
 OTHERS = (
     "random_31-Jul-2020_14_52_18", "turn_14-Oct-2020_14_17_39", "turn_14-Sep-2020_14_16_04",
@@ -49,7 +49,7 @@ def whole_ship() -> Ship:
 
 def without_wind() -> Ship:
     """The same without a wind model."""
-    return _reduced(whole_ship(), ["wind"], None, None, None)
+    return reduced_ship(whole_ship(), ["wind"])
 
 
 def gap(ship: Ship, train: Sequence[Trial], test: Sequence[Trial] = ()) -> Diagnosis:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -60,6 +59,7 @@ class Calibration:
     covariance: np.ndarray
     sigma: np.ndarray
     noise: Noise
+    identifiability: Identifiability
     solution: Solution
     segments: Segments
     settings: Settings
@@ -73,6 +73,8 @@ class Calibration:
     spread: Robust | None = None
     recipe: Recipe | None = None
     constants: RunConstants | None = None
+    data_information: np.ndarray | None = None
+    compiled: bool = True
 
     @property
     def converged(self) -> bool:
@@ -93,19 +95,6 @@ class Calibration:
     def iterate(self) -> np.ndarray:
         """Scaled estimates of all that was fitted, constants of the runs last."""
         return np.concatenate([self.p, self.constants.p]) if self.constants else self.p
-
-    @cached_property
-    def identifiability(self) -> Identifiability:
-        """What the trials say about each of the ship's free coefficients."""
-        return analyse(self.prior, self.p, self.covariance, self.data_information)
-
-    @property
-    def data_information(self) -> np.ndarray | None:
-        """Information of the trials on the ship's coefficients without the prior (P, P), if there is a finite one."""
-        if self.information is None or not np.isfinite(self.information.hessian).all():
-            return None
-        info = self.information.shared()
-        return info.hessian - np.eye(len(info.p))
 
     @property
     def standard_errors(self) -> np.ndarray:
@@ -215,14 +204,16 @@ def estimate_coefficients(
         )
     timings["total"] = time.perf_counter() - began
     about_shared = found.shared().hessian - np.eye(prior.shared)
+    findings = analyse(common, p[shared], covariance, about_shared)
     own_ship = without_constants(problem.ship, per_run)
     return Calibration(
-        ship=calibrated_ship(own_ship, common, p[shared], covariance, best.converged, about_shared),
+        ship=calibrated_ship(own_ship, common, p[shared], covariance, findings, best.converged),
         prior=common,
         p=p[shared],
         covariance=covariance,
         sigma=problem.sigma,
         noise=noise,
+        identifiability=findings,
         solution=best,
         segments=segments,
         settings=replace(settings, step=step, window=window),
@@ -236,6 +227,8 @@ def estimate_coefficients(
         spread=spread,
         recipe=Recipe.of(problem),
         constants=RunConstants.of(problem.ship, prior, p, spread.covariance, segments.trials),
+        data_information=about_shared if np.isfinite(about_shared).all() else None,
+        compiled=not kernel.interpreted_because,
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 
 Report = Callable[[str, int, float, float], None]
 """Called with the name of the solve, iteration, objective and constraint violation."""
@@ -50,8 +50,3 @@ class Start:
     distance: float
     restarted: bool = False
     apart: dict[str, float] = field(default_factory=dict)
-
-
-def settings_dict(settings: Settings) -> dict:
-    """Settings as plain JSON values."""
-    return {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(settings).items()}

@@ -15,7 +15,7 @@ from cases.shipfiles.ship_file import load_ship
 from cases.trial import STATES, Trial
 from fitting.prediction.predict import Forecaster
 from fitting.prediction.score import pooled_sigma, score
-from fitting.report.run_folder import RESULT, data_rows, read_result, score_rows, versions
+from fitting.report.run_folder import RESULT, data_rows, read_result, versions
 from mmg.errors import UserError
 from mmg.messages import Message
 from mmg.network import features_of
@@ -206,7 +206,7 @@ def _scores(
             sigma = None
         if sigma is not None:
             result[name] = {
-                when: score_rows(score(model, placed, sigma, f"the {name} trials"))
+                when: score(model, placed, sigma, f"the {name} trials").to_dict()
                 for when, model in zip(("before", "after"), models.values(), strict=False)
             }
     return result

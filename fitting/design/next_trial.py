@@ -8,7 +8,6 @@ manoeuvre that is over sooner is repeated.
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -155,18 +154,6 @@ def next_trial(
         plan,
         planned,
     )
-
-
-def identify(calibration: Calibration, trials: bool = True) -> tuple[Identifiability, NextTrial | None]:
-    """What the trials of a calibration say about each coefficient and, if asked for, which trial would say more.
-
-    Timings of the calibration get an entry "identifiability" [s].
-    """
-    began = time.perf_counter()
-    found = calibration.identifiability
-    scored = next_trial(calibration) if trials and np.isfinite(calibration.covariance).all() else None
-    calibration.timings["identifiability"] = time.perf_counter() - began
-    return found, scored
 
 
 def runs(

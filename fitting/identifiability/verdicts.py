@@ -4,20 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fitting.identifiability.analysis import DETERMINED, WORSE, Finding, analyse, at_bound
+from fitting.identifiability.analysis import DETERMINED, WORSE, Finding, Identifiability, at_bound
 from fitting.identifiability.plausibility import implausible
 from fitting.nlp.problem import Prior, Problem
 from fitting.settings import Start
 from fitting.solvers.ipopt import Solution
 from fitting.solvers.multistart import disagreement
 from mmg.ship import Ship
-
-if TYPE_CHECKING:
-    pass
 
 
 def cause(finding: Finding, missing: str = "") -> str:
@@ -66,16 +62,16 @@ def calibrated_ship(
     prior: Prior,
     p: np.ndarray,
     covariance: np.ndarray,
+    found: Identifiability,
     converged: bool,
-    information: np.ndarray | None = None,
 ) -> Ship:
-    """The ship with estimates, standard errors, priors and verdicts.
+    """The ``ship`` with estimates, standard errors, priors and verdicts.
 
-    p: scaled estimate (P,); covariance: (P, P) in prior standard deviations; information: of the data (P, P), see
-    ``identifiability.analyse``. An estimate that did not converge says so.
+    prior: of the P free coefficients; p: scaled estimate (P,); covariance: (P, P) in prior standard deviations;
+    found: what decided each coefficient; converged: an estimate that did not says so.
     """
     changed = {}
-    for i, finding in enumerate(analyse(prior, p, covariance, information).findings):
+    for i, finding in enumerate(found.findings):
         symbol, words = finding.symbol, verdict(finding)
         c, share = ship.coefficients[symbol], float(covariance[i, i])
         value = float(np.clip(prior.mean[i] + prior.std[i] * p[i], prior.lower[i], prior.upper[i]))

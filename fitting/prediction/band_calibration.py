@@ -13,7 +13,7 @@ from cases.trial import Trial
 from fitting.prediction.adaptation import Adaptation, adapt
 from fitting.prediction.bands import COARSE, Bands, Process, as_dict, coarse_rows, features, growth
 from fitting.prediction.predict import record_of, window_rows
-from fitting.prediction.score import score
+from fitting.prediction.score import pooled_sigma, score
 from fitting.prediction.stretches import Batch, Stretch, roll
 from mmg.errors import UserError
 from mmg.rollout import Simulator
@@ -194,17 +194,10 @@ def _factors(
     return np.where(np.isfinite(square), np.sqrt(np.clip(square, 0.01, 100.0)), 1.0)
 
 
-def enrich(simulator: Simulator, result: dict[str, Any], train: Sequence[Trial], held_out: Sequence[Trial]) -> None:
-    """Add "bands", and with held-out trials "adaptation", to the content of a run's result.json."""
-    from fitting.prediction.bands import draws_of
-    from fitting.prediction.score import pooled_sigma
-
-    found = fit_bands(simulator, train, draws_of(result, simulator.ship))
-    if found is not None:
-        result["bands"] = found
+def adaptation_worth(simulator: Simulator, held_out: Sequence[Trial]) -> dict[str, Any] | None:
+    """Whether adaptation pays for ``simulator`` on ``held_out`` trials; None where none of them can be scored."""
     placed = [t for t in held_out if t.has_position]
-    if placed:
-        try:
-            result["adaptation"] = adaptation_pays(simulator, placed, pooled_sigma(placed), "validation")
-        except UserError:
-            return
+    try:
+        return adaptation_pays(simulator, placed, pooled_sigma(placed), "validation")
+    except UserError:
+        return None

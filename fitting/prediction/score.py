@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -11,7 +12,9 @@ from cases.trial import STATES, Trial
 from fitting.prediction.adaptation import Adaptation
 from fitting.prediction.predict import Forecaster, Window, predict_all, usable
 from mmg.errors import UserError
+from mmg.messages import Message
 from mmg.motion.flow import INPUTS
+from mmg.notebook import html_table
 from mmg.rollout import Simulator
 
 PAPER_WINDOW = 100.0
@@ -29,6 +32,17 @@ class TrialScore:
     window_by_state: np.ndarray
     windows: int
 
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, numbers by state as {state: number}."""
+        return {
+            "name": self.name,
+            "paper": self.paper,
+            "paper_by_state": dict(zip(STATES, self.paper_by_state.tolist(), strict=True)),
+            "window": self.window,
+            "window_by_state": dict(zip(STATES, self.window_by_state.tolist(), strict=True)),
+            "windows": self.windows,
+        }
+
 
 @dataclass(frozen=True)
 class Score:
@@ -43,6 +57,95 @@ class Score:
     sigma: np.ndarray
     sigma_from: str
     notes: tuple[str, ...] = field(default=())
+
+    def to_dict(self) -> dict[str, Any]:
+        """Both metrics as plain values, per trial and pooled, with their sigma."""
+        return {
+            "sigma": dict(zip(STATES, self.sigma.tolist(), strict=True)),
+            "sigma_from": self.sigma_from,
+            "paper": self.paper,
+            "window": self.window,
+            "trials": [t.to_dict() for t in self.trials],
+            "notes": list(self.notes),
+        }
+
+    @classmethod
+    def from_dict(cls, row: Mapping[str, Any]) -> Score:
+        """The score behind ``row``, as ``to_dict`` made it, null for NaN. Raises ValueError for any other row."""
+        try:
+            trials = tuple(
+                TrialScore(t["name"], _number(t["paper"]), _by_state(t["paper_by_state"]), _number(t["window"]),
+                           _by_state(t["window_by_state"]), int(t["windows"])) for t in row["trials"]
+            )  # fmt: skip
+            sigma, notes = _by_state(row["sigma"]), tuple(map(str, row["notes"]))
+            return cls(trials, _number(row["paper"]), _number(row["window"]), sigma, str(row["sigma_from"]), notes)
+        except (KeyError, TypeError) as error:
+            raise ValueError(f"no score: {error} is missing or of the wrong kind") from None
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: Any) -> Any:
+        """How pydantic reads a score in a result file: by ``from_dict``."""
+        from pydantic_core import core_schema
+
+        return core_schema.no_info_plain_validator_function(cls.from_dict)
+
+    def to_pandas(self) -> Any:
+        """A DataFrame with a row per trial: both metrics, the number of windows, the 30 s metric by state."""
+        import pandas as pd
+
+        rows = [{"paper": t.paper, "window": t.window, "windows": t.windows,
+                 **{f"window_{s}": value for s, value in zip(STATES, t.window_by_state, strict=True)}}
+                for t in self.trials]  # fmt: skip
+        return pd.DataFrame(rows, index=pd.Index([t.name for t in self.trials], name="trial"))
+
+    def _repr_html_(self) -> str:
+        rows = [(t.name, t.window, t.paper, t.windows) for t in self.trials]
+        header = ("trial", "30 s windows", "100 s restarts", "windows")
+        return html_table("Mean squared normalised error", header, [*rows, ("all rows", self.window, self.paper, None)])
+
+
+@dataclass(frozen=True)
+class ScorePair:
+    """Scores of the same trials, predicted by a model before and after it was changed."""
+
+    before: Score
+    after: Score
+
+    def worse(self, name: str) -> list[Message]:
+        """Messages on metrics that became worse; name: of the set of trials, such as "validation"."""
+        messages = []
+        for metric, label in (("window", "30 s windows"), ("paper", "100 s restarts")):
+            before, after = getattr(self.before, metric), getattr(self.after, metric)
+            if after > 1.005 * before + 1e-6:
+                words = f"{label} of the {name} trials became worse: {before:.4f} -> {after:.4f}"
+                messages.append(Message(words, "worse_after"))
+        return messages
+
+
+def score_pairs(
+    before: Simulator | Forecaster, after: Simulator | Forecaster, sets: Mapping[str, Sequence[Trial]]
+) -> dict[str, ScorePair]:
+    """Scores ``before`` and ``after`` on each of ``sets`` (name -> trials) that has trials with positions.
+
+    Trials without positions are left out, and so is a set in which one state never changes, as it gives no sigma.
+    """
+    pairs = {}
+    for name, trials in sets.items():
+        placed = [t for t in trials if t.has_position]
+        try:
+            sigma = pooled_sigma(placed)
+        except UserError:
+            continue
+        pairs[name] = ScorePair(*(score(model, placed, sigma, f"the {name} trials") for model in (before, after)))
+    return pairs
+
+
+def _number(value: float | None) -> float:
+    return float("nan") if value is None else float(value)
+
+
+def _by_state(row: Mapping[str, float | None]) -> np.ndarray:
+    return np.array([_number(row[state]) for state in STATES])
 
 
 def pooled_sigma(trials: Sequence[Trial]) -> np.ndarray:

@@ -16,11 +16,10 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from cases.shipfiles.ship_file import load_ship
 from cases.trial import STATES, UNITS
+from fitting.record import FitRecord
 from fitting.report.identifiability import section
 from fitting.report.plots import component_of, determination, grouped
-from fitting.report.run_folder import SHIP, read_result
 from fitting.report.words import headline, not_in_model, per_run_table, plus_minus, setting_rows, warnings_of
 from mmg.components.catalogue import summary
 from mmg.components.particulars import PARTICULARS
@@ -95,7 +94,7 @@ def _coefficients(result: dict, ship: Ship) -> list[dict]:
                     "estimate": plus_minus(row.get("value"), row.get("std")),
                     "shift": ((row.get("value") or 0.0) - (row.get("prior_value") or 0.0)) / prior_std,
                     "share": None if share is None else min(max(share, 0.0), 1.0),
-                    "kind": determination(row),
+                    "kind": determination(share),
                     "verdict": row.get("verdict", ""),
                     "bound": row.get("at_bound"),
                     "limits": f"{_number(row.get('lower'))} to {_number(row.get('upper'))}",
@@ -173,12 +172,9 @@ def label_of(folder: Path) -> str:
     return name.lstrip(".").rsplit(".", 1)[0] if name.startswith(".") else name
 
 
-def _run(folder: Path, number: int) -> dict:
-    """All that the template shows of one run folder."""
-    result = read_result(folder)
-    if not isinstance(result, dict) or not isinstance(result.get("coefficients"), dict):
-        raise UserError(f"{folder}: its result.json is not that of a calibration; give run folders of one command")
-    ship = load_ship(folder / SHIP)
+def _run(record: FitRecord, ship: Ship, folder: Path, number: int) -> dict:
+    """All that the template shows of one run."""
+    result = record.to_dict()
     groups = _coefficients(result, ship)
     kinds = [row["kind"] for g in groups for row in g["rows"]]
     figures = figures_of(folder, result.get("figures"))
@@ -265,25 +261,20 @@ def environment() -> Environment:
     return found
 
 
-def build_report(folders: Sequence[Path]) -> str:
-    """One self-contained HTML page on one or several run folders.
+def build_page(results: Sequence[tuple[FitRecord, Ship, Path]]) -> str:
+    """One self-contained HTML page on ``results``: record, calibrated ship and folder with the figures of each.
 
-    Raises UserError for a folder that is no run of a calibration.
+    Raises UserError for no results.
     """
-    if not folders:
+    if not results:
         raise UserError("no run folder given")
-    runs = [_run(Path(folder), i + 1) for i, folder in enumerate(folders)]
+    runs = [_run(*result, i + 1) for i, result in enumerate(results)]
     labels = [run["label"] for run in runs]
     for run in runs:
         if labels.count(run["label"]) > 1:
             run["label"] = f"{run['label']} ({run['id']})"
     page = environment().get_template("report.html.j2")
     return page.render(runs=runs, comparison=_comparison(runs) if len(runs) > 1 else None)
-
-
-def write_report(folders: Sequence[Path], out: Path) -> None:
-    """Write the report on these run folders to ``out``, atomically; UserError when it cannot be written."""
-    write_page(build_report(folders), out)
 
 
 def write_page(text: str, out: Path) -> None:

@@ -18,6 +18,7 @@ from matplotlib.patches import Patch
 from fitting.design.next_trial import HELPS, NextTrial
 from fitting.identifiability.analysis import DETERMINED, KINDS, PARTLY, Finding, Identifiability
 from fitting.identifiability.clusters import CORRELATED
+from fitting.record import FitObjects, FitRecord
 from fitting.report.plot_style import AFTER, ALARM, BEFORE, DPI, GREY, WIDTH, dress, new_figure
 
 COLOURS = {
@@ -164,17 +165,15 @@ def profile_plot_of(row: Mapping[str, Any], std: float | None, unit: str = "", a
     return profile_plot(values, rise, row["symbol"], at, std, unit=unit, ax=ax)
 
 
-def write_identifiability_figures(
-    folder: Path,
-    found: Identifiability,
-    trial: NextTrial | None = None,
-    profiles: Sequence[Mapping[str, Any]] = (),
-    coefficients: Mapping[str, Mapping[str, Any]] | None = None,
-) -> list[Mapping[str, str]]:
-    """Write the figures as PNG into ``folder``/figures; returns file, title and caption of each, as a report needs."""
+def write_identifiability_figures(folder: Path, record: FitRecord, objects: FitObjects) -> list[dict[str, str]]:
+    """Write the figures of what trials determine as PNG into ``folder``/figures, none where that is not known.
+
+    record: what the calibration found; objects: what stands behind it. Returns file, title and caption of each.
+    """
+    found, trial = objects.calibration.identifiability, objects.next_trial
     target = folder / "figures"
     target.mkdir(parents=True, exist_ok=True)
-    written: list[Mapping[str, str]] = []
+    written: list[dict[str, str]] = []
 
     def write(name: str, title: str, caption: str, draw: Callable[[], Axes]) -> None:
         draw().get_figure(root=True).savefig(target / f"{name}.png", dpi=DPI)  # type: ignore[union-attr]
@@ -201,13 +200,13 @@ def write_identifiability_figures(
             "top (by the mean prior's share); numbers at the best trial of each coefficient.",
             lambda: next_trial_plot(trial, found.findings),
         )  # fmt: skip
-    for row in profiles:
-        known = (coefficients or {}).get(row["symbol"], {})
+    for row in record.profiles or ():
+        known = record.coefficients[row["symbol"]]
         write(
             f"identifiability_profile_{row['symbol']}", f"Profile of {row['symbol']}",
             "Objective, minimised over all other coefficients and states, above its minimum and divided by the "
             f"dispersion of {row['dispersion']:.3g} (how much more the runs scatter than the noise says): below the "
             "dashed lines the coefficient may lie. A parabola is what its standard error stands for.",
-            partial(profile_plot_of, row, known.get("std"), known.get("unit") or ""),
+            partial(profile_plot_of, row, known.std, known.unit),
         )  # fmt: skip
     return written

@@ -15,17 +15,15 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from cases.trial import Trial
-from fitting.calibration import Calibration
 from fitting.identifiability.analysis import DETERMINED, PARTLY
 from fitting.prediction.predict import predict_all
 from fitting.prediction.score import PAPER_WINDOW, wrapped_error
+from fitting.record import CoefficientRow, FitObjects, FitRecord
 from fitting.report.plot_style import AFTER, ALARM, BEFORE, DPI, GREY, dress, new_figure
 from fitting.report.plot_tracks import error_growth_plot, trajectory_plot
 from fitting.report.plot_waterfall import waterfall_figure
-from fitting.report.run_folder import RESULT, coefficient_rows, read_result
-from fitting.solvers.ipopt import Solution
+from fitting.report.run_folder import plain
 from mmg.components.catalogue import ROLES, coefficient_table
-from mmg.rollout import Simulator
 from mmg.ship import Ship
 
 GROUPS = ("mass", *ROLES, "effects", "other")
@@ -49,9 +47,8 @@ def grouped(rows: Mapping[str, Any], components: Mapping[str, str]) -> list[tupl
     return [(group, symbols) for group, symbols in groups.items() if symbols]
 
 
-def determination(row: Mapping[str, Any]) -> str:
-    """ "determined", "partly", "prior" or "unknown": what decided a coefficient, from the prior's share."""
-    share = row.get("prior_share")
+def determination(share: float | None) -> str:
+    """ "determined", "partly", "prior" or "unknown": what decided a coefficient, from the prior's ``share``."""
     if share is None or not np.isfinite(share):
         return "unknown"
     return "determined" if share < DETERMINED else "partly" if share < PARTLY else "prior"
@@ -77,20 +74,13 @@ def _columns(lines: list[tuple[str, str | None]]) -> list[list[tuple[str, str | 
     return [lines[:half], [(f"{lines[half][0]} (continued)", None), *lines[half:]]]
 
 
-def coefficient_plot(
-    source: Calibration | Mapping[str, Mapping[str, Any]], components: Mapping[str, str] | None = None
-) -> Figure:
+def coefficient_plot(rows: Mapping[str, CoefficientRow], components: Mapping[str, str]) -> Figure:
     """Shift of every free coefficient from its prior in prior standard deviations, with its standard error.
 
-    source: a calibration, or "coefficients" of result.json with ``components``: symbol -> component.
+    rows: by symbol, as of ``FitResult.coefficients``; components: symbol -> component, see ``component_of``.
     """
-    if isinstance(source, Calibration):
-        components = components or component_of(source.ship)
-        rows: Mapping[str, Mapping[str, Any]] = coefficient_rows(source)
-    else:
-        rows = source
     lines: list[tuple[str, str | None]] = []
-    for group, symbols in grouped(rows, components or {}):
+    for group, symbols in grouped(rows, components):
         lines += [(group, None), *((group, symbol) for symbol in symbols)]
     parts = _columns(lines)
     longest = max(len(part) for part in parts)
@@ -108,10 +98,10 @@ def coefficient_plot(
                 ax.text(0.01, height, group, transform=where, fontsize=9, fontweight="bold", va="center")
                 continue
             row = rows[symbol]
-            prior_std = row["prior_std"] or np.nan
-            shift = (row["value"] - row["prior_value"]) / prior_std
-            std = row["std"] / prior_std if row.get("std") is not None else np.nan
-            kind = determination(row)
+            prior_std = row.prior_std or np.nan
+            shift = (row.value - (row.prior_value or 0.0)) / prior_std
+            std = row.std / prior_std if row.std is not None else np.nan
+            kind = determination(row.prior_share)
             look = MARKS[kind]
             used[kind] = ax.errorbar(
                 shift, height, xerr=std if np.isfinite(std) else None, fmt=look["marker"],
@@ -119,8 +109,8 @@ def coefficient_plot(
             )  # fmt: skip
             if np.isfinite(shift):
                 extent = max(extent, abs(shift) + (std if np.isfinite(std) else 0) + 0.2)
-            if row.get("at_bound"):
-                sign = "<" if row["at_bound"] == "lower" else ">"
+            if row.at_bound:
+                sign = "<" if row.at_bound == "lower" else ">"
                 (used["bound"],) = ax.plot(shift, height, sign, color=ALARM, ms=9, mfc="none", mew=1.4, zorder=4)
         ax.set_ylim(longest - 0.4, -0.8)
         ax.set_yticks([i for i, line in enumerate(part) if line[1]], [line[1] for line in part if line[1]], fontsize=8)
@@ -174,18 +164,18 @@ def score_plot(scores: Mapping[str, Mapping[str, Mapping[str, Any]]], most: int 
     return figure
 
 
-def convergence_plot(solution: Solution) -> Figure:
-    """Objective and constraint violation over the iterations of the last solve."""
+def convergence_plot(history: Sequence[tuple[float, float]]) -> Figure:
+    """Objective and constraint violation over the iterations of a solve, of which ``history`` has both."""
     figure = new_figure(3.2)
     left, right = figure.subplots(1, 2)
-    history = np.array(solution.history, dtype=float).reshape(-1, 2)
-    steps = np.arange(len(history))
+    values = np.array(history, dtype=float).reshape(-1, 2)
+    steps = np.arange(len(values))
     dress(left, "iteration [-]", "objective [-]", "objective")
-    left.plot(steps, history[:, 0], "o-", color=AFTER, ms=3)
+    left.plot(steps, values[:, 0], "o-", color=AFTER, ms=3)
     dress(right, "iteration [-]", "largest defect, scaled [-]", "gaps between shooting intervals")
-    right.plot(steps, np.maximum(history[:, 1], 1e-16), "o-", color=AFTER, ms=3)
+    right.plot(steps, np.maximum(values[:, 1], 1e-16), "o-", color=AFTER, ms=3)
     right.set_yscale("log")
-    if len(history) and history[:, 0].min() > 0 and history[:, 0].max() > 20 * history[:, 0].min():
+    if len(values) and values[:, 0].min() > 0 and values[:, 0].max() > 20 * values[:, 0].min():
         left.set_yscale("log")
     return figure
 
@@ -207,18 +197,11 @@ def _position_rms(trial: Trial, windows: Sequence) -> float:
     return float(np.sqrt(np.nanmean((np.vstack(errors) ** 2).sum(axis=1))))
 
 
-def write_figures(
-    folder: Path,
-    calibration: Calibration,
-    start: Ship,
-    trials: Sequence[Trial],
-    validation: Sequence[Trial] = (),
-    most_tracks: int = 4,
-) -> list[dict[str, str]]:
+def write_figures(folder: Path, record: FitRecord, objects: FitObjects, most_tracks: int = 4) -> list[dict[str, str]]:
     """Write the figures of a calibration as PNG into ``folder``/figures.
 
-    start: the ship before. Returns {"file", "title", "caption"} of each figure in the order of a report, the file
-    relative to ``folder``/figures. Scores are drawn when ``folder`` holds a result.json with scores.
+    record: what it found; objects: trials and simulators behind it; most_tracks: trials drawn at most. Returns
+    {"file", "title", "caption"} of each figure in the order of a report, the file relative to ``folder``/figures.
     """
     target = folder / "figures"
     target.mkdir(parents=True, exist_ok=True)
@@ -228,14 +211,14 @@ def write_figures(
         draw().savefig(target / f"{name}.png", dpi=DPI)
         written.append({"file": f"{name}.png", "title": title, "caption": caption})
 
-    compiled = calibration.settings.compiled
-    models = {"before": Simulator(start, compiled), "after": Simulator(calibration.ship, compiled)}
-    scores = read_result(folder).get("scores") if (folder / RESULT).exists() else None
-    if scores:
+    models = {"before": objects.before, "after": objects.after}
+    trials, validation = objects.trials, objects.validation
+    ship, solution = objects.after.ship, objects.calibration.solution
+    if record.scores:
         write(
             "scores", "Scores per trial",
             "Mean squared error of open-loop predictions, summed over the six states, each divided by its "
-            "sigma; lower is better.", lambda: score_plot(scores),
+            "sigma; lower is better.", lambda: score_plot(plain(record.scores)),
         )  # fmt: skip
     judged, which = (validation, "held-out") if validation else (trials, "training (none was held out)")
     write(
@@ -251,7 +234,7 @@ def write_figures(
         pairs = [side[number][0] for side in windows]
         rms = [_position_rms(trial, windows) for windows in pairs]
         words = f"Rms position error {rms[0]:.3g} m before, {rms[1]:.3g} m after." if np.isfinite(rms).all() else ""
-        draw = partial(trajectory_plot, trial, pairs[0], pairs[1], start.particulars["L"])
+        draw = partial(trajectory_plot, trial, pairs[0], pairs[1], ship.particulars["L"])
         write(
             f"track_{number + 1}", f"{trial.name} ({'held out' if held_out else 'used in the calibration'})",
             f"Predictions restart from the measured state every {PAPER_WINDOW:g} s (dots and ship outlines on the "
@@ -262,20 +245,20 @@ def write_figures(
         "Point: estimate; bar: its standard error; both in prior standard deviations. Shaded: one prior "
         "standard deviation. A short bar means that the trials decided, a bar as wide as the shading that the "
         "prior did.",
-        lambda: coefficient_plot(calibration),
+        lambda: coefficient_plot(record.coefficients, component_of(ship)),
     )  # fmt: skip
-    if calibration.solution.history:
+    if solution.history:
         write(
             "convergence", "Convergence of the last solve",
             "Objective and largest gap between shooting intervals at each iteration.",
-            lambda: convergence_plot(calibration.solution),
+            lambda: convergence_plot(solution.history),
         )  # fmt: skip
-    if len(calibration.starts) > 1:
+    if len(record.starts) > 1:
         write(
             "starts", "Starts",
             "Objective of each start above the best one: points below the line reached the same optimum. Numbers are "
             "those of the starts (0: the prior); a ring marks one that was solved again with damping.",
-            lambda: waterfall_figure(calibration.starts),
+            lambda: waterfall_figure(record.starts),
         )  # fmt: skip
     return written
 

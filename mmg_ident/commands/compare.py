@@ -59,10 +59,10 @@ def compare(
     import shutil
     import sys
 
+    from cases.shipfiles.model_changes import with_instruments
     from cases.shipfiles.ship_file import load_ship
     from fitting.report.run_folder import RESULT, check_target, write_json, write_whole
     from mmg.errors import UserError
-    from mmg_ident.commands.fit_input import measuring
     from mmg_ident.commands.output import names_of, needs_torch, print_json, say
 
     names = tuple(dict.fromkeys(names_of([models])))
@@ -90,7 +90,9 @@ def compare(
     if not trained_on:
         raise UserError("--train: nothing is left to train on besides the test trials")
     captive = load_ship(ship).without_network()
-    instruments = tuple(e for e in measuring(captive, measurement).effects if e not in captive.effects)
+    instruments = tuple(
+        e for e in with_instruments(captive, names_of([measurement])).effects if e not in captive.effects
+    )
     study = Study(
         captive, tuple(trained_on), tuple(tests), names, subsets, seeds, seed, workers,
         epochs, step, time_limit, instruments,

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    from fitting.result import FitResult
 
 
 def demo(
@@ -24,12 +27,12 @@ def demo(
     from cases.shipfiles.ship_file import dump_ship, load_ship
     from cases.simulation.demo_trials import demo_trials, hidden_ship
     from cases.simulation.simulate import write_trial
-    from fitting.calibration import Settings, estimate_coefficients
-    from fitting.report.run_folder import RESULT, check_target, result, write_json, write_run
+    from fitting.pipeline import FitOptions, calibrate
+    from fitting.report.run_folder import check_target
+    from fitting.settings import Settings
     from mmg.errors import UserError
     from mmg_ident.commands.demo_diagnosis import demo_diagnosis
     from mmg_ident.commands.demo_residual import demo_residual
-    from mmg_ident.commands.fit import _scores
     from mmg_ident.commands.output import end_progress, print_json, progress, say
 
     folder = _free(out)
@@ -57,29 +60,20 @@ def demo(
 
     start = load_ship("esso_osaka_3m")
     say(f"3. Calibrating {len(start.free)} coefficients from the captive-test ship (IPOPT, multiple shooting)")
-    calibration = estimate_coefficients(start, train, Settings(seed=seed), progress())
+    found = calibrate(
+        start, train, held_out, Settings(seed=seed), FitOptions(command=f"mmg demo --seed {seed}"), progress()
+    )
     end_progress()
-    scores = _scores(start, calibration, train, held_out)
-    truth = _against_truth(calibration)
-    content = result(calibration, train, held_out, scores, f"mmg demo --seed {seed}", {"hidden_truth": truth})
-
-    def decorate(target: Path) -> None:
-        from fitting.report.page import write_report
-        from fitting.report.plots import write_figures
-
-        content["figures"] = write_figures(target, calibration, start, train, held_out)
-        write_json(target / RESULT, content)
-        write_report([target], target / "report.html")
-
-    write_run(folder / "run", calibration, start, content, decorate)
-    _tell(calibration, scores, truth, folder)
+    truth = _against_truth(found)
+    found = found.save(folder / "run")
+    _tell(found, truth, folder)
     learned = demo_residual(folder)
     diagnosis = demo_diagnosis(folder, seed)
     if json:
-        found = {"folder": str(folder), "converged": calibration.converged, "scores": scores, "residual": learned}
-        found["diagnosis"] = diagnosis
-        print_json({**found, **truth})
-    return 0 if calibration.converged else 1
+        scores = found.to_dict()["scores"]
+        told = {"folder": str(folder), "converged": found.converged, "scores": scores, "residual": learned}
+        print_json({**told, "diagnosis": diagnosis, **truth})
+    return 0 if found.converged else 1
 
 
 def _free(out: Path | None) -> Path:
@@ -89,19 +83,18 @@ def _free(out: Path | None) -> Path:
     return next(name for name in names if not name.exists())
 
 
-def _against_truth(calibration) -> dict:  # type: ignore[no-untyped-def]
+def _against_truth(found: FitResult) -> dict:
     """How the estimates compare with the hidden ship: share of 95 % intervals that hold the truth."""
     from cases.simulation.demo_trials import hidden_ship
 
     truth = hidden_ship()
     inside = {
         s: bool(
-            abs(calibration.ship.coefficients[s].value - truth.coefficients[s].value)
-            <= 1.96 * calibration.ship.coefficients[s].std
+            abs(found.ship.coefficients[s].value - truth.coefficients[s].value) <= 1.96 * found.ship.coefficients[s].std
         )
-        for s in calibration.prior.symbols
+        for s in found.coefficients
     }
-    moved = [s for s in inside if truth.coefficients[s].value != calibration.ship.coefficients[s].prior_value]
+    moved = [s for s in inside if truth.coefficients[s].value != found.ship.coefficients[s].prior_value]
     return {
         "inside_95": sum(inside.values()) / len(inside),
         "moved": moved,
@@ -109,16 +102,15 @@ def _against_truth(calibration) -> dict:  # type: ignore[no-untyped-def]
     }
 
 
-def _tell(calibration, scores: dict, truth: dict, folder: Path) -> None:  # type: ignore[no-untyped-def]
+def _tell(found: FitResult, truth: dict, folder: Path) -> None:
     from mmg_ident.commands.output import say
 
-    words = "converged" if calibration.converged else f"NOT converged: {calibration.solution.advice}"
-    say(f"   {words}, {calibration.timings['total']:.1f} s")
-    pair = scores["validation"]
-    before, after = pair["before"], pair["after"]
+    words = "converged" if found.converged else f"NOT converged: {found.advice}"
+    say(f"   {words}, {found.timings_s['total']:.1f} s")
+    before, after = found.scores["validation"].before, found.scores["validation"].after
     say("4. Scoring on held-out runs (mean squared normalised error, lower is better)")
-    say(f"   30 s windows {before['window']:.4f} -> {after['window']:.4f}")
-    say(f"   100 s restarts {before['paper']:.4f} -> {after['paper']:.4f}")
+    say(f"   30 s windows {before.window:.4f} -> {after.window:.4f}")
+    say(f"   100 s restarts {before.paper:.4f} -> {after.paper:.4f}")
     say(
         f"   the hidden value lies inside the 95 % interval for {truth['inside_95']:.0%} of the coefficients "
         f"({len(truth['moved'])} of them had been moved)"

@@ -71,10 +71,10 @@ def diagnose(
 
 def _ship(where: str, without: Sequence[str]) -> Ship:
     """The ship of a run folder, file or library, without some components."""
+    from cases.shipfiles.model_changes import reduced_ship
     from cases.shipfiles.ship_file import load_ship
     from mmg.errors import UserError
-    from mmg_ident.commands.fit_input import _reduced
-    from mmg_ident.commands.output import is_model
+    from mmg_ident.commands.output import is_model, names_of
 
     path = Path(where)
     if path.is_dir() and not (path / "ship.toml").exists():
@@ -83,7 +83,7 @@ def _ship(where: str, without: Sequence[str]) -> Ship:
         )
     if not path.is_dir() and not is_model(where):
         raise UserError(f"{where}: neither a run folder nor a ship file nor a ship of mmg ships")
-    return _reduced(load_ship(path / "ship.toml" if path.is_dir() else where), list(without), None, None, None)
+    return reduced_ship(load_ship(path / "ship.toml" if path.is_dir() else where), names_of(without))
 
 
 def _summary(found: Diagnosis, out: Path) -> None:

@@ -8,11 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from cases.trial import Trial
-    from fitting.calibration import Calibration
-    from mmg.ship import Ship
+    from fitting.result import FitResult
 
 
 def fit(
@@ -113,31 +109,16 @@ def fit(
     import time
     from dataclasses import replace
 
-    from cases.checks.held_out import shared_rows, training_trials
     from cases.io.read import read_trials
-    from fitting.calibration import estimate_coefficients
-    from fitting.design.advice import identifiability_dict
-    from fitting.design.next_trial import identify
+    from cases.shipfiles.model_changes import reduced_ship, with_instruments
     from fitting.interrupts import Interrupts
-    from fitting.prediction.band_calibration import enrich
-    from fitting.report.run_folder import read_iterate, read_result, result, write_run
-    from fitting.report.uncertainty import check_asked, uncertainty_rows
+    from fitting.pipeline import FitOptions, calibrate
     from mmg.errors import UserError
-    from mmg.rollout import Simulator
-    from mmg_ident.commands.fit_input import (
-        _captive,
-        _chosen,
-        _compare_hashes,
-        _own_constants,
-        _reduced,
-        _settings,
-        measuring,
-    )
-    from mmg_ident.commands.fit_input import _start as _starting
+    from mmg_ident.commands.fit_input import captive_points, resumed, settings_of, starting_ship
     from mmg_ident.commands.output import end_progress, names_of, print_json, progress, say
 
     began = time.perf_counter()
-    settings = _settings(
+    settings = settings_of(
         window=window,
         step=step,
         interval=interval,
@@ -151,132 +132,70 @@ def fit(
         compiled=compiled,
         loss=loss,
     )
-    points = _captive(captive, captive_sigma)
+    points = captive_points(captive, captive_sigma)
     if auto and resume:
         raise UserError("--auto cannot be resumed: repeat the choice as options, or start again without --resume")
-    start = _starting(out, resume, ship)
-    warm = None
-    if resume and out.exists():
-        if read_result(out)["converged"]:
-            say(f"{out} has converged already; nothing to resume")
-            return 0
-        warm = read_iterate(out)
-    start = _reduced(start, without, with_, fix, only)
-    start = measuring(start, measurement)
-    train, remarks = training_trials(read_trials(trials))
-    held_out = read_trials(validate) if validate else []
-    model, constants = _own_constants(start, per_run, train, auto)
-    _compare_hashes(out, start, train, resume, constants)
+    earlier = resumed(out) if resume and out.exists() else None
+    if earlier and earlier.converged:
+        say(f"{out} has converged already; nothing to resume")
+        return 0
+    start = earlier.start if earlier else starting_ship(ship, out)
+    start = reduced_ship(start, names_of(without), with_ or (), names_of(fix), names_of(only))
+    start = with_instruments(start, names_of([measurement]))
+    train, held_out = read_trials(trials), read_trials(validate) if validate else []
+    options = FitOptions(
+        bootstrap=bootstrap,
+        profile=tuple(names_of(profile)),
+        next_trial=next_trial,
+        per_run=tuple(per_run or ()),
+        captive=points,
+        auto=auto,
+        auto_limit=auto_limit,
+        resume=earlier,
+        command="mmg " + " ".join(shlex.quote(a) for a in sys.argv[1:]),
+    )
     reading = time.perf_counter() - began
-    check_asked(bootstrap, names_of(profile), start.free)
     for line in start.notices:
         say(line)
     with Interrupts(lambda: say("interrupted: stopping at the next iterate and writing the run folder")):
-        choice = _chosen(start, train, settings, points, auto_limit) if auto else None
-        if choice:
-            start, settings = choice.ship, replace(choice.settings, workers=workers)
-            model = start
-        calibration = estimate_coefficients(model, train, settings, progress(), warm, points, constants)
+        result = calibrate(start, train, held_out, settings, options, progress())
         end_progress()
-        calibration.timings["read"] = reading
-        scores = _scores(start, calibration, train, held_out)
-        command = "mmg " + " ".join(shlex.quote(a) for a in sys.argv[1:])
-        content = result(calibration, train, held_out, scores, command)
-        content |= uncertainty_rows(calibration, bootstrap, names_of(profile))
-        content["warnings"] += [*remarks, *shared_rows(train, held_out), *_worse(scores)]
-        found, trial = identify(calibration, next_trial and calibration.converged)
-        content["identifiability"] = identifiability_dict(found, trial)
-        if choice:
-            content["auto"] = choice.to_rows()
-            content["notices"] += list(choice.notices)
-        enrich(Simulator(calibration.ship, settings.compiled), content, train, held_out)
-
-        def decorate(folder: Path) -> None:
-            from fitting.report.page import write_report
-            from fitting.report.plot_identifiability import write_identifiability_figures
-            from fitting.report.plots import write_figures
-            from fitting.report.run_folder import RESULT, write_json
-
-            content["figures"] = write_figures(folder, calibration, start, train, held_out)
-            content["figures"] += write_identifiability_figures(
-                folder, found, trial, content.get("profiles", ()), content["coefficients"]
-            )
-            content["timings_s"]["wall"] = time.perf_counter() - began
-            write_json(folder / RESULT, content)
-            write_report([folder], folder / "report.html")
-
-        write_run(out, calibration, start, content, decorate, replace=resume)
-        _summary(calibration, content, out) if not json else print_json(content)
-    if calibration.converged:
+        timings = {**result.timings_s, "read": reading, "wall": result.timings_s["wall"] + reading}
+        result = replace(result, timings_s=timings).save(out, replace=resume)
+        _summary(result, out) if not json else print_json(result.to_dict())
+    if result.converged:
         return 0
-    return 130 if calibration.solution.status == "User_Requested_Stop" else 1
+    return 130 if result.status == "User_Requested_Stop" else 1
 
 
-def _worse(scores: dict[str, dict]) -> list[str]:
-    """Sentences on sets of trials that the calibrated ship predicts worse than the one it started from."""
-    words = []
-    for name, pair in scores.items():
-        for metric, label in (("window", "30 s windows"), ("paper", "100 s restarts")):
-            before, after = pair["before"][metric], pair["after"][metric]
-            if after > 1.005 * before + 1e-6:
-                words.append(f"{label} of the {name} trials became worse: {before:.4f} -> {after:.4f}")
-    return words
-
-
-def _scores(
-    start: Ship, calibration: Calibration, train: Sequence[Trial], held_out: Sequence[Trial]
-) -> dict[str, dict]:
-    """Both metrics before and after, on the training and on the held-out trials that have positions."""
-    from fitting.prediction.score import pooled_sigma, score
-    from fitting.report.run_folder import score_rows
-    from mmg.errors import UserError
-    from mmg.rollout import Simulator
-
-    result: dict[str, dict] = {}
-    compiled = calibration.settings.compiled
-    models = {"before": Simulator(start, compiled), "after": Simulator(calibration.ship, compiled)}
-    for name, trials in (("validation", held_out), ("training", train)):
-        usable = [t for t in trials if t.has_position]
-        if not usable:
-            continue
-        try:
-            sigma = pooled_sigma(usable)
-        except UserError:
-            continue
-        result[name] = {
-            when: score_rows(score(model, usable, sigma, f"the {name} trials")) for when, model in models.items()
-        }
-    return result
-
-
-def _summary(calibration: Calibration, content: dict, out: Path) -> None:
+def _summary(result: FitResult, out: Path) -> None:
     """A few lines for a person."""
     from fitting.identifiability.analysis import KINDS
     from mmg_ident.commands.output import say
 
-    words = "converged" if calibration.converged else "NOT CONVERGED"
-    own = f" and {len(calibration.constants.p)} constants of runs" if calibration.constants else ""
+    words = "converged" if result.converged else "NOT CONVERGED"
+    constants = result.calibration.constants if result.calibration else None
+    own = f" and {len(constants.p)} constants of runs" if constants else ""
     say(
-        f"{words} ({calibration.solution.status}) after {sum(p['iterations'] for p in calibration.passes)} iterations "
-        f"in {calibration.timings['total']:.1f} s; objective {calibration.solution.objective:.6g}; "
-        f"{len(calibration.prior.symbols)} free coefficients{own}, {calibration.segments.duration:.0f} s of data, "
-        f"seed {calibration.settings.seed}"
+        f"{words} ({result.status}) after {sum(p.iterations for p in result.passes)} iterations "
+        f"in {result.timings_s['total']:.1f} s; objective {result.objective or float('nan'):.6g}; "
+        f"{len(result.coefficients)} free coefficients{own}, {result.seconds_used:.0f} s of data, "
+        f"seed {result.settings.seed}"
     )
-    for line in content["warnings"]:
+    for line in result.warnings:
         say(f"warning: {line}")
-    for line in calibration.notices:
+    for line in result.notices:
         say(f"note: {line}")
-    for line in calibration.constants.table() if calibration.constants else []:
-        say(line)
-    for name, pair in content["scores"].items():
-        before, after = pair["before"], pair["after"]
+    for row in constants.table() if constants else []:
+        say(row)
+    for name, pair in result.scores.items():
         say(
-            f"{name}: 30 s windows {before['window']:.4f} -> {after['window']:.4f}, "
-            f"100 s restarts {before['paper']:.4f} -> {after['paper']:.4f}"
+            f"{name}: 30 s windows {pair.before.window:.4f} -> {pair.after.window:.4f}, "
+            f"100 s restarts {pair.before.paper:.4f} -> {pair.after.paper:.4f}"
         )
-    kinds = content["identifiability"]["counts"]
+    kinds = result.identifiability["counts"]
     say("coefficients: " + ", ".join(f"{count} {KINDS[kind]}" for kind, count in kinds.items()))
-    plan = content["identifiability"].get("next_trial", {}).get("plan", [])
+    plan = result.identifiability.get("next_trial", {}).get("plan", [])
     if plan:
         say(f"next trial that would tell most: {plan[0]['name']}")
     say(f"run folder: {out} (ship.toml, result.json, report.html)")

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from fitting.prediction.predict import Forecaster
+    from mmg.progress import OnProgress, Progress
     from mmg.rollout import Simulator
 
 
@@ -26,15 +27,15 @@ def print_json(data: Any) -> None:
     print(json.dumps(plain(data), indent=2))
 
 
-def progress() -> Callable[[str, int, float, float], None] | None:
+def progress() -> OnProgress | None:
     """A one-line progress display on a terminal; None when stderr is none."""
     if not sys.stderr.isatty():
         return None
 
-    def show(name: str, iteration: int, objective: float, violation: float) -> None:
-        sys.stderr.write(
-            f"\r{name}: iteration {iteration:3d}  objective {objective:12.5g}  violation {violation:8.1e} \033[K"
-        )
+    def show(event: Progress) -> None:
+        values = "  ".join(f"{name} {value:.5g}" for name, value in event.values.items())
+        of = f" of {event.of}" if event.of else ""
+        sys.stderr.write(f"\r{event.task}: {event.step:3d}{of}  {values} \033[K")
         sys.stderr.flush()
 
     return show

@@ -20,8 +20,8 @@ def report(
 
     Example: mmg report runs/first runs/second --out comparison.html
     """
-    from fitting.report.page import write_report as write_calibrations
     from fitting.report.run_folder import read_result
+    from fitting.result import write_report as write_calibrations
     from mmg.errors import UserError
     from mmg_ident.commands.output import print_json, say
     from residual.report.page import write_report as write_trainings

@@ -44,7 +44,6 @@ def score(
     from cases.shipfiles.ship_file import load_ship
     from fitting.prediction.score import pooled_sigma
     from fitting.prediction.score import score as scored
-    from fitting.report.run_folder import score_rows
     from mmg.errors import UserError
     from mmg.rollout import Simulator
     from mmg_ident.commands.output import is_model, numbers_of, predictor, print_json
@@ -81,7 +80,7 @@ def score(
         if adapt and isinstance(simulator, Simulator):
             scores[f"{name} --adapt {adapt:g}"] = scored(simulator, trials, values, origin, method, adapt)
     if json:
-        print_json({"metric": METRIC, "method": method, "models": {n: score_rows(s) for n, s in scores.items()}})
+        print_json({"metric": METRIC, "method": method, "models": {n: s.to_dict() for n, s in scores.items()}})
     else:
         _print(scores)
 

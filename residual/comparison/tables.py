@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from fitting.report.run_folder import data_rows, score_rows
+from fitting.report.run_folder import data_rows
 from residual.comparison.published import TABLE_9, TABLE_9_NOTE, TABLE_9_TEST
 from residual.comparison.study import HORIZONS, Comparison, Entry
 
@@ -116,7 +116,7 @@ def values(found: Comparison, command: str) -> dict:
             {
                 "model": e.model, "fraction": e.subset.fraction, "random": e.subset.random, "seed": e.seed,
                 "status": e.status, "training_s": e.seconds, "took_s": e.took, "held_out_window": e.held_out,
-                "score": score_rows(e.score) if e.score else None,
+                "score": e.score.to_dict() if e.score else None,
                 "growth": {"position_m": e.growth[:, 0], "heading_rad": e.growth[:, 1]},
             }
             for e in found.entries

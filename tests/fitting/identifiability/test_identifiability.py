@@ -19,13 +19,13 @@ from cases.trial import Trial
 from fitting.calibration import Calibration, estimate_coefficients
 from fitting.design.advice import identifiability_dict
 from fitting.design.candidates import Option, library
-from fitting.design.next_trial import NextTrial, fisher, identify, next_trial
+from fitting.design.next_trial import NextTrial, fisher, next_trial
 from fitting.identifiability.analysis import DETERMINED, Identifiability, analyse
 from fitting.identifiability.plausibility import implausible
 from fitting.identifiability.verdicts import verdict
 from fitting.nlp.problem import Prior
+from fitting.record import FitObjects, FitRecord
 from fitting.report.identifiability import section
-from fitting.report.page import build_report
 from fitting.report.plot_identifiability import (
     correlation_plot,
     next_trial_plot,
@@ -36,7 +36,8 @@ from fitting.report.plot_identifiability import (
 )
 from fitting.report.run_folder import RESULT, read_result, write_json
 from fitting.settings import Settings
-from tests.fitting.report.test_report import EVIL, run_folder
+from tests.fitting.report.test_report import EVIL, report, run_folder
+from tests.support.calibrated import small_result
 
 SIGMA = (0.05, 0.05, 0.01, 0.01, 0.01, 0.003)
 FREE = ("X_0F", "Y_v", "N_r", "k_0", "t_P", "a_H", "ell_R", "gamma_P", "gamma_N", "X_0A", "Y_A1")
@@ -65,9 +66,14 @@ def fitted(trials: list[Trial], only: tuple[str, ...] = FREE) -> Calibration:
 def nearly_straight() -> tuple[Calibration, Identifiability, NextTrial]:
     """A fit to accelerations and stops ahead: no rudder, no wind, never astern."""
     calibration = fitted([trial("acceleration", 120.0), trial("acceleration", 80.0, 1)])
-    found, scored = identify(calibration)
-    assert scored is not None
-    return calibration, found, scored
+    return calibration, calibration.identifiability, next_trial(calibration)
+
+
+def behind(scored: NextTrial) -> tuple[FitRecord, FitObjects]:
+    """A result and what stands behind it, with the fit that is nearly straight as its calibration."""
+    result = small_result()
+    assert result.objects
+    return result, replace(result.objects, calibration=nearly_straight()[0], next_trial=scored)
 
 
 def kinds(found: Identifiability) -> dict[str, str]:
@@ -191,10 +197,8 @@ def test_runs_count_for_less_where_the_residuals_prove_to_be_correlated() -> Non
     scored = {}
     for dispersion in (1.0, 4.0):
         covariance = inverse @ (dispersion * (H - one) + one) @ inverse
-        changed = replace(calibration, covariance=covariance, timings={})
-        found, trial = identify(changed)
-        assert trial is not None and trial.worth == pytest.approx(1 / dispersion, rel=1e-6)
-        assert changed.timings["identifiability"] > 0 and found.condition_number > 1
+        trial = next_trial(replace(calibration, covariance=covariance))
+        assert trial.worth == pytest.approx(1 / dispersion, rel=1e-6)
         scored[dispersion] = trial.left[:, i].min()
     assert scored[4.0] > 1.4 * scored[1.0]
 
@@ -248,7 +252,7 @@ def test_figures_return_the_axes_they_drew_on(tmp_path: Path) -> None:
     grid = np.linspace(-1, 1, 9)
     ax = profile_plot(grid, 5 * grid**2, "a_H", 0.0, 0.3, 4 * grid**2)
     assert profile_plot(grid, grid**2, ax=ax) is ax
-    listed = write_identifiability_figures(tmp_path, found, scored)
+    listed = write_identifiability_figures(tmp_path, *behind(scored))
     assert len(listed) == 3 and all((tmp_path / "figures" / f["file"]).stat().st_size > 5000 for f in listed)
 
 
@@ -257,15 +261,15 @@ def test_the_report_shows_and_escapes_the_section(tmp_path: Path) -> None:
     content = identifiability_dict(found, scored)
     content["coefficients"]["a_H"]["advice"] = content["next_trial"]["plan"][0]["name"] = EVIL
     folder = run_folder(tmp_path / "run", identifiability=content)
-    listed = write_identifiability_figures(folder, found, scored)
+    listed = write_identifiability_figures(folder, *behind(scored))
     write_json(folder / RESULT, {**read_result(folder), "figures": listed})
-    page = build_report([folder])
+    page = report(folder)
     assert "<script" not in page and page.count("&lt;script") == 2
     for words in ("not excited by these trials, which have no", "Next trials.", "Trials of the library", "Condition"):
         assert words in page
     assert page.count('src="data:image/png') == 3
     bare: dict = {"coefficients": {"a_H": {}}, "counts": {}}
-    assert "a_H" in build_report([run_folder(tmp_path / "bare", identifiability=bare)])
+    assert "a_H" in report(run_folder(tmp_path / "bare", identifiability=bare))
 
 
 def test_the_report_section_puts_what_is_open_first_and_bears_missing_keys() -> None:

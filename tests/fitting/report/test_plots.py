@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib as mpl
@@ -9,8 +10,8 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from cases.trial import Trial
 from fitting.prediction.predict import predict
-from fitting.prediction.score import score
 from fitting.report.plot_waterfall import waterfall_plot
 from fitting.report.plots import (
     coefficient_plot,
@@ -21,10 +22,10 @@ from fitting.report.plots import (
     trajectory_plot,
     write_figures,
 )
-from fitting.report.run_folder import RESULT, coefficient_rows, score_rows, write_json
+from fitting.report.run_folder import plain
 from fitting.settings import Start
 from mmg.rollout import Simulator
-from tests.support.calibrated import FREE, small_calibration
+from tests.support.calibrated import FREE, small_result
 
 
 def texts(figure: Figure) -> str:
@@ -35,26 +36,31 @@ def texts(figure: Figure) -> str:
     return "\n".join(found)
 
 
+def held_out_run() -> tuple[Simulator, Trial]:
+    """The simulator of the calibrated ship and the held-out trial."""
+    objects = small_result().objects
+    assert objects
+    return objects.after, objects.validation[0]
+
+
 def test_every_free_coefficient_is_drawn_under_its_component() -> None:
-    calibration, *_ = small_calibration()
-    words = texts(coefficient_plot(calibration)).splitlines()
+    result = small_result()
+    words = texts(coefficient_plot(result.coefficients, component_of(result.ship))).splitlines()
     assert set(FREE) <= set(words)
     assert {"hull", "propeller", "rudder", "wind"} <= set(words)
 
 
-def test_coefficients_from_rows_stand_where_those_of_the_calibration_do() -> None:
-    calibration, *_ = small_calibration()
-    rows = coefficient_rows(calibration)
-    rows["Y_v"] |= {"at_bound": "lower"}
-    figure = coefficient_plot(rows, component_of(calibration.ship))
+def test_coefficients_stand_where_the_scaled_estimates_do() -> None:
+    result = small_result()
+    rows = {**result.coefficients, "Y_v": replace(result.coefficients["Y_v"], at_bound="lower")}
+    figure = coefficient_plot(rows, component_of(result.ship))
     assert "at a bound" in [t.get_text() for t in figure.legends[0].get_texts()]
     drawn = sorted(float(line.get_xdata()[0]) for line in figure.axes[0].lines if line.get_marker() in ("o", "s"))
-    np.testing.assert_allclose(drawn, sorted(calibration.p), atol=1e-6)
+    np.testing.assert_allclose(drawn, sorted(result.calibration.p), atol=1e-6)
 
 
 def test_sixty_coefficients_get_two_columns_and_none_is_lost() -> None:
-    calibration, start, *_ = small_calibration()
-    row = coefficient_rows(calibration)["Y_v"]
+    row, start = small_result().coefficients["Y_v"], small_result().start
     figure = coefficient_plot(dict.fromkeys(start.symbols, row), component_of(start))
     words = texts(figure).splitlines()
     assert len(figure.axes) == 2
@@ -62,8 +68,8 @@ def test_sixty_coefficients_get_two_columns_and_none_is_lost() -> None:
 
 
 def test_tracks_have_equal_scales_and_run_north_up() -> None:
-    calibration, _, _, (trial,) = small_calibration()
-    windows = predict(Simulator(calibration.ship, compiled=False), trial, 50.0, 50.0)[0]
+    after, trial = held_out_run()
+    windows = predict(after, trial, 50.0, 50.0)[0]
     figure = trajectory_plot(trial, windows, windows, length=3.0)
     figure.draw_without_rendering()
     track = figure.axes[0]
@@ -77,8 +83,8 @@ def test_tracks_have_equal_scales_and_run_north_up() -> None:
 
 
 def test_a_runaway_prediction_does_not_flatten_the_measured_histories() -> None:
-    calibration, _, _, (trial,) = small_calibration()
-    good = predict(Simulator(calibration.ship, compiled=False), trial, 50.0, 50.0)[0]
+    after, trial = held_out_run()
+    good = predict(after, trial, 50.0, 50.0)[0]
     wild = [type(w)(w.number, w.first, w.last, w.states * 1e4) for w in good]
     figure = trajectory_plot(trial, wild, good)
     low, high = figure.axes[1].get_ylim()
@@ -86,16 +92,15 @@ def test_a_runaway_prediction_does_not_flatten_the_measured_histories() -> None:
 
 
 def test_a_trial_without_positions_gets_histories_only() -> None:
-    calibration, _, _, (trial,) = small_calibration()
+    after, trial = held_out_run()
     blind = type(trial)("blind", {k: v for k, v in trial.columns.items() if k not in ("x", "y")})
-    windows = predict(Simulator(calibration.ship, compiled=False), blind, 50.0, 50.0)[0]
+    windows = predict(after, blind, 50.0, 50.0)[0]
     words = texts(trajectory_plot(blind, windows, windows))
     assert "north" not in words and "psi [deg]" in words
 
 
 def test_errors_start_at_zero_and_the_end_is_the_rms_of_the_windows() -> None:
-    calibration, start, _, (trial,) = small_calibration()
-    model = Simulator(calibration.ship, compiled=False)
+    model, trial = held_out_run()
     figure = error_growth_plot({"after": model}, [trial], horizon=40.0, stride=20.0)
     windows = predict(model, trial, 40.0, 20.0, short_last=False)[0]
     ends = [np.hypot(*(w.states[-1, :2] - trial.states[w.last, :2])) for w in windows]
@@ -103,18 +108,14 @@ def test_errors_start_at_zero_and_the_end_is_the_rms_of_the_windows() -> None:
     assert line[0] == 0
     assert line[-1] == pytest.approx(np.sqrt(np.mean(np.square(ends))), rel=1e-9)
     assert f"{len(windows)} windows" in texts(figure)
-    shorter = error_growth_plot({"before": Simulator(start, False)}, [trial], horizon=5000.0)
+    shorter = error_growth_plot({"before": model}, [trial], horizon=5000.0)
     assert shorter.axes[0].lines, "windows longer than every trial fall back to what there is"
 
 
 def test_scores_of_every_trial_are_written_beside_their_bars() -> None:
-    calibration, start, _, held_out = small_calibration()
-    pair = {
-        name: score_rows(score(Simulator(ship, False), held_out))
-        for name, ship in (("before", start), ("after", calibration.ship))
-    }
+    pair = plain(small_result().scores["validation"])
     words = texts(score_plot({"validation": pair}))
-    assert held_out[0].name in words
+    assert pair["after"]["trials"][0]["name"] in words
     assert f"{pair['after']['trials'][0]['paper']:.3g}" in words
     unknown = {name: {**rows, "window": None} for name, rows in pair.items()}
     score_plot({"validation": unknown}).draw_without_rendering()
@@ -130,18 +131,17 @@ def test_starts_that_did_not_converge_are_told_apart() -> None:
 
 
 def test_convergence_shows_every_iteration() -> None:
-    solution = small_calibration()[0].solution
-    figure = convergence_plot(solution)
-    assert len(figure.axes[0].lines[0].get_xdata()) == len(solution.history)
+    calibration = small_result().calibration
+    assert calibration
+    figure = convergence_plot(calibration.solution.history)
+    assert len(figure.axes[0].lines[0].get_xdata()) == len(calibration.solution.history)
 
 
 def test_figures_are_written_and_nothing_global_changes(tmp_path: Path) -> None:
-    calibration, start, train, held_out = small_calibration()
+    result = small_result()
+    assert result.objects
     before = dict(mpl.rcParams)
-    pair = {"before": score_rows(score(Simulator(start, False), held_out))}
-    pair["after"] = score_rows(score(Simulator(calibration.ship, False), held_out))
-    write_json(tmp_path / RESULT, {"scores": {"validation": pair}})
-    listed = write_figures(tmp_path, calibration, start, train, held_out)
+    listed = write_figures(tmp_path, result, result.objects)
     assert dict(mpl.rcParams) == before
     names = [entry["file"] for entry in listed]
     assert {"scores.png", "error_growth.png", "coefficients.png", "track_1.png"} <= set(names)
@@ -149,4 +149,4 @@ def test_figures_are_written_and_nothing_global_changes(tmp_path: Path) -> None:
         path = tmp_path / "figures" / entry["file"]
         assert path.stat().st_size > 5000, path
         assert entry["title"] and entry["caption"]
-    assert held_out[0].name in next(e["title"] for e in listed if e["file"] == "track_1.png")
+    assert result.objects.validation[0].name in next(e["title"] for e in listed if e["file"] == "track_1.png")

@@ -4,49 +4,37 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
-from functools import cache
 from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
 
-from fitting.prediction.score import score
-from fitting.report.page import build_report, write_report
-from fitting.report.plots import write_figures
-from fitting.report.run_folder import RESULT, read_result, result, score_rows, write_json, write_run
+from fitting.record import MessageRow
+from fitting.report.run_folder import RESULT, read_result, write_json
 from fitting.report.words import change, plus_minus
+from fitting.result import write_report
 from mmg.errors import UserError
-from mmg.rollout import Simulator
 from mmg_ident.commands.main import main
-from tests.support.calibrated import FREE, small_calibration
+from tests.support.calibrated import FREE, small_result
 
 EVIL = '<script>alert("x")</script>'
 
 
-@cache
-def _scores(iterations: int) -> dict:
-    calibration, start, train, held_out = small_calibration(iterations)
-    ships = {"before": start, "after": calibration.ship}
-    return {
-        name: {when: score_rows(score(Simulator(ship, False), trials)) for when, ship in ships.items()}
-        for name, trials in (("validation", held_out), ("training", train))
-    }
-
-
 def run_folder(folder: Path, iterations: int = 100, figures: bool = False, name: str = "", **extra: object) -> Path:
-    """A run folder of the small calibration."""
-    calibration, start, train, held_out = small_calibration(iterations)
+    """A run folder of the small calibration, with or without figures, ``extra`` attributes changed."""
+    result = small_result(iterations)
+    result = replace(result, **extra) if figures else replace(result, objects=None, **extra)  # type: ignore[arg-type]
     if name:
-        calibration = replace(calibration, ship=replace(calibration.ship, name=name))
-    content = result(calibration, train, held_out, _scores(iterations), "mmg fit ship a.csv --out run", dict(extra))
-
-    def decorate(target: Path) -> None:
-        if figures:
-            content["figures"] = write_figures(target, calibration, start, train, held_out)
-            write_json(target / RESULT, content)
-
-    write_run(folder, calibration, start, content, decorate)
+        result = replace(result, ship_name=name, ship=replace(result.ship, name=name))
+    result.save(folder)
     return folder
+
+
+def report(*folders: Path) -> str:
+    """The page that mmg report writes on run folders."""
+    out = folders[0].parent / "page.html"
+    write_report(folders, out)
+    return out.read_text()
 
 
 class Page(HTMLParser):
@@ -69,7 +57,7 @@ class Page(HTMLParser):
 
 def test_all_of_a_run_is_in_the_page(tmp_path: Path) -> None:
     folder = run_folder(tmp_path / "run", figures=True)
-    page = Page(build_report([folder]))
+    page = Page(report(folder))
     content = read_result(folder)
     for symbol in FREE:
         assert re.search(rf"\b{symbol}\b", page.words), symbol
@@ -85,7 +73,7 @@ def test_all_of_a_run_is_in_the_page(tmp_path: Path) -> None:
 
 
 def test_the_page_loads_nothing_from_elsewhere(tmp_path: Path) -> None:
-    text = build_report([run_folder(tmp_path / "run", figures=True)])
+    text = report(run_folder(tmp_path / "run", figures=True))
     page = Page(text)
     assert all(link.startswith(("data:image/png;base64,", "#")) for link in page.loads)
     assert not {"script", "link", "iframe", "object"} & set(page.tags)
@@ -93,20 +81,21 @@ def test_the_page_loads_nothing_from_elsewhere(tmp_path: Path) -> None:
 
 
 def test_words_from_files_are_escaped(tmp_path: Path) -> None:
-    folder = run_folder(tmp_path / "run", name=EVIL, warnings=[EVIL], command=EVIL, notices=[EVIL])
+    messages = tuple(MessageRow(level, "evil", EVIL) for level in ("warning", "notice"))
+    folder = run_folder(tmp_path / "run", name=EVIL, command=EVIL, messages=messages)
     content = read_result(folder)
     content["figures"] = [{"file": "../../etc/passwd", "title": EVIL, "caption": EVIL}]
     content["coefficients"][EVIL] = content["coefficients"]["Y_v"]
     content["coefficients"]["Y_v"]["description"] = EVIL
     write_json(folder / RESULT, content)
-    text = build_report([folder, folder])
+    text = report(folder, folder)
     assert "<script" not in text
     assert "&lt;script&gt;" in text
     assert "root:" not in text
 
 
 def test_a_run_that_did_not_converge_says_so_before_anything_else(tmp_path: Path) -> None:
-    text = build_report([run_folder(tmp_path / "run", iterations=1)])
+    text = report(run_folder(tmp_path / "run", iterations=1))
     assert 'role="alert"' in text
     where = text.index("NOT CONVERGED")
     assert where < text.index("<table") and where < text.index("calibrated on")
@@ -120,7 +109,7 @@ def test_a_trial_that_became_worse_and_a_leaked_one_are_warned_about(tmp_path: P
     pair["after"]["trials"][0]["window"] = 9.0 + pair["before"]["trials"][0]["window"]
     content["data"][0]["sha256"] = content["validation_data"][0]["sha256"] = "ab" * 32
     write_json(folder / RESULT, content)
-    words = Page(build_report([folder])).words
+    words = Page(report(folder)).words
     assert "became worse on 1 of 1 held-out trials" in words
     assert "not held out at all" in words
 
@@ -130,26 +119,26 @@ def test_a_run_without_validation_scores_or_positions_still_makes_a_report(tmp_p
     content = read_result(folder)
     del content["scores"]["validation"]
     write_json(folder / RESULT, content)
-    assert "no held-out trials were scored" in build_report([folder])
-    bare = {k: content[k] for k in ("ship", "converged", "coefficients")}
-    bare["coefficients"]["Y_v"] |= {"std": None, "prior_share": None}
-    write_json(folder / RESULT, bare)
-    assert "No scores" in build_report([folder])
+    assert "no held-out trials were scored" in report(folder)
+    content["scores"] = {}
+    content["coefficients"]["Y_v"] |= {"std": None, "prior_share": None}
+    write_json(folder / RESULT, content)
+    assert "No scores" in report(folder)
 
 
 def test_public_data_are_cited_only_when_used(tmp_path: Path) -> None:
     folder = run_folder(tmp_path / "run")
-    assert "Wakita, K." not in build_report([folder])
+    assert "Wakita, K." not in report(folder)
     content = read_result(folder)
     content["data"][0]["name"] = "turn_cut_14-Sep-2020_15_58_08"
     write_json(folder / RESULT, content)
-    text = build_report([folder])
+    text = report(folder)
     assert "Wakita, K." in text and "Miyauchi, Y." in text and "CC BY-NC-SA 4.0" in text
 
 
 def test_several_runs_stand_side_by_side(tmp_path: Path) -> None:
     folders = [run_folder(tmp_path / name, iterations) for name, iterations in (("first", 100), ("second", 1))]
-    text = build_report(folders)
+    text = report(*folders)
     words = Page(text).words
     assert "Comparison of 2 calibrations" in words
     assert text.index("Comparison of 2") < text.index('id="run1"') < text.index('id="run2"')
@@ -159,7 +148,7 @@ def test_several_runs_stand_side_by_side(tmp_path: Path) -> None:
     content = read_result(folders[1])
     content["scores"]["validation"]["after"]["sigma"]["u"] = 1.0
     write_json(folders[1] / RESULT, content)
-    assert "do not compare directly" in build_report(folders)
+    assert "do not compare directly" in report(*folders)
 
 
 def test_the_command_writes_into_the_run_and_replaces_only_its_own_report(
@@ -184,11 +173,10 @@ def test_the_command_writes_into_the_run_and_replaces_only_its_own_report(
 
 def test_a_folder_that_is_no_calibration_is_refused(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="no run folder"):
-        build_report([tmp_path])
-    for wrong in ([], {"kind": "diagnosis"}):
-        write_json(tmp_path / RESULT, wrong)
-        with pytest.raises(UserError, match="not that of a calibration"):
-            build_report([tmp_path])
+        report(tmp_path)
+    write_json(tmp_path / RESULT, {"kind": "diagnosis"})
+    with pytest.raises(UserError, match="not that of a calibration"):
+        report(tmp_path)
 
 
 def test_a_report_that_cannot_be_written_is_one_clear_line(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""The uncertainty of a calibration as plain values for ``result.json``; bootstrap and profiles where asked for."""
+"""The uncertainty of a calibration as plain values for ``result.json``; bootstrap and profiles on request."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from fitting.uncertainty.profile_likelihood import profiles
 from mmg.errors import UserError
 
 
-def check_asked(replicates: int, symbols: Sequence[str], free: Sequence[str]) -> None:
+def check_request(replicates: int, symbols: Sequence[str], free: Sequence[str]) -> None:
     """UserError for a negative number of bootstrap replicates and for a coefficient to profile that is not free."""
     if replicates < 0:
         raise UserError(f"--bootstrap {replicates} must not be negative")
@@ -29,7 +29,7 @@ def uncertainty_rows(calibration: Calibration, replicates: int = 0, profiled: Se
     coefficient that is not free.
     """
     symbols, info, spread = calibration.prior.symbols, calibration.information, calibration.spread
-    check_asked(replicates, profiled, symbols)
+    check_request(replicates, profiled, symbols)
     if info is None or spread is None or calibration.recipe is None:
         return {}
     unit, sizes = calibration.prior.std, np.sqrt(np.diag(spread.covariance))

@@ -1,0 +1,80 @@
+"""The model of a ship changed before a fit: components left out, effects freed, coefficients fixed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from cases.shipfiles.effects import freeing_effects
+from mmg.components.catalogue import coefficient_table, required_particulars
+from mmg.effects import EFFECTS
+from mmg.errors import UserError
+from mmg.messages import Message
+from mmg.ship import Ship
+
+
+def without_component(ship: Ship, role: str) -> Ship:
+    """The ship without the force model of ``role`` ("wind", "rudder", ...), with a notice on particulars now unused.
+
+    Raises UserError for a role that the ship does not have, or that another part of its model needs.
+    """
+    if role not in ship.components:
+        raise UserError(f"--without {role}: {ship.name} has no such component; it has {', '.join(ship.components)}")
+    if role == "hull" or (role == "propeller" and "rudder" in ship.components):
+        raise UserError(f"--without {role}: the rest of the model needs it")
+    needing = [name for name in ship.effects if role in EFFECTS[name].needs]
+    if needing:
+        raise UserError(f"--without {role}: effect {needing[0]} needs a {role} model, which {ship.name} would lack")
+    components = {r: n for r, n in ship.components.items() if r != role}
+    rows = coefficient_table(components, ship.particulars)
+    rows |= {s: c for s, c in ship.coefficients.items() if s.partition(".")[0] in ship.effects}
+    needed = set(required_particulars(ship.components)) - set(required_particulars(components))
+    unused = [key for key in ship.particulars if key in needed]
+    words = f"[ship] {', '.join(unused)}: not used by any model"
+    notices = (Message(words, "unused_particulars"),) if unused else ()
+    return replace(
+        ship.without_network(),
+        components=components,
+        coefficients={s: ship.coefficients.get(s, c) for s, c in rows.items()},
+        notices=notices,
+    ).with_network(ship.network)
+
+
+def reduced_ship(
+    ship: Ship,
+    without: Sequence[str] = (),
+    freed: Sequence[str] = (),
+    fix: Sequence[str] = (),
+    only: Sequence[str] = (),
+) -> Ship:
+    """The ship with components or effects ``without``, effects ``freed`` ("NAME:held=value,freed"), coefficients fixed.
+
+    fix: symbols of coefficients to fix; only: the only ones left free, beside those of the instruments, which have
+    options of their own. Raises UserError for names that the ship does not have.
+    """
+    for name in without:
+        ship = ship.without_effect(name) if name in ship.effects else without_component(ship, name)
+    ship = freeing_effects(ship, freed)
+    for option, names in (("--fix", fix), ("--only", only)):
+        unknown = [name for name in names if name not in ship.coefficients]
+        if unknown:
+            raise UserError(f"{option}: unknown coefficient {', '.join(unknown)}; known: {', '.join(ship.symbols)}")
+    if only:
+        instruments = tuple(f"{name}." for name in ship.effects if EFFECTS[name].measures)
+        ship = ship.fixing([s for s in ship.symbols if s not in only and not s.startswith(instruments)])
+    return ship.fixing(fix)
+
+
+def with_instruments(ship: Ship, names: Sequence[str]) -> Ship:
+    """The ship with the effects ``names`` of its instruments freed, or just "none"; those that it has already stay.
+
+    A satellite delay stands for the velocity lag, which is then not added. Raises UserError for an effect that is none
+    of an instrument.
+    """
+    names = [] if list(names) == ["none"] else names
+    for name in names:
+        if name not in EFFECTS or not EFFECTS[name].measures:
+            known = [e for e, effect in EFFECTS.items() if effect.measures]
+            raise UserError(f"--measurement {name}: no effect of an instrument; known: {', '.join(known)}, or none")
+    present = {"velocity_lag"} if "gnss_delay" in ship.effects else set()
+    return freeing_effects(ship, [name for name in names if name not in {*ship.effects, *present}])

@@ -1,0 +1,236 @@
+"""Calibration from trials to a result: estimate, scores, what the trials determine, uncertainty, prediction bands."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime, timezone
+from typing import Any
+
+import numpy as np
+
+from cases.checks.held_out import shared_rows, training_trials
+from cases.shipfiles.effects import varying_effects
+from cases.trial import STATES, UNITS, Trial
+from fitting.calibration import Calibration, estimate_coefficients
+from fitting.design.advice import identifiability_dict
+from fitting.design.next_trial import next_trial
+from fitting.identifiability.analysis import at_bound
+from fitting.model_selection import Selection, select
+from fitting.nlp.captive import Captive
+from fitting.prediction.band_calibration import adaptation_worth, fit_bands
+from fitting.prediction.bands import draws_of
+from fitting.prediction.score import score_pairs
+from fitting.record import (
+    CoefficientRow,
+    ConstantRow,
+    Correlation,
+    FitObjects,
+    SolveRow,
+    StateNoise,
+    TrialRow,
+    rows_of,
+)
+from fitting.report.run_folder import data_rows, plain, versions
+from fitting.result import FitResult
+from fitting.settings import Report, Settings
+from fitting.uncertainty.rows import check_request, uncertainty_rows
+from mmg.errors import UserError
+from mmg.progress import LOGGER, OnProgress, Progress
+from mmg.rollout import Simulator
+from mmg.ship import Ship
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """What is asked of a calibration besides its settings.
+
+    bootstrap: refits to runs drawn with replacement; profile: coefficients whose likelihood is profiled; next_trial:
+    whether trials are named that would determine what is left open; per_run: effects of which each run has its own
+    constants ("NAME" or "NAME:parameter=prior"); captive: points of captive tests that are fitted too; auto: choose the
+    model by cross-validation, within auto_limit [s]; resume: an interrupted run of the same data and ship, from whose
+    iterate to go on; command: what is stored as the command that made the result.
+    """
+
+    bootstrap: int = 0
+    profile: tuple[str, ...] = ()
+    next_trial: bool = True
+    per_run: tuple[str, ...] = ()
+    captive: Captive | None = None
+    auto: bool = False
+    auto_limit: float = 480.0
+    resume: FitResult | None = None
+    command: str = ""
+
+
+def calibrate(
+    ship: Ship,
+    trials: Sequence[Trial],
+    validation: Sequence[Trial] = (),
+    settings: Settings | None = None,
+    options: FitOptions | None = None,
+    progress: OnProgress | None = None,
+) -> FitResult:
+    """Calibrate the free coefficients of ``ship`` on ``trials`` and judge the result, also on ``validation`` trials.
+
+    Trials whose sidecar gives them the role test or validate are not trained on. settings: of the solver; options: what
+    else is wanted; progress: called at each iteration. Returns the result, whose ``converged`` is False for a solver
+    that stopped early. Raises UserError for input from which nothing can be identified, for options that contradict
+    each other, and for an interrupted run of other data.
+    """
+    began = time.perf_counter()
+    settings, options = settings or Settings(), options or FitOptions()
+    train, remarks = training_trials(trials)
+    _check_options(ship, train, options)
+    model, constants = varying_effects(ship, options.per_run)
+    if options.resume:
+        check_resumable(options.resume, ship, train, constants)
+    choice = _chosen(ship, train, settings, options) if options.auto else None
+    if choice:
+        ship = model = choice.ship
+        settings = replace(choice.settings, workers=settings.workers)
+    warm = options.resume.iterate if options.resume else None
+    found = estimate_coefficients(model, train, settings, report_to(progress), warm, options.captive, constants)
+    before, after = Simulator(ship, settings.compiled), Simulator(found.ship, settings.compiled)
+    scores = score_pairs(before, after, {"validation": validation, "training": train})
+    uncertainty = plain(uncertainty_rows(found, options.bootstrap, options.profile))
+    started = time.perf_counter()
+    finite = np.isfinite(found.covariance).all()
+    trial = next_trial(found) if options.next_trial and found.converged and finite else None
+    timings = {**found.timings, "identifiability": time.perf_counter() - started}
+    worse = [message for name, pair in scores.items() for message in pair.worse(name)]
+    warnings = [*found.warnings, *remarks, *shared_rows(train, validation), *worse]
+    return FitResult(
+        **_solved(found, options.command),
+        ship=found.ship,
+        start=ship,
+        iterate={"p": found.iterate, "nodes": found.nodes, "sigma": found.sigma},
+        objects=FitObjects(found, before, after, tuple(train), tuple(validation), trial),
+        data=trial_rows(train),
+        validation_data=trial_rows(validation),
+        coefficients=coefficient_rows(found),
+        correlation=correlation_of(found),
+        scores=scores,
+        identifiability=plain(identifiability_dict(found.identifiability, trial)),
+        messages=rows_of(warnings, [*found.notices, *(choice.notices if choice else ())]),
+        auto=tuple(plain(choice.to_rows())) if choice else None,
+        bands=plain(prediction_bands(found, after, train)),
+        adaptation=plain(adaptation_worth(after, validation)),
+        **uncertainty,
+        timings_s={**timings, "wall": time.perf_counter() - began},
+    )
+
+
+def _check_options(ship: Ship, train: Sequence[Trial], options: FitOptions) -> None:
+    if options.auto and options.per_run:
+        raise UserError(
+            "--auto does not choose among models with constants of their own: leave out --auto or --per-run"
+        )
+    check_request(options.bootstrap, options.profile, ship.free)
+    if options.per_run and len(train) == 1:
+        same = f"--with {' --with '.join(options.per_run)}"
+        LOGGER.info(f"a single run: its own constants are, but for the narrower prior, those of {same}")
+
+
+def check_resumable(earlier: FitResult, ship: Ship, trials: Sequence[Trial], constants: Sequence[str] = ()) -> None:
+    """Raises UserError unless ``earlier`` was of the same ``trials``, free coefficients of ``ship`` and ``constants``.
+
+    constants: symbols of which each run has its own.
+    """
+    where = earlier.folder
+    if set(earlier.coefficients) != set(ship.free):
+        raise UserError(f"{where}: --resume needs the same --without, --fix and --only as the interrupted run")
+    if {symbol for rows in (earlier.per_run or {}).values() for symbol in rows} != set(constants):
+        raise UserError(f"{where}: --resume needs the same --per-run as the interrupted run")
+    if sorted(row.sha256 or "" for row in earlier.data) != sorted(t.sha256 for t in trials):
+        raise UserError(f"{where}: --resume needs the same trial files as the interrupted run")
+
+
+def _chosen(ship: Ship, train: Sequence[Trial], settings: Settings, options: FitOptions) -> Selection:
+    """The model that cross-validation over the training runs chooses, by all cores where ``workers`` is left at 1."""
+    workers = settings.workers if settings.workers > 1 else min(os.cpu_count() or 1, 8)
+    spread = replace(settings, workers=workers)
+    return select(ship, train, spread, options.captive, limit=options.auto_limit, say=LOGGER.info)
+
+
+def report_to(progress: OnProgress | None) -> Report | None:
+    """What the solver reports to, so that ``progress`` gets each iteration with objective and constraint violation."""
+    if progress is None:
+        return None
+    return lambda name, step, objective, violation: progress(
+        Progress(name, step, values={"objective": objective, "violation": violation})
+    )
+
+
+def trial_rows(trials: Sequence[Trial]) -> tuple[TrialRow, ...]:
+    """A row on each of ``trials``."""
+    return tuple(TrialRow(**{**row, "notices": tuple(row["notices"])}) for row in plain(data_rows(trials)))
+
+
+def _solved(found: Calibration, command: str) -> dict[str, Any]:
+    """What the solver says of itself, by attribute of the result."""
+    solution, seg, noise = found.solution, found.segments, found.noise
+    return {
+        "created": datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        "command": command,
+        "ship_name": found.ship.name,
+        "converged": solution.converged,
+        "status": solution.status,
+        "advice": solution.advice,
+        "objective": plain(solution.objective),
+        "constraint_violation": plain(solution.violation),
+        "condition_number": plain(found.condition_number),
+        "iterations": solution.iterations,
+        "passes": tuple(SolveRow(**{**plain(row), "sigma": tuple(row["sigma"])}) for row in found.passes),
+        "starts": found.starts,
+        "settings": found.settings,
+        "versions": versions(),
+        "compiled": found.compiled,
+        "windows": len(seg.run),
+        "intervals": seg.intervals,
+        "seconds_used": seg.duration,
+        "sigma": dict(zip(STATES, plain(found.sigma), strict=True)),
+        "noise": {s: StateNoise(plain(noise.rms[i]), plain(noise.tau[i]), UNITS[s]) for i, s in enumerate(STATES)},
+        "fixed": tuple(s for s in found.ship.symbols if s not in found.prior.symbols),
+        "per_run": {
+            run: {symbol: ConstantRow(**plain(row)) for symbol, row in rows.items()}
+            for run, rows in found.constants.rows().items()
+        } if found.constants else None,
+    }  # fmt: skip
+
+
+def coefficient_rows(found: Calibration) -> dict[str, CoefficientRow]:
+    """What became of each free coefficient of the calibration ``found``, by symbol."""
+    prior, rows = found.prior, {}
+    low, high = (prior.lower - prior.mean) / prior.std, (prior.upper - prior.mean) / prior.std
+    for i, symbol in enumerate(prior.symbols):
+        c = found.ship.coefficients[symbol]
+        rows[symbol] = CoefficientRow(
+            value=c.value,
+            std=plain(c.std),
+            prior_value=plain(c.prior_value),
+            prior_std=plain(c.prior_std),
+            lower=plain(c.lower),
+            upper=plain(c.upper),
+            at_bound=at_bound(found.p[i], low[i], high[i]) or None,
+            prior_share=plain(float(found.covariance[i, i])),
+            verdict=c.verdict,
+            description=c.description,
+            unit=c.unit,
+            prime=c.prime,
+        )
+    return rows
+
+
+def correlation_of(found: Calibration) -> Correlation:
+    """Correlation of the estimates of the calibration ``found``."""
+    matrix = plain(np.round(found.identifiability.correlation, 4))
+    return Correlation(found.prior.symbols, tuple(tuple(row) for row in matrix))
+
+
+def prediction_bands(found: Calibration, simulator: Simulator, trials: Sequence[Trial]) -> dict[str, Any] | None:
+    """How far predictions of ``simulator``, that of the calibration ``found``, are off, from windows of ``trials``."""
+    known = plain({"coefficients": coefficient_rows(found), "correlation": correlation_of(found)})
+    return fit_bands(simulator, trials, draws_of(known, found.ship))

@@ -1,0 +1,238 @@
+"""What result.json of a calibration holds, as typed values: the same in memory and after reading.
+
+A number that is not finite is None here and null in the file.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from cases.trial import Trial
+from fitting.calibration import Calibration
+from fitting.design.next_trial import NextTrial
+from fitting.prediction.score import ScorePair
+from fitting.report.run_folder import plain
+from fitting.settings import Settings, Start
+from mmg.errors import UserError
+from mmg.messages import Message, message_rows
+from mmg.rollout import Simulator
+
+SCHEMA_VERSION = 1
+RENAMED = {"ship": "ship_name"}
+"""Keys of result.json whose attribute has another name."""
+
+
+@dataclass(frozen=True)
+class CoefficientRow:
+    """One free coefficient: estimate and prior in its own unit, bounds, the prior's share of its variance, a verdict.
+
+    at_bound: "lower", "upper" or None.
+    """
+
+    value: float
+    std: float | None
+    prior_value: float | None
+    prior_std: float | None
+    lower: float | None
+    upper: float | None
+    at_bound: str | None
+    prior_share: float | None
+    verdict: str
+    description: str
+    unit: str
+    prime: str
+
+
+@dataclass(frozen=True)
+class ConstantRow:
+    """A constant of one run: estimate, standard error, unit and prior."""
+
+    value: float
+    std: float | None
+    unit: str
+    prior_value: float
+    prior_std: float
+
+
+@dataclass(frozen=True)
+class StateNoise:
+    """Residuals of one state: rms in ``unit`` and correlation time [samples]."""
+
+    rms: float | None
+    correlation_time_samples: float | None
+    unit: str
+
+
+@dataclass(frozen=True)
+class TrialRow:
+    """A trial: name, file, hash, length and rate, and what was said when it was read."""
+
+    name: str
+    path: str | None
+    sha256: str | None
+    samples: int
+    duration_s: float
+    dt_s: float
+    kind: str | None
+    has_position: bool
+    has_wind: bool
+    notices: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class SolveRow:
+    """One solve: objective, status and iterations of IPOPT, seconds, windows, sigma (6,), whether solved again."""
+
+    objective: float | None
+    status: str
+    iterations: int
+    seconds: float
+    windows: int
+    sigma: tuple[float, ...]
+    restarted: bool
+
+
+@dataclass(frozen=True)
+class Correlation:
+    """Correlation of the estimates: symbols (P,) and matrix (P, P)."""
+
+    symbols: tuple[str, ...]
+    matrix: tuple[tuple[float | None, ...], ...]
+
+
+@dataclass(frozen=True)
+class FigureRow:
+    """A figure of the run: file in figures/, title and caption."""
+
+    file: str
+    title: str
+    caption: str
+
+
+@dataclass(frozen=True)
+class MessageRow:
+    """A message: level "warning" or "notice", code and sentence."""
+
+    level: str
+    code: str
+    text: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitRecord:
+    """What a calibration found, as result.json holds it; ``docs/files.md`` lists the keys.
+
+    Attributes with a default are absent from the file where they are None.
+    """
+
+    created: str
+    command: str
+    ship_name: str
+    converged: bool
+    status: str
+    advice: str
+    objective: float | None
+    constraint_violation: float | None
+    condition_number: float | None
+    iterations: int
+    passes: tuple[SolveRow, ...]
+    starts: tuple[Start, ...]
+    settings: Settings
+    versions: dict[str, str]
+    compiled: bool
+    timings_s: dict[str, float]
+    data: tuple[TrialRow, ...]
+    validation_data: tuple[TrialRow, ...]
+    windows: int
+    intervals: int
+    seconds_used: float
+    sigma: dict[str, float | None]
+    noise: dict[str, StateNoise]
+    coefficients: dict[str, CoefficientRow]
+    fixed: tuple[str, ...]
+    correlation: Correlation
+    scores: dict[str, ScorePair]
+    identifiability: dict[str, Any]
+    messages: tuple[MessageRow, ...]
+    figures: tuple[FigureRow, ...] = ()
+    per_run: dict[str, dict[str, ConstantRow]] | None = None
+    uncertainty: dict[str, Any] | None = None
+    bootstrap: dict[str, Any] | None = None
+    profiles: tuple[dict[str, Any], ...] | None = None
+    auto: tuple[dict[str, Any], ...] | None = None
+    bands: dict[str, Any] | None = None
+    adaptation: dict[str, Any] | None = None
+
+    @property
+    def warnings(self) -> tuple[Message, ...]:
+        """What must be known before the estimates are used."""
+        return self._messages("warning")
+
+    @property
+    def notices(self) -> tuple[Message, ...]:
+        """What was assumed or left out on the way."""
+        return self._messages("notice")
+
+    def _messages(self, level: str) -> tuple[Message, ...]:
+        return tuple(Message(m.text, m.code) for m in self.messages if m.level == level)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of result.json."""
+        names = {name: key for key, name in RENAMED.items()}
+        content: dict[str, Any] = {"kind": "calibration", "schema_version": SCHEMA_VERSION}
+        for field in fields(FitRecord):
+            value = getattr(self, field.name)
+            if value is not None or field.name in ("objective", "constraint_violation", "condition_number"):
+                content[names.get(field.name, field.name)] = plain(value)
+        texts = {f"{level}s": [str(m) for m in self._messages(level)] for level in ("warning", "notice")}
+        return content | {"seed": self.settings.seed, **texts}
+
+
+@dataclass(frozen=True)
+class FitObjects:
+    """What stands behind a result and is not stored: figures are drawn from it.
+
+    before, after: simulators of the ship before and after; trials, validation: calibrated on, and held out;
+    next_trial: possible trials and what they would add, where that was asked for.
+    """
+
+    calibration: Calibration
+    before: Simulator
+    after: Simulator
+    trials: tuple[Trial, ...]
+    validation: tuple[Trial, ...] = ()
+    next_trial: NextTrial | None = None
+
+
+def rows_of(warnings: Iterable[str], notices: Iterable[str]) -> tuple[MessageRow, ...]:
+    """Rows of ``warnings`` and ``notices``, each sentence once."""
+    levels = (("warning", warnings), ("notice", notices))
+    return tuple(MessageRow(level, **row) for level, some in levels for row in message_rows(dict.fromkeys(some)))
+
+
+def read_record(path: Path, content: Any) -> FitRecord:
+    """The record in ``content``, the JSON of the file ``path``. Raises UserError that names every key at fault."""
+    from pydantic import TypeAdapter, ValidationError
+
+    if not isinstance(content, dict):
+        raise UserError(f"{path}: holds no result of a calibration (a JSON object with its keys)")
+    if content.get("kind") != "calibration":
+        raise UserError(f"{path}: kind = {content.get('kind')!r}: not that of a calibration")
+    if content.get("schema_version") != SCHEMA_VERSION:
+        version = content.get("schema_version")
+        raise UserError(f"{path}: schema_version = {version!r}, this version reads {SCHEMA_VERSION}; fit again")
+    text = json.dumps({RENAMED.get(key, key): value for key, value in content.items()})
+    try:
+        return TypeAdapter(FitRecord).validate_json(text, strict=True)
+    except ValidationError as error:
+        names = {name: key for key, name in RENAMED.items()}
+        faults = []
+        for fault in error.errors():
+            first, *rest = fault["loc"]
+            faults.append(f"{'.'.join(map(str, (names.get(str(first), first), *rest)))}: {fault['msg'].lower()}")
+        more = f"; and {len(faults) - 8} more" if len(faults) > 8 else ""
+        raise UserError(f"{path}: {'; '.join(faults[:8])}{more}") from None

@@ -1,0 +1,138 @@
+"""The result of a calibration: typed values, the ships behind them, its folder, and how it shows itself.
+
+A run folder holds ``ship.toml`` (the calibrated ship), ``start.toml`` (the ship before), ``result.json``,
+``iterate.safetensors`` (from which a fit can be resumed), the ship's network if it has one, ``figures/`` and
+``report.html``. It appears whole or not at all.
+"""
+
+from __future__ import annotations
+
+import shutil
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from dataclasses import replace as changed
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from safetensors.numpy import save_file
+
+from cases.shipfiles.network_file import NETWORK, load_network, save_network
+from cases.shipfiles.ship_file import dump_ship, load_ship
+from fitting.calibration import Calibration
+from fitting.record import FigureRow, FitObjects, FitRecord, read_record
+from fitting.report.page import build_page, write_page
+from fitting.report.plot_identifiability import write_identifiability_figures
+from fitting.report.plots import write_figures
+from fitting.report.run_folder import (
+    ITERATE,
+    RESULT,
+    SHIP,
+    START,
+    check_target,
+    read_iterate,
+    read_result,
+    write_json,
+    write_whole,
+)
+from mmg.notebook import html_table
+from mmg.ship import Ship
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitResult(FitRecord):
+    """A calibrated ship and all that is known of it.
+
+    ship, start: the ship after and before. iterate: scaled coefficients "p", node states "nodes" and "sigma", from
+    which a fit can be resumed. objects: what its folder does not hold; None for a result that was read. folder: from
+    which it was read, or to which it was saved.
+    """
+
+    ship: Ship
+    start: Ship
+    iterate: dict[str, np.ndarray] | None = None
+    objects: FitObjects | None = None
+    folder: Path | None = None
+
+    @property
+    def calibration(self) -> Calibration | None:
+        """The solver's own account; None for a result that was read from a folder."""
+        return self.objects.calibration if self.objects else None
+
+    def to_pandas(self) -> Any:
+        """A DataFrame with a row per free coefficient: value, std, unit, bounds, prior, its share, verdict."""
+        import pandas as pd
+
+        names = ("value", "std", "unit", "lower", "upper", "at_bound", "prior_value", "prior_std", "prior_share",
+                 "verdict", "description")  # fmt: skip
+        rows = [{name: getattr(row, name) for name in names} for row in self.coefficients.values()]
+        return pd.DataFrame(rows, index=pd.Index(list(self.coefficients), name="coefficient"), columns=list(names))
+
+    def _repr_html_(self) -> str:
+        state = "converged" if self.converged else f"NOT CONVERGED ({self.status})"
+        scores = "".join(
+            f"; {name}: 30 s windows {pair.before.window:.4g} → {pair.after.window:.4g}"
+            for name, pair in self.scores.items()
+        )
+        rows = [(s, c.value, c.std, c.unit, c.prior_value, c.verdict) for s, c in self.coefficients.items()]
+        header = ("coefficient", "value", "std", "unit", "prior", "verdict")
+        return html_table(f"{self.ship_name}, {state}{scores}", header, rows)
+
+    def save(self, folder: str | Path, replace: bool = False) -> FitResult:
+        """Write the run folder ``folder``, which must not exist unless ``replace``; returns the result as it was saved.
+
+        Figures are drawn where ``objects`` are known, and copied where the result was read from another folder.
+        Raises UserError when the folder exists or cannot be written.
+        """
+        target, saved = Path(folder), []
+        if not replace:
+            check_target(target)
+        write_whole(target, lambda scratch: saved.append(self._fill(scratch)), replace)
+        return changed(saved[0], folder=target)
+
+    def _fill(self, scratch: Path) -> FitResult:
+        began = time.perf_counter()
+        state = "calibrated" if self.converged else "NOT CONVERGED, best iterate"
+        note = f"{self.ship.name}, {state} by mmg fit; std is the standard error of each estimate."
+        (scratch / SHIP).write_text(dump_ship(self.ship, note), encoding="utf-8")
+        (scratch / START).write_text(dump_ship(self.start, "The ship before calibration."), encoding="utf-8")
+        if self.iterate:
+            save_file({k: np.ascontiguousarray(v) for k, v in self.iterate.items()}, scratch / ITERATE)
+            (scratch / ITERATE).chmod(0o644)
+        if self.ship.network is not None:
+            save_network(scratch / NETWORK, self.ship.network, self.ship)
+        done = self
+        if self.objects:
+            listed = write_figures(scratch, self, self.objects)
+            listed += write_identifiability_figures(scratch, self, self.objects)
+            wall = self.timings_s.get("wall", 0.0) + time.perf_counter() - began
+            figures = tuple(FigureRow(**row) for row in listed)
+            done = changed(self, figures=figures, timings_s={**self.timings_s, "wall": wall})
+        elif self.folder and (self.folder / "figures").is_dir():
+            shutil.copytree(self.folder / "figures", scratch / "figures")
+        write_json(scratch / RESULT, done.to_dict())
+        write_page(build_page([(done, done.ship, scratch)]), scratch / "report.html")
+        return done
+
+
+def read_fit(folder: str | Path) -> FitResult:
+    """The result in a run folder of a calibration.
+
+    Raises UserError for a folder that is none, or whose result.json lacks keys or holds wrong ones, all named.
+    """
+    where = Path(folder)
+    record = read_record(where / RESULT, read_result(where))
+    start, network = load_ship(where / START), where / NETWORK
+    start = start.with_network(load_network(network, start)) if network.exists() else start
+    iterate = read_iterate(where) if (where / ITERATE).exists() else None
+    return FitResult(**vars(record), ship=load_ship(where), start=start, iterate=iterate, folder=where)
+
+
+def write_report(folders: Sequence[str | Path], out: str | Path) -> None:
+    """Write one self-contained HTML page on the run folders ``folders`` to the file ``out``.
+
+    Raises UserError for a folder that is no calibration, and for a file that cannot be written.
+    """
+    results = [read_fit(folder) for folder in folders]
+    write_page(build_page([(r, r.ship, Path(f)) for r, f in zip(results, folders, strict=True)]), Path(out))

@@ -1,0 +1,121 @@
+"""The result of a calibration: one writer, one reader, what is wrong with a file is said by its key."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fitting.report.run_folder import RESULT, write_json
+from fitting.result import FitResult, read_fit
+from mmg.errors import UserError
+from mmg.messages import has_code
+from tests.support.calibrated import FREE, small_result
+
+KEYS = {
+    "kind", "schema_version", "created", "command", "ship", "converged", "status", "advice", "objective",
+    "constraint_violation", "condition_number", "iterations", "passes", "starts", "settings", "seed", "versions",
+    "compiled", "timings_s", "data", "validation_data", "windows", "intervals", "seconds_used", "sigma", "noise",
+    "coefficients", "fixed", "correlation", "scores", "identifiability", "warnings", "notices", "messages", "figures",
+    "uncertainty", "bands", "adaptation",
+}  # fmt: skip
+"""Keys of result.json of a fit with held-out trials; "per_run", "bootstrap", "profiles" and "auto" come on request."""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("result") / "run"
+    small_result().save(path)
+    return path
+
+
+def content_of(folder: Path) -> dict[str, Any]:
+    return json.loads((folder / RESULT).read_text())
+
+
+def test_the_keys_of_the_file_are_these(folder: Path) -> None:
+    content = content_of(folder)
+    assert set(content) == KEYS and content["schema_version"] == 1
+    assert set(content["coefficients"]) == set(FREE)
+    assert {m["level"] for m in content["messages"]} <= {"warning", "notice"}
+    said = [m["text"] for m in content["messages"]]
+    assert said == [*content["warnings"], *content["notices"]]
+
+
+def test_what_is_read_is_what_was_written(folder: Path) -> None:
+    result, content = read_fit(folder), content_of(folder)
+    assert result.to_dict() == content
+    assert result.ship == small_result().ship and result.start == small_result().start
+    assert result.iterate is not None and small_result().iterate is not None
+    for name, values in small_result().iterate.items():  # type: ignore[union-attr]
+        np.testing.assert_array_equal(result.iterate[name], values)
+    assert result.warnings == small_result().warnings and result.calibration is None
+    assert result.scores["validation"].after.window == small_result().scores["validation"].after.window
+
+
+def test_a_result_saved_again_leaves_the_same_folder(folder: Path, tmp_path: Path) -> None:
+    again = read_fit(folder).save(tmp_path / "again")
+    assert content_of(tmp_path / "again") == content_of(folder) == again.to_dict()
+    assert {p.name for p in (tmp_path / "again").rglob("*")} == {p.name for p in folder.rglob("*")}
+    with pytest.raises(UserError, match="already exists"):
+        again.save(tmp_path / "again")
+
+
+def test_a_message_carries_its_code(folder: Path) -> None:
+    assert has_code(small_result().notices, "interpreted") == has_code(read_fit(folder).notices, "interpreted")
+
+
+def spoilt(content: dict, *path: str) -> dict:
+    part = content
+    for key in path[:-1]:
+        part = part[key]
+    del part[path[-1]]
+    return content
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda c: [], "holds no result of a calibration"),
+        (lambda c: "text", "holds no result of a calibration"),
+        (lambda c: {}, "kind = None"),
+        (lambda c: {**c, "kind": "diagnosis"}, "kind = 'diagnosis'"),
+        (lambda c: {**c, "schema_version": 2}, "schema_version = 2"),
+        (lambda c: spoilt(c, "objective"), "objective: field required"),
+        (lambda c: spoilt(c, "ship"), "ship: field required"),
+        (lambda c: spoilt(c, "coefficients", "Y_v", "value"), "coefficients.Y_v.value: field required"),
+        (lambda c: {**c, "windows": "many"}, "windows: input should be a valid integer"),
+        (lambda c: spoilt(c, "scores", "validation", "after", "sigma"), "scores.validation.after"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_with_a_file_is_said_by_its_key(folder: Path, tmp_path: Path, change, words: str) -> None:  # type: ignore[no-untyped-def]
+    read_fit(folder).save(tmp_path / "bad")
+    write_json(tmp_path / "bad" / RESULT, change(content_of(folder)))
+    with pytest.raises(UserError) as error:
+        read_fit(tmp_path / "bad")
+    assert words in str(error.value) and str(tmp_path / "bad" / RESULT) in str(error.value)
+
+
+def test_all_that_is_wrong_is_said_at_once(folder: Path, tmp_path: Path) -> None:
+    read_fit(folder).save(tmp_path / "bad")
+    write_json(tmp_path / "bad" / RESULT, {**spoilt(content_of(folder), "status"), "iterations": None})
+    with pytest.raises(UserError, match=r"status.*iterations|iterations.*status"):
+        read_fit(tmp_path / "bad")
+
+
+def test_results_are_tables(folder: Path) -> None:
+    pytest.importorskip("pandas")
+    result = read_fit(folder)
+    table = result.to_pandas()
+    assert list(table.index) == list(FREE) or set(table.index) == set(FREE)
+    assert {"value", "std", "lower", "upper", "unit", "verdict"} <= set(table.columns)
+    scores = result.scores["validation"].after.to_pandas()
+    assert list(scores.index) == [row.name for row in result.validation_data]
+    evil = replace(result, ship_name="<script>")
+    assert "<script>" not in evil._repr_html_() and "Y_v" in evil._repr_html_()
+    assert "30 s windows" in result.scores["validation"].after._repr_html_()
+    assert isinstance(result, FitResult)
