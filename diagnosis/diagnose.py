@@ -31,7 +31,7 @@ from diagnosis.result import Diagnosis
 from diagnosis.sensors.kinematics import consistency
 from diagnosis.validation.held_out import compare
 from fitting.report.run_folder import data_rows, versions
-from mmg.errors import UserError
+from mmg.errors import UserError, needs_torch
 from mmg.messages import Message
 from mmg.progress import LOGGER, OnProgress
 from mmg.ship import Ship
@@ -205,13 +205,7 @@ def _learned(
     found: Diagnosis, trials: Sequence[Trial], tests: Sequence[Trial], options: DiagnosisOptions
 ) -> LearnedResidual:
     """The measurement behind ``with_learned``, which is where torch is imported."""
-    try:
-        import torch  # noqa: F401
-    except ModuleNotFoundError as error:
-        if error.name != "torch":
-            raise
-        message = "a learned residual needs torch, which is not installed: pip install 'mmg-ident[learn]'"
-        raise UserError(message) from None
+    needs_torch("a learned residual")
     from diagnosis.validation.learned import learned
 
     LOGGER.info("learning what has no name, from the training trials")

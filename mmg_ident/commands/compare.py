@@ -62,8 +62,8 @@ def compare(
     from cases.shipfiles.model_changes import with_instruments
     from cases.shipfiles.ship_file import load_ship
     from fitting.report.run_folder import RESULT, check_target, write_json, write_whole
-    from mmg.errors import UserError
-    from mmg_ident.commands.output import names_of, needs_torch, print_json, say
+    from mmg.errors import UserError, needs_torch
+    from mmg_ident.commands.output import names_of, print_json, say
 
     names = tuple(dict.fromkeys(names_of([models])))
     if seeds < 1 or workers < 1 or (epochs is not None and epochs < 1):

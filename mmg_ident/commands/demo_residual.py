@@ -15,8 +15,8 @@ def demo_residual(folder: Path) -> dict | None:
     Returns the decision as plain values; None, with a line, where torch is missing or nothing was decided.
     """
     from cases.io.read import read_trials
-    from mmg.errors import UserError
-    from mmg_ident.commands.output import needs_torch, say
+    from mmg.errors import UserError, needs_torch
+    from mmg_ident.commands.output import say
 
     say("6. Learning a residual on the calibrated ship")
     try:

@@ -65,6 +65,7 @@ def predictor(model: str) -> Simulator | Forecaster:
     from cases.shipfiles.network_file import is_black_box
     from cases.shipfiles.ship_file import load_ship
     from fitting.report.run_folder import START
+    from mmg.errors import needs_torch
     from mmg.rollout import Simulator
 
     if not is_black_box(model):
@@ -74,16 +75,6 @@ def predictor(model: str) -> Simulator | Forecaster:
 
     start = Path(model) / START
     return load_box(model, load_ship(start) if start.exists() else None)
-
-
-def needs_torch(what: str) -> None:
-    """Raises UserError where torch, which ``what`` needs, is missing or broken."""
-    from mmg.errors import UserError
-
-    try:
-        import torch  # noqa: F401
-    except (ImportError, OSError) as error:
-        raise UserError(f"{what} needs torch, which cannot be imported ({error}); pip install torch") from None
 
 
 def known_of(model: str) -> dict[str, Any]:

@@ -30,8 +30,7 @@ def settings_of(model: str, **values: Any) -> TrainSettings:
     model: of --model; values: of the other options by their names. Raises UserError for numbers that make no sense,
     and where torch cannot be imported.
     """
-    from mmg.errors import UserError
-    from mmg_ident.commands.output import needs_torch
+    from mmg.errors import UserError, needs_torch
     from residual.settings import LOSSES, BlackBoxSettings, TrainSettings
 
     if model not in MODELS:

@@ -12,24 +12,22 @@ from typing import Any
 import numpy as np
 import pytest
 
-torch = pytest.importorskip("torch")
-
-import diagnosis.validation.learned as module  # noqa: E402
-from cases.simulation.simulate import write_trial  # noqa: E402
-from diagnosis.diagnose import DiagnosisOptions, with_learned  # noqa: E402
-from diagnosis.estimation.candidates import widened  # noqa: E402
-from diagnosis.estimation.gridded_trials import arrange  # noqa: E402
-from diagnosis.estimation.linearised_model import Steps  # noqa: E402
-from diagnosis.findings import LearnedResidual  # noqa: E402
-from diagnosis.report.page import build_report  # noqa: E402
-from diagnosis.result import Diagnosis  # noqa: E402
-from diagnosis.validation.held_out import errors, window_length  # noqa: E402
-from diagnosis.validation.learned import learned, sentence_of  # noqa: E402
-from mmg.errors import UserError  # noqa: E402
-from mmg_ident.commands.diagnose import diagnose  # noqa: E402
-from residual.settings import TrainSettings  # noqa: E402
-from tests.diagnosis.report.test_report import case, text_of  # noqa: E402
-from tests.support import hybrids  # noqa: E402
+import diagnosis.validation.learned as module
+from cases.simulation.simulate import write_trial
+from diagnosis.diagnose import DiagnosisOptions, with_learned
+from diagnosis.estimation.candidates import widened
+from diagnosis.estimation.gridded_trials import arrange
+from diagnosis.estimation.linearised_model import Steps
+from diagnosis.findings import LearnedResidual
+from diagnosis.report.page import build_report
+from diagnosis.result import Diagnosis
+from diagnosis.validation.held_out import errors, window_length
+from diagnosis.validation.learned import learned, sentence_of
+from mmg.errors import UserError
+from mmg_ident.commands.diagnose import diagnose
+from residual.settings import TrainSettings
+from tests.diagnosis.report.test_report import case, text_of
+from tests.support import hybrids
 
 QUICK = TrainSettings(seeds=2, epochs=25, width=12, penalty=0.001, rate=1e-2)
 OPTIONS = DiagnosisOptions()

@@ -17,8 +17,6 @@ import numpy as np
 import pytest
 from safetensors.numpy import load_file
 
-pytest.importorskip("torch")
-
 from cases.io.read import read_trial, read_trials
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.simulate import write_trial

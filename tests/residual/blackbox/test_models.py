@@ -7,28 +7,27 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+import torch
 
-torch = pytest.importorskip("torch")
-
-from cases.trial import Trial  # noqa: E402
-from fitting.prediction.predict import predict_all, record_of  # noqa: E402
-from fitting.prediction.score import pooled_sigma, score  # noqa: E402
-from fitting.prediction.stretches import Stretch  # noqa: E402
-from mmg.errors import UserError  # noqa: E402
-from residual.blackbox.file import load_box, save_box  # noqa: E402
-from residual.blackbox.models import BlackBox, box_scales, build_box, gridded, train_box  # noqa: E402
-from residual.bounded_network import Residual  # noqa: E402
-from residual.networks.features import features, kinematics, moved  # noqa: E402
-from residual.networks.feedforward import Feedforward  # noqa: E402
-from residual.networks.initial_state import InitialState  # noqa: E402
-from residual.networks.recurrent import Standard, Windowed  # noqa: E402
-from residual.physics.operator import Physics  # noqa: E402
-from residual.rollout import Batch, acceleration_loss, rollout, state_loss  # noqa: E402
-from residual.settings import KINDS, BlackBoxSettings  # noqa: E402
-from residual.system import Hybrid, Past, System  # noqa: E402
-from residual.training.augmentation import SETS, augmented  # noqa: E402
-from residual.training.windows import pieces_of, windows  # noqa: E402
-from tests.support import hybrids  # noqa: E402
+from cases.trial import Trial
+from fitting.prediction.predict import predict_all, record_of
+from fitting.prediction.score import pooled_sigma, score
+from fitting.prediction.stretches import Stretch
+from mmg.errors import UserError
+from residual.blackbox.file import load_box, save_box
+from residual.blackbox.models import BlackBox, box_scales, build_box, gridded, train_box
+from residual.bounded_network import Residual
+from residual.networks.features import features, kinematics, moved
+from residual.networks.feedforward import Feedforward
+from residual.networks.initial_state import InitialState
+from residual.networks.recurrent import Standard, Windowed
+from residual.physics.operator import Physics
+from residual.rollout import Batch, acceleration_loss, rollout, state_loss
+from residual.settings import KINDS, BlackBoxSettings
+from residual.system import Hybrid, Past, System
+from residual.training.augmentation import SETS, augmented
+from residual.training.windows import pieces_of, windows
+from tests.support import hybrids
 
 QUICK = BlackBoxSettings(seeds=1, epochs=20, width=12, rate=1e-2, step=1.0)
 SIGMA = torch.tensor([1.0, 1.0, 0.3, 0.1, 0.05, 0.02], dtype=torch.float64)

@@ -14,8 +14,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytest.importorskip("torch")
-
 from cases.published_splits import SPLITS
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.simulate import write_trial

@@ -7,22 +7,21 @@ import math
 
 import numpy as np
 import pytest
+import torch
 
-torch = pytest.importorskip("torch")
-
-from mmg.errors import UserError  # noqa: E402
-from residual.bounded_network import Residual, to_network  # noqa: E402
-from residual.ensembles.ensemble import bootstrapped, distances, members_of_ship, moments, particles, train_members  # noqa: E402
-from residual.ensembles.spread_calibration import calibrated, coverage  # noqa: E402
-from residual.ensembles.stacked import Stacked, losses, on  # noqa: E402
-from residual.physics.operator import Physics  # noqa: E402
-from residual.rollout import Batch, rollout, state_loss  # noqa: E402
-from residual.settings import TrainSettings  # noqa: E402
-from residual.system import Hybrid, System  # noqa: E402
-from residual.training.hybrid import build_hybrid, scales_of  # noqa: E402
-from residual.training.windows import pieces_of, windows  # noqa: E402
-from tests.support import hybrids  # noqa: E402
-from tests.support.yaw import Yaw  # noqa: E402
+from mmg.errors import UserError
+from residual.bounded_network import Residual, to_network
+from residual.ensembles.ensemble import bootstrapped, distances, members_of_ship, moments, particles, train_members
+from residual.ensembles.spread_calibration import calibrated, coverage
+from residual.ensembles.stacked import Stacked, losses, on
+from residual.physics.operator import Physics
+from residual.rollout import Batch, rollout, state_loss
+from residual.settings import TrainSettings
+from residual.system import Hybrid, System
+from residual.training.hybrid import build_hybrid, scales_of
+from residual.training.windows import pieces_of, windows
+from tests.support import hybrids
+from tests.support.yaw import Yaw
 
 
 def yaw_batch(M: int = 3, N: int = 10) -> Batch:

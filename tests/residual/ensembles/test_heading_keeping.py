@@ -8,14 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-torch = pytest.importorskip("torch")
-
-from cases.shipfiles.ship_file import load_ship  # noqa: E402
-from cases.simulation.gusts import Wind  # noqa: E402
-from cases.simulation.random_controls import RandomControls, random_control_trials  # noqa: E402
-from fitting.prediction.score import pooled_sigma  # noqa: E402
-from residual.ensembles.ensemble import Known  # noqa: E402
-from residual.ensembles.heading_keeping import (  # noqa: E402
+from cases.shipfiles.ship_file import load_ship
+from cases.simulation.gusts import Wind
+from cases.simulation.random_controls import RandomControls, random_control_trials
+from fitting.prediction.score import pooled_sigma
+from residual.ensembles.ensemble import Known
+from residual.ensembles.heading_keeping import (
     LOST,
     HeadingKeeping,
     Judgement,
@@ -25,9 +23,9 @@ from residual.ensembles.heading_keeping import (  # noqa: E402
     judge,
     random_winds,
 )
-from residual.ensembles.heading_keeping_figure import judgement_plot  # noqa: E402
-from tests.support import hybrids  # noqa: E402
-from tests.support.yaw import INPUTS, Yaw  # noqa: E402
+from residual.ensembles.heading_keeping_figure import judgement_plot
+from tests.support import hybrids
+from tests.support.yaw import INPUTS, Yaw
 
 CALM = HeadingKeeping(speed=0.5, n=10.0, winds=(Wind(0.0),), seconds=60.0, h=0.5, rate=10.0)
 PAIRS = grid(np.array([0.5, 2.0, 8.0]), np.array([1.0, 10.0]))

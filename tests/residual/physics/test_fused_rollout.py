@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import pytest
+import torch
 
 from cases.shipfiles.ship_file import load_ship
 from mmg.compile.batch import compiler
+from residual.bounded_network import Residual
+from residual.physics.fused_rollout import FusedRollout
+from residual.physics.operator import Physics
+from tests.residual.physics.test_operator import OTHERS, points
 from tests.support.networks import random_network
-
-torch = pytest.importorskip("torch", reason="needs torch: pip install mmg-ident[learn]")
-
-from residual.bounded_network import Residual  # noqa: E402
-from residual.physics.fused_rollout import FusedRollout  # noqa: E402
-from residual.physics.operator import Physics  # noqa: E402
-from tests.residual.physics.test_operator import OTHERS, points  # noqa: E402
 
 SHIPS = {"esso": load_ship("esso_osaka_3m"), "vectwin": load_ship("vectwin_3m"), **OTHERS}
 

@@ -5,20 +5,18 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 import pytest
+import torch
 
 from cases.shipfiles.ship_file import library, load_ship
 from mmg.compile.batch import compiler
 from mmg.model import assemble
 from mmg.rollout import Simulator
 from mmg.ship import Ship
+from residual.bounded_network import Residual, to_network
+from residual.physics.casadi_to_torch import emitted
+from residual.physics.operator import Operator, Physics
 from tests.mmg.test_rollout import with_effects
 from tests.support.networks import random_network
-
-torch = pytest.importorskip("torch", reason="needs torch: pip install mmg-ident[learn]")
-
-from residual.bounded_network import Residual, to_network  # noqa: E402
-from residual.physics.casadi_to_torch import emitted  # noqa: E402
-from residual.physics.operator import Operator, Physics  # noqa: E402
 
 needs_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler")
 ESSO = load_ship("esso_osaka_3m")

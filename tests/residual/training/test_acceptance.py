@@ -6,20 +6,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 
-torch = pytest.importorskip("torch")
-
-from cases.trial import Trial  # noqa: E402
-from mmg.errors import UserError  # noqa: E402
-from mmg.ship import Ship  # noqa: E402
-from residual.settings import TrainSettings  # noqa: E402
-from residual.system import Past, System  # noqa: E402
-from residual.training.acceptance import decide  # noqa: E402
-from residual.training.folds import FOLDS, GAP, Sides, sides_of  # noqa: E402
-from residual.training.hybrid import scales_of, tasks_of, train_residual  # noqa: E402
-from residual.training.trainer import Outcome, Scales, train_one  # noqa: E402
-from residual.training.windows import Piece, pieces_of  # noqa: E402
-from tests.support import hybrids  # noqa: E402
+from cases.trial import Trial
+from mmg.errors import UserError
+from mmg.ship import Ship
+from residual.settings import TrainSettings
+from residual.system import Past, System
+from residual.training.acceptance import decide
+from residual.training.folds import FOLDS, GAP, Sides, sides_of
+from residual.training.hybrid import scales_of, tasks_of, train_residual
+from residual.training.trainer import Outcome, Scales, train_one
+from residual.training.windows import Piece, pieces_of
+from tests.support import hybrids
 
 
 def pieces(runs: int, seconds: int) -> list[Piece]:

@@ -6,23 +6,22 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 
-torch = pytest.importorskip("torch")
-
-from cases.shipfiles.ship_file import load_ship  # noqa: E402
-from mmg.errors import UserError  # noqa: E402
-from mmg.messages import has_code  # noqa: E402
-from mmg.rollout import Simulator  # noqa: E402
-from residual.bounded_network import Residual, Symmetric, to_network  # noqa: E402
-from residual.physics.operator import Physics  # noqa: E402
-from residual.rollout import acceleration_loss, rollout, squares, state_loss  # noqa: E402
-from residual.settings import TrainSettings  # noqa: E402
-from residual.system import Hybrid, System  # noqa: E402
-from residual.training import trainer as training_module  # noqa: E402
-from residual.training.hybrid import build_hybrid, scales_of, train_residual, warnings_of  # noqa: E402
-from residual.training.trainer import Scales, train_one  # noqa: E402
-from residual.training.windows import Piece, jittered, pieces_of, windows  # noqa: E402
-from tests.support import hybrids  # noqa: E402
+from cases.shipfiles.ship_file import load_ship
+from mmg.errors import UserError
+from mmg.messages import has_code
+from mmg.rollout import Simulator
+from residual.bounded_network import Residual, Symmetric, to_network
+from residual.physics.operator import Physics
+from residual.rollout import acceleration_loss, rollout, squares, state_loss
+from residual.settings import TrainSettings
+from residual.system import Hybrid, System
+from residual.training import trainer as training_module
+from residual.training.hybrid import build_hybrid, scales_of, train_residual, warnings_of
+from residual.training.trainer import Scales, train_one
+from residual.training.windows import Piece, jittered, pieces_of, windows
+from tests.support import hybrids
 
 QUICK = TrainSettings(seeds=2, epochs=25, width=12, penalty=0.001, rate=1e-2, step=1.0, stride=5.0)
 
