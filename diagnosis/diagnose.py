@@ -17,7 +17,7 @@ from cases.io.site import Site, read_site
 from cases.trial import Trial
 from diagnosis import summary
 from diagnosis.estimation.candidates import BY_RUN, all_runs, effect_of, stem
-from diagnosis.estimation.gridded_trials import Data, arrange
+from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.findings import DiagnosisInputs, HeldOut, LearnedResidual, RandomSizes
 from diagnosis.hypotheses.forward_selection import AGREE, LEVEL, ODDS, Found, Problem, explain
@@ -120,7 +120,7 @@ def _diagnosed(
     p = ready.problem
     test_data = None
     if tests:
-        test_data = arrange(tests, ready.wide.ship.inputs, float(ship.particulars["L"]), p.data.h, ready.straight)
+        test_data = grid_trials(tests, ready.full.ship.inputs, float(ship.particulars["L"]), p.data.h, ready.straight)
         test_data = test_data.thinned(ready.gap)
     before = unnamed(p.steps, p.data, ready.null)
     answer = _answer(p, ready.null, before, test_data, seed, workers)
@@ -133,14 +133,14 @@ def _diagnosed(
     found, after, held, verdict = answer.found, answer.after, answer.held, answer.verdict
     timings["screen, refits, test trials"] = time.perf_counter() - began - timings["fit"]
     say("screened and refitted: " + (", ".join(found.effects) or "no effect stands out"))
-    ship_before = summary.fitted_ship(p, ship, ready.wide, found.null, ())
-    ship_after = summary.fitted_ship(p, ship, ready.wide, found.final, found.effects)
+    ship_before = summary.fitted_ship(p, ship, ready.full, found.null, ())
+    ship_after = summary.fitted_ship(p, ship, ready.full, found.final, found.effects)
     chance, period = ready.line
     if chance < LINE:
         reasons.append(f"what remains swings with a period of {period:.2g} s, as under waves or an engine")
         verdict = "unknown" if verdict == "none" else verdict
     say("looking at where the gap lies and what to test next")
-    effects = tuple(summary.named(p, ready.wide, found, name) for name in found.effects) if verdict == "named" else ()
+    effects = tuple(summary.named(p, ready.full, found, name) for name in found.effects) if verdict == "named" else ()
     final = found.final if verdict == "named" else found.null
     same = summary.same(found) if verdict == "named" else ()
     names = [all_runs(found.effects[0]), *same] if verdict == "named" else _rivals(found)
@@ -154,12 +154,12 @@ def _diagnosed(
         effects=effects,
         equivalence_class=same,
         remainder=remainder,
-        candidates=summary.ranking(p, ready.wide, found),
+        candidates=summary.ranking(p, ready.full, found),
         where=place,
         held_out=held,
         next_test=advice,
         warnings=(*mended, *ready.notices, *reasons, *_cautions(ready, found, trials, tests), *sensors.warnings),
-        not_screened=ready.wide.left_out,
+        not_screened=ready.full.left_out,
         noise=RandomSizes.of(found.null),
         unnamed_before={"all": before.log_bayes, "single": before.single, **before.by_kind},
         unnamed_after={"all": after.log_bayes, "single": after.single, **after.by_kind},
@@ -224,7 +224,9 @@ class _Answer:
     reasons: list[str]
 
 
-def _answer(p: Problem, null: Estimate, before: Unnamed, tests: Data | None, seed: int, workers: int) -> _Answer:
+def _answer(
+    p: Problem, null: Estimate, before: Unnamed, tests: GriddedTrials | None, seed: int, workers: int
+) -> _Answer:
     found = explain(p, null, seed, workers)
     after = unnamed(p.steps, p.data, found.final) if found.effects else before
     held = compare(p.steps, tests, found.null, found.final, seed) if tests is not None else None
@@ -343,7 +345,7 @@ def _cautions(ready: Prepared, found: Found, trials: Sequence[Trial], tests: Seq
             f"no positions in {', '.join(unplaced)}: effects of place and of satellite sensors are hardly seen there"
         )
     calm = [t.name for t in trials if not t.has_wind]
-    if calm and ready.wide.ship.components.get("wind"):
+    if calm and ready.full.ship.components.get("wind"):
         words.append(
             f"no wind columns in {', '.join(calm)}: calm air is assumed, so wind would be taken for something else"
         )

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator
 
-from diagnosis.estimation.gridded_trials import Data
+from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.map_estimate import Estimate
 from fitting.report.run_folder import plain
 from mmg.messages import message_rows
@@ -189,7 +189,7 @@ class Findings:
     before: Ship | None = None
     null: Estimate | None = None
     final: Estimate | None = None
-    data: Data | None = None
+    data: GriddedTrials | None = None
 
     @property
     def notices(self) -> tuple[str, ...]:

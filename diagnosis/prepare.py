@@ -10,14 +10,14 @@ import numpy as np
 from cases.io.site import Site
 from cases.shipfiles.effects import freeing_effects
 from cases.trial import Trial
-from diagnosis.estimation.candidates import LOCAL, Wide, by_run, widened
-from diagnosis.estimation.gridded_trials import COARSE, Data, arrange, moving
-from diagnosis.estimation.kalman import Noise
-from diagnosis.estimation.linearised_model import Steps
+from diagnosis.estimation.candidates import LOCAL, FullModel, by_run, ship_with_all_effects
+from diagnosis.estimation.gridded_trials import COARSE, GriddedTrials, grid_trials, is_measured_rudder
+from diagnosis.estimation.kalman import NoiseModel
+from diagnosis.estimation.linearised_model import TransitionModel
 from diagnosis.estimation.map_estimate import Estimate, estimate
-from diagnosis.estimation.noise_sizes import first_noise
+from diagnosis.estimation.noise_sizes import initial_noise
 from diagnosis.estimation.parameters import Priors
-from diagnosis.estimation.residual_checks import echo, hum, residuals, with_memory_time
+from diagnosis.estimation.residual_checks import lag_correlation, residuals, spectral_line, with_correlation_time
 from diagnosis.hypotheses.forward_selection import Problem
 from diagnosis.hypotheses.reference import refer
 from diagnosis.sensors.kinematics import Kinematics
@@ -42,11 +42,11 @@ RUNS = 3
 class Prepared:
     """The problem, the fit without any effect, and what was learnt on the way.
 
-    straight: inputs are joined by lines; gap: one in so many grid times is compared; line: as ``memory.hum`` has it.
+    straight: inputs are joined by lines; gap: one in so many grid times is compared; line: of ``spectral_line``.
     """
 
     problem: Problem
-    wide: Wide
+    full: FullModel
     null: Estimate
     straight: bool
     gap: int
@@ -82,29 +82,31 @@ def prepare(
     reference: the trials that the ship was calibrated on, if those are others; then only what these do not show counts.
     """
     place = site or Site({}, {})
-    wide = widened(ship, [*trials, *reference], place.held, place.start)
+    full = ship_with_all_effects(ship, [*trials, *reference], place.held, place.start)
     base = priors_before(ship, unseen and not reference)
     if not base.symbols:
         raise UserError(f"{ship.name}: every coefficient is fixed, so nothing is known of how far each may be off")
     length = float(ship.particulars["L"])
     notices: list[str] = []
-    straight = moving(trials)
+    straight = is_measured_rudder(trials)
     if max(t.dt for t in trials) > COARSE * (length / MODEL_LENGTH) ** 0.5:
         how = "joined by straight lines" if straight else "held until the next one"
         notices.append(
             f"samples of the actuators are taken as {how}; a delay of half a sample cannot be told from the other way"
         )
-    data = arrange(trials, wide.ship.inputs, length, step, straight)
-    steps = Steps(wide.ship, [*base.symbols, *(s for c in wide.candidates.values() for s in c.symbols)], data.h)
-    values = wide.ship.values
-    at = [wide.ship.symbols.index(s) for s in base.symbols]
+    data = grid_trials(trials, full.ship.inputs, length, step, straight)
+    steps = TransitionModel(
+        full.ship, [*base.symbols, *(s for c in full.candidates.values() for s in c.symbols)], data.h
+    )
+    values = full.ship.values
+    at = [full.ship.symbols.index(s) for s in base.symbols]
     values[at] = [ship.coefficients[s].value for s in base.symbols]
-    usual, noise, gap = np.zeros(2), first_noise(wide.ship, data), 0
+    usual, noise, gap = np.zeros(2), initial_noise(full.ship, data), 0
     if reference:
-        old = arrange(reference, wide.ship.inputs, length, data.h, moving(reference))
-        old, null, gap, *_ = fitted(steps, old, values, base, first_noise(wide.ship, old))
-        known = refer(steps, old, null, base, wide.candidates, len(trials))
-        base, wide = known.priors, replace(wide, candidates=known.candidates)
+        old = grid_trials(reference, full.ship.inputs, length, data.h, is_measured_rudder(reference))
+        old, null, gap, *_ = fitted(steps, old, values, base, initial_noise(full.ship, old))
+        known = refer(steps, old, null, base, full.candidates, len(trials))
+        base, full = known.priors, replace(full, candidates=known.candidates)
         values, noise = known.theta, known.noise.with_(usual=known.noise)
         usual = np.array([known.unnamed, known.unexplained])
         notices.append(
@@ -126,28 +128,28 @@ def prepare(
         notices.append("the fit without any effect has not quite settled")
     runs = np.unique(data.run).tolist()
     if len(runs) >= RUNS:
-        own = [by_run(wide.candidates[n], runs) for n in LOCAL if n in wide.candidates]
-        wide = replace(wide, candidates=wide.candidates | {c.name: c for c in own})
-    problem = Problem(steps, data, base, wide.candidates, *(data.samples * usual).tolist())
-    return Prepared(problem, wide, null, straight, gap, tuple(notices), line)
+        own = [by_run(full.candidates[n], runs) for n in LOCAL if n in full.candidates]
+        full = replace(full, candidates=full.candidates | {c.name: c for c in own})
+    problem = Problem(steps, data, base, full.candidates, *(data.samples * usual).tolist())
+    return Prepared(problem, full, null, straight, gap, tuple(notices), line)
 
 
 def fitted(
-    steps: Steps, data: Data, theta: np.ndarray, base: Priors, noise: Noise, gap: int = 0
-) -> tuple[Data, Estimate, int, float, tuple[float, float]]:
+    steps: TransitionModel, data: GriddedTrials, theta: np.ndarray, base: Priors, noise: NoiseModel, gap: int = 0
+) -> tuple[GriddedTrials, Estimate, int, float, tuple[float, float]]:
     """(data, fit, every how many grid times are compared, correlation of neighbouring residuals, sharpest line in their
     spectrum) without any effect; gap: every how many the same instruments were compared in other trials, if known."""
     p = (theta[[steps.ship.symbols.index(s) for s in base.symbols]] - base.mean) / base.std
     null = estimate(steps, data, theta, base, noise, p=p, iterations=MAX_FITS)
     apart = gap or max(1, round(APART * (float(steps.ship.particulars["L"]) / MODEL_LENGTH) ** 0.5 / data.h))
     remains = residuals(steps, data, null)
-    heard, line = echo(data, remains), hum(data, remains)
+    heard, line = lag_correlation(data, remains), spectral_line(data, remains)
     if not (gap or heard > ECHO) or data.thinned(apart).samples < (FEW if gap else LEAST):
         apart = 1
     if apart > 1:
         data = data.thinned(apart)
         null = estimate(steps, data, theta, base, noise, p=p, iterations=MAX_FITS)
-    return data, null if noise.usual else with_memory_time(steps, data, null), apart, heard, line
+    return data, null if noise.usual else with_correlation_time(steps, data, null), apart, heard, line
 
 
 FILTERS = ("velocity_lag", "gyro")

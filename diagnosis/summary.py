@@ -6,17 +6,17 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from diagnosis.estimation.candidates import AT, BY_RUN, Wide, all_runs, effect_of, parameters, stem
+from diagnosis.estimation.candidates import AT, BY_RUN, FullModel, all_runs, effect_of, parameters, stem
 from diagnosis.estimation.map_estimate import Estimate
-from diagnosis.estimation.parameters import read
+from diagnosis.estimation.parameters import get_values
 from diagnosis.findings import EstimatedParameter, NamedEffect, RankedCandidate
 from diagnosis.hypotheses.forward_selection import Found, Problem, Search, Tried
 from mmg.ship import Ship
 
 
-def fitted_ship(problem: Problem, ship: Ship, wide: Wide, found: Estimate, effects: Sequence[str]) -> Ship:
+def fitted_ship(problem: Problem, ship: Ship, full: FullModel, found: Estimate, effects: Sequence[str]) -> Ship:
     """The ship with the coefficients of a fit and with these effects; one that differs by run as in their mean."""
-    at = dict(zip(wide.ship.symbols, read(wide.ship, problem.data, found.theta, wide.ship.symbols), strict=True))
+    at = dict(zip(full.ship.symbols, get_values(full.ship, problem.data, found.theta, full.ship.symbols), strict=True))
     after, names = ship, [effect_of(n) for n in effects]
     for name in names:
         values = {p.symbol: float(at[f"{name}.{p.symbol}"]) for p in parameters(ship, name)}
@@ -44,9 +44,9 @@ def estimated(found: Estimate, symbol: str, unit: str = "") -> EstimatedParamete
     return EstimatedParameter(value, float(np.sqrt(weight @ found.covariance[np.ix_(i, i)] @ weight)), unit)
 
 
-def values(problem: Problem, wide: Wide, found: Estimate, name: str) -> dict[str, EstimatedParameter]:
+def values(problem: Problem, full: FullModel, found: Estimate, name: str) -> dict[str, EstimatedParameter]:
     """The parameters of a candidate in a fit."""
-    units = {p.symbol: p.unit for p in parameters(wide.ship, effect_of(name))}
+    units = {p.symbol: p.unit for p in parameters(full.ship, effect_of(name))}
     symbols = dict.fromkeys(stem(s) for s in problem.candidates[name].symbols)
     return {s.split(".", 1)[1]: estimated(found, s, units[s.split(".", 1)[1]]) for s in symbols}
 
@@ -74,10 +74,10 @@ def fit_with(found: Found, name: str) -> Estimate:
     return next(t.found for s in found.searches for t in s.tried if name in (t.name, all_runs(t.name)))
 
 
-def named(problem: Problem, wide: Wide, found: Found, name: str) -> NamedEffect:
+def named(problem: Problem, full: FullModel, found: Found, name: str) -> NamedEffect:
     """An effect as it is told."""
     s, t = _tried(found, name)
-    sizes, runs = values(problem, wide, found.final, name), by_run(problem, found.final, name)
+    sizes, runs = values(problem, full, found.final, name), by_run(problem, found.final, name)
     return NamedEffect(effect_of(name), sizes, t.p_value, t.delta_bic, s.score(name).absorbed, runs)
 
 
@@ -103,14 +103,14 @@ def visible(problem: Problem, first: Search, name: str) -> dict[str, float]:
     return {parameter: float(size) for parameter, size in sizes.items() if np.isfinite(size)}
 
 
-def ranking(problem: Problem, wide: Wide, found: Found) -> tuple[RankedCandidate, ...]:
+def ranking(problem: Problem, full: FullModel, found: Found) -> tuple[RankedCandidate, ...]:
     """All candidates: those refitted first, the others behind them by their score; each effect once."""
     first = found.searches[0]
     rows: dict[str, RankedCandidate] = {}
     for t in first.tried:
         s, name = first.score(t.name), effect_of(t.name)
         if name not in rows:
-            sizes, seen = values(problem, wide, t.found, t.name), visible(problem, first, name)
+            sizes, seen = values(problem, full, t.found, t.name), visible(problem, first, name)
             rows[name] = RankedCandidate(name, s.T, t.p_value, t.delta_bic, True, s.absorbed, sizes, seen)
     for s in sorted(first.scores, key=lambda s: s.name.endswith(BY_RUN)):
         name = effect_of(s.name)

@@ -17,11 +17,11 @@ from benchmarks.blind.score import rate
 from benchmarks.blind.solve import blind_ship, cases_of
 from cases.io.read import read_trials
 from cases.io.site import read_site
-from diagnosis.estimation.candidates import Wide, widened
-from diagnosis.estimation.gridded_trials import Data, arrange, moving
-from diagnosis.estimation.linearised_model import Steps
-from diagnosis.estimation.map_estimate import Estimate, estimate, look_around
-from diagnosis.estimation.noise_sizes import first_noise
+from diagnosis.estimation.candidates import FullModel, ship_with_all_effects
+from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials, is_measured_rudder
+from diagnosis.estimation.linearised_model import TransitionModel
+from diagnosis.estimation.map_estimate import Estimate, estimate, linearise_and_filter
+from diagnosis.estimation.noise_sizes import initial_noise
 from diagnosis.estimation.parameters import Priors, active_states
 from diagnosis.hypotheses.score_test import scored, slopes
 from diagnosis.prepare import priors_before
@@ -100,26 +100,28 @@ def own_floors(folder: Path, digest: str, workers: int = 1) -> dict[str, float]:
 def own_floor(task: tuple[Path, dict[str, float]]) -> float:
     """The same of one case: its folder and the true values by symbol."""
     case, true = task
-    wide, _, steps, data = _prepared(case)
-    straight = moving(read_trials(case / "train"))
-    tests = arrange(read_trials(case / "test"), wide.ship.inputs, float(wide.ship.particulars["L"]), data.h, straight)
-    theta = wide.ship.values.copy()
-    unknown = [s for s in true if s not in wide.ship.symbols]
+    full, _, steps, data = _prepared(case)
+    straight = is_measured_rudder(read_trials(case / "train"))
+    tests = grid_trials(
+        read_trials(case / "test"), full.ship.inputs, float(full.ship.particulars["L"]), data.h, straight
+    )
+    theta = full.ship.values.copy()
+    unknown = [s for s in true if s not in full.ship.symbols]
     if unknown:
         raise KeyError(f"{case.name}: the package's model has no {', '.join(unknown)}")
     for symbol, value in true.items():
-        theta[wide.ship.symbols.index(symbol)] = value
+        theta[full.ship.symbols.index(symbol)] = value
     return float(errors(steps, tests, theta, WINDOW)[0].mean())
 
 
-def _prepared(case: Path) -> tuple[Wide, Priors, Steps, Data]:
+def _prepared(case: Path) -> tuple[FullModel, Priors, TransitionModel, GriddedTrials]:
     """The wide ship, the priors, the steps and the training data of a case, as the diagnosis makes them."""
     ship, trials = blind_ship(), read_trials(case / "train")
-    wide = widened(ship, trials, {k: dict(v) for k, v in read_site([case], ship).held.items()})
+    full = ship_with_all_effects(ship, trials, {k: dict(v) for k, v in read_site([case], ship).held.items()})
     base = priors_before(ship)
-    data = arrange(trials, wide.ship.inputs, float(ship.particulars["L"]), None, moving(trials))
-    symbols = [*base.symbols, *(s for c in wide.candidates.values() for s in c.symbols)]
-    return wide, base, Steps(wide.ship, symbols, data.h), data
+    data = grid_trials(trials, full.ship.inputs, float(ship.particulars["L"]), None, is_measured_rudder(trials))
+    symbols = [*base.symbols, *(s for c in full.candidates.values() for s in c.symbols)]
+    return full, base, TransitionModel(full.ship, symbols, data.h), data
 
 
 # The score test without the latent force
@@ -133,20 +135,22 @@ def white_rankings(folder: Path, workers: int = 1) -> dict[str, list[str]]:
 
 def white_ranking(case: Path) -> list[str]:
     """All candidates, the most telling first, where every residual is taken for white errors of the sensors."""
-    wide, base, steps, data = _prepared(case)
-    noise = first_noise(wide.ship, data)
+    full, base, steps, data = _prepared(case)
+    noise = initial_noise(full.ship, data)
     noise = noise.with_(force=TINY * noise.force)
-    found = estimate(steps, data, wide.ship.values, base, noise, iterations=8, steady=True)
+    found = estimate(steps, data, full.ship.values, base, noise, iterations=8, steady=True)
     for _ in range(ROUNDS - 1):
         noise = noise.with_(white=noise.white * _spread(steps, data, found))
-        found = estimate(steps, data, wide.ship.values, base, noise, found.path, found.p, iterations=8, steady=True)
-    return [row.name for row in scored(slopes(steps, data, found, wide.candidates), wide.candidates)]
+        found = estimate(steps, data, full.ship.values, base, noise, found.path, found.p, iterations=8, steady=True)
+    return [row.name for row in scored(slopes(steps, data, found, full.candidates), full.candidates)]
 
 
-def _spread(steps: Steps, data: Data, found: Estimate) -> np.ndarray:
+def _spread(steps: TransitionModel, data: GriddedTrials, found: Estimate) -> np.ndarray:
     """Root mean square of the whitened residuals by channel (6,)."""
     nothing = Priors((), *(np.zeros(0) for _ in range(4)))
     active = active_states(steps, found.free.symbols, found.theta)
-    white = look_around(steps, data, found.theta, found.path, found.noise, nothing, np.zeros(0), active).white[..., -1]
+    white = linearise_and_filter(steps, data, found.theta, found.path, found.noise, nothing, np.zeros(0), active).white[
+        ..., -1
+    ]
     count = np.maximum(data.good.sum(axis=(0, 1)), 1)
     return np.sqrt(np.where(data.good, white**2, 0.0).sum(axis=(0, 1)) / count)

@@ -18,7 +18,7 @@ BY_RUN, AT = " by run", "@"
 """What marks the name of such a candidate, and the symbol of a parameter in one run."""
 NEVER = ("disturbance",)
 """Effects that are no hypothesis: the latent force itself."""
-WIDE = 10.0
+PRIOR_WIDTH = 10.0
 """Prior standard deviation of an effect's parameter, in typical sizes of it."""
 
 
@@ -40,7 +40,7 @@ class Candidate:
 
 
 @dataclass(frozen=True)
-class Wide:
+class FullModel:
     """ship: with every candidate at its neutral value; candidates: by name; left_out: why others are none."""
 
     ship: Ship
@@ -89,18 +89,18 @@ def _candidate(called: str, name: str, free: list[Parameter], start: Mapping[str
     return Candidate(called, tuple(f"{name}.{p.symbol}" for p in free), **array)
 
 
-def widened(
+def ship_with_all_effects(
     ship: Ship,
     trials: list[Trial] | None = None,
     site: Mapping[str, Mapping[str, float]] | None = None,
     start: Mapping[str, Mapping[str, float]] | None = None,
-) -> Wide:
+) -> FullModel:
     """The ship with all candidates: effects it does not have yet and that its force models and the trials allow.
 
     site: parameters of effects that are known of the place, by effect and parameter (cases.io.site); start: others of
     which it is known about how large they are.
     """
-    candidates, left_out, wide = {}, {}, ship
+    candidates, left_out, full = {}, {}, ship
     windy = trials is None or any(t.has_wind for t in trials)
     known = site or {}
     for name, e in EFFECTS.items():
@@ -115,7 +115,7 @@ def widened(
             left_out[name] = "no bank line is known (site.toml)"
         rows = parameters(ship, name)
         held = {p.symbol: known.get(name, {}).get(p.symbol, p.neutral) for p in rows if p.held}
-        wide = wide.with_effect(name, held)
+        full = full.with_effect(name, held)
         if name in left_out:
             continue
         begin = (start or {}).get(name)
@@ -123,4 +123,4 @@ def widened(
         for form in dict.fromkeys(p.form for p in rows if p.form):
             called = f"{name} {form}"
             candidates[called] = _candidate(called, name, [p for p in rows if p.form == form])
-    return Wide(wide, candidates, left_out)
+    return FullModel(full, candidates, left_out)

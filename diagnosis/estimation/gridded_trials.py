@@ -25,7 +25,7 @@ has no past there."""
 
 
 @dataclass(frozen=True)
-class Data:
+class GriddedTrials:
     """Windows of trials on a grid of step h [s]; R windows of at most K steps, padded at their ends.
 
     Attributes
@@ -59,15 +59,15 @@ class Data:
         """Number of grid times with anything measured, over all windows."""
         return int(self.good.any(axis=2).sum())
 
-    def thinned(self, every: int) -> Data:
+    def thinned(self, every: int) -> GriddedTrials:
         """The same with one in so many grid times compared."""
         kept = np.arange(len(self.good)) % every == every - 1
         return replace(self, good=self.good & kept[:, None, None])
 
 
-def arrange(
+def grid_trials(
     trials: Sequence[Trial], inputs: Sequence[str], length: float, step: float | None = None, straight: bool = False
-) -> Data:
+) -> GriddedTrials:
     """Trials on a grid for a model with these inputs; ``length`` of the ship [m], ``step`` [s] (default: as the fit).
 
     straight: samples of the inputs are joined by straight lines instead of held until the next one; where they are
@@ -105,7 +105,7 @@ def arrange(
     measured = np.isfinite(y)
     good = measured.copy()
     good[: round(RUN_IN * (length / MODEL_LENGTH) ** 0.5 / h)] = False
-    return Data(
+    return GriddedTrials(
         h=h,
         t=t,
         y=np.nan_to_num(y),
@@ -124,7 +124,7 @@ def middle_means(t: np.ndarray, values: np.ndarray, edges: np.ndarray) -> np.nda
     return 0.5 * (step_means(t, values, edges) + straight_means(t, values, edges))
 
 
-def moving(trials: Sequence[Trial]) -> bool:
+def is_measured_rudder(trials: Sequence[Trial]) -> bool:
     """Whether the logged rudder moves as a rudder does, over several samples, and not in single steps as orders do.
 
     Of the first kind the samples are joined by straight lines, of the second each is held until the next.

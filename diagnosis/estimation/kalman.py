@@ -12,14 +12,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from diagnosis.estimation.linearised_model import Linear
+from diagnosis.estimation.linearised_model import LinearModel
 
 KNOWN = 30.0
 """Samples that the usual size of what is random counts as."""
 
 
 @dataclass(frozen=True)
-class Noise:
+class NoiseModel:
     """What is random: sizes of the latent force (3,) [N, N, N m] and its memory [s], white errors of the sensors (6,),
     and the size (6,) and memory [s] of their coloured errors (size 0: none).
 
@@ -31,7 +31,7 @@ class Noise:
     white: np.ndarray
     coloured: np.ndarray
     colour_tau: float
-    usual: Noise | None = None
+    usual: NoiseModel | None = None
 
     @property
     def unusual(self) -> float:
@@ -42,13 +42,13 @@ class Noise:
         ratio = np.concatenate([(known / size) ** 2 for known, size in pairs])
         return 0.5 * KNOWN * float(np.sum(ratio - 1 - np.log(ratio)))
 
-    def with_(self, **changed: object) -> Noise:
+    def with_(self, **changed: object) -> NoiseModel:
         """A copy with some fields replaced."""
         return replace(self, **changed)  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)
-class System:
+class LinearSystem:
     """The linear model of all windows as the filter takes it; n states.
 
     T: (K, R, n, n); Z: (K + 1, R, 6, n), rows of what was not measured zero; Q: (n,) variances of a step's random
@@ -64,7 +64,9 @@ class System:
     inside: np.ndarray
 
 
-def system(linear: Linear, noise: Noise, first: np.ndarray, good: np.ndarray, inside: np.ndarray, h: float) -> System:
+def system(
+    linear: LinearModel, noise: NoiseModel, first: np.ndarray, good: np.ndarray, inside: np.ndarray, h: float
+) -> LinearSystem:
     """The filter's model from a linearisation; first: (R, S, S) covariance of the ship's state at the start."""
     K, R, S = linear.force.shape[:3]
     coloured = np.flatnonzero(noise.coloured > 0)
@@ -85,7 +87,7 @@ def system(linear: Linear, noise: Noise, first: np.ndarray, good: np.ndarray, in
     start = np.zeros((R, n, n))
     start[:, :S, :S] = first
     start[:, at, at] = own
-    return System(T, Z, Q, noise.white**2, start, good, inside)
+    return LinearSystem(T, Z, Q, noise.white**2, start, good, inside)
 
 
 @dataclass(frozen=True)
@@ -101,7 +103,7 @@ class Filtered:
     log_det: np.ndarray
 
 
-def filtered(s: System) -> Filtered:
+def filtered(s: LinearSystem) -> Filtered:
     """Covariances and gains; they do not depend on what was measured."""
     K, R, n = s.T.shape[:3]
     L, gain, P = np.empty((K, R, n, n)), np.empty((K, R, n, 6)), np.empty((K + 1, R, n, n))
@@ -132,7 +134,7 @@ def filtered(s: System) -> Filtered:
 
 
 def responses(
-    s: System, f: Filtered, forcing: np.ndarray, seen: np.ndarray, start: np.ndarray | None = None
+    s: LinearSystem, f: Filtered, forcing: np.ndarray, seen: np.ndarray, start: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """White responses (K + 1, R, 6, c) of columns, and their predicted states (K + 1, R, n, c).
 
@@ -156,7 +158,7 @@ def responses(
 
 
 def smoothed(
-    s: System, f: Filtered, white: np.ndarray, states: np.ndarray
+    s: LinearSystem, f: Filtered, white: np.ndarray, states: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Smoothed states (K + 1, R, n) from the column (defect, -residual); adjoints r (K, R, n) and u (K + 1, R, 6).
 
@@ -188,7 +190,7 @@ class Adjoint:
     D: np.ndarray
 
 
-def adjoint(s: System, f: Filtered) -> Adjoint:
+def adjoint(s: LinearSystem, f: Filtered) -> Adjoint:
     """Backward sweep of N_t = Z' F^-1 Z + L' N_t+1 L, the derivative of log det by the predicted covariance."""
     K, R, n = s.T.shape[:3]
     by_T, by_Z = np.empty((K, R, n, n)), np.empty((K + 1, R, 6, n))

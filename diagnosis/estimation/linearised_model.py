@@ -26,7 +26,7 @@ BLOCK = 256
 
 
 @dataclass(frozen=True)
-class Linear:
+class LinearModel:
     """The model about a path: z+ = end + F dz + G dp + force df, y = logged + H dz + D dp, for the A active states.
 
     end: (K, R, S) of all states; F: (K, R, A, A); G: (K, R, A, P); force: (K, R, A, 3); logged: (K + 1, R, 6);
@@ -42,7 +42,7 @@ class Linear:
     D: np.ndarray
 
 
-class Steps:
+class TransitionModel:
     """Steps of length h [s] of a wide ship.
 
     symbols: coefficients that may be columns, in the order of the ship (P of them); S: number of states.
@@ -60,11 +60,18 @@ class Steps:
         self._force_columns = np.array([self.symbols.index(s) for s in FORCE])
         functions = [*self._rate_functions(), *self._logged_functions()]
         batch, self.interpreted_because = batch_functions(functions, compiled)
-        self._rates, self._jacobian, self._bend, self._h, self._h_jacobian, self._h_bend = batch
+        (
+            self._rates,
+            self._jacobian,
+            self._rate_hessian,
+            self._logged_columns,
+            self._logged_jacobian,
+            self._logged_hessian,
+        ) = batch
 
     def __reduce__(self) -> tuple:
         """Made anew in another process, where the compiled code comes from the cache."""
-        return Steps, self._made_of
+        return TransitionModel, self._made_of
 
     def _rate_functions(self) -> list[ca.Function]:
         """Rates; with their Jacobian to (states, columns); gradient by the columns of a sum over that to the states."""
@@ -75,14 +82,14 @@ class Steps:
         J = ca.jacobian(k, ca.vertcat(q, own))
         self._rows, self._columns = (np.array(a, dtype=int) for a in J.sparsity().get_triplet())
         B = ca.jacobian(k, ca.vertcat(q, *[theta[int(i)] for i in self.force]))
-        self._bend_at = tuple(np.array(a, dtype=int) for a in B.sparsity().get_triplet())
+        self._rate_hessian_at = tuple(np.array(a, dtype=int) for a in B.sparsity().get_triplet())
         weight = ca.SX.sym("weight", B.nnz())
-        bend = ca.densify(ca.gradient(ca.dot(weight, _nonzeros(B)), own))
+        logdet_gradient = ca.densify(ca.gradient(ca.dot(weight, _nonzeros(B)), own))
         options = {"cse": True}
         return [
             ca.Function("d_rates", [q, c, theta], [k], options),
             ca.Function("d_jacobian", [q, c, theta], [k, J], options),
-            ca.Function("d_bend", [q, c, theta, weight], [bend], options),
+            ca.Function("d_rate_hessian", [q, c, theta, weight], [logdet_gradient], options),
         ]
 
     def _logged_functions(self) -> list[ca.Function]:
@@ -91,16 +98,16 @@ class Steps:
         y = self.model.columns(z, theta)
         own = ca.vertcat(*[theta[int(i)] for i in self.at])
         J = ca.jacobian(y, ca.vertcat(z, own))
-        self._h_at = tuple(np.array(a, dtype=int) for a in J.sparsity().get_triplet())
+        self._logged_at = tuple(np.array(a, dtype=int) for a in J.sparsity().get_triplet())
         H = ca.jacobian(y, z)
-        self._h_bend_at = tuple(np.array(a, dtype=int) for a in H.sparsity().get_triplet())
+        self._logged_hessian_at = tuple(np.array(a, dtype=int) for a in H.sparsity().get_triplet())
         weight = ca.SX.sym("weight", H.nnz())
-        bend = ca.densify(ca.gradient(ca.dot(weight, _nonzeros(H)), own))
+        logdet_gradient = ca.densify(ca.gradient(ca.dot(weight, _nonzeros(H)), own))
         options = {"cse": True}
         return [
             ca.Function("d_logged", [z, theta], [y], options),
             ca.Function("d_logged_jacobian", [z, theta], [y, J], options),
-            ca.Function("d_logged_bend", [z, theta, weight], [bend], options),
+            ca.Function("d_logged_rate_hessian", [z, theta, weight], [logdet_gradient], options),
         ]
 
     def settled(self, six: np.ndarray, controls: np.ndarray, theta: np.ndarray) -> np.ndarray:
@@ -124,7 +131,7 @@ class Steps:
             total += weight * rate
         return z + self.h * total
 
-    def remembered(
+    def with_passive_states(
         self, z: np.ndarray, inputs: np.ndarray, theta: np.ndarray, force: np.ndarray, passive: np.ndarray
     ) -> np.ndarray:
         """A path (K + 1, R, S) with its passive states, which nothing depends on, simulated along the others.
@@ -146,7 +153,7 @@ class Steps:
         force: np.ndarray,
         columns: np.ndarray,
         active: np.ndarray,
-    ) -> Linear:
+    ) -> LinearModel:
         """The model about a path z (K + 1, R, S) with inputs (K, R, C), latent force (K, R, 3), coefficients (all,) or,
         by window, (all, R).
 
@@ -166,7 +173,7 @@ class Steps:
         J = J.reshape(K, R, A, -1)[..., np.concatenate([np.arange(A), A + where])]
         logged, H, D = self._logged(z, theta, columns, active)
         end = end.reshape(K, R, -1)
-        return Linear(end, J[..., :A], J[..., A : A + P], J[..., A + P :], logged, H, D)
+        return LinearModel(end, J[..., :A], J[..., A : A + P], J[..., A + P :], logged, H, D)
 
     def _step(
         self, z: np.ndarray, c: np.ndarray, theta: np.ndarray, rows: np.ndarray, columns: np.ndarray
@@ -197,13 +204,13 @@ class Steps:
         """Logged columns (K + 1, R, 6) and their derivatives by active state and by coefficient."""
         rows, R = z.shape[:2]
         every = spread(theta, rows * R) if theta.ndim > 1 else theta
-        y, nonzeros = _at(self._h_jacobian, np.ascontiguousarray(z.reshape(rows * R, -1).T), every)
+        y, nonzeros = _at(self._logged_jacobian, np.ascontiguousarray(z.reshape(rows * R, -1).T), every)
         J = np.zeros((rows * R, 6, self.S + self.P))
-        J[:, self._h_at[0], self._h_at[1]] = nonzeros.T
+        J[:, self._logged_at[0], self._logged_at[1]] = nonzeros.T
         J = J.reshape(rows, R, 6, -1)
         return y.T.reshape(rows, R, 6), J[..., active], J[..., self.S + columns]
 
-    def bend(
+    def logdet_gradient(
         self,
         z: np.ndarray,
         inputs: np.ndarray,
@@ -225,16 +232,16 @@ class Steps:
         full = np.zeros((M, self.S, self.S + 3))
         into = np.concatenate([active, self.S + np.arange(3)])
         full[:, active[:, None], into[None]] = weight.reshape(M, len(active), -1)
-        chosen = np.ascontiguousarray(full[:, self._bend_at[0], self._bend_at[1]].T)
+        chosen = np.ascontiguousarray(full[:, self._rate_hessian_at[0], self._rate_hessian_at[1]].T)
         every = self.coefficients(theta, force.reshape(M, 3).T)
-        found = _at(self._bend, middle, inputs.reshape(M, -1).T, every, chosen)[0]
+        found = _at(self._rate_hessian, middle, inputs.reshape(M, -1).T, every, chosen)[0]
         result = self.h * found.reshape(-1, K, R).sum(axis=1)
         M = (K + 1) * R
         full = np.zeros((M, 6, self.S))
         full[:, :, active] = weight_logged.reshape(M, 6, -1)
-        chosen = np.ascontiguousarray(full[:, self._h_bend_at[0], self._h_bend_at[1]].T)
+        chosen = np.ascontiguousarray(full[:, self._logged_hessian_at[0], self._logged_hessian_at[1]].T)
         every = spread(theta, M) if theta.ndim > 1 else theta
-        found = _at(self._h_bend, z.reshape(M, -1).T, every, chosen)[0]
+        found = _at(self._logged_hessian, z.reshape(M, -1).T, every, chosen)[0]
         result += found.reshape(-1, K + 1, R).sum(axis=1)
         return result[columns].T
 

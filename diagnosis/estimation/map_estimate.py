@@ -14,30 +14,40 @@ from dataclasses import dataclass
 import numpy as np
 
 from diagnosis.estimation.candidates import stem
-from diagnosis.estimation.gridded_trials import Data
-from diagnosis.estimation.kalman import Adjoint, Filtered, Noise, System, adjoint, filtered, responses, smoothed, system
-from diagnosis.estimation.linearised_model import Linear, Steps, spread
-from diagnosis.estimation.noise_sizes import first_noise, renewed
-from diagnosis.estimation.parameters import Priors, acting, active_states, placed
+from diagnosis.estimation.gridded_trials import GriddedTrials
+from diagnosis.estimation.kalman import (
+    Adjoint,
+    Filtered,
+    LinearSystem,
+    NoiseModel,
+    adjoint,
+    filtered,
+    responses,
+    smoothed,
+    system,
+)
+from diagnosis.estimation.linearised_model import LinearModel, TransitionModel, spread
+from diagnosis.estimation.noise_sizes import initial_noise, updated_noise
+from diagnosis.estimation.parameters import Priors, active_in_window, active_states, set_values
 from mmg.logged import settled
 from mmg.motion.memory import MODEL_LENGTH
 
 
 @dataclass(frozen=True)
-class Path:
+class Trajectory:
     """States (K + 1, R, S), latent force (K + 1, R, 3) [N, N, N m]."""
 
     z: np.ndarray
     force: np.ndarray
 
 
-Further = Callable[[Linear], tuple[np.ndarray, np.ndarray]]
+ExtraColumns = Callable[[LinearModel], tuple[np.ndarray, np.ndarray]]
 """More columns about a linearisation: what they add to the active states over a step (K, R, A, c), and to the logged
 columns (K + 1, R, 6, c)."""
 
 
 @dataclass(frozen=True)
-class Around:
+class Linearisation:
     """Everything about one linearisation: the model, the filter, the white columns and residual.
 
     white: (K + 1, R, 6, P + 1) responses of the columns, in units of their prior std, and last the residual, negative;
@@ -46,13 +56,13 @@ class Around:
     nll: negative log likelihood without constants, the priors of the free columns and of what is random included.
     """
 
-    linear: Linear
-    system: System
+    linear: LinearModel
+    system: LinearSystem
     filter: Filtered
     white: np.ndarray
     states: np.ndarray
     adjoint: Adjoint
-    bend: np.ndarray
+    logdet_gradient: np.ndarray
     nll: float
 
 
@@ -69,8 +79,8 @@ class Estimate:
     free: Priors
     p: np.ndarray
     covariance: np.ndarray
-    path: Path
-    noise: Noise
+    path: Trajectory
+    noise: NoiseModel
     nll: float
     iterations: int
     converged: bool
@@ -86,7 +96,7 @@ class Estimate:
         return float(self.free.std[i] * np.sqrt(self.covariance[i, i]))
 
 
-def first_path(steps: Steps, data: Data, theta: np.ndarray) -> Path:
+def initial_trajectory(steps: TransitionModel, data: GriddedTrials, theta: np.ndarray) -> Trajectory:
     """The measured states, no latent force; what is missing is interpolated in time or zero."""
     y, measured = data.y.copy(), data.measured
     for r in range(y.shape[1]):
@@ -99,14 +109,16 @@ def first_path(steps: Steps, data: Data, theta: np.ndarray) -> Path:
     controls = np.concatenate([data.inputs, data.inputs[-1:]]).reshape(K1 * R, -1).T
     every = spread(theta, K1 * R) if theta.ndim > 1 else theta
     z = steps.settled(y.reshape(K1 * R, 6).T, controls, every)
-    return Path(z.T.reshape(K1, R, -1), np.zeros((K1, R, 3)))
+    return Trajectory(z.T.reshape(K1, R, -1), np.zeros((K1, R, 3)))
 
 
 SETTLED = 0.03
 """How far, in typical sizes, a memory may be from settled at the start of a window."""
 
 
-def first_covariance(steps: Steps, data: Data, z: np.ndarray, theta: np.ndarray, active: np.ndarray) -> np.ndarray:
+def initial_covariance(
+    steps: TransitionModel, data: GriddedTrials, z: np.ndarray, theta: np.ndarray, active: np.ndarray
+) -> np.ndarray:
     """Covariance (R, A, A) at the start: motion as good as unknown, memory settled with it but for a little."""
     R = len(z)
     k = (float(steps.ship.particulars["L"]) / MODEL_LENGTH) ** 0.5
@@ -127,17 +139,17 @@ def first_covariance(steps: Steps, data: Data, z: np.ndarray, theta: np.ndarray,
     return P[:, active[:, None], active[None]]
 
 
-def look_around(
-    steps: Steps,
-    data: Data,
+def linearise_and_filter(
+    steps: TransitionModel,
+    data: GriddedTrials,
     theta: np.ndarray,
-    path: Path,
-    noise: Noise,
+    path: Trajectory,
+    noise: NoiseModel,
     free: Priors,
     p: np.ndarray,
     active: np.ndarray,
-    further: Further | None = None,
-) -> Around:
+    extra: ExtraColumns | None = None,
+) -> Linearisation:
     """Linearise at coefficients (all,) and a path; columns are those of ``free``, in units of their std, then further.
 
     further: from the linearisation, more columns; the slope of the log determinant by them is taken as zero.
@@ -145,13 +157,13 @@ def look_around(
     columns = np.array([steps.symbols.index(stem(s)) for s in free.symbols], dtype=int)
     linear = steps.linearise(path.z, data.inputs, theta, path.force[:-1], columns, active)
     K, R, A = linear.G.shape[:3]
-    s = system(linear, noise, first_covariance(steps, data, path.z[0], theta, active), data.good, data.inside, data.h)
+    s = system(linear, noise, initial_covariance(steps, data, path.z[0], theta, active), data.good, data.inside, data.h)
     f = filtered(s)
     left = np.exp(-data.h / noise.tau)
-    size = free.std * acting(free.symbols, data)  # (R, P)
+    size = free.std * active_in_window(free.symbols, data)  # (R, P)
     pushed, seen = linear.G * size[:, None], linear.D * size[:, None]
-    if further is not None:
-        more_pushed, more_seen = further(linear)
+    if extra is not None:
+        more_pushed, more_seen = extra(linear)
         pushed, seen = np.concatenate([pushed, more_pushed], axis=3), np.concatenate([seen, more_seen], axis=3)
     P = pushed.shape[3]
     forcing = np.zeros((K, R, A + 3, P + 1))
@@ -174,10 +186,12 @@ def look_around(
     )
     weight = 0.5 * (ahead + linear.F.swapaxes(2, 3) @ weight)
     by_Z = np.where(data.good[..., None], found.by_Z[..., :A], 0.0)
-    bend = steps.bend(path.z, data.inputs, theta, path.force[:-1], weight, by_Z, columns, active) * size
-    bend = np.hstack([bend, np.zeros((R, P - len(columns)))])
+    logdet_gradient = (
+        steps.logdet_gradient(path.z, data.inputs, theta, path.force[:-1], weight, by_Z, columns, active) * size
+    )
+    logdet_gradient = np.hstack([logdet_gradient, np.zeros((R, P - len(columns)))])
     nll = 0.5 * float(f.log_det.sum() + (white[..., -1] ** 2).sum() + p @ p) + noise.unusual
-    return Around(linear, s, f, white, states, found, bend, nll)
+    return Linearisation(linear, s, f, white, states, found, logdet_gradient, nll)
 
 
 @dataclass(frozen=True)
@@ -185,19 +199,19 @@ class _Point:
     """Where an iteration stands."""
 
     p: np.ndarray
-    path: Path
-    noise: Noise
+    path: Trajectory
+    noise: NoiseModel
     nll: float = np.inf
 
 
 @np.errstate(all="ignore")
 def estimate(
-    steps: Steps,
-    data: Data,
+    steps: TransitionModel,
+    data: GriddedTrials,
     theta: np.ndarray,
     free: Priors,
-    noise: Noise,
-    path: Path | None = None,
+    noise: NoiseModel,
+    path: Trajectory | None = None,
     p: np.ndarray | None = None,
     iterations: int = 8,
     tolerance: float = 0.05,
@@ -210,50 +224,54 @@ def estimate(
     """
     active = active_states(steps, free.symbols, theta)
     low, high = (free.lower - free.mean) / free.std, (free.upper - free.mean) / free.std
-    typical = first_noise(steps.ship, data)
-    floor = Noise(0.02 * typical.force, typical.tau, 0.02 * typical.white, 0.02 * typical.white, typical.colour_tau)
+    typical = initial_noise(steps.ship, data)
+    floor = NoiseModel(
+        0.02 * typical.force, typical.tau, 0.02 * typical.white, 0.02 * typical.white, typical.colour_tau
+    )
 
     def coefficients(p: np.ndarray) -> np.ndarray:
-        return placed(steps.ship, data, theta, free.symbols, free.mean + free.std * p)
+        return set_values(steps.ship, data, theta, free.symbols, free.mean + free.std * p)
 
     p = np.clip(np.zeros(len(low)) if p is None else p, low, high)
-    now = _Point(p, first_path(steps, data, coefficients(p)) if path is None else path, noise)
+    now = _Point(p, initial_trajectory(steps, data, coefficients(p)) if path is None else path, noise)
     best: tuple | None = None
     share, halved, converged, used = 1.0, 0, False, 0
     while used < iterations:
         used += 1
-        around = look_around(steps, data, coefficients(now.p), now.path, now.noise, free, now.p, active)
-        if best is not None and not around.nll < best[0].nll + 0.5 * tolerance + 0.05 * best[4] and halved < 2:
+        linearised = linearise_and_filter(steps, data, coefficients(now.p), now.path, now.noise, free, now.p, active)
+        if best is not None and not linearised.nll < best[0].nll + 0.5 * tolerance + 0.05 * best[4] and halved < 2:
             halved, share = halved + 1, 0.3 * share
             start, (dp, dz, df) = best[0], best[1]
             now = _moved(start, dp, dz, df, share, low, high)
             continue
         share, halved = 1.0, 0
-        flat = around.white.reshape(-1, len(p) + 1)
+        flat = linearised.white.reshape(-1, len(p) + 1)
         gram = flat.T @ flat
         A = gram[:-1, :-1] + np.eye(len(p))
-        slope = gram[:-1, -1] + now.p + around.bend.sum(axis=0)
+        slope = gram[:-1, -1] + now.p + linearised.logdet_gradient.sum(axis=0)
         dp = _bounded_step(A, slope, now.p, low, high)
         gain = -float(slope @ dp + 0.5 * dp @ A @ dp)
         mean, r, u = smoothed(
-            around.system,
-            around.filter,
-            around.white[..., -1] + around.white[..., :-1] @ dp,
-            around.states[..., -1] + around.states[..., :-1] @ dp,
+            linearised.system,
+            linearised.filter,
+            linearised.white[..., -1] + linearised.white[..., :-1] @ dp,
+            linearised.states[..., -1] + linearised.states[..., :-1] @ dp,
         )
         dz = np.zeros_like(now.path.z)
         dz[..., active], df = mean[..., : len(active)], mean[..., len(active) : len(active) + 3]
-        renewed_noise = now.noise if steady else renewed(now.noise, data, around.adjoint, r, u, len(active), floor)
-        here = _Point(now.p, now.path, now.noise, around.nll)
-        best = (here, (dp, dz, df), A, around, gain)
+        renewed_noise = (
+            now.noise if steady else updated_noise(now.noise, data, linearised.adjoint, r, u, len(active), floor)
+        )
+        here = _Point(now.p, now.path, now.noise, linearised.nll)
+        best = (here, (dp, dz, df), A, linearised, gain)
         pairs = ((renewed_noise.force, now.noise.force), (renewed_noise.white, now.noise.white))
         quiet = max(float(np.abs(np.log(new / old)).max()) for new, old in pairs) < 0.05
         if gain < tolerance and quiet:
             converged = True
             break
-        now = _moved(_Point(now.p, now.path, renewed_noise, around.nll), dp, dz, df, 1.0, low, high)
+        now = _moved(_Point(now.p, now.path, renewed_noise, linearised.nll), dp, dz, df, 1.0, low, high)
     assert best is not None
-    here, _, A, around, _ = best
+    here, _, A, linearised, _ = best
     return Estimate(
         coefficients(here.p), free, here.p, np.linalg.inv(A), here.path, here.noise, here.nll, used, converged
     )
@@ -263,7 +281,7 @@ def _moved(
     start: _Point, dp: np.ndarray, dz: np.ndarray, df: np.ndarray, share: float, low: np.ndarray, high: np.ndarray
 ) -> _Point:
     """A part of the way."""
-    path = Path(start.path.z + share * dz, start.path.force + share * df)
+    path = Trajectory(start.path.z + share * dz, start.path.force + share * df)
     return _Point(np.clip(start.p + share * dp, low, high), path, start.noise)
 
 

@@ -4,22 +4,24 @@ from __future__ import annotations
 
 import numpy as np
 
-from diagnosis.estimation.gridded_trials import Data
-from diagnosis.estimation.kalman import KNOWN, Adjoint, Noise
+from diagnosis.estimation.gridded_trials import GriddedTrials
+from diagnosis.estimation.kalman import KNOWN, Adjoint, NoiseModel
 from mmg.motion.memory import MODEL_LENGTH
 from mmg.ship import Ship
 
 
-def first_noise(ship: Ship, data: Data) -> Noise:
+def initial_noise(ship: Ship, data: GriddedTrials) -> NoiseModel:
     """Sizes to start from, by Froude's law from those of a 3 m model."""
     length = float(ship.particulars["L"])
     lam = length / MODEL_LENGTH
     force = np.array([0.2, 0.3, 0.2]) * np.array([lam**3, lam**3, lam**4])
     white = np.array([0.02 * lam, 0.02 * lam, 0.003, 0.006 * lam**0.5, 0.006 * lam**0.5, 0.001 / lam**0.5])
-    return Noise(force, 6.0 * lam**0.5, white, np.zeros(6), 4.0 * lam**0.5)
+    return NoiseModel(force, 6.0 * lam**0.5, white, np.zeros(6), 4.0 * lam**0.5)
 
 
-def renewed(noise: Noise, data: Data, found: Adjoint, r: np.ndarray, u: np.ndarray, A: int, floor: Noise) -> Noise:
+def updated_noise(
+    noise: NoiseModel, data: GriddedTrials, found: Adjoint, r: np.ndarray, u: np.ndarray, A: int, floor: NoiseModel
+) -> NoiseModel:
     """Sizes by one step of the fixed point q <- q sum r^2 / sum N (force, colours) and R <- R sum u^2 / sum D.
 
     Usual sizes count as KNOWN more samples of each.

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from diagnosis.estimation.candidates import AT, neutral, stem
-from diagnosis.estimation.gridded_trials import Data
-from diagnosis.estimation.linearised_model import Steps
+from diagnosis.estimation.gridded_trials import GriddedTrials
+from diagnosis.estimation.linearised_model import TransitionModel
 from mmg.ship import Ship
 
 
@@ -34,7 +34,7 @@ class Priors:
         return Priors(symbols, self.mean[at], self.std[at], self.lower[at], self.upper[at])
 
 
-def active_states(steps: Steps, free: Sequence[str], theta: np.ndarray) -> np.ndarray:
+def active_states(steps: TransitionModel, free: Sequence[str], theta: np.ndarray) -> np.ndarray:
     """Positions of the states on which the motion or the columns depend: not the memory of effects at neutral values.
 
     free: symbols that are being fitted; an effect whose parameters are neither free nor off neutral is asleep.
@@ -48,13 +48,15 @@ def active_states(steps: Steps, free: Sequence[str], theta: np.ndarray) -> np.nd
     return np.array(keep)
 
 
-def acting(symbols: Sequence[str], data: Data) -> np.ndarray:
+def active_in_window(symbols: Sequence[str], data: GriddedTrials) -> np.ndarray:
     """Which columns act in which windows, (R, P): a parameter of one run in that run alone."""
     own = [s.partition(AT)[2] for s in symbols]
     return np.array([[not o or int(o) == r for o in own] for r in data.run], dtype=float).reshape(len(data.run), -1)
 
 
-def placed(ship: Ship, data: Data, theta: np.ndarray, symbols: Sequence[str], values: np.ndarray) -> np.ndarray:
+def set_values(
+    ship: Ship, data: GriddedTrials, theta: np.ndarray, symbols: Sequence[str], values: np.ndarray
+) -> np.ndarray:
     """Coefficients (all,) with some values replaced; (all, R) by window if one of the symbols is of one run."""
     every = theta.copy()
     if every.ndim == 1 and any(AT in s for s in symbols):
@@ -68,7 +70,7 @@ def placed(ship: Ship, data: Data, theta: np.ndarray, symbols: Sequence[str], va
     return every
 
 
-def read(ship: Ship, data: Data, theta: np.ndarray, symbols: Sequence[str]) -> np.ndarray:
+def get_values(ship: Ship, data: GriddedTrials, theta: np.ndarray, symbols: Sequence[str]) -> np.ndarray:
     """Values of these symbols among coefficients (all,) or (all, R); a mean over windows where they differ."""
     rows = []
     for s in symbols:
@@ -78,7 +80,7 @@ def read(ship: Ship, data: Data, theta: np.ndarray, symbols: Sequence[str]) -> n
     return np.array(rows)
 
 
-NOTHING = Priors((), *(np.zeros(0) for _ in range(4)))
+NO_PRIORS = Priors((), *(np.zeros(0) for _ in range(4)))
 """No columns."""
 
 

@@ -6,17 +6,17 @@ import numpy as np
 from scipy.ndimage import median_filter
 from scipy.stats import gamma
 
-from diagnosis.estimation.gridded_trials import Data
-from diagnosis.estimation.linearised_model import Steps
-from diagnosis.estimation.map_estimate import Estimate, estimate, look_around
-from diagnosis.estimation.parameters import NOTHING, active_states
+from diagnosis.estimation.gridded_trials import GriddedTrials
+from diagnosis.estimation.linearised_model import TransitionModel
+from diagnosis.estimation.map_estimate import Estimate, estimate, linearise_and_filter
+from diagnosis.estimation.parameters import NO_PRIORS, active_states
 
 LEAST_ROWS, BINS, NEAR = 60, 30, 9
 """Grid times of a window whose spectrum is taken, bands of it, and neighbours that a line is compared with."""
 
 
 @np.errstate(all="ignore")
-def with_memory_time(steps: Steps, data: Data, found: Estimate) -> Estimate:
+def with_correlation_time(steps: TransitionModel, data: GriddedTrials, found: Estimate) -> Estimate:
     """A fit with the memory of its latent force made more likely: a parabola through three values of its logarithm."""
     active = active_states(steps, found.free.symbols, found.theta)
     logs, values = np.log(found.noise.tau) + np.array([-0.6, 0.0, 0.6]), []
@@ -24,7 +24,9 @@ def with_memory_time(steps: Steps, data: Data, found: Estimate) -> Estimate:
         tau = float(np.exp(log))
         size = found.noise.force * (tau / found.noise.tau) ** 0.25  # between equal size and equal change over a second
         noise = found.noise.with_(tau=tau, force=size)
-        values.append(look_around(steps, data, found.theta, found.path, noise, NOTHING, np.zeros(0), active).nll)
+        values.append(
+            linearise_and_filter(steps, data, found.theta, found.path, noise, NO_PRIORS, np.zeros(0), active).nll
+        )
     a, b, _ = np.polyfit(logs - logs[1], values, 2)
     if not a > 0:
         return found
@@ -36,14 +38,14 @@ def with_memory_time(steps: Steps, data: Data, found: Estimate) -> Estimate:
 
 
 @np.errstate(all="ignore")
-def residuals(steps: Steps, data: Data, found: Estimate) -> np.ndarray:
+def residuals(steps: TransitionModel, data: GriddedTrials, found: Estimate) -> np.ndarray:
     """Whitened residuals (K + 1, R, 6) of a fit, 0 where nothing is compared."""
     active = active_states(steps, found.free.symbols, found.theta)
-    a = look_around(steps, data, found.theta, found.path, found.noise, NOTHING, np.zeros(0), active)
+    a = linearise_and_filter(steps, data, found.theta, found.path, found.noise, NO_PRIORS, np.zeros(0), active)
     return np.where(data.good, a.white[..., -1], 0.0)
 
 
-def echo(data: Data, w: np.ndarray) -> float:
+def lag_correlation(data: GriddedTrials, w: np.ndarray) -> float:
     """Largest correlation of ``residuals`` (K + 1, R, 6) of a sensor with those one or two samples before; 0 if all is
     well."""
     seen = data.good.any(axis=(1, 2))
@@ -53,7 +55,7 @@ def echo(data: Data, w: np.ndarray) -> float:
     return float(np.max(pairs)) if len(w) > 4 else 0.0
 
 
-def hum(data: Data, w: np.ndarray) -> tuple[float, float]:
+def spectral_line(data: GriddedTrials, w: np.ndarray) -> tuple[float, float]:
     """(p, period [s]) of the sharpest line in the spectrum of ``residuals`` (K + 1, R, 6); p by chance (Fisher 1929).
 
     Periodograms are added over windows and narrow bands: under chance a sum of exponentials, here about the median of

@@ -9,8 +9,8 @@ import numpy as np
 from scipy.stats import chi2
 
 from diagnosis.estimation.candidates import BY_RUN, Candidate, effect_of, stem
-from diagnosis.estimation.gridded_trials import Data
-from diagnosis.estimation.linearised_model import Steps
+from diagnosis.estimation.gridded_trials import GriddedTrials
+from diagnosis.estimation.linearised_model import TransitionModel
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import Priors
 from diagnosis.hypotheses.refit import likelihood, refit, robust_p, wald_p
@@ -51,8 +51,8 @@ class Problem:
     usual_before: the same where no effect is fitted that is strong in them.
     """
 
-    steps: Steps
-    data: Data
+    steps: TransitionModel
+    data: GriddedTrials
     base: Priors
     candidates: Mapping[str, Candidate]
     usual: float = 0.0

@@ -15,9 +15,9 @@ import numpy as np
 
 from cases.trial import Trial
 from diagnosis.estimation.candidates import AT, effect_of, stem
-from diagnosis.estimation.gridded_trials import arrange
-from diagnosis.estimation.map_estimate import Estimate, Path, look_around
-from diagnosis.estimation.parameters import read
+from diagnosis.estimation.gridded_trials import grid_trials
+from diagnosis.estimation.map_estimate import Estimate, Trajectory, linearise_and_filter
+from diagnosis.estimation.parameters import get_values
 from diagnosis.hypotheses.forward_selection import Problem
 from diagnosis.hypotheses.refit import priors_of_effects
 from fitting.design.candidates import Option, library
@@ -38,7 +38,7 @@ def next_test(problem: Problem, first: Estimate, names: Sequence[str], ship: Shi
 
     first: a fit with the first of the effects; ship: with that effect, as diagnosed.
     """
-    theta = read(problem.steps.ship, problem.data, first.theta, problem.steps.ship.symbols)
+    theta = get_values(problem.steps.ship, problem.data, first.theta, problem.steps.ship.symbols)
     for s in {stem(s) for s in first.free.symbols if AT in s}:  # of one that differs by run, its usual size
         own = [first.value(x) for x in first.free.symbols if stem(x) == s]
         theta[problem.steps.ship.symbols.index(s)] = float(np.sqrt(np.mean(np.square(own))))
@@ -78,7 +78,7 @@ def _order(option: Option) -> str:
 
 def _told(problem: Problem, first: Estimate, name: str, others: Sequence[str], trial: Trial) -> np.ndarray:
     """Misfit of each other effect in place of the first (or of none, without others) in one run of a manoeuvre."""
-    steps, data = problem.steps, arrange([trial], problem.steps.ship.inputs, _length(problem), problem.data.h)
+    steps, data = problem.steps, grid_trials([trial], problem.steps.ship.inputs, _length(problem), problem.data.h)
     every = np.arange(steps.S)
     K, R = data.inputs.shape[:2]
     z = np.repeat(steps.settled(data.y[0].T, data.inputs[0].T, first.theta).T[None], K + 1, axis=0)
@@ -91,14 +91,16 @@ def _told(problem: Problem, first: Estimate, name: str, others: Sequence[str], t
     kept = [s in first.free.symbols and s.partition(".")[0] not in acting for s in problem.base.symbols]
     base = problem.base.only(kept)
     P, free = len(base.symbols), base + more
-    around = look_around(steps, data, first.theta, Path(z, nothing), first.noise, free, np.zeros(len(free.mean)), every)
-    flat = np.nan_to_num(around.white[..., :-1]).reshape(-1, len(free.mean))
+    linearised = linearise_and_filter(
+        steps, data, first.theta, Trajectory(z, nothing), first.noise, free, np.zeros(len(free.mean)), every
+    )
+    flat = np.nan_to_num(linearised.white[..., :-1]).reshape(-1, len(free.mean))
     gram = flat.T @ flat
     known = [first.free.symbols.index(s) for s in base.symbols]
     gram[:P, :P] += np.linalg.inv(first.covariance[np.ix_(known, known)])
     S = gram[P:, P:] - gram[P:, :P] @ np.linalg.solve(gram[:P, :P], gram[:P, P:])
     q = len(effects[0].symbols)
-    size = read(problem.steps.ship, problem.data, first.theta, effects[0].symbols)
+    size = get_values(problem.steps.ship, problem.data, first.theta, effects[0].symbols)
     phi = (size - effects[0].neutral) / more.std[:q]
     if not others:
         return np.array([phi @ S[:q, :q] @ phi])

@@ -14,10 +14,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from diagnosis.estimation.candidates import Candidate
-from diagnosis.estimation.gridded_trials import Data
-from diagnosis.estimation.kalman import Noise
-from diagnosis.estimation.linearised_model import Steps
-from diagnosis.estimation.map_estimate import Estimate, Path, estimate, look_around
+from diagnosis.estimation.gridded_trials import GriddedTrials
+from diagnosis.estimation.kalman import NoiseModel
+from diagnosis.estimation.linearised_model import TransitionModel
+from diagnosis.estimation.map_estimate import Estimate, Trajectory, estimate, linearise_and_filter
 from diagnosis.estimation.parameters import Priors, active_states
 from diagnosis.hypotheses.refit import priors_of_effects
 from diagnosis.hypotheses.unnamed import unnamed
@@ -47,11 +47,16 @@ class Reference:
     scatter: dict[str, float]
     unnamed: float
     unexplained: float
-    noise: Noise
+    noise: NoiseModel
 
 
 def refer(
-    steps: Steps, data: Data, null: Estimate, base: Priors, candidates: dict[str, Candidate], runs: int = 1
+    steps: TransitionModel,
+    data: GriddedTrials,
+    null: Estimate,
+    base: Priors,
+    candidates: dict[str, Candidate],
+    runs: int = 1,
 ) -> Reference:
     """Fit all effects to the calibration's trials, from the fit without any, and see how they scatter by run.
 
@@ -63,8 +68,8 @@ def refer(
     passive = np.setdiff1d(np.arange(steps.S), active_states(steps, null.free.symbols, null.theta))
     z = null.path.z
     if len(passive):
-        z = steps.remembered(z, data.inputs, null.theta, null.path.force, passive)
-    found = estimate(steps, data, null.theta, free, null.noise, Path(z, null.path.force), p, MAX_FITS)
+        z = steps.with_passive_states(z, data.inputs, null.theta, null.path.force, passive)
+    found = estimate(steps, data, null.theta, free, null.noise, Trajectory(z, null.path.force), p, MAX_FITS)
     spread = _scatter(steps, data, found, len(base.symbols))
     P, known = len(base.symbols), found.p.copy()
     std = np.sqrt(np.diag(found.covariance))
@@ -89,7 +94,7 @@ def refer(
     return Reference(priors, moved, tuple(strong), theta, shift, scatter, rest, whole, found.noise)
 
 
-def _without(steps: Steps, data: Data, found: Estimate, effects: Sequence[Candidate]) -> Estimate:
+def _without(steps: TransitionModel, data: GriddedTrials, found: Estimate, effects: Sequence[Candidate]) -> Estimate:
     """The fit with these effects at their neutral values."""
     theta, gone = found.theta.copy(), [s for c in effects for s in c.symbols]
     theta[[steps.ship.symbols.index(s) for s in gone]] = np.concatenate([c.neutral for c in effects])
@@ -97,12 +102,12 @@ def _without(steps: Steps, data: Data, found: Estimate, effects: Sequence[Candid
     return estimate(steps, data, theta, found.free.only(kept), found.noise, found.path, found.p[kept], MAX_FITS)
 
 
-def _scatter(steps: Steps, data: Data, found: Estimate, first: int) -> np.ndarray:
+def _scatter(steps: TransitionModel, data: GriddedTrials, found: Estimate, first: int) -> np.ndarray:
     """Standard deviation between runs of the columns from ``first`` on, in their prior std, by EM."""
     active = active_states(steps, found.free.symbols, found.theta)
-    around = look_around(steps, data, found.theta, found.path, found.noise, found.free, found.p, active)
-    grams = np.einsum("krca,krcb->rab", around.white, around.white, optimize=True)
-    slopes = -(grams[:, :-1, -1] + around.bend)
+    linearised = linearise_and_filter(steps, data, found.theta, found.path, found.noise, found.free, found.p, active)
+    grams = np.einsum("krca,krcb->rab", linearised.white, linearised.white, optimize=True)
+    slopes = -(grams[:, :-1, -1] + linearised.logdet_gradient)
     runs = np.unique(data.run)
     G = np.array([grams[data.run == r][:, first:-1, first:-1].sum(axis=0) for r in runs])
     g = np.array([slopes[data.run == r][:, first:].sum(axis=0) for r in runs])

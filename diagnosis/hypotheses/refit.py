@@ -8,15 +8,15 @@ import numpy as np
 from scipy.stats import chi2
 from scipy.stats import f as f_law
 
-from diagnosis.estimation.candidates import AT, WIDE, Candidate, stem
-from diagnosis.estimation.gridded_trials import Data
-from diagnosis.estimation.linearised_model import Steps
-from diagnosis.estimation.map_estimate import Estimate, Path, estimate, look_around
-from diagnosis.estimation.parameters import Priors, active_states, placed, read
+from diagnosis.estimation.candidates import AT, PRIOR_WIDTH, Candidate, stem
+from diagnosis.estimation.gridded_trials import GriddedTrials
+from diagnosis.estimation.linearised_model import TransitionModel
+from diagnosis.estimation.map_estimate import Estimate, Trajectory, estimate, linearise_and_filter
+from diagnosis.estimation.parameters import Priors, active_states, get_values, set_values
 from mmg.motion.memory import MODEL_LENGTH
 
 
-def priors_of_effects(candidates: Sequence[Candidate], width: float = WIDE) -> Priors:
+def priors_of_effects(candidates: Sequence[Candidate], width: float = PRIOR_WIDTH) -> Priors:
     """Priors about the neutral values, of so many typical sizes."""
     join = {
         k: np.concatenate([np.zeros(0), *(getattr(c, k) for c in candidates)])
@@ -32,8 +32,8 @@ def likelihood(found: Estimate, own: int) -> float:
 
 
 def refit(
-    steps: Steps,
-    data: Data,
+    steps: TransitionModel,
+    data: GriddedTrials,
     base: Priors,
     before: Estimate,
     effects: Sequence[Candidate],
@@ -48,13 +48,13 @@ def refit(
     own = {stem(s) for s in more.symbols}
     free = base.only([s not in own for s in base.symbols]) + more
     first = np.array([start.get(s, m) for s, m in zip(more.symbols, more.mean, strict=True)])
-    theta = placed(steps.ship, data, before.theta, more.symbols, first)
-    p = (read(steps.ship, data, theta, free.symbols) - free.mean) / free.std
+    theta = set_values(steps.ship, data, before.theta, more.symbols, first)
+    p = (get_values(steps.ship, data, theta, free.symbols) - free.mean) / free.std
     active = active_states(steps, free.symbols, theta)
     asleep = np.setdiff1d(active, active_states(steps, before.free.symbols, before.theta))
     path = before.path
     if len(asleep):
-        path = Path(steps.remembered(path.z, data.inputs, theta, path.force, asleep), path.force)
+        path = Trajectory(steps.with_passive_states(path.z, data.inputs, theta, path.force, asleep), path.force)
     return estimate(steps, data, theta, free, before.noise, path, p, iterations)
 
 
@@ -69,7 +69,7 @@ BLOCK, SPARE = 20.0, 4
 """Runs are clusters if they are at least SPARE more than parameters; else blocks of BLOCK seconds [of a 3 m model]."""
 
 
-def clusters(data: Data, parameters: int, length: float) -> np.ndarray:
+def clusters(data: GriddedTrials, parameters: int, length: float) -> np.ndarray:
     """Number of the cluster of each grid time of each window, (K + 1, R): its run or, with few runs, a block of it."""
     runs = np.broadcast_to(data.run, data.good.shape[:2])
     if len(np.unique(data.run)) >= parameters + SPARE:
@@ -79,7 +79,7 @@ def clusters(data: Data, parameters: int, length: float) -> np.ndarray:
     return np.arange(runs.shape[1]) * (within.max() + 1) + within
 
 
-def robust_p(steps: Steps, data: Data, found: Estimate, effect: Candidate) -> float:
+def robust_p(steps: TransitionModel, data: GriddedTrials, found: Estimate, effect: Candidate) -> float:
     """Probability of an effect by how well the runs agree on it (cluster-robust Wald test, ``clusters``).
 
     The covariance of the estimate is taken from the scatter of the clusters' slopes about the fit instead of from the
@@ -89,17 +89,19 @@ def robust_p(steps: Steps, data: Data, found: Estimate, effect: Candidate) -> fl
     if any(AT in s for s in effect.symbols):
         return 0.0
     active = active_states(steps, found.free.symbols, found.theta)
-    around = look_around(steps, data, found.theta, found.path, found.noise, found.free, found.p, active)
+    linearised = linearise_and_filter(steps, data, found.theta, found.path, found.noise, found.free, found.p, active)
     own = np.array([found.free.symbols.index(s) for s in effect.symbols])
     rest = np.setdiff1d(np.arange(len(found.p)), own)
-    white = around.white.reshape(*around.white.shape[:2], 6, -1)
+    white = linearised.white.reshape(*linearised.white.shape[:2], 6, -1)
     gram = np.einsum("krca,krcb->ab", white, white, optimize=True)
     A = gram[:-1, :-1] + np.eye(len(found.p))
     project = np.linalg.solve(A[np.ix_(rest, rest)], A[np.ix_(rest, own)])
     S = A[np.ix_(own, own)] - A[np.ix_(own, rest)] @ project
     there = data.good.any(axis=2)
     slope = -np.einsum("krca,krc->kra", white[..., :-1], white[..., -1])
-    slope -= np.where(there, 1.0, 0.0)[..., None] / np.maximum(there.sum(axis=0), 1)[:, None] * around.bend
+    slope -= (
+        np.where(there, 1.0, 0.0)[..., None] / np.maximum(there.sum(axis=0), 1)[:, None] * linearised.logdet_gradient
+    )
     each = slope[..., own] - slope[..., rest] @ project
     names, number = np.unique(clusters(data, len(own), float(steps.ship.particulars["L"])), return_inverse=True)
     sums = np.zeros((len(names), len(own)))

@@ -15,10 +15,10 @@ import numpy as np
 from scipy.stats import chi2
 
 from diagnosis.estimation.candidates import Candidate, stem
-from diagnosis.estimation.gridded_trials import Data
-from diagnosis.estimation.linearised_model import Steps
-from diagnosis.estimation.map_estimate import Estimate, Path, look_around
-from diagnosis.estimation.parameters import Priors, acting, active_states
+from diagnosis.estimation.gridded_trials import GriddedTrials
+from diagnosis.estimation.linearised_model import TransitionModel
+from diagnosis.estimation.map_estimate import Estimate, Trajectory, linearise_and_filter
+from diagnosis.estimation.parameters import Priors, active_in_window, active_states
 
 DRAWS = 4000
 """Draws of the joint law of all slopes, for the probability of the largest."""
@@ -57,32 +57,32 @@ class Scored:
     errors: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
 
-def slopes(steps: Steps, data: Data, found: Estimate, candidates: Mapping[str, Candidate]) -> Slopes:
+def slopes(steps: TransitionModel, data: GriddedTrials, found: Estimate, candidates: Mapping[str, Candidate]) -> Slopes:
     """Linearise about a fitted hypothesis with all candidates as further columns."""
     passive = np.setdiff1d(np.arange(steps.S), active_states(steps, found.free.symbols, found.theta))
     active, z = np.arange(steps.S), found.path.z  # a candidate's memory takes part in the slope of the log determinant
     if len(passive):
-        z = steps.remembered(z, data.inputs, found.theta, found.path.force, passive)
+        z = steps.with_passive_states(z, data.inputs, found.theta, found.path.force, passive)
     each = [s for c in candidates.values() for s in c.symbols]
     symbols = list(dict.fromkeys(stem(s) for s in each))
     sizes = dict(zip((stem(s) for s in each), np.concatenate([c.typical for c in candidates.values()]), strict=True))
     typical, free, n = np.array([sizes[s] for s in symbols]), found.free, len(symbols)
     both = free + Priors(tuple(symbols), np.zeros(n), typical, np.full(n, -np.inf), np.full(n, np.inf))
-    path, nowhere = Path(z, found.path.force), np.zeros(len(both.symbols))
-    around = look_around(steps, data, found.theta, path, found.noise, both, nowhere, active)
+    path, nowhere = Trajectory(z, found.path.force), np.zeros(len(both.symbols))
+    linearised = linearise_and_filter(steps, data, found.theta, path, found.noise, both, nowhere, active)
     P = len(free.symbols)
-    grams = np.einsum("krca,krcb->rab", around.white, around.white, optimize=True)
-    bend = np.hstack([around.bend, np.zeros((len(data.run), 1))])
+    grams = np.einsum("krca,krcb->rab", linearised.white, linearised.white, optimize=True)
+    logdet_gradient = np.hstack([linearised.logdet_gradient, np.zeros((len(data.run), 1))])
     # a parameter of one run has the column of the ship's parameter in that run's windows and nothing elsewhere
     pick = np.array([*range(P), *(P + symbols.index(stem(s)) for s in each), P + n])
-    acts = np.hstack([np.ones((len(data.run), P)), acting(each, data), np.ones((len(data.run), 1))])
+    acts = np.hstack([np.ones((len(data.run), P)), active_in_window(each, data), np.ones((len(data.run), 1))])
     grams = grams[:, pick[:, None], pick[None]] * acts[:, :, None] * acts[:, None]
-    gram, bends = grams.sum(axis=0), (bend[:, pick] * acts).sum(axis=0)[:-1]
+    gram, logdet_gradients = grams.sum(axis=0), (logdet_gradient[:, pick] * acts).sum(axis=0)[:-1]
     A = gram[:P, :P] + np.eye(P)
     project = np.linalg.solve(A, gram[:P, P:-1])
     S = gram[P:-1, P:-1] - gram[P:-1, :P] @ project
     own = np.diag(gram)[P:-1].copy()
-    g_all = -(gram[:-1, -1] + bends)
+    g_all = -(gram[:-1, -1] + logdet_gradients)
     g_all[:P] -= found.p
     g = g_all[P:] - project.T @ g_all[:P]
     return Slopes(tuple(each), g, S, own)

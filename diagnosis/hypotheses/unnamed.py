@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from diagnosis.estimation.gridded_trials import Data
-from diagnosis.estimation.linearised_model import Linear, Steps
-from diagnosis.estimation.map_estimate import Estimate, Further, look_around
+from diagnosis.estimation.gridded_trials import GriddedTrials
+from diagnosis.estimation.linearised_model import LinearModel, TransitionModel
+from diagnosis.estimation.map_estimate import Estimate, ExtraColumns, linearise_and_filter
 from diagnosis.estimation.parameters import active_states
 from mmg.motion.frames import relative_air
 from mmg.motion.memory import MODEL_LENGTH
@@ -36,18 +36,20 @@ class Unnamed:
     single: float
 
 
-def unnamed(steps: Steps, data: Data, found: Estimate) -> Unnamed:
+def unnamed(steps: TransitionModel, data: GriddedTrials, found: Estimate) -> Unnamed:
     """Test the dictionary at a fitted hypothesis."""
     active = active_states(steps, found.free.symbols, found.theta)
     columns, kinds, outer = _columns(steps, data, found, active)
-    around = look_around(steps, data, found.theta, found.path, found.noise, found.free, found.p, active, columns)
-    flat = around.white.reshape(-1, around.white.shape[-1])
+    linearised = linearise_and_filter(
+        steps, data, found.theta, found.path, found.noise, found.free, found.p, active, columns
+    )
+    flat = linearised.white.reshape(-1, linearised.white.shape[-1])
     gram = flat.T @ flat
     P = len(found.free.symbols)
     A = gram[:P, :P] + np.eye(P)
     project = np.linalg.solve(A, gram[:P, P:-1])
     S = gram[P:-1, P:-1] - gram[P:-1, :P] @ project
-    slope = -(gram[:-1, -1] + around.bend.sum(axis=0))
+    slope = -(gram[:-1, -1] + linearised.logdet_gradient.sum(axis=0))
     slope[:P] -= found.p
     g = slope[P:] - project.T @ slope[:P]
     names = sorted(set(kinds))
@@ -86,8 +88,10 @@ OUTER = (
 by chance alone, since the force moves the ship and so the function."""
 
 
-def _columns(steps: Steps, data: Data, found: Estimate, active: np.ndarray) -> tuple[Further, list[str], list[int]]:
-    """The dictionary as further columns of ``look_around``, the kind of each, and which are OUTER."""
+def _columns(
+    steps: TransitionModel, data: GriddedTrials, found: Estimate, active: np.ndarray
+) -> tuple[ExtraColumns, list[str], list[int]]:
+    """The dictionary as further columns of ``linearise_and_filter``, the kind of each, and which are OUTER."""
     z = found.path.z
     basis = _basis(steps, data, z)
     reach = _reach(steps, data, found, active)
@@ -99,7 +103,7 @@ def _columns(steps: Steps, data: Data, found: Estimate, active: np.ndarray) -> t
     sensors = _sensors(data, z)
     kinds += [f"sensor of {('position', 'position', 'heading', 'u', 'v', 'r')[channel]}" for channel, _ in sensors]
 
-    def further(linear: Linear) -> tuple[np.ndarray, np.ndarray]:
+    def extra(linear: LinearModel) -> tuple[np.ndarray, np.ndarray]:
         pushed = [
             linear.force[..., c] * found.noise.force[c] * value[..., None] for value in basis.values() for c in range(3)
         ]
@@ -117,7 +121,7 @@ def _columns(steps: Steps, data: Data, found: Estimate, active: np.ndarray) -> t
         return forcing, seen
 
     outer = [3 * i + c for i, name in enumerate(basis) if name in OUTER for c in range(3)]
-    return further, kinds, outer
+    return extra, kinds, outer
 
 
 def _scaled(values: np.ndarray, mask: np.ndarray) -> np.ndarray:
@@ -126,7 +130,7 @@ def _scaled(values: np.ndarray, mask: np.ndarray) -> np.ndarray:
     return values / size if size > 1e-12 else np.zeros_like(values)
 
 
-def _basis(steps: Steps, data: Data, z: np.ndarray) -> dict[str, np.ndarray]:
+def _basis(steps: TransitionModel, data: GriddedTrials, z: np.ndarray) -> dict[str, np.ndarray]:
     """Functions (K, R) of state, inputs, wind and heading, each of unit root mean square."""
     length = float(steps.ship.particulars["L"])
     middle = 0.5 * (z[:-1] + z[1:])
@@ -154,7 +158,7 @@ def _basis(steps: Steps, data: Data, z: np.ndarray) -> dict[str, np.ndarray]:
     return {name: _scaled(value, data.inside) for name, value in columns.items()}
 
 
-def _reach(steps: Steps, data: Data, found: Estimate, active: np.ndarray) -> dict[str, np.ndarray]:
+def _reach(steps: TransitionModel, data: GriddedTrials, found: Estimate, active: np.ndarray) -> dict[str, np.ndarray]:
     """Change of the active states over a step (K, R, A) per unit of rudder angle and of revolutions."""
     K, R = data.inputs.shape[:2]
     z = found.path.z[:-1].reshape(K * R, -1).T
@@ -173,7 +177,7 @@ def _reach(steps: Steps, data: Data, found: Estimate, active: np.ndarray) -> dic
     return result
 
 
-def _late(data: Data, steps: Steps) -> dict[str, list[np.ndarray]]:
+def _late(data: GriddedTrials, steps: TransitionModel) -> dict[str, list[np.ndarray]]:
     """Inputs some time ago less now (K, R), scaled."""
     k = (float(steps.ship.particulars["L"]) / MODEL_LENGTH) ** 0.5
     result: dict[str, list[np.ndarray]] = {}
@@ -188,7 +192,7 @@ def _late(data: Data, steps: Steps) -> dict[str, list[np.ndarray]]:
     return result
 
 
-def _sensors(data: Data, z: np.ndarray) -> list[tuple[int, np.ndarray]]:
+def _sensors(data: GriddedTrials, z: np.ndarray) -> list[tuple[int, np.ndarray]]:
     """Errors (K + 1, R) of each logged column, of unit root mean square."""
     rows = np.asarray(data.good.any(axis=2))
     rate = np.gradient(data.y, data.h, axis=0)

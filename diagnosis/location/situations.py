@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from diagnosis.estimation.gridded_trials import Data
+from diagnosis.estimation.gridded_trials import GriddedTrials
 from mmg.motion.flow import INPUTS, PROPELLERS, RUDDERS
 from mmg.motion.frames import relative_air
 
@@ -72,7 +72,7 @@ def sectors(values: np.ndarray, count: int) -> np.ndarray:
     return np.mod(values + half, 2 * np.pi) - half
 
 
-def variables_of(names: Sequence[str], data: Data, z: np.ndarray) -> list[Variable]:
+def variables_of(names: Sequence[str], data: GriddedTrials, z: np.ndarray) -> list[Variable]:
     """All variables over the samples inside the windows; names: of the model's inputs; z: (K + 1, R, S) states.
 
     What does not vary is left out, and the wind where none was logged.
@@ -117,7 +117,7 @@ def _rate_edges(rate: np.ndarray) -> np.ndarray:
     return size * np.array([-1.0001, -0.1, 0.1, 1.0001])
 
 
-def phases(names: Sequence[str], data: Data, z: np.ndarray, length: float) -> np.ndarray:
+def phases(names: Sequence[str], data: GriddedTrials, z: np.ndarray, length: float) -> np.ndarray:
     """Phase of every sample inside the windows (M,), as a position in PHASES; length: of the ship [m].
 
     Thresholds are of the ship's own time L/U, with U not below a share of the speed that the trials usually have.

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from diagnosis.estimation.gridded_trials import Data
+from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.location.regions import CHANNELS, UNITS, Samples, all_bins, by_variable, means, regions, with_later
 from diagnosis.location.situations import PHASES, phases, variables_of
@@ -29,7 +29,9 @@ PERIODS = (60.0, 20.0, 5.0)
 """Periods [s] between the bands, of a 3 m model (Froude's law)."""
 
 
-def where(controls: Sequence[str], data: Data, estimate: Estimate, ship: Ship, after: Estimate | None = None) -> dict:
+def where(
+    controls: Sequence[str], data: GriddedTrials, estimate: Estimate, ship: Ship, after: Estimate | None = None
+) -> dict:
     """What ``diagnosis.json`` says under "where"; all values are plain floats in SI units.
 
     controls: names of the model's inputs, in the order of ``data.inputs``; after: the fit with the named effects, whose
@@ -61,7 +63,7 @@ def _mass(ship: Ship) -> Inertia:
     return inertia(ship.namespace, type(ship.namespace)(**coefficients))
 
 
-def _channels(data: Data, z: np.ndarray, mass: Inertia, s: Samples) -> dict[str, dict[str, Any]]:
+def _channels(data: GriddedTrials, z: np.ndarray, mass: Inertia, s: Samples) -> dict[str, dict[str, Any]]:
     """By channel: rms, mean, share of the comparable energy, and the rms by that of the net force."""
     masses = np.array([mass.m + mass.m_x, mass.m + mass.m_y, mass.I_z])
     square = (s.force**2).mean(axis=0)
@@ -84,7 +86,7 @@ def _channels(data: Data, z: np.ndarray, mass: Inertia, s: Samples) -> dict[str,
     return result
 
 
-def _net_force(data: Data, z: np.ndarray, mass: Inertia) -> np.ndarray:
+def _net_force(data: GriddedTrials, z: np.ndarray, mass: Inertia) -> np.ndarray:
     """Net force X, Y, N of every sample (M, 3) from the smoothed motion, by the equations of motion."""
     u, v, r = (0.5 * (z[:-1, :, i] + z[1:, :, i]) for i in (3, 4, 5))
     du, dv, dr = ((z[1:, :, i] - z[:-1, :, i]) / data.h for i in (3, 4, 5))
@@ -112,7 +114,7 @@ def _phases(member: np.ndarray, s: Samples) -> list[dict[str, Any]]:
     return sorted(rows, key=lambda row: -float(row["ratio"]))
 
 
-def _bands(data: Data, before: Estimate, after: Estimate | None, length: float) -> list[dict[str, Any]]:
+def _bands(data: GriddedTrials, before: Estimate, after: Estimate | None, length: float) -> list[dict[str, Any]]:
     """Energy of each channel by band: the mean of each window first, then by Fourier transform of what is left."""
     k = math.sqrt(length / MODEL_LENGTH)
     longest = float(data.steps.max()) * data.h
@@ -138,7 +140,7 @@ def _bands(data: Data, before: Estimate, after: Estimate | None, length: float) 
     return rows
 
 
-def _energies(data: Data, force: np.ndarray, edges: Sequence[float]) -> np.ndarray:
+def _energies(data: GriddedTrials, force: np.ndarray, edges: Sequence[float]) -> np.ndarray:
     """Mean square of the force (1 + bands, 3) in the means of the windows and in each band."""
     result = np.zeros((len(edges), 3))
     for w, steps in enumerate(data.steps):
@@ -152,7 +154,7 @@ def _energies(data: Data, force: np.ndarray, edges: Sequence[float]) -> np.ndarr
     return result / data.steps.sum()
 
 
-def _earth(data: Data, estimate: Estimate, z: np.ndarray) -> list[dict[str, Any]]:
+def _earth(data: GriddedTrials, estimate: Estimate, z: np.ndarray) -> list[dict[str, Any]]:
     """By trial: mean of the force in the earth frame [N], its size and where it points to [rad, clockwise of north].
 
     Wind, waves or a current that the model does not have leave a mean here, whatever the headings.
@@ -168,7 +170,7 @@ def _earth(data: Data, estimate: Estimate, z: np.ndarray) -> list[dict[str, Any]
     return rows
 
 
-def _runs(data: Data, s: Samples) -> list[dict[str, Any]]:
+def _runs(data: GriddedTrials, s: Samples) -> list[dict[str, Any]]:
     """Rows by trial and channel."""
     rows: list[dict[str, Any]] = []
     for i in np.unique(s.run):

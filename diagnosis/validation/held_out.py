@@ -8,11 +8,11 @@ from typing import Protocol
 import numpy as np
 
 from diagnosis.estimation.candidates import AT, stem
-from diagnosis.estimation.gridded_trials import Data
+from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.kalman import smoothed
-from diagnosis.estimation.linearised_model import Steps
-from diagnosis.estimation.map_estimate import Estimate, Path, estimate, first_path, look_around
-from diagnosis.estimation.parameters import NOTHING, Priors, active_states, read
+from diagnosis.estimation.linearised_model import TransitionModel
+from diagnosis.estimation.map_estimate import Estimate, Trajectory, estimate, initial_trajectory, linearise_and_filter
+from diagnosis.estimation.parameters import NO_PRIORS, Priors, active_states, get_values
 from diagnosis.findings import HeldOut
 from mmg.effects import EFFECTS
 from mmg.logged import columns
@@ -26,7 +26,7 @@ DRAWS = 2000
 
 
 class Stepper(Protocol):
-    """What predicts step by step: ``Steps`` of a ship, or a ship with a learned residual."""
+    """What predicts step by step: ``TransitionModel`` of a ship, or a ship with a learned residual."""
 
     ship: Ship
     model: Model
@@ -47,7 +47,7 @@ def scales(length: float) -> np.ndarray:
 
 def errors(
     steps: Stepper,
-    data: Data,
+    data: GriddedTrials,
     theta: np.ndarray,
     length: float,
     later: bool = False,
@@ -87,7 +87,7 @@ def errors(
     return total / np.maximum(seen, 1), data.run[r0]
 
 
-def begun(steps: Stepper, data: Data, theta: np.ndarray) -> np.ndarray:
+def begun(steps: Stepper, data: GriddedTrials, theta: np.ndarray) -> np.ndarray:
     """States (K + 1, R, S) at the logged rows, from which a prediction may begin.
 
     What actuators and forces remember follows from the inputs and the logged motion before; what a sensor remembers is
@@ -115,13 +115,13 @@ def _of_sensor(state: str) -> bool:
     return name in EFFECTS and EFFECTS[name].measures
 
 
-def halves(data: Data) -> np.ndarray:
+def halves(data: GriddedTrials) -> np.ndarray:
     """Time at which the second half of the run of each window begins, (R,) [s]."""
     ends = np.array([data.t[n, r] for r, n in enumerate(data.steps)])
     return np.array([0.5 * (data.t[0, data.run == r].min() + ends[data.run == r].max()) for r in data.run])
 
 
-def in_their_runs(steps: Steps, data: Data, found: Estimate) -> Estimate:
+def in_their_runs(steps: TransitionModel, data: GriddedTrials, found: Estimate) -> Estimate:
     """A fit with parameters by run, on other trials: theirs follow from the first half of each run.
 
     What is known of them before is their mean and scatter over the runs of the fit; all else stays as it is.
@@ -131,10 +131,10 @@ def in_their_runs(steps: Steps, data: Data, found: Estimate) -> Estimate:
     runs = np.unique(data.run)
     names = tuple(f"{x}{AT}{r}" for r in runs for x in symbols)
     mean, std = (np.tile([f(v) for v in values], len(runs)) for f in (np.mean, lambda v: np.std(v) + 1e-9))
-    wide = np.full(len(names), np.inf)
-    theta = read(steps.ship, data, found.theta, steps.ship.symbols)
+    unbounded = np.full(len(names), np.inf)
+    theta = get_values(steps.ship, data, found.theta, steps.ship.symbols)
     first = replace(data, good=data.good & (data.t < halves(data))[..., None])
-    own = Priors(names, mean, std, -wide, wide)
+    own = Priors(names, mean, std, -unbounded, unbounded)
     return replace(found, theta=estimate(steps, first, theta, own, found.noise, iterations=6, steady=True).theta)
 
 
@@ -173,7 +173,7 @@ class _Measured:
     nll: np.ndarray
 
 
-def _measured(steps: Steps, data: Data, found: Estimate, later: bool) -> _Measured | None:
+def _measured(steps: TransitionModel, data: GriddedTrials, found: Estimate, later: bool) -> _Measured | None:
     """None without a whole window."""
     begin = begun(steps, data, found.theta)
     lengths = (window_length(steps.ship), 0.0, data.h)
@@ -185,7 +185,9 @@ def _measured(steps: Steps, data: Data, found: Estimate, later: bool) -> _Measur
     return _Measured(windows, run, float(whole.mean()), float(step.mean()), one_step_likelihood(steps, data, found))
 
 
-def compare(steps: Steps, data: Data, before: Estimate, after: Estimate, seed: int = 0) -> HeldOut | None:
+def compare(
+    steps: TransitionModel, data: GriddedTrials, before: Estimate, after: Estimate, seed: int = 0
+) -> HeldOut | None:
     """Windows by two fits, with an interval of the reduction by drawing runs again; None without a whole window."""
     later = any(AT in s for s in after.free.symbols)
     a = _measured(steps, data, before, later)
@@ -214,16 +216,20 @@ def compare(steps: Steps, data: Data, before: Estimate, after: Estimate, seed: i
 
 
 @np.errstate(all="ignore")
-def one_step_likelihood(steps: Steps, data: Data, found: Estimate, iterations: int = 4) -> np.ndarray:
+def one_step_likelihood(
+    steps: TransitionModel, data: GriddedTrials, found: Estimate, iterations: int = 4
+) -> np.ndarray:
     """Negative log likelihood of each window (R,) of other trials at the coefficients and noise of a fit."""
     active = active_states(steps, found.free.symbols, found.theta)
-    path = first_path(steps, data, found.theta)
+    path = initial_trajectory(steps, data, found.theta)
     for k in range(iterations):
-        around = look_around(steps, data, found.theta, path, found.noise, NOTHING, np.zeros(0), active)
+        linearised = linearise_and_filter(steps, data, found.theta, path, found.noise, NO_PRIORS, np.zeros(0), active)
         if k == iterations - 1:
             break
-        mean, _, _ = smoothed(around.system, around.filter, around.white[..., -1], around.states[..., -1])
+        mean, _, _ = smoothed(
+            linearised.system, linearised.filter, linearised.white[..., -1], linearised.states[..., -1]
+        )
         z = path.z.copy()
         z[..., active] += mean[..., : len(active)]
-        path = Path(z, path.force + mean[..., len(active) : len(active) + 3])
-    return 0.5 * (around.filter.log_det + (around.white[..., -1] ** 2).sum(axis=(0, 2)))
+        path = Trajectory(z, path.force + mean[..., len(active) : len(active) + 3])
+    return 0.5 * (linearised.filter.log_det + (linearised.white[..., -1] ** 2).sum(axis=(0, 2)))

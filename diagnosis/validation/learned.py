@@ -13,7 +13,7 @@ import torch
 
 from cases.inputs import step_means, straight_means
 from cases.trial import Trial
-from diagnosis.estimation.gridded_trials import arrange, moving
+from diagnosis.estimation.gridded_trials import grid_trials, is_measured_rudder
 from diagnosis.findings import LearnedResidual
 from diagnosis.validation.held_out import errors, interval_of, window_length
 from fitting.nlp.grid import default_step, grids
@@ -84,14 +84,14 @@ def learned(
     """
     torch.set_num_threads(1)
     ship = ship.without_network()
-    straight = moving(trials)
+    straight = is_measured_rudder(trials)
     length = float(ship.particulars["L"])
     h = step or default_step(trials, length)
     settings = replace(training or TrainSettings(seeds=SEEDS), seed=seed, workers=workers, step=h)
     means = straight_means if straight else step_means
     pieces = [Piece(i, g, 0, len(g.controls)) for i, t in enumerate(trials) for g in grids(t, h, ship.inputs, means)]
     scales = scales_of(ship, pieces, list(trials), h)
-    data = arrange(tests, ship.inputs, length, h, straight)
+    data = grid_trials(tests, ship.inputs, length, h, straight)
     seconds = window_length(ship)
 
     def measured(members: Sequence[Hybrid]) -> tuple[np.ndarray, np.ndarray]:

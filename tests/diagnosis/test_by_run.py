@@ -13,9 +13,9 @@ from cases.trial import Trial
 from diagnosis import summary as told
 from diagnosis.diagnose import DiagnosisOptions, diagnose
 from diagnosis.estimation.candidates import AT, BY_RUN, LOCAL, Candidate, by_run, effect_of, stem
-from diagnosis.estimation.gridded_trials import Data, arrange
+from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
 from diagnosis.estimation.map_estimate import Estimate
-from diagnosis.estimation.parameters import Priors, read
+from diagnosis.estimation.parameters import Priors, get_values
 from diagnosis.findings import HeldOut
 from diagnosis.hypotheses.forward_selection import Found, Problem, explain, now_without
 from diagnosis.hypotheses.refit import refit, robust_p
@@ -27,10 +27,10 @@ from tests.diagnosis.report.test_report import case
 from tests.support.diagnosis_cases import (
     FEW,
     SHIP,
+    full_model,
+    full_steps,
     problem_of,
     pushed_trials,
-    wide,
-    wide_steps,
 )
 
 H = 1.0
@@ -128,7 +128,7 @@ def test_a_current_of_its_own_in_each_run_is_named_by_run(fits: tuple[Problem, E
         for k, value in zip("xy", pair, strict=True):
             symbol = f"current.{k}{AT}{r}"
             assert abs(found.final.value(symbol) - value) < 4 * found.final.std(symbol) < 0.02, symbol
-            assert read(problem.steps.ship, problem.data, found.final.theta, [symbol])[0] == pytest.approx(
+            assert get_values(problem.steps.ship, problem.data, found.final.theta, [symbol])[0] == pytest.approx(
                 found.final.value(symbol)
             )
 
@@ -140,7 +140,7 @@ def test_a_current_that_is_the_same_in_all_runs_is_not_named_by_run() -> None:
     assert found.effects == ("current",)
     assert "current by run" in [t.name for t in found.searches[0].tried] and found.final.theta.ndim == 1
     assert (found.final.value("current.x"), found.final.value("current.y")) == pytest.approx((0.03, -0.02), abs=0.005)
-    row = told.named(problem, replace(wide(), candidates=dict(problem.candidates)), found, "current")
+    row = told.named(problem, replace(full_model(), candidates=dict(problem.candidates)), found, "current")
     assert row.by_run == {}
 
 
@@ -158,7 +158,7 @@ def test_without_the_effect_coefficients_are_those_of_all_runs_again(fits: tuple
 
 def test_what_is_told_has_each_effect_once_and_the_values_of_each_run(fits: tuple[Problem, Estimate, Found]) -> None:
     problem, _, found = fits
-    w = replace(wide(), candidates=dict(problem.candidates))
+    w = replace(full_model(), candidates=dict(problem.candidates))
     names = [row.name for row in told.ranking(problem, w, found)]
     assert names[0] == "current" and len(names) == len(set(names))
     assert set(names) == {effect_of(n) for n in problem.candidates}
@@ -178,7 +178,7 @@ def test_what_is_told_has_each_effect_once_and_the_values_of_each_run(fits: tupl
 
 def test_the_contract_has_the_values_by_run_where_an_effect_differs(fits: tuple[Problem, Estimate, Found]) -> None:
     problem, _, found = fits
-    row = told.named(problem, replace(wide(), candidates=dict(problem.candidates)), found, "current by run")
+    row = told.named(problem, replace(full_model(), candidates=dict(problem.candidates)), found, "current by run")
     d = case("named")
     written = replace(d, effects=(row, replace(row, by_run={}))).to_dict()["effects"]
     assert written[0]["name"] == "current" and written[0]["by_run"] == row.by_run
@@ -186,13 +186,13 @@ def test_the_contract_has_the_values_by_run_where_an_effect_differs(fits: tuple[
 
 
 @cache
-def elsewhere() -> Data:
+def elsewhere() -> GriddedTrials:
     """Trials that took no part, each in a current of its own."""
-    return arrange(in_currents(50, OTHERS, ELSEWHERE), wide().ship.inputs, 3.0, H)
+    return grid_trials(in_currents(50, OTHERS, ELSEWHERE), full_model().ship.inputs, 3.0, H)
 
 
 @pytest.fixture(scope="module")
-def held(fits: tuple[Problem, Estimate, Found]) -> tuple[Data, HeldOut]:
+def held(fits: tuple[Problem, Estimate, Found]) -> tuple[GriddedTrials, HeldOut]:
     problem, null, found = fits
     data = elsewhere()
     result = compare(problem.steps, data, null, found.final)
@@ -201,7 +201,7 @@ def held(fits: tuple[Problem, Estimate, Found]) -> tuple[Data, HeldOut]:
 
 
 def test_later_windows_lie_in_the_second_halves_alone() -> None:
-    steps, data = wide_steps(H), elsewhere()
+    steps, data = full_steps(H), elsewhere()
     theta, half = steps.ship.values, halves(data)
     np.testing.assert_allclose(half, 0.5 * data.steps * H, atol=H)
     _, run = errors(steps, data, theta, WINDOW, later=True)
@@ -228,7 +228,7 @@ def test_other_runs_own_values_come_from_their_first_halves(fits: tuple[Problem,
     steps, data = problem.steps, elsewhere()
     theirs = in_their_runs(steps, data, found.final).theta
     symbols = [f"current.{k}@{r}" for r in range(3) for k in "xy"]
-    np.testing.assert_allclose(read(steps.ship, data, theirs, symbols), np.ravel(ELSEWHERE), atol=0.012)
+    np.testing.assert_allclose(get_values(steps.ship, data, theirs, symbols), np.ravel(ELSEWHERE), atol=0.012)
     y = np.where((data.t >= halves(data))[..., None], data.y + 0.3, data.y)
     again = in_their_runs(steps, replace(data, y=y), found.final).theta
     np.testing.assert_allclose(again, theirs, rtol=1e-6, atol=1e-9)
@@ -236,7 +236,7 @@ def test_other_runs_own_values_come_from_their_first_halves(fits: tuple[Problem,
     np.testing.assert_allclose(theirs[rest], np.repeat(found.final.theta[rest, :1], 3, axis=1), rtol=1e-12)
 
 
-def test_a_fit_by_run_closes_the_gap_of_other_runs(held: tuple[Data, HeldOut]) -> None:
+def test_a_fit_by_run_closes_the_gap_of_other_runs(held: tuple[GriddedTrials, HeldOut]) -> None:
     data, h = held
     assert h.windows == 8 and list(h.by_run) == list(data.trials)
     assert h.reduction > 0.3 and h.interval_90[0] > 0 and h.mse_after < h.mse_before
@@ -246,11 +246,11 @@ def test_a_fit_by_run_closes_the_gap_of_other_runs(held: tuple[Data, HeldOut]) -
 
 
 def test_the_mean_of_the_runs_alone_would_not_close_it(
-    fits: tuple[Problem, Estimate, Found], held: tuple[Data, HeldOut]
+    fits: tuple[Problem, Estimate, Found], held: tuple[GriddedTrials, HeldOut]
 ) -> None:
     problem, _, found = fits
     data, h = held
-    mean = read(problem.steps.ship, data, found.final.theta, problem.steps.ship.symbols)
+    mean = get_values(problem.steps.ship, data, found.final.theta, problem.steps.ship.symbols)
     errors_of, _ = errors(problem.steps, data, mean, WINDOW, later=True)
     assert errors_of.mean() > 1.5 * h.mse_after
 
@@ -263,7 +263,7 @@ def alike(found: Estimate, candidate: Candidate, value: float) -> Estimate:
 
 
 def test_runs_that_are_all_alike_leave_nothing_to_find_and_equal_models_close_nothing(
-    fits: tuple[Problem, Estimate, Found], held: tuple[Data, HeldOut]
+    fits: tuple[Problem, Estimate, Found], held: tuple[GriddedTrials, HeldOut]
 ) -> None:
     problem, null, _ = fits
     data, h = held

@@ -12,13 +12,13 @@ from cases.shipfiles.effects import with_effects
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.disturbed import Disturbed, disturbed_trials
 from cases.trial import Trial
-from diagnosis.estimation.candidates import Wide, widened
-from diagnosis.estimation.gridded_trials import Data, arrange
-from diagnosis.estimation.linearised_model import Steps
-from diagnosis.estimation.map_estimate import Estimate, Path, estimate, first_path
-from diagnosis.estimation.noise_sizes import first_noise
+from diagnosis.estimation.candidates import FullModel, ship_with_all_effects
+from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
+from diagnosis.estimation.linearised_model import TransitionModel
+from diagnosis.estimation.map_estimate import Estimate, Trajectory, estimate, initial_trajectory
+from diagnosis.estimation.noise_sizes import initial_noise
 from diagnosis.estimation.parameters import priors_of
-from diagnosis.estimation.residual_checks import with_memory_time
+from diagnosis.estimation.residual_checks import with_correlation_time
 from diagnosis.hypotheses.forward_selection import Problem
 from mmg.effects import EFFECTS
 from mmg.ship import Ship
@@ -64,29 +64,29 @@ def pushed_trials(
 
 
 @lru_cache(maxsize=1)
-def wide() -> Wide:
+def full_model() -> FullModel:
     """ESSO OSAKA with every effect, a bank line 6 m to the west known."""
-    return widened(SHIP, None, {"bank": {"distance": 6.0, "bearing": -np.pi / 2}})
+    return ship_with_all_effects(SHIP, None, {"bank": {"distance": 6.0, "bearing": -np.pi / 2}})
 
 
 @lru_cache(maxsize=4)
-def wide_steps(h: float = 1.0, compiled: bool = True) -> Steps:
+def full_steps(h: float = 1.0, compiled: bool = True) -> TransitionModel:
     """Steps of it with a few coefficients and all effects as possible columns."""
-    symbols = [*FREE, *(s for c in wide().candidates.values() for s in c.symbols)]
-    return Steps(wide().ship, symbols, h, compiled)
+    symbols = [*FREE, *(s for c in full_model().candidates.values() for s in c.symbols)]
+    return TransitionModel(full_model().ship, symbols, h, compiled)
 
 
 def problem_of(trials: Sequence[Trial], h: float = 0.5) -> tuple[Problem, Estimate]:
     """The problem that trials pose with FREE coefficients free, and its fit without any effect.
 
     Inputs are held between samples, as the generator has them."""
-    steps, base = wide_steps(h), priors_of(SHIP, FREE)
-    data = arrange(trials, steps.ship.inputs, 3.0, h)
-    null = estimate(steps, data, steps.ship.values, base, first_noise(steps.ship, data), iterations=12)
-    return Problem(steps, data, base, wide().candidates), with_memory_time(steps, data, null)
+    steps, base = full_steps(h), priors_of(SHIP, FREE)
+    data = grid_trials(trials, steps.ship.inputs, 3.0, h)
+    null = estimate(steps, data, steps.ship.values, base, initial_noise(steps.ship, data), iterations=12)
+    return Problem(steps, data, base, full_model().candidates), with_correlation_time(steps, data, null)
 
 
-def theta_of(steps: Steps, changed: dict[str, float]) -> np.ndarray:
+def theta_of(steps: TransitionModel, changed: dict[str, float]) -> np.ndarray:
     """Coefficients of the wide ship with some changed."""
     theta = steps.ship.values.copy()
     for symbol, value in changed.items():
@@ -94,12 +94,12 @@ def theta_of(steps: Steps, changed: dict[str, float]) -> np.ndarray:
     return theta
 
 
-def off_neutral(steps: Steps) -> np.ndarray:
+def off_neutral(steps: TransitionModel) -> np.ndarray:
     """Coefficients at which every effect acts."""
     return theta_of(steps, OFF_NEUTRAL)
 
 
-def states_about(steps: Steps, count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+def states_about(steps: TransitionModel, count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Random states (S, M) of a ship under way, memory disturbed, and inputs (C, M)."""
     rng = np.random.default_rng(seed)
     z = rng.standard_normal((steps.S, count))
@@ -120,20 +120,20 @@ def states_about(steps: Steps, count: int, seed: int) -> tuple[np.ndarray, np.nd
     return z, c
 
 
-def short_data(h: float = 1.0, seed: int = 3, seconds: float = 40.0) -> Data:
+def short_data(h: float = 1.0, seed: int = 3, seconds: float = 40.0) -> GriddedTrials:
     """Two short windows of unlike length with a gap in one sensor."""
     trials = pushed_trials(seed, runs=(("zigzag:20/20", seconds), ("random:11", 0.7 * seconds)))
-    data = arrange(trials, wide().ship.inputs, 3.0, h)
+    data = grid_trials(trials, full_model().ship.inputs, 3.0, h)
     good, measured = data.good.copy(), data.measured.copy()
     good[9:12, 0, 4] = measured[9:12, 0, 4] = False
     good[5, 1] = measured[5, 1] = False
     return replace(data, good=good, measured=measured)
 
 
-def path_near(steps: Steps, data: Data, theta: np.ndarray, seed: int = 0) -> Path:
+def path_near(steps: TransitionModel, data: GriddedTrials, theta: np.ndarray, seed: int = 0) -> Trajectory:
     """A path that is neither the measured nor the simulated one, with a force."""
     rng = np.random.default_rng(seed)
-    path = first_path(steps, data, theta)
+    path = initial_trajectory(steps, data, theta)
     passive = np.arange(6, steps.S)
-    z = steps.remembered(path.z, data.inputs, theta, path.force[:-1], passive) if len(passive) else path.z
-    return Path(z, path.force + 0.02 * rng.standard_normal(path.force.shape))
+    z = steps.with_passive_states(path.z, data.inputs, theta, path.force[:-1], passive) if len(passive) else path.z
+    return Trajectory(z, path.force + 0.02 * rng.standard_normal(path.force.shape))

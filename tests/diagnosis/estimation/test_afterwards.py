@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from diagnosis.diagnose import LINE
-from diagnosis.estimation.residual_checks import hum, residuals
+from diagnosis.estimation.residual_checks import residuals, spectral_line
 from diagnosis.location.where import where
 from tests.diagnosis.location.test_where import INPUTS, SHIP, fitted, weaving
 from tests.support.diagnosis_cases import problem_of, pushed_trials
@@ -20,7 +20,7 @@ K, R, H = 150, 7, 1.0
 def heard(white: np.ndarray, good: np.ndarray | None = None) -> tuple[float, float]:
     """The line in whitened residuals (K + 1, R, 6)."""
     data = SimpleNamespace(good=np.ones(white.shape, dtype=bool) if good is None else good, h=H)
-    return hum(data, white)  # type: ignore[arg-type]
+    return spectral_line(data, white)  # type: ignore[arg-type]
 
 
 def chance(seed: int, memory: float = 0.0) -> np.ndarray:
@@ -62,7 +62,7 @@ def test_a_sensor_that_swings_is_a_line_in_what_a_fit_leaves() -> None:
     found = []
     for logged in (trials, swinging):
         problem, null = problem_of(logged)
-        found.append(hum(problem.data, residuals(problem.steps, problem.data, null)))
+        found.append(spectral_line(problem.data, residuals(problem.steps, problem.data, null)))
     assert found[0][0] > LINE
     assert found[1][0] < 1e-20 and found[1][1] == pytest.approx(period, rel=0.1)
 

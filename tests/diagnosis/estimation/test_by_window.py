@@ -10,20 +10,20 @@ import pytest
 
 from cases.trial import Trial
 from diagnosis.estimation.candidates import BY_RUN, by_run, effect_of, stem
-from diagnosis.estimation.gridded_trials import Data, arrange
-from diagnosis.estimation.map_estimate import first_covariance, first_path, look_around
-from diagnosis.estimation.noise_sizes import first_noise
-from diagnosis.estimation.parameters import Priors, acting, placed, read
+from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
+from diagnosis.estimation.map_estimate import initial_covariance, initial_trajectory, linearise_and_filter
+from diagnosis.estimation.noise_sizes import initial_noise
+from diagnosis.estimation.parameters import Priors, active_in_window, get_values, set_values
 from diagnosis.hypotheses.refit import priors_of_effects
 from tests.support.diagnosis_cases import (
     OFF_NEUTRAL,
+    full_model,
+    full_steps,
     off_neutral,
     path_near,
     pushed_trials,
     short_data,
     theta_of,
-    wide,
-    wide_steps,
 )
 
 H = 1.0
@@ -36,13 +36,13 @@ def short_trials() -> list[Trial]:
     return pushed_trials(1, runs=tuple((m, 40.0) for m, _ in RUNS))
 
 
-def three_windows() -> Data:
+def three_windows() -> GriddedTrials:
     """Three windows, of which the first two are of one run."""
-    data = arrange(short_trials(), wide().ship.inputs, 3.0, H)
+    data = grid_trials(short_trials(), full_model().ship.inputs, 3.0, H)
     return replace(data, run=np.array([0, 0, 1]), trials=data.trials[:2])
 
 
-def window(data: Data, r: int) -> Data:
+def window(data: GriddedTrials, r: int) -> GriddedTrials:
     """One window alone."""
     only = slice(r, r + 1)
     cut = {k: getattr(data, k)[:, only] for k in ("t", "y", "good", "measured", "inputs")}
@@ -50,7 +50,7 @@ def window(data: Data, r: int) -> Data:
 
 
 def test_a_candidate_by_run_has_its_parameters_once_in_each_run() -> None:
-    current = wide().candidates["current"]
+    current = full_model().candidates["current"]
     own = by_run(current, [0, 2])
     assert own.name == "current" + BY_RUN and effect_of(own.name) == effect_of("current") == "current"
     assert own.symbols == ("current.x@0", "current.y@0", "current.x@2", "current.y@2")
@@ -62,9 +62,9 @@ def test_a_candidate_by_run_has_its_parameters_once_in_each_run() -> None:
 
 
 def test_values_placed_by_run_change_that_runs_windows_alone_and_are_read_again() -> None:
-    data, ship = three_windows(), wide().ship
+    data, ship = three_windows(), full_model().ship
     symbols, values = ("Y_v", "current.x@0", "current.y@1", "tow.X@1"), np.array([-0.4, 0.03, -0.02, 0.5])
-    theta = placed(ship, data, ship.values, symbols, values)
+    theta = set_values(ship, data, ship.values, symbols, values)
     assert theta.shape == (len(ship.symbols), 3)
     expected = np.repeat(ship.values[:, None], 3, axis=1)
     expected[ship.symbols.index("Y_v")] = -0.4
@@ -72,38 +72,38 @@ def test_values_placed_by_run_change_that_runs_windows_alone_and_are_read_again(
     expected[ship.symbols.index("current.y"), 2] = -0.02
     expected[ship.symbols.index("tow.X"), 2] = 0.5
     np.testing.assert_array_equal(theta, expected)
-    np.testing.assert_allclose(read(ship, data, theta, symbols), values, rtol=1e-15)
+    np.testing.assert_allclose(get_values(ship, data, theta, symbols), values, rtol=1e-15)
     # a symbol of the ship is its mean over the windows, and what was there is no longer where it is placed for all
-    assert read(ship, data, theta, ["current.x"])[0] == pytest.approx(0.02)
-    again = placed(ship, data, theta, ["current.x", "current.y@0"], np.array([0.01, 0.04]))
+    assert get_values(ship, data, theta, ["current.x"])[0] == pytest.approx(0.02)
+    again = set_values(ship, data, theta, ["current.x", "current.y@0"], np.array([0.01, 0.04]))
     np.testing.assert_array_equal(again[ship.symbols.index("current.x")], 0.01)
     np.testing.assert_array_equal(again[ship.symbols.index("current.y")], [0.04, 0.04, -0.02])
     np.testing.assert_array_equal(theta, expected)
 
 
 def test_without_a_symbol_of_one_run_coefficients_stay_those_of_all() -> None:
-    data, ship = three_windows(), wide().ship
-    theta = placed(ship, data, ship.values, ("Y_v", "current.x"), np.array([-0.4, 0.03]))
-    np.testing.assert_array_equal(theta, theta_of(wide_steps(H), {"Y_v": -0.4, "current.x": 0.03}))
-    np.testing.assert_array_equal(read(ship, data, theta, ("Y_v", "current.x@1")), [-0.4, 0.03])
+    data, ship = three_windows(), full_model().ship
+    theta = set_values(ship, data, ship.values, ("Y_v", "current.x"), np.array([-0.4, 0.03]))
+    np.testing.assert_array_equal(theta, theta_of(full_steps(H), {"Y_v": -0.4, "current.x": 0.03}))
+    np.testing.assert_array_equal(get_values(ship, data, theta, ("Y_v", "current.x@1")), [-0.4, 0.03])
 
 
 def test_a_column_of_one_run_acts_in_its_windows_alone() -> None:
-    columns = acting(("Y_v", "current.x@0", "current.x@1"), three_windows())
+    columns = active_in_window(("Y_v", "current.x@0", "current.x@1"), three_windows())
     np.testing.assert_array_equal(columns, [[1, 1, 0], [1, 1, 0], [1, 0, 1]])
-    assert acting((), three_windows()).shape == (3, 0)
+    assert active_in_window((), three_windows()).shape == (3, 0)
 
 
-def by_window() -> tuple[Data, np.ndarray]:
+def by_window() -> tuple[GriddedTrials, np.ndarray]:
     """Two windows, in one of which all effects act and in the other some of them otherwise: (all, 2) coefficients."""
-    steps = wide_steps(H)
+    steps = full_steps(H)
     second = {k: -0.5 * v for k, v in OFF_NEUTRAL.items() if k.split(".")[0] in ("current", "tow", "antenna_offset")}
     second |= {"rudder_lag.T": 1.5, "control_delay.tau": 0.2, "hull_memory.T": 2.0, "Y_v": -0.3}
     return short_data(H), np.column_stack([off_neutral(steps), theta_of(steps, second)])
 
 
 def test_steps_with_coefficients_by_window_are_those_of_each_window_by_itself() -> None:
-    steps, (data, theta) = wide_steps(H), by_window()
+    steps, (data, theta) = full_steps(H), by_window()
     path = path_near(steps, data, off_neutral(steps))
     every, columns = np.arange(steps.S), np.arange(steps.P)
     rng = np.random.default_rng(4)
@@ -112,8 +112,8 @@ def test_steps_with_coefficients_by_window_are_those_of_each_window_by_itself() 
     weight_logged = rng.standard_normal((K + 1, R, 6, steps.S))
     memory, force = np.arange(6, steps.S), path.force[:-1]
     both = steps.linearise(path.z, data.inputs, theta, force, columns, every)
-    bend = steps.bend(path.z, data.inputs, theta, force, weight, weight_logged, columns, every)
-    passed = steps.remembered(path.z, data.inputs, theta, force, memory)
+    logdet_gradient = steps.logdet_gradient(path.z, data.inputs, theta, force, weight, weight_logged, columns, every)
+    passed = steps.with_passive_states(path.z, data.inputs, theta, force, memory)
     begin = steps.settled(data.y[0].T, data.inputs[0].T, theta)
     for r in range(R):
         w = slice(r, r + 1)
@@ -121,9 +121,9 @@ def test_steps_with_coefficients_by_window_are_those_of_each_window_by_itself() 
         alone = steps.linearise(z, inputs, own, pushed, columns, every)
         for name in ("end", "F", "G", "force", "logged", "H", "D"):
             np.testing.assert_allclose(getattr(both, name)[:, w], getattr(alone, name), rtol=1e-9, atol=1e-11)
-        one = steps.bend(z, inputs, own, pushed, weight[:, w], weight_logged[:, w], columns, every)
-        np.testing.assert_allclose(bend[w], one, rtol=1e-8, atol=1e-8 * np.abs(one).max())
-        alone_passed = steps.remembered(z, inputs, own, pushed, memory)
+        one = steps.logdet_gradient(z, inputs, own, pushed, weight[:, w], weight_logged[:, w], columns, every)
+        np.testing.assert_allclose(logdet_gradient[w], one, rtol=1e-8, atol=1e-8 * np.abs(one).max())
+        alone_passed = steps.with_passive_states(z, inputs, own, pushed, memory)
         np.testing.assert_allclose(passed[:, w], alone_passed, rtol=1e-9, atol=1e-12)
         np.testing.assert_allclose(begin[:, w], steps.settled(data.y[0, w].T, inputs[0].T, own), rtol=1e-9, atol=1e-12)
     other = steps.linearise(path.z[:, 1:], data.inputs[:, 1:], theta[:, 0], force[:, 1:], columns, every)
@@ -131,24 +131,24 @@ def test_steps_with_coefficients_by_window_are_those_of_each_window_by_itself() 
 
 
 def test_a_likelihood_with_coefficients_by_window_is_the_sum_of_those_of_the_windows() -> None:
-    steps, (data, theta) = wide_steps(H), by_window()
-    noise, every = first_noise(steps.ship, data), np.arange(steps.S)
-    path = first_path(steps, data, theta)
+    steps, (data, theta) = full_steps(H), by_window()
+    noise, every = initial_noise(steps.ship, data), np.arange(steps.S)
+    path = initial_trajectory(steps, data, theta)
     symbols = ("Y_v", "current.x@0", "tow.N@1")
     free = Priors(symbols, np.zeros(3), np.array([0.1, 0.02, 0.05]), np.full(3, -np.inf), np.full(3, np.inf))
     nowhere = np.zeros(3)
-    both = look_around(steps, data, theta, path, noise, free, nowhere, every)
-    start, total = first_covariance(steps, data, path.z[0], theta, every), 0.0
+    both = linearise_and_filter(steps, data, theta, path, noise, free, nowhere, every)
+    start, total = initial_covariance(steps, data, path.z[0], theta, every), 0.0
     for r in range(2):
         own, w = window(data, r), slice(r, r + 1)
-        z = first_path(steps, own, theta[:, r])
+        z = initial_trajectory(steps, own, theta[:, r])
         np.testing.assert_allclose(path.z[:, w], z.z, rtol=1e-9, atol=1e-12)
-        np.testing.assert_allclose(start[w], first_covariance(steps, own, z.z[0], theta[:, r], every), rtol=1e-9)
-        alone = look_around(steps, own, theta[:, r], z, noise, free, nowhere, every)
+        np.testing.assert_allclose(start[w], initial_covariance(steps, own, z.z[0], theta[:, r], every), rtol=1e-9)
+        alone = linearise_and_filter(steps, own, theta[:, r], z, noise, free, nowhere, every)
         np.testing.assert_allclose(both.white[:, w], alone.white, rtol=1e-6, atol=1e-8)
-        np.testing.assert_allclose(both.bend[w], alone.bend, rtol=1e-6, atol=1e-8)
+        np.testing.assert_allclose(both.logdet_gradient[w], alone.logdet_gradient, rtol=1e-6, atol=1e-8)
         total += alone.nll
     assert both.nll == pytest.approx(total, rel=1e-10)
     for r, silent in ((0, 2), (1, 1)):  # the column of the other run
-        assert not both.white[:, r, :, silent].any() and both.bend[r, silent] == 0
+        assert not both.white[:, r, :, silent].any() and both.logdet_gradient[r, silent] == 0
         assert both.white[:, r, :, 3 - silent].any()

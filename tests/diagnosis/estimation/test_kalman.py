@@ -7,12 +7,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.estimation.kalman import Filtered, Noise, System, adjoint, filtered, responses, smoothed, system
-from diagnosis.estimation.linearised_model import Linear
+from diagnosis.estimation.kalman import (
+    Filtered,
+    LinearSystem,
+    NoiseModel,
+    adjoint,
+    filtered,
+    responses,
+    smoothed,
+    system,
+)
+from diagnosis.estimation.linearised_model import LinearModel
 
 K, R, S = 7, 2, 3
 STEPS = np.array([7, 5])
-NOISE = Noise(
+NOISE = NoiseModel(
     force=np.array([0.4, 0.7, 0.5]),
     tau=3.0,
     white=np.array([0.1, 0.2, 0.05, 0.3, 0.2, 0.1]),
@@ -23,11 +32,11 @@ H_STEP = 0.8
 FIRST = np.array([1.0, 0.5, 2.0])
 
 
-def linear(seed: int = 0) -> Linear:
+def linear(seed: int = 0) -> LinearModel:
     """A stable random linear ship of three states, with forces and two columns."""
     rng = np.random.default_rng(seed)
     F = 0.8 * np.eye(S) + 0.15 * rng.standard_normal((K, R, S, S))
-    return Linear(
+    return LinearModel(
         end=rng.standard_normal((K, R, S)),
         F=F,
         G=rng.standard_normal((K, R, S, 2)),
@@ -38,7 +47,7 @@ def linear(seed: int = 0) -> Linear:
     )
 
 
-def case(noise: Noise = NOISE) -> tuple[System, Linear]:
+def case(noise: NoiseModel = NOISE) -> tuple[LinearSystem, LinearModel]:
     """Two windows, the second shorter, with samples missing in both."""
     inside = np.arange(K)[:, None] < STEPS[None]
     good = np.ones((K + 1, R, 6), dtype=bool)
@@ -49,7 +58,7 @@ def case(noise: Noise = NOISE) -> tuple[System, Linear]:
     return system(model, noise, first, good, inside, H_STEP), model
 
 
-def dense(s: System, w: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def dense(s: LinearSystem, w: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Of one window: C (states at all times stacked, from start and random changes), its covariance, and rows seen.
 
     Returns (covariance of all states, Z of all samples seen, R of them), states of K + 1 times stacked.
@@ -80,7 +89,7 @@ def column(seed: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return rng.standard_normal((K, R, n, 1)), rng.standard_normal((K + 1, R, 6, 1)), rng.standard_normal((R, n, 1))
 
 
-def propagated(s: System, forcing: np.ndarray, start: np.ndarray, w: int) -> np.ndarray:
+def propagated(s: LinearSystem, forcing: np.ndarray, start: np.ndarray, w: int) -> np.ndarray:
     """The column's states at all times without noise, (K + 1) n."""
     z = [start[w, :, 0]]
     for k in range(len(s.T)):
@@ -159,7 +168,7 @@ def test_padding_behind_a_window_changes_nothing() -> None:
     white, states = responses(s, f, forcing, seen, start)
     mean, _, _ = smoothed(s, f, white[..., 0], states[..., 0])
     k = STEPS[1]
-    short = System(s.T[:k, 1:], s.Z[: k + 1, 1:], s.Q, s.R, s.first[1:], s.good[: k + 1, 1:], s.inside[:k, 1:])
+    short = LinearSystem(s.T[:k, 1:], s.Z[: k + 1, 1:], s.Q, s.R, s.first[1:], s.good[: k + 1, 1:], s.inside[:k, 1:])
     g = filtered(short)
     white_short, states_short = responses(short, g, forcing[:k, 1:], seen[: k + 1, 1:], start[1:])
     mean_short, _, _ = smoothed(short, g, white_short[..., 0], states_short[..., 0])
@@ -168,7 +177,7 @@ def test_padding_behind_a_window_changes_nothing() -> None:
     np.testing.assert_allclose(mean_short[:, 0], mean[: k + 1, 1], rtol=1e-10)
 
 
-def half_log_det(s: System) -> float:
+def half_log_det(s: LinearSystem) -> float:
     return 0.5 * float(filtered(s).log_det.sum())
 
 

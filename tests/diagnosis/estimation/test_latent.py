@@ -8,30 +8,30 @@ import numpy as np
 import pytest
 
 from cases.simulation.disturbed import drawn_ship
-from diagnosis.estimation.candidates import widened
-from diagnosis.estimation.gridded_trials import Data, arrange
-from diagnosis.estimation.kalman import Noise, smoothed
-from diagnosis.estimation.linearised_model import Steps
-from diagnosis.estimation.map_estimate import Around, Estimate, Path, estimate, look_around
-from diagnosis.estimation.noise_sizes import first_noise
+from diagnosis.estimation.candidates import ship_with_all_effects
+from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
+from diagnosis.estimation.kalman import NoiseModel, smoothed
+from diagnosis.estimation.linearised_model import TransitionModel
+from diagnosis.estimation.map_estimate import Estimate, Linearisation, Trajectory, estimate, linearise_and_filter
+from diagnosis.estimation.noise_sizes import initial_noise
 from diagnosis.estimation.parameters import Priors, active_states, priors_of
-from diagnosis.estimation.residual_checks import with_memory_time
+from diagnosis.estimation.residual_checks import with_correlation_time
 from diagnosis.prepare import priors_before
 from tests.support.diagnosis_cases import (
     FREE,
     OFF_NEUTRAL,
     SHIP,
     WHITE,
+    full_steps,
     path_near,
     pushed_trials,
     quiet,
     short_data,
     theta_of,
-    wide_steps,
 )
 
 LONG = (("zigzag:20/20", 120.0), ("random:11", 120.0), ("turning:-20", 120.0))
-NOISE = Noise(np.array([0.06, 0.15, 0.1]), 5.0, WHITE, np.zeros(6), 4.0)
+NOISE = NoiseModel(np.array([0.06, 0.15, 0.1]), 5.0, WHITE, np.zeros(6), 4.0)
 EFFECTS_TRIED = (
     "log_scale.share", "rudder_stall.loss", "current.x", "wind_force.Y", "gyro.share", "tow.N", "draft.share",
 )  # fmt: skip
@@ -45,16 +45,16 @@ def columns_of(symbols: tuple[str, ...]) -> Priors:
     return Priors(symbols, np.zeros(n), std, np.full(n, -np.inf), np.full(n, np.inf))
 
 
-def settled_path(steps: Steps, data: Data, theta: np.ndarray, active: np.ndarray) -> Path:
+def settled_path(steps: TransitionModel, data: GriddedTrials, theta: np.ndarray, active: np.ndarray) -> Trajectory:
     """The smoothed path at these coefficients, to convergence."""
     nothing = columns_of(())
     path = path_near(steps, data, theta)
     for _ in range(12):
-        a = look_around(steps, data, theta, path, NOISE, nothing, np.zeros(0), active)
+        a = linearise_and_filter(steps, data, theta, path, NOISE, nothing, np.zeros(0), active)
         mean, _, _ = smoothed(a.system, a.filter, a.white[..., -1], a.states[..., -1])
         z = path.z.copy()
         z[..., active] += mean[..., : len(active)]
-        path = Path(z, path.force + mean[..., len(active) : len(active) + 3])
+        path = Trajectory(z, path.force + mean[..., len(active) : len(active) + 3])
         if np.abs(mean).max() < 1e-10:
             break
     return path
@@ -64,7 +64,7 @@ def settled_path(steps: Steps, data: Data, theta: np.ndarray, active: np.ndarray
 def test_slope_of_the_likelihood_is_that_of_finite_differences(effects: str) -> None:
     """At a smoothed path: that of the sum of squares closely, that of the log determinant to what its middle-of-step
     rule allows. How the coefficients move the memory in which a window starts is left out of the columns: a little."""
-    steps, data = wide_steps(0.5), short_data(0.5)
+    steps, data = full_steps(0.5), short_data(0.5)
     tried = EFFECTS_TRIED + REMEMBERING if effects == "with memory" else EFFECTS_TRIED
     awake = {} if effects == "at neutral" else {s: OFF_NEUTRAL[s] for s in tried}
     asked = FREE + tried
@@ -73,41 +73,52 @@ def test_slope_of_the_likelihood_is_that_of_finite_differences(effects: str) -> 
     active = active_states(steps, asked, theta)
     path = settled_path(steps, data, theta, active)
 
-    def around(symbol: str = "", by: float = 0.0) -> Around:
+    def linearised(symbol: str = "", by: float = 0.0) -> Linearisation:
         t = theta.copy()
         if symbol:
             t[steps.ship.symbols.index(symbol)] += by
-        return look_around(steps, data, t, path, NOISE, free, np.zeros(len(asked)), active)
+        return linearise_and_filter(steps, data, t, path, NOISE, free, np.zeros(len(asked)), active)
 
-    here = around()
+    here = linearised()
     chi = np.einsum("krca,krc->a", here.white[..., :-1], here.white[..., -1])
-    bend = here.bend.sum(axis=0)
+    logdet_gradient = here.logdet_gradient.sum(axis=0)
     assert here.nll == pytest.approx(0.5 * (here.filter.log_det.sum() + (here.white[..., -1] ** 2).sum()), rel=1e-12)
     for i, symbol in enumerate(asked):
         small = 1e-3 * free.std[i]
-        up, down = around(symbol, small), around(symbol, -small)
+        up, down = linearised(symbol, small), linearised(symbol, -small)
         by_squares = 0.5 * ((up.white[..., -1] ** 2).sum() - (down.white[..., -1] ** 2).sum()) / (2e-3)
         by_log = 0.5 * (up.filter.log_det.sum() - down.filter.log_det.sum()) / (2e-3)
         spread = float(np.sqrt((here.white[..., i] ** 2).sum()))  # chance moves the slope by so much
         assert abs(chi[i] - by_squares) < near * spread + 1e-6, (symbol, chi[i], by_squares, spread)
-        assert abs(bend[i] - by_log) < 0.02 * spread + 0.05 * abs(by_log) + 1e-6, (symbol, bend[i], by_log, spread)
+        assert abs(logdet_gradient[i] - by_log) < 0.02 * spread + 0.05 * abs(by_log) + 1e-6, (
+            symbol,
+            logdet_gradient[i],
+            by_log,
+            spread,
+        )
 
 
 def fitted(
-    seed: int, noise: Noise | None = None, iterations: int = 40
-) -> tuple[Steps, Data, Estimate, dict[str, float]]:
+    seed: int, noise: NoiseModel | None = None, iterations: int = 40
+) -> tuple[TransitionModel, GriddedTrials, Estimate, dict[str, float]]:
     """A fit of all coefficients to runs of a ship drawn from its prior, with the truth."""
     true = drawn_ship(SHIP, seed)
     trials = pushed_trials(seed, ship=true, runs=LONG)
-    wide = widened(SHIP, trials)
+    full_model = ship_with_all_effects(SHIP, trials)
     base = priors_before(SHIP)
-    data = arrange(trials, wide.ship.inputs, 3.0, 0.5)
-    steps = Steps(wide.ship, [*base.symbols, *(s for c in wide.candidates.values() for s in c.symbols)], 0.5)
-    found = estimate(steps, data, wide.ship.values, base, noise or first_noise(wide.ship, data), iterations=iterations)
+    data = grid_trials(trials, full_model.ship.inputs, 3.0, 0.5)
+    steps = TransitionModel(
+        full_model.ship, [*base.symbols, *(s for c in full_model.candidates.values() for s in c.symbols)], 0.5
+    )
+    found = estimate(
+        steps, data, full_model.ship.values, base, noise or initial_noise(full_model.ship, data), iterations=iterations
+    )
     return steps, data, found, {s: true.coefficients[s].value for s in base.symbols}
 
 
-def against_truth(steps: Steps, data: Data, found: Estimate, truth: dict[str, float]) -> tuple[float, np.ndarray]:
+def against_truth(
+    steps: TransitionModel, data: GriddedTrials, found: Estimate, truth: dict[str, float]
+) -> tuple[float, np.ndarray]:
     """Twice the loss of log likelihood from the best to the true coefficients, and z of each coefficient.
 
     The former is chi-squared of their number whatever the curvature, which for some ships is strong.
@@ -119,7 +130,7 @@ def against_truth(steps: Steps, data: Data, found: Estimate, truth: dict[str, fl
 
 
 @pytest.fixture(scope="module")
-def one() -> tuple[Steps, Data, Estimate, dict[str, float]]:
+def one() -> tuple[TransitionModel, GriddedTrials, Estimate, dict[str, float]]:
     return fitted(1)
 
 
@@ -135,7 +146,7 @@ def test_coefficients_lie_within_their_errors(one: tuple) -> None:
 def test_sizes_of_what_is_random_are_found(one: tuple) -> None:
     steps, data, found, _ = one
     np.testing.assert_allclose(found.noise.white, WHITE, rtol=0.2)
-    better = with_memory_time(steps, data, found)
+    better = with_correlation_time(steps, data, found)
     how = quiet()
     np.testing.assert_allclose(better.noise.force, [how.X, how.Y, how.N], rtol=0.6)
     assert 0.4 * how.tau < better.noise.tau < 2.5 * how.tau
@@ -150,14 +161,14 @@ def test_usual_sizes_of_what_is_random_count_as_so_many_samples_more(one: tuple)
     assert usual.unusual == 0.0 and usual.with_(usual=usual).unusual == 0.0
     assert found.noise.with_(usual=usual).unusual > 0.0
 
-    def last(data: Data) -> Estimate:
+    def last(data: GriddedTrials) -> Estimate:
         noise = found.noise.with_(usual=usual)
         return estimate(steps, data, found.theta, columns_of(()), noise, found.path, iterations=30, tolerance=1e-4)
 
-    def nll(data: Data, fit: Estimate, **sizes: np.ndarray) -> float:
+    def nll(data: GriddedTrials, fit: Estimate, **sizes: np.ndarray) -> float:
         active = active_states(steps, (), fit.theta)
         noise = fit.noise.with_(**sizes)
-        return look_around(steps, data, fit.theta, fit.path, noise, fit.free, fit.p, active).nll
+        return linearise_and_filter(steps, data, fit.theta, fit.path, noise, fit.free, fit.p, active).nll
 
     for few in (data, data.thinned(20)):
         end = last(few)
@@ -210,7 +221,7 @@ def test_bounds_are_kept(one: tuple) -> None:
 
 
 def test_states_that_nothing_depends_on_are_left_out() -> None:
-    steps = wide_steps(0.5)
+    steps = full_steps(0.5)
     theta = steps.ship.values
     assert list(active_states(steps, FREE, theta)) == list(range(6))
     names = [steps.model.states[i] for i in active_states(steps, ("hull_memory.T",), theta)]
@@ -235,12 +246,14 @@ def test_runs_without_positions_and_with_gaps_are_fitted() -> None:
     bare = replace(trials[0], columns={k: v for k, v in trials[0].columns.items() if k not in ("x", "y")})
     holes = {k: v.copy() for k, v in trials[1].columns.items()}
     holes["u"][300:330] = np.nan
-    wide = widened(SHIP, trials)
+    full_model = ship_with_all_effects(SHIP, trials)
     base = priors_before(SHIP)
-    data = arrange([bare, replace(trials[1], columns=holes)], wide.ship.inputs, 3.0, 0.5)
+    data = grid_trials([bare, replace(trials[1], columns=holes)], full_model.ship.inputs, 3.0, 0.5)
     assert not data.measured[:, data.run == 0][..., :2].any()
-    steps = Steps(wide.ship, [*base.symbols, *(s for c in wide.candidates.values() for s in c.symbols)], 0.5)
-    found = estimate(steps, data, wide.ship.values, base, first_noise(wide.ship, data))
+    steps = TransitionModel(
+        full_model.ship, [*base.symbols, *(s for c in full_model.candidates.values() for s in c.symbols)], 0.5
+    )
+    found = estimate(steps, data, full_model.ship.values, base, initial_noise(full_model.ship, data))
     assert np.isfinite(found.nll) and np.isfinite(found.path.z).all() and np.isfinite(found.covariance).all()
     np.testing.assert_allclose(found.noise.white, WHITE, rtol=0.35)
 

@@ -8,24 +8,24 @@ import numpy as np
 import pytest
 
 from diagnosis.estimation.candidates import effect_of
-from diagnosis.estimation.linearised_model import FORCE, Steps
+from diagnosis.estimation.linearised_model import FORCE, TransitionModel
 from mmg.effects import EFFECTS
 from mmg.rollout import Simulator
-from tests.support.diagnosis_cases import OFF_NEUTRAL, SHIP, off_neutral, states_about, wide, wide_steps
+from tests.support.diagnosis_cases import OFF_NEUTRAL, SHIP, full_model, full_steps, off_neutral, states_about
 
 POINTS = 6
 
 
 @pytest.fixture(scope="module")
-def steps() -> Steps:
-    return wide_steps()
+def steps() -> TransitionModel:
+    return full_steps()
 
 
-def values(steps: Steps, where: str) -> np.ndarray:
+def values(steps: TransitionModel, where: str) -> np.ndarray:
     return steps.ship.values if where == "neutral" else off_neutral(steps)
 
 
-def path(steps: Steps, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def path(steps: TransitionModel, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """States (2, M, S), inputs (1, M, C) and force (1, M, 3) of windows of one step."""
     z, c = states_about(steps, POINTS, seed)
     force = 0.1 * np.random.default_rng(seed + 50).standard_normal((1, POINTS, 3))
@@ -33,7 +33,7 @@ def path(steps: Steps, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarra
     return np.stack([z.T, after.T]), c.T[None], force
 
 
-def every_column(steps: Steps) -> np.ndarray:
+def every_column(steps: TransitionModel) -> np.ndarray:
     return np.arange(steps.P)
 
 
@@ -45,15 +45,15 @@ def close(found: np.ndarray, expected: np.ndarray, rtol: float) -> None:
     assert worst.max() < rtol, np.unravel_index(worst.argmax(), worst.shape)
 
 
-def test_every_effect_that_may_be_screened_is_on_board(steps: Steps) -> None:
-    screened = {s for c in wide().candidates.values() for s in c.symbols}
-    assert {effect_of(name) for name in wide().candidates} == set(EFFECTS) - {"disturbance"}
+def test_every_effect_that_may_be_screened_is_on_board(steps: TransitionModel) -> None:
+    screened = {s for c in full_model().candidates.values() for s in c.symbols}
+    assert {effect_of(name) for name in full_model().candidates} == set(EFFECTS) - {"disturbance"}
     assert screened <= set(OFF_NEUTRAL) <= set(steps.symbols)
     assert set(FORCE) <= set(steps.symbols)
 
 
 @pytest.mark.parametrize("where", ["neutral", "off neutral"])
-def test_one_step_ends_where_the_simulator_does(steps: Steps, where: str) -> None:
+def test_one_step_ends_where_the_simulator_does(steps: TransitionModel, where: str) -> None:
     theta = values(steps, where)
     z, c = states_about(steps, POINTS, 1)
     expected = Simulator(steps.ship).run(z, c[None], steps.h, theta)[-1]
@@ -65,7 +65,7 @@ def test_one_step_ends_where_the_simulator_does(steps: Steps, where: str) -> Non
 
 
 @pytest.mark.parametrize("where", ["neutral", "off neutral"])
-def test_derivatives_of_a_step_are_those_of_finite_differences(steps: Steps, where: str) -> None:
+def test_derivatives_of_a_step_are_those_of_finite_differences(steps: TransitionModel, where: str) -> None:
     theta = values(steps, where)
     states, inputs, force = path(steps)
     columns, active = every_column(steps), np.arange(steps.S)
@@ -105,7 +105,7 @@ def one_sided_at_neutral(symbol: str) -> bool:
     )
 
 
-def test_slopes_of_times_and_dead_bands_at_zero_point_into_what_they_allow(steps: Steps) -> None:
+def test_slopes_of_times_and_dead_bands_at_zero_point_into_what_they_allow(steps: TransitionModel) -> None:
     theta = steps.ship.values
     states, inputs, force = path(steps)
     columns = np.array([i for i, s in enumerate(steps.symbols) if one_sided_at_neutral(s)])
@@ -124,7 +124,7 @@ def test_slopes_of_times_and_dead_bands_at_zero_point_into_what_they_allow(steps
 
 
 @pytest.mark.parametrize("where", ["neutral", "off neutral"])
-def test_derivatives_of_what_is_logged_are_those_of_finite_differences(steps: Steps, where: str) -> None:
+def test_derivatives_of_what_is_logged_are_those_of_finite_differences(steps: TransitionModel, where: str) -> None:
     theta = values(steps, where)
     states, inputs, force = path(steps, 2)
     columns = every_column(steps)
@@ -149,7 +149,7 @@ def test_derivatives_of_what_is_logged_are_those_of_finite_differences(steps: St
     close(linear.D, D, 1e-6)
 
 
-def test_fewer_columns_and_states_are_a_part_of_all(steps: Steps) -> None:
+def test_fewer_columns_and_states_are_a_part_of_all(steps: TransitionModel) -> None:
     theta = steps.ship.values
     states, inputs, force = path(steps)
     whole = steps.linearise(states, inputs, theta, force, every_column(steps), np.arange(steps.S))
@@ -163,14 +163,14 @@ def test_fewer_columns_and_states_are_a_part_of_all(steps: Steps) -> None:
 
 
 @pytest.mark.parametrize("where", ["neutral", "off neutral"])
-def test_bend_is_the_slope_of_the_weighted_jacobian(steps: Steps, where: str) -> None:
+def test_bend_is_the_slope_of_the_weighted_jacobian(steps: TransitionModel, where: str) -> None:
     """Of h d rates / d (states, force) in the middle of the step, and of the logged columns by the states."""
     theta = off_neutral(steps) if where == "off neutral" else steps.ship.values
     states, inputs, force = path(steps, 4)
     rng = np.random.default_rng(5)
     S, columns = steps.S, every_column(steps)
     weight, logged = rng.standard_normal((1, POINTS, S, S + 3)), rng.standard_normal((2, POINTS, 6, S))
-    found = steps.bend(states, inputs, theta, force, weight, logged, columns, np.arange(S))
+    found = steps.logdet_gradient(states, inputs, theta, force, weight, logged, columns, np.arange(S))
     middle = 0.5 * (states[0] + states[1]).T
 
     def total(theta: np.ndarray) -> np.ndarray:
@@ -204,7 +204,7 @@ def padded_to(lanes: int, *arrays: np.ndarray) -> list[np.ndarray]:
     return [np.hstack([a, np.repeat(a[:, :1], padded(m) - m, axis=1)]) if a.ndim == 2 else a for a in arrays]
 
 
-def test_a_wide_ship_at_neutral_values_moves_as_the_ship_itself(steps: Steps) -> None:
+def test_a_wide_ship_at_neutral_values_moves_as_the_ship_itself(steps: TransitionModel) -> None:
     own = Simulator(SHIP)
     z, c = states_about(steps, 20, 7)
     at = [steps.model.controls.index(name) for name in own.model.controls]
@@ -216,7 +216,7 @@ def test_a_wide_ship_at_neutral_values_moves_as_the_ship_itself(steps: Steps) ->
     np.testing.assert_allclose(end, own.run(z[:6], c[at][None], steps.h)[-1], rtol=1e-12, atol=1e-13)
 
 
-def test_passive_memory_is_simulated_along_the_path(steps: Steps) -> None:
+def test_passive_memory_is_simulated_along_the_path(steps: TransitionModel) -> None:
     theta = steps.ship.values
     z, c = states_about(steps, 3, 8)
     K = 12
@@ -228,11 +228,11 @@ def test_passive_memory_is_simulated_along_the_path(steps: Steps) -> None:
         path[k + 1] = steps.advance(path[k].T, inputs[k].T, steps.coefficients(theta, force[k].T)).T
     spoilt = path.copy()
     spoilt[..., 6:] = 99.0
-    back = steps.remembered(spoilt, inputs, theta, force, np.arange(6, steps.S))
+    back = steps.with_passive_states(spoilt, inputs, theta, force, np.arange(6, steps.S))
     np.testing.assert_allclose(back, path, rtol=1e-10, atol=1e-12)
 
 
-def test_steps_travel_to_another_process(steps: Steps) -> None:
+def test_steps_travel_to_another_process(steps: TransitionModel) -> None:
     again = pickle.loads(pickle.dumps(steps))
     assert again.symbols == steps.symbols and again.h == steps.h
     z, c = states_about(steps, 5, 9)
@@ -240,8 +240,8 @@ def test_steps_travel_to_another_process(steps: Steps) -> None:
     assert np.array_equal(again.advance(z, c, theta), steps.advance(z, c, theta))
 
 
-def test_without_a_compiler_it_is_the_same(steps: Steps) -> None:
-    slow = wide_steps(compiled=False)
+def test_without_a_compiler_it_is_the_same(steps: TransitionModel) -> None:
+    slow = full_steps(compiled=False)
     assert slow.interpreted_because and not steps.interpreted_because
     states, inputs, force = path(steps)
     theta = off_neutral(steps)

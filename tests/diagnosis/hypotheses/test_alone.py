@@ -13,7 +13,7 @@ from diagnosis.hypotheses.forward_selection import explain
 from diagnosis.hypotheses.next_test import next_test
 from diagnosis.hypotheses.unnamed import unnamed
 from mmg.effects import EFFECTS
-from tests.support.diagnosis_cases import FEW, problem_of, pushed_trials, wide
+from tests.support.diagnosis_cases import FEW, full_model, problem_of, pushed_trials
 
 FORMS = {
     "heading_bias alone": {"alone": 0.05},
@@ -49,7 +49,7 @@ def test_a_late_position_is_that_of_some_time_ago(form: str) -> None:
 def test_finished_columns_are_those_of_some_time_ago() -> None:
     t = np.arange(0.0, 30.0, 0.1)
     y = [0.3 * t, 0.0 * t, 0.05 * t, 0.3 + 0.1 * np.sin(0.3 * t), 0.05 * np.cos(0.2 * t), 0.05 + 0.0 * t]
-    ship = wide().ship
+    ship = full_model().ship
     e = SimpleNamespace(tau=0.0, alone=0.0, finished=1.2)
     late = EFFECTS["gnss_delay"].samples(t, y, None, e, ship.namespace)  # type: ignore[arg-type]
     for column in (3, 4):
@@ -61,13 +61,13 @@ def test_it_is_named_with_its_own_parameters(form: str) -> None:
     problem, null = problem_of(pushed_trials(4, (spec(form),)))
     found, name = explain(problem, null), effect_of(form)
     assert found.effects == (form,)
-    row = told.named(problem, wide(), found, form)
+    row = told.named(problem, full_model(), found, form)
     assert row.name == name and set(row.parameters) == set(FORMS[form])
     for k, size in FORMS[form].items():
         got = row.parameters[k]
         assert abs(got.value - size) < 3.5 * got.std + 0.06 * abs(size)
     assert unnamed(problem.steps, problem.data, found.final).log_bayes < 3.0
-    after = told.fitted_ship(problem, problem.steps.ship, wide(), found.final, found.effects)
+    after = told.fitted_ship(problem, problem.steps.ship, full_model(), found.final, found.effects)
     assert after.coefficients[f"{name}.{next(iter(FORMS[form]))}"].value != 0.0
 
 
@@ -79,25 +79,25 @@ def test_the_fault_that_moves_all_columns_keeps_its_parameters() -> None:
 
 def test_the_ranking_has_each_effect_once() -> None:
     problem, null = problem_of(pushed_trials(4, (spec("heading_bias alone"),)))
-    ranked = told.ranking(problem, wide(), explain(problem, null))
+    ranked = told.ranking(problem, full_model(), explain(problem, null))
     assert set(ranked[0].visible_from) == {"psi", "alone"} and ranked[0].visible_from["alone"] < 0.05
     rows = [row.name for row in ranked]
     assert len(rows) == len(set(rows)) and rows[0] == "heading_bias"
-    assert set(rows) == {effect_of(n) for n in wide().candidates}
+    assert set(rows) == {effect_of(n) for n in full_model().candidates}
 
 
 def test_other_forms_take_no_part_unless_asked_for() -> None:
     for name in {effect_of(form) for form in FORMS}:
-        rows = EFFECTS[name].parameters(wide().ship.namespace, dict(wide().ship.components))
+        rows = EFFECTS[name].parameters(full_model().ship.namespace, dict(full_model().ship.components))
         assert all(p.held == bool(p.form) for p in rows)
-        assert set(wide().candidates[name].symbols) == {f"{name}.{p.symbol}" for p in rows if not p.form}
+        assert set(full_model().candidates[name].symbols) == {f"{name}.{p.symbol}" for p in rows if not p.form}
 
 
 def test_what_to_test_next_is_asked_of_the_form_and_told_of_the_effect() -> None:
     problem, null = problem_of(pushed_trials(4, (spec("heading_bias alone"),)))
     found = explain(problem, null)
     form = found.effects[0]
-    ship = told.fitted_ship(problem, FEW, wide(), found.final, found.effects)
+    ship = told.fitted_ship(problem, FEW, full_model(), found.final, found.effects)
     words = next_test(problem, told.fit_with(found, form), [form], ship)
     assert words.startswith("To know the size of heading_bias better: ") and "alone would measure it to" in words
     percent = float(words.split("measure it to ")[1].split(" %")[0])

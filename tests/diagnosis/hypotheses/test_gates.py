@@ -14,18 +14,18 @@ from cases.inputs import step_means, straight_means
 from cases.simulation.disturbed import process
 from cases.trial import Trial
 from diagnosis.estimation.candidates import Candidate
-from diagnosis.estimation.gridded_trials import Data, arrange, middle_means
-from diagnosis.estimation.kalman import Noise
-from diagnosis.estimation.map_estimate import Estimate, Path, estimate
-from diagnosis.estimation.noise_sizes import first_noise
+from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials, middle_means
+from diagnosis.estimation.kalman import NoiseModel
+from diagnosis.estimation.map_estimate import Estimate, Trajectory, estimate
+from diagnosis.estimation.noise_sizes import initial_noise
 from diagnosis.estimation.parameters import Priors
 from diagnosis.hypotheses.forward_selection import AGREE, NEUTRAL, Found, Problem, Scored, Search, Tried, explain
 from diagnosis.hypotheses.refit import BLOCK, SPARE, clusters, refit, robust_p, wald_p
 from diagnosis.hypotheses.unnamed import Unnamed, unnamed
-from tests.support.diagnosis_cases import WHITE, problem_of, pushed_trials, quiet, short_data, wide_steps
+from tests.support.diagnosis_cases import WHITE, full_steps, problem_of, pushed_trials, quiet, short_data
 
 H = 1.0
-NOISE = Noise(np.ones(3), 5.0, np.ones(6), np.zeros(6), 4.0)
+NOISE = NoiseModel(np.ones(3), 5.0, np.ones(6), np.zeros(6), 4.0)
 
 
 def candidate(name: str, degrees: int = 1, neutral: float = 0.0) -> Candidate:
@@ -39,7 +39,7 @@ def fit_of(effects: Sequence[Candidate], nll: float, values: Sequence[float] | N
     symbols = tuple(s for c in effects for s in c.symbols)
     n = len(symbols)
     free = Priors(symbols, np.zeros(n), np.ones(n), np.full(n, -np.inf), np.full(n, np.inf))
-    path = Path(np.zeros((2, 1, 6)), np.zeros((2, 1, 3)))
+    path = Trajectory(np.zeros((2, 1, 6)), np.zeros((2, 1, 3)))
     p = np.zeros(n) if values is None else np.array(values)
     return Estimate(np.zeros(n), free, p, 0.01 * np.eye(n), path, NOISE, nll, 1, True)
 
@@ -76,7 +76,7 @@ class Fits:
 
 @pytest.fixture
 def fits(monkeypatch: pytest.MonkeyPatch) -> Fits:
-    made = Fits(Problem(wide_steps(H), short_data(H), Priors((), *4 * [np.zeros(0)]), EFFECTS), {}, {}, [])
+    made = Fits(Problem(full_steps(H), short_data(H), Priors((), *4 * [np.zeros(0)]), EFFECTS), {}, {}, [])
 
     def refitted(
         steps: object,
@@ -188,13 +188,15 @@ def test_probability_of_two_parameters_together_minds_their_correlation() -> Non
     assert wald_p(along, e) > 5 * wald_p(found, e)
 
 
-def windows(seconds: float, runs: Sequence[int], h: float = 1.0) -> Data:
+def windows(seconds: float, runs: Sequence[int], h: float = 1.0) -> GriddedTrials:
     """Windows of these runs with nothing in them."""
     K, R = round(seconds / h), len(runs)
     t = np.repeat(h * np.arange(K + 1)[:, None], R, axis=1)
     nothing, good = np.zeros((K + 1, R, 6)), np.ones((K + 1, R, 6), dtype=bool)
     held = np.zeros((K, R, 2))
-    return Data(h, t, nothing, good, good, held, np.full(R, K), np.array(runs), tuple(str(r) for r in set(runs)))
+    return GriddedTrials(
+        h, t, nothing, good, good, held, np.full(R, K), np.array(runs), tuple(str(r) for r in set(runs))
+    )
 
 
 def test_runs_are_clusters_where_they_are_enough_and_blocks_of_time_else() -> None:
@@ -260,7 +262,7 @@ def pushed_by(problem: Problem, seed: int, axis: int, form: str, size: float) ->
         z = steps.advance(z, data.inputs[k].T, steps.coefficients(steps.ship.values, force))
         y[k + 1] = z[:6].T
     seen = replace(data, y=y + WHITE * rng.standard_normal(y.shape))
-    null = estimate(steps, seen, steps.ship.values, problem.base, first_noise(steps.ship, seen), iterations=12)
+    null = estimate(steps, seen, steps.ship.values, problem.base, initial_noise(steps.ship, seen), iterations=12)
     return unnamed(steps, seen, null)
 
 
@@ -304,8 +306,8 @@ def test_means_half_way_between_held_and_joined_samples_are_off_by_a_quarter_of_
 
 @pytest.mark.parametrize(("dt", "late"), [(0.1, 0.025), (0.5, 0.0)])
 def test_straight_inputs_are_half_way_where_samples_are_dense_and_joined_else(dt: float, late: float) -> None:
-    steps = wide_steps(H)
-    data = arrange([ramp(dt)], steps.ship.inputs, 3.0, H, straight=True)
+    steps = full_steps(H)
+    data = grid_trials([ramp(dt)], steps.ship.inputs, 3.0, H, straight=True)
     delta = data.inputs[:, 0, steps.ship.inputs.index("delta")]
     middle = 0.5 * (data.t[1:, 0] + data.t[:-1, 0]) - data.t[0, 0]
     np.testing.assert_allclose(delta, 0.004 * (middle - late), rtol=1e-6, atol=1e-9)

@@ -10,16 +10,16 @@ from scipy.stats import multivariate_normal
 
 from cases.simulation.disturbed import drawn_ship, process
 from diagnosis.diagnose import ASIDE, EXACT, LITTLE, SLIGHTLY, SUPPORTED, WORSE, decide
-from diagnosis.estimation.kalman import Noise
-from diagnosis.estimation.map_estimate import Estimate, Path, estimate
-from diagnosis.estimation.noise_sizes import first_noise
+from diagnosis.estimation.kalman import NoiseModel
+from diagnosis.estimation.map_estimate import Estimate, Trajectory, estimate
+from diagnosis.estimation.noise_sizes import initial_noise
 from diagnosis.estimation.parameters import Priors
 from diagnosis.findings import HeldOut
 from diagnosis.hypotheses.forward_selection import AGREE, LEVEL, ODDS, SAME, Found, Problem, Search, Tried, explain
 from diagnosis.hypotheses.unnamed import SIZES, log_bayes, unnamed
 from tests.support.diagnosis_cases import FEW, WHITE, problem_of, pushed_trials, quiet
 
-NOISE = Noise(np.ones(3), 5.0, np.ones(6), np.zeros(6), 4.0)
+NOISE = NoiseModel(np.ones(3), 5.0, np.ones(6), np.zeros(6), 4.0)
 NAMES = {
     "current": {"x": 0.03, "y": -0.02},
     "antenna_offset": {"x": 0.3, "y": -0.2},
@@ -83,7 +83,7 @@ def test_what_looks_alike_is_in_one_class(truth: str) -> None:
 def a_fit(nll: float) -> Estimate:
     """A fit of which only the likelihood matters."""
     zero = np.zeros(0)
-    path = Path(np.zeros((2, 1, 6)), np.zeros((2, 1, 3)))
+    path = Trajectory(np.zeros((2, 1, 6)), np.zeros((2, 1, 3)))
     return Estimate(zero, Priors((), zero, zero, zero, zero), zero, np.zeros((0, 0)), path, NOISE, nll, 1, True)
 
 
@@ -166,7 +166,7 @@ def test_a_force_that_no_effect_of_the_library_has_is_seen(
 ) -> None:
     problem = pushed_by(runs, 4, sin_2)
     steps, data = problem.steps, problem.data
-    null = estimate(steps, data, steps.ship.values, problem.base, first_noise(steps.ship, data), iterations=12)
+    null = estimate(steps, data, steps.ship.values, problem.base, initial_noise(steps.ship, data), iterations=12)
     found = unnamed(steps, data, null)
     assert low < found.log_bayes < high
     logs = list(found.by_kind.values())

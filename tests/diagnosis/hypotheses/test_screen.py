@@ -9,12 +9,12 @@ import pytest
 from scipy.stats import binom, kstest
 
 from cases.simulation.disturbed import drawn_ship
-from diagnosis.estimation.candidates import Candidate, effect_of, widened
+from diagnosis.estimation.candidates import Candidate, effect_of, ship_with_all_effects
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.hypotheses.forward_selection import Problem
 from diagnosis.hypotheses.score_test import EXCITED, Scored, Slopes, scored, slopes
 from mmg.effects import EFFECTS
-from tests.support.diagnosis_cases import ASTERN, FEW, RUNS, SHIP, problem_of, pushed_trials, wide
+from tests.support.diagnosis_cases import ASTERN, FEW, RUNS, SHIP, full_model, problem_of, pushed_trials
 
 SEEDS = 12
 STRONG = {
@@ -205,15 +205,18 @@ def test_a_coefficient_hides_an_effect_the_more_the_wider_its_prior() -> None:
 
 def test_effects_that_nothing_is_known_of_are_left_out_with_a_reason() -> None:
     trials = pushed_trials(1, runs=RUNS[:1])
-    assert set(widened(SHIP, trials).left_out) == {"bank"} and "site.toml" in widened(SHIP, trials).left_out["bank"]
+    assert (
+        set(ship_with_all_effects(SHIP, trials).left_out) == {"bank"}
+        and "site.toml" in ship_with_all_effects(SHIP, trials).left_out["bank"]
+    )
     calm = [replace(t, columns={k: v for k, v in t.columns.items() if not k.startswith("wind")}) for t in trials]
-    without = widened(SHIP, calm)
+    without = ship_with_all_effects(SHIP, calm)
     assert set(without.left_out) == {"bank", "wind_force", "wind_sensor_bias"}
     assert not set(without.left_out) & set(without.candidates)
-    known = widened(SHIP, trials, {"bank": {"distance": 4.0, "bearing": 1.0}})
+    known = ship_with_all_effects(SHIP, trials, {"bank": {"distance": 4.0, "bearing": 1.0}})
     assert not known.left_out and {effect_of(n) for n in known.candidates} == set(EFFECTS) - {"disturbance"}
     values = known.ship.parameters_of("bank")
     assert (values.distance, values.bearing) == (4.0, 1.0)
     # a parameter that is held is no column, and an effect that the ship has already is no candidate
-    assert wide().candidates["bank"].symbols == ("bank.suction", "bank.moment")
-    assert "current" not in widened(SHIP.with_effect("current", {"x": 0.01})).candidates
+    assert full_model().candidates["bank"].symbols == ("bank.suction", "bank.moment")
+    assert "current" not in ship_with_all_effects(SHIP.with_effect("current", {"x": 0.01})).candidates

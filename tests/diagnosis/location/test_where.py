@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from cases.shipfiles.ship_file import load_ship
-from diagnosis.estimation.gridded_trials import Data
-from diagnosis.estimation.kalman import Noise
-from diagnosis.estimation.map_estimate import Estimate, Path
+from diagnosis.estimation.gridded_trials import GriddedTrials
+from diagnosis.estimation.kalman import NoiseModel
+from diagnosis.estimation.map_estimate import Estimate, Trajectory
 from diagnosis.estimation.parameters import Priors
 from diagnosis.location.situations import PHASES, phases, variables_of
 from diagnosis.location.where import where
@@ -20,7 +20,7 @@ SHIP = load_ship("esso_osaka_3m")
 K, R, H, TAU = 400, 6, 0.5, 4.0
 
 
-def weaving(seed: int = 1) -> tuple[Data, np.ndarray]:
+def weaving(seed: int = 1) -> tuple[GriddedTrials, np.ndarray]:
     """Runs that weave to both sides at 0.5 m/s with random phase, and their states (K + 1, R, 6); one is shorter."""
     rng = np.random.default_rng(seed)
     t = H * np.arange(K + 1)[:, None] + np.zeros((1, R))
@@ -35,16 +35,16 @@ def weaving(seed: int = 1) -> tuple[Data, np.ndarray]:
     steps = np.array([K] * (R - 1) + [K - 100])
     names = tuple(f"run_{i}" for i in range(R))
     seen = np.isfinite(z)
-    return Data(H, t, z.copy(), seen, seen, inputs, steps, np.arange(R), names), z
+    return GriddedTrials(H, t, z.copy(), seen, seen, inputs, steps, np.arange(R), names), z
 
 
 def fitted(z: np.ndarray, force: np.ndarray) -> Estimate:
     """An estimate with these states and this latent force (K + 1, R, 3)."""
     none = np.zeros(0)
-    noise = Noise(np.ones(3), TAU, np.ones(6), np.zeros(6), TAU)
+    noise = NoiseModel(np.ones(3), TAU, np.ones(6), np.zeros(6), TAU)
     values = SHIP.values
     return Estimate(
-        values, Priors((), none, none, none, none), none, np.zeros((0, 0)), Path(z, force), noise, 0.0, 1, True
+        values, Priors((), none, none, none, none), none, np.zeros((0, 0)), Trajectory(z, force), noise, 0.0, 1, True
     )
 
 
@@ -167,7 +167,7 @@ def test_no_wind_columns_and_one_run() -> None:
     data, z = weaving()
     data.inputs[..., 2:] = 0.0
     y, good = data.y[:, :1], data.good[:, :1]
-    one = Data(H, data.t[:, :1], y, good, good, data.inputs[:, :1], data.steps[:1], data.run[:1], ("a",))
+    one = GriddedTrials(H, data.t[:, :1], y, good, good, data.inputs[:, :1], data.steps[:1], data.run[:1], ("a",))
     found = where(INPUTS, one, fitted(z[:, :1], coloured(6)[:, :1]), SHIP)
     json.dumps(found, allow_nan=False)
     assert not any("wind" in row["variable"] for row in found["variables"] + found["regions"])

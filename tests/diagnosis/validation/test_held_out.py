@@ -7,23 +7,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.estimation.gridded_trials import Data, arrange
-from diagnosis.estimation.linearised_model import Steps
+from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
+from diagnosis.estimation.linearised_model import TransitionModel
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.findings import HeldOut
 from diagnosis.hypotheses.forward_selection import Problem
 from diagnosis.hypotheses.refit import refit
 from diagnosis.validation.held_out import STRIDE, WINDOW, begun, compare, errors, one_step_likelihood, scales
-from tests.support.diagnosis_cases import OFF_NEUTRAL, WHITE, problem_of, pushed_trials, theta_of, wide_steps
+from tests.support.diagnosis_cases import OFF_NEUTRAL, WHITE, full_steps, problem_of, pushed_trials, theta_of
 
 EFFECT = "current:x=0.03,y=-0.02"
 H = 0.5
 OTHERS = (("zigzag:-20/20", 80.0), ("random:5", 100.0), ("turning:25", 60.0))
 
 
-def others(runs: tuple[tuple[str, float], ...] = OTHERS, seed: int = 31) -> Data:
+def others(runs: tuple[tuple[str, float], ...] = OTHERS, seed: int = 31) -> GriddedTrials:
     """Trials that took no part, with the effect."""
-    return arrange(pushed_trials(seed, [EFFECT], runs), wide_steps(H).ship.inputs, 3.0, H)
+    return grid_trials(pushed_trials(seed, [EFFECT], runs), full_steps(H).ship.inputs, 3.0, H)
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +36,7 @@ def fits() -> tuple[Problem, Estimate, Estimate]:
 
 
 @pytest.fixture(scope="module")
-def closed(fits: tuple[Problem, Estimate, Estimate]) -> tuple[Data, HeldOut]:
+def closed(fits: tuple[Problem, Estimate, Estimate]) -> tuple[GriddedTrials, HeldOut]:
     problem, null, true = fits
     data = others()
     held = compare(problem.steps, data, null, true)
@@ -44,7 +44,7 @@ def closed(fits: tuple[Problem, Estimate, Estimate]) -> tuple[Data, HeldOut]:
     return data, held
 
 
-def simulated(steps: Steps, data: Data, theta: np.ndarray | None = None) -> Data:
+def simulated(steps: TransitionModel, data: GriddedTrials, theta: np.ndarray | None = None) -> GriddedTrials:
     """The windows as the model itself moves from their first rows: no noise, no forces."""
     theta = steps.ship.values if theta is None else theta
     y, z = data.y.copy(), steps.settled(data.y[0].T, data.inputs[0].T, theta)
@@ -55,7 +55,7 @@ def simulated(steps: Steps, data: Data, theta: np.ndarray | None = None) -> Data
 
 
 def test_the_true_model_predicts_its_own_motion_without_error() -> None:
-    steps = wide_steps(H)
+    steps = full_steps(H)
     data = simulated(steps, others())
     for length in (H, WINDOW, 0.0):
         found, _ = errors(steps, data, steps.ship.values, length)
@@ -64,7 +64,7 @@ def test_the_true_model_predicts_its_own_motion_without_error() -> None:
 
 @pytest.mark.parametrize("effect", ["rudder_backlash.b", "rudder_lag.T", "control_delay.tau", "hull_memory.T"])
 def test_a_window_begins_with_what_the_actuators_and_the_hull_remember_of_the_run_before(effect: str) -> None:
-    steps = wide_steps(H)
+    steps = full_steps(H)
     theta = theta_of(steps, {effect: OFF_NEUTRAL[effect]})
     data = simulated(steps, others(), theta)
     found, _ = errors(steps, data, theta, WINDOW)
@@ -75,7 +75,7 @@ def test_a_window_begins_with_what_the_actuators_and_the_hull_remember_of_the_ru
 
 
 def test_an_error_counts_in_units_of_its_scale_and_only_where_it_was_measured() -> None:
-    steps = wide_steps(H)
+    steps = full_steps(H)
     data = simulated(steps, others())
     theta, sigma = steps.ship.values, scales(3.0)
     assert sigma[0] == pytest.approx(0.3) and sigma[2] == pytest.approx(np.radians(5.0))
@@ -90,7 +90,7 @@ def test_an_error_counts_in_units_of_its_scale_and_only_where_it_was_measured() 
 
 
 def test_a_window_every_stride_that_fits_into_its_run_and_begins_at_a_whole_row() -> None:
-    steps, data = wide_steps(H), others()
+    steps, data = full_steps(H), others()
     theta = steps.ship.values
     found, run = errors(steps, data, theta, WINDOW)
     seconds = data.steps * H
@@ -119,7 +119,7 @@ def test_equal_models_close_nothing(fits: tuple[Problem, Estimate, Estimate]) ->
     assert all(a == b for a, b in [*held.by_run.values(), *held.horizons.values()])
 
 
-def test_the_true_model_closes_the_gap_and_the_interval_says_so(closed: tuple[Data, HeldOut]) -> None:
+def test_the_true_model_closes_the_gap_and_the_interval_says_so(closed: tuple[GriddedTrials, HeldOut]) -> None:
     _, held = closed
     assert 0.3 < held.reduction < 1.0 and held.mse_after < held.mse_before
     assert 0 < held.interval_90[0] < held.reduction < held.interval_90[1] < 1
@@ -130,7 +130,7 @@ def test_the_true_model_closes_the_gap_and_the_interval_says_so(closed: tuple[Da
     assert all(after < before for before, after in held.horizons.values())
 
 
-def test_numbers_of_the_runs_make_up_the_whole(closed: tuple[Data, HeldOut]) -> None:
+def test_numbers_of_the_runs_make_up_the_whole(closed: tuple[GriddedTrials, HeldOut]) -> None:
     data, held = closed
     assert held.windows == 12 and list(held.by_run) == list(data.trials)
     weights = np.array([4, 5, 3]) / 12
@@ -143,7 +143,7 @@ def test_numbers_of_the_runs_make_up_the_whole(closed: tuple[Data, HeldOut]) -> 
 
 
 def test_the_interval_is_drawn_with_its_seed_alone(
-    fits: tuple[Problem, Estimate, Estimate], closed: tuple[Data, HeldOut]
+    fits: tuple[Problem, Estimate, Estimate], closed: tuple[GriddedTrials, HeldOut]
 ) -> None:
     problem, null, true = fits
     data, held = closed
@@ -155,7 +155,7 @@ def test_the_interval_is_drawn_with_its_seed_alone(
 
 
 def test_taking_a_true_effect_away_makes_predictions_worse(
-    fits: tuple[Problem, Estimate, Estimate], closed: tuple[Data, HeldOut]
+    fits: tuple[Problem, Estimate, Estimate], closed: tuple[GriddedTrials, HeldOut]
 ) -> None:
     problem, null, true = fits
     data, held = closed

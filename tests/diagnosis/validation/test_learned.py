@@ -15,9 +15,9 @@ import pytest
 import diagnosis.validation.learned as module
 from cases.simulation.simulate import write_trial
 from diagnosis.diagnose import DiagnosisOptions, with_learned
-from diagnosis.estimation.candidates import widened
-from diagnosis.estimation.gridded_trials import arrange
-from diagnosis.estimation.linearised_model import Steps
+from diagnosis.estimation.candidates import ship_with_all_effects
+from diagnosis.estimation.gridded_trials import grid_trials
+from diagnosis.estimation.linearised_model import TransitionModel
 from diagnosis.findings import LearnedResidual
 from diagnosis.report.page import build_report
 from diagnosis.result import Diagnosis
@@ -57,9 +57,9 @@ def test_nothing_missing_nothing_closed() -> None:
 
 def test_the_error_before_is_that_of_the_held_out_check() -> None:
     ship, tests = hybrids.ship(), hybrids.trials(hybrids.lacking(), 2, 100, seed=9)
-    wide = widened(ship).ship
-    steps = Steps(wide, ["X_0F"], 1.0)
-    expected, _ = errors(steps, arrange(tests, wide.inputs, 3.0, 1.0), wide.values, window_length(ship))
+    full_model = ship_with_all_effects(ship).ship
+    steps = TransitionModel(full_model, ["X_0F"], 1.0)
+    expected, _ = errors(steps, grid_trials(tests, full_model.inputs, 3.0, 1.0), full_model.values, window_length(ship))
     few = replace(QUICK, epochs=1, seeds=1)
     found = learned(ship, hybrids.trials(ship, 2, 200), tests, 1.0, training=few)
     assert found.mse_before == pytest.approx(expected.mean(), rel=1e-6)
