@@ -16,7 +16,7 @@ import numpy as np
 from cases.io.site import Site, read_site
 from cases.trial import Trial
 from diagnosis import summary
-from diagnosis.estimation.candidates import BY_RUN, all_runs, effect_of, stem
+from diagnosis.estimation.candidates import Candidate, find
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.findings import DiagnosisInputs, HeldOut, LearnedResidual, RandomSizes
@@ -125,14 +125,14 @@ def _diagnosed(
     before = unnamed(p.steps, p.data, ready.null)
     answer = _answer(p, ready.null, before, test_data, seed, workers)
     reasons = list(answer.reasons)
-    if answer.verdict != "named" and any(n.endswith(BY_RUN) for n in answer.found.effects):
+    if answer.verdict != "named" and any(c.by_run for c in answer.found.effects):
         say("asking again with the same surroundings in all runs")
-        alike = {n: c for n, c in p.candidates.items() if not n.endswith(BY_RUN)}
+        alike = tuple(c for c in p.candidates if not c.by_run)
         answer = _answer(replace(p, candidates=alike), ready.null, before, test_data, seed, workers)
         reasons += answer.reasons
     found, after, held, verdict = answer.found, answer.after, answer.held, answer.verdict
     timings["screen, refits, test trials"] = time.perf_counter() - began - timings["fit"]
-    say("screened and refitted: " + (", ".join(found.effects) or "no effect stands out"))
+    say("screened and refitted: " + (", ".join(c.label for c in found.effects) or "no effect stands out"))
     ship_before = summary.fitted_ship(p, ship, ready.full, found.null, ())
     ship_after = summary.fitted_ship(p, ship, ready.full, found.final, found.effects)
     chance, period = ready.line
@@ -140,11 +140,12 @@ def _diagnosed(
         reasons.append(f"what remains swings with a period of {period:.2g} s, as under waves or an engine")
         verdict = "unknown" if verdict == "none" else verdict
     say("looking at where the gap lies and what to test next")
-    effects = tuple(summary.named(p, ready.full, found, name) for name in found.effects) if verdict == "named" else ()
+    effects = tuple(summary.named(p, ready.full, found, c) for c in found.effects) if verdict == "named" else ()
     final = found.final if verdict == "named" else found.null
     same = summary.same(found) if verdict == "named" else ()
-    names = [all_runs(found.effects[0]), *same] if verdict == "named" else _rivals(found)
-    advice = next_test(p, summary.fit_with(found, names[0]), names, ship_after) if names else ""
+    rivals = [found.effects[0], *(find(p.candidates, name) for name in same)] if verdict == "named" else _rivals(found)
+    rivals = list(dict.fromkeys(find(p.candidates, c.effect, c.form) for c in rivals))  # the same in all runs
+    advice = next_test(p, summary.fit_with(found, rivals[0]), rivals, ship_after) if rivals else ""
     place = where(p.steps.model.controls, p.data, found.null, ship, final if verdict == "named" else None)
     timings["total"] = time.perf_counter() - began
     remainder = verdict == "named" and (incomplete(found, before, after, p.usual) or chance < LINE)
@@ -241,11 +242,10 @@ def incomplete(found: Found, before: Unnamed, after: Unnamed, usual: float = 0.0
     return bool(after.log_bayes - usual > ODDS or after.single - usual > BEYOND or before.single - usual > drop)
 
 
-def _rivals(found: Found) -> list[str]:
+def _rivals(found: Found) -> list[Candidate]:
     """What a next test should tell apart where nothing was named: the best two that were more than chance."""
     first = found.searches[0]
-    near = [all_runs(t.name) for t in first.tried[:2] if t.p_value < LEVEL and t.delta_bic > 0]
-    return list(dict.fromkeys(near))
+    return [t.candidate for t in first.tried[:2] if t.p_value < LEVEL and t.delta_bic > 0]
 
 
 def decide(found: Found, before: float, after: float, held: HeldOut | None) -> tuple[str, list[str]]:
@@ -260,8 +260,12 @@ def decide(found: Found, before: float, after: float, held: HeldOut | None) -> t
     if not reason and not (held is not None and _supports(held)):
         reason = _doubt(found, after, held)
     if not reason and held is not None and _contradicted(held):
-        reason = f"{' and '.join(found.effects)} fits the training trials but does not predict the test trials better"
+        reason = f"{_names(found.effects)} fits the training trials but does not predict the test trials better"
     return ("unknown", [f"{reason}: the name is withdrawn"]) if reason else ("named", [])
+
+
+def _names(effects: Sequence[Candidate]) -> str:
+    return " and ".join(c.label for c in effects)
 
 
 def _supports(held: HeldOut) -> bool:
@@ -277,7 +281,7 @@ def _explained(found: Found) -> tuple[float, str]:
 
 def _doubt(found: Found, after: float, held: HeldOut | None) -> str:
     """What speaks against a name that test trials do not support, or nothing; after: as of ``decide``."""
-    names, (drop, part) = " and ".join(found.effects), _explained(found)
+    names, (drop, part) = _names(found.effects), _explained(found)
     if after > max(ODDS, drop):
         return f"{names} {part}, but effects without a name explain more of what is left ({after:.0f})"
     share = ASIDE if held is None or held.reduction >= -SLIGHTLY else LITTLE
@@ -289,32 +293,32 @@ def _doubt(found: Found, after: float, held: HeldOut | None) -> str:
     extreme = _extreme(found)
     if extreme:
         return f"{names} {part}, but only with {extreme} at the end of what is possible"
-    local = [effect_of(n) for n in found.effects if n.endswith(BY_RUN)]
+    local = [c.effect for c in found.effects if c.by_run]
     if local and (held is not None or after > ODDS):
         return (
             f"{' and '.join(local)} could differ from run to run and so {part}, but so many parameters need test "
             "trials that they predict"
         )
-    apart = [f"{n} (p = {p:.2g})" for n, p in found.robust.items() if p > AGREE]
+    apart = [f"{c.label} (p = {p:.2g})" for c, p in found.robust.items() if p > AGREE]
     return f"the runs do not agree on {' and '.join(apart)}" if apart else ""
 
 
 def _inexact(found: Found, after: float) -> str:
     """Whether too much is left beside a fault of one instrument alone, which would be exact; in words, or nothing."""
-    forms = [n for n in found.effects if n != effect_of(n) and not n.endswith(BY_RUN)]
+    forms = [c for c in found.effects if c.form and not c.by_run]
     drop, part = _explained(found)
     if not forms or after <= max(EXACT[0], EXACT[1] * drop):
         return ""
-    return f"{' and '.join(forms)} {part}, but such a fault leaves little over, and something is ({after:.0f})"
+    return f"{_names(forms)} {part}, but such a fault leaves little over, and something is ({after:.0f})"
 
 
 def _extreme(found: Found) -> str:
     """The parameters of named effects that the fit put at a bound, unless at none of it: a delay of 0."""
-    f, own = found.final.free, {effect_of(n) for n in found.effects}
+    f, own = found.final.free, {c.effect for c in found.effects}
     value = f.mean + f.std * found.final.p
     near = (np.minimum(value - f.lower, f.upper - value) <= 1e-6 * (f.upper - f.lower)) & (value != 0)
     rows = zip(f.symbols, value, near, strict=True)
-    return ", ".join(f"{stem(s)} = {v:.3g}" for s, v, n in rows if n and s.split(".")[0] in own)
+    return ", ".join(f"{s} = {v:.3g}" for s, v, n in rows if n and s.split(".")[0] in own)
 
 
 def _contradicted(held: HeldOut) -> bool:
@@ -329,11 +333,11 @@ def _cautions(ready: Prepared, found: Found, trials: Sequence[Trial], tests: Seq
     """What cannot be concluded from this input."""
     words = []
     first = found.searches[0]
-    every = [s for s in first.scores if s.name == effect_of(s.name)]
-    quiet = [s.name for s in every if not s.excited]
+    every = [s for s in first.scores if s.candidate.label == s.candidate.effect]
+    quiet = [s.candidate.effect for s in every if not s.excited]
     if quiet:
         words.append(f"not excited by these trials, so neither found nor excluded: {', '.join(quiet)}")
-    hidden = [s.name for s in every if s.excited and s.absorbed > 0.9]
+    hidden = [s.candidate.effect for s in every if s.excited and s.absorbed > 0.9]
     if hidden:
         words.append(
             "absorbed by calibration, visible through the priors only (over 90 % of the information): "

@@ -10,7 +10,7 @@ import numpy as np
 from cases.io.site import Site
 from cases.shipfiles.effects import freeing_effects
 from cases.trial import Trial
-from diagnosis.estimation.candidates import LOCAL, FullModel, by_run, ship_with_all_effects
+from diagnosis.estimation.candidates import LOCAL, Column, FullModel, ship_with_all_effects
 from diagnosis.estimation.gridded_trials import COARSE, GriddedTrials, grid_trials, is_measured_rudder
 from diagnosis.estimation.kalman import NoiseModel
 from diagnosis.estimation.linearised_model import TransitionModel
@@ -65,8 +65,8 @@ def priors_before(ship: Ship, unseen: bool = False) -> Priors:
     std = np.array([c.prior_std if k else c.std for c, k in zip(rows, known, strict=True)], dtype=float)
     lower, upper = (np.array([getattr(c, k) for c in rows]) for k in ("lower", "upper"))
     usable = std > 0
-    symbols = tuple(s for s, u in zip(ship.free, usable, strict=True) if u)
-    return Priors(symbols, *(a[usable] for a in (mean, std, lower, upper)))
+    columns = tuple(Column(s) for s, u in zip(ship.free, usable, strict=True) if u)
+    return Priors(columns, *(a[usable] for a in (mean, std, lower, upper)))
 
 
 def prepare(
@@ -95,9 +95,7 @@ def prepare(
             f"samples of the actuators are taken as {how}; a delay of half a sample cannot be told from the other way"
         )
     data = grid_trials(trials, full.ship.inputs, length, step, straight)
-    steps = TransitionModel(
-        full.ship, [*base.symbols, *(s for c in full.candidates.values() for s in c.symbols)], data.h
-    )
+    steps = TransitionModel(full.ship, [*base.symbols, *full.symbols], data.h)
     values = full.ship.values
     at = [full.ship.symbols.index(s) for s in base.symbols]
     values[at] = [ship.coefficients[s].value for s in base.symbols]
@@ -114,7 +112,9 @@ def prepare(
             "misfit and scatter counts"
         )
         if known.strong:
-            notices.append(f"the trials of the calibration show these effects already: {', '.join(known.strong)}")
+            notices.append(
+                f"the trials of the calibration show these effects already: {', '.join(c.label for c in known.strong)}"
+            )
         LOGGER.info(f"fitted to what the ship was calibrated on: {len(old.trials)} runs, {old.samples} samples")
     data, null, gap, heard, line = fitted(steps, data, values, base, noise, gap)
     if gap > 1:
@@ -128,8 +128,8 @@ def prepare(
         notices.append("the fit without any effect has not quite settled")
     runs = np.unique(data.run).tolist()
     if len(runs) >= RUNS:
-        own = [by_run(full.candidates[n], runs) for n in LOCAL if n in full.candidates]
-        full = replace(full, candidates=full.candidates | {c.name: c for c in own})
+        own = [c.in_each(runs) for c in full.candidates if c.effect in LOCAL]
+        full = replace(full, candidates=(*full.candidates, *own))
     problem = Problem(steps, data, base, full.candidates, *(data.samples * usual).tolist())
     return Prepared(problem, full, null, straight, gap, tuple(notices), line)
 

@@ -120,8 +120,7 @@ def _prepared(case: Path) -> tuple[FullModel, Priors, TransitionModel, GriddedTr
     full = ship_with_all_effects(ship, trials, {k: dict(v) for k, v in read_site([case], ship).held.items()})
     base = priors_before(ship)
     data = grid_trials(trials, full.ship.inputs, float(ship.particulars["L"]), None, is_measured_rudder(trials))
-    symbols = [*base.symbols, *(s for c in full.candidates.values() for s in c.symbols)]
-    return full, base, TransitionModel(full.ship, symbols, data.h), data
+    return full, base, TransitionModel(full.ship, [*base.symbols, *full.symbols], data.h), data
 
 
 # The score test without the latent force
@@ -142,7 +141,7 @@ def white_ranking(case: Path) -> list[str]:
     for _ in range(ROUNDS - 1):
         noise = noise.with_(white=noise.white * _spread(steps, data, found))
         found = estimate(steps, data, full.ship.values, base, noise, found.path, found.p, iterations=8, steady=True)
-    return [row.name for row in scored(slopes(steps, data, found, full.candidates), full.candidates)]
+    return [row.candidate.label for row in scored(slopes(steps, data, found, full.candidates), full.candidates)]
 
 
 def _spread(steps: TransitionModel, data: GriddedTrials, found: Estimate) -> np.ndarray:

@@ -1,10 +1,10 @@
-"""The wide ship: a ship that carries every effect that can be screened, at its neutral value."""
+"""Effects that a diagnosis may name, and the ship that carries all of them at their neutral values (the full model)."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,102 +14,119 @@ from mmg.ship import Ship
 
 LOCAL = ("current", "wind_sensor_bias", "tow")
 """Effects of the surroundings that may differ from run to run."""
-BY_RUN, AT = " by run", "@"
-"""What marks the name of such a candidate, and the symbol of a parameter in one run."""
-NEVER = ("disturbance",)
-"""Effects that are no hypothesis: the latent force itself."""
-PRIOR_WIDTH = 10.0
-"""Prior standard deviation of an effect's parameter, in typical sizes of it."""
+EXCLUDED = ("disturbance",)
+"""Effects that are no candidates: the latent force itself."""
+
+
+class Column(NamedTuple):
+    """A free parameter: its symbol among the ship's coefficients, and the run that it belongs to (None: all runs)."""
+
+    symbol: str
+    run: int | None = None
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """An effect that may be missing: its name and the symbols of its parameters that are freed.
+    """An effect that the ship's model may lack. Two candidates are equal if effect, form and by_run are.
 
-    typical: (p,) sizes of the parameters that show in a trial; neutral: (p,); start: (p,) where a refit begins, if
-    something is known of it, or None.
+    form: another form of the effect, with parameters of its own ("" for the usual one); by_run: its parameters differ
+    from run to run. columns: its p free parameters, those of a run together; neutral, lower, upper: (p,) value without
+    effect and bounds [unit of the parameter]; typical: (p,) sizes that show in a trial; start: (p,) first values of a
+    refit, or None.
     """
 
-    name: str
-    symbols: tuple[str, ...]
-    neutral: np.ndarray
-    typical: np.ndarray
-    lower: np.ndarray
-    upper: np.ndarray
-    start: np.ndarray | None = None
+    effect: str
+    form: str
+    by_run: bool
+    columns: tuple[Column, ...] = field(compare=False)
+    neutral: np.ndarray = field(compare=False, repr=False)
+    typical: np.ndarray = field(compare=False, repr=False)
+    lower: np.ndarray = field(compare=False, repr=False)
+    upper: np.ndarray = field(compare=False, repr=False)
+    start: np.ndarray | None = field(default=None, compare=False, repr=False)
+
+    @property
+    def label(self) -> str:
+        """Its name for people."""
+        return " ".join([self.effect, *([self.form] if self.form else []), *(["by run"] if self.by_run else [])])
+
+    @property
+    def symbols(self) -> tuple[str, ...]:
+        """Symbol of each column (p,) among the ship's coefficients."""
+        return tuple(c.symbol for c in self.columns)
+
+    def in_each(self, runs: Iterable[int]) -> Candidate:
+        """The candidate with parameters of its own in each of these ``runs``."""
+        columns = tuple(Column(s, r) for r in runs for s in self.symbols)
+        count = len(columns) // len(self.columns)
+        sizes = (np.tile(x, count) for x in (self.neutral, self.typical, self.lower, self.upper))
+        return Candidate(self.effect, self.form, True, columns, *sizes)
+
+
+def find(candidates: Iterable[Candidate], effect: str, form: str = "", by_run: bool = False) -> Candidate:
+    """The one of the ``candidates`` with this ``effect``, ``form`` and ``by_run``. Raises KeyError without it."""
+    for c in candidates:
+        if (c.effect, c.form, c.by_run) == (effect, form, by_run):
+            return c
+    raise KeyError((effect, form, by_run))
 
 
 @dataclass(frozen=True)
 class FullModel:
-    """ship: with every candidate at its neutral value; candidates: by name; left_out: why others are none."""
+    """ship: with all effects at their neutral values; candidates: those that may be named; left_out: effect -> why it
+    is none."""
 
     ship: Ship
-    candidates: dict[str, Candidate]
+    candidates: tuple[Candidate, ...]
     left_out: dict[str, str]
 
-
-def stem(symbol: str) -> str:
-    """The symbol of the ship behind that of a parameter in one run."""
-    return symbol.partition(AT)[0]
-
-
-def effect_of(name: str) -> str:
-    """The effect behind the name of a candidate, which may be another form of it, or differ by run."""
-    return name.partition(" ")[0]
-
-
-def all_runs(name: str) -> str:
-    """The candidate with the same values in all runs behind one that differs by run."""
-    return name.removesuffix(BY_RUN)
-
-
-def by_run(c: Candidate, runs: Sequence[int]) -> Candidate:
-    """The candidate with parameters of its own in each of these runs; those of a run stand together."""
-    symbols = tuple(f"{s}{AT}{r}" for r in runs for s in c.symbols)
-    tiled = {k: np.tile(getattr(c, k), len(runs)) for k in ("neutral", "typical", "lower", "upper")}
-    return Candidate(c.name + BY_RUN, symbols, **tiled)
+    @property
+    def symbols(self) -> tuple[str, ...]:
+        """Symbols of the parameters of all candidates."""
+        return tuple(s for c in self.candidates for s in c.symbols)
 
 
 def parameters(ship: Ship, name: str) -> tuple[Parameter, ...]:
-    """Parameters of an effect of a ship."""
+    """Parameters of the effect ``name`` of a ``ship``."""
     return EFFECTS[name].parameters(ship.namespace, dict(ship.components))
 
 
 def neutral(ship: Ship, name: str, parameter: str) -> float:
-    """Neutral value of a parameter of one of the ship's effects."""
+    """Neutral value of the ``parameter`` of the effect ``name`` of a ``ship`` [unit of the parameter]."""
     return next(p.neutral for p in parameters(ship, name) if p.symbol == parameter)
 
 
-def _candidate(called: str, name: str, free: list[Parameter], start: Mapping[str, float] | None = None) -> Candidate:
+def _candidate(effect: str, form: str, free: list[Parameter], start: Mapping[str, float] | None = None) -> Candidate:
     """A candidate that frees these parameters of an effect."""
-    array: dict[str, Any] = {
-        k: np.array([getattr(p, k) for p in free]) for k in ("neutral", "typical", "lower", "upper")
-    }
-    array["start"] = np.array([start.get(p.symbol, p.neutral) for p in free]) if start else None
-    return Candidate(called, tuple(f"{name}.{p.symbol}" for p in free), **array)
+    columns = tuple(Column(f"{effect}.{p.symbol}") for p in free)
+    sizes = [np.array([getattr(p, k) for p in free]) for k in ("neutral", "typical", "lower", "upper")]
+    first = [np.array([start.get(p.symbol, p.neutral) for p in free])] if start else []
+    return Candidate(effect, form, False, columns, *sizes, *first)
 
 
 def ship_with_all_effects(
     ship: Ship,
-    trials: list[Trial] | None = None,
+    trials: Sequence[Trial] | None = None,
     site: Mapping[str, Mapping[str, float]] | None = None,
     start: Mapping[str, Mapping[str, float]] | None = None,
 ) -> FullModel:
-    """The ship with all candidates: effects it does not have yet and that its force models and the trials allow.
+    """The ``ship`` with all effects it lacks, and the candidates among them: those that its force models and the
+    ``trials`` allow (None: trials with all columns).
 
-    site: parameters of effects that are known of the place, by effect and parameter (cases.io.site); start: others of
-    which it is known about how large they are.
+    site: known parameters of effects of the place, by effect and parameter (cases.io.site); start: roughly known ones,
+    from which a refit starts. Both [unit of the parameter].
     """
-    candidates, left_out, full = {}, {}, ship
-    windy = trials is None or any(t.has_wind for t in trials)
+    candidates: list[Candidate] = []
+    left_out, full = {}, ship
+    has_wind = trials is None or any(t.has_wind for t in trials)
     known = site or {}
     for name, e in EFFECTS.items():
-        if name in NEVER or name in ship.effects:
+        if name in EXCLUDED or name in ship.effects:
             continue
         missing = [role for role in e.needs if role not in ship.components]
         if missing:
             left_out[name] = f"the ship has no {' or '.join(missing)} model"
-        elif name in ("wind_force", "wind_sensor_bias") and not windy:
+        elif name in ("wind_force", "wind_sensor_bias") and not has_wind:
             left_out[name] = "no trial has wind columns"
         elif name == "bank" and "bank" not in known:
             left_out[name] = "no bank line is known (site.toml)"
@@ -118,9 +135,7 @@ def ship_with_all_effects(
         full = full.with_effect(name, held)
         if name in left_out:
             continue
-        begin = (start or {}).get(name)
-        candidates[name] = _candidate(name, name, [p for p in rows if not p.held], begin)
+        candidates.append(_candidate(name, "", [p for p in rows if not p.held], (start or {}).get(name)))
         for form in dict.fromkeys(p.form for p in rows if p.form):
-            called = f"{name} {form}"
-            candidates[called] = _candidate(called, name, [p for p in rows if p.form == form])
-    return FullModel(full, candidates, left_out)
+            candidates.append(_candidate(name, form, [p for p in rows if p.form == form]))
+    return FullModel(full, tuple(candidates), left_out)

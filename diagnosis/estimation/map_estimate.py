@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from diagnosis.estimation.candidates import stem
+from diagnosis.estimation.candidates import Column
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.kalman import (
     Adjoint,
@@ -85,14 +85,14 @@ class Estimate:
     iterations: int
     converged: bool
 
-    def value(self, symbol: str) -> float:
-        """Value of a free coefficient."""
-        i = self.free.symbols.index(symbol)
+    def value(self, symbol: str, run: int | None = None) -> float:
+        """Value of a free parameter, or of the one of a run."""
+        i = self.free.columns.index(Column(symbol, run))
         return float(self.free.mean[i] + self.free.std[i] * self.p[i])
 
-    def std(self, symbol: str) -> float:
-        """Standard error of a free coefficient."""
-        i = self.free.symbols.index(symbol)
+    def std(self, symbol: str, run: int | None = None) -> float:
+        """Standard error of a free parameter, or of the one of a run."""
+        i = self.free.columns.index(Column(symbol, run))
         return float(self.free.std[i] * np.sqrt(self.covariance[i, i]))
 
 
@@ -154,13 +154,13 @@ def linearise_and_filter(
 
     further: from the linearisation, more columns; the slope of the log determinant by them is taken as zero.
     """
-    columns = np.array([steps.symbols.index(stem(s)) for s in free.symbols], dtype=int)
+    columns = np.array([steps.symbols.index(s) for s in free.symbols], dtype=int)
     linear = steps.linearise(path.z, data.inputs, theta, path.force[:-1], columns, active)
     K, R, A = linear.G.shape[:3]
     s = system(linear, noise, initial_covariance(steps, data, path.z[0], theta, active), data.good, data.inside, data.h)
     f = filtered(s)
     left = np.exp(-data.h / noise.tau)
-    size = free.std * active_in_window(free.symbols, data)  # (R, P)
+    size = free.std * active_in_window(free.columns, data)  # (R, P)
     pushed, seen = linear.G * size[:, None], linear.D * size[:, None]
     if extra is not None:
         more_pushed, more_seen = extra(linear)
@@ -230,7 +230,7 @@ def estimate(
     )
 
     def coefficients(p: np.ndarray) -> np.ndarray:
-        return set_values(steps.ship, data, theta, free.symbols, free.mean + free.std * p)
+        return set_values(steps.ship, data, theta, free.columns, free.mean + free.std * p)
 
     p = np.clip(np.zeros(len(low)) if p is None else p, low, high)
     now = _Point(p, initial_trajectory(steps, data, coefficients(p)) if path is None else path, noise)

@@ -1,4 +1,4 @@
-"""Columns of a fit: coefficients and parameters of effects that are free, their priors, where they act."""
+"""Free parameters of a fit: coefficients of the ship and parameters of effects, their priors, where they act."""
 
 from __future__ import annotations
 
@@ -7,17 +7,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from diagnosis.estimation.candidates import AT, neutral, stem
+from diagnosis.estimation.candidates import Candidate, Column, neutral
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.linearised_model import TransitionModel
 from mmg.ship import Ship
 
+PRIOR_WIDTH = 10.0
+"""Prior standard deviation of an effect's parameter, in typical sizes of it."""
+
 
 @dataclass(frozen=True)
 class Priors:
-    """Gaussian priors and bounds of some columns: symbols and (P,) each of mean, std, lower, upper."""
+    """Gaussian priors and bounds of P free parameters: columns, and (P,) each of mean, std, lower, upper [unit of the
+    parameter]."""
 
-    symbols: tuple[str, ...]
+    columns: tuple[Column, ...]
     mean: np.ndarray
     std: np.ndarray
     lower: np.ndarray
@@ -25,67 +29,97 @@ class Priors:
 
     def __add__(self, other: Priors) -> Priors:
         join = {k: np.concatenate([getattr(self, k), getattr(other, k)]) for k in ("mean", "std", "lower", "upper")}
-        return Priors(self.symbols + other.symbols, **join)
+        return Priors(self.columns + other.columns, **join)
+
+    @property
+    def symbols(self) -> tuple[str, ...]:
+        """Symbol of each column (P,) among the ship's coefficients."""
+        return tuple(c.symbol for c in self.columns)
+
+    @property
+    def by_run(self) -> bool:
+        """Whether a parameter belongs to one run."""
+        return any(c.run is not None for c in self.columns)
 
     def only(self, kept: Sequence[bool]) -> Priors:
-        """Those columns that are marked."""
-        symbols = tuple(s for s, k in zip(self.symbols, kept, strict=True) if k)
+        """Those columns that are marked in ``kept`` (P,)."""
+        columns = tuple(c for c, k in zip(self.columns, kept, strict=True) if k)
         at = np.array(kept, dtype=bool)
-        return Priors(symbols, self.mean[at], self.std[at], self.lower[at], self.upper[at])
+        return Priors(columns, self.mean[at], self.std[at], self.lower[at], self.upper[at])
+
+
+NO_PRIORS = Priors((), *(np.zeros(0) for _ in range(4)))
+"""No free parameters."""
+
+
+def priors_of(ship: Ship, symbols: Sequence[str]) -> Priors:
+    """Priors of the coefficients ``symbols`` as the file of the ``ship`` states them."""
+    rows = [ship.coefficients[s] for s in symbols]
+    mean, std, lower, upper = (np.array([getattr(c, k) for c in rows]) for k in ("value", "std", "lower", "upper"))
+    return Priors(tuple(Column(s) for s in symbols), mean, std, lower, upper)
+
+
+def priors_of_effects(candidates: Sequence[Candidate], width: float = PRIOR_WIDTH) -> Priors:
+    """Priors of the parameters of ``candidates`` about their neutral values; width: std [typical sizes]."""
+    join = {
+        k: np.concatenate([np.zeros(0), *(getattr(c, k) for c in candidates)])
+        for k in ("neutral", "typical", "lower", "upper")
+    }
+    columns = tuple(x for c in candidates for x in c.columns)
+    return Priors(columns, join["neutral"], width * join["typical"], join["lower"], join["upper"])
 
 
 def active_states(steps: TransitionModel, free: Sequence[str], theta: np.ndarray) -> np.ndarray:
-    """Positions of the states on which the motion or the columns depend: not the memory of effects at neutral values.
+    """Positions (A,) of the states that the motion or the free parameters depend on: not those of effects that are off.
 
-    free: symbols that are being fitted; an effect whose parameters are neither free nor off neutral is asleep.
+    steps: model; free: symbols being fitted; theta: coefficients (all,) or by window (all, R). An effect is off if none
+    of its parameters is free and all are neutral.
     """
-    ship, awake = steps.ship, {s.split(".")[0] for s in free if "." in s}
+    ship, on = steps.ship, {s.split(".")[0] for s in free if "." in s}
     for symbol, value in zip(ship.symbols, theta, strict=True):
         name, _, parameter = symbol.partition(".")
         if parameter and np.any(value != neutral(ship, name, parameter)):
-            awake.add(name)
-    keep = [i for i, s in enumerate(steps.model.states) if "." not in s or s.split(".")[0] in awake]
+            on.add(name)
+    keep = [i for i, s in enumerate(steps.model.states) if "." not in s or s.split(".")[0] in on]
     return np.array(keep)
 
 
-def active_in_window(symbols: Sequence[str], data: GriddedTrials) -> np.ndarray:
-    """Which columns act in which windows, (R, P): a parameter of one run in that run alone."""
-    own = [s.partition(AT)[2] for s in symbols]
-    return np.array([[not o or int(o) == r for o in own] for r in data.run], dtype=float).reshape(len(data.run), -1)
+def active_in_window(columns: Sequence[Column], data: GriddedTrials) -> np.ndarray:
+    """Which of P ``columns`` act in which of R windows of ``data``, (R, P) of 0 and 1: those of a run in it alone."""
+    own = [c.run for c in columns]
+    return np.array([[o is None or o == r for o in own] for r in data.run], dtype=float).reshape(len(data.run), -1)
 
 
 def set_values(
-    ship: Ship, data: GriddedTrials, theta: np.ndarray, symbols: Sequence[str], values: np.ndarray
+    ship: Ship, data: GriddedTrials, theta: np.ndarray, columns: Sequence[Column], values: np.ndarray
 ) -> np.ndarray:
-    """Coefficients (all,) with some values replaced; (all, R) by window if one of the symbols is of one run."""
+    """Coefficients ``theta`` (all,) or (all, R) of a ``ship`` with ``values`` (P,) in these ``columns``.
+
+    data: the R windows. Returns (all, R) if one of the columns belongs to a run.
+    """
     every = theta.copy()
-    if every.ndim == 1 and any(AT in s for s in symbols):
+    if every.ndim == 1 and any(c.run is not None for c in columns):
         every = np.repeat(every[:, None], len(data.run), axis=1)
-    for j, (s, value) in enumerate(zip(symbols, values, strict=True)):
-        at = ship.symbols.index(stem(s))
-        if AT in s:
-            every[at, data.run == int(s.partition(AT)[2])] = values[j]
-        else:
+    for c, value in zip(columns, values, strict=True):
+        at = ship.symbols.index(c.symbol)
+        if c.run is None:
             every[at] = value
+        else:
+            every[at, data.run == c.run] = value
     return every
 
 
-def get_values(ship: Ship, data: GriddedTrials, theta: np.ndarray, symbols: Sequence[str]) -> np.ndarray:
-    """Values of these symbols among coefficients (all,) or (all, R); a mean over windows where they differ."""
+def get_values(ship: Ship, data: GriddedTrials, theta: np.ndarray, columns: Sequence[Column]) -> np.ndarray:
+    """Values (P,) of ``columns`` among coefficients ``theta`` (all,) or (all, R) of a ``ship``: means over the windows
+    of ``data`` in which they act."""
     rows = []
-    for s in symbols:
-        row = np.atleast_1d(theta[ship.symbols.index(stem(s))])
-        own = data.run == int(s.partition(AT)[2]) if AT in s and len(row) > 1 else np.ones(len(row), dtype=bool)
+    for c in columns:
+        row = np.atleast_1d(theta[ship.symbols.index(c.symbol)])
+        own = data.run == c.run if c.run is not None and len(row) > 1 else np.ones(len(row), dtype=bool)
         rows.append(float(row[own].mean()))
     return np.array(rows)
 
 
-NO_PRIORS = Priors((), *(np.zeros(0) for _ in range(4)))
-"""No columns."""
-
-
-def priors_of(ship: Ship, symbols: Sequence[str]) -> Priors:
-    """As the ship's file states them."""
-    rows = [ship.coefficients[s] for s in symbols]
-    mean, std, lower, upper = (np.array([getattr(c, k) for c in rows]) for k in ("value", "std", "lower", "upper"))
-    return Priors(tuple(symbols), mean, std, lower, upper)
+def mean_over_windows(theta: np.ndarray) -> np.ndarray:
+    """Coefficients (all,) from ``theta`` (all,) or by window (all, R)."""
+    return theta.mean(axis=1) if theta.ndim > 1 else theta.copy()

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.stats import chi2
 
-from diagnosis.estimation.candidates import BY_RUN, Candidate, effect_of, stem
+from diagnosis.estimation.candidates import Candidate
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.linearised_model import TransitionModel
 from diagnosis.estimation.map_estimate import Estimate
@@ -54,7 +54,7 @@ class Problem:
     steps: TransitionModel
     data: GriddedTrials
     base: Priors
-    candidates: Mapping[str, Candidate]
+    candidates: tuple[Candidate, ...]
     usual: float = 0.0
     usual_before: float = 0.0
 
@@ -69,7 +69,7 @@ class Tried:
     """A candidate added to a hypothesis and refitted: the fit, the drop of the negative log likelihood, the gain in
     BIC, the probability of such a drop by chance anywhere among the candidates."""
 
-    name: str
+    candidate: Candidate
     found: Estimate
     drop: float
     delta_bic: float
@@ -90,17 +90,18 @@ class Search:
         return self.tried[0] if self.tried else None
 
     @property
-    def same(self) -> tuple[str, ...]:
-        """Names that the data cannot tell from the best, which comes first."""
-        return tuple(t.name for t in self.tried if t.delta_bic > self.tried[0].delta_bic - SAME)
+    def same(self) -> tuple[Candidate, ...]:
+        """Candidates that the data cannot tell from the best, which comes first."""
+        return tuple(t.candidate for t in self.tried if t.delta_bic > self.tried[0].delta_bic - SAME)
 
     @property
     def significant(self) -> bool:
         """Whether the best is more than chance."""
         return bool(self.tried) and self.tried[0].p_value < LEVEL and self.tried[0].delta_bic > 0
 
-    def score(self, name: str) -> Scored:
-        return next(s for s in self.scores if s.name == name)
+    def score(self, candidate: Candidate) -> Scored:
+        """The test of a ``candidate``."""
+        return next(s for s in self.scores if s.candidate == candidate)
 
 
 @dataclass(frozen=True)
@@ -109,67 +110,66 @@ class Found:
 
     robust: of each effect named, its probability by how well the runs agree on it."""
 
-    effects: tuple[str, ...]
+    effects: tuple[Candidate, ...]
     null: Estimate
     final: Estimate
     searches: tuple[Search, ...]
-    robust: Mapping[str, float] = field(default_factory=dict)
+    robust: Mapping[Candidate, float] = field(default_factory=dict)
 
 
 def search(
-    problem: Problem, before: Estimate, named: Sequence[str], short: int = SHORT, seed: int = 0, workers: int = 1
+    problem: Problem, before: Estimate, named: Sequence[Candidate], short: int = SHORT, seed: int = 0, workers: int = 1
 ) -> Search:
     """Screen all candidates that are not named yet, refit the short list with those named.
 
     workers: processes over which the refits are spread.
     """
     p = problem
-    known = {effect_of(n) for n in named}
-    rest = {name: c for name, c in p.candidates.items() if effect_of(name) not in known}
+    known = {c.effect for c in named}
+    rest = [c for c in p.candidates if c.effect not in known]
     scores = scored(slopes(p.steps, p.data, before, rest), rest, seed)
     excited = [s for s in scores if s.excited]
     by_bic = sorted(excited, key=lambda s: s.degrees * p.cost - s.T)[:short]
-    by_p = [s for s in excited if not s.name.endswith(BY_RUN)]
-    local = [s for s in by_bic if s.name.endswith(BY_RUN)]
-    chosen = by_p[:short] + local + [s for s in by_p[short:] if s.name in CURVED]
+    by_p = [s for s in excited if not s.candidate.by_run]
+    local = [s for s in by_bic if s.candidate.by_run]
+    chosen = by_p[:short] + local + [s for s in by_p[short:] if s.candidate.effect in CURVED]
     tried = run_all(_try, [(p, before, tuple(named), s, len(excited)) for s in chosen], workers)
-    return Search(tuple(scores), tuple(_ordered(tried, {s.name: s for s in scores})), before)
+    return Search(tuple(scores), tuple(_ordered(tried, {s.candidate: s for s in scores})), before)
 
 
-def _ordered(tried: Sequence[Tried], scores: Mapping[str, Scored]) -> list[Tried]:
+def _ordered(tried: Sequence[Tried], scores: Mapping[Candidate, Scored]) -> list[Tried]:
     """Refitted candidates, the best first: by their gain in BIC, or where none is CLEAR by their own probability."""
     by_bic = sorted(tried, key=lambda t: -t.delta_bic)
     if not by_bic or by_bic[0].delta_bic > CLEAR:
         return by_bic
 
     def chance(t: Tried) -> float:
-        s = scores[t.name]
-        return float(chi2.sf(max(2 * t.drop, 0.0), s.degrees)) if t.name in CURVED else s.p_single
+        s = scores[t.candidate]
+        return float(chi2.sf(max(2 * t.drop, 0.0), s.degrees)) if t.candidate.effect in CURVED else s.p_single
 
-    return sorted(by_bic, key=lambda t: (t.name.endswith(BY_RUN), chance(t)))
+    return sorted(by_bic, key=lambda t: (t.candidate.by_run, chance(t)))
 
 
-def _try(task: tuple[Problem, Estimate, tuple[str, ...], Scored, int]) -> Tried:
+def _try(task: tuple[Problem, Estimate, tuple[Candidate, ...], Scored, int]) -> Tried:
     return try_one(*task)
 
 
-def try_one(problem: Problem, before: Estimate, named: Sequence[str], score: Scored, count: int) -> Tried:
+def try_one(problem: Problem, before: Estimate, named: Sequence[Candidate], score: Scored, count: int) -> Tried:
     """Refit with one more effect, from its first-order estimate."""
-    c = problem.candidates[score.name]
-    own = [problem.candidates[name] for name in named]
-    start = {s: before.value(s) for e in own for s in e.symbols}
+    c = score.candidate
+    start = {x: before.value(*x) for e in named for x in e.columns}
     first = np.clip(c.neutral + score.phi * c.typical, c.lower, c.upper)
     if c.start is not None:
         first = c.start
-    elif score.name in CURVED:
+    elif c.effect in CURVED:
         first = np.clip(c.neutral + c.typical, c.lower, c.upper)
-    start |= dict(zip(c.symbols, first, strict=True))
-    found = refit(problem.steps, problem.data, problem.base, before, [*own, c], start)
-    kept = sum(len(e.symbols) for e in own)
-    drop = likelihood(before, kept) - likelihood(found, kept + len(c.symbols))
+    start |= dict(zip(c.columns, first, strict=True))
+    found = refit(problem.steps, problem.data, problem.base, before, [*named, c], start)
+    kept = sum(len(e.columns) for e in named)
+    drop = likelihood(before, kept) - likelihood(found, kept + len(c.columns))
     by_chance = min(1.0, count * float(chi2.sf(max(2 * drop, 0.0), score.degrees)))
-    p_value = min(score.p_value, by_chance) if score.name not in CURVED else by_chance
-    return Tried(c.name, found, drop, 2 * drop - score.degrees * problem.cost, p_value)
+    p_value = min(score.p_value, by_chance) if c.effect not in CURVED else by_chance
+    return Tried(c, found, drop, 2 * drop - score.degrees * problem.cost, p_value)
 
 
 def explain(problem: Problem, null: Estimate, seed: int = 0, workers: int = 1) -> Found:
@@ -177,7 +177,7 @@ def explain(problem: Problem, null: Estimate, seed: int = 0, workers: int = 1) -
 
     A later effect may make an earlier one superfluous: it is left out again (``_pruned``).
     """
-    named: list[str] = []
+    named: list[Candidate] = []
     now, searches = null, []
     for _ in range(MOST + 2):
         s = search(problem, now, named, seed=seed, workers=workers)
@@ -186,49 +186,47 @@ def explain(problem: Problem, null: Estimate, seed: int = 0, workers: int = 1) -
             break
         if named and _doubtful(problem, s.best):
             break
-        named, now = _pruned(problem, [*named, s.best.name], s.best.found)
+        named, now = _pruned(problem, [*named, s.best.candidate], s.best.found)
         if not named:
             null = now
         if len(named) >= MOST:
             break
-    robust = {n: robust_p(problem.steps, problem.data, now, problem.candidates[n]) for n in named}
+    robust = {c: robust_p(problem.steps, problem.data, now, c) for c in named}
     return Found(tuple(named), null, now, tuple(searches), robust)
 
 
 def _doubtful(problem: Problem, best: Tried) -> bool:
     """Whether the runs do not agree on a further effect, or effects without a name explain more than it does."""
-    if robust_p(problem.steps, problem.data, best.found, problem.candidates[best.name]) > AGREE:
+    if robust_p(problem.steps, problem.data, best.found, best.candidate) > AGREE:
         return True
     rest = unnamed(problem.steps, problem.data, best.found).log_bayes - problem.usual
     return rest > max(ODDS, best.drop)
 
 
-def _pruned(problem: Problem, named: list[str], now: Estimate) -> tuple[list[str], Estimate]:
+def _pruned(problem: Problem, named: list[Candidate], now: Estimate) -> tuple[list[Candidate], Estimate]:
     """Without those effects that the others have made superfluous, the newest included.
 
     Each is left out in turn, and the rest is fitted again from where the fit with it ended: a new effect may have
     helped the fit to a better place that needs no such effect.
     """
-    for name in named:
-        rest = [n for n in named if n != name]
-        effects = [problem.candidates[n] for n in rest]
-        start = {s: now.value(s) for e in effects for s in e.symbols}
-        without = refit(problem.steps, problem.data, problem.base, now_without(now, problem, rest), effects, start)
-        every = sum(len(problem.candidates[n].symbols) for n in named)
-        kept = sum(len(e.symbols) for e in effects)
+    for c in named:
+        rest = [e for e in named if e != c]
+        start = {x: now.value(*x) for e in rest for x in e.columns}
+        without = refit(problem.steps, problem.data, problem.base, now_without(now, problem, rest), rest, start)
+        every, kept = (sum(len(e.columns) for e in some) for some in (named, rest))
         lost = 2 * (likelihood(without, kept) - likelihood(now, every))
-        if lost < (every - kept) * problem.cost or wald_p(now, problem.candidates[name]) > NEUTRAL:
+        if lost < (every - kept) * problem.cost or wald_p(now, c) > NEUTRAL:
             return _pruned(problem, rest, without) if rest else (rest, without)
     return named, now
 
 
-def now_without(now: Estimate, problem: Problem, kept: Sequence[str]) -> Estimate:
+def now_without(now: Estimate, problem: Problem, kept: Sequence[Candidate]) -> Estimate:
     """A fit as a start of one with fewer effects: the others at their neutral values."""
-    theta, remains = now.theta.copy(), {effect_of(n) for n in kept}
-    for c in problem.candidates.values():
-        if effect_of(c.name) not in remains:
+    theta, remains = now.theta.copy(), {c.effect for c in kept}
+    for c in problem.candidates:
+        if c.effect not in remains:
             for s, value in zip(c.symbols, c.neutral, strict=True):
-                theta[problem.steps.ship.symbols.index(stem(s))] = value
+                theta[problem.steps.ship.symbols.index(s)] = value
     if theta.ndim > 1 and np.ptp(theta, axis=1).max() == 0:
         theta = theta[:, 0].copy()
     return Estimate(theta, now.free, now.p, now.covariance, now.path, now.noise, now.nll, now.iterations, now.converged)

@@ -14,12 +14,11 @@ from dataclasses import replace
 import numpy as np
 
 from cases.trial import Trial
-from diagnosis.estimation.candidates import AT, effect_of, stem
+from diagnosis.estimation.candidates import Candidate
 from diagnosis.estimation.gridded_trials import grid_trials
 from diagnosis.estimation.map_estimate import Estimate, Trajectory, linearise_and_filter
-from diagnosis.estimation.parameters import get_values
+from diagnosis.estimation.parameters import get_values, mean_over_windows, priors_of_effects
 from diagnosis.hypotheses.forward_selection import Problem
-from diagnosis.hypotheses.refit import priors_of_effects
 from fitting.design.candidates import Option, library
 from fitting.design.next_trial import runs
 from mmg.motion.memory import MODEL_LENGTH
@@ -33,14 +32,14 @@ TOLD = 6.6
 """Misfit that tells two explanations apart at 1 %."""
 
 
-def next_test(problem: Problem, first: Estimate, names: Sequence[str], ship: Ship) -> str:
-    """A sentence: the manoeuvre that would separate the first of ``names`` from each of the others.
+def next_test(problem: Problem, first: Estimate, candidates: Sequence[Candidate], ship: Ship) -> str:
+    """A sentence: the manoeuvre that would separate the first of ``candidates`` from each of the others.
 
     first: a fit with the first of the effects; ship: with that effect, as diagnosed.
     """
-    theta = get_values(problem.steps.ship, problem.data, first.theta, problem.steps.ship.symbols)
-    for s in {stem(s) for s in first.free.symbols if AT in s}:  # of one that differs by run, its usual size
-        own = [first.value(x) for x in first.free.symbols if stem(x) == s]
+    theta = mean_over_windows(first.theta)
+    for s in {c.symbol for c in first.free.columns if c.run is not None}:  # of one that differs by run, its usual size
+        own = [first.value(*c) for c in first.free.columns if c.symbol == s]
         theta[problem.steps.ship.symbols.index(s)] = float(np.sqrt(np.mean(np.square(own))))
     first = replace(first, theta=theta)
     k = (float(ship.particulars["L"]) / MODEL_LENGTH) ** 0.5
@@ -48,12 +47,12 @@ def next_test(problem: Problem, first: Estimate, names: Sequence[str], ship: Shi
     options, trials, _ = runs(ship, chosen, SECONDS * k, problem.data.h)
     if not options:
         return ""
-    others = list(names[1:])
-    rows = np.array([_told(problem, first, names[0], others, trial) for trial in trials])
+    one, *others = candidates
+    rows = np.array([_told(problem, first, one, others, trial) for trial in trials])
     if not others:
         best = int(np.argmax(rows[:, 0]))
         percent = 100 / max(np.sqrt(rows[best, 0]), 1e-9)
-        words = f"To know the size of {effect_of(names[0])} better: {_order(options[best])} of {SECONDS * k:.0f} s, "
+        words = f"To know the size of {one.effect} better: {_order(options[best])} of {SECONDS * k:.0f} s, "
         if percent <= 2 * AIM:
             return (
                 words + f"which alone would measure it to {percent:.{'1f' if percent < 10 else '0f'}} % of its value."
@@ -61,7 +60,7 @@ def next_test(problem: Problem, first: Estimate, names: Sequence[str], ship: Shi
         return words + f"about {np.ceil((percent / AIM) ** 2):.0f} times for {AIM:.0f} % of its value."
     worst = rows.min(axis=1)
     best = int(np.argmax(worst))
-    rivals = f"{effect_of(names[0])} from {' and '.join(effect_of(n) for n in others)}"
+    rivals = f"{one.effect} from {' and '.join(c.effect for c in others)}"
     words = f"To tell {rivals}: {_order(options[best])} of {SECONDS * k:.0f} s"
     if worst[best] >= TOLD:
         return words + f" (expected misfit of the wrong one: {worst[best]:.0f}, 6.6 suffices)."
@@ -76,7 +75,7 @@ def _order(option: Option) -> str:
     return f"{option.name} (mmg simulate SHIP --maneuver {option.arguments})"
 
 
-def _told(problem: Problem, first: Estimate, name: str, others: Sequence[str], trial: Trial) -> np.ndarray:
+def _told(problem: Problem, first: Estimate, one: Candidate, others: Sequence[Candidate], trial: Trial) -> np.ndarray:
     """Misfit of each other effect in place of the first (or of none, without others) in one run of a manoeuvre."""
     steps, data = problem.steps, grid_trials([trial], problem.steps.ship.inputs, _length(problem), problem.data.h)
     every = np.arange(steps.S)
@@ -85,9 +84,10 @@ def _told(problem: Problem, first: Estimate, name: str, others: Sequence[str], t
     for k in range(K):
         z[k + 1] = steps.advance(z[k].T, data.inputs[k].T, first.theta).T
     nothing = np.zeros((K + 1, R, 3))
-    effects = [problem.candidates[n] for n in (name, *others)]
+    effects = [one, *others]
     more = priors_of_effects(effects)
-    acting = {s.partition(".")[0] for s in first.free.symbols if AT in s} | {effect_of(n) for n in (name, *others)}
+    by_run = {c.symbol for c in first.free.columns if c.run is not None}
+    acting = {s.partition(".")[0] for s in by_run} | {c.effect for c in effects}
     kept = [s in first.free.symbols and s.partition(".")[0] not in acting for s in problem.base.symbols]
     base = problem.base.only(kept)
     P, free = len(base.symbols), base + more
@@ -96,12 +96,12 @@ def _told(problem: Problem, first: Estimate, name: str, others: Sequence[str], t
     )
     flat = np.nan_to_num(linearised.white[..., :-1]).reshape(-1, len(free.mean))
     gram = flat.T @ flat
-    known = [first.free.symbols.index(s) for s in base.symbols]
+    known = [first.free.columns.index(c) for c in base.columns]
     gram[:P, :P] += np.linalg.inv(first.covariance[np.ix_(known, known)])
     S = gram[P:, P:] - gram[P:, :P] @ np.linalg.solve(gram[:P, :P], gram[:P, P:])
-    q = len(effects[0].symbols)
-    size = get_values(problem.steps.ship, problem.data, first.theta, effects[0].symbols)
-    phi = (size - effects[0].neutral) / more.std[:q]
+    q = len(one.columns)
+    size = get_values(problem.steps.ship, problem.data, first.theta, one.columns)
+    phi = (size - one.neutral) / more.std[:q]
     if not others:
         return np.array([phi @ S[:q, :q] @ phi])
     misfit, at = [], q

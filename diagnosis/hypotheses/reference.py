@@ -13,13 +13,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from diagnosis.estimation.candidates import Candidate
+from diagnosis.estimation.candidates import Candidate, Column
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.kalman import NoiseModel
 from diagnosis.estimation.linearised_model import TransitionModel
 from diagnosis.estimation.map_estimate import Estimate, Trajectory, estimate, linearise_and_filter
-from diagnosis.estimation.parameters import Priors, active_states
-from diagnosis.hypotheses.refit import priors_of_effects
+from diagnosis.estimation.parameters import Priors, active_states, priors_of_effects
 from diagnosis.hypotheses.unnamed import unnamed
 
 LEAST, ROUNDS = 0.1, 20
@@ -34,17 +33,17 @@ STRONG = 2.0
 class Reference:
     """priors: of the coefficients, then of the parameters of all effects, for trials that are not those of the
     calibration; candidates: with what the calibration's trials show as their neutral values, unless that is STRONG;
-    strong: names of those; theta: (all,) coefficients to begin with; shift, scatter: of each parameter by symbol, its
+    strong: those; theta: (all,) coefficients to begin with; shift, scatter: of each parameter, its
     value and its standard deviation between runs [typical sizes]; unnamed: log Bayes factor, per grid time compared, of
     effects without a name in the trials of the calibration; unexplained: the same where those that are strong are not
     fitted; noise: what is random in them."""
 
     priors: Priors
-    candidates: dict[str, Candidate]
-    strong: tuple[str, ...]
+    candidates: tuple[Candidate, ...]
+    strong: tuple[Candidate, ...]
     theta: np.ndarray
-    shift: dict[str, float]
-    scatter: dict[str, float]
+    shift: dict[Column, float]
+    scatter: dict[Column, float]
     unnamed: float
     unexplained: float
     noise: NoiseModel
@@ -55,14 +54,14 @@ def refer(
     data: GriddedTrials,
     null: Estimate,
     base: Priors,
-    candidates: dict[str, Candidate],
+    candidates: Sequence[Candidate],
     runs: int = 1,
 ) -> Reference:
     """Fit all effects to the calibration's trials, from the fit without any, and see how they scatter by run.
 
     runs: number of the other trials, whose mean scatters less than each of them.
     """
-    effects = priors_of_effects(list(candidates.values()), 1.0)
+    effects = priors_of_effects(candidates, 1.0)
     free = base + effects
     p = np.concatenate([null.p, np.zeros(len(effects.symbols))])
     passive = np.setdiff1d(np.arange(steps.S), active_states(steps, null.free.symbols, null.theta))
@@ -74,24 +73,27 @@ def refer(
     P, known = len(base.symbols), found.p.copy()
     std = np.sqrt(np.diag(found.covariance))
     std[P:] = np.hypot(std[P:], spread / np.sqrt(runs))
-    moved, strong = {}, []
-    for c in candidates.values():
-        at = [free.symbols.index(s) for s in c.symbols]
+    moved: list[Candidate] = []
+    strong: list[Candidate] = []
+    for c in candidates:
+        at = [free.columns.index(x) for x in c.columns]
         if np.abs(found.p[at]).max() > STRONG:
-            strong.append(c.name)
+            strong.append(c)
             known[at], std[at] = 0.0, np.minimum(spread[np.array(at) - P] / np.sqrt(runs), 1.0)
-        moved[c.name] = replace(c, neutral=free.mean[at] + free.std[at] * known[at])
+        moved.append(replace(c, neutral=free.mean[at] + free.std[at] * known[at]))
     value = free.mean + free.std * known
     theta = found.theta.copy()
     theta[[steps.ship.symbols.index(s) for s in free.symbols]] = value
-    shift, scatter = (dict(zip(effects.symbols, x.tolist(), strict=True)) for x in (found.p[P:], spread))
+    shift, scatter = (dict(zip(effects.columns, x.tolist(), strict=True)) for x in (found.p[P:], spread))
     rest = max(unnamed(steps, data, found).log_bayes, 0.0) / data.samples
     whole = rest
     if strong:
-        whole = max(unnamed(steps, data, _without(steps, data, found, [moved[n] for n in strong])).log_bayes, 0.0)
+        whole = max(
+            unnamed(steps, data, _without(steps, data, found, [c for c in moved if c in strong])).log_bayes, 0.0
+        )
         whole /= data.samples
     priors = replace(free, mean=value, std=free.std * std)
-    return Reference(priors, moved, tuple(strong), theta, shift, scatter, rest, whole, found.noise)
+    return Reference(priors, tuple(moved), tuple(strong), theta, shift, scatter, rest, whole, found.noise)
 
 
 def _without(steps: TransitionModel, data: GriddedTrials, found: Estimate, effects: Sequence[Candidate]) -> Estimate:

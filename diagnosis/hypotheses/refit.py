@@ -8,22 +8,12 @@ import numpy as np
 from scipy.stats import chi2
 from scipy.stats import f as f_law
 
-from diagnosis.estimation.candidates import AT, PRIOR_WIDTH, Candidate, stem
+from diagnosis.estimation.candidates import Candidate, Column
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.linearised_model import TransitionModel
 from diagnosis.estimation.map_estimate import Estimate, Trajectory, estimate, linearise_and_filter
-from diagnosis.estimation.parameters import Priors, active_states, get_values, set_values
+from diagnosis.estimation.parameters import Priors, active_states, get_values, priors_of_effects, set_values
 from mmg.motion.memory import MODEL_LENGTH
-
-
-def priors_of_effects(candidates: Sequence[Candidate], width: float = PRIOR_WIDTH) -> Priors:
-    """Priors about the neutral values, of so many typical sizes."""
-    join = {
-        k: np.concatenate([np.zeros(0), *(getattr(c, k) for c in candidates)])
-        for k in ("neutral", "typical", "lower", "upper")
-    }
-    symbols = tuple(s for c in candidates for s in c.symbols)
-    return Priors(symbols, join["neutral"], width * join["typical"], join["lower"], join["upper"])
 
 
 def likelihood(found: Estimate, own: int) -> float:
@@ -37,7 +27,7 @@ def refit(
     base: Priors,
     before: Estimate,
     effects: Sequence[Candidate],
-    start: Mapping[str, float],
+    start: Mapping[Column, float],
     iterations: int = 8,
 ) -> Estimate:
     """The fit with these effects, from a fit with fewer; start: values of their parameters to begin with.
@@ -45,11 +35,10 @@ def refit(
     Where an effect has a prior among those of ``base``, as known from other trials, that is set aside.
     """
     more = priors_of_effects(effects)
-    own = {stem(s) for s in more.symbols}
-    free = base.only([s not in own for s in base.symbols]) + more
-    first = np.array([start.get(s, m) for s, m in zip(more.symbols, more.mean, strict=True)])
-    theta = set_values(steps.ship, data, before.theta, more.symbols, first)
-    p = (get_values(steps.ship, data, theta, free.symbols) - free.mean) / free.std
+    free = base.only([s not in more.symbols for s in base.symbols]) + more
+    first = np.array([start.get(c, m) for c, m in zip(more.columns, more.mean, strict=True)])
+    theta = set_values(steps.ship, data, before.theta, more.columns, first)
+    p = (get_values(steps.ship, data, theta, free.columns) - free.mean) / free.std
     active = active_states(steps, free.symbols, theta)
     asleep = np.setdiff1d(active, active_states(steps, before.free.symbols, before.theta))
     path = before.path
@@ -60,7 +49,7 @@ def refit(
 
 def wald_p(found: Estimate, effect: Candidate) -> float:
     """Probability that an effect is as far from neutral by chance, by the standard errors of the fit."""
-    own = np.array([found.free.symbols.index(s) for s in effect.symbols])
+    own = np.array([found.free.columns.index(c) for c in effect.columns])
     move = found.p[own] - (effect.neutral - found.free.mean[own]) / found.free.std[own]
     return float(chi2.sf(move @ np.linalg.solve(found.covariance[np.ix_(own, own)], move), len(own)))
 
@@ -86,11 +75,11 @@ def robust_p(steps: TransitionModel, data: GriddedTrials, found: Estimate, effec
     model of the noise (Liang & Zeger 1986). An effect that one run alone shows is not doubted by this, nor one with
     parameters of its own in each run.
     """
-    if any(AT in s for s in effect.symbols):
+    if effect.by_run:
         return 0.0
     active = active_states(steps, found.free.symbols, found.theta)
     linearised = linearise_and_filter(steps, data, found.theta, found.path, found.noise, found.free, found.p, active)
-    own = np.array([found.free.symbols.index(s) for s in effect.symbols])
+    own = np.array([found.free.columns.index(c) for c in effect.columns])
     rest = np.setdiff1d(np.arange(len(found.p)), own)
     white = linearised.white.reshape(*linearised.white.shape[:2], 6, -1)
     gram = np.einsum("krca,krcb->ab", white, white, optimize=True)

@@ -8,13 +8,13 @@ projected out. All slopes are jointly normal with a known covariance, which give
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.stats import chi2
 
-from diagnosis.estimation.candidates import Candidate, stem
+from diagnosis.estimation.candidates import Candidate, Column
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.linearised_model import TransitionModel
 from diagnosis.estimation.map_estimate import Estimate, Trajectory, linearise_and_filter
@@ -30,11 +30,11 @@ EXCITED = 1e-3
 class Slopes:
     """The slopes of all candidates at a fitted hypothesis.
 
-    symbols: of the parameters, P of them, in units of their typical size; g: (P,) slopes of the log likelihood, the
+    columns: the parameters, P of them, in units of their typical size; g: (P,) slopes of the log likelihood, the
     hypothesis projected out; S: (P, P) their covariance; own: (P,) information before the projection.
     """
 
-    symbols: tuple[str, ...]
+    columns: tuple[Column, ...]
     g: np.ndarray
     S: np.ndarray
     own: np.ndarray
@@ -46,7 +46,7 @@ class Scored:
     phi: (p,) first-order estimates [typical sizes]; absorbed: share of its information that coefficients imitate;
     errors: (p,) standard errors of phi, infinite where nothing is seen."""
 
-    name: str
+    candidate: Candidate
     T: float
     degrees: int
     p_single: float
@@ -57,24 +57,26 @@ class Scored:
     errors: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
 
-def slopes(steps: TransitionModel, data: GriddedTrials, found: Estimate, candidates: Mapping[str, Candidate]) -> Slopes:
+def slopes(steps: TransitionModel, data: GriddedTrials, found: Estimate, candidates: Sequence[Candidate]) -> Slopes:
     """Linearise about a fitted hypothesis with all candidates as further columns."""
     passive = np.setdiff1d(np.arange(steps.S), active_states(steps, found.free.symbols, found.theta))
     active, z = np.arange(steps.S), found.path.z  # a candidate's memory takes part in the slope of the log determinant
     if len(passive):
         z = steps.with_passive_states(z, data.inputs, found.theta, found.path.force, passive)
-    each = [s for c in candidates.values() for s in c.symbols]
-    symbols = list(dict.fromkeys(stem(s) for s in each))
-    sizes = dict(zip((stem(s) for s in each), np.concatenate([c.typical for c in candidates.values()]), strict=True))
+    each = [x for c in candidates for x in c.columns]
+    sizes = {s: size for c in candidates for s, size in zip(c.symbols, c.typical, strict=True)}
+    symbols = list(sizes)
     typical, free, n = np.array([sizes[s] for s in symbols]), found.free, len(symbols)
-    both = free + Priors(tuple(symbols), np.zeros(n), typical, np.full(n, -np.inf), np.full(n, np.inf))
+    both = free + Priors(
+        tuple(Column(s) for s in symbols), np.zeros(n), typical, np.full(n, -np.inf), np.full(n, np.inf)
+    )
     path, nowhere = Trajectory(z, found.path.force), np.zeros(len(both.symbols))
     linearised = linearise_and_filter(steps, data, found.theta, path, found.noise, both, nowhere, active)
     P = len(free.symbols)
     grams = np.einsum("krca,krcb->rab", linearised.white, linearised.white, optimize=True)
     logdet_gradient = np.hstack([linearised.logdet_gradient, np.zeros((len(data.run), 1))])
     # a parameter of one run has the column of the ship's parameter in that run's windows and nothing elsewhere
-    pick = np.array([*range(P), *(P + symbols.index(stem(s)) for s in each), P + n])
+    pick = np.array([*range(P), *(P + symbols.index(c.symbol) for c in each), P + n])
     acts = np.hstack([np.ones((len(data.run), P)), active_in_window(each, data), np.ones((len(data.run), 1))])
     grams = grams[:, pick[:, None], pick[None]] * acts[:, :, None] * acts[:, None]
     gram, logdet_gradients = grams.sum(axis=0), (logdet_gradient[:, pick] * acts).sum(axis=0)[:-1]
@@ -88,12 +90,12 @@ def slopes(steps: TransitionModel, data: GriddedTrials, found: Estimate, candida
     return Slopes(tuple(each), g, S, own)
 
 
-def scored(s: Slopes, candidates: Mapping[str, Candidate], seed: int = 0) -> list[Scored]:
+def scored(s: Slopes, candidates: Sequence[Candidate], seed: int = 0) -> list[Scored]:
     """Tests of all candidates, the most telling first."""
     rng = np.random.default_rng(seed)
     values, vectors = np.linalg.eigh(s.S)
     draws = rng.standard_normal((DRAWS, len(values))) * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
-    tests = [_test(s, c, draws) for c in candidates.values()]
+    tests = [_test(s, c, draws) for c in candidates]
     least = np.min([null for _, null in tests], axis=0)
     count = sum(row.excited for row, _ in tests)
     rows = [replace(row, p_value=_largest(row.p_single, least, count) if row.T > 0 else 1.0) for row, _ in tests]
@@ -102,14 +104,14 @@ def scored(s: Slopes, candidates: Mapping[str, Candidate], seed: int = 0) -> lis
 
 def _test(s: Slopes, c: Candidate, draws: np.ndarray) -> tuple[Scored, np.ndarray]:
     """The test of one candidate, and the single probabilities (DRAWS,) that chance gives it."""
-    at = np.array([s.symbols.index(x) for x in c.symbols])
+    at = np.array([s.columns.index(x) for x in c.columns])
     S, own = s.S[np.ix_(at, at)], s.own[at]
     excited = own > EXCITED
     seen = excited & (np.diag(S) > EXCITED)
     if not seen.any():
         absorbed = 1.0 if excited.any() else 0.0
         nowhere = np.full(len(at), np.inf)
-        row = Scored(c.name, 0.0, len(at), 1.0, 1.0, np.zeros(len(at)), absorbed, bool(excited.any()), nowhere)
+        row = Scored(c, 0.0, len(at), 1.0, 1.0, np.zeros(len(at)), absorbed, bool(excited.any()), nowhere)
         return row, np.ones(len(draws))
     S = S[np.ix_(seen, seen)]
     inverse = np.linalg.pinv(S, rcond=1e-8, hermitian=True)
@@ -127,7 +129,7 @@ def _test(s: Slopes, c: Candidate, draws: np.ndarray) -> tuple[Scored, np.ndarra
     absorbed = float(np.clip(1 - np.mean(np.diag(S) / own[seen]), 0.0, 1.0))
     errors = np.full(len(at), np.inf)
     errors[seen] = np.sqrt(np.diag(inverse))
-    return Scored(c.name, T, degrees, p, 1.0, phi, absorbed, True, errors), null
+    return Scored(c, T, degrees, p, 1.0, phi, absorbed, True, errors), null
 
 
 def _largest(p: float, least: np.ndarray, count: int) -> float:

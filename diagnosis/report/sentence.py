@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from diagnosis.estimation.candidates import effect_of
 from diagnosis.findings import HeldOut, NamedEffect
 from diagnosis.hypotheses.forward_selection import Found
 
@@ -29,7 +28,7 @@ def sentence_of(
     if verdict == "none":
         return "No effect beyond the ship's model is needed to explain these trials: what remains looks like chance."
     if verdict == "unknown":
-        nearest = effect_of(found.searches[0].tried[0].name) if found.searches and found.searches[0].tried else ""
+        nearest = found.searches[0].tried[0].candidate.effect if found.searches and found.searches[0].tried else ""
         hint = f" The nearest known effect, {nearest}, does not account for it." if nearest else ""
         return f"Something is missing in the model, but none of the known effects explains it.{hint}"
     named = "; ".join(f"{e.name} ({amount(e)})" for e in effects)

@@ -7,12 +7,12 @@ from typing import Protocol
 
 import numpy as np
 
-from diagnosis.estimation.candidates import AT, stem
+from diagnosis.estimation.candidates import Column
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.kalman import smoothed
 from diagnosis.estimation.linearised_model import TransitionModel
 from diagnosis.estimation.map_estimate import Estimate, Trajectory, estimate, initial_trajectory, linearise_and_filter
-from diagnosis.estimation.parameters import NO_PRIORS, Priors, active_states, get_values
+from diagnosis.estimation.parameters import NO_PRIORS, Priors, active_states, mean_over_windows
 from diagnosis.findings import HeldOut
 from mmg.effects import EFFECTS
 from mmg.logged import columns
@@ -126,15 +126,16 @@ def in_their_runs(steps: TransitionModel, data: GriddedTrials, found: Estimate) 
 
     What is known of them before is their mean and scatter over the runs of the fit; all else stays as it is.
     """
-    symbols = dict.fromkeys(stem(s) for s in found.free.symbols if AT in s)
-    values = [np.array([found.value(s) for s in found.free.symbols if AT in s and stem(s) == x]) for x in symbols]
+    own_columns = [c for c in found.free.columns if c.run is not None]
+    symbols = dict.fromkeys(c.symbol for c in own_columns)
+    values = [np.array([found.value(*c) for c in own_columns if c.symbol == s]) for s in symbols]
     runs = np.unique(data.run)
-    names = tuple(f"{x}{AT}{r}" for r in runs for x in symbols)
+    columns_of = tuple(Column(s, r) for r in runs for s in symbols)
     mean, std = (np.tile([f(v) for v in values], len(runs)) for f in (np.mean, lambda v: np.std(v) + 1e-9))
-    unbounded = np.full(len(names), np.inf)
-    theta = get_values(steps.ship, data, found.theta, steps.ship.symbols)
+    unbounded = np.full(len(columns_of), np.inf)
+    theta = mean_over_windows(found.theta)
     first = replace(data, good=data.good & (data.t < halves(data))[..., None])
-    own = Priors(names, mean, std, -unbounded, unbounded)
+    own = Priors(columns_of, mean, std, -unbounded, unbounded)
     return replace(found, theta=estimate(steps, first, theta, own, found.noise, iterations=6, steady=True).theta)
 
 
@@ -189,7 +190,7 @@ def compare(
     steps: TransitionModel, data: GriddedTrials, before: Estimate, after: Estimate, seed: int = 0
 ) -> HeldOut | None:
     """Windows by two fits, with an interval of the reduction by drawing runs again; None without a whole window."""
-    later = any(AT in s for s in after.free.symbols)
+    later = after.free.by_run
     a = _measured(steps, data, before, later)
     b = a if after is before else _measured(steps, data, in_their_runs(steps, data, after) if later else after, later)
     if a is None or b is None:

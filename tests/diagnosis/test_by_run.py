@@ -12,10 +12,10 @@ import pytest
 from cases.trial import Trial
 from diagnosis import summary as told
 from diagnosis.diagnose import DiagnosisOptions, diagnose
-from diagnosis.estimation.candidates import AT, BY_RUN, LOCAL, Candidate, by_run, effect_of, stem
+from diagnosis.estimation.candidates import LOCAL, Candidate, Column, find
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
 from diagnosis.estimation.map_estimate import Estimate
-from diagnosis.estimation.parameters import Priors, get_values
+from diagnosis.estimation.parameters import Priors, get_values, mean_over_windows
 from diagnosis.findings import HeldOut
 from diagnosis.hypotheses.forward_selection import Found, Problem, explain, now_without
 from diagnosis.hypotheses.refit import refit, robust_p
@@ -55,8 +55,8 @@ def in_currents(
 def local(problem: Problem) -> Problem:
     """With the candidates that differ by run, as ``prepare`` adds them."""
     runs = np.unique(problem.data.run).tolist()
-    own = [by_run(problem.candidates[name], runs) for name in LOCAL]
-    return replace(problem, candidates=dict(problem.candidates) | {c.name: c for c in own})
+    own = [c.in_each(runs) for c in problem.candidates if c.effect in LOCAL]
+    return replace(problem, candidates=(*problem.candidates, *own))
 
 
 @pytest.fixture(scope="module")
@@ -69,42 +69,40 @@ def fits() -> tuple[Problem, Estimate, Found]:
 
 def test_slopes_by_run_add_up_to_those_of_all_runs(fits: tuple[Problem, Estimate, Found]) -> None:
     problem, null, _ = fits
-    both = {n: problem.candidates[n] for name in LOCAL for n in (name, name + BY_RUN)}
+    both = [c for c in problem.candidates if c.effect in LOCAL]
     s = slopes(problem.steps, problem.data, null, both)
-    one = [x for name in LOCAL for x in both[name].symbols]
-    own = [x for name in LOCAL for x in both[name + BY_RUN].symbols]
-    adds = np.array([[stem(x) == y for x in own] for y in one], dtype=float)
-    a, b = (np.array([s.symbols.index(x) for x in symbols]) for symbols in (one, own))
+    one, own = ([x for c in both if c.by_run is by_run for x in c.columns] for by_run in (False, True))
+    adds = np.array([[x.symbol == y.symbol for x in own] for y in one], dtype=float)
+    a, b = (np.array([s.columns.index(x) for x in columns]) for columns in (one, own))
     np.testing.assert_allclose(adds @ s.g[b], s.g[a], rtol=1e-9, atol=1e-9 * np.abs(s.g).max())
     np.testing.assert_allclose(adds @ s.S[np.ix_(b, b)] @ adds.T, s.S[np.ix_(a, a)], rtol=1e-8, atol=1e-9 * s.S.max())
     np.testing.assert_allclose(adds @ s.own[b], s.own[a], rtol=1e-9)
-    rows = {row.name: row for row in scored(s, both)}
+    rows = {row.candidate.label: row for row in scored(s, both)}
     for name in LOCAL:
-        assert rows[name + BY_RUN].T >= rows[name].T and rows[name + BY_RUN].degrees == 3 * rows[name].degrees
+        by_run = rows[f"{name} by run"]
+        assert by_run.T >= rows[name].T and by_run.degrees == 3 * rows[name].degrees
 
 
 def test_information_on_a_run_is_that_where_no_other_run_counts(fits: tuple[Problem, Estimate, Found]) -> None:
     problem, null, _ = fits
-    one = {"current": problem.candidates["current"]}
-    own = {"current by run": problem.candidates["current by run"]}
+    one, own = ([find(problem.candidates, "current", by_run=by_run)] for by_run in (False, True))
     s = slopes(problem.steps, problem.data, null, own)
     for r in range(3):
         alone = replace(problem.data, good=problem.data.good & (problem.data.run == r)[:, None])
-        at = [s.symbols.index(f"current.{k}@{r}") for k in "xy"]
+        at = [s.columns.index(Column(f"current.{k}", r)) for k in "xy"]
         np.testing.assert_allclose(s.own[at], slopes(problem.steps, alone, null, one).own, rtol=1e-9)
 
 
 def test_of_a_single_run_the_candidate_by_run_is_the_candidate_itself() -> None:
     problem, null = problem_of(pushed_trials(1, ["current:x=0.03,y=-0.02"], RUNS[:1]), H)
-    current = problem.candidates["current"]
-    a = slopes(problem.steps, problem.data, null, {"current": current})
-    b = slopes(problem.steps, problem.data, null, {"current by run": by_run(current, [0])})
+    current = find(problem.candidates, "current")
+    by_run = current.in_each([0])
+    a, b = (slopes(problem.steps, problem.data, null, [c]) for c in (current, by_run))
     np.testing.assert_allclose(a.g, b.g, rtol=1e-12)
     np.testing.assert_allclose(a.S, b.S, rtol=1e-12)
-    start = {"current.x": 0.02, "current.y": -0.01}
-    one = refit(problem.steps, problem.data, problem.base, null, [current], start)
-    own = refit(
-        problem.steps, problem.data, problem.base, null, [by_run(current, [0])], {f"{k}@0": v for k, v in start.items()}
+    one, own = (
+        refit(problem.steps, problem.data, problem.base, null, [c], dict(zip(c.columns, (0.02, -0.01), strict=True)))
+        for c in (current, by_run)
     )
     assert own.theta.shape == (len(problem.steps.ship.symbols), 1) and one.theta.ndim == 1
     np.testing.assert_allclose(own.theta[:, 0], one.theta, rtol=1e-9, atol=1e-12)
@@ -113,62 +111,64 @@ def test_of_a_single_run_the_candidate_by_run_is_the_candidate_itself() -> None:
 
 def test_the_score_by_run_points_to_the_size_in_each_run(fits: tuple[Problem, Estimate, Found]) -> None:
     problem, null, _ = fits
-    chosen = {n: problem.candidates[n] for n in ("current", "current by run")}
-    rows = {row.name: row for row in scored(slopes(problem.steps, problem.data, null, chosen), chosen)}
-    assert rows["current by run"].p_single < 1e-15 and rows["current by run"].T > rows["current"].T + 50
-    size = (rows["current by run"].phi * chosen["current by run"].typical).reshape(3, 2)
+    chosen = [find(problem.candidates, "current", by_run=by_run) for by_run in (False, True)]
+    rows = {row.candidate: row for row in scored(slopes(problem.steps, problem.data, null, chosen), chosen)}
+    one, own = (rows[c] for c in chosen)
+    assert own.p_single < 1e-15 and own.T > one.T + 50
+    size = (own.phi * chosen[1].typical).reshape(3, 2)
     np.testing.assert_allclose(size, TRUTH, atol=0.015)
 
 
 def test_a_current_of_its_own_in_each_run_is_named_by_run(fits: tuple[Problem, Estimate, Found]) -> None:
     problem, _, found = fits
-    assert found.effects == ("current by run",) and found.robust == {"current by run": 0.0}
+    by_run = find(problem.candidates, "current", by_run=True)
+    assert found.effects == (by_run,) and found.robust == {by_run: 0.0}
     assert found.final.theta.shape == (len(problem.steps.ship.symbols), 3)
     for r, pair in enumerate(TRUTH):
         for k, value in zip("xy", pair, strict=True):
-            symbol = f"current.{k}{AT}{r}"
-            assert abs(found.final.value(symbol) - value) < 4 * found.final.std(symbol) < 0.02, symbol
-            assert get_values(problem.steps.ship, problem.data, found.final.theta, [symbol])[0] == pytest.approx(
-                found.final.value(symbol)
-            )
+            column = Column(f"current.{k}", r)
+            assert abs(found.final.value(*column) - value) < 4 * found.final.std(*column) < 0.02, column
+            got = get_values(problem.steps.ship, problem.data, found.final.theta, [column])
+            assert got[0] == pytest.approx(found.final.value(*column))
 
 
 def test_a_current_that_is_the_same_in_all_runs_is_not_named_by_run() -> None:
     problem, null = problem_of(in_currents(10, RUNS, 3 * ((0.03, -0.02),)), H)
     problem = local(problem)
     found = explain(problem, null)
-    assert found.effects == ("current",)
-    assert "current by run" in [t.name for t in found.searches[0].tried] and found.final.theta.ndim == 1
+    current = find(problem.candidates, "current")
+    assert found.effects == (current,)
+    assert "current by run" in [t.candidate.label for t in found.searches[0].tried] and found.final.theta.ndim == 1
     assert (found.final.value("current.x"), found.final.value("current.y")) == pytest.approx((0.03, -0.02), abs=0.005)
-    row = told.named(problem, replace(full_model(), candidates=dict(problem.candidates)), found, "current")
+    row = told.named(problem, replace(full_model(), candidates=problem.candidates), found, current)
     assert row.by_run == {}
 
 
 def test_without_the_effect_coefficients_are_those_of_all_runs_again(fits: tuple[Problem, Estimate, Found]) -> None:
     problem, _, found = fits
-    kept = now_without(found.final, problem, ["current by run"])
+    kept = now_without(found.final, problem, found.effects)
     np.testing.assert_array_equal(kept.theta, found.final.theta)
     none = now_without(found.final, problem, [])
     assert none.theta.ndim == 1
     current = [problem.steps.ship.symbols.index(s) for s in ("current.x", "current.y")]
     np.testing.assert_array_equal(none.theta[current], 0.0)
     assert none.theta[problem.steps.ship.symbols.index("Y_v")] == pytest.approx(found.final.value("Y_v"))
-    assert robust_p(problem.steps, problem.data, found.final, problem.candidates["current by run"]) == 0.0
+    assert robust_p(problem.steps, problem.data, found.final, found.effects[0]) == 0.0
 
 
 def test_what_is_told_has_each_effect_once_and_the_values_of_each_run(fits: tuple[Problem, Estimate, Found]) -> None:
     problem, _, found = fits
-    w = replace(full_model(), candidates=dict(problem.candidates))
+    w = replace(full_model(), candidates=problem.candidates)
     names = [row.name for row in told.ranking(problem, w, found)]
     assert names[0] == "current" and len(names) == len(set(names))
-    assert set(names) == {effect_of(n) for n in problem.candidates}
-    row = told.named(problem, w, found, "current by run")
+    assert set(names) == {c.effect for c in problem.candidates}
+    row = told.named(problem, w, found, found.effects[0])
     assert row.name == "current" and list(row.by_run) == ["run 0", "run 1", "run 2"]
     for r, values in enumerate(row.by_run.values()):
-        assert values == {k: found.final.value(f"current.{k}@{r}") for k in "xy"}
+        assert values == {k: found.final.value(f"current.{k}", r) for k in "xy"}
     for k in "xy":
         assert row.parameters[k].value == pytest.approx(np.mean([v[k] for v in row.by_run.values()]))
-        errors_of = [found.final.std(f"current.{k}@{r}") for r in range(3)]
+        errors_of = [found.final.std(f"current.{k}", r) for r in range(3)]
         assert 0 < row.parameters[k].std < max(errors_of)
     assert "current" not in told.same(found)
     ship = told.fitted_ship(problem, SHIP, w, found.final, found.effects)
@@ -178,7 +178,7 @@ def test_what_is_told_has_each_effect_once_and_the_values_of_each_run(fits: tupl
 
 def test_the_contract_has_the_values_by_run_where_an_effect_differs(fits: tuple[Problem, Estimate, Found]) -> None:
     problem, _, found = fits
-    row = told.named(problem, replace(full_model(), candidates=dict(problem.candidates)), found, "current by run")
+    row = told.named(problem, replace(full_model(), candidates=problem.candidates), found, found.effects[0])
     d = case("named")
     written = replace(d, effects=(row, replace(row, by_run={}))).to_dict()["effects"]
     assert written[0]["name"] == "current" and written[0]["by_run"] == row.by_run
@@ -227,8 +227,8 @@ def test_other_runs_own_values_come_from_their_first_halves(fits: tuple[Problem,
     problem, _, found = fits
     steps, data = problem.steps, elsewhere()
     theirs = in_their_runs(steps, data, found.final).theta
-    symbols = [f"current.{k}@{r}" for r in range(3) for k in "xy"]
-    np.testing.assert_allclose(get_values(steps.ship, data, theirs, symbols), np.ravel(ELSEWHERE), atol=0.012)
+    columns = [Column(f"current.{k}", r) for r in range(3) for k in "xy"]
+    np.testing.assert_allclose(get_values(steps.ship, data, theirs, columns), np.ravel(ELSEWHERE), atol=0.012)
     y = np.where((data.t >= halves(data))[..., None], data.y + 0.3, data.y)
     again = in_their_runs(steps, replace(data, y=y), found.final).theta
     np.testing.assert_allclose(again, theirs, rtol=1e-6, atol=1e-9)
@@ -250,15 +250,15 @@ def test_the_mean_of_the_runs_alone_would_not_close_it(
 ) -> None:
     problem, _, found = fits
     data, h = held
-    mean = get_values(problem.steps.ship, data, found.final.theta, problem.steps.ship.symbols)
+    mean = mean_over_windows(found.final.theta)
     errors_of, _ = errors(problem.steps, data, mean, WINDOW, later=True)
     assert errors_of.mean() > 1.5 * h.mse_after
 
 
 def alike(found: Estimate, candidate: Candidate, value: float) -> Estimate:
     """A fit by run with one value in all of its runs."""
-    zero = np.zeros(len(candidate.symbols))
-    free = Priors(candidate.symbols, zero, zero + 1.0, zero - np.inf, zero + np.inf)
+    zero = np.zeros(len(candidate.columns))
+    free = Priors(candidate.columns, zero, zero + 1.0, zero - np.inf, zero + np.inf)
     return replace(found, free=free, p=zero + value)
 
 
@@ -267,7 +267,7 @@ def test_runs_that_are_all_alike_leave_nothing_to_find_and_equal_models_close_no
 ) -> None:
     problem, null, _ = fits
     data, h = held
-    same = alike(null, problem.candidates["current by run"], 0.0)
+    same = alike(null, find(problem.candidates, "current", by_run=True), 0.0)
     np.testing.assert_allclose(
         in_their_runs(problem.steps, data, same).theta, np.repeat(null.theta[:, None], 3, axis=1), atol=1e-6
     )
@@ -281,9 +281,11 @@ def test_runs_that_are_all_alike_leave_nothing_to_find_and_equal_models_close_no
 def test_effects_of_the_surroundings_differ_by_run_from_three_runs_on() -> None:
     trials = short_trials()
     few, enough = (prepare(FEW, trials[:count], step=H).problem for count in (2, 3))
-    assert not any(name.endswith(BY_RUN) for name in few.candidates)
-    assert set(enough.candidates) - set(few.candidates) == {name + BY_RUN for name in LOCAL}
-    assert enough.candidates["tow by run"].symbols == tuple(f"tow.{k}@{r}" for r in range(3) for k in ("X", "Y", "N"))
+    assert not any(c.by_run for c in few.candidates)
+    more = set(enough.candidates) - set(few.candidates)
+    assert {c.effect for c in more} == set(LOCAL) and all(c.by_run for c in more)
+    tow = find(enough.candidates, "tow", by_run=True)
+    assert tow.columns == tuple((f"tow.{k}", r) for r in range(3) for k in ("X", "Y", "N"))
 
 
 def test_the_whole_diagnosis_names_the_current_once_with_its_value_in_each_run() -> None:
@@ -295,6 +297,6 @@ def test_the_whole_diagnosis_names_the_current_once_with_its_value_in_each_run()
         assert (values["x"], values["y"]) == pytest.approx(pair, abs=0.01)
     assert list(content["effects"][0]["by_run"]) == [t.name for t in trials]
     names = [c["name"] for c in content["candidates"]]
-    assert names[0] == "current" and len(names) == len(set(names)) and not any(BY_RUN in n for n in names)
+    assert names[0] == "current" and len(names) == len(set(names)) and not any("by run" in n for n in names)
     assert "in the mean, different in each run" in d.sentence and d.next_test
     assert content["held_out"]["reduction"] > 0.3 and set(d.ship.effects) == {"current"}

@@ -12,7 +12,7 @@ from cases.shipfiles.effects import with_effects
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.disturbed import Disturbed, disturbed_trials
 from cases.trial import Trial
-from diagnosis.estimation.candidates import FullModel, ship_with_all_effects
+from diagnosis.estimation.candidates import Candidate, FullModel, find, ship_with_all_effects
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
 from diagnosis.estimation.linearised_model import TransitionModel
 from diagnosis.estimation.map_estimate import Estimate, Trajectory, estimate, initial_trajectory
@@ -72,8 +72,12 @@ def full_model() -> FullModel:
 @lru_cache(maxsize=4)
 def full_steps(h: float = 1.0, compiled: bool = True) -> TransitionModel:
     """Steps of it with a few coefficients and all effects as possible columns."""
-    symbols = [*FREE, *(s for c in full_model().candidates.values() for s in c.symbols)]
-    return TransitionModel(full_model().ship, symbols, h, compiled)
+    return TransitionModel(full_model().ship, [*FREE, *full_model().symbols], h, compiled)
+
+
+def candidate(effect: str, form: str = "") -> Candidate:
+    """One of its candidates."""
+    return find(full_model().candidates, effect, form)
 
 
 def problem_of(trials: Sequence[Trial], h: float = 0.5) -> tuple[Problem, Estimate]:

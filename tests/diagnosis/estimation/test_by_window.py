@@ -9,14 +9,20 @@ import numpy as np
 import pytest
 
 from cases.trial import Trial
-from diagnosis.estimation.candidates import BY_RUN, by_run, effect_of, stem
+from diagnosis.estimation.candidates import Column
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
 from diagnosis.estimation.map_estimate import initial_covariance, initial_trajectory, linearise_and_filter
 from diagnosis.estimation.noise_sizes import initial_noise
-from diagnosis.estimation.parameters import Priors, active_in_window, get_values, set_values
-from diagnosis.hypotheses.refit import priors_of_effects
+from diagnosis.estimation.parameters import (
+    Priors,
+    active_in_window,
+    get_values,
+    priors_of_effects,
+    set_values,
+)
 from tests.support.diagnosis_cases import (
     OFF_NEUTRAL,
+    candidate,
     full_model,
     full_steps,
     off_neutral,
@@ -27,6 +33,7 @@ from tests.support.diagnosis_cases import (
 )
 
 H = 1.0
+Y_V, CURRENT_0 = Column("Y_v"), Column("current.x", 0)
 RUNS = (("zigzag:20/20", 100.0), ("random:11", 100.0), ("turning:-20", 100.0))
 
 
@@ -50,11 +57,12 @@ def window(data: GriddedTrials, r: int) -> GriddedTrials:
 
 
 def test_a_candidate_by_run_has_its_parameters_once_in_each_run() -> None:
-    current = full_model().candidates["current"]
-    own = by_run(current, [0, 2])
-    assert own.name == "current" + BY_RUN and effect_of(own.name) == effect_of("current") == "current"
-    assert own.symbols == ("current.x@0", "current.y@0", "current.x@2", "current.y@2")
-    assert [stem(s) for s in own.symbols] == 2 * list(current.symbols)
+    current = candidate("current")
+    own = current.in_each([0, 2])
+    assert (own.effect, own.form, own.by_run) == ("current", "", True) and own != current
+    assert (current.label, own.label) == ("current", "current by run")
+    assert own.columns == (("current.x", 0), ("current.y", 0), ("current.x", 2), ("current.y", 2))
+    assert own.symbols == 2 * current.symbols
     for k in ("neutral", "typical", "lower", "upper"):
         np.testing.assert_array_equal(getattr(own, k), np.tile(getattr(current, k), 2))
     priors, one = priors_of_effects([own]), priors_of_effects([current])
@@ -63,8 +71,8 @@ def test_a_candidate_by_run_has_its_parameters_once_in_each_run() -> None:
 
 def test_values_placed_by_run_change_that_runs_windows_alone_and_are_read_again() -> None:
     data, ship = three_windows(), full_model().ship
-    symbols, values = ("Y_v", "current.x@0", "current.y@1", "tow.X@1"), np.array([-0.4, 0.03, -0.02, 0.5])
-    theta = set_values(ship, data, ship.values, symbols, values)
+    columns, values = (Y_V, CURRENT_0, Column("current.y", 1), Column("tow.X", 1)), np.array([-0.4, 0.03, -0.02, 0.5])
+    theta = set_values(ship, data, ship.values, columns, values)
     assert theta.shape == (len(ship.symbols), 3)
     expected = np.repeat(ship.values[:, None], 3, axis=1)
     expected[ship.symbols.index("Y_v")] = -0.4
@@ -72,10 +80,10 @@ def test_values_placed_by_run_change_that_runs_windows_alone_and_are_read_again(
     expected[ship.symbols.index("current.y"), 2] = -0.02
     expected[ship.symbols.index("tow.X"), 2] = 0.5
     np.testing.assert_array_equal(theta, expected)
-    np.testing.assert_allclose(get_values(ship, data, theta, symbols), values, rtol=1e-15)
+    np.testing.assert_allclose(get_values(ship, data, theta, columns), values, rtol=1e-15)
     # a symbol of the ship is its mean over the windows, and what was there is no longer where it is placed for all
-    assert get_values(ship, data, theta, ["current.x"])[0] == pytest.approx(0.02)
-    again = set_values(ship, data, theta, ["current.x", "current.y@0"], np.array([0.01, 0.04]))
+    assert get_values(ship, data, theta, [Column("current.x")])[0] == pytest.approx(0.02)
+    again = set_values(ship, data, theta, [Column("current.x"), Column("current.y", 0)], np.array([0.01, 0.04]))
     np.testing.assert_array_equal(again[ship.symbols.index("current.x")], 0.01)
     np.testing.assert_array_equal(again[ship.symbols.index("current.y")], [0.04, 0.04, -0.02])
     np.testing.assert_array_equal(theta, expected)
@@ -83,13 +91,13 @@ def test_values_placed_by_run_change_that_runs_windows_alone_and_are_read_again(
 
 def test_without_a_symbol_of_one_run_coefficients_stay_those_of_all() -> None:
     data, ship = three_windows(), full_model().ship
-    theta = set_values(ship, data, ship.values, ("Y_v", "current.x"), np.array([-0.4, 0.03]))
+    theta = set_values(ship, data, ship.values, (Y_V, Column("current.x")), np.array([-0.4, 0.03]))
     np.testing.assert_array_equal(theta, theta_of(full_steps(H), {"Y_v": -0.4, "current.x": 0.03}))
-    np.testing.assert_array_equal(get_values(ship, data, theta, ("Y_v", "current.x@1")), [-0.4, 0.03])
+    np.testing.assert_array_equal(get_values(ship, data, theta, (Y_V, Column("current.x", 1))), [-0.4, 0.03])
 
 
 def test_a_column_of_one_run_acts_in_its_windows_alone() -> None:
-    columns = active_in_window(("Y_v", "current.x@0", "current.x@1"), three_windows())
+    columns = active_in_window((Y_V, CURRENT_0, Column("current.x", 1)), three_windows())
     np.testing.assert_array_equal(columns, [[1, 1, 0], [1, 1, 0], [1, 0, 1]])
     assert active_in_window((), three_windows()).shape == (3, 0)
 
@@ -134,8 +142,8 @@ def test_a_likelihood_with_coefficients_by_window_is_the_sum_of_those_of_the_win
     steps, (data, theta) = full_steps(H), by_window()
     noise, every = initial_noise(steps.ship, data), np.arange(steps.S)
     path = initial_trajectory(steps, data, theta)
-    symbols = ("Y_v", "current.x@0", "tow.N@1")
-    free = Priors(symbols, np.zeros(3), np.array([0.1, 0.02, 0.05]), np.full(3, -np.inf), np.full(3, np.inf))
+    columns = (Y_V, CURRENT_0, Column("tow.N", 1))
+    free = Priors(columns, np.zeros(3), np.array([0.1, 0.02, 0.05]), np.full(3, -np.inf), np.full(3, np.inf))
     nowhere = np.zeros(3)
     both = linearise_and_filter(steps, data, theta, path, noise, free, nowhere, every)
     start, total = initial_covariance(steps, data, path.z[0], theta, every), 0.0

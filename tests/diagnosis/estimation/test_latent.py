@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cases.simulation.disturbed import drawn_ship
-from diagnosis.estimation.candidates import ship_with_all_effects
+from diagnosis.estimation.candidates import Column, ship_with_all_effects
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
 from diagnosis.estimation.kalman import NoiseModel, smoothed
 from diagnosis.estimation.linearised_model import TransitionModel
@@ -42,7 +42,7 @@ def columns_of(symbols: tuple[str, ...]) -> Priors:
     """Columns in units of a twentieth of their typical size or prior, without bounds."""
     n = len(symbols)
     std = np.full(n, 0.02)
-    return Priors(symbols, np.zeros(n), std, np.full(n, -np.inf), np.full(n, np.inf))
+    return Priors(tuple(Column(s) for s in symbols), np.zeros(n), std, np.full(n, -np.inf), np.full(n, np.inf))
 
 
 def settled_path(steps: TransitionModel, data: GriddedTrials, theta: np.ndarray, active: np.ndarray) -> Trajectory:
@@ -107,9 +107,7 @@ def fitted(
     full_model = ship_with_all_effects(SHIP, trials)
     base = priors_before(SHIP)
     data = grid_trials(trials, full_model.ship.inputs, 3.0, 0.5)
-    steps = TransitionModel(
-        full_model.ship, [*base.symbols, *(s for c in full_model.candidates.values() for s in c.symbols)], 0.5
-    )
+    steps = TransitionModel(full_model.ship, [*base.symbols, *full_model.symbols], 0.5)
     found = estimate(
         steps, data, full_model.ship.values, base, noise or initial_noise(full_model.ship, data), iterations=iterations
     )
@@ -250,9 +248,7 @@ def test_runs_without_positions_and_with_gaps_are_fitted() -> None:
     base = priors_before(SHIP)
     data = grid_trials([bare, replace(trials[1], columns=holes)], full_model.ship.inputs, 3.0, 0.5)
     assert not data.measured[:, data.run == 0][..., :2].any()
-    steps = TransitionModel(
-        full_model.ship, [*base.symbols, *(s for c in full_model.candidates.values() for s in c.symbols)], 0.5
-    )
+    steps = TransitionModel(full_model.ship, [*base.symbols, *full_model.symbols], 0.5)
     found = estimate(steps, data, full_model.ship.values, base, initial_noise(full_model.ship, data))
     assert np.isfinite(found.nll) and np.isfinite(found.path.z).all() and np.isfinite(found.covariance).all()
     np.testing.assert_allclose(found.noise.white, WHITE, rtol=0.35)

@@ -7,7 +7,6 @@ import pickle
 import numpy as np
 import pytest
 
-from diagnosis.estimation.candidates import effect_of
 from diagnosis.estimation.linearised_model import FORCE, TransitionModel
 from mmg.effects import EFFECTS
 from mmg.rollout import Simulator
@@ -46,8 +45,8 @@ def close(found: np.ndarray, expected: np.ndarray, rtol: float) -> None:
 
 
 def test_every_effect_that_may_be_screened_is_on_board(steps: TransitionModel) -> None:
-    screened = {s for c in full_model().candidates.values() for s in c.symbols}
-    assert {effect_of(name) for name in full_model().candidates} == set(EFFECTS) - {"disturbance"}
+    screened = set(full_model().symbols)
+    assert {c.effect for c in full_model().candidates} == set(EFFECTS) - {"disturbance"}
     assert screened <= set(OFF_NEUTRAL) <= set(steps.symbols)
     assert set(FORCE) <= set(steps.symbols)
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from diagnosis import summary as told
-from diagnosis.estimation.candidates import effect_of
+from diagnosis.estimation.candidates import Candidate
 from diagnosis.hypotheses.forward_selection import explain
 from diagnosis.hypotheses.next_test import next_test
 from diagnosis.hypotheses.unnamed import unnamed
 from mmg.effects import EFFECTS
-from tests.support.diagnosis_cases import FEW, full_model, problem_of, pushed_trials
+from tests.support.diagnosis_cases import FEW, candidate, full_model, problem_of, pushed_trials
 
 FORMS = {
     "heading_bias alone": {"alone": 0.05},
@@ -28,8 +28,13 @@ MOVED = {
 COLUMNS = ("x", "y", "psi", "u", "v", "r")
 
 
+def candidate_of(form: str) -> Candidate:
+    """The candidate of a label."""
+    return next(c for c in full_model().candidates if c.label == form)
+
+
 def spec(form: str) -> str:
-    return f"{effect_of(form)}:" + ",".join(f"{k}={v}" for k, v in FORMS[form].items())
+    return f"{candidate_of(form).effect}:" + ",".join(f"{k}={v}" for k, v in FORMS[form].items())
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -59,22 +64,22 @@ def test_finished_columns_are_those_of_some_time_ago() -> None:
 @pytest.mark.parametrize("form", FORMS)
 def test_it_is_named_with_its_own_parameters(form: str) -> None:
     problem, null = problem_of(pushed_trials(4, (spec(form),)))
-    found, name = explain(problem, null), effect_of(form)
-    assert found.effects == (form,)
-    row = told.named(problem, full_model(), found, form)
-    assert row.name == name and set(row.parameters) == set(FORMS[form])
+    found, c = explain(problem, null), candidate_of(form)
+    assert found.effects == (c,)
+    row = told.named(problem, full_model(), found, c)
+    assert row.name == c.effect and set(row.parameters) == set(FORMS[form])
     for k, size in FORMS[form].items():
         got = row.parameters[k]
         assert abs(got.value - size) < 3.5 * got.std + 0.06 * abs(size)
     assert unnamed(problem.steps, problem.data, found.final).log_bayes < 3.0
     after = told.fitted_ship(problem, problem.steps.ship, full_model(), found.final, found.effects)
-    assert after.coefficients[f"{name}.{next(iter(FORMS[form]))}"].value != 0.0
+    assert after.coefficients[f"{c.effect}.{next(iter(FORMS[form]))}"].value != 0.0
 
 
 def test_the_fault_that_moves_all_columns_keeps_its_parameters() -> None:
     problem, null = problem_of(pushed_trials(5, ("heading_bias:psi=0.06",)))
     found = explain(problem, null)
-    assert found.effects == ("heading_bias",)
+    assert [c.label for c in found.effects] == ["heading_bias"]
 
 
 def test_the_ranking_has_each_effect_once() -> None:
@@ -83,14 +88,14 @@ def test_the_ranking_has_each_effect_once() -> None:
     assert set(ranked[0].visible_from) == {"psi", "alone"} and ranked[0].visible_from["alone"] < 0.05
     rows = [row.name for row in ranked]
     assert len(rows) == len(set(rows)) and rows[0] == "heading_bias"
-    assert set(rows) == {effect_of(n) for n in full_model().candidates}
+    assert set(rows) == {c.effect for c in full_model().candidates}
 
 
 def test_other_forms_take_no_part_unless_asked_for() -> None:
-    for name in {effect_of(form) for form in FORMS}:
+    for name in {candidate_of(form).effect for form in FORMS}:
         rows = EFFECTS[name].parameters(full_model().ship.namespace, dict(full_model().ship.components))
         assert all(p.held == bool(p.form) for p in rows)
-        assert set(full_model().candidates[name].symbols) == {f"{name}.{p.symbol}" for p in rows if not p.form}
+        assert set(candidate(name).symbols) == {f"{name}.{p.symbol}" for p in rows if not p.form}
 
 
 def test_what_to_test_next_is_asked_of_the_form_and_told_of_the_effect() -> None:

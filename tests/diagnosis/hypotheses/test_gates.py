@@ -13,7 +13,7 @@ import diagnosis.hypotheses.forward_selection as hypotheses
 from cases.inputs import step_means, straight_means
 from cases.simulation.disturbed import process
 from cases.trial import Trial
-from diagnosis.estimation.candidates import Candidate
+from diagnosis.estimation.candidates import Candidate, Column, find
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials, middle_means
 from diagnosis.estimation.kalman import NoiseModel
 from diagnosis.estimation.map_estimate import Estimate, Trajectory, estimate
@@ -30,15 +30,15 @@ NOISE = NoiseModel(np.ones(3), 5.0, np.ones(6), np.zeros(6), 4.0)
 
 def candidate(name: str, degrees: int = 1, neutral: float = 0.0) -> Candidate:
     zero = np.zeros(degrees)
-    symbols = tuple(f"{name}.{j}" for j in range(degrees))
-    return Candidate(name, symbols, zero + neutral, zero + 1.0, zero - np.inf, zero + np.inf)
+    columns = tuple(Column(f"{name}.{j}") for j in range(degrees))
+    return Candidate(name, "", False, columns, zero + neutral, zero + 1.0, zero - np.inf, zero + np.inf)
 
 
 def fit_of(effects: Sequence[Candidate], nll: float, values: Sequence[float] | None = None) -> Estimate:
     """A fit of which only its values and its likelihood matter."""
-    symbols = tuple(s for c in effects for s in c.symbols)
-    n = len(symbols)
-    free = Priors(symbols, np.zeros(n), np.ones(n), np.full(n, -np.inf), np.full(n, np.inf))
+    columns = tuple(x for c in effects for x in c.columns)
+    n = len(columns)
+    free = Priors(columns, np.zeros(n), np.ones(n), np.full(n, -np.inf), np.full(n, np.inf))
     path = Trajectory(np.zeros((2, 1, 6)), np.zeros((2, 1, 3)))
     p = np.zeros(n) if values is None else np.array(values)
     return Estimate(np.zeros(n), free, p, 0.01 * np.eye(n), path, NOISE, nll, 1, True)
@@ -53,7 +53,7 @@ class Refit:
 
     names: tuple[str, ...]
     before: Estimate
-    start: Mapping[str, float]
+    start: Mapping[Column, float]
 
 
 @dataclass
@@ -69,14 +69,16 @@ class Fits:
     def prune(self, named: str, nll: float) -> tuple[str, Estimate]:
         """The names that remain, and the fit, from one with ``named`` at ``nll``."""
         effects = [EFFECTS[n] for n in named]
-        now = fit_of(effects, nll, [0.5 + i for i in range(sum(len(e.symbols) for e in effects))])
-        kept, found = hypotheses._pruned(self.problem, list(named), now)
-        return "".join(kept), found
+        now = fit_of(effects, nll, [0.5 + i for i in range(sum(len(e.columns) for e in effects))])
+        kept, found = hypotheses._pruned(self.problem, effects, now)
+        return "".join(c.label for c in kept), found
 
 
 @pytest.fixture
 def fits(monkeypatch: pytest.MonkeyPatch) -> Fits:
-    made = Fits(Problem(full_steps(H), short_data(H), Priors((), *4 * [np.zeros(0)]), EFFECTS), {}, {}, [])
+    made = Fits(
+        Problem(full_steps(H), short_data(H), Priors((), *4 * [np.zeros(0)]), tuple(EFFECTS.values())), {}, {}, []
+    )
 
     def refitted(
         steps: object,
@@ -84,15 +86,15 @@ def fits(monkeypatch: pytest.MonkeyPatch) -> Fits:
         base: object,
         before: Estimate,
         effects: Sequence[Candidate],
-        start: dict[str, float],
+        start: dict[Column, float],
     ) -> Estimate:
-        names = tuple(e.name for e in effects)
+        names = tuple(e.label for e in effects)
         made.calls.append(Refit(names, before, start))
         return fit_of(effects, made.nll["".join(names)])
 
     monkeypatch.setattr(hypotheses, "refit", refitted)
     monkeypatch.setattr(hypotheses, "likelihood", lambda found, own: found.nll)
-    monkeypatch.setattr(hypotheses, "wald_p", lambda found, effect: made.wald.get(effect.name, 1e-9))
+    monkeypatch.setattr(hypotheses, "wald_p", lambda found, effect: made.wald.get(effect.label, 1e-9))
     monkeypatch.setattr(hypotheses, "now_without", lambda now, problem, kept: now)
     return made
 
@@ -103,14 +105,14 @@ def test_an_effect_that_only_helped_the_fit_to_a_better_place_goes_although_it_i
     kept, found = fits.prune("ab", 60.0)
     assert kept == "a" and found.nll == 60.1
     without_b = next(c for c in fits.calls if c.names == ("a",))
-    assert without_b.before.nll == 60.0 and without_b.start == {"a.0": 0.5}
+    assert without_b.before.nll == 60.0 and without_b.start == {Column("a.0"): 0.5}
 
 
 def test_an_older_effect_that_a_new_one_makes_superfluous_goes(fits: Fits) -> None:
     fits.nll = {"a": 100.0, "b": 60.5, "": 120.0}
     kept, found = fits.prune("ab", 60.0)
     assert kept == "b" and found.nll == 60.5
-    assert fits.calls[0].names == ("b",) and fits.calls[0].start == {"b.0": 1.5, "b.1": 2.5}
+    assert fits.calls[0].names == ("b",) and fits.calls[0].start == {Column("b.0"): 1.5, Column("b.1"): 2.5}
 
 
 def test_effects_that_are_both_needed_stay(fits: Fits) -> None:
@@ -152,8 +154,8 @@ def test_a_better_place_without_any_effect_is_where_the_search_goes_on(
     """The first effect goes again: what came of it is the fit without effects that all else is compared with."""
     fits.nll = {"": 60.1}
     null, begun = fit_of([], 100.0), []
-    row = Scored("a", 80.0, 1, 1e-9, 1e-9, np.ones(1), 0.0, True)
-    first = Tried("a", fit_of([EFFECTS["a"]], 60.0, [1.0]), 40.0, 75.0, 1e-9)
+    row = Scored(EFFECTS["a"], 80.0, 1, 1e-9, 1e-9, np.ones(1), 0.0, True)
+    first = Tried(EFFECTS["a"], fit_of([EFFECTS["a"]], 60.0, [1.0]), 40.0, 75.0, 1e-9)
 
     def searched(problem: Problem, before: Estimate, named: Sequence[str], **more: object) -> Search:
         begun.append((before.nll, tuple(named)))
@@ -167,7 +169,12 @@ def test_a_better_place_without_any_effect_is_where_the_search_goes_on(
 
 def test_probability_by_standard_errors_is_that_of_a_normal_law() -> None:
     e = candidate("a", neutral=1.0)
-    free = Priors(("Y_v", "a.0"), np.array([3.0, 2.0]), np.array([1.0, 5.0]), *np.array([[-np.inf] * 2, [np.inf] * 2]))
+    free = Priors(
+        (Column("Y_v"), Column("a.0")),
+        np.array([3.0, 2.0]),
+        np.array([1.0, 5.0]),
+        *np.array([[-np.inf] * 2, [np.inf] * 2]),
+    )
     covariance = np.array([[0.3, 0.05], [0.05, 0.04]])  # of (value - mean) / prior std
     found = replace(fit_of([], 0.0), free=free, p=np.array([4.0, 0.3]), covariance=covariance)
     assert (found.value("a.0"), found.std("a.0")) == pytest.approx((3.5, 1.0))
@@ -178,7 +185,7 @@ def test_probability_by_standard_errors_is_that_of_a_normal_law() -> None:
 def test_probability_of_two_parameters_together_minds_their_correlation() -> None:
     """exp(-x^2 / 2) with two degrees of freedom, x^2 = (m^2 + n^2 - 2 c m n) / (1 - c^2)."""
     e = candidate("b", 2)
-    free = Priors(e.symbols, np.zeros(2), np.array([2.0, 3.0]), np.full(2, -np.inf), np.full(2, np.inf))
+    free = Priors(e.columns, np.zeros(2), np.array([2.0, 3.0]), np.full(2, -np.inf), np.full(2, np.inf))
     c, m, n = -0.6, 1.5, 2.0
     covariance = 0.01 * np.array([[1.0, c], [c, 1.0]])
     found = replace(fit_of([], 0.0), free=free, p=np.array([0.1 * m, 0.1 * n]), covariance=covariance)
@@ -222,8 +229,8 @@ def log_off(problem: Problem, null: Estimate, begin: float, end: float) -> tuple
     data = problem.data
     wrong = np.where((data.t >= begin) & (data.t <= end), 1.05, 1.0)[..., None]
     y = np.concatenate([data.y[..., :3], wrong * data.y[..., 3:5], data.y[..., 5:]], axis=2)
-    data, effect = replace(data, y=y), problem.candidates["log_scale"]
-    found = refit(problem.steps, data, problem.base, null, [effect], {"log_scale.share": 0.01})
+    data, effect = replace(data, y=y), find(problem.candidates, "log_scale")
+    found = refit(problem.steps, data, problem.base, null, [effect], {Column("log_scale.share"): 0.01})
     return wald_p(found, effect), robust_p(problem.steps, data, found, effect)
 
 

@@ -10,6 +10,7 @@ from scipy.stats import multivariate_normal
 
 from cases.simulation.disturbed import drawn_ship, process
 from diagnosis.diagnose import ASIDE, EXACT, LITTLE, SLIGHTLY, SUPPORTED, WORSE, decide
+from diagnosis.estimation.candidates import Candidate, Column
 from diagnosis.estimation.kalman import NoiseModel
 from diagnosis.estimation.map_estimate import Estimate, Trajectory, estimate
 from diagnosis.estimation.noise_sizes import initial_noise
@@ -17,7 +18,7 @@ from diagnosis.estimation.parameters import Priors
 from diagnosis.findings import HeldOut
 from diagnosis.hypotheses.forward_selection import AGREE, LEVEL, ODDS, SAME, Found, Problem, Search, Tried, explain
 from diagnosis.hypotheses.unnamed import SIZES, log_bayes, unnamed
-from tests.support.diagnosis_cases import FEW, WHITE, problem_of, pushed_trials, quiet
+from tests.support.diagnosis_cases import FEW, WHITE, candidate, problem_of, pushed_trials, quiet
 
 NOISE = NoiseModel(np.ones(3), 5.0, np.ones(6), np.zeros(6), 4.0)
 NAMES = {
@@ -42,8 +43,8 @@ def assert_sizes(found: Found, name: str, values: dict[str, float]) -> None:
 def test_a_strong_effect_is_named_and_only_it(name: str) -> None:
     problem, null = problem_of(pushed_trials(1, [text_of(name, NAMES[name])]))
     found = explain(problem, null)
-    assert found.effects == (name,) == found.searches[0].same
-    assert found.robust[name] < AGREE and found.searches[0].significant
+    assert found.effects == (candidate(name),) == found.searches[0].same
+    assert found.robust[candidate(name)] < AGREE and found.searches[0].significant
     assert_sizes(found, name, NAMES[name])
     assert found.final.nll < found.null.nll - 20
     left = unnamed(problem.steps, problem.data, found.final)
@@ -64,8 +65,8 @@ def test_two_effects_are_both_named() -> None:
     truth = {"current": {"x": 0.03, "y": -0.02}, "rudder_offset": {"delta": 0.1}}
     problem, null = problem_of(pushed_trials(2, [text_of(*e) for e in truth.items()]))
     found = explain(problem, null)
-    assert set(found.effects) == set(truth)
-    assert found.effects[0] == found.searches[0].tried[0].name
+    assert {c.label for c in found.effects} == set(truth)
+    assert found.effects[0] == found.searches[0].tried[0].candidate
     for name, values in truth.items():
         assert_sizes(found, name, values)
     assert len(found.searches) == 3  # the last one finds nothing more
@@ -76,8 +77,8 @@ def test_what_looks_alike_is_in_one_class(truth: str) -> None:
     """A rudder behind its record and a delay of both actuators, here hardly to be told apart."""
     problem, null = problem_of(pushed_trials(2, [truth], runs=(("zigzag:20/20", 60.0), ("turning:-20", 60.0))))
     s = explain(problem, null).searches[0]
-    assert s.significant and {"rudder_lag", "control_delay"} <= set(s.same)
-    assert s.same[0] == s.tried[0].name and "current" not in s.same
+    assert s.significant and {"rudder_lag", "control_delay"} <= {c.label for c in s.same}
+    assert s.same[0] == s.tried[0].candidate and candidate("current") not in s.same
 
 
 def a_fit(nll: float) -> Estimate:
@@ -87,13 +88,19 @@ def a_fit(nll: float) -> Estimate:
     return Estimate(zero, Priors((), zero, zero, zero, zero), zero, np.zeros((0, 0)), path, NOISE, nll, 1, True)
 
 
+def made_up(label: str) -> Candidate:
+    """A candidate of this label without parameters."""
+    effect, form = (*label.removesuffix(" by run").split(" "), "")[:2]
+    return Candidate(effect, form, label.endswith(" by run"), (), *4 * [np.zeros(0)])
+
+
 def tried(name: str, delta_bic: float, p_value: float = 1e-6) -> Tried:
-    return Tried(name, a_fit(0.0), 0.5 * delta_bic, delta_bic, p_value)
+    return Tried(made_up(name), a_fit(0.0), 0.5 * delta_bic, delta_bic, p_value)
 
 
 def test_a_class_is_what_lies_within_the_odds_of_the_best() -> None:
     rows = (tried("a", 20.0), tried("b", 20.1 - SAME), tried("c", 19.9 - SAME), tried("d", -3.0))
-    assert Search((), rows, a_fit(0.0)).same == ("a", "b")
+    assert Search((), rows, a_fit(0.0)).same == (made_up("a"), made_up("b"))
     assert Search((), (), a_fit(0.0)).same == () and Search((), (), a_fit(0.0)).best is None
 
 
@@ -189,7 +196,8 @@ def test_a_fault_of_a_sensor_without_a_name_is_unknown(column: str, by: float, k
 
 def found_with(drop: float, *effects: str, p: float = 1e-4) -> Found:
     """A search that ended with these effects, ``drop`` of log likelihood below the start."""
-    return Found(effects, a_fit(100.0), a_fit(100.0 - drop), (), dict.fromkeys(effects, p))
+    named = tuple(made_up(e) for e in effects)
+    return Found(named, a_fit(100.0), a_fit(100.0 - drop), (), dict.fromkeys(named, p))
 
 
 def held(
@@ -243,9 +251,11 @@ def test_a_name_that_explains_less_than_is_left_needs_support_by_test_trials(
 
 @pytest.mark.parametrize(("value", "verdict"), [(4.9, "named"), (5.0, "unknown")])
 def test_a_name_that_needs_the_end_of_what_is_possible_is_withdrawn(value: float, verdict: str) -> None:
-    free = Priors(("X_0F", "fouling.share"), np.zeros(2), np.ones(2), np.array([0.0, -0.6]), np.array([9.0, 5.0]))
+    free = Priors(
+        (Column("X_0F"), Column("fouling.share")), np.zeros(2), np.ones(2), np.array([0.0, -0.6]), np.array([9.0, 5.0])
+    )
     final = replace(a_fit(80.0), free=free, p=np.array([0.0, value]))  # a coefficient of the ship's own may be there
-    found = Found(("fouling",), a_fit(100.0), final, (), {"fouling": 1e-4})
+    found = Found((made_up("fouling"),), a_fit(100.0), final, (), {made_up("fouling"): 1e-4})
     got, reasons = decide(found, 9.0, -1.0, None)
     assert got == verdict and bool(reasons) == (verdict == "unknown")
     assert not reasons or "fouling.share = 5 at the end of what is possible" in reasons[0]

@@ -2,40 +2,48 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import diagnosis.hypotheses.forward_selection as hypotheses
-from diagnosis.estimation.candidates import BY_RUN
-from diagnosis.hypotheses.forward_selection import CLEAR, CURVED, SHORT, Problem, Scored, Tried, search
+from diagnosis.estimation.candidates import Candidate
+from diagnosis.hypotheses.forward_selection import CLEAR, CURVED, SHORT, Scored, Tried, search
 from diagnosis.hypotheses.score_test import Slopes
 from tests.support.diagnosis_cases import problem_of, pushed_trials
 
 
-def row(name: str, p: float, degrees: int = 1, T: float = 10.0) -> Scored:
-    return Scored(name, T, degrees, p, min(1.0, 20 * p), np.ones(degrees), 0.0, True, np.ones(degrees))
+def candidate(name: str, by_run: bool = False) -> Candidate:
+    return Candidate(name, "", by_run, (), *4 * [np.zeros(0)])
 
 
-def tried(name: str, delta_bic: float, drop: float = 5.0) -> Tried:
-    return Tried(name, None, drop, delta_bic, 0.01)  # type: ignore[arg-type]
+def row(name: str, p: float, degrees: int = 1, T: float = 10.0, by_run: bool = False) -> Scored:
+    return Scored(
+        candidate(name, by_run), T, degrees, p, min(1.0, 20 * p), np.ones(degrees), 0.0, True, np.ones(degrees)
+    )
+
+
+def tried(name: str, delta_bic: float, drop: float = 5.0, by_run: bool = False) -> Tried:
+    return Tried(candidate(name, by_run), None, drop, delta_bic, 0.01)  # type: ignore[arg-type]
 
 
 def names(rows: list[Tried], scores: list[Scored]) -> list[str]:
-    return [t.name for t in hypotheses._ordered(rows, {s.name: s for s in scores})]
+    return [t.candidate.label for t in hypotheses._ordered(rows, {s.candidate: s for s in scores})]
 
 
-SCORES = [row("tow", 1e-4, 3), row("draft", 4e-3), row(CURVED[0], 0.9), row("current" + BY_RUN, 1e-6, 8)]
+SCORES = [row("tow", 1e-4, 3), row("draft", 4e-3), row(CURVED[0], 0.9), row("current", 1e-6, 8, by_run=True)]
 
 
 def test_where_one_gains_clearly_the_refits_decide() -> None:
-    rows = [tried("tow", 2.0), tried("draft", CLEAR + 1), tried("current" + BY_RUN, 3.0)]
-    assert names(rows, SCORES) == ["draft", "current" + BY_RUN, "tow"]
+    rows = [tried("tow", 2.0), tried("draft", CLEAR + 1), tried("current", 3.0, by_run=True)]
+    assert names(rows, SCORES) == ["draft", "current by run", "tow"]
 
 
 def test_where_none_does_the_probabilities_of_the_score_test_decide() -> None:
     """An effect with three parameters pays three times in BIC; what differs by run comes last."""
-    rows = [tried("draft", CLEAR - 1), tried("tow", -2.0), tried("current" + BY_RUN, 8.0)]
-    assert names(rows, SCORES) == ["tow", "draft", "current" + BY_RUN]
+    rows = [tried("draft", CLEAR - 1), tried("tow", -2.0), tried("current", 8.0, by_run=True)]
+    assert names(rows, SCORES) == ["tow", "draft", "current by run"]
 
 
 @pytest.mark.parametrize(("drop", "place"), [(12.0, 0), (0.1, 2)])
@@ -51,12 +59,12 @@ def test_nothing_is_put_in_order_of_nothing() -> None:
 def test_the_most_probable_are_refitted_and_by_run_only_what_pays_by_bic(monkeypatch: pytest.MonkeyPatch) -> None:
     problem, null = problem_of(pushed_trials(1))
     scores = [row(f"e{i}", 10.0 ** (i - 9), 3, T=9.0 - i) for i in range(8)]  # three parameters each: none pays by BIC
-    cheap = row("e0" + BY_RUN, 1e-12, 8, T=90.0)
-    dear = row("e1" + BY_RUN, 1e-11, 8, T=20.0)
+    cheap = row("e0", 1e-12, 8, T=90.0, by_run=True)
+    dear = row("e1", 1e-11, 8, T=20.0, by_run=True)
     monkeypatch.setattr(hypotheses, "slopes", lambda *args: Slopes((), *3 * [np.zeros(0)]))
     monkeypatch.setattr(hypotheses, "scored", lambda *args: [cheap, dear, *scores, row(CURVED[0], 0.9, T=0.1)])
-    monkeypatch.setattr(hypotheses, "_try", lambda task: tried(task[3].name, 0.0))
+    monkeypatch.setattr(hypotheses, "_try", lambda task: Tried(task[3].candidate, None, 5.0, 0.0, 0.01))
     monkeypatch.setattr(hypotheses, "run_all", lambda f, tasks, workers: [f(t) for t in tasks])
-    asked = {t.name for t in search(Problem(problem.steps, problem.data, problem.base, {}), null, []).tried}
-    assert asked >= {cheap.name, CURVED[0], *(f"e{i}" for i in range(SHORT))}
+    asked = {t.candidate.label for t in search(replace(problem, candidates=()), null, []).tried}
+    assert asked >= {cheap.candidate.label, CURVED[0], *(f"e{i}" for i in range(SHORT))}
     assert not asked & {f"e{i}" for i in range(SHORT, 8)}

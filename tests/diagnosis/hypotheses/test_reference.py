@@ -15,10 +15,11 @@ from cases.io.read import read_trials
 from cases.shipfiles.ship_file import dump_ship
 from cases.simulation.simulate import write_trial
 from cases.trial import Trial
+from diagnosis.estimation.candidates import find
 from diagnosis.estimation.map_estimate import Estimate
+from diagnosis.estimation.parameters import priors_of_effects
 from diagnosis.hypotheses.forward_selection import ODDS, Found, Problem, explain
 from diagnosis.hypotheses.reference import LEAST, STRONG, Reference, refer
-from diagnosis.hypotheses.refit import priors_of_effects
 from diagnosis.hypotheses.unnamed import unnamed
 from diagnosis.inputs import calibration_trials
 from diagnosis.prepare import Prepared, prepare
@@ -67,20 +68,20 @@ class Known:
     def again(self, runs: int) -> Reference:
         """The reference for so many other runs."""
         p = self.problem
-        return refer(p.steps, p.data, self.null, p.base, dict(p.candidates), runs)
+        return refer(p.steps, p.data, self.null, p.base, p.candidates, runs)
 
 
 @cache
 def known(*effects: str) -> Known:
     problem, null = problem_of(before(*effects), H)
-    return Known(problem, null, refer(problem.steps, problem.data, null, problem.base, dict(problem.candidates)))
+    return Known(problem, null, refer(problem.steps, problem.data, null, problem.base, problem.candidates))
 
 
 def test_trials_of_the_ship_itself_show_little_and_hardly_scatter() -> None:
     """In typical sizes of each effect."""
     found = known().reference
-    symbols = [s for c in known().problem.candidates.values() for s in c.symbols]
-    assert list(found.shift) == list(found.scatter) == symbols
+    columns = [x for c in known().problem.candidates for x in c.columns]
+    assert list(found.shift) == list(found.scatter) == columns
     shift, scatter = np.array(list(found.shift.values())), np.array(list(found.scatter.values()))
     assert np.abs(shift).max() < 1.5 and np.sqrt((shift**2).mean()) < 0.6
     assert (scatter >= LEAST).all() and (scatter == LEAST).any() and scatter.max() < 1.2 and np.median(scatter) < 0.3
@@ -89,10 +90,10 @@ def test_trials_of_the_ship_itself_show_little_and_hardly_scatter() -> None:
 
 def test_what_is_known_is_the_fit_with_its_errors_and_the_scatter_between_runs() -> None:
     found, problem = known().reference, known().problem
-    assert found.priors.symbols == (*FREE, *found.shift)
+    assert found.priors.symbols == (*FREE, *(c.symbol for c in found.shift))
     P = len(FREE)
     assert (found.priors.std[:P] <= problem.base.std * (1 + 1e-9)).all()
-    prior = priors_of_effects(list(problem.candidates.values()), 1.0)
+    prior = priors_of_effects(problem.candidates, 1.0)
     shift, scatter = (np.array(list(x.values())) for x in (found.shift, found.scatter))
     np.testing.assert_allclose(found.priors.mean[P:], prior.mean + prior.std * shift, rtol=1e-12)
     assert (found.priors.std[P:] >= prior.std * scatter * (1 - 1e-12)).all()
@@ -100,10 +101,10 @@ def test_what_is_known_is_the_fit_with_its_errors_and_the_scatter_between_runs()
         np.testing.assert_array_equal(getattr(found.priors, k)[P:], getattr(prior, k))
     at = [problem.steps.ship.symbols.index(s) for s in found.priors.symbols]
     np.testing.assert_array_equal(found.theta[at], found.priors.mean)
-    for c in found.candidates.values():
+    for c in found.candidates:
         where = [found.priors.symbols.index(s) for s in c.symbols]
         np.testing.assert_allclose(c.neutral, found.priors.mean[where], rtol=1e-12)
-        np.testing.assert_array_equal(c.typical, problem.candidates[c.name].typical)
+        np.testing.assert_array_equal(c.typical, find(problem.candidates, c.effect, c.form).typical)
 
 
 def test_the_mean_of_more_runs_is_known_more_closely() -> None:
@@ -111,7 +112,7 @@ def test_the_mean_of_more_runs_is_known_more_closely() -> None:
     P = len(FREE)
     np.testing.assert_array_equal(many.priors.std[:P], one.priors.std[:P])
     np.testing.assert_array_equal(many.priors.mean, one.priors.mean)
-    sizes = priors_of_effects(list(known().problem.candidates.values()), 1.0).std
+    sizes = priors_of_effects(known().problem.candidates, 1.0).std
     scatter = sizes * np.array(list(one.scatter.values()))
     np.testing.assert_allclose(
         one.priors.std[P:] ** 2 - many.priors.std[P:] ** 2, (1 - 1 / 9) * scatter**2, rtol=1e-6, atol=1e-12
@@ -133,9 +134,9 @@ def test_what_is_random_in_the_reference_is_usual_in_other_trials() -> None:
 @pytest.mark.parametrize("name", LARGE)
 def test_a_strong_effect_of_the_reference_is_listed_and_not_taken_as_usual(name: str) -> None:
     found, problem = known(LARGE[name]).reference, known(LARGE[name]).problem
-    assert found.strong == (name,)
-    c, own = problem.candidates[name], found.candidates[name]
-    assert max(abs(found.shift[s]) for s in c.symbols) > STRONG
+    c, own = (find(some, name) for some in (problem.candidates, found.candidates))
+    assert found.strong == (c,)
+    assert max(abs(found.shift[x]) for x in c.columns) > STRONG
     np.testing.assert_array_equal(own.neutral, c.neutral)
     where = [found.priors.symbols.index(s) for s in c.symbols]
     np.testing.assert_array_equal(found.priors.mean[where], c.neutral)
@@ -148,7 +149,7 @@ def test_a_strong_effect_of_the_reference_is_listed_and_not_taken_as_usual(name:
 def test_a_moderate_effect_of_the_reference_is_its_neutral_value(name: str) -> None:
     found = known(MODERATE[name]).reference
     truth = dict(part.split("=") for part in MODERATE[name].split(":")[1].split(","))
-    c = found.candidates[name]
+    c = find(found.candidates, name)
     assert found.strong == ()
     for symbol, value in zip(c.symbols, c.neutral, strict=True):
         assert value == pytest.approx(float(truth[symbol.split(".")[1]]), abs=0.5 * c.typical[0]), symbol
@@ -160,7 +161,7 @@ def test_an_effect_is_news_only_without_it_in_the_reference(name: str) -> None:
     trials = new(MODERATE[name])
     for reference, news in (((), (name,)), (before(MODERATE[name]), ()), (before(), (name,))):
         ready, found = diagnosed(trials, reference)
-        assert found.effects == news
+        assert tuple(c.label for c in found.effects) == news
         assert not any(SHOWN in words for words in ready.notices)
         assert any("calibrated on other trials" in words for words in ready.notices) is bool(reference)
     # as large as it is, not as much larger as it is than in the reference
@@ -175,7 +176,7 @@ def test_a_strong_effect_of_both_is_told_and_still_named(name: str) -> None:
     ready, found = diagnosed(new(LARGE[name]), before(LARGE[name]))
     told = [words for words in ready.notices if SHOWN in words]
     assert len(told) == 1 and told[0].endswith(f": {name}")
-    assert found.effects == (name,)
+    assert [c.label for c in found.effects] == [name]
 
 
 def test_the_ship_as_its_trials_show_it_needs_nothing() -> None:
@@ -219,12 +220,12 @@ def unlike() -> tuple[Problem, Estimate]:
 
 def scatter_of(unlike: tuple[Problem, Estimate], *names: str) -> tuple[dict[str, float], dict[str, float]]:
     p, null = unlike
-    found = refer(p.steps, p.data, null, p.base, {n: p.candidates[n] for n in names})
-    return found.scatter, found.shift
+    found = refer(p.steps, p.data, null, p.base, [find(p.candidates, n) for n in names])
+    return tuple({c.symbol: v for c, v in x.items()} for x in (found.scatter, found.shift))
 
 
 def test_the_scatter_between_runs_is_that_which_they_have(unlike: tuple[Problem, Estimate]) -> None:
-    size = unlike[0].candidates["heading_bias"].typical[0]
+    size = find(unlike[0].candidates, "heading_bias").typical[0]
     scatter, shift = scatter_of(unlike, "heading_bias", "antenna_offset", "rudder_offset")
     assert scatter["heading_bias.psi"] * size == pytest.approx(np.sqrt(np.mean(np.square(BIASES))), rel=0.2)
     assert abs(shift["heading_bias.psi"] * size - np.mean(BIASES)) < np.std(BIASES) / np.sqrt(len(BIASES))
@@ -235,7 +236,9 @@ def test_runs_that_are_alike_do_not_scatter() -> None:
     """As large an effect, but the same in all."""
     problem, null = problem_of(before("heading_bias:psi=0.04"), H)
     scatter, shift = scatter_of((problem, null), "heading_bias", "antenna_offset", "rudder_offset")
-    assert shift["heading_bias.psi"] * problem.candidates["heading_bias"].typical[0] == pytest.approx(0.04, abs=0.005)
+    assert shift["heading_bias.psi"] * find(problem.candidates, "heading_bias").typical[0] == pytest.approx(
+        0.04, abs=0.005
+    )
     assert max(scatter.values()) < 0.5
 
 

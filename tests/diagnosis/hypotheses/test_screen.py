@@ -9,12 +9,12 @@ import pytest
 from scipy.stats import binom, kstest
 
 from cases.simulation.disturbed import drawn_ship
-from diagnosis.estimation.candidates import Candidate, effect_of, ship_with_all_effects
+from diagnosis.estimation.candidates import Candidate, Column, ship_with_all_effects
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.hypotheses.forward_selection import Problem
 from diagnosis.hypotheses.score_test import EXCITED, Scored, Slopes, scored, slopes
 from mmg.effects import EFFECTS
-from tests.support.diagnosis_cases import ASTERN, FEW, RUNS, SHIP, full_model, problem_of, pushed_trials
+from tests.support.diagnosis_cases import ASTERN, FEW, RUNS, SHIP, candidate, problem_of, pushed_trials
 
 SEEDS = 12
 STRONG = {
@@ -28,27 +28,29 @@ STRONG = {
 }
 
 
-def made_up(count: int = 6, seed: int = 0) -> tuple[dict[str, Candidate], np.ndarray]:
+def made_up(count: int = 6, seed: int = 0) -> tuple[list[Candidate], np.ndarray]:
     """Candidates of one to three parameters, the last two one-sided, and a covariance of all their slopes."""
     degrees = [1, 2, 3] + [1] * (count - 3)
-    candidates, total = {}, sum(degrees)
+    candidates, total = [], sum(degrees)
     for i, d in enumerate(degrees):
         zero, one = np.zeros(d), np.ones(d)
         lower = zero if i >= count - 2 else -5 * one
-        candidates[f"e{i}"] = Candidate(f"e{i}", tuple(f"e{i}.{j}" for j in range(d)), zero, one, lower, 5 * one)
+        columns = tuple(Column(f"e{i}.{j}") for j in range(d))
+        candidates.append(Candidate(f"e{i}", "", False, columns, zero, one, lower, 5 * one))
     A = np.random.default_rng(seed).standard_normal((total, total))
     return candidates, A @ A.T + 0.5 * np.eye(total)
 
 
-def slopes_of(candidates: dict[str, Candidate], S: np.ndarray, g: np.ndarray) -> Slopes:
-    symbols = tuple(s for c in candidates.values() for s in c.symbols)
-    return Slopes(symbols, g, S, 2.0 * np.diag(S))
+def slopes_of(candidates: list[Candidate], S: np.ndarray, g: np.ndarray) -> Slopes:
+    return Slopes(tuple(x for c in candidates for x in c.columns), g, S, 2.0 * np.diag(S))
 
 
 def rows_of(problem: Problem, null: Estimate) -> dict[str, Scored]:
     """All rows by name, the most telling first."""
     candidates = problem.candidates
-    return {row.name: row for row in scored(slopes(problem.steps, problem.data, null, candidates), candidates)}
+    return {
+        row.candidate.label: row for row in scored(slopes(problem.steps, problem.data, null, candidates), candidates)
+    }
 
 
 def test_p_values_of_slopes_drawn_from_their_law_are_uniform() -> None:
@@ -61,14 +63,14 @@ def test_p_values_of_slopes_drawn_from_their_law_are_uniform() -> None:
         rows = scored(slopes_of(candidates, S, root @ rng.standard_normal(len(S))), candidates, seed=k)
         assert [r.p_single for r in rows] == sorted(r.p_single for r in rows)
         least.append(rows[0].p_value)
-        single.append({r.name: r.p_single for r in rows})
+        single.append({r.candidate: r.p_single for r in rows})
     assert kstest(least, "uniform").pvalue > 1e-3
-    for name in candidates:
-        p = np.array([row[name] for row in single])
-        one_sided = candidates[name].lower[0] == 0
+    for c in candidates:
+        p = np.array([row[c] for row in single])
+        one_sided = c.lower[0] == 0
         if one_sided:
             assert 0.4 < (p == 1.0).mean() < 0.6
-        assert kstest(2 * p[p < 1] if one_sided else p, "uniform").pvalue > 1e-3, name
+        assert kstest(2 * p[p < 1] if one_sided else p, "uniform").pvalue > 1e-3, c.label
 
 
 def test_a_p_value_among_all_is_never_below_the_single_one_and_small_ones_are_told_apart() -> None:
@@ -86,20 +88,20 @@ def test_the_first_order_estimate_is_the_solution_of_the_slopes() -> None:
     phi = np.linspace(0.5, 2.0, len(S))
     block = np.zeros_like(S)
     at = 0
-    for c in candidates.values():
+    for c in candidates:
         s = slice(at, at + len(c.symbols))
         block[s, s], at = S[s, s], s.stop
-    rows = {r.name: r for r in scored(slopes_of(candidates, block, block @ phi), candidates)}
-    np.testing.assert_allclose(np.concatenate([rows[name].phi for name in candidates]), phi, rtol=1e-8)
-    for name, c in candidates.items():
-        assert rows[name].degrees == len(c.symbols) and rows[name].absorbed == pytest.approx(0.5)
-    errors = np.concatenate([rows[name].errors for name in candidates])
+    rows = {r.candidate: r for r in scored(slopes_of(candidates, block, block @ phi), candidates)}
+    np.testing.assert_allclose(np.concatenate([rows[c].phi for c in candidates]), phi, rtol=1e-8)
+    for c in candidates:
+        assert rows[c].degrees == len(c.columns) and rows[c].absorbed == pytest.approx(0.5)
+    errors = np.concatenate([rows[c].errors for c in candidates])
     np.testing.assert_allclose(errors, np.sqrt(np.diag(np.linalg.inv(block))), rtol=1e-8)
 
 
 def test_an_effect_that_can_only_be_positive_is_not_seen_in_a_negative_slope() -> None:
     candidates, S = made_up()
-    rows = {r.name: r for r in scored(slopes_of(candidates, S, -8.0 * np.sqrt(np.diag(S))), candidates)}
+    rows = {r.candidate.label: r for r in scored(slopes_of(candidates, S, -8.0 * np.sqrt(np.diag(S))), candidates)}
     for name in ("e4", "e5"):
         assert (rows[name].T, rows[name].p_single, rows[name].p_value) == (0.0, 1.0, 1.0) and rows[name].phi[0] == 0
     assert rows["e0"].p_single < 1e-10 and rows["e0"].phi[0] < 0
@@ -112,8 +114,8 @@ def test_what_moves_nothing_is_not_excited_and_what_is_imitated_entirely_is_abso
     own[quiet] = 0.1 * EXCITED
     S[quiet], S[:, quiet] = 0.0, 0.0
     S[hidden], S[:, hidden] = 0.0, 0.0
-    symbols = tuple(s for c in candidates.values() for s in c.symbols)
-    rows = {r.name: r for r in scored(Slopes(symbols, 3.0 * np.sqrt(np.diag(S)), S, own), candidates)}
+    columns = tuple(x for c in candidates for x in c.columns)
+    rows = {r.candidate.label: r for r in scored(Slopes(columns, 3.0 * np.sqrt(np.diag(S)), S, own), candidates)}
     assert not rows["e0"].excited and rows["e0"].absorbed == 0.0
     assert rows["e3"].excited and rows["e3"].absorbed == 1.0
     assert rows["e0"].p_value == rows["e3"].p_value == 1.0
@@ -142,7 +144,7 @@ def test_slopes_have_the_spread_that_is_stated_and_no_trend(by_chance: list[tupl
     g, S = (np.array(a) for a in ([s.g for s, _ in by_chance], [np.diag(s.S) for s, _ in by_chance]))
     z = g / np.sqrt(S)
     assert 0.85 < np.sqrt((z**2).mean()) < 1.15
-    pooled = dict(zip(by_chance[0][0].symbols, g.sum(axis=0) / np.sqrt(S.sum(axis=0)), strict=True))
+    pooled = dict(zip(by_chance[0][0].columns, g.sum(axis=0) / np.sqrt(S.sum(axis=0)), strict=True))
     assert {s: round(v, 1) for s, v in pooled.items() if abs(v) > 3.5} == {}  # 31 parameters
 
 
@@ -155,7 +157,7 @@ def test_a_strong_effect_has_the_highest_score_and_about_its_size(name: str) -> 
     rows = rows_of(p, null)
     assert next(iter(rows)) == name and rows[name].excited
     assert rows[name].p_single <= rows[name].p_value < 1e-6
-    c = p.candidates[name]
+    c = candidate(name)
     wanted = (np.array([truth[s.split(".")[1]] for s in c.symbols]) - c.neutral) / c.typical
     share = rows[name].phi / wanted
     assert (share > 0.6).all() and (share < 1.6).all(), share
@@ -212,11 +214,12 @@ def test_effects_that_nothing_is_known_of_are_left_out_with_a_reason() -> None:
     calm = [replace(t, columns={k: v for k, v in t.columns.items() if not k.startswith("wind")}) for t in trials]
     without = ship_with_all_effects(SHIP, calm)
     assert set(without.left_out) == {"bank", "wind_force", "wind_sensor_bias"}
-    assert not set(without.left_out) & set(without.candidates)
+    assert not set(without.left_out) & {c.effect for c in without.candidates}
     known = ship_with_all_effects(SHIP, trials, {"bank": {"distance": 4.0, "bearing": 1.0}})
-    assert not known.left_out and {effect_of(n) for n in known.candidates} == set(EFFECTS) - {"disturbance"}
+    assert not known.left_out and {c.effect for c in known.candidates} == set(EFFECTS) - {"disturbance"}
     values = known.ship.parameters_of("bank")
     assert (values.distance, values.bearing) == (4.0, 1.0)
     # a parameter that is held is no column, and an effect that the ship has already is no candidate
-    assert full_model().candidates["bank"].symbols == ("bank.suction", "bank.moment")
-    assert "current" not in ship_with_all_effects(SHIP.with_effect("current", {"x": 0.01})).candidates
+    assert candidate("bank").symbols == ("bank.suction", "bank.moment")
+    with_current = ship_with_all_effects(SHIP.with_effect("current", {"x": 0.01}))
+    assert "current" not in {c.effect for c in with_current.candidates}

@@ -14,7 +14,7 @@ from diagnosis.findings import HeldOut
 from diagnosis.hypotheses.forward_selection import Problem
 from diagnosis.hypotheses.refit import refit
 from diagnosis.validation.held_out import STRIDE, WINDOW, begun, compare, errors, one_step_likelihood, scales
-from tests.support.diagnosis_cases import OFF_NEUTRAL, WHITE, full_steps, problem_of, pushed_trials, theta_of
+from tests.support.diagnosis_cases import OFF_NEUTRAL, WHITE, candidate, full_steps, problem_of, pushed_trials, theta_of
 
 EFFECT = "current:x=0.03,y=-0.02"
 H = 0.5
@@ -30,8 +30,8 @@ def others(runs: tuple[tuple[str, float], ...] = OTHERS, seed: int = 31) -> Grid
 def fits() -> tuple[Problem, Estimate, Estimate]:
     """The training trials, and the fits without and with the effect that they have."""
     problem, null = problem_of(pushed_trials(1, [EFFECT]), H)
-    effect = problem.candidates["current"]
-    start = {"current.x": 0.02, "current.y": -0.01}
+    effect = candidate("current")
+    start = dict(zip(effect.columns, (0.02, -0.01), strict=True))
     return problem, null, refit(problem.steps, problem.data, problem.base, null, [effect], start)
 
 
