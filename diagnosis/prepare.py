@@ -22,7 +22,7 @@ from diagnosis.hypotheses.forward_selection import Problem
 from diagnosis.hypotheses.reference import refer
 from diagnosis.sensors.kinematics import Kinematics
 from mmg.errors import UserError
-from mmg.motion.memory import MODEL_LENGTH
+from mmg.motion.froude import time_scale
 from mmg.progress import LOGGER
 from mmg.ship import Ship
 
@@ -89,7 +89,7 @@ def prepare(
     length = float(ship.particulars["L"])
     notices: list[str] = []
     straight = is_measured_rudder(trials)
-    if max(t.dt for t in trials) > COARSE * (length / MODEL_LENGTH) ** 0.5:
+    if max(t.dt for t in trials) > COARSE * time_scale(length):
         how = "joined by straight lines" if straight else "held until the next one"
         notices.append(
             f"samples of the actuators are taken as {how}; a delay of half a sample cannot be told from the other way"
@@ -141,7 +141,7 @@ def fitted(
     spectrum) without any effect; gap: every how many the same instruments were compared in other trials, if known."""
     p = (theta[[steps.ship.symbols.index(s) for s in base.symbols]] - base.mean) / base.std
     null = estimate(steps, data, theta, base, noise, p=p, iterations=MAX_FITS)
-    apart = gap or max(1, round(APART * (float(steps.ship.particulars["L"]) / MODEL_LENGTH) ** 0.5 / data.h))
+    apart = gap or max(1, round(APART * time_scale(steps.ship.particulars["L"]) / data.h))
     remains = residuals(steps, data, null)
     heard, line = lag_correlation(data, remains), spectral_line(data, remains)
     if not (gap or heard > ECHO) or data.thinned(apart).samples < (FEW if gap else LEAST):

@@ -20,11 +20,11 @@ from cases.criteria.figures import (
 )
 from cases.criteria.measured_maneuvers import find_execute
 from cases.criteria.spiral import spiral_figures
-from cases.maneuvers.definitions import MODEL_LENGTH, Maneuver, parse_maneuver
+from cases.maneuvers.definitions import Maneuver, parse_maneuver
 from cases.simulation.simulate import simulate
 from cases.trial import Trial
 from mmg.errors import UserError
-from mmg.motion.smooth import GRAVITY
+from mmg.motion.froude import reference_speed, time_scale
 from mmg.ship import Ship
 
 TEST_FROUDE = 0.142
@@ -81,7 +81,7 @@ def approach_speed(ship: Ship, speed: float | None = None) -> tuple[float, str]:
     own = ship.particulars.get("U_0", 0.0)
     if own > 0:
         return own, "U_0 of the ship file"
-    default = TEST_FROUDE * math.sqrt(GRAVITY * ship.particulars["L"])
+    default = TEST_FROUDE * reference_speed(ship.particulars["L"])
     return default, f"Froude number {TEST_FROUDE:g}: the ship file gives no U_0"
 
 
@@ -96,7 +96,7 @@ def simulated_run(ship: Ship, text: str, speed: float, n: float | None = None, r
         raise UserError(
             f"manoeuvre '{text}' has no order to judge; name a turning, zigzag, spiral, pull-out or crash-stop"
         )
-    trial = simulate(ship, plan, STEP * math.sqrt(ship.particulars["L"] / MODEL_LENGTH))
+    trial = simulate(ship, plan, STEP * time_scale(ship.particulars["L"]))
     notices = check_reached(trial, plan)
     p = plan.parameters
     return Run(

@@ -9,10 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from cases.maneuvers.orders import Orders
+from mmg.motion.froude import length_scale, time_scale
 from mmg.ship import Ship
-
-MODEL_LENGTH = 3.0
-"""Length [m] for which the times and rates of manoeuvres are written."""
 
 
 @dataclass(frozen=True)
@@ -29,8 +27,7 @@ class Limits:
     @classmethod
     def for_length(cls, length: float) -> Limits:
         """Limits for a ship of this length [m]."""
-        share = MODEL_LENGTH / length
-        return cls(math.radians(20.0) * math.sqrt(share), 20.0 * share)
+        return cls(math.radians(20.0) / time_scale(length), 20.0 / length_scale(length))
 
     @classmethod
     def for_ship(cls, ship: Ship) -> Limits:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from cases.maneuvers.controller import MODEL_LENGTH, Controller, Limits
+from cases.maneuvers.controller import Controller, Limits
 from cases.maneuvers.orders import (
     BERTHING_SPEED,
     Orders,
@@ -29,7 +29,7 @@ from cases.maneuvers.orders import (
 )
 from cases.maneuvers.self_propulsion import approach
 from mmg.errors import UserError
-from mmg.motion.smooth import GRAVITY
+from mmg.motion.froude import reference_speed, time_scale
 from mmg.ship import Ship
 
 FORMS = (
@@ -106,7 +106,7 @@ def parse_maneuver(
             raise UserError(f"{name} = {value:g} {unit} must be positive")
     if kind in ("straight", "acceleration", "berthing") and argument:
         raise UserError(f"manoeuvre '{text}': {kind} takes no argument; known: {FORMS}")
-    scale = math.sqrt(ship.particulars["L"] / MODEL_LENGTH)
+    scale = time_scale(ship.particulars["L"])
     limits = Limits.for_ship(ship)
     if rudder_rate is not None:
         limits = Limits(rudder_rate, limits.propeller_rate)
@@ -135,7 +135,7 @@ class _Setup:
     @property
     def crossing(self) -> float:
         """L / U [s]: time in which the ship runs her length at the approach speed (at least Froude number 0.01)."""
-        return self.length / max(abs(self.speed), 0.01 * math.sqrt(GRAVITY * self.length))
+        return self.length / max(abs(self.speed), 0.01 * reference_speed(self.length))
 
     def maneuver(
         self, default: float, orders: Callable[[], Orders], share: float = 1.0, **parameters: float

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from mmg.errors import UserError
 from mmg.model import assemble
-from mmg.motion.smooth import GRAVITY
+from mmg.motion.froude import reference_speed
 from mmg.ship import Ship
 
 FROUDE = 0.07
@@ -76,7 +76,7 @@ def _root(function: Callable[[float], float], first: float, failure: str) -> flo
 
 def own_speed(ship: Ship) -> float:
     """Approach speed where none is asked for [m/s]: the ship's U_0, else that of Froude number 0.07."""
-    return ship.particulars.get("U_0", FROUDE * math.sqrt(GRAVITY * ship.particulars["L"]))
+    return ship.particulars.get("U_0", FROUDE * reference_speed(ship.particulars["L"]))
 
 
 def approach(ship: Ship, n: float | None, speed: float | None, at_rest: bool = False) -> tuple[float, float]:
@@ -86,7 +86,7 @@ def approach(ship: Ship, n: float | None, speed: float | None, at_rest: bool = F
     approach.
     """
     u, revolutions = _approach(ship, n, speed, at_rest)
-    fastest = math.sqrt(GRAVITY * ship.particulars["L"])
+    fastest = reference_speed(ship.particulars["L"])
     if abs(u) > fastest:
         raise UserError(
             f"an approach at {u:g} m/s is Froude number {u / fastest:.2g}, outside this model; give a lower speed or n"

@@ -17,7 +17,7 @@ from mmg.components.coefficients import Coefficient
 from mmg.components.propeller.b_series import thrust_parabola
 from mmg.effects.wind_force import upper_works
 from mmg.errors import UserError
-from mmg.motion.smooth import GRAVITY
+from mmg.motion.froude import reference_speed
 from mmg.ship import Ship
 
 ORDER = ("L", "B", "d", "C_b", "D_P", "pitch_ratio", "A_R", "U_0")
@@ -89,7 +89,7 @@ def check_plausible(p: Mapping[str, float]) -> None:
         f"A_R = {p.get('A_R', L * d):g} m² is less than 0.002 L d = {0.002 * L * d:.3g} m²",
     )
     if "U_0" in p:
-        speed = p["U_0"] / math.sqrt(GRAVITY * L)
+        speed = p["U_0"] / reference_speed(L)
         refuse(
             not 0.02 <= speed <= 0.6,
             f"U_0 = {p['U_0']:g} m/s is Froude number {speed:.2g}; displacement ships have 0.02 to 0.6",
@@ -115,8 +115,8 @@ def complete(given: Mapping[str, float]) -> tuple[dict[str, float], list[str]]:
     v = f.values
     L, B, d, C_b = (v[name] for name in LEAST)
     f.default("rho", 1025.0 if L > 20 else 1000.0, "sea water" if L > 20 else "fresh water, as it is a model")
-    f.default("U_0", (0.15 + 0.5 * max(0.81 - C_b, 0.0)) * math.sqrt(GRAVITY * L), "service speed typical of C_b")
-    froude = v["U_0"] / math.sqrt(GRAVITY * L)
+    f.default("U_0", (0.15 + 0.5 * max(0.81 - C_b, 0.0)) * reference_speed(L), "service speed typical of C_b")
+    froude = v["U_0"] / reference_speed(L)
     f.default(
         "x_G", L * min(max(8.80 - 38.9 * froude, -3.0), 3.5) / 100, "usual centre of buoyancy at this Froude number"
     )

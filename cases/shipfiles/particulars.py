@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping
 
 from mmg.components.particulars import PARTICULARS
 from mmg.errors import UserError
+from mmg.motion.froude import time_scale
 
 SIGNED = ("x_G", "x_R", "C", "C_BR", "x_BT", "x_ST", "x_az", "y_az")
 """Particulars that may be zero or negative: places relative to midship."""
@@ -76,7 +77,7 @@ def _refuted(p: Mapping[str, float]) -> Iterator[str]:
         if have(name, side) and p[name] > 5 * p[side] ** 2:
             yield f"{name} = {p[name]:g} m² is more than 5 {side}² = {5 * p[side] ** 2:g} m²; check its unit"
     if have("rudder_rate", "L"):
-        most = 10 * math.radians(20) * math.sqrt(3 / p["L"])
+        most = 10 * math.radians(20) / time_scale(p["L"])
         if p["rudder_rate"] > most:
             yield f"rudder_rate = {p['rudder_rate']:g} rad/s is more than {most:.3g} rad/s; check its unit"
 

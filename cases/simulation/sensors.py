@@ -7,10 +7,10 @@ from dataclasses import astuple, dataclass, replace
 
 import numpy as np
 
-from cases.maneuvers.controller import MODEL_LENGTH
 from cases.trial import STATES, Trial
 from mmg.effects import effect
 from mmg.motion.flow import Flow
+from mmg.motion.froude import state_scale
 from mmg.ship import Ship
 
 
@@ -48,9 +48,7 @@ class SensorNoise:
     @classmethod
     def for_length(cls, length: float) -> SensorNoise:
         """Noise for a length [m]: positions scale with L, velocities with sqrt(L), rates with 1 / sqrt(L)."""
-        n, scale = cls(), length / MODEL_LENGTH
-        root = math.sqrt(scale)
-        return cls(n.x * scale, n.y * scale, n.psi, n.u * root, n.v * root, n.r / root)
+        return cls(*(np.array(astuple(cls())) * state_scale(length)).tolist())
 
 
 def add_noise(trial: Trial, noise: SensorNoise, seed: int = 0) -> Trial:

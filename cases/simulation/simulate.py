@@ -15,7 +15,6 @@ import numpy as np
 
 from cases.inputs import actuator_columns, step_means
 from cases.io.units import house_unit
-from cases.maneuvers.controller import MODEL_LENGTH
 from cases.maneuvers.definitions import Maneuver
 from cases.maneuvers.self_propulsion import design_pitch
 from cases.simulation.gusts import Wind
@@ -26,7 +25,7 @@ from mmg.effects import effect
 from mmg.errors import UserError
 from mmg.model import assemble
 from mmg.motion.frames import earth_to_body, wind_vector
-from mmg.motion.smooth import GRAVITY
+from mmg.motion.froude import GRAVITY, reference_speed, time_scale
 from mmg.ship import Ship
 
 LONGEST_STEP = 0.5
@@ -229,7 +228,7 @@ def simulate_controls(ship: Ship, controls: Trial, wind: Wind | None = None, see
 
 
 def _longest(ship: Ship) -> float:
-    return LONGEST_STEP * math.sqrt(ship.particulars["L"] / MODEL_LENGTH)
+    return LONGEST_STEP * time_scale(ship.particulars["L"])
 
 
 def _parts(ship: Ship, dt: float) -> int:
@@ -272,7 +271,7 @@ def _checked(columns: dict[str, np.ndarray], ship: Ship) -> dict[str, np.ndarray
     L = ship.particulars["L"]
     speed, spin = np.hypot(columns["u"], columns["v"]), np.abs(columns["r"])
     good = np.isfinite(np.column_stack([columns[name] for name in STATES])).all(axis=1)
-    good &= (speed < 3 * math.sqrt(GRAVITY * L)) & (spin < 10 * math.sqrt(GRAVITY / L))
+    good &= (speed < 3 * reference_speed(L)) & (spin < 10 * math.sqrt(GRAVITY / L))
     if not good.all():
         when = columns["t"][int(np.argmin(good))]
         raise UserError(f"the motion of {ship.name} diverges at t = {when:g} s; check its coefficients and the inputs")

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cases.maneuvers.controller import MODEL_LENGTH
 from cases.maneuvers.definitions import Maneuver
 from cases.maneuvers.orders import FULL_TURN, CrashStop, Orders, Steps, Turning, Zigzag
 from cases.maneuvers.self_propulsion import design_pitch
@@ -21,6 +20,7 @@ from cases.simulation.actuator_ramps import TINY, ramps
 from cases.simulation.batch_zigzag import Rudders
 from mmg.errors import UserError
 from mmg.logged import settled
+from mmg.motion.froude import time_scale
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 
@@ -111,7 +111,7 @@ def coefficient_array(ship: Ship, given: np.ndarray | Mapping[str, float | np.nd
 
 
 def _longest(ship: Ship) -> float:
-    return LONGEST_STEP * math.sqrt(ship.particulars["L"] / MODEL_LENGTH)
+    return LONGEST_STEP * time_scale(ship.particulars["L"])
 
 
 def _parts(ship: Ship, dt: float) -> int:

@@ -12,7 +12,7 @@ from cases.inputs import step_means, straight_means
 from cases.trial import Trial
 from fitting.nlp.grid import default_step, grids
 from mmg.errors import UserError
-from mmg.motion.memory import MODEL_LENGTH
+from mmg.motion.froude import time_scale
 
 LONGEST, SHORTEST = 600, 20
 """Steps of a window: a longer piece of a run is divided evenly, a shorter one is left out."""
@@ -79,7 +79,7 @@ def grid_trials(
     pieces, dropped = [], []
     for number, trial in enumerate(trials):
         kept = 0
-        fine = trial.dt <= COARSE * (length / MODEL_LENGTH) ** 0.5
+        fine = trial.dt <= COARSE * time_scale(length)
         means = (middle_means if fine else straight_means) if straight else step_means
         for grid in grids(trial, h, inputs, means):
             total = len(grid.controls)
@@ -104,7 +104,7 @@ def grid_trials(
         t[n + 1 :, i], held[n:, i] = times[-1], controls[-1]
     measured = np.isfinite(y)
     good = measured.copy()
-    good[: round(RUN_IN * (length / MODEL_LENGTH) ** 0.5 / h)] = False
+    good[: round(RUN_IN * time_scale(length) / h)] = False
     return GriddedTrials(
         h=h,
         t=t,

@@ -30,7 +30,7 @@ from diagnosis.estimation.linearised_model import LinearModel, TransitionModel, 
 from diagnosis.estimation.noise_sizes import initial_noise, updated_noise
 from diagnosis.estimation.parameters import Priors, active_in_window, active_states, set_values
 from mmg.logged import settled
-from mmg.motion.memory import MODEL_LENGTH
+from mmg.motion.froude import state_scale
 
 
 @dataclass(frozen=True)
@@ -121,8 +121,7 @@ def initial_covariance(
 ) -> np.ndarray:
     """Covariance (R, A, A) at the start: motion as good as unknown, memory settled with it but for a little."""
     R = len(z)
-    k = (float(steps.ship.particulars["L"]) / MODEL_LENGTH) ** 0.5
-    six = np.array([MODEL_LENGTH * k**2, MODEL_LENGTH * k**2, 0.3, 0.3 * k, 0.3 * k, 0.1 / k])
+    six = np.array([3.0, 3.0, 0.3, 0.3, 0.3, 0.1]) * state_scale(steps.ship.particulars["L"])
     slope = np.zeros((R, steps.S, 6))
     slope[:, np.arange(6), np.arange(6)] = six
     if len(active) > 6:

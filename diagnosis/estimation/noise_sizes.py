@@ -6,17 +6,16 @@ import numpy as np
 
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.kalman import KNOWN, Adjoint, NoiseModel
-from mmg.motion.memory import MODEL_LENGTH
+from mmg.motion.froude import force_scale, length_scale, state_scale, time_scale
 from mmg.ship import Ship
 
 
 def initial_noise(ship: Ship, data: GriddedTrials) -> NoiseModel:
     """Sizes to start from, by Froude's law from those of a 3 m model."""
     length = float(ship.particulars["L"])
-    lam = length / MODEL_LENGTH
-    force = np.array([0.2, 0.3, 0.2]) * np.array([lam**3, lam**3, lam**4])
-    white = np.array([0.02 * lam, 0.02 * lam, 0.003, 0.006 * lam**0.5, 0.006 * lam**0.5, 0.001 / lam**0.5])
-    return NoiseModel(force, 6.0 * lam**0.5, white, np.zeros(6), 4.0 * lam**0.5)
+    force = np.array([0.2, 0.3, 0.2 * length_scale(length)]) * force_scale(length)
+    white = np.array([0.02, 0.02, 0.003, 0.006, 0.006, 0.001]) * state_scale(length)
+    return NoiseModel(force, 6.0 * time_scale(length), white, np.zeros(6), 4.0 * time_scale(length))
 
 
 def updated_noise(

@@ -21,7 +21,7 @@ from diagnosis.estimation.parameters import get_values, mean_over_windows, prior
 from diagnosis.hypotheses.forward_selection import Problem
 from fitting.design.candidates import Option, library
 from fitting.design.next_trial import runs
-from mmg.motion.memory import MODEL_LENGTH
+from mmg.motion.froude import time_scale
 from mmg.ship import Ship
 
 SECONDS = 150.0
@@ -42,7 +42,7 @@ def next_test(problem: Problem, first: Estimate, candidates: Sequence[Candidate]
         own = [first.value(*c) for c in first.free.columns if c.symbol == s]
         theta[problem.steps.ship.symbols.index(s)] = float(np.sqrt(np.mean(np.square(own))))
     first = replace(first, theta=theta)
-    k = (float(ship.particulars["L"]) / MODEL_LENGTH) ** 0.5
+    k = time_scale(ship.particulars["L"])
     chosen = [o for o in library(ship) if not o.name.endswith("half speed") or o.maneuver.startswith("zigzag:20")]
     options, trials, _ = runs(ship, chosen, SECONDS * k, problem.data.h)
     if not options:

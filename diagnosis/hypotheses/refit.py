@@ -13,7 +13,7 @@ from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.linearised_model import TransitionModel
 from diagnosis.estimation.map_estimate import Estimate, Trajectory, estimate, linearise_and_filter
 from diagnosis.estimation.parameters import Priors, active_states, get_values, priors_of_effects, set_values
-from mmg.motion.memory import MODEL_LENGTH
+from mmg.motion.froude import time_scale
 
 
 def likelihood(found: Estimate, own: int) -> float:
@@ -63,7 +63,7 @@ def clusters(data: GriddedTrials, parameters: int, length: float) -> np.ndarray:
     runs = np.broadcast_to(data.run, data.good.shape[:2])
     if len(np.unique(data.run)) >= parameters + SPARE:
         return runs
-    block = max(1, round(BLOCK * (length / MODEL_LENGTH) ** 0.5 / data.h))
+    block = max(1, round(BLOCK * time_scale(length) / data.h))
     within = np.arange(len(data.good))[:, None] // block + np.zeros_like(runs)
     return np.arange(runs.shape[1]) * (within.max() + 1) + within
 

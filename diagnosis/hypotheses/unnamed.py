@@ -18,7 +18,7 @@ from diagnosis.estimation.linearised_model import LinearModel, TransitionModel
 from diagnosis.estimation.map_estimate import Estimate, ExtraColumns, linearise_and_filter
 from diagnosis.estimation.parameters import active_states
 from mmg.motion.frames import relative_air
-from mmg.motion.memory import MODEL_LENGTH
+from mmg.motion.froude import time_scale
 
 SIZES = (0.03, 0.1, 0.3, 1.0)
 """Prior standard deviations of a column's coefficient, in the sizes of what is random."""
@@ -179,7 +179,7 @@ def _reach(steps: TransitionModel, data: GriddedTrials, found: Estimate, active:
 
 def _late(data: GriddedTrials, steps: TransitionModel) -> dict[str, list[np.ndarray]]:
     """Inputs some time ago less now (K, R), scaled."""
-    k = (float(steps.ship.particulars["L"]) / MODEL_LENGTH) ** 0.5
+    k = time_scale(steps.ship.particulars["L"])
     result: dict[str, list[np.ndarray]] = {}
     for name in ("delta", "n"):
         if name not in steps.model.controls:

@@ -22,7 +22,7 @@ from diagnosis.location.regions import CHANNELS, UNITS, Samples, all_bins, by_va
 from diagnosis.location.situations import PHASES, phases, variables_of
 from mmg.components.rigid_body import Inertia, inertia
 from mmg.motion.frames import body_to_earth
-from mmg.motion.memory import MODEL_LENGTH
+from mmg.motion.froude import time_scale
 from mmg.ship import Ship
 
 PERIODS = (60.0, 20.0, 5.0)
@@ -116,7 +116,7 @@ def _phases(member: np.ndarray, s: Samples) -> list[dict[str, Any]]:
 
 def _bands(data: GriddedTrials, before: Estimate, after: Estimate | None, length: float) -> list[dict[str, Any]]:
     """Energy of each channel by band: the mean of each window first, then by Fourier transform of what is left."""
-    k = math.sqrt(length / MODEL_LENGTH)
+    k = time_scale(length)
     longest = float(data.steps.max()) * data.h
     edges = [1 / (p * k) for p in PERIODS if p * k < longest]
     edges = [0.0, *edges, 0.5 / data.h] if edges and edges[-1] < 0.5 / data.h else [0.0, 0.5 / data.h]

@@ -24,7 +24,7 @@ from cases.checks.motion import SMOOTHING, delayed, smooth, uniform
 from cases.trial import Trial
 from diagnosis.sensors.kinematic_fit import Fit, Rows, fit
 from diagnosis.sensors.kinematic_words import TRACK, TURN, UNSEEN, Quantity, Reading, pooled_with, reading
-from mmg.motion.memory import scale
+from mmg.motion.froude import time_scale
 from mmg.ship import Ship
 
 WINDOW, STRIDE, BLOCK = 8.0, 2.0, 30.0
@@ -83,7 +83,7 @@ class Kinematics:
 
 def consistency(trials: Sequence[Trial], ship: Ship) -> Kinematics:
     """The kinematic consistency of trials of a ship, run by run and pooled over those without a fault of the data."""
-    k = scale(ship.namespace)
+    k = time_scale(ship.particulars["L"])
     logs = [_Log(trial, k) for trial in trials]
     readings, frame, known = _readings([log for log in logs if not log.faults()], k)
     runs = tuple(

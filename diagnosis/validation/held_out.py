@@ -17,7 +17,7 @@ from diagnosis.findings import HeldOut
 from mmg.effects import EFFECTS
 from mmg.logged import columns
 from mmg.model import Model
-from mmg.motion.memory import MODEL_LENGTH
+from mmg.motion.froude import state_scale, time_scale
 from mmg.ship import Ship
 
 WINDOW, STRIDE = 30.0, 15.0
@@ -40,9 +40,7 @@ class Stepper(Protocol):
 
 def scales(length: float) -> np.ndarray:
     """What an error of each state is measured by (6,): .3 m, .3 m, 5 deg, .05 m/s, .05 m/s, .01 rad/s at 3 m length."""
-    lam = length / MODEL_LENGTH
-    k = lam**0.5
-    return np.array([0.3 * lam, 0.3 * lam, np.radians(5.0), 0.05 * k, 0.05 * k, 0.01 / k])
+    return np.array([0.3, 0.3, np.radians(5.0), 0.05, 0.05, 0.01]) * state_scale(length)
 
 
 def errors(
@@ -141,7 +139,7 @@ def in_their_runs(steps: TransitionModel, data: GriddedTrials, found: Estimate) 
 
 def window_length(ship: Ship) -> float:
     """Seconds of a window: WINDOW of a 3 m model."""
-    return WINDOW * (float(ship.particulars["L"]) / MODEL_LENGTH) ** 0.5
+    return WINDOW * time_scale(ship.particulars["L"])
 
 
 FEW, TOGETHER = 3, 4

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cases.maneuvers.controller import MODEL_LENGTH
 from cases.maneuvers.definitions import parse_maneuver
 from cases.maneuvers.self_propulsion import own_speed
 from cases.simulation.gusts import Wind
 from fitting.nlp.windows import Segments
+from mmg.motion.froude import reference_speed, time_scale
 from mmg.ship import Ship
 
 WIND_SPEED, WIND_FROM = 1.5, 60.0
@@ -61,7 +61,7 @@ def library(ship: Ship) -> tuple[Option, ...]:
         going_astern = ("straight", "turning:35", "turning:-35")
         options += [Option(f"{name} astern", name, -full / 2, -0.8 * n) for name in going_astern]
     if "wind" in ship.components or "wind_force" in ship.effects:
-        speed = WIND_SPEED * math.sqrt(ship.particulars["L"] / MODEL_LENGTH)
+        speed = WIND_SPEED * time_scale(ship.particulars["L"])
         wind = Wind(speed, math.radians(WIND_FROM))
         options += [Option(f"{name} in wind", name, wind=wind) for name in IN_WIND]
     return tuple(options)
@@ -70,7 +70,7 @@ def library(ship: Ship) -> tuple[Option, ...]:
 FEATURES = {
     "astern revolutions": lambda z, c, L: any((a < -0.05 * np.abs(a).max()).mean() > 0.02 for k, a in c.items()
                                               if k in ("n", "n_2", "pitch")),
-    "sternway": lambda z, c, L: bool(np.mean(z[:, 3] < -0.01 * math.sqrt(9.81 * L)) > 0.02),
+    "sternway": lambda z, c, L: bool(np.mean(z[:, 3] < -0.01 * reference_speed(L)) > 0.02),
     "rudder movement": lambda z, c, L: any(np.ptp(a) > math.radians(3) for k, a in c.items() if k.startswith("delta")),
     "turning": lambda z, c, L: bool(np.percentile(np.abs(z[:, 5]), 95) * L > 0.1 * np.hypot(z[:, 3], z[:, 4]).mean()),
     "wind": lambda z, c, L: any(np.abs(c[k]).max() > 0 for k in ("wind_north", "wind_east") if k in c),

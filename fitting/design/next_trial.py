@@ -7,14 +7,12 @@ manoeuvre that is over sooner is repeated.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cases.maneuvers.controller import MODEL_LENGTH
 from cases.maneuvers.definitions import parse_maneuver
 from cases.simulation.simulate import simulate
 from cases.trial import Trial
@@ -26,6 +24,7 @@ from fitting.nlp.shooting import kernels
 from fitting.nlp.windows import cut
 from mmg.errors import UserError
 from mmg.model import assemble
+from mmg.motion.froude import time_scale
 from mmg.ship import Ship
 
 if TYPE_CHECKING:
@@ -124,7 +123,7 @@ def next_trial(
     """
     ship, prior = calibration.ship, calibration.prior
     P, C = len(prior.symbols), calibration.covariance
-    seconds = duration or DURATION * math.sqrt(ship.particulars["L"] / MODEL_LENGTH)
+    seconds = duration or DURATION * time_scale(ship.particulars["L"])
     chosen, trials, left_out = runs(ship, options or library(ship), seconds, calibration.segments.h)
     empty = np.empty((0, P))
     if not trials or not np.isfinite(C).all():

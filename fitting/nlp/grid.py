@@ -9,6 +9,7 @@ import numpy as np
 
 from cases.inputs import STANDARD, control_array, step_means
 from cases.trial import Trial
+from mmg.motion.froude import reference_speed
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,7 @@ def default_step(trials: Sequence[Trial], length: float) -> float:
     Rounded to 1, 2 or 5 times a power of ten.
     """
     u2 = np.concatenate([t["u"] ** 2 + t["v"] ** 2 for t in trials])
-    speed = max(float(np.sqrt(np.nanmean(u2))), 0.02 * np.sqrt(9.81 * length))
+    speed = max(float(np.sqrt(np.nanmean(u2))), 0.02 * reference_speed(length))
     wanted = max(0.05 * length / speed, max(t.dt for t in trials))
     decade = 10 ** np.floor(np.log10(wanted))
     return float(min((c * decade for c in (1, 2, 5, 10)), key=lambda s: abs(np.log(s / wanted))))

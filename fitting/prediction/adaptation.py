@@ -17,11 +17,10 @@ import numpy as np
 
 from fitting.prediction.stretches import Batch, Record, Stretch, Water, roll
 from mmg.logged import settled
+from mmg.motion.froude import state_scale, time_scale
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 
-LENGTH = 3.0
-"""Length [m] for which the times and sizes below are written; they scale by Froude's law."""
 RESTART, FORGET, DECAY = 10.0, 15.0, 45.0
 """Seconds: length of a restart, time in which an error's weight falls to 1/e^2, time in which the current fades."""
 SIZE = 0.02
@@ -48,9 +47,7 @@ class Adaptation:
     @classmethod
     def of(cls, ship: Ship, seconds: float) -> Adaptation:
         """Settings for a ship, chosen on runs of a 3 m model and scaled by Froude's law."""
-        scale = float(ship.particulars["L"]) / LENGTH
-        k = scale**0.5
-        errors = np.array(ERRORS) * np.array([scale, scale, 1.0, k, k, 1 / k])
+        k, errors = time_scale(ship.particulars["L"]), np.array(ERRORS) * state_scale(ship.particulars["L"])
         return cls(seconds, RESTART * k, FORGET * k, DECAY * k, SIZE * k, errors)
 
 

@@ -16,6 +16,7 @@ from fitting.prediction.predict import record_of, window_rows
 from fitting.prediction.score import pooled_sigma, score
 from fitting.prediction.stretches import Batch, Stretch, roll
 from mmg.errors import UserError
+from mmg.motion.froude import time_scale
 from mmg.rollout import Simulator
 
 LENGTH, STRIDE, EVERY = 100.0, 15.0, 2.0
@@ -63,7 +64,7 @@ def fit_bands(simulator: Simulator, trials: Sequence[Trial], root: np.ndarray | 
     root: draws of the coefficients (``bands.draws_of``), whose part of the errors the factors leave out.
     """
     length = float(simulator.ship.particulars["L"])
-    k = (length / 3) ** 0.5
+    k = time_scale(length)
     stretches = []
     for trial in trials:
         record = record_of(trial, simulator.ship.inputs)
@@ -159,7 +160,7 @@ def _scaled(
 
     fixed: (n, 6, M) variance at coarse rows by the coefficients.
     """
-    k = (length / 3) ** 0.5
+    k = time_scale(length)
     rows, out = coarse_rows(batch, COARSE * k), np.nan_to_num(out)
     rest = bands.process_variance(batch, out, length, rows) + fixed
     times = batch.times[rows]
@@ -184,7 +185,7 @@ def _factors(
     fixed: np.ndarray,
 ) -> np.ndarray:
     """Factors (6,) on the process that put COVER of the errors up to HORIZON into the 90 % band."""
-    k = (length / 3) ** 0.5
+    k = time_scale(length)
     rows, out = coarse_rows(batch, COARSE * k), np.nan_to_num(out)
     process = bands.process_variance(batch, out, length, rows)
     rest = fixed + bands.measurement_variance(batch, out, rows)

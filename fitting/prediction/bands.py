@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from fitting.prediction.stretches import Batch
+from mmg.motion.froude import time_scale
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 
@@ -114,7 +115,7 @@ class Bands:
         The first row is the measured state, repeated in the prediction.
         """
         length = float(simulator.ship.particulars["L"])
-        rows = coarse_rows(batch, COARSE * (length / 3) ** 0.5)
+        rows = coarse_rows(batch, COARSE * time_scale(length))
         variance = self.process_variance(batch, out, length, rows)
         factor = self.process.adapted if adapted else self.process.factor
         variance = variance * factor[:, None] ** 2

@@ -6,8 +6,9 @@ from types import SimpleNamespace
 
 from mmg.effects.effect import Effect, Parameter
 from mmg.motion.flow import PROPELLERS, RUDDERS, Flow
-from mmg.motion.memory import Memory, delayed, scale
-from mmg.motion.smooth import GRAVITY, Smoothing
+from mmg.motion.froude import reference_speed, time_scale
+from mmg.motion.memory import Memory, delayed
+from mmg.motion.smooth import Smoothing
 
 SUMMARY = """Control delay: rudder and revolutions act later than they are logged, by a fixed time.
 
@@ -23,15 +24,15 @@ class ControlDelay(Effect):
     summary = SUMMARY
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
-        k = scale(p)
+        k = time_scale(p.L)
         return (Parameter("tau", 0.0, 0.4 * k, 0.0, 5.0 * k, "s", "time by which rudder and revolutions act late"),)
 
     def actuators(self, flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace, s: Smoothing) -> Flow:
-        revolutions = 0.1 * float((GRAVITY * p.L) ** 0.5) / (0.03 * p.L)
+        revolutions = 0.1 * reference_speed(p.L) / (0.03 * p.L)
         moved = {}
         for names, size in ((RUDDERS, 0.3), (PROPELLERS, revolutions)):
             for name, value in flow.present(names).items():
-                moved[name] = delayed(memory, f"control_delay.{name}", value, e.tau, scale(p), size)
+                moved[name] = delayed(memory, f"control_delay.{name}", value, e.tau, time_scale(p.L), size)
         return flow.with_(**moved)
 
     def input_delay(self, e: SimpleNamespace) -> float:

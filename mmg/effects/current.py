@@ -7,7 +7,7 @@ from typing import Any
 
 from mmg.effects.effect import Effect, Parameter
 from mmg.motion.flow import Flow
-from mmg.motion.memory import scale
+from mmg.motion.froude import time_scale
 
 SUMMARY = """Current: uniform water velocity over ground, steady or changing slowly with time.
 
@@ -26,7 +26,7 @@ class Current(Effect):
     needs_time = True
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
-        k = scale(p)
+        k = time_scale(p.L)
         size, most = 0.02 * k, 0.5 * k
         return (
             Parameter("x", 0.0, size, -most, most, "m/s", "water velocity over ground to the north"),

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 from mmg.effects.effect import Effect, Parameter, Parts, Setting
 from mmg.motion.flow import Flow, Force
-from mmg.motion.memory import MODEL_LENGTH, scale
+from mmg.motion.froude import force_scale, time_scale
 
 SUMMARY = """Disturbance: slowly varying forces that no model explains, as a random process of its own in X, Y and N.
 
@@ -16,6 +16,7 @@ shooting), so that coefficients need not bend to a gust, and with it sizes that 
 (fitting/solvers/latent_forces.py).
 A simulation has d = 0 and no force. Prediction bands rest on a process of the same kind (fitting/prediction/bands.py).
 """
+
 
 STATES = tuple(f"disturbance.{axis}" for axis in "XYN")
 
@@ -28,7 +29,7 @@ class Disturbance(Effect):
     surroundings = True
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
-        k, force = scale(p), 0.15 * (p.L / MODEL_LENGTH) ** 3
+        k, force = time_scale(p.L), 0.15 * force_scale(p.L)
         rows = (("X", force, "N"), ("Y", force, "N"), ("N", force * p.L / 4, "N m"))
         return (
             *(

@@ -11,8 +11,8 @@ import numpy as np
 from mmg.effects.effect import Effect, Parameter
 from mmg.motion.flow import Flow
 from mmg.motion.frames import body_to_earth, earth_to_body
-from mmg.motion.memory import Memory, delayed, scale
-from mmg.motion.smooth import GRAVITY
+from mmg.motion.froude import reference_speed, time_scale
+from mmg.motion.memory import Memory, delayed
 
 SUMMARY = """Satellite delay: logged position and velocity over ground are late; heading and turn rate are not.
 
@@ -31,7 +31,7 @@ class GnssDelay(Effect):
     summary = SUMMARY
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
-        size, most = 0.5 * scale(p), 5.0 * scale(p)
+        size, most = 0.5 * time_scale(p.L), 5.0 * time_scale(p.L)
         alone, finished = "time by which the position alone is late", "time by which x, y, u and v are late as they are"
         return (
             Parameter("tau", 0.0, size, 0.0, most, "s", "time by which position and velocity are late"),
@@ -42,7 +42,7 @@ class GnssDelay(Effect):
     def columns(self, y: list[Any], flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace) -> list[Any]:
         u, v, (north, east) = late_velocity(y, memory, self.name, e.tau, p, e.alone + e.finished)
         u, v = (
-            delayed(memory, f"{self.name}.{axis}", value, e.finished, scale(p), _speed(p))
+            delayed(memory, f"{self.name}.{axis}", value, e.finished, time_scale(p.L), 0.1 * reference_speed(p.L))
             for axis, value in (("u", u), ("v", v))
         )
         late = e.tau + e.alone + e.finished
@@ -56,11 +56,6 @@ class GnssDelay(Effect):
         return [*place, y[2], np.interp(past, t, u), np.interp(past, t, v), y[5]]
 
 
-def _speed(p: SimpleNamespace) -> float:
-    """A speed [m/s] that the ship usually has: Fn = 0.1."""
-    return 0.1 * float((GRAVITY * p.L) ** 0.5)
-
-
 def late_velocity(
     y: list[Any], memory: Memory, name: str, tau: Any, p: SimpleNamespace, further: Any = 0.0
 ) -> tuple[Any, Any, tuple[Any, Any]]:
@@ -68,10 +63,10 @@ def late_velocity(
 
     further: a delay [s] of something else that V_f is to serve.
     """
-    least = ca.sqrt(tau**2 + further**2 + scale(p) ** 2)
+    least = ca.sqrt(tau**2 + further**2 + time_scale(p.L) ** 2)
     velocity = body_to_earth(y[3], y[4], y[2])
     north, east = (
-        memory.low_pass(f"{name}.{axis}", value, 0.5 * least, _speed(p))
+        memory.low_pass(f"{name}.{axis}", value, 0.5 * least, 0.1 * reference_speed(p.L))
         for axis, value in zip(("north", "east"), velocity, strict=True)
     )
     behind = earth_to_body(velocity[0] - north, velocity[1] - east, y[2])

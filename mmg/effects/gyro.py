@@ -10,7 +10,8 @@ import numpy as np
 
 from mmg.effects.effect import Effect, Parameter
 from mmg.motion.flow import Flow
-from mmg.motion.memory import Memory, lagged, scale
+from mmg.motion.froude import time_scale
+from mmg.motion.memory import Memory, lagged
 
 SUMMARY = """Gyro: the logged turn rate is off by a share and late by a lag."""
 
@@ -22,14 +23,14 @@ class Gyro(Effect):
     summary = SUMMARY
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
-        k = scale(p)
+        k = time_scale(p.L)
         return (
             Parameter("share", 0.0, 0.01, -0.3, 0.3, "", "logged turn rate larger than the true one by this share"),
             Parameter("T", 0.0, 0.3 * k, 0.0, 5.0 * k, "s", "lag of the logged turn rate", held=True),
         )
 
     def columns(self, y: list[Any], flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace) -> list[Any]:
-        late = lagged(memory, "gyro.r", y[5], e.T, 0.5 * scale(p), 0.05 / scale(p))
+        late = lagged(memory, "gyro.r", y[5], e.T, 0.5 * time_scale(p.L), 0.05 / time_scale(p.L))
         return [*y[:5], late * (1 + e.share)]
 
     def samples(

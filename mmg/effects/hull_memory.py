@@ -6,8 +6,8 @@ from types import SimpleNamespace
 
 from mmg.effects.effect import Effect, Parameter, Parts, Setting
 from mmg.motion.flow import Flow, Force
-from mmg.motion.memory import lagged, scale
-from mmg.motion.smooth import GRAVITY
+from mmg.motion.froude import GRAVITY, time_scale
+from mmg.motion.memory import lagged
 
 SUMMARY = """Hull memory: sway force and yaw moment of the hull arrive with a lag, as of a vortex system that must form.
 
@@ -22,11 +22,11 @@ class HullMemory(Effect):
     summary = SUMMARY
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
-        k = scale(p)
+        k = time_scale(p.L)
         return (Parameter("T", 0.0, 1.2 * k, 0.0, 10.0 * k, "s", "time constant of the lag"),)
 
     def forces(self, parts: Parts, flow: Flow, e: SimpleNamespace, at: Setting) -> Parts:
-        k = scale(at.p)
+        k = time_scale(at.p.L)
         size = 0.5 * at.p.rho * at.p.L * at.p.d * 1e-3 * GRAVITY * at.p.L
         old = parts["hull"]
         Y = lagged(at.memory, "hull_memory.Y", old.Y, e.T, 0.5 * k, size)

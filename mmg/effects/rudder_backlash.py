@@ -6,7 +6,8 @@ from types import SimpleNamespace
 
 from mmg.effects.effect import Effect, Parameter
 from mmg.motion.flow import RUDDERS, Flow
-from mmg.motion.memory import Memory, played, scale
+from mmg.motion.froude import time_scale
+from mmg.motion.memory import Memory, played
 from mmg.motion.smooth import Smoothing
 
 SUMMARY = """Rudder backlash: the real rudder stays where it is until the logged one has moved by the dead band.
@@ -30,7 +31,7 @@ class RudderBacklash(Effect):
 
     def actuators(self, flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace, s: Smoothing) -> Flow:
         moved = {
-            name: played(memory, f"rudder_backlash.{name}", angle, e.b, 0.5 * scale(p), SOFTEST, 0.3)
+            name: played(memory, f"rudder_backlash.{name}", angle, e.b, 0.5 * time_scale(p.L), SOFTEST, 0.3)
             for name, angle in flow.present(RUDDERS).items()
         }
         return flow.with_(**moved)

@@ -6,7 +6,8 @@ from types import SimpleNamespace
 
 from mmg.effects.effect import Effect, Parameter
 from mmg.motion.flow import RUDDERS, Flow
-from mmg.motion.memory import Memory, lagged, scale
+from mmg.motion.froude import time_scale
+from mmg.motion.memory import Memory, lagged
 from mmg.motion.smooth import Smoothing
 
 SUMMARY = """Rudder lag: the real rudder follows the logged one with a first-order lag of time constant T."""
@@ -19,12 +20,12 @@ class RudderLag(Effect):
     summary = SUMMARY
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
-        k = scale(p)
+        k = time_scale(p.L)
         return (Parameter("T", 0.0, 0.6 * k, 0.0, 10.0 * k, "s", "time constant of the rudder behind its record"),)
 
     def actuators(self, flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace, s: Smoothing) -> Flow:
         moved = {
-            name: lagged(memory, f"rudder_lag.{name}", angle, e.T, 0.5 * scale(p), 0.3)
+            name: lagged(memory, f"rudder_lag.{name}", angle, e.T, 0.5 * time_scale(p.L), 0.3)
             for name, angle in flow.present(RUDDERS).items()
         }
         return flow.with_(**moved)

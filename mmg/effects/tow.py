@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 from mmg.effects.effect import Effect, Parameter, Parts, Setting
 from mmg.motion.flow import Flow, Force
-from mmg.motion.memory import MODEL_LENGTH
+from mmg.motion.froude import force_scale
 
 SUMMARY = """Tow: a constant force and moment in the body frame, as of a tow line, a fender or a lasting asymmetry."""
 
@@ -19,7 +19,7 @@ class Tow(Effect):
     surroundings = True
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
-        force = 0.05 * (p.L / MODEL_LENGTH) ** 3
+        force = 0.05 * force_scale(p.L)
         moment = force * p.L / 3
         return (
             Parameter("X", 0.0, force, -50 * force, 50 * force, "N", "constant force ahead"),

@@ -10,7 +10,8 @@ import numpy as np
 from mmg.effects.effect import Effect, Parameter
 from mmg.effects.gnss_delay import late_samples, late_velocity
 from mmg.motion.flow import Flow
-from mmg.motion.memory import Memory, scale
+from mmg.motion.froude import time_scale
+from mmg.motion.memory import Memory
 
 SUMMARY = """\
 Velocity lag: logged u and v come from a velocity over ground that is late; position, heading and turn rate are not.
@@ -28,7 +29,7 @@ class VelocityLag(Effect):
     summary = SUMMARY
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
-        k = scale(p)
+        k = time_scale(p.L)
         return (Parameter("tau", 0.0, 0.5 * k, 0.0, 5.0 * k, "s", "time by which logged u and v are late"),)
 
     def columns(self, y: list[Any], flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace) -> list[Any]:

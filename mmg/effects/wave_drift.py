@@ -7,7 +7,7 @@ from types import SimpleNamespace
 from mmg.effects.effect import Effect, Parameter, Parts, Setting
 from mmg.motion.flow import Flow, Force
 from mmg.motion.frames import earth_to_body
-from mmg.motion.memory import MODEL_LENGTH
+from mmg.motion.froude import force_scale
 
 SUMMARY = """Wave drift: a force that is constant in the earth frame, larger on the side of the ship than on the bow.
 
@@ -27,7 +27,7 @@ class WaveDrift(Effect):
     surroundings = True
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
-        size = 0.08 * (p.L / MODEL_LENGTH) ** 3
+        size = 0.08 * force_scale(p.L)
         most = 50 * size
         return (
             Parameter("x", 0.0, size, -most, most, "N", "drift force to the north on a ship beam on"),

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from mmg.effects.effect import Effect, Parameter
-from mmg.motion.memory import scale
+from mmg.motion.froude import time_scale
 
 SUMMARY = """\
 Wind sensor bias: the air moves with the logged wind plus a velocity that is constant in the earth frame."""
@@ -20,7 +20,7 @@ class WindSensorBias(Effect):
     surroundings = True
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
-        size, most = 0.3 * scale(p), 5.0 * scale(p)
+        size, most = 0.3 * time_scale(p.L), 5.0 * time_scale(p.L)
         return (
             Parameter("x", 0.0, size, -most, most, "m/s", "air velocity to the north less the logged one"),
             Parameter("y", 0.0, size, -most, most, "m/s", "air velocity to the east less the logged one"),

@@ -6,18 +6,9 @@ Effects and actuators ask a ``Memory`` for states; the assembled model integrate
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from types import SimpleNamespace
 from typing import Any
 
 import casadi as ca
-
-MODEL_LENGTH = 3.0
-"""Length [m] for which times are written; times and speeds scale with sqrt(L), forces with L^3."""
-
-
-def scale(p: SimpleNamespace) -> float:
-    """sqrt(L / 3 m): the factor of times and speeds."""
-    return float((p.L / MODEL_LENGTH) ** 0.5)
 
 
 @dataclass

@@ -11,10 +11,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
-import numpy as np
 
-GRAVITY = 9.80665
-"""Standard acceleration of gravity [m/s^2]."""
+from mmg.motion.froude import time_scale
 
 
 @dataclass(frozen=True)
@@ -72,7 +70,7 @@ class Smooth:
     @classmethod
     def for_length(cls, length: float) -> Smooth:
         """Widths for a ship of this length [m]: 1.84e-3 sqrt(g L), which is 10 mm/s at L = 3 m."""
-        return cls(0.01 * float(np.sqrt(length / 3.0)))
+        return cls(0.01 * time_scale(length))
 
     def absolute(self, x: Any, width: float) -> Any:
         return x * x / ca.sqrt(x * x + width * width)

@@ -18,6 +18,7 @@ from fitting.nlp.grid import Grid, grids
 from mmg.errors import UserError
 from mmg.logged import states_behind
 from mmg.model import Model
+from mmg.motion.froude import length_scale
 from residual.rollout import Batch
 from residual.system import Past
 
@@ -104,7 +105,7 @@ def loss_sigma(pieces: Sequence[Piece], length: float) -> np.ndarray:
     spread = np.nanstd(velocities, axis=0)
     if not (spread > 0).all():
         raise UserError("u, v or r never changes in the training trials, so there is nothing to learn from")
-    position = POSITION * length / 3
+    position = POSITION * length_scale(length)
     return np.array([position, position, HEADING, *spread])
 
 

@@ -6,7 +6,8 @@ from types import SimpleNamespace
 
 from mmg.components.coefficients import Coefficient, table
 from mmg.motion.flow import PROPELLERS, RUDDERS, Flow
-from mmg.motion.memory import Memory, scale
+from mmg.motion.froude import time_scale
+from mmg.motion.memory import Memory
 from mmg.motion.smooth import Smoothing
 
 SUMMARY = """Actuators that follow their orders as first-order lags: y' = (y_c - y) / T, for rudders and propellers.
@@ -20,7 +21,7 @@ INPUTS: tuple[str, ...] = ()
 
 def coefficients(p: SimpleNamespace) -> tuple[Coefficient, ...]:
     """Time constants for a ship of length L: 1 s for the rudder and 1 s for the propeller of a 3 m model."""
-    k = scale(p)
+    k = time_scale(p.L)
     return table(
         "1 s at 3 m by Froude's law",
         ("T_delta", 1.0 * k, 0.5 * k, 0.4 * k, 10.0 * k, "s", "time constant of the rudder"),
@@ -31,6 +32,6 @@ def coefficients(p: SimpleNamespace) -> tuple[Coefficient, ...]:
 def actuators(flow: Flow, memory: Memory, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Flow:
     """Positions of rudders and propellers whose orders the flow holds."""
     rudders = {name: memory.low_pass(name, x, c.T_delta, 0.3) for name, x in flow.present(RUDDERS).items()}
-    size = 10.0 / scale(p)
+    size = 10.0 / time_scale(p.L)
     propellers = {name: memory.low_pass(name, x, c.T_n, size) for name, x in flow.present(PROPELLERS).items()}
     return flow.with_(**rudders, **propellers)

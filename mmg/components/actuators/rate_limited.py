@@ -7,7 +7,8 @@ from types import SimpleNamespace
 
 from mmg.components.coefficients import Coefficient, table
 from mmg.motion.flow import PROPELLERS, RUDDERS, Flow
-from mmg.motion.memory import Memory, rate_limited, scale
+from mmg.motion.froude import time_scale
+from mmg.motion.memory import Memory, rate_limited
 from mmg.motion.smooth import Smoothing
 
 SUMMARY = """Actuators with a limited rate: y' = K tanh((y_c - y) / (K T)), the smooth form of a sloped step.
@@ -24,7 +25,7 @@ INPUTS: tuple[str, ...] = ()
 
 def coefficients(p: SimpleNamespace) -> tuple[Coefficient, ...]:
     """Rates and time constants for a ship of length L, with its own ``rudder_rate`` where the file gives one."""
-    k = scale(p)
+    k = time_scale(p.L)
     swift = getattr(p, "rudder_rate", math.radians(20.0) / k)
     turns, time = 20.0 / k**2, 0.4 * k
     return table(
@@ -39,7 +40,10 @@ def coefficients(p: SimpleNamespace) -> tuple[Coefficient, ...]:
 def actuators(flow: Flow, memory: Memory, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Flow:
     """Positions of rudders and propellers whose orders the flow holds."""
     moved = {}
-    for names, rate, time, size in ((RUDDERS, c.K_delta, c.T_delta, 0.3), (PROPELLERS, c.K_n, c.T_n, 10.0 / scale(p))):
+    for names, rate, time, size in (
+        (RUDDERS, c.K_delta, c.T_delta, 0.3),
+        (PROPELLERS, c.K_n, c.T_n, 10.0 / time_scale(p.L)),
+    ):
         for name, order in flow.present(names).items():
             moved[name] = rate_limited(memory, name, order, rate, time, size)
     return flow.with_(**moved)

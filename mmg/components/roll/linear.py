@@ -9,8 +9,8 @@ import casadi as ca
 
 from mmg.components.coefficients import Coefficient, table
 from mmg.motion.flow import Flow, Force
+from mmg.motion.froude import GRAVITY
 from mmg.motion.memory import Memory
-from mmg.motion.smooth import GRAVITY
 
 SUMMARY = """Roll driven by the motion in the horizontal plane, without acting back on it.
 

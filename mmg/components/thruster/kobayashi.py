@@ -15,7 +15,8 @@ from typing import Any
 
 from mmg.components.coefficients import Coefficient, table
 from mmg.motion.flow import Force
-from mmg.motion.smooth import GRAVITY, Smoothing
+from mmg.motion.froude import reference_speed
+from mmg.motion.smooth import Smoothing
 
 
 def coefficient_table(suffix: str, where: str, values: dict[str, float]) -> tuple[Coefficient, ...]:
@@ -55,6 +56,6 @@ def side_thruster(
     squared = 0.5 * (K_P - K_N) * nD * s.absolute(nD, 0.1 * s.speed) + 0.5 * (K_P + K_N) * nD**2
     speed = s.absolute(u, 0.1 * s.speed)
     T = p.rho * D**2 * squared * (1 - s.step_or_zero(speed - u_max, s.speed))
-    Fr = speed / (GRAVITY * p.L) ** 0.5
+    Fr = speed / reference_speed(p.L)
     Y, N = (effectiveness(Fr, tuple(getattr(c, f"a_{k}{i}_{suffix}") for i in range(3)), s) for k in "YN")
     return Force(0.0, Y * T, N * x * T)

@@ -8,7 +8,8 @@ import casadi as ca
 
 from mmg.components.coefficients import Coefficient, table
 from mmg.motion.flow import Flow, Force
-from mmg.motion.smooth import GRAVITY, Smoothing
+from mmg.motion.froude import GRAVITY
+from mmg.motion.smooth import Smoothing
 
 SUMMARY = """Mean second-order wave drift in short form: three coefficients times the square of the wave height.
 

@@ -16,8 +16,8 @@ from fitting.calibration import estimate_coefficients
 from fitting.settings import Settings
 from mmg.components.catalogue import coefficient_table
 from mmg.model import assemble
+from mmg.motion.froude import GRAVITY
 from mmg.motion.memory import Memory, clip, delayed, lagged, played, rate_limited
-from mmg.motion.smooth import GRAVITY
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 
