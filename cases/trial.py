@@ -11,6 +11,9 @@ import numpy as np
 STATES = ("x", "y", "psi", "u", "v", "r")
 """The six states of the 3-DOF model in their fixed order: m, m, rad, m/s, m/s, rad/s."""
 
+RUDDERS = ("delta", "delta_port", "delta_starboard")
+"""Columns of rudder angles."""
+
 REQUIRED = ("psi", "u", "v", "r", "n", "delta")
 """Columns without which nothing can be calibrated or predicted."""
 

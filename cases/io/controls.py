@@ -12,11 +12,12 @@ from cases.inputs import actuator_columns
 from cases.io.conventions import converted
 from cases.io.headers import FRT_NAMES, match_headers, split_header
 from cases.io.read import SUFFIXES, read_trial
-from cases.io.sidecar import settings_for
+from cases.io.sidecar import sidecar_entry
 from cases.io.table import read_table
 from cases.io.units import to_si
 from cases.trial import Trial
 from mmg.errors import UserError
+from mmg.messages import Message
 from mmg.motion.flow import INPUTS
 
 STATE_UNITS = {"psi": "rad", "u": "m/s", "v": "m/s", "r": "rad/s"}
@@ -43,14 +44,15 @@ def _lacks_states(path: Path) -> bool:
         return False
     header, _ = read_table(path, path.read_bytes())
     named = {FRT_NAMES.get(name, name) for name, _ in map(split_header, header)}
-    return not named & set(STATE_UNITS) and not set(settings_for(path).columns) & set(STATE_UNITS)
+    return not named & set(STATE_UNITS) and not set(sidecar_entry(path).columns) & set(STATE_UNITS)
 
 
 def _from_rest(path: Path) -> Trial:
     """A trial of inputs alone, its states zero."""
     header, numbers = read_table(path, path.read_bytes())
-    settings, notices = settings_for(path), ["no states in the file: the ship starts from rest at the origin"]
-    matched = match_headers(path, header + [f"{s} [{u}]" for s, u in STATE_UNITS.items()], settings, notices)
+    entry = sidecar_entry(path)
+    notices = [Message("no states in the file: the ship starts from rest at the origin", "starts_from_rest")]
+    matched = match_headers(path, header + [f"{s} [{u}]" for s, u in STATE_UNITS.items()], entry, notices)
     columns = {
         name: numbers(index) * to_si(name, unit, f"{path}: column '{header[index]}'")
         for name, (index, unit) in matched.items()
@@ -66,8 +68,8 @@ def _from_rest(path: Path) -> Trial:
         raise UserError(f"{path}: time must increase from row to row, over two rows at least")
     nothing = np.zeros(len(columns["t"]))
     columns |= dict.fromkeys(STATE_UNITS, nothing)
-    columns = converted(columns, settings, notices)
-    return Trial(path.stem, columns, path=path, notices=tuple(notices), kind=settings.kind)
+    columns = converted(columns, entry, notices)
+    return Trial(path.stem, columns, path=path, notices=tuple(notices), kind=entry.kind)
 
 
 def _without_gaps(trial: Trial, path: Path) -> Trial:
@@ -77,7 +79,8 @@ def _without_gaps(trial: Trial, path: Path) -> Trial:
         raise UserError(f"{path}: no row with psi, u, v and r to start from")
     first, notices = int(np.argmax(whole)), list(trial.notices)
     if first:
-        notices.append(f"the simulation starts at row {first + 1}, the first with a complete state")
+        text = f"the simulation starts at row {first + 1}, the first with a complete state"
+        notices.append(Message(text, "late_start"))
     columns = {name: values[first:] for name, values in trial.columns.items()}
     for name in _INPUTS:
         if name not in columns:
@@ -88,5 +91,6 @@ def _without_gaps(trial: Trial, path: Path) -> Trial:
         if not good.all():
             last = np.maximum.accumulate(np.where(good, np.arange(len(good)), 0))
             columns[name] = columns[name][last]
-            notices.append(f"{name}: {int((~good).sum())} missing samples hold the last value")
+            text = f"{name}: {int((~good).sum())} missing samples hold the last value"
+            notices.append(Message(text, "samples_held"))
     return replace(trial, columns=columns, notices=tuple(notices))

@@ -5,9 +5,10 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from cases.io.sidecar import Settings
+from cases.io.sidecar import SidecarEntry
 from cases.io.units import accepted, is_canonical
 from mmg.errors import UserError
+from mmg.messages import Message
 
 FRT_NAMES = {
     "x_position_mid": "x",
@@ -28,25 +29,28 @@ FRT_NAMES = {
 REQUIRED = ("t", "psi", "u", "v", "r", "n")
 
 
-def match_headers(path: Path, header: list[str], settings: Settings, notices: list[str]) -> dict[str, tuple[int, str]]:
-    """Canonical name -> (column index, unit) for every column that the house understands.
+def match_headers(
+    path: Path, header: list[str], entry: SidecarEntry, notices: list[Message]
+) -> dict[str, tuple[int, str]]:
+    """Canonical name -> (column index, unit) for every column of a file that is known.
 
-    Raises UserError for a mapped header that is absent, two headers for one quantity, a missing unit or a
-    missing required column. Columns that mean nothing to the house are named in the notices.
+    path: of the file, for messages; header: its cells; entry: what the sidecar says of it; notices: what was mapped
+    or ignored is added. Raises UserError for a mapped header that is absent, two headers for one quantity, a missing
+    unit or required column, and a sign of a column that the file lacks.
     """
     parts = [split_header(cell) for cell in header]
     taken: dict[str, tuple[int, str]] = {}
-    for name, wanted in settings.columns.items():
-        index = _find(path, wanted, header, parts, settings.source)
+    for name, wanted in entry.columns.items():
+        index = _find(path, wanted, header, parts)
         taken[name] = (index, parts[index][1])
-        notices.append(f"{name} is read from '{header[index]}' ({settings.source})")
+        notices.append(Message(f"{name} is read from '{header[index]}' (sidecar)", "column_mapped"))
     mapped = {index for index, _ in taken.values()}
     ignored = []
     for index, (name, unit) in enumerate(parts):
         canonical = FRT_NAMES.get(name, name)
         if index in mapped:
             continue
-        if not is_canonical(canonical) or canonical in settings.columns:
+        if not is_canonical(canonical) or canonical in entry.columns:
             ignored.append(header[index])
         elif canonical in taken:
             other = header[taken[canonical][0]]
@@ -58,9 +62,12 @@ def match_headers(path: Path, header: list[str], settings: Settings, notices: li
             taken[canonical] = (index, unit)
     ignored = [cell for cell in ignored if cell]
     if ignored:
-        notices.append(f"columns not used: {', '.join(ignored)}")
+        notices.append(Message(f"columns not used: {', '.join(ignored)}", "columns_ignored"))
     _require(path, header, taken)
-    return {name: (index, _unit(path, name, header[index], unit, settings, notices))
+    unsigned = [name for name in entry.sign if name not in taken]
+    if unsigned:
+        raise UserError(f"{path}: sign.{unsigned[0]} in the sidecar: the file has no column {unsigned[0]}")
+    return {name: (index, _unit(path, name, header[index], unit, entry, notices))
             for name, (index, unit) in taken.items()}  # fmt: skip
 
 
@@ -70,24 +77,25 @@ def split_header(cell: str) -> tuple[str, str]:
     return (match[1], match[2].strip()) if match else (cell.strip(), "")
 
 
-def _find(path: Path, wanted: str, header: list[str], parts: list[tuple[str, str]], source: str) -> int:
+def _find(path: Path, wanted: str, header: list[str], parts: list[tuple[str, str]]) -> int:
     """Index of the column a sidecar asks for by its whole header cell or by its name without the unit."""
     hits = [i for i, cell in enumerate(header) if cell == wanted.strip()]
     hits = hits or [i for i, (name, _) in enumerate(parts) if name == wanted.strip()]
     if len(hits) != 1:
         problem = "is not in the file" if not hits else "fits several columns"
         found = ", ".join(header)
-        raise UserError(f"{path}: column '{wanted}' named in {source} {problem}; headers: {found}")
+        raise UserError(f"{path}: column '{wanted}' named in the sidecar {problem}; headers: {found}")
     return hits[0]
 
 
-def _unit(path: Path, name: str, cell: str, unit: str, settings: Settings, notices: list[str]) -> str:
+def _unit(path: Path, name: str, cell: str, unit: str, entry: SidecarEntry, notices: list[Message]) -> str:
     """The unit of a column: the sidecar's, else the header's. Raises UserError when neither says."""
-    told = settings.units.get(name)
-    if told is not None:
-        if unit and unit != told:
-            notices.append(f"{name}: unit {told} from {settings.source} used instead of {unit} in the header")
-        return told
+    given = entry.units.get(name)
+    if given is not None:
+        if unit and unit != given:
+            text = f"{name}: unit {given} from the sidecar used instead of {unit} in the header"
+            notices.append(Message(text, "unit_overridden"))
+        return given
     if not unit:
         units = accepted(name)
         raise UserError(

@@ -1,4 +1,4 @@
-"""Trial files into ``Trial``: headers, units, signs and reference points as the contract fixes them.
+"""Trial files into ``Trial``: headers, units, signs and reference points (docs/trials.md).
 
 ``trials = read_trials(paths)`` takes files and folders, CSV and Parquet. Everything that is converted,
 derived or left out is said in the trial's notices; whatever cannot be read safely is a UserError of one line.
@@ -15,22 +15,22 @@ import numpy as np
 
 from cases.io.conventions import converted
 from cases.io.headers import match_headers
-from cases.io.sidecar import NAME, Settings, make_settings, read_sidecar, settings_for
+from cases.io.sidecar import NAME, SidecarEntry, make_entry, read_sidecar, sidecar_entry
 from cases.io.table import read_table
 from cases.io.unit_sanity import implausible
-from cases.io.units import house_unit, to_si
-from cases.trial import Trial
+from cases.io.units import si_unit, to_si
+from cases.trial import RUDDERS, STATES, Trial
 from mmg.errors import UserError
+from mmg.messages import Message
 
 SUFFIXES = (".csv", ".parquet")
-STATE_COLUMNS = ("x", "y", "psi", "u", "v", "r")
 
 
 def read_trials(paths: Iterable[str | Path] | str | Path) -> list[Trial]:
     """The trials of several files and folders, in the order given (folders: by name).
 
-    A folder stands for the .csv and .parquet files in it, or in its sub-folders when it holds none itself.
-    Raises UserError for the first thing that cannot be read.
+    paths: one or several; a folder stands for the .csv and .parquet files in it, or in its sub-folders when it holds
+    none itself. Raises UserError for the first thing that cannot be read.
     """
     given = [paths] if isinstance(paths, (str, Path)) else list(paths)
     files: list[Path] = []
@@ -41,14 +41,13 @@ def read_trials(paths: Iterable[str | Path] | str | Path) -> list[Trial]:
     return [read_trial(file) for file in dict.fromkeys(files)]
 
 
-def read_trial(path: str | Path, settings: Settings | Mapping[str, Any] | None = None) -> Trial:
-    """One run in SI units and the frames of the contract.
+def read_trial(path: str | Path, settings: SidecarEntry | Mapping[str, Any] | None = None) -> Trial:
+    """One run in SI units, radians and the frames of this product.
 
-    settings: what the header leaves unsaid, as ``Settings`` or a mapping with the keys of the sidecar
-    (cases/io/sidecar.py); None takes ``trials.toml`` beside the file if there is one.
-    Raises UserError, naming file, column and row, for everything under "bad input": missing or doubled
-    columns, unknown or missing units, text in numbers, no or one usable row, time that does not increase,
-    a required column without values, and units that the numbers refute.
+    path: CSV or Parquet; settings: what the header leaves unsaid, with the keys of the sidecar (cases/io/sidecar.py);
+    None takes ``trials.toml`` beside the file if there is one. Raises UserError, naming file, column and row, for
+    missing or doubled columns, unknown or missing units, text in numbers, fewer than two usable rows, time that does
+    not increase, a required column without values, and units that the numbers refute.
     """
     path = Path(path)
     if not path.exists():
@@ -59,28 +58,26 @@ def read_trial(path: str | Path, settings: Settings | Mapping[str, Any] | None =
         content = path.read_bytes()
     except OSError as error:
         raise UserError(f"{path}: cannot be read ({error.strerror}); check the path") from None
-    if settings is None:
-        settings = settings_for(path)
-    elif not isinstance(settings, Settings):
-        settings = make_settings(settings)
-    notices: list[str] = []
-    raw = _house_columns(path, content, settings, notices)
+    settings = sidecar_entry(path) if settings is None else settings
+    entry = settings if isinstance(settings, SidecarEntry) else make_entry(settings)
+    notices: list[Message] = []
+    raw = _si_columns(path, content, entry, notices)
     columns = _trimmed(path, raw, notices)
     _check_time(path, columns["t"], notices)
     sentence = implausible(columns)
     if sentence:
         raise UserError(f"{path}: {sentence}")
-    columns = converted(columns, settings, notices)
-    kind = settings.kind or _kind_from_name(path.stem, notices)
+    columns = converted(columns, entry, notices)
+    kind = entry.kind or _kind_from_name(path.stem, notices)
     return Trial(
-        name=settings.name or path.stem,
+        name=entry.name or path.stem,
         columns=columns,
         path=path,
         sha256=hashlib.sha256(content).hexdigest(),
         notices=tuple(notices),
         kind=kind,
-        role=settings.role,
-        meta={"rows_before": str(_rows_before(raw["t"], columns["t"])), "settings": settings.source},
+        role=entry.role,
+        meta={"rows_before": str(_rows_before(raw["t"], columns["t"]))},
     )
 
 
@@ -91,50 +88,50 @@ def _files_of(folder: Path) -> list[Path]:
     if not found:
         raise UserError(f"{folder}: no .csv or .parquet files in this folder")
     if (folder / NAME).is_file():
-        data = read_sidecar(folder / NAME)
         names = {p.name for p in found} | {p.stem for p in found}
-        absent = [name for name in data["files"] if name not in names]
+        absent = [name for name in read_sidecar(folder / NAME).files if name not in names]
         if absent:
             raise UserError(f'{folder / NAME}: [files."{absent[0]}"] names no file of this folder')
     return found
 
 
-def _house_columns(path: Path, content: bytes, settings: Settings, notices: list[str]) -> dict[str, np.ndarray]:
-    """Canonical columns of the file in house units, every row of it, scaled but not yet turned or moved."""
+def _si_columns(path: Path, content: bytes, entry: SidecarEntry, notices: list[Message]) -> dict[str, np.ndarray]:
+    """Canonical columns of the file in SI and radians, every row of it, scaled but not yet turned or moved."""
     header, numbers = read_table(path, content)
-    matched = match_headers(path, header, settings, notices)
+    matched = match_headers(path, header, entry, notices)
     columns: dict[str, np.ndarray] = {}
     for name, (index, unit) in matched.items():
         values = numbers(index)
         factor = to_si(name, unit, f"{path}: column '{header[index]}'")
         if factor != 1.0:
             values = values * factor
-            notices.append(f"{name} converted from {unit} to {house_unit(name)}")
+            notices.append(Message(f"{name} converted from {unit} to {si_unit(name)}", "unit_converted"))
         infinite = np.isinf(values)
         if infinite.any():
             values = np.where(infinite, np.nan, values)
-            notices.append(f"{name}: {int(infinite.sum())} infinite values taken as missing")
+            text = f"{name}: {int(infinite.sum())} infinite values taken as missing"
+            notices.append(Message(text, "infinite_values"))
         columns[name] = values
     return columns
 
 
-def _trimmed(path: Path, columns: dict[str, np.ndarray], notices: list[str]) -> dict[str, np.ndarray]:
+def _trimmed(path: Path, columns: dict[str, np.ndarray], notices: list[Message]) -> dict[str, np.ndarray]:
     """Rows without any state cut off at both ends, rows without time dropped, empty columns judged."""
     rows = len(columns["t"])
-    states = np.array([np.isfinite(columns[c]) for c in STATE_COLUMNS if c in columns])
+    states = np.array([np.isfinite(columns[c]) for c in STATES if c in columns])
     alive = np.isfinite(columns["t"]) & states.any(axis=0)
     if not alive.any():
         raise UserError(f"{path}: no row holds a time and a state ({rows} rows, all NaN); nothing to read")
     first, last = int(np.argmax(alive)), rows - int(np.argmax(alive[::-1]))
     if first:
-        notices.append(f"the first {first} of {rows} rows hold no state and were cut off")
+        notices.append(Message(f"the first {first} of {rows} rows hold no state and were cut off", "rows_cut"))
     if last < rows:
-        notices.append(f"the last {rows - last} of {rows} rows hold no state and were cut off")
+        notices.append(Message(f"the last {rows - last} of {rows} rows hold no state and were cut off", "rows_cut"))
     keep = np.zeros(rows, bool)
     keep[first:last] = True
     timeless = keep & ~np.isfinite(columns["t"])
     if timeless.any():
-        notices.append(f"{int(timeless.sum())} rows without a time stamp were dropped")
+        notices.append(Message(f"{int(timeless.sum())} rows without a time stamp were dropped", "rows_without_time"))
         keep &= ~timeless
     columns = {name: values[keep] for name, values in columns.items()}
     if len(columns["t"]) < 2:
@@ -142,16 +139,17 @@ def _trimmed(path: Path, columns: dict[str, np.ndarray], notices: list[str]) -> 
     for name in list(columns):
         missing = int((~np.isfinite(columns[name])).sum())
         if missing == len(columns["t"]):
-            if name in (*STATE_COLUMNS[2:], "n", "delta", "delta_port", "delta_starboard"):
+            if name in (*STATES[2:], "n", *RUDDERS):
                 raise UserError(f"{path}: column {name} holds no number at all; it is required")
             del columns[name]
-            notices.append(f"{name} holds no number and is left out")
+            notices.append(Message(f"{name} holds no number and is left out", "column_empty"))
         elif missing:
-            notices.append(f"{name}: {missing} of {len(columns['t'])} samples missing, kept as gaps")
+            text = f"{name}: {missing} of {len(columns['t'])} samples missing, kept as gaps"
+            notices.append(Message(text, "samples_missing"))
     return columns
 
 
-def _check_time(path: Path, t: np.ndarray, notices: list[str]) -> None:
+def _check_time(path: Path, t: np.ndarray, notices: list[Message]) -> None:
     """Raises UserError when time stands still or runs backwards, naming the first row."""
     bad = np.flatnonzero(np.diff(t) <= 0)
     if len(bad):
@@ -162,7 +160,7 @@ def _check_time(path: Path, t: np.ndarray, notices: list[str]) -> None:
             f"({len(bad)} such rows); sort the rows or remove the doubled ones"
         )
     if t[0] != 0.0:
-        notices.append(f"the clock starts at {t[0]:.6g} s and is kept")
+        notices.append(Message(f"the clock starts at {t[0]:.6g} s and is kept", "clock_offset"))
 
 
 def _rows_before(raw: np.ndarray, kept: np.ndarray) -> int:
@@ -170,11 +168,11 @@ def _rows_before(raw: np.ndarray, kept: np.ndarray) -> int:
     return int(np.flatnonzero(raw == kept[0])[0])
 
 
-def _kind_from_name(stem: str, notices: list[str]) -> str:
+def _kind_from_name(stem: str, notices: list[Message]) -> str:
     """The kind of manoeuvre when the file name begins with it, said in the notices; else ""."""
     kinds = {"turn": "turning", "zigzag": "zigzag", "random": "random", "berthing": "berthing"}
     for prefix, kind in kinds.items():
         if stem.lower().startswith(prefix):
-            notices.append(f"kind '{kind}' taken from the file name")
+            notices.append(Message(f"kind '{kind}' taken from the file name", "kind_from_name"))
             return kind
     return ""

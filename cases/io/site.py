@@ -22,29 +22,74 @@ where the search for draught / depth starts.
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Literal, NamedTuple
 
+from pydantic import Field, model_validator
+
+from cases.io.toml_file import Section, checked, number, read_toml, refuse
 from cases.trial import Trial
-from mmg.effects import EFFECTS
+from mmg.effects import EFFECTS, Parameter
 from mmg.errors import UserError
+from mmg.messages import Message
 from mmg.ship import Ship
 
 NAME = "site.toml"
 
-SIDES = ("greater", "less")
+Side = Literal["greater", "less"]
 
-KEYS = {
-    "bank": ("x", "y", "water_side", "decay"),
-    "shelf": ("x", "y", "shallow_side", "width"),
-    "water": ("depth",),
-}
-"""Section -> its keys."""
 
-FURTHEST = 1e5
-"""m; a line that lies further from the origin of the trials is a slip."""
+class Line(Section):
+    """A straight line x = ... or y = ... [m] in the frame of the trials (x north, y east)."""
+
+    x: float | None = number("m in the frame of the trials", None, ge=-1e5, le=1e5)
+    y: float | None = number("m in the frame of the trials", None, ge=-1e5, le=1e5)
+
+    @model_validator(mode="after")
+    def _one_axis(self) -> Line:
+        if (self.x is None) == (self.y is None):
+            both = "it has neither" if self.x is None else "not both"
+            raise ValueError(f"give either x or y of the line in m, {both}")
+        return self
+
+    def towards(self, side: Side) -> tuple[float, float]:
+        """Direction [rad, clockwise from north] square to the line towards its ``side``, and how far [m] the line
+        lies in that direction from the origin."""
+        sign = 1.0 if side == "greater" else -1.0
+        if self.x is not None:
+            return (0.0 if sign > 0 else math.pi), sign * self.x
+        assert self.y is not None
+        return sign * 0.5 * math.pi, sign * self.y
+
+
+class Bank(Line):
+    """A straight bank."""
+
+    water_side: Side = Field(description='say water_side = "greater" or "less" than the x or y of the line')
+    decay: float | None = number("m", None)
+
+
+class Shelf(Line):
+    """Shallow water beyond a straight line."""
+
+    shallow_side: Side = Field(description='say shallow_side = "greater" or "less" than the x or y of the line')
+    width: float | None = number("m", None)
+
+
+class Water(Section):
+    """Depth [m] of the water, upon the shelf if there is one."""
+
+    depth: float = Field(description="give it in m, such as depth = 2.0", json_schema_extra={"unit": "m"}, le=12000.0)
+
+
+class SiteFile(Section):
+    """A whole site file."""
+
+    bank: Bank | None = None
+    shelf: Shelf | None = None
+    water: Water | None = None
+
 
 Values = dict[str, dict[str, float]]
 """Effect -> parameter -> value, SI and radians."""
@@ -60,14 +105,15 @@ class Site(NamedTuple):
 
     held: Values
     start: Values
-    notices: tuple[str, ...] = ()
+    notices: tuple[Message, ...] = ()
 
 
 def read_site(places: Iterable[Trial | Path | str], ship: Ship, explicit: Path | None = None) -> Site:
-    """The site of trials, given as trials, their files or folders; ``explicit`` names one file for them all.
+    """The site of trials, for a ``ship``.
 
-    The file lies beside the trials, or one folder above (as of folders train and test). Raises UserError for an
-    unreadable or wrong file, and for folders whose files say different things.
+    places: trials, their files or folders; the site file lies beside them or one folder above (as of folders train
+    and test). explicit: one file for them all instead. Raises UserError for an unreadable or wrong file, and for
+    folders whose files say different things.
     """
     if explicit is not None:
         if not explicit.is_file():
@@ -84,7 +130,8 @@ def read_site(places: Iterable[Trial | Path | str], ship: Ship, explicit: Path |
         if site != sites[0]:
             raise UserError(f"{found[0]} and {path} describe different sites; diagnose the trials of each on their own")
     bare = [str(folder) for folder in folders if folder / NAME not in found]
-    notices = (f"{found[0]} is taken to hold for {', '.join(bare)} as well",) if bare else ()
+    text = f"{found[0]} is taken to hold for {', '.join(bare)} as well"
+    notices = (Message(text, "site_shared"),) if bare else ()
     return sites[0]._replace(notices=notices)
 
 
@@ -107,102 +154,39 @@ def _folders(places: Iterable[Trial | Path | str]) -> list[Path]:
 
 
 def _parsed(path: Path, ship: Ship) -> Site:
-    """One file in the parameters of the effects."""
-    data = _read(path)
+    """One file in the parameters of the effects: a bank lies in its bearing, a shelf extends in it."""
+    content, problems = checked(SiteFile, read_toml(path))
     held: Values = {}
     start: Values = {}
-    if "bank" in data:
-        where, section = f"{path}: [bank]", data["bank"]
-        bearing = _bearing(section, "water_side", where) + math.pi
-        held["bank"] = {"distance": _along(section, bearing), "bearing": _wrapped(bearing)}
-        held["bank"].update(_length(section, "decay", "bank", ship, where))
-    if "shelf" in data:
-        where, section = f"{path}: [shelf]", data["shelf"]
-        bearing = _bearing(section, "shallow_side", where)
-        held["shallow_water"] = {"line": _along(section, bearing), "bearing": _wrapped(bearing)}
-        held["shallow_water"].update(_length(section, "width", "shallow_water", ship, where))
-    if "water" in data:
-        start["shallow_water"] = {"d_h": _ratio(data["water"], ship, f"{path}: [water]")}
+    if content and content.bank:
+        bearing, along = content.bank.towards("less" if content.bank.water_side == "greater" else "greater")
+        held["bank"] = {"distance": along, "bearing": bearing} | _given(decay=content.bank.decay)
+        problems += _beyond(_parameter(ship, "bank", "decay"), content.bank.decay, "[bank] decay")
+    if content and content.shelf:
+        bearing, along = content.shelf.towards(content.shelf.shallow_side)
+        held["shallow_water"] = {"line": along, "bearing": bearing} | _given(width=content.shelf.width)
+        problems += _beyond(_parameter(ship, "shallow_water", "width"), content.shelf.width, "[shelf] width")
+    if content and content.water:
+        depth, draught = content.water.depth, ship.particulars["d"]
+        least = draught / _parameter(ship, "shallow_water", "d_h").upper
+        if depth <= least:
+            problems.append(f"[water] depth = {depth:g}: must be above {least:.3g} m for a draught of {draught:g} m")
+        else:
+            start["shallow_water"] = {"d_h": draught / depth}
+    refuse(str(path), problems)
     return Site(held, start)
 
 
-def _read(path: Path) -> dict[str, dict[str, Any]]:
-    """The sections of a file, names of sections and keys checked."""
-    if sys.version_info >= (3, 11):
-        import tomllib
-    else:  # pragma: no cover
-        import tomli as tomllib
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise UserError(f"{path}: not a readable TOML file ({' '.join(str(error).split())})") from None
-    for name, section in data.items():
-        if name not in KEYS:
-            raise UserError(f"{path}: unknown section {name!r}; use {', '.join(f'[{s}]' for s in KEYS)}")
-        if not isinstance(section, dict):
-            raise UserError(f"{path}: {name} must be a table, [{name}]")
-        unknown = [key for key in section if key not in KEYS[name]]
-        if unknown:
-            raise UserError(f"{path}: [{name}]: unknown key {unknown[0]!r}; known: {', '.join(KEYS[name])}")
-    return data
+def _given(**values: float | None) -> dict[str, float]:
+    return {name: value for name, value in values.items() if value is not None}
 
 
-def _bearing(section: dict[str, Any], side: str, where: str) -> float:
-    """Direction [rad, clockwise from north] square to the line, towards its ``side``; checks line and side."""
-    given = [axis for axis in ("x", "y") if axis in section]
-    if len(given) != 1:
-        raise UserError(f"{where}: give either x or y of the line in m, {'not both' if given else 'it has neither'}")
-    value = _number(section, given[0], where)
-    if abs(value) > FURTHEST:
-        raise UserError(f"{where}: {given[0]} = {value:g}; must be m in the frame of the trials, below {FURTHEST:g}")
-    if side not in section:
-        raise UserError(f'{where}: {side} is missing; say {side} = "greater" or "less" than {given[0]} = {value:g}')
-    if section[side] not in SIDES:
-        raise UserError(f"{where}: {side} = {section[side]!r}; must be one of {', '.join(SIDES)}")
-    axis = 0.0 if given[0] == "x" else 0.5 * math.pi
-    return axis if section[side] == "greater" else axis + math.pi
+def _parameter(ship: Ship, effect: str, symbol: str) -> Parameter:
+    return next(p for p in EFFECTS[effect].parameters(ship.namespace, dict(ship.components)) if p.symbol == symbol)
 
 
-def _along(section: dict[str, Any], bearing: float) -> float:
-    """Distance [m] of the line from the origin in direction ``bearing``, negative where it lies behind."""
-    axis = "x" if "x" in section else "y"
-    value = float(section[axis])
-    along = math.cos(bearing) if axis == "x" else math.sin(bearing)
-    return value * round(along)
-
-
-def _wrapped(angle: float) -> float:
-    """The angle [rad] in (-pi, pi]."""
-    return math.pi - (math.pi - angle) % (2 * math.pi)
-
-
-def _length(section: dict[str, Any], key: str, effect: str, ship: Ship, where: str) -> dict[str, float]:
-    """{key: length in m} where the section has it, within the bounds of the effect's parameter."""
-    if key not in section:
-        return {}
-    value = _number(section, key, where)
-    rows = EFFECTS[effect].parameters(ship.namespace, dict(ship.components))
-    row = next(p for p in rows if p.symbol == key)
-    if not row.lower <= value <= row.upper:
-        raise UserError(f"{where}: {key} = {value:g}; must be from {row.lower:g} to {row.upper:g} m")
-    return {key: value}
-
-
-def _ratio(section: dict[str, Any], ship: Ship, where: str) -> float:
-    """Draught over depth, below the largest that the effect takes."""
-    if "depth" not in section:
-        raise UserError(f"{where}: depth is missing; give it in m, such as depth = 2.0")
-    depth = _number(section, "depth", where)
-    rows = EFFECTS["shallow_water"].parameters(ship.namespace, dict(ship.components))
-    draught = ship.particulars["d"]
-    least = draught / next(p.upper for p in rows if p.symbol == "d_h")
-    if depth <= least:
-        raise UserError(f"{where}: depth = {depth:g}; must be above {least:.3g} m for a draught of {draught:g} m")
-    return draught / depth
-
-
-def _number(section: dict[str, Any], key: str, where: str) -> float:
-    value = section[key]
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-        raise UserError(f"{where}: {key} = {value!r}; must be a number in m")
-    return float(value)
+def _beyond(parameter: Parameter, value: float | None, place: str) -> list[str]:
+    """The sentence on a length [m] outside the bounds of the parameter that it becomes."""
+    if value is None or parameter.lower <= value <= parameter.upper:
+        return []
+    return [f"{place} = {value:g}: must be from {parameter.lower:g} to {parameter.upper:g} m"]

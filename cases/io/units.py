@@ -1,7 +1,6 @@
-"""Units that trial files may use, and their conversion to the SI and radians of the house.
+"""Units that trial files may use (docs/trials.md), and their conversion to SI and radians.
 
-The accepted units per quantity are those of the trial-file table of the contract; a few spellings
-("degrees", "knots", "1/s") are read as the unit they plainly mean.
+A few spellings ("degrees", "knots", "1/s") are read as the unit they plainly mean.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ FACTORS: dict[str, dict[str, float]] = {
     "rad/s": {"rad/s": 1.0, "deg/s": math.pi / 180.0},
     "rps": {"rps": 1.0, "rpm": 1.0 / 60.0},
 }
-"""Unit inside the house -> accepted unit -> factor: value in the file times factor = value inside."""
+"""Unit in a Trial -> accepted unit -> factor: value in the file times factor = value in the Trial."""
 
 SPELLINGS = {
     "sec": "s", "seconds": "s",
@@ -34,36 +33,36 @@ SPELLINGS = {
     "degree/s": "deg/s", "degrees/s": "deg/s", "°/s": "deg/s", "dps": "deg/s",
     "1/s": "rps", "rev/s": "rps", "hz": "rps", "rev/min": "rpm", "1/min": "rpm",
 }  # fmt: skip
-"""Other spellings, in lower case -> the unit as the contract writes it."""
+"""Other spellings, in lower case -> the unit as it is named here."""
 
 
-def house_unit(column: str) -> str:
-    """The unit a canonical column has inside the house ("rad" for "psi"; "rps" for "n_3").
+def si_unit(column: str) -> str:
+    """The unit that a canonical ``column`` has in a Trial ("rad" for "psi"; "rps" for "n_3").
 
-    Raises KeyError when the column is not canonical.
+    Raises KeyError when it is not canonical.
     """
     return "rps" if re.fullmatch(r"n_[2-9]", column) else UNITS[column]
 
 
 def is_canonical(column: str) -> bool:
-    """True for the columns of the contract, "n_2" to "n_9" included."""
+    """Whether ``column`` is a canonical name, "n_2" to "n_9" included."""
     return column in UNITS or re.fullmatch(r"n_[2-9]", column) is not None
 
 
 def accepted(column: str) -> tuple[str, ...]:
-    """The units a trial file may use for a canonical column, the house unit first."""
-    return tuple(FACTORS[house_unit(column)])
+    """The units a trial file may use for a canonical ``column``, that of a Trial first."""
+    return tuple(FACTORS[si_unit(column)])
 
 
 def to_si(column: str, unit: str, where: str) -> float:
-    """Factor that turns values of a canonical column from ``unit`` into the house unit.
+    """Factor that turns values of a canonical ``column`` from ``unit`` into that of a Trial.
 
     ``where`` is how the error names the place, such as ``run.csv: column 'psi [grad]'``.
     Raises UserError, naming place, unit and the accepted ones, when the unit does not belong there.
     """
     key = unit.strip()
     key = SPELLINGS.get(key.lower(), key)
-    factors = FACTORS[house_unit(column)]
+    factors = FACTORS[si_unit(column)]
     match = {name.lower(): name for name in factors}.get(key.lower())
     if match is None:
         said = " ".join(unit.split())

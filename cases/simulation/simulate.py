@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 
 from cases.inputs import actuator_columns, step_means
-from cases.io.units import house_unit
+from cases.io.units import si_unit
 from cases.maneuvers.definitions import Maneuver
 from cases.maneuvers.self_propulsion import design_pitch
 from cases.simulation.gusts import Wind
@@ -307,7 +307,7 @@ def write_trial(trial: Trial, path: str | Path) -> None:
         raise UserError(f"{path}: trial files end in .csv or .parquet")
     order = {name: i for i, name in enumerate(UNITS)}
     names = sorted(trial.columns, key=lambda name: order.get(name, len(order)))
-    frame = pd.DataFrame({f"{name} [{house_unit(name)}]": trial[name] for name in names})
+    frame = pd.DataFrame({f"{name} [{si_unit(name)}]": trial[name] for name in names})
     scratch = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         if path.suffix.lower() == ".parquet":

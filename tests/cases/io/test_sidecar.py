@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cases.io.read import read_trial, read_trials
-from cases.io.sidecar import make_settings, settings_for
+from cases.io.sidecar import make_entry, sidecar_entry
 from mmg.errors import UserError
 from tests.support.trial_files import motion_columns, write_csv
 
@@ -26,10 +26,10 @@ kind = "turning"
 units = { n = "rps" }
 """,
     )
-    settings = settings_for(tmp_path / "a.csv")
+    settings = sidecar_entry(tmp_path / "a.csv")
     assert (settings.kind, settings.role) == ("turning", "test")
     assert settings.units == {"u": "kn", "n": "rps"}
-    assert settings_for(tmp_path / "b.csv").units == {"u": "kn", "n": "rpm"}
+    assert sidecar_entry(tmp_path / "b.csv").units == {"u": "kn", "n": "rpm"}
 
 
 @pytest.mark.parametrize(
@@ -37,7 +37,7 @@ units = { n = "rps" }
     [
         ('[default]\nrudder = "port"', "unknown key 'rudder'"),
         ('[defaults]\nkind = "x"', "unknown section"),
-        ('[default]\nrudder_positive = "left"', "must be one of starboard, port"),
+        ('[default]\nrudder_positive = "left"', 'rudder_positive = "left": must be "starboard" or "port"'),
         ('[default]\nunits = { u = "mph" }', "unknown unit 'mph'"),
         ('[default]\nunits = { speed = "kn" }', "not a canonical column"),
         ("[default]\nsign = { r = 2 }", "must be 1 or -1"),
@@ -111,6 +111,7 @@ def test_a_wind_that_goes_to_is_turned_round(tmp_path):
 
 
 def test_settings_without_a_file_refuse_the_same_things():
-    assert make_settings({"reference_point": [1, 2]}).reference_point == (1.0, 2.0)
+    point = make_entry({"reference_point": [1, 2]}).reference_point
+    assert (point.x, point.y, point.applies_to) == (1.0, 2.0, "both")
     with pytest.raises(UserError, match="unknown key"):
-        make_settings({"port": True})
+        make_entry({"port": True})

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cases.io.units import FACTORS, accepted, house_unit, is_canonical, to_si
+from cases.io.units import FACTORS, accepted, is_canonical, si_unit, to_si
 from cases.trial import UNITS
 from mmg.errors import UserError
 
@@ -24,9 +24,9 @@ def test_contract_units_convert_to_si(column, unit, factor):
 
 
 @pytest.mark.parametrize("column", sorted(UNITS))
-def test_every_canonical_column_accepts_its_house_unit(column):
-    assert to_si(column, house_unit(column), "here") == 1.0
-    assert accepted(column)[0] == house_unit(column)
+def test_every_canonical_column_accepts_its_si_unit(column):
+    assert to_si(column, si_unit(column), "here") == 1.0
+    assert accepted(column)[0] == si_unit(column)
 
 
 def test_an_unknown_unit_is_named_with_the_place_and_the_accepted_ones():
@@ -37,7 +37,7 @@ def test_an_unknown_unit_is_named_with_the_place_and_the_accepted_ones():
 @given(st.sampled_from(sorted(UNITS)), st.text(max_size=8))
 def test_a_unit_is_either_known_or_a_user_error(column, unit):
     try:
-        assert to_si(column, unit, "here") in FACTORS[house_unit(column)].values()
+        assert to_si(column, unit, "here") in FACTORS[si_unit(column)].values()
     except UserError as error:
         assert "\n" not in str(error).replace(unit, "")
 

@@ -1,0 +1,153 @@
+"""TOML files that people write (ships, sidecars, sites): read, checked against a schema, refused in one line.
+
+A file is described by a ``Section``. Everything that is wrong with it is said at once, each problem with its table,
+key, value and what is allowed. ``model_json_schema()`` of a section prints the schema.
+"""
+
+from __future__ import annotations
+
+import copy
+import difflib
+import json
+import re
+import sys
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any, TypeVar, get_args, get_origin
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from mmg.errors import UserError
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:  # pragma: no cover
+    import tomli as tomllib
+
+
+class Section(BaseModel):
+    """A table of a file. Unknown keys, values of another type and numbers that are not finite are refused."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+
+
+def number(unit: str, default: Any = ..., **limits: float) -> Any:
+    """A field of a section that holds a number in ``unit``, with its ``default`` and ``limits`` (ge, gt, le, lt)."""
+    return Field(default, json_schema_extra={"unit": unit}, **limits)  # type: ignore[call-overload]
+
+
+S = TypeVar("S", bound=Section)
+
+ALLOWED = {
+    "float_type": "must be a number", "finite_number": "must be a finite number", "string_type": "must be text",
+    "bool_type": "must be true or false", "list_type": "must be a list", "dict_type": "must be a table",
+    "model_type": "must be a table", "greater_than": "must be above {gt:g}", "less_than": "must be below {lt:g}",
+    "greater_than_equal": "must be at least {ge:g}", "less_than_equal": "must be at most {le:g}",
+    "literal_error": "must be {expected}", "value_error": "{error}",
+}  # fmt: skip
+"""Kind of an error of pydantic -> what is allowed; a unit follows numbers."""
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """The tables of the file at ``path``. Raises UserError when it cannot be read or is no TOML in UTF-8."""
+    try:
+        return parse_toml(path.read_text(encoding="utf-8-sig"), str(path))
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read ({error.strerror or error})") from None
+    except UnicodeDecodeError:
+        raise UserError(f"{path}: not a readable TOML file (it is not encoded in UTF-8)") from None
+
+
+def parse_toml(text: str, where: str) -> dict[str, Any]:
+    """The tables in ``text``; ``where`` names the file. Raises UserError when it is not TOML."""
+    try:
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise UserError(f"{where}: not a readable TOML file ({' '.join(str(error).split())})") from None
+
+
+def checked(schema: type[S], data: dict[str, Any]) -> tuple[S | None, list[str]]:
+    """The content of ``data`` by a ``schema``, and a sentence for each thing that is wrong with it.
+
+    What is wrong is left out of the content, so that the rest can be checked further; None where nothing is left.
+    """
+    try:
+        return schema.model_validate(data), []
+    except ValidationError as error:
+        errors = error.errors(include_url=False)
+    rest = copy.deepcopy(data)
+    for e in errors:
+        *parents, last = (e["loc"][:-1] if e["type"] == "missing" else e["loc"]) or ("",)
+        table: Any = rest
+        for key in parents:
+            table = table.get(key, {}) if isinstance(table, dict) else {}
+        if isinstance(table, dict):
+            table.pop(last, None)
+    try:
+        content = schema.model_validate(rest)
+    except ValidationError:
+        content = None
+    return content, list(dict.fromkeys(_problem(schema, e) for e in errors))
+
+
+def refuse(where: str, problems: Sequence[str]) -> None:
+    """Raises UserError, naming ``where``, with all ``problems`` in one line; does nothing when there are none."""
+    if problems:
+        raise UserError(f"{where}: {'; '.join(problems)}")
+
+
+def unknown(what: str, name: str, known: Iterable[str]) -> str:
+    """The sentence on a ``name`` that is no ``what``: the nearest of the ``known`` ones, and all of them."""
+    every = list(known)
+    near = difflib.get_close_matches(name, every, 1)
+    return (
+        f"unknown {what} '{name}'" + (f", did you mean '{near[0]}'?" if near else ";") + f" known: {', '.join(every)}"
+    )
+
+
+def header(*names: str) -> str:
+    """The header of a table, such as [coefficients."current.x"], from the ``names`` that lead to it."""
+    return f"[{'.'.join(n if re.fullmatch('[A-Za-z0-9_-]+', n) else json.dumps(n, ensure_ascii=False) for n in names)}]"
+
+
+def _problem(schema: type[Section], error: Any) -> str:
+    """The sentence on one error of pydantic."""
+    names = [str(name) for name in error["loc"] if name != "[key]"]
+    section, tables = schema, 0
+    while tables < len(names) and (found := _table(section, names[tables])):
+        section, depth = found
+        tables += depth
+    table, keys = names[:tables], ".".join(names[tables:])
+    place, kind, value = header(*table) if table else "", error["type"], error["input"]
+    if kind == "extra_forbidden":
+        what = "key" if place or not all(_table(section, key) for key in section.model_fields) else "section"
+        return f"{place} {unknown(what, names[-1], section.model_fields)}".strip()
+    if kind == "missing":
+        hint = section.__doc__ if not keys else section.model_fields[keys].description
+        return f"{place} {keys + ' ' if keys else ''}is missing; {hint}"
+    field = section.model_fields.get(names[tables]) if keys else None
+    unit = (field.json_schema_extra or {}).get("unit") if field and isinstance(field.json_schema_extra, dict) else None
+    allowed = ALLOWED.get(kind, error["msg"]).format(**error.get("ctx", {}))
+    allowed = allowed.replace("'", '"') if kind == "literal_error" else allowed
+    allowed += f" in {unit}" if unit and kind in ("float_type", "finite_number") else f" {unit}" if unit else ""
+    if kind == "value_error" and (not keys or "[key]" in error["loc"]):
+        return f"{place} {keys + ': ' if keys else ''}{allowed}".strip()
+    if not keys:
+        return f"{place[1:-1]} = {shown(value)}: {allowed}, {place}"
+    return f"{place} {keys} = {shown(value)}: {allowed}".strip()
+
+
+def _table(section: type[Section], name: str) -> tuple[type[Section], int] | None:
+    """The section that a key of a section holds, and how many names lead to it; None for a plain value."""
+    field = section.model_fields.get(name)
+    for kind in (field.annotation, *get_args(field.annotation)) if field else ():
+        inner = get_args(kind)[-1] if get_origin(kind) is dict else kind
+        if isinstance(inner, type) and issubclass(inner, Section):
+            return inner, 1 + (get_origin(kind) is dict)
+    return None
+
+
+def shown(value: object, most: int = 60) -> str:
+    """A ``value`` as TOML writes it, cut after ``most`` characters."""
+    text = f"{value:.12g}" if isinstance(value, float) else json.dumps(value, ensure_ascii=False, default=str)
+    return text if len(text) <= most else text[: most - 3] + "..."
