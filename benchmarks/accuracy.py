@@ -14,7 +14,7 @@ from cases import published_splits as splits
 from cases.io.read import read_trials
 from cases.shipfiles.effects import freeing_effects
 from cases.shipfiles.ship_file import load_ship
-from cases.trial import STATES, Trial
+from cases.trial import Trial
 from fitting.calibration import Calibration, estimate_coefficients
 from fitting.pipeline import coefficient_rows, correlation_of, prediction_bands
 from fitting.prediction.adaptation import Adaptation
@@ -24,6 +24,7 @@ from fitting.prediction.predict import predict_all
 from fitting.prediction.score import Score, pooled_sigma, score
 from fitting.report.run_folder import plain
 from mmg.rollout import Simulator
+from mmg.states import STATES
 
 PAST = 30.0
 

@@ -23,10 +23,11 @@ from cases import published_splits as splits
 from cases.io.read import read_trials
 from cases.shipfiles.effects import freeing_effects
 from cases.shipfiles.ship_file import load_ship
-from cases.trial import STATES, Trial
+from cases.trial import Trial
 from fitting.calibration import estimate_coefficients
 from fitting.nlp.grid import default_step
 from mmg.ship import Ship
+from mmg.states import STATES
 from residual.blackbox.models import box_scales, build_box
 from residual.ensembles.ensemble import SAMPLINGS, distances, particles, train_members
 from residual.ensembles.spread_calibration import Spread, calibrated, coverage

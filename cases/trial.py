@@ -8,9 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-STATES = ("x", "y", "psi", "u", "v", "r")
-"""The six states of the 3-DOF model in their fixed order: m, m, rad, m/s, m/s, rad/s."""
-
 RUDDERS = ("delta", "delta_port", "delta_starboard")
 """Columns of rudder angles."""
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from cases.checks.held_out import shared_rows, training_trials
 from cases.shipfiles.effects import varying_effects
-from cases.trial import STATES, UNITS, Trial
+from cases.trial import UNITS, Trial
 from fitting.calibration import Calibration, estimate_coefficients
 from fitting.design.advice import identifiability_dict
 from fitting.design.next_trial import next_trial
@@ -41,6 +41,7 @@ from mmg.errors import UserError
 from mmg.progress import LOGGER, OnProgress, Progress
 from mmg.rollout import Simulator
 from mmg.ship import Ship
+from mmg.states import STATES
 
 
 @dataclass(frozen=True)

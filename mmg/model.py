@@ -21,8 +21,7 @@ from mmg.motion.frames import body_to_earth, earth_to_body, relative_air
 from mmg.motion.memory import Memory
 from mmg.motion.smooth import Exact, Smooth, Smoothing
 from mmg.ship import Ship
-
-STATES = ("x", "y", "psi", "u", "v", "r")
+from mmg.states import STATES
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from mmg.compile.codegen import LANES
 from mmg.compile.fused import Rollout, compile_rollout
 from mmg.logged import columns, settled, states_behind
 from mmg.model import assemble
+from mmg.runge_kutta import rk4_step
 from mmg.ship import Ship
 
 
@@ -160,15 +161,11 @@ class Simulator:
         for k in range(N):
             h, a = steps[k], controls[k]
             b = controls[k + 1] if linear else a
-            middle = 0.5 * (a + b) if linear else a
-            k1 = self.rates(z, a, theta)
+            held = {0.0: a, 0.5: 0.5 * (a + b) if linear else a, 1.0: b}
             if method == "euler":
-                z = z + h * k1
+                z = z + h * self.rates(z, a, theta)
             else:
-                k2 = self.rates(z + 0.5 * h * k1, middle, theta)
-                k3 = self.rates(z + 0.5 * h * k2, middle, theta)
-                k4 = self.rates(z + h * k3, b, theta)
-                z = z + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+                z = rk4_step(lambda state, at, held=held: self.rates(state, held[at], theta), z, h)  # type: ignore[misc]
             if keep[k]:
                 out[row] = z
                 row += 1

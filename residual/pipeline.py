@@ -12,7 +12,7 @@ from typing import Any, Protocol
 
 from cases.checks.held_out import shared_rows, training_trials
 from cases.shipfiles.ship_file import load_ship
-from cases.trial import STATES, Trial
+from cases.trial import Trial
 from fitting.prediction.predict import Forecaster
 from fitting.prediction.score import pooled_sigma, score
 from fitting.report.run_folder import RESULT, data_rows, read_result, versions
@@ -22,6 +22,7 @@ from mmg.network import features_of
 from mmg.progress import OnProgress
 from mmg.rollout import Simulator
 from mmg.ship import Ship
+from mmg.states import STATES
 from residual.blackbox.models import TrainedBox, train_box
 from residual.report.figures import figure_rows
 from residual.report.summary import RATES, judged_runs, outside_box, outside_hybrid, residual_size

@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from torch import nn
 
+from mmg.runge_kutta import rk4_step
 from residual.bounded_network import TwoLayers
 from residual.physics.fused_rollout import FusedRollout
 
@@ -41,13 +42,9 @@ class System(nn.Module):
 
     def step(self, z: torch.Tensor, controls: torch.Tensor, h: float, method: str = "rk4") -> torch.Tensor:
         """State (Z, M) a step of h [s] later, inputs held: one Runge-Kutta (rk4) or Euler step of ``rates``."""
-        first = self.rates(z, controls)
         if method == "euler":
-            return z + h * first
-        second = self.rates(z + 0.5 * h * first, controls)
-        third = self.rates(z + 0.5 * h * second, controls)
-        fourth = self.rates(z + h * third, controls)
-        return z + (h / 6) * (first + 2 * second + 2 * third + fourth)
+            return z + h * self.rates(z, controls)
+        return rk4_step(lambda state, _: self.rates(state, controls), z, h)
 
     def simulate(self, z: torch.Tensor, controls: torch.Tensor, h: float, method: str = "rk4") -> torch.Tensor:
         """States (N + 1, Z, M) from z (Z, M) under inputs (N, C, M): one ``step`` after the other."""

@@ -19,9 +19,10 @@ from cases.io.sidecar import NAME, SidecarEntry, make_entry, read_sidecar, sidec
 from cases.io.table import read_table
 from cases.io.unit_sanity import implausible
 from cases.io.units import si_unit, to_si
-from cases.trial import RUDDERS, STATES, Trial
+from cases.trial import RUDDERS, Trial
 from mmg.errors import UserError
 from mmg.messages import Message
+from mmg.states import STATES
 
 SUFFIXES = (".csv", ".parquet")
 

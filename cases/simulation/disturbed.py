@@ -19,11 +19,13 @@ from cases.shipfiles.effects import with_effects
 from cases.simulation.gusts import Wind
 from cases.simulation.sensors import SensorNoise, logged, wrap
 from cases.simulation.simulate import simulate
-from cases.trial import STATES, Trial
-from mmg.effects.disturbance import STATES as LATENT
+from cases.trial import Trial
+from mmg.effects.disturbance import LATENT_STATES
 from mmg.errors import UserError
 from mmg.model import assemble
+from mmg.runge_kutta import rk4_step
 from mmg.ship import Ship
+from mmg.states import STATES
 
 DEFECTS = ("velocity_lag:tau=0.7", "gyro:share=-0.013", "antenna_offset:x=0.1")
 """Measurement effects of the real records of the 3 m model."""
@@ -75,18 +77,14 @@ def disturbed_trial(ship: Ship, trial: Trial, how: Disturbed, seed: int) -> Tria
     model = assemble(pushed, symbols=())
     t = trial.t
     dt = float(np.median(np.diff(t)))
-    forces = np.column_stack([process(len(t), dt, how.tau, rng) for _ in LATENT])
-    latent = [model.states.index(name) for name in LATENT]
+    forces = np.column_stack([process(len(t), dt, how.tau, rng) for _ in LATENT_STATES])
+    latent = [model.states.index(name) for name in LATENT_STATES]
     inputs = control_array(trial, model.controls)
     z, c, d = ca.SX.sym("z", len(model.states)), ca.SX.sym("c", inputs.shape[1]), ca.SX.sym("d", len(latent))
     held = ca.SX(z)
     for i, position in enumerate(latent):
         held[position] = d[i]
-    k1 = model.rates(held, c, [])
-    k2 = model.rates(held + 0.5 * dt * k1, c, [])
-    k3 = model.rates(held + 0.5 * dt * k2, c, [])
-    k4 = model.rates(held + dt * k3, c, [])
-    step = ca.Function("step", [z, c, d], [held + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)], {"cse": True})
+    step = ca.Function("step", [z, c, d], [rk4_step(lambda s, _: model.rates(s, c, []), held, dt)], {"cse": True})
     begin = np.array(model.initial(trial.states[0], inputs[0], [])).ravel()
     path = np.array(step.mapaccum("run", len(t) - 1)(begin, inputs[:-1].T, forces[:-1].T)).T
     states = np.vstack([begin, path])[:, :6]

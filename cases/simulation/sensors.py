@@ -7,11 +7,12 @@ from dataclasses import astuple, dataclass, replace
 
 import numpy as np
 
-from cases.trial import STATES, Trial
+from cases.trial import Trial
 from mmg.effects import effect
 from mmg.motion.flow import Flow
 from mmg.motion.froude import state_scale
 from mmg.ship import Ship
+from mmg.states import STATES
 
 
 def logged(ship: Ship, t: np.ndarray, states: np.ndarray) -> np.ndarray:

@@ -19,14 +19,16 @@ from cases.maneuvers.definitions import Maneuver
 from cases.maneuvers.self_propulsion import design_pitch
 from cases.simulation.gusts import Wind
 from cases.simulation.sensors import logged, wrap
-from cases.trial import STATES, UNITS, Trial
+from cases.trial import UNITS, Trial
 from mmg.components.catalogue import module
 from mmg.effects import effect
 from mmg.errors import UserError
 from mmg.model import assemble
 from mmg.motion.frames import earth_to_body, wind_vector
 from mmg.motion.froude import GRAVITY, reference_speed, time_scale
+from mmg.runge_kutta import rk4_step
 from mmg.ship import Ship
+from mmg.states import STATES
 
 LONGEST_STEP = 0.5
 """Largest Runge-Kutta step [s] for a 3 m model; longer samples are divided. Scales with sqrt(L)."""
@@ -62,12 +64,7 @@ def _plant(ship: Ship) -> _Plant:
             ship = ship.without_effect(name)
     model = assemble(ship, symbols=())
     z, c, h = ca.SX.sym("z", len(model.states)), ca.SX.sym("c", len(model.controls)), ca.SX.sym("h")
-    rates = model.rates
-    k1 = rates(z, c, [])
-    k2 = rates(z + 0.5 * h * k1, c, [])
-    k3 = rates(z + 0.5 * h * k2, c, [])
-    k4 = rates(z + h * k3, c, [])
-    step = ca.Function("step", [z, c, h], [z + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)], {"cse": True})
+    step = ca.Function("step", [z, c, h], [rk4_step(lambda s, _: model.rates(s, c, []), z, h)], {"cse": True})
     return _Plant(step, model.initial, model.states, model.controls, float(delay))
 
 

@@ -16,11 +16,10 @@ import numpy as np
 from mmg.compile.batch import BatchFunction, batch_functions, padded
 from mmg.logged import settled, states_behind
 from mmg.model import Model, assemble
+from mmg.runge_kutta import NODES, WEIGHTS, rk4_step
 from mmg.ship import Ship
 
 FORCE = ("tow.X", "tow.Y", "tow.N")
-STAGES = ((0.0, 1 / 6), (0.5, 1 / 3), (0.5, 1 / 3), (1.0, 1 / 6))
-"""Fraction and weight of the stages of the classical Runge-Kutta method."""
 BLOCK = 256
 """Points of a block: its arrays stay in the processor's cache."""
 
@@ -125,11 +124,7 @@ class TransitionModel:
 
     def advance(self, z: np.ndarray, controls: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """End states (S, M) of one step from (S, M), inputs (C, M), coefficients (all,) or (all, M)."""
-        rate, total = np.zeros_like(z), np.zeros_like(z)
-        for fraction, weight in STAGES:
-            rate = _at(self._rates, z + fraction * self.h * rate, controls, theta)[0]
-            total += weight * rate
-        return z + self.h * total
+        return rk4_step(lambda state, _: _at(self._rates, state, controls, theta)[0], z, self.h)
 
     def with_passive_states(
         self, z: np.ndarray, inputs: np.ndarray, theta: np.ndarray, force: np.ndarray, passive: np.ndarray
@@ -188,7 +183,7 @@ class TransitionModel:
         row[rows], column[columns] = np.arange(A), np.arange(len(columns))
         kept = (row[self._rows] >= 0) & (column[self._columns] >= 0)
         at = row[self._rows[kept]], column[self._columns[kept]]
-        for fraction, weight in STAGES:
+        for fraction, weight in zip(NODES, WEIGHTS, strict=True):
             rate, nonzeros = _at(self._jacobian, z + fraction * h * rate, c, theta)
             J = np.zeros((m, A, len(columns)))
             J[:, at[0], at[1]] = nonzeros[kept].T

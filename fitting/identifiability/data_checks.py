@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import casadi as ca
 import numpy as np
 
-from cases.trial import STATES, Trial
+from cases.trial import Trial
 from fitting.nlp.captive import CaptiveForces, determine
 from fitting.nlp.problem import Prior, Problem
 from fitting.nlp.windows import Segments
@@ -17,6 +17,7 @@ from mmg.effects import effect
 from mmg.errors import UserError
 from mmg.model import assemble
 from mmg.ship import Ship
+from mmg.states import STATES
 
 FAR = 4.0
 """Residuals of a run, as a multiple of those of the median run, from which it is named. Runs of the 3 m model that

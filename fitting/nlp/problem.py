@@ -23,7 +23,7 @@ from fitting.nlp.sample_cost import SampleCost
 from fitting.nlp.shooting import Kernels, Shooting, Sweep
 from fitting.nlp.sparsity import patterns
 from fitting.nlp.windows import Segments
-from mmg.effects.disturbance import STATES as LATENT
+from mmg.effects.disturbance import LATENT_STATES
 from mmg.logged import states_behind
 from mmg.ship import Ship
 
@@ -59,7 +59,7 @@ class Problem:
         self.L = self.columns.at.shape[1]
         self.B, self.P, self.M = len(segments.nodes), len(prior.mean), segments.intervals
         names = kernels.model.states
-        self.random = np.array([i for i, name in enumerate(names) if name in LATENT], dtype=int)
+        self.random = np.array([i for i, name in enumerate(names) if name in LATENT_STATES], dtype=int)
         self.fixed = np.array([i for i in range(self.S) if i not in self.random], dtype=int)
         self.D = len(self.fixed)
         self.n, self.m = self.S * self.B + self.P, self.D * self.M

@@ -21,10 +21,7 @@ from fitting.nlp.sample_cost import SampleCost
 from fitting.nlp.windows import Segments
 from mmg.compile.batch import BatchFunction, batch_functions, padded
 from mmg.model import Model
-
-STAGE_FRACTION = (0.0, 0.5, 0.5, 1.0)
-STAGE_WEIGHT = (1 / 6, 1 / 3, 1 / 3, 1 / 6)
-"""Classical fourth-order Runge-Kutta: stage i starts from the step's start plus fraction h times stage i-1."""
+from mmg.runge_kutta import NODES, WEIGHTS
 
 
 @dataclass
@@ -145,7 +142,7 @@ class Intervals:
         for k, m in enumerate(self.active):
             z0, c = z[:, :m].copy(), self.controls[k, :, :m]
             rate, total = np.zeros((self.S, m)), np.zeros((self.S, m))
-            for fraction, weight in zip(STAGE_FRACTION, STAGE_WEIGHT, strict=True):
+            for fraction, weight in zip(NODES, WEIGHTS, strict=True):
                 rate = self._rates(z0[self.first :] + fraction * h * rate[self.first :], c, theta)
                 total += weight * rate
             z[:, :m] = z0 + h * total
@@ -184,7 +181,7 @@ class Intervals:
         rate, total = np.zeros((self.S, m)), np.zeros((self.S, m))
         dq, theta_part = np.zeros((m, Q_, size + P)), np.zeros((m, size - 3, P))
         qs, Js, Qs = np.empty((4, Q_, m)), np.empty((m, 4, size, Q_)), np.empty((m, 4, Q_, size + P))
-        for i, (fraction, weight) in enumerate(zip(STAGE_FRACTION, STAGE_WEIGHT, strict=True)):
+        for i, (fraction, weight) in enumerate(zip(NODES, WEIGHTS, strict=True)):
             qs[i] = z[first:] + fraction * h * rate[first:]
             Q = Qs[:, i]
             np.multiply(dq, fraction * h, out=Q)
@@ -197,7 +194,7 @@ class Intervals:
             total += weight * rate
             J_theta *= weight
             theta_part += J_theta
-        weighted = np.swapaxes(Js * (h * np.array(STAGE_WEIGHT))[None, :, None, None], 1, 2)
+        weighted = np.swapaxes(Js * (h * np.array(WEIGHTS))[None, :, None, None], 1, 2)
         z += h * total
         S += weighted.reshape(m, size, 4 * Q_) @ Qs.reshape(m, 4 * Q_, size + P)
         S[:, 3:, size:] += h * theta_part
@@ -232,11 +229,11 @@ class Intervals:
         back, later = adjoint.copy(), np.zeros_like(adjoint)
         for i in (3, 2, 1, 0):
             mu = multipliers[i]
-            mu[:] = h * STAGE_WEIGHT[i] * adjoint + later
+            mu[:] = h * WEIGHTS[i] * adjoint + later
             pulled = (np.swapaxes(J_q[:, i], 1, 2) @ mu.T[:, :, None])[:, :, 0].T
             back[self.first :] += pulled
             later = np.zeros_like(adjoint)
-            later[self.first :] = h * STAGE_FRACTION[i] * pulled
+            later[self.first :] = h * NODES[i] * pulled
         adjoint[:] = back
         return multipliers
 

@@ -19,13 +19,13 @@ from fitting.prediction.stretches import Batch
 from mmg.motion.froude import time_scale
 from mmg.rollout import Simulator
 from mmg.ship import Ship
+from mmg.states import STATES
 
 DRAWS, SHRINK = 16, 0.3
 """Draws of the coefficients, and the factor by which they are moved less, and their effect multiplied, to stay linear.
 """
 COARSE = 0.5
 """Step of the covariance in seconds of a 3 m model."""
-STATES = ("x", "y", "psi", "u", "v", "r")
 
 
 @dataclass(frozen=True)

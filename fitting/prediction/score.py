@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cases.trial import STATES, Trial
+from cases.trial import Trial
 from fitting.prediction.adaptation import Adaptation
 from fitting.prediction.predict import Forecaster, Window, predict_all, usable
 from mmg.errors import UserError
@@ -16,6 +16,7 @@ from mmg.messages import Message
 from mmg.motion.flow import INPUTS
 from mmg.notebook import html_table
 from mmg.rollout import Simulator
+from mmg.states import STATES
 
 PAPER_WINDOW = 100.0
 WINDOW, STRIDE = 30.0, 15.0

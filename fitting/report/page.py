@@ -16,7 +16,7 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from cases.trial import STATES, UNITS
+from cases.trial import UNITS
 from fitting.record import FitRecord
 from fitting.report.identifiability import section
 from fitting.report.plots import component_of, determination, grouped
@@ -26,6 +26,7 @@ from mmg.components.particulars import PARTICULARS
 from mmg.effects import effect
 from mmg.errors import UserError
 from mmg.ship import Ship
+from mmg.states import STATES
 
 PNG = b"\x89PNG\r\n\x1a\n"
 DATA_SOURCES = (

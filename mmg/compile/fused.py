@@ -18,6 +18,7 @@ import numpy as np
 from mmg.compile.batch import FLAGS as BATCH_FLAGS
 from mmg.compile.batch import load_library
 from mmg.compile.codegen import constant, expression, prelude
+from mmg.runge_kutta import NODES, PARTS
 
 FLAGS = (*BATCH_FLAGS, "-O2")
 """-O2 makes single points a fifth faster than -O1; it doubles the compile time of Hessians, which have none of it."""
@@ -138,13 +139,7 @@ EXPORT void rollout(const Run* r, long long begin, long long end) {
       if (r->euler) {
         for (int s = 0; s < @S@; s++) z[s] = z[s] + h * k1[s];
       } else {
-        for (int s = 0; s < @S@; s++) y[s] = z[s] + 0.5 * h * k1[s];
-        rates(y + @first@, K, Hm, k2);
-        for (int s = 0; s < @S@; s++) y[s] = z[s] + 0.5 * h * k2[s];
-        rates(y + @first@, K, Hm, k3);
-        for (int s = 0; s < @S@; s++) y[s] = z[s] + h * k3[s];
-        rates(y + @first@, K, H1, k4);
-        for (int s = 0; s < @S@; s++) z[s] = z[s] + h / 6.0 * (k1[s] + 2.0 * k2[s] + 2.0 * k3[s] + k4[s]);
+        @stages@
       }
       if (r->linear) { V* spare = H0; H0 = H1; H1 = spare; }
       if (r->keep[step]) for (int s = 0; s < @S@; s++, out += r->points) store(out, z[s]);
@@ -156,6 +151,20 @@ EXPORT void rollout(const Run* r, long long begin, long long end) {
 would end beyond ``end`` is moved back: the points it repeats come out the same."""
 
 
+_EACH = "for (int s = 0; s < @S@; s++)"
+_INPUTS_AT = {0.5: "Hm", 1.0: "H1"}
+
+
+def _stages() -> str:
+    """C statements of the second stage of a Runge-Kutta step to its end, with the numbers of the method."""
+    lines = [
+        f"{_EACH} y[s] = z[s] + {NODES[i]} * h * k{i}[s]; rates(y + @first@, K, {_INPUTS_AT[NODES[i]]}, k{i + 1});"
+        for i in (1, 2, 3)
+    ]
+    total = " + ".join(f"{float(part)} * k{i + 1}[s]" for i, part in enumerate(PARTS))
+    return "\n        ".join([*lines, f"{_EACH} z[s] = z[s] + h / {float(sum(PARTS))} * ({total});"])
+
+
 def rollout_source(rates: ca.Function, first: int, lanes: int) -> str:
     """C file with ``void rollout(const Run*, long long begin, long long end)`` for points begin .. end.
 
@@ -163,7 +172,7 @@ def rollout_source(rates: ca.Function, first: int, lanes: int) -> str:
     """
     parts = _sorted_instructions(rates)
     parts |= {"S": rates.size1_out(0), "C": rates.size1_in(1), "P": rates.size1_in(2), "first": first}
-    text = _LOOP
+    text = _LOOP.replace("@stages@", _stages())
     for key, value in parts.items():
         text = text.replace(f"@{key}@", str(value))
     return prelude(lanes) + text

@@ -17,8 +17,7 @@ shooting), so that coefficients need not bend to a gust, and with it sizes that 
 A simulation has d = 0 and no force. Prediction bands rest on a process of the same kind (fitting/prediction/bands.py).
 """
 
-
-STATES = tuple(f"disturbance.{axis}" for axis in "XYN")
+LATENT_STATES = tuple(f"disturbance.{axis}" for axis in "XYN")
 
 
 class Disturbance(Effect):
@@ -40,7 +39,7 @@ class Disturbance(Effect):
         )
 
     def forces(self, parts: Parts, flow: Flow, e: SimpleNamespace, at: Setting) -> Parts:
-        d = [at.memory.low_pass(name, 0.0, e.tau, 1.0) for name in STATES]
+        d = [at.memory.low_pass(name, 0.0, e.tau, 1.0) for name in LATENT_STATES]
         return {**parts, "disturbance": Force(e.X * d[0], e.Y * d[1], e.N * d[2])}
 
 

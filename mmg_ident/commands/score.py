@@ -95,7 +95,8 @@ def _print(scores: dict[str, Score]) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from cases.trial import STATES, UNITS
+    from cases.trial import UNITS
+    from mmg.states import STATES
 
     console = Console(width=None)
     first = next(iter(scores.values()))

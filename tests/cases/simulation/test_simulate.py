@@ -15,9 +15,10 @@ from cases.simulation.demo_trials import OFFSETS, SHIP, demo_trials, hidden_ship
 from cases.simulation.gusts import Wind, gust_filter, hino_spectrum, parse_wind
 from cases.simulation.sensors import SensorNoise, add_noise, wrap
 from cases.simulation.simulate import simulate, simulate_controls, write_trial
-from cases.trial import STATES, Trial
+from cases.trial import Trial
 from mmg.errors import UserError
 from mmg.ship import Ship
+from mmg.states import STATES
 
 ESSO = load_ship(SHIP)
 

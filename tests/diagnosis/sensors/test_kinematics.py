@@ -12,8 +12,9 @@ from cases.shipfiles.ship_file import load_ship
 from cases.simulation.demo_trials import TRAIN, demo_trials
 from cases.simulation.disturbed import Disturbed, disturbed_trials
 from cases.simulation.sensors import logged
-from cases.trial import STATES, Trial
+from cases.trial import Trial
 from diagnosis.sensors.kinematics import consistency
+from mmg.states import STATES
 from tests.support.trial_files import make_trial, motion_columns, shifted
 
 SHIP = load_ship("esso_osaka_3m")

@@ -14,10 +14,11 @@ from cases.simulation.disturbed import Disturbed, disturbed_trials
 from cases.simulation.simulate import write_trial
 from cases.trial import Trial
 from fitting.prediction.band_calibration import NORMAL, fit_bands, sample_noise
-from fitting.prediction.bands import STATES, Bands, bands_of, draws_of, growth
+from fitting.prediction.bands import Bands, bands_of, draws_of, growth
 from fitting.prediction.predict import predict, predict_all
 from fitting.prediction.score import wrapped_error
 from mmg.rollout import Simulator
+from mmg.states import STATES
 
 RUNS = (("zigzag:20/20", 100.0), ("turning:35", 120.0), ("random:11", 120.0), ("random:12", 120.0), ("berthing", 120.0))
 
