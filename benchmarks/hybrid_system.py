@@ -19,8 +19,8 @@ import torch
 from torch import nn
 
 from fitting.prediction.adaptation import Adaptation, adapt
-from fitting.prediction.stretches import Batch as Stretches
 from fitting.prediction.stretches import Record, Stretch, roll
+from fitting.prediction.stretches import WindowBatch as Stretches
 from mmg.model import assemble
 from mmg.rollout import Simulator
 from mmg.ship import Ship

@@ -22,7 +22,7 @@ from cases.trial import Trial
 from fitting.calibration import estimate_coefficients
 from fitting.prediction.predict import record_of, window_rows
 from fitting.prediction.score import pooled_sigma
-from fitting.prediction.stretches import Batch, Stretch, Water, roll
+from fitting.prediction.stretches import Stretch, Water, WindowBatch, roll
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 
@@ -65,7 +65,7 @@ class Look:
 
     def errors(self, inputs: np.ndarray | None = None, **options: object) -> np.ndarray:
         """Errors in units of sigma; inputs (N, C, M) replace the recorded ones, options as of ``roll``."""
-        batch = Batch.of(self.windows)
+        batch = WindowBatch.of(self.windows)
         if inputs is not None:
             batch = replace(batch, inputs=inputs)
         out = roll(self.simulator, batch, **options)[0]  # type: ignore[arg-type]
@@ -82,7 +82,7 @@ class Look:
 
 def pushed(look: Look, kind: str, size: float) -> np.ndarray:
     """Errors (N, 6, M) under one constant disturbance of this size in every window."""
-    batch, model = Batch.of(look.windows), look.simulator.model
+    batch, model = WindowBatch.of(look.windows), look.simulator.model
     M = len(look.windows)
     if kind.startswith("current"):
         velocity = np.zeros((2, M))
@@ -169,7 +169,7 @@ def _columns(rows: list[dict]) -> dict[str, np.ndarray]:
 
 def gusts(look: Look) -> list[list[str]]:
     """The metric with the recorded wind, with its mean over each window, and without wind."""
-    batch, names = Batch.of(look.windows), list(look.simulator.model.controls)
+    batch, names = WindowBatch.of(look.windows), list(look.simulator.model.controls)
     at = [names.index("wind_north"), names.index("wind_east")]
     mean, none = batch.inputs.copy(), batch.inputs.copy()
     mean[:, at] = batch.inputs[:, at].mean(axis=0)

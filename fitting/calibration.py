@@ -25,18 +25,19 @@ from fitting.nlp.fisher_information import Information, information
 from fitting.nlp.grid import default_step
 from fitting.nlp.loss import Loss
 from fitting.nlp.problem import Prior, Problem
-from fitting.nlp.problem_data import Recipe
+from fitting.nlp.problem_data import ProblemData
 from fitting.nlp.run_constants import RunConstants, neutral, shared_prior, with_constants, without_constants
 from fitting.nlp.shooting import kernels
 from fitting.nlp.windows import Segments, cut
-from fitting.settings import Report, Settings, Start
+from fitting.settings import Settings, Start
 from fitting.solvers.ipopt import Solution
 from fitting.solvers.multistart import solve_starts
-from fitting.solvers.noise_iteration import solve_passes
-from fitting.solvers.residual_noise import Noise
+from fitting.solvers.noise_iteration import solve_with_noise_estimation
+from fitting.solvers.residual_noise import ResidualNoise
 from fitting.uncertainty.sandwich import Robust, robust
 from mmg.errors import UserError
 from mmg.model import assemble
+from mmg.progress import OnProgress
 from mmg.ship import Ship
 
 
@@ -49,8 +50,8 @@ class Calibration:
     all runs
     share, as ``prior``. sigma: (6,) used in the last solve; noise: estimated from its residuals. solution: of the last
     solve; history: objective and status of every pass. information: of each window on p, from which ``spread`` has the
-    robust and the model-based covariance; recipe: of the problem solved. constants: what each run has of its own;
-    solution, information, spread and recipe are of all that was fitted, the shared ones first.
+    robust and the model-based covariance; problem_data: of the problem solved. constants: what each run has of its own;
+    solution, information, spread and problem_data are of all that was fitted, the shared ones first.
     """
 
     ship: Ship
@@ -58,7 +59,7 @@ class Calibration:
     p: np.ndarray
     covariance: np.ndarray
     sigma: np.ndarray
-    noise: Noise
+    noise: ResidualNoise
     identifiability: Identifiability
     solution: Solution
     segments: Segments
@@ -71,7 +72,7 @@ class Calibration:
     nodes: np.ndarray = field(default_factory=lambda: np.empty((0, 6)))
     information: Information | None = None
     spread: Robust | None = None
-    recipe: Recipe | None = None
+    problem_data: ProblemData | None = None
     constants: RunConstants | None = None
     data_information: np.ndarray | None = None
     compiled: bool = True
@@ -134,20 +135,20 @@ def estimate_coefficients(
     ship: Ship,
     trials: Sequence[Trial],
     settings: Settings | None = None,
-    report: Report | None = None,
+    progress: OnProgress | None = None,
     warm: dict[str, np.ndarray] | None = None,
     captive: Captive | None = None,
     per_run: Sequence[str] = (),
 ) -> Calibration:
     """Fit the free coefficients of a ship to trials, jointly over all of them.
 
-    The residual's standard deviation of each state is re-estimated from pass to pass (``Noise``) until it settles.
-    report(pass name, iteration, objective, constraint violation) follows the solver. ``warm`` holds "p", "nodes" and
-    "sigma" of an earlier, interrupted run. ``captive``: points whose forces are fitted too. ``per_run``: coefficients
-    of effects of the ship, fixed in it, of which each run gets its own
-    (``cases.shipfiles.effects.varying_effects``); the
-    calibrated ship is without those effects. Raises UserError for input from which nothing can be identified; a solver
-    that stops early is no error: the best iterate is returned and ``converged`` is False.
+    The residual's standard deviation of each state is re-estimated from pass to pass (``ResidualNoise``) until it
+    settles. progress: called at each iteration of the solver, with the objective and the constraint violation.
+    ``warm`` holds "p", "nodes" and "sigma" of an earlier, interrupted run. ``captive``: points whose forces are fitted
+    too. ``per_run``: coefficients of effects of the ship, fixed in it, of which each run gets its own
+    (``cases.shipfiles.effects.varying_effects``); the calibrated ship is without those effects. Raises UserError for
+    input from which nothing can be identified; a solver that stops early is no error: the best iterate is returned and
+    ``converged`` is False.
     """
     settings = settings or Settings()
     began = time.perf_counter()
@@ -181,9 +182,9 @@ def estimate_coefficients(
         else:
             x = problem.start(warm["p"])
         problem = problem.with_sigma(warm["sigma"]) if "sigma" in warm and not settings.sigma else problem
-    problem, solution, noise, passes = solve_passes(problem, x, settings, began, report)
+    problem, solution, noise, passes = solve_with_noise_estimation(problem, x, settings, began, progress)
     timings["solve"] = time.perf_counter() - began - timings["prepare"]
-    best, starts = solve_starts(problem, solution, settings, began, report)
+    best, starts = solve_starts(problem, solution, settings, began, progress)
     nodes, p = problem.split(best.x)
     p = np.clip(p, *problem.p_bounds())
     found = information(problem, best.x)
@@ -225,7 +226,7 @@ def estimate_coefficients(
         nodes=nodes,
         information=found,
         spread=spread,
-        recipe=Recipe.of(problem),
+        problem_data=ProblemData.of(problem),
         constants=RunConstants.of(problem.ship, prior, p, spread.covariance, segments.trials),
         data_information=about_shared if np.isfinite(about_shared).all() else None,
         compiled=not kernel.interpreted_because,

@@ -14,10 +14,11 @@ class Interrupts:
 
     The solver stops at its next iterate; whatever runs outside it is finished. A second Ctrl-C is raised as usual.
     In a process of ``fitting.parallel``, which holds Ctrl-C back, it is let through while this is active.
+    on_interrupt: called at the first Ctrl-C.
     """
 
-    def __init__(self, say: Callable[[], None] | None = None) -> None:
-        self.say = say
+    def __init__(self, on_interrupt: Callable[[], None] | None = None) -> None:
+        self.on_interrupt = on_interrupt
         self.previous: Any = None
         self.nested = False
         self.held_back = False
@@ -25,17 +26,17 @@ class Interrupts:
     def __enter__(self) -> None:
         self.nested = threading.current_thread() is not threading.main_thread() or INTERRUPTED.active
         if not self.nested:
-            INTERRUPTED.active, INTERRUPTED.asked = True, False
+            INTERRUPTED.active, INTERRUPTED.requested = True, False
             self.previous = signal.signal(signal.SIGINT, self._note)
             if hasattr(signal, "pthread_sigmask"):
                 self.held_back = signal.SIGINT in signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 
     def _note(self, *_: Any) -> None:
-        if INTERRUPTED.asked:
+        if INTERRUPTED.requested:
             raise KeyboardInterrupt
-        INTERRUPTED.asked = True
-        if self.say:
-            self.say()
+        INTERRUPTED.requested = True
+        if self.on_interrupt:
+            self.on_interrupt()
 
     def __exit__(self, *_: Any) -> None:
         if not self.nested:
@@ -47,10 +48,10 @@ class Interrupts:
 
 @dataclass
 class _Interrupted:
-    """Whether Ctrl-C is being held (active) and has been pressed since (asked)."""
+    """Whether Ctrl-C is being held (active) and has been pressed since (requested)."""
 
     active: bool = False
-    asked: bool = False
+    requested: bool = False
 
 
 INTERRUPTED = _Interrupted()

@@ -8,8 +8,9 @@ difference over runs: an ever finer choice among nearly equal models would fit t
 
 from __future__ import annotations
 
+import itertools
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
@@ -23,6 +24,8 @@ from fitting.parallel import run_all
 from fitting.prediction.score import Score, pooled_sigma, score
 from fitting.settings import Settings
 from mmg.errors import UserError
+from mmg.messages import Message
+from mmg.progress import LOGGER, OnProgress, Progress
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 
@@ -57,7 +60,7 @@ class Choice:
 
 
 @dataclass(frozen=True)
-class Tried:
+class CandidateModel:
     """A row of the table: what was varied, the choice, its scores, and whether it was taken.
 
     window, paper: pooled over the runs left out (30 s windows; restarts every 100 s); difference, error: of ``window``
@@ -86,8 +89,8 @@ class Selection:
     choice: Choice
     ship: Ship
     settings: Settings
-    table: tuple[Tried, ...]
-    notices: tuple[str, ...]
+    table: tuple[CandidateModel, ...]
+    notices: tuple[Message, ...]
 
     def to_rows(self) -> list[dict]:
         return [row.to_dict() for row in self.table]
@@ -161,28 +164,34 @@ class Selector:
         captive: Captive | None = None,
         folds: int = 8,
         limit: float = 480.0,
-        say: Callable[[str], None] | None = None,
+        progress: OnProgress | None = None,
     ) -> None:
         judged = [t for t in trials if t.has_position]
         if len(judged) < 3 or len(judged) < len(trials):
             raise UserError("--auto needs at least three trials, all with positions, to leave out in turn")
         self.ship, self.trials, self.settings, self.captive = ship, tuple(trials), settings, captive
         self.sigma, self.parts = pooled_sigma(trials), folds_of(trials, max(2, folds))
-        self.limit, self.say, self.began = limit, say, time.perf_counter()
-        self.table: list[Tried] = []
+        self.limit, self.progress, self.began = limit, progress, time.perf_counter()
+        self.table: list[CandidateModel] = []
         self.scores: dict[Choice, np.ndarray] = {}
         self.warm: dict[str, float] = {}
         self.each = 0.0
 
     @property
-    def left(self) -> float:
+    def time_left(self) -> float:
         return self.limit - (time.perf_counter() - self.began)
 
-    def judge(self, varied: str, choices: Sequence[Choice], present: Choice | None) -> list[Tried]:
+    def cross_validate(self, varied: str, choices: Sequence[Choice], present: Choice | None) -> list[CandidateModel]:
         """Scores of candidates, all their folds spread over the workers at once; those out of time are left out."""
         began = time.perf_counter()
-        tasks = [self._fold(choice, out) for choice in choices for out in self.parts]
-        done = run_all(run_fold, tasks, self.settings.workers)
+        tasks = [self.fold(choice, out) for choice in choices for out in self.parts]
+        count = itertools.count(1)
+
+        def fitted(_: Outcome | None) -> None:
+            if self.progress:
+                self.progress(Progress(f"model choice, {varied}", next(count), len(tasks)))
+
+        done = run_all(run_fold, tasks, self.settings.workers, fitted)
         rows, n = [], len(self.parts)
         for k, choice in enumerate(choices):
             mine = [outcome for outcome in done[k * n : (k + 1) * n] if outcome is not None]
@@ -199,49 +208,50 @@ class Selector:
         seconds = self.each = (time.perf_counter() - began) / len(choices)
         return [replace(row, seconds=seconds) for row in rows]
 
-    def _fold(self, choice: Choice, out: tuple[int, ...]) -> Fold:
+    def fold(self, choice: Choice, out: tuple[int, ...]) -> Fold:
         settings = replace(self.settings, window=choice.window, loss=choice.loss, starts=1, workers=1)
         settings = replace(settings, tolerance=1e-4, time_limit=None)
-        deadline = time.time() + self.left if self.warm else float("inf")
+        deadline = time.time() + self.time_left if self.warm else float("inf")
         ship = prepare(self.ship, choice)
         return Fold(ship, settings, self.trials, out, self.sigma, self.captive, self.warm, deadline)
 
-    def _row(self, varied: str, choice: Choice, present: Choice | None, converged: int) -> Tried:
+    def _row(self, varied: str, choice: Choice, present: Choice | None, converged: int) -> CandidateModel:
         scores = self.scores[choice]
         weight = np.array([t.duration for t in self.trials])
-        mean, paper = pooled(scores[:, 0], scores[:, 2]), pooled(scores[:, 1], weight)
+        mean, paper = weighted_mean(scores[:, 0], scores[:, 2]), weighted_mean(scores[:, 1], weight)
         difference, error = 0.0, 0.0
         if present is not None:
             before = self.scores[present]
-            difference, error = mean - pooled(before[:, 0], before[:, 2]), spread(scores - before, scores[:, 2])
-        return Tried(varied, choice, mean, paper, difference, error, converged, len(self.parts), 0.0, present is None)
+            difference = mean - weighted_mean(before[:, 0], before[:, 2])
+            error = standard_error(scores - before, scores[:, 2])
+        taken, folds = present is None, len(self.parts)
+        return CandidateModel(varied, choice, mean, paper, difference, error, converged, folds, 0.0, taken)
 
     def decide(self, varied: str, choices: Sequence[Choice], present: Choice) -> Choice:
         """The best of the candidates, or the present choice when none is clearly better; extends the table."""
-        fresh = [c for c in choices if c not in self.scores][: max(0, int(self.left / max(self.each, 1e-3)))]
+        fresh = [c for c in choices if c not in self.scores][: max(0, int(self.time_left / max(self.each, 1e-3)))]
         if not fresh:
             return present
-        rows = self.judge(varied, fresh, present)
-        base = pooled(self.scores[present][:, 0], self.scores[present][:, 2])
+        rows = self.cross_validate(varied, fresh, present)
+        base = weighted_mean(self.scores[present][:, 0], self.scores[present][:, 2])
         good = [r for r in rows if r.difference < -max(LEAST * base, r.error) and r.converged == r.folds]
         best = min(good, key=lambda r: r.window) if good else None
         self.table += [replace(r, taken=r is best) for r in rows]
-        if self.say:
-            for r in rows:
-                self.say(
-                    f"auto, {varied}: {r.choice.words()}: {r.window:.4f} ({r.difference:+.4f} +- {r.error:.4f})"
-                    f"{', taken' if r is best else ''}"
-                )
+        for r in rows:
+            LOGGER.info(
+                f"auto, {varied}: {r.choice.words()}: {r.window:.4f} ({r.difference:+.4f} +- {r.error:.4f})"
+                f"{', taken' if r is best else ''}"
+            )
         return best.choice if best else present
 
 
-def pooled(values: np.ndarray, weights: np.ndarray) -> float:
+def weighted_mean(values: np.ndarray, weights: np.ndarray) -> float:
     """Weighted mean over runs that have a value."""
     good = np.isfinite(values) & (weights > 0)
     return float(np.average(values[good], weights=weights[good])) if good.any() else float("nan")
 
 
-def spread(difference: np.ndarray, weights: np.ndarray) -> float:
+def standard_error(difference: np.ndarray, weights: np.ndarray) -> float:
     """Standard error over runs (R, ...) of the weighted mean of the first column."""
     d = difference[:, 0]
     good = np.isfinite(d) & (weights > 0)
@@ -257,20 +267,20 @@ def select(
     captive: Captive | None = None,
     folds: int = 8,
     limit: float = 480.0,
-    say: Callable[[str], None] | None = None,
+    progress: OnProgress | None = None,
 ) -> Selection:
-    """Choose the model for a final fit of ``ship`` on ``trials``; nothing but these trials is looked at.
+    """Choose the model for a final fit of ``ship`` on ``trials`` (and ``captive`` points); no other data are used.
 
-    ``settings.workers`` processes
-    share the fits; ``limit`` [s] ends the search at the best choice so far. Raises UserError for fewer than three runs.
+    settings: of the fits, which ``settings.workers`` processes share; folds: parts into which the runs are divided;
+    limit: seconds after which the search ends at the best choice so far; progress: called after each fit. Raises
+    UserError for fewer than three runs, or runs without positions.
     """
     step = settings.step or default_step(trials, ship.particulars["L"])
     given = tuple(e for e in MANAGED if e in ship.effects)
-    selector = Selector(ship, trials, settings, captive, folds, limit, say)
+    selector = Selector(ship, trials, settings, captive, folds, limit, progress)
     now = Choice(given, window=settings.window or 100 * step, loss=settings.loss)
-    selector.table += selector.judge("start", [now], None)
-    if say:
-        say(f"auto, start: {now.words()}: {selector.table[0].window:.4f}")
+    selector.table += selector.cross_validate("start", [now], None)
+    LOGGER.info(f"auto, start: {now.words()}: {selector.table[0].window:.4f}")
     instruments = ((), *(() if "gnss_delay" in ship.effects else INSTRUMENTS))
     now = selector.decide("measurement", [replace(now, measurement=m) for m in instruments], now)
     now = selector.decide("window", [replace(now, window=k * step) for k in STEPS], now)
@@ -280,9 +290,9 @@ def select(
     held = _decided(selector, now)
     if held:
         now = selector.decide("free coefficients", [replace(now, held=held)], now)
-    notices = [f"chosen by cross-validation over runs: {now.words()}"]
-    if selector.left <= selector.each:
-        notices.append(f"--auto stopped trying after its {limit:.0f} s")
+    notices = [Message(f"chosen by cross-validation over runs: {now.words()}", "model_chosen")]
+    if selector.time_left <= selector.each:
+        notices.append(Message(f"--auto stopped trying after its {limit:.0f} s", "model_choice_stopped"))
     return Selection(
         choice=now,
         ship=prepare(ship, now),
@@ -294,9 +304,9 @@ def select(
 
 def _decided(selector: Selector, now: Choice) -> tuple[str, ...]:
     """Coefficients that the prior decides when all are free."""
-    if selector.left <= 0:
+    if selector.time_left <= 0:
         return ()
-    fold = selector._fold(now, ())
+    fold = selector.fold(now, ())
     found: Calibration = estimate_coefficients(fold.ship, fold.trials, fold.settings, captive=fold.captive)
     share = np.diag(found.covariance)
     return tuple(s for s, value in zip(found.prior.symbols, share, strict=True) if value > DECIDED)

@@ -27,30 +27,25 @@ def run_all(
     workers: int = 1,
     each: Callable[[Outcome], None] = lambda _: None,
 ) -> list[Outcome]:
-    """``function`` of each task, in order; with more than one worker in processes of their own.
+    """Outcomes of ``function`` for each of ``tasks``, in order; with more than one of ``workers`` in processes.
 
-    The function must be importable and tasks and outcomes picklable between processes of this one program. each: called
-    with every outcome, in order, as soon as it is there.
+    The function must be importable, and tasks and outcomes picklable. each: called with every outcome, in order, as
+    soon as it is there. An exception of a task ends all of them and is raised.
     """
     if workers <= 1 or len(tasks) <= 1:
         return _collected((function(task) for task in tasks), each)
-    context = multiprocessing.get_context("spawn")
+    context, others = multiprocessing.get_context("spawn"), multiprocessing.active_children()
     with _one_thread(), ProcessPoolExecutor(max_workers=min(workers, len(tasks)), mp_context=context) as pool:
         try:
             with held_back():
                 outcomes = pool.map(function, tasks)
             return _collected(outcomes, each)
         except BaseException:
-            _end(pool)
+            children = [child for child in multiprocessing.active_children() if child not in others]
+            pool.shutdown(wait=False, cancel_futures=True)
+            for child in children:  # what they would still do is of no use
+                child.terminate()
             raise
-
-
-def _end(pool: ProcessPoolExecutor) -> None:
-    """End the processes of a pool at once: what they would still do is of no use."""
-    processes = list((pool._processes or {}).values())
-    pool.shutdown(wait=False, cancel_futures=True)
-    for process in processes:
-        process.terminate()
 
 
 @contextmanager

@@ -35,10 +35,10 @@ from fitting.record import (
 )
 from fitting.report.run_folder import data_rows, plain, versions
 from fitting.result import FitResult
-from fitting.settings import Report, Settings
+from fitting.settings import Settings
 from fitting.uncertainty.rows import check_request, uncertainty_rows
 from mmg.errors import UserError
-from mmg.progress import LOGGER, OnProgress, Progress
+from mmg.progress import LOGGER, OnProgress
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 from mmg.states import STATES
@@ -88,12 +88,12 @@ def calibrate(
     model, constants = varying_effects(ship, options.per_run)
     if options.resume:
         check_resumable(options.resume, ship, train, constants)
-    choice = _chosen(ship, train, settings, options) if options.auto else None
+    choice = _chosen(ship, train, settings, options, progress) if options.auto else None
     if choice:
         ship = model = choice.ship
         settings = replace(choice.settings, workers=settings.workers)
     warm = options.resume.iterate if options.resume else None
-    found = estimate_coefficients(model, train, settings, report_to(progress), warm, options.captive, constants)
+    found = estimate_coefficients(model, train, settings, progress, warm, options.captive, constants)
     before, after = Simulator(ship, settings.compiled), Simulator(found.ship, settings.compiled)
     scores = score_pairs(before, after, {"validation": validation, "training": train})
     uncertainty = plain(uncertainty_rows(found, options.bootstrap, options.profile))
@@ -149,20 +149,13 @@ def check_resumable(earlier: FitResult, ship: Ship, trials: Sequence[Trial], con
         raise UserError(f"{where}: --resume needs the same trial files as the interrupted run")
 
 
-def _chosen(ship: Ship, train: Sequence[Trial], settings: Settings, options: FitOptions) -> Selection:
+def _chosen(
+    ship: Ship, train: Sequence[Trial], settings: Settings, options: FitOptions, progress: OnProgress | None
+) -> Selection:
     """The model that cross-validation over the training runs chooses, by all cores where ``workers`` is left at 1."""
     workers = settings.workers if settings.workers > 1 else min(os.cpu_count() or 1, 8)
     spread = replace(settings, workers=workers)
-    return select(ship, train, spread, options.captive, limit=options.auto_limit, say=LOGGER.info)
-
-
-def report_to(progress: OnProgress | None) -> Report | None:
-    """What the solver reports to, so that ``progress`` gets each iteration with objective and constraint violation."""
-    if progress is None:
-        return None
-    return lambda name, step, objective, violation: progress(
-        Progress(name, step, values={"objective": objective, "violation": violation})
-    )
+    return select(ship, train, spread, options.captive, limit=options.auto_limit, progress=progress)
 
 
 def trial_rows(trials: Sequence[Trial]) -> tuple[TrialRow, ...]:

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
-
-Report = Callable[[str, int, float, float], None]
-"""Called with the name of the solve, iteration, objective and constraint violation."""
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from cases.trial import Trial
 from fitting.nlp.captive import CaptiveForces, determine
 from fitting.nlp.problem import Prior, Problem
 from fitting.nlp.windows import Segments
-from fitting.solvers.ipopt import solve
+from fitting.solvers.ipopt import ROUGH, solve
 from fitting.solvers.residual_noise import series
 from mmg.effects import effect
 from mmg.errors import UserError
@@ -114,7 +114,7 @@ def left_out_residual(problem: Problem, x: np.ndarray, run: int, move: np.ndarra
     alone = problem.with_segments(seg.subset(np.flatnonzero(seg.run == run))).with_bounds(
         np.where(own, problem.prior.lower, theta), np.where(own, problem.prior.upper, theta)
     )
-    held = solve(alone, alone.start(p), ROUGH_TOLERANCE, ROUGH_ITERATIONS, rough=True)
+    held = solve(alone, alone.start(p), ROUGH_TOLERANCE, ROUGH_ITERATIONS, options=ROUGH)
     return run_residuals(alone, held.x)[0][run] if np.isfinite(held.objective) else None
 
 

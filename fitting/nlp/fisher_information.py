@@ -135,7 +135,7 @@ def _known(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     known, pull = np.eye(problem.P), p.copy()
     if problem.captive:
         shared = slice(problem.columns.shared)
-        std, theta = problem.prior.std[shared], problem.in_tank(p)
+        std, theta = problem.prior.std[shared], problem.captive_coefficients(p)
         known[shared, shared] += np.outer(std, std) * problem.captive.information(theta)
         pull[shared] += std * problem.captive.gradient(theta)
     return known, pull
@@ -206,7 +206,7 @@ def _transitions(problem: Problem, x: np.ndarray) -> tuple[Callable[[np.ndarray]
     nodes, _, end, _ = problem.evaluate(x)
     off = np.zeros((problem.M, S + L))
     off[:, :S] = (end.T - nodes[seg.end]) / problem.scale
-    off[:, problem.random] = problem._jumps(nodes) / problem.scale[problem.random]
+    off[:, problem.random] = problem.process_jumps(nodes) / problem.scale[problem.random]
     ends = np.concatenate([sweep.S_end for sweep in problem.sweep(x)])
 
     def of(i: np.ndarray) -> np.ndarray:

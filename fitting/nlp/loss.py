@@ -58,7 +58,7 @@ class Loss:
             return self._over(e, NU + 1) * np.log1p(s / self._over(e, NU))
         return s
 
-    def slope(self, w: np.ndarray, e: np.ndarray) -> np.ndarray:
+    def weight(self, w: np.ndarray, e: np.ndarray) -> np.ndarray:
         """W with d(1/2 phi)/de = W e: the weight that a sample has, at most about w."""
         if self.name == "huber":
             return w / np.sqrt(1 + w * e * e / self._over(e, THRESHOLD**2))
@@ -66,7 +66,7 @@ class Loss:
             return w * (NU + 1) / NU / (1 + w * e * e / self._over(e, NU))
         return w
 
-    def bend(self, w: np.ndarray, e: np.ndarray) -> np.ndarray:
+    def second_derivative(self, w: np.ndarray, e: np.ndarray) -> np.ndarray:
         """Second derivative of 1/2 phi with respect to e; ``student`` bends down beyond sqrt(a)."""
         if self.name == "huber":
             return w * (1 + w * e * e / self._over(e, THRESHOLD**2)) ** -1.5

@@ -63,7 +63,7 @@ class Problem:
         self.fixed = np.array([i for i in range(self.S) if i not in self.random], dtype=int)
         self.D = len(self.fixed)
         self.n, self.m = self.S * self.B + self.P, self.D * self.M
-        self.decay, self.jump_weight = self._process()
+        self.decay, self.jump_weight = self._latent_process()
         self.node_weight = segments.pinned() / self.sigma**2
         self.weight = segments.mask / self.sigma[None, :, None] ** 2
         self.measured_nodes = states_behind(kernels.model, segments.nodes.T, segments.node_controls, self.base).T
@@ -75,7 +75,7 @@ class Problem:
         self._values_at: np.ndarray | None = None
         self._sweep_at: np.ndarray | None = None
 
-    def _process(self) -> tuple[np.ndarray, np.ndarray]:
+    def _latent_process(self) -> tuple[np.ndarray, np.ndarray]:
         """Of the latent process over each interval (M,): what is left of it, and 1 / variance of its change."""
         if not len(self.random):
             return np.zeros(self.M), np.zeros(self.M)
@@ -83,7 +83,7 @@ class Problem:
         left = (1 - x + x**2 / 2 - x**3 / 6 + x**4 / 24) ** self.segments.steps
         return left, 1 / (1 - left**2)
 
-    def _jumps(self, nodes: np.ndarray) -> np.ndarray:
+    def process_jumps(self, nodes: np.ndarray) -> np.ndarray:
         """Change of the latent process over each interval beyond its decay, (M, number of its states)."""
         seg = self.segments
         return self.decay[:, None] * nodes[seg.start][:, self.random] - nodes[seg.end][:, self.random]
@@ -103,7 +103,7 @@ class Problem:
         theta[:, self.kernels.free] = values
         return theta if self.prior.constants else theta[0]
 
-    def in_tank(self, p: np.ndarray) -> np.ndarray:
+    def captive_coefficients(self, p: np.ndarray) -> np.ndarray:
         """All coefficients of captive tests (all,), which have no constants of a run."""
         theta = neutral(self.ship, self.prior.constants)
         theta[self.kernels.free[: self.prior.shared]] = (self.prior.mean + self.prior.std * p)[: self.prior.shared]
@@ -151,9 +151,9 @@ class Problem:
         e, ei = self.errors(x)
         nodes, p, _, _ = self.evaluate(x)
         memory = self.memory_weight * (nodes[:, 6:] - self.measured_nodes[:, 6:]) ** 2
-        jumps = self.jump_weight[:, None] * self._jumps(nodes) ** 2
+        jumps = self.jump_weight[:, None] * self.process_jumps(nodes) ** 2
         samples = self.loss.cost(self.node_weight, e).sum() + self.loss.cost(self.weight, ei).sum()
-        captive = 2 * self.captive.cost(self.in_tank(p)) if self.captive else 0.0
+        captive = 2 * self.captive.cost(self.captive_coefficients(p)) if self.captive else 0.0
         return 0.5 * float(samples + memory.sum() + jumps.sum() + captive + p @ p)
 
     def defects(self, x: np.ndarray) -> np.ndarray:
@@ -182,20 +182,22 @@ class Problem:
         nodes, p = self.split(x)
         e, ei = self.errors(x)
         theta, shooting, columns = self.coefficients(p), self.shooting, self.columns
-        pull_in = self.loss.slope(self.weight, ei) * ei
-        d_nodes, direct = self._pulled(nodes, self.loss.slope(self.node_weight, e) * e, self._theta(p)[0])
+        pull_in = self.loss.weight(self.weight, ei) * ei
+        d_nodes, direct = self._measurement_gradient(
+            nodes, self.loss.weight(self.node_weight, e) * e, self._theta(p)[0]
+        )
         d_theta = columns.total(direct, columns.node)
         if self.captive:
-            d_theta[0, : columns.shared] += self.captive.gradient(self.in_tank(p))
+            d_theta[0, : columns.shared] += self.captive.gradient(self.captive_coefficients(p))
         d_nodes[:, 6:] += self.memory_weight * (nodes[:, 6:] - self.measured_nodes[:, 6:])
-        pushed = self.jump_weight[:, None] * self._jumps(nodes)
+        pushed = self.jump_weight[:, None] * self.process_jumps(nodes)
         d_nodes[seg.start[:, None], self.random] += self.decay[:, None] * pushed
         d_nodes[seg.end[:, None], self.random] -= pushed
         for sweep, s, g in zip(sweeps, shooting.slices, shooting.group, strict=True):
             start, own_theta = seg.start[s], theta if theta.ndim == 1 else theta[g]
             for k, Sk in enumerate(sweep.S_interior):
                 m = len(Sk)
-                pull, own = self._pulled(sweep.interior[k, :, :m].T, pull_in[k, :, s][:, :m].T, own_theta)
+                pull, own = self._measurement_gradient(sweep.interior[k, :, :m].T, pull_in[k, :, s][:, :m].T, own_theta)
                 pulled = (pull[:, None, :] @ Sk)[:, 0]
                 d_nodes[start[:m]] += pulled[:, :S]
                 d_theta[g] += pulled[:, S:].sum(axis=0) + own.sum(axis=0)
@@ -206,7 +208,7 @@ class Problem:
         theta = self.coefficients(p)
         return self.columns.points(theta, self.columns.node), self.columns.points(theta, self.columns.interval)
 
-    def _pulled(self, z: np.ndarray, we: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _measurement_gradient(self, z: np.ndarray, we: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Gradient of 1/2 sum w e^2 with respect to states z (m, S) and, directly, the coefficients (m, L).
 
         The latter has one row of zeros if the measurement model depends on none.
@@ -218,7 +220,7 @@ class Problem:
         direct[:, h.own] = pull[:, self.S :]
         return pull[:, : self.S], direct
 
-    def _curved(self, z: np.ndarray, w: np.ndarray, we: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    def _measurement_hessian(self, z: np.ndarray, w: np.ndarray, we: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """Hessian of 1/2 sum w e^2 with respect to (z, own coefficients of h), (m, S + O, S + O); w, we: (m, 6)."""
         h = self.kernels.measurement
         J = h.jacobian(z.T, theta)
@@ -244,13 +246,15 @@ class Problem:
         nodes = np.zeros((self.B, S, S + self.L))
         nodes[seg.start] += rows
         if self.captive:
-            shared[0, : columns.shared, : columns.shared] += factor * self.captive.hessian(self.in_tank(p))
+            shared[0, : columns.shared, : columns.shared] += factor * self.captive.hessian(self.captive_coefficients(p))
         e = self.errors(x)[0]
-        bend = self.loss.bend(self.node_weight, e)
+        bend = self.loss.second_derivative(self.node_weight, e)
         if self.kernels.measurement.identity:
             nodes[:, np.arange(6), np.arange(6)] += factor * bend
         else:
-            H = factor * self._curved(at_nodes, bend, self.loss.slope(self.node_weight, e) * e, self._theta(p)[0])
+            H = factor * self._measurement_hessian(
+                at_nodes, bend, self.loss.weight(self.node_weight, e) * e, self._theta(p)[0]
+            )
             own = self.kernels.measurement.own
             nodes[:, :, :S] += H[:, :S, :S]
             nodes[:, :, S + own] += H[:, :S, S:]
@@ -273,7 +277,10 @@ class Problem:
         """Derivatives of factor times the cost of the samples inside the intervals."""
         _, p, _, interior = self.evaluate(x)
         ei = self.errors(x)[1]
-        weight, we = factor * self.loss.bend(self.weight, ei), factor * self.loss.slope(self.weight, ei) * ei
+        weight, we = (
+            factor * self.loss.second_derivative(self.weight, ei),
+            factor * self.loss.weight(self.weight, ei) * ei,
+        )
         room = ((0, 0), (0, self.S - 6), (0, 0))
         if self.kernels.measurement.identity:
             return SampleCost(np.pad(we, room), np.pad(weight, room))
@@ -282,14 +289,14 @@ class Problem:
         size = self.S + len(own)
         pull, full = np.zeros(interior.shape), np.zeros((len(interior), self.M, size, size))
         for k, z in enumerate(interior):
-            pull[k] = self._pulled(z.T, we[k].T, theta)[0].T
-            full[k] = self._curved(z.T, weight[k].T, we[k].T, theta)
+            pull[k] = self._measurement_gradient(z.T, we[k].T, theta)[0].T
+            full[k] = self._measurement_hessian(z.T, weight[k].T, we[k].T, theta)
         return SampleCost(pull, weight, full, own)
 
     def weights_at(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """1 / sigma^2 of the samples at the nodes (B, 6) and inside (K - 1, 6, M), less for what the loss holds off."""
         e, ei = self.errors(x)
-        return self.loss.slope(self.node_weight, e), self.loss.slope(self.weight, ei)
+        return self.loss.weight(self.node_weight, e), self.loss.weight(self.weight, ei)
 
     def residuals(self, x: np.ndarray) -> np.ndarray:
         """Model minus measured at all measured grid samples, (samples, 6), NaN where not measured; nodes first."""

@@ -16,7 +16,7 @@ from mmg.ship import Ship
 
 
 @dataclass(frozen=True)
-class Recipe:
+class ProblemData:
     """What a Problem is made of. compiled: whether its kernels were."""
 
     ship: Ship
@@ -28,8 +28,8 @@ class Recipe:
     compiled: bool
 
     @classmethod
-    def of(cls, problem: Problem) -> Recipe:
-        """The recipe of a problem."""
+    def of(cls, problem: Problem) -> ProblemData:
+        """What ``problem`` is made of."""
         points = problem.captive.points if problem.captive else None
         compiled = not problem.kernels.interpreted_because
         return cls(problem.ship, problem.prior, problem.segments, problem.sigma, problem.loss, points, compiled)

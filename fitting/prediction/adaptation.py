@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from fitting.prediction.stretches import Batch, Record, Stretch, Water, roll
+from fitting.prediction.stretches import Record, Stretch, Water, WindowBatch, roll
 from mmg.logged import settled
 from mmg.motion.froude import state_scale, time_scale
 from mmg.rollout import Simulator
@@ -114,8 +114,8 @@ def _adapt(simulator: Simulator, windows: Sequence[Stretch], a: Adaptation) -> t
             youngest.append(j == 0)
     if not pieces:
         return current, offset
-    batch, K = Batch.of(pieces), len(pieces)
-    tried = Batch(np.tile(batch.steps, 3), np.tile(batch.inputs, 3), np.tile(batch.logged, 3))
+    batch, K = WindowBatch.of(pieces), len(pieces)
+    tried = WindowBatch(np.tile(batch.steps, 3), np.tile(batch.inputs, 3), np.tile(batch.logged, 3))
     probe = np.zeros((2, 3, K))
     probe[0, 1] = probe[1, 2] = 0.5 * a.size
     # within a restart the current hardly fades: its age is counted in the weights

@@ -14,7 +14,7 @@ from fitting.prediction.adaptation import Adaptation, adapt
 from fitting.prediction.bands import COARSE, Bands, Process, as_dict, coarse_rows, features, growth
 from fitting.prediction.predict import record_of, window_rows
 from fitting.prediction.score import pooled_sigma, score
-from fitting.prediction.stretches import Batch, Stretch, roll
+from fitting.prediction.stretches import Stretch, WindowBatch, roll
 from mmg.errors import UserError
 from mmg.motion.froude import time_scale
 from mmg.rollout import Simulator
@@ -75,7 +75,7 @@ def fit_bands(simulator: Simulator, trials: Sequence[Trial], root: np.ndarray | 
                 stretches.append(Stretch(record, first, end))
     if len(stretches) < 5:
         return None
-    batch = Batch.of(stretches)
+    batch = WindowBatch.of(stretches)
     out = roll(simulator, batch)[0]
     error, counted = _errors(stretches, out)
     noise = sample_noise(trials)
@@ -150,7 +150,7 @@ def _wanted(e: np.ndarray, share: np.ndarray, rest: np.ndarray) -> float:
 def _scaled(
     bands: Bands,
     length: float,
-    batch: Batch,
+    batch: WindowBatch,
     out: np.ndarray,
     error: np.ndarray,
     counted: np.ndarray,
@@ -178,7 +178,7 @@ def _scaled(
 def _factors(
     bands: Bands,
     length: float,
-    batch: Batch,
+    batch: WindowBatch,
     out: np.ndarray,
     error: np.ndarray,
     counted: np.ndarray,

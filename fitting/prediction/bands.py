@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from fitting.prediction.stretches import Batch
+from fitting.prediction.stretches import WindowBatch
 from mmg.motion.froude import time_scale
 from mmg.rollout import Simulator
 from mmg.ship import Ship
@@ -53,7 +53,7 @@ def features(states: np.ndarray, length: float) -> np.ndarray:
     return np.array([np.ones_like(u), (U2 / length) ** 2, U2 * r * r])
 
 
-def coarse_rows(batch: Batch, step: float) -> np.ndarray:
+def coarse_rows(batch: WindowBatch, step: float) -> np.ndarray:
     """Rows at about ``step`` seconds, the first and the last among them."""
     taken = batch.steps[batch.steps > 0]
     every = max(1, round(step / float(np.median(taken)))) if len(taken) else 1
@@ -109,7 +109,7 @@ class Bands:
     process: Process
     root: np.ndarray
 
-    def std(self, simulator: Simulator, batch: Batch, out: np.ndarray, adapted: bool = False) -> np.ndarray:
+    def std(self, simulator: Simulator, batch: WindowBatch, out: np.ndarray, adapted: bool = False) -> np.ndarray:
         """Standard deviations (N + 1, 6, M) of predicted columns ``out`` (N + 1, 6, M); zero in the first row.
 
         The first row is the measured state, repeated in the prediction.
@@ -131,7 +131,7 @@ class Bands:
         std[0] = 0.0
         return std
 
-    def process_variance(self, batch: Batch, out: np.ndarray, length: float, rows: np.ndarray) -> np.ndarray:
+    def process_variance(self, batch: WindowBatch, out: np.ndarray, length: float, rows: np.ndarray) -> np.ndarray:
         """Variance (n, 6, M) at coarse rows by the process, without its factors."""
         p, states, times = self.process, out[rows], batch.times[rows]
         square = np.einsum("ck,k...->c...", p.size**2, features(states, length))
@@ -158,7 +158,7 @@ class Bands:
             result.append(np.maximum(np.concatenate([d[6:], d[3:6]]), 0.0))
         return np.array(result)
 
-    def measurement_variance(self, batch: Batch, out: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    def measurement_variance(self, batch: WindowBatch, out: np.ndarray, rows: np.ndarray) -> np.ndarray:
         """Variance (n, 6, M) by noise of the start, carried on, and of the sample that is predicted."""
         noise, times = self.process.noise**2, batch.times[rows]
         left = np.exp(-2 * times[:, None] / self.process.decay[:, None])
@@ -171,7 +171,9 @@ class Bands:
         start[:, :3] += noise[:3, None]
         return start + noise[:, None]
 
-    def coefficient_variance(self, simulator: Simulator, batch: Batch, out: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    def coefficient_variance(
+        self, simulator: Simulator, batch: WindowBatch, out: np.ndarray, rows: np.ndarray
+    ) -> np.ndarray:
         """Variance (n, 6, M) by the draws of the coefficients; a draw that fails somewhere does not count there."""
         keep = np.zeros(len(batch.steps), dtype=bool)
         keep[rows[1:] - 1] = True

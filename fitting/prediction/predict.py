@@ -14,7 +14,7 @@ from cases.inputs import STANDARD, control_array
 from cases.trial import Trial
 from fitting.prediction.adaptation import Adaptation, adapt
 from fitting.prediction.bands import Bands
-from fitting.prediction.stretches import Batch, Record, Stretch, Water, roll
+from fitting.prediction.stretches import Record, Stretch, Water, WindowBatch, roll
 from mmg.errors import UserError
 from mmg.rollout import Simulator
 
@@ -150,7 +150,7 @@ def _simulated(
     simulator: Simulator, flat: Sequence[Stretch], method: str, adaptation: Adaptation | None, bands: Bands | None
 ) -> tuple[np.ndarray, np.ndarray | None]:
     """Logged columns (N + 1, 6, M) of stretches by a ship, and their standard deviations where asked for."""
-    batch = Batch.of(flat)
+    batch = WindowBatch.of(flat)
     water: Water | None = None
     offset: np.ndarray | None = None
     if adaptation is not None:

@@ -51,7 +51,7 @@ class Water:
 
 
 @dataclass(frozen=True)
-class Batch:
+class WindowBatch:
     """Stretches as arrays: steps (N, M) [s], 0 where a stretch has ended; inputs (N, C, M); logged start (6, M)."""
 
     steps: np.ndarray
@@ -59,7 +59,7 @@ class Batch:
     logged: np.ndarray
 
     @classmethod
-    def of(cls, stretches: Sequence[Stretch]) -> Batch:
+    def of(cls, stretches: Sequence[Stretch]) -> WindowBatch:
         N = max(1, max(s.last - s.first for s in stretches))
         steps = np.zeros((N, len(stretches)))
         inputs = np.zeros((N, stretches[0].record.controls.shape[1], len(stretches)))
@@ -78,7 +78,7 @@ class Batch:
 
 def roll(
     simulator: Simulator,
-    batch: Batch,
+    batch: WindowBatch,
     water: Water | None = None,
     offset: np.ndarray | None = None,
     method: str = "rk4",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -11,9 +11,10 @@ import casadi as ca
 import numpy as np
 
 from fitting.interrupts import INTERRUPTED, Interrupts
+from mmg.progress import OnProgress, Progress
 
 
-class Program(Protocol):
+class NonlinearProgram(Protocol):
     """What IPOPT needs: sizes, patterns, bounds, values and exact derivatives at x."""
 
     n: int
@@ -71,7 +72,10 @@ ROUGH = {
     "ipopt.acceptable_iter": 2,
     "ipopt.acceptable_obj_change_tol": 3e-4,
 }
-"""IPOPT options for a solve of which only the noise level is wanted."""
+"""IPOPT options for a solve of which only the noise level is wanted.
+
+An iterate that is nearly feasible is accepted once the objective has twice changed by less than 3e-4 relative.
+"""
 
 
 class _Buffered(ca.Callback):
@@ -112,11 +116,11 @@ class _Buffered(ca.Callback):
 
 
 class _Watch(ca.Callback):
-    """Sees every iterate: keeps the best one, reports progress, and stops when asked."""
+    """Keeps the best iterate, calls ``progress`` at each one, and stops after Ctrl-C."""
 
-    def __init__(self, n: int, m: int, report: Callable[[int, float, float], None] | None) -> None:
+    def __init__(self, n: int, m: int, progress: OnProgress | None, task: str) -> None:
         ca.Callback.__init__(self)
-        self.n_x, self.m_g, self.report = n, m, report
+        self.n_x, self.m_g, self.progress, self.task = n, m, progress, task
         self.best: tuple[float, float, np.ndarray, np.ndarray] | None = None
         self.last_error: BaseException | None = None
         self.history: list[tuple[float, float]] = []
@@ -146,28 +150,14 @@ class _Watch(ca.Callback):
         rank = (0.0, f) if violation <= 1e-3 else (violation, f)
         if self.best is None or rank <= self.best[:2]:
             self.best = (*rank, np.array(named["x"]).ravel(), np.array(named["lam_g"]).ravel())
-        if self.report:
-            self.report(len(self.history) - 1, f, violation)
-        return [1 if INTERRUPTED.asked else 0]
+        if self.progress:
+            values = {"objective": f, "violation": violation}
+            self.progress(Progress(self.task, len(self.history) - 1, values=values))
+        return [1 if INTERRUPTED.requested else 0]
 
 
-def solve(
-    program: Program,
-    x0: np.ndarray,
-    tolerance: float = 1e-6,
-    max_iterations: int = 300,
-    time_limit: float | None = None,
-    report: Callable[[int, float, float], None] | None = None,
-    rough: bool = False,
-    options: dict[str, Any] | None = None,
-) -> Solution:
-    """Solve from x0 to ``tolerance``; never raises for a solver failure, it says so in the solution.
-
-    ``report(iteration, objective, violation)`` is called at every iterate. Ctrl-C (in the main thread) stops at the
-    next iterate and returns the best one (``Interrupts``).
-    ``rough`` also accepts an iterate that is nearly feasible once the objective has twice changed by less than 3e-4
-    relative.
-    """
+def _functions(program: NonlinearProgram) -> tuple[Any, dict[str, Any]]:
+    """CasADi function x -> (objective, defects), and the derivative functions by the name of their option."""
     n, m = program.n, program.m
     column, row, scalar = ca.Sparsity.dense(n, 1), ca.Sparsity.dense(1, n), ca.Sparsity.dense(1, 1)
     empty, constraint = ca.Sparsity(0, 0), ca.Sparsity.dense(m, 1)
@@ -185,13 +175,31 @@ def solve(
         [program.hessian_sparsity],
         lambda a: [program.hessian(a[0], float(a[2][0]), a[3])],
     )
-    watch = _Watch(n, m, report)
-    x = ca.MX.sym("x", n)
+    return fg, {"grad_f": gf, "jac_g": jg, "hess_lag": hl}
+
+
+def solve(
+    program: NonlinearProgram,
+    x0: np.ndarray,
+    tolerance: float = 1e-6,
+    max_iterations: int = 300,
+    time_limit: float | None = None,
+    progress: OnProgress | None = None,
+    task: str = "solve",
+    options: Mapping[str, Any] | None = None,
+) -> Solution:
+    """Solve ``program`` from ``x0`` (n,). Never raises for a failure of the solver: the solution says so.
+
+    tolerance, max_iterations, time_limit [s]: of IPOPT; progress: called at every iterate, under the name ``task``,
+    with the objective and the constraint violation; options: further ones of IPOPT, such as ROUGH. Ctrl-C (in the main
+    thread) stops at the next iterate and returns the best one (``Interrupts``).
+    """
+    fg, derivatives = _functions(program)
+    watch = _Watch(program.n, program.m, progress, task)
+    x = ca.MX.sym("x", program.n)
     f, g = fg(x)
     settings: dict[str, Any] = {
-        "grad_f": gf,
-        "jac_g": jg,
-        "hess_lag": hl,
+        **derivatives,
         "no_nlp_grad": True,
         "calc_lam_p": False,
         "iteration_callback": watch,
@@ -208,8 +216,6 @@ def solve(
     }
     if time_limit is not None:
         settings["ipopt.max_wall_time"] = max(time_limit, 1e-3)
-    if rough:
-        settings.update(ROUGH)
     settings.update(options or {})
     solver = ca.nlpsol("solver", "ipopt", {"x": x, "f": f, "g": g}, settings)
     lower, upper = program.bounds()

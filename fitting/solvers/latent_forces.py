@@ -24,14 +24,14 @@ LEAST = 1e-3
 """Smallest size estimated, as a share of the typical one: where the runs show no such force."""
 
 
-def asked(ship: Ship) -> tuple[str, ...]:
+def free_axes(ship: Ship) -> tuple[str, ...]:
     """Axes whose size is to be estimated."""
     if "disturbance" not in ship.effects:
         return ()
     return tuple(a for a in AXES if ship.coefficients[f"disturbance.{a}"].value == 0)
 
 
-def begun(ship: Ship, axes: tuple[str, ...]) -> Ship:
+def with_start_sizes(ship: Ship, axes: tuple[str, ...]) -> Ship:
     """The ship with typical sizes on these axes, from which an estimate starts."""
     typical = _typical(ship) if axes else {}
     return ship.with_values({f"disturbance.{a}": typical[a] for a in axes})
@@ -42,7 +42,7 @@ def _typical(ship: Ship) -> dict[str, float]:
     return {row.symbol: row.typical for row in rows}
 
 
-def estimated(problem: Problem, x: np.ndarray, axes: tuple[str, ...]) -> tuple[Problem, np.ndarray]:
+def update_sizes(problem: Problem, x: np.ndarray, axes: tuple[str, ...]) -> tuple[Problem, np.ndarray]:
     """The problem with re-estimated sizes on ``axes``, and x with the same forces under them."""
     nodes, p = problem.split(x)
     nodes = nodes.copy()
@@ -63,7 +63,7 @@ def jumps(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     seg, nodes = problem.segments, problem.split(x)[0]
     r = problem.random
     start = problem.memory_weight[:, r - 6] * nodes[:, r] ** 2
-    squares = start.sum(axis=0) + (problem.jump_weight[:, None] * problem._jumps(nodes) ** 2).sum(axis=0)
+    squares = start.sum(axis=0) + (problem.jump_weight[:, None] * problem.process_jumps(nodes) ** 2).sum(axis=0)
     parts = Quadratics.of(problem, x)
     determined = np.zeros(len(r))
     for c in range(len(r)):

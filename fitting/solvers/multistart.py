@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from typing import Any
 
 import numpy as np
 
 from fitting.nlp.problem import Problem
-from fitting.nlp.problem_data import Recipe
+from fitting.nlp.problem_data import ProblemData
 from fitting.parallel import run_all
-from fitting.settings import Report, Settings, Start
-from fitting.solvers.ipopt import Solution, solve
+from fitting.settings import Settings, Start
+from fitting.solvers.ipopt import ROUGH, Solution, solve
+from mmg.progress import OnProgress
 
 STUCK = {
     "Restoration_Failed",
@@ -34,15 +35,35 @@ def time_left(settings: Settings, began: float) -> float | None:
     return None if settings.time_limit is None else settings.time_limit - (time.perf_counter() - began)
 
 
+def solve_in_time(
+    problem: Problem,
+    x: np.ndarray,
+    settings: Settings,
+    began: float,
+    progress: OnProgress | None,
+    task: str,
+    options: Mapping[str, Any] | None = None,
+) -> Solution:
+    """Solve ``problem`` from ``x`` (n,) as ``ipopt.solve`` does, by ``settings`` and in the time that is left of them.
+
+    began: when the calibration did (``time.perf_counter``) [s]; progress, task, options: as of ``ipopt.solve``.
+    """
+    left = time_left(settings, began)
+    return solve(problem, x, settings.tolerance, settings.max_iterations, left, progress, task, options)
+
+
 def same_optimum(objective: float, best: float) -> bool:
     """Whether a solve ended at the best optimum found, up to the solver's tolerance."""
     return objective <= best * (1 + 1e-5) + 1e-6
 
 
-def damped(problem: Problem, p: np.ndarray, settings: Settings, began: float, report: Report | None = None) -> Solution:
-    """Solve from coefficients p with nodes on the measurements, the coefficients let go step by step.
+def solve_damped(
+    problem: Problem, p: np.ndarray, settings: Settings, began: float, progress: OnProgress | None = None
+) -> Solution:
+    """Solve ``problem`` from coefficients ``p`` (P,) with nodes on the measurements, the coefficients let go in steps.
 
     Each rough solve holds them within RADII prior standard deviations of where they came to; the last one is free.
+    settings, began, progress: as of ``solve_in_time``.
     """
     iterations = 0
     lower, upper = problem.p_bounds()
@@ -52,15 +73,12 @@ def damped(problem: Problem, p: np.ndarray, settings: Settings, began: float, re
         p = np.clip(p, lower, upper)
         low, high = np.maximum(lower, p - radius), np.minimum(upper, p + radius)
         held = problem.with_bounds(mean + std * low, mean + std * high)
-        watch = partial(report, f"damped restart, {radius:g}") if report else None
-        left = time_left(settings, began)
-        part = solve(held, x, settings.tolerance, settings.max_iterations, left, watch, rough=True)
+        part = solve_in_time(held, x, settings, began, progress, f"damped restart, {radius:g}", ROUGH)
         iterations += part.iterations
         if not np.isfinite(part.objective) or part.status == "User_Requested_Stop":
             break
         x, p = part.x, problem.split(part.x)[1]
-    watch = partial(report, "damped restart") if report else None
-    last = solve(problem, x, settings.tolerance, settings.max_iterations, time_left(settings, began), watch)
+    last = solve_in_time(problem, x, settings, began, progress, "damped restart")
     return replace(last, iterations=last.iterations + iterations)
 
 
@@ -68,7 +86,7 @@ def damped(problem: Problem, p: np.ndarray, settings: Settings, began: float, re
 class StartTask:
     """One further start of the final solve, complete enough to be solved in another process."""
 
-    recipe: Recipe
+    problem_data: ProblemData
     p: np.ndarray
     settings: Settings
     time_limit: float | None
@@ -78,40 +96,43 @@ class StartTask:
 def solve_start(task: StartTask) -> Solution:
     """Solve one start; kernels are built anew (their compiled code is cached)."""
     settings = replace(task.settings, time_limit=task.time_limit)
-    return _one(task.recipe.problem(), task.p, settings, time.perf_counter(), task.damped)
+    return _one(task.problem_data.problem(), task.p, settings, time.perf_counter(), task.damped)
 
 
 def _one(
-    problem: Problem, p: np.ndarray, settings: Settings, began: float, careful: bool, report: Report | None = None
+    problem: Problem, p: np.ndarray, settings: Settings, began: float, damped: bool, progress: OnProgress | None = None
 ) -> Solution:
-    if careful:
-        return damped(problem, p, settings, began, report)
-    left = time_left(settings, began)
-    watch = partial(report, "another start") if report else None
-    return solve(problem, problem.start(p), settings.tolerance, settings.max_iterations, left, report=watch)
+    if damped:
+        return solve_damped(problem, p, settings, began, progress)
+    return solve_in_time(problem, problem.start(p), settings, began, progress, "another start")
 
 
 def _solve_all(
-    problem: Problem, settings: Settings, points: list[np.ndarray], careful: bool, began: float, report: Report | None
+    problem: Problem,
+    settings: Settings,
+    points: list[np.ndarray],
+    damped: bool,
+    began: float,
+    progress: OnProgress | None,
 ) -> list[Solution]:
     """Solutions from other starting points, in processes when there are several workers."""
     if settings.workers > 1 and len(points) > 1:
-        left, recipe = time_left(settings, began), Recipe.of(problem)
-        tasks = [StartTask(recipe, p, settings, left, careful) for p in points]
+        left, data = time_left(settings, began), ProblemData.of(problem)
+        tasks = [StartTask(data, p, settings, left, damped) for p in points]
         return run_all(solve_start, tasks, settings.workers)
     solutions: list[Solution] = []
     for p in points:
         left = time_left(settings, began)
         if left is not None and left <= 0:
             break
-        solutions.append(_one(problem, p, settings, began, careful, report))
+        solutions.append(_one(problem, p, settings, began, damped, progress))
         if solutions[-1].status == "User_Requested_Stop":
             break
     return solutions
 
 
 def solve_starts(
-    problem: Problem, first: Solution, settings: Settings, began: float, report: Report | None
+    problem: Problem, first: Solution, settings: Settings, began: float, progress: OnProgress | None
 ) -> tuple[Solution, list[Start]]:
     """Further random starts of the last problem; returns the best solution and the list of all starts.
 
@@ -121,10 +142,10 @@ def solve_starts(
     if first.converged and settings.starts > 1:
         rng = np.random.default_rng(settings.seed)
         points += [rng.normal(scale=0.5, size=problem.P) for _ in range(1, settings.starts)]
-        solutions += _solve_all(problem, settings, points[1:], False, began, report)
+        solutions += _solve_all(problem, settings, points[1:], False, began, progress)
         lowest = min(s.objective for s in solutions if s.converged)
         retry = [i for i, s in enumerate(solutions) if _worse(s, lowest)]
-        ends = _solve_all(problem, settings, [points[i] for i in retry], True, began, report)
+        ends = _solve_all(problem, settings, [points[i] for i in retry], True, began, progress)
         for i, s in zip(retry, ends, strict=False):  # a time limit leaves some unsolved
             again.add(i)
             if s.converged and (not solutions[i].converged or s.objective < solutions[i].objective):

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
 from fitting.nlp.problem import Problem
-from fitting.settings import Report, Settings
-from fitting.solvers.ipopt import Solution, solve
-from fitting.solvers.latent_forces import asked, begun, estimated
-from fitting.solvers.multistart import STUCK, damped, time_left
-from fitting.solvers.residual_noise import Noise, estimate
+from fitting.settings import Settings
+from fitting.solvers.ipopt import ROUGH, Solution
+from fitting.solvers.latent_forces import free_axes, update_sizes, with_start_sizes
+from fitting.solvers.multistart import STUCK, solve_damped, solve_in_time
+from fitting.solvers.residual_noise import ResidualNoise, estimate_noise
+from mmg.progress import OnProgress
 
 
-def _noise(problem: Problem, x: np.ndarray) -> Noise:
+def _noise(problem: Problem, x: np.ndarray) -> ResidualNoise:
     floor = 1e-6 * problem.scale[:6]
-    return estimate(problem.segments, *problem.errors(x), floor=floor, robust=problem.loss.robust)
+    return estimate_noise(problem.segments, *problem.errors(x), floor=floor, robust=problem.loss.robust)
 
 
 FORCE_PASSES = 3
@@ -26,9 +26,9 @@ FEW_WINDOWS = 12
 """Windows of the first solve: enough to bring the coefficients near and to see the size of the residuals."""
 
 
-def solve_passes(
-    problem: Problem, x: np.ndarray, settings: Settings, began: float, report: Report | None
-) -> tuple[Problem, Solution, Noise, list[dict]]:
+def solve_with_noise_estimation(
+    problem: Problem, x: np.ndarray, settings: Settings, began: float, progress: OnProgress | None
+) -> tuple[Problem, Solution, ResidualNoise, list[dict]]:
     """Rough solves that estimate the noise and the sizes of latent forces, then one with those to full tolerance.
 
     The first rough solve sees at most FEW_WINDOWS windows, evenly spread; the estimate of each solve starts the next.
@@ -36,9 +36,9 @@ def solve_passes(
     robust loss the rough solves use Student's t, which lets go of gross outliers at once.
     """
     passes: list[dict] = []
-    axes = asked(problem.ship)
+    axes = free_axes(problem.ship)
     count = 1 if settings.sigma and not axes else max(1, settings.passes) + (FORCE_PASSES if axes else 0)
-    full, p = problem.with_ship(begun(problem.ship, axes)) if axes else problem, problem.split(x)[1]
+    full, p = problem.with_ship(with_start_sizes(problem.ship, axes)) if axes else problem, problem.split(x)[1]
     for number in range(count):
         rough = number < count - 1
         windows = len(full.segments.run)
@@ -51,18 +51,10 @@ def solve_passes(
         if rough and problem.loss.robust:
             problem = problem.with_loss("student")
         name = f"pass {number + 1} of {count}"
-        solution = solve(
-            problem,
-            x,
-            settings.tolerance,
-            settings.max_iterations,
-            time_left(settings, began),
-            report=partial(report, name) if report else None,
-            rough=rough,
-        )
+        solution = solve_in_time(problem, x, settings, began, progress, name, ROUGH if rough else None)
         restarted = solution.status in STUCK
         if restarted:
-            solution = damped(problem, p, settings, began, report)
+            solution = solve_damped(problem, p, settings, began, progress)
         noise = _noise(problem, solution.x)
         passes.append(
             {
@@ -81,7 +73,7 @@ def solve_passes(
             break
         x = solution.x
         if axes:
-            problem, x = estimated(problem, x, axes)
+            problem, x = update_sizes(problem, x, axes)
             full = full.with_ship(problem.ship)
         x = x if problem.segments is full.segments else full.start(p)
         if not settings.sigma:

@@ -17,7 +17,7 @@ from fitting.nlp.windows import Segments
 
 
 @dataclass(frozen=True)
-class Noise:
+class ResidualNoise:
     """Residual statistics by state channel, each (6,): rms [SI], tau [samples], sigma = rms sqrt(tau)."""
 
     rms: np.ndarray
@@ -65,9 +65,9 @@ def correlation_time(residuals: list[np.ndarray], longest: int) -> float:
     return float(max(1.0, 1 + 2 * rho[1:end].sum()))
 
 
-def estimate(
+def estimate_noise(
     segments: Segments, node_residuals: np.ndarray, interior: np.ndarray, floor: np.ndarray, robust: bool = False
-) -> Noise:
+) -> ResidualNoise:
     """Noise of each channel from the residuals of a fit; ``floor`` (6,) is the least rms believed.
 
     One degree of freedom per window and channel is given to the free initial states. A channel that is nowhere
@@ -84,4 +84,4 @@ def estimate(
         total = sum(float(np.nansum(part**2)) for part in e)
         rms[channel] = max(np.sqrt(total / (count - len(e))), floor[channel])
         tau[channel] = correlation_time(e, longest=max(2, max(len(part) for part in e) // 2))
-    return Noise(rms, tau)
+    return ResidualNoise(rms, tau)

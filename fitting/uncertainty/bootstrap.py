@@ -16,7 +16,7 @@ import numpy as np
 from fitting.nlp.fisher_information import Information
 from fitting.nlp.loss import Loss
 from fitting.nlp.problem import Problem
-from fitting.nlp.problem_data import Recipe
+from fitting.nlp.problem_data import ProblemData
 from fitting.parallel import run_all
 from fitting.solvers.ipopt import solve
 from fitting.uncertainty.sandwich import left_out
@@ -36,7 +36,7 @@ class Refits:
     prior's centres, in prior standard deviations.
     """
 
-    recipe: Recipe
+    problem_data: ProblemData
     x: np.ndarray
     counts: np.ndarray
     shifts: np.ndarray
@@ -100,7 +100,7 @@ def weighted(problem: Problem, x: np.ndarray, counts: np.ndarray, shift: np.ndar
 
 def refit(task: Refits) -> list[tuple[np.ndarray, str]]:
     """(p relative to the original prior, reason of failure or "") of each replicate of a task."""
-    problem = task.recipe.problem()
+    problem = task.problem_data.problem()
     return [_refit_one(problem, task.x, c, s) for c, s in zip(task.counts, task.shifts, strict=True)]
 
 
@@ -123,8 +123,8 @@ def _refit_one(problem: Problem, x: np.ndarray, counts: np.ndarray, shift: np.nd
 
 def _spread(problem: Problem, x: np.ndarray, counts: np.ndarray, shifts: np.ndarray, workers: int) -> list:
     chunks = max(1, min(len(counts), CHUNKS * workers if workers > 1 else 1))
-    recipe = Recipe.of(problem)
-    tasks = [Refits(recipe, x, counts[i], shifts[i]) for i in np.array_split(np.arange(len(counts)), chunks)]
+    data = ProblemData.of(problem)
+    tasks = [Refits(data, x, counts[i], shifts[i]) for i in np.array_split(np.arange(len(counts)), chunks)]
     if len(tasks) == 1:  # the kernels are here already
         return [_refit_one(problem, x, c, s) for c, s in zip(counts, shifts, strict=True)]
     return [outcome for part in run_all(refit, tasks, workers) for outcome in part]

@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from fitting.nlp.problem import Problem
-from fitting.nlp.problem_data import Recipe
+from fitting.nlp.problem_data import ProblemData
 from fitting.parallel import run_all
 from fitting.solvers.ipopt import solve
 from fitting.uncertainty.bootstrap import WARM
@@ -48,21 +48,21 @@ class Profile:
 
 
 @dataclass(frozen=True)
-class Side:
+class ProfileSide:
     """One side of a profile as a task: values of p[i] to hold in turn, walking away from the estimate."""
 
-    recipe: Recipe
+    problem_data: ProblemData
     x: np.ndarray
     i: int
     held: np.ndarray
 
 
-def walk(task: Side) -> list[tuple[float, str]]:
+def walk(task: ProfileSide) -> list[tuple[float, str]]:
     """(objective, reason of failure or "") at each held value; each solve starts from the one before."""
-    return _walk(task.recipe.problem(), task)
+    return _walk(task.problem_data.problem(), task)
 
 
-def _walk(problem: Problem, task: Side) -> list[tuple[float, str]]:
+def _walk(problem: Problem, task: ProfileSide) -> list[tuple[float, str]]:
     x, found = task.x, []
     for value in task.held:
         lower, upper = problem.prior.lower.copy(), problem.prior.upper.copy()
@@ -91,7 +91,7 @@ def profiles(
     """
     names, (_, p) = list(problem.prior.symbols), problem.split(x)
     lower, upper = problem.p_bounds()
-    best, recipe, tasks = problem.objective(x), Recipe.of(problem), []
+    best, data, tasks = problem.objective(x), ProblemData.of(problem), []
     for symbol in symbols:
         if symbol not in names:
             raise ValueError(f"{symbol} is not among the free coefficients")
@@ -101,7 +101,7 @@ def profiles(
             held = np.clip(p[i] + sign * STRIDE * se * np.arange(1, STEPS + 1), lower[i], upper[i])
             held = held[np.abs(held - p[i]) > 1e-9]
             held = held[np.r_[True, np.abs(np.diff(held)) > 1e-9]] if len(held) else held
-            tasks.append(Side(recipe, x, i, held))
+            tasks.append(ProfileSide(data, x, i, held))
     outcomes = run_all(walk, tasks, workers) if workers > 1 else [_walk(problem, task) for task in tasks]
     return [
         _profile(problem, symbol, p, best, covariance, model, tasks[2 * k : 2 * k + 2], outcomes[2 * k : 2 * k + 2])
@@ -111,7 +111,7 @@ def profiles(
 
 def _profile(
     problem: Problem, symbol: str, p: np.ndarray, best: float, covariance: np.ndarray, model: np.ndarray,
-    sides: list[Side], outcomes: list[list[tuple[float, str]]],
+    sides: list[ProfileSide], outcomes: list[list[tuple[float, str]]],
 ) -> Profile:  # fmt: skip
     i = sides[0].i
     mean, std = problem.prior.mean[i], problem.prior.std[i]

@@ -30,7 +30,7 @@ def uncertainty_rows(calibration: Calibration, replicates: int = 0, profiled: Se
     """
     symbols, info, spread = calibration.prior.symbols, calibration.information, calibration.spread
     check_request(replicates, profiled, symbols)
-    if info is None or spread is None or calibration.recipe is None:
+    if info is None or spread is None or calibration.problem_data is None:
         return {}
     unit, sizes = calibration.prior.std, np.sqrt(np.diag(spread.covariance))
     content: dict = {
@@ -51,7 +51,7 @@ def uncertainty_rows(calibration: Calibration, replicates: int = 0, profiled: Se
     }
     if not (replicates or profiled):
         return content
-    problem, x, workers = calibration.recipe.problem(), calibration.solution.x, calibration.settings.workers
+    problem, x, workers = calibration.problem_data.problem(), calibration.solution.x, calibration.settings.workers
     if replicates:
         began = time.perf_counter()
         full = bootstrap(info, replicates, calibration.settings.seed, problem, x, workers)

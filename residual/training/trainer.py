@@ -230,7 +230,7 @@ class _Attempt:
     def _stopped(self) -> bool:
         task = self.task
         late = task.seconds is not None and time.perf_counter() - self.began > task.seconds
-        return late or INTERRUPTED.asked or (task.stop is not None and task.stop.exists())
+        return late or INTERRUPTED.requested or (task.stop is not None and task.stop.exists())
 
 
 def stages(task: Task) -> list[tuple[float, Batch, int]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import replace
 
 import numpy as np
@@ -16,9 +17,11 @@ from cases.simulation.sensors import SensorNoise, add_noise
 from cases.simulation.simulate import simulate
 from cases.trial import Trial
 from fitting import model_selection as selection
-from fitting.model_selection import Choice, folds_of, pooled, prepare, select, spread
+from fitting.model_selection import Choice, folds_of, prepare, select, standard_error, weighted_mean
 from fitting.settings import Settings
 from mmg.errors import UserError
+from mmg.messages import has_code
+from mmg.progress import LOGGER, Progress
 from mmg.ship import Ship
 from tests.support.synthetic_runs import runs
 
@@ -54,8 +57,8 @@ def test_folds_hold_every_run_once_and_spread_the_kinds() -> None:
 
 def test_the_standard_error_of_a_difference_is_that_of_its_mean() -> None:
     d = np.random.default_rng(0).normal(size=(2000, 3))
-    assert spread(d, np.ones(2000)) == pytest.approx(1 / np.sqrt(2000), rel=0.1)
-    assert pooled(np.array([1.0, np.nan, 3.0]), np.array([1.0, 5.0, 3.0])) == pytest.approx(2.5)
+    assert standard_error(d, np.ones(2000)) == pytest.approx(1 / np.sqrt(2000), rel=0.1)
+    assert weighted_mean(np.array([1.0, np.nan, 3.0]), np.array([1.0, 5.0, 3.0])) == pytest.approx(2.5)
 
 
 def test_a_choice_is_put_on_the_ship() -> None:
@@ -67,24 +70,28 @@ def test_a_choice_is_put_on_the_ship() -> None:
     assert back.effects == ship.effects
 
 
-def test_a_velocity_lag_in_the_data_is_found_by_cross_validation(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_velocity_lag_in_the_data_is_found_by_cross_validation(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
     monkeypatch.setattr(selection, "STEPS", ())
     monkeypatch.setattr(selection, "WIDTHS", ())
     monkeypatch.setattr(selection, "INSTRUMENTS", (("velocity_lag",),))
     trials = late(1.0)
-    said: list[str] = []
-    found = select(start(), trials, Settings(step=1.0, window=50.0), say=said.append)
+    caplog.set_level(logging.INFO, logger=LOGGER.name)
+    steps: list[Progress] = []
+    found = select(start(), trials, Settings(step=1.0, window=50.0), progress=steps.append)
     assert found.choice.measurement == ("velocity_lag",) and "velocity_lag.tau" in found.ship.free
     rows = found.to_rows()
     assert rows[0]["varied"] == "start" and rows[0]["taken"] and rows[1]["taken"]
     assert rows[1]["window"] < rows[0]["window"] and rows[1]["difference"] < -rows[1]["error"]
-    assert len(said) == len(rows) and not rows[-1]["taken"]
+    assert len(caplog.records) == len(rows) and not rows[-1]["taken"]
+    assert [s.step for s in steps if s.task == steps[0].task] == list(range(1, 1 + (steps[0].of or 0)))
     assert found.settings.loss == "gaussian"
 
 
 def test_no_time_leaves_the_choice_as_given() -> None:
     found = select(start(), late(0.0)[:3], Settings(step=1.0, window=50.0), limit=0.0)
-    assert len(found.table) == 1 and "stopped" in found.notices[-1]
+    assert len(found.table) == 1 and has_code(found.notices, "model_choice_stopped")
 
 
 def test_too_few_runs_are_refused() -> None:

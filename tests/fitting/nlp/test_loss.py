@@ -29,8 +29,8 @@ def test_slope_and_bend_are_the_derivatives_of_the_cost(name: str) -> None:
     w, e, h = rng.uniform(0.5, 2, (40, 6)), 4 * rng.normal(size=(40, 6)), 1e-4
     first = (loss.cost(w, e + h) - loss.cost(w, e - h)) / (4 * h)
     second = (loss.cost(w, e + h) - 2 * loss.cost(w, e) + loss.cost(w, e - h)) / (2 * h * h)
-    np.testing.assert_allclose(loss.slope(w, e) * e, first, atol=1e-6)
-    np.testing.assert_allclose(loss.bend(w, e), second, atol=1e-4)
+    np.testing.assert_allclose(loss.weight(w, e) * e, first, atol=1e-6)
+    np.testing.assert_allclose(loss.second_derivative(w, e), second, atol=1e-4)
     cube = np.moveaxis(e[None], 1, 2)
     np.testing.assert_allclose(loss.cost(np.moveaxis(w[None], 1, 2), cube)[0].T, loss.cost(w, e))
 

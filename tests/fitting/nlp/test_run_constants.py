@@ -121,7 +121,7 @@ def test_captive_tests_know_no_constants_of_runs() -> None:
     scaled = (np.array([still.coefficients[s].value if s in FREE else 0.0 for s in p.prior.local[: p.prior.shared]])
               - p.prior.mean[: p.prior.shared]) / p.prior.std[: p.prior.shared]  # fmt: skip
     assert p.captive is not None
-    assert p.captive.cost(p.in_tank(np.r_[scaled, np.full(6, 2.0)])) == pytest.approx(0, abs=1e-12)
+    assert p.captive.cost(p.captive_coefficients(np.r_[scaled, np.full(6, 2.0)])) == pytest.approx(0, abs=1e-12)
 
 
 def test_information_and_its_shared_part_are_those_of_the_whole_program() -> None:

@@ -19,7 +19,7 @@ from cases.trial import Trial
 from fitting.prediction.adaptation import Adaptation, adapt, advice, history, restarts
 from fitting.prediction.predict import predict, predict_all, record_of
 from fitting.prediction.score import score
-from fitting.prediction.stretches import Batch, Stretch, Water, roll
+from fitting.prediction.stretches import Stretch, Water, WindowBatch, roll
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 from mmg_ident.commands.main import main
@@ -129,8 +129,8 @@ def test_a_current_that_lasts_is_that_of_the_current_effect() -> None:
     record = record_of(run(False, noise=False), ship.inputs)
     timed = record_of(run(False, noise=False), moving.ship.inputs)
     water = Water(np.array([[CURRENT["x"]], [CURRENT["y"]]]), 1e9)
-    ours = roll(simulator(), Batch.of([Stretch(record, 100, 250)]), water)[0]
-    theirs = roll(moving, Batch.of([Stretch(timed, 100, 250)]))[0]
+    ours = roll(simulator(), WindowBatch.of([Stretch(record, 100, 250)]), water)[0]
+    theirs = roll(moving, WindowBatch.of([Stretch(timed, 100, 250)]))[0]
     np.testing.assert_allclose(ours, theirs, atol=1e-6)
 
 

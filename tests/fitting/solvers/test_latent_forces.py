@@ -13,7 +13,7 @@ from fitting.calibration import estimate_coefficients
 from fitting.nlp.fisher_information import Quadratics
 from fitting.nlp.problem import Problem
 from fitting.settings import Settings
-from fitting.solvers.latent_forces import AXES, asked, begun, jumps, log_determinant
+from fitting.solvers.latent_forces import AXES, free_axes, jumps, log_determinant, with_start_sizes
 from mmg.ship import Ship
 from tests.fitting.nlp.test_fisher_information import latent
 
@@ -82,8 +82,8 @@ def test_without_forces_the_sizes_go_to_next_to_nothing_and_given_ones_stay() ->
     how = Disturbed(0.0, 0.0, 0.0, tau=10.0, defects=())
     trials = disturbed_trials(load_ship("esso_osaka_3m"), RUNS[:2], 4, how)
     ship = freeing_effects(few_free(), ["disturbance:Y=0.2"])
-    assert asked(ship) == ("X", "N")
-    started = begun(ship, asked(ship))
+    assert free_axes(ship) == ("X", "N")
+    started = with_start_sizes(ship, free_axes(ship))
     found = estimate_coefficients(ship, trials, Settings(compiled=False)).ship
     assert found.coefficients["disturbance.Y"].value == 0.2
     for a in ("X", "N"):
