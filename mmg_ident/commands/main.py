@@ -7,6 +7,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable
+from importlib import import_module
 from typing import Any
 
 for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -29,37 +30,16 @@ def _noted(*given: Any) -> None:
 
 
 _usual = signal.getsignal(signal.SIGINT)
-if __name__ == "__main__" or sys.argv[0].endswith("mmg"):
+if __name__ == "__main__" or sys.argv[0].endswith(("mmg", "mmg-ident")):
     signal.signal(signal.SIGINT, _stopped)
 
 import typer
+from typer.core import TyperGroup
 
-from mmg.errors import UserError
-from mmg_ident.commands.check import check
-from mmg_ident.commands.compare import compare
-from mmg_ident.commands.demo import demo
-from mmg_ident.commands.diagnose import diagnose
-from mmg_ident.commands.effects import effects
-from mmg_ident.commands.fit import fit
-from mmg_ident.commands.imo import imo
-from mmg_ident.commands.predict import predict
-from mmg_ident.commands.report import report
-from mmg_ident.commands.score import score
-from mmg_ident.commands.ships import ships
-from mmg_ident.commands.simulate import simulate
-from mmg_ident.commands.train import train
+from mmg_ident.shadow import shadowing_mmg
 
 MANY = ("--validate", "--train", "--test", "--sigma-from", "--new")
 """Options that take several values after one name: ``--validate a.csv b.csv``."""
-
-app = typer.Typer(
-    name="mmg",
-    help="Manoeuvring models (MMG) of ships, calibrated from trial data.",
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,
-)
 
 
 def _interruptible(verb: Callable[..., Any]) -> Callable[..., Any]:
@@ -69,16 +49,67 @@ def _interruptible(verb: Callable[..., Any]) -> Callable[..., Any]:
     def run_verb(*given: Any, **options: Any) -> Any:
         if signal.getsignal(signal.SIGINT) is _stopped:
             signal.signal(signal.SIGINT, _usual if _usual is signal.SIG_IGN else _noted)
+        from mmg_ident.commands.output import narration
+
         try:
-            return verb(*given, **options)
+            with narration():
+                return verb(*given, **options)
         except KeyboardInterrupt:
             raise typer.Abort from None
 
     return run_verb
 
 
-for verb in (demo, ships, effects, check, simulate, imo, fit, train, predict, score, compare, diagnose, report):
-    app.command(verb.__name__)(_interruptible(verb))
+VERBS = {
+    "demo": "The whole story on embedded synthetic trials, in under two minutes.",
+    "ships": "List the ships that come with the package, print one, or write a starting ship of your own.",
+    "effects": "List the effects that a model may leave out, or explain one.",
+    "check": "Check trial files: units, signs, frames, gaps, copies, lags, excitation.",
+    "simulate": "Simulate a manoeuvre, or the inputs of a trial file.",
+    "imo": "Judge a ship, or measured runs, by the IMO criteria.",
+    "fit": "Calibrate a ship on trials.",
+    "train": "Learn a residual on a calibrated ship, or a black box.",
+    "predict": "Predict open-loop windows of trials.",
+    "score": "Score models on trials, side by side.",
+    "compare": "Compare models with the published networks on the public splits.",
+    "diagnose": "Say which effect a model lacks, where the gap lies and how far it shrinks.",
+    "report": "Write one HTML page on a run, or on several side by side.",
+}
+"""Verb -> its line in ``mmg --help``, in that order; each has a module and a function of its name in this folder."""
+
+
+class _Verbs(TyperGroup):
+    """The verbs, of which a module is imported when its verb is called or its help is shown."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        return list(VERBS)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        if cmd_name not in VERBS:
+            return None
+        verb = getattr(import_module(f"mmg_ident.commands.{cmd_name}"), cmd_name)
+        one = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
+        one.command(cmd_name)(_interruptible(verb))
+        return typer.main.get_command(one)
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl(list(VERBS.items()))
+
+
+app = typer.Typer(
+    name="mmg",
+    cls=_Verbs,
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+
+@app.callback()
+def _about() -> None:
+    """Manoeuvring models (MMG) of ships, calibrated from trial data."""
 
 
 def _is_number(argument: str) -> bool:
@@ -90,7 +121,7 @@ def _is_number(argument: str) -> bool:
 
 
 def expand(arguments: list[str]) -> list[str]:
-    """Repeat an option of ``MANY`` before each of its values, which end at the next option.
+    """The ``arguments`` with an option of ``MANY`` repeated before each of its values, which end at the next option.
 
     One without a value ends the line, so that the missing value is what is complained about.
     """
@@ -113,7 +144,15 @@ def expand(arguments: list[str]) -> list[str]:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run one command line; returns the exit code: 0 success, 1 unfinished, 2 bad input, 130 interrupted."""
+    """Run one command line; returns the exit code: 0 success, 1 unfinished, 2 bad input, 130 interrupted.
+
+    arguments: without the program's name; default those of the process.
+    """
+    if in_the_way := shadowing_mmg():
+        print(f"mmg: {in_the_way}", file=sys.stderr)
+        return 2
+    from mmg.errors import UserError
+
     try:
         outcome = app(expand(sys.argv[1:] if arguments is None else arguments), standalone_mode=False)
         return outcome if isinstance(outcome, int) else 0
@@ -131,7 +170,7 @@ def main(arguments: list[str] | None = None) -> int:
         return int(stop.exit_code)
     except Exception as error:
         if hasattr(error, "format_message"):  # a usage error of the command line
-            print(f"mmg: {' '.join(error.format_message().split())}; see mmg --help", file=sys.stderr)
+            print(f"mmg: {' '.join(error.format_message().split()).rstrip('.')}; see mmg --help", file=sys.stderr)
             return 2
         if _pressed:
             print("mmg: interrupted", file=sys.stderr)

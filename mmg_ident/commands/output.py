@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,6 +29,30 @@ def print_json(data: Any) -> None:
     print(json.dumps(plain(data), indent=2))
 
 
+class _ToStderr(logging.Handler):
+    """Prints the sentences of long work, each on a line of its own, over the progress that is being shown."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        end_progress()
+        say(record.getMessage())
+
+
+@contextmanager
+def narration() -> Iterator[None]:
+    """While it lasts, the sentences of ``mmg.progress.LOGGER`` go to stderr."""
+    from mmg.progress import LOGGER
+
+    handler, level = _ToStderr(logging.INFO), LOGGER.level
+    LOGGER.addHandler(handler)
+    LOGGER.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        LOGGER.removeHandler(handler)
+        LOGGER.setLevel(level)
+        end_progress()
+
+
 def progress() -> OnProgress | None:
     """A one-line progress display on a terminal; None when stderr is none."""
     if not sys.stderr.isatty():
@@ -42,6 +68,7 @@ def progress() -> OnProgress | None:
 
 
 def end_progress() -> None:
+    """Clears the line of ``progress`` on a terminal."""
     if sys.stderr.isatty():
         sys.stderr.write("\r\033[K")
 
