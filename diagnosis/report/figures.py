@@ -1,11 +1,12 @@
-"""Figures of a diagnosis: the ranking of the candidates, what the gap is on test trials, shares by channel and band.
+"""Figures of a diagnosis: ranking of the candidates, error on the test trials, missing force by channel and band.
 
-Those of where the gap lies are in ``diagnosis.report.where_figures``.
+A panel is drawn by a function of the findings and an axes; figures of several panels are put together from those. Those
+of where the gap lies are in ``diagnosis.report.where_figures``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,67 +19,73 @@ from diagnosis.findings import Findings, RankedCandidate
 from diagnosis.report.where_figures import state_figure, track_figure
 from fitting.report.plot_style import AFTER, ALARM, BEFORE, GREY, MEASURED, dress, new_figure
 
-CLASS = "#7FB8D8"
-"""What cannot be told from the named effect."""
+SAME_CLASS = "#7FB8D8"
+"""Colour of what cannot be told from the named effect."""
+OTHER = "#C4C9CE"
+"""Colour of the other candidates."""
 BAND_COLOURS = ("#3B3B3B", "#6B5B95", "#0072B2", "#56B4E9", "#B9DDF0", "#DDDDDD")
 """From the mean of a run to the fastest band."""
+SHOWN = 14
+"""Candidates in the ranking."""
 
 
-def ranking_figure(d: Findings, most: int = 14) -> Figure:
-    """Candidates: score of the test at the fit without effects, and gain in BIC of those that were refitted."""
-    rows = list(d.candidates[:most])[::-1]
-    figure = new_figure(1.3 + 0.27 * len(rows))
-    left, right = figure.subplots(1, 2, sharey=True)
+def _shown(d: Findings) -> list[RankedCandidate]:
+    """The best candidates, the best last, as bars are stacked."""
+    return list(d.candidates[:SHOWN])[::-1]
+
+
+def _colours(d: Findings) -> list[str]:
+    named = {e.name for e in d.effects}
+    return [AFTER if c.name in named else SAME_CLASS if c.name in d.equivalence_class else OTHER for c in _shown(d)]
+
+
+def plot_scores(d: Findings, ax: Axes) -> None:
+    """Score tests of the candidates of ``d`` at the fit without effects, into ``ax``."""
+    rows = _shown(d)
     at = np.arange(len(rows))
-    colours = [_colour(d, row) for row in rows]
-    dress(left, "chi-squared of the test (square-root scale)", title="How loudly each asks to be in the model")
-    left.barh(at, [max(row.score, 0.0) for row in rows], color=colours, height=0.66)
-    left.set_xscale("function", functions=(lambda x: np.sqrt(np.maximum(x, 0)), np.square))
-    left.set_yticks(at, [row.name.replace("_", " ") for row in rows], fontsize=8.5)
+    dress(ax, "chi-squared of the score test (square-root scale)", title="Score test, without any effect")
+    ax.barh(at, [max(row.score, 0.0) for row in rows], color=_colours(d), height=0.66)
+    ax.set_xscale("function", functions=(lambda x: np.sqrt(np.maximum(x, 0)), np.square))
+    ax.set_yticks(at, [row.name.replace("_", " ") for row in rows], fontsize=8.5)
     top = max([row.score for row in rows] + [1.0])
-    left.set_xlim(0, 1.45 * top)
-    left.set_xticks([t for t in _ticks(top)])
+    ax.set_xlim(0, 1.45 * top)
+    ax.set_xticks(sorted({float(f"{x:.1g}") for x in top * np.linspace(0, 1, 5) ** 2}))
     for i, row in enumerate(rows):
-        left.text(max(row.score, 0.0), i, f"  {p_words(row)}", va="center", fontsize=7.5, color="#444444")
-    dress(right, "gain in BIC when refitted (symmetric-log scale)", title="What it gains when all is refitted")
-    known = {e.name: e.delta_bic for e in d.effects}  # of a second one: beside the first
+        ax.text(max(row.score, 0.0), i, f"  {p_words(row)}", va="center", fontsize=7.5, color="#444444")
+
+
+def plot_gains(d: Findings, ax: Axes) -> None:
+    """Gain in BIC of the candidates of ``d`` that were refitted, into ``ax``; of a second effect: beside the first."""
+    rows = _shown(d)
+    dress(ax, "gain in BIC (symmetric-log scale)", title="Gain in BIC after the refit")
+    known = {e.name: e.delta_bic for e in d.effects}
     gains = [known.get(row.name, row.delta_bic) for row in rows]
-    right.barh(at, [g if g is not None else 0.0 for g in gains], color=colours, height=0.66)
-    right.axvline(0, color=MEASURED, lw=0.8)
-    right.set_xscale("symlog", linthresh=10.0)
+    ax.barh(np.arange(len(rows)), [g if g is not None else 0.0 for g in gains], color=_colours(d), height=0.66)
+    ax.axvline(0, color=MEASURED, lw=0.8)
+    ax.set_xscale("symlog", linthresh=10.0)
     reach = [g for g in gains if g is not None] or [0.0]
-    right.set_xlim(min(-12.0, 2.5 * min(reach)), max(12.0, 4.0 * max(reach)))
+    ax.set_xlim(min(-12.0, 2.5 * min(reach)), max(12.0, 4.0 * max(reach)))
     for i, gain in enumerate(gains):
         words = "  not refitted" if gain is None else f"  {gain:+.0f}".replace("-", "−")
         words += " beside the first" if rows[i].name in list(known)[1:] else ""
-        right.text(max(gain or 0.0, 0.0), i, words, va="center", fontsize=7.5, color="#444444" if gain else GREY)
-    _legend(figure, d)
+        ax.text(max(gain or 0.0, 0.0), i, words, va="center", fontsize=7.5, color="#444444" if gain else GREY)
+
+
+def ranking_figure(d: Findings) -> Figure:
+    """``plot_scores`` and ``plot_gains`` of ``d`` side by side."""
+    figure = new_figure(1.3 + 0.27 * len(_shown(d)))
+    left, right = figure.subplots(1, 2, sharey=True)
+    plot_scores(d, left)
+    plot_gains(d, right)
+    items = [("named", AFTER, bool(d.effects)), ("cannot be told from it", SAME_CLASS, bool(d.equivalence_class))]
+    items.append(("other candidates" if d.effects else "candidates, none of them named", OTHER, True))
+    handles = [Patch(color=color, label=words) for words, color, used in items if used]
+    figure.legend(handles=handles, loc="outside lower center", ncols=3, fontsize=8.5, frameon=False)
     return figure
 
 
-def _ticks(top: float) -> Iterable[float]:
-    """A few round numbers from zero, evenly spaced by their roots."""
-    wanted = top * np.linspace(0, 1, 5) ** 2
-    return sorted({float(f"{x:.1g}") for x in wanted})
-
-
-def _colour(d: Findings, row: RankedCandidate) -> str:
-    named = {e.name for e in d.effects}
-    return AFTER if row.name in named else CLASS if row.name in d.equivalence_class else "#C4C9CE"
-
-
-def _legend(figure: Figure, d: Findings) -> None:
-    """Which colour is what; only colours that occur."""
-    items = [("named", AFTER, bool(d.effects)), ("cannot be told from it", CLASS, bool(d.equivalence_class))]
-    items.append(("other candidates" if d.effects else "candidates, none of them named", "#C4C9CE", True))
-    shown = [(words, color) for words, color, used in items if used]
-    handles = [Patch(color=color) for _, color in shown]
-    names = [words for words, _ in shown]
-    figure.legend(handles, names, loc="outside lower center", ncols=3, fontsize=8.5, frameon=False)
-
-
 def p_words(row: RankedCandidate) -> str:
-    """The probability of a candidate's test in a few words."""
+    """The probability of a candidate's test in a few words; row: of the ranking."""
     if not row.excited:
         return "not excited"
     if row.p_value >= 0.01:
@@ -87,40 +94,25 @@ def p_words(row: RankedCandidate) -> str:
 
 
 def held_out_figure(d: Findings) -> Figure:
-    """Error on the test trials before and after, by trial with the total; and by length of the prediction."""
-    held = d.held_out
-    assert held is not None
-    rows = [*held.by_run.items(), ("all windows", (held.mse_before, held.mse_after))][::-1]
-    figure = new_figure(1.5 + 0.34 * max(len(rows), 4))
+    """Error on the test trials of ``d`` before and after, by trial; and by length of the prediction."""
+    assert d.held_out is not None
+    figure = new_figure(1.5 + 0.34 * max(len(d.held_out.by_run) + 1, 4))
     left, right = figure.subplots(1, 2, width_ratios=[1.6, 1.0])
-    dress(left, "mean squared error of 30 s windows", title="By test trial")
-    _pairs(left, rows)
-    left.axhline(0.5, color=GREY, lw=0.8)
-    low, high = (-100 * x for x in held.interval_90[::-1])
-    words = f"all: {-100 * held.reduction:+.0f} % [{low:+.0f}, {high:+.0f}]".replace("-", "−")
-    left.text(0.99, 0.02, words, transform=left.transAxes, ha="right", va="bottom", fontsize=8.5, fontweight="bold")
-    dress(right, "error after / before", title="By length of the prediction")
-    if held.horizons:
-        names = list(held.horizons)[::-1]
-        shares = [held.horizons[n][1] / max(held.horizons[n][0], 1e-300) for n in names]
-        right.barh(names, shares, color=[AFTER if s <= 1 else ALARM for s in shares], height=0.4)
-        right.set_ylim(-0.7, len(names) - 0.3)
-        for i, share in enumerate(shares):
-            right.text(share, i, f"  {share:.2f}", va="center", fontsize=8.5)
-        right.axvline(1.0, color=MEASURED, lw=1.0)
-        right.set_xlim(0, max(1.25, 1.2 * max(shares)))
-    else:
-        right.axis("off")
+    plot_test_trials(d, left)
+    plot_horizons(d, right)
     figure.legend(*left.get_legend_handles_labels(), loc="outside upper left", ncols=2, fontsize=8.5, frameon=False)
     return figure
 
 
-def _pairs(ax: Axes, rows: list[tuple[str, tuple[float, float]]]) -> None:
-    """A line from before to after for each row, on a logarithmic scale."""
+def plot_test_trials(d: Findings, ax: Axes) -> None:
+    """Error of each test trial of ``d`` and of all, before and after, joined by a line, into ``ax``."""
+    held = d.held_out
+    assert held is not None
+    rows = [*held.by_run.items(), ("all windows", (held.mse_before, held.mse_after))][::-1]
+    dress(ax, "mean squared error of 30 s windows", title="By test trial")
     for i, (_, (before, after)) in enumerate(rows):
         ax.plot([before, after], [i, i], color=AFTER if after <= before else ALARM, lw=2.0, zorder=1)
-    errors = np.array([pair for _, pair in rows])  # (rows, 2)
-    at = np.arange(len(rows))
+    errors, at = np.array([pair for _, pair in rows]), np.arange(len(rows))  # (rows, 2)
     ax.plot(errors[:, 0], at, "o", color=BEFORE, ms=6, ls="", label="without the effect", zorder=2)
     ax.plot(errors[:, 1], at, "s", color=AFTER, ms=6, ls="", label="with it", zorder=3)
     least, top = float(errors.min()), float(errors.max())
@@ -134,54 +126,65 @@ def _pairs(ax: Axes, rows: list[tuple[str, tuple[float, float]]]) -> None:
     ax.set_yticks(at, [name for name, _ in rows], fontsize=8.5)
     ax.get_yticklabels()[0].set_fontweight("bold")
     ax.set_ylim(-0.7, len(rows) - 0.3)
+    ax.axhline(0.5, color=GREY, lw=0.8)
+    low, high = (-100 * x for x in held.interval_90[::-1])
+    words = f"all: {-100 * held.reduction:+.0f} % [{low:+.0f}, {high:+.0f}]".replace("-", "−")
+    ax.text(0.99, 0.02, words, transform=ax.transAxes, ha="right", va="bottom", fontsize=8.5, fontweight="bold")
+
+
+def plot_horizons(d: Findings, ax: Axes) -> None:
+    """Error after by error before, for one step, 30 s and whole runs, into ``ax``; d: with test trials."""
+    dress(ax, "error after / before", title="By length of the prediction")
+    horizons = dict(d.held_out.horizons) if d.held_out is not None else {}
+    if not horizons:
+        ax.axis("off")
+        return
+    names = list(horizons)[::-1]
+    shares = [horizons[n][1] / max(horizons[n][0], 1e-300) for n in names]
+    ax.barh(names, shares, color=[AFTER if s <= 1 else ALARM for s in shares], height=0.4)
+    ax.set_ylim(-0.7, len(names) - 0.3)
+    for i, share in enumerate(shares):
+        ax.text(share, i, f"  {share:.2f}", va="center", fontsize=8.5)
+    ax.axvline(1.0, color=MEASURED, lw=1.0)
+    ax.set_xlim(0, max(1.25, 1.2 * max(shares)))
 
 
 def share_figure(d: Findings) -> Figure:
-    """Energy of the missing force by channel and, within, by how fast it changes; below it what is left after."""
-    channels = d.where["channels"]
-    later = any("force_rms_after" in row for row in channels.values())
-    names = list(channels)
-    figure = new_figure(2.6 if later else 2.1)
-    ax = dress(figure.subplots(), "share of the energy of the missing force [%]")
-    labels: list[str] = []
-    for i, name in enumerate(names[::-1]):
-        rows = [b for b in d.where["bands"] if b["channel"] == name]
-        square = channels[name]["force_rms"] ** 2
-        for part, shift in (("force_rms", 0.2 if later else 0.0), ("force_rms_after", -0.2)):
-            if part not in channels[name]:
-                continue
-            start = 0.0
-            for b, colour in zip(rows, BAND_COLOURS, strict=False):
-                width = 100 * channels[name]["share"] * b[part] ** 2 / square if square > 0 else 0.0
-                ax.barh(
-                    i + shift,
-                    width,
-                    0.34 if later else 0.5,
-                    left=start,
-                    color=colour,
-                    label=_once(labels, band_words(b)),
-                )
-                start += width
-            text = f" {channels[name][part]:.2g} {channels[name]['unit']}" + (
-                " after" if part.endswith("after") else ""
-            )
-            ax.text(start, i + shift, text, va="center", fontsize=8)
-    ax.set_yticks(range(len(names)), names[::-1], fontsize=9)
-    ax.set_xlim(0, max(100 * row["share"] for row in channels.values()) * 1.2)
+    """``plot_shares`` of ``d`` with its legend."""
+    figure = new_figure(2.6 if any("force_rms_after" in row for row in d.where["channels"].values()) else 2.1)
+    plot_shares(d, figure.subplots())
     figure.legend(loc="outside upper center", ncols=3, fontsize=8.5, frameon=False)
     return figure
 
 
-def _once(labels: list[str], words: str) -> str:
-    """The words, or no label where they were used already."""
-    if words in labels:
-        return "_"
-    labels.append(words)
-    return words
+def plot_shares(d: Findings, ax: Axes) -> None:
+    """Energy of the missing force by channel and band, and below it what is left after; d: with ``where``; ax: drawn
+    into."""
+    channels = d.where["channels"]
+    later = any("force_rms_after" in row for row in channels.values())
+    dress(ax, "share of the energy of the missing force [%]")
+    labels: set[str] = set()
+    for i, name in enumerate(list(channels)[::-1]):
+        row = channels[name]
+        for part, shift in (("force_rms", 0.2 if later else 0.0), ("force_rms_after", -0.2)):
+            if part not in row:
+                continue
+            start, scale = 0.0, 100 * row["share"] / row["force_rms"] ** 2 if row["force_rms"] > 0 else 0.0
+            bands = [b for b in d.where["bands"] if b["channel"] == name]
+            for b, colour in zip(bands, BAND_COLOURS, strict=False):
+                width, words = scale * b[part] ** 2, band_words(b)
+                label = "_" if words in labels else words
+                ax.barh(i + shift, width, 0.34 if later else 0.5, left=start, color=colour, label=label)
+                labels.add(words)
+                start += width
+            text = f" {row[part]:.2g} {row['unit']}" + (" after" if part.endswith("after") else "")
+            ax.text(start, i + shift, text, va="center", fontsize=8)
+    ax.set_yticks(range(len(channels)), list(channels)[::-1], fontsize=9)
+    ax.set_xlim(0, max(100 * row["share"] for row in channels.values()) * 1.2)
 
 
 def band_words(band: dict) -> str:
-    """A band by its periods."""
+    """A row ``band`` of where["bands"] by its periods."""
     if band["words"]:
         return "constant through a run"
     slow, fast = (1 / band[key] if band[key] > 0 else np.inf for key in ("from_hz", "to_hz"))
@@ -189,7 +192,7 @@ def band_words(band: dict) -> str:
 
 
 @dataclass(frozen=True)
-class Drawn:
+class ReportFigure:
     """A figure of the report: name of its file, title, caption, and the function that draws it."""
 
     name: str
@@ -198,43 +201,43 @@ class Drawn:
     draw: Callable[[Findings], Figure]
 
 
-TRACK = Drawn(
+TRACK = ReportFigure(
     "where_on_track", "The missing force on the track",
-    "Seen from above, north up; a dot marks the start, outlines the ship. Arrows: surge and sway force that the "
-    "calibrated ship without any further effect lacks (smoothed latent force), one scale for all panels. Colour of the "
-    "track: the missing yaw moment. Trials with the largest missing force.",
+    "Tracks from above, north up. A dot marks the start, outlines show the ship. Arrows: the surge and sway force that "
+    "the calibrated ship lacks (smoothed latent force); all panels have one scale. Colour of the track: the missing "
+    "yaw moment. The trials with the largest missing force are shown.",
     track_figure,
 )  # fmt: skip
-RANKING = Drawn(
+RANKING = ReportFigure(
     "ranking", "Candidates",
-    "Left: score test of each effect at the fit without any; p is that of the largest of all candidates under chance "
-    "alone. Right: gain in BIC when coefficients, effect, missing force and noise are fitted together (above 0: worth "
-    "its parameters; 6 is a strong difference).",
+    "Left: score test of each effect at the fit without any effect. p is the probability that chance alone makes the "
+    "best of all candidates score as high. Right: gain in BIC when coefficients, effect, missing force and noise are "
+    "fitted together. Above 0 the effect is worth its parameters; a difference of 6 is strong.",
     ranking_figure,
 )  # fmt: skip
-HELD_OUT = Drawn(
+HELD_OUT = ReportFigure(
     "held_out", "Test trials, without and with the effect",
-    "Open-loop predictions of trials that took no part, by the ship refitted without and with what was named. "
+    "Open-loop predictions of trials that took no part, by the ship refitted without and with the named effects. "
     "Brackets: 90 % interval, by drawing trials again.",
     held_out_figure,
 )  # fmt: skip
-STATE = Drawn(
-    "where_in_state", "What the missing force follows",
-    "Missing force averaged in bins, positive ahead, to starboard, bow to starboard. Bars: two standard errors. Panels "
-    "by how much of the mean square the average explains, less what chance would explain.",
+STATE = ReportFigure(
+    "where_in_state", "What the missing force depends on",
+    "Missing force averaged in bins; positive: ahead, to starboard, bow to starboard. Bars: two standard errors. The "
+    "panels are in order of the share of the mean square that the average explains beyond chance.",
     state_figure,
 )  # fmt: skip
-SHARE = Drawn(
-    "shares", "Which channel, how fast",
-    "Surge, sway and yaw are compared by the kinetic energy that each would give to the free ship in the same time; "
-    "rms at the ends of the bars.",
+SHARE = ReportFigure(
+    "shares", "Which channel, which frequencies",
+    "Energy of the missing force. Surge, sway and yaw are compared by the kinetic energy that each would give to the "
+    "free ship in the same time. The rms stands at the ends of the bars.",
     share_figure,
 )  # fmt: skip
 
 
-def figures_for(d: Findings) -> tuple[Drawn, ...]:
-    """Figures that this diagnosis can have; the one of the test trials only where there are any, that of the tracks
-    only with the fit."""
+def figures_for(d: Findings) -> tuple[ReportFigure, ...]:
+    """Figures that ``d`` can have: that of the test trials only with an effect named, that of the tracks only with the
+    fit, which a diagnosis read from a folder has not."""
     held = (HELD_OUT,) if d.held_out is not None and d.verdict == "named" else ()
     track = (TRACK,) if d.null is not None and d.data is not None else ()
     return (*track, STATE, RANKING, *held, SHARE) if d.where else (RANKING, *held)

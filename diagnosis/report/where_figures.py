@@ -1,4 +1,4 @@
-"""Figures of where the gap lies: the missing force on the tracks, and averaged over what it follows most."""
+"""Figures of where the gap lies: the missing force on the tracks, and averaged over what it depends on most."""
 
 from __future__ import annotations
 
@@ -12,65 +12,75 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, MultipleLocator
 
+from diagnosis.estimation.gridded_trials import Data
+from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.findings import Findings
+from diagnosis.report.where_words import shown_unit
 from fitting.report.plot_style import AFTER, BEFORE, MEASURED, dress, new_figure
 from fitting.report.plot_tracks import OUTLINE
 
-DEGREES = 180 / np.pi
 ARROWS = 26
 """Arrows along a track."""
+PANELS = 4
+"""Tracks in the figure."""
 TURNING = LinearSegmentedColormap.from_list("turning", ["#7A3B9A", "#B9B9B9", "#009E73"])
 """Colours of a moment to port, none, to starboard."""
 
 
-def by_degrees(unit: str) -> tuple[float, str]:
-    """Factor to the unit that is shown, and its name."""
-    return (DEGREES, unit.replace("rad", "deg")) if unit.startswith("rad") else (1.0, unit)
+def track_figure(d: Findings) -> Figure:
+    """Tracks of the windows of ``d`` with the largest missing force, as arrows of one scale, the moment by colour.
 
-
-def track_figure(d: Findings, most: int = 4) -> Figure:
-    """Tracks of the windows with the largest missing force, as arrows of one scale, the moment by colour; north up."""
-    assert d.null is not None and d.data is not None
-    chosen = _strongest(d, most)
+    Raises ValueError for findings without fit and data, as read from a folder.
+    """
+    fit, data = _fit(d)
+    chosen = _strongest(d)
     columns = 2 if len(chosen) > 1 else 1
     rows = -(-len(chosen) // columns)
     figure = new_figure(0.5 + (3.6 if columns > 1 else 5.0) * rows)
     axes = np.atleast_1d(figure.subplots(rows, columns)).ravel()
-    force = d.null.path.force[:-1]
-    sizes = np.concatenate([np.hypot(*force[: d.data.steps[w], w, :2].T) for w in chosen])
-    moments = np.concatenate([np.abs(force[: d.data.steps[w], w, 2]) for w in chosen])
-    reach, turn = (max(float(np.quantile(a, 0.95)), 1e-12) for a in (sizes, moments))
-    lines = None
-    for ax, w in zip(axes, chosen, strict=False):
-        lines = _track(ax, d, int(w), reach, turn)
+    force = np.concatenate([fit.path.force[: data.steps[w], w] for w in chosen])
+    scale = tuple(max(float(np.quantile(a, 0.95)), 1e-12) for a in (np.hypot(*force[:, :2].T), np.abs(force[:, 2])))
+    lines = [plot_track(d, ax, int(w), scale) for ax, w in zip(axes, chosen, strict=False)]
     for ax in axes[len(chosen) :]:
         ax.axis("off")
-    if lines is not None:
-        bar = figure.colorbar(lines, ax=list(axes), location="bottom", fraction=0.02, aspect=70, pad=0.02)
+    if lines:
+        bar = figure.colorbar(lines[-1], ax=list(axes), location="bottom", fraction=0.02, aspect=70, pad=0.02)
         bar.outline.set_visible(False)
         bar.set_label("missing yaw moment [N m]: bow to port  ←   track   →  bow to starboard", fontsize=8.5)
         bar.ax.tick_params(labelsize=8)
     return figure
 
 
-def _strongest(d: Findings, most: int) -> np.ndarray:
+def _fit(d: Findings) -> tuple[Estimate, Data]:
+    """The fit without effects and its data."""
+    if d.null is None or d.data is None:
+        raise ValueError("the tracks need the fit, which a diagnosis read from a folder does not hold")
+    return d.null, d.data
+
+
+def _strongest(d: Findings) -> np.ndarray:
     """Windows with the most energy of the missing force, one of each trial, in the order of the trials."""
-    assert d.null is not None and d.data is not None
+    fit, data = _fit(d)
     channels = d.where["channels"]
     rms = np.array([max(row["force_rms"], 1e-12) for row in channels.values()])
     weight = np.array([row["share"] for row in channels.values()]) / rms**2
-    energy = [float((d.null.path.force[:s, w] ** 2 @ weight).mean()) for w, s in enumerate(d.data.steps)]
-    best = [max(np.flatnonzero(d.data.run == run), key=lambda w: energy[w]) for run in np.unique(d.data.run)]
-    return np.array(sorted(sorted(best, key=lambda w: -energy[w])[:most]), dtype=int)
+    energy = [float((fit.path.force[:s, w] ** 2 @ weight).mean()) for w, s in enumerate(data.steps)]
+    best = [max(np.flatnonzero(data.run == run), key=lambda w: energy[w]) for run in np.unique(data.run)]
+    return np.array(sorted(sorted(best, key=lambda w: -energy[w])[:PANELS]), dtype=int)
 
 
-def _track(ax: Axes, d: Findings, w: int, reach: float, turn: float) -> LineCollection:
-    """One track with its arrows; reach [N] is drawn 0.15 of the panel long, turn [N m] has full colour."""
-    assert d.null is not None and d.data is not None
-    steps = d.data.steps[w]
-    z, force = d.null.path.z[: steps + 1, w], d.null.path.force[:steps, w]
+def plot_track(d: Findings, ax: Axes, window: int, scale: tuple[float, ...]) -> LineCollection:
+    """The track of one window of the data of ``d`` with the missing force, into ``ax``; the line, for a colour bar.
+
+    scale: the force [N] drawn 0.15 of the panel long, and the moment [N m] in full colour. Raises ValueError for
+    findings without fit and data.
+    """
+    fit, data = _fit(d)
+    reach, turn = scale
+    steps = data.steps[window]
+    z, force = fit.path.z[: steps + 1, window], fit.path.force[:steps, window]
     points = z[:, 1::-1]  # east, north
-    dress(ax, "y, east [m]", "x, north [m]", d.data.trials[d.data.run[w]])
+    dress(ax, "y, east [m]", "x, north [m]", data.trials[data.run[window]])
     half = 0.65 * max(np.ptp(points[:, 0]), np.ptp(points[:, 1]), 2 * float(d.ship.particulars["L"]))
     middle = 0.5 * (points.max(axis=0) + points.min(axis=0))
     ax.set_xlim(middle[0] - half, middle[0] + half)
@@ -98,8 +108,8 @@ def _track(ax: Axes, d: Findings, w: int, reach: float, turn: float) -> LineColl
     return lines
 
 
-def telling(d: Findings, most: int = 6) -> list[Mapping[str, Any]]:
-    """Rows of where["variables"] that explain most of the force, at most two of one variable."""
+def best_variables(d: Findings, most: int = 6) -> list[Mapping[str, Any]]:
+    """``most`` rows of where["variables"] of ``d`` that explain the missing force best, two of a variable at most."""
     chosen: list[Mapping[str, Any]] = []
     for row in d.where.get("variables", []):
         if sum(row["variable"] == other["variable"] for other in chosen) < 2:
@@ -108,38 +118,33 @@ def telling(d: Findings, most: int = 6) -> list[Mapping[str, Any]]:
 
 
 def state_figure(d: Findings) -> Figure:
-    """Missing force averaged in bins of what it follows most, with two standard errors, before and after."""
-    rows = telling(d)
+    """Missing force of ``d`` averaged in bins of what it depends on most, with two standard errors."""
+    rows = best_variables(d)
     figure = new_figure(0.4 + 2.5 * max(1, -(-len(rows) // 3)))
     axes = np.atleast_1d(figure.subplots(max(1, -(-len(rows) // 3)), 3)).ravel()
     for ax, row in zip(axes, rows, strict=False):
-        factor, unit = by_degrees(row["unit"])
-        at = factor * np.array(row["at"])
-        dress(ax, f"{row['variable']} [{unit}]", f"missing {row['channel']} [{row['force_unit']}]")
-        ax.axhline(0.0, color=MEASURED, lw=0.8)
-        round_angle = row["variable"] in ("heading", "apparent wind angle")
-        ax.xaxis.set_major_locator(MultipleLocator(90) if round_angle else MaxNLocator(5))
-        words = "before" if "mean_after" in row else "missing force"
-        ax.errorbar(
-            at,
-            row["mean"],
-            2 * np.array(row["std"]),
-            color=BEFORE,
-            ls="--",
-            marker="o",
-            ms=4,
-            lw=1.3,
-            capsize=2.5,
-            label=words,
-        )
-        if "mean_after" in row:
-            ax.plot(at, row["mean_after"], color=AFTER, marker="s", ms=4, lw=1.5, label="after")
-        share = max(0.0, row["explained"])
-        weight = "bold" if share > 0.2 else "normal"
-        ax.set_title(f"explains {100 * share:.0f} % of {row['channel']}", fontsize=8.5, loc="left", fontweight=weight)
+        plot_variable(row, ax)
     for ax in axes[len(rows) :]:
         ax.axis("off")
     if rows:
         handles, names = (list(part)[::-1] for part in axes[0].get_legend_handles_labels())
         figure.legend(handles, names, loc="outside upper center", ncols=2, fontsize=9, frameon=False)
     return figure
+
+
+def plot_variable(row: Mapping[str, Any], ax: Axes) -> None:
+    """A row of where["variables"]: the mean of the missing force over the variable, before and after, into ``ax``."""
+    factor, unit = shown_unit(row["unit"])
+    at = factor * np.array(row["at"])
+    dress(ax, f"{row['variable']} [{unit}]", f"missing {row['channel']} [{row['force_unit']}]")
+    ax.axhline(0.0, color=MEASURED, lw=0.8)
+    round_angle = row["variable"] in ("heading", "apparent wind angle")
+    ax.xaxis.set_major_locator(MultipleLocator(90) if round_angle else MaxNLocator(5))
+    words = "before" if "mean_after" in row else "missing force"
+    style: dict[str, Any] = {"color": BEFORE, "ls": "--", "marker": "o", "ms": 4, "lw": 1.3, "capsize": 2.5}
+    ax.errorbar(at, row["mean"], 2 * np.array(row["std"]), label=words, **style)
+    if "mean_after" in row:
+        ax.plot(at, row["mean_after"], color=AFTER, marker="s", ms=4, lw=1.5, label="after")
+    share = max(0.0, row["explained"])
+    weight = "bold" if share > 0.2 else "normal"
+    ax.set_title(f"explains {100 * share:.0f} % of {row['channel']}", fontsize=8.5, loc="left", fontweight=weight)

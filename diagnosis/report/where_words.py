@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from diagnosis.findings import Findings
-from diagnosis.report.where_figures import by_degrees
 
 SIDES = {
     "surge": ("ahead", "astern"), "sway": ("to starboard", "to port"), "yaw": ("bow to starboard", "bow to port"),
@@ -25,6 +24,11 @@ PLAIN = {
 """Variables in words."""
 
 
+def shown_unit(unit: str) -> tuple[float, str]:
+    """The factor from ``unit`` to the one that is shown, which has degrees for radians, and its name."""
+    return (180 / math.pi, unit.replace("rad", "deg")) if unit.startswith("rad") else (1.0, unit)
+
+
 def percent(share: float | None) -> str:
     """A share in percent, true minus sign."""
     return "–" if share is None or not math.isfinite(share) else f"{100 * share:.0f}\u00a0%".replace("-", "−")
@@ -32,7 +36,7 @@ def percent(share: float | None) -> str:
 
 def region_words(row: Mapping[str, Any]) -> str:
     """A region in words, with angles in degrees."""
-    factor, unit = by_degrees(row["unit"])
+    factor, unit = shown_unit(row["unit"])
     name = PLAIN.get(row["variable"], row["variable"])
     if isinstance(row["low"], (list, tuple)):
         (a, c), (b, e) = row["low"], row["high"]
@@ -108,7 +112,7 @@ def where_big(d: Findings) -> str:
 
 def _extreme(v: Mapping[str, Any]) -> str:
     """Where the mean of a force over its variable is largest."""
-    factor, unit = by_degrees(v["unit"])
+    factor, unit = shown_unit(v["unit"])
     at = int(np.argmax(np.abs(v["mean"])))
     side = SIDES[v["channel"]][0 if v["mean"][at] > 0 else 1]
     place = f"{PLAIN.get(v['variable'], v['variable'])} {factor * v['at'][at]:.2g} {unit}".replace("-", "−")

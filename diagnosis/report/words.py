@@ -8,8 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from diagnosis.findings import EstimatedParameter, Findings, HeldOut, LearnedResidual, RankedCandidate
-from diagnosis.report.where_figures import by_degrees
-from diagnosis.report.where_words import PLAIN, first_channel, percent
+from diagnosis.report.where_words import PLAIN, first_channel, percent, shown_unit
 from fitting.report.words import plus_minus
 from mmg.effects import EFFECTS
 
@@ -61,7 +60,7 @@ def signed(value: float | None, digits: str = ".0f") -> str:
 
 def quantity(p: EstimatedParameter) -> str:
     """Value, standard error, unit; angles in degrees."""
-    factor, unit = by_degrees(p.unit)
+    factor, unit = shown_unit(p.unit)
     return f"{plus_minus(factor * p.value, factor * p.std)} {unit}".strip()
 
 
@@ -85,7 +84,7 @@ def visible(c: RankedCandidate, d: Findings) -> str:
     known = {p.symbol: p for p in EFFECTS[c.name].parameters(d.ship.namespace, dict(d.ship.components))}
     told = []
     for symbol, size in c.visible_from.items():
-        factor, unit = by_degrees(known[symbol].unit)
+        factor, unit = shown_unit(known[symbol].unit)
         if size < HOPELESS * known[symbol].typical:
             told.append(f"{symbol} {factor * size:.2g} {unit}".strip())
     return ", ".join(told) or "–"
