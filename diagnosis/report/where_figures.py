@@ -12,7 +12,7 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, MultipleLocator
 
-from diagnosis.estimation.gridded_trials import Data
+from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.findings import Findings
 from diagnosis.report.where_words import shown_unit
@@ -51,7 +51,7 @@ def track_figure(d: Findings) -> Figure:
     return figure
 
 
-def _fit(d: Findings) -> tuple[Estimate, Data]:
+def _fit(d: Findings) -> tuple[Estimate, GriddedTrials]:
     """The fit without effects and its data."""
     if d.null is None or d.data is None:
         raise ValueError("the tracks need the fit, which a diagnosis read from a folder does not hold")
