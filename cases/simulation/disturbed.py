@@ -12,6 +12,7 @@ from dataclasses import astuple, dataclass, field, replace
 
 import casadi as ca
 import numpy as np
+from scipy.signal import lfilter
 
 from cases.inputs import control_array
 from cases.maneuvers.definitions import parse_maneuver
@@ -60,11 +61,8 @@ def drawn_ship(ship: Ship, seed: int) -> Ship:
 def process(count: int, dt: float, tau: float, rng: np.random.Generator) -> np.ndarray:
     """A stationary Ornstein-Uhlenbeck process of unit variance at ``count`` samples ``dt`` [s] apart."""
     left, draws = np.exp(-dt / tau), rng.standard_normal(count)
-    out = np.empty(count)
-    out[0] = draws[0]
-    for k in range(1, count):
-        out[k] = left * out[k - 1] + np.sqrt(1 - left**2) * draws[k]
-    return out
+    draws[1:] *= np.sqrt(1 - left**2)
+    return np.asarray(lfilter([1.0], [1.0, -left], draws))
 
 
 def disturbed_trial(ship: Ship, trial: Trial, how: Disturbed, seed: int) -> Trial:

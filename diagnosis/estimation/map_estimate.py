@@ -29,6 +29,7 @@ from diagnosis.estimation.kalman import (
 from diagnosis.estimation.linearised_model import LinearModel, TransitionModel, spread
 from diagnosis.estimation.noise_sizes import initial_noise, updated_noise
 from diagnosis.estimation.parameters import Priors, active_in_window, active_states, set_values
+from fitting.solvers.bounded_step import bounded_step
 from mmg.logged import settled
 from mmg.motion.froude import state_scale
 
@@ -248,7 +249,7 @@ def estimate(
         gram = flat.T @ flat
         A = gram[:-1, :-1] + np.eye(len(p))
         slope = gram[:-1, -1] + now.p + linearised.logdet_gradient.sum(axis=0)
-        dp = _bounded_step(A, slope, now.p, low, high)
+        dp = bounded_step(A, slope, now.p, low, high)
         gain = -float(slope @ dp + 0.5 * dp @ A @ dp)
         mean, r, u = smoothed(
             linearised.system,
@@ -282,17 +283,3 @@ def _moved(
     """A part of the way."""
     path = Trajectory(start.path.z + share * dz, start.path.force + share * df)
     return _Point(np.clip(start.p + share * dp, low, high), path, start.noise)
-
-
-def _bounded_step(A: np.ndarray, slope: np.ndarray, p: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """The minimum of slope d + 1/2 d A d with p + d in its bounds, by holding those that would leave (active set)."""
-    d, held = np.zeros(len(p)), np.zeros(len(p), dtype=bool)
-    for _ in range(len(p)):
-        f = ~held
-        d[f] = np.linalg.solve(A[np.ix_(f, f)], -slope[f] - A[np.ix_(f, held)] @ d[held])
-        out = f & ((p + d < low - 1e-12) | (p + d > high + 1e-12))
-        if not out.any():
-            break
-        d[out] = np.clip(p + d, low, high)[out] - p[out]
-        held |= out
-    return d

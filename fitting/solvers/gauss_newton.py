@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fitting.nlp.problem import Problem
+from fitting.solvers.bounded_step import bounded_step
 
 
 @dataclass
@@ -110,7 +111,7 @@ def information(problem: Problem, z0: np.ndarray, p: np.ndarray) -> np.ndarray:
 
 
 @dataclass
-class Result:
+class GaussNewtonResult:
     """Where Gauss-Newton ended: z0 (W, S), p (P,), objective, iterations, converged."""
 
     z0: np.ndarray
@@ -121,22 +122,12 @@ class Result:
 
 
 def _step(problem: Problem, a: Linearised, p: np.ndarray, damping: float) -> tuple[np.ndarray, np.ndarray]:
-    """Damped step with coefficients held at a bound when they push against it."""
-    lower, upper = problem.p_bounds()
+    """Damped step of initial states and coefficients, the latter within their bounds."""
     ww = a.ww * (1 + damping * np.eye(problem.S))
     solved = np.linalg.solve(ww, np.concatenate([a.wp, a.gw[:, :, None]], axis=2))
     H = a.pp.sum(axis=0) - (np.swapaxes(a.wp, 1, 2) @ solved[:, :, :-1]).sum(axis=0) + np.eye(problem.P)
     g = a.gp.sum(axis=0) - (np.swapaxes(a.wp, 1, 2) @ solved[:, :, -1:]).sum(axis=0)[:, 0] + p
-    H = H + damping * np.diag(np.diag(H))
-    free = np.ones(problem.P, dtype=bool)
-    for _ in range(problem.P):
-        dp = np.zeros(problem.P)
-        dp[free] = -np.linalg.solve(H[np.ix_(free, free)], g[free])
-        blocked = free & (((p <= lower) & (dp < 0)) | ((p >= upper) & (dp > 0)))
-        if not blocked.any():
-            break
-        free &= ~blocked
-    dp = np.clip(p + dp, lower, upper) - p
+    dp = bounded_step(H + damping * np.diag(np.diag(H)), g, p, *problem.p_bounds())
     dz = np.zeros((len(problem.segments.run), problem.S))
     dz[problem.segments.window] = -(solved[:, :, -1] + solved[:, :, :-1] @ dp) * problem.scale
     return dz, dp
@@ -149,7 +140,7 @@ def solve(
     tolerance: float = 1e-10,
     max_iterations: int = 200,
     damping: float = 1e-2,
-) -> Result:
+) -> GaussNewtonResult:
     """Levenberg-Marquardt from initial states z0 (W, S) and coefficients p (P,), bounds respected.
 
     Stops when an accepted step lowers the objective by less than ``tolerance`` relative, twice in a row.
@@ -166,9 +157,9 @@ def solve(
             a = linearise(problem, z0, p)
             small = small + 1 if gain <= tolerance * a.cost else 0
             if small >= 2:
-                return Result(z0, p, a.cost, iteration, True)
+                return GaussNewtonResult(z0, p, a.cost, iteration, True)
         else:
             damping *= 4
             if damping > 1e8:
-                return Result(z0, p, a.cost, iteration, small > 0)
-    return Result(z0, p, a.cost, max_iterations, False)
+                return GaussNewtonResult(z0, p, a.cost, iteration, small > 0)
+    return GaussNewtonResult(z0, p, a.cost, max_iterations, False)

@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.signal import correlate
 
 from fitting.nlp.loss import trimmed
 from fitting.nlp.windows import Segments
@@ -54,9 +55,9 @@ def correlation_time(residuals: list[np.ndarray], longest: int) -> float:
     for e in residuals:
         e = np.nan_to_num(e)
         n = len(e)
-        for lag in range(min(longest, n)):
-            products[lag] += float(e[: n - lag] @ e[lag:])
-            counts[lag] += n - lag
+        lags = np.arange(min(longest, n))
+        products[lags] += correlate(e, e)[n - 1 :][lags]
+        counts[lags] += n - lags
     if products[0] <= 0:
         return 1.0
     rho = (products / np.maximum(counts, 1)) / (products[0] / counts[0])
