@@ -19,7 +19,7 @@ import torch
 from torch import nn
 
 from fitting.prediction.adaptation import Adaptation, adapt
-from fitting.prediction.stretches import Record, Stretch, roll
+from fitting.prediction.stretches import Record, Stretch, rollout
 from fitting.prediction.stretches import WindowBatch as Stretches
 from mmg.model import assemble
 from mmg.rollout import Simulator
@@ -293,7 +293,7 @@ def _adapted(simulator: Simulator, piece: Piece, start: np.ndarray, seconds: flo
     rows = range(0, len(grid.controls), EVERY)
     windows = [Stretch(record, k, k + 1) for k in rows]
     water, offset = adapt(simulator, windows, Adaptation.of(simulator.ship, seconds))
-    states = roll(simulator, Stretches.of(windows), water, offset)[1][0]
+    states = rollout(simulator, Stretches.of(windows), water, offset)[1][0]
     beginning, current = start.copy(), np.zeros((2, start.shape[1]))
     beginning[:, rows], current[:, rows] = states, water.velocity
     return beginning, current

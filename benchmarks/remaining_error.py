@@ -22,7 +22,7 @@ from cases.trial import Trial
 from fitting.calibration import estimate_coefficients
 from fitting.prediction.predict import record_of, window_rows
 from fitting.prediction.score import pooled_sigma
-from fitting.prediction.stretches import Stretch, Water, WindowBatch, roll
+from fitting.prediction.stretches import FadingCurrent, Stretch, WindowBatch, rollout
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 
@@ -64,11 +64,11 @@ class Look:
         return replace(look, error=look.errors())
 
     def errors(self, inputs: np.ndarray | None = None, **options: object) -> np.ndarray:
-        """Errors in units of sigma; inputs (N, C, M) replace the recorded ones, options as of ``roll``."""
+        """Errors in units of sigma; inputs (N, C, M) replace the recorded ones, options as of ``rollout``."""
         batch = WindowBatch.of(self.windows)
         if inputs is not None:
             batch = replace(batch, inputs=inputs)
-        out = roll(self.simulator, batch, **options)[0]  # type: ignore[arg-type]
+        out = rollout(self.simulator, batch, **options)[0]  # type: ignore[arg-type]
         error = np.full(out.shape, np.nan)
         for i, s in enumerate(self.windows):
             error[: s.last - s.first + 1, :, i] = out[: s.last - s.first + 1, :, i] - s.logged
@@ -87,7 +87,7 @@ def pushed(look: Look, kind: str, size: float) -> np.ndarray:
     if kind.startswith("current"):
         velocity = np.zeros((2, M))
         velocity[0 if kind.endswith("north") else 1] = size
-        return look.errors(water=Water(velocity, LASTING))
+        return look.errors(water=FadingCurrent(velocity, LASTING))
     if kind.startswith("force"):
         offset = np.zeros((len(model.states) - 6, M))
         offset[model.states.index(f"disturbance.{kind[-1]}") - 6] = size

@@ -26,7 +26,7 @@ from fitting.nlp.grid import default_step
 from fitting.nlp.loss import Loss
 from fitting.nlp.problem import Prior, Problem
 from fitting.nlp.problem_data import ProblemData
-from fitting.nlp.run_constants import RunConstants, neutral, shared_prior, with_constants, without_constants
+from fitting.nlp.run_constants import RunConstants, neutral_values, shared_prior, with_constants, without_constants
 from fitting.nlp.shooting import kernels
 from fitting.nlp.windows import Segments, cut
 from fitting.settings import Settings, Start
@@ -173,7 +173,7 @@ def estimate_coefficients(
     sigma = _given_sigma(settings) if settings.sigma else first_sigma(ship, segments)
     forces = CaptiveForces(kernel.model, positions[shared], captive, settings.compiled) if captive else None
     if forces:
-        warnings += against_captive(forces, neutral(ship, per_run), positions[shared], common)
+        warnings += against_captive(forces, neutral_values(ship, per_run), positions[shared], common)
     problem = Problem(ship, prior, kernel, segments, sigma, Loss(settings.loss), forces)
     x = problem.start()
     if warm and len(warm.get("p", ())) == problem.P:

@@ -8,11 +8,11 @@ import casadi as ca
 import numpy as np
 
 from cases.trial import Trial
-from fitting.nlp.captive import CaptiveForces, determine
+from fitting.nlp.captive import CaptiveForces, estimate_from_captive
 from fitting.nlp.problem import Prior, Problem
 from fitting.nlp.windows import Segments
 from fitting.solvers.ipopt import ROUGH, solve
-from fitting.solvers.residual_noise import series
+from fitting.solvers.residual_noise import residual_series
 from mmg.effects import effect
 from mmg.errors import UserError
 from mmg.model import assemble
@@ -122,7 +122,7 @@ def run_residuals(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.ndarr
     """By run: rms residual of each channel (R, 6), NaN where unmeasured; mean lag-one autocorrelation (R,)."""
     seg = problem.segments
     e, ei = problem.errors(x)
-    windows = series(seg, np.where(seg.node_mask > 0, e, np.nan), ei)
+    windows = residual_series(seg, np.where(seg.node_mask > 0, e, np.nan), ei)
     count = len(seg.trials)
     squares, samples, lagged = np.zeros((count, 6)), np.zeros((count, 6)), np.zeros((count, 6))
     for w, part in enumerate(windows):
@@ -211,7 +211,7 @@ def against_captive(
 
     The points are fitted with the prior 30 times wider; what they leave to that prior is not compared.
     """
-    alone = determine(forces, base, free, prior.mean, prior.std, ridge=1e-3)
+    alone = estimate_from_captive(forces, base, free, prior.mean, prior.std, ridge=1e-3)
     spread = np.sqrt(np.clip(np.diag(alone.covariance), 0, None))
     found = [
         (abs(p) / np.sqrt(1 + s**2), symbol, prior.mean[i], prior.std[i], prior.mean[i] + prior.std[i] * p)

@@ -175,7 +175,7 @@ class CaptiveForces:
 
 
 @dataclass(frozen=True)
-class Alone:
+class CaptiveEstimate:
     """What captive points and a prior say without any trial: p and covariance in prior standard deviations."""
 
     p: np.ndarray
@@ -183,9 +183,9 @@ class Alone:
     converged: bool
 
 
-def determine(
+def estimate_from_captive(
     forces: CaptiveForces, base: np.ndarray, free: np.ndarray, mean: np.ndarray, std: np.ndarray, ridge: float = 1.0
-) -> Alone:
+) -> CaptiveEstimate:
     """Minimum of the captive cost + ridge/2 |p|^2 over free = mean + std p, by damped Newton steps on p.
 
     base: all coefficients; ridge 1: the prior as it stands, smaller: wider. Bounds are not regarded.
@@ -216,4 +216,4 @@ def determine(
             if damping > 1e10:
                 break
     H = np.outer(std, std) * forces.information(at(p)) + ridge * np.eye(P)
-    return Alone(p, np.linalg.inv(H), converged)
+    return CaptiveEstimate(p, np.linalg.inv(H), converged)

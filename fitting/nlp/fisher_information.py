@@ -34,14 +34,14 @@ class Information:
     p: np.ndarray
     run: np.ndarray
     symbols: tuple[str, ...]
-    known: np.ndarray
-    pull: np.ndarray
+    prior_information: np.ndarray
+    prior_score: np.ndarray
     owner: np.ndarray | None = None
 
     @property
     def hessian(self) -> np.ndarray:
         """Gauss-Newton Hessian of the whole objective in p, prior included (P, P)."""
-        total = self.fisher.sum(axis=0) + self.known
+        total = self.fisher.sum(axis=0) + self.prior_information
         return 0.5 * (total + total.T)
 
     def by_run(self) -> Information:
@@ -64,12 +64,14 @@ class Information:
         for k, run in enumerate(runs.run):
             own = np.flatnonzero(self.owner == run)
             across = runs.fisher[k][np.ix_(kept, own)]
-            gain = np.linalg.solve(runs.fisher[k][np.ix_(own, own)] + self.known[np.ix_(own, own)], across.T).T
+            gain = np.linalg.solve(
+                runs.fisher[k][np.ix_(own, own)] + self.prior_information[np.ix_(own, own)], across.T
+            ).T
             fisher[k] = runs.fisher[k][np.ix_(kept, kept)] - gain @ across.T
-            score[k] = runs.score[k][kept] - gain @ (runs.score[k][own] + self.pull[own])
+            score[k] = runs.score[k][kept] - gain @ (runs.score[k][own] + self.prior_score[own])
         symbols = tuple(self.symbols[i] for i in kept)
-        known = self.known[np.ix_(kept, kept)]
-        return Information(fisher, score, self.p[kept], runs.run, symbols, known, self.pull[kept])
+        known = self.prior_information[np.ix_(kept, kept)]
+        return Information(fisher, score, self.p[kept], runs.run, symbols, known, self.prior_score[kept])
 
 
 def information(problem: Problem, x: np.ndarray) -> Information:
@@ -84,13 +86,13 @@ def information(problem: Problem, x: np.ndarray) -> Information:
     at_nodes = _at_nodes(problem, x)
     V, v = np.zeros((len(seg.run), S + L, S + L)), np.zeros((len(seg.run), S + L))
     maps, moved = _transitions(problem, x)
-    for depth, i in enumerate(levels(seg)):
+    for depth, i in enumerate(intervals_by_level(seg)):
         w = seg.window[i]
         if depth == 0:
             V[w], v[w] = at_nodes(seg.end[i])
         T, c = maps(i), moved[i]
         price = problem.jump_weight[i][:, None] * problem.scale[problem.random] ** 2
-        H, slope = freed(V[w], v[w], problem.random, price)
+        H, slope = minimised_over_jumps(V[w], v[w], problem.random, price)
         node_H, node_slope = at_nodes(seg.start[i])
         T_t = np.swapaxes(T, 1, 2)
         V[w] = T_t @ H @ T + q[i] + node_H
@@ -106,7 +108,7 @@ def information(problem: Problem, x: np.ndarray) -> Information:
     return Information(fisher, score, p, seg.run.copy(), problem.prior.symbols, *_known(problem, p), columns.owner)
 
 
-def levels(seg: Segments) -> list[np.ndarray]:
+def intervals_by_level(seg: Segments) -> list[np.ndarray]:
     """Intervals by how many of their window come after them: the last ones of all windows, those before them, ..."""
     order = np.lexsort((-seg.start, seg.window))
     window = seg.window[order]
@@ -220,7 +222,9 @@ def _transitions(problem: Problem, x: np.ndarray) -> tuple[Callable[[np.ndarray]
     return of, off
 
 
-def freed(V: np.ndarray, v: np.ndarray, r: np.ndarray, price: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def minimised_over_jumps(
+    V: np.ndarray, v: np.ndarray, r: np.ndarray, price: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Quadratics and slopes after minimising over jumps of the states ``r``, whose squares cost ``price`` (m, R)."""
     if not len(r):
         return V, v

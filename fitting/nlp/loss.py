@@ -76,7 +76,7 @@ class Loss:
         return w
 
 
-def trimmed(residuals: list[np.ndarray], most: float = 4.0) -> list[np.ndarray]:
+def without_outliers(residuals: list[np.ndarray], most: float = 4.0) -> list[np.ndarray]:
     """Residuals of one channel (n,) with those beyond ``most`` robust standard deviations made NaN.
 
     The robust standard deviation is 1.4826 times the median of |e|.

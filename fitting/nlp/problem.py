@@ -18,10 +18,10 @@ import numpy as np
 from fitting.nlp.captive import CaptiveForces
 from fitting.nlp.loss import Loss
 from fitting.nlp.prior import Prior as Prior
-from fitting.nlp.run_constants import Columns, neutral
+from fitting.nlp.run_constants import Columns, neutral_values
 from fitting.nlp.sample_cost import SampleCost
 from fitting.nlp.shooting import Kernels, Shooting, Sweep
-from fitting.nlp.sparsity import patterns
+from fitting.nlp.sparsity import sparsity_patterns
 from fitting.nlp.windows import Segments
 from mmg.effects.disturbance import LATENT_STATES
 from mmg.logged import states_behind
@@ -69,7 +69,7 @@ class Problem:
         self.measured_nodes = states_behind(kernels.model, segments.nodes.T, segments.node_controls, self.base).T
         self.memory_weight = np.zeros((self.B, self.S - 6))
         self.memory_weight[np.unique(segments.node_window, return_index=True)[1]] = 1 / kernels.model.sizes**2
-        jacobian, hessian = patterns(segments, self.S, self.P, self.fixed, self.random, self.columns)
+        jacobian, hessian = sparsity_patterns(segments, self.S, self.P, self.fixed, self.random, self.columns)
         self.jacobian_sparsity, self._jacobian_order = jacobian
         self.hessian_sparsity, self._hessian_order = hessian
         self._values_at: np.ndarray | None = None
@@ -105,7 +105,7 @@ class Problem:
 
     def captive_coefficients(self, p: np.ndarray) -> np.ndarray:
         """All coefficients of captive tests (all,), which have no constants of a run."""
-        theta = neutral(self.ship, self.prior.constants)
+        theta = neutral_values(self.ship, self.prior.constants)
         theta[self.kernels.free[: self.prior.shared]] = (self.prior.mean + self.prior.std * p)[: self.prior.shared]
         return theta
 

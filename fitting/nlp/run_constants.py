@@ -102,7 +102,7 @@ def without_constants(ship: Ship, symbols: Sequence[str]) -> Ship:
     return ship
 
 
-def neutral(ship: Ship, symbols: Sequence[str]) -> np.ndarray:
+def neutral_values(ship: Ship, symbols: Sequence[str]) -> np.ndarray:
     """Values of all coefficients with the effects of these constants absent, (all,): a captive test has none."""
     off = ship
     for name in dict.fromkeys(s.split(".")[0] for s in symbols):

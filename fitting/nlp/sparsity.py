@@ -12,7 +12,7 @@ Pattern = tuple[ca.Sparsity, np.ndarray]
 """A compressed-column pattern, and the order that sorts values, as they are assembled, into it."""
 
 
-def patterns(
+def sparsity_patterns(
     seg: Segments, S: int, P: int, fixed: np.ndarray, random: np.ndarray, columns: Columns
 ) -> tuple[Pattern, Pattern]:
     """Patterns of the Jacobian (D M, S B + P) and of the upper triangle of the Hessian.

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from fitting.prediction.stretches import Record, Stretch, Water, WindowBatch, roll
+from fitting.prediction.stretches import FadingCurrent, Record, Stretch, WindowBatch, rollout
 from mmg.logged import settled
 from mmg.motion.froude import state_scale, time_scale
 from mmg.rollout import Simulator
@@ -65,7 +65,7 @@ def advice(result: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def history(record: Record, row: int, seconds: float) -> int:
+def past_begin(record: Record, row: int, seconds: float) -> int:
     """First row of the unbroken, measured stretch of at most ``seconds`` before ``row``; ``row`` if there is none."""
     t = record.t
     gap = 2.5 * float(np.median(np.diff(t)))
@@ -78,7 +78,7 @@ def history(record: Record, row: int, seconds: float) -> int:
 
 def restarts(record: Record, row: int, a: Adaptation) -> list[Stretch]:
     """The past of a window that starts at ``row`` in restarts, youngest first; a last one under half length is left."""
-    begin, sample = history(record, row, a.seconds), float(np.median(np.diff(record.t)))
+    begin, sample = past_begin(record, row, a.seconds), float(np.median(np.diff(record.t)))
     result: list[Stretch] = []
     last = row
     while last > begin:
@@ -92,13 +92,13 @@ def restarts(record: Record, row: int, a: Adaptation) -> list[Stretch]:
     return result
 
 
-def adapt(simulator: Simulator, windows: Sequence[Stretch], a: Adaptation) -> tuple[Water, np.ndarray]:
+def adapt(simulator: Simulator, windows: Sequence[Stretch], a: Adaptation) -> tuple[FadingCurrent, np.ndarray]:
     """The current at the start of each window, fading, and offsets (S - 6, M) of what is remembered from settled.
 
     Both are zero for a window without a past.
     """
     parts = [_adapt(simulator, windows[i : i + AT_ONCE], a) for i in range(0, len(windows), AT_ONCE)]
-    return Water(np.hstack([w for w, _ in parts]), a.decay), np.hstack([o for _, o in parts])
+    return FadingCurrent(np.hstack([w for w, _ in parts]), a.decay), np.hstack([o for _, o in parts])
 
 
 def _adapt(simulator: Simulator, windows: Sequence[Stretch], a: Adaptation) -> tuple[np.ndarray, np.ndarray]:
@@ -115,11 +115,11 @@ def _adapt(simulator: Simulator, windows: Sequence[Stretch], a: Adaptation) -> t
     if not pieces:
         return current, offset
     batch, K = WindowBatch.of(pieces), len(pieces)
-    tried = WindowBatch(np.tile(batch.steps, 3), np.tile(batch.inputs, 3), np.tile(batch.logged, 3))
+    probed = WindowBatch(np.tile(batch.steps, 3), np.tile(batch.inputs, 3), np.tile(batch.logged, 3))
     probe = np.zeros((2, 3, K))
     probe[0, 1] = probe[1, 2] = 0.5 * a.size
     # within a restart the current hardly fades: its age is counted in the weights
-    out, states = roll(simulator, tried, Water(probe.reshape(2, -1), 1e3 * a.decay))
+    out, states = rollout(simulator, probed, FadingCurrent(probe.reshape(2, -1), 1e3 * a.decay))
     information, gradient = np.zeros((M, 2, 2)), np.zeros((M, 2))
     for k, piece in enumerate(pieces):
         start = windows[owner[k]].first
@@ -154,5 +154,5 @@ def _equations(out: np.ndarray, piece: Stretch, now: float, a: Adaptation) -> tu
     weight = share * np.exp(-2 * age / a.forget)[:, None] * ROBUST / np.maximum(relative, ROBUST)
     weight = weight / a.errors**2
     usable = np.isfinite(error) & np.isfinite(J).all(axis=0)
-    usable[:, :2] &= piece.record.placed
+    usable[:, :2] &= piece.record.has_position
     return np.where(usable, J, 0.0), np.where(usable, error, 0.0), np.where(usable, weight, 0.0)

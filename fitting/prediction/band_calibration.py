@@ -11,10 +11,18 @@ from scipy.optimize import minimize
 
 from cases.trial import Trial
 from fitting.prediction.adaptation import Adaptation, adapt
-from fitting.prediction.bands import COARSE, Bands, Process, as_dict, coarse_rows, features, growth
+from fitting.prediction.bands import (
+    COARSE,
+    Bands,
+    Process,
+    acceleration_sizes,
+    coarse_rows,
+    process_dict,
+    velocity_variance,
+)
 from fitting.prediction.predict import record_of, window_rows
 from fitting.prediction.score import pooled_sigma, score
-from fitting.prediction.stretches import Stretch, WindowBatch, roll
+from fitting.prediction.stretches import Stretch, WindowBatch, rollout
 from mmg.errors import UserError
 from mmg.motion.froude import time_scale
 from mmg.rollout import Simulator
@@ -59,7 +67,7 @@ def sample_noise(trials: Sequence[Trial]) -> np.ndarray:
 
 
 def fit_bands(simulator: Simulator, trials: Sequence[Trial], root: np.ndarray | None = None) -> dict[str, Any] | None:
-    """The process behind the errors of the windows of these trials, as ``as_dict``; None when there are too few.
+    """The process behind the errors of the windows of these trials, as ``process_dict``; None when there are too few.
 
     root: draws of the coefficients (``bands.draws_of``), whose part of the errors the factors leave out.
     """
@@ -76,23 +84,23 @@ def fit_bands(simulator: Simulator, trials: Sequence[Trial], root: np.ndarray | 
     if len(stretches) < 5:
         return None
     batch = WindowBatch.of(stretches)
-    out = roll(simulator, batch)[0]
+    out = rollout(simulator, batch)[0]
     error, counted = _errors(stretches, out)
     noise = sample_noise(trials)
     rows = coarse_rows(batch, 0.5 * k)
     memory, decay, size = np.empty(3), np.empty(3), np.empty((3, 3))
     dt = np.diff(batch.times[rows], axis=0)
-    shape = features(np.nan_to_num(out[rows]), length)
+    shape = acceleration_sizes(np.nan_to_num(out[rows]), length)
     every = max(1, round(EVERY / 0.5))
-    seen = np.where(counted[rows, None], error[rows], np.nan)[every::every, 3:]
-    if (np.isfinite(seen).sum(axis=(0, 2)) < 50).any():
+    sampled = np.where(counted[rows, None], error[rows], np.nan)[every::every, 3:]
+    if (np.isfinite(sampled).sum(axis=(0, 2)) < 50).any():
         return None
     best = np.full(3, np.inf)
     for m in MEMORIES:
         for d in DECAYS:
-            parts = np.moveaxis(growth(np.moveaxis(shape, 0, 1), dt, m * k, d * k), 0, 1)[:, every::every]
+            parts = np.moveaxis(velocity_variance(np.moveaxis(shape, 0, 1), dt, m * k, d * k), 0, 1)[:, every::every]
             for c in range(3):
-                value, found = likely_sizes(parts, seen[:, c], 2 * noise[3 + c] ** 2)
+                value, found = likely_sizes(parts, sampled[:, c], 2 * noise[3 + c] ** 2)
                 if value < best[c]:
                     best[c], memory[c], decay[c], size[c] = value, m * k, d * k, found
     process = Process(memory, decay, size, noise, np.ones(6), np.ones(6))
@@ -103,9 +111,9 @@ def fit_bands(simulator: Simulator, trials: Sequence[Trial], root: np.ndarray | 
         fixed = bands.coefficient_variance(simulator, batch, out, rows)
     process = _scaled(bands, length, batch, out, error, counted, fixed)
     water, offset = adapt(simulator, stretches, Adaptation.of(simulator.ship, PAST * k))
-    error, counted = _errors(stretches, roll(simulator, batch, water, offset)[0])
+    error, counted = _errors(stretches, rollout(simulator, batch, water, offset)[0])
     known = replace(bands, process=process)
-    return as_dict(replace(process, adapted=_factors(known, length, batch, out, error, counted, fixed)))
+    return process_dict(replace(process, adapted=_factors(known, length, batch, out, error, counted, fixed)))
 
 
 def _errors(stretches: Sequence[Stretch], out: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -114,7 +122,7 @@ def _errors(stretches: Sequence[Stretch], out: np.ndarray) -> tuple[np.ndarray, 
     for i, s in enumerate(stretches):
         rows = s.last - s.first + 1
         error[:rows, :, i] = out[:rows, :, i] - s.logged
-        if not s.record.placed:
+        if not s.record.has_position:
             error[:, :2, i] = np.nan
     error[:, 2] = np.pi - np.mod(np.pi - error[:, 2], 2 * np.pi)
     return error, np.isfinite(error[:, 2:]).all(axis=1)
@@ -197,8 +205,8 @@ def _factors(
 
 def adaptation_worth(simulator: Simulator, held_out: Sequence[Trial]) -> dict[str, Any] | None:
     """Whether adaptation pays for ``simulator`` on ``held_out`` trials; None where none of them can be scored."""
-    placed = [t for t in held_out if t.has_position]
+    located = [t for t in held_out if t.has_position]
     try:
-        return adaptation_pays(simulator, placed, pooled_sigma(placed), "validation")
+        return adaptation_pays(simulator, located, pooled_sigma(located), "validation")
     except UserError:
         return None

@@ -46,7 +46,7 @@ class Process:
     adapted: np.ndarray
 
 
-def features(states: np.ndarray, length: float) -> np.ndarray:
+def acceleration_sizes(states: np.ndarray, length: float) -> np.ndarray:
     """Squares of what the size of the accelerations grows with, (3, ..., M), from predicted states (..., 6, M)."""
     u, v, r = states[..., 3, :], states[..., 4, :], states[..., 5, :]
     U2 = u * u + v * v
@@ -61,7 +61,7 @@ def coarse_rows(batch: WindowBatch, step: float) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Step:
+class AccelerationStep:
     """A step of an acceleration of unit variance and the error that it drives, all (M,).
 
     left, error: shares of acceleration and error that are left; gain: error per acceleration [s]; aa, ae, ee: variances
@@ -76,7 +76,7 @@ class Step:
     ee: np.ndarray
 
     @classmethod
-    def of(cls, dt: np.ndarray, memory: float, decay: float) -> Step:
+    def of(cls, dt: np.ndarray, memory: float, decay: float) -> AccelerationStep:
         T = decay * 1.01 if abs(decay - memory) < 0.01 * memory else decay
         left, error, rate = np.exp(-dt / memory), np.exp(-dt / T), 1 / T - 1 / memory
         both, own, other = (1 - left * error) / (1 / memory + 1 / T), memory / 2 * (1 - left**2), T / 2 * (1 - error**2)
@@ -85,7 +85,7 @@ class Step:
         return cls(left, error, (left - error) / rate, 1 - left**2, noise / rate * (own - both), ee)
 
 
-def growth(square: np.ndarray, dt: np.ndarray, memory: float, decay: float) -> np.ndarray:
+def velocity_variance(square: np.ndarray, dt: np.ndarray, memory: float, decay: float) -> np.ndarray:
     """Variance (n + 1, ..., M) of the velocity error that accelerations of variance ``square`` (n + 1, ..., M) leave.
 
     dt: (n, M) steps. The accelerations start with their local size, the error with zero.
@@ -94,7 +94,7 @@ def growth(square: np.ndarray, dt: np.ndarray, memory: float, decay: float) -> n
     ae, ee = np.zeros_like(aa), np.zeros_like(aa)
     out = [ee]
     for k in range(len(dt)):
-        s = Step.of(dt[k], memory, decay)
+        s = AccelerationStep.of(dt[k], memory, decay)
         ee = s.error**2 * ee + 2 * s.error * s.gain * ae + s.gain**2 * aa + s.ee * square[k]
         ae = s.left * (s.error * ae + s.gain * aa) + s.ae * square[k]
         aa = s.left**2 * aa + s.aa * square[k]
@@ -134,7 +134,7 @@ class Bands:
     def process_variance(self, batch: WindowBatch, out: np.ndarray, length: float, rows: np.ndarray) -> np.ndarray:
         """Variance (n, 6, M) at coarse rows by the process, without its factors."""
         p, states, times = self.process, out[rows], batch.times[rows]
-        square = np.einsum("ck,k...->c...", p.size**2, features(states, length))
+        square = np.einsum("ck,k...->c...", p.size**2, acceleration_sizes(states, length))
         M = out.shape[2]
         # order: accelerations (3), errors of u, v, r (3), of x, y, psi (3)
         P = np.zeros((M, 9, 9))
@@ -144,10 +144,10 @@ class Bands:
         for k in range(len(rows) - 1):
             dt = times[k + 1] - times[k]
             F = np.tile(np.eye(9), (M, 1, 1))
-            steps = [Step.of(dt, p.memory[c], p.decay[c]) for c in range(3)]
+            steps = [AccelerationStep.of(dt, p.memory[c], p.decay[c]) for c in range(3)]
             for c, step in enumerate(steps):
                 F[:, c, c], F[:, 3 + c, 3 + c], F[:, 3 + c, c] = step.left, step.error, step.gain
-            F[:, 6:] = kinematics(states[k], dt) @ F
+            F[:, 6:] = kinematic_map(states[k], dt) @ F
             P = F @ P @ np.swapaxes(F, 1, 2)
             for c, step in enumerate(steps):
                 P[:, c, c] += step.aa * square[c, k]
@@ -189,7 +189,7 @@ class Bands:
         return total / self.root.shape[1]
 
 
-def kinematics(states: np.ndarray, dt: np.ndarray) -> np.ndarray:
+def kinematic_map(states: np.ndarray, dt: np.ndarray) -> np.ndarray:
     """(M, 3, 9): errors of x, y, psi after dt (M,) from those of u, v, r after it and of x, y, psi before."""
     psi, u, v = states[2], states[3], states[4]
     c, s = np.cos(psi), np.sin(psi)
@@ -202,7 +202,7 @@ def kinematics(states: np.ndarray, dt: np.ndarray) -> np.ndarray:
     return G
 
 
-def as_dict(p: Process) -> dict[str, Any]:
+def process_dict(p: Process) -> dict[str, Any]:
     """A process as it stands in result.json under "bands"."""
     return {
         "acceleration_memory_s": dict(zip("uvr", p.memory.tolist(), strict=True)),

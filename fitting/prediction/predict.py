@@ -14,7 +14,7 @@ from cases.inputs import STANDARD, control_array
 from cases.trial import Trial
 from fitting.prediction.adaptation import Adaptation, adapt
 from fitting.prediction.bands import Bands
-from fitting.prediction.stretches import Record, Stretch, Water, WindowBatch, roll
+from fitting.prediction.stretches import FadingCurrent, Record, Stretch, WindowBatch, rollout
 from mmg.errors import UserError
 from mmg.rollout import Simulator
 
@@ -65,7 +65,7 @@ def window_rows(t: np.ndarray, length: float, stride: float, short_last: bool) -
     return result
 
 
-def usable(trial: Trial, inputs: Sequence[str] = STANDARD) -> np.ndarray:
+def usable_rows(trial: Trial, inputs: Sequence[str] = STANDARD) -> np.ndarray:
     """Rows whose state and inputs are all measured, shape (N,)."""
     needed = np.column_stack([trial.states[:, 2:], control_array(trial, inputs)])
     if trial.has_position:
@@ -87,7 +87,7 @@ def record_of(trial: Trial, inputs: Sequence[str]) -> Record:
     if not trial.has_position:
         states = states.copy()
         states[:, :2] = 0.0
-    return Record(trial.t, states, control_array(trial, inputs), usable(trial, inputs), trial.has_position)
+    return Record(trial.t, states, control_array(trial, inputs), usable_rows(trial, inputs), trial.has_position)
 
 
 def _plan(
@@ -151,11 +151,11 @@ def _simulated(
 ) -> tuple[np.ndarray, np.ndarray | None]:
     """Logged columns (N + 1, 6, M) of stretches by a ship, and their standard deviations where asked for."""
     batch = WindowBatch.of(flat)
-    water: Water | None = None
+    water: FadingCurrent | None = None
     offset: np.ndarray | None = None
     if adaptation is not None:
         water, offset = adapt(simulator, flat, adaptation)
-    out = roll(simulator, batch, water, offset, method)[0]
+    out = rollout(simulator, batch, water, offset, method)[0]
     return out, bands.std(simulator, batch, out, adaptation is not None) if bands else None
 
 
@@ -166,7 +166,7 @@ def predict(
     return predict_all(simulator, [trial], *args, **options)[0]
 
 
-def table(trial: Trial, windows: list[Window]) -> np.ndarray:
+def prediction_rows(trial: Trial, windows: list[Window]) -> np.ndarray:
     """Rows (window, t, x, y, psi, u, v, r) of all windows, (rows, 8), and the six standard deviations, (rows, 14)."""
     parts = []
     for w in windows:

@@ -10,7 +10,7 @@ import numpy as np
 
 from cases.trial import Trial
 from fitting.prediction.adaptation import Adaptation
-from fitting.prediction.predict import Forecaster, Window, predict_all, usable
+from fitting.prediction.predict import Forecaster, Window, predict_all, usable_rows
 from mmg.errors import UserError
 from mmg.messages import Message
 from mmg.motion.flow import INPUTS
@@ -132,12 +132,12 @@ def score_pairs(
     """
     pairs = {}
     for name, trials in sets.items():
-        placed = [t for t in trials if t.has_position]
+        located = [t for t in trials if t.has_position]
         try:
-            sigma = pooled_sigma(placed)
+            sigma = pooled_sigma(located)
         except UserError:
             continue
-        pairs[name] = ScorePair(*(score(model, placed, sigma, f"the {name} trials") for model in (before, after)))
+        pairs[name] = ScorePair(*(score(model, located, sigma, f"the {name} trials") for model in (before, after)))
     return pairs
 
 
@@ -151,8 +151,8 @@ def _by_state(row: Mapping[str, float | None]) -> np.ndarray:
 
 def pooled_sigma(trials: Sequence[Trial]) -> np.ndarray:
     """Standard deviation of each state over all rows of all trials, heading as stored, shape (6,)."""
-    placed = [t for t in trials if t.has_position]
-    rows = [np.column_stack([t[c] for c in STATES])[usable(t, [n for n in INPUTS if n in t])] for t in placed]
+    located = [t for t in trials if t.has_position]
+    rows = [np.column_stack([t[c] for c in STATES])[usable_rows(t, [n for n in INPUTS if n in t])] for t in located]
     if not rows:
         raise UserError("sigma cannot be taken from trials without positions x and y; give it with --sigma")
     sigma = np.vstack(rows).std(axis=0)

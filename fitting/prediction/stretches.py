@@ -18,14 +18,14 @@ INVERSIONS = 30
 class Record:
     """What a prediction needs of a trial: t (N,), logged states (N, 6), inputs of the model (N, C), usable rows (N,).
 
-    placed: whether positions were measured; without them the states' x and y are zero.
+    has_position: whether positions were measured; without them the states' x and y are zero.
     """
 
     t: np.ndarray
     states: np.ndarray
     controls: np.ndarray
     good: np.ndarray
-    placed: bool
+    has_position: bool
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Stretch:
 
 
 @dataclass(frozen=True)
-class Water:
+class FadingCurrent:
     """A uniform current over ground that fades: velocity (2, M) north and east [m/s] at the first row, decay [s]."""
 
     velocity: np.ndarray
@@ -76,10 +76,10 @@ class WindowBatch:
         return np.vstack([np.zeros(self.steps.shape[1]), np.cumsum(self.steps, axis=0)])
 
 
-def roll(
+def rollout(
     simulator: Simulator,
     batch: WindowBatch,
-    water: Water | None = None,
+    water: FadingCurrent | None = None,
     offset: np.ndarray | None = None,
     method: str = "rk4",
 ) -> tuple[np.ndarray, np.ndarray]:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fitting.nlp.fisher_information import Quadratics, freed, levels
+from fitting.nlp.fisher_information import Quadratics, intervals_by_level, minimised_over_jumps
 from fitting.nlp.problem import Problem
 from mmg.effects import effect
 from mmg.ship import Ship
@@ -47,7 +47,7 @@ def update_sizes(problem: Problem, x: np.ndarray, axes: tuple[str, ...]) -> tupl
     nodes, p = problem.split(x)
     nodes = nodes.copy()
     typical, values = _typical(problem.ship), {}
-    squares, determined = jumps(problem, x)
+    squares, determined = jump_statistics(problem, x)
     for a in axes:
         c, symbol = AXES.index(a), f"disturbance.{a}"
         old = problem.ship.coefficients[symbol].value
@@ -58,7 +58,7 @@ def update_sizes(problem: Problem, x: np.ndarray, axes: tuple[str, ...]) -> tupl
     return changed, changed.join(nodes, p)
 
 
-def jumps(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def jump_statistics(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Sum of the squared standardised jumps of each axis (3,), and how many of them the data determine (3,)."""
     seg, nodes = problem.segments, problem.split(x)[0]
     r = problem.random
@@ -85,7 +85,7 @@ def log_determinant(problem: Problem, parts: Quadratics, factor: np.ndarray) -> 
     first = problem.memory_weight[:, r - 6] * problem.scale[r] ** 2
     at_nodes[:, r, r] += (factor - 1) * first
     total = 0.0
-    for depth, i in enumerate(levels(seg)):
+    for depth, i in enumerate(intervals_by_level(seg)):
         w = seg.window[i]
         if depth == 0:
             V[w] = at_nodes[seg.end[i]]
@@ -93,7 +93,7 @@ def log_determinant(problem: Problem, parts: Quadratics, factor: np.ndarray) -> 
         inner = V[w][:, r[:, None], r]
         inner[:, np.arange(len(r)), np.arange(len(r))] += price
         total += float(np.linalg.slogdet(inner)[1].sum())
-        H, _ = freed(V[w], nothing[w], r, price)
+        H, _ = minimised_over_jumps(V[w], nothing[w], r, price)
         T = parts.maps[i][:, :S, :S]
         V[w] = np.swapaxes(T, 1, 2) @ H @ T + parts.inside[i][:, :S, :S] + at_nodes[seg.start[i]]
     return total + float(np.linalg.slogdet(V)[1].sum())

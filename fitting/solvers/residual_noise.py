@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import correlate
 
-from fitting.nlp.loss import trimmed
+from fitting.nlp.loss import without_outliers
 from fitting.nlp.windows import Segments
 
 
@@ -29,7 +29,7 @@ class ResidualNoise:
         return self.rms * np.sqrt(self.tau)
 
 
-def series(segments: Segments, node_residuals: np.ndarray, interior: np.ndarray) -> list[np.ndarray]:
+def residual_series(segments: Segments, node_residuals: np.ndarray, interior: np.ndarray) -> list[np.ndarray]:
     """Residuals in time order per window, each (samples, 6), NaN where not measured.
 
     node_residuals: (B, 6); interior: (K-1, 6, M) residuals inside the intervals.
@@ -74,11 +74,11 @@ def estimate_noise(
     One degree of freedom per window and channel is given to the free initial states. A channel that is nowhere
     measured keeps rms = floor, tau = 1. ``robust`` leaves out residuals beyond four robust standard deviations.
     """
-    windows = series(segments, np.where(segments.node_mask > 0, node_residuals, np.nan), interior)
+    windows = residual_series(segments, np.where(segments.node_mask > 0, node_residuals, np.nan), interior)
     rms, tau = np.array(floor, dtype=float), np.ones(6)
     for channel in range(6):
         e = [w[:, channel] for w in windows if np.isfinite(w[:, channel]).any()]
-        e = trimmed(e) if robust else e
+        e = without_outliers(e) if robust else e
         count = sum(int(np.isfinite(part).sum()) for part in e)
         if count <= len(e):
             continue

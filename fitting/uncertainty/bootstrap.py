@@ -19,7 +19,7 @@ from fitting.nlp.problem import Problem
 from fitting.nlp.problem_data import ProblemData
 from fitting.parallel import run_all
 from fitting.solvers.ipopt import solve
-from fitting.uncertainty.sandwich import left_out
+from fitting.uncertainty.sandwich import changes_without_each
 
 WARM = {"ipopt.mu_init": 1e-3, "ipopt.warm_start_init_point": "yes", "ipopt.bound_push": 1e-6, "ipopt.bound_frac": 1e-6}
 """IPOPT options for a refit that starts near its optimum."""
@@ -75,7 +75,7 @@ class Replicates:
         return np.quantile(self.good, [(1 - level) / 2, (1 + level) / 2], axis=0)
 
 
-def weighted(problem: Problem, x: np.ndarray, counts: np.ndarray, shift: np.ndarray) -> tuple[Problem, np.ndarray]:
+def reweighted(problem: Problem, x: np.ndarray, counts: np.ndarray, shift: np.ndarray) -> tuple[Problem, np.ndarray]:
     """The problem in which window w counts ``counts[w]`` times and the prior's centre is shifted by ``shift`` (P,).
 
     Windows that do not count are left out; also returns which nodes (B,) are kept. A robust loss becomes the weights
@@ -110,7 +110,7 @@ def _refit_one(problem: Problem, x: np.ndarray, counts: np.ndarray, shift: np.nd
         return nothing, "no window is left"
     try:
         nodes, p = problem.split(x)
-        part, kept = weighted(problem, x, counts, shift)
+        part, kept = reweighted(problem, x, counts, shift)
         start = part.join(nodes[kept], np.clip(p - shift, *part.p_bounds()))
         with np.errstate(all="ignore"):
             s = solve(part, start, REFIT_TOLERANCE, REFIT_ITERATIONS, options=WARM)
@@ -146,7 +146,7 @@ def leave_one_run_out(
     by_run = info.by_run()
     labels = tuple(names[int(r)] for r in by_run.run)
     if problem is None or x is None:
-        return Replicates(info.p + left_out(by_run), labels, (), "step")
+        return Replicates(info.p + changes_without_each(by_run), labels, (), "step")
     counts = np.array([info.run != r for r in by_run.run], dtype=int)
     shifts = np.zeros((len(counts), len(info.p)))
     return _replicates(_spread(problem, x, counts, shifts, workers), labels)
@@ -181,6 +181,6 @@ def bootstrap(
         lower, upper = problem.p_bounds()
         inside = np.clip(shifts, lower, upper)  # a centre outside the bounds is no prior of this ship
         return _replicates(_spread(problem, x, counts, inside, workers), labels)
-    H = np.einsum("bw,wij->bij", counts.astype(float), info.fisher, optimize=True) + info.known
-    slope = counts @ info.score + info.pull - shifts
+    H = np.einsum("bw,wij->bij", counts.astype(float), info.fisher, optimize=True) + info.prior_information
+    slope = counts @ info.score + info.prior_score - shifts
     return Replicates(info.p - np.linalg.solve(H, slope[:, :, None])[:, :, 0], labels, (), "step")

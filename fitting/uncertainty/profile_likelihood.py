@@ -57,12 +57,12 @@ class ProfileSide:
     held: np.ndarray
 
 
-def walk(task: ProfileSide) -> list[tuple[float, str]]:
+def refit_along(task: ProfileSide) -> list[tuple[float, str]]:
     """(objective, reason of failure or "") at each held value; each solve starts from the one before."""
-    return _walk(task.problem_data.problem(), task)
+    return _refit_along(task.problem_data.problem(), task)
 
 
-def _walk(problem: Problem, task: ProfileSide) -> list[tuple[float, str]]:
+def _refit_along(problem: Problem, task: ProfileSide) -> list[tuple[float, str]]:
     x, found = task.x, []
     for value in task.held:
         lower, upper = problem.prior.lower.copy(), problem.prior.upper.copy()
@@ -102,7 +102,7 @@ def profiles(
             held = held[np.abs(held - p[i]) > 1e-9]
             held = held[np.r_[True, np.abs(np.diff(held)) > 1e-9]] if len(held) else held
             tasks.append(ProfileSide(data, x, i, held))
-    outcomes = run_all(walk, tasks, workers) if workers > 1 else [_walk(problem, task) for task in tasks]
+    outcomes = run_all(refit_along, tasks, workers) if workers > 1 else [_refit_along(problem, task) for task in tasks]
     return [
         _profile(problem, symbol, p, best, covariance, model, tasks[2 * k : 2 * k + 2], outcomes[2 * k : 2 * k + 2])
         for k, symbol in enumerate(symbols)

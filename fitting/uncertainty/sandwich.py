@@ -53,7 +53,7 @@ class Robust:
         return np.sqrt(np.diag(self.covariance) / np.diag(self.model))
 
 
-def left_out(info: Information) -> np.ndarray:
+def changes_without_each(info: Information) -> np.ndarray:
     """Change of the estimate when each row of ``info`` (a window or a run) is left out, to first order, (rows, P)."""
     remaining = info.hessian - info.fisher
     return np.linalg.solve(remaining, info.score[:, :, None])[:, :, 0]
@@ -61,7 +61,7 @@ def left_out(info: Information) -> np.ndarray:
 
 def _clusters(info: Information, inverse: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Moves without each cluster, the variance they add up to (P,), and its degrees of freedom (P,)."""
-    moves = left_out(info)
+    moves = changes_without_each(info)
     expected = np.einsum("ij,wjk,ki->wi", inverse, info.fisher, inverse, optimize=True)
     freedom = expected.sum(axis=0) ** 2 / np.maximum((expected**2).sum(axis=0), 1e-300)
     return moves, (moves**2).sum(axis=0), np.clip(freedom, 1.0, len(moves))
@@ -84,7 +84,7 @@ def robust(info: Information) -> Robust:
     model = 0.5 * (inverse + inverse.T)
     if windows < 2:
         return Robust(model, model, np.ones(P), 1.0, clusters, np.zeros((1, P)))
-    by_model = np.diag(model @ (H - info.known) @ model)
+    by_model = np.diag(model @ (H - info.prior_information) @ model)
     moves_w, seen, freedom = _clusters(info, model)
     moves_r = np.zeros((1, P))
     total = moves_w.T @ moves_w
@@ -107,8 +107,8 @@ def robust(info: Information) -> Robust:
     variance = np.where(known < ENOUGH, np.maximum(variance, by_model), variance)
     variance *= (student.ppf(0.975, known) / NORMAL) ** 2
     share = BELIEF / (BELIEF + freedom.mean())
-    matrix = (1 - share) * total + share * dispersion * model @ (H - info.known) @ model
+    matrix = (1 - share) * total + share * dispersion * model @ (H - info.prior_information) @ model
     size = np.sqrt(np.maximum(variance, 0.0) / np.maximum(np.diag(matrix), 1e-300))
     noise = np.where(by_model[:, None] * by_model > 0, matrix * np.outer(size, size), 0.0)
-    covariance = noise + model @ info.known @ model
+    covariance = noise + model @ info.prior_information @ model
     return Robust(0.5 * (covariance + covariance.T), model, known, dispersion, clusters, moves_r)

@@ -37,7 +37,7 @@ def predict(
     from fitting.prediction.adaptation import Adaptation, advice
     from fitting.prediction.bands import bands_of
     from fitting.prediction.predict import predict as windows_of
-    from fitting.prediction.predict import table, write_tables
+    from fitting.prediction.predict import prediction_rows, write_tables
     from fitting.prediction.training_range import outside_share
     from mmg.errors import UserError
     from mmg.rollout import Simulator
@@ -75,7 +75,7 @@ def predict(
             notes.append(f"{run.name}: no measured position; each window starts at x = y = 0")
         if not run.has_wind:
             notes.append(f"{run.name}: no wind columns; calm air is assumed")
-        tables[files[run.name]] = table(run, found)
+        tables[files[run.name]] = prediction_rows(run, found)
         counts[run.name] = len(found)
         outside[run.name] = outside_share(simulator, run, found) if isinstance(simulator, Simulator) else None
         if outside[run.name]:

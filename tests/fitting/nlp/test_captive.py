@@ -13,7 +13,7 @@ from cases.shipfiles.ship_file import load_ship
 from cases.simulation.demo_trials import hidden_ship
 from fitting.calibration import estimate_coefficients
 from fitting.identifiability.data_checks import against_captive
-from fitting.nlp.captive import Captive, CaptiveForces, determine, read_captive
+from fitting.nlp.captive import Captive, CaptiveForces, estimate_from_captive, read_captive
 from fitting.nlp.problem import Prior
 from fitting.settings import Settings
 from mmg.errors import UserError
@@ -76,7 +76,7 @@ def test_the_problem_with_captive_points_has_exact_derivatives() -> None:
 def test_captive_points_determine_the_hull_but_never_the_masses() -> None:
     truth = hidden_ship()
     forces, free, prior = prepared(ESSO, points(truth, noise=1.0))
-    found = determine(forces, ESSO.values, free, prior.mean, prior.std)
+    found = estimate_from_captive(forces, ESSO.values, free, prior.mean, prior.std)
     assert found.converged
     spread = dict(zip(prior.symbols, np.sqrt(np.diag(found.covariance)), strict=True))
     for symbol in ("m_x", "m_y", "I_J_z"):
@@ -95,7 +95,7 @@ def test_hull_derivatives_are_recovered_and_agree_with_scipy() -> None:
         {s: ESSO.coefficients[s].value for s in HULL}
     )
     forces, free, prior = prepared(ship, points(truth))
-    found = determine(forces, ship.values, free, prior.mean, prior.std, ridge=1e-6)
+    found = estimate_from_captive(forces, ship.values, free, prior.mean, prior.std, ridge=1e-6)
     true = [truth.coefficients[s].value for s in prior.symbols]
     np.testing.assert_allclose(prior.mean + prior.std * found.p, true, atol=1e-5 * prior.std.max(), rtol=1e-4)
 
@@ -104,7 +104,7 @@ def test_hull_derivatives_are_recovered_and_agree_with_scipy() -> None:
         theta[free] = prior.mean + prior.std * p
         return np.concatenate([(np.sqrt(forces.weight) * forces.residuals(theta)).ravel(), p])
 
-    ours = determine(forces, ship.values, free, prior.mean, prior.std)
+    ours = estimate_from_captive(forces, ship.values, free, prior.mean, prior.std)
     theirs = least_squares(residuals, np.zeros(len(free)), xtol=1e-14, ftol=1e-14, gtol=1e-14)
     np.testing.assert_allclose(ours.p, theirs.x, atol=1e-5)
 

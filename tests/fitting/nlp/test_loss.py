@@ -10,7 +10,7 @@ from cases.shipfiles.ship_file import load_ship
 from cases.simulation.demo_trials import hidden_ship
 from cases.trial import Trial
 from fitting.calibration import estimate_coefficients
-from fitting.nlp.loss import LOSSES, Loss, trimmed
+from fitting.nlp.loss import LOSSES, Loss, without_outliers
 from fitting.nlp.problem import Problem
 from fitting.prediction.score import score
 from fitting.settings import Settings
@@ -66,7 +66,7 @@ def test_trimming_recovers_the_spread_under_outliers() -> None:
     rng = np.random.default_rng(0)
     e = rng.normal(size=5000)
     e[::50] += 100.0
-    assert np.nanstd(trimmed([e])[0]) == pytest.approx(1.0, rel=0.06)
+    assert np.nanstd(without_outliers([e])[0]) == pytest.approx(1.0, rel=0.06)
 
 
 def spiked(trial: Trial, seed: int) -> Trial:

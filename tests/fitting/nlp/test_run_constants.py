@@ -130,7 +130,7 @@ def test_information_and_its_shared_part_are_those_of_the_whole_program() -> Non
     s = solve(p, p.start())
     assert s.converged
     found = information(p, s.x)
-    np.testing.assert_allclose(found.score.sum(axis=0) + found.pull, 0, atol=1e-3)
+    np.testing.assert_allclose(found.score.sum(axis=0) + found.prior_score, 0, atol=1e-3)
     for w, run in enumerate(found.run):
         others = (found.owner >= 0) & (found.owner != run)
         assert not found.fisher[w][others].any() and found.fisher[w][found.owner == run].any()

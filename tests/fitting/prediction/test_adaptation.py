@@ -16,10 +16,10 @@ from cases.simulation.demo_trials import hidden_ship
 from cases.simulation.sensors import SensorNoise, add_noise
 from cases.simulation.simulate import simulate, write_trial
 from cases.trial import Trial
-from fitting.prediction.adaptation import Adaptation, adapt, advice, history, restarts
+from fitting.prediction.adaptation import Adaptation, adapt, advice, past_begin, restarts
 from fitting.prediction.predict import predict, predict_all, record_of
 from fitting.prediction.score import score
-from fitting.prediction.stretches import Stretch, Water, WindowBatch, roll
+from fitting.prediction.stretches import FadingCurrent, Stretch, WindowBatch, rollout
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 from mmg_ident.commands.main import main
@@ -108,9 +108,9 @@ def test_the_past_ends_at_missing_samples_and_gaps() -> None:
     u = trial["u"].copy()
     u[150] = np.nan
     record = record_of(trial.with_columns(u=u), simulator().ship.inputs)
-    assert history(record, 200, 30.0) == 151
-    assert history(record, 150, 30.0) == 150
-    assert history(record, 400, 30.0) == 250
+    assert past_begin(record, 200, 30.0) == 151
+    assert past_begin(record, 150, 30.0) == 150
+    assert past_begin(record, 400, 30.0) == 250
     pieces = restarts(record, 200, past())
     assert pieces[0].last == 200 and min(p.first for p in pieces) >= 151
 
@@ -128,9 +128,9 @@ def test_a_current_that_lasts_is_that_of_the_current_effect() -> None:
     moving = Simulator(ship.with_effect("current", CURRENT))
     record = record_of(run(False, noise=False), ship.inputs)
     timed = record_of(run(False, noise=False), moving.ship.inputs)
-    water = Water(np.array([[CURRENT["x"]], [CURRENT["y"]]]), 1e9)
-    ours = roll(simulator(), WindowBatch.of([Stretch(record, 100, 250)]), water)[0]
-    theirs = roll(moving, WindowBatch.of([Stretch(timed, 100, 250)]))[0]
+    water = FadingCurrent(np.array([[CURRENT["x"]], [CURRENT["y"]]]), 1e9)
+    ours = rollout(simulator(), WindowBatch.of([Stretch(record, 100, 250)]), water)[0]
+    theirs = rollout(moving, WindowBatch.of([Stretch(timed, 100, 250)]))[0]
     np.testing.assert_allclose(ours, theirs, atol=1e-6)
 
 

@@ -14,7 +14,7 @@ from cases.simulation.disturbed import Disturbed, disturbed_trials
 from cases.simulation.simulate import write_trial
 from cases.trial import Trial
 from fitting.prediction.band_calibration import NORMAL, fit_bands, sample_noise
-from fitting.prediction.bands import Bands, bands_of, draws_of, growth
+from fitting.prediction.bands import Bands, bands_of, draws_of, velocity_variance
 from fitting.prediction.predict import predict, predict_all
 from fitting.prediction.score import wrapped_error
 from mmg.rollout import Simulator
@@ -116,7 +116,7 @@ def test_variance_of_the_process_agrees_with_a_simulation_of_it() -> None:
     for _ in range(steps):
         e += dt * (a - e / decay)
         a = left * a + np.sqrt(1 - left**2) * rng.standard_normal(count)
-    expected = growth(np.ones((41, 1)), np.full((40, 1), 0.5), memory, decay)[-1, 0]
+    expected = velocity_variance(np.ones((41, 1)), np.full((40, 1), 0.5), memory, decay)[-1, 0]
     assert e.var() == pytest.approx(expected, rel=0.08)
 
 

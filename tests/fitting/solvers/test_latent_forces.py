@@ -13,7 +13,7 @@ from fitting.calibration import estimate_coefficients
 from fitting.nlp.fisher_information import Quadratics
 from fitting.nlp.problem import Problem
 from fitting.settings import Settings
-from fitting.solvers.latent_forces import AXES, free_axes, jumps, log_determinant, with_start_sizes
+from fitting.solvers.latent_forces import AXES, free_axes, jump_statistics, log_determinant, with_start_sizes
 from mmg.ship import Ship
 from tests.fitting.nlp.test_fisher_information import latent
 
@@ -60,7 +60,7 @@ def test_the_log_determinant_is_that_of_the_reduced_hessian() -> None:
     assert log_determinant(p, parts, factor) == pytest.approx(np.linalg.slogdet(whole)[1], rel=1e-9)
     weights = dense(p, parts, np.array([2.0, 1.0, 1.0])) - dense(p, parts, np.ones(3))
     trace = np.trace(np.linalg.solve(dense(p, parts, np.ones(3)), weights))
-    assert jumps(p, x)[1][0] == pytest.approx(p.M + len(p.segments.run) - trace, rel=1e-4)
+    assert jump_statistics(p, x)[1][0] == pytest.approx(p.M + len(p.segments.run) - trace, rel=1e-4)
 
 
 def few_free() -> Ship:

@@ -12,9 +12,9 @@ from fitting.nlp.fisher_information import Information, information
 from fitting.nlp.problem import Prior, Problem
 from fitting.nlp.windows import cut
 from fitting.solvers.ipopt import Solution, solve
-from fitting.uncertainty.bootstrap import bootstrap, drawn_runs, leave_one_run_out, weighted
+from fitting.uncertainty.bootstrap import bootstrap, drawn_runs, leave_one_run_out, reweighted
 from fitting.uncertainty.profile_likelihood import LIMIT, profiles
-from fitting.uncertainty.sandwich import left_out, robust
+from fitting.uncertainty.sandwich import changes_without_each, robust
 from tests.support.synthetic_runs import SIGMA, kernel, runs
 
 SYMBOLS = ("Y_v", "N_v", "N_r", "C_D", "k_x", "X_0F")
@@ -80,9 +80,9 @@ def test_it_is_never_narrower_than_the_model_based_one_when_clusters_are_few() -
 
 def test_a_coefficient_that_nothing_excites_keeps_its_prior() -> None:
     info, _ = linear(20, 4, 5, 4.0, 1)
-    fisher, score, p, pull = info.fisher.copy(), info.score.copy(), info.p.copy(), info.pull.copy()
+    fisher, score, p, pull = info.fisher.copy(), info.score.copy(), info.p.copy(), info.prior_score.copy()
     fisher[:, 4], fisher[:, :, 4], score[:, 4], p[4], pull[4] = 0, 0, 0, 0, 0
-    found = robust(Information(fisher, score, p, info.run, info.symbols, info.known, pull))
+    found = robust(Information(fisher, score, p, info.run, info.symbols, info.prior_information, pull))
     assert found.covariance[4, 4] == pytest.approx(1.0)
     np.testing.assert_allclose(found.covariance[4, :4], 0, atol=1e-12)
     assert (np.linalg.eigvalsh(found.covariance) > 0).all()
@@ -103,7 +103,7 @@ def test_one_step_without_a_run_is_exact_for_a_linear_fit() -> None:
         H = info.fisher[rest].sum(axis=0) + np.eye(5)
         # gradient of the rest at p vanishes at the new optimum
         gone = -np.linalg.solve(H, info.score[rest].sum(axis=0) + info.p)
-        np.testing.assert_allclose(left_out(by_run)[k], gone, atol=1e-10)
+        np.testing.assert_allclose(changes_without_each(by_run)[k], gone, atol=1e-10)
 
 
 def test_runs_are_drawn_whole() -> None:
@@ -133,7 +133,7 @@ def small() -> tuple[Problem, Solution, Information]:
 
 def test_windows_that_count_twice_cost_twice() -> None:
     p, s, info = small()
-    part, _ = weighted(p, s.x, np.full(len(info.run), 2), np.zeros(p.P))
+    part, _ = reweighted(p, s.x, np.full(len(info.run), 2), np.zeros(p.P))
     at = p.split(s.x)[1]
     assert part.objective(s.x) - 0.5 * at @ at == pytest.approx(2 * (p.objective(s.x) - 0.5 * at @ at))
 
