@@ -71,23 +71,22 @@ def checked(schema: type[S], data: dict[str, Any]) -> tuple[S | None, list[str]]
 
     What is wrong is left out of the content, so that the rest can be checked further; None where nothing is left.
     """
-    try:
-        return schema.model_validate(data), []
-    except ValidationError as error:
-        errors = error.errors(include_url=False)
+    problems: list[str] = []
     rest = copy.deepcopy(data)
-    for e in errors:
-        *parents, last = (e["loc"][:-1] if e["type"] == "missing" else e["loc"]) or ("",)
-        table: Any = rest
-        for key in parents:
-            table = table.get(key, {}) if isinstance(table, dict) else {}
-        if isinstance(table, dict):
-            table.pop(last, None)
-    try:
-        content = schema.model_validate(rest)
-    except ValidationError:
-        content = None
-    return content, list(dict.fromkeys(_problem(schema, e) for e in errors))
+    for _ in range(4):  # a value that is left out may make its table incomplete
+        try:
+            return schema.model_validate(rest), problems
+        except ValidationError as error:
+            errors = error.errors(include_url=False)
+        problems = problems or list(dict.fromkeys(_problem(schema, e) for e in errors))
+        for e in errors:
+            *parents, last = (e["loc"][:-1] if e["type"] == "missing" else e["loc"]) or ("",)
+            table: Any = rest
+            for key in parents:
+                table = table.get(key, {}) if isinstance(table, dict) else {}
+            if isinstance(table, dict):
+                table.pop(last, None)
+    return None, problems
 
 
 def refuse(where: str, problems: Sequence[str]) -> None:
@@ -96,13 +95,12 @@ def refuse(where: str, problems: Sequence[str]) -> None:
         raise UserError(f"{where}: {'; '.join(problems)}")
 
 
-def unknown(what: str, name: str, known: Iterable[str]) -> str:
-    """The sentence on a ``name`` that is no ``what``: the nearest of the ``known`` ones, and all of them."""
+def unknown(what: str, name: str, known: Iterable[str], context: str = "") -> str:
+    """The sentence on a ``name`` that is no ``what``: the nearest of those ``known`` (in some ``context``), and all."""
     every = list(known)
-    near = difflib.get_close_matches(name, every, 1)
-    return (
-        f"unknown {what} '{name}'" + (f", did you mean '{near[0]}'?" if near else ";") + f" known: {', '.join(every)}"
-    )
+    lower = {key.lower(): key for key in every}
+    near = "".join(f" did you mean '{lower[key]}'?" for key in difflib.get_close_matches(name.lower(), lower, 1))
+    return f"unknown {what} '{name}';{near} known{context and ' '}{context}: {', '.join(every)}"
 
 
 def header(*names: str) -> str:

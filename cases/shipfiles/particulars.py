@@ -20,18 +20,26 @@ LONGEST = 600.0
 
 
 def check_particulars(p: Mapping[str, float], where: str) -> None:
-    """Raises UserError, naming ``where``, the particular and its value, for the first that no ship has.
+    """Raises UserError, naming ``where``, for all particulars ``p`` [SI] that no ship has."""
+    wrong = wrong_particulars(p)
+    if wrong:
+        raise UserError(f"{where} {'; '.join(wrong)}")
 
-    p: some or all particulars [SI]; rules that need one that is absent are left out.
+
+def wrong_particulars(p: Mapping[str, float]) -> list[str]:
+    """A sentence, with name and value, for each particular that no ship has.
+
+    p: some or all particulars [SI]; rules that need one that is absent are left out, and those that compare
+    particulars are used where each is possible by itself.
     """
+    wrong = []
     for name, value in p.items():
         if name in PARTICULARS and (not math.isfinite(value) or (name not in SIGNED and value <= 0)):
             words, unit = PARTICULARS[name]
             wanted = "a finite number" if name in SIGNED else "a positive number"
             size = f"{value:g}" if unit == "-" else f"{value:g} {unit}"
-            raise UserError(f"{where} {name} = {size} ({words}) must be {wanted}")
-    for sentence in _refuted(p):
-        raise UserError(f"{where} {sentence}")
+            wrong.append(f"{name} = {size} ({words}) must be {wanted}")
+    return wrong or list(_refuted(p))
 
 
 def _refuted(p: Mapping[str, float]) -> Iterator[str]:
@@ -80,6 +88,3 @@ def _refuted(p: Mapping[str, float]) -> Iterator[str]:
         most = 10 * math.radians(20) / time_scale(p["L"])
         if p["rudder_rate"] > most:
             yield f"rudder_rate = {p['rudder_rate']:g} rad/s is more than {most:.3g} rad/s; check its unit"
-
-
-__all__ = ["SIGNED", "check_particulars"]

@@ -54,11 +54,11 @@ def test_a_ship_file_with_particulars_of_no_ship_is_refused(case: str) -> None:
 
 
 @pytest.mark.parametrize(("key", "value"), [("C_b", 1.0), ("x_G", -0.1), ("y_P", 0.1), ("D_P", 0.2), ("x_R", -1.7)])
-def test_odd_particulars_of_a_possible_ship_are_taken(key: str, value: float) -> None:
+def test_unusual_particulars_of_a_possible_ship_are_taken(key: str, value: float) -> None:
     assert parse_ship(changed(key, value)).particulars[key] == value
 
 
-def test_the_library_is_sound() -> None:
+def test_every_ship_of_the_library_loads() -> None:
     assert all(load_ship(name) for name in library())
 
 

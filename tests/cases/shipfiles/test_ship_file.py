@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 
 import fitting
 import mmg
+from cases.shipfiles.schema import ShipFile
 from cases.shipfiles.ship_file import dump_ship, library, load_ship, parse_ship
 from mmg.components.coefficients import names
 from mmg.components.wind import fujiwara
@@ -159,34 +160,41 @@ REFUSED = {
     "coefficient of a model the ship lacks": (coefficient("t_P", value="0.2"), ["t_P", "hull unified"]),
     "upper bound below the lower": (
         coefficient("Y_v", value="-0.3", lower="0.5", upper="-0.5"),
-        ["Y_v", "-0.5", "below", "0.5"],
+        ["Y_v", "upper = -0.5", "below", "lower = 0.5"],
     ),
-    "negative std": (coefficient("Y_v", value="-0.3", std="-1"), ["Y_v", "std", "negative"]),
-    "no value": (coefficient("Y_v", std="0.1"), ["Y_v", "no value"]),
-    "value in quotes": (coefficient("Y_v", value='"-0.3"'), ["Y_v", "value", "'-0.3'", "not a number"]),
-    "value a truth": (coefficient("Y_v", value="true"), ["Y_v", "value", "not a number"]),
-    "value nan": (coefficient("Y_v", value="nan"), ["Y_v", "value", "nan"]),
-    "value infinite": (coefficient("Y_v", value="inf"), ["Y_v", "value", "inf"]),
-    "bound in words": (coefficient("Y_v", value="-0.3", lower='"low"'), ["Y_v", "lower", "'low'"]),
-    "bound nan": (coefficient("Y_v", value="-0.3", upper="nan"), ["Y_v", "upper", "nan"]),
-    "fixed in words": (coefficient("Y_v", value="-0.3", fixed='"yes"'), ["Y_v", "fixed", "true or false"]),
-    "misspelt key": (coefficient("Y_v", valeu="-0.3"), ["Y_v", "valeu", "value"]),
+    "negative std": (coefficient("Y_v", value="-0.3", std="-1"), ["Y_v] std = -1: must be at least 0"]),
+    "no value": (coefficient("Y_v", std="0.1"), ["Y_v] value is missing"]),
+    "value in quotes": (coefficient("Y_v", value='"-0.3"'), ['Y_v] value = "-0.3": must be a number']),
+    "value a truth": (coefficient("Y_v", value="true"), ["Y_v] value = true: must be a number"]),
+    "value nan": (coefficient("Y_v", value="nan"), ["Y_v] value = nan: must be a finite number"]),
+    "value infinite": (coefficient("Y_v", value="inf"), ["Y_v] value = inf: must be a finite number"]),
+    "bound in words": (coefficient("Y_v", value="-0.3", lower='"low"'), ['Y_v] lower = "low": must be a number']),
+    "bound nan": (coefficient("Y_v", value="-0.3", upper="nan"), ["Y_v] upper = nan: must be a number"]),
+    "fixed in words": (coefficient("Y_v", value="-0.3", fixed='"yes"'), ['Y_v] fixed = "yes": must be true or false']),
+    "misspelt key": (coefficient("Y_v", valeu="-0.3"), ["Y_v] unknown key 'valeu'", "did you mean 'value'?"]),
     "coefficient without a table": (SMALL + "\n[coefficients]\nY_v = -0.3\n", ["Y_v", "table"]),
     "coefficients not a table": ("coefficients = 3\n" + SMALL, ["coefficients"]),
     "missing particular": (without("A_R"), ["[ship]", "A_R", "rudder single"]),
     "missing wind particular": (without("H_BR"), ["[ship]", "H_BR", "wind fujiwara"]),
     "negative length": (SMALL.replace("L = 2.0", "L = -2.0"), ["[ship]", "L = -2", "positive"]),
     "no density": (SMALL.replace("rho = 1000.0", "rho = 0"), ["[ship]", "rho", "positive"]),
-    "length in words": (SMALL.replace("L = 2.0", 'L = "2 m"'), ["[ship]", "L", "'2 m'", "number"]),
+    "length in words": (SMALL.replace("L = 2.0", 'L = "2 m"'), ['[ship] L = "2 m": must be a number in m']),
     "infinite length": (SMALL.replace("L = 2.0", "L = inf"), ["[ship]", "L", "inf"]),
-    "not TOML": (SMALL.replace("[ship]", "[ship"), ["not a valid TOML file", "line 2"]),
-    "unknown table": (SMALL + "\n[hull]\nx = 1\n", ["[hull]", "[ship]"]),
+    "not TOML": (SMALL.replace("[ship]", "[ship"), ["not a readable TOML file", "line 2"]),
+    "unknown table": (SMALL + "\n[hull]\nx = 1\n", ["unknown section 'hull'", "ship, model"]),
     "no ship": ('[model]\nhull = "unified"\n', ["[ship]", "missing"]),
     "no model": (SMALL.split("[model]")[0], ["[model]", "missing"]),
-    "unknown model": (SMALL.replace('"unified"', '"abkowitz_1964"'), ["hull", "abkowitz_1964", "unified"]),
+    "unknown model": (
+        SMALL.replace('"unified"', '"abkowitz_1964"'),
+        ['[model] hull = "abkowitz_1964": must be "unified"'],
+    ),
     "unknown role": (SMALL + 'sails = "square"\n', ["sails", "hull"]),
     "rudder without a propeller": (SMALL + 'rudder = "single"\n', ["rudder", "propeller"]),
-    "empty": ("", ["[model]", "missing"]),
+    "empty": ("", ["[model] is missing", "[ship] is missing"]),
+    "misspelt particular": (SMALL.replace("x_G", "x_g"), ["[ship] unknown key 'x_g'; did you mean 'x_G'?"]),
+    "name that is no text": (SMALL.replace('"small"', "3"), ["[ship] name = 3: must be text"]),
+    "magnitude beyond all numbers": (coefficient("Y_v", value="1" + "0" * 400), ["Y_v] value = 1000", "must be a"]),
+    "nested beyond reading": ("a = " + "[" * 5000, ["not a readable TOML file"]),
 }
 """Text of a ship file -> what the one line must name."""
 
@@ -205,13 +213,39 @@ def test_a_wrong_ship_file_gives_one_line_that_names_file_and_key(case: str, tmp
         assert word in line
 
 
-@pytest.mark.parametrize("content", [None, b"\xff\xfe\x00"])
-def test_an_unreadable_ship_file_names_itself_and_the_choices(content: bytes | None, tmp_path: Path) -> None:
-    path = tmp_path / "gone.toml"
-    if content is not None:
-        path.write_bytes(content)
+def test_everything_wrong_with_a_file_is_said_at_once() -> None:
+    wrong = SMALL.replace("L = 2.0", "L = -3\nlength = 2")
+    tables = '[coefficients.Y_v]\nvalue = "x"\nstd = -1\n[coefficients.N_v]\nlower = nan\n'
+    with pytest.raises(UserError) as raised:
+        parse_ship(wrong + tables, "mine.toml")
+    line = str(raised.value)
+    assert line.startswith("mine.toml: ") and "\n" not in line
+    for problem in (
+        "[ship] unknown key 'length'",
+        "[ship] L = -3 m (length between perpendiculars) must be a positive number",
+        '[coefficients.Y_v] value = "x": must be a number',
+        "[coefficients.Y_v] std = -1: must be at least 0",
+        "[coefficients.N_v] lower = nan: must be a number",
+        "[coefficients.N_v] value is missing",
+    ):
+        assert problem in line
+
+
+def test_a_missing_ship_file_names_itself_and_the_choices(tmp_path: Path) -> None:
     with pytest.raises(UserError, match=r"gone\.toml.*esso_osaka_3m"):
-        load_ship(path)
+        load_ship(tmp_path / "gone.toml")
+
+
+def test_a_ship_file_in_another_encoding_says_so(tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(UserError, match=r"mine\.toml: not a readable TOML file \(it is not encoded in UTF-8\)"):
+        load_ship(tmp_path / "mine.toml")
+
+
+def test_the_schema_of_ship_files_can_be_printed() -> None:
+    schema = ShipFile.model_json_schema()
+    assert {"ship", "model", "coefficients"} <= set(schema["properties"])
+    assert schema["$defs"]["ShipSection"]["properties"]["L"]["unit"] == "m"
 
 
 def test_a_folder_without_a_ship_is_refused(tmp_path: Path) -> None:
