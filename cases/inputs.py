@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from cases.trial import Trial
 from mmg.errors import UserError
+from mmg.messages import Message
 from mmg.motion.flow import INPUTS
 
 STANDARD = ("n", "delta", "wind_north", "wind_east")
@@ -18,31 +21,33 @@ _AT_REST = ("n_bow", "n_stern", "n_azimuth", "azimuth")
 """Actuators that a trial may leave out: they follow another column, or are taken to be at rest."""
 
 
-def actuator_columns(trial: Trial, actuators: Sequence[str]) -> tuple[np.ndarray, list[str]]:
-    """Columns of the actuators (N, A) and sentences on what was assumed.
+def actuator_columns(trial: Trial, actuators: Sequence[str]) -> tuple[np.ndarray, list[Message]]:
+    """Columns (N, A) of the ``actuators`` of a model from a ``trial``, and notices on what was assumed.
 
     Raises UserError when the trial lacks one for which nothing can stand in, or moves one that the model does not
     have.
     """
-    _check_unheard(trial, actuators)
-    columns, notes = [], []
+    _check_unused(trial, actuators)
+    columns, notices = [], []
     for name in actuators:
         other = _STAND_INS.get(name, "")
         if name in trial:
             columns.append(trial[name])
         elif other in trial:
             columns.append(trial[other])
-            notes.append(f"{trial.name}: no column {name}, so {name} = {other}")
+            notices.append(Message(f"{trial.name}: no column {name}, so {name} = {other}", "stand_in"))
         elif name in _AT_REST:
             columns.append(np.zeros(len(trial)))
-            notes.append(f"{trial.name}: no column {name}, so it is taken to be at rest")
+            text = f"{trial.name}: no column {name}, so it is taken to be at rest"
+            notices.append(Message(text, "at_rest"))
         else:
             raise UserError(_missing(trial, name))
-    heard = {*actuators, *(_STAND_INS[name] for name in actuators if name in _STAND_INS and name not in trial)}
-    ignored = [name for name in INPUTS if name in trial and name not in heard and np.nan_to_num(trial[name]).any()]
+    used = {*actuators, *(_STAND_INS[name] for name in actuators if name in _STAND_INS and name not in trial)}
+    ignored = [name for name in INPUTS if name in trial and name not in used and np.nan_to_num(trial[name]).any()]
     if ignored:
-        notes.append(f"{trial.name}: {', '.join(ignored)}: the ship's model has no such input, so it is ignored")
-    return np.column_stack([*columns]) if columns else np.empty((len(trial), 0)), notes
+        text = f"{trial.name}: {', '.join(ignored)}: the ship's model has no such input, so it is ignored"
+        notices.append(Message(text, "input_ignored"))
+    return np.column_stack([*columns]) if columns else np.empty((len(trial), 0)), notices
 
 
 def _missing(trial: Trial, name: str) -> str:
@@ -52,7 +57,7 @@ def _missing(trial: Trial, name: str) -> str:
     return f"{trial.name}: no column {name} [{unit}] ({words}), which the ship's model needs"
 
 
-def _check_unheard(trial: Trial, actuators: Sequence[str]) -> None:
+def _check_unused(trial: Trial, actuators: Sequence[str]) -> None:
     """Raises UserError for a thruster or second propeller that moves but is not in the model."""
     for name in ("n_bow", "n_stern", "n_azimuth", "n_2"):
         if name in trial and name not in actuators:
@@ -64,29 +69,49 @@ def _check_unheard(trial: Trial, actuators: Sequence[str]) -> None:
                 )
 
 
-def control_array(trial: Trial, inputs: Sequence[str] = STANDARD) -> np.ndarray:
-    """Inputs of the right-hand side at the samples of a trial, (N, C), in the order of ``Ship.inputs``.
+class ModelInputs(NamedTuple):
+    """The inputs of a model at the samples of a trial: array (N, C), and notices on what was assumed."""
 
-    Raises UserError as ``actuator_columns`` does.
+    array: np.ndarray
+    notices: tuple[Message, ...]
+
+
+_KNOWN: WeakKeyDictionary[Trial, dict[tuple[str, ...], ModelInputs]] = WeakKeyDictionary()
+
+
+def model_inputs(trial: Trial, inputs: Sequence[str] = STANDARD) -> ModelInputs:
+    """The inputs of a right-hand side at the samples of a ``trial``, made once per trial.
+
+    inputs: C names in the order of ``Ship.inputs``. Raises UserError as ``actuator_columns`` does.
     """
-    actuators = [name for name in inputs if name in INPUTS]
-    parts = [actuator_columns(trial, actuators)[0], trial.wind_vector]
-    if "time" in inputs:
-        parts.append((trial.t - trial.t[0])[:, None])
-    return np.column_stack(parts)
+    known = _KNOWN.setdefault(trial, {})
+    names = tuple(inputs)
+    if names not in known:
+        actuators, notices = actuator_columns(trial, [name for name in names if name in INPUTS])
+        clock = [(trial.t - trial.t[0])[:, None]] if "time" in names else []
+        array = np.column_stack([actuators, trial.wind_vector, *clock])
+        array.flags.writeable = False
+        known[names] = ModelInputs(array, tuple(notices))
+    return known[names]
 
 
 def step_means(t: np.ndarray, values: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Mean over each [edges[k], edges[k+1]] of samples held until the next one, shape (len(edges)-1, columns)."""
+    """Mean over each step of samples that are held until the next one.
+
+    t: times (N,) [s]; values: samples (N, C); edges: times (K + 1,) [s] between which steps lie. Returns (K, C).
+    """
     widths = np.diff(t)[:, None]
     integral = np.vstack([np.zeros((1, values.shape[1])), np.cumsum(values[:-1] * widths, axis=0)])
     at = np.clip(np.searchsorted(t, edges, side="right") - 1, 0, len(t) - 1)
-    reached = integral[at] + values[at] * (edges - t[at])[:, None]
-    return np.diff(reached, axis=0) / np.diff(edges)[:, None]
+    until = integral[at] + values[at] * (edges - t[at])[:, None]
+    return np.diff(until, axis=0) / np.diff(edges)[:, None]
 
 
 def straight_means(t: np.ndarray, values: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """As ``step_means``, of samples joined by straight lines."""
+    """As ``step_means``, with samples joined by straight lines.
+
+    t: times (N,) [s]; values: samples (N, C); edges: times (K + 1,) [s] between which steps lie. Returns (K, C).
+    """
     widths = np.diff(t)[:, None]
     integral = np.vstack([np.zeros((1, values.shape[1])), np.cumsum(0.5 * (values[:-1] + values[1:]) * widths, axis=0)])
     at = np.clip(np.searchsorted(t, edges, side="right") - 1, 0, max(len(t) - 2, 0))

@@ -42,7 +42,7 @@ UNITS = {
 """Canonical columns and the unit they have inside the house."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Trial:
     """One run in canonical columns.
 

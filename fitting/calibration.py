@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from cases.checks import inputs_are_constant
-from cases.inputs import actuator_columns
+from cases.inputs import model_inputs
 from cases.trial import Trial
 from fitting.identifiability.analysis import Identifiability, analyse
 from fitting.identifiability.data_checks import (
@@ -247,7 +247,7 @@ def _missing(trials: Sequence[Trial]) -> list[str]:
 
 def _assumed(ship: Ship, trials: Sequence[Trial]) -> list[str]:
     """What stands in for actuators of the ship that a trial does not log."""
-    return [note for trial in trials for note in actuator_columns(trial, ship.actuators)[1]]
+    return [note for trial in trials for note in model_inputs(trial, ship.inputs).notices]
 
 
 def _given_sigma(settings: Settings) -> np.ndarray:

@@ -9,6 +9,7 @@ import numpy as np
 
 from cases.checks.report import Finding, info, warning
 from cases.trial import Trial
+from mmg.messages import has_code
 from mmg.motion.frames import apparent_wind
 
 
@@ -41,7 +42,7 @@ def wind(trial: Trial) -> tuple[dict[str, Any], list[Finding]]:
     if float(np.nanmin(speed)) < 0:
         said.append(warning("wind", "The wind speed is negative at times; check the column."))
     measured = "apparent_wind_speed" in trial and "apparent_wind_direction" in trial
-    if measured and not any("true wind derived" in notice for notice in trial.notices):
+    if measured and not has_code(trial.notices, "true_wind_derived"):
         said += _consistency(trial, mean, numbers)
     return numbers, said
 

@@ -96,9 +96,9 @@ def _ship(data: dict[str, Any], where: str) -> Ship:
         problems += [f"{header('coefficients', symbol)} {sentence}" for sentence in wrong]
         notices += repairs
     refuse(where, problems)
-    words = {"name": content.ship.name or Path(where).stem, "description": content.ship.description}
     return Ship(
-        **words, particulars=particulars, components=components, coefficients={**defaults, **changed},
+        name=content.ship.name or Path(where).stem, description=content.ship.description,
+        particulars=particulars, components=components, coefficients={**defaults, **changed},
         reference=content.ship.reference, notices=tuple(notices), effects=ship.effects,
     )  # fmt: skip
 

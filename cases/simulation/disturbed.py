@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 from scipy.signal import lfilter
 
-from cases.inputs import control_array
+from cases.inputs import model_inputs
 from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.effects import with_effects
 from cases.simulation.gusts import Wind
@@ -77,7 +77,7 @@ def disturbed_trial(ship: Ship, trial: Trial, how: Disturbed, seed: int) -> Tria
     dt = float(np.median(np.diff(t)))
     forces = np.column_stack([process(len(t), dt, how.tau, rng) for _ in LATENT_STATES])
     latent = [model.states.index(name) for name in LATENT_STATES]
-    inputs = control_array(trial, model.controls)
+    inputs = model_inputs(trial, model.controls).array
     z, c, d = ca.SX.sym("z", len(model.states)), ca.SX.sym("c", inputs.shape[1]), ca.SX.sym("d", len(latent))
     held = ca.SX(z)
     for i, position in enumerate(latent):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cases.inputs import STANDARD, control_array, step_means
+from cases.inputs import STANDARD, model_inputs, step_means
 from cases.trial import Trial
 from mmg.motion.froude import reference_speed
 
@@ -45,7 +45,7 @@ def grids(
     means: how samples of the inputs become means over steps (``step_means``: each is held until the next).
     """
     result = []
-    states, controls = trial.states, control_array(trial, inputs)
+    states, controls = trial.states, model_inputs(trial, inputs).array
     for piece in pieces(trial, max(2.5 * trial.dt, 2.0 * h), controls):
         rows = np.arange(piece.start, piece.stop)
         rows = rows[np.isfinite(controls[rows]).all(axis=1) & np.isfinite(states[rows, 2:]).all(axis=1)]

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from cases.inputs import STANDARD, control_array
+from cases.inputs import STANDARD, model_inputs
 from cases.trial import Trial
 from fitting.prediction.adaptation import Adaptation, adapt
 from fitting.prediction.bands import Bands
@@ -67,7 +67,7 @@ def window_rows(t: np.ndarray, length: float, stride: float, short_last: bool) -
 
 def usable_rows(trial: Trial, inputs: Sequence[str] = STANDARD) -> np.ndarray:
     """Rows whose state and inputs are all measured, shape (N,)."""
-    needed = np.column_stack([trial.states[:, 2:], control_array(trial, inputs)])
+    needed = np.column_stack([trial.states[:, 2:], model_inputs(trial, inputs).array])
     if trial.has_position:
         needed = np.column_stack([needed, trial.states[:, :2]])
     return np.isfinite(needed).all(axis=1)
@@ -87,7 +87,7 @@ def record_of(trial: Trial, inputs: Sequence[str]) -> Record:
     if not trial.has_position:
         states = states.copy()
         states[:, :2] = 0.0
-    return Record(trial.t, states, control_array(trial, inputs), usable_rows(trial, inputs), trial.has_position)
+    return Record(trial.t, states, model_inputs(trial, inputs).array, usable_rows(trial, inputs), trial.has_position)
 
 
 def _plan(

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cases.inputs import control_array
+from cases.inputs import model_inputs
 from cases.trial import Trial
 from fitting.prediction.predict import Window
 from mmg.logged import states_behind
@@ -21,7 +21,7 @@ def outside_share(simulator: Simulator, trial: Trial, windows: Sequence[Window])
     network, model = simulator.ship.network, simulator.model
     if network is None or not windows:
         return None
-    controls = control_array(trial, simulator.ship.inputs)
+    controls = model_inputs(trial, simulator.ship.inputs).array
     logged = np.vstack([w.states for w in windows]).T
     held = np.vstack([controls[w.first : w.last + 1] for w in windows]).T
     good = np.isfinite(logged).all(axis=0) & np.isfinite(held).all(axis=0)
