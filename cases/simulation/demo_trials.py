@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -47,8 +48,26 @@ def hidden_ship() -> Ship:
     return replace(ship.with_values(moved), name="hidden")
 
 
-SECRET = "current:x=0.03,y=-0.02"
+CURRENT = "current:x=0.06,y=-0.04"
 """The effect behind the demo's second campaign, as ``mmg simulate --effect`` takes it."""
+FOULING = "fouling:share=0.6"
+"""The effect behind its third campaign."""
+
+
+def compare_with_truth(ship: Ship) -> dict[str, Any]:
+    """How the estimates of ``ship`` compare with the hidden ship.
+
+    Returns "inside_95": share of 95 % intervals that hold the truth; "moved": coefficients that differ from the prior
+    of the estimate; "outside": coefficients whose interval misses the truth.
+    """
+    true, found = hidden_ship().coefficients, {s: c for s, c in ship.coefficients.items() if c.prior_std is not None}
+    found = {s: c for s, c in found.items() if s in true}
+    inside = {s: abs(c.value - true[s].value) <= 1.96 * (c.std or 0.0) for s, c in found.items()}
+    return {
+        "inside_95": sum(inside.values()) / len(inside),
+        "moved": [s for s, c in found.items() if true[s].value != c.prior_value],
+        "outside": [s for s, ok in inside.items() if not ok],
+    }
 
 
 def demo_trials(seed: int = 0, dt: float = 0.1, effects: Sequence[str] = ()) -> tuple[list[Trial], list[Trial]]:
