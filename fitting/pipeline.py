@@ -13,6 +13,7 @@ import numpy as np
 
 from cases.checks.held_out import shared_rows, training_trials
 from cases.shipfiles.effects import varying_effects
+from cases.shipfiles.model_changes import with_instruments
 from cases.trial import UNITS, Trial
 from fitting.calibration import Calibration, estimate_coefficients
 from fitting.design.advice import identifiability_dict
@@ -50,15 +51,17 @@ class FitOptions:
 
     bootstrap: refits to runs drawn with replacement; profile: coefficients whose likelihood is profiled; next_trial:
     whether trials are named that would determine what is left open; per_run: effects of which each run has its own
-    constants ("NAME" or "NAME:parameter=prior"); captive: points of captive tests that are fitted too; auto: choose the
-    model by cross-validation, within auto_limit [s]; resume: an interrupted run of the same data and ship, from whose
-    iterate to go on; command: what is stored as the command that made the result.
+    constants ("NAME" or "NAME:parameter=prior"); instruments: effects of the instruments that are fitted along;
+    captive: points of captive tests that are fitted too; auto: choose the model by cross-validation, within auto_limit
+    [s]; resume: an interrupted run of the same data and ship, from whose iterate to go on; command: what is stored as
+    the command that made the result.
     """
 
     bootstrap: int = 0
     profile: tuple[str, ...] = ()
     next_trial: bool = True
     per_run: tuple[str, ...] = ()
+    instruments: tuple[str, ...] = ("velocity_lag",)
     captive: Captive | None = None
     auto: bool = False
     auto_limit: float = 480.0
@@ -83,6 +86,7 @@ def calibrate(
     """
     began = time.perf_counter()
     settings, options = settings or Settings(), options or FitOptions()
+    ship = with_instruments(ship, options.instruments)
     train, remarks = training_trials(trials)
     _check_options(ship, train, options)
     model, constants = varying_effects(ship, options.per_run)

@@ -70,15 +70,17 @@ def compare_with_truth(ship: Ship) -> dict[str, Any]:
     }
 
 
-def demo_trials(seed: int = 0, dt: float = 0.1, effects: Sequence[str] = ()) -> tuple[list[Trial], list[Trial]]:
+def demo_trials(
+    seed: int = 0, dt: float = 0.1, effects: Sequence[str] = (), every: int = 1
+) -> tuple[list[Trial], list[Trial]]:
     """(train, validate): about 940 s and 250 s of the hidden ship, white noise, gusty wind of 0.5 to 2 m/s.
 
     Every run has its own mean wind and initial heading; all follow from ``seed``. dt: sampling interval [s]; effects:
-    switched on (``cases.shipfiles.effects.with_effects``).
+    switched on (``cases.shipfiles.effects.with_effects``); every: only each so many-th of the training runs is made.
     """
     ship = with_effects(hidden_ship(), effects)
     noise = SensorNoise.for_length(ship.particulars["L"])
-    runs = [(run, "train") for run in TRAIN] + [(run, "validate") for run in VALIDATE]
+    runs = [(run, "train") for run in TRAIN[::every]] + [(run, "validate") for run in VALIDATE]
     trials: dict[str, list[Trial]] = {"train": [], "validate": []}
     for number, ((text, duration), role) in enumerate(runs):
         rng = np.random.default_rng([4, seed, number])

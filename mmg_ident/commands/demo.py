@@ -68,13 +68,13 @@ def _free(out: Path | None) -> Path:
     return next(name for name in names if not name.exists())
 
 
-def _campaign(folder: Path, seed: int, *effects: str) -> tuple[list[Trial], list[Trial]]:
+def _campaign(folder: Path, seed: int, *effects: str, every: int = 1) -> tuple[list[Trial], list[Trial]]:
     """Training and held-out trials of the hidden ship, written to ``folder`` and read again as a user's would be."""
     from cases.io.read import read_trials
     from cases.simulation.demo_trials import demo_trials
     from cases.simulation.simulate import write_trial
 
-    for role, made in zip(("train", "held_out"), demo_trials(seed, effects=effects), strict=True):
+    for role, made in zip(("train", "held_out"), demo_trials(seed, effects=effects, every=every), strict=True):
         (folder / role).mkdir(parents=True)
         for trial in made:
             write_trial(trial, folder / role / f"{trial.name}.csv")
@@ -161,7 +161,7 @@ def _diagnosis(folder: Path, seed: int, effect: str) -> dict[str, Any]:
     from mmg_ident.commands.output import say
 
     say("7. A second campaign, a year later: what is different?")
-    train, test = _campaign(folder / "second", seed + 1000, effect)
+    train, test = _campaign(folder / "second", seed + 1000, effect, every=2)
     second = folder / "second"
     command = f"mmg diagnose {folder / 'run'} {second / 'train'} --test {second / 'held_out'} --seed {seed}"
     options, ship = DiagnosisOptions(seed=seed, command=command), load_ship(folder / "run")

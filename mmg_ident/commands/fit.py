@@ -110,7 +110,7 @@ def fit(
     from dataclasses import replace
 
     from cases.io.read import read_trials
-    from cases.shipfiles.model_changes import reduced_ship, with_instruments
+    from cases.shipfiles.model_changes import reduced_ship
     from fitting.interrupts import Interrupts
     from fitting.pipeline import FitOptions, calibrate
     from mmg.errors import UserError
@@ -141,13 +141,13 @@ def fit(
         return 0
     start = earlier.start if earlier else starting_ship(ship, out)
     start = reduced_ship(start, names_of(without), with_ or (), names_of(fix), names_of(only))
-    start = with_instruments(start, names_of([measurement]))
     train, held_out = read_trials(trials), read_trials(validate) if validate else []
     options = FitOptions(
         bootstrap=bootstrap,
         profile=tuple(names_of(profile)),
         next_trial=next_trial,
         per_run=tuple(per_run or ()),
+        instruments=tuple(names_of([measurement])),
         captive=points,
         auto=auto,
         auto_limit=auto_limit,

@@ -20,5 +20,5 @@ def small_result(iterations: int = 100) -> FitResult:
     start = start.fixing([s for s in start.symbols if s not in FREE])
     train, held_out = demo_trials(3, dt=0.5)
     settings = Settings(passes=2, max_iterations=iterations, compiled=False)
-    options = FitOptions(next_trial=False, command="mmg fit ship a.csv --out run")
+    options = FitOptions(next_trial=False, instruments=(), command="mmg fit ship a.csv --out run")
     return calibrate(start, train[:1], held_out[-1:], settings, options)

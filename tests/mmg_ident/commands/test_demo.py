@@ -1,0 +1,87 @@
+"""The demo: the same folders as those of the commands, an effect that matters, a residual kept and one declined."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cases.io.read import read_trials
+from cases.shipfiles.ship_file import load_ship
+from cases.simulation.demo_trials import compare_with_truth, hidden_ship
+from cases.simulation.simulate import write_trial
+from fitting.pipeline import FitOptions, calibrate
+from fitting.settings import Settings
+from mmg_ident.commands.main import main
+from tests.support.synthetic_runs import runs
+
+DIFFER = {"created", "command", "timings_s", "passes", "starts"}
+"""Keys of result.json with times of day, seconds or the words of the command."""
+
+
+def content_of(folder: Path) -> dict[str, Any]:
+    """result.json without what holds times."""
+    content = json.loads((folder / "result.json").read_text())
+    return {key: value for key, value in content.items() if key not in DIFFER}
+
+
+def files_of(folder: Path) -> list[str]:
+    """Names of all files of a run folder."""
+    return sorted(str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file())
+
+
+def test_the_command_and_a_notebook_leave_the_same_folder(tmp_path: Path) -> None:
+    train, held_out = runs()
+    for name, trials in (("train", train[:1]), ("held_out", held_out[:1])):
+        (tmp_path / name).mkdir()
+        for trial in trials:
+            write_trial(trial, tmp_path / name / f"{trial.name}.csv")
+    data = [str(tmp_path / "train"), "--validate", str(tmp_path / "held_out")]
+    chosen = ["--only", "X_0F,Y_v,N_r", "--no-next-trial"]
+    assert main(["fit", "esso_osaka_3m", *data, *chosen, "--out", str(tmp_path / "command")]) == 0
+    ship = load_ship("esso_osaka_3m")
+    ship = ship.fixing([s for s in ship.symbols if s not in ("X_0F", "Y_v", "N_r")])
+    result = calibrate(
+        ship,
+        read_trials([tmp_path / "train"]),
+        read_trials([tmp_path / "held_out"]),
+        Settings(),
+        FitOptions(next_trial=False),
+    )
+    result.save(tmp_path / "notebook")
+    assert files_of(tmp_path / "command") == files_of(tmp_path / "notebook")
+    assert content_of(tmp_path / "command") == content_of(tmp_path / "notebook")
+    ships = [(tmp_path / name / "ship.toml").read_text() for name in ("command", "notebook")]
+    assert ships[0] == ships[1]
+
+
+def test_the_truth_lies_in_its_own_intervals() -> None:
+    table = hidden_ship().coefficients
+    own = {s: c.with_(prior_value=c.value, prior_std=c.std) for s, c in table.items()}
+    found = compare_with_truth(hidden_ship().with_coefficients(own))
+    assert found == {"inside_95": 1.0, "moved": [], "outside": []}
+    away = own["N_r"].with_(value=own["N_r"].value + 3 * own["N_r"].std)
+    assert compare_with_truth(hidden_ship().with_coefficients({**own, "N_r": away}))["outside"] == ["N_r"]
+
+
+@pytest.mark.slow
+def test_the_demo_names_what_matters_and_keeps_one_residual_of_two(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "demo"
+    assert main(["demo", "--out", str(folder), "--json"]) == 0
+    printed = capsys.readouterr()
+    found = json.loads(printed.out)
+    assert found["diagnosis"]["verdict"] == "named"
+    assert [e["name"] for e in found["diagnosis"]["effects"]] == ["current"]
+    assert found["diagnosis"]["held_out"]["reduction"] > 0.5
+    assert not found["residual"]["kept"] and found["third_residual"]["kept"]
+    pair = found["third_residual"]["scores"]["validation"]
+    assert pair["after"]["window"] < 0.6 * pair["before"]["window"]
+    assert "In a sentence: on the trials of the calibration" in printed.err
+    data = [str(folder / "trials" / "train"), "--validate", str(folder / "trials" / "held_out")]
+    assert main(["fit", "esso_osaka_3m", *data, "--seed", "1", "--out", str(tmp_path / "fit")]) == 0
+    assert files_of(folder / "run") == files_of(tmp_path / "fit")
+    assert content_of(folder / "run") == content_of(tmp_path / "fit")
