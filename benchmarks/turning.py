@@ -21,7 +21,7 @@ from scipy.integrate import solve_ivp
 from benchmarks.record import record, table
 from benchmarks.speed import best_of
 from cases.maneuvers.definitions import Maneuver, parse_maneuver
-from cases.maneuvers.orders import turning
+from cases.maneuvers.orders import Turning
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.actuator_ramps import ramps
 from cases.simulation.simulate import simulate
@@ -38,7 +38,7 @@ STEP, MANY, SPREAD, GOAL = 0.75, 10_000, 0.05, 1e-4
 def maneuver(ship: Ship) -> Maneuver:
     """The turning: rudder ordered at t = 0."""
     plan = parse_maneuver(f"turning:{RUDDER:g}", ship, speed=SPEED, duration=SECONDS, rudder_rate=math.radians(RATE))
-    return replace(plan, orders=lambda: turning(plan.n, math.radians(RUDDER), 0.0))
+    return replace(plan, orders=lambda: Turning(plan.n, math.radians(RUDDER), 0.0))
 
 
 def reference(simulator: Simulator, plan: Maneuver, t: np.ndarray) -> np.ndarray:

@@ -7,11 +7,10 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from mmg.compile.batch import BatchFunction, batch_functions, padded
+from mmg.compile.batch import BatchFunction, batch_functions, filled
 from mmg.compile.codegen import LANES
 from mmg.compile.fused import Rollout, compile_rollout
-from mmg.logged import columns, settled, states_behind
-from mmg.model import assemble
+from mmg.model import assemble, columns, settled, states_behind
 from mmg.runge_kutta import rk4_step
 from mmg.ship import Ship
 
@@ -52,16 +51,8 @@ class Simulator:
 
     def rates(self, state: np.ndarray, controls: np.ndarray, theta: np.ndarray | None = None) -> np.ndarray:
         """d state / dt (S, M) from states (S, M), controls (C, M), coefficients (P,) or (P, M)."""
-        count = state.shape[1]
-        extra = padded(count) - count
         theta = self.ship.values if theta is None else theta
-        if extra:
-            state, controls = (np.hstack([a, np.repeat(a[:, -1:], extra, axis=1)]) for a in (state, controls))
-            if theta.ndim == 2:
-                theta = np.hstack([theta, np.repeat(theta[:, -1:], extra, axis=1)])
-        result = self._batch[0](state[self.model.first :], controls, theta)[0]
-        assert result is not None
-        return result[:, :count]
+        return self._batch[0].at(state[self.model.first :], controls, theta)[0]
 
     def columns(self, states: np.ndarray, theta: np.ndarray | None = None) -> np.ndarray:
         """The six columns as they are logged, (..., 6, M), of states (..., S, M)."""
@@ -106,14 +97,10 @@ class Simulator:
         if rollout is None:
             return self._stepwise(start, controls, steps, theta, keep, method, linear)
         given = [start, controls, steps, theta]
-        if rollout.lanes > M:
-            extra = rollout.lanes - M
-            per_point = (True, controls.ndim == 3, steps.ndim == 2, theta.ndim == 2)
-            given = [
-                np.concatenate([a, np.repeat(a[..., -1:], extra, axis=-1)], axis=-1) if own else a
-                for a, own in zip(given, per_point, strict=True)
-            ]
-        start, controls, steps, theta = given
+        per_point = (True, controls.ndim == 3, steps.ndim == 2, theta.ndim == 2)
+        start, controls, steps, theta = (
+            filled(a, rollout.lanes) if own else a for a, own in zip(given, per_point, strict=True)
+        )
         return rollout(start, controls, steps, theta, keep, method == "euler", linear, threads)[..., :M]
 
     def _check(

@@ -12,7 +12,7 @@ from cases.trial import Trial
 from mmg.errors import UserError
 
 
-def check_reached(trial: Trial, maneuver: Maneuver) -> tuple[str, ...]:
+def check_completeness(trial: Trial, maneuver: Maneuver) -> tuple[str, ...]:
     """Notices about events that a run ended before; empty for one that is complete.
 
     Raises UserError when the manoeuvre's first event was missed although no duration was asked for: the figures

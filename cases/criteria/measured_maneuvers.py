@@ -45,7 +45,7 @@ APPROACH_LENGTHS = 2.0
 
 
 @dataclass(frozen=True)
-class Execute:
+class MeasuredManeuver:
     """What was ordered in a run, and when.
 
     kind: of KINDS. time: of the order, s after the first sample. rudder: first angle, signed [rad], 0 for a stop.
@@ -64,7 +64,7 @@ class Execute:
     notes: tuple[str, ...]
 
 
-def find_execute(trial: Trial, length: float, kind: str = "") -> Execute:
+def find_maneuver(trial: Trial, length: float, kind: str = "") -> MeasuredManeuver:
     """The execute of a measured (or simulated) run of a ship of this length [m].
 
     kind: "turning", "zigzag" or "crash-stop"; "" takes it from the data, and says so where the trial's own kind
@@ -108,7 +108,7 @@ def _turns_in_reply(trial: Trial, holds: list[tuple[float, float, float]]) -> in
 
 def _execute(
     trial: Trial, length: float, kind: str, time: float, rudder: float, reversals: list[float], end: float
-) -> Execute:
+) -> MeasuredManeuver:
     t, psi = trial.t - trial.t[0], trial.psi_unwrapped
     good = np.isfinite(psi)
     heading = 0.0
@@ -119,7 +119,7 @@ def _execute(
     speed, notes = _approach(trial, length, time)
     if trial.kind in KINDS and trial.kind != kind:
         notes.append(f"the run is called {trial.kind}, its data show a {kind}")
-    return Execute(kind, time, rudder, tuple(reversals), end, heading, speed, tuple(notes))
+    return MeasuredManeuver(kind, time, rudder, tuple(reversals), end, heading, speed, tuple(notes))
 
 
 def _approach(trial: Trial, length: float, time: float) -> tuple[float, list[str]]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cases.criteria.completeness import check_reached
+from cases.criteria.completeness import check_completeness
 from cases.criteria.figures import (
     initial_turning_figures,
     overshoot_figures,
@@ -18,7 +18,7 @@ from cases.criteria.figures import (
     turning_figures,
     zigzag_figures,
 )
-from cases.criteria.measured_maneuvers import find_execute
+from cases.criteria.measured_maneuvers import find_maneuver
 from cases.criteria.spiral import spiral_figures
 from cases.maneuvers.definitions import Maneuver, parse_maneuver
 from cases.simulation.simulate import simulate
@@ -97,7 +97,7 @@ def simulated_run(ship: Ship, text: str, speed: float, n: float | None = None, r
             f"manoeuvre '{text}' has no order to judge; name a turning, zigzag, spiral, pull-out or crash-stop"
         )
     trial = simulate(ship, plan, STEP * time_scale(ship.particulars["L"]))
-    notices = check_reached(trial, plan)
+    notices = check_completeness(trial, plan)
     p = plan.parameters
     return Run(
         name=plan.name,
@@ -137,7 +137,7 @@ def measured_run(trial: Trial, length: float, kind: str = "") -> Run:
     The approach is cut off (cases/criteria/measured_maneuvers.py); kind as there. Raises UserError when there is
     none in it.
     """
-    execute = find_execute(trial, length, kind)
+    execute = find_maneuver(trial, length, kind)
     used = _until(trial, execute.end)
     if execute.kind == "turning":
         figures = turning_figures(used, execute.rudder, execute.time)

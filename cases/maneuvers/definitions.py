@@ -17,15 +17,15 @@ import numpy as np
 from cases.maneuvers.controller import Controller, Limits
 from cases.maneuvers.orders import (
     BERTHING_SPEED,
+    CrashStop,
     Orders,
+    StepOrders,
+    Turning,
+    Zigzag,
     berthing,
-    crash_stop,
-    held,
+    constant,
     random_telegraph,
     spiral_angles,
-    steps,
-    turning,
-    zigzag,
 )
 from cases.maneuvers.self_propulsion import approach
 from mmg.errors import UserError
@@ -176,7 +176,7 @@ _LEAD = 5.0
 
 def _turning(s: _Setup) -> Maneuver:
     rudder, lead = s.angle(s.argument, "rudder angle", 90), _LEAD * s.scale
-    return s.maneuver(600.0, lambda: turning(s.n, rudder, lead), rudder=rudder, order_time=lead)
+    return s.maneuver(600.0, lambda: Turning(s.n, rudder, lead), rudder=rudder, order_time=lead)
 
 
 def _zigzag(s: _Setup) -> Maneuver:
@@ -189,7 +189,7 @@ def _zigzag(s: _Setup) -> Maneuver:
     lead, executes = _LEAD * s.scale, 6 if s.duration is None else None
     return s.maneuver(
         600.0,
-        lambda: zigzag(s.n, rudder, heading, lead, executes),
+        lambda: Zigzag(s.n, rudder, heading, lead, executes),
         rudder=rudder,
         heading=heading,
         order_time=lead,
@@ -207,7 +207,7 @@ def _crash_stop(s: _Setup) -> Maneuver:
             f"manoeuvre '{s.text}': '{s.argument}' must be the revolutions astern by those of the approach, more "
             "than 0 and at most 2, such as crash-stop:0.6"
         )
-    return s.maneuver(600.0, lambda: crash_stop(s.n, lead, share), order_time=lead)
+    return s.maneuver(600.0, lambda: CrashStop(s.n, lead, share), order_time=lead)
 
 
 STEADY_WINDOW, STEADY_CHANGE = 3.0, 0.0002
@@ -221,7 +221,7 @@ def _steps(s: _Setup, angles: tuple[float, ...], **parameters: float) -> Maneuve
     lead, window, tolerance = _LEAD * s.scale, STEADY_WINDOW * s.crossing, STEADY_CHANGE / s.crossing
     return s.maneuver(
         (lead + len(angles) * _LONGEST_HOLD * s.crossing) / s.scale,
-        lambda: steps(s.n, angles, lead, window, tolerance),
+        lambda: StepOrders(s.n, angles, lead, window, tolerance),
         order_time=lead,
         window=window,
         tolerance=tolerance,
@@ -260,7 +260,7 @@ def _random(s: _Setup) -> Maneuver:
 
 
 def _straight(s: _Setup) -> Maneuver:
-    return s.maneuver(100.0, lambda: held(s.n))
+    return s.maneuver(100.0, lambda: constant(s.n))
 
 
 def _berthing(s: _Setup) -> Maneuver:
@@ -268,7 +268,7 @@ def _berthing(s: _Setup) -> Maneuver:
 
 
 def _acceleration(s: _Setup) -> Maneuver:
-    return s.maneuver(200.0, lambda: held(s.n), share=0.0)
+    return s.maneuver(200.0, lambda: constant(s.n), share=0.0)
 
 
 _BUILDERS: dict[str, Callable[[_Setup], Maneuver]] = {

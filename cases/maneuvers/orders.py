@@ -25,8 +25,8 @@ _TINY = 1e-9
 """Slack in comparisons of times [s] and angles [rad], so that 0.1 + 0.2 is not later than 0.3."""
 
 
-def held(n: float) -> Orders:
-    """Revolutions n, rudder midships, for ever."""
+def constant(n: float) -> Orders:
+    """Orders that stay: revolutions n [1/s], rudder midships."""
     return lambda t, state: (n, 0.0)
 
 
@@ -81,7 +81,7 @@ class Zigzag(FromLead):
     The change counts from the heading at the first execute. ``executes``: over with this execute.
     """
 
-    def __init__(self, n: float, rudder: float, heading: float, lead: float, executes: int | None) -> None:
+    def __init__(self, n: float, rudder: float, heading: float, lead: float, executes: int | None = None) -> None:
         super().__init__(n, lead)
         self.rudder, self.heading, self.executes = abs(rudder), heading, executes
         self.side, self.count = math.copysign(1.0, rudder), 1
@@ -116,7 +116,7 @@ class CrashStop(FromLead):
         return None if state[3] <= 0 else (-self.share * self.n, 0.0)
 
 
-class Steps(FromLead):
+class StepOrders(FromLead):
     """Rudder angles [rad] in turn, each held until the turn rate is steady; over when the last one is.
 
     Steady: all turn rates of the last ``window`` [s] lie within ``tolerance`` [rad/s] of each other.
@@ -144,31 +144,11 @@ class Steps(FromLead):
         return max(values) - min(values) <= self.tolerance
 
 
-def turning(n: float, rudder: float, lead: float) -> Orders:
-    """Turning circle: n [1/s], rudder [rad], order after ``lead`` [s]."""
-    return Turning(n, rudder, lead)
-
-
-def zigzag(n: float, rudder: float, heading: float, lead: float, executes: int | None = None) -> Orders:
-    """Zigzag: n [1/s], rudder (its sign the first side) and switch heading [rad], first execute after ``lead`` [s]."""
-    return Zigzag(n, rudder, heading, lead, executes)
-
-
-def crash_stop(n: float, lead: float, share: float = 1.0) -> Orders:
-    """Astern with ``share`` of n [1/s] from n ahead, order after ``lead`` [s]."""
-    return CrashStop(n, lead, share)
-
-
 def spiral_angles(largest: float, step: float) -> tuple[float, ...]:
     """Rudder angles of a direct spiral [rad]: from ``largest`` (signed) to the other side and back by ``step`` > 0."""
     side, count = math.copysign(1.0, largest), round(2 * abs(largest) / step)
     there = [side * (abs(largest) - k * step) for k in range(count + 1)]
     return tuple(round(angle, 12) + 0.0 for angle in there + there[-2::-1])
-
-
-def steps(n: float, angles: tuple[float, ...], lead: float, window: float, tolerance: float) -> Orders:
-    """Direct spiral (many angles) or pull-out (an angle, then 0): see ``Steps``."""
-    return Steps(n, angles, lead, window, tolerance)
 
 
 def schedule(n_times: np.ndarray, n: np.ndarray, delta_times: np.ndarray, delta: np.ndarray) -> Orders:

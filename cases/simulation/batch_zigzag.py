@@ -10,7 +10,7 @@ from cases.maneuvers.orders import Zigzag
 from cases.simulation.actuator_ramps import TINY
 
 
-class Rudders:
+class ZigzagRudders:
     """Rudders of M ships that do what ``cases.maneuvers.orders.Zigzag`` and
     ``cases.maneuvers.controller.Controller`` do for one.
 
@@ -24,7 +24,7 @@ class Rudders:
         self.count, self.over = np.ones(ships, dtype=int), np.zeros(ships, dtype=bool)
         self.origin: np.ndarray | None = None
 
-    def see(self, t: float, state: np.ndarray) -> None:
+    def observe(self, t: float, state: np.ndarray) -> None:
         """Orders at a sample with states (S, M): who is beyond the switch heading reverses."""
         if t >= self.orders.lead - TINY:
             if self.origin is None:

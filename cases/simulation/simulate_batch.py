@@ -14,12 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from cases.maneuvers.definitions import Maneuver
-from cases.maneuvers.orders import FULL_TURN, CrashStop, Orders, Steps, Turning, Zigzag
+from cases.maneuvers.orders import FULL_TURN, CrashStop, Orders, StepOrders, Turning, Zigzag
 from cases.maneuvers.self_propulsion import design_pitch
 from cases.simulation.actuator_ramps import TINY, ramps
-from cases.simulation.batch_zigzag import Rudders
+from cases.simulation.batch_zigzag import ZigzagRudders
 from mmg.errors import UserError
-from mmg.logged import settled
+from mmg.model import settled
 from mmg.motion.froude import time_scale
 from mmg.rollout import Simulator
 from mmg.ship import Ship
@@ -29,7 +29,7 @@ LONGEST_STEP = 0.5
 
 
 @dataclass(frozen=True)
-class Batch:
+class SimulatedRuns:
     """M runs of one manoeuvre.
 
     Attributes
@@ -53,7 +53,7 @@ def simulate_batch(
     dt: float = 0.5,
     threads: int = 1,
     held: bool = False,
-) -> Batch:
+) -> SimulatedRuns:
     """A manoeuvre in calm air from its own start, once for each set of coefficients.
 
     ship: give a Simulator to run again without assembling the ship again. coefficients: (P,) or (P, M) in the order of
@@ -74,7 +74,7 @@ def simulate_batch(
     start = settled(simulator.model, six, input_array(ship, np.array([[maneuver.n, 0.0]]), np.zeros(1))[0], theta)
     orders, N = maneuver.orders(), math.floor(maneuver.duration / dt + TINY)
     t = np.round(dt * np.arange(N + 1), 9)
-    if isinstance(orders, Steps):
+    if isinstance(orders, StepOrders):
         raise UserError(f"{maneuver.name}: its orders wait for a steady turn; simulate one ship at a time")
     if isinstance(orders, Zigzag):
         return _zigzag(simulator, maneuver, orders, start, theta, t, threads)
@@ -92,7 +92,7 @@ def simulate_batch(
     out = simulator.run(start, controls, steps, theta, linear=linear, keep=keep, threads=threads)
     states = out if out.shape[1] == 6 else np.ascontiguousarray(out[:, :6])
     inputs = np.broadcast_to(means[:, :, None], (*means.shape, states.shape[2]))
-    return Batch(t, states, inputs, _last(orders, t, states))
+    return SimulatedRuns(t, states, inputs, _last(orders, t, states))
 
 
 def coefficient_array(ship: Ship, given: np.ndarray | Mapping[str, float | np.ndarray] | None) -> np.ndarray:
@@ -166,10 +166,10 @@ def _zigzag(
     theta: np.ndarray,
     t: np.ndarray,
     threads: int,
-) -> Batch:
+) -> SimulatedRuns:
     """All ships side by side, a sample at a time."""
     ship, M, N, dt = simulator.ship, start.shape[1], len(t) - 1, float(t[1] - t[0])
-    rudders, parts = Rudders(orders, maneuver.limits.rudder_rate, M), _parts(ship, dt)
+    rudders, parts = ZigzagRudders(orders, maneuver.limits.rudder_rate, M), _parts(ship, dt)
     keep = np.arange(1, parts + 1) == parts
     states, inputs = np.empty((N + 1, 6, M)), np.empty((N + 1, 2, M))
     inputs[:, 0], last, state = maneuver.n, np.full(M, N), start
@@ -181,9 +181,9 @@ def _zigzag(
             return simulator.run(state, held, dt / parts, theta, keep=keep, threads=threads)[-1]
 
         states[k] = state[:6]
-        rudders.see(float(t[k]), state)
+        rudders.observe(float(t[k]), state)
         last = np.where(rudders.over & (last == N), k, last)
         inputs[k, 1] = rudders.delta
         if k < N:
             inputs[k, 1], state = rudders.means(float(t[k]), dt, state, advance)
-    return Batch(t, states, inputs, last)
+    return SimulatedRuns(t, states, inputs, last)

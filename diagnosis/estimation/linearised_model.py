@@ -13,9 +13,8 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from mmg.compile.batch import BatchFunction, batch_functions, padded
-from mmg.logged import settled, states_behind
-from mmg.model import Model, assemble
+from mmg.compile.batch import BatchFunction, batch_functions
+from mmg.model import Model, assemble, settled, states_behind
 from mmg.runge_kutta import NODES, WEIGHTS, rk4_step
 from mmg.ship import Ship
 
@@ -255,7 +254,4 @@ def _nonzeros(matrix: ca.SX) -> ca.SX:
 
 def _at(function: BatchFunction, *inputs: np.ndarray) -> list[np.ndarray]:
     """A batch function at m points, inputs (rows, m) or (rows,) for all."""
-    m = next(a.shape[1] for a in inputs if a.ndim == 2)
-    missing = padded(m) - m
-    filled = [np.hstack([a, np.repeat(a[:, :1], missing, axis=1)]) if a.ndim == 2 and missing else a for a in inputs]
-    return [a[:, :m] for a in function(*filled) if a is not None]
+    return function.at(*inputs)

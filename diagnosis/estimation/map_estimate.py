@@ -30,7 +30,7 @@ from diagnosis.estimation.linearised_model import LinearModel, TransitionModel, 
 from diagnosis.estimation.noise_sizes import initial_noise, updated_noise
 from diagnosis.estimation.parameters import Priors, active_in_window, active_states, set_values
 from fitting.solvers.bounded_step import bounded_step
-from mmg.logged import settled
+from mmg.model import settled
 from mmg.motion.froude import state_scale
 
 

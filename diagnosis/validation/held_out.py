@@ -15,8 +15,7 @@ from diagnosis.estimation.map_estimate import Estimate, Trajectory, estimate, in
 from diagnosis.estimation.parameters import NO_PRIORS, Priors, active_states, mean_over_windows
 from diagnosis.findings import HeldOut
 from mmg.effects import EFFECTS
-from mmg.logged import columns
-from mmg.model import Model
+from mmg.model import Model, columns
 from mmg.motion.froude import state_scale, time_scale
 from mmg.ship import Ship
 

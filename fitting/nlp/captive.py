@@ -16,7 +16,7 @@ import numpy as np
 from cases.io.headers import split_header
 from cases.io.table import read_table
 from cases.io.units import to_si
-from mmg.compile.batch import batch_functions, padded
+from mmg.compile.batch import batch_functions
 from mmg.errors import UserError
 from mmg.model import Model
 
@@ -101,7 +101,7 @@ class CaptiveForces:
     """
 
     def __init__(self, model: Model, free: np.ndarray, points: Captive, compiled: bool = True) -> None:
-        self.points, self.P, M = points, len(free), len(points)
+        self.points, self.P = points, len(free)
         self._inputs = self._arrays(model, points)
         u, c = ca.SX.sym("motion", 3), ca.SX.sym("controls", len(model.controls))
         theta, mu = ca.SX.sym("theta", len(model.symbols)), ca.SX.sym("mu", 3)
@@ -120,7 +120,6 @@ class CaptiveForces:
         self._batch = batch_functions(functions, compiled)[0]
         self.weight = 1 / points.sigma**2
         self.measured = np.nan_to_num(points.forces)
-        self._short = padded(M) - M
 
     @staticmethod
     def _arrays(model: Model, points: Captive) -> tuple[np.ndarray, np.ndarray]:
@@ -139,12 +138,8 @@ class CaptiveForces:
         return points.motion, np.array(controls)
 
     def _call(self, which: int, theta: np.ndarray, *more: np.ndarray) -> np.ndarray:
-        motion, controls, *rest = (
-            np.hstack([a, np.repeat(a[:, :1], self._short, axis=1)]) for a in (*self._inputs, *more)
-        )
-        result = self._batch[which](motion, controls, theta, *rest)[0]
-        assert result is not None
-        return result[:, : len(self.points)]
+        motion, controls = self._inputs
+        return self._batch[which].at(motion, controls, theta, *more)[0]
 
     def residuals(self, theta: np.ndarray) -> np.ndarray:
         """Model minus measured forces (3, M), 0 where none was measured."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from mmg.compile.batch import batch_functions, padded
+from mmg.compile.batch import batch_functions
 from mmg.model import Model
 
 
@@ -36,23 +36,16 @@ class Measurement:
         ]
         self._batch = batch_functions(functions, compiled)[0]
 
-    def _call(self, which: int, m: int, *inputs: np.ndarray) -> np.ndarray:
-        missing = padded(m) - m
-        filled = [np.hstack([a, np.repeat(a[:, :1], missing, axis=1)]) if a.ndim == 2 else a for a in inputs]
-        result = self._batch[which](*filled)[0]
-        assert result is not None
-        return result[:, :m]
-
     def values(self, z: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """Logged columns (6, m)."""
-        return z[:6] if self.identity else self._call(0, z.shape[1], z, theta)
+        return z[:6] if self.identity else self._batch[0].at(z, theta)[0]
 
     def jacobian(self, z: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """d y / d (z, own coefficients), (m, 6, S + O)."""
-        flat = self._call(1, z.shape[1], z, theta)
+        flat = self._batch[1].at(z, theta)[0]
         return np.ascontiguousarray(flat.T.reshape(-1, self.S + len(self.own), 6).swapaxes(1, 2))
 
     def hessian(self, z: np.ndarray, theta: np.ndarray, mu: np.ndarray) -> np.ndarray:
         """Second derivative of mu . y with respect to (z, own coefficients), mu (6, m): (m, S + O, S + O)."""
         size = self.S + len(self.own)
-        return np.ascontiguousarray(self._call(2, z.shape[1], z, theta, mu).T.reshape(-1, size, size))
+        return np.ascontiguousarray(self._batch[2].at(z, theta, mu)[0].T.reshape(-1, size, size))

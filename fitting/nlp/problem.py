@@ -24,7 +24,7 @@ from fitting.nlp.shooting import Kernels, Shooting, Sweep
 from fitting.nlp.sparsity import sparsity_patterns
 from fitting.nlp.windows import Segments
 from mmg.effects.disturbance import LATENT_STATES
-from mmg.logged import states_behind
+from mmg.model import states_behind
 from mmg.ship import Ship
 
 

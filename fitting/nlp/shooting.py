@@ -19,7 +19,7 @@ from fitting.nlp.measurement import Measurement
 from fitting.nlp.run_constants import Columns
 from fitting.nlp.sample_cost import SampleCost
 from fitting.nlp.windows import Segments
-from mmg.compile.batch import BatchFunction, batch_functions, padded
+from mmg.compile.batch import BatchFunction, batch_functions, filled, padded
 from mmg.model import Model
 from mmg.runge_kutta import NODES, WEIGHTS
 
@@ -106,10 +106,8 @@ class Sweep:
 
 
 def _pad(array: np.ndarray) -> np.ndarray:
-    """Columns padded with copies of the first one to a whole number of lanes."""
-    count = array.shape[1]
-    missing = padded(count) - count
-    return np.hstack([array, np.repeat(array[:, :1], missing, axis=1)]) if missing else array
+    """Columns padded with copies of the last one to a whole number of lanes."""
+    return filled(array, padded(array.shape[1]))
 
 
 class Intervals:

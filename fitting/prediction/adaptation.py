@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from fitting.prediction.stretches import FadingCurrent, Record, Stretch, WindowBatch, rollout
-from mmg.logged import settled
+from mmg.model import settled
 from mmg.motion.froude import state_scale, time_scale
 from mmg.rollout import Simulator
 from mmg.ship import Ship

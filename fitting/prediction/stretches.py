@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mmg.logged import columns, settled
+from mmg.model import columns, settled
 from mmg.rollout import Simulator
 
 INVERSIONS = 30
-"""Most fixed-point steps from logged columns to the six states behind them, as in mmg.logged."""
+"""Most fixed-point steps from logged columns to the six states behind them, as in mmg.model."""
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import numpy as np
 from cases.inputs import model_inputs
 from cases.trial import Trial
 from fitting.prediction.predict import Window
-from mmg.logged import states_behind
+from mmg.model import states_behind
 from mmg.rollout import Simulator
 
 

@@ -125,6 +125,12 @@ class BatchFunction:
         points = max((a.shape[1] for a in inputs if a.ndim == 2), default=LANES)
         return self._compiled(points, inputs, outputs) if self.library else self._interpreted(points, inputs)
 
+    def at(self, *inputs: np.ndarray) -> list[np.ndarray]:
+        """All outputs, (nonzeros, m) each, at any number m >= 1 of points: inputs (rows, m), or (rows,) for all."""
+        m = next(a.shape[1] for a in inputs if a.ndim == 2)
+        outputs = self(*[filled(a, padded(m)) if a.ndim == 2 else a for a in inputs])
+        return [a[:, :m] for a in outputs if a is not None]
+
     def _compiled(
         self, points: int, inputs: Sequence[np.ndarray], outputs: Sequence[bool] | None
     ) -> list[np.ndarray | None]:
@@ -162,6 +168,12 @@ class BatchFunction:
 def padded(points: int) -> int:
     """The next multiple of LANES, at least LANES."""
     return max(LANES, -(-points // LANES) * LANES)
+
+
+def filled(array: np.ndarray, points: int) -> np.ndarray:
+    """``array`` (..., m) with its last point repeated, (..., points); as it is where it has them."""
+    missing = points - array.shape[-1]
+    return np.concatenate([array, np.repeat(array[..., -1:], missing, axis=-1)], axis=-1) if missing > 0 else array
 
 
 def batch_functions(functions: Sequence[ca.Function], compiled: bool = True) -> tuple[list[BatchFunction], str]:

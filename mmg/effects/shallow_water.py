@@ -16,8 +16,8 @@ SUMMARY = """\
 Shallow water: hull forces and added masses grow with draught over depth, everywhere or beyond a shelf line.
 
 Each is multiplied by 1 + a g, g = (d/h) / (1 - d/h), with one a per quantity (GROWTH; own form,
-UNVERIFIED numbers chosen so that added mass in sway doubles at about h/d = 1.6; Kijima & Nakiri 1990 and
-Ankudinov's factors are in components/shallow.py). Beyond the shelf line means x cos(bearing) + y sin(bearing) > line.
+UNVERIFIED numbers chosen so that added mass in sway doubles at about h/d = 1.6; published factors are
+in benchmarks/shallow_factors.py). Beyond the shelf line means x cos(bearing) + y sin(bearing) > line.
 """
 
 GROWTH = {"X": 0.15, "Y": 0.5, "N": 0.5, "m_x": 0.2, "m_y": 0.65, "J_z": 0.3}

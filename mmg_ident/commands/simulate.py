@@ -137,13 +137,13 @@ def _run_maneuver(
 ) -> tuple[Trial, Maneuver]:
     from dataclasses import replace
 
-    from cases.criteria.completeness import check_reached
+    from cases.criteria.completeness import check_completeness
     from cases.maneuvers.definitions import parse_maneuver
     from cases.simulation.simulate import simulate as run
 
     plan = parse_maneuver(text, ship, seed=seed, **options)
     trial = run(ship, plan, 0.1 if dt is None else dt, wind, seed)
-    return replace(trial, notices=trial.notices + check_reached(trial, plan)), plan
+    return replace(trial, notices=trial.notices + check_completeness(trial, plan)), plan
 
 
 def _run_controls(ship: Ship, path: Path, wind: Wind | None, seed: int, options: Mapping[str, float | None]) -> Trial:

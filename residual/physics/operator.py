@@ -21,8 +21,7 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from mmg.compile.batch import batch_functions, padded
-from mmg.logged import states_behind
-from mmg.model import assemble
+from mmg.model import assemble, states_behind
 from mmg.ship import Ship
 from residual.physics.casadi_to_torch import emitted
 

@@ -16,8 +16,7 @@ import torch
 from cases.trial import Trial
 from fitting.nlp.grid import Grid, grids
 from mmg.errors import UserError
-from mmg.logged import states_behind
-from mmg.model import Model
+from mmg.model import Model, states_behind
 from mmg.motion.froude import length_scale
 from residual.rollout import Batch
 from residual.system import Past

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cases.criteria.measured_maneuvers import find_execute
+from cases.criteria.measured_maneuvers import find_maneuver
 from cases.criteria.standard_runs import figures_of, measured_run
 from cases.io.read import read_trial
 from cases.maneuvers.definitions import parse_maneuver
@@ -48,7 +48,7 @@ ZIGZAGS = {
 def test_turning_runs_are_cut_where_the_rudder_goes_over(name: str, frt: Path) -> None:
     trial = read_trial(frt / "turning" / f"{name}.csv")
     time, degrees = TURNS[name]
-    execute = find_execute(trial, 3.0)
+    execute = find_maneuver(trial, 3.0)
     assert execute.kind == "turning" and execute.reversals == ()
     assert execute.time == pytest.approx(time, abs=1.0)
     assert math.degrees(execute.rudder) == pytest.approx(degrees, abs=1.0)
@@ -62,7 +62,7 @@ def test_turning_runs_are_cut_where_the_rudder_goes_over(name: str, frt: Path) -
 @pytest.mark.parametrize("name", ZIGZAGS)
 def test_zigzag_runs_are_cut_at_every_reversal(name: str, frt: Path) -> None:
     time, degrees, reversals = ZIGZAGS[name]
-    execute = find_execute(read_trial(frt / "zigzag" / f"{name}.csv"), 3.0)
+    execute = find_maneuver(read_trial(frt / "zigzag" / f"{name}.csv"), 3.0)
     assert execute.kind == "zigzag"
     assert execute.time == pytest.approx(time, abs=1.0)
     assert math.degrees(execute.rudder) == pytest.approx(degrees, abs=1.0)
@@ -80,7 +80,7 @@ def test_measured_turning_figures_are_those_of_a_turning_circle(frt: Path) -> No
     hard, soft = (run.figures["tactical_diameter"] / 3.0 for run in runs.values())
     assert 2.0 < hard < 3.0 < 4.0 < soft < 4.6
     with pytest.raises(UserError, match="a random run is none of"):
-        find_execute(read_trial(frt / "random" / "random_31-Jul-2020_12_29_58.csv"), 3.0)
+        find_maneuver(read_trial(frt / "random" / "random_31-Jul-2020_12_29_58.csv"), 3.0)
 
 
 @pytest.mark.parametrize("text", ["turning:35", "turning:-20", "zigzag:20/20", "zigzag:-10/10", "crash-stop"])
@@ -128,20 +128,20 @@ def test_an_accelerating_or_turning_approach_is_named() -> None:
     u, r = noisy["u"].copy(), noisy["r"].copy()
     rows = noisy.t < 65.0
     u[rows] *= 0.6 + 0.4 * noisy.t[rows] / 65.0
-    assert "approach not steady: the speed changes by +1" in find_execute(noisy.with_columns(u=u), 3.0).notes[0]
+    assert "approach not steady: the speed changes by +1" in find_maneuver(noisy.with_columns(u=u), 3.0).notes[0]
     r[rows] += 0.02
-    assert "approach not straight" in find_execute(noisy.with_columns(r=r), 3.0).notes[0]
+    assert "approach not straight" in find_maneuver(noisy.with_columns(r=r), 3.0).notes[0]
     late = Trial("late", {name: a[noisy.t > 62.0] for name, a in noisy.columns.items()})
-    assert "of approach are recorded" in find_execute(late, 3.0).notes[0]
+    assert "of approach are recorded" in find_maneuver(late, 3.0).notes[0]
 
 
 def test_what_is_not_in_the_data_is_not_found() -> None:
     straight = with_approach(simulate(SHIP, parse_maneuver("straight", SHIP, duration=20)), 60.0)
     calm = straight.with_columns(delta=0.3 * straight["delta"])
     with pytest.raises(UserError, match="no manoeuvre found: no rudder held"):
-        find_execute(calm, 3.0)
+        find_maneuver(calm, 3.0)
     with pytest.raises(UserError, match="no crash-stop found: no revolutions"):
-        find_execute(straight, 3.0, "crash-stop")
+        find_maneuver(straight, 3.0, "crash-stop")
     turn = simulate(SHIP, parse_maneuver("turning:35", SHIP, duration=100))
     with pytest.raises(UserError, match="looked for a zigzag test, but the rudder is held on one side"):
-        find_execute(turn, 3.0, "zigzag")
+        find_maneuver(turn, 3.0, "zigzag")

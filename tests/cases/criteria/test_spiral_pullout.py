@@ -7,12 +7,12 @@ import math
 import numpy as np
 import pytest
 
-from cases.criteria.completeness import check_reached
+from cases.criteria.completeness import check_completeness
 from cases.criteria.figures import pull_out_figures, rudder_holds
 from cases.criteria.spiral import spiral_curve, spiral_figures
 from cases.criteria.standard_runs import simulated_run
 from cases.maneuvers.definitions import STEADY_CHANGE, parse_maneuver
-from cases.maneuvers.orders import spiral_angles, steps
+from cases.maneuvers.orders import StepOrders, spiral_angles
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.simulate import simulate
 from cases.trial import Trial
@@ -30,7 +30,7 @@ def test_spiral_goes_to_the_other_side_and_back(largest: float, step: float, deg
 
 def test_next_angle_waits_until_the_turn_rate_is_steady() -> None:
     """Turn rate 0.1 (1 - exp(-t / 10)): it changes by 0.001 in the 5 s before 10 ln(64.87) = 41.7 s."""
-    orders = steps(10.0, (0.2, 0.0), 0.0, 5.0, 0.001)
+    orders = StepOrders(10.0, (0.2, 0.0), 0.0, 5.0, 0.001)
     state = np.zeros(6)
     switched = None
     for t in np.arange(0.0, 60.0, 0.1):
@@ -53,7 +53,7 @@ def test_every_angle_of_the_spiral_is_held_until_steady(esso: Trial) -> None:
     holds = rudder_holds(esso, maneuver.parameters["order_time"])
     expected = [15, 10, 5, 0, -5, -10, -15, -10, -5, 0, 5, 10, 15]
     np.testing.assert_allclose(np.degrees([h.rudder for h in holds]), expected, atol=0.01)
-    assert check_reached(esso, maneuver) == ()
+    assert check_completeness(esso, maneuver) == ()
     t = esso.t - maneuver.parameters["order_time"]
     for hold in holds:
         rows = (t > hold.end - 0.9 * maneuver.parameters["window"]) & (t <= hold.end)
@@ -131,5 +131,5 @@ def test_pull_out_figures_are_the_ends_of_both_holds() -> None:
 
 def test_a_spiral_cut_short_by_its_duration_says_so() -> None:
     maneuver = parse_maneuver("spiral:15/5", SHIP, speed=0.38, duration=30.0)
-    notices = check_reached(simulate(SHIP, maneuver), maneuver)
+    notices = check_completeness(simulate(SHIP, maneuver), maneuver)
     assert len(notices) == 1 and "the turn rate still changes by" in notices[0]

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cases.criteria.completeness import check_reached
+from cases.criteria.completeness import check_completeness
 from cases.criteria.figures import (
     figure_unit,
     initial_turning_figures,
@@ -19,7 +19,7 @@ from cases.criteria.figures import (
 )
 from cases.maneuvers.controller import Controller, Limits
 from cases.maneuvers.definitions import parse_maneuver
-from cases.maneuvers.orders import random_telegraph, zigzag
+from cases.maneuvers.orders import Zigzag, random_telegraph
 from cases.maneuvers.self_propulsion import revolutions_for, speed_for
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.simulate import simulate
@@ -92,7 +92,7 @@ def test_zigzag_reverses_within_the_step_that_crosses_the_switch_heading(text: s
 def yawing(rate: float, dt: float) -> tuple[list[float], list[float], Controller]:
     """Rudder and heading per step of a zigzag:10/5 whose heading just turns at ``rate`` [rad/s] whatever is asked."""
     limits = Limits(math.radians(20.0), 20.0)
-    controller = Controller(zigzag(10.0, math.radians(10), math.radians(5), 0.33), limits, 10.0)
+    controller = Controller(Zigzag(10.0, math.radians(10), math.radians(5), 0.33), limits, 10.0)
     state, rudder, heading = np.zeros(6), [], []
 
     for k in range(round(4.0 / dt)):
@@ -116,7 +116,7 @@ def test_rudder_moves_from_the_moment_of_order_and_crossing_not_from_the_next_sa
 
 
 def test_event_gives_the_fraction_of_the_step_or_none() -> None:
-    orders = zigzag(10.0, -0.2, 0.1, 5.0)
+    orders = Zigzag(10.0, -0.2, 0.1, 5.0)
     before, after = np.zeros(6), np.zeros(6)
     event = getattr(orders, "event")  # noqa: B009
     assert event(4.0, before, 4.5, before) is None
@@ -158,22 +158,22 @@ def test_a_manoeuvre_that_misses_its_event_says_by_how_much(text: str, seconds: 
     maneuver = replace(parse_maneuver(text, SHIP), duration=seconds)
     trial = simulate(SHIP, maneuver, 0.2)
     with pytest.raises(UserError, match=words) as caught:
-        check_reached(trial, maneuver)
+        check_completeness(trial, maneuver)
     assert "\n" not in str(caught.value)
     partial = parse_maneuver(text, SHIP, duration=maneuver.duration)
     assert partial.partial
-    assert check_reached(trial, partial) == (str(caught.value),)
+    assert check_completeness(trial, partial) == (str(caught.value),)
 
 
 def test_complete_manoeuvres_miss_nothing_and_a_quarter_turn_says_what_is_absent() -> None:
     for text in ("turning:35", "zigzag:10/10", "crash-stop", "straight"):
         maneuver = parse_maneuver(text, SHIP)
-        assert check_reached(simulate(SHIP, maneuver), maneuver) == ()
+        assert check_completeness(simulate(SHIP, maneuver), maneuver) == ()
     maneuver = parse_maneuver("turning:35", SHIP, duration=60)
-    notices = check_reached(simulate(SHIP, maneuver), maneuver)
+    notices = check_completeness(simulate(SHIP, maneuver), maneuver)
     assert len(notices) == 1 and "180 deg that the tactical diameter needs" in notices[0]
     maneuver = parse_maneuver("turning:35", SHIP, duration=3)
-    assert "before the order" in check_reached(simulate(SHIP, maneuver), maneuver)[0]
+    assert "before the order" in check_completeness(simulate(SHIP, maneuver), maneuver)[0]
 
 
 def test_zigzag_counts_from_the_heading_at_the_execute() -> None:

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from cases.maneuvers.definitions import Maneuver, parse_maneuver
-from cases.maneuvers.orders import turning
+from cases.maneuvers.orders import Turning
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.actuator_ramps import ramps
 from cases.simulation.simulate import simulate
-from cases.simulation.simulate_batch import Batch, coefficient_array, simulate_batch
+from cases.simulation.simulate_batch import SimulatedRuns, coefficient_array, simulate_batch
 from cases.trial import Trial
 from mmg.errors import UserError
 from mmg.rollout import Simulator
@@ -30,7 +30,7 @@ def moved(trial: Trial, name: str) -> np.ndarray:
     return trial[name if name in trial.columns else f"{name}_port"]
 
 
-def assert_same_motion(batch: Batch, m: int, trial: Trial, tolerance: float = 1e-9) -> None:
+def assert_same_motion(batch: SimulatedRuns, m: int, trial: Trial, tolerance: float = 1e-9) -> None:
     """Run m of the batch is the trial, which ends with its last row."""
     rows = batch.last[m] + 1
     assert len(trial) == rows
@@ -103,7 +103,7 @@ def test_short_samples_of_the_synthetic_trial_come_to_the_same_turning() -> None
 
 def test_the_rudder_runs_up_from_the_moment_of_the_order() -> None:
     plan = kvlcc2()[1]
-    late = replace(plan, orders=lambda: turning(plan.n, 0.6, 1.03))
+    late = replace(plan, orders=lambda: Turning(plan.n, 0.6, 1.03))
     moves = ramps(late, late.orders(), np.arange(11.0))
     np.testing.assert_allclose(moves.times, [0, 1.03, 1.03 + 0.6 / plan.limits.rudder_rate, 10])
     np.testing.assert_allclose(moves.positions[:, 1], [0, 0, 0.6, 0.6])

@@ -1,4 +1,6 @@
-"""Shallow water: factors f on coefficients, D(h) = f D(deep), as functions of depth and particulars.
+"""Shallow water: published factors f on coefficients, D(h) = f D(deep), beside the growth of the effect shallow_water.
+
+Run from the repository root: python -m benchmarks.shallow_factors
 
 h is the depth of water [m], x = d/h. UNVERIFIED as a whole: one public source each, partly from recollection, that of
 Kijima & Nakiri from a code whose own text says it does not work. Compare with tests before use; ``growth`` has two
@@ -6,6 +8,8 @@ numbers to identify instead. All functions raise ValueError for a ship aground (
 """
 
 from __future__ import annotations
+
+from mmg.effects.shallow_water import GROWTH
 
 
 def _ratio(d: float, h: float) -> float:
@@ -98,3 +102,22 @@ def taimuri_interaction(L: float, B: float, d: float, C_b: float, h: float) -> d
         "one_minus_t_P": 1 + (29.495 - 14.089 * s + 1.6486 * s**2) * (1 / 250 - 7 * x / 200 - 13 * x**2 / 125),
         "gamma_R": gamma_R,
     }
+
+
+def main() -> None:
+    """Prints the factors for the KVLCC2 at depths of 3, 2 and 1.3 draughts, and those of the effect."""
+    kvlcc2 = {"L": 320.0, "B": 58.0, "d": 20.8, "C_b": 0.81}
+    for ratio in (3.0, 2.0, 1.3):
+        h = ratio * kvlcc2["d"]
+        print(f"h/d = {ratio:g}")
+        for name, found in (
+            ("Kijima & Nakiri 1990", kijima_nakiri_1990(**kvlcc2, h=h)),
+            ("Ankudinov 1990", ankudinov(**kvlcc2, h=h)),
+            ("Taimuri et al. 2020", taimuri_interaction(**kvlcc2, h=h)),
+            ("effect shallow_water", {key: 1 + a / (ratio - 1) for key, a in GROWTH.items()}),
+        ):
+            print(f"  {name}: " + ", ".join(f"{key} {value:.3f}" for key, value in found.items()))
+
+
+if __name__ == "__main__":
+    main()
