@@ -18,6 +18,7 @@ from cases.maneuvers.orders import FULL_TURN, CrashStop, Orders, StepOrders, Tur
 from cases.maneuvers.self_propulsion import design_pitch
 from cases.simulation.actuator_ramps import TINY, ramps
 from cases.simulation.batch_zigzag import ZigzagRudders
+from cases.trial import STATES, Trial
 from mmg.errors import UserError
 from mmg.model import settled
 from mmg.motion.froude import time_scale
@@ -44,6 +45,12 @@ class SimulatedRuns:
     states: np.ndarray
     inputs: np.ndarray
     last: np.ndarray
+
+    def trial(self, m: int) -> Trial:
+        """Run ``m`` as a trial up to its end: t, the six states, n and delta, without sensors and wind."""
+        rows = slice(0, int(self.last[m]) + 1)
+        columns = {"t": self.t[rows], **dict(zip(STATES, self.states[rows, :, m].T, strict=True))}
+        return Trial(f"run_{m}", columns | {"n": self.inputs[rows, 0, m], "delta": self.inputs[rows, 1, m]})
 
 
 def simulate_batch(

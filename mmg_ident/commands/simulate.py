@@ -11,7 +11,6 @@ import typer
 
 if TYPE_CHECKING:
     from cases.maneuvers.definitions import Maneuver
-    from cases.simulation.gusts import Wind
     from cases.trial import Trial
     from mmg.ship import Ship
 
@@ -57,9 +56,17 @@ def simulate(
     ] = False,
     dt: Annotated[float | None, typer.Option("--dt", help="Sampling interval [s]; default 0.1.")] = None,
     seed: Annotated[int, typer.Option("--seed", help="Seed of gusts, noise and random manoeuvres.")] = 0,
+    scatter: Annotated[
+        int | None,
+        typer.Option(
+            "--scatter",
+            help="Draw the coefficients so often from their standard errors (and the correlation of a run folder); "
+            "prints median and 90 % interval of each figure.",
+        ),
+    ] = None,
     out: Annotated[
         Path | None,
-        typer.Option("--out", help="Trial file to write (.csv or .parquet); default a summary only."),
+        typer.Option("--out", help="Trial file to write (.csv or .parquet), with --scatter the motions of all draws."),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite an existing file.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
@@ -70,9 +77,10 @@ def simulate(
 
     Example: mmg simulate esso_osaka_3m --maneuver zigzag:20/20 --wind 1.5:60:gusty --noise --out zigzag.csv
     """
+    from cases.criteria.simulated_trial import simulated_trial
+    from cases.maneuvers.definitions import parse_maneuver
     from cases.shipfiles.effects import with_effects
     from cases.shipfiles.ship_file import load_ship
-    from cases.simulation.gusts import parse_wind
     from cases.simulation.sensors import SensorNoise, add_noise
     from cases.simulation.simulate import write_trial
     from mmg.errors import UserError
@@ -81,39 +89,81 @@ def simulate(
     if (maneuver is None) == (controls is None):
         raise UserError("give either --maneuver or --controls, one of them")
     _check_options(out, force, seed)
-    model, air = with_effects(load_ship(ship), effect or []), parse_wind(wind) if wind is not None else None
-    plan = None
-    if maneuver is not None:
-        rate = None if rudder_rate is None else math.radians(rudder_rate)
-        trial, plan = _run_maneuver(
-            model, maneuver, air, dt, seed, n=n, speed=speed, duration=duration, rudder_rate=rate, sampled=sampled_helm
-        )
-    else:
-        assert controls is not None
-        options = {
-            "--n": n,
-            "--speed": speed,
-            "--duration": duration,
-            "--rudder-rate": rudder_rate,
-            "--sampled-helm": sampled_helm or None,
-            "--dt": dt,
-        }
-        trial = _run_controls(model, controls, air, seed, options)
+    approach: dict[str, Any] = {"n": n, "speed": speed, "duration": duration}
+    approach |= {"rudder_rate": None if rudder_rate is None else math.radians(rudder_rate), "sampled": sampled_helm}
+    given = [name for name, value in {**approach, "dt": dt}.items() if value not in (None, False)]
+    if controls is not None and given:
+        option = {"sampled": "sampled-helm"}.get(given[0], given[0].replace("_", "-"))
+        raise UserError(f"--{option} belongs to --maneuver; with --controls the file gives times and inputs")
+    model = with_effects(load_ship(ship), effect or [])
+    plan = parse_maneuver(maneuver, model, seed=seed, **approach) if maneuver is not None else None
+    if scatter is not None:
+        others = {"--controls": controls, "--wind": wind, "--noise": noise or None}
+        for option in [name for name, value in others.items() if value is not None]:
+            raise UserError(f"--scatter is a manoeuvre in calm air; leave {option} out")
+        _scatter(ship, model, plan, scatter, seed, dt, out, json)
+        return
+    trial = simulated_trial(model, plan, controls, (), wind, seed=seed, dt=dt)
     summary = _summary(model, trial, plan)
     if noise and out is None:
         say("note: --noise changes nothing without --out: it belongs to the trial file, not to the summary")
-    if noise:
-        trial = add_noise(trial, SensorNoise.for_length(model.particulars["L"]), seed)
     if out is not None:
-        write_trial(trial, out)
-    summary |= {"seed": seed, "noise": noise, "wind": wind, "effects": _effects(model)}
+        noisy = add_noise(trial, SensorNoise.for_length(model.particulars["L"]), seed) if noise else trial
+        write_trial(noisy, out)
+    summary |= {"seed": seed, "noise": noise, "wind": wind}
+    summary["effects"] = {name: vars(model.parameters_of(name)) for name in model.effects}
     summary["out"] = None if out is None else str(out)
-    _tell(summary, json)
+    _print(summary, json)
 
 
-def _effects(ship: Ship) -> dict[str, dict[str, float]]:
-    """Effects in force and their parameters, SI."""
-    return {name: vars(ship.parameters_of(name)) for name in ship.effects}
+def _scatter(
+    name: str, ship: Ship, plan: Any, count: int, seed: int, dt: float | None, out: Path | None, as_json: bool
+) -> None:
+    """Draws, prints the table, and writes the motions to ``out``."""
+    from cases.criteria.scatter import scatter
+    from mmg_ident.commands.output import print_json, say
+
+    found = scatter(ship, plan, count, seed, _correlation(name), dt)
+    if out is not None:
+        tracks = found.tracks()
+        tracks.to_parquet(out, index=False) if out.suffix.lower() == ".parquet" else tracks.to_csv(out, index=False)
+        say(f"written: {out}")
+    if as_json:
+        print_json(found.to_dict() | {"out": None if out is None else str(out)})
+        return
+    for notice in found.notices:
+        say(f"note: {notice}")
+    print(f"{ship.name}: {plan.name}, {count} draws of {len(found.coefficients)} coefficients")
+    print(f"  {'figure':<28} {'as it is':>10} {'median':>10}   90 % interval")
+    for row in found.rows:
+        unit, factor, form = _unit(row.unit, ship.particulars["L"])
+        value, middle, low, high = (
+            "-" if x is None else f"{factor * x:{form}}" for x in (row.value, row.median, *row.interval_90)
+        )
+        share = "" if row.share == 1 else f"  ({100 * row.share:.0f} % of the draws)"
+        print(f"  {row.figure.replace('_', ' ') + f' [{unit}]':<28} {value:>10} {middle:>10}   {low} .. {high}{share}")
+
+
+def _correlation(name: str) -> tuple[tuple[str, ...], Any] | None:
+    """Symbols and correlation matrix of the calibration in a run folder; None for other ships."""
+    import numpy as np
+
+    from fitting.result import read_fit
+    from mmg.errors import UserError
+
+    if not (Path(name) / "result.json").is_file():
+        return None
+    try:
+        known = read_fit(name).correlation
+    except UserError:
+        return None
+    return known.symbols, np.array(known.matrix, dtype=float)
+
+
+def _unit(unit: str, length: float) -> tuple[str, float, str]:
+    """Unit shown to people, factor to it, and format; lengths in ship lengths."""
+    shown = {"m": ("L", 1 / length, ".3f"), "rad": ("deg", math.degrees(1.0), ".2f")}
+    return {**shown, "rad/s": ("deg/s", math.degrees(1.0), ".3f")}.get(unit, (unit or "-", 1.0, ".3f"))
 
 
 def _check_options(out: Path | None, force: bool, seed: int) -> None:
@@ -132,43 +182,15 @@ def _check_options(out: Path | None, force: bool, seed: int) -> None:
         raise UserError(f"--out {out}: there is no folder {out.parent}")
 
 
-def _run_maneuver(
-    ship: Ship, text: str, wind: Wind | None, dt: float | None, seed: int, **options: Any
-) -> tuple[Trial, Maneuver]:
-    from dataclasses import replace
-
-    from cases.criteria.completeness import check_completeness
-    from cases.maneuvers.definitions import parse_maneuver
-    from cases.simulation.simulate import simulate as run
-
-    plan = parse_maneuver(text, ship, seed=seed, **options)
-    trial = run(ship, plan, 0.1 if dt is None else dt, wind, seed)
-    return replace(trial, notices=trial.notices + check_completeness(trial, plan)), plan
-
-
-def _run_controls(ship: Ship, path: Path, wind: Wind | None, seed: int, options: Mapping[str, float | None]) -> Trial:
-    from dataclasses import replace
-
-    from cases.io.controls import read_controls
-    from cases.simulation.simulate import simulate_controls
-    from mmg.errors import UserError
-
-    given = [name for name, value in options.items() if value is not None]
-    if given:
-        raise UserError(f"{given[0]} belongs to --maneuver; with --controls the file gives times and inputs")
-    source = read_controls(path, ship.actuators)
-    trial = simulate_controls(ship, source, wind, seed)
-    notices = source.notices
-    if wind is not None and source.has_wind:
-        notices += ("the wind of the file is replaced by --wind",)
-    return replace(trial, notices=notices + trial.notices)
-
-
 def _summary(ship: Ship, trial: Trial, plan: Maneuver | None) -> dict[str, Any]:
     """What is printed: SI units, named in the keys; lengths of the figures also in ship lengths."""
+    from cases.criteria.figures import figure_unit
+    from cases.criteria.standard_runs import figures_of
+
     states, L = trial.states, ship.particulars["L"]
     names = ("x_m", "y_m", "psi_rad", "u_m_s", "v_m_s", "r_rad_s")
-    figures = _figures(trial, plan)
+    found = figures_of(trial, plan) if plan else {}
+    figures = {f"{key}_{figure_unit(key).replace('/', '_')}".rstrip("_"): value for key, value in found.items()}
     lengths = {f"{name[:-2]}_L": value / L for name, value in figures.items() if name.endswith("_m")}
     return {
         "ship": ship.name,
@@ -183,16 +205,7 @@ def _summary(ship: Ship, trial: Trial, plan: Maneuver | None) -> dict[str, Any]:
     }
 
 
-def _figures(trial: Trial, plan: Maneuver | None) -> dict[str, float]:
-    """Figures of the standard manoeuvres, with their unit as the end of the name."""
-    from cases.criteria.figures import figure_unit
-    from cases.criteria.standard_runs import figures_of
-
-    found = figures_of(trial, plan) if plan else {}
-    return {f"{name}_{figure_unit(name).replace('/', '_')}".rstrip("_"): value for name, value in found.items()}
-
-
-def _tell(summary: dict[str, Any], as_json: bool) -> None:
+def _print(summary: dict[str, Any], as_json: bool) -> None:
     from mmg_ident.commands.output import print_json, say
 
     if as_json:
