@@ -18,12 +18,13 @@ from cases.maneuvers.orders import FULL_TURN, CrashStop, Orders, StepOrders, Tur
 from cases.maneuvers.self_propulsion import design_pitch
 from cases.simulation.actuator_ramps import TINY, ramps
 from cases.simulation.batch_zigzag import ZigzagRudders
-from cases.trial import STATES, Trial
+from cases.trial import Trial
 from mmg.errors import UserError
 from mmg.model import settled
 from mmg.motion.froude import time_scale
 from mmg.rollout import Simulator
 from mmg.ship import Ship
+from mmg.states import STATES
 
 LONGEST_STEP = 0.5
 """Largest Runge-Kutta step [s] for a 3 m model; longer samples are divided. Scales with sqrt(L)."""
