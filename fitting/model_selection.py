@@ -115,7 +115,7 @@ class Fold:
 
 
 def prepare(ship: Ship, choice: Choice) -> Ship:
-    """The ship with a choice put on it."""
+    """The ``ship`` with the effects, priors and fixed coefficients of a ``choice``."""
     for name in MANAGED:
         if name in ship.effects and name not in choice.measurement:
             ship = ship.without_effect(name)
@@ -129,7 +129,7 @@ Outcome = tuple[list[tuple[int, float, float, int]], bool, dict[str, float]]
 
 
 def run_fold(fold: Fold) -> Outcome | None:
-    """Fit and judge; None when it is too late to begin."""
+    """Outcome of one ``fold``: fitted on the rest, scored on the trials left out; None when it is too late to begin."""
     if time.time() > fold.deadline:
         return None
     rest = [t for i, t in enumerate(fold.trials) if i not in fold.out]
@@ -144,7 +144,7 @@ def run_fold(fold: Fold) -> Outcome | None:
 
 
 def folds_of(trials: Sequence[Trial], count: int) -> list[tuple[int, ...]]:
-    """Runs in ``count`` folds, those of a kind spread over them."""
+    """Numbers of the ``trials`` in ``count`` folds, those of a kind spread over them."""
     order = sorted(range(len(trials)), key=lambda i: (trials[i].kind or "", i))
     return [tuple(sorted(order[k::count])) for k in range(min(count, len(trials)))]
 
@@ -246,13 +246,13 @@ class Selector:
 
 
 def weighted_mean(values: np.ndarray, weights: np.ndarray) -> float:
-    """Weighted mean over runs that have a value."""
+    """Mean of ``values`` (R,) with ``weights`` (R,), over the runs that have a value."""
     good = np.isfinite(values) & (weights > 0)
     return float(np.average(values[good], weights=weights[good])) if good.any() else float("nan")
 
 
 def standard_error(difference: np.ndarray, weights: np.ndarray) -> float:
-    """Standard error over runs (R, ...) of the weighted mean of the first column."""
+    """Standard error over runs of the mean of the first column of ``difference`` (R, 3), by ``weights`` (R,)."""
     d = difference[:, 0]
     good = np.isfinite(d) & (weights > 0)
     d, w = d[good], weights[good] / weights[good].sum()
@@ -269,7 +269,7 @@ def select(
     limit: float = 480.0,
     progress: OnProgress | None = None,
 ) -> Selection:
-    """Choose the model for a final fit of ``ship`` on ``trials`` (and ``captive`` points); no other data are used.
+    """The model for a final fit of ``ship`` on ``trials`` (and ``captive`` points); no other data are used.
 
     settings: of the fits, which ``settings.workers`` processes share; folds: parts into which the runs are divided;
     limit: seconds after which the search ends at the best choice so far; progress: called after each fit. Raises

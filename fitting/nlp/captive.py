@@ -41,11 +41,11 @@ class Captive:
 
 
 def read_captive(path: Path, sigma: tuple[float, ...] | None = None) -> Captive:
-    """Points of a CSV or Parquet file with headers such as ``u [m/s], ..., X [N], Y [N], N [N m]``.
+    """Points of the CSV or Parquet file ``path`` with headers such as ``u [m/s], ..., X [N], Y [N], N [N m]``.
 
-    Columns sigma_X, sigma_Y, sigma_N give standard deviations point by point; ``sigma`` is for those that the file does
-    not give (X, Y [N], N [N m]); without either it is 3 % of the rms of the column, and said nowhere else. A force may
-    be empty in some rows: it is then not used there. Raises UserError for missing columns, unknown units, empty motion.
+    Columns sigma_X, sigma_Y, sigma_N give standard deviations point by point; ``sigma``, of X, Y [N] and N [N m], is
+    for those that the file does not give; without either it is 3 % of the rms of the column. A force may be empty in
+    some rows: it is then not used there. Raises UserError for missing columns, unknown units, empty motion.
     """
     if not path.exists():
         raise UserError(f"{path}: no such file; --captive takes a table of captive-test points")
@@ -183,7 +183,8 @@ def estimate_from_captive(
 ) -> CaptiveEstimate:
     """Minimum of the captive cost + ridge/2 |p|^2 over free = mean + std p, by damped Newton steps on p.
 
-    base: all coefficients; ridge 1: the prior as it stands, smaller: wider. Bounds are not regarded.
+    forces: of the points; base: all coefficients (all,); free: positions of the free ones (P,); mean, std: of their
+    prior (P,); ridge: 1 for the prior as it stands, smaller for a wider one. Bounds are not regarded.
     """
     p, damping, P = np.zeros(len(free)), 0.0, len(free)
 

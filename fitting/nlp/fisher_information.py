@@ -75,10 +75,10 @@ class Information:
 
 
 def information(problem: Problem, x: np.ndarray) -> Information:
-    """Information and score of every window at x, which should satisfy the defects (a solution of the problem).
+    """Information and score of every window of ``problem`` at x (n,), which should satisfy the defects (a solution).
 
     Defects that are left count to first order; a robust loss counts by its weights. Elements are in units of the
-    problem's scaled coefficients.
+    problem's scaled coefficients: (W, P, P) and (W, P).
     """
     seg, S, L, columns = problem.segments, problem.S, problem.L, problem.columns
     p = problem.split(x)[1].copy()
@@ -109,7 +109,7 @@ def information(problem: Problem, x: np.ndarray) -> Information:
 
 
 def intervals_by_level(seg: Segments) -> list[np.ndarray]:
-    """Intervals by how many of their window come after them: the last ones of all windows, those before them, ..."""
+    """Numbers of the intervals of ``seg``, arrays (m,): the last ones of all windows, those before them, ..."""
     order = np.lexsort((-seg.start, seg.window))
     window = seg.window[order]
     first = np.r_[0, np.flatnonzero(np.diff(window)) + 1]
@@ -225,7 +225,10 @@ def _transitions(problem: Problem, x: np.ndarray) -> tuple[Callable[[np.ndarray]
 def minimised_over_jumps(
     V: np.ndarray, v: np.ndarray, r: np.ndarray, price: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Quadratics and slopes after minimising over jumps of the states ``r``, whose squares cost ``price`` (m, R)."""
+    """Quadratics (m, n, n) and slopes (m, n), V and v, after minimising over jumps of the states ``r`` (R,).
+
+    price: (m, R) cost of the square of each jump.
+    """
     if not len(r):
         return V, v
     inner, own = V[:, r[:, None], r].copy(), np.arange(len(r))

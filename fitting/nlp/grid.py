@@ -27,7 +27,10 @@ class Grid:
 
 
 def pieces(trial: Trial, longest_gap: float, controls: np.ndarray) -> list[slice]:
-    """Stretches of samples without a gap: states and inputs (N, C) present, time steps at most ``longest_gap`` [s]."""
+    """Stretches of samples of ``trial`` without a gap: states and ``controls`` (N, C) present.
+
+    longest_gap: largest time step [s] within a stretch.
+    """
     good = np.isfinite(np.column_stack([trial[c] for c in ("psi", "u", "v", "r")])).all(axis=1)
     good &= np.isfinite(controls).all(axis=1)
     index = np.flatnonzero(good)
@@ -40,9 +43,9 @@ def pieces(trial: Trial, longest_gap: float, controls: np.ndarray) -> list[slice
 def grids(
     trial: Trial, h: float, inputs: Sequence[str] = STANDARD, means: Callable[..., np.ndarray] = step_means
 ) -> list[Grid]:
-    """The gap-free pieces of a trial on grids of step h [s], for a model with these inputs.
+    """The gap-free pieces of a ``trial`` on grids of step h [s], for a model with these ``inputs``.
 
-    means: how samples of the inputs become means over steps (``step_means``: each is held until the next).
+    means: how samples of the inputs (N, C) become means over steps (``step_means``: each is held until the next).
     """
     result = []
     states, controls = trial.states, model_inputs(trial, inputs).array
@@ -74,9 +77,10 @@ def _interpolate(at: np.ndarray, t: np.ndarray, values: np.ndarray) -> np.ndarra
 
 
 def default_step(trials: Sequence[Trial], length: float) -> float:
-    """Integration step [s]: a twentieth of the time to travel a ship length at rms speed, at least the sampling time.
+    """Integration step [s] for ``trials`` of a ship of this ``length`` [m].
 
-    Rounded to 1, 2 or 5 times a power of ten.
+    A twentieth of the time to travel a ship length at rms speed, at least the sampling time, rounded to 1, 2 or 5 times
+    a power of ten.
     """
     u2 = np.concatenate([t["u"] ** 2 + t["v"] ** 2 for t in trials])
     speed = max(float(np.sqrt(np.nanmean(u2))), 0.02 * reference_speed(length))

@@ -77,7 +77,7 @@ class Loss:
 
 
 def without_outliers(residuals: list[np.ndarray], most: float = 4.0) -> list[np.ndarray]:
-    """Residuals of one channel (n,) with those beyond ``most`` robust standard deviations made NaN.
+    """The ``residuals`` of one channel, (n,) each, with those beyond ``most`` robust standard deviations made NaN.
 
     The robust standard deviation is 1.4826 times the median of |e|.
     """

@@ -84,7 +84,9 @@ class Columns:
 
 
 def with_constants(prior: Prior, ship: Ship, symbols: Sequence[str], runs: Sequence[str]) -> Prior:
-    """The prior with constants of each run: those of the ship's coefficients ``symbols``, named "current.x@RUN"."""
+    """The ``prior`` with constants of each of ``runs``: those of the coefficients ``symbols`` of ``ship``, named
+    "current.x@RUN".
+    """
     if not symbols:
         return prior
     one = Prior.of(ship, symbols)
@@ -96,14 +98,16 @@ def with_constants(prior: Prior, ship: Ship, symbols: Sequence[str], runs: Seque
 
 
 def without_constants(ship: Ship, symbols: Sequence[str]) -> Ship:
-    """The ship without the effects of these constants, which belong to the runs."""
+    """The ``ship`` without the effects of the constants ``symbols``, which belong to the runs."""
     for name in dict.fromkeys(s.split(".")[0] for s in symbols):
         ship = ship.without_effect(name)
     return ship
 
 
 def neutral_values(ship: Ship, symbols: Sequence[str]) -> np.ndarray:
-    """Values of all coefficients with the effects of these constants absent, (all,): a captive test has none."""
+    """Values of all coefficients of ``ship`` with the effects of the constants ``symbols`` absent, (all,), as in a
+    captive test.
+    """
     off = ship
     for name in dict.fromkeys(s.split(".")[0] for s in symbols):
         off = off.without_effect(name).with_effect(name)
@@ -185,7 +189,7 @@ def _distinct(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def shared_prior(prior: Prior) -> Prior:
-    """The prior of the shared coefficients alone."""
+    """The ``prior`` of the shared coefficients alone."""
     own = slice(prior.shared)
     return replace(
         prior,

@@ -53,7 +53,10 @@ class Kernels:
 
 
 def kernels(model: Model, free: np.ndarray, compiled: bool = True) -> Kernels:
-    """Derivative kernels of a model for the coefficients at positions ``free``."""
+    """Derivative kernels of a ``model`` for the coefficients at positions ``free`` (P,).
+
+    compiled: whether to use a C compiler.
+    """
     S, first = len(model.states), model.first
     q, c = ca.SX.sym("q", S - first), ca.SX.sym("c", len(model.controls))
     theta, mu = ca.SX.sym("theta", len(model.symbols)), ca.SX.sym("mu", S)

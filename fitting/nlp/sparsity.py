@@ -15,10 +15,10 @@ Pattern = tuple[ca.Sparsity, np.ndarray]
 def sparsity_patterns(
     seg: Segments, S: int, P: int, fixed: np.ndarray, random: np.ndarray, columns: Columns
 ) -> tuple[Pattern, Pattern]:
-    """Patterns of the Jacobian (D M, S B + P) and of the upper triangle of the Hessian.
+    """Patterns of the Jacobian (D M, S B + P) and of the upper triangle of the Hessian, over the intervals of ``seg``.
 
-    fixed: (D,) and random: states whose continuity is a constraint, and those that may jump at a node. Nodes and
-    intervals border on the ``columns`` of their group.
+    S, P: numbers of states and coefficients; fixed: (D,) states whose continuity is a constraint; random: those that
+    may jump at a node. Nodes and intervals border on the ``columns`` of their group.
     """
     D, M, B = len(fixed), seg.intervals, len(seg.nodes)
     n, m = S * B + P, D * M

@@ -11,6 +11,7 @@ from cases.inputs import STANDARD
 from cases.trial import Trial
 from fitting.nlp.grid import grids
 from mmg.errors import UserError
+from mmg.messages import Message
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,7 @@ class Segments:
     node_controls: (C, B) inputs at the nodes.
     window: (M,) and node_window: (B,) number of the window; run: (W,) number of the trial of each window.
     trials: names of the trials; duration: seconds of data in the windows.
-    dropped: sentences on what was left out.
+    dropped: messages on what was left out.
     """
 
     h: float
@@ -48,7 +49,7 @@ class Segments:
     run: np.ndarray
     trials: tuple[str, ...]
     duration: float
-    dropped: tuple[str, ...] = ()
+    dropped: tuple[Message, ...] = ()
 
     @property
     def intervals(self) -> int:
@@ -110,10 +111,10 @@ def cut(
     shortest: float | None = None,
     inputs: Sequence[str] = STANDARD,
 ) -> Segments:
-    """Cut trials into windows of about ``window`` seconds and those into intervals of at most K steps.
+    """Segments of ``trials``: windows of about ``window`` [s], cut into intervals of at most K steps of h [s].
 
-    A piece is divided evenly into windows; one shorter than ``shortest`` (default 10 steps) is left out and said.
-    Raises UserError when nothing is left.
+    inputs: names of the model's. A piece without gaps is divided evenly into windows; one shorter than ``shortest`` [s]
+    (default 10 steps) is left out, with a message. Raises UserError when nothing is left.
     """
     least = round((10 * h if shortest is None else shortest) / h)
     nodes: list[np.ndarray] = []
@@ -142,7 +143,10 @@ def cut(
                     nodes.append(grid.states[e])
                     node_window.append(w)
                     spans.append((len(nodes) - 2, len(nodes) - 1, w, grid.controls[s:e], grid.states[s + 1 : e]))
-    dropped = [f"{name}: {s:.0f} s in pieces too short between gaps were left out" for name, s in short.items()]
+    dropped = [
+        Message(f"{name}: {s:.0f} s in pieces too short between gaps were left out", "short_pieces_left_out")
+        for name, s in short.items()
+    ]
     if not spans:
         raise UserError(
             f"{', '.join(t.name for t in trials)}: nothing to fit, no piece is longer than {least * h:g} s "

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from fitting.prediction.stretches import FadingCurrent, Record, Stretch, WindowBatch, rollout
+from mmg.messages import Message
 from mmg.model import settled
 from mmg.motion.froude import state_scale, time_scale
 from mmg.rollout import Simulator
@@ -51,22 +52,27 @@ class Adaptation:
         return cls(seconds, RESTART * k, FORGET * k, DECAY * k, SIZE * k, errors)
 
 
-def advice(result: Mapping[str, Any]) -> list[str]:
-    """A sentence on what adaptation brought on the validation trials, from a run's result.json; empty if it paid."""
+def warnings_on_adaptation(result: Mapping[str, Any]) -> list[Message]:
+    """What adaptation brought on the validation trials, by the ``result`` of a run (result.json); empty if it paid."""
     known = result.get("adaptation")
     if not known:
-        return ["whether adapting pays with this model is not known: calibrate it with mmg fit --validate to find out"]
+        words = "whether adapting pays with this model is not known: calibrate it with mmg fit --validate to find out"
+        return [Message(words, "adaptation_untested")]
     if known["worthwhile"]:
         return []
     before, after = known["without"], known["with"]
-    return [
+    words = (
         f"adapting did not pay on the {known['trials']} trials of this run: 30 s windows {before['window']:.4f} -> "
         f"{after['window']:.4f}, 100 s restarts {before['paper']:.4f} -> {after['paper']:.4f}; better leave it off"
-    ]
+    )
+    return [Message(words, "adaptation_does_not_pay")]
 
 
 def past_begin(record: Record, row: int, seconds: float) -> int:
-    """First row of the unbroken, measured stretch of at most ``seconds`` before ``row``; ``row`` if there is none."""
+    """First row of the unbroken, measured stretch of at most ``seconds`` before ``row`` of a ``record``.
+
+    ``row`` itself if there is none.
+    """
     t = record.t
     gap = 2.5 * float(np.median(np.diff(t)))
     first = int(np.searchsorted(t, t[row] - seconds - 0.2 * gap))
@@ -77,7 +83,9 @@ def past_begin(record: Record, row: int, seconds: float) -> int:
 
 
 def restarts(record: Record, row: int, a: Adaptation) -> list[Stretch]:
-    """The past of a window that starts at ``row`` in restarts, youngest first; a last one under half length is left."""
+    """The past of a window that starts at ``row`` of a ``record``, as restarts by ``a``, youngest first, none under
+    half length.
+    """
     begin, sample = past_begin(record, row, a.seconds), float(np.median(np.diff(record.t)))
     result: list[Stretch] = []
     last = row
@@ -93,9 +101,9 @@ def restarts(record: Record, row: int, a: Adaptation) -> list[Stretch]:
 
 
 def adapt(simulator: Simulator, windows: Sequence[Stretch], a: Adaptation) -> tuple[FadingCurrent, np.ndarray]:
-    """The current at the start of each window, fading, and offsets (S - 6, M) of what is remembered from settled.
+    """Current at the start of each of ``windows`` (M of them), fading, and offsets (S - 6, M) from the settled memory.
 
-    Both are zero for a window without a past.
+    simulator: of the ship; a: how the past is used. Both are zero for a window without a past.
     """
     parts = [_adapt(simulator, windows[i : i + AT_ONCE], a) for i in range(0, len(windows), AT_ONCE)]
     return FadingCurrent(np.hstack([w for w, _ in parts]), a.decay), np.hstack([o for _, o in parts])

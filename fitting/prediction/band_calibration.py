@@ -42,8 +42,11 @@ COVER = 0.91
 
 
 def adaptation_pays(simulator: Simulator, trials: Sequence[Trial], sigma: np.ndarray, which: str) -> dict[str, Any]:
-    """Both metrics without and with the past of each window, and whether it is worthwhile: better on 30 s windows,
-    no worse on 100 s."""
+    """Both metrics of ``simulator`` on ``trials`` without and with the past of each window, as plain values.
+
+    sigma: (6,) by which errors are divided; which: name of the trials. It is worthwhile when 30 s windows become better
+    and 100 s restarts no worse.
+    """
     plain = score(simulator, trials, sigma)
     with_past = score(simulator, trials, sigma, adapt=PAST)
     rows = {"window": [plain.window, with_past.window], "paper": [plain.paper, with_past.paper]}
@@ -53,7 +56,9 @@ def adaptation_pays(simulator: Simulator, trials: Sequence[Trial], sigma: np.nda
 
 
 def sample_noise(trials: Sequence[Trial]) -> np.ndarray:
-    """White noise of the logged states (6,), from third differences of neighbouring samples; 0 where there are none."""
+    """White noise of the logged states of ``trials`` (6,), from third differences of neighbouring samples; 0 where
+    there are none.
+    """
     rows = []
     for trial in trials:
         states = trial.states.copy()
@@ -67,9 +72,10 @@ def sample_noise(trials: Sequence[Trial]) -> np.ndarray:
 
 
 def fit_bands(simulator: Simulator, trials: Sequence[Trial], root: np.ndarray | None = None) -> dict[str, Any] | None:
-    """The process behind the errors of the windows of these trials, as ``process_dict``; None when there are too few.
+    """The process behind the errors of ``simulator`` on windows of ``trials``, as ``process_dict`` gives it.
 
-    root: draws of the coefficients (``bands.draws_of``), whose part of the errors the factors leave out.
+    root: (P, draws) draws of the coefficients (``bands.draws_of``), whose part of the errors the factors leave out.
+    None when there are too few windows.
     """
     length = float(simulator.ship.particulars["L"])
     k = time_scale(length)
@@ -129,7 +135,9 @@ def _errors(stretches: Sequence[Stretch], out: np.ndarray) -> tuple[np.ndarray, 
 
 
 def likely_sizes(parts: np.ndarray, error: np.ndarray, floor: float) -> tuple[float, np.ndarray]:
-    """Least -log likelihood of errors (n, M) over sizes (K,) with variance sum size^2 parts (K, n, M) + floor."""
+    """Least -log likelihood of ``error`` (n, M) over sizes (K,), with variance sum size^2 ``parts`` (K, n, M) +
+    ``floor``.
+    """
     good = np.isfinite(error)
     A, e2 = parts[:, good], error[good] ** 2
     floor = max(floor, 1e-6 * float(e2.mean()), 1e-300)

@@ -47,14 +47,17 @@ class Process:
 
 
 def acceleration_sizes(states: np.ndarray, length: float) -> np.ndarray:
-    """Squares of what the size of the accelerations grows with, (3, ..., M), from predicted states (..., 6, M)."""
+    """Squares of what the size of the accelerations grows with, (3, ..., M), from predicted ``states`` (..., 6, M).
+
+    length: of the ship [m].
+    """
     u, v, r = states[..., 3, :], states[..., 4, :], states[..., 5, :]
     U2 = u * u + v * v
     return np.array([np.ones_like(u), (U2 / length) ** 2, U2 * r * r])
 
 
 def coarse_rows(batch: WindowBatch, step: float) -> np.ndarray:
-    """Rows at about ``step`` seconds, the first and the last among them."""
+    """Rows (n,) of a ``batch`` at about ``step`` seconds, the first and the last among them."""
     taken = batch.steps[batch.steps > 0]
     every = max(1, round(step / float(np.median(taken)))) if len(taken) else 1
     return np.unique(np.append(np.arange(0, len(batch.steps) + 1, every), len(batch.steps)))
@@ -88,7 +91,8 @@ class AccelerationStep:
 def velocity_variance(square: np.ndarray, dt: np.ndarray, memory: float, decay: float) -> np.ndarray:
     """Variance (n + 1, ..., M) of the velocity error that accelerations of variance ``square`` (n + 1, ..., M) leave.
 
-    dt: (n, M) steps. The accelerations start with their local size, the error with zero.
+    dt: (n, M) steps; memory, decay: of accelerations and errors [s]. The accelerations start with their local size, the
+    error with zero.
     """
     aa = square[0].copy()
     ae, ee = np.zeros_like(aa), np.zeros_like(aa)
@@ -190,7 +194,9 @@ class Bands:
 
 
 def kinematic_map(states: np.ndarray, dt: np.ndarray) -> np.ndarray:
-    """(M, 3, 9): errors of x, y, psi after dt (M,) from those of u, v, r after it and of x, y, psi before."""
+    """(M, 3, 9): errors of x, y, psi after dt (M,) from those of u, v, r after it and of x, y, psi before; states: (6,
+    M).
+    """
     psi, u, v = states[2], states[3], states[4]
     c, s = np.cos(psi), np.sin(psi)
     G = np.zeros((len(dt), 3, 9))
@@ -203,7 +209,7 @@ def kinematic_map(states: np.ndarray, dt: np.ndarray) -> np.ndarray:
 
 
 def process_dict(p: Process) -> dict[str, Any]:
-    """A process as it stands in result.json under "bands"."""
+    """A process ``p`` as it stands in result.json under "bands"."""
     return {
         "acceleration_memory_s": dict(zip("uvr", p.memory.tolist(), strict=True)),
         "error_decay_s": dict(zip("uvr", p.decay.tolist(), strict=True)),
@@ -217,7 +223,9 @@ def process_dict(p: Process) -> dict[str, Any]:
 
 
 def bands_of(result: Mapping[str, Any], ship: Ship) -> Bands | None:
-    """The bands that a run's result.json holds for its ship; None if it holds none."""
+    """The bands that the ``result`` of a run (the content of its result.json) holds for its ``ship``; None if it holds
+    none.
+    """
     try:
         b = result["bands"]
         process = Process(
@@ -234,7 +242,9 @@ def bands_of(result: Mapping[str, Any], ship: Ship) -> Bands | None:
 
 
 def draws_of(result: Mapping[str, Any], ship: Ship) -> np.ndarray:
-    """Draws (P, DRAWS) of the ship's coefficients about their values, from the stored errors and correlations."""
+    """Draws (P, DRAWS) of the coefficients of ``ship`` about their values, from the errors and correlations in
+    ``result``.
+    """
     root = np.zeros((len(ship.symbols), DRAWS))
     try:
         symbols = list(result["correlation"]["symbols"])

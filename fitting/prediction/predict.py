@@ -16,7 +16,11 @@ from fitting.prediction.adaptation import Adaptation, adapt
 from fitting.prediction.bands import Bands
 from fitting.prediction.stretches import FadingCurrent, Record, Stretch, WindowBatch, rollout
 from mmg.errors import UserError
+from mmg.messages import Message
 from mmg.rollout import Simulator
+
+LONGEST_GAP = 1.0
+"""Seconds, beside two samples, between samples across which a window may run."""
 
 
 class Forecaster(Protocol):
@@ -46,7 +50,7 @@ class Window:
 
 
 def window_rows(t: np.ndarray, length: float, stride: float, short_last: bool) -> list[tuple[int, int]]:
-    """First and last row of windows of ``length`` seconds started every ``stride`` seconds from the first sample.
+    """First and last row of windows of ``length`` seconds every ``stride`` seconds from the first of the times t (N,).
 
     ``length`` 0 is the whole run. ``short_last`` keeps a last window that the run's end cuts short.
     """
@@ -66,7 +70,7 @@ def window_rows(t: np.ndarray, length: float, stride: float, short_last: bool) -
 
 
 def usable_rows(trial: Trial, inputs: Sequence[str] = STANDARD) -> np.ndarray:
-    """Rows whose state and inputs are all measured, shape (N,)."""
+    """Rows of ``trial`` whose state and ``inputs`` are all measured, shape (N,)."""
     needed = np.column_stack([trial.states[:, 2:], model_inputs(trial, inputs).array])
     if trial.has_position:
         needed = np.column_stack([needed, trial.states[:, :2]])
@@ -78,11 +82,11 @@ class _Plan:
     """Windows of one trial before simulation: their numbers and rows, and remarks on those left out."""
 
     kept: list[tuple[int, Stretch]]
-    notes: list[str]
+    notes: list[Message]
 
 
 def record_of(trial: Trial, inputs: Sequence[str]) -> Record:
-    """A trial as windows need it, for a model with these inputs; x = y = 0 where no positions were measured."""
+    """A ``trial`` as windows need it, for a model with these ``inputs``; x = y = 0 where no positions were measured."""
     states = trial.states
     if not trial.has_position:
         states = states.copy()
@@ -90,19 +94,17 @@ def record_of(trial: Trial, inputs: Sequence[str]) -> Record:
     return Record(trial.t, states, model_inputs(trial, inputs).array, usable_rows(trial, inputs), trial.has_position)
 
 
-def _plan(
-    trial: Trial, inputs: Sequence[str], length: float, stride: float, short_last: bool, longest_step: float
-) -> _Plan:
+def _plan(trial: Trial, inputs: Sequence[str], length: float, stride: float, short_last: bool) -> _Plan:
     record = record_of(trial, inputs)
-    gap = np.diff(trial.t) > longest_step + 2 * trial.dt
+    gap = np.diff(trial.t) > LONGEST_GAP + 2 * trial.dt
     kept, left_out = [], 0
     for number, (first, last) in enumerate(window_rows(trial.t, length, stride, short_last)):
         if not record.good[first : last + 1].all() or gap[first:last].any():
             left_out += 1
         else:
             kept.append((number, Stretch(record, first, last)))
-    notes = [f"{trial.name}: {left_out} window(s) touch missing samples and were left out"] if left_out else []
-    return _Plan(kept, notes)
+    words = f"{trial.name}: {left_out} window(s) touch missing samples and were left out"
+    return _Plan(kept, [Message(words, "windows_left_out")] if left_out else [])
 
 
 def predict_all(
@@ -112,19 +114,19 @@ def predict_all(
     stride: float,
     short_last: bool = True,
     method: str = "rk4",
-    longest_step: float = 1.0,
     adaptation: Adaptation | None = None,
     bands: Bands | None = None,
-) -> list[tuple[list[Window], list[str]]]:
-    """Open-loop windows of several trials, simulated side by side; per trial the windows and notes on those left out.
+) -> list[tuple[list[Window], list[Message]]]:
+    """Windows of each of ``trials``, predicted open-loop by ``simulator``, and notes on those left out.
 
-    Inputs are held from sample to sample. A window that begins at, or runs across, missing samples or a gap longer
-    than ``longest_step`` seconds plus two samples is left out. Without measured positions a window starts at (0, 0).
-    adaptation: use the past of each window; bands: add standard deviations. A forecaster has neither, and a method of
-    its own.
+    length, stride [s], short_last: as of ``window_rows``; method: "rk4" or "euler"; adaptation: use the past of each
+    window; bands: add standard deviations. (A forecaster has a method of its own and neither of the last two.) Inputs
+    are held from sample to sample. A window that begins at, or runs across, missing samples or a gap of more than
+    LONGEST_GAP is left out. Without measured positions a window starts at (0, 0). All windows are simulated side by
+    side.
     """
     inputs = simulator.ship.inputs if isinstance(simulator, Simulator) else simulator.inputs
-    plans = [_plan(trial, inputs, length, stride, short_last, longest_step) for trial in trials]
+    plans = [_plan(trial, inputs, length, stride, short_last) for trial in trials]
     flat = [stretch for plan in plans for _, stretch in plan.kept]
     if not flat:
         return [([], plan.notes) for plan in plans]
@@ -136,11 +138,9 @@ def predict_all(
     for plan in plans:
         windows = []
         for number, s in plan.kept:
-            states, spread = (
-                None if a is None else np.ascontiguousarray(a[: s.last - s.first + 1, :, at]) for a in (out, std)
-            )
-            assert states is not None
-            windows.append(Window(number, s.first, s.last, states, spread))
+            rows = slice(s.last - s.first + 1)
+            deviations = None if std is None else np.ascontiguousarray(std[rows, :, at])
+            windows.append(Window(number, s.first, s.last, np.ascontiguousarray(out[rows, :, at]), deviations))
             at += 1
         result.append((windows, plan.notes))
     return result
@@ -161,13 +161,17 @@ def _simulated(
 
 def predict(
     simulator: Simulator | Forecaster, trial: Trial, *args: Any, **options: Any
-) -> tuple[list[Window], list[str]]:
-    """Open-loop windows of one trial and notes on those left out; further arguments as in ``predict_all``."""
+) -> tuple[list[Window], list[Message]]:
+    """Windows of one ``trial``, predicted open-loop by ``simulator``, and notes on those left out; args, options: as of
+    ``predict_all``.
+    """
     return predict_all(simulator, [trial], *args, **options)[0]
 
 
 def prediction_rows(trial: Trial, windows: list[Window]) -> np.ndarray:
-    """Rows (window, t, x, y, psi, u, v, r) of all windows, (rows, 8), and the six standard deviations, (rows, 14)."""
+    """Rows (window, t, x, y, psi, u, v, r) of ``windows`` of a ``trial``, (rows, 8), or with standard deviations (rows,
+    14).
+    """
     parts = []
     for w in windows:
         columns = [np.full(len(w.states), float(w.number)), trial.t[w.first : w.last + 1], w.states]
@@ -180,7 +184,9 @@ STD_HEADER = ",x_std [m],y_std [m],psi_std [rad],u_std [m/s],v_std [m/s],r_std [
 
 
 def write_tables(tables: dict[Path, np.ndarray]) -> None:
-    """Write prediction tables as CSV, each atomically; UserError when a folder cannot be written."""
+    """Write ``tables`` {path: (rows, 8 or 14)} as CSV, each atomically. Raises UserError when a folder cannot be
+    written.
+    """
     try:
         for path, rows in tables.items():
             path.parent.mkdir(parents=True, exist_ok=True)

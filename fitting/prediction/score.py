@@ -150,7 +150,10 @@ def _by_state(row: Mapping[str, float | None]) -> np.ndarray:
 
 
 def pooled_sigma(trials: Sequence[Trial]) -> np.ndarray:
-    """Standard deviation of each state over all rows of all trials, heading as stored, shape (6,)."""
+    """Standard deviation of each state over all rows of all ``trials``, heading as stored, shape (6,).
+
+    Raises UserError for trials without positions, and where a state never changes.
+    """
     located = [t for t in trials if t.has_position]
     rows = [np.column_stack([t[c] for c in STATES])[usable_rows(t, [n for n in INPUTS if n in t])] for t in located]
     if not rows:
@@ -163,7 +166,7 @@ def pooled_sigma(trials: Sequence[Trial]) -> np.ndarray:
 
 
 def wrapped_error(predicted: np.ndarray, measured: np.ndarray) -> np.ndarray:
-    """Predicted minus measured, the heading error wrapped into (-pi, pi], shape (N, 6)."""
+    """``predicted`` minus ``measured``, both (N, 6), the heading error wrapped into (-pi, pi]."""
     error = predicted - measured
     error[:, 2] = np.pi - np.mod(np.pi - error[:, 2], 2 * np.pi)
     return error
@@ -196,12 +199,11 @@ def score(
     method: str = "rk4",
     adapt: float | None = None,
 ) -> Score:
-    """Both metrics of a ship or a black box on a set of trials; sigma defaults to the pooled one of these trials.
+    """Both metrics of a ship or a black box, ``simulator``, on ``trials``.
 
-    adapt: seconds before each window from which the run's disturbance is estimated (fitting.prediction.adaptation),
-    of a ship only.
-
-    Raises UserError when a trial has no positions, or sigma cannot be pooled.
+    sigma: (6,) by which errors are divided, by default the pooled one of these trials; sigma_from: what is said of its
+    source; method: "rk4" or "euler"; adapt: seconds before each window from which the run's disturbance is estimated,
+    of a ship only. Raises UserError when a trial has no positions, or sigma cannot be pooled.
     """
     for trial in trials:
         if not trial.has_position:

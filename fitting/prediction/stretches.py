@@ -60,6 +60,7 @@ class WindowBatch:
 
     @classmethod
     def of(cls, stretches: Sequence[Stretch]) -> WindowBatch:
+        """The ``stretches`` side by side, M of them over N steps."""
         N = max(1, max(s.last - s.first for s in stretches))
         steps = np.zeros((N, len(stretches)))
         inputs = np.zeros((N, stretches[0].record.controls.shape[1], len(stretches)))
@@ -83,12 +84,12 @@ def rollout(
     offset: np.ndarray | None = None,
     method: str = "rk4",
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Logged columns (N + 1, 6, M) and states (N + 1, S, M) of a batch, from its logged start.
+    """Logged columns (N + 1, 6, M) and states (N + 1, S, M) of a ``batch``, from its logged start, by ``simulator``.
 
-    water: computed in the frame that moves with it: velocities and air are relative to it, the way it has gone is
-    added to the positions, and a fading current accelerates nothing (relative-velocity formulation, Fossen 2021).
-    Forces that depend on the place (bank, shelf) see the position without that way, a few decimetres.
-    offset: (S - 6, M) what the remembered states start from beyond their settled values.
+    water: computed in the frame that moves with it: velocities and air are relative to it, the way it has gone is added
+    to the positions, and a fading current accelerates nothing (relative-velocity formulation, Fossen 2021). Forces that
+    depend on the place (bank, shelf) see the position without that way, a few decimetres. offset: (S - 6, M) what the
+    remembered states start from beyond their settled values; method: "rk4" or "euler".
     """
     inputs, logged = batch.inputs, batch.logged
     if water is not None:

@@ -14,7 +14,8 @@ from mmg.rollout import Simulator
 
 
 def outside_share(simulator: Simulator, trial: Trial, windows: Sequence[Window]) -> float | None:
-    """Share of predicted rows with a feature of the ship's network outside its training range.
+    """Share of rows predicted by ``simulator`` in ``windows`` of ``trial`` with a network input outside its training
+    range.
 
     None for a ship without a network or without windows. Rows without inputs count nothing.
     """

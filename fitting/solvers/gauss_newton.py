@@ -31,7 +31,7 @@ class Linearised:
 
 
 def cost(problem: Problem, z0: np.ndarray, p: np.ndarray) -> float:
-    """Objective from the windows' initial states (W, S) in SI and scaled coefficients (P,)."""
+    """Objective of ``problem`` from the windows' initial states z0 (W, S) in SI and scaled coefficients p (P,)."""
     seg = problem.segments
     end, interior = problem.shooting.values(z0[seg.window].T, problem.coefficients(p))
     return _cost(problem, z0, end, interior, p)
@@ -61,7 +61,11 @@ def _logged(problem: Problem, z: np.ndarray, S: np.ndarray, theta: np.ndarray) -
 
 
 def linearise(problem: Problem, z0: np.ndarray, p: np.ndarray) -> Linearised:
-    """Normal equations; ``problem`` must have one interval per window (segments cut with K as long as a window)."""
+    """Normal equations of ``problem`` at initial states z0 (W, S) and coefficients p (P,).
+
+    Raises ValueError unless there is one interval per window (segments cut with K as long as a window), and for
+    constants of single runs.
+    """
     seg, size, P = problem.segments, problem.S, problem.P
     if len(seg.run) != seg.intervals:
         raise ValueError("single shooting needs one interval per window")
@@ -105,7 +109,9 @@ def linearise(problem: Problem, z0: np.ndarray, p: np.ndarray) -> Linearised:
 
 
 def information(problem: Problem, z0: np.ndarray, p: np.ndarray) -> np.ndarray:
-    """Fisher information of p per window with the initial states projected out, (W, P, P), prior excluded."""
+    """Fisher information of p (P,) per window of ``problem`` with initial states z0 (W, S) projected out, (W, P, P), no
+    prior.
+    """
     a = linearise(problem, z0, p)
     return a.pp - np.swapaxes(a.wp, 1, 2) @ np.linalg.solve(a.ww, a.wp)
 
@@ -141,9 +147,10 @@ def solve(
     max_iterations: int = 200,
     damping: float = 1e-2,
 ) -> GaussNewtonResult:
-    """Levenberg-Marquardt from initial states z0 (W, S) and coefficients p (P,), bounds respected.
+    """Levenberg-Marquardt on ``problem`` from initial states z0 (W, S) and coefficients p (P,); where it ended.
 
-    Stops when an accepted step lowers the objective by less than ``tolerance`` relative, twice in a row.
+    Stops when an accepted step lowers the objective by less than ``tolerance`` relative, twice in a row, or after
+    ``max_iterations``. damping: of the first step, relative to the diagonal. Bounds are respected.
     """
     z0, p = z0.copy(), np.clip(p, *problem.p_bounds())
     a = linearise(problem, z0, p)

@@ -25,14 +25,14 @@ LEAST = 1e-3
 
 
 def free_axes(ship: Ship) -> tuple[str, ...]:
-    """Axes whose size is to be estimated."""
+    """Axes of the disturbance of ``ship`` whose size is to be estimated."""
     if "disturbance" not in ship.effects:
         return ()
     return tuple(a for a in AXES if ship.coefficients[f"disturbance.{a}"].value == 0)
 
 
 def with_start_sizes(ship: Ship, axes: tuple[str, ...]) -> Ship:
-    """The ship with typical sizes on these axes, from which an estimate starts."""
+    """The ``ship`` with typical sizes on these ``axes``, from which an estimate starts."""
     typical = _typical(ship) if axes else {}
     return ship.with_values({f"disturbance.{a}": typical[a] for a in axes})
 
@@ -43,7 +43,7 @@ def _typical(ship: Ship) -> dict[str, float]:
 
 
 def update_sizes(problem: Problem, x: np.ndarray, axes: tuple[str, ...]) -> tuple[Problem, np.ndarray]:
-    """The problem with re-estimated sizes on ``axes``, and x with the same forces under them."""
+    """The ``problem`` with re-estimated sizes on ``axes``, and x (n,) with the same forces under them."""
     nodes, p = problem.split(x)
     nodes = nodes.copy()
     typical, values = _typical(problem.ship), {}
@@ -59,7 +59,9 @@ def update_sizes(problem: Problem, x: np.ndarray, axes: tuple[str, ...]) -> tupl
 
 
 def jump_statistics(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Sum of the squared standardised jumps of each axis (3,), and how many of them the data determine (3,)."""
+    """Sums of squared standardised jumps of each axis (3,) of ``problem`` at x (n,), and how many the data determine
+    (3,).
+    """
     seg, nodes = problem.segments, problem.split(x)[0]
     r = problem.random
     start = problem.memory_weight[:, r - 6] * nodes[:, r] ** 2
@@ -75,9 +77,9 @@ def jump_statistics(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def log_determinant(problem: Problem, parts: Quadratics, factor: np.ndarray) -> float:
-    """Log determinant of the Hessian in all node states, the constraints eliminated, p held.
+    """Log determinant of the Hessian of ``problem`` in all node states, the constraints eliminated, p held.
 
-    factor: (3,) on the weights of the jumps and of the first values of each axis.
+    parts: its quadratics; factor: (3,) on the weights of the jumps and of the first values of each axis.
     """
     seg, S, r = problem.segments, problem.S, problem.random
     V, nothing = np.zeros((len(seg.run), S, S)), np.zeros((len(seg.run), S))

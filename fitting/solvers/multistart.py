@@ -14,6 +14,7 @@ from fitting.nlp.problem_data import ProblemData
 from fitting.parallel import run_all
 from fitting.settings import Settings, Start
 from fitting.solvers.ipopt import ROUGH, Solution, solve
+from mmg.messages import Message
 from mmg.progress import OnProgress
 
 STUCK = {
@@ -31,7 +32,7 @@ RADII = (0.3, 1.0, 3.0)
 
 
 def time_left(settings: Settings, began: float) -> float | None:
-    """Seconds until the calibration's time limit; None without one."""
+    """Seconds until the time limit of ``settings`` for a calibration that ``began`` then [s]; None without one."""
     return None if settings.time_limit is None else settings.time_limit - (time.perf_counter() - began)
 
 
@@ -44,7 +45,7 @@ def solve_in_time(
     task: str,
     options: Mapping[str, Any] | None = None,
 ) -> Solution:
-    """Solve ``problem`` from ``x`` (n,) as ``ipopt.solve`` does, by ``settings`` and in the time that is left of them.
+    """Where ``ipopt.solve`` ends for ``problem`` from x (n,), by ``settings`` and in the time that they leave.
 
     began: when the calibration did (``time.perf_counter``) [s]; progress, task, options: as of ``ipopt.solve``.
     """
@@ -53,14 +54,15 @@ def solve_in_time(
 
 
 def same_optimum(objective: float, best: float) -> bool:
-    """Whether a solve ended at the best optimum found, up to the solver's tolerance."""
+    """Whether a solve ended, by its ``objective``, at the ``best`` optimum found, up to the solver's tolerance."""
     return objective <= best * (1 + 1e-5) + 1e-6
 
 
 def solve_damped(
     problem: Problem, p: np.ndarray, settings: Settings, began: float, progress: OnProgress | None = None
 ) -> Solution:
-    """Solve ``problem`` from coefficients ``p`` (P,) with nodes on the measurements, the coefficients let go in steps.
+    """Solution of ``problem`` from coefficients p (P,) with nodes on the measurements, the coefficients let go in
+    steps.
 
     Each rough solve holds them within RADII prior standard deviations of where they came to; the last one is free.
     settings, began, progress: as of ``solve_in_time``.
@@ -94,7 +96,7 @@ class StartTask:
 
 
 def solve_start(task: StartTask) -> Solution:
-    """Solve one start; kernels are built anew (their compiled code is cached)."""
+    """The solution of one start, a ``task``; kernels are built anew (their compiled code is cached)."""
     settings = replace(task.settings, time_limit=task.time_limit)
     return _one(task.problem_data.problem(), task.p, settings, time.perf_counter(), task.damped)
 
@@ -134,9 +136,10 @@ def _solve_all(
 def solve_starts(
     problem: Problem, first: Solution, settings: Settings, began: float, progress: OnProgress | None
 ) -> tuple[Solution, list[Start]]:
-    """Further random starts of the last problem; returns the best solution and the list of all starts.
+    """Best solution of ``problem``, and all starts: the ``first`` solution and those from random points.
 
-    Those that got stuck, or ended in a worse optimum, are solved once more with damping from where they began.
+    settings, began, progress: as of ``solve_in_time``. Starts that got stuck, or ended in a worse optimum, are solved
+    once more with damping from where they began.
     """
     solutions, points, again = [first], [np.zeros(problem.P)], set()
     if first.converged and settings.starts > 1:
@@ -168,9 +171,12 @@ def _worse(s: Solution, lowest: float) -> bool:
     return s.status in STUCK or (s.converged and not same_optimum(s.objective, lowest))
 
 
-def disagreement(starts: Sequence[Start], best: float) -> list[str]:
-    """A sentence on starts that ended elsewhere or nowhere: how far in objective and in which coefficients."""
-    words = []
+def disagreement(starts: Sequence[Start], best: float) -> list[Message]:
+    """Messages on ``starts`` that ended elsewhere or nowhere: how far in objective and in which coefficients.
+
+    best: the lowest objective.
+    """
+    messages = []
     other = [s for s in starts if s.converged and not same_optimum(s.objective, best)]
     if other:
         far, near = max(s.objective for s in other) - best, min(s.objective for s in other) - best
@@ -181,12 +187,14 @@ def disagreement(starts: Sequence[Start], best: float) -> list[str]:
                 apart[symbol] = max(apart.get(symbol, 0.0), abs(value))
         listed = sorted(apart.items(), key=lambda item: -item[1])[:4]
         where = ", ".join(f"{symbol} by {value:.1f}" for symbol, value in listed) or "no coefficient by more than 0.1"
-        words.append(
+        words = (
             f"{len(other)} of {len(starts)} starts ended in another optimum, also after a damped restart: objective "
             f"{gap} above the best of {best:.6g}, furthest apart in {where} prior standard deviations; the lowest "
             "objective is kept: check it against other data, or use tighter priors"
         )
+        messages.append(Message(words, "starts_disagree"))
     failed = [s for s in starts if not s.converged]
     if failed and len(failed) < len(starts):
-        words.append(f"{len(failed)} of {len(starts)} starts did not converge, also after a damped restart")
-    return words
+        words = f"{len(failed)} of {len(starts)} starts did not converge, also after a damped restart"
+        messages.append(Message(words, "starts_failed"))
+    return messages

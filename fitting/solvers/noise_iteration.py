@@ -29,11 +29,12 @@ FEW_WINDOWS = 12
 def solve_with_noise_estimation(
     problem: Problem, x: np.ndarray, settings: Settings, began: float, progress: OnProgress | None
 ) -> tuple[Problem, Solution, ResidualNoise, list[dict]]:
-    """Rough solves that estimate the noise and the sizes of latent forces, then one with those to full tolerance.
+    """Rough solves that estimate the noise and the sizes of latent forces, then one to full tolerance.
 
-    The first rough solve sees at most FEW_WINDOWS windows, evenly spread; the estimate of each solve starts the next.
-    A solve that gets stuck is repeated with damping (``starts.damped``). With a
-    robust loss the rough solves use Student's t, which lets go of gross outliers at once.
+    problem, x (n,): where to start; settings, began [s], progress: as of ``multistart.solve_in_time``. The first rough
+    solve has at most FEW_WINDOWS windows, evenly spread; the estimate of each solve starts the next. One that gets
+    stuck is repeated with damping. With a robust loss the rough solves use Student's t, which lets go of gross outliers
+    at once. Returns the last problem, its solution, the noise of its residuals, and a row on each solve.
     """
     passes: list[dict] = []
     axes = free_axes(problem.ship)

@@ -30,7 +30,7 @@ class ResidualNoise:
 
 
 def residual_series(segments: Segments, node_residuals: np.ndarray, interior: np.ndarray) -> list[np.ndarray]:
-    """Residuals in time order per window, each (samples, 6), NaN where not measured.
+    """Residuals in time order per window of ``segments``, each (samples, 6), NaN where not measured.
 
     node_residuals: (B, 6); interior: (K-1, 6, M) residuals inside the intervals.
     """
@@ -47,9 +47,10 @@ def residual_series(segments: Segments, node_residuals: np.ndarray, interior: np
 
 
 def correlation_time(residuals: list[np.ndarray], longest: int) -> float:
-    """Integrated autocorrelation time [samples] of one channel over windows (n,), at least 1.
+    """Integrated autocorrelation time [samples] of one channel from ``residuals`` of windows, (n,) each; at least 1.
 
-    Sums the pooled autocorrelation up to its first value below 0.05 (a self-consistent window, Sokal 1997).
+    Sums the pooled autocorrelation up to its first value below 0.05 (a self-consistent window, Sokal 1997), or to the
+    lag ``longest``.
     """
     products, counts = np.zeros(longest), np.zeros(longest)
     for e in residuals:
@@ -69,10 +70,11 @@ def correlation_time(residuals: list[np.ndarray], longest: int) -> float:
 def estimate_noise(
     segments: Segments, node_residuals: np.ndarray, interior: np.ndarray, floor: np.ndarray, robust: bool = False
 ) -> ResidualNoise:
-    """Noise of each channel from the residuals of a fit; ``floor`` (6,) is the least rms believed.
+    """Noise of each channel from the residuals of a fit over ``segments``.
 
-    One degree of freedom per window and channel is given to the free initial states. A channel that is nowhere
-    measured keeps rms = floor, tau = 1. ``robust`` leaves out residuals beyond four robust standard deviations.
+    node_residuals: (B, 6); interior: (K - 1, 6, M); floor: (6,) least rms believed; robust: leave out residuals beyond
+    four robust standard deviations. One degree of freedom per window and channel is given to the free initial states. A
+    channel that is nowhere measured keeps rms = floor, tau = 1.
     """
     windows = residual_series(segments, np.where(segments.node_mask > 0, node_residuals, np.nan), interior)
     rms, tau = np.array(floor, dtype=float), np.ones(6)

@@ -76,10 +76,10 @@ class Replicates:
 
 
 def reweighted(problem: Problem, x: np.ndarray, counts: np.ndarray, shift: np.ndarray) -> tuple[Problem, np.ndarray]:
-    """The problem in which window w counts ``counts[w]`` times and the prior's centre is shifted by ``shift`` (P,).
+    """The ``problem`` in which window w counts ``counts[w]`` times (W,), the prior's centre moved by ``shift`` (P,).
 
     Windows that do not count are left out; also returns which nodes (B,) are kept. A robust loss becomes the weights
-    that it gives the samples at x.
+    that it gives the samples at x (n,).
     """
     seg = problem.segments
     kept = np.flatnonzero(counts > 0)
@@ -99,7 +99,7 @@ def reweighted(problem: Problem, x: np.ndarray, counts: np.ndarray, shift: np.nd
 
 
 def refit(task: Refits) -> list[tuple[np.ndarray, str]]:
-    """(p relative to the original prior, reason of failure or "") of each replicate of a task."""
+    """(p relative to the original prior (P,), reason of failure or "") of each replicate of a ``task``."""
     problem = task.problem_data.problem()
     return [_refit_one(problem, task.x, c, s) for c, s in zip(task.counts, task.shifts, strict=True)]
 
@@ -139,9 +139,9 @@ def leave_one_run_out(
     info: Information, names: Sequence[str], problem: Problem | None = None, x: np.ndarray | None = None,
     workers: int = 1,
 ) -> Replicates:  # fmt: skip
-    """The estimate without each run: to first order, or refitted when the problem and its solution x are given.
+    """The estimate without each run: to first order, from ``info``, or refitted over ``workers`` processes.
 
-    names: of the runs, by number.
+    names: of the runs, by number; problem, x: with its solution x (n,), for refits.
     """
     by_run = info.by_run()
     labels = tuple(names[int(r)] for r in by_run.run)
@@ -153,7 +153,7 @@ def leave_one_run_out(
 
 
 def drawn_runs(run: np.ndarray, replicates: int, rng: np.random.Generator) -> np.ndarray:
-    """How often each window counts when its runs are drawn with replacement, (replicates, W); run: (W,)."""
+    """How often each window counts when its ``run`` (W,) is drawn with replacement by ``rng``, (replicates, W)."""
     runs, position = np.unique(run, return_inverse=True)
     drawn = rng.multinomial(len(runs), np.full(len(runs), 1 / len(runs)), size=replicates)
     return drawn[:, position]
@@ -167,10 +167,11 @@ def bootstrap(
     x: np.ndarray | None = None,
     workers: int = 1,
 ) -> Replicates:
-    """Estimates from runs drawn with replacement and prior centres drawn from the prior.
+    """Estimates of ``replicates`` data sets: runs drawn with replacement, prior centres drawn from the prior.
 
-    One Gauss-Newton step each; refits over ``workers`` processes when the problem and its solution x are given. The
-    draws depend on the seed only, not on the method or the number of workers. A single run is replaced by its windows.
+    One Gauss-Newton step each, from ``info``; refits over ``workers`` processes when the ``problem`` and its solution x
+    (n,) are given. The draws depend on the ``seed`` only, not on the method or the number of workers. A single run is
+    replaced by its windows.
     """
     rng = np.random.default_rng([11, seed])
     clusters = info.run if len(np.unique(info.run)) > 1 else np.arange(len(info.run))

@@ -58,7 +58,7 @@ class ProfileSide:
 
 
 def refit_along(task: ProfileSide) -> list[tuple[float, str]]:
-    """(objective, reason of failure or "") at each held value; each solve starts from the one before."""
+    """(objective, reason of failure or "") at each held value of a ``task``; each solve starts from the one before."""
     return _refit_along(task.problem_data.problem(), task)
 
 
@@ -85,9 +85,10 @@ def profiles(
     problem: Problem, x: np.ndarray, symbols: Sequence[str], covariance: np.ndarray, model: np.ndarray,
     workers: int = 1,
 ) -> list[Profile]:  # fmt: skip
-    """Profiles of some free coefficients about the solution x; covariance, model: robust and model-based (P, P).
+    """Profiles of the free coefficients ``symbols`` about the solution x (n,) of ``problem``.
 
-    Raises ValueError for a symbol that is not free.
+    covariance, model: robust and model-based (P, P); workers: processes. Raises ValueError for a symbol that is not
+    free.
     """
     names, (_, p) = list(problem.prior.symbols), problem.split(x)
     lower, upper = problem.p_bounds()
@@ -111,21 +112,21 @@ def profiles(
 
 def _profile(
     problem: Problem, symbol: str, p: np.ndarray, best: float, covariance: np.ndarray, model: np.ndarray,
-    sides: list[ProfileSide], outcomes: list[list[tuple[float, str]]],
+    tasks: list[ProfileSide], outcomes: list[list[tuple[float, str]]],
 ) -> Profile:  # fmt: skip
-    i = sides[0].i
+    i = tasks[0].i
     mean, std = problem.prior.mean[i], problem.prior.std[i]
     ratio = covariance[i, i] / model[i, i]
     dispersion = float(ratio) if np.isfinite(ratio) and ratio > 0 else 1.0
     limits, failures = [], []
-    for side, found in zip(sides, outcomes, strict=True):
-        at = np.r_[p[i], side.held]
+    for task, found in zip(tasks, outcomes, strict=True):
+        at = np.r_[p[i], task.held]
         rise = np.r_[0.0, [value - best for value, _ in found]] / dispersion
         failures += [
-            f"{symbol} = {mean + std * v:.6g}: {why}" for v, (_, why) in zip(side.held, found, strict=True) if why
+            f"{symbol} = {mean + std * v:.6g}: {why}" for v, (_, why) in zip(task.held, found, strict=True) if why
         ]
         limits.append(mean + std * _crossing(at, rise))
-    down, up = ([mean + std * v for v in side.held] for side in sides)
+    down, up = ([mean + std * v for v in task.held] for task in tasks)
     fallen, risen = ([value - best for value, _ in found] for found in outcomes)
     return Profile(
         symbol=symbol,

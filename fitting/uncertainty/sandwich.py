@@ -68,7 +68,7 @@ def _clusters(info: Information, inverse: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 def robust(info: Information) -> Robust:
-    """The robust covariance of an estimate from its windows' information and scores.
+    """The robust covariance of an estimate from its windows' information and scores, ``info``.
 
     All NaN when they are not finite. With a single window there is nothing to measure: the model-based covariance
     stands, and its one degree of freedom says so. A constant of one run has no other runs to be compared with: its
@@ -85,24 +85,24 @@ def robust(info: Information) -> Robust:
     if windows < 2:
         return Robust(model, model, np.ones(P), 1.0, clusters, np.zeros((1, P)))
     by_model = np.diag(model @ (H - info.prior_information) @ model)
-    moves_w, seen, freedom = _clusters(info, model)
+    moves_w, observed, freedom = _clusters(info, model)
     moves_r = np.zeros((1, P))
     total = moves_w.T @ moves_w
     if clusters[1] > 1:
-        moves_r, seen_r, freedom_r = _clusters(by_run, model)
+        moves_r, observed_r, freedom_r = _clusters(by_run, model)
         shared = np.ones(P, dtype=bool)
         if info.owner is not None:
             shared = info.owner < 0
             moves_r[by_run.run[:, None] == info.owner] = 0.0
         weight = np.where(shared, freedom_r / (freedom_r + RUNS_NEEDED), 0.0)
-        seen = weight * seen_r + (1 - weight) * seen
+        observed = weight * observed_r + (1 - weight) * observed
         freedom = weight * freedom_r + (1 - weight) * freedom
         mean = weight[shared].mean()
         total = mean * moves_r.T @ moves_r + (1 - mean) * total
     excited = np.diag(model) < ABSORBED
-    dispersion = max(1.0, float((seen[excited] / by_model[excited]).mean())) if excited.any() else 1.0
+    dispersion = max(1.0, float((observed[excited] / by_model[excited]).mean())) if excited.any() else 1.0
     own = np.where(excited, freedom, 0.0)
-    variance = (BELIEF * dispersion * by_model + own * seen) / (BELIEF + own)
+    variance = (BELIEF * dispersion * by_model + own * observed) / (BELIEF + own)
     known = BELIEF + own
     variance = np.where(known < ENOUGH, np.maximum(variance, by_model), variance)
     variance *= (student.ppf(0.975, known) / NORMAL) ** 2

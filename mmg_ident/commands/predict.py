@@ -34,7 +34,7 @@ def predict(
     Example: mmg predict runs/first held_out.csv --window 30 --stride 15 --out forecast.csv
     """
     from cases.io.read import read_trials
-    from fitting.prediction.adaptation import Adaptation, advice
+    from fitting.prediction.adaptation import Adaptation, warnings_on_adaptation
     from fitting.prediction.bands import bands_of
     from fitting.prediction.predict import predict as windows_of
     from fitting.prediction.predict import prediction_rows, write_tables
@@ -65,7 +65,8 @@ def predict(
     known = known_of(model)
     bands = bands_of(known, ship) if ship else None
     past = Adaptation.of(ship, adapt) if adapt and ship else None
-    tables, notes, counts, outside = {}, advice(known) if adapt else [], {}, {}
+    notes: list[str] = [*warnings_on_adaptation(known)] if adapt else []
+    tables, counts, outside = {}, {}, {}
     for run in runs:
         found, remarks = windows_of(
             simulator, run, window, step, short_last=window <= 0 or step >= window, adaptation=past, bands=bands
