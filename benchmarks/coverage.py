@@ -2,7 +2,7 @@
 
 Run from the repository root: python -m benchmarks.coverage, or with the argument ``clean`` for white noise only.
 
-The trials are as bad as the real ones (cases/simulation/disturbed.py): forces that remember, late velocities, a gyro
+The trials are as bad as the real ones (benchmarks/disturbed_trials.py): forces that remember, late velocities, a gyro
 that reads
 too little, an antenna off midship, coloured noise. Three intervals of the same fit of coefficients and measurement
 effects: of white noise (sigma = rms, information + prior, refitted with those weights), of the effective noise that
@@ -17,11 +17,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from benchmarks.disturbed_trials import DEFECTS, Disturbed, disturbed_trials, drawn_ship
 from benchmarks.record import record, table
 from cases.shipfiles.effects import freeing_effects, with_effects
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.demo_trials import TRAIN, demo_trials, hidden_ship
-from cases.simulation.disturbed import DEFECTS, Disturbed, disturbed_trials, drawn_ship
 from fitting.calibration import Calibration, Settings, estimate_coefficients
 from fitting.nlp.fisher_information import information
 from fitting.parallel import run_all

@@ -14,11 +14,11 @@ import numpy as np
 import torch
 from scipy.stats import spearmanr
 
+from benchmarks.random_controls import RandomControls, random_control_trials
 from benchmarks.record import record, table
 from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.gusts import Wind
-from cases.simulation.random_controls import RandomControls, random_control_trials
 from cases.simulation.sensors import SensorNoise
 from cases.simulation.simulate import simulate
 from cases.trial import Trial

@@ -74,7 +74,7 @@ def _vector(plant: _Plant, moved: Mapping[str, float], air: tuple[float, float],
     return np.array([values.get(name, 0.0) for name in plant.inputs])
 
 
-def _moved(ship: Ship, n: float, delta: float) -> dict[str, float]:
+def actuator_positions(ship: Ship, n: float, delta: float) -> dict[str, float]:
     """Positions of all actuators under one order: both propellers and both rudders alike, thrusters at rest.
 
     A controllable-pitch propeller turns ahead all the time: its blades reverse instead. A ship without a propeller is
@@ -142,16 +142,16 @@ def simulate(
     t = np.round(dt * np.arange(count + 1), 9)
     air = (wind or Wind(0.0)).series(t, seed)
     flow = np.column_stack(wind_vector(air[:, 0], air[:, 1]))
-    plant, parts, controller = _plant(ship), _parts(ship, dt), maneuver.controller()
+    plant, parts, controller = _plant(ship), integration_steps(ship, dt), maneuver.controller()
     delayed = _Delayed(plant.delay / dt)
     six = _begin(ship, maneuver) if start is None else np.array(start, dtype=float)
-    first = _vector(plant, _moved(ship, controller.n, controller.delta), tuple(flow[0]), 0.0)
+    first = _vector(plant, actuator_positions(ship, controller.n, controller.delta), tuple(flow[0]), 0.0)
     state = np.array(plant.initial(six, first, [])).ravel()
     states, inputs = np.empty((count + 1, len(state))), np.empty((count + 1, 2))
 
     def advanced(k: int, state: np.ndarray, order: tuple[float, float]) -> np.ndarray:
         acting = delayed(np.array(order))
-        held = _vector(plant, _moved(ship, *acting), tuple(flow[k]), t[k])
+        held = _vector(plant, actuator_positions(ship, *acting), tuple(flow[k]), t[k])
         for _ in range(parts):
             state = np.array(plant.step(state, held, dt / parts)).ravel()
         return state
@@ -167,7 +167,7 @@ def simulate(
         state = advanced(k, state, (inputs[k, 0], inputs[k, 1]))
         delayed.past.append(inputs[k].copy())
     rows = slice(0, k + 1)
-    moved = [_moved(ship, *row) for row in inputs[rows]]
+    moved = [actuator_positions(ship, *row) for row in inputs[rows]]
     actuators = {name: np.array([m[name] for m in moved]) for name in ship.actuators}
     columns = _columns(t[rows], states[rows, :6], actuators, None if wind is None else air[rows])
     columns = _logged(ship, _checked(columns, ship), states[rows, :6]) | plant.roll(states[rows])
@@ -208,7 +208,7 @@ def simulate_controls(ship: Ship, controls: Trial, wind: Wind | None = None, see
         ]
     )
     gaps = np.diff(t)
-    parts = np.ceil(gaps / _longest(ship) - 1e-9).astype(int)
+    parts = np.ceil(gaps / longest_step(ship) - 1e-9).astype(int)
     if parts.sum() > MOST_STEPS:
         raise UserError(f"{controls.name}: {t[-1] - t[0]:g} s are too long for {ship.name}; at most {MOST_STEPS} steps")
     h, rows = np.repeat(gaps / parts, parts), np.repeat(np.arange(len(gaps)), parts)
@@ -224,13 +224,14 @@ def simulate_controls(ship: Ship, controls: Trial, wind: Wind | None = None, see
     return Trial(controls.name, columns, notices=notices, kind=controls.kind, meta=meta)
 
 
-def _longest(ship: Ship) -> float:
+def longest_step(ship: Ship) -> float:
+    """The longest Runge-Kutta step [s] that is accurate for ``ship``: 0.5 s of a 3 m model."""
     return LONGEST_STEP * time_scale(ship.particulars["L"])
 
 
-def _parts(ship: Ship, dt: float) -> int:
-    """Into how many integration steps a sample is divided."""
-    return max(1, math.ceil(dt / _longest(ship) - 1e-9))
+def integration_steps(ship: Ship, dt: float) -> int:
+    """Number of equal integration steps of ``ship`` in a sample of ``dt`` [s]."""
+    return max(1, math.ceil(dt / longest_step(ship) - 1e-9))
 
 
 def _stem(name: str) -> str:

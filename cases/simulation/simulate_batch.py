@@ -18,16 +18,13 @@ from cases.maneuvers.orders import FULL_TURN, CrashStop, Orders, StepOrders, Tur
 from cases.maneuvers.self_propulsion import design_pitch
 from cases.simulation.actuator_ramps import TINY, ramps
 from cases.simulation.batch_zigzag import ZigzagRudders
+from cases.simulation.simulate import integration_steps, longest_step
 from cases.trial import Trial
 from mmg.errors import UserError
 from mmg.model import settled
-from mmg.motion.froude import time_scale
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 from mmg.states import STATES
-
-LONGEST_STEP = 0.5
-"""Largest Runge-Kutta step [s] for a 3 m model; longer samples are divided. Scales with sqrt(L)."""
 
 
 @dataclass(frozen=True)
@@ -89,12 +86,12 @@ def simulate_batch(
     moves = ramps(maneuver, orders, t)
     means = np.vstack([moves.means(t), moves.at(t[-1:])])
     if held or "pitch" in ship.actuators:
-        parts = _parts(ship, dt)
+        parts = integration_steps(ship, dt)
         controls = np.repeat(input_array(ship, means[:-1], t[:-1]), parts, axis=0)
         steps: float | np.ndarray = dt / parts
         keep = np.arange(1, N * parts + 1) % parts == 0
     else:
-        fine, keep = moves.grid(t, _longest(ship))
+        fine, keep = moves.grid(t, longest_step(ship))
         controls, steps = input_array(ship, moves.at(fine), fine), np.diff(fine)
     linear = len(controls) > len(keep)
     out = simulator.run(start, controls, steps, theta, linear=linear, keep=keep, threads=threads)
@@ -116,15 +113,6 @@ def coefficient_array(ship: Ship, given: np.ndarray | Mapping[str, float | np.nd
             raise KeyError(f"{ship.name} has no coefficient {symbol!r}")
         theta[ship.symbols.index(symbol)] = values
     return theta
-
-
-def _longest(ship: Ship) -> float:
-    return LONGEST_STEP * time_scale(ship.particulars["L"])
-
-
-def _parts(ship: Ship, dt: float) -> int:
-    """Into how many integration steps a sample is divided."""
-    return max(1, math.ceil(dt / _longest(ship) - TINY))
 
 
 def input_array(ship: Ship, positions: np.ndarray, t: np.ndarray) -> np.ndarray:
@@ -177,7 +165,7 @@ def _zigzag(
 ) -> SimulatedRuns:
     """All ships side by side, a sample at a time."""
     ship, M, N, dt = simulator.ship, start.shape[1], len(t) - 1, float(t[1] - t[0])
-    rudders, parts = ZigzagRudders(orders, maneuver.limits.rudder_rate, M), _parts(ship, dt)
+    rudders, parts = ZigzagRudders(orders, maneuver.limits.rudder_rate, M), integration_steps(ship, dt)
     keep = np.arange(1, parts + 1) == parts
     states, inputs = np.empty((N + 1, 6, M)), np.empty((N + 1, 2, M))
     inputs[:, 0], last, state = maneuver.n, np.full(M, N), start

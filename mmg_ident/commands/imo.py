@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 if TYPE_CHECKING:
-    from cases.criteria.imo import Row
-    from cases.criteria.standard_runs import Run
+    from cases.criteria.assessment import Assessment
 
 
 def imo(
@@ -56,8 +55,11 @@ def imo(
 
     Example: mmg imo kvlcc2_full --plot imo.png
     """
-    from cases.criteria.imo import ASSUMED, OPEN, Row, assess, worst
-    from cases.criteria.published_figures import SOURCE
+    import math
+
+    from cases.criteria.assessment import imo_figures, imo_figures_of_trials
+    from cases.io.read import read_trials
+    from cases.shipfiles.ship_file import load_ship
     from mmg.errors import UserError
     from mmg_ident.commands.output import is_model, print_json, say
 
@@ -71,34 +73,23 @@ def imo(
         own: dict[str, object] = {"--ship": ship, "--length": length, "--kind": kind or None}
         for option in [name for name, value in own.items() if value is not None]:
             raise UserError(f"{option} belongs to trial files; {models[0]} is simulated")
-        who, runs, heading, notices, missed = _simulated(models[0], speed, rudder_rate, maneuver or [])
+        rate = None if rudder_rate is None else math.radians(rudder_rate)
+        found = imo_figures(load_ship(models[0]), speed, rate, maneuver or [], scale)
     else:
         own = {"--speed": speed, "--rudder-rate": rudder_rate, "--maneuver": maneuver or None}
         for option in [name for name, value in own.items() if value is not None]:
             raise UserError(f"{option} belongs to a ship that is simulated; trial files have their own")
-        who, runs, heading, notices = _measured(files, ship, length, kind)
-        missed = {}
-    scale = scale or _own_scale(models[0] if models else ship)
-    rows = [row for run in runs for row in assess(run, scale, who)]
-    rows += [Row("", text, "no figure", None, None, "", OPEN, why) for text, why in missed.items()]
-    verdict = worst(rows)
-    notices += [f"reference: {SOURCE}"] if any(row.reference is not None for row in rows) else []
-    notices.append(ASSUMED)
-    data = _document(who, heading, verdict, rows, runs, notices)
-    _write(plot, out, data, runs, heading)
+        model = load_ship(ship) if ship is not None else None
+        if model is None and length is None:
+            raise UserError("trial files need the length of their ship: --ship SHIP or --length METRES")
+        found = imo_figures_of_trials(read_trials(files), model, length, kind, scale)
+    _write(plot, out, found)
     if json:
-        print_json(data)
+        print_json(found.to_dict())
         return
-    _print(heading, rows, runs, notices, verdict)
+    _print(found)
     for path in filter(None, (plot, out)):
         say(f"written: {path}")
-
-
-def _own_scale(ship: str | None) -> float | None:
-    """The scale that a ship file gives for a model, None without one."""
-    from cases.shipfiles.ship_file import load_ship
-
-    return load_ship(ship).particulars.get("scale") if ship else None
 
 
 def _check(
@@ -132,114 +123,7 @@ def _check_targets(plot: Path | None, out: Path | None, force: bool) -> None:
         raise UserError(f"--out {out}: exists already; name a new folder or add --force")
 
 
-def _simulated(
-    model: str, speed: float | None, rudder_rate: float | None, more: list[str]
-) -> tuple[str, list[Run], str, list[str], dict[str, str]]:
-    """Ship name, runs, the line that heads the table, notices; manoeuvres that miss their event, and why.
-
-    Raises UserError for a text that names no manoeuvre, and when no manoeuvre reaches its event.
-    """
-    import math
-
-    from cases.criteria.standard_runs import STANDARD, approach_speed, simulated_run
-    from cases.maneuvers.controller import Limits
-    from cases.maneuvers.definitions import parse_maneuver
-    from cases.shipfiles.effects import calm_and_deep
-    from cases.shipfiles.ship_file import load_ship
-    from mmg.errors import UserError
-
-    ship, left_out = calm_and_deep(load_ship(model))
-    V, origin = approach_speed(ship, speed)
-    rate = None if rudder_rate is None else math.radians(rudder_rate)
-    texts = [*STANDARD, *[text for text in more if text not in STANDARD]]
-    for text in more:
-        if "order_time" not in parse_maneuver(text, ship, speed=V, rudder_rate=rate).parameters:
-            raise UserError(
-                f"--maneuver {text} has no order to judge; use turning, zigzag, spiral, pull-out, crash-stop"
-            )
-    runs, missed = [], {}
-    for text in texts:
-        try:
-            runs.append(simulated_run(ship, text, V, rudder_rate=rate))
-        except UserError as error:
-            missed[text] = str(error)
-    if not runs:
-        raise UserError(next(iter(missed.values())))
-    L = ship.particulars["L"]
-    heading = f"{ship.name}, simulated: L {L:g} m, V {V:.4g} m/s, L/V {L / V:.3g} s"
-    if "n" in ship.actuators:
-        heading += f", n {runs[0].trial['n'][0]:.4g} rps"
-    degrees = math.degrees(rate if rate is not None else Limits.for_ship(ship).rudder_rate)
-    helm = (
-        f"rudder rate {degrees:.3g} deg/s" if math.isfinite(degrees) else "the rudder moves as the ship's actuators do"
-    )
-    notices = [f"test speed V: {origin}; {helm}"]
-    if left_out:
-        notices.append(
-            f"left out, as the tests are in calm, deep water and free of sensor errors: {', '.join(left_out)}"
-        )
-    return ship.name, runs, heading, notices, missed
-
-
-def _measured(
-    files: list[str], ship: str | None, length: float | None, kind: str
-) -> tuple[str, list[Run], str, list[str]]:
-    """Ship name, runs, heading, notices; a run of several in which no manoeuvre is found becomes a notice."""
-    from cases.criteria.standard_runs import measured_run
-    from cases.io.read import read_trials
-    from cases.shipfiles.ship_file import load_ship
-    from mmg.errors import UserError
-
-    if ship is None and length is None:
-        raise UserError("trial files need the length of their ship: --ship SHIP or --length METRES")
-    model = load_ship(ship) if ship is not None else None
-    L = length if length is not None else model.particulars["L"] if model else 0.0
-    trials, runs, notices = read_trials(files), [], []
-    for trial in trials:
-        try:
-            runs.append(measured_run(trial, L, kind))
-        except UserError as error:
-            if len(trials) == 1:
-                raise
-            notices.append(f"left out: {error}")
-    if not runs:
-        raise UserError(f"no standard manoeuvre in any of {len(trials)} trials; first: {notices[0]}")
-    name = model.name if model else ""
-    return name, runs, f"{name or 'ship'}, measured: L {L:g} m, {len(runs)} of {len(trials)} runs", notices
-
-
-def _document(
-    ship: str, heading: str, verdict: str, rows: list[Row], runs: list[Run], notices: list[str]
-) -> dict[str, Any]:
-    """What --json prints: SI and rad for figures, L and deg in the table."""
-    from dataclasses import asdict
-
-    return {
-        "ship": ship,
-        "heading": heading,
-        "standard": "IMO MSC.137(76)",
-        "verdict": verdict,
-        "rows": [asdict(row) for row in rows],
-        "runs": [
-            {
-                "name": run.name,
-                "kind": run.kind,
-                "measured": run.measured,
-                "order_time_s": run.order_time,
-                "rudder_rad": run.rudder,
-                "switch_heading_rad": run.heading,
-                "speed_m_s": run.speed,
-                "length_m": run.length,
-                "figures": dict(run.figures),
-                "notes": list(run.notes),
-            }
-            for run in runs
-        ],
-        "notices": notices,
-    }
-
-
-def _write(plot: Path | None, out: Path | None, data: dict[str, Any], runs: list[Run], title: str) -> None:
+def _write(plot: Path | None, out: Path | None, found: Assessment) -> None:
     """The figure, and the folder with table, figure and simulated runs."""
     import json
 
@@ -250,26 +134,26 @@ def _write(plot: Path | None, out: Path | None, data: dict[str, Any], runs: list
 
     try:
         if plot is not None:
-            save_figure(runs, title, plot)
+            save_figure(found.runs, found.heading, plot)
         if out is not None:
             out.mkdir(parents=True, exist_ok=True)
-            save_figure(runs, title, out / "imo.png")
-            (out / "imo.json").write_text(json.dumps(plain(data), indent=2) + "\n", encoding="utf-8")
-            for run in runs:
+            save_figure(found.runs, found.heading, out / "imo.png")
+            (out / "imo.json").write_text(json.dumps(plain(found.to_dict()), indent=2) + "\n", encoding="utf-8")
+            for run in found.runs:
                 if not run.measured:
                     write_trial(run.trial, out / f"{run.trial.name}.csv")
     except OSError as error:
         raise UserError(f"{error.filename or out or plot}: cannot be written ({error.strerror})") from None
 
 
-def _print(heading: str, rows: list[Row], runs: list[Run], notices: list[str], verdict: str) -> None:
+def _print(found: Assessment) -> None:
     from rich.console import Console
     from rich.table import Table
 
     console = Console() if sys.stdout.isatty() else Console(width=120)
-    console.print(heading, markup=False, highlight=False, soft_wrap=True)
+    console.print(found.heading, markup=False, highlight=False, soft_wrap=True)
     table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
-    known = any(row.reference is not None for row in rows)
+    known = any(row.reference is not None for row in found.rows)
     table.add_column("run", overflow="fold")
     table.add_column("figure", no_wrap=True)
     for name in ("value", "limit", *(("reference",) if known else ())):
@@ -277,7 +161,7 @@ def _print(heading: str, rows: list[Row], runs: list[Run], notices: list[str], v
     table.add_column("verdict", no_wrap=True)
     remarks: dict[str, int] = {}
     last = ""
-    for row in rows:
+    for row in found.rows:
         if row.run != last:
             table.add_row()
         mark = f" [{remarks.setdefault(row.why, len(remarks) + 1)}]" if row.why else ""
@@ -290,9 +174,9 @@ def _print(heading: str, rows: list[Row], runs: list[Run], notices: list[str], v
     console.print()
     for words, k in remarks.items():
         console.print(f"[{k}] {words}", markup=False, highlight=False, soft_wrap=True)
-    for note in notices:
+    for note in found.notices:
         console.print(f"note: {note}", markup=False, highlight=False, soft_wrap=True)
-    console.print(f"IMO MSC.137(76): {verdict}", markup=False, highlight=False)
+    console.print(f"IMO MSC.137(76): {found.verdict}", markup=False, highlight=False)
 
 
 WORDS = {"initial_turning_track": "initial turning"}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from cases.simulation.disturbed import drawn_ship
+from benchmarks.disturbed_trials import drawn_ship
 from diagnosis.diagnose import DiagnosisOptions, diagnose
 from diagnosis.result import Diagnosis
 from tests.support.diagnosis_cases import ASTERN, FEW, RUNS, pushed_trials

@@ -8,9 +8,9 @@ from functools import lru_cache
 
 import numpy as np
 
+from benchmarks.disturbed_trials import Disturbed, disturbed_trials
 from cases.shipfiles.effects import with_effects
 from cases.shipfiles.ship_file import load_ship
-from cases.simulation.disturbed import Disturbed, disturbed_trials
 from cases.trial import Trial
 from diagnosis.estimation.candidates import Candidate, FullModel, find, ship_with_all_effects
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials

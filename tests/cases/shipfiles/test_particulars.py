@@ -7,7 +7,7 @@ import re
 import pytest
 
 from cases.shipfiles.ship_file import LIBRARY, library, load_ship, parse_ship
-from cases.simulation.simulate import _moved
+from cases.simulation.simulate import actuator_positions
 from mmg.errors import UserError
 
 TEXT = (LIBRARY / "esso_osaka_3m.toml").read_text(encoding="utf-8")
@@ -95,5 +95,5 @@ def test_a_ship_with_an_azimuth_thruster_alone_is_driven_and_steered_by_it(side:
 
 def test_a_ship_with_propeller_and_azimuth_thruster_leaves_that_at_rest() -> None:
     ship = parse_ship(AZIMUTH.replace("[model]\n", 'D_P = 0.084\npitch_ratio = 0.7\n[model]\npropeller = "hachii"\n'))
-    moved = _moved(ship, 10.0, 0.3)
+    moved = actuator_positions(ship, 10.0, 0.3)
     assert (moved["n"], moved["n_azimuth"], moved["azimuth"]) == (10.0, 0.0, 0.0)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cases.simulation.disturbed import drawn_ship
+from benchmarks.disturbed_trials import drawn_ship
 from diagnosis.estimation.candidates import Column, ship_with_all_effects
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
 from diagnosis.estimation.kalman import NoiseModel, smoothed

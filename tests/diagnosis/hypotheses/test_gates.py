@@ -10,8 +10,8 @@ import pytest
 from scipy.stats import norm
 
 import diagnosis.hypotheses.forward_selection as hypotheses
+from benchmarks.disturbed_trials import process
 from cases.inputs import step_means, straight_means
-from cases.simulation.disturbed import process
 from cases.trial import Trial
 from diagnosis.estimation.candidates import Candidate, Column, find
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials, middle_means

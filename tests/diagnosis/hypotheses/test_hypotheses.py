@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from cases.simulation.disturbed import drawn_ship, process
+from benchmarks.disturbed_trials import drawn_ship, process
 from diagnosis.diagnose import ASIDE, EXACT, LITTLE, SLIGHTLY, SUPPORTED, WORSE, decide
 from diagnosis.estimation.candidates import Candidate, Column
 from diagnosis.estimation.kalman import NoiseModel

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom, kstest
 
-from cases.simulation.disturbed import drawn_ship
+from benchmarks.disturbed_trials import drawn_ship
 from diagnosis.estimation.candidates import Candidate, Column, ship_with_all_effects
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.hypotheses.forward_selection import Problem

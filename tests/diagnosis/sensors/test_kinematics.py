@@ -7,10 +7,10 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
+from benchmarks.disturbed_trials import Disturbed, disturbed_trials
 from cases.io.read import read_trials
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.demo_trials import TRAIN, demo_trials
-from cases.simulation.disturbed import Disturbed, disturbed_trials
 from cases.simulation.sensors import logged
 from cases.trial import Trial
 from diagnosis.sensors.kinematics import consistency

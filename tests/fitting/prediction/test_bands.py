@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.disturbed_trials import Disturbed, disturbed_trials
 from cases.simulation.demo_trials import hidden_ship
-from cases.simulation.disturbed import Disturbed, disturbed_trials
 from cases.simulation.simulate import write_trial
 from cases.trial import Trial
 from fitting.prediction.band_calibration import NORMAL, fit_bands, sample_noise

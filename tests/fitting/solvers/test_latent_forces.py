@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmarks.disturbed_trials import Disturbed, disturbed_trials
 from cases.shipfiles.effects import freeing_effects
 from cases.shipfiles.ship_file import load_ship
-from cases.simulation.disturbed import Disturbed, disturbed_trials
 from cases.simulation.sensors import SensorNoise
 from fitting.calibration import estimate_coefficients
 from fitting.nlp.fisher_information import Quadratics

@@ -145,3 +145,16 @@ def test_ships_lists_the_library_and_prints_a_ship_that_parses_to_itself() -> No
     assert dict(parse_ship(text).coefficients) == dict(load_ship("esso_osaka_3m").coefficients)
     assert "C_D" in json.loads(mmg("ships", "esso_osaka_3m", "--json").stdout)["coefficients"]
     assert isinstance(mmg("ships", "titanic").exception, UserError)
+
+
+def test_scatter_prints_median_and_interval_of_each_figure_and_writes_the_motions(tmp_path: Path) -> None:
+    out = tmp_path / "tracks.csv"
+    options = [*ESSO, "--maneuver", "zigzag:20/20", "--scatter", "8", "--seed", "2"]
+    shown = mmg(*options, "--out", out)
+    assert shown.exit_code == 0 and "overshoot 1 [deg]" in shown.stdout and "90 % interval" in shown.stdout
+    assert out.read_text().splitlines()[0].startswith("run,t [s],x [m],y [m],psi [rad]")
+    data = json.loads(mmg(*options, "--json").stdout)
+    assert data["scatter"] == 8 and {"figure", "unit", "value", "median", "interval_90", "share"} == set(
+        data["figures"][0]
+    )
+    assert isinstance(mmg(*options, "--noise").exception, UserError)

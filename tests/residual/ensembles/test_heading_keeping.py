@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.random_controls import RandomControls, random_control_trials
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.gusts import Wind
-from cases.simulation.random_controls import RandomControls, random_control_trials
 from fitting.prediction.score import pooled_sigma
 from residual.ensembles.ensemble import Known
 from residual.ensembles.heading_keeping import (

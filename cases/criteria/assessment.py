@@ -1,0 +1,156 @@
+"""A ship judged by IMO MSC.137(76): from her model, or from measured runs, to a row per figure with its verdict."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from cases.criteria.imo import ASSUMED, OPEN, Row, assess, worst
+from cases.criteria.published_figures import SOURCE
+from cases.criteria.standard_runs import STANDARD, Run, approach_speed, measured_run, simulated_run
+from cases.maneuvers.controller import Limits
+from cases.maneuvers.definitions import parse_maneuver
+from cases.shipfiles.effects import calm_and_deep
+from cases.trial import Trial
+from mmg.errors import UserError
+from mmg.messages import Message
+from mmg.notebook import html_table
+from mmg.ship import Ship
+
+
+@dataclass(frozen=True)
+class Assessment:
+    """Figures of standard manoeuvres with limits and verdicts.
+
+    ship: its name, "" where it is not known; heading: what was judged, in a line; rows: a row per figure; runs: the
+    manoeuvres; notices: what to know of them.
+    """
+
+    ship: str
+    heading: str
+    rows: tuple[Row, ...]
+    runs: tuple[Run, ...]
+    notices: tuple[Message, ...]
+
+    @property
+    def verdict(self) -> str:
+        """ "fail" if any figure fails, "pass" if all that have a limit pass, else "not judged"."""
+        return worst(self.rows)
+
+    def to_dict(self) -> dict[str, Any]:
+        """What ``mmg imo --json`` prints: SI and rad in the figures of the runs, L and deg in the rows."""
+        runs = [
+            {
+                "name": run.name,
+                "kind": run.kind,
+                "measured": run.measured,
+                "order_time_s": run.order_time,
+                "rudder_rad": run.rudder,
+                "switch_heading_rad": run.heading,
+                "speed_m_s": run.speed,
+                "length_m": run.length,
+                "figures": dict(run.figures),
+                "notes": list(run.notes),
+            }
+            for run in self.runs
+        ]
+        head = {"ship": self.ship, "heading": self.heading, "standard": "IMO MSC.137(76)", "verdict": self.verdict}
+        rows = [asdict(row) for row in self.rows]
+        return {**head, "rows": rows, "runs": runs, "notices": list(self.notices)}
+
+    def to_pandas(self) -> Any:
+        """A DataFrame with a row per figure: ability, run, figure, value, limit, unit, verdict, why, reference."""
+        import pandas as pd
+
+        return pd.DataFrame([asdict(row) for row in self.rows])
+
+    def _repr_html_(self) -> str:
+        rows = [(r.run, r.figure.replace("_", " "), r.value, r.limit, r.unit, r.verdict, r.why) for r in self.rows]
+        header = ("run", "figure", "value", "limit", "unit", "verdict", "remark")
+        return html_table(f"{self.heading} (IMO MSC.137(76): {self.verdict})", header, rows)
+
+
+def imo_figures(
+    ship: Ship,
+    speed: float | None = None,
+    rudder_rate: float | None = None,
+    maneuvers: Sequence[str] = (),
+    scale: float | None = None,
+) -> Assessment:
+    """The standard manoeuvres of IMO MSC.137(76), simulated in calm and deep water and judged.
+
+    ship: effects of its surroundings and instruments are left out; speed: test speed [m/s], default as for
+    ``approach_speed``; rudder_rate [rad/s], default the ship's own; maneuvers: further ones, such as "spiral:15/5";
+    scale: ship length over model length, default the ship's own: a model is judged at the scale of the ship. Raises
+    UserError for a text that names no manoeuvre, and when no manoeuvre reaches its event.
+    """
+    calm, left_out = calm_and_deep(ship)
+    V, origin = approach_speed(calm, speed)
+    for text in maneuvers:
+        if "order_time" not in parse_maneuver(text, calm, speed=V, rudder_rate=rudder_rate).parameters:
+            kinds = "turning, zigzag, spiral, pull-out, crash-stop"
+            raise UserError(f"manoeuvre '{text}' has no order to judge; use {kinds}")
+    runs, missed = [], {}
+    for text in dict.fromkeys((*STANDARD, *maneuvers)):
+        try:
+            runs.append(simulated_run(calm, text, V, rudder_rate=rudder_rate))
+        except UserError as error:
+            missed[text] = str(error)
+    if not runs:
+        raise UserError(next(iter(missed.values())))
+    L = calm.particulars["L"]
+    heading = f"{calm.name}, simulated: L {L:g} m, V {V:.4g} m/s, L/V {L / V:.3g} s"
+    if "n" in calm.actuators:
+        heading += f", n {runs[0].trial['n'][0]:.4g} rps"
+    degrees = math.degrees(rudder_rate if rudder_rate is not None else Limits.for_ship(calm).rudder_rate)
+    helm = f"rudder rate {degrees:.3g} deg/s" if math.isfinite(degrees) else ""
+    helm = helm or "the rudder moves as the ship's actuators do"
+    notices = [Message(f"test speed V: {origin}; {helm}", "test_conditions")]
+    if left_out:
+        words = "left out, as the tests are in calm, deep water and free of sensor errors: "
+        notices.append(Message(words + ", ".join(left_out), "effects_left_out"))
+    more = [Row("", text, "no figure", None, None, "", OPEN, why) for text, why in missed.items()]
+    return _assessed(calm.name, heading, runs, scale or calm.particulars.get("scale"), notices, more)
+
+
+def imo_figures_of_trials(
+    trials: Sequence[Trial],
+    ship: Ship | None = None,
+    length: float | None = None,
+    kind: str = "",
+    scale: float | None = None,
+) -> Assessment:
+    """Measured runs judged by IMO MSC.137(76).
+
+    trials: one manoeuvre each, its approach is cut off; ship: gives its name, length and scale; length: of the ship
+    [m], where there is no ship; kind: "turning", "zigzag" or "crash-stop", default from the data; scale: ship length
+    over model length. Of several runs, one without a manoeuvre becomes a notice. Raises UserError when no length is
+    given and when there is no manoeuvre in any of the trials.
+    """
+    if ship is None and length is None:
+        raise UserError("trials need the length of their ship; give ship or length")
+    L = length if length is not None else ship.particulars["L"] if ship else 0.0
+    runs, notices = [], []
+    for trial in trials:
+        try:
+            runs.append(measured_run(trial, L, kind))
+        except UserError as error:
+            if len(trials) == 1:
+                raise
+            notices.append(Message(f"left out: {error}", "no_maneuver_found"))
+    if not runs:
+        raise UserError(f"no standard manoeuvre in any of {len(trials)} trials; first: {notices[0]}")
+    name = ship.name if ship else ""
+    heading = f"{name or 'ship'}, measured: L {L:g} m, {len(runs)} of {len(trials)} runs"
+    return _assessed(name, heading, runs, scale or (ship.particulars.get("scale") if ship else None), notices, [])
+
+
+def _assessed(
+    name: str, heading: str, runs: list[Run], scale: float | None, notices: list[Message], more: list[Row]
+) -> Assessment:
+    rows = [*(row for run in runs for row in assess(run, scale, name)), *more]
+    if any(row.reference is not None for row in rows):
+        notices = [*notices, Message(f"reference: {SOURCE}", "reference_values")]
+    return Assessment(name, heading, tuple(rows), tuple(runs), (*notices, Message(ASSUMED, "not_checked")))

@@ -1,0 +1,90 @@
+"""Scatter of a manoeuvre over the standard errors of the coefficients."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from cases.criteria.scatter import ManeuverScatter, draw_coefficients, scatter
+from cases.criteria.simulated_trial import simulated_trial
+from cases.criteria.standard_runs import simulated_run
+from cases.shipfiles.ship_file import load_ship
+from mmg.errors import UserError
+from mmg.messages import has_code
+
+ESSO = load_ship("esso_osaka_3m")
+
+
+@pytest.fixture(scope="module")
+def turning() -> ManeuverScatter:
+    return scatter(ESSO, "turning:35", 60, seed=3)
+
+
+def test_draws_have_the_standard_errors_and_correlation_of_the_ship() -> None:
+    pair = np.array([[1.0, 0.8], [0.8, 1.0]])
+    drawn = draw_coefficients(ESSO, 4000, 1, (("Y_v", "N_v"), pair))
+    for symbol in ("Y_v", "N_v", "C_D"):
+        assert np.std(drawn[symbol]) == pytest.approx(ESSO.coefficients[symbol].std, rel=0.1)
+    assert np.corrcoef(drawn["Y_v"], drawn["N_v"])[0, 1] == pytest.approx(0.8, abs=0.05)
+    assert abs(np.corrcoef(drawn["Y_v"], drawn["C_D"])[0, 1]) < 0.05
+
+
+def test_draws_stay_within_the_bounds_and_fixed_coefficients_stay() -> None:
+    drawn = draw_coefficients(ESSO.fixing(["N_r"]), 500)
+    assert "N_r" not in drawn
+    for symbol, values in drawn.items():
+        c = ESSO.coefficients[symbol]
+        assert (values >= c.lower).all() and (values <= c.upper).all()
+
+
+def test_the_ship_as_it_is_has_the_figures_of_one_simulation(turning: ManeuverScatter) -> None:
+    alone = simulated_run(ESSO, "turning:35", turning.maneuver.speed, turning.maneuver.n)
+    for row in turning.rows:
+        assert row.value == pytest.approx(alone.figures[row.figure], rel=2e-3)
+
+
+def test_medians_lie_in_their_intervals_and_each_figure_has_a_row(turning: ManeuverScatter) -> None:
+    assert {"advance", "tactical_diameter", "steady_rate"} <= {row.figure for row in turning.rows}
+    for row in turning.rows:
+        assert row.interval_90[0] < row.median < row.interval_90[1] and 0 < row.share <= 1
+    assert list(turning.to_pandas().index) == [row.figure for row in turning.rows]
+    assert has_code(turning.notices, "independent_draws")
+    assert "60 draws" in turning._repr_html_()
+
+
+def test_tracks_hold_the_ship_as_it_is_and_every_draw(turning: ManeuverScatter) -> None:
+    tracks = turning.tracks()
+    assert sorted(tracks["run"].unique()) == list(range(61))
+    assert np.isfinite(tracks.to_numpy()).all()
+
+
+def test_the_same_seed_gives_the_same_scatter_and_small_errors_small_intervals(turning: ManeuverScatter) -> None:
+    assert scatter(ESSO, "turning:35", 60, seed=3).rows == turning.rows
+    sure = ESSO.with_coefficients({s: c.with_(std=1e-6 * abs(c.value)) for s, c in ESSO.coefficients.items()})
+    for row in scatter(sure, "turning:35", 10).rows:
+        assert row.interval_90[1] - row.interval_90[0] < 1e-3 * abs(row.median)
+
+
+@pytest.mark.parametrize(("text", "count"), [("turning:35", 1), ("turning:35", 10**6), ("spiral:15/5", 5)])
+def test_what_cannot_be_scattered_is_refused(text: str, count: int) -> None:
+    with pytest.raises(UserError):
+        scatter(ESSO, text, count)
+
+
+def test_a_ship_without_standard_errors_is_refused() -> None:
+    with pytest.raises(UserError, match="no coefficient has a standard deviation"):
+        draw_coefficients(ESSO.fixing(ESSO.symbols), 5)
+
+
+def test_one_call_makes_a_trial_with_effects_wind_and_noise() -> None:
+    quiet = simulated_trial(ESSO, "straight", wind="1:90", dt=0.5)
+    noisy = simulated_trial(ESSO, "straight", effects=["current:x=0.05"], wind="1:90", noise=True, dt=0.5)
+    assert quiet.has_wind and len(quiet) == len(noisy)
+    assert noisy["x"][-1] - quiet["x"][-1] == pytest.approx(0.05 * quiet.duration, abs=1.0)
+    again = simulated_trial(ESSO, controls=quiet)
+    np.testing.assert_allclose(again.states, quiet.states, atol=1e-9)
+    assert math.isfinite(float(again["u"][-1]))
+    with pytest.raises(UserError, match="either"):
+        simulated_trial(ESSO)
