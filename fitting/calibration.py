@@ -15,11 +15,11 @@ from fitting.identifiability.analysis import Identifiability, analyse
 from fitting.identifiability.data_checks import (
     against_captive,
     contradictions,
-    odd_runs,
+    outlying_runs,
     refuse_outliers,
     unexcited_astern,
 )
-from fitting.identifiability.verdicts import calibrated_ship, warnings_of
+from fitting.identifiability.verdicts import calibrated_ship, estimate_warnings
 from fitting.nlp.captive import Captive, CaptiveForces
 from fitting.nlp.fisher_information import Information, information
 from fitting.nlp.grid import default_step
@@ -191,9 +191,9 @@ def estimate_coefficients(
     spread = robust(found)
     covariance = spread.covariance[shared, shared]
     warnings = [
-        *warnings_of(problem, best, p, starts),
+        *estimate_warnings(problem, best, p, starts),
         *warnings,
-        *odd_runs(problem, best.x, spread.moves),
+        *outlying_runs(problem, best.x, spread.moves),
     ]
     if best.converged and len(starts) < settings.starts:
         warnings.append(f"only {len(starts)} of {settings.starts} starts were solved before the run was stopped")

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 
 from fitting.design.next_trial import NextTrial
-from fitting.identifiability.analysis import DETERMINED, Finding, Identifiability
+from fitting.identifiability.analysis import DETERMINED, CoefficientFinding, Identifiability
 from fitting.identifiability.verdicts import cause, verdict
 
 
-def advice(i: int, finding: Finding, trial: NextTrial | None) -> str:
-    """Which trial would help coefficient i, in words; "" when it needs no help or no trials were scored."""
+def advice(i: int, finding: CoefficientFinding, trial: NextTrial | None) -> str:
+    """Which ``trial`` would help coefficient ``i``, in words; "" when its ``finding`` needs no help, or none was scored."""
     if trial is None or finding.kind in ("determined", "unknown") or not trial.options:
         return ""
     best = trial.best(i)
@@ -34,13 +34,13 @@ def advice(i: int, finding: Finding, trial: NextTrial | None) -> str:
 
 
 def identifiability_dict(found: Identifiability, trial: NextTrial | None = None) -> dict[str, Any]:
-    """Plain values for result.json: the findings with a sentence each, and the trials scored, if they were."""
+    """Plain values for result.json: what was ``found``, a sentence each, and the trials scored (``trial``), if any."""
     content = found.to_dict()
     for i, finding in enumerate(found.findings):
         missing, help_ = trial.missing[i] if trial else "", advice(i, finding, trial)
-        said = verdict(finding, missing)
+        words = verdict(finding, missing)
         content["coefficients"][finding.symbol] |= {
-            "sentence": f"{said}; {help_}" if help_ else said,
+            "sentence": f"{words}; {help_}" if help_ else words,
             "cause": cause(finding, missing),
             "advice": help_,
         }

@@ -87,11 +87,11 @@ def features(segments: Segments, ship: Ship) -> frozenset[str]:
     return frozenset(name for name, test in FEATURES.items() if test(segments.nodes, controls, length))
 
 
-def missing(excitation: np.ndarray, seen: Sequence[frozenset[str]], had: frozenset[str]) -> str:
+def missing(excitation: np.ndarray, own: Sequence[frozenset[str]], had: frozenset[str]) -> str:
     """What the simplest of the trials that excite a coefficient has and others had not, in words.
 
-    excitation: information on the coefficient in each of K trials (K,); seen: their features; had: of the others.
+    excitation: information on the coefficient in each of K trials (K,); own: their features; had: of the others.
     """
-    lacks = sorted((s - had for s, e in zip(seen, excitation, strict=True) if e > 0.2 * excitation.max()), key=len)
+    lacks = sorted((s - had for s, e in zip(own, excitation, strict=True) if e > 0.2 * excitation.max()), key=len)
     names = [name for name in FEATURES if lacks and name in lacks[0]]
     return " or ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else "".join(names)

@@ -1,4 +1,4 @@
-"""The trial that would tell most: every manoeuvre of a library is run with the calibrated ship and scored.
+"""The trial that would determine most: every manoeuvre of a library is run with the calibrated ship and scored.
 
 One such run adds its Fisher information F to the posterior precision C^-1; with it the covariance would be
 (C^-1 + F)^-1 (Bayesian D- and A-optimal design, Chaloner & Verdinelli 1995). All runs count for the same time at sea: a
@@ -81,7 +81,7 @@ class NextTrial:
         return self._best((self.left_by_many if many else self.left)[:, i])
 
     def clusters(self, found: Identifiability) -> list[tuple[Option, float] | None]:
-        """Best trial of each cluster and the mean part of its coefficients' variance left; None when none helps."""
+        """Best trial of each cluster ``found`` and the mean part of its variance left; None when none helps."""
         symbols = [f.symbol for f in found.findings]
         return [self._best(self.left[:, [symbols.index(s) for s in c.symbols]].mean(axis=1)) for c in found.clusters]
 
@@ -92,7 +92,7 @@ class NextTrial:
         return self.options[k], float(left[k])
 
     def to_dict(self, symbols: Sequence[str]) -> dict[str, Any]:
-        """Plain values for result.json."""
+        """Plain values for result.json, by coefficient of ``symbols`` (P,)."""
         best = {s: self.best(i) for i, s in enumerate(symbols)}
         return {
             "duration_s": self.duration,
@@ -131,7 +131,7 @@ def next_trial(
             (), seconds, tuple(left_out), empty, empty, np.empty(0), np.nan, np.diag(C), 1.0, ("",) * P, (), ()
         )
     had = features(calibration.segments, ship)
-    F, seen = fisher(calibration, trials, seconds)
+    F, own_features = fisher(calibration, trials, seconds)
     data = calibration.data_information
     worth = 1.0 if data is None else worth_of(data, C)
     A = precision(C) if data is None else worth * data + np.eye(P)
@@ -149,7 +149,7 @@ def next_trial(
         float(own.mean()),
         np.diag(C).copy(),
         worth,
-        tuple(missing(F[:, i, i], seen, had) for i in range(P)),
+        tuple(missing(F[:, i, i], own_features, had) for i in range(P)),
         plan,
         planned,
     )
@@ -158,7 +158,8 @@ def next_trial(
 def runs(
     ship: Ship, options: Sequence[Option], seconds: float, dt: float
 ) -> tuple[list[Option], list[Trial], list[str]]:
-    """Options that the ship can run, their trials and why the others are left out."""
+    """Those of ``options`` that ``ship`` can run for ``seconds`` at steps of ``dt`` [s], their trials, and why the
+    others are left out."""
     chosen, trials, left_out = [], [], []
     for option in options:
         try:
@@ -176,9 +177,9 @@ def runs(
 
 
 def fisher(calibration: Calibration, trials: Sequence[Trial], seconds: float) -> tuple[np.ndarray, list[frozenset]]:
-    """Information (K, P, P) of runs of the calibrated ship, each repeated to fill ``seconds``, and what they excite.
+    """Information (K, P, P) of runs of the calibrated ship, each repeated to fill ``seconds``, and their features.
 
-    In prior standard deviations, prior excluded, the initial state of every window being unknown.
+    calibration: whose ship, noise and windows are used; trials: the K runs. In prior standard deviations, prior excluded, the initial state of every window being unknown.
     """
     ship, prior, settings = calibration.ship, calibration.prior, calibration.settings
     positions = np.array([ship.symbols.index(s) for s in prior.symbols])
@@ -191,8 +192,8 @@ def fisher(calibration: Calibration, trials: Sequence[Trial], seconds: float) ->
     F = np.zeros((len(trials), problem.P, problem.P))
     np.add.at(F, parts.run, np.nan_to_num(per_window))
     repeats = np.array([max(1.0, seconds // max(t.duration, 1e-9)) for t in trials])
-    seen = [features(parts.subset(np.flatnonzero(parts.run == k)), ship) for k in range(len(trials))]
-    return F * repeats[:, None, None], seen
+    found = [features(parts.subset(np.flatnonzero(parts.run == k)), ship) for k in range(len(trials))]
+    return F * repeats[:, None, None], found
 
 
 def simplest(gain: np.ndarray) -> int:

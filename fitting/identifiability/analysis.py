@@ -23,7 +23,7 @@ DETERMINED, PARTLY = 0.1, 0.7
 """Prior's share of the posterior variance below which the data determine a coefficient, or have a say in it."""
 
 WORSE = 1.2
-"""Share from which an estimate is worse known than by its prior alone: correlated residuals moved it about."""
+"""Ratio of posterior to prior variance above which the data made the estimate worse, by correlated residuals."""
 
 SILENT = 0.1
 """Information of the data, in units of the prior's, below which a coefficient counts as not excited at all."""
@@ -49,7 +49,7 @@ from which their combination is named at all."""
 
 
 @dataclass(frozen=True)
-class Finding:
+class CoefficientFinding:
     """What decided one coefficient.
 
     Attributes
@@ -84,7 +84,7 @@ class Identifiability:
     puts correlated ones beside each other.
     """
 
-    findings: tuple[Finding, ...]
+    findings: tuple[CoefficientFinding, ...]
     clusters: tuple[Cluster, ...]
     directions: tuple[Direction, ...]
     condition_number: float
@@ -123,7 +123,7 @@ class Identifiability:
 
 
 def at_bound(p: float, lower: float, upper: float) -> str:
-    """ "lower", "upper" or "" for a scaled coefficient against its scaled bounds."""
+    """ "lower", "upper" or "" for a scaled coefficient ``p`` against its scaled bounds ``lower`` and ``upper``."""
     if p <= lower + 1e-4:
         return "lower"
     return "upper" if p >= upper - 1e-4 else ""
@@ -151,7 +151,9 @@ def analyse(
     nan = float("nan")
     if not np.isfinite(covariance).all() or (np.diag(covariance) <= 0).any():
         kinds = ["bound" if where else "unknown" for where in bounds]
-        unknown = [Finding(s, k, nan, nan, bound=b) for s, k, b in zip(prior.symbols, kinds, bounds, strict=True)]
+        unknown = [
+            CoefficientFinding(s, k, nan, nan, bound=b) for s, k, b in zip(prior.symbols, kinds, bounds, strict=True)
+        ]
         return Identifiability(tuple(unknown), (), (), nan, nan, np.full((P, P), nan), np.arange(P))
     if information is None:
         data, worth = precision(covariance) - np.eye(P), 1.0
@@ -198,11 +200,11 @@ def worth_of(data: np.ndarray, covariance: np.ndarray) -> float:
 
 def _finding(
     i: int, prior: Prior, p: np.ndarray, covariance: np.ndarray, alone: float, excited: bool, where: str
-) -> Finding:
+) -> CoefficientFinding:
     share = float(covariance[i, i])
     partners, together = _partners(i, covariance) if share >= DETERMINED else ([], share)
-    told = together < DETERMINED and together < 0.5 * share
-    shared = bool(partners) and (told or (share >= 0.5 * PARTLY and alone < DETERMINED))
+    resolved = together < DETERMINED and together < 0.5 * share
+    shared = bool(partners) and (resolved or (share >= 0.5 * PARTLY and alone < DETERMINED))
     if where:
         kind = "bound"
     elif share < DETERMINED:
@@ -221,7 +223,7 @@ def _finding(
         close = abs(covariance[i, j]) >= PAIR * np.sqrt(share * covariance[j, j])
         words = combination(i, j, prior, p, covariance) if close else ""
     names = tuple(prior.symbols[j] for j in partners)
-    return Finding(prior.symbols[i], kind, share, alone, names, together, words, where)
+    return CoefficientFinding(prior.symbols[i], kind, share, alone, names, together, words, where)
 
 
 def _partners(i: int, covariance: np.ndarray) -> tuple[list[int], float]:
@@ -244,6 +246,7 @@ def _partners(i: int, covariance: np.ndarray) -> tuple[list[int], float]:
 def combination(i: int, j: int, prior: Prior, p: np.ndarray, covariance: np.ndarray) -> str:
     """What of two coefficients the data determine: their product, their ratio, a sum or a difference, in words.
 
+    i, j: their positions in ``prior``; p: scaled estimate (P,); covariance: (P, P) in prior standard deviations.
     Deductions enter as 1 - t, wake fractions as 1 - w, the rudder force increase as 1 + a_H.
     """
     weak = np.linalg.eigh(covariance[np.ix_([i, j], [i, j])])[1][:, 1] * prior.std[[i, j]]

@@ -31,7 +31,7 @@ class Direction:
 
 
 def clusters(symbols: tuple[str, ...], correlation: np.ndarray) -> tuple[Cluster, ...]:
-    """Connected groups of coefficients whose correlations (P, P) are strong, strongest first."""
+    """Connected groups of the coefficients ``symbols`` whose ``correlation`` (P, P) is strong, strongest first."""
     from scipy.sparse.csgraph import connected_components
 
     off = np.abs(correlation) - np.eye(len(symbols))

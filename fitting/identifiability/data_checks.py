@@ -1,4 +1,4 @@
-"""Trials and priors that do not belong into a calibration, named: each function returns sentences for a person."""
+"""Trials and priors that do not belong into a calibration: each function names them in messages."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from fitting.solvers.ipopt import ROUGH, solve
 from fitting.solvers.residual_noise import residual_series
 from mmg.effects import effect
 from mmg.errors import UserError
+from mmg.messages import Message
 from mmg.model import assemble
 from mmg.ship import Ship
 from mmg.states import STATES
@@ -23,7 +24,7 @@ FAR = 4.0
 """Residuals of a run, as a multiple of those of the median run, from which it is named. Runs of the 3 m model that
 belong reach 3.3 when they are left out of the fit; one whose rudder has the wrong sign 6 to 18."""
 LOOK = 1.5
-"""Multiple from which a run is judged by a fit without it: it bends the joint one towards itself."""
+"""Multiple from which a run is judged by a fit without it, as it pulls the joint fit towards itself."""
 SCATTER = 10.0
 """Scatter of a run from sample to sample, as a multiple of that of the median run, from which it is refused."""
 WHITE = 0.3
@@ -35,7 +36,7 @@ ASTERN = 1e-3
 
 
 def refuse_outliers(trials: Sequence[Trial], step: float) -> None:
-    """UserError for runs whose samples, ``step`` [s] apart, scatter SCATTER times as much as those of the others.
+    """Raises UserError for ``trials`` whose samples, ``step`` [s] apart, scatter SCATTER times as much as the others'.
 
     Scatter is the robust size of second differences of the states, the geometric mean over the channels both have.
     Needs three runs. Runs that belong differ by less than a factor of two.
@@ -58,20 +59,20 @@ def _scatter(trial: Trial, name: str, step: float) -> float:
         return float("nan")
     x = np.unwrap(trial[name]) if name == "psi" else trial[name]
     x = x[:: max(1, round(step / trial.dt))]
-    bend = np.diff(x, 2)
-    bend = bend[np.isfinite(bend)]
-    return float(1.4826 * np.median(np.abs(bend))) if len(bend) > 10 else float("nan")
+    second = np.diff(x, 2)
+    second = second[np.isfinite(second)]
+    return float(1.4826 * np.median(np.abs(second))) if len(second) > 10 else float("nan")
 
 
-def odd_runs(problem: Problem, x: np.ndarray, moves: np.ndarray) -> list[str]:
-    """Sentences on runs whose residuals at x are far beyond those of the others; needs three runs.
+def outlying_runs(problem: Problem, x: np.ndarray, moves: np.ndarray) -> list[Message]:
+    """Warnings on runs whose residuals are far beyond those of the others; none for fewer than three runs.
 
-    moves: (runs, P) change of the scaled coefficients without each run, to first order (``sandwich.left_out``): a run
-    that stands out is judged at what the others say of it.
+    problem, x: the program solved and its solution; moves: (runs, P) change of the scaled coefficients without each
+    run, to first order (``sandwich.left_out``), as a run that stands out is judged by a fit without it.
     """
     size, white = run_residuals(problem, x)
     names = problem.segments.trials
-    words = []
+    found = []
     measured = np.isfinite(size).any(axis=1)
     if measured.sum() < 3:
         return []
@@ -83,16 +84,18 @@ def odd_runs(problem: Problem, x: np.ndarray, moves: np.ndarray) -> list[str]:
             far[k] = max(far[k], _multiple(alone, np.delete(size, k, axis=0)))
     for i in np.flatnonzero(far >= FAR):
         if white[i] < WHITE:
-            words.append(
+            words = (
                 f"{names[i]}: its samples are outliers throughout, {far[i]:.0f} times the residuals of the other runs "
-                "and without memory; leave it out, or use --loss student if only some of its samples are bad"
+                "and uncorrelated; leave it out, or use --loss student if only some of its samples are bad"
             )
+            found.append(Message(words, "outlying_samples"))
         else:
-            words.append(
+            words = (
                 f"{names[i]}: residuals {far[i]:.0f} times those of the other runs; it may be of another ship or "
                 "loading, or have a wrong unit or sign: leave it out and compare (mmg check, mmg score)"
             )
-    return words
+            found.append(Message(words, "outlying_run"))
+    return found
 
 
 def _multiple(own: np.ndarray, others: np.ndarray) -> float:
@@ -106,7 +109,7 @@ def _multiple(own: np.ndarray, others: np.ndarray) -> float:
 def left_out_residual(problem: Problem, x: np.ndarray, run: int, move: np.ndarray) -> np.ndarray | None:
     """Rms residuals (6,) of a run at the coefficients moved by ``move`` (P,), its own states and constants fitted.
 
-    None where that fails.
+    problem, x: the program and its solution; run: number of the run. None where the fit fails.
     """
     seg = problem.segments
     p = np.clip(problem.split(x)[1] + np.nan_to_num(move), *problem.p_bounds())
@@ -119,7 +122,8 @@ def left_out_residual(problem: Problem, x: np.ndarray, run: int, move: np.ndarra
 
 
 def run_residuals(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """By run: rms residual of each channel (R, 6), NaN where unmeasured; mean lag-one autocorrelation (R,)."""
+    """By run of ``problem`` at ``x``: rms residual of each channel (R, 6), NaN where unmeasured; and the mean lag-one
+    autocorrelation (R,)."""
     seg = problem.segments
     e, ei = problem.errors(x)
     windows = residual_series(seg, np.where(seg.node_mask > 0, e, np.nan), ei)
@@ -132,16 +136,17 @@ def run_residuals(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.ndarr
         lagged[run] += np.nansum(part[1:] * part[:-1], axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):
         size = np.sqrt(squares / samples)
-        memory = np.where(squares > 0, lagged / squares, np.nan)
-    white = np.array([np.mean(m[np.isfinite(m)]) if np.isfinite(m).any() else 0.0 for m in memory])
+        correlation = np.where(squares > 0, lagged / squares, np.nan)
+    white = np.array([np.mean(m[np.isfinite(m)]) if np.isfinite(m).any() else 0.0 for m in correlation])
     return np.where(samples > 0, size, np.nan), white
 
 
-def unexcited_astern(ship: Ship, trials: Sequence[Trial], segments: Segments) -> list[str]:
-    """A sentence on free coefficients that act only going astern (n < 0 or u < 0) when no trial does.
+def unexcited_astern(ship: Ship, trials: Sequence[Trial], segments: Segments) -> list[Message]:
+    """A warning on free coefficients of ``ship`` that act only going astern (n < 0 or u < 0) when no trial does.
 
-    They are found by their influence on the accelerations, over the data and over the data with surge velocity,
-    revolutions or both turned round. Raises UserError when they are all that is free of the ship itself.
+    They are found by their influence on the accelerations, over the data (``trials``, cut into ``segments``) and over
+    the data with surge velocity, revolutions or both turned round. Raises UserError when they are all that is free of
+    the ship itself.
     """
     ahead, astern = _influence(ship, segments)
     unmoved = [s for s, a, b in zip(ship.free, ahead, astern, strict=True) if b > 0 and a < ASTERN * b]
@@ -152,7 +157,7 @@ def unexcited_astern(ship: Ship, trials: Sequence[Trial], segments: Segments) ->
     instruments = tuple(f"{name}." for name in ship.effects if effect(name).measures)
     if all(s in unmoved or s.startswith(instruments) for s in ship.free):
         raise UserError(f"{text}: nothing to identify; add a stopping or astern trial, or free other coefficients")
-    return [f"{text}; the prior decides them: add a stopping or astern trial"]
+    return [Message(f"{text}; the prior decides them: add a stopping or astern trial", "not_excited_astern")]
 
 
 def _influence(ship: Ship, segments: Segments, most: int = 300) -> tuple[np.ndarray, np.ndarray]:
@@ -181,8 +186,11 @@ def _influence(ship: Ship, segments: Segments, most: int = 300) -> tuple[np.ndar
     return found[0], np.max(found[1:], axis=0)
 
 
-def contradictions(prior: Prior) -> list[str]:
-    """Sentences on priors at odds with their own bounds. UserError for a standard deviation that is not positive."""
+def contradictions(prior: Prior) -> list[Message]:
+    """Warnings where ``prior`` is at odds with its own bounds.
+
+    Raises UserError for a standard deviation that is not positive, and for crossed bounds.
+    """
     bad = [s for s, std in zip(prior.symbols, prior.std, strict=True) if not std > 0 or not np.isfinite(std)]
     if bad:
         raise UserError(
@@ -192,24 +200,26 @@ def contradictions(prior: Prior) -> list[str]:
     crossed = [s for s, lo, hi in zip(prior.symbols, prior.lower, prior.upper, strict=True) if lo >= hi]
     if crossed:
         raise UserError(f"{', '.join(crossed)}: lower bound not below the upper one; correct the ship file, or --fix")
-    words = []
+    found = []
     for i, symbol in enumerate(prior.symbols):
         below, above = prior.lower[i] - prior.mean[i], prior.mean[i] - prior.upper[i]
         out = max(below, above)
         if out > prior.std[i]:
-            words.append(
+            words = (
                 f"{symbol}: its prior {prior.mean[i]:.4g} +- {prior.std[i]:.2g} lies {out / prior.std[i]:.1f} standard "
                 f"deviations outside its bounds {prior.lower[i]:.4g} to {prior.upper[i]:.4g}: one of them is wrong"
             )
-    return words
+            found.append(Message(words, "prior_outside_bounds"))
+    return found
 
 
 def against_captive(
     forces: CaptiveForces, base: np.ndarray, free: np.ndarray, prior: Prior, most: float = 5.0
-) -> list[str]:
-    """Sentences on coefficients that the captive points alone put ``most`` standard deviations from their prior.
+) -> list[Message]:
+    """Warnings on coefficients that the captive points alone put ``most`` standard deviations from their prior.
 
-    The points are fitted with the prior 30 times wider; what they leave to that prior is not compared.
+    forces: of the points; base: values of all coefficients (C,), free: positions (P,) of those in ``prior``. The points
+    are fitted with the prior 30 times wider; what they leave to that prior is not compared.
     """
     alone = estimate_from_captive(forces, base, free, prior.mean, prior.std, ridge=1e-3)
     spread = np.sqrt(np.clip(np.diag(alone.covariance), 0, None))
@@ -219,8 +229,11 @@ def against_captive(
         if s < 3.0
     ]
     return [
-        f"{symbol}: the captive points of {forces.points.name} put it at {value:.4g}, {far:.1f} standard deviations "
-        f"from its prior {mean:.4g} +- {std:.2g}; check units, axes and sign of the points, or widen the prior"
+        Message(
+            f"{symbol}: the captive points of {forces.points.name} put it at {value:.4g}, {far:.1f} standard deviations "
+            f"from its prior {mean:.4g} +- {std:.2g}; check units, axes and sign of the points, or widen the prior",
+            "captive_against_prior",
+        )
         for far, symbol, mean, std, value in sorted(found, reverse=True)
         if far > most
     ]

@@ -1,4 +1,4 @@
-"""Ranges outside which a coefficient is no longer physics but a sink for something else.
+"""Ranges outside which a coefficient is no longer physical: it stands in for something that the model lacks.
 
 Engineering judgement for merchant ships; public fits of the ESSO OSAKA records leave most of them.
 """
@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 
 from fitting.nlp.problem import Prior
+from mmg.messages import Message
 
 PHYSICAL: dict[str, tuple[float, float]] = {
     "t_P": (0.0, 0.4),
@@ -36,9 +37,9 @@ WITHIN_PRIOR = 2.0
 """Prior standard deviations within which the estimate of an added mass must lie."""
 
 
-def implausible(prior: Prior, values: dict[str, float]) -> list[str]:
-    """Sentences on estimates (symbol -> value) outside their physical range and on added masses off their prior."""
-    words = []
+def implausible(prior: Prior, values: dict[str, float]) -> list[Message]:
+    """Warnings on ``values`` (symbol -> estimate) outside their physical range, and on added masses far from ``prior``."""
+    found = []
     for symbol, value in values.items():
         low, high = PHYSICAL.get(symbol, (-math.inf, math.inf))
         if low <= value <= high:
@@ -46,15 +47,17 @@ def implausible(prior: Prior, values: dict[str, float]) -> list[str]:
         limits = f"{low:g} to {high:g}" if math.isfinite(low) and math.isfinite(high) else (
             f"at most {high:g}" if math.isfinite(high) else f"at least {low:g}"
         )  # fmt: skip
-        words.append(
+        words = (
             f"{symbol} = {value:.3g} is outside its physical range ({limits}): it stands in for something else; fix "
             "it, narrow its prior, or free what is missing"
         )
+        found.append(Message(words, "implausible"))
     for i, symbol in enumerate(prior.symbols):
         shift = (values.get(symbol, prior.mean[i]) - prior.mean[i]) / prior.std[i]
         if symbol in ADDED_MASSES and abs(shift) > WITHIN_PRIOR:
-            words.append(
+            words = (
                 f"{symbol} = {values[symbol]:.3g} lies {abs(shift):.1f} prior standard deviations from its prior; "
                 "trials hardly determine added masses, so it makes up for something else: narrow its prior or fix it"
             )
-    return words
+            found.append(Message(words, "added_mass_far_from_prior"))
+    return found

@@ -7,17 +7,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from fitting.identifiability.analysis import DETERMINED, WORSE, Finding, Identifiability, at_bound
+from fitting.identifiability.analysis import DETERMINED, WORSE, CoefficientFinding, Identifiability, at_bound
 from fitting.identifiability.plausibility import implausible
 from fitting.nlp.problem import Prior, Problem
 from fitting.settings import Start
 from fitting.solvers.ipopt import Solution
 from fitting.solvers.multistart import disagreement
+from mmg.messages import Message
 from mmg.ship import Ship
 
 
-def cause(finding: Finding, missing: str = "") -> str:
-    """What decided a coefficient, in words; missing: what trials that excite it have and these have not."""
+def cause(finding: CoefficientFinding, missing: str = "") -> str:
+    """What decided a coefficient, in words, from its ``finding``; missing: what trials that excite it have and these
+    have not."""
     names = listed(finding.partners)
     if finding.kind == "bound":
         return f"at its {finding.bound} bound: the data ask for a value outside the range given"
@@ -30,7 +32,7 @@ def cause(finding: Finding, missing: str = "") -> str:
     if finding.kind == "silent":
         return "not excited by these trials" + (f", which have no {missing}" if missing else "")
     if finding.kind == "prior" and finding.share > WORSE:
-        return "no better known than by its prior: correlated residuals pull it about; fix it or narrow its prior"
+        return "no better known than by its prior, as correlated residuals make the estimate worse; fix it or narrow its prior"
     if finding.kind == "prior":
         return "decided by the prior" + (f", what the data say is shared with {names}" if names else "")
     if not names:
@@ -40,8 +42,8 @@ def cause(finding: Finding, missing: str = "") -> str:
     return f"shared with {names}: the data determine only {finding.combination or 'their combination'}"
 
 
-def verdict(finding: Finding, missing: str = "") -> str:
-    """A sentence on what decided a coefficient, with the prior's share; missing: see ``cause``."""
+def verdict(finding: CoefficientFinding, missing: str = "") -> str:
+    """A sentence on what decided a coefficient, with the prior's share; finding, missing: see ``cause``."""
     words = cause(finding, missing)
     if finding.kind in ("bound", "unknown"):
         return words
@@ -53,7 +55,7 @@ def verdict(finding: Finding, missing: str = "") -> str:
 
 
 def listed(names: Sequence[str]) -> str:
-    """ "a", "a and b", "a, b and c"."""
+    """ "a", "a and b" or "a, b and c" of ``names``."""
     return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else "".join(names)
 
 
@@ -88,11 +90,15 @@ def calibrated_ship(
     return replace(ship.with_coefficients(changed), notices=())
 
 
-def warnings_of(problem: Problem, best: Solution, p: np.ndarray, starts: list[Start]) -> list[str]:
-    """Sentences on what a user must know before using the estimates; p: scaled estimate (P,)."""
-    words = []
+def estimate_warnings(problem: Problem, best: Solution, p: np.ndarray, starts: list[Start]) -> list[Message]:
+    """Warnings before the estimates are used: convergence, bounds, plausibility, agreement of the starts.
+
+    problem: as solved; best: the best of its solutions, from ``starts``; p: scaled estimate (P,).
+    """
+    found = []
     if not best.converged:
-        words.append(f"not converged ({best.status}): {best.advice or 'the best iterate is kept'}")
+        words = f"not converged ({best.status}): {best.advice or 'the best iterate is kept'}"
+        found.append(Message(words, "not_converged"))
     lower, upper = problem.p_bounds()
     hit = [
         f"{s} ({where})"
@@ -100,10 +106,11 @@ def warnings_of(problem: Problem, best: Solution, p: np.ndarray, starts: list[St
         if (where := at_bound(value, lo, hi))
     ]
     if hit:
-        words.append(f"at a bound: {', '.join(hit)}")
+        found.append(Message(f"at a bound: {', '.join(hit)}", "at_bound"))
     away = [s for s, value in zip(problem.prior.symbols, p, strict=True) if abs(value) > 3]
     if away:
-        words.append(f"more than three prior standard deviations from the prior: {', '.join(away)}")
+        words = f"more than three prior standard deviations from the prior: {', '.join(away)}"
+        found.append(Message(words, "far_from_prior"))
     values = problem.prior.mean + problem.prior.std * p
-    words += implausible(problem.prior, dict(zip(problem.prior.symbols, values.tolist(), strict=True)))
-    return words + disagreement(starts, best.objective)
+    found += implausible(problem.prior, dict(zip(problem.prior.symbols, values.tolist(), strict=True)))
+    return [*found, *disagreement(starts, best.objective)]

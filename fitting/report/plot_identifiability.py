@@ -16,7 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Patch
 
 from fitting.design.next_trial import HELPS, NextTrial
-from fitting.identifiability.analysis import DETERMINED, KINDS, PARTLY, Finding, Identifiability
+from fitting.identifiability.analysis import DETERMINED, KINDS, PARTLY, CoefficientFinding, Identifiability
 from fitting.identifiability.clusters import CORRELATED
 from fitting.record import FitObjects, FitRecord
 from fitting.report.plot_style import AFTER, ALARM, BEFORE, DPI, GREY, WIDTH, dress, new_figure
@@ -67,7 +67,7 @@ def _frame(corner: tuple[float, float], width: float, height: float) -> Patch:
     return Rectangle(corner, width, height, fill=False, edgecolor="black", linewidth=1.4)
 
 
-def share_plot(findings: Sequence[Finding], ax: Axes | None = None) -> Axes:
+def share_plot(findings: Sequence[CoefficientFinding], ax: Axes | None = None) -> Axes:
     """Prior's share of each coefficient's variance as bars, largest last; black ticks: if all others were known."""
     rows = sorted((f for f in findings if np.isfinite(f.share)), key=lambda f: f.share)
     if ax is None:
@@ -92,7 +92,9 @@ def share_plot(findings: Sequence[Finding], ax: Axes | None = None) -> Axes:
     return ax
 
 
-def next_trial_plot(trial: NextTrial, findings: Sequence[Finding], ax: Axes | None = None, most: int = 16) -> Axes:
+def next_trial_plot(
+    trial: NextTrial, findings: Sequence[CoefficientFinding], ax: Axes | None = None, most: int = 16
+) -> Axes:
     """What each trial would take off the standard errors, best on top; only coefficients that one helps.
 
     Coefficients that the data determine already are left out.
@@ -195,7 +197,7 @@ def write_identifiability_figures(folder: Path, record: FitRecord, objects: FitO
     )  # fmt: skip
     if trial and trial.options:
         write(
-            "identifiability_next_trial", "The trial that would tell most",
+            "identifiability_next_trial", "The trial that would determine most",
             f"Predicted fall of the standard errors when {trial.duration:.0f} s of a trial are added, best trial on "
             "top (by the mean prior's share); numbers at the best trial of each coefficient.",
             lambda: next_trial_plot(trial, found.findings),

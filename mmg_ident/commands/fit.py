@@ -197,5 +197,5 @@ def _summary(result: FitResult, out: Path) -> None:
     say("coefficients: " + ", ".join(f"{count} {KINDS[kind]}" for kind, count in kinds.items()))
     plan = result.identifiability.get("next_trial", {}).get("plan", [])
     if plan:
-        say(f"next trial that would tell most: {plan[0]['name']}")
+        say(f"next trial that would determine most: {plan[0]['name']}")
     say(f"run folder: {out} (ship.toml, result.json, report.html)")
