@@ -36,6 +36,7 @@ from fitting.solvers.noise_iteration import solve_with_noise_estimation
 from fitting.solvers.residual_noise import ResidualNoise
 from fitting.uncertainty.sandwich import Robust, robust
 from mmg.errors import UserError
+from mmg.messages import Message, as_messages
 from mmg.model import assemble
 from mmg.progress import OnProgress
 from mmg.ship import Ship
@@ -46,11 +47,12 @@ class Calibration:
     """A calibrated ship and how it came about.
 
     ship: with estimates, standard errors, priors and verdicts. p, covariance: scaled estimate (P,) and its covariance
-    (P, P) in prior standard deviations, robust to residuals that remember (fitting/uncertainty/sandwich.py), of what
-    all runs
-    share, as ``prior``. sigma: (6,) used in the last solve; noise: estimated from its residuals. solution: of the last
-    solve; history: objective and status of every pass. information: of each window on p, from which ``spread`` has the
-    robust and the model-based covariance; problem_data: of the problem solved. constants: what each run has of its own;
+    (P, P) in prior standard deviations, robust to correlated residuals (fitting/uncertainty/sandwich.py), of what all
+    runs share, as ``prior``; data_information: (P, P) of the trials on p without the prior, None where it is not
+    finite; identifiability: what the trials determine. sigma: (6,) used in the last solve; noise: estimated from its
+    residuals; solution: of the last solve; passes: objective and status of every solve; nodes: states (B, 6) at its
+    nodes. information: of each window on p, from which ``spread`` has the robust and the model-based covariance;
+    problem_data: of the problem solved; compiled: whether by compiled code. constants: what each run has of its own;
     solution, information, spread and problem_data are of all that was fitted, the shared ones first.
     """
 
@@ -66,8 +68,8 @@ class Calibration:
     settings: Settings
     passes: tuple[dict, ...]
     starts: tuple[Start, ...]
-    warnings: tuple[str, ...]
-    notices: tuple[str, ...]
+    warnings: tuple[Message, ...]
+    notices: tuple[Message, ...]
     timings: dict[str, float] = field(default_factory=dict)
     nodes: np.ndarray = field(default_factory=lambda: np.empty((0, 6)))
     information: Information | None = None
@@ -79,6 +81,7 @@ class Calibration:
 
     @property
     def converged(self) -> bool:
+        """Whether the last solve did."""
         return self.solution.converged
 
     @property
@@ -124,10 +127,67 @@ def _check_inputs(ship: Ship, trials: Sequence[Trial]) -> None:
 
 
 def first_sigma(ship: Ship, segments: Segments) -> np.ndarray:
-    """Residual standard deviations of the first pass (6,): a third of a length, 0.1 rad, a tenth of the speed."""
+    """Residual standard deviations of the first solve (6,): a third of the length of ``ship``, 0.1 rad, a tenth of the
+    speed in ``segments``."""
     speed = np.sqrt(np.mean(segments.nodes[:, 3] ** 2 + segments.nodes[:, 4] ** 2)) + 1e-6
     length = ship.particulars["L"]
     return np.array([length / 3, length / 3, 0.1, 0.1 * speed, 0.1 * speed, 0.1 * speed / length])
+
+
+@dataclass(frozen=True)
+class _Prepared:
+    """A problem, where to start, and what was noticed on the way; prior: as a Gaussian over all that is fitted."""
+
+    problem: Problem
+    x: np.ndarray
+    prior: Prior
+    settings: Settings
+    warnings: list[Message]
+    notices: list[Message]
+    compiled: bool
+
+
+def _prepared(
+    ship: Ship,
+    trials: Sequence[Trial],
+    settings: Settings,
+    warm: dict[str, np.ndarray] | None,
+    captive: Captive | None,
+    per_run: Sequence[str],
+) -> _Prepared:
+    _check_inputs(ship, trials)
+    step = settings.step or default_step(trials, ship.particulars["L"])
+    window = settings.window or 100.0 * step
+    if window < 10 * step:
+        raise UserError(f"a window of {window:g} s holds fewer than ten steps of {step:g} s; use a longer --window")
+    refuse_outliers(trials, step)
+    segments = cut(trials, step, window, settings.interval, inputs=ship.inputs)
+    segments = segments.by_run() if per_run else segments
+    prior = with_constants(Prior.of(ship), ship, per_run, segments.trials)
+    warnings = [*contradictions(prior), *unexcited_astern(ship, trials, segments)]
+    positions = prior.positions(ship)
+    own = positions[: prior.shared]
+    kernel = kernels(assemble(ship), positions, settings.compiled)
+    sigma = _given_sigma(settings) if settings.sigma else first_sigma(ship, segments)
+    forces = CaptiveForces(kernel.model, own, captive, settings.compiled) if captive else None
+    if forces:
+        warnings += against_captive(forces, neutral_values(ship, per_run), own, shared_prior(prior))
+    problem = Problem(ship, prior, kernel, segments, sigma, Loss(settings.loss), forces)
+    problem, x = _started(problem, warm, settings)
+    notices = _notices(ship, trials, segments, kernel.interpreted_because)
+    used = replace(settings, step=step, window=window)
+    return _Prepared(problem, x, prior, used, warnings, notices, not kernel.interpreted_because)
+
+
+def _started(problem: Problem, warm: dict[str, np.ndarray] | None, settings: Settings) -> tuple[Problem, np.ndarray]:
+    """The problem and its starting point, from an interrupted run where it fits."""
+    if not warm or len(warm.get("p", ())) != problem.P:
+        return problem, problem.start()
+    if len(warm.get("nodes", ())) == problem.B:
+        x = problem.join(warm["nodes"], np.clip(warm["p"], *problem.p_bounds()))
+    else:
+        x = problem.start(warm["p"])
+    return problem.with_sigma(warm["sigma"]) if "sigma" in warm and not settings.sigma else problem, x
 
 
 @np.errstate(all="ignore")
@@ -140,69 +200,35 @@ def estimate_coefficients(
     captive: Captive | None = None,
     per_run: Sequence[str] = (),
 ) -> Calibration:
-    """Fit the free coefficients of a ship to trials, jointly over all of them.
+    """Fit the free coefficients of ``ship`` to ``trials``, jointly over all of them.
 
-    The residual's standard deviation of each state is re-estimated from pass to pass (``ResidualNoise``) until it
-    settles. progress: called at each iteration of the solver, with the objective and the constraint violation.
-    ``warm`` holds "p", "nodes" and "sigma" of an earlier, interrupted run. ``captive``: points whose forces are fitted
-    too. ``per_run``: coefficients of effects of the ship, fixed in it, of which each run gets its own
+    The residual's standard deviation of each state is re-estimated from solve to solve (``ResidualNoise``) until it
+    settles. settings: of windows and solver; progress: called at each iteration of the solver, with the objective and
+    the constraint violation; warm: "p", "nodes" and "sigma" of an earlier, interrupted run; captive: points whose
+    forces are fitted too; per_run: coefficients of effects of the ship, fixed in it, of which each run gets its own
     (``cases.shipfiles.effects.varying_effects``); the calibrated ship is without those effects. Raises UserError for
     input from which nothing can be identified; a solver that stops early is no error: the best iterate is returned and
     ``converged`` is False.
     """
-    settings = settings or Settings()
     began = time.perf_counter()
-    _check_inputs(ship, trials)
-    length = ship.particulars["L"]
-    step = settings.step or default_step(trials, length)
-    window = settings.window or 100.0 * step
-    if window < 10 * step:
-        raise UserError(f"a window of {window:g} s holds fewer than ten steps of {step:g} s; use a longer --window")
-    refuse_outliers(trials, step)
-    segments = cut(trials, step, window, settings.interval, inputs=ship.inputs)
-    segments = segments.by_run() if per_run else segments
-    prior = with_constants(Prior.of(ship), ship, per_run, segments.trials)
-    warnings = [*contradictions(prior), *unexcited_astern(ship, trials, segments)]
-    positions, common = prior.positions(ship), shared_prior(prior)
-    shared = slice(prior.shared)
-    kernel = kernels(assemble(ship), positions, settings.compiled)
+    made = _prepared(ship, trials, settings or Settings(), warm, captive, per_run)
+    settings, prior = made.settings, made.prior
     timings = {"prepare": time.perf_counter() - began}
-    notices = [*segments.dropped, *ship.notices, *_missing(trials), *_assumed(ship, trials)]
-    if kernel.interpreted_because:
-        notices.append(f"running without compiled code, several times slower: {kernel.interpreted_because}")
-    sigma = _given_sigma(settings) if settings.sigma else first_sigma(ship, segments)
-    forces = CaptiveForces(kernel.model, positions[shared], captive, settings.compiled) if captive else None
-    if forces:
-        warnings += against_captive(forces, neutral_values(ship, per_run), positions[shared], common)
-    problem = Problem(ship, prior, kernel, segments, sigma, Loss(settings.loss), forces)
-    x = problem.start()
-    if warm and len(warm.get("p", ())) == problem.P:
-        if len(warm.get("nodes", ())) == problem.B:
-            x = problem.join(warm["nodes"], np.clip(warm["p"], *problem.p_bounds()))
-        else:
-            x = problem.start(warm["p"])
-        problem = problem.with_sigma(warm["sigma"]) if "sigma" in warm and not settings.sigma else problem
-    problem, solution, noise, passes = solve_with_noise_estimation(problem, x, settings, began, progress)
+    problem, solution, noise, passes = solve_with_noise_estimation(made.problem, made.x, settings, began, progress)
     timings["solve"] = time.perf_counter() - began - timings["prepare"]
     best, starts = solve_starts(problem, solution, settings, began, progress)
     nodes, p = problem.split(best.x)
     p = np.clip(p, *problem.p_bounds())
     found = information(problem, best.x)
     spread = robust(found)
+    shared, common = slice(prior.shared), shared_prior(prior)
     covariance = spread.covariance[shared, shared]
     warnings = [
         *estimate_warnings(problem, best, p, starts),
-        *warnings,
+        *made.warnings,
         *outlying_runs(problem, best.x, spread.moves),
+        *_unsure(best, len(starts), settings, condition_number(covariance)),
     ]
-    if best.converged and len(starts) < settings.starts:
-        warnings.append(f"only {len(starts)} of {settings.starts} starts were solved before the run was stopped")
-    condition = condition_number(covariance)
-    if condition > 1e12:
-        warnings.append(
-            f"condition number {condition:.1g}: some combination of coefficients is not determined at all and the "
-            "standard errors are unreliable; fix coefficients or narrow their priors"
-        )
     timings["total"] = time.perf_counter() - began
     about_shared = found.shared().hessian - np.eye(prior.shared)
     findings = analyse(common, p[shared], covariance, about_shared)
@@ -216,38 +242,53 @@ def estimate_coefficients(
         noise=noise,
         identifiability=findings,
         solution=best,
-        segments=segments,
-        settings=replace(settings, step=step, window=window),
+        segments=made.problem.segments,
+        settings=settings,
         passes=tuple(passes),
         starts=tuple(starts),
         warnings=tuple(warnings),
-        notices=tuple(dict.fromkeys(notices)),
+        notices=tuple(dict.fromkeys(made.notices)),
         timings=timings,
         nodes=nodes,
         information=found,
         spread=spread,
         problem_data=ProblemData.of(problem),
-        constants=RunConstants.of(problem.ship, prior, p, spread.covariance, segments.trials),
+        constants=RunConstants.of(problem.ship, prior, p, spread.covariance, made.problem.segments.trials),
         data_information=about_shared if np.isfinite(about_shared).all() else None,
-        compiled=not kernel.interpreted_because,
+        compiled=made.compiled,
     )
 
 
-def _missing(trials: Sequence[Trial]) -> list[str]:
-    """What cannot be done for lack of columns."""
-    no_wind = [t.name for t in trials if not t.has_wind]
-    no_position = [t.name for t in trials if not t.has_position]
-    words = []
+def _unsure(best: Solution, solved: int, settings: Settings, condition: float) -> list[Message]:
+    """Warnings on starts left out and on a covariance that is nearly singular."""
+    found = []
+    if best.converged and solved < settings.starts:
+        words = f"only {solved} of {settings.starts} starts were solved before the run was stopped"
+        found.append(Message(words, "starts_left_out"))
+    if condition > 1e12:
+        words = (
+            f"condition number {condition:.1g}: some combination of coefficients is not determined at all and the "
+            "standard errors are unreliable; fix coefficients or narrow their priors"
+        )
+        found.append(Message(words, "ill_conditioned"))
+    return found
+
+
+def _notices(ship: Ship, trials: Sequence[Trial], segments: Segments, interpreted_because: str) -> list[Message]:
+    """What was left out, assumed or done more slowly."""
+    found = [*as_messages(segments.dropped, "piece_too_short"), *as_messages(ship.notices, "ship")]
+    no_wind = ", ".join(t.name for t in trials if not t.has_wind)
+    no_position = ", ".join(t.name for t in trials if not t.has_position)
     if no_wind:
-        words.append(f"calm air is assumed in {', '.join(no_wind)} (no complete wind columns)")
+        found.append(Message(f"calm air is assumed in {no_wind} (no complete wind columns)", "no_wind"))
     if no_position:
-        words.append(f"positions cannot be fitted in {', '.join(no_position)} (no complete x, y columns)")
-    return words
-
-
-def _assumed(ship: Ship, trials: Sequence[Trial]) -> list[str]:
-    """What stands in for actuators of the ship that a trial does not log."""
-    return [note for trial in trials for note in model_inputs(trial, ship.inputs).notices]
+        words = f"positions cannot be fitted in {no_position} (no complete x, y columns)"
+        found.append(Message(words, "no_position"))
+    found += [note for trial in trials for note in model_inputs(trial, ship.inputs).notices]
+    if interpreted_because:
+        words = f"running without compiled code, several times slower: {interpreted_because}"
+        found.append(Message(words, "interpreted"))
+    return found
 
 
 def _given_sigma(settings: Settings) -> np.ndarray:

@@ -28,6 +28,11 @@ def has_code(messages: Iterable[str], code: str) -> bool:
     return any(isinstance(m, Message) and m.code == code for m in messages)
 
 
+def as_messages(sentences: Iterable[str], code: str) -> list[Message]:
+    """``sentences`` as messages: those that are none yet get ``code``."""
+    return [m if isinstance(m, Message) else Message(m, code) for m in sentences]
+
+
 def message_rows(messages: Iterable[str]) -> list[dict[str, str]]:
     """Rows {"code", "text"} of ``messages`` for JSON; a plain string has the code "other"."""
     return [{"code": getattr(m, "code", "other"), "text": str(m)} for m in messages]

@@ -12,7 +12,7 @@ from fitting.identifiability.verdicts import cause, verdict
 
 
 def advice(i: int, finding: CoefficientFinding, trial: NextTrial | None) -> str:
-    """Which ``trial`` would help coefficient ``i``, in words; "" when its ``finding`` needs no help, or none was scored."""
+    """Which ``trial`` would help coefficient ``i``; "" when its ``finding`` needs none, or none was scored."""
     if trial is None or finding.kind in ("determined", "unknown") or not trial.options:
         return ""
     best = trial.best(i)

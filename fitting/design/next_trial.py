@@ -179,7 +179,8 @@ def runs(
 def fisher(calibration: Calibration, trials: Sequence[Trial], seconds: float) -> tuple[np.ndarray, list[frozenset]]:
     """Information (K, P, P) of runs of the calibrated ship, each repeated to fill ``seconds``, and their features.
 
-    calibration: whose ship, noise and windows are used; trials: the K runs. In prior standard deviations, prior excluded, the initial state of every window being unknown.
+    calibration: whose ship, noise and windows are used; trials: the K runs. In prior standard deviations, prior
+    excluded, the initial state of every window being unknown.
     """
     ship, prior, settings = calibration.ship, calibration.prior, calibration.settings
     positions = np.array([ship.symbols.index(s) for s in prior.symbols])

@@ -230,8 +230,9 @@ def against_captive(
     ]
     return [
         Message(
-            f"{symbol}: the captive points of {forces.points.name} put it at {value:.4g}, {far:.1f} standard deviations "
-            f"from its prior {mean:.4g} +- {std:.2g}; check units, axes and sign of the points, or widen the prior",
+            f"{symbol}: the captive points of {forces.points.name} put it at {value:.4g}, {far:.1f} standard "
+            f"deviations from its prior {mean:.4g} +- {std:.2g}; check units, axes and sign of the points, or widen "
+            "the prior",
             "captive_against_prior",
         )
         for far, symbol, mean, std, value in sorted(found, reverse=True)

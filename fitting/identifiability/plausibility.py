@@ -38,7 +38,7 @@ WITHIN_PRIOR = 2.0
 
 
 def implausible(prior: Prior, values: dict[str, float]) -> list[Message]:
-    """Warnings on ``values`` (symbol -> estimate) outside their physical range, and on added masses far from ``prior``."""
+    """Warnings on ``values`` (symbol -> estimate) outside their physical range; on added masses far from ``prior``."""
     found = []
     for symbol, value in values.items():
         low, high = PHYSICAL.get(symbol, (-math.inf, math.inf))

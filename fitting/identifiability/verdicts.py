@@ -32,7 +32,7 @@ def cause(finding: CoefficientFinding, missing: str = "") -> str:
     if finding.kind == "silent":
         return "not excited by these trials" + (f", which have no {missing}" if missing else "")
     if finding.kind == "prior" and finding.share > WORSE:
-        return "no better known than by its prior, as correlated residuals make the estimate worse; fix it or narrow its prior"
+        return "no better known than by its prior: correlated residuals made it worse; fix it or narrow its prior"
     if finding.kind == "prior":
         return "decided by the prior" + (f", what the data say is shared with {names}" if names else "")
     if not names:

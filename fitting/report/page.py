@@ -20,7 +20,7 @@ from cases.trial import UNITS
 from fitting.record import FitRecord
 from fitting.report.identifiability import section
 from fitting.report.plots import component_of, determination, grouped
-from fitting.report.words import headline, not_in_model, per_run_table, plus_minus, setting_rows, warnings_of
+from fitting.report.words import headline, not_in_model, per_run_table, plus_minus, report_warnings, setting_rows
 from mmg.components.catalogue import summary
 from mmg.components.particulars import PARTICULARS
 from mmg.effects import effect
@@ -185,7 +185,7 @@ def _run(record: FitRecord, ship: Ship, folder: Path, number: int) -> dict:
         "result": result,
         "ship": ship,
         "headline": headline(result),
-        "warnings": warnings_of(result),
+        "warnings": report_warnings(result),
         "scores": score_sets(result),
         "groups": groups,
         "counts": {kind: kinds.count(kind) for kind in ("determined", "partly", "prior", "unknown")},

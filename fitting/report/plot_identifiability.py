@@ -173,6 +173,8 @@ def write_identifiability_figures(folder: Path, record: FitRecord, objects: FitO
     record: what the calibration found; objects: what stands behind it. Returns file, title and caption of each.
     """
     found, trial = objects.calibration.identifiability, objects.next_trial
+    if all(f.kind == "unknown" for f in found.findings):
+        return []
     target = folder / "figures"
     target.mkdir(parents=True, exist_ok=True)
     written: list[dict[str, str]] = []
@@ -181,8 +183,6 @@ def write_identifiability_figures(folder: Path, record: FitRecord, objects: FitO
         draw().get_figure(root=True).savefig(target / f"{name}.png", dpi=DPI)  # type: ignore[union-attr]
         written.append({"file": f"{name}.png", "title": title, "caption": caption})
 
-    if all(f.kind == "unknown" for f in found.findings):
-        return []
     write(
         "identifiability_share", "Who decided: prior's share of each coefficient's variance",
         "Bars: posterior by prior variance. Black tick: what it would be if all other coefficients were known; a long "

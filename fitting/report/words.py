@@ -65,9 +65,12 @@ def headline(result: dict) -> dict[str, str]:
     return {"what": what, "better": better, "state": state}
 
 
-def warnings_of(result: dict) -> list[str]:
-    """The run's own warnings and those that follow from its scores. Convergence has its own place."""
-    words = [w for w in result.get("warnings", []) if not str(w).startswith("not converged")]
+def report_warnings(result: dict) -> list[str]:
+    """The own warnings of ``result`` (content of result.json) and those that follow from its scores.
+
+    Convergence has its own place in the report.
+    """
+    words = [m["text"] for m in result["messages"] if m["level"] == "warning" and m["code"] != "not_converged"]
     scores = result.get("scores") or {}
     if "validation" not in scores:
         words.append(

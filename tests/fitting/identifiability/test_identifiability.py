@@ -152,7 +152,10 @@ def test_bounds_and_missing_uncertainty_are_said() -> None:
     assert kinds(found) == {"a": "bound", "b": "unknown"}
     assert "could not be computed" in verdict(found.findings[1])
     assert identifiability_dict(found)["counts"] == {"bound": 1, "unknown": 1}
-    assert write_identifiability_figures(Path("/nowhere"), analyse(prior, 0 * at, np.full((2, 2), np.nan))) == []
+    result = small_result()
+    assert result.objects
+    blind = replace(result.objects.calibration, identifiability=analyse(prior, 0 * at, np.full((2, 2), np.nan)))
+    assert write_identifiability_figures(Path("/nowhere"), result, replace(result.objects, calibration=blind)) == []
 
 
 def test_the_recommended_trial_does_what_was_predicted() -> None:
