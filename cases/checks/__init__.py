@@ -10,30 +10,34 @@ from collections.abc import Sequence
 from cases.checks.duplicates import duplicates
 from cases.checks.excitation import GROUPS, excitation, inputs_are_constant, pooled
 from cases.checks.kinematics import kinematics
-from cases.checks.report import CheckReport, Finding, info, unusable
+from cases.checks.report import CONTRADICTORY, INFO, CheckFinding, CheckReport, Found
 from cases.checks.rudder import rudder_sign
 from cases.checks.sampling import sampling
 from cases.checks.wind import wind
 from cases.io.unit_sanity import implausible
 from cases.trial import Trial
+from mmg.messages import message_rows
 
-__all__ = ["GROUPS", "CheckReport", "Finding", "check", "inputs_are_constant", "pooled"]
+__all__ = ["GROUPS", "CheckFinding", "CheckReport", "check", "inputs_are_constant", "pooled"]
 
 
 def check(trials: Sequence[Trial]) -> list[CheckReport]:
-    """One report per trial, in the order given; duplicates are looked for among all of them."""
+    """One report for each of ``trials``, in their order; duplicates are looked for among all of them."""
     twins = duplicates(trials)
     return [_check_one(trial, *twins[i]) for i, trial in enumerate(trials)]
 
 
-def _check_one(trial: Trial, copies: list[dict], said: list[Finding]) -> CheckReport:
-    """All checks of one trial; what was said while reading comes first."""
-    findings = [info("reading", notice[0].upper() + notice[1:] + ".") for notice in trial.notices]
+def _check_one(trial: Trial, copies: list[dict], shared: list[Found]) -> CheckReport:
+    """All checks of one trial; notices of the reading come first."""
+    findings = [
+        CheckFinding("reading", INFO, row["code"], row["text"][0].upper() + row["text"][1:] + ".")
+        for row in message_rows(trial.notices)
+    ]
     sentence = implausible(trial.columns)
     if sentence:
-        findings.append(unusable("units", sentence[0].upper() + sentence[1:] + "."))
+        findings.append(CheckFinding("units", CONTRADICTORY, "unit", sentence[0].upper() + sentence[1:] + "."))
     numbers: dict = {"duplicates": copies}
-    findings += said
+    findings += [CheckFinding("duplicates", *found) for found in shared]
     for topic, look in (
         ("sampling", sampling),
         ("kinematics", kinematics),
@@ -43,5 +47,5 @@ def _check_one(trial: Trial, copies: list[dict], said: list[Finding]) -> CheckRe
     ):
         values, sentences = look(trial)
         numbers[topic] = values
-        findings += sentences
+        findings += [CheckFinding(topic, *found) for found in sentences]
     return CheckReport(trial.name, str(trial.path or ""), tuple(findings), numbers)

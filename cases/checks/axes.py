@@ -7,26 +7,36 @@ import math
 import numpy as np
 
 from cases.checks.motion import Motion
-from cases.checks.report import Finding, info, warning
+from cases.checks.report import CONTRADICTORY, DOUBTFUL, INFO, Found
 
 BLOCK = 10.0
 """s; differences are averaged over blocks this long before a slope and its standard error are taken."""
 
 HYPOTHESES = {
-    "body": ("u, v are body-axes velocities", ""),
-    "earth": ("u, v are earth-fixed velocities (north, east)", 'set velocity_frame = "earth" in trials.toml'),
+    "body": ("u, v are body-axes velocities", "", ""),
+    "earth": (
+        "u, v are earth-fixed velocities (north, east)",
+        'set velocity_frame = "earth" in trials.toml',
+        "velocity_frame",
+    ),
     "earth_swapped": (
         "u, v are earth-fixed velocities (east, north)",
         'map the columns the other way round and set velocity_frame = "earth" in trials.toml',
+        "velocity_frame",
     ),
-    "v_to_port": ("v is positive to port", "set sign = { v = -1 } in trials.toml"),
+    "v_to_port": ("v is positive to port", "set sign = { v = -1 } in trials.toml", "sway_sign"),
     "mirrored": (
         "y is positive to port, or psi and v both are",
         "set sign = { y = -1 } or { psi = -1, v = -1, r = -1 } in trials.toml",
+        "mirrored_frame",
     ),
-    "psi_counter_clockwise": ("psi is positive counter-clockwise", "set sign = { psi = -1 } in trials.toml"),
+    "psi_counter_clockwise": (
+        "psi is positive counter-clockwise",
+        "set sign = { psi = -1 } in trials.toml",
+        "heading_sign",
+    ),
 }
-"""Reading of the columns -> what it means, and what to do about it."""
+"""Reading of the columns -> what it means, what to do about it, and the code of the finding."""
 
 
 def frame_misfits(m: Motion) -> dict[str, float | None]:
@@ -52,22 +62,22 @@ def frame_misfits(m: Motion) -> dict[str, float | None]:
     return {name: math.sqrt(float(np.mean(np.abs(track - guess) ** 2))) / size for name, guess in guesses.items()}
 
 
-def frame_sentences(misfit: dict[str, float | None]) -> list[Finding]:
+def frame_sentences(misfit: dict[str, float | None]) -> list[Found]:
     """A warning when another reading of the columns explains the track far better, or none does."""
     values = {name: value for name, value in misfit.items() if value is not None}
     if not values:
         return []
     best, body = min(HYPOTHESES, key=lambda name: values[name]), values["body"]
     if body > 0.15 and values[best] < 0.6 * body:
-        meaning, remedy = HYPOTHESES[best]
+        meaning, remedy, code = HYPOTHESES[best]
         text = f"The track says that {meaning}: misfit {values[best]:.0%} against {body:.0%} as labelled; {remedy}."
-        return [warning("kinematics", text)]
+        return [(CONTRADICTORY, code, text)]
     if body > 0.8 and values["scaled"] > 0.5:
         text = (
             f"Velocities and positions disagree (misfit {body:.0%}) and no other frame or sign explains it; "
             "check units, clocks and axes."
         )
-        return [warning("kinematics", text)]
+        return [(CONTRADICTORY, "velocity_mismatch", text)]
     return []
 
 
@@ -82,13 +92,13 @@ def heading_offset(m: Motion, aligned: np.ndarray) -> float | None:
     return math.degrees(math.atan2(product.imag, product.real))
 
 
-def offset_sentences(offset: float | None) -> list[Finding]:
+def offset_sentences(offset: float | None) -> list[Found]:
     """A warning for more than 5 deg."""
     if offset is None or abs(offset) < 5.0:
         return []
     side = "clockwise" if offset > 0 else "counter-clockwise"
     text = f"The track is turned {abs(offset):.1f} deg {side} from heading and velocities: heading offset or axes?"
-    return [warning("kinematics", text)]
+    return [(DOUBTFUL, "heading_offset", text)]
 
 
 def lever_arm(m: Motion, aligned: np.ndarray) -> dict[str, float | None]:
@@ -108,7 +118,7 @@ def lever_arm(m: Motion, aligned: np.ndarray) -> dict[str, float | None]:
     return out
 
 
-def lever_sentences(lever: dict[str, float | None]) -> list[Finding]:
+def lever_sentences(lever: dict[str, float | None]) -> list[Found]:
     """One sentence per axis along which the arm is at least 5 cm and four standard errors."""
     said = []
     for axis, ahead, behind in (("x", "forward of", "aft of"), ("y", "to starboard of", "to port of")):
@@ -119,7 +129,7 @@ def lever_sentences(lever: dict[str, float | None]) -> list[Finding]:
                 f"The position fits a measured point {abs(arm):.2f} +- {std:.2f} m {where} midship "
                 "(lever arm; reference_point in trials.toml moves it)."
             )
-            said.append(info("kinematics", text))
+            said.append((INFO, "lever_arm", text))
     return said
 
 

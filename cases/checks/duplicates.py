@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cases.checks.report import Finding, warning
+from cases.checks.report import DOUBTFUL, Found
 from cases.trial import Trial
 
 COLUMNS = ("psi", "u", "v", "r")
@@ -25,7 +25,7 @@ SHARE = 0.05
 """Overlaps below this share of the shorter file are not reported."""
 
 
-def duplicates(trials: Sequence[Trial]) -> list[tuple[list[dict[str, Any]], list[Finding]]]:
+def duplicates(trials: Sequence[Trial]) -> list[tuple[list[dict[str, Any]], list[Found]]]:
     """Per trial: the other trials it overlaps with (numbers) and sentences about them.
 
     Rows that occur twice within one file (a ship at rest) do not count, nor do matches out of step with
@@ -33,7 +33,7 @@ def duplicates(trials: Sequence[Trial]) -> list[tuple[list[dict[str, Any]], list
     """
     if len(trials) < 2:
         return [([], []) for _ in trials]
-    out: list[tuple[list[dict[str, Any]], list[Finding]]] = [([], []) for _ in trials]
+    out: list[tuple[list[dict[str, Any]], list[Found]]] = [([], []) for _ in trials]
     told: set[tuple[int, int]] = set()
     for grid in GRIDS:
         for (a, b), (rows_a, rows_b) in _matches(trials, grid).items():
@@ -85,7 +85,7 @@ def _judge(
     b: int,
     rows_a: np.ndarray,
     rows_b: np.ndarray,
-    out: list[tuple[list[dict[str, Any]], list[Finding]]],
+    out: list[tuple[list[dict[str, Any]], list[Found]]],
 ) -> bool:
     """Adds the overlap of trials a and b to both reports when it is a run of rows in step; True if so."""
     offsets, count = np.unique(rows_b - rows_a, return_counts=True)
@@ -108,5 +108,5 @@ def _judge(
             f"{VERBS[relation]} {trials[other].name}: rows {mine.min()}-{mine.max()} are its rows "
             f"{theirs.min()}-{theirs.max()}; keep both on the same side of a train/test split."
         )
-        out[me][1].append(warning("duplicates", text))
+        out[me][1].append((DOUBTFUL, "duplicate", text))
     return True

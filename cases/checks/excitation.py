@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from cases.checks.report import CheckReport, Finding, info, unusable, warning
+from cases.checks.report import CONTRADICTORY, DOUBTFUL, INFO, CheckReport, Found
 from cases.checks.rudder import rudder_angle
 from cases.trial import Trial
 
@@ -54,7 +54,7 @@ QUADRANTS = {
 """Keys of the quadrants in the numbers -> how they are said."""
 
 
-def excitation(trial: Trial) -> tuple[dict[str, Any], list[Finding]]:
+def excitation(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
     """Share of time per quadrant, seconds per coefficient group, and sentences about what is never seen."""
     u, v, r, n, delta = trial["u"], trial["v"], trial["r"], trial["n"], rudder_angle(trial)
     good = np.isfinite(u) & np.isfinite(v) & np.isfinite(r) & np.isfinite(n) & np.isfinite(delta)
@@ -62,7 +62,7 @@ def excitation(trial: Trial) -> tuple[dict[str, Any], list[Finding]]:
     total = float(seconds[good].sum())
     if total <= 0:
         text = "No row holds u, v, r, n and delta together: nothing to identify."
-        return {}, [unusable("excitation", text)]
+        return {}, [(DOUBTFUL, "nothing_to_identify", text)]
     still = 0.02 * max(float(np.percentile(np.hypot(u[good], v[good]), 95)), 1e-9)
     ahead, astern = good & (u > still), good & (u < -still)
     forward, reverse, stopped = good & (n > 1e-6), good & (n < -1e-6), good & (np.abs(n) <= 1e-6)
@@ -106,7 +106,7 @@ def excitation(trial: Trial) -> tuple[dict[str, Any], list[Finding]]:
     said = _sentences(numbers, constant)
     fastest = float(np.nanmax(np.abs(trial["n"])))
     if fastest > 100:
-        said.append(warning("excitation", f"The revolutions reach {fastest:.0f} per second: rpm labelled rps?"))
+        said.append((CONTRADICTORY, "unit", f"The revolutions reach {fastest:.0f} per second: rpm labelled rps?"))
     return numbers, said
 
 
@@ -129,18 +129,18 @@ def pooled(reports: Iterable[CheckReport]) -> tuple[dict[str, float], list[str]]
     return seconds, _missing(seconds, total)
 
 
-def _sentences(numbers: dict[str, Any], constant: bool) -> list[Finding]:
+def _sentences(numbers: dict[str, Any], constant: bool) -> list[Found]:
     said = []
     if constant:
-        said.append(unusable("excitation", "Revolutions and rudder never change: nothing to identify."))
+        said.append((DOUBTFUL, "nothing_to_identify", "Revolutions and rudder never change: nothing to identify."))
     largest = numbers["delta_max_deg"]
     if 0 < largest < 1.0:
-        said.append(info("excitation", f"The rudder never exceeds {largest:.2g} deg; if these are radians, "
+        said.append((INFO, "small_rudder", f"The rudder never exceeds {largest:.2g} deg; if these are radians, "
                          "label the column [rad]."))  # fmt: skip
     missing = _missing(numbers["group_seconds"], numbers["seconds"])
     share = ", ".join(f"{QUADRANTS[k]} {v:.0%}" for k, v in numbers["quadrants"].items() if v >= 0.005)
-    said.append(info("excitation", f"Share of time: {share}."))
-    return said + [info("excitation", text) for text in missing]
+    said.append((INFO, "quadrants", f"Share of time: {share}."))
+    return said + [(INFO, "not_excited", text) for text in missing]
 
 
 def _missing(seconds: dict[str, float], total: float) -> list[str]:

@@ -20,7 +20,7 @@ from cases.checks.axes import (
 )
 from cases.checks.lags import Channel, aligned_track, compare, gain, velocity_lag
 from cases.checks.motion import Motion, motion
-from cases.checks.report import Finding, info, warning
+from cases.checks.report import CONTRADICTORY, DOUBTFUL, INFO, Found
 from cases.trial import Trial
 
 LATE = 1.5
@@ -32,7 +32,7 @@ GAIN = {"u": 0.06, "v": 0.1, "r": 0.075}
 SOURCE = {"u": "the position", "v": "the position", "r": "the heading"}
 
 
-def kinematics(trial: Trial) -> tuple[dict[str, Any], list[Finding]]:
+def kinematics(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
     """Frame hypotheses, lag/gain/correlation of u, v, r, heading offset and lever arm, with sentences."""
     m = motion(trial)
     channels: dict[str, Channel] = {"r": compare(m.r, m.turn, m.dt)}
@@ -53,7 +53,7 @@ def kinematics(trial: Trial) -> tuple[dict[str, Any], list[Finding]]:
     return numbers, _channel_sentences(channels) + said
 
 
-def _aligned(m: Motion, channels: dict[str, Channel], numbers: dict[str, Any]) -> list[Finding]:
+def _aligned(m: Motion, channels: dict[str, Channel], numbers: dict[str, Any]) -> list[Found]:
     """Gains of u and v, lever arm and heading offset once the lag of the velocities is taken out."""
     lag = numbers["velocity_lag"] = velocity_lag(m)
     aligned = aligned_track(m, lag)
@@ -66,15 +66,15 @@ def _aligned(m: Motion, channels: dict[str, Channel], numbers: dict[str, Any]) -
         how = "turned by the present heading" if lag["frame"] == "earth" else "late as finished columns"
         word = "lag" if seconds > 0 else "lead"
         text = f"As a vector (u, v) {word} the track by {abs(seconds):.2f} s, {how}."
-        said.insert(0, info("kinematics", text))
+        said.insert(0, (INFO, "velocity_lag", text))
     return said
 
 
-def _channel_sentences(channels: dict[str, Channel]) -> list[Finding]:
+def _channel_sentences(channels: dict[str, Channel]) -> list[Found]:
     return [sentence for name, channel in channels.items() for sentence in _channel(name, channel)]
 
 
-def _channel(name: str, channel: Channel) -> list[Finding]:
+def _channel(name: str, channel: Channel) -> list[Found]:
     """Sign, lag and gain of one channel against its source, where the correlation allows a statement."""
     lag, scale, correlation = channel["lag_s"], channel["gain"], channel["correlation"]
     if correlation is None:
@@ -84,25 +84,25 @@ def _channel(name: str, channel: Channel) -> list[Finding]:
             f"{name} has the opposite sign of the derivative of {SOURCE[name]} "
             f"(correlation {correlation:.2f}); set sign = {{ {name} = -1 }} in trials.toml."
         )
-        return [warning("kinematics", text)]
+        return [(CONTRADICTORY, f"{name}_sign", text)]
     if correlation < 0.9:
         return []
     said = []
     if lag is not None and abs(lag) > 0.3:
         word = "lags" if lag > 0 else "leads"
         text = f"{name} {word} the derivative of {SOURCE[name]} by {abs(lag):.2f} s"
-        level = warning if abs(lag) > LATE else info
-        said.append(level("kinematics", f"{text} (correlation {correlation:.3f})."))
+        level = DOUBTFUL if abs(lag) > LATE else INFO
+        said.append((level, "lag", f"{text} (correlation {correlation:.3f})."))
     if scale is None or abs(scale - 1) <= 0.005:
         return said
     if abs(scale - 1) > GAIN[name]:
         hint = " (knots labelled m/s?)" if abs(scale - 1.944) < 0.1 else ""
         hint = " (m/s labelled kn?)" if abs(scale - 0.514) < 0.03 else hint
         text = f"{name} is {scale:.3g} times the derivative of {SOURCE[name]}{hint}."
-        said.append(warning("kinematics", text))
+        said.append((CONTRADICTORY if hint else DOUBTFUL, "unit" if hint else "gain", text))
     elif name == "r" or abs(scale - 1) > 0.03:
         word = "high" if scale > 1 else "low"
         kind = " (gyro scale)" if name == "r" else ""
         text = f"{name} reads {abs(scale - 1):.1%} {word} against {SOURCE[name]}{kind}."
-        said.append(info("kinematics", text))
+        said.append((INFO, "gain", text))
     return said

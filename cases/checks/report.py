@@ -5,18 +5,26 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
-OK, WARNINGS, UNUSABLE = "ok", "warnings", "unusable"
+OK, INFO, DOUBTFUL, CONTRADICTORY = "ok", "info", "doubtful", "contradictory"
 
 
-@dataclass(frozen=True)
-class Finding:
-    """One sentence. topic: sampling, duplicates, kinematics, rudder, wind, excitation, units or reading;
-    level: "info" (worth knowing), "warning" (look at it before fitting) or "unusable"."""
+Found = tuple[str, str, str]
+"""Level, code and sentence of a finding whose topic is known."""
+
+
+class CheckFinding(NamedTuple):
+    """One sentence about a file.
+
+    topic: sampling, duplicates, kinematics, rudder, wind, excitation, units or reading; level: "info" (worth knowing),
+    "doubtful" (look at it before a calibration) or "contradictory" (the data refute what the file says of them); code:
+    what was found, in a word that does not change with the sentence, such as rudder_sign, velocity_frame or unit.
+    """
 
     topic: str
     level: str
+    code: str
     text: str
 
 
@@ -24,23 +32,20 @@ class Finding:
 class CheckReport:
     """The checks of one trial.
 
-    verdict: "ok", "warnings" or "unusable", the worst level among the findings. numbers: topic -> the
-    measured values (SI; keys end in their unit where they have one), None where the data do not tell.
+    numbers: topic -> the measured values (SI; keys end in their unit where they have one), None where the data do
+    not tell.
     """
 
     name: str
     path: str
-    findings: tuple[Finding, ...]
+    findings: tuple[CheckFinding, ...]
     numbers: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def verdict(self) -> str:
+        """ "ok", "doubtful" or "contradictory": the worst level among the findings."""
         levels = {finding.level for finding in self.findings}
-        return UNUSABLE if "unusable" in levels else WARNINGS if "warning" in levels else OK
-
-    @property
-    def sentences(self) -> tuple[str, ...]:
-        return tuple(finding.text for finding in self.findings)
+        return next((level for level in (CONTRADICTORY, DOUBTFUL) if level in levels), OK)
 
     def as_dict(self) -> dict[str, Any]:
         """Plain types for JSON, keys stable: name, path, verdict, findings, numbers."""
@@ -48,7 +53,7 @@ class CheckReport:
             "name": self.name,
             "path": self.path,
             "verdict": self.verdict,
-            "findings": [{"topic": f.topic, "level": f.level, "text": f.text} for f in self.findings],
+            "findings": [finding._asdict() for finding in self.findings],
             "numbers": _plain(self.numbers),
         }
 
@@ -63,15 +68,3 @@ def _plain(value: Any) -> Any:
         return value
     number = float(value)
     return number if math.isfinite(number) else None
-
-
-def info(topic: str, text: str) -> Finding:
-    return Finding(topic, "info", text)
-
-
-def warning(topic: str, text: str) -> Finding:
-    return Finding(topic, "warning", text)
-
-
-def unusable(topic: str, text: str) -> Finding:
-    return Finding(topic, "unusable", text)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from cases.checks.report import Finding, warning
+from cases.checks.report import CONTRADICTORY, Found
 from cases.trial import Trial
 
 
@@ -17,7 +17,7 @@ def rudder_angle(trial: Trial) -> np.ndarray:
     return 0.5 * (trial["delta_port"] + trial["delta_starboard"])
 
 
-def rudder_sign(trial: Trial) -> tuple[dict[str, Any], list[Finding]]:
+def rudder_sign(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
     """Correlation (without mean) of r with the low-passed rudder angle while going ahead.
 
     Of several time constants the one with the strongest correlation counts: a Nomoto response
@@ -48,7 +48,7 @@ def rudder_sign(trial: Trial) -> tuple[dict[str, Any], list[Finding]]:
         'positive to port (rudder_positive = "port" in trials.toml), or y, v, psi and r are mirrored '
         "(sign = { y = -1, v = -1, psi = -1, r = -1 })."
     )
-    return numbers, [warning("rudder", text)]
+    return numbers, [(CONTRADICTORY, "rudder_sign", text)]
 
 
 def _low_pass(t: np.ndarray, values: np.ndarray, T: float) -> np.ndarray:

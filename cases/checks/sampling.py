@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from cases.checks.report import Finding, info, warning
+from cases.checks.report import DOUBTFUL, INFO, Found
 from cases.trial import REQUIRED, Trial
 
 GAP = 3.0
 """A step longer than this many median steps is a gap."""
 
 
-def sampling(trial: Trial) -> tuple[dict[str, Any], list[Finding]]:
+def sampling(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
     """Rows, duration, sampling interval, share of uneven steps, gaps, NaN share per column."""
     steps = np.diff(trial.t)
     dt = float(np.median(steps))
@@ -35,15 +35,16 @@ def sampling(trial: Trial) -> tuple[dict[str, Any], list[Finding]]:
     if gaps:
         at, length = max(gaps, key=lambda gap: gap[1])
         text = f"{len(gaps)} gap(s) in the states; the longest lasts {length:.3g} s from t = {at:.6g} s."
-        said.append(warning("sampling", text))
+        said.append((DOUBTFUL, "gaps", text))
     if uneven > 0.01:
         text = f"Uneven sampling: {uneven:.0%} of the steps differ by more than 10 % from {dt:.4g} s."
-        said.append(info("sampling", text))
+        said.append((INFO, "uneven_sampling", text))
     worst = [c for c in missing if missing[c] > 0.05]
     if worst:
-        said.append(warning("sampling", "Missing samples: " + ", ".join(f"{c} {missing[c]:.0%}" for c in worst) + "."))
+        text = "Missing samples: " + ", ".join(f"{c} {missing[c]:.0%}" for c in worst) + "."
+        said.append((DOUBTFUL, "missing_samples", text))
     if trial.duration < 20 * dt:
-        said.append(warning("sampling", f"Very short: {len(trial)} rows, {trial.duration:.3g} s."))
+        said.append((DOUBTFUL, "short", f"Very short: {len(trial)} rows, {trial.duration:.3g} s."))
     return numbers, said
 
 

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from cases.checks.report import Finding, info, warning
+from cases.checks.report import CONTRADICTORY, DOUBTFUL, INFO, Found
 from cases.trial import Trial
 from mmg.messages import has_code
 from mmg.motion.frames import apparent_wind
 
 
-def wind(trial: Trial) -> tuple[dict[str, Any], list[Finding]]:
+def wind(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
     """Mean true wind, its ratio to the ship's speed, and how well true and apparent columns agree.
 
     consistency_m_s is the RMS vector difference between the logged apparent wind and the one that follows
@@ -37,17 +37,20 @@ def wind(trial: Trial) -> tuple[dict[str, Any], list[Finding]]:
     )
     said = []
     if ship > 1e-6 and mean > 3 * ship:
-        said.append(info("wind", f"The wind ({mean:.2f} m/s) is {mean / ship:.1f} times the ship's speed "
-                         f"({ship:.2f} m/s): a first-order force here, do not leave it out."))  # fmt: skip
+        text = (
+            f"The wind ({mean:.2f} m/s) is {mean / ship:.1f} times the ship's speed "
+            f"({ship:.2f} m/s): a first-order force here, do not leave it out."
+        )
+        said.append((INFO, "strong_wind", text))
     if float(np.nanmin(speed)) < 0:
-        said.append(warning("wind", "The wind speed is negative at times; check the column."))
+        said.append((DOUBTFUL, "negative_wind_speed", "The wind speed is negative at times; check the column."))
     measured = "apparent_wind_speed" in trial and "apparent_wind_direction" in trial
     if measured and not has_code(trial.notices, "true_wind_derived"):
         said += _consistency(trial, mean, numbers)
     return numbers, said
 
 
-def _consistency(trial: Trial, mean: float, numbers: dict[str, Any]) -> list[Finding]:
+def _consistency(trial: Trial, mean: float, numbers: dict[str, Any]) -> list[Found]:
     """Adds consistency_m_s to the numbers and says when the two descriptions of the wind disagree."""
     logged = trial["apparent_wind_speed"] * np.exp(1j * trial["apparent_wind_direction"])
     misfit = {}
@@ -62,11 +65,11 @@ def _consistency(trial: Trial, mean: float, numbers: dict[str, Any]) -> list[Fin
     if misfit["as logged"] <= max(0.15 * mean, 0.02):
         return []
     if misfit["reversed"] < 0.4 * misfit["as logged"]:
-        why = "the directions differ by 180 deg: one of them says where the wind goes to"
+        level, why = CONTRADICTORY, "the directions differ by 180 deg: one of them says where the wind goes to"
     elif misfit["the same column twice"] < 0.4 * misfit["as logged"]:
-        why = "the apparent direction is not counted from the bow but equals the true one"
+        level, why = DOUBTFUL, "the apparent direction is not counted from the bow but equals the true one"
     else:
-        why = "check directions, heading and units"
+        level, why = DOUBTFUL, "check directions, heading and units"
     off = misfit["as logged"]
     text = f"True wind, u, v and psi give an apparent wind {off:.2f} m/s off the logged one; {why}."
-    return [warning("wind", text)]
+    return [(level, "wind_direction", text)]

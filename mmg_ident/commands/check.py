@@ -21,7 +21,7 @@ def check(
 
     Example: mmg check data/turning data/zigzag/run_07.csv
 
-    Exit code 0 when every file could be read, even with warnings; 2, after the report on the others, when one could
+    Exit code 0 when every file could be read, whatever its verdict; 2, after the report on the others, when one could
     not.
     """
     from cases.checks import check as check_trials
@@ -48,7 +48,7 @@ def check(
 def _document(reports: list[CheckReport], unreadable: list[tuple[Path, UserError]]) -> dict[str, Any]:
     """{"files": [report, ...], "pooled": {"group_seconds": {...}, "sentences": [...]}}.
 
-    A file that could not be read is a report with the verdict "unusable" and no numbers.
+    A file that could not be read is a report with the verdict "contradictory" and no numbers.
     """
     from cases.checks import pooled
 
@@ -60,8 +60,8 @@ def _document(reports: list[CheckReport], unreadable: list[tuple[Path, UserError
 
 
 def _refused(path: Path, error: UserError) -> dict[str, Any]:
-    finding = {"topic": "reading", "level": "unusable", "text": str(error)}
-    return {"name": path.stem, "path": str(path), "verdict": "unusable", "findings": [finding], "numbers": {}}
+    finding = {"topic": "reading", "level": "contradictory", "code": "unreadable", "text": str(error)}
+    return {"name": path.stem, "path": str(path), "verdict": "contradictory", "findings": [finding], "numbers": {}}
 
 
 def _print(reports: list[CheckReport]) -> None:
@@ -76,7 +76,7 @@ def _print(reports: list[CheckReport]) -> None:
     console = Console(highlight=False)
     if not console.is_terminal:
         console = Console(highlight=False, width=max(console.width, 100))
-    colours = {"ok": "green", "warnings": "yellow", "unusable": "red"}
+    colours = {"ok": "green", "doubtful": "yellow", "contradictory": "red"}
     table = Table(box=None, padding=(0, 1), pad_edge=False)
     for title in ("trial", "verdict", "rows", "s", "dt", "lag u v r, s", "wind/U", "n, rps"):
         table.add_column(title, justify="left" if title in ("trial", "verdict") else "right", no_wrap=True)
@@ -85,7 +85,7 @@ def _print(reports: list[CheckReport]) -> None:
         verdict = f"[{colours[report.verdict]}]{report.verdict}[/]"
         table.add_row(escape(report.name), verdict, *_cells(report))
     console.print(table)
-    marks = {"info": "  ", "warning": "! ", "unusable": "!!"}
+    marks = {"info": "  ", "doubtful": "! ", "contradictory": "!!"}
     for report in reports:
         console.print(f"\n[bold]{escape(report.name)}[/]: [{colours[report.verdict]}]{report.verdict}[/]")
         for finding in sorted(report.findings, key=lambda f: f.level == "info"):

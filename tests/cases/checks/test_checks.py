@@ -26,9 +26,13 @@ def text_of(report, level=None):
     return " ".join(f.text for f in report.findings if level is None or f.level == level)
 
 
+def codes(report, level):
+    return {f.code for f in report.findings if f.level == level}
+
+
 def test_a_consistent_trial_is_ok():
     report = one(make_trial())
-    assert report.verdict == "ok", text_of(report, "warning")
+    assert report.verdict == "ok", text_of(report, "doubtful")
     channels = report.numbers["kinematics"]["channels"]
     for name in "uvr":
         assert abs(channels[name]["lag_s"] or 0.0) < 0.05
@@ -46,7 +50,7 @@ def test_a_lag_of_the_finished_columns_is_recovered_between_samples(lag):
     assert abs(numbers["lever_arm"]["x_m"]) < 0.02
 
 
-def test_a_late_satellite_velocity_turned_by_the_present_heading_is_told_from_late_columns():
+def test_a_late_satellite_velocity_turned_by_the_present_heading_is_distinguished_from_late_columns():
     c = motion_columns()
     w = (c["u"] + 1j * c["v"]) * np.exp(1j * c["psi"])
     late = (shifted(w.real, 0.7) + 1j * shifted(w.imag, 0.7)) * np.exp(-1j * c["psi"])
@@ -75,36 +79,39 @@ def test_earth_fixed_velocities_passed_off_as_body_velocities_are_found():
     c = motion_columns()
     w = (c["u"] + 1j * c["v"]) * np.exp(1j * c["psi"])
     report = one(make_trial(u=w.real, v=w.imag))
-    assert report.verdict == "warnings" and 'velocity_frame = "earth"' in text_of(report, "warning")
+    assert report.verdict == "contradictory" and codes(report, "contradictory") == {"velocity_frame"}
+    assert 'velocity_frame = "earth"' in text_of(report, "contradictory")
 
 
 @pytest.mark.parametrize(
-    ("flipped", "said"),
-    [(("delta",), "positive to port"), (("y",), "y is positive to port"), (("r",), "r has the opposite sign"),
-     (("y", "psi", "v", "r"), "mirrored")],
+    ("flipped", "code", "said"),
+    [(("delta",), "rudder_sign", "positive to port"), (("y",), "mirrored_frame", "y is positive to port"),
+     (("r",), "r_sign", "r has the opposite sign"), (("y", "psi", "v", "r"), "rudder_sign", "mirrored")],
 )  # fmt: skip
-def test_wrong_signs_are_found(flipped, said):
+def test_wrong_signs_are_found(flipped, code, said):
     c = motion_columns()
     report = one(make_trial(**{name: -c[name] for name in flipped}))
-    assert report.verdict == "warnings" and said in text_of(report, "warning")
+    assert report.verdict == "contradictory" and said in text_of(report, "contradictory")
+    assert code in codes(report, "contradictory")
 
 
 def test_knots_labelled_as_metres_per_second_are_found():
     c = motion_columns()
     report = one(make_trial(u=c["u"] * 1.944, v=c["v"] * 1.944))
-    assert "knots" in text_of(report, "warning")
+    assert "knots" in text_of(report, "contradictory") and codes(report, "contradictory") == {"unit"}
 
 
-def test_degrees_in_a_trial_made_in_memory_are_unusable():
-    assert one(make_trial(psi=np.degrees(motion_columns()["psi"]))).verdict == "unusable"
+def test_degrees_in_a_trial_made_in_memory_contradict_their_unit():
+    report = one(make_trial(psi=np.degrees(motion_columns()["psi"])))
+    assert report.verdict == "contradictory" and "unit" in codes(report, "contradictory")
 
 
-def test_constant_inputs_are_unusable():
+def test_constant_inputs_leave_nothing_to_identify():
     t = motion_columns()["t"]
     trial = make_trial(n=np.full(len(t), 10.0), delta=np.zeros(len(t)))
     assert inputs_are_constant(trial)
     report = one(trial)
-    assert report.verdict == "unusable" and "nothing to identify" in text_of(report)
+    assert report.verdict == "doubtful" and "nothing_to_identify" in codes(report, "doubtful")
 
 
 def test_what_is_never_excited_is_said_per_file_and_together():
@@ -164,14 +171,14 @@ def test_gaps_and_uneven_sampling_are_counted():
     sampling = report.numbers["sampling"]
     assert sampling["gaps"] == 2 and sampling["longest_gap_s"] == pytest.approx(10.1)
     assert sampling["nan_share"]["u"] == pytest.approx(100 / 2900)
-    assert "2 gap(s)" in text_of(report, "warning")
+    assert "2 gap(s)" in text_of(report, "doubtful") and report.verdict == "doubtful"
 
 
 def test_contradicting_wind_columns_are_found():
     c = motion_columns()
     angle = c["wind_direction"] + np.pi - c["psi"]
     report = one(make_trial(apparent_wind_speed=c["wind_speed"], apparent_wind_direction=angle))
-    assert "where the wind goes to" in text_of(report, "warning")
+    assert "where the wind goes to" in text_of(report, "contradictory")
 
 
 def test_without_positions_or_wind_the_rest_is_still_checked():
@@ -214,6 +221,7 @@ def test_the_command_prints_a_table_and_one_json_document(tmp_path):
     document = json.loads(machine.output)
     assert list(document) == ["files", "pooled"]
     assert list(document["files"][0]) == ["name", "path", "verdict", "findings", "numbers"]
+    assert all(set(f) == {"topic", "level", "code", "text"} and f["code"] for f in document["files"][0]["findings"])
 
 
 @pytest.fixture(scope="module")
@@ -231,7 +239,7 @@ def test_the_cut_turn_is_found_inside_the_whole_one_and_nothing_else(reports):
 
 @pytest.mark.data
 def test_real_records_have_no_false_alarm(reports):
-    warned = {name: text_of(r, "warning") for name, r in reports.items() if r.verdict != "ok"}
+    warned = {name: text_of(r, "doubtful") for name, r in reports.items() if r.verdict != "ok"}
     assert set(warned) == {"turn_14-Sep-2020_15_58_08", "turn_cut_14-Sep-2020_15_58_08"}, warned
 
 
@@ -248,7 +256,7 @@ def test_real_velocities_lag_the_track_and_the_gyro_reads_low(reports):
 @pytest.mark.data
 def test_a_flipped_rudder_is_found_in_every_real_record(frt):
     for trial in read_trials(frt):
-        assert one(trial.with_columns(delta=-trial["delta"])).verdict == "warnings", trial.name
+        assert one(trial.with_columns(delta=-trial["delta"])).verdict == "contradictory", trial.name
 
 
 @pytest.mark.data
@@ -256,6 +264,6 @@ def test_earth_fixed_velocities_and_a_flipped_sway_are_found_in_every_real_recor
     for trial in read_trials(frt):
         w = (trial["u"] + 1j * trial["v"]) * np.exp(1j * trial["psi"])
         earth = one(trial.with_columns(u=w.real, v=w.imag))
-        assert "earth-fixed velocities (north, east)" in text_of(earth, "warning"), trial.name
-        flipped = text_of(one(trial.with_columns(v=-trial["v"])), "warning")
+        assert "earth-fixed velocities (north, east)" in text_of(earth, "contradictory"), trial.name
+        flipped = text_of(one(trial.with_columns(v=-trial["v"])), "contradictory")
         assert "v is positive to port" in flipped or "v has the opposite sign" in flipped, trial.name

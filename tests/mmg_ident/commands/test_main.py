@@ -296,7 +296,7 @@ def test_a_readable_file_is_checked_even_when_another_is_broken(folder: Path, tm
     assert main(["check", str(broken), str(folder / "held_out.csv"), "--json"]) == 2
     out, err = capsys.readouterr()
     verdicts = {f["name"]: f["verdict"] for f in json.loads(out)["files"]}
-    assert verdicts["broken"] == "unusable" and verdicts["held_out"] == "ok" and len(err.splitlines()) == 1
+    assert verdicts["broken"] == "contradictory" and verdicts["held_out"] == "ok" and len(err.splitlines()) == 1
 
 
 def test_nothing_to_predict_is_an_error(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
