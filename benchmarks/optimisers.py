@@ -11,6 +11,7 @@ import time
 import numpy as np
 from scipy.optimize import least_squares
 
+from benchmarks import gauss_newton
 from benchmarks.record import record, table
 from cases import published_splits as splits
 from cases.io.read import read_trials
@@ -19,7 +20,6 @@ from fitting.calibration import Settings, estimate_coefficients
 from fitting.nlp.problem import Prior, Problem
 from fitting.nlp.shooting import kernels
 from fitting.nlp.windows import cut
-from fitting.solvers import gauss_newton
 from fitting.solvers.ipopt import solve
 from mmg.model import assemble
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
+from benchmarks import gauss_newton
 from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.effects import freeing_effects, with_effects
 from cases.shipfiles.ship_file import load_ship
@@ -20,7 +21,6 @@ from fitting.nlp.problem import Prior, Problem
 from fitting.nlp.shooting import kernels
 from fitting.nlp.windows import cut
 from fitting.settings import Settings
-from fitting.solvers import gauss_newton
 from fitting.solvers.ipopt import solve
 from mmg.effects import EFFECTS
 from mmg.model import assemble

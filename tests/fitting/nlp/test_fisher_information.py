@@ -7,13 +7,13 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
+from benchmarks import gauss_newton
 from cases.shipfiles.effects import freeing_effects
 from cases.shipfiles.ship_file import load_ship
 from fitting.nlp.fisher_information import information
 from fitting.nlp.problem import Prior, Problem
 from fitting.nlp.shooting import kernels
 from fitting.nlp.windows import cut
-from fitting.solvers import gauss_newton
 from fitting.solvers.ipopt import Solution, solve
 from mmg.model import assemble
 from tests.fitting.nlp.test_effects_in_the_fit import crowded
