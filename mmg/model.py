@@ -62,16 +62,17 @@ class Model:
 
 
 def component_forces(flow: Flow, ship: Ship, p: SimpleNamespace, c: Any, s: Smoothing) -> dict[str, Force]:
-    """Force of each component by role, evaluated in the order in which they feed each other."""
+    """Force of each component by role, evaluated in the order in which they feed each other. ship: gives the models;
+    flow, p, c, s: as in mmg/motion/flow.py."""
     result: dict[str, Force] = {}
-    flows: tuple[Flow, ...] = twin.sides(flow, p) if twin_screw(ship.particulars) else (flow,)
+    flows: tuple[Flow, ...] = twin.mirrored_flows(flow, p) if twin_screw(ship.particulars) else (flow,)
     for role in FORCES:
         if role not in ship.components:
             continue
         model = module(role, ship.components[role])
         if role in ("propeller", "rudder"):
             forces = [model.force(side, p, c, s) for side in flows]
-            result[role] = twin.both(forces[0], forces[1], p) if len(forces) == 2 else forces[0]
+            result[role] = twin.combined(forces[0], forces[1], p) if len(forces) == 2 else forces[0]
             if role == "propeller":
                 flows = tuple(f.with_(slipstream=x.slipstream) for f, x in zip(flows, forces, strict=True))
         else:
@@ -213,14 +214,16 @@ INVERSIONS = 30
 
 
 def settled(model: Model, six: np.ndarray, controls: np.ndarray, theta: np.ndarray) -> np.ndarray:
-    """States (S, M) from x, y, psi, u, v, r (6, M), with what is remembered settled under inputs (C, M)."""
+    """States (S, M) from x, y, psi, u, v, r (6, M), with what is remembered settled under inputs (C, M). model: of the
+    ship; six: those columns; controls (C, M); theta: coefficients (P,) or (P, M)."""
     if len(model.states) == 6:
         return np.array(six, dtype=float)
     return np.array(model.initial(six, controls, theta))
 
 
 def columns(model: Model, states: np.ndarray, theta: np.ndarray) -> np.ndarray:
-    """The six columns as they are logged, (..., 6, M), of states (..., S, M)."""
+    """The six columns as they are logged, (..., 6, M), of states (..., S, M). model: of the ship; theta: coefficients
+    (P,) or (P, M)."""
     if not model.measured:
         return states[..., :6, :]
     flat = states.reshape(-1, *states.shape[-2:])
@@ -229,7 +232,8 @@ def columns(model: Model, states: np.ndarray, theta: np.ndarray) -> np.ndarray:
 
 
 def states_behind(model: Model, logged: np.ndarray, controls: np.ndarray, theta: np.ndarray) -> np.ndarray:
-    """States (S, M) that are logged as (6, M) under inputs (C, M), their memory settled; NaN stays NaN."""
+    """States (S, M) that are logged as (6, M) under inputs (C, M), their memory settled; NaN stays NaN. model: of the
+    ship; controls: those inputs; theta: coefficients (P,) or (P, M)."""
     six = np.array(logged, dtype=float)
     states = settled(model, six, controls, theta)
     if not model.measured:

@@ -10,18 +10,20 @@ from cases.criteria.figures import Since, since
 from cases.maneuvers.definitions import STEADY_CHANGE, Maneuver
 from cases.trial import Trial
 from mmg.errors import UserError
+from mmg.messages import Message
 
 
-def check_completeness(trial: Trial, maneuver: Maneuver) -> tuple[str, ...]:
+def check_completeness(trial: Trial, maneuver: Maneuver) -> tuple[Message, ...]:
     """Notices about events that a run ended before; empty for one that is complete.
 
     Raises UserError when the manoeuvre's first event was missed although no duration was asked for: the figures
     would silently be absent. A run of given duration may end early; then the same sentence is a notice.
+    trial: the run; maneuver: what was ordered.
     """
     fatal, sentences = _missed(trial, maneuver)
     if fatal and not maneuver.partial:
         raise UserError(sentences[0])
-    return tuple(sentences)
+    return tuple(Message(words, "event_not_reached") for words in sentences)
 
 
 def _missed(trial: Trial, maneuver: Maneuver) -> tuple[bool, list[str]]:

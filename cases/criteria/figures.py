@@ -46,7 +46,8 @@ class Since:
 
 
 def since(trial: Trial, order_time: float) -> Since:
-    """The run from ``order_time`` [s after the first sample] on; rows without heading or speed are left out."""
+    """The run from ``order_time`` [s after the first sample] on; rows without heading or speed are left out. trial: the
+    run."""
     t = trial.t - trial.t[0]
     psi, u, v = trial.psi_unwrapped, trial["u"], trial["v"]
     good = np.isfinite(psi) & np.isfinite(u) & np.isfinite(v)
@@ -79,7 +80,7 @@ def since(trial: Trial, order_time: float) -> Since:
 
 
 def rudder_of(trial: Trial) -> np.ndarray:
-    """Rudder angle (N,) [rad]: of two rudders their mean; 0 for a ship that logs none."""
+    """Rudder angle (N,) [rad]: of two rudders their mean; 0 for a ship that logs none. trial: the run."""
     if "delta" in trial:
         return trial["delta"]
     two = [trial[name] for name in ("delta_port", "delta_starboard") if name in trial]
@@ -106,7 +107,7 @@ def _at(row: float, values: np.ndarray) -> float:
 def turning_figures(trial: Trial, rudder: float, order_time: float) -> dict[str, float]:
     """advance, transfer (at 90 deg), tactical_diameter (at 180 deg) [m] and the times they take [s].
 
-    rudder [rad] gives the side; order_time [s] after the first sample.
+    rudder [rad] gives the side; order_time [s] after the first sample. trial: the run.
     """
     run, side, figures = since(trial, order_time), math.copysign(1.0, rudder), {}
     quarter, half = _when(side * run.change, math.pi / 2), _when(side * run.change, math.pi)
@@ -124,6 +125,7 @@ def steady_turn_figures(trial: Trial, rudder: float, order_time: float) -> dict[
     """steady_speed [m/s], steady_rate [rad/s], steady_drift [rad] and steady_diameter [m], means over the last 90 deg.
 
     Empty unless the heading changes by 270 deg; wind or current shift these means (a whole turn would cancel them).
+    trial: the run; rudder [rad] gives the side; order_time: of the order [s].
     """
     run, side = since(trial, order_time), math.copysign(1.0, rudder)
     largest = float((side * run.change).max())
@@ -142,7 +144,7 @@ def zigzag_figures(trial: Trial, rudder: float, heading: float, order_time: floa
     """overshoot_1, overshoot_2, ... [rad]: largest heading after each counter order, less the switch one.
 
     rudder [rad] gives the first side, heading [rad] > 0 is the switch heading. An overshoot counts once the
-    heading has come back to the switch heading.
+    heading has come back to the switch heading. trial: the run; order_time: of the order [s].
     """
     change = since(trial, order_time).change
     side, row, figures = math.copysign(1.0, rudder), 0, {}
@@ -168,7 +170,7 @@ def overshoot_figures(trial: Trial, rudder: float, reversals: tuple[float, ...],
     """overshoot_1, ... [rad] of a measured zigzag: heading gained after each reversal of the rudder at its own heading.
 
     rudder [rad] gives the first side; reversals, end: times [s after the first sample]. The last one counts only if
-    a fifth of it has gone again before the hold ends.
+    a fifth of it has gone again before the hold ends. trial: the run.
     """
     t, psi = trial.t - trial.t[0], trial.psi_unwrapped
     good = np.isfinite(psi)
@@ -193,6 +195,7 @@ def initial_turning_figures(trial: Trial, rudder: float, order_time: float) -> d
     """initial_turning_track [m]: way along the track until the heading has changed by 10 deg, and time_10 [s].
 
     The criterion asks for 10 deg of rudder: the first execute of a 10/10 zigzag serves.
+    trial: the run; order_time: of the order [s].
     """
     run = since(trial, order_time)
     row = _when(math.copysign(1.0, rudder) * run.change, INITIAL_TURN)
@@ -200,7 +203,8 @@ def initial_turning_figures(trial: Trial, rudder: float, order_time: float) -> d
 
 
 def stopping_figures(trial: Trial, order_time: float) -> dict[str, float]:
-    """track_reach (along the path), head_reach, lateral_deviation [m] and stopping_time [s] until headway is lost."""
+    """track_reach (along the path), head_reach, lateral_deviation [m] and stopping_time [s] until headway is lost.
+    trial: the run; order_time: of the order [s]."""
     run = since(trial, order_time)
     stop = _when(run.u[0] - run.u, run.u[0]) if run.u[0] > 0 else None
     if stop is None:
@@ -219,6 +223,7 @@ def pull_out_figures(trial: Trial, order_time: float) -> dict[str, float]:
 
     Means over the last tenth of each hold. A ship that is stable on course decays to the same small rate from
     either side; one that keeps turning to the side it came from is unstable (MSC/Circ.1053).
+    trial: the run; order_time: of the order [s].
     """
     holds = rudder_holds(trial, order_time)
     if len(holds) < 2:
@@ -242,6 +247,7 @@ def rudder_holds(trial: Trial, order_time: float, tolerance: float = math.radian
     """Stretches in which the rudder stays within ``tolerance`` [rad] of where the stretch begins, in order.
 
     Those shorter than a tenth of the longest (the rudder on its way) are left out.
+    trial: the run; order_time: of the order [s].
     """
     run = since(trial, order_time)
     found, first = [], 0

@@ -29,5 +29,6 @@ REFERENCES: dict[str, dict[tuple[str, str], float]] = {"kvlcc2_l7": _KVLCC2, "kv
 
 
 def reference(ship: str, run: str, figure: str) -> float | None:
-    """The published value of a figure of a ship's manoeuvre, in L or deg; None where there is none."""
+    """The published value of a figure of a ship's manoeuvre, in L or deg; None where there is none. run: the
+    manoeuvre."""
     return REFERENCES.get(ship, {}).get((run, figure))

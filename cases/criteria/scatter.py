@@ -142,7 +142,7 @@ def scatter(
     ship: calibrated, or with the standard deviations of its priors; maneuver: as for ``parse_maneuver``, in calm air;
     seed, correlation: as for ``draw_coefficients``; dt: sampling interval [s], default 0.25 s of a 3 m model. Draws
     whose motion diverges are left out, and a notice says so. Raises UserError for a count that makes no sense, for
-    spiral and pull-out, and when no motion is that of a ship.
+    spiral and pull-out, and when no motion is that of a ship. correlation: symbols (Q,) and matrix (Q, Q).
     """
     if not 2 <= count <= MOST:
         raise UserError(f"scatter {count}: give 2 to {MOST} draws")

@@ -32,7 +32,8 @@ class SpiralCurve:
 
 
 def spiral_curve(trial: Trial, order_time: float) -> SpiralCurve | None:
-    """The curve of a run whose rudder went in steps from ``order_time`` [s] on; None with fewer than three angles."""
+    """The curve of a run whose rudder went in steps from ``order_time`` [s] on; None with fewer than three angles.
+    trial: the run."""
     holds = rudder_holds(trial, order_time)
     if len(holds) < 3:
         return None
@@ -47,6 +48,7 @@ def spiral_figures(trial: Trial, order_time: float) -> dict[str, float]:
     Height: largest difference of the turn rates of the two branches at the same rudder angle. Width: difference of
     the rudder angles at which the branches change the side to which the ship turns; 0 for a ship that is stable on
     course, up to half a step on each side where the rudder went in steps. Absent where the spiral lacks the branch.
+    trial: the run; order_time: of the order [s].
     """
     curve = spiral_curve(trial, order_time)
     if curve is None:

@@ -115,7 +115,8 @@ def simulated_run(ship: Ship, text: str, speed: float, n: float | None = None, r
 
 
 def figures_of(trial: Trial, plan: Maneuver) -> dict[str, float]:
-    """All figures of a simulated manoeuvre, SI and rad; empty for one that has none."""
+    """All figures of a simulated manoeuvre, SI and rad; empty for one that has none. trial: the run; plan: the
+    manoeuvre."""
     p, kind = plan.parameters, plan.kind
     if kind == "turning":
         arguments = trial, p["rudder"], p["order_time"]
@@ -135,7 +136,7 @@ def measured_run(trial: Trial, length: float, kind: str = "") -> Run:
     """A standard manoeuvre found in a measured run of a ship of this length [m].
 
     The approach is cut off (cases/criteria/measured_maneuvers.py); kind as there. Raises UserError when there is
-    none in it.
+    none in it. trial: the run.
     """
     execute = find_maneuver(trial, length, kind)
     used = _until(trial, execute.end)

@@ -67,7 +67,7 @@ class Maneuver:
     sampled: bool = False
 
     def controller(self) -> Controller:
-        """A controller for one run; each run needs its own, it remembers executes and actuator positions."""
+        """A controller for one run; each run needs its own, it remembers rudder executes and actuator positions."""
         return Controller(self.orders(), self.limits, self.n, located=not self.sampled)
 
     @property
@@ -94,6 +94,7 @@ def parse_maneuver(
     default time limit; a zigzag of given duration goes on until then, otherwise it ends with the sixth execute.
     rudder_rate [rad/s] replaces the Froude-scaled 20 deg/s. seed serves "random" when the text has none.
     Raises UserError for an unknown or ill-formed text and for an approach that the ship cannot hold.
+    sampled: orders change at samples only.
     """
     kind, _, argument = text.strip().partition(":")
     if kind not in _BUILDERS:
@@ -186,10 +187,10 @@ def _zigzag(s: _Setup) -> Maneuver:
     rudder, heading = s.angle(first, "rudder angle", 90), s.angle(second, "heading", 90)
     if heading < 0:
         raise UserError(f"manoeuvre '{s.text}': give the side by the sign of the rudder: zigzag:-10/10")
-    lead, executes = _LEAD * s.scale, 6 if s.duration is None else None
+    lead, last_execute = _LEAD * s.scale, 6 if s.duration is None else None
     return s.maneuver(
         600.0,
-        lambda: Zigzag(s.n, rudder, heading, lead, executes),
+        lambda: Zigzag(s.n, rudder, heading, lead, last_execute),
         rudder=rudder,
         heading=heading,
         order_time=lead,

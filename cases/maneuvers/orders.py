@@ -78,12 +78,12 @@ class Turning(FromLead):
 class Zigzag(FromLead):
     """Rudder over; reversed each time the heading has changed by ``heading`` to the side of the rudder.
 
-    The change counts from the heading at the first execute. ``executes``: over with this execute.
+    The change counts from the heading at the first execute. ``last_execute``: number of the one that ends it.
     """
 
-    def __init__(self, n: float, rudder: float, heading: float, lead: float, executes: int | None = None) -> None:
+    def __init__(self, n: float, rudder: float, heading: float, lead: float, last_execute: int | None = None) -> None:
         super().__init__(n, lead)
-        self.rudder, self.heading, self.executes = abs(rudder), heading, executes
+        self.rudder, self.heading, self.last_execute = abs(rudder), heading, last_execute
         self.side, self.count = math.copysign(1.0, rudder), 1
 
     def _beyond(self, state: np.ndarray) -> float:
@@ -94,7 +94,7 @@ class Zigzag(FromLead):
     def ordered(self, t: float, state: np.ndarray) -> tuple[float, float] | None:
         if self._beyond(state) >= -_TINY:
             self.side, self.count = -self.side, self.count + 1
-        over = self.executes is not None and self.count >= self.executes
+        over = self.last_execute is not None and self.count >= self.last_execute
         return None if over else (self.n, self.side * self.rudder)
 
     def watches(self, t0: float, t1: float) -> bool:
@@ -152,7 +152,8 @@ def spiral_angles(largest: float, step: float) -> tuple[float, ...]:
 
 
 def schedule(n_times: np.ndarray, n: np.ndarray, delta_times: np.ndarray, delta: np.ndarray) -> Orders:
-    """Orders held from each time to the next, the first at 0: (A,) [s], (A,) [1/s], (B,) [s], (B,) [rad]."""
+    """Orders held from each time to the next, the first at 0: (A,) [s], (A,) [1/s], (B,) [s], (B,) [rad]. These are
+    n_times, n, delta_times, delta."""
 
     def orders(t: float, state: np.ndarray) -> tuple[float, float]:
         i = np.searchsorted(n_times, t + _TINY, side="right") - 1
@@ -167,7 +168,7 @@ def random_telegraph(n: float, duration: float, scale: float, seed: int) -> Orde
 
     Rudder: -35..35 deg, held 4..20 s. Revolutions: 0.3..1.2 n ahead, or 0.3..1 n astern (about every third
     order, and at least every fourth), held 10..30 s. ``scale`` stretches the times, which are those of a 3 m
-    model.
+    model. n [1/s]; duration [s].
     """
     rng = np.random.default_rng([3, seed])
     delta_times = _switches(rng, 4.0 * scale, 20.0 * scale, duration)
@@ -207,7 +208,8 @@ _BERTHING_DELTA = (
 
 
 def berthing(n: float, scale: float) -> Orders:
-    """Slow approach, stops, reversals, kicks ahead on large rudder; repeats after 150 s (3 m model)."""
+    """Slow approach, stops, reversals, kicks ahead on large rudder; repeats after 150 s (3 m model). n [1/s]; scale: of
+    the times."""
     n_times, shares = np.array(_BERTHING_N, dtype=float).T
     delta_times, degrees = np.array(_BERTHING_DELTA, dtype=float).T
     orders = schedule(n_times, n * shares, delta_times, np.radians(degrees))

@@ -19,7 +19,8 @@ DESIGN_PITCH = math.radians(20.0)
 
 
 def design_pitch(ship: Ship, n: float) -> float:
-    """Blade angle [rad] ahead for n >= 0; astern, n < 0, as far on the other side of the zero-thrust pitch."""
+    """Blade angle [rad] ahead for n >= 0; astern, n < 0, as far on the other side of the zero-thrust pitch. ship: gives
+    pitch and zero."""
     ahead = ship.particulars.get("pitch", DESIGN_PITCH)
     zero = ship.coefficients["theta_0"].value if "theta_0" in ship.coefficients else 0.0
     return ahead if n >= 0 else 2 * zero - ahead
@@ -36,7 +37,8 @@ def steady_inputs(ship: Ship, n: float) -> list[float]:
 
 
 def surge_balance(ship: Ship) -> Callable[[float, float], float]:
-    """Surge acceleration [m/s^2] at u [m/s] and n [1/s]: straight, rudder midships, calm air, still water."""
+    """Surge acceleration [m/s^2] at u [m/s] and n [1/s]: straight, rudder midships, calm air, still water. ship:
+    without effects of its surroundings."""
     still = ship
     for name in ship.effects:
         still = still if name in ("fouling", "draft") else still.without_effect(name)
@@ -47,7 +49,8 @@ def surge_balance(ship: Ship) -> Callable[[float, float], float]:
 
 
 def revolutions_for(ship: Ship, u: float) -> float:
-    """Revolutions ahead [1/s] that hold u > 0 [m/s]. Raises UserError when no revolutions do."""
+    """Revolutions ahead [1/s] that hold u > 0 [m/s]. Raises UserError when no revolutions do. ship: gives the
+    balance."""
     surge = surge_balance(ship)
     first = u / ship.particulars.get("D_P", 0.03 * ship.particulars["L"])
     return _root(lambda n: surge(u, n), first, f"no revolutions hold {u:g} m/s with {ship.name}")

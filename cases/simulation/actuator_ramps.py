@@ -54,7 +54,8 @@ class Ramps:
 
 
 def ramps(maneuver: Maneuver, orders: Orders, t: np.ndarray) -> Ramps:
-    """What a manoeuvre's controller makes of orders that depend on the time alone, sampled at t (N + 1,)."""
+    """What a manoeuvre's controller makes of orders that depend on the time alone, sampled at t (N + 1,). maneuver:
+    gives the limits."""
     if isinstance(orders, FromLead):
         changes = [(orders.lead, orders(orders.lead, maneuver.start))]
     else:

@@ -11,11 +11,10 @@ from cases.simulation.actuator_ramps import TINY
 
 
 class ZigzagRudders:
-    """Rudders of M ships that do what ``cases.maneuvers.orders.Zigzag`` and
-    ``cases.maneuvers.controller.Controller`` do for one.
+    """Rudders of M ships that do what ``Zigzag`` and ``Controller`` of cases.maneuvers do for one.
 
-    delta: angles reached [rad]; side: to which they are ordered; count: executes so far; origin: headings at the first
-    one [rad], None before; over: whose last execute has come; their orders stand from then on.
+    delta: angles reached [rad]; side: to which they are ordered; count: rudder executes so far; origin: headings at the
+    first one [rad], None before; over: whose last execute has come; their orders stand from then on.
     """
 
     def __init__(self, orders: Zigzag, rate: float, ships: int) -> None:
@@ -70,8 +69,8 @@ class ZigzagRudders:
         """Counts an execute of some ships (M,) and reverses their rudders, unless it was the last."""
         which = which & ~self.over
         self.count = self.count + which
-        if self.orders.executes is not None:
-            self.over = self.over | (self.count >= self.orders.executes)
+        if self.orders.last_execute is not None:
+            self.over = self.over | (self.count >= self.orders.last_execute)
         self.side = np.where(which & ~self.over, -self.side, self.side)
 
     def _travel(self, order: np.ndarray, dt: np.ndarray | float) -> np.ndarray:

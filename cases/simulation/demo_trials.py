@@ -77,6 +77,7 @@ def demo_trials(
 
     Every run has its own mean wind and initial heading; all follow from ``seed``. dt: sampling interval [s]; effects:
     switched on (``cases.shipfiles.effects.with_effects``); every: only each so many-th of the training runs is made.
+    Returns two lists of trials.
     """
     ship = with_effects(hidden_ship(), effects)
     noise = SensorNoise.for_length(ship.particulars["L"])

@@ -19,6 +19,7 @@ def logged(ship: Ship, t: np.ndarray, states: np.ndarray) -> np.ndarray:
     """Columns x, y, psi, u, v, r (N, 6) as the ship's measurement effects make them of the true ones (N, 6) at t.
 
     Delays and lags are exact here, on the samples, where the model of a fit approximates them.
+    states (N, 6), t (N,) [s].
     """
     columns = list(np.asarray(states, dtype=float).T)
     flow = Flow(u=columns[3], v=columns[4], r=columns[5], psi=columns[2])
@@ -30,7 +31,7 @@ def logged(ship: Ship, t: np.ndarray, states: np.ndarray) -> np.ndarray:
 
 
 def wrap(psi: np.ndarray) -> np.ndarray:
-    """Angles [rad] in (-pi, pi]; those already there are left to the last digit."""
+    """Angles [rad] in (-pi, pi]; those already there are left to the last digit. psi (N,) [rad]."""
     inside = (psi > -math.pi) & (psi <= math.pi)
     return np.where(inside, psi, math.pi - np.mod(math.pi - psi, 2 * math.pi))
 
@@ -53,7 +54,8 @@ class SensorNoise:
 
 
 def add_noise(trial: Trial, noise: SensorNoise, seed: int = 0) -> Trial:
-    """A copy with white noise on the states it has, by ``seed``. Inputs and wind stay as they are."""
+    """A copy with white noise on the states it has, by ``seed``. Inputs and wind stay as they are. trial: to be
+    copied."""
     draws = np.random.default_rng([2, seed]).standard_normal((len(STATES), len(trial)))
     noisy = {
         name: trial[name] + sd * draw

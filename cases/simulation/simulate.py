@@ -23,6 +23,7 @@ from cases.trial import UNITS, Trial
 from mmg.components.catalogue import module
 from mmg.effects import effect
 from mmg.errors import UserError
+from mmg.messages import Message
 from mmg.model import assemble
 from mmg.motion.frames import earth_to_body, wind_vector
 from mmg.motion.froude import GRAVITY, reference_speed, time_scale
@@ -79,6 +80,7 @@ def actuator_positions(ship: Ship, n: float, delta: float) -> dict[str, float]:
 
     A controllable-pitch propeller turns ahead all the time: its blades reverse instead. A ship without a propeller is
     driven by its azimuth thruster, which also steers where there is no rudder: aft of midship it pushes to port then.
+    n [1/s], delta [rad]; ship: gives the names.
     """
     moved = dict.fromkeys(ship.actuators, 0.0)
     for name in moved:
@@ -133,6 +135,7 @@ def simulate(
     gusts; start: state (6,) instead of the manoeuvre's own. Columns t, x, y, psi (wrapped), u, v, r as the ship's
     measurement effects log them, its actuators, and the true wind when there is one. Inputs are means over the
     step that follows. Raises UserError for a step that makes no sense and for a motion that diverges.
+    maneuver: what is ordered.
     """
     if not (math.isfinite(dt) and dt > 0):
         raise UserError(f"dt = {dt:g} s must be positive")
@@ -186,6 +189,7 @@ def simulate_controls(ship: Ship, controls: Trial, wind: Wind | None = None, see
 
     Inputs are held from each sample to the next, at the samples' own times, all in one call. ``wind``
     replaces the trial's. Raises UserError when an input is missing somewhere, or the motion diverges.
+    ship: moves; controls: the trial; seed: of gusts. Returns a trial.
     """
     t = controls.t
     moved, assumed = actuator_columns(controls, ship.actuators)
@@ -276,27 +280,29 @@ def _checked(columns: dict[str, np.ndarray], ship: Ship) -> dict[str, np.ndarray
     return columns
 
 
-def _notices(ship: Ship, windy: bool, states: np.ndarray) -> tuple[str, ...]:
+def _notices(ship: Ship, windy: bool, states: np.ndarray) -> tuple[Message, ...]:
     """What a user must know of a run of true states (N, 6)."""
-    words = []
+    found = []
     if windy and "wind" not in ship.components and "wind_force" not in ship.effects:
-        words.append(f"{ship.name} has no wind model: the wind is recorded but exerts no force")
+        words = f"{ship.name} has no wind model: the wind is recorded but exerts no force"
+        found.append(Message(words, "no_wind_model"))
     limit = getattr(module("hull", ship.components["hull"]), "LARGEST_DRIFT", None)
     speed = np.hypot(states[:, 3], states[:, 4])
     drift = np.abs(np.arctan2(states[:, 4], states[:, 3]))[speed > 0.1 * speed.max()]
     if limit is not None and len(drift) and drift.max() > limit:
-        words.append(
+        words = (
             f"the drift angle reaches {math.degrees(drift.max()):.0f} deg, where the {ship.components['hull']} hull "
             f"(up to about {math.degrees(limit):.0f} deg) only extrapolates"
         )
-    return tuple(words)
+        found.append(Message(words, "hull_extrapolates"))
+    return tuple(found)
 
 
 def write_trial(trial: Trial, path: str | Path) -> None:
     """The trial as a CSV file (Parquet for .parquet) with canonical headers, SI, shortest exact digits.
 
     The file appears complete or not at all; one that exists is replaced. Raises UserError when it cannot be
-    written or the suffix is neither.
+    written or the suffix is neither. path: of the file.
     """
     import pandas as pd
 

@@ -69,6 +69,7 @@ def simulate_batch(
     gives the same motion; else they move within the sample (a zigzag is always held). A control delay acts as in the
     model, by its approximation. A run that diverges is not noticed here: look at its states. Raises UserError for a
     step that makes no sense and for spiral and pull-out, whose orders wait for a steady turn.
+    maneuver: what is ordered.
     """
     simulator = ship if isinstance(ship, Simulator) else Simulator(ship)
     ship = simulator.ship
@@ -119,7 +120,7 @@ def input_array(ship: Ship, positions: np.ndarray, t: np.ndarray) -> np.ndarray:
     """Inputs (N, C) or (N, C, M) from n and delta (N, 2) or (N, 2, M) in calm air.
 
     Both propellers and both rudders are alike, thrusters at rest. A controllable-pitch propeller turns ahead all the
-    time: its blades reverse instead.
+    time: its blades reverse instead. ship: gives the inputs; positions: those; t (N,) [s].
     """
     n, delta, names = positions[:, 0], positions[:, 1], ship.inputs
     out = np.zeros((len(positions), len(names), *positions.shape[2:]))

@@ -65,7 +65,8 @@ def _processor() -> str:
 
 
 def compile_library(text: str, flags: Sequence[str] = FLAGS) -> tuple[Path | None, str]:
-    """Compile C source into a cached shared library; returns (path, ""), or (None, why it was not possible)."""
+    """Compile C source into a cached shared library; returns (path, ""), or (None, why it was not possible). text: the
+    source; flags: of the compiler."""
     cc = compiler()
     if cc is None:
         if os.environ.get("MMG_CC"):
@@ -98,7 +99,8 @@ def compile_library(text: str, flags: Sequence[str] = FLAGS) -> tuple[Path | Non
 
 
 def load_library(text: str, flags: Sequence[str] = FLAGS) -> tuple[ctypes.CDLL | None, str]:
-    """The library of C source, compiled or from the cache; (None, why) where that is not possible."""
+    """The library of C source, compiled or from the cache; (None, why) where that is not possible. text: the source;
+    flags: of the compiler."""
     path, reason = compile_library(text, flags)
     if path is None:
         return None, reason
@@ -166,7 +168,7 @@ class BatchFunction:
 
 
 def padded(points: int) -> int:
-    """The next multiple of LANES, at least LANES."""
+    """The next multiple of LANES, at least LANES. points: a count."""
     return max(LANES, -(-points // LANES) * LANES)
 
 
@@ -180,6 +182,7 @@ def batch_functions(functions: Sequence[ca.Function], compiled: bool = True) -> 
     """Batch versions of SXFunctions, compiled into one cached library if possible.
 
     Returns them with a sentence on why they run interpreted, or "" when compiled.
+    functions: with distinct names; compiled: False interprets.
     """
     library, reason = None, "compilation switched off"
     if compiled:

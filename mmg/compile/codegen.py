@@ -111,7 +111,7 @@ def prelude(lanes: int = LANES) -> str:
 
 
 def expression(operation: int, operands: list[str]) -> str:
-    """C expression of one instruction on its operands."""
+    """C expression of one instruction on its operands. operation: CasADi's number of it."""
     first = operands[0]
     if operation in _INFIX:
         return f"{first} {_INFIX[operation]} {operands[1]}"
@@ -142,7 +142,7 @@ def expression(operation: int, operands: list[str]) -> str:
 
 
 def constant(value: float) -> str:
-    """C literal of a number: Python writes inf and nan in words that C does not know."""
+    """C literal of a number: Python writes inf and nan in words that C does not know. value: the number."""
     if math.isnan(value):
         return "NAN"
     if math.isinf(value):
@@ -185,5 +185,5 @@ EXPORT void {function.name()}(long long points, const double* const* arg, const 
 
 
 def source(functions: Sequence[ca.Function]) -> str:
-    """One C file with a batch kernel for each function (SXFunctions with distinct names)."""
+    """One C file with a batch kernel for each function (SXFunctions with distinct names). functions: in order."""
     return prelude() + "".join(kernel(f) for f in functions)

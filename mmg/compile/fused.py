@@ -169,6 +169,7 @@ def rollout_source(rates: ca.Function, first: int, lanes: int) -> str:
     """C file with ``void rollout(const Run*, long long begin, long long end)`` for points begin .. end.
 
     rates: SXFunction (q (S - first,), inputs (C,), coefficients (P,)) -> dense d state / dt (S,).
+    lanes: points per vector.
     """
     parts = _sorted_instructions(rates)
     parts |= {"S": rates.size1_out(0), "C": rates.size1_in(1), "P": rates.size1_in(2), "first": first}
@@ -178,7 +179,7 @@ def rollout_source(rates: ca.Function, first: int, lanes: int) -> str:
     return prelude(lanes) + text
 
 
-class _Run(ctypes.Structure):
+class _RunArguments(ctypes.Structure):
     """The struct Run of the C code."""
 
     _fields_ = (
@@ -219,7 +220,7 @@ class Rollout:
         start, controls, dt, theta = (np.ascontiguousarray(a, dtype=float) for a in (start, controls, dt, theta))
         keep = np.ascontiguousarray(keep, dtype=np.uint8)
         out = np.empty((1 + int(keep.sum()), S, M))
-        run = _Run(
+        run = _RunArguments(
             M, N, linear, euler,
             *(a.ctypes.data for a in (start, controls, dt, theta, keep, out)),
             C * M if own else C, M if own else 1, own,
@@ -246,7 +247,8 @@ class Rollout:
 
 
 def compile_rollout(rates: ca.Function, first: int, lanes: int) -> Rollout | None:
-    """The rollout of these rates, compiled or from the cache; None where that is not possible."""
+    """The rollout of these rates, compiled or from the cache; None where that is not possible. first, lanes: as for
+    ``rollout_source``."""
     try:
         text = rollout_source(rates, first, lanes)
     except NotImplementedError:

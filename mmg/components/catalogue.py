@@ -65,7 +65,7 @@ def summary(role: str, name: str) -> str:
 
 
 def required_particulars(components: Mapping[str, str]) -> tuple[str, ...]:
-    """Particulars needed by a choice of force models, in order, without repetition."""
+    """Particulars needed by a choice of force models, in order, without repetition. components: role -> model."""
     needed = list(BASE_PARTICULARS)
     for role in ROLES:
         if role in components:
@@ -74,7 +74,8 @@ def required_particulars(components: Mapping[str, str]) -> tuple[str, ...]:
 
 
 def coefficient_table(components: Mapping[str, str], particulars: Mapping[str, float]) -> dict[str, Coefficient]:
-    """All coefficients of a choice of force models with their defaults, in the fixed order of the library."""
+    """All coefficients of a choice of force models with their defaults, in the fixed order of the library. components:
+    role -> model; particulars: symbol -> SI value."""
     rows = list(INERTIA)
     for role in ROLES:
         if role in components:
@@ -90,7 +91,8 @@ def _rows(model: ModuleType, particulars: Mapping[str, float]) -> tuple[Coeffici
 
 
 def derived(components: Mapping[str, str], particulars: Mapping[str, float]) -> set[str]:
-    """Coefficients whose defaults follow from the particulars, so that a ship file may leave them out."""
+    """Coefficients whose defaults follow from the particulars, so that a ship file may leave them out. components: role
+    -> model."""
     models = [module(role, name) for role, name in components.items()]
     return {row.symbol for model in models if hasattr(model, "coefficients") for row in _rows(model, particulars)}
 
@@ -99,6 +101,7 @@ def actuators(components: Mapping[str, str], particulars: Mapping[str, float]) -
     """Actuators (names of mmg.motion.flow.INPUTS) that a choice of force models listens to, in the order of INPUTS.
 
     A ship with two screws (particular y_P, their distance from the centre plane) has n, n_2 and a rudder each.
+    components: role -> model; particulars: symbol -> SI value.
     """
     needed: set[str] = set()
     for role, name in components.items():
@@ -110,5 +113,5 @@ def actuators(components: Mapping[str, str], particulars: Mapping[str, float]) -
 
 
 def twin_screw(particulars: Mapping[str, float]) -> bool:
-    """True for a ship with two propellers at +- y_P from the centre plane."""
+    """True for a ship with two propellers at +- y_P from the centre plane. particulars: symbol -> SI value."""
     return particulars.get("y_P", 0.0) > 0.0

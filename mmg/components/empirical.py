@@ -15,6 +15,7 @@ def kijima_1990(L: float, B: float, d: float, C_b: float, m_x: float = 0.0) -> d
     Y_H = 1/2 rho L d U^2 (Y_beta beta + Y_r r' + Y_bb beta|beta| + Y_rr r'|r'| + (Y_bbr beta + Y_brr r') beta r'),
     N_H alike. Y_r is pure: Y_r - (m' + m_x') = -1.5 c and m' = 2 c give Y_r = m_x' + 0.5 c (``m_x`` in MMG primes).
     Y_v = -Y_beta and N_v = -N_beta are added for the MMG polynomial. Two public codes agree on the numbers.
+    L, B, d [m]: length, breadth, draught; C_b: block coefficient [-].
     """
     k, c, beam = 2 * d / L, C_b * B / L, d / B
     fine = (1 - C_b) * beam
@@ -43,6 +44,7 @@ def interaction(L: float, B: float, C_b: float) -> dict[str, float]:
     w_P0 = 0.5 C_b - 0.05, kappa = 0.55 - 0.8 c (single source); epsilon = -156.2 c^2 + 41.6 c - 1.76 (one code prints
     -156.5), gamma_R = -22.2 c^2 + 0.02 c + 0.68, t_R = 0.45 - 0.28 C_b. UNVERIFIED: gamma_R, t_R and epsilon from
     recollection; epsilon falls below 0.5 for full and for fine hulls alike, so look at it before use.
+    L, B [m]: length, breadth.
     """
     c = C_b * B / L
     return {
@@ -58,6 +60,7 @@ def inoue_1981(L: float, B: float, d: float, C_b: float, trim: float = 0.0) -> d
     """Linear derivatives with trim [m, positive by the stern], Inoue et al. (1981), ISP 28:112; d the mean draught.
 
     UNVERIFIED (from recollection). Y_r as printed: Y_r - (m' + m_x') is not meant, Y_r is the pure one.
+    L, B, d [m]: length, breadth, draught; C_b: block coefficient [-].
     """
     k, c, t = 2 * d / L, C_b * B / L, trim / d
     sway = 0.5 * math.pi * k + 1.4 * c
@@ -77,6 +80,7 @@ def yoshimura_masumoto_2012(
 
     m_x, m_y in MMG primes, x_G [m]. Medium-speed merchant and fishing vessels. Hull: two public codes agree. Rudder:
     single source; a_H = 0.627 C_b - 0.153 after Quadvlieg (2013), single source.
+    L, B, d [m]: length, breadth, draught; C_b: block coefficient [-].
     """
     k, c, slender = 2 * d / L, C_b * B / L, L / B
     return {
@@ -108,6 +112,7 @@ def clarke_1983(L: float, B: float, d: float, C_b: float) -> dict[str, float]:
 
     With S = pi (d/L)^2 the printed ones are S times the brackets. Y_vdot, Y_rdot, N_vdot, N_rdot are the added masses
     with the sign of a derivative: m_y = -Y_vdot, J_z = -N_rdot. Two public texts agree.
+    L, B, d [m]: length, breadth, draught; C_b: block coefficient [-].
     """
     unit = math.pi * d / L  # S L/d
     wide, high = B / L, B / d

@@ -50,6 +50,7 @@ def inertia(p: SimpleNamespace, c: SimpleNamespace) -> Inertia:
     """Masses of a ship from its particulars (m, x_G, L, d, rho) and the coefficients of INERTIA.
 
     Coefficients Y_rdot and N_vdot (MMG primes) are taken into account where a hull model has them.
+    p, c: particulars and coefficients by attribute.
     """
     unit = 0.5 * p.rho * p.L**2 * p.d
     moment = p.x_G * p.m
@@ -72,6 +73,7 @@ def accelerations(u: Any, v: Any, r: Any, force: Force, mass: Inertia) -> tuple[
     (I_zG + x_G^2 m + J_z) r' + x_G m (v' + u r) = N
     (Yasukawa & Yoshimura 2015, Eq. 4.) The 2 x 2 block of sway and yaw is solved in closed form; its
     determinant is positive for every physical ship. N holds no Munk moment: in MMG it is part of N_v'.
+    u, v, r [m/s, m/s, rad/s]; force [N, N, N m]; mass: about midship.
     """
     m, m_x, m_y, moment = mass.m, mass.m_x, mass.m_y, mass.moment
     surge = (force.X + (m + m_y) * v * r + moment * r * r) / (m + m_x)

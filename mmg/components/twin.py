@@ -16,15 +16,16 @@ from mmg.motion.flow import Blade, Flow, Force
 Model = Callable[[Flow], Force]
 
 
-def sides(flow: Flow, p: SimpleNamespace) -> tuple[Flow, Flow]:
-    """What the starboard side sees, and what the port side sees in the mirror; ``p.y_P`` > 0 [m]."""
+def mirrored_flows(flow: Flow, p: SimpleNamespace) -> tuple[Flow, Flow]:
+    """What the starboard side sees, and what the port side sees in the mirror; ``p.y_P`` > 0 [m]. flow: of the ship."""
     starboard = flow.with_(u=flow.u - p.y_P * flow.r, delta=flow.delta_starboard)
     port = flow.with_(u=flow.u + p.y_P * flow.r, v=-flow.v, r=-flow.r, n=flow.n_2, delta=-flow.delta_port)
     return starboard, port
 
 
-def both(starboard: Force, port: Force, p: SimpleNamespace) -> Force:
-    """The sum of the two sides, the port one mirrored back, with the moments of their thrusts."""
+def combined(starboard: Force, port: Force, p: SimpleNamespace) -> Force:
+    """The sum of the two sides, the port one mirrored back, with the moments of their thrusts. starboard, port: forces;
+    p: particulars."""
     right, left = _levered(starboard, p, 1), _levered(port, p, -1)
     return replace(right + left, blades=right.blades + left.blades)
 

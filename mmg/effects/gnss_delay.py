@@ -61,7 +61,7 @@ def late_velocity(
 ) -> tuple[Any, Any, tuple[Any, Any]]:
     """u and v of columns y from the velocity over ground of ``tau`` ago, turned by the present heading; and V_f.
 
-    further: a delay [s] of something else that V_f is to serve.
+    further: a delay [s] of something else that V_f is to serve. memory, name: of the delay's states; p: particulars.
     """
     least = ca.sqrt(tau**2 + further**2 + time_scale(p.L) ** 2)
     velocity = body_to_earth(y[3], y[4], y[2])
@@ -75,7 +75,8 @@ def late_velocity(
 
 
 def late_samples(t: np.ndarray, y: list[np.ndarray], delay: float) -> list[np.ndarray]:
-    """Columns with position and earth-fixed velocity of ``delay`` [s] ago; before the first sample it ran straight."""
+    """Columns with position and earth-fixed velocity of ``delay`` [s] ago; before the first sample it ran straight. t
+    (N,) [s]; y: columns, (N,) each."""
     if delay == 0:
         return y
     velocity = body_to_earth(y[3], y[4], y[2])

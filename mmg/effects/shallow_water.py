@@ -28,7 +28,7 @@ EVERYWHERE = -1e6
 
 
 def growth(flow: Flow, e: SimpleNamespace) -> Any:
-    """g at the ship's place."""
+    """g at the ship's place. flow: where the ship is; e: parameters."""
     beyond = flow.x * ca.cos(e.bearing) + flow.y * ca.sin(e.bearing) - e.line
     ratio = e.d_h * 0.5 * (1 + ca.tanh(beyond / e.width))
     return ratio / (1 - ratio)

@@ -17,7 +17,8 @@ neutral factors are 0.
 
 
 def upper_works(p: SimpleNamespace) -> SimpleNamespace:
-    """The particulars with those of the upper works filled in, by the ratios of the ESSO OSAKA to L and B."""
+    """The particulars with those of the upper works filled in, by the ratios of the ESSO OSAKA to L and B. p:
+    particulars."""
     typical = {
         "A_T": 0.566 * p.B**2, "A_L": 0.0578 * p.L**2, "A_OD": 0.0158 * p.L**2, "C": -0.0043 * p.L,
         "C_BR": -0.0207 * p.L, "H_BR": 0.098 * p.L, "H_C": 0.0345 * p.L, "rho_a": 1.225,

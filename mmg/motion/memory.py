@@ -48,6 +48,7 @@ def lagged(memory: Memory, name: str, x: Any, T: Any, least: float, size: float)
 
     (1 - kappa) x + kappa x_tau with x_tau lagged by tau = sqrt(T^2 + least^2) and kappa = T / tau, so the mean lag is
     T and no time constant is shorter than ``least`` [s], which an explicit integrator needs.
+    memory, name, size: of the state.
     """
     tau = ca.sqrt(T * T + least * least)
     return x - T / tau * (x - memory.low_pass(name, x, tau, size))
@@ -57,6 +58,7 @@ def delayed(memory: Memory, name: str, x: Any, T: Any, least: float, size: float
     """x after a delay of T >= 0 [s], by the all-pass (1 - tau s / 2) / (1 + tau s / 2) (Pade), mixed as in ``lagged``.
 
     Phase and amplitude are those of the delay up to frequencies of about 1 / T; steps get a short kick the wrong way.
+    memory, name, size: of the state; least: as there [s].
     """
     tau = ca.sqrt(T * T + least * least)
     return x - 2 * T / tau * (x - memory.low_pass(name, x, 0.5 * tau, size))
@@ -70,7 +72,8 @@ The second must be sharper, or the remembered position would creep back inside t
 
 
 def clip(x: Any, b: Any, softest: float, sharpness: int = SHARP) -> Any:
-    """x limited to +-b, smooth, exactly zero for b = 0; ``softest`` is the size of x that keeps it smooth there."""
+    """x limited to +-b, smooth, exactly zero for b = 0; ``softest`` is the size of x that keeps it smooth there.
+    sharpness: the power q."""
     x2, b2 = (x / softest) ** 2, (b / softest) ** 2
     return b * x / softest / (x2 ** (sharpness // 2) + b2 ** (sharpness // 2) + 1.0) ** (1 / sharpness)
 
@@ -79,7 +82,7 @@ def played(memory: Memory, name: str, x: Any, b: Any, time: float, softest: floa
     """x behind a play (backlash) of half width b >= 0: rests until x has moved by b off its middle; x at b = 0.
 
     The result is x less the smooth clip of its distance to a remembered position, which is drawn along, within
-    about ``time`` [s], once the distance exceeds b.
+    about ``time`` [s], once the distance exceeds b. memory, name, size: of the state; softest: as for ``clip``.
     """
     held = memory.state(name, x, size)
     memory.moves((x - held - clip(x - held, b, softest, SHARPER)) / time)
@@ -90,6 +93,7 @@ def rate_limited(memory: Memory, name: str, x: Any, rate: Any, time: Any, size: 
     """A position that follows x with y' = rate tanh((x - y) / (rate time)): at most ``rate`` [1/s], near x as a lag.
 
     Smooth form of the sloped step of Wakita et al. (2025, Eqs. 39-40); ``time`` [s] is the lag near x.
+    memory, name, size: of the state.
     """
     y = memory.state(name, x, size)
     memory.moves(rate * ca.tanh((x - y) / (rate * time)))

@@ -20,7 +20,8 @@ INPUTS: tuple[str, ...] = ()
 
 
 def coefficients(p: SimpleNamespace) -> tuple[Coefficient, ...]:
-    """Time constants for a ship of length L: 1 s for the rudder and 1 s for the propeller of a 3 m model."""
+    """Time constants for a ship of length L: 1 s for the rudder and 1 s for the propeller of a 3 m model. p:
+    particulars."""
     k = time_scale(p.L)
     return table(
         "1 s at 3 m by Froude's law",
@@ -30,7 +31,8 @@ def coefficients(p: SimpleNamespace) -> tuple[Coefficient, ...]:
 
 
 def actuators(flow: Flow, memory: Memory, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Flow:
-    """Positions of rudders and propellers whose orders the flow holds."""
+    """Positions of rudders and propellers whose orders the flow holds. memory takes their states; p, c, s: as in
+    mmg/motion/flow.py."""
     rudders = {name: memory.low_pass(name, x, c.T_delta, 0.3) for name, x in flow.present(RUDDERS).items()}
     size = 10.0 / time_scale(p.L)
     propellers = {name: memory.low_pass(name, x, c.T_n, size) for name, x in flow.present(PROPELLERS).items()}

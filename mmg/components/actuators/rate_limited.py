@@ -24,7 +24,8 @@ INPUTS: tuple[str, ...] = ()
 
 
 def coefficients(p: SimpleNamespace) -> tuple[Coefficient, ...]:
-    """Rates and time constants for a ship of length L, with its own ``rudder_rate`` where the file gives one."""
+    """Rates and time constants for a ship of length L, with its own ``rudder_rate`` where the file gives one. p:
+    particulars."""
     k = time_scale(p.L)
     swift = getattr(p, "rudder_rate", math.radians(20.0) / k)
     turns, time = 20.0 / k**2, 0.4 * k
@@ -38,7 +39,8 @@ def coefficients(p: SimpleNamespace) -> tuple[Coefficient, ...]:
 
 
 def actuators(flow: Flow, memory: Memory, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Flow:
-    """Positions of rudders and propellers whose orders the flow holds."""
+    """Positions of rudders and propellers whose orders the flow holds. memory takes their states; p, c, s: as in
+    mmg/motion/flow.py."""
     moved = {}
     for names, rate, time, size in (
         (RUDDERS, c.K_delta, c.T_delta, 0.3),

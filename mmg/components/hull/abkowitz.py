@@ -79,7 +79,7 @@ COEFFICIENTS: tuple[Coefficient, ...] = table(
 
 
 def force(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Force:
-    """Force of hull, propeller and rudder together [N, N, N m]."""
+    """Force of hull, propeller and rudder together [N, N, N m]. flow, p, c, s: as in mmg/motion/flow.py."""
     u, v, r, d = flow.u, flow.v, flow.r, flow.delta
     small, U2 = 0.1 * s.speed, u * u + v * v
     lowest = (LOWEST * p.U_0) ** 2

@@ -74,7 +74,7 @@ def rates(v: Any, yaw: Any, U2: Any, s: Smoothing) -> tuple[Any, Any]:
 
 
 def force(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Force:
-    """Hull force [N, N, N m]."""
+    """Hull force [N, N, N m]. flow, p, c, s: as in mmg/motion/flow.py."""
     u, v, yaw = flow.u, flow.v, flow.r * p.L
     U2, small = u * u + v * v, 0.1 * s.speed
     U, width = s.root(U2, small), ABEAM * ca.sqrt(U2 + s.speed**2)

@@ -58,7 +58,7 @@ def cross_flow(a: Any, b: Any, width: float) -> tuple[Any, Any]:
 
 
 def force(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Force:
-    """Hull force [N, N, N m]."""
+    """Hull force [N, N, N m]. flow, p, c, s: as in mmg/motion/flow.py."""
     u, v, r = flow.u, flow.v, flow.r
     small = 0.1 * s.speed
     U = s.root(u * u + v * v, small)

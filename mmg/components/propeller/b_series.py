@@ -41,13 +41,15 @@ K_T_TERMS, K_Q_TERMS = _terms(_K_T), _terms(_K_Q)
 
 
 def open_water(terms: np.ndarray, J: np.ndarray, pitch_ratio: float, area_ratio: float, blades: int) -> np.ndarray:
-    """K_T or K_Q at advance ratios J (N,) for P/D, A_E/A_O and Z, (N,)."""
+    """K_T or K_Q at advance ratios J (N,) for P/D, A_E/A_O and Z, (N,). terms: the table; pitch_ratio, area_ratio,
+    blades in this order."""
     C, s, t, u, v = terms.T
     return (C * pitch_ratio**t * area_ratio**u * float(blades) ** v) @ np.asarray(J, dtype=float)[None] ** s[:, None]
 
 
 def thrust_parabola(pitch_ratio: float, area_ratio: float = 0.6, blades: int = 4) -> tuple[float, float, float]:
-    """k_0, k_1, k_2 of K_T = k_0 + k_1 J + k_2 J^2, least squares over 0 <= J <= P/D."""
+    """k_0, k_1, k_2 of K_T = k_0 + k_1 J + k_2 J^2, least squares over 0 <= J <= P/D. pitch_ratio P/D, area_ratio
+    A_E/A_O, blades Z."""
     J = np.linspace(0.0, pitch_ratio, 50)
     k_2, k_1, k_0 = np.polyfit(J, open_water(K_T_TERMS, J, pitch_ratio, area_ratio, blades), 2)
     return float(k_0), float(k_1), float(k_2)

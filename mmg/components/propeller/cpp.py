@@ -73,7 +73,7 @@ def _ahead_law(u: Any, m: Any, X_0: Any, X_1: Any, alpha: Any, c: SimpleNamespac
 
 
 def force(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Force:
-    """Propeller force [N, N, N m] and slipstream; ``flow.pitch`` in rad."""
+    """Propeller force [N, N, N m] and slipstream; ``flow.pitch`` in rad. flow, p, c, s: as in mmg/motion/flow.py."""
     u, nD = flow.u, flow.n * p.D_P
     small = 0.1 * s.speed
     sense, m = s.sign(nD, small), s.absolute(nD, small)

@@ -78,7 +78,7 @@ COEFFICIENTS = (
 
 
 def series(V_A: Any, tip: Any, A: tuple[float, ...], B: tuple[float, ...], s: Smoothing) -> Any:
-    """V_r^2 C*(beta) [m^2/s^2] for V_A and tip = 0.7 pi n D [m/s]."""
+    """V_r^2 C*(beta) [m^2/s^2] for V_A and tip = 0.7 pi n D [m/s]. A, B: coefficients A_k, B_k (21,)."""
     rho = s.root(tip * tip + V_A * V_A, 0.1 * s.speed)
     x, y = s.divide(tip, rho, 0.0), s.divide(V_A, rho, 0.0)
     real, imaginary = 1.0, 0.0
@@ -90,17 +90,20 @@ def series(V_A: Any, tip: Any, A: tuple[float, ...], B: tuple[float, ...], s: Sm
 
 
 def thrust(V_A: Any, n: Any, D: Any, rho: Any, s: Smoothing | None = None) -> Any:
-    """Open-water thrust T [N] at advance speed V_A [m/s], n [1/s], diameter D [m], density rho [kg/m^3]."""
+    """Open-water thrust T [N] at advance speed V_A [m/s], n [1/s], diameter D [m], density rho [kg/m^3]. Returns one
+    value per point; s: smoothing."""
     return rho * ca.pi / 8 * D**2 * series(V_A, 0.7 * ca.pi * n * D, A_T, B_T, s or Exact())
 
 
 def torque(V_A: Any, n: Any, D: Any, rho: Any, s: Smoothing | None = None) -> Any:
-    """Open-water torque Q [N m]; arguments as for ``thrust``. Times k_Q for the ship's own screw."""
+    """Open-water torque Q [N m]; arguments as for ``thrust``. Times k_Q for the ship's own screw. Returns it for V_A
+    [m/s], n [1/s], D [m], rho [kg/m^3]."""
     return rho * ca.pi / 8 * D**3 * series(V_A, 0.7 * ca.pi * n * D, A_Q, B_Q, s or Exact())
 
 
 def force(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Force:
-    """Propeller force [N, N, N m] and slipstream; reversed, the loading holds the thrust deduction."""
+    """Propeller force [N, N, N m] and slipstream; reversed, the loading holds the thrust deduction. flow, p, c, s: as
+    in mmg/motion/flow.py."""
     nD = flow.n * p.D_P
     one_minus_w = wake.kijima(flow, p, c, s)
     u_P = flow.u * one_minus_w

@@ -78,7 +78,7 @@ def _side_force(u: Any, nD: Any, k: tuple[Any, ...], p: SimpleNamespace, ahead: 
 
 
 def force(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Force:
-    """Propeller force [N, N, N m] and slipstream."""
+    """Propeller force [N, N, N m] and slipstream. flow, p, c, s: as in mmg/motion/flow.py."""
     D = p.D_P
     u, nD = flow.u, flow.n * D
     ahead = s.step_or_zero(nD, s.speed)

@@ -61,14 +61,14 @@ def advance_ratio(speed: Any, nD: Any, s: Smoothing) -> Any:
     """speed/(n D), 0 at n = 0; smooth: J/sqrt(1 + (J/LIMIT)^4/4), which is largest, LIMIT, at J = 2^(1/2) LIMIT.
 
     It falls off beyond and changes sign over n D of the size of the speed, not in a jump at n = 0. At J = 0.3 it is
-    2e-4 below the ratio, at 0.6 0.3 %, at 0.9 1.6 %.
+    2e-4 below the ratio, at 0.6 0.3 %, at 0.9 1.6 %. nD: n D [m/s]; s: smoothing.
     """
     square = s.root(nD**4, 0.5 * speed**2 / LIMIT**2 + s.speed**2)
     return s.divide(nD * speed, square, 0.0)
 
 
 def clip(x: Any, lower: Any, upper: Any, width: float, s: Smoothing) -> Any:
-    """x held between lower and upper."""
+    """x held between lower and upper. width: of the blend; s: smoothing."""
     return lower + s.positive(upper - lower - s.positive(upper - x, width), width)
 
 
@@ -77,7 +77,7 @@ def _cross(v_P: Any, size: Any, linear: Any, growth: Any, s: Smoothing) -> Any:
 
 
 def force(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Force:
-    """Propeller force [N, N, N m] and slipstream."""
+    """Propeller force [N, N, N m] and slipstream. flow, p, c, s: as in mmg/motion/flow.py."""
     u, nD = flow.u, flow.n * p.D_P
     U = s.root(u**2 + flow.v**2, s.magnitude(0.03 * p.L * flow.r, s.speed))
     v_P = s.divide(flow.v + c.x_P * p.L * flow.r, U, 0.0)

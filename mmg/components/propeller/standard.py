@@ -37,12 +37,13 @@ THRUST = (
 
 
 def reversal(pitch_ratio: float) -> float:
-    """beta_t [-]: thrust of the reversed propeller by that ahead at the same J (Yasukawa 2008; 0.7151 -> -0.6893)."""
+    """beta_t [-]: thrust of the reversed propeller by that ahead at the same J (Yasukawa 2008; 0.7151 -> -0.6893).
+    pitch_ratio: P/D."""
     return 0.4811 * pitch_ratio**2 - 1.1116 * pitch_ratio - 0.1404
 
 
 def coefficients_with(rows: tuple[tuple, ...], p: SimpleNamespace) -> tuple[Coefficient, ...]:
-    """Coefficients of thrust and of a wake model (``rows``); beta_t follows from the pitch ratio."""
+    """Coefficients of thrust and of a wake model (``rows``); beta_t follows from the pitch ratio. p: particulars."""
     beta_t = reversal(p.pitch_ratio)
     return table("default of the standard propeller model", *THRUST, *rows) + table(
         "Yasukawa (2008) as coded in one public lineage",
@@ -52,12 +53,13 @@ def coefficients_with(rows: tuple[tuple, ...], p: SimpleNamespace) -> tuple[Coef
 
 
 def coefficients(p: SimpleNamespace) -> tuple[Coefficient, ...]:
-    """Coefficients with their defaults; beta_t from the pitch ratio."""
+    """Coefficients with their defaults; beta_t from the pitch ratio. p: particulars."""
     return coefficients_with(wake.YASUKAWA_2015, p)
 
 
 def loading(u_P: Any, nD: Any, ahead: Any, c: SimpleNamespace, s: Smoothing) -> Any:
-    """n^2 D^2 K_T [m^2/s^2] in four quadrants. u_P, nD [m/s]; ahead: weight of n >= 0."""
+    """n^2 D^2 K_T [m^2/s^2] in four quadrants. u_P, nD [m/s]; ahead: weight of n >= 0. c: coefficients; s:
+    smoothing."""
     z = u_P - J_MIN * nD
     width = s.magnitude(0.02 * nD, 0.2 * s.speed)
     first = c.k_0 * nD**2 + c.k_1 * nD * u_P + c.k_2 * u_P**2
@@ -70,7 +72,8 @@ def loading(u_P: Any, nD: Any, ahead: Any, c: SimpleNamespace, s: Smoothing) -> 
 
 
 def thrust(flow: Flow, one_minus_w: Any, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Force:
-    """Propeller force [N, N, N m] and slipstream for a wake 1 - w_P."""
+    """Propeller force [N, N, N m] and slipstream for a wake 1 - w_P. one_minus_w [-]; flow, p, c, s: as in
+    mmg/motion/flow.py."""
     nD = flow.n * p.D_P
     ahead = s.step_or_zero(nD, s.speed)
     u_P = flow.u * one_minus_w
@@ -80,5 +83,5 @@ def thrust(flow: Flow, one_minus_w: Any, p: SimpleNamespace, c: SimpleNamespace,
 
 
 def force(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Force:
-    """Propeller force [N, N, N m] and slipstream."""
+    """Propeller force [N, N, N m] and slipstream. flow, p, c, s: as in mmg/motion/flow.py."""
     return thrust(flow, wake.yasukawa_2015(flow, p, c, s), p, c, s)

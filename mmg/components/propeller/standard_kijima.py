@@ -17,10 +17,10 @@ INPUTS = standard.INPUTS
 
 
 def coefficients(p: SimpleNamespace) -> tuple[Coefficient, ...]:
-    """Coefficients with their defaults; beta_t from the pitch ratio."""
+    """Coefficients with their defaults; beta_t from the pitch ratio. p: particulars."""
     return standard.coefficients_with(wake.KIJIMA, p)
 
 
 def force(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Force:
-    """Propeller force [N, N, N m] and slipstream."""
+    """Propeller force [N, N, N m] and slipstream. flow, p, c, s: as in mmg/motion/flow.py."""
     return standard.thrust(flow, wake.kijima(flow, p, c, s), p, c, s)

@@ -41,7 +41,8 @@ BLEND = 0.01
 
 
 def hirano(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Any:
-    """1 - w_P [-], in (0, 1]; 1 with sternway. Hirano type, as in the public ESSO OSAKA code."""
+    """1 - w_P [-], in (0, 1]; 1 with sternway. Hirano type, as in the public ESSO OSAKA code. flow, p, c, s: as in
+    mmg/motion/flow.py."""
     U = s.root(flow.u**2 + flow.v**2, s.speed)
     angle = s.divide(flow.v + c.x_P * p.L * flow.r, U, 0.0)
     one_minus = 1 - c.w_P0 + c.tau * s.absolute(angle, 0.01) + c.C_P * angle**2
@@ -50,13 +51,15 @@ def hirano(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> 
 
 
 def inflow_angle(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Any:
-    """beta_P = beta - x_P' r L / U [rad] (Yasukawa & Yoshimura 2015), finite at rest."""
+    """beta_P = beta - x_P' r L / U [rad] (Yasukawa & Yoshimura 2015), finite at rest. flow, p, c, s: as in
+    mmg/motion/flow.py."""
     U = s.root(flow.u**2 + flow.v**2, s.speed)
     return drift_angle(flow.u, flow.v, s) - s.divide(c.x_P * p.L * flow.r, U, 0.0)
 
 
 def kijima(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Any:
-    """1 - w_P [-] = 1 - w_P0 exp(-4 beta_P^2) (Kijima et al. 1990); 1 with sternway. No coefficient beyond w_P0."""
+    """1 - w_P [-] = 1 - w_P0 exp(-4 beta_P^2) (Kijima et al. 1990); 1 with sternway. No coefficient beyond w_P0. flow,
+    p, c, s: as in mmg/motion/flow.py."""
     angle = inflow_angle(flow, p, c, s)
     return 1 - s.step(flow.u, s.speed) * c.w_P0 * ca.exp(-4 * angle**2)
 
@@ -65,7 +68,7 @@ def yasukawa_2015(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothi
     """1 - w_P [-] after Yasukawa & Yoshimura (2015), J Mar Sci Technol 20:37-52; 1 with sternway.
 
     Not clipped, as published: with C_2 = 1.6 and w_P0 = 0.35 it reaches 1.04 at large angles. Exactly 1 - w_P0
-    at beta_P = 0, smoothed or not.
+    at beta_P = 0, smoothed or not. flow, p, c, s: as in mmg/motion/flow.py.
     """
     angle = inflow_angle(flow, p, c, s)
     from_port = s.step(angle, BLEND)

@@ -26,7 +26,7 @@ INPUTS: tuple[str, ...] = ()
 
 
 def coefficients(p: SimpleNamespace) -> tuple[Coefficient, ...]:
-    """Levers [m] and inertia for a ship of these particulars."""
+    """Levers [m] and inertia for a ship of these particulars. p: particulars."""
     d, B = p.d, p.B
     return table(
         "usual for merchant ships",
@@ -40,7 +40,8 @@ def coefficients(p: SimpleNamespace) -> tuple[Coefficient, ...]:
 
 
 def roll(flow: Flow, parts: dict[str, Force], dv: Any, memory: Memory, p: SimpleNamespace, c: SimpleNamespace) -> None:
-    """Adds the states phi [rad] and p [rad/s] to the memory; dv: rate of v at midship [m/s^2]."""
+    """Adds the states phi [rad] and p [rad/s] to the memory; dv: rate of v at midship [m/s^2]. flow, p, c: as in
+    mmg/motion/flow.py; parts: forces by role."""
     levers = {"hull": c.z_H, "rudder": c.z_R, "wind": c.z_A}
     K = p.m * c.z_G * (dv + flow.u * flow.r)
     for role, lever in levers.items():

@@ -27,14 +27,15 @@ REVERSED = (
 
 
 def slipstream(flow: Flow) -> Slipstream:
-    """The propeller's slipstream; ValueError when there is none."""
+    """The propeller's slipstream; ValueError when there is none. flow: behind the propeller."""
     if flow.slipstream is None:
         raise ValueError("the rudder needs the slipstream of a propeller")
     return flow.slipstream
 
 
 def longitudinal(flow: Flow, p: SimpleNamespace, kappa: Any, c: SimpleNamespace, s: Smoothing) -> Any:
-    """u_R [m/s]; ``kappa`` [-] the acceleration of the slipstream ahead; uses c.epsilon, c.k_xR, c.C_PR."""
+    """u_R [m/s]; ``kappa`` [-] the acceleration of the slipstream ahead; uses c.epsilon, c.k_xR, c.C_PR. flow, p: as in
+    mmg/motion/flow.py."""
     wash = slipstream(flow)
     u, nD = flow.u, flow.n * p.D_P
     eta = p.D_P / (p.A_R * p.aspect_ratio) ** 0.5
@@ -55,7 +56,8 @@ def longitudinal(flow: Flow, p: SimpleNamespace, kappa: Any, c: SimpleNamespace,
 
 
 def fujii(aspect_ratio: float) -> float:
-    """Slope of the rudder's normal force f_alpha = 6.13 Lambda / (Lambda + 2.25) [-] (Fujii)."""
+    """Slope of the rudder's normal force f_alpha = 6.13 Lambda / (Lambda + 2.25) [-] (Fujii). aspect_ratio: Lambda
+    [-]."""
     return 6.13 * aspect_ratio / (aspect_ratio + 2.25)
 
 
@@ -73,6 +75,7 @@ def on_the_ship(F_N: Any, sin2_alpha: Any, delta: Any, p: SimpleNamespace, c: Si
     """Force [N, N, N m] of a rudder of normal force F_N [N] with its effect on the hull, and the rudder itself.
 
     X_R = -(1 - t_R) F_N sin(delta), Y_R = -(1 + a_H) F_N cos(delta), N_R = -(x_R + a_H x_H) F_N cos(delta).
+    sin2_alpha: sin^2 of the angle of attack; p, c: as in mmg/motion/flow.py.
     """
     sine, cosine = ca.sin(delta), ca.cos(delta)
     X = -(1 - c.t_R) * F_N * sine
@@ -84,7 +87,8 @@ def on_the_ship(F_N: Any, sin2_alpha: Any, delta: Any, p: SimpleNamespace, c: Si
 def by_sine_law(
     u_R: Any, v_R: Any, f_alpha: Any, flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing
 ) -> Force:
-    """Force with F_N = 1/2 rho A_R f_alpha U_R^2 sin(delta - atan2(v_R, u_R))."""
+    """Force with F_N = 1/2 rho A_R f_alpha U_R^2 sin(delta - atan2(v_R, u_R)). flow, p, c, s: as in
+    mmg/motion/flow.py."""
     U_R, cross = resultant(u_R, v_R, s), across(u_R, v_R, flow.delta)
     F_N = 0.5 * p.rho * p.A_R * f_alpha * U_R * cross
     return on_the_ship(F_N, s.divide(cross**2, U_R**2, 0.0), flow.delta, p, c)

@@ -29,12 +29,12 @@ COEFFICIENTS = table("default of the standard rudder model", *standard.INFLOW) +
 
 
 def normal_force(sine: Any, modulus: Any, aspect_ratio: float) -> Any:
-    """C_N [-] from sin(alpha) and its modulus."""
+    """C_N [-] from sin(alpha) and its modulus. sine: sin(alpha); aspect_ratio: Lambda [-]."""
     return 1.98 * (1 / (0.56 + 0.44 * modulus) - 0.41 * (1 - math.exp(-17 / aspect_ratio))) * sine
 
 
 def force(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Force:
-    """Rudder force including its effect on the hull [N, N, N m]."""
+    """Rudder force including its effect on the hull [N, N, N m]. flow, p, c, s: as in mmg/motion/flow.py."""
     u_R, v_R = standard.inflow(flow, p, c, s)
     U_R, cross = shared.resultant(u_R, v_R, s), shared.across(u_R, v_R, flow.delta)
     modulus = s.divide(s.absolute(cross, 0.1 * s.speed), U_R, 0.0)

@@ -41,7 +41,7 @@ COEFFICIENTS = table(
 
 
 def inflow(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> tuple[Any, Any]:
-    """Longitudinal and lateral inflow velocity at the rudder (u_R, v_R) [m/s]."""
+    """Longitudinal and lateral inflow velocity at the rudder (u_R, v_R) [m/s]. flow, p, c: as in mmg/motion/flow.py."""
     u_R = shared.longitudinal(flow, p, c.k_x / c.epsilon, c, s)
     to_starboard = s.step(flow.v + p.x_R * flow.r, 0.5 * s.speed)
     gamma = to_starboard * c.gamma_P + (1 - to_starboard) * c.gamma_N
@@ -50,6 +50,6 @@ def inflow(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> 
 
 
 def force(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Force:
-    """Rudder force including its effect on the hull [N, N, N m]."""
+    """Rudder force including its effect on the hull [N, N, N m]. flow, p, c, s: as in mmg/motion/flow.py."""
     u_R, v_R = inflow(flow, p, c, s)
     return shared.by_sine_law(u_R, v_R, shared.fujii(p.aspect_ratio), flow, p, c, s)

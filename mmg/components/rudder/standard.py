@@ -40,7 +40,7 @@ INFLOW = (
 
 
 def coefficients(p: SimpleNamespace) -> tuple[Coefficient, ...]:
-    """Coefficients with their defaults; f_alpha by Fujii's formula from the aspect ratio."""
+    """Coefficients with their defaults; f_alpha by Fujii's formula from the aspect ratio. p: particulars."""
     slope = shared.fujii(p.aspect_ratio)
     return table("default of the standard rudder model", *INFLOW) + table(
         "Fujii's formula on the aspect ratio",
@@ -49,7 +49,7 @@ def coefficients(p: SimpleNamespace) -> tuple[Coefficient, ...]:
 
 
 def inflow(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> tuple[Any, Any]:
-    """Longitudinal and lateral inflow velocity at the rudder (u_R, v_R) [m/s]."""
+    """Longitudinal and lateral inflow velocity at the rudder (u_R, v_R) [m/s]. flow, p, c: as in mmg/motion/flow.py."""
     U = s.root(flow.u**2 + flow.v**2, 0.1 * s.speed)
     across = U * drift_angle(flow.u, flow.v, s) - c.ell_R * p.L * flow.r
     from_port = s.step(across, 0.5 * s.speed)
@@ -58,6 +58,6 @@ def inflow(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> 
 
 
 def force(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Force:
-    """Rudder force including its effect on the hull [N, N, N m]."""
+    """Rudder force including its effect on the hull [N, N, N m]. flow, p, c, s: as in mmg/motion/flow.py."""
     u_R, v_R = inflow(flow, p, c, s)
     return shared.by_sine_law(u_R, v_R, c.f_alpha, flow, p, c, s)

@@ -121,7 +121,7 @@ def normal_coefficient(sine: Any, cosine: Any, s: Smoothing) -> Any:
 
     2.6252 sin a up to |a| = 0.6545 rad, then sgn(a) (0.6387 + 2.0621 |a| - 0.8449 a^2): a step of 0.03, blended over
     0.02 in cos a. Beyond pi - 0.6545 the parabola would change sign and leave a jump at 180 deg; there C_N is the
-    sine through its value at that angle, 0.889 sin a (UNVERIFIED).
+    sine through its value at that angle, 0.889 sin a (UNVERIFIED). s: smoothing.
     """
     edge = ca.cos(STALL)
     stalled, backward = s.step(edge - cosine, 0.02), s.step(-edge - cosine, 0.02)
@@ -162,7 +162,8 @@ def _lever(flow: Flow, angle: Any, port: bool, p: SimpleNamespace, c: SimpleName
 
 
 def inflow(flow: Flow, port: bool, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> tuple[Any, Any, Any]:
-    """(u_R, v_R) [m/s] and the corrected angle delta_2 [rad] of one rudder."""
+    """(u_R, v_R) [m/s] and the corrected angle delta_2 [rad] of one rudder. port: which one; flow, p, c: as in
+    mmg/motion/flow.py."""
     wash = slipstream(flow)
     side, outward = ("p", -1) if port else ("s", 1)
     own, other = (flow.delta_port, flow.delta_starboard) if port else (flow.delta_starboard, flow.delta_port)
@@ -190,7 +191,8 @@ def inflow(flow: Flow, port: bool, p: SimpleNamespace, c: SimpleNamespace, s: Sm
 
 
 def force(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Force:
-    """Force of both rudders including the effect on the hull [N, N, N m]; blades: starboard, port."""
+    """Force of both rudders including the effect on the hull [N, N, N m]; blades: starboard, port. flow, p, c, s: as in
+    mmg/motion/flow.py."""
     wash = slipstream(flow)
     J = advance_ratio(wash.u_P, flow.n * p.D_P, s)
     t_R = _power((c.e_0, c.e_1, c.e_2), J)

@@ -35,7 +35,7 @@ COEFFICIENTS = table(
 
 
 def force(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Force:
-    """Force of the azimuth thruster [N, N, N m]."""
+    """Force of the azimuth thruster [N, N, N m]. flow, p, c, s: as in mmg/motion/flow.py."""
     u, v = flow.u - p.y_az * flow.r, flow.v + p.x_az * flow.r
     cosine, sine = ca.cos(flow.azimuth), ca.sin(flow.azimuth)
     V_A = (1 - c.w_az) * (u * cosine + v * sine)

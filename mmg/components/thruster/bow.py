@@ -20,5 +20,6 @@ COEFFICIENTS = coefficient_table(
 
 
 def force(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Force:
-    """Bow thruster force [N, N, N m]; n_bow > 0 pushes the bow to starboard."""
+    """Bow thruster force [N, N, N m]; n_bow > 0 pushes the bow to starboard. flow, p, c, s: as in
+    mmg/motion/flow.py."""
     return side_thruster(flow.u, flow.n_bow, p.D_BT, p.x_BT, "BT", p, c, s)

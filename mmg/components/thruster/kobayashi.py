@@ -20,7 +20,7 @@ from mmg.motion.smooth import Smoothing
 
 
 def coefficient_table(suffix: str, where: str, values: dict[str, float]) -> tuple[Coefficient, ...]:
-    """Coefficients of one thruster; ``suffix`` BT or ST, ``values`` by symbol without suffix."""
+    """Coefficients of one thruster; ``suffix`` BT or ST, ``values`` by symbol without suffix. where: in words."""
     v = values
     rows = table(
         "default of Kobayashi's tunnel thruster: ESSO OSAKA, first order, single public lineage",
@@ -41,6 +41,7 @@ def effectiveness(Fr: Any, a: tuple[Any, ...], s: Smoothing) -> Any:
     """1 + a_0 + a_1 Fr + a_2 Fr^2 up to its minimum, then constant; a_1 <= 0, a_2 >= 0.
 
     What the parabola gains beyond its minimum, (a_1 + 2 a_2 Fr)^2/(4 a_2) there, is taken away.
+    a: (a_0, a_1, a_2); s: smoothing.
     """
     a_0, a_1, a_2 = a
     rise = s.positive(a_1 + 2 * a_2 * Fr, 5e-3)
@@ -50,7 +51,8 @@ def effectiveness(Fr: Any, a: tuple[Any, ...], s: Smoothing) -> Any:
 def side_thruster(
     u: Any, n: Any, D: Any, x: Any, suffix: str, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing
 ) -> Force:
-    """Force [N, N, N m] of a tunnel thruster of diameter D [m] at x [m] forward of midship."""
+    """Force [N, N, N m] of a tunnel thruster of diameter D [m] at x [m] forward of midship. u [m/s]; n [1/s]; suffix:
+    BT or ST; p, c, s: as in mmg/motion/flow.py."""
     K_P, K_N, u_max = (getattr(c, f"{name}_{suffix}") for name in ("K_TP", "K_TN", "u_max"))
     nD = n * D
     squared = 0.5 * (K_P - K_N) * nD * s.absolute(nD, 0.1 * s.speed) + 0.5 * (K_P + K_N) * nD**2

@@ -20,5 +20,6 @@ COEFFICIENTS = coefficient_table(
 
 
 def force(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Force:
-    """Stern thruster force [N, N, N m]; n_stern > 0 pushes the stern to starboard."""
+    """Stern thruster force [N, N, N m]; n_stern > 0 pushes the stern to starboard. flow, p, c, s: as in
+    mmg/motion/flow.py."""
     return side_thruster(flow.u, flow.n_stern, p.D_ST, p.x_ST, "ST", p, c, s)

@@ -49,7 +49,8 @@ COEFFICIENTS: tuple[Coefficient, ...] = (
 
 
 def force(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Force:
-    """Mean wave drift X, Y [N], N [N m] about midship; needs the heading ``flow.psi`` [rad]."""
+    """Mean wave drift X, Y [N], N [N m] about midship; needs the heading ``flow.psi`` [rad]. flow, p, c, s: as in
+    mmg/motion/flow.py."""
     angle = c.chi_W - flow.psi
     scale = p.rho * GRAVITY * c.H_s**2 * p.L
     return Force(

@@ -53,14 +53,16 @@ _SOURCE = "Blendermann (1994), {}, as in MSS"
 
 
 def of_type(ship_type: str) -> dict[str, float]:
-    """Values of ``SYMBOLS`` for a ship type, a key of ``TYPES``; KeyError with the choices for any other."""
+    """Values of ``SYMBOLS`` for a ship type, a key of ``TYPES``; KeyError with the choices for any other. ship_type: a
+    row of the table."""
     if ship_type not in TYPES:
         raise KeyError(f"ship type {ship_type!r} is unknown; known: {', '.join(TYPES)}")
     return dict(zip(SYMBOLS, TYPES[ship_type], strict=True))
 
 
 def coefficients_of(ship_type: str) -> tuple[Coefficient, ...]:
-    """Coefficient table for a ship type; KeyError for an unknown one. kappa is fixed: there is no roll here."""
+    """Coefficient table for a ship type; KeyError for an unknown one. kappa is fixed: there is no roll here. ship_type:
+    a row of the table."""
     value = of_type(ship_type)
     rows = table(
         _SOURCE.format(ship_type),
@@ -77,7 +79,8 @@ COEFFICIENTS = coefficients_of("tanker loaded")
 
 
 def force(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Force:
-    """Wind force X, Y [N], N [N m] about midship of the air velocity relative to the ship; zero in still air."""
+    """Wind force X, Y [N], N [N m] about midship of the air velocity relative to the ship; zero in still air. flow, p,
+    c, s: as in mmg/motion/flow.py."""
     squared = flow.a_x**2 + flow.a_y**2
     U_A = s.root(squared, s.speed)
     cos_a, sin_a = s.divide(-flow.a_x, U_A, 0.0), s.divide(flow.a_y, U_A, 0.0)

@@ -57,7 +57,8 @@ def regression(p: SimpleNamespace) -> dict[str, float]:
 
 
 def coefficients(p: SimpleNamespace) -> tuple[Coefficient, ...]:
-    """Coefficient table for a ship of these particulars; prior std 30 % of the main term of each series."""
+    """Coefficient table for a ship of these particulars; prior std 30 % of the main term of each series. p:
+    particulars."""
     values = regression(p)
     size = {"X": abs(values["X_A1"]), "Y": abs(values["Y_A1"]), "N": abs(values["N_A2"])}
     return tuple(
@@ -75,7 +76,7 @@ def coefficients(p: SimpleNamespace) -> tuple[Coefficient, ...]:
 
 
 def force(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Force:
-    """Wind force [N, N, N m] of the air velocity relative to the ship."""
+    """Wind force [N, N, N m] of the air velocity relative to the ship. flow, p, c, s: as in mmg/motion/flow.py."""
     U_A = s.root(flow.a_x**2 + flow.a_y**2, s.speed)
     cos_a, sin_a = s.divide(-flow.a_x, U_A, 0.0), s.divide(flow.a_y, U_A, 0.0)
     c2, s2 = cos_a**2, sin_a**2

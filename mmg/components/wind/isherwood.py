@@ -96,7 +96,8 @@ def _weights(series: np.ndarray, factors: list[Any]) -> list[Any]:
 
 
 def force(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Force:
-    """Wind force X, Y [N], N [N m] about midship of the air velocity relative to the ship; zero in still air."""
+    """Wind force X, Y [N], N [N m] about midship of the air velocity relative to the ship; zero in still air. flow, p,
+    c, s: as in mmg/motion/flow.py."""
     squared = flow.a_x**2 + flow.a_y**2
     U_A = s.root(squared, s.speed)
     cos_a, sin_a = s.divide(-flow.a_x, U_A, 0.0), s.divide(flow.a_y, U_A, 0.0)
@@ -114,7 +115,8 @@ def force(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> F
 
 
 def multiples(cosine: Any, sine: Any) -> tuple[list[Any], list[Any]]:
-    """cos k a and sin k a for k = 0..ORDER from cos a and sin a, as polynomials (Chebyshev recurrence)."""
+    """cos k a and sin k a for k = 0..ORDER from cos a and sin a, as polynomials (Chebyshev recurrence). cosine, sine:
+    of the angle."""
     cosines, sines = [1.0, cosine], [0.0, sine]
     for _ in range(ORDER - 1):
         cosines.append(2 * cosine * cosines[-1] - cosines[-2])
