@@ -1,0 +1,31 @@
+"""A ship judged by the standard in one call: rows, document and table agree."""
+
+from __future__ import annotations
+
+import pytest
+
+from cases.criteria.assessment import imo_figures, imo_figures_of_trials
+from cases.shipfiles.ship_file import load_ship
+from mmg.errors import UserError
+from mmg.messages import has_code
+
+
+def test_a_simulated_ship_and_her_own_runs_read_as_measured_get_one_verdict_each() -> None:
+    ship = load_ship("kvlcc2_full")
+    found = imo_figures(ship)
+    data = found.to_dict()
+    assert data["verdict"] == found.verdict and len(data["rows"]) == len(found.rows) == len(found.to_pandas())
+    assert {run["name"] for run in data["runs"]} >= {"turning:35", "zigzag:10/10", "crash-stop"}
+    assert has_code(found.notices, "reference_values") and has_code(found.notices, "not_checked")
+    assert found.verdict in found._repr_html_()
+    measured = imo_figures_of_trials([found.runs[0].trial], ship)
+    advance = {row.figure: row.value for row in measured.rows}["advance"]
+    assert advance == pytest.approx({row.figure: row.value for row in found.rows}["advance"], rel=0.02)
+
+
+def test_what_cannot_be_judged_is_refused() -> None:
+    ship = load_ship("kvlcc2_full")
+    with pytest.raises(UserError, match="no order to judge"):
+        imo_figures(ship, maneuvers=["straight"])
+    with pytest.raises(UserError, match="length"):
+        imo_figures_of_trials([])
