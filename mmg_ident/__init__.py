@@ -1,1 +1,120 @@
-"""Manoeuvring models (MMG) of ships, calibrated from trial data."""
+"""Manoeuvring models (MMG) of ships, calibrated from trial data.
+
+``trials = read_trials("trials/")``, ``fit = calibrate("esso_osaka_3m", trials)``, ``score(fit, held_out)``: each name
+here is loaded when it is first used, so that the import itself is quick.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from cases.checks.report import CheckReport
+    from cases.io.read import read_trials
+    from cases.shipfiles.new_ship import new_ship
+    from cases.shipfiles.ship_file import load_ship
+    from cases.trial import Trial
+    from diagnosis.result import Diagnosis
+    from fitting.prediction.score import Score
+    from fitting.result import FitResult
+    from mmg.errors import UserError
+    from mmg.messages import Message
+    from mmg.progress import OnProgress, Progress
+    from mmg.ship import Ship
+    from mmg_ident.api import (
+        Prediction,
+        calibrate,
+        check,
+        diagnose,
+        load_run,
+        predict,
+        score,
+        simulate,
+        train,
+        write_report,
+    )
+    from residual.result import TrainResult
+
+_HOMES = {
+    "CheckReport": "cases.checks.report",
+    "Diagnosis": "diagnosis.result",
+    "FitResult": "fitting.result",
+    "Message": "mmg.messages",
+    "OnProgress": "mmg.progress",
+    "Prediction": "mmg_ident.api",
+    "Progress": "mmg.progress",
+    "Score": "fitting.prediction.score",
+    "Ship": "mmg.ship",
+    "TrainResult": "residual.result",
+    "Trial": "cases.trial",
+    "UserError": "mmg.errors",
+    "calibrate": "mmg_ident.api",
+    "check": "mmg_ident.api",
+    "diagnose": "mmg_ident.api",
+    "load_run": "mmg_ident.api",
+    "load_ship": "cases.shipfiles.ship_file",
+    "new_ship": "cases.shipfiles.new_ship",
+    "predict": "mmg_ident.api",
+    "read_trials": "cases.io.read",
+    "score": "mmg_ident.api",
+    "simulate": "mmg_ident.api",
+    "train": "mmg_ident.api",
+    "write_report": "mmg_ident.api",
+}
+"""Public name -> the module it is taken from."""
+
+__all__ = [
+    "CheckReport",
+    "Diagnosis",
+    "FitResult",
+    "Message",
+    "OnProgress",
+    "Prediction",
+    "Progress",
+    "Score",
+    "Ship",
+    "TrainResult",
+    "Trial",
+    "UserError",
+    "__version__",
+    "calibrate",
+    "check",
+    "diagnose",
+    "load_run",
+    "load_ship",
+    "new_ship",
+    "predict",
+    "read_trials",
+    "score",
+    "simulate",
+    "train",
+    "write_report",
+]
+
+__version__: str
+
+
+def __getattr__(name: str) -> Any:
+    """The public ``name``, loaded at its first use. Raises ImportError where another package ``mmg`` is in the way."""
+    if name == "__version__":
+        from importlib.metadata import PackageNotFoundError, version
+
+        try:
+            value: Any = version("mmg-ident")
+        except PackageNotFoundError:
+            value = "unknown"
+    elif name in _HOMES:
+        from mmg_ident.shadow import shadowing_mmg
+
+        if in_the_way := shadowing_mmg():
+            raise ImportError(in_the_way)
+        value = getattr(import_module(_HOMES[name]), name)
+    else:
+        raise AttributeError(f"module 'mmg_ident' has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -45,23 +45,19 @@ def diagnose(
 
     Example: mmg diagnose runs/first trials/*.csv --test held_out/*.csv --out runs/gap
     """
-    import logging
     import sys
 
     from cases.io.read import read_trials
     from diagnosis import diagnose as pipeline
     from fitting.report.run_folder import check_target
-    from mmg.progress import LOGGER
-    from mmg_ident.commands.output import print_json
+    from mmg_ident.commands.output import end_progress, print_json, progress
 
     check_target(out)
-    LOGGER.setLevel(logging.WARNING if json else logging.INFO)
-    if not LOGGER.handlers:
-        LOGGER.addHandler(logging.StreamHandler())
     ship = _ship(run, without or [])
     options = pipeline.DiagnosisOptions(step, seed, workers, not no_learn, "mmg " + " ".join(sys.argv[1:]))
     train, tests = read_trials(trials), read_trials(test) if test else []
-    found = pipeline.diagnose(ship, train, tests, site, options, calibrated_on=run)
+    found = pipeline.diagnose(ship, train, tests, site, options, run, progress())
+    end_progress()
     found.save(out)
     if json:
         print_json(found.to_dict())

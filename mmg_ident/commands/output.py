@@ -10,9 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from fitting.prediction.predict import Forecaster
     from mmg.progress import OnProgress, Progress
-    from mmg.rollout import Simulator
 
 
 def say(text: str) -> None:
@@ -82,34 +80,6 @@ def is_model(argument: str) -> bool:
     if path.is_dir():
         return (path / "ship.toml").exists() or is_black_box(path)
     return argument in library() or path.suffix.lower() == ".toml"
-
-
-def predictor(model: str) -> Simulator | Forecaster:
-    """What predicts: a ship by its name, file or run folder, or the black box of a run folder.
-
-    Raises UserError where there is neither, or torch is missing for a black box.
-    """
-    from cases.shipfiles.network_file import is_black_box
-    from cases.shipfiles.ship_file import load_ship
-    from fitting.report.run_folder import START
-    from mmg.errors import needs_torch
-    from mmg.rollout import Simulator
-
-    if not is_black_box(model):
-        return Simulator(load_ship(model))
-    needs_torch("a black box")
-    from residual.blackbox.file import load_box
-
-    start = Path(model) / START
-    return load_box(model, load_ship(start) if start.exists() else None)
-
-
-def known_of(model: str) -> dict[str, Any]:
-    """What a run folder's result.json holds; empty for a bare ship."""
-    from fitting.report.run_folder import RESULT, read_result
-
-    folder = Path(model)
-    return read_result(folder) if (folder / RESULT).exists() else {}
 
 
 def names_of(text: Iterable[str] | None) -> list[str]:

@@ -34,20 +34,12 @@ def predict(
     Example: mmg predict runs/first held_out.csv --window 30 --stride 15 --out forecast.csv
     """
     from cases.io.read import read_trials
-    from fitting.prediction.adaptation import Adaptation, warnings_on_adaptation
-    from fitting.prediction.bands import bands_of
-    from fitting.prediction.predict import predict as windows_of
-    from fitting.prediction.predict import prediction_rows, write_tables
-    from fitting.prediction.training_range import outside_share
+    from fitting.prediction.adaptation import warnings_on_adaptation
+    from fitting.prediction.predict import write_tables
     from mmg.errors import UserError
-    from mmg.rollout import Simulator
-    from mmg_ident.commands.output import known_of, predictor, print_json, say
+    from mmg_ident import api
+    from mmg_ident.commands.output import print_json, say
 
-    if not (0 <= adapt < float("inf")):
-        raise UserError("--adapt must be 0 or a positive number of seconds")
-    if not window >= 0 or (stride is not None and not stride > 0):
-        raise UserError("--window must be 0 or positive and --stride positive")
-    step = stride or (window if window > 0 else 1.0)
     runs = read_trials(trials)
     single = len(runs) == 1 and out.suffix.lower() == ".csv"
     if not single and out.suffix.lower() == ".csv":
@@ -58,36 +50,15 @@ def predict(
     existing = [str(path) for path in files.values() if path.exists()]
     if existing and not force:
         raise UserError(f"{existing[0]}: exists already; choose another --out or add --force")
-    simulator = predictor(model)
-    ship = simulator.ship if isinstance(simulator, Simulator) else None
-    if adapt and not ship:
-        raise UserError(f"--adapt: {model} is a black box, whose disturbance cannot be estimated; leave it out")
-    known = known_of(model)
-    bands = bands_of(known, ship) if ship else None
-    past = Adaptation.of(ship, adapt) if adapt and ship else None
-    notes: list[str] = [*warnings_on_adaptation(known)] if adapt else []
-    tables, counts, outside = {}, {}, {}
-    for run in runs:
-        found, remarks = windows_of(
-            simulator, run, window, step, short_last=window <= 0 or step >= window, adaptation=past, bands=bands
-        )
-        notes += remarks
-        if not run.has_position:
-            notes.append(f"{run.name}: no measured position; each window starts at x = y = 0")
-        if not run.has_wind:
-            notes.append(f"{run.name}: no wind columns; calm air is assumed")
-        tables[files[run.name]] = prediction_rows(run, found)
-        counts[run.name] = len(found)
-        outside[run.name] = outside_share(simulator, run, found) if isinstance(simulator, Simulator) else None
-        if outside[run.name]:
-            notes.append(f"{run.name}: {outside[run.name]:.1%} of the rows lie outside the data the network knows")
-    if not any(counts.values()):
-        raise UserError(f"no window could be predicted; {'; '.join(notes) or 'the trials are shorter than --window'}")
-    write_tables(tables)
+    found = api.predict(model, runs, window, stride, adapt)
+    notes = [*(warnings_on_adaptation(api.content_of(model)) if adapt else []), *(note for p in found for note in p.notes)]
+    write_tables({files[p.trial.name]: p.table for p in found})
     for note in notes:
         say(f"note: {note}")
+    counts = {p.trial.name: len(p.windows) for p in found}
     if json:
+        outside = {p.trial.name: p.outside for p in found}
         written = {"files": {n: str(p) for n, p in files.items()}, "windows": counts, "notes": notes}
-        print_json(written | ({"outside_envelope": outside} if ship and ship.network else {}))
+        print_json(written | ({"outside_envelope": outside} if any(v is not None for v in outside.values()) else {}))
     else:
         say(f"{sum(counts.values())} windows of {len(runs)} trial(s) written to {out}")

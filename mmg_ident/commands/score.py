@@ -46,7 +46,8 @@ def score(
     from fitting.prediction.score import score as scored
     from mmg.errors import UserError
     from mmg.rollout import Simulator
-    from mmg_ident.commands.output import is_model, numbers_of, predictor, print_json
+    from mmg_ident.api import predictor
+    from mmg_ident.commands.output import is_model, numbers_of, print_json
 
     models = list(dict.fromkeys(a for a in models_and_trials if is_model(a)))
     files = [Path(a) for a in models_and_trials if not is_model(a)]

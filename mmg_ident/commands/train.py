@@ -97,8 +97,8 @@ def train(
     from cases.shipfiles.ship_file import load_ship
     from fitting.report.run_folder import check_target
     from mmg.errors import UserError
-    from mmg_ident.commands.output import print_json, say
-    from mmg_ident.commands.train_input import AGAIN, is_complete, sentences_on_stderr, settings_of
+    from mmg_ident.commands.output import end_progress, print_json, progress, say
+    from mmg_ident.commands.train_input import AGAIN, is_complete, settings_of
 
     settings = settings_of(
         model, seeds=seeds, seed=seed, workers=workers, epochs=epochs, width=width, penalty=penalty, jitter=jitter,
@@ -120,8 +120,8 @@ def train(
     store = training_store(out, load_ship(run), training_trials(chosen)[0], held_out, settings, resume)
     command = "mmg " + " ".join(shlex.quote(a) for a in sys.argv[1:])
     try:
-        with sentences_on_stderr():
-            result = trained(run, chosen, held_out, settings, keep, command, store=store)
+        result = trained(run, chosen, held_out, settings, keep, command, progress(), store)
+        end_progress()
         result.save(out, replace=True)
     except KeyboardInterrupt:
         if not store.folder.is_dir():

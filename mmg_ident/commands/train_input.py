@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -71,23 +69,3 @@ def is_complete(out: Path) -> bool:
     if read_result(out).get("kind") != "training":
         raise UserError(f"{out}: is no run of mmg train, so there is nothing to resume; choose another --out")
     return read_training(out).complete
-
-
-@contextmanager
-def sentences_on_stderr() -> Iterator[None]:
-    """Sentences of long work on stderr, as long as nothing else shows them."""
-    import logging
-
-    from mmg.progress import LOGGER
-
-    if LOGGER.handlers:
-        yield
-        return
-    handler, level = logging.StreamHandler(), LOGGER.level
-    LOGGER.addHandler(handler)
-    LOGGER.setLevel(logging.INFO)
-    try:
-        yield
-    finally:
-        LOGGER.removeHandler(handler)
-        LOGGER.setLevel(level)

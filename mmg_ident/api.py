@@ -1,0 +1,357 @@
+"""The functions of ``mmg_ident``: what each command does, for a script or a notebook.
+
+A *model* is a ship, the name of one of the library, a ship file, a run folder, or the result of ``calibrate`` or
+``train``. *Trials* are what ``read_trials`` returns, or the paths that it takes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from dataclasses import replace as changed
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+if TYPE_CHECKING:
+    import numpy as np
+    import pandas as pd
+
+    from cases.checks.report import CheckReport
+    from cases.trial import Trial
+    from diagnosis.diagnose import DiagnosisOptions
+    from diagnosis.result import Diagnosis
+    from fitting.pipeline import FitOptions
+    from fitting.prediction.predict import Forecaster, Window
+    from fitting.prediction.score import Score
+    from fitting.result import FitResult
+    from fitting.settings import Settings
+    from mmg.progress import OnProgress
+    from mmg.rollout import Simulator
+    from mmg.ship import Ship
+    from residual.result import TrainResult
+    from residual.settings import TrainSettings
+
+    Model: TypeAlias = Ship | str | Path | FitResult | TrainResult | Simulator | Forecaster
+    Trials: TypeAlias = str | Path | Trial | Sequence[str | Path | Trial]
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Open-loop windows of one trial.
+
+    trial: that was predicted; windows: each with its rows of the trial, predicted states and, where they are known,
+    standard deviations; notes: on windows that were left out; outside: share of the rows that lie outside the data the
+    network of a hybrid was trained on, None without a network.
+    """
+
+    trial: Trial
+    windows: tuple[Window, ...]
+    notes: tuple[str, ...] = ()
+    outside: float | None = None
+
+    @property
+    def table(self) -> np.ndarray:
+        """Rows window, t, x, y, psi, u, v, r in SI units, (N, 8), or with six standard deviations, (N, 14)."""
+        from fitting.prediction.predict import prediction_rows
+
+        return prediction_rows(self.trial, list(self.windows))
+
+    def to_pandas(self) -> pd.DataFrame:
+        """``table`` as a DataFrame, with the headers of the files that ``mmg predict`` writes."""
+        import pandas as pd
+
+        from fitting.prediction.predict import HEADER, STD_HEADER
+
+        rows = self.table
+        names = (HEADER + (STD_HEADER if rows.shape[1] > 8 else "")).split(",")
+        return pd.DataFrame(rows, columns=names).astype({"window": int})
+
+    def _repr_html_(self) -> str:
+        from mmg.notebook import html_table
+
+        last = [(w.number, *self.trial.t[[w.first, w.last]].tolist(), *w.states[-1].tolist()) for w in self.windows]
+        header = ("window", "from [s]", "to [s]", "x [m]", "y [m]", "psi [rad]", "u [m/s]", "v [m/s]", "r [rad/s]")
+        return html_table(f"{self.trial.name}: predicted states at the end of each window", header, last)
+
+
+def _trials(given: Trials) -> list[Trial]:
+    """Trials as they are, paths read."""
+    from cases.io.read import read_trials
+    from cases.trial import Trial
+
+    several = [given] if isinstance(given, (str, Path, Trial)) else list(given)
+    found: list[Trial] = []
+    for item in several:
+        found += [item] if isinstance(item, Trial) else read_trials([item])
+    return found
+
+
+def _ship(model: Any) -> Ship:
+    """The ship of a model."""
+    from cases.shipfiles.ship_file import load_ship
+    from mmg.ship import Ship
+
+    if isinstance(model, (str, Path)):
+        return load_ship(model)
+    return model if isinstance(model, Ship) else model.ship
+
+
+def predictor(model: Model) -> Simulator | Forecaster:
+    """What predicts for ``model``: a simulator of its ship, or the black box of a training.
+
+    Raises UserError where there is neither.
+    """
+    from cases.shipfiles.network_file import is_black_box
+    from cases.shipfiles.ship_file import load_ship
+    from fitting.report.run_folder import START
+    from mmg.errors import needs_torch
+    from mmg.rollout import Simulator
+
+    if isinstance(model, (str, Path)) and is_black_box(model):
+        needs_torch("a black box")
+        from residual.blackbox.file import load_box
+
+        start = Path(model) / START
+        return load_box(model, load_ship(start) if start.exists() else None)
+    if isinstance(model, Simulator) or hasattr(model, "forecast"):
+        return model  # type: ignore[return-value]
+    box = getattr(model, "black_box", None)
+    return box if box is not None else Simulator(_ship(model))
+
+
+def content_of(model: Model) -> dict[str, Any]:
+    """What is known of ``model`` beside its ship, as in result.json; empty for a bare ship."""
+    from fitting.report.run_folder import RESULT, read_result
+
+    if isinstance(model, (str, Path)):
+        return read_result(Path(model)) if (Path(model) / RESULT).exists() else {}
+    return model.to_dict() if hasattr(model, "to_dict") else {}
+
+
+def check(trials: Trials) -> list[CheckReport]:
+    """Check ``trials`` before anything is fitted to them: units, signs, frames, gaps, copies, lags, excitation.
+
+    Returns a report per trial, with its verdict and findings. Raises UserError for a file that cannot be read.
+    """
+    from cases.checks import check as check_trials
+
+    return check_trials(_trials(trials))
+
+
+def simulate(
+    ship: Model,
+    maneuver: str | Trial,
+    wind: str | None = None,
+    effects: Sequence[str] = (),
+    noise: bool = False,
+    duration: float | None = None,
+    dt: float | None = None,
+    seed: int = 0,
+) -> Trial:
+    """Simulate a manoeuvre of ``ship``, or let it follow the rudder, revolutions and wind of a trial.
+
+    maneuver: as ``mmg simulate --maneuver`` takes it, such as "turning:35" or "zigzag:20/20" [deg], or a trial to
+    follow; wind: "speed:direction[:gusty]" [m/s, deg it comes from], None: calm air; effects: switched on, such as
+    "current:x=0.1"; noise: add sensor noise; duration: longest time [s]; dt: sampling interval [s], default 0.1; seed:
+    of gusts, noise and random manoeuvres. Returns the run. Raises UserError for what cannot be simulated.
+    """
+    from cases.criteria.completeness import check_reached
+    from cases.maneuvers.definitions import parse_maneuver
+    from cases.shipfiles.effects import with_effects
+    from cases.simulation.gusts import parse_wind
+    from cases.simulation.sensors import SensorNoise, add_noise
+    from cases.simulation.simulate import simulate as run
+    from cases.simulation.simulate import simulate_controls
+    from mmg.errors import UserError
+
+    model, air = with_effects(_ship(ship), list(effects)), parse_wind(wind) if wind is not None else None
+    if isinstance(maneuver, str):
+        plan = parse_maneuver(
+            maneuver, model, seed=seed, n=None, speed=None, duration=duration, rudder_rate=None, sampled=False
+        )
+        trial = run(model, plan, 0.1 if dt is None else dt, air, seed)
+        trial = changed(trial, notices=trial.notices + check_reached(trial, plan))
+    elif duration is not None or dt is not None:
+        raise UserError("duration and dt belong to a manoeuvre; a trial that is followed gives its own times")
+    else:
+        trial = simulate_controls(model, maneuver, air, seed)
+    return add_noise(trial, SensorNoise.for_length(model.particulars["L"]), seed) if noise else trial
+
+
+def calibrate(
+    ship: Model,
+    trials: Trials,
+    validate: Trials = (),
+    settings: Settings | None = None,
+    options: FitOptions | None = None,
+    measurement: Sequence[str] = ("velocity_lag",),
+    progress: OnProgress | None = None,
+) -> FitResult:
+    """Calibrate the free coefficients of ``ship`` on ``trials``, as ``mmg fit`` does.
+
+    validate: held-out trials to score before and after; settings: of the solver (``fitting.settings.Settings``);
+    options: uncertainty, next trial and more (``fitting.pipeline.FitOptions``); measurement: effects of the instruments
+    that are fitted along; progress: called at each iteration. Returns the result, whose ``save(folder)`` writes the run
+    folder. Raises UserError for input from which nothing can be identified.
+    """
+    from cases.shipfiles.model_changes import with_instruments
+    from fitting import pipeline
+
+    start = with_instruments(_ship(ship), list(measurement))
+    return pipeline.calibrate(start, _trials(trials), _trials(validate), settings, options, progress)
+
+
+def score(
+    model: Model,
+    trials: Trials,
+    sigma: Sequence[float] | np.ndarray | None = None,
+    adapt: float | None = None,
+) -> Score:
+    """Both metrics of ``model`` on ``trials``: 30 s windows every 15 s; 100 s restarts (Wakita et al. 2022, Eq. 25).
+
+    sigma: (6,) of x, y [m], psi [rad], u, v [m/s], r [rad/s] by which errors are divided, default pooled over the
+    trials; adapt: seconds before each window from which the disturbance of the run is estimated. Returns the scores,
+    pooled and by trial; lower is better. Raises UserError for trials without positions.
+    """
+    import numpy as np
+
+    from fitting.prediction.score import score as scored
+
+    origin = "the scored trials" if sigma is None else "the caller"
+    given = None if sigma is None else np.asarray(sigma, dtype=float)
+    return scored(predictor(model), _trials(trials), given, origin, adapt=adapt)
+
+
+def predict(
+    model: Model, trials: Trials, window: float = 30.0, stride: float | None = 15.0, adapt: float = 0.0
+) -> list[Prediction]:
+    """Predict open-loop windows of ``trials``, each started from the measured state, as ``mmg predict`` does.
+
+    window: length [s], 0: the whole run; stride: between starts [s], None: the window; adapt: seconds before each
+    window (never the window itself) from which the disturbance of the run is estimated, 0: none. Returns a prediction
+    per trial, with standard deviations where ``model`` is a result that knows them. Raises UserError where no window
+    can be predicted, and for a black box with ``adapt``.
+    """
+    from fitting.prediction.adaptation import Adaptation
+    from fitting.prediction.bands import bands_of
+    from fitting.prediction.predict import predict as windows_of
+    from fitting.prediction.training_range import outside_share
+    from mmg.errors import UserError
+    from mmg.rollout import Simulator
+
+    if not (0 <= adapt < float("inf")):
+        raise UserError("--adapt must be 0 or a positive number of seconds")
+    if not window >= 0 or (stride is not None and not stride > 0):
+        raise UserError("--window must be 0 or positive and --stride positive")
+    step = stride or (window if window > 0 else 1.0)
+    simulator = predictor(model)
+    ship = simulator.ship if isinstance(simulator, Simulator) else None
+    if adapt and not ship:
+        raise UserError(f"--adapt: {model} is a black box, whose disturbance cannot be estimated; leave it out")
+    bands = bands_of(content_of(model), ship) if ship else None
+    past = Adaptation.of(ship, adapt) if adapt and ship else None
+    results = []
+    for run in _trials(trials):
+        found, remarks = windows_of(
+            simulator, run, window, step, short_last=window <= 0 or step >= window, adaptation=past, bands=bands
+        )
+        if not run.has_position:
+            remarks = [*remarks, f"{run.name}: no measured position; each window starts at x = y = 0"]
+        if not run.has_wind:
+            remarks = [*remarks, f"{run.name}: no wind columns; calm air is assumed"]
+        outside = outside_share(simulator, run, found) if isinstance(simulator, Simulator) else None
+        if outside:
+            remarks = [*remarks, f"{run.name}: {outside:.1%} of the rows lie outside the data the network knows"]
+        results.append(Prediction(run, tuple(found), tuple(remarks), outside))
+    if not any(p.windows for p in results):
+        notes = "; ".join(note for p in results for note in p.notes)
+        raise UserError(f"no window could be predicted; {notes or 'the trials are shorter than --window'}")
+    return results
+
+
+def train(
+    model: Model,
+    trials: Trials,
+    validate: Trials = (),
+    settings: TrainSettings | None = None,
+    keep: str = "better",
+    progress: OnProgress | None = None,
+) -> TrainResult:
+    """Learn a residual acceleration on a calibrated ship, or a black box, as ``mmg train`` does.
+
+    model: the calibrated ship, best as a run folder or a result of ``calibrate``; trials: to train on; validate: trials
+    to judge by; settings: ``residual.settings.TrainSettings``, or ``BlackBoxSettings`` for a black box; keep: "better"
+    or "always", which ship is recommended; progress: called after each epoch or seed. Returns the result with both
+    ships. Raises UserError where there is too little to train on.
+    """
+    from residual import pipeline
+
+    return pipeline.train(model, _trials(trials), _trials(validate), settings, keep, progress=progress)  # type: ignore[arg-type]
+
+
+def diagnose(
+    model: Model,
+    trials: Trials,
+    test: Trials = (),
+    options: DiagnosisOptions | None = None,
+    progress: OnProgress | None = None,
+) -> Diagnosis:
+    """Say which effect ``model`` lacks, judged by ``trials``, where the gap lies and how far it shrinks.
+
+    test: trials that take no part, to check on; options: ``diagnosis.diagnose.DiagnosisOptions``; progress: called as
+    the work goes on. Where ``model`` is a run folder or a result of ``calibrate``, what it was calibrated on is taken
+    into account. Returns the diagnosis. Raises UserError for input from which nothing can be concluded.
+    """
+    from diagnosis import diagnose as pipeline
+
+    runs = _trials(trials)
+    known: Any = model if isinstance(model, (str, Path)) else getattr(model, "folder", None)
+    objects = getattr(model, "objects", None)
+    if known is None and objects is not None and not any(a is b for a in objects.trials for b in runs):
+        known = objects.trials
+    return pipeline.diagnose(_ship(model), runs, _trials(test), None, options, known, progress)
+
+
+def load_run(folder: str | Path) -> FitResult | TrainResult | Diagnosis:
+    """The result in a run ``folder`` of ``mmg fit``, ``train`` or ``diagnose``, or of ``save`` of its result.
+
+    Raises UserError where the folder is none of these, or was changed so that it cannot be read.
+    """
+    from fitting.report.run_folder import read_result
+    from mmg.errors import UserError
+
+    content = read_result(Path(folder))
+    kind = content.get("kind") if isinstance(content, dict) else None
+    if kind == "calibration":
+        from fitting.result import read_fit
+
+        return read_fit(folder)
+    if kind == "training":
+        from residual.result import read_training
+
+        return read_training(folder)
+    if kind == "diagnosis":
+        from diagnosis.result import read_diagnosis
+
+        return read_diagnosis(folder)
+    raise UserError(f"{folder}: result.json says kind {kind!r}; known are calibration, training and diagnosis")
+
+
+def write_report(runs: str | Path | Sequence[str | Path], out: str | Path) -> None:
+    """Write one self-contained HTML page on a run folder, or on several side by side.
+
+    runs: folders of ``mmg fit``, or of ``mmg train``; out: the file. Raises UserError for a folder of another kind, and
+    for a file that cannot be written.
+    """
+    from fitting.report.run_folder import read_result
+
+    folders = [Path(run) for run in ([runs] if isinstance(runs, (str, Path)) else runs)]
+    content = read_result(folders[0])
+    if isinstance(content, dict) and content.get("kind") == "training":
+        from residual.report.page import write_report as write_trainings
+
+        write_trainings(folders, Path(out))
+    else:
+        from fitting.result import write_report as write_calibrations
+
+        write_calibrations(folders, out)

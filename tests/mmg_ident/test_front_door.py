@@ -1,0 +1,144 @@
+"""The package mmg_ident: its names, what importing it costs, and that it does what the commands do."""
+
+from __future__ import annotations
+
+import ast
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mmg_ident
+from cases.simulation.simulate import write_trial
+from mmg_ident.commands.main import VERBS, main
+from tests.support.synthetic_runs import runs
+
+ROOT = Path(__file__).parents[2]
+HEAVY = ("torch", "casadi", "matplotlib", "pandas", "pydantic", "scipy", "numpy")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Trial files, and what the functions of the package make of them."""
+    folder = tmp_path_factory.mktemp("door")
+    train, held_out = runs()
+    (folder / "train").mkdir()
+    for trial in train[:2]:
+        write_trial(trial, folder / "train" / f"{trial.name}.csv")
+    write_trial(held_out[0], folder / "held_out.csv")
+    fit = mmg_ident.calibrate("esso_osaka_3m", folder / "train", folder / "held_out.csv")
+    fit.save(folder / "run")
+    return folder
+
+
+def loaded_after(code: str) -> list[str]:
+    """Heavy modules in memory after ``code`` in a new process."""
+    code += f"\nimport sys; print([name for name in {HEAVY} if name in sys.modules])"
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return list(ast.literal_eval(done.stdout.splitlines()[-1]))
+
+
+@pytest.mark.parametrize(
+    "code", ["import mmg_ident", "from mmg_ident.commands.main import main; main(['--help'])"], ids=["import", "help"]
+)
+def test_nothing_heavy_is_imported_before_it_is_used(code: str) -> None:
+    assert loaded_after(code) == []
+
+
+def test_a_calibration_needs_no_torch_and_no_matplotlib_to_be_named() -> None:
+    found = loaded_after("from mmg_ident import calibrate, load_ship, read_trials, score")
+    assert not {"torch", "matplotlib"} & set(found)
+
+
+def test_every_public_name_can_be_taken_and_is_documented() -> None:
+    for name in mmg_ident.__all__:
+        assert getattr(mmg_ident, name) is not None
+    assert set(dir(mmg_ident)) == set(mmg_ident.__all__)
+    with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
+        mmg_ident.nonsense  # noqa: B018
+
+
+def test_types_that_an_editor_sees_are_those_that_are_loaded() -> None:
+    tree = ast.parse(Path(mmg_ident.__file__).read_text())
+    guarded = next(node for node in tree.body if isinstance(node, ast.If))
+    named = {
+        alias.name: node.module for node in guarded.body if isinstance(node, ast.ImportFrom) for alias in node.names
+    }
+    assert set(named) | {"__version__"} == set(mmg_ident.__all__)
+    for name, module in named.items():
+        assert getattr(__import__(str(module), fromlist=[name]), name) is getattr(mmg_ident, name)
+
+
+def test_the_help_lists_every_verb_and_each_has_a_function(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--help"]) == 0
+    page = capsys.readouterr().out
+    for verb in VERBS:
+        assert f"\n  {verb} " in page
+        assert main([verb, "--help"]) == 0
+
+
+def test_a_notebook_and_the_command_leave_the_same_folder(folder: Path, tmp_path: Path) -> None:
+    arguments = ["fit", "esso_osaka_3m", str(folder / "train"), "--validate", str(folder / "held_out.csv")]
+    assert main([*arguments, "--out", str(tmp_path / "run")]) == 0
+    names = [sorted(str(p.relative_to(f)) for p in f.rglob("*")) for f in (folder / "run", tmp_path / "run")]
+    assert names[0] == names[1]
+    ours, theirs = (json.loads((f / "result.json").read_text()) for f in (folder / "run", tmp_path / "run"))
+    assert set(ours) == set(theirs)
+    for key in set(ours) - {"created", "command", "timings_s", "identifiability"}:
+        assert ours[key] == theirs[key], key
+    assert (folder / "run" / "ship.toml").read_text() == (tmp_path / "run" / "ship.toml").read_text()
+
+
+def test_a_run_is_read_back_as_it_was_written(folder: Path) -> None:
+    found = mmg_ident.load_run(folder / "run")
+    assert isinstance(found, mmg_ident.FitResult) and found.converged
+    assert found.to_dict() == json.loads((folder / "run" / "result.json").read_text())
+    assert len(found.to_pandas()) == len(found.coefficients) and "<table>" in found._repr_html_()
+
+
+def test_scores_are_those_of_the_command(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    held_out = mmg_ident.read_trials([folder / "held_out.csv"])
+    ours = mmg_ident.score(mmg_ident.load_run(folder / "run"), held_out)
+    assert ours.window < mmg_ident.score("esso_osaka_3m", held_out).window
+    capsys.readouterr()
+    assert main(["score", str(folder / "run"), str(folder / "held_out.csv"), "--json"]) == 0
+    theirs = json.loads(capsys.readouterr().out)["models"][str(folder / "run")]
+    assert (theirs["window"], theirs["paper"]) == (ours.window, ours.paper)
+
+
+def test_predictions_are_tables(folder: Path) -> None:
+    (found,) = mmg_ident.predict(folder / "run", folder / "held_out.csv")
+    table = found.to_pandas()
+    assert list(table.columns[:3]) == ["window", "t [s]", "x [m]"] and "r_std [rad/s]" in table
+    assert table["window"].nunique() == len(found.windows) == 8 and found.trial.name in found._repr_html_()
+
+
+def test_a_simulated_run_is_a_trial(folder: Path) -> None:
+    turn = mmg_ident.simulate("esso_osaka_3m", "turning:35", duration=30.0)
+    again = mmg_ident.simulate(mmg_ident.load_run(folder / "run"), turn)
+    assert isinstance(turn, mmg_ident.Trial) and len(again) == len(turn)
+    assert np.allclose(again["delta"], turn["delta"]) and not np.allclose(again["r"], turn["r"])
+    noisy = mmg_ident.simulate("esso_osaka_3m", "turning:35", duration=30.0, noise=True, effects=["current:x=0.1"])
+    assert noisy["x"][-1] > turn["x"][-1]
+    with pytest.raises(mmg_ident.UserError, match="belong to a manoeuvre"):
+        mmg_ident.simulate("esso_osaka_3m", turn, duration=3.0)
+
+
+def test_reports_and_checks_are_functions_too(folder: Path, tmp_path: Path) -> None:
+    mmg_ident.write_report(folder / "run", tmp_path / "page.html")
+    assert "<html" in (tmp_path / "page.html").read_text()
+    assert {r.verdict for r in mmg_ident.check(folder / "train")} <= {"ok", "doubtful", "warnings"}
+
+
+def test_a_folder_that_is_no_run_is_refused_in_one_line(tmp_path: Path) -> None:
+    (tmp_path / "result.json").write_text('{"kind": "poem"}')
+    with pytest.raises(mmg_ident.UserError, match="poem"):
+        mmg_ident.load_run(tmp_path)
+    with pytest.raises(mmg_ident.UserError):
+        mmg_ident.load_run(tmp_path / "nowhere")
