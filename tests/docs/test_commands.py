@@ -1,0 +1,69 @@
+"""What README and docs say to type works, and prints the figures that the page shows."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from mmg_ident.commands.main import VERBS, main
+from tests.docs.pages import PAGES, ROOT, arguments, blocks, commands, make_workspace, missing
+
+IN_DEFAULT_RUN = ("README.md",)
+PUBLIC_DATA = ("compare",)
+"""Verbs that need the public records, which are tested where these are."""
+ELSEWHERE = ("frt-ds-esso", "kv/")
+"""Folders of records, and of runs that another test writes."""
+
+
+def page_of(path: Path) -> object:
+    """A page as a parameter of the test: all but the README are slow."""
+    return pytest.param(path, id=path.name, marks=[] if path.name in IN_DEFAULT_RUN else [pytest.mark.slow])
+
+
+@pytest.mark.parametrize("path", [page_of(p) for p in PAGES if commands(p)])
+def test_the_commands_of_a_page_work_and_print_what_it_shows(
+    path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    make_workspace(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    for command in commands(path):
+        words = arguments(command)
+        if words[0] in PUBLIC_DATA or any(w.startswith(ELSEWHERE) for w in words):
+            continue
+        refused = any(line.startswith("mmg: ") for line in command.shown)
+        capsys.readouterr()
+        code = main(words)
+        out, err = capsys.readouterr()
+        assert code == (2 if refused else 0) or (words[0] == "fit" and code == 1), (words, err)
+        assert not missing(command.shown, err + out), (words, err + out)
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda p: p.name)
+def test_every_option_that_a_page_names_exists(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    inline = re.findall(r"`(mmg [^`]+)`", re.sub(r"(?ms)^```.*?^```", "", path.read_text()))
+    for text in inline:
+        words = text.split()[1:]
+        if not words[0].islower() or words[0] in ("select", "export"):
+            continue
+        verb = words[0].rstrip(",.")
+        assert verb in VERBS, text
+        capsys.readouterr()
+        assert main([verb, "--help"]) == 0
+        page = capsys.readouterr().out
+        for option in re.findall(r"(?<![\w-])--[a-z][a-z-]*", text):
+            assert option in page or option == "--help", text
+
+
+def test_python_of_the_readme_uses_one_import_and_works(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    make_workspace(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    (code,) = blocks(ROOT / "README.md", "python")
+    assert re.findall(r"^(?:import|from) .*", code, re.MULTILINE) == ["import mmg_ident as mi"]
+    exec(compile(code, "README.md", "exec"), {})
+    assert (tmp_path / "runs" / "notebook" / "report.html").exists()
+    after, before = map(float, capsys.readouterr().out.splitlines()[1].split())
+    assert after < before

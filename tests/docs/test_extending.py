@@ -1,0 +1,54 @@
+"""The walk-through "one file each" works as it is written: an effect, a force model, a ship."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from cases.shipfiles.ship_file import load_ship
+from mmg.components import catalogue
+from mmg.effects import EFFECTS
+from mmg.rollout import Simulator
+from tests.docs.pages import ROOT, blocks
+
+EFFECT, FORCE, SHIP = blocks(ROOT / "docs" / "extending.md", "python")
+STATE = np.array([[0.0, 0.0, 0.0, 0.3, 0.05, 0.02]]).T
+
+
+def module_of(code: str, name: str) -> ModuleType:
+    module = ModuleType(name)
+    exec(compile(code, name, "exec"), module.__dict__)
+    return module
+
+
+def test_an_effect_in_one_file_enters_the_model(monkeypatch: pytest.MonkeyPatch) -> None:
+    effect = module_of(EFFECT, "sway_scale").EFFECT
+    monkeypatch.setitem(EFFECTS, effect.name, effect)
+    bare = load_ship("esso_osaka_3m")
+    neutral, larger = bare.with_effect(effect.name), bare.with_effect(effect.name, {"share": 0.1})
+    logged = [Simulator(ship, compiled=False).columns(STATE)[4, 0] for ship in (bare, neutral, larger)]
+    assert logged[0] == logged[1] and np.isclose(logged[2], 1.1 * logged[0])
+
+
+def test_a_force_model_in_one_file_is_a_choice_of_a_ship_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setitem(catalogue.MODELS["wind"], "flat_plate", module_of(FORCE, "flat_plate"))
+    text = (ROOT / "cases" / "ships" / "kvlcc2_l7.toml").read_text()
+    areas = "A_T = 0.5\nA_L = 1.5\nC = 0.1\nrho_a = 1.2\n"
+    (tmp_path / "ship.toml").write_text(
+        text.replace("[ship]\n", "[ship]\n" + areas).replace("[model]\n", '[model]\nwind = "flat_plate"\n')
+    )
+    ship = load_ship(tmp_path / "ship.toml")
+    simulator = Simulator(ship, compiled=False)
+    controls = np.zeros((len(ship.inputs), 1))
+    calm = simulator.rates(STATE, controls)
+    controls[ship.inputs.index("wind_east")] = 5.0
+    assert simulator.rates(STATE, controls)[4, 0] > calm[4, 0]  # wind to the east pushes a ship that heads north
+
+
+def test_a_ship_in_one_file_turns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    module_of(SHIP, "ship_walk_through")
+    assert load_ship("my_ship.toml").coefficients["m_x"].fixed
