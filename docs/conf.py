@@ -10,7 +10,7 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 project = "mmg-ident"
-author = "The mmg-ident authors"
+author = project_copyright = "The mmg-ident authors"
 extensions = ["myst_nb", "sphinx.ext.autodoc"]
 html_theme = "furo"
 html_title = "mmg-ident"
@@ -27,11 +27,10 @@ suppress_warnings = ["myst.xref_missing", "ref.python"]  # pages outside docs ar
 
 
 def _as_plain_text(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
-    """Docstrings are plain sentences: stars and bars in them are no markup, and arguments are set as code."""
-    text = "\n".join(lines)
-    text = text.replace("*", "\\*").replace("|", "\\|")
-    text = re.sub(r"(?m)(^|; )(\w+(?:, \w+)*): ", lambda m: f"{m[1]}``{m[2]}``: ", text)
-    lines[:] = text.splitlines()
+    """Docstrings are plain sentences: stars, bars and indents in them are no markup, arguments are set as code."""
+    kept = [line.strip() for line in lines if line.strip() not in ("Attributes", "-" * len("Attributes"))]
+    text = "\n".join(kept).replace("*", "\\*").replace("|", "\\|")
+    lines[:] = re.sub(r"(?m)(^|; )(\w+(?:, \w+)*): ", lambda m: f"{m[1]}``{m[2]}``: ", text).splitlines()
 
 
 def setup(app: Any) -> None:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from dataclasses import replace as changed
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -25,6 +24,7 @@ if TYPE_CHECKING:
     from fitting.prediction.score import Score
     from fitting.result import FitResult
     from fitting.settings import Settings
+    from mmg.messages import Message
     from mmg.progress import OnProgress
     from mmg.rollout import Simulator
     from mmg.ship import Ship
@@ -46,7 +46,7 @@ class Prediction:
 
     trial: Trial
     windows: tuple[Window, ...]
-    notes: tuple[str, ...] = ()
+    notes: tuple[Message, ...] = ()
     outside: float | None = None
 
     @property
@@ -155,27 +155,18 @@ def simulate(
     "current:x=0.1"; noise: add sensor noise; duration: longest time [s]; dt: sampling interval [s], default 0.1; seed:
     of gusts, noise and random manoeuvres. Returns the run. Raises UserError for what cannot be simulated.
     """
-    from cases.criteria.completeness import check_reached
+    from cases.criteria.simulated_trial import simulated_trial
     from cases.maneuvers.definitions import parse_maneuver
     from cases.shipfiles.effects import with_effects
-    from cases.simulation.gusts import parse_wind
-    from cases.simulation.sensors import SensorNoise, add_noise
-    from cases.simulation.simulate import simulate as run
-    from cases.simulation.simulate import simulate_controls
     from mmg.errors import UserError
 
-    model, air = with_effects(_ship(ship), list(effects)), parse_wind(wind) if wind is not None else None
+    model = with_effects(_ship(ship), effects)
     if isinstance(maneuver, str):
-        plan = parse_maneuver(
-            maneuver, model, seed=seed, n=None, speed=None, duration=duration, rudder_rate=None, sampled=False
-        )
-        trial = run(model, plan, 0.1 if dt is None else dt, air, seed)
-        trial = changed(trial, notices=trial.notices + check_reached(trial, plan))
-    elif duration is not None or dt is not None:
+        plan = parse_maneuver(maneuver, model, seed=seed, duration=duration)
+        return simulated_trial(model, plan, None, (), wind, noise, seed, dt)
+    if duration is not None or dt is not None:
         raise UserError("duration and dt belong to a manoeuvre; a trial that is followed gives its own times")
-    else:
-        trial = simulate_controls(model, maneuver, air, seed)
-    return add_noise(trial, SensorNoise.for_length(model.particulars["L"]), seed) if noise else trial
+    return simulated_trial(model, None, maneuver, (), wind, noise, seed)
 
 
 def calibrate(
@@ -184,21 +175,18 @@ def calibrate(
     validate: Trials = (),
     settings: Settings | None = None,
     options: FitOptions | None = None,
-    measurement: Sequence[str] = ("velocity_lag",),
     progress: OnProgress | None = None,
 ) -> FitResult:
     """Calibrate the free coefficients of ``ship`` on ``trials``, as ``mmg fit`` does.
 
     validate: held-out trials to score before and after; settings: of the solver (``fitting.settings.Settings``);
-    options: uncertainty, next trial and more (``fitting.pipeline.FitOptions``); measurement: effects of the instruments
-    that are fitted along; progress: called at each iteration. Returns the result, whose ``save(folder)`` writes the run
-    folder. Raises UserError for input from which nothing can be identified.
+    options: uncertainty, instruments, next trial and more (``fitting.pipeline.FitOptions``); progress: called at each
+    iteration. Returns the result, whose ``save(folder)`` writes the run folder. Raises UserError for input from which
+    nothing can be identified.
     """
-    from cases.shipfiles.model_changes import with_instruments
     from fitting import pipeline
 
-    start = with_instruments(_ship(ship), list(measurement))
-    return pipeline.calibrate(start, _trials(trials), _trials(validate), settings, options, progress)
+    return pipeline.calibrate(_ship(ship), _trials(trials), _trials(validate), settings, options, progress)
 
 
 def score(
@@ -237,6 +225,7 @@ def predict(
     from fitting.prediction.predict import predict as windows_of
     from fitting.prediction.training_range import outside_share
     from mmg.errors import UserError
+    from mmg.messages import Message
     from mmg.rollout import Simulator
 
     if not (0 <= adapt < float("inf")):
@@ -255,13 +244,15 @@ def predict(
         found, remarks = windows_of(
             simulator, run, window, step, short_last=window <= 0 or step >= window, adaptation=past, bands=bands
         )
+        remarks = list(remarks)
         if not run.has_position:
-            remarks = [*remarks, f"{run.name}: no measured position; each window starts at x = y = 0"]
+            remarks.append(Message(f"{run.name}: no measured position; each window starts at x = y = 0", "no_position"))
         if not run.has_wind:
-            remarks = [*remarks, f"{run.name}: no wind columns; calm air is assumed"]
+            remarks.append(Message(f"{run.name}: no wind columns; calm air is assumed", "no_wind"))
         outside = outside_share(simulator, run, found) if isinstance(simulator, Simulator) else None
         if outside:
-            remarks = [*remarks, f"{run.name}: {outside:.1%} of the rows lie outside the data the network knows"]
+            words = f"{run.name}: {outside:.1%} of the rows lie outside the data the network knows"
+            remarks.append(Message(words, "outside_training"))
         results.append(Prediction(run, tuple(found), tuple(remarks), outside))
     if not any(p.windows for p in results):
         notes = "; ".join(note for p in results for note in p.notes)

@@ -51,7 +51,8 @@ def predict(
     if existing and not force:
         raise UserError(f"{existing[0]}: exists already; choose another --out or add --force")
     found = api.predict(model, runs, window, stride, adapt)
-    notes = [*(warnings_on_adaptation(api.content_of(model)) if adapt else []), *(note for p in found for note in p.notes)]
+    notes = list(warnings_on_adaptation(api.content_of(model))) if adapt else []
+    notes += [note for p in found for note in p.notes]
     write_tables({files[p.trial.name]: p.table for p in found})
     for note in notes:
         say(f"note: {note}")

@@ -50,33 +50,37 @@ def small_trials() -> tuple[Trial, ...]:
     """Runs of 60 s of the hidden ship of the demo, two samples a second."""
     train, held_out = demo_trials(7, dt=0.5)
     return tuple(
-        Trial(t.name, {name: values[:121] for name, values in t.columns.items()}) for t in (*train[:3], *held_out[:1])
+        Trial(t.name, {name: values[:121] for name, values in t.columns.items()}) for t in (*train[:4], *held_out[1:2])
     )
 
 
-def make_workspace(folder: Path) -> None:
-    """The folders and files that the pages speak of, in ``folder``: small trials, a ship file."""
+def make_workspace(folder: Path, with_trials: bool = True) -> None:
+    """The folders and files that the pages speak of, in ``folder``: a ship, and trials unless a page makes its own."""
     from cases.shipfiles.ship_file import dump_ship, load_ship
 
+    (folder / "ship.toml").write_text(dump_ship(load_ship("esso_osaka_3m")))
+    if not with_trials:
+        (folder / "trials").mkdir()
+        return
     trials = small_trials()
-    for name, chosen in (("trials", trials[:2]), ("held_out", trials[3:]), ("next_year", trials[2:3])):
+    for name, chosen in (("trials", trials[:3]), ("held_out", trials[4:]), ("next_year", trials[3:4])):
         (folder / name).mkdir()
         for trial in chosen:
             write_trial(trial, folder / name / f"{trial.name}.csv")
-    write_trial(trials[3], folder / "held_out" / "run7.csv")
-    (folder / "held_out" / f"{trials[3].name}.csv").unlink()
-    write_trial(trials[2], folder / "held_out.csv")
+    write_trial(trials[4], folder / "held_out" / "run7.csv")
+    (folder / "held_out" / f"{trials[4].name}.csv").unlink()
+    write_trial(trials[3], folder / "held_out.csv")
     (folder / "next_year_test").mkdir()
-    write_trial(trials[3], folder / "next_year_test" / "run8.csv")
-    (folder / "ship.toml").write_text(dump_ship(load_ship("esso_osaka_3m")))
-    assert read_trials([folder / "trials"])
+    write_trial(trials[4], folder / "next_year_test" / "run8.csv")
+    assert len(read_trials([folder / "trials"])) == 3
 
 
 QUICK = {
-    "train": ["--seeds", "1", "--epochs", "1", "--width", "4", "--workers", "1"],
+    "fit": ["--step", "0.5", "--max-iterations", "40"],
+    "train": ["--validate", "held_out/run7.csv", "--seeds", "1", "--epochs", "1", "--width", "4", "--workers", "1"],
     "diagnose": ["--no-learn", "--workers", "1"],
 }
-"""What is added to a command so that it is quick; the last value of an option counts."""
+"""What is added to a command whose output is not shown, so that it is quick; the last value of an option counts."""
 
 
 def arguments(command: Command) -> list[str]:
@@ -84,7 +88,7 @@ def arguments(command: Command) -> list[str]:
     words: list[str] = []
     for word in command.words:
         words += sorted(str(p) for p in Path().glob(word)) if "*" in word else [word]
-    return words + QUICK.get(words[0], [])
+    return words + ([] if command.shown else QUICK.get(words[0], []))
 
 
 def missing(shown: tuple[str, ...], printed: str) -> list[str]:

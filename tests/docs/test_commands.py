@@ -8,27 +8,22 @@ from pathlib import Path
 import pytest
 
 from mmg_ident.commands.main import VERBS, main
-from tests.docs.pages import PAGES, ROOT, arguments, blocks, commands, make_workspace, missing
+from tests.docs.pages import PAGES, ROOT, Command, arguments, blocks, commands, make_workspace, missing
 
-IN_DEFAULT_RUN = ("README.md",)
 PUBLIC_DATA = ("compare",)
 """Verbs that need the public records, which are tested where these are."""
-ELSEWHERE = ("frt-ds-esso", "kv/")
-"""Folders of records, and of runs that another test writes."""
+ELSEWHERE = ("frt-ds-esso",)
+"""Folders of public records."""
 
 
-def page_of(path: Path) -> object:
-    """A page as a parameter of the test: all but the README are slow."""
-    return pytest.param(path, id=path.name, marks=[] if path.name in IN_DEFAULT_RUN else [pytest.mark.slow])
+OWN_TRIALS = ("effects.md",)
+"""Pages that make the trials that they use."""
 
 
-@pytest.mark.parametrize("path", [page_of(p) for p in PAGES if commands(p)])
-def test_the_commands_of_a_page_work_and_print_what_it_shows(
-    path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    make_workspace(tmp_path)
-    monkeypatch.chdir(tmp_path)
-    for command in commands(path):
+def run_page(path: Path, folder: Path, chosen: list[Command], capsys: pytest.CaptureFixture[str]) -> None:
+    """Run the ``chosen`` commands of a page in the working ``folder``; each must work and print what it says."""
+    make_workspace(folder, path.name not in OWN_TRIALS)
+    for command in chosen:
         words = arguments(command)
         if words[0] in PUBLIC_DATA or any(w.startswith(ELSEWHERE) for w in words):
             continue
@@ -38,6 +33,24 @@ def test_the_commands_of_a_page_work_and_print_what_it_shows(
         out, err = capsys.readouterr()
         assert code == (2 if refused else 0) or (words[0] == "fit" and code == 1), (words, err)
         assert not missing(command.shown, err + out), (words, err + out)
+
+
+def test_the_first_commands_of_the_readme_print_its_figures(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    shown = [c for c in commands(ROOT / "README.md") if c.shown]
+    assert [c.words[0] for c in shown] == ["ships", "simulate", "imo"]
+    run_page(ROOT / "README.md", tmp_path, shown, capsys)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", [p for p in PAGES if commands(p)], ids=lambda p: p.name)
+def test_the_commands_of_a_page_work_and_print_what_it_shows(
+    path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    run_page(path, tmp_path, commands(path), capsys)
 
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda p: p.name)

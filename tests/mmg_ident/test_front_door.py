@@ -110,6 +110,8 @@ def test_scores_are_those_of_the_command(folder: Path, capsys: pytest.CaptureFix
     assert main(["score", str(folder / "run"), str(folder / "held_out.csv"), "--json"]) == 0
     theirs = json.loads(capsys.readouterr().out)["models"][str(folder / "run")]
     assert (theirs["window"], theirs["paper"]) == (ours.window, ours.paper)
+    assert list(ours.to_pandas()["window"]) == [trial.window for trial in ours.trials]
+    assert "30 s windows" in ours._repr_html_()
 
 
 def test_predictions_are_tables(folder: Path) -> None:
