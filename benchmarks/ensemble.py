@@ -18,6 +18,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from benchmarks.ensembles.casadi_to_torch import TorchPhysics
+from benchmarks.ensembles.spread_calibration import Spread, calibrated, coverage
+from benchmarks.ensembles.stacked import Stacked, losses, on
 from benchmarks.record import record, table
 from cases import published_splits as splits
 from cases.io.read import read_trials
@@ -29,15 +32,13 @@ from fitting.nlp.grid import default_step
 from mmg.ship import Ship
 from mmg.states import STATES
 from residual.blackbox.models import box_scales, build_box
-from residual.ensembles.ensemble import SAMPLINGS, distances, particles, train_members
-from residual.ensembles.spread_calibration import Spread, calibrated, coverage
-from residual.ensembles.stacked import Stacked, losses, on
+from residual.ensemble import SAMPLINGS, distances, particles, train_members
 from residual.physics.operator import Physics
-from residual.rollout import Batch, state_loss
+from residual.rollout import RolloutBatch, state_loss
 from residual.settings import BlackBoxSettings, TrainSettings
-from residual.system import Hybrid, System
-from residual.training.hybrid import build_hybrid, scales_of
-from residual.training.trainer import Scales
+from residual.system import Hybrid, TrainableSystem
+from residual.training.hybrid import build_hybrid, hybrid_scales
+from residual.training.scales import Scales
 from residual.training.windows import pieces_of, windows
 
 MEMBERS, PARTICLES, WINDOW, STRIDE = 8, 40, 30.0, 15.0
@@ -62,7 +63,7 @@ class Runs:
     mask: np.ndarray
 
     @classmethod
-    def of(cls, members: Sequence[System], trial: Trial, inputs: Sequence[str], h: float) -> Runs | None:
+    def of(cls, members: Sequence[TrainableSystem], trial: Trial, inputs: Sequence[str], h: float) -> Runs | None:
         batch = windows(pieces_of([trial], h, inputs), h, round(WINDOW / h), round(STRIDE / h))
         if batch is None:
             return None
@@ -142,7 +143,7 @@ def timed(step: Callable[[], Tensor], parameters: Sequence[Tensor], device: str)
     return 1e3 * statistics.median(seconds[1:])
 
 
-def time_rows(ship: Ship, members: Sequence[Hybrid], batch: Batch | None, sigma: np.ndarray) -> list[list[str]]:
+def time_rows(ship: Ship, members: Sequence[Hybrid], batch: RolloutBatch | None, sigma: np.ndarray) -> list[list[str]]:
     """One gradient step of all members on COLUMNS windows each."""
     assert batch is not None
     batch = batch.chosen(torch.arange(COLUMNS) % len(batch))
@@ -153,14 +154,14 @@ def time_rows(ship: Ship, members: Sequence[Hybrid], batch: Batch | None, sigma:
 
     each = [p for m in members for p in m.learned()]
     results["members one by one, fused kernel"] = timed(one_by_one, each, "cpu")
-    kinds = [("stacked, compiled operator", "c", "cpu"), ("stacked, torch code, eager", "torch", "cpu")]
+    kinds = [("stacked, compiled operator", Physics, "cpu"), ("stacked, torch code, eager", TorchPhysics, "cpu")]
     if torch.cuda.is_available():
-        kinds.append(("stacked, torch code, eager, cuda", "torch", "cuda"))
-    for name, backend, device in kinds:
-        stacked = Stacked(Physics(ship, backend), copy.deepcopy(residuals)).to(device)
+        kinds.append(("stacked, torch code, eager, cuda", TorchPhysics, "cuda"))
+    for name, physics, device in kinds:
+        stacked = Stacked(physics(ship), copy.deepcopy(residuals)).to(device)
         many, weights = on(batch, len(members), device), torch.as_tensor(sigma).to(device)
 
-        def all_at_once(stacked: Stacked = stacked, many: Batch = many, weights: Tensor = weights) -> Tensor:
+        def all_at_once(stacked: Stacked = stacked, many: RolloutBatch = many, weights: Tensor = weights) -> Tensor:
             return losses(stacked, many, weights).sum()
 
         results[name] = timed(all_at_once, list(stacked.parameters()), device)
@@ -175,19 +176,19 @@ def main() -> None:
     ship = estimate_coefficients(freeing_effects(load_ship("esso_osaka_3m"), ["velocity_lag"]), train).ship
     h = default_step(train, ship.particulars["L"])
     pieces = pieces_of(train, h, ship.inputs)
-    hybrid_scales: Scales = scales_of(ship, pieces, train, h)
+    of_hybrid: Scales = hybrid_scales(ship, pieces, train, h)
     box = box_scales(pieces, train, h, ship.particulars["L"])
     whole = "all runs, no early stopping"
     kinds = {
         f"hybrid, {whole}": (
             build_hybrid,
-            hybrid_scales,
+            of_hybrid,
             TrainSettings(seeds=MEMBERS, workers=2, epochs=12, step=h),
             False,
         ),
         "hybrid, bootstrap": (
             build_hybrid,
-            hybrid_scales,
+            of_hybrid,
             TrainSettings(seeds=MEMBERS, workers=2, epochs=12, step=h),
             True,
         ),
@@ -207,7 +208,7 @@ def main() -> None:
         print(f"{name}: {len(outcomes)} members in {time.perf_counter() - began:.0f} s", flush=True)
         found = [r for trial in others if (r := Runs.of(members, trial, ship.inputs, h)) is not None]
         covered += coverage_rows(name, found)
-        far += distance_rows(name, Runs.together(found), hybrid_scales.noise)
+        far += distance_rows(name, Runs.together(found), of_hybrid.noise)
         if not timing:
             hybrids = [m for m in members if isinstance(m, Hybrid)]
             timing = time_rows(ship, hybrids, windows(pieces, h, round(WINDOW / h), 1), scales.sigma)

@@ -14,6 +14,8 @@ import numpy as np
 import torch
 from scipy.stats import spearmanr
 
+from benchmarks.ensembles.heading_keeping import HeadingKeeping, Judgement, grid, judge, random_winds
+from benchmarks.ensembles.heading_keeping_figure import judgement_plot
 from benchmarks.random_controls import RandomControls, random_control_trials
 from benchmarks.record import record, table
 from cases.maneuvers.definitions import parse_maneuver
@@ -24,11 +26,9 @@ from cases.simulation.simulate import simulate
 from cases.trial import Trial
 from mmg.ship import Ship
 from residual.blackbox.models import box_scales, build_box
-from residual.ensembles.ensemble import Known, distances, particles, train_members
-from residual.ensembles.heading_keeping import HeadingKeeping, Judgement, grid, judge, random_winds
-from residual.ensembles.heading_keeping_figure import judgement_plot
+from residual.ensemble import FixedShip, distances, particles, train_members
 from residual.settings import BlackBoxSettings
-from residual.system import System
+from residual.system import TrainableSystem
 from residual.training.windows import pieces_of, windows
 
 MEMBERS, PARTICLES, H, RUNS = 10, 50, 1.0, 8
@@ -41,7 +41,7 @@ TRAINING = {
 EXACT = SensorNoise(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-def ensemble(ship: Ship, how: RandomControls) -> tuple[list[System], float]:
+def ensemble(ship: Ship, how: RandomControls) -> tuple[list[TrainableSystem], float]:
     """Networks trained on RUNS runs, nothing held out, no penalty (section 3); seconds that it took."""
     began, trials = time.perf_counter(), random_control_trials(ship, RUNS, 0, how)
     pieces = pieces_of(trials, H, ship.inputs)
@@ -65,7 +65,9 @@ def tests(ship: Ship) -> dict[str, list[Trial]]:
     }
 
 
-def distance_rows(name: str, members: list[System], ship: Ship, trials: dict[str, list[Trial]]) -> list[list[str]]:
+def distance_rows(
+    name: str, members: list[TrainableSystem], ship: Ship, trials: dict[str, list[Trial]]
+) -> list[list[str]]:
     """Eq. 31 and the correlation of Fig. 6, windows of 30 s, TS1 beside TS-infinity; the last row is all together."""
     rows, together = [], []
     for kind, runs in trials.items():
@@ -123,7 +125,7 @@ def main() -> None:
         members, seconds = ensemble(ship, how)
         far += distance_rows(name, members, ship, others)
         began = time.perf_counter()
-        shown[name] = judge(members, Known(ship), ship.inputs, gains, task)
+        shown[name] = judge(members, FixedShip(ship), ship.inputs, gains, task)
         judged += gain_rows(name, shown[name])
         words.append(f"{name}: training {seconds:.0f} s, judging {time.perf_counter() - began:.0f} s")
     judgement_plot(shown, KP, KD).savefig(FIGURE)

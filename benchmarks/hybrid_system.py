@@ -27,8 +27,8 @@ from mmg.ship import Ship
 from residual.bounded_network import Residual, Symmetric, TwoLayers, mirror_of
 from residual.physics.operator import Physics
 from residual.settings import TrainSettings
-from residual.system import Hybrid, Past, System
-from residual.training.trainer import Scales
+from residual.system import Hybrid, Past, TrainableSystem
+from residual.training.scales import Scales
 from residual.training.windows import Piece
 
 LAGS = (3.0, 10.0, 30.0)
@@ -76,10 +76,10 @@ class Knowing(Physics):
         F = len(ship.features)
         sizes = {"ship": self.S, "memory": F * len(extra.lags), "innovation": 6 * len(ERRORS) * extra.innovation}
         sizes |= {"current": 2, "force": 3 * ("force" in extra.gains), "shift": len(self.free)}
-        self.sizes, self.seen = sizes, F + sizes["memory"] + sizes["innovation"]
+        self.sizes, self.width_in = sizes, F + sizes["memory"] + sizes["innovation"]
 
     @cached_property
-    def _functions(self) -> dict[str, ca.Function]:
+    def functions(self) -> dict[str, ca.Function]:
         total, C = sum(self.sizes.values()), len(self.model.controls)
         z, c, a, h, base = (ca.SX.sym(n, k) for n, k in zip("zcahb", (total, C, 3, 1, total), strict=True))
         parts = dict(zip(self.sizes, ca.vertsplit(z, np.cumsum([0, *self.sizes.values()]).tolist()), strict=True))
@@ -125,7 +125,7 @@ class Mirrored(Symmetric):
         TwoLayers.__init__(self)
         self.own = own
         errors = np.diag([1.0 if i % 6 in EVEN else -1.0 for i in range(physics.sizes["innovation"])])
-        mirror = np.zeros((physics.seen, physics.seen))
+        mirror = np.zeros((physics.width_in, physics.width_in))
         at = 0
         for block in [mirror_of(physics.ship.features)] * (1 + len(physics.extra.lags)) + [errors]:
             mirror[at : at + len(block), at : at + len(block)] = block
@@ -160,7 +160,7 @@ class Extended(Hybrid):
 
     def __init__(self, physics: Knowing, residual: TwoLayers, seen: np.ndarray) -> None:
         super().__init__(physics, residual, seen)
-        self.fused.S, self.fused.F = sum(physics.sizes.values()), physics.seen
+        self.fused.S, self.fused.F = sum(physics.sizes.values()), physics.width_in
         self.C, self.extra, self.known = len(physics.model.controls), physics.extra, physics
         self.gains = nn.ModuleDict({name: Gain(len(LIMITS[name])) for name in physics.extra.gains})
         self.shift = nn.Parameter(torch.zeros(physics.sizes["shift"], dtype=torch.float64))
@@ -201,13 +201,13 @@ class Extended(Hybrid):
         return own + shifts + gains * self.extra.cost / 0.3
 
 
-def build(extra: Extra, ship: Ship, scales: Scales, training: TrainSettings, seed: int) -> System:
+def build(extra: Extra, ship: Ship, scales: Scales, training: TrainSettings, seed: int) -> TrainableSystem:
     """An untrained one."""
     physics = Knowing(ship, extra)
     if not extra.symmetric:
-        return Extended(physics, Residual(scales.feature, scales.output, training.width, seed), scales.seen)
+        return Extended(physics, Residual(scales.feature, scales.output, training.width, seed), scales.features)
     own = Residual(scales.feature, scales.output, training.width // 2, seed)
-    return Extended(physics, Mirrored(own, physics), scales.seen)
+    return Extended(physics, Mirrored(own, physics), scales.features)
 
 
 def with_past(ship: Ship, pieces: Sequence[Piece], rms: np.ndarray | None, seconds: float = 30.0):  # type: ignore[no-untyped-def]
@@ -246,7 +246,7 @@ def _errors(physics: Physics, piece: Piece) -> tuple[np.ndarray, np.ndarray]:
             z = torch.as_tensor(np.ascontiguousarray(start[:, : N - seconds]))
             for k in range(seconds):
                 held = torch.as_tensor(np.ascontiguousarray(controls[:, k : k + N - seconds]))
-                z = System.step(_Rates(physics), z, held, 1.0)
+                z = TrainableSystem.step(_Rates(physics), z, held, 1.0)
             beyond = states[:, seconds:] - physics.columns(z).numpy()
             psi = torch.as_tensor(states[2, seconds:])
             beyond[3:5] = turned(torch.as_tensor(beyond[3:5]), psi, back=True).numpy()
@@ -259,7 +259,7 @@ def _errors(physics: Physics, piece: Piece) -> tuple[np.ndarray, np.ndarray]:
     return start, np.array(late)
 
 
-class _Rates(System):
+class _Rates(TrainableSystem):
     """The ship alone."""
 
     def __init__(self, physics: Physics) -> None:

@@ -23,12 +23,14 @@ from cases.shipfiles.ship_file import load_ship
 from fitting.nlp.grid import default_step
 from fitting.prediction.score import pooled_sigma
 from mmg.ship import Ship
-from residual.ensembles.ensemble import Known, restored
-from residual.rollout import Batch, rollout, squares
+from residual.ensemble import FixedShip
+from residual.rollout import RolloutBatch, rollout, squares
 from residual.settings import TrainSettings
-from residual.system import System
-from residual.training.hybrid import scales_of, tasks_of
-from residual.training.trainer import Scales, train_one
+from residual.system import TrainableSystem
+from residual.training.hybrid import hybrid_scales
+from residual.training.scales import Scales
+from residual.training.tasks import training_tasks
+from residual.training.trainer import restored, train_one
 from residual.training.window_errors import RESTART, STRIDE, WINDOW
 from residual.training.windows import Piece, windows
 from residual.training.windows import pieces_of as grid_pieces
@@ -130,12 +132,12 @@ class Setting:
         if h != 1.0:
             raise ValueError(f"the past is tabulated on a grid of 1 s, not of {h:g} s")
         pieces, held = (grid_pieces(trials, h, ship.inputs) for trials in (train, others))
-        scales = scales_of(ship, pieces, train, h)
+        scales = hybrid_scales(ship, pieces, train, h)
         wide, rms = with_past(ship, pieces, None, past)
         sigma = torch.as_tensor(pooled_sigma(others))
         return cls(ship, h, wide, with_past(ship, held, rms, past)[0], scales, sigma)
 
-    def batches(self, pieces: Sequence[Piece]) -> list[Batch]:
+    def batches(self, pieces: Sequence[Piece]) -> list[RolloutBatch]:
         """Windows of both metrics."""
         pairs = (WINDOW, STRIDE), (RESTART, RESTART)
         found = [windows(pieces, self.h, round(a / self.h), round(b / self.h)) for a, b in pairs]
@@ -144,7 +146,7 @@ class Setting:
     def scaled(self, extra: Extra, pieces: Sequence[Piece]) -> Scales:
         """Scales of what a network of these extras sees in the training rows; outputs and sigma stay."""
         physics = Knowing(self.ship, extra)
-        blind = replace(self.scales, feature=np.ones(physics.seen), seen=np.zeros((physics.seen, 1)))
+        blind = replace(self.scales, feature=np.ones(physics.width_in), features=np.zeros((physics.width_in, 1)))
         system = build(replace(extra, symmetric=False), self.ship, blind, TrainSettings(), 0)
         rows = windows(pieces, self.h, 1, 5)
         assert rows is not None
@@ -157,12 +159,12 @@ class Setting:
 
 
 @torch.no_grad()
-def paths(system: System, batches: Sequence[Batch]) -> list[torch.Tensor]:
+def paths(system: TrainableSystem, batches: Sequence[RolloutBatch]) -> list[torch.Tensor]:
     """Trajectories of both metrics."""
     return [rollout(system, batch) for batch in batches]
 
 
-def errors(found: Sequence[torch.Tensor], batches: Sequence[Batch], sigma: torch.Tensor) -> list[np.ndarray]:
+def errors(found: Sequence[torch.Tensor], batches: Sequence[RolloutBatch], sigma: torch.Tensor) -> list[np.ndarray]:
     """Of each window, on both metrics."""
     return [squares(a, b, sigma).numpy() for a, b in zip(found, batches, strict=True)]
 
@@ -179,11 +181,11 @@ def by_file(each: np.ndarray, pieces: Sequence[Piece], h: float) -> np.ndarray:
     return np.bincount(runs, each)
 
 
-def ship_errors(s: Setting, batches: Sequence[Batch]) -> list[np.ndarray]:
+def ship_errors(s: Setting, batches: Sequence[RolloutBatch]) -> list[np.ndarray]:
     """Those of the calibrated ship."""
-    known = Known(s.ship)
+    known = FixedShip(s.ship)
     C = len(known.physics.model.controls)
-    plain = [Batch(b.h, b.controls[:, :C].contiguous(), b.targets, b.mask) for b in batches]
+    plain = [RolloutBatch(b.h, b.controls[:, :C].contiguous(), b.targets, b.mask) for b in batches]
     return errors(paths(known, plain), plain, s.sigma)
 
 
@@ -222,8 +224,9 @@ def gains_of(s: Setting, v: Variant, seed: int) -> Gains:
         epochs = max(8, round(40 * known / total))
         training = TrainSettings(seed=seed, seeds=v.members, step=s.h, **{"epochs": epochs, **v.settings})
         stop = held if v.within else []
-        outcomes = [train_one(t) for t in tasks_of(s.ship, scales, training, train, stop, None, make, judge=v.judge)]
-        systems, batches = restored(make, s.ship, scales, training, outcomes), s.batches(held)
+        tasks = training_tasks(make, s.ship, scales, training, train, stop, v.judge and not v.within)
+        outcomes = [train_one(t) for t in tasks]
+        systems, batches = restored(tasks[0], outcomes), s.batches(held)
         each = [paths(system, batches) for system in systems]
         after += [sums(errors(found, batches, s.sigma)) for found in each]
         mean = errors([torch.stack(a).mean(0) for a in zip(*each, strict=True)], batches, s.sigma)

@@ -22,14 +22,16 @@ from fitting.nlp.grid import default_step
 from fitting.prediction.score import pooled_sigma
 from mmg.ship import Ship
 from residual.bounded_network import Residual
-from residual.ensembles.ensemble import Known, restored
+from residual.ensemble import FixedShip
 from residual.physics.operator import Physics
 from residual.rollout import rollout, squares
 from residual.settings import TrainSettings
-from residual.system import Hybrid, Past, System
+from residual.system import Hybrid, Past, TrainableSystem
 from residual.training.acceptance import decide
-from residual.training.hybrid import build_hybrid, scales_of, tasks_of
-from residual.training.trainer import Build, Scales, train_one
+from residual.training.hybrid import build_hybrid, hybrid_scales
+from residual.training.scales import Scales
+from residual.training.tasks import training_tasks
+from residual.training.trainer import BuildSystem, restored, train_one
 from residual.training.window_errors import RESTART, STRIDE, WINDOW, window_errors
 from residual.training.windows import pieces_of, windows
 
@@ -65,13 +67,13 @@ class Remembering(Hybrid):
         return self.physics.columns(z[: self.S].contiguous())
 
     def simulate(self, z: torch.Tensor, controls: torch.Tensor, h: float, method: str = "rk4") -> torch.Tensor:
-        return System.simulate(self, z, controls, h, method)
+        return TrainableSystem.simulate(self, z, controls, h, method)
 
 
-def build_remembering(ship: Ship, scales: Scales, training: TrainSettings, seed: int) -> System:
+def build_remembering(ship: Ship, scales: Scales, training: TrainSettings, seed: int) -> TrainableSystem:
     """An untrained one."""
     residual = Residual(np.tile(scales.feature, 2), scales.output, training.width, seed)
-    return Remembering(Physics(ship), residual, scales.seen)
+    return Remembering(Physics(ship), residual, scales.features)
 
 
 def only_sway_and_yaw(scales: Scales) -> Scales:
@@ -83,7 +85,7 @@ def same(scales: Scales) -> Scales:
 
 
 LONG = ((10.0, 0.3), (30.0, 0.4), (100.0, 0.3))
-VARIANTS: dict[str, tuple[dict, Build, Callable[[Scales], Scales]]] = {
+VARIANTS: dict[str, tuple[dict, BuildSystem, Callable[[Scales], Scales]]] = {
     "plain": ({"symmetric": False}, build_hybrid, same),
     "plain-penalty-1": ({"symmetric": False, "penalty": 1.0}, build_hybrid, same),
     "plain-100-s": ({"symmetric": False, "curriculum": LONG}, build_hybrid, same),
@@ -108,17 +110,18 @@ def main(run: str, names: list[str]) -> None:
     print("| variant | 30 s windows | 100 s restarts | its own judged 30 s windows |\n|---|---|---|---|")
     for name in names or VARIANTS:
         settings, build, changed = VARIANTS[name]
-        scales, rows = changed(scales_of(ship, pieces, train, h)), []
+        scales, rows = changed(hybrid_scales(ship, pieces, train, h)), []
         for seed in (0, 100, 200):
             training = TrainSettings(seed=seed, step=h, **settings)
-            outcomes = [train_one(task) for task in tasks_of(ship, scales, training, pieces, [], None, build)]
-            systems, row = restored(build, ship, scales, training, outcomes), []
+            tasks = training_tasks(build, ship, scales, training, pieces)
+            outcomes = [train_one(task) for task in tasks]
+            systems, row = restored(tasks[0], outcomes), []
             for length, stride in ((WINDOW, STRIDE), (RESTART, RESTART)):
                 batch = windows(held, h, round(length / h), round(stride / h), systems[0].past)
                 assert batch is not None
                 with torch.no_grad():
                     mean = torch.stack([rollout(system, batch) for system in systems]).mean(0)
-                before = window_errors(Known(ship), batch, sigma, training.method).mean()
+                before = window_errors(FixedShip(ship), batch, sigma, training.method).mean()
                 row.append(1 - float(squares(mean, batch, sigma).mean()) / before)
             rows.append([*row, decide(outcomes).improvement])
         figures = [f"{100 * mean:+.2f} ± {100 * std:.2f} %" for mean, std in zip(*moments(rows), strict=True)]

@@ -89,7 +89,7 @@ def train(
             store.discard()
         raise
     scales, outcomes = trained.scales, trained.outcomes
-    ranges = zip(features_of(ship.actuators), scales.seen.min(axis=1), scales.seen.max(axis=1), strict=True)
+    ranges = zip(features_of(ship.actuators), scales.features.min(axis=1), scales.features.max(axis=1), strict=True)
     result = TrainResult(
         start=ship.without_network(),
         settings=trained.settings,
@@ -145,7 +145,7 @@ def _hybrid(
         "black_box": None,
         "decision": decision,
         "recommended": HYBRID if network is not None and (decision.kept or always) else CALIBRATED,
-        "outside": outside_hybrid(trained.ship, validation, settings.step, trained.scales.seen),
+        "outside": outside_hybrid(trained.ship, validation, settings.step, trained.scales.features),
         "details": {
             "bound": dict(zip(RATES, network.bound.tolist(), strict=True)) if network else None,
             "output_scale": dict(zip(RATES, trained.scales.output.tolist(), strict=True)),
@@ -162,12 +162,12 @@ def _black_box(trained: TrainedBox, validation: Sequence[Trial], name: str) -> d
     box = trained.box
     names = features_of(box.actuators)
     return {
-        "model": box.training.kind,
+        "model": box.settings.kind,
         "network": None,
         "black_box": box,
         "decision": None,
         "recommended": "",
-        "outside": outside_box(names, box.actuators, validation, box.h, trained.scales.seen),
+        "outside": outside_box(names, box.actuators, validation, box.h, trained.scales.features),
         "details": {"beside": name},
         "notices": (),
     }

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import torch
 
-from residual.system import Past, System
+from residual.system import Past, TrainableSystem
 
 
 @dataclass(frozen=True)
-class Batch:
+class RolloutBatch:
     """M windows of N steps of h [s] as float64 tensors.
 
     controls: (N, C, M), the mean over each step; targets: (N + 1, 6, M) logged columns on the grid, the first row the
@@ -26,17 +26,17 @@ class Batch:
     def __len__(self) -> int:
         return self.controls.shape[2]
 
-    def first(self, steps: int) -> Batch:
+    def first(self, steps: int) -> RolloutBatch:
         """Only the first steps of each window."""
-        return Batch(self.h, self.controls[:steps], self.targets[: steps + 1], self.mask[: steps + 1], self.past)
+        return RolloutBatch(self.h, self.controls[:steps], self.targets[: steps + 1], self.mask[: steps + 1], self.past)
 
-    def chosen(self, which: torch.Tensor) -> Batch:
+    def chosen(self, which: torch.Tensor) -> RolloutBatch:
         """Only these windows (numbers)."""
         past = Past(*(a[..., which] for a in self.past)) if self.past else None
-        return Batch(self.h, self.controls[..., which], self.targets[..., which], self.mask[..., which], past)
+        return RolloutBatch(self.h, self.controls[..., which], self.targets[..., which], self.mask[..., which], past)
 
 
-def rollout(system: System, batch: Batch, method: str = "rk4") -> torch.Tensor:
+def rollout(system: TrainableSystem, batch: RolloutBatch, method: str = "rk4") -> torch.Tensor:
     """Logged columns (N + 1, 6, M) of windows simulated from their measured start."""
     start = system.start(batch.targets[0], batch.controls[0], batch.past)
     every = system.simulate(start, batch.controls, batch.h, method).transpose(0, 1)
@@ -44,7 +44,7 @@ def rollout(system: System, batch: Batch, method: str = "rk4") -> torch.Tensor:
     return system.columns(every.reshape(Z, rows * M)).reshape(6, rows, M).transpose(0, 1)
 
 
-def squares(predicted: torch.Tensor, batch: Batch, sigma: torch.Tensor) -> torch.Tensor:
+def squares(predicted: torch.Tensor, batch: RolloutBatch, sigma: torch.Tensor) -> torch.Tensor:
     """Mean over the rows after the start of squared normalised errors, summed over the six columns: (M,).
 
     Eq. 23 per window. A column that was not measured counts nothing; heading errors are taken as they are, since both
@@ -54,18 +54,18 @@ def squares(predicted: torch.Tensor, batch: Batch, sigma: torch.Tensor) -> torch
     return (error**2).sum(dim=1).mean(dim=0)
 
 
-def state_loss(system: System, batch: Batch, sigma: torch.Tensor, method: str = "rk4") -> torch.Tensor:
+def state_loss(system: TrainableSystem, batch: RolloutBatch, sigma: torch.Tensor, method: str = "rk4") -> torch.Tensor:
     """Eq. 23: mean over windows and rows of squared errors of the simulated columns over sigma (6,)."""
     return squares(rollout(system, batch, method), batch, sigma).mean()
 
 
-def measured_accelerations(batch: Batch) -> tuple[torch.Tensor, torch.Tensor]:
+def measured_accelerations(batch: RolloutBatch) -> tuple[torch.Tensor, torch.Tensor]:
     """Forward differences of the logged u, v, r (N, 3, M) and where both rows were measured."""
     velocities, mask = batch.targets[:, 3:], batch.mask[:, 3:]
     return (velocities[1:] - velocities[:-1]) / batch.h, mask[1:] * mask[:-1]
 
 
-def acceleration_loss(system: System, batch: Batch, sigma: torch.Tensor) -> torch.Tensor:
+def acceleration_loss(system: TrainableSystem, batch: RolloutBatch, sigma: torch.Tensor) -> torch.Tensor:
     """Eq. 16: mean over windows and rows of squared errors of the accelerations at measured rows over sigma (3,)."""
     measured, mask = measured_accelerations(batch)
     predicted = system.accelerations(batch.targets[:-1], batch.controls, batch.past)

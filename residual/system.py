@@ -24,7 +24,7 @@ class Past(NamedTuple):
     controls: torch.Tensor
 
 
-class System(nn.Module):
+class TrainableSystem(nn.Module):
     """A trainable right-hand side. Give ``start``, ``rates`` (or ``step``), and what differs of the rest.
 
     past: grid rows before its start that ``start`` reads, 0 for one without memory.
@@ -75,21 +75,20 @@ class System(nn.Module):
         return [p for p in self.parameters() if p.requires_grad]
 
 
-class Hybrid(System):
+class Hybrid(TrainableSystem):
     """A calibrated ship and a residual acceleration of its u, v, r.
 
-    physics: ``residual.physics.operator.Physics`` of the ship; residual: the network; seen: features (F, R) of the
-    training
+    physics: ``residual.physics.operator.Physics`` of the ship; residual: the network; features: (F, R) of the training
     rows, on which its size is penalised.
     """
 
-    seen: torch.Tensor
+    features: torch.Tensor
 
-    def __init__(self, physics: Any, residual: TwoLayers, seen: np.ndarray) -> None:
+    def __init__(self, physics: Any, residual: TwoLayers, features: np.ndarray) -> None:
         super().__init__()
         self.physics, self.residual = physics, residual
         self.fused = FusedRollout(physics, len(residual.b1))
-        self.register_buffer("seen", torch.as_tensor(np.ascontiguousarray(seen, dtype=float)), persistent=False)
+        self.register_buffer("features", torch.as_tensor(np.ascontiguousarray(features, dtype=float)), persistent=False)
 
     def start(self, logged: torch.Tensor, controls: torch.Tensor, past: Past | None = None) -> torch.Tensor:
         return self.physics.start(logged, controls)
@@ -109,4 +108,4 @@ class Hybrid(System):
 
     def penalty(self) -> torch.Tensor:
         """Mean of (residual / its scale)^2 over the training rows and components."""
-        return ((self.residual(self.seen) / self.residual.scale[:, None]) ** 2).mean()
+        return ((self.residual(self.features) / self.residual.scale[:, None]) ** 2).mean()

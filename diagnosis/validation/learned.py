@@ -20,14 +20,13 @@ from fitting.nlp.grid import default_step, grids
 from mmg.errors import UserError
 from mmg.model import Model
 from mmg.ship import Ship
-from residual.ensembles.ensemble import restored
-from residual.physics.operator import Physics
 from residual.settings import TrainSettings
-from residual.system import Hybrid, System
+from residual.system import Hybrid, TrainableSystem
 from residual.training.acceptance import decide
-from residual.training.hybrid import build_hybrid, residual_of, scales_of, tasks_of
+from residual.training.hybrid import build_hybrid, hybrid_scales
 from residual.training.seeds import train_seeds
-from residual.training.trainer import Outcome, Scales
+from residual.training.tasks import training_tasks
+from residual.training.trainer import Outcome, Task, restored
 from residual.training.windows import Piece
 
 SEEDS = 3
@@ -55,7 +54,7 @@ class Stepped:
         return self._mean.step(torch.as_tensor(z), torch.as_tensor(controls), self.h).numpy()
 
 
-class Mean(System):
+class Mean(TrainableSystem):
     """Hybrids of one ship with their rates averaged, which is the ship with the mean of their residuals."""
 
     def __init__(self, members: Sequence[Hybrid]) -> None:
@@ -90,18 +89,19 @@ def learned(
     settings = replace(training or TrainSettings(seeds=SEEDS), seed=seed, workers=workers, step=h)
     means = straight_means if straight else step_means
     pieces = [Piece(i, g, 0, len(g.controls)) for i, t in enumerate(trials) for g in grids(t, h, ship.inputs, means)]
-    scales = scales_of(ship, pieces, list(trials), h)
+    scales = hybrid_scales(ship, pieces, list(trials), h)
     data = grid_trials(tests, ship.inputs, length, h, straight)
     seconds = window_length(ship)
 
     def measured(members: Sequence[Hybrid]) -> tuple[np.ndarray, np.ndarray]:
         return errors(Stepped(members, h), data, ship.values[:0], seconds)
 
-    before, run = measured([Hybrid(Physics(ship), residual_of(ship, scales, settings, seed), scales.seen)])
+    before, run = measured([build_hybrid(ship, scales, settings, seed)])
     if not len(before):
         raise UserError(f"no test trial holds {seconds:.0f} s without a gap")
-    outcomes = _trained(ship, settings, pieces, scales)
-    members = [m for m in restored(build_hybrid, ship, scales, settings, outcomes) if isinstance(m, Hybrid)]
+    tasks = training_tasks(build_hybrid, ship, scales, settings, pieces)
+    outcomes = _trained(tasks, settings)
+    members = [m for m in restored(tasks[0], outcomes) if isinstance(m, Hybrid)]
     one, together = np.array([measured([m])[0] for m in members]), measured(members)[0]
     reductions = 1 - one.sum(axis=1) / before.sum()
     after, decision = one.mean(axis=0), decide(outcomes)
@@ -123,9 +123,8 @@ def learned(
     return replace(found, sentence=sentence_of(found))
 
 
-def _trained(ship: Ship, settings: TrainSettings, pieces: Sequence[Piece], scales: Scales) -> list[Outcome]:
+def _trained(tasks: Sequence[Task], settings: TrainSettings) -> list[Outcome]:
     """The trainings that did not diverge. Raises as ``learned`` does."""
-    tasks = tasks_of(ship, scales, settings, pieces, [], None)
     outcomes, interrupted = train_seeds(tasks, settings)
     if interrupted:
         raise KeyboardInterrupt

@@ -18,7 +18,7 @@ from mmg.network import OTHER
 from mmg.ship import Ship
 from residual.blackbox.models import BlackBox, BoxScales, build_box
 from residual.settings import KINDS, BlackBoxSettings, settings_from
-from residual.system import System
+from residual.system import TrainableSystem
 
 _SCALES = ("feature", "output", "acceleration", "mean", "std", "acceleration_mean")
 """Names of ``BoxScales`` with which a box is built; the rest belongs to its training."""
@@ -37,7 +37,7 @@ def save_box(path: Path, box: BlackBox) -> None:
         raise UserError(f"{path}: {bad[0]} of the network is not finite, so it is not written; train it again")
     about = {"format": BLACK_BOX, "ship": box.ship, "ship_hash": box.ship_hash, "h": repr(box.h)}
     about |= {"actuators": json.dumps(box.actuators), "members": str(len(box.systems))}
-    about["training"] = json.dumps(asdict(box.training))
+    about["training"] = json.dumps(asdict(box.settings))
     try:
         save_file({name: value.clone() for name, value in arrays.items()}, path, about)
         path.chmod(0o644)
@@ -60,10 +60,10 @@ def load_box(where: str | Path, ship: Ship | None = None) -> BlackBox:
     if about.get("format") != BLACK_BOX:
         raise UserError(f"{path}: is no black box of this program (format {about.get('format')!r}, not {BLACK_BOX!r})")
     try:
-        training, actuators = _training(about["training"]), tuple(str(a) for a in json.loads(about["actuators"]))
+        settings, actuators = _settings(about["training"]), tuple(str(a) for a in json.loads(about["actuators"]))
         scales = _scales(arrays)
-        systems = tuple(_member(arrays, k, training, scales) for k in range(int(about["members"])))
-        box = BlackBox(training, actuators, float(about["h"]), systems, about["ship"], about["ship_hash"], scales)
+        systems = tuple(_member(arrays, k, settings, scales) for k in range(int(about["members"])))
+        box = BlackBox(settings, actuators, float(about["h"]), systems, about["ship"], about["ship_hash"], scales)
         fault = _fault(box)
     except (KeyError, ValueError, TypeError, RuntimeError) as error:
         raise UserError(f"{path}: is incomplete ({str(error).splitlines()[0]}); train it again") from None
@@ -77,7 +77,7 @@ def load_box(where: str | Path, ship: Ship | None = None) -> BlackBox:
     return box
 
 
-def _training(text: str) -> BlackBoxSettings:
+def _settings(text: str) -> BlackBoxSettings:
     settings = settings_from(json.loads(text))
     assert isinstance(settings, BlackBoxSettings)
     return settings
@@ -87,11 +87,11 @@ def _scales(arrays: dict[str, torch.Tensor]) -> BoxScales:
     scales = {name: arrays[f"scales.{name}"].double().numpy() for name in _SCALES}
     if {len(scales[name]) for name in ("feature", "mean", "std")} != {len(scales["mean"])}:
         raise ValueError("scales of different lengths")
-    return BoxScales(**scales, **{name: np.empty(0) for name in ("sigma", "score", "noise", "seen")})
+    return BoxScales(**scales, **{name: np.empty(0) for name in ("sigma", "score", "noise", "features")})
 
 
-def _member(arrays: dict[str, torch.Tensor], k: int, training: BlackBoxSettings, scales: BoxScales) -> System:
-    system = build_box(None, scales, training, 0)
+def _member(arrays: dict[str, torch.Tensor], k: int, settings: BlackBoxSettings, scales: BoxScales) -> TrainableSystem:
+    system = build_box(None, scales, settings, 0)
     prefix = f"{k}."
     system.load_state_dict({n.removeprefix(prefix): a for n, a in arrays.items() if n.startswith(prefix)})
     return system
@@ -99,7 +99,7 @@ def _member(arrays: dict[str, torch.Tensor], k: int, training: BlackBoxSettings,
 
 def _fault(box: BlackBox) -> str:
     """What is wrong with it, in words; "" if nothing."""
-    if box.training.kind not in KINDS or not box.systems or not box.h > 0:
+    if box.settings.kind not in KINDS or not box.systems or not box.h > 0:
         return "it names no kind of network, or has no member, or no step"
     if any(name not in INPUTS for name in box.actuators):
         return f"{OTHER}: it takes {', '.join(box.actuators)}"

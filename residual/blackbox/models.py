@@ -16,24 +16,23 @@ from cases.inputs import step_means
 from cases.shipfiles.network_file import ship_hash
 from cases.trial import Trial
 from fitting.nlp.grid import default_step
-from fitting.prediction.score import pooled_sigma
 from fitting.prediction.stretches import Stretch
 from mmg.errors import UserError
 from mmg.progress import OnProgress
 from mmg.ship import AIR, Ship
-from residual.ensembles.ensemble import restored
 from residual.networks.features import features
 from residual.networks.feedforward import Feedforward
 from residual.networks.initial_state import InitialState
 from residual.networks.recurrent import Standard, Windowed
-from residual.rollout import Batch, measured_accelerations, rollout
+from residual.rollout import RolloutBatch, rollout
 from residual.settings import BlackBoxSettings, TrainSettings
-from residual.system import Past, System
+from residual.system import Past, TrainableSystem
 from residual.training.checkpoint import Store
-from residual.training.hybrid import MARGIN, noise_of, tasks_of
+from residual.training.scales import LEAST_SCALE, Scales, measured_scales
 from residual.training.seeds import train_seeds
-from residual.training.trainer import Outcome, Scales
-from residual.training.windows import Piece, loss_sigma, pieces_of, windows
+from residual.training.tasks import training_tasks
+from residual.training.trainer import Outcome, restored
+from residual.training.windows import Piece, pieces_of
 
 REACH = 0.2
 """How far an estimated initial velocity may be from the measured one, over the deviation of that velocity."""
@@ -53,10 +52,10 @@ def inputs_of(actuators: Sequence[str]) -> tuple[str, ...]:
     return (*actuators, *AIR)
 
 
-def build_box(ship: Ship | None, scales: Scales, training: TrainSettings, seed: int) -> System:
-    """An untrained black box of these settings; nothing of the ship is used."""
-    assert isinstance(scales, BoxScales) and isinstance(training, BlackBoxSettings)
-    t, system = training, System()
+def build_box(ship: Ship | None, scales: Scales, settings: TrainSettings, seed: int) -> TrainableSystem:
+    """An untrained black box of these ``scales``, ``settings`` and ``seed``; nothing of the ``ship`` is used."""
+    assert isinstance(scales, BoxScales) and isinstance(settings, BlackBoxSettings)
+    t, system = settings, TrainableSystem()
     if t.kind == "fnn":
         accelerations = scales.acceleration_mean, scales.acceleration
         system = Feedforward(scales.mean, scales.std, *accelerations, t.width, t.layers, t.zero, seed)
@@ -70,28 +69,25 @@ def build_box(ship: Ship | None, scales: Scales, training: TrainSettings, seed: 
 
 
 def box_scales(pieces: Sequence[Piece], trials: Sequence[Trial], h: float, length: float) -> BoxScales:
-    """Scales from the training rows, those of the measured accelerations included (2025, Eq. 14)."""
-    rows = windows(pieces, h, 1, 1)
-    if rows is None:
-        raise UserError("too little data for a network: no piece of a trial is longer than a step without a gap")
-    seen = features(rows.targets[0], rows.controls[0]).numpy()
-    measured, mask = measured_accelerations(rows)
-    known = measured[0].numpy()[:, mask[0].numpy().all(axis=0)]
-    rms, std = np.sqrt((seen**2).mean(axis=1)), seen.std(axis=1)
-    spread = np.maximum(known.std(axis=1), MARGIN)
-    sigma = loss_sigma(pieces, length)
-    placed = [t for t in trials if t.has_position]
+    """Scales from the training rows, those of the measured accelerations included (Wakita et al. 2025, Eq. 14).
+
+    pieces: of ``trials`` on a grid of ``h`` [s]; length: of the ship [m]. Raises UserError where there are no rows, or
+    nothing moves in them.
+    """
+    m = measured_scales(pieces, trials, h, length)
+    values = features(m.rows.targets[0], m.rows.controls[0]).numpy()
+    rms, std = np.sqrt((values**2).mean(axis=1)), values.std(axis=1)
     return BoxScales(
-        feature=np.where(rms > MARGIN, rms, 1.0),
-        output=spread,
-        sigma=sigma,
-        score=pooled_sigma(placed) if placed else sigma,
-        acceleration=spread,
-        noise=noise_of(pieces),
-        seen=seen,
-        mean=seen.mean(axis=1),
-        std=np.where(std > MARGIN, std, 1.0),
-        acceleration_mean=known.mean(axis=1),
+        feature=np.where(rms > LEAST_SCALE, rms, 1.0),
+        output=m.std,
+        sigma=m.sigma,
+        score=m.score,
+        acceleration=m.std,
+        noise=m.noise,
+        features=values,
+        mean=values.mean(axis=1),
+        std=np.where(std > LEAST_SCALE, std, 1.0),
+        acceleration_mean=m.mean,
     )
 
 
@@ -103,10 +99,10 @@ class BlackBox:
     scales: with which its systems were built, needed to write it.
     """
 
-    training: BlackBoxSettings
+    settings: BlackBoxSettings
     actuators: tuple[str, ...]
     h: float
-    systems: tuple[System, ...]
+    systems: tuple[TrainableSystem, ...]
     ship: str = ""
     ship_hash: str = ""
     scales: BoxScales | None = None
@@ -126,7 +122,7 @@ class BlackBox:
         torch.set_num_threads(1)
         past = max(system.past for system in self.systems)
         batch = gridded(stretches, self.h, past)
-        paths = [rollout(s, _with_past(batch, s.past), self.training.method).numpy() for s in self.systems]
+        paths = [rollout(s, _with_past(batch, s.past), self.settings.method).numpy() for s in self.systems]
         path = np.mean(paths, axis=0)
         rows = max(s.last - s.first for s in stretches) + 1
         out = np.full((rows, 6, len(stretches)), np.nan)
@@ -138,13 +134,13 @@ class BlackBox:
         return out
 
 
-def _with_past(batch: Batch, rows: int) -> Batch:
+def _with_past(batch: RolloutBatch, rows: int) -> RolloutBatch:
     """The batch with only the last rows of its past."""
     past = Past(batch.past.logged[-rows:], batch.past.controls[-rows:]) if batch.past and rows else None
     return replace(batch, past=past)
 
 
-def gridded(stretches: Sequence[Stretch], h: float, past: int) -> Batch:
+def gridded(stretches: Sequence[Stretch], h: float, past: int) -> RolloutBatch:
     """Stretches on a grid of h [s] from their first rows, inputs held beyond their ends; targets only at the start."""
     steps = [max(1, int(np.ceil((s.record.t[s.last] - s.record.t[s.first]) / h - 1e-9))) for s in stretches]
     N, C, M = max(steps), stretches[0].record.controls.shape[1], len(stretches)
@@ -159,7 +155,7 @@ def gridded(stretches: Sequence[Stretch], h: float, past: int) -> Batch:
         if past:
             logged[:, :, i], held[:, :, i] = _before(s, h, past)
     tensors = [torch.from_numpy(a) for a in (controls, start, logged, held)]
-    return Batch(h, tensors[0], tensors[1], torch.ones_like(tensors[1]), Past(*tensors[2:]) if past else None)
+    return RolloutBatch(h, tensors[0], tensors[1], torch.ones_like(tensors[1]), Past(*tensors[2:]) if past else None)
 
 
 def _before(s: Stretch, h: float, rows: int) -> tuple[np.ndarray, np.ndarray]:
@@ -220,9 +216,9 @@ def train_box(
     pieces = pieces_of(trials, h, inputs)
     held = pieces_of(validation, h, inputs) if validation else []
     scales = box_scales(pieces, trials, h, ship.particulars["L"])
-    tasks = tasks_of(ship, scales, settings, pieces, held, None, build_box, "a network", judge=False)
+    tasks = training_tasks(build_box, ship, scales, settings, pieces, held, judged_apart=False)
     outcomes, interrupted = train_seeds(tasks, settings, progress, store)
-    systems = restored(build_box, ship, scales, settings, outcomes)
+    systems = restored(tasks[0], outcomes)
     if not systems:
         raise UserError("every training of the network diverged, also at lower rates; give a lower --rate or more data")
     box = BlackBox(settings, ship.actuators, h, tuple(systems), ship.name, ship_hash(ship), scales)

@@ -30,11 +30,11 @@ from mmg.rollout import Simulator
 from mmg.ship import Ship
 from residual.blackbox.models import BlackBox, box_scales, build_box, inputs_of
 from residual.comparison.store import Subset, arrays_of, filled, name_of, words_of
-from residual.ensembles.ensemble import restored
 from residual.settings import KINDS, BlackBoxSettings, TrainSettings
 from residual.training.checkpoint import Store
-from residual.training.hybrid import network_of, scales_of, tasks_of
-from residual.training.trainer import train_one
+from residual.training.hybrid import build_hybrid, hybrid_scales, network_of
+from residual.training.tasks import training_tasks
+from residual.training.trainer import restored, train_one
 from residual.training.windows import pieces_of
 
 MODELS = ("captive", "calibrated", "hybrid", *KINDS)
@@ -212,27 +212,23 @@ def _trained(job: _Job, left: float | None) -> tuple[Simulator | Forecaster, str
     assert job.seed is not None
     length = ship.particulars["L"]
     h = study.step or default_step(trials, length)
-    settings: dict[str, Any] = {"seeds": study.seeds, "seed": study.seed, "step": h}
-    settings |= {"epochs": study.epochs} if study.epochs else {}
-    i = job.seed - study.seed
-    if job.model == "hybrid":
-        training = TrainSettings(**settings)
-        pieces = pieces_of(trials, h, ship.inputs)
-        scales = scales_of(ship, pieces, trials, h)
-        tasks = tasks_of(ship, scales, training, pieces, [], job.stop, judge=False)
-    else:
-        box = BlackBoxSettings(kind=job.model, **settings)
-        pieces = pieces_of(trials, h, inputs_of(ship.actuators))
-        seen = box_scales(pieces, trials, h, length)
-        tasks = tasks_of(ship, seen, box, pieces, [], job.stop, build_box, "a network", judge=False)
-    outcome = train_one(replace(tasks[i], seconds=left))
+    values: dict[str, Any] = {"seeds": study.seeds, "seed": study.seed, "step": h}
+    values |= {"epochs": study.epochs} if study.epochs else {}
+    hybrid = job.model == "hybrid"
+    settings = TrainSettings(**values) if hybrid else BlackBoxSettings(kind=job.model, **values)
+    pieces = pieces_of(trials, h, ship.inputs if hybrid else inputs_of(ship.actuators))
+    scales = hybrid_scales(ship, pieces, trials, h) if hybrid else box_scales(pieces, trials, h, length)
+    build = build_hybrid if hybrid else build_box
+    tasks = training_tasks(build, ship, scales, settings, pieces, judged_apart=False)
+    task = replace(tasks[job.seed - study.seed], seconds=left, stop=job.stop)
+    outcome = train_one(task)
     if outcome.status == "diverged":
         raise UserError("diverged, also at lower rates")
-    if job.model == "hybrid":
-        network = network_of(ship, scales, training, [outcome])
-        return Simulator(ship.with_network(network)), outcome.status, outcome.after[0]
-    systems = restored(build_box, ship, seen, box, [outcome])
-    return BlackBox(box, ship.actuators, h, tuple(systems), ship.name), outcome.status, outcome.after[0]
+    if isinstance(settings, BlackBoxSettings):
+        box = BlackBox(settings, ship.actuators, h, tuple(restored(task, [outcome])), ship.name)
+        return box, outcome.status, outcome.after[0]
+    network = network_of(ship, scales, settings, [outcome])
+    return Simulator(ship.with_network(network)), outcome.status, outcome.after[0]
 
 
 def portion(trials: Sequence[Trial], subset: Subset) -> tuple[Trial, ...]:

@@ -24,7 +24,7 @@ def kinematics(logged: torch.Tensor) -> torch.Tensor:
     return torch.stack([u * c - v * s, u * s + v * c, r])
 
 
-def moved(logged: torch.Tensor, accelerations: torch.Tensor, h: float, method: str) -> torch.Tensor:
+def advance_columns(logged: torch.Tensor, accelerations: torch.Tensor, h: float, method: str) -> torch.Tensor:
     """Columns (6, M) a step of h [s] later under accelerations (3, M) that are held over it.
 
     "euler": Eq. 20 to 22, as in the paper; "rk4": kinematics by the midpoint rule, whose error is of third order.

@@ -9,7 +9,7 @@ import torch
 from torch import nn
 
 from residual.networks.features import features, kinematics
-from residual.system import System
+from residual.system import TrainableSystem
 
 SAMPLES = 10_000
 """Standard normal inputs at which the output of the untrained network is standardised (2025, Eq. 13)."""
@@ -26,7 +26,7 @@ def layered(sizes: tuple[int, ...], seed: int) -> nn.Sequential:
     return nn.Sequential(*parts[:-1])
 
 
-class Feedforward(System):
+class Feedforward(TrainableSystem):
     """Accelerations from standardised features by a network whose output is standardised as well.
 
     s = (features - mean) / std; y = net(s), standardised by the mean and deviation of the untrained net at standard

@@ -8,10 +8,10 @@ from torch import nn
 
 from residual.networks.features import features
 from residual.networks.feedforward import layered
-from residual.system import Past, System
+from residual.system import Past, TrainableSystem
 
 
-class InitialState(System):
+class InitialState(TrainableSystem):
     """Any system, started from estimated u, v, r instead of the measured ones.
 
     The estimate is the measured velocity plus reach * tanh(net(standardised features of the start and of ``rows`` rows
@@ -25,7 +25,7 @@ class InitialState(System):
 
     def __init__(
         self,
-        inner: System,
+        inner: TrainableSystem,
         rows: int,
         mean: np.ndarray,
         std: np.ndarray,

@@ -12,12 +12,12 @@ import numpy as np
 import torch
 from torch import nn
 
-from residual.networks.features import features, moved
+from residual.networks.features import advance_columns, features
 from residual.networks.feedforward import squared_weights
-from residual.system import Past, System
+from residual.system import Past, TrainableSystem
 
 
-class _Recurrent(System):
+class _Recurrent(TrainableSystem):
     """What both share: weights, one row of the hidden layer, the layers after it, the step of the ship.
 
     Its state is the six columns and a memory, whose rows are those that ``_remember`` returns.
@@ -81,7 +81,7 @@ class _Recurrent(System):
     def step(self, z: torch.Tensor, controls: torch.Tensor, h: float, method: str = "rk4") -> torch.Tensor:
         """Eq. 20 to 22 (method "euler"); otherwise the kinematics by the midpoint rule."""
         z1, memory = self._remember(z[6:], self._fed(features(z[:6], controls)))
-        return torch.cat([moved(z[:6], self._last(z1), h, method), memory])
+        return torch.cat([advance_columns(z[:6], self._last(z1), h, method), memory])
 
     def accelerations(self, logged: torch.Tensor, controls: torch.Tensor, past: Past | None = None) -> torch.Tensor:
         """Eq. 13 and 15: the network runs along the measured rows."""

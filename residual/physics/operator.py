@@ -1,10 +1,9 @@
 """The equations of a ship as torch operators with exact gradients, made from its one CasADi expression.
 
 On a processor an operator is a pair of C functions (forward, and the product of a vector with the Jacobian), eight
-points per vector; without a compiler CasADi's virtual machine runs both. For other devices
-``residual.physics.casadi_to_torch`` walks the
-same instructions in torch. Tensors are (rows, M), points contiguous, M best a multiple of 8: they are then handed over
-without a copy. Gradients are those of CasADi; there are no second derivatives.
+points per vector; without a compiler CasADi's virtual machine runs both. Tensors are (rows, M), points contiguous, M
+best a multiple of 8: they are then handed over without a copy. Gradients are those of CasADi; there are no second
+derivatives.
 """
 
 from __future__ import annotations
@@ -23,7 +22,6 @@ from torch.autograd.function import once_differentiable
 from mmg.compile.batch import batch_functions, padded
 from mmg.model import assemble, states_behind
 from mmg.ship import Ship
-from residual.physics.casadi_to_torch import emitted
 
 
 class _Kernel:
@@ -139,21 +137,17 @@ class Physics:
     """The right-hand side of a ship, with its network if it has one, in torch.
 
     States z are (S, M), inputs (C, M), logged columns (6, M), SI; features (F, M) are what a network on this ship sees,
-    rows ``ship.features``; accelerations that it adds to the rates of u, v, r (3, M). Gradients go to all of them. On
-    ``backend`` "c" it computes in float64 on the processor whatever the type of the tensors; on "torch" in the type
-    and on the device of the tensors.
+    rows ``ship.features``; accelerations that it adds to the rates of u, v, r (3, M). Gradients go to all of them. It
+    computes in float64 on the processor whatever the type of the tensors.
     """
 
-    def __init__(self, ship: Ship, backend: str = "c", compiled: bool = True) -> None:
-        if backend not in ("c", "torch"):
-            raise ValueError(f"backend {backend!r} is neither 'c' nor 'torch'")
+    def __init__(self, ship: Ship, compiled: bool = True) -> None:
         self.ship, self.model = ship, assemble(ship, ())
-        self._backend, self._compiled = backend, compiled
+        self._compiled = compiled
         self._made: dict[str, Callable[..., tuple[Tensor, ...]]] = {}
-        self._lengths: dict[tuple, Tensor] = {}
 
     @cached_property
-    def _functions(self) -> dict[str, ca.Function]:
+    def functions(self) -> dict[str, ca.Function]:
         """What it computes, by name, as functions of columns."""
         S, C = len(self.model.states), len(self.model.controls)
         z, c, a, h = ca.SX.sym("z", S), ca.SX.sym("c", C), ca.SX.sym("a", 3), ca.SX.sym("h")
@@ -171,54 +165,36 @@ class Physics:
 
     def symbolic(self, name: str) -> Operator:
         """One of rates, features, rates_and_features, columns and advance as an operator of compiled code."""
-        return Operator(self._functions[name], self._compiled)
+        return Operator(self.functions[name], self._compiled)
 
-    def _call(self, name: str, *inputs: Tensor) -> tuple[Tensor, ...]:
+    def make(self, name: str) -> Callable[..., tuple[Tensor, ...]]:
+        """One of ``functions`` as a callable on tensors."""
+        return self.symbolic(name)
+
+    def call(self, name: str, *inputs: Tensor) -> tuple[Tensor, ...]:
+        """The outputs of one of ``functions`` at inputs (rows, M), or (rows, 1) for all points."""
         if name not in self._made:
-            torch_code = self._backend == "torch"
-            self._made[name] = emitted(dense(self._functions[name])) if torch_code else self.symbolic(name)
+            self._made[name] = self.make(name)
         return self._made[name](*inputs)
 
     def rates(self, z: Tensor, controls: Tensor) -> Tensor:
         """d state / dt (S, M)."""
-        return self._call("rates", z, controls)[0]
+        return self.call("rates", z, controls)[0]
 
     def features(self, z: Tensor, controls: Tensor) -> Tensor:
         """What a network on this ship sees, (F, M)."""
-        return self._call("features", z, controls)[0]
+        return self.call("features", z, controls)[0]
 
     def rates_and_features(self, z: Tensor, controls: Tensor) -> tuple[Tensor, Tensor]:
         """Both at once, (S, M) and (F, M)."""
-        rates, features = self._call("rates_and_features", z, controls)
+        rates, features = self.call("rates_and_features", z, controls)
         return rates, features
 
     def columns(self, z: Tensor) -> Tensor:
         """The six columns as they are logged, (6, M)."""
-        return self._call("columns", z)[0] if self.model.measured else z[:6]
+        return self.call("columns", z)[0] if self.model.measured else z[:6]
 
     def start(self, logged: Tensor, controls: Tensor) -> Tensor:
         """States (S, M) logged as (6, M) under inputs (C, M), their memory settled; without gradient."""
         six, inputs = (a.detach().cpu().double().numpy() for a in (logged, controls))
         return torch.from_numpy(states_behind(self.model, six, inputs, self.ship.values[:0])).to(logged)
-
-    def step(
-        self, z: Tensor, controls: Tensor, h: float, added: Callable[[Tensor], Tensor], method: str = "rk4"
-    ) -> Tensor:
-        """State (S, M) a step of h [s] later, inputs held, by "rk4" or "euler".
-
-        added: features (F, M) -> accelerations (3, M).
-        """
-        y1 = self._stage(z, z, controls, added, h if method == "euler" else h / 2)
-        if method == "euler":
-            return y1
-        y2 = self._stage(z, y1, controls, added, h / 2)
-        y3 = self._stage(z, y2, controls, added, h)
-        return self._stage((y1 + 2 * y2 + y3 - z) / 3, y3, controls, added, h / 6)
-
-    def _stage(self, base: Tensor, z: Tensor, controls: Tensor, added: Callable[[Tensor], Tensor], h: float) -> Tensor:
-        """base + h (rates at z): one node in torch's graph besides the network. Runge-Kutta is four of them."""
-        key = (h, z.device, z.dtype)
-        if key not in self._lengths:
-            self._lengths[key] = torch.full((1, 1), h, dtype=z.dtype, device=z.device)
-        accelerations = added(self.features(z, controls))
-        return self._call("advance", base, z, accelerations, controls, self._lengths[key])[0]

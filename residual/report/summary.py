@@ -7,14 +7,15 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from cases.trial import Trial
-from mmg.model import assemble
 from mmg.network import Network
 from mmg.ship import Ship
 from residual.blackbox.models import inputs_of
 from residual.networks.features import features
-from residual.training.hybrid import MARGIN, OUTPUT, TrainedResidual
+from residual.physics.operator import Physics
+from residual.training.hybrid import OUTPUT, TrainedResidual, physics_features
+from residual.training.scales import LEAST_SCALE
 from residual.training.trainer import Outcome
-from residual.training.windows import features_of, pieces_of, windows
+from residual.training.windows import pieces_of, windows
 
 RATES = {"du": "m/s²", "dv": "m/s²", "dr": "rad/s²"}
 """Channels of the residual and their units."""
@@ -40,12 +41,12 @@ def residual_size(trained: TrainedResidual) -> dict[str, dict]:
     """
     if trained.network is None:
         return {}
-    return size_of(trained.network, trained.scales.seen, (trained.scales.output - MARGIN) / OUTPUT)
+    return size_of(trained.network, trained.scales.features, (trained.scales.output - LEAST_SCALE) / OUTPUT)
 
 
-def size_of(network: Network, seen: np.ndarray, own: np.ndarray) -> dict[str, dict]:
+def size_of(network: Network, known: np.ndarray, own: np.ndarray) -> dict[str, dict]:
     """The same from features (F, R) and rms accelerations of the ship (3,); shares: quantiles of |residual|."""
-    sizes = np.abs(network.accelerations(seen))
+    sizes = np.abs(network.accelerations(known))
     shares = np.linspace(0, 1, 101)
     return {
         name: {
@@ -61,24 +62,24 @@ def size_of(network: Network, seen: np.ndarray, own: np.ndarray) -> dict[str, di
     }
 
 
-def outside_hybrid(ship: Ship, trials: Sequence[Trial], h: float, seen: np.ndarray) -> dict:
+def outside_hybrid(ship: Ship, trials: Sequence[Trial], h: float, known: np.ndarray) -> dict:
     """Shares of rows of trials outside the range of the training rows (F, R), as a hybrid sees them."""
-    model = assemble(ship.without_network())
+    physics = Physics(ship.without_network())
     rows = {t.name: pieces_of([t], h, ship.inputs) for t in trials}
-    return _outside(ship.features, {name: features_of(model, p) for name, p in rows.items() if p}, seen)
+    return _outside(ship.features, {name: physics_features(physics, p) for name, p in rows.items() if p}, known)
 
 
 def outside_box(
-    names: Sequence[str], actuators: Sequence[str], trials: Sequence[Trial], h: float, seen: np.ndarray
+    names: Sequence[str], actuators: Sequence[str], trials: Sequence[Trial], h: float, known: np.ndarray
 ) -> dict:
     """The same as a black box with these features and actuators sees them."""
     rows = {t.name: windows(pieces_of([t], h, inputs_of(actuators)), h, 1, 1) for t in trials}
-    return _outside(names, {n: features(b.targets[0], b.controls[0]).numpy() for n, b in rows.items() if b}, seen)
+    return _outside(names, {n: features(b.targets[0], b.controls[0]).numpy() for n, b in rows.items() if b}, known)
 
 
-def _outside(names: Sequence[str], rows: Mapping[str, np.ndarray], seen: np.ndarray) -> dict:
+def _outside(names: Sequence[str], rows: Mapping[str, np.ndarray], known: np.ndarray) -> dict:
     """trials: name -> share of its rows with any feature outside; features: name -> share, lowest and highest value."""
-    lower, upper = seen.min(axis=1)[:, None], seen.max(axis=1)[:, None]
+    lower, upper = known.min(axis=1)[:, None], known.max(axis=1)[:, None]
     if not rows:
         return {}
     every = np.hstack(list(rows.values()))

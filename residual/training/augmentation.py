@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import torch
 
-from residual.rollout import Batch
+from residual.rollout import RolloutBatch
 from residual.system import Past
 from residual.training.windows import Piece, jittered, windows
 
@@ -44,7 +44,7 @@ SETS = {
 
 def augmented(
     pieces: Sequence[Piece], h: float, rows: int, how: Augmentation, noise: torch.Tensor, seed: int, past: int = 0
-) -> Batch | None:
+) -> RolloutBatch | None:
     """Windows of I = ``rows`` rows of a set; None where none fits. noise: of the instruments (6,)."""
     batch = windows(pieces, h, rows - 1, max(1, rows // how.slices), past)
     if batch is None or not how.copies:
@@ -54,7 +54,7 @@ def augmented(
     return joined([jittered(batch, only, draw) for _ in range(how.copies)])
 
 
-def joined(batches: Sequence[Batch]) -> Batch:
+def joined(batches: Sequence[RolloutBatch]) -> RolloutBatch:
     """Batches of the same length as one."""
     first = batches[0]
     parts = {n: torch.cat([getattr(b, n) for b in batches], dim=2) for n in ("controls", "targets", "mask")}
@@ -62,4 +62,4 @@ def joined(batches: Sequence[Batch]) -> Batch:
     if first.past is not None:
         pasts = [b.past for b in batches if b.past is not None]
         past = Past(*(torch.cat([p[i] for p in pasts], dim=2) for i in (0, 1)))
-    return Batch(first.h, **parts, past=past)
+    return RolloutBatch(first.h, **parts, past=past)

@@ -11,17 +11,18 @@ from collections.abc import Sequence
 from itertools import accumulate
 from typing import NamedTuple
 
+from residual.settings import TrainSettings
 from residual.training.windows import Piece, blocks
 
 FOLDS = 5
-"""Parts into which the runs are dealt, or the blocks of fewer runs."""
+"""Parts into which the runs are split, or the blocks of fewer runs."""
 GAP = 30.0
 """Seconds left out between blocks of one run that serve differently: a run's next seconds know its motion and wind."""
 SHORTER = (120.0, 90.0, 75.0)
 """Lengths of blocks [s] tried where longer ones are fewer than FOLDS."""
 
 
-class Sides(NamedTuple):
+class Split(NamedTuple):
     """Pieces to train on, to stop by and to judge by; fold: number of the part that judges, or else stops."""
 
     train: list[Piece]
@@ -30,22 +31,26 @@ class Sides(NamedTuple):
     fold: int
 
 
-def sides_of(pieces: Sequence[Piece], turn: int, seconds: float, h: float, least: float, judge: bool = True) -> Sides:
-    """The sides of the turn-th training, turns 0, 1, ... judging by one part after the other.
+def split_pieces(
+    pieces: Sequence[Piece], turn: int, settings: TrainSettings, least: float, judge: bool = True
+) -> Split:
+    """The split of the training number ``turn`` = 0, 1, ..., in which one part of ``pieces`` judges after the other.
 
-    Of FOLDS runs with a piece of ``least`` [s] or more, whole runs; of fewer, blocks of about ``seconds``, GAP apart.
-    Without ``judge`` only one part is taken away, to stop by. A side is empty where the data are too few.
+    Of FOLDS runs with a piece of ``least`` [s] or more, whole runs; of fewer, blocks as long as ``settings`` say, GAP
+    apart. judge: without it only one part is taken away, to stop by. A part is empty where the data are too few.
     """
+    h = settings.step
+    assert h is not None
     runs = list(dict.fromkeys(p.run for p in pieces if p.steps * h >= least - 1e-9))
     if len(runs) >= FOLDS:
         role, fold = _role(turn, FOLDS, judge)
         of_run = {run: role(number) for number, run in enumerate(runs)}
-        dealt = [(p, of_run.get(p.run, 0)) for p in pieces]
+        parts = [(p, of_run.get(p.run, 0)) for p in pieces]
     else:
-        dealt, fold = _dealt(pieces, turn, seconds, h, least + GAP, judge)
-        dealt = _joined(_apart(dealt, math.ceil(GAP / 2 / h - 1e-9)))
-    train, stop, judging = ([p for p, side in dealt if side == number] for number in range(3))
-    return Sides(train, stop, judging, fold)
+        parts, fold = _blocks_by_role(pieces, turn, settings.block, h, least + GAP, judge)
+        parts = _joined(_with_gaps(parts, math.ceil(GAP / 2 / h - 1e-9)))
+    train, stop, judging = ([p for p, part in parts if part == number] for number in range(3))
+    return Split(train, stop, judging, fold)
 
 
 def _role(turn: int, folds: int, judge: bool):  # type: ignore[no-untyped-def]
@@ -60,7 +65,7 @@ def _role(turn: int, folds: int, judge: bool):  # type: ignore[no-untyped-def]
     return role, fold
 
 
-def _dealt(
+def _blocks_by_role(
     pieces: Sequence[Piece], turn: int, seconds: float, h: float, least: float, judge: bool
 ) -> tuple[list[tuple[Piece, int]], int]:
     """Blocks and what each is for; those shorter than ``least`` [s] are trained on."""
@@ -74,26 +79,26 @@ def _dealt(
     return [(b, role(n - 1) if is_long else 0) for b, is_long, n in zip(cut, long, numbers, strict=True)], fold
 
 
-def _apart(dealt: Sequence[tuple[Piece, int]], rows: int) -> list[tuple[Piece, int]]:
+def _with_gaps(parts: Sequence[tuple[Piece, int]], rows: int) -> list[tuple[Piece, int]]:
     """Blocks cut short by ``rows`` wherever the next one of the same run serves differently."""
     result = []
-    for k, (block, side) in enumerate(dealt):
+    for k, (block, part) in enumerate(parts):
         before, after = (
-            rows if 0 <= j < len(dealt) and dealt[j][0].run == block.run and dealt[j][1] != side else 0
+            rows if 0 <= j < len(parts) and parts[j][0].run == block.run and parts[j][1] != part else 0
             for j in (k - 1, k + 1)
         )
         if block.steps > before + after:
-            result.append((Piece(block.run, block.grid, block.first + before, block.last - after), side))
+            result.append((Piece(block.run, block.grid, block.first + before, block.last - after), part))
     return result
 
 
-def _joined(dealt: Sequence[tuple[Piece, int]]) -> list[tuple[Piece, int]]:
+def _joined(parts: Sequence[tuple[Piece, int]]) -> list[tuple[Piece, int]]:
     """Neighbouring blocks that are trained on, joined again."""
     result: list[tuple[Piece, int]] = []
-    for block, side in dealt:
+    for block, part in parts:
         last = result[-1][0] if result else None
-        if last and side == result[-1][1] == 0 and last.grid is block.grid and last.last == block.first:
+        if last and part == result[-1][1] == 0 and last.grid is block.grid and last.last == block.first:
             result[-1] = (Piece(last.run, last.grid, last.first, block.last), 0)
         else:
-            result.append((block, side))
+            result.append((block, part))
     return result

@@ -5,37 +5,31 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 import torch
 
 from cases.trial import Trial
 from fitting.nlp.grid import default_step
-from fitting.prediction.score import pooled_sigma
-from mmg.errors import UserError
 from mmg.messages import Message
 from mmg.network import Network
 from mmg.progress import OnProgress
 from mmg.ship import Ship
 from residual.bounded_network import Residual, Symmetric, TwoLayers, to_network
 from residual.physics.operator import Physics
-from residual.rollout import measured_accelerations
 from residual.settings import TrainSettings
-from residual.system import Hybrid, System
+from residual.system import Hybrid
 from residual.training.acceptance import decide
 from residual.training.checkpoint import Store
 from residual.training.decision import Decision
-from residual.training.folds import FOLDS, GAP, Sides, sides_of
+from residual.training.scales import LEAST_SCALE, Scales, measured_scales
 from residual.training.seeds import train_seeds
-from residual.training.trainer import Build, Outcome, Scales, Task
-from residual.training.window_errors import WINDOW
-from residual.training.windows import Piece, features_of, loss_sigma, pieces_of, windows
+from residual.training.tasks import training_tasks
+from residual.training.trainer import Outcome
+from residual.training.windows import Piece, pieces_of
 
 OUTPUT = 0.3
 """Scale of the residual as a share of the rms accelerations of the ship on the training rows."""
-MARGIN = 1e-9
-"""Least scale, for what never changes in the training rows."""
 
 
 @dataclass(frozen=True)
@@ -55,16 +49,16 @@ class TrainedResidual:
     interrupted: bool = False
 
 
-def build_hybrid(ship: Ship, scales: Scales, training: TrainSettings, seed: int) -> System:
-    """A calibrated ship with a residual that is still zero."""
-    return Hybrid(Physics(ship), residual_of(ship, scales, training, seed), scales.seen)
+def build_hybrid(ship: Ship, scales: Scales, settings: TrainSettings, seed: int) -> Hybrid:
+    """A calibrated ``ship`` with a residual of these ``scales``, ``settings`` and ``seed`` that is still zero."""
+    return Hybrid(Physics(ship), residual_of(ship, scales, settings, seed), scales.features)
 
 
-def residual_of(ship: Ship, scales: Scales, training: TrainSettings, seed: int) -> TwoLayers:
-    """An untrained residual of these settings."""
-    if not training.symmetric:
-        return Residual(scales.feature, scales.output, training.width, seed)
-    own = Residual(scales.feature, scales.output, max(1, training.width // 2), seed)
+def residual_of(ship: Ship, scales: Scales, settings: TrainSettings, seed: int) -> TwoLayers:
+    """An untrained residual on ``ship`` of these ``scales``, ``settings`` and ``seed``."""
+    if not settings.symmetric:
+        return Residual(scales.feature, scales.output, settings.width, seed)
+    own = Residual(scales.feature, scales.output, max(1, settings.width // 2), seed)
     return Symmetric(own, ship.actuators)
 
 
@@ -89,8 +83,8 @@ def train_residual(
     settings = replace(settings, step=h)
     pieces = pieces_of(trials, h, ship.inputs)
     held = pieces_of(validation, h, ship.inputs) if validation else []
-    scales = scales_of(ship, pieces, [*trials], h)
-    tasks = tasks_of(ship, scales, settings, pieces, held, None, apart=True)
+    scales = hybrid_scales(ship, pieces, trials, h)
+    tasks = training_tasks(build_hybrid, ship, scales, settings, pieces, held)
     outcomes, interrupted = train_seeds(tasks, settings, progress, store)
     good = [o for o in outcomes if o.status != "diverged"]
     network = network_of(ship, scales, settings, good) if good else None
@@ -98,111 +92,48 @@ def train_residual(
     return TrainedResidual(ship, network, decide(outcomes), tuple(outcomes), settings, scales, seconds, interrupted)
 
 
-def tasks_of(
-    ship: Ship,
-    scales: Scales,
-    training: TrainSettings,
-    pieces: Sequence[Piece],
-    held: Sequence[Piece],
-    stop: Path | None,
-    build: Build = build_hybrid,
-    what: str = "a residual",
-    apart: bool = False,
-    judge: bool = True,
-) -> list[Task]:
-    """One training per seed, each with its share of the time limit. Raises UserError where data are too few.
+def hybrid_scales(ship: Ship, pieces: Sequence[Piece], trials: Sequence[Trial], h: float) -> Scales:
+    """Scales for a residual on ``ship`` from ``pieces`` of ``trials`` on a grid of ``h`` [s].
 
-    Without ``held`` parts of the pieces take turns to stop and to judge; without ``judge`` only to stop, and the same
-    part judges, which flatters. With ``held`` all are judged by it and, unless ``apart``, also stop by it.
+    Raises UserError where there are no rows, or nothing moves in them.
     """
-    h = training.step
-    assert h is not None
-    limit = training.time_limit
-    rounds = -(-training.seeds // max(1, training.workers))
-    tasks = []
-    for i in range(training.seeds):
-        sides = Sides(list(pieces), list(held), list(held), 0)
-        if not held or apart:
-            dealt = sides_of(pieces, i, training.block, h, WINDOW, judge=judge and not held)
-            judging = list(held) or (dealt.judge if judge else dealt.stop)
-            sides = Sides(dealt.train, dealt.stop, judging, 0 if held else dealt.fold)
-        _check(sides, h, training, bool(held), what)
-        tasks.append(
-            Task(
-                build, ship, scales, training, training.seed + i, h, tuple(sides.train), tuple(sides.stop),
-                limit / rounds if limit else None, stop, tuple(sides.judge), sides.fold,
-            )
-        )  # fmt: skip
-    return tasks
-
-
-def _check(sides: Sides, h: float, training: TrainSettings, given: bool, what: str) -> None:
-    """Raises UserError unless a window fits into each side."""
-    longest = max((p.steps * h for p in sides.train), default=0.0)
-    shortest = training.curriculum[0][0]
-    every = {id(p): p for p in (*sides.train, *sides.stop, *(() if given else sides.judge))}
-    total = sum(p.steps * h for p in every.values())
-    if given and windows(sides.judge, h, round(WINDOW / h), 1) is None:
-        raise UserError(f"--validate: no trial holds {WINDOW:g} s without a gap, so nothing can be held out")
-    if any(windows(side, h, round(WINDOW / h), 1) is None for side in (sides.stop, sides.judge)):
-        raise UserError(
-            f"too little data for {what}: {total:.0f} s in pieces without gaps; {FOLDS} runs of at least {WINDOW:g} s, "
-            f"or three blocks of {WINDOW + GAP:g} s, are needed to train, to stop and to judge by different ones. Keep "
-            "the calibrated ship, or give more trials"
-        )
-    if longest < shortest:
-        raise UserError(
-            f"too little data for {what}: the longest piece to train on is {longest:.0f} s, shorter than the "
-            f"first rollouts of {shortest:g} s; keep the calibrated ship or give longer trials"
-        )
-
-
-def scales_of(ship: Ship, pieces: Sequence[Piece], trials: Sequence[Trial], h: float) -> Scales:
-    """Scales from the training rows. Raises UserError when there are none."""
-    if not pieces:
-        raise UserError("too little data for a residual: no piece of a trial is longer than a step without a gap")
-    physics = Physics(ship)
-    seen = features_of(physics.model, pieces)
-    feature = np.sqrt((seen**2).mean(axis=1))
-    rows = windows(pieces, h, 1, 1)
-    assert rows is not None
+    physics, m = Physics(ship), measured_scales(pieces, trials, h, ship.particulars["L"])
+    logged, controls = m.rows.targets[0], m.rows.controls[0]
     with torch.no_grad():
-        rates = physics.rates(physics.start(rows.targets[0], rows.controls[0]), rows.controls[0])[3:6].numpy()
-    measured, mask = measured_accelerations(rows)
-    spread = measured[0].numpy()[:, mask[0].numpy().all(axis=0)].std(axis=1)
-    sigma = loss_sigma(pieces, ship.particulars["L"])
-    placed = [t for t in trials if t.has_position]
-    score = pooled_sigma(placed) if placed else sigma
+        rates = physics.rates(physics.start(logged, controls), controls)[3:6].numpy()
+    features = physics_features(physics, pieces)
+    rms = np.sqrt((features**2).mean(axis=1))
     return Scales(
-        feature=np.where(feature > MARGIN, feature, 1.0),
-        output=OUTPUT * np.sqrt((rates**2).mean(axis=1)) + MARGIN,
-        sigma=sigma,
-        score=score,
-        acceleration=np.maximum(spread, MARGIN),
-        noise=noise_of(pieces),
-        seen=seen,
+        feature=np.where(rms > LEAST_SCALE, rms, 1.0),
+        output=OUTPUT * np.sqrt((rates**2).mean(axis=1)) + LEAST_SCALE,
+        sigma=m.sigma,
+        score=m.score,
+        acceleration=m.std,
+        noise=m.noise,
+        features=features,
     )
 
 
-def noise_of(pieces: Sequence[Piece]) -> np.ndarray:
-    """Noise of the logged columns on the grid (6,), from third differences, in which motion leaves little."""
-    thirds = [np.diff(p.grid.states[p.first : p.last + 1], n=3, axis=0) for p in pieces if p.steps >= 3]
-    if not thirds:
-        return np.zeros(6)
-    together = np.vstack(thirds)
-    together = together[np.isfinite(together).all(axis=1)]
-    return np.median(np.abs(together), axis=0) / 0.6745 / np.sqrt(20.0) if len(together) else np.zeros(6)
+def physics_features(physics: Physics, pieces: Sequence[Piece]) -> np.ndarray:
+    """What a network on the ship of ``physics`` sees at the measured rows of ``pieces``, (F, rows)."""
+    rows = [torch.as_tensor(np.nan_to_num(p.grid.states[p.first : p.last].T)) for p in pieces]
+    controls = [torch.as_tensor(np.ascontiguousarray(p.grid.controls[p.first : p.last].T)) for p in pieces]
+    logged, inputs = torch.cat(rows, dim=1), torch.cat(controls, dim=1)
+    return physics.features(physics.start(logged, inputs), inputs).numpy()
 
 
-def network_of(ship: Ship, scales: Scales, training: TrainSettings, outcomes: Sequence[Outcome]) -> Network:
-    """The mean of the residuals of outcomes, with the envelope of the training rows."""
+def network_of(ship: Ship, scales: Scales, settings: TrainSettings, outcomes: Sequence[Outcome]) -> Network:
+    """The mean of the residuals that ``outcomes`` hold, with the range of the training rows.
+
+    ship, scales, settings: of their training.
+    """
     residuals = []
     for o in outcomes:
-        residual = residual_of(ship, scales, training, o.seed)
+        residual = residual_of(ship, scales, settings, o.seed)
         weights = {name.removeprefix("residual."): torch.as_tensor(v) for name, v in o.state.items()}
         residual.load_state_dict(weights, strict=False)
         residuals.append(residual)
-    return to_network(residuals, ship.actuators, scales.seen.min(axis=1), scales.seen.max(axis=1))
+    return to_network(residuals, ship.actuators, scales.features.min(axis=1), scales.features.max(axis=1))
 
 
 def warnings_of(outcomes: Sequence[Outcome], settings: TrainSettings) -> tuple[Message, ...]:

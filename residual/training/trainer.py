@@ -2,16 +2,15 @@
 
 Learning rate along a half cosine, gradients clipped, windows drawn anew in every epoch. What judges the result are
 other windows, which the training never sees (``residual.training.folds``). A loss that is not finite, or a stop
-error that
-explodes, starts the training again at a lower rate, twice; then it is given up.
+error that explodes, starts the training again at a lower rate, twice; then it is given up.
 """
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -20,59 +19,47 @@ import torch
 from fitting.interrupts import INTERRUPTED, Interrupts
 from mmg.progress import OnProgress, Progress
 from mmg.ship import Ship
-from residual.rollout import Batch, acceleration_loss, state_loss
+from residual.rollout import RolloutBatch, acceleration_loss, state_loss
 from residual.settings import TrainSettings
-from residual.system import System
+from residual.system import TrainableSystem
 from residual.training.augmentation import SETS, augmented
-from residual.training.window_errors import STRIDE, WINDOW, judge, window_errors
-from residual.training.windows import Piece, jittered, windows
+from residual.training.folds import Split
+from residual.training.scales import Scales
+from residual.training.window_errors import STRIDE, WINDOW, compare_errors, window_errors
+from residual.training.windows import jittered, windows
 
 RESTARTS, LOWER = 2, 0.2
 """How often a diverged training starts again, and the factor on its learning rate."""
 
 
-@dataclass(frozen=True)
-class Scales:
-    """What is known of the training data before training.
-
-    feature (F,), output (3,): scales of the network; sigma (6,): of the loss; score (6,): of stop and judged windows;
-    acceleration (3,): of Eq. 16; noise (6,): of the instruments, for jittering; seen (F, R): features of the rows.
-    """
-
-    feature: np.ndarray
-    output: np.ndarray
-    sigma: np.ndarray
-    score: np.ndarray
-    acceleration: np.ndarray
-    noise: np.ndarray
-    seen: np.ndarray
-
-
-Build = Callable[[Ship, Scales, TrainSettings, int], System]
-"""Makes the system of a seed; importable, so that it reaches other processes."""
+BuildSystem = Callable[[Ship, Scales, TrainSettings, int], TrainableSystem]
+"""Makes the untrained system of a ship, scales, settings and a seed; importable, so that it reaches other processes."""
 
 
 @dataclass(frozen=True)
 class Task:
-    """One training. build(ship, scales, training, seed) makes the system and must be importable.
-
-    train, held_out: pieces of trials on the grid of h [s], the latter to stop by; judge: those that judge, () where
-    held_out also judges, which flatters; fold: number of the part that judges; seconds: limit of this one; stop: a
-    file that ends it.
+    """One training: build(ship, scales, settings, seed) makes the system, which trains, stops and is judged by
+    ``split``. seconds: limit of this one; stop: a file that ends it.
     """
 
-    build: Build
+    build: BuildSystem
     ship: Ship
     scales: Scales
-    training: TrainSettings
+    settings: TrainSettings
     seed: int
-    h: float
-    train: tuple[Piece, ...]
-    held_out: tuple[Piece, ...]
+    split: Split
     seconds: float | None = None
     stop: Path | None = None
-    judge: tuple[Piece, ...] = ()
-    fold: int = 0
+
+    @property
+    def h(self) -> float:
+        """Step of grid and integration [s]."""
+        assert self.settings.step is not None
+        return self.settings.step
+
+    def system(self) -> TrainableSystem:
+        """The untrained system."""
+        return self.build(self.ship, self.scales, self.settings, self.seed)
 
 
 @dataclass(frozen=True)
@@ -107,10 +94,10 @@ class _Diverged(Exception):
 def train_one(task: Task, progress: OnProgress | None = None) -> Outcome:
     """Train the system of a ``task``; never raises for a training that fails. progress: called after each epoch."""
     torch.set_num_threads(1)
-    began, training = time.perf_counter(), task.training
+    began, settings = time.perf_counter(), task.settings
     with Interrupts():
         for restart in range(RESTARTS + 1):
-            rate = training.rate * LOWER**restart
+            rate = settings.rate * LOWER**restart
             attempt = _Attempt(task, began, rate, progress)
             try:
                 status = attempt.run()
@@ -118,8 +105,9 @@ def train_one(task: Task, progress: OnProgress | None = None) -> Outcome:
             except _Diverged:
                 status = "diverged"
     attempt.system.load_state_dict(attempt.best, strict=False)
-    systems = task.build(task.ship, task.scales, training, task.seed), attempt.system
-    judged = judge(systems, task.judge or task.held_out, task.h, task.scales.score, training.method)
+    judged = compare_errors(
+        (task.system(), attempt.system), task.split.judge, task.h, task.scales.score, settings.method
+    )
     return Outcome(
         task.seed,
         status,
@@ -133,7 +121,7 @@ def train_one(task: Task, progress: OnProgress | None = None) -> Outcome:
         attempt.count,
         len(judged.rows),
         judged.rows,
-        task.fold,
+        task.split.fold,
     )
 
 
@@ -142,13 +130,13 @@ class _Attempt:
 
     def __init__(self, task: Task, began: float, rate: float, progress: OnProgress | None) -> None:
         self.task, self.began, self.rate, self.progress = task, began, rate, progress
-        t, h = task.training, task.h
-        self.system = task.build(task.ship, task.scales, t, task.seed)
+        self.system = task.system()
         self.sigma, self.score = (torch.as_tensor(a) for a in (task.scales.sigma, task.scales.score))
         self.draw = torch.Generator().manual_seed(task.seed)
-        self.stages = stages(task)
+        self.stages = stages(task, self.system.past)
         self.count = max((len(batch) for _, batch, _ in self.stages), default=0)
-        held = windows(task.held_out, h, round(WINDOW / h), round(STRIDE / h), self.system.past)
+        h = task.h
+        held = windows(task.split.stop, h, round(WINDOW / h), round(STRIDE / h), self.system.past)
         assert held is not None
         self.held, self.best = held, self._state()
         self.before = self.least = self._stop_error()
@@ -159,11 +147,11 @@ class _Attempt:
 
     def _stop_error(self) -> float:
         """Mean squared normalised error of the windows to stop by."""
-        return float(window_errors(self.system, self.held, self.score, self.task.training.method).mean())
+        return float(window_errors(self.system, self.held, self.score, self.task.settings.method).mean())
 
     def run(self) -> str:
         """Train through the stages; "finished" or "stopped"."""
-        t = self.task.training
+        t = self.task.settings
         optimizer = torch.optim.Adam(self.system.learned(), lr=self.rate)
         total = sum(epochs for _, _, epochs in self.stages)
         epoch, status = 0, "finished"
@@ -185,9 +173,9 @@ class _Attempt:
                 break
         return status
 
-    def _epoch(self, optimizer: torch.optim.Optimizer, batch: Batch) -> float:
+    def _epoch(self, optimizer: torch.optim.Optimizer, batch: RolloutBatch) -> float:
         """One pass over the windows in random order; mean loss."""
-        t, scales = self.task.training, self.task.scales
+        t, scales = self.task.settings, self.task.scales
         order = torch.randperm(len(batch), generator=self.draw)
         parts = order.tensor_split(max(1, round(len(batch) / t.batch)))
         losses = []
@@ -209,8 +197,8 @@ class _Attempt:
                 break
         return float(np.mean(losses))
 
-    def _loss(self, batch: Batch) -> torch.Tensor:
-        t = self.task.training
+    def _loss(self, batch: RolloutBatch) -> torch.Tensor:
+        t = self.task.settings
         if t.loss == "acceleration":
             loss = acceleration_loss(self.system, batch, torch.as_tensor(self.task.scales.acceleration))
         else:
@@ -233,17 +221,30 @@ class _Attempt:
         return late or INTERRUPTED.requested or (task.stop is not None and task.stop.exists())
 
 
-def stages(task: Task) -> list[tuple[float, Batch, int]]:
-    """Length of the rollouts [s], windows and epochs of each stage of the curriculum for which windows fit."""
-    t, h = task.training, task.h
-    past = task.build(task.ship, task.scales, t, task.seed).past
+def stages(task: Task, past: int) -> list[tuple[float, RolloutBatch, int]]:
+    """Length of the rollouts [s], windows and epochs of each stage of the curriculum of ``task`` for which windows fit.
+
+    past: rows before each window that the system reads.
+    """
+    t, h = task.settings, task.h
     result = []
     for seconds, share in t.curriculum:
         if t.augment:
-            noise = torch.as_tensor(task.scales.noise)
-            batch = augmented(task.train, h, round(seconds / h), SETS[t.augment], noise, task.seed, past)
+            how = SETS[t.augment], torch.as_tensor(task.scales.noise)
+            batch = augmented(task.split.train, h, round(seconds / h), *how, task.seed, past)
         else:
-            batch = windows(task.train, h, max(1, round(seconds / h)), max(1, round(t.stride / h)), past)
+            batch = windows(task.split.train, h, max(1, round(seconds / h)), max(1, round(t.stride / h)), past)
         if batch is not None:
             result.append((seconds, batch, max(1, round(share * t.epochs))))
     return result
+
+
+def restored(task: Task, outcomes: Sequence[Outcome]) -> list[TrainableSystem]:
+    """The systems that trainings like ``task`` ended with, by their ``outcomes``; those that diverged are left out."""
+    systems = []
+    for o in outcomes:
+        if o.status != "diverged":
+            system = replace(task, seed=o.seed).system()
+            system.load_state_dict({name: torch.as_tensor(a) for name, a in o.state.items()}, strict=False)
+            systems.append(system)
+    return systems

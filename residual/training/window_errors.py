@@ -8,15 +8,15 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
-from residual.rollout import Batch, rollout, squares
-from residual.system import System
+from residual.rollout import RolloutBatch, rollout, squares
+from residual.system import TrainableSystem
 from residual.training.windows import Piece, windows
 
 WINDOW, STRIDE, RESTART = 30.0, 15.0, 100.0
 """Stop and judged windows [s] and how far apart they start; length of the restarts of the second metric."""
 
 
-class Judged(NamedTuple):
+class WindowErrors(NamedTuple):
     """Errors of two systems. rows: of each 30 s window (run, first row of its piece, error of each system); before,
     after: mean errors of the first and of the second system (30 s windows, 100 s restarts; NaN where none fits).
     """
@@ -26,8 +26,13 @@ class Judged(NamedTuple):
     after: tuple[float, float]
 
 
-def judge(systems: tuple[System, System], pieces: Sequence[Piece], h: float, sigma: np.ndarray, method: str) -> Judged:
-    """Errors of 30 s windows every 15 s and of 100 s windows side by side."""
+def compare_errors(
+    systems: tuple[TrainableSystem, TrainableSystem], pieces: Sequence[Piece], h: float, sigma: np.ndarray, method: str
+) -> WindowErrors:
+    """Errors of two ``systems`` on 30 s windows every 15 s and on 100 s windows side by side.
+
+    pieces: on a grid of h [s]; sigma: (6,) by which errors are divided; method: of the integration.
+    """
     past, scale = systems[0].past, torch.as_tensor(sigma)
     errors = []
     for length, stride in ((WINDOW, STRIDE), (RESTART, RESTART)):
@@ -36,10 +41,13 @@ def judge(systems: tuple[System, System], pieces: Sequence[Piece], h: float, sig
     counts = [len(range(p.first + past, p.last - round(WINDOW / h) + 1, round(STRIDE / h))) for p in pieces]
     where = np.repeat(np.array([(p.run, p.first) for p in pieces]).reshape(-1, 2), counts, axis=0)
     (a, b), (c, d) = (e.mean(axis=1) if e.size else (np.nan, np.nan) for e in errors)
-    return Judged(np.column_stack([where, errors[0].T]), (float(a), float(c)), (float(b), float(d)))
+    return WindowErrors(np.column_stack([where, errors[0].T]), (float(a), float(c)), (float(b), float(d)))
 
 
 @torch.no_grad()
-def window_errors(system: System, batch: Batch, sigma: torch.Tensor, method: str) -> np.ndarray:
-    """Mean squared normalised error of each window (M,), as ``fitting.prediction.score`` counts it but on the grid."""
+def window_errors(system: TrainableSystem, batch: RolloutBatch, sigma: torch.Tensor, method: str) -> np.ndarray:
+    """Mean squared normalised error of ``system`` on each window of ``batch`` (M,), on the grid.
+
+    sigma: (6,) by which errors are divided; method: of the integration.
+    """
     return squares(rollout(system, batch, method), batch, sigma).numpy()

@@ -1,4 +1,4 @@
-"""Trials as windows to train on: slices on a grid, blocks of time, scales, noise for jittering.
+"""Trials as windows to train on: pieces on a grid, blocks of time, slices of them, noise added to them.
 
 Slicing and jittering follow Wakita et al. (2024, sections 3.1 to 3.4): a window of I rows every I (ref) or every S rows
 (sli), and normal noise of the instruments on the states (jit).
@@ -15,14 +15,8 @@ import torch
 
 from cases.trial import Trial
 from fitting.nlp.grid import Grid, grids
-from mmg.errors import UserError
-from mmg.model import Model, states_behind
-from mmg.motion.froude import length_scale
-from residual.rollout import Batch
+from residual.rollout import RolloutBatch
 from residual.system import Past
-
-POSITION, HEADING = 1.0, 0.3
-"""Sigma of the loss for x, y [m] per 3 m of ship and for psi [rad]; those of u, v, r are taken from the data."""
 
 
 @dataclass(frozen=True)
@@ -40,12 +34,12 @@ class Piece:
 
 
 def pieces_of(trials: Sequence[Trial], h: float, inputs: Sequence[str]) -> list[Piece]:
-    """The gap-free pieces of trials on a grid of h [s], numbered by their run."""
+    """The gap-free pieces of ``trials`` on a grid of ``h`` [s] with these ``inputs``, numbered by their run."""
     return [Piece(i, g, 0, len(g.controls)) for i, trial in enumerate(trials) for g in grids(trial, h, inputs)]
 
 
 def blocks(pieces: Sequence[Piece], seconds: float, h: float) -> list[Piece]:
-    """Pieces cut evenly into blocks of about ``seconds`` that share only their end rows."""
+    """``pieces`` on a grid of ``h`` [s] cut evenly into blocks of about ``seconds`` that share only their end rows."""
     result = []
     for piece in pieces:
         parts = max(1, round(piece.steps * h / seconds))
@@ -54,10 +48,10 @@ def blocks(pieces: Sequence[Piece], seconds: float, h: float) -> list[Piece]:
     return result
 
 
-def windows(pieces: Sequence[Piece], h: float, steps: int, stride: int, past: int = 0) -> Batch | None:
-    """Slices of ``steps`` steps every ``stride`` rows of each piece, none reaching out of it; None where none fits.
+def windows(pieces: Sequence[Piece], h: float, steps: int, stride: int, past: int = 0) -> RolloutBatch | None:
+    """Slices of ``steps`` steps of ``h`` [s] every ``stride`` rows of each of ``pieces``; None where none fits.
 
-    ``past`` rows before each start, inside the piece, are given along.
+    None reaches out of its piece; ``past`` rows before each start, inside the piece, are given along.
     """
     controls, targets, before, held = [], [], [], []
     for piece in pieces:
@@ -70,7 +64,7 @@ def windows(pieces: Sequence[Piece], h: float, steps: int, stride: int, past: in
     if not controls:
         return None
     measured = np.moveaxis(np.array(targets), 0, 2)
-    return Batch(
+    return RolloutBatch(
         h,
         _tensor(np.moveaxis(np.array(controls), 0, 2)),
         _tensor(np.nan_to_num(measured)),
@@ -85,35 +79,14 @@ def _tensor(values: np.ndarray) -> torch.Tensor:
     return torch.as_tensor(np.ascontiguousarray(values, dtype=float))
 
 
-def jittered(batch: Batch, noise: torch.Tensor, draw: torch.Generator) -> Batch:
-    """The batch with independent normal noise of standard deviation ``noise`` (6,) on its states (2024, Eq. 20)."""
+def jittered(batch: RolloutBatch, noise: torch.Tensor, draw: torch.Generator) -> RolloutBatch:
+    """The ``batch`` with independent normal noise on its states (Wakita et al. 2024, Eq. 20).
+
+    noise: (6,) standard deviations; draw: the random numbers.
+    """
     added = torch.randn(batch.targets.shape, generator=draw, dtype=torch.float64) * noise[:, None] * batch.mask
     past = batch.past
     if past is not None:
         more = torch.randn(past.logged.shape, generator=draw, dtype=torch.float64) * noise[:, None]
         past = Past(past.logged + more, past.controls)
-    return Batch(batch.h, batch.controls, batch.targets + added, batch.mask, past)
-
-
-def loss_sigma(pieces: Sequence[Piece], length: float) -> np.ndarray:
-    """Sigma of the loss (6,): a third of a ship length, 0.3 rad, and the standard deviation of each velocity.
-
-    The whole spread of positions over a pond would make a window's drift invisible (notes of issue 5).
-    """
-    velocities = np.vstack([p.grid.states[p.first : p.last + 1, 3:] for p in pieces])
-    spread = np.nanstd(velocities, axis=0)
-    if not (spread > 0).all():
-        raise UserError("u, v or r never changes in the training trials, so there is nothing to learn from")
-    position = POSITION * length_scale(length)
-    return np.array([position, position, HEADING, *spread])
-
-
-def features_of(model: Model, pieces: Sequence[Piece]) -> np.ndarray:
-    """What a network on the ship sees at the measured rows of pieces, (F, rows)."""
-    values = np.array([model.ship.coefficients[s].value for s in model.symbols])
-    parts = []
-    for p in pieces:
-        logged, controls = p.grid.states[p.first : p.last].T, p.grid.controls[p.first : p.last].T
-        states = states_behind(model, np.nan_to_num(logged), controls, values)
-        parts.append(np.array(model.features(states, controls, values)))
-    return np.hstack(parts)
+    return RolloutBatch(batch.h, batch.controls, batch.targets + added, batch.mask, past)

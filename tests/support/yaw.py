@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import torch
 
-from residual.system import System
+from residual.system import TrainableSystem
 
 
-class Yaw(System):
+class Yaw(TrainableSystem):
     """A ship that only yaws: dr/dt = (K delta - r) / T, surging at constant speed; inputs n, delta, air."""
 
     def __init__(self, K: float, T: float) -> None:

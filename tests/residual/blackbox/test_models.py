@@ -17,14 +17,14 @@ from mmg.errors import UserError
 from residual.blackbox.file import load_box, save_box
 from residual.blackbox.models import BlackBox, box_scales, build_box, gridded, train_box
 from residual.bounded_network import Residual
-from residual.networks.features import features, kinematics, moved
+from residual.networks.features import advance_columns, features, kinematics
 from residual.networks.feedforward import Feedforward
 from residual.networks.initial_state import InitialState
 from residual.networks.recurrent import Standard, Windowed
 from residual.physics.operator import Physics
-from residual.rollout import Batch, acceleration_loss, rollout, state_loss
+from residual.rollout import RolloutBatch, acceleration_loss, rollout, state_loss
 from residual.settings import KINDS, BlackBoxSettings
-from residual.system import Hybrid, Past, System
+from residual.system import Hybrid, Past, TrainableSystem
 from residual.training.augmentation import SETS, augmented
 from residual.training.windows import pieces_of, windows
 from tests.support import hybrids
@@ -38,7 +38,7 @@ def runs() -> tuple[Trial, ...]:
     return tuple(hybrids.trials(hybrids.ship(), 5, 200))
 
 
-def batch_of(past: int, steps: int = 12) -> Batch:
+def batch_of(past: int, steps: int = 12) -> RolloutBatch:
     batch = windows(pieces_of(runs()[:2], 1.0, hybrids.ship().inputs), 1.0, steps, steps, past)
     assert batch is not None
     return batch
@@ -48,7 +48,7 @@ def scales():  # type: ignore[no-untyped-def]
     return box_scales(pieces_of(runs(), 1.0, hybrids.ship().inputs), runs(), 1.0, 3.0)
 
 
-def box(kind: str, seed: int = 0, **options: object) -> System:
+def box(kind: str, seed: int = 0, **options: object) -> TrainableSystem:
     """An untrained black box whose last layer is not zero."""
     system = build_box(hybrids.ship(), scales(), replace(QUICK, kind=kind, **options), seed)  # type: ignore[arg-type]
     inner = system.inner if isinstance(system, InitialState) else system
@@ -155,7 +155,7 @@ def test_a_ship_at_rest_in_calm_air_stays_there(kind: str) -> None:
     rest = torch.zeros(20, 4, 2, dtype=torch.float64)
     past = Past(torch.zeros(2, 6, 2, dtype=torch.float64), rest[:2]) if system.past else None
     targets = torch.zeros(21, 6, 2, dtype=torch.float64)
-    out = rollout(system, Batch(1.0, rest, targets, torch.ones_like(targets), past))
+    out = rollout(system, RolloutBatch(1.0, rest, targets, torch.ones_like(targets), past))
     assert out.abs().max() == 0.0
 
 
@@ -187,7 +187,7 @@ def test_the_output_of_the_untrained_network_is_standardised_to_the_measured_acc
     ],
     ids=["fnn", "rnn", "rnn-window", "fnn initial", "rnn-window initial"],
 )
-def test_gradients_agree_with_finite_differences(system: System, method: str) -> None:
+def test_gradients_agree_with_finite_differences(system: TrainableSystem, method: str) -> None:
     batch = batch_of(system.past)
 
     def loss() -> torch.Tensor:
@@ -211,10 +211,10 @@ def test_gradients_agree_with_finite_differences(system: System, method: str) ->
 
 def test_held_accelerations_move_the_ship_along_its_circle() -> None:
     row = torch.tensor([0.0, 0.0, 0.3, 0.5, 0.0, 0.05], dtype=torch.float64)[:, None]
-    out, radius = moved(row, torch.zeros(3, 1, dtype=torch.float64), 1.0, "rk4")[:, 0], 0.5 / 0.05
+    out, radius = advance_columns(row, torch.zeros(3, 1, dtype=torch.float64), 1.0, "rk4")[:, 0], 0.5 / 0.05
     exact = [radius * (np.sin(0.35) - np.sin(0.3)), radius * (np.cos(0.3) - np.cos(0.35)), 0.35]
     np.testing.assert_allclose(out[:3].numpy(), exact, atol=1e-4)
-    euler = moved(row, torch.zeros(3, 1, dtype=torch.float64), 1.0, "euler")[:, 0]
+    euler = advance_columns(row, torch.zeros(3, 1, dtype=torch.float64), 1.0, "euler")[:, 0]
     np.testing.assert_allclose(euler[:3, None], row[:3] + kinematics(row), atol=0)
 
 
@@ -299,7 +299,7 @@ def test_a_black_box_learns_and_its_file_keeps_all(kind: str, tmp_path) -> None:
     path = tmp_path / "network.safetensors"
     save_box(path, trained.box)
     loaded = load_box(path, hybrids.ship())
-    assert loaded.training == trained.settings and loaded.actuators == ("n", "delta") and len(loaded.systems) == 2
+    assert loaded.settings == trained.settings and loaded.actuators == ("n", "delta") and len(loaded.systems) == 2
     tests = hybrids.trials(hybrids.ship(), 1, 200, seed=8)
     sigma = pooled_sigma(tests)
     assert score(loaded, tests, sigma).window == score(trained.box, tests, sigma).window

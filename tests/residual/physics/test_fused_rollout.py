@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 import torch
 
@@ -10,6 +11,7 @@ from mmg.compile.batch import compiler
 from residual.bounded_network import Residual
 from residual.physics.fused_rollout import FusedRollout
 from residual.physics.operator import Physics
+from residual.system import Hybrid, TrainableSystem
 from tests.residual.physics.test_operator import OTHERS, points
 from tests.support.networks import random_network
 
@@ -32,10 +34,8 @@ def test_states_and_gradients_are_those_of_single_steps(name, method):
         if fused:
             states = FusedRollout(physics, 10)(start, inputs, 0.05, residual, method)
         else:
-            each = [start]
-            for controls in inputs:
-                each.append(physics.step(each[-1], controls, 0.05, residual, method))
-            states = torch.stack(each)
+            system = Hybrid(physics, residual, np.zeros((len(ship.features), 1)))
+            states = TrainableSystem.simulate(system, start, inputs, 0.05, method)
         gradients = torch.autograd.grad((states * weights).sum(), [start, *residual.parameters()])
         results.append([states.detach(), *gradients])
     for one, other in zip(*results, strict=True):

@@ -13,8 +13,8 @@ from mmg.model import assemble
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 from residual.bounded_network import Residual, to_network
-from residual.physics.casadi_to_torch import emitted
 from residual.physics.operator import Operator, Physics
+from residual.system import Hybrid
 from tests.mmg.test_rollout import with_effects
 from tests.support.networks import random_network
 
@@ -29,11 +29,8 @@ OTHERS = {
     "measured": with_effects("antenna_offset", "log_scale"),
     "hybrid": ESSO.with_network(random_network(ESSO, members=2)),
 }
-WAYS = {
-    "C": {"backend": "c"},
-    "interpreted": {"backend": "c", "compiled": False},
-    "torch": {"backend": "torch"},
-}
+WAYS = {"C": True, "interpreted": False}
+"""Whether the operators are compiled."""
 
 
 def points(ship: Ship) -> tuple[torch.Tensor, torch.Tensor]:
@@ -63,12 +60,21 @@ def close(found: torch.Tensor, expected: np.ndarray, relative: float = 1e-12) ->
     np.testing.assert_array_less(np.abs(found.detach().numpy() - expected) / size, relative)
 
 
+def physics_of(way: str):
+    """How to make the operator of a ship in one of WAYS."""
+    if way == "C" and compiler() is None:
+        pytest.skip("no C compiler")
+    return lambda ship: Physics(ship, WAYS[way])
+
+
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("name", [*SHIPS, *OTHERS])
 def test_values_and_gradients_are_those_of_casadi(name, way):
-    if way == "C" and compiler() is None:
-        pytest.skip("no C compiler")
-    ship = {**SHIPS, **OTHERS}[name]
+    check_rates({**SHIPS, **OTHERS}[name], physics_of(way))
+
+
+def check_rates(ship: Ship, make) -> None:
+    """Values and gradients of the rates that ``make(ship)`` gives are those of CasADi."""
     z, c = points(ship)
     model = assemble(ship, ())
     zs, cs, seed = (ca.SX.sym(s, n) for s, n in (("z", len(z)), ("c", len(c)), ("seed", len(z))))
@@ -78,7 +84,7 @@ def test_values_and_gradients_are_those_of_casadi(name, way):
     seeds = torch.randn(z.shape, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
     expected = [np.array(a) for a in reference.map(z.shape[1])(z.numpy(), c.numpy(), seeds.numpy())]
     z.requires_grad_(), c.requires_grad_()
-    found = Physics(ship, **WAYS[way]).rates(z, c)
+    found = make(ship).rates(z, c)
     gradients = torch.autograd.grad(found, (z, c), seeds)
     for one, other in zip((found, *gradients), expected, strict=True):
         close(one, other)
@@ -86,22 +92,33 @@ def test_values_and_gradients_are_those_of_casadi(name, way):
 
 @pytest.mark.parametrize("way", WAYS)
 def test_gradients_are_those_of_finite_differences(way):
-    physics = Physics(ESSO, **WAYS[way])
+    check_gradients(physics_of(way))
+
+
+def check_gradients(make) -> None:
+    """Gradients of what ``make(ESSO)`` gives are those of finite differences."""
+    physics = make(ESSO)
     z, c = (a[:, 3:11].contiguous().requires_grad_() for a in points(ESSO))
     added = torch.zeros((3, 8), dtype=torch.float64, requires_grad=True)
     torch.autograd.gradcheck(physics.rates_and_features, (z, c), atol=1e-6)
 
     def step(z: torch.Tensor, added: torch.Tensor) -> torch.Tensor:
-        return physics.step(z, c, 0.3, lambda features: added * features[:3])
+        a, h = added * physics.features(z, c)[:3], torch.full((1, 1), 0.3, dtype=torch.float64)
+        return physics.call("advance", z, z, a, c, h)[0]
 
     torch.autograd.gradcheck(step, (z, added), atol=1e-6)
 
 
 @pytest.mark.parametrize("way", WAYS)
 def test_features_and_columns_are_those_of_the_model(way):
+    check_features_and_columns(physics_of(way))
+
+
+def check_features_and_columns(make) -> None:
+    """What networks on a ship see, and what is logged of it, are those of the model."""
     for ship in (OTHERS["measured"], OTHERS["place and current"], OTHERS["memory"]):
         z, c = points(ship)
-        physics, model = Physics(ship, **WAYS[way]), assemble(ship, ())
+        physics, model = make(ship), assemble(ship, ())
         seen = np.array(model.features.map(z.shape[1])(z.numpy(), c.numpy(), np.zeros((0, z.shape[1]))))
         close(physics.features(z, c), seen)
         close(physics.rates_and_features(z, c)[1], seen)
@@ -123,8 +140,9 @@ def test_a_network_trained_in_torch_is_the_same_in_casadi(name, method):
     expected = Simulator(hybrid).run(z.numpy(), inputs.numpy(), 0.05, method=method)
     alone = Simulator(ship).run(z.numpy(), inputs.numpy(), 0.05, method=method)
     physics, states = Physics(ship), [z]
+    system = Hybrid(physics, residual, np.zeros((len(ship.features), 1)))
     for controls in inputs:
-        states.append(physics.step(states[-1], controls, 0.05, residual, method))
+        states.append(system.step(states[-1], controls, 0.05, method))
     np.testing.assert_allclose(torch.stack(states).detach().numpy(), expected, rtol=1e-9, atol=1e-9)
     assert np.abs(expected - alone).max() > 1e-3
     close(Physics(hybrid).rates(z, inputs[0])[3:6] - physics.rates(z, inputs[0])[3:6],
@@ -163,21 +181,6 @@ def test_tensors_that_do_not_fit_are_refused(shape):
         Physics(ESSO).rates(torch.zeros(shape, dtype=torch.float64), c)
 
 
-def test_every_operation_of_casadi_is_emitted_right():
-    x, y = ca.SX.sym("x"), ca.SX.sym("y")
-    one = [ca.sqrt(x * x + 1), ca.tan(x), ca.asin(x / 9), ca.acos(x / 9), ca.atan(x), ca.sinh(x), ca.cosh(x), ca.exp(x)]
-    one += [ca.log(x * x + 1), ca.fabs(x), ca.floor(x), ca.ceil(x), ca.erf(x), ca.log1p(x * x), ca.expm1(x), ca.sign(x)]
-    one += [-x, 1 / x, x**2.5 * 0 + (x * x + 1) ** 2.5, ca.if_else(x > 0, x, y), ca.logic_not(x > 0), 2 * x]
-    two = [ca.fmin(x, y), ca.fmax(x, 0.3), ca.atan2(y, x), ca.fmod(x, 0.7), ca.hypot(x, y), ca.copysign(x, y)]
-    two += [x <= y, x < 0.5, x == y, x != y, ca.logic_and(x > 0, y > 0), ca.logic_or(x > 0, y > 0), (x * x + 1) ** y]
-    f = ca.Function("every", [x, y], [ca.vertcat(*one, *two), ca.SX([3.0, 0.0])])
-    values = torch.tensor([[-1.3, -0.4, 0.2, 0.9], [0.8, -0.4, 0.7, -1.1]], dtype=torch.float64)
-    expected = [np.array(a) for a in f.map(4)(*values.numpy()[:, None])]
-    for found, reference in zip(emitted(f)(values[:1], values[1:]), expected, strict=True):
-        ok = np.isfinite(reference)
-        np.testing.assert_allclose(found.numpy()[ok], reference[ok], rtol=1e-13, atol=1e-15)
-
-
 def test_one_input_may_be_shared_by_all_points():
     x, h = ca.SX.sym("x", 2), ca.SX.sym("h")
     for compiled in (True, False):
@@ -187,10 +190,3 @@ def test_one_input_may_be_shared_by_all_points():
         found.sum().backward()
         torch.testing.assert_close(found, 0.3 * given * given)
         torch.testing.assert_close(given.grad, 0.6 * given.detach())
-
-
-@pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU")
-def test_the_emitted_code_runs_on_a_gpu():
-    z, c = points(ESSO)
-    found = Physics(ESSO, "torch").rates(z.cuda(), c.cuda())
-    torch.testing.assert_close(found.cpu(), Physics(ESSO).rates(z, c), rtol=1e-9, atol=1e-12)

@@ -12,37 +12,41 @@ from cases.trial import Trial
 from mmg.errors import UserError
 from mmg.ship import Ship
 from residual.settings import TrainSettings
-from residual.system import Past, System
+from residual.system import Past, TrainableSystem
 from residual.training.acceptance import decide
-from residual.training.folds import FOLDS, GAP, Sides, sides_of
-from residual.training.hybrid import scales_of, tasks_of, train_residual
-from residual.training.trainer import Outcome, Scales, train_one
+from residual.training.folds import FOLDS, GAP, Split, split_pieces
+from residual.training.hybrid import hybrid_scales, train_residual
+from residual.training.scales import Scales
+from residual.training.tasks import training_tasks
+from residual.training.trainer import Outcome, train_one
 from residual.training.windows import Piece, pieces_of
 from tests.support import hybrids
+
+ON_SECONDS = TrainSettings(step=1.0)
 
 
 def pieces(runs: int, seconds: int) -> list[Piece]:
     return pieces_of(hybrids.trials(hybrids.ship(), runs, seconds), 1.0, hybrids.ship().inputs)
 
 
-def rows(side: list[Piece]) -> set[tuple[int, int]]:
+def rows(part: list[Piece]) -> set[tuple[int, int]]:
     """Rows of pieces, by run."""
-    return {(p.run, k) for p in side for k in range(p.first, p.last + 1)}
+    return {(p.run, k) for p in part for k in range(p.first, p.last + 1)}
 
 
 @pytest.mark.parametrize("turn", range(12))
 def test_whole_runs_take_turns_where_there_are_enough(turn: int) -> None:
-    sides = sides_of(pieces(8, 40), turn, 150.0, 1.0, 30.0)
-    train_runs, stop, judge = ({p.run for p in side} for side in sides[:3])
+    split = split_pieces(pieces(8, 40), turn, ON_SECONDS, 30.0)
+    train_runs, stop, judge = ({p.run for p in part} for part in split[:3])
     assert train_runs | stop | judge == set(range(8)) and len(train_runs) + len(stop) + len(judge) == 8
-    assert 1 <= len(stop) <= 2 and 1 <= len(judge) <= 2 and sides.fold == turn % FOLDS
+    assert 1 <= len(stop) <= 2 and 1 <= len(judge) <= 2 and split.fold == turn % FOLDS
     assert judge == {k for k in range(8) if k % FOLDS == turn % FOLDS}
 
 
 def test_every_run_judges_once_in_a_round_and_later_rounds_stop_by_others() -> None:
     given = pieces(7, 40)
-    turns = [sides_of(given, turn, 150.0, 1.0, 30.0) for turn in range(2 * FOLDS)]
-    assert sorted(p.run for sides in turns[:FOLDS] for p in sides.judge) == list(range(7))
+    turns = [split_pieces(given, turn, ON_SECONDS, 30.0) for turn in range(2 * FOLDS)]
+    assert sorted(p.run for split in turns[:FOLDS] for p in split.judge) == list(range(7))
     for first, again in zip(turns[:FOLDS], turns[FOLDS:], strict=True):
         assert rows(first.judge) == rows(again.judge) and not rows(first.stop) & rows(again.stop)
 
@@ -50,27 +54,27 @@ def test_every_run_judges_once_in_a_round_and_later_rounds_stop_by_others() -> N
 @pytest.mark.parametrize("turn", range(6))
 @pytest.mark.parametrize(("runs", "seconds"), [(1, 400), (3, 400), (2, 1000)])
 def test_blocks_that_serve_differently_are_apart_in_time(runs: int, seconds: int, turn: int) -> None:
-    sides = sides_of(pieces(runs, seconds), turn, 150.0, 1.0, 30.0)
-    every = [(p, number) for number, side in enumerate(sides[:3]) for p in side]
+    split = split_pieces(pieces(runs, seconds), turn, ON_SECONDS, 30.0)
+    every = [(p, number) for number, side in enumerate(split[:3]) for p in side]
     for p, one in every:
         for q, other in every:
             if p.run == q.run and one != other:
                 assert max(p.first - q.last, q.first - p.last) >= GAP
-    assert all(any(p.steps >= 30 for p in side) for side in sides[:3])
+    assert all(any(p.steps >= 30 for p in part) for part in split[:3])
 
 
 def test_blocks_all_judge_once() -> None:
     given = pieces(2, 800)
-    judged = [p for turn in range(FOLDS) for p in sides_of(given, turn, 150.0, 1.0, 30.0).judge]
+    judged = [p for turn in range(FOLDS) for p in split_pieces(given, turn, ON_SECONDS, 30.0).judge]
     assert len(judged) == len({(p.run, p.first) for p in judged}) == 10
 
 
 def test_with_validation_only_a_part_to_stop_by_is_taken_away() -> None:
-    sides = sides_of(pieces(5, 40), 3, 150.0, 1.0, 30.0, judge=False)
-    assert [p.run for p in sides.stop] == [3] and len(sides.train) == 4 and not sides.judge
+    split = split_pieces(pieces(5, 40), 3, ON_SECONDS, 30.0, judge=False)
+    assert [p.run for p in split.stop] == [3] and len(split.train) == 4 and not split.judge
 
 
-class Ballast(System):
+class Ballast(TrainableSystem):
     """Predicts no motion at all but a learned drift in x, which memorises nothing and knows nothing."""
 
     def __init__(self) -> None:
@@ -84,7 +88,7 @@ class Ballast(System):
         return torch.cat([self.w.expand(1, z.shape[1]), torch.zeros_like(z[1:])])
 
 
-def ballast(ship: Ship, scales: Scales, training: TrainSettings, seed: int) -> System:
+def ballast(ship: Ship, scales: Scales, training: TrainSettings, seed: int) -> TrainableSystem:
     return Ballast()
 
 
@@ -103,7 +107,7 @@ def test_what_judges_is_neither_trained_on_nor_stopped_by() -> None:
     trials = drifting(5, [-0.3, 0.3, 0.3, 0.3, 0.3])
     given = pieces_of(trials, 1.0, ship.inputs)
     training = TrainSettings(seeds=1, step=1.0, epochs=30, rate=2e-2, penalty=0.0, curriculum=((10.0, 1.0),))
-    (task,) = tasks_of(ship, scales_of(ship, given, trials, 1.0), training, given, [], None, ballast)
+    (task,) = training_tasks(ballast, ship, hybrid_scales(ship, given, trials, 1.0), training, given)
     found = train_one(task)
     assert {int(run) for run in found.judged[:, 0]} == {0}
     assert found.state["w"][0] == pytest.approx(0.3, abs=0.05)
@@ -118,12 +122,12 @@ def test_validation_trials_judge_and_do_not_stop() -> None:
     trials = drifting(6, [0.3, 0.3, 0.3, 0.3, 0.3, -0.3])
     given, held = (pieces_of(part, 1.0, ship.inputs) for part in (trials[:5], trials[5:]))
     training = TrainSettings(seeds=2, step=1.0, epochs=30, rate=2e-2, penalty=0.0, curriculum=((10.0, 1.0),))
-    scales = scales_of(ship, given, trials, 1.0)
-    for task in tasks_of(ship, scales, training, given, held, None, ballast, apart=True):
+    scales = hybrid_scales(ship, given, trials, 1.0)
+    for task in training_tasks(ballast, ship, scales, training, given, held):
         found = train_one(task)
         assert found.after[0] > 2 * found.before[0] and found.state["w"][0] == pytest.approx(0.3, abs=0.05)
-    (task, _) = tasks_of(ship, scales, training, given, held, None, ballast)
-    assert train_one(task).after[0] <= train_one(task).before[0], "without `apart` it stops by them"
+    (task, _) = training_tasks(ballast, ship, scales, training, given, held, judged_apart=False)
+    assert train_one(task).after[0] <= train_one(task).before[0], "without `judged_apart` it stops by them"
 
 
 def test_validation_needs_something_to_stop_by() -> None:
@@ -178,6 +182,6 @@ def test_seed_and_part_are_told_apart_where_parts_repeat() -> None:
     assert np.isnan(once.seed_spread) and np.isnan(once.fold_spread)
 
 
-def test_sides_are_empty_where_the_data_are_too_few() -> None:
-    sides = sides_of(pieces(1, 70), 0, 150.0, 1.0, 30.0)
-    assert isinstance(sides, Sides) and not (sides.stop and sides.judge)
+def test_split_are_empty_where_the_data_are_too_few() -> None:
+    split = split_pieces(pieces(1, 70), 0, ON_SECONDS, 30.0)
+    assert isinstance(split, Split) and not (split.stop and split.judge)

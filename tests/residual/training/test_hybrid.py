@@ -16,10 +16,11 @@ from residual.bounded_network import Residual, Symmetric, to_network
 from residual.physics.operator import Physics
 from residual.rollout import acceleration_loss, rollout, squares, state_loss
 from residual.settings import TrainSettings
-from residual.system import Hybrid, System
-from residual.training import trainer as training_module
-from residual.training.hybrid import build_hybrid, scales_of, train_residual, warnings_of
-from residual.training.trainer import Scales, train_one
+from residual.system import Hybrid, TrainableSystem
+from residual.training.folds import Split
+from residual.training.hybrid import build_hybrid, hybrid_scales, train_residual, warnings_of
+from residual.training.scales import Scales
+from residual.training.trainer import Task, train_one
 from residual.training.windows import Piece, jittered, pieces_of, windows
 from tests.support import hybrids
 
@@ -152,7 +153,7 @@ def test_noise_alone_is_not_kept() -> None:
     assert trained.network is not None, "what was declined can still be compared"
 
 
-class Exploding(System):
+class Exploding(TrainableSystem):
     """Ends in NaN after its first gradient step unless the learning rate is low."""
 
     def __init__(self) -> None:
@@ -163,7 +164,7 @@ class Exploding(System):
         return z + torch.where(self.w.abs() > 1e-3, float("nan"), self.w + 1e-3)
 
 
-def exploding(ship: object, scales: Scales, training: TrainSettings, seed: int) -> System:
+def exploding(ship: object, scales: Scales, training: TrainSettings, seed: int) -> TrainableSystem:
     return Exploding()
 
 
@@ -171,9 +172,9 @@ def exploding(ship: object, scales: Scales, training: TrainSettings, seed: int) 
 def test_a_diverging_training_starts_again_lower_and_then_gives_up(rate: float, status: str, restarts: int) -> None:
     ship = hybrids.ship()
     pieces = pieces_of(hybrids.trials(ship, 1, 100), 1.0, ship.inputs)
-    scales = scales_of(ship, pieces, hybrids.trials(ship, 1, 100), 1.0)
+    scales = hybrid_scales(ship, pieces, hybrids.trials(ship, 1, 100), 1.0)
     training = TrainSettings(rate=rate, epochs=1, step=1.0, penalty=0.0, last_rate=1e-9, curriculum=((10.0, 1.0),))
-    task = training_module.Task(exploding, ship, scales, training, 0, 1.0, tuple(pieces), tuple(pieces))
+    task = Task(exploding, ship, scales, training, 0, Split(pieces, pieces, pieces, 0))
     found = train_one(task)
     assert (found.status, found.restarts) == (status, restarts)
     assert found.rate == pytest.approx(rate * 0.04)
@@ -198,7 +199,7 @@ def test_too_little_data_is_one_clear_sentence() -> None:
 def test_the_seed_decides_everything() -> None:
     ship = hybrids.ship()
     trials = hybrids.trials(hybrids.lacking(), 2, 200)
-    scales = scales_of(ship, pieces_of(trials, 1.0, ship.inputs), trials, 1.0)
+    scales = hybrid_scales(ship, pieces_of(trials, 1.0, ship.inputs), trials, 1.0)
     first, again, other = (build_hybrid(ship, scales, QUICK, seed).residual.own.W1 for seed in (0, 0, 1))  # type: ignore
     assert torch.equal(first, again) and not torch.equal(first, other)
 
@@ -242,7 +243,7 @@ def test_gradients_of_a_symmetric_residual_through_the_compiled_rollout() -> Non
     hybrid = Hybrid(plain.physics, Symmetric(random_residual(), hybrids.ship().actuators), np.ones((7, 4)))
     sigma = torch.tensor([1.0, 1.0, 0.3, 0.1, 0.05, 0.02], dtype=torch.float64)
     gradients = []
-    for simulate in (hybrid.simulate, lambda *given: System.simulate(hybrid, *given)):
+    for simulate in (hybrid.simulate, lambda *given: TrainableSystem.simulate(hybrid, *given)):
         hybrid.zero_grad()
         start = hybrid.start(batch.targets[0], batch.controls[0])
         error = (simulate(start, batch.controls, batch.h)[:, :6] - batch.targets) / sigma[:, None]

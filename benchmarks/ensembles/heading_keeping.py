@@ -17,8 +17,8 @@ import torch
 
 from cases.simulation.gusts import Wind
 from mmg.motion.frames import wind_vector
-from residual.ensembles.ensemble import drawn, step
-from residual.system import System
+from residual.ensemble import drawn, step
+from residual.system import TrainableSystem
 
 LOST = math.pi
 """Cost [rad] beyond which a run counts as lost, and what one that is not finite costs."""
@@ -68,7 +68,7 @@ def grid(kp: np.ndarray, kd: np.ndarray) -> np.ndarray:
 
 @torch.no_grad()
 def headings(
-    members: Sequence[System],
+    members: Sequence[TrainableSystem],
     inputs: Sequence[str],
     gains: np.ndarray,
     task: HeadingKeeping,
@@ -137,8 +137,8 @@ class Judgement:
 
 
 def judge(
-    members: Sequence[System],
-    true: System,
+    members: Sequence[TrainableSystem],
+    true: TrainableSystem,
     inputs: Sequence[str],
     gains: np.ndarray,
     task: HeadingKeeping,

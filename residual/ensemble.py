@@ -18,11 +18,12 @@ from mmg.errors import UserError
 from mmg.ship import Ship
 from residual.bounded_network import Residual
 from residual.physics.operator import Physics
-from residual.rollout import Batch, rollout
+from residual.rollout import RolloutBatch, rollout
 from residual.settings import TrainSettings
-from residual.system import Hybrid, System
-from residual.training.hybrid import tasks_of
-from residual.training.trainer import Build, Outcome, Scales, train_one
+from residual.system import Hybrid, TrainableSystem
+from residual.training.scales import Scales
+from residual.training.tasks import training_tasks
+from residual.training.trainer import BuildSystem, Outcome, restored, train_one
 from residual.training.windows import Piece, blocks
 
 SAMPLINGS = ("ts1", "ts-infinity")
@@ -32,7 +33,7 @@ LEAST_MEMBERS = 4
 """Fewer distinct particles leave the covariance of u, v, r singular."""
 
 
-class Known(System):
+class FixedShip(TrainableSystem):
     """A ship as it is, its network included, as a system: nothing to train."""
 
     def __init__(self, ship: Ship, physics: Physics | None = None) -> None:
@@ -49,7 +50,7 @@ class Known(System):
         return self.physics.columns(z)
 
 
-def members_of_ship(ship: Ship) -> list[System]:
+def members_of_ship(ship: Ship) -> list[TrainableSystem]:
     """The members of a hybrid ship's network, each on the same physics. UserError for a ship without a network."""
     if ship.network is None:
         raise UserError(f"{ship.name} has no network, so there is no ensemble: train one with mmg train --seeds 5")
@@ -57,20 +58,6 @@ def members_of_ship(ship: Ship) -> list[System]:
     seen = np.zeros((len(ship.features), 1))
     count = range(len(ship.network.members))
     return [Hybrid(physics, Residual.of_network(ship.network, i), seen) for i in count]
-
-
-def restored(
-    build: Build, ship: Ship, scales: Scales, training: TrainSettings, outcomes: Sequence[Outcome]
-) -> list[System]:
-    """The systems that trainings ended with, those that diverged left out."""
-    members = []
-    for o in outcomes:
-        if o.status == "diverged":
-            continue
-        system = build(ship, scales, training, o.seed)
-        system.load_state_dict({name: torch.as_tensor(a) for name, a in o.state.items()}, strict=False)
-        members.append(system)
-    return members
 
 
 def bootstrapped(pieces: Sequence[Piece], seconds: float, h: float, seed: int) -> list[Piece]:
@@ -81,32 +68,39 @@ def bootstrapped(pieces: Sequence[Piece], seconds: float, h: float, seed: int) -
 
 
 def train_members(
-    build: Build,
+    build: BuildSystem,
     ship: Ship,
     scales: Scales,
-    training: TrainSettings,
+    settings: TrainSettings,
     pieces: Sequence[Piece],
-    held: Sequence[Piece],
+    held_out: Sequence[Piece],
     bootstrap: bool = False,
-) -> tuple[list[System], list[Outcome]]:
-    """Train ``training.seeds`` members, one process each, on the same pieces (paper 003) or on resampled blocks.
+) -> tuple[list[TrainableSystem], list[Outcome]]:
+    """Train the members of an ensemble from the seeds of ``settings``, on the same pieces or on resampled blocks.
 
-    held: pieces that choose the weights of all; the training pieces themselves: nothing is held out, as in paper 003;
-    none: each member holds out other runs, as ``learn.train``. Raises UserError when every training diverged.
+    build, ship, scales: make each system; pieces: to train on, drawn anew in blocks for each with ``bootstrap``;
+    held_out: pieces that choose the weights of all; the training pieces themselves: nothing is held out (Wakita et al.
+    2025); none: each member holds out other runs. Returns members and outcomes. Raises UserError when every training
+    diverged.
     """
-    tasks = tasks_of(ship, scales, training, pieces, held, None, build, "an ensemble")
+    tasks = training_tasks(build, ship, scales, settings, pieces, held_out, judged_apart=not held_out)
     if bootstrap:
-        own = [bootstrapped(task.train, training.block, task.h, task.seed) for task in tasks]
-        tasks = [replace(task, train=tuple(drawn_pieces)) for task, drawn_pieces in zip(tasks, own, strict=True)]
-    outcomes = run_all(train_one, tasks, training.workers)
-    members = restored(build, ship, scales, training, outcomes)
+        own = [bootstrapped(task.split.train, settings.block, task.h, task.seed) for task in tasks]
+        tasks = [replace(t, split=t.split._replace(train=blocks)) for t, blocks in zip(tasks, own, strict=True)]
+    outcomes = run_all(train_one, tasks, settings.workers)
+    members = restored(tasks[0], outcomes)
     if not members:
         raise UserError("every member of the ensemble diverged in training; give a lower --rate or more data")
     return members, outcomes
 
 
 def step(
-    members: Sequence[System], which: torch.Tensor, z: torch.Tensor, controls: torch.Tensor, h: float, method: str
+    members: Sequence[TrainableSystem],
+    which: torch.Tensor,
+    z: torch.Tensor,
+    controls: torch.Tensor,
+    h: float,
+    method: str,
 ) -> torch.Tensor:
     """States (Z, M) a step of h [s] later, each column by the member (M,) that it follows (Eq. 28).
 
@@ -122,7 +116,7 @@ def step(
     return out
 
 
-def start(members: Sequence[System], which: torch.Tensor, batch: Batch) -> torch.Tensor:
+def start(members: Sequence[TrainableSystem], which: torch.Tensor, batch: RolloutBatch) -> torch.Tensor:
     """States (Z, P M) of P particles for each of the windows, by the members (P M,) that they follow first."""
     every = [member.start(batch.targets[0], batch.controls[0], batch.past) for member in members]
     windows = torch.arange(len(which)) % len(batch)
@@ -138,8 +132,8 @@ def drawn(count: int, members: int, sampling: str, draw: torch.Generator) -> tor
 
 @torch.no_grad()
 def particles(
-    members: Sequence[System],
-    batch: Batch,
+    members: Sequence[TrainableSystem],
+    batch: RolloutBatch,
     count: int,
     sampling: str = "ts-infinity",
     method: str = "rk4",

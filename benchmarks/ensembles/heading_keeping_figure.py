@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
+from benchmarks.ensembles.heading_keeping import Judgement
 from fitting.report.plot_style import ALARM, dress, new_figure
-from residual.ensembles.heading_keeping import Judgement
 
 
 def judgement_plot(judgements: Mapping[str, Judgement], kp: np.ndarray, kd: np.ndarray) -> Figure:

@@ -14,16 +14,16 @@ from torch import Tensor, nn
 
 from residual.bounded_network import TwoLayers
 from residual.physics.operator import Physics
-from residual.rollout import Batch, rollout, squares
-from residual.system import Past, System
+from residual.rollout import RolloutBatch, rollout, squares
+from residual.system import Past, TrainableSystem
 
 LAYERS = ("W1", "W2", "W3", "b1", "b2")
 
 
-class Stacked(System):
+class Stacked(TrainableSystem):
     """Members of a hybrid ensemble on one physics; states (Z, E M), one member's windows after the other's.
 
-    physics: with backend "torch" it works on the device and in the type of its tensors; move the rest by ``.to``.
+    physics: a ``TorchPhysics`` works on the device and in the type of its tensors; move the rest by ``.to``.
     members: E residuals of the same scales; they are trained in place.
     """
 
@@ -66,16 +66,16 @@ class Stacked(System):
         return self.physics.columns(z)
 
 
-def on(batch: Batch, members: int, device: str = "cpu", dtype: torch.dtype = torch.float64) -> Batch:
+def on(batch: RolloutBatch, members: int, device: str = "cpu", dtype: torch.dtype = torch.float64) -> RolloutBatch:
     """The windows once for each member, on a device."""
 
     def moved(a: Tensor) -> Tensor:
         return a.to(device, dtype).repeat(1, 1, members)
 
-    return Batch(batch.h, moved(batch.controls), moved(batch.targets), moved(batch.mask))
+    return RolloutBatch(batch.h, moved(batch.controls), moved(batch.targets), moved(batch.mask))
 
 
-def losses(system: Stacked, batch: Batch, sigma: Tensor, method: str = "rk4") -> Tensor:
+def losses(system: Stacked, batch: RolloutBatch, sigma: Tensor, method: str = "rk4") -> Tensor:
     """State loss (Eq. 23) of each member (E,), of a batch made by ``on``; their sum has the gradients of all."""
     each = squares(rollout(system, batch, method), batch, sigma)
     return each.reshape(len(system.members), -1).mean(dim=1)

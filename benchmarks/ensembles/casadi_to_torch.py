@@ -1,8 +1,7 @@
 """Torch code from the instruction list of a CasADi function, for any device and floating type, with torch's gradients.
 
 The same list from which ``mmg.compile.codegen`` makes C becomes a sequence of torch operations on vectors of points.
-Run
-eagerly it launches one small kernel per instruction, which is slow: give the result to ``torch.compile``.
+Run eagerly it launches one small kernel per instruction, which is slow: give the result to ``torch.compile``.
 """
 
 from __future__ import annotations
@@ -14,6 +13,8 @@ from typing import Any
 import casadi as ca
 import torch
 from torch import Tensor
+
+from residual.physics.operator import Physics, dense
 
 
 def _both_tensors(f: Callable[[Tensor, Tensor], Tensor]) -> Callable[[Any, Any], Tensor]:
@@ -110,3 +111,10 @@ def emitted(function: ca.Function) -> Callable[..., tuple[Tensor, ...]]:
         return tuple(torch.stack(part) for part in results)
 
     return run
+
+
+class TorchPhysics(Physics):
+    """The right-hand side of a ship in the type and on the device of its tensors."""
+
+    def make(self, name: str) -> Callable[..., tuple[Tensor, ...]]:
+        return emitted(dense(self.functions[name]))

@@ -1,8 +1,7 @@
-"""Ensembles: particles are rollouts of members, moments and distances by hand, calibrated bands hold the truth."""
+"""Ensembles: particles are rollouts of members, moments and distances by hand."""
 
 from __future__ import annotations
 
-import copy
 import math
 
 import numpy as np
@@ -11,24 +10,22 @@ import torch
 
 from mmg.errors import UserError
 from residual.bounded_network import Residual, to_network
-from residual.ensembles.ensemble import bootstrapped, distances, members_of_ship, moments, particles, train_members
-from residual.ensembles.spread_calibration import calibrated, coverage
-from residual.ensembles.stacked import Stacked, losses, on
+from residual.ensemble import bootstrapped, distances, members_of_ship, moments, particles, train_members
 from residual.physics.operator import Physics
-from residual.rollout import Batch, rollout, state_loss
+from residual.rollout import RolloutBatch, rollout
 from residual.settings import TrainSettings
-from residual.system import Hybrid, System
-from residual.training.hybrid import build_hybrid, scales_of
+from residual.system import Hybrid, TrainableSystem
+from residual.training.hybrid import build_hybrid, hybrid_scales
 from residual.training.windows import pieces_of, windows
 from tests.support import hybrids
 from tests.support.yaw import Yaw
 
 
-def yaw_batch(M: int = 3, N: int = 10) -> Batch:
+def yaw_batch(M: int = 3, N: int = 10) -> RolloutBatch:
     draw = torch.Generator().manual_seed(0)
     controls = torch.randn(N, 4, M, generator=draw, dtype=torch.float64)
     targets = torch.randn(N + 1, 6, M, generator=draw, dtype=torch.float64)
-    return Batch(0.5, controls, targets, torch.ones_like(targets))
+    return RolloutBatch(0.5, controls, targets, torch.ones_like(targets))
 
 
 def random_residuals(count: int) -> list[Residual]:
@@ -41,7 +38,7 @@ def random_residuals(count: int) -> list[Residual]:
     return result
 
 
-def hybrid_batch(steps: int = 8) -> Batch:
+def hybrid_batch(steps: int = 8) -> RolloutBatch:
     pieces = pieces_of(hybrids.trials(hybrids.ship(), 2, 60), 1.0, hybrids.ship().inputs)
     batch = windows(pieces, 1.0, steps, steps)
     assert batch is not None
@@ -73,7 +70,7 @@ def test_ts1_draws_a_member_anew_at_every_step_and_for_every_particle() -> None:
     controls = torch.zeros(N, 4, 1, dtype=torch.float64)
     controls[:, 1] = 1.0
     start = torch.zeros(N + 1, 6, 1, dtype=torch.float64)
-    batch = Batch(h, controls, start, torch.ones_like(start))
+    batch = RolloutBatch(h, controls, start, torch.ones_like(start))
     slow = 1e6
     members = [Yaw(a * slow, slow), Yaw(-a * slow, slow)]
     walk = particles(members, batch, P, "ts1")[-1, 5, :, 0] / (a * h)
@@ -169,53 +166,6 @@ def test_correlation_is_lower_when_the_spread_grows_with_the_bias() -> None:
     assert told.spread_correlation() > 0.6 > abs(untold.spread_correlation())
 
 
-# Calibration of the spread
-
-
-def synthetic(seed: int, M: int, common: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Particles too close together by a factor 3, a common error growing with time; every fifth row unmeasured."""
-    rng = np.random.default_rng(seed)
-    N, P = 30, 12
-    size = rng.uniform(0.2, 2.0, (1, 6, M)) * np.linspace(0, 1, N + 1)[:, None, None]
-    paths = size[:, :, None] * rng.normal(size=(1, 6, P, M))
-    own = size * rng.normal(size=(1, 6, M)) * 3
-    shared = common * np.linspace(0, 1, N + 1)[:, None, None] * rng.normal(size=(1, 6, M))
-    mask = np.ones((N + 1, 6, M))
-    mask[4::5] = 0.0
-    return paths, np.where(mask > 0, paths.mean(axis=2) + own + shared, 99.0), mask
-
-
-@pytest.mark.parametrize("common", [0.0, 4.0])
-def test_calibrated_bands_hold_nine_of_ten_truths_in_other_windows(common: float) -> None:
-    spread = calibrated(*synthetic(0, 600, common), h=1.0)
-    paths, truth, mask = synthetic(1, 600, common)
-    np.testing.assert_allclose(coverage(paths, truth, mask, spread.std(paths)), 0.9, atol=0.035)
-    raw = coverage(paths, truth, mask, np.sqrt(paths.var(axis=2)))
-    assert (raw < 0.65).all(), "the particles themselves must be too close together in this test"
-
-
-def test_the_factor_is_found_and_the_common_part_told_from_it() -> None:
-    """Twelve particles tell their own deviation with 11 degrees of freedom: 3 t_11(0.95) sqrt(12 / 11) / 1.645."""
-    alone = calibrated(*synthetic(0, 800, 0.0), h=1.0, common=False)
-    np.testing.assert_allclose(alone.factor, 3 * 1.796 * math.sqrt(12 / 11) / 1.645, rtol=0.08)
-    both = calibrated(*synthetic(0, 800, 6.0), h=1.0)
-    paths = synthetic(0, 2, 0.0)[0] * 0
-    np.testing.assert_allclose(both.std(paths)[-1, :, 0], 6.0, rtol=0.15)
-    assert (both.factor < 5.0).all()
-
-
-def test_the_factor_multiplies_the_particles_and_the_common_part_does_not() -> None:
-    spread = calibrated(*synthetic(0, 400, 4.0), h=1.0)
-    paths = synthetic(1, 3, 0.0)[0]
-    more = spread.std(2 * paths) ** 2 - spread.std(paths) ** 2
-    np.testing.assert_allclose(more, 3 * spread.factor[:, None] ** 2 * paths.var(axis=2), atol=1e-12)
-
-
-def test_too_few_windows_to_calibrate_on_are_refused() -> None:
-    with pytest.raises(UserError, match="at least 100"):
-        calibrated(*synthetic(0, 2, 1.0), h=1.0)
-
-
 # Training
 
 
@@ -224,9 +174,9 @@ def test_members_differ_by_seed_or_resampled_blocks_and_come_back_the_same() -> 
     ship = hybrids.ship()
     pieces = pieces_of(trials, 1.0, ship.inputs)
     settings = TrainSettings(seeds=2, epochs=2, width=6, step=1.0, curriculum=((10.0, 1.0),), block=50.0)
-    scales = scales_of(ship, pieces, trials, 1.0)
+    scales = hybrid_scales(ship, pieces, trials, 1.0)
 
-    def trained(bootstrap: bool) -> list[System]:
+    def trained(bootstrap: bool) -> list[TrainableSystem]:
         return train_members(build_hybrid, ship, scales, settings, pieces, pieces, bootstrap)[0]
 
     batch = hybrid_batch()
@@ -242,19 +192,3 @@ def test_resampled_blocks_are_as_many_as_there_were() -> None:
     assert sum(p.steps for p in drawn) == 600 and {p.steps for p in drawn} == {50}
     assert len({(p.run, p.first) for p in drawn}) < 12
     assert drawn == bootstrapped(pieces, 50.0, 1.0, 0) != bootstrapped(pieces, 50.0, 1.0, 1)
-
-
-@pytest.mark.parametrize("backend", ["c", "torch"])
-def test_the_stacked_ensemble_has_the_losses_and_gradients_of_its_members(backend: str) -> None:
-    residuals, batch = random_residuals(3), hybrid_batch(4)
-    sigma = torch.tensor([1.0, 1.0, 0.3, 0.1, 0.05, 0.02], dtype=torch.float64)
-    stacked = Stacked(Physics(hybrids.ship(), backend), copy.deepcopy(residuals))
-    found = losses(stacked, on(batch, 3), sigma)
-    found.sum().backward()
-    physics = Physics(hybrids.ship())
-    for i, residual in enumerate(residuals):
-        loss = state_loss(Hybrid(physics, residual, np.zeros((7, 1))), batch, sigma)
-        loss.backward()
-        assert found[i].item() == pytest.approx(loss.item(), rel=1e-9)
-        for mine, single in zip(stacked.members[i].parameters(), residual.parameters(), strict=True):
-            torch.testing.assert_close(mine.grad, single.grad, rtol=1e-7, atol=1e-12)

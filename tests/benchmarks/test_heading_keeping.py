@@ -8,12 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.random_controls import RandomControls, random_control_trials
-from cases.shipfiles.ship_file import load_ship
-from cases.simulation.gusts import Wind
-from fitting.prediction.score import pooled_sigma
-from residual.ensembles.ensemble import Known
-from residual.ensembles.heading_keeping import (
+from benchmarks.ensembles.heading_keeping import (
     LOST,
     HeadingKeeping,
     Judgement,
@@ -23,7 +18,12 @@ from residual.ensembles.heading_keeping import (
     judge,
     random_winds,
 )
-from residual.ensembles.heading_keeping_figure import judgement_plot
+from benchmarks.ensembles.heading_keeping_figure import judgement_plot
+from benchmarks.random_controls import RandomControls, random_control_trials
+from cases.shipfiles.ship_file import load_ship
+from cases.simulation.gusts import Wind
+from fitting.prediction.score import pooled_sigma
+from residual.ensemble import FixedShip
 from tests.support import hybrids
 from tests.support.yaw import INPUTS, Yaw
 
@@ -59,7 +59,7 @@ def test_the_loop_is_that_of_the_pd_law_with_limits() -> None:
 
 def test_gains_and_winds_do_not_mix() -> None:
     """Columns of one call are those of separate calls, in wind that pushes."""
-    true = Known(hybrids.ship())
+    true = FixedShip(hybrids.ship())
     winds = random_winds(2, (1.0, 2.0), 0)
     task = replace(CALM, winds=winds, seconds=20.0)
     together = headings([true, true], hybrids.ship().inputs, PAIRS, task)

@@ -1,1 +1,0 @@
-"""Ensembles of hybrids: trajectory sampling, calibrated spread, heading keeping."""
