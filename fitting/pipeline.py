@@ -47,7 +47,7 @@ from mmg.states import STATES
 
 @dataclass(frozen=True)
 class FitOptions:
-    """What is asked of a calibration besides its settings.
+    """Options of a calibration besides the settings of its solver.
 
     bootstrap: refits to runs drawn with replacement; profile: coefficients whose likelihood is profiled; next_trial:
     whether trials are named that would determine what is left open; per_run: effects of which each run has its own

@@ -69,7 +69,7 @@ class StateNoise:
 
 @dataclass(frozen=True)
 class TrialRow:
-    """A trial: name, file, hash, length and rate, and what was said when it was read."""
+    """A trial: name, file, hash, length and rate, and the notices of reading it."""
 
     name: str
     path: str | None
@@ -197,7 +197,7 @@ class FitObjects:
     """What stands behind a result and is not stored: figures are drawn from it.
 
     before, after: simulators of the ship before and after; trials, validation: calibrated on, and held out;
-    next_trial: possible trials and what they would add, where that was asked for.
+    next_trial: possible trials and what they would add, None where none were scored.
     """
 
     calibration: Calibration

@@ -17,7 +17,7 @@ from cases.maneuvers.definitions import parse_maneuver
 from cases.simulation.simulate import simulate
 from cases.trial import Trial
 from fitting.design.candidates import Option, features, library, missing
-from fitting.identifiability.analysis import Identifiability, precision, worth_of
+from fitting.identifiability.analysis import Identifiability, information_discount, precision
 from fitting.nlp.fisher_information import information
 from fitting.nlp.problem import Problem
 from fitting.nlp.shooting import kernels
@@ -133,7 +133,7 @@ def next_trial(
     had = features(calibration.segments, ship)
     F, own_features = fisher(calibration, trials, seconds)
     data = calibration.data_information
-    worth = 1.0 if data is None else worth_of(data, C)
+    worth = 1.0 if data is None else information_discount(data, C)
     A = precision(C) if data is None else worth * data + np.eye(P)
     F = worth * F
     own = np.diag(np.linalg.inv(A))

@@ -1,4 +1,4 @@
-"""What trials say about each coefficient: prior's share, partners it cannot be told from, clusters, weak directions.
+"""What trials say about each coefficient: prior's share, partners it is confounded with, clusters, weak directions.
 
 Everything follows from the posterior covariance C in prior standard deviations, in which the prior is the identity:
 C_ii is the prior's share of the variance, 1 / (C^-1)_ii what would be left of it if all other coefficients were known.
@@ -57,7 +57,7 @@ class CoefficientFinding:
     symbol: the coefficient. kind: "determined", "partly", "shared", "prior", "silent" (not excited), "bound" or
     "unknown".
     share: prior's share of the posterior variance. alone: the share that would be left if all others were known.
-    partners: coefficients it cannot be told from, the most important first; together: the share that would be left
+    partners: coefficients it is confounded with, the most important first; together: the share that would be left
     if these were known. combination: what of it and its first partner is determined, in words, "" when not simple.
     bound: "lower", "upper" or "".
     """
@@ -159,7 +159,7 @@ def analyse(
         data, worth = precision(covariance) - np.eye(P), 1.0
     else:
         data = information.sum(axis=0) if information.ndim == 3 else information
-        worth = worth_of(data, covariance)
+        worth = information_discount(data, covariance)
     inverse = worth * data + np.eye(P)
     C = precision(inverse)
     std, own = np.sqrt(np.diag(covariance)), np.sqrt(np.diag(C))
@@ -181,8 +181,8 @@ def analyse(
     )
 
 
-def worth_of(data: np.ndarray, covariance: np.ndarray) -> float:
-    """How much the information of the data (P, P) is worth, 0 to 1: one over the dispersion of the scores.
+def information_discount(data: np.ndarray, covariance: np.ndarray) -> float:
+    """Factor from 0 to 1 on the information of the ``data`` (P, P): one over the dispersion of the scores.
 
     The dispersion D is the median over well excited directions, covariance = (data + I)^-1 (D data + I) (data + I)^-1:
     1 for the covariance that the noise model implies, more for a cluster-robust one.

@@ -20,7 +20,7 @@ class Cluster:
 
 @dataclass(frozen=True)
 class Direction:
-    """A direction of which the data know less than the prior although each of its coefficients is excited.
+    """A direction on which the data hold less information than the prior although each of its coefficients is excited.
 
     information: of the data, in units of the prior's; weights: of ``symbols`` in prior standard deviations.
     """

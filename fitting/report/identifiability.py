@@ -11,7 +11,10 @@ LARGE = 1e12
 
 
 def section(result: dict, most_options: int = 10) -> dict[str, Any] | None:
-    """What the template shows of identifiability; None for a run folder without it."""
+    """What the template shows of identifiability in ``result`` (content of result.json), None where it is missing.
+
+    most_options: trials of the library shown at most.
+    """
     content = result.get("identifiability")
     if not isinstance(content, dict) or not isinstance(content.get("coefficients"), dict):
         return None

@@ -1,4 +1,4 @@
-"""The report: one self-contained HTML file made from run folders alone.
+"""The report: one self-contained HTML file made from results and the figures in their folders.
 
 Its sections follow the headings of ITTC 7.5-02-06-03 (validation of manoeuvring simulation models) where they fit.
 """
@@ -51,7 +51,10 @@ PLACED = ("scores", "error_growth", "track", "coefficients", "identifiability")
 
 
 def figures_of(folder: Path, listed: Any) -> list[dict]:
-    """Figures named in result.json with their content as a data URI; ``image`` is None for one that is missing."""
+    """The figures ``listed`` in result.json with their content, from ``folder``/figures, as a data URI.
+
+    ``image`` is None for one that is missing.
+    """
     figures = []
     for entry in listed or []:
         path = folder / "figures" / Path(str(entry.get("file", ""))).name
@@ -119,7 +122,7 @@ def _correlated(result: dict, most: int = 12, least: float = 0.7) -> list[tuple[
 
 
 def score_sets(result: dict) -> list[dict]:
-    """Sets of trials with before and after per trial, ready for the table."""
+    """The sets of trials scored in ``result`` (content of result.json), before and after, ready for the table."""
     sets = []
     for name, pair in (result.get("scores") or {}).items():
         before, after = pair["before"], pair["after"]
@@ -162,13 +165,13 @@ def _pooled(trials: list[dict], state: str) -> float | None:
 
 
 def citations_of(result: dict) -> list[tuple[str, tuple[str, ...]]]:
-    """Licence sentence and papers of each public data set whose trials were used."""
+    """Licence sentence and papers of each public data set of which ``result`` used trials."""
     names = [row["name"] for row in [*result.get("data", []), *result.get("validation_data", [])]]
     return [(licence, papers) for pattern, licence, papers in DATA_SOURCES if any(pattern.match(str(n)) for n in names)]
 
 
 def label_of(folder: Path) -> str:
-    """Name of a run folder, also of one that is still being written under a temporary name."""
+    """Name of a run ``folder``, also of one that is still being written under a temporary name."""
     name = folder.absolute().name
     return name.lstrip(".").rsplit(".", 1)[0] if name.startswith(".") else name
 
@@ -279,7 +282,7 @@ def build_page(results: Sequence[tuple[FitRecord, Ship, Path]]) -> str:
 
 
 def write_page(text: str, out: Path) -> None:
-    """Write a page to ``out``, atomically; UserError when it cannot be written."""
+    """Write the page ``text`` to ``out``, atomically. Raises UserError when it cannot be written."""
     scratch = out.with_name(f".{out.name}.{os.getpid()}.part")
     try:
         out.parent.mkdir(parents=True, exist_ok=True)

@@ -30,7 +30,7 @@ SHOWN = 0.5
 
 
 def correlation_plot(found: Identifiability, ax: Axes | None = None, most: int = 36) -> Axes:
-    """Posterior correlations, correlated coefficients beside each other, clusters framed.
+    """Posterior correlations ``found``, drawn on ``ax``: correlated coefficients beside each other, clusters framed.
 
     Only coefficients with a correlation of at least 0.5 with another, the ``most`` most correlated ones.
     """
@@ -68,7 +68,10 @@ def _frame(corner: tuple[float, float], width: float, height: float) -> Patch:
 
 
 def share_plot(findings: Sequence[CoefficientFinding], ax: Axes | None = None) -> Axes:
-    """Prior's share of each coefficient's variance as bars, largest last; black ticks: if all others were known."""
+    """Prior's share of the variance of each of ``findings`` as bars on ``ax``, largest last.
+
+    Black ticks: the share if all others were known.
+    """
     rows = sorted((f for f in findings if np.isfinite(f.share)), key=lambda f: f.share)
     if ax is None:
         ax = new_figure(0.9 + 0.155 * len(rows)).subplots()
@@ -95,9 +98,9 @@ def share_plot(findings: Sequence[CoefficientFinding], ax: Axes | None = None) -
 def next_trial_plot(
     trial: NextTrial, findings: Sequence[CoefficientFinding], ax: Axes | None = None, most: int = 16
 ) -> Axes:
-    """What each trial would take off the standard errors, best on top; only coefficients that one helps.
+    """What each option of ``trial`` would take off the standard errors, drawn on ``ax``, the ``most`` best ones on top.
 
-    Coefficients that the data determine already are left out.
+    findings: by coefficient; those that the data determine already, or that no option helps, are left out.
     """
     open_ = np.array([i for i, f in enumerate(findings) if f.kind != "determined" and trial.best(i)], dtype=int)
     needed = {int(np.argmin(trial.left[:, i])) for i in open_}
@@ -138,8 +141,8 @@ def profile_plot(
 ) -> Axes:
     """Profile likelihood of one coefficient: the best objective over all others at each of its values.
 
-    values, objective: (K,); data: (K,) part of the objective without the prior; estimate, std: draw the parabola that
-    the standard error stands for. Where the curve is flat below the dashed lines the data do not bound it.
+    values [unit], objective: (K,); data: (K,) part of the objective without the prior; estimate, std: draw the parabola
+    that the standard error stands for; symbol, unit: for the label; ax: to draw on. Where the curve is flat below the dashed lines the data do not bound it.
     """
     ax = new_figure(3.0).subplots() if ax is None else ax
     dress(ax, f"{symbol} [{unit or '-'}]" if symbol else "value", "objective above its minimum [-]")
@@ -159,7 +162,7 @@ def profile_plot(
 
 
 def profile_plot_of(row: Mapping[str, Any], std: float | None, unit: str = "", ax: Axes | None = None) -> Axes:
-    """``profile_plot`` of a row of "profiles" in result.json; std: the coefficient's standard error."""
+    """``profile_plot`` on ``ax`` of a ``row`` of "profiles" in result.json; std [unit]: the standard error."""
     good = [k for k, rise in enumerate(row["increase"]) if rise is not None and np.isfinite(rise)]
     values = np.array([row["values"][k] for k in good])
     rise = np.array([row["increase"][k] for k in good]) / row["dispersion"]
@@ -186,11 +189,11 @@ def write_identifiability_figures(folder: Path, record: FitRecord, objects: FitO
     write(
         "identifiability_share", "Who decided: prior's share of each coefficient's variance",
         "Bars: posterior by prior variance. Black tick: what it would be if all other coefficients were known; a long "
-        "bar with a tick far to its left is a coefficient that trials excite but cannot tell from others.",
+        "bar with a tick far to its left is a coefficient that trials excite but cannot separate from others.",
         lambda: share_plot(found.findings),
     )  # fmt: skip
     write(
-        "identifiability_correlation", "Coefficients that trials cannot tell apart",
+        "identifiability_correlation", "Coefficients that trials cannot separate",
         "Correlation of the estimates, prior included; red: both may rise together, blue: one may rise when the other "
         "falls. Only coefficients with a correlation of at least 0.5.",
         lambda: correlation_plot(found),
@@ -207,7 +210,7 @@ def write_identifiability_figures(folder: Path, record: FitRecord, objects: FitO
         write(
             f"identifiability_profile_{row['symbol']}", f"Profile of {row['symbol']}",
             "Objective, minimised over all other coefficients and states, above its minimum and divided by the "
-            f"dispersion of {row['dispersion']:.3g} (how much more the runs scatter than the noise says): below the "
+            f"dispersion of {row['dispersion']:.3g} (how much more the runs scatter than the noise model has it): below the "
             "dashed lines the coefficient may lie. A parabola is what its standard error stands for.",
             partial(profile_plot_of, row, known.std, known.unit),
         )  # fmt: skip

@@ -24,9 +24,9 @@ ROW = 2.9
 
 
 def maneuver_figure(runs: Sequence[Run], title: str) -> Figure:
-    """All runs on one sheet: turning circles and stops in L side by side, a panel per zigzag, spiral and pull-out.
+    """All ``runs`` on one sheet under a ``title``: turning circles and stops in L side by side, a panel per zigzag, spiral and pull-out.
 
-    Raises ValueError for no runs. title: above them.
+    Raises ValueError for no runs.
     """
     if not runs:
         raise ValueError("no runs to draw")
@@ -54,8 +54,7 @@ def maneuver_figure(runs: Sequence[Run], title: str) -> Figure:
 
 
 def save_figure(runs: Sequence[Run], title: str, path: Path) -> None:
-    """``maneuver_figure`` as a PNG (or what the suffix says). Raises OSError when it cannot be written. runs, title: as
-    there; path: of the file."""
+    """``maneuver_figure`` of ``runs`` with its ``title``, written to ``path``. Raises OSError when it cannot be."""
     maneuver_figure(runs, title).savefig(path)
 
 
@@ -67,9 +66,9 @@ def _cut(run: Run) -> Since:
 
 
 def turning_plot(ax: Axes, runs: Sequence[Run]) -> Axes:
-    """Tracks from the order on, in ship lengths, the ship heading up at the origin; dimension lines for the figures.
+    """Tracks of ``runs`` from the order on, drawn on ``ax`` in ship lengths, the ship heading up at the origin; dimension lines for the figures.
 
-    Dashed: the course before the order. Drawn on ax for runs of one ship.
+    Dashed: the course before the order.
     """
     dress(ax, "to starboard / L", "ahead / L", "Turning circles")
     for run, colour in zip(runs, _colours(len(runs)), strict=True):
@@ -116,8 +115,7 @@ def _arrow(ax: Axes, begin: tuple[float, float], end: tuple[float, float], colou
 
 
 def stopping_plot(ax: Axes, runs: Sequence[Run]) -> Axes:
-    """Headway in the share of the approach speed against the track run, in ship lengths, with the track reach. Drawn on
-    ax for runs of one ship."""
+    """Speed of ``runs`` over that of the approach against the track in ship lengths, drawn on ``ax``, with the reach."""
     dress(ax, "track / L", "u / V", "Stop: headway along the track")
     for run, colour in zip(runs, _colours(len(runs)), strict=True):
         motion = _cut(run)
@@ -143,12 +141,14 @@ def stopping_plot(ax: Axes, runs: Sequence[Run]) -> Axes:
 
 
 def zigzag_plot(ax: Axes, run: Run) -> Axes:
-    """Heading change and rudder against time since the execute [s]; switch headings dotted, overshoots marked. Drawn on
-    ax for a run."""
+    """Heading change and rudder of ``run`` against time since the first order [s], drawn on ``ax``.
+
+    Headings of the switches are dotted, overshoots marked.
+    """
     name = run.name
     if run.measured:
         name += f" ({abs(math.degrees(run.rudder)):.0f}/{math.degrees(run.heading):.0f})"
-    dress(ax, "time since the execute / s", "heading change (blue), rudder (grey) / deg", name)
+    dress(ax, "time since the order / s", "heading change (blue), rudder (grey) / deg", name)
     motion = _cut(run)
     degrees = np.degrees(motion.change)
     ax.plot(motion.t, np.degrees(motion.delta), color=GREY, linewidth=1.0)
@@ -192,7 +192,7 @@ def _overshoots(run: Run, motion: Since) -> list[tuple[int, float]]:
 
 
 def spiral_plot(ax: Axes, run: Run) -> Axes:
-    """Steady turn rate r L / V against rudder angle, the way there and the way back. Drawn on ax for a run."""
+    """Steady turn rate r L / V of ``run`` against rudder angle, both ways, drawn on ``ax``."""
     dress(ax, "rudder / deg", "r L / V", run.name)
     curve = spiral_curve(run.trial, run.order_time)
     if curve is not None:
@@ -215,7 +215,7 @@ def spiral_plot(ax: Axes, run: Run) -> Axes:
 
 
 def pull_out_plot(ax: Axes, run: Run) -> Axes:
-    """Turn rate r L / V against time since the order [s], with the residual rate. Gives ax back, drawn for a run."""
+    """Turn rate r L / V of ``run`` against time since the order [s], with the residual rate, drawn on ``ax``."""
     dress(ax, "time since the order / s", "r L / V", run.name)
     motion, unit = _cut(run), run.length / run.speed
     ax.plot(motion.t, motion.r * unit, color=AFTER, linewidth=1.3)

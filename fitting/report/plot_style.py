@@ -1,7 +1,7 @@
 """One restrained look for all figures: colours, line styles, dressed axes.
 
 No pyplot, no backend and no rcParams are touched. Measured is black, before the calibration orange and dashed, after
-it blue (after Okabe & Ito: told apart by colour-blind readers and in grey print).
+it blue (after Okabe & Ito: distinct for colour-blind readers and in grey print).
 """
 
 from __future__ import annotations
@@ -21,12 +21,13 @@ WIDTH, DPI = 8.2, 110
 
 
 def new_figure(height: float, layout: Literal["constrained"] | None = "constrained") -> Figure:
-    """A white figure 8.2 inches (900 pixels) wide; ``layout`` None where the caller places the axes."""
+    """A white figure 8.2 inches (900 pixels) wide and ``height`` inches high; layout: None where the caller places
+    the axes."""
     return Figure(figsize=(WIDTH, height), dpi=DPI, layout=layout, facecolor="white")
 
 
 def dress(ax: Axes, x: str = "", y: str = "", title: str = "") -> Axes:
-    """Labels with units, a light grid, no box."""
+    """Axes ``ax`` with labels ``x`` and ``y`` (with units), a ``title``, a light grid and no box."""
     ax.set_xlabel(x, fontsize=9)
     ax.set_ylabel(y, fontsize=9)
     ax.set_title(title, fontsize=9.5, loc="left", fontweight="bold")

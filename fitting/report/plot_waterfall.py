@@ -13,7 +13,7 @@ from fitting.settings import Start
 
 
 def waterfall_plot(starts: Sequence[Start], ax: Axes | None = None) -> Axes:
-    """Objective of every start above the best one, in increasing order, numbered by start.
+    """Objective of each of ``starts`` above the best one, in increasing order, drawn on ``ax``.
 
     Open squares did not converge; a ring marks a start that was solved again with damping.
     """
@@ -44,7 +44,7 @@ def waterfall_plot(starts: Sequence[Start], ax: Axes | None = None) -> Axes:
 
 
 def waterfall_figure(starts: Sequence[Start]) -> Figure:
-    """The figure of ``waterfall_plot``."""
+    """The figure of ``waterfall_plot`` of ``starts``."""
     figure = new_figure(3.2)
     waterfall_plot(starts, figure.subplots())
     return figure

@@ -1,4 +1,4 @@
-"""Figures of a calibration: one function per plot, each takes a result and returns a matplotlib Figure.
+"""Figures of a calibration: one function per plot, each takes a part of a result and returns a matplotlib Figure.
 
 ``write_figures`` writes those of a run folder. The look is in ``plot_style``; tracks are in ``plot_tracks``.
 """
@@ -30,7 +30,7 @@ GROUPS = ("mass", *ROLES, "effects", "other")
 
 
 def component_of(ship: Ship) -> dict[str, str]:
-    """Component each coefficient belongs to: "mass", the role of its force model, or "effects"."""
+    """Component each coefficient of ``ship`` belongs to: "mass", the role of its force model, or "effects"."""
     found = dict.fromkeys(coefficient_table({}, ship.particulars), "mass")
     for role, name in ship.components.items():
         for symbol in coefficient_table({role: name}, ship.particulars):
@@ -40,7 +40,7 @@ def component_of(ship: Ship) -> dict[str, str]:
 
 
 def grouped(rows: Mapping[str, Any], components: Mapping[str, str]) -> list[tuple[str, list[str]]]:
-    """(component, symbols in their order) for each component that has any of ``rows``."""
+    """(component, symbols in their order) for each component that has any of ``rows``; components: by symbol."""
     groups: dict[str, list[str]] = {g: [] for g in GROUPS}
     for symbol in rows:
         groups.setdefault(components.get(symbol, "other"), []).append(symbol)

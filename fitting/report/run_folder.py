@@ -51,7 +51,7 @@ def check_target(folder: Path) -> None:
 
 
 def write_whole(folder: Path, fill: Callable[[Path], None], replace: bool = False) -> None:
-    """Create ``folder`` by filling a temporary one beside it and renaming; on failure nothing is left.
+    """Create ``folder``: ``fill`` writes into a temporary one beside it, which is renamed; on failure nothing is left.
 
     ``replace`` allows an existing folder, which is swapped out only once the new one is complete.
     """
@@ -77,7 +77,7 @@ def write_whole(folder: Path, fill: Callable[[Path], None], replace: bool = Fals
 
 
 def write_json(path: Path, data: Any) -> None:
-    """JSON with numbers that are not finite written as null, atomically."""
+    """Write ``data`` as JSON to ``path``, atomically, numbers that are not finite as null."""
     text = json.dumps(plain(data), indent=2, allow_nan=False) + "\n"
     scratch = path.with_name(f".{path.name}.part")
     scratch.write_text(text, encoding="utf-8")
@@ -106,7 +106,7 @@ def plain(value: Any) -> Any:
 
 
 def data_rows(trials: Sequence[Trial]) -> list[dict]:
-    """Name, file, hash, length and rate of each trial."""
+    """Name, file, hash, length and rate of each of ``trials``."""
     return [
         {
             "name": t.name,
@@ -125,7 +125,7 @@ def data_rows(trials: Sequence[Trial]) -> list[dict]:
 
 
 def read_result(folder: Path) -> dict:
-    """``result.json`` of a run folder; UserError when it is none."""
+    """The JSON of result.json in a run ``folder``. Raises UserError when there is none."""
     try:
         return json.loads((folder / RESULT).read_text(encoding="utf-8"))
     except FileNotFoundError:
@@ -135,7 +135,7 @@ def read_result(folder: Path) -> dict:
 
 
 def read_iterate(folder: Path) -> dict[str, np.ndarray]:
-    """The arrays from which ``--resume`` continues."""
+    """The arrays in ``folder`` from which a fit can be resumed. Raises UserError when they cannot be read."""
     try:
         return dict(load_file(folder / ITERATE))
     except Exception as error:

@@ -27,7 +27,7 @@ def plus_minus(value: float | None, std: float | None) -> str:
 
 
 def change(before: float | None, after: float | None) -> str:
-    """How an error changed, in words."""
+    """How an error changed from ``before`` to ``after``, in words."""
     if before is None or after is None:
         return "could not be computed"
     numbers = f"from {before:.3g} to {after:.3g}"
@@ -38,7 +38,7 @@ def change(before: float | None, after: float | None) -> str:
 
 
 def headline(result: dict) -> dict[str, str]:
-    """What was calibrated on what, whether it converged, how much better on held-out windows: sentences by name."""
+    """Sentences by name on ``result`` (content of result.json): what was calibrated, how much better, convergence."""
     data, scores = result.get("data", []), result.get("scores") or {}
     free = len(result["coefficients"])
     seconds = sum(row.get("duration_s") or 0 for row in data)
@@ -99,7 +99,7 @@ def report_warnings(result: dict) -> list[str]:
 
 
 def not_in_model(ship: Ship) -> list[str]:
-    """What the model leaves out, and where it goes instead."""
+    """What the model of ``ship`` leaves out, and where it goes instead."""
     words = [
         "current, waves, shallow water and banks: where present in the trials, their mean effect is absorbed by the "
         "coefficients, the rest shows in the residuals",
@@ -143,7 +143,7 @@ LABELS = {
 
 
 def setting_rows(result: dict) -> list[tuple[str, str]]:
-    """Settings of the run in words."""
+    """Settings of ``result`` (content of result.json) in words."""
     rows = []
     for key, value in (result.get("settings") or {}).items():
         shown = {None: "none", True: "yes", False: "no"}.get(value) if not isinstance(value, list) else None
@@ -156,7 +156,7 @@ def setting_rows(result: dict) -> list[tuple[str, str]]:
 
 
 def per_run_table(result: dict) -> dict | None:
-    """Table of the constants of each run, if runs have any."""
+    """Table of the constants of each run in ``result`` (content of result.json), None where runs have none."""
     table = result.get("per_run")
     if not table:
         return None

@@ -69,7 +69,7 @@ class Replicates:
         )  # fmt: skip
 
     def interval(self, level: float = 0.95) -> np.ndarray:
-        """Percentile interval of each coefficient, (2, P)."""
+        """Percentile interval of each coefficient that holds ``level`` of the replicates, (2, P)."""
         if not len(self.good):
             return np.full((2, self.p.shape[1]), np.nan)
         return np.quantile(self.good, [(1 - level) / 2, (1 + level) / 2], axis=0)

@@ -18,17 +18,19 @@ def predict(
     ] = None,
     adapt: Annotated[
         float,
-        typer.Option("--adapt", help="Seconds before each window that may tell of the run's disturbance; 0: none."),
+        typer.Option(
+            "--adapt", help="Seconds before each window from which the run's disturbance is estimated; 0: none."
+        ),
     ] = 0.0,
     force: Annotated[bool, typer.Option("--force", help="Overwrite existing files.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print what was written as JSON.")] = False,
 ) -> None:
     """Predict open-loop windows of trials, each started from the measured state.
 
-    A window shorter than asked is kept at the end of a run only when windows do not overlap. Rows carry the trial's
+    A window shorter than --window is kept at the end of a run only when windows do not overlap. Rows carry the trial's
     own time stamps; the first row of a window is the measured state; psi is continuous (not wrapped). A run
-    folder that knows how far its predictions are off adds x_std ... r_std. With --adapt, the seconds before a window
-    (never the window itself) give a current that fades and what the ship's lags remember. Of a hybrid it says which
+    folder with prediction bands adds x_std ... r_std. With --adapt, the seconds before a window
+    (never the window itself) give a current that fades and the state of the ship's lags. Of a hybrid it says which
     share of the predicted rows lies outside the range of the data that its network was trained on.
 
     Example: mmg predict runs/first held_out.csv --window 30 --stride 15 --out forecast.csv

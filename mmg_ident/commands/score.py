@@ -34,8 +34,8 @@ def score(
     """Score models on trials: Eq. 25 of Wakita et al. (2022) with 100 s restarts, and 30 s windows every 15 s.
 
     Both are the mean squared error summed over x, y, psi, u, v, r, each divided by its sigma, by default pooled over
-    the scored trials with the heading as stored. --adapt scores every model twice: without and with what the past of
-    each window tells of the run's disturbance (see mmg predict), but for a black box of mmg train --model fnn, rnn or
+    the scored trials with the heading as stored. --adapt scores every model twice: without and with the disturbance
+    estimated from the past of each window (see mmg predict), but for a black box of mmg train --model fnn, rnn or
     rnn-window, which has its own integration as well.
 
     Example: mmg score esso_osaka_3m runs/first held_out/*.csv

@@ -87,7 +87,7 @@ def test_prediction_says_which_share_lies_outside_the_envelope(
     write_trial(fast, tmp_path / "fast.csv")
     capsys.readouterr()
     assert main(["predict", str(folder / "run"), str(tmp_path / "fast.csv"), "--out", str(tmp_path / "out.csv")]) == 0
-    assert "lie outside the data the network knows" in capsys.readouterr().err
+    assert "lie outside the network's training range" in capsys.readouterr().err
 
 
 @pytest.fixture(scope="module")
