@@ -142,7 +142,8 @@ def profile_plot(
     """Profile likelihood of one coefficient: the best objective over all others at each of its values.
 
     values [unit], objective: (K,); data: (K,) part of the objective without the prior; estimate, std: draw the parabola
-    that the standard error stands for; symbol, unit: for the label; ax: to draw on. Where the curve is flat below the dashed lines the data do not bound it.
+    that the standard error stands for; symbol, unit: for the label; ax: to draw on. Where the curve is flat below the
+    dashed lines the data do not bound it.
     """
     ax = new_figure(3.0).subplots() if ax is None else ax
     dress(ax, f"{symbol} [{unit or '-'}]" if symbol else "value", "objective above its minimum [-]")
@@ -210,7 +211,7 @@ def write_identifiability_figures(folder: Path, record: FitRecord, objects: FitO
         write(
             f"identifiability_profile_{row['symbol']}", f"Profile of {row['symbol']}",
             "Objective, minimised over all other coefficients and states, above its minimum and divided by the "
-            f"dispersion of {row['dispersion']:.3g} (how much more the runs scatter than the noise model has it): below the "
+            f"dispersion of {row['dispersion']:.3g} (how much more the runs scatter than modelled): below the "
             "dashed lines the coefficient may lie. A parabola is what its standard error stands for.",
             partial(profile_plot_of, row, known.std, known.unit),
         )  # fmt: skip

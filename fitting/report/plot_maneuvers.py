@@ -24,7 +24,8 @@ ROW = 2.9
 
 
 def maneuver_figure(runs: Sequence[Run], title: str) -> Figure:
-    """All ``runs`` on one sheet under a ``title``: turning circles and stops in L side by side, a panel per zigzag, spiral and pull-out.
+    """All ``runs`` on one sheet under a ``title``: turning circles and stops in L side by side, a panel per zigzag,
+    spiral and pull-out.
 
     Raises ValueError for no runs.
     """
@@ -66,7 +67,8 @@ def _cut(run: Run) -> Since:
 
 
 def turning_plot(ax: Axes, runs: Sequence[Run]) -> Axes:
-    """Tracks of ``runs`` from the order on, drawn on ``ax`` in ship lengths, the ship heading up at the origin; dimension lines for the figures.
+    """Tracks of ``runs`` from the order on, drawn on ``ax`` in ship lengths, the ship heading up at the origin;
+    dimension lines for the figures.
 
     Dashed: the course before the order.
     """
@@ -115,7 +117,8 @@ def _arrow(ax: Axes, begin: tuple[float, float], end: tuple[float, float], colou
 
 
 def stopping_plot(ax: Axes, runs: Sequence[Run]) -> Axes:
-    """Speed of ``runs`` over that of the approach against the track in ship lengths, drawn on ``ax``, with the reach."""
+    """Speed of ``runs`` over that of the approach against the track in ship lengths, drawn on ``ax``, with the
+    reach."""
     dress(ax, "track / L", "u / V", "Stop: headway along the track")
     for run, colour in zip(runs, _colours(len(runs)), strict=True):
         motion = _cut(run)

@@ -118,7 +118,8 @@ def window_errors(
 ) -> np.ndarray:
     """Open-loop errors (windows, times, 6) at ``times`` [s] after the start of windows ``stride`` seconds apart.
 
-    simulator: what predicts; trials: measured. Windows that reach the last time are used; where there are none, shorter ones, with NaN after their end.
+    simulator: what predicts; trials: measured. Windows that reach the last time are used; where there are none, shorter
+    ones, with NaN after their end.
     """
     for short in (False, True):
         rows = []
@@ -142,8 +143,9 @@ def error_growth_plot(
 ) -> Figure:
     """Rms error of open-loop predictions against the time since the measured start, for each simulator or black box.
 
-    simulators: by name; trials: measured, those with positions are used where there are any; horizon: longest prediction [s]; stride: between the starts of windows [s], default a quarter of the horizon. Errors
-    in ship lengths are those of the first simulator that is a ship.
+    simulators: by name; trials: measured, those with positions are used where there are any; horizon: longest
+    prediction [s]; stride: between the starts of windows [s], default a quarter of the horizon. Errors in ship lengths
+    are those of the first simulator that is a ship.
     """
     length = next((s.ship.particulars["L"] for s in simulators.values() if isinstance(s, Simulator)), None)
     times = np.linspace(0, horizon, 101)

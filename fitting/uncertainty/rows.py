@@ -14,7 +14,8 @@ from mmg.errors import UserError
 
 
 def check_request(replicates: int, symbols: Sequence[str], free: Sequence[str]) -> None:
-    """Raises UserError for fewer than 0 bootstrap ``replicates`` and for ``symbols`` to profile that are not ``free``."""
+    """Raises UserError for fewer than 0 bootstrap ``replicates`` and for ``symbols`` to profile that are not
+    ``free``."""
     if replicates < 0:
         raise UserError(f"--bootstrap {replicates} must not be negative")
     unknown = [s for s in symbols if s not in free]
@@ -23,7 +24,8 @@ def check_request(replicates: int, symbols: Sequence[str], free: Sequence[str]) 
 
 
 def uncertainty_rows(calibration: Calibration, replicates: int = 0, profiled: Sequence[str] = ()) -> dict:
-    """Keys "uncertainty", "bootstrap" (when ``replicates`` > 0) and "profiles" (of the ``profiled``) of a ``calibration``.
+    """Keys "uncertainty", "bootstrap" (when ``replicates`` > 0) and "profiles" (of the ``profiled``) of a
+    ``calibration``.
 
     Refits are spread over the calibration's workers. What fails is listed, never raised, except (UserError) a
     coefficient that is not free.
