@@ -251,7 +251,7 @@ def predict(
             remarks.append(Message(f"{run.name}: no wind columns; calm air is assumed", "no_wind"))
         outside = outside_share(simulator, run, found) if isinstance(simulator, Simulator) else None
         if outside:
-            words = f"{run.name}: {outside:.1%} of the rows lie outside the data the network knows"
+            words = f"{run.name}: {outside:.1%} of the rows lie outside the network's training range"
             remarks.append(Message(words, "outside_training"))
         results.append(Prediction(run, tuple(found), tuple(remarks), outside))
     if not any(p.windows for p in results):

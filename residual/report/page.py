@@ -77,7 +77,7 @@ def _warnings(result: Mapping[str, Any]) -> list[str]:
     far = {n: s for n, s in (result.get("outside") or {}).get("trials", {}).items() if s > TROUBLE}
     if far:
         names = ", ".join(f"{name} ({percent(share, False)})" for name, share in far.items())
-        words.append(f"much of these validation trials lies outside the data the network knows: {names}")
+        words.append(f"much of these validation trials lies outside the network's training range: {names}")
     if not result.get("decision") and not result.get("validation_data"):
         words.append("no trials were held out: the scores are those of the training trials; give some with --validate")
     restarted = [str(row["seed"]) for row in result["per_seed"] if row["restarts"] and row["status"] != "diverged"]
