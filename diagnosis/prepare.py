@@ -13,11 +13,11 @@ from cases.trial import Trial
 from diagnosis.estimation.candidates import LOCAL, Column, FullModel, ship_with_all_effects
 from diagnosis.estimation.gridded_trials import COARSE, GriddedTrials, grid_trials, is_measured_rudder
 from diagnosis.estimation.kalman import NoiseModel
-from diagnosis.estimation.linearised_model import TransitionModel
-from diagnosis.estimation.map_estimate import Estimate, estimate
+from diagnosis.estimation.map_estimate import Estimate, estimate, initial_point
 from diagnosis.estimation.noise_sizes import initial_noise
 from diagnosis.estimation.parameters import Priors
 from diagnosis.estimation.residual_checks import lag_correlation, residuals, spectral_line, with_correlation_time
+from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.hypotheses.forward_selection import Problem
 from diagnosis.hypotheses.reference import refer
 from diagnosis.sensors.kinematics import Kinematics
@@ -99,13 +99,13 @@ def prepare(
     values = full.ship.values
     at = [full.ship.symbols.index(s) for s in base.symbols]
     values[at] = [ship.coefficients[s].value for s in base.symbols]
-    usual, noise, gap = np.zeros(2), initial_noise(full.ship, data), 0
+    usual, noise, gap = np.zeros(2), initial_noise(full.ship), 0
     if reference:
         old = grid_trials(reference, full.ship.inputs, length, data.h, is_measured_rudder(reference))
-        old, null, gap, *_ = fitted(steps, old, values, base, initial_noise(full.ship, old))
+        old, null, gap, *_ = fitted(steps, old, values, base, initial_noise(full.ship))
         known = refer(steps, old, null, base, full.candidates, len(trials))
         base, full = known.priors, replace(full, candidates=known.candidates)
-        values, noise = known.theta, known.noise.with_(usual=known.noise)
+        values, noise = known.theta, known.noise.with_(prior=known.noise)
         usual = np.array([known.unnamed, known.unexplained])
         notices.append(
             "the ship was calibrated on other trials, and those were fitted first: only what goes beyond their usual "
@@ -140,7 +140,7 @@ def fitted(
     """(data, fit, every how many grid times are compared, correlation of neighbouring residuals, sharpest line in their
     spectrum) without any effect; gap: every how many the same instruments were compared in other trials, if known."""
     p = (theta[[steps.ship.symbols.index(s) for s in base.symbols]] - base.mean) / base.std
-    null = estimate(steps, data, theta, base, noise, p=p, iterations=MAX_FITS)
+    null = estimate(steps, data, initial_point(steps, data, theta, base, noise, p), MAX_FITS)
     apart = gap or max(1, round(APART * time_scale(steps.ship.particulars["L"]) / data.h))
     remains = residuals(steps, data, null)
     heard, line = lag_correlation(data, remains), spectral_line(data, remains)
@@ -148,8 +148,8 @@ def fitted(
         apart = 1
     if apart > 1:
         data = data.thinned(apart)
-        null = estimate(steps, data, theta, base, noise, p=p, iterations=MAX_FITS)
-    return data, null if noise.usual else with_correlation_time(steps, data, null), apart, heard, line
+        null = estimate(steps, data, initial_point(steps, data, theta, base, noise, p), MAX_FITS)
+    return data, null if noise.prior else with_correlation_time(steps, data, null), apart, heard, line
 
 
 FILTERS = ("velocity_lag", "gyro")

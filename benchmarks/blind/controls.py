@@ -19,10 +19,11 @@ from cases.io.read import read_trials
 from cases.io.site import read_site
 from diagnosis.estimation.candidates import FullModel, ship_with_all_effects
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials, is_measured_rudder
-from diagnosis.estimation.linearised_model import TransitionModel
-from diagnosis.estimation.map_estimate import Estimate, estimate, linearise_and_filter
+from diagnosis.estimation.map_estimate import Estimate, estimate, initial_point
 from diagnosis.estimation.noise_sizes import initial_noise
-from diagnosis.estimation.parameters import Priors, active_states
+from diagnosis.estimation.parameters import Priors
+from diagnosis.estimation.residual_checks import residuals
+from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.hypotheses.score_test import scored, slopes
 from diagnosis.prepare import priors_before
 from diagnosis.validation.held_out import WINDOW, errors
@@ -135,21 +136,18 @@ def white_rankings(folder: Path, workers: int = 1) -> dict[str, list[str]]:
 def white_ranking(case: Path) -> list[str]:
     """All candidates, the most telling first, where every residual is taken for white errors of the sensors."""
     full, base, steps, data = _prepared(case)
-    noise = initial_noise(full.ship, data)
+    noise = initial_noise(full.ship)
     noise = noise.with_(force=TINY * noise.force)
-    found = estimate(steps, data, full.ship.values, base, noise, iterations=8, steady=True)
+    start = initial_point(steps, data, full.ship.values, base, noise)
+    found = estimate(steps, data, start, fixed_noise=True)
     for _ in range(ROUNDS - 1):
         noise = noise.with_(white=noise.white * _spread(steps, data, found))
-        found = estimate(steps, data, full.ship.values, base, noise, found.path, found.p, iterations=8, steady=True)
+        found = estimate(steps, data, replace(found, noise=noise), fixed_noise=True)
     return [row.candidate.label for row in scored(slopes(steps, data, found, full.candidates), full.candidates)]
 
 
 def _spread(steps: TransitionModel, data: GriddedTrials, found: Estimate) -> np.ndarray:
     """Root mean square of the whitened residuals by channel (6,)."""
-    nothing = Priors((), *(np.zeros(0) for _ in range(4)))
-    active = active_states(steps, found.free.symbols, found.theta)
-    white = linearise_and_filter(steps, data, found.theta, found.path, found.noise, nothing, np.zeros(0), active).white[
-        ..., -1
-    ]
+    white = residuals(steps, data, found)
     count = np.maximum(data.good.sum(axis=(0, 1)), 1)
-    return np.sqrt(np.where(data.good, white**2, 0.0).sum(axis=(0, 1)) / count)
+    return np.sqrt((white**2).sum(axis=(0, 1)) / count)

@@ -1,4 +1,4 @@
-"""Trials as the diagnosis takes them: windows side by side on one grid, with masks where something is missing."""
+"""Trials on one time grid: windows side by side, with masks of missing values."""
 
 from __future__ import annotations
 
@@ -16,12 +16,10 @@ from mmg.motion.froude import time_scale
 
 LONGEST, SHORTEST = 600, 20
 """Steps of a window: a longer piece of a run is divided evenly, a shorter one is left out."""
-
 COARSE = 0.2
-"""Sampling time [s of a 3 m model] from which it matters whether inputs are held or joined by lines."""
+"""Sampling time [s of a 3 m model] from which it matters whether inputs are held or interpolated."""
 RUN_IN = 3.0
-"""Seconds [of a 3 m model] at the start of a window that are simulated but not compared: what acts or is logged late
-has no past there."""
+"""Seconds [of a 3 m model] at the start of a window that are simulated but not compared: delays have no past there."""
 
 
 @dataclass(frozen=True)
@@ -31,9 +29,8 @@ class GriddedTrials:
     Attributes
     ----------
     h: step [s]; t: (K + 1, R) time since the start of the run [s].
-    y, good: (K + 1, R, 6) logged x, y, psi, u, v, r and whether each counts (not in the first RUN_IN seconds, nor
-    behind a window's end, nor where it was not measured).
-    measured: (K + 1, R, 6) whether each was measured.
+    y: (K + 1, R, 6) logged x, y, psi, u, v, r [m, m, rad, m/s, m/s, rad/s]; measured: (K + 1, R, 6) whether each was
+    measured; good: (K + 1, R, 6) whether it is compared (measured, and not in the first RUN_IN seconds of a window).
     inputs: (K, R, C) of the model, held over each step; steps: (R,) steps of each window.
     run: (R,) number of the trial of each window; trials: their names; dropped: sentences on what was left out.
     """
@@ -60,7 +57,7 @@ class GriddedTrials:
         return int(self.good.any(axis=2).sum())
 
     def thinned(self, every: int) -> GriddedTrials:
-        """The same with one in so many grid times compared."""
+        """The same with one in ``every`` grid times compared."""
         kept = np.arange(len(self.good)) % every == every - 1
         return replace(self, good=self.good & kept[:, None, None])
 
@@ -68,10 +65,11 @@ class GriddedTrials:
 def grid_trials(
     trials: Sequence[Trial], inputs: Sequence[str], length: float, step: float | None = None, straight: bool = False
 ) -> GriddedTrials:
-    """Trials on a grid for a model with these inputs; ``length`` of the ship [m], ``step`` [s] (default: as the fit).
+    """The ``trials`` on a grid for a model with these ``inputs``.
 
-    straight: samples of the inputs are joined by straight lines instead of held until the next one; where they are
-    not COARSE, half of each is taken, so that neither way is wrong by more than a quarter of a sample.
+    length: of the ship [m]; step: of the grid [s] (default: that of the calibration); straight: the inputs are
+    interpolated linearly instead of held between samples; where they are not COARSE, the mean of both is taken, which
+    is wrong by a quarter of a sample at most.
 
     Raises UserError when no piece without a gap is long enough.
     """
@@ -120,15 +118,14 @@ def grid_trials(
 
 
 def middle_means(t: np.ndarray, values: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Half-way between ``step_means`` and ``straight_means``."""
+    """Mean of ``step_means`` and ``straight_means``, (K, C), of ``values`` (M, C) at ``t`` (M,) [s] between ``edges``
+    (K + 1,) [s]."""
     return 0.5 * (step_means(t, values, edges) + straight_means(t, values, edges))
 
 
 def is_measured_rudder(trials: Sequence[Trial]) -> bool:
-    """Whether the logged rudder moves as a rudder does, over several samples, and not in single steps as orders do.
-
-    Of the first kind the samples are joined by straight lines, of the second each is held until the next.
-    """
+    """Whether the rudder logged in ``trials`` is a measured angle, which moves over several samples, and not an order,
+    which moves in single steps. A measured angle is interpolated between samples, an order is held."""
     alone, whole = 0.0, 0.0
     for trial in trials:
         for name in ("delta", "delta_port"):

@@ -1,9 +1,8 @@
-"""Filter and smoother of a linear model with a latent force, for many windows side by side.
+"""Kalman filter and smoother of a linear model with a latent force, for R windows side by side.
 
-The state is that of the ship, then a force X, Y, N that remembers (Ornstein-Uhlenbeck), then a coloured error of each
-sensor (first-order as well). Whitening by the filter is the same as by the Cholesky factor of the propagated
-covariance R + J_f S_f J_f^T of a window, at a cost that grows with its length only (Kalman 1960; Durbin & Koopman
-2012, chapter 4, whose notation is used). The first state of a window is as good as unknown, which projects it out.
+The state is that of the ship, then a latent force X, Y, N (Ornstein-Uhlenbeck process), then a coloured error of each
+sensor (first order too). Notation of Durbin & Koopman (2012), chapter 4. The first state of a window is given so wide a
+covariance that it is as good as unknown.
 """
 
 from __future__ import annotations
@@ -12,18 +11,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from diagnosis.estimation.linearised_model import LinearModel
+from diagnosis.estimation.transition_model import LinearModel
 
-KNOWN = 30.0
-"""Samples that the usual size of what is random counts as."""
+PRIOR_SAMPLES = 30.0
+"""Samples that a prior of the noise counts as."""
 
 
 @dataclass(frozen=True)
 class NoiseModel:
-    """What is random: sizes of the latent force (3,) [N, N, N m] and its memory [s], white errors of the sensors (6,),
-    and the size (6,) and memory [s] of their coloured errors (size 0: none).
+    """Standard deviations of the latent force (3,) [N, N, N m], of the white errors of the sensors (6,) [units of x, y,
+    psi, u, v, r] and of their coloured errors (6,), 0: none; correlation times tau and colour_tau [s] of force and
+    coloured errors.
 
-    usual: what the same ship and instruments showed in other trials, if any; it counts as KNOWN samples of each size.
+    prior: sizes that the same ship and instruments had in other trials, or None.
     """
 
     force: np.ndarray
@@ -31,28 +31,29 @@ class NoiseModel:
     white: np.ndarray
     coloured: np.ndarray
     colour_tau: float
-    usual: NoiseModel | None = None
+    prior: NoiseModel | None = None
 
     @property
-    def unusual(self) -> float:
-        """Negative log of the prior of the sizes of force and white errors (inverse gamma), 0 where they are usual."""
-        if self.usual is None:
+    def neg_log_prior(self) -> float:
+        """Negative log of the prior of force and white errors (inverse gamma), 0 at its mode or without one."""
+        if self.prior is None:
             return 0.0
-        pairs = ((self.usual.force, self.force), (self.usual.white, self.white))
+        pairs = ((self.prior.force, self.force), (self.prior.white, self.white))
         ratio = np.concatenate([(known / size) ** 2 for known, size in pairs])
-        return 0.5 * KNOWN * float(np.sum(ratio - 1 - np.log(ratio)))
+        return 0.5 * PRIOR_SAMPLES * float(np.sum(ratio - 1 - np.log(ratio)))
 
     def with_(self, **changed: object) -> NoiseModel:
-        """A copy with some fields replaced."""
+        """A copy with the fields ``changed``."""
         return replace(self, **changed)  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)
 class LinearSystem:
-    """The linear model of all windows as the filter takes it; n states.
+    """State-space model with n states, of all windows.
 
-    T: (K, R, n, n); Z: (K + 1, R, 6, n), rows of what was not measured zero; Q: (n,) variances of a step's random
-    change; R: (6,); first: (R, n, n) covariance of the state at the start; good: (K + 1, R, 6); inside: (K, R).
+    T: (K, R, n, n) transition; Z: (K + 1, R, 6, n) observation, 0 where nothing is compared; Q: (n,), R: (6,) variances
+    of process and observation; first: (R, n, n) initial covariance; good: (K + 1, R, 6) compared; inside: (K, R) steps
+    that exist.
     """
 
     T: np.ndarray
@@ -64,10 +65,14 @@ class LinearSystem:
     inside: np.ndarray
 
 
-def system(
+def linear_system(
     linear: LinearModel, noise: NoiseModel, first: np.ndarray, good: np.ndarray, inside: np.ndarray, h: float
 ) -> LinearSystem:
-    """The filter's model from a linearisation; first: (R, S, S) covariance of the ship's state at the start."""
+    """State-space model of S ship states, latent force and coloured errors.
+
+    linear: linearised model; noise: sizes; first: (R, S, S) initial covariance of the ship's states; good: (K + 1, R,
+    6) values compared; inside: (K, R) steps that exist; h: step [s].
+    """
     K, R, S = linear.force.shape[:3]
     coloured = np.flatnonzero(noise.coloured > 0)
     n = S + 3 + len(coloured)
@@ -92,8 +97,8 @@ def system(
 
 @dataclass(frozen=True)
 class Filtered:
-    """What a filter run leaves: gains L = T - K Z (K, R, n, n) and K (K, R, n, 6), P (K + 1, R, n, n) predicted
-    covariances, inverse F (K + 1, R, 6, 6) and root (K + 1, R, 6, 6) of it (root v is white), log_det: (R,)."""
+    """Result of a filter run: gain K (K, R, n, 6), L = T - K Z (K, R, n, n), predicted covariance P (K + 1, R, n, n),
+    inverse (K + 1, R, 6, 6) of the innovation covariance F and its root (root v is white), log_det of F (R,)."""
 
     L: np.ndarray
     gain: np.ndarray
@@ -104,7 +109,7 @@ class Filtered:
 
 
 def filtered(s: LinearSystem) -> Filtered:
-    """Covariances and gains; they do not depend on what was measured."""
+    """Covariances and gains of the system s; they do not depend on the measurements."""
     K, R, n = s.T.shape[:3]
     L, gain, P = np.empty((K, R, n, n)), np.empty((K, R, n, 6)), np.empty((K + 1, R, n, n))
     inverse, root = np.empty((K + 1, R, 6, 6)), np.empty((K + 1, R, 6, 6))
@@ -136,10 +141,11 @@ def filtered(s: LinearSystem) -> Filtered:
 def responses(
     s: LinearSystem, f: Filtered, forcing: np.ndarray, seen: np.ndarray, start: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """White responses (K + 1, R, 6, c) of columns, and their predicted states (K + 1, R, n, c).
+    """Whitened responses (K + 1, R, 6, c) of c columns, and their predicted states (K + 1, R, n, c).
 
-    forcing: (K, R, m, c) what a column adds over a step to the first m states; seen: (K + 1, R, 6, c) what to the
-    logged columns; start: (R, n, c) its state at the start. A residual is the column (defect, -residual).
+    s, f: system and its filter run; forcing: (K, R, m, c) what a column adds over a step to the first m states; seen:
+    (K + 1, R, 6, c) what to the logged columns; start: (R, n, c) its first state (default: 0). The residual is the
+    column (end of a step less path, model less log).
     """
     K, R, m, c = forcing.shape
     n = s.T.shape[2]
@@ -160,9 +166,9 @@ def responses(
 def smoothed(
     s: LinearSystem, f: Filtered, white: np.ndarray, states: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Smoothed states (K + 1, R, n) from the column (defect, -residual); adjoints r (K, R, n) and u (K + 1, R, 6).
+    """Smoothed states (K + 1, R, n), and the smoother's r (K, R, n) and u (K + 1, R, 6), from the residual's column.
 
-    white: (K + 1, R, 6), states: (K + 1, R, n) as ``responses`` gives them for it.
+    s, f: system and its filter run; white: (K + 1, R, 6), states: (K + 1, R, n) of that column by ``responses``.
     """
     K, R, n = s.T.shape[:3]
     v = -(f.root.swapaxes(2, 3) @ white[..., None])
@@ -181,8 +187,8 @@ def smoothed(
 
 @dataclass(frozen=True)
 class Adjoint:
-    """Derivatives of 1/2 log det of the filter: by T (K, R, n, n), by Z (K + 1, R, 6, n); the diagonals N (K, R, n) and
-    D (K + 1, R, 6) of Durbin & Koopman, which say how far r and u should scatter."""
+    """Derivatives of 1/2 log det F by T (K, R, n, n) and by Z (K + 1, R, 6, n), and the diagonals N (K, R, n) and D
+    (K + 1, R, 6), expected squares of the smoother's r and u."""
 
     by_T: np.ndarray
     by_Z: np.ndarray
@@ -191,7 +197,7 @@ class Adjoint:
 
 
 def adjoint(s: LinearSystem, f: Filtered) -> Adjoint:
-    """Backward sweep of N_t = Z' F^-1 Z + L' N_t+1 L, the derivative of log det by the predicted covariance."""
+    """Derivatives of the filter run f of the system s, by the recursion N_t = Z' F^-1 Z + L' N_t+1 L."""
     K, R, n = s.T.shape[:3]
     by_T, by_Z = np.empty((K, R, n, n)), np.empty((K + 1, R, 6, n))
     Ns, Ds = np.zeros((K, R, n)), np.empty((K + 1, R, 6))

@@ -1,17 +1,17 @@
-"""Sizes of what is random: where a fit begins, and how they follow from what it left."""
+"""Initial sizes of the noise, and their update by expectation-maximisation."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from diagnosis.estimation.gridded_trials import GriddedTrials
-from diagnosis.estimation.kalman import KNOWN, Adjoint, NoiseModel
+from diagnosis.estimation.kalman import PRIOR_SAMPLES, Adjoint, NoiseModel
 from mmg.motion.froude import force_scale, length_scale, state_scale, time_scale
 from mmg.ship import Ship
 
 
-def initial_noise(ship: Ship, data: GriddedTrials) -> NoiseModel:
-    """Sizes to start from, by Froude's law from those of a 3 m model."""
+def initial_noise(ship: Ship) -> NoiseModel:
+    """Initial sizes for a ``ship``: those of a 3 m model scaled by Froude's law."""
     length = float(ship.particulars["L"])
     force = np.array([0.2, 0.3, 0.2 * length_scale(length)]) * force_scale(length)
     white = np.array([0.02, 0.02, 0.003, 0.006, 0.006, 0.001]) * state_scale(length)
@@ -21,14 +21,15 @@ def initial_noise(ship: Ship, data: GriddedTrials) -> NoiseModel:
 def updated_noise(
     noise: NoiseModel, data: GriddedTrials, found: Adjoint, r: np.ndarray, u: np.ndarray, A: int, floor: NoiseModel
 ) -> NoiseModel:
-    """Sizes by one step of the fixed point q <- q sum r^2 / sum N (force, colours) and R <- R sum u^2 / sum D.
+    """The sizes ``noise`` after one step of the fixed point q <- q sum r^2 / sum N (force, coloured errors) and R <- R
+    sum u^2 / sum D; a prior counts as PRIOR_SAMPLES more samples of each.
 
-    Usual sizes count as KNOWN more samples of each.
+    data: windows; found: with N and D; r: (K, R, n), u: (K + 1, R, 6) of the smoother; A: number of ship states; floor:
+    least sizes.
     """
-
-    usual = noise.usual
-    pull = KNOWN if usual is not None else 0.0
-    force, white = (noise.force, noise.white) if usual is None else (usual.force, usual.white)
+    prior = noise.prior
+    pull = PRIOR_SAMPLES if prior is not None else 0.0
+    force, white = (noise.force, noise.white) if prior is None else (prior.force, prior.white)
     rest = len(found.N[0, 0]) - A - 3
     fresh = 1 - np.exp(-2 * data.h / noise.tau)
     added = pull / (fresh * np.concatenate([noise.force**2, np.full(rest, np.inf)]))

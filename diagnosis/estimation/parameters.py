@@ -9,7 +9,7 @@ import numpy as np
 
 from diagnosis.estimation.candidates import Candidate, Column, neutral
 from diagnosis.estimation.gridded_trials import GriddedTrials
-from diagnosis.estimation.linearised_model import TransitionModel
+from diagnosis.estimation.transition_model import TransitionModel
 from mmg.ship import Ship
 
 PRIOR_WIDTH = 10.0
@@ -35,6 +35,11 @@ class Priors:
     def symbols(self) -> tuple[str, ...]:
         """Symbol of each column (P,) among the ship's coefficients."""
         return tuple(c.symbol for c in self.columns)
+
+    @property
+    def scaled_bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper bounds (P,) less the mean, in std."""
+        return (self.lower - self.mean) / self.std, (self.upper - self.mean) / self.std
 
     @property
     def by_run(self) -> bool:

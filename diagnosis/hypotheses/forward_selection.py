@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.stats import chi2
 
 from diagnosis.estimation.candidates import Candidate
 from diagnosis.estimation.gridded_trials import GriddedTrials
-from diagnosis.estimation.linearised_model import TransitionModel
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import Priors
+from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.hypotheses.refit import likelihood, refit, robust_p, wald_p
 from diagnosis.hypotheses.score_test import Scored, scored, slopes
 from diagnosis.hypotheses.unnamed import unnamed
@@ -229,4 +229,4 @@ def now_without(now: Estimate, problem: Problem, kept: Sequence[Candidate]) -> E
                 theta[problem.steps.ship.symbols.index(s)] = value
     if theta.ndim > 1 and np.ptp(theta, axis=1).max() == 0:
         theta = theta[:, 0].copy()
-    return Estimate(theta, now.free, now.p, now.covariance, now.path, now.noise, now.nll, now.iterations, now.converged)
+    return replace(now, theta=theta)

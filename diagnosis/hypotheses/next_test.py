@@ -16,7 +16,8 @@ import numpy as np
 from cases.trial import Trial
 from diagnosis.estimation.candidates import Candidate
 from diagnosis.estimation.gridded_trials import grid_trials
-from diagnosis.estimation.map_estimate import Estimate, Trajectory, linearise_and_filter
+from diagnosis.estimation.linearisation import Point, Trajectory, linearise_and_filter
+from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import get_values, mean_over_windows, priors_of_effects
 from diagnosis.hypotheses.forward_selection import Problem
 from fitting.design.candidates import Option, library
@@ -91,9 +92,8 @@ def _told(problem: Problem, first: Estimate, one: Candidate, others: Sequence[Ca
     kept = [s in first.free.symbols and s.partition(".")[0] not in acting for s in problem.base.symbols]
     base = problem.base.only(kept)
     P, free = len(base.symbols), base + more
-    linearised = linearise_and_filter(
-        steps, data, first.theta, Trajectory(z, nothing), first.noise, free, np.zeros(len(free.mean)), every
-    )
+    point = Point(first.theta, free, np.zeros(len(free.mean)), Trajectory(z, nothing), first.noise)
+    linearised = linearise_and_filter(steps, data, point, every)
     flat = np.nan_to_num(linearised.white[..., :-1]).reshape(-1, len(free.mean))
     gram = flat.T @ flat
     known = [first.free.columns.index(c) for c in base.columns]

@@ -16,9 +16,10 @@ import numpy as np
 from diagnosis.estimation.candidates import Candidate, Column
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.kalman import NoiseModel
-from diagnosis.estimation.linearised_model import TransitionModel
-from diagnosis.estimation.map_estimate import Estimate, Trajectory, estimate, linearise_and_filter
+from diagnosis.estimation.linearisation import Point, Trajectory, linearise_and_filter
+from diagnosis.estimation.map_estimate import Estimate, estimate
 from diagnosis.estimation.parameters import Priors, active_states, priors_of_effects
+from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.hypotheses.unnamed import unnamed
 
 LEAST, ROUNDS = 0.1, 20
@@ -68,7 +69,8 @@ def refer(
     z = null.path.z
     if len(passive):
         z = steps.with_passive_states(z, data.inputs, null.theta, null.path.force, passive)
-    found = estimate(steps, data, null.theta, free, null.noise, Trajectory(z, null.path.force), p, MAX_FITS)
+    start = Point(null.theta, free, p, Trajectory(z, null.path.force), null.noise)
+    found = estimate(steps, data, start, MAX_FITS)
     spread = _scatter(steps, data, found, len(base.symbols))
     P, known = len(base.symbols), found.p.copy()
     std = np.sqrt(np.diag(found.covariance))
@@ -101,13 +103,13 @@ def _without(steps: TransitionModel, data: GriddedTrials, found: Estimate, effec
     theta, gone = found.theta.copy(), [s for c in effects for s in c.symbols]
     theta[[steps.ship.symbols.index(s) for s in gone]] = np.concatenate([c.neutral for c in effects])
     kept = [s not in gone for s in found.free.symbols]
-    return estimate(steps, data, theta, found.free.only(kept), found.noise, found.path, found.p[kept], MAX_FITS)
+    start = Point(theta, found.free.only(kept), found.p[kept], found.path, found.noise)
+    return estimate(steps, data, start, MAX_FITS)
 
 
 def _scatter(steps: TransitionModel, data: GriddedTrials, found: Estimate, first: int) -> np.ndarray:
     """Standard deviation between runs of the columns from ``first`` on, in their prior std, by EM."""
-    active = active_states(steps, found.free.symbols, found.theta)
-    linearised = linearise_and_filter(steps, data, found.theta, found.path, found.noise, found.free, found.p, active)
+    linearised = linearise_and_filter(steps, data, found)
     grams = np.einsum("krca,krcb->rab", linearised.white, linearised.white, optimize=True)
     slopes = -(grams[:, :-1, -1] + linearised.logdet_gradient)
     runs = np.unique(data.run)

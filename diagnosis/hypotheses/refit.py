@@ -10,9 +10,10 @@ from scipy.stats import f as f_law
 
 from diagnosis.estimation.candidates import Candidate, Column
 from diagnosis.estimation.gridded_trials import GriddedTrials
-from diagnosis.estimation.linearised_model import TransitionModel
-from diagnosis.estimation.map_estimate import Estimate, Trajectory, estimate, linearise_and_filter
+from diagnosis.estimation.linearisation import Point, Trajectory, linearise_and_filter
+from diagnosis.estimation.map_estimate import Estimate, estimate
 from diagnosis.estimation.parameters import Priors, active_states, get_values, priors_of_effects, set_values
+from diagnosis.estimation.transition_model import TransitionModel
 from mmg.motion.froude import time_scale
 
 
@@ -44,7 +45,7 @@ def refit(
     path = before.path
     if len(asleep):
         path = Trajectory(steps.with_passive_states(path.z, data.inputs, theta, path.force, asleep), path.force)
-    return estimate(steps, data, theta, free, before.noise, path, p, iterations)
+    return estimate(steps, data, Point(theta, free, p, path, before.noise), iterations)
 
 
 def wald_p(found: Estimate, effect: Candidate) -> float:
@@ -77,8 +78,7 @@ def robust_p(steps: TransitionModel, data: GriddedTrials, found: Estimate, effec
     """
     if effect.by_run:
         return 0.0
-    active = active_states(steps, found.free.symbols, found.theta)
-    linearised = linearise_and_filter(steps, data, found.theta, found.path, found.noise, found.free, found.p, active)
+    linearised = linearise_and_filter(steps, data, found)
     own = np.array([found.free.columns.index(c) for c in effect.columns])
     rest = np.setdiff1d(np.arange(len(found.p)), own)
     white = linearised.white.reshape(*linearised.white.shape[:2], 6, -1)

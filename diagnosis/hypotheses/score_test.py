@@ -16,9 +16,10 @@ from scipy.stats import chi2
 
 from diagnosis.estimation.candidates import Candidate, Column
 from diagnosis.estimation.gridded_trials import GriddedTrials
-from diagnosis.estimation.linearised_model import TransitionModel
-from diagnosis.estimation.map_estimate import Estimate, Trajectory, linearise_and_filter
+from diagnosis.estimation.linearisation import Point, Trajectory, linearise_and_filter
+from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import Priors, active_in_window, active_states
+from diagnosis.estimation.transition_model import TransitionModel
 
 DRAWS = 4000
 """Draws of the joint law of all slopes, for the probability of the largest."""
@@ -70,8 +71,8 @@ def slopes(steps: TransitionModel, data: GriddedTrials, found: Estimate, candida
     both = free + Priors(
         tuple(Column(s) for s in symbols), np.zeros(n), typical, np.full(n, -np.inf), np.full(n, np.inf)
     )
-    path, nowhere = Trajectory(z, found.path.force), np.zeros(len(both.symbols))
-    linearised = linearise_and_filter(steps, data, found.theta, path, found.noise, both, nowhere, active)
+    point = Point(found.theta, both, np.zeros(len(both.columns)), Trajectory(z, found.path.force), found.noise)
+    linearised = linearise_and_filter(steps, data, point, active)
     P = len(free.symbols)
     grams = np.einsum("krca,krcb->rab", linearised.white, linearised.white, optimize=True)
     logdet_gradient = np.hstack([linearised.logdet_gradient, np.zeros((len(data.run), 1))])

@@ -14,9 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from diagnosis.estimation.gridded_trials import GriddedTrials
-from diagnosis.estimation.linearised_model import LinearModel, TransitionModel
-from diagnosis.estimation.map_estimate import Estimate, ExtraColumns, linearise_and_filter
+from diagnosis.estimation.linearisation import ExtraColumns, linearise_and_filter
+from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import active_states
+from diagnosis.estimation.transition_model import LinearModel, TransitionModel
 from mmg.motion.frames import relative_air
 from mmg.motion.froude import time_scale
 
@@ -40,9 +41,7 @@ def unnamed(steps: TransitionModel, data: GriddedTrials, found: Estimate) -> Unn
     """Test the dictionary at a fitted hypothesis."""
     active = active_states(steps, found.free.symbols, found.theta)
     columns, kinds, outer = _columns(steps, data, found, active)
-    linearised = linearise_and_filter(
-        steps, data, found.theta, found.path, found.noise, found.free, found.p, active, columns
-    )
+    linearised = linearise_and_filter(steps, data, found, active, columns)
     flat = linearised.white.reshape(-1, linearised.white.shape[-1])
     gram = flat.T @ flat
     P = len(found.free.symbols)

@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from scipy.signal import periodogram
 
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.map_estimate import Estimate
@@ -145,12 +146,10 @@ def _energies(data: GriddedTrials, force: np.ndarray, edges: Sequence[float]) ->
     result = np.zeros((len(edges), 3))
     for w, steps in enumerate(data.steps):
         part = force[:steps, w]
-        mean = part.mean(axis=0)
-        power = np.abs(np.fft.rfft(part - mean, axis=0)) ** 2 / steps
-        power[1 : (steps + 1) // 2] *= 2
-        at = np.clip(np.digitize(np.fft.rfftfreq(steps, data.h), edges), 1, len(edges) - 1)
-        result[0] += steps * mean**2
-        np.add.at(result, at, power)
+        frequency, square = periodogram(part, 1 / data.h, scaling="spectrum", axis=0)
+        at = np.clip(np.digitize(frequency, edges), 1, len(edges) - 1)
+        result[0] += steps * part.mean(axis=0) ** 2
+        np.add.at(result, at, steps * square)
     return result / data.steps.sum()
 
 

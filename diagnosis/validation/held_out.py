@@ -10,9 +10,10 @@ import numpy as np
 from diagnosis.estimation.candidates import Column
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.kalman import smoothed
-from diagnosis.estimation.linearised_model import TransitionModel
-from diagnosis.estimation.map_estimate import Estimate, Trajectory, estimate, initial_trajectory, linearise_and_filter
-from diagnosis.estimation.parameters import NO_PRIORS, Priors, active_states, mean_over_windows
+from diagnosis.estimation.linearisation import Trajectory, initial_trajectory, linearise_and_filter
+from diagnosis.estimation.map_estimate import Estimate, estimate, initial_point
+from diagnosis.estimation.parameters import Priors, active_states, mean_over_windows
+from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.findings import HeldOut
 from mmg.effects import EFFECTS
 from mmg.model import Model, columns
@@ -133,7 +134,8 @@ def in_their_runs(steps: TransitionModel, data: GriddedTrials, found: Estimate) 
     theta = mean_over_windows(found.theta)
     first = replace(data, good=data.good & (data.t < halves(data))[..., None])
     own = Priors(columns_of, mean, std, -unbounded, unbounded)
-    return replace(found, theta=estimate(steps, first, theta, own, found.noise, iterations=6, steady=True).theta)
+    start = initial_point(steps, first, theta, own, found.noise)
+    return replace(found, theta=estimate(steps, first, start, iterations=6, fixed_noise=True).theta)
 
 
 def window_length(ship: Ship) -> float:
@@ -221,7 +223,7 @@ def one_step_likelihood(
     active = active_states(steps, found.free.symbols, found.theta)
     path = initial_trajectory(steps, data, found.theta)
     for k in range(iterations):
-        linearised = linearise_and_filter(steps, data, found.theta, path, found.noise, NO_PRIORS, np.zeros(0), active)
+        linearised = linearise_and_filter(steps, data, replace(found.fixed(), path=path), active)
         if k == iterations - 1:
             break
         mean, _, _ = smoothed(

@@ -14,11 +14,12 @@ from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
 from diagnosis.estimation.candidates import Candidate, FullModel, find, ship_with_all_effects
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
-from diagnosis.estimation.linearised_model import TransitionModel
-from diagnosis.estimation.map_estimate import Estimate, Trajectory, estimate, initial_trajectory
+from diagnosis.estimation.linearisation import Trajectory, initial_trajectory
+from diagnosis.estimation.map_estimate import Estimate, estimate, initial_point
 from diagnosis.estimation.noise_sizes import initial_noise
 from diagnosis.estimation.parameters import priors_of
 from diagnosis.estimation.residual_checks import with_correlation_time
+from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.hypotheses.forward_selection import Problem
 from mmg.effects import EFFECTS
 from mmg.ship import Ship
@@ -86,7 +87,8 @@ def problem_of(trials: Sequence[Trial], h: float = 0.5) -> tuple[Problem, Estima
     Inputs are held between samples, as the generator has them."""
     steps, base = full_steps(h), priors_of(SHIP, FREE)
     data = grid_trials(trials, steps.ship.inputs, 3.0, h)
-    null = estimate(steps, data, steps.ship.values, base, initial_noise(steps.ship, data), iterations=12)
+    start = initial_point(steps, data, steps.ship.values, base, initial_noise(steps.ship))
+    null = estimate(steps, data, start, iterations=12)
     return Problem(steps, data, base, full_model().candidates), with_correlation_time(steps, data, null)
 
 

@@ -11,7 +11,7 @@ import pytest
 from cases.trial import Trial
 from diagnosis.estimation.candidates import Column
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
-from diagnosis.estimation.map_estimate import initial_covariance, initial_trajectory, linearise_and_filter
+from diagnosis.estimation.linearisation import Point, initial_covariance, initial_trajectory, linearise_and_filter
 from diagnosis.estimation.noise_sizes import initial_noise
 from diagnosis.estimation.parameters import (
     Priors,
@@ -140,19 +140,19 @@ def test_steps_with_coefficients_by_window_are_those_of_each_window_by_itself() 
 
 def test_a_likelihood_with_coefficients_by_window_is_the_sum_of_those_of_the_windows() -> None:
     steps, (data, theta) = full_steps(H), by_window()
-    noise, every = initial_noise(steps.ship, data), np.arange(steps.S)
+    noise, every = initial_noise(steps.ship), np.arange(steps.S)
     path = initial_trajectory(steps, data, theta)
     columns = (Y_V, CURRENT_0, Column("tow.N", 1))
     free = Priors(columns, np.zeros(3), np.array([0.1, 0.02, 0.05]), np.full(3, -np.inf), np.full(3, np.inf))
     nowhere = np.zeros(3)
-    both = linearise_and_filter(steps, data, theta, path, noise, free, nowhere, every)
+    both = linearise_and_filter(steps, data, Point(theta, free, nowhere, path, noise), every)
     start, total = initial_covariance(steps, data, path.z[0], theta, every), 0.0
     for r in range(2):
         own, w = window(data, r), slice(r, r + 1)
         z = initial_trajectory(steps, own, theta[:, r])
         np.testing.assert_allclose(path.z[:, w], z.z, rtol=1e-9, atol=1e-12)
         np.testing.assert_allclose(start[w], initial_covariance(steps, own, z.z[0], theta[:, r], every), rtol=1e-9)
-        alone = linearise_and_filter(steps, own, theta[:, r], z, noise, free, nowhere, every)
+        alone = linearise_and_filter(steps, own, Point(theta[:, r], free, nowhere, z, noise), every)
         np.testing.assert_allclose(both.white[:, w], alone.white, rtol=1e-6, atol=1e-8)
         np.testing.assert_allclose(both.logdet_gradient[w], alone.logdet_gradient, rtol=1e-6, atol=1e-8)
         total += alone.nll

@@ -13,11 +13,11 @@ from diagnosis.estimation.kalman import (
     NoiseModel,
     adjoint,
     filtered,
+    linear_system,
     responses,
     smoothed,
-    system,
 )
-from diagnosis.estimation.linearised_model import LinearModel
+from diagnosis.estimation.transition_model import LinearModel
 
 K, R, S = 7, 2, 3
 STEPS = np.array([7, 5])
@@ -55,7 +55,7 @@ def case(noise: NoiseModel = NOISE) -> tuple[LinearSystem, LinearModel]:
     good[2, 0, 3:] = good[0, 0, :2] = good[4, 1] = False
     model = linear()
     first = np.repeat(np.diag(FIRST**2)[None], R, axis=0)
-    return system(model, noise, first, good, inside, H_STEP), model
+    return linear_system(model, noise, first, good, inside, H_STEP), model
 
 
 def dense(s: LinearSystem, w: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -11,11 +11,12 @@ from benchmarks.disturbed_trials import drawn_ship
 from diagnosis.estimation.candidates import Column, ship_with_all_effects
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
 from diagnosis.estimation.kalman import NoiseModel, smoothed
-from diagnosis.estimation.linearised_model import TransitionModel
-from diagnosis.estimation.map_estimate import Estimate, Linearisation, Trajectory, estimate, linearise_and_filter
+from diagnosis.estimation.linearisation import Linearisation, Point, Trajectory, linearise_and_filter
+from diagnosis.estimation.map_estimate import Estimate, estimate, initial_point
 from diagnosis.estimation.noise_sizes import initial_noise
-from diagnosis.estimation.parameters import Priors, active_states, priors_of
+from diagnosis.estimation.parameters import NO_PRIORS, Priors, active_states, priors_of
 from diagnosis.estimation.residual_checks import with_correlation_time
+from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.prepare import priors_before
 from tests.support.diagnosis_cases import (
     FREE,
@@ -47,10 +48,9 @@ def columns_of(symbols: tuple[str, ...]) -> Priors:
 
 def settled_path(steps: TransitionModel, data: GriddedTrials, theta: np.ndarray, active: np.ndarray) -> Trajectory:
     """The smoothed path at these coefficients, to convergence."""
-    nothing = columns_of(())
     path = path_near(steps, data, theta)
     for _ in range(12):
-        a = linearise_and_filter(steps, data, theta, path, NOISE, nothing, np.zeros(0), active)
+        a = linearise_and_filter(steps, data, Point(theta, NO_PRIORS, np.zeros(0), path, NOISE), active)
         mean, _, _ = smoothed(a.system, a.filter, a.white[..., -1], a.states[..., -1])
         z = path.z.copy()
         z[..., active] += mean[..., : len(active)]
@@ -77,7 +77,7 @@ def test_slope_of_the_likelihood_is_that_of_finite_differences(effects: str) -> 
         t = theta.copy()
         if symbol:
             t[steps.ship.symbols.index(symbol)] += by
-        return linearise_and_filter(steps, data, t, path, NOISE, free, np.zeros(len(asked)), active)
+        return linearise_and_filter(steps, data, Point(t, free, np.zeros(len(asked)), path, NOISE), active)
 
     here = linearised()
     chi = np.einsum("krca,krc->a", here.white[..., :-1], here.white[..., -1])
@@ -108,9 +108,8 @@ def fitted(
     base = priors_before(SHIP)
     data = grid_trials(trials, full_model.ship.inputs, 3.0, 0.5)
     steps = TransitionModel(full_model.ship, [*base.symbols, *full_model.symbols], 0.5)
-    found = estimate(
-        steps, data, full_model.ship.values, base, noise or initial_noise(full_model.ship, data), iterations=iterations
-    )
+    start = initial_point(steps, data, full_model.ship.values, base, noise or initial_noise(full_model.ship))
+    found = estimate(steps, data, start, iterations=iterations)
     return steps, data, found, {s: true.coefficients[s].value for s in base.symbols}
 
 
@@ -123,7 +122,7 @@ def against_truth(
     """
     error = found.p - (np.array([truth[s] for s in found.free.symbols]) - found.free.mean) / found.free.std
     p, theta = found.p - error, theta_of(steps, truth)
-    there = estimate(steps, data, theta, columns_of(()), found.noise, found.path, iterations=30, steady=True)
+    there = estimate(steps, data, replace(found.fixed(), theta=theta), iterations=30, fixed_noise=True)
     return 2 * (there.nll + 0.5 * float(p @ p) - found.nll), error / np.sqrt(np.diag(found.covariance))
 
 
@@ -156,17 +155,15 @@ def test_usual_sizes_of_what_is_random_count_as_so_many_samples_more(one: tuple)
     """The fit ends where the likelihood with their prior is best by each size; a short record stays near them."""
     steps, data, found, _ = one
     usual = found.noise.with_(force=2 * found.noise.force, white=0.5 * found.noise.white)
-    assert usual.unusual == 0.0 and usual.with_(usual=usual).unusual == 0.0
-    assert found.noise.with_(usual=usual).unusual > 0.0
+    assert usual.neg_log_prior == 0.0 and usual.with_(prior=usual).neg_log_prior == 0.0
+    assert found.noise.with_(prior=usual).neg_log_prior > 0.0
 
     def last(data: GriddedTrials) -> Estimate:
-        noise = found.noise.with_(usual=usual)
-        return estimate(steps, data, found.theta, columns_of(()), noise, found.path, iterations=30, tolerance=1e-4)
+        noise = found.noise.with_(prior=usual)
+        return estimate(steps, data, replace(found.fixed(), noise=noise), iterations=30, tolerance=1e-4)
 
     def nll(data: GriddedTrials, fit: Estimate, **sizes: np.ndarray) -> float:
-        active = active_states(steps, (), fit.theta)
-        noise = fit.noise.with_(**sizes)
-        return linearise_and_filter(steps, data, fit.theta, fit.path, noise, fit.free, fit.p, active).nll
+        return linearise_and_filter(steps, data, replace(fit, noise=fit.noise.with_(**sizes))).nll
 
     for few in (data, data.thinned(20)):
         end = last(few)
@@ -182,9 +179,8 @@ def test_usual_sizes_of_what_is_random_count_as_so_many_samples_more(one: tuple)
 def test_the_fit_starts_anywhere_and_ends_at_the_same_place(one: tuple) -> None:
     steps, data, found, _ = one
     other = found.noise.with_(force=3 * found.noise.force, white=0.5 * found.noise.white)
-    p = np.clip(found.p + 0.5, (found.free.lower - found.free.mean) / found.free.std,
-                (found.free.upper - found.free.mean) / found.free.std)  # fmt: skip
-    again = estimate(steps, data, steps.ship.values, found.free, other, p=p, iterations=40)
+    start = initial_point(steps, data, steps.ship.values, found.free, other, found.p + 0.5)
+    again = estimate(steps, data, start, iterations=40)
     assert again.nll == pytest.approx(found.nll, abs=0.5)
     errors = np.abs(again.p - found.p) / np.sqrt(np.diag(found.covariance))
     assert errors.max() < 0.7  # a loss of the tolerance, 0.05, is 0.3 standard errors in one direction
@@ -209,7 +205,7 @@ def test_bounds_are_kept(one: tuple) -> None:
             tight.upper[i] = best - std
         else:
             tight.lower[i] = best + std
-    held = estimate(steps, data, steps.ship.values, tight, found.noise, iterations=12)
+    held = estimate(steps, data, initial_point(steps, data, steps.ship.values, tight, found.noise), iterations=12)
     for s in tight.symbols:
         i = at[s]
         assert tight.lower[i] - 1e-9 <= held.value(s) <= tight.upper[i] + 1e-9, s
@@ -249,7 +245,8 @@ def test_runs_without_positions_and_with_gaps_are_fitted() -> None:
     data = grid_trials([bare, replace(trials[1], columns=holes)], full_model.ship.inputs, 3.0, 0.5)
     assert not data.measured[:, data.run == 0][..., :2].any()
     steps = TransitionModel(full_model.ship, [*base.symbols, *full_model.symbols], 0.5)
-    found = estimate(steps, data, full_model.ship.values, base, initial_noise(full_model.ship, data))
+    start = initial_point(steps, data, full_model.ship.values, base, initial_noise(full_model.ship))
+    found = estimate(steps, data, start)
     assert np.isfinite(found.nll) and np.isfinite(found.path.z).all() and np.isfinite(found.covariance).all()
     np.testing.assert_allclose(found.noise.white, WHITE, rtol=0.35)
 

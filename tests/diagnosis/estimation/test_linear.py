@@ -7,7 +7,7 @@ import pickle
 import numpy as np
 import pytest
 
-from diagnosis.estimation.linearised_model import FORCE, TransitionModel
+from diagnosis.estimation.transition_model import FORCE, TransitionModel
 from mmg.effects import EFFECTS
 from mmg.rollout import Simulator
 from tests.support.diagnosis_cases import OFF_NEUTRAL, SHIP, full_model, full_steps, off_neutral, states_about

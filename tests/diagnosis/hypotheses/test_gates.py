@@ -16,7 +16,8 @@ from cases.trial import Trial
 from diagnosis.estimation.candidates import Candidate, Column, find
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials, middle_means
 from diagnosis.estimation.kalman import NoiseModel
-from diagnosis.estimation.map_estimate import Estimate, Trajectory, estimate
+from diagnosis.estimation.linearisation import Trajectory
+from diagnosis.estimation.map_estimate import Estimate, estimate, initial_point
 from diagnosis.estimation.noise_sizes import initial_noise
 from diagnosis.estimation.parameters import Priors
 from diagnosis.hypotheses.forward_selection import AGREE, NEUTRAL, Found, Problem, Scored, Search, Tried, explain
@@ -41,7 +42,7 @@ def fit_of(effects: Sequence[Candidate], nll: float, values: Sequence[float] | N
     free = Priors(columns, np.zeros(n), np.ones(n), np.full(n, -np.inf), np.full(n, np.inf))
     path = Trajectory(np.zeros((2, 1, 6)), np.zeros((2, 1, 3)))
     p = np.zeros(n) if values is None else np.array(values)
-    return Estimate(np.zeros(n), free, p, 0.01 * np.eye(n), path, NOISE, nll, 1, True)
+    return Estimate(np.zeros(n), free, p, path, NOISE, 0.01 * np.eye(n), nll, 1, True)
 
 
 EFFECTS = {"a": candidate("a"), "b": candidate("b", 2)}
@@ -269,7 +270,8 @@ def pushed_by(problem: Problem, seed: int, axis: int, form: str, size: float) ->
         z = steps.advance(z, data.inputs[k].T, steps.coefficients(steps.ship.values, force))
         y[k + 1] = z[:6].T
     seen = replace(data, y=y + WHITE * rng.standard_normal(y.shape))
-    null = estimate(steps, seen, steps.ship.values, problem.base, initial_noise(steps.ship, seen), iterations=12)
+    start = initial_point(steps, seen, steps.ship.values, problem.base, initial_noise(steps.ship))
+    null = estimate(steps, seen, start, iterations=12)
     return unnamed(steps, seen, null)
 
 

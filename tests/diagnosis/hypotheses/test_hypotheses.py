@@ -12,7 +12,8 @@ from benchmarks.disturbed_trials import drawn_ship, process
 from diagnosis.diagnose import ASIDE, EXACT, LITTLE, SLIGHTLY, SUPPORTED, WORSE, decide
 from diagnosis.estimation.candidates import Candidate, Column
 from diagnosis.estimation.kalman import NoiseModel
-from diagnosis.estimation.map_estimate import Estimate, Trajectory, estimate
+from diagnosis.estimation.linearisation import Trajectory
+from diagnosis.estimation.map_estimate import Estimate, estimate, initial_point
 from diagnosis.estimation.noise_sizes import initial_noise
 from diagnosis.estimation.parameters import Priors
 from diagnosis.findings import HeldOut
@@ -85,7 +86,7 @@ def a_fit(nll: float) -> Estimate:
     """A fit of which only the likelihood matters."""
     zero = np.zeros(0)
     path = Trajectory(np.zeros((2, 1, 6)), np.zeros((2, 1, 3)))
-    return Estimate(zero, Priors((), zero, zero, zero, zero), zero, np.zeros((0, 0)), path, NOISE, nll, 1, True)
+    return Estimate(zero, Priors((), zero, zero, zero, zero), zero, path, NOISE, np.zeros((0, 0)), nll, 1, True)
 
 
 def made_up(label: str) -> Candidate:
@@ -173,7 +174,8 @@ def test_a_force_that_no_effect_of_the_library_has_is_seen(
 ) -> None:
     problem = pushed_by(runs, 4, sin_2)
     steps, data = problem.steps, problem.data
-    null = estimate(steps, data, steps.ship.values, problem.base, initial_noise(steps.ship, data), iterations=12)
+    start = initial_point(steps, data, steps.ship.values, problem.base, initial_noise(steps.ship))
+    null = estimate(steps, data, start, iterations=12)
     found = unnamed(steps, data, null)
     assert low < found.log_bayes < high
     logs = list(found.by_kind.values())

@@ -123,8 +123,8 @@ def test_what_is_random_in_the_reference_is_usual_in_other_trials() -> None:
     """One short record says little of its own noise: it stays near that of the reference."""
     one = new()[:1]
     ready, alone = (prepare(calibrated(), one, step=H, unseen=True, reference=r) for r in (before(), ()))
-    usual = ready.null.noise.usual
-    assert usual is not None and usual.usual is None and alone.null.noise.usual is None
+    usual = ready.null.noise.prior
+    assert usual is not None and usual.prior is None and alone.null.noise.prior is None
     np.testing.assert_allclose(usual.white, known().reference.noise.white, rtol=0.05)
     assert ready.null.noise.tau == usual.tau and ready.gap == alone.gap == 1
     near, far = (np.abs(np.log(n.force / usual.force)).max() for n in (ready.null.noise, alone.null.noise))

@@ -10,7 +10,8 @@ import pytest
 from cases.shipfiles.ship_file import load_ship
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.kalman import NoiseModel
-from diagnosis.estimation.map_estimate import Estimate, Trajectory
+from diagnosis.estimation.linearisation import Trajectory
+from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import Priors
 from diagnosis.location.situations import PHASES, phases, variables_of
 from diagnosis.location.where import where
@@ -44,7 +45,7 @@ def fitted(z: np.ndarray, force: np.ndarray) -> Estimate:
     noise = NoiseModel(np.ones(3), TAU, np.ones(6), np.zeros(6), TAU)
     values = SHIP.values
     return Estimate(
-        values, Priors((), none, none, none, none), none, np.zeros((0, 0)), Trajectory(z, force), noise, 0.0, 1, True
+        values, Priors((), none, none, none, none), none, Trajectory(z, force), noise, np.zeros((0, 0)), 0.0, 1, True
     )
 
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
-from diagnosis.estimation.linearised_model import TransitionModel
 from diagnosis.estimation.map_estimate import Estimate
+from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.findings import HeldOut
 from diagnosis.hypotheses.forward_selection import Problem
 from diagnosis.hypotheses.refit import refit

@@ -17,7 +17,7 @@ from cases.simulation.simulate import write_trial
 from diagnosis.diagnose import DiagnosisOptions, with_learned
 from diagnosis.estimation.candidates import ship_with_all_effects
 from diagnosis.estimation.gridded_trials import grid_trials
-from diagnosis.estimation.linearised_model import TransitionModel
+from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.findings import LearnedResidual
 from diagnosis.report.page import build_report
 from diagnosis.result import Diagnosis

@@ -1,8 +1,7 @@
-"""One time step of a ship and its derivatives, at every sample of a path at once.
+"""One time step of a ship and its derivatives, at all samples of a path at once.
 
-The ship is made "wide": it carries every effect of the library at its neutral value, so that one compiled model serves
-all hypotheses, and a hypothesis is a choice of columns. A latent force X, Y, N enters as the body-fixed force of
-``tow``, held over each step, with a value of its own at every step.
+The ship is the full model (``candidates.FullModel``), so that one compiled model serves all hypotheses: a hypothesis is
+a choice of columns. A latent force X, Y, N acts as the body-fixed force of ``tow``, constant over each step.
 """
 
 from __future__ import annotations
@@ -25,9 +24,10 @@ BLOCK = 256
 
 @dataclass(frozen=True)
 class LinearModel:
-    """The model about a path: z+ = end + F dz + G dp + force df, y = logged + H dz + D dp, for the A active states.
+    """The model about a path: z+ = end + F dz + G dp + force df, y = logged + H dz + D dp, for the A active states and
+    P columns.
 
-    end: (K, R, S) of all states; F: (K, R, A, A); G: (K, R, A, P); force: (K, R, A, 3); logged: (K + 1, R, 6);
+    end: (K, R, S) all states; F: (K, R, A, A); G: (K, R, A, P); force: (K, R, A, 3); logged: (K + 1, R, 6);
     H: (K + 1, R, 6, A); D: (K + 1, R, 6, P).
     """
 
@@ -41,9 +41,9 @@ class LinearModel:
 
 
 class TransitionModel:
-    """Steps of length h [s] of a wide ship.
+    """Steps of length h [s] of a ``ship`` with S states and C inputs; compiled: use generated C code.
 
-    symbols: coefficients that may be columns, in the order of the ship (P of them); S: number of states.
+    symbols: the P coefficients that may be columns, in the order of the ship.
     """
 
     def __init__(self, ship: Ship, symbols: Sequence[str], h: float, compiled: bool = True) -> None:
@@ -68,11 +68,11 @@ class TransitionModel:
         ) = batch
 
     def __reduce__(self) -> tuple:
-        """Made anew in another process, where the compiled code comes from the cache."""
+        """Built again in another process, where the compiled code comes from the cache."""
         return TransitionModel, self._made_of
 
     def _rate_functions(self) -> list[ca.Function]:
-        """Rates; with their Jacobian to (states, columns); gradient by the columns of a sum over that to the states."""
+        """Rates; their Jacobian by states and columns; gradient by columns of a weighted sum of that by the states."""
         q, c = ca.SX.sym("q", self.S), ca.SX.sym("c", self.C)
         theta = ca.SX.sym("theta", len(self.ship.symbols))
         k = self.model.rates(q, c, theta)
@@ -109,11 +109,12 @@ class TransitionModel:
         ]
 
     def settled(self, six: np.ndarray, controls: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """States (S, M) that are logged as (6, M), what they remember settled."""
+        """States (S, M) logged as ``six`` (6, M) under ``controls`` (C, M), memory states settled; theta: coefficients
+        (all,) or by window (all, R)."""
         return states_behind(self.model, six, controls, theta)
 
     def coefficients(self, theta: np.ndarray, force: np.ndarray) -> np.ndarray:
-        """All coefficients by point (all, M) with the latent force (3, M) added to that of ``tow``.
+        """Coefficients by point (all, M) with the latent ``force`` (3, M) [N, N, N m] added to that of ``tow``.
 
         theta: (all,), or (all, R) by window where the points are K times those of R windows.
         """
@@ -122,15 +123,15 @@ class TransitionModel:
         return every
 
     def advance(self, z: np.ndarray, controls: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """End states (S, M) of one step from (S, M), inputs (C, M), coefficients (all,) or (all, M)."""
+        """States (S, M) a step after z (S, M) under ``controls`` (C, M); theta: coefficients (all,) or (all, M)."""
         return rk4_step(lambda state, _: _at(self._rates, state, controls, theta)[0], z, self.h)
 
     def with_passive_states(
         self, z: np.ndarray, inputs: np.ndarray, theta: np.ndarray, force: np.ndarray, passive: np.ndarray
     ) -> np.ndarray:
-        """A path (K + 1, R, S) with its passive states, which nothing depends on, simulated along the others.
+        """The path z (K + 1, R, S) with its ``passive`` states, on which nothing depends, simulated; first settled.
 
-        They start settled.
+        inputs: (K, R, C); theta: coefficients (all,) or (all, R); force: (K, R, 3) latent [N, N, N m].
         """
         z = z.copy()
         z[0][:, passive] = settled(self.model, z[0][:, :6].T, inputs[0].T, theta).T[:, passive]
@@ -148,11 +149,10 @@ class TransitionModel:
         columns: np.ndarray,
         active: np.ndarray,
     ) -> LinearModel:
-        """The model about a path z (K + 1, R, S) with inputs (K, R, C), latent force (K, R, 3), coefficients (all,) or,
-        by window, (all, R).
+        """The model about a path z (K + 1, R, S) with ``inputs`` (K, R, C) and latent ``force`` (K, R, 3).
 
-        columns: positions in ``symbols`` of those that the result differentiates by (P of them); active: of the
-        states (A of them), which must not depend on the others.
+        theta: coefficients (all,) or (all, R); columns: (P,) positions in ``symbols`` to differentiate by; active: (A,)
+        positions of states, which must not depend on the others.
         """
         K, R = inputs.shape[:2]
         M, P, A = K * R, len(columns), len(active)
@@ -172,7 +172,7 @@ class TransitionModel:
     def _step(
         self, z: np.ndarray, c: np.ndarray, theta: np.ndarray, rows: np.ndarray, columns: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """End (m, S) of one step from z (S, m), and the Jacobian of its ``rows``, the first of the ``columns`` too."""
+        """End (m, S) of one step from z (S, m), and the Jacobian of its ``rows`` (the first of the ``columns``)."""
         m, A, h = z.shape[1], len(rows), self.h
         rate, total = np.zeros_like(z), np.zeros_like(z)
         straight = np.zeros((m, A, len(columns)))
@@ -215,10 +215,11 @@ class TransitionModel:
         columns: np.ndarray,
         active: np.ndarray,
     ) -> np.ndarray:
-        """Derivative (R, P) by the columns, window by window, of a weighted sum of the Jacobians of steps and columns.
+        """Derivative (R, P) by the ``columns``, window by window, of a weighted sum of the Jacobians of steps and
+        logged columns (second derivatives of the model, contracted).
 
-        weight: (K, R, A, A + 3) on the Jacobian h d rates / d (active states, latent force), at the middle of each
-        step; weight_logged: (K + 1, R, 6, A). Second derivatives of the model, contracted.
+        weight: (K, R, A, A + 3) of the Jacobian h d rates / d (active states, latent force) at the middle of each step;
+        weight_logged: (K + 1, R, 6, A); z, inputs, theta, force, active: as of ``linearise``.
         """
         K, R = inputs.shape[:2]
         M = K * R
@@ -241,7 +242,7 @@ class TransitionModel:
 
 
 def spread(theta: np.ndarray, points: int) -> np.ndarray:
-    """Coefficients by point (all, points) from (all,), or from (all, R) of R windows that follow each other K times."""
+    """Coefficients (all, points) from ``theta`` (all,), or from (all, R) of R windows that repeat up to ``points``."""
     return (
         np.tile(theta, (1, points // theta.shape[1])) if theta.ndim > 1 else np.repeat(theta[:, None], points, axis=1)
     )

@@ -1,0 +1,203 @@
+"""The model linearised about a path and whitened by a Kalman filter, as a Gauss-Newton step needs it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from diagnosis.estimation.gridded_trials import GriddedTrials
+from diagnosis.estimation.kalman import (
+    Adjoint,
+    Filtered,
+    LinearSystem,
+    NoiseModel,
+    adjoint,
+    filtered,
+    linear_system,
+    responses,
+)
+from diagnosis.estimation.parameters import NO_PRIORS, Priors, active_in_window, active_states
+from diagnosis.estimation.transition_model import LinearModel, TransitionModel, spread
+from mmg.model import settled
+from mmg.motion.froude import state_scale
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """States z (K + 1, R, S), latent force (K + 1, R, 3) [N, N, N m]."""
+
+    z: np.ndarray
+    force: np.ndarray
+
+
+@dataclass(frozen=True)
+class Point:
+    """Where a model is linearised.
+
+    theta: (all,) coefficients of the full model, or (all, R) by window; free: priors of the free parameters; p: (P,)
+    their values in theta, less the prior mean, in prior std; path; noise.
+    """
+
+    theta: np.ndarray
+    free: Priors
+    p: np.ndarray
+    path: Trajectory
+    noise: NoiseModel
+
+    def fixed(self) -> Point:
+        """The same with nothing free."""
+        return Point(self.theta, NO_PRIORS, np.zeros(0), self.path, self.noise)
+
+
+ExtraColumns = Callable[[LinearModel], tuple[np.ndarray, np.ndarray]]
+"""More columns of a linearisation: what they add to the active states over a step (K, R, A, c), and to the logged
+columns (K + 1, R, 6, c)."""
+
+
+@dataclass(frozen=True)
+class Linearisation:
+    """Model and filter about a point; P free parameters and extra columns, n states of the filter.
+
+    white: (K + 1, R, 6, P + 1) whitened responses of the columns per prior std, and last the negative residual;
+    states: (K + 1, R, n, P + 1) predicted states of the same; adjoint: derivatives of 1/2 log det; logdet_gradient:
+    (R, P) of them by the columns, by window; nll: as of an ``Estimate``.
+    """
+
+    linear: LinearModel
+    system: LinearSystem
+    filter: Filtered
+    white: np.ndarray
+    states: np.ndarray
+    adjoint: Adjoint
+    logdet_gradient: np.ndarray
+    nll: float
+
+
+def initial_trajectory(steps: TransitionModel, data: GriddedTrials, theta: np.ndarray) -> Trajectory:
+    """The measured states of ``data`` without latent force; missing ones are interpolated in time, or zero.
+
+    steps: model, whose memory states are settled; theta: coefficients (all,) or by window (all, R).
+    """
+    y, measured = data.y.copy(), data.measured
+    rows = np.arange(len(y))
+    for r in range(y.shape[1]):
+        for j in range(6):
+            if not measured[:, r, j].all():
+                known = measured[:, r, j]
+                y[:, r, j] = np.interp(rows, rows[known], y[known, r, j]) if known.any() else 0.0
+    K1, R = y.shape[:2]
+    controls = np.concatenate([data.inputs, data.inputs[-1:]]).reshape(K1 * R, -1).T
+    every = spread(theta, K1 * R) if theta.ndim > 1 else theta
+    z = steps.settled(y.reshape(K1 * R, 6).T, controls, every)
+    return Trajectory(z.T.reshape(K1, R, -1), np.zeros((K1, R, 3)))
+
+
+SETTLED = 0.03
+"""Standard deviation of a memory state about its settled value at the start of a window, in typical sizes."""
+
+
+def initial_covariance(
+    steps: TransitionModel, data: GriddedTrials, z: np.ndarray, theta: np.ndarray, active: np.ndarray
+) -> np.ndarray:
+    """Covariance (R, A, A) of the active states at the start of the windows of ``data``: motion unknown, memory states
+    settled with it.
+
+    steps: model; z: (R, S) first states; theta: coefficients (all,) or (all, R); active: (A,) positions of states.
+    """
+    R = len(z)
+    six = np.array([3.0, 3.0, 0.3, 0.3, 0.3, 0.1]) * state_scale(steps.ship.particulars["L"])
+    slope = np.zeros((R, steps.S, 6))
+    slope[:, np.arange(6), np.arange(6)] = six
+    if len(active) > 6:
+        start = np.repeat(z[:, :6].T, 7, axis=1).reshape(6, R, 7)
+        for j in range(6):
+            start[j, :, j + 1] += 1e-4 * six[j]
+        controls = np.repeat(data.inputs[0].T, 7, axis=1)
+        every = np.repeat(theta, 7, axis=1) if theta.ndim > 1 else theta
+        tried = settled(steps.model, start.reshape(6, -1), controls, every).reshape(steps.S, R, 7)
+        slope[:, 6:] = np.moveaxis((tried[6:, :, 1:] - tried[6:, :, :1]) / 1e-4, 0, 1)
+    P = slope @ slope.swapaxes(1, 2)
+    at = np.arange(6, steps.S)
+    P[:, at, at] += (SETTLED * steps.model.sizes) ** 2
+    return P[:, active[:, None], active[None]]
+
+
+def linearise_and_filter(
+    steps: TransitionModel,
+    data: GriddedTrials,
+    at: Point,
+    active: np.ndarray | None = None,
+    extra: ExtraColumns | None = None,
+) -> Linearisation:
+    """Linearise the model ``steps`` about the point ``at`` and whiten its columns and its residual from ``data``.
+
+    active: (A,) positions of the states that take part (default: ``active_states``); extra: further columns, whose
+    gradient of log det is taken as zero.
+    """
+    free, path, noise, theta = at.free, at.path, at.noise, at.theta
+    if active is None:
+        active = active_states(steps, free.symbols, theta)
+    columns = np.array([steps.symbols.index(s) for s in free.symbols], dtype=int)
+    linear = steps.linearise(path.z, data.inputs, theta, path.force[:-1], columns, active)
+    start = initial_covariance(steps, data, path.z[0], theta, active)
+    system = linear_system(linear, noise, start, data.good, data.inside, data.h)
+    filter_run = filtered(system)
+    size = free.std * active_in_window(free.columns, data)  # (R, P)
+    forcing, seen = linear.G * size[:, None], linear.D * size[:, None]
+    if extra is not None:
+        forcing, seen = (np.concatenate(pair, axis=3) for pair in zip((forcing, seen), extra(linear), strict=True))
+    white, states = responses(system, filter_run, *_with_residual(steps, data, at, linear, active, forcing, seen))
+    derivative = adjoint(system, filter_run)
+    gradient = _logdet_gradient(steps, data, at, linear, derivative, columns, active) * size
+    gradient = np.hstack([gradient, np.zeros((len(data.run), forcing.shape[3] - len(columns)))])
+    nll = 0.5 * float(filter_run.log_det.sum() + (white[..., -1] ** 2).sum() + at.p @ at.p) + noise.neg_log_prior
+    return Linearisation(linear, system, filter_run, white, states, derivative, gradient, nll)
+
+
+def _with_residual(
+    steps: TransitionModel,
+    data: GriddedTrials,
+    at: Point,
+    linear: LinearModel,
+    active: np.ndarray,
+    forcing: np.ndarray,
+    seen: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Columns as ``responses`` takes them, with the latent force among the states and the negative residual as last."""
+    K, R, A, P = forcing.shape
+    coloured = int((at.noise.coloured > 0).sum())
+    z, force = at.path.z, at.path.force
+    pushed = np.zeros((K, R, A + 3, P + 1))
+    pushed[:, :, :A, :-1] = forcing
+    pushed[:, :, :A, -1] = (linear.end - z[1:])[..., active]
+    pushed[:, :, A:, -1] = np.exp(-data.h / at.noise.tau) * force[:-1] - force[1:]
+    start = np.zeros((R, A + 3 + coloured, P + 1))
+    start[:, A : A + 3, -1] = -force[0]
+    if A > 6:
+        calm = settled(steps.model, z[0, :, :6].T, data.inputs[0].T, at.theta).T
+        start[:, 6:A, -1] = (calm - z[0])[:, active[6:]]
+    return pushed, np.concatenate([seen, (linear.logged - data.y)[..., None]], axis=3), start
+
+
+def _logdet_gradient(
+    steps: TransitionModel,
+    data: GriddedTrials,
+    at: Point,
+    linear: LinearModel,
+    found: Adjoint,
+    columns: np.ndarray,
+    active: np.ndarray,
+) -> np.ndarray:
+    """Derivative (R, P) of 1/2 log det by the coefficients at ``columns``, by window."""
+    K, R, A = linear.G.shape[:3]
+    weight = np.where(data.inside[..., None, None], found.by_T[:, :, :A, : A + 3], 0.0)
+    through = np.concatenate([linear.F, linear.force], axis=3)
+    rest = np.broadcast_to(np.eye(A + 3)[A:], (K, R, 3, A + 3))
+    # T is the exponential of the generator: a change of the generator acts equally on either side of the step
+    ahead = weight @ np.concatenate([through, rest], axis=2).swapaxes(2, 3)
+    weight = 0.5 * (ahead + linear.F.swapaxes(2, 3) @ weight)
+    by_Z = np.where(data.good[..., None], found.by_Z[..., :A], 0.0)
+    z, force = at.path.z, at.path.force[:-1]
+    return steps.logdet_gradient(z, data.inputs, at.theta, force, weight, by_Z, columns, active)
