@@ -139,18 +139,18 @@ def filtered(s: LinearSystem) -> Filtered:
 
 
 def responses(
-    s: LinearSystem, f: Filtered, forcing: np.ndarray, seen: np.ndarray, start: np.ndarray | None = None
+    s: LinearSystem, f: Filtered, forcing: np.ndarray, observed: np.ndarray, start: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Whitened responses (K + 1, R, 6, c) of c columns, and their predicted states (K + 1, R, n, c).
 
-    s, f: system and its filter run; forcing: (K, R, m, c) what a column adds over a step to the first m states; seen:
-    (K + 1, R, 6, c) what to the logged columns; start: (R, n, c) its first state (default: 0). The residual is the
-    column (end of a step less path, model less log).
+    s, f: system and its filter run; forcing: (K, R, m, c) what a column adds over a step to the first m states;
+    observed: (K + 1, R, 6, c) what it adds to the logged columns; start: (R, n, c) its first state (default: 0). The
+    residual is the column (end of a step less path, model less log).
     """
     K, R, m, c = forcing.shape
     n = s.T.shape[2]
     states, white = np.zeros((K + 1, R, n, c)), np.empty((K + 1, R, 6, c))
-    masked = np.where(s.good[..., None], seen, 0.0)
+    masked = np.where(s.good[..., None], observed, 0.0)
     forcing = np.where(s.inside[..., None, None], forcing, 0.0)
     if start is not None:
         states[0] = start

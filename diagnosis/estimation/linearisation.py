@@ -145,10 +145,12 @@ def linearise_and_filter(
     system = linear_system(linear, noise, start, data.good, data.inside, data.h)
     filter_run = filtered(system)
     size = free.std * active_in_window(free.columns, data)  # (R, P)
-    forcing, seen = linear.G * size[:, None], linear.D * size[:, None]
+    forcing, observed = linear.G * size[:, None], linear.D * size[:, None]
     if extra is not None:
-        forcing, seen = (np.concatenate(pair, axis=3) for pair in zip((forcing, seen), extra(linear), strict=True))
-    white, states = responses(system, filter_run, *_with_residual(steps, data, at, linear, active, forcing, seen))
+        forcing, observed = (
+            np.concatenate(pair, axis=3) for pair in zip((forcing, observed), extra(linear), strict=True)
+        )
+    white, states = responses(system, filter_run, *_with_residual(steps, data, at, linear, active, forcing, observed))
     derivative = adjoint(system, filter_run)
     gradient = _logdet_gradient(steps, data, at, linear, derivative, columns, active) * size
     gradient = np.hstack([gradient, np.zeros((len(data.run), forcing.shape[3] - len(columns)))])
@@ -163,7 +165,7 @@ def _with_residual(
     linear: LinearModel,
     active: np.ndarray,
     forcing: np.ndarray,
-    seen: np.ndarray,
+    observed: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Columns as ``responses`` takes them, with the latent force among the states and the negative residual as last."""
     K, R, A, P = forcing.shape
@@ -178,7 +180,7 @@ def _with_residual(
     if A > 6:
         calm = settled(steps.model, z[0, :, :6].T, data.inputs[0].T, at.theta).T
         start[:, 6:A, -1] = (calm - z[0])[:, active[6:]]
-    return pushed, np.concatenate([seen, (linear.logged - data.y)[..., None]], axis=3), start
+    return pushed, np.concatenate([observed, (linear.logged - data.y)[..., None]], axis=3), start
 
 
 def _logdet_gradient(

@@ -120,7 +120,7 @@ def estimate(
     """Fit the free parameters of ``start``, path, latent force and noise to ``data`` by the model ``steps``.
 
     Stops when an iteration is expected to gain less than ``tolerance`` of log likelihood, after at most ``iterations``
-    linearisations. fixed_noise: the noise stays as it is.
+    linearisations. fixed_noise: the noise stays as it is. Returns the last accepted point.
     """
     active = active_states(steps, start.free.symbols, start.theta)
     typical = initial_noise(steps.ship)

@@ -1,8 +1,8 @@
-"""Regions of state, input, wind and place, and what the latent force is in them against what it is elsewhere.
+"""Regions of state, input, wind and place in which the latent force differs from that elsewhere.
 
-A region is compared with all that lies outside of it: z is the log ratio of the mean squares in and out by its standard
-error, mean_z the difference of the means by its own. Standard errors leave out one run after the other, and are not
-below those of as many independent samples as there are memories tau of the latent force in the region.
+A region is compared with all samples outside of it: z is the log ratio of the mean squares in and out by its standard
+error, mean_z the difference of the means by its own. Standard errors are of the
+jackknife over runs, and not below those of as many independent samples as the region lasts correlation times tau.
 """
 
 from __future__ import annotations
@@ -19,16 +19,17 @@ from diagnosis.location.situations import Variable, place_edges
 
 CHANNELS, UNITS = ("surge", "sway", "yaw"), ("N", "N", "N m")
 MOST, EACH = 30, 3
-"""Regions that are told: of all, and of one variable and channel."""
+"""Most regions listed: of all, and of one variable and channel."""
 ENOUGH = 5.0
-"""Memories tau of the latent force that a region must last together to be told."""
+"""Correlation times tau of the latent force that a region must last to be listed."""
 SMALL = 0.25
 """Ratio of the rms at which a region with little force still counts in the order."""
 
 
 @dataclass(frozen=True)
 class Samples:
-    """Latent force (M, 3) before and after, the trial of each sample (M,), step h and memory tau [s]."""
+    """M samples of the latent force [N, N, N m]: force (M, 3), after (M, 3) with the named effects, or None; run: (M,)
+    trial of each; h: step [s]; tau: correlation time [s]."""
 
     force: np.ndarray
     after: np.ndarray | None
@@ -38,20 +39,19 @@ class Samples:
 
     def rms(self, member: np.ndarray) -> np.ndarray:
         """Root mean squares (bins, 3) of the samples of each bin; member: (bins, M)."""
-        return rms_of(self.force, member)
-
-
-def rms_of(force: np.ndarray, member: np.ndarray) -> np.ndarray:
-    count = np.maximum(member.sum(axis=1), 1)[:, None]
-    return np.sqrt(member.astype(float) @ force**2 / count)
+        return np.sqrt(means(self.force**2, member))
 
 
 def means(force: np.ndarray, member: np.ndarray) -> np.ndarray:
+    """Means (bins, 3) of ``force`` (M, 3) over the samples of each bin; member: (bins, M)."""
     return member.astype(float) @ force / np.maximum(member.sum(axis=1), 1)[:, None]
 
 
 def with_later(rows: dict[str, float], force: np.ndarray | None, member: np.ndarray, channel: int) -> dict[str, float]:
-    """The row with the rms and mean of the later latent force where it is known; member: (M,)."""
+    """``rows`` with rms and mean of one channel of the later latent force (M, 3) [N, N, N m] over a bin, if known.
+
+    force: later latent force, or None; member: (M,) samples of the bin; channel: 0 to 2.
+    """
     if force is not None:
         part = force[member, channel]
         rows["force_rms_after"] = float(np.sqrt((part**2).mean())) if len(part) else 0.0
@@ -60,13 +60,17 @@ def with_later(rows: dict[str, float], force: np.ndarray | None, member: np.ndar
 
 
 Bin = tuple[str, Any, Any, str]
-"""Variable, low, high, unit; low and high of the place are pairs (north, east)."""
+"""Variable, low, high, unit; low and high of a place are pairs (north, east)."""
 
 
 def all_bins(
     variables: Sequence[Variable], z: np.ndarray, inside: np.ndarray
 ) -> tuple[list[str], list[Bin], np.ndarray]:
-    """Family of each bin, the bins, and their samples (bins, M): those of the variables, both signs, the grid."""
+    """(variable of each bin, the bins, their samples (bins, M)): bins of the ``variables``, halves by sign of signed
+    ones, cells of the place.
+
+    z: (K + 1, R, S) states; inside: (K, R) steps that exist, M of them.
+    """
     families: list[str] = []
     bins: list[Bin] = []
     members = []
@@ -90,23 +94,26 @@ def all_bins(
 
 
 def regions(families: list[str], bins: list[Bin], member: np.ndarray, s: Samples) -> list[dict[str, Any]]:
-    """The most telling bins, first those with much force that differs most surely from the force outside of them."""
+    """Rows of the bins whose force differs most clearly from that outside of them, at most MOST.
+
+    families: variable of each bin; bins; member: (bins, M) their samples; s: the samples.
+    """
     z, mean_z, ratio = _contrast(member, s)
     rms, mean, count = s.rms(member), means(s.force, member), member.sum(axis=1)
     effective = count * s.h / s.tau
     outside = (member.shape[1] - count) * s.h / s.tau
     sure = np.maximum(np.abs(z), np.abs(mean_z)) * np.maximum(ratio, SMALL)
     telling = np.where((np.minimum(effective, outside) >= ENOUGH)[:, None], sure, 0.0)
-    told: dict[tuple[str, int], list[float]] = {}
+    listed: dict[tuple[str, int], list[float]] = {}
     rows: list[dict[str, Any]] = []
     for flat in np.argsort(-telling, axis=None, kind="stable"):
         i, c = divmod(int(flat), 3)
         key = families[i], c
         if len(rows) >= MOST or telling[i, c] <= 1.0:
             break
-        gaps = told.setdefault(key, [])
+        gaps = listed.setdefault(key, [])
         if len(gaps) >= EACH or any(math.isclose(abs(mean_z[i, c]), g, rel_tol=1e-9) for g in gaps):
-            continue  # the other half of a region that was told says the same
+            continue  # the complement of a listed region says the same
         gaps.append(abs(float(mean_z[i, c])))
         name, low, high, unit = bins[i]
         row = {
@@ -132,7 +139,7 @@ def regions(families: list[str], bins: list[Bin], member: np.ndarray, s: Samples
 
 
 def _contrast(member: np.ndarray, s: Samples) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """z of the mean squares and of the means, in against out, and the ratio of the rms to all's, each (bins, 3)."""
+    """z of the mean squares and of the means, inside against outside, and the rms by that of all, each (bins, 3)."""
     runs = np.unique(s.run)
     moments = np.concatenate([np.ones((len(s.force), 1)), s.force, s.force**2], axis=1)  # (M, 7)
     own = [s.run == run for run in runs]
@@ -143,7 +150,7 @@ def _contrast(member: np.ndarray, s: Samples) -> tuple[np.ndarray, np.ndarray, n
     count_in, count_out = inner[:, 0] * s.h / s.tau, (total[0] - inner[:, 0]) * s.h / s.tau
     share = 1 / np.maximum(count_in, 0.5) + 1 / np.maximum(count_out, 0.5)
     floor_ratio = 2 * share[:, None]
-    floor_gap = 2 * share[:, None] * (total[4:] / total[0])  # of means: a sample counts for two memories
+    floor_gap = 2 * share[:, None] * (total[4:] / total[0])  # of means: a sample lasts two correlation times
     n = len(runs)
     if n >= 3:
         left = _differences(inner[None] - by_run, (total - whole)[:, None] - (inner[None] - by_run))
@@ -166,9 +173,10 @@ def _differences(inner: np.ndarray, outer: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 def by_variable(variables: Sequence[Variable], s: Samples) -> list[dict[str, Any]]:
-    """By variable and channel: the force averaged in its bins (for the figure), most of the force explained first.
+    """Rows by variable and channel: the force averaged in bins (for the figure), the best explained first.
 
-    explained: share of the mean square of the force that its mean by bin makes, less what chance alone would make.
+    variables; s: samples. "explained": share of the mean square of the force due to its mean by bin, less the share
+    expected by chance.
     """
     rows: list[dict[str, Any]] = []
     square = (s.force**2).mean(axis=0)

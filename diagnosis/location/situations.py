@@ -1,4 +1,4 @@
-"""What the ship was doing at every step of the trials: variables with bins, and phases of a manoeuvre in words."""
+"""What the ship did at every step of the trials: variables with bins, and phases of a manoeuvre."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ STRAIGHT, ACCELERATING = "straight ahead", "accelerating"
 STOPPING, SLOW = "stopping / astern (n<0)", "drifting slow"
 PHASES = (STRAIGHT, ACCELERATING, CHANGING, STEADY, STOPPING, SLOW)
 SLOW_SHARE, ASTERN_SHARE = 0.25, 0.05
-"""Of the speed that a trial usually has: below the first a ship ahead is slow; this fast backwards it goes astern."""
+"""Shares of the usual speed of the trials: below the first a ship is slow; faster astern than the second, it backs."""
 TURNING, TURN_CHANGE, SPEED_CHANGE = 0.1, 0.1, 0.03
 """r L/U, r' (L/U)^2 and u' L/U^2 from which a ship turns, changes its turn, changes its speed."""
 GRID = 3
@@ -27,9 +27,9 @@ FEW = 12
 
 @dataclass(frozen=True)
 class Variable:
-    """Something a force may depend on.
+    """A variable that a force may depend on.
 
-    values: (M,) by sample; edges: (B + 1,) of its bins, rising; wraps: an angle; signed: half of it mirrors the other.
+    values: (M,) by sample; edges: (B + 1,) of its bins, rising; wraps: an angle; signed: port and starboard.
     """
 
     name: str
@@ -41,7 +41,7 @@ class Variable:
 
 
 def quantile_edges(values: np.ndarray, bins: int = 6) -> np.ndarray:
-    """Edges of bins with about equally many samples, fewer where values repeat; the last one a little above."""
+    """Edges (B + 1,) of at most ``bins`` bins with about equally many of ``values`` (M,), the last a little above."""
     different = np.unique(values)
     if len(different) <= FEW:
         middles = 0.5 * (different[1:] + different[:-1])
@@ -53,29 +53,29 @@ def quantile_edges(values: np.ndarray, bins: int = 6) -> np.ndarray:
 
 
 def signed_edges(values: np.ndarray) -> np.ndarray:
-    """Edges by quantiles of either sign, so that one lies at zero: port and starboard have bins of their own."""
-    sides = [quantile_edges(part, 3) for part in (values[values < 0], values[values >= 0]) if len(part)]
-    if len(sides) < 2 or len(np.unique(values)) <= FEW:
+    """Edges (B + 1,) by quantiles of negative and positive ``values`` (M,), one of them 0: port and starboard apart."""
+    halves = [quantile_edges(part, 3) for part in (values[values < 0], values[values >= 0]) if len(part)]
+    if len(halves) < 2 or len(np.unique(values)) <= FEW:
         return quantile_edges(values)
-    return np.concatenate([sides[0][:-1], [0.0], sides[1][1:]])
+    return np.concatenate([halves[0][:-1], [0.0], halves[1][1:]])
 
 
 def sector_edges(count: int) -> np.ndarray:
-    """Edges of equal sectors of the full circle, the first about 0 [rad]."""
+    """Edges (count + 1,) [rad] of ``count`` equal sectors of the circle, the first centred at 0."""
     half = np.pi / count
     return np.linspace(-half, 2 * np.pi - half, count + 1)
 
 
 def sectors(values: np.ndarray, count: int) -> np.ndarray:
-    """Angles [rad] turned by whole circles into the range of ``sector_edges``."""
+    """``values`` (M,) [rad] turned by whole circles into the range of ``sector_edges`` with ``count`` sectors."""
     half = np.pi / count
     return np.mod(values + half, 2 * np.pi) - half
 
 
 def variables_of(names: Sequence[str], data: GriddedTrials, z: np.ndarray) -> list[Variable]:
-    """All variables over the samples inside the windows; names: of the model's inputs; z: (K + 1, R, S) states.
+    """All variables that vary over the samples of ``data``, wind only where it was logged.
 
-    What does not vary is left out, and the wind where none was logged.
+    names: of the model's inputs; z: (K + 1, R, S) states.
     """
     inside = data.inside
     middle = 0.5 * (z[:-1] + z[1:])[inside]
@@ -110,7 +110,7 @@ def variables_of(names: Sequence[str], data: GriddedTrials, z: np.ndarray) -> li
 
 
 def _rate_edges(rate: np.ndarray) -> np.ndarray:
-    """Edges that part a rudder moving to port, at rest and moving to starboard."""
+    """Edges between a rudder moving to port, at rest and moving to starboard."""
     size = float(np.abs(rate).max(initial=0.0))
     if size <= 0:
         return np.array([0.0, 1.0])
@@ -118,13 +118,14 @@ def _rate_edges(rate: np.ndarray) -> np.ndarray:
 
 
 def phases(names: Sequence[str], data: GriddedTrials, z: np.ndarray, length: float) -> np.ndarray:
-    """Phase of every sample inside the windows (M,), as a position in PHASES; length: of the ship [m].
+    """Phase (M,) of every sample of ``data``, as a position in PHASES.
 
-    Thresholds are of the ship's own time L/U, with U not below a share of the speed that the trials usually have.
+    names: of the model's inputs; z: (K + 1, R, S) states; length: of the ship [m]. Thresholds refer to the time L/U of
+    the ship, with U not below a share of the usual speed of the trials.
     """
     inside = data.inside
     u, v, r = (0.5 * (z[:-1, :, i] + z[1:, :, i]) for i in (3, 4, 5))
-    # over some steps, so that the noise of the path does not count as a change
+    # over several steps, so that the noise of the path does not count as a change
     reach = max(1, round(0.25 * length / max(float(np.abs(u[inside]).mean()), 1e-6) / data.h))
     du, dr = (_change(z[..., i], reach, data.steps) / (reach * data.h) for i in (3, 5))
     speed = np.hypot(u, v)
@@ -152,6 +153,6 @@ def _change(z: np.ndarray, reach: int, steps: np.ndarray) -> np.ndarray:
 
 
 def place_edges(values: np.ndarray) -> np.ndarray:
-    """Edges of GRID equal cells between the ends of the values."""
+    """Edges (GRID + 1,) of equal cells between the ends of ``values`` (M,) [m]."""
     low, high = float(values.min()), float(values.max())
     return np.linspace(low, high + 1e-9 * max(1.0, abs(high)), GRID + 1)

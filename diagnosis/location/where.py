@@ -1,10 +1,9 @@
 """Where the gap lies: the smoothed latent force by channel, phase of the manoeuvre, region of state, band, and run.
 
 The latent force is what must be added to the forces of the model so that it follows the trials. It is smoothed, so its
-rms is somewhat below that of the force itself where the sensors are too rough to see it. Surge, sway and yaw are made
-comparable by X^2/(m + m_x), Y^2/(m + m_y), N^2/(I_z + J_z): the kinetic energy that each would give to the free ship in
-the same time. "relative" is the rms by that of the net force of the channel, mass times acceleration with the terms of
-the turning frame, over the same trials.
+rms is below that of the force itself where the sensors are noisy. Surge, sway and yaw are compared by X^2/(m + m_x),
+Y^2/(m + m_y), N^2/(I_z + J_z), proportional to the kinetic energy that each gives to the free ship in the same time.
+"relative" is the rms divided by that of the net force of the channel (mass times acceleration in the body frame).
 """
 
 from __future__ import annotations
@@ -33,29 +32,29 @@ PERIODS = (60.0, 20.0, 5.0)
 def where(
     controls: Sequence[str], data: GriddedTrials, estimate: Estimate, ship: Ship, after: Estimate | None = None
 ) -> dict:
-    """What ``diagnosis.json`` says under "where"; all values are plain floats in SI units.
+    """The entry "where" of ``diagnosis.json``; plain floats in SI units.
 
-    controls: names of the model's inputs, in the order of ``data.inputs``; after: the fit with the named effects, whose
-    latent force is set beside that of ``estimate`` in the same places (keys ending in "_after").
+    controls: names of the inputs of ``data``; estimate: the fit without effects, with the latent force; ship: diagnosed
+    one, for its masses; after: the fit with the named effects, in keys that end in "_after".
     """
     inside = data.inside
     z = estimate.path.z
     mass = _mass(ship)
     force = estimate.path.force[:-1][inside]
     later = after.path.force[:-1][inside] if after is not None else None
-    seen = Samples(force, later, np.broadcast_to(data.run, inside.shape)[inside], data.h, estimate.noise.tau)
+    samples = Samples(force, later, np.broadcast_to(data.run, inside.shape)[inside], data.h, estimate.noise.tau)
     variables = variables_of(list(controls), data, z)
     names, bins, member = all_bins(variables, z, inside)
     phase = phases(list(controls), data, z, float(ship.particulars["L"]))
     by_phase = phase[None] == np.arange(len(PHASES))[:, None]
     return {
-        "channels": _channels(data, z, mass, seen),
-        "phases": _phases(by_phase, seen),
-        "regions": regions(names, bins, member, seen),
+        "channels": _channels(data, z, mass, samples),
+        "phases": _phases(by_phase, samples),
+        "regions": regions(names, bins, member, samples),
         "bands": _bands(data, estimate, after, float(ship.particulars["L"])),
-        "runs": _runs(data, seen),
+        "runs": _runs(data, samples),
         "earth": _earth(data, estimate, z),
-        "variables": by_variable(variables, seen),
+        "variables": by_variable(variables, samples),
     }
 
 
@@ -116,7 +115,7 @@ def _phases(member: np.ndarray, s: Samples) -> list[dict[str, Any]]:
 
 
 def _bands(data: GriddedTrials, before: Estimate, after: Estimate | None, length: float) -> list[dict[str, Any]]:
-    """Energy of each channel by band: the mean of each window first, then by Fourier transform of what is left."""
+    """Energy of each channel by frequency band, first that of the mean of each window."""
     k = time_scale(length)
     longest = float(data.steps.max()) * data.h
     edges = [1 / (p * k) for p in PERIODS if p * k < longest]

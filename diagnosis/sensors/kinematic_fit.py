@@ -1,7 +1,7 @@
-"""Sparse robust regression: which few faults explain the rows of several runs.
+"""Sparse robust regression: the few faults that explain the rows of several runs.
 
-Faults are added one after the other, that which explains most first, while significant by standard errors that leave
-out one block of a run after the other, or one run after the other where there are many.
+Forward selection: the fault that explains most is added while it is significant by jackknife standard errors, over
+blocks of a run or, where there are many runs, over runs.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ import numpy as np
 from scipy.stats import norm, t
 
 SIGMAS = 3.0
-"""Standard errors that a found value must exceed; more (by Student's t) where few blocks stand behind them."""
+"""Standard errors that a found value must exceed; more (by Student's t) with few blocks."""
 RUNS = 10
 """From so many runs on, standard errors are those between runs."""
 ITERATIONS, MOST = 8, 5
 """Of a fit, and faults at most."""
 CLOSE, SHARE = 6.0, 0.8
-"""A rival is named when it explains less by no more than this in chi-square, or explains this share.
-Among faults that close the one that an effect of the library repeats comes first."""
+"""A rival is named if it explains less by at most CLOSE in chi-squared, or SHARE of it; of two such faults the one that
+an effect of the library repeats comes first."""
 
 Rows = Callable[[float], tuple[np.ndarray, np.ndarray]]
 """lag [s] -> (A (M, P), y (M,)), linear about it."""
@@ -29,9 +29,9 @@ Rows = Callable[[float], tuple[np.ndarray, np.ndarray]]
 
 @dataclass(frozen=True)
 class Fit:
-    """Few faults that explain the rows, and what each other one would be if it came on top.
+    """Few faults that explain the rows, and what each other one would be in addition.
 
-    active: the faults; values, std, sharp: (P,), sharp where the data say more than the prior; crit: Student's SIGMAS;
+    active: the faults; values, std, sharp: (P,), sharp where the data tell more than the prior; crit: Student's SIGMAS;
     rivals: fault -> [(other, its value)] that would explain the rows nearly as well in its place; noise: mean log
     variance left.
     """
@@ -101,11 +101,10 @@ def fit(
     few: float,
     start: Sequence[int] = (),
 ) -> Fit:
-    """The few faults behind the rows of R runs; block: (M,) of the rows of each run.
+    """The few faults among P that explain the ``rows`` of the runs; blocks: (M,) block of each row, by run.
 
-    prior, least: (P,) standard deviation before the data, and size that matters; preferred: (P,) bool, comes first of
-    two that explain alike; few: share of the rows that is new, as windows overlap; start: faults that are there
-    in any case.
+    prior, least: (P,) prior standard deviation, and least size that matters; preferred: (P,) bool, first of two that
+    explain alike; few: share of a row that is independent, as windows overlap; start: faults present in any case.
     """
     P = len(prior)
     active = list(start)

@@ -1,4 +1,4 @@
-"""What sensors may do wrong, and the words of a kinematic check: quantities, readings, sentences."""
+"""Faults of sensors that a kinematic check can find, and its results in words."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 SOME = 0.1
-"""Share of the runs (and at least two) with a value of their own that is worth a word where all together have none."""
+"""Share of the runs (and at least two) whose own value is reported where all together have none."""
 
 ALIKE: tuple[Set[str], ...] = (
     {"lag", "gain_v", "arm_x"},
@@ -28,7 +28,7 @@ UNSEEN = (
 
 @dataclass(frozen=True)
 class Quantity:
-    """One thing a sensor may do wrong.
+    """A fault of a sensor.
 
     unit as shown; threshold: the least size that matters; prior: standard deviation before the data; power: of the
     length by which threshold and prior grow; more, less: words for a positive and a negative value; effect, parameter:
@@ -111,7 +111,11 @@ class Reading:
 def reading(
     q: Quantity, value: float, std: float, verdict: str, rivals: Sequence[tuple[Quantity, float]] = ()
 ) -> Reading:
-    """The reading of a quantity with its sentence; NaN when not checked; rivals: others and their values."""
+    """The reading of the quantity q with its sentence.
+
+    value, std: fitted value and standard error [q.unit], NaN if not checked; verdict: as of ``Reading``; rivals: other
+    quantities that would explain the same, and their values.
+    """
     size, about = _shown(abs(value), q.unit), _shown(std, q.unit)
     sentence = {
         "found": f"{q.words(value)} +- {about}",
@@ -139,9 +143,9 @@ def reading(
 
 
 def pooled_with(pooled: Reading, runs: Sequence[tuple[str, Reading]], clear: Set[str]) -> Reading:
-    """A pooled reading with what the runs (name, reading) say by themselves: how many agree, or that only some have it.
+    """The ``pooled`` reading with the number of ``runs`` (name, reading) that agree, or that only some have the fault.
 
-    clear: symbols found in all runs together; what a run finds that looks much the same as one of them is not counted.
+    clear: symbols found in all runs together; what looks alike in a single run is not counted.
     """
     checked = sum(r.verdict in ("found", "none") for _, r in runs)
     alike = set().union(*(group for group in ALIKE if pooled.symbol in group)) - {pooled.symbol}

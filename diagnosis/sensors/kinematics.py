@@ -1,4 +1,4 @@
-"""Step 0 of a diagnosis, without dynamics: do the logged position, heading, u, v and r follow from one another?
+"""Kinematic consistency: do the logged position, heading, u, v and r follow from one another?
 
 Over windows of some seconds the displacement of the position P = x + i y is compared with the integral of w = u + i v
 turned by the heading, and the change of the heading with the integral of r, both sides smoothed alike. What differs is
@@ -7,8 +7,8 @@ regressed on what sensors do wrong, with robust weights::
     dP = int e^(i psi(t)) w(t + lag) dt (gains, heading offset) - biases + drift + arm (e^(i psi) end - start)
     d psi = (int r dt + T dr) / (1 + share) - bias
 
-Few faults explain the data: they are added one after the other, those that would do nearly as well are named beside
-them (kinematic_fit.py). All times and sizes are those of a 3 m model; others follow by Froude's law.
+Few faults explain the data (kinematic_fit.py); rivals that would do nearly as well are named beside them. All times
+and sizes are those of a 3 m model; others follow by Froude's law.
 """
 
 from __future__ import annotations
@@ -28,8 +28,7 @@ from mmg.motion.froude import time_scale
 from mmg.ship import Ship
 
 WINDOW, STRIDE, BLOCK = 8.0, 2.0, 30.0
-"""s: length of a window, from one to the next, and of a block that a standard error leaves out (shorter in short
-runs: a twelfth of the run)."""
+"""s: length of a window, distance of windows, and block that a jackknife leaves out (a twelfth of a short run)."""
 CORRELATION = 0.9
 """A displacement or turn that correlates less with the integral of the velocities is a fault of the data."""
 MOVED, TURNED = 0.3, 0.03
@@ -69,7 +68,7 @@ class Kinematics:
 
     @property
     def found(self) -> tuple[Reading, ...]:
-        """Pooled readings worth a word: found, or found in some runs."""
+        """Pooled readings to report: found, or found in some runs."""
         return tuple(r for r in self.pooled.readings if r.verdict in ("found", "some runs"))
 
     def effects(self) -> dict[str, dict[str, tuple[float, float]]]:
@@ -82,22 +81,22 @@ class Kinematics:
 
 
 def consistency(trials: Sequence[Trial], ship: Ship) -> Kinematics:
-    """The kinematic consistency of trials of a ship, run by run and pooled over those without a fault of the data."""
+    """Kinematic consistency of ``trials`` of a ``ship``, by run and pooled over runs without a fault of the data."""
     k = time_scale(ship.particulars["L"])
     logs = [_Log(trial, k) for trial in trials]
     readings, frame, known = _readings([log for log in logs if not log.faults()], k)
     runs = tuple(
         Consistency(log.name, *_readings([log], k, known)[:2], log.track, log.turn, log.faults()) for log in logs
     )
-    sound = [run for run in runs if not run.faults]
+    good = [run for run in runs if not run.faults]
     clear = {r.symbol for r in readings if r.verdict == "found"}
-    pooled = [pooled_with(r, [(run.name, run[r.symbol]) for run in sound], clear) for r in readings]
-    warnings = [f"{run.name}: {said}" for run in runs for said in run.faults]
+    pooled = [pooled_with(r, [(run.name, run[r.symbol]) for run in good], clear) for r in readings]
+    warnings = [f"{run.name}: {fault}" for run in runs for fault in run.faults]
     bare = [log.name for log, trial in zip(logs, trials, strict=True) if not trial.has_position]
     if bare:
         what = "u and v cannot be checked (lag, gain, offset, lever arm), only r against psi"
         warnings.append(f"{', '.join(bare)}: no positions, so {what}")
-    every = np.array([[run.track, run.turn] for run in sound]).reshape(-1, 2)
+    every = np.array([[run.track, run.turn] for run in good]).reshape(-1, 2)
     track, turn = (float(np.median(c[np.isfinite(c)])) if np.isfinite(c).any() else math.nan for c in every.T)
     return Kinematics(runs, Consistency("all runs", tuple(pooled), frame, track, turn), (*warnings, UNSEEN))
 
@@ -203,7 +202,7 @@ def _solved(
 
 
 def _judged(found: Fit | None, of: Sequence[Quantity], k: float) -> list[Reading]:
-    """Readings of a fit, without a word on single runs."""
+    """Readings of a fit of all runs."""
     if found is None:
         return [reading(q, math.nan, math.nan, "not checked") for q in of]
     out = []

@@ -59,9 +59,9 @@ def case(noise: NoiseModel = NOISE) -> tuple[LinearSystem, LinearModel]:
 
 
 def dense(s: LinearSystem, w: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of one window: C (states at all times stacked, from start and random changes), its covariance, and rows seen.
+    """Of one window: C (states at all times stacked, from start and random changes), its covariance, and rows observed.
 
-    Returns (covariance of all states, Z of all samples seen, R of them), states of K + 1 times stacked.
+    Returns (covariance of all states, Z of all samples observed, R of them), states of K + 1 times stacked.
     """
     count, n = len(s.T) + 1, s.T.shape[2]
     phi = np.zeros((count * n, count * n))  # from (start, changes) to the states
@@ -78,8 +78,8 @@ def dense(s: LinearSystem, w: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     Z = np.zeros((count * 6, count * n))
     for k in range(count):
         Z[k * 6 : (k + 1) * 6, k * n : (k + 1) * n] = s.Z[k, w]
-    seen = s.good[:, w].reshape(-1)
-    return phi @ inner @ phi.T, Z[seen], np.tile(s.R, count)[seen]
+    observed = s.good[:, w].reshape(-1)
+    return phi @ inner @ phi.T, Z[observed], np.tile(s.R, count)[observed]
 
 
 def column(seed: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -101,14 +101,14 @@ def propagated(s: LinearSystem, forcing: np.ndarray, start: np.ndarray, w: int) 
 def test_whitened_sum_of_squares_and_log_det_are_those_of_the_dense_covariance(coloured: bool) -> None:
     s, _ = case(NOISE if coloured else NOISE.with_(coloured=np.zeros(6)))
     n = s.T.shape[2]
-    forcing, seen, start = column()
+    forcing, observed, start = column()
     forcing, start = forcing[:, :, :n], start[:, :n]
     f = filtered(s)
-    white, _ = responses(s, f, forcing, seen, start)
+    white, _ = responses(s, f, forcing, observed, start)
     for w in range(R):
         P, Z, noise = dense(s, w)
         sigma = Z @ P @ Z.T + np.diag(noise)
-        residual = Z @ propagated(s, forcing, start, w) + seen[:, w, :, 0].reshape(-1)[s.good[:, w].reshape(-1)]
+        residual = Z @ propagated(s, forcing, start, w) + observed[:, w, :, 0].reshape(-1)[s.good[:, w].reshape(-1)]
         assert (white[:, w] ** 2).sum() == pytest.approx(residual @ np.linalg.solve(sigma, residual), rel=1e-8)
         assert f.log_det[w] == pytest.approx(np.linalg.slogdet(sigma)[1], rel=1e-8)
         assert not white[:, w][~s.good[:, w]].any()
@@ -139,15 +139,15 @@ def test_smoothed_states_are_the_conditional_means() -> None:
     """The column is (defect, -residual): the states that it leaves are the mean given that it is nought."""
     s, _ = case()
     f = filtered(s)
-    forcing, seen, start = column()
-    white, states = responses(s, f, forcing, seen, start)
+    forcing, observed, start = column()
+    white, states = responses(s, f, forcing, observed, start)
     mean, r, u = smoothed(s, f, white[..., 0], states[..., 0])
     n = s.T.shape[2]
     for w in range(R):
         P, Z, noise = dense(s, w)
         prior = propagated(s, forcing, start, w)
         sigma = Z @ P @ Z.T + np.diag(noise)
-        residual = Z @ prior + seen[:, w, :, 0].reshape(-1)[s.good[:, w].reshape(-1)]
+        residual = Z @ prior + observed[:, w, :, 0].reshape(-1)[s.good[:, w].reshape(-1)]
         expected = (prior - P @ Z.T @ np.linalg.solve(sigma, residual)).reshape(K + 1, n)
         np.testing.assert_allclose(mean[:, w], expected, rtol=1e-6, atol=1e-9)
         # u is Sigma^-1 times minus the residual, so white errors are estimated as R u
@@ -163,14 +163,14 @@ def test_smoothed_states_are_the_conditional_means() -> None:
 
 def test_padding_behind_a_window_changes_nothing() -> None:
     s, _ = case()
-    forcing, seen, start = column()
+    forcing, observed, start = column()
     f = filtered(s)
-    white, states = responses(s, f, forcing, seen, start)
+    white, states = responses(s, f, forcing, observed, start)
     mean, _, _ = smoothed(s, f, white[..., 0], states[..., 0])
     k = STEPS[1]
     short = LinearSystem(s.T[:k, 1:], s.Z[: k + 1, 1:], s.Q, s.R, s.first[1:], s.good[: k + 1, 1:], s.inside[:k, 1:])
     g = filtered(short)
-    white_short, states_short = responses(short, g, forcing[:k, 1:], seen[: k + 1, 1:], start[1:])
+    white_short, states_short = responses(short, g, forcing[:k, 1:], observed[: k + 1, 1:], start[1:])
     mean_short, _, _ = smoothed(short, g, white_short[..., 0], states_short[..., 0])
     assert g.log_det[0] == pytest.approx(f.log_det[1], rel=1e-12)
     np.testing.assert_allclose(white_short[:, 0], white[: k + 1, 1], rtol=1e-10)
