@@ -2,8 +2,8 @@
 
 Runs are left out in turn (all of them one by one, or in folds); the ship fitted on the rest is judged by 30 s windows
 of the runs left out. Choices are made one after the other (greedily), each from where the last one left off. A
-candidate replaces the present choice only if it is better by LEAST and by more than one standard error of the
-difference over runs: an ever finer choice among nearly equal models would fit the cross-validation itself.
+candidate replaces the present choice only if it is better by LEAST_GAIN and by more than one standard error of the
+difference over runs: a choice among nearly equal models would only fit the noise of the cross-validation.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from mmg.progress import LOGGER, OnProgress, Progress
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 
-LEAST = 0.005
+LEAST_GAIN = 0.005
 """Share by which a candidate must lower the score."""
 INSTRUMENTS = (("velocity_lag",), ("velocity_lag", "gyro"))
 """Measurement models that are tried beside none."""
@@ -38,8 +38,8 @@ MANAGED = ("velocity_lag", "gyro")
 WIDTHS = (0.5, 2.0)
 """Factors on the standard deviations of the priors that are tried beside 1."""
 STEPS = (30, 50, 200)
-"""Window lengths [steps] that are tried beside the one asked for."""
-DECIDED = 0.9
+"""Window lengths [steps] that are tried beside the given one."""
+PRIOR_SHARE = 0.9
 """Prior's share of the variance from which a coefficient counts as decided by its prior."""
 
 
@@ -101,7 +101,7 @@ class Fold:
     """One fit of a candidate, complete enough for another process.
 
     out: numbers of the trials left out; warm: coefficients to start from; deadline: time (``time.time``) from which it
-    is not begun any more.
+    is not started any more.
     """
 
     ship: Ship
@@ -234,7 +234,7 @@ class Selector:
             return present
         rows = self.cross_validate(varied, fresh, present)
         base = weighted_mean(self.scores[present][:, 0], self.scores[present][:, 2])
-        good = [r for r in rows if r.difference < -max(LEAST * base, r.error) and r.converged == r.folds]
+        good = [r for r in rows if r.difference < -max(LEAST_GAIN * base, r.error) and r.converged == r.folds]
         best = min(good, key=lambda r: r.window) if good else None
         self.table += [replace(r, taken=r is best) for r in rows]
         for r in rows:
@@ -287,7 +287,7 @@ def select(
     now = selector.decide("prior width", [replace(now, width=w) for w in WIDTHS], now)
     losses = [name for name in ("gaussian", "student") if name != now.loss]
     now = selector.decide("loss", [replace(now, loss=name) for name in losses], now)
-    held = _decided(selector, now)
+    held = _held_by_prior(selector, now)
     if held:
         now = selector.decide("free coefficients", [replace(now, held=held)], now)
     notices = [Message(f"chosen by cross-validation over runs: {now.words()}", "model_chosen")]
@@ -302,11 +302,11 @@ def select(
     )
 
 
-def _decided(selector: Selector, now: Choice) -> tuple[str, ...]:
+def _held_by_prior(selector: Selector, now: Choice) -> tuple[str, ...]:
     """Coefficients that the prior decides when all are free."""
     if selector.time_left <= 0:
         return ()
     fold = selector.fold(now, ())
     found: Calibration = estimate_coefficients(fold.ship, fold.trials, fold.settings, captive=fold.captive)
     share = np.diag(found.covariance)
-    return tuple(s for s, value in zip(found.prior.symbols, share, strict=True) if value > DECIDED)
+    return tuple(s for s, value in zip(found.prior.symbols, share, strict=True) if value > PRIOR_SHARE)

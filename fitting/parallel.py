@@ -1,4 +1,4 @@
-"""Independent tasks handed to an executor: inline, or spread over processes. Nothing else knows about parallelism.
+"""Independent tasks handed to an executor: inline, or spread over processes. All use of processes is here.
 
 Ctrl-C reaches all processes of a terminal. The children hold it back (``held_back``) except where they note it
 (``fitting.interrupts.Interrupts``), so that none of them dies while it imports and none leaves a traceback.
@@ -50,7 +50,7 @@ def run_all(
 
 @contextmanager
 def held_back() -> Iterator[None]:
-    """Ctrl-C waits until the end of this, and for ever in processes begun meanwhile, which inherit the signal mask."""
+    """Ctrl-C waits until the end of this, and for good in processes started meanwhile (they inherit the mask)."""
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield
         return

@@ -123,7 +123,7 @@ class CaptiveForces:
 
     @staticmethod
     def _arrays(model: Model, points: Captive) -> tuple[np.ndarray, np.ndarray]:
-        """Motion (3, M) and inputs (C, M) of the model: in still air as seen from the ship, at time 0."""
+        """Motion (3, M) and inputs (C, M) of the model: at rest relative to the air, at time 0."""
         M = len(points)
         rows = {"wind_north": points.motion[0], "wind_east": points.motion[1], "time": np.zeros(M)}
         controls = []
@@ -171,7 +171,7 @@ class CaptiveForces:
 
 @dataclass(frozen=True)
 class CaptiveEstimate:
-    """What captive points and a prior say without any trial: p and covariance in prior standard deviations."""
+    """Estimate from captive points and a prior without any trial: p and covariance in prior standard deviations."""
 
     p: np.ndarray
     covariance: np.ndarray

@@ -1,11 +1,11 @@
-"""What each window says about the coefficients: Fisher information and score with its states eliminated.
+"""Fisher information and score of the coefficients from each window, its states eliminated.
 
-Windows are independent given the coefficients p. Over one window the cost of the node states is minimised from the
-last node backwards (dynamic programming on the linearised problem, Bellman 1957): what remains at a node is a quadratic
-in the state there and p, pulled through each shooting interval by its sensitivities. A latent process may jump at every
-node for a price: minimising over the jump adds its variance, as the prediction of an information filter does. The
-result is the Schur complement of the window's Gauss-Newton KKT matrix and, at a solution, by the envelope theorem the
-exact gradient of the window's profiled cost.
+Windows are independent given the coefficients p. Over one window the cost is minimised over the node states from the
+last node backwards (dynamic programming on the linearised problem, Bellman 1957). What remains at a node is a quadratic
+in the state there and p; the sensitivities of a shooting interval carry it from the interval's end to its start. A
+latent process may jump at every node at a cost: minimising over the jump adds its variance, as the prediction of an
+information filter does. The result is the Schur complement of the window's Gauss-Newton KKT matrix and, at a solution,
+by the envelope theorem the exact gradient of the window's profiled cost.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ class Information:
     """Of scaled coefficients p, by window: of the cost profiled over node states.
 
     fisher: (W, P, P); score: (W, P) gradient of the cost (minus the log likelihood); p: (P,) where it was taken; run:
-    (W,) number of the run of each window; symbols: of the coefficients. known: (P, P) information from elsewhere, the
-    prior (the identity) and captive tests; pull: (P,) its score. owner: (P,) run of a constant of one run, -1 of what
+    (W,) number of the run of each window; symbols: of the coefficients. prior_information: (P, P) of the prior (the
+    identity) and of captive tests; prior_score: (P,) of the same. owner: (P,) run of a constant of one run, -1 of what
     all share; None if all share all.
     """
 
@@ -53,7 +53,7 @@ class Information:
         return replace(self, fisher=fisher, score=score, run=runs)
 
     def shared(self) -> Information:
-        """What each run says about the shared coefficients, its own constants being unknown up to their prior.
+        """Information of each run on the shared coefficients, its own constants eliminated under their prior.
 
         One row per run, or this itself if all coefficients are shared.
         """
@@ -105,7 +105,9 @@ def information(problem: Problem, x: np.ndarray) -> Information:
     window = np.arange(len(seg.run))[:, None]
     fisher[window[:, :, None], at[:, :, None], at[:, None, :]] = 0.5 * (local + np.swapaxes(local, 1, 2))
     score[window, at] = v[:, S:] - across[:, :, L]
-    return Information(fisher, score, p, seg.run.copy(), problem.prior.symbols, *_known(problem, p), columns.owner)
+    return Information(
+        fisher, score, p, seg.run.copy(), problem.prior.symbols, *_prior_parts(problem, p), columns.owner
+    )
 
 
 def intervals_by_level(seg: Segments) -> list[np.ndarray]:
@@ -119,8 +121,8 @@ def intervals_by_level(seg: Segments) -> list[np.ndarray]:
 
 @dataclass(frozen=True)
 class Quadratics:
-    """What the windows' cost is made of at x, in scaled (state, p): of the samples inside each interval and of those at
-    each node, (M or B, S + L, S + L), and the map of each interval from its start to its end."""
+    """Parts of the windows' cost at x, in scaled (state, p): quadratics of the samples inside each interval and at each
+    node, (M or B, S + L, S + L), and the map of each interval from its start to its end."""
 
     inside: np.ndarray
     nodes: np.ndarray
@@ -132,15 +134,15 @@ class Quadratics:
         return cls(_inside(problem, x)[0], nodes, _transitions(problem, x)[0](np.arange(problem.M)))
 
 
-def _known(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _prior_parts(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Information and score of the prior and of captive tests."""
-    known, pull = np.eye(problem.P), p.copy()
+    information, score = np.eye(problem.P), p.copy()
     if problem.captive:
         shared = slice(problem.columns.shared)
         std, theta = problem.prior.std[shared], problem.captive_coefficients(p)
-        known[shared, shared] += np.outer(std, std) * problem.captive.information(theta)
-        pull[shared] += std * problem.captive.gradient(theta)
-    return known, pull
+        information[shared, shared] += np.outer(std, std) * problem.captive.information(theta)
+        score[shared] += std * problem.captive.gradient(theta)
+    return information, score
 
 
 def _unit(problem: Problem, group: np.ndarray) -> np.ndarray:

@@ -1,11 +1,10 @@
-"""What a residual costs: its square, or less than that once it is too large to be noise.
+"""Cost of a residual: its square, or less than that once it is too large to be noise.
 
 With s = e^2 / sigma^2 of one sample in one channel the objective sums 1/2 phi(s). ``gaussian``: phi = s. ``huber``: the
 pseudo-Huber function phi = 2 a (sqrt(1 + s / a) - 1), convex, growing like |e| beyond sqrt(a) sigma (Charbonnier et al.
-1997). ``student``: phi = (a + 1/tau) log(1 + s / a), Student's t with nu degrees of freedom (Lange et al. 1989), for
-which a gross outlier has no pull at all. sigma is the effective one, rms sqrt(tau)
-(fitting/solvers/residual_noise.py), while a spike
-stands out against the rms: a = threshold^2 / tau (huber), nu / tau (student).
+1997). ``student``: phi = (a + 1/tau) log(1 + s / a), Student's t with nu degrees of freedom (Lange et al. 1989), on
+which a gross outlier has no influence. sigma is the effective one, rms sqrt(tau) (fitting/solvers/residual_noise.py),
+but an outlier is one relative to the rms: a = threshold^2 / tau (huber), nu / tau (student).
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ NU = 4.0
 
 @dataclass(frozen=True)
 class Loss:
-    """Cost of residuals by channel. name: one of LOSSES; tau: (6,) samples that residuals of a channel remember.
+    """Cost of residuals by channel. name: one of LOSSES; tau: (6,) correlation times of residuals [samples].
 
     Arrays e (residuals) and w (1 / sigma^2, 0 where nothing was measured) have the channels on axis 1: (B, 6) or
     (K - 1, 6, M).
@@ -41,7 +40,7 @@ class Loss:
         return self.name != "gaussian"
 
     def with_tau(self, tau: np.ndarray) -> Loss:
-        """The same loss for residuals of another memory (6,)."""
+        """The same loss for residuals of other correlation times ``tau`` (6,) [samples]."""
         return replace(self, tau=np.asarray(tau, dtype=float))
 
     def _over(self, e: np.ndarray, value: float) -> np.ndarray:
@@ -67,7 +66,7 @@ class Loss:
         return w
 
     def second_derivative(self, w: np.ndarray, e: np.ndarray) -> np.ndarray:
-        """Second derivative of 1/2 phi with respect to e; ``student`` bends down beyond sqrt(a)."""
+        """Second derivative of 1/2 phi with respect to e; negative for ``student`` beyond sqrt(a)."""
         if self.name == "huber":
             return w * (1 + w * e * e / self._over(e, THRESHOLD**2)) ** -1.5
         if self.name == "student":

@@ -31,7 +31,7 @@ from mmg.ship import Ship
 class Problem:
     """The nonlinear program over the intervals of ``segments``.
 
-    sigma: (6,) standard deviation of the residual of each state channel; loss: what residuals cost; captive: forces of
+    sigma: (6,) standard deviation of the residual of each state channel; loss: cost of residuals; captive: forces of
     captive tests as further residuals. All evaluations cache on x.
     """
 
@@ -248,12 +248,12 @@ class Problem:
         if self.captive:
             shared[0, : columns.shared, : columns.shared] += factor * self.captive.hessian(self.captive_coefficients(p))
         e = self.errors(x)[0]
-        bend = self.loss.second_derivative(self.node_weight, e)
+        second = self.loss.second_derivative(self.node_weight, e)
         if self.kernels.measurement.identity:
-            nodes[:, np.arange(6), np.arange(6)] += factor * bend
+            nodes[:, np.arange(6), np.arange(6)] += factor * second
         else:
             H = factor * self._measurement_hessian(
-                at_nodes, bend, self.loss.weight(self.node_weight, e) * e, self._theta(p)[0]
+                at_nodes, second, self.loss.weight(self.node_weight, e) * e, self._theta(p)[0]
             )
             own = self.kernels.measurement.own
             nodes[:, :, :S] += H[:, :S, :S]
@@ -294,7 +294,7 @@ class Problem:
         return SampleCost(pull, weight, full, own)
 
     def weights_at(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """1 / sigma^2 of the samples at the nodes (B, 6) and inside (K - 1, 6, M), less for what the loss holds off."""
+        """1 / sigma^2 of the samples at the nodes (B, 6) and inside (K - 1, 6, M), reduced by a robust loss."""
         e, ei = self.errors(x)
         return self.loss.weight(self.node_weight, e), self.loss.weight(self.weight, ei)
 
@@ -306,7 +306,7 @@ class Problem:
         return np.vstack([at_nodes, np.moveaxis(inside, 1, 2).reshape(-1, 6)])
 
     def with_sigma(self, sigma: np.ndarray, tau: np.ndarray | None = None) -> Problem:
-        """The same problem with other noise levels; tau: (6,) memory of the residuals [samples], for the loss."""
+        """The same problem with other noise levels; tau: (6,) correlation times of residuals [samples]."""
         return self._again(sigma=sigma, loss=self.loss if tau is None else self.loss.with_tau(tau))
 
     def with_ship(self, ship: Ship) -> Problem:

@@ -170,7 +170,7 @@ class RunConstants:
     def table(self) -> list[str]:
         """Lines for a person: a head, then a row per run."""
         names = [f"{s} [{unit}]" if unit else s for s, unit in zip(self.symbols, self.units, strict=True)]
-        wide = max(len("run"), *(len(run) for run in self.runs))
+        width = max(len("run"), *(len(run) for run in self.runs))
         cells = [
             [f"{v:.4g} +- {s:.2g}" for v, s in zip(*pair, strict=True)]
             for pair in zip(self.value, self.std, strict=True)
@@ -178,7 +178,7 @@ class RunConstants:
         size = [max(len(name), *(len(row[q]) for row in cells)) for q, name in enumerate(names)]
         lines = [("run", names), *zip(self.runs, cells, strict=True)]
         return [
-            "  ".join([name.ljust(wide), *(cell.ljust(w) for cell, w in zip(row, size, strict=True))]).rstrip()
+            "  ".join([name.ljust(width), *(cell.ljust(w) for cell, w in zip(row, size, strict=True))]).rstrip()
             for name, row in lines
         ]
 

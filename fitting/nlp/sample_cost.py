@@ -1,4 +1,4 @@
-"""Derivatives of what the samples inside shooting intervals cost, as a sweep through the intervals takes them."""
+"""Derivatives of the cost of the samples inside shooting intervals, for a sweep through the intervals."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class SampleCost:
         return SampleCost(self.pull[:, :, s], self.weight[:, :, s], full, self.own)
 
     def add(self, k: int, m: int, S: np.ndarray, nodes: np.ndarray, shared: np.ndarray) -> None:
-        """Adds the cost's curvature after step k, seen from the start nodes, for sensitivities S (m, S, S + P)."""
+        """Adds the cost's Hessian after step k with respect to the start nodes, for sensitivities S (m, S, S + P)."""
         size, P = S.shape[1], S.shape[2] - S.shape[1]
         if self.full is None:
             WS = self.weight[k, :, :m].T[:, :, None] * S
@@ -38,7 +38,7 @@ class SampleCost:
         through = np.zeros((m, size + extra, size + P))
         through[:, :size] = S
         through[:, np.arange(size, size + extra), size + self.own] = 1.0
-        bent = self.full[k, :m] @ through
-        nodes[:m] += np.swapaxes(through[:, :, :size], 1, 2) @ bent
+        curved = self.full[k, :m] @ through
+        nodes[:m] += np.swapaxes(through[:, :, :size], 1, 2) @ curved
         rows = through[:, :, size:].reshape(-1, P)
-        shared += rows.T @ bent[:, :, size:].reshape(-1, P)
+        shared += rows.T @ curved[:, :, size:].reshape(-1, P)

@@ -1,10 +1,10 @@
-"""What the past of a run tells about its future: a slowly varying current, and what the ship remembers.
+"""Adaptation of a forecast to the past of its run: a slowly varying current, and the memory of the ship.
 
 The seconds before a window are cut into short restarts from the measured state. Their errors, younger ones counting
 more, are explained by a current with a Gaussian prior: one Gauss-Newton step, all windows and both directions in one
-batch. In the forecast the current fades, as what is not explained does not last (shared measurements: estimates 30 s
-apart hardly correlate). Remembered states (lags, filters) start where the last restart left them, relative to settled.
-Rows from a window's start on are never read.
+batch. In the forecast the current decays: on shared measurements, estimates 30 s apart hardly correlate. States of
+lags and filters start at their values at the end of the last restart, relative to settled. Rows from a window's start
+on are never read.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from mmg.rollout import Simulator
 from mmg.ship import Ship
 
 RESTART, FORGET, DECAY = 10.0, 15.0, 45.0
-"""Seconds: length of a restart, time in which an error's weight falls to 1/e^2, time in which the current fades."""
+"""Seconds: length of a restart, time in which an error's weight falls to 1/e^2, decay time of the current."""
 SIZE = 0.02
 """Prior standard deviation of the current [m/s]."""
 ERRORS = (0.06, 0.04, 0.017, 0.011, 0.0066, 0.003)
@@ -126,7 +126,7 @@ def _adapt(simulator: Simulator, windows: Sequence[Stretch], a: Adaptation) -> t
     probed = WindowBatch(np.tile(batch.steps, 3), np.tile(batch.inputs, 3), np.tile(batch.logged, 3))
     probe = np.zeros((2, 3, K))
     probe[0, 1] = probe[1, 2] = 0.5 * a.size
-    # within a restart the current hardly fades: its age is counted in the weights
+    # within a restart the current hardly decays: its age is counted in the weights
     out, states = rollout(simulator, probed, FadingCurrent(probe.reshape(2, -1), 1e3 * a.decay))
     information, gradient = np.zeros((M, 2, 2)), np.zeros((M, 2))
     for k, piece in enumerate(pieces):

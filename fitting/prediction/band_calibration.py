@@ -1,4 +1,4 @@
-"""What a calibration knows about its own forecasts: whether adaptation pays, and the process behind the bands."""
+"""Prediction bands and the benefit of adaptation, calibrated on the errors of a calibrated ship."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from mmg.motion.froude import time_scale
 from mmg.rollout import Simulator
 
 LENGTH, STRIDE, EVERY = 100.0, 15.0, 2.0
-"""Seconds of a 3 m model: windows whose errors are looked at, between their starts, between the rows that count."""
+"""Seconds of a 3 m model: length of windows whose errors are used, between their starts, between counted rows."""
 MEMORIES, DECAYS = (1.0, 3.0, 10.0), (5.0, 15.0, 50.0, 200.0)
 """Times tried [s of a 3 m model]."""
 EARLY, HORIZON = 2.0, 60.0

@@ -1,8 +1,8 @@
-"""How far a prediction may be off: standard deviations of its six states, growing with the time since the start.
+"""Standard deviations of the six predicted states, growing with the time since the start.
 
-Three parts. The process: accelerations that no model explains, of some seconds' memory (Ornstein-Uhlenbeck) and of a
-size that grows with speed and turning, drive errors of u, v, r that themselves die away; heading and position follow
-by kinematics along the predicted track. Its sizes and times are the most likely ones for the errors of the training
+Three parts. The process: accelerations that no model explains, correlated over some seconds (Ornstein-Uhlenbeck) and
+of a size that grows with speed and turning, drive errors of u, v, r that decay; heading and position follow by
+kinematics along the predicted track. Its sizes and times are the most likely ones for the errors of the training
 windows, and a factor per state makes 90 % of those fall into the 90 % band. The coefficients: draws from their
 covariance, simulated. The measurement: noise of the start and of the sample compared with.
 """
@@ -22,8 +22,7 @@ from mmg.ship import Ship
 from mmg.states import STATES
 
 DRAWS, SHRINK = 16, 0.3
-"""Draws of the coefficients, and the factor by which they are moved less, and their effect multiplied, to stay linear.
-"""
+"""Draws of the coefficients, and the factor by which they are shrunk, their effect rescaled, to stay linear."""
 COARSE = 0.5
 """Step of the covariance in seconds of a 3 m model."""
 
@@ -32,7 +31,7 @@ COARSE = 0.5
 class Process:
     """Unexplained accelerations of u, v [m/s^2] and r [rad/s^2] and what follows from them.
 
-    memory, decay: (3,) seconds by which the accelerations, and the velocity errors, die away. size: (3, 3) standard
+    memory, decay: (3,) decay times [s] of the accelerations, and of the velocity errors. size: (3, 3) standard
     deviation of each acceleration: a constant part, one per U^2 / L, one per U |r| (r: each over L).
     noise: (6,) of the samples; factor: (6,) by which the process part of each state is multiplied, adapted: the same
     for predictions that use the past of a window (fitting.prediction.adaptation).
@@ -209,7 +208,7 @@ def kinematic_map(states: np.ndarray, dt: np.ndarray) -> np.ndarray:
 
 
 def process_dict(p: Process) -> dict[str, Any]:
-    """A process ``p`` as it stands in result.json under "bands"."""
+    """A process ``p`` as plain values, which result.json holds under "bands"."""
     return {
         "acceleration_memory_s": dict(zip("uvr", p.memory.tolist(), strict=True)),
         "error_decay_s": dict(zip("uvr", p.decay.tolist(), strict=True)),

@@ -175,7 +175,7 @@ def wrapped_error(predicted: np.ndarray, measured: np.ndarray) -> np.ndarray:
 def _squares(trial: Trial, windows: Sequence[Window], whole: bool) -> tuple[np.ndarray, int]:
     """Sum of squared errors by state (6,) and number of rows counted.
 
-    ``whole`` (restarts): a window's first row counts with error 0, and the row at which the next window starts is its.
+    ``whole`` (restarts): a window's first row counts with error 0; the row shared with the next window counts there.
     Otherwise the first row of each window is left out.
     """
     measured, total, rows = trial.states, np.zeros(6), 0

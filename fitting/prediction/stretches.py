@@ -44,7 +44,7 @@ class Stretch:
 
 @dataclass(frozen=True)
 class FadingCurrent:
-    """A uniform current over ground that fades: velocity (2, M) north and east [m/s] at the first row, decay [s]."""
+    """A uniform current over ground that decays: velocity (2, M) north and east [m/s] at the first row, decay [s]."""
 
     velocity: np.ndarray
     decay: float
@@ -87,7 +87,7 @@ def rollout(
     """Logged columns (N + 1, 6, M) and states (N + 1, S, M) of a ``batch``, from its logged start, by ``simulator``.
 
     water: computed in the frame that moves with it: velocities and air are relative to it, the way it has gone is added
-    to the positions, and a fading current accelerates nothing (relative-velocity formulation, Fossen 2021). Forces that
+    to the positions, and its decay accelerates nothing (relative-velocity formulation, Fossen 2021). Forces that
     depend on the place (bank, shelf) see the position without that way, a few decimetres. offset: (S - 6, M) what the
     remembered states start from beyond their settled values; method: "rk4" or "euler".
     """

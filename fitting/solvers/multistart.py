@@ -1,4 +1,4 @@
-"""Several starts of the final solve, restarts with damping, and words on starts that disagree."""
+"""Several starts of the final solve, restarts with damping, and messages on starts that disagree."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ STUCK = {
     "Search_Direction_Becomes_Too_Small",
     "Not_Enough_Degrees_Of_Freedom",
 }
-"""Ends of a solve after which another way to the optimum is tried; limits and Ctrl-C are not among them."""
+"""Status of a solve after which a damped restart is tried; limits and Ctrl-C are not among them."""
 RADII = (0.3, 1.0, 3.0)
-"""Of a damped restart: prior standard deviations that the coefficients may move in each of its solves."""
+"""Prior standard deviations by which the coefficients may change in each solve of a damped restart."""
 
 
 def time_left(settings: Settings, began: float) -> float | None:
@@ -61,7 +61,7 @@ def same_optimum(objective: float, best: float) -> bool:
 def solve_damped(
     problem: Problem, p: np.ndarray, settings: Settings, began: float, progress: OnProgress | None = None
 ) -> Solution:
-    """Solution of ``problem`` from coefficients p (P,) with nodes on the measurements, the coefficients let go in
+    """Solution of ``problem`` from coefficients p (P,) with nodes on the measurements, the coefficients released in
     steps.
 
     Each rough solve holds them within RADII prior standard deviations of where they came to; the last one is free.
@@ -158,12 +158,12 @@ def solve_starts(
     p = problem.split(best.x)[1]
     starts = []
     for i, s in enumerate(solutions):
-        away = problem.split(s.x)[1] - p
+        difference = problem.split(s.x)[1] - p
         apart = {}
         if not same_optimum(s.objective, best.objective):
-            order = np.argsort(-np.abs(away))[:3]
-            apart = {problem.prior.symbols[j]: float(away[j]) for j in order if abs(away[j]) > 0.1}
-        starts.append(Start(i, s.objective, s.converged, float(np.abs(away).max()), i in again, apart))
+            order = np.argsort(-np.abs(difference))[:3]
+            apart = {problem.prior.symbols[j]: float(difference[j]) for j in order if abs(difference[j]) > 0.1}
+        starts.append(Start(i, s.objective, s.converged, float(np.abs(difference).max()), i in again, apart))
     return best, starts
 
 

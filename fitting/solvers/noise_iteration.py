@@ -33,8 +33,8 @@ def solve_with_noise_estimation(
 
     problem, x (n,): where to start; settings, began [s], progress: as of ``multistart.solve_in_time``. The first rough
     solve has at most FEW_WINDOWS windows, evenly spread; the estimate of each solve starts the next. One that gets
-    stuck is repeated with damping. With a robust loss the rough solves use Student's t, which lets go of gross outliers
-    at once. Returns the last problem, its solution, the noise of its residuals, and a row on each solve.
+    stuck is repeated with damping. With a robust loss the rough solves use Student's t, which gives gross outliers no
+    weight. Returns the last problem, its solution, the noise of its residuals, and a row on each solve.
     """
     passes: list[dict] = []
     axes = free_axes(problem.ship)

@@ -1,6 +1,6 @@
-"""How noisy the residuals of a fit are, and how long they remember: the weights of the next pass.
+"""Size and correlation time of the residuals of a fit: the weights of the next solve.
 
-Residuals of a real ship are not white: a gust or an unmodelled effect keeps a trajectory off for many seconds, so a
+Residuals of a real ship are not white: a gust or an unmodelled effect displaces a trajectory for many seconds, so a
 1 Hz record of 1000 s holds far fewer than 1000 independent errors. Each channel therefore gets an effective standard
 deviation rms sqrt(tau), tau the integrated autocorrelation time in samples (at least 1): the likelihood then counts
 the effective number of samples, and white noise (tau = 1) is weighted as usual.
@@ -72,7 +72,7 @@ def estimate_noise(
 ) -> ResidualNoise:
     """Noise of each channel from the residuals of a fit over ``segments``.
 
-    node_residuals: (B, 6); interior: (K - 1, 6, M); floor: (6,) least rms believed; robust: leave out residuals beyond
+    node_residuals: (B, 6); interior: (K - 1, 6, M); floor: (6,) smallest rms; robust: leave out residuals beyond
     four robust standard deviations. One degree of freedom per window and channel is given to the free initial states. A
     channel that is nowhere measured keeps rms = floor, tau = 1.
     """

@@ -1,9 +1,9 @@
-"""What becomes of the estimate when runs are left out or drawn anew: leave-one-run-out and the bootstrap by run.
+"""Estimates with runs left out or drawn anew: leave-one-run-out and the bootstrap by run.
 
 Runs are resampled, never samples: residuals of one run belong together (block bootstrap, Kuensch 1989; by cluster,
 Cameron, Gelbach & Miller 2008). Each replicate also draws the prior's centres anew from the prior, so that the spread
-holds what the prior is unsure of; without that, a coefficient that no run excites would look known. A replicate is one
-Gauss-Newton step on the stored informations (milliseconds), or a refit from the estimate, spread over processes.
+includes the uncertainty of the prior; without that, a coefficient that no run excites would look certain. A replicate
+is one Gauss-Newton step on the stored informations (milliseconds), or a refit from the estimate, spread over processes.
 """
 
 from __future__ import annotations
@@ -121,7 +121,7 @@ def _refit_one(problem: Problem, x: np.ndarray, counts: np.ndarray, shift: np.nd
     return part.split(s.x)[1] + shift, ""
 
 
-def _spread(problem: Problem, x: np.ndarray, counts: np.ndarray, shifts: np.ndarray, workers: int) -> list:
+def _refit_all(problem: Problem, x: np.ndarray, counts: np.ndarray, shifts: np.ndarray, workers: int) -> list:
     chunks = max(1, min(len(counts), CHUNKS * workers if workers > 1 else 1))
     data = ProblemData.of(problem)
     tasks = [Refits(data, x, counts[i], shifts[i]) for i in np.array_split(np.arange(len(counts)), chunks)]
@@ -149,7 +149,7 @@ def leave_one_run_out(
         return Replicates(info.p + changes_without_each(by_run), labels, (), "step")
     counts = np.array([info.run != r for r in by_run.run], dtype=int)
     shifts = np.zeros((len(counts), len(info.p)))
-    return _replicates(_spread(problem, x, counts, shifts, workers), labels)
+    return _replicates(_refit_all(problem, x, counts, shifts, workers), labels)
 
 
 def drawn_runs(run: np.ndarray, replicates: int, rng: np.random.Generator) -> np.ndarray:
@@ -181,7 +181,7 @@ def bootstrap(
     if problem is not None and x is not None:
         lower, upper = problem.p_bounds()
         inside = np.clip(shifts, lower, upper)  # a centre outside the bounds is no prior of this ship
-        return _replicates(_spread(problem, x, counts, inside, workers), labels)
+        return _replicates(_refit_all(problem, x, counts, inside, workers), labels)
     H = np.einsum("bw,wij->bij", counts.astype(float), info.fisher, optimize=True) + info.prior_information
     slope = counts @ info.score + info.prior_score - shifts
     return Replicates(info.p - np.linalg.solve(H, slope[:, :, None])[:, :, 0], labels, (), "step")

@@ -1,7 +1,7 @@
 """Profile likelihood: how much worse the fit becomes when one coefficient is held and all others adapt.
 
 The increase of the objective is divided by the dispersion of that coefficient (robust over model-based variance), so
-that its 95 % limit is 1.92 whatever the residuals remember (Pace, Salvan & Sartori 2011). A profile that stays below
+that its 95 % limit is 1.92 also for correlated residuals (Pace, Salvan & Sartori 2011). A profile that stays below
 the limit up to a bound says that the data and the prior leave the coefficient open on that side.
 """
 
@@ -49,7 +49,7 @@ class Profile:
 
 @dataclass(frozen=True)
 class ProfileSide:
-    """One side of a profile as a task: values of p[i] to hold in turn, walking away from the estimate."""
+    """One side of a profile as a task: values of p[i] to hold in turn, ever further from the estimate."""
 
     problem_data: ProblemData
     x: np.ndarray

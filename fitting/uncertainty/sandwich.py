@@ -1,14 +1,15 @@
 """Covariance of the coefficients that holds on autocorrelated residuals: cluster-robust, prior included.
 
-The estimate is off the truth by H^-1 (scores at the truth + prior's pull), H = sum of informations + I. The model-based
-covariance H^-1 believes that scores vary as the informations say. Here their variance is measured, from windows or
-runs as clusters (sandwich; White 1982, Liang & Zeger 1986), and the prior adds its own: V = H^-1 (J + I) H^-1
-(and captive tests theirs, by their stated accuracy).
+The error of the estimate is H^-1 (scores at the truth + score of the prior), H = sum of informations + I. The
+model-based covariance H^-1 assumes that scores vary as the informations say. Here their variance J is measured, from
+windows or runs as clusters (sandwich; White 1982, Liang & Zeger 1986), and the prior adds its own:
+V = H^-1 (J + I) H^-1 (captive tests add theirs, by their stated accuracy).
 
-Residual scores are too small, each cluster having pulled the estimate towards itself. Leaving a cluster out moves the
-estimate by (H - I_c)^-1 s_c, and these moves added up are the jackknife form CR3 of the sandwich (Bell & McCaffrey
-2002), which errs to the safe side. A variance from few clusters is itself uncertain: it is drawn towards the dispersion
-that all coefficients share (moderated variances, Smyth 2004) and widened by Student's t at its degrees of freedom.
+Scores at the estimate are too small, as the estimate was fitted to each cluster. Leaving a cluster out changes the
+estimate by (H - I_c)^-1 s_c, and the squares of these changes add up to the jackknife form CR3 of the sandwich (Bell &
+McCaffrey 2002), which errs to the safe side. A variance from few clusters is itself uncertain: it is shrunk towards the
+dispersion that all coefficients share (moderated variances, Smyth 2004) and widened by Student's t at its degrees of
+freedom.
 """
 
 from __future__ import annotations
@@ -20,12 +21,12 @@ from scipy.stats import t as student
 
 from fitting.nlp.fisher_information import Information
 
-BELIEF = 5.0
+SHARED_FREEDOM = 5.0
 """Degrees of freedom of the dispersion shared by all coefficients, against those of each coefficient's clusters."""
 RUNS_NEEDED = 10.0
 """Degrees of freedom at which clusters by run and by window count alike."""
 ENOUGH = 30.0
-"""Degrees of freedom below which a variance is not believed to be smaller than the model-based one."""
+"""Degrees of freedom below which a variance may not be smaller than the model-based one."""
 ABSORBED = 0.9
 """Prior's share of the model-based variance above which only the shared dispersion is used."""
 NORMAL = 1.959964
@@ -71,7 +72,7 @@ def robust(info: Information) -> Robust:
     """The robust covariance of an estimate from its windows' information and scores, ``info``.
 
     All NaN when they are not finite. With a single window there is nothing to measure: the model-based covariance
-    stands, and its one degree of freedom says so. A constant of one run has no other runs to be compared with: its
+    is returned with one degree of freedom. A constant of one run has no other runs to be compared with: its
     clusters are windows alone, and leaving its run out counts as no move.
     """
     P, windows, by_run = len(info.p), len(info.run), info.by_run()
@@ -102,11 +103,11 @@ def robust(info: Information) -> Robust:
     excited = np.diag(model) < ABSORBED
     dispersion = max(1.0, float((observed[excited] / by_model[excited]).mean())) if excited.any() else 1.0
     own = np.where(excited, freedom, 0.0)
-    variance = (BELIEF * dispersion * by_model + own * observed) / (BELIEF + own)
-    known = BELIEF + own
+    variance = (SHARED_FREEDOM * dispersion * by_model + own * observed) / (SHARED_FREEDOM + own)
+    known = SHARED_FREEDOM + own
     variance = np.where(known < ENOUGH, np.maximum(variance, by_model), variance)
     variance *= (student.ppf(0.975, known) / NORMAL) ** 2
-    share = BELIEF / (BELIEF + freedom.mean())
+    share = SHARED_FREEDOM / (SHARED_FREEDOM + freedom.mean())
     matrix = (1 - share) * total + share * dispersion * model @ (H - info.prior_information) @ model
     size = np.sqrt(np.maximum(variance, 0.0) / np.maximum(np.diag(matrix), 1e-300))
     noise = np.where(by_model[:, None] * by_model > 0, matrix * np.outer(size, size), 0.0)
