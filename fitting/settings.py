@@ -12,8 +12,9 @@ class Settings:
     window: length of a window [s], None: 100 steps; step: integration and sampling step [s], None: ``default_step``;
     interval: Runge-Kutta steps per shooting interval; passes: solves, the noise being re-estimated between them;
     starts: of the last solve, all but the first random; workers: processes over which further starts are spread;
-    tolerance, max_iterations, time_limit [s, of the whole calibration]: of IPOPT; sigma: fixed residual standard deviations (6,)
-    instead of estimated ones; compiled: use a C compiler if there is one; loss: cost of residuals, one of ``loss.LOSSES``.
+    tolerance, max_iterations, time_limit [s, of the whole calibration]: of IPOPT; sigma: fixed residual standard
+    deviations (6,) instead of estimated ones; compiled: use a C compiler if there is one; loss: cost of residuals, one
+    of ``loss.LOSSES``.
     """
 
     window: float | None = None
