@@ -1,12 +1,16 @@
-"""A trial: one run of one ship, in SI units and the frames of the contract."""
+"""A trial: one run of one ship, in SI units, radians and the frames of this product."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+
+from mmg.messages import Message
+from mmg.notebook import html_table
 
 RUDDERS = ("delta", "delta_port", "delta_starboard")
 """Columns of rudder angles."""
@@ -39,7 +43,7 @@ UNITS = {
     "apparent_wind_speed": "m/s",
     "apparent_wind_direction": "rad",
 }
-"""Canonical columns and the unit they have inside the house."""
+"""Canonical columns and the unit they have in a Trial."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +59,7 @@ class Trial:
         absent.
     path: where it was read from, if anywhere.
     sha256: hash of the file's bytes, or "".
-    notices: sentences about everything converted, derived or assumed while reading.
+    notices: messages with codes on everything converted, derived or assumed while reading.
     kind: "turning", "zigzag", "random", "berthing", ... or "".
     role: "train", "validate", "test" or "".
     """
@@ -64,7 +68,7 @@ class Trial:
     columns: Mapping[str, np.ndarray]
     path: Path | None = None
     sha256: str = ""
-    notices: tuple[str, ...] = ()
+    notices: tuple[Message, ...] | tuple[str, ...] = ()
     kind: str = ""
     role: str = ""
     meta: Mapping[str, str] = field(default_factory=dict)
@@ -95,6 +99,7 @@ class Trial:
 
     @property
     def has_position(self) -> bool:
+        """True when x and y are measured."""
         return "x" in self.columns and "y" in self.columns
 
     @property
@@ -114,7 +119,7 @@ class Trial:
     def wind_vector(self) -> np.ndarray:
         """Velocity of the air over ground, north and east components [m/s], shape (N, 2).
 
-        The wind direction is *coming from* (contract), so the vector is minus the unit vector of it.
+        The wind direction is *coming from*, so the vector is minus the unit vector of it.
         Zeros when the wind is not known.
         """
         if not self.has_wind:
@@ -129,6 +134,22 @@ class Trial:
         x, y = (self["x"], self["y"]) if self.has_position else (nothing, nothing)
         return np.column_stack([x, y, self.psi_unwrapped, self["u"], self["v"], self["r"]])
 
+    def to_pandas(self) -> Any:
+        """The columns as a DataFrame, a row per sample, named as in a trial file: ``u [m/s]``."""
+        import pandas as pd
+
+        unit = {name: UNITS.get(name, "rps") for name in self.columns}
+        return pd.DataFrame({f"{name} [{unit[name]}]": values for name, values in self.columns.items()})
+
+    def _repr_html_(self) -> str:
+        caption = f"{self.name}: {self.kind or 'trial'}, {len(self)} samples, {self.duration:g} s"
+        rows = [
+            (f"{name} [{UNITS.get(name, 'rps')}]", *(float(f(values)) for f in (np.nanmin, np.nanmean, np.nanmax)))
+            for name, values in self.columns.items()
+            if np.isfinite(values).any()
+        ]
+        return html_table(caption, ("column", "least", "mean", "greatest"), rows)
+
     def with_columns(self, **columns: np.ndarray) -> Trial:
-        """A copy in which the named columns are replaced or added."""
+        """A copy in which these ``columns``, name -> (N,), are replaced or added."""
         return replace(self, columns={**self.columns, **columns})

@@ -13,6 +13,7 @@ from mmg.components.catalogue import actuators
 from mmg.components.coefficients import Coefficient
 from mmg.effects import EFFECTS, effect
 from mmg.network import Network, features_of
+from mmg.notebook import html_table
 
 AIR = ("wind_north", "wind_east")
 """Inputs of every right-hand side after the actuators: velocity of the air over ground, earth frame [m/s]."""
@@ -48,6 +49,21 @@ class Ship:
     def __post_init__(self) -> None:
         if self.network is not None:
             self.network.check(self.name, self.actuators)
+
+    def to_pandas(self) -> Any:
+        """The coefficients as a DataFrame: a row per symbol, the attributes of ``Coefficient`` as columns."""
+        import pandas as pd
+
+        return pd.DataFrame([vars(c) for c in self.coefficients.values()]).set_index("symbol")
+
+    def _repr_html_(self) -> str:
+        models = ", ".join(f"{role} {model}" for role, model in self.components.items())
+        caption = f"{self.name}, L = {self.particulars['L']:g} m: {models}"
+        rows = [
+            (c.symbol, c.value, c.std, c.unit or c.prime, "fixed" if c.fixed else "", c.source)
+            for c in self.coefficients.values()
+        ]
+        return html_table(caption, ("coefficient", "value", "std", "unit", "", "source"), rows)
 
     @property
     def symbols(self) -> tuple[str, ...]:

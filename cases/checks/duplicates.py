@@ -16,7 +16,7 @@ COLUMNS = ("psi", "u", "v", "r")
 GRIDS = (1e-7, 1e-3)
 """Values are compared on these grids (rad, m/s, rad/s); the coarse one finds copies with fewer digits."""
 
-ODD = (0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9, 0xD6E8FEB86659FD93)
+MULTIPLIERS = (0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9, 0xD6E8FEB86659FD93)
 """One large odd multiplier per column, to mix its bits."""
 
 VERBS = {"copy": "Is a copy of", "inside": "Is contained in", "contains": "Contains", "overlaps": "Overlaps"}
@@ -26,7 +26,7 @@ SHARE = 0.05
 
 
 def duplicates(trials: Sequence[Trial]) -> list[tuple[list[dict[str, Any]], list[Found]]]:
-    """Per trial: the other trials it overlaps with (numbers) and sentences about them.
+    """For each of ``trials``: the others it overlaps with (numbers), and findings about them.
 
     Rows that occur twice within one file (a ship at rest) do not count, nor do matches out of step with
     the others. Cost: one sort over all rows.
@@ -34,11 +34,11 @@ def duplicates(trials: Sequence[Trial]) -> list[tuple[list[dict[str, Any]], list
     if len(trials) < 2:
         return [([], []) for _ in trials]
     out: list[tuple[list[dict[str, Any]], list[Found]]] = [([], []) for _ in trials]
-    told: set[tuple[int, int]] = set()
+    reported: set[tuple[int, int]] = set()
     for grid in GRIDS:
         for (a, b), (rows_a, rows_b) in _matches(trials, grid).items():
-            if (a, b) not in told and _judge(trials, a, b, rows_a, rows_b, out):
-                told.add((a, b))
+            if (a, b) not in reported and _report_overlap(trials, a, b, rows_a, rows_b, out):
+                reported.add((a, b))
     return out
 
 
@@ -64,7 +64,7 @@ def _matches(trials: Sequence[Trial], grid: float) -> dict[tuple[int, int], tupl
 
 def _rows(trials: Sequence[Trial], grid: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Hash, trial index and row index of every complete row that is unique within its trial."""
-    keys = np.array(ODD, np.uint64)
+    keys = np.array(MULTIPLIERS, np.uint64)
     parts: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     for i, trial in enumerate(trials):
         values = np.column_stack([trial[c] for c in COLUMNS])
@@ -79,7 +79,7 @@ def _rows(trials: Sequence[Trial], grid: float) -> tuple[np.ndarray, np.ndarray,
     return hashes, owner, row
 
 
-def _judge(
+def _report_overlap(
     trials: Sequence[Trial],
     a: int,
     b: int,

@@ -18,7 +18,7 @@ from cases.checks.rudder import rudder_angle
 from cases.trial import Trial
 
 ENOUGH = 20.0
-"""s; a group seen for less than this is weakly excited (or 2 % of the trial, if that is longer)."""
+"""s; a group excited for less than this is weakly excited (or 2 % of the trial, if that is longer)."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ QUADRANTS = {
 
 
 def excitation(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
-    """Share of time per quadrant, seconds per coefficient group, and sentences about what is never seen."""
+    """Share of time per quadrant, seconds per coefficient group, and findings about what is never excited."""
     u, v, r, n, delta = trial["u"], trial["v"], trial["r"], trial["n"], rudder_angle(trial)
     good = np.isfinite(u) & np.isfinite(v) & np.isfinite(r) & np.isfinite(n) & np.isfinite(delta)
     seconds = np.minimum(np.gradient(trial.t), 3 * trial.dt)
@@ -79,7 +79,7 @@ def excitation(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
     steered = np.abs(delta) > math.radians(2.0)
     moving = np.hypot(u, v) > still
     turning = np.abs(r) > 0.25 * max(float(np.percentile(np.abs(r[good]), 95)), 1e-9)
-    seen = {
+    excited = {
         "hull_ahead": ahead,
         "hull_astern": astern,
         "cross_flow": good & ((moving & (beta > math.radians(30))) | (~moving & turning)),
@@ -95,7 +95,7 @@ def excitation(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
     numbers: dict[str, Any] = {
         "inputs_constant": constant,
         "quadrants": {name: time(mask) / total for name, mask in quadrants.items()},
-        "group_seconds": {name: time(mask) for name, mask in seen.items()},
+        "group_seconds": {name: time(mask) for name, mask in excited.items()},
         "seconds": total,
         "delta_max_deg": math.degrees(float(np.abs(delta[good]).max())),
         "n_range_rps": [float(n[good].min()), float(n[good].max())],
@@ -118,7 +118,7 @@ def inputs_are_constant(trial: Trial) -> bool:
 
 
 def pooled(reports: Iterable[CheckReport]) -> tuple[dict[str, float], list[str]]:
-    """Seconds per coefficient group over all reports, and sentences about groups that stay out of reach."""
+    """Seconds per coefficient group over all reports, and sentences about groups that are not excited."""
     seconds = dict.fromkeys(GROUPS, 0.0)
     total = 0.0
     for report in reports:
@@ -144,7 +144,7 @@ def _sentences(numbers: dict[str, Any], constant: bool) -> list[Found]:
 
 
 def _missing(seconds: dict[str, float], total: float) -> list[str]:
-    """Never seen: one sentence per group; hardly seen: one sentence for all of them."""
+    """Never excited: one sentence per group; hardly excited: one sentence for all of them."""
     never = [name for name, value in seconds.items() if value <= 0]
     few = [name for name, value in seconds.items() if 0 < value < max(ENOUGH, 0.02 * min(total, 2000.0))]
     text = []
@@ -153,7 +153,7 @@ def _missing(seconds: dict[str, float], total: float) -> list[str]:
         text.append(f"Never {group.condition}: {group.symbols} cannot be determined.")
     if few:
         listed = "; ".join(f"{GROUPS[k].condition} {seconds[k]:.1f} s ({GROUPS[k].symbols})" for k in few)
-        text.append(f"Hardly seen: {listed}.")
+        text.append(f"Hardly excited: {listed}.")
     return text
 
 

@@ -154,5 +154,5 @@ def _correlation(a: np.ndarray, b: np.ndarray) -> float:
 
 def _vertex(left: float, middle: float, right: float) -> float:
     """Where between -1 and 1 the parabola through three values has its minimum; 0 when it has none."""
-    bend = left - 2 * middle + right
-    return float(0.5 * (left - right) / bend) if bend > 0 and math.isfinite(bend) else 0.0
+    curvature = left - 2 * middle + right
+    return float(0.5 * (left - right) / curvature) if curvature > 0 and math.isfinite(curvature) else 0.0

@@ -55,12 +55,12 @@ def _within(word: str, parameter: Parameter, where: str) -> float:
 
 def with_effects(ship: Ship, texts: Iterable[str]) -> Ship:
     """The ship with effects switched on for a simulation; one without values gets its typical size."""
-    seen: set[str] = set()
+    given: set[str] = set()
     for text in texts:
         name, values, named = parse_effect(text, ship, "--effect")
-        if name in seen:
+        if name in given:
             raise UserError(f"--effect {text}: {name} is given twice; write its parameters in one, NAME:a=1,b=2")
-        seen.add(name)
+        given.add(name)
         if named:
             raise UserError(f"--effect {text}: give {named[0]} a value, such as {name}:{named[0]}=0.1")
         if not values:
@@ -77,8 +77,8 @@ def freeing_effects(ship: Ship, texts: Iterable[str]) -> Ship:
     for text in texts:
         name, values, named = parse_effect(text, ship, "--with")
         ship = ship.with_effect(name, values)
-        wide = {f"{name}.{p.symbol}": p.coefficient(name).std for p in parameters(ship, name) if p.symbol in values}
-        ship = ship.with_coefficients({s: ship.coefficients[s].with_(std=std) for s, std in wide.items()})
+        priors = {f"{name}.{p.symbol}": p.coefficient(name).std for p in parameters(ship, name) if p.symbol in values}
+        ship = ship.with_coefficients({s: ship.coefficients[s].with_(std=std) for s, std in priors.items()})
         free = {p.symbol for p in parameters(ship, name) if not p.held} | set(named)
         rows = {f"{name}.{p.symbol}": p.symbol in free for p in parameters(ship, name)}
         ship = ship.with_coefficients({s: ship.coefficients[s].with_(fixed=not f) for s, f in rows.items()})

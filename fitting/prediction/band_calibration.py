@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize
 
+from cases.checks.noise import white_noise
 from cases.trial import Trial
 from fitting.prediction.adaptation import Adaptation, adapt
 from fitting.prediction.bands import (
@@ -59,16 +60,10 @@ def sample_noise(trials: Sequence[Trial]) -> np.ndarray:
     """White noise of the logged states of ``trials`` (6,), from third differences of neighbouring samples; 0 where
     there are none.
     """
-    rows = []
-    for trial in trials:
-        states = trial.states.copy()
+    stretches = [trial.states.copy() for trial in trials]
+    for states in stretches:
         states[:, 2] = np.unwrap(np.nan_to_num(states[:, 2]))
-        d = np.diff(states, n=3, axis=0)
-        rows.append(d[np.isfinite(d[:, 2:]).all(axis=1)])
-    d = np.vstack(rows)
-    with np.errstate(all="ignore"):
-        spread = np.nanmedian(np.abs(d), axis=0) / 0.6745 / np.sqrt(20.0)
-    return np.nan_to_num(spread)
+    return white_noise(stretches, slice(2, None))
 
 
 def fit_bands(simulator: Simulator, trials: Sequence[Trial], root: np.ndarray | None = None) -> dict[str, Any] | None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cases.checks.noise import white_noise
 from cases.trial import Trial
 from fitting.prediction.score import pooled_sigma
 from mmg.errors import UserError
@@ -68,7 +69,7 @@ def measured_scales(pieces: Sequence[Piece], trials: Sequence[Trial], h: float, 
     placed = [t for t in trials if t.has_position]
     score = pooled_sigma(placed) if placed else sigma
     std = np.maximum(known.std(axis=1), LEAST_SCALE)
-    return MeasuredScales(rows, known.mean(axis=1), std, sigma, score, _noise(states))
+    return MeasuredScales(rows, known.mean(axis=1), std, sigma, score, white_noise(states))
 
 
 def _loss_sigma(states: Sequence[np.ndarray], length: float) -> np.ndarray:
@@ -81,10 +82,3 @@ def _loss_sigma(states: Sequence[np.ndarray], length: float) -> np.ndarray:
         raise UserError("u, v or r never changes in the training trials, so there is nothing to learn from")
     position = POSITION * length_scale(length)
     return np.array([position, position, HEADING, *std])
-
-
-def _noise(states: Sequence[np.ndarray]) -> np.ndarray:
-    """Noise of the logged columns on the grid (6,), from third differences, in which motion leaves little."""
-    thirds = np.vstack([np.zeros((0, 6)), *[np.diff(rows, n=3, axis=0) for rows in states if len(rows) > 3]])
-    thirds = thirds[np.isfinite(thirds).all(axis=1)]
-    return np.median(np.abs(thirds), axis=0) / 0.6745 / np.sqrt(20.0) if len(thirds) else np.zeros(6)
