@@ -15,7 +15,7 @@ from cases.io.read import read_trials
 from cases.shipfiles.ship_file import load_ship
 from fitting.prediction.score import pooled_sigma, score
 from residual.blackbox.models import train_box
-from residual.comparison.tables import spread
+from residual.comparison.tables import mean_and_std
 from residual.settings import BlackBoxSettings
 from residual.training.augmentation import SETS
 
@@ -51,9 +51,9 @@ def main() -> None:
         rows.append(
             [
                 name,
-                spread([o.after[0] for o in trained.outcomes]),
-                spread([s.window for s in found]),
-                spread([s.paper for s in found]),
+                mean_and_std([o.after[0] for o in trained.outcomes]),
+                mean_and_std([s.window for s in found]),
+                mean_and_std([s.paper for s in found]),
                 f"{mean.window:.3f}",
                 f"{sum(o.seconds for o in trained.outcomes) / seeds:.0f}",
             ]

@@ -12,9 +12,9 @@ from torch import nn
 
 from mmg.network import Layers, Network, features_of
 
-MIRRORED = {"delta_port": "delta_starboard", "delta_starboard": "delta_port", "n": "n_2", "n_2": "n"}
+SWAPPED = {"delta_port": "delta_starboard", "delta_starboard": "delta_port", "n": "n_2", "n_2": "n"}
 """Features that change places when port becomes starboard, where a ship has both."""
-ODD = ("v", "r", "a_y", "delta", "delta_port", "delta_starboard", "n_bow", "n_stern", "azimuth")
+SIGN_CHANGING = ("v", "r", "a_y", "delta", "delta_port", "delta_starboard", "n_bow", "n_stern", "azimuth")
 """Features that change sign."""
 
 
@@ -117,11 +117,11 @@ class Symmetric(TwoLayers):
 
 
 def mirror_of(features: Sequence[str]) -> np.ndarray:
-    """(F, F) that turns features of these names into those of the motion mirrored at the ship's centre plane."""
+    """(F, F) that turns ``features`` of these names into those of the motion mirrored at the ship's centre plane."""
     result = np.zeros((len(features), len(features)))
     for row, name in enumerate(features):
-        other = MIRRORED.get(name, name)
-        result[row, features.index(other if other in features else name)] = -1.0 if name in ODD else 1.0
+        other = SWAPPED.get(name, name)
+        result[row, features.index(other if other in features else name)] = -1.0 if name in SIGN_CHANGING else 1.0
     return result
 
 

@@ -55,13 +55,13 @@ def members_of_ship(ship: Ship) -> list[TrainableSystem]:
     if ship.network is None:
         raise UserError(f"{ship.name} has no network, so there is no ensemble: train one with mmg train --seeds 5")
     physics = Physics(ship.without_network())
-    seen = np.zeros((len(ship.features), 1))
+    nothing = np.zeros((len(ship.features), 1))
     count = range(len(ship.network.members))
-    return [Hybrid(physics, Residual.of_network(ship.network, i), seen) for i in count]
+    return [Hybrid(physics, Residual.of_network(ship.network, i), nothing) for i in count]
 
 
 def bootstrapped(pieces: Sequence[Piece], seconds: float, h: float, seed: int) -> list[Piece]:
-    """As many blocks of about ``seconds`` as the pieces hold, drawn with replacement by ``seed``."""
+    """Blocks of about ``seconds`` of ``pieces`` on a grid of ``h`` [s], as many as they hold, drawn by ``seed``."""
     cut = blocks(pieces, seconds, h)
     draws = np.random.default_rng([11, seed]).integers(0, len(cut), len(cut))
     return [cut[i] for i in draws]
@@ -102,9 +102,10 @@ def step(
     h: float,
     method: str,
 ) -> torch.Tensor:
-    """States (Z, M) a step of h [s] later, each column by the member (M,) that it follows (Eq. 28).
+    """States (Z, M) a step of ``h`` [s] later, each column by the one of ``members`` that it follows (2025, Eq. 28).
 
-    What a member remembers is handed on to the next one.
+    which: (M,) numbers of the members; z: states (Z, M); controls: inputs (C, M); method: "rk4" or "euler". What a
+    member remembers is handed on to the next one.
     """
     if len(members) == 1:
         return members[0].step(z, controls, h, method)
@@ -117,14 +118,21 @@ def step(
 
 
 def start(members: Sequence[TrainableSystem], which: torch.Tensor, batch: RolloutBatch) -> torch.Tensor:
-    """States (Z, P M) of P particles for each of the windows, by the members (P M,) that they follow first."""
+    """States (Z, P M) of P particles for each window of ``batch``, by the ``members`` that they follow first.
+
+    which: (P M,) numbers of the members.
+    """
     every = [member.start(batch.targets[0], batch.controls[0], batch.past) for member in members]
     windows = torch.arange(len(which)) % len(batch)
     return torch.stack(every)[which, :, windows].T.contiguous()
 
 
 def drawn(count: int, members: int, sampling: str, draw: torch.Generator) -> torch.Tensor:
-    """Members (count,) for a step of TS1, or once for all of TS-infinity: there each is taken equally often."""
+    """Numbers of members (count,) for a step of TS1, or once for all of TS-infinity: there each is taken equally often.
+
+    count: particles; members: how many there are; sampling: one of SAMPLINGS; draw: random numbers. Raises ValueError
+    for another sampling.
+    """
     if sampling not in SAMPLINGS:
         raise ValueError(f"sampling {sampling!r} is none of {SAMPLINGS}")
     return torch.randint(members, (count,), generator=draw) if sampling == "ts1" else torch.arange(count) % members
@@ -139,9 +147,10 @@ def particles(
     method: str = "rk4",
     seed: int = 0,
 ) -> np.ndarray:
-    """Logged columns (N + 1, 6, P, M) of P = ``count`` particles per window, from its measured start.
+    """Logged columns (N + 1, 6, P, M) of P = ``count`` particles per window of ``batch``, from its measured start.
 
-    sampling: "ts1" or "ts-infinity". Under the latter member i is followed by the particles i, i + E, i + 2E, ...
+    members: systems that they follow; method: "rk4" or "euler"; seed: of TS1; sampling: "ts1" or "ts-infinity". Under
+    the latter member i is followed by the particles i, i + E, i + 2E, ...
     """
     draw, M = torch.Generator().manual_seed(seed), len(batch)
     if sampling == "ts-infinity":
@@ -158,7 +167,7 @@ def particles(
 
 
 def moments(paths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Eq. 30: mean (N + 1, 6, M) and covariance (N + 1, 6, 6, M) of particles (N + 1, 6, P, M).
+    """Eq. 30: mean (N + 1, 6, M) and covariance (N + 1, 6, 6, M) of the particles ``paths`` (N + 1, 6, P, M).
 
     Divided by P: particles that follow the same member add nothing.
     """
@@ -189,10 +198,11 @@ class Distances:
 
 
 def distances(paths: np.ndarray, truth: np.ndarray, mask: np.ndarray, noise: np.ndarray | None = None) -> Distances:
-    """Distances over the rows after the start; truth, mask (N + 1, 6, M), a row counts where u, v, r were measured.
+    """Distances of ``truth`` (N + 1, 6, M) from particles over the rows after the start.
 
-    noise: (6,) standard deviations of the measurement, added to the covariance of the particles (not in Eq. 31, where
-    the truth is known). ValueError when a covariance is singular: fewer than four members, or members that agree.
+    paths: (N + 1, 6, P, M); mask: (N + 1, 6, M), 1 where measured: a row counts where u, v, r were; noise: (6,)
+    standard deviations of the measurement, added to the covariance of the particles (not in Eq. 31, where the truth is
+    known). Raises ValueError when a covariance is singular: fewer than four members, or members that agree.
     """
     mean, covariance = moments(paths[1:])
     C = np.moveaxis(covariance[:, VELOCITIES, VELOCITIES], -1, 1).copy()

@@ -13,14 +13,12 @@ from typing import Any, Protocol
 from cases.checks.held_out import shared_rows, training_trials
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
-from fitting.prediction.predict import Forecaster
-from fitting.prediction.score import pooled_sigma, score
+from fitting.prediction.score import score_pairs
 from fitting.report.run_folder import RESULT, data_rows, read_result, versions
 from mmg.errors import UserError
 from mmg.messages import Message
 from mmg.network import features_of
 from mmg.progress import OnProgress
-from mmg.rollout import Simulator
 from mmg.ship import Ship
 from mmg.states import STATES
 from residual.blackbox.models import TrainedBox, train_box
@@ -113,12 +111,15 @@ def train(
         trials=validation or chosen,
         **own,
     )
-    result = replace(result, scores=_scores(result.models(), chosen, validation))
+    models = tuple(result.models().values())
+    if len(models) == 2:
+        result = replace(result, scores=score_pairs(*models, {"validation": validation, "training": chosen}))
     timings = {**result.timings_s, "wall": time.perf_counter() - began}
     return replace(result, figures=tuple(figure_rows(result.to_dict())), timings_s=timings)
 
 
 _SIGMA = (("loss", "sigma"), ("held_out", "score"))
+"""Names of the sigmas in result.json, and of the scales."""
 
 
 def _start(given: Ship | Calibrated | str | Path) -> tuple[Ship, Mapping[str, Any], str]:
@@ -192,25 +193,6 @@ def _seed_rows(outcomes: Sequence[Outcome], judging: Sequence[Trial]) -> list[di
         }
         for o in outcomes
     ]
-
-
-def _scores(
-    models: Mapping[str, Simulator | Forecaster], trials: Sequence[Trial], validation: Sequence[Trial]
-) -> dict[str, dict]:
-    """Both metrics of models, "before" and "after", on training and validation trials with positions."""
-    result = {}
-    for name, some in (("validation", validation), ("training", trials)):
-        placed = [t for t in some if t.has_position]
-        try:
-            sigma = pooled_sigma(placed) if placed else None
-        except UserError:
-            sigma = None
-        if sigma is not None:
-            result[name] = {
-                when: score(model, placed, sigma, f"the {name} trials").to_dict()
-                for when, model in zip(("before", "after"), models.values(), strict=False)
-            }
-    return result
 
 
 def _calibrated_on(known: Mapping[str, Any], validation: Sequence[Trial]) -> tuple[Message, ...]:

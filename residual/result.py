@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 from cases.shipfiles.network_file import NETWORK, save_network
 from cases.shipfiles.ship_file import dump_ship, load_ship
 from cases.trial import Trial
+from fitting.prediction.score import Score, ScorePair
 from fitting.report.page import label_of, write_page
 from fitting.report.run_folder import (
     RESULT,
@@ -60,8 +61,8 @@ class TrainResult:
     model: "hybrid" or the kind of black box; start: the ship that it started from, without a network (of a black box:
     whose inputs it takes); network: the mean of the residuals, None of a black box and where every training diverged;
     black_box: of a black box; decision: whether the residual is worth keeping; recommended: "hybrid" or "calibrated",
-    "" of a black box. settings: with the step filled in; per_seed: how each training went; scores: set of trials ->
-    {"before", "after"} -> both metrics; data, validation_data: rows of the trials; sigma: of the loss and of the held
+    "" of a black box. settings: with the step filled in; per_seed: how each training went; scores: by set of
+    trials, before and after; data, validation_data: rows of the trials; sigma: of the loss and of the held
     out windows; envelope: feature -> range in the training rows; outside: validation rows beyond it; details: what
     only this kind of model has; figures: rows file, title and caption. interrupted: by Ctrl-C. trials: those whose
     prediction errors are drawn, None after reading.
@@ -75,7 +76,7 @@ class TrainResult:
     recommended: str
     settings: TrainSettings
     per_seed: tuple[dict[str, Any], ...]
-    scores: dict[str, dict[str, Any]]
+    scores: dict[str, ScorePair]
     data: tuple[dict[str, Any], ...]
     validation_data: tuple[dict[str, Any], ...]
     sigma: dict[str, dict[str, float]]
@@ -259,7 +260,11 @@ def read_training(folder: str | Path) -> TrainResult:
             level: messages_from(row for row in content["messages"] if row["level"] == level)
             for level in ("warning", "notice")
         }
-        stored: dict[str, Any] = {name: tuple(content[name]) if _is_tuple(name) else content[name] for name in _STORED}
+        stored: dict[str, Any] = {n: tuple(content[n]) if _is_tuple(n) else content[n] for n in _STORED}
+        stored["scores"] = {
+            name: ScorePair(Score.from_dict(pair["before"]), Score.from_dict(pair["after"]))
+            for name, pair in content["scores"].items()
+        }
         return TrainResult(
             model=content["model"], start=start, network=network, black_box=box, decision=decision,
             recommended=recommended, settings=settings_from(content["settings"]), created=content["created"],

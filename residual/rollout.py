@@ -37,7 +37,10 @@ class RolloutBatch:
 
 
 def rollout(system: TrainableSystem, batch: RolloutBatch, method: str = "rk4") -> torch.Tensor:
-    """Logged columns (N + 1, 6, M) of windows simulated from their measured start."""
+    """Logged columns (N + 1, 6, M) of the windows of ``batch`` simulated by ``system`` from their measured start.
+
+    method: "rk4" or "euler".
+    """
     start = system.start(batch.targets[0], batch.controls[0], batch.past)
     every = system.simulate(start, batch.controls, batch.h, method).transpose(0, 1)
     Z, rows, M = every.shape
@@ -45,28 +48,34 @@ def rollout(system: TrainableSystem, batch: RolloutBatch, method: str = "rk4") -
 
 
 def squares(predicted: torch.Tensor, batch: RolloutBatch, sigma: torch.Tensor) -> torch.Tensor:
-    """Mean over the rows after the start of squared normalised errors, summed over the six columns: (M,).
+    """Mean over the rows after the start of squared normalised errors, summed over the six columns: (M,), as Eq. 23.
 
-    Eq. 23 per window. A column that was not measured counts nothing; heading errors are taken as they are, since both
-    headings are continuous from the same start.
+    predicted: columns (N + 1, 6, M) of the windows of ``batch``; sigma: (6,). A column that was not measured counts
+    nothing; heading errors are taken as they are, since both headings are continuous from the same start.
     """
     error = (predicted[1:] - batch.targets[1:]) * batch.mask[1:] / sigma[:, None]
     return (error**2).sum(dim=1).mean(dim=0)
 
 
 def state_loss(system: TrainableSystem, batch: RolloutBatch, sigma: torch.Tensor, method: str = "rk4") -> torch.Tensor:
-    """Eq. 23: mean over windows and rows of squared errors of the simulated columns over sigma (6,)."""
+    """Eq. 23: mean over rows and windows of ``batch`` of squared errors of the columns of ``system``.
+
+    sigma: (6,) by which errors are divided; method: "rk4" or "euler".
+    """
     return squares(rollout(system, batch, method), batch, sigma).mean()
 
 
 def measured_accelerations(batch: RolloutBatch) -> tuple[torch.Tensor, torch.Tensor]:
-    """Forward differences of the logged u, v, r (N, 3, M) and where both rows were measured."""
+    """Forward differences of the logged u, v, r of ``batch`` (N, 3, M) and where both rows were measured."""
     velocities, mask = batch.targets[:, 3:], batch.mask[:, 3:]
     return (velocities[1:] - velocities[:-1]) / batch.h, mask[1:] * mask[:-1]
 
 
 def acceleration_loss(system: TrainableSystem, batch: RolloutBatch, sigma: torch.Tensor) -> torch.Tensor:
-    """Eq. 16: mean over windows and rows of squared errors of the accelerations at measured rows over sigma (3,)."""
+    """Eq. 16: mean over rows and windows of ``batch`` of squared errors of accelerations of ``system``.
+
+    sigma: (3,) by which errors are divided.
+    """
     measured, mask = measured_accelerations(batch)
     predicted = system.accelerations(batch.targets[:-1], batch.controls, batch.past)
     error = (predicted - measured) * mask / sigma[:, None]

@@ -74,7 +74,7 @@ def compare(
     from residual.comparison.figures import write_figures
     from residual.comparison.study import MODELS, Study
     from residual.comparison.study import compare as compared
-    from residual.comparison.tables import text, values
+    from residual.comparison.tables import comparison_dict, tables_text
 
     unknown = [name for name in names if name not in MODELS]
     if unknown or not names:
@@ -85,8 +85,9 @@ def compare(
     if out and not (resume and out.exists()):
         check_target(out)
     tests = _trials(test or ["development-holdout"], "--test")
-    seen = {t.name for t in tests} | {t.sha256 for t in tests if t.sha256}
-    trained_on = [t for t in _trials(train or ["train-tzrb"], "--train") if t.name not in seen and t.sha256 not in seen]
+    tested = {t.name for t in tests} | {t.sha256 for t in tests if t.sha256}
+    given = _trials(train or ["train-tzrb"], "--train")
+    trained_on = [t for t in given if t.name not in tested and t.sha256 not in tested]
     if not trained_on:
         raise UserError("--train: nothing is left to train on besides the test trials")
     captive = load_ship(ship).without_network()
@@ -98,15 +99,13 @@ def compare(
         epochs, step, time_limit, instruments,
     )  # fmt: skip
     store = _store(out, resume, study) if out else None
-    if store is None:
-        found = compared(study, say)
-    else:
-        try:
-            found = compared(study, say, store)
-        except UserError:
+    try:
+        found = compared(study, store)
+    except UserError:
+        if store:
             store.discard()
-            raise
-    content = values(found, "mmg " + " ".join(shlex.quote(a) for a in sys.argv[1:]))
+        raise
+    content = comparison_dict(found, "mmg " + " ".join(shlex.quote(a) for a in sys.argv[1:]))
     if not any(e.score for e in found.entries):
         reasons = dict.fromkeys(e.status for e in found.entries)
         if store:
@@ -116,7 +115,7 @@ def compare(
 
         def fill(folder: Path) -> None:
             shutil.copytree(store.folder, folder / store.folder.name)
-            (folder / "tables.md").write_text(text(found), encoding="utf-8")
+            (folder / "tables.md").write_text(tables_text(found), encoding="utf-8")
             content["figures"] = write_figures(folder, found)
             write_json(folder / RESULT, content)
 
@@ -124,7 +123,7 @@ def compare(
     if json:
         print_json(content)
     else:
-        print(text(found), end="")
+        print(tables_text(found), end="")
     if out:
         say(f"comparison: {out} (tables.md, result.json, figures)")
     if found.interrupted and out:

@@ -148,12 +148,10 @@ def _summary(result: TrainResult, out: Path) -> None:
         say(result.decision.words)
     what = "of the black box, after that of the ship model" if result.black_box else "with the residual"
     for name, pair in result.scores.items():
-        if "after" in pair:
-            before, after = pair["before"], pair["after"]
-            say(
-                f"{name}, {what}: 30 s windows {before['window']:.4f} -> {after['window']:.4f}, "
-                f"100 s restarts {before['paper']:.4f} -> {after['paper']:.4f}"
-            )
+        say(
+            f"{name}, {what}: 30 s windows {pair.before.window:.4f} -> {pair.after.window:.4f}, "
+            f"100 s restarts {pair.before.paper:.4f} -> {pair.after.paper:.4f}"
+        )
     if result.network:
         du, dv, dr = result.network.bound
         say(f"the residual never exceeds |du| {du:.3g}, |dv| {dv:.3g} m/s2, |dr| {dr:.3g} rad/s2, whatever the inputs")

@@ -46,7 +46,7 @@ def save_box(path: Path, box: BlackBox) -> None:
 
 
 def load_box(where: str | Path, ship: Ship | None = None) -> BlackBox:
-    """The black box in a file or a run folder. ship: one that it must have been trained for.
+    """The black box in the file or run folder ``where``. ship: one that it must have been trained for.
 
     Raises UserError when it cannot be read, is incomplete, or belongs to another ship or other inputs.
     """

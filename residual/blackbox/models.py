@@ -48,7 +48,7 @@ class BoxScales(Scales):
 
 
 def inputs_of(actuators: Sequence[str]) -> tuple[str, ...]:
-    """Inputs of a black box of a ship with these actuators."""
+    """Names of the inputs of a black box of a ship with these ``actuators``."""
     return (*actuators, *AIR)
 
 
@@ -141,7 +141,10 @@ def _with_past(batch: RolloutBatch, rows: int) -> RolloutBatch:
 
 
 def gridded(stretches: Sequence[Stretch], h: float, past: int) -> RolloutBatch:
-    """Stretches on a grid of h [s] from their first rows, inputs held beyond their ends; targets only at the start."""
+    """``stretches`` on a grid of ``h`` [s] from their first rows, inputs held beyond their ends; targets only there.
+
+    past: rows before each start that are given along.
+    """
     steps = [max(1, int(np.ceil((s.record.t[s.last] - s.record.t[s.first]) / h - 1e-9))) for s in stretches]
     N, C, M = max(steps), stretches[0].record.controls.shape[1], len(stretches)
     controls, start = np.zeros((N, C, M)), np.zeros((1, 6, M))

@@ -17,7 +17,7 @@ COLOURS = {
 
 
 def score_plot(found: Comparison) -> Figure:
-    """Pooled 30 s windows and 100 s restarts of each model, a point per seed."""
+    """Pooled 30 s windows and 100 s restarts of each model of the comparison ``found``, a point per seed."""
     figure = new_figure(3.2)
     axes = figure.subplots(1, 2)
     for ax, metric, title in zip(axes, ("window", "paper"), ("30 s windows", "100 s restarts"), strict=True):
@@ -33,7 +33,7 @@ def score_plot(found: Comparison) -> Figure:
 
 
 def growth_plot(found: Comparison) -> Figure:
-    """Position and heading error over the horizon; mean and range over the seeds."""
+    """Position and heading error over the horizon, of ``found``; mean and range over the seeds."""
     figure = new_figure(3.2)
     axes, factors = figure.subplots(1, 2), (1.0, np.degrees(1.0))
     for column, (ax, words) in enumerate(
@@ -51,7 +51,7 @@ def growth_plot(found: Comparison) -> Figure:
 
 
 def efficiency_plot(found: Comparison) -> Figure:
-    """Pooled 30 s windows over the seconds of training data; dashed without random manoeuvres."""
+    """Pooled 30 s windows over the seconds of training data, of ``found``; dashed without random manoeuvres."""
     figure = new_figure(3.2)
     ax = dress(figure.subplots(), "training data [s]", "30 s windows, mean squared error", "Data efficiency")
     for model in (m for m in found.study.models if m != "captive"):
@@ -72,7 +72,7 @@ def efficiency_plot(found: Comparison) -> Figure:
 
 
 def write_figures(folder: Path, found: Comparison) -> list[str]:
-    """Write the figures as PNG into a folder; their names."""
+    """Write the figures of the comparison ``found`` as PNG into ``folder``; returns their names."""
     plots = {"scores.png": score_plot, "growth.png": growth_plot}
     if len(found.study.subsets) > 1:
         plots["efficiency.png"] = efficiency_plot

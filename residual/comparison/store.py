@@ -23,13 +23,13 @@ class Subset:
 
 
 def name_of(model: str, subset: Subset, seed: int | None) -> str:
-    """Name of the file of an entry."""
+    """Name of the file of the entry of a ``model`` trained on a ``subset`` from a ``seed``."""
     data = f"{subset.fraction:g}" + ("" if subset.random else "_no_random")
     return f"{model}_{data}" + ("" if seed is None else f"_seed_{seed}")
 
 
 def words_of(entry: Any) -> dict[str, Any]:
-    """What of an entry is no array."""
+    """What of an ``entry`` is no array."""
     score = entry.score
     return {
         "status": entry.status,
@@ -42,7 +42,7 @@ def words_of(entry: Any) -> dict[str, Any]:
 
 
 def arrays_of(entry: Any) -> dict[str, np.ndarray]:
-    """Its numbers, to the last bit."""
+    """The numbers of an ``entry`` as arrays, such as growth (horizons, 2), to the last bit."""
     numbers = {"growth": entry.growth, "times": np.array([entry.seconds, entry.took, entry.held_out])}
     if entry.score:
         rows = [[t.paper, *t.paper_by_state, t.window, *t.window_by_state] for t in entry.score.trials]
@@ -52,7 +52,7 @@ def arrays_of(entry: Any) -> dict[str, np.ndarray]:
 
 
 def filled(blank: Any, words: dict[str, Any], arrays: dict[str, np.ndarray]) -> Any:
-    """The entry of these, from a blank one that names its model, subset and seed."""
+    """The entry of these ``words`` and ``arrays``, from a ``blank`` one that names its model, subset and seed."""
     seconds, took, held_out = arrays["times"].tolist()
     score = None
     if words["scored"]:

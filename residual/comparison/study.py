@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
@@ -26,6 +26,7 @@ from fitting.prediction.predict import Forecaster, predict_all
 from fitting.prediction.score import PAPER_WINDOW, Score, pooled_sigma, score, wrapped_error
 from fitting.settings import Settings
 from mmg.errors import UserError
+from mmg.progress import LOGGER
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 from residual.blackbox.models import BlackBox, box_scales, build_box, inputs_of
@@ -41,10 +42,9 @@ MODELS = ("captive", "calibrated", "hybrid", *KINDS)
 HORIZONS = (5.0, 10.0, 20.0, 30.0, 50.0, 100.0)
 """Seconds after a start at which the growth of the error is read."""
 BLOCK = 65.0
-"""Length [s] of the blocks of which a share of the data is made: what ``residual.training.folds`` asks of one to
-hold out."""
-LEAST = 10.0
-"""Seconds that have to be left of a time limit for something to be begun."""
+"""Length [s] of the blocks of which a share of the data is made, enough for ``residual.training.folds``."""
+MINIMUM_SECONDS = 10.0
+"""Seconds that have to be left of a time limit for something to be started."""
 
 
 @dataclass(frozen=True)
@@ -115,15 +115,16 @@ class _Job:
     store: Store | None
 
 
-def compare(study: Study, say: Callable[[str], None] = lambda _: None, store: Store | None = None) -> Comparison:
-    """Calibrate and train on every subset, score all on the test trials; what is done when it is stopped is kept.
+def compare(study: Study, store: Store | None = None) -> Comparison:
+    """Calibrate and train on every subset of a ``study``, score all on its test trials; returns what was done.
 
-    What ``store`` holds is not trained again, calibrations of which a hybrid may start excepted.
+    store: what it holds is not trained again, calibrations of which a hybrid may start excepted. What is done when it
+    is stopped is kept.
     """
     began = time.time()
     entries: list[Entry] = []
     end = began + study.time_limit if study.time_limit else None
-    chosen = {subset: portion(study.train, subset) for subset in study.subsets}
+    chosen = {subset: subset_of(study.train, subset) for subset in study.subsets}
     if store:
         store.open()
     with tempfile.TemporaryDirectory() as scratch:
@@ -136,11 +137,11 @@ def compare(study: Study, say: Callable[[str], None] = lambda _: None, store: St
             entries.append(entry)
             figure = f"30 s windows {entry.score.window:.4f}, " if entry.score else ""
             which = entry.model + ("" if entry.seed is None else f" seed {entry.seed}")
-            say(f"{which}, {entry.subset.words} of the data: {figure}{entry.status} in {entry.took:.0f} s")
+            LOGGER.info(f"{which}, {entry.subset.words} of the data: {figure}{entry.status} in {entry.took:.0f} s")
 
         def interrupted() -> None:
             stop.touch()
-            say("interrupted: keeping what is done")
+            LOGGER.info("interrupted: keeping what is done")
 
         with Interrupts(interrupted):
             first = [job(study.subsets[0], "captive", None, study.ship)] if "captive" in study.models else []
@@ -175,12 +176,11 @@ def _done(job: _Job) -> tuple[Entry, Ship | None]:
     blank = Entry(job.model, job.subset, job.seed, "", amount)
     left = None if job.end is None else job.end - began
     name = name_of(job.model, job.subset, job.seed)
-    known = (
-        job.store.load(name) if job.store and not (job.model == "calibrated" and "hybrid" in job.study.models) else None
-    )
+    again = job.model == "calibrated" and "hybrid" in job.study.models
+    known = job.store.load(name) if job.store and not again else None
     if known:
         return filled(blank, *known), None
-    if job.stop.exists() or (left is not None and left < LEAST):
+    if job.stop.exists() or (left is not None and left < MINIMUM_SECONDS):
         return replace(blank, status="not begun"), None
     ship = job.ship
     model: Simulator | Forecaster
@@ -231,8 +231,8 @@ def _trained(job: _Job, left: float | None) -> tuple[Simulator | Forecaster, str
     return Simulator(ship.with_network(network)), outcome.status, outcome.after[0]
 
 
-def portion(trials: Sequence[Trial], subset: Subset) -> tuple[Trial, ...]:
-    """The trials of a subset: whole, or every so-manieth block of about BLOCK seconds as a trial of its own.
+def subset_of(trials: Sequence[Trial], subset: Subset) -> tuple[Trial, ...]:
+    """The ``trials`` of a ``subset``: whole, or evenly spread blocks of about BLOCK seconds as trials of their own.
 
     Raises UserError where nothing is left.
     """
@@ -247,12 +247,12 @@ def portion(trials: Sequence[Trial], subset: Subset) -> tuple[Trial, ...]:
 
 
 def is_random(trial: Trial) -> bool:
-    """Whether it is a run of random manoeuvres, by its kind or its name."""
+    """Whether ``trial`` is a run of random manoeuvres, by its kind or its name."""
     return "random" in (trial.kind.lower() or trial.name.lower())
 
 
 def blocks_of(trial: Trial) -> list[Trial]:
-    """A trial cut evenly into blocks of about BLOCK seconds."""
+    """A ``trial`` cut evenly into blocks of about BLOCK seconds."""
     count = max(1, int(trial.duration / BLOCK))
     edges = np.linspace(0, len(trial), count + 1).round().astype(int)
     return [
@@ -262,7 +262,7 @@ def blocks_of(trial: Trial) -> list[Trial]:
 
 
 def growth(model: Simulator | Forecaster, trials: Sequence[Trial]) -> np.ndarray:
-    """Rms of position [m] and heading [rad] errors (horizons, 2) over windows side by side, open from their start."""
+    """Rms of position [m] and heading [rad] errors (horizons, 2) of ``model`` on ``trials`` over windows in a row."""
     squares: list[list[tuple[float, float]]] = [[] for _ in HORIZONS]
     for trial, (windows, _) in zip(trials, predict_all(model, trials, PAPER_WINDOW, PAPER_WINDOW), strict=True):
         for w in windows:

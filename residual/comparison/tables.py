@@ -13,8 +13,8 @@ from residual.comparison.study import HORIZONS, Comparison, Entry
 METRICS = {"window": "30 s windows every 15 s", "paper": "100 s restarts, Wakita et al. (2022) Eq. 25"}
 
 
-def spread(values: Sequence[float], digits: int = 3) -> str:
-    """Mean and standard deviation of values, "-" without any; those that are not finite are not left out."""
+def mean_and_std(values: Sequence[float], digits: int = 3) -> str:
+    """Mean and standard deviation of ``values`` with so many ``digits``, "-" without any; NaN is not left out."""
     if not len(values):
         return "-"
     mean = float(np.mean(values))
@@ -22,19 +22,19 @@ def spread(values: Sequence[float], digits: int = 3) -> str:
 
 
 def markdown(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    """Lines of a table whose columns are aligned."""
+    """Lines of a table of ``rows`` below a ``header``, its columns aligned."""
     widths = [max(len(row[i]) for row in (header, *rows)) for i in range(len(header))]
     lines = [" | ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)) for row in (header, *rows)]
     return [f"| {lines[0]} |", "|" + "|".join("-" * (w + 2) for w in widths) + "|", *[f"| {x} |" for x in lines[1:]]]
 
 
 def accuracy(found: Comparison, metric: str) -> list[str]:
-    """One metric per test trial and pooled, over the models, on all data."""
+    """One ``metric`` of the comparison ``found`` per test trial and pooled, over the models, on all data."""
     models, subset = found.study.models, found.study.subsets[0]
     names = [t.name for t in found.study.test]
 
     def row(name: str, value: Callable[[Entry], float]) -> list[str]:
-        return [name, *[spread([value(e) for e in found.of(m, subset)]) for m in models]]
+        return [name, *[mean_and_std([value(e) for e in found.of(m, subset)]) for m in models]]
 
     rows = [row(name, lambda e, i=i: getattr(e.score.trials[i], metric)) for i, name in enumerate(names)]  # type: ignore
     rows.append(row("all rows pooled", lambda e: getattr(e.score, metric)))
@@ -42,22 +42,22 @@ def accuracy(found: Comparison, metric: str) -> list[str]:
 
 
 def efficiency(found: Comparison) -> list[str]:
-    """Pooled 30 s windows over the amount of training data."""
+    """Pooled 30 s windows of ``found`` over the amount of training data."""
     models, rows = [m for m in found.study.models if m != "captive"], []
     for subset in found.study.subsets:
         seconds = next((e.seconds for e in found.entries if e.subset == subset and e.model != "captive"), float("nan"))
-        values = [spread([e.score.window for e in found.of(m, subset) if e.score]) for m in models]
+        values = [mean_and_std([e.score.window for e in found.of(m, subset) if e.score]) for m in models]
         rows.append([subset.words, f"{seconds:.0f}", *values])
     return markdown(["training data", "seconds", *models], rows)
 
 
 def horizon(found: Comparison, column: int) -> list[str]:
-    """Growth of the position error [m] (column 0) or of the heading error [deg] (1) over the horizon."""
+    """Growth of the position error [m] (``column`` 0) or of the heading error [deg] (1) of ``found``."""
     models, subset = found.study.models, found.study.subsets[0]
     factor, digits = (1.0, 2) if column == 0 else (np.degrees(1.0), 1)
     rows = []
     for k, seconds in enumerate(HORIZONS):
-        values = [spread([factor * e.growth[k, column] for e in found.of(m, subset)], digits) for m in models]
+        values = [mean_and_std([factor * e.growth[k, column] for e in found.of(m, subset)], digits) for m in models]
         rows.append([f"{seconds:g}", *values])
     return markdown(["after [s]", *models], rows)
 
@@ -71,8 +71,8 @@ def published() -> list[str]:
     return markdown(["published", *TABLE_9_TEST], rows)
 
 
-def text(found: Comparison) -> str:
-    """All tables with what has to be known to read them."""
+def tables_text(found: Comparison) -> str:
+    """All tables of the comparison ``found`` with what has to be known to read them."""
     study = found.study
     placed = [e for e in found.entries if e.score]
     sigma = "" if not placed else ", ".join(f"{v:.4g}" for v in placed[0].score.sigma)  # type: ignore[union-attr]
@@ -99,8 +99,8 @@ def text(found: Comparison) -> str:
     return "\n".join(lines) + "\n"
 
 
-def values(found: Comparison, command: str) -> dict:
-    """Everything as plain values."""
+def comparison_dict(found: Comparison, command: str) -> dict:
+    """The comparison ``found`` as plain values, the content of its result.json; command: that made it."""
     return {
         "kind": "comparison",
         "command": command,

@@ -6,7 +6,7 @@ import torch
 
 
 def features(logged: torch.Tensor, controls: torch.Tensor) -> torch.Tensor:
-    """u, v, r, actuators, a_x, a_y, (F, M), from logged columns (6, M) and inputs (F - 3, M), the air last.
+    """u, v, r, actuators, a_x, a_y, (F, M), from columns ``logged`` (6, M) and ``controls`` (F - 3, M), the air last.
 
     a_x, a_y [m/s]: velocity of the air relative to the hull in body axes, minus w' of Wakita et al. (2022), Eq. 6.
     """
@@ -18,16 +18,17 @@ def features(logged: torch.Tensor, controls: torch.Tensor) -> torch.Tensor:
 
 
 def kinematics(logged: torch.Tensor) -> torch.Tensor:
-    """Rates of x, y, psi (3, M) at columns (6, M): Wakita et al. (2022), Eq. 5."""
+    """Rates of x, y, psi (3, M) at columns ``logged`` (6, M): Wakita et al. (2022), Eq. 5."""
     _, _, psi, u, v, r = logged
     c, s = torch.cos(psi), torch.sin(psi)
     return torch.stack([u * c - v * s, u * s + v * c, r])
 
 
 def advance_columns(logged: torch.Tensor, accelerations: torch.Tensor, h: float, method: str) -> torch.Tensor:
-    """Columns (6, M) a step of h [s] later under accelerations (3, M) that are held over it.
+    """Columns ``logged`` (6, M) a step of ``h`` [s] later under ``accelerations`` (3, M) that are held over it.
 
-    "euler": Eq. 20 to 22, as in the paper; "rk4": kinematics by the midpoint rule, whose error is of third order.
+    method: "euler": Wakita et al. (2022), Eq. 20 to 22; "rk4": kinematics by the midpoint rule, with an error of third
+    order.
     """
     velocities = logged[3:6] + h * accelerations
     if method == "euler":

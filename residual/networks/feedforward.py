@@ -16,7 +16,7 @@ SAMPLES = 10_000
 
 
 def layered(sizes: tuple[int, ...], seed: int) -> nn.Sequential:
-    """Linear layers of these sizes with tanh between, initialised as PyTorch does (2025, section 3.3)."""
+    """Linear layers of these ``sizes`` with tanh between, initialised by ``seed`` as PyTorch does (2025, 3.3)."""
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         linear = [nn.Linear(a, b, dtype=torch.float64) for a, b in pairwise(sizes)]
@@ -64,16 +64,16 @@ class Feedforward(TrainableSystem):
         self.register_buffer("y_mean", y.mean(dim=0)[:, None])
         self.register_buffer("y_std", y.std(dim=0)[:, None])
 
-    def output(self, seen: torch.Tensor) -> torch.Tensor:
+    def output(self, values: torch.Tensor) -> torch.Tensor:
         """Accelerations (3, M) at features (F, M), before anything is subtracted."""
-        y = self.net(((seen - self.mean) / self.std).T).T
+        y = self.net(((values - self.mean) / self.std).T).T
         return self.a_mean + self.a_std * (y - self.y_mean) / self.y_std
 
-    def acceleration(self, seen: torch.Tensor) -> torch.Tensor:
+    def acceleration(self, values: torch.Tensor) -> torch.Tensor:
         """Accelerations (3, M) at features (F, M)."""
         if not self.zero:
-            return self.output(seen)
-        both = self.output(torch.cat([seen, torch.zeros_like(seen[:, :1])], dim=1))
+            return self.output(values)
+        both = self.output(torch.cat([values, torch.zeros_like(values[:, :1])], dim=1))
         return both[:, :-1] - both[:, -1:]
 
     def rates(self, z: torch.Tensor, controls: torch.Tensor) -> torch.Tensor:
@@ -85,5 +85,5 @@ class Feedforward(TrainableSystem):
 
 
 def squared_weights(system: nn.Module) -> torch.Tensor:
-    """Sum of squares of its weight matrices."""
+    """Sum of squares of the weight matrices of ``system``."""
     return torch.stack([(p**2).sum() for p in system.parameters() if p.ndim == 2]).sum()

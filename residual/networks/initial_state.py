@@ -48,8 +48,8 @@ class InitialState(TrainableSystem):
         """Estimated less measured u, v, r (3, M)."""
         before = zip(past.logged[self.past - self.rows :], past.controls[self.past - self.rows :], strict=True)
         rows = [(row, inputs) for row, inputs in before] + [(logged, controls)]
-        seen = torch.cat([(features(row, inputs) - self.mean) / self.std for row, inputs in rows])
-        return self.reach * torch.tanh(self.net(seen.T).T)
+        values = torch.cat([(features(row, inputs) - self.mean) / self.std for row, inputs in rows])
+        return self.reach * torch.tanh(self.net(values.T).T)
 
     def start(self, logged: torch.Tensor, controls: torch.Tensor, past: Past | None = None) -> torch.Tensor:
         if past is None:

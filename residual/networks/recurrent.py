@@ -48,9 +48,9 @@ class _Recurrent(TrainableSystem):
         self.register_buffer("feature_scale", torch.as_tensor(np.array(feature_scale, dtype=float)))
         self.register_buffer("scale", torch.as_tensor(np.array(scale, dtype=float)))
 
-    def _fed(self, seen: torch.Tensor) -> torch.Tensor:
+    def _fed(self, values: torch.Tensor) -> torch.Tensor:
         """What features (F, M) feed into the hidden layer, bias included (width, M)."""
-        return torch.addmm(self.b0[:, None], self.W0, seen / self.feature_scale[:, None])
+        return torch.addmm(self.b0[:, None], self.W0, values / self.feature_scale[:, None])
 
     def _row(self, fed: torch.Tensor, z1: torch.Tensor | None) -> torch.Tensor:
         """z1 (width, M) from what is fed and the one before; None: nothing is remembered."""
@@ -114,7 +114,7 @@ class Standard(_Recurrent):
 class Windowed(_Recurrent):
     """Eq. 9: the hidden layer runs anew along the last m rows; what was before is forgotten.
 
-    What each row feeds is remembered, so that only the recurrence is repeated. Rows that were never seen feed b_0, as
+    What each row feeds is remembered, so that only the recurrence is repeated. Rows before the first one feed b_0, as
     the origin does: it leaves z1 at zero.
     """
 

@@ -1,6 +1,6 @@
 """Whole rollouts of a ship with a two-layer network, and their gradients, as one C function each way.
 
-Forward keeps what every evaluation of the network saw; backward runs the adjoint of the integration and writes the
+Forward keeps the inputs of every evaluation of the network; backward runs the adjoint of the integration and writes the
 gradients at the inputs of each layer, from which those of the weights are three matrix products over all evaluations.
 The equations are those of ``residual.physics.operator``, called for eight trajectories at a time.
 """
@@ -65,10 +65,10 @@ static void call(void (*f)(), const V* a0, const V* a1, const V* a2, const V* a3
   const double* long_[] = {(const double*)a0, (const double*)a1, (const double*)a2, (const double*)a3, h,
                            (const double*)a5};
   const double* short_[] = {(const double*)a0, (const double*)a3, (const double*)a5};
-  const long long wide[] = {LANES, LANES, LANES, LANES, 0, LANES}, three[] = {LANES, LANES, LANES};
+  const long long full[] = {LANES, LANES, LANES, LANES, 0, LANES}, three[] = {LANES, LANES, LANES};
   double* results[] = {(double*)y0, (double*)y1};
   ((void (*)(long long, const double* const*, const long long*, double* const*))f)(
-      LANES, kind ? long_ : short_, kind ? wide : three, results);
+      LANES, kind ? long_ : short_, kind ? full : three, results);
 }
 static void stage(const Run* r, long long at, long long t, const V* base, const V* z, const V* c,
                   double h, V* y) {
@@ -238,8 +238,8 @@ class _Rollout(torch.autograd.Function):
         }
         _run(fused, "backward", ctx.settings, arrays)
         gradients: list[Tensor] = []
-        for at, seen in (("G1", "X"), ("G2", "T1"), ("GA", "T2")):
-            gradients += [(arrays[at] @ kept[seen].transpose(1, 2)).sum(0), arrays[at].sum((0, 2))]
+        for at, given in (("G1", "X"), ("G2", "T1"), ("GA", "T2")):
+            gradients += [(arrays[at] @ kept[given].transpose(1, 2)).sum(0), arrays[at].sum((0, 2))]
         for name, a in (*arrays.items(), *kept.items()):
             fused.give_back(name, a)
         kept.clear()

@@ -109,7 +109,7 @@ class Operator:
 
 
 def dense(function: ca.Function) -> ca.Function:
-    """The same with dense outputs and common parts computed once."""
+    """The same ``function`` with dense outputs and common parts computed once."""
     inputs = function.sx_in()
     outputs = ca.cse([ca.densify(e) for e in function.call(inputs)])
     return ca.Function(function.name(), inputs, outputs, {"cse": True})

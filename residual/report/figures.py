@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from cases.trial import Trial
@@ -17,10 +18,15 @@ from fitting.report.plots import score_plot
 from mmg.rollout import Simulator
 
 
-def learning_plot(per_seed: list[dict[str, Any]], before: str = "calibrated ship") -> Figure:
-    """Stop error over that of what was ``before``, per seed and epoch; dots: weights kept; bars: the judged error."""
-    figure = new_figure(3.2)
-    ax = dress(figure.subplots(), "epoch", f"30 s windows: error / {before}")
+def learning_plot(
+    per_seed: Sequence[Mapping[str, Any]], before: str = "calibrated ship", axes: Axes | None = None
+) -> Figure:
+    """Stop error over that of what was ``before``, per epoch and seed of ``per_seed``.
+
+    Dots: weights kept; bars: judged error. axes: to draw on, None for a new figure. Returns the figure.
+    """
+    target = axes if axes is not None else new_figure(3.2).subplots()
+    ax = dress(target, "epoch", f"30 s windows: error / {before}")
     end = max(row["history"][-1]["epoch"] for row in per_seed)
     for row in per_seed:
         epochs = [h["epoch"] for h in row["history"]]
@@ -36,11 +42,11 @@ def learning_plot(per_seed: list[dict[str, Any]], before: str = "calibrated ship
         ax.set_yscale("log")
     ax.axhline(1.0, color=BEFORE, linestyle=(0, (4, 1.5)), linewidth=1.0, label=before)
     ax.legend(fontsize=7.5, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
-    return figure
+    return cast(Figure, ax.figure)
 
 
 def size_plot(size: Mapping[str, Mapping[str, Any]]) -> Figure:
-    """Share of training rows in which the residual exceeds a size, per channel, with its bound and the ship's own."""
+    """Share of training rows in which the residual exceeds a size, per channel of ``size``, with its bound."""
     figure = new_figure(2.7)
     names = {"du": "surge |du|", "dv": "sway |dv|", "dr": "yaw |dr|"}
     label = "share of rows beyond [%]"

@@ -61,12 +61,12 @@ def _run(label: str, folder: Path, result: Mapping[str, Any], number: int) -> di
         "size": result.get("residual_size") or {},
         "envelope": envelope_rows(result),
         "outside": (result.get("outside") or {}).get("trials", {}),
-        "settings": setting_rows({"settings": _asked(result)}),
+        "settings": setting_rows({"settings": _settings_of_kind(result)}),
         "citations": citations_of(dict(result)),
     }
 
 
-def _asked(result: Mapping[str, Any]) -> dict[str, Any]:
+def _settings_of_kind(result: Mapping[str, Any]) -> dict[str, Any]:
     """Settings that mean something for this kind of model."""
     return {k: v for k, v in result["settings"].items() if result.get("decision") or k != "symmetric"}
 

@@ -10,7 +10,7 @@ from cases.trial import Trial
 from mmg.network import Network
 from mmg.ship import Ship
 from residual.blackbox.models import inputs_of
-from residual.networks.features import features
+from residual.networks.features import features as box_features
 from residual.physics.operator import Physics
 from residual.training.hybrid import OUTPUT, TrainedResidual, physics_features
 from residual.training.scales import LEAST_SCALE
@@ -22,7 +22,7 @@ RATES = {"du": "m/s²", "dv": "m/s²", "dr": "rad/s²"}
 
 
 def judged_runs(outcome: Outcome, trials: Sequence[Trial]) -> list[dict]:
-    """Per run that judged a training: name, number of its 30 s windows, their mean errors before and after.
+    """Per run that judged the training of ``outcome``: name, number of its 30 s windows, errors before and after.
 
     trials: those that judged, in the order in which their runs are numbered.
     """
@@ -35,18 +35,18 @@ def judged_runs(outcome: Outcome, trials: Sequence[Trial]) -> list[dict]:
 
 
 def residual_size(trained: TrainedResidual) -> dict[str, dict]:
-    """Per channel the residual over the training rows [m/s2, rad/s2]: rms, 95 % and largest, its bound, the ship's own.
+    """Per channel the residual of ``trained`` over the training rows [m/s2, rad/s2]: rms, 95 %, largest, its bound.
 
-    ship_rms: rms of the accelerations of the ship without it; {} where no training came to anything.
+    Its row "ship_rms" is the rms of the accelerations of the ship without it; {} where every training diverged.
     """
     if trained.network is None:
         return {}
     return size_of(trained.network, trained.scales.features, (trained.scales.output - LEAST_SCALE) / OUTPUT)
 
 
-def size_of(network: Network, known: np.ndarray, own: np.ndarray) -> dict[str, dict]:
-    """The same from features (F, R) and rms accelerations of the ship (3,); shares: quantiles of |residual|."""
-    sizes = np.abs(network.accelerations(known))
+def size_of(network: Network, features: np.ndarray, own: np.ndarray) -> dict[str, dict]:
+    """The same of a ``network`` at ``features`` (F, R); own: rms accelerations of the ship (3,)."""
+    sizes = np.abs(network.accelerations(features))
     shares = np.linspace(0, 1, 101)
     return {
         name: {
@@ -63,7 +63,10 @@ def size_of(network: Network, known: np.ndarray, own: np.ndarray) -> dict[str, d
 
 
 def outside_hybrid(ship: Ship, trials: Sequence[Trial], h: float, known: np.ndarray) -> dict:
-    """Shares of rows of trials outside the range of the training rows (F, R), as a hybrid sees them."""
+    """Shares of rows of ``trials`` outside the range of the training rows, as a hybrid on ``ship`` sees them.
+
+    h: step of the grid [s]; known: features (F, R) of the training rows.
+    """
     physics = Physics(ship.without_network())
     rows = {t.name: pieces_of([t], h, ship.inputs) for t in trials}
     return _outside(ship.features, {name: physics_features(physics, p) for name, p in rows.items() if p}, known)
@@ -72,9 +75,12 @@ def outside_hybrid(ship: Ship, trials: Sequence[Trial], h: float, known: np.ndar
 def outside_box(
     names: Sequence[str], actuators: Sequence[str], trials: Sequence[Trial], h: float, known: np.ndarray
 ) -> dict:
-    """The same as a black box with these features and actuators sees them."""
+    """The same of ``trials`` as a black box with these ``names`` of features and ``actuators`` sees them.
+
+    h: step of the grid [s]; known: features (F, R) of the training rows.
+    """
     rows = {t.name: windows(pieces_of([t], h, inputs_of(actuators)), h, 1, 1) for t in trials}
-    return _outside(names, {n: features(b.targets[0], b.controls[0]).numpy() for n, b in rows.items() if b}, known)
+    return _outside(names, {n: box_features(b.targets[0], b.controls[0]).numpy() for n, b in rows.items() if b}, known)
 
 
 def _outside(names: Sequence[str], rows: Mapping[str, np.ndarray], known: np.ndarray) -> dict:

@@ -10,7 +10,7 @@ from residual.training.decision import MINIMUM_GAIN
 
 
 def percent(share: float | None, sign: bool = True) -> str:
-    """A share in per cent with a true minus sign."""
+    """A ``share`` in per cent with a true minus sign, and a plus where ``sign`` is wanted."""
     if share is None or not isfinite(share):
         return "–"
     if abs(share) < 0.0005:
@@ -19,14 +19,14 @@ def percent(share: float | None, sign: bool = True) -> str:
 
 
 def changed(gain: float) -> str:
-    """ "become 1.2 % better" or the like."""
+    """A ``gain`` as a share in words: "become 1.2 % better" or the like."""
     if abs(gain) < 0.0005:
         return "stay as they are"
     return f"become {percent(abs(gain), False)} {'better' if gain > 0 else 'worse'}"
 
 
 def headline(result: Mapping[str, Any]) -> dict[str, str]:
-    """The one sentence of a training, whether it was kept, and what was trained on what."""
+    """The one sentence of a training ``result``, whether it was kept, and what was trained on what."""
     data = result.get("data", [])
     seconds = sum(row.get("duration_s") or 0 for row in data)
     what = f"{len(result['per_seed'])} training(s) on {len(data)} trial(s), {seconds:,.0f} s"
@@ -48,10 +48,10 @@ def _sentence(decision: Mapping[str, Any], result: Mapping[str, Any]) -> str:
     chance = [f"{percent(decision.get('spread'), False)} among the trainings"]
     if decision.get("runs_error") is not None:
         chance.append(f"{percent(decision['runs_error'], False)} by the choice of the judging runs")
-    seen = f"30 s predictions of windows it had never seen {changed(gain)}"
+    gained = f"30 s predictions of windows it had never seen {changed(gain)}"
     far = decision.get("restarts")
     longer = "" if far is None else f"; 100 s predictions {changed(far)}"
-    figures = f"{seen} (chance: {', '.join(chance)}){longer}"
+    figures = f"{gained} (chance: {', '.join(chance)}){longer}"
     if decision["kept"]:
         return f"The residual is kept: {figures}."
     why = decision.get("reason") or "it does not pay"
@@ -78,7 +78,7 @@ def _box_sentence(result: Mapping[str, Any]) -> str:
 
 
 def criteria(result: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """What a residual has to fulfil to be kept: name, what was found, what is needed, whether it is so."""
+    """What a residual has to fulfil to be kept: name, what ``result`` found, what is needed, whether it is so."""
     d = result.get("decision")
     if not d or d.get("improvement") is None:
         return []
@@ -103,7 +103,7 @@ def _float(value: Any) -> float:
 
 
 def judged_table(result: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Per judging run: windows, errors before and after over all seeds that it judged, change, change per seed."""
+    """Per judging run of ``result``: windows, errors before and after over the seeds it judged, changes."""
     seeds = [row["seed"] for row in result["per_seed"]]
     runs: dict[str, dict[int, dict]] = {}
     for row in result["per_seed"]:
@@ -138,7 +138,7 @@ def _change(part: Mapping[str, Any] | None) -> str:
 
 
 def envelope_rows(result: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Range of each feature in the training rows, and in the validation rows with the share outside."""
+    """Range of each feature in the training rows of ``result``, and in the validation rows with the share outside."""
     beyond = (result.get("outside") or {}).get("features", {})
     words = {
         "u": "surge velocity through the water", "v": "sway velocity through the water", "r": "yaw rate",

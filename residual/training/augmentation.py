@@ -45,7 +45,10 @@ SETS = {
 def augmented(
     pieces: Sequence[Piece], h: float, rows: int, how: Augmentation, noise: torch.Tensor, seed: int, past: int = 0
 ) -> RolloutBatch | None:
-    """Windows of I = ``rows`` rows of a set; None where none fits. noise: of the instruments (6,)."""
+    """Windows of I = ``rows`` rows of ``pieces`` on a grid of ``h`` [s], as the set ``how`` says; None where none fits.
+
+    noise: of the instruments (6,), drawn by ``seed``; past: rows before each start that are given along.
+    """
     batch = windows(pieces, h, rows - 1, max(1, rows // how.slices), past)
     if batch is None or not how.copies:
         return batch
@@ -55,7 +58,7 @@ def augmented(
 
 
 def joined(batches: Sequence[RolloutBatch]) -> RolloutBatch:
-    """Batches of the same length as one."""
+    """``batches`` of windows of the same length as one."""
     first = batches[0]
     parts = {n: torch.cat([getattr(b, n) for b in batches], dim=2) for n in ("controls", "targets", "mask")}
     past = None

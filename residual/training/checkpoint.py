@@ -133,12 +133,12 @@ def training_store(
 
 
 def hash_of_ship(ship: Ship) -> str:
-    """Text that differs between ships that differ in anything a ship file holds."""
+    """Text that differs where ``ship`` differs in anything a ship file holds."""
     return hashlib.sha256(dump_ship(ship.without_network()).encode()).hexdigest()
 
 
 def hashes_of_trials(trials: Sequence[Trial]) -> list[str]:
-    """Per trial a text that differs where a name or a number does, whether by the file or by its sidecar."""
+    """Per trial of ``trials`` a text that differs where a name or a number does, by the file or by its sidecar."""
     result = []
     for trial in trials:
         content = hashlib.sha256(trial.name.encode())
@@ -150,7 +150,7 @@ def hashes_of_trials(trials: Sequence[Trial]) -> list[str]:
 
 
 def save_outcome(store: Store, outcome: Outcome) -> None:
-    """Keep the training of a seed."""
+    """Keep the ``outcome`` of a seed in ``store``."""
     o = outcome
     words = {name: getattr(o, name) for name in _WORDS}
     arrays = {f"state.{name}": value for name, value in o.state.items()}
@@ -159,7 +159,7 @@ def save_outcome(store: Store, outcome: Outcome) -> None:
 
 
 def load_outcome(store: Store, seed: int) -> Outcome | None:
-    """The training of a seed as it was kept, to the last bit; None where it is not complete."""
+    """The training of a ``seed`` as ``store`` kept it, to the last bit; None where it is not complete."""
     found = store.load(f"seed_{seed}")
     if found is None:
         return None

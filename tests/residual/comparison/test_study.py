@@ -26,8 +26,8 @@ from mmg.errors import UserError
 from mmg_ident.commands.main import main
 from residual.blackbox.file import load_box
 from residual.comparison.published import TABLE_9, TABLE_9_TEST
-from residual.comparison.study import HORIZONS, Comparison, Entry, Study, Subset, blocks_of, compare, growth, portion
-from residual.comparison.tables import accuracy, efficiency, horizon, published, spread, text
+from residual.comparison.study import HORIZONS, Comparison, Entry, Study, Subset, blocks_of, compare, growth, subset_of
+from residual.comparison.tables import accuracy, efficiency, horizon, mean_and_std, published, tables_text
 from tests.mmg_ident.commands.test_main import refused
 from tests.support import hybrids
 
@@ -175,7 +175,7 @@ def test_the_time_limit_keeps_what_is_done() -> None:
         ("fnn", "not begun"),
     ]
     assert found.interrupted and found.entries[1].score is not None and found.entries[2].score is None
-    assert "fnn seed 1 on 100%: not begun" in text(found)
+    assert "fnn seed 1 on 100%: not begun" in tables_text(found)
 
 
 def test_ctrl_c_keeps_what_is_done(folder: Path, tmp_path: Path) -> None:
@@ -229,17 +229,17 @@ def trial(name: str, seconds: int, kind: str = "") -> Trial:
 
 def test_shares_of_the_data_are_blocks_spread_evenly() -> None:
     trials = [trial("turn", 650), trial("random_1", 660), trial("zigzag", 70)]
-    assert portion(trials, Subset()) == tuple(trials)
-    assert [t.name for t in portion(trials, Subset(1.0, False))] == ["turn", "zigzag"]
-    assert [t.name for t in portion([trial("a", 70, "random"), *trials[:1]], Subset(1.0, False))] == ["turn"]
-    third = portion(trials, Subset(0.3))
+    assert subset_of(trials, Subset()) == tuple(trials)
+    assert [t.name for t in subset_of(trials, Subset(1.0, False))] == ["turn", "zigzag"]
+    assert [t.name for t in subset_of([trial("a", 70, "random"), *trials[:1]], Subset(1.0, False))] == ["turn"]
+    third = subset_of(trials, Subset(0.3))
     assert sum(t.duration for t in third) == pytest.approx(0.3 * 1380, rel=0.1)
     assert {t.name.split()[0] for t in third} == {"turn", "random_1"} or len(third) == 6
     rows = np.concatenate([b["u"] for b in blocks_of(trials[0])])
     np.testing.assert_array_equal(rows, trials[0]["u"])
     assert all(b.duration >= 60 for b in blocks_of(trials[0]))
     with pytest.raises(UserError, match="nothing is left"):
-        portion(trials[1:2], Subset(1.0, False))
+        subset_of(trials[1:2], Subset(1.0, False))
 
 
 def entry(model: str, seed: int | None, value: float, subset: Subset = Subset()) -> Entry:
@@ -258,7 +258,7 @@ def test_tables_give_mean_and_standard_deviation_over_seeds() -> None:
     assert pooled == ["all rows pooled", "60.000", "30.000 ± 14.142"]
     assert [line.split("|")[3].strip() for line in efficiency(found)[2:]] == ["15.000 ± 7.071", "50.000"]
     assert horizon(found, 1)[2].split("|")[2].strip() == f"{np.degrees(3.0):.1f}"
-    assert spread([]) == "-" and "nan" in spread([1.0, float("nan")])
+    assert mean_and_std([]) == "-" and "nan" in mean_and_std([1.0, float("nan")])
 
 
 def test_table_9_is_complete() -> None:
