@@ -82,7 +82,7 @@ def assess(run: Run, scale: float | None = None, ship: str = "") -> list[Row]:
 
 
 def worst(rows: Iterable[Row]) -> str:
-    """ "fail" if any row fails, "pass" if all that have a limit pass, else "not judged". rows: of all runs."""
+    """ "fail" if any of ``rows`` fails, "pass" if all that have a limit pass, else "not judged"."""
     verdicts = [row.verdict for row in rows if row.verdict != NONE]
     if FAIL in verdicts:
         return FAIL

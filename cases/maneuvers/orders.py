@@ -152,8 +152,8 @@ def spiral_angles(largest: float, step: float) -> tuple[float, ...]:
 
 
 def schedule(n_times: np.ndarray, n: np.ndarray, delta_times: np.ndarray, delta: np.ndarray) -> Orders:
-    """Orders held from each time to the next, the first at 0: (A,) [s], (A,) [1/s], (B,) [s], (B,) [rad]. These are
-    n_times, n, delta_times, delta."""
+    """Orders held from each time to the next, the first at 0: revolutions n (A,) [1/s] from n_times (A,) [s] on, rudder
+    angles delta (B,) [rad] from delta_times (B,) [s] on."""
 
     def orders(t: float, state: np.ndarray) -> tuple[float, float]:
         i = np.searchsorted(n_times, t + _TINY, side="right") - 1

@@ -189,7 +189,7 @@ def simulate_controls(ship: Ship, controls: Trial, wind: Wind | None = None, see
 
     Inputs are held from each sample to the next, at the samples' own times, all in one call. ``wind``
     replaces the trial's. Raises UserError when an input is missing somewhere, or the motion diverges.
-    ship: moves; controls: the trial; seed: of gusts. Returns a trial.
+    ship: that moves; controls: the trial followed; seed: of gusts. Returns the motion as a trial.
     """
     t = controls.t
     moved, assumed = actuator_columns(controls, ship.actuators)

@@ -168,7 +168,7 @@ class BatchFunction:
 
 
 def padded(points: int) -> int:
-    """The next multiple of LANES, at least LANES. points: a count."""
+    """Number of points in whole vectors: ``points`` rounded up to a multiple of LANES, at least LANES."""
     return max(LANES, -(-points // LANES) * LANES)
 
 

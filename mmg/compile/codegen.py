@@ -142,7 +142,7 @@ def expression(operation: int, operands: list[str]) -> str:
 
 
 def constant(value: float) -> str:
-    """C literal of a number: Python writes inf and nan in words that C does not know. value: the number."""
+    """C literal of a number: Python writes an infinite or undefined ``value`` in words that C does not know."""
     if math.isnan(value):
         return "NAN"
     if math.isinf(value):
@@ -185,5 +185,5 @@ EXPORT void {function.name()}(long long points, const double* const* arg, const 
 
 
 def source(functions: Sequence[ca.Function]) -> str:
-    """One C file with a batch kernel for each function (SXFunctions with distinct names). functions: in order."""
+    """One C file with a batch kernel for each of the ``functions`` (SXFunctions with distinct names)."""
     return prelude() + "".join(kernel(f) for f in functions)

@@ -56,7 +56,7 @@ def table(source: str, *rows: tuple) -> tuple[Coefficient, ...]:
 
     Each row is (symbol, default value, prior std, lower, upper, prime or unit, description). ``prime`` is
     "mmg" for a coefficient in the MMG system of Yasukawa & Yoshimura (2015), "" for another pure number.
-    source: said of all rows.
+    source: where the values come from; rows: as above.
     """
     return tuple(
         Coefficient(

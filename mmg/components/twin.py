@@ -17,7 +17,7 @@ Model = Callable[[Flow], Force]
 
 
 def mirrored_flows(flow: Flow, p: SimpleNamespace) -> tuple[Flow, Flow]:
-    """What the starboard side sees, and what the port side sees in the mirror; ``p.y_P`` > 0 [m]. flow: of the ship."""
+    """What the starboard side sees, and what the port side sees in the mirror; ``p.y_P`` > 0 [m]. flow: at midship."""
     starboard = flow.with_(u=flow.u - p.y_P * flow.r, delta=flow.delta_starboard)
     port = flow.with_(u=flow.u + p.y_P * flow.r, v=-flow.v, r=-flow.r, n=flow.n_2, delta=-flow.delta_port)
     return starboard, port

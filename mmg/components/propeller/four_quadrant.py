@@ -90,14 +90,14 @@ def series(V_A: Any, tip: Any, A: tuple[float, ...], B: tuple[float, ...], s: Sm
 
 
 def thrust(V_A: Any, n: Any, D: Any, rho: Any, s: Smoothing | None = None) -> Any:
-    """Open-water thrust T [N] at advance speed V_A [m/s], n [1/s], diameter D [m], density rho [kg/m^3]. Returns one
-    value per point; s: smoothing."""
+    """Open-water thrust T [N] at advance speed V_A [m/s], n [1/s], diameter D [m], density rho [kg/m^3];
+    s: smoothing, None for the exact branches. Returns an expression."""
     return rho * ca.pi / 8 * D**2 * series(V_A, 0.7 * ca.pi * n * D, A_T, B_T, s or Exact())
 
 
 def torque(V_A: Any, n: Any, D: Any, rho: Any, s: Smoothing | None = None) -> Any:
-    """Open-water torque Q [N m]; arguments as for ``thrust``. Times k_Q for the ship's own screw. Returns it for V_A
-    [m/s], n [1/s], D [m], rho [kg/m^3]."""
+    """Open-water torque Q [N m] at V_A [m/s], n [1/s], D [m], rho [kg/m^3] and smoothing s, as ``thrust``. Returns it
+    without the factor k_Q of the ship's own screw."""
     return rho * ca.pi / 8 * D**3 * series(V_A, 0.7 * ca.pi * n * D, A_Q, B_Q, s or Exact())
 
 
