@@ -204,11 +204,11 @@ def estimate_coefficients(
 
     The residual's standard deviation of each state is re-estimated from solve to solve (``ResidualNoise``) until it
     settles. settings: of windows and solver; progress: called at each iteration of the solver, with the objective and
-    the constraint violation; warm: "p", "nodes" and "sigma" of an earlier, interrupted run; captive: points whose
-    forces are fitted too; per_run: coefficients of effects of the ship, fixed in it, of which each run gets its own
-    (``cases.shipfiles.effects.varying_effects``); the calibrated ship is without those effects. Raises UserError for
-    input from which nothing can be identified; a solver that stops early is no error: the best iterate is returned and
-    ``converged`` is False.
+    the constraint violation; warm: "p" (P,), "nodes" (B, 6) and "sigma" (6,) of an interrupted run; captive: points
+    whose forces are fitted too; per_run: coefficients of effects of the ship, fixed in it, of which each run gets its
+    own (``cases.shipfiles.effects.varying_effects``). Returns the calibration, whose ship is without those effects; a
+    solver that stops early is no error: the best iterate is kept and ``converged`` is False. Raises UserError for
+    input from which nothing can be identified.
     """
     began = time.perf_counter()
     made = _prepared(ship, trials, settings or Settings(), warm, captive, per_run)

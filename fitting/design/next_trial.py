@@ -119,7 +119,8 @@ def next_trial(
     """Score possible trials by what they would add to a calibration.
 
     options: default ``library`` of its ship; duration: time at sea of each [s], default 300 s of a 3 m model, Froude
-    scaled. Noise levels, windows and step are those of the calibration. Takes seconds.
+    scaled. Noise levels, windows and step are those of the calibration. Returns what each would add, without options
+    where the covariance is not finite. Takes seconds.
     """
     ship, prior = calibration.ship, calibration.prior
     P, C = len(prior.symbols), calibration.covariance

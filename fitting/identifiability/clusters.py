@@ -66,7 +66,7 @@ def directions(
 
 
 def order(correlation: np.ndarray) -> np.ndarray:
-    """Coefficients in the order of the leaves of average linkage on 1 - |correlation|."""
+    """Coefficients (P,) in the order of the leaves of average linkage on 1 - abs(``correlation``), (P, P)."""
     if len(correlation) < 3:
         return np.arange(len(correlation))
     from scipy.cluster.hierarchy import leaves_list, linkage

@@ -171,7 +171,7 @@ def citations_of(result: dict) -> list[tuple[str, tuple[str, ...]]]:
 
 
 def label_of(folder: Path) -> str:
-    """Name of a run ``folder``, also of one that is still being written under a temporary name."""
+    """Returns the name of a run ``folder``, also of one that is still being written under a temporary name."""
     name = folder.absolute().name
     return name.lstrip(".").rsplit(".", 1)[0] if name.startswith(".") else name
 

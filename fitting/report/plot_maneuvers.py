@@ -218,7 +218,7 @@ def spiral_plot(ax: Axes, run: Run) -> Axes:
 
 
 def pull_out_plot(ax: Axes, run: Run) -> Axes:
-    """Turn rate r L / V of ``run`` against time since the order [s], with the residual rate, drawn on ``ax``."""
+    """Turn rate r L / V of ``run`` against time since the order [s], and its residual. Returns ``ax``, drawn on."""
     dress(ax, "time since the order / s", "r L / V", run.name)
     motion, unit = _cut(run), run.length / run.speed
     ax.plot(motion.t, motion.r * unit, color=AFTER, linewidth=1.3)

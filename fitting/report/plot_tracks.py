@@ -116,7 +116,7 @@ def _track(ax: Axes, states: np.ndarray, runs: list, first: list[int], length: f
 def window_errors(
     simulator: Simulator | Forecaster, trials: Sequence[Trial], times: np.ndarray, stride: float
 ) -> np.ndarray:
-    """Open-loop errors (windows, times, 6) at ``times`` [s] after the start of windows ``stride`` seconds apart.
+    """Returns open-loop errors (windows, times, 6) at ``times`` [s] after the start of windows ``stride`` [s] apart.
 
     simulator: what predicts; trials: measured. Windows that reach the last time are used; where there are none, shorter
     ones, with NaN after their end.

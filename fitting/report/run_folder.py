@@ -53,7 +53,8 @@ def check_target(folder: Path) -> None:
 def write_whole(folder: Path, fill: Callable[[Path], None], replace: bool = False) -> None:
     """Create ``folder``: ``fill`` writes into a temporary one beside it, which is renamed; on failure nothing is left.
 
-    ``replace`` allows an existing folder, which is swapped out only once the new one is complete.
+    ``replace`` allows an existing folder, which is swapped out only once the new one is complete. Raises UserError
+    where nothing can be written.
     """
     folder = folder.absolute()
     try:
@@ -106,7 +107,7 @@ def plain(value: Any) -> Any:
 
 
 def data_rows(trials: Sequence[Trial]) -> list[dict]:
-    """Name, file, hash, length and rate of each of ``trials``."""
+    """Returns name, file, hash, length and rate of each of ``trials``."""
     return [
         {
             "name": t.name,
@@ -135,7 +136,10 @@ def read_result(folder: Path) -> dict:
 
 
 def read_iterate(folder: Path) -> dict[str, np.ndarray]:
-    """The arrays in ``folder`` from which a fit can be resumed. Raises UserError when they cannot be read."""
+    """The arrays p (P,), nodes (B, 6) and sigma (6,) in ``folder``, from which a fit can be resumed.
+
+    Raises UserError when they cannot be read.
+    """
     try:
         return dict(load_file(folder / ITERATE))
     except Exception as error:

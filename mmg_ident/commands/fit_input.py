@@ -13,7 +13,8 @@ if TYPE_CHECKING:
 
 
 def settings_of(sigma: str | None, **values: Any) -> Settings:
-    """Settings from the options; ``sigma``: six numbers; UserError when a number makes no sense."""
+    """Settings from the options ``values`` by name, and ``sigma``: six numbers. Raises UserError for what makes no
+    sense."""
     from fitting.nlp.loss import LOSSES
     from fitting.settings import Settings
     from mmg.errors import UserError
@@ -51,7 +52,10 @@ def resumed(out: Path) -> FitResult:
 
 
 def captive_points(path: Path | None, sigma: str | None) -> Captive | None:
-    """Captive points of --captive, with the standard deviations of --captive-sigma."""
+    """Captive points of the file ``path``, with standard deviations ``sigma``: "X,Y [N],N [N m]"; None without a file.
+
+    Raises UserError for a sigma that is no three positive numbers, or that has no points.
+    """
     from fitting.nlp.captive import read_captive
     from mmg.errors import UserError
     from mmg_ident.commands.output import numbers_of

@@ -20,11 +20,9 @@ def report(
 
     Example: mmg report runs/first runs/second --out comparison.html
     """
-    from fitting.report.run_folder import read_result
-    from fitting.result import write_report as write_calibrations
     from mmg.errors import UserError
+    from mmg_ident.api import write_report
     from mmg_ident.commands.output import print_json, say
-    from residual.report.page import write_report as write_trainings
 
     folders = list({folder.absolute(): folder for folder in runs}.values())
     target = out or (folders[0] / "report.html" if len(folders) == 1 else Path("report.html"))
@@ -33,9 +31,7 @@ def report(
         raise UserError(f"{target}: is a folder; name the HTML file to write with --out")
     if target.exists() and target.absolute() not in own:
         raise UserError(f"{target}: already exists; choose another --out")
-    found = read_result(folders[0])
-    training = isinstance(found, dict) and found.get("kind") == "training"
-    (write_trainings if training else write_calibrations)(folders, target)
+    write_report(folders, target)
     if json:
         print_json({"report": str(target), "runs": [str(folder) for folder in folders]})
     else:
