@@ -159,8 +159,8 @@ class Findings:
 
     verdict: "none", "named" or "unknown"; sentence: it in words. where: as in diagnosis.json. not_screened: effects
     that could not be tested, and why. noise: sizes of what is random. unnamed_before, unnamed_after: log Bayes factors
-    of forces without a name, by kind ("all" is the whole). kinematics: sentences on measurement faults that need no
-    dynamics. learned: how much a learned residual closes of what has no name (None: not measured). ship: refitted, with
+    of unnamed forms, by kind ("all" is the whole). kinematics: sentences on measurement faults that need no
+    dynamics. learned: how much a learned residual closes of the remainder (None: not measured). ship: refitted, with
     the named effects.
 
     None after reading a folder: before (the ship refitted without effects), null, final (the fits behind both), data

@@ -17,11 +17,11 @@ from mmg.ship import Ship
 
 
 def diagnosable(ship: Ship) -> tuple[Ship, list[str]]:
-    """The ship without a learned residual, which is part of what is to be explained; remarks on it."""
+    """The ``ship`` without its learned residual, and remarks on it."""
     remarks: list[str] = []
     if ship.network is not None:
         ship = ship.without_network()
-        words = "the learned residual is left out: what it learnt is what is to be explained"
+        words = "the learned residual is left out: the diagnosis is to explain what it learned"
         remarks.append(Message(words, "network_left_out"))
     if not any(c.prior_std is not None for c in ship.coefficients.values()):
         words = (
@@ -33,7 +33,7 @@ def diagnosable(ship: Ship) -> tuple[Ship, list[str]]:
 
 
 def independent_tests(train: Sequence[Trial], tests: Sequence[Trial]) -> tuple[list[Trial], list[str]]:
-    """The test trials that share no rows with the training trials, and sentences on those left out."""
+    """The ``tests`` that share no rows with the training trials ``train``, and sentences on those left out."""
     if not tests:
         return [], []
     every = [*train, *tests]
@@ -89,7 +89,7 @@ def calibration_trials(
     hashes = {row["sha256"] for row in rows}
     if not rows or {t.sha256 for t in trials} & hashes:
         return CalibrationTrials()
-    known = "the ship was calibrated on other trials: its estimates and standard errors are taken as known before"
+    known = "the ship was calibrated on other trials: its estimates and standard errors are the priors"
     fitted = load_ship(folder / SHIP)
     if (dict(fitted.components), fitted.effects) != (dict(ship.components), ship.effects):
         return CalibrationTrials(True, (), (Message(known, "calibrated_elsewhere"),))

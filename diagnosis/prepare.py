@@ -1,4 +1,4 @@
-"""The problem of a diagnosis made ready: the wide ship, the trials on a grid, what is known before, the first fit."""
+"""The start of a diagnosis: the full ship, the trials on a grid, the priors, the fit without any effect."""
 
 from __future__ import annotations
 
@@ -18,20 +18,21 @@ from diagnosis.estimation.noise_sizes import initial_noise
 from diagnosis.estimation.parameters import Priors
 from diagnosis.estimation.residual_checks import lag_correlation, residuals, spectral_line, with_correlation_time
 from diagnosis.estimation.transition_model import TransitionModel
-from diagnosis.hypotheses.forward_selection import Problem
-from diagnosis.hypotheses.reference import refer
+from diagnosis.hypotheses.forward_selection import SearchProblem
+from diagnosis.hypotheses.reference import fit_reference
 from diagnosis.sensors.kinematics import Kinematics
 from mmg.errors import UserError
+from mmg.messages import Message
 from mmg.motion.froude import time_scale
 from mmg.progress import LOGGER
 from mmg.ship import Ship
 
-ECHO, APART, LEAST = 0.25, 5.0, 100
-"""Correlation of neighbouring whitened residuals from which samples APART seconds [of a 3 m model] are compared, if
-at least LEAST grid times are left. On the records of the 3 m tanker the correlation is .65 and the latent force three
-times what it is at 3, 5 or 10 s, with worse predictions; with white errors it is below .05."""
+CORRELATED, APART, LEAST = 0.25, 5.0, 100
+"""Correlation of neighbouring whitened residuals from which only samples APART seconds [of a 3 m model] are compared,
+if at least LEAST grid times are left. On the records of the 3 m tanker the correlation is .65. The latent force is then
+three times what it is with samples every 3, 5 or 10 s, and predictions are worse. With white errors it is below .05."""
 FEW = 20
-"""The same where the instruments are known from other trials."""
+"""Grid times that must be left where the interval is known from other trials."""
 MAX_FITS = 12
 """Linearisations of the first fit."""
 RUNS = 3
@@ -40,27 +41,27 @@ RUNS = 3
 
 @dataclass(frozen=True)
 class Prepared:
-    """The problem, the fit without any effect, and what was learnt on the way.
+    """The problem and the fit without any effect.
 
     straight: inputs are joined by lines; gap: one in so many grid times is compared; line: of ``spectral_line``.
     """
 
-    problem: Problem
+    problem: SearchProblem
     full: FullModel
     null: Estimate
     straight: bool
     gap: int
-    notices: tuple[str, ...]
+    notices: tuple[Message, ...]
     line: tuple[float, float]
 
 
-def priors_before(ship: Ship, unseen: bool = False) -> Priors:
-    """The priors that a calibrated ship started from, or those that an uncalibrated one states.
+def priors_before(ship: Ship, other_trials: bool = False) -> Priors:
+    """The priors from which a calibrated ``ship`` started, or those that an uncalibrated one states.
 
-    unseen: it was calibrated on other trials than these, so that its estimates are what is known before these.
+    other_trials: it was calibrated on other trials, so that its estimates and standard errors are the priors here.
     """
     rows = [ship.coefficients[s] for s in ship.free]
-    known = [not unseen and c.prior_value is not None and c.prior_std is not None for c in rows]
+    known = [not other_trials and c.prior_value is not None and c.prior_std is not None for c in rows]
     mean = np.array([c.prior_value if k else c.value for c, k in zip(rows, known, strict=True)], dtype=float)
     std = np.array([c.prior_std if k else c.std for c, k in zip(rows, known, strict=True)], dtype=float)
     lower, upper = (np.array([getattr(c, k) for c in rows]) for k in ("lower", "upper"))
@@ -74,26 +75,28 @@ def prepare(
     trials: Sequence[Trial],
     site: Site | None = None,
     step: float | None = None,
-    unseen: bool = False,
+    other_trials: bool = False,
     reference: Sequence[Trial] = (),
 ) -> Prepared:
-    """Arrange the trials, choose how inputs lie between samples, and fit without any effect.
+    """Put the trials on a grid, choose how inputs are interpolated, and fit without any effect.
 
-    reference: the trials that the ship was calibrated on, if those are others; then only what these do not show counts.
+    ship: with its priors; trials: to diagnose; site: what is known of the place; step: of the grid [s]; other_trials:
+    the ship was calibrated on others; reference: those trials, beyond whose usual misfit an effect must go. Returns
+    the problem with its first fit. Raises UserError where every coefficient is fixed, or all trials
+    are too short.
     """
     place = site or Site({}, {})
     full = ship_with_all_effects(ship, [*trials, *reference], place.held, place.start)
-    base = priors_before(ship, unseen and not reference)
+    base = priors_before(ship, other_trials and not reference)
     if not base.symbols:
         raise UserError(f"{ship.name}: every coefficient is fixed, so nothing is known of how far each may be off")
     length = float(ship.particulars["L"])
-    notices: list[str] = []
+    notices: list[Message] = []
     straight = is_measured_rudder(trials)
     if max(t.dt for t in trials) > COARSE * time_scale(length):
         how = "joined by straight lines" if straight else "held until the next one"
-        notices.append(
-            f"samples of the actuators are taken as {how}; a delay of half a sample cannot be told from the other way"
-        )
+        words = f"samples of the actuators are {how}; a delay of half a sample cannot be told from the other way"
+        notices.append(Message(words, "coarse_samples"))
     data = grid_trials(trials, full.ship.inputs, length, step, straight)
     steps = TransitionModel(full.ship, [*base.symbols, *full.symbols], data.h)
     values = full.ship.values
@@ -102,64 +105,64 @@ def prepare(
     usual, noise, gap = np.zeros(2), initial_noise(full.ship), 0
     if reference:
         old = grid_trials(reference, full.ship.inputs, length, data.h, is_measured_rudder(reference))
-        old, null, gap, *_ = fitted(steps, old, values, base, initial_noise(full.ship))
-        known = refer(steps, old, null, base, full.candidates, len(trials))
+        old, null, gap, *_ = fit_without_effects(steps, old, values, base, initial_noise(full.ship))
+        known = fit_reference(steps, old, null, base, full.candidates, len(trials))
         base, full = known.priors, replace(full, candidates=known.candidates)
         values, noise = known.theta, known.noise.with_(prior=known.noise)
         usual = np.array([known.unnamed, known.unexplained])
-        notices.append(
-            "the ship was calibrated on other trials, and those were fitted first: only what goes beyond their usual "
-            "misfit and scatter counts"
-        )
+        words = "the ship was calibrated on other trials, which were fitted first: only what goes beyond their usual"
+        notices.append(Message(f"{words} misfit and scatter counts", "reference_fitted"))
         if known.strong:
-            notices.append(
-                f"the trials of the calibration show these effects already: {', '.join(c.label for c in known.strong)}"
-            )
-        LOGGER.info(f"fitted to what the ship was calibrated on: {len(old.trials)} runs, {old.samples} samples")
-    data, null, gap, heard, line = fitted(steps, data, values, base, noise, gap)
+            names = ", ".join(c.label for c in known.strong)
+            words = f"the trials of the calibration show these effects already: {names}"
+            notices.append(Message(words, "effects_in_reference"))
+        LOGGER.info("fitted to the trials of the calibration: %d runs, %d samples", len(old.trials), old.samples)
+    data, null, gap, correlation, line = fit_without_effects(steps, data, values, base, noise, gap)
     if gap > 1:
-        notices.append(
-            f"what remains of neighbouring samples is alike (correlation {heard:.2f}), as of filtered instruments: one "
-            f"sample every {gap * data.h:g} s is compared"
-        )
-    LOGGER.info(f"fitted without any effect: {len(data.trials)} runs, {data.samples} samples")
-    notices += list(data.dropped)
+        words = f"residuals of neighbouring samples are correlated ({correlation:.2f}), as of filtered instruments"
+        notices.append(Message(f"{words}: one sample every {gap * data.h:g} s is compared", "correlated_residuals"))
+    LOGGER.info("fitted without any effect: %d runs, %d samples", len(data.trials), data.samples)
+    notices += [Message(words, getattr(words, "code", "left_out")) for words in data.dropped]
     if not null.converged:
-        notices.append("the fit without any effect has not quite settled")
+        notices.append(Message("the fit without any effect has not fully converged", "not_converged"))
     runs = np.unique(data.run).tolist()
     if len(runs) >= RUNS:
         own = [c.in_each(runs) for c in full.candidates if c.effect in LOCAL]
         full = replace(full, candidates=(*full.candidates, *own))
-    problem = Problem(steps, data, base, full.candidates, *(data.samples * usual).tolist())
+    problem = SearchProblem(steps, data, base, full.candidates, *(data.samples * usual).tolist())
     return Prepared(problem, full, null, straight, gap, tuple(notices), line)
 
 
-def fitted(
+def fit_without_effects(
     steps: TransitionModel, data: GriddedTrials, theta: np.ndarray, base: Priors, noise: NoiseModel, gap: int = 0
 ) -> tuple[GriddedTrials, Estimate, int, float, tuple[float, float]]:
-    """(data, fit, every how many grid times are compared, correlation of neighbouring residuals, sharpest line in their
-    spectrum) without any effect; gap: every how many the same instruments were compared in other trials, if known."""
+    """Fit without effects, first on all samples, and again on fewer where neighbouring residuals are correlated.
+
+    steps: the transition model; data: the trials; theta: (all,) first coefficients; base: their priors; noise: first
+    sizes; gap: one in so many grid times was compared in other trials of these instruments, 0: not known. Returns
+    (data, fit, gap, correlation of neighbouring residuals, sharpest line in their spectrum).
+    """
     p = (theta[[steps.ship.symbols.index(s) for s in base.symbols]] - base.mean) / base.std
     null = estimate(steps, data, initial_point(steps, data, theta, base, noise, p), MAX_FITS)
     apart = gap or max(1, round(APART * time_scale(steps.ship.particulars["L"]) / data.h))
     remains = residuals(steps, data, null)
-    heard, line = lag_correlation(data, remains), spectral_line(data, remains)
-    if not (gap or heard > ECHO) or data.thinned(apart).samples < (FEW if gap else LEAST):
+    correlation, line = lag_correlation(data, remains), spectral_line(data, remains)
+    if not (gap or correlation > CORRELATED) or data.thinned(apart).samples < (FEW if gap else LEAST):
         apart = 1
     if apart > 1:
         data = data.thinned(apart)
         null = estimate(steps, data, initial_point(steps, data, theta, base, noise, p), MAX_FITS)
-    return data, null if noise.prior else with_correlation_time(steps, data, null), apart, heard, line
+    return data, null if noise.prior else with_correlation_time(steps, data, null), apart, correlation, line
 
 
-FILTERS = ("velocity_lag", "gyro")
-"""Faults of instruments that belong into the model of the measurement before anything is asked of the dynamics."""
+SENSOR_FAULTS = ("velocity_lag", "gyro")
+"""Faults of instruments that belong into the measurement model before the dynamics are tested."""
 
 
-def with_sensor_faults(ship: Ship, sensors: Kinematics) -> tuple[Ship, list[str]]:
-    """The ship with those faults of FILTERS that the kinematics show, their sizes free, and a sentence on them."""
-    faults = [name for name in sensors.effects() if name in FILTERS and name not in ship.effects]
+def with_sensor_faults(ship: Ship, sensors: Kinematics) -> tuple[Ship, list[Message]]:
+    """The ``ship`` with the SENSOR_FAULTS that the ``sensors`` show, their sizes free, and a sentence on them."""
+    faults = [name for name in sensors.effects() if name in SENSOR_FAULTS and name not in ship.effects]
     if not faults:
         return ship, []
     words = f"the logged columns disagree with each other: {' and '.join(faults)} was put into the model of the sensors"
-    return freeing_effects(ship, faults), [words]
+    return freeing_effects(ship, faults), [Message(words, "sensor_fault_modelled")]

@@ -1,4 +1,4 @@
-"""From the fits of a diagnosis to what is told: the ship with what was found, effects with sizes, the ranking."""
+"""From the fits of a diagnosis to its results: the ship with the named effects, their sizes, the ranking."""
 
 from __future__ import annotations
 
@@ -10,81 +10,74 @@ from diagnosis.estimation.candidates import Candidate, FullModel, parameters
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import mean_over_windows
 from diagnosis.findings import EstimatedParameter, NamedEffect, RankedCandidate
-from diagnosis.hypotheses.forward_selection import Found, Problem, Search, Tried
+from diagnosis.hypotheses.forward_selection import RefittedEffect, Search, SearchProblem, Selection
 from mmg.ship import Ship
 
 
-def fitted_ship(problem: Problem, ship: Ship, full: FullModel, found: Estimate, effects: Sequence[Candidate]) -> Ship:
-    """The ship with the coefficients of a fit and with these effects; one that differs by run as in their mean."""
-    at = dict(zip(full.ship.symbols, mean_over_windows(found.theta), strict=True))
+def fitted_ship(ship: Ship, full: FullModel, fit: Estimate, effects: Sequence[Candidate]) -> Ship:
+    """``ship`` with the coefficients of a ``fit`` of the ``full`` model and with these ``effects``. Returns a ship in
+    which an effect that differs by run has the mean of its values."""
+    at = dict(zip(full.ship.symbols, mean_over_windows(fit.theta), strict=True))
     after, names = ship, [c.effect for c in effects]
     for name in names:
-        values = {p.symbol: float(at[f"{name}.{p.symbol}"]) for p in parameters(ship, name)}
-        after = after.with_effect(name, values)
+        after = after.with_effect(name, {p.symbol: float(at[f"{name}.{p.symbol}"]) for p in parameters(ship, name)})
     changed = {}
-    for s in dict.fromkeys(found.free.symbols):
+    for s in dict.fromkeys(fit.free.symbols):
         if s in after.coefficients:
             c = after.coefficients[s]
-            prior = (
-                {}
-                if s.split(".")[0] in names or c.prior_std is not None
-                else {"prior_value": c.value, "prior_std": c.std}
-            )
-            std = estimated(found, s).std
+            keep = s.split(".")[0] in names or c.prior_std is not None
+            prior = {} if keep else {"prior_value": c.value, "prior_std": c.std}
+            std = estimated(fit, s).std
             changed[s] = c.with_(value=float(at[s]), std=std, fixed=False, source="mmg diagnose", **prior)
     return after.with_coefficients(changed)
 
 
-def estimated(found: Estimate, symbol: str, unit: str = "") -> EstimatedParameter:
-    """A parameter, or the mean over the runs of one that differs by run."""
-    i = [j for j, s in enumerate(found.free.symbols) if s == symbol]
-    weight = found.free.std[i] / len(i)
-    value = float(np.mean([found.value(*found.free.columns[j]) for j in i]))
-    return EstimatedParameter(value, float(np.sqrt(weight @ found.covariance[np.ix_(i, i)] @ weight)), unit)
+def estimated(fit: Estimate, symbol: str, unit: str = "") -> EstimatedParameter:
+    """The parameter ``symbol`` [``unit``] of a ``fit``, or its mean over the runs, with the standard error."""
+    i = [j for j, s in enumerate(fit.free.symbols) if s == symbol]
+    weight = fit.free.std[i] / len(i)
+    value = float(np.mean([fit.value(*fit.free.columns[j]) for j in i]))
+    return EstimatedParameter(value, float(np.sqrt(weight @ fit.covariance[np.ix_(i, i)] @ weight)), unit)
 
 
-def values(problem: Problem, full: FullModel, found: Estimate, candidate: Candidate) -> dict[str, EstimatedParameter]:
-    """The parameters of a candidate in a fit."""
-    units = {p.symbol: p.unit for p in parameters(full.ship, candidate.effect)}
-    return {
-        s.split(".", 1)[1]: estimated(found, s, units[s.split(".", 1)[1]]) for s in dict.fromkeys(candidate.symbols)
-    }
+def parameters_of(full: FullModel, fit: Estimate, candidate: Candidate) -> dict[str, EstimatedParameter]:
+    """The parameters of a ``candidate`` in a ``fit`` of the ``full`` model, by name."""
+    units = {f"{candidate.effect}.{p.symbol}": p.unit for p in parameters(full.ship, candidate.effect)}
+    return {s.split(".", 1)[1]: estimated(fit, s, units[s]) for s in dict.fromkeys(candidate.symbols)}
 
 
-def by_run(problem: Problem, found: Estimate, candidate: Candidate) -> dict[str, dict[str, float]]:
-    """The parameters run by run, of a candidate that differs by run."""
-    told: dict[str, dict[str, float]] = {}
+def values_by_run(problem: SearchProblem, fit: Estimate, candidate: Candidate) -> dict[str, dict[str, float]]:
+    """Values of a ``candidate`` that differs by run, in a ``fit`` to ``problem``. Returns run -> parameter -> value."""
+    rows: dict[str, dict[str, float]] = {}
     for symbol, run in candidate.columns:
         if run is not None:
-            told.setdefault(problem.data.trials[run], {})[symbol.split(".", 1)[1]] = found.value(symbol, run)
-    return told
+            rows.setdefault(problem.data.trials[run], {})[symbol.split(".", 1)[1]] = fit.value(symbol, run)
+    return rows
 
 
-def _tried(found: Found, candidate: Candidate) -> tuple[Search, Tried]:
+def _named_in(found: Selection, candidate: Candidate) -> tuple[Search, RefittedEffect]:
     """The search in which an effect was named."""
-    for s in found.searches:
-        if s.best is not None and s.best.candidate == candidate:
-            return s, s.best
-    raise KeyError(candidate.label)
+    return next((s, s.best) for s in found.searches if s.best is not None and s.best.candidate == candidate)
 
 
-def fit_with(found: Found, candidate: Candidate) -> Estimate:
-    """The fit in which an effect was first tried, and came best."""
+def fit_with(found: Selection, candidate: Candidate) -> Estimate:
+    """The fit in which ``found`` first refitted an effect in the form of ``candidate``."""
     wanted = candidate.effect, candidate.form
-    every = (t for s in found.searches for t in s.tried)
-    return next(t.found for t in every if (t.candidate.effect, t.candidate.form) == wanted)
+    every = (r for s in found.searches for r in s.refitted)
+    return next(r.fit for r in every if (r.candidate.effect, r.candidate.form) == wanted)
 
 
-def named(problem: Problem, full: FullModel, found: Found, candidate: Candidate) -> NamedEffect:
-    """An effect as it is told."""
-    s, t = _tried(found, candidate)
-    sizes, runs = values(problem, full, found.final, candidate), by_run(problem, found.final, candidate)
-    return NamedEffect(candidate.effect, sizes, t.p_value, t.delta_bic, s.score(candidate).absorbed, runs)
+def named_effect(problem: SearchProblem, full: FullModel, found: Selection, candidate: Candidate) -> NamedEffect:
+    """The result on a named effect: ``candidate`` of the selection ``found`` in ``problem`` with the ``full`` model."""
+    search, refitted = _named_in(found, candidate)
+    sizes, runs = parameters_of(full, found.final, candidate), values_by_run(problem, found.final, candidate)
+    absorbed = search.score(candidate).absorbed
+    return NamedEffect(candidate.effect, sizes, refitted.p_value, refitted.delta_bic, absorbed, runs)
 
 
-def same(found: Found) -> tuple[str, ...]:
-    """What the data cannot tell from the first named effect (contract)."""
-    near = dict.fromkeys(c.effect for c in _tried(found, found.effects[0])[0].same)
+def equivalence_class(found: Selection) -> tuple[str, ...]:
+    """Effects that the data cannot tell from the first one named in ``found``."""
+    near = dict.fromkeys(c.effect for c in _named_in(found, found.effects[0])[0].indistinguishable)
     named = {c.effect for c in found.effects}
     return tuple(n for n in near if n not in named)
 
@@ -93,28 +86,29 @@ SHOWS = 3.0
 """Standard errors from which an effect would show."""
 
 
-def visible(problem: Problem, first: Search, name: str) -> dict[str, float]:
-    """Sizes, off neutral, from which these trials would show the parameters of an effect, in all its forms; those they
-    show at all."""
+def visible_from(first: Search, effect: str) -> dict[str, float]:
+    """Parameter -> size, off neutral, from which these trials would show an ``effect`` in any form, by the ``first``
+    search; without parameters that never show."""
     sizes: dict[str, float] = {}
     for s in first.scores:
         c = s.candidate
-        if c.effect == name and not c.by_run:
+        if c.effect == effect and not c.by_run:
             sizes |= dict(zip((x.split(".", 1)[1] for x in c.symbols), SHOWS * s.errors * c.typical, strict=True))
     return {parameter: float(size) for parameter, size in sizes.items() if np.isfinite(size)}
 
 
-def ranking(problem: Problem, full: FullModel, found: Found) -> tuple[RankedCandidate, ...]:
-    """All candidates: those refitted first, the others behind them by their score; each effect once."""
+def ranking(full: FullModel, found: Selection) -> tuple[RankedCandidate, ...]:
+    """All candidates of the ``full`` model by the first search of ``found``: those refitted first, the others behind
+    them by their score; each effect once."""
     first = found.searches[0]
     rows: dict[str, RankedCandidate] = {}
-    for t in first.tried:
-        s, name = first.score(t.candidate), t.candidate.effect
+    for r in first.refitted:
+        s, name = first.score(r.candidate), r.candidate.effect
         if name not in rows:
-            sizes, seen = values(problem, full, t.found, t.candidate), visible(problem, first, name)
-            rows[name] = RankedCandidate(name, s.T, t.p_value, t.delta_bic, True, s.absorbed, sizes, seen)
+            sizes, visible = parameters_of(full, r.fit, r.candidate), visible_from(first, name)
+            rows[name] = RankedCandidate(name, s.T, r.p_value, r.delta_bic, True, s.absorbed, sizes, visible)
     for s in sorted(first.scores, key=lambda s: s.candidate.by_run):
         name = s.candidate.effect
-        seen = visible(problem, first, name)
-        rows.setdefault(name, RankedCandidate(name, s.T, s.p_value, None, s.excited, s.absorbed, {}, seen))
+        visible = visible_from(first, name)
+        rows.setdefault(name, RankedCandidate(name, s.T, s.p_value, None, s.excited, s.absorbed, {}, visible))
     return tuple(rows.values())

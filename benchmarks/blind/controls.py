@@ -24,7 +24,7 @@ from diagnosis.estimation.noise_sizes import initial_noise
 from diagnosis.estimation.parameters import Priors
 from diagnosis.estimation.residual_checks import residuals
 from diagnosis.estimation.transition_model import TransitionModel
-from diagnosis.hypotheses.score_test import scored, slopes
+from diagnosis.hypotheses.score_test import score_tests, slopes
 from diagnosis.prepare import priors_before
 from diagnosis.validation.held_out import WINDOW, errors
 from fitting.parallel import run_all
@@ -143,7 +143,7 @@ def white_ranking(case: Path) -> list[str]:
     for _ in range(ROUNDS - 1):
         noise = noise.with_(white=noise.white * _spread(steps, data, found))
         found = estimate(steps, data, replace(found, noise=noise), fixed_noise=True)
-    return [row.candidate.label for row in scored(slopes(steps, data, found, full.candidates), full.candidates)]
+    return [row.candidate.label for row in score_tests(slopes(steps, data, found, full.candidates), full.candidates)]
 
 
 def _spread(steps: TransitionModel, data: GriddedTrials, found: Estimate) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""From the fit without any effect to the effects that the trials name: screen, refit, step by step."""
+"""Forward selection of effects: score tests of all, refits of the best, one more effect while it is significant."""
 
 from __future__ import annotations
 
@@ -14,49 +14,50 @@ from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import Priors
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.hypotheses.refit import likelihood, refit, robust_p, wald_p
-from diagnosis.hypotheses.score_test import Scored, scored, slopes
-from diagnosis.hypotheses.unnamed import unnamed
+from diagnosis.hypotheses.score_test import ScoreTest, score_tests, slopes
+from diagnosis.hypotheses.unnamed import unnamed_forms
 from fitting.parallel import run_all
+from mmg.progress import OnProgress, Progress
 
 SHORT = 6
 """Candidates refitted, the best by the score test; those in CURVED are refitted whatever it says."""
 CURVED = ("rudder_backlash",)
-"""Effects whose slope at the neutral value says little: a dead band moves nothing until it is as wide as the motion."""
+"""Effects whose slope at the neutral value says little: a dead band acts only when it is as large as the motion."""
 LEVEL = 0.03
 """Probability of a false alarm in one search over all candidates."""
-SAME = 6.0
+SAME_CLASS = 6.0
 """Candidates within this of the best in BIC cannot be told from it (odds of 20 : 1)."""
 CLEAR = 12.0
-"""Gain in BIC from which a refit says which candidate is the best. Below it, how far each refit went decides as much as
-the data do, and BIC asks too much of effects with several parameters: the probabilities of the score test order them
-(of 102 weak effects of benchmarks.blind 80 % come first so, by BIC 72 %)."""
+"""Gain in BIC from which the refits decide which candidate is the best. Below it the convergence of each refit matters
+as much as the data, and BIC penalises several parameters too much. The probabilities of the score test then order the
+candidates: of 102 weak effects of benchmarks.blind 80 % come first, by BIC 72 %."""
 FURTHER = 9.0
-"""Gain in BIC that every effect after the first must bring: where the first is not quite as the library has it, small
-others seem to help."""
+"""Minimum gain in BIC of every effect after the first. Where the first differs somewhat from its model in the library,
+small further effects seem to help."""
 ODDS = float(np.log(3.0))
-"""Log Bayes factor from which something without a name is there."""
+"""Log Bayes factor from which an unexplained remainder is there (odds of 3 : 1)."""
 NEUTRAL = 0.05
-"""Probability of an effect by its own standard errors from which it counts as neutral, whatever else it helped."""
+"""Probability of an effect by its own standard errors above which it counts as neutral."""
 AGREE = 0.05
-"""Probability by the agreement of the runs up to which an effect is named."""
+"""Largest probability, by the agreement of the runs, with which an effect is named."""
 MOST = 3
 """Effects named at the most."""
 
 
 @dataclass(frozen=True)
-class Problem:
-    """What all hypotheses share: the steps of the wide ship, the data, priors of its own coefficients, candidates.
+class SearchProblem:
+    """What all hypotheses share: the transition model of the full ship, data, priors of its coefficients, candidates.
 
-    usual: log Bayes factor of effects without a name that the trials of the calibration would have, were they as many;
-    usual_before: the same where no effect is fitted that is strong in them.
+    expected_unnamed: log Bayes factor of unnamed forms that the trials of the calibration show, for as many samples;
+    expected_unnamed_null: the same without the effects that are strong in those trials.
     """
 
     steps: TransitionModel
     data: GriddedTrials
     base: Priors
     candidates: tuple[Candidate, ...]
-    usual: float = 0.0
-    usual_before: float = 0.0
+    expected_unnamed: float = 0.0
+    expected_unnamed_null: float = 0.0
 
     @property
     def cost(self) -> float:
@@ -65,50 +66,52 @@ class Problem:
 
 
 @dataclass(frozen=True)
-class Tried:
-    """A candidate added to a hypothesis and refitted: the fit, the drop of the negative log likelihood, the gain in
-    BIC, the probability of such a drop by chance anywhere among the candidates."""
+class RefittedEffect:
+    """A candidate added to a hypothesis and refitted.
+
+    gain: of log likelihood; delta_bic: gain in BIC; p_value: probability that chance gives such a gain to any of the
+    candidates.
+    """
 
     candidate: Candidate
-    found: Estimate
-    drop: float
+    fit: Estimate
+    gain: float
     delta_bic: float
     p_value: float
 
 
 @dataclass(frozen=True)
 class Search:
-    """One search: scores of all candidates at a hypothesis, those refitted (best first), those that data cannot tell
-    apart (``same``: best first, all within SAME of it)."""
+    """One search: score tests of all candidates at the fit ``before``, and those refitted, best first."""
 
-    scores: tuple[Scored, ...]
-    tried: tuple[Tried, ...]
+    scores: tuple[ScoreTest, ...]
+    refitted: tuple[RefittedEffect, ...]
     before: Estimate
 
     @property
-    def best(self) -> Tried | None:
-        return self.tried[0] if self.tried else None
+    def best(self) -> RefittedEffect | None:
+        return self.refitted[0] if self.refitted else None
 
     @property
-    def same(self) -> tuple[Candidate, ...]:
+    def indistinguishable(self) -> tuple[Candidate, ...]:
         """Candidates that the data cannot tell from the best, which comes first."""
-        return tuple(t.candidate for t in self.tried if t.delta_bic > self.tried[0].delta_bic - SAME)
+        return tuple(t.candidate for t in self.refitted if t.delta_bic > self.refitted[0].delta_bic - SAME_CLASS)
 
     @property
     def significant(self) -> bool:
         """Whether the best is more than chance."""
-        return bool(self.tried) and self.tried[0].p_value < LEVEL and self.tried[0].delta_bic > 0
+        return bool(self.refitted) and self.refitted[0].p_value < LEVEL and self.refitted[0].delta_bic > 0
 
-    def score(self, candidate: Candidate) -> Scored:
+    def score(self, candidate: Candidate) -> ScoreTest:
         """The test of a ``candidate``."""
         return next(s for s in self.scores if s.candidate == candidate)
 
 
 @dataclass(frozen=True)
-class Found:
-    """Where the search ended: the effects named, in the order found, the fit with them, and the searches.
+class Selection:
+    """The effects selected, in the order found, the fits without and with them, and the searches.
 
-    robust: of each effect named, its probability by how well the runs agree on it."""
+    robust: of each effect, its probability by how well the runs agree on it."""
 
     effects: tuple[Candidate, ...]
     null: Estimate
@@ -118,44 +121,65 @@ class Found:
 
 
 def search(
-    problem: Problem, before: Estimate, named: Sequence[Candidate], short: int = SHORT, seed: int = 0, workers: int = 1
+    problem: SearchProblem,
+    before: Estimate,
+    named: Sequence[Candidate],
+    seed: int = 0,
+    workers: int = 1,
+    progress: OnProgress | None = None,
 ) -> Search:
-    """Screen all candidates that are not named yet, refit the short list with those named.
+    """Test all candidates of ``problem`` that are not ``named`` yet at the fit ``before``, and refit the best.
 
-    workers: processes over which the refits are spread.
+    seed: of the drawn law of the largest score; workers: processes over which the refits are spread; progress: called
+    after each refit. Returns the tests and the refits.
     """
     p = problem
     known = {c.effect for c in named}
     rest = [c for c in p.candidates if c.effect not in known]
-    scores = scored(slopes(p.steps, p.data, before, rest), rest, seed)
+    scores = score_tests(slopes(p.steps, p.data, before, rest), rest, seed)
     excited = [s for s in scores if s.excited]
-    by_bic = sorted(excited, key=lambda s: s.degrees * p.cost - s.T)[:short]
+    by_bic = sorted(excited, key=lambda s: s.degrees * p.cost - s.T)[:SHORT]
     by_p = [s for s in excited if not s.candidate.by_run]
     local = [s for s in by_bic if s.candidate.by_run]
-    chosen = by_p[:short] + local + [s for s in by_p[short:] if s.candidate.effect in CURVED]
-    tried = run_all(_try, [(p, before, tuple(named), s, len(excited)) for s in chosen], workers)
-    return Search(tuple(scores), tuple(_ordered(tried, {s.candidate: s for s in scores})), before)
+    chosen = by_p[:SHORT] + local + [s for s in by_p[SHORT:] if s.candidate.effect in CURVED]
+    done: list[RefittedEffect] = []
+
+    def note(one: RefittedEffect) -> None:
+        done.append(one)
+        if progress:
+            task = f"refits of search {len(named) + 1}"
+            progress(Progress(task, len(done), len(chosen), {"gain in BIC": one.delta_bic}))
+
+    refitted = run_all(refit_task, [(p, before, tuple(named), s, len(excited)) for s in chosen], workers, note)
+    return Search(tuple(scores), tuple(in_order(refitted, {s.candidate: s for s in scores})), before)
 
 
-def _ordered(tried: Sequence[Tried], scores: Mapping[Candidate, Scored]) -> list[Tried]:
-    """Refitted candidates, the best first: by their gain in BIC, or where none is CLEAR by their own probability."""
-    by_bic = sorted(tried, key=lambda t: -t.delta_bic)
+def in_order(refitted: Sequence[RefittedEffect], scores: Mapping[Candidate, ScoreTest]) -> list[RefittedEffect]:
+    """The ``refitted`` candidates, best first: by gain in BIC or, where none is CLEAR, by probability in ``scores``."""
+    by_bic = sorted(refitted, key=lambda t: -t.delta_bic)
     if not by_bic or by_bic[0].delta_bic > CLEAR:
         return by_bic
 
-    def chance(t: Tried) -> float:
-        s = scores[t.candidate]
-        return float(chi2.sf(max(2 * t.drop, 0.0), s.degrees)) if t.candidate.effect in CURVED else s.p_single
+    def chance(r: RefittedEffect) -> float:
+        s = scores[r.candidate]
+        return float(chi2.sf(max(2 * r.gain, 0.0), s.degrees)) if r.candidate.effect in CURVED else s.p_single
 
-    return sorted(by_bic, key=lambda t: (t.candidate.by_run, chance(t)))
-
-
-def _try(task: tuple[Problem, Estimate, tuple[Candidate, ...], Scored, int]) -> Tried:
-    return try_one(*task)
+    return sorted(by_bic, key=lambda r: (r.candidate.by_run, chance(r)))
 
 
-def try_one(problem: Problem, before: Estimate, named: Sequence[Candidate], score: Scored, count: int) -> Tried:
-    """Refit with one more effect, from its first-order estimate."""
+def refit_task(task: tuple[SearchProblem, Estimate, tuple[Candidate, ...], ScoreTest, int]) -> RefittedEffect:
+    """``refit_candidate`` of the arguments in ``task``, as processes take them."""
+    return refit_candidate(*task)
+
+
+def refit_candidate(
+    problem: SearchProblem, before: Estimate, named: Sequence[Candidate], score: ScoreTest, count: int
+) -> RefittedEffect:
+    """Refit ``problem`` from the fit ``before`` with the effects ``named`` and one more.
+
+    score: the test of the candidate, whose first-order estimate is the first value; count: candidates that were tested,
+    by which the probability is corrected. Returns the fit with its gain.
+    """
     c = score.candidate
     start = {x: before.value(*x) for e in named for x in e.columns}
     first = np.clip(c.neutral + score.phi * c.typical, c.lower, c.upper)
@@ -164,47 +188,50 @@ def try_one(problem: Problem, before: Estimate, named: Sequence[Candidate], scor
     elif c.effect in CURVED:
         first = np.clip(c.neutral + c.typical, c.lower, c.upper)
     start |= dict(zip(c.columns, first, strict=True))
-    found = refit(problem.steps, problem.data, problem.base, before, [*named, c], start)
+    fit = refit(problem.steps, problem.data, problem.base, before, [*named, c], start)
     kept = sum(len(e.columns) for e in named)
-    drop = likelihood(before, kept) - likelihood(found, kept + len(c.columns))
-    by_chance = min(1.0, count * float(chi2.sf(max(2 * drop, 0.0), score.degrees)))
+    gain = likelihood(before, kept) - likelihood(fit, kept + len(c.columns))
+    by_chance = min(1.0, count * float(chi2.sf(max(2 * gain, 0.0), score.degrees)))
     p_value = min(score.p_value, by_chance) if c.effect not in CURVED else by_chance
-    return Tried(c, found, drop, 2 * drop - score.degrees * problem.cost, p_value)
+    return RefittedEffect(c, fit, gain, 2 * gain - score.degrees * problem.cost, p_value)
 
 
-def explain(problem: Problem, null: Estimate, seed: int = 0, workers: int = 1) -> Found:
-    """Name effects one after the other while the best of the rest is more than chance.
+def select_effects(
+    problem: SearchProblem, null: Estimate, seed: int = 0, workers: int = 1, progress: OnProgress | None = None
+) -> Selection:
+    """Select effects of ``problem`` one after the other while the best of the rest is more than chance.
 
-    A later effect may make an earlier one superfluous: it is left out again (``_pruned``).
+    null: the fit without effects; seed, workers, progress: as of ``search``. A later effect may make an earlier one
+    superfluous, which is then left out again. Returns the effects and the fits.
     """
     named: list[Candidate] = []
     now, searches = null, []
     for _ in range(MOST + 2):
-        s = search(problem, now, named, seed=seed, workers=workers)
+        s = search(problem, now, named, seed=seed, workers=workers, progress=progress)
         searches.append(s)
         if s.best is None or not s.significant or (named and not s.best.delta_bic > FURTHER):
             break
         if named and _doubtful(problem, s.best):
             break
-        named, now = _pruned(problem, [*named, s.best.candidate], s.best.found)
+        named, now = pruned(problem, [*named, s.best.candidate], s.best.fit)
         if not named:
             null = now
         if len(named) >= MOST:
             break
     robust = {c: robust_p(problem.steps, problem.data, now, c) for c in named}
-    return Found(tuple(named), null, now, tuple(searches), robust)
+    return Selection(tuple(named), null, now, tuple(searches), robust)
 
 
-def _doubtful(problem: Problem, best: Tried) -> bool:
-    """Whether the runs do not agree on a further effect, or effects without a name explain more than it does."""
-    if robust_p(problem.steps, problem.data, best.found, best.candidate) > AGREE:
+def _doubtful(problem: SearchProblem, best: RefittedEffect) -> bool:
+    """Whether the runs do not agree on a further effect, or unnamed forms explain more than it does."""
+    if robust_p(problem.steps, problem.data, best.fit, best.candidate) > AGREE:
         return True
-    rest = unnamed(problem.steps, problem.data, best.found).log_bayes - problem.usual
-    return rest > max(ODDS, best.drop)
+    rest = unnamed_forms(problem.steps, problem.data, best.fit).log_bayes - problem.expected_unnamed
+    return rest > max(ODDS, best.gain)
 
 
-def _pruned(problem: Problem, named: list[Candidate], now: Estimate) -> tuple[list[Candidate], Estimate]:
-    """Without those effects that the others have made superfluous, the newest included.
+def pruned(problem: SearchProblem, named: list[Candidate], now: Estimate) -> tuple[list[Candidate], Estimate]:
+    """The effects ``named`` in ``problem`` without those that the others have made superfluous; now: the fit with all.
 
     Each is left out in turn, and the rest is fitted again from where the fit with it ended: a new effect may have
     helped the fit to a better place that needs no such effect.
@@ -212,16 +239,16 @@ def _pruned(problem: Problem, named: list[Candidate], now: Estimate) -> tuple[li
     for c in named:
         rest = [e for e in named if e != c]
         start = {x: now.value(*x) for e in rest for x in e.columns}
-        without = refit(problem.steps, problem.data, problem.base, now_without(now, problem, rest), rest, start)
+        without = refit(problem.steps, problem.data, problem.base, without_effects(now, problem, rest), rest, start)
         every, kept = (sum(len(e.columns) for e in some) for some in (named, rest))
         lost = 2 * (likelihood(without, kept) - likelihood(now, every))
         if lost < (every - kept) * problem.cost or wald_p(now, c) > NEUTRAL:
-            return _pruned(problem, rest, without) if rest else (rest, without)
+            return pruned(problem, rest, without) if rest else (rest, without)
     return named, now
 
 
-def now_without(now: Estimate, problem: Problem, kept: Sequence[Candidate]) -> Estimate:
-    """A fit as a start of one with fewer effects: the others at their neutral values."""
+def without_effects(now: Estimate, problem: SearchProblem, kept: Sequence[Candidate]) -> Estimate:
+    """The fit ``now`` of ``problem`` as a start of one with the effects ``kept``, the others at neutral values."""
     theta, remains = now.theta.copy(), {c.effect for c in kept}
     for c in problem.candidates:
         if c.effect not in remains:

@@ -19,7 +19,7 @@ from diagnosis.estimation.gridded_trials import grid_trials
 from diagnosis.estimation.linearisation import Point, Trajectory, linearise_and_filter
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import get_values, mean_over_windows, priors_of_effects
-from diagnosis.hypotheses.forward_selection import Problem
+from diagnosis.hypotheses.forward_selection import SearchProblem
 from fitting.design.candidates import Option, library
 from fitting.design.next_trial import runs
 from mmg.motion.froude import time_scale
@@ -29,14 +29,14 @@ SECONDS = 150.0
 """Time at sea of each manoeuvre [s of a 3 m model]."""
 AIM = 10.0
 """Standard error of a size that is good to have [% of it]."""
-TOLD = 6.6
+TELLS_APART = 6.6
 """Misfit that tells two explanations apart at 1 %."""
 
 
-def next_test(problem: Problem, first: Estimate, candidates: Sequence[Candidate], ship: Ship) -> str:
-    """A sentence: the manoeuvre that would separate the first of ``candidates`` from each of the others.
+def next_test(problem: SearchProblem, first: Estimate, candidates: Sequence[Candidate], ship: Ship) -> str:
+    """The manoeuvre that would separate the first of ``candidates`` from each of the others, in a sentence.
 
-    first: a fit with the first of the effects; ship: with that effect, as diagnosed.
+    problem: the search; first: a fit with the first candidate; ship: with that effect.
     """
     theta = mean_over_windows(first.theta)
     for s in {c.symbol for c in first.free.columns if c.run is not None}:  # of one that differs by run, its usual size
@@ -49,7 +49,7 @@ def next_test(problem: Problem, first: Estimate, candidates: Sequence[Candidate]
     if not options:
         return ""
     one, *others = candidates
-    rows = np.array([_told(problem, first, one, others, trial) for trial in trials])
+    rows = np.array([_misfits(problem, first, one, others, trial) for trial in trials])
     if not others:
         best = int(np.argmax(rows[:, 0]))
         percent = 100 / max(np.sqrt(rows[best, 0]), 1e-9)
@@ -63,9 +63,9 @@ def next_test(problem: Problem, first: Estimate, candidates: Sequence[Candidate]
     best = int(np.argmax(worst))
     rivals = f"{one.effect} from {' and '.join(c.effect for c in others)}"
     words = f"To tell {rivals}: {_order(options[best])} of {SECONDS * k:.0f} s"
-    if worst[best] >= TOLD:
+    if worst[best] >= TELLS_APART:
         return words + f" (expected misfit of the wrong one: {worst[best]:.0f}, 6.6 suffices)."
-    times = TOLD / max(worst[best], 1e-6)
+    times = TELLS_APART / max(worst[best], 1e-6)
     if times > 50:
         return f"No manoeuvre of the library would tell {rivals}: look at the instruments and the place instead."
     return words + f", about {np.ceil(times):.0f} times (one is expected to bring {worst[best]:.1f} of 6.6)."
@@ -76,7 +76,9 @@ def _order(option: Option) -> str:
     return f"{option.name} (mmg simulate SHIP --maneuver {option.arguments})"
 
 
-def _told(problem: Problem, first: Estimate, one: Candidate, others: Sequence[Candidate], trial: Trial) -> np.ndarray:
+def _misfits(
+    problem: SearchProblem, first: Estimate, one: Candidate, others: Sequence[Candidate], trial: Trial
+) -> np.ndarray:
     """Misfit of each other effect in place of the first (or of none, without others) in one run of a manoeuvre."""
     steps, data = problem.steps, grid_trials([trial], problem.steps.ship.inputs, _length(problem), problem.data.h)
     every = np.arange(steps.S)
@@ -113,6 +115,6 @@ def _told(problem: Problem, first: Estimate, one: Candidate, others: Sequence[Ca
     return np.array(misfit)
 
 
-def _length(problem: Problem) -> float:
+def _length(problem: SearchProblem) -> float:
     """Length of the ship [m]."""
     return float(problem.steps.ship.particulars["L"])

@@ -1,7 +1,7 @@
-"""What the trials that a ship was calibrated on already show of every effect, as what is known before other trials.
+"""Prior on each effect, estimated from the calibration trials.
 
 No model is perfect: on its own trials, too, a calibrated ship looks a little late, or as if its antenna stood
-elsewhere. Only what other trials show beyond that is news. All effects are fitted to the trials of the calibration
+elsewhere. Other trials must show more than that. All effects are fitted to the trials of the calibration
 together, with priors of their typical sizes, and the scatter of each from run to run is estimated (by
 expectation-maximisation); both become the prior of the effect in other trials (empirical Bayes, Robbins 1956).
 """
@@ -20,24 +20,26 @@ from diagnosis.estimation.linearisation import Point, Trajectory, linearise_and_
 from diagnosis.estimation.map_estimate import Estimate, estimate
 from diagnosis.estimation.parameters import Priors, active_states, priors_of_effects
 from diagnosis.estimation.transition_model import TransitionModel
-from diagnosis.hypotheses.unnamed import unnamed
+from diagnosis.hypotheses.unnamed import unnamed_forms
 
 LEAST, ROUNDS = 0.1, 20
 """Least standard deviation of an effect between runs, in typical sizes; rounds of expectation-maximisation."""
 MAX_FITS = 12
 """Linearisations of the fit."""
 STRONG = 2.0
-"""Typical sizes from which an effect shown by the calibration's trials is a gap there already, not the usual misfit."""
+"""Typical sizes from which an effect in the trials of the calibration is a gap there already, no usual misfit."""
 
 
 @dataclass(frozen=True)
 class Reference:
-    """priors: of the coefficients, then of the parameters of all effects, for trials that are not those of the
-    calibration; candidates: with what the calibration's trials show as their neutral values, unless that is STRONG;
-    strong: those; theta: (all,) coefficients to begin with; shift, scatter: of each parameter, its
-    value and its standard deviation between runs [typical sizes]; unnamed: log Bayes factor, per grid time compared, of
-    effects without a name in the trials of the calibration; unexplained: the same where those that are strong are not
-    fitted; noise: what is random in them."""
+    """What the trials of the calibration show.
+
+    priors: of the coefficients and of the parameters of all effects, for other trials; candidates: with the estimates
+    as their neutral values, unless they are STRONG; strong: those that are; theta: (all,) first coefficients; shift,
+    scatter: value of each parameter and its standard deviation between runs [typical sizes]; unnamed: log Bayes factor
+    of unnamed forms per grid time compared; unexplained: the same without the strong effects; noise: sizes of what is
+    random.
+    """
 
     priors: Priors
     candidates: tuple[Candidate, ...]
@@ -50,7 +52,7 @@ class Reference:
     noise: NoiseModel
 
 
-def refer(
+def fit_reference(
     steps: TransitionModel,
     data: GriddedTrials,
     null: Estimate,
@@ -58,9 +60,10 @@ def refer(
     candidates: Sequence[Candidate],
     runs: int = 1,
 ) -> Reference:
-    """Fit all effects to the calibration's trials, from the fit without any, and see how they scatter by run.
+    """Fit all effects to the trials of the calibration, and estimate how they scatter from run to run.
 
-    runs: number of the other trials, whose mean scatters less than each of them.
+    steps: the transition model; data: those trials; null: the fit without effects; base: priors of the coefficients;
+    candidates: the effects; runs: number of the other trials, whose mean scatters less. Returns the priors for them.
     """
     effects = priors_of_effects(candidates, 1.0)
     free = base + effects
@@ -87,11 +90,11 @@ def refer(
     theta = found.theta.copy()
     theta[[steps.ship.symbols.index(s) for s in free.symbols]] = value
     shift, scatter = (dict(zip(effects.columns, x.tolist(), strict=True)) for x in (found.p[P:], spread))
-    rest = max(unnamed(steps, data, found).log_bayes, 0.0) / data.samples
+    rest = max(unnamed_forms(steps, data, found).log_bayes, 0.0) / data.samples
     whole = rest
     if strong:
         whole = max(
-            unnamed(steps, data, _without(steps, data, found, [c for c in moved if c in strong])).log_bayes, 0.0
+            unnamed_forms(steps, data, _without(steps, data, found, [c for c in moved if c in strong])).log_bayes, 0.0
         )
         whole /= data.samples
     priors = replace(free, mean=value, std=free.std * std)

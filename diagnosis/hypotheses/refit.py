@@ -18,7 +18,7 @@ from mmg.motion.froude import time_scale
 
 
 def likelihood(found: Estimate, own: int) -> float:
-    """Negative log likelihood without the prior of the last ``own`` columns, the effects'."""
+    """Negative log likelihood of the fit ``found`` without the prior of the last ``own`` columns, the effects'."""
     return found.nll - 0.5 * float(found.p[len(found.p) - own :] @ found.p[len(found.p) - own :])
 
 
@@ -31,7 +31,10 @@ def refit(
     start: Mapping[Column, float],
     iterations: int = 8,
 ) -> Estimate:
-    """The fit with these effects, from a fit with fewer; start: values of their parameters to begin with.
+    """Fit with these ``effects``, from the fit ``before`` with fewer.
+
+    steps: the transition model; data: the trials; base: priors of the coefficients; start: first values of the effects'
+    parameters; iterations: linearisations at most. Returns the fit.
 
     Where an effect has a prior among those of ``base``, as known from other trials, that is set aside.
     """
@@ -49,7 +52,7 @@ def refit(
 
 
 def wald_p(found: Estimate, effect: Candidate) -> float:
-    """Probability that an effect is as far from neutral by chance, by the standard errors of the fit."""
+    """Probability that an ``effect`` is as far from neutral by chance, by the standard errors of the fit ``found``."""
     own = np.array([found.free.columns.index(c) for c in effect.columns])
     move = found.p[own] - (effect.neutral - found.free.mean[own]) / found.free.std[own]
     return float(chi2.sf(move @ np.linalg.solve(found.covariance[np.ix_(own, own)], move), len(own)))
@@ -60,7 +63,10 @@ BLOCK, SPARE = 20.0, 4
 
 
 def clusters(data: GriddedTrials, parameters: int, length: float) -> np.ndarray:
-    """Number of the cluster of each grid time of each window, (K + 1, R): its run or, with few runs, a block of it."""
+    """Cluster of each grid time of each window of ``data``, (K + 1, R): its run or, with few runs, a block of it.
+
+    parameters: how many are tested; length: of the ship [m].
+    """
     runs = np.broadcast_to(data.run, data.good.shape[:2])
     if len(np.unique(data.run)) >= parameters + SPARE:
         return runs
@@ -70,7 +76,9 @@ def clusters(data: GriddedTrials, parameters: int, length: float) -> np.ndarray:
 
 
 def robust_p(steps: TransitionModel, data: GriddedTrials, found: Estimate, effect: Candidate) -> float:
-    """Probability of an effect by how well the runs agree on it (cluster-robust Wald test, ``clusters``).
+    """Probability of an ``effect`` by how well the runs agree on it (cluster-robust Wald test, ``clusters``).
+
+    steps: the transition model; data: the trials; found: the fit.
 
     The covariance of the estimate is taken from the scatter of the clusters' slopes about the fit instead of from the
     model of the noise (Liang & Zeger 1986). An effect that one run alone shows is not doubted by this, nor one with

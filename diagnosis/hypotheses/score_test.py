@@ -1,4 +1,4 @@
-"""Which effects would explain what a fitted hypothesis leaves: score tests of all candidates at once.
+"""Score tests of all candidates at once: which effects would explain the residuals of a fitted hypothesis.
 
 At the optimum of a hypothesis the slope of the marginal likelihood along a parameter that is not in it should vanish
 but for chance (score test, Rao 1948). The slopes are those of residuals whitened by the filter, plus that of the log
@@ -42,7 +42,7 @@ class Slopes:
 
 
 @dataclass(frozen=True)
-class Scored:
+class ScoreTest:
     """A candidate's test: T (chi-squared with ``degrees``), its probability by itself and as the largest of all;
     phi: (p,) first-order estimates [typical sizes]; absorbed: share of its information that coefficients imitate;
     errors: (p,) standard errors of phi, infinite where nothing is seen."""
@@ -59,7 +59,10 @@ class Scored:
 
 
 def slopes(steps: TransitionModel, data: GriddedTrials, found: Estimate, candidates: Sequence[Candidate]) -> Slopes:
-    """Linearise about a fitted hypothesis with all candidates as further columns."""
+    """Linearise about a fit with all candidates as further columns.
+
+    steps: the transition model; data: the trials; found: the fit; candidates: those tested. Returns the slopes.
+    """
     passive = np.setdiff1d(np.arange(steps.S), active_states(steps, found.free.symbols, found.theta))
     active, z = np.arange(steps.S), found.path.z  # a candidate's memory takes part in the slope of the log determinant
     if len(passive):
@@ -91,8 +94,9 @@ def slopes(steps: TransitionModel, data: GriddedTrials, found: Estimate, candida
     return Slopes(tuple(each), g, S, own)
 
 
-def scored(s: Slopes, candidates: Sequence[Candidate], seed: int = 0) -> list[Scored]:
-    """Tests of all candidates, the most telling first."""
+def score_tests(s: Slopes, candidates: Sequence[Candidate], seed: int = 0) -> list[ScoreTest]:
+    """Tests of all ``candidates`` with slopes ``s``, the smallest probability first; seed: of the drawn law of the
+    largest."""
     rng = np.random.default_rng(seed)
     values, vectors = np.linalg.eigh(s.S)
     draws = rng.standard_normal((DRAWS, len(values))) * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
@@ -103,7 +107,7 @@ def scored(s: Slopes, candidates: Sequence[Candidate], seed: int = 0) -> list[Sc
     return sorted(rows, key=lambda r: (r.p_single, -r.T))
 
 
-def _test(s: Slopes, c: Candidate, draws: np.ndarray) -> tuple[Scored, np.ndarray]:
+def _test(s: Slopes, c: Candidate, draws: np.ndarray) -> tuple[ScoreTest, np.ndarray]:
     """The test of one candidate, and the single probabilities (DRAWS,) that chance gives it."""
     at = np.array([s.columns.index(x) for x in c.columns])
     S, own = s.S[np.ix_(at, at)], s.own[at]
@@ -112,7 +116,7 @@ def _test(s: Slopes, c: Candidate, draws: np.ndarray) -> tuple[Scored, np.ndarra
     if not seen.any():
         absorbed = 1.0 if excited.any() else 0.0
         nowhere = np.full(len(at), np.inf)
-        row = Scored(c, 0.0, len(at), 1.0, 1.0, np.zeros(len(at)), absorbed, bool(excited.any()), nowhere)
+        row = ScoreTest(c, 0.0, len(at), 1.0, 1.0, np.zeros(len(at)), absorbed, bool(excited.any()), nowhere)
         return row, np.ones(len(draws))
     S = S[np.ix_(seen, seen)]
     inverse = np.linalg.pinv(S, rcond=1e-8, hermitian=True)
@@ -130,7 +134,7 @@ def _test(s: Slopes, c: Candidate, draws: np.ndarray) -> tuple[Scored, np.ndarra
     absorbed = float(np.clip(1 - np.mean(np.diag(S) / own[seen]), 0.0, 1.0))
     errors = np.full(len(at), np.inf)
     errors[seen] = np.sqrt(np.diag(inverse))
-    return Scored(c, T, degrees, p, 1.0, phi, absorbed, True, errors), null
+    return ScoreTest(c, T, degrees, p, 1.0, phi, absorbed, True, errors), null
 
 
 def _largest(p: float, least: np.ndarray, count: int) -> float:

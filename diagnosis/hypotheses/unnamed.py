@@ -1,4 +1,4 @@
-"""A dictionary of effects without a name: what could be wrong in ways that the library does not know.
+"""Unnamed forms: what could be wrong with the model in ways that the library of effects does not hold.
 
 Forces in the three channels as products of velocities, inputs and wind; the rudder's and the propeller's action scaled
 with the state, or late by several times; and errors of each sensor: bias, gain, lag, cross-talk, drift. Every column
@@ -28,17 +28,22 @@ DELAYS = (0.5, 1.0, 2.0, 4.0)
 
 
 @dataclass(frozen=True)
-class Unnamed:
-    """What the dictionary explains: log Bayes factor of each kind of columns, and of their mixture in equal parts;
-    single: that of the best force of OUTER alone, less the log of their number."""
+class UnnamedForms:
+    """What the unnamed forms explain: log Bayes factor of each kind, and of their mixture in equal parts.
+
+    single: log Bayes factor of the best force of OUTER alone, less the log of their number.
+    """
 
     log_bayes: float
     by_kind: dict[str, float]
     single: float
 
 
-def unnamed(steps: TransitionModel, data: GriddedTrials, found: Estimate) -> Unnamed:
-    """Test the dictionary at a fitted hypothesis."""
+def unnamed_forms(steps: TransitionModel, data: GriddedTrials, found: Estimate) -> UnnamedForms:
+    """Test the unnamed forms at a fitted hypothesis.
+
+    steps: the transition model; data: the trials; found: the fit. Returns log Bayes factors.
+    """
     active = active_states(steps, found.free.symbols, found.theta)
     columns, kinds, outer = _columns(steps, data, found, active)
     linearised = linearise_and_filter(steps, data, found, active, columns)
@@ -55,11 +60,14 @@ def unnamed(steps: TransitionModel, data: GriddedTrials, found: Estimate) -> Unn
     by_kind = {name: log_bayes(g, S, np.array([k == name for k in kinds])) for name in names}
     alone = max(log_bayes(g, S, np.arange(len(g)) == i) for i in outer) - float(np.log(len(outer)))
     mixture = float(np.logaddexp.reduce(list(by_kind.values())) - np.log(len(names)))
-    return Unnamed(mixture, by_kind, alone)
+    return UnnamedForms(mixture, by_kind, alone)
 
 
 def log_bayes(g: np.ndarray, S: np.ndarray, chosen: np.ndarray) -> float:
-    """Log ratio of the likelihood with Gaussian coefficients of these columns to that without, averaged over SIZES."""
+    """Log Bayes factor of the columns ``chosen`` (C,), averaged over the prior sizes SIZES.
+
+    g: (C,) slopes of the log likelihood along all columns; S: (C, C) their information.
+    """
     g, S = g[chosen], S[np.ix_(chosen, chosen)]
     values, vectors = np.linalg.eigh(0.5 * (S + S.T))
     values, along = np.maximum(values, 0.0), (vectors.T @ g) ** 2

@@ -19,16 +19,16 @@ from fitting.report.page import environment, figures_of, write_page
 from mmg.errors import UserError
 
 REPORT, FIGURES = "report.html", "figures"
-TOLD = 12
+REGIONS = 12
 """Regions in the table."""
 FAINT = 0.05
 """Share of the energy up to which the regions of a channel are left to diagnosis.json."""
 
 
 def write_report(d: Findings, folder: Path) -> list[dict[str, str]]:
-    """Write the figures and ``report.html`` of a diagnosis to a folder; the figures' files, titles and captions.
+    """Write the figures and ``report.html`` of ``d`` to ``folder``.
 
-    Raises UserError when they cannot be written.
+    Returns rows file, title and caption of the figures. Raises UserError when they cannot be written.
     """
     listed = write_figures(d, folder)
     write_page(build_report(d, folder, listed), folder / REPORT)
@@ -36,7 +36,10 @@ def write_report(d: Findings, folder: Path) -> list[dict[str, str]]:
 
 
 def write_figures(d: Findings, folder: Path) -> list[dict[str, str]]:
-    """Draw the figures into ``folder/figures``; their files, titles and captions."""
+    """Draw the figures of ``d`` into ``folder``/figures. Returns their files, titles, captions.
+
+    Raises UserError when they cannot be written.
+    """
     listed = []
     try:
         (folder / FIGURES).mkdir(parents=True, exist_ok=True)
@@ -61,7 +64,7 @@ def templates() -> Environment:
 
 
 def build_report(d: Findings, folder: Path, listed: Sequence[Mapping[str, str]]) -> str:
-    """The page; listed: figures that lie in the folder."""
+    """The page on ``d``; listed: rows of the figures that lie in ``folder``."""
     page = templates().get_template("diagnosis.html.j2")
     figures = {f["name"]: f for f in figures_of(folder, listed)}
     names = ("where_on_track", "where_in_state", "ranking", "held_out", "shares")
@@ -76,15 +79,15 @@ def _head(d: Findings) -> dict[str, Any]:
     if held is not None and changed and d.verdict == "named":
         shrinks = f"{words.signed(-100 * held.reduction)} % error"
     best = words.ranking(d)[:1]
-    what = "What is left looks like chance."
+    what = "The residuals look like chance."
     if d.verdict == "unknown":
-        what = "Something changes the motion that the library of effects does not hold, or several do at once."
+        what = "The cause is not in the library of effects, or several act at once."
         if best:
             what += f" The nearest is {best[0]['name']}: {best[0]['meaning'][:1].lower()}{best[0]['meaning'][1:]}"
         kinds = {k: v for k, v in d.unnamed_before.items() if k not in ("all", "single") and v > 1.1}
         if kinds:
             nearest = words.kind_words(max(kinds, key=kinds.__getitem__))
-            what += f" Among functions without a name it acts most like {nearest}."
+            what += f" Among the unnamed forms it acts most like {nearest}."
     where = report_where.where_words(d)
     return {
         "ship": d.ship.name, "verdict": d.verdict, "badge": words.BADGE[d.verdict],
@@ -126,8 +129,8 @@ def _rest(d: Findings) -> dict[str, Any]:
     """Tables of the test trials, of where, of what is random."""
     where = d.where
     channels = [{"name": name, **row} for name, row in where.get("channels", {}).items()]
-    told = [row for row in where.get("regions", []) if where["channels"][row["channel"]]["share"] > FAINT][:TOLD]
-    regions = [{"words": report_where.region_words(row), **row} for row in told]
+    chosen = [row for row in where.get("regions", []) if where["channels"][row["channel"]]["share"] > FAINT][:REGIONS]
+    regions = [{"words": report_where.region_words(row), **row} for row in chosen]
     fits = [("random force, rms, without any effect", d.noise.force_N_N_Nm)]
     if d.effects and d.final is not None:
         fits.append(("with what was named", RandomSizes.of(d.final).force_N_N_Nm))
@@ -145,7 +148,7 @@ def _rest(d: Findings) -> dict[str, Any]:
 
 
 def held_rows(d: Findings) -> list[dict[str, Any]]:
-    """Errors of the test trials before and after, the total last."""
+    """Errors of the test trials of ``d`` before and after, the total last."""
     if d.held_out is None:
         return []
     h = d.held_out

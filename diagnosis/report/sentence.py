@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from diagnosis.findings import HeldOut, NamedEffect
-from diagnosis.hypotheses.forward_selection import Found
+from diagnosis.hypotheses.forward_selection import Selection
 
 
 def amount(effect: NamedEffect) -> str:
-    """The parameters of an effect as words."""
+    """The parameters of an ``effect`` in words."""
     parts = []
     for symbol, p in effect.parameters.items():
         parts.append(f"{symbol} = {p.value:.3g} ± {p.std:.2g} {p.unit}".rstrip())
@@ -22,13 +22,17 @@ def sentence_of(
     same: Sequence[str],
     remainder: bool,
     held: HeldOut | None,
-    found: Found,
+    found: Selection,
 ) -> str:
-    """One sentence for the top of the report."""
+    """The diagnosis in one sentence, for the top of the report.
+
+    verdict: "none", "named" or "unknown"; effects: those named; same: effects that the data cannot tell from the first;
+    remainder: whether something is left unexplained; held: the check on test trials; found: the selection.
+    """
     if verdict == "none":
         return "No effect beyond the ship's model is needed to explain these trials: what remains looks like chance."
     if verdict == "unknown":
-        nearest = found.searches[0].tried[0].candidate.effect if found.searches and found.searches[0].tried else ""
+        nearest = next((r.candidate.effect for s in found.searches[:1] for r in s.refitted), "")
         hint = f" The nearest known effect, {nearest}, does not account for it." if nearest else ""
         return f"Something is missing in the model, but none of the known effects explains it.{hint}"
     named = "; ".join(f"{e.name} ({amount(e)})" for e in effects)
@@ -40,4 +44,4 @@ def sentence_of(
             f"; with it the error of 30 s predictions of the test trials changes by {-held.reduction:+.0%} "
             f"(90 % interval {-held.interval_90[1]:+.0%} to {-held.interval_90[0]:+.0%})"
         )
-    return words + (". A part of the gap remains without a name." if remainder else ".")
+    return words + (". A part of the gap remains unexplained." if remainder else ".")

@@ -15,7 +15,7 @@ SIDES = {
 }  # fmt: skip
 """Words for a positive and a negative force of each channel."""
 FOLLOWED = 0.15
-"""Share of a missing force from which a variable is said to be followed."""
+"""Share of a missing force that a variable must explain to be mentioned."""
 TURN_BACK = ("heading", "apparent wind angle")
 PLAIN = {
     "delta": "rudder angle", "n": "revolutions", "u": "speed ahead u", "v": "sway velocity v", "r": "turn rate r",
@@ -35,7 +35,7 @@ def percent(share: float | None) -> str:
 
 
 def region_words(row: Mapping[str, Any]) -> str:
-    """A region in words, with angles in degrees."""
+    """A ``row`` of where["regions"] in words, with angles in degrees."""
     factor, unit = shown_unit(row["unit"])
     name = PLAIN.get(row["variable"], row["variable"])
     if isinstance(row["low"], (list, tuple)):
@@ -50,13 +50,13 @@ def region_words(row: Mapping[str, Any]) -> str:
 
 
 def first_channel(d: Findings) -> str:
-    """The channel with most of the gap."""
+    """The channel with most of the gap of ``d``."""
     channels = d.where.get("channels", {})
     return max(channels, key=lambda name: channels[name]["share"]) if channels else ""
 
 
 def where_words(d: Findings) -> list[str]:
-    """Where the gap lies, in two or three sentences."""
+    """Where the gap of ``d`` lies, in two or three sentences."""
     if not d.where:
         return []
     first = first_channel(d)
@@ -82,8 +82,8 @@ def _after(row: Mapping[str, Any]) -> str:
     if after < 0.9 * before:
         return f"With what was named, the rms falls to {after:.2g} {row['unit']}."
     return (
-        f"With what was named, the rms is {after:.2g} {row['unit']}, hardly less: in these trials the coefficients had "
-        "taken up most of the gap; it shows in their values and on other trials."
+        f"With what was named, the rms is {after:.2g} {row['unit']}, hardly less. In these trials the coefficients had "
+        "taken up most of the gap. It shows in their values and on other trials."
     )
 
 
@@ -102,7 +102,7 @@ def _follows(d: Findings, first: str) -> str:
 
 
 def where_big(d: Findings) -> str:
-    """The channel with most of the gap, in a few words."""
+    """The channel with most of the gap of ``d``, in a few words."""
     if not d.where:
         return ""
     first = first_channel(d)

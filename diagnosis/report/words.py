@@ -17,7 +17,7 @@ BADGE = {"named": "cause named", "none": "no gap found", "unknown": "cause unkno
 
 
 def plain(name: str) -> str:
-    """Name of an effect without underscores."""
+    """The ``name`` of an effect without underscores. Returns text."""
     return name.replace("_", " ")
 
 
@@ -29,16 +29,15 @@ def readable(text: str) -> str:
 
 
 def meaning(name: str) -> str:
-    """What an effect is in one sentence: the first of its file, without its name."""
+    """What the effect ``name`` is in one sentence, or "" for an unknown one."""
     if name not in EFFECTS:
         return ""
-    first = EFFECTS[name].summary.split("\n\n")[0].replace("\n", " ").strip()
-    words = first.split(": ", 1)[-1]
+    words = EFFECTS[name].summary.split(": ", 1)[-1]
     return words[:1].upper() + words[1:]
 
 
 def probability(p: float) -> str:
-    """A probability with two figures, small ones by a power of ten."""
+    """A probability ``p`` with two figures, small ones by a power of ten."""
     if not math.isfinite(p):
         return "–"
     if p >= 0.001:
@@ -50,22 +49,22 @@ def probability(p: float) -> str:
 
 
 HOPELESS = 30.0
-"""Typical sizes of an effect from which "would be seen from" says no more than that it is not seen."""
+"""Typical sizes of an effect above which a dash stands for the size from which it would show."""
 
 
 def signed(value: float | None, digits: str = ".0f") -> str:
-    """A number with its sign, or a dash."""
+    """A ``value`` with its sign in the format ``digits``, or a dash."""
     return "–" if value is None or not math.isfinite(value) else f"{value:+{digits}}".replace("-", "−")
 
 
 def quantity(p: EstimatedParameter) -> str:
-    """Value, standard error, unit; angles in degrees."""
+    """Value, standard error, unit of ``p``; angles in degrees."""
     factor, unit = shown_unit(p.unit)
     return f"{plus_minus(factor * p.value, factor * p.std)} {unit}".strip()
 
 
 def sizes(name: str, parameters: Mapping[str, EstimatedParameter], d: Findings) -> list[dict[str, str]]:
-    """Rows of parameter, size, words; a vector over ground also as its amount and direction."""
+    """Rows symbol, size, words of ``parameters`` of the effect ``name`` in ``d``; a vector also by its direction."""
     known = {p.symbol: p for p in EFFECTS[name].parameters(d.ship.namespace, dict(d.ship.components))}
     rows = [
         {"symbol": symbol, "size": quantity(p), "words": known[symbol].description if symbol in known else ""}
@@ -80,18 +79,18 @@ def sizes(name: str, parameters: Mapping[str, EstimatedParameter], d: Findings) 
 
 
 def visible(c: RankedCandidate, d: Findings) -> str:
-    """From which sizes on these trials would show an effect; where even its typical size is far below, a dash."""
+    """The sizes from which the trials of ``d`` would show the candidate ``c``; a dash far above its typical size."""
     known = {p.symbol: p for p in EFFECTS[c.name].parameters(d.ship.namespace, dict(d.ship.components))}
-    told = []
+    rows = []
     for symbol, size in c.visible_from.items():
         factor, unit = shown_unit(known[symbol].unit)
         if size < HOPELESS * known[symbol].typical:
-            told.append(f"{symbol} {factor * size:.2g} {unit}".strip())
-    return ", ".join(told) or "–"
+            rows.append(f"{symbol} {factor * size:.2g} {unit}".strip())
+    return ", ".join(rows) or "–"
 
 
 def ranking(d: Findings) -> list[dict[str, Any]]:
-    """The candidates for the table."""
+    """The candidates of ``d`` for the table."""
     named = {e.name: e for e in d.effects}
     rows = []
     for c in d.candidates:
@@ -115,7 +114,7 @@ def ranking(d: Findings) -> list[dict[str, Any]]:
 
 
 def note_on(c: RankedCandidate, role: str, d: Findings) -> str:
-    """Why a candidate is where it is, in a few words."""
+    """Why the candidate ``c`` of ``d`` is where it is, in a few words; role: "named", "class" or ""."""
     if not c.excited:
         return "not excited by these trials: neither found nor excluded"
     if role == "named":
@@ -144,7 +143,7 @@ def kind_words(kind: str) -> str:
 
 
 def next_words(d: Findings) -> str:
-    """What to test next, also where the diagnosis says nothing of it."""
+    """What to test next after ``d``, also where the diagnosis says nothing of it."""
     if d.next_test:
         return readable(d.next_test)
     if d.verdict == "named" and d.equivalence_class:
@@ -169,7 +168,7 @@ def next_words(d: Findings) -> str:
 
 
 def held_words(h: HeldOut | None, verdict: str) -> str:
-    """How far the gap shrinks, in one sentence."""
+    """How far the gap shrinks by the check ``h`` on test trials, for a ``verdict``."""
     if h is None:
         return "No test trials were given (--test), so it was not measured on trials that took no part."
     trials = f"{len(h.by_run)} test trial{'s' * (len(h.by_run) != 1)} ({h.windows} windows of 30 s)"
@@ -183,14 +182,12 @@ def held_words(h: HeldOut | None, verdict: str) -> str:
     if verdict == "unknown":
         return f"With the nearest candidates, whose names were withdrawn: {words[0].lower()}{words[1:]}"
     if low <= 0 <= h.reduction:
-        words += (
-            " The interval holds zero: it is real in the statistics, but not a gap that one would notice in practice."
-        )
+        words += " The interval contains zero: the effect is significant, but hardly changes the predictions."
     return words
 
 
 def learned_words(found: LearnedResidual | None) -> str:
-    """What the learned residual closes, in a few sentences."""
+    """What the learned residual ``found`` closes, in a few sentences; "" for None."""
     if found is None:
         return ""
     each = ", ".join(f"{signed(100 * r, '.1f')} %" for r in found.reductions)
@@ -203,7 +200,7 @@ def learned_words(found: LearnedResidual | None) -> str:
 
 
 def verdict_words(d: Findings) -> str:
-    """What the verdict means and what to do with it."""
+    """What the verdict of ``d`` means and what to do with it."""
     tried = len([c for c in d.candidates if c.excited])
     if d.verdict == "named":
         names = " and ".join(plain(e.name) for e in d.effects)
@@ -214,7 +211,7 @@ def verdict_words(d: Findings) -> str:
                 f" These trials cannot tell {plain(d.effects[0].name)} from {others}: take the name for one of them."
             )
         if d.remainder:
-            words += " A part of the gap is left without a name."
+            words += " A part of the gap is left unexplained."
         return words
     if d.verdict == "none":
         best = min((c.p_value for c in d.candidates if c.excited), default=1.0)
@@ -229,17 +226,17 @@ def verdict_words(d: Findings) -> str:
 
 
 def unnamed_words(d: Findings) -> str:
-    """What the dictionary without names found, in one sentence."""
+    """What the tests of unnamed forms in ``d`` found."""
     before, after = d.unnamed_before.get("all"), d.unnamed_after.get("all")
     if before is None:
         return ""
     kinds = {k: v for k, v in d.unnamed_before.items() if k not in ("all", "single")}
     words = (
-        f"A dictionary of functions of state, inputs, wind and place has a log Bayes factor of {signed(before, '.1f')}"
+        f"Unnamed forms (functions of state, inputs, wind, place) have a log Bayes factor of {signed(before, '.1f')}"
     )
     if d.verdict == "named" and after is not None:
         words += f" before and {signed(after, '.1f')} after the effect was added"
-    words += " (above 1.1 something without a name is there)."
+    words += " (above 1.1 something is left unexplained)."
     if kinds and before > 1.1:
         top = max(kinds, key=lambda k: kinds[k])
         words += f" Strongest by itself: {top} ({signed(kinds[top], '.1f')})."

@@ -1,4 +1,4 @@
-"""How far the gap closes: trials that took no part, predicted before and after an effect is added."""
+"""How far the gap closes: the error of predictions of test trials before and after an effect is added."""
 
 from __future__ import annotations
 
@@ -39,7 +39,10 @@ class Stepper(Protocol):
 
 
 def scales(length: float) -> np.ndarray:
-    """What an error of each state is measured by (6,): .3 m, .3 m, 5 deg, .05 m/s, .05 m/s, .01 rad/s at 3 m length."""
+    """Scale of an error of each state for a ship of a ``length`` [m].
+
+    Returns (6,), at 3 m .3 m, .3 m, 5 deg, .05 m/s, .05 m/s, .01 rad/s.
+    """
     return np.array([0.3, 0.3, np.radians(5.0), 0.05, 0.05, 0.01]) * state_scale(length)
 
 
@@ -48,16 +51,16 @@ def errors(
     data: GriddedTrials,
     theta: np.ndarray,
     length: float,
-    later: bool = False,
+    second_half: bool = False,
     begin: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Mean squared scaled errors of open-loop windows of ``length`` seconds (0: whole runs), by window, and their run.
 
-    Each begins at its logged row, with what actuators and forces remember of the run before it (``begun``); of two
-    windows one begins STRIDE seconds after the other. A channel that was not measured does not count. theta: (all,), or
-    (all, R) by window of the data; later: in the second half of each run; begin: ``begun`` if it is known already.
+    steps: what predicts; data: R windows of the test trials; theta: (all,) coefficients, or (all, R); second_half: of
+    each run only; begin: (K + 1, R, S) from ``start_states`` if known. Each window begins at its logged row, STRIDE
+    seconds after the one before. A channel that was not measured does not count.
     """
-    half = halves(data) if later else data.t[0]
+    half = half_times(data) if second_half else data.t[0]
     starts: list[tuple[int, int]] = []
     rows = round(length / data.h)
     for r, total in enumerate(data.steps.astype(int)):
@@ -69,7 +72,7 @@ def errors(
         return np.zeros(0), np.zeros(0, dtype=int)
     k0, r0 = np.array(starts).T
     count = np.full(len(k0), rows) if rows else data.steps[r0] - k0
-    z = (begun(steps, data, theta) if begin is None else begin)[k0, r0].T
+    z = (start_states(steps, data, theta) if begin is None else begin)[k0, r0].T
     theta = theta[:, r0] if theta.ndim > 1 else theta
     sigma = scales(float(steps.ship.particulars["L"]))
     total, seen = np.zeros(len(k0)), np.zeros(len(k0))
@@ -85,11 +88,11 @@ def errors(
     return total / np.maximum(seen, 1), data.run[r0]
 
 
-def begun(steps: Stepper, data: GriddedTrials, theta: np.ndarray) -> np.ndarray:
+def start_states(steps: Stepper, data: GriddedTrials, theta: np.ndarray) -> np.ndarray:
     """States (K + 1, R, S) at the logged rows, from which a prediction may begin.
 
-    What actuators and forces remember follows from the inputs and the logged motion before; what a sensor remembers is
-    settled, since the motion behind its log is not known.
+    steps: what predicts; data: the trials; theta: (all,) or (all, R) coefficients. Lagged states of actuators and
+    forces follow from the inputs and the logged motion before; those of sensors are at their steady values.
     """
     names = steps.model.states
     carried = np.array([i for i, s in enumerate(names) if "." in s and not _of_sensor(s)], dtype=int)
@@ -108,21 +111,22 @@ def begun(steps: Stepper, data: GriddedTrials, theta: np.ndarray) -> np.ndarray:
 
 
 def _of_sensor(state: str) -> bool:
-    """Whether a state is the memory of an effect of the measurement."""
+    """Whether a state belongs to an effect of the measurement."""
     name = state.split(".")[0]
     return name in EFFECTS and EFFECTS[name].measures
 
 
-def halves(data: GriddedTrials) -> np.ndarray:
-    """Time at which the second half of the run of each window begins, (R,) [s]."""
+def half_times(data: GriddedTrials) -> np.ndarray:
+    """Time at which the second half of the run of each window of ``data`` begins, (R,) [s]."""
     ends = np.array([data.t[n, r] for r, n in enumerate(data.steps)])
     return np.array([0.5 * (data.t[0, data.run == r].min() + ends[data.run == r].max()) for r in data.run])
 
 
-def in_their_runs(steps: TransitionModel, data: GriddedTrials, found: Estimate) -> Estimate:
-    """A fit with parameters by run, on other trials: theirs follow from the first half of each run.
+def with_values_by_run(steps: TransitionModel, data: GriddedTrials, found: Estimate) -> Estimate:
+    """A fit with parameters by run, on other trials: their values follow from the first half of each run.
 
-    What is known of them before is their mean and scatter over the runs of the fit; all else stays as it is.
+    steps: the transition model; data: the other trials; found: the fit. The prior of the values is their mean and
+    scatter over the runs of the fit; all else stays. Returns the fit with theta (all, R).
     """
     own_columns = [c for c in found.free.columns if c.run is not None]
     symbols = dict.fromkeys(c.symbol for c in own_columns)
@@ -132,25 +136,25 @@ def in_their_runs(steps: TransitionModel, data: GriddedTrials, found: Estimate) 
     mean, std = (np.tile([f(v) for v in values], len(runs)) for f in (np.mean, lambda v: np.std(v) + 1e-9))
     unbounded = np.full(len(columns_of), np.inf)
     theta = mean_over_windows(found.theta)
-    first = replace(data, good=data.good & (data.t < halves(data))[..., None])
+    first = replace(data, good=data.good & (data.t < half_times(data))[..., None])
     own = Priors(columns_of, mean, std, -unbounded, unbounded)
     start = initial_point(steps, first, theta, own, found.noise)
     return replace(found, theta=estimate(steps, first, start, iterations=6, fixed_noise=True).theta)
 
 
 def window_length(ship: Ship) -> float:
-    """Seconds of a window: WINDOW of a 3 m model."""
+    """Seconds of a window for the length of ``ship``: WINDOW of a 3 m model."""
     return WINDOW * time_scale(ship.particulars["L"])
 
 
 FEW, TOGETHER = 3, 4
-"""With fewer runs than this, so many neighbouring windows are drawn together instead of runs."""
+"""With fewer runs than FEW, blocks of TOGETHER neighbouring windows are drawn instead of runs."""
 
 
 def interval_of(a: np.ndarray, b: np.ndarray, run: np.ndarray, rng: np.random.Generator) -> tuple[float, float]:
-    """90 % interval of 1 - sum(b) / sum(a), errors by window before and after, by drawing the runs again.
+    """90 % interval of the reduction 1 - sum(b) / sum(a), by drawing runs again (block bootstrap).
 
-    Of FEW runs, neighbouring windows are drawn together instead.
+    a, b: (W,) errors of the windows before and after; run: (W,) their runs; rng: random numbers.
     """
     if len(np.unique(run)) < FEW:
         run = np.arange(len(a)) // TOGETHER + 1000 * run
@@ -163,8 +167,8 @@ def interval_of(a: np.ndarray, b: np.ndarray, run: np.ndarray, rng: np.random.Ge
 
 
 @dataclass(frozen=True)
-class _Measured:
-    """What a fit predicts: errors of windows and their run, of whole runs and of one step, log likelihood by window."""
+class _Errors:
+    """Errors of a fit: windows and their run, whole runs, one step; negative log likelihood by window."""
 
     windows: np.ndarray
     run: np.ndarray
@@ -173,25 +177,30 @@ class _Measured:
     nll: np.ndarray
 
 
-def _measured(steps: TransitionModel, data: GriddedTrials, found: Estimate, later: bool) -> _Measured | None:
+def _errors(steps: TransitionModel, data: GriddedTrials, found: Estimate, second_half: bool) -> _Errors | None:
     """None without a whole window."""
-    begin = begun(steps, data, found.theta)
+    begin = start_states(steps, data, found.theta)
     lengths = (window_length(steps.ship), 0.0, data.h)
-    (windows, run), (whole, _), (step, _) = (errors(steps, data, found.theta, x, later, begin) for x in lengths)
+    (windows, run), (whole, _), (step, _) = (errors(steps, data, found.theta, x, second_half, begin) for x in lengths)
     if not len(windows):
         return None
-    if later:
-        data = replace(data, good=data.good & (data.t >= halves(data))[..., None])
-    return _Measured(windows, run, float(whole.mean()), float(step.mean()), one_step_likelihood(steps, data, found))
+    if second_half:
+        data = replace(data, good=data.good & (data.t >= half_times(data))[..., None])
+    return _Errors(windows, run, float(whole.mean()), float(step.mean()), one_step_likelihood(steps, data, found))
 
 
 def compare(
     steps: TransitionModel, data: GriddedTrials, before: Estimate, after: Estimate, seed: int = 0
 ) -> HeldOut | None:
-    """Windows by two fits, with an interval of the reduction by drawing runs again; None without a whole window."""
-    later = after.free.by_run
-    a = _measured(steps, data, before, later)
-    b = a if after is before else _measured(steps, data, in_their_runs(steps, data, after) if later else after, later)
+    """Errors of test trials by two fits, with intervals by drawing runs again; None without a whole window.
+
+    steps: the transition model; data: the test trials; before, after: the fits; seed: of the draws.
+    """
+    by_run = after.free.by_run
+    a = _errors(steps, data, before, by_run)
+    b = a
+    if after is not before:
+        b = _errors(steps, data, with_values_by_run(steps, data, after) if by_run else after, by_run)
     if a is None or b is None:
         return None
     rng = np.random.default_rng(seed)
@@ -219,7 +228,10 @@ def compare(
 def one_step_likelihood(
     steps: TransitionModel, data: GriddedTrials, found: Estimate, iterations: int = 4
 ) -> np.ndarray:
-    """Negative log likelihood of each window (R,) of other trials at the coefficients and noise of a fit."""
+    """Negative log likelihood of one-step predictions of each window (R,) of other trials.
+
+    steps: the transition model; data: the trials; found: the fit; iterations: linearisations of the filter.
+    """
     active = active_states(steps, found.free.symbols, found.theta)
     path = initial_trajectory(steps, data, found.theta)
     for k in range(iterations):

@@ -1,6 +1,6 @@
-"""How much a learned residual closes of what has no name: trained like ``mmg train``, measured like ``held_out``.
+"""How much of the test error a learned residual removes: trained like ``mmg train``, measured like ``held_out``.
 
-Nothing of the test trials reaches the training: they only say afterwards what it was worth.
+The test trials take no part in the training.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from diagnosis.validation.held_out import errors, interval_of, window_length
 from fitting.nlp.grid import default_step, grids
 from mmg.errors import UserError
 from mmg.model import Model
+from mmg.progress import OnProgress
 from mmg.ship import Ship
 from residual.settings import TrainSettings
 from residual.system import Hybrid, TrainableSystem
@@ -30,19 +31,19 @@ from residual.training.trainer import Outcome, Task, restored
 from residual.training.windows import Piece
 
 SEEDS = 3
-"""Trainings, which are judged by three fifths of the runs; ``mmg train`` takes five, so that all of them judge."""
+"""Trainings. They are judged on three fifths of the runs; the five of ``mmg train`` cover all runs."""
 NOTHING = 0.005
-"""Share of the error up to which words call a reduction or growth none."""
+"""Share of the error up to which a reduction or growth is called none."""
 
 
-class Stepped:
+class SteppedHybrid:
     """A ship with the mean of some learned residuals, a step of h [s] at a time as ``held_out.errors`` takes it."""
 
     def __init__(self, members: Sequence[Hybrid], h: float) -> None:
         self.members, self.h = members, h
         self.ship: Ship = members[0].physics.ship
         self.model: Model = members[0].physics.model
-        self._mean = Mean(members)
+        self._mean = MeanHybrid(members)
 
     def settled(self, six: np.ndarray, controls: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """States (S, M) that are logged as (6, M) under inputs (C, M), what they remember settled."""
@@ -54,7 +55,7 @@ class Stepped:
         return self._mean.step(torch.as_tensor(z), torch.as_tensor(controls), self.h).numpy()
 
 
-class Mean(TrainableSystem):
+class MeanHybrid(TrainableSystem):
     """Hybrids of one ship with their rates averaged, which is the ship with the mean of their residuals."""
 
     def __init__(self, members: Sequence[Hybrid]) -> None:
@@ -65,28 +66,27 @@ class Mean(TrainableSystem):
         return torch.stack([m.rates(z, controls) for m in self.members]).mean(dim=0)
 
 
-def learned(
+def measure_learned_residual(
     ship: Ship,
     trials: Sequence[Trial],
     tests: Sequence[Trial],
-    step: float | None = None,
-    seed: int = 0,
-    workers: int = 1,
-    training: TrainSettings | None = None,
+    settings: TrainSettings | None = None,
+    progress: OnProgress | None = None,
 ) -> LearnedResidual:
-    """Train residuals on the training trials and say how far the error of 30 s predictions of the test trials falls.
+    """Train residuals on the training trials and measure how far the 30 s error of the test trials falls.
 
-    ship: as the diagnosis left it; step [s]: of grid and integration (default: as the fit); seed: of the first training
-    and of the drawn runs; training: how to train (default: that of ``mmg train`` with SEEDS seeds). Raises UserError
-    for too little to train, stop and judge by or to measure on, and where every training diverged; KeyboardInterrupt
+    ship: with the named effects; trials: for training; tests: only measured on; settings: how to train (default: as
+    ``mmg train`` with SEEDS seeds; its seed also draws the runs); progress: called as the training goes on. Returns the
+    errors before and after. Raises UserError for too little data and where every training diverged, KeyboardInterrupt
     after Ctrl-C.
     """
     torch.set_num_threads(1)
     ship = ship.without_network()
     straight = is_measured_rudder(trials)
     length = float(ship.particulars["L"])
-    h = step or default_step(trials, length)
-    settings = replace(training or TrainSettings(seeds=SEEDS), seed=seed, workers=workers, step=h)
+    settings = settings or TrainSettings(seeds=SEEDS)
+    h, seed = settings.step or default_step(trials, length), settings.seed
+    settings = replace(settings, step=h)
     means = straight_means if straight else step_means
     pieces = [Piece(i, g, 0, len(g.controls)) for i, t in enumerate(trials) for g in grids(t, h, ship.inputs, means)]
     scales = hybrid_scales(ship, pieces, list(trials), h)
@@ -94,13 +94,13 @@ def learned(
     seconds = window_length(ship)
 
     def measured(members: Sequence[Hybrid]) -> tuple[np.ndarray, np.ndarray]:
-        return errors(Stepped(members, h), data, ship.values[:0], seconds)
+        return errors(SteppedHybrid(members, h), data, ship.values[:0], seconds)
 
     before, run = measured([build_hybrid(ship, scales, settings, seed)])
     if not len(before):
         raise UserError(f"no test trial holds {seconds:.0f} s without a gap")
     tasks = training_tasks(build_hybrid, ship, scales, settings, pieces)
-    outcomes = _trained(tasks, settings)
+    outcomes = _trained(tasks, settings, progress)
     members = [m for m in restored(tasks[0], outcomes) if isinstance(m, Hybrid)]
     one, together = np.array([measured([m])[0] for m in members]), measured(members)[0]
     reductions = 1 - one.sum(axis=1) / before.sum()
@@ -123,9 +123,9 @@ def learned(
     return replace(found, sentence=sentence_of(found))
 
 
-def _trained(tasks: Sequence[Task], settings: TrainSettings) -> list[Outcome]:
-    """The trainings that did not diverge. Raises as ``learned`` does."""
-    outcomes, interrupted = train_seeds(tasks, settings)
+def _trained(tasks: Sequence[Task], settings: TrainSettings, progress: OnProgress | None) -> list[Outcome]:
+    """The trainings that did not diverge. Raises as ``measure_learned_residual`` does."""
+    outcomes, interrupted = train_seeds(tasks, settings, progress)
     if interrupted:
         raise KeyboardInterrupt
     good = [o for o in outcomes if o.status != "diverged"]
@@ -135,7 +135,7 @@ def _trained(tasks: Sequence[Task], settings: TrainSettings) -> list[Outcome]:
 
 
 def sentence_of(found: LearnedResidual) -> str:
-    """One sentence on how much the residual closes: no more than chance is called none."""
+    """One sentence on how much the residual of ``found`` removes; no more than chance is called none."""
     size, least = f"{abs(found.reduction):.1%}", max(found.spread, NOTHING)
     low, high = found.interval_90 or (-np.inf, np.inf)
     chance = (
@@ -146,10 +146,10 @@ def sentence_of(found: LearnedResidual) -> str:
     figures = f"{chance}; {len(found.seeds)} training(s), ± {found.spread:.1%} among them"
     what = "of the error of 30 s predictions of the test trials"
     if low > 0 and found.reduction > least:
-        return f"A learned residual closes {size} {what} ({figures}): so much of what has no name can be learned."
+        return f"A learned residual closes {size} {what} ({figures}): so much of the remainder can be learned."
     if high < 0 and found.reduction < -least:
         return f"A learned residual does not close any {what} but makes it {size} larger ({figures})."
     return (
         f"A learned residual does not close any {what} beyond chance (reduction {found.reduction:+.1%}; {figures}): "
-        "what has no name was not learned from these trials."
+        "the unexplained remainder was not learned from these trials."
     )

@@ -31,7 +31,8 @@ def diagnose(
     workers: Annotated[int, typer.Option("--workers", help="Processes that refit candidates side by side.")] = 1,
     seed: Annotated[int, typer.Option("--seed", help="Seed of the drawn probabilities and intervals.")] = 0,
     no_learn: Annotated[
-        bool, typer.Option("--no-learn", help="Do not measure how much a learned residual closes of what has no name.")
+        bool,
+        typer.Option("--no-learn", help="Do not measure how much a learned residual closes of the remainder."),
     ] = False,
     json: Annotated[bool, typer.Option("--json", help="Print diagnosis.json.")] = False,
 ) -> None:
@@ -39,9 +40,9 @@ def diagnose(
 
     The coefficients, a slowly varying force and the noise of the sensors are fitted together; every effect of the
     library (mmg effects) is tested on what is left, the best ones are refitted, and what stands out is checked on the
-    --test trials. Where something is left without a name, residuals are trained on the trials, as by mmg train, to see
+    --test trials. Where something is left unexplained, residuals are trained on the trials, as by mmg train, to see
     how much of the error of the --test trials they close. Writes diagnosis.json, report.html, figures and ship.toml
-    (the ship with what was named).
+    (the ship with the named effects).
 
     Example: mmg diagnose runs/first trials/*.csv --test held_out/*.csv --out runs/gap
     """

@@ -10,18 +10,18 @@ import numpy as np
 import pytest
 
 from cases.trial import Trial
-from diagnosis import summary as told
+from diagnosis import summary
 from diagnosis.diagnose import DiagnosisOptions, diagnose
 from diagnosis.estimation.candidates import LOCAL, Candidate, Column, find
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import Priors, get_values, mean_over_windows
 from diagnosis.findings import HeldOut
-from diagnosis.hypotheses.forward_selection import Found, Problem, explain, now_without
+from diagnosis.hypotheses.forward_selection import SearchProblem, Selection, select_effects, without_effects
 from diagnosis.hypotheses.refit import refit, robust_p
-from diagnosis.hypotheses.score_test import scored, slopes
+from diagnosis.hypotheses.score_test import score_tests, slopes
 from diagnosis.prepare import prepare
-from diagnosis.validation.held_out import STRIDE, WINDOW, compare, errors, halves, in_their_runs
+from diagnosis.validation.held_out import STRIDE, WINDOW, compare, errors, half_times, with_values_by_run
 from tests.diagnosis.estimation.test_by_window import short_trials, three_windows
 from tests.diagnosis.report.test_report import case
 from tests.support.diagnosis_cases import (
@@ -52,7 +52,7 @@ def in_currents(
     return trials
 
 
-def local(problem: Problem) -> Problem:
+def local(problem: SearchProblem) -> SearchProblem:
     """With the candidates that differ by run, as ``prepare`` adds them."""
     runs = np.unique(problem.data.run).tolist()
     own = [c.in_each(runs) for c in problem.candidates if c.effect in LOCAL]
@@ -60,14 +60,14 @@ def local(problem: Problem) -> Problem:
 
 
 @pytest.fixture(scope="module")
-def fits() -> tuple[Problem, Estimate, Found]:
+def fits() -> tuple[SearchProblem, Estimate, Selection]:
     """Runs in currents of their own: the problem, the fit without any effect, and what is found."""
     problem, null = problem_of(in_currents(10, RUNS, TRUTH), H)
     problem = local(problem)
-    return problem, null, explain(problem, null)
+    return problem, null, select_effects(problem, null)
 
 
-def test_slopes_by_run_add_up_to_those_of_all_runs(fits: tuple[Problem, Estimate, Found]) -> None:
+def test_slopes_by_run_add_up_to_those_of_all_runs(fits: tuple[SearchProblem, Estimate, Selection]) -> None:
     problem, null, _ = fits
     both = [c for c in problem.candidates if c.effect in LOCAL]
     s = slopes(problem.steps, problem.data, null, both)
@@ -77,13 +77,15 @@ def test_slopes_by_run_add_up_to_those_of_all_runs(fits: tuple[Problem, Estimate
     np.testing.assert_allclose(adds @ s.g[b], s.g[a], rtol=1e-9, atol=1e-9 * np.abs(s.g).max())
     np.testing.assert_allclose(adds @ s.S[np.ix_(b, b)] @ adds.T, s.S[np.ix_(a, a)], rtol=1e-8, atol=1e-9 * s.S.max())
     np.testing.assert_allclose(adds @ s.own[b], s.own[a], rtol=1e-9)
-    rows = {row.candidate.label: row for row in scored(s, both)}
+    rows = {row.candidate.label: row for row in score_tests(s, both)}
     for name in LOCAL:
         by_run = rows[f"{name} by run"]
         assert by_run.T >= rows[name].T and by_run.degrees == 3 * rows[name].degrees
 
 
-def test_information_on_a_run_is_that_where_no_other_run_counts(fits: tuple[Problem, Estimate, Found]) -> None:
+def test_information_on_a_run_is_that_where_no_other_run_counts(
+    fits: tuple[SearchProblem, Estimate, Selection],
+) -> None:
     problem, null, _ = fits
     one, own = ([find(problem.candidates, "current", by_run=by_run)] for by_run in (False, True))
     s = slopes(problem.steps, problem.data, null, own)
@@ -109,17 +111,17 @@ def test_of_a_single_run_the_candidate_by_run_is_the_candidate_itself() -> None:
     assert own.nll == pytest.approx(one.nll, rel=1e-10)
 
 
-def test_the_score_by_run_points_to_the_size_in_each_run(fits: tuple[Problem, Estimate, Found]) -> None:
+def test_the_score_by_run_points_to_the_size_in_each_run(fits: tuple[SearchProblem, Estimate, Selection]) -> None:
     problem, null, _ = fits
     chosen = [find(problem.candidates, "current", by_run=by_run) for by_run in (False, True)]
-    rows = {row.candidate: row for row in scored(slopes(problem.steps, problem.data, null, chosen), chosen)}
+    rows = {row.candidate: row for row in score_tests(slopes(problem.steps, problem.data, null, chosen), chosen)}
     one, own = (rows[c] for c in chosen)
     assert own.p_single < 1e-15 and own.T > one.T + 50
     size = (own.phi * chosen[1].typical).reshape(3, 2)
     np.testing.assert_allclose(size, TRUTH, atol=0.015)
 
 
-def test_a_current_of_its_own_in_each_run_is_named_by_run(fits: tuple[Problem, Estimate, Found]) -> None:
+def test_a_current_of_its_own_in_each_run_is_named_by_run(fits: tuple[SearchProblem, Estimate, Selection]) -> None:
     problem, _, found = fits
     by_run = find(problem.candidates, "current", by_run=True)
     assert found.effects == (by_run,) and found.robust == {by_run: 0.0}
@@ -135,20 +137,22 @@ def test_a_current_of_its_own_in_each_run_is_named_by_run(fits: tuple[Problem, E
 def test_a_current_that_is_the_same_in_all_runs_is_not_named_by_run() -> None:
     problem, null = problem_of(in_currents(10, RUNS, 3 * ((0.03, -0.02),)), H)
     problem = local(problem)
-    found = explain(problem, null)
+    found = select_effects(problem, null)
     current = find(problem.candidates, "current")
     assert found.effects == (current,)
-    assert "current by run" in [t.candidate.label for t in found.searches[0].tried] and found.final.theta.ndim == 1
+    assert "current by run" in [t.candidate.label for t in found.searches[0].refitted] and found.final.theta.ndim == 1
     assert (found.final.value("current.x"), found.final.value("current.y")) == pytest.approx((0.03, -0.02), abs=0.005)
-    row = told.named(problem, replace(full_model(), candidates=problem.candidates), found, current)
+    row = summary.named_effect(problem, replace(full_model(), candidates=problem.candidates), found, current)
     assert row.by_run == {}
 
 
-def test_without_the_effect_coefficients_are_those_of_all_runs_again(fits: tuple[Problem, Estimate, Found]) -> None:
+def test_without_the_effect_coefficients_are_those_of_all_runs_again(
+    fits: tuple[SearchProblem, Estimate, Selection],
+) -> None:
     problem, _, found = fits
-    kept = now_without(found.final, problem, found.effects)
+    kept = without_effects(found.final, problem, found.effects)
     np.testing.assert_array_equal(kept.theta, found.final.theta)
-    none = now_without(found.final, problem, [])
+    none = without_effects(found.final, problem, [])
     assert none.theta.ndim == 1
     current = [problem.steps.ship.symbols.index(s) for s in ("current.x", "current.y")]
     np.testing.assert_array_equal(none.theta[current], 0.0)
@@ -156,13 +160,15 @@ def test_without_the_effect_coefficients_are_those_of_all_runs_again(fits: tuple
     assert robust_p(problem.steps, problem.data, found.final, found.effects[0]) == 0.0
 
 
-def test_what_is_told_has_each_effect_once_and_the_values_of_each_run(fits: tuple[Problem, Estimate, Found]) -> None:
+def test_what_is_told_has_each_effect_once_and_the_values_of_each_run(
+    fits: tuple[SearchProblem, Estimate, Selection],
+) -> None:
     problem, _, found = fits
     w = replace(full_model(), candidates=problem.candidates)
-    names = [row.name for row in told.ranking(problem, w, found)]
+    names = [row.name for row in summary.ranking(w, found)]
     assert names[0] == "current" and len(names) == len(set(names))
     assert set(names) == {c.effect for c in problem.candidates}
-    row = told.named(problem, w, found, found.effects[0])
+    row = summary.named_effect(problem, w, found, found.effects[0])
     assert row.name == "current" and list(row.by_run) == ["run 0", "run 1", "run 2"]
     for r, values in enumerate(row.by_run.values()):
         assert values == {k: found.final.value(f"current.{k}", r) for k in "xy"}
@@ -170,15 +176,17 @@ def test_what_is_told_has_each_effect_once_and_the_values_of_each_run(fits: tupl
         assert row.parameters[k].value == pytest.approx(np.mean([v[k] for v in row.by_run.values()]))
         errors_of = [found.final.std(f"current.{k}", r) for r in range(3)]
         assert 0 < row.parameters[k].std < max(errors_of)
-    assert "current" not in told.same(found)
-    ship = told.fitted_ship(problem, SHIP, w, found.final, found.effects)
+    assert "current" not in summary.equivalence_class(found)
+    ship = summary.fitted_ship(SHIP, w, found.final, found.effects)
     assert ship.parameters_of("current").x == pytest.approx(row.parameters["x"].value)
     assert ship.coefficients["Y_v"].value == pytest.approx(found.final.value("Y_v"))
 
 
-def test_the_contract_has_the_values_by_run_where_an_effect_differs(fits: tuple[Problem, Estimate, Found]) -> None:
+def test_the_contract_has_the_values_by_run_where_an_effect_differs(
+    fits: tuple[SearchProblem, Estimate, Selection],
+) -> None:
     problem, _, found = fits
-    row = told.named(problem, replace(full_model(), candidates=problem.candidates), found, found.effects[0])
+    row = summary.named_effect(problem, replace(full_model(), candidates=problem.candidates), found, found.effects[0])
     d = case("named")
     written = replace(d, effects=(row, replace(row, by_run={}))).to_dict()["effects"]
     assert written[0]["name"] == "current" and written[0]["by_run"] == row.by_run
@@ -192,7 +200,7 @@ def elsewhere() -> GriddedTrials:
 
 
 @pytest.fixture(scope="module")
-def held(fits: tuple[Problem, Estimate, Found]) -> tuple[GriddedTrials, HeldOut]:
+def held(fits: tuple[SearchProblem, Estimate, Selection]) -> tuple[GriddedTrials, HeldOut]:
     problem, null, found = fits
     data = elsewhere()
     result = compare(problem.steps, data, null, found.final)
@@ -202,35 +210,35 @@ def held(fits: tuple[Problem, Estimate, Found]) -> tuple[GriddedTrials, HeldOut]
 
 def test_later_windows_lie_in_the_second_halves_alone() -> None:
     steps, data = full_steps(H), elsewhere()
-    theta, half = steps.ship.values, halves(data)
+    theta, half = steps.ship.values, half_times(data)
     np.testing.assert_allclose(half, 0.5 * data.steps * H, atol=H)
-    _, run = errors(steps, data, theta, WINDOW, later=True)
+    _, run = errors(steps, data, theta, WINDOW, second_half=True)
     expected = [int((0.5 * s * H - WINDOW) // STRIDE) + 1 for s in data.steps]
     assert [int((run == r).sum()) for r in range(3)] == expected == [2, 3, 3]
     first = data.t < half
     y = np.where(first[..., None], data.y + 0.3, data.y)
     for length in (WINDOW, 0.0):
-        before, _ = errors(steps, data, theta, length, later=True)
-        np.testing.assert_array_equal(errors(steps, replace(data, y=y), theta, length, later=True)[0], before)
+        before, _ = errors(steps, data, theta, length, second_half=True)
+        np.testing.assert_array_equal(errors(steps, replace(data, y=y), theta, length, second_half=True)[0], before)
         assert np.abs(errors(steps, replace(data, y=y), theta, length)[0].sum() / before.sum()) > 2
-    assert len(errors(steps, data, theta, 0.0, later=True)[0]) == 3
+    assert len(errors(steps, data, theta, 0.0, second_half=True)[0]) == 3
 
 
 def test_windows_of_one_run_have_one_middle() -> None:
     data = three_windows()
     t = data.t + np.array([0.0, 40.0, 0.0])
-    half = halves(replace(data, t=t))
+    half = half_times(replace(data, t=t))
     assert half[0] == half[1] == pytest.approx(0.5 * t[data.steps[1], 1]) and half[2] == pytest.approx(20.0, abs=H)
 
 
-def test_other_runs_own_values_come_from_their_first_halves(fits: tuple[Problem, Estimate, Found]) -> None:
+def test_other_runs_own_values_come_from_their_first_halves(fits: tuple[SearchProblem, Estimate, Selection]) -> None:
     problem, _, found = fits
     steps, data = problem.steps, elsewhere()
-    theirs = in_their_runs(steps, data, found.final).theta
+    theirs = with_values_by_run(steps, data, found.final).theta
     columns = [Column(f"current.{k}", r) for r in range(3) for k in "xy"]
     np.testing.assert_allclose(get_values(steps.ship, data, theirs, columns), np.ravel(ELSEWHERE), atol=0.012)
-    y = np.where((data.t >= halves(data))[..., None], data.y + 0.3, data.y)
-    again = in_their_runs(steps, replace(data, y=y), found.final).theta
+    y = np.where((data.t >= half_times(data))[..., None], data.y + 0.3, data.y)
+    again = with_values_by_run(steps, replace(data, y=y), found.final).theta
     np.testing.assert_allclose(again, theirs, rtol=1e-6, atol=1e-9)
     rest = [i for i, s in enumerate(steps.ship.symbols) if s not in ("current.x", "current.y")]
     np.testing.assert_allclose(theirs[rest], np.repeat(found.final.theta[rest, :1], 3, axis=1), rtol=1e-12)
@@ -246,12 +254,12 @@ def test_a_fit_by_run_closes_the_gap_of_other_runs(held: tuple[GriddedTrials, He
 
 
 def test_the_mean_of_the_runs_alone_would_not_close_it(
-    fits: tuple[Problem, Estimate, Found], held: tuple[GriddedTrials, HeldOut]
+    fits: tuple[SearchProblem, Estimate, Selection], held: tuple[GriddedTrials, HeldOut]
 ) -> None:
     problem, _, found = fits
     data, h = held
     mean = mean_over_windows(found.final.theta)
-    errors_of, _ = errors(problem.steps, data, mean, WINDOW, later=True)
+    errors_of, _ = errors(problem.steps, data, mean, WINDOW, second_half=True)
     assert errors_of.mean() > 1.5 * h.mse_after
 
 
@@ -263,13 +271,13 @@ def alike(found: Estimate, candidate: Candidate, value: float) -> Estimate:
 
 
 def test_runs_that_are_all_alike_leave_nothing_to_find_and_equal_models_close_nothing(
-    fits: tuple[Problem, Estimate, Found], held: tuple[GriddedTrials, HeldOut]
+    fits: tuple[SearchProblem, Estimate, Selection], held: tuple[GriddedTrials, HeldOut]
 ) -> None:
     problem, null, _ = fits
     data, h = held
     same = alike(null, find(problem.candidates, "current", by_run=True), 0.0)
     np.testing.assert_allclose(
-        in_their_runs(problem.steps, data, same).theta, np.repeat(null.theta[:, None], 3, axis=1), atol=1e-6
+        with_values_by_run(problem.steps, data, same).theta, np.repeat(null.theta[:, None], 3, axis=1), atol=1e-6
     )
     equal = compare(problem.steps, data, null, same)
     assert equal is not None and equal.reduction == pytest.approx(0.0, abs=1e-5)

@@ -20,7 +20,7 @@ from diagnosis.estimation.noise_sizes import initial_noise
 from diagnosis.estimation.parameters import priors_of
 from diagnosis.estimation.residual_checks import with_correlation_time
 from diagnosis.estimation.transition_model import TransitionModel
-from diagnosis.hypotheses.forward_selection import Problem
+from diagnosis.hypotheses.forward_selection import SearchProblem
 from mmg.effects import EFFECTS
 from mmg.ship import Ship
 
@@ -81,7 +81,7 @@ def candidate(effect: str, form: str = "") -> Candidate:
     return find(full_model().candidates, effect, form)
 
 
-def problem_of(trials: Sequence[Trial], h: float = 0.5) -> tuple[Problem, Estimate]:
+def problem_of(trials: Sequence[Trial], h: float = 0.5) -> tuple[SearchProblem, Estimate]:
     """The problem that trials pose with FREE coefficients free, and its fit without any effect.
 
     Inputs are held between samples, as the generator has them."""
@@ -89,7 +89,7 @@ def problem_of(trials: Sequence[Trial], h: float = 0.5) -> tuple[Problem, Estima
     data = grid_trials(trials, steps.ship.inputs, 3.0, h)
     start = initial_point(steps, data, steps.ship.values, base, initial_noise(steps.ship))
     null = estimate(steps, data, start, iterations=12)
-    return Problem(steps, data, base, full_model().candidates), with_correlation_time(steps, data, null)
+    return SearchProblem(steps, data, base, full_model().candidates), with_correlation_time(steps, data, null)
 
 
 def theta_of(steps: TransitionModel, changed: dict[str, float]) -> np.ndarray:

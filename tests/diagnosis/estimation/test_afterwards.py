@@ -8,9 +8,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from diagnosis.diagnose import LINE
 from diagnosis.estimation.residual_checks import residuals, spectral_line
 from diagnosis.location.where import where
+from diagnosis.verdict import LINE_PROBABILITY
 from tests.diagnosis.location.test_where import INPUTS, SHIP, fitted, weaving
 from tests.support.diagnosis_cases import problem_of, pushed_trials
 
@@ -34,9 +34,11 @@ def chance(seed: int, memory: float = 0.0) -> np.ndarray:
 
 def test_chance_and_filtered_instruments_have_no_line() -> None:
     plain = np.array([heard(chance(seed))[0] for seed in range(60)])
-    assert plain.min() > 10 * LINE and (plain < 0.05).mean() < 0.5  # the median of few neighbours makes it eager
+    assert (
+        plain.min() > 10 * LINE_PROBABILITY and (plain < 0.05).mean() < 0.5
+    )  # the median of few neighbours makes it eager
     filtered = np.array([heard(chance(seed, 0.65))[0] for seed in range(30)])
-    assert filtered.min() > 10 * LINE
+    assert filtered.min() > 10 * LINE_PROBABILITY
 
 
 @pytest.mark.parametrize("period", [2.7, 4.0, 9.0])
@@ -63,7 +65,7 @@ def test_a_sensor_that_swings_is_a_line_in_what_a_fit_leaves() -> None:
     for logged in (trials, swinging):
         problem, null = problem_of(logged)
         found.append(spectral_line(problem.data, residuals(problem.steps, problem.data, null)))
-    assert found[0][0] > LINE
+    assert found[0][0] > LINE_PROBABILITY
     assert found[1][0] < 1e-20 and found[1][1] == pytest.approx(period, rel=0.1)
 
 

@@ -7,11 +7,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from diagnosis import summary as told
+from diagnosis import summary
 from diagnosis.estimation.candidates import Candidate
-from diagnosis.hypotheses.forward_selection import explain
+from diagnosis.hypotheses.forward_selection import select_effects
 from diagnosis.hypotheses.next_test import next_test
-from diagnosis.hypotheses.unnamed import unnamed
+from diagnosis.hypotheses.unnamed import unnamed_forms
 from mmg.effects import EFFECTS
 from tests.support.diagnosis_cases import FEW, candidate, full_model, problem_of, pushed_trials
 
@@ -64,27 +64,27 @@ def test_finished_columns_are_those_of_some_time_ago() -> None:
 @pytest.mark.parametrize("form", FORMS)
 def test_it_is_named_with_its_own_parameters(form: str) -> None:
     problem, null = problem_of(pushed_trials(4, (spec(form),)))
-    found, c = explain(problem, null), candidate_of(form)
+    found, c = select_effects(problem, null), candidate_of(form)
     assert found.effects == (c,)
-    row = told.named(problem, full_model(), found, c)
+    row = summary.named_effect(problem, full_model(), found, c)
     assert row.name == c.effect and set(row.parameters) == set(FORMS[form])
     for k, size in FORMS[form].items():
         got = row.parameters[k]
         assert abs(got.value - size) < 3.5 * got.std + 0.06 * abs(size)
-    assert unnamed(problem.steps, problem.data, found.final).log_bayes < 3.0
-    after = told.fitted_ship(problem, problem.steps.ship, full_model(), found.final, found.effects)
+    assert unnamed_forms(problem.steps, problem.data, found.final).log_bayes < 3.0
+    after = summary.fitted_ship(problem.steps.ship, full_model(), found.final, found.effects)
     assert after.coefficients[f"{c.effect}.{next(iter(FORMS[form]))}"].value != 0.0
 
 
 def test_the_fault_that_moves_all_columns_keeps_its_parameters() -> None:
     problem, null = problem_of(pushed_trials(5, ("heading_bias:psi=0.06",)))
-    found = explain(problem, null)
+    found = select_effects(problem, null)
     assert [c.label for c in found.effects] == ["heading_bias"]
 
 
 def test_the_ranking_has_each_effect_once() -> None:
     problem, null = problem_of(pushed_trials(4, (spec("heading_bias alone"),)))
-    ranked = told.ranking(problem, full_model(), explain(problem, null))
+    ranked = summary.ranking(full_model(), select_effects(problem, null))
     assert set(ranked[0].visible_from) == {"psi", "alone"} and ranked[0].visible_from["alone"] < 0.05
     rows = [row.name for row in ranked]
     assert len(rows) == len(set(rows)) and rows[0] == "heading_bias"
@@ -100,10 +100,10 @@ def test_other_forms_take_no_part_unless_asked_for() -> None:
 
 def test_what_to_test_next_is_asked_of_the_form_and_told_of_the_effect() -> None:
     problem, null = problem_of(pushed_trials(4, (spec("heading_bias alone"),)))
-    found = explain(problem, null)
+    found = select_effects(problem, null)
     form = found.effects[0]
-    ship = told.fitted_ship(problem, FEW, full_model(), found.final, found.effects)
-    words = next_test(problem, told.fit_with(found, form), [form], ship)
+    ship = summary.fitted_ship(FEW, full_model(), found.final, found.effects)
+    words = next_test(problem, summary.fit_with(found, form), [form], ship)
     assert words.startswith("To know the size of heading_bias better: ") and "alone would measure it to" in words
     percent = float(words.split("measure it to ")[1].split(" %")[0])
     assert 0 < percent < 5  # 0.05 rad of a compass that is good to 0.0015

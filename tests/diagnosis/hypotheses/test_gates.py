@@ -20,9 +20,18 @@ from diagnosis.estimation.linearisation import Trajectory
 from diagnosis.estimation.map_estimate import Estimate, estimate, initial_point
 from diagnosis.estimation.noise_sizes import initial_noise
 from diagnosis.estimation.parameters import Priors
-from diagnosis.hypotheses.forward_selection import AGREE, NEUTRAL, Found, Problem, Scored, Search, Tried, explain
+from diagnosis.hypotheses.forward_selection import (
+    AGREE,
+    NEUTRAL,
+    RefittedEffect,
+    ScoreTest,
+    Search,
+    SearchProblem,
+    Selection,
+    select_effects,
+)
 from diagnosis.hypotheses.refit import BLOCK, SPARE, clusters, refit, robust_p, wald_p
-from diagnosis.hypotheses.unnamed import Unnamed, unnamed
+from diagnosis.hypotheses.unnamed import UnnamedForms, unnamed_forms
 from tests.support.diagnosis_cases import WHITE, full_steps, problem_of, pushed_trials, quiet, short_data
 
 H = 1.0
@@ -62,7 +71,7 @@ class Fits:
     """Fits that the tests make up, by the effects in them: the negative log likelihood that ``refit`` ends at, and the
     probability of each effect by its standard errors."""
 
-    problem: Problem
+    problem: SearchProblem
     nll: dict[str, float]
     wald: dict[str, float]
     calls: list[Refit]
@@ -71,14 +80,14 @@ class Fits:
         """The names that remain, and the fit, from one with ``named`` at ``nll``."""
         effects = [EFFECTS[n] for n in named]
         now = fit_of(effects, nll, [0.5 + i for i in range(sum(len(e.columns) for e in effects))])
-        kept, found = hypotheses._pruned(self.problem, effects, now)
+        kept, found = hypotheses.pruned(self.problem, effects, now)
         return "".join(c.label for c in kept), found
 
 
 @pytest.fixture
 def fits(monkeypatch: pytest.MonkeyPatch) -> Fits:
     made = Fits(
-        Problem(full_steps(H), short_data(H), Priors((), *4 * [np.zeros(0)]), tuple(EFFECTS.values())), {}, {}, []
+        SearchProblem(full_steps(H), short_data(H), Priors((), *4 * [np.zeros(0)]), tuple(EFFECTS.values())), {}, {}, []
     )
 
     def refitted(
@@ -96,7 +105,7 @@ def fits(monkeypatch: pytest.MonkeyPatch) -> Fits:
     monkeypatch.setattr(hypotheses, "refit", refitted)
     monkeypatch.setattr(hypotheses, "likelihood", lambda found, own: found.nll)
     monkeypatch.setattr(hypotheses, "wald_p", lambda found, effect: made.wald.get(effect.label, 1e-9))
-    monkeypatch.setattr(hypotheses, "now_without", lambda now, problem, kept: now)
+    monkeypatch.setattr(hypotheses, "without_effects", lambda now, problem, kept: now)
     return made
 
 
@@ -155,15 +164,15 @@ def test_a_better_place_without_any_effect_is_where_the_search_goes_on(
     """The first effect goes again: what came of it is the fit without effects that all else is compared with."""
     fits.nll = {"": 60.1}
     null, begun = fit_of([], 100.0), []
-    row = Scored(EFFECTS["a"], 80.0, 1, 1e-9, 1e-9, np.ones(1), 0.0, True)
-    first = Tried(EFFECTS["a"], fit_of([EFFECTS["a"]], 60.0, [1.0]), 40.0, 75.0, 1e-9)
+    row = ScoreTest(EFFECTS["a"], 80.0, 1, 1e-9, 1e-9, np.ones(1), 0.0, True)
+    first = RefittedEffect(EFFECTS["a"], fit_of([EFFECTS["a"]], 60.0, [1.0]), 40.0, 75.0, 1e-9)
 
-    def searched(problem: Problem, before: Estimate, named: Sequence[str], **more: object) -> Search:
+    def searched(problem: SearchProblem, before: Estimate, named: Sequence[str], **more: object) -> Search:
         begun.append((before.nll, tuple(named)))
         return Search((row,), (first,) if before is null else (), before)
 
     monkeypatch.setattr(hypotheses, "search", searched)
-    found = explain(fits.problem, null)
+    found = select_effects(fits.problem, null)
     assert begun == [(100.0, ()), (60.1, ())]
     assert found.effects == () and found.null.nll == 60.1 and found.final is found.null and found.robust == {}
 
@@ -221,11 +230,11 @@ def test_runs_are_clusters_where_they_are_enough_and_blocks_of_time_else() -> No
 
 
 @pytest.fixture(scope="module")
-def one_run() -> tuple[Problem, Estimate]:
+def one_run() -> tuple[SearchProblem, Estimate]:
     return problem_of(pushed_trials(3, runs=(("random:11", 160.0),)), H)
 
 
-def log_off(problem: Problem, null: Estimate, begin: float, end: float) -> tuple[float, float]:
+def log_off(problem: SearchProblem, null: Estimate, begin: float, end: float) -> tuple[float, float]:
     """Probability by standard errors and by agreement of a wrong log, where it is wrong from begin to end [s]."""
     data = problem.data
     wrong = np.where((data.t >= begin) & (data.t <= end), 1.05, 1.0)[..., None]
@@ -236,7 +245,7 @@ def log_off(problem: Problem, null: Estimate, begin: float, end: float) -> tuple
 
 
 def test_stretches_of_one_run_agree_on_what_is_always_there_and_not_on_what_comes_once(
-    one_run: tuple[Problem, Estimate],
+    one_run: tuple[SearchProblem, Estimate],
 ) -> None:
     always, agreed = log_off(*one_run, 0.0, 1e9)
     once, doubted = log_off(*one_run, 20.0, 40.0)
@@ -255,7 +264,7 @@ FORMS = {"nn": lambda psi, n: (n / 10.0) ** 2, "cos": lambda psi, n: np.cos(psi)
 """Forces that none of the fitted coefficients and no random force can give, by heading and revolutions."""
 
 
-def pushed_by(problem: Problem, seed: int, axis: int, form: str, size: float) -> Unnamed:
+def pushed_by(problem: SearchProblem, seed: int, axis: int, form: str, size: float) -> UnnamedForms:
     """What the dictionary says of the problem's windows, once more with a force [N, N m] besides random ones."""
     steps, data, rng = problem.steps, problem.data, np.random.default_rng(seed)
     K, R = data.inputs.shape[:2]
@@ -272,21 +281,21 @@ def pushed_by(problem: Problem, seed: int, axis: int, form: str, size: float) ->
     seen = replace(data, y=y + WHITE * rng.standard_normal(y.shape))
     start = initial_point(steps, seen, steps.ship.values, problem.base, initial_noise(steps.ship))
     null = estimate(steps, seen, start, iterations=12)
-    return unnamed(steps, seen, null)
+    return unnamed_forms(steps, seen, null)
 
 
 @pytest.fixture(scope="module")
-def runs() -> Problem:
+def runs() -> SearchProblem:
     return problem_of(pushed_trials(1), H)[0]
 
 
-def test_no_single_form_is_seen_by_chance(runs: Problem) -> None:
+def test_no_single_form_is_seen_by_chance(runs: SearchProblem) -> None:
     found = np.array([pushed_by(runs, seed, 0, "cos", 0.0).single for seed in range(6)])
     assert found.max() < 2.0 and np.median(found) < 0.0
 
 
 @pytest.mark.parametrize(("axis", "form", "size"), [(1, "nn", 0.5), (1, "cos", 0.7), (2, "cos", 0.4)])
-def test_a_single_form_that_the_ship_lacks_is_seen(runs: Problem, axis: int, form: str, size: float) -> None:
+def test_a_single_form_that_the_ship_lacks_is_seen(runs: SearchProblem, axis: int, form: str, size: float) -> None:
     found = pushed_by(runs, 1, axis, form, size)
     assert found.single > 5.0
     assert max(found.by_kind, key=lambda k: found.by_kind[k]) == ("surge force", "sway force", "yaw force")[axis]
@@ -325,5 +334,5 @@ def test_straight_inputs_are_half_way_where_samples_are_dense_and_joined_else(dt
 def test_a_search_that_finds_nothing_leaves_the_fit_as_it_is(fits: Fits, monkeypatch: pytest.MonkeyPatch) -> None:
     null = fit_of([], 100.0)
     monkeypatch.setattr(hypotheses, "search", lambda problem, before, named, **more: Search((), (), before))
-    found: Found = explain(fits.problem, null)
+    found: Selection = select_effects(fits.problem, null)
     assert found.effects == () and found.final is null and found.null is null and not fits.calls

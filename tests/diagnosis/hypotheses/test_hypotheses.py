@@ -9,7 +9,6 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from benchmarks.disturbed_trials import drawn_ship, process
-from diagnosis.diagnose import ASIDE, EXACT, LITTLE, SLIGHTLY, SUPPORTED, WORSE, decide
 from diagnosis.estimation.candidates import Candidate, Column
 from diagnosis.estimation.kalman import NoiseModel
 from diagnosis.estimation.linearisation import Trajectory
@@ -17,8 +16,27 @@ from diagnosis.estimation.map_estimate import Estimate, estimate, initial_point
 from diagnosis.estimation.noise_sizes import initial_noise
 from diagnosis.estimation.parameters import Priors
 from diagnosis.findings import HeldOut
-from diagnosis.hypotheses.forward_selection import AGREE, LEVEL, ODDS, SAME, Found, Problem, Search, Tried, explain
-from diagnosis.hypotheses.unnamed import SIZES, log_bayes, unnamed
+from diagnosis.hypotheses.forward_selection import (
+    AGREE,
+    LEVEL,
+    ODDS,
+    SAME_CLASS,
+    RefittedEffect,
+    Search,
+    SearchProblem,
+    Selection,
+    select_effects,
+)
+from diagnosis.hypotheses.unnamed import SIZES, log_bayes, unnamed_forms
+from diagnosis.verdict import (
+    BESIDE_INSTRUMENT_FAULT,
+    CONFIRMING_REDUCTION,
+    LARGE_GROWTH,
+    SMALL_GROWTH,
+    STRICT_RATIO,
+    UNEXPLAINED_RATIO,
+    decide,
+)
 from tests.support.diagnosis_cases import FEW, WHITE, candidate, problem_of, pushed_trials, quiet
 
 NOISE = NoiseModel(np.ones(3), 5.0, np.ones(6), np.zeros(6), 4.0)
@@ -33,7 +51,7 @@ def text_of(name: str, values: dict[str, float]) -> str:
     return f"{name}:" + ",".join(f"{k}={v}" for k, v in values.items())
 
 
-def assert_sizes(found: Found, name: str, values: dict[str, float]) -> None:
+def assert_sizes(found: Selection, name: str, values: dict[str, float]) -> None:
     """Within four standard errors, and no error larger than the value."""
     for k, v in values.items():
         std = found.final.std(f"{name}.{k}")
@@ -43,31 +61,31 @@ def assert_sizes(found: Found, name: str, values: dict[str, float]) -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_a_strong_effect_is_named_and_only_it(name: str) -> None:
     problem, null = problem_of(pushed_trials(1, [text_of(name, NAMES[name])]))
-    found = explain(problem, null)
-    assert found.effects == (candidate(name),) == found.searches[0].same
+    found = select_effects(problem, null)
+    assert found.effects == (candidate(name),) == found.searches[0].indistinguishable
     assert found.robust[candidate(name)] < AGREE and found.searches[0].significant
     assert_sizes(found, name, NAMES[name])
     assert found.final.nll < found.null.nll - 20
-    left = unnamed(problem.steps, problem.data, found.final)
+    left = unnamed_forms(problem.steps, problem.data, found.final)
     assert decide(found, 99.0, left.log_bayes, None) == ("named", [])
 
 
 @pytest.mark.parametrize("seed", [2, 3])
 def test_none_is_named_by_chance(seed: int) -> None:
     problem, null = problem_of(pushed_trials(seed, ship=drawn_ship(FEW, seed)))
-    found = explain(problem, null)
+    found = select_effects(problem, null)
     assert found.effects == () and found.final is null and len(found.searches) == 1
     assert found.robust == {}
-    before = unnamed(problem.steps, problem.data, null).log_bayes
+    before = unnamed_forms(problem.steps, problem.data, null).log_bayes
     assert decide(found, before, before, None) == ("none", [])
 
 
 def test_two_effects_are_both_named() -> None:
     truth = {"current": {"x": 0.03, "y": -0.02}, "rudder_offset": {"delta": 0.1}}
     problem, null = problem_of(pushed_trials(2, [text_of(*e) for e in truth.items()]))
-    found = explain(problem, null)
+    found = select_effects(problem, null)
     assert {c.label for c in found.effects} == set(truth)
-    assert found.effects[0] == found.searches[0].tried[0].candidate
+    assert found.effects[0] == found.searches[0].refitted[0].candidate
     for name, values in truth.items():
         assert_sizes(found, name, values)
     assert len(found.searches) == 3  # the last one finds nothing more
@@ -77,9 +95,9 @@ def test_two_effects_are_both_named() -> None:
 def test_what_looks_alike_is_in_one_class(truth: str) -> None:
     """A rudder behind its record and a delay of both actuators, here hardly to be told apart."""
     problem, null = problem_of(pushed_trials(2, [truth], runs=(("zigzag:20/20", 60.0), ("turning:-20", 60.0))))
-    s = explain(problem, null).searches[0]
-    assert s.significant and {"rudder_lag", "control_delay"} <= {c.label for c in s.same}
-    assert s.same[0] == s.tried[0].candidate and candidate("current") not in s.same
+    s = select_effects(problem, null).searches[0]
+    assert s.significant and {"rudder_lag", "control_delay"} <= {c.label for c in s.indistinguishable}
+    assert s.indistinguishable[0] == s.refitted[0].candidate and candidate("current") not in s.indistinguishable
 
 
 def a_fit(nll: float) -> Estimate:
@@ -95,14 +113,19 @@ def made_up(label: str) -> Candidate:
     return Candidate(effect, form, label.endswith(" by run"), (), *4 * [np.zeros(0)])
 
 
-def tried(name: str, delta_bic: float, p_value: float = 1e-6) -> Tried:
-    return Tried(made_up(name), a_fit(0.0), 0.5 * delta_bic, delta_bic, p_value)
+def tried(name: str, delta_bic: float, p_value: float = 1e-6) -> RefittedEffect:
+    return RefittedEffect(made_up(name), a_fit(0.0), 0.5 * delta_bic, delta_bic, p_value)
 
 
 def test_a_class_is_what_lies_within_the_odds_of_the_best() -> None:
-    rows = (tried("a", 20.0), tried("b", 20.1 - SAME), tried("c", 19.9 - SAME), tried("d", -3.0))
-    assert Search((), rows, a_fit(0.0)).same == (made_up("a"), made_up("b"))
-    assert Search((), (), a_fit(0.0)).same == () and Search((), (), a_fit(0.0)).best is None
+    rows = (
+        tried("a", 20.0),
+        tried("b", 20.1 - SAME_CLASS),
+        tried("c", 19.9 - SAME_CLASS),
+        tried("d", -3.0),
+    )
+    assert Search((), rows, a_fit(0.0)).indistinguishable == (made_up("a"), made_up("b"))
+    assert Search((), (), a_fit(0.0)).indistinguishable == () and Search((), (), a_fit(0.0)).best is None
 
 
 @pytest.mark.parametrize(
@@ -114,7 +137,9 @@ def test_a_class_is_what_lies_within_the_odds_of_the_best() -> None:
         (None, False),
     ],
 )
-def test_more_than_chance_needs_a_small_probability_and_a_gain(best: Tried | None, is_significant: bool) -> None:
+def test_more_than_chance_needs_a_small_probability_and_a_gain(
+    best: RefittedEffect | None, is_significant: bool
+) -> None:
     assert Search((), (best,) if best else (), a_fit(0.0)).significant is is_significant
 
 
@@ -146,7 +171,7 @@ def test_log_bayes_speaks_against_more_columns_under_chance_and_for_them_where_s
     assert log_bayes(np.zeros(8), np.zeros((8, 8)), every) == pytest.approx(0.0, abs=1e-12)
 
 
-def pushed_by(problem: Problem, seed: int, sin_2: float) -> Problem:
+def pushed_by(problem: SearchProblem, seed: int, sin_2: float) -> SearchProblem:
     """The problem's windows again with a yaw moment of sin_2 sin 2 psi [N m] besides random forces, and white noise."""
     steps, data, rng = problem.steps, problem.data, np.random.default_rng(seed)
     K, R = data.inputs.shape[:2]
@@ -164,19 +189,19 @@ def pushed_by(problem: Problem, seed: int, sin_2: float) -> Problem:
 
 
 @pytest.fixture(scope="module")
-def runs() -> Problem:
+def runs() -> SearchProblem:
     return problem_of(pushed_trials(1))[0]
 
 
 @pytest.mark.parametrize(("sin_2", "low", "high"), [(0.0, -np.inf, ODDS), (0.4, ODDS, np.inf)])
 def test_a_force_that_no_effect_of_the_library_has_is_seen(
-    runs: Problem, sin_2: float, low: float, high: float
+    runs: SearchProblem, sin_2: float, low: float, high: float
 ) -> None:
     problem = pushed_by(runs, 4, sin_2)
     steps, data = problem.steps, problem.data
     start = initial_point(steps, data, steps.ship.values, problem.base, initial_noise(steps.ship))
     null = estimate(steps, data, start, iterations=12)
-    found = unnamed(steps, data, null)
+    found = unnamed_forms(steps, data, null)
     assert low < found.log_bayes < high
     logs = list(found.by_kind.values())
     assert found.log_bayes == pytest.approx(np.log(np.mean(np.exp(logs))), rel=1e-6)
@@ -189,17 +214,17 @@ def test_a_fault_of_a_sensor_without_a_name_is_unknown(column: str, by: float, k
     """A constant error of turn rate or sway velocity is no effect of the library."""
     trials = [t.with_columns(**{column: t[column] + by}) for t in pushed_trials(2)]
     problem, null = problem_of(trials)
-    before = unnamed(problem.steps, problem.data, null)
+    before = unnamed_forms(problem.steps, problem.data, null)
     assert before.log_bayes > 20 and max(before.by_kind, key=lambda k: before.by_kind[k]) == kind
-    found = explain(problem, null)
-    after = unnamed(problem.steps, problem.data, found.final)
+    found = select_effects(problem, null)
+    after = unnamed_forms(problem.steps, problem.data, found.final)
     assert decide(found, before.log_bayes, after.log_bayes, None)[0] == "unknown"
 
 
-def found_with(drop: float, *effects: str, p: float = 1e-4) -> Found:
+def found_with(drop: float, *effects: str, p: float = 1e-4) -> Selection:
     """A search that ended with these effects, ``drop`` of log likelihood below the start."""
     named = tuple(made_up(e) for e in effects)
-    return Found(named, a_fit(100.0), a_fit(100.0 - drop), (), dict.fromkeys(named, p))
+    return Selection(named, a_fit(100.0), a_fit(100.0 - drop), (), dict.fromkeys(named, p))
 
 
 def held(
@@ -221,8 +246,10 @@ def test_nothing_named_is_none_or_unknown_by_the_dictionary() -> None:
         None,
         held(0.3, (0.1, 0.4), 20.0, (5.0, 30.0)),
         held(0.0, (-0.1, 0.1), 1.0, (-2.0, 4.0)),
-        held(-0.9 * SLIGHTLY, (-0.1, 0.05), -1.0, (-4.0, 1.0)),  # a little worse in both, well within chance
-        held(-0.9 * WORSE, (-0.2, -0.05), 12.0, (3.0, 20.0)),  # longer predictions worse, one-step ones surely better
+        held(-0.9 * SMALL_GROWTH, (-0.1, 0.05), -1.0, (-4.0, 1.0)),  # a little worse in both, well within chance
+        held(
+            -0.9 * LARGE_GROWTH, (-0.2, -0.05), 12.0, (3.0, 20.0)
+        ),  # longer predictions worse, one-step ones surely better
     ],
 )
 def test_a_name_stands_where_nothing_speaks_against_it(test: HeldOut | None) -> None:
@@ -233,9 +260,9 @@ def test_a_name_stands_where_nothing_speaks_against_it(test: HeldOut | None) -> 
     ("test", "verdict"),
     [
         (None, "unknown"),
-        (held(2 * SUPPORTED, (0.01, 0.2), 3.0, (1.0, 5.0)), "named"),
-        (held(0.9 * SUPPORTED, (0.01, 0.2), 3.0, (1.0, 5.0)), "unknown"),
-        (held(2 * SUPPORTED, (-0.01, 0.2), 3.0, (1.0, 5.0)), "unknown"),
+        (held(2 * CONFIRMING_REDUCTION, (0.01, 0.2), 3.0, (1.0, 5.0)), "named"),
+        (held(0.9 * CONFIRMING_REDUCTION, (0.01, 0.2), 3.0, (1.0, 5.0)), "unknown"),
+        (held(2 * CONFIRMING_REDUCTION, (-0.01, 0.2), 3.0, (1.0, 5.0)), "unknown"),
     ],
 )
 def test_a_name_that_explains_less_than_is_left_needs_support_by_test_trials(
@@ -247,7 +274,9 @@ def test_a_name_that_explains_less_than_is_left_needs_support_by_test_trials(
         assert "draft and tow would explain a part" in reasons[0] and "withdrawn" in reasons[0]
     less = decide(found_with(6.0, "draft", "tow"), 9.0, 5.9, test)[0]
     assert less == ("named" if test is None else verdict)  # test trials that are there must support it
-    assert decide(found_with(6.0 / ASIDE, "draft", "tow"), 9.0, 5.9, test)[0] == "named"  # a remainder, no more
+    assert (
+        decide(found_with(6.0 / UNEXPLAINED_RATIO, "draft", "tow"), 9.0, 5.9, test)[0] == "named"
+    )  # a remainder, no more
     assert decide(found_with(0.5, "draft"), 9.0, ODDS - 0.01, test)[0] == "named"
 
 
@@ -257,7 +286,7 @@ def test_a_name_that_needs_the_end_of_what_is_possible_is_withdrawn(value: float
         (Column("X_0F"), Column("fouling.share")), np.zeros(2), np.ones(2), np.array([0.0, -0.6]), np.array([9.0, 5.0])
     )
     final = replace(a_fit(80.0), free=free, p=np.array([0.0, value]))  # a coefficient of the ship's own may be there
-    found = Found((made_up("fouling"),), a_fit(100.0), final, (), {made_up("fouling"): 1e-4})
+    found = Selection((made_up("fouling"),), a_fit(100.0), final, (), {made_up("fouling"): 1e-4})
     got, reasons = decide(found, 9.0, -1.0, None)
     assert got == verdict and bool(reasons) == (verdict == "unknown")
     assert not reasons or "fouling.share = 5 at the end of what is possible" in reasons[0]
@@ -265,7 +294,10 @@ def test_a_name_that_needs_the_end_of_what_is_possible_is_withdrawn(value: float
 
 
 def test_where_longer_predictions_become_worse_less_may_be_left_without_a_name() -> None:
-    for reduction, share in ((-0.9 * SLIGHTLY, ASIDE), (-1.1 * SLIGHTLY, LITTLE)):
+    for reduction, share in (
+        (-0.9 * SMALL_GROWTH, UNEXPLAINED_RATIO),
+        (-1.1 * SMALL_GROWTH, STRICT_RATIO),
+    ):
         test = held(reduction, (-0.2, 0.1), 20.0, (5.0, 30.0))
         for left, verdict in ((0.9, "named"), (1.1, "unknown")):
             assert decide(found_with(100.0, "rudder_lag"), 99.0, left * share * 100.0, test)[0] == verdict
@@ -274,7 +306,7 @@ def test_where_longer_predictions_become_worse_less_may_be_left_without_a_name()
 def test_a_fault_of_one_instrument_alone_leaves_little_over() -> None:
     """Whatever the test trials say: they have the same fault, and a neighbour of it predicts them better, too."""
     support = held(0.3, (0.1, 0.4), 20.0, (5.0, 30.0))
-    for drop, left in ((30.0, EXACT[0]), (200.0, 200.0 * EXACT[1])):
+    for drop, left in ((30.0, BESIDE_INSTRUMENT_FAULT[0]), (200.0, 200.0 * BESIDE_INSTRUMENT_FAULT[1])):
         for test in (None, support):
             assert decide(found_with(drop, "heading_bias alone"), 99.0, left - 0.1, test)[0] == "named"
             verdict, reasons = decide(found_with(drop, "heading_bias alone"), 99.0, left + 0.1, test)
@@ -288,7 +320,7 @@ def test_a_name_on_which_the_runs_do_not_agree_is_withdrawn() -> None:
         f"the runs do not agree on bank (p = {1.1 * AGREE:.2g}): the name is withdrawn"
     ]
     assert decide(found_with(12.0, "bank", p=0.9 * AGREE), 9.0, -1.0, None)[0] == "named"
-    support = held(2 * SUPPORTED, (0.01, 0.2), 3.0, (1.0, 5.0))
+    support = held(2 * CONFIRMING_REDUCTION, (0.01, 0.2), 3.0, (1.0, 5.0))
     assert decide(found_with(12.0, "bank", p=1.1 * AGREE), 9.0, -1.0, support)[0] == "named"
 
 
@@ -298,7 +330,7 @@ def test_a_name_on_which_the_runs_do_not_agree_is_withdrawn() -> None:
         (-1.0, None, "named"),
         (2 * ODDS, None, "unknown"),
         (-1.0, held(0.01, (-0.1, 0.1), 3.0, (1.0, 5.0)), "unknown"),
-        (2 * ODDS, held(2 * SUPPORTED, (0.01, 0.2), 3.0, (1.0, 5.0)), "named"),
+        (2 * ODDS, held(2 * CONFIRMING_REDUCTION, (0.01, 0.2), 3.0, (1.0, 5.0)), "named"),
     ],
 )
 def test_an_effect_with_values_of_its_own_in_each_run_needs_support(
@@ -313,10 +345,12 @@ def test_an_effect_with_values_of_its_own_in_each_run_needs_support(
 @pytest.mark.parametrize(
     "test",
     [
-        held(-1.1 * WORSE, (-0.3, -0.01), 12.0, (3.0, 20.0)),  # clearly worse over 30 s, whatever the single steps do
-        held(-0.5 * WORSE, (-0.2, -0.01), 12.0, (-3.0, 20.0)),  # worse, and single steps not surely better
-        held(-0.5 * WORSE, (-0.2, -0.01), None, None),
-        held(-1.1 * SLIGHTLY, (-0.2, 0.1), -0.1, (-3.0, 2.0)),  # a little worse in both
+        held(
+            -1.1 * LARGE_GROWTH, (-0.3, -0.01), 12.0, (3.0, 20.0)
+        ),  # clearly worse over 30 s, whatever the single steps do
+        held(-0.5 * LARGE_GROWTH, (-0.2, -0.01), 12.0, (-3.0, 20.0)),  # worse, and single steps not surely better
+        held(-0.5 * LARGE_GROWTH, (-0.2, -0.01), None, None),
+        held(-1.1 * SMALL_GROWTH, (-0.2, 0.1), -0.1, (-3.0, 2.0)),  # a little worse in both
         held(0.01, (-0.1, 0.1), -3.1, (-6.0, -1.0)),  # single steps worse, no gain over 30 s
     ],
 )

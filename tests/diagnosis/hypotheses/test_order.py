@@ -9,7 +9,7 @@ import pytest
 
 import diagnosis.hypotheses.forward_selection as hypotheses
 from diagnosis.estimation.candidates import Candidate
-from diagnosis.hypotheses.forward_selection import CLEAR, CURVED, SHORT, Scored, Tried, search
+from diagnosis.hypotheses.forward_selection import CLEAR, CURVED, SHORT, RefittedEffect, ScoreTest, search
 from diagnosis.hypotheses.score_test import Slopes
 from tests.support.diagnosis_cases import problem_of, pushed_trials
 
@@ -18,18 +18,18 @@ def candidate(name: str, by_run: bool = False) -> Candidate:
     return Candidate(name, "", by_run, (), *4 * [np.zeros(0)])
 
 
-def row(name: str, p: float, degrees: int = 1, T: float = 10.0, by_run: bool = False) -> Scored:
-    return Scored(
+def row(name: str, p: float, degrees: int = 1, T: float = 10.0, by_run: bool = False) -> ScoreTest:
+    return ScoreTest(
         candidate(name, by_run), T, degrees, p, min(1.0, 20 * p), np.ones(degrees), 0.0, True, np.ones(degrees)
     )
 
 
-def tried(name: str, delta_bic: float, drop: float = 5.0, by_run: bool = False) -> Tried:
-    return Tried(candidate(name, by_run), None, drop, delta_bic, 0.01)  # type: ignore[arg-type]
+def tried(name: str, delta_bic: float, drop: float = 5.0, by_run: bool = False) -> RefittedEffect:
+    return RefittedEffect(candidate(name, by_run), None, drop, delta_bic, 0.01)  # type: ignore[arg-type]
 
 
-def names(rows: list[Tried], scores: list[Scored]) -> list[str]:
-    return [t.candidate.label for t in hypotheses._ordered(rows, {s.candidate: s for s in scores})]
+def names(rows: list[RefittedEffect], scores: list[ScoreTest]) -> list[str]:
+    return [t.candidate.label for t in hypotheses.in_order(rows, {s.candidate: s for s in scores})]
 
 
 SCORES = [row("tow", 1e-4, 3), row("draft", 4e-3), row(CURVED[0], 0.9), row("current", 1e-6, 8, by_run=True)]
@@ -62,9 +62,9 @@ def test_the_most_probable_are_refitted_and_by_run_only_what_pays_by_bic(monkeyp
     cheap = row("e0", 1e-12, 8, T=90.0, by_run=True)
     dear = row("e1", 1e-11, 8, T=20.0, by_run=True)
     monkeypatch.setattr(hypotheses, "slopes", lambda *args: Slopes((), *3 * [np.zeros(0)]))
-    monkeypatch.setattr(hypotheses, "scored", lambda *args: [cheap, dear, *scores, row(CURVED[0], 0.9, T=0.1)])
-    monkeypatch.setattr(hypotheses, "_try", lambda task: Tried(task[3].candidate, None, 5.0, 0.0, 0.01))
-    monkeypatch.setattr(hypotheses, "run_all", lambda f, tasks, workers: [f(t) for t in tasks])
-    asked = {t.candidate.label for t in search(replace(problem, candidates=()), null, []).tried}
+    monkeypatch.setattr(hypotheses, "score_tests", lambda *args: [cheap, dear, *scores, row(CURVED[0], 0.9, T=0.1)])
+    monkeypatch.setattr(hypotheses, "refit_task", lambda task: RefittedEffect(task[3].candidate, None, 5.0, 0.0, 0.01))
+    monkeypatch.setattr(hypotheses, "run_all", lambda f, tasks, *more: [f(t) for t in tasks])
+    asked = {t.candidate.label for t in search(replace(problem, candidates=()), null, []).refitted}
     assert asked >= {cheap.candidate.label, CURVED[0], *(f"e{i}" for i in range(SHORT))}
     assert not asked & {f"e{i}" for i in range(SHORT, 8)}

@@ -18,9 +18,9 @@ from cases.trial import Trial
 from diagnosis.estimation.candidates import find
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import priors_of_effects
-from diagnosis.hypotheses.forward_selection import ODDS, Found, Problem, explain
-from diagnosis.hypotheses.reference import LEAST, STRONG, Reference, refer
-from diagnosis.hypotheses.unnamed import unnamed
+from diagnosis.hypotheses.forward_selection import ODDS, SearchProblem, Selection, select_effects
+from diagnosis.hypotheses.reference import LEAST, STRONG, Reference, fit_reference
+from diagnosis.hypotheses.unnamed import unnamed_forms
 from diagnosis.inputs import calibration_trials
 from diagnosis.prepare import Prepared, prepare
 from fitting.report.run_folder import RESULT, data_rows, write_json
@@ -54,27 +54,27 @@ def calibrated() -> Ship:
     return FEW.with_coefficients({s: c.with_(prior_value=c.value, prior_std=c.std) for s, c in rows.items()})
 
 
-def diagnosed(trials: Sequence[Trial], reference: Sequence[Trial]) -> tuple[Prepared, Found]:
-    ready = prepare(calibrated(), trials, step=H, unseen=True, reference=reference)
-    return ready, explain(ready.problem, ready.null)
+def diagnosed(trials: Sequence[Trial], reference: Sequence[Trial]) -> tuple[Prepared, Selection]:
+    ready = prepare(calibrated(), trials, step=H, other_trials=True, reference=reference)
+    return ready, select_effects(ready.problem, ready.null)
 
 
 @dataclass(frozen=True)
 class Known:
-    problem: Problem
+    problem: SearchProblem
     null: Estimate
     reference: Reference
 
     def again(self, runs: int) -> Reference:
         """The reference for so many other runs."""
         p = self.problem
-        return refer(p.steps, p.data, self.null, p.base, p.candidates, runs)
+        return fit_reference(p.steps, p.data, self.null, p.base, p.candidates, runs)
 
 
 @cache
 def known(*effects: str) -> Known:
     problem, null = problem_of(before(*effects), H)
-    return Known(problem, null, refer(problem.steps, problem.data, null, problem.base, problem.candidates))
+    return Known(problem, null, fit_reference(problem.steps, problem.data, null, problem.base, problem.candidates))
 
 
 def test_trials_of_the_ship_itself_show_little_and_hardly_scatter() -> None:
@@ -122,7 +122,7 @@ def test_the_mean_of_more_runs_is_known_more_closely() -> None:
 def test_what_is_random_in_the_reference_is_usual_in_other_trials() -> None:
     """One short record says little of its own noise: it stays near that of the reference."""
     one = new()[:1]
-    ready, alone = (prepare(calibrated(), one, step=H, unseen=True, reference=r) for r in (before(), ()))
+    ready, alone = (prepare(calibrated(), one, step=H, other_trials=True, reference=r) for r in (before(), ()))
     usual = ready.null.noise.prior
     assert usual is not None and usual.prior is None and alone.null.noise.prior is None
     np.testing.assert_allclose(usual.white, known().reference.noise.white, rtol=0.05)
@@ -182,7 +182,10 @@ def test_a_strong_effect_of_both_is_told_and_still_named(name: str) -> None:
 def test_the_ship_as_its_trials_show_it_needs_nothing() -> None:
     ready, found = diagnosed(new(), before())
     assert found.effects == () and found.final is ready.null
-    assert unnamed(ready.problem.steps, ready.problem.data, ready.null).log_bayes - ready.problem.usual < ODDS
+    assert (
+        unnamed_forms(ready.problem.steps, ready.problem.data, ready.null).log_bayes - ready.problem.expected_unnamed
+        < ODDS
+    )
 
 
 def wrong(trials: Sequence[Trial]) -> list[Trial]:
@@ -193,14 +196,17 @@ def wrong(trials: Sequence[Trial]) -> list[Trial]:
 def test_what_has_no_name_in_the_reference_either_is_usual_and_grows_with_the_number_of_samples() -> None:
     few, many = (prepare(calibrated(), wrong(t), step=H, reference=wrong(before())) for t in (new()[:1], new()))
     assert many.problem.data.samples > 2.5 * few.problem.data.samples
-    usual = [ready.problem.usual / ready.problem.data.samples for ready in (few, many)]
-    assert usual[0] == pytest.approx(usual[1], rel=1e-9) and few.problem.usual > ODDS
+    usual = [ready.problem.expected_unnamed / ready.problem.data.samples for ready in (few, many)]
+    assert usual[0] == pytest.approx(usual[1], rel=1e-9) and few.problem.expected_unnamed > ODDS
     alone = prepare(calibrated(), wrong(new()), step=H)
-    assert alone.problem.usual == 0.0
-    left = [unnamed(r.problem.steps, r.problem.data, r.null).log_bayes for r in (many, alone)]
+    assert alone.problem.expected_unnamed == 0.0
+    left = [unnamed_forms(r.problem.steps, r.problem.data, r.null).log_bayes for r in (many, alone)]
     assert min(left) > 10 * ODDS  # it is seen
     # and mostly expected, although the fit to the reference takes it for an error of the heading alone
-    assert left[0] - many.problem.usual_before < 0.5 * left[0] and many.problem.usual_before > many.problem.usual
+    assert (
+        left[0] - many.problem.expected_unnamed_null < 0.5 * left[0]
+        and many.problem.expected_unnamed_null > many.problem.expected_unnamed
+    )
 
 
 BIASES = (0.03, -0.05, 0.02, -0.04, 0.06, -0.03)
@@ -208,7 +214,7 @@ BIASES = (0.03, -0.05, 0.02, -0.04, 0.06, -0.03)
 
 
 @pytest.fixture(scope="module")
-def unlike() -> tuple[Problem, Estimate]:
+def unlike() -> tuple[SearchProblem, Estimate]:
     """Six runs, each with another error of its heading."""
     kinds = ("zigzag:20/20", "random:11", "turning:-20", "zigzag:-10/10", "random:12", "turning:15")
     trials = []
@@ -218,13 +224,13 @@ def unlike() -> tuple[Problem, Estimate]:
     return problem_of(trials, H)
 
 
-def scatter_of(unlike: tuple[Problem, Estimate], *names: str) -> tuple[dict[str, float], dict[str, float]]:
+def scatter_of(unlike: tuple[SearchProblem, Estimate], *names: str) -> tuple[dict[str, float], dict[str, float]]:
     p, null = unlike
-    found = refer(p.steps, p.data, null, p.base, [find(p.candidates, n) for n in names])
+    found = fit_reference(p.steps, p.data, null, p.base, [find(p.candidates, n) for n in names])
     return tuple({c.symbol: v for c, v in x.items()} for x in (found.scatter, found.shift))
 
 
-def test_the_scatter_between_runs_is_that_which_they_have(unlike: tuple[Problem, Estimate]) -> None:
+def test_the_scatter_between_runs_is_that_which_they_have(unlike: tuple[SearchProblem, Estimate]) -> None:
     size = find(unlike[0].candidates, "heading_bias").typical[0]
     scatter, shift = scatter_of(unlike, "heading_bias", "antenna_offset", "rudder_offset")
     assert scatter["heading_bias.psi"] * size == pytest.approx(np.sqrt(np.mean(np.square(BIASES))), rel=0.2)
@@ -264,8 +270,8 @@ def known_of(
 
 
 def test_trials_of_the_calibration_are_the_reference_for_others(folder: Path) -> None:
-    unseen, reference, remarks = known_of(folder / "run", read_trials(folder / "new"))
-    assert unseen and remarks == []
+    other_trials, reference, remarks = known_of(folder / "run", read_trials(folder / "new"))
+    assert other_trials and remarks == []
     assert [t.sha256 for t in reference] == [t.sha256 for t in read_trials(folder / "old")]
     assert all(t.path and t.path.parent.name == "old" for t in reference)
 
@@ -308,14 +314,14 @@ def test_trials_that_cannot_be_read_as_they_were_are_no_reference_and_that_is_sa
     what: Callable[[Path], None], folder: Path
 ) -> None:
     what(folder)
-    unseen, reference, remarks = known_of(folder / "run", read_trials(folder / "new"))
-    assert unseen and reference == [] and len(remarks) == 1
+    other_trials, reference, remarks = known_of(folder / "run", read_trials(folder / "new"))
+    assert other_trials and reference == [] and len(remarks) == 1
     assert "calibrated on other trials" in remarks[0] and "cannot be read as they were" in remarks[0]
 
 
 def test_for_another_model_than_was_calibrated_its_trials_are_no_reference(folder: Path) -> None:
     ship = calibrated()
     without_wind = replace(ship, components={k: v for k, v in ship.components.items() if k != "wind"})
-    unseen, reference, remarks = known_of(folder / "run", read_trials(folder / "new"), without_wind)
-    assert unseen and reference == [] and len(remarks) == 1
+    other_trials, reference, remarks = known_of(folder / "run", read_trials(folder / "new"), without_wind)
+    assert other_trials and reference == [] and len(remarks) == 1
     assert "taken as known" in remarks[0] and "cannot be read" not in remarks[0]

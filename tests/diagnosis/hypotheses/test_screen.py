@@ -11,8 +11,8 @@ from scipy.stats import binom, kstest
 from benchmarks.disturbed_trials import drawn_ship
 from diagnosis.estimation.candidates import Candidate, Column, ship_with_all_effects
 from diagnosis.estimation.map_estimate import Estimate
-from diagnosis.hypotheses.forward_selection import Problem
-from diagnosis.hypotheses.score_test import EXCITED, Scored, Slopes, scored, slopes
+from diagnosis.hypotheses.forward_selection import SearchProblem
+from diagnosis.hypotheses.score_test import EXCITED, ScoreTest, Slopes, score_tests, slopes
 from mmg.effects import EFFECTS
 from tests.support.diagnosis_cases import ASTERN, FEW, RUNS, SHIP, candidate, problem_of, pushed_trials
 
@@ -45,11 +45,12 @@ def slopes_of(candidates: list[Candidate], S: np.ndarray, g: np.ndarray) -> Slop
     return Slopes(tuple(x for c in candidates for x in c.columns), g, S, 2.0 * np.diag(S))
 
 
-def rows_of(problem: Problem, null: Estimate) -> dict[str, Scored]:
+def rows_of(problem: SearchProblem, null: Estimate) -> dict[str, ScoreTest]:
     """All rows by name, the most telling first."""
     candidates = problem.candidates
     return {
-        row.candidate.label: row for row in scored(slopes(problem.steps, problem.data, null, candidates), candidates)
+        row.candidate.label: row
+        for row in score_tests(slopes(problem.steps, problem.data, null, candidates), candidates)
     }
 
 
@@ -60,7 +61,7 @@ def test_p_values_of_slopes_drawn_from_their_law_are_uniform() -> None:
     root = np.linalg.cholesky(S)
     least, single = [], []
     for k in range(draws):
-        rows = scored(slopes_of(candidates, S, root @ rng.standard_normal(len(S))), candidates, seed=k)
+        rows = score_tests(slopes_of(candidates, S, root @ rng.standard_normal(len(S))), candidates, seed=k)
         assert [r.p_single for r in rows] == sorted(r.p_single for r in rows)
         least.append(rows[0].p_value)
         single.append({r.candidate: r.p_single for r in rows})
@@ -76,10 +77,10 @@ def test_p_values_of_slopes_drawn_from_their_law_are_uniform() -> None:
 def test_a_p_value_among_all_is_never_below_the_single_one_and_small_ones_are_told_apart() -> None:
     candidates, S = made_up()
     g = 20.0 * np.sqrt(np.diag(S))
-    rows = scored(slopes_of(candidates, S, g), candidates)
+    rows = score_tests(slopes_of(candidates, S, g), candidates)
     assert all(r.p_single <= r.p_value for r in rows)
     assert rows[0].p_value <= len(candidates) * rows[0].p_single < 1e-60  # beyond the draws by Bonferroni
-    again = scored(slopes_of(candidates, S, g), candidates)
+    again = score_tests(slopes_of(candidates, S, g), candidates)
     assert [r.p_value for r in again] == [r.p_value for r in rows]
 
 
@@ -91,7 +92,7 @@ def test_the_first_order_estimate_is_the_solution_of_the_slopes() -> None:
     for c in candidates:
         s = slice(at, at + len(c.symbols))
         block[s, s], at = S[s, s], s.stop
-    rows = {r.candidate: r for r in scored(slopes_of(candidates, block, block @ phi), candidates)}
+    rows = {r.candidate: r for r in score_tests(slopes_of(candidates, block, block @ phi), candidates)}
     np.testing.assert_allclose(np.concatenate([rows[c].phi for c in candidates]), phi, rtol=1e-8)
     for c in candidates:
         assert rows[c].degrees == len(c.columns) and rows[c].absorbed == pytest.approx(0.5)
@@ -101,7 +102,7 @@ def test_the_first_order_estimate_is_the_solution_of_the_slopes() -> None:
 
 def test_an_effect_that_can_only_be_positive_is_not_seen_in_a_negative_slope() -> None:
     candidates, S = made_up()
-    rows = {r.candidate.label: r for r in scored(slopes_of(candidates, S, -8.0 * np.sqrt(np.diag(S))), candidates)}
+    rows = {r.candidate.label: r for r in score_tests(slopes_of(candidates, S, -8.0 * np.sqrt(np.diag(S))), candidates)}
     for name in ("e4", "e5"):
         assert (rows[name].T, rows[name].p_single, rows[name].p_value) == (0.0, 1.0, 1.0) and rows[name].phi[0] == 0
     assert rows["e0"].p_single < 1e-10 and rows["e0"].phi[0] < 0
@@ -115,7 +116,7 @@ def test_what_moves_nothing_is_not_excited_and_what_is_imitated_entirely_is_abso
     S[quiet], S[:, quiet] = 0.0, 0.0
     S[hidden], S[:, hidden] = 0.0, 0.0
     columns = tuple(x for c in candidates for x in c.columns)
-    rows = {r.candidate.label: r for r in scored(Slopes(columns, 3.0 * np.sqrt(np.diag(S)), S, own), candidates)}
+    rows = {r.candidate.label: r for r in score_tests(Slopes(columns, 3.0 * np.sqrt(np.diag(S)), S, own), candidates)}
     assert not rows["e0"].excited and rows["e0"].absorbed == 0.0
     assert rows["e3"].excited and rows["e3"].absorbed == 1.0
     assert rows["e0"].p_value == rows["e3"].p_value == 1.0
@@ -123,24 +124,24 @@ def test_what_moves_nothing_is_not_excited_and_what_is_imitated_entirely_is_abso
 
 
 @pytest.fixture(scope="module")
-def by_chance() -> list[tuple[Slopes, list[Scored]]]:
+def by_chance() -> list[tuple[Slopes, list[ScoreTest]]]:
     """Ships drawn from the prior, pushed by random forces, without any effect."""
     found = []
     for seed in range(SEEDS):
         p, null = problem_of(pushed_trials(seed, ship=drawn_ship(FEW, seed)))
         s = slopes(p.steps, p.data, null, p.candidates)
-        found.append((s, scored(s, p.candidates)))
+        found.append((s, score_tests(s, p.candidates)))
     return found
 
 
-def test_no_effect_is_found_where_there_is_chance_only(by_chance: list[tuple[Slopes, list[Scored]]]) -> None:
+def test_no_effect_is_found_where_there_is_chance_only(by_chance: list[tuple[Slopes, list[ScoreTest]]]) -> None:
     least = np.array([min(r.p_value for r in rows) for _, rows in by_chance])
     assert least.min() > 1e-3
     assert (least < 0.05).sum() <= binom.ppf(0.999, SEEDS, 0.05)
     assert 0.1 < np.median(least) < 0.9
 
 
-def test_slopes_have_the_spread_that_is_stated_and_no_trend(by_chance: list[tuple[Slopes, list[Scored]]]) -> None:
+def test_slopes_have_the_spread_that_is_stated_and_no_trend(by_chance: list[tuple[Slopes, list[ScoreTest]]]) -> None:
     g, S = (np.array(a) for a in ([s.g for s, _ in by_chance], [np.diag(s.S) for s, _ in by_chance]))
     z = g / np.sqrt(S)
     assert 0.85 < np.sqrt((z**2).mean()) < 1.15
@@ -181,7 +182,7 @@ def test_effects_that_cannot_act_are_not_excited() -> None:
     far = p.data.y + np.array([0.0, 500.0, 0.0, 0.0, 0.0, 0.0])
     moved = replace(null.path, z=null.path.z.copy())
     moved.z[..., 1] += 500.0
-    there = Problem(p.steps, replace(p.data, y=far), p.base, p.candidates)
+    there = SearchProblem(p.steps, replace(p.data, y=far), p.base, p.candidates)
     rows = rows_of(there, replace(null, path=moved))
     assert {name for name, r in rows.items() if not r.excited} == {"propeller_side_force", "bank"}
     for name in ("propeller_side_force", "bank"):

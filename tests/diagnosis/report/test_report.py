@@ -96,7 +96,7 @@ def test_named_effect_and_its_class_are_told() -> None:
     text = text_of(build_report(d, Path("nowhere"), []))
     assert "cause named" in text
     assert "0.0300 ± 0.0020 m/s" in text and "0.05 m/s towards 307°" in text
-    assert "cannot tell current from wave drift" in text and "A part of the gap is left without a name" in text
+    assert "cannot tell current from wave drift" in text and "A part of the gap is left unexplained" in text
     assert "Stop and drift." in text and "−50 % error" in text
     assert "90 % interval of the reduction 30 % to 60 %" in text
     rows = {row["name"]: row for row in ranking(d)}

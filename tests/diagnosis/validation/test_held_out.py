@@ -11,9 +11,9 @@ from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.findings import HeldOut
-from diagnosis.hypotheses.forward_selection import Problem
+from diagnosis.hypotheses.forward_selection import SearchProblem
 from diagnosis.hypotheses.refit import refit
-from diagnosis.validation.held_out import STRIDE, WINDOW, begun, compare, errors, one_step_likelihood, scales
+from diagnosis.validation.held_out import STRIDE, WINDOW, compare, errors, one_step_likelihood, scales, start_states
 from tests.support.diagnosis_cases import OFF_NEUTRAL, WHITE, candidate, full_steps, problem_of, pushed_trials, theta_of
 
 EFFECT = "current:x=0.03,y=-0.02"
@@ -27,7 +27,7 @@ def others(runs: tuple[tuple[str, float], ...] = OTHERS, seed: int = 31) -> Grid
 
 
 @pytest.fixture(scope="module")
-def fits() -> tuple[Problem, Estimate, Estimate]:
+def fits() -> tuple[SearchProblem, Estimate, Estimate]:
     """The training trials, and the fits without and with the effect that they have."""
     problem, null = problem_of(pushed_trials(1, [EFFECT]), H)
     effect = candidate("current")
@@ -36,7 +36,7 @@ def fits() -> tuple[Problem, Estimate, Estimate]:
 
 
 @pytest.fixture(scope="module")
-def closed(fits: tuple[Problem, Estimate, Estimate]) -> tuple[GriddedTrials, HeldOut]:
+def closed(fits: tuple[SearchProblem, Estimate, Estimate]) -> tuple[GriddedTrials, HeldOut]:
     problem, null, true = fits
     data = others()
     held = compare(problem.steps, data, null, true)
@@ -71,7 +71,7 @@ def test_a_window_begins_with_what_the_actuators_and_the_hull_remember_of_the_ru
     assert len(found) and found.max() < 1e-12
     middle = data.steps.min() // 2
     settled = steps.settled(data.y[middle].T, data.inputs[middle].T, theta)
-    assert np.abs(begun(steps, data, theta)[middle].T - settled).max() > 1e-4  # which being settled is not
+    assert np.abs(start_states(steps, data, theta)[middle].T - settled).max() > 1e-4  # which being settled is not
 
 
 def test_an_error_counts_in_units_of_its_scale_and_only_where_it_was_measured() -> None:
@@ -105,12 +105,12 @@ def test_a_window_every_stride_that_fits_into_its_run_and_begins_at_a_whole_row(
     assert len(whole) == 3 and list(run) == [0, 1, 2]
 
 
-def test_a_run_that_is_shorter_than_a_window_says_nothing(fits: tuple[Problem, Estimate, Estimate]) -> None:
+def test_a_run_that_is_shorter_than_a_window_says_nothing(fits: tuple[SearchProblem, Estimate, Estimate]) -> None:
     problem, null, true = fits
     assert compare(problem.steps, others((("zigzag:-20/20", 25.0),)), null, true) is None
 
 
-def test_equal_models_close_nothing(fits: tuple[Problem, Estimate, Estimate]) -> None:
+def test_equal_models_close_nothing(fits: tuple[SearchProblem, Estimate, Estimate]) -> None:
     problem, null, _ = fits
     held = compare(problem.steps, others(OTHERS[:2]), null, null)
     assert held is not None
@@ -143,7 +143,7 @@ def test_numbers_of_the_runs_make_up_the_whole(closed: tuple[GriddedTrials, Held
 
 
 def test_the_interval_is_drawn_with_its_seed_alone(
-    fits: tuple[Problem, Estimate, Estimate], closed: tuple[GriddedTrials, HeldOut]
+    fits: tuple[SearchProblem, Estimate, Estimate], closed: tuple[GriddedTrials, HeldOut]
 ) -> None:
     problem, null, true = fits
     data, held = closed
@@ -155,7 +155,7 @@ def test_the_interval_is_drawn_with_its_seed_alone(
 
 
 def test_taking_a_true_effect_away_makes_predictions_worse(
-    fits: tuple[Problem, Estimate, Estimate], closed: tuple[GriddedTrials, HeldOut]
+    fits: tuple[SearchProblem, Estimate, Estimate], closed: tuple[GriddedTrials, HeldOut]
 ) -> None:
     problem, null, true = fits
     data, held = closed
@@ -166,7 +166,7 @@ def test_taking_a_true_effect_away_makes_predictions_worse(
     assert back.likelihood_gain == pytest.approx(-held.likelihood_gain, rel=1e-9)
 
 
-def test_one_test_trial_is_enough_to_see_a_strong_effect(fits: tuple[Problem, Estimate, Estimate]) -> None:
+def test_one_test_trial_is_enough_to_see_a_strong_effect(fits: tuple[SearchProblem, Estimate, Estimate]) -> None:
     problem, null, true = fits
     held = compare(problem.steps, others(OTHERS[1:2]), null, true)
     assert held is not None and held.windows == 5 and len(held.by_run) == 1
@@ -175,7 +175,7 @@ def test_one_test_trial_is_enough_to_see_a_strong_effect(fits: tuple[Problem, Es
 
 
 def test_likelihood_of_single_steps_is_by_window_and_lower_for_a_sensor_gone_wrong(
-    fits: tuple[Problem, Estimate, Estimate],
+    fits: tuple[SearchProblem, Estimate, Estimate],
 ) -> None:
     problem, _, true = fits
     data = others(OTHERS[:2])

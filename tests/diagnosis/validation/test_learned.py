@@ -22,7 +22,8 @@ from diagnosis.findings import LearnedResidual
 from diagnosis.report.page import build_report
 from diagnosis.result import Diagnosis
 from diagnosis.validation.held_out import errors, window_length
-from diagnosis.validation.learned import learned, sentence_of
+from diagnosis.validation.learned import measure_learned_residual as measure
+from diagnosis.validation.learned import sentence_of
 from mmg.errors import UserError
 from mmg_ident.commands.diagnose import diagnose
 from residual.settings import TrainSettings
@@ -39,7 +40,7 @@ FOUND = LearnedResidual(
 def test_what_is_missing_and_can_be_learned_is_closed() -> None:
     true = hybrids.lacking()
     tests = hybrids.trials(true, 3, 200, seed=9)
-    found = learned(hybrids.ship(), hybrids.trials(true), tests, training=QUICK)
+    found = measure(hybrids.ship(), hybrids.trials(true), tests, settings=QUICK)
     assert found.interval_90 is not None and 0 < found.interval_90[0] < found.reduction < found.interval_90[1]
     assert found.reduction > 0.3 and found.kept and found.sentence.startswith("A learned residual closes ")
     assert found.seeds == (0, 1) and found.reduction == pytest.approx(np.mean(found.reductions))
@@ -50,7 +51,7 @@ def test_what_is_missing_and_can_be_learned_is_closed() -> None:
 def test_nothing_missing_nothing_closed() -> None:
     ship = hybrids.ship()
     quick = replace(QUICK, epochs=6, penalty=0.3)
-    found = learned(ship, hybrids.trials(ship), hybrids.trials(ship, 3, 200, seed=9), training=quick)
+    found = measure(ship, hybrids.trials(ship), hybrids.trials(ship, 3, 200, seed=9), settings=quick)
     assert abs(found.reduction) < 0.03 and not found.kept
     assert "does not close any" in found.sentence
 
@@ -61,7 +62,7 @@ def test_the_error_before_is_that_of_the_held_out_check() -> None:
     steps = TransitionModel(full_model, ["X_0F"], 1.0)
     expected, _ = errors(steps, grid_trials(tests, full_model.inputs, 3.0, 1.0), full_model.values, window_length(ship))
     few = replace(QUICK, epochs=1, seeds=1)
-    found = learned(ship, hybrids.trials(ship, 2, 200), tests, 1.0, training=few)
+    found = measure(ship, hybrids.trials(ship, 2, 200), tests, 1.0, settings=few)
     assert found.mse_before == pytest.approx(expected.mean(), rel=1e-6)
 
 
@@ -70,23 +71,23 @@ def test_the_seed_decides_and_the_workers_do_not(workers: int) -> None:
     ship, few = hybrids.ship(), replace(QUICK, epochs=2)
     trials, tests = hybrids.trials(hybrids.lacking(), 2, 200), hybrids.trials(hybrids.lacking(), 2, 60, seed=9)
     one, again, other = (
-        learned(ship, trials, tests, seed=s, workers=w, training=few) for s, w in ((0, 1), (0, workers), (5, 1))
+        measure(ship, trials, tests, replace(few, seed=s, workers=w)) for s, w in ((0, 1), (0, workers), (5, 1))
     )
     assert one == again and one.reductions != other.reductions and other.seeds == (5, 6)
 
 
 def test_a_single_test_trial_gives_no_interval_and_no_claim() -> None:
     true, few = hybrids.lacking(), replace(QUICK, epochs=2)
-    found = learned(hybrids.ship(), hybrids.trials(true, 2, 200), hybrids.trials(true, 1, 100, seed=9), training=few)
+    found = measure(hybrids.ship(), hybrids.trials(true, 2, 200), hybrids.trials(true, 1, 100, seed=9), settings=few)
     assert found.interval_90 is None and "a single test trial" in found.sentence and "closes" not in found.sentence
 
 
 def test_too_little_data_is_said() -> None:
     ship = hybrids.ship()
     with pytest.raises(UserError, match="too little data for a residual"):
-        learned(ship, hybrids.trials(ship, 1, 60), hybrids.trials(ship, 1, 60, seed=9), training=QUICK)
+        measure(ship, hybrids.trials(ship, 1, 60), hybrids.trials(ship, 1, 60, seed=9), settings=QUICK)
     with pytest.raises(UserError, match="no test trial holds 30 s"):
-        learned(ship, hybrids.trials(ship, 2, 200), hybrids.trials(ship, 1, 25, seed=9), training=QUICK)
+        measure(ship, hybrids.trials(ship, 2, 200), hybrids.trials(ship, 1, 25, seed=9), settings=QUICK)
 
 
 @pytest.mark.parametrize(
@@ -110,7 +111,7 @@ def test_only_what_has_no_name_is_learned_and_only_with_tests(monkeypatch: pytes
         asked.append(ship)
         return FOUND
 
-    monkeypatch.setattr(module, "learned", stub)
+    monkeypatch.setattr(module, "measure_learned_residual", stub)
     trials = hybrids.trials(hybrids.ship(), 1, 60)
     unknown, named, none = (case(v) for v in ("unknown", "named", "none"))
     whole = replace(named, remainder=False)
@@ -164,7 +165,7 @@ def test_the_option_leaves_it_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         return with_learned(case("unknown"), train, tests, options) if options.learn else case("unknown")
 
     monkeypatch.setattr("diagnosis.diagnose.diagnose", stub)
-    monkeypatch.setattr(module, "learned", lambda *given, **more: FOUND)
+    monkeypatch.setattr(module, "measure_learned_residual", lambda *given, **more: FOUND)
     out = tmp_path / "out"
     diagnose("esso_osaka_3m", [tmp_path / "train"], out, test=[tmp_path / "test"], no_learn=no_learn)
     assert (json.loads((out / "diagnosis.json").read_text())["learned"] is None) == no_learn

@@ -1,0 +1,156 @@
+"""The verdict: whether the effects that were selected are named, and what cannot be concluded from these trials."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cases.trial import Trial
+from diagnosis.estimation.candidates import Candidate
+from diagnosis.findings import HeldOut
+from diagnosis.hypotheses.forward_selection import AGREE, ODDS, Selection
+from diagnosis.hypotheses.unnamed import UnnamedForms
+from diagnosis.prepare import Prepared
+from mmg.messages import Message
+
+LINE_PROBABILITY = 1e-6
+"""Probability by chance below which a line in the spectrum of the residuals counts as an unexplained remainder."""
+SINGLE_FORM_GAIN = 1.0
+"""Minimum log-likelihood gain, corrected for the number of forms, for one unnamed force term to count. In 81 blind
+cases without any effect it is .1 at the most."""
+CONFIRMING_REDUCTION = 0.1
+"""Reduction of the test error, with a 90 % interval above zero, that confirms a name whatever is left unexplained."""
+UNEXPLAINED_RATIO, STRICT_RATIO = 0.25, 0.05
+"""Unexplained-to-explained ratio of log likelihood above which test trials must confirm a name; and where their longer
+predictions become worse."""
+BESIDE_INSTRUMENT_FAULT = (5.0, 0.1)
+"""Log Bayes factor, and share of what the name explains, that may be left unexplained beside a fault of one instrument
+alone. A constant error of v, for example, is nearly one of the heading alone."""
+SMALL_GROWTH, LARGE_GROWTH = 0.02, 0.15
+"""Growth of the test error that is accepted; and that contradicts a name even if one-step predictions improve."""
+
+
+def has_remainder(found: Selection, before: UnnamedForms, after: UnnamedForms, expected: float = 0.0) -> bool:
+    """Whether something is left unexplained beside the named effects.
+
+    found: the selection; before, after: tests of unnamed forces without the effects and with them; expected: log Bayes
+    factor that the trials of the calibration show as well. Returns True, too, where one unnamed form alone explains
+    more than the named effects do.
+    """
+    gain = found.null.nll - found.final.nll
+    left = after.log_bayes - expected > ODDS or after.single - expected > SINGLE_FORM_GAIN
+    return bool(left or before.single - expected > gain)
+
+
+def decide(found: Selection, before: float, after: float, held: HeldOut | None) -> tuple[str, list[Message]]:
+    """The verdict "none", "named" or "unknown", and why a name was withdrawn.
+
+    found: the selection; before, after: log Bayes factors of unnamed forces without the effects and with them, less
+    what the trials of the calibration show as well; held: the check on test trials, None without any.
+    """
+    if not found.effects:
+        return ("unknown" if before > ODDS else "none"), []
+    reason = _inexact(found, after)
+    if not reason and not (held is not None and _confirms(held)):
+        reason = _doubt(found, after, held)
+    if not reason and held is not None and _contradicts(held):
+        reason = f"{_names(found.effects)} fits the training trials but does not predict the test trials better"
+    if not reason:
+        return "named", []
+    return "unknown", [Message(f"{reason}: the name is withdrawn", "name_withdrawn")]
+
+
+def _names(effects: Sequence[Candidate]) -> str:
+    return " and ".join(c.label for c in effects)
+
+
+def _confirms(held: HeldOut) -> bool:
+    """Whether the test trials become so much more predictable that nothing else is required of a name."""
+    return held.interval_90[0] > 0 and held.reduction > CONFIRMING_REDUCTION
+
+
+def _explained(found: Selection) -> tuple[float, str]:
+    """Log likelihood that the named effects explain, also in words."""
+    gain = found.null.nll - found.final.nll
+    return gain, f"would explain a part (log likelihood {gain:.0f})"
+
+
+def _doubt(found: Selection, after: float, held: HeldOut | None) -> str:
+    """What speaks against a name that test trials do not confirm, or nothing; after: as of ``decide``."""
+    names, (gain, part) = _names(found.effects), _explained(found)
+    if after > max(ODDS, gain):
+        return f"{names} {part}, but unnamed forms explain more of what is left ({after:.0f})"
+    ratio = UNEXPLAINED_RATIO if held is None or held.reduction >= -SMALL_GROWTH else STRICT_RATIO
+    if held is not None and after > max(ODDS, ratio * gain):
+        return f"{names} {part}, but much is left unexplained ({after:.0f}), and the test trials do not confirm it"
+    extreme = _at_bound(found)
+    if extreme:
+        return f"{names} {part}, but only with {extreme} at the end of what is possible"
+    local = [c.effect for c in found.effects if c.by_run]
+    if local and (held is not None or after > ODDS):
+        return (
+            f"{' and '.join(local)} could differ from run to run and so {part}, but so many parameters need test "
+            "trials that they predict"
+        )
+    apart = [f"{c.label} (p = {p:.2g})" for c, p in found.robust.items() if p > AGREE]
+    return f"the runs do not agree on {' and '.join(apart)}" if apart else ""
+
+
+def _inexact(found: Selection, after: float) -> str:
+    """Whether too much is left beside a fault of one instrument alone, which would be exact; in words, or nothing."""
+    forms = [c for c in found.effects if c.form and not c.by_run]
+    gain, part = _explained(found)
+    if not forms or after <= max(BESIDE_INSTRUMENT_FAULT[0], BESIDE_INSTRUMENT_FAULT[1] * gain):
+        return ""
+    return f"{_names(forms)} {part}, but such a fault leaves little over, and here much is left ({after:.0f})"
+
+
+def _at_bound(found: Selection) -> str:
+    """Parameters of named effects that the fit put at a bound, except one of zero, as of a delay."""
+    f, own = found.final.free, {c.effect for c in found.effects}
+    value = f.mean + f.std * found.final.p
+    near = (np.minimum(value - f.lower, f.upper - value) <= 1e-6 * (f.upper - f.lower)) & (value != 0)
+    rows = zip(f.symbols, value, near, strict=True)
+    return ", ".join(f"{s} = {v:.3g}" for s, v, n in rows if n and s.split(".")[0] in own)
+
+
+def _contradicts(held: HeldOut) -> bool:
+    """Whether the test trials speak against the named effects: longer predictions become clearly worse, or neither
+    those nor the likelihood of one-step predictions improves."""
+    gain, interval = held.likelihood_gain or 0.0, held.likelihood_interval_90
+    sure = interval is not None and interval[0] > 0
+    worse = held.interval_90[1] < 0 and (held.reduction < -LARGE_GROWTH or not sure)
+    return worse or (gain < 0 and held.reduction < -SMALL_GROWTH) or (gain < -3 and held.interval_90[0] <= 0)
+
+
+def limits(ready: Prepared, found: Selection, trials: Sequence[Trial], tests: Sequence[Trial]) -> list[Message]:
+    """What cannot be concluded from this input; ready: its fit without effects, found: the selection, trials: for
+    training, tests: to check on. Returns one sentence for each reason."""
+    rows: list[tuple[str, str]] = []
+    every = [s for s in found.searches[0].scores if not s.candidate.form and not s.candidate.by_run]
+    quiet = [s.candidate.effect for s in every if not s.excited]
+    if quiet:
+        rows.append(("not_excited", f"not excited by these trials, so neither found nor excluded: {', '.join(quiet)}"))
+    hidden = [s.candidate.effect for s in every if s.excited and s.absorbed > 0.9]
+    if hidden:
+        words = "the coefficients imitate over 90 % of their information, so only the priors show them"
+        rows.append(("absorbed", f"{words}: {', '.join(hidden)}"))
+    unplaced = ", ".join(t.name for t in trials if not t.has_position)
+    if unplaced:
+        words = "effects of place and of satellite sensors hardly show there"
+        rows.append(("no_positions", f"no positions in {unplaced}: {words}"))
+    calm = ", ".join(t.name for t in trials if not t.has_wind)
+    if calm and ready.full.ship.components.get("wind"):
+        words = "calm air is assumed, so wind would be taken for something else"
+        rows.append(("no_wind", f"no wind columns in {calm}: {words}"))
+    kinds = {t.kind for t in trials}
+    if len(trials) == 1:
+        words = "one trial only: many effects look alike in it, and whether runs agree cannot be tested"
+        rows.append(("one_trial", words))
+    elif len(kinds) == 1 and "" not in kinds:
+        rows.append(("one_kind", f"all trials are of one kind ({trials[0].kind}): many effects look alike in them"))
+    if not tests:
+        words = "no --test trials: how far the gap closes was not checked on trials that took no part"
+        rows.append(("no_tests", words))
+    return [Message(words, code) for code, words in rows]
