@@ -153,26 +153,15 @@ def cut(
             "without a gap; use longer records or a smaller --step"
         )
     spans.sort(key=lambda span: -len(span[3]))
-    M = len(spans)
-    controls_array = np.zeros((K, spans[0][3].shape[1], M))
-    targets, mask = np.zeros((max(K - 1, 0), 6, M)), np.zeros((max(K - 1, 0), 6, M))
-    for i, (_, _, _, held, interior) in enumerate(spans):
-        controls_array[: len(held), :, i] = held
-        targets[: len(interior), :, i] = np.nan_to_num(interior)
-        mask[: len(interior), :, i] = np.isfinite(interior)
+    controls, targets, mask, node_controls = _stacked(spans, K, len(nodes))
     measured = np.array(nodes)
-    node_controls = np.empty((controls_array.shape[1], len(nodes)))
-    for _, end, _, held, _ in spans:
-        node_controls[:, end] = held[-1]
-    for start, _, _, held, _ in spans:
-        node_controls[:, start] = held[0]
     return Segments(
         h=h,
         K=K,
         steps=np.array([len(s[3]) for s in spans]),
         start=np.array([s[0] for s in spans]),
         end=np.array([s[1] for s in spans]),
-        controls=controls_array,
+        controls=controls,
         targets=targets,
         mask=mask,
         nodes=np.nan_to_num(measured),
@@ -185,6 +174,25 @@ def cut(
         duration=seconds,
         dropped=tuple(dropped),
     )
+
+
+def _stacked(
+    spans: list[tuple[int, int, int, np.ndarray, np.ndarray]], K: int, nodes: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Inputs (K, C, M), interior samples and their mask (K - 1, 6, M), inputs at the nodes (C, B)."""
+    M = len(spans)
+    controls = np.zeros((K, spans[0][3].shape[1], M))
+    targets, mask = np.zeros((max(K - 1, 0), 6, M)), np.zeros((max(K - 1, 0), 6, M))
+    for i, (_, _, _, held, interior) in enumerate(spans):
+        controls[: len(held), :, i] = held
+        targets[: len(interior), :, i] = np.nan_to_num(interior)
+        mask[: len(interior), :, i] = np.isfinite(interior)
+    node_controls = np.empty((controls.shape[1], nodes))
+    for _, end, _, held, _ in spans:
+        node_controls[:, end] = held[-1]
+    for start, _, _, held, _ in spans:
+        node_controls[:, start] = held[0]
+    return controls, targets, mask, node_controls
 
 
 def _even(total: int, parts: int) -> list[tuple[int, int]]:
