@@ -166,7 +166,7 @@ def data_folder() -> Path:
 
 
 def find(names: Iterable[str]) -> list[Path]:
-    """Paths of the named records, in the order asked for.
+    """Paths of the records with these ``names``, in their order.
 
     Raises UserError naming the records that are not on this machine.
     """

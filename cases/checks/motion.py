@@ -37,7 +37,7 @@ class Motion:
 
 
 def motion(trial: Trial) -> Motion:
-    """Interpolated linearly onto the median step; nothing is interpolated across gaps."""
+    """The motion of a ``trial``, interpolated linearly onto its median step, but not across gaps."""
     dt = trial.dt
     t = trial.t[0] + dt * np.arange(min(round(trial.duration / dt) + 1, 20 * len(trial)))
     width = max(round(SMOOTHING / dt), 5) | 1
@@ -56,7 +56,7 @@ def motion(trial: Trial) -> Motion:
 
 
 def smooth(values: np.ndarray, width: int) -> np.ndarray:
-    """Centred moving average, NaN wherever the window is not complete, shape kept."""
+    """Centred moving average of ``values`` (N,) over ``width`` samples, (N,), NaN where the window is not complete."""
     if len(values) < width:
         return np.full(len(values), np.nan)
     missing = ~np.isfinite(values)
@@ -69,7 +69,7 @@ def smooth(values: np.ndarray, width: int) -> np.ndarray:
 
 
 def delayed(values: np.ndarray, steps: float) -> np.ndarray:
-    """values at t - steps * dt (linear between samples), NaN outside, shape kept."""
+    """``values`` (N,) late by a number of ``steps`` (linear between samples), (N,), NaN outside."""
     at = np.arange(len(values)) - steps
     low = np.floor(at).astype(int)
     weight = at - low
@@ -80,7 +80,9 @@ def delayed(values: np.ndarray, steps: float) -> np.ndarray:
 
 
 def uniform(t: np.ndarray, values: np.ndarray, clock: np.ndarray, dt: float) -> np.ndarray:
-    """Values (N,) logged at t [s] on another clock (M,) [s]: NaN outside, and where more than 3 dt are missing."""
+    """``values`` (N,) logged at ``t`` (N,) [s] on another ``clock`` (M,) [s] of step ``dt`` [s]: (M,), NaN
+    outside, and where more than 3 dt are missing.
+    """
     good = np.flatnonzero(np.isfinite(values))
     if len(good) < 2:
         return np.full(len(clock), np.nan)

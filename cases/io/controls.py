@@ -30,7 +30,7 @@ def read_controls(path: str | Path, actuators: Sequence[str] = ("n", "delta")) -
     Returns a trial that begins at its first complete state, inputs without gaps: a missing sample holds the
     last one, and that is said in the notices. Units, signs and the sidecar are those of ``read_trial``.
     Raises UserError as ``read_trial`` does, when an input is missing from the start, and as ``actuator_columns`` does
-    for a ship with these ``actuators``.
+    for a ship with these ``actuators``. path: CSV or Parquet.
     """
     path = Path(path)
     trial = _from_rest(path) if _lacks_states(path) else read_trial(path)

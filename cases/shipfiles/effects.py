@@ -12,15 +12,16 @@ from mmg.ship import Ship
 
 
 def parameters(ship: Ship, name: str) -> tuple[Parameter, ...]:
-    """The parameters of an effect for a ship."""
+    """The parameters of the effect ``name`` for a ``ship``."""
     return EFFECTS[name].parameters(ship.namespace, dict(ship.components))
 
 
 def parse_effect(text: str, ship: Ship, option: str) -> tuple[str, dict[str, float], list[str]]:
     """(name, values by parameter, parameters named without a value) of "NAME:key=value,key".
 
-    ``option`` names the place in messages. Raises UserError for an unknown effect or parameter, a value that is no
-    number or lies outside the parameter's bounds, and a ship that lacks what the effect changes.
+    text: of the option; ship: for whose size bounds hold; option: names the place in messages. Raises UserError for
+    an unknown effect or parameter, a value that is no number or lies outside the parameter's bounds, and a ship
+    that lacks what the effect changes.
     """
     name, _, rest = text.strip().partition(":")
     where = f"{option} {text}"
@@ -54,7 +55,11 @@ def _within(word: str, parameter: Parameter, where: str) -> float:
 
 
 def with_effects(ship: Ship, texts: Iterable[str]) -> Ship:
-    """The ship with effects switched on for a simulation; one without values gets its typical size."""
+    """The ``ship`` with the effects of ``texts`` ("NAME:key=value") switched on.
+
+    One without values gets its typical size.
+    Raises UserError as ``parse_effect`` does, for an effect given twice and a parameter without value.
+    """
     given: set[str] = set()
     for text in texts:
         name, values, named = parse_effect(text, ship, "--effect")
@@ -70,9 +75,11 @@ def with_effects(ship: Ship, texts: Iterable[str]) -> Ship:
 
 
 def freeing_effects(ship: Ship, texts: Iterable[str]) -> Ship:
-    """The ship with effects to be fitted: their parameters free, those that are held unless named without a value.
+    """The ``ship`` with the effects of ``texts`` to be fitted.
 
-    A value is what a free parameter's prior is centred on, and what a held one is held at.
+    Parameters free, but held ones only if named without value.
+    Raises UserError as ``parse_effect`` does. A value is what a free parameter's prior is centred on, and what a
+    held one is held at.
     """
     for text in texts:
         name, values, named = parse_effect(text, ship, "--with")
@@ -90,16 +97,19 @@ VARIES = ("rudder_offset", "heading_bias", "log_scale", "fouling", "draft")
 
 
 def varies(name: str) -> bool:
-    """Whether each run may have its own constants of an effect; of ``disturbance`` it has a process already."""
+    """Whether each run may have its own constants of the effect ``name``; of ``disturbance`` it has a process
+    already.
+    """
     return name in VARIES or (EFFECTS[name].surroundings and name != "disturbance")
 
 
 def varying_effects(ship: Ship, texts: Iterable[str]) -> tuple[Ship, tuple[str, ...]]:
-    """The ship with effects of which each run gets its own constants, and the symbols of those constants.
+    """The ``ship`` with the effects of ``texts``, of which each run gets its own constants, and the symbols of those.
 
     "NAME" takes the parameters that are not held, "NAME:a,b" those named; a value is what the prior of a constant is
     centred on (its standard deviation is the typical size), or where another parameter stays. All are fixed in the
-    ship, which does not have them: they belong to the runs.
+    ship, which does not have them: they belong to the runs. Raises UserError for an effect that is in the model
+    already or cannot differ by run.
     """
     constants: list[str] = []
     for text in texts:
@@ -125,7 +135,7 @@ def varying_effects(ship: Ship, texts: Iterable[str]) -> tuple[Ship, tuple[str, 
 
 
 def calm_and_deep(ship: Ship) -> tuple[Ship, list[str]]:
-    """The ship without effects of its surroundings and of its instruments, and the names of those."""
+    """The ``ship`` without effects of its surroundings and of its instruments, and the names of those."""
     left_out = [e for e in ship.effects if EFFECTS[e].surroundings or EFFECTS[e].measures]
     for name in left_out:
         ship = ship.without_effect(name)

@@ -26,13 +26,13 @@ _PLAIN = ("feature_scales", "output_scales", "lower", "upper")
 
 
 def ship_hash(ship: Ship) -> str:
-    """Text that differs between ships of different particulars or force models."""
+    """Hash of a ``ship``: text that differs between ships of different particulars or force models."""
     what = [sorted(ship.particulars.items()), sorted(ship.components.items())]
     return hashlib.sha256(json.dumps(what).encode()).hexdigest()[:16]
 
 
 def is_black_box(where: str | Path) -> bool:
-    """Whether a file or run folder holds a network that stands alone instead of a ship."""
+    """Whether the file or run folder ``where`` holds a network that stands alone instead of a ship."""
     path = Path(where) / NETWORK if Path(where).is_dir() else Path(where)
     if path.suffix != ".safetensors" or not path.is_file() or path.with_name("ship.toml").exists():
         return False
@@ -44,7 +44,9 @@ def is_black_box(where: str | Path) -> bool:
 
 
 def save_network(path: str | Path, network: Network, ship: Ship) -> None:
-    """Write the network of a ship. Raises UserError where it does not fit the ship or cannot be written."""
+    """Write the ``network`` of a ``ship`` to ``path``. Raises UserError where it does not fit the ship or cannot
+    be written.
+    """
     network.check(ship.name, ship.actuators)
     arrays = {name: getattr(network, name) for name in _PLAIN}
     for k, member in enumerate(network.members):
@@ -60,7 +62,7 @@ def save_network(path: str | Path, network: Network, ship: Ship) -> None:
 
 
 def load_network(path: str | Path, ship: Ship) -> Network:
-    """The network in a file. Raises UserError when it cannot be read or belongs to another ship."""
+    """The network of a ``ship`` in the file ``path``. Raises UserError when it cannot be read or is another ship's."""
     try:
         with safe_open(path, framework="numpy") as file:
             about = file.metadata() or {}

@@ -37,8 +37,9 @@ HULLS = ("unified", "polynomial")
 
 
 def parse_particulars(words: Sequence[str]) -> dict[str, float]:
-    """Particulars from "320 58 20.8 C_b=0.81 D_P=9.86": numbers in the order of ORDER, then NAME=VALUE.
+    """Particulars [SI] from ``words`` such as "320 58 20.8 C_b=0.81 D_P=9.86".
 
+    Numbers in the order of ORDER, then NAME=VALUE.
     Raises UserError for anything else.
     """
     given: dict[str, float] = {}
@@ -68,7 +69,9 @@ def parse_particulars(words: Sequence[str]) -> dict[str, float]:
 
 
 def check_plausible(p: Mapping[str, float]) -> None:
-    """Raises UserError, naming the value, for particulars that no ship has or that the regressions do not know."""
+    """Raises UserError, naming the value, for particulars ``p`` [SI] that no ship has or the regressions do not
+    know.
+    """
     check_particulars(p, "--new:")
 
     def refuse(true: bool, sentence: str) -> None:
@@ -110,7 +113,7 @@ class _Filling:
 
 
 def complete(given: Mapping[str, float]) -> tuple[dict[str, float], list[str]]:
-    """All particulars of a ship from those given, and sentences on the rules that filled the gaps."""
+    """All particulars [SI] of a ship from those ``given``, and sentences on the rules that filled the gaps."""
     f = _Filling(dict(given))
     v = f.values
     L, B, d, C_b = (v[name] for name in LEAST)
@@ -139,7 +142,7 @@ def complete(given: Mapping[str, float]) -> tuple[dict[str, float], list[str]]:
 
 
 def resistance(p: Mapping[str, float]) -> float:
-    """R_0' [-]: viscous resistance at the service speed by 1/2 rho L d U^2.
+    """R_0' [-] for particulars ``p`` [SI]: viscous resistance at the service speed by 1/2 rho L d U^2.
 
     ITTC-57 friction on the wetted surface of Mumford, S = 1.7 L d + vol/d, with Watanabe's form factor
     k = -0.095 + 25.6 C_b / ((L/B)^2 sqrt(B/d)) and 0.0004 for roughness and waves; 24 % low for the KVLCC2 model.
@@ -155,8 +158,9 @@ def resistance(p: Mapping[str, float]) -> float:
 def new_ship(name: str, given: Mapping[str, float], hull: str = "unified") -> Ship:
     """A ship from main particulars (at least LEAST), ready to be simulated and calibrated.
 
-    Hull: "unified" (Yoshimura et al. 2009, any drift angle, harbour) or "polynomial" (Yoshimura & Masumoto 2012,
-    ahead). Single screw or, with y_P, twin. Raises UserError for particulars that no ship has.
+    name: of the ship; given: particulars [SI]; hull: "unified" (Yoshimura et al. 2009, any drift angle, harbour) or
+    "polynomial" (Yoshimura & Masumoto 2012, ahead). Single screw or, with y_P, twin. Raises UserError for
+    particulars that no ship has.
     """
     if hull not in HULLS:
         raise UserError(f"--hull {hull}: known are {', '.join(HULLS)}")
