@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from mmg.progress import OnProgress, Progress
     from mmg.ship import Ship
     from mmg_ident.api import (
-        Prediction,
         calibrate,
         check,
         diagnose,
@@ -34,6 +33,7 @@ if TYPE_CHECKING:
         train,
         write_report,
     )
+    from mmg_ident.prediction import Prediction
     from residual.result import TrainResult
 
 _HOMES = {
@@ -42,7 +42,7 @@ _HOMES = {
     "FitResult": "fitting.result",
     "Message": "mmg.messages",
     "OnProgress": "mmg.progress",
-    "Prediction": "mmg_ident.api",
+    "Prediction": "mmg_ident.prediction",
     "Progress": "mmg.progress",
     "Score": "fitting.prediction.score",
     "Ship": "mmg.ship",

@@ -18,8 +18,8 @@ from mmg.compile.vector_math import MATH
 LANES = 8
 """Points per vector: 8 doubles fill an AVX-512 register, two AVX2 ones, four NEON ones."""
 
-_INFIX = {ca.OP_ADD: "+", ca.OP_SUB: "-", ca.OP_MUL: "*", ca.OP_DIV: "/"}
-_CALLS = {
+INFIX = {ca.OP_ADD: "+", ca.OP_SUB: "-", ca.OP_MUL: "*", ca.OP_DIV: "/"}
+CALLS_OF_ONE = {
     ca.OP_SQRT: "sqrt",
     ca.OP_SIN: "sin",
     ca.OP_COS: "cos",
@@ -39,7 +39,7 @@ _CALLS = {
     ca.OP_LOG1P: "log1p",
     ca.OP_EXPM1: "expm1",
 }
-_CALLS2 = {
+CALLS_OF_TWO = {
     ca.OP_POW: "pow",
     ca.OP_CONSTPOW: "pow",
     ca.OP_ATAN2: "atan2",
@@ -49,7 +49,7 @@ _CALLS2 = {
     ca.OP_HYPOT: "hypot",
     ca.OP_COPYSIGN: "copysign",
 }
-_COMPARE = {ca.OP_LT: "<", ca.OP_LE: "<=", ca.OP_EQ: "==", ca.OP_NE: "!="}
+COMPARISONS = {ca.OP_LT: "<", ca.OP_LE: "<=", ca.OP_EQ: "==", ca.OP_NE: "!="}
 
 _COMMON = """#include <math.h>
 #include <string.h>
@@ -101,7 +101,7 @@ _OWN = ("sqrt", "exp", "tanh", "sin", "cos", "atan2")
 
 def prelude(lanes: int = LANES) -> str:
     """What all C files begin with: the type V of ``lanes`` points (LANES or 1) and the functions on it."""
-    one, two = sorted(set(_CALLS.values()) - set(_OWN)), sorted(set(_CALLS2.values()) - set(_OWN))
+    one, two = sorted(set(CALLS_OF_ONE.values()) - set(_OWN)), sorted(set(CALLS_OF_TWO.values()) - set(_OWN))
     if lanes == 1:
         calls = [f"#define v_{f} {f}" for f in (*one, *two)]
     else:
@@ -113,14 +113,14 @@ def prelude(lanes: int = LANES) -> str:
 def expression(operation: int, operands: list[str]) -> str:
     """C expression of one instruction on its operands. operation: CasADi's number of it."""
     first = operands[0]
-    if operation in _INFIX:
-        return f"{first} {_INFIX[operation]} {operands[1]}"
-    if operation in _CALLS:
-        return f"v_{_CALLS[operation]}({first})"
-    if operation in _CALLS2:
-        return f"v_{_CALLS2[operation]}({first}, {operands[1]})"
-    if operation in _COMPARE:
-        return f"compare({first} {_COMPARE[operation]} {operands[1]})"
+    if operation in INFIX:
+        return f"{first} {INFIX[operation]} {operands[1]}"
+    if operation in CALLS_OF_ONE:
+        return f"v_{CALLS_OF_ONE[operation]}({first})"
+    if operation in CALLS_OF_TWO:
+        return f"v_{CALLS_OF_TWO[operation]}({first}, {operands[1]})"
+    if operation in COMPARISONS:
+        return f"compare({first} {COMPARISONS[operation]} {operands[1]})"
     simple = {
         ca.OP_ASSIGN: "{0}",
         ca.OP_NEG: "-{0}",

@@ -20,12 +20,15 @@ def _stopped(*_: Any) -> None:
     os._exit(130)
 
 
-_pressed: list[int] = []
+interruptions: list[int] = []
 
 
-def _noted(*given: Any) -> None:
-    """Ctrl-C while a verb runs: a library that is just being imported may make another exception of it."""
-    _pressed.append(1)
+def note_interruption(*given: Any) -> None:
+    """Ctrl-C while a verb runs: a library that is just being imported may make another exception of it.
+
+    given: signal and frame. Raises KeyboardInterrupt.
+    """
+    interruptions.append(1)
     signal.default_int_handler(*given)
 
 
@@ -48,7 +51,7 @@ def _interruptible(verb: Callable[..., Any]) -> Callable[..., Any]:
     @functools.wraps(verb)
     def run_verb(*given: Any, **options: Any) -> Any:
         if signal.getsignal(signal.SIGINT) is _stopped:
-            signal.signal(signal.SIGINT, _usual if _usual is signal.SIG_IGN else _noted)
+            signal.signal(signal.SIGINT, _usual if _usual is signal.SIG_IGN else note_interruption)
         from mmg_ident.commands.output import narration
 
         try:
@@ -172,7 +175,7 @@ def main(arguments: list[str] | None = None) -> int:
         if hasattr(error, "format_message"):  # a usage error of the command line
             print(f"mmg: {' '.join(error.format_message().split()).rstrip('.')}; see mmg --help", file=sys.stderr)
             return 2
-        if _pressed:
+        if interruptions:
             print("mmg: interrupted", file=sys.stderr)
             return 130
         raise

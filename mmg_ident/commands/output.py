@@ -14,12 +14,12 @@ if TYPE_CHECKING:
 
 
 def say(text: str) -> None:
-    """A line for a person, on stderr so that stdout stays clean for data."""
+    """Print ``text``, a line for a person, on stderr, so that stdout stays clean for data."""
     print(text, file=sys.stderr)
 
 
 def print_json(data: Any) -> None:
-    """One JSON document on stdout."""
+    """Print ``data`` as one JSON document on stdout."""
     import json
 
     from fitting.report.run_folder import plain
@@ -72,7 +72,7 @@ def end_progress() -> None:
 
 
 def is_model(argument: str) -> bool:
-    """A library ship, a ship file (.toml), or a folder with a ship.toml or a black box."""
+    """Whether ``argument`` is a library ship, a ship file (.toml), or a folder with a ship.toml or a black box."""
     from cases.shipfiles.network_file import is_black_box
     from cases.shipfiles.ship_file import library
 
@@ -83,12 +83,12 @@ def is_model(argument: str) -> bool:
 
 
 def names_of(text: Iterable[str] | None) -> list[str]:
-    """Names from repeated and comma-separated option values."""
+    """Names in ``text``, repeated and comma-separated option values."""
     return [name.strip() for part in text or [] for name in part.split(",") if name.strip()]
 
 
 def numbers_of(text: str, count: int, what: str) -> tuple[float, ...]:
-    """``count`` comma-separated numbers; UserError otherwise."""
+    """The ``count`` comma-separated numbers of ``text``; UserError, which begins with ``what``, for anything else."""
     from mmg.errors import UserError
 
     try:

@@ -78,8 +78,8 @@ def own_names(source: Source) -> set[str]:
     return own
 
 
-NOT_PRIVATE = {"_replace", "_asdict", "_fields", "_make", "_exit"}
-"""Public methods of named tuples, and os._exit."""
+NOT_PRIVATE = {"_replace", "_asdict", "_fields", "_make", "_exit", "_repr_html_"}
+"""Public names of named tuples, of os, and what a notebook calls."""
 
 
 def borrowed(source: Source) -> list[str]:

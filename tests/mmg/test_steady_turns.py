@@ -1,4 +1,4 @@
-"""Published check values of ESSO OSAKA 3 m under constant inputs (physics K.2, from the public simulator)."""
+"""Published check values of ESSO OSAKA 3 m under constant inputs (of a public simulator)."""
 
 from __future__ import annotations
 

@@ -47,7 +47,7 @@ class Effect:
 
     name = ""
     levels: tuple[float, ...] = (0.0, 0.0, 0.0)
-    """Nominal size at weak, medium and strong (method_gap.md section 2), in the effect's unit."""
+    """Nominal size at weak, medium and strong, in the effect's unit."""
     neutral: dict[str, float] = {}  # noqa: RUF012
     states = 0
     """Number of states that the effect adds to the plant; they start at zero."""

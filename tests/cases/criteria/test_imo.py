@@ -143,7 +143,7 @@ KVLCC2 = {
     "zigzag:20/20": {"overshoot_1": 10.6, "overshoot_2": 16.0},
     "zigzag:-20/20": {"overshoot_1": 13.9, "overshoot_2": 11.8},
 }
-"""KVLCC2 L7 at 1.179 m/s, rudder 15.82 deg/s, step 0.01 L/U (physics K.1); lengths in L, angles in deg."""
+"""KVLCC2 L7 at 1.179 m/s, rudder 15.82 deg/s, step 0.01 L/U (a public standard model); lengths in L, angles in deg."""
 
 
 @pytest.mark.parametrize("text", KVLCC2)

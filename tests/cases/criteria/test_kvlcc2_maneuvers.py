@@ -1,4 +1,4 @@
-"""KVLCC2 in the standard manoeuvres against a reference simulation of the same equations (physics K.1)."""
+"""KVLCC2 in the standard manoeuvres against a reference simulation of the same equations."""
 
 from __future__ import annotations
 

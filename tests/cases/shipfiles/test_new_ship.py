@@ -23,7 +23,7 @@ KVLCC2 = dict(zip(ORDER, (7.0, 1.27, 0.455, 0.81, 0.216, 0.721, 0.0539, 1.179), 
 
 
 def test_b_series_check_values() -> None:
-    """Z = 4, A_E/A_O = 0.70: K_T at P/D 0.7151 (physics C.4) and 1.0; torque gives an efficiency of a propeller."""
+    """Z = 4, A_E/A_O = 0.70: K_T at P/D 0.7151 (Oosterveld & van Oossanen 1975) and 1.0; efficiency of a propeller."""
     assert K_T_TERMS.shape == (39, 5) and K_Q_TERMS.shape == (47, 5)
     J = np.array([0.0, 0.4, 0.8])
     np.testing.assert_allclose(open_water(K_T_TERMS, J, 0.7151, 0.70, 4), (0.3100, 0.1688, -0.0149), atol=5e-5)

@@ -267,7 +267,7 @@ PUBLISHED = {
     "t_R": 0.19, "a_H": 0.393, "x_H": -0.45, "ell_R": -1.08, "k_x": 0.288, "epsilon": 1.42, "k_xR": 0.144,
     "C_PR": -0.176, "gamma_P": 0.3506, "gamma_N": 0.4406,
 }  # fmt: skip
-"""Captive-test values of ESSO OSAKA 3 m (physics K.2) and of the reversing propeller (C.2)."""
+"""Captive-test values of ESSO OSAKA 3 m and of its reversing propeller (Miyauchi et al. 2022)."""
 
 
 @pytest.mark.parametrize("symbol", PUBLISHED)

@@ -111,7 +111,7 @@ def test_motion_that_diverges_is_an_error_that_says_when() -> None:
 
 
 def test_gust_filter_has_the_published_constants() -> None:
-    """Check values of physics F.4 for mean winds of 10 and 5 m/s."""
+    """Published check values for mean winds of 10 and 5 m/s."""
     ten, five = gust_filter(10.0), gust_filter(5.0)
     assert hino_spectrum(0.0, 10.0) == pytest.approx(3.78804, rel=1e-5)
     assert ten.alpha_u == pytest.approx(0.36628, rel=2e-5) and ten.sigma_u == pytest.approx(0.71288, rel=2e-5)

@@ -1,4 +1,4 @@
-"""Published check values of ESSO OSAKA 3 m: forces, accelerations, wind, cross-flow (physics K.2, F.1, B.2).
+"""Published check values of ESSO OSAKA 3 m: forces, accelerations, wind, cross-flow (Miyauchi et al. 2022).
 
 The numbers come from running the public simulator. The exact branches must reproduce them; the smooth model
 deviates by stated amounts.

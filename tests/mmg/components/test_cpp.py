@@ -1,4 +1,4 @@
-"""Controllable-pitch propeller: the published pieces (physics C.6), their joints, derivatives."""
+"""Controllable-pitch propeller: the published pieces, their joints, derivatives."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Four-quadrant propeller: printed check values of B4-70 (physics C.4), limits, derivatives, energy."""
+"""Four-quadrant propeller: printed check values of B4-70, limits, derivatives, energy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""KVLCC2 against the check values of the standard MMG model (physics K.1): states, propulsion, manoeuvres."""
+"""KVLCC2 against the check values of Yasukawa & Yoshimura (2015): states, propulsion, manoeuvres."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""VecTwin ship of 3 m: check values of propeller and rudders (physics K.3), hovering, the section, all quadrants.
+"""VecTwin ship of 3 m: check values of propeller and rudders (Kang et al. 2008), hovering, the section, all quadrants.
 
 The check values come from running the public simulator with x_H' put right and its sign of x_P'.
 """

@@ -24,7 +24,7 @@ from mmg.rollout import Simulator
 from mmg.ship import Ship
 
 MORE = {"velocity_lag", "gyro", "disturbance"}
-"""Effects of the library beyond those of the contract: of the measurement model, and the latent process."""
+"""Effects of the library beyond those of a diagnosis: of the measurement model, and the latent process."""
 
 CONTRACT = {
     "current", "wind_force", "wind_sensor_bias", "shallow_water", "bank", "wave_drift", "rudder_lag",

@@ -30,7 +30,7 @@ EFFECT = "current:x=0.03,y=-0.02"
 OPTIONS = ["--step", "1", "--no-learn"]
 PLAIN = {"verdict": str, "effects": list, "equivalence_class": list, "remainder": bool, "candidates": list,
          "where": dict, "held_out": dict, "next_test": str, "warnings": list}  # fmt: skip
-"""Key of diagnosis.json -> its type, as the contract has it."""
+"""Key of diagnosis.json -> its type, as files of this schema hold it."""
 
 
 def calibrated() -> Ship:

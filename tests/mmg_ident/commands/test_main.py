@@ -161,11 +161,11 @@ def test_what_a_library_makes_of_ctrl_c_is_an_interruption(
 
     pressed: list[int] = []
     monkeypatch.setattr(mmg_ident.commands.main, "app", broken)
-    monkeypatch.setattr(mmg_ident.commands.main, "_pressed", pressed)
+    monkeypatch.setattr(mmg_ident.commands.main, "interruptions", pressed)
     with pytest.raises(RuntimeError):
         main(["ships"])
     with pytest.raises(KeyboardInterrupt):
-        mmg_ident.commands.main._noted(signal.SIGINT, None)
+        mmg_ident.commands.main.note_interruption(signal.SIGINT, None)
     assert main(["ships"]) == 130 and capsys.readouterr().err == "mmg: interrupted\n"
 
 

@@ -1,0 +1,53 @@
+"""What ``mmg_ident.predict`` returns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import numpy as np
+    import pandas as pd
+
+    from cases.trial import Trial
+    from fitting.prediction.predict import Window
+    from mmg.messages import Message
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Open-loop windows of one trial.
+
+    trial: that was predicted; windows: each with its rows of the trial, predicted states and, where they are known,
+    standard deviations; notes: on windows that were left out; outside: share of the rows that lie outside the data the
+    network of a hybrid was trained on, None without a network.
+    """
+
+    trial: Trial
+    windows: tuple[Window, ...]
+    notes: tuple[Message, ...] = ()
+    outside: float | None = None
+
+    @property
+    def table(self) -> np.ndarray:
+        """Rows window, t, x, y, psi, u, v, r in SI units, (N, 8), or with six standard deviations, (N, 14)."""
+        from fitting.prediction.predict import prediction_rows
+
+        return prediction_rows(self.trial, list(self.windows))
+
+    def to_pandas(self) -> pd.DataFrame:
+        """``table`` as a DataFrame, with the headers of the files that ``mmg predict`` writes."""
+        import pandas as pd
+
+        from fitting.prediction.predict import HEADER, STD_HEADER
+
+        rows = self.table
+        names = (HEADER + (STD_HEADER if rows.shape[1] > 8 else "")).split(",")
+        return pd.DataFrame(rows, columns=names).astype({"window": int})
+
+    def _repr_html_(self) -> str:
+        from mmg.notebook import html_table
+
+        last = [(w.number, *self.trial.t[[w.first, w.last]].tolist(), *w.states[-1].tolist()) for w in self.windows]
+        header = ("window", "from [s]", "to [s]", "x [m]", "y [m]", "psi [rad]", "u [m/s]", "v [m/s]", "r [rad/s]")
+        return html_table(f"{self.trial.name}: predicted states at the end of each window", header, last)
