@@ -220,7 +220,7 @@ def test_held_accelerations_move_the_ship_along_its_circle() -> None:
 
 @pytest.mark.parametrize(("name", "steps"), [("ref", 100), ("sli2", 50), ("sli10", 10)])
 @pytest.mark.parametrize("rows", [501, 1802, 100, 99])
-def test_slices_are_as_many_as_in_paper_004(name: str, steps: int, rows: int) -> None:
+def test_slices_are_as_many_as_in_wakita_2024(name: str, steps: int, rows: int) -> None:
     """Eq. 17 for ref, Eq. 19 for the others, with I = 100."""
     t = np.arange(float(rows))
     motion = {c: np.sin(t / (7 + i)) for i, c in enumerate(("x", "y", "psi", "u", "v", "r", "n", "delta"))}
