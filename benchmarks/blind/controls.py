@@ -116,7 +116,7 @@ def own_floor(task: tuple[Path, dict[str, float]]) -> float:
 
 
 def _prepared(case: Path) -> tuple[FullModel, Priors, TransitionModel, GriddedTrials]:
-    """The wide ship, the priors, the steps and the training data of a case, as the diagnosis makes them."""
+    """The ship with all effects, the priors, the steps and the training data of a case, as the diagnosis makes them."""
     ship, trials = blind_ship(), read_trials(case / "train")
     full = ship_with_all_effects(ship, trials, {k: dict(v) for k, v in read_site([case], ship).held.items()})
     base = priors_before(ship)

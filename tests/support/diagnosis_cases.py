@@ -93,7 +93,7 @@ def problem_of(trials: Sequence[Trial], h: float = 0.5) -> tuple[SearchProblem, 
 
 
 def theta_of(steps: TransitionModel, changed: dict[str, float]) -> np.ndarray:
-    """Coefficients of the wide ship with some changed."""
+    """Coefficients of the ship with all effects with some changed."""
     theta = steps.ship.values.copy()
     for symbol, value in changed.items():
         theta[steps.ship.symbols.index(symbol)] = value

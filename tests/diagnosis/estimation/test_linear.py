@@ -1,4 +1,4 @@
-"""One step of the wide ship and its derivatives, against the simulator and finite differences."""
+"""One step of the ship with all effects and its derivatives, against the simulator and finite differences."""
 
 from __future__ import annotations
 
