@@ -83,7 +83,7 @@ class CandidateModel:
 
 
 @dataclass(frozen=True)
-class Selection:
+class ModelSelection:
     """The choice, the ship and settings to fit with, and the table of what was tried."""
 
     choice: Choice
@@ -268,7 +268,7 @@ def select(
     folds: int = 8,
     limit: float = 480.0,
     progress: OnProgress | None = None,
-) -> Selection:
+) -> ModelSelection:
     """The model for a final fit of ``ship`` on ``trials`` (and ``captive`` points); no other data are used.
 
     settings: of the fits, which ``settings.workers`` processes share; folds: parts into which the runs are divided;
@@ -293,7 +293,7 @@ def select(
     notices = [Message(f"chosen by cross-validation over runs: {now.words()}", "model_chosen")]
     if selector.time_left <= selector.each:
         notices.append(Message(f"--auto stopped trying after its {limit:.0f} s", "model_choice_stopped"))
-    return Selection(
+    return ModelSelection(
         choice=now,
         ship=prepare(ship, now),
         settings=replace(settings, window=now.window, loss=now.loss),

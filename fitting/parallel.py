@@ -1,7 +1,7 @@
 """Independent tasks handed to an executor: inline, or spread over processes. All use of processes is here.
 
 Ctrl-C reaches all processes of a terminal. The children hold it back (``held_back``) except where they note it
-(``fitting.interrupts.Interrupts``), so that none of them dies while it imports and none leaves a traceback.
+(``fitting.solvers.interrupts.Interrupts``), so that none of them dies while it imports and none leaves a traceback.
 """
 
 from __future__ import annotations

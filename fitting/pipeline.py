@@ -19,7 +19,7 @@ from fitting.calibration import Calibration, estimate_coefficients
 from fitting.design.advice import identifiability_dict
 from fitting.design.next_trial import next_trial
 from fitting.identifiability.analysis import at_bound
-from fitting.model_selection import Selection, select
+from fitting.model_selection import ModelSelection, select
 from fitting.nlp.captive import Captive
 from fitting.prediction.band_calibration import adaptation_worth, fit_bands
 from fitting.prediction.bands import draws_of
@@ -155,7 +155,7 @@ def check_resumable(earlier: FitResult, ship: Ship, trials: Sequence[Trial], con
 
 def _chosen(
     ship: Ship, train: Sequence[Trial], settings: Settings, options: FitOptions, progress: OnProgress | None
-) -> Selection:
+) -> ModelSelection:
     """The model that cross-validation over the training runs chooses, by all cores where ``workers`` is left at 1."""
     workers = settings.workers if settings.workers > 1 else min(os.cpu_count() or 1, 8)
     spread = replace(settings, workers=workers)

@@ -63,7 +63,7 @@ class Line(Section):
         return sign * 0.5 * math.pi, sign * self.y
 
 
-class Bank(Line):
+class BankLine(Line):
     """A straight bank."""
 
     water_side: Side = Field(description='say water_side = "greater" or "less" than the x or y of the line')
@@ -86,7 +86,7 @@ class Water(Section):
 class SiteFile(Section):
     """A whole site file."""
 
-    bank: Bank | None = None
+    bank: BankLine | None = None
     shelf: Shelf | None = None
     water: Water | None = None
 

@@ -307,24 +307,25 @@ class Problem:
 
     def with_sigma(self, sigma: np.ndarray, tau: np.ndarray | None = None) -> Problem:
         """The same problem with other noise levels; tau: (6,) correlation times of residuals [samples]."""
-        return self._again(sigma=sigma, loss=self.loss if tau is None else self.loss.with_tau(tau))
+        return self.with_changes(sigma=sigma, loss=self.loss if tau is None else self.loss.with_tau(tau))
 
     def with_ship(self, ship: Ship) -> Problem:
         """The same problem with other values of coefficients that are not free."""
-        return self._again(ship=ship)
+        return self.with_changes(ship=ship)
 
     def with_loss(self, name: str) -> Problem:
         """The same problem with another loss."""
-        return self._again(loss=replace(self.loss, name=name))
+        return self.with_changes(loss=replace(self.loss, name=name))
 
     def with_bounds(self, lower: np.ndarray, upper: np.ndarray) -> Problem:
         """The same problem with other bounds of the coefficients, (P,) each."""
-        return self._again(prior=replace(self.prior, lower=lower, upper=upper))
+        return self.with_changes(prior=replace(self.prior, lower=lower, upper=upper))
 
     def with_segments(self, segments: Segments) -> Problem:
         """The same problem over other data."""
-        return self._again(segments=segments)
+        return self.with_changes(segments=segments)
 
-    def _again(self, **changes: Any) -> Problem:
+    def with_changes(self, **changes: Any) -> Problem:
+        """A copy with some of its parts changed, by their names in ``__init__``."""
         names = ("ship", "prior", "kernels", "segments", "sigma", "loss", "captive")
         return Problem(**{**{name: getattr(self, name) for name in names}, **changes})

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import casadi as ca
 import numpy as np
 
-from fitting.interrupts import INTERRUPTED, Interrupts
+from fitting.solvers.interrupts import INTERRUPTED, Interrupts
 from mmg.progress import OnProgress, Progress
 
 

@@ -111,8 +111,8 @@ def fit(
 
     from cases.io.read import read_trials
     from cases.shipfiles.model_changes import reduced_ship
-    from fitting.interrupts import Interrupts
     from fitting.pipeline import FitOptions, calibrate
+    from fitting.solvers.interrupts import Interrupts
     from mmg.errors import UserError
     from mmg_ident.commands.fit_input import captive_points, resumed, settings_of, starting_ship
     from mmg_ident.commands.output import end_progress, names_of, print_json, progress, say

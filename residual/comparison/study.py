@@ -19,12 +19,12 @@ import numpy as np
 from cases.shipfiles.effects import freeing_effects
 from cases.trial import Trial
 from fitting.calibration import estimate_coefficients
-from fitting.interrupts import Interrupts
 from fitting.nlp.grid import default_step
 from fitting.parallel import run_all
 from fitting.prediction.predict import Forecaster, predict_all
 from fitting.prediction.score import PAPER_WINDOW, Score, pooled_sigma, score, wrapped_error
 from fitting.settings import Settings
+from fitting.solvers.interrupts import Interrupts
 from mmg.errors import UserError
 from mmg.progress import LOGGER
 from mmg.rollout import Simulator

@@ -8,8 +8,8 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from fitting.interrupts import Interrupts
 from fitting.parallel import run_all
+from fitting.solvers.interrupts import Interrupts
 from mmg.progress import LOGGER, OnProgress, Progress
 from residual.settings import TrainSettings
 from residual.training.checkpoint import Store, load_outcome, save_outcome

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from fitting.interrupts import INTERRUPTED, Interrupts
+from fitting.solvers.interrupts import INTERRUPTED, Interrupts
 from mmg.progress import OnProgress, Progress
 from mmg.ship import Ship
 from residual.rollout import RolloutBatch, acceleration_loss, state_loss

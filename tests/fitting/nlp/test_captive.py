@@ -58,7 +58,7 @@ def test_derivatives_agree_with_finite_differences() -> None:
 
 def test_the_problem_with_captive_points_has_exact_derivatives() -> None:
     p = problem(5)
-    p = p._again(captive=prepared(ESSO, points(hidden_ship()))[0])
+    p = p.with_changes(captive=prepared(ESSO, points(hidden_ship()))[0])
     rng = np.random.default_rng(1)
     x, d, lam, e = somewhere(p), rng.normal(size=p.n), rng.normal(size=p.m), 1e-6
     slope = (p.objective(x + e * d) - p.objective(x - e * d)) / (2 * e)

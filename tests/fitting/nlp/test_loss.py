@@ -39,7 +39,7 @@ def test_slope_and_bend_are_the_derivatives_of_the_cost(name: str) -> None:
 @pytest.mark.parametrize("which", ["plain", "crowded"])
 def test_robust_derivatives_of_the_problem_agree_with_finite_differences(name: str, which: str) -> None:
     plain = problem(5) if which == "plain" else crowded(5)
-    p = plain._again(loss=Loss(name, TAU))
+    p = plain.with_changes(loss=Loss(name, TAU))
     x = somewhere(p) if which == "plain" else away_from_kinks(p)
     rng = np.random.default_rng(1)
     d, lam, e = rng.normal(size=p.n), rng.normal(size=p.m), 1e-6
