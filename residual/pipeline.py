@@ -63,8 +63,8 @@ def train(
     for those whose sidecar holds them out; validation: trials to judge and to score by; settings: of a hybrid
     (default), or ``BlackBoxSettings`` for a black box; keep: "better": the decision recommends the hybrid or the
     calibrated ship, "always": the hybrid; command: to be noted; progress: called after each epoch or seed; store: of
-    finished seeds, which are not trained again. Raises UserError where there is too little to train on, stop or judge
-    by, KeyboardInterrupt after Ctrl-C before any training began.
+    finished seeds, which are not trained again. Returns the result. Raises UserError where there is too little to
+    train on, stop or judge by, KeyboardInterrupt after Ctrl-C before any training began.
     """
     began = time.perf_counter()
     if keep not in KEEP:

@@ -326,6 +326,5 @@ class Problem:
         return self.with_changes(segments=segments)
 
     def with_changes(self, **changes: Any) -> Problem:
-        """A copy with some of its parts changed, by their names in ``__init__``."""
         names = ("ship", "prior", "kernels", "segments", "sigma", "loss", "captive")
         return Problem(**{**{name: getattr(self, name) for name in names}, **changes})

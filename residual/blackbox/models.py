@@ -208,9 +208,9 @@ def train_box(
 
     Each seed stops by another part of the ``trials`` (``residual.training.folds``), or by ``validation``. Nothing has
     to be decided, so nothing is kept back to judge: the held-out errors are those of the windows to stop by. settings:
-    how to train; progress: called after each epoch or seed; store: finished seeds, which are not trained again. Raises
-    UserError where there is too little, or every training diverged, KeyboardInterrupt after Ctrl-C before any training
-    began.
+    how to train; progress: called after each epoch or seed; store: finished seeds, which are not trained again.
+    Returns what was trained. Raises UserError where there is too little, or every training diverged,
+    KeyboardInterrupt after Ctrl-C before any training began.
     """
     began = time.perf_counter()
     inputs = inputs_of(ship.actuators)

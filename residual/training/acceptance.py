@@ -13,7 +13,7 @@ from residual.training.trainer import Outcome
 
 
 def decide(outcomes: Sequence[Outcome]) -> Decision:
-    """Keep the residual of ``outcomes`` if the judged windows improve by 1 %, and by more than two measures of chance.
+    """Whether to keep the residual of ``outcomes``: windows improve by 1 % and by more than two measures of chance.
 
     These are the standard deviation over the trainings (not the standard error of their mean, which would be
     1 / sqrt(n) of it) and the standard error by the choice of runs. The 100 s restarts may become worse by no more than

@@ -74,8 +74,9 @@ def train_residual(
 
     Each seed stops by other parts of the ``trials`` and is judged by others again (``residual.training.folds``), or by
     ``validation`` where that is given. ship: its network, if any, is left out; settings: how to train; progress: called
-    after each epoch or seed; store: finished seeds, which are not trained again. Raises UserError where there is too
-    little to train on, stop or judge by, KeyboardInterrupt after Ctrl-C before any training began.
+    after each epoch or seed; store: finished seeds, which are not trained again. Returns the residual and the
+    decision. Raises UserError where there is too little to train on, stop or judge by, KeyboardInterrupt after
+    Ctrl-C before any training began.
     """
     began = time.perf_counter()
     ship = ship.without_network()

@@ -92,7 +92,7 @@ class _Diverged(Exception):
 
 
 def train_one(task: Task, progress: OnProgress | None = None) -> Outcome:
-    """Train the system of a ``task``; never raises for a training that fails. progress: called after each epoch."""
+    """How the training of a ``task`` ended; a training that fails raises nothing. progress: called after each epoch."""
     torch.set_num_threads(1)
     began, settings = time.perf_counter(), task.settings
     with Interrupts():

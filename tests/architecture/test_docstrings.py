@@ -11,8 +11,8 @@ ORDERS = """
 add adds append apply ask attach bring build calibrate call check choose collect compile complete compute
 copy create cut decide describe diagnose differentiate draw drop emit estimate evaluate export fill filter
 find fit free generate give integrate interpolate join judge keep let list load make map mark measure merge
-move name open parse plot predict prepare print project put read refit remove rename repeat replace run
-sample save say scale score search select show simulate smooth solve sort start stop store sum take tell
+move open parse plot predict prepare print project put read refit remove rename repeat replace run
+sample save say scale score search select show simulate smooth solve sort start stop store take tell
 train turn update use validate warn weigh write
 """
 """First words of docstrings that give an order: what comes back is then to be said in words of its own."""
