@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
@@ -33,14 +34,14 @@ def test_an_effect_in_one_file_enters_the_model(monkeypatch: pytest.MonkeyPatch)
     assert logged[0] == logged[1] and np.isclose(logged[2], 1.1 * logged[0])
 
 
-def test_a_force_model_in_one_file_is_a_choice_of_a_ship_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_force_model_in_one_file_is_a_choice_of_a_ship(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(catalogue.MODELS["wind"], "flat_plate", module_of(FORCE, "flat_plate"))
-    text = (ROOT / "cases" / "ships" / "kvlcc2_l7.toml").read_text()
-    areas = "A_T = 0.5\nA_L = 1.5\nC = 0.1\nrho_a = 1.2\n"
-    (tmp_path / "ship.toml").write_text(
-        text.replace("[ship]\n", "[ship]\n" + areas).replace("[model]\n", '[model]\nwind = "flat_plate"\n')
-    )
-    ship = load_ship(tmp_path / "ship.toml")
+    bare = load_ship("kvlcc2_l7")
+    components = {**bare.components, "wind": "flat_plate"}
+    particulars = {**bare.particulars, "A_T": 0.5, "A_L": 1.5, "C": 0.1, "rho_a": 1.2}
+    rows = catalogue.coefficient_table(components, particulars)
+    coefficients = {symbol: bare.coefficients.get(symbol, row) for symbol, row in rows.items()}
+    ship = replace(bare, components=components, particulars=particulars, coefficients=coefficients)
     simulator = Simulator(ship, compiled=False)
     controls = np.zeros((len(ship.inputs), 1))
     calm = simulator.rates(STATE, controls)
