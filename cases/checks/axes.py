@@ -40,7 +40,7 @@ HYPOTHESES = {
 
 
 def frame_misfits(m: Motion) -> dict[str, float | None]:
-    """Per hypothesis: RMS of (track velocity - logged velocity) over RMS of the track velocity.
+    """Per hypothesis: RMS of (track velocity - logged velocity) of ``m`` over RMS of its track velocity.
 
     "scaled" is "body" times the factor that fits best.
     """
@@ -63,7 +63,7 @@ def frame_misfits(m: Motion) -> dict[str, float | None]:
 
 
 def frame_sentences(misfit: dict[str, float | None]) -> list[Found]:
-    """A warning when another reading of the columns explains the track far better, or none does."""
+    """By ``misfit`` a warning when another reading of the columns explains the track far better, or none does."""
     values = {name: value for name, value in misfit.items() if value is not None}
     if not values:
         return []
@@ -82,7 +82,7 @@ def frame_sentences(misfit: dict[str, float | None]) -> list[Found]:
 
 
 def heading_offset(m: Motion, aligned: np.ndarray) -> float | None:
-    """Angle [deg] by which the track is turned clockwise from the logged (u, v); None at rest."""
+    """Angle [deg] by which the track of ``m`` is turned clockwise from its logged (u, v), given as ``aligned`` (N,)."""
     w = m.u + 1j * m.v
     good = np.isfinite(w) & np.isfinite(aligned)
     product = complex(np.vdot(w[good], aligned[good]))
@@ -93,7 +93,7 @@ def heading_offset(m: Motion, aligned: np.ndarray) -> float | None:
 
 
 def offset_sentences(offset: float | None) -> list[Found]:
-    """A warning for more than 5 deg."""
+    """A warning where ``offset`` is more than 5 deg."""
     if offset is None or abs(offset) < 5.0:
         return []
     side = "clockwise" if offset > 0 else "counter-clockwise"
@@ -107,7 +107,7 @@ def lever_arm(m: Motion, aligned: np.ndarray) -> dict[str, float | None]:
     The velocity of a point (l_x, l_y) is (u - r l_y, v + r l_x): the differences between track and logged
     velocities are regressed on the turning rate of the heading, through the origin, over 10 s blocks. In a
     steady turn a gain error of v, or a lag of arm / u seconds, looks much the same. None where the ship
-    hardly turns.
+    hardly turns. m: the motion; aligned: (N,) velocity of its track in body axes, complex [m/s].
     """
     out: dict[str, float | None] = dict.fromkeys(("x_m", "x_std_m", "y_m", "y_std_m"))
     block = max(round(BLOCK / m.dt), 5)
@@ -119,7 +119,7 @@ def lever_arm(m: Motion, aligned: np.ndarray) -> dict[str, float | None]:
 
 
 def lever_sentences(lever: dict[str, float | None]) -> list[Found]:
-    """One sentence per axis along which the arm is at least 5 cm and four standard errors."""
+    """One sentence per axis along which the arm ``lever`` is at least 5 cm and four standard errors."""
     said = []
     for axis, ahead, behind in (("x", "forward of", "aft of"), ("y", "to starboard of", "to port of")):
         arm, std = lever[f"{axis}_m"], lever[f"{axis}_std_m"]

@@ -55,7 +55,7 @@ QUADRANTS = {
 
 
 def excitation(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
-    """Share of time per quadrant, seconds per coefficient group, and findings about what is never excited."""
+    """Of a ``trial``: share of time per quadrant, seconds per coefficient group, findings about what is not excited."""
     u, v, r, n, delta = trial["u"], trial["v"], trial["r"], trial["n"], rudder_angle(trial)
     good = np.isfinite(u) & np.isfinite(v) & np.isfinite(r) & np.isfinite(n) & np.isfinite(delta)
     seconds = np.minimum(np.gradient(trial.t), 3 * trial.dt)
@@ -111,7 +111,7 @@ def excitation(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
 
 
 def inputs_are_constant(trial: Trial) -> bool:
-    """True when neither revolutions nor rudder nor thrusters ever change: nothing to identify."""
+    """True when in ``trial`` neither revolutions nor rudder nor thrusters ever change: nothing to identify."""
     names = [c for c in trial.columns if c in ("n", "n_bow", "n_stern") or c.startswith(("delta", "n_"))]
     spans = [float(np.nanmax(trial[c]) - np.nanmin(trial[c])) for c in names if np.isfinite(trial[c]).any()]
     return all(span < 1e-9 for span in spans)

@@ -33,7 +33,7 @@ SOURCE = {"u": "the position", "v": "the position", "r": "the heading"}
 
 
 def kinematics(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
-    """Frame hypotheses, lag/gain/correlation of u, v, r, heading offset and lever arm, with sentences."""
+    """Of a ``trial``: frame hypotheses; lag, gain, correlation of u, v, r; heading offset, lever arm; sentences."""
     m = motion(trial)
     channels: dict[str, Channel] = {"r": compare(m.r, m.turn, m.dt)}
     numbers: dict[str, Any] = {

@@ -24,7 +24,7 @@ Channel = dict[str, float | None]
 def compare(logged: np.ndarray, derived: np.ndarray, dt: float) -> Channel:
     """Lag [s] of the logged signal behind the derived one, their correlation there, and the gain.
 
-    logged, derived: (N,), NaN in gaps. The lag maximises the absolute correlation, between samples by a
+    logged, derived: (N,), NaN in gaps; dt: [s]. The lag maximises the absolute correlation, between samples by a
     parabola through the three highest points. lag_s is None where the signals hardly correlate, the peak
     lies at the end of the search, or a lag explains nothing that lag zero does not.
     """
@@ -52,7 +52,7 @@ def compare(logged: np.ndarray, derived: np.ndarray, dt: float) -> Channel:
 
 
 def gain(logged: np.ndarray, derived: np.ndarray) -> float | None:
-    """sum(logged^2) / sum(logged * derived): the noisier derived signal stands in one factor only."""
+    """sum(logged^2) / sum(logged * derived), both (N,): the noisier derived signal stands in one factor only."""
     good = np.isfinite(logged) & np.isfinite(derived)
     a, b = logged[good], derived[good]
     size = math.sqrt(float(a @ a) * float(b @ b))
@@ -61,7 +61,7 @@ def gain(logged: np.ndarray, derived: np.ndarray) -> float | None:
 
 
 def velocity_lag(m: Motion) -> dict[str, Any]:
-    """By how much (u, v) lag the track [s], if late in the earth frame and if late in body axes.
+    """By how much (u, v) of ``m`` lag its track [s], if late in the earth frame and if late in body axes.
 
     "earth": u + i v = exp(-i psi(t)) V(t - lag), V the velocity of the track: a late satellite velocity
     turned by the present heading. "body": u + i v = exp(-i psi(t - lag)) V(t - lag): finished columns late.
@@ -80,7 +80,7 @@ def velocity_lag(m: Motion) -> dict[str, Any]:
 
 
 def aligned_track(m: Motion, lag: dict[str, Any]) -> np.ndarray:
-    """Body-axes velocity of the track (N,), complex u + i v, late as the logged one is (``velocity_lag``)."""
+    """Body-axes velocity of the track of ``m`` (N,), complex u + i v, late by ``lag`` as ``velocity_lag`` gives it."""
     track, back = m.north + 1j * m.east, np.exp(-1j * m.psi)
     steps = (lag[f"{lag['frame']}_s"] or 0.0) / m.dt
     return delayed(track, steps) * back if lag["frame"] == "earth" else delayed(track * back, steps)

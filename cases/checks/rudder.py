@@ -11,14 +11,14 @@ from cases.trial import Trial
 
 
 def rudder_angle(trial: Trial) -> np.ndarray:
-    """delta [rad], or the mean of the twin rudders, shape (N,)."""
+    """delta [rad] of a ``trial``, or the mean of its twin rudders, shape (N,)."""
     if "delta" in trial:
         return trial["delta"]
     return 0.5 * (trial["delta_port"] + trial["delta_starboard"])
 
 
 def rudder_sign(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
-    """Correlation (without mean) of r with the low-passed rudder angle while going ahead.
+    """Correlation (without mean) in ``trial`` of r with the low-passed rudder angle while going ahead.
 
     Of several time constants the one with the strongest correlation counts: a Nomoto response
     T r' + r = K delta. Below -0.5 the sign of the rudder, or of the whole frame, is wrong. None when the

@@ -14,7 +14,7 @@ GAP = 3.0
 
 
 def sampling(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
-    """Rows, duration, sampling interval, share of uneven steps, gaps, NaN share per column."""
+    """Of a ``trial``: rows, duration, sampling interval, share of uneven steps, gaps, NaN share per column."""
     steps = np.diff(trial.t)
     dt = float(np.median(steps))
     uneven = float(np.mean(np.abs(steps - dt) > 0.1 * dt))

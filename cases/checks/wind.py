@@ -14,7 +14,7 @@ from mmg.motion.frames import apparent_wind
 
 
 def wind(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
-    """Mean true wind, its ratio to the ship's speed, and how well true and apparent columns agree.
+    """Of a ``trial``: mean true wind, its ratio to the ship's speed, and how well true and apparent columns agree.
 
     consistency_m_s is the RMS vector difference between the logged apparent wind and the one that follows
     from the true wind, u, v and psi; derived true wind agrees by construction and is not compared.

@@ -18,7 +18,7 @@ Numbers = Callable[[int], np.ndarray]
 
 
 def read_table(path: Path, content: bytes) -> tuple[list[str], Numbers]:
-    """Header cells of a file and a function that gives a column as numbers.
+    """Header cells of the file ``path`` with this ``content``, and a function that gives a column as numbers.
 
     Raises UserError when the file is empty, holds no rows, is not a table, or names a column twice.
     """

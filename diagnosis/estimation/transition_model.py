@@ -169,6 +169,12 @@ class TransitionModel:
         end = end.reshape(K, R, -1)
         return LinearModel(end, J[..., :A], J[..., A : A + P], J[..., A + P :], logged, H, D)
 
+    def rate_jacobian(self, z: np.ndarray, c: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """Jacobian (M, S, S + 3) of the rates by states and latent force, at z (S, M), c (C, M), theta (all, M)."""
+        J = np.zeros((z.shape[1], self.S, self.S + self.P))
+        J[:, self._rows, self._columns] = _at(self._jacobian, z, c, theta)[1].T
+        return J[..., np.concatenate([np.arange(self.S), self.S + self._force_columns])]
+
     def _step(
         self, z: np.ndarray, c: np.ndarray, theta: np.ndarray, rows: np.ndarray, columns: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:

@@ -52,7 +52,7 @@ def arrays_of(entry: Any) -> dict[str, np.ndarray]:
 
 
 def filled(blank: Any, words: dict[str, Any], arrays: dict[str, np.ndarray]) -> Any:
-    """The entry of these ``words`` and ``arrays``, from a ``blank`` one that names its model, subset and seed."""
+    """The entry of these ``words`` and ``arrays``, (of any shape, such as (N, 6)), from a ``blank`` one."""
     seconds, took, held_out = arrays["times"].tolist()
     score = None
     if words["scored"]:

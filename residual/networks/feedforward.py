@@ -85,5 +85,5 @@ class Feedforward(TrainableSystem):
 
 
 def squared_weights(system: nn.Module) -> torch.Tensor:
-    """Sum of squares of the weight matrices of ``system``."""
+    """Sum of squares of the weight matrices (out, in) of ``system``, a scalar."""
     return torch.stack([(p**2).sum() for p in system.parameters() if p.ndim == 2]).sum()

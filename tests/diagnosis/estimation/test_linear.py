@@ -176,11 +176,8 @@ def test_bend_is_the_slope_of_the_weighted_jacobian(steps: TransitionModel, wher
         """(windows,)."""
         each = steps.coefficients(theta, force[0].T)
         result = np.zeros(POINTS)
-        nonzeros = steps._jacobian(*padded_to(4, middle, inputs[0].T, each))[1][:, :POINTS]
-        J = np.zeros((POINTS, S, S + steps.P))
-        J[:, steps._rows, steps._columns] = nonzeros.T
-        at = np.concatenate([np.arange(S), S + steps._force_columns])
-        result += steps.h * np.einsum("mij,mij->m", weight[0], J[..., at])
+        J = steps.rate_jacobian(middle, inputs[0].T, each)
+        result += steps.h * np.einsum("mij,mij->m", weight[0], J)
         zero = np.zeros((2, POINTS, 3))
         H = steps.linearise(states, inputs, theta, zero[:1], columns[:1], np.arange(S)).H
         return result + np.einsum("kmij,kmij->m", logged, H)
@@ -194,13 +191,6 @@ def test_bend_is_the_slope_of_the_weighted_jacobian(steps: TransitionModel, wher
         expected = (total(theta + small) - total(theta - small)) / (2 * small[j])
         scale = max(1e-3, float(np.abs(expected).max()))
         np.testing.assert_allclose(found[:, i] / scale, expected / scale, atol=2e-4, err_msg=steps.symbols[i])
-
-
-def padded_to(lanes: int, *arrays: np.ndarray) -> list[np.ndarray]:
-    from mmg.compile.batch import padded
-
-    m = next(a.shape[1] for a in arrays if a.ndim == 2)
-    return [np.hstack([a, np.repeat(a[:, :1], padded(m) - m, axis=1)]) if a.ndim == 2 else a for a in arrays]
 
 
 def test_a_wide_ship_at_neutral_values_moves_as_the_ship_itself(steps: TransitionModel) -> None:
