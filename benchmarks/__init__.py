@@ -2,7 +2,5 @@
 
 import os
 
-from fitting.parallel import THREADS
-
-for _name in THREADS:
+for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")  # one thread per process, as the command sets it; before numpy is imported

@@ -55,7 +55,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     except OSError as error:
         raise UserError(f"{path}: cannot be read ({error.strerror or error})") from None
     except UnicodeDecodeError:
-        raise UserError(f"{path}: not a readable TOML file (it is not encoded in UTF-8)") from None
+        raise UserError(f"{path}: not a valid TOML file (it is not encoded in UTF-8)") from None
 
 
 def parse_toml(text: str, where: str) -> dict[str, Any]:
@@ -63,7 +63,7 @@ def parse_toml(text: str, where: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:
-        raise UserError(f"{where}: not a readable TOML file ({' '.join(str(error).split())})") from None
+        raise UserError(f"{where}: not a valid TOML file ({' '.join(str(error).split())})") from None
 
 
 def checked(schema: type[S], data: dict[str, Any]) -> tuple[S | None, list[str]]:

@@ -42,7 +42,7 @@ units = { n = "rps" }
         ('[default]\nunits = { speed = "kn" }', "not a canonical column"),
         ("[default]\nsign = { r = 2 }", "must be 1 or -1"),
         ('[default]\nreference_point = "bow"', "reference_point must be"),
-        ("[default\n", "not a readable TOML"),
+        ("[default\n", "not a valid TOML"),
         ("[default]\n[all]\n", "keep one"),
     ],
 )

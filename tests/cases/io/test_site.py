@@ -75,7 +75,7 @@ def test_lengths_and_depth_are_taken_over(tmp_path):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("[bank\n", "not a readable TOML"),
+        ("[bank\n", "not a valid TOML"),
         ("[quay]\nx = 1", "unknown section 'quay'; known: bank, shelf, water"),
         ("bank = 3", r"bank = 3: must be a table, \[bank\]"),
         ('[bank]\nz = 1\nwater_side = "less"', r"\[bank\] unknown key 'z'; known: x, y, water_side, decay"),

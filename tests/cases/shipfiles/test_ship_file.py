@@ -180,7 +180,7 @@ REFUSED = {
     "no density": (SMALL.replace("rho = 1000.0", "rho = 0"), ["[ship]", "rho", "positive"]),
     "length in words": (SMALL.replace("L = 2.0", 'L = "2 m"'), ['[ship] L = "2 m": must be a number in m']),
     "infinite length": (SMALL.replace("L = 2.0", "L = inf"), ["[ship]", "L", "inf"]),
-    "not TOML": (SMALL.replace("[ship]", "[ship"), ["not a readable TOML file", "line 2"]),
+    "not TOML": (SMALL.replace("[ship]", "[ship"), ["not a valid TOML file", "line 2"]),
     "unknown table": (SMALL + "\n[hull]\nx = 1\n", ["unknown section 'hull'", "ship, model"]),
     "no ship": ('[model]\nhull = "unified"\n', ["[ship]", "missing"]),
     "no model": (SMALL.split("[model]")[0], ["[model]", "missing"]),
@@ -194,7 +194,7 @@ REFUSED = {
     "misspelt particular": (SMALL.replace("x_G", "x_g"), ["[ship] unknown key 'x_g'; did you mean 'x_G'?"]),
     "name that is no text": (SMALL.replace('"small"', "3"), ["[ship] name = 3: must be text"]),
     "magnitude beyond all numbers": (coefficient("Y_v", value="1" + "0" * 400), ["Y_v] value = 1000", "must be a"]),
-    "nested beyond reading": ("a = " + "[" * 5000, ["not a readable TOML file"]),
+    "nested beyond reading": ("a = " + "[" * 5000, ["not a valid TOML file"]),
 }
 """Text of a ship file -> what the one line must name."""
 
@@ -238,7 +238,7 @@ def test_a_missing_ship_file_names_itself_and_the_choices(tmp_path: Path) -> Non
 
 def test_a_ship_file_in_another_encoding_says_so(tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(UserError, match=r"mine\.toml: not a readable TOML file \(it is not encoded in UTF-8\)"):
+    with pytest.raises(UserError, match=r"mine\.toml: not a valid TOML file \(it is not encoded in UTF-8\)"):
         load_ship(tmp_path / "mine.toml")
 
 

@@ -324,4 +324,4 @@ def test_for_another_model_than_was_calibrated_its_trials_are_no_reference(folde
     without_wind = replace(ship, components={k: v for k, v in ship.components.items() if k != "wind"})
     other_trials, reference, remarks = known_of(folder / "run", read_trials(folder / "new"), without_wind)
     assert other_trials and reference == [] and len(remarks) == 1
-    assert "taken as known" in remarks[0] and "cannot be read" not in remarks[0]
+    assert "standard errors are the priors" in remarks[0] and "cannot be read" not in remarks[0]

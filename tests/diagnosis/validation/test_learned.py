@@ -61,8 +61,8 @@ def test_the_error_before_is_that_of_the_held_out_check() -> None:
     full_model = ship_with_all_effects(ship).ship
     steps = TransitionModel(full_model, ["X_0F"], 1.0)
     expected, _ = errors(steps, grid_trials(tests, full_model.inputs, 3.0, 1.0), full_model.values, window_length(ship))
-    few = replace(QUICK, epochs=1, seeds=1)
-    found = measure(ship, hybrids.trials(ship, 2, 200), tests, 1.0, settings=few)
+    few = replace(QUICK, epochs=1, seeds=1, step=1.0)
+    found = measure(ship, hybrids.trials(ship, 2, 200), tests, settings=few)
     assert found.mse_before == pytest.approx(expected.mean(), rel=1e-6)
 
 
@@ -161,7 +161,7 @@ def test_the_option_leaves_it_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         (tmp_path / role).mkdir()
         write_trial(trial, tmp_path / role / f"{trial.name}.csv")
 
-    def stub(ship: Any, train: Any, tests: Any, site: Any, options: DiagnosisOptions, **more: Any) -> Diagnosis:
+    def stub(ship: Any, train: Any, tests: Any, site: Any, options: DiagnosisOptions, *more: Any) -> Diagnosis:
         return with_learned(case("unknown"), train, tests, options) if options.learn else case("unknown")
 
     monkeypatch.setattr("diagnosis.diagnose.diagnose", stub)

@@ -179,7 +179,7 @@ def test_what_poor_trials_cannot_say_is_said_and_the_rest_is_concluded(folder: P
     said = content["warnings"]
     for words in (
         "was not calibrated",
-        "no positions in zigzag_b: effects of place and of satellite sensors are hardly seen there",
+        "no positions in zigzag_b: effects of place and of satellite sensors hardly show there",
         "no wind columns in zigzag_c: calm air is assumed",
         "all trials are of one kind (zigzag): many effects look alike in them",
         "again shares rows with zigzag_a, so it is no test",
