@@ -48,7 +48,7 @@ def hidden_ship() -> Ship:
     return replace(ship.with_values(moved), name="hidden")
 
 
-CURRENT = "current:x=0.06,y=-0.04"
+CURRENT = "current:x=0.08,y=-0.05"
 """The effect behind the demo's second campaign, as ``mmg simulate --effect`` takes it."""
 FOULING = "fouling:share=0.6"
 """The effect behind its third campaign."""

@@ -163,8 +163,8 @@ def _diagnosis(folder: Path, seed: int, effect: str) -> dict[str, Any]:
     say("7. A second campaign, a year later: what is different?")
     train, test = _campaign(folder / "second", seed + 1000, effect, every=2)
     second = folder / "second"
-    command = f"mmg diagnose {folder / 'run'} {second / 'train'} --test {second / 'held_out'} --seed {seed}"
-    options, ship = DiagnosisOptions(seed=seed, command=command), load_ship(folder / "run")
+    command = f"mmg diagnose {folder / 'run'} {second / 'train'} --test {second / 'held_out'} --workers 2 --seed {seed}"
+    options, ship = DiagnosisOptions(seed=seed, workers=2, command=command), load_ship(folder / "run")
     found = diagnose(ship, train, test, options=options, calibrated_on=folder / "run")
     found.save(folder / "diagnosis")
     say(f"   {found.sentence}")
