@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Argument, Option
 
 if TYPE_CHECKING:
     from cases.checks import CheckReport
@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
 
 def check(
-    trials: Annotated[list[Path], typer.Argument(help="Trial files (CSV, Parquet) or folders of them.")],
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+    trials: Annotated[list[Path], Argument(help="Trial files (CSV, Parquet) or folders of them.")],
+    as_json: Annotated[bool, Option("--json", help="Print one JSON document.")] = False,
 ) -> None:
     """Check trial files: units, signs, frames, gaps, duplicates, lags, excitation; a verdict per file.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Option
 
 if TYPE_CHECKING:
     from cases.trial import Trial
@@ -15,37 +15,31 @@ if TYPE_CHECKING:
 
 def compare(
     train: Annotated[
-        list[str] | None,
-        typer.Option("--train", help="Trials, or a published split: train-tzrb (default), train-tzb, train-tzrb+ ..."),
+        list[str] | None, Option(help="Trials, or a published split: train-tzrb (default), train-tzb, train-tzrb+ ...")
     ] = None,
     test: Annotated[
-        list[str] | None,
-        typer.Option("--test", help="Trials, or a split; default development-holdout. They are taken out of --train."),
+        list[str] | None, Option(help="Trials, or a split; default development-holdout. They are taken out of --train.")
     ] = None,
-    ship: Annotated[str, typer.Option("--ship", help="The captive ship.")] = "esso_osaka_3m",
+    ship: Annotated[str, Option(help="The captive ship.")] = "esso_osaka_3m",
     measurement: Annotated[
-        str, typer.Option("--measurement", help="Instruments that a calibration fits along, as in mmg fit; or none.")
+        str, Option(help="Instruments that a calibration fits along, as in mmg fit; or none.")
     ] = "velocity_lag",
-    models: Annotated[
-        str, typer.Option("--models", help="Which, separated by commas.")
-    ] = "captive,calibrated,hybrid,fnn,rnn,rnn-window",
-    seeds: Annotated[int, typer.Option("--seeds", help="Trainings of each network, from seeds one apart.")] = 5,
-    seed: Annotated[int, typer.Option("--seed", help="The first seed.")] = 0,
-    fractions: Annotated[
-        str, typer.Option("--fractions", help="Shares of the training data to repeat all with: 0.1,0.3,1.")
-    ] = "1",
+    models: Annotated[str, Option(help="Which, separated by commas.")] = "captive,calibrated,hybrid,fnn,rnn,rnn-window",
+    seeds: Annotated[int, Option(help="Trainings of each network, from seeds one apart.")] = 5,
+    seed: Annotated[int, Option(help="The first seed.")] = 0,
+    fractions: Annotated[str, Option(help="Shares of the training data to repeat all with: 0.1,0.3,1.")] = "1",
     no_random: Annotated[
-        bool, typer.Option("--no-random", help="Repeat all shares without the runs of random manoeuvres as well.")
+        bool, Option("--no-random", help="Repeat all shares without the runs of random manoeuvres as well.")
     ] = False,
-    epochs: Annotated[int | None, typer.Option("--epochs", help="Of every training; default as in mmg train.")] = None,
-    step: Annotated[float | None, typer.Option("--step", help="Grid of the trainings [s].")] = None,
-    workers: Annotated[int, typer.Option("--workers", help="Processes over which everything is spread.")] = 1,
-    time_limit: Annotated[float | None, typer.Option("--time-limit", help="Of the whole [s].")] = None,
-    out: Annotated[Path | None, typer.Option("--out", help="Folder for tables, result.json and figures.")] = None,
+    epochs: Annotated[int | None, Option(help="Of every training; default as in mmg train.")] = None,
+    step: Annotated[float | None, Option(help="Grid of the trainings [s].")] = None,
+    workers: Annotated[int, Option(help="Processes over which everything is spread.")] = 1,
+    time_limit: Annotated[float | None, Option(help="Of the whole [s].")] = None,
+    out: Annotated[Path | None, Option(help="Folder for tables, result.json and figures.")] = None,
     resume: Annotated[
-        bool, typer.Option("--resume", help="Continue an interrupted comparison in --out; finished entries are kept.")
+        bool, Option("--resume", help="Continue an interrupted comparison in --out; finished entries are kept.")
     ] = False,
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON document instead of the tables.")] = False,
+    json: Annotated[bool, Option("--json", help="Print one JSON document instead of the tables.")] = False,
 ) -> int:
     """Calibrate and train every model on the same trials and score all of them on others, side by side.
 

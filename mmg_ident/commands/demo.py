@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Option
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -17,11 +17,9 @@ if TYPE_CHECKING:
 
 
 def demo(
-    out: Annotated[
-        Path | None, typer.Option("--out", help="Folder to write; default mmg-demo, or the next free name.")
-    ] = None,
-    seed: Annotated[int, typer.Option("--seed", help="Seed of wind and sensor noise.")] = 1,
-    json: Annotated[bool, typer.Option("--json", help="Print what was found as JSON.")] = False,
+    out: Annotated[Path | None, Option(help="Folder to write; default mmg-demo, or the next free name.")] = None,
+    seed: Annotated[int, Option(help="Seed of wind and sensor noise.")] = 1,
+    json: Annotated[bool, Option("--json", help="Print what was found as JSON.")] = False,
 ) -> int:
     """Simulate trials of a ship nobody knows, check, calibrate, score, learn residuals, diagnose a hidden effect.
 

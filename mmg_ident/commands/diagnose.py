@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Argument, Option
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -15,26 +15,21 @@ if TYPE_CHECKING:
 
 
 def diagnose(
-    run: Annotated[str, typer.Argument(help="Run folder of mmg fit, ship file or library ship.", metavar="RUN")],
-    trials: Annotated[list[Path], typer.Argument(help="Trial files, or folders of them.", metavar="TRIAL...")],
-    out: Annotated[Path, typer.Option("--out", help="Folder to write the diagnosis to.")],
+    run: Annotated[str, Argument(help="Run folder of mmg fit, ship file or library ship.", metavar="RUN")],
+    trials: Annotated[list[Path], Argument(help="Trial files, or folders of them.", metavar="TRIAL...")],
+    out: Annotated[Path, Option(help="Folder to write the diagnosis to.")],
     test: Annotated[
-        list[Path] | None, typer.Option("--test", help="Trials that take no part, to check on; several may follow.")
+        list[Path] | None, Option(help="Trials that take no part, to check on; several may follow.")
     ] = None,
-    without: Annotated[
-        list[str] | None, typer.Option("--without", help="Leave a component out of the model, such as wind.")
-    ] = None,
-    site: Annotated[
-        Path | None, typer.Option("--site", help="Site file (default: site.toml beside the trials).")
-    ] = None,
-    step: Annotated[float | None, typer.Option("--step", help="Time step of the analysis [s].")] = None,
-    workers: Annotated[int, typer.Option("--workers", help="Processes that refit candidates side by side.")] = 1,
-    seed: Annotated[int, typer.Option("--seed", help="Seed of the drawn probabilities and intervals.")] = 0,
+    without: Annotated[list[str] | None, Option(help="Leave a component out of the model, such as wind.")] = None,
+    site: Annotated[Path | None, Option(help="Site file (default: site.toml beside the trials).")] = None,
+    step: Annotated[float | None, Option(help="Time step of the analysis [s].")] = None,
+    workers: Annotated[int, Option(help="Processes that refit candidates side by side.")] = 1,
+    seed: Annotated[int, Option(help="Seed of the drawn probabilities and intervals.")] = 0,
     no_learn: Annotated[
-        bool,
-        typer.Option("--no-learn", help="Do not measure how much a learned residual closes of the remainder."),
+        bool, Option("--no-learn", help="Do not measure how much a learned residual closes of the remainder.")
     ] = False,
-    json: Annotated[bool, typer.Option("--json", help="Print diagnosis.json.")] = False,
+    json: Annotated[bool, Option("--json", help="Print diagnosis.json.")] = False,
 ) -> None:
     """Say which effect a ship's model lacks, judged by trials: an effect by name, none, or unknown.
 

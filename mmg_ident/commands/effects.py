@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-import typer
+from typer import Argument, Option
 
 
 def effects(
-    name: Annotated[str | None, typer.Argument(help="One effect: its physics and its parameters.")] = None,
-    ship: Annotated[str, typer.Option("--ship", help="Ship for whose size and models the numbers are given.")] = (
-        "esso_osaka_3m"
-    ),
-    json: Annotated[bool, typer.Option("--json", help="Print as JSON.")] = False,
+    name: Annotated[str | None, Argument(help="One effect: its physics and its parameters.")] = None,
+    ship: Annotated[str, Option(help="Ship for whose size and models the numbers are given.")] = ("esso_osaka_3m"),
+    json: Annotated[bool, Option("--json", help="Print as JSON.")] = False,
 ) -> None:
     """List the effects, or explain one: parameters, neutral value, typical size, where it enters.
 

@@ -5,100 +5,66 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Argument, Option
 
 if TYPE_CHECKING:
     from fitting.result import FitResult
 
 
 def fit(
-    ship: Annotated[str, typer.Argument(help="Ship to start from: library name, ship file or run folder.")],
-    trials: Annotated[list[Path], typer.Argument(help="Trial files, or folders of them.")],
-    out: Annotated[Path, typer.Option("--out", help="Run folder to write; it must not exist.")],
+    ship: Annotated[str, Argument(help="Ship to start from: library name, ship file or run folder.")],
+    trials: Annotated[list[Path], Argument(help="Trial files, or folders of them.")],
+    out: Annotated[Path, Option(help="Run folder to write; it must not exist.")],
     validate: Annotated[
-        list[Path] | None,
-        typer.Option("--validate", help="Held-out trials to score before and after; several may follow."),
+        list[Path] | None, Option(help="Held-out trials to score before and after; several may follow.")
     ] = None,
     without: Annotated[
-        list[str] | None, typer.Option("--without", help="Leave a component or effect out of the model, such as wind.")
+        list[str] | None, Option(help="Leave a component or effect out of the model, such as wind.")
     ] = None,
     with_: Annotated[
         list[str] | None,
-        typer.Option(
-            "--with",
-            help="Free an effect (see mmg effects): NAME, or NAME:held=value,freed. May be repeated.",
-        ),
+        Option("--with", help="Free an effect (see mmg effects): NAME, or NAME:held=value,freed. May be repeated."),
     ] = None,
     measurement: Annotated[
-        str,
-        typer.Option(
-            "--measurement",
-            help="Effects of the instruments that are fitted along: velocity_lag, or several, or none.",
-        ),
+        str, Option(help="Effects of the instruments that are fitted along: velocity_lag, or several, or none.")
     ] = "velocity_lag",
     per_run: Annotated[
         list[str] | None,
-        typer.Option(
-            "--per-run",
-            help="Give each run its own constants of an effect: current, or NAME:parameter=prior. May be repeated.",
-        ),
+        Option(help="Give each run its own constants of an effect: current, or NAME:parameter=prior. May be repeated."),
     ] = None,
-    fix: Annotated[
-        list[str] | None, typer.Option("--fix", help="Coefficients to leave alone (comma-separated).")
-    ] = None,
-    only: Annotated[
-        list[str] | None, typer.Option("--only", help="Free only these coefficients (comma-separated).")
-    ] = None,
-    window: Annotated[float | None, typer.Option("--window", help="Window length [s]; default 100 steps.")] = None,
-    step: Annotated[
-        float | None,
-        typer.Option("--step", help="Integration and sampling step [s]; default a twentieth of L/U."),
-    ] = None,
-    interval: Annotated[int, typer.Option("--interval", help="Steps per shooting interval.")] = 5,
-    starts: Annotated[int, typer.Option("--starts", help="Starts of the final solve (1: the prior).")] = 1,
-    workers: Annotated[int, typer.Option("--workers", help="Processes over which further starts are spread.")] = 1,
-    sigma: Annotated[
-        str | None,
-        typer.Option("--sigma", help="Fixed residual sigma x,y,psi,u,v,r instead of estimated ones."),
-    ] = None,
-    seed: Annotated[int, typer.Option("--seed", help="Seed of the random starts.")] = 0,
-    tolerance: Annotated[float, typer.Option("--tolerance", help="IPOPT's tolerance.")] = 1e-6,
-    max_iterations: Annotated[int, typer.Option("--max-iterations", help="IPOPT's limit per solve.")] = 300,
-    time_limit: Annotated[
-        float | None, typer.Option("--time-limit", help="Wall-clock limit of the calibration [s].")
-    ] = None,
-    bootstrap: Annotated[
-        int, typer.Option("--bootstrap", help="Refits to runs drawn with replacement, over --workers processes.")
-    ] = 0,
-    profile: Annotated[
-        list[str] | None, typer.Option("--profile", help="Profile the likelihood of these coefficients.")
-    ] = None,
+    fix: Annotated[list[str] | None, Option(help="Coefficients to leave alone (comma-separated).")] = None,
+    only: Annotated[list[str] | None, Option(help="Free only these coefficients (comma-separated).")] = None,
+    window: Annotated[float | None, Option(help="Window length [s]; default 100 steps.")] = None,
+    step: Annotated[float | None, Option(help="Integration and sampling step [s]; default a twentieth of L/U.")] = None,
+    interval: Annotated[int, Option(help="Steps per shooting interval.")] = 5,
+    starts: Annotated[int, Option(help="Starts of the final solve (1: the prior).")] = 1,
+    workers: Annotated[int, Option(help="Processes over which further starts are spread.")] = 1,
+    sigma: Annotated[str | None, Option(help="Fixed residual sigma x,y,psi,u,v,r instead of estimated ones.")] = None,
+    seed: Annotated[int, Option(help="Seed of the random starts.")] = 0,
+    tolerance: Annotated[float, Option(help="IPOPT's tolerance.")] = 1e-6,
+    max_iterations: Annotated[int, Option(help="IPOPT's limit per solve.")] = 300,
+    time_limit: Annotated[float | None, Option(help="Wall-clock limit of the calibration [s].")] = None,
+    bootstrap: Annotated[int, Option(help="Refits to runs drawn with replacement, over --workers processes.")] = 0,
+    profile: Annotated[list[str] | None, Option(help="Profile the likelihood of these coefficients.")] = None,
     resume: Annotated[
-        bool, typer.Option("--resume", help="Continue an interrupted run in --out from its best iterate.")
+        bool, Option("--resume", help="Continue an interrupted run in --out from its best iterate.")
     ] = False,
-    compiled: Annotated[
-        bool, typer.Option("--compiled/--no-compiled", help="Use a C compiler if there is one.")
-    ] = True,
-    next_trial: Annotated[
-        bool,
-        typer.Option("--next-trial/--no-next-trial", help="Name the trials that would determine what is left open."),
-    ] = True,
+    compiled: Annotated[bool, Option(help="Use a C compiler if there is one.")] = True,
+    next_trial: Annotated[bool, Option(help="Name the trials that would determine what is left open.")] = True,
     loss: Annotated[
-        str, typer.Option("--loss", help="What a residual costs: gaussian, or robust to outliers huber or student.")
+        str, Option(help="What a residual costs: gaussian, or robust to outliers huber or student.")
     ] = "gaussian",
     captive: Annotated[
-        Path | None,
-        typer.Option("--captive", help="Table of captive-test points u,v,r,n,delta,X,Y,N whose forces are fitted too."),
+        Path | None, Option(help="Table of captive-test points u,v,r,n,delta,X,Y,N whose forces are fitted too.")
     ] = None,
     captive_sigma: Annotated[
-        str | None,
-        typer.Option("--captive-sigma", help="Standard deviations X,Y [N],N [N m] of captive forces; default 3 % rms."),
+        str | None, Option(help="Standard deviations X,Y [N],N [N m] of captive forces; default 3 % rms.")
     ] = None,
     auto: Annotated[
-        bool, typer.Option("--auto", help="Choose the model by cross-validation over runs (window, priors, loss, ...).")
+        bool, Option("--auto", help="Choose the model by cross-validation over runs (window, priors, loss, ...).")
     ] = False,
-    auto_limit: Annotated[float, typer.Option("--auto-limit", help="Time for the choice [s].")] = 480.0,
-    json: Annotated[bool, typer.Option("--json", help="Print result.json on stdout.")] = False,
+    auto_limit: Annotated[float, Option(help="Time for the choice [s].")] = 480.0,
+    json: Annotated[bool, Option("--json", help="Print result.json on stdout.")] = False,
 ) -> int:
     """Calibrate a ship on trials by multiple shooting and IPOPT.
 

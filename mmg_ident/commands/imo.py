@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Argument, Option
 
 if TYPE_CHECKING:
     from cases.criteria.assessment import Assessment
@@ -14,39 +14,28 @@ if TYPE_CHECKING:
 
 def imo(
     ships_and_trials: Annotated[
-        list[str],
-        typer.Argument(help="A ship to simulate, or measured trial files and folders.", metavar="SHIP|TRIAL..."),
+        list[str], Argument(help="A ship to simulate, or measured trial files and folders.", metavar="SHIP|TRIAL...")
     ],
     speed: Annotated[
-        float | None,
-        typer.Option("--speed", help="Test speed [m/s]; default U_0 of the ship file, else Froude number 0.142."),
+        float | None, Option(help="Test speed [m/s]; default U_0 of the ship file, else Froude number 0.142.")
     ] = None,
     rudder_rate: Annotated[
-        float | None,
-        typer.Option("--rudder-rate", help="[deg/s]; default the ship's own, else 20 for a 3 m model, Froude scaled."),
+        float | None, Option(help="[deg/s]; default the ship's own, else 20 for a 3 m model, Froude scaled.")
     ] = None,
     maneuver: Annotated[
-        list[str] | None,
-        typer.Option("--maneuver", help="Simulate also this, such as spiral:15/5 or pull-out:20; may be repeated."),
+        list[str] | None, Option(help="Simulate also this, such as spiral:15/5 or pull-out:20; may be repeated.")
     ] = None,
-    ship: Annotated[str | None, typer.Option("--ship", help="Ship of the trial files: gives L and its name.")] = None,
-    length: Annotated[float | None, typer.Option("--length", help="L of the trial files' ship [m].")] = None,
-    kind: Annotated[
-        str, typer.Option("--kind", help="Read the trials as turning, zigzag or crash-stop; default from the data.")
-    ] = "",
+    ship: Annotated[str | None, Option(help="Ship of the trial files: gives L and its name.")] = None,
+    length: Annotated[float | None, Option(help="L of the trial files' ship [m].")] = None,
+    kind: Annotated[str, Option(help="Read the trials as turning, zigzag or crash-stop; default from the data.")] = "",
     scale: Annotated[
         float | None,
-        typer.Option(
-            "--scale",
-            help="Of a model, ship length over model length (default: the ship file's): judged at ship scale.",
-        ),
+        Option(help="Of a model, ship length over model length (default: the ship file's): judged at ship scale."),
     ] = None,
-    plot: Annotated[Path | None, typer.Option("--plot", help="Figure to write (.png, .svg or .pdf).")] = None,
-    out: Annotated[
-        Path | None, typer.Option("--out", help="New folder for imo.json, imo.png and the simulated runs as CSV.")
-    ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite existing files.")] = False,
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+    plot: Annotated[Path | None, Option(help="Figure to write (.png, .svg or .pdf).")] = None,
+    out: Annotated[Path | None, Option(help="New folder for imo.json, imo.png and the simulated runs as CSV.")] = None,
+    force: Annotated[bool, Option("--force", help="Overwrite existing files.")] = False,
+    json: Annotated[bool, Option("--json", help="Print one JSON document.")] = False,
 ) -> None:
     """Judge a ship by IMO MSC.137(76): turning, initial turning, yaw checking, stopping; pass or fail per figure.
 

@@ -5,25 +5,20 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
 
 def predict(
-    model: Annotated[str, typer.Argument(help="Ship or run folder.")],
-    trials: Annotated[list[Path], typer.Argument(help="Trial files, or folders of them.")],
-    out: Annotated[Path, typer.Option("--out", help="CSV file (one trial) or folder (NAME.csv for each).")],
-    window: Annotated[float, typer.Option("--window", help="Window length [s]; 0 is the whole run.")] = 100.0,
-    stride: Annotated[
-        float | None, typer.Option("--stride", help="Seconds between window starts; default the window length.")
-    ] = None,
+    model: Annotated[str, Argument(help="Ship or run folder.")],
+    trials: Annotated[list[Path], Argument(help="Trial files, or folders of them.")],
+    out: Annotated[Path, Option(help="CSV file (one trial) or folder (NAME.csv for each).")],
+    window: Annotated[float, Option(help="Window length [s]; 0 is the whole run.")] = 100.0,
+    stride: Annotated[float | None, Option(help="Seconds between window starts; default the window length.")] = None,
     adapt: Annotated[
-        float,
-        typer.Option(
-            "--adapt", help="Seconds before each window from which the run's disturbance is estimated; 0: none."
-        ),
+        float, Option(help="Seconds before each window from which the run's disturbance is estimated; 0: none.")
     ] = 0.0,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite existing files.")] = False,
-    json: Annotated[bool, typer.Option("--json", help="Print what was written as JSON.")] = False,
+    force: Annotated[bool, Option("--force", help="Overwrite existing files.")] = False,
+    json: Annotated[bool, Option("--json", help="Print what was written as JSON.")] = False,
 ) -> None:
     """Predict open-loop windows of trials, each started from the measured state.
 

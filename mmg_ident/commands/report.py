@@ -5,16 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
 
 def report(
-    runs: Annotated[list[Path], typer.Argument(help="Run folders of mmg fit, or of mmg train.", metavar="RUN...")],
+    runs: Annotated[list[Path], Argument(help="Run folders of mmg fit, or of mmg train.", metavar="RUN...")],
     out: Annotated[
-        Path | None,
-        typer.Option("--out", help="HTML file to write; default RUN/report.html, ./report.html for several runs."),
+        Path | None, Option(help="HTML file to write; default RUN/report.html, ./report.html for several runs.")
     ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print where the report is as JSON.")] = False,
+    json: Annotated[bool, Option("--json", help="Print where the report is as JSON.")] = False,
 ) -> None:
     """Write one self-contained HTML page on a run, or on several side by side.
 

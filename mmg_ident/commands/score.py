@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Argument, Option
 
 if TYPE_CHECKING:
     from fitting.prediction.score import Score
@@ -14,22 +14,17 @@ if TYPE_CHECKING:
 def score(
     models_and_trials: Annotated[
         list[str],
-        typer.Argument(
-            help="Ships or run folders, then trial files or folders of them.", metavar="SHIP|RUN... TRIAL..."
-        ),
+        Argument(help="Ships or run folders, then trial files or folders of them.", metavar="SHIP|RUN... TRIAL..."),
     ],
-    sigma: Annotated[
-        str | None, typer.Option("--sigma", help="Sigma of x,y,psi,u,v,r to divide errors by (six numbers).")
-    ] = None,
+    sigma: Annotated[str | None, Option(help="Sigma of x,y,psi,u,v,r to divide errors by (six numbers).")] = None,
     sigma_from: Annotated[
-        list[Path] | None, typer.Option("--sigma-from", help="Trials whose pooled sigma to use; several may follow.")
+        list[Path] | None, Option(help="Trials whose pooled sigma to use; several may follow.")
     ] = None,
-    method: Annotated[str, typer.Option("--method", help="Integration: rk4 or euler.")] = "rk4",
+    method: Annotated[str, Option(help="Integration: rk4 or euler.")] = "rk4",
     adapt: Annotated[
-        float,
-        typer.Option("--adapt", help="Score also with this many seconds before each window as a help; 0: not."),
+        float, Option(help="Score also with this many seconds before each window as a help; 0: not.")
     ] = 0.0,
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+    json: Annotated[bool, Option("--json", help="Print one JSON document.")] = False,
 ) -> None:
     """Score models on trials: Eq. 25 of Wakita et al. (2022) with 100 s restarts, and 30 s windows every 15 s.
 

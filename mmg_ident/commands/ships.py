@@ -6,29 +6,28 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Argument, Option
 
 if TYPE_CHECKING:
     from mmg.ship import Ship
 
 
 def ships(
-    name: Annotated[str | None, typer.Argument(help="Ship, ship file or run folder to print as TOML.")] = None,
+    name: Annotated[str | None, Argument(help="Ship, ship file or run folder to print as TOML.")] = None,
     new: Annotated[
         list[str] | None,
-        typer.Option(
-            "--new",
+        Option(
             help="Main particulars of a new ship, SI: L B d C_b [D_P pitch_ratio A_R U_0] in this order, or NAME=VALUE "
-            "(also x_G, aspect_ratio, rho, A_T, A_L, y_P for twin screws, D_BT for a bow thruster, ...).",
+            "(also x_G, aspect_ratio, rho, A_T, A_L, y_P for twin screws, D_BT for a bow thruster, ...)."
         ),
     ] = None,
-    called: Annotated[str | None, typer.Option("--name", help="Name of the new ship; default from --out.")] = None,
+    called: Annotated[str | None, Option("--name", help="Name of the new ship; default from --out.")] = None,
     hull: Annotated[
-        str, typer.Option("--hull", help="Hull model of the new ship: unified (harbour too) or polynomial (ahead).")
+        str, Option(help="Hull model of the new ship: unified (harbour too) or polynomial (ahead).")
     ] = "unified",
-    out: Annotated[Path | None, typer.Option("--out", help="Ship file to write; default: print it.")] = None,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite an existing file.")] = False,
-    json: Annotated[bool, typer.Option("--json", help="Print as JSON.")] = False,
+    out: Annotated[Path | None, Option(help="Ship file to write; default: print it.")] = None,
+    force: Annotated[bool, Option("--force", help="Overwrite an existing file.")] = False,
+    json: Annotated[bool, Option("--json", help="Print as JSON.")] = False,
 ) -> None:
     """List the ships that come with the package, print one as a ship file, or write a starting ship of your own.
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Argument, Option
 
 if TYPE_CHECKING:
     from cases.maneuvers.definitions import Maneuver
@@ -16,60 +16,49 @@ if TYPE_CHECKING:
 
 
 def simulate(
-    ship: Annotated[str, typer.Argument(help="Library ship (see mmg ships), ship file or run folder.")],
+    ship: Annotated[str, Argument(help="Library ship (see mmg ships), ship file or run folder.")],
     maneuver: Annotated[
         str | None,
-        typer.Option(
-            "--maneuver",
+        Option(
             help="turning:35, zigzag:20/20 (rudder/heading), spiral:15/5, pull-out:20, crash-stop, random, "
-            "random:SEED, straight, berthing or acceleration; degrees, negative begins to port.",
+            "random:SEED, straight, berthing or acceleration; degrees, negative begins to port."
         ),
     ] = None,
     controls: Annotated[
-        Path | None,
-        typer.Option("--controls", help="Trial file whose n, delta and wind are followed, from its first state."),
+        Path | None, Option(help="Trial file whose n, delta and wind are followed, from its first state.")
     ] = None,
     wind: Annotated[
-        str | None,
-        typer.Option("--wind", help="speed:direction[:gusty], m/s and degrees it comes from; default calm air."),
+        str | None, Option(help="speed:direction[:gusty], m/s and degrees it comes from; default calm air.")
     ] = None,
     effect: Annotated[
-        list[str] | None,
-        typer.Option("--effect", help="NAME or NAME:key=value,... (see mmg effects). May be repeated."),
+        list[str] | None, Option(help="NAME or NAME:key=value,... (see mmg effects). May be repeated.")
     ] = None,
-    noise: Annotated[bool, typer.Option("--noise", help="Add white sensor noise to the states written.")] = False,
-    n: Annotated[float | None, typer.Option("--n", help="Approach revolutions [1/s]; default from the speed.")] = None,
+    noise: Annotated[bool, Option("--noise", help="Add white sensor noise to the states written.")] = False,
+    n: Annotated[float | None, Option(help="Approach revolutions [1/s]; default from the speed.")] = None,
     speed: Annotated[
-        float | None,
-        typer.Option(
-            "--speed", help="Approach speed [m/s]; default from n, else the ship's U_0, else Froude number 0.07."
-        ),
+        float | None, Option(help="Approach speed [m/s]; default from n, else the ship's U_0, else Froude number 0.07.")
     ] = None,
-    duration: Annotated[float | None, typer.Option("--duration", help="Longest time [s].")] = None,
+    duration: Annotated[float | None, Option(help="Longest time [s].")] = None,
     rudder_rate: Annotated[
-        float | None,
-        typer.Option("--rudder-rate", help="[deg/s]; default the ship's own, else 20 for a 3 m model, Froude scaled."),
+        float | None, Option(help="[deg/s]; default the ship's own, else 20 for a 3 m model, Froude scaled.")
     ] = None,
     sampled_helm: Annotated[
-        bool,
-        typer.Option("--sampled-helm", help="Orders are given at samples only; default: at the very moment."),
+        bool, Option("--sampled-helm", help="Orders are given at samples only; default: at the very moment.")
     ] = False,
-    dt: Annotated[float | None, typer.Option("--dt", help="Sampling interval [s]; default 0.1.")] = None,
-    seed: Annotated[int, typer.Option("--seed", help="Seed of gusts, noise and random manoeuvres.")] = 0,
+    dt: Annotated[float | None, Option(help="Sampling interval [s]; default 0.1.")] = None,
+    seed: Annotated[int, Option(help="Seed of gusts, noise and random manoeuvres.")] = 0,
     scatter: Annotated[
         int | None,
-        typer.Option(
-            "--scatter",
+        Option(
             help="Draw the coefficients so often from their standard errors (and the correlation of a run folder); "
-            "prints median and 90 % interval of each figure.",
+            "prints median and 90 % interval of each figure."
         ),
     ] = None,
     out: Annotated[
-        Path | None,
-        typer.Option("--out", help="Trial file to write (.csv or .parquet), with --scatter the motions of all draws."),
+        Path | None, Option(help="Trial file to write (.csv or .parquet), with --scatter the motions of all draws.")
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite an existing file.")] = False,
-    json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+    force: Annotated[bool, Option("--force", help="Overwrite an existing file.")] = False,
+    json: Annotated[bool, Option("--json", help="Print the summary as JSON.")] = False,
 ) -> None:
     """Simulate a manoeuvre, or the inputs of a trial file, on a ship and write the motion as a trial file.
 

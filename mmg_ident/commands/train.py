@@ -5,78 +5,55 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Argument, Option
 
 if TYPE_CHECKING:
     from residual.result import TrainResult
 
 
 def train(
-    run: Annotated[str, typer.Argument(help="Run folder of mmg fit, or a ship.", metavar="RUN")],
-    trials: Annotated[list[Path], typer.Argument(help="Trial files, or folders of them.")],
-    out: Annotated[Path, typer.Option("--out", help="Run folder to write; it must not exist.")],
+    run: Annotated[str, Argument(help="Run folder of mmg fit, or a ship.", metavar="RUN")],
+    trials: Annotated[list[Path], Argument(help="Trial files, or folders of them.")],
+    out: Annotated[Path, Option(help="Run folder to write; it must not exist.")],
     validate: Annotated[
         list[Path] | None,
-        typer.Option(
-            "--validate", help="Trials to judge the result by; several may follow. Default: parts that take turns."
-        ),
+        Option(help="Trials to judge the result by; several may follow. Default: parts that take turns."),
     ] = None,
-    model: Annotated[
-        str, typer.Option("--model", help="What is trained: hybrid, or a black box: fnn, rnn, rnn-window.")
-    ] = "hybrid",
-    seeds: Annotated[int, typer.Option("--seeds", help="How often it is trained, from seeds one apart.")] = 5,
-    seed: Annotated[int, typer.Option("--seed", help="The first seed.")] = 0,
-    workers: Annotated[int, typer.Option("--workers", help="Processes over which the seeds are spread.")] = 1,
-    epochs: Annotated[
-        int | None, typer.Option("--epochs", help="Passes over the windows; default 40, of a black box 60.")
-    ] = None,
-    width: Annotated[
-        int | None, typer.Option("--width", help="Neurons of each hidden layer; default 32, of a black box 64.")
-    ] = None,
+    model: Annotated[str, Option(help="What is trained: hybrid, or a black box: fnn, rnn, rnn-window.")] = "hybrid",
+    seeds: Annotated[int, Option(help="How often it is trained, from seeds one apart.")] = 5,
+    seed: Annotated[int, Option(help="The first seed.")] = 0,
+    workers: Annotated[int, Option(help="Processes over which the seeds are spread.")] = 1,
+    epochs: Annotated[int | None, Option(help="Passes over the windows; default 40, of a black box 60.")] = None,
+    width: Annotated[int | None, Option(help="Neurons of each hidden layer; default 32, of a black box 64.")] = None,
     penalty: Annotated[
         float | None,
-        typer.Option(
-            "--penalty", help="Weight of mean (residual / its scale)^2, default 0.3; of a black box, of its weights^2."
-        ),
+        Option(help="Weight of mean (residual / its scale)^2, default 0.3; of a black box, of its weights^2."),
     ] = None,
-    jitter: Annotated[
-        float, typer.Option("--jitter", help="Noise added to the states, in multiples of the instruments' noise.")
-    ] = 0.0,
-    rate: Annotated[float, typer.Option("--rate", help="First learning rate of Adam.")] = 3e-3,
-    batch: Annotated[int, typer.Option("--batch", help="Windows per gradient step.")] = 64,
-    step: Annotated[
-        float | None, typer.Option("--step", help="Grid and integration step [s]; default a twentieth of L/U.")
-    ] = None,
-    loss: Annotated[
-        str, typer.Option("--loss", help="state (Wakita 2022, Eq. 23) or acceleration (Eq. 16).")
-    ] = "state",
+    jitter: Annotated[float, Option(help="Noise added to the states, in multiples of the instruments' noise.")] = 0.0,
+    rate: Annotated[float, Option(help="First learning rate of Adam.")] = 3e-3,
+    batch: Annotated[int, Option(help="Windows per gradient step.")] = 64,
+    step: Annotated[float | None, Option(help="Grid and integration step [s]; default a twentieth of L/U.")] = None,
+    loss: Annotated[str, Option(help="state (Wakita 2022, Eq. 23) or acceleration (Eq. 16).")] = "state",
     augment: Annotated[
-        str, typer.Option("--augment", help="A set of Wakita 2024: ref, sli2, sli10, jit2, jit10, sli10+jit10, d-ref.")
+        str, Option(help="A set of Wakita 2024: ref, sli2, sli10, jit2, jit10, sli10+jit10, d-ref.")
     ] = "",
-    layers: Annotated[int | None, typer.Option("--layers", help="fnn: hidden layers; default 2.")] = None,
+    layers: Annotated[int | None, Option(help="fnn: hidden layers; default 2.")] = None,
     memory: Annotated[
-        int | None, typer.Option("--memory", help="rnn-window: rows m of Eq. 9; rnn: rows that warm it up; default 2.")
+        int | None, Option(help="rnn-window: rows m of Eq. 9; rnn: rows that warm it up; default 2.")
     ] = None,
-    symmetric: Annotated[
-        bool | None, typer.Option("--symmetric/--no-symmetric", help="hybrid: port and starboard alike; default so.")
-    ] = None,
-    zero: Annotated[
-        bool | None, typer.Option("--zero/--no-zero", help="fnn: whether it is zero at the origin; default it is.")
-    ] = None,
+    symmetric: Annotated[bool | None, Option(help="hybrid: port and starboard alike; default so.")] = None,
+    zero: Annotated[bool | None, Option(help="fnn: whether it is zero at the origin; default it is.")] = None,
     initial: Annotated[
-        int | None,
-        typer.Option("--initial", help="Black box: rows before a start that estimate its velocities; 0: as measured."),
+        int | None, Option(help="Black box: rows before a start that estimate its velocities; 0: as measured.")
     ] = None,
-    time_limit: Annotated[
-        float | None, typer.Option("--time-limit", help="Wall-clock limit of the training [s].")
-    ] = None,
+    time_limit: Annotated[float | None, Option(help="Wall-clock limit of the training [s].")] = None,
     keep: Annotated[
-        str, typer.Option("--keep", help="Recommended ship: better, as the decision says, or always the hybrid.")
+        str, Option(help="Recommended ship: better, as the decision says, or always the hybrid.")
     ] = "better",
     resume: Annotated[
-        bool, typer.Option("--resume", help="Continue an interrupted training in --out; finished seeds are kept.")
+        bool, Option("--resume", help="Continue an interrupted training in --out; finished seeds are kept.")
     ] = False,
-    json: Annotated[bool, typer.Option("--json", help="Print result.json on stdout.")] = False,
+    json: Annotated[bool, Option("--json", help="Print result.json on stdout.")] = False,
 ) -> int:
     """Learn a residual acceleration on a calibrated ship, and recommend it only if windows it never saw say so.
 
