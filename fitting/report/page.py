@@ -199,7 +199,7 @@ def _run(record: FitRecord, ship: Ship, folder: Path, number: int) -> dict:
         "particulars": [(k, v, *PARTICULARS.get(k, ("", ""))) for k, v in ship.particulars.items()],
         "models": [
             *((role, name, summary(role, name)) for role, name in ship.components.items()),
-            *(("effect", name, effect(name).summary.strip()) for name in ship.effects),
+            *(("effect", name, effect(name).summary) for name in ship.effects),
         ],
         "missing": not_in_model(ship),
         "figures": {

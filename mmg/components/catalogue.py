@@ -60,8 +60,8 @@ def module(role: str, name: str) -> ModuleType:
 
 
 def summary(role: str, name: str) -> str:
-    """What the force model ``name`` of ``role`` is: title, equations and their source; KeyError as ``module``."""
-    return module(role, name).SUMMARY.strip()
+    """Docstring of the force model ``name`` of ``role``: title, equations and their source; KeyError as ``module``."""
+    return (module(role, name).__doc__ or "").strip()
 
 
 def required_particulars(components: Mapping[str, str]) -> tuple[str, ...]:

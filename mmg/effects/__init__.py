@@ -4,40 +4,38 @@ An effect is switched on by the synthetic generator, freed by a fit and screened
 in the order in which they enter the model; adding one is adding its file and its line here.
 """
 
-from mmg.effects import (
-    antenna_offset,
-    bank,
-    control_delay,
-    current,
-    disturbance,
-    draft,
-    fouling,
-    gnss_delay,
-    gyro,
-    heading_bias,
-    hull_memory,
-    log_scale,
-    propeller_side_force,
-    rudder_backlash,
-    rudder_lag,
-    rudder_offset,
-    rudder_stall,
-    shallow_water,
-    tow,
-    velocity_lag,
-    wave_drift,
-    wind_force,
-    wind_sensor_bias,
-)
+from mmg.effects.antenna_offset import AntennaOffset
+from mmg.effects.bank import Bank
+from mmg.effects.control_delay import ControlDelay
+from mmg.effects.current import Current
+from mmg.effects.disturbance import Disturbance
+from mmg.effects.draft import Draft
 from mmg.effects.effect import Effect, Parameter
+from mmg.effects.fouling import Fouling
+from mmg.effects.gnss_delay import GnssDelay
+from mmg.effects.gyro import Gyro
+from mmg.effects.heading_bias import HeadingBias
+from mmg.effects.hull_memory import HullMemory
+from mmg.effects.log_scale import LogScale
+from mmg.effects.propeller_side_force import PropellerSideForce
+from mmg.effects.rudder_backlash import RudderBacklash
+from mmg.effects.rudder_lag import RudderLag
+from mmg.effects.rudder_offset import RudderOffset
+from mmg.effects.rudder_stall import RudderStall
+from mmg.effects.shallow_water import ShallowWater
+from mmg.effects.tow import Tow
+from mmg.effects.velocity_lag import VelocityLag
+from mmg.effects.wave_drift import WaveDrift
+from mmg.effects.wind_force import WindForce
+from mmg.effects.wind_sensor_bias import WindSensorBias
 
 EFFECTS: dict[str, Effect] = {
-    module.EFFECT.name: module.EFFECT
-    for module in (
-        draft, current, wind_sensor_bias, control_delay, rudder_lag, rudder_backlash, rudder_offset,
-        wind_force, propeller_side_force, rudder_stall, fouling, shallow_water, hull_memory, bank, wave_drift, tow,
-        disturbance,
-        antenna_offset, gnss_delay, velocity_lag, heading_bias, log_scale, gyro,
+    kind.name: kind()
+    for kind in (
+        Draft, Current, WindSensorBias, ControlDelay, RudderLag, RudderBacklash, RudderOffset,
+        WindForce, PropellerSideForce, RudderStall, Fouling, ShallowWater, HullMemory, Bank, WaveDrift, Tow,
+        Disturbance,
+        AntennaOffset, GnssDelay, VelocityLag, HeadingBias, LogScale, Gyro,
     )
 }  # fmt: skip
 

@@ -1,4 +1,8 @@
-"""The effect ``antenna_offset``."""
+"""Antenna offset: satellite position and velocity belong to a point off midship.
+
+That point is x ahead and y to starboard of midship: its velocity is (u - r y, v + r x) in body axes. Where a log of
+the ship's own measures u and v, the position alone belongs to it.
+"""
 
 from __future__ import annotations
 
@@ -10,18 +14,11 @@ from mmg.motion.flow import Flow
 from mmg.motion.frames import body_to_earth
 from mmg.motion.memory import Memory
 
-SUMMARY = """Antenna offset: satellite position and velocity belong to a point off midship.
-
-That point is x ahead and y to starboard of midship: its velocity is (u - r y, v + r x) in body axes. Where a log of
-the ship's own measures u and v, the position alone belongs to it.
-"""
-
 
 class AntennaOffset(Effect):
     """Lever arm of the position."""
 
     name, enters = "antenna_offset", "measurement"
-    summary = SUMMARY
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         size, most = 0.07 * p.L, p.L
@@ -35,6 +32,3 @@ class AntennaOffset(Effect):
     def columns(self, y: list[Any], flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace) -> list[Any]:
         north, east = body_to_earth(e.x + e.alone_x, e.y + e.alone_y, flow.psi)
         return [y[0] + north, y[1] + east, y[2], y[3] - flow.r * e.y, y[4] + flow.r * e.x, y[5]]
-
-
-EFFECT = AntennaOffset()

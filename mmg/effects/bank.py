@@ -1,4 +1,9 @@
-"""The effect ``bank``."""
+"""Bank: suction towards a bank line and a moment that turns the bow away from it, decaying with the distance.
+
+Y = 1/2 rho L d u^2 suction w sin(bearing - psi), N = -1/2 rho L^2 d u^2 moment w sin(bearing - psi), with
+w = 1 / (1 + exp(e / decay)) of the distance e [m] from midship to the bank line (structure after Norrbin 1974, the
+coefficients are UNVERIFIED and to be identified). The line lies ``distance`` from the origin in direction ``bearing``.
+"""
 
 from __future__ import annotations
 
@@ -10,19 +15,11 @@ import casadi as ca
 from mmg.effects.effect import Effect, Parameter, Parts, Setting
 from mmg.motion.flow import Flow, Force
 
-SUMMARY = """Bank: suction towards a bank line and a moment that turns the bow away from it, decaying with the distance.
-
-Y = 1/2 rho L d u^2 suction w sin(bearing - psi), N = -1/2 rho L^2 d u^2 moment w sin(bearing - psi), with
-w = 1 / (1 + exp(e / decay)) of the distance e [m] from midship to the bank line (structure after Norrbin 1974, the
-coefficients are UNVERIFIED and to be identified). The line lies ``distance`` from the origin in direction ``bearing``.
-"""
-
 
 class Bank(Effect):
     """Bank suction and bank moment of one straight bank."""
 
     name, enters = "bank", "force"
-    summary = SUMMARY
     surroundings = True
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
@@ -40,6 +37,3 @@ class Bank(Effect):
         weight = 0.5 * (1 - ca.tanh(0.5 * away / e.decay))
         unit = 0.5 * at.p.rho * at.p.L * at.p.d * flow.u**2 * weight * ca.sin(e.bearing - flow.psi)
         return {**parts, "bank": Force(0.0, e.suction * unit, -e.moment * at.p.L * unit)}
-
-
-EFFECT = Bank()

@@ -1,4 +1,8 @@
-"""The effect ``control_delay``."""
+"""Control delay: rudder and revolutions act later than they are logged, by a fixed time.
+
+Inside the model the delay is its all-pass approximation (``delayed`` of mmg/motion/memory.py). The synthetic generator
+delays the inputs themselves, so a trial made with this effect holds the true delay.
+"""
 
 from __future__ import annotations
 
@@ -10,18 +14,11 @@ from mmg.motion.froude import reference_speed, time_scale
 from mmg.motion.memory import Memory, delayed
 from mmg.motion.smooth import Smoothing
 
-SUMMARY = """Control delay: rudder and revolutions act later than they are logged, by a fixed time.
-
-Inside the model the delay is its all-pass approximation (``delayed`` of mmg/motion/memory.py). The synthetic generator
-delays the inputs themselves, so a trial made with this effect holds the true delay.
-"""
-
 
 class ControlDelay(Effect):
     """Late inputs."""
 
     name, enters = "control_delay", "actuator path"
-    summary = SUMMARY
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         k = time_scale(p.L)
@@ -37,6 +34,3 @@ class ControlDelay(Effect):
 
     def input_delay(self, e: SimpleNamespace) -> float:
         return float(e.tau)
-
-
-EFFECT = ControlDelay()

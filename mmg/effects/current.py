@@ -1,4 +1,9 @@
-"""The effect ``current``."""
+"""Current: uniform water velocity over ground, steady or changing slowly with time.
+
+The water moves with (x + x_rate t, y + y_rate t) over ground, t since the start of the run. All forces and the
+equations of motion are those of the velocity through the water (relative-velocity formulation, Fossen 2021); positions
+and logged velocities are over ground. Froude-Krylov force included, so an unsteady current adds no other term.
+"""
 
 from __future__ import annotations
 
@@ -9,19 +14,11 @@ from mmg.effects.effect import Effect, Parameter
 from mmg.motion.flow import Flow
 from mmg.motion.froude import time_scale
 
-SUMMARY = """Current: uniform water velocity over ground, steady or changing slowly with time.
-
-The water moves with (x + x_rate t, y + y_rate t) over ground, t since the start of the run. All forces and the
-equations of motion are those of the velocity through the water (relative-velocity formulation, Fossen 2021); positions
-and logged velocities are over ground. Froude-Krylov force included, so an unsteady current adds no other term.
-"""
-
 
 class Current(Effect):
     """Uniform current, direction *going to*."""
 
     name, enters = "current", "inflow"
-    summary = SUMMARY
     surroundings = True
     needs_time = True
 
@@ -37,6 +34,3 @@ class Current(Effect):
 
     def water(self, flow: Flow, e: SimpleNamespace) -> tuple[Any, Any, Any, Any]:
         return e.x + e.x_rate * flow.time, e.y + e.y_rate * flow.time, e.x_rate, e.y_rate
-
-
-EFFECT = Current()

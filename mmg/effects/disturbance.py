@@ -1,4 +1,11 @@
-"""The effect ``disturbance``."""
+"""Disturbance: slowly varying forces that no model explains, as a random process of its own in X, Y and N.
+
+Each is an Ornstein-Uhlenbeck process: F = size d with d' = -d / tau + noise and d of unit variance when stationary. A
+calibration estimates d along each run (latent force, Alvarez et al. 2013; here as extra variables of the multiple
+shooting), so that coefficients need not bend to a gust, and with it sizes that are left at 0
+(fitting/solvers/latent_forces.py).
+A simulation has d = 0 and no force. Prediction bands rest on a process of the same kind (fitting/prediction/bands.py).
+"""
 
 from __future__ import annotations
 
@@ -8,15 +15,6 @@ from mmg.effects.effect import Effect, Parameter, Parts, Setting
 from mmg.motion.flow import Flow, Force
 from mmg.motion.froude import force_scale, time_scale
 
-SUMMARY = """Disturbance: slowly varying forces that no model explains, as a random process of its own in X, Y and N.
-
-Each is an Ornstein-Uhlenbeck process: F = size d with d' = -d / tau + noise and d of unit variance when stationary. A
-calibration estimates d along each run (latent force, Alvarez et al. 2013; here as extra variables of the multiple
-shooting), so that coefficients need not bend to a gust, and with it sizes that are left at 0
-(fitting/solvers/latent_forces.py).
-A simulation has d = 0 and no force. Prediction bands rest on a process of the same kind (fitting/prediction/bands.py).
-"""
-
 LATENT_STATES = tuple(f"disturbance.{axis}" for axis in "XYN")
 
 
@@ -24,7 +22,6 @@ class Disturbance(Effect):
     """Latent force process."""
 
     name, enters = "disturbance", "force"
-    summary = SUMMARY
     surroundings = True
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
@@ -41,6 +38,3 @@ class Disturbance(Effect):
     def forces(self, parts: Parts, flow: Flow, e: SimpleNamespace, at: Setting) -> Parts:
         d = [at.memory.low_pass(name, 0.0, e.tau, 1.0) for name in LATENT_STATES]
         return {**parts, "disturbance": Force(e.X * d[0], e.Y * d[1], e.N * d[2])}
-
-
-EFFECT = Disturbance()

@@ -1,12 +1,14 @@
 """What an effect is: parameters with a neutral value, and where it enters the model.
 
-An effect is one file of this folder: a subclass of ``Effect`` that overrides the hooks through which it enters. At its
-neutral value every hook returns what it was given, to the last bit. The same object serves the synthetic generator,
-the fit and the diagnosis. In the hooks ``e`` holds the effect's parameters by attribute, ``p`` the particulars.
+An effect is one file of this folder: a docstring with its physics, and a subclass of ``Effect`` that overrides the
+hooks through which it enters. At its neutral value every hook returns what it was given, to the last bit. The same
+object serves the synthetic generator, the fit and the diagnosis. In the hooks ``e`` holds the effect's parameters by
+attribute, ``p`` the particulars.
 """
 
 from __future__ import annotations
 
+import sys
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -78,8 +80,6 @@ class Effect(ABC):
     """An effect that enters nowhere: the base of all others."""
 
     name: str = ""
-    summary: str = ""
-    """What it is, with its equations and their source; the first paragraph says it in a sentence."""
     enters: str = ""
     """Where it enters: "inflow", "force", "inertia", "actuator path" or "measurement", in words."""
     needs_time: bool = False
@@ -87,6 +87,11 @@ class Effect(ABC):
     """Roles that the ship must have."""
     surroundings: bool = False
     """Whether it belongs to a place or a day, not to the ship."""
+
+    @property
+    def summary(self) -> str:
+        """What it is, with its equations and their source: the docstring of its file, which begins with a sentence."""
+        return (sys.modules[type(self).__module__].__doc__ or "").strip()
 
     @property
     def measures(self) -> bool:

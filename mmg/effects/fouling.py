@@ -1,4 +1,4 @@
-"""The effect ``fouling``."""
+"""Fouling: the resistance is larger by a share, that of the hull in straight motion at the same speed."""
 
 from __future__ import annotations
 
@@ -8,14 +8,11 @@ from mmg.components.catalogue import module
 from mmg.effects.effect import Effect, Parameter, Parts, Setting
 from mmg.motion.flow import Flow, Force
 
-SUMMARY = """Fouling: the resistance is larger by a share, that of the hull in straight motion at the same speed."""
-
 
 class Fouling(Effect):
     """Larger resistance."""
 
     name, enters, needs = "fouling", "force", ("hull",)
-    summary = SUMMARY
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         return (Parameter("share", 0.0, 0.3, -0.6, 5.0, "", "resistance larger by this share"),)
@@ -25,6 +22,3 @@ class Fouling(Effect):
         resistance = hull.force(flow.with_(v=0.0, r=0.0, delta=0.0), at.p, at.c, at.s).X
         old = parts["hull"]
         return {**parts, "hull": Force(old.X + e.share * resistance, old.Y, old.N)}
-
-
-EFFECT = Fouling()

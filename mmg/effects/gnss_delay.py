@@ -1,4 +1,11 @@
-"""The effect ``gnss_delay``."""
+"""Satellite delay: logged position and velocity over ground are late; heading and turn rate are not.
+
+Inside the model the delay is its all-pass approximation: with V_f the velocity over ground behind a low pass of tau/2,
+the position is late by T V_f and the velocity by 2 T / tau (V - V_f). The late velocity, an earth-fixed vector, is
+turned into u and v by the present heading. The synthetic generator delays the columns themselves. Where a log of the
+ship's own measures u and v, the position alone is late; where u and v were finished before they were held up, they are
+those of ``finished`` ago, turned by the heading of then.
+"""
 
 from __future__ import annotations
 
@@ -14,21 +21,11 @@ from mmg.motion.frames import body_to_earth, earth_to_body
 from mmg.motion.froude import reference_speed, time_scale
 from mmg.motion.memory import Memory, delayed
 
-SUMMARY = """Satellite delay: logged position and velocity over ground are late; heading and turn rate are not.
-
-Inside the model the delay is its all-pass approximation: with V_f the velocity over ground behind a low pass of tau/2,
-the position is late by T V_f and the velocity by 2 T / tau (V - V_f). The late velocity, an earth-fixed vector, is
-turned into u and v by the present heading. The synthetic generator delays the columns themselves. Where a log of the
-ship's own measures u and v, the position alone is late; where u and v were finished before they were held up, they are
-those of ``finished`` ago, turned by the heading of then.
-"""
-
 
 class GnssDelay(Effect):
     """Late satellite position and velocity."""
 
     name, enters = "gnss_delay", "measurement"
-    summary = SUMMARY
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         size, most = 0.5 * time_scale(p.L), 5.0 * time_scale(p.L)
@@ -85,6 +82,3 @@ def late_samples(t: np.ndarray, y: list[np.ndarray], delay: float) -> list[np.nd
     moved = [np.interp(past, t, place) + before * speed[0] for place, speed in zip(y[:2], velocity, strict=True)]
     late = earth_to_body(np.interp(past, t, velocity[0]), np.interp(past, t, velocity[1]), y[2])
     return [*moved, y[2], *late, y[5]]
-
-
-EFFECT = GnssDelay()

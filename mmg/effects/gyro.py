@@ -1,4 +1,4 @@
-"""The effect ``gyro``."""
+"""Gyro: the logged turn rate is off by a share and late by a lag."""
 
 from __future__ import annotations
 
@@ -13,14 +13,11 @@ from mmg.motion.flow import Flow
 from mmg.motion.froude import time_scale
 from mmg.motion.memory import Memory, lagged
 
-SUMMARY = """Gyro: the logged turn rate is off by a share and late by a lag."""
-
 
 class Gyro(Effect):
     """Gain and lag of the turn rate."""
 
     name, enters = "gyro", "measurement"
-    summary = SUMMARY
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         k = time_scale(p.L)
@@ -48,6 +45,3 @@ def _behind(t: np.ndarray, x: np.ndarray, T: float) -> np.ndarray:
         left, slope = math.exp(-h / T), (x[k + 1] - x[k]) / h
         out[k + 1] = x[k + 1] - slope * T + (out[k] - x[k] + slope * T) * left
     return out
-
-
-EFFECT = Gyro()

@@ -1,4 +1,8 @@
-"""The effect ``heading_bias``."""
+"""Heading bias: the logged heading is off by a constant, and u and v are turned with it.
+
+u and v of a record come from the velocity over ground, turned by the logged heading. Where a log of the ship's own
+measures them, the heading alone is off.
+"""
 
 from __future__ import annotations
 
@@ -10,18 +14,11 @@ from mmg.motion.flow import Flow
 from mmg.motion.frames import earth_to_body
 from mmg.motion.memory import Memory
 
-SUMMARY = """Heading bias: the logged heading is off by a constant, and u and v are turned with it.
-
-u and v of a record come from the velocity over ground, turned by the logged heading. Where a log of the ship's own
-measures them, the heading alone is off.
-"""
-
 
 class HeadingBias(Effect):
     """Constant error of the compass."""
 
     name, enters = "heading_bias", "measurement"
-    summary = SUMMARY
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         return (
@@ -32,6 +29,3 @@ class HeadingBias(Effect):
     def columns(self, y: list[Any], flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace) -> list[Any]:
         u, v = earth_to_body(y[3], y[4], e.psi)
         return [y[0], y[1], y[2] + e.psi + e.alone, u, v, y[5]]
-
-
-EFFECT = HeadingBias()

@@ -1,4 +1,7 @@
-"""The effect ``hull_memory``."""
+"""Hull memory: sway force and yaw moment of the hull arrive with a lag, as of a vortex system that must form.
+
+Y_H and N_H pass a first-order lag of time constant T (``lagged`` of mmg/motion/memory.py).
+"""
 
 from __future__ import annotations
 
@@ -9,17 +12,11 @@ from mmg.motion.flow import Flow, Force
 from mmg.motion.froude import GRAVITY, time_scale
 from mmg.motion.memory import lagged
 
-SUMMARY = """Hull memory: sway force and yaw moment of the hull arrive with a lag, as of a vortex system that must form.
-
-Y_H and N_H pass a first-order lag of time constant T (``lagged`` of mmg/motion/memory.py).
-"""
-
 
 class HullMemory(Effect):
     """Lag of the lateral hull force."""
 
     name, enters, needs = "hull_memory", "force", ("hull",)
-    summary = SUMMARY
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         k = time_scale(p.L)
@@ -32,6 +29,3 @@ class HullMemory(Effect):
         Y = lagged(at.memory, "hull_memory.Y", old.Y, e.T, 0.5 * k, size)
         N = lagged(at.memory, "hull_memory.N", old.N, e.T, 0.5 * k, 0.3 * size * at.p.L)
         return {**parts, "hull": Force(old.X, Y, N)}
-
-
-EFFECT = HullMemory()

@@ -1,4 +1,4 @@
-"""The effect ``log_scale``."""
+"""Log scale: the logged speed ahead u is off by a share."""
 
 from __future__ import annotations
 
@@ -9,20 +9,14 @@ from mmg.effects.effect import Effect, Parameter
 from mmg.motion.flow import Flow
 from mmg.motion.memory import Memory
 
-SUMMARY = """Log scale: the logged speed ahead u is off by a share."""
-
 
 class LogScale(Effect):
     """Gain error of the log."""
 
     name, enters = "log_scale", "measurement"
-    summary = SUMMARY
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         return (Parameter("share", 0.0, 0.01, -0.5, 0.5, "", "logged u larger than the true one by this share"),)
 
     def columns(self, y: list[Any], flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace) -> list[Any]:
         return [y[0], y[1], y[2], y[3] * (1 + e.share), y[4], y[5]]
-
-
-EFFECT = LogScale()

@@ -1,4 +1,8 @@
-"""The effect ``propeller_side_force``."""
+"""Propeller side force: side force and moment of the reversing propeller are those of the model times a factor.
+
+A propeller model without a side force gets the factor on that of Hachii (2004) with its published coefficients
+(mmg/components/propeller/hachii.py); its neutral factor is 0.
+"""
 
 from __future__ import annotations
 
@@ -10,19 +14,11 @@ from mmg.components.propeller import hachii
 from mmg.effects.effect import Effect, Parameter, Parts, Setting
 from mmg.motion.flow import Flow, Force
 
-SUMMARY = """\
-Propeller side force: side force and moment of the reversing propeller are those of the model times a factor.
-
-A propeller model without a side force gets the factor on that of Hachii (2004) with its published coefficients
-(mmg/components/propeller/hachii.py); its neutral factor is 0.
-"""
-
 
 class PropellerSideForce(Effect):
     """Propeller walk by a factor."""
 
     name, enters, needs = "propeller_side_force", "force", ("propeller",)
-    summary = SUMMARY
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         neutral = 1.0 if "propeller" in components and _has_side_force(components) else 0.0
@@ -42,6 +38,3 @@ class PropellerSideForce(Effect):
 
 def _has_side_force(components: Mapping[str, str]) -> bool:
     return getattr(module("propeller", components["propeller"]), "SIDE_FORCE", False)
-
-
-EFFECT = PropellerSideForce()

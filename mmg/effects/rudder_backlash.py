@@ -1,4 +1,8 @@
-"""The effect ``rudder_backlash``."""
+"""Rudder backlash: the real rudder stays where it is until the logged one has moved by the dead band.
+
+The play operator (``played``): the real angle is never further than b from the logged one, and rests
+while that moves within 2 b.
+"""
 
 from __future__ import annotations
 
@@ -10,12 +14,6 @@ from mmg.motion.froude import time_scale
 from mmg.motion.memory import Memory, played
 from mmg.motion.smooth import Smoothing
 
-SUMMARY = """Rudder backlash: the real rudder stays where it is until the logged one has moved by the dead band.
-
-The play operator (``played``): the real angle is never further than b from the logged one, and rests
-while that moves within 2 b.
-"""
-
 SOFTEST = 2e-3
 """Angle [rad] that keeps the play smooth at zero dead band."""
 
@@ -24,7 +22,6 @@ class RudderBacklash(Effect):
     """Dead band of the steering gear."""
 
     name, enters, needs = "rudder_backlash", "actuator path", ("rudder",)
-    summary = SUMMARY
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         return (Parameter("b", 0.0, 0.05, 0.0, 0.5, "rad", "half of the dead band between logged and real rudder"),)
@@ -35,6 +32,3 @@ class RudderBacklash(Effect):
             for name, angle in flow.present(RUDDERS).items()
         }
         return flow.with_(**moved)
-
-
-EFFECT = RudderBacklash()

@@ -1,4 +1,4 @@
-"""The effect ``rudder_lag``."""
+"""Rudder lag: the real rudder follows the logged one with a first-order lag of time constant T."""
 
 from __future__ import annotations
 
@@ -10,14 +10,11 @@ from mmg.motion.froude import time_scale
 from mmg.motion.memory import Memory, lagged
 from mmg.motion.smooth import Smoothing
 
-SUMMARY = """Rudder lag: the real rudder follows the logged one with a first-order lag of time constant T."""
-
 
 class RudderLag(Effect):
     """Late rudder."""
 
     name, enters, needs = "rudder_lag", "actuator path", ("rudder",)
-    summary = SUMMARY
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         k = time_scale(p.L)
@@ -29,6 +26,3 @@ class RudderLag(Effect):
             for name, angle in flow.present(RUDDERS).items()
         }
         return flow.with_(**moved)
-
-
-EFFECT = RudderLag()

@@ -1,4 +1,4 @@
-"""The effect ``rudder_offset``."""
+"""Rudder offset: the real rudder angle is the logged one plus a constant."""
 
 from __future__ import annotations
 
@@ -9,20 +9,14 @@ from mmg.motion.flow import RUDDERS, Flow
 from mmg.motion.memory import Memory
 from mmg.motion.smooth import Smoothing
 
-SUMMARY = """Rudder offset: the real rudder angle is the logged one plus a constant."""
-
 
 class RudderOffset(Effect):
     """Zero error of the rudder indicator."""
 
     name, enters, needs = "rudder_offset", "actuator path", ("rudder",)
-    summary = SUMMARY
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         return (Parameter("delta", 0.0, 0.05, -0.5, 0.5, "rad", "real rudder angle less the logged one"),)
 
     def actuators(self, flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace, s: Smoothing) -> Flow:
         return flow.with_(**{name: angle + e.delta for name, angle in flow.present(RUDDERS).items()})
-
-
-EFFECT = RudderOffset()

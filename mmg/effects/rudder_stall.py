@@ -1,4 +1,8 @@
-"""The effect ``rudder_stall``."""
+"""Rudder stall: the normal force falls short of the model's at large inflow angles.
+
+F_N is smaller by loss w(alpha), w = 1/2 [1 + tanh((sin^2 alpha - sin^2 alpha_s) / width)] (generic smooth stall,
+UNVERIFIED shape), for each rudder by itself.
+"""
 
 from __future__ import annotations
 
@@ -10,18 +14,11 @@ import casadi as ca
 from mmg.effects.effect import Effect, Parameter, Parts, Setting
 from mmg.motion.flow import Flow, Force
 
-SUMMARY = """Rudder stall: the normal force falls short of the model's at large inflow angles.
-
-F_N is smaller by loss w(alpha), w = 1/2 [1 + tanh((sin^2 alpha - sin^2 alpha_s) / width)] (generic smooth stall,
-UNVERIFIED shape), for each rudder by itself.
-"""
-
 
 class RudderStall(Effect):
     """Loss of rudder force beyond the stall angle."""
 
     name, enters, needs = "rudder_stall", "force", ("rudder",)
-    summary = SUMMARY
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         return (
@@ -36,6 +33,3 @@ class RudderStall(Effect):
             lost = e.loss * 0.5 * (1 + ca.tanh((blade.sin2_alpha - ca.sin(e.alpha_s) ** 2) / e.width))
             X, Y, N = X - lost * blade.X, Y - lost * blade.Y, N - lost * blade.N
         return {**parts, "rudder": Force(X, Y, N)}
-
-
-EFFECT = RudderStall()

@@ -1,4 +1,9 @@
-"""The effect ``shallow_water``."""
+"""Shallow water: hull forces and added masses grow with draught over depth, everywhere or beyond a shelf line.
+
+Each is multiplied by 1 + a g, g = (d/h) / (1 - d/h), with one a per quantity (GROWTH; own form,
+UNVERIFIED numbers chosen so that added mass in sway doubles at about h/d = 1.6; published factors are
+in benchmarks/shallow_factors.py). Beyond the shelf line means x cos(bearing) + y sin(bearing) > line.
+"""
 
 from __future__ import annotations
 
@@ -11,14 +16,6 @@ from mmg.components.rigid_body import Inertia
 from mmg.effects.effect import Effect, Parameter, Parts, Setting
 from mmg.motion.flow import Flow, Force
 from mmg.motion.smooth import Smoothing
-
-SUMMARY = """\
-Shallow water: hull forces and added masses grow with draught over depth, everywhere or beyond a shelf line.
-
-Each is multiplied by 1 + a g, g = (d/h) / (1 - d/h), with one a per quantity (GROWTH; own form,
-UNVERIFIED numbers chosen so that added mass in sway doubles at about h/d = 1.6; published factors are
-in benchmarks/shallow_factors.py). Beyond the shelf line means x cos(bearing) + y sin(bearing) > line.
-"""
 
 GROWTH = {"X": 0.15, "Y": 0.5, "N": 0.5, "m_x": 0.2, "m_y": 0.65, "J_z": 0.3}
 """Growth of hull forces and added masses with g."""
@@ -38,7 +35,6 @@ class ShallowWater(Effect):
     """Finite depth."""
 
     name, enters, needs = "shallow_water", "force and inertia", ("hull",)
-    summary = SUMMARY
     surroundings = True
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
@@ -62,6 +58,3 @@ class ShallowWater(Effect):
             m_y=inertia.m_y * (1 + GROWTH["m_y"] * g),
             I_z=inertia.I_z + GROWTH["J_z"] * g * (inertia.I_z - hull),
         )
-
-
-EFFECT = ShallowWater()

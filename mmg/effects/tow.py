@@ -1,4 +1,4 @@
-"""The effect ``tow``."""
+"""Tow: a constant force and moment in the body frame, as of a tow line, a fender or a lasting asymmetry."""
 
 from __future__ import annotations
 
@@ -8,14 +8,11 @@ from mmg.effects.effect import Effect, Parameter, Parts, Setting
 from mmg.motion.flow import Flow, Force
 from mmg.motion.froude import force_scale
 
-SUMMARY = """Tow: a constant force and moment in the body frame, as of a tow line, a fender or a lasting asymmetry."""
-
 
 class Tow(Effect):
     """Constant force and moment in the body frame."""
 
     name, enters = "tow", "force"
-    summary = SUMMARY
     surroundings = True
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
@@ -29,6 +26,3 @@ class Tow(Effect):
 
     def forces(self, parts: Parts, flow: Flow, e: SimpleNamespace, at: Setting) -> Parts:
         return {**parts, "tow": Force(e.X, e.Y, e.N)}
-
-
-EFFECT = Tow()

@@ -1,4 +1,9 @@
-"""The effect ``velocity_lag``."""
+"""Velocity lag: logged u and v come from a velocity over ground that is late; position, heading and turn rate are not.
+
+As of a velocity that is differenced and smoothed from satellite positions: an earth-fixed vector of ``tau`` ago, turned
+into body axes by the present heading. Inside the model the delay is an all-pass (``gnss_delay``); the synthetic
+generator delays the columns themselves.
+"""
 
 from __future__ import annotations
 
@@ -13,20 +18,11 @@ from mmg.motion.flow import Flow
 from mmg.motion.froude import time_scale
 from mmg.motion.memory import Memory
 
-SUMMARY = """\
-Velocity lag: logged u and v come from a velocity over ground that is late; position, heading and turn rate are not.
-
-As of a velocity that is differenced and smoothed from satellite positions: an earth-fixed vector of ``tau`` ago, turned
-into body axes by the present heading. Inside the model the delay is an all-pass (``gnss_delay``); the synthetic
-generator delays the columns themselves.
-"""
-
 
 class VelocityLag(Effect):
     """Late u and v."""
 
     name, enters = "velocity_lag", "measurement"
-    summary = SUMMARY
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         k = time_scale(p.L)
@@ -40,6 +36,3 @@ class VelocityLag(Effect):
         self, t: np.ndarray, y: list[np.ndarray], flow: Flow, e: SimpleNamespace, p: SimpleNamespace
     ) -> list[np.ndarray]:
         return [*y[:3], *late_samples(t, y, e.tau)[3:5], y[5]]
-
-
-EFFECT = VelocityLag()

@@ -1,4 +1,8 @@
-"""The effect ``wave_drift``."""
+"""Wave drift: a force that is constant in the earth frame, larger on the side of the ship than on the bow.
+
+The drift force of waves from abeam is several times that from ahead (second-order theory; short form, UNVERIFIED
+ratio): the component along the ship is multiplied by BOW.
+"""
 
 from __future__ import annotations
 
@@ -9,12 +13,6 @@ from mmg.motion.flow import Flow, Force
 from mmg.motion.frames import earth_to_body
 from mmg.motion.froude import force_scale
 
-SUMMARY = """Wave drift: a force that is constant in the earth frame, larger on the side of the ship than on the bow.
-
-The drift force of waves from abeam is several times that from ahead (second-order theory; short form, UNVERIFIED
-ratio): the component along the ship is multiplied by BOW.
-"""
-
 BOW = 0.3
 """Share of the drift force that acts when it comes along the ship."""
 
@@ -23,7 +21,6 @@ class WaveDrift(Effect):
     """Mean wave drift force from one direction."""
 
     name, enters = "wave_drift", "force"
-    summary = SUMMARY
     surroundings = True
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
@@ -37,6 +34,3 @@ class WaveDrift(Effect):
     def forces(self, parts: Parts, flow: Flow, e: SimpleNamespace, at: Setting) -> Parts:
         along, across = earth_to_body(e.x, e.y, flow.psi)
         return {**parts, "wave_drift": Force(BOW * along, across, 0.0)}
-
-
-EFFECT = WaveDrift()

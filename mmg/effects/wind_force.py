@@ -1,4 +1,9 @@
-"""The effect ``wind_force``."""
+"""Wind force: the force of the air is the ship's wind model times a factor per X, Y and N.
+
+A ship without a wind model gets factors on a reference instead: Fujiwara, Ueno & Nimura (1998) with the particulars of
+its upper works, or those of a typical tanker of its length and breadth where the ship file does not give them; its
+neutral factors are 0.
+"""
 
 from __future__ import annotations
 
@@ -7,13 +12,6 @@ from types import SimpleNamespace
 from mmg.components.wind import fujiwara
 from mmg.effects.effect import Effect, Parameter, Parts, Setting
 from mmg.motion.flow import Flow, Force
-
-SUMMARY = """Wind force: the force of the air is the ship's wind model times a factor per X, Y and N.
-
-A ship without a wind model gets factors on a reference instead: Fujiwara, Ueno & Nimura (1998) with the particulars of
-its upper works, or those of a typical tanker of its length and breadth where the ship file does not give them; its
-neutral factors are 0.
-"""
 
 
 def upper_works(p: SimpleNamespace) -> SimpleNamespace:
@@ -30,7 +28,6 @@ class WindForce(Effect):
     """Wind force by a factor per component."""
 
     name, enters = "wind_force", "force"
-    summary = SUMMARY
     surroundings = True
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
@@ -48,6 +45,3 @@ class WindForce(Effect):
             whole = upper_works(at.p)
             air = fujiwara.force(flow, whole, SimpleNamespace(**fujiwara.regression(whole)), at.s)
         return {**parts, "wind": Force(e.X * air.X, e.Y * air.Y, e.N * air.N)}
-
-
-EFFECT = WindForce()

@@ -1,4 +1,4 @@
-"""The effect ``wind_sensor_bias``."""
+"""Wind sensor bias: the air moves with the logged wind plus a velocity that is constant in the earth frame."""
 
 from __future__ import annotations
 
@@ -8,15 +8,11 @@ from typing import Any
 from mmg.effects.effect import Effect, Parameter
 from mmg.motion.froude import time_scale
 
-SUMMARY = """\
-Wind sensor bias: the air moves with the logged wind plus a velocity that is constant in the earth frame."""
-
 
 class WindSensorBias(Effect):
     """Air velocity minus logged wind, constant in the earth frame. Needs a wind model to have a force."""
 
     name, enters, needs = "wind_sensor_bias", "inflow", ("wind",)
-    summary = SUMMARY
     surroundings = True
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
@@ -28,6 +24,3 @@ class WindSensorBias(Effect):
 
     def air(self, north: Any, east: Any, e: SimpleNamespace) -> tuple[Any, Any]:
         return north + e.x, east + e.y
-
-
-EFFECT = WindSensorBias()

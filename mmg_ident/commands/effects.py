@@ -53,6 +53,6 @@ def _row(ship: Any, name: str) -> dict[str, Any]:
         "name": name,
         "enters": effect.enters,
         "needs": list(effect.needs),
-        "physics": effect.summary.strip(),
+        "physics": effect.summary,
         "parameters": [dataclasses.asdict(p) for p in parameters(ship, name)],
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
@@ -26,7 +27,10 @@ def module_of(code: str, name: str) -> ModuleType:
 
 
 def test_an_effect_in_one_file_enters_the_model(monkeypatch: pytest.MonkeyPatch) -> None:
-    effect = module_of(EFFECT, "sway_scale").EFFECT
+    module = module_of(EFFECT, "sway_scale")
+    monkeypatch.setitem(sys.modules, "sway_scale", module)
+    effect = module.SwayScale()
+    assert effect.summary == "Sway scale: the logged sway speed v is off by a share."
     monkeypatch.setitem(EFFECTS, effect.name, effect)
     bare = load_ship("esso_osaka_3m")
     neutral, larger = bare.with_effect(effect.name), bare.with_effect(effect.name, {"share": 0.1})

@@ -1,4 +1,7 @@
-"""Actuator model ``lag``."""
+"""Actuators that follow their orders as first-order lags: y' = (y_c - y) / T, for rudders and propellers.
+
+For large ships' main engines T_n is 5 to 50 s; for rudders a lag is the simplest stand-in for a rate limit.
+"""
 
 from __future__ import annotations
 
@@ -9,11 +12,6 @@ from mmg.motion.flow import PROPELLERS, RUDDERS, Flow
 from mmg.motion.froude import time_scale
 from mmg.motion.memory import Memory
 from mmg.motion.smooth import Smoothing
-
-SUMMARY = """Actuators that follow their orders as first-order lags: y' = (y_c - y) / T, for rudders and propellers.
-
-For large ships' main engines T_n is 5 to 50 s; for rudders a lag is the simplest stand-in for a rate limit.
-"""
 
 PARTICULARS = ("L",)
 INPUTS: tuple[str, ...] = ()

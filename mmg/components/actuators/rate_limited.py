@@ -1,4 +1,10 @@
-"""Actuator model ``rate_limited``."""
+"""Actuators with a limited rate: y' = K tanh((y_c - y) / (K T)), the smooth form of a sloped step.
+
+For rudders (K_delta, T_delta) and propellers (K_n, T_n); thrusters and pitch follow at once. Far from the order the
+rate is K, near it the position follows as a lag of time constant T. (Sloped step: Wakita et al. 2025, Eqs. 39-40;
+20 deg/s and 20 rps/s for 3 m models, there with T = 0.1 s.) Defaults by Froude's law, 1.9 deg/s at 320 m; T is at
+least 0.4 s of a 3 m model, because steps of calibrations are about 1 s.
+"""
 
 from __future__ import annotations
 
@@ -10,14 +16,6 @@ from mmg.motion.flow import PROPELLERS, RUDDERS, Flow
 from mmg.motion.froude import time_scale
 from mmg.motion.memory import Memory, rate_limited
 from mmg.motion.smooth import Smoothing
-
-SUMMARY = """Actuators with a limited rate: y' = K tanh((y_c - y) / (K T)), the smooth form of a sloped step.
-
-For rudders (K_delta, T_delta) and propellers (K_n, T_n); thrusters and pitch follow at once. Far from the order the
-rate is K, near it the position follows as a lag of time constant T. (Sloped step: Wakita et al. 2025, Eqs. 39-40;
-20 deg/s and 20 rps/s for 3 m models, there with T = 0.1 s.) Defaults by Froude's law, 1.9 deg/s at 320 m; T is at
-least 0.4 s of a 3 m model, because steps of calibrations are about 1 s.
-"""
 
 PARTICULARS = ("L",)
 INPUTS: tuple[str, ...] = ()

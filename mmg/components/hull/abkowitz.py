@@ -1,18 +1,4 @@
-"""Hull model ``abkowitz``."""
-
-from __future__ import annotations
-
-import math
-from types import SimpleNamespace
-from typing import Any
-
-import casadi as ca
-
-from mmg.components.coefficients import Coefficient, table
-from mmg.motion.flow import Flow, Force
-from mmg.motion.smooth import Smoothing
-
-SUMMARY = """Abkowitz polynomial about a service speed, propeller and rudder inside: defaults are the Mariner.
+"""Abkowitz polynomial about a service speed, propeller and rudder inside: defaults are the Mariner.
 
 Delta u' = (u - U_0)/U, v' = v/U, r' = r L/U, delta; X = 1/2 rho L^2 U^2 X', Y alike, N = 1/2 rho L^3 U^2 N':
 X' = X_u u' + X_uu u'^2 + X_uuu u'^3 + X_vv v'^2 + X_rr r'^2 + X_rv r'v' + X_dd delta^2 + X_udd u' delta^2
@@ -30,6 +16,18 @@ cross terms of the added mass, in the MMG system too; the equations of motion re
 Worth: as tested, at constant revolutions, about U_0; below half of U_0 it is a continuation. There 1/U is held
 below 1/(0.4 U_0), and all vanishes at rest, the propeller's push too: take another model to stop or to start.
 """
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import casadi as ca
+
+from mmg.components.coefficients import Coefficient, table
+from mmg.motion.flow import Flow, Force
+from mmg.motion.smooth import Smoothing
 
 PARTICULARS = ("L", "d", "rho", "m", "x_G", "U_0")
 INPUTS = ("delta",)

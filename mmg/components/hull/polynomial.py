@@ -1,19 +1,4 @@
-"""Hull model ``polynomial``."""
-
-from __future__ import annotations
-
-import math
-from types import SimpleNamespace
-from typing import Any
-
-import casadi as ca
-
-from mmg.components.coefficients import table
-from mmg.motion.flow import Flow, Force
-from mmg.motion.smooth import Smoothing
-
-SUMMARY = """\
-Standard MMG hull polynomial (Yasukawa & Yoshimura 2015, J Mar Sci Technol 20:37-52), written dimensionally.
+"""Standard MMG hull polynomial (Yasukawa & Yoshimura 2015, J Mar Sci Technol 20:37-52), written dimensionally.
 
 X_H = 1/2 rho L d U^2 ( -R_0' + X_vv' v'^2 + X_vr' v'r' + X_rr' r'^2 + X_vvvv' v'^4 )
 Y_H = 1/2 rho L d U^2 ( Y_v' v' + Y_r' r' + Y_vvv' v'^3 + Y_vvr' v'^2 r' + Y_vrr' v' r'^2 + Y_rrr' r'^3 )
@@ -26,6 +11,18 @@ or sternway motion take the unified model. Astern the hull is that of the ship m
 R_0, X_vv, X_rr, X_vvvv, Y_r, Y_vvr, Y_rrr, N_v, N_vvv, N_vrr change sign with u, by tanh(u/(0.15 U)): 1 - 2e-5 at 30
 degrees of drift. In the terms with 1/U the speed is held above r L/2: they see |r'| < 2 and vanish at rest.
 """
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import casadi as ca
+
+from mmg.components.coefficients import table
+from mmg.motion.flow import Flow, Force
+from mmg.motion.smooth import Smoothing
 
 PARTICULARS = ("L", "d", "rho")
 INPUTS: tuple[str, ...] = ()

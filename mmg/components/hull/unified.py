@@ -1,4 +1,11 @@
-"""Hull model ``unified``."""
+"""Unified low-speed hull (Yoshimura, Nakao & Ishibashi 2009): valid for every drift angle, at rest too.
+
+X_H = 1/2 rho L d { [X_0F' + (X_0A' - X_0F') |beta|/pi] u U + X_vr' L v r },  |beta| = |atan2(v, u)|
+Y_H = 1/2 rho L d { Y_v' v |u| + Y_r' L r u - C_D I_Y(v, C_rY r L) }
+N_H = 1/2 rho L^2 d { N_v' v u + N_r' L r |u| - C_D I_N(v, C_rN r L) }
+with the cross-flow integrals I_Y = int |v + b xi| (v + b xi) d xi and I_N = int |v + b xi| (v + b xi) xi d xi
+over xi in (-1/2, 1/2). Verified against two independent public codes of one lineage.
+"""
 
 from __future__ import annotations
 
@@ -10,15 +17,6 @@ import casadi as ca
 from mmg.components.coefficients import table
 from mmg.motion.flow import Flow, Force
 from mmg.motion.smooth import Smoothing
-
-SUMMARY = """Unified low-speed hull (Yoshimura, Nakao & Ishibashi 2009): valid for every drift angle, at rest too.
-
-X_H = 1/2 rho L d { [X_0F' + (X_0A' - X_0F') |beta|/pi] u U + X_vr' L v r },  |beta| = |atan2(v, u)|
-Y_H = 1/2 rho L d { Y_v' v |u| + Y_r' L r u - C_D I_Y(v, C_rY r L) }
-N_H = 1/2 rho L^2 d { N_v' v u + N_r' L r |u| - C_D I_N(v, C_rN r L) }
-with the cross-flow integrals I_Y = int |v + b xi| (v + b xi) d xi and I_N = int |v + b xi| (v + b xi) xi d xi
-over xi in (-1/2, 1/2). Verified against two independent public codes of one lineage.
-"""
 
 PARTICULARS = ("L", "d", "rho")
 INPUTS: tuple[str, ...] = ()

@@ -1,19 +1,4 @@
-"""Propeller model ``cpp``."""
-
-from __future__ import annotations
-
-import math
-from types import SimpleNamespace
-from typing import Any
-
-import casadi as ca
-
-from mmg.components.coefficients import table
-from mmg.motion.flow import Flow, Force, Slipstream
-from mmg.motion.smooth import Smoothing
-
-SUMMARY = """\
-Controllable-pitch propeller: thrust in pieces of the ship's advance ratio (after Koike, as in a public NAOE code).
+"""Controllable-pitch propeller: thrust in pieces of the ship's advance ratio (after Koike, as in a public NAOE code).
 
 Blade angle th [deg], zero thrust at th_0 = 10, th_max = 40, th_min = -20; J_s = u/(n D);
 J_x0 = 0.7 pi tan(th - th_0), alpha = C_1/J_x0(th_max), X_1 = alpha J_x0, X_0 = C_0 (th - th_0)/(th_max - th_0):
@@ -27,6 +12,18 @@ over 1 deg. Multiplied out, nothing divides by n. K_X is of the thrust on the sh
 t_P and w_P0 serve the slipstream alone. For n < 0, outside the source, the force X is that of (-u, -n) with the other
 sign. A stopped propeller has no drag.
 """
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import casadi as ca
+
+from mmg.components.coefficients import table
+from mmg.motion.flow import Flow, Force, Slipstream
+from mmg.motion.smooth import Smoothing
 
 PARTICULARS = ("L", "rho", "D_P")
 INPUTS = ("n", "pitch")

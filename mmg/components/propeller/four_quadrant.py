@@ -1,19 +1,4 @@
-"""Propeller model ``four_quadrant``."""
-
-from __future__ import annotations
-
-from types import SimpleNamespace
-from typing import Any
-
-import casadi as ca
-
-from mmg.components.coefficients import table
-from mmg.components.propeller import wake
-from mmg.motion.flow import Flow, Force, Slipstream
-from mmg.motion.smooth import Exact, Smoothing
-
-SUMMARY = """\
-Four-quadrant propeller: thrust and torque as Fourier series of the advance angle (van Lammeren et al. 1969).
+"""Four-quadrant propeller: thrust and torque as Fourier series of the advance angle (van Lammeren et al. 1969).
 
 beta = atan2(V_A, 0.7 pi n D), V_r^2 = V_A^2 + (0.7 pi n D)^2,
 T = 1/2 rho V_r^2 (pi D^2/4) C_T*(beta) [N], Q = 1/2 rho V_r^2 (pi D^3/4) C_Q*(beta) [N m],
@@ -33,6 +18,18 @@ of the table (a rule of this library, not published). With k_T = 0.6965, k_J = 0
 Z = 4, A_E/A_O = 0.70, P/D = 0.7151 at J = 0, 0.4, 0.8 within 0.003 in K_T.
 No side force.
 """
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import casadi as ca
+
+from mmg.components.coefficients import table
+from mmg.components.propeller import wake
+from mmg.motion.flow import Flow, Force, Slipstream
+from mmg.motion.smooth import Exact, Smoothing
 
 PARTICULARS = ("L", "rho", "D_P")
 INPUTS = ("n",)

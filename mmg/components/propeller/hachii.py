@@ -1,4 +1,13 @@
-"""Propeller model ``hachii``."""
+"""Single screw in four quadrants: open-water polynomial ahead, Hachii's effective thrust and side force reversed.
+
+Ahead (n >= 0): X_P = (1 - t_P) rho n^2 D^4 K_T(J), K_T = k_0 + k_1 J + k_2 J^2, with the wake in manoeuvring
+  w_P = w_P0 - tau |v' + x_P' r'| - C_P (v' + x_P' r')^2  (Hirano type), 1 - w_P clipped to (0, 1], 1 for u <= 0.
+Reversed (n < 0), J_s = u/(n D): X_P = rho n^2 D^4 (C_6 + C_7 J_s) for J_s >= C_10, else rho n^2 D^4 C_3;
+  Y_P = 1/2 rho L d (n D)^2 {A_5 | A_1 + A_2 J_s | A_3 + A_4 J_s} for J_s > -0.06 | between | < -0.35, N_P alike.
+Ahead with sternway (n >= 0, u < 0): Y_P = 1/2 rho L d (n P)^2 (A_6 J_s^2 + A_7 J_s + A_8), N_P alike with B.
+(Hachii 2004; Ueno's data of a training ship for the second quadrant; as in the public ESSO OSAKA code. A_6..A_8 and
+B_6..B_8 are of a single public lineage.) All products with n^2 are multiplied out, so nothing divides by n.
+"""
 
 from __future__ import annotations
 
@@ -10,18 +19,6 @@ from mmg.components.propeller.wake import HIRANO
 from mmg.components.propeller.wake import hirano as wake
 from mmg.motion.flow import Flow, Force, Slipstream
 from mmg.motion.smooth import Smoothing
-
-SUMMARY = """\
-Single screw in four quadrants: open-water polynomial ahead, Hachii's effective thrust and side force reversed.
-
-Ahead (n >= 0): X_P = (1 - t_P) rho n^2 D^4 K_T(J), K_T = k_0 + k_1 J + k_2 J^2, with the wake in manoeuvring
-  w_P = w_P0 - tau |v' + x_P' r'| - C_P (v' + x_P' r')^2  (Hirano type), 1 - w_P clipped to (0, 1], 1 for u <= 0.
-Reversed (n < 0), J_s = u/(n D): X_P = rho n^2 D^4 (C_6 + C_7 J_s) for J_s >= C_10, else rho n^2 D^4 C_3;
-  Y_P = 1/2 rho L d (n D)^2 {A_5 | A_1 + A_2 J_s | A_3 + A_4 J_s} for J_s > -0.06 | between | < -0.35, N_P alike.
-Ahead with sternway (n >= 0, u < 0): Y_P = 1/2 rho L d (n P)^2 (A_6 J_s^2 + A_7 J_s + A_8), N_P alike with B.
-(Hachii 2004; Ueno's data of a training ship for the second quadrant; as in the public ESSO OSAKA code. A_6..A_8 and
-B_6..B_8 are of a single public lineage.) All products with n^2 are multiplied out, so nothing divides by n.
-"""
 
 PARTICULARS = ("L", "d", "rho", "D_P", "pitch_ratio")
 INPUTS = ("n",)

@@ -1,16 +1,4 @@
-"""Propeller model ``kang``."""
-
-from __future__ import annotations
-
-from types import SimpleNamespace
-from typing import Any
-
-from mmg.components.coefficients import table
-from mmg.motion.flow import Flow, Force, Slipstream
-from mmg.motion.smooth import Smoothing
-
-SUMMARY = """\
-Propeller of a VecTwin ship: wake, thrust deduction and thrust by polynomials of advance ratio (Kang et al. 2008).
+"""Propeller of a VecTwin ship: wake, thrust deduction and thrust by polynomials of advance ratio (Kang et al. 2008).
 
 J_s = u/(n D), v_P' = v' + x_P' r', J = u_P/(n D), u_P = u (1 - w_P):
   1 - w_P = a_0 + a_1 J_s + a_2 J_s^2 + b_0 [b_1 v_P' + (v_P' + b_2 v_P'|v_P'|)^2], clipped to (0, 1]; 1 for u <= 0,
@@ -25,6 +13,15 @@ propeller gives -k_rev times the thrust of the mirrored motion (-u, -n), where t
 k_rev = 0.78 is the ratio of the bollard thrusts of B4-70, 0.3471/0.4451. Thrust is multiplied out: nothing divides by
 n.
 """
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+from mmg.components.coefficients import table
+from mmg.motion.flow import Flow, Force, Slipstream
+from mmg.motion.smooth import Smoothing
 
 PARTICULARS = ("L", "rho", "D_P")
 INPUTS = ("n",)

@@ -1,4 +1,13 @@
-"""Propeller model ``standard``."""
+"""Standard MMG propeller with the wake of Yasukawa & Yoshimura (2015); thrust in four quadrants (Yasukawa 2008).
+
+X_P = (1 - t_P) rho n^2 D^4 K_T for n >= 0, X_P = rho n^2 D^4 K_T for n < 0; Y_P = N_P = 0; J = u (1 - w_P)/(n D)
+  J > J_min:   K_T = k_0 + k_1 J + k_2 J^2                       (Yasukawa & Yoshimura 2015)
+  J <= J_min:  K_T = alpha_p [k_1 (J - J_min) - k_2 (J - J_min)^2] + K_T(J_min),  J_min = -0.5
+  n < 0:       either branch times beta_t = 0.4811 p^2 - 1.1116 p - 0.1404, p the pitch ratio
+(Yasukawa 2008 as coded in one public lineage.) All is multiplied by n^2 D^2, so nothing divides by n; with
+z = u_P - J_min n D, J <= J_min is z < 0 for n > 0 and z > 0 for n < 0. The stopped propeller is a brake in both
+directions: k_2 u_P^2 ahead, -alpha_p k_2 u^2 astern. There is no propeller walk in this model; see ``hachii``.
+"""
 
 from __future__ import annotations
 
@@ -9,18 +18,6 @@ from mmg.components.coefficients import Coefficient, table
 from mmg.components.propeller import wake
 from mmg.motion.flow import Flow, Force, Slipstream
 from mmg.motion.smooth import Smoothing
-
-SUMMARY = """\
-Standard MMG propeller with the wake of Yasukawa & Yoshimura (2015); thrust in four quadrants (Yasukawa 2008).
-
-X_P = (1 - t_P) rho n^2 D^4 K_T for n >= 0, X_P = rho n^2 D^4 K_T for n < 0; Y_P = N_P = 0; J = u (1 - w_P)/(n D)
-  J > J_min:   K_T = k_0 + k_1 J + k_2 J^2                       (Yasukawa & Yoshimura 2015)
-  J <= J_min:  K_T = alpha_p [k_1 (J - J_min) - k_2 (J - J_min)^2] + K_T(J_min),  J_min = -0.5
-  n < 0:       either branch times beta_t = 0.4811 p^2 - 1.1116 p - 0.1404, p the pitch ratio
-(Yasukawa 2008 as coded in one public lineage.) All is multiplied by n^2 D^2, so nothing divides by n; with
-z = u_P - J_min n D, J <= J_min is z < 0 for n > 0 and z > 0 for n < 0. The stopped propeller is a brake in both
-directions: k_2 u_P^2 ahead, -alpha_p k_2 u^2 astern. There is no propeller walk in this model; see ``hachii``.
-"""
 
 PARTICULARS = ("L", "rho", "D_P", "pitch_ratio")
 INPUTS = ("n",)

@@ -1,4 +1,7 @@
-"""Propeller model ``standard_hirano``."""
+"""Standard MMG propeller (see ``standard``) with the wake of Hirano type.
+
+w_P = w_P0 - tau |v' + x_P' r'| - C_P (v' + x_P' r')^2, as in ``hachii``.
+"""
 
 from __future__ import annotations
 
@@ -8,11 +11,6 @@ from mmg.components.coefficients import Coefficient
 from mmg.components.propeller import standard, wake
 from mmg.motion.flow import Flow, Force
 from mmg.motion.smooth import Smoothing
-
-SUMMARY = """Standard MMG propeller (see ``standard``) with the wake of Hirano type.
-
-w_P = w_P0 - tau |v' + x_P' r'| - C_P (v' + x_P' r')^2, as in ``hachii``.
-"""
 
 PARTICULARS = standard.PARTICULARS
 INPUTS = standard.INPUTS

@@ -1,4 +1,4 @@
-"""Propeller model ``standard_kijima``."""
+"""Standard MMG propeller (see ``standard``) with the wake of Kijima et al. (1990): w_P = w_P0 exp(-4 beta_P^2)."""
 
 from __future__ import annotations
 
@@ -8,9 +8,6 @@ from mmg.components.coefficients import Coefficient
 from mmg.components.propeller import standard, wake
 from mmg.motion.flow import Flow, Force
 from mmg.motion.smooth import Smoothing
-
-SUMMARY = """\
-Standard MMG propeller (see ``standard``) with the wake of Kijima et al. (1990): w_P = w_P0 exp(-4 beta_P^2)."""
 
 PARTICULARS = standard.PARTICULARS
 INPUTS = standard.INPUTS

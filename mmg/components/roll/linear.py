@@ -1,4 +1,11 @@
-"""Roll model ``linear``."""
+"""Roll driven by the motion in the horizontal plane, without acting back on it.
+
+(I_x + J_x) p' + 2 zeta sqrt((I_x + J_x) m g GM) p + m g GM sin(phi) = K, phi' = p, phi > 0 to starboard, with
+K = -(z_H Y_H + z_R Y_R + z_A Y_A) + m z_G (v' + u r) (general rigid body about midship, z down; Son & Nomoto 1981 and
+Fossen 2011 in short form): hull, rudder and wind force act z below the waterline (z_A < 0), the centre of gravity lies
+z_G below it. Weak coupling: Y_phi and N_phi, which matter for container ships at high speed, are left out. UNVERIFIED
+as a whole against roll tests; steady heel and period follow from GM by statics.
+"""
 
 from __future__ import annotations
 
@@ -11,15 +18,6 @@ from mmg.components.coefficients import Coefficient, table
 from mmg.motion.flow import Flow, Force
 from mmg.motion.froude import GRAVITY
 from mmg.motion.memory import Memory
-
-SUMMARY = """Roll driven by the motion in the horizontal plane, without acting back on it.
-
-(I_x + J_x) p' + 2 zeta sqrt((I_x + J_x) m g GM) p + m g GM sin(phi) = K, phi' = p, phi > 0 to starboard, with
-K = -(z_H Y_H + z_R Y_R + z_A Y_A) + m z_G (v' + u r) (general rigid body about midship, z down; Son & Nomoto 1981 and
-Fossen 2011 in short form): hull, rudder and wind force act z below the waterline (z_A < 0), the centre of gravity lies
-z_G below it. Weak coupling: Y_phi and N_phi, which matter for container ships at high speed, are left out. UNVERIFIED
-as a whole against roll tests; steady heel and period follow from GM by statics.
-"""
 
 PARTICULARS = ("B", "d", "m", "GM")
 INPUTS: tuple[str, ...] = ()

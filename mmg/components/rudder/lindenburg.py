@@ -1,4 +1,10 @@
-"""Rudder model ``lindenburg``."""
+"""Rudder that stalls: inflow of the standard model, normal force of Lindenburg (2000).
+
+C_N = 1.98 k_N [1/(0.56 + 0.44 |sin alpha|) - 0.41 (1 - exp(-17/Lambda))] sin alpha,  F_N = 1/2 rho A_R U_R^2 C_N,
+as in one public simulator (single lineage). C_N rises up to 90 degrees of incidence (1.17), but bends early: for
+Lambda = 2.2 it is 28 % below the sine law of equal slope at 20 degrees and 41 % at 35. The tangential force of that
+simulator is left out. k_N (1 as published) scales the force for identification.
+"""
 
 from __future__ import annotations
 
@@ -11,14 +17,6 @@ from mmg.components.rudder import inflow as shared
 from mmg.components.rudder import standard
 from mmg.motion.flow import Flow, Force
 from mmg.motion.smooth import Smoothing
-
-SUMMARY = """Rudder that stalls: inflow of the standard model, normal force of Lindenburg (2000).
-
-C_N = 1.98 k_N [1/(0.56 + 0.44 |sin alpha|) - 0.41 (1 - exp(-17/Lambda))] sin alpha,  F_N = 1/2 rho A_R U_R^2 C_N,
-as in one public simulator (single lineage). C_N rises up to 90 degrees of incidence (1.17), but bends early: for
-Lambda = 2.2 it is 28 % below the sine law of equal slope at 20 degrees and 41 % at 35. The tangential force of that
-simulator is left out. k_N (1 as published) scales the force for identification.
-"""
 
 PARTICULARS = standard.PARTICULARS
 INPUTS = standard.INPUTS

@@ -1,16 +1,4 @@
-"""Rudder model ``single``."""
-
-from __future__ import annotations
-
-from types import SimpleNamespace
-from typing import Any
-
-from mmg.components.coefficients import table
-from mmg.components.rudder import inflow as shared
-from mmg.motion.flow import Flow, Force
-from mmg.motion.smooth import Smoothing
-
-SUMMARY = """Single rudder behind a propeller: slipstream ahead, reversed flow and sternway.
+"""Single rudder behind a propeller: slipstream ahead, reversed flow and sternway.
 
 X_R = -(1 - t_R) F_N sin delta, Y_R = -(1 + a_H) F_N cos delta, N_R = -(x_R + a_H x_H) F_N cos delta,
 F_N = 1/2 rho A_R f_alpha U_R^2 sin(delta - atan2(v_R, u_R)), f_alpha = 6.13 Lambda / (Lambda + 2.25) (Fujii),
@@ -22,6 +10,16 @@ Inflow u_R with kappa = k_x / eps (Yoshimura ahead, Kitagawa 2015 reversed; see 
   else (sternway):    u_R = u.
 The angle of attack is never formed: U_R^2 sin(delta - phi) = U_R (u_R sin delta - v_R cos delta).
 """
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+from mmg.components.coefficients import table
+from mmg.components.rudder import inflow as shared
+from mmg.motion.flow import Flow, Force
+from mmg.motion.smooth import Smoothing
 
 PARTICULARS = ("L", "rho", "D_P", "A_R", "aspect_ratio", "x_R")
 INPUTS = ("delta",)

@@ -1,4 +1,13 @@
-"""Rudder model ``standard``."""
+"""Standard MMG rudder (Yasukawa & Yoshimura 2015, J Mar Sci Technol 20:37-52), continued to all quadrants.
+
+F_N = 1/2 rho A_R f_alpha U_R^2 sin(alpha_R), alpha_R = delta - atan2(v_R, u_R),
+v_R = U gamma_R beta_R, beta_R = beta - ell_R' r', gamma_R by the sign of beta_R,
+u_R = eps u_P sqrt{ eta [1 + kappa (sqrt(1 + 8 K_T/(pi J^2)) - 1)]^2 + 1 - eta } ahead, in the other quadrants that of
+the model single (mmg/components/rudder/inflow.py). f_alpha defaults to 6.13 Lambda/(Lambda + 2.25).
+X_R = -(1 - t_R) F_N sin delta, Y_R = -(1 + a_H) F_N cos delta, N_R = -(x_R + a_H x_H) F_N cos delta.
+With beta the acute drift angle, v_R = gamma_R (U beta - ell_R r) needs no division and is defined at rest; U beta is
+the published form and exceeds -v by 2 % at 20 degrees.
+"""
 
 from __future__ import annotations
 
@@ -10,17 +19,6 @@ from mmg.components.rudder import inflow as shared
 from mmg.motion.drift import drift_angle
 from mmg.motion.flow import Flow, Force
 from mmg.motion.smooth import Smoothing
-
-SUMMARY = """Standard MMG rudder (Yasukawa & Yoshimura 2015, J Mar Sci Technol 20:37-52), continued to all quadrants.
-
-F_N = 1/2 rho A_R f_alpha U_R^2 sin(alpha_R), alpha_R = delta - atan2(v_R, u_R),
-v_R = U gamma_R beta_R, beta_R = beta - ell_R' r', gamma_R by the sign of beta_R,
-u_R = eps u_P sqrt{ eta [1 + kappa (sqrt(1 + 8 K_T/(pi J^2)) - 1)]^2 + 1 - eta } ahead, in the other quadrants that of
-the model single (mmg/components/rudder/inflow.py). f_alpha defaults to 6.13 Lambda/(Lambda + 2.25).
-X_R = -(1 - t_R) F_N sin delta, Y_R = -(1 + a_H) F_N cos delta, N_R = -(x_R + a_H x_H) F_N cos delta.
-With beta the acute drift angle, v_R = gamma_R (U beta - ell_R r) needs no division and is defined at rest; U beta is
-the published form and exceeds -v by 2 % at 20 degrees.
-"""
 
 PARTICULARS = ("L", "rho", "D_P", "A_R", "aspect_ratio", "x_R")
 INPUTS = ("delta",)

@@ -1,21 +1,4 @@
-"""Rudder model ``vectwin``."""
-
-from __future__ import annotations
-
-from collections.abc import Sequence
-from types import SimpleNamespace
-from typing import Any
-
-import casadi as ca
-
-from mmg.components.coefficients import Coefficient, table
-from mmg.components.propeller.kang import advance_ratio, clip
-from mmg.components.rudder.inflow import slipstream
-from mmg.motion.flow import Blade, Flow, Force
-from mmg.motion.smooth import Smoothing
-
-SUMMARY = """\
-VecTwin: two fish-tail rudders behind one propeller, from 35 deg inwards to 105 deg outwards (Kang et al. 2008).
+"""VecTwin: two fish-tail rudders behind one propeller, from 35 deg inwards to 105 deg outwards (Kang et al. 2008).
 
 s = starboard, p = port; both positive to starboard turns; J = u_P/(n D); slip sigma = 1 - u_P/(n P) in [0, 1.2];
 Q(c) = c_0 + c_1 sigma + c_2 sigma^2. For starboard (port alike, outward is then delta_p < 0):
@@ -38,6 +21,20 @@ Where the source ends (UNVERIFIED): for n < 0 or K_T <= 0 it has u_R = 0; here t
 to f (1 - w_R) u. At n = 0 it has sigma = 1.2; here 1. For u < 0 it has no force; here u_R takes the sign of the sum of
 signed squares with the jet sqrt(u_P^2 + ...) - |u_P|, and the force is multiplied by k_A (0 as published, 1 default).
 """
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from types import SimpleNamespace
+from typing import Any
+
+import casadi as ca
+
+from mmg.components.coefficients import Coefficient, table
+from mmg.components.propeller.kang import advance_ratio, clip
+from mmg.components.rudder.inflow import slipstream
+from mmg.motion.flow import Blade, Flow, Force
+from mmg.motion.smooth import Smoothing
 
 PARTICULARS = ("L", "rho", "D_P", "pitch_ratio", "A_R", "aspect_ratio", "x_R")
 INPUTS = ("delta_port", "delta_starboard")

@@ -1,4 +1,12 @@
-"""Thruster model ``azimuth``."""
+"""Azimuth thruster or pod at (x_az, y_az) that pushes into the direction a = azimuth, clockwise from ahead.
+
+u_i = u - y r, v_i = v + x r; V_A = (1 - w_az) (u_i cos a + v_i sin a); T = (1 - t_az) k_T_az T_4Q(V_A/k_J_az, n) with
+the four-quadrant thrust of B4-70, P/D = 1.0 (propeller/four_quadrant.py), valid for every sign of V_A and n;
+X = T cos a - D_x, Y = T sin a - D_y [N], N = x Y - y X [N m],
+pod drag (D_x, D_y) = 1/2 rho D_az^2 C_pod sqrt(u_i^2 + v_i^2) (u_i, v_i).
+Standard composition; inflow angle effects on thrust, the Coanda effect and the interaction of thrusters are left out
+(UNVERIFIED: no source with numbers was found; calibrate k_T_az, t_az, w_az).
+"""
 
 from __future__ import annotations
 
@@ -10,16 +18,6 @@ from mmg.components.coefficients import table
 from mmg.components.propeller.four_quadrant import thrust
 from mmg.motion.flow import Flow, Force
 from mmg.motion.smooth import Smoothing
-
-SUMMARY = """Azimuth thruster or pod at (x_az, y_az) that pushes into the direction a = azimuth, clockwise from ahead.
-
-u_i = u - y r, v_i = v + x r; V_A = (1 - w_az) (u_i cos a + v_i sin a); T = (1 - t_az) k_T_az T_4Q(V_A/k_J_az, n) with
-the four-quadrant thrust of B4-70, P/D = 1.0 (propeller/four_quadrant.py), valid for every sign of V_A and n;
-X = T cos a - D_x, Y = T sin a - D_y [N], N = x Y - y X [N m],
-pod drag (D_x, D_y) = 1/2 rho D_az^2 C_pod sqrt(u_i^2 + v_i^2) (u_i, v_i).
-Standard composition; inflow angle effects on thrust, the Coanda effect and the interaction of thrusters are left out
-(UNVERIFIED: no source with numbers was found; calibrate k_T_az, t_az, w_az).
-"""
 
 PARTICULARS = ("rho", "D_az", "x_az", "y_az")
 INPUTS = ("n_azimuth", "azimuth")

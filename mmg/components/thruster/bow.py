@@ -1,4 +1,4 @@
-"""Thruster model ``bow``."""
+"""Bow thruster: Kobayashi's tunnel thruster at x_BT, revolutions n_bow."""
 
 from __future__ import annotations
 
@@ -7,9 +7,6 @@ from types import SimpleNamespace
 from mmg.components.thruster.kobayashi import coefficient_table, side_thruster
 from mmg.motion.flow import Flow, Force
 from mmg.motion.smooth import Smoothing
-
-SUMMARY = """\
-Bow thruster: Kobayashi's tunnel thruster at x_BT, revolutions n_bow."""
 
 PARTICULARS = ("L", "rho", "D_BT", "x_BT")
 INPUTS = ("n_bow",)

@@ -1,4 +1,4 @@
-"""Thruster model ``stern``."""
+"""Stern thruster: Kobayashi's tunnel thruster at x_ST < 0, revolutions n_stern."""
 
 from __future__ import annotations
 
@@ -7,9 +7,6 @@ from types import SimpleNamespace
 from mmg.components.thruster.kobayashi import coefficient_table, side_thruster
 from mmg.motion.flow import Flow, Force
 from mmg.motion.smooth import Smoothing
-
-SUMMARY = """\
-Stern thruster: Kobayashi's tunnel thruster at x_ST < 0, revolutions n_stern."""
 
 PARTICULARS = ("L", "rho", "D_ST", "x_ST")
 INPUTS = ("n_stern",)

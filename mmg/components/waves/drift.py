@@ -1,17 +1,4 @@
-"""Wave model ``drift``."""
-
-from __future__ import annotations
-
-from types import SimpleNamespace
-
-import casadi as ca
-
-from mmg.components.coefficients import Coefficient, table
-from mmg.motion.flow import Flow, Force
-from mmg.motion.froude import GRAVITY
-from mmg.motion.smooth import Smoothing
-
-SUMMARY = """Mean second-order wave drift in short form: three coefficients times the square of the wave height.
+"""Mean second-order wave drift in short form: three coefficients times the square of the wave height.
 
 X_W = -rho g H_s^2 L C_XW cos g,  Y_W = -rho g H_s^2 L C_YW sin g,  N_W = -rho g H_s^2 L^2 C_NW sin 2g,
 with g = wave direction - heading, the direction *coming from*, clockwise from the bow: waves from ahead push aft, waves
@@ -23,6 +10,17 @@ defaults are orders of magnitude from total reflection of short waves: 1/2 rho g
 a flat side gives C_YW = 1/16 (Faltinsen 1980), on a bow of B / L = 1/6 about a tenth of it. First-order motions are
 left out.
 """
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import casadi as ca
+
+from mmg.components.coefficients import Coefficient, table
+from mmg.motion.flow import Flow, Force
+from mmg.motion.froude import GRAVITY
+from mmg.motion.smooth import Smoothing
 
 PARTICULARS = ("L", "rho")
 INPUTS: tuple[str, ...] = ()

@@ -1,4 +1,12 @@
-"""Wind model ``blendermann``."""
+"""Wind force by Blendermann (1994): a few loading coefficients per ship type.
+
+X_A = -1/2 rho_a U_A^2 A_L CD_l cos a / D,  Y_A = 1/2 rho_a U_A^2 A_L CD_t sin a / D,
+N_A = Y_A L_OA [C / L_OA - 0.18 (|a| - pi / 2)],  D = 1 - delta / 2 (1 - CD_l / CD_t) sin^2 2a,
+CD_l = CD_lAF A_T / A_L with the bow value of CD_lAF for wind from ahead of the beam and the stern value abaft of it.
+a is the apparent wind angle counter-clockwise from the bow: U_A cos a = -a_x, U_A sin a = a_y. The two values of
+CD_lAF are blended over +- 3 deg about the beam, where cos a is small. Heel (kappa) is kept for a model with roll.
+Structure and rows as in the public MSS toolbox (one source).
+"""
 
 from __future__ import annotations
 
@@ -9,16 +17,6 @@ import casadi as ca
 from mmg.components.coefficients import Coefficient, table
 from mmg.motion.flow import Flow, Force
 from mmg.motion.smooth import Smoothing
-
-SUMMARY = """Wind force by Blendermann (1994): a few loading coefficients per ship type.
-
-X_A = -1/2 rho_a U_A^2 A_L CD_l cos a / D,  Y_A = 1/2 rho_a U_A^2 A_L CD_t sin a / D,
-N_A = Y_A L_OA [C / L_OA - 0.18 (|a| - pi / 2)],  D = 1 - delta / 2 (1 - CD_l / CD_t) sin^2 2a,
-CD_l = CD_lAF A_T / A_L with the bow value of CD_lAF for wind from ahead of the beam and the stern value abaft of it.
-a is the apparent wind angle counter-clockwise from the bow: U_A cos a = -a_x, U_A sin a = a_y. The two values of
-CD_lAF are blended over +- 3 deg about the beam, where cos a is small. Heel (kappa) is kept for a model with roll.
-Structure and rows as in the public MSS toolbox (one source).
-"""
 
 PARTICULARS = ("A_T", "A_L", "L_OA", "C", "rho_a")
 INPUTS: tuple[str, ...] = ()

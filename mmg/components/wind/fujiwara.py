@@ -1,15 +1,4 @@
-"""Wind model ``fujiwara``."""
-
-from __future__ import annotations
-
-from types import SimpleNamespace
-
-from mmg.components.coefficients import Coefficient
-from mmg.motion.flow import Flow, Force
-from mmg.motion.smooth import Smoothing
-
-SUMMARY = """\
-Wind force by Fujiwara, Ueno & Nimura (1998): coefficients from the particulars, a short trigonometric series.
+"""Wind force by Fujiwara, Ueno & Nimura (1998): coefficients from the particulars, a short trigonometric series.
 
 X_A = 1/2 rho_a U_A^2 A_T (X_0 + X_1 cos a + X_3 cos 3a + X_5 cos 5a)
 Y_A = 1/2 rho_a U_A^2 A_L (Y_1 sin a + Y_3 sin 3a + Y_5 sin 5a)
@@ -18,6 +7,14 @@ with a the apparent wind angle counter-clockwise from the bow: U_A cos a = -a_x,
 polynomials of cos a and sin a, so no arccos and no kink. X, Y, N constants verified in two independent codes; the last
 term of Y_5 differs between them (C H_C / A_L here).
 """
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+from mmg.components.coefficients import Coefficient
+from mmg.motion.flow import Flow, Force
+from mmg.motion.smooth import Smoothing
 
 PARTICULARS = ("L", "B", "A_T", "A_L", "A_OD", "C", "C_BR", "H_BR", "H_C", "rho_a")
 INPUTS: tuple[str, ...] = ()

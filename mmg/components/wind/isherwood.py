@@ -1,17 +1,4 @@
-"""Wind model ``isherwood``."""
-
-from __future__ import annotations
-
-from types import SimpleNamespace
-from typing import Any
-
-import numpy as np
-
-from mmg.components.coefficients import table
-from mmg.motion.flow import Flow, Force
-from mmg.motion.smooth import Smoothing
-
-SUMMARY = """Wind force by Isherwood (1972): regression on wind tunnel tests of merchant ships.
+"""Wind force by Isherwood (1972): regression on wind tunnel tests of merchant ships.
 
 C_X = -(A0 + A1 2 A_L / L^2 + A2 2 A_T / B^2 + A3 L / B + A4 S / L + A5 C / L + A6 M) on A_T,
 C_Y =   B0 + B1 2 A_L / L^2 + B2 2 A_T / B^2 + B3 L / B + B4 S / L + B5 C / L + B6 A_SS / A_L on A_L,
@@ -24,6 +11,17 @@ coefficient, for a tanker, a container ship and a ferry: C_X 5 to 9 %, C_Y 4 to 
 table are regressions angle by angle, and jump from row to row). Table and order of the terms as in the public MSS
 toolbox (one source). Fujiwara's model is preferable where its inputs are known.
 """
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from mmg.components.coefficients import table
+from mmg.motion.flow import Flow, Force
+from mmg.motion.smooth import Smoothing
 
 PARTICULARS = ("B", "A_T", "A_L", "A_SS", "L_OA", "C", "S_A", "rho_a")
 INPUTS: tuple[str, ...] = ()
