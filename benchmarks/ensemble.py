@@ -177,7 +177,7 @@ def main() -> None:
     h = default_step(train, ship.particulars["L"])
     pieces = pieces_of(train, h, ship.inputs)
     of_hybrid: Scales = hybrid_scales(ship, pieces, train, h)
-    box = box_scales(pieces, train, h, ship.particulars["L"])
+    box = box_scales(ship, pieces, train, h)
     whole = "all runs, no early stopping"
     kinds = {
         f"hybrid, {whole}": (

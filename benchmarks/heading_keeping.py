@@ -45,7 +45,7 @@ def ensemble(ship: Ship, how: RandomControls) -> tuple[list[TrainableSystem], fl
     """Networks trained on RUNS runs, nothing held out, no penalty (section 3); seconds that it took."""
     began, trials = time.perf_counter(), random_control_trials(ship, RUNS, 0, how)
     pieces = pieces_of(trials, H, ship.inputs)
-    scales = box_scales(pieces, trials, H, ship.particulars["L"])
+    scales = box_scales(ship, pieces, trials, H)
     training = BlackBoxSettings(seeds=MEMBERS, workers=2, epochs=30, penalty=0.0, zero=False, step=H)
     members, _ = train_members(build_box, ship, scales, training, pieces, pieces)
     return members, time.perf_counter() - began

@@ -14,8 +14,8 @@ from cases import published_splits as splits
 from cases.io.read import read_trials
 from cases.shipfiles.ship_file import load_ship
 from fitting.prediction.score import pooled_sigma, score
-from residual.blackbox.models import train_box
 from residual.comparison.tables import mean_and_std
+from residual.pipeline import train
 from residual.settings import BlackBoxSettings
 from residual.training.augmentation import SETS
 
@@ -45,17 +45,19 @@ def main() -> None:
         training = replace(BASE, augment=name, epochs=max(1, STEPS // (times * SETS[name].factor)))
         cases[f"{name}, {sum(t.duration for t in some):.0f} s"] = training, some
     for name, (training, some) in cases.items():
-        trained = train_box(ship, some, replace(training, seeds=seeds))
-        found = [score(replace(trained.box, systems=(system,)), tests, sigma) for system in trained.box.systems]
-        mean = score(trained.box, tests, sigma)
+        trained = train(ship, some, settings=replace(training, seeds=seeds))
+        box = trained.black_box
+        assert box is not None
+        found = [score(replace(box, systems=(system,)), tests, sigma) for system in box.systems]
+        mean = score(box, tests, sigma)
         rows.append(
             [
                 name,
-                mean_and_std([o.after[0] for o in trained.outcomes]),
+                mean_and_std([row["judged_window"]["after"] for row in trained.per_seed]),
                 mean_and_std([s.window for s in found]),
                 mean_and_std([s.paper for s in found]),
                 f"{mean.window:.3f}",
-                f"{sum(o.seconds for o in trained.outcomes) / seeds:.0f}",
+                f"{sum(row['seconds'] for row in trained.per_seed) / seeds:.0f}",
             ]
         )
         print(" | ".join(rows[-1]), flush=True)

@@ -21,14 +21,17 @@ from mmg.network import features_of
 from mmg.progress import OnProgress
 from mmg.ship import Ship
 from mmg.states import STATES
-from residual.blackbox.models import TrainedBox, train_box
+from residual.blackbox.models import BOX_KIND, box_of
 from residual.report.figures import figure_rows
-from residual.report.summary import RATES, judged_runs, outside_box, outside_hybrid, residual_size
+from residual.report.summary import RATES, judged_runs, outside, residual_size
 from residual.result import CALIBRATED, HYBRID, TrainResult
 from residual.settings import BlackBoxSettings, TrainSettings
+from residual.training.acceptance import decide
 from residual.training.checkpoint import Store
-from residual.training.hybrid import TrainedResidual, train_residual, warnings_of
-from residual.training.trainer import Outcome
+from residual.training.hybrid import HYBRID_KIND, network_of
+from residual.training.seeds import train_seeds
+from residual.training.tasks import tasks_of
+from residual.training.trainer import Outcome, Task
 
 CARRIED = ("coefficients", "correlation", "bands", "per_run")
 """Of the calibration's result.json, what still holds of the ship inside."""
@@ -74,40 +77,40 @@ def train(
     if not chosen:
         raise UserError("no trials to train on: name at least one trial file")
     settings = settings or TrainSettings()
-    trained: TrainedResidual | TrainedBox
+    ship, black_box = ship.without_network(), isinstance(settings, BlackBoxSettings)
+    kind = BOX_KIND if black_box else HYBRID_KIND
     try:
-        if isinstance(settings, BlackBoxSettings):
-            trained = train_box(ship, chosen, settings, validation, progress, store)
-            own = _black_box(trained, validation, name)
-        else:
-            trained = train_residual(ship, chosen, settings, validation, progress, store)
-            own = _hybrid(trained, validation, known, keep)
+        tasks = tasks_of(kind, ship, chosen, settings, validation, judged_apart=not black_box)
+        outcomes, interrupted = train_seeds(tasks, progress, store)
+        task = tasks[0]
+        own = _black_box(task, outcomes, name) if black_box else _hybrid(task, outcomes, known, keep)
     except UserError:
         if store:
             store.discard()
         raise
-    scales, outcomes = trained.scales, trained.outcomes
+    seconds, scales = time.perf_counter() - began, task.scales
     ranges = zip(features_of(ship.actuators), scales.features.min(axis=1), scales.features.max(axis=1), strict=True)
     result = TrainResult(
-        start=ship.without_network(),
-        settings=trained.settings,
+        start=ship,
+        settings=task.settings,
         per_seed=tuple(_seed_rows(outcomes, validation or chosen)),
         scores={},
         data=tuple(data_rows(chosen)),
         validation_data=tuple(data_rows(validation)),
         sigma={name: dict(zip(STATES, getattr(scales, key).tolist(), strict=True)) for name, key in _SIGMA},
         envelope={name: [float(low), float(high)] for name, low, high in ranges},
-        timings_s={"train": trained.seconds, "seeds": [o.seconds for o in outcomes]},
+        outside=outside(kind, ship, validation, task.h, scales.features),
+        timings_s={"train": seconds, "seeds": [o.seconds for o in outcomes]},
         versions={**versions(), "torch": metadata.version("torch")},
         created=datetime.now(timezone.utc).isoformat(timespec="seconds"),
         command=command,
         warnings=(
-            *warnings_of(outcomes, trained.settings),
+            *_seed_warnings(outcomes, task.settings),
             *by_role,
             *shared_rows(chosen, validation),
             *_calibrated_on(known, validation),
         ),
-        interrupted=trained.interrupted,
+        interrupted=interrupted,
         trials=validation or chosen,
         **own,
     )
@@ -132,25 +135,21 @@ def _start(given: Ship | Calibrated | str | Path) -> tuple[Ship, Mapping[str, An
     return given.ship, given.to_dict(), given.ship.name
 
 
-def _hybrid(
-    trained: TrainedResidual, validation: Sequence[Trial], known: Mapping[str, Any], keep: str
-) -> dict[str, Any]:
+def _hybrid(task: Task, outcomes: Sequence[Outcome], known: Mapping[str, Any], keep: str) -> dict[str, Any]:
     """What only a hybrid has, as fields of ``TrainResult``."""
-    decision, network, settings = trained.decision, trained.network, trained.settings
+    decision, network, scales = decide(outcomes), network_of(task, outcomes), task.scales
     always = keep == "always" and network is not None and not decision.kept
     notice = Message(f"the hybrid is recommended by --keep always, although {decision.reason}", "kept_always")
-    assert settings.step is not None
     return {
         "model": HYBRID,
         "network": network,
         "black_box": None,
         "decision": decision,
         "recommended": HYBRID if network is not None and (decision.kept or always) else CALIBRATED,
-        "outside": outside_hybrid(trained.ship, validation, settings.step, trained.scales.features),
         "details": {
             "bound": dict(zip(RATES, network.bound.tolist(), strict=True)) if network else None,
-            "output_scale": dict(zip(RATES, trained.scales.output.tolist(), strict=True)),
-            "residual_size": residual_size(trained),
+            "output_scale": dict(zip(RATES, scales.output.tolist(), strict=True)),
+            "residual_size": residual_size(network, scales) if network else {},
             "calibration": {key: known.get(key) for key in ("created", "command", "converged")} if known else None,
             **{key: known[key] for key in CARRIED if key in known},
         },
@@ -158,20 +157,33 @@ def _hybrid(
     }
 
 
-def _black_box(trained: TrainedBox, validation: Sequence[Trial], name: str) -> dict[str, Any]:
+def _black_box(task: Task, outcomes: Sequence[Outcome], name: str) -> dict[str, Any]:
     """What only a black box has, as fields of ``TrainResult``."""
-    box = trained.box
-    names = features_of(box.actuators)
+    box = box_of(task, outcomes)
     return {
         "model": box.settings.kind,
         "network": None,
         "black_box": box,
         "decision": None,
         "recommended": "",
-        "outside": outside_box(names, box.actuators, validation, box.h, trained.scales.features),
         "details": {"beside": name},
         "notices": (),
     }
+
+
+def _seed_warnings(outcomes: Sequence[Outcome], settings: TrainSettings) -> tuple[Message, ...]:
+    """Warnings on the seeds that did not come to their end."""
+    status = {o.seed: o.status for o in outcomes}
+    seeds = range(settings.seed, settings.seed + settings.seeds)
+    kinds = (
+        ("diverged", "diverged, also at lower rates, and left out"),
+        ("stopped", "stopped before the end"),
+        ("missing", "not begun"),
+    )
+    found = [
+        (kind, words, ", ".join(str(s) for s in seeds if status.get(s, "missing") == kind)) for kind, words in kinds
+    ]
+    return tuple(Message(f"{words}: seed(s) {which}", f"seeds_{kind}") for kind, words, which in found if which)
 
 
 def _seed_rows(outcomes: Sequence[Outcome], judging: Sequence[Trial]) -> list[dict[str, Any]]:

@@ -26,10 +26,6 @@ class RolloutBatch:
     def __len__(self) -> int:
         return self.controls.shape[2]
 
-    def first(self, steps: int) -> RolloutBatch:
-        """Only the first steps of each window."""
-        return RolloutBatch(self.h, self.controls[:steps], self.targets[: steps + 1], self.mask[: steps + 1], self.past)
-
     def chosen(self, which: torch.Tensor) -> RolloutBatch:
         """Only these windows (numbers)."""
         past = Past(*(a[..., which] for a in self.past)) if self.past else None

@@ -100,7 +100,7 @@ def measure_learned_residual(
     if not len(before):
         raise UserError(f"no test trial holds {seconds:.0f} s without a gap")
     tasks = training_tasks(build_hybrid, ship, scales, settings, pieces)
-    outcomes = _trained(tasks, settings, progress)
+    outcomes = _trained(tasks, progress)
     members = [m for m in restored(tasks[0], outcomes) if isinstance(m, Hybrid)]
     one, together = np.array([measured([m])[0] for m in members]), measured(members)[0]
     reductions = 1 - one.sum(axis=1) / before.sum()
@@ -123,9 +123,9 @@ def measure_learned_residual(
     return replace(found, sentence=sentence_of(found))
 
 
-def _trained(tasks: Sequence[Task], settings: TrainSettings, progress: OnProgress | None) -> list[Outcome]:
+def _trained(tasks: Sequence[Task], progress: OnProgress | None) -> list[Outcome]:
     """The trainings that did not diverge. Raises as ``measure_learned_residual`` does."""
-    outcomes, interrupted = train_seeds(tasks, settings, progress)
+    outcomes, interrupted = train_seeds(tasks, progress)
     if interrupted:
         raise KeyboardInterrupt
     good = [o for o in outcomes if o.status != "diverged"]

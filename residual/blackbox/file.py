@@ -16,12 +16,13 @@ from mmg.errors import UserError
 from mmg.motion.flow import INPUTS
 from mmg.network import OTHER
 from mmg.ship import Ship
-from residual.blackbox.models import BlackBox, BoxScales, build_box
+from residual.blackbox.models import BlackBox, build_box
 from residual.settings import KINDS, BlackBoxSettings, settings_from
 from residual.system import TrainableSystem
+from residual.training.scales import Scales
 
 _SCALES = ("feature", "output", "acceleration", "mean", "std", "acceleration_mean")
-"""Names of ``BoxScales`` with which a box is built; the rest belongs to its training."""
+"""Names of ``Scales`` with which a box is built; the rest belongs to its training."""
 
 
 def save_box(path: Path, box: BlackBox) -> None:
@@ -83,14 +84,14 @@ def _settings(text: str) -> BlackBoxSettings:
     return settings
 
 
-def _scales(arrays: dict[str, torch.Tensor]) -> BoxScales:
+def _scales(arrays: dict[str, torch.Tensor]) -> Scales:
     scales = {name: arrays[f"scales.{name}"].double().numpy() for name in _SCALES}
     if {len(scales[name]) for name in ("feature", "mean", "std")} != {len(scales["mean"])}:
         raise ValueError("scales of different lengths")
-    return BoxScales(**scales, **{name: np.empty(0) for name in ("sigma", "score", "noise", "features")})
+    return Scales(**scales, **{name: np.empty(0) for name in ("sigma", "score", "noise", "features")})
 
 
-def _member(arrays: dict[str, torch.Tensor], k: int, settings: BlackBoxSettings, scales: BoxScales) -> TrainableSystem:
+def _member(arrays: dict[str, torch.Tensor], k: int, settings: BlackBoxSettings, scales: Scales) -> TrainableSystem:
     system = build_box(None, scales, settings, 0)
     prefix = f"{k}."
     system.load_state_dict({n.removeprefix(prefix): a for n, a in arrays.items() if n.startswith(prefix)})

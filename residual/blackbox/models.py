@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -15,10 +14,8 @@ import torch
 from cases.inputs import step_means
 from cases.shipfiles.network_file import ship_hash
 from cases.trial import Trial
-from fitting.nlp.grid import default_step
 from fitting.prediction.stretches import Stretch
 from mmg.errors import UserError
-from mmg.progress import OnProgress
 from mmg.ship import AIR, Ship
 from residual.networks.features import features
 from residual.networks.feedforward import Feedforward
@@ -27,34 +24,18 @@ from residual.networks.recurrent import Standard, Windowed
 from residual.rollout import RolloutBatch, rollout
 from residual.settings import BlackBoxSettings, TrainSettings
 from residual.system import Past, TrainableSystem
-from residual.training.checkpoint import Store
-from residual.training.scales import LEAST_SCALE, Scales, measured_scales
-from residual.training.seeds import train_seeds
-from residual.training.tasks import training_tasks
-from residual.training.trainer import Outcome, restored
-from residual.training.windows import Piece, pieces_of
+from residual.training.scales import Scales, training_scales
+from residual.training.tasks import ModelKind
+from residual.training.trainer import Outcome, Task, restored
+from residual.training.windows import Piece
 
 REACH = 0.2
 """How far an estimated initial velocity may be from the measured one, over the deviation of that velocity."""
 
 
-@dataclass(frozen=True)
-class BoxScales(Scales):
-    """Beside ``Scales``: mean and deviation of the features (F,) and mean of the measured accelerations (3,)."""
-
-    mean: np.ndarray
-    std: np.ndarray
-    acceleration_mean: np.ndarray
-
-
-def inputs_of(actuators: Sequence[str]) -> tuple[str, ...]:
-    """Names of the inputs of a black box of a ship with these ``actuators``."""
-    return (*actuators, *AIR)
-
-
 def build_box(ship: Ship | None, scales: Scales, settings: TrainSettings, seed: int) -> TrainableSystem:
     """An untrained black box of these ``scales``, ``settings`` and ``seed``; nothing of the ``ship`` is used."""
-    assert isinstance(scales, BoxScales) and isinstance(settings, BlackBoxSettings)
+    assert isinstance(settings, BlackBoxSettings)
     t, system = settings, TrainableSystem()
     if t.kind == "fnn":
         accelerations = scales.acceleration_mean, scales.acceleration
@@ -68,27 +49,16 @@ def build_box(ship: Ship | None, scales: Scales, settings: TrainSettings, seed: 
     return InitialState(system, t.initial, scales.mean, scales.std, reach, t.width, seed)
 
 
-def box_scales(pieces: Sequence[Piece], trials: Sequence[Trial], h: float, length: float) -> BoxScales:
-    """Scales from the training rows, those of the measured accelerations included (Wakita et al. 2025, Eq. 14).
+def box_scales(ship: Ship, pieces: Sequence[Piece], trials: Sequence[Trial], h: float) -> Scales:
+    """Scales from the training rows ``pieces`` of ``trials`` of a ``ship`` on a grid of ``h`` [s].
 
-    pieces: of ``trials`` on a grid of ``h`` [s]; length: of the ship [m]. Raises UserError where there are no rows, or
-    nothing moves in them.
+    Raises UserError where there are no rows, or nothing moves in them.
     """
-    m = measured_scales(pieces, trials, h, length)
-    values = features(m.rows.targets[0], m.rows.controls[0]).numpy()
-    rms, std = np.sqrt((values**2).mean(axis=1)), values.std(axis=1)
-    return BoxScales(
-        feature=np.where(rms > LEAST_SCALE, rms, 1.0),
-        output=m.std,
-        sigma=m.sigma,
-        score=m.score,
-        acceleration=m.std,
-        noise=m.noise,
-        features=values,
-        mean=values.mean(axis=1),
-        std=np.where(std > LEAST_SCALE, std, 1.0),
-        acceleration_mean=m.mean,
-    )
+    return training_scales(ship, pieces, trials, h, features)
+
+
+BOX_KIND = ModelKind(build_box, box_scales, lambda ship: (*ship.actuators, *AIR), lambda ship: features)
+"""A network without physics; of a ship only actuators and length are used."""
 
 
 @dataclass(frozen=True)
@@ -105,12 +75,12 @@ class BlackBox:
     systems: tuple[TrainableSystem, ...]
     ship: str = ""
     ship_hash: str = ""
-    scales: BoxScales | None = None
+    scales: Scales | None = None
 
     @property
     def inputs(self) -> tuple[str, ...]:
         """Names of its inputs, as of ``Ship.inputs``."""
-        return inputs_of(self.actuators)
+        return (*self.actuators, *AIR)
 
     @torch.no_grad()
     def forecast(self, stretches: Sequence[Stretch]) -> np.ndarray:
@@ -181,48 +151,13 @@ def _before(s: Stretch, h: float, rows: int) -> tuple[np.ndarray, np.ndarray]:
     return states[missing], inputs[missing]
 
 
-@dataclass(frozen=True)
-class TrainedBox:
-    """What training a black box made: outcomes of the seeds, and the box of those that did not diverge.
+def box_of(task: Task, outcomes: Sequence[Outcome]) -> BlackBox:
+    """The black boxes that trainings like ``task`` ended with, by the ``outcomes`` of the seeds.
 
-    settings: with the step filled in; scales: of the training data; seconds: it took; interrupted: by Ctrl-C.
+    Raises UserError where every training diverged.
     """
-
-    box: BlackBox
-    outcomes: tuple[Outcome, ...]
-    settings: BlackBoxSettings
-    scales: BoxScales
-    seconds: float
-    interrupted: bool = False
-
-
-def train_box(
-    ship: Ship,
-    trials: Sequence[Trial],
-    settings: BlackBoxSettings,
-    validation: Sequence[Trial] = (),
-    progress: OnProgress | None = None,
-    store: Store | None = None,
-) -> TrainedBox:
-    """Train a black box for a ship from several seeds; of the ship only actuators and length are used.
-
-    Each seed stops by another part of the ``trials`` (``residual.training.folds``), or by ``validation``. Nothing has
-    to be decided, so nothing is kept back to judge: the held-out errors are those of the windows to stop by. settings:
-    how to train; progress: called after each epoch or seed; store: finished seeds, which are not trained again.
-    Returns what was trained. Raises UserError where there is too little, or every training diverged,
-    KeyboardInterrupt after Ctrl-C before any training began.
-    """
-    began = time.perf_counter()
-    inputs = inputs_of(ship.actuators)
-    h = settings.step or default_step(trials, ship.particulars["L"])
-    settings = replace(settings, step=h)
-    pieces = pieces_of(trials, h, inputs)
-    held = pieces_of(validation, h, inputs) if validation else []
-    scales = box_scales(pieces, trials, h, ship.particulars["L"])
-    tasks = training_tasks(build_box, ship, scales, settings, pieces, held, judged_apart=False)
-    outcomes, interrupted = train_seeds(tasks, settings, progress, store)
-    systems = restored(tasks[0], outcomes)
+    systems, ship, settings = restored(task, outcomes), task.ship, task.settings
+    assert isinstance(settings, BlackBoxSettings)
     if not systems:
         raise UserError("every training of the network diverged, also at lower rates; give a lower --rate or more data")
-    box = BlackBox(settings, ship.actuators, h, tuple(systems), ship.name, ship_hash(ship), scales)
-    return TrainedBox(box, tuple(outcomes), settings, scales, time.perf_counter() - began, interrupted)
+    return BlackBox(settings, ship.actuators, task.h, tuple(systems), ship.name, ship_hash(ship), task.scales)

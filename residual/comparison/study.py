@@ -19,7 +19,6 @@ import numpy as np
 from cases.shipfiles.effects import freeing_effects
 from cases.trial import Trial
 from fitting.calibration import estimate_coefficients
-from fitting.nlp.grid import default_step
 from fitting.parallel import run_all
 from fitting.prediction.predict import Forecaster, predict_all
 from fitting.prediction.score import PAPER_WINDOW, Score, pooled_sigma, score, wrapped_error
@@ -29,14 +28,13 @@ from mmg.errors import UserError
 from mmg.progress import LOGGER
 from mmg.rollout import Simulator
 from mmg.ship import Ship
-from residual.blackbox.models import BlackBox, box_scales, build_box, inputs_of
+from residual.blackbox.models import BOX_KIND, box_of
 from residual.comparison.store import Subset, arrays_of, filled, name_of, words_of
 from residual.settings import KINDS, BlackBoxSettings, TrainSettings
 from residual.training.checkpoint import Store
-from residual.training.hybrid import build_hybrid, hybrid_scales, network_of
-from residual.training.tasks import training_tasks
-from residual.training.trainer import restored, train_one
-from residual.training.windows import pieces_of
+from residual.training.hybrid import HYBRID_KIND, network_of
+from residual.training.tasks import tasks_of
+from residual.training.trainer import train_one
 
 MODELS = ("captive", "calibrated", "hybrid", *KINDS)
 HORIZONS = (5.0, 10.0, 20.0, 30.0, 50.0, 100.0)
@@ -208,27 +206,20 @@ def _done(job: _Job) -> tuple[Entry, Ship | None]:
 
 def _trained(job: _Job, left: float | None) -> tuple[Simulator | Forecaster, str, float]:
     """A hybrid or black box of one seed, how its training ended, its held-out error."""
-    study, ship, trials = job.study, job.ship.without_network(), list(job.trials)
+    study, ship, hybrid = job.study, job.ship.without_network(), job.model == "hybrid"
     assert job.seed is not None
-    length = ship.particulars["L"]
-    h = study.step or default_step(trials, length)
-    values: dict[str, Any] = {"seeds": study.seeds, "seed": study.seed, "step": h}
+    values: dict[str, Any] = {"seeds": study.seeds, "seed": study.seed, "step": study.step}
     values |= {"epochs": study.epochs} if study.epochs else {}
-    hybrid = job.model == "hybrid"
     settings = TrainSettings(**values) if hybrid else BlackBoxSettings(kind=job.model, **values)
-    pieces = pieces_of(trials, h, ship.inputs if hybrid else inputs_of(ship.actuators))
-    scales = hybrid_scales(ship, pieces, trials, h) if hybrid else box_scales(pieces, trials, h, length)
-    build = build_hybrid if hybrid else build_box
-    tasks = training_tasks(build, ship, scales, settings, pieces, judged_apart=False)
+    kind = HYBRID_KIND if hybrid else BOX_KIND
+    tasks = tasks_of(kind, ship, job.trials, settings, judged_apart=False)
     task = replace(tasks[job.seed - study.seed], seconds=left, stop=job.stop)
     outcome = train_one(task)
     if outcome.status == "diverged":
         raise UserError("diverged, also at lower rates")
-    if isinstance(settings, BlackBoxSettings):
-        box = BlackBox(settings, ship.actuators, h, tuple(restored(task, [outcome])), ship.name)
-        return box, outcome.status, outcome.after[0]
-    network = network_of(ship, scales, settings, [outcome])
-    return Simulator(ship.with_network(network)), outcome.status, outcome.after[0]
+    if not hybrid:
+        return box_of(task, [outcome]), outcome.status, outcome.after[0]
+    return Simulator(ship.with_network(network_of(task, [outcome]))), outcome.status, outcome.after[0]
 
 
 def subset_of(trials: Sequence[Trial], subset: Subset) -> tuple[Trial, ...]:

@@ -185,6 +185,10 @@ class Physics:
         """What a network on this ship sees, (F, M)."""
         return self.call("features", z, controls)[0]
 
+    def seen(self, logged: Tensor, controls: Tensor) -> Tensor:
+        """What a network on this ship sees at logged columns (6, M) under inputs (C, M), (F, M); without gradient."""
+        return self.features(self.start(logged, controls), controls)
+
     def rates_and_features(self, z: Tensor, controls: Tensor) -> tuple[Tensor, Tensor]:
         """Both at once, (S, M) and (F, M)."""
         rates, features = self.call("rates_and_features", z, controls)

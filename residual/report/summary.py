@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from cases.trial import Trial
 from mmg.network import Network
 from mmg.ship import Ship
-from residual.blackbox.models import inputs_of
-from residual.networks.features import features as box_features
-from residual.physics.operator import Physics
-from residual.training.hybrid import OUTPUT, TrainedResidual, physics_features
-from residual.training.scales import LEAST_SCALE
+from residual.training.hybrid import OUTPUT
+from residual.training.scales import LEAST_SCALE, Scales
+from residual.training.tasks import ModelKind
 from residual.training.trainer import Outcome
 from residual.training.windows import pieces_of, windows
 
@@ -34,20 +32,14 @@ def judged_runs(outcome: Outcome, trials: Sequence[Trial]) -> list[dict]:
     return rows
 
 
-def residual_size(trained: TrainedResidual) -> dict[str, dict]:
-    """Per channel the residual of ``trained`` over the training rows [m/s2, rad/s2]: rms, 95 %, largest, its bound.
+def residual_size(network: Network, scales: Scales) -> dict[str, dict]:
+    """Per channel the residual ``network`` over the training rows [m/s2, rad/s2]: rms, 95 %, largest, its bound.
 
-    Its row "ship_rms" is the rms of the accelerations of the ship without it; {} where every training diverged.
+    scales: of its training. "ship_rms" is the rms of the accelerations of the ship without it.
     """
-    if trained.network is None:
-        return {}
-    return size_of(trained.network, trained.scales.features, (trained.scales.output - LEAST_SCALE) / OUTPUT)
-
-
-def size_of(network: Network, features: np.ndarray, own: np.ndarray) -> dict[str, dict]:
-    """The same of a ``network`` at ``features`` (F, R); own: rms accelerations of the ship (3,)."""
-    sizes = np.abs(network.accelerations(features))
+    sizes = np.abs(network.accelerations(scales.features))
     shares = np.linspace(0, 1, 101)
+    own = (scales.output - LEAST_SCALE) / OUTPUT
     return {
         name: {
             "rms": float(np.sqrt((size**2).mean())),
@@ -62,38 +54,24 @@ def size_of(network: Network, features: np.ndarray, own: np.ndarray) -> dict[str
     }
 
 
-def outside_hybrid(ship: Ship, trials: Sequence[Trial], h: float, known: np.ndarray) -> dict:
-    """Shares of rows of ``trials`` outside the range of the training rows, as a hybrid on ``ship`` sees them.
+def outside(kind: ModelKind, ship: Ship, trials: Sequence[Trial], h: float, known: np.ndarray) -> dict:
+    """Shares of rows of ``trials`` outside the range of the training rows, as a ``kind`` of model of ``ship`` sees it.
 
-    h: step of the grid [s]; known: features (F, R) of the training rows.
+    h: step of the grid [s]; known: features (F, R) of the training rows. Returns trials: name -> share of its rows with
+    any feature outside; features: name -> share, lowest and highest value; {} where there are no rows.
     """
-    physics = Physics(ship.without_network())
-    rows = {t.name: pieces_of([t], h, ship.inputs) for t in trials}
-    return _outside(ship.features, {name: physics_features(physics, p) for name, p in rows.items() if p}, known)
-
-
-def outside_box(
-    names: Sequence[str], actuators: Sequence[str], trials: Sequence[Trial], h: float, known: np.ndarray
-) -> dict:
-    """The same of ``trials`` as a black box with these ``names`` of features and ``actuators`` sees them.
-
-    h: step of the grid [s]; known: features (F, R) of the training rows.
-    """
-    rows = {t.name: windows(pieces_of([t], h, inputs_of(actuators)), h, 1, 1) for t in trials}
-    return _outside(names, {n: box_features(b.targets[0], b.controls[0]).numpy() for n, b in rows.items() if b}, known)
-
-
-def _outside(names: Sequence[str], rows: Mapping[str, np.ndarray], known: np.ndarray) -> dict:
-    """trials: name -> share of its rows with any feature outside; features: name -> share, lowest and highest value."""
-    lower, upper = known.min(axis=1)[:, None], known.max(axis=1)[:, None]
-    if not rows:
+    sees = kind.sees(ship)
+    rows = {t.name: windows(pieces_of([t], h, kind.inputs(ship)), h, 1, 1) for t in trials}
+    seen = {name: sees(b.targets[0], b.controls[0]).numpy() for name, b in rows.items() if b}
+    if not seen:
         return {}
-    every = np.hstack(list(rows.values()))
+    lower, upper = known.min(axis=1)[:, None], known.max(axis=1)[:, None]
+    every = np.hstack(list(seen.values()))
     beyond = (every < lower) | (every > upper)
     return {
-        "trials": {n: float(((a < lower) | (a > upper)).any(axis=0).mean()) for n, a in rows.items()},
+        "trials": {n: float(((a < lower) | (a > upper)).any(axis=0).mean()) for n, a in seen.items()},
         "features": {
             n: {"share": float(b.mean()), "lowest": float(a.min()), "highest": float(a.max())}
-            for n, a, b in zip(names, every, beyond, strict=True)
+            for n, a, b in zip(ship.features, every, beyond, strict=True)
         },
     }

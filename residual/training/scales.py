@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 
 from cases.checks.noise import white_noise
 from cases.trial import Trial
 from fitting.prediction.score import pooled_sigma
 from mmg.errors import UserError
 from mmg.motion.froude import length_scale
-from residual.rollout import RolloutBatch, measured_accelerations
+from mmg.ship import Ship
+from residual.rollout import measured_accelerations
 from residual.training.windows import Piece, windows
 
 POSITION, HEADING = 1.0, 0.3
@@ -25,39 +27,35 @@ LEAST_SCALE = 1e-9
 class Scales:
     """What is known of the training data before training.
 
-    feature (F,), output (3,): scales of the network; sigma (6,): of the loss; score (6,): of stop and judged windows;
-    acceleration (3,): of Eq. 16; noise (6,): of the instruments, for jittering; features (F, R): of the training rows.
+    feature (F,), output (3,): scales of a network; mean, std (F,): of its features; sigma (6,): of the loss; score
+    (6,): of stop and judged windows; acceleration, acceleration_mean (3,): deviation, as of Eq. 16, and mean of the
+    measured accelerations; noise (6,): of the instruments, for jittering; features (F, R): of the training rows.
     """
 
     feature: np.ndarray
     output: np.ndarray
-    sigma: np.ndarray
-    score: np.ndarray
-    acceleration: np.ndarray
-    noise: np.ndarray
-    features: np.ndarray
-
-
-@dataclass(frozen=True)
-class MeasuredScales:
-    """What every network needs of the training rows.
-
-    rows: each row with its successor as a window of one step; mean, std (3,): of the measured accelerations; sigma,
-    score, noise (6,): as in ``Scales``.
-    """
-
-    rows: RolloutBatch
     mean: np.ndarray
     std: np.ndarray
     sigma: np.ndarray
     score: np.ndarray
+    acceleration: np.ndarray
+    acceleration_mean: np.ndarray
     noise: np.ndarray
+    features: np.ndarray
 
 
-def measured_scales(pieces: Sequence[Piece], trials: Sequence[Trial], h: float, length: float) -> MeasuredScales:
-    """Scales of the measured columns of ``pieces``, which are those of ``trials`` on a grid of ``h`` [s].
+def training_scales(
+    ship: Ship,
+    pieces: Sequence[Piece],
+    trials: Sequence[Trial],
+    h: float,
+    seen: Callable[[torch.Tensor, torch.Tensor], torch.Tensor],
+) -> Scales:
+    """Scales of the measured rows of ``pieces``, which are those of ``trials`` of ``ship`` on a grid of ``h`` [s].
 
-    length: of the ship [m]. Raises UserError where there are no rows, or nothing moves in them.
+    seen: (logged columns (6, M), inputs (C, M)) -> what the network sees there (F, M). Its output is scaled by the
+    deviation of the measured accelerations (Wakita et al. 2025, Eq. 14). Raises UserError where there are no rows, or
+    nothing moves in them.
     """
     rows = windows(pieces, h, 1, 1)
     if rows is None:
@@ -65,11 +63,23 @@ def measured_scales(pieces: Sequence[Piece], trials: Sequence[Trial], h: float, 
     measured, mask = measured_accelerations(rows)
     known = measured[0].numpy()[:, mask[0].numpy().all(axis=0)]
     states = [p.grid.states[p.first : p.last + 1] for p in pieces]
-    sigma = _loss_sigma(states, length)
+    sigma = _loss_sigma(states, ship.particulars["L"])
     placed = [t for t in trials if t.has_position]
-    score = pooled_sigma(placed) if placed else sigma
-    std = np.maximum(known.std(axis=1), LEAST_SCALE)
-    return MeasuredScales(rows, known.mean(axis=1), std, sigma, score, white_noise(states))
+    features = seen(rows.targets[0], rows.controls[0]).numpy()
+    rms, std = np.sqrt((features**2).mean(axis=1)), features.std(axis=1)
+    acceleration = np.maximum(known.std(axis=1), LEAST_SCALE)
+    return Scales(
+        feature=np.where(rms > LEAST_SCALE, rms, 1.0),
+        output=acceleration,
+        mean=features.mean(axis=1),
+        std=np.where(std > LEAST_SCALE, std, 1.0),
+        sigma=sigma,
+        score=pooled_sigma(placed) if placed else sigma,
+        acceleration=acceleration,
+        acceleration_mean=known.mean(axis=1),
+        noise=white_noise(states),
+        features=features,
+    )
 
 
 def _loss_sigma(states: Sequence[np.ndarray], length: float) -> np.ndarray:

@@ -11,7 +11,6 @@ from pathlib import Path
 from fitting.parallel import run_all
 from fitting.solvers.interrupts import Interrupts
 from mmg.progress import LOGGER, OnProgress, Progress
-from residual.settings import TrainSettings
 from residual.training.checkpoint import Store, load_outcome, save_outcome
 from residual.training.trainer import Outcome, Task, train_one
 
@@ -20,17 +19,18 @@ STARTED = "started_"
 
 
 def train_seeds(
-    tasks: Sequence[Task], settings: TrainSettings, progress: OnProgress | None = None, store: Store | None = None
+    tasks: Sequence[Task], progress: OnProgress | None = None, store: Store | None = None
 ) -> tuple[list[Outcome], bool]:
-    """Outcomes of the ``tasks`` in their order, and whether Ctrl-C ended them early.
+    """Outcomes of the ``tasks`` of a training in their order, and whether Ctrl-C ended them early.
 
-    settings: workers and time limit; progress: called after each epoch where one process trains, else after each seed;
-    store: what it holds is not trained again, and what finishes is kept there. After Ctrl-C the trainings under way
-    keep their best weights and those not begun are left out. Raises KeyboardInterrupt where none was begun, UserError
-    where the store is of another run.
+    progress: called after each epoch where one process trains, else after each seed; store: what it holds is not
+    trained again, and what finishes is kept there. After Ctrl-C the trainings under way keep their best weights and
+    those not begun are left out. Raises KeyboardInterrupt where none was begun, UserError where the store is of another
+    run.
     """
     if store:
         store.open()
+    settings = tasks[0].settings
     known = {task.seed: load_outcome(store, task.seed) for task in tasks} if store else {}
     missing = [task for task in tasks if not known.get(task.seed)]
     for seed in [task.seed for task in tasks if known.get(task.seed)]:

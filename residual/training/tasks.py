@@ -1,9 +1,15 @@
-"""The trainings of several seeds: what each trains on, stops by and is judged by."""
+"""What is trained, and the trainings of its seeds: what each trains on, stops by and is judged by."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import NamedTuple
 
+from torch import Tensor
+
+from cases.trial import Trial
+from fitting.nlp.grid import default_step
 from mmg.errors import UserError
 from mmg.ship import Ship
 from residual.settings import BlackBoxSettings, TrainSettings
@@ -11,7 +17,39 @@ from residual.training.folds import FOLDS, GAP, Split, split_pieces
 from residual.training.scales import Scales
 from residual.training.trainer import BuildSystem, Task
 from residual.training.window_errors import WINDOW
-from residual.training.windows import Piece
+from residual.training.windows import Piece, pieces_of
+
+
+class ModelKind(NamedTuple):
+    """A kind of model that is trained, such as a residual on a ship.
+
+    build: makes the untrained system; scales(ship, pieces, trials, h): of the training data; inputs(ship): their names;
+    sees(ship): (logged columns (6, M), inputs (C, M)) -> what the network sees, (F, M).
+    """
+
+    build: BuildSystem
+    scales: Callable[[Ship, Sequence[Piece], Sequence[Trial], float], Scales]
+    inputs: Callable[[Ship], tuple[str, ...]]
+    sees: Callable[[Ship], Callable[[Tensor, Tensor], Tensor]]
+
+
+def tasks_of(
+    kind: ModelKind,
+    ship: Ship,
+    trials: Sequence[Trial],
+    settings: TrainSettings,
+    validation: Sequence[Trial] = (),
+    judged_apart: bool = True,
+) -> list[Task]:
+    """One training of a ``kind`` of model of ``ship`` per seed of ``settings``, with the step filled in.
+
+    trials: of which parts take turns to stop by and to judge by; validation: trials that judge instead; judged_apart:
+    as of ``training_tasks``. Raises UserError where there is too little data.
+    """
+    h = settings.step or default_step(trials, ship.particulars["L"])
+    pieces, held_out = (pieces_of(some, h, kind.inputs(ship)) for some in (trials, validation))
+    scales = kind.scales(ship, pieces, trials, h)
+    return training_tasks(kind.build, ship, scales, replace(settings, step=h), pieces, held_out, judged_apart)
 
 
 def training_tasks(

@@ -15,13 +15,14 @@ from fitting.prediction.score import pooled_sigma, score
 from fitting.prediction.stretches import Stretch
 from mmg.errors import UserError
 from residual.blackbox.file import load_box, save_box
-from residual.blackbox.models import BlackBox, box_scales, build_box, gridded, train_box
+from residual.blackbox.models import BlackBox, box_scales, build_box, gridded
 from residual.bounded_network import Residual
 from residual.networks.features import advance_columns, features, kinematics
 from residual.networks.feedforward import Feedforward
 from residual.networks.initial_state import InitialState
 from residual.networks.recurrent import Standard, Windowed
 from residual.physics.operator import Physics
+from residual.pipeline import train
 from residual.rollout import RolloutBatch, acceleration_loss, rollout, state_loss
 from residual.settings import KINDS, BlackBoxSettings
 from residual.system import Hybrid, Past, TrainableSystem
@@ -45,7 +46,7 @@ def batch_of(past: int, steps: int = 12) -> RolloutBatch:
 
 
 def scales():  # type: ignore[no-untyped-def]
-    return box_scales(pieces_of(runs(), 1.0, hybrids.ship().inputs), runs(), 1.0, 3.0)
+    return box_scales(hybrids.ship(), pieces_of(runs(), 1.0, hybrids.ship().inputs), runs(), 1.0)
 
 
 def box(kind: str, seed: int = 0, **options: object) -> TrainableSystem:
@@ -287,22 +288,24 @@ def test_an_initial_state_network_finds_velocities_under_noise() -> None:
     ]
     errors = {}
     for rows in (0, 6):
-        trained = train_box(hybrids.ship(), noisy, replace(QUICK, kind="rnn-window", initial=rows, epochs=15))
-        errors[rows] = trained.outcomes[0].after[0]
+        trained = train(hybrids.ship(), noisy, settings=replace(QUICK, kind="rnn-window", initial=rows, epochs=15))
+        errors[rows] = trained.per_seed[0]["judged_window"]["after"]
     assert errors[6] < errors[0]
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_black_box_learns_and_its_file_keeps_all(kind: str, tmp_path) -> None:  # type: ignore[no-untyped-def]
-    trained = train_box(hybrids.ship(), runs(), replace(QUICK, kind=kind, seeds=2, initial=1 if kind == "rnn" else 0))
-    assert all(o.after[0] < 0.7 * o.before[0] for o in trained.outcomes)
+    settings = replace(QUICK, kind=kind, seeds=2, initial=1 if kind == "rnn" else 0)
+    trained = train(hybrids.ship(), runs(), settings=settings)
+    assert all(e["after"] < 0.7 * e["before"] for e in (row["judged_window"] for row in trained.per_seed))
+    assert trained.black_box is not None
     path = tmp_path / "network.safetensors"
-    save_box(path, trained.box)
+    save_box(path, trained.black_box)
     loaded = load_box(path, hybrids.ship())
     assert loaded.settings == trained.settings and loaded.actuators == ("n", "delta") and len(loaded.systems) == 2
     tests = hybrids.trials(hybrids.ship(), 1, 200, seed=8)
     sigma = pooled_sigma(tests)
-    assert score(loaded, tests, sigma).window == score(trained.box, tests, sigma).window
+    assert score(loaded, tests, sigma).window == score(trained.black_box, tests, sigma).window
     with pytest.raises(UserError, match="another ship or another input set"):
         load_box(path, replace(hybrids.ship(), particulars={**hybrids.ship().particulars, "L": 4.0}))
 
@@ -378,7 +381,7 @@ def test_windows_of_a_black_box_are_those_of_a_ship() -> None:
 def test_too_little_data_and_an_input_that_a_trial_lacks_are_one_sentence() -> None:
     short = hybrids.trials(hybrids.ship(), 1, 25)
     with pytest.raises(UserError, match="too little data for a network"):
-        train_box(hybrids.ship(), short, QUICK)
+        train(hybrids.ship(), short, settings=QUICK)
     black = BlackBox(QUICK, ("n", "delta", "pitch"), 1.0, (box("fnn"),))
     with pytest.raises(UserError, match="no column pitch"):
         predict_all(black, runs()[:1], 30.0, 15.0)

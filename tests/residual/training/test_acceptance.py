@@ -11,11 +11,12 @@ import torch
 from cases.trial import Trial
 from mmg.errors import UserError
 from mmg.ship import Ship
+from residual.pipeline import train
 from residual.settings import TrainSettings
 from residual.system import Past, TrainableSystem
 from residual.training.acceptance import decide
 from residual.training.folds import FOLDS, GAP, Split, split_pieces
-from residual.training.hybrid import hybrid_scales, train_residual
+from residual.training.hybrid import hybrid_scales
 from residual.training.scales import Scales
 from residual.training.tasks import training_tasks
 from residual.training.trainer import Outcome, train_one
@@ -134,7 +135,7 @@ def test_validation_needs_something_to_stop_by() -> None:
     ship = hybrids.ship()
     short, long = hybrids.trials(ship, 1, 60), hybrids.trials(ship, 1, 300, seed=5)
     with pytest.raises(UserError, match="too little data for a residual"):
-        train_residual(ship, short, TrainSettings(step=1.0), long)
+        train(ship, short, long, TrainSettings(step=1.0))
 
 
 def outcome(

@@ -14,11 +14,12 @@ from mmg.messages import has_code
 from mmg.rollout import Simulator
 from residual.bounded_network import Residual, Symmetric, to_network
 from residual.physics.operator import Physics
+from residual.pipeline import train
 from residual.rollout import acceleration_loss, rollout, squares, state_loss
 from residual.settings import TrainSettings
 from residual.system import Hybrid, TrainableSystem
 from residual.training.folds import Split
-from residual.training.hybrid import build_hybrid, hybrid_scales, train_residual, warnings_of
+from residual.training.hybrid import build_hybrid, hybrid_scales
 from residual.training.scales import Scales
 from residual.training.trainer import Task, train_one
 from residual.training.windows import Piece, jittered, pieces_of, windows
@@ -131,16 +132,15 @@ def test_jittering_moves_states_by_the_noise_and_leaves_inputs() -> None:
 
 
 def test_a_missing_force_is_learned_and_kept() -> None:
-    trained = train_residual(hybrids.ship(), hybrids.trials(hybrids.lacking()), QUICK)
-    assert trained.decision.kept, trained.decision.words
+    trained = train(hybrids.ship(), hybrids.trials(hybrids.lacking()), settings=QUICK)
+    assert trained.decision and trained.decision.kept, trained.decision
     batch = windows(
         pieces_of(hybrids.trials(hybrids.lacking(), 2, 200, seed=9), 1.0, hybrids.ship().inputs), 1.0, 30, 15
     )
-    assert batch is not None and trained.network is not None
-    hybrid = trained.ship.with_network(trained.network)
+    assert batch is not None and trained.hybrid is not None
     start, held = batch.targets[0].numpy(), batch.controls.numpy()
     errors = {}
-    for name, ship in (("before", hybrids.ship()), ("after", hybrid), ("truth", hybrids.lacking())):
+    for name, ship in (("before", hybrids.ship()), ("after", trained.hybrid), ("truth", hybrids.lacking())):
         out = Simulator(ship, compiled=False).run(start, held, 1.0)[:, :6]
         errors[name] = ((out - batch.targets.numpy())[:, 5] ** 2).mean()
     learned = (errors["before"] - errors["after"]) / (errors["before"] - errors["truth"])
@@ -148,8 +148,8 @@ def test_a_missing_force_is_learned_and_kept() -> None:
 
 
 def test_noise_alone_is_not_kept() -> None:
-    trained = train_residual(hybrids.ship(), hybrids.trials(hybrids.ship()), replace(QUICK, epochs=6, penalty=0.3))
-    assert not trained.decision.kept and "NOT kept" in trained.decision.words
+    trained = train(hybrids.ship(), hybrids.trials(hybrids.ship()), settings=replace(QUICK, epochs=6, penalty=0.3))
+    assert trained.decision and not trained.decision.kept and "NOT kept" in trained.decision.words
     assert trained.network is not None, "what was declined can still be compared"
 
 
@@ -181,19 +181,19 @@ def test_a_diverging_training_starts_again_lower_and_then_gives_up(rate: float, 
 
 
 def test_a_time_limit_keeps_the_best_weights_so_far() -> None:
-    trained = train_residual(
-        hybrids.ship(), hybrids.trials(hybrids.lacking()), replace(QUICK, seeds=1, epochs=5000, time_limit=0.5)
+    trained = train(
+        hybrids.ship(), hybrids.trials(hybrids.lacking()), settings=replace(QUICK, seeds=1, epochs=5000, time_limit=0.5)
     )
-    (found,) = trained.outcomes
-    assert found.status == "stopped" and found.after[0] <= found.before[0]
-    assert has_code(warnings_of(trained.outcomes, trained.settings), "seeds_stopped")
+    (found,) = trained.per_seed
+    assert found["status"] == "stopped" and found["judged_window"]["after"] <= found["judged_window"]["before"]
+    assert has_code(trained.warnings, "seeds_stopped")
 
 
 def test_too_little_data_is_one_clear_sentence() -> None:
     with pytest.raises(UserError, match="too little data for a residual"):
-        train_residual(hybrids.ship(), hybrids.trials(hybrids.ship(), 1, 25), QUICK)
+        train(hybrids.ship(), hybrids.trials(hybrids.ship(), 1, 25), settings=QUICK)
     with pytest.raises(UserError, match="too little data for a residual"):
-        train_residual(hybrids.ship(), hybrids.trials(hybrids.ship(), 1, 60), QUICK)
+        train(hybrids.ship(), hybrids.trials(hybrids.ship(), 1, 60), settings=QUICK)
 
 
 def test_the_seed_decides_everything() -> None:
@@ -206,7 +206,7 @@ def test_the_seed_decides_everything() -> None:
 
 @pytest.mark.slow
 def test_random_inputs_at_twice_the_range_do_not_diverge_in_1000_runs() -> None:
-    trained = train_residual(hybrids.ship(), hybrids.trials(hybrids.lacking()), QUICK)
+    trained = train(hybrids.ship(), hybrids.trials(hybrids.lacking()), settings=QUICK)
     assert trained.network is not None
     rng = np.random.default_rng(1)
     controls = hybrids.random_controls(rng, 1000, 1000, n=20.0, delta=1.2)
