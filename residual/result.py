@@ -15,10 +15,12 @@ from math import nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pydantic import TypeAdapter, ValidationError
+
 from cases.shipfiles.network_file import NETWORK, save_network
 from cases.shipfiles.ship_file import dump_ship, load_ship
 from cases.trial import Trial
-from fitting.prediction.score import Score, ScorePair
+from fitting.prediction.score import ScorePair
 from fitting.report.page import label_of, write_page
 from fitting.report.run_folder import (
     RESULT,
@@ -54,42 +56,50 @@ FINISHED = "training"
 """Folder of the finished seeds, from which ``mmg train --resume`` continues."""
 
 
-@dataclass(frozen=True)
-class TrainResult:
-    """What ``train`` found. Rows are plain values, as in ``result.json``.
+@dataclass(frozen=True, kw_only=True)
+class TrainRecord:
+    """What ``result.json`` of a training holds under the names of its attributes, as plain values.
 
-    model: "hybrid" or the kind of black box; start: the ship that it started from, without a network (of a black box:
-    whose inputs it takes); network: the mean of the residuals, None of a black box and where every training diverged;
-    black_box: of a black box; decision: whether the residual is worth keeping; recommended: "hybrid" or "calibrated",
-    "" of a black box. settings: with the step filled in; per_seed: how each training went; scores: by set of
-    trials, before and after; data, validation_data: rows of the trials; sigma: of the loss and of the held
-    out windows; envelope: feature -> range in the training rows; outside: validation rows beyond it; details: what
-    only this kind of model has; figures: rows file, title and caption. interrupted: by Ctrl-C. trials: those whose
-    prediction errors are drawn, None after reading.
+    model: "hybrid" or the kind of black box; per_seed: how each training went; scores: by set of trials, before and
+    after; data, validation_data: rows of the trials; sigma: of the loss and of the held out windows; envelope: feature
+    -> range in the training rows; outside: validation rows beyond it; figures: rows file, title and caption.
     """
 
     model: str
+    created: str
+    command: str
+    versions: dict[str, str]
+    timings_s: dict[str, Any]
+    data: tuple[dict[str, Any], ...]
+    validation_data: tuple[dict[str, Any], ...]
+    per_seed: tuple[dict[str, Any], ...]
+    sigma: dict[str, dict[str, float]]
+    envelope: dict[str, list[float]]
+    outside: dict[str, Any]
+    scores: dict[str, ScorePair]
+    figures: tuple[dict[str, str], ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainResult(TrainRecord):
+    """What ``train`` found.
+
+    start: the ship that it started from, without a network (of a black box: whose inputs it takes); network: the mean
+    of the residuals, None of a black box and where every training diverged; black_box: of a black box; decision:
+    whether the residual is worth keeping; recommended: "hybrid" or "calibrated", "" of a black box. settings: with the
+    step filled in; details: what only this kind of model has. interrupted: by Ctrl-C. trials: those whose prediction
+    errors are drawn, None after reading.
+    """
+
     start: Ship
     network: Network | None
     black_box: BlackBox | None
     decision: Decision | None
     recommended: str
     settings: TrainSettings
-    per_seed: tuple[dict[str, Any], ...]
-    scores: dict[str, ScorePair]
-    data: tuple[dict[str, Any], ...]
-    validation_data: tuple[dict[str, Any], ...]
-    sigma: dict[str, dict[str, float]]
-    envelope: dict[str, list[float]]
-    outside: dict[str, Any]
     details: dict[str, Any]
-    timings_s: dict[str, Any]
-    versions: dict[str, str]
-    created: str
-    command: str
     warnings: tuple[Message, ...]
     notices: tuple[Message, ...]
-    figures: tuple[dict[str, str], ...] = ()
     interrupted: bool = False
     trials: Sequence[Trial] | None = field(default=None, repr=False, compare=False)
 
@@ -130,28 +140,24 @@ class TrainResult:
 
     def to_dict(self) -> dict[str, Any]:
         """The content of ``result.json``, as plain values."""
-        levels = (("warning", self.warnings), ("notice", self.notices))
         decided = {}
         if self.decision is not None:
             decided = {"kept": self.recommended == HYBRID, "recommended": self.recommended, "other": self.other}
             decided["decision"] = asdict(self.decision)
+        levels = {level: getattr(self, f"{level}s") for level in LEVELS}
         return plain(
             {
                 "kind": "training",
                 "schema_version": SCHEMA_VERSION,
-                "created": self.created,
-                "command": self.command,
                 "ship": self.start.name,
-                "model": self.model,
+                **{f.name: getattr(self, f.name) for f in fields(TrainRecord)},
                 **decided,
                 "settings": asdict(self.settings),
                 "seed": self.settings.seed,
                 "seeds": [row["seed"] for row in self.per_seed],
-                **{name: getattr(self, name) for name in _STORED},
                 **self.details,
-                "warnings": [str(m) for m in self.warnings],
-                "notices": [str(m) for m in self.notices],
-                "messages": [{"level": level, **row} for level, some in levels for row in message_rows(some)],
+                **{f"{level}s": [str(m) for m in some] for level, some in levels.items()},
+                "messages": [{"level": level, **row} for level, some in levels.items() for row in message_rows(some)],
             }
         )
 
@@ -159,15 +165,12 @@ class TrainResult:
         """One row per seed: how it ended, and the errors of the judged windows before and after."""
         import pandas as pd
 
-        rows = []
-        for row in self.per_seed:
-            errors = {
-                f"{name}_{when}": row[f"judged_{name}"][when]
-                for name in ("window", "restarts")
-                for when in ("before", "after")
-            }
-            kept = ("seed", "status", "judged_by_part", "training_windows", "learning_rate", "restarts", "seconds")
-            rows.append({name: row[name] for name in kept} | errors)
+        kept = ("seed", "status", "judged_by_part", "training_windows", "learning_rate", "restarts", "seconds")
+        errors = [(name, when) for name in ("window", "restarts") for when in ("before", "after")]
+        rows = [
+            {name: row[name] for name in kept} | {f"{n}_{when}": row[f"judged_{n}"][when] for n, when in errors}
+            for row in self.per_seed
+        ]
         return pd.DataFrame(rows).set_index("seed")
 
     def _repr_html_(self) -> str:
@@ -222,13 +225,10 @@ class TrainResult:
                 save_network(place / NETWORK, ship.network, ship)
 
 
-_STORED = (
-    "versions", "timings_s", "data", "validation_data", "per_seed", "sigma", "envelope", "outside", "scores", "figures"
-)  # fmt: skip
-"""Fields that are stored as they are."""
+LEVELS = ("warning", "notice")
 _BUILT = {
-    "kind", "schema_version", "created", "command", "ship", "model", "kept", "recommended", "other", "decision",
-    "settings", "seed", "seeds", "warnings", "notices", "messages", *_STORED,
+    "kind", "schema_version", "ship", "kept", "recommended", "other", "decision", "settings", "seed", "seeds",
+    "warnings", "notices", "messages", *(f.name for f in fields(TrainRecord)),
 }  # fmt: skip
 """Keys of result.json that every training may have; the others are its details."""
 
@@ -256,24 +256,23 @@ def read_training(folder: str | Path) -> TrainResult:
 
             start = load_ship(folder / START)
             box = load_box(folder, start)
-        levels = {
-            level: messages_from(row for row in content["messages"] if row["level"] == level)
-            for level in ("warning", "notice")
-        }
-        stored: dict[str, Any] = {n: tuple(content[n]) if _is_tuple(n) else content[n] for n in _STORED}
-        stored["scores"] = {
-            name: ScorePair(Score.from_dict(pair["before"]), Score.from_dict(pair["after"]))
-            for name, pair in content["scores"].items()
+        found = {
+            f"{level}s": messages_from(row for row in content["messages"] if row["level"] == level) for level in LEVELS
         }
         return TrainResult(
-            model=content["model"], start=start, network=network, black_box=box, decision=decision,
-            recommended=recommended, settings=settings_from(content["settings"]), created=content["created"],
-            command=content["command"], warnings=levels["warning"], notices=levels["notice"],
-            details={name: value for name, value in content.items() if name not in _BUILT}, **stored,
-        )  # fmt: skip
+            **vars(TypeAdapter(TrainRecord).validate_python(content)),
+            **found,
+            start=start,
+            network=network,
+            black_box=box,
+            decision=decision,
+            recommended=recommended,
+            settings=settings_from(content["settings"]),
+            details={name: value for name, value in content.items() if name not in _BUILT},
+        )
+    except ValidationError as error:
+        fault = error.errors()[0]
+        why = f"{'.'.join(map(str, fault['loc']))}: {fault['msg'].lower()}"
     except (KeyError, TypeError, AttributeError, ValueError) as error:
-        raise UserError(f"{folder / RESULT}: is incomplete ({error}); train again") from None
-
-
-def _is_tuple(name: str) -> bool:
-    return str(next(f.type for f in fields(TrainResult) if f.name == name)).startswith("tuple")
+        why = str(error)
+    raise UserError(f"{folder / RESULT}: is incomplete ({why}); train again")

@@ -29,7 +29,6 @@ from mmg.progress import LOGGER
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 from residual.blackbox.models import BOX_KIND, box_of
-from residual.comparison.store import Subset, arrays_of, filled, name_of, words_of
 from residual.settings import KINDS, BlackBoxSettings, TrainSettings
 from residual.training.checkpoint import Store
 from residual.training.hybrid import HYBRID_KIND, network_of
@@ -43,6 +42,18 @@ BLOCK = 65.0
 """Length [s] of the blocks of which a share of the data is made, enough for ``residual.training.folds``."""
 MINIMUM_SECONDS = 10.0
 """Seconds that have to be left of a time limit for something to be started."""
+
+
+@dataclass(frozen=True)
+class Subset:
+    """Part of the training data: a share of its blocks, with or without runs of random manoeuvres."""
+
+    fraction: float = 1.0
+    random: bool = True
+
+    @property
+    def words(self) -> str:
+        return f"{self.fraction:.0%}" + ("" if self.random else " without random")
 
 
 @dataclass(frozen=True)
@@ -84,6 +95,44 @@ class Entry:
     score: Score | None = None
     growth: np.ndarray = field(default_factory=lambda: np.full((len(HORIZONS), 2), np.nan))
     held_out: float = float("nan")
+
+    @property
+    def name(self) -> str:
+        """Its model and seed."""
+        return self.model if self.seed is None else f"{self.model} seed {self.seed}"
+
+    @property
+    def file(self) -> str:
+        """Name of the file by which ``mmg compare --resume`` knows it."""
+        data = f"{self.subset.fraction:g}" + ("" if self.subset.random else "_no_random")
+        return f"{self.model}_{data}" + ("" if self.seed is None else f"_seed_{self.seed}")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Its row in result.json, and the content of its file."""
+        return {
+            "model": self.model,
+            "fraction": self.subset.fraction,
+            "random": self.subset.random,
+            "seed": self.seed,
+            "status": self.status,
+            "training_s": self.seconds,
+            "took_s": self.took,
+            "held_out_window": self.held_out,
+            "score": self.score.to_dict() if self.score else None,
+            "growth": {"position_m": self.growth[:, 0], "heading_rad": self.growth[:, 1]},
+        }
+
+    def filled(self, row: dict[str, Any]) -> Entry:
+        """This entry with what ``to_dict`` wrote to its file."""
+        held_out, growth = row["held_out_window"], row["growth"]
+        return replace(
+            self,
+            status=row["status"],
+            took=row["took_s"],
+            score=Score.from_dict(row["score"]) if row["score"] else None,
+            growth=np.array([growth["position_m"], growth["heading_rad"]], dtype=float).T,
+            held_out=float("nan") if held_out is None else held_out,
+        )
 
 
 @dataclass(frozen=True)
@@ -128,41 +177,32 @@ def compare(study: Study, store: Store | None = None) -> Comparison:
     with tempfile.TemporaryDirectory() as scratch:
         stop = Path(scratch) / "stop"
 
-        def job(subset: Subset, model: str, seed: int | None, ship: Ship) -> _Job:
-            return _Job(study, subset, chosen[subset], model, seed, ship, end, stop, store)
+        def job(subset: Subset, model: str, ship: Ship, seed: int | None = None, keep: Store | None = store) -> _Job:
+            return _Job(study, subset, chosen[subset], model, seed, ship, end, stop, keep)
 
-        def note(entry: Entry) -> None:
+        def note(made: tuple[Entry, Ship | None]) -> None:
+            entry, _ = made
             entries.append(entry)
             figure = f"30 s windows {entry.score.window:.4f}, " if entry.score else ""
-            which = entry.model + ("" if entry.seed is None else f" seed {entry.seed}")
-            LOGGER.info(f"{which}, {entry.subset.words} of the data: {figure}{entry.status} in {entry.took:.0f} s")
+            LOGGER.info(f"{entry.name}, {entry.subset.words} of the data: {figure}{entry.status} in {entry.took:.0f} s")
 
         def interrupted() -> None:
             stop.touch()
             LOGGER.info("interrupted: keeping what is done")
 
         with Interrupts(interrupted):
-            first = [job(study.subsets[0], "captive", None, study.ship)] if "captive" in study.models else []
+            first = [job(study.subsets[0], "captive", study.ship)] if "captive" in study.models else []
             if {"calibrated", "hybrid"} & set(study.models):
-                first += [job(subset, "calibrated", None, study.ship) for subset in study.subsets]
-            ships: dict[Subset, Ship] = {}
-            unfinished: set[Subset] = set()
-            for made, (entry, ship) in zip(
-                first, run_all(_done, first, study.workers, lambda r: note(r[0])), strict=True
-            ):
-                if ship is not None and entry.model == "calibrated":
-                    ships[made.subset] = ship
-                    if entry.status != "finished":  # what starts from it is not that of a whole run
-                        unfinished.add(made.subset)
+                first += [job(subset, "calibrated", study.ship) for subset in study.subsets]
+            made = run_all(_done, first, study.workers, note)
+            calibrated = {e.subset: (ship, e.status) for e, ship in made if e.model == "calibrated" and ship}
             later = []
             for subset in study.subsets:
-                for model in study.models:
-                    if model in KINDS or (model == "hybrid" and subset in ships):
-                        ship = ships[subset] if model == "hybrid" else study.ship
-                        jobs = [job(subset, model, study.seed + i, ship) for i in range(study.seeds)]
-                        loose = model == "hybrid" and subset in unfinished
-                        later += [replace(one, store=None) for one in jobs] if loose else jobs
-            run_all(_done, later, study.workers, lambda r: note(r[0]))
+                for model in (m for m in study.models if m in KINDS or (m == "hybrid" and subset in calibrated)):
+                    ship, status = calibrated[subset] if model == "hybrid" else (study.ship, "finished")
+                    keep = store if status == "finished" else None  # what starts from a part is not that of a whole run
+                    later += [job(subset, model, ship, study.seed + i, keep) for i in range(study.seeds)]
+            run_all(_done, later, study.workers, note)
         broken = stop.exists() or (end is not None and time.time() > end)
     return Comparison(study, tuple(entries), time.time() - began, broken)
 
@@ -170,37 +210,32 @@ def compare(study: Study, store: Store | None = None) -> Comparison:
 def _done(job: _Job) -> tuple[Entry, Ship | None]:
     """The entry of a job and, of a calibration, the ship."""
     began = time.time()
-    amount = sum(t.duration for t in job.trials)
-    blank = Entry(job.model, job.subset, job.seed, "", amount)
+    entry = Entry(job.model, job.subset, job.seed, "", sum(t.duration for t in job.trials))
     left = None if job.end is None else job.end - began
-    name = name_of(job.model, job.subset, job.seed)
     again = job.model == "calibrated" and "hybrid" in job.study.models
-    known = job.store.load(name) if job.store and not again else None
+    known = job.store.load(entry.file) if job.store and not again else None
     if known:
-        return filled(blank, *known), None
+        return entry.filled(known[0]), None
     if job.stop.exists() or (left is not None and left < MINIMUM_SECONDS):
-        return replace(blank, status="not begun"), None
+        return replace(entry, status="not begun"), None
     ship = job.ship
-    model: Simulator | Forecaster
+    model: Simulator | Forecaster | None = None
     held_out, status = float("nan"), "finished"
     try:
-        if job.model == "captive":
-            model = Simulator(ship)
-        elif job.model == "calibrated":
+        if job.model == "calibrated":
             start = freeing_effects(ship, [name for name in job.study.instruments if name not in ship.effects])
             found = estimate_coefficients(start, job.trials, Settings(time_limit=left))
             ship, status = found.ship, "finished" if found.converged else "stopped"
-            model = Simulator(ship)
-        else:
+        elif job.model != "captive":
             model, status, held_out = _trained(job, left)
     except UserError as error:
-        return replace(blank, status=str(error), took=time.time() - began), None
-    sigma = pooled_sigma(job.study.test)
-    found_score = score(model, job.study.test, sigma, "the test trials")
-    entry = replace(blank, status=status, score=found_score, growth=growth(model, job.study.test), held_out=held_out)
+        return replace(entry, status=str(error), took=time.time() - began), None
+    model, tests = model or Simulator(ship), job.study.test
+    scored = score(model, tests, pooled_sigma(tests), "the test trials")
+    entry = replace(entry, status=status, score=scored, growth=growth(model, tests), held_out=held_out)
     entry = replace(entry, took=time.time() - began)
     if job.store and entry.status == "finished":
-        job.store.save(name, words_of(entry), arrays_of(entry))
+        job.store.save(entry.file, entry.to_dict())
     return entry, ship
 
 

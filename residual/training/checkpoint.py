@@ -84,7 +84,7 @@ class Store:
             found = self.load(path.stem)
             yield found is not None and found[0].get("status") != "diverged"
 
-    def save(self, name: str, words: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> None:
+    def save(self, name: str, words: Mapping[str, Any], arrays: Mapping[str, np.ndarray] = {}) -> None:
         """Keep a finished part. Raises UserError where it cannot be written."""
         scratch = self.folder / f".{name}.part"
         try:

@@ -25,9 +25,17 @@ from fitting.report.run_folder import read_result
 from mmg.errors import UserError
 from mmg_ident.commands.main import main
 from residual.blackbox.file import load_box
-from residual.comparison.published import TABLE_9, TABLE_9_TEST
 from residual.comparison.study import HORIZONS, Comparison, Entry, Study, Subset, blocks_of, compare, growth, subset_of
-from residual.comparison.tables import accuracy, efficiency, horizon, mean_and_std, published, tables_text
+from residual.comparison.tables import (
+    TABLE_9,
+    TABLE_9_TEST,
+    accuracy,
+    efficiency,
+    horizon,
+    mean_and_std,
+    published,
+    tables_text,
+)
 from tests.mmg_ident.commands.test_main import refused
 from tests.support import hybrids
 
