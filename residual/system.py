@@ -23,6 +23,10 @@ class Past(NamedTuple):
     logged: torch.Tensor
     controls: torch.Tensor
 
+    def latest(self, rows: int) -> Past | None:
+        """Only its last ``rows``; None for 0."""
+        return Past(self.logged[-rows:], self.controls[-rows:]) if rows else None
+
 
 class TrainableSystem(nn.Module):
     """A trainable right-hand side. Give ``start``, ``rates`` (or ``step``), and what differs of the rest.

@@ -92,7 +92,8 @@ class BlackBox:
         torch.set_num_threads(1)
         past = max(system.past for system in self.systems)
         batch = gridded(stretches, self.h, past)
-        paths = [rollout(s, _with_past(batch, s.past), self.settings.method).numpy() for s in self.systems]
+        known = [replace(batch, past=batch.past and batch.past.latest(s.past)) for s in self.systems]
+        paths = [rollout(s, b, self.settings.method).numpy() for s, b in zip(self.systems, known, strict=True)]
         path = np.mean(paths, axis=0)
         rows = max(s.last - s.first for s in stretches) + 1
         out = np.full((rows, 6, len(stretches)), np.nan)
@@ -102,12 +103,6 @@ class BlackBox:
             out[: len(t), :, i] = np.column_stack([np.interp(t, grid, path[:, j, i]) for j in range(6)])
             out[0, :, i] = s.record.states[s.first]
         return out
-
-
-def _with_past(batch: RolloutBatch, rows: int) -> RolloutBatch:
-    """The batch with only the last rows of its past."""
-    past = Past(batch.past.logged[-rows:], batch.past.controls[-rows:]) if batch.past and rows else None
-    return replace(batch, past=past)
 
 
 def gridded(stretches: Sequence[Stretch], h: float, past: int) -> RolloutBatch:

@@ -46,9 +46,8 @@ class InitialState(TrainableSystem):
 
     def shift(self, logged: torch.Tensor, controls: torch.Tensor, past: Past) -> torch.Tensor:
         """Estimated less measured u, v, r (3, M)."""
-        before = zip(past.logged[self.past - self.rows :], past.controls[self.past - self.rows :], strict=True)
-        rows = [(row, inputs) for row, inputs in before] + [(logged, controls)]
-        values = torch.cat([(features(row, inputs) - self.mean) / self.std for row, inputs in rows])
+        before = zip(past.logged[-self.rows :], past.controls[-self.rows :], strict=True)
+        values = torch.cat([(features(*row) - self.mean) / self.std for row in (*before, (logged, controls))])
         return self.reach * torch.tanh(self.net(values.T).T)
 
     def start(self, logged: torch.Tensor, controls: torch.Tensor, past: Past | None = None) -> torch.Tensor:
@@ -59,8 +58,7 @@ class InitialState(TrainableSystem):
 
     def _inner_past(self, past: Past | None) -> Past | None:
         """The rows that the inner system reads."""
-        n = self.inner.past
-        return Past(past.logged[-n:], past.controls[-n:]) if past is not None and n else None
+        return past and past.latest(self.inner.past)
 
     def rates(self, z: torch.Tensor, controls: torch.Tensor) -> torch.Tensor:
         return self.inner.rates(z, controls)

@@ -40,45 +40,37 @@ def write_report(folders: Sequence[Path], out: Path) -> None:
 
 def _run(label: str, folder: Path, result: Mapping[str, Any], number: int) -> dict[str, Any]:
     """All that the template shows of one training."""
-    figures = {f["name"]: f for f in figures_of(folder, result.get("figures"))}
-    hybrid = bool(result.get("decision"))
-    complete = [pair for pair in (result.get("scores") or {}).values() if "before" in pair and "after" in pair]
-    scores = score_sets({**result, "scores": result["scores"]}) if complete else []
+    hybrid, outside = "decision" in result, result["outside"].get("trials", {})
+    settings = {k: v for k, v in result["settings"].items() if hybrid or k != "symmetric"}
     return {
         "id": f"run{number}",
         "label": label,
         "result": result,
         "hybrid": hybrid,
-        "title": "learned residual" if hybrid else f"black box {result.get('model', '')}",
+        "title": "learned residual" if hybrid else f"black box {result['model']}",
         "before": "calibrated ship" if hybrid else "ship model",
         "after": "with residual" if hybrid else "black box",
         "headline": headline(result),
-        "warnings": _warnings(result),
+        "warnings": _warnings(result, outside),
         "criteria": criteria(result),
         "judged": judged_table(result),
-        "scores": scores,
-        "figures": figures,
+        "scores": score_sets(dict(result)),
+        "figures": {f["name"]: f for f in figures_of(folder, result["figures"])},
         "size": result.get("residual_size") or {},
         "envelope": envelope_rows(result),
-        "outside": (result.get("outside") or {}).get("trials", {}),
-        "settings": setting_rows({"settings": _settings_of_kind(result)}),
+        "outside": outside,
+        "settings": setting_rows({"settings": settings}),
         "citations": citations_of(dict(result)),
     }
 
 
-def _settings_of_kind(result: Mapping[str, Any]) -> dict[str, Any]:
-    """Settings that mean something for this kind of model."""
-    return {k: v for k, v in result["settings"].items() if result.get("decision") or k != "symmetric"}
-
-
-def _warnings(result: Mapping[str, Any]) -> list[str]:
-    """Its own warnings and those that follow from its numbers."""
-    words = list(result.get("warnings", []))
-    far = {n: s for n, s in (result.get("outside") or {}).get("trials", {}).items() if s > TROUBLE}
+def _warnings(result: Mapping[str, Any], outside: Mapping[str, float]) -> list[str]:
+    """Its own warnings and those that follow from its numbers; outside: share of the rows of each trial."""
+    words = list(result["warnings"])
+    far = ", ".join(f"{name} ({percent(share, False)})" for name, share in outside.items() if share > TROUBLE)
     if far:
-        names = ", ".join(f"{name} ({percent(share, False)})" for name, share in far.items())
-        words.append(f"much of these validation trials lies outside the network's training range: {names}")
-    if not result.get("decision") and not result.get("validation_data"):
+        words.append(f"much of these validation trials lies outside the network's training range: {far}")
+    if "decision" not in result and not result["validation_data"]:
         words.append("no trials were held out: the scores are those of the training trials; give some with --validate")
     restarted = [str(row["seed"]) for row in result["per_seed"] if row["restarts"] and row["status"] != "diverged"]
     if restarted:

@@ -61,8 +61,6 @@ def joined(batches: Sequence[RolloutBatch]) -> RolloutBatch:
     """``batches`` of windows of the same length as one."""
     first = batches[0]
     parts = {n: torch.cat([getattr(b, n) for b in batches], dim=2) for n in ("controls", "targets", "mask")}
-    past = None
-    if first.past is not None:
-        pasts = [b.past for b in batches if b.past is not None]
-        past = Past(*(torch.cat([p[i] for p in pasts], dim=2) for i in (0, 1)))
+    pasts = [b.past for b in batches if b.past]
+    past = Past(*(torch.cat(both, dim=2) for both in zip(*pasts, strict=True))) if pasts else None
     return RolloutBatch(first.h, **parts, past=past)

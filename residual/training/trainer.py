@@ -153,31 +153,24 @@ class _Attempt:
         """Train through the stages; "finished" or "stopped"."""
         t = self.task.settings
         optimizer = torch.optim.Adam(self.system.learned(), lr=self.rate)
-        total = sum(epochs for _, _, epochs in self.stages)
-        epoch, status = 0, "finished"
-        for seconds, batch, epochs in self.stages:
-            for _ in range(epochs):
-                cosine = 0.5 * (1 + math.cos(math.pi * epoch / max(1, total)))
-                for group in optimizer.param_groups:
-                    group["lr"] = t.last_rate + (self.rate - t.last_rate) * cosine
-                loss = self._epoch(optimizer, batch)
-                epoch += 1
-                self._keep(epoch, seconds, loss)
-                if self.progress:
-                    values = {"loss": loss, "error of 30 s windows": self.history[-1][3]}
-                    self.progress(Progress(f"seed {self.task.seed}", epoch, total, values))
-                if self._stopped():
-                    status = "stopped"
-                    break
-            if status == "stopped":
-                break
-        return status
+        plan = [(seconds, batch) for seconds, batch, epochs in self.stages for _ in range(epochs)]
+        for epoch, (seconds, batch) in enumerate(plan, 1):
+            cosine = 0.5 * (1 + math.cos(math.pi * (epoch - 1) / len(plan)))
+            for group in optimizer.param_groups:
+                group["lr"] = t.last_rate + (self.rate - t.last_rate) * cosine
+            loss = self._epoch(optimizer, batch)
+            self._keep(epoch, seconds, loss)
+            if self.progress:
+                values = {"loss": loss, "error of 30 s windows": self.history[-1][3]}
+                self.progress(Progress(f"seed {self.task.seed}", epoch, len(plan), values))
+            if self._stopped():
+                return "stopped"
+        return "finished"
 
     def _epoch(self, optimizer: torch.optim.Optimizer, batch: RolloutBatch) -> float:
         """One pass over the windows in random order; mean loss."""
         t, scales = self.task.settings, self.task.scales
-        order = torch.randperm(len(batch), generator=self.draw)
-        parts = order.tensor_split(max(1, round(len(batch) / t.batch)))
+        parts = torch.randperm(len(batch), generator=self.draw).tensor_split(max(1, round(len(batch) / t.batch)))
         losses = []
         for which in parts:
             some = batch.chosen(which)
@@ -185,11 +178,9 @@ class _Attempt:
                 some = jittered(some, t.jitter * torch.as_tensor(scales.noise), self.draw)
             optimizer.zero_grad()
             loss = self._loss(some)
-            if not torch.isfinite(loss):
-                raise _Diverged
             loss.backward()
             norm = torch.nn.utils.clip_grad_norm_(self.system.learned(), t.clip)
-            if not torch.isfinite(norm):
+            if not torch.isfinite(loss) or not torch.isfinite(norm):
                 raise _Diverged
             optimizer.step()
             losses.append(float(loss.detach()))

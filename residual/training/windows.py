@@ -6,8 +6,8 @@ Slicing and jittering follow Wakita et al. (2024, sections 3.1 to 3.4): a window
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -53,30 +53,25 @@ def windows(pieces: Sequence[Piece], h: float, steps: int, stride: int, past: in
 
     None reaches out of its piece; ``past`` rows before each start, inside the piece, are given along.
     """
-    controls, targets, before, held = [], [], [], []
-    for piece in pieces:
-        grid = piece.grid
-        for k in range(piece.first + past, piece.last - steps + 1, stride):
-            controls.append(grid.controls[k : k + steps])
-            targets.append(grid.states[k : k + steps + 1])
-            before.append(grid.states[k - past : k])
-            held.append(grid.controls[k - past : k])
-    if not controls:
+    starts = [(p.grid, k) for p in pieces for k in range(p.first + past, p.last - steps + 1, stride)]
+    if not starts:
         return None
-    measured = np.moveaxis(np.array(targets), 0, 2)
+    targets = _stacked(g.states[k : k + steps + 1] for g, k in starts)
+    before = None
+    if past:
+        before = Past(*(_stacked(getattr(g, name)[k - past : k] for g, k in starts) for name in ("states", "controls")))
     return RolloutBatch(
         h,
-        _tensor(np.moveaxis(np.array(controls), 0, 2)),
-        _tensor(np.nan_to_num(measured)),
-        _tensor(np.isfinite(measured).astype(float)),
-        Past(_tensor(np.moveaxis(np.array(before), 0, 2)), _tensor(np.moveaxis(np.array(held), 0, 2)))
-        if past
-        else None,
+        _stacked(g.controls[k : k + steps] for g, k in starts),
+        torch.nan_to_num(targets),
+        torch.isfinite(targets).double(),
+        before,
     )
 
 
-def _tensor(values: np.ndarray) -> torch.Tensor:
-    return torch.as_tensor(np.ascontiguousarray(values, dtype=float))
+def _stacked(rows: Iterable[np.ndarray]) -> torch.Tensor:
+    """Rows (N, C) of M windows side by side, (N, C, M)."""
+    return torch.as_tensor(np.stack(list(rows), axis=2), dtype=torch.float64)
 
 
 def jittered(batch: RolloutBatch, noise: torch.Tensor, draw: torch.Generator) -> RolloutBatch:
@@ -89,4 +84,4 @@ def jittered(batch: RolloutBatch, noise: torch.Tensor, draw: torch.Generator) ->
     if past is not None:
         more = torch.randn(past.logged.shape, generator=draw, dtype=torch.float64) * noise[:, None]
         past = Past(past.logged + more, past.controls)
-    return RolloutBatch(batch.h, batch.controls, batch.targets + added, batch.mask, past)
+    return replace(batch, targets=batch.targets + added, past=past)
