@@ -185,7 +185,7 @@ class Physics:
         """What a network on this ship sees, (F, M)."""
         return self.call("features", z, controls)[0]
 
-    def seen(self, logged: Tensor, controls: Tensor) -> Tensor:
+    def logged_features(self, logged: Tensor, controls: Tensor) -> Tensor:
         """What a network on this ship sees at logged columns (6, M) under inputs (C, M), (F, M); without gradient."""
         return self.features(self.start(logged, controls), controls)
 

@@ -60,9 +60,9 @@ def outside(kind: ModelKind, ship: Ship, trials: Sequence[Trial], h: float, know
     h: step of the grid [s]; known: features (F, R) of the training rows. Returns trials: name -> share of its rows with
     any feature outside; features: name -> share, lowest and highest value; {} where there are no rows.
     """
-    sees = kind.sees(ship)
+    features_at = kind.features(ship)
     rows = {t.name: windows(pieces_of([t], h, kind.inputs(ship)), h, 1, 1) for t in trials}
-    seen = {name: sees(b.targets[0], b.controls[0]).numpy() for name, b in rows.items() if b}
+    seen = {name: features_at(b.targets[0], b.controls[0]).numpy() for name, b in rows.items() if b}
     if not seen:
         return {}
     lower, upper = known.min(axis=1)[:, None], known.max(axis=1)[:, None]

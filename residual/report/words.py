@@ -119,7 +119,7 @@ def _change(part: Mapping[str, Any] | None) -> str:
     return percent(part["after"] / part["before"] - 1)
 
 
-SEEN = {
+FEATURES = {
     "u": ("surge velocity through the water", "m/s"),
     "v": ("sway velocity through the water", "m/s"),
     "r": ("yaw rate", "deg/s"),
@@ -134,7 +134,7 @@ def envelope_rows(result: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Range of each feature in the training rows of ``result``, and in the validation rows with the share outside."""
     beyond, rows = result["outside"].get("features", {}), []
     for name, (low, high) in result["envelope"].items():
-        words, unit = SEEN.get(name) or (
+        words, unit = FEATURES.get(name) or (
             ("rudder angle", "deg") if name.startswith("delta") else ("revolutions", "rev/s")
         )
         factor = degrees(1) if unit.startswith("deg") else 1.0

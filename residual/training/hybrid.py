@@ -39,7 +39,7 @@ def hybrid_scales(ship: Ship, pieces: Sequence[Piece], trials: Sequence[Trial], 
     Raises UserError where there are no rows, or nothing moves in them.
     """
     physics = Physics(ship)
-    scales, rows = training_scales(ship, pieces, trials, h, physics.seen), windows(pieces, h, 1, 1)
+    scales, rows = training_scales(ship, pieces, trials, h, physics.logged_features), windows(pieces, h, 1, 1)
     assert rows is not None
     logged, controls = rows.targets[0], rows.controls[0]
     with torch.no_grad():
@@ -47,7 +47,9 @@ def hybrid_scales(ship: Ship, pieces: Sequence[Piece], trials: Sequence[Trial], 
     return replace(scales, output=OUTPUT * np.sqrt((rates**2).mean(axis=1)) + LEAST_SCALE)
 
 
-HYBRID_KIND = ModelKind(build_hybrid, hybrid_scales, lambda ship: ship.inputs, lambda ship: Physics(ship).seen)
+HYBRID_KIND = ModelKind(
+    build_hybrid, hybrid_scales, lambda ship: ship.inputs, lambda ship: Physics(ship).logged_features
+)
 """A residual on a ship without a network."""
 
 

@@ -49,11 +49,11 @@ def training_scales(
     pieces: Sequence[Piece],
     trials: Sequence[Trial],
     h: float,
-    seen: Callable[[torch.Tensor, torch.Tensor], torch.Tensor],
+    features_at: Callable[[torch.Tensor, torch.Tensor], torch.Tensor],
 ) -> Scales:
     """Scales of the measured rows of ``pieces``, which are those of ``trials`` of ``ship`` on a grid of ``h`` [s].
 
-    seen: (logged columns (6, M), inputs (C, M)) -> what the network sees there (F, M). Its output is scaled by the
+    features_at: (logged columns (6, M), inputs (C, M)) -> what the network is fed (F, M). Its output is scaled by the
     deviation of the measured accelerations (Wakita et al. 2025, Eq. 14). Raises UserError where there are no rows, or
     nothing moves in them.
     """
@@ -65,7 +65,7 @@ def training_scales(
     states = [p.grid.states[p.first : p.last + 1] for p in pieces]
     sigma = _loss_sigma(states, ship.particulars["L"])
     placed = [t for t in trials if t.has_position]
-    features = seen(rows.targets[0], rows.controls[0]).numpy()
+    features = features_at(rows.targets[0], rows.controls[0]).numpy()
     rms, std = np.sqrt((features**2).mean(axis=1)), features.std(axis=1)
     acceleration = np.maximum(known.std(axis=1), LEAST_SCALE)
     return Scales(

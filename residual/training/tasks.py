@@ -24,13 +24,13 @@ class ModelKind(NamedTuple):
     """A kind of model that is trained, such as a residual on a ship.
 
     build: makes the untrained system; scales(ship, pieces, trials, h): of the training data; inputs(ship): their names;
-    sees(ship): (logged columns (6, M), inputs (C, M)) -> what the network sees, (F, M).
+    features(ship): (logged columns (6, M), inputs (C, M)) -> what the network sees, (F, M).
     """
 
     build: BuildSystem
     scales: Callable[[Ship, Sequence[Piece], Sequence[Trial], float], Scales]
     inputs: Callable[[Ship], tuple[str, ...]]
-    sees: Callable[[Ship], Callable[[Tensor, Tensor], Tensor]]
+    features: Callable[[Ship], Callable[[Tensor, Tensor], Tensor]]
 
 
 def tasks_of(
