@@ -17,7 +17,7 @@ from diagnosis import summary
 from diagnosis.estimation.candidates import find
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
 from diagnosis.estimation.map_estimate import Estimate
-from diagnosis.findings import DiagnosisInputs, HeldOut, LearnedResidual, RandomSizes
+from diagnosis.findings import DiagnosisInputs, HeldOut, LearnedResidual, RandomSizes, Unnamed
 from diagnosis.hypotheses.forward_selection import LEVEL, ODDS, SearchProblem, Selection, select_effects
 from diagnosis.hypotheses.next_test import next_test
 from diagnosis.hypotheses.unnamed import UnnamedForms, unnamed_forms
@@ -133,8 +133,10 @@ def _diagnosed(
         warnings=(*repairs, *ready.notices, *reasons, *limits(ready, found, trials, tests), *sensors.warnings),
         not_screened=ready.full.left_out,
         noise=RandomSizes.of(found.null),
-        unnamed_before={"all": before.log_bayes, "single": before.single, **before.by_kind},
-        unnamed_after={"all": after.log_bayes, "single": after.single, **after.by_kind},
+        unnamed=Unnamed(
+            {"all": before.log_bayes, "single": before.single, **before.by_kind},
+            {"all": after.log_bayes, "single": after.single, **after.by_kind},
+        ),
         kinematics=tuple(r.sentence for r in sensors.found),
         timings=timings,
         inputs=DiagnosisInputs(),

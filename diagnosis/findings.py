@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator
@@ -51,6 +51,10 @@ class NamedEffect:
     absorbed_share: Real
     by_run: Mapping[str, Mapping[str, Real]] = field(default_factory=dict)
 
+    def to_dict(self) -> dict[str, Any]:
+        """An entry of the part "effects" of ``diagnosis.json``."""
+        return {name: value for name, value in vars(self).items() if value or name != "by_run"}
+
 
 @dataclass(frozen=True)
 class RankedCandidate:
@@ -95,7 +99,7 @@ class HeldOut:
         """The part "held_out" of ``diagnosis.json``."""
         pairs = {"by_run": self.by_run, "horizons": self.horizons}
         named = {key: {k: {"before": a, "after": b} for k, (a, b) in rows.items()} for key, rows in pairs.items()}
-        return asdict(self) | named
+        return vars(self) | named
 
 
 @dataclass(frozen=True)
@@ -154,17 +158,20 @@ class DiagnosisInputs:
 
 
 @dataclass(frozen=True)
-class Findings:
-    """The whole answer.
+class Unnamed:
+    """Log Bayes factors of unnamed forms, by kind ("all" is the whole), without the named effects and with them."""
 
-    verdict: "none", "named" or "unknown"; sentence: it in words. where: as in diagnosis.json. not_screened: effects
-    that could not be tested, and why. noise: sizes of what is random. unnamed_before, unnamed_after: log Bayes factors
-    of unnamed forms, by kind ("all" is the whole). kinematics: sentences on measurement faults that need no
-    dynamics. learned: how much a learned residual closes of the remainder (None: not measured). ship: refitted, with
-    the named effects.
+    before: Mapping[str, Real]
+    after: Mapping[str, Real]
 
-    None after reading a folder: before (the ship refitted without effects), null, final (the fits behind both), data
-    (the training trials as arranged).
+
+@dataclass(frozen=True, kw_only=True)
+class DiagnosisRecord:
+    """What ``diagnosis.json`` holds under the names of the attributes.
+
+    verdict: "none", "named" or "unknown"; sentence: it in words. not_screened: effects that could not be tested, and
+    why. noise: sizes of what is random. kinematics: sentences on measurement faults that need no dynamics. learned: how
+    much a learned residual closes of the remainder (None: not measured).
     """
 
     verdict: str
@@ -179,13 +186,22 @@ class Findings:
     warnings: tuple[str, ...]
     not_screened: Mapping[str, str]
     noise: RandomSizes
-    unnamed_before: Mapping[str, float]
-    unnamed_after: Mapping[str, float]
+    unnamed: Unnamed
     kinematics: tuple[str, ...]
     timings: Mapping[str, float]
+    learned: LearnedResidual | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Findings(DiagnosisRecord):
+    """The whole answer.
+
+    ship: refitted, with the named effects. None after reading a folder: before (the ship refitted without effects),
+    null, final (the fits behind both), data (the training trials as arranged).
+    """
+
     inputs: DiagnosisInputs
     ship: Ship
-    learned: LearnedResidual | None = None
     before: Ship | None = None
     null: Estimate | None = None
     final: Estimate | None = None
@@ -196,27 +212,14 @@ class Findings:
         """None: whatever a diagnosis remarks is a warning."""
         return ()
 
+    def role(self, effect: str) -> str:
+        """Of an ``effect``: "named", "class" where the data cannot tell it from the first named one, or ""."""
+        if effect in (e.name for e in self.effects):
+            return "named"
+        return "class" if effect in self.equivalence_class else ""
+
     def to_dict(self) -> dict[str, Any]:
         """The content of ``diagnosis.json``."""
-        effects = [asdict(e) for e in self.effects]
-        content = {
-            "schema_version": SCHEMA_VERSION,
-            "verdict": self.verdict,
-            "effects": [e if e["by_run"] else {k: v for k, v in e.items() if k != "by_run"} for e in effects],
-            "equivalence_class": self.equivalence_class,
-            "remainder": self.remainder,
-            "candidates": [asdict(c) for c in self.candidates],
-            "where": self.where,
-            "held_out": self.held_out and self.held_out.to_dict(),
-            "next_test": self.next_test,
-            "warnings": [str(w) for w in self.warnings],
-            "messages": [{"level": "warning", **row} for row in message_rows(self.warnings)],
-            "sentence": self.sentence,
-            "kinematics": self.kinematics,
-            "not_screened": self.not_screened,
-            "unnamed": {"before": self.unnamed_before, "after": self.unnamed_after},
-            "noise": asdict(self.noise),
-            "learned": self.learned and asdict(self.learned),
-            "timings": self.timings,
-        }
-        return plain(content)
+        record = {f.name: getattr(self, f.name) for f in fields(DiagnosisRecord)}
+        messages = [{"level": "warning", **row} for row in message_rows(self.warnings)]
+        return plain({"schema_version": SCHEMA_VERSION, **record, "messages": messages})

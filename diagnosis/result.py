@@ -4,23 +4,14 @@ from __future__ import annotations
 
 import json
 import time
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from pydantic import BaseModel, TypeAdapter, ValidationError
+from pydantic import TypeAdapter, ValidationError
 
 from cases.shipfiles.ship_file import dump_ship, load_ship
-from diagnosis.findings import (
-    SCHEMA_VERSION,
-    DiagnosisInputs,
-    Findings,
-    HeldOut,
-    LearnedResidual,
-    NamedEffect,
-    RandomSizes,
-    RankedCandidate,
-    Real,
-)
+from diagnosis.findings import SCHEMA_VERSION, DiagnosisInputs, DiagnosisRecord, Findings
 from fitting.report.run_folder import check_target, write_json, write_whole
 from mmg.errors import UserError
 from mmg.messages import messages_from
@@ -40,17 +31,10 @@ class Diagnosis(Findings):
         role: "named", "same class" or ""."""
         import pandas as pd
 
-        named = {e.name for e in self.effects}
+        plain = ("score", "p_value", "delta_bic", "excited", "absorbed_share")
         rows = [
-            {
-                "name": c.name,
-                "role": "named" if c.name in named else "same class" if c.name in self.equivalence_class else "",
-                "score": c.score,
-                "p_value": c.p_value,
-                "delta_bic": c.delta_bic,
-                "excited": c.excited,
-                "absorbed_share": c.absorbed_share,
-            }
+            {"name": c.name, "role": self.role(c.name).replace("class", "same class")}
+            | {n: getattr(c, n) for n in plain}
             for c in self.candidates
         ]
         return pd.DataFrame(rows).set_index("name")
@@ -97,32 +81,13 @@ class Diagnosis(Findings):
         }
 
 
-class _Unnamed(BaseModel):
-    before: dict[str, Real]
-    after: dict[str, Real]
-
-
-class _Content(BaseModel):
+@dataclass(frozen=True, kw_only=True)
+class _Content(DiagnosisRecord):
     """The keys of ``diagnosis.json`` and what each must be."""
 
     schema_version: Literal[1]
     verdict: Literal["none", "named", "unknown"]
-    sentence: str
-    effects: tuple[NamedEffect, ...]
-    equivalence_class: tuple[str, ...]
-    remainder: bool
-    candidates: tuple[RankedCandidate, ...]
-    where: dict[str, Any]
-    held_out: HeldOut | None
-    next_test: str
-    warnings: list[str]
-    messages: list[dict[str, str]]
-    kinematics: tuple[str, ...]
-    not_screened: dict[str, str]
-    unnamed: _Unnamed
-    noise: RandomSizes
-    learned: LearnedResidual | None
-    timings: dict[str, float]
+    messages: tuple[dict[str, str], ...]
 
 
 def read_diagnosis(folder: Path | str) -> Diagnosis:
@@ -131,12 +96,10 @@ def read_diagnosis(folder: Path | str) -> Diagnosis:
     Raises UserError, with file and key, where a file is missing, no JSON or not as it was written.
     """
     folder = Path(folder)
-    c = _checked(_Content, folder / CONTENT)
+    content = _checked(_Content, folder / CONTENT)
+    record = {f.name: getattr(content, f.name) for f in fields(DiagnosisRecord)}
     return Diagnosis(
-        **{k: getattr(c, k) for k in _Content.model_fields if k in Findings.__dataclass_fields__ and k != "warnings"},
-        warnings=messages_from(c.messages),
-        unnamed_before=c.unnamed.before,
-        unnamed_after=c.unnamed.after,
+        **record | {"warnings": messages_from(content.messages)},
         inputs=_checked(DiagnosisInputs, folder / RESULT),
         ship=load_ship(folder / SHIP),
     )

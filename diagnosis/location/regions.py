@@ -41,37 +41,32 @@ class Samples:
         """Root mean squares (bins, 3) of the samples of each bin; member: (bins, M)."""
         return np.sqrt(means(self.force**2, member))
 
+    def summary(self, member: np.ndarray, channel: int) -> dict[str, float]:
+        """Rms and mean of the force of one channel (0 to 2) over the samples ``member`` (M,), later force included."""
+        row: dict[str, float] = {}
+        for end, force in (("", self.force), ("_after", self.after)):
+            if force is not None:
+                part = force[member, channel]
+                row[f"force_rms{end}"] = float(np.sqrt((part**2).mean())) if len(part) else 0.0
+                row[f"mean{end}"] = float(part.mean()) if len(part) else 0.0
+        return row
+
 
 def means(force: np.ndarray, member: np.ndarray) -> np.ndarray:
     """Means (bins, 3) of ``force`` (M, 3) over the samples of each bin; member: (bins, M)."""
     return member.astype(float) @ force / np.maximum(member.sum(axis=1), 1)[:, None]
 
 
-def with_later(rows: dict[str, float], force: np.ndarray | None, member: np.ndarray, channel: int) -> dict[str, float]:
-    """``rows`` with rms and mean of one channel of the later latent force (M, 3) [N, N, N m] over a bin, if known.
-
-    force: later latent force, or None; member: (M,) samples of the bin; channel: 0 to 2.
-    """
-    if force is not None:
-        part = force[member, channel]
-        rows["force_rms_after"] = float(np.sqrt((part**2).mean())) if len(part) else 0.0
-        rows["mean_after"] = float(part.mean()) if len(part) else 0.0
-    return rows
-
-
 Bin = tuple[str, Any, Any, str]
 """Variable, low, high, unit; low and high of a place are pairs (north, east)."""
 
 
-def all_bins(
-    variables: Sequence[Variable], z: np.ndarray, inside: np.ndarray
-) -> tuple[list[str], list[Bin], np.ndarray]:
-    """(variable of each bin, the bins, their samples (bins, M)): bins of the ``variables``, halves by sign of signed
-    ones, cells of the place.
+def all_bins(variables: Sequence[Variable], z: np.ndarray, inside: np.ndarray) -> tuple[list[Bin], np.ndarray]:
+    """(the bins, their samples (bins, M)): bins of the ``variables``, halves by sign of signed ones, cells of the
+    place.
 
     z: (K + 1, R, S) states; inside: (K, R) steps that exist, M of them.
     """
-    families: list[str] = []
     bins: list[Bin] = []
     members = []
     for one in variables:
@@ -79,27 +74,22 @@ def all_bins(
         pairs = list(itertools.pairwise(one.edges))
         if one.signed and ends[0] < 0 < ends[1]:
             pairs += [(ends[0], 0.0), (0.0, ends[1] * (1 + 1e-9))]
-        for low, high in pairs:
-            families.append(one.name)
-            bins.append((one.name, float(low), float(high), one.unit))
-            members.append((one.values >= low) & (one.values < high))
+        bins += [(one.name, float(low), float(high), one.unit) for low, high in pairs]
+        members += [(one.values >= low) & (one.values < high) for low, high in pairs]
     x, y = (0.5 * (z[:-1, :, i] + z[1:, :, i])[inside] for i in (0, 1))
-    north, east = place_edges(x), place_edges(y)
-    for a, b in itertools.pairwise(north):
-        for c, d in itertools.pairwise(east):
-            families.append("place")
-            bins.append(("place", [float(a), float(c)], [float(b), float(d)], "m"))
-            members.append((x >= a) & (x < b) & (y >= c) & (y < d))
-    return families, bins, np.array(members)
+    for (a, b), (c, d) in itertools.product(*(itertools.pairwise(place_edges(p)) for p in (x, y))):
+        bins.append(("place", [float(a), float(c)], [float(b), float(d)], "m"))
+        members.append((x >= a) & (x < b) & (y >= c) & (y < d))
+    return bins, np.array(members)
 
 
-def regions(families: list[str], bins: list[Bin], member: np.ndarray, s: Samples) -> list[dict[str, Any]]:
+def regions(bins: list[Bin], member: np.ndarray, s: Samples) -> list[dict[str, Any]]:
     """Rows of the bins whose force differs most clearly from that outside of them, at most MOST.
 
-    families: variable of each bin; bins; member: (bins, M) their samples; s: the samples.
+    bins; member: (bins, M) their samples; s: the samples.
     """
     z, mean_z, ratio = _contrast(member, s)
-    rms, mean, count = s.rms(member), means(s.force, member), member.sum(axis=1)
+    count = member.sum(axis=1)
     effective = count * s.h / s.tau
     outside = (member.shape[1] - count) * s.h / s.tau
     sure = np.maximum(np.abs(z), np.abs(mean_z)) * np.maximum(ratio, SMALL)
@@ -108,33 +98,27 @@ def regions(families: list[str], bins: list[Bin], member: np.ndarray, s: Samples
     rows: list[dict[str, Any]] = []
     for flat in np.argsort(-telling, axis=None, kind="stable"):
         i, c = divmod(int(flat), 3)
-        key = families[i], c
         if len(rows) >= MOST or telling[i, c] <= 1.0:
             break
-        gaps = listed.setdefault(key, [])
+        name, low, high, unit = bins[i]
+        gaps = listed.setdefault((name, c), [])
         if len(gaps) >= EACH or any(math.isclose(abs(mean_z[i, c]), g, rel_tol=1e-9) for g in gaps):
             continue  # the complement of a listed region says the same
         gaps.append(abs(float(mean_z[i, c])))
-        name, low, high, unit = bins[i]
         row = {
-            "force_rms": float(rms[i, c]),
-            "ratio": float(ratio[i, c]),
-            "count": int(count[i]),
-            "mean": float(mean[i, c]),
-            "effective": float(effective[i]),
-            "z": float(z[i, c]),
-            "mean_z": float(mean_z[i, c]),
-        }
-        row = with_later(row, s.after, member[i], c)
-        head = {
             "variable": name,
             "low": low,
             "high": high,
             "unit": unit,
             "channel": CHANNELS[c],
             "force_unit": UNITS[c],
+            "ratio": float(ratio[i, c]),
+            "count": int(count[i]),
+            "effective": float(effective[i]),
+            "z": float(z[i, c]),
+            "mean_z": float(mean_z[i, c]),
         }
-        rows.append({**head, **row})
+        rows.append(row | s.summary(member[i], c))
     return rows
 
 
@@ -166,8 +150,7 @@ def _contrast(member: np.ndarray, s: Samples) -> tuple[np.ndarray, np.ndarray, n
 def _differences(inner: np.ndarray, outer: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Log ratio of the mean squares and difference of the means from sums (..., 7): count, 3 sums, 3 squares."""
     n_in, n_out = np.maximum(inner[..., :1], 1.0), np.maximum(outer[..., :1], 1.0)
-    a, b = inner[..., 4:] / n_in, outer[..., 4:] / n_out
-    a, b = np.maximum(a, 0.0), np.maximum(b, 0.0)
+    a, b = np.maximum(inner[..., 4:] / n_in, 0.0), np.maximum(outer[..., 4:] / n_out, 0.0)
     tiny = 1e-12 * (a + b) + 1e-300
     return np.log((a + tiny) / (b + tiny)), inner[..., 1:4] / n_in - outer[..., 1:4] / n_out
 

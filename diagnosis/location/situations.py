@@ -29,14 +29,13 @@ FEW = 12
 class Variable:
     """A variable that a force may depend on.
 
-    values: (M,) by sample; edges: (B + 1,) of its bins, rising; wraps: an angle; signed: port and starboard.
+    values: (M,) by sample; edges: (B + 1,) of its bins, rising; signed: port and starboard.
     """
 
     name: str
     unit: str
     values: np.ndarray
     edges: np.ndarray
-    wraps: bool = False
     signed: bool = False
 
 
@@ -100,8 +99,8 @@ def variables_of(names: Sequence[str], data: GriddedTrials, z: np.ndarray) -> li
         a_x, a_y = relative_air(inputs["wind_north"], inputs["wind_east"], psi, u, v)
         speed, angle = np.hypot(a_x, a_y), sectors(np.arctan2(-a_y, -a_x), 8)
         found.append(Variable("apparent wind speed", "m/s", speed, quantile_edges(speed)))
-        found.append(Variable("apparent wind angle", "rad", angle, sector_edges(8), wraps=True))
-    found.append(Variable("heading", "rad", sectors(psi, 8), sector_edges(8), wraps=True))
+        found.append(Variable("apparent wind angle", "rad", angle, sector_edges(8)))
+    found.append(Variable("heading", "rad", sectors(psi, 8), sector_edges(8)))
     found.append(Variable("x, north", "m", x, quantile_edges(x, 4)))
     found.append(Variable("y, east", "m", y, quantile_edges(y, 4)))
     clock = data.t[:-1][inside]

@@ -18,7 +18,7 @@ from scipy.signal import periodogram
 
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.map_estimate import Estimate
-from diagnosis.location.regions import CHANNELS, UNITS, Samples, all_bins, by_variable, means, regions, with_later
+from diagnosis.location.regions import CHANNELS, UNITS, Samples, all_bins, by_variable, regions
 from diagnosis.location.situations import PHASES, phases, variables_of
 from mmg.components.rigid_body import Inertia, inertia
 from mmg.motion.frames import body_to_earth
@@ -39,28 +39,24 @@ def where(
     """
     inside = data.inside
     z = estimate.path.z
-    mass = _mass(ship)
+    values = {symbol: c.value for symbol, c in ship.coefficients.items()}
+    mass = inertia(ship.namespace, type(ship.namespace)(**values))
     force = estimate.path.force[:-1][inside]
     later = after.path.force[:-1][inside] if after is not None else None
     samples = Samples(force, later, np.broadcast_to(data.run, inside.shape)[inside], data.h, estimate.noise.tau)
     variables = variables_of(list(controls), data, z)
-    names, bins, member = all_bins(variables, z, inside)
+    bins, member = all_bins(variables, z, inside)
     phase = phases(list(controls), data, z, float(ship.particulars["L"]))
     by_phase = phase[None] == np.arange(len(PHASES))[:, None]
     return {
         "channels": _channels(data, z, mass, samples),
         "phases": _phases(by_phase, samples),
-        "regions": regions(names, bins, member, samples),
+        "regions": regions(bins, member, samples),
         "bands": _bands(data, estimate, after, float(ship.particulars["L"])),
         "runs": _runs(data, samples),
         "earth": _earth(data, estimate, z),
         "variables": by_variable(variables, samples),
     }
-
-
-def _mass(ship: Ship) -> Inertia:
-    coefficients = {s: c.value for s, c in ship.coefficients.items()}
-    return inertia(ship.namespace, type(ship.namespace)(**coefficients))
 
 
 def _channels(data: GriddedTrials, z: np.ndarray, mass: Inertia, s: Samples) -> dict[str, dict[str, Any]]:
@@ -73,16 +69,12 @@ def _channels(data: GriddedTrials, z: np.ndarray, mass: Inertia, s: Samples) -> 
     every = np.ones(len(s.force), dtype=bool)
     result: dict[str, dict[str, Any]] = {}
     for c, name in enumerate(CHANNELS):
-        row = {
-            "force_rms": math.sqrt(square[c]),
-            "share": float(energy[c] / energy.sum()) if energy.sum() > 0 else 1 / 3,
-            "mean": float(s.force[:, c].mean()),
-            "relative": float(math.sqrt(square[c]) / net[c]) if net[c] > 0 else 0.0,
-        }
-        row = with_later(row, s.after, every, c)
+        row: dict[str, Any] = {"unit": UNITS[c], **s.summary(every, c)}
+        row["share"] = float(energy[c] / energy.sum()) if energy.sum() > 0 else 1 / 3
+        row["relative"] = float(math.sqrt(square[c]) / net[c]) if net[c] > 0 else 0.0
         if later is not None and energy.sum() > 0:
             row["share_after"] = float(later[c] / later.sum()) if later.sum() > 0 else 1 / 3
-        result[name] = {"unit": UNITS[c], **row}
+        result[name] = row
     return result
 
 
@@ -98,19 +90,13 @@ def _net_force(data: GriddedTrials, z: np.ndarray, mass: Inertia) -> np.ndarray:
 
 def _phases(member: np.ndarray, s: Samples) -> list[dict[str, Any]]:
     """Rows by phase and channel; phases that do not occur are left out, the strongest first."""
-    rms, mean, overall = s.rms(member), means(s.force, member), np.sqrt((s.force**2).mean(axis=0))
+    rms, overall = s.rms(member), np.sqrt((s.force**2).mean(axis=0))
     rows: list[dict[str, Any]] = []
-    for i, name in enumerate(PHASES):
-        if not member[i].any():
-            continue
-        for c, channel in enumerate(CHANNELS):
-            row = {
-                "force_rms": float(rms[i, c]),
-                "mean": float(mean[i, c]),
-                "share_of_time": float(member[i].mean()),
-                "ratio": float(rms[i, c] / overall[c]) if overall[c] > 0 else 1.0,
-            }
-            rows.append({"phase": name, "channel": channel, "unit": UNITS[c], **with_later(row, s.after, member[i], c)})
+    for i, c in itertools.product(np.flatnonzero(member.any(axis=1)), range(3)):
+        row: dict[str, Any] = {"phase": PHASES[i], "channel": CHANNELS[c], "unit": UNITS[c]}
+        row["share_of_time"] = float(member[i].mean())
+        row["ratio"] = float(rms[i, c] / overall[c]) if overall[c] > 0 else 1.0
+        rows.append(row | s.summary(member[i], c))
     return sorted(rows, key=lambda row: -float(row["ratio"]))
 
 
@@ -123,20 +109,11 @@ def _bands(data: GriddedTrials, before: Estimate, after: Estimate | None, length
     parts = [_energies(data, e.path.force, edges) for e in (before, after) if e is not None]
     ends = [(0.0, 1 / longest, "mean of each run"), *((a, b, "") for a, b in itertools.pairwise(edges))]
     rows: list[dict[str, Any]] = []
-    for i, (low, high, words) in enumerate(ends):
-        for c, channel in enumerate(CHANNELS):
-            energies = [part[i, c] for part in parts]
-            total = float(parts[0][:, c].sum())
-            row: dict[str, Any] = {
-                "from_hz": max(low, 0.0 if i < 1 else 1 / longest),
-                "to_hz": high,
-                "channel": channel,
-            }
-            row |= {"share": float(energies[0] / total) if total > 0 else float(i == 0), "words": words}
-            row |= {"force_rms": math.sqrt(energies[0]), "unit": UNITS[c]}
-            if len(energies) > 1:
-                row["force_rms_after"] = math.sqrt(energies[1])
-            rows.append(row)
+    for (i, (low, high, words)), (c, channel) in itertools.product(enumerate(ends), enumerate(CHANNELS)):
+        energies, total = [part[i, c] for part in parts], float(parts[0][:, c].sum())
+        row: dict[str, Any] = {"from_hz": max(low, 0.0 if i < 1 else 1 / longest), "to_hz": high, "channel": channel}
+        row |= {"share": float(energies[0] / total) if total > 0 else float(i == 0), "words": words, "unit": UNITS[c]}
+        rows.append(row | {f"force_rms{e}": math.sqrt(x) for e, x in zip(("", "_after"), energies, strict=False)})
     return rows
 
 
@@ -171,12 +148,8 @@ def _earth(data: GriddedTrials, estimate: Estimate, z: np.ndarray) -> list[dict[
 def _runs(data: GriddedTrials, s: Samples) -> list[dict[str, Any]]:
     """Rows by trial and channel."""
     rows: list[dict[str, Any]] = []
-    for i in np.unique(s.run):
+    for i, c in itertools.product(np.unique(s.run), range(3)):
         member = s.run == i
-        for c, channel in enumerate(CHANNELS):
-            part = s.force[member, c]
-            row = {"force_rms": float(np.sqrt((part**2).mean())), "mean": float(part.mean())}
-            row = with_later(row, s.after, member, c)
-            head = {"run": data.trials[i], "channel": channel, "unit": UNITS[c]}
-            rows.append({**head, **row, "seconds": float(member.sum() * data.h)})
+        head = {"run": data.trials[i], "channel": CHANNELS[c], "unit": UNITS[c]}
+        rows.append({**head, **s.summary(member, c), "seconds": float(member.sum() * data.h)})
     return rows

@@ -19,10 +19,8 @@ from diagnosis.findings import Findings, RankedCandidate
 from diagnosis.report.where_figures import state_figure, track_figure
 from fitting.report.plot_style import AFTER, ALARM, BEFORE, GREY, MEASURED, dress, new_figure
 
-SAME_CLASS = "#7FB8D8"
-"""Colour of what cannot be told from the named effect."""
-OTHER = "#C4C9CE"
-"""Colour of the other candidates."""
+COLOURS = {"named": AFTER, "class": "#7FB8D8", "": "#C4C9CE"}
+"""Of the candidates, by their role."""
 BAND_COLOURS = ("#3B3B3B", "#6B5B95", "#0072B2", "#56B4E9", "#B9DDF0", "#DDDDDD")
 """From the mean of a run to the fastest band."""
 SHOWN = 14
@@ -35,8 +33,7 @@ def _shown(d: Findings) -> list[RankedCandidate]:
 
 
 def _colours(d: Findings) -> list[str]:
-    named = {e.name for e in d.effects}
-    return [AFTER if c.name in named else SAME_CLASS if c.name in d.equivalence_class else OTHER for c in _shown(d)]
+    return [COLOURS[d.role(c.name)] for c in _shown(d)]
 
 
 def plot_scores(d: Findings, ax: Axes) -> None:
@@ -77,9 +74,10 @@ def ranking_figure(d: Findings) -> Figure:
     left, right = figure.subplots(1, 2, sharey=True)
     plot_scores(d, left)
     plot_gains(d, right)
-    items = [("named", AFTER, bool(d.effects)), ("cannot be told from it", SAME_CLASS, bool(d.equivalence_class))]
-    items.append(("other candidates" if d.effects else "candidates, none of them named", OTHER, True))
-    handles = [Patch(color=color, label=words) for words, color, used in items if used]
+    other = "other candidates" if d.effects else "candidates, none of them named"
+    items = [("named", bool(d.effects)), ("class", bool(d.equivalence_class)), ("", True)]
+    names = {"named": "named", "class": "cannot be told from it", "": other}
+    handles = [Patch(color=COLOURS[role], label=names[role]) for role, used in items if used]
     figure.legend(handles=handles, loc="outside lower center", ncols=3, fontsize=8.5, frameon=False)
     return figure
 
@@ -201,43 +199,39 @@ class ReportFigure:
     draw: Callable[[Findings], Figure]
 
 
-TRACK = ReportFigure(
-    "where_on_track", "The missing force on the track",
-    "Tracks from above, north up. A dot marks the start, outlines show the ship. Arrows: the surge and sway force that "
-    "the calibrated ship lacks (smoothed latent force); all panels have one scale. Colour of the track: the missing "
-    "yaw moment. The trials with the largest missing force are shown.",
-    track_figure,
-)  # fmt: skip
-RANKING = ReportFigure(
-    "ranking", "Candidates",
-    "Left: score test of each effect at the fit without any effect. p is the probability that chance alone makes the "
-    "best of all candidates score as high. Right: gain in BIC when coefficients, effect, missing force and noise are "
-    "fitted together. Above 0 the effect is worth its parameters; a difference of 6 is strong.",
-    ranking_figure,
-)  # fmt: skip
-HELD_OUT = ReportFigure(
-    "held_out", "Test trials, without and with the effect",
-    "Open-loop predictions of trials that took no part, by the ship refitted without and with the named effects. "
-    "Brackets: 90 % interval, by drawing trials again.",
-    held_out_figure,
-)  # fmt: skip
-STATE = ReportFigure(
-    "where_in_state", "What the missing force depends on",
-    "Missing force averaged in bins; positive: ahead, to starboard, bow to starboard. Bars: two standard errors. The "
-    "panels are in order of the share of the mean square that the average explains beyond chance.",
-    state_figure,
-)  # fmt: skip
-SHARE = ReportFigure(
-    "shares", "Which channel, which frequencies",
-    "Energy of the missing force. Surge, sway and yaw are compared by the kinetic energy that each would give to the "
-    "free ship in the same time. The rms stands at the ends of the bars.",
-    share_figure,
-)  # fmt: skip
-
-
 def figures_for(d: Findings) -> tuple[ReportFigure, ...]:
     """Figures that ``d`` can have: that of the test trials only with an effect named, that of the tracks only with the
     fit, which a diagnosis read from a folder has not."""
-    held = (HELD_OUT,) if d.held_out is not None and d.verdict == "named" else ()
-    track = (TRACK,) if d.null is not None and d.data is not None else ()
-    return (*track, STATE, RANKING, *held, SHARE) if d.where else (RANKING, *held)
+    where, fitted = bool(d.where), d.null is not None and d.data is not None
+    every = (
+        (
+            where and fitted, "where_on_track", "The missing force on the track", track_figure,
+            "Tracks from above, north up. A dot marks the start, outlines show the ship. Arrows: the surge and sway "
+            "force that the calibrated ship lacks (smoothed latent force); all panels have one scale. Colour of the "
+            "track: the missing yaw moment. The trials with the largest missing force are shown.",
+        ),
+        (
+            where, "where_in_state", "What the missing force depends on", state_figure,
+            "Missing force averaged in bins; positive: ahead, to starboard, bow to starboard. Bars: two standard "
+            "errors. The panels are in order of the share of the mean square that the average explains beyond chance.",
+        ),
+        (
+            True, "ranking", "Candidates", ranking_figure,
+            "Left: score test of each effect at the fit without any effect. p is the probability that chance alone "
+            "makes the best of all candidates score as high. Right: gain in BIC when coefficients, effect, missing "
+            "force and noise are fitted together. Above 0 the effect is worth its parameters; a difference of 6 is "
+            "strong.",
+        ),
+        (
+            d.held_out is not None and d.verdict == "named", "held_out", "Test trials, without and with the effect",
+            held_out_figure,
+            "Open-loop predictions of trials that took no part, by the ship refitted without and with the named "
+            "effects. Brackets: 90 % interval, by drawing trials again.",
+        ),
+        (
+            where, "shares", "Which channel, which frequencies", share_figure,
+            "Energy of the missing force. Surge, sway and yaw are compared by the kinetic energy that each would give "
+            "to the free ship in the same time. The rms stands at the ends of the bars.",
+        ),
+    )  # fmt: skip
+    return tuple(ReportFigure(name, title, words, draw) for there, name, title, draw, words in every if there)

@@ -30,16 +30,6 @@ def write_report(d: Findings, folder: Path) -> list[dict[str, str]]:
 
     Returns rows file, title and caption of the figures. Raises UserError when they cannot be written.
     """
-    listed = write_figures(d, folder)
-    write_page(build_report(d, folder, listed), folder / REPORT)
-    return listed
-
-
-def write_figures(d: Findings, folder: Path) -> list[dict[str, str]]:
-    """Draw the figures of ``d`` into ``folder``/figures. Returns their files, titles, captions.
-
-    Raises UserError when they cannot be written.
-    """
     listed = []
     try:
         (folder / FIGURES).mkdir(parents=True, exist_ok=True)
@@ -48,6 +38,7 @@ def write_figures(d: Findings, folder: Path) -> list[dict[str, str]]:
             listed.append({"file": f"{FIGURES}/{f.name}.png", "title": f.title, "caption": f.caption})
     except OSError as error:
         raise UserError(f"{folder}: cannot be written ({error.strerror}); choose another --out") from None
+    write_page(build_report(d, folder, listed), folder / REPORT)
     return listed
 
 
@@ -84,7 +75,7 @@ def _head(d: Findings) -> dict[str, Any]:
         what = "The cause is not in the library of effects, or several act at once."
         if best:
             what += f" The nearest is {best[0]['name']}: {best[0]['meaning'][:1].lower()}{best[0]['meaning'][1:]}"
-        kinds = {k: v for k, v in d.unnamed_before.items() if k not in ("all", "single") and v > 1.1}
+        kinds = {k: v for k, v in d.unnamed.before.items() if k not in ("all", "single") and v > 1.1}
         if kinds:
             nearest = words.kind_words(max(kinds, key=kinds.__getitem__))
             what += f" Among the unnamed forms it acts most like {nearest}."

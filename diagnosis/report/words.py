@@ -94,17 +94,16 @@ def ranking(d: Findings) -> list[dict[str, Any]]:
     named = {e.name: e for e in d.effects}
     rows = []
     for c in d.candidates:
-        e = named.get(c.name)
-        role = "named" if e else "class" if c.name in d.equivalence_class else ""
+        e, role = named.get(c.name, c), d.role(c.name)
         rows.append(
             {
                 "name": plain(c.name),
                 "meaning": meaning(c.name),
                 "role": role,
-                "sizes": sizes(c.name, e.parameters if e else c.parameters, d),
+                "sizes": sizes(c.name, e.parameters, d),
                 "score": f"{c.score:.3g}",
-                "p": probability(e.p_value if e else c.p_value) if c.excited else "–",
-                "bic": signed(e.delta_bic if e else c.delta_bic),
+                "p": probability(e.p_value) if c.excited else "–",
+                "bic": signed(e.delta_bic),
                 "absorbed": percent(c.absorbed_share) if c.excited else "–",
                 "visible": visible(c, d),
                 "note": note_on(c, role, d),
@@ -227,10 +226,10 @@ def verdict_words(d: Findings) -> str:
 
 def unnamed_words(d: Findings) -> str:
     """What the tests of unnamed forms in ``d`` found."""
-    before, after = d.unnamed_before.get("all"), d.unnamed_after.get("all")
+    before, after = d.unnamed.before.get("all"), d.unnamed.after.get("all")
     if before is None:
         return ""
-    kinds = {k: v for k, v in d.unnamed_before.items() if k not in ("all", "single")}
+    kinds = {k: v for k, v in d.unnamed.before.items() if k not in ("all", "single")}
     words = (
         f"Unnamed forms (functions of state, inputs, wind, place) have a log Bayes factor of {signed(before, '.1f')}"
     )

@@ -27,7 +27,7 @@ from residual.training.acceptance import decide
 from residual.training.hybrid import build_hybrid, hybrid_scales
 from residual.training.seeds import train_seeds
 from residual.training.tasks import training_tasks
-from residual.training.trainer import Outcome, Task, restored
+from residual.training.trainer import restored
 from residual.training.windows import Piece
 
 SEEDS = 3
@@ -36,14 +36,20 @@ NOTHING = 0.005
 """Share of the error up to which a reduction or growth is called none."""
 
 
-class SteppedHybrid:
-    """A ship with the mean of some learned residuals, a step of h [s] at a time as ``held_out.errors`` takes it."""
+class SteppedHybrid(TrainableSystem):
+    """A ship with the mean of some learned residuals: hybrids of one ship with their rates averaged.
+
+    It goes a step of h [s] at a time, as ``held_out.errors`` takes it.
+    """
 
     def __init__(self, members: Sequence[Hybrid], h: float) -> None:
+        super().__init__()
         self.members, self.h = members, h
         self.ship: Ship = members[0].physics.ship
         self.model: Model = members[0].physics.model
-        self._mean = MeanHybrid(members)
+
+    def rates(self, z: torch.Tensor, controls: torch.Tensor) -> torch.Tensor:
+        return torch.stack([m.rates(z, controls) for m in self.members]).mean(dim=0)
 
     def settled(self, six: np.ndarray, controls: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """States (S, M) that are logged as (6, M) under inputs (C, M), what they remember settled."""
@@ -52,18 +58,7 @@ class SteppedHybrid:
     @torch.no_grad()
     def advance(self, z: np.ndarray, controls: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """End states (S, M) of one step from (S, M) under inputs (C, M)."""
-        return self._mean.step(torch.as_tensor(z), torch.as_tensor(controls), self.h).numpy()
-
-
-class MeanHybrid(TrainableSystem):
-    """Hybrids of one ship with their rates averaged, which is the ship with the mean of their residuals."""
-
-    def __init__(self, members: Sequence[Hybrid]) -> None:
-        super().__init__()
-        self.members = members
-
-    def rates(self, z: torch.Tensor, controls: torch.Tensor) -> torch.Tensor:
-        return torch.stack([m.rates(z, controls) for m in self.members]).mean(dim=0)
+        return self.step(torch.as_tensor(z), torch.as_tensor(controls), self.h).numpy()
 
 
 def measure_learned_residual(
@@ -100,7 +95,12 @@ def measure_learned_residual(
     if not len(before):
         raise UserError(f"no test trial holds {seconds:.0f} s without a gap")
     tasks = training_tasks(build_hybrid, ship, scales, settings, pieces)
-    outcomes = _trained(tasks, progress)
+    outcomes, interrupted = train_seeds(tasks, progress)
+    if interrupted:
+        raise KeyboardInterrupt
+    outcomes = [o for o in outcomes if o.status != "diverged"]
+    if not outcomes:
+        raise UserError("every training diverged, also at lower rates")
     members = [m for m in restored(tasks[0], outcomes) if isinstance(m, Hybrid)]
     one, together = np.array([measured([m])[0] for m in members]), measured(members)[0]
     reductions = 1 - one.sum(axis=1) / before.sum()
@@ -121,17 +121,6 @@ def measure_learned_residual(
         sentence="",
     )
     return replace(found, sentence=sentence_of(found))
-
-
-def _trained(tasks: Sequence[Task], progress: OnProgress | None) -> list[Outcome]:
-    """The trainings that did not diverge. Raises as ``measure_learned_residual`` does."""
-    outcomes, interrupted = train_seeds(tasks, progress)
-    if interrupted:
-        raise KeyboardInterrupt
-    good = [o for o in outcomes if o.status != "diverged"]
-    if not good:
-        raise UserError("every training diverged, also at lower rates")
-    return good
 
 
 def sentence_of(found: LearnedResidual) -> str:

@@ -16,6 +16,7 @@ from diagnosis.findings import (
     NamedEffect,
     RandomSizes,
     RankedCandidate,
+    Unnamed,
 )
 from diagnosis.location.where import where
 from diagnosis.report.page import build_report, held_rows, write_report
@@ -63,8 +64,10 @@ def case(verdict: str) -> Diagnosis:
         data=replace(data, trials=("run <0>", *data.trials[1:])),
         noise=RandomSizes.of(null),
         inputs=DiagnosisInputs(tuple({"name": name} for name in ("run <0>", *data.trials[1:]))),
-        unnamed_before={"all": 20.0 if verdict != "none" else -1.0, "sway force": 15.0, "delay of delta": -2.0},
-        unnamed_after={"all": 4.0, "sway force": 3.0},
+        unnamed=Unnamed(
+            {"all": 20.0 if verdict != "none" else -1.0, "sway force": 15.0, "delay of delta": -2.0},
+            {"all": 4.0, "sway force": 3.0},
+        ),
         kinematics=("u and v are late by 0.7 s",),
         timings={"fit": 1.5},
     )
