@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
+from mmg.errors import UserError
+
 if TYPE_CHECKING:
     from cases.checks import CheckReport
-    from mmg.errors import UserError
 
 
 def check(
@@ -26,7 +27,6 @@ def check(
     """
     from cases.checks import check as check_trials
     from cases.io.read import read_trials
-    from mmg.errors import UserError
 
     found, unreadable = [], []
     for path in trials:

@@ -7,6 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Option
 
+from mmg.errors import UserError, needs_torch
+from mmg_ident.commands.output import command_line, names_of, print_json, say
+
 if TYPE_CHECKING:
     from cases.trial import Trial
     from residual.comparison.study import Study, Subset
@@ -49,15 +52,11 @@ def compare(
 
     Example: mmg compare --train train-tzrb --seeds 5 --fractions 0.1,0.3,1 --no-random --workers 2 --out comparison
     """
-    import shlex
     import shutil
-    import sys
 
     from cases.shipfiles.model_changes import with_instruments
     from cases.shipfiles.ship_file import load_ship
     from fitting.report.run_folder import RESULT, check_target, write_json, write_whole
-    from mmg.errors import UserError, needs_torch
-    from mmg_ident.commands.output import names_of, print_json, say
 
     names = tuple(dict.fromkeys(names_of([models])))
     if seeds < 1 or workers < 1 or (epochs is not None and epochs < 1):
@@ -99,7 +98,7 @@ def compare(
         if store:
             store.discard()
         raise
-    content = comparison_dict(found, "mmg " + " ".join(shlex.quote(a) for a in sys.argv[1:]))
+    content = comparison_dict(found, command_line())
     if not any(e.score for e in found.entries):
         reasons = dict.fromkeys(e.status for e in found.entries)
         if store:
@@ -145,7 +144,6 @@ def _trials(given: list[str], option: str) -> list[Trial]:
     """Trials of files, folders and names of splits, with positions."""
     from cases.io.read import read_trials
     from cases.published_splits import SPLITS, find
-    from mmg.errors import UserError
 
     files: list[Path] = []
     for name in given:
@@ -159,7 +157,6 @@ def _trials(given: list[str], option: str) -> list[Trial]:
 
 def _subsets(fractions: str, no_random: bool) -> tuple[Subset, ...]:
     """Subsets from the options, all data first."""
-    from mmg.errors import UserError
     from residual.comparison.study import Subset
 
     try:

@@ -7,13 +7,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Option
 
+from mmg.errors import UserError
+from mmg_ident.commands.output import print_json, progress, say
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from cases.trial import Trial
     from fitting.result import FitResult
     from residual.result import TrainResult
-    from residual.settings import TrainSettings
 
 
 def demo(
@@ -25,12 +27,12 @@ def demo(
 
     Example: mmg demo --out demo
     """
+    from cases.checks import check
     from cases.shipfiles.ship_file import dump_ship
     from cases.simulation.demo_trials import CURRENT, FOULING, hidden_ship
-    from mmg.errors import UserError
-    from mmg_ident.commands.output import print_json, say
 
-    folder = _free(out)
+    names = ["mmg-demo", *(f"mmg-demo-{i}" for i in range(2, 1000))]
+    folder = out or next(Path(name) for name in names if not Path(name).exists())
     if folder.exists():
         raise UserError(f"{folder}: already exists; choose another --out")
     try:
@@ -40,7 +42,9 @@ def demo(
     say(f"1. Simulating trials of a ship with hidden coefficients, wind and sensor noise (seed {seed})")
     train, held_out = _campaign(folder / "trials", seed)
     (folder / "hidden_ship.toml").write_text(dump_ship(hidden_ship(), "The truth behind the demo trials."))
-    _check([*train, *held_out])
+    say("2. Checking the trial files")
+    for item in check([*train, *held_out]):
+        say(f"   {item.name}: {item.verdict}")
     fit, truth = _calibrate(folder, train, held_out, seed)
     declined = _residual(folder, "6. Learning a residual on the calibrated ship", "residual", train, held_out)
     diagnosis = _diagnosis(folder, seed, CURRENT)
@@ -59,13 +63,6 @@ def demo(
     return 0 if fit.converged else 1
 
 
-def _free(out: Path | None) -> Path:
-    if out is not None:
-        return out
-    names = [Path("mmg-demo"), *(Path(f"mmg-demo-{i}") for i in range(2, 1000))]
-    return next(name for name in names if not name.exists())
-
-
 def _campaign(folder: Path, seed: int, *effects: str, every: int = 1) -> tuple[list[Trial], list[Trial]]:
     """Training and held-out trials of the hidden ship, written to ``folder`` and read again as a user's would be."""
     from cases.io.read import read_trials
@@ -79,15 +76,6 @@ def _campaign(folder: Path, seed: int, *effects: str, every: int = 1) -> tuple[l
     return read_trials([folder / "train"]), read_trials([folder / "held_out"])
 
 
-def _check(trials: Sequence[Trial]) -> None:
-    from cases.checks import check
-    from mmg_ident.commands.output import say
-
-    say("2. Checking the trial files")
-    for item in check(trials):
-        say(f"   {item.name}: {item.verdict}")
-
-
 def _calibrate(
     folder: Path, train: Sequence[Trial], held_out: Sequence[Trial], seed: int
 ) -> tuple[FitResult, dict[str, Any]]:
@@ -96,13 +84,11 @@ def _calibrate(
     from cases.simulation.demo_trials import SHIP, compare_with_truth
     from fitting.pipeline import FitOptions, calibrate
     from fitting.settings import Settings
-    from mmg_ident.commands.output import end_progress, progress, say
 
     start = load_ship(SHIP)
     say(f"3. Calibrating {len(start.free)} coefficients from the captive-test ship (IPOPT, multiple shooting)")
     command = f"mmg fit {SHIP} {folder / 'trials' / 'train'} --validate {folder / 'trials' / 'held_out'} --seed {seed}"
     found = calibrate(start, train, held_out, Settings(seed=seed), FitOptions(command=command), progress())
-    end_progress()
     found = found.save(folder / "run")
     truth = compare_with_truth(found.ship)
     words = "converged" if found.converged else f"NOT converged: {found.advice}"
@@ -119,24 +105,19 @@ def _calibrate(
     return found, truth
 
 
-def _settings() -> TrainSettings:
-    """A small training of a few seconds; the weak penalty lets the residual grow to what the trials ask for."""
-    from residual.settings import TrainSettings
-
-    return TrainSettings(seeds=2, epochs=40, width=16, penalty=0.01, rate=0.01)
-
-
 def _residual(
     folder: Path, step: str, name: str, train: Sequence[Trial], held_out: Sequence[Trial]
 ) -> TrainResult | None:
-    """A residual on the ship of ``folder``/run, in ``folder``/name; None, with a line, where nothing was learned."""
-    from mmg.errors import UserError
-    from mmg_ident.commands.output import say
+    """A residual on the ship of ``folder``/run, in ``folder``/name; None, with a line, where nothing was learned.
+
+    A small training of a few seconds; the weak penalty lets the residual grow to what the trials ask for.
+    """
     from residual.pipeline import train as train_residual
+    from residual.settings import TrainSettings
 
     say(step)
     trials = folder / ("trials" if name == "residual" else "third")
-    s = _settings()
+    s = TrainSettings(seeds=2, epochs=40, width=16, penalty=0.01, rate=0.01)
     command = (
         f"mmg train {folder / 'run'} {trials / 'train'} --validate {trials / 'held_out'} --seeds {s.seeds} "
         f"--epochs {s.epochs} --width {s.width} --penalty {s.penalty:g} --rate {s.rate:g} --out {folder / name}"
@@ -156,7 +137,6 @@ def _diagnosis(folder: Path, seed: int, effect: str) -> dict[str, Any]:
     """A second campaign with a hidden effect and its diagnosis, in ``folder``/second and ``folder``/diagnosis."""
     from cases.shipfiles.ship_file import load_ship
     from diagnosis.diagnose import DiagnosisOptions, diagnose
-    from mmg_ident.commands.output import say
 
     say("7. A second campaign, a year later: what is different?")
     train, test = _campaign(folder / "second", seed + 1000, effect, every=2)

@@ -7,6 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
+from mmg.errors import UserError
+from mmg_ident.commands.output import command_line, end_progress, is_model, names_of, print_json, progress, say
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -41,16 +44,13 @@ def diagnose(
 
     Example: mmg diagnose runs/first trials/*.csv --test held_out/*.csv --out runs/gap
     """
-    import sys
-
     from cases.io.read import read_trials
     from diagnosis import diagnose as pipeline
     from fitting.report.run_folder import check_target
-    from mmg_ident.commands.output import end_progress, print_json, progress
 
     check_target(out)
     ship = _ship(run, without or [])
-    options = pipeline.DiagnosisOptions(step, seed, workers, not no_learn, "mmg " + " ".join(sys.argv[1:]))
+    options = pipeline.DiagnosisOptions(step, seed, workers, not no_learn, command_line())
     train, tests = read_trials(trials), read_trials(test) if test else []
     found = pipeline.diagnose(ship, train, tests, site, options, run, progress())
     end_progress()
@@ -65,8 +65,6 @@ def _ship(where: str, without: Sequence[str]) -> Ship:
     """The ship of a run folder, file or library, without some components."""
     from cases.shipfiles.model_changes import reduced_ship
     from cases.shipfiles.ship_file import load_ship
-    from mmg.errors import UserError
-    from mmg_ident.commands.output import is_model, names_of
 
     path = Path(where)
     if path.is_dir() and not (path / "ship.toml").exists():
@@ -82,8 +80,6 @@ def _summary(found: Diagnosis, out: Path) -> None:
     """A few lines for a person."""
     from rich.console import Console
     from rich.table import Table
-
-    from mmg_ident.commands.output import say
 
     for line in found.warnings:
         say(f"warning: {line}")

@@ -6,6 +6,9 @@ from typing import Annotated, Any
 
 from typer import Argument, Option
 
+from mmg.errors import UserError
+from mmg_ident.commands.output import print_json
+
 
 def effects(
     name: Annotated[str | None, Argument(help="One effect: its physics and its parameters.")] = None,
@@ -18,8 +21,6 @@ def effects(
     """
     from cases.shipfiles.ship_file import load_ship
     from mmg.effects import EFFECTS
-    from mmg.errors import UserError
-    from mmg_ident.commands.output import print_json
 
     if name is not None and name not in EFFECTS:
         raise UserError(f"unknown effect '{name}'; known: {', '.join(sorted(EFFECTS))}")

@@ -7,6 +7,10 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
+from mmg.errors import UserError
+from mmg_ident.commands.fit_input import captive_points, resumed, settings_of, starting_ship
+from mmg_ident.commands.output import command_line, names_of, print_json, progress, say, say_remarks, scores_in_words
+
 if TYPE_CHECKING:
     from fitting.result import FitResult
 
@@ -70,8 +74,6 @@ def fit(
 
     Example: mmg fit esso_osaka_3m trials/*.csv --validate held_out.csv --out runs/first
     """
-    import shlex
-    import sys
     import time
     from dataclasses import replace
 
@@ -79,9 +81,6 @@ def fit(
     from cases.shipfiles.model_changes import reduced_ship
     from fitting.pipeline import FitOptions, calibrate
     from fitting.solvers.interrupts import Interrupts
-    from mmg.errors import UserError
-    from mmg_ident.commands.fit_input import captive_points, resumed, settings_of, starting_ship
-    from mmg_ident.commands.output import end_progress, names_of, print_json, progress, say
 
     began = time.perf_counter()
     settings = settings_of(
@@ -118,14 +117,13 @@ def fit(
         auto=auto,
         auto_limit=auto_limit,
         resume=earlier,
-        command="mmg " + " ".join(shlex.quote(a) for a in sys.argv[1:]),
+        command=command_line(),
     )
     reading = time.perf_counter() - began
     for line in start.notices:
         say(line)
     with Interrupts(lambda: say("interrupted: stopping at the next iterate and writing the run folder")):
         result = calibrate(start, train, held_out, settings, options, progress())
-        end_progress()
         timings = {**result.timings_s, "read": reading, "wall": result.timings_s["wall"] + reading}
         result = replace(result, timings_s=timings).save(out, replace=resume)
         _summary(result, out) if not json else print_json(result.to_dict())
@@ -137,7 +135,6 @@ def fit(
 def _summary(result: FitResult, out: Path) -> None:
     """A few lines for a person."""
     from fitting.identifiability.analysis import KINDS
-    from mmg_ident.commands.output import say
 
     words = "converged" if result.converged else "NOT CONVERGED"
     constants = result.calibration.constants if result.calibration else None
@@ -148,17 +145,11 @@ def _summary(result: FitResult, out: Path) -> None:
         f"{len(result.coefficients)} free coefficients{own}, {result.seconds_used:.0f} s of data, "
         f"seed {result.settings.seed}"
     )
-    for line in result.warnings:
-        say(f"warning: {line}")
-    for line in result.notices:
-        say(f"note: {line}")
+    say_remarks(result)
     for row in constants.table() if constants else []:
         say(row)
     for name, pair in result.scores.items():
-        say(
-            f"{name}: 30 s windows {pair.before.window:.4f} -> {pair.after.window:.4f}, "
-            f"100 s restarts {pair.before.paper:.4f} -> {pair.after.paper:.4f}"
-        )
+        say(f"{name}: {scores_in_words(pair.before, pair.after)}")
     kinds = result.identifiability["counts"]
     say("coefficients: " + ", ".join(f"{count} {KINDS[kind]}" for kind, count in kinds.items()))
     plan = result.identifiability.get("next_trial", {}).get("plan", [])

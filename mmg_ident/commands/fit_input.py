@@ -5,6 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from mmg.errors import UserError
+from mmg_ident.commands.output import numbers_of
+
 if TYPE_CHECKING:
     from fitting.nlp.captive import Captive
     from fitting.result import FitResult
@@ -17,8 +20,6 @@ def settings_of(sigma: str | None, **values: Any) -> Settings:
     sense."""
     from fitting.nlp.loss import LOSSES
     from fitting.settings import Settings
-    from mmg.errors import UserError
-    from mmg_ident.commands.output import numbers_of
 
     for name in ("window", "step", "tolerance", "time_limit"):
         if values[name] is not None and not values[name] > 0:
@@ -43,7 +44,6 @@ def starting_ship(ship: str, out: Path) -> Ship:
 def resumed(out: Path) -> FitResult:
     """The interrupted run in the folder ``out``. Raises UserError where it holds none to go on from."""
     from fitting.result import read_fit
-    from mmg.errors import UserError
 
     found = read_fit(out)
     if found.iterate is None and not found.converged:
@@ -57,8 +57,6 @@ def captive_points(path: Path | None, sigma: str | None) -> Captive | None:
     Raises UserError for a sigma that is no three positive numbers, or that has no points.
     """
     from fitting.nlp.captive import read_captive
-    from mmg.errors import UserError
-    from mmg_ident.commands.output import numbers_of
 
     if path is None:
         if sigma:

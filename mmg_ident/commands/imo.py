@@ -8,6 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
+from mmg.errors import UserError
+from mmg_ident.commands.output import is_model, print_json, refuse_target, say
+
 if TYPE_CHECKING:
     from cases.criteria.assessment import Assessment
 
@@ -49,8 +52,6 @@ def imo(
     from cases.criteria.assessment import imo_figures, imo_figures_of_trials
     from cases.io.read import read_trials
     from cases.shipfiles.ship_file import load_ship
-    from mmg.errors import UserError
-    from mmg_ident.commands.output import is_model, print_json, say
 
     models = [a for a in ships_and_trials if is_model(a)]
     files = [a for a in ships_and_trials if not is_model(a)]
@@ -87,7 +88,6 @@ def _check(
     import math
 
     from cases.criteria.measured_maneuvers import KINDS
-    from mmg.errors import UserError
 
     given = (("--speed", speed), ("--rudder-rate", rudder_rate), ("--length", length), ("--scale", scale))
     for name, value in given:
@@ -99,15 +99,10 @@ def _check(
 
 def _check_targets(plot: Path | None, out: Path | None, force: bool) -> None:
     """Everything about the output that can be refused before simulating."""
-    from mmg.errors import UserError
-
     if plot is not None:
         if plot.suffix.lower() not in (".png", ".svg", ".pdf"):
             raise UserError(f"--plot {plot}: figures end in .png, .svg or .pdf")
-        if plot.exists() and (plot.is_dir() or not force):
-            raise UserError(f"--plot {plot}: exists already; choose another name or add --force")
-        if not plot.parent.is_dir():
-            raise UserError(f"--plot {plot}: there is no folder {plot.parent}")
+        refuse_target("--plot", plot, force)
     if out is not None and out.exists() and not (out.is_dir() and (force or not any(out.iterdir()))):
         raise UserError(f"--out {out}: exists already; name a new folder or add --force")
 
@@ -119,7 +114,6 @@ def _write(plot: Path | None, out: Path | None, found: Assessment) -> None:
     from cases.simulation.simulate import write_trial
     from fitting.report.plot_maneuvers import save_figure
     from fitting.report.run_folder import plain
-    from mmg.errors import UserError
 
     try:
         if plot is not None:

@@ -2,36 +2,69 @@
 
 from __future__ import annotations
 
+import json
 import logging
+import shlex
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from mmg.errors import UserError
+
 if TYPE_CHECKING:
+    from fitting.prediction.score import Score
+    from fitting.result import FitResult
     from mmg.progress import OnProgress, Progress
+    from residual.result import TrainResult
+
+
+def command_line() -> str:
+    """The command line of this process, quoted for a shell."""
+    return "mmg " + shlex.join(sys.argv[1:])
 
 
 def say(text: str) -> None:
-    """Print ``text``, a line for a person, on stderr, so that stdout stays clean for data."""
+    """Print ``text``, a line for a person, on stderr in place of the progress, so that stdout stays clean for data."""
+    end_progress()
     print(text, file=sys.stderr)
 
 
 def print_json(data: Any) -> None:
     """Print ``data`` as one JSON document on stdout."""
-    import json
-
     from fitting.report.run_folder import plain
 
+    end_progress()
     print(json.dumps(plain(data), indent=2))
 
 
+def say_remarks(result: FitResult | TrainResult) -> None:
+    """Say the warnings and notices of ``result``."""
+    for line in result.warnings:
+        say(f"warning: {line}")
+    for line in result.notices:
+        say(f"note: {line}")
+
+
+def scores_in_words(before: Score, after: Score) -> str:
+    """Both metrics of two models on the same trials. before, after: their scores."""
+    windows = f"30 s windows {before.window:.4f} -> {after.window:.4f}"
+    return f"{windows}, 100 s restarts {before.paper:.4f} -> {after.paper:.4f}"
+
+
+def refuse_target(option: str, path: Path, force: bool) -> None:
+    """Raises UserError unless a file can be written to the ``path`` of ``option``; force: one that exists gives way."""
+    if path.exists() and (path.is_dir() or not force):
+        raise UserError(f"{option} {path}: exists already; choose another name or add --force")
+    if not path.parent.is_dir():
+        raise UserError(f"{option} {path}: there is no folder {path.parent}")
+
+
 class _ToStderr(logging.Handler):
-    """Prints the sentences of long work, each on a line of its own, over the progress that is being shown."""
+    """Prints the sentences of long work, each on a line of its own."""
 
     def emit(self, record: logging.LogRecord) -> None:
-        end_progress()
         say(record.getMessage())
 
 
@@ -89,8 +122,6 @@ def names_of(text: Iterable[str] | None) -> list[str]:
 
 def numbers_of(text: str, count: int, what: str) -> tuple[float, ...]:
     """The ``count`` comma-separated numbers of ``text``; UserError, which begins with ``what``, for anything else."""
-    from mmg.errors import UserError
-
     try:
         values = tuple(float(part) for part in text.split(","))
     except ValueError:

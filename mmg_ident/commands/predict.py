@@ -7,6 +7,9 @@ from typing import Annotated
 
 from typer import Argument, Option
 
+from mmg.errors import UserError
+from mmg_ident.commands.output import print_json, say
+
 
 def predict(
     model: Annotated[str, Argument(help="Ship or run folder.")],
@@ -33,9 +36,7 @@ def predict(
     from cases.io.read import read_trials
     from fitting.prediction.adaptation import warnings_on_adaptation
     from fitting.prediction.predict import write_tables
-    from mmg.errors import UserError
     from mmg_ident import api
-    from mmg_ident.commands.output import print_json, say
 
     runs = read_trials(trials)
     single = len(runs) == 1 and out.suffix.lower() == ".csv"

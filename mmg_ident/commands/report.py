@@ -7,6 +7,9 @@ from typing import Annotated
 
 from typer import Argument, Option
 
+from mmg.errors import UserError
+from mmg_ident.commands.output import print_json, say
+
 
 def report(
     runs: Annotated[list[Path], Argument(help="Run folders of mmg fit, or of mmg train.", metavar="RUN...")],
@@ -19,9 +22,7 @@ def report(
 
     Example: mmg report runs/first runs/second --out comparison.html
     """
-    from mmg.errors import UserError
     from mmg_ident.api import write_report
-    from mmg_ident.commands.output import print_json, say
 
     folders = list({folder.absolute(): folder for folder in runs}.values())
     target = out or (folders[0] / "report.html" if len(folders) == 1 else Path("report.html"))

@@ -7,6 +7,10 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
+from mmg.errors import UserError
+from mmg.states import STATES
+from mmg_ident.commands.output import is_model, numbers_of, print_json
+
 if TYPE_CHECKING:
     from fitting.prediction.score import Score
 
@@ -39,10 +43,8 @@ def score(
     from cases.shipfiles.ship_file import load_ship
     from fitting.prediction.score import pooled_sigma
     from fitting.prediction.score import score as scored
-    from mmg.errors import UserError
     from mmg.rollout import Simulator
     from mmg_ident.api import predictor
-    from mmg_ident.commands.output import is_model, numbers_of, print_json
 
     models = list(dict.fromkeys(a for a in models_and_trials if is_model(a)))
     files = [Path(a) for a in models_and_trials if not is_model(a)]
@@ -92,7 +94,6 @@ def _print(scores: dict[str, Score]) -> None:
     from rich.table import Table
 
     from cases.trial import UNITS
-    from mmg.states import STATES
 
     console = Console(width=None)
     first = next(iter(scores.values()))

@@ -8,6 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
+from mmg.errors import UserError
+from mmg_ident.commands.output import print_json, refuse_target, say
+
 if TYPE_CHECKING:
     from mmg.ship import Ship
 
@@ -36,8 +39,6 @@ def ships(
     Example: mmg ships --new 320 58 20.8 0.81 9.86 0.72 112.5 7.97 --out my_ship.toml
     """
     from cases.shipfiles.ship_file import dump_ship, library, load_ship
-    from mmg.errors import UserError
-    from mmg_ident.commands.output import print_json, say
 
     if name is not None and new:
         raise UserError(f"give either a ship ({name}) or --new, one of them")
@@ -83,12 +84,7 @@ def _write(path: Path, text: str, force: bool) -> None:
     """Writes a ship file, whole or not at all; UserError when it exists or the folder does not."""
     import os
 
-    from mmg.errors import UserError
-
-    if path.exists() and (path.is_dir() or not force):
-        raise UserError(f"--out {path}: exists already; choose another name or add --force")
-    if not path.parent.is_dir():
-        raise UserError(f"--out {path}: there is no folder {path.parent}")
+    refuse_target("--out", path, force)
     scratch = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         scratch.write_text(text, encoding="utf-8")

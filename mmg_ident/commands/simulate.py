@@ -9,6 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
+from mmg.errors import UserError
+from mmg_ident.commands.output import print_json, refuse_target, say
+
 if TYPE_CHECKING:
     from cases.maneuvers.definitions import Maneuver
     from cases.trial import Trial
@@ -72,8 +75,6 @@ def simulate(
     from cases.shipfiles.ship_file import load_ship
     from cases.simulation.sensors import SensorNoise, add_noise
     from cases.simulation.simulate import write_trial
-    from mmg.errors import UserError
-    from mmg_ident.commands.output import say
 
     if (maneuver is None) == (controls is None):
         raise UserError("give either --maneuver or --controls, one of them")
@@ -110,7 +111,6 @@ def _scatter(
 ) -> None:
     """Draws, prints the table, and writes the motions to ``out``."""
     from cases.criteria.scatter import scatter
-    from mmg_ident.commands.output import print_json, say
 
     found = scatter(ship, plan, count, seed, _correlation(name), dt)
     if out is not None:
@@ -138,7 +138,6 @@ def _correlation(name: str) -> tuple[tuple[str, ...], Any] | None:
     import numpy as np
 
     from fitting.result import read_fit
-    from mmg.errors import UserError
 
     if not (Path(name) / "result.json").is_file():
         return None
@@ -157,18 +156,13 @@ def _unit(unit: str, length: float) -> tuple[str, float, str]:
 
 def _check_options(out: Path | None, force: bool, seed: int) -> None:
     """Everything about the output that can be refused before simulating."""
-    from mmg.errors import UserError
-
     if seed < 0:
         raise UserError(f"--seed {seed} must not be negative")
     if out is None:
         return
     if out.suffix.lower() not in (".csv", ".parquet"):
         raise UserError(f"--out {out}: trial files end in .csv or .parquet")
-    if out.exists() and (out.is_dir() or not force):
-        raise UserError(f"--out {out}: exists already; choose another name or add --force")
-    if not out.parent.is_dir():
-        raise UserError(f"--out {out}: there is no folder {out.parent}")
+    refuse_target("--out", out, force)
 
 
 def _summary(ship: Ship, trial: Trial, plan: Maneuver | None) -> dict[str, Any]:
@@ -195,7 +189,6 @@ def _summary(ship: Ship, trial: Trial, plan: Maneuver | None) -> dict[str, Any]:
 
 
 def _print(summary: dict[str, Any], as_json: bool) -> None:
-    from mmg_ident.commands.output import print_json, say
 
     if as_json:
         print_json(summary)

@@ -7,6 +7,10 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
+from mmg.errors import UserError
+from mmg_ident.commands.output import command_line, print_json, progress, say, say_remarks, scores_in_words
+from mmg_ident.commands.train_input import AGAIN, is_complete, settings_of
+
 if TYPE_CHECKING:
     from residual.result import TrainResult
 
@@ -66,16 +70,10 @@ def train(
 
     Example: mmg train runs/first trials/*.csv --validate held_out.csv --workers 2 --out runs/hybrid
     """
-    import shlex
-    import sys
-
     from cases.checks.held_out import training_trials
     from cases.io.read import read_trials
     from cases.shipfiles.ship_file import load_ship
     from fitting.report.run_folder import check_target
-    from mmg.errors import UserError
-    from mmg_ident.commands.output import end_progress, print_json, progress, say
-    from mmg_ident.commands.train_input import AGAIN, is_complete, settings_of
 
     settings = settings_of(
         model, seeds=seeds, seed=seed, workers=workers, epochs=epochs, width=width, penalty=penalty, jitter=jitter,
@@ -95,40 +93,26 @@ def train(
         return 0
     chosen, held_out = read_trials(trials), read_trials(validate) if validate else []
     store = training_store(out, load_ship(run), training_trials(chosen)[0], held_out, settings, resume)
-    command = "mmg " + " ".join(shlex.quote(a) for a in sys.argv[1:])
     try:
-        result = trained(run, chosen, held_out, settings, keep, command, progress(), store)
-        end_progress()
+        result = trained(run, chosen, held_out, settings, keep, command_line(), progress(), store)
         result.save(out, replace=True)
     except KeyboardInterrupt:
         if not store.folder.is_dir():
             raise
         say(f"mmg: interrupted; what was finished is in {store.folder}: {AGAIN}")
         return 130
-    if json:
-        print_json(result.to_dict())
-    else:
-        _summary(result, out)
+    _summary(result, out) if not json else print_json(result.to_dict())
     return 130 if result.interrupted else 0
 
 
 def _summary(result: TrainResult, out: Path) -> None:
     """A few lines for a person."""
-    from mmg_ident.commands.output import say
-    from mmg_ident.commands.train_input import AGAIN
-
-    for line in result.warnings:
-        say(f"warning: {line}")
-    for line in result.notices:
-        say(f"note: {line}")
+    say_remarks(result)
     if result.decision:
         say(result.decision.words)
     what = "of the black box, after that of the ship model" if result.black_box else "with the residual"
     for name, pair in result.scores.items():
-        say(
-            f"{name}, {what}: 30 s windows {pair.before.window:.4f} -> {pair.after.window:.4f}, "
-            f"100 s restarts {pair.before.paper:.4f} -> {pair.after.paper:.4f}"
-        )
+        say(f"{name}, {what}: {scores_in_words(pair.before, pair.after)}")
     if result.network:
         du, dv, dr = result.network.bound
         say(f"the residual never exceeds |du| {du:.3g}, |dv| {dv:.3g} m/s2, |dr| {dr:.3g} rad/s2, whatever the inputs")

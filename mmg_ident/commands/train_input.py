@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from mmg.errors import UserError, needs_torch
+
 if TYPE_CHECKING:
     from residual.settings import TrainSettings
 
@@ -28,7 +30,6 @@ def settings_of(model: str, **values: Any) -> TrainSettings:
     model: of --model; values: of the other options by their names. Raises UserError for numbers that make no sense,
     and where torch cannot be imported.
     """
-    from mmg.errors import UserError, needs_torch
     from residual.settings import LOSSES, BlackBoxSettings, TrainSettings
 
     if model not in MODELS:
@@ -61,7 +62,6 @@ def is_complete(out: Path) -> bool:
     Raises UserError for a run of another command.
     """
     from fitting.report.run_folder import RESULT, read_result
-    from mmg.errors import UserError
     from residual.result import read_training
 
     if not (out / RESULT).exists():
