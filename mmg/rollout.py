@@ -88,7 +88,19 @@ class Simulator:
         steps = np.asarray(dt, dtype=float)
         if steps.ndim == 2 and steps.shape[1] == 1:
             steps = steps[:, 0]
-        self._check(start, controls, steps, theta, keep, method, N)
+        C, P = len(self.model.controls), len(self.model.symbols)
+        allowed: dict[str, tuple[tuple[int, ...], set[tuple[int, ...]]]] = {
+            "start": (start.shape, {(len(self.model.states), M), (6, M)}),
+            "controls": (controls.shape[1:], {(C,), (C, M)}),
+            "dt": (steps.shape, {(), (N,), (N, M)}),
+            "theta": (theta.shape, {(P,), (P, M)}),
+            "keep": (keep.shape, {(N,)}),
+        }
+        for name, (shape, possible) in allowed.items():
+            if N and shape not in possible:
+                raise ValueError(f"{name} of shape {shape}; possible: {sorted(possible, key=len)}")
+        if method not in ("rk4", "euler"):
+            raise ValueError(f"method {method!r} is neither 'rk4' nor 'euler'")
         if len(start) == 6 and len(controls):
             start = settled(self.model, start, controls[0], theta)
         if M * N == 0:
@@ -102,30 +114,6 @@ class Simulator:
             filled(a, rollout.lanes) if own else a for a, own in zip(given, per_point, strict=True)
         )
         return rollout(start, controls, steps, theta, keep, method == "euler", linear, threads)[..., :M]
-
-    def _check(
-        self,
-        start: np.ndarray,
-        controls: np.ndarray,
-        steps: np.ndarray,
-        theta: np.ndarray,
-        keep: np.ndarray,
-        method: str,
-        N: int,
-    ) -> None:
-        M, C, P = start.shape[1], len(self.model.controls), len(self.model.symbols)
-        allowed: dict[str, tuple[tuple[int, ...], set[tuple[int, ...]]]] = {
-            "start": (start.shape, {(len(self.model.states), M), (6, M)}),
-            "controls": (controls.shape[1:], {(C,), (C, M)}),
-            "dt": (steps.shape, {(), (N,), (N, M)}),
-            "theta": (theta.shape, {(P,), (P, M)}),
-            "keep": (keep.shape, {(N,)}),
-        }
-        for name, (shape, possible) in allowed.items():
-            if N and shape not in possible:
-                raise ValueError(f"{name} of shape {shape}; possible: {sorted(possible, key=len)}")
-        if method not in ("rk4", "euler"):
-            raise ValueError(f"method {method!r} is neither 'rk4' nor 'euler'")
 
     def _stepwise(
         self,

@@ -18,38 +18,35 @@ from mmg.compile.vector_math import MATH
 LANES = 8
 """Points per vector: 8 doubles fill an AVX-512 register, two AVX2 ones, four NEON ones."""
 
-INFIX = {ca.OP_ADD: "+", ca.OP_SUB: "-", ca.OP_MUL: "*", ca.OP_DIV: "/"}
-CALLS_OF_ONE = {
-    ca.OP_SQRT: "sqrt",
-    ca.OP_SIN: "sin",
-    ca.OP_COS: "cos",
-    ca.OP_TAN: "tan",
-    ca.OP_ASIN: "asin",
-    ca.OP_ACOS: "acos",
-    ca.OP_ATAN: "atan",
-    ca.OP_SINH: "sinh",
-    ca.OP_COSH: "cosh",
-    ca.OP_TANH: "tanh",
-    ca.OP_EXP: "exp",
-    ca.OP_LOG: "log",
-    ca.OP_FABS: "fabs",
-    ca.OP_FLOOR: "floor",
-    ca.OP_CEIL: "ceil",
-    ca.OP_ERF: "erf",
-    ca.OP_LOG1P: "log1p",
-    ca.OP_EXPM1: "expm1",
+_ONE = ("sqrt", "exp", "log", "expm1", "log1p", "erf", "fabs", "floor", "ceil")
+_ONE += ("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh")
+_TWO = ("pow", "atan2", "fmin", "fmax", "fmod", "hypot", "copysign")
+"""Functions of the C library that CasADi has an operation for, of one and of two arguments."""
+
+EXPRESSIONS: dict[int, str] = {
+    **{getattr(ca, f"OP_{name.upper()}"): f"v_{name}({{0}})" for name in _ONE},
+    **{getattr(ca, f"OP_{name.upper()}"): f"v_{name}({{0}}, {{1}})" for name in _TWO},
+    ca.OP_CONSTPOW: "v_pow({0}, {1})",
+    ca.OP_ASSIGN: "{0}",
+    ca.OP_ADD: "{0} + {1}",
+    ca.OP_SUB: "{0} - {1}",
+    ca.OP_MUL: "{0} * {1}",
+    ca.OP_DIV: "{0} / {1}",
+    ca.OP_NEG: "-{0}",
+    ca.OP_SQ: "{0} * {0}",
+    ca.OP_TWICE: "2.0 * {0}",
+    ca.OP_INV: "1.0 / {0}",
+    ca.OP_LT: "compare({0} < {1})",
+    ca.OP_LE: "compare({0} <= {1})",
+    ca.OP_EQ: "compare({0} == {1})",
+    ca.OP_NE: "compare({0} != {1})",
+    ca.OP_NOT: "compare({0} == 0.0)",
+    ca.OP_AND: "compare(({0} != 0.0) & ({1} != 0.0))",
+    ca.OP_OR: "compare(({0} != 0.0) | ({1} != 0.0))",
+    ca.OP_SIGN: "compare({0} > 0.0) - compare({0} < 0.0)",
+    ca.OP_IF_ELSE_ZERO: "when({0}, {1})",
 }
-CALLS_OF_TWO = {
-    ca.OP_POW: "pow",
-    ca.OP_CONSTPOW: "pow",
-    ca.OP_ATAN2: "atan2",
-    ca.OP_FMIN: "fmin",
-    ca.OP_FMAX: "fmax",
-    ca.OP_FMOD: "fmod",
-    ca.OP_HYPOT: "hypot",
-    ca.OP_COPYSIGN: "copysign",
-}
-COMPARISONS = {ca.OP_LT: "<", ca.OP_LE: "<=", ca.OP_EQ: "==", ca.OP_NE: "!="}
+"""C expression of each CasADi operation on its operands."""
 
 _COMMON = """#include <math.h>
 #include <string.h>
@@ -101,7 +98,7 @@ _OWN = ("sqrt", "exp", "tanh", "sin", "cos", "atan2")
 
 def prelude(lanes: int = LANES) -> str:
     """What all C files begin with: the type V of ``lanes`` points (LANES or 1) and the functions on it."""
-    one, two = sorted(set(CALLS_OF_ONE.values()) - set(_OWN)), sorted(set(CALLS_OF_TWO.values()) - set(_OWN))
+    one, two = (sorted(set(names) - set(_OWN)) for names in (_ONE, _TWO))
     if lanes == 1:
         calls = [f"#define v_{f} {f}" for f in (*one, *two)]
     else:
@@ -111,34 +108,11 @@ def prelude(lanes: int = LANES) -> str:
 
 
 def expression(operation: int, operands: list[str]) -> str:
-    """C expression of one instruction on its operands. operation: CasADi's number of it."""
-    first = operands[0]
-    if operation in INFIX:
-        return f"{first} {INFIX[operation]} {operands[1]}"
-    if operation in CALLS_OF_ONE:
-        return f"v_{CALLS_OF_ONE[operation]}({first})"
-    if operation in CALLS_OF_TWO:
-        return f"v_{CALLS_OF_TWO[operation]}({first}, {operands[1]})"
-    if operation in COMPARISONS:
-        return f"compare({first} {COMPARISONS[operation]} {operands[1]})"
-    simple = {
-        ca.OP_ASSIGN: "{0}",
-        ca.OP_NEG: "-{0}",
-        ca.OP_SQ: "{0} * {0}",
-        ca.OP_TWICE: "2.0 * {0}",
-        ca.OP_INV: "1.0 / {0}",
-        ca.OP_NOT: "compare({0} == 0.0)",
-        ca.OP_SIGN: "compare({0} > 0.0) - compare({0} < 0.0)",
-    }
-    if operation in simple:
-        return simple[operation].format(first)
-    if operation == ca.OP_AND:
-        return f"compare(({first} != 0.0) & ({operands[1]} != 0.0))"
-    if operation == ca.OP_OR:
-        return f"compare(({first} != 0.0) | ({operands[1]} != 0.0))"
-    if operation == ca.OP_IF_ELSE_ZERO:
-        return f"when({first}, {operands[1]})"
-    raise NotImplementedError(f"no C for CasADi operation {operation}")
+    """C expression of one instruction on its operands. operation: CasADi's number of it; NotImplementedError for one
+    without C."""
+    if operation not in EXPRESSIONS:
+        raise NotImplementedError(f"no C for CasADi operation {operation}")
+    return EXPRESSIONS[operation].format(*operands)
 
 
 def constant(value: float) -> str:

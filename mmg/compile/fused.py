@@ -227,23 +227,19 @@ class Rollout:
             dt_step, dt.ndim == 2,
             M if theta.ndim == 2 else 1, theta.ndim == 2,
         )  # fmt: skip
-        ends = self._ends(M, threads)
+        blocks = M // self.lanes  # whole blocks for each thread, the rest for the last one
+        shares = max(1, min(threads, blocks))
+        ends = [blocks * k // shares * self.lanes for k in range(shares)] + [M]
 
         def work(k: int) -> None:
             self.library.rollout(ctypes.byref(run), ctypes.c_longlong(ends[k]), ctypes.c_longlong(ends[k + 1]))
 
-        if len(ends) == 2:
+        if shares == 1:
             work(0)
         else:
-            with ThreadPoolExecutor(len(ends) - 1) as pool:
-                list(pool.map(work, range(len(ends) - 1)))
+            with ThreadPoolExecutor(shares) as pool:
+                list(pool.map(work, range(shares)))
         return out
-
-    def _ends(self, M: int, threads: int) -> list[int]:
-        """First points of the threads' shares, and M: whole blocks, the rest to the last one."""
-        blocks = M // self.lanes
-        shares = max(1, min(threads, blocks))
-        return [blocks * k // shares * self.lanes for k in range(shares)] + [M]
 
 
 def compile_rollout(rates: ca.Function, first: int, lanes: int) -> Rollout | None:

@@ -105,7 +105,7 @@ def actuators(components: Mapping[str, str], particulars: Mapping[str, float]) -
     """
     needed: set[str] = set()
     for role, name in components.items():
-        needed |= set(module(role, name).INPUTS)
+        needed |= set(getattr(module(role, name), "INPUTS", ()))
     if twin_screw(particulars):
         needed |= {"n_2"} if "n" in needed else set()
         needed = (needed - {"delta"}) | {"delta_port", "delta_starboard"} if "delta" in needed else needed

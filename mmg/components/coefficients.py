@@ -51,12 +51,12 @@ def names(mapping: dict[str, Any]) -> SimpleNamespace:
     return SimpleNamespace(**mapping)
 
 
-def table(source: str, *rows: tuple) -> tuple[Coefficient, ...]:
+def table(source: str, *rows: tuple, fixed: bool = False) -> tuple[Coefficient, ...]:
     """Coefficient table of a force model.
 
     Each row is (symbol, default value, prior std, lower, upper, prime or unit, description). ``prime`` is
     "mmg" for a coefficient in the MMG system of Yasukawa & Yoshimura (2015), "" for another pure number.
-    source: where the values come from; rows: as above.
+    source: where the values come from; rows: as above; fixed: left alone by a fit.
     """
     return tuple(
         Coefficient(
@@ -67,6 +67,7 @@ def table(source: str, *rows: tuple) -> tuple[Coefficient, ...]:
             upper=upper,
             prime="mmg" if kind == "mmg" else "",
             unit="" if kind in ("", "mmg") else kind,
+            fixed=fixed,
             description=description,
             source=source,
         )

@@ -7,13 +7,10 @@ lever: N = -y X. (Standard reduction; no interaction between the sides.)
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
 
 from mmg.motion.flow import Blade, Flow, Force
-
-Model = Callable[[Flow], Force]
 
 
 def mirrored_flows(flow: Flow, p: SimpleNamespace) -> tuple[Flow, Flow]:

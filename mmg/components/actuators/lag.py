@@ -14,7 +14,6 @@ from mmg.motion.memory import Memory
 from mmg.motion.smooth import Smoothing
 
 PARTICULARS = ("L",)
-INPUTS: tuple[str, ...] = ()
 
 
 def coefficients(p: SimpleNamespace) -> tuple[Coefficient, ...]:

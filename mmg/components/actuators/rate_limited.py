@@ -18,7 +18,6 @@ from mmg.motion.memory import Memory, rate_limited
 from mmg.motion.smooth import Smoothing
 
 PARTICULARS = ("L",)
-INPUTS: tuple[str, ...] = ()
 
 
 def coefficients(p: SimpleNamespace) -> tuple[Coefficient, ...]:

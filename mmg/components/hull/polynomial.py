@@ -25,7 +25,6 @@ from mmg.motion.flow import Flow, Force
 from mmg.motion.smooth import Smoothing
 
 PARTICULARS = ("L", "d", "rho")
-INPUTS: tuple[str, ...] = ()
 
 LARGEST_DRIFT = math.radians(30.0)
 """Drift angle [rad] up to which a polynomial of this kind is fitted to tests; beyond, it extrapolates."""

@@ -19,7 +19,6 @@ from mmg.motion.flow import Flow, Force
 from mmg.motion.smooth import Smoothing
 
 PARTICULARS = ("L", "d", "rho")
-INPUTS: tuple[str, ...] = ()
 
 COEFFICIENTS = table(
     "default of the unified low-speed hull model",

@@ -40,13 +40,11 @@ COEFFICIENTS = (
         ("K_N_Y", -0.5, 0.15, -1.0, 0.5, "", "moment by side force and length"),
         ("theta_0", math.radians(10), math.radians(1), math.radians(-5), math.radians(20), "rad", "zero-thrust pitch"),
     ),
-    *(
-        row.with_(fixed=True)
-        for row in table(
-            "default of the controllable-pitch model",
-            ("theta_max", math.radians(40), 0.0, 0.4, 1.0, "rad", "full ahead pitch, scale of the thrust law"),
-            ("theta_min", math.radians(-20), 0.0, -1.0, 0.0, "rad", "full astern pitch, scale of the side force"),
-        )
+    *table(
+        "default of the controllable-pitch model",
+        ("theta_max", math.radians(40), 0.0, 0.4, 1.0, "rad", "full ahead pitch, scale of the thrust law"),
+        ("theta_min", math.radians(-20), 0.0, -1.0, 0.0, "rad", "full astern pitch, scale of the side force"),
+        fixed=True,
     ),
     *table(
         "default of the controllable-pitch model",

@@ -64,12 +64,10 @@ COEFFICIENTS = (
         ("t_PA", 0.15, 0.1, -0.1, 0.6, "", "thrust deduction fraction with the propeller reversed (a guess)"),
         *wake.KIJIMA,
     ),
-    *(
-        row.with_(fixed=True)
-        for row in table(
-            "default of the four-quadrant series model",
-            ("k_Q", 1.0, 0.1, 0.3, 2.0, "", "factor on the torque of the series; no effect on the motion"),
-        )
+    *table(
+        "default of the four-quadrant series model",
+        ("k_Q", 1.0, 0.1, 0.3, 2.0, "", "factor on the torque of the series; no effect on the motion"),
+        fixed=True,
     ),
 )
 

@@ -11,6 +11,8 @@ directions: k_2 u_P^2 ahead, -alpha_p k_2 u^2 astern. There is no propeller walk
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -49,11 +51,6 @@ def coefficients_with(rows: tuple[tuple, ...], p: SimpleNamespace) -> tuple[Coef
     )
 
 
-def coefficients(p: SimpleNamespace) -> tuple[Coefficient, ...]:
-    """Coefficients with their defaults; beta_t from the pitch ratio. p: particulars."""
-    return coefficients_with(wake.YASUKAWA_2015, p)
-
-
 def loading(u_P: Any, nD: Any, ahead: Any, c: SimpleNamespace, s: Smoothing) -> Any:
     """n^2 D^2 K_T [m^2/s^2] in four quadrants. u_P, nD [m/s]; ahead: weight of n >= 0. c: coefficients; s:
     smoothing."""
@@ -68,10 +65,10 @@ def loading(u_P: Any, nD: Any, ahead: Any, c: SimpleNamespace, s: Smoothing) -> 
     return ahead * turning_ahead + (1 - ahead) * turning_astern
 
 
-def thrust(flow: Flow, one_minus_w: Any, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Force:
-    """Propeller force [N, N, N m] and slipstream for a wake 1 - w_P. one_minus_w [-]; flow, p, c, s: as in
-    mmg/motion/flow.py."""
-    nD = flow.n * p.D_P
+def force_with(wake_of: Callable[..., Any], flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Force:
+    """Propeller force [N, N, N m] and slipstream with a wake model. wake_of: its function of flow, p, c, s, which are
+    as in mmg/motion/flow.py."""
+    nD, one_minus_w = flow.n * p.D_P, wake_of(flow, p, c, s)
     ahead = s.step_or_zero(nD, s.speed)
     u_P = flow.u * one_minus_w
     load = loading(u_P, nD, ahead, c, s)
@@ -79,6 +76,5 @@ def thrust(flow: Flow, one_minus_w: Any, p: SimpleNamespace, c: SimpleNamespace,
     return Force(X, 0.0, 0.0, Slipstream(one_minus_w, u_P, load, ahead))
 
 
-def force(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Force:
-    """Propeller force [N, N, N m] and slipstream. flow, p, c, s: as in mmg/motion/flow.py."""
-    return thrust(flow, wake.yasukawa_2015(flow, p, c, s), p, c, s)
+coefficients = partial(coefficients_with, wake.YASUKAWA_2015)
+force = partial(force_with, wake.yasukawa_2015)

@@ -20,7 +20,6 @@ from mmg.motion.froude import GRAVITY
 from mmg.motion.memory import Memory
 
 PARTICULARS = ("B", "d", "m", "GM")
-INPUTS: tuple[str, ...] = ()
 
 
 def coefficients(p: SimpleNamespace) -> tuple[Coefficient, ...]:

@@ -84,7 +84,7 @@ def _detail() -> tuple[Coefficient, ...]:
             std = max(0.2 * abs(value), 0.05)
             words = f"{_WORDS[letters[0]].format(i)}, {side}"
             rows.append((f"{letters}_{i}", value, std, value - 10 * std, value + 10 * std, "", words))
-    return tuple(row.with_(fixed=True) for row in table(_SOURCE, *rows))
+    return table(_SOURCE, *rows, fixed=True)
 
 
 COEFFICIENTS = (

@@ -14,7 +14,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from mmg.components.coefficients import Coefficient, table
-from mmg.motion.flow import Force
+from mmg.motion.flow import Flow, Force
 from mmg.motion.froude import reference_speed
 from mmg.motion.smooth import Smoothing
 
@@ -48,11 +48,13 @@ def effectiveness(Fr: Any, a: tuple[Any, ...], s: Smoothing) -> Any:
     return 1 + a_0 + a_1 * Fr + a_2 * Fr**2 - s.divide(rise**2, 4 * a_2, 1e-2)
 
 
-def side_thruster(
-    u: Any, n: Any, D: Any, x: Any, suffix: str, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing
-) -> Force:
-    """Force [N, N, N m] of a tunnel thruster of diameter D [m] at x [m] forward of midship. u [m/s]; n [1/s]; suffix:
-    BT or ST; p, c, s: as in mmg/motion/flow.py."""
+def side_thruster(suffix: str, input_: str, flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Force:
+    """Force [N, N, N m] of the tunnel thruster of diameter D_BT or D_ST [m] at x_BT or x_ST [m] forward of midship.
+
+    Positive revolutions push to starboard. suffix: BT or ST; input_: name of the revolutions in ``flow``; flow, p, c,
+    s: as in mmg/motion/flow.py.
+    """
+    u, n, D, x = flow.u, getattr(flow, input_), getattr(p, f"D_{suffix}"), getattr(p, f"x_{suffix}")
     K_P, K_N, u_max = (getattr(c, f"{name}_{suffix}") for name in ("K_TP", "K_TN", "u_max"))
     nD = n * D
     squared = 0.5 * (K_P - K_N) * nD * s.absolute(nD, 0.1 * s.speed) + 0.5 * (K_P + K_N) * nD**2

@@ -23,22 +23,16 @@ from mmg.motion.froude import GRAVITY
 from mmg.motion.smooth import Smoothing
 
 PARTICULARS = ("L", "rho")
-INPUTS: tuple[str, ...] = ()
-
-_SEA = "of the day: give it; 0 is a calm sea"
-_SIZE = "order of magnitude, total reflection of short waves, UNVERIFIED"
 
 COEFFICIENTS: tuple[Coefficient, ...] = (
-    *(
-        row.with_(fixed=True)
-        for row in table(
-            _SEA,
-            ("H_s", 0.0, 0.1, 0.0, 20.0, "m", "significant wave height"),
-            ("chi_W", 0.0, 0.3, -6.3, 6.3, "rad", "direction the waves come from, clockwise from north"),
-        )
+    *table(
+        "of the day: give it; 0 is a calm sea",
+        ("H_s", 0.0, 0.1, 0.0, 20.0, "m", "significant wave height"),
+        ("chi_W", 0.0, 0.3, -6.3, 6.3, "rad", "direction the waves come from, clockwise from north"),
+        fixed=True,
     ),
     *table(
-        _SIZE,
+        "order of magnitude, total reflection of short waves, UNVERIFIED",
         ("C_XW", 0.008, 0.008, -0.02, 0.06, "", "mean wave drift, surge: X / (rho g H_s^2 L) in head waves"),
         ("C_YW", 0.06, 0.03, -0.05, 0.25, "", "mean wave drift, sway: Y / (rho g H_s^2 L) in beam waves"),
         ("C_NW", 0.0, 0.01, -0.05, 0.05, "", "mean wave drift, yaw: N / (rho g H_s^2 L^2) in bow-quartering waves"),

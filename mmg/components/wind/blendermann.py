@@ -19,9 +19,6 @@ from mmg.motion.flow import Flow, Force
 from mmg.motion.smooth import Smoothing
 
 PARTICULARS = ("A_T", "A_L", "L_OA", "C", "rho_a")
-INPUTS: tuple[str, ...] = ()
-
-SYMBOLS = ("CD_t", "CD_bow", "CD_stern", "delta_A", "kappa_A")
 
 TYPES = {
     "car carrier": (0.95, 0.55, 0.60, 0.80, 1.2),
@@ -47,30 +44,28 @@ TYPES = {
 BEAM_WIDTH = 0.05
 """Width of the blend of bow and stern values, in the cosine of the wind angle: 3 deg about the beam."""
 
-_SOURCE = "Blendermann (1994), {}, as in MSS"
-
-
-def of_type(ship_type: str) -> dict[str, float]:
-    """Values of ``SYMBOLS`` for a ship type, a key of ``TYPES``; KeyError with the choices for any other. ship_type: a
-    row of the table."""
-    if ship_type not in TYPES:
-        raise KeyError(f"ship type {ship_type!r} is unknown; known: {', '.join(TYPES)}")
-    return dict(zip(SYMBOLS, TYPES[ship_type], strict=True))
-
 
 def coefficients_of(ship_type: str) -> tuple[Coefficient, ...]:
-    """Coefficient table for a ship type; KeyError for an unknown one. kappa is fixed: there is no roll here. ship_type:
-    a row of the table."""
-    value = of_type(ship_type)
-    rows = table(
-        _SOURCE.format(ship_type),
-        ("CD_t", value["CD_t"], 0.15, 0.3, 1.5, "", "wind: transverse resistance, on A_L"),
-        ("CD_bow", value["CD_bow"], 0.15, 0.1, 1.5, "", "wind: longitudinal resistance, wind from ahead, on A_T"),
-        ("CD_stern", value["CD_stern"], 0.15, 0.1, 1.5, "", "wind: longitudinal resistance, wind from aft, on A_T"),
-        ("delta_A", value["delta_A"], 0.15, 0.0, 0.95, "", "wind: cross-force parameter"),
-        ("kappa_A", value["kappa_A"], 0.3, 0.5, 4.0, "", "wind: heeling lever (no effect without roll)"),
+    """Coefficient table for a ship type, a key of ``TYPES``; KeyError with the choices for any other.
+
+    kappa is fixed: there is no roll here.
+    """
+    if ship_type not in TYPES:
+        raise KeyError(f"ship type {ship_type!r} is unknown; known: {', '.join(TYPES)}")
+    CD_t, CD_bow, CD_stern, delta_A, kappa_A = TYPES[ship_type]
+    source = f"Blendermann (1994), {ship_type}, as in MSS"
+    return (
+        *table(
+            source,
+            ("CD_t", CD_t, 0.15, 0.3, 1.5, "", "wind: transverse resistance, on A_L"),
+            ("CD_bow", CD_bow, 0.15, 0.1, 1.5, "", "wind: longitudinal resistance, wind from ahead, on A_T"),
+            ("CD_stern", CD_stern, 0.15, 0.1, 1.5, "", "wind: longitudinal resistance, wind from aft, on A_T"),
+            ("delta_A", delta_A, 0.15, 0.0, 0.95, "", "wind: cross-force parameter"),
+        ),
+        *table(
+            source, ("kappa_A", kappa_A, 0.3, 0.5, 4.0, "", "wind: heeling lever (no effect without roll)"), fixed=True
+        ),
     )
-    return (*rows[:-1], rows[-1].with_(fixed=True))
 
 
 COEFFICIENTS = coefficients_of("tanker loaded")

@@ -17,7 +17,6 @@ from mmg.motion.flow import Flow, Force
 from mmg.motion.smooth import Smoothing
 
 PARTICULARS = ("L", "B", "A_T", "A_L", "A_OD", "C", "C_BR", "H_BR", "H_C", "rho_a")
-INPUTS: tuple[str, ...] = ()
 
 NAMES = ("X_A0", "X_A1", "X_A3", "X_A5", "Y_A1", "Y_A3", "Y_A5", "N_A1", "N_A2", "N_A3")
 

@@ -24,7 +24,6 @@ from mmg.motion.flow import Flow, Force
 from mmg.motion.smooth import Smoothing
 
 PARTICULARS = ("B", "A_T", "A_L", "A_SS", "L_OA", "C", "S_A", "rho_a")
-INPUTS: tuple[str, ...] = ()
 
 COEFFICIENTS = (
     *table(
@@ -33,9 +32,7 @@ COEFFICIENTS = (
         ("k_YA", 1.0, 0.2, 0.0, 3.0, "", "factor on the wind side force of Isherwood's regression"),
         ("k_NA", 1.0, 0.2, -1.0, 3.0, "", "factor on the wind yaw moment of Isherwood's regression"),
     ),
-    table("merchant ships: 1 to 3", ("M_A", 1.0, 1.0, 0.0, 6.0, "", "groups of masts seen from the side"))[0].with_(
-        fixed=True
-    ),
+    *table("merchant ships: 1 to 3", ("M_A", 1.0, 1.0, 0.0, 6.0, "", "groups of masts seen from the side"), fixed=True),
 )
 
 ORDER = 7

@@ -81,7 +81,7 @@ def test_blendermann_oblique_wind_by_hand() -> None:
 
 def test_unknown_ship_type_names_the_known_ones() -> None:
     with pytest.raises(KeyError, match="tanker loaded"):
-        blendermann.of_type("canoe")
+        blendermann.coefficients_of("canoe")
 
 
 def test_smooth_blendermann_agrees_with_the_branches_to_one_percent() -> None:
