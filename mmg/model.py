@@ -162,18 +162,20 @@ def assemble(ship: Ship, symbols: Sequence[str] | None = None, exact: bool = Fal
     six, controls = ca.SX.sym("state", 6), ca.SX.sym("controls", len(ship.inputs))
     theta = ca.SX.sym("coefficients", len(chosen))
     values_of = {name: c.value for name, c in ship.coefficients.items()}
-    values: dict[str, Any] = dict(values_of)
-    values.update({name: theta[i] for i, name in enumerate(chosen)})
+    values: dict[str, Any] = values_of | {name: theta[i] for i, name in enumerate(chosen)}
     s: Smoothing = Exact() if exact else Smooth.for_length(ship.particulars["L"])
     by_name = {name: controls[i] for i, name in enumerate(ship.inputs)}
     built = _equations(six, by_name, names(values), ship, s)
     memory = built.memory
     state = ca.vertcat(six, *memory.symbols)
     derivative = ca.vertcat(built.rates, *memory.rates)
-    roles = tuple(built.parts)
     rows = ca.vertcat(*[ca.horzcat(part.X, part.Y, part.N) for part in built.parts.values()])
-    arguments, labels, options = [state, controls, theta], ["state", "controls", "coefficients"], {"cse": True}
     placed = bool(ca.which_depends(derivative, six[:2], 1, True) != [False] * derivative.numel())
+
+    def function(name: str, expression: Any) -> ca.Function:
+        arguments, labels = [state, controls, theta], ["state", "controls", "coefficients"]
+        return ca.Function(name, arguments, [expression], labels, [name], {"cse": True})
+
     return Model(
         ship=ship,
         symbols=chosen,
@@ -181,14 +183,12 @@ def assemble(ship: Ship, symbols: Sequence[str] | None = None, exact: bool = Fal
         states=(*STATES, *memory.names),
         sizes=_at_values(ca.vertcat(*memory.sizes), theta, [values_of[name] for name in chosen]),
         first=0 if placed else 2,
-        rates=ca.Function("rates", arguments, [derivative], labels, ["rates"], options),
-        forces=ca.Function("forces", arguments, [rows], labels, ["forces"], options),
-        roles=roles,
+        rates=function("rates", derivative),
+        forces=function("forces", rows),
+        roles=tuple(built.parts),
         initial=ca.Function("initial", [six, controls, theta], [ca.vertcat(six, *_settled(memory))]),
-        columns=ca.Function("columns", [state, theta], [ca.vertcat(*built.columns)], options),
-        features=ca.Function(
-            "features", arguments, [ca.vertcat(*built.features.values())], labels, ["features"], options
-        ),
+        columns=ca.Function("columns", [state, theta], [ca.vertcat(*built.columns)], {"cse": True}),
+        features=function("features", ca.vertcat(*built.features.values())),
         measured=built.measured,
     )
 

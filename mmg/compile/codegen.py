@@ -18,7 +18,7 @@ from mmg.compile.vector_math import MATH
 LANES = 8
 """Points per vector: 8 doubles fill an AVX-512 register, two AVX2 ones, four NEON ones."""
 
-_ONE = ("sqrt", "exp", "log", "expm1", "log1p", "erf", "fabs", "floor", "ceil")
+_ONE: tuple[str, ...] = ("sqrt", "exp", "log", "expm1", "log1p", "erf", "fabs", "floor", "ceil")
 _ONE += ("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh")
 _TWO = ("pow", "atan2", "fmin", "fmax", "fmod", "hypot", "copysign")
 """Functions of the C library that CasADi has an operation for, of one and of two arguments."""

@@ -8,7 +8,6 @@ vectors of LANES points and single points (``lanes`` 1).
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -28,68 +27,49 @@ _LEVEL_OF_ARGUMENT = (_STATE, _INPUTS, _COEFFICIENTS)
 
 
 def _sorted_instructions(rates: ca.Function) -> dict[str, str | int]:
-    """C statements by level, with the values that one level hands to the next ones in arrays K and H."""
-    level: dict[str, int] = {}
+    """C statements by level: what one level hands to the next ones is in arrays K and H, constants are written where
+    they are used."""
     slots: dict[int, str] = {}
-    lines: list[tuple[int, str, str, list[str]]] = []
     results: dict[int, str] = {}
+    level: dict[str, int] = {}
+    text_of: dict[str, str] = {}
+    uses: dict[str, list[str]] = {}
     for k in range(rates.n_instructions()):
         operation = rates.instruction_id(k)
         inputs, outputs = rates.instruction_input(k), rates.instruction_output(k)
-        name = f"a{k}"
         if operation == ca.OP_OUTPUT:
             results[outputs[1]] = slots[inputs[0]]
             continue
-        used: list[str] = []
+        name = f"a{k}"
+        uses[name] = []
         if operation == ca.OP_CONST:
-            level[name], text = _CONSTANT, f"fill({constant(rates.instruction_constant(k))})"
+            level[name], text_of[name] = _CONSTANT, f"fill({constant(rates.instruction_constant(k))})"
         elif operation == ca.OP_INPUT:
-            level[name], text = _LEVEL_OF_ARGUMENT[inputs[0]], f"{'qcp'[inputs[0]]}[{inputs[1]}]"
+            level[name], text_of[name] = _LEVEL_OF_ARGUMENT[inputs[0]], f"{'qcp'[inputs[0]]}[{inputs[1]}]"
         else:
-            used = [slots[i] for i in inputs]
-            level[name] = max(level[i] for i in used)
-            text = expression(operation, used)
-        lines.append((level[name], name, text, used))
+            uses[name] = [slots[i] for i in inputs]
+            level[name] = max(level[i] for i in uses[name])
+            text_of[name] = expression(operation, uses[name])
         slots[outputs[0]] = name
-    needed = {name: level_of for level_of, _, _, used in lines for name in used if level[name] < level_of}
-    for name in results.values():
-        needed[name] = _STATE
-    handed = {
-        where: [name for stage, name, _, _ in lines if stage == where and name in needed]
-        for where in (_COEFFICIENTS, _INPUTS)
-    }
-    return _statements(lines, level, handed, results)
-
-
-def _statements(
-    lines: Sequence[tuple[int, str, str, list[str]]],
-    level: dict[str, int],
-    handed: dict[int, list[str]],
-    results: dict[int, str],
-) -> dict[str, str | int]:
-    """The bodies of the three functions; constants and what earlier ones hand over are written where they are used."""
-    text_of = {name: text for _, name, text, _ in lines}
-    array = {_COEFFICIENTS: "K", _INPUTS: "H"}
-    place = {n: f"{array[where]}[{i}]" for where, names in handed.items() for i, n in enumerate(names)}
-    bodies: dict[str, str | int] = {"K": len(handed[_COEFFICIENTS]), "H": len(handed[_INPUTS])}
-    for where, key in ((_COEFFICIENTS, "shared"), (_INPUTS, "inputs"), (_STATE, "rates")):
-        body: list[str] = []
-        known: set[str] = set()
-        own = [(name, text, used) for stage, name, text, used in lines if stage == where]
-        last = [("", "", list(results.values()))] if where == _STATE else []
-        for name, text, used in (*own, *last):
-            for other in used:
+    level["d"], uses["d"] = _STATE, list(results.values())
+    crossing = {other for name, used in uses.items() for other in used if level[other] < level[name]}
+    place: dict[str, str] = {}
+    parts: dict[str, str | int] = {}
+    for where, key, array in ((_COEFFICIENTS, "shared", "K"), (_INPUTS, "inputs", "H"), (_STATE, "rates", "d")):
+        body, known = [], set()
+        for name in (name for name in uses if level[name] == where):
+            for other in uses[name]:
                 if level[other] != where and other not in known:
                     known.add(other)
                     body.append(f"const V {other} = {place.get(other) or text_of[other]};")
-            if name:
-                body.append(f"const V {name} = {text};")
-        if where != _STATE:
-            body += [f"{array[where]}[{i}] = {name};" for i, name in enumerate(handed[where])]
-        else:
-            body += [f"d[{row}] = {name};" for row, name in sorted(results.items())]
-        bodies[key] = "\n  ".join(body)
-    return bodies
+            if name in text_of:
+                body.append(f"const V {name} = {text_of[name]};")
+        handed = [name for name in text_of if level[name] == where and name in crossing]
+        place |= {name: f"{array}[{i}]" for i, name in enumerate(handed)}
+        body += [f"{place[name]} = {name};" for name in handed]
+        body += [f"d[{row}] = {name};" for row, name in sorted(results.items()) if where == _STATE]
+        parts |= {key: "\n  ".join(body), array: len(handed)}
+    return parts
 
 
 _LOOP = """

@@ -38,24 +38,6 @@ def kijima_1990(L: float, B: float, d: float, C_b: float, m_x: float = 0.0) -> d
     }
 
 
-def interaction(L: float, B: float, C_b: float) -> dict[str, float]:
-    """Wake, slipstream and flow straightening of the Kijima set.
-
-    w_P0 = 0.5 C_b - 0.05, kappa = 0.55 - 0.8 c (single source); epsilon = -156.2 c^2 + 41.6 c - 1.76 (one code prints
-    -156.5), gamma_R = -22.2 c^2 + 0.02 c + 0.68, t_R = 0.45 - 0.28 C_b. UNVERIFIED: gamma_R, t_R and epsilon from
-    recollection; epsilon falls below 0.5 for full and for fine hulls alike, so look at it before use.
-    L, B [m]: length, breadth.
-    """
-    c = C_b * B / L
-    return {
-        "w_P0": 0.5 * C_b - 0.05,
-        "kappa": 0.55 - 0.8 * c,
-        "epsilon": -156.2 * c * c + 41.6 * c - 1.76,
-        "gamma_R": -22.2 * c * c + 0.02 * c + 0.68,
-        "t_R": 0.45 - 0.28 * C_b,
-    }
-
-
 def inoue_1981(L: float, B: float, d: float, C_b: float, trim: float = 0.0) -> dict[str, float]:
     """Linear derivatives with trim [m, positive by the stern], Inoue et al. (1981), ISP 28:112; d the mean draught.
 

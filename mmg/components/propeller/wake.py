@@ -13,8 +13,8 @@ from typing import Any
 
 import casadi as ca
 
-from mmg.motion.drift import drift_angle
 from mmg.motion.flow import Flow
+from mmg.motion.frames import drift_angle
 from mmg.motion.smooth import Smoothing
 
 W_P0 = ("w_P0", 0.40, 0.08, 0.0, 0.85, "", "wake fraction in straight running")

@@ -16,8 +16,8 @@ from typing import Any
 
 from mmg.components.coefficients import Coefficient, table
 from mmg.components.rudder import inflow as shared
-from mmg.motion.drift import drift_angle
 from mmg.motion.flow import Flow, Force
+from mmg.motion.frames import drift_angle
 from mmg.motion.smooth import Smoothing
 
 PARTICULARS = ("L", "rho", "D_P", "A_R", "aspect_ratio", "x_R")

@@ -77,12 +77,6 @@ def test_kijimas_nonlinear_terms_by_hand() -> None:
     assert got["Y_r"] == pytest.approx(0.5 * 0.1468125)
 
 
-def test_interaction_by_hand() -> None:
-    got = empirical.interaction(320.0, 58.0, 0.81)
-    expected = {"w_P0": 0.355, "kappa": 0.43255, "epsilon": 0.98068, "gamma_R": 0.20444, "t_R": 0.2232}
-    assert got == pytest.approx(expected, abs=0.6e-5)
-
-
 def test_inoue_without_trim_is_linear_kijima() -> None:
     even = empirical.inoue_1981(**KVLCC2)
     kijima = empirical.kijima_1990(**KVLCC2)

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from mmg.components.catalogue import module
 from mmg.components.coefficients import names
 from mmg.components.propeller import hachii, standard, wake
-from mmg.motion.drift import drift_angle
 from mmg.motion.flow import Flow, Force, Slipstream
+from mmg.motion.frames import drift_angle
 from mmg.motion.smooth import Exact, Smoothing
 from tests.support.force_numbers import (
     as_function,
