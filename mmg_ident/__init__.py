@@ -49,20 +49,11 @@ _HOMES = {
     "TrainResult": "residual.result",
     "Trial": "cases.trial",
     "UserError": "mmg.errors",
-    "calibrate": "mmg_ident.api",
-    "check": "mmg_ident.api",
-    "diagnose": "mmg_ident.api",
-    "load_run": "mmg_ident.api",
     "load_ship": "cases.shipfiles.ship_file",
     "new_ship": "cases.shipfiles.new_ship",
-    "predict": "mmg_ident.api",
     "read_trials": "cases.io.read",
-    "score": "mmg_ident.api",
-    "simulate": "mmg_ident.api",
-    "train": "mmg_ident.api",
-    "write_report": "mmg_ident.api",
 }
-"""Public name -> the module it is taken from."""
+"""Public name -> the module it is taken from, where that is not ``mmg_ident.api``."""
 
 __all__ = [
     "CheckReport",
@@ -104,12 +95,12 @@ def __getattr__(name: str) -> Any:
             value: Any = version("mmg-ident")
         except PackageNotFoundError:
             value = "unknown"
-    elif name in _HOMES:
+    elif name in __all__:
         from mmg_ident.shadow import shadowing_mmg
 
         if in_the_way := shadowing_mmg():
             raise ImportError(in_the_way)
-        value = getattr(import_module(_HOMES[name]), name)
+        value = getattr(import_module(_HOMES.get(name, "mmg_ident.api")), name)
     else:
         raise AttributeError(f"module 'mmg_ident' has no attribute {name!r}")
     globals()[name] = value

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
 
@@ -40,10 +40,6 @@ class Inertia:
     I_z: Any
     y_r: Any = 0.0
     n_v: Any = 0.0
-
-    def with_(self, **changes: Any) -> Inertia:
-        """A copy with some masses changed."""
-        return replace(self, **changes)
 
 
 def inertia(p: SimpleNamespace, c: SimpleNamespace) -> Inertia:

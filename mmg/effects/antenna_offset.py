@@ -7,9 +7,8 @@ the ship's own measures u and v, the position alone belongs to it.
 from __future__ import annotations
 
 from types import SimpleNamespace
-from typing import Any
 
-from mmg.effects.effect import Effect, Parameter
+from mmg.effects.effect import Columns, Effect, Parameter
 from mmg.motion.flow import Flow
 from mmg.motion.frames import body_to_earth
 from mmg.motion.memory import Memory
@@ -29,6 +28,6 @@ class AntennaOffset(Effect):
             Parameter("alone_y", 0.0, size, -most, most, "m", "the same while u and v are midship's", True, "alone"),
         )
 
-    def columns(self, y: list[Any], flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace) -> list[Any]:
+    def columns(self, y: Columns, flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace) -> Columns:
         north, east = body_to_earth(e.x + e.alone_x, e.y + e.alone_y, flow.psi)
         return [y[0] + north, y[1] + east, y[2], y[3] - flow.r * e.y, y[4] + flow.r * e.x, y[5]]

@@ -58,6 +58,9 @@ class Parameter:
         )
 
 
+Columns = list[Any]
+"""The columns x, y, psi, u, v, r, as expressions or as samples (N,) each."""
+
 Parts = dict[str, Force]
 """Forces by role of the ship, and by name of the effect that adds one."""
 
@@ -126,17 +129,15 @@ class Effect(ABC):
         """Masses as they really are."""
         return inertia
 
-    def columns(self, y: list[Any], flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace) -> list[Any]:
-        """The six columns x, y, psi, u, v, r as logged, from the true ones (or those of an earlier effect)."""
+    def columns(self, y: Columns, flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace) -> Columns:
+        """The columns as logged, from the true ones (or those of an earlier effect)."""
         return y
 
     def input_delay(self, e: SimpleNamespace) -> float | None:
         """Time [s] by which the generator holds back rudder and revolutions, exactly, in place of ``actuators``."""
         return None
 
-    def samples(
-        self, t: np.ndarray, y: list[np.ndarray], flow: Flow, e: SimpleNamespace, p: SimpleNamespace
-    ) -> list[np.ndarray]:
+    def samples(self, t: np.ndarray, y: Columns, flow: Flow, e: SimpleNamespace, p: SimpleNamespace) -> Columns:
         """``columns`` of the generator: at its samples t (N,) [s], exact where those of a fit remember and approximate.
 
         To be overridden by an effect whose ``columns`` need a memory.

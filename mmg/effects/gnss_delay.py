@@ -15,7 +15,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from mmg.effects.effect import Effect, Parameter
+from mmg.effects.effect import Columns, Effect, Parameter
 from mmg.motion.flow import Flow
 from mmg.motion.frames import body_to_earth, earth_to_body
 from mmg.motion.froude import reference_speed, time_scale
@@ -36,7 +36,7 @@ class GnssDelay(Effect):
             Parameter("finished", 0.0, size, 0.0, most, "s", finished, held=True, form="finished"),
         )
 
-    def columns(self, y: list[Any], flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace) -> list[Any]:
+    def columns(self, y: Columns, flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace) -> Columns:
         u, v, (north, east) = late_velocity(y, memory, self.name, e.tau, p, e.alone + e.finished)
         u, v = (
             delayed(memory, f"{self.name}.{axis}", value, e.finished, time_scale(p.L), 0.1 * reference_speed(p.L))
@@ -45,16 +45,14 @@ class GnssDelay(Effect):
         late = e.tau + e.alone + e.finished
         return [y[0] - late * north, y[1] - late * east, y[2], u, v, y[5]]
 
-    def samples(
-        self, t: np.ndarray, y: list[np.ndarray], flow: Flow, e: SimpleNamespace, p: SimpleNamespace
-    ) -> list[np.ndarray]:
+    def samples(self, t: np.ndarray, y: Columns, flow: Flow, e: SimpleNamespace, p: SimpleNamespace) -> Columns:
         place, (u, v) = late_samples(t, y, e.tau + e.alone + e.finished)[:2], late_samples(t, y, e.tau)[3:5]
         past = t - e.finished
         return [*place, y[2], np.interp(past, t, u), np.interp(past, t, v), y[5]]
 
 
 def late_velocity(
-    y: list[Any], memory: Memory, name: str, tau: Any, p: SimpleNamespace, further: Any = 0.0
+    y: Columns, memory: Memory, name: str, tau: Any, p: SimpleNamespace, further: Any = 0.0
 ) -> tuple[Any, Any, tuple[Any, Any]]:
     """u and v of columns y from the velocity over ground of ``tau`` ago, turned by the present heading; and V_f.
 
@@ -71,7 +69,7 @@ def late_velocity(
     return u, v, (north, east)
 
 
-def late_samples(t: np.ndarray, y: list[np.ndarray], delay: float) -> list[np.ndarray]:
+def late_samples(t: np.ndarray, y: Columns, delay: float) -> Columns:
     """Columns with position and earth-fixed velocity of ``delay`` [s] ago; before the first sample it ran straight. t
     (N,) [s]; y: columns, (N,) each."""
     if delay == 0:

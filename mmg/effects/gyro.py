@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 
-from mmg.effects.effect import Effect, Parameter
+from mmg.effects.effect import Columns, Effect, Parameter
 from mmg.motion.flow import Flow
 from mmg.motion.froude import time_scale
 from mmg.motion.memory import Memory, lagged
@@ -26,13 +25,11 @@ class Gyro(Effect):
             Parameter("T", 0.0, 0.3 * k, 0.0, 5.0 * k, "s", "lag of the logged turn rate", held=True),
         )
 
-    def columns(self, y: list[Any], flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace) -> list[Any]:
+    def columns(self, y: Columns, flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace) -> Columns:
         late = lagged(memory, "gyro.r", y[5], e.T, 0.5 * time_scale(p.L), 0.05 / time_scale(p.L))
         return [*y[:5], late * (1 + e.share)]
 
-    def samples(
-        self, t: np.ndarray, y: list[np.ndarray], flow: Flow, e: SimpleNamespace, p: SimpleNamespace
-    ) -> list[np.ndarray]:
+    def samples(self, t: np.ndarray, y: Columns, flow: Flow, e: SimpleNamespace, p: SimpleNamespace) -> Columns:
         return [*y[:5], _behind(t, y[5], e.T) * (1 + e.share)]
 
 

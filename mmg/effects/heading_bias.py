@@ -7,9 +7,8 @@ measures them, the heading alone is off.
 from __future__ import annotations
 
 from types import SimpleNamespace
-from typing import Any
 
-from mmg.effects.effect import Effect, Parameter
+from mmg.effects.effect import Columns, Effect, Parameter
 from mmg.motion.flow import Flow
 from mmg.motion.frames import earth_to_body
 from mmg.motion.memory import Memory
@@ -26,6 +25,6 @@ class HeadingBias(Effect):
             Parameter("alone", 0.0, 0.01, -0.5, 0.5, "rad", "the same while u and v are right", True, "alone"),
         )
 
-    def columns(self, y: list[Any], flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace) -> list[Any]:
+    def columns(self, y: Columns, flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace) -> Columns:
         u, v = earth_to_body(y[3], y[4], e.psi)
         return [y[0], y[1], y[2] + e.psi + e.alone, u, v, y[5]]

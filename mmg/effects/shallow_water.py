@@ -7,6 +7,7 @@ in benchmarks/shallow_factors.py). Beyond the shelf line means x cos(bearing) + 
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -53,7 +54,8 @@ class ShallowWater(Effect):
     def inertia(self, inertia: Inertia, flow: Flow, e: SimpleNamespace, p: SimpleNamespace, s: Smoothing) -> Inertia:
         g = growth(flow, e)
         hull = 0.0625 * p.L**2 * p.m + p.x_G**2 * p.m
-        return inertia.with_(
+        return replace(
+            inertia,
             m_x=inertia.m_x * (1 + GROWTH["m_x"] * g),
             m_y=inertia.m_y * (1 + GROWTH["m_y"] * g),
             I_z=inertia.I_z + GROWTH["J_z"] * g * (inertia.I_z - hull),

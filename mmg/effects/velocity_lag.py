@@ -8,11 +8,10 @@ generator delays the columns themselves.
 from __future__ import annotations
 
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 
-from mmg.effects.effect import Effect, Parameter
+from mmg.effects.effect import Columns, Effect, Parameter
 from mmg.effects.gnss_delay import late_samples, late_velocity
 from mmg.motion.flow import Flow
 from mmg.motion.froude import time_scale
@@ -28,11 +27,9 @@ class VelocityLag(Effect):
         k = time_scale(p.L)
         return (Parameter("tau", 0.0, 0.5 * k, 0.0, 5.0 * k, "s", "time by which logged u and v are late"),)
 
-    def columns(self, y: list[Any], flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace) -> list[Any]:
+    def columns(self, y: Columns, flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace) -> Columns:
         u, v, _ = late_velocity(y, memory, self.name, e.tau, p)
         return [y[0], y[1], y[2], u, v, y[5]]
 
-    def samples(
-        self, t: np.ndarray, y: list[np.ndarray], flow: Flow, e: SimpleNamespace, p: SimpleNamespace
-    ) -> list[np.ndarray]:
+    def samples(self, t: np.ndarray, y: Columns, flow: Flow, e: SimpleNamespace, p: SimpleNamespace) -> Columns:
         return [*y[:3], *late_samples(t, y, e.tau)[3:5], y[5]]

@@ -52,16 +52,13 @@ def _document(reports: list[CheckReport], unreadable: list[tuple[Path, UserError
     """
     from cases.checks import pooled
 
+    files = [report.as_dict() for report in reports]
+    for path, error in unreadable:
+        finding = {"topic": "reading", "level": "contradictory", "code": "unreadable", "text": str(error)}
+        row = {"name": path.stem, "path": str(path), "verdict": "contradictory", "findings": [finding], "numbers": {}}
+        files.append(row)
     seconds, sentences = pooled(reports)
-    return {
-        "files": [report.as_dict() for report in reports] + [_refused(path, error) for path, error in unreadable],
-        "pooled": {"group_seconds": seconds, "sentences": sentences},
-    }
-
-
-def _refused(path: Path, error: UserError) -> dict[str, Any]:
-    finding = {"topic": "reading", "level": "contradictory", "code": "unreadable", "text": str(error)}
-    return {"name": path.stem, "path": str(path), "verdict": "contradictory", "findings": [finding], "numbers": {}}
+    return {"files": files, "pooled": {"group_seconds": seconds, "sentences": sentences}}
 
 
 def _print(reports: list[CheckReport]) -> None:

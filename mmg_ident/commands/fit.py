@@ -3,16 +3,26 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
 from mmg.errors import UserError
-from mmg_ident.commands.fit_input import captive_points, resumed, settings_of, starting_ship
-from mmg_ident.commands.output import command_line, names_of, print_json, progress, say, say_remarks, scores_in_words
+from mmg_ident.commands.output import (
+    command_line,
+    names_of,
+    numbers_of,
+    print_json,
+    progress,
+    say,
+    say_remarks,
+    scores_in_words,
+)
 
 if TYPE_CHECKING:
+    from fitting.nlp.captive import Captive
     from fitting.result import FitResult
+    from fitting.settings import Settings
 
 
 def fit(
@@ -79,11 +89,13 @@ def fit(
 
     from cases.io.read import read_trials
     from cases.shipfiles.model_changes import reduced_ship
+    from cases.shipfiles.ship_file import load_ship
     from fitting.pipeline import FitOptions, calibrate
+    from fitting.report.run_folder import check_target
     from fitting.solvers.interrupts import Interrupts
 
     began = time.perf_counter()
-    settings = settings_of(
+    settings = _settings(
         window=window,
         step=step,
         interval=interval,
@@ -97,14 +109,16 @@ def fit(
         compiled=compiled,
         loss=loss,
     )
-    points = captive_points(captive, captive_sigma)
+    points = _captive_points(captive, captive_sigma)
     if auto and resume:
         raise UserError("--auto cannot be resumed: repeat the choice as options, or start again without --resume")
-    earlier = resumed(out) if resume and out.exists() else None
+    earlier = _resumed(out) if resume and out.exists() else None
     if earlier and earlier.converged:
         say(f"{out} has converged already; nothing to resume")
         return 0
-    start = earlier.start if earlier else starting_ship(ship, out)
+    if not earlier:
+        check_target(out)
+    start = earlier.start if earlier else load_ship(ship)
     start = reduced_ship(start, names_of(without), with_ or (), names_of(fix), names_of(only))
     train, held_out = read_trials(trials), read_trials(validate) if validate else []
     options = FitOptions(
@@ -130,6 +144,46 @@ def fit(
     if result.converged:
         return 0
     return 130 if result.status == "User_Requested_Stop" else 1
+
+
+def _settings(sigma: str | None, **values: Any) -> Settings:
+    """Settings from the options ``values`` by name, and ``sigma``: six numbers."""
+    from fitting.nlp.loss import LOSSES
+    from fitting.settings import Settings
+
+    for name in ("window", "step", "tolerance", "time_limit"):
+        if values[name] is not None and not values[name] > 0:
+            raise UserError(f"--{name.replace('_', '-')} {values[name]:g} must be positive")
+    for name, least in (("interval", 1), ("starts", 1), ("workers", 1), ("max_iterations", 0)):
+        if values[name] < least:
+            raise UserError(f"--{name.replace('_', '-')} {values[name]} must be at least {least}")
+    if values["loss"] not in LOSSES:
+        raise UserError(f"--loss {values['loss']}: unknown; choose one of {', '.join(LOSSES)}")
+    return Settings(sigma=numbers_of(sigma, 6, "--sigma") if sigma else None, **values)
+
+
+def _resumed(out: Path) -> FitResult:
+    """The interrupted run in the folder ``out``."""
+    from fitting.result import read_fit
+
+    found = read_fit(out)
+    if found.iterate is None and not found.converged:
+        raise UserError(f"{out}: no iterate to resume from; start again without --resume")
+    return found
+
+
+def _captive_points(path: Path | None, sigma: str | None) -> Captive | None:
+    """Captive points of the file ``path``, with standard deviations ``sigma``: "X,Y [N],N [N m]"; None without one."""
+    from fitting.nlp.captive import read_captive
+
+    if path is None:
+        if sigma:
+            raise UserError("--captive-sigma: there is no --captive to which it belongs")
+        return None
+    given = numbers_of(sigma, 3, "--captive-sigma") if sigma else None
+    if given and min(given) <= 0:
+        raise UserError(f"--captive-sigma {sigma}: X, Y [N] and N [N m] must be positive")
+    return read_captive(path, given)
 
 
 def _summary(result: FitResult, out: Path) -> None:

@@ -50,6 +50,7 @@ def imo(
     import math
 
     from cases.criteria.assessment import imo_figures, imo_figures_of_trials
+    from cases.criteria.measured_maneuvers import KINDS
     from cases.io.read import read_trials
     from cases.shipfiles.ship_file import load_ship
 
@@ -57,7 +58,11 @@ def imo(
     files = [a for a in ships_and_trials if not is_model(a)]
     if models and (files or len(models) > 1):
         raise UserError("give one ship to simulate, or trial files (with --ship or --length), not both")
-    _check(speed, rudder_rate, length, scale, kind)
+    for option, value in (("speed", speed), ("rudder-rate", rudder_rate), ("length", length), ("scale", scale)):
+        if value is not None and not (math.isfinite(value) and value > 0):
+            raise UserError(f"--{option} {value:g} must be positive")
+    if kind and kind not in KINDS:
+        raise UserError(f"--kind {kind!r} is unknown; use {', '.join(KINDS)}")
     _check_targets(plot, out, force)
     if models:
         own: dict[str, object] = {"--ship": ship, "--length": length, "--kind": kind or None}
@@ -80,21 +85,6 @@ def imo(
     _print(found)
     for path in filter(None, (plot, out)):
         say(f"written: {path}")
-
-
-def _check(
-    speed: float | None, rudder_rate: float | None, length: float | None, scale: float | None, kind: str
-) -> None:
-    import math
-
-    from cases.criteria.measured_maneuvers import KINDS
-
-    given = (("--speed", speed), ("--rudder-rate", rudder_rate), ("--length", length), ("--scale", scale))
-    for name, value in given:
-        if value is not None and not (math.isfinite(value) and value > 0):
-            raise UserError(f"{name} {value:g} must be positive")
-    if kind and kind not in KINDS:
-        raise UserError(f"--kind {kind!r} is unknown; use {', '.join(KINDS)}")
 
 
 def _check_targets(plot: Path | None, out: Path | None, force: bool) -> None:

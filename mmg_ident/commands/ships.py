@@ -38,12 +38,14 @@ def ships(
 
     Example: mmg ships --new 320 58 20.8 0.81 9.86 0.72 112.5 7.97 --out my_ship.toml
     """
+    from cases.shipfiles.new_ship import new_ship, parse_particulars
     from cases.shipfiles.ship_file import dump_ship, library, load_ship
 
     if name is not None and new:
         raise UserError(f"give either a ship ({name}) or --new, one of them")
     if name is not None or new:
-        ship = _new(new, called, hull, out) if new else load_ship(str(name))
+        called = called or (out.stem if out else "my_ship")
+        ship = new_ship(called, parse_particulars(new), hull) if new else load_ship(str(name))
         for notice in ship.notices if new else ():
             say(f"note: {notice}")
         if out is not None:
@@ -58,26 +60,29 @@ def ships(
         raise UserError("--out needs a ship to write: name one, or describe it with --new")
     known = {key: load_ship(key) for key in library()}
     if json:
-        print_json({"ships": [_row(key, ship) for key, ship in known.items()]})
+        rows = [
+            {
+                "name": key,
+                "description": ship.description,
+                "L": ship.particulars["L"],
+                "model": dict(ship.components),
+                "coefficients": len(ship.coefficients),
+            }
+            for key, ship in known.items()
+        ]
+        print_json({"ships": rows})
         return
-    rows = [("name", "L [m]", "coefficients", "models")]
+    lines = [("name", "L [m]", "coefficients", "models")]
     for key, ship in known.items():
         models = ", ".join(f"{role} {model}" for role, model in ship.components.items())
-        rows.append((key, f"{ship.particulars['L']:g}", str(len(ship.coefficients)), models))
-    widths = [max(len(row[i]) for row in rows) for i in range(3)]
-    for a, b, c, models in rows:
+        lines.append((key, f"{ship.particulars['L']:g}", str(len(ship.coefficients)), models))
+    widths = [max(len(row[i]) for row in lines) for i in range(3)]
+    for a, b, c, models in lines:
         print(f"{a:<{widths[0]}}  {b:>{widths[1]}}  {c:>{widths[2]}}  {models}")
 
 
 _HEAD = """Starting ship from main particulars, by regressions of the literature with wide priors: expect errors of
 20 to 40 % in nonlinear terms. Calibrate it on trials with mmg fit; correct by hand what you know better."""
-
-
-def _new(words: list[str], called: str | None, hull: str, out: Path | None) -> Ship:
-    """The ship that the particulars describe."""
-    from cases.shipfiles.new_ship import new_ship, parse_particulars
-
-    return new_ship(called or (out.stem if out else "my_ship"), parse_particulars(words), hull)
 
 
 def _write(path: Path, text: str, force: bool) -> None:
@@ -93,30 +98,8 @@ def _write(path: Path, text: str, force: bool) -> None:
         raise UserError(f"--out {path}: cannot be written ({error.strerror or error})") from None
 
 
-def _row(key: str, ship: Ship) -> dict[str, Any]:
-    return {
-        "name": key,
-        "description": ship.description,
-        "L": ship.particulars["L"],
-        "model": dict(ship.components),
-        "coefficients": len(ship.coefficients),
-    }
-
-
 def _document(ship: Ship) -> dict[str, Any]:
-    """A ship file as JSON: the same tables; bounds that are infinite are null."""
-    import dataclasses
-    import math
-
-    def plain(value: Any) -> Any:
-        return None if isinstance(value, float) and not math.isfinite(value) else value
-
-    return {
-        "ship": {"name": ship.name, "description": ship.description, "reference": ship.reference}
-        | dict(ship.particulars),
-        "model": dict(ship.components),
-        "coefficients": {
-            symbol: {key: plain(value) for key, value in dataclasses.asdict(c).items() if key != "symbol"}
-            for symbol, c in ship.coefficients.items()
-        },
-    }
+    """A ship file as JSON: the same tables."""
+    words = {"name": ship.name, "description": ship.description, "reference": ship.reference}
+    rows = {s: {key: value for key, value in vars(c).items() if key != "symbol"} for s, c in ship.coefficients.items()}
+    return {"ship": words | dict(ship.particulars), "model": dict(ship.components), "coefficients": rows}

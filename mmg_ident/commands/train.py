@@ -3,16 +3,28 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
-from mmg.errors import UserError
+from mmg.errors import UserError, needs_torch
 from mmg_ident.commands.output import command_line, print_json, progress, say, say_remarks, scores_in_words
-from mmg_ident.commands.train_input import AGAIN, is_complete, settings_of
 
 if TYPE_CHECKING:
     from residual.result import TrainResult
+    from residual.settings import TrainSettings
+
+_MODELS = ("hybrid", "fnn", "rnn", "rnn-window")
+_ONLY = {
+    "layers": ("fnn",),
+    "zero": ("fnn",),
+    "memory": ("rnn", "rnn-window"),
+    "initial": _MODELS[1:],
+    "symmetric": ("hybrid",),
+}
+"""Options that only some models take."""
+_AGAIN = "the same command with --resume continues"
+"""How to go on with a training that was stopped."""
 
 
 def train(
@@ -75,7 +87,7 @@ def train(
     from cases.shipfiles.ship_file import load_ship
     from fitting.report.run_folder import check_target
 
-    settings = settings_of(
+    settings = _settings(
         model, seeds=seeds, seed=seed, workers=workers, epochs=epochs, width=width, penalty=penalty, jitter=jitter,
         rate=rate, batch=batch, step=step, time_limit=time_limit, loss=loss, augment=augment, layers=layers,
         memory=memory, zero=zero, initial=initial, symmetric=symmetric,
@@ -88,7 +100,7 @@ def train(
         raise UserError(f"--keep {keep}: unknown; choose one of {', '.join(KEEP)}")
     if not (resume and out.exists()):
         check_target(out)
-    elif is_complete(out):
+    elif _is_complete(out):
         say(f"{out} has finished already; nothing to resume")
         return 0
     chosen, held_out = read_trials(trials), read_trials(validate) if validate else []
@@ -99,10 +111,50 @@ def train(
     except KeyboardInterrupt:
         if not store.folder.is_dir():
             raise
-        say(f"mmg: interrupted; what was finished is in {store.folder}: {AGAIN}")
+        say(f"mmg: interrupted; what was finished is in {store.folder}: {_AGAIN}")
         return 130
     _summary(result, out) if not json else print_json(result.to_dict())
     return 130 if result.interrupted else 0
+
+
+def _settings(model: str, **values: Any) -> TrainSettings:
+    """Settings from --model and the other options by name, None where not given."""
+    from residual.settings import LOSSES, BlackBoxSettings, TrainSettings
+
+    if model not in _MODELS:
+        raise UserError(f"--model {model}: unknown; choose one of {', '.join(_MODELS)}")
+    values = {name: value for name, value in values.items() if value is not None}
+    for name in ("seeds", "workers", "epochs", "width", "batch", "layers", "memory"):
+        if not values.get(name, 1) >= 1:
+            raise UserError(f"--{name} {values[name]} must be at least 1")
+    for name in ("rate", "step", "time_limit"):
+        if not 0 < values.get(name, 1.0) < float("inf"):
+            raise UserError(f"--{name.replace('_', '-')} {values[name]:g} must be positive")
+    for name in ("penalty", "jitter", "initial"):
+        if not 0 <= values.get(name, 0) < float("inf"):
+            raise UserError(f"--{name} {values[name]:g} must not be negative")
+    needs_torch("mmg train")
+    from residual.training.augmentation import SETS
+
+    for name, known in (("loss", LOSSES), ("augment", ("", *SETS))):
+        if values.get(name, known[0]) not in known:
+            raise UserError(f"--{name} {values[name]}: unknown; choose one of {', '.join(k for k in known if k)}")
+    strange = [name for name, kinds in _ONLY.items() if name in values and model not in kinds]
+    if strange:
+        raise UserError(f"--{strange[0]} is not for --model {model}, only for {', '.join(_ONLY[strange[0]])}")
+    return TrainSettings(**values) if model == "hybrid" else BlackBoxSettings(kind=model, **values)
+
+
+def _is_complete(out: Path) -> bool:
+    """Whether the run folder ``out`` holds a training of which no seed was stopped or left out."""
+    from fitting.report.run_folder import RESULT, read_result
+    from residual.result import read_training
+
+    if not (out / RESULT).exists():
+        return False
+    if read_result(out).get("kind") != "training":
+        raise UserError(f"{out}: is no run of mmg train, so there is nothing to resume; choose another --out")
+    return read_training(out).complete
 
 
 def _summary(result: TrainResult, out: Path) -> None:
@@ -117,7 +169,7 @@ def _summary(result: TrainResult, out: Path) -> None:
         du, dv, dr = result.network.bound
         say(f"the residual never exceeds |du| {du:.3g}, |dv| {dv:.3g} m/s2, |dr| {dr:.3g} rad/s2, whatever the inputs")
     if not result.complete:
-        say(f"not all seeds came to their end: {AGAIN}")
+        say(f"not all seeds came to their end: {_AGAIN}")
     if result.black_box:
         say(f"run folder: {out} (network.safetensors, report.html): mmg predict and mmg score take it")
     else:
