@@ -80,20 +80,13 @@ def component_forces(flow: Flow, ship: Ship, p: SimpleNamespace, c: Any, s: Smoo
     return result
 
 
-@dataclass
-class _Equations:
-    """Expressions of one ship: rates of the six states, forces by role, memory, logged columns, what a network sees."""
+def _equations(
+    state: Any, controls: Mapping[str, Any], c: SimpleNamespace, ship: Ship, s: Smoothing
+) -> tuple[Any, dict[str, Force], Memory, list[Any], dict[str, Any]]:
+    """Rates of the six states, forces by role, memory, logged columns and what a network sees.
 
-    rates: Any
-    parts: dict[str, Force]
-    memory: Memory
-    columns: list[Any]
-    features: dict[str, Any]
-    measured: bool
-
-
-def _equations(state: Any, controls: Mapping[str, Any], c: SimpleNamespace, ship: Ship, s: Smoothing) -> _Equations:
-    """The model as expressions of the state (6,), the inputs by name and the coefficients by attribute."""
+    Expressions of the state (6,), the inputs by name and the coefficients by attribute.
+    """
     effects = [(effect(name), ship.parameters_of(name, vars(c))) for name in ship.effects]
     p, memory = names(dict(ship.particulars)), Memory()
     for e, values in effects:
@@ -130,11 +123,9 @@ def _equations(state: Any, controls: Mapping[str, Any], c: SimpleNamespace, ship
         du, dv, dr = du + added[0], dv + added[1], dr + added[2]
     dx, dy = body_to_earth(u, v, psi)
     columns: list[Any] = [x, y, psi, u, v, r]
-    measured = False
     for e, values in effects:
         columns = e.columns(columns, flow, memory, values, p)
-        measured = measured or e.measures
-    return _Equations(ca.vertcat(dx, dy, r, du, dv, dr), parts, memory, columns, features, measured)
+    return ca.vertcat(dx, dy, r, du, dv, dr), parts, memory, columns, features
 
 
 def _through_water(flow: Flow, currents: list[tuple[Any, Any, Any, Any]]) -> tuple[Flow, Any, Any, Any, Any]:
@@ -165,11 +156,10 @@ def assemble(ship: Ship, symbols: Sequence[str] | None = None, exact: bool = Fal
     values: dict[str, Any] = values_of | {name: theta[i] for i, name in enumerate(chosen)}
     s: Smoothing = Exact() if exact else Smooth.for_length(ship.particulars["L"])
     by_name = {name: controls[i] for i, name in enumerate(ship.inputs)}
-    built = _equations(six, by_name, names(values), ship, s)
-    memory = built.memory
+    rates, parts, memory, logged, features = _equations(six, by_name, names(values), ship, s)
     state = ca.vertcat(six, *memory.symbols)
-    derivative = ca.vertcat(built.rates, *memory.rates)
-    rows = ca.vertcat(*[ca.horzcat(part.X, part.Y, part.N) for part in built.parts.values()])
+    derivative = ca.vertcat(rates, *memory.rates)
+    rows = ca.vertcat(*[ca.horzcat(part.X, part.Y, part.N) for part in parts.values()])
     placed = bool(ca.which_depends(derivative, six[:2], 1, True) != [False] * derivative.numel())
 
     def function(name: str, expression: Any) -> ca.Function:
@@ -185,11 +175,11 @@ def assemble(ship: Ship, symbols: Sequence[str] | None = None, exact: bool = Fal
         first=0 if placed else 2,
         rates=function("rates", derivative),
         forces=function("forces", rows),
-        roles=tuple(built.parts),
+        roles=tuple(parts),
         initial=ca.Function("initial", [six, controls, theta], [ca.vertcat(six, *_settled(memory))]),
-        columns=ca.Function("columns", [state, theta], [ca.vertcat(*built.columns)], {"cse": True}),
-        features=function("features", ca.vertcat(*built.features.values())),
-        measured=built.measured,
+        columns=ca.Function("columns", [state, theta], [ca.vertcat(*logged)], {"cse": True}),
+        features=function("features", ca.vertcat(*features.values())),
+        measured=any(effect(name).measures for name in ship.effects),
     )
 
 

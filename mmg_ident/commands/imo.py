@@ -99,11 +99,9 @@ def _check_targets(plot: Path | None, out: Path | None, force: bool) -> None:
 
 def _write(plot: Path | None, out: Path | None, found: Assessment) -> None:
     """The figure, and the folder with table, figure and simulated runs."""
-    import json
-
     from cases.simulation.simulate import write_trial
     from fitting.report.plot_maneuvers import save_figure
-    from fitting.report.run_folder import plain
+    from fitting.report.run_folder import write_json
 
     try:
         if plot is not None:
@@ -111,7 +109,7 @@ def _write(plot: Path | None, out: Path | None, found: Assessment) -> None:
         if out is not None:
             out.mkdir(parents=True, exist_ok=True)
             save_figure(found.runs, found.heading, out / "imo.png")
-            (out / "imo.json").write_text(json.dumps(plain(found.to_dict()), indent=2) + "\n", encoding="utf-8")
+            write_json(out / "imo.json", found.to_dict())
             for run in found.runs:
                 if not run.measured:
                     write_trial(run.trial, out / f"{run.trial.name}.csv")

@@ -55,7 +55,7 @@ COEFFICIENTS = table(
 )
 
 
-def _between(u: Any, nD: Any, advance: float, s: Smoothing) -> Any:
+def _below(u: Any, nD: Any, advance: Any, s: Smoothing) -> Any:
     """Weight of J_s < ``advance`` (negative) for a reversing propeller, without dividing by n.
 
     For n < 0, J_s = u/(nD) < J* is the same as u - J* nD > 0, linear in u and n. Blended over 0.02 in J_s.
@@ -66,7 +66,7 @@ def _between(u: Any, nD: Any, advance: float, s: Smoothing) -> Any:
 def _side_force(u: Any, nD: Any, k: tuple[Any, ...], p: SimpleNamespace, ahead: Any, s: Smoothing) -> Any:
     """(n D)^2 times the side-force or moment polynomial [m^2/s^2]."""
     n2, n1 = nD * nD, nD * u
-    low, high = _between(u, nD, ADVANCE_LOW, s), _between(u, nD, ADVANCE_HIGH, s)
+    low, high = _below(u, nD, ADVANCE_LOW, s), _below(u, nD, ADVANCE_HIGH, s)
     middle = k[0] * n2 + k[1] * n1
     reversed_ = (1 - high) * k[4] * n2 + (high - low) * middle + low * (k[2] * n2 + k[3] * n1)
     sternway = p.pitch_ratio**2 * (k[5] * u * u + k[6] * n1 + k[7] * n2)
@@ -82,8 +82,7 @@ def force(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> F
     one_minus_w = wake(flow, p, c, s)
     u_P = u * one_minus_w
     loading_ahead = c.k_0 * nD**2 + c.k_1 * nD * u_P + c.k_2 * u_P**2
-    # J_s >= C_10 with n < 0: u <= C_10 n D
-    weak = 1 - s.step(u - c.C_10 * nD, s.magnitude(0.02 * nD, 0.2 * s.speed))
+    weak = 1 - _below(u, nD, c.C_10, s)
     loading_reversed = weak * (c.C_6 * nD**2 + c.C_7 * nD * u) + (1 - weak) * c.C_3 * nD**2
     area = p.rho * D**2
     X = area * (ahead * (1 - c.t_P) * loading_ahead + (1 - ahead) * loading_reversed)
