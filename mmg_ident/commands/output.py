@@ -54,7 +54,7 @@ def scores_in_words(before: Score, after: Score) -> str:
 
 
 def refuse_target(option: str, path: Path, force: bool) -> None:
-    """Raises UserError unless a file can be written to the ``path`` of ``option``; force: one that exists gives way."""
+    """Raises UserError unless a file can be written to the ``path`` of ``option``; ``force``: over one that exists."""
     if path.exists() and (path.is_dir() or not force):
         raise UserError(f"{option} {path}: exists already; choose another name or add --force")
     if not path.parent.is_dir():

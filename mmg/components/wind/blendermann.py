@@ -46,7 +46,7 @@ BEAM_WIDTH = 0.05
 
 
 def coefficients_of(ship_type: str) -> tuple[Coefficient, ...]:
-    """Coefficient table for a ship type, a key of ``TYPES``; KeyError with the choices for any other.
+    """Coefficient table for ``ship_type``, a key of ``TYPES``; KeyError with the choices for any other.
 
     kappa is fixed: there is no roll here.
     """
