@@ -116,6 +116,12 @@ class Trial:
         return psi
 
     @property
+    def rudder(self) -> np.ndarray:
+        """Rudder angle [rad], of two rudders their mean, 0 for a ship that logs none, shape (N,)."""
+        angles = [self[name] for name in RUDDERS if name in self]
+        return np.mean(angles[:1] if "delta" in self else angles, axis=0) if angles else np.zeros(len(self))
+
+    @property
     def wind_vector(self) -> np.ndarray:
         """Velocity of the air over ground, north and east components [m/s], shape (N, 2).
 

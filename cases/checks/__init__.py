@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from cases.checks.duplicates import duplicates
 from cases.checks.excitation import GROUPS, excitation, inputs_are_constant, pooled
@@ -21,31 +22,30 @@ from mmg.messages import message_rows
 __all__ = ["GROUPS", "CheckFinding", "CheckReport", "check", "inputs_are_constant", "pooled"]
 
 
+LOOKS = {"sampling": sampling, "kinematics": kinematics, "rudder": rudder_sign, "wind": wind, "excitation": excitation}
+"""Topic -> what looks at one trial: its numbers, and level, code and sentence of each finding."""
+
+
 def check(trials: Sequence[Trial]) -> list[CheckReport]:
-    """One report for each of ``trials``, in their order; duplicates are looked for among all of them."""
-    twins = duplicates(trials)
-    return [_check_one(trial, *twins[i]) for i, trial in enumerate(trials)]
+    """One report for each of ``trials``, in their order; duplicates are looked for among all of them.
+
+    Notices of the reading come first.
+    """
+    reports = []
+    for trial, (copies, shared) in zip(trials, duplicates(trials), strict=True):
+        wrong = implausible(trial.columns)
+        numbers: dict[str, Any] = {"duplicates": copies}
+        found: dict[str, list[Found]] = {
+            "reading": [(INFO, row["code"], _sentence(row["text"])) for row in message_rows(trial.notices)],
+            "units": [(CONTRADICTORY, "unit", _sentence(wrong))] if wrong else [],
+            "duplicates": shared,
+        }
+        for topic, look in LOOKS.items():
+            numbers[topic], found[topic] = look(trial)
+        findings = tuple(CheckFinding(topic, *each) for topic, some in found.items() for each in some)
+        reports.append(CheckReport(trial.name, str(trial.path or ""), findings, numbers))
+    return reports
 
 
-def _check_one(trial: Trial, copies: list[dict], shared: list[Found]) -> CheckReport:
-    """All checks of one trial; notices of the reading come first."""
-    findings = [
-        CheckFinding("reading", INFO, row["code"], row["text"][0].upper() + row["text"][1:] + ".")
-        for row in message_rows(trial.notices)
-    ]
-    sentence = implausible(trial.columns)
-    if sentence:
-        findings.append(CheckFinding("units", CONTRADICTORY, "unit", sentence[0].upper() + sentence[1:] + "."))
-    numbers: dict = {"duplicates": copies}
-    findings += [CheckFinding("duplicates", *found) for found in shared]
-    for topic, look in (
-        ("sampling", sampling),
-        ("kinematics", kinematics),
-        ("rudder", rudder_sign),
-        ("wind", wind),
-        ("excitation", excitation),
-    ):
-        values, sentences = look(trial)
-        numbers[topic] = values
-        findings += [CheckFinding(topic, *found) for found in sentences]
-    return CheckReport(trial.name, str(trial.path or ""), tuple(findings), numbers)
+def _sentence(words: str) -> str:
+    return words[0].upper() + words[1:] + "."

@@ -120,7 +120,7 @@ def lever_arm(m: Motion, aligned: np.ndarray) -> dict[str, float | None]:
 
 def lever_sentences(lever: dict[str, float | None]) -> list[Found]:
     """One sentence per axis along which the arm ``lever`` is at least 5 cm and four standard errors."""
-    said = []
+    findings = []
     for axis, ahead, behind in (("x", "forward of", "aft of"), ("y", "to starboard of", "to port of")):
         arm, std = lever[f"{axis}_m"], lever[f"{axis}_std_m"]
         if arm is not None and std is not None and abs(arm) >= max(4 * std, 0.05):
@@ -129,8 +129,8 @@ def lever_sentences(lever: dict[str, float | None]) -> list[Found]:
                 f"The position fits a measured point {abs(arm):.2f} +- {std:.2f} m {where} midship "
                 "(lever arm; reference_point in trials.toml moves it)."
             )
-            said.append((INFO, "lever_arm", text))
-    return said
+            findings.append((INFO, "lever_arm", text))
+    return findings
 
 
 def _slope(x: np.ndarray, y: np.ndarray, block: int) -> tuple[float, float] | None:

@@ -8,40 +8,30 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from cases.checks.report import CONTRADICTORY, DOUBTFUL, INFO, CheckReport, Found
-from cases.checks.rudder import rudder_angle
 from cases.trial import Trial
 
 ENOUGH = 20.0
 """s; a group excited for less than this is weakly excited (or 2 % of the trial, if that is longer)."""
 
 
-@dataclass(frozen=True)
-class Group:
-    """A group of coefficients: what must happen for it to matter, and the symbols."""
-
-    condition: str
-    symbols: str
-
-
 GROUPS = {
-    "hull_ahead": Group("headway (u > 0)", "X_0F"),
-    "hull_astern": Group("sternway (u < 0)", "X_0A"),
-    "cross_flow": Group("drift beyond 30 deg or turning nearly on the spot", "C_D, C_rY, C_rN"),
-    "sway_yaw_linear": Group("sway and yaw at headway", "Y_v, Y_r, N_v, N_r, X_vr"),
-    "propeller_ahead": Group("n > 0 with u > 0", "k_0..k_2, t_P, w_P0, tau, C_P"),
-    "propeller_ahead_astern_motion": Group("n > 0 with u < 0", "A_6..A_8, B_6..B_8"),
-    "propeller_reversed": Group("n < 0", "C_3..C_10, A_1..A_5, B_1..B_5"),
-    "rudder_ahead": Group("rudder angles with n > 0 and u > 0", "t_R, a_H, x_H, ell_R, gamma_P, gamma_N, k_x, epsilon"),
-    "rudder_reversed_flow": Group("rudder angles with n < 0 and u > 0, or u < 0", "k_xR, C_PR"),
-    "wind": Group("true wind above the ship's speed from changing sides", "wind coefficients"),
+    "hull_ahead": ("headway (u > 0)", "X_0F"),
+    "hull_astern": ("sternway (u < 0)", "X_0A"),
+    "cross_flow": ("drift beyond 30 deg or turning nearly on the spot", "C_D, C_rY, C_rN"),
+    "sway_yaw_linear": ("sway and yaw at headway", "Y_v, Y_r, N_v, N_r, X_vr"),
+    "propeller_ahead": ("n > 0 with u > 0", "k_0..k_2, t_P, w_P0, tau, C_P"),
+    "propeller_ahead_astern_motion": ("n > 0 with u < 0", "A_6..A_8, B_6..B_8"),
+    "propeller_reversed": ("n < 0", "C_3..C_10, A_1..A_5, B_1..B_5"),
+    "rudder_ahead": ("rudder angles with n > 0 and u > 0", "t_R, a_H, x_H, ell_R, gamma_P, gamma_N, k_x, epsilon"),
+    "rudder_reversed_flow": ("rudder angles with n < 0 and u > 0, or u < 0", "k_xR, C_PR"),
+    "wind": ("true wind above the ship's speed from changing sides", "wind coefficients"),
 }
-
+"""Group of coefficients -> what must happen for it to matter, and the symbols."""
 
 QUADRANTS = {
     "u+ n+": "ahead with n > 0",
@@ -51,12 +41,12 @@ QUADRANTS = {
     "n 0": "propeller stopped",
     "u 0": "no way on",
 }
-"""Keys of the quadrants in the numbers -> how they are said."""
+"""Keys of the quadrants in the numbers -> the words for them."""
 
 
 def excitation(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
     """Of a ``trial``: share of time per quadrant, seconds per coefficient group, findings about what is not excited."""
-    u, v, r, n, delta = trial["u"], trial["v"], trial["r"], trial["n"], rudder_angle(trial)
+    u, v, r, n, delta = trial["u"], trial["v"], trial["r"], trial["n"], trial.rudder
     good = np.isfinite(u) & np.isfinite(v) & np.isfinite(r) & np.isfinite(n) & np.isfinite(delta)
     seconds = np.minimum(np.gradient(trial.t), 3 * trial.dt)
     total = float(seconds[good].sum())
@@ -91,9 +81,8 @@ def excitation(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
         "rudder_reversed_flow": steered & ((ahead & reverse) | astern),
         "wind": _windy(trial, good),
     }
-    constant = inputs_are_constant(trial)
     numbers: dict[str, Any] = {
-        "inputs_constant": constant,
+        "inputs_constant": inputs_are_constant(trial),
         "quadrants": {name: time(mask) / total for name, mask in quadrants.items()},
         "group_seconds": {name: time(mask) for name, mask in excited.items()},
         "seconds": total,
@@ -103,11 +92,11 @@ def excitation(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
     }
     if (good & moving).any():
         numbers["drift_max_deg"] = math.degrees(float(np.percentile(beta[good & moving], 99)))
-    said = _sentences(numbers, constant)
-    fastest = float(np.nanmax(np.abs(trial["n"])))
+    findings = _sentences(numbers)
+    fastest = float(np.nanmax(np.abs(n)))
     if fastest > 100:
-        said.append((CONTRADICTORY, "unit", f"The revolutions reach {fastest:.0f} per second: rpm labelled rps?"))
-    return numbers, said
+        findings.append((CONTRADICTORY, "unit", f"The revolutions reach {fastest:.0f} per second: rpm labelled rps?"))
+    return numbers, findings
 
 
 def inputs_are_constant(trial: Trial) -> bool:
@@ -129,32 +118,28 @@ def pooled(reports: Iterable[CheckReport]) -> tuple[dict[str, float], list[str]]
     return seconds, _missing(seconds, total)
 
 
-def _sentences(numbers: dict[str, Any], constant: bool) -> list[Found]:
-    said = []
-    if constant:
-        said.append((DOUBTFUL, "nothing_to_identify", "Revolutions and rudder never change: nothing to identify."))
+def _sentences(numbers: dict[str, Any]) -> list[Found]:
+    findings: list[Found] = []
+    if numbers["inputs_constant"]:
+        findings.append((DOUBTFUL, "nothing_to_identify", "Revolutions and rudder never change: nothing to identify."))
     largest = numbers["delta_max_deg"]
     if 0 < largest < 1.0:
-        said.append((INFO, "small_rudder", f"The rudder never exceeds {largest:.2g} deg; if these are radians, "
-                         "label the column [rad]."))  # fmt: skip
-    missing = _missing(numbers["group_seconds"], numbers["seconds"])
+        text = f"The rudder never exceeds {largest:.2g} deg; if these are radians, label the column [rad]."
+        findings.append((INFO, "small_rudder", text))
     share = ", ".join(f"{QUADRANTS[k]} {v:.0%}" for k, v in numbers["quadrants"].items() if v >= 0.005)
-    said.append((INFO, "quadrants", f"Share of time: {share}."))
-    return said + [(INFO, "not_excited", text) for text in missing]
+    findings.append((INFO, "quadrants", f"Share of time: {share}."))
+    return findings + [(INFO, "not_excited", text) for text in _missing(numbers["group_seconds"], numbers["seconds"])]
 
 
 def _missing(seconds: dict[str, float], total: float) -> list[str]:
     """Never excited: one sentence per group; hardly excited: one sentence for all of them."""
-    never = [name for name, value in seconds.items() if value <= 0]
+    never = [GROUPS[name] for name, value in seconds.items() if value <= 0]
     few = [name for name, value in seconds.items() if 0 < value < max(ENOUGH, 0.02 * min(total, 2000.0))]
-    text = []
-    for name in never:
-        group = GROUPS[name]
-        text.append(f"Never {group.condition}: {group.symbols} cannot be determined.")
+    sentences = [f"Never {condition}: {symbols} cannot be determined." for condition, symbols in never]
     if few:
-        listed = "; ".join(f"{GROUPS[k].condition} {seconds[k]:.1f} s ({GROUPS[k].symbols})" for k in few)
-        text.append(f"Hardly excited: {listed}.")
-    return text
+        listed = "; ".join(f"{GROUPS[k][0]} {seconds[k]:.1f} s ({GROUPS[k][1]})" for k in few)
+        sentences.append(f"Hardly excited: {listed}.")
+    return sentences
 
 
 def _windy(trial: Trial, good: np.ndarray) -> np.ndarray:

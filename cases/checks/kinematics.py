@@ -49,8 +49,8 @@ def kinematics(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
     numbers["channels"] = channels
     if wrong:
         return numbers, wrong + _channel_sentences({"r": channels["r"]})
-    said = _aligned(m, channels, numbers)
-    return numbers, _channel_sentences(channels) + said
+    findings = _aligned(m, channels, numbers)
+    return numbers, _channel_sentences(channels) + findings
 
 
 def _aligned(m: Motion, channels: dict[str, Channel], numbers: dict[str, Any]) -> list[Found]:
@@ -60,14 +60,14 @@ def _aligned(m: Motion, channels: dict[str, Channel], numbers: dict[str, Any]) -
     channels["u"]["gain"], channels["v"]["gain"] = gain(m.u, aligned.real), gain(m.v, aligned.imag)
     numbers["lever_arm"] = lever = lever_arm(m, aligned)
     numbers["heading_offset_deg"] = offset = heading_offset(m, aligned)
-    said = lever_sentences(lever) + offset_sentences(offset)
+    findings = lever_sentences(lever) + offset_sentences(offset)
     seconds = lag[f"{lag['frame']}_s"]
     if seconds is not None and abs(seconds) > 0.2 and min(lag["earth_misfit"], lag["body_misfit"]) < 0.3:
         how = "turned by the present heading" if lag["frame"] == "earth" else "late as finished columns"
         word = "lag" if seconds > 0 else "lead"
         text = f"As a vector (u, v) {word} the track by {abs(seconds):.2f} s, {how}."
-        said.insert(0, (INFO, "velocity_lag", text))
-    return said
+        findings.insert(0, (INFO, "velocity_lag", text))
+    return findings
 
 
 def _channel_sentences(channels: dict[str, Channel]) -> list[Found]:
@@ -87,22 +87,22 @@ def _channel(name: str, channel: Channel) -> list[Found]:
         return [(CONTRADICTORY, f"{name}_sign", text)]
     if correlation < 0.9:
         return []
-    said = []
+    findings = []
     if lag is not None and abs(lag) > 0.3:
         word = "lags" if lag > 0 else "leads"
         text = f"{name} {word} the derivative of {SOURCE[name]} by {abs(lag):.2f} s"
         level = DOUBTFUL if abs(lag) > LATE else INFO
-        said.append((level, "lag", f"{text} (correlation {correlation:.3f})."))
+        findings.append((level, "lag", f"{text} (correlation {correlation:.3f})."))
     if scale is None or abs(scale - 1) <= 0.005:
-        return said
+        return findings
     if abs(scale - 1) > GAIN[name]:
         hint = " (knots labelled m/s?)" if abs(scale - 1.944) < 0.1 else ""
         hint = " (m/s labelled kn?)" if abs(scale - 0.514) < 0.03 else hint
         text = f"{name} is {scale:.3g} times the derivative of {SOURCE[name]}{hint}."
-        said.append((CONTRADICTORY if hint else DOUBTFUL, "unit" if hint else "gain", text))
+        findings.append((CONTRADICTORY if hint else DOUBTFUL, "unit" if hint else "gain", text))
     elif name == "r" or abs(scale - 1) > 0.03:
         word = "high" if scale > 1 else "low"
         kind = " (gyro scale)" if name == "r" else ""
         text = f"{name} reads {abs(scale - 1):.1%} {word} against {SOURCE[name]}{kind}."
-        said.append((INFO, "gain", text))
-    return said
+        findings.append((INFO, "gain", text))
+    return findings

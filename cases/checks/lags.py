@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,7 @@ def compare(logged: np.ndarray, derived: np.ndarray, dt: float) -> Channel:
     parabola through the three highest points. lag_s is None where the signals hardly correlate, the peak
     lies at the end of the search, or a lag explains nothing that lag zero does not.
     """
-    nothing: Channel = {"lag_s": None, "gain": None, "correlation": None}
+    nothing: Channel = dict.fromkeys(("lag_s", "gain", "correlation"))
     reach = _reach(len(logged), dt)
     if np.sum(np.isfinite(logged) & np.isfinite(derived)) < 50 or reach < 2:
         return nothing
@@ -44,11 +45,7 @@ def compare(logged: np.ndarray, derived: np.ndarray, dt: float) -> Channel:
     unexplained = (1.0 - cost(0) ** 2) / max(1.0 - top**2, 1e-12)
     if abs(best) < reach and abs(top) > 0.3 and (unexplained > 1.05 or best == 0):
         lag = (best + _vertex(*around)) * dt
-    return {
-        "lag_s": lag,
-        "gain": gain(logged, delayed(derived, (lag or 0.0) / dt)),
-        "correlation": top,
-    }
+    return {"lag_s": lag, "gain": gain(logged, delayed(derived, (lag or 0.0) / dt)), "correlation": top}
 
 
 def gain(logged: np.ndarray, derived: np.ndarray) -> float | None:
@@ -93,7 +90,7 @@ def _vector_lag(m: Motion, frame: str, with_arm: bool) -> tuple[float | None, fl
     size = float(np.nanmean(np.abs(track) ** 2))
 
     def error_at(k: int) -> float:
-        here, there = slice(max(k, 0), len(m.t) + min(k, 0)), slice(max(-k, 0), len(m.t) - max(k, 0))
+        here, there = _overlap(len(m.t), k)
         error = track[there] * back[here if frame == "earth" else there] - logged[here]
         return _mean_square(error, m.turn[here], with_arm)
 
@@ -107,17 +104,12 @@ def _search(cost: Callable[[int], float], reach: int, dt: float) -> tuple[int, t
 
     Coarse steps first: everything compared is smoothed over 1.1 s, so 0.4 s cannot step over a minimum.
     """
-    stride = max(1, round(0.4 / dt))
-    values = {k: cost(k) for k in range(-reach, reach + 1, stride)}
-    centre = min(values, key=lambda k: values[k])
-    for k in range(max(centre - stride, -reach), min(centre + stride, reach) + 1):
-        if k not in values:
-            values[k] = cost(k)
-    best = min(values, key=lambda k: values[k])
-    if abs(best) >= reach:
-        return best, (math.inf, values[best], math.inf)
-    left, right = (values[k] if k in values else cost(k) for k in (best - 1, best + 1))
-    return best, (left, values[best], right)
+    cost, stride = cache(cost), max(1, round(0.4 / dt))
+    coarse = range(-reach, reach + 1, stride)
+    centre = min(coarse, key=cost)
+    best = min([*coarse, *range(max(centre - stride, -reach), min(centre + stride, reach) + 1)], key=cost)
+    beside = (math.inf, math.inf) if abs(best) >= reach else (cost(best - 1), cost(best + 1))
+    return best, (beside[0], cost(best), beside[1])
 
 
 def _mean_square(error: np.ndarray, turn: np.ndarray, with_arm: bool) -> float:
@@ -136,10 +128,15 @@ def _reach(rows: int, dt: float) -> int:
     return min(max(round(LONGEST_LAG / dt), 20), rows // 4)
 
 
+def _overlap(rows: int, k: int) -> tuple[slice, slice]:
+    """Rows i of one signal and i - k of the other, where both exist."""
+    return slice(max(k, 0), rows + min(k, 0)), slice(max(-k, 0), rows - max(k, 0))
+
+
 def _aligned(logged: np.ndarray, derived: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
     """Pairs (logged at i, derived at i - k) where both are finite."""
-    n = len(logged)
-    a, b = logged[max(k, 0) : n + min(k, 0)], derived[max(-k, 0) : n - max(k, 0)]
+    here, there = _overlap(len(logged), k)
+    a, b = logged[here], derived[there]
     good = np.isfinite(a) & np.isfinite(b)
     return a[good], b[good]
 

@@ -59,13 +59,8 @@ def smooth(values: np.ndarray, width: int) -> np.ndarray:
     """Centred moving average of ``values`` (N,) over ``width`` samples, (N,), NaN where the window is not complete."""
     if len(values) < width:
         return np.full(len(values), np.nan)
-    missing = ~np.isfinite(values)
-    total = np.concatenate([[0.0], np.cumsum(np.where(missing, 0.0, values))])
-    holes = np.concatenate([[0], np.cumsum(missing)])
-    mean = (total[width:] - total[:-width]) / width
-    mean[holes[width:] > holes[:-width]] = np.nan
-    half = width // 2
-    return np.concatenate([np.full(half, np.nan), mean, np.full(half, np.nan)])
+    mean = np.convolve(values, np.full(width, 1.0 / width), "valid")
+    return np.pad(mean, width // 2, constant_values=np.nan)
 
 
 def delayed(values: np.ndarray, steps: float) -> np.ndarray:

@@ -10,13 +10,6 @@ from cases.checks.report import CONTRADICTORY, Found
 from cases.trial import Trial
 
 
-def rudder_angle(trial: Trial) -> np.ndarray:
-    """delta [rad] of a ``trial``, or the mean of its twin rudders, shape (N,)."""
-    if "delta" in trial:
-        return trial["delta"]
-    return 0.5 * (trial["delta_port"] + trial["delta_starboard"])
-
-
 def rudder_sign(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
     """Correlation (without mean) in ``trial`` of r with the low-passed rudder angle while going ahead.
 
@@ -24,7 +17,7 @@ def rudder_sign(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
     T r' + r = K delta. Below -0.5 the sign of the rudder, or of the whole frame, is wrong. None when the
     ship hardly goes ahead with rudder.
     """
-    delta, r, u, n = rudder_angle(trial), trial["r"], trial["u"], trial["n"]
+    delta, r, u, n = trial.rudder, trial["r"], trial["u"], trial["n"]
     good = np.isfinite(delta) & np.isfinite(r) & np.isfinite(u) & np.isfinite(n)
     nothing: dict[str, Any] = {"correlation": None, "time_constant_s": None, "samples": 0}
     if good.sum() < 50:

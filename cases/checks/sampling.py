@@ -18,7 +18,7 @@ def sampling(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
     steps = np.diff(trial.t)
     dt = float(np.median(steps))
     uneven = float(np.mean(np.abs(steps - dt) > 0.1 * dt))
-    gaps = _gaps(trial, steps, dt)
+    gaps = _gaps(trial, dt)
     missing = {c: float(np.mean(~np.isfinite(v))) for c, v in trial.columns.items() if np.isnan(v).any()}
     numbers = {
         "rows": len(trial),
@@ -31,27 +31,26 @@ def sampling(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
         "longest_gap_s": max((length for _, length in gaps), default=0.0),
         "nan_share": missing,
     }
-    said = []
+    findings = []
     if gaps:
         at, length = max(gaps, key=lambda gap: gap[1])
         text = f"{len(gaps)} gap(s) in the states; the longest lasts {length:.3g} s from t = {at:.6g} s."
-        said.append((DOUBTFUL, "gaps", text))
+        findings.append((DOUBTFUL, "gaps", text))
     if uneven > 0.01:
         text = f"Uneven sampling: {uneven:.0%} of the steps differ by more than 10 % from {dt:.4g} s."
-        said.append((INFO, "uneven_sampling", text))
+        findings.append((INFO, "uneven_sampling", text))
     worst = [c for c in missing if missing[c] > 0.05]
     if worst:
         text = "Missing samples: " + ", ".join(f"{c} {missing[c]:.0%}" for c in worst) + "."
-        said.append((DOUBTFUL, "missing_samples", text))
+        findings.append((DOUBTFUL, "missing_samples", text))
     if trial.duration < 20 * dt:
-        said.append((DOUBTFUL, "short", f"Very short: {len(trial)} rows, {trial.duration:.3g} s."))
-    return numbers, said
+        findings.append((DOUBTFUL, "short", f"Very short: {len(trial)} rows, {trial.duration:.3g} s."))
+    return numbers, findings
 
 
-def _gaps(trial: Trial, steps: np.ndarray, dt: float) -> list[tuple[float, float]]:
+def _gaps(trial: Trial, dt: float) -> list[tuple[float, float]]:
     """(start time, length) [s] of stretches beyond GAP steps without complete required columns."""
-    names = [c for c in REQUIRED if c in trial]
-    whole = np.flatnonzero(np.all([np.isfinite(trial[c]) for c in names], axis=0))
+    whole = np.flatnonzero(np.all([np.isfinite(trial[c]) for c in REQUIRED if c in trial], axis=0))
     if len(whole) < 2:
         return [(float(trial.t[0]), trial.duration)]
     t = trial.t[whole]

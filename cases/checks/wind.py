@@ -35,19 +35,19 @@ def wind(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
         ratio_to_ship_speed=mean / ship if ship > 1e-6 else None,
         steadiness=float(np.hypot(*vector)) / mean if mean > 1e-9 else None,
     )
-    said = []
+    findings = []
     if ship > 1e-6 and mean > 3 * ship:
         text = (
             f"The wind ({mean:.2f} m/s) is {mean / ship:.1f} times the ship's speed "
             f"({ship:.2f} m/s): a first-order force here, do not leave it out."
         )
-        said.append((INFO, "strong_wind", text))
+        findings.append((INFO, "strong_wind", text))
     if float(np.nanmin(speed)) < 0:
-        said.append((DOUBTFUL, "negative_wind_speed", "The wind speed is negative at times; check the column."))
+        findings.append((DOUBTFUL, "negative_wind_speed", "The wind speed is negative at times; check the column."))
     measured = "apparent_wind_speed" in trial and "apparent_wind_direction" in trial
     if measured and not has_code(trial.notices, "true_wind_derived"):
-        said += _consistency(trial, mean, numbers)
-    return numbers, said
+        findings += _consistency(trial, mean, numbers)
+    return numbers, findings
 
 
 def _consistency(trial: Trial, mean: float, numbers: dict[str, Any]) -> list[Found]:

@@ -75,16 +75,8 @@ def since(trial: Trial, order_time: float) -> Since:
         change=psi - psi[0],
         u=u,
         r=at(trial["r"]),
-        delta=at(rudder_of(trial)),
+        delta=at(trial.rudder),
     )
-
-
-def rudder_of(trial: Trial) -> np.ndarray:
-    """Rudder angle (N,) [rad]: of two rudders their mean; 0 for a ship that logs none. trial: the run."""
-    if "delta" in trial:
-        return trial["delta"]
-    two = [trial[name] for name in ("delta_port", "delta_starboard") if name in trial]
-    return np.mean(two, axis=0) if two else np.zeros(len(trial))
 
 
 def _integral(t: np.ndarray, rate: np.ndarray) -> np.ndarray:

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cases.criteria.figures import rudder_of
 from cases.trial import Trial
 from mmg.errors import UserError
 
@@ -75,7 +74,7 @@ def find_maneuver(trial: Trial, length: float, kind: str = "") -> MeasuredManeuv
         raise UserError(f"{trial.name}: a {trial.kind} run is none of {', '.join(KINDS)}; say which to read it as one")
     t = trial.t - trial.t[0]
     stop = None if kind in ("turning", "zigzag") else _reversal_of_propeller(t, trial["n"])
-    holds = [] if kind == "crash-stop" else _holds(t, rudder_of(trial))
+    holds = [] if kind == "crash-stop" else _holds(t, trial.rudder)
     if stop is not None and not any(begin < stop for begin, _, _ in holds):
         return _execute(trial, length, "crash-stop", stop, 0.0, [], float(t[-1]))
     if not holds:
