@@ -199,15 +199,9 @@ def stopping_figures(trial: Trial, order_time: float) -> dict[str, float]:
     trial: the run; order_time: of the order [s]."""
     run = since(trial, order_time)
     stop = _when(run.u[0] - run.u, run.u[0]) if run.u[0] > 0 else None
-    if stop is None:
-        return {}
-    series = {
-        "track_reach": run.path,
-        "head_reach": run.advance,
-        "lateral_deviation": run.transfer,
-        "stopping_time": run.t,
-    }
-    return {name: _at(stop, values) for name, values in series.items()}
+    names = ("track_reach", "head_reach", "lateral_deviation", "stopping_time")
+    series = zip(names, (run.path, run.advance, run.transfer, run.t), strict=True)
+    return {} if stop is None else {name: _at(stop, values) for name, values in series}
 
 
 def pull_out_figures(trial: Trial, order_time: float) -> dict[str, float]:

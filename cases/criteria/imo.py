@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from cases.criteria.published_figures import reference
+from cases.criteria.published_figures import REFERENCES
 from cases.criteria.standard_runs import Run
 
 SMALLEST = 100.0
@@ -62,23 +62,12 @@ LEAST_TURNING_RUDDER, SLACK = math.radians(33.0), math.radians(2.0)
 """A turning test with less rudder is not judged; the zigzags are recognised within 2 deg [rad]."""
 
 
-def full_scale_ratio(run: Run, scale: float | None) -> float:
-    """L/V [s] of the ship: that of the run times sqrt(scale)."""
-    return run.length / run.speed * math.sqrt(scale or 1.0)
-
-
 def assess(run: Run, scale: float | None = None, ship: str = "") -> list[Row]:
     """Rows of one run. scale: of a model, ship length over model length; ship: name for the reference values."""
     rows = {"turning": _turning, "zigzag": _zigzag, "crash-stop": _stopping}.get(run.kind, _informative)(run, scale)
     why = _not_applicable(run, scale)
-    result = []
-    for row in rows:
-        verdict, remark = row.verdict, row.why
-        if verdict in (PASS, FAIL) and why:
-            verdict, remark = OPEN, why
-        known = reference(ship, run.name, row.figure)
-        result.append(Row(row.ability, row.run, row.figure, row.value, row.limit, row.unit, verdict, remark, known))
-    return result
+    judged = (replace(row, verdict=OPEN, why=why) if why and row.verdict in (PASS, FAIL) else row for row in rows)
+    return [replace(row, reference=REFERENCES.get(ship, {}).get((run.name, row.figure))) for row in judged]
 
 
 def worst(rows: Iterable[Row]) -> str:
@@ -102,7 +91,8 @@ def _row(run: Run, ability: str, figure: str, unit: str, limit: float | None, wh
     """A row with its verdict; ``open_`` says why it is not judged although there is a value and a limit."""
     value = run.figures.get(figure)
     if value is not None:
-        value = math.degrees(value) if unit == "deg" else value / run.length
+        shown = {"deg": math.degrees(value), "L": value / run.length, "V/L": value * run.length / run.speed}
+        value = shown[unit]
     if limit is None:
         verdict = NONE
     elif value is None:
@@ -115,17 +105,14 @@ def _row(run: Run, ability: str, figure: str, unit: str, limit: float | None, wh
 
 
 def _turning(run: Run, scale: float | None) -> list[Row]:
-    rudder = abs(run.rudder)
-    open_ = "" if rudder >= LEAST_TURNING_RUDDER else _asks(run, "35 deg of rudder or the largest")
+    degrees = abs(math.degrees(run.rudder))
+    asked = f"rudder {degrees:.0f} deg; the standard asks for 35 deg of rudder or the largest"
+    open_ = "" if abs(run.rudder) >= LEAST_TURNING_RUDDER else asked
     return [
         _row(run, "turning", "advance", "L", ADVANCE, open_=open_),
         _row(run, "turning", "transfer", "L", None),
         _row(run, "turning", "tactical_diameter", "L", TACTICAL_DIAMETER, open_=open_),
     ]
-
-
-def _asks(run: Run, words: str) -> str:
-    return f"rudder {abs(math.degrees(run.rudder)):.0f} deg; the standard asks for {words}"
 
 
 def _is_zigzag(run: Run, degrees: float) -> bool:
@@ -135,7 +122,7 @@ def _is_zigzag(run: Run, degrees: float) -> bool:
 
 def _zigzag(run: Run, scale: float | None) -> list[Row]:
     if _is_zigzag(run, 10.0):
-        ratio = full_scale_ratio(run, scale)
+        ratio = run.length / run.speed * math.sqrt(scale or 1.0)
         words = f"L/V = {ratio:.3g} s"
         if scale:
             words += f" ({run.length / run.speed:.3g} s at scale {scale:g})"
@@ -157,18 +144,13 @@ def _stopping(run: Run, scale: float | None) -> list[Row]:
     row = _row(run, "stopping", "track_reach", "L", TRACK_REACH)
     if row.verdict == FAIL and row.value is not None and row.value <= LONGEST_TRACK_REACH:
         why = f"an Administration may allow {LONGEST_TRACK_REACH:g} L for a ship of large displacement"
-        row = Row(row.ability, row.run, row.figure, row.value, row.limit, row.unit, FAIL, why)
+        row = replace(row, why=why)
     return [row, _row(run, "stopping", "head_reach", "L", None)]
 
 
 def _informative(run: Run, scale: float | None) -> list[Row]:
     """Spiral and pull-out have no limit: rates times L / V, dimensionless."""
-    return [
-        Row("course stability", run.name, name, value * run.length / run.speed, None, "V/L", NONE)
-        for name, value in run.figures.items()
-        if "rate" in name or name == "loop_height"
-    ] + [
-        Row("course stability", run.name, name, math.degrees(value), None, "deg", NONE)
-        for name, value in run.figures.items()
-        if name == "loop_width"
-    ]
+    rates = [name for name in run.figures if "rate" in name or name == "loop_height"]
+    angles = [name for name in run.figures if name == "loop_width"]
+    rows = [(name, "V/L") for name in rates] + [(name, "deg") for name in angles]
+    return [_row(run, "course stability", name, unit, None) for name, unit in rows]

@@ -44,17 +44,18 @@ APPROACH_LENGTHS = 2.0
 
 
 @dataclass(frozen=True)
-class MeasuredManeuver:
+class Execute:
     """What was ordered in a run, and when.
 
-    kind: of KINDS. time: of the order, s after the first sample. rudder: first angle, signed [rad], 0 for a stop.
-    reversals: times of the following reversals of the rudder [s]; end: when the last order ends [s].
-    heading: switch heading of a zigzag [rad], median over its reversals, 0 else. speed: test speed V, mean over
-    the stretch before the order [m/s]. notes: what keeps a criterion from being judged, in words.
+    kind: "turning", "zigzag", "crash-stop", "spiral", "pull-out". order_time: of the order, s after the first sample.
+    rudder: first angle, signed [rad], 0 for a stop. reversals: times of the following reversals of a measured rudder
+    [s]; end: up to where the run counts [s]. heading: switch heading of a zigzag [rad], of a measured one the median
+    over its reversals, 0 else. speed: test speed V [m/s], of a measured run the mean over the stretch before the order.
+    notes: what keeps a criterion from being judged, in words.
     """
 
     kind: str
-    time: float
+    order_time: float
     rudder: float
     reversals: tuple[float, ...]
     end: float
@@ -63,7 +64,7 @@ class MeasuredManeuver:
     notes: tuple[str, ...]
 
 
-def find_maneuver(trial: Trial, length: float, kind: str = "") -> MeasuredManeuver:
+def find_maneuver(trial: Trial, length: float, kind: str = "") -> Execute:
     """The execute of a measured (or simulated) run of a ship of this length [m].
 
     kind: "turning", "zigzag" or "crash-stop"; "" takes it from the data, and says so where the trial's own kind
@@ -107,7 +108,7 @@ def _turns_in_reply(trial: Trial, holds: list[tuple[float, float, float]]) -> in
 
 def _execute(
     trial: Trial, length: float, kind: str, time: float, rudder: float, reversals: list[float], end: float
-) -> MeasuredManeuver:
+) -> Execute:
     t, psi = trial.t - trial.t[0], trial.psi_unwrapped
     good = np.isfinite(psi)
     heading = 0.0
@@ -118,7 +119,7 @@ def _execute(
     speed, notes = _approach(trial, length, time)
     if trial.kind in KINDS and trial.kind != kind:
         notes.append(f"the run is called {trial.kind}, its data show a {kind}")
-    return MeasuredManeuver(kind, time, rudder, tuple(reversals), end, heading, speed, tuple(notes))
+    return Execute(kind, time, rudder, tuple(reversals), end, heading, speed, tuple(notes))
 
 
 def _approach(trial: Trial, length: float, time: float) -> tuple[float, list[str]]:

@@ -26,9 +26,3 @@ _KVLCC2 = {
 
 REFERENCES: dict[str, dict[tuple[str, str], float]] = {"kvlcc2_l7": _KVLCC2, "kvlcc2_full": _KVLCC2}
 """Ship name -> (manoeuvre, figure) -> value: lengths in L, angles in deg, positive rudder to starboard."""
-
-
-def reference(ship: str, run: str, figure: str) -> float | None:
-    """The published value of a figure of a ship's manoeuvre, in L or deg; None where there is none. run: the
-    manoeuvre."""
-    return REFERENCES.get(ship, {}).get((run, figure))

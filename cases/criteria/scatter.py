@@ -83,16 +83,8 @@ class ManeuverScatter:
         """A DataFrame of all motions: run (0: the ship as it is), t [s], x, y [m], psi [rad], u, v, r, n, delta."""
         import pandas as pd
 
-        parts = []
-        for m, last in enumerate(self.runs.last):
-            rows = slice(0, int(last) + 1)
-            columns = np.column_stack([self.runs.states[rows, :, m], self.runs.inputs[rows, :, m]])
-            header = ["x [m]", "y [m]", "psi [rad]", "u [m/s]", "v [m/s]", "r [rad/s]", "n [rps]", "delta [rad]"]
-            part = pd.DataFrame(columns, columns=header)
-            part.insert(0, "t [s]", self.runs.t[rows])
-            part.insert(0, "run", m)
-            parts.append(part)
-        return pd.concat(parts, ignore_index=True)
+        parts = {m: self.runs.trial(m).to_pandas() for m in range(len(self.runs.last))}
+        return pd.concat(parts, names=["run"]).reset_index("run").reset_index(drop=True)
 
     def _repr_html_(self) -> str:
         rows = [(r.figure, r.unit, r.value, r.median, *r.interval_90) for r in self.rows]

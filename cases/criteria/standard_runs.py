@@ -18,7 +18,7 @@ from cases.criteria.figures import (
     turning_figures,
     zigzag_figures,
 )
-from cases.criteria.measured_maneuvers import find_maneuver
+from cases.criteria.measured_maneuvers import Execute, find_maneuver
 from cases.criteria.spiral import spiral_figures
 from cases.maneuvers.definitions import Maneuver, parse_maneuver
 from cases.simulation.simulate import simulate
@@ -46,27 +46,18 @@ STANDARD = (
 
 
 @dataclass(frozen=True)
-class Run:
+class Run(Execute):
     """A standard manoeuvre and its figures.
 
-    name: as ordered ("zigzag:20/20") or the trial's; kind: "turning", "zigzag", "crash-stop", "spiral", "pull-out".
-    trial: the motion; order_time [s after its first sample]; end [s]: up to where it counts. rudder, heading:
-    ordered, signed and positive [rad]. speed: test speed V [m/s]; length L [m]. figures: SI and rad, by the names of
-    cases/criteria/figures.py. measured: from a file. notes: what keeps a criterion from being judged.
+    name: as ordered ("zigzag:20/20") or the trial's; trial: the motion; length L [m]; figures: SI and rad, by the names
+    of cases/criteria/figures.py; measured: from a file.
     """
 
     name: str
-    kind: str
     trial: Trial
-    order_time: float
-    end: float
-    rudder: float
-    heading: float
-    speed: float
     length: float
     figures: Mapping[str, float]
     measured: bool = False
-    notes: tuple[str, ...] = ()
 
 
 def approach_speed(ship: Ship, speed: float | None = None) -> tuple[float, str]:
@@ -97,39 +88,30 @@ def simulated_run(ship: Ship, text: str, speed: float, n: float | None = None, r
             f"manoeuvre '{text}' has no order to judge; name a turning, zigzag, spiral, pull-out or crash-stop"
         )
     trial = simulate(ship, plan, STEP * time_scale(ship.particulars["L"]))
-    notices = check_completeness(trial, plan)
-    p = plan.parameters
+    notes, p = check_completeness(trial, plan), plan.parameters
+    rudder, heading = p.get("rudder", 0.0), p.get("heading", 0.0)
+    execute = Execute(plan.kind, p["order_time"], rudder, (), trial.duration, heading, plan.speed, notes)
     return Run(
-        name=plan.name,
-        kind=plan.kind,
-        trial=trial,
-        order_time=p["order_time"],
-        end=trial.duration,
-        rudder=p.get("rudder", 0.0),
-        heading=p.get("heading", 0.0),
-        speed=plan.speed,
-        length=ship.particulars["L"],
-        figures=figures_of(trial, plan),
-        notes=notices,
+        **vars(execute), name=plan.name, trial=trial, length=ship.particulars["L"], figures=figures_of(trial, plan)
     )
 
 
 def figures_of(trial: Trial, plan: Maneuver) -> dict[str, float]:
-    """All figures of a simulated manoeuvre, SI and rad; empty for one that has none. trial: the run; plan: the
-    manoeuvre."""
-    p, kind = plan.parameters, plan.kind
-    if kind == "turning":
-        arguments = trial, p["rudder"], p["order_time"]
-        return turning_figures(*arguments) | steady_turn_figures(*arguments)
-    if kind == "zigzag":
+    """All figures of a simulated ``trial`` of the manoeuvre ``plan``, SI and rad; empty for one that has none."""
+    p = plan.parameters
+    if plan.kind == "zigzag":
         found = zigzag_figures(trial, p["rudder"], p["heading"], p["order_time"])
         ten = math.isclose(abs(p["rudder"]), math.radians(10), rel_tol=1e-6)
         return found | (initial_turning_figures(trial, p["rudder"], p["order_time"]) if ten else {})
-    if kind == "crash-stop":
-        return stopping_figures(trial, p["order_time"])
-    if kind == "spiral":
-        return spiral_figures(trial, p["order_time"])
-    return pull_out_figures(trial, p["order_time"]) if kind == "pull-out" else {}
+    return _one_order(trial, plan.kind, p.get("rudder", 0.0), p["order_time"]) if "order_time" in p else {}
+
+
+def _one_order(trial: Trial, kind: str, rudder: float, order_time: float) -> dict[str, float]:
+    """Figures of a manoeuvre whose orders do not wait for the heading."""
+    if kind == "turning":
+        return turning_figures(trial, rudder, order_time) | steady_turn_figures(trial, rudder, order_time)
+    judge = {"crash-stop": stopping_figures, "spiral": spiral_figures, "pull-out": pull_out_figures}
+    return judge[kind](trial, order_time)
 
 
 def measured_run(trial: Trial, length: float, kind: str = "") -> Run:
@@ -139,32 +121,11 @@ def measured_run(trial: Trial, length: float, kind: str = "") -> Run:
     none in it. trial: the run.
     """
     execute = find_maneuver(trial, length, kind)
-    used = _until(trial, execute.end)
-    if execute.kind == "turning":
-        figures = turning_figures(used, execute.rudder, execute.time)
-        figures |= steady_turn_figures(used, execute.rudder, execute.time)
-    elif execute.kind == "zigzag":
+    rows = trial.t - trial.t[0] <= execute.end + 1e-9
+    used = trial.with_columns(**{name: np.asarray(values)[rows] for name, values in trial.columns.items()})
+    if execute.kind == "zigzag":
         figures = overshoot_figures(used, execute.rudder, execute.reversals, execute.end)
-        figures |= initial_turning_figures(used, execute.rudder, execute.time)
+        figures |= initial_turning_figures(used, execute.rudder, execute.order_time)
     else:
-        figures = stopping_figures(used, execute.time)
-    return Run(
-        name=trial.name,
-        kind=execute.kind,
-        trial=trial,
-        order_time=execute.time,
-        end=execute.end,
-        rudder=execute.rudder,
-        heading=execute.heading,
-        speed=execute.speed,
-        length=length,
-        figures=figures,
-        measured=True,
-        notes=execute.notes,
-    )
-
-
-def _until(trial: Trial, end: float) -> Trial:
-    """The rows up to ``end`` [s after the first sample]."""
-    rows = trial.t - trial.t[0] <= end + 1e-9
-    return trial.with_columns(**{name: np.asarray(values)[rows] for name, values in trial.columns.items()})
+        figures = _one_order(used, execute.kind, execute.rudder, execute.order_time)
+    return Run(**vars(execute), name=trial.name, trial=trial, length=length, figures=figures, measured=True)

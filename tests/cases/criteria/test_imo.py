@@ -12,7 +12,8 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from cases.criteria.imo import FAIL, NONE, OPEN, PASS, Row, assess, first_overshoot_limit, second_overshoot_limit, worst
-from cases.criteria.published_figures import reference
+from cases.criteria.measured_maneuvers import Execute
+from cases.criteria.published_figures import REFERENCES
 from cases.criteria.standard_runs import Run, approach_speed, measured_run, simulated_run
 from cases.shipfiles.ship_file import library, load_ship
 from cases.simulation.simulate import write_trial
@@ -36,7 +37,8 @@ def run_of(
     length: float = 200.0,
 ) -> Run:
     """A run with these figures, by default of a 200 m ship at 8 m/s (L/V = 25 s); angles in deg."""
-    return Run(name, kind, NOTHING, 0.0, 1.0, math.radians(rudder), math.radians(heading), speed, length, figures)
+    execute = Execute(kind, 0.0, math.radians(rudder), (), 1.0, math.radians(heading), speed, ())
+    return Run(**vars(execute), name=name, trial=NOTHING, length=length, figures=figures)
 
 
 def verdicts(run: Run, scale: float | None = None) -> dict[str, str]:
@@ -161,7 +163,7 @@ def test_kvlcc2_figures_are_the_published_simulation(text: str) -> None:
 
 def test_measured_values_stand_beside_the_two_kvlcc2_ships_only() -> None:
     run = run_of("turning:35", "turning", {"advance": 600.0})
-    assert assess(run, None, "kvlcc2_full")[0].reference == 3.09 == reference("kvlcc2_l7", "turning:35", "advance")
+    assert assess(run, None, "kvlcc2_full")[0].reference == 3.09 == REFERENCES["kvlcc2_l7"]["turning:35", "advance"]
     assert assess(run, None, "esso_osaka_3m")[0].reference is None
 
 

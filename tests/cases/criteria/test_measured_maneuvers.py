@@ -50,10 +50,10 @@ def test_turning_runs_are_cut_where_the_rudder_goes_over(name: str, frt: Path) -
     time, degrees = TURNS[name]
     execute = find_maneuver(trial, 3.0)
     assert execute.kind == "turning" and execute.reversals == ()
-    assert execute.time == pytest.approx(time, abs=1.0)
+    assert execute.order_time == pytest.approx(time, abs=1.0)
     assert math.degrees(execute.rudder) == pytest.approx(degrees, abs=1.0)
     t = trial.t - trial.t[0]
-    before, after = (float(np.interp(execute.time + s, t, trial["delta"])) for s in (-0.2, 0.5))
+    before, after = (float(np.interp(execute.order_time + s, t, trial["delta"])) for s in (-0.2, 0.5))
     assert abs(before) < 0.8 * abs(execute.rudder) and after == pytest.approx(execute.rudder, abs=0.02)
     assert 0.2 < execute.speed < 0.45
 
@@ -64,7 +64,7 @@ def test_zigzag_runs_are_cut_at_every_reversal(name: str, frt: Path) -> None:
     time, degrees, reversals = ZIGZAGS[name]
     execute = find_maneuver(read_trial(frt / "zigzag" / f"{name}.csv"), 3.0)
     assert execute.kind == "zigzag"
-    assert execute.time == pytest.approx(time, abs=1.0)
+    assert execute.order_time == pytest.approx(time, abs=1.0)
     assert math.degrees(execute.rudder) == pytest.approx(degrees, abs=1.0)
     np.testing.assert_allclose(execute.reversals, reversals, atol=1.0)
     assert math.degrees(execute.heading) == pytest.approx(abs(degrees), abs=4.0)
