@@ -122,10 +122,10 @@ def simulate(
     model = with_effects(_ship(ship), effects)
     if isinstance(maneuver, str):
         plan = parse_maneuver(maneuver, model, seed=seed, duration=duration)
-        return simulated_trial(model, plan, None, (), wind, noise, seed, dt)
+        return simulated_trial(model, plan, None, wind, noise, seed, dt)
     if duration is not None or dt is not None:
         raise UserError("duration and dt belong to a manoeuvre; a trial that is followed gives its own times")
-    return simulated_trial(model, None, maneuver, (), wind, noise, seed)
+    return simulated_trial(model, None, maneuver, wind, noise, seed)
 
 
 def calibrate(

@@ -12,6 +12,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 from scipy.signal import savgol_filter
 
 from cases.trial import Trial
@@ -64,23 +65,19 @@ def since(trial: Trial, order_time: float) -> Since:
     if trial.has_position:
         x, y = at(trial["x"]), at(trial["y"])
     else:
-        x = _integral(times, u * np.cos(psi) - v * np.sin(psi))
-        y = _integral(times, u * np.sin(psi) + v * np.cos(psi))
+        x = cumulative_trapezoid(u * np.cos(psi) - v * np.sin(psi), times, initial=0)
+        y = cumulative_trapezoid(u * np.sin(psi) + v * np.cos(psi), times, initial=0)
     x, y, c, s = x - x[0], y - y[0], math.cos(psi[0]), math.sin(psi[0])
     return Since(
         t=times - start,
         advance=x * c + y * s,
         transfer=y * c - x * s,
-        path=_integral(times, np.hypot(u, v)),
+        path=cumulative_trapezoid(np.hypot(u, v), times, initial=0),
         change=psi - psi[0],
         u=u,
         r=at(trial["r"]),
         delta=at(trial.rudder),
     )
-
-
-def _integral(t: np.ndarray, rate: np.ndarray) -> np.ndarray:
-    return np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))])
 
 
 def _when(change: np.ndarray, level: float) -> float | None:

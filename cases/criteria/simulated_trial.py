@@ -1,15 +1,13 @@
-"""From a ship and a manoeuvre, or recorded inputs, to a trial: effects, wind, noise and completeness in one call."""
+"""From a ship and a manoeuvre, or recorded inputs, to a trial: wind, noise and completeness in one call."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
 from cases.criteria.completeness import check_completeness
 from cases.io.controls import read_controls
 from cases.maneuvers.definitions import Maneuver, parse_maneuver
-from cases.shipfiles.effects import with_effects
 from cases.simulation.gusts import Wind, parse_wind
 from cases.simulation.sensors import SensorNoise, add_noise
 from cases.simulation.simulate import simulate, simulate_controls
@@ -23,7 +21,6 @@ def simulated_trial(
     ship: Ship,
     maneuver: str | Maneuver | None = None,
     controls: str | Path | Trial | None = None,
-    effects: Iterable[str] = (),
     wind: str | Wind | None = None,
     noise: bool = False,
     seed: int = 0,
@@ -32,15 +29,14 @@ def simulated_trial(
     """The motion of a ship in a manoeuvre or under recorded inputs, as a trial.
 
     maneuver: text as for ``parse_maneuver``, or its result, for another speed, duration or rudder rate; controls: a
-    trial or its file, whose inputs and wind are followed from its first state; give one of the two. effects: texts
-    such as "current:x=0.02"; wind: "speed:direction[:gusty]" in m/s and degrees it comes from, default calm air, or
-    the wind of the controls; noise: white sensor noise on the states; seed: of gusts, noise and random manoeuvres;
-    dt: sampling interval [s] of a manoeuvre, default 0.1. Raises UserError for what cannot be read or simulated, and
-    when a manoeuvre misses its first event.
+    trial or its file, whose inputs and wind are followed from its first state; give one of the two. wind:
+    "speed:direction[:gusty]" in m/s and degrees it comes from, default calm air, or the wind of the controls; noise:
+    white sensor noise on the states; seed: of gusts, noise and random manoeuvres; dt: sampling interval [s] of a
+    manoeuvre, default 0.1. Raises UserError for what cannot be read or simulated, and when a manoeuvre misses its first
+    event.
     """
     if (maneuver is None) == (controls is None):
         raise UserError("give either a manoeuvre or controls, one of them")
-    ship = with_effects(ship, effects)
     air = parse_wind(wind) if isinstance(wind, str) else wind
     if maneuver is not None:
         plan = parse_maneuver(maneuver, ship, seed=seed) if isinstance(maneuver, str) else maneuver

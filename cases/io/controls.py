@@ -33,24 +33,19 @@ def read_controls(path: str | Path, actuators: Sequence[str] = ("n", "delta")) -
     for a ship with these ``actuators``. path: CSV or Parquet.
     """
     path = Path(path)
-    trial = _from_rest(path) if _lacks_states(path) else read_trial(path)
+    trial = _from_rest(path) or read_trial(path)
     actuator_columns(trial, actuators)
     return _without_gaps(trial, path)
 
 
-def _lacks_states(path: Path) -> bool:
-    """True when the file is a table in which none of psi, u, v, r is found."""
+def _from_rest(path: Path) -> Trial | None:
+    """A trial of inputs alone, its states zero; None for a file that is no table or holds one of psi, u, v, r."""
     if path.suffix.lower() not in SUFFIXES or not path.is_file():
-        return False
-    header, _ = read_table(path, path.read_bytes())
-    named = {FRT_NAMES.get(name, name) for name, _ in map(split_header, header)}
-    return not named & set(STATE_UNITS) and not set(sidecar_entry(path).columns) & set(STATE_UNITS)
-
-
-def _from_rest(path: Path) -> Trial:
-    """A trial of inputs alone, its states zero."""
+        return None
     header, numbers = read_table(path, path.read_bytes())
     entry = sidecar_entry(path)
+    if set(STATE_UNITS) & {*entry.columns, *(FRT_NAMES.get(name, name) for name, _ in map(split_header, header))}:
+        return None
     notices = [Message("no states in the file: the ship starts from rest at the origin", "starts_from_rest")]
     matched = match_headers(path, header + [f"{s} [{u}]" for s, u in STATE_UNITS.items()], entry, notices)
     columns = {

@@ -15,8 +15,9 @@ import numpy as np
 
 from cases.io.conventions import converted
 from cases.io.headers import match_headers
-from cases.io.sidecar import NAME, SidecarEntry, make_entry, read_sidecar, sidecar_entry
+from cases.io.sidecar import NAME, SidecarEntry, read_sidecar, sidecar_entry
 from cases.io.table import read_table
+from cases.io.toml_file import validated
 from cases.io.unit_sanity import implausible
 from cases.io.units import si_unit, to_si
 from cases.trial import RUDDERS, Trial
@@ -33,10 +34,8 @@ def read_trials(paths: Iterable[str | Path] | str | Path) -> list[Trial]:
     paths: one or several; a folder stands for the .csv and .parquet files in it, or in its sub-folders when it holds
     none itself. Raises UserError for the first thing that cannot be read.
     """
-    given = [paths] if isinstance(paths, (str, Path)) else list(paths)
-    files: list[Path] = []
-    for path in map(Path, given):
-        files += _files_of(path) if path.is_dir() else [path]
+    given = map(Path, [paths] if isinstance(paths, (str, Path)) else paths)
+    files = [file for path in given for file in (_files_of(path) if path.is_dir() else [path])]
     if not files:
         raise UserError("no trial files given")
     return [read_trial(file) for file in dict.fromkeys(files)]
@@ -59,8 +58,8 @@ def read_trial(path: str | Path, settings: SidecarEntry | Mapping[str, Any] | No
         content = path.read_bytes()
     except OSError as error:
         raise UserError(f"{path}: cannot be read ({error.strerror}); check the path") from None
-    settings = sidecar_entry(path) if settings is None else settings
-    entry = settings if isinstance(settings, SidecarEntry) else make_entry(settings)
+    entry = sidecar_entry(path) if settings is None else settings
+    entry = entry if isinstance(entry, SidecarEntry) else validated(SidecarEntry, dict(entry), "settings")
     notices: list[Message] = []
     raw = _si_columns(path, content, entry, notices)
     columns = _trimmed(path, raw, notices)
@@ -78,7 +77,7 @@ def read_trial(path: str | Path, settings: SidecarEntry | Mapping[str, Any] | No
         notices=tuple(notices),
         kind=kind,
         role=entry.role,
-        meta={"rows_before": str(_rows_before(raw["t"], columns["t"]))},
+        meta={"rows_before": str(int(np.argmax(raw["t"] == columns["t"][0])))},
     )
 
 
@@ -162,11 +161,6 @@ def _check_time(path: Path, t: np.ndarray, notices: list[Message]) -> None:
         )
     if t[0] != 0.0:
         notices.append(Message(f"the clock starts at {t[0]:.6g} s and is kept", "clock_offset"))
-
-
-def _rows_before(raw: np.ndarray, kept: np.ndarray) -> int:
-    """How many rows of the file precede the first row kept."""
-    return int(np.flatnonzero(raw == kept[0])[0])
 
 
 def _kind_from_name(stem: str, notices: list[Message]) -> str:

@@ -29,7 +29,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
-from cases.io.toml_file import Section, checked, number, read_toml, refuse
+from cases.io.toml_file import Section, number, read_toml, validated
 from cases.io.units import is_canonical, to_si
 from mmg.errors import UserError
 
@@ -113,10 +113,7 @@ class Sidecar(Section):
 
 def read_sidecar(path: Path) -> Sidecar:
     """The sidecar at ``path``. Raises UserError, in one line, for all that is wrong with it."""
-    content, problems = checked(Sidecar, read_toml(path))
-    refuse(str(path), problems)
-    assert content is not None
-    return content
+    return validated(Sidecar, read_toml(path), str(path))
 
 
 def sidecar_entry(trial: Path) -> SidecarEntry:
@@ -126,11 +123,3 @@ def sidecar_entry(trial: Path) -> SidecarEntry:
     """
     path = trial.parent / NAME
     return read_sidecar(path).entry(trial) if path.is_file() else SidecarEntry()
-
-
-def make_entry(values: Mapping[str, Any]) -> SidecarEntry:
-    """An entry from ``values`` with the keys of the sidecar. Raises UserError for all that is wrong with them."""
-    content, problems = checked(SidecarEntry, dict(values))
-    refuse("settings", problems)
-    assert content is not None
-    return content

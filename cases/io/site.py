@@ -120,8 +120,8 @@ def read_site(places: Iterable[Trial | Path | str], ship: Ship, explicit: Path |
             raise UserError(f"{explicit}: no such file")
         return _parsed(explicit, ship)
     folders = _folders([places] if isinstance(places, str | Path) else places)
-    folders = [f.resolve().parent if not (f / NAME).is_file() and _above(f).is_file() else f for f in folders]
-    folders = list(dict.fromkeys(folders))
+    above = {folder: folder.resolve().parent for folder in folders if not (folder / NAME).is_file()}
+    folders = list(dict.fromkeys(above[f] if f in above and (above[f] / NAME).is_file() else f for f in folders))
     found = [folder / NAME for folder in folders if (folder / NAME).is_file()]
     if not found:
         return Site({}, {})
@@ -135,22 +135,10 @@ def read_site(places: Iterable[Trial | Path | str], ship: Ship, explicit: Path |
     return sites[0]._replace(notices=notices)
 
 
-def _above(folder: Path) -> Path:
-    """The site file in the folder above."""
-    return folder.resolve().parent / NAME
-
-
 def _folders(places: Iterable[Trial | Path | str]) -> list[Path]:
     """The folders of trials or files, each once, in their order; a trial that was not read from a file has none."""
-    folders: list[Path] = []
-    for place in places:
-        path = place.path if isinstance(place, Trial) else Path(place)
-        if path is None:
-            continue
-        folder = path if path.is_dir() else path.parent
-        if folder not in folders:
-            folders.append(folder)
-    return folders
+    paths = [place.path if isinstance(place, Trial) else Path(place) for place in places]
+    return list(dict.fromkeys(path if path.is_dir() else path.parent for path in paths if path is not None))
 
 
 def _parsed(path: Path, ship: Ship) -> Site:

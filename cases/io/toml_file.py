@@ -89,6 +89,14 @@ def checked(schema: type[S], data: dict[str, Any]) -> tuple[S | None, list[str]]
     return None, problems
 
 
+def validated(schema: type[S], data: dict[str, Any], where: str) -> S:
+    """The content of ``data`` by a ``schema``. Raises UserError, naming ``where``, for all that is wrong with it."""
+    content, problems = checked(schema, data)
+    refuse(where, problems)
+    assert content is not None
+    return content
+
+
 def refuse(where: str, problems: Sequence[str]) -> None:
     """Raises UserError, naming ``where``, with all ``problems`` in one line; does nothing when there are none."""
     if problems:

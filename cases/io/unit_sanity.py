@@ -10,6 +10,9 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
+
+from cases.trial import RUDDERS
 
 DEG = math.pi / 180.0
 
@@ -30,31 +33,24 @@ def implausible(columns: Mapping[str, np.ndarray]) -> str:
 
     columns: canonical name -> (N,) in house units; needs t, psi, r; uses x, y, u, v, delta, wind if present.
     """
-    for test in (_angles, _full_turn_jumps, _heading_and_rate, _heading_and_course, _spin):
-        sentence = test(columns)
-        if sentence:
-            return sentence
-    return ""
+    tests = (_angles, _full_turn_jumps, _heading_and_rate, _heading_and_course, _spin)
+    return next(filter(None, (test(columns) for test in tests)), "")
 
 
 def _angles(columns: Mapping[str, np.ndarray]) -> str:
     """Angles too large to be radians: rudders and wind directions."""
-    for name in ("delta", "delta_port", "delta_starboard"):
-        if name in columns and np.isfinite(columns[name]).any():
-            largest = float(np.nanmax(np.abs(columns[name])))
-            if largest > RUDDER_LIMIT:
-                return (
-                    f"{name} reaches {largest:.4g} rad = {largest / DEG:.0f} deg, more than any rudder: "
-                    f"are these degrees labelled rad? (label the column '{name} [deg]')"
-                )
+    known = {name: np.abs(values) for name, values in columns.items() if np.isfinite(values).any()}
+    for name in RUDDERS:
+        if name in known and (largest := float(np.nanmax(known[name]))) > RUDDER_LIMIT:
+            return (
+                f"{name} reaches {largest:.4g} rad = {largest / DEG:.0f} deg, more than any rudder: "
+                f"are these degrees labelled rad? (label the column '{name} [deg]')"
+            )
     for name in ("wind_direction", "apparent_wind_direction"):
-        if name in columns and np.isfinite(columns[name]).any():
-            typical = float(np.nanpercentile(np.abs(columns[name]), 90))
-            if typical > 4 * math.pi:
-                return (
-                    f"{name} reaches {typical:.4g} rad: are these degrees labelled rad? "
-                    f"(label the column '{name} [deg]')"
-                )
+        if name in known and (typical := float(np.nanpercentile(known[name], 90))) > 4 * math.pi:
+            return (
+                f"{name} reaches {typical:.4g} rad: are these degrees labelled rad? (label the column '{name} [deg]')"
+            )
     return ""
 
 
@@ -75,13 +71,9 @@ def _heading_and_rate(columns: Mapping[str, np.ndarray]) -> str:
     t, psi, r = t[good], psi[good], r[good]
     if len(t) < 20:
         return ""
-    step = np.diff(t)
-    turned = np.concatenate([[0.0], np.cumsum(0.5 * (r[1:] + r[:-1]) * step)])
-    for lag in (20, 50, 100):
-        sentence = _compare_over(max(1, min(lag, len(t) // 10)), t, psi, turned)
-        if sentence:
-            return sentence
-    return ""
+    turned = cumulative_trapezoid(r, t, initial=0)
+    lags = (max(1, min(lag, len(t) // 10)) for lag in (20, 50, 100))
+    return next(filter(None, (_compare_over(lag, t, psi, turned) for lag in lags)), "")
 
 
 def _compare_over(lag: int, t: np.ndarray, psi: np.ndarray, turned: np.ndarray) -> str:
@@ -114,14 +106,12 @@ def _heading_and_course(columns: Mapping[str, np.ndarray]) -> str:
         return ""
     t, psi, body, place = t[good], psi[good], (u + 1j * v)[good], (x + 1j * y)[good]
     lag = max(1, min(20, len(t) // 10))
-    step = np.diff(t)
-    usable = (t[lag:] - t[:-lag]) < 3 * lag * np.median(step)
+    usable = (t[lag:] - t[:-lag]) < 3 * lag * np.median(np.diff(t))
     moved = (place[lag:] - place[:-lag])[usable]
     scale = math.sqrt(float(np.mean(np.abs(moved) ** 2)))
     misfit = []
     for unit in (1.0, DEG):
-        velocity = body * np.exp(1j * psi * unit)
-        way = np.concatenate([[0.0], np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * step)])
+        way = cumulative_trapezoid(body * np.exp(1j * psi * unit), t, initial=0)
         error = moved - (way[lag:] - way[:-lag])[usable]
         misfit.append(math.sqrt(float(np.mean(np.abs(error) ** 2))) / max(scale, 1e-12))
     if misfit[1] < 0.35 and misfit[0] > 0.3 and misfit[0] > 4 * misfit[1]:
@@ -135,10 +125,7 @@ def _heading_and_course(columns: Mapping[str, np.ndarray]) -> str:
 def _spin(columns: Mapping[str, np.ndarray]) -> str:
     """A yaw rate that no ship has."""
     r = columns["r"]
-    if not np.isfinite(r).any():
-        return ""
-    typical = float(np.nanpercentile(np.abs(r), 75))
-    if typical > SPIN_LIMIT:
+    if np.isfinite(r).any() and (typical := float(np.nanpercentile(np.abs(r), 75))) > SPIN_LIMIT:
         return (
             f"r is above {typical:.3g} rad/s a quarter of the time: are these deg/s labelled rad/s? (correct the unit)"
         )

@@ -65,6 +65,7 @@ def to_si(column: str, unit: str, where: str) -> float:
     factors = FACTORS[si_unit(column)]
     match = {name.lower(): name for name in factors}.get(key.lower())
     if match is None:
-        said = " ".join(unit.split())
-        raise UserError(f"{where}: unknown unit '{said}' for {column}; accepted: {', '.join(accepted(column))}")
+        raise UserError(
+            f"{where}: unknown unit '{' '.join(unit.split())}' for {column}; accepted: {', '.join(factors)}"
+        )
     return factors[match]

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -107,68 +108,81 @@ def parse_maneuver(
             raise UserError(f"{name} = {value:g} {unit} must be positive")
     if kind in ("straight", "acceleration", "berthing") and argument:
         raise UserError(f"manoeuvre '{text}': {kind} takes no argument; known: {FORMS}")
-    scale = time_scale(ship.particulars["L"])
-    limits = Limits.for_ship(ship)
+    limits, length = Limits.for_ship(ship), ship.particulars["L"]
     if rudder_rate is not None:
         limits = Limits(rudder_rate, limits.propeller_rate)
-    at_rest = kind == "acceleration"
-    steady, revolutions = approach(ship, n, speed, at_rest)
-    length = ship.particulars["L"]
-    setup = _Setup(text.strip(), kind, argument, scale, steady, revolutions, duration, limits, seed, length)
-    return replace(_BUILDERS[kind](setup), sampled=sampled)
+    steady, revolutions = approach(ship, n, speed, at_rest=kind == "acceleration")
+    base = Maneuver(text.strip(), kind, duration or 0.0, steady, revolutions, limits, partial(constant, revolutions))
+    base = replace(base, partial=duration is not None, sampled=sampled)
+    return _BUILDERS[kind](_Setup(base, argument, time_scale(length), length, seed))
 
 
 @dataclass(frozen=True)
 class _Setup:
-    """What the builders share: the text and its parts, time scale, approach, limit of time."""
+    """What the builders share: the manoeuvre without its orders, argument of the text, time scale, length, seed."""
 
-    text: str
-    kind: str
+    base: Maneuver
     argument: str
     scale: float
-    speed: float
-    n: float
-    duration: float | None
-    limits: Limits
-    seed: int
     length: float
+    seed: int
+
+    @property
+    def n(self) -> float:
+        return self.base.n
+
+    @property
+    def lead(self) -> float:
+        """Straight approach before the first order [s]."""
+        return _LEAD * self.scale
 
     @property
     def crossing(self) -> float:
         """L / U [s]: time in which the ship runs her length at the approach speed (at least Froude number 0.01)."""
-        return self.length / max(abs(self.speed), 0.01 * reference_speed(self.length))
+        return self.length / max(abs(self.base.speed), 0.01 * reference_speed(self.length))
 
     def maneuver(
-        self, default: float, orders: Callable[[], Orders], share: float = 1.0, **parameters: float
+        self, default: float, orders: Callable[[], Orders] | None = None, share: float = 1.0, **parameters: float
     ) -> Maneuver:
-        """The manoeuvre with ``default`` as its time limit [s of the 3 m model].
+        """The manoeuvre with ``default`` as its time limit [s of the 3 m model]; no ``orders``: rudder midships.
 
         It starts with ``share`` times the approach speed and revolutions.
         """
-        return Maneuver(
-            name=self.text,
-            kind=self.kind,
-            duration=self.duration or default * self.scale,
-            speed=share * self.speed,
+        return replace(
+            self.base,
+            duration=self.base.duration or default * self.scale,
+            speed=share * self.base.speed,
             n=share * self.n,
-            limits=self.limits,
-            orders=orders,
+            orders=orders or self.base.orders,
             parameters=parameters,
-            partial=self.duration is not None,
         )
 
-    def angle(self, words: str, what: str, largest: float) -> float:
-        """An angle [rad] from degrees in the text. UserError unless 0 < |angle| <= ``largest`` [deg]."""
-        try:
-            degrees = float(words)
-        except ValueError:
-            degrees = math.nan
-        if not 0 < abs(degrees) <= largest:
-            raise UserError(
-                f"manoeuvre '{self.text}': {what} '{words}' must be an angle in degrees, not 0 and at most "
-                f"{largest:g}; for example {FORMS.split(', crash')[0]}"
+    def refused(self, words: str) -> UserError:
+        return UserError(f"manoeuvre '{self.base.name}': {words}")
+
+    def angle(self, words: str, what: str = "rudder angle") -> float:
+        """An angle [rad] from degrees in the text. UserError unless 0 < |angle| <= 90 deg."""
+        degrees = _number(words)
+        if not 0 < abs(degrees) <= 90:
+            example = FORMS.split(", crash")[0]
+            raise self.refused(
+                f"{what} '{words}' must be an angle in degrees, not 0 and at most 90; for example {example}"
             )
         return math.radians(degrees)
+
+    def angles(self, form: str, second: str, example: str) -> tuple[float, float]:
+        """Rudder angle and ``second`` angle [rad] of an argument of this ``form``, such as 20/20."""
+        first, slash, other = self.argument.partition("/")
+        if not slash:
+            raise self.refused(f"write {form}/{second} in degrees, such as {example}")
+        return self.angle(first), self.angle(other, second)
+
+
+def _number(words: str) -> float:
+    try:
+        return float(words)
+    except ValueError:
+        return math.nan
 
 
 _LEAD = 5.0
@@ -176,39 +190,32 @@ _LEAD = 5.0
 
 
 def _turning(s: _Setup) -> Maneuver:
-    rudder, lead = s.angle(s.argument, "rudder angle", 90), _LEAD * s.scale
-    return s.maneuver(600.0, lambda: Turning(s.n, rudder, lead), rudder=rudder, order_time=lead)
+    rudder = s.angle(s.argument)
+    return s.maneuver(600.0, lambda: Turning(s.n, rudder, s.lead), rudder=rudder, order_time=s.lead)
 
 
 def _zigzag(s: _Setup) -> Maneuver:
-    first, slash, second = s.argument.partition("/")
-    if not slash:
-        raise UserError(f"manoeuvre '{s.text}': write rudder/heading in degrees, such as zigzag:20/20")
-    rudder, heading = s.angle(first, "rudder angle", 90), s.angle(second, "heading", 90)
+    rudder, heading = s.angles("rudder", "heading", "zigzag:20/20")
     if heading < 0:
-        raise UserError(f"manoeuvre '{s.text}': give the side by the sign of the rudder: zigzag:-10/10")
-    lead, last_execute = _LEAD * s.scale, 6 if s.duration is None else None
+        raise s.refused("give the side by the sign of the rudder: zigzag:-10/10")
+    last_execute = None if s.base.partial else 6
     return s.maneuver(
         600.0,
-        lambda: Zigzag(s.n, rudder, heading, lead, last_execute),
+        lambda: Zigzag(s.n, rudder, heading, s.lead, last_execute),
         rudder=rudder,
         heading=heading,
-        order_time=lead,
+        order_time=s.lead,
     )
 
 
 def _crash_stop(s: _Setup) -> Maneuver:
-    lead = _LEAD * s.scale
-    try:
-        share = float(s.argument or 1.0)
-    except ValueError:
-        share = math.nan
+    share = _number(s.argument or "1")
     if not 0 < share <= 2:
-        raise UserError(
-            f"manoeuvre '{s.text}': '{s.argument}' must be the revolutions astern by those of the approach, more "
-            "than 0 and at most 2, such as crash-stop:0.6"
+        raise s.refused(
+            f"'{s.argument}' must be the revolutions astern by those of the approach, more than 0 and at most 2, "
+            "such as crash-stop:0.6"
         )
-    return s.maneuver(600.0, lambda: CrashStop(s.n, lead, share), order_time=lead)
+    return s.maneuver(600.0, lambda: CrashStop(s.n, s.lead, share), order_time=s.lead)
 
 
 STEADY_WINDOW, STEADY_CHANGE = 3.0, 0.0002
@@ -219,11 +226,11 @@ _LONGEST_HOLD = 100.0
 
 
 def _steps(s: _Setup, angles: tuple[float, ...], **parameters: float) -> Maneuver:
-    lead, window, tolerance = _LEAD * s.scale, STEADY_WINDOW * s.crossing, STEADY_CHANGE / s.crossing
+    window, tolerance = STEADY_WINDOW * s.crossing, STEADY_CHANGE / s.crossing
     return s.maneuver(
-        (lead + len(angles) * _LONGEST_HOLD * s.crossing) / s.scale,
-        lambda: StepOrders(s.n, angles, lead, window, tolerance),
-        order_time=lead,
+        (s.lead + len(angles) * _LONGEST_HOLD * s.crossing) / s.scale,
+        lambda: StepOrders(s.n, angles, s.lead, window, tolerance),
+        order_time=s.lead,
         window=window,
         tolerance=tolerance,
         steps=float(len(angles)),
@@ -232,36 +239,29 @@ def _steps(s: _Setup, angles: tuple[float, ...], **parameters: float) -> Maneuve
 
 
 def _spiral(s: _Setup) -> Maneuver:
-    first, slash, second = s.argument.partition("/")
-    if not slash:
-        raise UserError(f"manoeuvre '{s.text}': write largest rudder/step in degrees, such as spiral:15/5")
-    largest, step = s.angle(first, "rudder angle", 90), s.angle(second, "step", 90)
+    largest, step = s.angles("largest rudder", "step", "spiral:15/5")
     count = abs(largest) / step
     if step < 0 or not 1 <= round(count) <= 40 or abs(count - round(count)) > 1e-6:
-        raise UserError(
-            f"manoeuvre '{s.text}': the step must divide the largest rudder angle into 1 to 40 equal steps; "
-            "such as spiral:15/5, spiral:-20/5"
+        raise s.refused(
+            "the step must divide the largest rudder angle into 1 to 40 equal steps; such as spiral:15/5, spiral:-20/5"
         )
     return _steps(s, spiral_angles(largest, step), rudder=largest, step=step)
 
 
 def _pull_out(s: _Setup) -> Maneuver:
-    rudder = s.angle(s.argument, "rudder angle", 90)
+    rudder = s.angle(s.argument)
     return _steps(s, (rudder, 0.0), rudder=rudder)
 
 
 def _random(s: _Setup) -> Maneuver:
-    seed = s.seed
-    if s.argument:
-        if not s.argument.isdecimal():
-            raise UserError(f"manoeuvre '{s.text}': the seed must be a whole number, such as random:7")
-        seed = int(s.argument)
-    duration = s.duration or 150.0 * s.scale
+    if s.argument and not s.argument.isdecimal():
+        raise s.refused("the seed must be a whole number, such as random:7")
+    seed, duration = int(s.argument or s.seed), s.base.duration or 150.0 * s.scale
     return s.maneuver(150.0, lambda: random_telegraph(s.n, duration, s.scale, seed), seed=float(seed))
 
 
 def _straight(s: _Setup) -> Maneuver:
-    return s.maneuver(100.0, lambda: constant(s.n))
+    return s.maneuver(100.0)
 
 
 def _berthing(s: _Setup) -> Maneuver:
@@ -269,7 +269,7 @@ def _berthing(s: _Setup) -> Maneuver:
 
 
 def _acceleration(s: _Setup) -> Maneuver:
-    return s.maneuver(200.0, lambda: constant(s.n), share=0.0)
+    return s.maneuver(200.0, share=0.0)
 
 
 _BUILDERS: dict[str, Callable[[_Setup], Maneuver]] = {

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
+
+import numpy as np
 
 from mmg.errors import UserError
 from mmg.model import assemble
@@ -26,14 +29,26 @@ def design_pitch(ship: Ship, n: float) -> float:
     return ahead if n >= 0 else 2 * zero - ahead
 
 
-def steady_inputs(ship: Ship, n: float) -> list[float]:
-    """Inputs of the right-hand side at n [1/s] in calm air, rudders midships, thrusters at rest.
+def actuator_positions(ship: Ship, n: Any, delta: Any) -> dict[str, Any]:
+    """Positions of all actuators under one order: both propellers and both rudders alike, thrusters at rest.
 
-    A ship without a propeller is driven by its azimuth thruster.
+    A controllable-pitch propeller turns ahead all the time: its blades reverse instead. A ship without a propeller is
+    driven by its azimuth thruster, which also steers where there is no rudder: aft of midship it pushes to port then.
+    n [1/s], delta [rad]: numbers, or arrays of one shape; ship: gives the names.
     """
-    values = {"n": n, "n_2": n, "pitch": design_pitch(ship, n)}
-    values |= {"n_azimuth": n} if "n" not in ship.actuators else {}
-    return [values.get(name, 0.0) for name in ship.inputs]
+    moved = dict.fromkeys(ship.actuators, 0.0)
+    for name in moved:
+        if name in ("n", "n_2"):
+            moved[name] = abs(n) if "pitch" in moved else n
+        elif name.startswith("delta"):
+            moved[name] = delta
+        elif name == "pitch":
+            moved[name] = np.where(n >= 0, design_pitch(ship, 1.0), design_pitch(ship, -1.0))
+    if "n_azimuth" in moved and "n" not in moved:
+        moved["n_azimuth"] = n
+        if "rudder" not in ship.components:
+            moved["azimuth"] = np.copysign(delta, delta * ship.particulars["x_az"])
+    return moved
 
 
 def surge_balance(ship: Ship) -> Callable[[float, float], float]:
@@ -43,9 +58,13 @@ def surge_balance(ship: Ship) -> Callable[[float, float], float]:
     for name in ship.effects:
         still = still if name in ("fouling", "draft") else still.without_effect(name)
     model = assemble(still, symbols=())
-    return lambda u, n: float(
-        model.rates(model.initial([0.0, 0.0, 0.0, u, 0.0, 0.0], inputs := steady_inputs(still, n), []), inputs, [])[3]
-    )
+
+    def surge(u: float, n: float) -> float:
+        moved = actuator_positions(still, n, 0.0)
+        inputs = [float(moved.get(name, 0.0)) for name in still.inputs]
+        return float(model.rates(model.initial([0.0, 0.0, 0.0, u, 0.0, 0.0], inputs, []), inputs, [])[3])
+
+    return surge
 
 
 def revolutions_for(ship: Ship, u: float) -> float:

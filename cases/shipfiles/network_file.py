@@ -91,9 +91,5 @@ def load_network(path: str | Path, ship: Ship) -> Network:
 
 def _member(arrays: dict[str, np.ndarray], k: int) -> Layers:
     """Member k; its layers are numbered from 0 without gaps."""
-    counts = [sum(name.startswith(f"{k}.{kind}.") for name in arrays) for kind in ("weight", "bias")]
-    weights, biases = (
-        tuple(arrays[f"{k}.{kind}.{i}"] for i in range(count))
-        for kind, count in zip(("weight", "bias"), counts, strict=True)
-    )
-    return Layers(weights, biases)
+    counts = {kind: sum(name.startswith(f"{k}.{kind}.") for name in arrays) for kind in ("weight", "bias")}
+    return Layers(*(tuple(arrays[f"{k}.{kind}.{i}"] for i in range(count)) for kind, count in counts.items()))

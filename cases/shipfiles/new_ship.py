@@ -7,10 +7,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from types import SimpleNamespace
 
-from cases.shipfiles.particulars import check_particulars
+from cases.shipfiles.particulars import wrong_particulars
 from mmg.components import empirical
 from mmg.components.catalogue import coefficient_table, required_particulars
 from mmg.components.coefficients import Coefficient
@@ -72,73 +71,62 @@ def check_plausible(p: Mapping[str, float]) -> None:
     """Raises UserError, naming the value, for particulars ``p`` [SI] that no ship has or the regressions do not
     know.
     """
-    check_particulars(p, "--new:")
-
-    def refuse(true: bool, sentence: str) -> None:
-        if true:
-            raise UserError(f"--new: {sentence}")
-
+    wrong = wrong_particulars(p)
+    if wrong:
+        raise UserError(f"--new: {'; '.join(wrong)}")
     L, B, d, C_b = (p[name] for name in LEAST)
-    refuse(C_b < 0.3, f"C_b = {C_b:g}: a block coefficient lies between 0.3 and 1")
-    refuse(not 2.0 <= L / B <= 15.0, f"L / B = {L:g} / {B:g} = {L / B:.3g} is outside 2 to 15; check L and B")
-    refuse(not 1.0 <= B / d <= 12.0, f"B / d = {B:g} / {d:g} = {B / d:.3g} is outside 1 to 12; check B and d")
-    refuse(
-        not 0.3 <= p.get("pitch_ratio", 0.7) <= 1.6,
-        f"pitch_ratio = {p.get('pitch_ratio', 0):g}: pitch by diameter lies between 0.3 and 1.6",
-    )
-    refuse(p.get("D_P", d) < 0.1 * d, f"D_P = {p.get('D_P', d):g} m is less than a tenth of the draught d = {d:g} m")
-    refuse(
-        p.get("A_R", L * d) < 0.002 * L * d,
-        f"A_R = {p.get('A_R', L * d):g} m² is less than 0.002 L d = {0.002 * L * d:.3g} m²",
-    )
+    D_P, A_R, ratio, froude = p.get("D_P", d), p.get("A_R", L * d), p.get("pitch_ratio", 0.7), 0.1
     if "U_0" in p:
-        speed = p["U_0"] / reference_speed(L)
-        refuse(
-            not 0.02 <= speed <= 0.6,
-            f"U_0 = {p['U_0']:g} m/s is Froude number {speed:.2g}; displacement ships have 0.02 to 0.6",
-        )
-
-
-@dataclass
-class _Filling:
-    """Particulars that are completed by rules, and the sentences that say so."""
-
-    values: dict[str, float]
-    notices: list[str] = field(default_factory=list)
-
-    def default(self, name: str, value: float, rule: str) -> None:
-        if name not in self.values:
-            self.values[name] = float(f"{value:.6g}")
-            self.notices.append(f"{name} = {value:.4g} by default: {rule}")
+        froude = p["U_0"] / reference_speed(L)
+    rules = (
+        (C_b >= 0.3, f"C_b = {C_b:g}: a block coefficient lies between 0.3 and 1"),
+        (2.0 <= L / B <= 15.0, f"L / B = {L:g} / {B:g} = {L / B:.3g} is outside 2 to 15; check L and B"),
+        (1.0 <= B / d <= 12.0, f"B / d = {B:g} / {d:g} = {B / d:.3g} is outside 1 to 12; check B and d"),
+        (0.3 <= ratio <= 1.6, f"pitch_ratio = {ratio:g}: pitch by diameter lies between 0.3 and 1.6"),
+        (0.1 * d <= D_P, f"D_P = {D_P:g} m is less than a tenth of the draught d = {d:g} m"),
+        (0.002 * L * d <= A_R, f"A_R = {A_R:g} m² is less than 0.002 L d = {0.002 * L * d:.3g} m²"),
+        (
+            0.02 <= froude <= 0.6,
+            f"U_0 = {p.get('U_0', 0.0):g} m/s is Froude number {froude:.2g}; displacement ships have 0.02 to 0.6",
+        ),
+    )
+    for holds, sentence in rules:
+        if not holds:
+            raise UserError(f"--new: {sentence}")
 
 
 def complete(given: Mapping[str, float]) -> tuple[dict[str, float], list[str]]:
     """All particulars [SI] of a ship from those ``given``, and sentences on the rules that filled the gaps."""
-    f = _Filling(dict(given))
-    v = f.values
+    v, notices = dict(given), []
+
+    def default(name: str, value: float, rule: str) -> None:
+        if name not in v:
+            v[name] = float(f"{value:.6g}")
+            notices.append(f"{name} = {value:.4g} by default: {rule}")
+
     L, B, d, C_b = (v[name] for name in LEAST)
-    f.default("rho", 1025.0 if L > 20 else 1000.0, "sea water" if L > 20 else "fresh water, as it is a model")
-    f.default("U_0", (0.15 + 0.5 * max(0.81 - C_b, 0.0)) * reference_speed(L), "service speed typical of C_b")
+    default("rho", 1025.0 if L > 20 else 1000.0, "sea water" if L > 20 else "fresh water, as it is a model")
+    default("U_0", (0.15 + 0.5 * max(0.81 - C_b, 0.0)) * reference_speed(L), "service speed typical of C_b")
     froude = v["U_0"] / reference_speed(L)
-    f.default(
+    default(
         "x_G", L * min(max(8.80 - 38.9 * froude, -3.0), 3.5) / 100, "usual centre of buoyancy at this Froude number"
     )
-    f.default("m", v["rho"] * L * B * d * C_b, "rho L B d C_b")
-    f.default("D_P", 0.45 * d if "y_P" not in v else 0.35 * d, "usual share of the draught")
-    f.default("pitch_ratio", 0.75, "usual for slow merchant ships")
+    default("m", v["rho"] * L * B * d * C_b, "rho L B d C_b")
+    default("D_P", 0.45 * d if "y_P" not in v else 0.35 * d, "usual share of the draught")
+    default("pitch_ratio", 0.75, "usual for slow merchant ships")
     rudders = 2 if v.get("y_P", 0.0) > 0 else 1
-    f.default("A_R", 0.01 * L * d * (1 + 25 * (B / L) ** 2) / rudders, "class rule on the rudder area")
-    f.default("aspect_ratio", (0.7 * d) ** 2 / v["A_R"], "rudder height 0.7 d")
-    f.default("x_R", -0.5 * L, "at the aft perpendicular")
+    default("A_R", 0.01 * L * d * (1 + 25 * (B / L) ** 2) / rudders, "class rule on the rudder area")
+    default("aspect_ratio", (0.7 * d) ** 2 / v["A_R"], "rudder height 0.7 d")
+    default("x_R", -0.5 * L, "at the aft perpendicular")
     whole = vars(upper_works(SimpleNamespace(**v)))
     missing = [name for name in ("A_T", "A_L", "A_OD", "C", "C_BR", "H_BR", "H_C", "rho_a") if name not in v]
     v.update({name: float(f"{whole[name]:.4g}") for name in missing})
     if "A_T" in missing or "A_L" in missing:
-        f.notices.append("upper works (A_T, A_L, ...) by default: those of a loaded tanker of this L and B")
+        notices.append("upper works (A_T, A_L, ...) by default: those of a loaded tanker of this L and B")
     for name, place in (("BT", 0.42), ("ST", -0.42)):
         if f"D_{name}" in v:
-            f.default(f"x_{name}", place * L, "usual place of the thruster")
-    return v, f.notices
+            default(f"x_{name}", place * L, "usual place of the thruster")
+    return v, notices
 
 
 def resistance(p: Mapping[str, float]) -> float:
@@ -228,18 +216,18 @@ def _estimates(p: Mapping[str, float], hull: str) -> dict[str, Estimate]:
     R_0 = resistance(p)
     k_0, k_1, k_2 = thrust_parabola(p["pitch_ratio"])
     wake = 0.5 * C_b - 0.05 if "y_P" not in p else max(0.55 * C_b - 0.20, 0.05)
-    source = "Yoshimura & Masumoto (2012) on L, B, d, C_b"
+    gyration = "radius of gyration 0.25 L, J_z from Motora's charts"
+    motora = "Motora's charts, regression of Zhou et al. (1983)"
+    b_series = "Wageningen B-series (4 blades, area ratio 0.6)"
+    source, friction = "Yoshimura & Masumoto (2012) on L, B, d, C_b", "ITTC-57 friction with a form factor"
+    linear = {s: (regression[s], max(0.25, spread[s]), source) for s in ("Y_v", "Y_r", "N_v", "N_r")}
     found: dict[str, Estimate] = {
-        "m_x": (mass["m_x"], 0.3, "Motora's charts, regression of Zhou et al. (1983)"),
-        "m_y": (mass["m_y"], max(0.15, spread["m_y"]), "Motora's charts, regression of Zhou et al. (1983)"),
-        "I_J_z": (
-            radius + mass["J_z"],
-            max(0.15, 0.3 * spread["J_z"]),
-            "radius of gyration 0.25 L, J_z from Motora's charts",
-        ),
-        "k_0": (k_0, 0.1, "Wageningen B-series (4 blades, area ratio 0.6)"),
-        "k_1": (k_1, 0.15, "Wageningen B-series (4 blades, area ratio 0.6)"),
-        "k_2": (k_2, 0.3, "Wageningen B-series (4 blades, area ratio 0.6)"),
+        "m_x": (mass["m_x"], 0.3, motora),
+        "m_y": (mass["m_y"], max(0.15, spread["m_y"]), motora),
+        "I_J_z": (radius + mass["J_z"], max(0.15, 0.3 * spread["J_z"]), gyration),
+        "k_0": (k_0, 0.1, b_series),
+        "k_1": (k_1, 0.15, b_series),
+        "k_2": (k_2, 0.3, b_series),
         "w_P0": (wake, 0.25, "0.5 C_b - 0.05, twin screw 0.55 C_b - 0.20"),
         "t_R": (regression["t_R"], 0.3, source),
         "ell_R": (regression["ell_R"], 0.2, source),
@@ -248,19 +236,14 @@ def _estimates(p: Mapping[str, float], hull: str) -> dict[str, Estimate]:
         "a_H": (max(regression["a_H"], 0.05), 0.4, "Quadvlieg (2013): 0.627 C_b - 0.153"),
     }
     if hull == "polynomial":
-        found["R_0"] = (R_0, 0.3, "ITTC-57 friction with a form factor")
-        linear = ("Y_v", "Y_r", "N_v", "N_r")
-        for symbol, value in regression.items():
-            if symbol[0] in "XYN" and "_" in symbol:
-                found[symbol] = (value, max(0.25, spread[symbol]) if symbol in linear else 0.5, source)
-        return found
+        derivatives = {s: (value, 0.5, source) for s, value in regression.items() if s[0] in "XYN" and "_" in s}
+        return found | {"R_0": (R_0, 0.3, friction)} | derivatives | linear
     low = empirical.yoshimura_2009_low_speed(L, B, d)
-    found |= {
-        "X_0F": (-R_0, 0.3, "ITTC-57 friction with a form factor"),
+    return found | {
+        "X_0F": (-R_0, 0.3, friction),
         "X_0A": (-1.3 * R_0, 0.4, "1.3 times the resistance ahead"),
-        **{symbol: (regression[symbol], max(0.25, spread[symbol]), source) for symbol in ("Y_v", "Y_r", "N_v", "N_r")},
+        **linear,
         "C_D": (min(max(low["C_D"], 0.4), 1.2), 0.3, "Yoshimura et al. (2009) on L/d, within 0.4 to 1.2"),
         "C_rY": (min(max(low["C_rY"], 0.8), 2.4), 0.3, "Yoshimura et al. (2009) on L/B, within 0.8 to 2.4"),
         "C_rN": (min(max(low["C_rN"], 0.4), 1.5), 0.3, "Yoshimura et al. (2009) on L/d, within 0.4 to 1.5"),
     }
-    return found

@@ -9,21 +9,14 @@ import math
 from collections.abc import Iterator, Mapping
 
 from mmg.components.particulars import PARTICULARS
-from mmg.errors import UserError
 from mmg.motion.froude import time_scale
 
-SIGNED = ("x_G", "x_R", "C", "C_BR", "x_BT", "x_ST", "x_az", "y_az")
+PLACES = ("x_G", "x_R", "C", "C_BR", "x_BT", "x_ST", "x_az")
+SIGNED = (*PLACES, "y_az")
 """Particulars that may be zero or negative: places relative to midship."""
 
 LONGEST = 600.0
 """m; the longest ship built has 458."""
-
-
-def check_particulars(p: Mapping[str, float], where: str) -> None:
-    """Raises UserError, naming ``where``, for all particulars ``p`` [SI] that no ship has."""
-    wrong = wrong_particulars(p)
-    if wrong:
-        raise UserError(f"{where} {'; '.join(wrong)}")
 
 
 def wrong_particulars(p: Mapping[str, float]) -> list[str]:
@@ -75,12 +68,10 @@ def _refuted(p: Mapping[str, float]) -> Iterator[str]:
                 f"A_R = {p['A_R']:g} m² and aspect_ratio = {p['aspect_ratio']:g} give a rudder {height:.3g} m high, "
                 f"more than the draught d = {p['d']:g} m"
             )
-    for name in ("x_G", "x_R", "C", "C_BR", "x_BT", "x_ST", "x_az"):
-        if have(name, "L") and abs(p[name]) > 0.6 * p["L"]:
-            yield f"{name} = {p[name]:g} m lies off the ship (L = {p['L']:g} m)"
-    for name in ("y_P", "y_az"):
-        if have(name, "B") and abs(p[name]) > 0.5 * p["B"]:
-            yield f"{name} = {p[name]:g} m lies off the ship (B = {p['B']:g} m)"
+    for names, side, share in ((PLACES, "L", 0.6), (("y_P", "y_az"), "B", 0.5)):
+        for name in names:
+            if have(name, side) and abs(p[name]) > share * p[side]:
+                yield f"{name} = {p[name]:g} m lies off the ship ({side} = {p[side]:g} m)"
     for name, side in (("A_T", "B"), ("A_L", "L")):
         if have(name, side) and p[name] > 5 * p[side] ** 2:
             yield f"{name} = {p[name]:g} m² is more than 5 {side}² = {5 * p[side] ** 2:g} m²; check its unit"

@@ -6,17 +6,17 @@ import contextlib
 import math
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from cases.inputs import actuator_columns, step_means
-from cases.io.units import si_unit
 from cases.maneuvers.definitions import Maneuver
-from cases.maneuvers.self_propulsion import design_pitch
+from cases.maneuvers.self_propulsion import actuator_positions
 from cases.simulation.gusts import Wind
 from cases.simulation.sensors import logged, wrap
 from cases.trial import UNITS, Trial
@@ -51,10 +51,6 @@ class _Plant:
     inputs: tuple[str, ...]
     delay: float
 
-    def roll(self, states: np.ndarray) -> dict[str, np.ndarray]:
-        """Columns phi and p of a ship with a roll model, from its states (N, S)."""
-        return {name: states[:, self.states.index(name)] for name in ("phi", "p") if name in self.states}
-
 
 def _plant(ship: Ship) -> _Plant:
     delay = 0.0
@@ -73,28 +69,6 @@ def _vector(plant: _Plant, moved: Mapping[str, float], air: tuple[float, float],
     """Inputs (C,) of the plant by name; actuators that are not moved are at rest."""
     values = {**moved, "wind_north": air[0], "wind_east": air[1], "time": t}
     return np.array([values.get(name, 0.0) for name in plant.inputs])
-
-
-def actuator_positions(ship: Ship, n: float, delta: float) -> dict[str, float]:
-    """Positions of all actuators under one order: both propellers and both rudders alike, thrusters at rest.
-
-    A controllable-pitch propeller turns ahead all the time: its blades reverse instead. A ship without a propeller is
-    driven by its azimuth thruster, which also steers where there is no rudder: aft of midship it pushes to port then.
-    n [1/s], delta [rad]; ship: gives the names.
-    """
-    moved = dict.fromkeys(ship.actuators, 0.0)
-    for name in moved:
-        if name in ("n", "n_2"):
-            moved[name] = abs(n) if "pitch" in moved else n
-        elif name.startswith("delta"):
-            moved[name] = delta
-        elif name == "pitch":
-            moved[name] = design_pitch(ship, n)
-    if "n_azimuth" in moved and "n" not in moved:
-        moved["n_azimuth"] = n
-        if "rudder" not in ship.components:
-            moved["azimuth"] = math.copysign(delta, delta * ship.particulars["x_az"])
-    return moved
 
 
 def _begin(ship: Ship, maneuver: Maneuver) -> np.ndarray:
@@ -170,18 +144,12 @@ def simulate(
         state = advanced(k, state, (inputs[k, 0], inputs[k, 1]))
         delayed.past.append(inputs[k].copy())
     rows = slice(0, k + 1)
-    moved = [actuator_positions(ship, *row) for row in inputs[rows]]
-    actuators = {name: np.array([m[name] for m in moved]) for name in ship.actuators}
-    columns = _columns(t[rows], states[rows, :6], actuators, None if wind is None else air[rows])
-    columns = _logged(ship, _checked(columns, ship), states[rows, :6]) | plant.roll(states[rows])
+    moved = actuator_positions(ship, *inputs[rows].T)
+    columns = _columns(ship, plant, t[rows], states[rows], moved, None if wind is None else air[rows])
     meta = {"ship": ship.name, "maneuver": maneuver.name, "seed": str(seed)}
-    return Trial(
-        _stem(maneuver.name),
-        columns,
-        notices=_notices(ship, wind is not None, states[rows]),
-        kind=maneuver.kind,
-        meta=meta,
-    )
+    stem = maneuver.name.replace(":", "_").replace("/", "_")
+    notices = _notices(ship, wind is not None, states[rows])
+    return Trial(stem, columns, notices=notices, kind=maneuver.kind, meta=meta)
 
 
 def simulate_controls(ship: Ship, controls: Trial, wind: Wind | None = None, seed: int = 0) -> Trial:
@@ -204,13 +172,9 @@ def simulate_controls(ship: Ship, controls: Trial, wind: Wind | None = None, see
         if not np.isfinite(values).all():
             raise UserError(f"{controls.name}: missing values in {name}; the inputs must be complete")
     acting = np.vstack([step_means(t, moved, t - plant.delay), moved[-1:]]) if plant.delay else moved
-    rows_of = {name: i for i, name in enumerate(ship.actuators)}
-    held = np.array(
-        [
-            _vector(plant, {name: row[i] for name, i in rows_of.items()}, tuple(wind_), when - t[0])
-            for row, wind_, when in zip(acting, flow, t, strict=True)
-        ]
-    )
+    values = dict(zip(ship.actuators, acting.T, strict=True))
+    values |= {"wind_north": flow[:, 0], "wind_east": flow[:, 1], "time": t - t[0]}
+    held = np.column_stack([values.get(name, np.zeros(len(t))) for name in plant.inputs])
     gaps = np.diff(t)
     parts = np.ceil(gaps / longest_step(ship) - 1e-9).astype(int)
     if parts.sum() > MOST_STEPS:
@@ -220,10 +184,8 @@ def simulate_controls(ship: Ship, controls: Trial, wind: Wind | None = None, see
     begin = np.array(plant.initial(start, held[0], [])).ravel()
     path = np.vstack([begin, np.array(run(begin, held[rows].T, h)).T])
     whole = path[np.concatenate([[0], np.cumsum(parts)])]
-    states = whole[:, :6]
-    actuators = {name: moved[:, i] for name, i in rows_of.items()}
-    columns = _logged(ship, _checked(_columns(t, states, actuators, air), ship), states) | plant.roll(whole)
-    notices = (*_notices(ship, air is not None, states), *assumed)
+    columns = _columns(ship, plant, t, whole, dict(zip(ship.actuators, moved.T, strict=True)), air)
+    notices = (*_notices(ship, air is not None, whole), *assumed)
     meta = {"ship": ship.name, "controls": controls.name, "seed": str(seed)}
     return Trial(controls.name, columns, notices=notices, kind=controls.kind, meta=meta)
 
@@ -238,46 +200,35 @@ def integration_steps(ship: Ship, dt: float) -> int:
     return max(1, math.ceil(dt / longest_step(ship) - 1e-9))
 
 
-def _stem(name: str) -> str:
-    """A manoeuvre's name as a file stem: zigzag:-10/10 -> zigzag_-10_10."""
-    return name.replace(":", "_").replace("/", "_")
-
-
 def _columns(
-    t: np.ndarray, states: np.ndarray, actuators: Mapping[str, np.ndarray], air: np.ndarray | None
+    ship: Ship,
+    plant: _Plant,
+    t: np.ndarray,
+    states: np.ndarray,
+    actuators: Mapping[str, np.ndarray],
+    air: np.ndarray | None,
 ) -> dict[str, np.ndarray]:
-    """Columns of the true motion. A trial always has revolutions and a rudder angle: zero where the ship has none."""
-    columns = {"t": t, **dict(zip(STATES, states.T, strict=True)), **actuators}
-    if "n" not in columns:
-        columns["n"] = np.zeros(len(t))
-    if not {"delta", "delta_port"} & set(columns):
-        columns["delta"] = np.zeros(len(t))
-    if air is not None:
-        columns |= {"wind_speed": air[:, 0], "wind_direction": air[:, 1]}
-    return {name: np.array(wrap(a) if name == "psi" else a, dtype=float) for name, a in columns.items()}
+    """Columns of a run with states (N, S), those of the motion as the ship's measurement effects log them.
 
-
-def _logged(ship: Ship, columns: dict[str, np.ndarray], states: np.ndarray) -> dict[str, np.ndarray]:
-    """The columns with what the ship's measurement effects make of the states (N, 6)."""
-    if not any(effect(name).measures for name in ship.effects):
-        return columns
-    seen = dict(zip(STATES, logged(ship, columns["t"], states).T, strict=True))
-    return {**columns, **seen, "psi": wrap(seen["psi"])}
-
-
-def _checked(columns: dict[str, np.ndarray], ship: Ship) -> dict[str, np.ndarray]:
-    """The columns, if the motion is one of a ship. Raises UserError with the first time at which it is not.
-
-    That is: not finite, faster than Froude number 3 or spinning by more than 10 sqrt(g / L).
+    A trial always has revolutions and a rudder angle: zero where the ship has none. Raises UserError with the first
+    time at which the motion is not that of a ship: not finite, faster than Froude number 3 or spinning by more than
+    10 sqrt(g / L).
     """
-    L = ship.particulars["L"]
-    speed, spin = np.hypot(columns["u"], columns["v"]), np.abs(columns["r"])
-    good = np.isfinite(np.column_stack([columns[name] for name in STATES])).all(axis=1)
-    good &= (speed < 3 * reference_speed(L)) & (spin < 10 * math.sqrt(GRAVITY / L))
+    six, L = states[:, :6], ship.particulars["L"]
+    speed, spin = np.hypot(six[:, 3], six[:, 4]), np.abs(six[:, 5])
+    good = np.isfinite(six).all(axis=1) & (speed < 3 * reference_speed(L)) & (spin < 10 * math.sqrt(GRAVITY / L))
     if not good.all():
-        when = columns["t"][int(np.argmin(good))]
+        when = t[int(np.argmin(good))]
         raise UserError(f"the motion of {ship.name} diverges at t = {when:g} s; check its coefficients and the inputs")
-    return columns
+    if any(effect(name).measures for name in ship.effects):
+        six = logged(ship, t, six)
+    columns: dict[str, Any] = {"t": t, **dict(zip(STATES, six.T, strict=True)), **actuators}
+    columns |= {} if "n" in columns else {"n": 0.0}
+    columns |= {} if {"delta", "delta_port"} & set(columns) else {"delta": 0.0}
+    columns |= {} if air is None else {"wind_speed": air[:, 0], "wind_direction": air[:, 1]}
+    columns |= {name: states[:, plant.states.index(name)] for name in ("phi", "p") if name in plant.states}
+    columns["psi"] = wrap(columns["psi"])
+    return {name: np.array(np.broadcast_to(values, len(t)), dtype=float) for name, values in columns.items()}
 
 
 def _notices(ship: Ship, windy: bool, states: np.ndarray) -> tuple[Message, ...]:
@@ -304,14 +255,11 @@ def write_trial(trial: Trial, path: str | Path) -> None:
     The file appears complete or not at all; one that exists is replaced. Raises UserError when it cannot be
     written or the suffix is neither. path: of the file.
     """
-    import pandas as pd
-
     path = Path(path)
     if path.suffix.lower() not in (".csv", ".parquet"):
         raise UserError(f"{path}: trial files end in .csv or .parquet")
-    order = {name: i for i, name in enumerate(UNITS)}
-    names = sorted(trial.columns, key=lambda name: order.get(name, len(order)))
-    frame = pd.DataFrame({f"{name} [{si_unit(name)}]": trial[name] for name in names})
+    order = [*UNITS, *(name for name in trial.columns if name not in UNITS)]
+    frame = replace(trial, columns={name: trial[name] for name in order if name in trial}).to_pandas()
     scratch = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         if path.suffix.lower() == ".parquet":

@@ -15,7 +15,7 @@ import numpy as np
 
 from cases.maneuvers.definitions import Maneuver
 from cases.maneuvers.orders import FULL_TURN, CrashStop, Orders, StepOrders, Turning, Zigzag
-from cases.maneuvers.self_propulsion import design_pitch
+from cases.maneuvers.self_propulsion import actuator_positions
 from cases.simulation.actuator_ramps import TINY, ramps
 from cases.simulation.batch_zigzag import ZigzagRudders
 from cases.simulation.simulate import integration_steps, longest_step
@@ -119,20 +119,13 @@ def coefficient_array(ship: Ship, given: np.ndarray | Mapping[str, float | np.nd
 def input_array(ship: Ship, positions: np.ndarray, t: np.ndarray) -> np.ndarray:
     """Inputs (N, C) or (N, C, M) from n and delta (N, 2) or (N, 2, M) in calm air.
 
-    Both propellers and both rudders are alike, thrusters at rest. A controllable-pitch propeller turns ahead all the
-    time: its blades reverse instead. ship: gives the inputs; positions: those; t (N,) [s].
+    ``actuator_positions`` says what moves. ship: gives the inputs; positions: those; t (N,) [s].
     """
-    n, delta, names = positions[:, 0], positions[:, 1], ship.inputs
-    out = np.zeros((len(positions), len(names), *positions.shape[2:]))
-    for i, name in enumerate(names):
-        if name in ("n", "n_2"):
-            out[:, i] = np.abs(n) if "pitch" in names else n
-        elif name.startswith("delta"):
-            out[:, i] = delta
-        elif name == "pitch":
-            out[:, i] = np.where(n >= 0, design_pitch(ship, 1.0), design_pitch(ship, -1.0))
-        elif name == "time":
-            out[:, i] = t.reshape(-1, *(1,) * (n.ndim - 1))
+    values = actuator_positions(ship, positions[:, 0], positions[:, 1])
+    values["time"] = t.reshape(-1, *(1,) * (positions.ndim - 2))
+    out = np.zeros((len(positions), len(ship.inputs), *positions.shape[2:]))
+    for i, name in enumerate(ship.inputs):
+        out[:, i] = values.get(name, 0.0)
     return out
 
 
@@ -141,18 +134,14 @@ def _last(orders: Orders, t: np.ndarray, states: np.ndarray) -> np.ndarray:
     N = len(states) - 1
     if isinstance(orders, Turning):
         k = min(int(np.searchsorted(t, orders.lead)), N)
-        origin = states[k, 2] if k == 0 else _between(orders.lead, t[k - 1 : k + 1], states[k - 1 : k + 1, 2])
+        share = (orders.lead - t[k - 1]) / (t[k] - t[k - 1])
+        origin = states[k - 1, 2] + share * (states[k, 2] - states[k - 1, 2])
         over = np.abs(states[:, 2] - origin) >= FULL_TURN
     elif isinstance(orders, CrashStop):
         over = (states[:, 3] <= 0) & (t >= orders.lead - TINY)[:, None]
     else:
         return np.full(states.shape[2], N)
     return np.where(over.any(axis=0), np.argmax(over, axis=0), N)
-
-
-def _between(when: float, t: np.ndarray, values: np.ndarray) -> np.ndarray:
-    share = (when - t[0]) / (t[1] - t[0])
-    return values[0] + share * (values[1] - values[0])
 
 
 def _zigzag(

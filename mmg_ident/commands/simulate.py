@@ -93,7 +93,7 @@ def simulate(
             raise UserError(f"--scatter is a manoeuvre in calm air; leave {option} out")
         _scatter(ship, model, plan, scatter, seed, dt, out, json)
         return
-    trial = simulated_trial(model, plan, controls, (), wind, seed=seed, dt=dt)
+    trial = simulated_trial(model, plan, controls, wind, seed=seed, dt=dt)
     summary = _summary(model, trial, plan)
     if noise and out is None:
         say("note: --noise changes nothing without --out: it belongs to the trial file, not to the summary")

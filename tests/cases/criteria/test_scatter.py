@@ -10,6 +10,7 @@ import pytest
 from cases.criteria.scatter import ManeuverScatter, draw_coefficients, scatter
 from cases.criteria.simulated_trial import simulated_trial
 from cases.criteria.standard_runs import simulated_run
+from cases.shipfiles.effects import with_effects
 from cases.shipfiles.ship_file import load_ship
 from mmg.errors import UserError
 from mmg.messages import has_code
@@ -79,7 +80,7 @@ def test_a_ship_without_standard_errors_is_refused() -> None:
 
 def test_one_call_makes_a_trial_with_effects_wind_and_noise() -> None:
     quiet = simulated_trial(ESSO, "straight", wind="1:90", dt=0.5)
-    noisy = simulated_trial(ESSO, "straight", effects=["current:x=0.05"], wind="1:90", noise=True, dt=0.5)
+    noisy = simulated_trial(with_effects(ESSO, ["current:x=0.05"]), "straight", wind="1:90", noise=True, dt=0.5)
     assert quiet.has_wind and len(quiet) == len(noisy)
     assert noisy["x"][-1] - quiet["x"][-1] == pytest.approx(0.05 * quiet.duration, abs=1.0)
     again = simulated_trial(ESSO, controls=quiet)

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from cases.io.read import read_trial, read_trials
-from cases.io.sidecar import make_entry, sidecar_entry
+from cases.io.sidecar import SidecarEntry, sidecar_entry
+from cases.io.toml_file import validated
 from mmg.errors import UserError
 from tests.support.trial_files import motion_columns, write_csv
 
@@ -111,7 +112,7 @@ def test_a_wind_that_goes_to_is_turned_round(tmp_path):
 
 
 def test_settings_without_a_file_refuse_the_same_things():
-    point = make_entry({"reference_point": [1, 2]}).reference_point
+    point = validated(SidecarEntry, {"reference_point": [1, 2]}, "settings").reference_point
     assert (point.x, point.y, point.applies_to) == (1.0, 2.0, "both")
     with pytest.raises(UserError, match="unknown key"):
-        make_entry({"port": True})
+        validated(SidecarEntry, {"port": True}, "settings")

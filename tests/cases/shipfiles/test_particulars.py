@@ -6,8 +6,8 @@ import re
 
 import pytest
 
+from cases.maneuvers.self_propulsion import actuator_positions
 from cases.shipfiles.ship_file import LIBRARY, library, load_ship, parse_ship
-from cases.simulation.simulate import actuator_positions
 from mmg.errors import UserError
 
 TEXT = (LIBRARY / "esso_osaka_3m.toml").read_text(encoding="utf-8")
