@@ -39,10 +39,11 @@ HYPOTHESES = {
 """Reading of the columns -> what it means, what to do about it, and the code of the finding."""
 
 
-def frame_misfits(m: Motion) -> dict[str, float | None]:
+def frame_misfits(m: Motion) -> tuple[dict[str, float | None], list[Found]]:
     """Per hypothesis: RMS of (track velocity - logged velocity) of ``m`` over RMS of its track velocity.
 
-    "scaled" is "body" times the factor that fits best.
+    "scaled" is "body" times the factor that fits best. Returns them with a warning when another reading of the columns
+    explains the track far better, or none does.
     """
     good = np.all([np.isfinite(a) for a in (m.north, m.east, m.u, m.v, m.psi)], axis=0)
     track, w, turn = (m.north + 1j * m.east)[good], (m.u + 1j * m.v)[good], np.exp(1j * m.psi[good])
@@ -58,79 +59,65 @@ def frame_misfits(m: Motion) -> dict[str, float | None]:
     guesses["scaled"] = w * turn * (np.vdot(w * turn, track).real / power if power > 0 else 0.0)
     size = math.sqrt(float(np.mean(np.abs(track) ** 2))) if len(track) else 0.0
     if size < 1e-6:
-        return dict.fromkeys(guesses)
-    return {name: math.sqrt(float(np.mean(np.abs(track - guess) ** 2))) / size for name, guess in guesses.items()}
-
-
-def frame_sentences(misfit: dict[str, float | None]) -> list[Found]:
-    """By ``misfit`` a warning when another reading of the columns explains the track far better, or none does."""
-    values = {name: value for name, value in misfit.items() if value is not None}
-    if not values:
-        return []
-    best, body = min(HYPOTHESES, key=lambda name: values[name]), values["body"]
-    if body > 0.15 and values[best] < 0.6 * body:
+        return dict.fromkeys(guesses), []
+    misfit = {name: math.sqrt(float(np.mean(np.abs(track - guess) ** 2))) / size for name, guess in guesses.items()}
+    best, body = min(HYPOTHESES, key=lambda name: misfit[name]), misfit["body"]
+    findings: list[Found] = []
+    if body > 0.15 and misfit[best] < 0.6 * body:
         meaning, remedy, code = HYPOTHESES[best]
-        text = f"The track says that {meaning}: misfit {values[best]:.0%} against {body:.0%} as labelled; {remedy}."
-        return [(CONTRADICTORY, code, text)]
-    if body > 0.8 and values["scaled"] > 0.5:
+        text = f"The track says that {meaning}: misfit {misfit[best]:.0%} against {body:.0%} as labelled; {remedy}."
+        findings = [(CONTRADICTORY, code, text)]
+    elif body > 0.8 and misfit["scaled"] > 0.5:
         text = (
             f"Velocities and positions disagree (misfit {body:.0%}) and no other frame or sign explains it; "
             "check units, clocks and axes."
         )
-        return [(CONTRADICTORY, "velocity_mismatch", text)]
-    return []
+        findings = [(CONTRADICTORY, "velocity_mismatch", text)]
+    return {**misfit}, findings
 
 
-def heading_offset(m: Motion, aligned: np.ndarray) -> float | None:
-    """Angle [deg] by which the track of ``m`` is turned clockwise from its logged (u, v), given as ``aligned`` (N,)."""
+def heading_offset(m: Motion, aligned: np.ndarray) -> tuple[float | None, list[Found]]:
+    """Angle [deg] by which the track of ``m`` is turned clockwise from its logged (u, v), given as ``aligned`` (N,).
+
+    Returns it with a warning where it is more than 5 deg.
+    """
     w = m.u + 1j * m.v
     good = np.isfinite(w) & np.isfinite(aligned)
     product = complex(np.vdot(w[good], aligned[good]))
     size = math.sqrt(float(np.sum(np.abs(w[good]) ** 2)) * float(np.sum(np.abs(aligned[good]) ** 2)))
     if good.sum() < 50 or size <= 0 or abs(product) < 0.7 * size:
-        return None
-    return math.degrees(math.atan2(product.imag, product.real))
-
-
-def offset_sentences(offset: float | None) -> list[Found]:
-    """A warning where ``offset`` is more than 5 deg."""
-    if offset is None or abs(offset) < 5.0:
-        return []
+        return None, []
+    offset = math.degrees(math.atan2(product.imag, product.real))
     side = "clockwise" if offset > 0 else "counter-clockwise"
     text = f"The track is turned {abs(offset):.1f} deg {side} from heading and velocities: heading offset or axes?"
-    return [(DOUBTFUL, "heading_offset", text)]
+    return offset, [(DOUBTFUL, "heading_offset", text)] if abs(offset) >= 5.0 else []
 
 
-def lever_arm(m: Motion, aligned: np.ndarray) -> dict[str, float | None]:
+def lever_arm(m: Motion, aligned: np.ndarray) -> tuple[dict[str, float | None], list[Found]]:
     """Where the position was measured, from midship [m], with standard errors.
 
     The velocity of a point (l_x, l_y) is (u - r l_y, v + r l_x): the differences between track and logged
     velocities are regressed on the turning rate of the heading, through the origin, over 10 s blocks. In a
     steady turn a gain error of v, or a lag of arm / u seconds, looks much the same. None where the ship
-    hardly turns. m: the motion; aligned: (N,) velocity of its track in body axes, complex [m/s].
+    hardly turns. m: the motion; aligned: (N,) velocity of its track in body axes, complex [m/s]. Returns the numbers,
+    and a sentence per axis along which the arm is at least 5 cm and four standard errors.
     """
-    out: dict[str, float | None] = dict.fromkeys(("x_m", "x_std_m", "y_m", "y_std_m"))
-    block = max(round(BLOCK / m.dt), 5)
-    for axis, difference in (("x", aligned.imag - m.v), ("y", m.u - aligned.real)):
-        fit = _slope(m.turn, difference, block)
-        if fit is not None:
-            out[f"{axis}_m"], out[f"{axis}_std_m"] = fit
-    return out
-
-
-def lever_sentences(lever: dict[str, float | None]) -> list[Found]:
-    """One sentence per axis along which the arm ``lever`` is at least 5 cm and four standard errors."""
-    findings = []
-    for axis, ahead, behind in (("x", "forward of", "aft of"), ("y", "to starboard of", "to port of")):
-        arm, std = lever[f"{axis}_m"], lever[f"{axis}_std_m"]
-        if arm is not None and std is not None and abs(arm) >= max(4 * std, 0.05):
-            where = ahead if arm > 0 else behind
+    numbers: dict[str, float | None] = dict.fromkeys(("x_m", "x_std_m", "y_m", "y_std_m"))
+    findings: list[Found] = []
+    across, along = aligned.imag - m.v, m.u - aligned.real
+    words = (("x", across, "forward of", "aft of"), ("y", along, "to starboard of", "to port of"))
+    for axis, difference, ahead, behind in words:
+        fit = _slope(m.turn, difference, max(round(BLOCK / m.dt), 5))
+        if fit is None:
+            continue
+        arm, std = numbers[f"{axis}_m"], numbers[f"{axis}_std_m"] = fit
+        if abs(arm) >= max(4 * std, 0.05):
             text = (
-                f"The position fits a measured point {abs(arm):.2f} +- {std:.2f} m {where} midship "
-                "(lever arm; reference_point in trials.toml moves it)."
+                f"The position fits a measured point {abs(arm):.2f} +- {std:.2f} m {ahead if arm > 0 else behind} "
+                "midship (lever arm; reference_point in trials.toml moves it)."
             )
             findings.append((INFO, "lever_arm", text))
-    return findings
+    return numbers, findings
 
 
 def _slope(x: np.ndarray, y: np.ndarray, block: int) -> tuple[float, float] | None:

@@ -10,14 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from cases.checks.axes import (
-    frame_misfits,
-    frame_sentences,
-    heading_offset,
-    lever_arm,
-    lever_sentences,
-    offset_sentences,
-)
+from cases.checks.axes import frame_misfits, heading_offset, lever_arm
 from cases.checks.lags import Channel, aligned_track, compare, gain, velocity_lag
 from cases.checks.motion import Motion, motion
 from cases.checks.report import CONTRADICTORY, DOUBTFUL, INFO, Found
@@ -41,16 +34,15 @@ def kinematics(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
         "channels": channels,
     }  # fmt: skip
     if not m.has_track:
-        return numbers, _channel_sentences(channels)
-    misfit = numbers["frame_misfit"] = frame_misfits(m)
-    wrong = frame_sentences(misfit)
+        return numbers, _channel("r", channels["r"])
+    numbers["frame_misfit"], wrong = frame_misfits(m)
     track = (m.north + 1j * m.east) * np.exp(-1j * m.psi)
     channels = {"u": compare(m.u, track.real, m.dt), "v": compare(m.v, track.imag, m.dt), **channels}
     numbers["channels"] = channels
     if wrong:
-        return numbers, wrong + _channel_sentences({"r": channels["r"]})
+        return numbers, wrong + _channel("r", channels["r"])
     findings = _aligned(m, channels, numbers)
-    return numbers, _channel_sentences(channels) + findings
+    return numbers, [found for name, channel in channels.items() for found in _channel(name, channel)] + findings
 
 
 def _aligned(m: Motion, channels: dict[str, Channel], numbers: dict[str, Any]) -> list[Found]:
@@ -58,20 +50,15 @@ def _aligned(m: Motion, channels: dict[str, Channel], numbers: dict[str, Any]) -
     lag = numbers["velocity_lag"] = velocity_lag(m)
     aligned = aligned_track(m, lag)
     channels["u"]["gain"], channels["v"]["gain"] = gain(m.u, aligned.real), gain(m.v, aligned.imag)
-    numbers["lever_arm"] = lever = lever_arm(m, aligned)
-    numbers["heading_offset_deg"] = offset = heading_offset(m, aligned)
-    findings = lever_sentences(lever) + offset_sentences(offset)
+    numbers["lever_arm"], findings = lever_arm(m, aligned)
+    numbers["heading_offset_deg"], turned = heading_offset(m, aligned)
     seconds = lag[f"{lag['frame']}_s"]
     if seconds is not None and abs(seconds) > 0.2 and min(lag["earth_misfit"], lag["body_misfit"]) < 0.3:
         how = "turned by the present heading" if lag["frame"] == "earth" else "late as finished columns"
         word = "lag" if seconds > 0 else "lead"
         text = f"As a vector (u, v) {word} the track by {abs(seconds):.2f} s, {how}."
         findings.insert(0, (INFO, "velocity_lag", text))
-    return findings
-
-
-def _channel_sentences(channels: dict[str, Channel]) -> list[Found]:
-    return [sentence for name, channel in channels.items() for sentence in _channel(name, channel)]
+    return findings + turned
 
 
 def _channel(name: str, channel: Channel) -> list[Found]:

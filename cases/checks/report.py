@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 OK, INFO, DOUBTFUL, CONTRADICTORY = "ok", "info", "doubtful", "contradictory"
-
 
 Found = tuple[str, str, str]
 """Level, code and sentence of a finding whose topic is known."""
@@ -48,23 +47,8 @@ class CheckReport:
         return next((level for level in (CONTRADICTORY, DOUBTFUL) if level in levels), OK)
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain types for JSON, keys stable: name, path, verdict, findings, numbers."""
-        return {
-            "name": self.name,
-            "path": self.path,
-            "verdict": self.verdict,
-            "findings": [finding._asdict() for finding in self.findings],
-            "numbers": _plain(self.numbers),
-        }
-
-
-def _plain(value: Any) -> Any:
-    """Mappings and sequences as dict and list, numbers as Python's own, None for what is not finite."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
-    if isinstance(value, (bool, int, str)) or value is None:
-        return value
-    number = float(value)
-    return number if math.isfinite(number) else None
+        """Plain types for JSON, keys stable: name, path, verdict, findings, numbers; None for what is not finite."""
+        numbers = json.loads(json.dumps(self.numbers, default=float), parse_constant=lambda _: None)
+        findings = [finding._asdict() for finding in self.findings]
+        head = {"name": self.name, "path": self.path, "verdict": self.verdict}
+        return {**head, "findings": findings, "numbers": numbers}
