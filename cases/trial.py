@@ -144,8 +144,7 @@ class Trial:
         """The columns as a DataFrame, a row per sample, named as in a trial file: ``u [m/s]``."""
         import pandas as pd
 
-        unit = {name: UNITS.get(name, "rps") for name in self.columns}
-        return pd.DataFrame({f"{name} [{unit[name]}]": values for name, values in self.columns.items()})
+        return pd.DataFrame({f"{name} [{UNITS.get(name, 'rps')}]": values for name, values in self.columns.items()})
 
     def _repr_html_(self) -> str:
         caption = f"{self.name}: {self.kind or 'trial'}, {len(self)} samples, {self.duration:g} s"

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from cases.checks.duplicates import duplicates
-from cases.checks.excitation import GROUPS, excitation, inputs_are_constant, pooled
+from cases.checks.excitation import excitation, inputs_are_constant, pooled
 from cases.checks.kinematics import kinematics
 from cases.checks.report import CONTRADICTORY, INFO, CheckFinding, CheckReport, Found
 from cases.checks.rudder import rudder_sign
@@ -19,7 +19,7 @@ from cases.io.unit_sanity import implausible
 from cases.trial import Trial
 from mmg.messages import message_rows
 
-__all__ = ["GROUPS", "CheckFinding", "CheckReport", "check", "inputs_are_constant", "pooled"]
+__all__ = ["CheckFinding", "CheckReport", "check", "inputs_are_constant", "pooled"]
 
 
 LOOKS = {"sampling": sampling, "kinematics": kinematics, "rudder": rudder_sign, "wind": wind, "excitation": excitation}

@@ -27,16 +27,13 @@ def shared_rows(train: Sequence[Trial], held_out: Sequence[Trial]) -> list[Messa
     trials = [*train, *held_out]
     messages = []
     for i, (copies, _) in enumerate(duplicates(trials)):
-        for copy in copies:
-            other = next((j for j, t in enumerate(trials) if j > i and t.name == copy.get("other")), None)
-            if other is None:
-                continue
-            first, second = trials[i].name, trials[other].name
-            if (i < len(train)) != (other < len(train)):
-                messages.append(
-                    Message(f"{second} shares rows with {first}: its score is not held out", "not_held_out")
-                )
-            elif i < len(train):
+        names, first = {copy["other"] for copy in copies}, trials[i].name
+        for other in [j for j in range(i + 1, len(trials)) if trials[j].name in names]:
+            second = trials[other].name
+            if i < len(train) <= other:
+                words = f"{second} shares rows with {first}: its score is not held out"
+                messages.append(Message(words, "not_held_out"))
+            elif other < len(train):
                 words = f"{first} and {second} share rows, which count twice in the fit: leave one of them out"
                 messages.append(Message(words, "shared_rows"))
     return list(dict.fromkeys(messages))

@@ -29,10 +29,8 @@ def kinematics(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
     """Of a ``trial``: frame hypotheses; lag, gain, correlation of u, v, r; heading offset, lever arm; sentences."""
     m = motion(trial)
     channels: dict[str, Channel] = {"r": compare(m.r, m.turn, m.dt)}
-    numbers: dict[str, Any] = {
-        "frame_misfit": None, "velocity_lag": None, "lever_arm": None, "heading_offset_deg": None,
-        "channels": channels,
-    }  # fmt: skip
+    names = ("frame_misfit", "velocity_lag", "lever_arm", "heading_offset_deg")
+    numbers: dict[str, Any] = dict.fromkeys(names) | {"channels": channels}
     if not m.has_track:
         return numbers, _channel("r", channels["r"])
     numbers["frame_misfit"], wrong = frame_misfits(m)

@@ -60,11 +60,10 @@ def gain(logged: np.ndarray, derived: np.ndarray) -> float | None:
 def velocity_lag(m: Motion) -> dict[str, Any]:
     """By how much (u, v) of ``m`` lag its track [s], if late in the earth frame and if late in body axes.
 
-    "earth": u + i v = exp(-i psi(t)) V(t - lag), V the velocity of the track: a late satellite velocity
-    turned by the present heading. "body": u + i v = exp(-i psi(t - lag)) V(t - lag): finished columns late.
-    misfit: RMS of what is left over RMS of V. frame: the hypothesis with the smaller misfit.
-    In a turn at steady speed a lever arm of speed times lag looks the same, so an arm is allowed for
-    (with_arm) only where it takes away a good part of the misfit.
+    "earth": u + i v = exp(-i psi(t)) V(t - lag), V the velocity of the track: a late satellite velocity turned by the
+    present heading. "body": u + i v = exp(-i psi(t - lag)) V(t - lag): finished columns late. misfit: RMS of what is
+    left over RMS of V. frame: the hypothesis with the smaller misfit. In a turn at steady speed a lever arm of speed
+    times lag looks the same, so an arm is allowed for (with_arm) only where it takes away a good part of the misfit.
     """
     plain = {frame: _vector_lag(m, frame, False) for frame in FRAMES}
     arm = {frame: _vector_lag(m, frame, True) for frame in FRAMES}

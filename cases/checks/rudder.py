@@ -13,9 +13,8 @@ from cases.trial import Trial
 def rudder_sign(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
     """Correlation (without mean) in ``trial`` of r with the low-passed rudder angle while going ahead.
 
-    Of several time constants the one with the strongest correlation counts: a Nomoto response
-    T r' + r = K delta. Below -0.5 the sign of the rudder, or of the whole frame, is wrong. None when the
-    ship hardly goes ahead with rudder.
+    Of several time constants the one with the strongest correlation counts: a Nomoto response T r' + r = K delta. Below
+    -0.5 the sign of the rudder, or of the whole frame, is wrong. None when the ship hardly goes ahead with rudder.
     """
     delta, r, u, n = trial.rudder, trial["r"], trial["u"], trial["n"]
     good = np.isfinite(delta) & np.isfinite(r) & np.isfinite(u) & np.isfinite(n)

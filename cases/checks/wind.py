@@ -19,10 +19,8 @@ def wind(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
     consistency_m_s is the RMS vector difference between the logged apparent wind and the one that follows
     from the true wind, u, v and psi; derived true wind agrees by construction and is not compared.
     """
-    numbers: dict[str, Any] = {
-        "mean_m_s": None, "std_m_s": None, "ratio_to_ship_speed": None, "steadiness": None,
-        "consistency_m_s": None,
-    }  # fmt: skip
+    names = ("mean_m_s", "std_m_s", "ratio_to_ship_speed", "steadiness", "consistency_m_s")
+    numbers: dict[str, Any] = dict.fromkeys(names)
     if not trial.has_wind:
         return numbers, []
     speed = trial["wind_speed"]
@@ -37,11 +35,8 @@ def wind(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
     )
     findings = []
     if ship > 1e-6 and mean > 3 * ship:
-        text = (
-            f"The wind ({mean:.2f} m/s) is {mean / ship:.1f} times the ship's speed "
-            f"({ship:.2f} m/s): a first-order force here, do not leave it out."
-        )
-        findings.append((INFO, "strong_wind", text))
+        text = f"The wind ({mean:.2f} m/s) is {mean / ship:.1f} times the ship's speed ({ship:.2f} m/s): "
+        findings.append((INFO, "strong_wind", text + "a first-order force here, do not leave it out."))
     if float(np.nanmin(speed)) < 0:
         findings.append((DOUBTFUL, "negative_wind_speed", "The wind speed is negative at times; check the column."))
     measured = "apparent_wind_speed" in trial and "apparent_wind_direction" in trial
@@ -70,6 +65,5 @@ def _consistency(trial: Trial, mean: float, numbers: dict[str, Any]) -> list[Fou
         level, why = DOUBTFUL, "the apparent direction is not counted from the bow but equals the true one"
     else:
         level, why = DOUBTFUL, "check directions, heading and units"
-    off = misfit["as logged"]
-    text = f"True wind, u, v and psi give an apparent wind {off:.2f} m/s off the logged one; {why}."
+    text = f"True wind, u, v and psi give an apparent wind {misfit['as logged']:.2f} m/s off the logged one; {why}."
     return [(level, "wind_direction", text)]

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from cases.criteria.imo import ASSUMED, OPEN, Row, assess, worst
-from cases.criteria.published_figures import SOURCE
+from cases.criteria.imo import ASSUMED, OPEN, SOURCE, Row, assess, worst
 from cases.criteria.standard_runs import STANDARD, Run, approach_speed, measured_run, simulated_run
 from cases.maneuvers.controller import Limits
 from cases.maneuvers.definitions import parse_maneuver

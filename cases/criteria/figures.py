@@ -47,8 +47,7 @@ class Since:
 
 
 def since(trial: Trial, order_time: float) -> Since:
-    """The run from ``order_time`` [s after the first sample] on; rows without heading or speed are left out. trial: the
-    run."""
+    """The rows of ``trial`` with heading and speed from ``order_time`` [s after the first sample] on."""
     t = trial.t - trial.t[0]
     psi, u, v = trial.psi_unwrapped, trial["u"], trial["v"]
     good = np.isfinite(psi) & np.isfinite(u) & np.isfinite(v)
@@ -89,8 +88,9 @@ def _when(change: np.ndarray, level: float) -> float | None:
     return 0.0 if k == 0 else k - 1 + (level - change[k - 1]) / (change[k] - change[k - 1])
 
 
-def _at(row: float, values: np.ndarray) -> float:
-    return float(np.interp(row, np.arange(len(values)), values))
+def _at(row: float | None, **series: np.ndarray) -> dict[str, float]:
+    """Name -> value of each series at a fractional row; empty where there is none."""
+    return {} if row is None else {k: float(np.interp(row, np.arange(len(v)), v)) for k, v in series.items()}
 
 
 def turning_figures(trial: Trial, rudder: float, order_time: float) -> dict[str, float]:
@@ -98,16 +98,10 @@ def turning_figures(trial: Trial, rudder: float, order_time: float) -> dict[str,
 
     rudder [rad] gives the side; order_time [s] after the first sample. trial: the run.
     """
-    run, side, figures = since(trial, order_time), math.copysign(1.0, rudder), {}
-    quarter, half = _when(side * run.change, math.pi / 2), _when(side * run.change, math.pi)
-    if quarter is not None:
-        figures["advance"] = _at(quarter, run.advance)
-        figures["transfer"] = _at(quarter, side * run.transfer)
-        figures["time_90"] = _at(quarter, run.t)
-    if half is not None:
-        figures["tactical_diameter"] = _at(half, side * run.transfer)
-        figures["time_180"] = _at(half, run.t)
-    return figures
+    run, side = since(trial, order_time), math.copysign(1.0, rudder)
+    quarter, half = (_when(side * run.change, angle) for angle in (math.pi / 2, math.pi))
+    figures = _at(quarter, advance=run.advance, transfer=side * run.transfer, time_90=run.t)
+    return figures | _at(half, tactical_diameter=side * run.transfer, time_180=run.t)
 
 
 def steady_turn_figures(trial: Trial, rudder: float, order_time: float) -> dict[str, float]:
@@ -188,7 +182,7 @@ def initial_turning_figures(trial: Trial, rudder: float, order_time: float) -> d
     """
     run = since(trial, order_time)
     row = _when(math.copysign(1.0, rudder) * run.change, INITIAL_TURN)
-    return {} if row is None else {"initial_turning_track": _at(row, run.path), "time_10": _at(row, run.t)}
+    return _at(row, initial_turning_track=run.path, time_10=run.t)
 
 
 def stopping_figures(trial: Trial, order_time: float) -> dict[str, float]:
@@ -196,9 +190,7 @@ def stopping_figures(trial: Trial, order_time: float) -> dict[str, float]:
     trial: the run; order_time: of the order [s]."""
     run = since(trial, order_time)
     stop = _when(run.u[0] - run.u, run.u[0]) if run.u[0] > 0 else None
-    names = ("track_reach", "head_reach", "lateral_deviation", "stopping_time")
-    series = zip(names, (run.path, run.advance, run.transfer, run.t), strict=True)
-    return {} if stop is None else {name: _at(stop, values) for name, values in series}
+    return _at(stop, track_reach=run.path, head_reach=run.advance, lateral_deviation=run.transfer, stopping_time=run.t)
 
 
 def pull_out_figures(trial: Trial, order_time: float) -> dict[str, float]:
@@ -217,8 +209,7 @@ def pull_out_figures(trial: Trial, order_time: float) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class Hold:
-    """A stretch of constant rudder: its angle [rad], first and last time since the order [s], and the mean turn
-    rate over its last tenth [rad/s]."""
+    """A stretch of constant rudder [rad], its times since the order [s], mean turn rate of its last tenth [rad/s]."""
 
     rudder: float
     begin: float

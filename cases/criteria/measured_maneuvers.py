@@ -79,24 +79,20 @@ def find_maneuver(trial: Trial, length: float, kind: str = "") -> Execute:
     if stop is not None and not any(begin < stop for begin, _, _ in holds):
         return _execute(trial, length, "crash-stop", stop, 0.0, [], float(t[-1]))
     if not holds:
-        what = (
-            "revolutions that go astern from ahead" if kind == "crash-stop" else "rudder held at an angle above 4 deg"
-        )
+        held = "rudder held at an angle above 4 deg"
+        what = "revolutions that go astern from ahead" if kind == "crash-stop" else held
         raise UserError(f"{trial.name}: no {kind or 'manoeuvre'} found: no {what}")
-    run = _turns_in_reply(trial, holds)
-    found = "zigzag" if run > 1 else "turning"
+    used = holds[: _turns_in_reply(trial, holds)]
+    found = "zigzag" if len(used) > 1 else "turning"
     if kind and kind != found:
-        sides = "on both sides in turn" if run > 1 else "on one side"
-        raise UserError(f"{trial.name}: looked for a {kind} test, but the rudder is held {sides}")
-    used = holds[:run] if found == "zigzag" else holds[:1]
+        where = "on both sides in turn" if len(used) > 1 else "on one side"
+        raise UserError(f"{trial.name}: looked for a {kind} test, but the rudder is held {where}")
     return _execute(trial, length, found, used[0][0], used[0][2], [h[0] for h in used[1:]], used[-1][1])
 
 
 def _turns_in_reply(trial: Trial, holds: list[tuple[float, float, float]]) -> int:
     """How many holds, from the first on, are a zigzag: sides in turn, and the ship has turned to the rudder's side."""
-    t, psi = trial.t - trial.t[0], trial.psi_unwrapped
-    good = np.isfinite(psi)
-    begins = np.interp([begin for begin, _, _ in holds], t[good], psi[good])
+    begins = _headings(trial, [begin for begin, _, _ in holds])
     run = 1
     while run < len(holds):
         side = math.copysign(1.0, holds[run - 1][2])
@@ -106,14 +102,18 @@ def _turns_in_reply(trial: Trial, holds: list[tuple[float, float, float]]) -> in
     return run
 
 
+def _headings(trial: Trial, times: list[float]) -> np.ndarray:
+    """Headings [rad] at times after the first sample [s]."""
+    good = np.isfinite(trial["psi"])
+    return np.interp(times, trial.t[good] - trial.t[0], trial.psi_unwrapped[good])
+
+
 def _execute(
     trial: Trial, length: float, kind: str, time: float, rudder: float, reversals: list[float], end: float
 ) -> Execute:
-    t, psi = trial.t - trial.t[0], trial.psi_unwrapped
-    good = np.isfinite(psi)
     heading = 0.0
     if reversals:
-        change = np.interp(reversals, t[good], psi[good]) - np.interp(time, t[good], psi[good])
+        change = _headings(trial, reversals) - _headings(trial, [time])
         sides = math.copysign(1.0, rudder) * (-1.0) ** np.arange(len(reversals))
         heading = float(np.median(sides * change))
     speed, notes = _approach(trial, length, time)
@@ -133,14 +133,11 @@ def _approach(trial: Trial, length: float, time: float) -> tuple[float, list[str
     now = max(float(np.median(speed[near])), 1e-9)
     stretch = APPROACH_LENGTHS * length / now
     rows = good & (t <= time) & (t >= time - stretch)
-    mean = float(speed[rows].mean())
-    notes = []
-    seconds = float(np.ptp(t[rows]))
+    mean, seconds, notes = float(speed[rows].mean()), float(np.ptp(t[rows])), []
     if seconds < 0.5 * stretch:
         notes.append(f"only {seconds:.3g} s of approach are recorded, two ship lengths take {stretch:.3g} s")
     if rows.sum() > 2:
-        slope = float(np.polyfit(t[rows], speed[rows], 1)[0])
-        change = slope * seconds / mean
+        change = float(np.polyfit(t[rows], speed[rows], 1)[0]) * seconds / mean
         if abs(change) > STEADY_SPEED:
             notes.append(f"approach not steady: the speed changes by {100 * change:+.0f} % in the last {seconds:.3g} s")
     turn = float(np.abs(r[rows]).mean()) * length / mean

@@ -25,15 +25,13 @@ class SpiralCurve:
     @property
     def branches(self) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
         """(rudder, rate) of the way there and of the way back, each by rising rudder angle."""
-        there = (self.rudder[: self.turn + 1], self.rate[: self.turn + 1])
-        back = (self.rudder[self.turn :], self.rate[self.turn :])
-        first, second = (tuple(values[np.argsort(branch[0])] for values in branch) for branch in (there, back))
-        return (first[0], first[1]), (second[0], second[1])
+        there, back = np.arange(self.turn + 1), np.arange(self.turn, len(self.rudder))
+        there, back = there[np.argsort(self.rudder[there])], back[np.argsort(self.rudder[back])]
+        return (self.rudder[there], self.rate[there]), (self.rudder[back], self.rate[back])
 
 
 def spiral_curve(trial: Trial, order_time: float) -> SpiralCurve | None:
-    """The curve of a run whose rudder went in steps from ``order_time`` [s] on; None with fewer than three angles.
-    trial: the run."""
+    """The curve of a ``trial`` with the rudder in steps from ``order_time`` [s] on; None with under three angles."""
     holds = rudder_holds(trial, order_time)
     if len(holds) < 3:
         return None

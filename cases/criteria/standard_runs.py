@@ -33,15 +33,8 @@ TEST_FROUDE = 0.142
 STEP = 0.05
 """Sampling and integration step [s] for a 3 m model; Froude scaled."""
 
-STANDARD = (
-    "turning:35",
-    "turning:-35",
-    "zigzag:10/10",
-    "zigzag:-10/10",
-    "zigzag:20/20",
-    "zigzag:-20/20",
-    "crash-stop",
-)
+ZIGZAGS = ("zigzag:10/10", "zigzag:-10/10", "zigzag:20/20", "zigzag:-20/20")
+STANDARD = ("turning:35", "turning:-35", *ZIGZAGS, "crash-stop")
 """What the criteria of MSC.137(76) need."""
 
 

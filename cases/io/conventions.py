@@ -35,22 +35,18 @@ def converted(columns: Mapping[str, np.ndarray], entry: SidecarEntry, notices: l
 
 
 def _turn_signs(out: dict[str, np.ndarray], entry: SidecarEntry, notices: list[Message]) -> None:
-    for name, sign in entry.sign.items():
-        if sign == -1 and name in out:
+    turned = [(name, " (sidecar)") for name, sign in entry.sign.items() if sign == -1]
+    port = RUDDERS if entry.rudder_positive == "port" else ()
+    for name, why in (*turned, *((name, ": positive to port in the file") for name in port)):
+        if name in out:
             out[name] = -out[name]
-            notices.append(Message(f"{name} changed sign (sidecar)", "sign"))
-    if entry.rudder_positive == "port":
-        for name in RUDDERS:
-            if name in out:
-                out[name] = -out[name]
-                notices.append(Message(f"{name} changed sign: positive to port in the file", "sign"))
+            notices.append(Message(f"{name} changed sign{why}", "sign"))
 
 
 def _move_to_midship(out: dict[str, np.ndarray], entry: SidecarEntry, notices: list[Message]) -> None:
     """Positions and velocities of the measured point P = (l_x, l_y) taken to midship.
 
-    x0 = x_P - l_x cos psi + l_y sin psi, y0 = y_P - l_x sin psi - l_y cos psi;
-    u = u_P + l_y r, v = v_P - l_x r.
+    x0 = x_P - l_x cos psi + l_y sin psi, y0 = y_P - l_x sin psi - l_y cos psi; u = u_P + l_y r, v = v_P - l_x r.
     """
     point = entry.reference_point
     l_x, l_y = point.x, point.y

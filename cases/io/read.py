@@ -123,17 +123,13 @@ def _trimmed(path: Path, columns: dict[str, np.ndarray], notices: list[Message])
     if not alive.any():
         raise UserError(f"{path}: no row holds a time and a state ({rows} rows, all NaN); nothing to read")
     first, last = int(np.argmax(alive)), rows - int(np.argmax(alive[::-1]))
-    if first:
-        notices.append(Message(f"the first {first} of {rows} rows hold no state and were cut off", "rows_cut"))
-    if last < rows:
-        notices.append(Message(f"the last {rows - last} of {rows} rows hold no state and were cut off", "rows_cut"))
-    keep = np.zeros(rows, bool)
-    keep[first:last] = True
-    timeless = keep & ~np.isfinite(columns["t"])
-    if timeless.any():
-        notices.append(Message(f"{int(timeless.sum())} rows without a time stamp were dropped", "rows_without_time"))
-        keep &= ~timeless
-    columns = {name: values[keep] for name, values in columns.items()}
+    for word, count in (("first", first), ("last", rows - last)):
+        if count:
+            notices.append(Message(f"the {word} {count} of {rows} rows hold no state and were cut off", "rows_cut"))
+    keep = np.isfinite(columns["t"][first:last])
+    if not keep.all():
+        notices.append(Message(f"{int((~keep).sum())} rows without a time stamp were dropped", "rows_without_time"))
+    columns = {name: values[first:last][keep] for name, values in columns.items()}
     if len(columns["t"]) < 2:
         raise UserError(f"{path}: only one usable row; a trial needs at least two")
     for name in list(columns):
@@ -166,8 +162,7 @@ def _check_time(path: Path, t: np.ndarray, notices: list[Message]) -> None:
 def _kind_from_name(stem: str, notices: list[Message]) -> str:
     """The kind of manoeuvre when the file name begins with it, said in the notices; else ""."""
     kinds = {"turn": "turning", "zigzag": "zigzag", "random": "random", "berthing": "berthing"}
-    for prefix, kind in kinds.items():
-        if stem.lower().startswith(prefix):
-            notices.append(Message(f"kind '{kind}' taken from the file name", "kind_from_name"))
-            return kind
-    return ""
+    kind = next((kind for prefix, kind in kinds.items() if stem.lower().startswith(prefix)), "")
+    if kind:
+        notices.append(Message(f"kind '{kind}' taken from the file name", "kind_from_name"))
+    return kind

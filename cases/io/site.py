@@ -146,14 +146,21 @@ def _parsed(path: Path, ship: Ship) -> Site:
     content, problems = checked(SiteFile, read_toml(path))
     held: Values = {}
     start: Values = {}
+    lengths: list[tuple[str, str, float | None, str]] = []
     if content and content.bank:
         bearing, along = content.bank.towards("less" if content.bank.water_side == "greater" else "greater")
-        held["bank"] = {"distance": along, "bearing": bearing} | _given(decay=content.bank.decay)
-        problems += _beyond(_parameter(ship, "bank", "decay"), content.bank.decay, "[bank] decay")
+        held["bank"] = {"distance": along, "bearing": bearing}
+        lengths.append(("bank", "decay", content.bank.decay, "[bank]"))
     if content and content.shelf:
         bearing, along = content.shelf.towards(content.shelf.shallow_side)
-        held["shallow_water"] = {"line": along, "bearing": bearing} | _given(width=content.shelf.width)
-        problems += _beyond(_parameter(ship, "shallow_water", "width"), content.shelf.width, "[shelf] width")
+        held["shallow_water"] = {"line": along, "bearing": bearing}
+        lengths.append(("shallow_water", "width", content.shelf.width, "[shelf]"))
+    for effect, symbol, value, place in lengths:
+        p = _parameter(ship, effect, symbol)
+        if value is not None:
+            held[effect][symbol] = value
+            if not p.lower <= value <= p.upper:
+                problems.append(f"{place} {symbol} = {value:g}: must be from {p.lower:g} to {p.upper:g} m")
     if content and content.water:
         depth, draught = content.water.depth, ship.particulars["d"]
         least = draught / _parameter(ship, "shallow_water", "d_h").upper
@@ -165,16 +172,5 @@ def _parsed(path: Path, ship: Ship) -> Site:
     return Site(held, start)
 
 
-def _given(**values: float | None) -> dict[str, float]:
-    return {name: value for name, value in values.items() if value is not None}
-
-
 def _parameter(ship: Ship, effect: str, symbol: str) -> Parameter:
     return next(p for p in EFFECTS[effect].parameters(ship.namespace, dict(ship.components)) if p.symbol == symbol)
-
-
-def _beyond(parameter: Parameter, value: float | None, place: str) -> list[str]:
-    """The sentence on a length [m] outside the bounds of the parameter that it becomes."""
-    if value is None or parameter.lower <= value <= parameter.upper:
-        return []
-    return [f"{place} = {value:g}: must be from {parameter.lower:g} to {parameter.upper:g} m"]

@@ -117,7 +117,6 @@ def header(*names: str) -> str:
 
 
 def _problem(schema: type[Section], error: Any) -> str:
-    """The sentence on one error of pydantic."""
     names = [str(name) for name in error["loc"] if name != "[key]"]
     section, tables = schema, 0
     while tables < len(names) and (found := _table(section, names[tables])):

@@ -10,7 +10,6 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
 
 from cases.trial import RUDDERS
 
@@ -71,9 +70,13 @@ def _heading_and_rate(columns: Mapping[str, np.ndarray]) -> str:
     t, psi, r = t[good], psi[good], r[good]
     if len(t) < 20:
         return ""
-    turned = cumulative_trapezoid(r, t, initial=0)
+    turned = _integral(t, r)
     lags = (max(1, min(lag, len(t) // 10)) for lag in (20, 50, 100))
     return next(filter(None, (_compare_over(lag, t, psi, turned) for lag in lags)), "")
+
+
+def _integral(t: np.ndarray, rate: np.ndarray) -> np.ndarray:
+    return np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))])
 
 
 def _compare_over(lag: int, t: np.ndarray, psi: np.ndarray, turned: np.ndarray) -> str:
@@ -111,7 +114,7 @@ def _heading_and_course(columns: Mapping[str, np.ndarray]) -> str:
     scale = math.sqrt(float(np.mean(np.abs(moved) ** 2)))
     misfit = []
     for unit in (1.0, DEG):
-        way = cumulative_trapezoid(body * np.exp(1j * psi * unit), t, initial=0)
+        way = _integral(t, body * np.exp(1j * psi * unit))
         error = moved - (way[lag:] - way[:-lag])[usable]
         misfit.append(math.sqrt(float(np.mean(np.abs(error) ** 2))) / max(scale, 1e-12))
     if misfit[1] < 0.35 and misfit[0] > 0.3 and misfit[0] > 4 * misfit[1]:

@@ -152,8 +152,7 @@ def spiral_angles(largest: float, step: float) -> tuple[float, ...]:
 
 
 def schedule(n_times: np.ndarray, n: np.ndarray, delta_times: np.ndarray, delta: np.ndarray) -> Orders:
-    """Orders held from each time to the next, the first at 0: revolutions n (A,) [1/s] from n_times (A,) [s] on, rudder
-    angles delta (B,) [rad] from delta_times (B,) [s] on."""
+    """Orders held from n_times (A,), delta_times (B,) [s], the first 0, to the next: n (A,) [1/s], delta (B,) [rad]."""
 
     def orders(t: float, state: np.ndarray) -> tuple[float, float]:
         i = np.searchsorted(n_times, t + _TINY, side="right") - 1
@@ -192,24 +191,12 @@ BERTHING_SPEED = 0.6
 
 _BERTHING_PERIOD = 150.0
 _BERTHING_N = ((0, BERTHING_SPEED), (30, 0.0), (36, -1.0), (88, 0.6), (105, -0.8), (130, 0.5))
-_BERTHING_DELTA = (
-    (0, 0),
-    (8, 15),
-    (20, -20),
-    (34, 10),
-    (50, -35),
-    (70, 0),
-    (88, 35),
-    (97, -35),
-    (112, 20),
-    (130, -25),
-)
+_BERTHING_DELTA = ((0, 0), (8, 15), (20, -20), (34, 10), (50, -35), (70, 0), (88, 35), (97, -35), (112, 20), (130, -25))
 """(time [s of the 3 m model], share of n) and (time, rudder [deg]): slow ahead, reversals, kicks ahead."""
 
 
 def berthing(n: float, scale: float) -> Orders:
-    """Slow approach, stops, reversals, kicks ahead on large rudder; repeats after 150 s (3 m model). n [1/s]; scale: of
-    the times."""
+    """Slow approach, stops, reversals, kicks ahead on large rudder; repeats after ``scale`` times 150 s. n [1/s]."""
     n_times, shares = np.array(_BERTHING_N, dtype=float).T
     delta_times, degrees = np.array(_BERTHING_DELTA, dtype=float).T
     orders = schedule(n_times, n * shares, delta_times, np.radians(degrees))

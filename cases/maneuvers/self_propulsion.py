@@ -21,18 +21,11 @@ DESIGN_PITCH = math.radians(20.0)
 """Blade angle [rad] of a controllable-pitch propeller ahead, where the ship file gives no particular ``pitch``."""
 
 
-def design_pitch(ship: Ship, n: float) -> float:
-    """Blade angle [rad] ahead for n >= 0; astern, n < 0, as far on the other side of the zero-thrust pitch. ship: gives
-    pitch and zero."""
-    ahead = ship.particulars.get("pitch", DESIGN_PITCH)
-    zero = ship.coefficients["theta_0"].value if "theta_0" in ship.coefficients else 0.0
-    return ahead if n >= 0 else 2 * zero - ahead
-
-
 def actuator_positions(ship: Ship, n: Any, delta: Any) -> dict[str, Any]:
     """Positions of all actuators under one order: both propellers and both rudders alike, thrusters at rest.
 
-    A controllable-pitch propeller turns ahead all the time: its blades reverse instead. A ship without a propeller is
+    A controllable-pitch propeller turns ahead all the time: its blades reverse instead, as far on the other side of
+    the zero-thrust pitch. A ship without a propeller is
     driven by its azimuth thruster, which also steers where there is no rudder: aft of midship it pushes to port then.
     n [1/s], delta [rad]: numbers, or arrays of one shape; ship: gives the names.
     """
@@ -43,7 +36,8 @@ def actuator_positions(ship: Ship, n: Any, delta: Any) -> dict[str, Any]:
         elif name.startswith("delta"):
             moved[name] = delta
         elif name == "pitch":
-            moved[name] = np.where(n >= 0, design_pitch(ship, 1.0), design_pitch(ship, -1.0))
+            ahead, zero = ship.particulars.get("pitch", DESIGN_PITCH), ship.coefficients["theta_0"].value
+            moved[name] = np.where(n >= 0, ahead, 2 * zero - ahead)
     if "n_azimuth" in moved and "n" not in moved:
         moved["n_azimuth"] = n
         if "rudder" not in ship.components:
@@ -52,8 +46,7 @@ def actuator_positions(ship: Ship, n: Any, delta: Any) -> dict[str, Any]:
 
 
 def surge_balance(ship: Ship) -> Callable[[float, float], float]:
-    """Surge acceleration [m/s^2] at u [m/s] and n [1/s]: straight, rudder midships, calm air, still water. ship:
-    without effects of its surroundings."""
+    """Surge acceleration [m/s^2] of a ``ship`` at u [m/s] and n [1/s]: straight, rudder midships, calm, still water."""
     still = ship
     for name in ship.effects:
         still = still if name in ("fouling", "draft") else still.without_effect(name)
@@ -68,8 +61,7 @@ def surge_balance(ship: Ship) -> Callable[[float, float], float]:
 
 
 def revolutions_for(ship: Ship, u: float) -> float:
-    """Revolutions ahead [1/s] that hold u > 0 [m/s]. Raises UserError when no revolutions do. ship: gives the
-    balance."""
+    """Revolutions ahead [1/s] at which a ``ship`` holds u > 0 [m/s]. Raises UserError when no revolutions do."""
     surge = surge_balance(ship)
     first = u / ship.particulars.get("D_P", 0.03 * ship.particulars["L"])
     return _root(lambda n: surge(u, n), first, f"no revolutions hold {u:g} m/s with {ship.name}")
@@ -104,14 +96,13 @@ def own_speed(ship: Ship) -> float:
 def approach(ship: Ship, n: float | None, speed: float | None, at_rest: bool = False) -> tuple[float, float]:
     """(speed [m/s], n [1/s]) at the start of a manoeuvre; what is not given follows from the surge balance.
 
-    ``at_rest``: the ship starts with speed 0 whatever n is. Raises UserError for numbers that make no
-    approach.
+    ``at_rest``: the ship starts with speed 0 whatever n is. Raises UserError for numbers that make no approach.
     """
     u, revolutions = _approach(ship, n, speed, at_rest)
-    fastest = reference_speed(ship.particulars["L"])
-    if abs(u) > fastest:
+    froude = u / reference_speed(ship.particulars["L"])
+    if abs(froude) > 1:
         raise UserError(
-            f"an approach at {u:g} m/s is Froude number {u / fastest:.2g}, outside this model; give a lower speed or n"
+            f"an approach at {u:g} m/s is Froude number {froude:.2g}, outside this model; give a lower speed or n"
         )
     return u, revolutions
 

@@ -77,9 +77,8 @@ def with_effects(ship: Ship, texts: Iterable[str]) -> Ship:
 def freeing_effects(ship: Ship, texts: Iterable[str]) -> Ship:
     """The ``ship`` with the effects of ``texts`` to be fitted.
 
-    Parameters free, but held ones only if named without value.
-    Raises UserError as ``parse_effect`` does. A value is what a free parameter's prior is centred on, and what a
-    held one is held at.
+    Parameters free, but held ones only if named without value. Raises UserError as ``parse_effect`` does. A value is
+    what a free parameter's prior is centred on, and what a held one is held at.
     """
     for text in texts:
         name, values, named = parse_effect(text, ship, "--with")
@@ -97,9 +96,7 @@ VARIES = ("rudder_offset", "heading_bias", "log_scale", "fouling", "draft")
 
 
 def varies(name: str) -> bool:
-    """Whether each run may have its own constants of the effect ``name``; of ``disturbance`` it has a process
-    already.
-    """
+    """Whether each run may have its own constants of the effect ``name``; ``disturbance`` is a process already."""
     return name in VARIES or (EFFECTS[name].surroundings and name != "disturbance")
 
 

@@ -38,8 +38,7 @@ HULLS = ("unified", "polynomial")
 def parse_particulars(words: Sequence[str]) -> dict[str, float]:
     """Particulars [SI] from ``words`` such as "320 58 20.8 C_b=0.81 D_P=9.86".
 
-    Numbers in the order of ORDER, then NAME=VALUE.
-    Raises UserError for anything else.
+    Numbers in the order of ORDER, then NAME=VALUE. Raises UserError for anything else.
     """
     given: dict[str, float] = {}
     for i, word in enumerate(word for part in words for word in part.replace(",", " ").split()):
@@ -68,9 +67,7 @@ def parse_particulars(words: Sequence[str]) -> dict[str, float]:
 
 
 def check_plausible(p: Mapping[str, float]) -> None:
-    """Raises UserError, naming the value, for particulars ``p`` [SI] that no ship has or the regressions do not
-    know.
-    """
+    """Raises UserError, naming the value, for particulars ``p`` [SI] that no ship has or no regression knows."""
     wrong = wrong_particulars(p)
     if wrong:
         raise UserError(f"--new: {'; '.join(wrong)}")
@@ -207,7 +204,6 @@ def _spread(p: Mapping[str, float], m_x: float) -> dict[str, float]:
 
 
 def _estimates(p: Mapping[str, float], hull: str) -> dict[str, Estimate]:
-    """Coefficient -> estimate for these particulars."""
     L, B, d, C_b = (p[name] for name in LEAST)
     mass = empirical.motora_added_mass(L, B, d, C_b)
     regression = empirical.yoshimura_masumoto_2012(L, B, d, C_b, mass["m_x"], mass["m_y"], p["x_G"])

@@ -36,8 +36,6 @@ def wrong_particulars(p: Mapping[str, float]) -> list[str]:
 
 
 def _refuted(p: Mapping[str, float]) -> Iterator[str]:
-    """Sentences on what cannot be."""
-
     def have(*names: str) -> bool:
         return all(name in p for name in names)
 

@@ -63,9 +63,8 @@ class Wind:
     def series(self, t: np.ndarray, seed: int = 0) -> np.ndarray:
         """Speed [m/s], never negative, and direction [rad in 0..2 pi], (N, 2), at rising times t (N,) [s].
 
-        Gusts start from the mean and are reproducible by ``seed``. The update of the speed is exact for any
-        step, that of the direction is exact for small deviations (its rate is frozen at alpha sin(e) / e over
-        a step).
+        Gusts start from the mean and are reproducible by ``seed``. The update of the speed is exact for any step, that
+        of the direction is exact for small deviations (its rate is frozen at alpha sin(e) / e over a step).
         """
         mean = np.full(len(t), self.speed)
         direction = np.full(len(t), self.direction)

@@ -54,8 +54,7 @@ class SensorNoise:
 
 
 def add_noise(trial: Trial, noise: SensorNoise, seed: int = 0) -> Trial:
-    """A copy with white noise on the states it has, by ``seed``. Inputs and wind stay as they are. trial: to be
-    copied."""
+    """A copy of ``trial`` with white noise on the states it has, by ``seed``. Inputs and wind stay as they are."""
     draws = np.random.default_rng([2, seed]).standard_normal((len(STATES), len(trial)))
     noisy = {
         name: trial[name] + sd * draw

@@ -5,8 +5,8 @@ from __future__ import annotations
 import contextlib
 import math
 import os
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ from mmg.components.catalogue import module
 from mmg.effects import effect
 from mmg.errors import UserError
 from mmg.messages import Message
-from mmg.model import assemble
+from mmg.model import Model, assemble
 from mmg.motion.frames import earth_to_body, wind_vector
 from mmg.motion.froude import GRAVITY, reference_speed, time_scale
 from mmg.runge_kutta import rk4_step
@@ -37,22 +37,10 @@ LONGEST_STEP = 0.5
 MOST_STEPS = 5_000_000
 
 
-@dataclass(frozen=True)
-class _Plant:
-    """A ship that is driven by logged inputs: its right-hand side without what the generator does exactly.
-
-    step: one classical Runge-Kutta step (state (S,), inputs (C,), h [s]) -> state (S,); initial: (six states, inputs)
-    -> state (S,); states, inputs: their names; delay: of rudder and revolutions [s].
+def _plant(ship: Ship) -> tuple[ca.Function, Model, float]:
+    """A ship that is driven by logged inputs: one classical Runge-Kutta step (state (S,), inputs (C,), h [s]) -> state
+    (S,), its model without what the generator does exactly, and the delay of rudder and revolutions [s].
     """
-
-    step: ca.Function
-    initial: ca.Function
-    states: tuple[str, ...]
-    inputs: tuple[str, ...]
-    delay: float
-
-
-def _plant(ship: Ship) -> _Plant:
     delay = 0.0
     for name in ship.effects:
         held_back = effect(name).input_delay(ship.parameters_of(name))
@@ -62,13 +50,13 @@ def _plant(ship: Ship) -> _Plant:
     model = assemble(ship, symbols=())
     z, c, h = ca.SX.sym("z", len(model.states)), ca.SX.sym("c", len(model.controls)), ca.SX.sym("h")
     step = ca.Function("step", [z, c, h], [rk4_step(lambda s, _: model.rates(s, c, []), z, h)], {"cse": True})
-    return _Plant(step, model.initial, model.states, model.controls, float(delay))
+    return step, model, float(delay)
 
 
-def _vector(plant: _Plant, moved: Mapping[str, float], air: tuple[float, float], t: float) -> np.ndarray:
-    """Inputs (C,) of the plant by name; actuators that are not moved are at rest."""
+def _vector(inputs: Sequence[str], moved: Mapping[str, float], air: np.ndarray, t: float) -> np.ndarray:
+    """Values of ``inputs`` by name; actuators that are not moved are at rest."""
     values = {**moved, "wind_north": air[0], "wind_east": air[1], "time": t}
-    return np.array([values.get(name, 0.0) for name in plant.inputs])
+    return np.array([values.get(name, 0.0) for name in inputs])
 
 
 def _begin(ship: Ship, maneuver: Maneuver) -> np.ndarray:
@@ -105,11 +93,10 @@ def simulate(
 ) -> Trial:
     """A manoeuvre in closed loop: the controller sees the true state at each sample; inputs are held between.
 
-    dt: sampling and integration step [s] (divided where it is longer than 0.5 s of a 3 m model); seed: of the
-    gusts; start: state (6,) instead of the manoeuvre's own. Columns t, x, y, psi (wrapped), u, v, r as the ship's
-    measurement effects log them, its actuators, and the true wind when there is one. Inputs are means over the
-    step that follows. Raises UserError for a step that makes no sense and for a motion that diverges.
-    maneuver: what is ordered.
+    dt: sampling and integration step [s] (divided where it is longer than 0.5 s of a 3 m model); seed: of the gusts;
+    start: state (6,) instead of the manoeuvre's own. Columns t, x, y, psi (wrapped), u, v, r as the ship's measurement
+    effects log them, its actuators, and the true wind when there is one. Inputs are means over the step that follows.
+    Raises UserError for a step that makes no sense and for a motion that diverges. maneuver: what is ordered.
     """
     if not (math.isfinite(dt) and dt > 0):
         raise UserError(f"dt = {dt:g} s must be positive")
@@ -119,18 +106,18 @@ def simulate(
     t = np.round(dt * np.arange(count + 1), 9)
     air = (wind or Wind(0.0)).series(t, seed)
     flow = np.column_stack(wind_vector(air[:, 0], air[:, 1]))
-    plant, parts, controller = _plant(ship), integration_steps(ship, dt), maneuver.controller()
-    delayed = _Delayed(plant.delay / dt)
+    (step, model, delay), parts, controller = _plant(ship), integration_steps(ship, dt), maneuver.controller()
+    delayed = _Delayed(delay / dt)
     six = _begin(ship, maneuver) if start is None else np.array(start, dtype=float)
-    first = _vector(plant, actuator_positions(ship, controller.n, controller.delta), tuple(flow[0]), 0.0)
-    state = np.array(plant.initial(six, first, [])).ravel()
+    first = _vector(model.controls, actuator_positions(ship, controller.n, controller.delta), flow[0], 0.0)
+    state = np.array(model.initial(six, first, [])).ravel()
     states, inputs = np.empty((count + 1, len(state))), np.empty((count + 1, 2))
 
     def advanced(k: int, state: np.ndarray, order: tuple[float, float]) -> np.ndarray:
         acting = delayed(np.array(order))
-        held = _vector(plant, actuator_positions(ship, *acting), tuple(flow[k]), t[k])
+        held = _vector(model.controls, actuator_positions(ship, *acting), flow[k], t[k])
         for _ in range(parts):
-            state = np.array(plant.step(state, held, dt / parts)).ravel()
+            state = np.array(step(state, held, dt / parts)).ravel()
         return state
 
     def ahead(k: int, state: np.ndarray, order: tuple[float, float]) -> np.ndarray:
@@ -145,7 +132,7 @@ def simulate(
         delayed.past.append(inputs[k].copy())
     rows = slice(0, k + 1)
     moved = actuator_positions(ship, *inputs[rows].T)
-    columns = _columns(ship, plant, t[rows], states[rows], moved, None if wind is None else air[rows])
+    columns = _columns(ship, model.states, t[rows], states[rows], moved, None if wind is None else air[rows])
     meta = {"ship": ship.name, "maneuver": maneuver.name, "seed": str(seed)}
     stem = maneuver.name.replace(":", "_").replace("/", "_")
     notices = _notices(ship, wind is not None, states[rows])
@@ -167,24 +154,24 @@ def simulate_controls(ship: Ship, controls: Trial, wind: Wind | None = None, see
     flow = np.zeros((len(t), 2)) if air is None else np.column_stack(wind_vector(air[:, 0], air[:, 1]))
     start = controls.states[0]
     start[:2] = np.where(np.isfinite(start[:2]), start[:2], 0.0)
-    plant = _plant(ship)
+    step, model, delay = _plant(ship)
     for name, values in (("first state", start), ("an input or the wind", np.column_stack([moved, flow]))):
         if not np.isfinite(values).all():
             raise UserError(f"{controls.name}: missing values in {name}; the inputs must be complete")
-    acting = np.vstack([step_means(t, moved, t - plant.delay), moved[-1:]]) if plant.delay else moved
-    values = dict(zip(ship.actuators, acting.T, strict=True))
-    values |= {"wind_north": flow[:, 0], "wind_east": flow[:, 1], "time": t - t[0]}
-    held = np.column_stack([values.get(name, np.zeros(len(t))) for name in plant.inputs])
+    acting = np.vstack([step_means(t, moved, t - delay), moved[-1:]]) if delay else moved
+    named = dict(zip(ship.actuators, acting.T, strict=True))
+    named |= {"wind_north": flow[:, 0], "wind_east": flow[:, 1], "time": t - t[0]}
+    held = np.column_stack([named.get(name, np.zeros(len(t))) for name in model.controls])
     gaps = np.diff(t)
     parts = np.ceil(gaps / longest_step(ship) - 1e-9).astype(int)
     if parts.sum() > MOST_STEPS:
         raise UserError(f"{controls.name}: {t[-1] - t[0]:g} s are too long for {ship.name}; at most {MOST_STEPS} steps")
     h, rows = np.repeat(gaps / parts, parts), np.repeat(np.arange(len(gaps)), parts)
-    run = plant.step.mapaccum("run", len(h))
-    begin = np.array(plant.initial(start, held[0], [])).ravel()
+    run = step.mapaccum("run", len(h))
+    begin = np.array(model.initial(start, held[0], [])).ravel()
     path = np.vstack([begin, np.array(run(begin, held[rows].T, h)).T])
     whole = path[np.concatenate([[0], np.cumsum(parts)])]
-    columns = _columns(ship, plant, t, whole, dict(zip(ship.actuators, moved.T, strict=True)), air)
+    columns = _columns(ship, model.states, t, whole, dict(zip(ship.actuators, moved.T, strict=True)), air)
     notices = (*_notices(ship, air is not None, whole), *assumed)
     meta = {"ship": ship.name, "controls": controls.name, "seed": str(seed)}
     return Trial(controls.name, columns, notices=notices, kind=controls.kind, meta=meta)
@@ -202,13 +189,13 @@ def integration_steps(ship: Ship, dt: float) -> int:
 
 def _columns(
     ship: Ship,
-    plant: _Plant,
+    names: Sequence[str],
     t: np.ndarray,
     states: np.ndarray,
     actuators: Mapping[str, np.ndarray],
     air: np.ndarray | None,
 ) -> dict[str, np.ndarray]:
-    """Columns of a run with states (N, S), those of the motion as the ship's measurement effects log them.
+    """Columns of a run with states (N, S) of these names, those of the motion as the ship's instruments log them.
 
     A trial always has revolutions and a rudder angle: zero where the ship has none. Raises UserError with the first
     time at which the motion is not that of a ship: not finite, faster than Froude number 3 or spinning by more than
@@ -226,7 +213,7 @@ def _columns(
     columns |= {} if "n" in columns else {"n": 0.0}
     columns |= {} if {"delta", "delta_port"} & set(columns) else {"delta": 0.0}
     columns |= {} if air is None else {"wind_speed": air[:, 0], "wind_direction": air[:, 1]}
-    columns |= {name: states[:, plant.states.index(name)] for name in ("phi", "p") if name in plant.states}
+    columns |= {name: states[:, names.index(name)] for name in ("phi", "p") if name in names}
     columns["psi"] = wrap(columns["psi"])
     return {name: np.array(np.broadcast_to(values, len(t)), dtype=float) for name, values in columns.items()}
 

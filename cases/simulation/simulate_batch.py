@@ -16,8 +16,7 @@ import numpy as np
 from cases.maneuvers.definitions import Maneuver
 from cases.maneuvers.orders import FULL_TURN, CrashStop, Orders, StepOrders, Turning, Zigzag
 from cases.maneuvers.self_propulsion import actuator_positions
-from cases.simulation.actuator_ramps import TINY, ramps
-from cases.simulation.batch_zigzag import ZigzagRudders
+from cases.simulation.actuator_ramps import TINY, ZigzagRudders, ramps
 from cases.simulation.simulate import integration_steps, longest_step
 from cases.trial import Trial
 from mmg.errors import UserError
@@ -62,14 +61,13 @@ def simulate_batch(
     """A manoeuvre in calm air from its own start, once for each set of coefficients.
 
     ship: give a Simulator to run again without assembling the ship again. coefficients: (P,) or (P, M) in the order of
-    ``ship.symbols``, or symbol -> number or (M,) for those that differ from the ship's; default the ship's, M = 1.
-    dt: sampling [s], divided into steps of at most 0.5 s of a 3 m model. threads: over which the runs are spread.
-    held: inputs are held at their means over each sample, as a logged trial has them, and
-    ``cases.simulation.simulate.simulate``
-    gives the same motion; else they move within the sample (a zigzag is always held). A control delay acts as in the
-    model, by its approximation. A run that diverges is not noticed here: look at its states. Raises UserError for a
-    step that makes no sense and for spiral and pull-out, whose orders wait for a steady turn.
-    maneuver: what is ordered.
+    ``ship.symbols``, or symbol -> number or (M,) for those that differ from the ship's; default the ship's, M = 1. dt:
+    sampling [s], divided into steps of at most 0.5 s of a 3 m model. threads: over which the runs are spread. held:
+    inputs are held at their means over each sample, as a logged trial has them, and
+    ``cases.simulation.simulate.simulate`` gives the same motion; else they move within the sample (a zigzag is always
+    held). A control delay acts as in the model, by its approximation. A run that diverges is not noticed here: look at
+    its states. Raises UserError for a step that makes no sense and for spiral and pull-out, whose orders wait for a
+    steady turn. maneuver: what is ordered.
     """
     simulator = ship if isinstance(ship, Simulator) else Simulator(ship)
     ship = simulator.ship

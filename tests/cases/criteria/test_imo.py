@@ -11,9 +11,19 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
-from cases.criteria.imo import FAIL, NONE, OPEN, PASS, Row, assess, first_overshoot_limit, second_overshoot_limit, worst
+from cases.criteria.imo import (
+    FAIL,
+    NONE,
+    OPEN,
+    PASS,
+    REFERENCES,
+    Row,
+    assess,
+    first_overshoot_limit,
+    second_overshoot_limit,
+    worst,
+)
 from cases.criteria.measured_maneuvers import Execute
-from cases.criteria.published_figures import REFERENCES
 from cases.criteria.standard_runs import Run, approach_speed, measured_run, simulated_run
 from cases.shipfiles.ship_file import library, load_ship
 from cases.simulation.simulate import write_trial
