@@ -31,7 +31,7 @@ def kinematics(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
     channels: dict[str, Channel] = {"r": compare(m.r, m.turn, m.dt)}
     names = ("frame_misfit", "velocity_lag", "lever_arm", "heading_offset_deg")
     numbers: dict[str, Any] = dict.fromkeys(names) | {"channels": channels}
-    if not m.has_track:
+    if np.isfinite(m.north).sum() <= 50:
         return numbers, _channel("r", channels["r"])
     numbers["frame_misfit"], wrong = frame_misfits(m)
     track = (m.north + 1j * m.east) * np.exp(-1j * m.psi)

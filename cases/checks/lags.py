@@ -38,13 +38,13 @@ def compare(logged: np.ndarray, derived: np.ndarray, dt: float) -> Channel:
         value = _correlation(*_aligned(logged, derived, k))
         return math.inf if math.isnan(value) else -abs(value)
 
-    best, around = _search(cost, reach, dt)
-    if not math.isfinite(around[1]):
+    best, least, lag = _search(cost, reach, dt)
+    if not math.isfinite(least):
         return nothing
-    lag, top = None, _correlation(*_aligned(logged, derived, best))
+    top = _correlation(*_aligned(logged, derived, best))
     unexplained = (1.0 - cost(0) ** 2) / max(1.0 - top**2, 1e-12)
-    if abs(best) < reach and abs(top) > 0.3 and (unexplained > 1.05 or best == 0):
-        lag = (best + _vertex(*around)) * dt
+    if abs(top) <= 0.3 or (unexplained <= 1.05 and best != 0):
+        lag = None
     return {"lag_s": lag, "gain": gain(logged, delayed(derived, (lag or 0.0) / dt)), "correlation": top}
 
 
@@ -93,13 +93,13 @@ def _vector_lag(m: Motion, frame: str, with_arm: bool) -> tuple[float | None, fl
         error = track[there] * back[here if frame == "earth" else there] - logged[here]
         return _mean_square(error, m.turn[here], with_arm)
 
-    best, around = _search(error_at, reach, m.dt)
-    misfit = math.sqrt(around[1] / max(size, 1e-24)) if math.isfinite(around[1]) else math.inf
-    return (None if abs(best) >= reach else (best + _vertex(*around)) * m.dt), misfit
+    _, least, lag = _search(error_at, reach, m.dt)
+    return lag, math.sqrt(least / max(size, 1e-24))
 
 
-def _search(cost: Callable[[int], float], reach: int, dt: float) -> tuple[int, tuple[float, float, float]]:
-    """The lag in [-reach, reach] with the least cost, and the cost there and one step to either side.
+def _search(cost: Callable[[int], float], reach: int, dt: float) -> tuple[int, float, float | None]:
+    """Steps in [-reach, reach] with the least cost, that cost, and the lag [s] where the parabola through it and its
+    neighbours is least; None at the end of the search.
 
     Coarse steps first: everything compared is smoothed over 1.1 s, so 0.4 s cannot step over a minimum.
     """
@@ -107,8 +107,12 @@ def _search(cost: Callable[[int], float], reach: int, dt: float) -> tuple[int, t
     coarse = range(-reach, reach + 1, stride)
     centre = min(coarse, key=cost)
     best = min([*coarse, *range(max(centre - stride, -reach), min(centre + stride, reach) + 1)], key=cost)
-    beside = (math.inf, math.inf) if abs(best) >= reach else (cost(best - 1), cost(best + 1))
-    return best, (beside[0], cost(best), beside[1])
+    if abs(best) >= reach:
+        return best, cost(best), None
+    left, right = cost(best - 1), cost(best + 1)
+    curvature = left - 2 * cost(best) + right
+    vertex = 0.5 * (left - right) / curvature if 0 < curvature < math.inf else 0.0
+    return best, cost(best), float(best + vertex) * dt
 
 
 def _mean_square(error: np.ndarray, turn: np.ndarray, with_arm: bool) -> float:
@@ -146,9 +150,3 @@ def _correlation(a: np.ndarray, b: np.ndarray) -> float:
     x, y = a - a.mean(), b - b.mean()
     size = math.sqrt(float(x @ x) * float(y @ y))
     return float(x @ y) / size if size > 1e-14 else math.nan
-
-
-def _vertex(left: float, middle: float, right: float) -> float:
-    """Where between -1 and 1 the parabola through three values has its minimum; 0 when it has none."""
-    curvature = left - 2 * middle + right
-    return float(0.5 * (left - right) / curvature) if curvature > 0 and math.isfinite(curvature) else 0.0

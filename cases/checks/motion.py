@@ -1,7 +1,8 @@
-"""Velocities that follow from the track and the heading, on a uniform clock, smoothed alike."""
+"""Velocities that follow from track and heading, on a uniform clock, smoothed alike; noise of logged columns."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,10 +31,6 @@ class Motion:
     north: np.ndarray
     east: np.ndarray
     turn: np.ndarray
-
-    @property
-    def has_track(self) -> bool:
-        return bool(np.isfinite(self.north).sum() > 50)
 
 
 def motion(trial: Trial) -> Motion:
@@ -85,3 +82,18 @@ def uniform(t: np.ndarray, values: np.ndarray, clock: np.ndarray, dt: float) -> 
     for i in np.flatnonzero(np.diff(t[good]) > 3 * dt):
         out[(clock > t[good[i]]) & (clock < t[good[i + 1]])] = np.nan
     return out
+
+
+def white_noise(stretches: Sequence[np.ndarray], needed: slice = slice(None)) -> np.ndarray:
+    """Standard deviation (6,) of the white noise of logged states, each in its own unit; 0 where it is not known.
+
+    stretches: neighbouring samples (N, 6) each; needed: columns without which a sample does not count. Robust: by the
+    median size of third differences, in which the motion leaves little: 0.6745 sqrt(20) for white noise of size 1.
+    """
+    thirds = [np.diff(stretch, n=3, axis=0) for stretch in stretches if len(stretch) > 3]
+    d = np.vstack([*thirds, np.empty((0, 6))])
+    d = d[np.isfinite(d[:, needed]).all(axis=1)]
+    known = np.isfinite(d).any(axis=0)
+    noise = np.zeros(6)
+    noise[known] = np.nanmedian(np.abs(d[:, known]), axis=0) / 0.6745 / np.sqrt(20.0)
+    return noise

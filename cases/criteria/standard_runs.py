@@ -70,16 +70,12 @@ def approach_speed(ship: Ship, speed: float | None = None) -> tuple[float, str]:
 
 
 def simulated_run(ship: Ship, text: str, speed: float, n: float | None = None, rudder_rate: float | None = None) -> Run:
-    """A standard manoeuvre of a ship in calm air and deep water.
+    """A standard manoeuvre of a ship in calm air and deep water, one that has an order.
 
     text: as for ``parse_maneuver``; speed [m/s] and n [1/s] of the approach (None: self-propulsion); rudder_rate
     [rad/s]. Raises UserError when the manoeuvre does not reach its event.
     """
     plan = parse_maneuver(text, ship, speed=speed, n=n, rudder_rate=rudder_rate)
-    if "order_time" not in plan.parameters:
-        raise UserError(
-            f"manoeuvre '{text}' has no order to judge; name a turning, zigzag, spiral, pull-out or crash-stop"
-        )
     trial = simulate(ship, plan, STEP * time_scale(ship.particulars["L"]))
     notes, p = check_completeness(trial, plan), plan.parameters
     rudder, heading = p.get("rudder", 0.0), p.get("heading", 0.0)

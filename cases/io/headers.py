@@ -60,9 +60,8 @@ def match_headers(
             )
         else:
             taken[canonical] = (index, unit)
-    ignored = [cell for cell in ignored if cell]
-    if ignored:
-        notices.append(Message(f"columns not used: {', '.join(ignored)}", "columns_ignored"))
+    if any(ignored):
+        notices.append(Message(f"columns not used: {', '.join(filter(None, ignored))}", "columns_ignored"))
     _require(path, header, taken)
     unsigned = [name for name in entry.sign if name not in taken]
     if unsigned:

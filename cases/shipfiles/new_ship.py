@@ -157,14 +157,8 @@ def new_ship(name: str, given: Mapping[str, float], hull: str = "unified") -> Sh
     components |= {"stern_thruster": "kobayashi"} if "D_ST" in p else {}
     kept = (*required_particulars(components), "C_b", "U_0", *(("y_P",) if "y_P" in p else ()))
     particulars = {key: p[key] for key in dict.fromkeys(kept)}
-    ship = Ship(
-        name=name,
-        particulars=particulars,
-        components=components,
-        coefficients=coefficient_table(components, particulars),
-        description="starting ship from main particulars",
-        notices=tuple(notices),
-    )
+    table, words = coefficient_table(components, particulars), "starting ship from main particulars"
+    ship = Ship(name, particulars, components, table, description=words, notices=tuple(notices))
     rows = {}
     for symbol, (value, share, source) in _estimates(p, hull).items():
         if symbol in ship.coefficients:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize
 
-from cases.checks.noise import white_noise
+from cases.checks.motion import white_noise
 from cases.trial import Trial
 from fitting.prediction.adaptation import Adaptation, adapt
 from fitting.prediction.bands import (

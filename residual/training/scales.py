@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from cases.checks.noise import white_noise
+from cases.checks.motion import white_noise
 from cases.trial import Trial
 from fitting.prediction.score import pooled_sigma
 from mmg.errors import UserError
