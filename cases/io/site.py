@@ -119,9 +119,9 @@ def read_site(places: Iterable[Trial | Path | str], ship: Ship, explicit: Path |
         if not explicit.is_file():
             raise UserError(f"{explicit}: no such file")
         return _parsed(explicit, ship)
-    folders = _folders([places] if isinstance(places, str | Path) else places)
-    above = {folder: folder.resolve().parent for folder in folders if not (folder / NAME).is_file()}
-    folders = list(dict.fromkeys(above[f] if f in above and (above[f] / NAME).is_file() else f for f in folders))
+    given = [places] if isinstance(places, str | Path) else places
+    paths = [place.path if isinstance(place, Trial) else Path(place) for place in given]
+    folders = list(dict.fromkeys(_folder(path) for path in paths if path is not None))
     found = [folder / NAME for folder in folders if (folder / NAME).is_file()]
     if not found:
         return Site({}, {})
@@ -135,10 +135,11 @@ def read_site(places: Iterable[Trial | Path | str], ship: Ship, explicit: Path |
     return sites[0]._replace(notices=notices)
 
 
-def _folders(places: Iterable[Trial | Path | str]) -> list[Path]:
-    """The folders of trials or files, each once, in their order; a trial that was not read from a file has none."""
-    paths = [place.path if isinstance(place, Trial) else Path(place) for place in places]
-    return list(dict.fromkeys(path if path.is_dir() else path.parent for path in paths if path is not None))
+def _folder(path: Path) -> Path:
+    """The folder of a trial file, or the one above where only that holds a site file."""
+    folder = path if path.is_dir() else path.parent
+    above = folder.resolve().parent
+    return above if (above / NAME).is_file() and not (folder / NAME).is_file() else folder
 
 
 def _parsed(path: Path, ship: Ship) -> Site:
