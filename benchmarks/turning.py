@@ -38,7 +38,7 @@ STEP, MANY, SPREAD, GOAL = 0.75, 10_000, 0.05, 1e-4
 def maneuver(ship: Ship) -> Maneuver:
     """The turning: rudder ordered at t = 0."""
     plan = parse_maneuver(f"turning:{RUDDER:g}", ship, speed=SPEED, duration=SECONDS, rudder_rate=math.radians(RATE))
-    return replace(plan, orders=lambda: Turning(plan.n, math.radians(RUDDER), 0.0))
+    return replace(plan, orders=lambda: Turning(plan.n, 0.0, math.radians(RUDDER)))
 
 
 def reference(simulator: Simulator, plan: Maneuver, t: np.ndarray) -> np.ndarray:

@@ -41,20 +41,17 @@ def actuator_columns(trial: Trial, actuators: Sequence[str]) -> tuple[np.ndarray
             text = f"{trial.name}: no column {name}, so it is taken to be at rest"
             notices.append(Message(text, "at_rest"))
         else:
-            raise UserError(_missing(trial, name))
+            words, unit = INPUTS[name]
+            why = f" [{unit}] ({words}), which the ship's model needs"
+            if name == "delta" and "delta_port" in trial:
+                why = "; its twin rudders need a ship model with two rudders"
+            raise UserError(f"{trial.name}: no column {name}{why}")
     used = {*actuators, *(_STAND_INS[name] for name in actuators if name in _STAND_INS and name not in trial)}
     ignored = [name for name in INPUTS if name in trial and name not in used and np.nan_to_num(trial[name]).any()]
     if ignored:
         text = f"{trial.name}: {', '.join(ignored)}: the ship's model has no such input, so it is ignored"
         notices.append(Message(text, "input_ignored"))
     return np.column_stack([*columns]) if columns else np.empty((len(trial), 0)), notices
-
-
-def _missing(trial: Trial, name: str) -> str:
-    words, unit = INPUTS[name]
-    if name == "delta" and "delta_port" in trial:
-        return f"{trial.name}: no column delta; its twin rudders need a ship model with two rudders"
-    return f"{trial.name}: no column {name} [{unit}] ({words}), which the ship's model needs"
 
 
 def _check_unused(trial: Trial, actuators: Sequence[str]) -> None:

@@ -60,7 +60,7 @@ def _matches(trials: Sequence[Trial], grid: float) -> dict[Pair, tuple[np.ndarra
         parts.append(pd.DataFrame({"hash": hashed, "trial": i, "row": whole}).drop_duplicates("hash", keep=False))
     rows = pd.concat(parts, ignore_index=True)
     equal = rows.merge(rows, on="hash", suffixes=("_a", "_b")).query("trial_a < trial_b")
-    pairs = equal.groupby(["trial_a", "trial_b"])
+    pairs: Any = equal.groupby(["trial_a", "trial_b"])
     return {pair: (both["row_a"].to_numpy(), both["row_b"].to_numpy()) for pair, both in pairs}
 
 

@@ -84,12 +84,12 @@ def aligned_track(m: Motion, lag: dict[str, Any]) -> np.ndarray:
 
 def _vector_lag(m: Motion, frame: str, with_arm: bool) -> tuple[float | None, float]:
     """(lag [s] or None at the end of the search, misfit there) of (u, v) behind the track."""
-    reach = _reach(len(m.t), m.dt)
+    reach = _reach(len(m.u), m.dt)
     track, back, logged = m.north + 1j * m.east, np.exp(-1j * m.psi), m.u + 1j * m.v
     size = float(np.nanmean(np.abs(track) ** 2))
 
     def error_at(k: int) -> float:
-        here, there = _overlap(len(m.t), k)
+        here, there = _overlap(len(m.u), k)
         error = track[there] * back[here if frame == "earth" else there] - logged[here]
         return _mean_square(error, m.turn[here], with_arm)
 

@@ -18,11 +18,10 @@ differentiated satellite position is noise."""
 class Motion:
     """One trial on a uniform clock. All arrays (N,), NaN in gaps; missing positions give NaN velocities.
 
-    t [s], dt [s], psi unwrapped [rad]; u, v [m/s], r [rad/s] as logged; north, east [m/s] from the
+    dt [s], psi unwrapped [rad]; u, v [m/s], r [rad/s] as logged; north, east [m/s] from the
     position; turn [rad/s] from the heading. u ... turn are smoothed by the same moving average.
     """
 
-    t: np.ndarray
     dt: float
     psi: np.ndarray
     u: np.ndarray
@@ -39,17 +38,8 @@ def motion(trial: Trial) -> Motion:
     t = trial.t[0] + dt * np.arange(min(round(trial.duration / dt) + 1, 20 * len(trial)))
     width = max(round(SMOOTHING / dt), 5) | 1
     x, y, psi, u, v, r = (uniform(trial.t, column, t, dt) for column in trial.states.T)
-    return Motion(
-        t=t,
-        dt=dt,
-        psi=psi,
-        u=smooth(u, width),
-        v=smooth(v, width),
-        r=smooth(r, width),
-        north=smooth(np.gradient(x, dt), width),
-        east=smooth(np.gradient(y, dt), width),
-        turn=smooth(np.gradient(psi, dt), width),
-    )
+    derived = (np.gradient(column, dt) for column in (x, y, psi))
+    return Motion(dt, psi, *(smooth(column, width) for column in (u, v, r, *derived)))
 
 
 def smooth(values: np.ndarray, width: int) -> np.ndarray:

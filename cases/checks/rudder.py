@@ -45,11 +45,7 @@ def rudder_sign(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
 
 def _low_pass(t: np.ndarray, values: np.ndarray, T: float) -> np.ndarray:
     """First-order low-pass of time constant T [s], starting at the first value; uneven steps allowed."""
-    keep = np.exp(-np.diff(t) / T).tolist()
-    out = np.empty(len(values))
-    state = float(values[0])
-    out[0] = state
-    for i, (a, x) in enumerate(zip(keep, values[1:].tolist(), strict=True), start=1):
-        state = a * state + (1 - a) * x
-        out[i] = state
-    return out
+    keep, out = np.exp(-np.diff(t) / T).tolist(), [float(values[0])]
+    for a, x in zip(keep, values[1:].tolist(), strict=True):
+        out.append(a * out[-1] + (1 - a) * x)
+    return np.array(out)

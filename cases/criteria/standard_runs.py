@@ -8,16 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cases.criteria import figures as read
 from cases.criteria.completeness import check_completeness
-from cases.criteria.figures import (
-    initial_turning_figures,
-    overshoot_figures,
-    pull_out_figures,
-    steady_turn_figures,
-    stopping_figures,
-    turning_figures,
-    zigzag_figures,
-)
 from cases.criteria.measured_maneuvers import Execute, find_maneuver
 from cases.criteria.spiral import spiral_figures
 from cases.maneuvers.definitions import Maneuver, parse_maneuver
@@ -89,17 +81,17 @@ def figures_of(trial: Trial, plan: Maneuver) -> dict[str, float]:
     """All figures of a simulated ``trial`` of the manoeuvre ``plan``, SI and rad; empty for one that has none."""
     p = plan.parameters
     if plan.kind == "zigzag":
-        found = zigzag_figures(trial, p["rudder"], p["heading"], p["order_time"])
+        found = read.zigzag_figures(trial, p["rudder"], p["heading"], p["order_time"])
         ten = math.isclose(abs(p["rudder"]), math.radians(10), rel_tol=1e-6)
-        return found | (initial_turning_figures(trial, p["rudder"], p["order_time"]) if ten else {})
+        return found | (read.initial_turning_figures(trial, p["rudder"], p["order_time"]) if ten else {})
     return _one_order(trial, plan.kind, p.get("rudder", 0.0), p["order_time"]) if "order_time" in p else {}
 
 
 def _one_order(trial: Trial, kind: str, rudder: float, order_time: float) -> dict[str, float]:
     """Figures of a manoeuvre whose orders do not wait for the heading."""
     if kind == "turning":
-        return turning_figures(trial, rudder, order_time) | steady_turn_figures(trial, rudder, order_time)
-    judge = {"crash-stop": stopping_figures, "spiral": spiral_figures, "pull-out": pull_out_figures}
+        return read.turning_figures(trial, rudder, order_time) | read.steady_turn_figures(trial, rudder, order_time)
+    judge = {"crash-stop": read.stopping_figures, "spiral": spiral_figures, "pull-out": read.pull_out_figures}
     return judge[kind](trial, order_time)
 
 
@@ -113,8 +105,8 @@ def measured_run(trial: Trial, length: float, kind: str = "") -> Run:
     rows = trial.t - trial.t[0] <= execute.end + 1e-9
     used = trial.with_columns(**{name: np.asarray(values)[rows] for name, values in trial.columns.items()})
     if execute.kind == "zigzag":
-        figures = overshoot_figures(used, execute.rudder, execute.reversals, execute.end)
-        figures |= initial_turning_figures(used, execute.rudder, execute.order_time)
+        figures = read.overshoot_figures(used, execute.rudder, execute.reversals, execute.end)
+        figures |= read.initial_turning_figures(used, execute.rudder, execute.order_time)
     else:
         figures = _one_order(used, execute.kind, execute.rudder, execute.order_time)
     return Run(**vars(execute), name=trial.name, trial=trial, length=length, figures=figures, measured=True)

@@ -15,19 +15,9 @@ from functools import partial
 
 import numpy as np
 
+from cases.maneuvers import orders
 from cases.maneuvers.controller import Controller, Limits
-from cases.maneuvers.orders import (
-    BERTHING_SPEED,
-    CrashStop,
-    Orders,
-    StepOrders,
-    Turning,
-    Zigzag,
-    berthing,
-    constant,
-    random_telegraph,
-    spiral_angles,
-)
+from cases.maneuvers.orders import Orders
 from cases.maneuvers.self_propulsion import approach
 from mmg.errors import UserError
 from mmg.motion.froude import reference_speed, time_scale
@@ -112,7 +102,8 @@ def parse_maneuver(
     if rudder_rate is not None:
         limits = Limits(rudder_rate, limits.propeller_rate)
     steady, revolutions = approach(ship, n, speed, at_rest=kind == "acceleration")
-    base = Maneuver(text.strip(), kind, duration or 0.0, steady, revolutions, limits, partial(constant, revolutions))
+    midships = partial(orders.constant, revolutions)
+    base = Maneuver(text.strip(), kind, duration or 0.0, steady, revolutions, limits, midships)
     base = replace(base, partial=duration is not None, sampled=sampled)
     return _BUILDERS[kind](_Setup(base, argument, time_scale(length), length, seed))
 
@@ -191,7 +182,7 @@ _LEAD = 5.0
 
 def _turning(s: _Setup) -> Maneuver:
     rudder = s.angle(s.argument)
-    return s.maneuver(600.0, lambda: Turning(s.n, rudder, s.lead), rudder=rudder, order_time=s.lead)
+    return s.maneuver(600.0, lambda: orders.Turning(s.n, s.lead, rudder), rudder=rudder, order_time=s.lead)
 
 
 def _zigzag(s: _Setup) -> Maneuver:
@@ -201,7 +192,7 @@ def _zigzag(s: _Setup) -> Maneuver:
     last_execute = None if s.base.partial else 6
     return s.maneuver(
         600.0,
-        lambda: Zigzag(s.n, rudder, heading, s.lead, last_execute),
+        lambda: orders.Zigzag(s.n, s.lead, rudder, heading, last_execute),
         rudder=rudder,
         heading=heading,
         order_time=s.lead,
@@ -215,7 +206,7 @@ def _crash_stop(s: _Setup) -> Maneuver:
             f"'{s.argument}' must be the revolutions astern by those of the approach, more than 0 and at most 2, "
             "such as crash-stop:0.6"
         )
-    return s.maneuver(600.0, lambda: CrashStop(s.n, s.lead, share), order_time=s.lead)
+    return s.maneuver(600.0, lambda: orders.CrashStop(s.n, s.lead, share), order_time=s.lead)
 
 
 STEADY_WINDOW, STEADY_CHANGE = 3.0, 0.0002
@@ -229,7 +220,7 @@ def _steps(s: _Setup, angles: tuple[float, ...], **parameters: float) -> Maneuve
     window, tolerance = STEADY_WINDOW * s.crossing, STEADY_CHANGE / s.crossing
     return s.maneuver(
         (s.lead + len(angles) * _LONGEST_HOLD * s.crossing) / s.scale,
-        lambda: StepOrders(s.n, angles, s.lead, window, tolerance),
+        lambda: orders.StepOrders(s.n, s.lead, angles, window, tolerance),
         order_time=s.lead,
         window=window,
         tolerance=tolerance,
@@ -245,7 +236,7 @@ def _spiral(s: _Setup) -> Maneuver:
         raise s.refused(
             "the step must divide the largest rudder angle into 1 to 40 equal steps; such as spiral:15/5, spiral:-20/5"
         )
-    return _steps(s, spiral_angles(largest, step), rudder=largest, step=step)
+    return _steps(s, orders.spiral_angles(largest, step), rudder=largest, step=step)
 
 
 def _pull_out(s: _Setup) -> Maneuver:
@@ -257,7 +248,7 @@ def _random(s: _Setup) -> Maneuver:
     if s.argument and not s.argument.isdecimal():
         raise s.refused("the seed must be a whole number, such as random:7")
     seed, duration = int(s.argument or s.seed), s.base.duration or 150.0 * s.scale
-    return s.maneuver(150.0, lambda: random_telegraph(s.n, duration, s.scale, seed), seed=float(seed))
+    return s.maneuver(150.0, lambda: orders.random_telegraph(s.n, duration, s.scale, seed), seed=float(seed))
 
 
 def _straight(s: _Setup) -> Maneuver:
@@ -265,7 +256,7 @@ def _straight(s: _Setup) -> Maneuver:
 
 
 def _berthing(s: _Setup) -> Maneuver:
-    return s.maneuver(150.0, lambda: berthing(s.n, s.scale), share=BERTHING_SPEED)
+    return s.maneuver(150.0, lambda: orders.berthing(s.n, s.scale), share=orders.BERTHING_SPEED)
 
 
 def _acceleration(s: _Setup) -> Maneuver:

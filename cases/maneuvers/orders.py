@@ -13,6 +13,7 @@ import math
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -30,12 +31,13 @@ def constant(n: float) -> Orders:
     return lambda t, state: (n, 0.0)
 
 
+@dataclass
 class FromLead(ABC):
-    """Straight running for ``lead`` seconds, then ``ordered``; the heading at that moment is ``origin`` [rad]."""
+    """Straight running at n [1/s] for ``lead`` seconds, then ``ordered``; ``origin``: heading at that moment [rad]."""
 
-    def __init__(self, n: float, lead: float) -> None:
-        self.n, self.lead = n, lead
-        self.origin: float | None = None
+    n: float
+    lead: float
+    origin: float | None = field(default=None, init=False)
 
     def __call__(self, t: float, state: np.ndarray) -> tuple[float, float] | None:
         if t < self.lead - _TINY:
@@ -63,28 +65,31 @@ class FromLead(ABC):
         return None
 
 
+@dataclass
 class Turning(FromLead):
-    """The rudder over until the heading has changed by 540 degrees."""
+    """The ``rudder`` [rad] over until the heading has changed by 540 degrees."""
 
-    def __init__(self, n: float, rudder: float, lead: float) -> None:
-        super().__init__(n, lead)
-        self.rudder = rudder
+    rudder: float
 
     def ordered(self, t: float, state: np.ndarray) -> tuple[float, float] | None:
         assert self.origin is not None
         return None if abs(state[2] - self.origin) >= FULL_TURN else (self.n, self.rudder)
 
 
+@dataclass
 class Zigzag(FromLead):
     """Rudder over; reversed each time the heading has changed by ``heading`` to the side of the rudder.
 
     The change counts from the heading at the first execute. ``last_execute``: number of the one that ends it.
     """
 
-    def __init__(self, n: float, rudder: float, heading: float, lead: float, last_execute: int | None = None) -> None:
-        super().__init__(n, lead)
-        self.rudder, self.heading, self.last_execute = abs(rudder), heading, last_execute
-        self.side, self.count = math.copysign(1.0, rudder), 1
+    rudder: float
+    heading: float
+    last_execute: int | None = None
+    count: int = field(default=1, init=False)
+
+    def __post_init__(self) -> None:
+        self.rudder, self.side = abs(self.rudder), math.copysign(1.0, self.rudder)
 
     def _beyond(self, state: np.ndarray) -> float:
         """Heading past the switch heading, to the side of the rudder [rad]."""
@@ -105,28 +110,28 @@ class Zigzag(FromLead):
         return -a / (b - a) if a < 0 <= b else None
 
 
+@dataclass
 class CrashStop(FromLead):
     """``share`` of the revolutions astern, rudder midships, until headway is lost."""
 
-    def __init__(self, n: float, lead: float, share: float) -> None:
-        super().__init__(n, lead)
-        self.share = share
+    share: float
 
     def ordered(self, t: float, state: np.ndarray) -> tuple[float, float] | None:
         return None if state[3] <= 0 else (-self.share * self.n, 0.0)
 
 
+@dataclass
 class StepOrders(FromLead):
     """Rudder angles [rad] in turn, each held until the turn rate is steady; over when the last one is.
 
     Steady: all turn rates of the last ``window`` [s] lie within ``tolerance`` [rad/s] of each other.
     """
 
-    def __init__(self, n: float, angles: tuple[float, ...], lead: float, window: float, tolerance: float) -> None:
-        super().__init__(n, lead)
-        self.angles, self.window, self.tolerance = angles, window, tolerance
-        self.step = 0
-        self.rates: deque[tuple[float, float]] = deque()
+    angles: tuple[float, ...]
+    window: float
+    tolerance: float
+    step: int = field(default=0, init=False)
+    rates: deque[tuple[float, float]] = field(default_factory=deque, init=False)
 
     def ordered(self, t: float, state: np.ndarray) -> tuple[float, float] | None:
         if self._steady(t, float(state[5])):

@@ -29,7 +29,7 @@ def actuator_positions(ship: Ship, n: Any, delta: Any) -> dict[str, Any]:
     driven by its azimuth thruster, which also steers where there is no rudder: aft of midship it pushes to port then.
     n [1/s], delta [rad]: numbers, or arrays of one shape; ship: gives the names.
     """
-    moved = dict.fromkeys(ship.actuators, 0.0)
+    moved: dict[str, Any] = dict.fromkeys(ship.actuators, 0.0)
     for name in moved:
         if name in ("n", "n_2"):
             moved[name] = abs(n) if "pitch" in moved else n

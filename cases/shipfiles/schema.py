@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import AfterValidator, Field, create_model
 
@@ -52,15 +52,19 @@ class _Effects(Section):
     effects: list[str] = Field(default_factory=list)
 
 
-_quantities: Any = {name: (float | None, number(unit, None)) for name, (_, unit) in PARTICULARS.items()}
-ShipSection = create_model("ShipSection", __base__=_Words, __doc__=_Words.__doc__, **_quantities)
-_roles: Any = {role: (Literal[tuple(models)] | None, None) for role, models in MODELS.items()}
-ModelSection = create_model("ModelSection", __base__=_Effects, __doc__=_Effects.__doc__, **_roles)
+if TYPE_CHECKING:
+    ShipSection = _Words
+    ModelSection = _Effects
+else:
+    _quantities = {name: (float | None, number(unit, None)) for name, (_, unit) in PARTICULARS.items()}
+    ShipSection = create_model("ShipSection", __base__=_Words, __doc__=_Words.__doc__, **_quantities)
+    _roles = {role: (Literal[tuple(models)] | None, None) for role, models in MODELS.items()}
+    ModelSection = create_model("ModelSection", __base__=_Effects, __doc__=_Effects.__doc__, **_roles)
 
 
 class ShipFile(Section):
     """A whole ship file."""
 
-    ship: ShipSection  # type: ignore[valid-type]
-    model: ModelSection  # type: ignore[valid-type]
+    ship: ShipSection
+    model: ModelSection
     coefficients: dict[str, CoefficientEntry] = Field(default_factory=dict)

@@ -30,7 +30,7 @@ def test_spiral_goes_to_the_other_side_and_back(largest: float, step: float, deg
 
 def test_next_angle_waits_until_the_turn_rate_is_steady() -> None:
     """Turn rate 0.1 (1 - exp(-t / 10)): it changes by 0.001 in the 5 s before 10 ln(64.87) = 41.7 s."""
-    orders = StepOrders(10.0, (0.2, 0.0), 0.0, 5.0, 0.001)
+    orders = StepOrders(10.0, 0.0, (0.2, 0.0), 5.0, 0.001)
     state = np.zeros(6)
     switched = None
     for t in np.arange(0.0, 60.0, 0.1):

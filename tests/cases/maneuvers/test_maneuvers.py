@@ -92,7 +92,7 @@ def test_zigzag_reverses_within_the_step_that_crosses_the_switch_heading(text: s
 def yawing(rate: float, dt: float) -> tuple[list[float], list[float], Controller]:
     """Rudder and heading per step of a zigzag:10/5 whose heading just turns at ``rate`` [rad/s] whatever is asked."""
     limits = Limits(math.radians(20.0), 20.0)
-    controller = Controller(Zigzag(10.0, math.radians(10), math.radians(5), 0.33), limits, 10.0)
+    controller = Controller(Zigzag(10.0, 0.33, math.radians(10), math.radians(5)), limits, 10.0)
     state, rudder, heading = np.zeros(6), [], []
 
     for k in range(round(4.0 / dt)):
@@ -116,7 +116,7 @@ def test_rudder_moves_from_the_moment_of_order_and_crossing_not_from_the_next_sa
 
 
 def test_event_gives_the_fraction_of_the_step_or_none() -> None:
-    orders = Zigzag(10.0, -0.2, 0.1, 5.0)
+    orders = Zigzag(10.0, 5.0, -0.2, 0.1)
     before, after = np.zeros(6), np.zeros(6)
     event = getattr(orders, "event")  # noqa: B009
     assert event(4.0, before, 4.5, before) is None

@@ -103,7 +103,7 @@ def test_short_samples_of_the_synthetic_trial_come_to_the_same_turning() -> None
 
 def test_the_rudder_runs_up_from_the_moment_of_the_order() -> None:
     plan = kvlcc2()[1]
-    late = replace(plan, orders=lambda: Turning(plan.n, 0.6, 1.03))
+    late = replace(plan, orders=lambda: Turning(plan.n, 1.03, 0.6))
     moves = ramps(late, late.orders(), np.arange(11.0))
     np.testing.assert_allclose(moves.times, [0, 1.03, 1.03 + 0.6 / plan.limits.rudder_rate, 10])
     np.testing.assert_allclose(moves.positions[:, 1], [0, 0, 0.6, 0.6])
