@@ -30,8 +30,6 @@ class Model:
 
     A state is x, y, psi, u, v, r (velocities over ground) and whatever the ship's effects remember; S of them.
 
-    Attributes
-    ----------
     ship: the ship it was made from.
     symbols: coefficients that are arguments, in order; all others are constants inside.
     controls: names of the inputs, ``ship.inputs``: actuators, air over ground, perhaps the time.

@@ -55,8 +55,6 @@ class Layers:
 class Network:
     """Accelerations (du, dv, dr) from features: the mean of one or several networks trained from different seeds.
 
-    Attributes
-    ----------
     features: names of the F features in order, of ``features_of(ship.actuators)``; all actuators are among them.
     feature_scales: (F,), by which features are divided [unit of the feature].
     members: the networks, each (F,) -> (3,).

@@ -23,8 +23,6 @@ AIR = ("wind_north", "wind_east")
 class Ship:
     """A ship, before or after calibration.
 
-    Attributes
-    ----------
     name: short name, as in ``mmg ships``.
     particulars: symbol -> value in SI (L, B, d, m, x_G, rho, D_P, A_R, ...); see the force models.
     components: role ("hull", "propeller", "rudder", "wind") -> name of the force model.

@@ -12,8 +12,6 @@ from typing import Any
 class Coefficient:
     """One coefficient of a force model, with its prior before and its estimate after a calibration.
 
-    Attributes
-    ----------
     symbol: MMG symbol in plain letters, such as ``Y_v``, ``w_P0``, ``ell_R``.
     value: the value the model uses.
     std: standard deviation: of the prior in a starting ship, of the estimate in a calibrated one.

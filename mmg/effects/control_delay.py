@@ -25,12 +25,9 @@ class ControlDelay(Effect):
         return (Parameter("tau", 0.0, 0.4 * k, 0.0, 5.0 * k, "s", "time by which rudder and revolutions act late"),)
 
     def actuators(self, flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace, s: Smoothing) -> Flow:
-        revolutions = 0.1 * reference_speed(p.L) / (0.03 * p.L)
-        moved = {}
-        for names, size in ((RUDDERS, 0.3), (PROPELLERS, revolutions)):
-            for name, value in flow.present(names).items():
-                moved[name] = delayed(memory, f"control_delay.{name}", value, e.tau, time_scale(p.L), size)
-        return flow.with_(**moved)
+        k, size = time_scale(p.L), 0.1 * reference_speed(p.L) / (0.03 * p.L)
+        flow = flow.moved(RUDDERS, lambda name, x: delayed(memory, f"control_delay.{name}", x, e.tau, k, 0.3))
+        return flow.moved(PROPELLERS, lambda name, x: delayed(memory, f"control_delay.{name}", x, e.tau, k, size))
 
     def input_delay(self, e: SimpleNamespace) -> float:
         return float(e.tau)

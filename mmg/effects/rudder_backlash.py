@@ -27,8 +27,7 @@ class RudderBacklash(Effect):
         return (Parameter("b", 0.0, 0.05, 0.0, 0.5, "rad", "half of the dead band between logged and real rudder"),)
 
     def actuators(self, flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace, s: Smoothing) -> Flow:
-        moved = {
-            name: played(memory, f"rudder_backlash.{name}", angle, e.b, 0.5 * time_scale(p.L), SOFTEST, 0.3)
-            for name, angle in flow.present(RUDDERS).items()
-        }
-        return flow.with_(**moved)
+        time = 0.5 * time_scale(p.L)
+        return flow.moved(
+            RUDDERS, lambda name, x: played(memory, f"rudder_backlash.{name}", x, e.b, time, SOFTEST, 0.3)
+        )

@@ -21,8 +21,5 @@ class RudderLag(Effect):
         return (Parameter("T", 0.0, 0.6 * k, 0.0, 10.0 * k, "s", "time constant of the rudder behind its record"),)
 
     def actuators(self, flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace, s: Smoothing) -> Flow:
-        moved = {
-            name: lagged(memory, f"rudder_lag.{name}", angle, e.T, 0.5 * time_scale(p.L), 0.3)
-            for name, angle in flow.present(RUDDERS).items()
-        }
-        return flow.with_(**moved)
+        k = time_scale(p.L)
+        return flow.moved(RUDDERS, lambda name, x: lagged(memory, f"rudder_lag.{name}", x, e.T, 0.5 * k, 0.3))

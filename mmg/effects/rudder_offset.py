@@ -19,4 +19,4 @@ class RudderOffset(Effect):
         return (Parameter("delta", 0.0, 0.05, -0.5, 0.5, "rad", "real rudder angle less the logged one"),)
 
     def actuators(self, flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace, s: Smoothing) -> Flow:
-        return flow.with_(**{name: angle + e.delta for name, angle in flow.present(RUDDERS).items()})
+        return flow.moved(RUDDERS, lambda _, angle: angle + e.delta)

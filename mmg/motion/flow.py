@@ -6,7 +6,7 @@ actuators, ``p`` the particulars, ``c`` the coefficients (both by attribute) and
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -109,6 +109,7 @@ class Flow:
         """A copy with some fields changed."""
         return replace(self, **changes)
 
-    def present(self, actuators: Iterable[str]) -> dict[str, Any]:
-        """Those of the actuators that the ship has, by name; the others are a plain 0.0."""
-        return {name: value for name in actuators if not isinstance(value := getattr(self, name), float)}
+    def moved(self, actuators: Iterable[str], position: Callable[[str, Any], Any]) -> Flow:
+        """A copy with those of the actuators that the ship has at ``position(name, order)``; others are a plain 0.0."""
+        present = {name: x for name in actuators if not isinstance(x := getattr(self, name), float)}
+        return replace(self, **{name: position(name, x) for name, x in present.items()})

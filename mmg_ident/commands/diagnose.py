@@ -94,11 +94,8 @@ def _summary(found: Diagnosis, out: Path) -> None:
         else:
             table.add_row(row.name, f"{row.score:.1f}", f"{row.p_value:.1g}", gain, f"{row.absorbed_share:.0%}")
     console.print(table)
-    console.print(found.sentence, highlight=False, soft_wrap=True)
-    if found.learned:
-        console.print(found.learned.sentence, highlight=False, soft_wrap=True)
-    for line in found.kinematics:
-        console.print(f"sensors: {line}", highlight=False, soft_wrap=True)
-    if found.next_test:
-        console.print(f"next: {found.next_test}", highlight=False, soft_wrap=True)
+    lines = [found.sentence, found.learned.sentence if found.learned else ""]
+    lines += [*(f"sensors: {line}" for line in found.kinematics), f"next: {found.next_test}" if found.next_test else ""]
+    for line in filter(None, lines):
+        console.print(line, highlight=False, soft_wrap=True)
     say(f"diagnosis: {out} (diagnosis.json, report.html, ship.toml)")

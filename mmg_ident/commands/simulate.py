@@ -78,7 +78,12 @@ def simulate(
 
     if (maneuver is None) == (controls is None):
         raise UserError("give either --maneuver or --controls, one of them")
-    _check_options(out, force, seed)
+    if seed < 0:
+        raise UserError(f"--seed {seed} must not be negative")
+    if out is not None:
+        if out.suffix.lower() not in (".csv", ".parquet"):
+            raise UserError(f"--out {out}: trial files end in .csv or .parquet")
+        refuse_target("--out", out, force)
     approach: dict[str, Any] = {"n": n, "speed": speed, "duration": duration}
     approach |= {"rudder_rate": None if rudder_rate is None else math.radians(rudder_rate), "sampled": sampled_helm}
     given = [name for name, value in {**approach, "dt": dt}.items() if value not in (None, False)]
@@ -154,17 +159,6 @@ def _unit(unit: str, length: float) -> tuple[str, float, str]:
     return {**shown, "rad/s": ("deg/s", math.degrees(1.0), ".3f")}.get(unit, (unit or "-", 1.0, ".3f"))
 
 
-def _check_options(out: Path | None, force: bool, seed: int) -> None:
-    """Everything about the output that can be refused before simulating."""
-    if seed < 0:
-        raise UserError(f"--seed {seed} must not be negative")
-    if out is None:
-        return
-    if out.suffix.lower() not in (".csv", ".parquet"):
-        raise UserError(f"--out {out}: trial files end in .csv or .parquet")
-    refuse_target("--out", out, force)
-
-
 def _summary(ship: Ship, trial: Trial, plan: Maneuver | None) -> dict[str, Any]:
     """What is printed: SI units, named in the keys; lengths of the figures also in ship lengths."""
     from cases.criteria.figures import figure_unit
@@ -198,9 +192,9 @@ def _print(summary: dict[str, Any], as_json: bool) -> None:
     if summary["out"]:
         say(f"{summary['samples']} samples, {summary['duration_s']:g} s, written to {summary['out']}")
         return
-    a, b = summary["start"], summary["final"]
     print(f"{summary['ship']}: {summary['run']}, {summary['duration_s']:g} s")
-    for word, state in (("start", a), ("final", b)):
+    for word in ("start", "final"):
+        state = summary[word]
         print(
             f"  {word}  x {state['x_m']:.2f} m, y {state['y_m']:.2f} m, "
             f"psi {math.degrees(state['psi_rad']):.1f} deg, "

@@ -38,11 +38,6 @@ def coefficients(p: SimpleNamespace) -> tuple[Coefficient, ...]:
 def actuators(flow: Flow, memory: Memory, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Flow:
     """Positions of rudders and propellers whose orders the flow holds. memory takes their states; p, c, s: as in
     mmg/motion/flow.py."""
-    moved = {}
-    for names, rate, time, size in (
-        (RUDDERS, c.K_delta, c.T_delta, 0.3),
-        (PROPELLERS, c.K_n, c.T_n, 10.0 / time_scale(p.L)),
-    ):
-        for name, order in flow.present(names).items():
-            moved[name] = rate_limited(memory, name, order, rate, time, size)
-    return flow.with_(**moved)
+    size = 10.0 / time_scale(p.L)
+    flow = flow.moved(RUDDERS, lambda name, order: rate_limited(memory, name, order, c.K_delta, c.T_delta, 0.3))
+    return flow.moved(PROPELLERS, lambda name, order: rate_limited(memory, name, order, c.K_n, c.T_n, size))

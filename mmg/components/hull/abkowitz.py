@@ -20,6 +20,7 @@ below 1/(0.4 U_0), and all vanishes at rest, the propeller's push too: take anot
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from types import SimpleNamespace
 from typing import Any
 
@@ -85,18 +86,13 @@ def force(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> F
     U, hold = s.root(U2, small), ca.sqrt(lack + small**2)
     U1, v1, r1 = (s.divide(part, U, hold) for part in (u - p.U_0, v, r * p.L))
 
-    def series(letter: str) -> Any:
-        factors = {"u": U1, "v": v1, "r": r1, "d": d, "0": 1.0}
-        total: Any = 0.0
-        for term in {"X": _X, "Y": _Y, "N": _N}[letter]:
-            product: Any = getattr(c, f"{letter}_{term}")
-            for factor in term:
-                product = product * factors[factor]
-            total = total + product
-        return total
+    factors = {"u": U1, "v": v1, "r": r1, "d": d, "0": 1.0}
+
+    def series(letter: str, terms: Iterable[str]) -> Any:
+        return sum(math.prod((factors[f] for f in t), start=getattr(c, f"{letter}_{t}")) for t in terms)
 
     unit, mass = 0.5 * p.rho * p.L**2, 0.5 * p.rho * p.L**2 * p.d
-    X = unit * U2 * series("X") - (p.m + c.m_y * mass) * v * r - p.x_G * p.m * r * r
-    Y = unit * U2 * series("Y") + (p.m + c.m_x * mass) * u * r
-    N = unit * p.L * U2 * series("N") + p.x_G * p.m * u * r
+    X = unit * U2 * series("X", _X) - (p.m + c.m_y * mass) * v * r - p.x_G * p.m * r * r
+    Y = unit * U2 * series("Y", _Y) + (p.m + c.m_x * mass) * u * r
+    N = unit * p.L * U2 * series("N", _N) + p.x_G * p.m * u * r
     return Force(X, Y, N)

@@ -72,7 +72,8 @@ def _series(columns: slice, sines: bool) -> np.ndarray:
     return np.vstack([np.zeros((1, fitted.shape[1])), fitted]) if sines else fitted
 
 
-X_SERIES, Y_SERIES, N_SERIES = _series(slice(1, 8), False), _series(slice(8, 15), True), _series(slice(15, 21), True)
+SERIES = (_series(slice(1, 8), False), _series(slice(8, 15), True), _series(slice(15, 21), True))
+"""Of C_X, C_Y and C_N."""
 
 
 def features(p: SimpleNamespace, masts: Any) -> tuple[list[Any], list[Any], list[Any]]:
@@ -85,11 +86,6 @@ def features(p: SimpleNamespace, masts: Any) -> tuple[list[Any], list[Any], list
     return [*common, masts], [*common, p.A_SS / p.A_L], common
 
 
-def _weights(series: np.ndarray, factors: list[Any]) -> list[Any]:
-    """Amplitudes of the multiples 0..ORDER for a ship."""
-    return [sum(row[i] * factor for i, factor in enumerate(factors)) for row in series]
-
-
 def force(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Force:
     """Wind force X, Y [N], N [N m] about midship of the air velocity relative to the ship; zero in still air. flow, p,
     c, s: as in mmg/motion/flow.py."""
@@ -97,13 +93,13 @@ def force(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> F
     U_A = s.root(squared, s.speed)
     cos_a, sin_a = s.divide(-flow.a_x, U_A, 0.0), s.divide(flow.a_y, U_A, 0.0)
     cosines, sines = multiples(cos_a, sin_a)
-    X_factors, Y_factors, N_factors = features(p, c.M_A)
-    C_X = -sum(a * b for a, b in zip(_weights(X_SERIES, X_factors), cosines, strict=True))
-    C_Y = sum(a * b for a, b in zip(_weights(Y_SERIES, Y_factors), sines, strict=True))
-    C_N = sum(a * b for a, b in zip(_weights(N_SERIES, N_factors), sines, strict=True))
+    C_X, C_Y, C_N = (
+        sum(sum(a * b for a, b in zip(row, seen, strict=True)) * angle for row, angle in zip(rows, angles, strict=True))
+        for rows, seen, angles in zip(SERIES, features(p, c.M_A), (cosines, sines, sines), strict=True)
+    )
     pressure = 0.5 * p.rho_a * squared
     return Force(
-        c.k_XA * pressure * p.A_T * C_X,
+        c.k_XA * pressure * p.A_T * -C_X,
         c.k_YA * pressure * p.A_L * C_Y,
         c.k_NA * pressure * p.A_L * p.L_OA * C_N,
     )
