@@ -56,18 +56,9 @@ def table(source: str, *rows: tuple, fixed: bool = False) -> tuple[Coefficient, 
     "mmg" for a coefficient in the MMG system of Yasukawa & Yoshimura (2015), "" for another pure number.
     source: where the values come from; rows: as above; fixed: left alone by a fit.
     """
-    return tuple(
-        Coefficient(
-            symbol=symbol,
-            value=value,
-            std=std,
-            lower=lower,
-            upper=upper,
-            prime="mmg" if kind == "mmg" else "",
-            unit="" if kind in ("", "mmg") else kind,
-            fixed=fixed,
-            description=description,
-            source=source,
-        )
-        for symbol, value, std, lower, upper, kind, description in rows
-    )
+
+    def row(symbol: str, value: float, std: float, lower: float, upper: float, kind: str, words: str) -> Coefficient:
+        unit, prime = ("", "mmg") if kind == "mmg" else (kind, "")
+        return Coefficient(symbol, value, std, lower, upper, unit, prime, fixed, source, words)
+
+    return tuple(row(*given) for given in rows)

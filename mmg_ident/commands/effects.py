@@ -12,13 +12,14 @@ from mmg_ident.commands.output import print_json
 
 def effects(
     name: Annotated[str | None, Argument(help="One effect: its physics and its parameters.")] = None,
-    ship: Annotated[str, Option(help="Ship for whose size and models the numbers are given.")] = ("esso_osaka_3m"),
+    ship: Annotated[str, Option(help="Ship for whose size and models the numbers are given.")] = "esso_osaka_3m",
     json: Annotated[bool, Option("--json", help="Print as JSON.")] = False,
 ) -> None:
     """List the effects, or explain one: parameters, neutral value, typical size, where it enters.
 
     Example: mmg effects current
     """
+    from cases.shipfiles.effects import parameters
     from cases.shipfiles.ship_file import load_ship
     from mmg.effects import EFFECTS
 
@@ -26,7 +27,16 @@ def effects(
         raise UserError(f"unknown effect '{name}'; known: {', '.join(sorted(EFFECTS))}")
     model = load_ship(ship)
     chosen = [name] if name else sorted(EFFECTS)
-    rows = [_row(model, key) for key in chosen]
+    rows: list[dict[str, Any]] = [
+        {
+            "name": key,
+            "enters": EFFECTS[key].enters,
+            "needs": list(EFFECTS[key].needs),
+            "physics": EFFECTS[key].summary,
+            "parameters": [vars(p) for p in parameters(model, key)],
+        }
+        for key in chosen
+    ]
     if json:
         print_json({"ship": model.name, "effects": rows})
         return
@@ -41,19 +51,3 @@ def effects(
             star = "*" if p["held"] else " "
             numbers = f"{p['neutral']:>9.4g}  {p['typical']:>9.3g}"
             print(f"{label:<{width}}  {numbers}  {p['unit'] or '-':<6}{star}{p['description']}")
-
-
-def _row(ship: Any, name: str) -> dict[str, Any]:
-    import dataclasses
-
-    from cases.shipfiles.effects import parameters
-    from mmg.effects import EFFECTS
-
-    effect = EFFECTS[name]
-    return {
-        "name": name,
-        "enters": effect.enters,
-        "needs": list(effect.needs),
-        "physics": effect.summary,
-        "parameters": [dataclasses.asdict(p) for p in parameters(ship, name)],
-    }

@@ -12,13 +12,11 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
-from mmg.components.coefficients import Coefficient
+from mmg.components.coefficients import Coefficient, table
 from mmg.motion.flow import Flow, Force
 from mmg.motion.smooth import Smoothing
 
 PARTICULARS = ("L", "B", "A_T", "A_L", "A_OD", "C", "C_BR", "H_BR", "H_C", "rho_a")
-
-NAMES = ("X_A0", "X_A1", "X_A3", "X_A5", "Y_A1", "Y_A3", "Y_A5", "N_A1", "N_A2", "N_A3")
 
 
 def regression(p: SimpleNamespace) -> dict[str, float]:
@@ -57,18 +55,12 @@ def coefficients(p: SimpleNamespace) -> tuple[Coefficient, ...]:
     particulars."""
     values = regression(p)
     size = {"X": abs(values["X_A1"]), "Y": abs(values["Y_A1"]), "N": abs(values["N_A2"])}
-    return tuple(
-        Coefficient(
-            symbol=name,
-            value=values[name],
-            std=(0.3 if name in ("X_A1", "Y_A1", "N_A2", "N_A1") else 0.1) * size[name[0]],
-            lower=values[name] - 1.5 * size[name[0]],
-            upper=values[name] + 1.5 * size[name[0]],
-            source="regression of Fujiwara, Ueno & Nimura (1998) on the particulars",
-            description=f"wind {name[0]} coefficient, harmonic {name[-1]} of the apparent wind angle",
-        )
-        for name in NAMES
-    )
+    rows = []
+    for name, value in values.items():
+        std, reach = (0.3 if name in ("X_A1", "Y_A1", "N_A2", "N_A1") else 0.1) * size[name[0]], 1.5 * size[name[0]]
+        words = f"wind {name[0]} coefficient, harmonic {name[-1]} of the apparent wind angle"
+        rows.append((name, value, std, value - reach, value + reach, "", words))
+    return table("regression of Fujiwara, Ueno & Nimura (1998) on the particulars", *rows)
 
 
 def force(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Force:
