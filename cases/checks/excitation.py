@@ -56,10 +56,6 @@ def excitation(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
     still = 0.02 * max(float(np.percentile(np.hypot(u[good], v[good]), 95)), 1e-9)
     ahead, astern = good & (u > still), good & (u < -still)
     forward, reverse, stopped = good & (n > 1e-6), good & (n < -1e-6), good & (np.abs(n) <= 1e-6)
-
-    def time(mask: np.ndarray) -> float:
-        return float(seconds[mask].sum())
-
     quadrants = {
         "u+ n+": ahead & forward, "u+ n-": ahead & reverse,
         "u- n+": astern & forward, "u- n-": astern & reverse,
@@ -68,11 +64,12 @@ def excitation(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
     beta = np.abs(np.arctan2(v, np.abs(u)))
     steered = np.abs(delta) > math.radians(2.0)
     moving = np.hypot(u, v) > still
+    moved = good & moving
     turning = np.abs(r) > 0.25 * max(float(np.percentile(np.abs(r[good]), 95)), 1e-9)
     excited = {
         "hull_ahead": ahead,
         "hull_astern": astern,
-        "cross_flow": good & ((moving & (beta > math.radians(30))) | (~moving & turning)),
+        "cross_flow": (moved & (beta > math.radians(30))) | (good & ~moving & turning),
         "sway_yaw_linear": ahead & turning & (np.abs(r) > 1e-4),
         "propeller_ahead": ahead & forward,
         "propeller_ahead_astern_motion": astern & forward,
@@ -83,15 +80,13 @@ def excitation(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
     }
     numbers: dict[str, Any] = {
         "inputs_constant": inputs_are_constant(trial),
-        "quadrants": {name: time(mask) / total for name, mask in quadrants.items()},
-        "group_seconds": {name: time(mask) for name, mask in excited.items()},
+        "quadrants": {name: float(seconds[mask].sum()) / total for name, mask in quadrants.items()},
+        "group_seconds": {name: float(seconds[mask].sum()) for name, mask in excited.items()},
         "seconds": total,
         "delta_max_deg": math.degrees(float(np.abs(delta[good]).max())),
         "n_range_rps": [float(n[good].min()), float(n[good].max())],
-        "drift_max_deg": None,
+        "drift_max_deg": math.degrees(float(np.percentile(beta[moved], 99))) if moved.any() else None,
     }
-    if (good & moving).any():
-        numbers["drift_max_deg"] = math.degrees(float(np.percentile(beta[good & moving], 99)))
     findings = _sentences(numbers)
     fastest = float(np.nanmax(np.abs(n)))
     if fastest > 100:
@@ -148,7 +143,5 @@ def _windy(trial: Trial, good: np.ndarray) -> np.ndarray:
         return np.zeros(len(trial), bool)
     angle = trial["wind_direction"] - trial["psi"]
     strong = good & np.isfinite(angle) & (trial["wind_speed"] > np.hypot(trial["u"], trial["v"]))
-    if not strong.any():
-        return strong
     sectors = np.unique(np.floor((angle[strong] % (2 * math.pi)) / math.radians(30)))
-    return strong if len(sectors) > 2 else np.zeros(len(trial), bool)
+    return strong & (len(sectors) > 2)

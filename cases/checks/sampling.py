@@ -10,7 +10,7 @@ from cases.checks.report import DOUBTFUL, INFO, Found
 from cases.trial import REQUIRED, Trial
 
 GAP = 3.0
-"""A step longer than this many median steps is a gap."""
+"""A stretch without complete required columns that is longer than this many median steps is a gap."""
 
 
 def sampling(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
@@ -18,7 +18,10 @@ def sampling(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
     steps = np.diff(trial.t)
     dt = float(np.median(steps))
     uneven = float(np.mean(np.abs(steps - dt) > 0.1 * dt))
-    gaps = _gaps(trial, dt)
+    whole = np.flatnonzero(np.all([np.isfinite(trial[c]) for c in REQUIRED if c in trial], axis=0))
+    t, between = trial.t[whole], np.diff(trial.t[whole])
+    gaps = [(float(t[i]), float(between[i])) for i in np.flatnonzero(between > GAP * dt)]
+    gaps = gaps if len(whole) > 1 else [(float(trial.t[0]), trial.duration)]
     missing = {c: float(np.mean(~np.isfinite(v))) for c, v in trial.columns.items() if np.isnan(v).any()}
     numbers = {
         "rows": len(trial),
@@ -46,13 +49,3 @@ def sampling(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
     if trial.duration < 20 * dt:
         findings.append((DOUBTFUL, "short", f"Very short: {len(trial)} rows, {trial.duration:.3g} s."))
     return numbers, findings
-
-
-def _gaps(trial: Trial, dt: float) -> list[tuple[float, float]]:
-    """(start time, length) [s] of stretches beyond GAP steps without complete required columns."""
-    whole = np.flatnonzero(np.all([np.isfinite(trial[c]) for c in REQUIRED if c in trial], axis=0))
-    if len(whole) < 2:
-        return [(float(trial.t[0]), trial.duration)]
-    t = trial.t[whole]
-    length = np.diff(t)
-    return [(float(t[i]), float(length[i])) for i in np.flatnonzero(length > GAP * dt)]

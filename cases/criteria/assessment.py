@@ -104,8 +104,8 @@ def imo_figures(
     if "n" in calm.actuators:
         heading += f", n {runs[0].trial['n'][0]:.4g} rps"
     degrees = math.degrees(rudder_rate if rudder_rate is not None else Limits.for_ship(calm).rudder_rate)
-    helm = f"rudder rate {degrees:.3g} deg/s" if math.isfinite(degrees) else ""
-    helm = helm or "the rudder moves as the ship's actuators do"
+    finite = math.isfinite(degrees)
+    helm = f"rudder rate {degrees:.3g} deg/s" if finite else "the rudder moves as the ship's actuators do"
     notices = [Message(f"test speed V: {origin}; {helm}", "test_conditions")]
     if left_out:
         words = "left out, as the tests are in calm, deep water and free of sensor errors: "

@@ -209,10 +209,9 @@ def pull_out_figures(trial: Trial, order_time: float) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class Hold:
-    """A stretch of constant rudder [rad], its times since the order [s], mean turn rate of its last tenth [rad/s]."""
+    """A stretch of constant rudder [rad], its end since the order [s], mean turn rate of its last tenth [rad/s]."""
 
     rudder: float
-    begin: float
     end: float
     rate: float
 
@@ -236,5 +235,5 @@ def rudder_holds(trial: Trial, order_time: float, tolerance: float = math.radian
         if run.t[b - 1] - run.t[a] >= max(0.1 * longest, 1e-9):
             tail = run.t[a:b] >= run.t[b - 1] - 0.1 * (run.t[b - 1] - run.t[a])
             rate = float(run.r[a:b][tail].mean())
-            holds.append(Hold(float(np.median(run.delta[a:b])), float(run.t[a]), float(run.t[b - 1]), rate))
+            holds.append(Hold(float(np.median(run.delta[a:b])), float(run.t[b - 1]), rate))
     return holds

@@ -42,7 +42,7 @@ class Limits:
 class Controller:
     """Follows the orders of one run within the limits; ``over`` tells that the manoeuvre has ended.
 
-    n [1/s] and delta [rad] are the positions reached, t [s] the time of the last call. ``located``: orders change at
+    n [1/s] and delta [rad] are the positions reached. ``located``: orders change at
     the very moment of their event; otherwise at the next sample, as those of a digital autopilot.
     """
 
@@ -50,7 +50,6 @@ class Controller:
     limits: Limits
     n: float
     delta: float = 0.0
-    t: float = 0.0
     over: bool = False
     located: bool = True
 
@@ -65,7 +64,6 @@ class Controller:
         the means are those of their ramps, so that held inputs give the right impulse. Orders that end within a
         step end with the next call (``over``), which returns the positions reached. One event per step.
         """
-        self.t = t
         order = self.orders(t, state)
         if order is None:
             self.over = True

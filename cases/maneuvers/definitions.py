@@ -119,10 +119,6 @@ class _Setup:
     seed: int
 
     @property
-    def n(self) -> float:
-        return self.base.n
-
-    @property
     def lead(self) -> float:
         """Straight approach before the first order [s]."""
         return _LEAD * self.scale
@@ -143,7 +139,7 @@ class _Setup:
             self.base,
             duration=self.base.duration or default * self.scale,
             speed=share * self.base.speed,
-            n=share * self.n,
+            n=share * self.base.n,
             orders=orders or self.base.orders,
             parameters=parameters,
         )
@@ -182,21 +178,15 @@ _LEAD = 5.0
 
 def _turning(s: _Setup) -> Maneuver:
     rudder = s.angle(s.argument)
-    return s.maneuver(600.0, lambda: orders.Turning(s.n, s.lead, rudder), rudder=rudder, order_time=s.lead)
+    return s.maneuver(600.0, partial(orders.Turning, s.base.n, s.lead, rudder), rudder=rudder, order_time=s.lead)
 
 
 def _zigzag(s: _Setup) -> Maneuver:
     rudder, heading = s.angles("rudder", "heading", "zigzag:20/20")
     if heading < 0:
         raise s.refused("give the side by the sign of the rudder: zigzag:-10/10")
-    last_execute = None if s.base.partial else 6
-    return s.maneuver(
-        600.0,
-        lambda: orders.Zigzag(s.n, s.lead, rudder, heading, last_execute),
-        rudder=rudder,
-        heading=heading,
-        order_time=s.lead,
-    )
+    zigzag = partial(orders.Zigzag, s.base.n, s.lead, rudder, heading, None if s.base.partial else 6)
+    return s.maneuver(600.0, zigzag, rudder=rudder, heading=heading, order_time=s.lead)
 
 
 def _crash_stop(s: _Setup) -> Maneuver:
@@ -206,7 +196,7 @@ def _crash_stop(s: _Setup) -> Maneuver:
             f"'{s.argument}' must be the revolutions astern by those of the approach, more than 0 and at most 2, "
             "such as crash-stop:0.6"
         )
-    return s.maneuver(600.0, lambda: orders.CrashStop(s.n, s.lead, share), order_time=s.lead)
+    return s.maneuver(600.0, partial(orders.CrashStop, s.base.n, s.lead, share), order_time=s.lead)
 
 
 STEADY_WINDOW, STEADY_CHANGE = 3.0, 0.0002
@@ -218,15 +208,10 @@ _LONGEST_HOLD = 100.0
 
 def _steps(s: _Setup, angles: tuple[float, ...], **parameters: float) -> Maneuver:
     window, tolerance = STEADY_WINDOW * s.crossing, STEADY_CHANGE / s.crossing
-    return s.maneuver(
-        (s.lead + len(angles) * _LONGEST_HOLD * s.crossing) / s.scale,
-        lambda: orders.StepOrders(s.n, s.lead, angles, window, tolerance),
-        order_time=s.lead,
-        window=window,
-        tolerance=tolerance,
-        steps=float(len(angles)),
-        **parameters,
-    )
+    longest = (s.lead + len(angles) * _LONGEST_HOLD * s.crossing) / s.scale
+    held = partial(orders.StepOrders, s.base.n, s.lead, angles, window, tolerance)
+    parameters |= {"order_time": s.lead, "window": window, "tolerance": tolerance, "steps": float(len(angles))}
+    return s.maneuver(longest, held, **parameters)
 
 
 def _spiral(s: _Setup) -> Maneuver:
@@ -248,7 +233,7 @@ def _random(s: _Setup) -> Maneuver:
     if s.argument and not s.argument.isdecimal():
         raise s.refused("the seed must be a whole number, such as random:7")
     seed, duration = int(s.argument or s.seed), s.base.duration or 150.0 * s.scale
-    return s.maneuver(150.0, lambda: orders.random_telegraph(s.n, duration, s.scale, seed), seed=float(seed))
+    return s.maneuver(150.0, partial(orders.random_telegraph, s.base.n, duration, s.scale, seed), seed=float(seed))
 
 
 def _straight(s: _Setup) -> Maneuver:
@@ -256,7 +241,7 @@ def _straight(s: _Setup) -> Maneuver:
 
 
 def _berthing(s: _Setup) -> Maneuver:
-    return s.maneuver(150.0, lambda: orders.berthing(s.n, s.scale), share=orders.BERTHING_SPEED)
+    return s.maneuver(150.0, partial(orders.berthing, s.base.n, s.scale), share=orders.BERTHING_SPEED)
 
 
 def _acceleration(s: _Setup) -> Maneuver:

@@ -83,11 +83,10 @@ def freeing_effects(ship: Ship, texts: Iterable[str]) -> Ship:
     for text in texts:
         name, values, named = parse_effect(text, ship, "--with")
         ship = ship.with_effect(name, values)
-        priors = {f"{name}.{p.symbol}": p.coefficient(name).std for p in parameters(ship, name) if p.symbol in values}
-        ship = ship.with_coefficients({s: ship.coefficients[s].with_(std=std) for s, std in priors.items()})
-        free = {p.symbol for p in parameters(ship, name) if not p.held} | set(named)
-        rows = {f"{name}.{p.symbol}": p.symbol in free for p in parameters(ship, name)}
-        ship = ship.with_coefficients({s: ship.coefficients[s].with_(fixed=not f) for s, f in rows.items()})
+        for p in parameters(ship, name):
+            row = ship.coefficients[f"{name}.{p.symbol}"].with_(fixed=p.held and p.symbol not in named)
+            row = row.with_(std=p.coefficient(name).std) if p.symbol in values else row
+            ship = ship.with_coefficients({row.symbol: row})
     return ship
 
 

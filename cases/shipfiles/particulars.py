@@ -49,10 +49,9 @@ def _refuted(p: Mapping[str, float]) -> Iterator[str]:
         if have(name, "d") and p[name] > p["d"]:
             what = PARTICULARS[name][0].removesuffix(" diameter")
             yield f"{name} = {p[name]:g} m: the {what} is larger than the draught d = {p['d']:g} m"
-    if have("rho") and not 500 <= p["rho"] <= 1500:
-        yield f"rho = {p['rho']:g} kg/m³ is no water density"
-    if have("rho_a") and not 0.5 <= p["rho_a"] <= 2.0:
-        yield f"rho_a = {p['rho_a']:g} kg/m³ is no air density"
+    for name, least, most, what in (("rho", 500, 1500, "water"), ("rho_a", 0.5, 2.0, "air")):
+        if have(name) and not least <= p[name] <= most:
+            yield f"{name} = {p[name]:g} kg/m³ is no {what} density"
     if have("m", "rho", "L", "B", "d"):
         block = p["rho"] * p["L"] * p["B"] * p["d"]
         if not 0.02 * block <= p["m"] <= 1.05 * block:

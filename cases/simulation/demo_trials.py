@@ -60,8 +60,8 @@ def compare_with_truth(ship: Ship) -> dict[str, Any]:
     Returns "inside_95": share of 95 % intervals that hold the truth; "moved": coefficients that differ from the prior
     of the estimate; "outside": coefficients whose interval misses the truth.
     """
-    true, found = hidden_ship().coefficients, {s: c for s, c in ship.coefficients.items() if c.prior_std is not None}
-    found = {s: c for s, c in found.items() if s in true}
+    true = hidden_ship().coefficients
+    found = {s: c for s, c in ship.coefficients.items() if c.prior_std is not None and s in true}
     inside = {s: abs(c.value - true[s].value) <= 1.96 * (c.std or 0.0) for s, c in found.items()}
     return {
         "inside_95": sum(inside.values()) / len(inside),

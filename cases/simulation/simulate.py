@@ -64,8 +64,7 @@ def _begin(ship: Ship, maneuver: Maneuver) -> np.ndarray:
     six = np.array(maneuver.start, dtype=float)
     if "current" in ship.effects:
         current = ship.parameters_of("current")
-        u_c, v_c = earth_to_body(current.x, current.y, six[2])
-        six[3:5] += u_c, v_c
+        six[3:5] += earth_to_body(current.x, current.y, six[2])
     return six
 
 
