@@ -103,14 +103,9 @@ def inputs_are_constant(trial: Trial) -> bool:
 
 def pooled(reports: Iterable[CheckReport]) -> tuple[dict[str, float], list[str]]:
     """Seconds per coefficient group over all reports, and sentences about groups that are not excited."""
-    seconds = dict.fromkeys(GROUPS, 0.0)
-    total = 0.0
-    for report in reports:
-        numbers = report.numbers.get("excitation") or {}
-        total += numbers.get("seconds", 0.0)
-        for name, value in numbers.get("group_seconds", {}).items():
-            seconds[name] += value
-    return seconds, _missing(seconds, total)
+    found = [numbers for report in reports if (numbers := report.numbers.get("excitation"))]
+    seconds = {name: sum((numbers["group_seconds"][name] for numbers in found), 0.0) for name in GROUPS}
+    return seconds, _missing(seconds, sum(numbers["seconds"] for numbers in found))
 
 
 def _sentences(numbers: dict[str, Any]) -> list[Found]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cases.maneuvers.orders import Orders
+from cases.maneuvers.orders import FromLead, Orders
 from mmg.motion.froude import length_scale, time_scale
 from mmg.ship import Ship
 
@@ -42,8 +42,8 @@ class Limits:
 class Controller:
     """Follows the orders of one run within the limits; ``over`` tells that the manoeuvre has ended.
 
-    n [1/s] and delta [rad] are the positions reached. ``located``: orders change at
-    the very moment of their event; otherwise at the next sample, as those of a digital autopilot.
+    n [1/s] and delta [rad] are the positions reached. ``located``: orders change at the very moment of their event;
+    otherwise at the next sample, as those of a digital autopilot.
     """
 
     orders: Orders
@@ -68,11 +68,10 @@ class Controller:
         if order is None:
             self.over = True
             return self.n, self.delta
-        watches = getattr(self.orders, "watches", None)
-        if self.located and watches is not None and watches(t, t + dt):
+        if self.located and isinstance(self.orders, FromLead) and self.orders.watches(t, t + dt):
             before = self.n, self.delta
             after = advance(self._travel(order, dt))
-            fraction = self.orders.event(t, state, t + dt, after)  # type: ignore[attr-defined]
+            fraction = self.orders.event(t, state, t + dt, after)
             self.n, self.delta = before
             if fraction is not None:
                 first = self._travel(order, fraction * dt)

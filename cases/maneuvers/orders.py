@@ -1,10 +1,7 @@
 """The orders of each manoeuvre: functions of time and state that say what is asked of propeller and rudder.
 
 Orders are called with (t [s], state (6,)) and give (n [1/s], delta [rad]), or None once the manoeuvre is over. The
-state is (x, y, psi continuous, u, v, r). Orders are steps; the rate limits are those of the controller. Orders that
-change between two samples also have ``event(t0, before, t1, after)``: the fraction of the step from state ``before``
-to state ``after`` at which they must be asked again, None if they stand until t1; and ``watches(t0, t1)``: False where
-no event can fall into a step.
+state is (x, y, psi continuous, u, v, r). Orders are steps; the rate limits are those of the controller.
 """
 
 from __future__ import annotations
@@ -55,7 +52,9 @@ class FromLead(ABC):
         return t0 < self.lead < t1
 
     def event(self, t0: float, before: np.ndarray, t1: float, after: np.ndarray) -> float | None:
-        """Fraction of the step at which the execute falls, or the switch of the orders that follow it."""
+        """Fraction of the step from t0 to t1 [s], states ``before`` and ``after``, at which the execute or a switch
+        falls, so that the orders must be asked again; None if they stand until t1.
+        """
         if t0 < self.lead - _TINY:
             return (self.lead - t0) / (t1 - t0) if self.lead < t1 - _TINY else None
         return self.switch(before, after)
