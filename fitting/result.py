@@ -66,8 +66,8 @@ class FitResult(FitRecord):
 
         names = ("value", "std", "unit", "lower", "upper", "at_bound", "prior_value", "prior_std", "prior_share",
                  "verdict", "description")  # fmt: skip
-        rows = [{name: getattr(row, name) for name in names} for row in self.coefficients.values()]
-        return pd.DataFrame(rows, index=pd.Index(list(self.coefficients), name="coefficient"), columns=list(names))
+        table = pd.DataFrame.from_dict({s: vars(row) for s, row in self.coefficients.items()}, orient="index")
+        return table[list(names)].rename_axis("coefficient")
 
     def _repr_html_(self) -> str:
         state = "converged" if self.converged else f"NOT CONVERGED ({self.status})"

@@ -6,9 +6,7 @@ Its sections follow the headings of ITTC 7.5-02-06-03 (validation of manoeuvring
 from __future__ import annotations
 
 import base64
-import contextlib
 import math
-import os
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,9 +15,10 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from cases.trial import UNITS
+from fitting.identifiability.analysis import KINDS
 from fitting.record import FitRecord
-from fitting.report.identifiability import section
 from fitting.report.plots import component_of, determination, grouped
+from fitting.report.run_folder import replace_text
 from fitting.report.words import headline, not_in_model, per_run_table, plus_minus, report_warnings, setting_rows
 from mmg.components.catalogue import summary
 from mmg.components.particulars import PARTICULARS
@@ -46,8 +45,16 @@ DATA_SOURCES = (
 )
 """Trial names by which a public data set is known, its licence sentence and what to cite."""
 
-PLACED = ("scores", "error_growth", "track", "coefficients", "identifiability")
-"""Beginnings of the names of figures that have a section of their own."""
+PLACES = {
+    "validation": ("scores", "error_growth", "track"),
+    "coefficients": ("coefficients",),
+    "identifiability": ("identifiability",),
+}
+"""Sections of the page and how the names of their figures begin."""
+
+
+LARGE = 1e12
+"""Condition number of the information beyond which the numbers themselves are in doubt (MuJoCo's limit)."""
 
 
 def figures_of(folder: Path, listed: Any) -> list[dict]:
@@ -74,77 +81,97 @@ def figures_of(folder: Path, listed: Any) -> list[dict]:
 
 def _coefficients(result: dict, ship: Ship) -> list[dict]:
     """Rows for the coefficient table by component, and fixed coefficients of the same component."""
-    free = result["coefficients"]
-    rows = {symbol: free.get(symbol) for symbol in ship.coefficients} | free
-    groups = []
-    for group, symbols in grouped(rows, component_of(ship)):
-        table, fixed = [], []
-        for symbol in symbols:
-            row = rows[symbol]
-            if row is None:
-                fixed.append(f"{symbol} = {ship.coefficients[symbol].value:.6g}")
-                continue
-            share = row.get("prior_share")
-            prior_std = row.get("prior_std") or math.nan
-            table.append(
-                {
-                    "symbol": symbol,
-                    "description": row.get("description", ""),
-                    "value": row.get("value"),
-                    "std": row.get("std"),
-                    "unit": row.get("unit") or "",
-                    "prime": "′" if row.get("prime") else "",
-                    "prior": plus_minus(row.get("prior_value"), row.get("prior_std")),
-                    "estimate": plus_minus(row.get("value"), row.get("std")),
-                    "shift": ((row.get("value") or 0.0) - (row.get("prior_value") or 0.0)) / prior_std,
-                    "share": None if share is None else min(max(share, 0.0), 1.0),
-                    "kind": determination(share),
-                    "verdict": row.get("verdict", ""),
-                    "bound": row.get("at_bound"),
-                    "limits": f"{_number(row.get('lower'))} to {_number(row.get('upper'))}",
-                }
-            )
-        groups.append({"name": group, "rows": table, "fixed": fixed})
-    return groups
+    rows: dict[str, Any] = dict.fromkeys(ship.coefficients) | result["coefficients"]
+    return [
+        {
+            "name": group,
+            "rows": [_coefficient(symbol, rows[symbol]) for symbol in symbols if rows[symbol]],
+            "fixed": [f"{s} = {ship.coefficients[s].value:.6g}" for s in symbols if not rows[s]],
+        }
+        for group, symbols in grouped(rows, component_of(ship))
+    ]
+
+
+def _coefficient(symbol: str, row: dict) -> dict:
+    share = row["prior_share"]
+    return row | {
+        "symbol": symbol,
+        "prior": plus_minus(row["prior_value"], row["prior_std"]),
+        "estimate": plus_minus(row["value"], row["std"]),
+        "shift": (row["value"] - (row["prior_value"] or 0.0)) / (row["prior_std"] or math.nan),
+        "share": _capped(share),
+        "kind": determination(share),
+        "limits": f"{_number(row['lower'])} to {_number(row['upper'])}",
+    }
 
 
 def _correlated(result: dict, most: int = 12, least: float = 0.7) -> list[tuple[str, str, float]]:
     """Pairs of coefficients whose estimates are correlated by at least ``least``, strongest first."""
-    table = result.get("correlation") or {}
-    symbols, matrix = table.get("symbols", []), table.get("matrix", [])
+    symbols = result["correlation"]["symbols"]
     pairs = [
         (symbols[i], symbols[j], value)
-        for i, row in enumerate(matrix)
+        for i, row in enumerate(result["correlation"]["matrix"])
         for j, value in enumerate(row[:i])
         if value is not None and abs(value) >= least
     ]
     return sorted(pairs, key=lambda p: -abs(p[2]))[:most]
 
 
+def section(result: dict, most_options: int = 10) -> dict[str, Any] | None:
+    """What the template shows of identifiability in ``result`` (content of result.json), None where it is missing.
+
+    most_options: trials of the library shown at most.
+    """
+    content = result.get("identifiability")
+    if not isinstance(content, dict) or not isinstance(content.get("coefficients"), dict):
+        return None
+    rows = [
+        {"kind": "unknown", "cause": "", "advice": ""} | row | {"symbol": s, "share": _capped(row.get("prior_share"))}
+        for s, row in content["coefficients"].items()
+    ]
+    rank = {kind: i for i, kind in enumerate(reversed(KINDS))}
+    trial = content.get("next_trial") or {}
+    options = sorted(trial.get("options", []), key=lambda o: o.get("mean_prior_share") or 2.0)[:most_options]
+    return {
+        "rows": sorted(rows, key=lambda r: (rank.get(r["kind"], 0), -(r["share"] or 0.0))),
+        "counts": [(KINDS[kind], sum(r["kind"] == kind for r in rows)) for kind in KINDS],
+        "clusters": content.get("clusters", []),
+        "directions": [
+            " ".join(f"{weight:+.2f} {symbol}" for symbol, weight in d.get("weights", {}).items()).replace("-", "−")
+            for d in content.get("weak_directions", [])
+        ],
+        "condition": content.get("condition_number"),
+        "condition_with_prior": content.get("condition_number_with_prior"),
+        "ill": content.get("condition_number") is None or content["condition_number"] > LARGE,
+        "duration": trial.get("duration_s"),
+        "before": trial.get("mean_prior_share"),
+        "worth": trial.get("worth"),
+        "options": options,
+        "plan": trial.get("plan", []),
+        "left_out": trial.get("left_out", []),
+    }
+
+
+def _capped(share: float | None) -> float | None:
+    return None if share is None else min(max(share, 0.0), 1.0)
+
+
 def score_sets(result: dict) -> list[dict]:
     """The sets of trials scored in ``result`` (content of result.json), before and after, ready for the table."""
     sets = []
-    for name, pair in (result.get("scores") or {}).items():
+    for name, pair in result["scores"].items():
         before, after = pair["before"], pair["after"]
-        trials = list(zip(before["trials"], after["trials"], strict=True))
-        rows = [_score_row(b["name"], b, a) for b, a in trials]
         sigma = [f"{s} {v:.4g} {UNITS[s]}" for s, v in after["sigma"].items() if v is not None]
-        by_state = [
-            {"state": s, **{k: _pooled(part["trials"], s) for k, part in (("before", before), ("after", after))}}
-            for s in STATES
-        ]
-        sets.append(
-            {
-                "name": {"validation": "Held-out trials", "training": "Training trials"}.get(name, name),
-                "key": name,
-                "rows": rows,
-                "pooled": _score_row("all rows pooled", before, after),
-                "sigma": ", ".join(sigma),
-                "sigma_from": after.get("sigma_from", ""),
-                "notes": after.get("notes", []),
-                "by_state": by_state,
-            }
-        )
+        sets.append({
+            "name": {"validation": "Held-out trials", "training": "Training trials"}.get(name, name),
+            "key": name,
+            "rows": [_score_row(b["name"], b, a) for b, a in zip(before["trials"], after["trials"], strict=True)],
+            "pooled": _score_row("all rows pooled", before, after),
+            "sigma": ", ".join(sigma),
+            "sigma_from": after["sigma_from"],
+            "notes": after["notes"],
+            "by_state": [{when: _pooled(pair[when]["trials"], s) for when in ("before", "after")} for s in STATES],
+        })  # fmt: skip
     return sets
 
 
@@ -166,7 +193,7 @@ def _pooled(trials: list[dict], state: str) -> float | None:
 
 def citations_of(result: dict) -> list[tuple[str, tuple[str, ...]]]:
     """Licence sentence and papers of each public data set of which ``result`` used trials."""
-    names = [row["name"] for row in [*result.get("data", []), *result.get("validation_data", [])]]
+    names = [row["name"] for row in [*result["data"], *result.get("validation_data", [])]]
     return [(licence, papers) for pattern, licence, papers in DATA_SOURCES if any(pattern.match(str(n)) for n in names)]
 
 
@@ -181,7 +208,9 @@ def _run(record: FitRecord, ship: Ship, folder: Path, number: int) -> dict:
     result = record.to_dict()
     groups = _coefficients(result, ship)
     kinds = [row["kind"] for g in groups for row in g["rows"]]
-    figures = figures_of(folder, result.get("figures"))
+    figures = figures_of(folder, result["figures"])
+    by_place = {place: [f for f in figures if f["name"].startswith(starts)] for place, starts in PLACES.items()}
+    placed = [f for some in by_place.values() for f in some]
     return {
         "id": f"run{number}",
         "label": label_of(folder),
@@ -194,7 +223,6 @@ def _run(record: FitRecord, ship: Ship, folder: Path, number: int) -> dict:
         "counts": {kind: kinds.count(kind) for kind in ("determined", "partly", "prior", "unknown")},
         "correlated": _correlated(result),
         "identifiability": section(result),
-        "auto": result.get("auto") or [],
         "per_run": per_run_table(result),
         "particulars": [(k, v, *PARTICULARS.get(k, ("", ""))) for k, v in ship.particulars.items()],
         "models": [
@@ -202,44 +230,32 @@ def _run(record: FitRecord, ship: Ship, folder: Path, number: int) -> dict:
             *(("effect", name, effect(name).summary) for name in ship.effects),
         ],
         "missing": not_in_model(ship),
-        "figures": {
-            "validation": [f for f in figures if f["name"].startswith(("scores", "error_growth", "track"))],
-            "coefficients": [f for f in figures if f["name"].startswith("coefficients")],
-            "identifiability": [f for f in figures if f["name"].startswith("identifiability")],
-            "other": [f for f in figures if not f["name"].startswith(PLACED)],
-        },
-        "settings": setting_rows(result),
-        "noise": [
-            (state, UNITS[state], row.get("rms"), row.get("correlation_time_samples"),
-             result.get("sigma", {}).get(state))
-            for state, row in (result.get("noise") or {}).items()
-        ],
-        "step": (result.get("settings") or {}).get("step"),
+        "figures": by_place | {"other": [f for f in figures if f not in placed]},
+        "settings": setting_rows(result["settings"]),
         "citations": citations_of(result),
-    }  # fmt: skip
+    }
 
 
 def _comparison(runs: list[dict]) -> dict:
     """Scores and coefficients of several runs side by side, and whether the scores may be compared."""
     sets = [{s["key"]: s for s in run["scores"]} for run in runs]
-    keys = list(dict.fromkeys(key for s in sets for key in s))
     tables = []
-    for key in keys:
-        present = [s.get(key) for s in sets]
-        names = list(dict.fromkeys(row["name"] for s in present if s for row in s["rows"]))
-        names = [*names, "all rows pooled"]
-        by_name = [{row["name"]: row for row in [*s["rows"], s["pooled"]]} if s else {} for s in present]
-        title = next(s["name"] for s in present if s)
-        comparable = len({(tuple(r["name"] for r in s["rows"]), s["sigma"]) for s in present if s}) == 1
-        rows = [(name, [b.get(name) for b in by_name]) for name in names]
+    for key in dict.fromkeys(key for s in sets for key in s):
+        present = [s[key] for s in sets if key in s]
+        rows = _side_by_side([[*s[key]["rows"], s[key]["pooled"]] if key in s else [] for s in sets], "name")
+        rows.append(rows.pop([name for name, _ in rows].index("all rows pooled")))
+        comparable = len({(tuple(r["name"] for r in s["rows"]), s["sigma"]) for s in present}) == 1
         started = {tuple(row[k]["before"] for k in ("window", "paper")) for row in rows[-1][1] if row}
-        tables.append(
-            {"title": title, "rows": rows, "comparable": comparable, "same_start": comparable and len(started) == 1}
-        )
-    symbols = list(dict.fromkeys(r["symbol"] for run in runs for g in run["groups"] for r in g["rows"]))
-    found = [{r["symbol"]: r for g in run["groups"] for r in g["rows"]} for run in runs]
-    rows = [(s, [f.get(s) for f in found]) for s in symbols]
-    return {"tables": tables, "coefficients": [(s, [(r, _differs(c[0], r)) for r in c]) for s, c in rows]}
+        same_start = comparable and len(started) == 1
+        tables.append({"title": present[0]["name"], "rows": rows, "comparable": comparable, "same_start": same_start})
+    found = _side_by_side([[r for g in run["groups"] for r in g["rows"]] for run in runs], "symbol")
+    return {"tables": tables, "coefficients": [(s, [(r, _differs(c[0], r)) for r in c]) for s, c in found]}
+
+
+def _side_by_side(tables: list[list[dict]], key: str) -> list[tuple[str, list[dict | None]]]:
+    """(name, the row of that name in each of ``tables`` or None) for all names under ``key``, as they come."""
+    by_name = [{row[key]: row for row in table} for table in tables]
+    return [(name, [rows.get(name) for rows in by_name]) for name in dict.fromkeys(n for rows in by_name for n in rows)]
 
 
 def _differs(first: dict | None, other: dict | None) -> bool:
@@ -262,6 +278,7 @@ def environment() -> Environment:
         trim_blocks=True, lstrip_blocks=True,
     )  # fmt: skip
     found.filters["number"] = _number
+    found.filters["as_numbers"] = lambda names: [f"{name}|n" for name in names]
     return found
 
 
@@ -277,18 +294,14 @@ def build_page(results: Sequence[tuple[FitRecord, Ship, Path]]) -> str:
     for run in runs:
         if labels.count(run["label"]) > 1:
             run["label"] = f"{run['label']} ({run['id']})"
-    page = environment().get_template("report.html.j2")
-    return page.render(runs=runs, comparison=_comparison(runs) if len(runs) > 1 else None)
+    ships = [run["result"]["ship"] + ("" if run["result"]["converged"] else " (not converged)") for run in runs]
+    comparison = _comparison(runs) if len(runs) > 1 else None
+    return environment().get_template("report.html.j2").render(runs=runs, ships=ships, comparison=comparison)
 
 
 def write_page(text: str, out: Path) -> None:
     """Write the page ``text`` to ``out``, atomically. Raises UserError when it cannot be written."""
-    scratch = out.with_name(f".{out.name}.{os.getpid()}.part")
     try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        scratch.write_text(text, encoding="utf-8")
-        os.replace(scratch, out)
+        replace_text(out, text)
     except OSError as error:
-        with contextlib.suppress(OSError):
-            scratch.unlink()
         raise UserError(f"{out}: cannot be written ({error.strerror}); choose another --out") from None

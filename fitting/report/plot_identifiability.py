@@ -1,25 +1,24 @@
-"""Figures of what trials say about coefficients: one function per plot, each returns the axes it drew on.
+"""Figures of what trials say about coefficients: one function per plot, each returns its figure.
 
-``write_identifiability_figures`` writes those of a run folder. All take an axes to draw on or make a figure of their
-own.
+``write_identifiability_figures`` writes those of a run folder.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.patches import Patch
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch, Rectangle
 
 from fitting.design.next_trial import HELPS, NextTrial
 from fitting.identifiability.analysis import DETERMINED, KINDS, PARTLY, CoefficientFinding, Identifiability
 from fitting.identifiability.clusters import CORRELATED
 from fitting.record import FitObjects, FitRecord
-from fitting.report.plot_style import AFTER, ALARM, BEFORE, DPI, GREY, WIDTH, dress, new_figure
+from fitting.report.plot_style import AFTER, ALARM, BEFORE, GREY, WIDTH, FigureFolder, dress, new_figure
 
 COLOURS = {
     "determined": AFTER, "partly": "#7FB8D9", "shared": BEFORE, "prior": "#B8BEC4", "silent": "#5F6770",
@@ -29,8 +28,8 @@ SHOWN = 0.5
 """Absolute correlation from which a coefficient appears in the correlation plot."""
 
 
-def correlation_plot(found: Identifiability, ax: Axes | None = None, most: int = 36) -> Axes:
-    """Posterior correlations ``found``, drawn on ``ax``: correlated coefficients beside each other, clusters framed.
+def correlation_plot(found: Identifiability, most: int = 36) -> Figure:
+    """Posterior correlations ``found``: correlated coefficients beside each other, clusters framed.
 
     Only coefficients with a correlation of at least 0.5 with another, the ``most`` most correlated ones.
     """
@@ -38,44 +37,45 @@ def correlation_plot(found: Identifiability, ax: Axes | None = None, most: int =
     chosen = set(np.argsort(-np.nan_to_num(strongest))[:most].tolist())
     order = [k for k in found.order if k in chosen and strongest[k] >= SHOWN]
     names = [found.findings[k].symbol for k in order]
-    if ax is None:
-        figure = new_figure(1.0 + min(WIDTH - 1.0, 2.0 + 0.17 * len(order)))
-        ax = figure.subplots()
-    dress(ax)
-    ax.grid(visible=False)
     if not order:
-        ax.set_axis_off()
-        ax.text(0.5, 0.5, f"no two estimates are correlated by {SHOWN:g} or more", ha="center")
-        return ax
+        return _empty(3.0, f"no two estimates are correlated by {SHOWN:g} or more")
+    figure = new_figure(1.0 + min(WIDTH - 1.0, 2.0 + 0.17 * len(order)))
+    ax = dress(figure.subplots())
+    ax.grid(visible=False)
     image = ax.imshow(found.correlation[np.ix_(order, order)], cmap="RdBu_r", vmin=-1, vmax=1, interpolation="none")
     ax.set_xticks(range(len(order)), names, rotation=90, fontsize=7.5)
     ax.set_yticks(range(len(order)), names, fontsize=7.5)
     for cluster in found.clusters:
         where = sorted(names.index(s) for s in cluster.symbols if s in names)
         if where and where[-1] - where[0] == len(where) - 1:
-            box = (where[0] - 0.5, where[0] - 0.5), len(where), len(where)
-            ax.add_patch(_frame(*box))
-    bar = ax.figure.colorbar(image, ax=ax, shrink=0.7, pad=0.02)
-    bar.set_label(f"correlation of the estimates [-]; framed: {CORRELATED:g} or more", fontsize=8)
+            corner, size = (where[0] - 0.5, where[0] - 0.5), len(where)
+            ax.add_patch(Rectangle(corner, size, size, fill=False, edgecolor="black", linewidth=1.4))
+    _colour_bar(ax, image, f"correlation of the estimates [-]; framed: {CORRELATED:g} or more", shrink=0.7)
+    return figure
+
+
+def _empty(height: float, words: str) -> Figure:
+    figure = new_figure(height)
+    ax = figure.subplots()
+    ax.set_axis_off()
+    ax.text(0.5, 0.5, words, ha="center")
+    return figure
+
+
+def _colour_bar(ax: Axes, image: Any, label: str, **look: float) -> None:
+    bar = ax.figure.colorbar(image, ax=ax, pad=0.02, **look)
+    bar.set_label(label, fontsize=8)
     bar.ax.tick_params(labelsize=8)
-    return ax
 
 
-def _frame(corner: tuple[float, float], width: float, height: float) -> Patch:
-    from matplotlib.patches import Rectangle
-
-    return Rectangle(corner, width, height, fill=False, edgecolor="black", linewidth=1.4)
-
-
-def share_plot(findings: Sequence[CoefficientFinding], ax: Axes | None = None) -> Axes:
-    """Prior's share of the variance of each of ``findings`` as bars on ``ax``, largest last.
+def share_plot(findings: Sequence[CoefficientFinding]) -> Figure:
+    """Prior's share of the variance of each of ``findings`` as bars, largest last.
 
     Black ticks: the share if all others were known.
     """
     rows = sorted((f for f in findings if np.isfinite(f.share)), key=lambda f: f.share)
-    if ax is None:
-        ax = new_figure(0.9 + 0.155 * len(rows)).subplots()
-    dress(ax, "prior's share of the variance [-]: 0 the trials decided, 1 they said nothing")
+    figure = new_figure(0.9 + 0.155 * len(rows))
+    ax = dress(figure.subplots(), "prior's share of the variance [-]: 0 the trials decided, 1 they said nothing")
     heights = range(len(rows))
     ax.barh(heights, [min(f.share, 1) for f in rows], 0.72, color=[COLOURS[f.kind] for f in rows])
     ax.plot([f.alone for f in rows], heights, "|", color="black", ms=6, mew=1.3)
@@ -92,13 +92,11 @@ def share_plot(findings: Sequence[CoefficientFinding], ax: Axes | None = None) -
         [*handles, tick], [*(KINDS[kind] for kind in used), "share if all others were known"],
         fontsize=8, frameon=True, edgecolor="none", loc="upper right",
     )  # fmt: skip
-    return ax
+    return figure
 
 
-def next_trial_plot(
-    trial: NextTrial, findings: Sequence[CoefficientFinding], ax: Axes | None = None, most: int = 16
-) -> Axes:
-    """What each option of ``trial`` would take off the standard errors, drawn on ``ax``, the ``most`` best ones on top.
+def next_trial_plot(trial: NextTrial, findings: Sequence[CoefficientFinding], most: int = 16) -> Figure:
+    """What each option of ``trial`` would take off the standard errors, the ``most`` best ones on top.
 
     findings: by coefficient; those that the data determine already, or that no option helps, are left out.
     """
@@ -106,15 +104,14 @@ def next_trial_plot(
     needed = {int(np.argmin(trial.left[:, i])) for i in open_}
     ranked = sorted(range(len(trial.total)), key=lambda k: (k not in needed, trial.total[k]))[:most]
     rows = np.array(sorted(ranked, key=lambda k: trial.total[k]), dtype=int)
-    if ax is None:
-        ax = new_figure(1.7 + 0.2 * max(len(rows), 3)).subplots()
-    dress(ax)
-    ax.grid(visible=False)
+    height = 1.7 + 0.2 * max(len(rows), 3)
     if not len(open_):
-        ax.set_axis_off()
-        ax.text(0.5, 0.5, f"no trial of the library would take {HELPS:.0%} off the variance of any open coefficient",
-                ha="center")  # fmt: skip
-        return ax
+        return _empty(
+            height, f"no trial of the library would take {HELPS:.0%} off the variance of any open coefficient"
+        )
+    figure = new_figure(height)
+    ax = dress(figure.subplots())
+    ax.grid(visible=False)
     percent = 100 * (1 - np.sqrt(trial.left[np.ix_(rows, open_)]))
     image = ax.imshow(percent, cmap="Blues", vmin=0, vmax=max(20.0, percent.max()), aspect="auto", interpolation="none")
     ax.set_xticks(range(len(open_)), [findings[i].symbol for i in open_], rotation=90, fontsize=7.5)
@@ -123,52 +120,33 @@ def next_trial_plot(
         i = int(np.argmax(percent[:, j]))
         dark = percent[i, j] > 0.6 * image.get_clim()[1]
         ax.text(j, i, f"{percent[i, j]:.0f}", ha="center", va="center", fontsize=7, color="white" if dark else "black")
-    bar = ax.figure.colorbar(image, ax=ax, pad=0.02)
-    bar.set_label("off the standard error [%]", fontsize=8)
-    bar.ax.tick_params(labelsize=8)
-    return ax
+    _colour_bar(ax, image, "off the standard error [%]")
+    return figure
 
 
-def profile_plot(
-    values: np.ndarray,
-    objective: np.ndarray,
-    symbol: str = "",
-    estimate: float | None = None,
-    std: float | None = None,
-    data: np.ndarray | None = None,
-    unit: str = "",
-    ax: Axes | None = None,
-) -> Axes:
+def profile_plot(row: Mapping[str, Any], std: float | None = None, unit: str = "") -> Figure:
     """Profile likelihood of one coefficient: the best objective over all others at each of its values.
 
-    values [unit], objective: (K,); data: (K,) part of the objective without the prior; estimate, std: draw the parabola
-    that the standard error stands for; symbol, unit: for the label; ax: to draw on. Where the curve is flat below the
-    dashed lines the data do not bound it.
+    row: of "profiles" in result.json; std [unit]: the standard error, whose parabola is drawn too. Where the curve is
+    flat below the dashed lines the data do not bound it.
     """
-    ax = new_figure(3.0).subplots() if ax is None else ax
-    dress(ax, f"{symbol} [{unit or '-'}]" if symbol else "value", "objective above its minimum [-]")
-    ax.plot(values, objective - objective.min(), "o-", color=AFTER, ms=3.5, label="profile")
-    if data is not None:
-        ax.plot(values, data - data.min(), ":", color=BEFORE, label="data alone, along the profile")
-    if estimate is not None and std:
-        fine = np.linspace(values.min(), values.max(), 200)
+    good = np.array([rise is not None and np.isfinite(rise) for rise in row["increase"]])
+    values = np.array(row["values"], dtype=float)[good]
+    rise = np.array(row["increase"], dtype=float)[good] / row["dispersion"]
+    rise = rise - rise.min(initial=np.inf)
+    figure = new_figure(3.0)
+    ax = dress(figure.subplots(), f"{row['symbol']} [{unit or '-'}]", "objective above its minimum [-]")
+    ax.plot(values, rise, "o-", color=AFTER, ms=3.5, label="profile")
+    if len(values) and std:
+        estimate, fine = float(values[np.argmin(rise)]), np.linspace(values.min(), values.max(), 200)
         ax.plot(fine, 0.5 * ((fine - estimate) / std) ** 2, color=GREY, lw=1, label="parabola of the standard error")
         ax.axvline(estimate, color=GREY, lw=0.8)
     for height, name in ((0.5, "68 %"), (1.92, "95 %")):
         ax.axhline(height, color=ALARM, lw=0.8, ls="--")
         ax.text(1.005, height, name, transform=ax.get_yaxis_transform(), fontsize=7.5, va="center", color=ALARM)
-    ax.set_ylim(0, max(3.0, min(12.0, float(np.nanmax(objective - objective.min())) * 1.05)))
+    ax.set_ylim(0, max(3.0, min(12.0, 1.05 * float(rise.max(initial=0.0)))))
     ax.legend(fontsize=8, frameon=False)
-    return ax
-
-
-def profile_plot_of(row: Mapping[str, Any], std: float | None, unit: str = "", ax: Axes | None = None) -> Axes:
-    """``profile_plot`` on ``ax`` of a ``row`` of "profiles" in result.json; std [unit]: the standard error."""
-    good = [k for k, rise in enumerate(row["increase"]) if rise is not None and np.isfinite(rise)]
-    values = np.array([row["values"][k] for k in good])
-    rise = np.array([row["increase"][k] for k in good]) / row["dispersion"]
-    at = float(values[int(np.argmin(rise))]) if good else None
-    return profile_plot(values, rise, row["symbol"], at, std, unit=unit, ax=ax)
+    return figure
 
 
 def write_identifiability_figures(folder: Path, record: FitRecord, objects: FitObjects) -> list[dict[str, str]]:
@@ -176,43 +154,34 @@ def write_identifiability_figures(folder: Path, record: FitRecord, objects: FitO
 
     record: what the calibration found; objects: what stands behind it. Returns file, title and caption of each.
     """
-    found, trial = objects.calibration.identifiability, objects.next_trial
+    found, trial, written = objects.calibration.identifiability, objects.next_trial, FigureFolder(folder)
     if all(f.kind == "unknown" for f in found.findings):
         return []
-    target = folder / "figures"
-    target.mkdir(parents=True, exist_ok=True)
-    written: list[dict[str, str]] = []
-
-    def write(name: str, title: str, caption: str, draw: Callable[[], Axes]) -> None:
-        draw().get_figure(root=True).savefig(target / f"{name}.png", dpi=DPI)  # type: ignore[union-attr]
-        written.append({"file": f"{name}.png", "title": title, "caption": caption})
-
-    write(
-        "identifiability_share", "Who decided: prior's share of each coefficient's variance",
+    written.write(
+        "identifiability_share", share_plot(found.findings),
+        "Who decided: prior's share of each coefficient's variance",
         "Bars: posterior by prior variance. Black tick: what it would be if all other coefficients were known; a long "
         "bar with a tick far to its left is a coefficient that trials excite but cannot separate from others.",
-        lambda: share_plot(found.findings),
     )  # fmt: skip
-    write(
-        "identifiability_correlation", "Coefficients that trials cannot separate",
+    written.write(
+        "identifiability_correlation", correlation_plot(found), "Coefficients that trials cannot separate",
         "Correlation of the estimates, prior included; red: both may rise together, blue: one may rise when the other "
         "falls. Only coefficients with a correlation of at least 0.5.",
-        lambda: correlation_plot(found),
     )  # fmt: skip
     if trial and trial.options:
-        write(
-            "identifiability_next_trial", "The trial that would determine most",
+        written.write(
+            "identifiability_next_trial", next_trial_plot(trial, found.findings),
+            "The trial that would determine most",
             f"Predicted fall of the standard errors when {trial.duration:.0f} s of a trial are added, best trial on "
             "top (by the mean prior's share); numbers at the best trial of each coefficient.",
-            lambda: next_trial_plot(trial, found.findings),
         )  # fmt: skip
     for row in record.profiles or ():
         known = record.coefficients[row["symbol"]]
-        write(
-            f"identifiability_profile_{row['symbol']}", f"Profile of {row['symbol']}",
+        written.write(
+            f"identifiability_profile_{row['symbol']}", profile_plot(row, known.std, known.unit),
+            f"Profile of {row['symbol']}",
             "Objective, minimised over all other coefficients and states, above its minimum and divided by the "
             f"dispersion of {row['dispersion']:.3g} (how much more the runs scatter than modelled): below the "
             "dashed lines the coefficient may lie. A parabola is what its standard error stands for.",
-            partial(profile_plot_of, row, known.std, known.unit),
         )  # fmt: skip
-    return written
+    return written.rows

@@ -7,7 +7,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
+from itertools import cycle
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -19,8 +22,8 @@ from cases.criteria.standard_runs import Run
 from fitting.report.plot_style import AFTER, ALARM, BEFORE, GREY, MEASURED, dress, new_figure
 
 COLOURS = (AFTER, BEFORE, "#009E73", ALARM, "#7A5AA6", MEASURED)
-ROW = 2.9
-"""Height of a zigzag panel [inch]."""
+TRACKS, ROW = 4.9, 2.9
+"""Heights of a panel of tracks and of a zigzag [inch]."""
 
 
 def maneuver_figure(runs: Sequence[Run], title: str) -> Figure:
@@ -31,26 +34,19 @@ def maneuver_figure(runs: Sequence[Run], title: str) -> Figure:
     """
     if not runs:
         raise ValueError("no runs to draw")
-    turns = [run for run in runs if run.kind == "turning"]
-    stops = [run for run in runs if run.kind == "crash-stop"]
-    others = [run for run in runs if run.kind in ("zigzag", "spiral", "pull-out")]
-    tall = 4.9 if turns or stops else 0.0
-    lines = math.ceil(len(others) / 2)
-    figure = new_figure(tall + ROW * lines + 0.4)
+    single = {"zigzag": zigzag_plot, "spiral": spiral_plot, "pull-out": pull_out_plot}
+    joint = [(draw, [run for run in runs if run.kind == kind])
+             for kind, draw in (("turning", turning_plot), ("crash-stop", stopping_plot))]  # fmt: skip
+    top = [partial(draw, runs=some) for draw, some in joint if some]
+    others = [partial(single[run.kind], run=run) for run in runs if run.kind in single]
+    heights = [TRACKS] * bool(top) + [ROW] * math.ceil(len(others) / 2)
+    figure = new_figure(sum(heights) + 0.4)
     figure.suptitle(title, fontsize=10.5, x=0.01, ha="left", fontweight="bold")
-    heights = ([tall] if tall else []) + [ROW] * lines
     grid = figure.add_gridspec(len(heights), 2, height_ratios=heights)
-    if turns and stops:
-        turning_plot(figure.add_subplot(grid[0, 0]), turns)
-        stopping_plot(figure.add_subplot(grid[0, 1]), stops)
-    elif tall:
-        axes = figure.add_subplot(grid[0, :])
-        turning_plot(axes, turns) if turns else stopping_plot(axes, stops)
-    first = 1 if tall else 0
-    for k, run in enumerate(others):
-        whole = len(others) % 2 == 1 and k == len(others) - 1
-        axes = figure.add_subplot(grid[first + k // 2, :] if whole else grid[first + k // 2, k % 2])
-        {"zigzag": zigzag_plot, "spiral": spiral_plot, "pull-out": pull_out_plot}[run.kind](axes, run)
+    for first, panels in ((0, top), (int(bool(top)), others)):
+        for k, draw in enumerate(panels):
+            alone = len(panels) % 2 == 1 and k == len(panels) - 1
+            draw(figure.add_subplot(grid[first + k // 2, :] if alone else grid[first + k // 2, k % 2]))
     return figure
 
 
@@ -73,7 +69,7 @@ def turning_plot(ax: Axes, runs: Sequence[Run]) -> Axes:
     Dashed: the course before the order.
     """
     dress(ax, "to starboard / L", "ahead / L", "Turning circles")
-    for run, colour in zip(runs, _colours(len(runs)), strict=True):
+    for run, colour in zip(runs, cycle(COLOURS), strict=False):
         motion, L, side = _cut(run), run.length, math.copysign(1.0, run.rudder)
         label = run.name if not run.measured else f"{run.name} ({math.degrees(run.rudder):+.0f} deg)"
         ax.plot(motion.transfer / L, motion.advance / L, color=colour, linewidth=1.3, label=label)
@@ -98,17 +94,12 @@ def _turning_dimensions(ax: Axes, run: Run, side: float, colour: str) -> None:
         align = "left" if side > 0 else "right"
         ax.text(x + 0.1 * side, 0.1 * a, f"advance\n{a:.2f} L", fontsize=7.5, color=colour, ha=align, va="center")
     if diameter is not None:
-        d = side * diameter / run.length
-        y = -0.75
-        ax.plot([d, d], [y, _ahead_at_half(run)], color=colour, linewidth=0.6, linestyle=":")
+        d, y, motion = side * diameter / run.length, -0.75, _cut(run)
+        half = float(np.interp(math.pi, np.abs(motion.change), motion.advance)) / run.length
+        ax.plot([d, d], [y, half], color=colour, linewidth=0.6, linestyle=":")
         _arrow(ax, (0.0, y), (d, y), colour)
         words = f"tactical diameter {abs(d):.2f} L"
         ax.text(0.5 * d, y - 0.12, words, fontsize=7.5, color=colour, ha="center", va="top")
-
-
-def _ahead_at_half(run: Run) -> float:
-    motion = _cut(run)
-    return float(np.interp(math.pi, np.abs(motion.change), motion.advance)) / run.length
 
 
 def _arrow(ax: Axes, begin: tuple[float, float], end: tuple[float, float], colour: str) -> None:
@@ -120,22 +111,14 @@ def stopping_plot(ax: Axes, runs: Sequence[Run]) -> Axes:
     """Speed of ``runs`` over that of the approach against the track in ship lengths, drawn on ``ax``, with the
     reach."""
     dress(ax, "track / L", "u / V", "Stop: headway along the track")
-    for run, colour in zip(runs, _colours(len(runs)), strict=True):
+    for run, colour in zip(runs, cycle(COLOURS), strict=False):
         motion = _cut(run)
         ax.plot(motion.path / run.length, motion.u / run.speed, color=colour, linewidth=1.3, label=run.name)
         reach = run.figures.get("track_reach")
         if reach is not None:
             ax.plot(reach / run.length, 0, marker="o", color=colour, markersize=4)
             words = f"track reach {reach / run.length:.2f} L"
-            ax.annotate(
-                words,
-                (reach / run.length, 0),
-                xytext=(-6, 8),
-                textcoords="offset points",
-                fontsize=7.5,
-                color=colour,
-                ha="right",
-            )
+            _note(ax, words, (reach / run.length, 0), (-6, 8), colour, ha="right")
     ax.axhline(0, color=GREY, linewidth=0.8)
     ax.set_xlim(left=0)
     if len(runs) > 1:
@@ -160,19 +143,10 @@ def zigzag_plot(ax: Axes, run: Run) -> Axes:
     for level in (switch, -switch):
         ax.axhline(level, color=GREY, linewidth=0.6, linestyle=":")
     for k, (row, value) in enumerate(_overshoots(run, motion)):
-        sign = math.copysign(1.0, degrees[row])
-        top = degrees[row]
+        sign, top = math.copysign(1.0, degrees[row]), degrees[row]
         ax.plot([motion.t[row]] * 2, [top - sign * value, top], color=ALARM, linewidth=1.6)
-        ax.annotate(
-            f"{value:.1f}°" if k else f"overshoot {value:.1f}°",
-            (motion.t[row], top),
-            xytext=(0, 5 * sign),
-            textcoords="offset points",
-            fontsize=7.5,
-            color=ALARM,
-            ha="center",
-            va="bottom" if sign > 0 else "top",
-        )
+        words, below = f"{value:.1f}°" if k else f"overshoot {value:.1f}°", "bottom" if sign > 0 else "top"
+        _note(ax, words, (motion.t[row], top), (0, 5 * sign), ALARM, ha="center", va=below)
     ax.margins(y=0.16)
     return ax
 
@@ -200,17 +174,10 @@ def spiral_plot(ax: Axes, run: Run) -> Axes:
     curve = spiral_curve(run.trial, run.order_time)
     if curve is not None:
         unit = run.length / run.speed
-        parts = (("there", slice(None, curve.turn + 1), AFTER), ("back", slice(curve.turn, None), BEFORE))
-        for label, rows, colour in parts:
-            ax.plot(
-                np.degrees(curve.rudder[rows]),
-                curve.rate[rows] * unit,
-                color=colour,
-                marker="o" if label == "there" else "s",
-                markersize=4 if label == "there" else 2.5,
-                linewidth=1.2,
-                label=label,
-            )
+        there = {"label": "there", "color": AFTER, "marker": "o", "markersize": 4}
+        back = {"label": "back", "color": BEFORE, "marker": "s", "markersize": 2.5}
+        for rows, look in ((slice(None, curve.turn + 1), there), (slice(curve.turn, None), back)):
+            ax.plot(np.degrees(curve.rudder[rows]), curve.rate[rows] * unit, linewidth=1.2, **look)
         ax.legend(fontsize=7.5, frameon=False)
     ax.axhline(0, color=GREY, linewidth=0.6)
     ax.axvline(0, color=GREY, linewidth=0.6)
@@ -225,20 +192,14 @@ def pull_out_plot(ax: Axes, run: Run) -> Axes:
     residual = run.figures.get("residual_rate")
     if residual is not None:
         ax.axhline(residual * unit, color=ALARM, linewidth=0.8, linestyle=(0, (4, 2)))
-        words = f"residual {residual * unit:+.3f}"
         at = (motion.t[-1], residual * unit)
-        ax.annotate(
-            words, at, xytext=(0, 4), textcoords="offset points", ha="right", va="bottom", fontsize=7.5, color=ALARM
-        )
+        _note(ax, f"residual {residual * unit:+.3f}", at, (0, 4), ALARM, ha="right", va="bottom")
     ax.axhline(0, color=GREY, linewidth=0.6)
     return ax
 
 
-def _colours(count: int) -> list[str]:
-    return [COLOURS[k % len(COLOURS)] for k in range(count)]
-
-
-__all__ = [
-    "maneuver_figure", "pull_out_plot", "save_figure", "spiral_plot", "stopping_plot", "turning_plot",
-    "zigzag_plot",
-]  # fmt: skip
+def _note(
+    ax: Axes, words: str, at: tuple[float, float], offset: tuple[float, float], colour: str, **align: Any
+) -> None:
+    """``words`` beside the point ``at``, ``offset`` from it in points."""
+    ax.annotate(words, at, xytext=offset, textcoords="offset points", fontsize=7.5, color=colour, **align)

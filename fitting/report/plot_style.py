@@ -6,6 +6,7 @@ it blue (after Okabe & Ito: distinct for colour-blind readers and in grey print)
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Literal
 
 from matplotlib.axes import Axes
@@ -24,6 +25,20 @@ def new_figure(height: float, layout: Literal["constrained"] | None = "constrain
     """A white figure 8.2 inches (900 pixels) wide and ``height`` inches high; layout: None where the caller places
     the axes."""
     return Figure(figsize=(WIDTH, height), dpi=DPI, layout=layout, facecolor="white")
+
+
+class FigureFolder:
+    """Figures written as PNG into ``folder``/figures; rows: file, title and caption of each."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder / "figures"
+        self.rows: list[dict[str, str]] = []
+
+    def write(self, name: str, figure: Figure, title: str, caption: str) -> None:
+        """Write a ``figure`` as ``name``.png, with its ``title`` and ``caption``."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        figure.savefig(self.folder / f"{name}.png", dpi=DPI)
+        self.rows.append({"file": f"{name}.png", "title": title, "caption": caption})
 
 
 def dress(ax: Axes, x: str = "", y: str = "", title: str = "") -> Axes:

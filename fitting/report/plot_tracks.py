@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from cases.trial import Trial
 from fitting.prediction.predict import Forecaster, Window, predict_all
-from fitting.prediction.score import PAPER_WINDOW, wrapped_error
+from fitting.prediction.score import PAPER_WINDOW
 from fitting.report.plot_style import MEASURED, STYLES, dress, new_figure
 from mmg.rollout import Simulator
 
@@ -68,7 +68,6 @@ def trajectory_plot(
             ax.axvline(begin, color="#C8C8C8", lw=0.7, ls=":", zorder=0)
         ax.set_xlim(0, max(t[-1], 1e-9))
         ax.tick_params(labelbottom=ax is strips[-1])
-    for ax in strips:
         ax.yaxis.set_label_coords(-0.085, 0.5)
     handles, labels = strips[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="upper center", ncols=3, fontsize=9, frameon=False)
@@ -121,15 +120,12 @@ def window_errors(
     simulator: what predicts; trials: measured. Windows that reach the last time are used; where there are none, shorter
     ones, with NaN after their end.
     """
+    rows: list[np.ndarray] = []
     for short in (False, True):
-        rows = []
         predicted = predict_all(simulator, trials, float(times[-1]), stride, short_last=short)
-        for trial, (windows, _) in zip(trials, predicted, strict=True):
-            for w in windows:
-                error = wrapped_error(w.states, trial.states[w.first : w.last + 1])
-                clock = trial.t[w.first : w.last + 1] - trial.t[w.first]
-                right = np.nan if short else None
-                rows.append(np.column_stack([np.interp(times, clock, e, right=right) for e in error.T]))
+        for trial, w in ((t, w) for t, (windows, _) in zip(trials, predicted, strict=True) for w in windows):
+            clock, right = trial.t[w.first : w.last + 1] - trial.t[w.first], np.nan if short else None
+            rows.append(np.transpose([np.interp(times, clock, e, right=right) for e in w.error(trial.states).T]))
         if rows:
             break
     return np.array(rows).reshape(-1, len(times), 6)

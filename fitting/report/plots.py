@@ -5,8 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,12 +16,12 @@ from matplotlib.patches import Patch
 from cases.trial import Trial
 from fitting.identifiability.analysis import DETERMINED, PARTLY
 from fitting.prediction.predict import predict_all
-from fitting.prediction.score import PAPER_WINDOW, wrapped_error
+from fitting.prediction.score import PAPER_WINDOW
 from fitting.record import CoefficientRow, FitObjects, FitRecord
-from fitting.report.plot_style import AFTER, ALARM, BEFORE, DPI, GREY, dress, new_figure
+from fitting.report.plot_style import AFTER, ALARM, BEFORE, GREY, FigureFolder, dress, new_figure
 from fitting.report.plot_tracks import error_growth_plot, trajectory_plot
-from fitting.report.plot_waterfall import waterfall_figure
 from fitting.report.run_folder import plain
+from fitting.settings import Start
 from mmg.components.catalogue import ROLES, coefficient_table
 from mmg.ship import Ship
 
@@ -180,6 +179,36 @@ def convergence_plot(history: Sequence[tuple[float, float]]) -> Figure:
     return figure
 
 
+def waterfall_plot(starts: Sequence[Start]) -> Figure:
+    """Objective of each of ``starts`` above the best one, in increasing order: did all reach the same optimum?
+
+    Open squares did not converge; a ring marks a start that was solved again with damping.
+    """
+    figure = new_figure(3.2)
+    ax = dress(figure.subplots(), "start, in order of its objective [-]", "objective above the best [-]")
+    ordered = sorted(starts, key=lambda s: s.objective)
+    best = min((s.objective for s in ordered if s.converged), default=ordered[0].objective)
+    floor = 1e-10 * max(abs(best), 1.0)
+    above = np.array([max(s.objective - best, floor) for s in ordered])
+    done, again = (np.array([getattr(s, name) for s in ordered]) for name in ("converged", "restarted"))
+    place = np.arange(1, len(ordered) + 1)
+    for which, look in (
+        (done, {"marker": "o", "color": AFTER, "mfc": AFTER, "label": "converged"}),
+        (~done, {"marker": "s", "color": ALARM, "mfc": "none", "label": "not converged"}),
+        (again, {"marker": "o", "ms": 12, "color": GREY, "mfc": "none", "label": "restarted, damped"}),
+    ):
+        if which.any():
+            ax.plot(place[which], above[which], ls="none", **look)
+    for x, y, s in zip(place, above, ordered, strict=True):
+        ax.annotate(str(s.number), (x, y), xytext=(0, 7), textcoords="offset points", ha="center", fontsize=7)
+    ax.set_yscale("log")
+    ax.axhline(max(1e-5 * abs(best), 10 * floor), color=GREY, lw=0.8, ls="--", label="same optimum to 1e-5")
+    ax.set_xticks(place)
+    ax.margins(y=0.15)
+    ax.legend(fontsize=8, frameon=False)
+    return figure
+
+
 def _shown(trials: Sequence[Trial], validation: Sequence[Trial], most: int) -> list[tuple[Trial, bool]]:
     """Up to ``most`` (trial, held out) to draw: the longest of each kind, held-out ones first."""
     chosen: dict[str, tuple[Trial, bool]] = {}
@@ -193,7 +222,7 @@ def _position_rms(trial: Trial, windows: Sequence) -> float:
     """Rms distance [m] between predicted and measured positions over all windows, NaN when there are none."""
     if not windows or not trial.has_position:
         return float("nan")
-    errors = [wrapped_error(w.states, trial.states[w.first : w.last + 1])[:, :2] for w in windows]
+    errors = [w.error(trial.states)[:, :2] for w in windows]
     return float(np.sqrt(np.nanmean((np.vstack(errors) ** 2).sum(axis=1))))
 
 
@@ -203,29 +232,20 @@ def write_figures(folder: Path, record: FitRecord, objects: FitObjects, most_tra
     record: what it found; objects: trials and simulators behind it; most_tracks: trials drawn at most. Returns
     {"file", "title", "caption"} of each figure in the order of a report, the file relative to ``folder``/figures.
     """
-    target = folder / "figures"
-    target.mkdir(parents=True, exist_ok=True)
-    written: list[dict[str, str]] = []
-
-    def write(name: str, title: str, caption: str, draw: Callable[[], Figure]) -> None:
-        draw().savefig(target / f"{name}.png", dpi=DPI)
-        written.append({"file": f"{name}.png", "title": title, "caption": caption})
-
     models = {"before": objects.before, "after": objects.after}
-    trials, validation = objects.trials, objects.validation
+    trials, validation, written = objects.trials, objects.validation, FigureFolder(folder)
     ship, solution = objects.after.ship, objects.calibration.solution
     if record.scores:
-        write(
-            "scores", "Scores per trial",
+        written.write(
+            "scores", score_plot(plain(record.scores)), "Scores per trial",
             "Mean squared error of open-loop predictions, summed over the six states, each divided by its "
-            "sigma; lower is better.", lambda: score_plot(plain(record.scores)),
+            "sigma; lower is better.",
         )  # fmt: skip
     judged, which = (validation, "held-out") if validation else (trials, "training (none was held out)")
-    write(
-        "error_growth", "How errors grow with the length of the prediction",
+    written.write(
+        "error_growth", error_growth_plot(models, judged), "How errors grow with the length of the prediction",
         f"Rms error over windows of the {which} trials, each started from the measured state and from there on "
         "driven by the measured rudder, revolutions and wind alone.",
-        lambda: error_growth_plot(models, judged),
     )  # fmt: skip
     shown = _shown(trials, validation, most_tracks)
     drawn = [trial for trial, _ in shown]
@@ -234,36 +254,28 @@ def write_figures(folder: Path, record: FitRecord, objects: FitObjects, most_tra
         pairs = [side[number][0] for side in windows]
         rms = [_position_rms(trial, windows) for windows in pairs]
         words = f"Rms position error {rms[0]:.3g} m before, {rms[1]:.3g} m after." if np.isfinite(rms).all() else ""
-        draw = partial(trajectory_plot, trial, pairs[0], pairs[1], ship.particulars["L"])
-        write(
-            f"track_{number + 1}", f"{trial.name} ({'held out' if held_out else 'used in the calibration'})",
+        written.write(
+            f"track_{number + 1}", trajectory_plot(trial, *pairs, ship.particulars["L"]),
+            f"{trial.name} ({'held out' if held_out else 'used in the calibration'})",
             f"Predictions restart from the measured state every {PAPER_WINDOW:g} s (dots and ship outlines on the "
-            f"track; dotted lines below). {words}", draw,
+            f"track; dotted lines below). {words}",
         )  # fmt: skip
-    write(
-        "coefficients", "Coefficients: shift from the prior",
+    written.write(
+        "coefficients", coefficient_plot(record.coefficients, component_of(ship)),
+        "Coefficients: shift from the prior",
         "Point: estimate; bar: its standard error; both in prior standard deviations. Shaded: one prior "
         "standard deviation. A short bar means that the trials decided, a bar as wide as the shading that the "
         "prior did.",
-        lambda: coefficient_plot(record.coefficients, component_of(ship)),
     )  # fmt: skip
     if solution.history:
-        write(
-            "convergence", "Convergence of the last solve",
+        written.write(
+            "convergence", convergence_plot(solution.history), "Convergence of the last solve",
             "Objective and largest gap between shooting intervals at each iteration.",
-            lambda: convergence_plot(solution.history),
         )  # fmt: skip
     if len(record.starts) > 1:
-        write(
-            "starts", "Starts",
+        written.write(
+            "starts", waterfall_plot(record.starts), "Starts",
             "Objective of each start above the best one: points below the line reached the same optimum. Numbers are "
             "those of the starts (0: the prior); a ring marks one that was solved again with damping.",
-            lambda: waterfall_figure(record.starts),
         )  # fmt: skip
-    return written
-
-
-__all__ = [
-    "coefficient_plot", "component_of", "convergence_plot", "determination", "error_growth_plot", "grouped",
-    "score_plot", "trajectory_plot", "write_figures",
-]  # fmt: skip
+    return written.rows

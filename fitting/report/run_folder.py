@@ -1,13 +1,11 @@
-"""The run folder: everything a calibration leaves behind, complete enough to reproduce and to continue it.
+"""Writing and reading run folders (``fitting.result`` says what is in them): plain values, JSON, whole folders.
 
-``ship.toml`` (the calibrated ship), ``start.toml`` (the ship it started from), ``result.json`` (settings, versions,
-seeds, data hashes, objective, timings, coefficients, warnings), ``iterate.safetensors`` (scaled coefficients, node
-states and noise, from which ``--resume`` continues), ``figures/``, ``report.html``. A folder appears whole or not at
-all: it is written beside its place under another name and renamed.
+A folder appears whole or not at all: it is written beside its place under another name and renamed.
 """
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import platform
@@ -77,12 +75,22 @@ def write_whole(folder: Path, fill: Callable[[Path], None], replace: bool = Fals
         raise
 
 
+def replace_text(path: Path, text: str) -> None:
+    """Write ``text`` to ``path``, atomically. Raises OSError, and leaves nothing behind, when it cannot be written."""
+    scratch = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        scratch.write_text(text, encoding="utf-8")
+        os.replace(scratch, path)
+    except OSError:
+        with contextlib.suppress(OSError):
+            scratch.unlink()
+        raise
+
+
 def write_json(path: Path, data: Any) -> None:
     """Write ``data`` as JSON to ``path``, atomically, numbers that are not finite as null."""
-    text = json.dumps(plain(data), indent=2, allow_nan=False) + "\n"
-    scratch = path.with_name(f".{path.name}.part")
-    scratch.write_text(text, encoding="utf-8")
-    os.replace(scratch, path)
+    replace_text(path, json.dumps(plain(data), indent=2, allow_nan=False) + "\n")
 
 
 def plain(value: Any) -> Any:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from typing import Any
 
 from mmg.ship import Ship
 
@@ -13,9 +15,7 @@ def plus_minus(value: float | None, std: float | None) -> str:
         return "–"
     if std is None or not math.isfinite(std) or std <= 0:
         return f"{value:.4g}".replace("-", "−")
-    decimals = 1 - math.floor(math.log10(std))
-    if float(f"{std:.1e}") >= 10 ** (2 - decimals):  # 0.0996 rounds up to 0.10
-        decimals -= 1
+    decimals = 1 - int(f"{std:.1e}".split("e")[1])  # of the rounded one: 0.0996 is 0.10
     if decimals > 6 or decimals < -3:
         power = math.floor(math.log10(max(abs(value), std)))
         scale = 10.0**power
@@ -39,29 +39,23 @@ def change(before: float | None, after: float | None) -> str:
 
 def headline(result: dict) -> dict[str, str]:
     """Sentences by name on ``result`` (content of result.json): what was calibrated, how much better, convergence."""
-    data, scores = result.get("data", []), result.get("scores") or {}
-    free = len(result["coefficients"])
-    seconds = sum(row.get("duration_s") or 0 for row in data)
-    what = f"{free} coefficient{'s' * (free != 1)} of {result.get('ship', '?')} calibrated on {len(data)} trial"
+    data, scores = result["data"], result["scores"]
+    free, seconds = len(result["coefficients"]), sum(row["duration_s"] for row in data)
+    what = f"{free} coefficient{'s' * (free != 1)} of {result['ship']} calibrated on {len(data)} trial"
     what += f"{'s' * (len(data) != 1)} ({seconds:,.0f} s)."
-    name = "validation" if "validation" in scores else "training" if "training" in scores else ""
-    if not name:
-        better = "No scores: the trials hold no positions, so predictions could not be judged."
-    else:
-        before, after = scores[name]["before"], scores[name]["after"]
-        count = len(after["trials"])
-        where = {"validation": f"{count} held-out trial{'s' * (count != 1)}", "training": "the training trials"}[name]
+    better = "No scores: the trials hold no positions, so predictions could not be judged."
+    if pair := scores.get("validation") or scores.get("training"):
+        before, after, count = pair["before"], pair["after"], len(pair["after"]["trials"])
+        where = f"{count} held-out trial{'s' * (count != 1)}" if "validation" in scores else "the training trials"
         better = (
             f"On {where} the error of 30 s predictions {change(before['window'], after['window'])}; "
             f"with restarts every 100 s it {change(before['paper'], after['paper'])}."
         )
-    iterations = sum(p.get("iterations", 0) for p in result.get("passes") or [])
-    iterations = iterations or result.get("iterations") or 0
-    if result.get("converged"):
-        state = f"Converged ({result.get('status', '')}) after {iterations} iterations."
-    else:
-        advice = result.get("advice") or "the best iterate is kept"
-        state = f"NOT CONVERGED ({result.get('status', '')}) after {iterations} iterations: {advice}."
+    iterations = sum(p["iterations"] for p in result["passes"])
+    state = f"Converged ({result['status']}) after {iterations} iterations."
+    if not result["converged"]:
+        advice = result["advice"] or "the best iterate is kept"
+        state = f"NOT CONVERGED ({result['status']}) after {iterations} iterations: {advice}."
     return {"what": what, "better": better, "state": state}
 
 
@@ -71,16 +65,13 @@ def report_warnings(result: dict) -> list[str]:
     Convergence has its own place in the report.
     """
     words = [m["text"] for m in result["messages"] if m["level"] == "warning" and m["code"] != "not_converged"]
-    scores = result.get("scores") or {}
-    if "validation" not in scores:
+    if "validation" not in result["scores"]:
         words.append(
             "no held-out trials were scored: the fit was judged, if at all, on the trials it was made from, which "
             "says little about other manoeuvres; give some with --validate"
         )
     for name, label in (("validation", "held-out"), ("training", "training")):
-        pair = scores.get(name)
-        if not pair:
-            continue
+        pair = result["scores"].get(name, {"before": {"trials": []}, "after": {"trials": []}})
         rows = list(zip(pair["before"]["trials"], pair["after"]["trials"], strict=True))
         worse = [
             f"{b['name']} ({b['window']:.3g} to {a['window']:.3g})"
@@ -91,8 +82,8 @@ def report_warnings(result: dict) -> list[str]:
             words.append(
                 f"30 s predictions became worse on {len(worse)} of {len(rows)} {label} trials: {', '.join(worse)}"
             )
-    trained = {row.get("sha256") for row in result.get("data", []) if row.get("sha256")}
-    twice = [row["name"] for row in result.get("validation_data", []) if row.get("sha256") in trained]
+    trained = {row["sha256"] for row in result["data"] if row["sha256"]}
+    twice = [row["name"] for row in result["validation_data"] if row["sha256"] in trained]
     if twice:
         words.append(f"not held out at all, the same file was used in the calibration: {', '.join(twice)}")
     return words
@@ -100,17 +91,15 @@ def report_warnings(result: dict) -> list[str]:
 
 def not_in_model(ship: Ship) -> list[str]:
     """What the model of ``ship`` leaves out, and where it goes instead."""
-    words = [
+    no_wind = "wind: no wind model in this ship; its forces are absorbed like those of current"
+    return [
+        *([no_wind] if "wind" not in ship.components else []),
         "current, waves, shallow water and banks: where present in the trials, their mean effect is absorbed by the "
         "coefficients, the rest shows in the residuals",
         "heel, trim and squat: three degrees of freedom (surge, sway, yaw)",
         "actuator dynamics: rudder and revolutions act as logged",
+        *(["propeller: no propeller model in this ship"] if "propeller" not in ship.components else []),
     ]
-    if "wind" not in ship.components:
-        words.insert(0, "wind: no wind model in this ship; its forces are absorbed like those of current")
-    if "propeller" not in ship.components:
-        words.append("propeller: no propeller model in this ship")
-    return words
 
 
 LABELS = {
@@ -142,17 +131,17 @@ LABELS = {
 }
 
 
-def setting_rows(result: dict) -> list[tuple[str, str]]:
-    """Settings of ``result`` (content of result.json) in words."""
-    rows = []
-    for key, value in (result.get("settings") or {}).items():
-        shown = {None: "none", True: "yes", False: "no"}.get(value) if not isinstance(value, list) else None
-        if isinstance(value, (int, float)) and not isinstance(value, bool):
-            shown = f"{value:g}"
-        if isinstance(value, list):
-            shown = ", ".join(f"{v:g}" if isinstance(v, (int, float)) else str(v) for v in value)
-        rows.append((LABELS.get(key, key), shown if shown is not None else str(value)))
-    return rows
+def setting_rows(settings: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """The ``settings`` in result.json in words."""
+    return [(LABELS.get(key, key), _shown(value)) for key, value in settings.items()]
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, list):
+        return ", ".join(f"{v:g}" if isinstance(v, (int, float)) else str(v) for v in value)
+    if value is None or isinstance(value, bool):
+        return {None: "none", True: "yes", False: "no"}[value]
+    return f"{value:g}" if isinstance(value, (int, float)) else str(value)
 
 
 def per_run_table(result: dict) -> dict | None:

@@ -22,7 +22,9 @@ def page_of(runs: Sequence[tuple[str, Path, Mapping[str, Any]]]) -> str:
     runs: of each its name, the folder that holds its figures, and the content of its result.json.
     """
     shown = [_run(*run, number + 1) for number, run in enumerate(runs)]
-    return environment().get_template("training.html.j2").render(runs=shown, percent=percent)
+    states = [(run["result"]["ship"], run["title"], run["headline"]["state"]) for run in shown]
+    titles = [f"{ship}: {title}" + (f" ({state})" if state else "") for ship, title, state in states]
+    return environment().get_template("training.html.j2").render(runs=shown, titles=titles, percent=percent)
 
 
 def write_report(folders: Sequence[Path], out: Path) -> None:
@@ -54,12 +56,13 @@ def _run(label: str, folder: Path, result: Mapping[str, Any], number: int) -> di
         "warnings": _warnings(result, outside),
         "criteria": criteria(result),
         "judged": judged_table(result),
+        "seeds": [f"seed {row['seed']}" for row in result["per_seed"]],
         "scores": score_sets(dict(result)),
         "figures": {f["name"]: f for f in figures_of(folder, result["figures"])},
         "size": result.get("residual_size") or {},
         "envelope": envelope_rows(result),
         "outside": outside,
-        "settings": setting_rows({"settings": settings}),
+        "settings": setting_rows(settings),
         "citations": citations_of(dict(result)),
     }
 

@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 
 from cases.trial import Trial
 from fitting.prediction.predict import predict
-from fitting.report.plot_waterfall import waterfall_plot
 from fitting.report.plots import (
     coefficient_plot,
     component_of,
@@ -20,6 +19,7 @@ from fitting.report.plots import (
     error_growth_plot,
     score_plot,
     trajectory_plot,
+    waterfall_plot,
     write_figures,
 )
 from fitting.report.run_folder import plain
@@ -123,11 +123,12 @@ def test_scores_of_every_trial_are_written_beside_their_bars() -> None:
 
 def test_starts_that_did_not_converge_are_told_apart() -> None:
     starts = [Start(0, 10.0, True, 0.0), Start(1, 12.0, False, 3.0), Start(2, 10.0, True, 0.0, restarted=True)]
-    ax = waterfall_plot(starts)
+    figure = waterfall_plot(starts)
+    ax = figure.axes[0]
     labels = ax.get_legend_handles_labels()[1]
     assert {"converged", "not converged", "restarted, damped"} <= set(labels)
     assert [t.get_text() for t in ax.texts] == ["0", "2", "1"]
-    ax.figure.draw_without_rendering()
+    figure.draw_without_rendering()
 
 
 def test_convergence_shows_every_iteration() -> None:
