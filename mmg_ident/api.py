@@ -181,8 +181,8 @@ def predict(
     """
     from fitting.prediction.adaptation import Adaptation
     from fitting.prediction.bands import bands_of
+    from fitting.prediction.predict import outside_share
     from fitting.prediction.predict import predict as windows_of
-    from fitting.prediction.training_range import outside_share
     from mmg.errors import UserError
     from mmg.messages import Message
     from mmg.rollout import Simulator

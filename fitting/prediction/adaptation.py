@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from fitting.prediction.stretches import FadingCurrent, Record, Stretch, WindowBatch, rollout
+from fitting.prediction.stretches import FadingCurrent, Record, Stretch, WindowBatch, rollout, wrapped_error
 from mmg.messages import Message
 from mmg.model import settled
 from mmg.motion.froude import state_scale, time_scale
@@ -91,9 +91,7 @@ def restarts(record: Record, row: int, a: Adaptation) -> list[Stretch]:
     last = row
     while last > begin:
         first = max(begin, int(np.searchsorted(record.t, record.t[last] - a.restart - 0.5 * sample)))
-        if result and record.t[last] - record.t[first] < 0.5 * a.restart:
-            break
-        if first == last:
+        if first == last or (result and record.t[last] - record.t[first] < 0.5 * a.restart):
             break
         result.append(Stretch(record, first, last))
         last = first
@@ -113,15 +111,11 @@ def _adapt(simulator: Simulator, windows: Sequence[Stretch], a: Adaptation) -> t
     """Currents (2, M) and offsets (S - 6, M) of some windows."""
     M = len(windows)
     offset = np.zeros((len(simulator.model.states) - 6, M))
-    current = np.zeros((2, M))
-    owner, pieces, youngest = [], [], []
-    for i, w in enumerate(windows):
-        for j, piece in enumerate(restarts(w.record, w.first, a)):
-            owner.append(i)
-            pieces.append(piece)
-            youngest.append(j == 0)
+    pasts = [restarts(w.record, w.first, a) for w in windows]
+    pieces = [piece for past in pasts for piece in past]
+    owner = [(i, j == 0) for i, past in enumerate(pasts) for j in range(len(past))]
     if not pieces:
-        return current, offset
+        return np.zeros((2, M)), offset
     batch, K = WindowBatch.of(pieces), len(pieces)
     probed = WindowBatch(np.tile(batch.steps, 3), np.tile(batch.inputs, 3), np.tile(batch.logged, 3))
     probe = np.zeros((2, 3, K))
@@ -129,17 +123,17 @@ def _adapt(simulator: Simulator, windows: Sequence[Stretch], a: Adaptation) -> t
     # within a restart the current hardly decays: its age is counted in the weights
     out, states = rollout(simulator, probed, FadingCurrent(probe.reshape(2, -1), 1e3 * a.decay))
     information, gradient = np.zeros((M, 2, 2)), np.zeros((M, 2))
-    for k, piece in enumerate(pieces):
-        start = windows[owner[k]].first
-        J, error, weight = _equations(out[:, :, [k, K + k, 2 * K + k]], piece, float(piece.record.t[start]), a)
-        information[owner[k]] += np.einsum("ans,ns,bns->ab", J, weight, J)
-        gradient[owner[k]] -= np.einsum("ans,ns,ns->a", J, weight, error)
-        if youngest[k] and len(offset):
+    for k, (piece, (i, youngest)) in enumerate(zip(pieces, owner, strict=True)):
+        now = float(piece.record.t[windows[i].first])
+        J, error, weight = _equations(out[:, :, [k, K + k, 2 * K + k]], piece, now, a)
+        information[i] += np.einsum("ans,ns,bns->ab", J, weight, J)
+        gradient[i] -= np.einsum("ans,ns,ns->a", J, weight, error)
+        if youngest and len(offset):
             rows = piece.last - piece.first
             end = states[rows, :, k : k + 1]
             here = piece.record.controls[piece.last][:, None]
             beyond = (end - settled(simulator.model, end[:6], here, simulator.ship.values))[6:, 0]
-            offset[:, owner[k]] = beyond if np.isfinite(beyond).all() else 0.0
+            offset[:, i] = beyond if np.isfinite(beyond).all() else 0.0
     return np.linalg.solve(information + np.eye(2) / a.size**2, gradient[..., None])[..., 0].T, offset
 
 
@@ -153,8 +147,7 @@ def _equations(out: np.ndarray, piece: Stretch, now: float, a: Adaptation) -> tu
     t = piece.record.t[piece.first : piece.last + 1]
     every = max(1, round(0.1 * a.restart * rows / max(float(t[-1] - t[0]), 1e-9)))
     at = np.arange(rows, 0, -every)[::-1]
-    error = out[at, :, 0] - piece.logged[at]
-    error[:, 2] = np.pi - np.mod(np.pi - error[:, 2], 2 * np.pi)
+    error = wrapped_error(out[at, :, 0], piece.logged[at])
     J = np.moveaxis(out[at, :, 1:] - out[at, :, :1], 2, 0) / (0.5 * a.size)
     age = now - t[at]
     share = every * (t[-1] - t[0]) / rows / a.restart

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ from fitting.prediction.bands import (
 )
 from fitting.prediction.predict import record_of, window_rows
 from fitting.prediction.score import pooled_sigma, score
-from fitting.prediction.stretches import Stretch, WindowBatch, rollout
+from fitting.prediction.stretches import Stretch, WindowBatch, rollout, wrapped_error
 from mmg.errors import UserError
 from mmg.motion.froude import time_scale
 from mmg.rollout import Simulator
@@ -42,20 +43,6 @@ COVER = 0.91
 """Share of the training errors in that band: more than 90 %, as the coefficients were fitted to them (validation)."""
 
 
-def adaptation_pays(simulator: Simulator, trials: Sequence[Trial], sigma: np.ndarray, which: str) -> dict[str, Any]:
-    """Both metrics of ``simulator`` on ``trials`` without and with the past of each window, as plain values.
-
-    sigma: (6,) by which errors are divided; which: name of the trials. It is worthwhile when 30 s windows become better
-    and 100 s restarts no worse.
-    """
-    plain = score(simulator, trials, sigma)
-    with_past = score(simulator, trials, sigma, adapt=PAST)
-    rows = {"window": [plain.window, with_past.window], "paper": [plain.paper, with_past.paper]}
-    good = with_past.window < 0.99 * plain.window and not with_past.paper > plain.paper
-    return {"past_s": PAST, "trials": which, "without": {k: v[0] for k, v in rows.items()},
-            "with": {k: v[1] for k, v in rows.items()}, "worthwhile": bool(good)}  # fmt: skip
-
-
 def sample_noise(trials: Sequence[Trial]) -> np.ndarray:
     """White noise of the logged states of ``trials`` (6,), from third differences of neighbouring samples; 0 where
     there are none.
@@ -72,8 +59,7 @@ def fit_bands(simulator: Simulator, trials: Sequence[Trial], root: np.ndarray | 
     root: (P, draws) draws of the coefficients (``bands.draws_of``), whose part of the errors the factors leave out.
     None when there are too few windows.
     """
-    length = float(simulator.ship.particulars["L"])
-    k = time_scale(length)
+    k = time_scale(simulator.ship.particulars["L"])
     stretches = []
     for trial in trials:
         record = record_of(trial, simulator.ship.inputs)
@@ -86,47 +72,81 @@ def fit_bands(simulator: Simulator, trials: Sequence[Trial], root: np.ndarray | 
         return None
     batch = WindowBatch.of(stretches)
     out = rollout(simulator, batch)[0]
-    error, counted = _errors(stretches, out)
-    noise = sample_noise(trials)
-    rows = coarse_rows(batch, 0.5 * k)
-    memory, decay, size = np.empty(3), np.empty(3), np.empty((3, 3))
-    dt = np.diff(batch.times[rows], axis=0)
-    shape = acceleration_sizes(np.nan_to_num(out[rows]), length)
-    every = max(1, round(EVERY / 0.5))
-    sampled = np.where(counted[rows, None], error[rows], np.nan)[every::every, 3:]
+    errors = _WindowErrors(simulator, stretches, batch, out)
+    process = _likely_process(errors, sample_noise(trials))
+    if process is None:
+        return None
+    bands = Bands(process, np.zeros((len(simulator.model.symbols), 0)) if root is None else root)
+    fixed = bands.coefficient_variance(simulator, batch, coarse_rows(batch, COARSE * k))
+    rest = bands.process_variance(errors.times, errors.states, errors.length) + fixed
+    early = errors.until(EARLY)
+    for s in (3, 4, 5, 2, 0, 1):  # the noise of a state counts in that of those that follow from it
+        total = rest + bands.measurement_variance(errors.times, errors.states)
+        more = _wanted(errors.error[:, s][early], np.full(int(early.sum()), 2.0), total[:, s][early])
+        process.noise[s] = np.sqrt(process.noise[s] ** 2 + max(0.0, float(np.nan_to_num(more))))
+    water, offset = adapt(simulator, stretches, Adaptation.of(simulator.ship, PAST * k))
+    adapted = _WindowErrors(simulator, stretches, batch, rollout(simulator, batch, water, offset)[0], along=out)
+    return process_dict(replace(process, factor=errors.factors(bands, fixed), adapted=adapted.factors(bands, fixed)))
+
+
+class _WindowErrors:
+    """Errors of predicted windows against what was logged, at rows COARSE seconds of a 3 m model apart.
+
+    out: (N + 1, 6, M) predicted columns of a ``batch``; along: those along which variances grow, default ``out``.
+    times: (n, M) since the start; states: (n, 6, M); error: (n, 6, M), NaN where unknown; counted: (n, M) rows that
+    exist and did not diverge.
+    """
+
+    def __init__(
+        self,
+        simulator: Simulator,
+        stretches: Sequence[Stretch],
+        batch: WindowBatch,
+        out: np.ndarray,
+        along: np.ndarray | None = None,
+    ) -> None:
+        self.length = float(simulator.ship.particulars["L"])
+        self.scale = time_scale(self.length)
+        rows = coarse_rows(batch, COARSE * self.scale)
+        self.times, self.states = batch.times[rows], np.nan_to_num((out if along is None else along)[rows])
+        error = np.full(out.shape, np.nan)
+        for i, s in enumerate(stretches):
+            count = s.last - s.first + 1
+            error[:count, :, i] = wrapped_error(out[:count, :, i], s.logged)
+            if not s.record.has_position:
+                error[:, :2, i] = np.nan
+        self.error, self.counted = error[rows], np.isfinite(error[rows, 2:]).all(axis=1)
+
+    def until(self, seconds: float) -> np.ndarray:
+        """Which errors count up to ``seconds`` of a 3 m model after the start, (n, M)."""
+        return self.counted & (self.times > 0) & (self.times <= seconds * self.scale)
+
+    def factors(self, bands: Bands, fixed: np.ndarray) -> np.ndarray:
+        """Factors (6,) on the process that put COVER of the errors up to HORIZON into the 90 % band.
+
+        fixed: (n, 6, M) variance by the coefficients.
+        """
+        process = bands.process_variance(self.times, self.states, self.length)
+        rest, use = fixed + bands.measurement_variance(self.times, self.states), self.until(HORIZON)
+        square = np.array([_wanted(self.error[:, s][use], process[:, s][use], rest[:, s][use]) for s in range(6)])
+        return np.where(np.isfinite(square), np.sqrt(np.clip(square, 0.01, 100.0)), 1.0)
+
+
+def _likely_process(errors: _WindowErrors, noise: np.ndarray) -> Process | None:
+    """The process of most likely times and sizes, without its factors; None when there are too few errors."""
+    every, k = max(1, round(EVERY / COARSE)), errors.scale
+    sampled = np.where(errors.counted[:, None], errors.error, np.nan)[every::every, 3:]
     if (np.isfinite(sampled).sum(axis=(0, 2)) < 50).any():
         return None
-    best = np.full(3, np.inf)
-    for m in MEMORIES:
-        for d in DECAYS:
-            parts = np.moveaxis(velocity_variance(np.moveaxis(shape, 0, 1), dt, m * k, d * k), 0, 1)[:, every::every]
-            for c in range(3):
-                value, found = likely_sizes(parts, sampled[:, c], 2 * noise[3 + c] ** 2)
-                if value < best[c]:
-                    best[c], memory[c], decay[c], size[c] = value, m * k, d * k, found
-    process = Process(memory, decay, size, noise, np.ones(6), np.ones(6))
-    bands = Bands(process, np.zeros((len(simulator.model.symbols), 0)) if root is None else root)
-    rows = coarse_rows(batch, COARSE * k)
-    fixed = np.zeros((len(rows), 6, out.shape[2]))
-    if bands.root.shape[1]:
-        fixed = bands.coefficient_variance(simulator, batch, out, rows)
-    process = _scaled(bands, length, batch, out, error, counted, fixed)
-    water, offset = adapt(simulator, stretches, Adaptation.of(simulator.ship, PAST * k))
-    error, counted = _errors(stretches, rollout(simulator, batch, water, offset)[0])
-    known = replace(bands, process=process)
-    return process_dict(replace(process, adapted=_factors(known, length, batch, out, error, counted, fixed)))
-
-
-def _errors(stretches: Sequence[Stretch], out: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Predicted minus logged (N + 1, 6, M), NaN where unknown, and which rows exist and did not diverge (N + 1, M)."""
-    error = np.full(out.shape, np.nan)
-    for i, s in enumerate(stretches):
-        rows = s.last - s.first + 1
-        error[:rows, :, i] = out[:rows, :, i] - s.logged
-        if not s.record.has_position:
-            error[:, :2, i] = np.nan
-    error[:, 2] = np.pi - np.mod(np.pi - error[:, 2], 2 * np.pi)
-    return error, np.isfinite(error[:, 2:]).all(axis=1)
+    shape, dt = np.moveaxis(acceleration_sizes(errors.states, errors.length), 0, 1), np.diff(errors.times, axis=0)
+    memory, decay, size, best = np.empty(3), np.empty(3), np.empty((3, 3)), np.full(3, np.inf)
+    for m, d in product(MEMORIES, DECAYS):
+        parts = np.moveaxis(velocity_variance(shape, dt, m * k, d * k), 0, 1)[:, every::every]
+        for c in range(3):
+            value, found = likely_sizes(parts, sampled[:, c], 2 * noise[3 + c] ** 2)
+            if value < best[c]:
+                best[c], memory[c], decay[c], size[c] = value, m * k, d * k, found
+    return Process(memory, decay, size, noise, np.ones(6), np.ones(6))
 
 
 def likely_sizes(parts: np.ndarray, error: np.ndarray, floor: float) -> tuple[float, np.ndarray]:
@@ -158,58 +178,23 @@ def _wanted(e: np.ndarray, share: np.ndarray, rest: np.ndarray) -> float:
     return float(np.quantile(((e[good] / NORMAL) ** 2 - rest[good]) / np.maximum(share[good], 1e-300), COVER))
 
 
-def _scaled(
-    bands: Bands,
-    length: float,
-    batch: WindowBatch,
-    out: np.ndarray,
-    error: np.ndarray,
-    counted: np.ndarray,
-    fixed: np.ndarray,
-) -> Process:
-    """The process with noise and factors that put COVER of the errors into the 90 % band, early and up to HORIZON.
-
-    fixed: (n, 6, M) variance at coarse rows by the coefficients.
-    """
-    k = time_scale(length)
-    rows, out = coarse_rows(batch, COARSE * k), np.nan_to_num(out)
-    rest = bands.process_variance(batch, out, length, rows) + fixed
-    times = batch.times[rows]
-    use = counted[rows] & (times > 0) & (times <= EARLY * k)
-    noise = bands.process.noise.copy()
-    for s in (3, 4, 5, 2, 0, 1):
-        now = replace(bands, process=replace(bands.process, noise=noise))
-        total = rest + now.measurement_variance(batch, out, rows)
-        more = _wanted(error[rows, s][use], np.full(int(use.sum()), 2.0), total[:, s][use])
-        noise[s] = np.sqrt(noise[s] ** 2 + max(0.0, float(np.nan_to_num(more))))
-    known = replace(bands, process=replace(bands.process, noise=noise))
-    return replace(known.process, factor=_factors(known, length, batch, out, error, counted, fixed))
-
-
-def _factors(
-    bands: Bands,
-    length: float,
-    batch: WindowBatch,
-    out: np.ndarray,
-    error: np.ndarray,
-    counted: np.ndarray,
-    fixed: np.ndarray,
-) -> np.ndarray:
-    """Factors (6,) on the process that put COVER of the errors up to HORIZON into the 90 % band."""
-    k = time_scale(length)
-    rows, out = coarse_rows(batch, COARSE * k), np.nan_to_num(out)
-    process = bands.process_variance(batch, out, length, rows)
-    rest = fixed + bands.measurement_variance(batch, out, rows)
-    times = batch.times[rows]
-    use = counted[rows] & (times > 0) & (times <= HORIZON * k)
-    square = np.array([_wanted(error[rows, s][use], process[:, s][use], rest[:, s][use]) for s in range(6)])
-    return np.where(np.isfinite(square), np.sqrt(np.clip(square, 0.01, 100.0)), 1.0)
-
-
 def adaptation_worth(simulator: Simulator, held_out: Sequence[Trial]) -> dict[str, Any] | None:
-    """Whether adaptation pays for ``simulator`` on ``held_out`` trials; None where none of them can be scored."""
+    """Both metrics of ``simulator`` on ``held_out`` trials without and with the past of each window, as plain values.
+
+    Adapting is worthwhile when 30 s windows become better and 100 s restarts no worse. None where none of the trials
+    can be scored.
+    """
     located = [t for t in held_out if t.has_position]
     try:
-        return adaptation_pays(simulator, located, pooled_sigma(located), "validation")
+        sigma = pooled_sigma(located)
     except UserError:
         return None
+    without, adapted = (score(simulator, located, sigma, adapt=past) for past in (None, PAST))
+    good = adapted.window < 0.99 * without.window and not adapted.paper > without.paper
+    return {
+        "past_s": PAST,
+        "trials": "validation",
+        "without": {"window": without.window, "paper": without.paper},
+        "with": {"window": adapted.window, "paper": adapted.paper},
+        "worthwhile": bool(good),
+    }

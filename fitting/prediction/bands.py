@@ -119,12 +119,11 @@ class Bands:
         """
         length = float(simulator.ship.particulars["L"])
         rows = coarse_rows(batch, COARSE * time_scale(length))
-        variance = self.process_variance(batch, out, length, rows)
+        times, states = batch.times[rows], out[rows]
         factor = self.process.adapted if adapted else self.process.factor
-        variance = variance * factor[:, None] ** 2
-        variance += self.measurement_variance(batch, out, rows)
-        if self.root.shape[1]:
-            variance += self.coefficient_variance(simulator, batch, out, rows)
+        variance = self.process_variance(times, states, length) * factor[:, None] ** 2
+        variance += self.measurement_variance(times, states)
+        variance += self.coefficient_variance(simulator, batch, rows)
         coarse = np.sqrt(variance)
         place = np.interp(np.arange(len(out)), rows, np.arange(len(rows)))
         low = np.minimum(place.astype(int), max(len(rows) - 2, 0))
@@ -134,17 +133,17 @@ class Bands:
         std[0] = 0.0
         return std
 
-    def process_variance(self, batch: WindowBatch, out: np.ndarray, length: float, rows: np.ndarray) -> np.ndarray:
-        """Variance (n, 6, M) at coarse rows by the process, without its factors."""
-        p, states, times = self.process, out[rows], batch.times[rows]
+    def process_variance(self, times: np.ndarray, states: np.ndarray, length: float) -> np.ndarray:
+        """Variance (n, 6, M) by the process, without its factors, at predicted states (n, 6, M) and their times (n, M)
+        since the start."""
+        p, M = self.process, states.shape[2]
         square = np.einsum("ck,k...->c...", p.size**2, acceleration_sizes(states, length))
-        M = out.shape[2]
         # order: accelerations (3), errors of u, v, r (3), of x, y, psi (3)
         P = np.zeros((M, 9, 9))
         for c in range(3):
             P[:, c, c] = square[c, 0]
         result = [np.zeros((6, M))]
-        for k in range(len(rows) - 1):
+        for k in range(len(times) - 1):
             dt = times[k + 1] - times[k]
             F = np.tile(np.eye(9), (M, 1, 1))
             steps = [AccelerationStep.of(dt, p.memory[c], p.decay[c]) for c in range(3)]
@@ -161,12 +160,12 @@ class Bands:
             result.append(np.maximum(np.concatenate([d[6:], d[3:6]]), 0.0))
         return np.array(result)
 
-    def measurement_variance(self, batch: WindowBatch, out: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    def measurement_variance(self, times: np.ndarray, states: np.ndarray) -> np.ndarray:
         """Variance (n, 6, M) by noise of the start, carried on, and of the sample that is predicted."""
-        noise, times = self.process.noise**2, batch.times[rows]
+        noise = self.process.noise**2
         left = np.exp(-2 * times[:, None] / self.process.decay[:, None])
         reach = (1 - np.sqrt(left)) * self.process.decay[:, None]
-        way = np.hypot(out[rows, 0] - out[0, 0], out[rows, 1] - out[0, 1])
+        way = np.hypot(states[:, 0] - states[0, 0], states[:, 1] - states[0, 1])
         place = np.maximum(noise[3], noise[4]) * np.maximum(reach[:, 0], reach[:, 1]) ** 2 + noise[2] * way**2
         start = np.stack(
             [place, place, noise[5] * reach[:, 2] ** 2, *np.moveaxis(noise[3:, None] * left, 1, 0)], axis=1
@@ -174,10 +173,11 @@ class Bands:
         start[:, :3] += noise[:3, None]
         return start + noise[:, None]
 
-    def coefficient_variance(
-        self, simulator: Simulator, batch: WindowBatch, out: np.ndarray, rows: np.ndarray
-    ) -> np.ndarray:
+    def coefficient_variance(self, simulator: Simulator, batch: WindowBatch, rows: np.ndarray) -> np.ndarray:
         """Variance (n, 6, M) by the draws of the coefficients; a draw that fails somewhere does not count there."""
+        total = np.zeros((len(rows), 6, batch.steps.shape[1]))
+        if not self.root.shape[1]:
+            return total
         keep = np.zeros(len(batch.steps), dtype=bool)
         keep[rows[1:] - 1] = True
 
@@ -186,7 +186,6 @@ class Bands:
             return simulator.run(start, batch.inputs, batch.steps, theta, keep=keep)[:, :6]
 
         centre = states(simulator.ship.values)
-        total = np.zeros((len(rows), 6, out.shape[2]))
         for draw in self.root.T:
             total += np.nan_to_num((states(simulator.ship.values + SHRINK * draw) - centre) / SHRINK) ** 2
         return total / self.root.shape[1]
@@ -207,14 +206,16 @@ def kinematic_map(states: np.ndarray, dt: np.ndarray) -> np.ndarray:
     return G
 
 
+SIZES = ("constant", "U2/L", "U r")
+"""What the accelerations grow with, as named in result.json."""
+
+
 def process_dict(p: Process) -> dict[str, Any]:
     """A process ``p`` as plain values, which result.json holds under "bands"."""
     return {
         "acceleration_memory_s": dict(zip("uvr", p.memory.tolist(), strict=True)),
         "error_decay_s": dict(zip("uvr", p.decay.tolist(), strict=True)),
-        "acceleration_std": {
-            c: dict(zip(("constant", "U2/L", "U r"), p.size[i], strict=True)) for i, c in enumerate("uvr")
-        },
+        "acceleration_std": {c: dict(zip(SIZES, p.size[i], strict=True)) for i, c in enumerate("uvr")},
         "noise": dict(zip(STATES, p.noise.tolist(), strict=True)),
         "factor": dict(zip(STATES, p.factor.tolist(), strict=True)),
         "factor_adapted": dict(zip(STATES, p.adapted.tolist(), strict=True)),
@@ -227,14 +228,10 @@ def bands_of(result: Mapping[str, Any], ship: Ship) -> Bands | None:
     """
     try:
         b = result["bands"]
-        process = Process(
-            np.array([b["acceleration_memory_s"][c] for c in "uvr"], dtype=float),
-            np.array([b["error_decay_s"][c] for c in "uvr"], dtype=float),
-            np.array([[b["acceleration_std"][c][k] for k in ("constant", "U2/L", "U r")] for c in "uvr"], dtype=float),
-            np.array([b["noise"][s] for s in STATES], dtype=float),
-            np.array([b["factor"][s] for s in STATES], dtype=float),
-            np.array([b["factor_adapted"][s] for s in STATES], dtype=float),
-        )
+        times = [[b[key][c] for c in "uvr"] for key in ("acceleration_memory_s", "error_decay_s")]
+        size = [[b["acceleration_std"][c][name] for name in SIZES] for c in "uvr"]
+        by_state = [[b[key][s] for s in STATES] for key in ("noise", "factor", "factor_adapted")]
+        process = Process(*(np.array(part, dtype=float) for part in (*times, size, *by_state)))
     except (KeyError, TypeError, ValueError):
         return None
     return Bands(process, draws_of(result, ship))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import os
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,9 +14,11 @@ from cases.inputs import STANDARD, model_inputs
 from cases.trial import Trial
 from fitting.prediction.adaptation import Adaptation, adapt
 from fitting.prediction.bands import Bands
-from fitting.prediction.stretches import FadingCurrent, Record, Stretch, WindowBatch, rollout
+from fitting.prediction.stretches import Record, Stretch, WindowBatch, rollout, wrapped_error
+from fitting.report.run_folder import replace_text
 from mmg.errors import UserError
 from mmg.messages import Message
+from mmg.model import states_behind
 from mmg.rollout import Simulator
 
 LONGEST_GAP = 1.0
@@ -48,6 +50,10 @@ class Window:
     states: np.ndarray
     std: np.ndarray | None = None
 
+    def error(self, measured: np.ndarray) -> np.ndarray:
+        """Predicted minus the ``measured`` states of the whole trial (N, 6), headings wrapped into (-pi, pi]."""
+        return wrapped_error(self.states, measured[self.first : self.last + 1])
+
 
 def window_rows(t: np.ndarray, length: float, stride: float, short_last: bool) -> list[tuple[int, int]]:
     """First and last row of windows of ``length`` seconds every ``stride`` seconds from the first of the times t (N,).
@@ -77,14 +83,6 @@ def usable_rows(trial: Trial, inputs: Sequence[str] = STANDARD) -> np.ndarray:
     return np.isfinite(needed).all(axis=1)
 
 
-@dataclass(frozen=True)
-class _Plan:
-    """Windows of one trial before simulation: their numbers and rows, and remarks on those left out."""
-
-    kept: list[tuple[int, Stretch]]
-    notes: list[Message]
-
-
 def record_of(trial: Trial, inputs: Sequence[str]) -> Record:
     """A ``trial`` as windows need it, for a model with these ``inputs``; x = y = 0 where no positions were measured."""
     states = trial.states
@@ -94,17 +92,17 @@ def record_of(trial: Trial, inputs: Sequence[str]) -> Record:
     return Record(trial.t, states, model_inputs(trial, inputs).array, usable_rows(trial, inputs), trial.has_position)
 
 
-def _plan(trial: Trial, inputs: Sequence[str], length: float, stride: float, short_last: bool) -> _Plan:
+def _plan(
+    trial: Trial, inputs: Sequence[str], length: float, stride: float, short_last: bool
+) -> tuple[dict[int, Stretch], list[Message]]:
+    """Windows of one trial by number before simulation, and a note on those left out."""
     record = record_of(trial, inputs)
     gap = np.diff(trial.t) > LONGEST_GAP + 2 * trial.dt
-    kept, left_out = [], 0
-    for number, (first, last) in enumerate(window_rows(trial.t, length, stride, short_last)):
-        if not record.good[first : last + 1].all() or gap[first:last].any():
-            left_out += 1
-        else:
-            kept.append((number, Stretch(record, first, last)))
-    words = f"{trial.name}: {left_out} window(s) touch missing samples and were left out"
-    return _Plan(kept, [Message(words, "windows_left_out")] if left_out else [])
+    rows = window_rows(trial.t, length, stride, short_last)
+    whole = [record.good[first : last + 1].all() and not gap[first:last].any() for first, last in rows]
+    kept = {number: Stretch(record, *rows[number]) for number in np.flatnonzero(whole).tolist()}
+    words = f"{trial.name}: {len(rows) - len(kept)} window(s) touch missing samples and were left out"
+    return kept, [Message(words, "windows_left_out")] if len(kept) < len(rows) else []
 
 
 def predict_all(
@@ -127,36 +125,24 @@ def predict_all(
     """
     inputs = simulator.ship.inputs if isinstance(simulator, Simulator) else simulator.inputs
     plans = [_plan(trial, inputs, length, stride, short_last) for trial in trials]
-    flat = [stretch for plan in plans for _, stretch in plan.kept]
+    flat = [stretch for kept, _ in plans for stretch in kept.values()]
     if not flat:
-        return [([], plan.notes) for plan in plans]
+        return [([], notes) for _, notes in plans]
+    std: np.ndarray | None = None
     if isinstance(simulator, Simulator):
-        out, std = _simulated(simulator, flat, method, adaptation, bands)
+        batch, past = WindowBatch.of(flat), adapt(simulator, flat, adaptation) if adaptation else (None, None)
+        out = rollout(simulator, batch, *past, method)[0]
+        std = bands.std(simulator, batch, out, adaptation is not None) if bands else None
     else:
-        out, std = simulator.forecast(flat), None
-    result, at = [], 0
-    for plan in plans:
-        windows = []
-        for number, s in plan.kept:
-            rows = slice(s.last - s.first + 1)
-            deviations = None if std is None else np.ascontiguousarray(std[rows, :, at])
-            windows.append(Window(number, s.first, s.last, np.ascontiguousarray(out[rows, :, at]), deviations))
-            at += 1
-        result.append((windows, plan.notes))
-    return result
+        out = simulator.forecast(flat)
+    column = itertools.count()
 
+    def predicted(number: int, s: Stretch) -> Window:
+        rows, at = slice(s.last - s.first + 1), next(column)
+        parts = (None if part is None else np.ascontiguousarray(part[rows, :, at]) for part in (out, std))
+        return Window(number, s.first, s.last, *parts)
 
-def _simulated(
-    simulator: Simulator, flat: Sequence[Stretch], method: str, adaptation: Adaptation | None, bands: Bands | None
-) -> tuple[np.ndarray, np.ndarray | None]:
-    """Logged columns (N + 1, 6, M) of stretches by a ship, and their standard deviations where asked for."""
-    batch = WindowBatch.of(flat)
-    water: FadingCurrent | None = None
-    offset: np.ndarray | None = None
-    if adaptation is not None:
-        water, offset = adapt(simulator, flat, adaptation)
-    out = rollout(simulator, batch, water, offset, method)[0]
-    return out, bands.std(simulator, batch, out, adaptation is not None) if bands else None
+    return [([predicted(number, s) for number, s in kept.items()], notes) for kept, notes in plans]
 
 
 def predict(
@@ -166,6 +152,27 @@ def predict(
     ``predict_all``.
     """
     return predict_all(simulator, [trial], *args, **options)[0]
+
+
+def outside_share(simulator: Simulator, trial: Trial, windows: Sequence[Window]) -> float | None:
+    """Share of rows predicted by ``simulator`` in ``windows`` of ``trial`` with a network input outside its training
+    range.
+
+    None for a ship without a network or without windows. Rows without inputs count nothing.
+    """
+    network, model = simulator.ship.network, simulator.model
+    if network is None or not windows:
+        return None
+    controls = model_inputs(trial, simulator.ship.inputs).array
+    logged = np.vstack([w.states for w in windows]).T
+    held = np.vstack([controls[w.first : w.last + 1] for w in windows]).T
+    good = np.isfinite(logged).all(axis=0) & np.isfinite(held).all(axis=0)
+    if not good.any():
+        return None
+    logged, held, values = logged[:, good], held[:, good], simulator.ship.values
+    features = np.array(model.features(states_behind(model, logged, held, values), held, values))
+    order = [simulator.ship.features.index(name) for name in network.features]
+    return float(network.outside(features[order]).mean())
 
 
 def prediction_rows(trial: Trial, windows: list[Window]) -> np.ndarray:
@@ -189,13 +196,7 @@ def write_tables(tables: dict[Path, np.ndarray]) -> None:
     """
     try:
         for path, rows in tables.items():
-            path.parent.mkdir(parents=True, exist_ok=True)
-            scratch = path.with_name(f".{path.name}.part")
-            with scratch.open("w", encoding="utf-8") as file:
-                file.write(HEADER + (STD_HEADER if rows.shape[1] > 8 else "") + "\n")
-                file.writelines(
-                    f"{int(row[0])}," + ",".join(repr(float(value)) for value in row[1:]) + "\n" for row in rows
-                )
-            os.replace(scratch, path)
+            lines = [f"{int(row[0])}," + ",".join(repr(float(value)) for value in row[1:]) for row in rows]
+            replace_text(path, "\n".join([HEADER + (STD_HEADER if rows.shape[1] > 8 else ""), *lines, ""]))
     except OSError as error:
         raise UserError(f"{error.filename or 'output'}: cannot be written ({error.strerror})") from None

@@ -38,9 +38,9 @@ class TrialScore:
         return {
             "name": self.name,
             "paper": self.paper,
-            "paper_by_state": dict(zip(STATES, self.paper_by_state.tolist(), strict=True)),
+            "paper_by_state": _by_name(self.paper_by_state),
             "window": self.window,
-            "window_by_state": dict(zip(STATES, self.window_by_state.tolist(), strict=True)),
+            "window_by_state": _by_name(self.window_by_state),
             "windows": self.windows,
         }
 
@@ -62,7 +62,7 @@ class Score:
     def to_dict(self) -> dict[str, Any]:
         """Both metrics as plain values, per trial and pooled, with their sigma."""
         return {
-            "sigma": dict(zip(STATES, self.sigma.tolist(), strict=True)),
+            "sigma": _by_name(self.sigma),
             "sigma_from": self.sigma_from,
             "paper": self.paper,
             "window": self.window,
@@ -94,9 +94,11 @@ class Score:
         """A DataFrame with a row per trial: both metrics, the number of windows, the 30 s metric by state."""
         import pandas as pd
 
-        rows = [{"paper": t.paper, "window": t.window, "windows": t.windows,
-                 **{f"window_{s}": value for s, value in zip(STATES, t.window_by_state, strict=True)}}
-                for t in self.trials]  # fmt: skip
+        rows = [
+            {"paper": t.paper, "window": t.window, "windows": t.windows}
+            | {f"window_{s}": value for s, value in _by_name(t.window_by_state).items()}
+            for t in self.trials
+        ]
         return pd.DataFrame(rows, index=pd.Index([t.name for t in self.trials], name="trial"))
 
     def _repr_html_(self) -> str:
@@ -114,13 +116,13 @@ class ScorePair:
 
     def worse(self, name: str) -> list[Message]:
         """Messages on metrics that became worse; name: of the set of trials, such as "validation"."""
-        messages = []
-        for metric, label in (("window", "30 s windows"), ("paper", "100 s restarts")):
-            before, after = getattr(self.before, metric), getattr(self.after, metric)
-            if after > 1.005 * before + 1e-6:
-                words = f"{label} of the {name} trials became worse: {before:.4f} -> {after:.4f}"
-                messages.append(Message(words, "worse_after"))
-        return messages
+        windows = ("30 s windows", self.before.window, self.after.window)
+        restarts = ("100 s restarts", self.before.paper, self.after.paper)
+        return [
+            Message(f"{label} of the {name} trials became worse: {before:.4f} -> {after:.4f}", "worse_after")
+            for label, before, after in (windows, restarts)
+            if after > 1.005 * before + 1e-6
+        ]
 
 
 def score_pairs(
@@ -139,6 +141,10 @@ def score_pairs(
             continue
         pairs[name] = ScorePair(*(score(model, located, sigma, f"the {name} trials") for model in (before, after)))
     return pairs
+
+
+def _by_name(values: np.ndarray) -> dict[str, float]:
+    return dict(zip(STATES, values.tolist(), strict=True))
 
 
 def _number(value: float | None) -> float:
@@ -165,13 +171,6 @@ def pooled_sigma(trials: Sequence[Trial]) -> np.ndarray:
     return sigma
 
 
-def wrapped_error(predicted: np.ndarray, measured: np.ndarray) -> np.ndarray:
-    """``predicted`` minus ``measured``, both (N, 6), the heading error wrapped into (-pi, pi]."""
-    error = predicted - measured
-    error[:, 2] = np.pi - np.mod(np.pi - error[:, 2], 2 * np.pi)
-    return error
-
-
 def _squares(trial: Trial, windows: Sequence[Window], whole: bool) -> tuple[np.ndarray, int]:
     """Sum of squared errors by state (6,) and number of rows counted.
 
@@ -180,7 +179,7 @@ def _squares(trial: Trial, windows: Sequence[Window], whole: bool) -> tuple[np.n
     """
     measured, total, rows = trial.states, np.zeros(6), 0
     for w in windows:
-        error = wrapped_error(w.states, measured[w.first : w.last + 1])
+        error = w.error(measured)
         if not whole:
             error = error[1:]
         elif w.last < len(trial) - 1:
@@ -217,14 +216,10 @@ def score(
     for trial, (restarts, remarks), (windows, more) in zip(trials, paper, short, strict=True):
         notes += remarks + more
         means = []
-        for j, (found, whole) in enumerate(((restarts, True), (windows, False))):
-            squares, count = _squares(trial, found, whole)
+        for j, found in enumerate((restarts, windows)):
+            squares, count = _squares(trial, found, whole=found is restarts)
             squares = squares / sigma**2
             pooled[j] += squares.sum(), count
-            means.append(squares / count if count else np.full(6, np.nan))
-        rows.append(
-            TrialScore(trial.name, float(means[0].sum()), means[0], float(means[1].sum()), means[1], len(windows))
-        )
-    with np.errstate(invalid="ignore", divide="ignore"):
-        means_all = pooled[:, 0] / pooled[:, 1]
-    return Score(tuple(rows), float(means_all[0]), float(means_all[1]), sigma, sigma_from, tuple(notes))
+            means += [float((squares / count).sum()), squares / count]
+        rows.append(TrialScore(trial.name, *means, len(windows)))
+    return Score(tuple(rows), *(pooled[:, 0] / pooled[:, 1]).tolist(), sigma, sigma_from, tuple(notes))

@@ -108,6 +108,13 @@ def rollout(
     return out, states
 
 
+def wrapped_error(predicted: np.ndarray, measured: np.ndarray) -> np.ndarray:
+    """``predicted`` minus ``measured``, both (N, 6), the heading error wrapped into (-pi, pi]."""
+    error = predicted - measured
+    error[:, 2] = np.pi - np.mod(np.pi - error[:, 2], 2 * np.pi)
+    return error
+
+
 def _body(earth: np.ndarray, psi: np.ndarray) -> np.ndarray:
     """Earth-fixed components (2, ...) in body axes turned by psi (...)."""
     c, s = np.cos(psi), np.sin(psi)

@@ -21,9 +21,9 @@ from cases.trial import Trial
 from fitting.calibration import estimate_coefficients
 from fitting.parallel import run_all
 from fitting.prediction.predict import Forecaster, predict_all
-from fitting.prediction.score import PAPER_WINDOW, Score, pooled_sigma, score, wrapped_error
+from fitting.prediction.score import PAPER_WINDOW, Score, pooled_sigma, score
 from fitting.settings import Settings
-from fitting.solvers.interrupts import Interrupts
+from fitting.solvers.interrupts import interrupts_noted
 from mmg.errors import UserError
 from mmg.progress import LOGGER
 from mmg.rollout import Simulator
@@ -190,7 +190,7 @@ def compare(study: Study, store: Store | None = None) -> Comparison:
             stop.touch()
             LOGGER.info("interrupted: keeping what is done")
 
-        with Interrupts(interrupted):
+        with interrupts_noted(interrupted):
             first = [job(study.subsets[0], "captive", study.ship)] if "captive" in study.models else []
             if {"calibrated", "hybrid"} & set(study.models):
                 first += [job(subset, "calibrated", study.ship) for subset in study.subsets]
@@ -293,7 +293,7 @@ def growth(model: Simulator | Forecaster, trials: Sequence[Trial]) -> np.ndarray
     for trial, (windows, _) in zip(trials, predict_all(model, trials, PAPER_WINDOW, PAPER_WINDOW), strict=True):
         for w in windows:
             t = trial.t[w.first : w.last + 1] - trial.t[w.first]
-            error = wrapped_error(w.states, trial.states[w.first : w.last + 1])
+            error = w.error(trial.states)
             for found, horizon in zip(squares, HORIZONS, strict=True):
                 if t[-1] >= horizon - trial.dt:
                     k = int(np.abs(t - horizon).argmin())

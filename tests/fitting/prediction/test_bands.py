@@ -16,7 +16,6 @@ from cases.trial import Trial
 from fitting.prediction.band_calibration import NORMAL, fit_bands, sample_noise
 from fitting.prediction.bands import Bands, bands_of, draws_of, velocity_variance
 from fitting.prediction.predict import predict, predict_all
-from fitting.prediction.score import wrapped_error
 from mmg.rollout import Simulator
 from mmg.states import STATES
 
@@ -54,7 +53,7 @@ def coverage(known: Bands, length: float, stride: float) -> np.ndarray:
     for trial, (windows, _) in zip(trials(2), predicted, strict=True):
         for w in windows:
             assert w.std is not None
-            error = wrapped_error(w.states.copy(), trial.states[w.first : w.last + 1])
+            error = w.error(trial.states)
             inside.append(np.abs(error[1:]) < NORMAL * w.std[1:])
     return np.vstack(inside).mean(axis=0)
 

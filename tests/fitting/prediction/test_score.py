@@ -8,7 +8,8 @@ import pytest
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
 from fitting.prediction.predict import predict, window_rows
-from fitting.prediction.score import pooled_sigma, score, wrapped_error
+from fitting.prediction.score import pooled_sigma, score
+from fitting.prediction.stretches import wrapped_error
 from mmg.errors import UserError
 from mmg.rollout import Simulator
 from tests.support.synthetic_runs import runs

@@ -20,8 +20,7 @@ from safetensors.numpy import load_file
 from cases.io.read import read_trial, read_trials
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.simulate import write_trial
-from fitting.prediction.predict import predict
-from fitting.prediction.training_range import outside_share
+from fitting.prediction.predict import outside_share, predict
 from fitting.report.run_folder import read_result
 from mmg.errors import UserError
 from mmg.progress import Progress
