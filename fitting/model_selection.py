@@ -17,11 +17,11 @@ import numpy as np
 
 from cases.shipfiles.effects import freeing_effects
 from cases.trial import Trial
-from fitting.calibration import Calibration, estimate_coefficients
+from fitting.calibration import estimate_coefficients
 from fitting.nlp.captive import Captive
 from fitting.nlp.grid import default_step
 from fitting.parallel import run_all
-from fitting.prediction.score import Score, pooled_sigma, score
+from fitting.prediction.score import pooled_sigma, score
 from fitting.settings import Settings
 from mmg.errors import UserError
 from mmg.messages import Message
@@ -29,6 +29,8 @@ from mmg.progress import LOGGER, OnProgress, Progress
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 
+FOLDS = 8
+"""Most parts into which the runs are divided."""
 LEAST_GAIN = 0.005
 """Share by which a candidate must lower the score."""
 INSTRUMENTS = (("velocity_lag",), ("velocity_lag", "gyro"))
@@ -92,9 +94,6 @@ class ModelSelection:
     table: tuple[CandidateModel, ...]
     notices: tuple[Message, ...]
 
-    def to_rows(self) -> list[dict]:
-        return [row.to_dict() for row in self.table]
-
 
 @dataclass(frozen=True)
 class Fold:
@@ -124,8 +123,8 @@ def prepare(ship: Ship, choice: Choice) -> Ship:
     return ship.with_coefficients(wider).fixing([s for s in choice.held if s in ship.free])
 
 
-Outcome = tuple[list[tuple[int, float, float, int]], bool, dict[str, float]]
-"""Per trial left out: number, both metrics, windows; whether the fit converged; its coefficients."""
+Outcome = tuple[np.ndarray, bool, dict[str, float]]
+"""Per trial left out both metrics and the number of windows (trials, 3); whether the fit converged; coefficients."""
 
 
 def run_fold(fold: Fold) -> Outcome | None:
@@ -133,14 +132,12 @@ def run_fold(fold: Fold) -> Outcome | None:
     if time.time() > fold.deadline:
         return None
     rest = [t for i, t in enumerate(fold.trials) if i not in fold.out]
-    free = fold.ship.free
-    p = [(fold.warm.get(s, c.value) - c.value) / c.std for s in free for c in (fold.ship.coefficients[s],)]
-    warm = {"p": np.array(p)} if fold.warm else None
+    free = [fold.ship.coefficients[s] for s in fold.ship.free]
+    warm = {"p": np.array([(fold.warm.get(c.symbol, c.value) - c.value) / c.std for c in free])} if fold.warm else None
     found = estimate_coefficients(fold.ship, rest, fold.settings, warm=warm, captive=fold.captive)
-    left_out = [fold.trials[i] for i in fold.out]
-    judged: Score = score(Simulator(found.ship, fold.settings.compiled), left_out, fold.sigma)
-    rows = [(i, t.window, t.paper, t.windows) for i, t in zip(fold.out, judged.trials, strict=True)]
-    return rows, found.converged, {s: found.ship.coefficients[s].value for s in free}
+    judged = score(Simulator(found.ship, fold.settings.compiled), [fold.trials[i] for i in fold.out], fold.sigma)
+    scores = np.array([(t.window, t.paper, t.windows) for t in judged.trials])
+    return scores, found.converged, {s: found.ship.coefficients[s].value for s in fold.ship.free}
 
 
 def folds_of(trials: Sequence[Trial], count: int) -> list[tuple[int, ...]]:
@@ -150,10 +147,9 @@ def folds_of(trials: Sequence[Trial], count: int) -> list[tuple[int, ...]]:
 
 
 class Selector:
-    """Cross-validation of candidates on trials.
+    """Cross-validation of candidates on trials, divided into FOLDS parts.
 
-    folds: number of parts into which the runs are divided; limit: seconds; what would take longer, judged by the last
-    candidates, is not tried.
+    limit: seconds; what would take longer, judged by the last candidates, is not tried.
     """
 
     def __init__(
@@ -161,16 +157,14 @@ class Selector:
         ship: Ship,
         trials: Sequence[Trial],
         settings: Settings,
-        captive: Captive | None = None,
-        folds: int = 8,
-        limit: float = 480.0,
-        progress: OnProgress | None = None,
+        captive: Captive | None,
+        limit: float,
+        progress: OnProgress | None,
     ) -> None:
-        judged = [t for t in trials if t.has_position]
-        if len(judged) < 3 or len(judged) < len(trials):
+        if len(trials) < 3 or not all(t.has_position for t in trials):
             raise UserError("--auto needs at least three trials, all with positions, to leave out in turn")
         self.ship, self.trials, self.settings, self.captive = ship, tuple(trials), settings, captive
-        self.sigma, self.parts = pooled_sigma(trials), folds_of(trials, max(2, folds))
+        self.sigma, self.parts = pooled_sigma(trials), folds_of(trials, FOLDS)
         self.limit, self.progress, self.began = limit, progress, time.perf_counter()
         self.table: list[CandidateModel] = []
         self.scores: dict[Choice, np.ndarray] = {}
@@ -192,40 +186,43 @@ class Selector:
                 self.progress(Progress(f"model choice, {varied}", next(count), len(tasks)))
 
         done = run_all(run_fold, tasks, self.settings.workers, fitted)
+        self.each = (time.perf_counter() - began) / len(choices)
         rows, n = [], len(self.parts)
         for k, choice in enumerate(choices):
             mine = [outcome for outcome in done[k * n : (k + 1) * n] if outcome is not None]
             if len(mine) < n:
                 continue
-            scores = np.full((len(self.trials), 3), np.nan)
-            for found, _, _ in mine:
-                for i, window, paper, windows in found:
-                    scores[i] = window, paper, windows
-            self.scores[choice] = scores
+            scores = self.scores[choice] = np.full((len(self.trials), 3), np.nan)
+            for out, (found, _, _) in zip(self.parts, mine, strict=True):
+                scores[list(out)] = found
             if present is None:
-                self.warm = {s: float(np.mean([m[2][s] for m in mine])) for s in mine[0][2]}
-            rows.append(self._row(varied, choice, present, sum(m[1] for m in mine)))
-        seconds = self.each = (time.perf_counter() - began) / len(choices)
-        return [replace(row, seconds=seconds) for row in rows]
+                self.warm = {s: float(np.mean([values[s] for _, _, values in mine])) for s in mine[0][2]}
+            before = self.scores[present or choice]
+            rows.append(CandidateModel(
+                varied,
+                choice,
+                window=self.mean_window(choice),
+                paper=weighted_mean(scores[:, 1], np.array([t.duration for t in self.trials])),
+                difference=self.mean_window(choice) - self.mean_window(present or choice),
+                error=standard_error(scores - before, scores[:, 2]) if present else 0.0,
+                converged=sum(converged for _, converged, _ in mine),
+                folds=n,
+                seconds=self.each,
+                taken=present is None,
+            ))  # fmt: skip
+        return rows
+
+    def mean_window(self, choice: Choice) -> float:
+        """Mean error of the 30 s windows of all runs left out, by a choice that was cross-validated."""
+        return weighted_mean(self.scores[choice][:, 0], self.scores[choice][:, 2])
 
     def fold(self, choice: Choice, out: tuple[int, ...]) -> Fold:
-        settings = replace(self.settings, window=choice.window, loss=choice.loss, starts=1, workers=1)
-        settings = replace(settings, tolerance=1e-4, time_limit=None)
+        settings = replace(
+            self.settings, window=choice.window, loss=choice.loss, starts=1, workers=1, tolerance=1e-4, time_limit=None
+        )
         deadline = time.time() + self.time_left if self.warm else float("inf")
         ship = prepare(self.ship, choice)
         return Fold(ship, settings, self.trials, out, self.sigma, self.captive, self.warm, deadline)
-
-    def _row(self, varied: str, choice: Choice, present: Choice | None, converged: int) -> CandidateModel:
-        scores = self.scores[choice]
-        weight = np.array([t.duration for t in self.trials])
-        mean, paper = weighted_mean(scores[:, 0], scores[:, 2]), weighted_mean(scores[:, 1], weight)
-        difference, error = 0.0, 0.0
-        if present is not None:
-            before = self.scores[present]
-            difference = mean - weighted_mean(before[:, 0], before[:, 2])
-            error = standard_error(scores - before, scores[:, 2])
-        taken, folds = present is None, len(self.parts)
-        return CandidateModel(varied, choice, mean, paper, difference, error, converged, folds, 0.0, taken)
 
     def decide(self, varied: str, choices: Sequence[Choice], present: Choice) -> Choice:
         """The best of the candidates, or the present choice when none is clearly better; extends the table."""
@@ -233,9 +230,9 @@ class Selector:
         if not fresh:
             return present
         rows = self.cross_validate(varied, fresh, present)
-        base = weighted_mean(self.scores[present][:, 0], self.scores[present][:, 2])
-        good = [r for r in rows if r.difference < -max(LEAST_GAIN * base, r.error) and r.converged == r.folds]
-        best = min(good, key=lambda r: r.window) if good else None
+        least = LEAST_GAIN * self.mean_window(present)
+        good = [r for r in rows if r.difference < -max(least, r.error) and r.converged == r.folds]
+        best = min(good, key=lambda r: r.window, default=None)
         self.table += [replace(r, taken=r is best) for r in rows]
         for r in rows:
             LOGGER.info(
@@ -243,6 +240,13 @@ class Selector:
                 f"{', taken' if r is best else ''}"
             )
         return best.choice if best else present
+
+    def held_by_prior(self, choice: Choice) -> tuple[str, ...]:
+        """Coefficients that the prior decides when all are free."""
+        fold = self.fold(choice, ())
+        found = estimate_coefficients(fold.ship, fold.trials, fold.settings, captive=fold.captive)
+        share = np.diag(found.covariance)
+        return tuple(s for s, value in zip(found.prior.symbols, share, strict=True) if value > PRIOR_SHARE)
 
 
 def weighted_mean(values: np.ndarray, weights: np.ndarray) -> float:
@@ -265,19 +269,18 @@ def select(
     trials: Sequence[Trial],
     settings: Settings,
     captive: Captive | None = None,
-    folds: int = 8,
     limit: float = 480.0,
     progress: OnProgress | None = None,
 ) -> ModelSelection:
     """The model for a final fit of ``ship`` on ``trials`` (and ``captive`` points); no other data are used.
 
-    settings: of the fits, which ``settings.workers`` processes share; folds: parts into which the runs are divided;
-    limit: seconds after which the search ends at the best choice so far; progress: called after each fit. Raises
-    UserError for fewer than three runs, or runs without positions.
+    settings: of the fits, which ``settings.workers`` processes share; limit: seconds after which the search ends at the
+    best choice so far; progress: called after each fit. Raises UserError for fewer than three runs, or runs without
+    positions.
     """
     step = settings.step or default_step(trials, ship.particulars["L"])
     given = tuple(e for e in MANAGED if e in ship.effects)
-    selector = Selector(ship, trials, settings, captive, folds, limit, progress)
+    selector = Selector(ship, trials, settings, captive, limit, progress)
     now = Choice(given, window=settings.window or 100 * step, loss=settings.loss)
     selector.table += selector.cross_validate("start", [now], None)
     LOGGER.info(f"auto, start: {now.words()}: {selector.table[0].window:.4f}")
@@ -287,8 +290,7 @@ def select(
     now = selector.decide("prior width", [replace(now, width=w) for w in WIDTHS], now)
     losses = [name for name in ("gaussian", "student") if name != now.loss]
     now = selector.decide("loss", [replace(now, loss=name) for name in losses], now)
-    held = _held_by_prior(selector, now)
-    if held:
+    if selector.time_left > 0 and (held := selector.held_by_prior(now)):
         now = selector.decide("free coefficients", [replace(now, held=held)], now)
     notices = [Message(f"chosen by cross-validation over runs: {now.words()}", "model_chosen")]
     if selector.time_left <= selector.each:
@@ -300,13 +302,3 @@ def select(
         table=tuple(selector.table),
         notices=tuple(notices),
     )
-
-
-def _held_by_prior(selector: Selector, now: Choice) -> tuple[str, ...]:
-    """Coefficients that the prior decides when all are free."""
-    if selector.time_left <= 0:
-        return ()
-    fold = selector.fold(now, ())
-    found: Calibration = estimate_coefficients(fold.ship, fold.trials, fold.settings, captive=fold.captive)
-    share = np.diag(found.covariance)
-    return tuple(s for s, value in zip(found.prior.symbols, share, strict=True) if value > PRIOR_SHARE)

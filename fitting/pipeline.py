@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from datetime import datetime, timezone
 from typing import Any
 
@@ -15,30 +15,21 @@ from cases.checks.held_out import shared_rows, training_trials
 from cases.shipfiles.effects import varying_effects
 from cases.shipfiles.model_changes import with_instruments
 from cases.trial import UNITS, Trial
-from fitting.calibration import Calibration, estimate_coefficients
-from fitting.design.advice import identifiability_dict
-from fitting.design.next_trial import next_trial
+from fitting.calibration import Calibration, condition_number, estimate_coefficients
+from fitting.design.next_trial import identifiability_dict, next_trial
 from fitting.identifiability.analysis import at_bound
 from fitting.model_selection import ModelSelection, select
 from fitting.nlp.captive import Captive
 from fitting.prediction.band_calibration import adaptation_worth, fit_bands
 from fitting.prediction.bands import draws_of
 from fitting.prediction.score import score_pairs
-from fitting.record import (
-    CoefficientRow,
-    ConstantRow,
-    Correlation,
-    FitObjects,
-    SolveRow,
-    StateNoise,
-    TrialRow,
-    rows_of,
-)
+from fitting.record import CoefficientRow, FitObjects, FitRecord
 from fitting.report.run_folder import data_rows, plain, versions
 from fitting.result import FitResult
 from fitting.settings import Settings
 from fitting.uncertainty.rows import check_request, uncertainty_rows
 from mmg.errors import UserError
+from mmg.messages import message_rows
 from mmg.progress import LOGGER, OnProgress
 from mmg.rollout import Simulator
 from mmg.ship import Ship
@@ -92,39 +83,49 @@ def calibrate(
     model, constants = varying_effects(ship, options.per_run)
     if options.resume:
         check_resumable(options.resume, ship, train, constants)
-    choice = _chosen(ship, train, settings, options, progress) if options.auto else None
-    if choice:
+    choice: ModelSelection | None = None
+    if options.auto:  # by all cores where ``workers`` is left at 1
+        workers = settings.workers if settings.workers > 1 else min(os.cpu_count() or 1, 8)
+        spread = replace(settings, workers=workers)
+        choice = select(ship, train, spread, options.captive, options.auto_limit, progress)
         ship = model = choice.ship
         settings = replace(choice.settings, workers=settings.workers)
     warm = options.resume.iterate if options.resume else None
     found = estimate_coefficients(model, train, settings, progress, warm, options.captive, constants)
     before, after = Simulator(ship, settings.compiled), Simulator(found.ship, settings.compiled)
     scores = score_pairs(before, after, {"validation": validation, "training": train})
-    uncertainty = plain(uncertainty_rows(found, options.bootstrap, options.profile))
     started = time.perf_counter()
     finite = np.isfinite(found.covariance).all()
     trial = next_trial(found) if options.next_trial and found.converged and finite else None
     timings = {**found.timings, "identifiability": time.perf_counter() - started}
     worse = [message for name, pair in scores.items() for message in pair.worse(name)]
     warnings = [*found.warnings, *remarks, *shared_rows(train, validation), *worse]
-    return FitResult(
+    notices = [*found.notices, *(choice.notices if choice else ())]
+    content = {
         **_solved(found, options.command),
+        "data": data_rows(train),
+        "validation_data": data_rows(validation),
+        "coefficients": coefficient_rows(found),
+        "correlation": correlation_of(found),
+        "scores": scores,
+        "identifiability": identifiability_dict(found.identifiability, trial),
+        "messages": [
+            {"level": level, **row}
+            for level, some in (("warning", warnings), ("notice", notices))
+            for row in message_rows(dict.fromkeys(some))
+        ],
+        "auto": choice.table if choice else None,
+        "bands": prediction_bands(found, after, train),
+        "adaptation": adaptation_worth(after, validation),
+        **uncertainty_rows(found, options.bootstrap, options.profile),
+        "timings_s": {**timings, "wall": time.perf_counter() - began},
+    }
+    return FitResult(
+        **vars(FitRecord.of(content)),
         ship=found.ship,
         start=ship,
-        iterate={"p": found.iterate, "nodes": found.nodes, "sigma": found.sigma},
+        iterate=found.iterate,
         objects=FitObjects(found, before, after, tuple(train), tuple(validation), trial),
-        data=trial_rows(train),
-        validation_data=trial_rows(validation),
-        coefficients=coefficient_rows(found),
-        correlation=correlation_of(found),
-        scores=scores,
-        identifiability=plain(identifiability_dict(found.identifiability, trial)),
-        messages=rows_of(warnings, [*found.notices, *(choice.notices if choice else ())]),
-        auto=tuple(plain(choice.to_rows())) if choice else None,
-        bands=plain(prediction_bands(found, after, train)),
-        adaptation=plain(adaptation_worth(after, validation)),
-        **uncertainty,
-        timings_s={**timings, "wall": time.perf_counter() - began},
     )
 
 
@@ -153,20 +154,6 @@ def check_resumable(earlier: FitResult, ship: Ship, trials: Sequence[Trial], con
         raise UserError(f"{where}: --resume needs the same trial files as the interrupted run")
 
 
-def _chosen(
-    ship: Ship, train: Sequence[Trial], settings: Settings, options: FitOptions, progress: OnProgress | None
-) -> ModelSelection:
-    """The model that cross-validation over the training runs chooses, by all cores where ``workers`` is left at 1."""
-    workers = settings.workers if settings.workers > 1 else min(os.cpu_count() or 1, 8)
-    spread = replace(settings, workers=workers)
-    return select(ship, train, spread, options.captive, limit=options.auto_limit, progress=progress)
-
-
-def trial_rows(trials: Sequence[Trial]) -> tuple[TrialRow, ...]:
-    """A row on each of ``trials``."""
-    return tuple(TrialRow(**{**row, "notices": tuple(row["notices"])}) for row in plain(data_rows(trials)))
-
-
 def _solved(found: Calibration, command: str) -> dict[str, Any]:
     """What the solver says of itself, by attribute of the result."""
     solution, seg, noise = found.solution, found.segments, found.noise
@@ -177,55 +164,42 @@ def _solved(found: Calibration, command: str) -> dict[str, Any]:
         "converged": solution.converged,
         "status": solution.status,
         "advice": solution.advice,
-        "objective": plain(solution.objective),
-        "constraint_violation": plain(solution.violation),
-        "condition_number": plain(found.condition_number),
+        "objective": solution.objective,
+        "constraint_violation": solution.violation,
+        "condition_number": condition_number(found.covariance),
         "iterations": solution.iterations,
-        "passes": tuple(SolveRow(**{**plain(row), "sigma": tuple(row["sigma"])}) for row in found.passes),
+        "passes": found.passes,
         "starts": found.starts,
         "settings": found.settings,
         "versions": versions(),
-        "compiled": found.compiled,
+        "compiled": not found.problem.kernels.interpreted_because,
         "windows": len(seg.run),
         "intervals": seg.intervals,
         "seconds_used": seg.duration,
-        "sigma": dict(zip(STATES, plain(found.sigma), strict=True)),
-        "noise": {s: StateNoise(plain(noise.rms[i]), plain(noise.tau[i]), UNITS[s]) for i, s in enumerate(STATES)},
-        "fixed": tuple(s for s in found.ship.symbols if s not in found.prior.symbols),
-        "per_run": {
-            run: {symbol: ConstantRow(**plain(row)) for symbol, row in rows.items()}
-            for run, rows in found.constants.rows().items()
-        } if found.constants else None,
-    }  # fmt: skip
+        "sigma": dict(zip(STATES, found.sigma, strict=True)),
+        "noise": {
+            s: {"rms": noise.rms[i], "correlation_time_samples": noise.tau[i], "unit": UNITS[s]}
+            for i, s in enumerate(STATES)
+        },
+        "fixed": [s for s in found.ship.symbols if s not in found.prior.symbols],
+        "per_run": found.constants.rows() if found.constants else None,
+    }
 
 
-def coefficient_rows(found: Calibration) -> dict[str, CoefficientRow]:
-    """What became of each free coefficient of the calibration ``found``, by symbol."""
-    prior, rows = found.prior, {}
-    low, high = (prior.lower - prior.mean) / prior.std, (prior.upper - prior.mean) / prior.std
-    for i, symbol in enumerate(prior.symbols):
-        c = found.ship.coefficients[symbol]
-        rows[symbol] = CoefficientRow(
-            value=c.value,
-            std=plain(c.std),
-            prior_value=plain(c.prior_value),
-            prior_std=plain(c.prior_std),
-            lower=plain(c.lower),
-            upper=plain(c.upper),
-            at_bound=at_bound(found.p[i], low[i], high[i]) or None,
-            prior_share=plain(float(found.covariance[i, i])),
-            verdict=c.verdict,
-            description=c.description,
-            unit=c.unit,
-            prime=c.prime,
-        )
-    return rows
+def coefficient_rows(found: Calibration) -> dict[str, dict[str, Any]]:
+    """What became of each free coefficient of the calibration ``found``, by symbol, as of ``CoefficientRow``."""
+    prior, kept = found.prior, {field.name for field in fields(CoefficientRow)}
+    low, high = prior.scaled_bounds
+    return {
+        symbol: {name: value for name, value in vars(found.ship.coefficients[symbol]).items() if name in kept}
+        | {"at_bound": at_bound(found.p[i], low[i], high[i]) or None, "prior_share": found.covariance[i, i]}
+        for i, symbol in enumerate(prior.symbols)
+    }
 
 
-def correlation_of(found: Calibration) -> Correlation:
-    """Correlation of the estimates of the calibration ``found``."""
-    matrix = plain(np.round(found.identifiability.correlation, 4))
-    return Correlation(found.prior.symbols, tuple(tuple(row) for row in matrix))
+def correlation_of(found: Calibration) -> dict[str, Any]:
+    """Correlation of the estimates of the calibration ``found``, as of ``Correlation``."""
+    return {"symbols": found.prior.symbols, "matrix": np.round(found.identifiability.correlation, 4)}
 
 
 def prediction_bands(found: Calibration, simulator: Simulator, trials: Sequence[Trial]) -> dict[str, Any] | None:

@@ -6,7 +6,7 @@ A number that is not finite is None here and null in the file.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ from fitting.prediction.score import ScorePair
 from fitting.report.run_folder import plain
 from fitting.settings import Settings, Start
 from mmg.errors import UserError
-from mmg.messages import Message, message_rows
+from mmg.messages import Message
 from mmg.rollout import Simulator
 
 SCHEMA_VERSION = 1
@@ -167,6 +167,13 @@ class FitRecord:
     bands: dict[str, Any] | None = None
     adaptation: dict[str, Any] | None = None
 
+    @classmethod
+    def of(cls, content: Mapping[str, Any]) -> FitRecord:
+        """The record with the attributes in ``content``, plain or typed. Raises pydantic's error for wrong ones."""
+        from pydantic import TypeAdapter
+
+        return TypeAdapter(FitRecord).validate_json(json.dumps(plain(content)), strict=True)
+
     @property
     def warnings(self) -> tuple[Message, ...]:
         """What must be known before the estimates are used."""
@@ -208,15 +215,9 @@ class FitObjects:
     next_trial: NextTrial | None = None
 
 
-def rows_of(warnings: Iterable[str], notices: Iterable[str]) -> tuple[MessageRow, ...]:
-    """Rows of ``warnings`` and ``notices``, each sentence once."""
-    levels = (("warning", warnings), ("notice", notices))
-    return tuple(MessageRow(level, **row) for level, some in levels for row in message_rows(dict.fromkeys(some)))
-
-
 def read_record(path: Path, content: Any) -> FitRecord:
     """The record in ``content``, the JSON of the file ``path``. Raises UserError that names every key at fault."""
-    from pydantic import TypeAdapter, ValidationError
+    from pydantic import ValidationError
 
     if not isinstance(content, dict):
         raise UserError(f"{path}: holds no result of a calibration (a JSON object with its keys)")
@@ -225,9 +226,8 @@ def read_record(path: Path, content: Any) -> FitRecord:
     if content.get("schema_version") != SCHEMA_VERSION:
         version = content.get("schema_version")
         raise UserError(f"{path}: schema_version = {version!r}, this version reads {SCHEMA_VERSION}; fit again")
-    text = json.dumps({RENAMED.get(key, key): value for key, value in content.items()})
     try:
-        return TypeAdapter(FitRecord).validate_json(text, strict=True)
+        return FitRecord.of({RENAMED.get(key, key): value for key, value in content.items()})
     except ValidationError as error:
         names = {name: key for key, name in RENAMED.items()}
         faults = []

@@ -81,7 +81,7 @@ def test_a_velocity_lag_in_the_data_is_found_by_cross_validation(
     steps: list[Progress] = []
     found = select(start(), trials, Settings(step=1.0, window=50.0), progress=steps.append)
     assert found.choice.measurement == ("velocity_lag",) and "velocity_lag.tau" in found.ship.free
-    rows = found.to_rows()
+    rows = [row.to_dict() for row in found.table]
     assert rows[0]["varied"] == "start" and rows[0]["taken"] and rows[1]["taken"]
     assert rows[1]["window"] < rows[0]["window"] and rows[1]["difference"] < -rows[1]["error"]
     assert len(caplog.records) == len(rows) and not rows[-1]["taken"]
