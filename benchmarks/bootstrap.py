@@ -21,9 +21,7 @@ from fitting.uncertainty.bootstrap import Replicates, bootstrap
 def main() -> None:
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 100
     found = estimate_coefficients(load_ship("esso_osaka_3m"), read_trials(find(TRAIN_TZRB)))
-    info, data = found.information, found.problem_data
-    assert info is not None and data is not None
-    problem, x = data.problem(), found.solution.x
+    info, problem, x = found.information, found.problem, found.solution.x
     made: dict[str, tuple[Replicates, float]] = {}
     for name, more in (("one step", ()), ("refits, 1 process", (problem, x)), ("refits, 2 processes", (problem, x, 2))):
         began = time.perf_counter()

@@ -61,8 +61,7 @@ def one(seed: int) -> Trialled:
     truth, prior = with_effects(true, DEFECTS).coefficients, found.prior
     at = np.array([truth[s].value if s in truth else start.coefficients[s].value for s in prior.symbols])
     p = (at - prior.mean) / prior.std
-    assert found.problem_data is not None
-    white = found.problem_data.problem().with_sigma(found.noise.rms)
+    white = found.problem.with_sigma(found.noise.rms)
     refit = solve(white, found.solution.x, max_iterations=60)
     narrow = np.linalg.inv(information(white, refit.x).hessian)
     errors = [

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from diagnosis.estimation.map_estimate import bounded_step
 from fitting.nlp.problem import Problem
-from fitting.solvers.bounded_step import bounded_step
 
 
 @dataclass

@@ -18,7 +18,7 @@ from cases.io.read import read_trials
 from cases.shipfiles.ship_file import load_ship
 from fitting.calibration import Settings, estimate_coefficients
 from fitting.nlp.problem import Prior, Problem
-from fitting.nlp.shooting import kernels
+from fitting.nlp.shooting import Kernels
 from fitting.nlp.windows import cut
 from fitting.solvers.ipopt import solve
 from mmg.model import assemble
@@ -105,7 +105,7 @@ def main() -> None:
     trials = read_trials(splits.find(splits.TRAIN_TZRB))
     sigma = estimate_coefficients(ship, trials, Settings(window=WINDOW, step=STEP)).sigma
     prior = Prior.of(ship)
-    kernel = kernels(assemble(ship), np.array([ship.symbols.index(s) for s in prior.symbols]))
+    kernel = Kernels(assemble(ship), np.array([ship.symbols.index(s) for s in prior.symbols]))
     problem = Problem(ship, prior, kernel, cut(trials, STEP, WINDOW, 5), sigma)
     whole = Problem(ship, prior, kernel, cut(trials, STEP, WINDOW, 200), sigma)
     one = SingleShooting(whole)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,14 +20,12 @@ from fitting.identifiability.data_checks import (
     unexcited_astern,
 )
 from fitting.identifiability.verdicts import calibrated_ship, estimate_warnings
-from fitting.nlp.captive import Captive, CaptiveForces
+from fitting.nlp.captive import Captive
 from fitting.nlp.fisher_information import Information, information
 from fitting.nlp.grid import default_step
 from fitting.nlp.loss import Loss
 from fitting.nlp.problem import Prior, Problem
-from fitting.nlp.problem_data import ProblemData
-from fitting.nlp.run_constants import RunConstants, neutral_values, shared_prior, with_constants, without_constants
-from fitting.nlp.shooting import kernels
+from fitting.nlp.run_constants import RunConstants, neutral_values, without_constants
 from fitting.nlp.windows import Segments, cut
 from fitting.settings import Settings, Start
 from fitting.solvers.ipopt import Solution
@@ -37,7 +35,6 @@ from fitting.solvers.residual_noise import ResidualNoise
 from fitting.uncertainty.sandwich import Robust, robust
 from mmg.errors import UserError
 from mmg.messages import Message, as_messages
-from mmg.model import assemble
 from mmg.progress import OnProgress
 from mmg.ship import Ship
 
@@ -48,36 +45,29 @@ class Calibration:
 
     ship: with estimates, standard errors, priors and verdicts. p, covariance: scaled estimate (P,) and its covariance
     (P, P) in prior standard deviations, robust to correlated residuals (fitting/uncertainty/sandwich.py), of what all
-    runs share, as ``prior``; data_information: (P, P) of the trials on p without the prior, None where it is not
-    finite; identifiability: what the trials determine. sigma: (6,) used in the last solve; noise: estimated from its
-    residuals; solution: of the last solve; passes: objective and status of every solve; nodes: states (B, 6) at its
-    nodes. information: of each window on p, from which ``spread`` has the robust and the model-based covariance;
-    problem_data: of the problem solved; compiled: whether by compiled code. constants: what each run has of its own;
-    solution, information, spread and problem_data are of all that was fitted, the shared ones first.
+    runs share, as ``prior``; identifiability: what the trials determine. noise: estimated from the residuals of the
+    last solve; solution: of that solve; passes: objective and status of every solve. information: of each window on p,
+    from which ``spread`` has the robust and the model-based covariance; problem: solved. constants: what each run has
+    of its own; solution, information, spread and problem are of all that was fitted, the shared ones first.
     """
 
     ship: Ship
     prior: Prior
     p: np.ndarray
     covariance: np.ndarray
-    sigma: np.ndarray
     noise: ResidualNoise
     identifiability: Identifiability
     solution: Solution
-    segments: Segments
     settings: Settings
     passes: tuple[dict, ...]
     starts: tuple[Start, ...]
     warnings: tuple[Message, ...]
     notices: tuple[Message, ...]
-    timings: dict[str, float] = field(default_factory=dict)
-    nodes: np.ndarray = field(default_factory=lambda: np.empty((0, 6)))
-    information: Information | None = None
-    spread: Robust | None = None
-    problem_data: ProblemData | None = None
-    constants: RunConstants | None = None
-    data_information: np.ndarray | None = None
-    compiled: bool = True
+    timings: dict[str, float]
+    information: Information
+    spread: Robust
+    problem: Problem
+    constants: RunConstants | None
 
     @property
     def converged(self) -> bool:
@@ -85,25 +75,27 @@ class Calibration:
         return self.solution.converged
 
     @property
-    def condition_number(self) -> float:
-        """Condition number of the covariance in prior standard deviations."""
-        return condition_number(self.covariance)
+    def sigma(self) -> np.ndarray:
+        """Standard deviations of the residuals in the last solve, (6,)."""
+        return self.problem.sigma
+
+    @property
+    def segments(self) -> Segments:
+        """The windows fitted."""
+        return self.problem.segments
 
     @property
     def covariance_model(self) -> np.ndarray:
         """Covariance (P, P) if the noise were as the fit weighs it: inverse of information plus prior."""
         shared = slice(len(self.p))
-        return self.spread.model[shared, shared] if self.spread else self.covariance
+        return self.spread.model[shared, shared]
 
     @property
-    def iterate(self) -> np.ndarray:
-        """Scaled estimates of all that was fitted, constants of the runs last."""
-        return np.concatenate([self.p, self.constants.p]) if self.constants else self.p
-
-    @property
-    def standard_errors(self) -> np.ndarray:
-        """Standard errors of the free coefficients in their own units, (P,)."""
-        return np.sqrt(np.diag(self.covariance)) * self.prior.std
+    def iterate(self) -> dict[str, np.ndarray]:
+        """From which a fit can be resumed: scaled estimates "p" of all that was fitted, constants of the runs last,
+        states "nodes" (B, S) and "sigma" (6,)."""
+        p = np.concatenate([self.p, self.constants.p]) if self.constants else self.p
+        return {"p": p, "nodes": self.problem.split(self.solution.x)[0], "sigma": self.sigma}
 
 
 def condition_number(covariance: np.ndarray) -> float:
@@ -126,27 +118,6 @@ def _check_inputs(ship: Ship, trials: Sequence[Trial]) -> None:
         )
 
 
-def first_sigma(ship: Ship, segments: Segments) -> np.ndarray:
-    """Residual standard deviations of the first solve (6,): a third of the length of ``ship``, 0.1 rad, a tenth of the
-    speed in ``segments``."""
-    speed = np.sqrt(np.mean(segments.nodes[:, 3] ** 2 + segments.nodes[:, 4] ** 2)) + 1e-6
-    length = ship.particulars["L"]
-    return np.array([length / 3, length / 3, 0.1, 0.1 * speed, 0.1 * speed, 0.1 * speed / length])
-
-
-@dataclass(frozen=True)
-class _Prepared:
-    """A problem, where to start, and what was noticed on the way; prior: as a Gaussian over all that is fitted."""
-
-    problem: Problem
-    x: np.ndarray
-    prior: Prior
-    settings: Settings
-    warnings: list[Message]
-    notices: list[Message]
-    compiled: bool
-
-
 def _prepared(
     ship: Ship,
     trials: Sequence[Trial],
@@ -154,7 +125,8 @@ def _prepared(
     warm: dict[str, np.ndarray] | None,
     captive: Captive | None,
     per_run: Sequence[str],
-) -> _Prepared:
+) -> tuple[Problem, np.ndarray, Settings, list[Message], list[Message]]:
+    """A problem, where to start, the settings used, and the warnings and notices on the way."""
     _check_inputs(ship, trials)
     step = settings.step or default_step(trials, ship.particulars["L"])
     window = settings.window or 100.0 * step
@@ -163,20 +135,21 @@ def _prepared(
     refuse_outliers(trials, step)
     segments = cut(trials, step, window, settings.interval, inputs=ship.inputs)
     segments = segments.by_run() if per_run else segments
-    prior = with_constants(Prior.of(ship), ship, per_run, segments.trials)
+    prior = Prior.of(ship, per_run, segments.trials)
     warnings = [*contradictions(prior), *unexcited_astern(ship, trials, segments)]
-    positions = prior.positions(ship)
-    own = positions[: prior.shared]
-    kernel = kernels(assemble(ship), positions, settings.compiled)
-    sigma = _given_sigma(settings) if settings.sigma else first_sigma(ship, segments)
-    forces = CaptiveForces(kernel.model, own, captive, settings.compiled) if captive else None
-    if forces:
-        warnings += against_captive(forces, neutral_values(ship, per_run), own, shared_prior(prior))
-    problem = Problem(ship, prior, kernel, segments, sigma, Loss(settings.loss), forces)
+    speed, length = np.sqrt((segments.nodes[:, 3:5] ** 2).sum(axis=1).mean()) + 1e-6, ship.particulars["L"]
+    rough = (length / 3, length / 3, 0.1, 0.1 * speed, 0.1 * speed, 0.1 * speed / length)
+    sigma = np.asarray(settings.sigma or rough, dtype=float)
+    if sigma.shape != (6,) or not (sigma > 0).all():
+        raise UserError("sigma must be six positive numbers: x, y [m], psi [rad], u, v [m/s], r [rad/s]")
+    problem = Problem.of(ship, prior, segments, sigma, Loss(settings.loss), captive, settings.compiled)
+    if problem.captive:
+        own = prior.positions(ship)[: prior.shared]
+        warnings += against_captive(problem.captive, neutral_values(ship, per_run), own, prior.common)
     problem, x = _started(problem, warm, settings)
-    notices = _notices(ship, trials, segments, kernel.interpreted_because)
+    notices = _notices(ship, trials, segments, problem.kernels.interpreted_because)
     used = replace(settings, step=step, window=window)
-    return _Prepared(problem, x, prior, used, warnings, notices, not kernel.interpreted_because)
+    return problem, x, used, warnings, notices
 
 
 def _started(problem: Problem, warm: dict[str, np.ndarray] | None, settings: Settings) -> tuple[Problem, np.ndarray]:
@@ -211,51 +184,44 @@ def estimate_coefficients(
     input from which nothing can be identified.
     """
     began = time.perf_counter()
-    made = _prepared(ship, trials, settings or Settings(), warm, captive, per_run)
-    settings, prior = made.settings, made.prior
-    timings = {"prepare": time.perf_counter() - began}
-    problem, solution, noise, passes = solve_with_noise_estimation(made.problem, made.x, settings, began, progress)
+    prepared = _prepared(ship, trials, settings or Settings(), warm, captive, per_run)
+    first, x, settings, early_warnings, notices = prepared
+    prior, timings = first.prior, {"prepare": time.perf_counter() - began}
+    problem, solution, noise, passes = solve_with_noise_estimation(first, x, settings, began, progress)
     timings["solve"] = time.perf_counter() - began - timings["prepare"]
     best, starts = solve_starts(problem, solution, settings, began, progress)
-    nodes, p = problem.split(best.x)
-    p = np.clip(p, *problem.p_bounds())
+    p = np.clip(problem.split(best.x)[1], *problem.p_bounds())
     found = information(problem, best.x)
     spread = robust(found)
-    shared, common = slice(prior.shared), shared_prior(prior)
+    shared, common = slice(prior.shared), prior.common
     covariance = spread.covariance[shared, shared]
     warnings = [
         *estimate_warnings(problem, best, p, starts),
-        *made.warnings,
+        *early_warnings,
         *outlying_runs(problem, best.x, spread.moves),
         *_unsure(best, len(starts), settings, condition_number(covariance)),
     ]
     timings["total"] = time.perf_counter() - began
-    about_shared = found.shared().hessian - np.eye(prior.shared)
-    findings = analyse(common, p[shared], covariance, about_shared)
+    findings = analyse(common, p[shared], covariance, found.of_data())
     own_ship = without_constants(problem.ship, per_run)
     return Calibration(
         ship=calibrated_ship(own_ship, common, p[shared], covariance, findings, best.converged),
         prior=common,
         p=p[shared],
         covariance=covariance,
-        sigma=problem.sigma,
         noise=noise,
         identifiability=findings,
         solution=best,
-        segments=made.problem.segments,
         settings=settings,
         passes=tuple(passes),
         starts=tuple(starts),
         warnings=tuple(warnings),
-        notices=tuple(dict.fromkeys(made.notices)),
+        notices=tuple(dict.fromkeys(notices)),
         timings=timings,
-        nodes=nodes,
         information=found,
         spread=spread,
-        problem_data=ProblemData.of(problem),
-        constants=RunConstants.of(problem.ship, prior, p, spread.covariance, made.problem.segments.trials),
-        data_information=about_shared if np.isfinite(about_shared).all() else None,
-        compiled=made.compiled,
+        problem=problem.with_changes(),  # without what it has cached
+        constants=RunConstants.of(problem.ship, prior, p, spread.covariance, problem.segments.trials),
     )
 
 
@@ -289,10 +255,3 @@ def _notices(ship: Ship, trials: Sequence[Trial], segments: Segments, interprete
         words = f"running without compiled code, several times slower: {interpreted_because}"
         found.append(Message(words, "interpreted"))
     return found
-
-
-def _given_sigma(settings: Settings) -> np.ndarray:
-    sigma = np.asarray(settings.sigma, dtype=float)
-    if sigma.shape != (6,) or not (sigma > 0).all():
-        raise UserError("sigma must be six positive numbers: x, y [m], psi [rad], u, v [m/s], r [rad/s]")
-    return sigma

@@ -1,7 +1,7 @@
 """Independent tasks handed to an executor: inline, or spread over processes. All use of processes is here.
 
 Ctrl-C reaches all processes of a terminal. The children hold it back (``held_back``) except where they note it
-(``fitting.solvers.interrupts.Interrupts``), so that none of them dies while it imports and none leaves a traceback.
+(``fitting.solvers.interrupts``), so that none of them dies while it imports and none leaves a traceback.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ def run_all(
     soon as it is there. An exception of a task ends all of them and is raised.
     """
     if workers <= 1 or len(tasks) <= 1:
-        return _collected((function(task) for task in tasks), each)
+        return list(_reported(map(function, tasks), each))
     context, others = multiprocessing.get_context("spawn"), multiprocessing.active_children()
     with _one_thread(), ProcessPoolExecutor(max_workers=min(workers, len(tasks)), mp_context=context) as pool:
         try:
             with held_back():
                 outcomes = pool.map(function, tasks)
-            return _collected(outcomes, each)
+            return list(_reported(outcomes, each))
         except BaseException:
             children = [child for child in multiprocessing.active_children() if child not in others]
             pool.shutdown(wait=False, cancel_futures=True)
@@ -61,12 +61,10 @@ def held_back() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _collected(outcomes: Iterable[Outcome], each: Callable[[Outcome], None]) -> list[Outcome]:
-    result = []
+def _reported(outcomes: Iterable[Outcome], each: Callable[[Outcome], None]) -> Iterator[Outcome]:
     for outcome in outcomes:
         each(outcome)
-        result.append(outcome)
-    return result
+        yield outcome
 
 
 @contextmanager

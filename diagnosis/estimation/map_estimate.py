@@ -23,7 +23,6 @@ from diagnosis.estimation.linearisation import (
 from diagnosis.estimation.noise_sizes import initial_noise, updated_noise
 from diagnosis.estimation.parameters import Priors, active_states, set_values
 from diagnosis.estimation.transition_model import TransitionModel
-from fitting.solvers.bounded_step import bounded_step
 from mmg.ship import Ship
 
 
@@ -147,3 +146,22 @@ def estimate(
     assert best is not None
     at = best.at
     return Estimate(at.theta, at.free, at.p, at.path, at.noise, np.linalg.inv(best.A), best.nll, used, converged)
+
+
+def bounded_step(
+    hessian: np.ndarray, slope: np.ndarray, p: np.ndarray, lower: np.ndarray, upper: np.ndarray
+) -> np.ndarray:
+    """The minimum d (P,) of slope d + 1/2 d hessian d with lower <= p + d <= upper, by holding those that would leave.
+
+    hessian: (P, P), positive definite; slope, p, lower, upper: (P,) each. (An active set that only grows.)
+    """
+    d, held = np.zeros(len(p)), np.zeros(len(p), dtype=bool)
+    for _ in range(len(p)):
+        free = ~held
+        d[free] = np.linalg.solve(hessian[np.ix_(free, free)], -slope[free] - hessian[np.ix_(free, held)] @ d[held])
+        leaving = free & ((p + d < lower - 1e-12) | (p + d > upper + 1e-12))
+        if not leaving.any():
+            break
+        d[leaving] = np.clip(p + d, lower, upper)[leaving] - p[leaving]
+        held |= leaving
+    return d

@@ -17,13 +17,17 @@ from cases.maneuvers.definitions import parse_maneuver
 from cases.simulation.simulate import simulate
 from cases.trial import Trial
 from fitting.design.candidates import Option, features, library, missing
-from fitting.identifiability.analysis import Identifiability, information_discount, precision
+from fitting.identifiability.analysis import (
+    DETERMINED,
+    CoefficientFinding,
+    Identifiability,
+    information_discount,
+)
+from fitting.identifiability.verdicts import cause, verdict
 from fitting.nlp.fisher_information import information
 from fitting.nlp.problem import Problem
-from fitting.nlp.shooting import kernels
 from fitting.nlp.windows import cut
 from mmg.errors import UserError
-from mmg.model import assemble
 from mmg.motion.froude import time_scale
 from mmg.ship import Ship
 
@@ -44,8 +48,6 @@ NEARLY = 0.9
 class NextTrial:
     """What each possible trial would add.
 
-    Attributes
-    ----------
     options: (K,) trials that can be simulated; duration: time at sea of each [s]; left_out: sentences.
     left, left_by_many: (K, P) posterior variance with the trial, once or ``MANY`` times, by that without.
     total: (K,) mean prior's share with the trial; mean: without, both by the information alone, discounted by worth;
@@ -68,11 +70,6 @@ class NextTrial:
     plan: tuple[int, ...]
     planned: tuple[float, ...]
 
-    @property
-    def many(self) -> int:
-        """Repetitions behind ``left_by_many``."""
-        return MANY
-
     def best(self, i: int, many: bool = False) -> tuple[Option, float] | None:
         """The best trial for coefficient i and the part of its variance left; None when none helps by ``HELPS``.
 
@@ -93,24 +90,21 @@ class NextTrial:
 
     def to_dict(self, symbols: Sequence[str]) -> dict[str, Any]:
         """Plain values for result.json, by coefficient of ``symbols`` (P,)."""
-        best = {s: self.best(i) for i, s in enumerate(symbols)}
+        runs_ = [{"name": o.name, "simulate": o.arguments} for o in self.options]
         return {
             "duration_s": self.duration,
             "worth": self.worth,
             "mean_prior_share": self.mean,
-            "options": [
-                {"name": o.name, "simulate": o.arguments, "mean_prior_share": float(total)}
-                for o, total in zip(self.options, self.total, strict=True)
-            ],
-            "best": {
-                s: {"name": b[0].name, "variance_left": b[1]} if b else None for s, b in best.items()
-            },
-            "plan": [
-                {"name": self.options[k].name, "simulate": self.options[k].arguments, "mean_prior_share": share}
-                for k, share in zip(self.plan, self.planned, strict=True)
-            ],
+            "options": [r | {"mean_prior_share": share} for r, share in zip(runs_, self.total.tolist(), strict=True)],
+            "best": {s: best_row(self.best(i)) for i, s in enumerate(symbols)},
+            "plan": [runs_[k] | {"mean_prior_share": share} for k, share in zip(self.plan, self.planned, strict=True)],
             "left_out": list(self.left_out),
-        }  # fmt: skip
+        }
+
+
+def best_row(best: tuple[Option, float] | None) -> dict[str, Any] | None:
+    """The ``best`` trial as plain values, None for none."""
+    return {"name": best[0].name, "variance_left": best[1]} if best else None
 
 
 def next_trial(
@@ -133,10 +127,9 @@ def next_trial(
         )
     had = features(calibration.segments, ship)
     F, own_features = fisher(calibration, trials, seconds)
-    data = calibration.data_information
-    worth = 1.0 if data is None else information_discount(data, C)
-    A = precision(C) if data is None else worth * data + np.eye(P)
-    F = worth * F
+    data = calibration.information.of_data()
+    worth = information_discount(data, C)
+    A, F = worth * data + np.eye(P), worth * F
     own = np.diag(np.linalg.inv(A))
     left, by_many = (np.diagonal(np.linalg.inv(A + k * F), axis1=1, axis2=2) / own for k in (1, MANY))
     plan, planned = _plan(A, F)
@@ -171,9 +164,9 @@ def runs(
             continue
         if len(trial) < 12:
             left_out.append(f"{option.name}: over before it begins")
-            continue
-        chosen.append(option)
-        trials.append(trial)
+        else:
+            chosen.append(option)
+            trials.append(trial)
     return chosen, trials, left_out
 
 
@@ -184,12 +177,10 @@ def fisher(calibration: Calibration, trials: Sequence[Trial], seconds: float) ->
     excluded, the initial state of every window being unknown.
     """
     ship, prior, settings = calibration.ship, calibration.prior, calibration.settings
-    positions = np.array([ship.symbols.index(s) for s in prior.symbols])
-    kernel = kernels(assemble(ship), positions, settings.compiled)
     h = calibration.segments.h
     window = settings.window or 100 * h
     parts = cut(trials, h, window, settings.interval, shortest=10 * h, inputs=ship.inputs)
-    problem = Problem(ship, prior, kernel, parts, calibration.sigma)
+    problem = Problem.of(ship, prior, parts, calibration.sigma, compiled=settings.compiled)
     per_window = information(problem, problem.join(problem.measured_nodes, calibration.p)).fisher
     F = np.zeros((len(trials), problem.P, problem.P))
     np.add.at(F, parts.run, np.nan_to_num(per_window))
@@ -208,12 +199,51 @@ def _plan(A: np.ndarray, F: np.ndarray, most: int = 3) -> tuple[tuple[int, ...],
 
     A: precision (P, P) before; F: (K, P, P) added by each trial.
     """
-    plan: list[int] = []
-    shares: list[float] = []
+    plan: list[tuple[int, float]] = []
     for _ in range(most):
         means = np.diagonal(np.linalg.inv(A + F), axis1=1, axis2=2).mean(axis=1)
         k = simplest(float(np.diag(np.linalg.inv(A)).mean()) - means)
-        plan.append(k)
-        shares.append(float(means[k]))
+        plan.append((k, float(means[k])))
         A = A + F[k]
-    return tuple(plan), tuple(shares)
+    numbers, shares = zip(*plan, strict=True)
+    return numbers, shares
+
+
+def advice(i: int, finding: CoefficientFinding, trial: NextTrial | None) -> str:
+    """Which ``trial`` would help coefficient ``i``; "" when its ``finding`` needs none, or none was scored."""
+    if trial is None or finding.kind in ("determined", "unknown") or not trial.options:
+        return ""
+    best = trial.best(i)
+    if best:
+        option, left = best
+        after = trial.before[i] * left
+        outcome = f"would bring its standard error down by {1 - np.sqrt(left):.0%}"
+        if after < DETERMINED:
+            outcome = f"would determine it (share {after:.0%})"
+        return f"best next trial: {option.name}, {trial.duration:.0f} s of it {outcome}"
+    many = trial.best(i, many=True)
+    if many:
+        option, left = many
+        return (
+            f"{trial.duration:.0f} s of no trial of the library would help by much; {MANY} times that of "
+            f"{option.name} would bring its standard error down by {1 - np.sqrt(left):.0%}"
+        )
+    return "none of the library would help: take it from captive tests, computation or regression"
+
+
+def identifiability_dict(found: Identifiability, trial: NextTrial | None = None) -> dict[str, Any]:
+    """Plain values for result.json: what was ``found``, a sentence each, and the trials scored (``trial``), if any."""
+    content = found.to_dict()
+    for i, finding in enumerate(found.findings):
+        missing, help_ = trial.missing[i] if trial else "", advice(i, finding, trial)
+        words = verdict(finding, missing)
+        content["coefficients"][finding.symbol] |= {
+            "sentence": f"{words}; {help_}" if help_ else words,
+            "cause": cause(finding, missing),
+            "advice": help_,
+        }
+    if trial:
+        content["next_trial"] = trial.to_dict([f.symbol for f in found.findings])
+        for cluster, best in zip(content["clusters"], trial.clusters(found), strict=True):
+            cluster["best_trial"] = best_row(best)
+    return content

@@ -52,8 +52,6 @@ from which their combination is named at all."""
 class CoefficientFinding:
     """What decided one coefficient.
 
-    Attributes
-    ----------
     symbol: the coefficient. kind: "determined", "partly", "shared", "prior", "silent" (not excited), "bound" or
     "unknown".
     share: prior's share of the posterior variance. alone: the share that would be left if all others were known.
@@ -76,8 +74,6 @@ class CoefficientFinding:
 class Identifiability:
     """Findings by coefficient, clusters and weak directions of a calibration.
 
-    Attributes
-    ----------
     findings: one per free coefficient, in the prior's order. clusters, directions: see there, strongest first.
     condition_number: of the data's information in prior standard deviations, infinite when it is singular.
     condition_with_prior: of the posterior precision. correlation: (P, P); order: the P coefficients in an order that
@@ -142,36 +138,30 @@ def analyse(
     """What the trials say about each coefficient.
 
     prior: of the P free coefficients; p: scaled estimate (P,); covariance: (P, P) in prior standard deviations.
-    information: of the data, (P, P) or per window (W, P, P), for the condition number and the weak directions; default
-    what the covariance implies. A covariance that is not finite gives findings of kind "unknown".
+    information: of the data, (P, P), for the condition number and the weak directions; default what the covariance
+    implies. A covariance that is not finite gives findings of kind "unknown".
     """
-    P = len(prior.symbols)
-    bounds = [at_bound(*z) for z in zip(p, (prior.lower - prior.mean) / prior.std,
-                                        (prior.upper - prior.mean) / prior.std, strict=True)]  # fmt: skip
-    nan = float("nan")
+    P, nan = len(prior.symbols), float("nan")
+    bounds = [at_bound(*z) for z in zip(p, *prior.scaled_bounds, strict=True)]
     if not np.isfinite(covariance).all() or (np.diag(covariance) <= 0).any():
-        kinds = ["bound" if where else "unknown" for where in bounds]
-        unknown = [
-            CoefficientFinding(s, k, nan, nan, bound=b) for s, k, b in zip(prior.symbols, kinds, bounds, strict=True)
-        ]
-        return Identifiability(tuple(unknown), (), (), nan, nan, np.full((P, P), nan), np.arange(P))
-    if information is None:
-        data, worth = precision(covariance) - np.eye(P), 1.0
-    else:
-        data = information.sum(axis=0) if information.ndim == 3 else information
+        unknown = tuple(
+            CoefficientFinding(s, "bound" if bound else "unknown", nan, nan, bound=bound)
+            for s, bound in zip(prior.symbols, bounds, strict=True)
+        )
+        return Identifiability(unknown, (), (), nan, nan, np.full((P, P), nan), np.arange(P))
+    data, worth = precision(covariance) - np.eye(P) if information is None else information, 1.0
+    if information is not None:
         worth = information_discount(data, covariance)
     inverse = worth * data + np.eye(P)
     C = precision(inverse)
     std, own = np.sqrt(np.diag(covariance)), np.sqrt(np.diag(C))
     correlation = C / np.outer(own, own)
     C = correlation * np.outer(std, std)
-    alone = (std / own) ** 2 / np.diag(inverse)
-    excited = np.diag(data) >= SILENT
-    findings = tuple(_finding(i, prior, p, C, float(alone[i]), bool(excited[i]), bounds[i]) for i in range(P))
+    alone, excited = ((std / own) ** 2 / np.diag(inverse)).tolist(), (np.diag(data) >= SILENT).tolist()
     values, vectors = np.linalg.eigh(0.5 * (data + data.T))
     with_prior = np.linalg.eigvalsh(inverse)
     return Identifiability(
-        findings,
+        tuple(_finding(i, prior, p, C, alone[i], excited[i], bounds[i]) for i in range(P)),
         clusters(prior.symbols, correlation),
         directions(prior.symbols, values, vectors, np.diag(data)),
         float(values[-1] / values[0]) if values[0] > 1e-14 * values[-1] else float("inf"),

@@ -71,8 +71,6 @@ def outlying_runs(problem: Problem, x: np.ndarray, moves: np.ndarray) -> list[Me
     run, to first order (``sandwich.left_out``), as a run that stands out is judged by a fit without it.
     """
     size, white = run_residuals(problem, x)
-    names = problem.segments.trials
-    found = []
     measured = np.isfinite(size).any(axis=1)
     if measured.sum() < 3:
         return []
@@ -82,20 +80,21 @@ def outlying_runs(problem: Problem, x: np.ndarray, moves: np.ndarray) -> list[Me
         alone = left_out_residual(problem, x, k, moved[k])
         if alone is not None:
             far[k] = max(far[k], _multiple(alone, np.delete(size, k, axis=0)))
-    for i in np.flatnonzero(far >= FAR):
-        if white[i] < WHITE:
-            words = (
-                f"{names[i]}: its samples are outliers throughout, {far[i]:.0f} times the residuals of the other runs "
-                "and uncorrelated; leave it out, or use --loss student if only some of its samples are bad"
-            )
-            found.append(Message(words, "outlying_samples"))
-        else:
-            words = (
-                f"{names[i]}: residuals {far[i]:.0f} times those of the other runs; it may be of another ship or "
-                "loading, or have a wrong unit or sign: leave it out and compare (mmg check, mmg score)"
-            )
-            found.append(Message(words, "outlying_run"))
-    return found
+    return [
+        Message(
+            f"{name}: its samples are outliers throughout, {multiple:.0f} times the residuals of the other runs "
+            "and uncorrelated; leave it out, or use --loss student if only some of its samples are bad",
+            "outlying_samples",
+        )
+        if correlation < WHITE
+        else Message(
+            f"{name}: residuals {multiple:.0f} times those of the other runs; it may be of another ship or "
+            "loading, or have a wrong unit or sign: leave it out and compare (mmg check, mmg score)",
+            "outlying_run",
+        )
+        for name, multiple, correlation in zip(problem.segments.trials, far, white, strict=True)
+        if multiple >= FAR
+    ]
 
 
 def _multiple(own: np.ndarray, others: np.ndarray) -> float:
@@ -114,7 +113,7 @@ def left_out_residual(problem: Problem, x: np.ndarray, run: int, move: np.ndarra
     seg = problem.segments
     p = np.clip(problem.split(x)[1] + np.nan_to_num(move), *problem.p_bounds())
     theta, own = problem.prior.mean + problem.prior.std * p, np.arange(problem.P) >= problem.prior.shared
-    alone = problem.with_segments(seg.subset(np.flatnonzero(seg.run == run))).with_bounds(
+    alone = problem.with_changes(segments=seg.subset(np.flatnonzero(seg.run == run))).with_bounds(
         np.where(own, problem.prior.lower, theta), np.where(own, problem.prior.upper, theta)
     )
     held = solve(alone, alone.start(p), ROUGH_TOLERANCE, ROUGH_ITERATIONS, options=ROUGH)
@@ -126,11 +125,8 @@ def run_residuals(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.ndarr
     autocorrelation (R,)."""
     seg = problem.segments
     e, ei = problem.errors(x)
-    windows = residual_series(seg, np.where(seg.node_mask > 0, e, np.nan), ei)
-    count = len(seg.trials)
-    squares, samples, lagged = np.zeros((count, 6)), np.zeros((count, 6)), np.zeros((count, 6))
-    for w, part in enumerate(windows):
-        run = seg.run[w]
+    squares, samples, lagged = np.zeros((3, len(seg.trials), 6))
+    for run, part in zip(seg.run, residual_series(seg, np.where(seg.node_mask > 0, e, np.nan), ei), strict=True):
         squares[run] += np.nansum(part**2, axis=0)
         samples[run] += np.isfinite(part).sum(axis=0)
         lagged[run] += np.nansum(part[1:] * part[:-1], axis=0)
@@ -200,17 +196,16 @@ def contradictions(prior: Prior) -> list[Message]:
     crossed = [s for s, lo, hi in zip(prior.symbols, prior.lower, prior.upper, strict=True) if lo >= hi]
     if crossed:
         raise UserError(f"{', '.join(crossed)}: lower bound not below the upper one; correct the ship file, or --fix")
-    found = []
-    for i, symbol in enumerate(prior.symbols):
-        below, above = prior.lower[i] - prior.mean[i], prior.mean[i] - prior.upper[i]
-        out = max(below, above)
-        if out > prior.std[i]:
-            words = (
-                f"{symbol}: its prior {prior.mean[i]:.4g} +- {prior.std[i]:.2g} lies {out / prior.std[i]:.1f} standard "
-                f"deviations outside its bounds {prior.lower[i]:.4g} to {prior.upper[i]:.4g}: one of them is wrong"
-            )
-            found.append(Message(words, "prior_outside_bounds"))
-    return found
+    low, high = prior.scaled_bounds
+    return [
+        Message(
+            f"{symbol}: its prior {prior.mean[i]:.4g} +- {prior.std[i]:.2g} lies {outside:.1f} standard deviations "
+            f"outside its bounds {prior.lower[i]:.4g} to {prior.upper[i]:.4g}: one of them is wrong",
+            "prior_outside_bounds",
+        )
+        for i, (symbol, outside) in enumerate(zip(prior.symbols, np.maximum(low, -high), strict=True))
+        if outside > 1
+    ]
 
 
 def against_captive(
@@ -224,8 +219,8 @@ def against_captive(
     alone = estimate_from_captive(forces, base, free, prior.mean, prior.std, ridge=1e-3)
     spread = np.sqrt(np.clip(np.diag(alone.covariance), 0, None))
     found = [
-        (abs(p) / np.sqrt(1 + s**2), symbol, prior.mean[i], prior.std[i], prior.mean[i] + prior.std[i] * p)
-        for i, (symbol, p, s) in enumerate(zip(prior.symbols, alone.p, spread, strict=True))
+        (abs(p) / np.sqrt(1 + s**2), symbol, mean, std, mean + std * p)
+        for symbol, mean, std, p, s in zip(prior.symbols, prior.mean, prior.std, alone.p, spread, strict=True)
         if s < 3.0
     ]
     return [

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from fitting.identifiability.analysis import DETERMINED, WORSE, CoefficientFinding, Identifiability, at_bound
-from fitting.identifiability.plausibility import implausible
 from fitting.nlp.problem import Prior, Problem
 from fitting.settings import Start
 from fitting.solvers.ipopt import Solution
@@ -16,30 +16,57 @@ from fitting.solvers.multistart import disagreement
 from mmg.messages import Message
 from mmg.ship import Ship
 
+PHYSICAL: dict[str, tuple[float, float]] = {
+    "t_P": (0.0, 0.4),
+    "w_P0": (0.0, 0.8),
+    "x_P": (-0.7, -0.3),
+    "t_R": (0.0, 0.6),
+    "a_H": (0.0, 1.0),
+    "x_H": (-0.6, -0.3),
+    "epsilon": (0.7, 1.6),
+    "ell_R": (-1.2, -0.5),
+    "gamma_P": (0.2, 0.8),
+    "gamma_N": (0.2, 0.8),
+    "gamma_R_plus": (0.2, 0.8),
+    "gamma_R_minus": (0.2, 0.8),
+    "X_0F": (-math.inf, 0.0),
+    "X_0A": (-math.inf, 0.0),
+    "R_0": (0.0, math.inf),
+    "Y_v": (-math.inf, 0.0),
+    "N_v": (-math.inf, 0.0),
+    "N_r": (-math.inf, 0.0),
+    "C_D": (0.0, math.inf),
+    "k_0": (0.0, math.inf),
+}
+"""Ranges outside which a coefficient is no longer physical: it stands in for something that the model lacks.
+
+Engineering judgement for merchant ships; public fits of the ESSO OSAKA records leave most of them.
+"""
+ADDED_MASSES = ("m_x", "m_y", "I_J_z")
+WITHIN_PRIOR = 2.0
+"""Prior standard deviations within which the estimate of an added mass must lie."""
+
 
 def cause(finding: CoefficientFinding, missing: str = "") -> str:
     """What decided a coefficient, in words, from its ``finding``; missing: what trials that excite it have and these
     have not."""
-    names = listed(finding.partners)
-    if finding.kind == "bound":
-        return f"at its {finding.bound} bound: the data ask for a value outside the range given"
-    if finding.kind == "unknown":
-        return "its uncertainty could not be computed"
-    if finding.kind == "determined":
-        return "determined by the data"
-    if finding.kind == "partly":
-        return "partly determined by the data" + (f", what is missing is shared with {names}" if names else "")
-    if finding.kind == "silent":
-        return "not excited by these trials" + (f", which have no {missing}" if missing else "")
-    if finding.kind == "prior" and finding.share > WORSE:
+    names, kind = listed(finding.partners), finding.kind
+    if kind == "prior" and finding.share > WORSE:
         return "no better known than by its prior: correlated residuals made it worse; fix it or narrow its prior"
-    if finding.kind == "prior":
-        return "decided by the prior" + (f", what the data say is shared with {names}" if names else "")
-    if not names:
-        return "shared with many coefficients: only combinations of them are determined"
-    if finding.together >= DETERMINED:
-        return f"shared with {', '.join(finding.partners)} and others: only combinations of them are determined"
-    return f"shared with {names}: the data determine only {finding.combination or 'their combination'}"
+    if kind == "shared":
+        if not names:
+            return "shared with many coefficients: only combinations of them are determined"
+        if finding.together >= DETERMINED:
+            return f"shared with {', '.join(finding.partners)} and others: only combinations of them are determined"
+        return f"shared with {names}: the data determine only {finding.combination or 'their combination'}"
+    return {
+        "bound": f"at its {finding.bound} bound: the data ask for a value outside the range given",
+        "unknown": "its uncertainty could not be computed",
+        "determined": "determined by the data",
+        "partly": "partly determined by the data" + (f", what is missing is shared with {names}" if names else ""),
+        "silent": "not excited by these trials" + (f", which have no {missing}" if missing else ""),
+        "prior": "decided by the prior" + (f", what the data say is shared with {names}" if names else ""),
+    }[kind]
 
 
 def verdict(finding: CoefficientFinding, missing: str = "") -> str:
@@ -99,18 +126,40 @@ def estimate_warnings(problem: Problem, best: Solution, p: np.ndarray, starts: l
     if not best.converged:
         words = f"not converged ({best.status}): {best.advice or 'the best iterate is kept'}"
         found.append(Message(words, "not_converged"))
-    lower, upper = problem.p_bounds()
-    hit = [
-        f"{s} ({where})"
-        for s, value, lo, hi in zip(problem.prior.symbols, p, lower, upper, strict=True)
-        if (where := at_bound(value, lo, hi))
-    ]
+    prior = problem.prior
+    ends = [at_bound(*scaled) for scaled in zip(p, *prior.scaled_bounds, strict=True)]
+    hit = [f"{s} ({end})" for s, end in zip(prior.symbols, ends, strict=True) if end]
     if hit:
         found.append(Message(f"at a bound: {', '.join(hit)}", "at_bound"))
-    away = [s for s, value in zip(problem.prior.symbols, p, strict=True) if abs(value) > 3]
+    away = [s for s, value in zip(prior.symbols, p, strict=True) if abs(value) > 3]
     if away:
         words = f"more than three prior standard deviations from the prior: {', '.join(away)}"
         found.append(Message(words, "far_from_prior"))
-    values = problem.prior.mean + problem.prior.std * p
-    found += implausible(problem.prior, dict(zip(problem.prior.symbols, values.tolist(), strict=True)))
+    found += implausible(prior, dict(zip(prior.symbols, (prior.mean + prior.std * p).tolist(), strict=True)))
     return [*found, *disagreement(starts, best.objective)]
+
+
+def implausible(prior: Prior, values: dict[str, float]) -> list[Message]:
+    """Warnings on ``values`` (symbol -> estimate) outside their physical range; on added masses far from ``prior``."""
+    found = []
+    for symbol, value in values.items():
+        low, high = PHYSICAL.get(symbol, (-math.inf, math.inf))
+        if low <= value <= high:
+            continue
+        limits = f"{low:g} to {high:g}"
+        if math.inf in (-low, high):
+            limits = f"at most {high:g}" if math.isfinite(high) else f"at least {low:g}"
+        words = (
+            f"{symbol} = {value:.3g} is outside its physical range ({limits}): it stands in for something else; fix "
+            "it, narrow its prior, or free what is missing"
+        )
+        found.append(Message(words, "implausible"))
+    for symbol, mean, std in zip(prior.symbols, prior.mean, prior.std, strict=True):
+        shift = (values.get(symbol, mean) - mean) / std
+        if symbol in ADDED_MASSES and abs(shift) > WITHIN_PRIOR:
+            words = (
+                f"{symbol} = {values[symbol]:.3g} lies {abs(shift):.1f} prior standard deviations from its prior; "
+                "trials hardly determine added masses, so it makes up for something else: narrow its prior or fix it"
+            )
+            found.append(Message(words, "added_mass_far_from_prior"))
+    return found

@@ -51,15 +51,16 @@ def read_captive(path: Path, sigma: tuple[float, ...] | None = None) -> Captive:
         raise UserError(f"{path}: no such file; --captive takes a table of captive-test points")
     header, numbers = read_table(path, path.read_bytes())
     cells = {name: (i, unit) for i, (name, unit) in enumerate(split_header(cell) for cell in header)}
-    missing = [name for name in ("u", "v", "r", "n", *FORCES) if name not in cells]
-    missing += [] if any(name.startswith("delta") for name in cells) else ["delta"]
-    if missing:
+    found = {"delta" if name.startswith("delta") else name for name in cells}
+    if missing := [name for name in ("u", "v", "r", "n", *FORCES, "delta") if name not in found]:
         raise UserError(f"{path}: missing column {', '.join(missing)}; found: {', '.join(header)}")
     columns: dict[str, np.ndarray] = {}
     for name, (i, unit) in cells.items():
         force = name.removeprefix("sigma_")
         if force in FORCES:
-            columns[name] = numbers(i) * _force_factor(path, header[i], force, unit)
+            if unit not in UNITS[force]:
+                raise UserError(f"{path}: column '{header[i]}' needs a unit out of {', '.join(UNITS[force])}")
+            columns[name] = numbers(i) * (1e3 if unit.startswith("k") else 1.0)
         elif name in ("u", "v", "r") or name.startswith(("n", "delta")):
             try:
                 factor = to_si(name, unit, f"{path}: column '{header[i]}'")
@@ -76,22 +77,15 @@ def read_captive(path: Path, sigma: tuple[float, ...] | None = None) -> Captive:
     return Captive(path.stem, motion, actuators, forces, _sigma(path, forces, columns, sigma))
 
 
-def _force_factor(path: Path, cell: str, force: str, unit: str) -> float:
-    if unit not in UNITS[force]:
-        raise UserError(f"{path}: column '{cell}' needs a unit out of {', '.join(UNITS[force])}")
-    return 1e3 if unit.startswith("k") else 1.0
-
-
 def _sigma(path: Path, forces: np.ndarray, columns: dict, given: tuple[float, ...] | None) -> np.ndarray:
     """Standard deviations (3, M), infinite where a force is missing."""
-    result = np.empty_like(forces)
+    result, known = np.empty_like(forces), np.isfinite(forces)
     for i, name in enumerate(FORCES):
-        rms = float(np.sqrt(np.nanmean(forces[i] ** 2))) if np.isfinite(forces[i]).any() else 0.0
-        usual = given[i] if given else FLOOR * rms
-        result[i] = columns.get(f"sigma_{name}", np.full(forces.shape[1], usual))
-        if not (result[i][np.isfinite(forces[i])] > 0).all():
+        rms = float(np.sqrt(np.mean(forces[i, known[i]] ** 2))) if known[i].any() else 0.0
+        result[i] = columns.get(f"sigma_{name}", given[i] if given else FLOOR * rms)
+        if not (result[i, known[i]] > 0).all():
             raise UserError(f"{path}: the standard deviation of {name} must be positive; give it with --captive-sigma")
-    return np.where(np.isfinite(forces), result, np.inf)
+    return np.where(known, result, np.inf)
 
 
 class CaptiveForces:
@@ -124,16 +118,11 @@ class CaptiveForces:
     @staticmethod
     def _arrays(model: Model, points: Captive) -> tuple[np.ndarray, np.ndarray]:
         """Motion (3, M) and inputs (C, M) of the model: at rest relative to the air, at time 0."""
-        M = len(points)
-        rows = {"wind_north": points.motion[0], "wind_east": points.motion[1], "time": np.zeros(M)}
-        controls = []
-        for name in model.controls:
-            found = points.actuators.get(name, points.actuators.get(name.split("_")[0]))
-            if name in rows:
-                controls.append(rows[name])
-            elif found is not None:
-                controls.append(found)
-            else:
+        still = {"wind_north": points.motion[0], "wind_east": points.motion[1], "time": np.zeros(len(points))}
+        rows = points.actuators | still
+        controls = [rows.get(name, rows.get(name.split("_")[0])) for name in model.controls]
+        for name, row in zip(model.controls, controls, strict=True):
+            if row is None:
                 raise UserError(f"{points.name}: no column {name}, which {model.ship.name} has for an actuator")
         return points.motion, np.array(controls)
 
@@ -186,7 +175,7 @@ def estimate_from_captive(
     forces: of the points; base: all coefficients (all,); free: positions of the free ones (P,); mean, std: of their
     prior (P,); ridge: 1 for the prior as it stands, smaller for a wider one. Bounds are not regarded.
     """
-    p, damping, P = np.zeros(len(free)), 0.0, len(free)
+    p, damping = np.zeros(len(free)), 0.0
 
     def at(p: np.ndarray) -> np.ndarray:
         theta = base.copy()
@@ -196,10 +185,12 @@ def estimate_from_captive(
     def value(p: np.ndarray) -> float:
         return forces.cost(at(p)) + 0.5 * ridge * float(p @ p)
 
+    def curvature(p: np.ndarray) -> np.ndarray:
+        return np.outer(std, std) * forces.information(at(p)) + ridge * np.eye(len(p))
+
     here, converged = value(p), False
     for _ in range(200):
-        g = std * forces.gradient(at(p)) + ridge * p
-        H = np.outer(std, std) * forces.information(at(p)) + ridge * np.eye(P)
+        g, H = std * forces.gradient(at(p)) + ridge * p, curvature(p)
         step = -np.linalg.solve(H + damping * np.diag(np.diag(H)), g)
         there = value(p + step)
         if np.isfinite(there) and there <= here:
@@ -211,5 +202,4 @@ def estimate_from_captive(
             damping = max(10 * damping, 1e-4)
             if damping > 1e10:
                 break
-    H = np.outer(std, std) * forces.information(at(p)) + ridge * np.eye(P)
-    return CaptiveEstimate(p, np.linalg.inv(H), converged)
+    return CaptiveEstimate(p, np.linalg.inv(curvature(p)), converged)

@@ -10,7 +10,6 @@ by the envelope theorem the exact gradient of the window's profiled cost.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -52,6 +51,11 @@ class Information:
         np.add.at(score, position, self.score)
         return replace(self, fisher=fisher, score=score, run=runs)
 
+    def of_data(self) -> np.ndarray:
+        """Information of the data, captive tests among them, on the shared coefficients, without their prior (P, P)."""
+        hessian = self.shared().hessian
+        return hessian - np.eye(len(hessian))
+
     def shared(self) -> Information:
         """Information of each run on the shared coefficients, its own constants eliminated under their prior.
 
@@ -81,22 +85,18 @@ def information(problem: Problem, x: np.ndarray) -> Information:
     problem's scaled coefficients: (W, P, P) and (W, P).
     """
     seg, S, L, columns = problem.segments, problem.S, problem.L, problem.columns
-    p = problem.split(x)[1].copy()
-    q, g = _inside(problem, x)
-    at_nodes = _at_nodes(problem, x)
+    p, parts = problem.split(x)[1].copy(), Quadratics.of(problem, x)
     V, v = np.zeros((len(seg.run), S + L, S + L)), np.zeros((len(seg.run), S + L))
-    maps, moved = _transitions(problem, x)
     for depth, i in enumerate(intervals_by_level(seg)):
-        w = seg.window[i]
+        w, start = seg.window[i], seg.start[i]
         if depth == 0:
-            V[w], v[w] = at_nodes(seg.end[i])
-        T, c = maps(i), moved[i]
+            V[w], v[w] = parts.nodes[seg.end[i]], parts.node_slope[seg.end[i]]
+        T, off = parts.maps[i], parts.off[i]
         price = problem.jump_weight[i][:, None] * problem.scale[problem.random] ** 2
         H, slope = minimised_over_jumps(V[w], v[w], problem.random, price)
-        node_H, node_slope = at_nodes(seg.start[i])
-        T_t = np.swapaxes(T, 1, 2)
-        V[w] = T_t @ H @ T + q[i] + node_H
-        v[w] = (T_t @ (slope + (H @ c[:, :, None])[:, :, 0])[:, :, None])[:, :, 0] + g[i] + node_slope
+        pulled = np.swapaxes(T, 1, 2) @ (slope + (H @ off[:, :, None])[:, :, 0])[:, :, None]
+        V[w] = np.swapaxes(T, 1, 2) @ H @ T + parts.inside[i] + parts.nodes[start]
+        v[w] = pulled[:, :, 0] + parts.inside_slope[i] + parts.node_slope[start]
     solved = np.linalg.solve(V[:, :S, :S], np.concatenate([V[:, :S, S:], v[:, :S, None]], axis=2))
     across = np.swapaxes(V[:, :S, S:], 1, 2) @ solved
     local = V[:, S:, S:] - across[:, :, :L]
@@ -121,17 +121,20 @@ def intervals_by_level(seg: Segments) -> list[np.ndarray]:
 
 @dataclass(frozen=True)
 class Quadratics:
-    """Parts of the windows' cost at x, in scaled (state, p): quadratics of the samples inside each interval and at each
-    node, (M or B, S + L, S + L), and the map of each interval from its start to its end."""
+    """Parts of the windows' cost at x, in scaled (state, p): quadratics and slopes of the samples inside each interval
+    and at each node, (M or B, S + L, S + L) and (M or B, S + L), the map of each interval from its start to its end
+    (M, S + L, S + L), and what the end is off the next node (M, S + L)."""
 
     inside: np.ndarray
+    inside_slope: np.ndarray
     nodes: np.ndarray
+    node_slope: np.ndarray
     maps: np.ndarray
+    off: np.ndarray
 
     @classmethod
     def of(cls, problem: Problem, x: np.ndarray) -> Quadratics:
-        nodes = _at_nodes(problem, x)(np.arange(problem.B))[0]
-        return cls(_inside(problem, x)[0], nodes, _transitions(problem, x)[0](np.arange(problem.M)))
+        return cls(*_inside(problem, x), *_at_nodes(problem, x), *_transitions(problem, x))
 
 
 def _prior_parts(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -183,45 +186,35 @@ def _inside(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return q, g
 
 
-def _at_nodes(problem: Problem, x: np.ndarray) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
-    """A function of node numbers: quadratics and slopes in (node, p) of the samples at those nodes."""
-    nodes, p = problem.split(x)
-    S, L, theta, error = problem.S, problem.L, problem.coefficients(p), problem.errors(x)[0]
-    weight, remembered = problem.weights_at(x)[0], np.arange(6, S)
-
-    def of(b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        still, group = np.zeros((len(b), S, S + L)), problem.columns.node[b]
-        still[:, np.arange(S), np.arange(S)] = 1.0
-        J = _columns(problem, nodes[b].T, still, problem.columns.points(theta, group), group)
-        weighted = weight[b][:, :, None] * J
-        H, slope = np.swapaxes(J, 1, 2) @ weighted, (error[b][:, None, :] @ weighted)[:, 0]
-        memory = problem.memory_weight[b] * problem.scale[6:]
-        H[:, remembered, remembered] += memory * problem.scale[6:]
-        slope[:, 6:S] += memory * (nodes[b, 6:] - problem.measured_nodes[b, 6:])
-        return H, slope
-
-    return of
+def _at_nodes(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Quadratics and slopes in (node, p) of the samples at the nodes."""
+    (nodes, p), S, group = problem.split(x), problem.S, problem.columns.node
+    still = np.zeros((problem.B, S, S + problem.L))
+    still[:, np.arange(S), np.arange(S)] = 1.0
+    J = _columns(problem, nodes.T, still, problem.columns.points(problem.coefficients(p), group), group)
+    weighted = problem.weights_at(x)[0][:, :, None] * J
+    H, slope = np.swapaxes(J, 1, 2) @ weighted, (problem.errors(x)[0][:, None, :] @ weighted)[:, 0]
+    memory, remembered = problem.memory_weight * problem.scale[6:], np.arange(6, S)
+    H[:, remembered, remembered] += memory * problem.scale[6:]
+    slope[:, 6:S] += memory * (nodes[:, 6:] - problem.measured_nodes[:, 6:])
+    return H, slope
 
 
-def _transitions(problem: Problem, x: np.ndarray) -> tuple[Callable[[np.ndarray], np.ndarray], np.ndarray]:
-    """A function of interval numbers giving d(end, p) / d(start, p), scaled (m, S + L, S + L); and what the end is
-    off the next node (M, S + L), a latent state taken where it would be without a jump."""
-    seg, S, L = problem.segments, problem.S, problem.L
+def _transitions(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """d(end, p) / d(start, p) of the intervals; and what the end is off the next node, a latent state taken where it
+    would be without a jump."""
+    S, L, random = problem.S, problem.L, problem.random
     nodes, _, end, _ = problem.evaluate(x)
     off = np.zeros((problem.M, S + L))
-    off[:, :S] = (end.T - nodes[seg.end]) / problem.scale
-    off[:, problem.random] = problem.process_jumps(nodes) / problem.scale[problem.random]
+    off[:, :S] = (end.T - nodes[problem.segments.end]) / problem.scale
+    off[:, random] = problem.process_jumps(nodes) / problem.scale[random]
+    T = np.zeros((problem.M, S + L, S + L))
     ends = np.concatenate([sweep.S_end for sweep in problem.sweep(x)])
-
-    def of(i: np.ndarray) -> np.ndarray:
-        T = np.zeros((len(i), S + L, S + L))
-        T[:, :S] = ends[i] * _unit(problem, problem.columns.interval[i]) / problem.scale[:, None]
-        T[:, problem.random] = 0.0
-        T[:, problem.random, problem.random] = problem.decay[i][:, None]
-        T[:, np.arange(S, S + L), np.arange(S, S + L)] = 1.0
-        return T
-
-    return of, off
+    T[:, :S] = ends * _unit(problem, problem.columns.interval) / problem.scale[:, None]
+    T[:, random] = 0.0
+    T[:, random, random] = problem.decay[:, None]
+    T[:, np.arange(S, S + L), np.arange(S, S + L)] = 1.0
+    return T, off
 
 
 def minimised_over_jumps(

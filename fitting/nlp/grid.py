@@ -20,7 +20,6 @@ class Grid:
     the inputs of the model.
     """
 
-    trial: str
     t: np.ndarray
     states: np.ndarray
     controls: np.ndarray
@@ -31,9 +30,8 @@ def pieces(trial: Trial, longest_gap: float, controls: np.ndarray) -> list[slice
 
     longest_gap: largest time step [s] within a stretch.
     """
-    good = np.isfinite(np.column_stack([trial[c] for c in ("psi", "u", "v", "r")])).all(axis=1)
-    good &= np.isfinite(controls).all(axis=1)
-    index = np.flatnonzero(good)
+    needed = np.column_stack([*(trial[c] for c in ("psi", "u", "v", "r")), controls])
+    index = np.flatnonzero(np.isfinite(needed).all(axis=1))
     if len(index) == 0:
         return []
     breaks = np.flatnonzero(np.diff(trial.t[index]) > longest_gap) + 1
@@ -53,14 +51,12 @@ def grids(
         rows = np.arange(piece.start, piece.stop)
         rows = rows[np.isfinite(controls[rows]).all(axis=1) & np.isfinite(states[rows, 2:]).all(axis=1)]
         t = trial.t[rows]
-        if len(t) < 2:
-            continue
         count = int(np.floor((t[-1] - t[0]) / h + 1e-9))
         if count < 1:
             continue
         edges = t[0] + h * np.arange(count + 1)
         on_grid = np.column_stack([_interpolate(edges, t, states[rows, j]) for j in range(6)])
-        result.append(Grid(trial.name, edges, on_grid, means(t, controls[rows], edges)))
+        result.append(Grid(edges, on_grid, means(t, controls[rows], edges)))
     return result
 
 

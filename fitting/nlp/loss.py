@@ -9,7 +9,7 @@ but an outlier is one relative to the rms: a = threshold^2 / tau (huber), nu / t
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -38,10 +38,6 @@ class Loss:
     @property
     def robust(self) -> bool:
         return self.name != "gaussian"
-
-    def with_tau(self, tau: np.ndarray) -> Loss:
-        """The same loss for residuals of other correlation times ``tau`` (6,) [samples]."""
-        return replace(self, tau=np.asarray(tau, dtype=float))
 
     def _over(self, e: np.ndarray, value: float) -> np.ndarray:
         """value / tau, shaped to go with e."""

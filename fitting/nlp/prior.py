@@ -40,12 +40,27 @@ class Prior:
         """Of the coefficients that one run depends on, among all of the ship."""
         return np.array([ship.symbols.index(s) for s in self.local])
 
+    @property
+    def scaled_bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper bounds of the scaled coefficients, (P,) each."""
+        return (self.lower - self.mean) / self.std, (self.upper - self.mean) / self.std
+
+    @property
+    def common(self) -> Prior:
+        """The prior of the shared coefficients alone."""
+        own = slice(self.shared)
+        return Prior(self.symbols[own], self.mean[own], self.std[own], self.lower[own], self.upper[own])
+
     @classmethod
-    def of(cls, ship: Ship, symbols: Sequence[str] | None = None) -> Prior:
-        """The prior that a ship file states: value +- std within its bounds; default of what is free."""
-        symbols = ship.free if symbols is None else tuple(symbols)
-        chosen = [ship.coefficients[s] for s in symbols]
+    def of(cls, ship: Ship, constants: Sequence[str] = (), runs: Sequence[str] = ()) -> Prior:
+        """The prior that a ship file states of what is free: value +- std within its bounds.
+
+        constants: further coefficients, of which each of ``runs`` has its own, named "current.x@RUN".
+        """
+        own = [(f"{symbol}@{run}", symbol) for run in runs for symbol in constants]
+        symbols = (*ship.free, *(name for name, _ in own))
+        chosen = [ship.coefficients[s] for s in (*ship.free, *(symbol for _, symbol in own))]
         mean, std, lower, upper = (
             np.array([getattr(c, k) for c in chosen]) for k in ("value", "std", "lower", "upper")
         )
-        return cls(symbols, mean, std, lower, upper)
+        return cls(symbols, mean, std, lower, upper, tuple(constants), len(runs) if constants else 0)

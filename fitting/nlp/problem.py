@@ -15,16 +15,15 @@ from typing import Any
 
 import numpy as np
 
-from fitting.nlp.captive import CaptiveForces
+from fitting.nlp.captive import Captive, CaptiveForces
 from fitting.nlp.loss import Loss
 from fitting.nlp.prior import Prior as Prior
 from fitting.nlp.run_constants import Columns, neutral_values
-from fitting.nlp.sample_cost import SampleCost
-from fitting.nlp.shooting import Kernels, Shooting, Sweep
+from fitting.nlp.shooting import Kernels, SampleCost, Shooting, Sweep
 from fitting.nlp.sparsity import sparsity_patterns
 from fitting.nlp.windows import Segments
 from mmg.effects.disturbance import LATENT_STATES
-from mmg.model import states_behind
+from mmg.model import assemble, states_behind
 from mmg.ship import Ship
 
 
@@ -32,7 +31,8 @@ class Problem:
     """The nonlinear program over the intervals of ``segments``.
 
     sigma: (6,) standard deviation of the residual of each state channel; loss: cost of residuals; captive: forces of
-    captive tests as further residuals. All evaluations cache on x.
+    captive tests as further residuals. All evaluations cache on x. To another process goes what the problem is made of
+    (``of``); its compiled code is taken from the cache there.
     """
 
     def __init__(
@@ -72,8 +72,28 @@ class Problem:
         jacobian, hessian = sparsity_patterns(segments, self.S, self.P, self.fixed, self.random, self.columns)
         self.jacobian_sparsity, self._jacobian_order = jacobian
         self.hessian_sparsity, self._hessian_order = hessian
-        self._values_at: np.ndarray | None = None
-        self._sweep_at: np.ndarray | None = None
+        self._values_at = self._sweep_at = np.full(self.n, np.nan)
+
+    @classmethod
+    def of(
+        cls,
+        ship: Ship,
+        prior: Prior,
+        segments: Segments,
+        sigma: np.ndarray,
+        loss: Loss | None = None,
+        captive: Captive | None = None,
+        compiled: bool = True,
+    ) -> Problem:
+        """The problem with kernels made for it; captive: points of captive tests; compiled: use a C compiler."""
+        free = prior.positions(ship)
+        kernel = Kernels(assemble(ship), free, compiled)
+        forces = CaptiveForces(kernel.model, free[: prior.shared], captive, compiled) if captive else None
+        return cls(ship, prior, kernel, segments, sigma, loss, forces)
+
+    def __reduce__(self) -> tuple:
+        points, compiled = self.captive.points if self.captive else None, not self.kernels.interpreted_because
+        return Problem.of, (self.ship, self.prior, self.segments, self.sigma, self.loss, points, compiled)
 
     def _latent_process(self) -> tuple[np.ndarray, np.ndarray]:
         """Of the latent process over each interval (M,): what is left of it, and 1 / variance of its change."""
@@ -88,7 +108,6 @@ class Problem:
         seg = self.segments
         return self.decay[:, None] * nodes[seg.start][:, self.random] - nodes[seg.end][:, self.random]
 
-    # -- variables ---------------------------------------------------------------------------------------------
     def split(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Node states (B, S) in SI and scaled coefficients p (P,)."""
         return x[: self.S * self.B].reshape(self.B, self.S) * self.scale, x[self.S * self.B :]
@@ -115,21 +134,16 @@ class Problem:
         return self.join(self.measured_nodes, inside)
 
     def p_bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        return (
-            (self.prior.lower - self.prior.mean) / self.prior.std,
-            (self.prior.upper - self.prior.mean) / self.prior.std,
-        )
+        return self.prior.scaled_bounds
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Bounds of x: the coefficients' own, none for the nodes."""
-        free = np.full(self.S * self.B, np.inf)
-        lower, upper = self.p_bounds()
+        free, (lower, upper) = np.full(self.S * self.B, np.inf), self.p_bounds()
         return np.concatenate([-free, lower]), np.concatenate([free, upper])
 
-    # -- values ------------------------------------------------------------------------------------------------
     def evaluate(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Node states (B, S), scaled coefficients, interval ends (S, M) and interior states at x, cached."""
-        if self._values_at is None or not np.array_equal(x, self._values_at):
+        if not np.array_equal(x, self._values_at):
             x = x.copy()  # IPOPT hands over views of its own memory
             nodes, p = self.split(x)
             end, interior = self.shooting.values(nodes[self.segments.start].T, self.coefficients(p))
@@ -164,10 +178,9 @@ class Problem:
         nodes, _, end, _ = self.evaluate(x)
         return ((end.T - nodes[self.segments.end]) / self.scale)[:, self.fixed].reshape(-1)
 
-    # -- derivatives -------------------------------------------------------------------------------------------
     def sweep(self, x: np.ndarray) -> list[Sweep]:
         """Forward sweeps with sensitivities at x, one per block of intervals."""
-        if self._sweep_at is None or not np.array_equal(x, self._sweep_at):
+        if not np.array_equal(x, self._sweep_at):
             x = x.copy()
             nodes, p = self.split(x)
             self._sweep = self.shooting.sweep(nodes[self.segments.start].T, self.coefficients(p))
@@ -183,9 +196,8 @@ class Problem:
         e, ei = self.errors(x)
         theta, shooting, columns = self.coefficients(p), self.shooting, self.columns
         pull_in = self.loss.weight(self.weight, ei) * ei
-        d_nodes, direct = self._measurement_gradient(
-            nodes, self.loss.weight(self.node_weight, e) * e, self._theta(p)[0]
-        )
+        pull_at = self.loss.weight(self.node_weight, e) * e
+        d_nodes, direct = self._measurement_gradient(nodes, pull_at, self._theta(p)[0])
         d_theta = columns.total(direct, columns.node)
         if self.captive:
             d_theta[0, : columns.shared] += self.captive.gradient(self.captive_coefficients(p))
@@ -252,9 +264,8 @@ class Problem:
         if self.kernels.measurement.identity:
             nodes[:, np.arange(6), np.arange(6)] += factor * second
         else:
-            H = factor * self._measurement_hessian(
-                at_nodes, second, self.loss.weight(self.node_weight, e) * e, self._theta(p)[0]
-            )
+            pull = self.loss.weight(self.node_weight, e) * e
+            H = factor * self._measurement_hessian(at_nodes, second, pull, self._theta(p)[0])
             own = self.kernels.measurement.own
             nodes[:, :, :S] += H[:, :S, :S]
             nodes[:, :, S + own] += H[:, :S, S:]
@@ -269,23 +280,19 @@ class Problem:
         own = (nodes[:, :, :S] * np.outer(s, s))[:, rows_u, columns_u]
         border = nodes[:, :, S:] * columns.each(s[:, None] * t, columns.node)
         shared = columns.matrix(shared * (np.swapaxes(t, 1, 2) * t), self.P) + factor * np.eye(self.P)
-        corner = shared[np.triu_indices(self.P)]
-        values = np.concatenate([own.reshape(-1), border.reshape(-1), across.reshape(-1), corner])
-        return values[self._hessian_order]
+        parts = (own, border, across, shared[np.triu_indices(self.P)])
+        return np.concatenate([part.reshape(-1) for part in parts])[self._hessian_order]
 
     def _sample_cost(self, x: np.ndarray, factor: float) -> SampleCost:
         """Derivatives of factor times the cost of the samples inside the intervals."""
         _, p, _, interior = self.evaluate(x)
         ei = self.errors(x)[1]
-        weight, we = (
-            factor * self.loss.second_derivative(self.weight, ei),
-            factor * self.loss.weight(self.weight, ei) * ei,
-        )
+        weight = factor * self.loss.second_derivative(self.weight, ei)
+        we = factor * self.loss.weight(self.weight, ei) * ei
         room = ((0, 0), (0, self.S - 6), (0, 0))
         if self.kernels.measurement.identity:
             return SampleCost(np.pad(we, room), np.pad(weight, room))
-        theta = self._theta(p)[1]
-        own = self.kernels.measurement.own
+        theta, own = self._theta(p)[1], self.kernels.measurement.own
         size = self.S + len(own)
         pull, full = np.zeros(interior.shape), np.zeros((len(interior), self.M, size, size))
         for k, z in enumerate(interior):
@@ -298,33 +305,15 @@ class Problem:
         e, ei = self.errors(x)
         return self.loss.weight(self.node_weight, e), self.loss.weight(self.weight, ei)
 
-    def residuals(self, x: np.ndarray) -> np.ndarray:
-        """Model minus measured at all measured grid samples, (samples, 6), NaN where not measured; nodes first."""
-        e, ei = self.errors(x)
-        at_nodes = np.where(self.segments.node_mask > 0, e, np.nan)
-        inside = np.where(self.segments.mask > 0, ei, np.nan)
-        return np.vstack([at_nodes, np.moveaxis(inside, 1, 2).reshape(-1, 6)])
-
     def with_sigma(self, sigma: np.ndarray, tau: np.ndarray | None = None) -> Problem:
         """The same problem with other noise levels; tau: (6,) correlation times of residuals [samples]."""
-        return self.with_changes(sigma=sigma, loss=self.loss if tau is None else self.loss.with_tau(tau))
-
-    def with_ship(self, ship: Ship) -> Problem:
-        """The same problem with other values of coefficients that are not free."""
-        return self.with_changes(ship=ship)
-
-    def with_loss(self, name: str) -> Problem:
-        """The same problem with another loss."""
-        return self.with_changes(loss=replace(self.loss, name=name))
+        return self.with_changes(sigma=sigma, loss=self.loss if tau is None else replace(self.loss, tau=tau))
 
     def with_bounds(self, lower: np.ndarray, upper: np.ndarray) -> Problem:
         """The same problem with other bounds of the coefficients, (P,) each."""
         return self.with_changes(prior=replace(self.prior, lower=lower, upper=upper))
 
-    def with_segments(self, segments: Segments) -> Problem:
-        """The same problem over other data."""
-        return self.with_changes(segments=segments)
-
     def with_changes(self, **changes: Any) -> Problem:
+        """The same problem with other arguments of its constructor; a ship may differ in what is not free."""
         names = ("ship", "prior", "kernels", "segments", "sigma", "loss", "captive")
         return Problem(**{**{name: getattr(self, name) for name in names}, **changes})

@@ -8,7 +8,7 @@ the P. All sums over samples are therefore made by run in L columns, and put tog
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -83,20 +83,6 @@ class Columns:
         return whole
 
 
-def with_constants(prior: Prior, ship: Ship, symbols: Sequence[str], runs: Sequence[str]) -> Prior:
-    """The ``prior`` with constants of each of ``runs``: those of the coefficients ``symbols`` of ``ship``, named
-    "current.x@RUN".
-    """
-    if not symbols:
-        return prior
-    one = Prior.of(ship, symbols)
-    names = [f"{symbol}@{run}" for run in runs for symbol in symbols]
-    mean, std, lower, upper = (
-        np.r_[getattr(prior, key), np.tile(getattr(one, key), len(runs))] for key in ("mean", "std", "lower", "upper")
-    )
-    return Prior((*prior.symbols, *names), mean, std, lower, upper, tuple(symbols), len(runs))
-
-
 def without_constants(ship: Ship, symbols: Sequence[str]) -> Ship:
     """The ``ship`` without the effects of the constants ``symbols``, which belong to the runs."""
     for name in dict.fromkeys(s.split(".")[0] for s in symbols):
@@ -153,48 +139,26 @@ class RunConstants:
 
     def rows(self) -> dict[str, dict[str, dict]]:
         """Plain values for ``result.json``: {run: {symbol: {"value", "std", "unit", "prior_value", "prior_std"}}}."""
+        keys = ("value", "std", "unit", "prior_value", "prior_std")
+        same = (self.units, self.prior_value.tolist(), self.prior_std.tolist())
         return {
             run: {
-                symbol: {
-                    "value": float(self.value[r, q]),
-                    "std": float(self.std[r, q]),
-                    "unit": self.units[q],
-                    "prior_value": float(self.prior_value[q]),
-                    "prior_std": float(self.prior_std[q]),
-                }
-                for q, symbol in enumerate(self.symbols)
+                symbol: dict(zip(keys, cells, strict=True))
+                for symbol, *cells in zip(self.symbols, value, std, *same, strict=True)
             }
-            for r, run in enumerate(self.runs)
+            for run, value, std in zip(self.runs, self.value.tolist(), self.std.tolist(), strict=True)
         }
 
     def table(self) -> list[str]:
         """Lines for a person: a head, then a row per run."""
         names = [f"{s} [{unit}]" if unit else s for s, unit in zip(self.symbols, self.units, strict=True)]
-        width = max(len("run"), *(len(run) for run in self.runs))
-        cells = [
-            [f"{v:.4g} +- {s:.2g}" for v, s in zip(*pair, strict=True)]
-            for pair in zip(self.value, self.std, strict=True)
-        ]
-        size = [max(len(name), *(len(row[q]) for row in cells)) for q, name in enumerate(names)]
-        lines = [("run", names), *zip(self.runs, cells, strict=True)]
-        return [
-            "  ".join([name.ljust(width), *(cell.ljust(w) for cell, w in zip(row, size, strict=True))]).rstrip()
-            for name, row in lines
-        ]
+        pairs = zip(self.runs, self.value, self.std, strict=True)
+        rows = [[run, *(f"{v:.4g} +- {s:.2g}" for v, s in zip(value, std, strict=True))] for run, value, std in pairs]
+        lines = [["run", *names], *rows]
+        width = [max(map(len, column)) for column in zip(*lines, strict=True)]
+        return ["  ".join(cell.ljust(w) for cell, w in zip(line, width, strict=True)).rstrip() for line in lines]
 
 
 def _distinct(names: Sequence[str]) -> tuple[str, ...]:
     """The names, the second of equal ones with "(2)" behind it."""
     return tuple(f"{n} ({k})" if (k := names[: i + 1].count(n)) > 1 else n for i, n in enumerate(names))
-
-
-def shared_prior(prior: Prior) -> Prior:
-    """The ``prior`` of the shared coefficients alone."""
-    own = slice(prior.shared)
-    return replace(
-        prior,
-        symbols=prior.symbols[own],
-        **{key: getattr(prior, key)[own] for key in ("mean", "std", "lower", "upper")},
-        constants=(),
-        runs=0,
-    )

@@ -17,77 +17,38 @@ import numpy as np
 
 from fitting.nlp.measurement import Measurement
 from fitting.nlp.run_constants import Columns
-from fitting.nlp.sample_cost import SampleCost
 from fitting.nlp.windows import Segments
-from mmg.compile.batch import BatchFunction, batch_functions, filled, padded
+from mmg.compile.batch import batch_functions, filled, padded
 from mmg.model import Model
 from mmg.runge_kutta import NODES, WEIGHTS
 
 
-@dataclass
 class Kernels:
-    """Right-hand side, Jacobian and Hessian as batch functions of q, controls, coefficients.
+    """Right-hand side of a ``model``, Jacobian and Hessian as batch functions of q, controls, coefficients.
 
     A state has S rows, of which q are the Q last ones, on which the rates depend: from ``first`` on. free: positions
-    of the free coefficients among all (P of them). ``jacobian_at``: row and column of each nonzero of the (S, Q + P)
-    Jacobian; ``hessian_at``: of the upper triangle of the (Q + P, Q + P) Hessian of mu . rates.
+    of the free coefficients among all (P of them); compiled: whether to use a C compiler. ``jacobian_at``: row and
+    column of each nonzero of the (S, Q + P) Jacobian; ``hessian_at``: of the upper triangle of the (Q + P, Q + P)
+    Hessian of mu . rates.
     """
 
-    rates: BatchFunction
-    jacobian: BatchFunction
-    hessian: BatchFunction
-    jacobian_at: tuple[np.ndarray, np.ndarray]
-    hessian_at: tuple[np.ndarray, np.ndarray]
-    free: np.ndarray
-    interpreted_because: str
-    model: Model
-    measurement: Measurement
-
-    @property
-    def S(self) -> int:
-        return len(self.model.states)
-
-    @property
-    def first(self) -> int:
-        return self.model.first
-
-
-def kernels(model: Model, free: np.ndarray, compiled: bool = True) -> Kernels:
-    """Derivative kernels of a ``model`` for the coefficients at positions ``free`` (P,).
-
-    compiled: whether to use a C compiler.
-    """
-    S, first = len(model.states), model.first
-    q, c = ca.SX.sym("q", S - first), ca.SX.sym("c", len(model.controls))
-    theta, mu = ca.SX.sym("theta", len(model.symbols)), ca.SX.sym("mu", S)
-    k = ca.cse(model.rates(ca.vertcat(ca.SX.zeros(first), q), c, theta))
-    z = ca.vertcat(q, *[theta[int(i)] for i in free])
-    J = ca.jacobian(k, z)
-    H = ca.triu(ca.hessian(ca.dot(mu, k), z)[0])
-    options = {"cse": True}
-    functions = [
-        ca.Function("f_rates", [q, c, theta], [k], options),
-        ca.Function("f_jacobian", [q, c, theta], [k, J], options),
-        ca.Function("f_hessian", [q, c, theta, mu], [H], options),
-    ]
-    batch, reason = batch_functions(functions, compiled)
-    return Kernels(
-        rates=batch[0],
-        jacobian=batch[1],
-        hessian=batch[2],
-        jacobian_at=_positions(J),
-        hessian_at=_positions(H),
-        free=np.asarray(free, dtype=int),
-        interpreted_because=reason,
-        model=model,
-        measurement=Measurement(model, np.asarray(free, dtype=int), compiled),
-    )
-
-
-def _positions(matrix: ca.SX) -> tuple[np.ndarray, np.ndarray]:
-    """Rows and columns of the structural nonzeros."""
-    rows, columns = matrix.sparsity().get_triplet()
-    return np.array(rows, dtype=int), np.array(columns, dtype=int)
+    def __init__(self, model: Model, free: np.ndarray, compiled: bool = True) -> None:
+        self.model, self.free = model, np.asarray(free, dtype=int)
+        self.S, self.first = len(model.states), model.first
+        q, c = ca.SX.sym("q", self.S - self.first), ca.SX.sym("c", len(model.controls))
+        theta, mu = ca.SX.sym("theta", len(model.symbols)), ca.SX.sym("mu", self.S)
+        k = ca.cse(model.rates(ca.vertcat(ca.SX.zeros(self.first), q), c, theta))
+        z = ca.vertcat(q, *[theta[int(i)] for i in free])
+        J, H = ca.jacobian(k, z), ca.triu(ca.hessian(ca.dot(mu, k), z)[0])
+        options = {"cse": True}
+        functions = [
+            ca.Function("f_rates", [q, c, theta], [k], options),
+            ca.Function("f_jacobian", [q, c, theta], [k, J], options),
+            ca.Function("f_hessian", [q, c, theta, mu], [H], options),
+        ]
+        (self.rates, self.jacobian, self.hessian), self.interpreted_because = batch_functions(functions, compiled)
+        self.jacobian_at, self.hessian_at = (np.array(A.sparsity().get_triplet(), dtype=int) for A in (J, H))
+        self.measurement = Measurement(model, self.free, compiled)
 
 
 @dataclass
@@ -106,6 +67,43 @@ class Sweep:
     q: list[np.ndarray]
     J_q: list[np.ndarray]
     Q: list[np.ndarray]
+
+
+@dataclass
+class SampleCost:
+    """Derivatives of the cost of the interior states, by step and interval.
+
+    pull: (K-1, S, M) gradient with respect to the state; weight: (K-1, S, M) diagonal of its Hessian; full: instead,
+    (K-1, M, S + O, S + O) Hessian with respect to the state and the free coefficients at positions ``own`` (O of them).
+    """
+
+    pull: np.ndarray
+    weight: np.ndarray
+    full: np.ndarray | None = None
+    own: np.ndarray | None = None
+
+    def block(self, s: slice) -> SampleCost:
+        """The intervals of a slice."""
+        full = None if self.full is None else self.full[:, s]
+        return SampleCost(self.pull[:, :, s], self.weight[:, :, s], full, self.own)
+
+    def add(self, k: int, m: int, S: np.ndarray, nodes: np.ndarray, shared: np.ndarray) -> None:
+        """Adds the cost's Hessian after step k with respect to the start nodes, for sensitivities S (m, S, S + P)."""
+        size, P = S.shape[1], S.shape[2] - S.shape[1]
+        if self.full is None:
+            WS = self.weight[k, :, :m].T[:, :, None] * S
+            nodes[:m] += np.swapaxes(S[:, :, :size], 1, 2) @ WS
+            shared += S[:, :, size:].reshape(-1, P).T @ WS[:, :, size:].reshape(-1, P)
+            return
+        assert self.own is not None
+        extra = len(self.own)
+        through = np.zeros((m, size + extra, size + P))
+        through[:, :size] = S
+        through[:, np.arange(size, size + extra), size + self.own] = 1.0
+        curved = self.full[k, :m] @ through
+        nodes[:m] += np.swapaxes(through[:, :, :size], 1, 2) @ curved
+        rows = through[:, :, size:].reshape(-1, P)
+        shared += rows.T @ curved[:, :, size:].reshape(-1, P)
 
 
 def _pad(array: np.ndarray) -> np.ndarray:
@@ -297,10 +295,9 @@ class Shooting:
 
     def values(self, start: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """End states (S, M) and interior states (K-1, S, M) from start states (S, M) and all coefficients."""
-        parts = [
-            b.values(start[:, s], own) for b, s, own in zip(self.blocks, self.slices, self._each(theta), strict=True)
-        ]
-        return np.concatenate([p[0] for p in parts], axis=1), np.concatenate([p[1] for p in parts], axis=2)
+        each = zip(self.blocks, self.slices, self._each(theta), strict=True)
+        ends, inside = zip(*(b.values(start[:, s], own) for b, s, own in each), strict=True)
+        return np.concatenate(ends, axis=1), np.concatenate(inside, axis=2)
 
     def sweep(self, start: np.ndarray, theta: np.ndarray) -> list[Sweep]:
         """Forward sweeps with sensitivities, one per block."""

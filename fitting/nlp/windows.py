@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,8 +23,6 @@ class Segments:
 
     M intervals, B nodes (one at each interval start and one at each window end), W windows.
 
-    Attributes
-    ----------
     h: step [s]; K: steps per interval.
     steps: (M,) steps of each interval; start, end: (M,) node at its start and end.
     controls: (K, C, M); targets, mask: (K - 1, 6, M) interior samples, mask 0 where none was measured.
@@ -66,40 +66,29 @@ class Segments:
             mask[b, measured[w] == 0] = 1.0
         return mask
 
+    def _intervals(self, chosen: np.ndarray) -> dict[str, np.ndarray]:
+        """What there is by interval, of the ``chosen`` ones."""
+        names = ("steps", "start", "end", "window", "controls", "targets", "mask")
+        return {name: np.ascontiguousarray(getattr(self, name)[..., chosen]) for name in names}
+
     def by_run(self) -> Segments:
         """The same with its intervals sorted by run, and longest first within each."""
-        order = np.argsort(self.run[self.window], kind="stable")
-        return replace(
-            self,
-            steps=self.steps[order],
-            start=self.start[order],
-            end=self.end[order],
-            controls=np.ascontiguousarray(self.controls[:, :, order]),
-            targets=self.targets[:, :, order],
-            mask=self.mask[:, :, order],
-            window=self.window[order],
-        )
+        return replace(self, **self._intervals(np.argsort(self.run[self.window], kind="stable")))
 
     def subset(self, windows: np.ndarray) -> Segments:
         """Only these windows (numbers in increasing order), renumbered from 0."""
         kept, nodes = np.isin(self.window, windows), np.isin(self.node_window, windows)
-        position = np.cumsum(nodes) - 1
-        number = {int(w): i for i, w in enumerate(windows)}
+        part, position = self._intervals(np.flatnonzero(kept)), np.cumsum(nodes) - 1
+        renumbered = {name: position[part[name]] for name in ("start", "end")}
         return replace(
             self,
-            steps=self.steps[kept],
-            start=position[self.start[kept]],
-            end=position[self.end[kept]],
-            controls=np.ascontiguousarray(self.controls[:, :, kept]),
-            targets=self.targets[:, :, kept],
-            mask=self.mask[:, :, kept],
+            **{**part, **renumbered, "window": np.searchsorted(windows, part["window"])},
             nodes=self.nodes[nodes],
             node_mask=self.node_mask[nodes],
             node_controls=self.node_controls[:, nodes],
-            window=np.array([number[int(w)] for w in self.window[kept]]),
-            node_window=np.array([number[int(w)] for w in self.node_window[nodes]]),
+            node_window=np.searchsorted(windows, self.node_window[nodes]),
             run=self.run[windows],
-            duration=float(self.steps[kept].sum() * self.h),
+            duration=float(part["steps"].sum() * self.h),
         )
 
 
@@ -118,31 +107,25 @@ def cut(
     """
     least = round((10 * h if shortest is None else shortest) / h)
     nodes: list[np.ndarray] = []
+    node_window: list[int] = []
     run: list[int] = []
     short: dict[str, float] = {}
-    # start node, end node, window, inputs, interior
-    spans: list[tuple[int, int, int, np.ndarray, np.ndarray]] = []
-    node_window: list[int] = []
-    seconds = 0.0
+    spans: list[_Span] = []
     for number, trial in enumerate(trials):
         for grid in grids(trial, h, inputs):
             total = len(grid.controls)
             if total < least:
                 short[trial.name] = short.get(trial.name, 0.0) + total * h
                 continue
-            parts = max(1, round(total * h / window))
-            for first, last in _even(total, parts):
-                w = len(run)
+            edges = np.linspace(0, total, max(1, round(total * h / window)) + 1).round().astype(int).tolist()
+            for first, last in pairwise(edges):
+                joints = [*range(first, last, K), last]
+                for s, e in pairwise(joints):
+                    node = len(nodes) + (s - first) // K
+                    spans.append(_Span(node, len(run), grid.controls[s:e], grid.states[s + 1 : e]))
+                nodes += [grid.states[row] for row in joints]
+                node_window += [len(run)] * len(joints)
                 run.append(number)
-                seconds += (last - first) * h
-                starts = list(range(first, last, K))
-                nodes.append(grid.states[first])
-                node_window.append(w)
-                for s in starts:
-                    e = min(s + K, last)
-                    nodes.append(grid.states[e])
-                    node_window.append(w)
-                    spans.append((len(nodes) - 2, len(nodes) - 1, w, grid.controls[s:e], grid.states[s + 1 : e]))
     dropped = [
         Message(f"{name}: {s:.0f} s in pieces too short between gaps were left out", "short_pieces_left_out")
         for name, s in short.items()
@@ -152,50 +135,43 @@ def cut(
             f"{', '.join(t.name for t in trials)}: nothing to fit, no piece is longer than {least * h:g} s "
             "without a gap; use longer records or a smaller --step"
         )
-    spans.sort(key=lambda span: -len(span[3]))
-    controls, targets, mask, node_controls = _stacked(spans, K, len(nodes))
+    spans.sort(key=lambda span: -len(span.controls))
+    start, steps = np.array([s.start for s in spans]), np.array([len(s.controls) for s in spans])
     measured = np.array(nodes)
+    controls = np.zeros((K, spans[0].controls.shape[1], len(spans)))
+    targets, mask = np.zeros((2, max(K - 1, 0), 6, len(spans)))
+    for i, span in enumerate(spans):
+        controls[: len(span.controls), :, i] = span.controls
+        targets[: len(span.inside), :, i] = np.nan_to_num(span.inside)
+        mask[: len(span.inside), :, i] = np.isfinite(span.inside)
+    node_controls = np.empty((controls.shape[1], len(nodes)))
+    node_controls[:, start + 1] = np.transpose([span.controls[-1] for span in spans])
+    node_controls[:, start] = controls[0]
     return Segments(
         h=h,
         K=K,
-        steps=np.array([len(s[3]) for s in spans]),
-        start=np.array([s[0] for s in spans]),
-        end=np.array([s[1] for s in spans]),
+        steps=steps,
+        start=start,
+        end=start + 1,
         controls=controls,
         targets=targets,
         mask=mask,
         nodes=np.nan_to_num(measured),
         node_mask=np.isfinite(measured).astype(float),
         node_controls=node_controls,
-        window=np.array([s[2] for s in spans]),
+        window=np.array([s.window for s in spans]),
         node_window=np.array(node_window),
         run=np.array(run),
         trials=tuple(t.name for t in trials),
-        duration=seconds,
+        duration=float(steps.sum() * h),
         dropped=tuple(dropped),
     )
 
 
-def _stacked(
-    spans: list[tuple[int, int, int, np.ndarray, np.ndarray]], K: int, nodes: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Inputs (K, C, M), interior samples and their mask (K - 1, 6, M), inputs at the nodes (C, B)."""
-    M = len(spans)
-    controls = np.zeros((K, spans[0][3].shape[1], M))
-    targets, mask = np.zeros((max(K - 1, 0), 6, M)), np.zeros((max(K - 1, 0), 6, M))
-    for i, (_, _, _, held, interior) in enumerate(spans):
-        controls[: len(held), :, i] = held
-        targets[: len(interior), :, i] = np.nan_to_num(interior)
-        mask[: len(interior), :, i] = np.isfinite(interior)
-    node_controls = np.empty((controls.shape[1], nodes))
-    for _, end, _, held, _ in spans:
-        node_controls[:, end] = held[-1]
-    for start, _, _, held, _ in spans:
-        node_controls[:, start] = held[0]
-    return controls, targets, mask, node_controls
+class _Span(NamedTuple):
+    """A shooting interval: its first node (the next one is its last), its window, inputs and states inside."""
 
-
-def _even(total: int, parts: int) -> list[tuple[int, int]]:
-    """``total`` steps divided into ``parts`` nearly equal ranges."""
-    edges = np.linspace(0, total, parts + 1).round().astype(int)
-    return list(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True))
+    start: int
+    window: int
+    controls: np.ndarray
+    inside: np.ndarray

@@ -5,29 +5,14 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from fitting.solvers.interrupts import INTERRUPTED, Interrupts
+from fitting.nlp.problem import Problem
+from fitting.solvers.interrupts import INTERRUPTED, interrupts_noted
 from mmg.progress import OnProgress, Progress
-
-
-class NonlinearProgram(Protocol):
-    """What IPOPT needs: sizes, patterns, bounds, values and exact derivatives at x."""
-
-    n: int
-    m: int
-    jacobian_sparsity: ca.Sparsity
-    hessian_sparsity: ca.Sparsity
-
-    def objective(self, x: np.ndarray) -> float: ...
-    def defects(self, x: np.ndarray) -> np.ndarray: ...
-    def gradient(self, x: np.ndarray) -> np.ndarray: ...
-    def jacobian(self, x: np.ndarray) -> np.ndarray: ...
-    def hessian(self, x: np.ndarray, factor: float, multipliers: np.ndarray) -> np.ndarray: ...
-    def bounds(self) -> tuple[np.ndarray, np.ndarray]: ...
 
 
 @dataclass
@@ -39,7 +24,6 @@ class Solution:
     """
 
     x: np.ndarray
-    multipliers: np.ndarray
     objective: float
     violation: float
     status: str
@@ -86,7 +70,7 @@ class _Buffered(ca.Callback):
         name: str,
         inputs: list[ca.Sparsity],
         outputs: list[ca.Sparsity],
-        work: Callable[[list[np.ndarray]], list[Any]],
+        work: Callable[..., list[Any]],
     ) -> None:
         ca.Callback.__init__(self)
         self._in, self._out, self._work = inputs, outputs, work
@@ -109,77 +93,58 @@ class _Buffered(ca.Callback):
 
     def eval_buffer(self, arg: Any, res: Any) -> int:
         views = [np.empty(0) if a is None else np.frombuffer(a, dtype=float) for a in arg]
-        for target, value in zip(res, self._work(views), strict=True):
+        for target, value in zip(res, self._work(*views), strict=True):
             if target is not None:
                 np.frombuffer(target, dtype=float)[:] = value
         return 0
 
 
-class _Watch(ca.Callback):
+class _Watch:
     """Keeps the best iterate, calls ``progress`` at each one, and stops after Ctrl-C."""
 
-    def __init__(self, n: int, m: int, progress: OnProgress | None, task: str) -> None:
-        ca.Callback.__init__(self)
-        self.n_x, self.m_g, self.progress, self.task = n, m, progress, task
-        self.best: tuple[float, float, np.ndarray, np.ndarray] | None = None
-        self.last_error: BaseException | None = None
+    def __init__(self, progress: OnProgress | None, task: str) -> None:
+        self.progress, self.task = progress, task
+        self.best: tuple[float, float, np.ndarray] | None = None
         self.history: list[tuple[float, float]] = []
-        self.construct("watch", {})
 
-    def get_n_in(self) -> int:
-        return int(ca.nlpsol_n_out())
-
-    def get_n_out(self) -> int:
-        return 1
-
-    def get_name_in(self, i: int) -> str:
-        return str(ca.nlpsol_out(i))
-
-    def get_name_out(self, i: int) -> str:
-        return "ret"
-
-    def get_sparsity_in(self, i: int) -> ca.Sparsity:
-        sizes = {"f": 1, "x": self.n_x, "lam_x": self.n_x, "g": self.m_g, "lam_g": self.m_g}
-        return ca.Sparsity.dense(sizes[name], 1) if (name := ca.nlpsol_out(i)) in sizes else ca.Sparsity(0, 0)
-
-    def eval(self, arg: Any) -> Any:
-        named = {ca.nlpsol_out(i): a for i, a in enumerate(arg)}
-        f, g = float(named["f"]), np.array(named["g"]).ravel()
-        violation = float(np.abs(g).max()) if g.size else 0.0
+    def __call__(self, **at: np.ndarray) -> list[float]:
+        f, violation = float(at["f"][0]), float(np.abs(at["g"]).max(initial=0.0))
         self.history.append((f, violation))
         rank = (0.0, f) if violation <= 1e-3 else (violation, f)
         if self.best is None or rank <= self.best[:2]:
-            self.best = (*rank, np.array(named["x"]).ravel(), np.array(named["lam_g"]).ravel())
+            self.best = (*rank, at["x"].copy())
         if self.progress:
             values = {"objective": f, "violation": violation}
             self.progress(Progress(self.task, len(self.history) - 1, values=values))
-        return [1 if INTERRUPTED.requested else 0]
+        return [float(INTERRUPTED.requested)]
 
 
-def _functions(program: NonlinearProgram) -> tuple[Any, dict[str, Any]]:
-    """CasADi function x -> (objective, defects), and the derivative functions by the name of their option."""
+def _functions(program: Problem, watch: _Watch) -> tuple[Any, dict[str, Any]]:
+    """CasADi function x -> (objective, defects), and by the name of their option the derivatives and the ``watch``."""
     n, m = program.n, program.m
     column, row, scalar = ca.Sparsity.dense(n, 1), ca.Sparsity.dense(1, n), ca.Sparsity.dense(1, 1)
     empty, constraint = ca.Sparsity(0, 0), ca.Sparsity.dense(m, 1)
-    fg = _Buffered("fg", [column], [scalar, constraint], lambda a: [program.objective(a[0]), program.defects(a[0])])
-    gf = _Buffered("gf", [column, empty], [scalar, row], lambda a: [program.objective(a[0]), program.gradient(a[0])])
+    jacobian, hessian = program.jacobian_sparsity, program.hessian_sparsity
+    fg = _Buffered("fg", [column], [scalar, constraint], lambda x: [program.objective(x), program.defects(x)])
+    gf = _Buffered("gf", [column, empty], [scalar, row], lambda x, _: [program.objective(x), program.gradient(x)])
     jg = _Buffered(
-        "jg",
-        [column, empty],
-        [constraint, program.jacobian_sparsity],
-        lambda a: [program.defects(a[0]), program.jacobian(a[0])],
+        "jg", [column, empty], [constraint, jacobian], lambda x, _: [program.defects(x), program.jacobian(x)]
     )
     hl = _Buffered(
         "hl",
         [column, empty, scalar, constraint],
-        [program.hessian_sparsity],
-        lambda a: [program.hessian(a[0], float(a[2][0]), a[3])],
+        [hessian],
+        lambda x, _, factor, multipliers: [program.hessian(x, float(factor[0]), multipliers)],
     )
-    return fg, {"grad_f": gf, "jac_g": jg, "hess_lag": hl}
+    outputs = [ca.nlpsol_out(i) for i in range(ca.nlpsol_n_out())]
+    sizes = {"f": scalar, "x": column, "lam_x": column, "g": constraint, "lam_g": constraint}
+    seen = [sizes.get(name, empty) for name in outputs]
+    watched = _Buffered("watch", seen, [scalar], lambda *values: watch(**dict(zip(outputs, values, strict=True))))
+    return fg, {"grad_f": gf, "jac_g": jg, "hess_lag": hl, "iteration_callback": watched}
 
 
 def solve(
-    program: NonlinearProgram,
+    program: Problem,
     x0: np.ndarray,
     tolerance: float = 1e-6,
     max_iterations: int = 300,
@@ -192,17 +157,16 @@ def solve(
 
     tolerance, max_iterations, time_limit [s]: of IPOPT; progress: called at every iterate, under the name ``task``,
     with the objective and the constraint violation; options: further ones of IPOPT, such as ROUGH. Ctrl-C (in the main
-    thread) stops at the next iterate and returns the best one (``Interrupts``).
+    thread) stops at the next iterate and returns the best one (``interrupts_noted``).
     """
-    fg, derivatives = _functions(program)
-    watch = _Watch(program.n, program.m, progress, task)
+    watch = _Watch(progress, task)
+    fg, functions = _functions(program, watch)
     x = ca.MX.sym("x", program.n)
     f, g = fg(x)
     settings: dict[str, Any] = {
-        **derivatives,
+        **functions,
         "no_nlp_grad": True,
         "calc_lam_p": False,
-        "iteration_callback": watch,
         "print_time": False,
         "error_on_fail": False,
         "show_eval_warnings": False,
@@ -220,18 +184,15 @@ def solve(
     solver = ca.nlpsol("solver", "ipopt", {"x": x, "f": f, "g": g}, settings)
     lower, upper = program.bounds()
     began = time.perf_counter()
-    with Interrupts():
+    with interrupts_noted():
         out = solver(lbx=lower, ubx=upper, lbg=0.0, ubg=0.0, x0=x0)
     stats = solver.stats()
     status = str(stats["return_status"])
     converged = status == "Solve_Succeeded"
-    x_end, lam = np.array(out["x"]).ravel(), np.array(out["lam_g"]).ravel()
-    if not converged and watch.best is not None:
-        x_end, lam = watch.best[2], watch.best[3]
-    x_end = np.clip(x_end, lower, upper)
+    stopped_early = not converged and watch.best is not None
+    x_end = np.clip(watch.best[2] if stopped_early else np.array(out["x"]).ravel(), lower, upper)
     return Solution(
         x=x_end,
-        multipliers=lam,
         objective=program.objective(x_end),
         violation=float(np.abs(program.defects(x_end)).max()),
         status=status,

@@ -31,13 +31,8 @@ def free_axes(ship: Ship) -> tuple[str, ...]:
     return tuple(a for a in AXES if ship.coefficients[f"disturbance.{a}"].value == 0)
 
 
-def with_start_sizes(ship: Ship, axes: tuple[str, ...]) -> Ship:
-    """The ``ship`` with typical sizes on these ``axes``, from which an estimate starts."""
-    typical = _typical(ship) if axes else {}
-    return ship.with_values({f"disturbance.{a}": typical[a] for a in axes})
-
-
-def _typical(ship: Ship) -> dict[str, float]:
+def typical_sizes(ship: Ship) -> dict[str, float]:
+    """Typical sizes of the disturbance of ``ship`` by axis, from which an estimate starts."""
     rows = effect("disturbance").parameters(ship.namespace, dict(ship.components))
     return {row.symbol: row.typical for row in rows}
 
@@ -46,7 +41,7 @@ def update_sizes(problem: Problem, x: np.ndarray, axes: tuple[str, ...]) -> tupl
     """The ``problem`` with re-estimated sizes on ``axes``, and x (n,) with the same forces under them."""
     nodes, p = problem.split(x)
     nodes = nodes.copy()
-    typical, values = _typical(problem.ship), {}
+    typical, values = typical_sizes(problem.ship), {}
     squares, determined = jump_statistics(problem, x)
     for a in axes:
         c, symbol = AXES.index(a), f"disturbance.{a}"
@@ -54,7 +49,7 @@ def update_sizes(problem: Problem, x: np.ndarray, axes: tuple[str, ...]) -> tupl
         new = old * float(np.sqrt(squares[c] / max(determined[c], 1.0)))
         values[symbol] = max(new, LEAST * typical[a])
         nodes[:, problem.random[c]] *= old / values[symbol]
-    changed = problem.with_ship(problem.ship.with_values(values))
+    changed = problem.with_changes(ship=problem.ship.with_values(values))
     return changed, changed.join(nodes, p)
 
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from fitting.nlp.problem import Problem
-from fitting.nlp.problem_data import ProblemData
 from fitting.parallel import run_all
 from fitting.settings import Settings, Start
 from fitting.solvers.ipopt import ROUGH, Solution, solve
@@ -67,10 +67,8 @@ def solve_damped(
     Each rough solve holds them within RADII prior standard deviations of where they came to; the last one is free.
     settings, began, progress: as of ``solve_in_time``.
     """
-    iterations = 0
-    lower, upper = problem.p_bounds()
-    mean, std = problem.prior.mean, problem.prior.std
-    x = problem.start(p)
+    iterations, x = 0, problem.start(p)
+    (lower, upper), mean, std = problem.p_bounds(), problem.prior.mean, problem.prior.std
     for radius in RADII:
         p = np.clip(p, lower, upper)
         low, high = np.maximum(lower, p - radius), np.minimum(upper, p + radius)
@@ -84,26 +82,15 @@ def solve_damped(
     return replace(last, iterations=last.iterations + iterations)
 
 
-@dataclass(frozen=True)
-class StartTask:
-    """One further start of the final solve, complete enough to be solved in another process."""
-
-    problem_data: ProblemData
-    p: np.ndarray
-    settings: Settings
-    time_limit: float | None
-    damped: bool = False
-
-
-def solve_start(task: StartTask) -> Solution:
-    """The solution of one start, a ``task``; kernels are built anew (their compiled code is cached)."""
-    settings = replace(task.settings, time_limit=task.time_limit)
-    return _one(task.problem_data.problem(), task.p, settings, time.perf_counter(), task.damped)
-
-
-def _one(
-    problem: Problem, p: np.ndarray, settings: Settings, began: float, damped: bool, progress: OnProgress | None = None
+def _solve_one(
+    problem: Problem,
+    settings: Settings,
+    damped: bool,
+    p: np.ndarray,
+    began: float | None = None,
+    progress: OnProgress | None = None,
 ) -> Solution:
+    began = time.perf_counter() if began is None else began
     if damped:
         return solve_damped(problem, p, settings, began, progress)
     return solve_in_time(problem, problem.start(p), settings, began, progress, "another start")
@@ -119,15 +106,13 @@ def _solve_all(
 ) -> list[Solution]:
     """Solutions from other starting points, in processes when there are several workers."""
     if settings.workers > 1 and len(points) > 1:
-        left, data = time_left(settings, began), ProblemData.of(problem)
-        tasks = [StartTask(data, p, settings, left, damped) for p in points]
-        return run_all(solve_start, tasks, settings.workers)
+        timed = replace(settings, time_limit=time_left(settings, began))
+        return run_all(partial(_solve_one, problem, timed, damped), points, settings.workers)
     solutions: list[Solution] = []
     for p in points:
-        left = time_left(settings, began)
-        if left is not None and left <= 0:
+        if (left := time_left(settings, began)) is not None and left <= 0:
             break
-        solutions.append(_one(problem, p, settings, began, damped, progress))
+        solutions.append(_solve_one(problem, settings, damped, p, began, progress))
         if solutions[-1].status == "User_Requested_Stop":
             break
     return solutions
@@ -147,7 +132,11 @@ def solve_starts(
         points += [rng.normal(scale=0.5, size=problem.P) for _ in range(1, settings.starts)]
         solutions += _solve_all(problem, settings, points[1:], False, began, progress)
         lowest = min(s.objective for s in solutions if s.converged)
-        retry = [i for i, s in enumerate(solutions) if _worse(s, lowest)]
+        retry = [
+            i
+            for i, s in enumerate(solutions)
+            if s.status in STUCK or (s.converged and not same_optimum(s.objective, lowest))
+        ]
         ends = _solve_all(problem, settings, [points[i] for i in retry], True, began, progress)
         for i, s in zip(retry, ends, strict=False):  # a time limit leaves some unsolved
             again.add(i)
@@ -155,20 +144,14 @@ def solve_starts(
                 solutions[i] = s
     converged = [s for s in solutions if s.converged] or solutions[:1]
     best = min(converged, key=lambda s: s.objective)
-    p = problem.split(best.x)[1]
     starts = []
     for i, s in enumerate(solutions):
-        difference = problem.split(s.x)[1] - p
-        apart = {}
-        if not same_optimum(s.objective, best.objective):
-            order = np.argsort(-np.abs(difference))[:3]
-            apart = {problem.prior.symbols[j]: float(difference[j]) for j in order if abs(difference[j]) > 0.1}
+        difference = problem.split(s.x)[1] - problem.split(best.x)[1]
+        far = [j for j in np.argsort(-np.abs(difference))[:3] if abs(difference[j]) > 0.1]
+        elsewhere = not same_optimum(s.objective, best.objective)
+        apart = {problem.prior.symbols[j]: float(difference[j]) for j in far} if elsewhere else {}
         starts.append(Start(i, s.objective, s.converged, float(np.abs(difference).max()), i in again, apart))
     return best, starts
-
-
-def _worse(s: Solution, lowest: float) -> bool:
-    return s.status in STUCK or (s.converged and not same_optimum(s.objective, lowest))
 
 
 def disagreement(starts: Sequence[Start], best: float) -> list[Message]:
@@ -181,10 +164,8 @@ def disagreement(starts: Sequence[Start], best: float) -> list[Message]:
     if other:
         far, near = max(s.objective for s in other) - best, min(s.objective for s in other) - best
         gap = f"{near:.3g}" if len(other) == 1 else f"{near:.3g} to {far:.3g}"
-        apart: dict[str, float] = {}
-        for s in other:
-            for symbol, value in s.apart.items():
-                apart[symbol] = max(apart.get(symbol, 0.0), abs(value))
+        symbols = {symbol for s in other for symbol in s.apart}
+        apart = {symbol: max(abs(s.apart.get(symbol, 0.0)) for s in other) for symbol in sorted(symbols)}
         listed = sorted(apart.items(), key=lambda item: -item[1])[:4]
         where = ", ".join(f"{symbol} by {value:.1f}" for symbol, value in listed) or "no coefficient by more than 0.1"
         words = (

@@ -9,16 +9,10 @@ import numpy as np
 from fitting.nlp.problem import Problem
 from fitting.settings import Settings
 from fitting.solvers.ipopt import ROUGH, Solution
-from fitting.solvers.latent_forces import free_axes, update_sizes, with_start_sizes
+from fitting.solvers.latent_forces import free_axes, typical_sizes, update_sizes
 from fitting.solvers.multistart import STUCK, solve_damped, solve_in_time
 from fitting.solvers.residual_noise import ResidualNoise, estimate_noise
 from mmg.progress import OnProgress
-
-
-def _noise(problem: Problem, x: np.ndarray) -> ResidualNoise:
-    floor = 1e-6 * problem.scale[:6]
-    return estimate_noise(problem.segments, *problem.errors(x), floor=floor, robust=problem.loss.robust)
-
 
 FORCE_PASSES = 3
 """Further solves when sizes of latent forces are estimated, which settle more slowly than the noise."""
@@ -39,24 +33,29 @@ def solve_with_noise_estimation(
     passes: list[dict] = []
     axes = free_axes(problem.ship)
     count = 1 if settings.sigma and not axes else max(1, settings.passes) + (FORCE_PASSES if axes else 0)
-    full, p = problem.with_ship(with_start_sizes(problem.ship, axes)) if axes else problem, problem.split(x)[1]
+    full, p = problem, problem.split(x)[1]
+    if axes:
+        typical = typical_sizes(problem.ship)
+        full = problem.with_changes(ship=problem.ship.with_values({f"disturbance.{a}": typical[a] for a in axes}))
     for number in range(count):
         rough = number < count - 1
         windows = len(full.segments.run)
         if rough and number == 0 and windows > 1.5 * FEW_WINDOWS:
             few = np.unique(np.linspace(0, windows - 1, FEW_WINDOWS).round().astype(int))
-            problem = full.with_segments(full.segments.subset(few))
+            problem = full.with_changes(segments=full.segments.subset(few))
             x = problem.start(p)
         else:
             problem = full
         if rough and problem.loss.robust:
-            problem = problem.with_loss("student")
+            problem = problem.with_changes(loss=replace(problem.loss, name="student"))
         name = f"pass {number + 1} of {count}"
         solution = solve_in_time(problem, x, settings, began, progress, name, ROUGH if rough else None)
         restarted = solution.status in STUCK
         if restarted:
             solution = solve_damped(problem, p, settings, began, progress)
-        noise = _noise(problem, solution.x)
+        noise = estimate_noise(
+            problem.segments, *problem.errors(solution.x), floor=1e-6 * problem.scale[:6], robust=problem.loss.robust
+        )
         passes.append(
             {
                 "objective": solution.objective,
@@ -75,22 +74,12 @@ def solve_with_noise_estimation(
         x = solution.x
         if axes:
             problem, x = update_sizes(problem, x, axes)
-            full = full.with_ship(problem.ship)
+            full = full.with_changes(ship=problem.ship)
         x = x if problem.segments is full.segments else full.start(p)
         if not settings.sigma:
             full = full.with_sigma(noise.sigma, noise.tau)
-    if problem.segments is not full.segments:
-        problem, solution = _whole(full, p, solution)
-    return problem.with_loss(full.loss.name), solution, noise, passes
-
-
-def _whole(full: Problem, p: np.ndarray, solution: Solution) -> tuple[Problem, Solution]:
-    """A solution of a subset that stopped early, carried over to all windows with nodes on the measurements."""
-    x = full.start(p)
-    return full, replace(
-        solution,
-        x=x,
-        multipliers=np.zeros(full.m),
-        objective=full.objective(x),
-        violation=float(np.abs(full.defects(x)).max()),
-    )
+    if problem.segments is not full.segments:  # stopped early: carried over with nodes on the measurements
+        problem, x = full, full.start(p)
+        violation = float(np.abs(full.defects(x)).max())
+        solution = replace(solution, x=x, objective=full.objective(x), violation=violation)
+    return problem.with_changes(loss=replace(problem.loss, name=full.loss.name)), solution, noise, passes

@@ -38,12 +38,9 @@ def residual_series(segments: Segments, node_residuals: np.ndarray, interior: np
     for i in np.lexsort((segments.start, segments.window)):
         inside = np.where(segments.mask[:, :, i] > 0, interior[:, :, i], np.nan)[: segments.steps[i] - 1]
         parts[segments.window[i]] += [node_residuals[segments.start[i]][None], inside]
-    last = {int(w): int(segments.end[i]) for i, w in enumerate(segments.window)}
-    for i, w in enumerate(segments.window):
-        last[int(w)] = max(last[int(w)], int(segments.end[i]))
-    for w, node in last.items():
-        parts[w].append(node_residuals[node][None])
-    return [np.vstack(p) for p in parts]
+    last = np.zeros(len(parts), dtype=int)
+    np.maximum.at(last, segments.window, segments.end)
+    return [np.vstack([*p, node_residuals[node][None]]) for p, node in zip(parts, last, strict=True)]
 
 
 def correlation_time(residuals: list[np.ndarray], longest: int) -> float:

@@ -1,4 +1,4 @@
-"""Estimates with runs left out or drawn anew: leave-one-run-out and the bootstrap by run.
+"""Estimates with runs drawn anew: the bootstrap by run.
 
 Runs are resampled, never samples: residuals of one run belong together (block bootstrap, Kuensch 1989; by cluster,
 Cameron, Gelbach & Miller 2008). Each replicate also draws the prior's centres anew from the prior, so that the spread
@@ -8,7 +8,6 @@ is one Gauss-Newton step on the stored informations (milliseconds), or a refit f
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,10 +15,8 @@ import numpy as np
 from fitting.nlp.fisher_information import Information
 from fitting.nlp.loss import Loss
 from fitting.nlp.problem import Problem
-from fitting.nlp.problem_data import ProblemData
 from fitting.parallel import run_all
 from fitting.solvers.ipopt import solve
-from fitting.uncertainty.sandwich import changes_without_each
 
 WARM = {"ipopt.mu_init": 1e-3, "ipopt.warm_start_init_point": "yes", "ipopt.bound_push": 1e-6, "ipopt.bound_frac": 1e-6}
 """IPOPT options for a refit that starts near its optimum."""
@@ -29,29 +26,13 @@ CHUNKS = 3
 
 
 @dataclass(frozen=True)
-class Refits:
-    """A fit and what is to be changed of it, complete enough to be solved in another process.
-
-    x: variables at the estimate. counts: (replicates, W) how often each window counts; shifts: (replicates, P) of the
-    prior's centres, in prior standard deviations.
-    """
-
-    problem_data: ProblemData
-    x: np.ndarray
-    counts: np.ndarray
-    shifts: np.ndarray
-
-
-@dataclass(frozen=True)
 class Replicates:
     """Estimates of changed data, scaled and relative to the original prior.
 
-    p: (replicates, P), NaN where a refit failed; labels: of each; failures: (label, reason) of those; method: "step"
-    or "refit".
+    p: (replicates, P), NaN where a refit failed; failures: (number, reason) of those; method: "step" or "refit".
     """
 
     p: np.ndarray
-    labels: tuple[str, ...]
     failures: tuple[tuple[str, str], ...]
     method: str
 
@@ -63,10 +44,8 @@ class Replicates:
     @property
     def covariance(self) -> np.ndarray:
         """Covariance of the replicates (P, P), NaN from fewer than two."""
-        good = self.good
-        return np.cov(good.T, ddof=1).reshape(2 * [self.p.shape[1]]) if len(good) > 1 else np.full(
-            2 * [self.p.shape[1]], np.nan
-        )  # fmt: skip
+        shape = 2 * [self.p.shape[1]]
+        return np.cov(self.good.T, ddof=1).reshape(shape) if len(self.good) > 1 else np.full(shape, np.nan)
 
     def interval(self, level: float = 0.95) -> np.ndarray:
         """Percentile interval of each coefficient that holds ``level`` of the replicates, (2, P)."""
@@ -84,8 +63,7 @@ def reweighted(problem: Problem, x: np.ndarray, counts: np.ndarray, shift: np.nd
     seg = problem.segments
     kept = np.flatnonzero(counts > 0)
     prior = replace(problem.prior, mean=problem.prior.mean + problem.prior.std * shift)
-    args = (problem.ship, prior, problem.kernels, seg.subset(kept), problem.sigma, Loss(), problem.captive)
-    part = Problem(*args)
+    part = problem.with_changes(prior=prior, segments=seg.subset(kept), loss=Loss())
     times, kept_nodes, kept_at = counts[kept].astype(float), np.isin(seg.node_window, kept), np.isin(seg.window, kept)
     node_weight, weight = problem.weights_at(x)
     at_nodes, inside = times[part.segments.node_window], times[part.segments.window]
@@ -98,10 +76,14 @@ def reweighted(problem: Problem, x: np.ndarray, counts: np.ndarray, shift: np.nd
     return part, kept_nodes
 
 
-def refit(task: Refits) -> list[tuple[np.ndarray, str]]:
-    """(p relative to the original prior (P,), reason of failure or "") of each replicate of a ``task``."""
-    problem = task.problem_data.problem()
-    return [_refit_one(problem, task.x, c, s) for c, s in zip(task.counts, task.shifts, strict=True)]
+def refit(task: tuple[Problem, np.ndarray, np.ndarray, np.ndarray]) -> list[tuple[np.ndarray, str]]:
+    """(p relative to the original prior (P,), reason of failure or "") of each replicate of a ``task``.
+
+    A task is a problem, x (n,) at its estimate, how often each window counts (replicates, W), and the shifts of the
+    prior's centres in prior standard deviations (replicates, P).
+    """
+    problem, x, counts, shifts = task
+    return [_refit_one(problem, x, c, s) for c, s in zip(counts, shifts, strict=True)]
 
 
 def _refit_one(problem: Problem, x: np.ndarray, counts: np.ndarray, shift: np.ndarray) -> tuple[np.ndarray, str]:
@@ -119,37 +101,6 @@ def _refit_one(problem: Problem, x: np.ndarray, counts: np.ndarray, shift: np.nd
     if not s.converged and s.status != "Solved_To_Acceptable_Level":
         return nothing, s.status
     return part.split(s.x)[1] + shift, ""
-
-
-def _refit_all(problem: Problem, x: np.ndarray, counts: np.ndarray, shifts: np.ndarray, workers: int) -> list:
-    chunks = max(1, min(len(counts), CHUNKS * workers if workers > 1 else 1))
-    data = ProblemData.of(problem)
-    tasks = [Refits(data, x, counts[i], shifts[i]) for i in np.array_split(np.arange(len(counts)), chunks)]
-    if len(tasks) == 1:  # the kernels are here already
-        return [_refit_one(problem, x, c, s) for c, s in zip(counts, shifts, strict=True)]
-    return [outcome for part in run_all(refit, tasks, workers) for outcome in part]
-
-
-def _replicates(outcomes: list[tuple[np.ndarray, str]], labels: Sequence[str]) -> Replicates:
-    failures = [(label, why) for label, (_, why) in zip(labels, outcomes, strict=True) if why]
-    return Replicates(np.array([p for p, _ in outcomes]), tuple(labels), tuple(failures), "refit")
-
-
-def leave_one_run_out(
-    info: Information, names: Sequence[str], problem: Problem | None = None, x: np.ndarray | None = None,
-    workers: int = 1,
-) -> Replicates:  # fmt: skip
-    """The estimate without each run: to first order, from ``info``, or refitted over ``workers`` processes.
-
-    names: of the runs, by number; problem, x: with its solution x (n,), for refits.
-    """
-    by_run = info.by_run()
-    labels = tuple(names[int(r)] for r in by_run.run)
-    if problem is None or x is None:
-        return Replicates(info.p + changes_without_each(by_run), labels, (), "step")
-    counts = np.array([info.run != r for r in by_run.run], dtype=int)
-    shifts = np.zeros((len(counts), len(info.p)))
-    return _replicates(_refit_all(problem, x, counts, shifts, workers), labels)
 
 
 def drawn_runs(run: np.ndarray, replicates: int, rng: np.random.Generator) -> np.ndarray:
@@ -177,11 +128,14 @@ def bootstrap(
     clusters = info.run if len(np.unique(info.run)) > 1 else np.arange(len(info.run))
     counts = drawn_runs(clusters, replicates, rng)
     shifts = rng.standard_normal((replicates, len(info.p)))
-    labels = tuple(str(i) for i in range(replicates))
     if problem is not None and x is not None:
         lower, upper = problem.p_bounds()
         inside = np.clip(shifts, lower, upper)  # a centre outside the bounds is no prior of this ship
-        return _replicates(_refit_all(problem, x, counts, inside, workers), labels)
+        chunks = np.array_split(np.arange(replicates), min(replicates, CHUNKS * workers if workers > 1 else 1))
+        tasks = [(problem, x, counts[i], inside[i]) for i in chunks]
+        outcomes = [outcome for part in run_all(refit, tasks, workers) for outcome in part]
+        failures = tuple((str(i), why) for i, (_, why) in enumerate(outcomes) if why)
+        return Replicates(np.array([p for p, _ in outcomes]), failures, "refit")
     H = np.einsum("bw,wij->bij", counts.astype(float), info.fisher, optimize=True) + info.prior_information
     slope = counts @ info.score + info.prior_score - shifts
-    return Replicates(info.p - np.linalg.solve(H, slope[:, :, None])[:, :, 0], labels, (), "step")
+    return Replicates(info.p - np.linalg.solve(H, slope[:, :, None])[:, :, 0], (), "step")

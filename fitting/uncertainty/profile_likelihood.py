@@ -8,12 +8,11 @@ the limit up to a bound says that the data and the prior leave the coefficient o
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 
 from fitting.nlp.problem import Problem
-from fitting.nlp.problem_data import ProblemData
 from fitting.parallel import run_all
 from fitting.solvers.ipopt import solve
 from fitting.uncertainty.bootstrap import WARM
@@ -42,31 +41,17 @@ class Profile:
     upper: float
     failures: tuple[str, ...]
 
-    def row(self) -> dict:
-        """As plain values."""
-        return asdict(self)
 
+def refit_along(side: tuple[Problem, np.ndarray, int, np.ndarray]) -> list[tuple[float, str]]:
+    """(objective, reason of failure or "") along one ``side`` of a profile; each solve starts from the one before.
 
-@dataclass(frozen=True)
-class ProfileSide:
-    """One side of a profile as a task: values of p[i] to hold in turn, ever further from the estimate."""
-
-    problem_data: ProblemData
-    x: np.ndarray
-    i: int
-    held: np.ndarray
-
-
-def refit_along(task: ProfileSide) -> list[tuple[float, str]]:
-    """(objective, reason of failure or "") at each held value of a ``task``; each solve starts from the one before."""
-    return _refit_along(task.problem_data.problem(), task)
-
-
-def _refit_along(problem: Problem, task: ProfileSide) -> list[tuple[float, str]]:
-    x, found = task.x, []
-    for value in task.held:
+    A side is a problem, x (n,) at its estimate, i, and the values of p[i] to hold in turn, ever further from it.
+    """
+    problem, x, i, values = side
+    found = []
+    for value in values:
         lower, upper = problem.prior.lower.copy(), problem.prior.upper.copy()
-        lower[task.i] = upper[task.i] = problem.prior.mean[task.i] + problem.prior.std[task.i] * value
+        lower[i] = upper[i] = problem.prior.mean[i] + problem.prior.std[i] * value
         try:
             held = problem.with_bounds(lower, upper)
             nodes, p = held.split(x)
@@ -92,7 +77,7 @@ def profiles(
     """
     names, (_, p) = list(problem.prior.symbols), problem.split(x)
     lower, upper = problem.p_bounds()
-    best, data, tasks = problem.objective(x), ProblemData.of(problem), []
+    mean, std, best, tasks = problem.prior.mean, problem.prior.std, problem.objective(x), []
     for symbol in symbols:
         if symbol not in names:
             raise ValueError(f"{symbol} is not among the free coefficients")
@@ -102,40 +87,33 @@ def profiles(
             held = np.clip(p[i] + sign * STRIDE * se * np.arange(1, STEPS + 1), lower[i], upper[i])
             held = held[np.abs(held - p[i]) > 1e-9]
             held = held[np.r_[True, np.abs(np.diff(held)) > 1e-9]] if len(held) else held
-            tasks.append(ProfileSide(data, x, i, held))
-    outcomes = run_all(refit_along, tasks, workers) if workers > 1 else [_refit_along(problem, task) for task in tasks]
-    return [
-        _profile(problem, symbol, p, best, covariance, model, tasks[2 * k : 2 * k + 2], outcomes[2 * k : 2 * k + 2])
-        for k, symbol in enumerate(symbols)
-    ]
+            tasks.append((problem, x, i, held))
+    outcomes, found = run_all(refit_along, tasks, workers), []
+    for k, symbol in enumerate(symbols):
+        sides, i = slice(2 * k, 2 * k + 2), names.index(symbol)
+        ratio = covariance[i, i] / model[i, i]
+        dispersion = float(ratio) if np.isfinite(ratio) and ratio > 0 else 1.0
+        held = [mean[i] + std[i] * values for *_, values in tasks[sides]]
+        found.append(_profile(symbol, mean[i] + std[i] * p[i], best, dispersion, held, outcomes[sides]))
+    return found
 
 
 def _profile(
-    problem: Problem, symbol: str, p: np.ndarray, best: float, covariance: np.ndarray, model: np.ndarray,
-    tasks: list[ProfileSide], outcomes: list[list[tuple[float, str]]],
+    symbol: str, estimate: float, best: float, dispersion: float,
+    held: list[np.ndarray], found: list[list[tuple[float, str]]],
 ) -> Profile:  # fmt: skip
-    i = tasks[0].i
-    mean, std = problem.prior.mean[i], problem.prior.std[i]
-    ratio = covariance[i, i] / model[i, i]
-    dispersion = float(ratio) if np.isfinite(ratio) and ratio > 0 else 1.0
-    limits, failures = [], []
-    for task, found in zip(tasks, outcomes, strict=True):
-        at = np.r_[p[i], task.held]
-        rise = np.r_[0.0, [value - best for value, _ in found]] / dispersion
-        failures += [
-            f"{symbol} = {mean + std * v:.6g}: {why}" for v, (_, why) in zip(task.held, found, strict=True) if why
-        ]
-        limits.append(mean + std * _crossing(at, rise))
-    down, up = ([mean + std * v for v in task.held] for task in tasks)
-    fallen, risen = ([value - best for value, _ in found] for found in outcomes)
+    """The profile from the values ``held`` below and above the ``estimate``, and the objective and reason of each."""
+    rises = [np.array([value for value, _ in side]) - best for side in found]
+    lower, upper = (_crossing(np.r_[estimate, v], np.r_[0.0, r] / dispersion) for v, r in zip(held, rises, strict=True))
+    outcomes = zip(np.concatenate(held), [why for side in found for _, why in side], strict=True)
     return Profile(
         symbol=symbol,
-        values=(*down[::-1], mean + std * p[i], *up),
-        increase=(*fallen[::-1], 0.0, *risen),
+        values=tuple(np.r_[held[0][::-1], estimate, held[1]].tolist()),
+        increase=tuple(np.r_[rises[0][::-1], 0.0, rises[1]].tolist()),
         dispersion=dispersion,
-        lower=limits[0],
-        upper=limits[1],
-        failures=tuple(failures),
+        lower=lower,
+        upper=upper,
+        failures=tuple(f"{symbol} = {value:.6g}: {why}" for value, why in outcomes if why),
     )
 
 

@@ -8,8 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from fitting.calibration import Calibration
-from fitting.uncertainty.bootstrap import Replicates, bootstrap, leave_one_run_out
+from fitting.uncertainty.bootstrap import Replicates, bootstrap
 from fitting.uncertainty.profile_likelihood import profiles
+from fitting.uncertainty.sandwich import changes_without_each
 from mmg.errors import UserError
 
 
@@ -32,9 +33,7 @@ def uncertainty_rows(calibration: Calibration, replicates: int = 0, profiled: Se
     """
     symbols, info, spread = calibration.prior.symbols, calibration.information, calibration.spread
     check_request(replicates, profiled, symbols)
-    if info is None or spread is None or calibration.problem_data is None:
-        return {}
-    unit, sizes = calibration.prior.std, np.sqrt(np.diag(spread.covariance))
+    by_run, unit, sizes = info.by_run(), calibration.prior.std, np.sqrt(np.diag(spread.covariance))
     content: dict = {
         "uncertainty": {
             "windows": spread.clusters[0],
@@ -48,30 +47,32 @@ def uncertainty_rows(calibration: Calibration, replicates: int = 0, profiled: Se
                 }
                 for i, s in enumerate(symbols)
             },
-            "without_run": _without(leave_one_run_out(info, calibration.segments.trials), info.p, sizes, symbols),
+            "without_run": {
+                "method": "step",
+                "change_in_standard_errors": {
+                    calibration.segments.trials[run]: _most_moved(moved[: len(symbols)], symbols)
+                    for run, moved in zip(by_run.run, changes_without_each(by_run) / sizes, strict=True)
+                },
+            },
         }
     }
     if not (replicates or profiled):
         return content
-    problem, x, workers = calibration.problem_data.problem(), calibration.solution.x, calibration.settings.workers
+    problem, x, workers = calibration.problem, calibration.solution.x, calibration.settings.workers
     if replicates:
         began = time.perf_counter()
         full = bootstrap(info, replicates, calibration.settings.seed, problem, x, workers)
         content["bootstrap"] = _drawn(full, calibration, sizes) | {"seconds": time.perf_counter() - began}
     if profiled:
         found = profiles(problem, x, profiled, spread.covariance, spread.model, workers)
-        content["profiles"] = [p.row() for p in found]
+        content["profiles"] = found
     return content
 
 
-def _without(found: Replicates, p: np.ndarray, sizes: np.ndarray, symbols: Sequence[str]) -> dict:
-    """What each run moves, in standard errors: the coefficients it moves most."""
-    rows = {}
-    shared = len(symbols)
-    for name, moved in zip(found.labels, ((found.p - p) / sizes)[:, :shared], strict=True):
-        most = np.argsort(-np.abs(np.nan_to_num(moved)))[:5]
-        rows[name] = {"largest": {symbols[i]: float(moved[i]) for i in most}, "rms": float(np.sqrt(np.mean(moved**2)))}
-    return {"method": found.method, "change_in_standard_errors": rows}
+def _most_moved(moved: np.ndarray, symbols: Sequence[str]) -> dict:
+    """What leaving a run out moves, in standard errors: the coefficients it moves most."""
+    most = np.argsort(-np.abs(np.nan_to_num(moved)))[:5]
+    return {"largest": {symbols[i]: float(moved[i]) for i in most}, "rms": float(np.sqrt(np.mean(moved**2)))}
 
 
 def _drawn(found: Replicates, calibration: Calibration, sizes: np.ndarray) -> dict:

@@ -48,11 +48,6 @@ class Robust:
     clusters: tuple[int, int]
     moves: np.ndarray
 
-    @property
-    def ratio(self) -> np.ndarray:
-        """Robust over model-based standard errors (P,)."""
-        return np.sqrt(np.diag(self.covariance) / np.diag(self.model))
-
 
 def changes_without_each(info: Information) -> np.ndarray:
     """Change of the estimate when each row of ``info`` (a window or a run) is left out, to first order, (rows, P)."""

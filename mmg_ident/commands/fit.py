@@ -92,7 +92,7 @@ def fit(
     from cases.shipfiles.ship_file import load_ship
     from fitting.pipeline import FitOptions, calibrate
     from fitting.report.run_folder import check_target
-    from fitting.solvers.interrupts import Interrupts
+    from fitting.solvers.interrupts import interrupts_noted
 
     began = time.perf_counter()
     settings = _settings(
@@ -136,7 +136,7 @@ def fit(
     reading = time.perf_counter() - began
     for line in start.notices:
         say(line)
-    with Interrupts(lambda: say("interrupted: stopping at the next iterate and writing the run folder")):
+    with interrupts_noted(lambda: say("interrupted: stopping at the next iterate and writing the run folder")):
         result = calibrate(start, train, held_out, settings, options, progress())
         timings = {**result.timings_s, "read": reading, "wall": result.timings_s["wall"] + reading}
         result = replace(result, timings_s=timings).save(out, replace=resume)

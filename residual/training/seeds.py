@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 
 from fitting.parallel import run_all
-from fitting.solvers.interrupts import Interrupts
+from fitting.solvers.interrupts import interrupts_noted
 from mmg.progress import LOGGER, OnProgress, Progress
 from residual.training.checkpoint import Store, load_outcome, save_outcome
 from residual.training.trainer import Outcome, Task, train_one
@@ -57,7 +57,7 @@ def train_seeds(
                 if progress:
                     progress(Progress("seeds", done, len(tasks), {"error of 30 s windows": outcome.after[0]}))
 
-        with Interrupts(interrupted):
+        with interrupts_noted(interrupted):
             jobs = [(replace(task, stop=stop, seconds=limit), store) for task in missing]
             work = partial(_trained, progress=progress) if workers == 1 else _trained
             made = run_all(work, jobs, workers, note)

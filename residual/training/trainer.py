@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from fitting.solvers.interrupts import INTERRUPTED, Interrupts
+from fitting.solvers.interrupts import INTERRUPTED, interrupts_noted
 from mmg.progress import OnProgress, Progress
 from mmg.ship import Ship
 from residual.rollout import RolloutBatch, acceleration_loss, state_loss
@@ -95,7 +95,7 @@ def train_one(task: Task, progress: OnProgress | None = None) -> Outcome:
     """How the training of a ``task`` ended; a training that fails raises nothing. progress: called after each epoch."""
     torch.set_num_threads(1)
     began, settings = time.perf_counter(), task.settings
-    with Interrupts():
+    with interrupts_noted():
         for restart in range(RESTARTS + 1):
             rate = settings.rate * LOWER**restart
             attempt = _Attempt(task, began, rate, progress)

@@ -10,7 +10,7 @@ from cases.shipfiles.ship_file import load_ship
 from cases.simulation.demo_trials import demo_trials
 from cases.trial import Trial
 from fitting.nlp.problem import Prior, Problem
-from fitting.nlp.shooting import kernels
+from fitting.nlp.shooting import Kernels
 from fitting.nlp.windows import cut
 from mmg.model import assemble
 
@@ -29,7 +29,7 @@ def kernel(free: tuple[str, ...] | None = None, compiled: bool = True):  # type:
     """Derivative kernels of ESSO OSAKA for these free coefficients (default all)."""
     ship = load_ship("esso_osaka_3m")
     chosen = free or ship.symbols
-    return kernels(assemble(ship), np.array([ship.symbols.index(s) for s in chosen]), compiled)
+    return Kernels(assemble(ship), np.array([ship.symbols.index(s) for s in chosen]), compiled)
 
 
 def problem(K: int = 5, window: float = 40.0, trials: tuple[Trial, ...] | None = None) -> Problem:

@@ -18,7 +18,7 @@ from cases.simulation.simulate import simulate
 from cases.trial import Trial
 from fitting.calibration import estimate_coefficients
 from fitting.nlp.problem import Prior, Problem
-from fitting.nlp.shooting import kernels
+from fitting.nlp.shooting import Kernels
 from fitting.nlp.windows import cut
 from fitting.settings import Settings
 from fitting.solvers.ipopt import solve
@@ -78,7 +78,7 @@ def crowded(K: int) -> Problem:
     true = with_effects(ESSO, ["bank:suction=0.2,moment=0.03,distance=6,decay=3", "hull_memory", "gnss_delay"])
     free = np.array([ship.symbols.index(s) for s in ship.free])
     segments = cut(trials(true, RUNS[:1] + RUNS[3:], 45.0), 1.0, 40.0, K, inputs=ship.inputs)
-    return Problem(ship, Prior.of(ship), kernels(assemble(ship), free, False), segments, SIGMA)
+    return Problem(ship, Prior.of(ship), Kernels(assemble(ship), free, False), segments, SIGMA)
 
 
 def away_from_kinks(p: Problem, seed: int = 0) -> np.ndarray:

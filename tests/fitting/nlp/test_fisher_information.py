@@ -12,7 +12,7 @@ from cases.shipfiles.effects import freeing_effects
 from cases.shipfiles.ship_file import load_ship
 from fitting.nlp.fisher_information import information
 from fitting.nlp.problem import Prior, Problem
-from fitting.nlp.shooting import kernels
+from fitting.nlp.shooting import Kernels
 from fitting.nlp.windows import cut
 from fitting.solvers.ipopt import Solution, solve
 from mmg.model import assemble
@@ -35,7 +35,7 @@ def latent() -> Problem:
     ship = freeing_effects(ship, ["disturbance:X=0.3,Y=0.3,N=0.3,tau=8", "velocity_lag"])
     segments = cut(runs()[0][:2], 1.0, 40.0, 5, inputs=ship.inputs)
     free = np.array([ship.symbols.index(s) for s in ship.free])
-    return Problem(ship, Prior.of(ship), kernels(assemble(ship), free, False), segments, SIGMA)
+    return Problem(ship, Prior.of(ship), Kernels(assemble(ship), free, False), segments, SIGMA)
 
 
 def test_it_agrees_with_single_shooting_on_a_plain_ship() -> None:

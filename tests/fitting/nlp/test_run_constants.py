@@ -21,12 +21,12 @@ from fitting.calibration import Calibration, estimate_coefficients
 from fitting.nlp.captive import CaptiveForces
 from fitting.nlp.fisher_information import information
 from fitting.nlp.problem import Prior, Problem
-from fitting.nlp.run_constants import RunConstants, with_constants
-from fitting.nlp.shooting import kernels
+from fitting.nlp.run_constants import RunConstants
+from fitting.nlp.shooting import Kernels
 from fitting.nlp.windows import Segments, cut
 from fitting.settings import Settings
 from fitting.solvers.ipopt import solve
-from fitting.uncertainty.bootstrap import leave_one_run_out
+from fitting.uncertainty.sandwich import changes_without_each
 from mmg.effects import EFFECTS
 from mmg.errors import UserError
 from mmg.model import assemble
@@ -73,9 +73,9 @@ def small(K: int, captive: bool = False) -> Problem:
     ship, constants = varying_effects(freeing_effects(start(), ["velocity_lag"]), ["current:x=0.01", "heading_bias"])
     segments = cut([trials()[0], trials()[1]], 1.0, 30.0, K, inputs=ship.inputs)
     few = segments.subset(np.flatnonzero(np.isin(np.arange(len(segments.run)), (0, 1, 5)))).by_run()
-    prior = with_constants(Prior.of(ship), ship, constants, few.trials)
+    prior = Prior.of(ship, constants, few.trials)
     positions = prior.positions(ship)
-    kernel = kernels(assemble(ship), positions, False)
+    kernel = Kernels(assemble(ship), positions, False)
     forces = CaptiveForces(kernel.model, positions[: prior.shared], points(hidden()), False) if captive else None
     return Problem(ship, prior, kernel, few, SIGMA, captive=forces)
 
@@ -136,15 +136,15 @@ def test_information_and_its_shared_part_are_those_of_the_whole_program() -> Non
         assert not found.fisher[w][others].any() and found.fisher[w][found.owner == run].any()
     shared, n = found.shared(), p.prior.shared
     np.testing.assert_allclose(np.linalg.inv(shared.hessian), np.linalg.inv(found.hessian)[:n, :n], rtol=1e-8)
-    moves = leave_one_run_out(found, found.run.astype(str))
-    np.testing.assert_allclose(leave_one_run_out(shared, found.run.astype(str)).p, moves.p[:, :n], rtol=1e-2, atol=1e-4)
+    moved = found.p[:n] + changes_without_each(found.by_run())[:, :n]
+    np.testing.assert_allclose(shared.p + changes_without_each(shared), moved, rtol=1e-2, atol=1e-4)
 
 
 def test_sorting_intervals_by_run_changes_nothing() -> None:
     """And a problem without constants is one group, whose blocks may straddle runs."""
     ship = freeing_effects(start(), ["velocity_lag"])
     prior, segments = Prior.of(ship), cut(list(trials()), 1.0, 30.0, 7, inputs=ship.inputs)
-    kernel = kernels(assemble(ship), prior.positions(ship), False)
+    kernel = Kernels(assemble(ship), prior.positions(ship), False)
     one, other = (Problem(ship, prior, kernel, s, SIGMA) for s in (segments, segments.by_run()))
     assert len(one.shooting.slices) == 1 and one.columns.groups == 1 and one.P == one.L
     x = somewhere(one)
@@ -159,8 +159,8 @@ def test_blocks_of_unsorted_intervals_are_right_too() -> None:
     """Each block is of one run, however the intervals are sorted."""
     ship, constants = varying_effects(start(), ["current"])
     segments = cut(list(trials()), 1.0, 30.0, 7, inputs=ship.inputs)
-    prior = with_constants(Prior.of(ship), ship, constants, segments.trials)
-    kernel = kernels(assemble(ship), prior.positions(ship), False)
+    prior = Prior.of(ship, constants, segments.trials)
+    kernel = Kernels(assemble(ship), prior.positions(ship), False)
     one, other = (Problem(ship, prior, kernel, s, SIGMA) for s in (segments, segments.by_run()))
     x = somewhere(one)
     assert len(other.shooting.slices) == 3 < len(one.shooting.slices)
@@ -201,7 +201,7 @@ def test_each_run_gets_its_current_and_the_shared_coefficients_do_not_bend() -> 
     assert own.ship.effects == () and set(own.ship.coefficients) == set(ESSO.coefficients)
     n = len(FREE)
     assert own.prior.symbols == own.ship.free and own.covariance.shape == own.covariance_model.shape == (n, n)
-    assert len(own.iterate) == n + 6 and len(own.p) == n
+    assert len(own.iterate["p"]) == n + 6 and len(own.p) == n
 
 
 def test_leaving_a_run_out_says_nothing_about_its_own_constants() -> None:
@@ -224,7 +224,7 @@ def test_equal_names_of_runs_are_told_apart() -> None:
     found = RunConstants(("current.x",), ("a", "a (2)"), ("m/s",), one, one, one[0], one[0], one[:, 0])
     assert set(found.rows()) == {"a", "a (2)"}
     ship, constants = varying_effects(start(), ["current:x"])
-    prior = with_constants(Prior.of(ship), ship, constants, ("a", "a"))
+    prior = Prior.of(ship, constants, ("a", "a"))
     made = RunConstants.of(ship, prior, np.zeros(len(prior.mean)), np.eye(len(prior.mean)), ("a", "a"))
     assert made is not None and made.runs == ("a", "a (2)") and made.symbols == ("current.x",)
 

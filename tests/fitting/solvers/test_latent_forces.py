@@ -53,7 +53,7 @@ def dense(p: Problem, parts: Quadratics, factor: np.ndarray) -> np.ndarray:
 
 def test_the_log_determinant_is_that_of_the_reduced_hessian() -> None:
     p = latent()
-    p = p.with_segments(p.segments.subset(np.array([0, 1])))
+    p = p.with_changes(segments=p.segments.subset(np.array([0, 1])))
     x, factor = p.start(), np.array([1.0, 2.0, 0.7])
     parts = Quadratics.of(p, x)
     whole = dense(p, parts, factor)
