@@ -24,8 +24,7 @@ _AT_REST = ("n_bow", "n_stern", "n_azimuth", "azimuth")
 def actuator_columns(trial: Trial, actuators: Sequence[str]) -> tuple[np.ndarray, list[Message]]:
     """Columns (N, A) of the ``actuators`` of a model from a ``trial``, and notices on what was assumed.
 
-    Raises UserError when the trial lacks one for which nothing can stand in, or moves one that the model does not
-    have.
+    Raises UserError when the trial lacks one for which nothing can stand in, or moves one that the model does not have.
     """
     _check_unused(trial, actuators)
     columns, notices = [], []

@@ -58,11 +58,11 @@ class Controller:
     ) -> tuple[float, float]:
         """Mean revolutions [1/s] and rudder angle [rad] over the step from t to t + dt: what to hold and to record.
 
-        state (6,) at t, psi continuous; ``advance`` gives the state at t + dt when these inputs are held. Where the
-        orders change within the step (execute, rudder reversal), the moment is located by interpolation and the
-        actuators move from then on, not from the next sample. Positions follow the orders within the limits, and
-        the means are those of their ramps, so that held inputs give the right impulse. Orders that end within a
-        step end with the next call (``over``), which returns the positions reached. One event per step.
+        state (S,) at t, the six of the motion first, psi continuous; ``advance`` gives the state at t + dt when these
+        inputs are held. Where the orders change within the step (execute, rudder reversal), the moment is located by
+        interpolation and the actuators move from then on, not from the next sample. Positions follow the orders within
+        the limits, and the means are those of their ramps, so that held inputs give the right impulse. Orders that end
+        within a step end with the next call (``over``), which returns the positions reached. One event per step.
         """
         order = self.orders(t, state)
         if order is None:

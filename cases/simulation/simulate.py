@@ -68,20 +68,6 @@ def _begin(ship: Ship, maneuver: Maneuver) -> np.ndarray:
     return six
 
 
-class _Delayed:
-    """Inputs of a while ago, as the mean over each step of the inputs held over earlier steps."""
-
-    def __init__(self, steps: float) -> None:
-        self.whole, self.part = divmod(steps, 1.0)
-        self.past: list[np.ndarray] = []
-
-    def __call__(self, now: np.ndarray) -> np.ndarray:
-        """What acts over a step whose own inputs are ``now``."""
-        line, k = [*self.past, now], len(self.past)
-        at = [line[max(k - int(self.whole) - back, 0)] for back in (0, 1)]
-        return (1 - self.part) * at[0] + self.part * at[1]
-
-
 def simulate(
     ship: Ship,
     maneuver: Maneuver,
@@ -106,29 +92,27 @@ def simulate(
     air = (wind or Wind(0.0)).series(t, seed)
     flow = np.column_stack(wind_vector(air[:, 0], air[:, 1]))
     (step, model, delay), parts, controller = _plant(ship), integration_steps(ship, dt), maneuver.controller()
-    delayed = _Delayed(delay / dt)
+    whole, part = divmod(delay / dt, 1.0)
     six = _begin(ship, maneuver) if start is None else np.array(start, dtype=float)
     first = _vector(model.controls, actuator_positions(ship, controller.n, controller.delta), flow[0], 0.0)
     state = np.array(model.initial(six, first, [])).ravel()
     states, inputs = np.empty((count + 1, len(state))), np.empty((count + 1, 2))
 
     def advanced(k: int, state: np.ndarray, order: tuple[float, float]) -> np.ndarray:
-        acting = delayed(np.array(order))
+        inputs[k] = order  # a delay lets the means of earlier steps act
+        late, later = (inputs[max(k - int(whole) - back, 0)] for back in (0, 1))
+        acting = (1 - part) * late + part * later
         held = _vector(model.controls, actuator_positions(ship, *acting), flow[k], t[k])
         for _ in range(parts):
             state = np.array(step(state, held, dt / parts)).ravel()
         return state
 
-    def ahead(k: int, state: np.ndarray, order: tuple[float, float]) -> np.ndarray:
-        return advanced(k, state, order)[:6]
-
     for k in range(count + 1):
         states[k] = state
-        inputs[k] = controller.held(t[k], dt, state[:6], partial(ahead, k, state))
+        inputs[k] = controller.held(t[k], dt, state, partial(advanced, k, state))
         if controller.over or k == count:
             break
         state = advanced(k, state, (inputs[k, 0], inputs[k, 1]))
-        delayed.past.append(inputs[k].copy())
     rows = slice(0, k + 1)
     moved = actuator_positions(ship, *inputs[rows].T)
     columns = _columns(ship, model.states, t[rows], states[rows], moved, None if wind is None else air[rows])
