@@ -69,3 +69,11 @@ def to_si(column: str, unit: str, where: str) -> float:
             f"{where}: unknown unit '{' '.join(unit.split())}' for {column}; accepted: {', '.join(factors)}"
         )
     return factors[match]
+
+
+def as_number(text: str) -> float:
+    """The number that ``text`` is, NaN where it is none."""
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan

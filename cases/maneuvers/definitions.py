@@ -15,6 +15,7 @@ from functools import partial
 
 import numpy as np
 
+from cases.io.units import as_number
 from cases.maneuvers import orders
 from cases.maneuvers.controller import Controller, Limits
 from cases.maneuvers.orders import Orders
@@ -149,7 +150,7 @@ class _Setup:
 
     def angle(self, words: str, what: str = "rudder angle") -> float:
         """An angle [rad] from degrees in the text. UserError unless 0 < |angle| <= 90 deg."""
-        degrees = _number(words)
+        degrees = as_number(words)
         if not 0 < abs(degrees) <= 90:
             example = FORMS.split(", crash")[0]
             raise self.refused(
@@ -163,13 +164,6 @@ class _Setup:
         if not slash:
             raise self.refused(f"write {form}/{second} in degrees, such as {example}")
         return self.angle(first), self.angle(other, second)
-
-
-def _number(words: str) -> float:
-    try:
-        return float(words)
-    except ValueError:
-        return math.nan
 
 
 _LEAD = 5.0
@@ -190,7 +184,7 @@ def _zigzag(s: _Setup) -> Maneuver:
 
 
 def _crash_stop(s: _Setup) -> Maneuver:
-    share = _number(s.argument or "1")
+    share = as_number(s.argument or "1")
     if not 0 < share <= 2:
         raise s.refused(
             f"'{s.argument}' must be the revolutions astern by those of the approach, more than 0 and at most 2, "

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 
+from cases.io.units import as_number
 from cases.shipfiles.ship_file import check_needs
 from mmg.effects import EFFECTS, Parameter
 from mmg.errors import UserError
@@ -37,21 +37,11 @@ def parse_effect(text: str, ship: Ship, option: str) -> tuple[str, dict[str, flo
         if not equals:
             named.append(key)
             continue
-        values[key] = _within(word, known[key], where)
+        p, values[key] = known[key], as_number(word)
+        if not p.lower <= values[key] <= p.upper:
+            wanted = f"must be a number from {p.lower:g} to {p.upper:g} {p.unit}"
+            raise UserError(f"{where}: {p.symbol} = {word} {wanted}".rstrip())
     return name, values, named
-
-
-def _within(word: str, parameter: Parameter, where: str) -> float:
-    try:
-        value = float(word)
-    except ValueError:
-        value = math.nan
-    if not parameter.lower <= value <= parameter.upper:
-        raise UserError(
-            f"{where}: {parameter.symbol} = {word} must be a number from {parameter.lower:g} to "
-            f"{parameter.upper:g} {parameter.unit}".rstrip()
-        )
-    return value
 
 
 def with_effects(ship: Ship, texts: Iterable[str]) -> Ship:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cases.io.units import as_number
 from mmg.errors import UserError
 
 REFERENCE_FREQUENCY = 0.5
@@ -94,10 +95,7 @@ def parse_wind(text: str) -> Wind:
     Raises UserError when the text is anything else.
     """
     parts = [part.strip() for part in text.split(":")]
-    try:
-        speed, direction = float(parts[0]), float(parts[1])
-    except (ValueError, IndexError):
-        speed = direction = math.nan
+    speed, direction = (as_number(part) for part in (*parts, "", "")[:2])
     fits = len(parts) == 2 or (len(parts) == 3 and parts[2] == "gusty")
     if not (fits and math.isfinite(direction) and 0 <= speed < math.inf):
         raise UserError(
