@@ -107,10 +107,7 @@ def _equations(
     for e, values in effects:
         parts = e.forces(parts, flow, values, at)
         mass = e.inertia(mass, flow, values, p, s)
-    total = Force()
-    for part in parts.values():
-        total = total + part
-    du, dv, dr = accelerations(flow.u, flow.v, r, total, mass)
+    du, dv, dr = accelerations(flow.u, flow.v, r, sum(parts.values(), Force()), mass)
     if "roll" in ship.components:
         module("roll", ship.components["roll"]).roll(flow, parts, dv, memory, p, c)
     if currents:

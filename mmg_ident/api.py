@@ -38,11 +38,8 @@ def _trials(given: Trials) -> list[Trial]:
     from cases.io.read import read_trials
     from cases.trial import Trial
 
-    several = [given] if isinstance(given, (str, Path, Trial)) else list(given)
-    found: list[Trial] = []
-    for item in several:
-        found += [item] if isinstance(item, Trial) else read_trials([item])
-    return found
+    several = [given] if isinstance(given, (str, Path, Trial)) else given
+    return [trial for item in several for trial in ([item] if isinstance(item, Trial) else read_trials([item]))]
 
 
 def _ship(model: Any) -> Ship:

@@ -66,21 +66,15 @@ def summary(role: str, name: str) -> str:
 
 def required_particulars(components: Mapping[str, str]) -> tuple[str, ...]:
     """Particulars needed by a choice of force models, in order, without repetition. components: role -> model."""
-    needed = list(BASE_PARTICULARS)
-    for role in ROLES:
-        if role in components:
-            needed += module(role, components[role]).PARTICULARS
-    return tuple(dict.fromkeys(needed))
+    needed = [name for role in ROLES if role in components for name in module(role, components[role]).PARTICULARS]
+    return tuple(dict.fromkeys((*BASE_PARTICULARS, *needed)))
 
 
 def coefficient_table(components: Mapping[str, str], particulars: Mapping[str, float]) -> dict[str, Coefficient]:
     """All coefficients of a choice of force models with their defaults, in the fixed order of the library. components:
     role -> model; particulars: symbol -> SI value."""
-    rows = list(INERTIA)
-    for role in ROLES:
-        if role in components:
-            rows += _rows(module(role, components[role]), particulars)
-    return {row.symbol: row for row in rows}
+    models = [module(role, components[role]) for role in ROLES if role in components]
+    return {row.symbol: row for row in (*INERTIA, *(row for model in models for row in _rows(model, particulars)))}
 
 
 def _rows(model: ModuleType, particulars: Mapping[str, float]) -> tuple[Coefficient, ...]:
@@ -103,9 +97,7 @@ def actuators(components: Mapping[str, str], particulars: Mapping[str, float]) -
     A ship with two screws (particular y_P, their distance from the centre plane) has n, n_2 and a rudder each.
     components: role -> model; particulars: symbol -> SI value.
     """
-    needed: set[str] = set()
-    for role, name in components.items():
-        needed |= set(getattr(module(role, name), "INPUTS", ()))
+    needed = {name for item in components.items() for name in getattr(module(*item), "INPUTS", ())}
     if twin_screw(particulars):
         needed |= {"n_2"} if "n" in needed else set()
         needed = (needed - {"delta"}) | {"delta_port", "delta_starboard"} if "delta" in needed else needed

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
 from mmg.errors import UserError
+from mmg_ident.commands.output import print_json
 
 if TYPE_CHECKING:
     from cases.checks import CheckReport
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 def check(
     trials: Annotated[list[Path], Argument(help="Trial files (CSV, Parquet) or folders of them.")],
-    as_json: Annotated[bool, Option("--json", help="Print one JSON document.")] = False,
+    json: Annotated[bool, Option("--json", help="Print one JSON document.")] = False,
 ) -> None:
     """Check trial files: units, signs, frames, gaps, duplicates, lags, excitation; a verdict per file.
 
@@ -37,8 +37,8 @@ def check(
     if not found:
         raise unreadable[0][1]
     reports = check_trials(found)
-    if as_json:
-        print(json.dumps(_document(reports, unreadable), indent=2, allow_nan=False))
+    if json:
+        print_json(_document(reports, unreadable))
     else:
         _print(reports)
     if unreadable:

@@ -81,6 +81,9 @@ VERBS = {
 """Verb -> its line in ``mmg --help``, in that order; each has a module and a function of its name in this folder."""
 
 
+_PLAIN: dict[str, Any] = {"add_completion": False, "pretty_exceptions_enable": False, "rich_markup_mode": None}
+
+
 class _Verbs(TyperGroup):
     """The verbs, of which a module is imported when its verb is called or its help is shown."""
 
@@ -91,7 +94,7 @@ class _Verbs(TyperGroup):
         if cmd_name not in VERBS:
             return None
         verb = getattr(import_module(f"mmg_ident.commands.{cmd_name}"), cmd_name)
-        one = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
+        one = typer.Typer(**_PLAIN)
         one.command(cmd_name)(_interruptible(verb))
         return typer.main.get_command(one)
 
@@ -100,14 +103,7 @@ class _Verbs(TyperGroup):
             formatter.write_dl(list(VERBS.items()))
 
 
-app = typer.Typer(
-    name="mmg",
-    cls=_Verbs,
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,
-)
+app = typer.Typer(name="mmg", cls=_Verbs, no_args_is_help=True, **_PLAIN)
 
 
 @app.callback()

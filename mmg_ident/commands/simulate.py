@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,7 +12,6 @@ from mmg.errors import UserError
 from mmg_ident.commands.output import print_json, refuse_target, say
 
 if TYPE_CHECKING:
-    from cases.maneuvers.definitions import Maneuver
     from cases.trial import Trial
     from mmg.ship import Ship
 
@@ -70,6 +68,7 @@ def simulate(
     Example: mmg simulate esso_osaka_3m --maneuver zigzag:20/20 --wind 1.5:60:gusty --noise --out zigzag.csv
     """
     from cases.criteria.simulated_trial import simulated_trial
+    from cases.criteria.standard_runs import figures_of
     from cases.maneuvers.definitions import parse_maneuver
     from cases.shipfiles.effects import with_effects
     from cases.shipfiles.ship_file import load_ship
@@ -99,7 +98,8 @@ def simulate(
         _scatter(ship, model, plan, scatter, seed, dt, out, json)
         return
     trial = simulated_trial(model, plan, controls, wind, seed=seed, dt=dt)
-    summary = _summary(model, trial, plan)
+    found = figures_of(trial, plan) if plan else {}
+    summary = _summary(model, trial, plan.name if plan else trial.name, found)
     if noise and out is None:
         say("note: --noise changes nothing without --out: it belongs to the trial file, not to the summary")
     if out is not None:
@@ -108,7 +108,7 @@ def simulate(
     summary |= {"seed": seed, "noise": noise, "wind": wind}
     summary["effects"] = {name: vars(model.parameters_of(name)) for name in model.effects}
     summary["out"] = None if out is None else str(out)
-    _print(summary, json)
+    print_json(summary) if json else _print(summary, found, model)
 
 
 def _scatter(
@@ -159,19 +159,17 @@ def _unit(unit: str, length: float) -> tuple[str, float, str]:
     return {**shown, "rad/s": ("deg/s", math.degrees(1.0), ".3f")}.get(unit, (unit or "-", 1.0, ".3f"))
 
 
-def _summary(ship: Ship, trial: Trial, plan: Maneuver | None) -> dict[str, Any]:
+def _summary(ship: Ship, trial: Trial, run: str, found: dict[str, float]) -> dict[str, Any]:
     """What is printed: SI units, named in the keys; lengths of the figures also in ship lengths."""
     from cases.criteria.figures import figure_unit
-    from cases.criteria.standard_runs import figures_of
 
     states, L = trial.states, ship.particulars["L"]
     names = ("x_m", "y_m", "psi_rad", "u_m_s", "v_m_s", "r_rad_s")
-    found = figures_of(trial, plan) if plan else {}
     figures = {f"{key}_{figure_unit(key).replace('/', '_')}".rstrip("_"): value for key, value in found.items()}
     lengths = {f"{name[:-2]}_L": value / L for name, value in figures.items() if name.endswith("_m")}
     return {
         "ship": ship.name,
-        "run": plan.name if plan else trial.name,
+        "run": run,
         "samples": len(trial),
         "duration_s": trial.duration,
         "start": dict(zip(names, states[0].tolist(), strict=True)) | {"n_rps": float(trial["n"][0])},
@@ -182,11 +180,7 @@ def _summary(ship: Ship, trial: Trial, plan: Maneuver | None) -> dict[str, Any]:
     }
 
 
-def _print(summary: dict[str, Any], as_json: bool) -> None:
-
-    if as_json:
-        print_json(summary)
-        return
+def _print(summary: dict[str, Any], figures: dict[str, float], ship: Ship) -> None:
     for notice in summary["notices"]:
         say(f"note: {notice}")
     if summary["out"]:
@@ -203,26 +197,24 @@ def _print(summary: dict[str, Any], as_json: bool) -> None:
             f"n {state['n_rps']:.2f} rps"
         )
     print(f"  greatest turn rate  {math.degrees(summary['greatest_turn_rate_rad_s']):.3f} deg/s")
-    for name, value in summary["figures"].items():
-        if not name.endswith("_L"):
-            print(f"  {_line(name, value, summary['figures'])}")
+    for name, value in figures.items():
+        print(f"  {_line(name, value, ship.particulars['L'])}")
 
 
 _SHOWN = {
-    "_rad_s": ("deg/s", math.degrees(1.0), ".3f"),
-    "_rad": ("deg", math.degrees(1.0), ".1f"),
-    "_m_s": ("m/s", 1.0, ".3f"),
+    "rad/s": ("deg/s", math.degrees(1.0), ".3f"),
+    "rad": ("deg", math.degrees(1.0), ".1f"),
+    "m/s": ("m/s", 1.0, ".3f"),
+    "m": ("m", 1.0, ".2f"),
+    "s": ("s", 1.0, ".2f"),
 }
-"""Ends of figure names -> unit, factor and format for people."""
+"""Unit of a figure -> unit, factor and format for people."""
 
 
-def _line(name: str, value: float, figures: Mapping[str, float]) -> str:
+def _line(name: str, value: float, length: float) -> str:
     """A figure in words: angles in degrees, lengths also in ship lengths."""
-    for end, (unit, factor, form) in _SHOWN.items():
-        if name.endswith(end):
-            return f"{name[: -len(end)].replace('_', ' ')}  {factor * value:{form}} {unit}"
-    words, _, unit = name.rpartition("_")
-    if unit not in ("m", "s"):
-        return f"{name.replace('_', ' ')}  {value:.3f}"
-    lengths = f" = {figures[words + '_L']:.2f} L" if unit == "m" else ""
-    return f"{words.replace('_', ' ')}  {value:.2f} {unit}{lengths}"
+    from cases.criteria.figures import figure_unit
+
+    unit, factor, form = _SHOWN.get(figure_unit(name), ("", 1.0, ".3f"))
+    lengths = f" = {value / length:.2f} L" if unit == "m" else ""
+    return f"{name.replace('_', ' ')}  {factor * value:{form}} {unit}{lengths}".rstrip()
