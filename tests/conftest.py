@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import signal
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+
+from tests.support.figures import unrendered
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as in the background of a shell: commands would inherit it
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -24,3 +27,10 @@ def frt() -> Path:
     if not any(folder.glob("*/*.csv")):
         pytest.skip(f"FRT-DS-ESSO records not here: no {folder}/*/*.csv")
     return folder
+
+
+@pytest.fixture(scope="module")
+def blank_figures() -> Iterator[None]:
+    """For modules that look at no figure of the run folders that they write."""
+    with unrendered():
+        yield

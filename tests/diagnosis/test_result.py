@@ -17,6 +17,7 @@ from mmg.errors import UserError
 from mmg.messages import Message
 from tests.diagnosis.report.test_report import case
 
+pytestmark = pytest.mark.usefixtures("blank_figures")
 KEYS = {
     "schema_version", "verdict", "effects", "equivalence_class", "remainder", "candidates", "where", "held_out",
     "next_test", "warnings", "messages", "sentence", "kinematics", "not_screened", "unnamed", "noise", "learned",

@@ -9,6 +9,7 @@ import pytest
 
 from mmg_ident.commands.main import VERBS, main
 from tests.docs.pages import PAGES, ROOT, Command, arguments, blocks, commands, make_workspace, missing
+from tests.support.figures import unrendered
 
 PUBLIC_DATA = ("compare",)
 """Verbs that need the public records, which are tested where these are."""
@@ -76,7 +77,8 @@ def test_python_of_the_readme_uses_one_import_and_works(
     monkeypatch.chdir(tmp_path)
     (code,) = blocks(ROOT / "README.md", "python")
     assert re.findall(r"^(?:import|from) .*", code, re.MULTILINE) == ["import mmg_ident as mi"]
-    exec(compile(code, "README.md", "exec"), {})
+    with unrendered():
+        exec(compile(code, "README.md", "exec"), {})
     assert (tmp_path / "runs" / "notebook" / "report.html").exists()
     after, before = map(float, capsys.readouterr().out.splitlines()[1].split())
     assert after < before

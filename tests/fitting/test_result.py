@@ -16,6 +16,7 @@ from mmg.errors import UserError
 from mmg.messages import has_code
 from tests.support.calibrated import FREE, small_result
 
+pytestmark = pytest.mark.usefixtures("blank_figures")
 KEYS = {
     "kind", "schema_version", "created", "command", "ship", "converged", "status", "advice", "objective",
     "constraint_violation", "condition_number", "iterations", "passes", "starts", "settings", "seed", "versions",

@@ -21,6 +21,7 @@ from mmg_ident.commands.main import main
 from tests.support.networks import random_layers, random_network
 from tests.support.synthetic_runs import runs
 
+pytestmark = pytest.mark.usefixtures("blank_figures")
 ESSO = load_ship("esso_osaka_3m")
 HYBRID = ESSO.with_network(random_network(ESSO, members=2))
 

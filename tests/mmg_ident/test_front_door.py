@@ -18,6 +18,7 @@ from cases.simulation.simulate import write_trial
 from mmg_ident.commands.main import VERBS, main
 from tests.support.synthetic_runs import runs
 
+pytestmark = pytest.mark.usefixtures("blank_figures")
 ROOT = Path(__file__).parents[2]
 HEAVY = ("torch", "casadi", "matplotlib", "pandas", "pydantic", "scipy", "numpy")
 

@@ -227,7 +227,8 @@ def test_verb_judges_measured_runs_and_says_why_not(frt: Path) -> None:
     assert data["verdict"] == "not judged"
 
 
-def test_the_rudder_rate_that_is_told_is_the_one_that_was_used() -> None:
+def test_the_rudder_rate_that_is_told_is_the_one_that_was_used(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cases.criteria.assessment.STANDARD", ("turning:35",))
     told = {
         tuple(options): " ".join(json.loads(mmg("imo", "kvlcc2_l7", *options, "--json").stdout)["notices"])
         for options in ([], ["--rudder-rate", "5"])
@@ -273,8 +274,9 @@ def test_figure_has_a_panel_per_run_and_marks_every_overshoot() -> None:
         maneuver_figure([], "nothing")
 
 
-def test_a_manoeuvre_that_misses_its_event_is_not_judged_and_says_the_value() -> None:
-    """A rudder that hardly moves: the zigzags are not judged, the stop still is, and the ship does not pass."""
+def test_a_manoeuvre_that_misses_its_event_is_not_judged_and_says_the_value(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A rudder that hardly moves: turn and zigzag are not judged, the stop still is, and the ship does not pass."""
+    monkeypatch.setattr("cases.criteria.assessment.STANDARD", ("turning:-35", "zigzag:20/20", "crash-stop"))
     result = mmg("imo", "esso_osaka_3m", "--rudder-rate", "1e-5", "--scale", "108.33", "--json")
     assert result.exit_code == 0, result.exception
     data = json.loads(result.stdout)

@@ -30,6 +30,7 @@ from residual.settings import TrainSettings
 from tests.diagnosis.report.test_report import case, text_of
 from tests.support import hybrids
 
+pytestmark = pytest.mark.usefixtures("blank_figures")
 QUICK = TrainSettings(seeds=2, epochs=25, width=12, penalty=0.001, rate=1e-2)
 OPTIONS = DiagnosisOptions()
 FOUND = LearnedResidual(

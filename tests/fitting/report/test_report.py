@@ -17,6 +17,7 @@ from mmg.errors import UserError
 from mmg_ident.commands.main import main
 from tests.support.calibrated import FREE, small_result
 
+pytestmark = pytest.mark.usefixtures("blank_figures")
 EVIL = '<script>alert("x")</script>'
 
 

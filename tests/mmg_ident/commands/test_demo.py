@@ -17,6 +17,7 @@ from fitting.settings import Settings
 from mmg_ident.commands.main import main
 from tests.support.synthetic_runs import runs
 
+pytestmark = pytest.mark.usefixtures("blank_figures")
 DIFFER = {"created", "command", "timings_s", "passes", "starts"}
 """Keys of result.json with times of day, seconds or the words of the command."""
 

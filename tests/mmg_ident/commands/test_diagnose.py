@@ -25,6 +25,7 @@ from mmg_ident.commands.main import main
 from tests.diagnosis.report.test_report import case
 from tests.mmg_ident.commands.test_main import refused
 from tests.support.diagnosis_cases import FEW, SHIP, pushed_trials
+from tests.support.figures import unrendered
 
 EFFECT = "current:x=0.03,y=-0.02"
 OPTIONS = ["--step", "1", "--no-learn"]
@@ -175,7 +176,9 @@ def poor(folder: Path) -> Path:
 
 def test_what_poor_trials_cannot_say_is_said_and_the_rest_is_concluded(folder: Path, poor: Path) -> None:
     tests = [poor / "test", folder / "test" / "random.csv"]
-    content = shown("diagnose", poor / "ship.toml", poor / "train", "--test", *tests, "--out", poor / "run", *OPTIONS)
+    where = ("--test", *tests, "--out", poor / "run")
+    with unrendered():
+        content = shown("diagnose", poor / "ship.toml", poor / "train", *where, *OPTIONS)
     said = content["warnings"]
     for words in (
         "was not calibrated",
@@ -199,7 +202,8 @@ def test_without_test_trials_and_without_any_wind_it_still_concludes(folder: Pat
     where = ("--test", poor / "test" / "again.csv", "--out", poor / "one")
     trial = read_trial(poor / "train" / "zigzag_a.csv")
     write_trial(bare(trial, "wind_speed", "wind_direction"), poor / "calm.csv")
-    content = shown("diagnose", folder / "ship.toml", poor / "calm.csv", *where, *OPTIONS)
+    with unrendered():
+        content = shown("diagnose", folder / "ship.toml", poor / "calm.csv", *where, *OPTIONS)
     said = " ".join(content["warnings"])
     assert "no wind columns in calm" in said and "again shares rows with calm" in said
     assert "no test trial is left" in said and "no --test trials: how far the gap closes was not checked" in said
@@ -275,7 +279,8 @@ def test_a_person_is_told_the_verdict_the_ranking_and_the_warnings(
     made(monkeypatch, verdict)
     capsys.readouterr()
     where = ["--out", str(tmp_path / "run"), "--no-learn"]
-    assert main(["diagnose", str(folder / "ship.toml"), str(folder / "train"), *where]) == 0
+    with unrendered():
+        assert main(["diagnose", str(folder / "ship.toml"), str(folder / "train"), *where]) == 0
     out, err = capsys.readouterr()
     assert f"verdict: {verdict}" in out and f"In one sentence: {verdict}" in out
     assert "current" in out and "not excited" in out and "u and v are late by 0.7 s" in out

@@ -20,6 +20,7 @@ from tests.support.synthetic_runs import runs
 from tests.support.trial_files import motion_columns, write_csv
 
 ROOT = Path(__file__).parents[3]
+pytestmark = pytest.mark.usefixtures("blank_figures")
 
 
 @pytest.fixture(scope="module")
@@ -31,9 +32,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for trial in train[:2]:
         write_trial(trial, folder / "train" / f"{trial.name}.csv")
     write_trial(held_out[0], folder / "held_out.csv")
-    arguments = ["fit", "esso_osaka_3m", str(folder / "train"), "--validate", str(folder / "held_out.csv")]
-    assert main([*arguments, "--out", str(folder / "run")]) == 0
+    assert main(fit(folder, folder / "run", "--validate", folder / "held_out.csv")) == 0
     return folder
+
+
+def fit(folder: Path, out: Path, *more: str | Path) -> list[str]:
+    """A calibration on the training trials into the run folder ``out``, without advice on the next trial."""
+    given = ["fit", "esso_osaka_3m", folder / "train", "--no-next-trial", "--out", out, *more]
+    return [str(word) for word in given]
 
 
 def refused(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
@@ -89,8 +95,7 @@ def test_a_run_folder_is_complete(folder: Path) -> None:
 
 
 def test_the_same_command_on_the_same_data_gives_the_same_result(folder: Path, tmp_path: Path) -> None:
-    arguments = ["fit", "esso_osaka_3m", str(folder / "train"), "--out", str(tmp_path / "again")]
-    assert main(arguments) == 0
+    assert main(fit(folder, tmp_path / "again")) == 0
     first, second = (json.loads((p / "result.json").read_text()) for p in (folder / "run", tmp_path / "again"))
     assert first["objective"] == second["objective"]
     assert first["coefficients"] == second["coefficients"]
@@ -129,8 +134,7 @@ def test_scores_of_several_models_come_side_by_side(folder: Path, capsys: pytest
 
 
 def test_a_component_can_be_left_out_and_coefficients_fixed(folder: Path, tmp_path: Path) -> None:
-    arguments = ["fit", "esso_osaka_3m", str(folder / "train"), "--out", str(tmp_path / "run")]
-    assert main([*arguments, "--without", "wind", "--fix", "m_x,m_y"]) == 0
+    assert main(fit(folder, tmp_path / "run", "--without", "wind", "--fix", "m_x,m_y")) == 0
     content = json.loads((tmp_path / "run" / "result.json").read_text())
     assert not [s for s in content["coefficients"] if s.startswith(("X_A", "Y_A", "N_A"))]
     assert content["fixed"] == ["m_x", "m_y"]
@@ -138,7 +142,7 @@ def test_a_component_can_be_left_out_and_coefficients_fixed(folder: Path, tmp_pa
 
 def test_an_iteration_limit_exits_1_and_resume_finishes(folder: Path, tmp_path: Path) -> None:
     run = tmp_path / "run"
-    arguments = ["fit", "esso_osaka_3m", str(folder / "train"), "--out", str(run)]
+    arguments = fit(folder, run)
     assert main([*arguments, "--max-iterations", "2"]) == 1
     before = json.loads((run / "result.json").read_text())
     assert not before["converged"] and "NOT CONVERGED" in (run / "ship.toml").read_text()
@@ -180,7 +184,7 @@ def test_ctrl_c_leaves_a_flagged_folder_that_resume_continues(folder: Path, tmp_
         "    return solve(program, x, tolerance, iterations, left, watch, *more)\n"
         "c.solve = slow; sys.exit(main(sys.argv[1:]))"
     )
-    arguments = ["fit", "esso_osaka_3m", str(folder / "train"), "--out", str(run)]
+    arguments = fit(folder, run)
     process = subprocess.Popen(
         [sys.executable, "-c", code, *arguments], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
@@ -271,8 +275,7 @@ def test_wrong_usage_exits_2_in_one_line(capsys: pytest.CaptureFixture[str], fol
 
 def test_rows_on_both_sides_of_a_split_are_said(folder: Path, tmp_path: Path) -> None:
     one = sorted((folder / "train").glob("*.csv"))[0]
-    arguments = ["fit", "esso_osaka_3m", str(folder / "train"), "--validate", str(one), "--out", str(tmp_path / "run")]
-    main([*arguments, "--max-iterations", "1"])
+    main(fit(folder, tmp_path / "run", "--validate", one, "--max-iterations", "1"))
     warnings = json.loads((tmp_path / "run" / "result.json").read_text())["warnings"]
     assert any("shares rows" in w and "not held out" in w for w in warnings)
 
