@@ -12,7 +12,6 @@ from cases.simulation.sensors import SensorNoise
 from fitting.calibration import estimate_coefficients
 from fitting.nlp.fisher_information import Quadratics
 from fitting.nlp.problem import Problem
-from fitting.settings import Settings
 from fitting.solvers.latent_forces import AXES, free_axes, jump_statistics, log_determinant, with_start_sizes
 from mmg.ship import Ship
 from tests.fitting.nlp.test_fisher_information import latent
@@ -72,7 +71,7 @@ def few_free() -> Ship:
 def test_sizes_are_recovered_from_pushed_runs(truth: tuple[float, float, float]) -> None:
     how = Disturbed(*truth, tau=10.0, noise=SensorNoise(), defects=())
     trials = disturbed_trials(load_ship("esso_osaka_3m"), RUNS, 3, how)
-    found = estimate_coefficients(freeing_effects(few_free(), ["disturbance"]), trials, Settings(compiled=False))
+    found = estimate_coefficients(freeing_effects(few_free(), ["disturbance"]), trials)
     sizes = [found.ship.coefficients[f"disturbance.{a}"].value for a in AXES]
     assert found.converged
     assert np.abs(np.log(np.array(sizes) / truth)).max() < np.log(1.6), sizes
@@ -84,7 +83,7 @@ def test_without_forces_the_sizes_go_to_next_to_nothing_and_given_ones_stay() ->
     ship = freeing_effects(few_free(), ["disturbance:Y=0.2"])
     assert free_axes(ship) == ("X", "N")
     started = with_start_sizes(ship, free_axes(ship))
-    found = estimate_coefficients(ship, trials, Settings(compiled=False)).ship
+    found = estimate_coefficients(ship, trials).ship
     assert found.coefficients["disturbance.Y"].value == 0.2
     for a in ("X", "N"):
         symbol = f"disturbance.{a}"
