@@ -174,7 +174,7 @@ def test_calibrated_and_hybrid_are_trained_on_the_same_trials_as_the_networks() 
 def test_the_time_limit_keeps_what_is_done() -> None:
     trials = tuple(hybrids.trials(hybrids.ship(), 5, 150))
     study = Study(
-        hybrids.ship(), trials, trials[:1], ("captive", "fnn"), seeds=2, epochs=3000, step=1.0, time_limit=6.0
+        hybrids.ship(), trials, trials[:1], ("captive", "fnn"), seeds=2, epochs=3000, step=1.0, time_limit=12.0
     )
     found = compare(study)
     assert [(e.model, e.status) for e in found.entries] == [
