@@ -20,3 +20,11 @@ def test_a_ship_is_a_table_of_its_coefficients():
     table = ship.to_pandas()
     assert table.loc["Y_v", "value"] == ship.coefficients["Y_v"].value and tuple(table.index) == ship.symbols
     assert "esso_osaka_3m" in ship._repr_html_() and "Y_v" in ship._repr_html_()
+
+
+def test_the_rudder_of_a_trial_is_its_own_the_mean_of_two_or_none():
+    t = np.arange(3.0)
+    columns = {"t": t, "delta_port": 0.2 * t, "delta_starboard": 0.4 * t}
+    np.testing.assert_allclose(Trial("twin", columns).rudder, 0.3 * t)
+    np.testing.assert_array_equal(Trial("single", {**columns, "delta": t}).rudder, t)
+    np.testing.assert_array_equal(Trial("azimuth", {"t": t}).rudder, np.zeros(3))

@@ -93,6 +93,17 @@ def test_a_ship_with_an_azimuth_thruster_alone_is_driven_and_steered_by_it(side:
     assert side * x_az * trial["azimuth"][-1] > 0
 
 
+def test_a_batch_drives_an_azimuth_thruster_as_a_single_run_does() -> None:
+    from cases.maneuvers.definitions import parse_maneuver
+    from cases.simulation.simulate import simulate
+    from cases.simulation.simulate_batch import simulate_batch
+
+    ship = parse_ship(AZIMUTH)
+    plan = parse_maneuver("turning:20", ship, duration=40)
+    alone, batch = simulate(ship, plan, 0.5), simulate_batch(ship, plan, dt=0.5, held=True)
+    assert abs(alone.states - batch.states[:, :, 0]).max() < 1e-9
+
+
 def test_a_ship_with_propeller_and_azimuth_thruster_leaves_that_at_rest() -> None:
     ship = parse_ship(AZIMUTH.replace("[model]\n", 'D_P = 0.084\npitch_ratio = 0.7\n[model]\npropeller = "hachii"\n'))
     moved = actuator_positions(ship, 10.0, 0.3)
