@@ -115,9 +115,10 @@ def _not_applicable(run: Run, scale: float | None) -> str:
 def _row(run: Run, ability: str, figure: str, unit: str, limit: float | None, why: str = "", open_: str = "") -> Row:
     """A row with its verdict; ``open_`` says why it is not judged although there is a value and a limit."""
     value = run.figures.get(figure)
-    if value is not None:
-        shown = {"deg": math.degrees(value), "L": value / run.length, "V/L": value * run.length / run.speed}
-        value = shown[unit]
+    if value is not None and unit == "deg":
+        value = math.degrees(value)
+    elif value is not None:
+        value = value / run.length if unit == "L" else value * run.length / run.speed
     if limit is None:
         verdict = NONE
     elif value is None:
