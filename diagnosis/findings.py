@@ -95,6 +95,11 @@ class HeldOut:
     likelihood_interval_90: tuple[Real, Real] | None = None
     horizons: Mapping[str, Pair] = field(default_factory=dict)
 
+    @property
+    def all_runs(self) -> list[tuple[str, tuple[float, float]]]:
+        """Name, errors before and after of each trial and, last, of all windows."""
+        return [*self.by_run.items(), ("all windows", (self.mse_before, self.mse_after))]
+
     def to_dict(self) -> dict[str, Any]:
         """The part "held_out" of ``diagnosis.json``."""
         pairs = {"by_run": self.by_run, "horizons": self.horizons}
@@ -163,6 +168,12 @@ class Unnamed:
 
     before: Mapping[str, Real]
     after: Mapping[str, Real]
+
+    @property
+    def strongest(self) -> str:
+        """The kind that explains most by itself without the named effects; "" where none explains anything."""
+        kinds = {k: v for k, v in self.before.items() if k not in ("all", "single")}
+        return max(kinds, key=kinds.__getitem__, default="")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -37,24 +37,18 @@ def independent_tests(train: Sequence[Trial], tests: Sequence[Trial]) -> tuple[l
     if not tests:
         return [], []
     every = [*train, *tests]
-    shared: dict[str, str] = {}
     hashes = {t.sha256: t.name for t in train if t.sha256}
+    copies = [{str(copy.get("other")) for copy in found} for found, *_ in duplicates(every)]
+    remarks: list[str] = []
     kept = []
-    copies = duplicates(every)
-    for i, t in enumerate(tests):
-        others = {str(c.get("other")) for c in copies[len(train) + i][0]}
-        others |= {every[j].name for j in range(len(train)) for c in copies[j][0] if c.get("other") == t.name}
-        here = [o.name for o in train if o.name in others]
-        if t.sha256 in hashes:
-            here.append(hashes[t.sha256])
+    for t, others in zip(tests, copies[len(train) :], strict=True):
+        here = [o.name for o, its in zip(train, copies, strict=False) if o.name in others or t.name in its]
+        here += [hashes[t.sha256]] if t.sha256 in hashes else []
         if here:
-            shared[t.name] = here[0]
+            words = f"{t.name} shares rows with {here[0]}, so it is no test and was left out of the check"
+            remarks.append(Message(words, "shared_rows"))
         else:
             kept.append(t)
-    remarks: list[str] = [
-        Message(f"{name} shares rows with {other}, so it is no test and was left out of the check", "shared_rows")
-        for name, other in shared.items()
-    ]
     if not kept:
         remarks.append(Message("no test trial is left: how far the gap closes was not checked", "no_test_left"))
     return kept, remarks

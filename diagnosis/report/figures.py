@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from diagnosis.findings import Findings, RankedCandidate
+from diagnosis.findings import Findings, HeldOut, RankedCandidate
 from diagnosis.report.where_figures import state_figure, track_figure
 from fitting.report.plot_style import AFTER, ALARM, BEFORE, GREY, MEASURED, dress, new_figure
 
@@ -93,20 +93,19 @@ def p_words(row: RankedCandidate) -> str:
 
 def held_out_figure(d: Findings) -> Figure:
     """Error on the test trials of ``d`` before and after, by trial; and by length of the prediction."""
-    assert d.held_out is not None
-    figure = new_figure(1.5 + 0.34 * max(len(d.held_out.by_run) + 1, 4))
+    held = d.held_out
+    assert held is not None
+    figure = new_figure(1.5 + 0.34 * max(len(held.by_run) + 1, 4))
     left, right = figure.subplots(1, 2, width_ratios=[1.6, 1.0])
-    plot_test_trials(d, left)
-    plot_horizons(d, right)
+    plot_test_trials(held, left)
+    plot_horizons(held, right)
     figure.legend(*left.get_legend_handles_labels(), loc="outside upper left", ncols=2, fontsize=8.5, frameon=False)
     return figure
 
 
-def plot_test_trials(d: Findings, ax: Axes) -> None:
-    """Error of each test trial of ``d`` and of all, before and after, joined by a line, into ``ax``."""
-    held = d.held_out
-    assert held is not None
-    rows = [*held.by_run.items(), ("all windows", (held.mse_before, held.mse_after))][::-1]
+def plot_test_trials(held: HeldOut, ax: Axes) -> None:
+    """Error of each test trial of ``held`` and of all, before and after, joined by a line, into ``ax``."""
+    rows = held.all_runs[::-1]
     dress(ax, "mean squared error of 30 s windows", title="By test trial")
     for i, (_, (before, after)) in enumerate(rows):
         ax.plot([before, after], [i, i], color=AFTER if after <= before else ALARM, lw=2.0, zorder=1)
@@ -130,10 +129,10 @@ def plot_test_trials(d: Findings, ax: Axes) -> None:
     ax.text(0.99, 0.02, words, transform=ax.transAxes, ha="right", va="bottom", fontsize=8.5, fontweight="bold")
 
 
-def plot_horizons(d: Findings, ax: Axes) -> None:
-    """Error after by error before, for one step, 30 s and whole runs, into ``ax``; d: with test trials."""
+def plot_horizons(held: HeldOut, ax: Axes) -> None:
+    """Error after by error before of the test trials ``held``, for one step, 30 s and whole runs, into ``ax``."""
+    horizons = held.horizons
     dress(ax, "error after / before", title="By length of the prediction")
-    horizons = dict(d.held_out.horizons) if d.held_out is not None else {}
     if not horizons:
         ax.axis("off")
         return

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ from diagnosis.report import where_words as report_where
 from diagnosis.report import words
 from diagnosis.report.figures import figures_for
 from fitting.report.page import environment, figures_of, write_page
+from fitting.report.run_folder import versions
 from mmg.errors import UserError
 
 REPORT, FIGURES = "report.html", "figures"
@@ -64,53 +64,38 @@ def build_report(d: Findings, folder: Path, listed: Sequence[Mapping[str, str]])
 
 def _head(d: Findings) -> dict[str, Any]:
     """Title, sentence, cards."""
-    held = d.held_out
+    held, nearest = d.held_out, d.unnamed.strongest
     changed = held is not None and held.mse_after != held.mse_before
-    shrinks = ""
-    if held is not None and changed and d.verdict == "named":
-        shrinks = f"{words.signed(-100 * held.reduction)} % error"
-    best = words.ranking(d)[:1]
     what = "The residuals look like chance."
     if d.verdict == "unknown":
         what = "The cause is not in the library of effects, or several act at once."
-        if best:
-            what += f" The nearest is {best[0]['name']}: {best[0]['meaning'][:1].lower()}{best[0]['meaning'][1:]}"
-        kinds = {k: v for k, v in d.unnamed.before.items() if k not in ("all", "single") and v > 1.1}
-        if kinds:
-            nearest = words.kind_words(max(kinds, key=kinds.__getitem__))
-            what += f" Among the unnamed forms it acts most like {nearest}."
-    where = report_where.where_words(d)
+        for best in words.ranking(d)[:1]:
+            what += f" The nearest is {best['name']}: {best['meaning'][:1].lower()}{best['meaning'][1:]}"
+        if nearest and d.unnamed.before[nearest] > 1.1:
+            what += f" Among the unnamed forms it acts most like {words.kind_words(nearest)}."
     return {
         "ship": d.ship.name, "verdict": d.verdict, "badge": words.BADGE[d.verdict],
-        "sentence": words.readable(d.sentence),
-        "verdict_words": words.verdict_words(d), "what_words": what, "shrinks": shrinks, "changed": changed,
-        "held_words": words.held_words(held, d.verdict), "where_words": where, "where_big": report_where.where_big(d),
+        "sentence": words.readable(d.sentence), "verdict_words": words.verdict_words(d), "what_words": what,
+        "shrinks": f"{words.signed(-100 * held.reduction)} % error" if changed and d.verdict == "named" else "",
+        "changed": changed, "held_words": words.held_words(held, d.verdict),
+        "where_words": report_where.where_words(d), "where_big": report_where.where_big(d),
         "learned": words.readable(d.learned.sentence) if d.learned else "",
         "learned_words": words.learned_words(d.learned),
         "next_test": words.next_words(d), "warnings": [words.readable(w.rstrip(".")) for w in d.warnings],
-        "version": _version(),
+        "version": versions()["mmg-ident"],
         "trials": [row["name"] for row in d.inputs.data], "tests": len(held.by_run) if held is not None else 0,
     }  # fmt: skip
 
 
-def _version() -> str:
-    try:
-        return version("mmg-ident")
-    except PackageNotFoundError:
-        return "?"
-
-
 def _effects(d: Findings) -> dict[str, Any]:
     """The named effects, and the candidates in two tables: those refitted, and the others."""
-    rows = words.ranking(d)
-    done = [c.delta_bic is not None for c in d.candidates]
     order = {words.plain(e.name): i for i, e in enumerate(d.effects)}
-    named = set(order)
-    refitted = [row for row, yes in zip(rows, done, strict=True) if yes or row["name"] in named]
+    rows = sorted(words.ranking(d), key=lambda row: order.get(row["name"], len(order)))
+    refitted = {words.plain(c.name) for c in d.candidates if c.delta_bic is not None} | set(order)
     return {
-        "named": sorted((row for row in rows if row["name"] in named), key=lambda row: order[row["name"]]),
-        "refitted": sorted(refitted, key=lambda row: order.get(row["name"], len(order))),
-        "others": [row for row, yes in zip(rows, done, strict=True) if not yes and row["name"] not in named],
+        "named": [row for row in rows if row["name"] in order],
+        "refitted": [row for row in rows if row["name"] in refitted],
+        "others": [row for row in rows if row["name"] not in refitted],
         "left_out": d.not_screened,
         "unnamed_words": words.unnamed_words(d),
     }
@@ -120,8 +105,11 @@ def _rest(d: Findings) -> dict[str, Any]:
     """Tables of the test trials, of where, of what is random."""
     where = d.where
     channels = [{"name": name, **row} for name, row in where.get("channels", {}).items()]
-    chosen = [row for row in where.get("regions", []) if where["channels"][row["channel"]]["share"] > FAINT][:REGIONS]
-    regions = [{"words": report_where.region_words(row), **row} for row in chosen]
+    regions = [
+        {"words": report_where.region_words(row), **row}
+        for row in where.get("regions", [])
+        if where["channels"][row["channel"]]["share"] > FAINT
+    ]
     fits = [("random force, rms, without any effect", d.noise.force_N_N_Nm)]
     if d.effects and d.final is not None:
         fits.append(("with what was named", RandomSizes.of(d.final).force_N_N_Nm))
@@ -131,7 +119,8 @@ def _rest(d: Findings) -> dict[str, Any]:
     }
     return {
         "earth": earth,
-        "held": held_rows(d), "likelihood": _likelihood(d), "channels": channels, "regions": regions,
+        "held": held_rows(d), "likelihood": _likelihood(d), "channels": channels,
+        "regions": regions[:REGIONS],
         "later": any("force_rms_after" in row for row in channels),
         "phases": _by_channel(where.get("phases", []), "phase"), "runs": _by_channel(where.get("runs", []), "run"),
         "kinematics": d.kinematics, "noise": {"tau": d.noise.force_memory_s, "rows": fits}, "timings": d.timings,
@@ -142,8 +131,6 @@ def held_rows(d: Findings) -> list[dict[str, Any]]:
     """Errors of the test trials of ``d`` before and after, the total last."""
     if d.held_out is None:
         return []
-    h = d.held_out
-    pairs = [*h.by_run.items(), ("all windows", (h.mse_before, h.mse_after))]
     return [
         {
             "name": name,
@@ -152,7 +139,7 @@ def held_rows(d: Findings) -> list[dict[str, Any]]:
             "worse": after > before,
             "change": f"{words.signed(100 * (after / before - 1))} %" if before > 0 else "–",
         }
-        for name, (before, after) in pairs
+        for name, (before, after) in d.held_out.all_runs
     ]
 
 

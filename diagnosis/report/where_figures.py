@@ -15,7 +15,7 @@ from matplotlib.ticker import MaxNLocator, MultipleLocator
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.findings import Findings
-from diagnosis.report.where_words import shown_unit
+from diagnosis.report.where_words import TURN_BACK, shown_unit
 from fitting.report.plot_style import AFTER, BEFORE, MEASURED, dress, new_figure
 from fitting.report.plot_tracks import OUTLINE
 
@@ -30,17 +30,19 @@ TURNING = LinearSegmentedColormap.from_list("turning", ["#7A3B9A", "#B9B9B9", "#
 def track_figure(d: Findings) -> Figure:
     """Tracks of the windows of ``d`` with the largest missing force, as arrows of one scale, the moment by colour.
 
-    Raises ValueError for findings without fit and data, as read from a folder.
+    d: with its fit and data, which findings read from a folder have not.
     """
-    fit, data = _fit(d)
-    chosen = _strongest(d)
+    fit, data = d.null, d.data
+    assert fit is not None and data is not None
+    chosen = _strongest(fit, data, d.where["channels"])
     columns = 2 if len(chosen) > 1 else 1
     rows = -(-len(chosen) // columns)
     figure = new_figure(0.5 + (3.6 if columns > 1 else 5.0) * rows)
     axes = np.atleast_1d(figure.subplots(rows, columns)).ravel()
     force = np.concatenate([fit.path.force[: data.steps[w], w] for w in chosen])
     scale = tuple(max(float(np.quantile(a, 0.95)), 1e-12) for a in (np.hypot(*force[:, :2].T), np.abs(force[:, 2])))
-    lines = [plot_track(d, ax, int(w), scale) for ax, w in zip(axes, chosen, strict=False)]
+    length = float(d.ship.particulars["L"])
+    lines = [plot_track(fit, data, ax, int(w), scale, length) for ax, w in zip(axes, chosen, strict=False)]
     for ax in axes[len(chosen) :]:
         ax.axis("off")
     if lines:
@@ -51,37 +53,28 @@ def track_figure(d: Findings) -> Figure:
     return figure
 
 
-def _fit(d: Findings) -> tuple[Estimate, GriddedTrials]:
-    """The fit without effects and its data."""
-    if d.null is None or d.data is None:
-        raise ValueError("the tracks need the fit, which a diagnosis read from a folder does not hold")
-    return d.null, d.data
-
-
-def _strongest(d: Findings) -> np.ndarray:
+def _strongest(fit: Estimate, data: GriddedTrials, channels: Mapping[str, Any]) -> np.ndarray:
     """Windows with the most energy of the missing force, one of each trial, in the order of the trials."""
-    fit, data = _fit(d)
-    channels = d.where["channels"]
-    rms = np.array([max(row["force_rms"], 1e-12) for row in channels.values()])
-    weight = np.array([row["share"] for row in channels.values()]) / rms**2
+    weight = np.array([row["share"] / max(row["force_rms"], 1e-12) ** 2 for row in channels.values()])
     energy = [float((fit.path.force[:s, w] ** 2 @ weight).mean()) for w, s in enumerate(data.steps)]
     best = [max(np.flatnonzero(data.run == run), key=lambda w: energy[w]) for run in np.unique(data.run)]
     return np.array(sorted(sorted(best, key=lambda w: -energy[w])[:PANELS]), dtype=int)
 
 
-def plot_track(d: Findings, ax: Axes, window: int, scale: tuple[float, ...]) -> LineCollection:
-    """The track of one window of the data of ``d`` with the missing force, into ``ax``; the line, for a colour bar.
+def plot_track(
+    fit: Estimate, data: GriddedTrials, ax: Axes, window: int, scale: tuple[float, ...], length: float
+) -> LineCollection:
+    """The track of one ``window`` of ``data`` with the missing force of ``fit``, into ``ax``; the line, for a colour
+    bar.
 
-    scale: the force [N] drawn 0.15 of the panel long, and the moment [N m] in full colour. Raises ValueError for
-    findings without fit and data.
+    scale: the force [N] drawn 0.15 of the panel long, and the moment [N m] in full colour; length: of the ship [m].
     """
-    fit, data = _fit(d)
     reach, turn = scale
     steps = data.steps[window]
     z, force = fit.path.z[: steps + 1, window], fit.path.force[:steps, window]
     points = z[:, 1::-1]  # east, north
     dress(ax, "y, east [m]", "x, north [m]", data.trials[data.run[window]])
-    half = 0.65 * max(np.ptp(points[:, 0]), np.ptp(points[:, 1]), 2 * float(d.ship.particulars["L"]))
+    half = 0.65 * max(np.ptp(points[:, 0]), np.ptp(points[:, 1]), 2 * length)
     middle = 0.5 * (points.max(axis=0) + points.min(axis=0))
     ax.set_xlim(middle[0] - half, middle[0] + half)
     ax.set_ylim(middle[1] - half, middle[1] + half)
@@ -102,7 +95,7 @@ def plot_track(d: Findings, ax: Axes, window: int, scale: tuple[float, ...]) -> 
     ax.quiverkey(arrows, 0.8, 0.94, size, f"{size:g} N", labelpos="E", fontproperties={"size": 8.5})
     for k in np.linspace(0, steps - 1, 5).round().astype(int):
         c, s = np.cos(z[k, 2]), np.sin(z[k, 2])
-        body = OUTLINE * float(d.ship.particulars["L"])
+        body = OUTLINE * length
         ax.fill(points[k, 0] + body @ [s, c], points[k, 1] + body @ [c, -s], fc="none", ec="#666666", lw=0.7, zorder=4)
     ax.plot(points[0, 0], points[0, 1], "o", color=MEASURED, ms=4.5, zorder=5)
     return lines
@@ -138,8 +131,7 @@ def plot_variable(row: Mapping[str, Any], ax: Axes) -> None:
     at = factor * np.array(row["at"])
     dress(ax, f"{row['variable']} [{unit}]", f"missing {row['channel']} [{row['force_unit']}]")
     ax.axhline(0.0, color=MEASURED, lw=0.8)
-    round_angle = row["variable"] in ("heading", "apparent wind angle")
-    ax.xaxis.set_major_locator(MultipleLocator(90) if round_angle else MaxNLocator(5))
+    ax.xaxis.set_major_locator(MultipleLocator(90) if row["variable"] in TURN_BACK else MaxNLocator(5))
     words = "before" if "mean_after" in row else "missing force"
     style: dict[str, Any] = {"color": BEFORE, "ls": "--", "marker": "o", "ms": 4, "lw": 1.3, "capsize": 2.5}
     ax.errorbar(at, row["mean"], 2 * np.array(row["std"]), label=words, **style)

@@ -11,6 +11,7 @@ from diagnosis.findings import EstimatedParameter, Findings, HeldOut, LearnedRes
 from diagnosis.report.where_words import PLAIN, first_channel, percent, shown_unit
 from fitting.report.words import plus_minus
 from mmg.effects import EFFECTS
+from mmg.effects.effect import Parameter
 
 SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 BADGE = {"named": "cause named", "none": "no gap found", "unknown": "cause unknown"}
@@ -63,9 +64,13 @@ def quantity(p: EstimatedParameter) -> str:
     return f"{plus_minus(factor * p.value, factor * p.std)} {unit}".strip()
 
 
+def _parameters(name: str, d: Findings) -> dict[str, Parameter]:
+    return {p.symbol: p for p in EFFECTS[name].parameters(d.ship.namespace, dict(d.ship.components))}
+
+
 def sizes(name: str, parameters: Mapping[str, EstimatedParameter], d: Findings) -> list[dict[str, str]]:
     """Rows symbol, size, words of ``parameters`` of the effect ``name`` in ``d``; a vector also by its direction."""
-    known = {p.symbol: p for p in EFFECTS[name].parameters(d.ship.namespace, dict(d.ship.components))}
+    known = _parameters(name, d)
     rows = [
         {"symbol": symbol, "size": quantity(p), "words": known[symbol].description if symbol in known else ""}
         for symbol, p in parameters.items()
@@ -80,8 +85,7 @@ def sizes(name: str, parameters: Mapping[str, EstimatedParameter], d: Findings) 
 
 def visible(c: RankedCandidate, d: Findings) -> str:
     """The sizes from which the trials of ``d`` would show the candidate ``c``; a dash far above its typical size."""
-    known = {p.symbol: p for p in EFFECTS[c.name].parameters(d.ship.namespace, dict(d.ship.components))}
-    rows = []
+    known, rows = _parameters(c.name, d), []
     for symbol, size in c.visible_from.items():
         factor, unit = shown_unit(known[symbol].unit)
         if size < HOPELESS * known[symbol].typical:
@@ -226,17 +230,15 @@ def verdict_words(d: Findings) -> str:
 
 def unnamed_words(d: Findings) -> str:
     """What the tests of unnamed forms in ``d`` found."""
-    before, after = d.unnamed.before.get("all"), d.unnamed.after.get("all")
+    before, after, top = d.unnamed.before.get("all"), d.unnamed.after.get("all"), d.unnamed.strongest
     if before is None:
         return ""
-    kinds = {k: v for k, v in d.unnamed.before.items() if k not in ("all", "single")}
     words = (
         f"Unnamed forms (functions of state, inputs, wind, place) have a log Bayes factor of {signed(before, '.1f')}"
     )
     if d.verdict == "named" and after is not None:
         words += f" before and {signed(after, '.1f')} after the effect was added"
     words += " (above 1.1 something is left unexplained)."
-    if kinds and before > 1.1:
-        top = max(kinds, key=lambda k: kinds[k])
-        words += f" Strongest by itself: {top} ({signed(kinds[top], '.1f')})."
+    if top and before > 1.1:
+        words += f" Strongest by itself: {top} ({signed(d.unnamed.before[top], '.1f')})."
     return words
