@@ -24,7 +24,7 @@ from diagnosis.hypotheses.unnamed import UnnamedForms, unnamed_forms
 from diagnosis.inputs import CalibrationTrials, calibration_trials, diagnosable, independent_tests
 from diagnosis.location.where import where
 from diagnosis.prepare import Prepared, prepare, with_sensor_faults
-from diagnosis.report.sentence import sentence_of
+from diagnosis.report.words import sentence_of
 from diagnosis.result import Diagnosis
 from diagnosis.sensors.kinematics import consistency
 from diagnosis.validation.held_out import compare

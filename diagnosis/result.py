@@ -59,26 +59,17 @@ class Diagnosis(Findings):
             write_json(scratch / CONTENT, self.to_dict())
             figures = page.write_report(self, scratch)
             seconds = self.timings.get("total", 0.0) + time.perf_counter() - began
-            write_json(scratch / RESULT, self.result_dict(figures, seconds))
+            result = {
+                "schema_version": SCHEMA_VERSION,
+                "kind": "diagnosis",
+                **vars(self.inputs),
+                "figures": figures,
+                "warnings": self.warnings,
+                "timings_s": {**self.timings, "wall": seconds},
+            }
+            write_json(scratch / RESULT, result)
 
         write_whole(Path(folder), fill, replace)
-
-    def result_dict(self, figures: list[dict[str, str]], seconds: float) -> dict[str, Any]:
-        """The content of ``result.json``; figures: their files, titles and captions; seconds: of all, writing
-        included."""
-        i = self.inputs
-        return {
-            "schema_version": SCHEMA_VERSION,
-            "kind": "diagnosis",
-            "command": i.command,
-            "seed": i.seed,
-            "versions": dict(i.versions),
-            "data": list(i.data),
-            "test": list(i.test),
-            "figures": figures,
-            "warnings": [str(w) for w in self.warnings],
-            "timings_s": {**self.timings, "wall": seconds},
-        }
 
 
 @dataclass(frozen=True, kw_only=True)

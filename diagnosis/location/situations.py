@@ -59,16 +59,13 @@ def signed_edges(values: np.ndarray) -> np.ndarray:
     return np.concatenate([halves[0][:-1], [0.0], halves[1][1:]])
 
 
-def sector_edges(count: int) -> np.ndarray:
-    """Edges (count + 1,) [rad] of ``count`` equal sectors of the circle, the first centred at 0."""
-    half = np.pi / count
-    return np.linspace(-half, 2 * np.pi - half, count + 1)
+SECTORS = np.linspace(-np.pi / 8, 2 * np.pi - np.pi / 8, 9)
+"""Edges [rad] of eight equal sectors of the circle, the first centred at 0."""
 
 
-def sectors(values: np.ndarray, count: int) -> np.ndarray:
-    """``values`` (M,) [rad] turned by whole circles into the range of ``sector_edges`` with ``count`` sectors."""
-    half = np.pi / count
-    return np.mod(values + half, 2 * np.pi) - half
+def in_sectors(values: np.ndarray) -> np.ndarray:
+    """``values`` (M,) [rad] turned by whole circles into the range of SECTORS."""
+    return np.mod(values - SECTORS[0], 2 * np.pi) + SECTORS[0]
 
 
 def variables_of(names: Sequence[str], data: GriddedTrials, z: np.ndarray) -> list[Variable]:
@@ -85,10 +82,8 @@ def variables_of(names: Sequence[str], data: GriddedTrials, z: np.ndarray) -> li
         Variable("v", "m/s", v, signed_edges(v), signed=True),
         Variable("r", "rad/s", r, signed_edges(r), signed=True),
     ]
-    for name in INPUTS:
-        values = inputs.get(name)
-        if values is None:
-            continue
+    for name in (n for n in INPUTS if n in inputs):
+        values = inputs[name]
         signed = name in RUDDERS or (INPUTS[name][1] == "rps" and bool((values < 0).any()))
         edges = signed_edges(values) if signed else quantile_edges(values)
         found.append(Variable(name, INPUTS[name][1], values, edges, signed=signed))
@@ -97,10 +92,10 @@ def variables_of(names: Sequence[str], data: GriddedTrials, z: np.ndarray) -> li
             found.append(Variable(f"rate of {name}", "rad/s", rate, _rate_edges(rate), signed=True))
     if any(np.any(inputs.get(name, 0.0)) for name in ("wind_north", "wind_east")):
         a_x, a_y = relative_air(inputs["wind_north"], inputs["wind_east"], psi, u, v)
-        speed, angle = np.hypot(a_x, a_y), sectors(np.arctan2(-a_y, -a_x), 8)
+        speed, angle = np.hypot(a_x, a_y), in_sectors(np.arctan2(-a_y, -a_x))
         found.append(Variable("apparent wind speed", "m/s", speed, quantile_edges(speed)))
-        found.append(Variable("apparent wind angle", "rad", angle, sector_edges(8)))
-    found.append(Variable("heading", "rad", sectors(psi, 8), sector_edges(8)))
+        found.append(Variable("apparent wind angle", "rad", angle, SECTORS))
+    found.append(Variable("heading", "rad", in_sectors(psi), SECTORS))
     found.append(Variable("x, north", "m", x, quantile_edges(x, 4)))
     found.append(Variable("y, east", "m", y, quantile_edges(y, 4)))
     clock = data.t[:-1][inside]
@@ -130,10 +125,7 @@ def phases(names: Sequence[str], data: GriddedTrials, z: np.ndarray, length: flo
     speed = np.hypot(u, v)
     usual = float(np.quantile(speed[inside], 0.8))
     U = np.maximum(speed, max(SLOW_SHARE * usual, 1e-9))
-    back = np.zeros_like(inside)
-    for name in PROPELLERS:
-        if name in names:
-            back |= data.inputs[..., names.index(name)] < 0
+    back = (data.inputs[..., [names.index(name) for name in PROPELLERS if name in names]] < 0).any(axis=-1)
     result = np.full(inside.shape, PHASES.index(STRAIGHT))
     result[np.abs(du) * length / U**2 > SPEED_CHANGE] = PHASES.index(ACCELERATING)
     result[np.abs(r) * length / U > TURNING] = PHASES.index(STEADY)

@@ -157,9 +157,14 @@ def _likelihood(d: Findings) -> str:
 
 def _by_channel(rows: Sequence[Mapping[str, Any]], key: str) -> list[dict[str, Any]]:
     """Rows by channel joined to one per phase or run, in the order in which they come."""
-    found = []
-    for name in dict.fromkeys(row[key] for row in rows):
-        cells = {row["channel"]: row for row in rows if row[key] == name}
-        time = next(iter(cells.values())).get("share_of_time")
-        found.append({"name": name, "time": report_where.percent(time), "cells": [cells[c] for c in CHANNELS]})
-    return found
+    cells: dict[str, dict[str, Any]] = {}
+    for row in rows:
+        cells.setdefault(row[key], {})[row["channel"]] = row
+    return [
+        {
+            "name": name,
+            "time": report_where.percent(own[CHANNELS[0]].get("share_of_time")),
+            "cells": [own[c] for c in CHANNELS],
+        }
+        for name, own in cells.items()
+    ]

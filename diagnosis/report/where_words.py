@@ -38,7 +38,7 @@ def region_words(row: Mapping[str, Any]) -> str:
     """A ``row`` of where["regions"] in words, with angles in degrees."""
     factor, unit = shown_unit(row["unit"])
     name = PLAIN.get(row["variable"], row["variable"])
-    if isinstance(row["low"], (list, tuple)):
+    if row["variable"] == "place":
         (a, c), (b, e) = row["low"], row["high"]
         words = f"place: north {a:.3g} to {b:.3g} m, east {c:.3g} to {e:.3g} m"
     else:

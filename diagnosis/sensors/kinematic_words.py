@@ -31,8 +31,9 @@ class Quantity:
     """A fault of a sensor.
 
     unit as shown; threshold: the least size that matters; prior: standard deviation before the data; power: of the
-    length by which threshold and prior grow; more, less: words for a positive and a negative value; effect, parameter:
-    of the library, "" where it has none; exact: the effect of the library does the same to the columns.
+    length by which threshold and prior grow; form: in words, with {} for the first of ``ends`` where the value is
+    positive, else for the second; effect, parameter: of the library, "" where it has none; exact: the effect of the
+    library does the same to the columns.
     """
 
     symbol: str
@@ -40,8 +41,8 @@ class Quantity:
     threshold: float
     prior: float
     power: float
-    more: str
-    less: str
+    form: str
+    ends: tuple[str, str]
     effect: str = ""
     parameter: str = ""
     exact: bool = False
@@ -52,35 +53,30 @@ class Quantity:
 
     def words(self, value: float) -> str:
         """What a value means."""
-        return f"{self.more if value > 0 else self.less} by {_shown(abs(value), self.unit)}"
+        return f"{self.form.format(self.ends[0 if value > 0 else 1])} by {_shown(abs(value), self.unit)}"
 
 
+SIZE = ("large", "small")
+COURSE = "the course of the position lies {} of u, v and psi"
+POINT = "the position belongs to a point {} that of u and v"
+DRIFT = "the position drifts {} against u and v (through the water?)"
 TRACK = (
-    Quantity("lag", "s", 0.1, 1.0, 0.5, "logged u and v lag the position", "logged u and v lead the position",
-             "velocity_lag", "tau", True),
-    Quantity("gain_u", "", 0.005, 0.1, 0, "logged u is too large", "logged u is too small", "log_scale", "share", True),
-    Quantity("gain_v", "", 0.03, 0.1, 0, "logged v is too large", "logged v is too small"),
-    Quantity("heading", "rad", 0.01, 0.1, 0, "the course of the position lies clockwise of u, v and psi",
-             "the course of the position lies counter-clockwise of u, v and psi"),
-    Quantity("arm_x", "m", 0.06, 0.3, 1, "the position belongs to a point ahead of that of u and v",
-             "the position belongs to a point aft of that of u and v", "antenna_offset", "x"),
-    Quantity("arm_y", "m", 0.06, 0.3, 1, "the position belongs to a point to starboard of that of u and v",
-             "the position belongs to a point to port of that of u and v", "antenna_offset", "y"),
-    Quantity("bias_u", "m/s", 0.005, 0.02, 0.5, "logged u is always too large",
-             "logged u is always too small"),
-    Quantity("bias_v", "m/s", 0.005, 0.02, 0.5, "logged v is always too large",
-             "logged v is always too small"),
-    Quantity("drift_x", "m/s", 0.01, 0.03, 0.5, "the position drifts north against u and v (through the water?)",
-             "the position drifts south against u and v (through the water?)"),
-    Quantity("drift_y", "m/s", 0.01, 0.03, 0.5, "the position drifts east against u and v (through the water?)",
-             "the position drifts west against u and v (through the water?)"),
-)  # fmt: skip
+    Quantity("lag", "s", 0.1, 1.0, 0.5, "logged u and v {} the position", ("lag", "lead"), "velocity_lag", "tau", True),
+    Quantity("gain_u", "", 0.005, 0.1, 0, "logged u is too {}", SIZE, "log_scale", "share", True),
+    Quantity("gain_v", "", 0.03, 0.1, 0, "logged v is too {}", SIZE),
+    Quantity("heading", "rad", 0.01, 0.1, 0, COURSE, ("clockwise", "counter-clockwise")),
+    Quantity("arm_x", "m", 0.06, 0.3, 1, POINT, ("ahead of", "aft of"), "antenna_offset", "x"),
+    Quantity("arm_y", "m", 0.06, 0.3, 1, POINT, ("to starboard of", "to port of"), "antenna_offset", "y"),
+    Quantity("bias_u", "m/s", 0.005, 0.02, 0.5, "logged u is always too {}", SIZE),
+    Quantity("bias_v", "m/s", 0.005, 0.02, 0.5, "logged v is always too {}", SIZE),
+    Quantity("drift_x", "m/s", 0.01, 0.03, 0.5, DRIFT, ("north", "south")),
+    Quantity("drift_y", "m/s", 0.01, 0.03, 0.5, DRIFT, ("east", "west")),
+)
 TURN = (
-    Quantity("lag_r", "s", 0.1, 1.0, 0.5, "logged r lags the heading", "logged r leads the heading", "gyro", "T", True),
-    Quantity("gain_r", "", 0.005, 0.1, 0, "logged r is too large", "logged r is too small", "gyro", "share", True),
-    Quantity("bias_r", "rad/s", 0.0005, 0.005, -0.5, "logged r is always too large",
-             "logged r is always too small"),
-)  # fmt: skip
+    Quantity("lag_r", "s", 0.1, 1.0, 0.5, "logged r {} the heading", ("lags", "leads"), "gyro", "T", True),
+    Quantity("gain_r", "", 0.005, 0.1, 0, "logged r is too {}", SIZE, "gyro", "share", True),
+    Quantity("bias_r", "rad/s", 0.0005, 0.005, -0.5, "logged r is always too {}", SIZE),
+)
 
 
 @dataclass(frozen=True)
@@ -116,12 +112,13 @@ def reading(
     value, std: fitted value and standard error [q.unit], NaN if not checked; verdict: as of ``Reading``; rivals: other
     quantities that would explain the same, and their values.
     """
-    size, about = _shown(abs(value), q.unit), _shown(std, q.unit)
+    about, more = _shown(std, q.unit), q.form.format(q.ends[0])
+    small = f"{more} ({'-' if value < 0 else ''}{_shown(abs(value), q.unit)} +- {about})"
     sentence = {
         "found": f"{q.words(value)} +- {about}",
-        "none": f"not found: {q.more} ({'-' if value < 0 else ''}{size} +- {about})",
-        "undetermined": f"not determined by these runs: {q.more} ({'-' if value < 0 else ''}{size} +- {about})",
-        "not checked": f"not checked: {q.more}",
+        "none": f"not found: {small}",
+        "undetermined": f"not determined by these runs: {small}",
+        "not checked": f"not checked: {more}",
     }[verdict]
     if verdict != "found":
         return Reading(q.symbol, value, std, q.unit, verdict, sentence)
@@ -130,8 +127,7 @@ def reading(
         effect, exact = "gnss_delay", False
         sentence += "; a late position (gnss_delay of the library makes u and v as late)"
     elif q.symbol == "lag_r" and value < 0:
-        effect = parameter = ""
-        exact = False
+        effect, parameter, exact = "", "", False
     elif q.symbol.startswith("arm"):
         sentence += ' (antenna_offset of the position alone; reference_point with applies_to = "position" corrects it)'
     elif effect:
@@ -150,27 +146,20 @@ def pooled_with(pooled: Reading, runs: Sequence[tuple[str, Reading]], clear: Set
     checked = sum(r.verdict in ("found", "none") for _, r in runs)
     alike = set().union(*(group for group in ALIKE if pooled.symbol in group)) - {pooled.symbol}
     own = [(name, r) for name, r in runs if r.verdict == "found" and not clear & (alike | set(r.rivals))]
-    by_sign = {s: [(name, r) for name, r in own if s * r.value > 0] for s in (1.0, -1.0)}
     if pooled.verdict == "found":
         names = tuple(name for name, r in runs if r.verdict == "found" and r.value * pooled.value > 0)
         sentence = f"{pooled.sentence} ({len(names)} of {checked} runs by themselves)"
         return replace(pooled, runs=names, checked=checked, sentence=sentence)
-    some = max(by_sign.values(), key=len)
+    some = max(([(name, r) for name, r in own if sign * r.value > 0] for sign in (1.0, -1.0)), key=len)
     if len(some) < max(2, SOME * checked):
         return replace(pooled, checked=checked)
     names, one = tuple(name for name, _ in some), some[0][1]
     q = next(q for q in (*TRACK, *TURN) if q.symbol == pooled.symbol)
     words = q.words(float(np.median([r.value for _, r in some])))
     effect = f" ({one.effect})" if one.effect else ""
-    return replace(
-        one,
-        value=pooled.value,
-        std=pooled.std,
-        verdict="some runs",
-        sentence=f"{words} (median) in {len(names)} of {checked} runs only: {', '.join(names)}{effect}",
-        runs=names,
-        checked=checked,
-    )
+    sentence = f"{words} (median) in {len(names)} of {checked} runs only: {', '.join(names)}{effect}"
+    shown = {"value": pooled.value, "std": pooled.std, "verdict": "some runs", "sentence": sentence}
+    return replace(one, **shown, runs=names, checked=checked)
 
 
 def _shown(value: float, unit: str) -> str:

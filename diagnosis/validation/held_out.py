@@ -95,7 +95,8 @@ def start_states(steps: Stepper, data: GriddedTrials, theta: np.ndarray) -> np.n
     forces follow from the inputs and the logged motion before; those of sensors are at their steady values.
     """
     names = steps.model.states
-    carried = np.array([i for i, s in enumerate(names) if "." in s and not _of_sensor(s)], dtype=int)
+    sensors = {name for name, effect in EFFECTS.items() if effect.measures}
+    carried = np.array([i for i, s in enumerate(names) if "." in s and s.split(".")[0] not in sensors], dtype=int)
     K, R = data.inputs.shape[:2]
     inputs = np.concatenate([data.inputs, data.inputs[-1:]])
     every = np.tile(theta, (1, K + 1)) if theta.ndim > 1 else theta
@@ -108,12 +109,6 @@ def start_states(steps: Stepper, data: GriddedTrials, theta: np.ndarray) -> np.n
         z[k + 1][:, carried] = end[:, carried]
         z[k + 1] = np.where(logged[k + 1, :, None], z[k + 1], end)
     return z
-
-
-def _of_sensor(state: str) -> bool:
-    """Whether a state belongs to an effect of the measurement."""
-    name = state.split(".")[0]
-    return name in EFFECTS and EFFECTS[name].measures
 
 
 def half_times(data: GriddedTrials) -> np.ndarray:
