@@ -14,6 +14,7 @@ import numpy as np
 import torch
 from scipy.stats import spearmanr
 
+from benchmarks.ensembles.fixed_ship import FixedShip
 from benchmarks.ensembles.heading_keeping import HeadingKeeping, Judgement, grid, judge, random_winds
 from benchmarks.ensembles.heading_keeping_figure import judgement_plot
 from benchmarks.random_controls import RandomControls, random_control_trials
@@ -26,7 +27,7 @@ from cases.simulation.simulate import simulate
 from cases.trial import Trial
 from mmg.ship import Ship
 from residual.blackbox.models import box_scales, build_box
-from residual.ensemble import FixedShip, distances, particles, train_members
+from residual.ensemble import distances, particles, train_members
 from residual.settings import BlackBoxSettings
 from residual.system import TrainableSystem
 from residual.training.windows import pieces_of, windows

@@ -16,6 +16,7 @@ from functools import partial
 import numpy as np
 import torch
 
+from benchmarks.ensembles.fixed_ship import FixedShip
 from benchmarks.hybrid_system import Extra, Knowing, build, with_past
 from cases import published_splits as splits
 from cases.io.read import read_trials
@@ -23,7 +24,6 @@ from cases.shipfiles.ship_file import load_ship
 from fitting.nlp.grid import default_step
 from fitting.prediction.score import pooled_sigma
 from mmg.ship import Ship
-from residual.ensemble import FixedShip
 from residual.rollout import RolloutBatch, rollout, squares
 from residual.settings import TrainSettings
 from residual.system import TrainableSystem

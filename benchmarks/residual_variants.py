@@ -15,6 +15,7 @@ from dataclasses import replace
 import numpy as np
 import torch
 
+from benchmarks.ensembles.fixed_ship import FixedShip
 from cases import published_splits as splits
 from cases.io.read import read_trials
 from cases.shipfiles.ship_file import load_ship
@@ -22,7 +23,6 @@ from fitting.nlp.grid import default_step
 from fitting.prediction.score import pooled_sigma
 from mmg.ship import Ship
 from residual.bounded_network import Residual
-from residual.ensemble import FixedShip
 from residual.physics.operator import Physics
 from residual.rollout import rollout, squares
 from residual.settings import TrainSettings

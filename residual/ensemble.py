@@ -33,23 +33,6 @@ LEAST_MEMBERS = 4
 """Fewer distinct particles leave the covariance of u, v, r singular."""
 
 
-class FixedShip(TrainableSystem):
-    """A ship as it is, its network included, as a system: nothing to train."""
-
-    def __init__(self, ship: Ship, physics: Physics | None = None) -> None:
-        super().__init__()
-        self.physics = physics or Physics(ship)
-
-    def start(self, logged: torch.Tensor, controls: torch.Tensor, past: object = None) -> torch.Tensor:
-        return self.physics.start(logged, controls)
-
-    def rates(self, z: torch.Tensor, controls: torch.Tensor) -> torch.Tensor:
-        return self.physics.rates(z, controls)
-
-    def columns(self, z: torch.Tensor) -> torch.Tensor:
-        return self.physics.columns(z)
-
-
 def members_of_ship(ship: Ship) -> list[TrainableSystem]:
     """The members of a hybrid ship's network, each on the same physics. UserError for a ship without a network."""
     if ship.network is None:

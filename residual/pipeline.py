@@ -8,30 +8,34 @@ from dataclasses import replace
 from datetime import datetime, timezone
 from importlib import metadata
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
+
+import numpy as np
 
 from cases.checks.held_out import shared_rows, training_trials
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
 from fitting.prediction.score import score_pairs
 from fitting.report.run_folder import RESULT, data_rows, read_result, versions
+from fitting.result import FitResult
 from mmg.errors import UserError
 from mmg.messages import Message
-from mmg.network import features_of
+from mmg.network import Network
 from mmg.progress import OnProgress
 from mmg.ship import Ship
 from mmg.states import STATES
 from residual.blackbox.models import BOX_KIND, box_of
 from residual.report.figures import figure_rows
-from residual.report.summary import RATES, judged_runs, outside, residual_size
 from residual.result import CALIBRATED, HYBRID, TrainResult
 from residual.settings import BlackBoxSettings, TrainSettings
 from residual.training.acceptance import decide
 from residual.training.checkpoint import Store
-from residual.training.hybrid import HYBRID_KIND, network_of
+from residual.training.hybrid import HYBRID_KIND, OUTPUT, network_of
+from residual.training.scales import LEAST_SCALE, Scales
 from residual.training.seeds import train_seeds
-from residual.training.tasks import tasks_of
+from residual.training.tasks import ModelKind, tasks_of
 from residual.training.trainer import Outcome, Task
+from residual.training.windows import pieces_of, windows
 
 CARRIED = ("coefficients", "correlation", "bands", "per_run")
 """Of the calibration's result.json, what still holds of the ship inside."""
@@ -39,19 +43,12 @@ KEEP = ("better", "always")
 """Which ship is recommended: the better one as the decision says, or always the hybrid."""
 
 
-class Calibrated(Protocol):
-    """A result with a ship, such as that of a calibration or of an earlier training."""
-
-    @property
-    def ship(self) -> Ship:
-        """The ship."""
-
-    def to_dict(self) -> dict[str, Any]:
-        """The content of its result.json."""
+RATES = {"du": "m/s²", "dv": "m/s²", "dr": "rad/s²"}
+"""Channels of the residual and their units."""
 
 
 def train(
-    ship_or_fit: Ship | Calibrated | str | Path,
+    ship_or_fit: Ship | FitResult | TrainResult | str | Path,
     trials: Sequence[Trial],
     validation: Sequence[Trial] = (),
     settings: TrainSettings | None = None,
@@ -89,7 +86,7 @@ def train(
             store.discard()
         raise
     seconds, scales = time.perf_counter() - began, task.scales
-    ranges = zip(features_of(ship.actuators), scales.features.min(axis=1), scales.features.max(axis=1), strict=True)
+    ranges = zip(ship.features, scales.features.min(axis=1), scales.features.max(axis=1), strict=True)
     result = TrainResult(
         start=ship,
         settings=task.settings,
@@ -97,9 +94,12 @@ def train(
         scores={},
         data=tuple(data_rows(chosen)),
         validation_data=tuple(data_rows(validation)),
-        sigma={name: dict(zip(STATES, getattr(scales, key).tolist(), strict=True)) for name, key in _SIGMA},
+        sigma={
+            name: dict(zip(STATES, sigma.tolist(), strict=True))
+            for name, sigma in (("loss", scales.sigma), ("held_out", scales.score))
+        },
         envelope={name: [float(low), float(high)] for name, low, high in ranges},
-        outside=outside(kind, ship, validation, task.h, scales.features),
+        outside=_outside(kind, task, validation),
         timings_s={"train": seconds, "seeds": [o.seconds for o in outcomes]},
         versions={**versions(), "torch": metadata.version("torch")},
         created=datetime.now(timezone.utc).isoformat(timespec="seconds"),
@@ -121,11 +121,7 @@ def train(
     return replace(result, figures=tuple(figure_rows(result.to_dict())), timings_s=timings)
 
 
-_SIGMA = (("loss", "sigma"), ("held_out", "score"))
-"""Names of the sigmas in result.json, and of the scales."""
-
-
-def _start(given: Ship | Calibrated | str | Path) -> tuple[Ship, Mapping[str, Any], str]:
+def _start(given: Ship | FitResult | TrainResult | str | Path) -> tuple[Ship, Mapping[str, Any], str]:
     """The ship to start from, what is known of its calibration ({} for a bare ship), and words for it."""
     if isinstance(given, Ship):
         return given, {}, given.name
@@ -149,7 +145,7 @@ def _hybrid(task: Task, outcomes: Sequence[Outcome], known: Mapping[str, Any], k
         "details": {
             "bound": dict(zip(RATES, network.bound.tolist(), strict=True)) if network else None,
             "output_scale": dict(zip(RATES, scales.output.tolist(), strict=True)),
-            "residual_size": residual_size(network, scales) if network else {},
+            "residual_size": _residual_size(network, scales) if network else {},
             "calibration": {key: known.get(key) for key in ("created", "command", "converged")} if known else None,
             **{key: known[key] for key in CARRIED if key in known},
         },
@@ -195,7 +191,7 @@ def _seed_rows(outcomes: Sequence[Outcome], judging: Sequence[Trial]) -> list[di
             "judged_by_part": o.fold,
             "judged_window": {"before": o.before[0], "after": o.after[0], "windows": o.held_out_windows},
             "judged_restarts": {"before": o.before[1], "after": o.after[1]},
-            "judged_runs": judged_runs(o, judging),
+            "judged_runs": _judged_runs(o, judging),
             "stop_window": {"before": o.history[0][3], "after": min(row[3] for row in o.history)},
             "training_windows": o.windows,
             "learning_rate": o.rate,
@@ -205,6 +201,55 @@ def _seed_rows(outcomes: Sequence[Outcome], judging: Sequence[Trial]) -> list[di
         }
         for o in outcomes
     ]
+
+
+def _judged_runs(outcome: Outcome, trials: Sequence[Trial]) -> list[dict]:
+    """Per run that judged a training: name, number of its 30 s windows, errors before and after."""
+    rows = []
+    for run in np.unique(outcome.judged[:, 0]).astype(int):
+        own = outcome.judged[outcome.judged[:, 0] == run]
+        before, after = own[:, 2:].mean(axis=0).tolist()
+        rows.append({"run": trials[run].name, "windows": len(own), "before": before, "after": after})
+    return rows
+
+
+def _residual_size(network: Network, scales: Scales) -> dict[str, dict]:
+    """Per channel the residual over the training rows [m/s2, rad/s2]; "ship_rms": of the ship without it."""
+    sizes = np.abs(network.accelerations(scales.features))
+    shares = np.linspace(0, 1, 101)
+    own = (scales.output - LEAST_SCALE) / OUTPUT
+    return {
+        name: {
+            "rms": float(np.sqrt((size**2).mean())),
+            "p95": float(np.quantile(size, 0.95)),
+            "largest": float(size.max()),
+            "bound": float(bound),
+            "ship_rms": float(rms),
+            "unit": RATES[name],
+            "quantiles": np.quantile(size, shares).tolist(),
+        }
+        for name, size, bound, rms in zip(RATES, sizes, network.bound, own, strict=True)
+    }
+
+
+def _outside(kind: ModelKind, task: Task, trials: Sequence[Trial]) -> dict:
+    """Shares of rows outside the range of the training rows, by trial and by feature, with the ends of the latter."""
+    ship, h, known = task.ship, task.h, task.scales.features
+    features_at = kind.features(ship)
+    rows = {t.name: windows(pieces_of([t], h, kind.inputs(ship)), h, 1, 1) for t in trials}
+    seen = {name: features_at(b.targets[0], b.controls[0]).numpy() for name, b in rows.items() if b}
+    if not seen:
+        return {}
+    lower, upper = known.min(axis=1)[:, None], known.max(axis=1)[:, None]
+    every = np.hstack(list(seen.values()))
+    beyond = (every < lower) | (every > upper)
+    return {
+        "trials": {n: float(((a < lower) | (a > upper)).any(axis=0).mean()) for n, a in seen.items()},
+        "features": {
+            n: {"share": float(b.mean()), "lowest": float(a.min()), "highest": float(a.max())}
+            for n, a, b in zip(ship.features, every, beyond, strict=True)
+        },
+    }
 
 
 def _calibrated_on(known: Mapping[str, Any], validation: Sequence[Trial]) -> tuple[Message, ...]:

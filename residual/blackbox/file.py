@@ -18,7 +18,6 @@ from mmg.network import OTHER
 from mmg.ship import Ship
 from residual.blackbox.models import BlackBox, build_box
 from residual.settings import KINDS, BlackBoxSettings, settings_from
-from residual.system import TrainableSystem
 from residual.training.scales import Scales
 
 _SCALES = ("feature", "output", "acceleration", "mean", "std", "acceleration_mean")
@@ -61,9 +60,14 @@ def load_box(where: str | Path, ship: Ship | None = None) -> BlackBox:
     if about.get("format") != BLACK_BOX:
         raise UserError(f"{path}: is no black box of this program (format {about.get('format')!r}, not {BLACK_BOX!r})")
     try:
-        settings, actuators = _settings(about["training"]), tuple(str(a) for a in json.loads(about["actuators"]))
+        settings = settings_from(json.loads(about["training"]))
+        actuators = tuple(map(str, json.loads(about["actuators"])))
+        assert isinstance(settings, BlackBoxSettings)
         scales = _scales(arrays)
-        systems = tuple(_member(arrays, k, settings, scales) for k in range(int(about["members"])))
+        systems = tuple(build_box(None, scales, settings, 0) for _ in range(int(about["members"])))
+        for k, system in enumerate(systems):
+            own = {name: a for name, a in arrays.items() if name.startswith(f"{k}.")}
+            system.load_state_dict({name.partition(".")[2]: a for name, a in own.items()})
         box = BlackBox(settings, actuators, float(about["h"]), systems, about["ship"], about["ship_hash"], scales)
         fault = _fault(box)
     except (KeyError, ValueError, TypeError, RuntimeError) as error:
@@ -78,24 +82,11 @@ def load_box(where: str | Path, ship: Ship | None = None) -> BlackBox:
     return box
 
 
-def _settings(text: str) -> BlackBoxSettings:
-    settings = settings_from(json.loads(text))
-    assert isinstance(settings, BlackBoxSettings)
-    return settings
-
-
 def _scales(arrays: dict[str, torch.Tensor]) -> Scales:
     scales = {name: arrays[f"scales.{name}"].double().numpy() for name in _SCALES}
     if {len(scales[name]) for name in ("feature", "mean", "std")} != {len(scales["mean"])}:
         raise ValueError("scales of different lengths")
     return Scales(**scales, **{name: np.empty(0) for name in ("sigma", "score", "noise", "features")})
-
-
-def _member(arrays: dict[str, torch.Tensor], k: int, settings: BlackBoxSettings, scales: Scales) -> TrainableSystem:
-    system = build_box(None, scales, settings, 0)
-    prefix = f"{k}."
-    system.load_state_dict({n.removeprefix(prefix): a for n, a in arrays.items() if n.startswith(prefix)})
-    return system
 
 
 def _fault(box: BlackBox) -> str:

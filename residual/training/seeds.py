@@ -53,7 +53,9 @@ def train_seeds(
             nonlocal done
             if outcome:
                 done += 1
-                LOGGER.info(_sentence(outcome))
+                better = f"judged 30 s windows {outcome.before[0]:.4f} -> {outcome.after[0]:.4f}"
+                again = f", restarted {outcome.restarts} time(s) at a lower rate" if outcome.restarts else ""
+                LOGGER.info(f"seed {outcome.seed}: {outcome.status} in {outcome.seconds:.0f} s, {better}{again}")
                 if progress:
                     progress(Progress("seeds", done, len(tasks), {"error of 30 s windows": outcome.after[0]}))
 
@@ -80,8 +82,3 @@ def _trained(job: tuple[Task, Store | None], progress: OnProgress | None = None)
     if store and outcome.status != "stopped":
         save_outcome(store, outcome)
     return outcome
-
-
-def _sentence(o: Outcome) -> str:
-    words = f"seed {o.seed}: {o.status} in {o.seconds:.0f} s, judged 30 s windows {o.before[0]:.4f} -> {o.after[0]:.4f}"
-    return words + (f", restarted {o.restarts} time(s) at a lower rate" if o.restarts else "")

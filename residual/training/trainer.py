@@ -105,23 +105,22 @@ def train_one(task: Task, progress: OnProgress | None = None) -> Outcome:
             except _Diverged:
                 status = "diverged"
     attempt.system.load_state_dict(attempt.best, strict=False)
-    judged = compare_errors(
-        (task.system(), attempt.system), task.split.judge, task.h, task.scales.score, settings.method
-    )
+    systems = task.system(), attempt.system
+    judged, before, after = compare_errors(systems, task.split.judge, task.h, task.scales.score, settings.method)
     return Outcome(
-        task.seed,
-        status,
-        judged.before,
-        judged.after,
-        tuple(attempt.history),
-        {name: value.numpy().copy() for name, value in attempt.best.items()},
-        rate,
-        restart,
-        time.perf_counter() - began,
-        attempt.count,
-        len(judged.rows),
-        judged.rows,
-        task.split.fold,
+        seed=task.seed,
+        status=status,
+        before=before,
+        after=after,
+        history=tuple(attempt.history),
+        state={name: value.numpy().copy() for name, value in attempt.best.items()},
+        rate=rate,
+        restarts=restart,
+        seconds=time.perf_counter() - began,
+        windows=attempt.count,
+        held_out_windows=len(judged),
+        judged=judged,
+        fold=task.split.fold,
     )
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -16,22 +15,14 @@ WINDOW, STRIDE, RESTART = 30.0, 15.0, 100.0
 """Stop and judged windows [s] and how far apart they start; length of the restarts of the second metric."""
 
 
-class WindowErrors(NamedTuple):
-    """Errors of two systems. rows: of each 30 s window (run, first row of its piece, error of each system); before,
-    after: mean errors of the first and of the second system (30 s windows, 100 s restarts; NaN where none fits).
-    """
-
-    rows: np.ndarray
-    before: tuple[float, float]
-    after: tuple[float, float]
-
-
 def compare_errors(
     systems: tuple[TrainableSystem, TrainableSystem], pieces: Sequence[Piece], h: float, sigma: np.ndarray, method: str
-) -> WindowErrors:
+) -> tuple[np.ndarray, tuple[float, float], tuple[float, float]]:
     """Errors of two ``systems`` on 30 s windows every 15 s and on 100 s windows side by side.
 
-    pieces: on a grid of h [s]; sigma: (6,) by which errors are divided; method: of the integration.
+    pieces: on a grid of h [s]; sigma: (6,) by which errors are divided; method: of the integration. Returns the rows of
+    the 30 s windows (run, first row of its piece, error of each system), and the mean errors (30 s windows, 100 s
+    restarts; NaN where none fits) of the first and of the second system.
     """
     past, scale = systems[0].past, torch.as_tensor(sigma)
     errors = []
@@ -40,8 +31,8 @@ def compare_errors(
         errors.append(np.array([window_errors(s, batch, scale, method) if batch else [] for s in systems]))
     counts = [len(range(p.first + past, p.last - round(WINDOW / h) + 1, round(STRIDE / h))) for p in pieces]
     where = np.repeat(np.array([(p.run, p.first) for p in pieces]).reshape(-1, 2), counts, axis=0)
-    (a, b), (c, d) = (e.mean(axis=1) if e.size else (np.nan, np.nan) for e in errors)
-    return WindowErrors(np.column_stack([where, errors[0].T]), (float(a), float(c)), (float(b), float(d)))
+    (a, b), (c, d) = (e.mean(axis=1).tolist() if e.size else (np.nan, np.nan) for e in errors)
+    return np.column_stack([where, errors[0].T]), (a, c), (b, d)
 
 
 @torch.no_grad()

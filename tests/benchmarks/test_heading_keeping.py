@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.ensembles.fixed_ship import FixedShip
 from benchmarks.ensembles.heading_keeping import (
     LOST,
     HeadingKeeping,
@@ -23,7 +24,6 @@ from benchmarks.random_controls import RandomControls, random_control_trials
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.gusts import Wind
 from fitting.prediction.score import pooled_sigma
-from residual.ensemble import FixedShip
 from tests.support import hybrids
 from tests.support.yaw import INPUTS, Yaw
 
