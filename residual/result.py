@@ -256,7 +256,7 @@ def read_training(folder: str | Path) -> TrainResult:
 
             start = load_ship(folder / START)
             box = load_box(folder, start)
-        found = {
+        found: dict[str, Any] = {
             f"{level}s": messages_from(row for row in content["messages"] if row["level"] == level) for level in LEVELS
         }
         return TrainResult(

@@ -29,7 +29,8 @@ class RolloutBatch:
     def chosen(self, which: torch.Tensor) -> RolloutBatch:
         """Only these windows (numbers)."""
         past = Past(*(a[..., which] for a in self.past)) if self.past else None
-        return RolloutBatch(self.h, *(a[..., which] for a in (self.controls, self.targets, self.mask)), past)
+        controls, targets, mask = (a[..., which] for a in (self.controls, self.targets, self.mask))
+        return RolloutBatch(self.h, controls, targets, mask, past)
 
 
 def rollout(system: TrainableSystem, batch: RolloutBatch, method: str = "rk4") -> torch.Tensor:

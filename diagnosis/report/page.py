@@ -66,6 +66,7 @@ def _head(d: Findings) -> dict[str, Any]:
     """Title, sentence, cards."""
     held, nearest = d.held_out, d.unnamed.strongest
     changed = held is not None and held.mse_after != held.mse_before
+    shrinks = f"{words.signed(-100 * held.reduction)} % error" if held and changed and d.verdict == "named" else ""
     what = "The residuals look like chance."
     if d.verdict == "unknown":
         what = "The cause is not in the library of effects, or several act at once."
@@ -76,8 +77,7 @@ def _head(d: Findings) -> dict[str, Any]:
     return {
         "ship": d.ship.name, "verdict": d.verdict, "badge": words.BADGE[d.verdict],
         "sentence": words.readable(d.sentence), "verdict_words": words.verdict_words(d), "what_words": what,
-        "shrinks": f"{words.signed(-100 * held.reduction)} % error" if changed and d.verdict == "named" else "",
-        "changed": changed, "held_words": words.held_words(held, d.verdict),
+        "shrinks": shrinks, "changed": changed, "held_words": words.held_words(held, d.verdict),
         "where_words": report_where.where_words(d), "where_big": report_where.where_big(d),
         "learned": words.readable(d.learned.sentence) if d.learned else "",
         "learned_words": words.learned_words(d.learned),

@@ -158,8 +158,8 @@ def pooled_with(pooled: Reading, runs: Sequence[tuple[str, Reading]], clear: Set
     words = q.words(float(np.median([r.value for _, r in some])))
     effect = f" ({one.effect})" if one.effect else ""
     sentence = f"{words} (median) in {len(names)} of {checked} runs only: {', '.join(names)}{effect}"
-    shown = {"value": pooled.value, "std": pooled.std, "verdict": "some runs", "sentence": sentence}
-    return replace(one, **shown, runs=names, checked=checked)
+    one = replace(one, value=pooled.value, std=pooled.std, verdict="some runs", sentence=sentence)
+    return replace(one, runs=names, checked=checked)
 
 
 def _shown(value: float, unit: str) -> str:
