@@ -139,7 +139,6 @@ def _hybrid(task: Task, outcomes: Sequence[Outcome], known: Mapping[str, Any], k
     return {
         "model": HYBRID,
         "network": network,
-        "black_box": None,
         "decision": decision,
         "recommended": HYBRID if network is not None and (decision.kept or always) else CALIBRATED,
         "details": {
@@ -156,30 +155,20 @@ def _hybrid(task: Task, outcomes: Sequence[Outcome], known: Mapping[str, Any], k
 def _black_box(task: Task, outcomes: Sequence[Outcome], name: str) -> dict[str, Any]:
     """What only a black box has, as fields of ``TrainResult``."""
     box = box_of(task, outcomes)
-    return {
-        "model": box.settings.kind,
-        "network": None,
-        "black_box": box,
-        "decision": None,
-        "recommended": "",
-        "details": {"beside": name},
-        "notices": (),
-    }
+    return {"model": box.settings.kind, "black_box": box, "details": {"beside": name}}
 
 
 def _seed_warnings(outcomes: Sequence[Outcome], settings: TrainSettings) -> tuple[Message, ...]:
     """Warnings on the seeds that did not come to their end."""
     status = {o.seed: o.status for o in outcomes}
     seeds = range(settings.seed, settings.seed + settings.seeds)
-    kinds = (
-        ("diverged", "diverged, also at lower rates, and left out"),
-        ("stopped", "stopped before the end"),
-        ("missing", "not begun"),
-    )
-    found = [
-        (kind, words, ", ".join(str(s) for s in seeds if status.get(s, "missing") == kind)) for kind, words in kinds
-    ]
-    return tuple(Message(f"{words}: seed(s) {which}", f"seeds_{kind}") for kind, words, which in found if which)
+    kinds = {
+        "diverged": "diverged, also at lower rates, and left out",
+        "stopped": "stopped before the end",
+        "missing": "not begun",
+    }
+    found = {kind: ", ".join(str(s) for s in seeds if status.get(s, "missing") == kind) for kind in kinds}
+    return tuple(Message(f"{kinds[k]}: seed(s) {which}", f"seeds_{k}") for k, which in found.items() if which)
 
 
 def _seed_rows(outcomes: Sequence[Outcome], judging: Sequence[Trial]) -> list[dict[str, Any]]:

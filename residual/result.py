@@ -92,14 +92,14 @@ class TrainResult(TrainRecord):
     """
 
     start: Ship
-    network: Network | None
-    black_box: BlackBox | None
-    decision: Decision | None
-    recommended: str
     settings: TrainSettings
     details: dict[str, Any]
-    warnings: tuple[Message, ...]
-    notices: tuple[Message, ...]
+    network: Network | None = None
+    black_box: BlackBox | None = None
+    decision: Decision | None = None
+    recommended: str = ""
+    warnings: tuple[Message, ...] = ()
+    notices: tuple[Message, ...] = ()
     interrupted: bool = False
     trials: Sequence[Trial] | None = field(default=None, repr=False, compare=False)
 

@@ -22,9 +22,9 @@ def score_plot(found: Comparison) -> Figure:
     axes = figure.subplots(1, 2)
     for ax, metric, title in zip(axes, ("window", "paper"), ("30 s windows", "100 s restarts"), strict=True):
         dress(ax, "", "mean squared error", title)
-        shown = [m for m in found.study.models if found.of(m, found.study.subsets[0])]
+        shown = [m for m in found.study.models if found.of(m)]
         for i, model in enumerate(shown):
-            values = [getattr(e.score, metric) for e in found.of(model, found.study.subsets[0])]
+            values = [getattr(e.score, metric) for e in found.of(model)]
             ax.bar(i, np.mean(values), color=COLOURS[model], width=0.6)
             ax.plot([i] * len(values), values, ".", color=MEASURED, markersize=4)
         ax.set_xticks(range(len(shown)), shown, rotation=25, ha="right")
@@ -41,7 +41,7 @@ def growth_plot(found: Comparison) -> Figure:
     ):
         dress(ax, "time since the start [s]", words, "Growth of the error" if column == 0 else "")
         for model in found.study.models:
-            rows = [factors[column] * e.growth[:, column] for e in found.of(model, found.study.subsets[0])]
+            rows = [factors[column] * e.growth[:, column] for e in found.of(model)]
             if rows:
                 ax.plot(HORIZONS, np.mean(rows, axis=0), color=COLOURS[model], marker=".", label=model)
                 ax.fill_between(HORIZONS, np.min(rows, axis=0), np.max(rows, axis=0), color=COLOURS[model], alpha=0.15)

@@ -144,9 +144,10 @@ class Comparison:
     seconds: float
     interrupted: bool
 
-    def of(self, model: str, subset: Subset) -> list[Entry]:
-        """Scored entries of a model on a subset."""
-        return [e for e in self.entries if (e.model, e.subset) == (model, subset) and e.score is not None]
+    def of(self, model: str, subset: Subset | None = None) -> list[Entry]:
+        """Scored entries of a model on a subset, by default the first one of the study."""
+        wanted = model, subset or self.study.subsets[0]
+        return [e for e in self.entries if (e.model, e.subset) == wanted and e.score is not None]
 
 
 @dataclass(frozen=True)

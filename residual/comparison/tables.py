@@ -54,10 +54,10 @@ def markdown(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
 
 def accuracy(found: Comparison, metric: str) -> list[str]:
     """One ``metric`` of the comparison ``found`` per test trial and pooled, over the models, on all data."""
-    models, subset = found.study.models, found.study.subsets[0]
+    models = found.study.models
     rows = []
     for i, name in enumerate([*(t.name for t in found.study.test), "all rows pooled"]):
-        scores = [[(*e.score.trials, e.score)[i] for e in found.of(m, subset) if e.score] for m in models]
+        scores = [[(*e.score.trials, e.score)[i] for e in found.of(m) if e.score] for m in models]
         rows.append([name, *[mean_and_std([getattr(s, metric) for s in some]) for some in scores]])
     return markdown(["test trial", *models], rows)
 
@@ -74,11 +74,11 @@ def efficiency(found: Comparison) -> list[str]:
 
 def horizon(found: Comparison, column: int) -> list[str]:
     """Growth of the position error [m] (``column`` 0) or of the heading error [deg] (1) of ``found``."""
-    models, subset = found.study.models, found.study.subsets[0]
+    models = found.study.models
     factor, digits = (1.0, 2) if column == 0 else (np.degrees(1.0), 1)
     rows = []
     for k, seconds in enumerate(HORIZONS):
-        values = [mean_and_std([factor * e.growth[k, column] for e in found.of(m, subset)], digits) for m in models]
+        values = [mean_and_std([factor * e.growth[k, column] for e in found.of(m)], digits) for m in models]
         rows.append([f"{seconds:g}", *values])
     return markdown(["after [s]", *models], rows)
 

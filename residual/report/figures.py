@@ -63,37 +63,43 @@ def size_plot(size: Mapping[str, Mapping[str, Any]]) -> Figure:
     return figure
 
 
-def figure_rows(content: Mapping[str, Any]) -> list[dict[str, str]]:
-    """File, title and caption of the figures of a training; content: of its result.json."""
-    hybrid = content.get("decision") is not None
+def _figures(
+    content: Mapping[str, Any], models: Mapping[str, Simulator | Forecaster], trials: Sequence[Trial]
+) -> list[tuple[str, str, bool, Callable[[], Figure], str]]:
+    """Name, title, whether there is such a figure, how it is drawn, caption."""
+    hybrid, held_out = content.get("decision") is not None, content["validation_data"]
     before, after = ("calibrated ship", "with residual") if hybrid else ("ship model", "black box")
     start = before if hybrid else "untrained network"
     apart = ", which took no part in the training" if hybrid else ", here the same that it stopped by, which flatters"
-    trials = content["validation_data"] or content["data"]
-    which = "validation" if content["validation_data"] else "training"
-    rows = [
+    size = content.get("residual_size")
+    return [
         (
-            "learning", "Error of the windows to stop by", True,
+            "learning", "Error of the windows to stop by", True, lambda: learning_plot(content["per_seed"], start),
             f"Error of the windows to stop by after each epoch, over that of the {start}. Dot: the weights kept; bar "
             f"at the right: their error on the windows that judge{apart}.",
         ),
         (
-            "scores", "Scores per trial", any("after" in pair for pair in content["scores"].values()),
+            "scores", "Scores per trial", bool(content["scores"]), lambda: score_plot(content["scores"]),
             f"Mean squared error of open-loop predictions; lower is better. Before: {before}; after: {after}.",
         ),
         (
             "error_growth", "How errors grow with the length of the prediction",
-            any(row["has_position"] for row in trials),
-            f"Rms error over windows of the {which} trials, each started from the measured state and from there on "
-            "driven by the measured rudder, revolutions and wind alone.",
+            any(row["has_position"] for row in held_out or content["data"]), lambda: error_growth_plot(models, trials),
+            f"Rms error over windows of the {'validation' if held_out else 'training'} trials, each started from the "
+            "measured state and from there on driven by the measured rudder, revolutions and wind alone.",
         ),
         (
-            "residual_size", "Size of the residual against its bound", bool(content.get("residual_size")),
+            "residual_size", "Size of the residual against its bound", bool(size), lambda: size_plot(size or {}),
             "Share of the training rows in which the residual acceleration is larger than a value. It cannot pass the "
             "bound, whatever the inputs. Dashed: rms acceleration of the ship without it in the same rows.",
         ),
     ]  # fmt: skip
-    return [{"file": f"{n}.png", "title": title, "caption": words} for n, title, there, words in rows if there]
+
+
+def figure_rows(content: Mapping[str, Any]) -> list[dict[str, str]]:
+    """File, title and caption of the figures of a training; content: of its result.json."""
+    every = _figures(content, {}, ())
+    return [{"file": f"{n}.png", "title": title, "caption": words} for n, title, there, _, words in every if there]
 
 
 def write_figures(
@@ -108,13 +114,7 @@ def write_figures(
     () to leave that figure out.
     """
     (folder / "figures").mkdir(parents=True, exist_ok=True)
-    start = "calibrated ship" if content.get("decision") is not None else "untrained network"
-    draw: dict[str, Callable[[], Figure]] = {
-        "learning.png": lambda: learning_plot(content["per_seed"], start),
-        "scores.png": lambda: score_plot({n: pair for n, pair in content["scores"].items() if "after" in pair}),
-        "error_growth.png": lambda: error_growth_plot(models, trials),
-        "residual_size.png": lambda: size_plot(content["residual_size"]),
-    }
-    for row in content["figures"]:
-        if trials or row["file"] != "error_growth.png":
-            draw[row["file"]]().savefig(folder / "figures" / row["file"], dpi=DPI)
+    listed = {row["file"] for row in content["figures"]}
+    for name, _, _, draw, _ in _figures(content, models, trials):
+        if f"{name}.png" in listed and (trials or name != "error_growth"):
+            draw().savefig(folder / "figures" / f"{name}.png", dpi=DPI)

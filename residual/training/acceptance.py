@@ -32,15 +32,14 @@ def decide(outcomes: Sequence[Outcome]) -> Decision:
         figures += f", standard error by the choice of runs {runs:.1%}"
     if isfinite(restart):
         figures += f"; 100 s restarts {restart:+.1%} better, spread {restart_spread:.1%}"
-    reason = ""
-    if not window >= MINIMUM_GAIN:
-        reason = f"less than {MINIMUM_GAIN:.0%} is gained"
-    elif window <= spread:
-        reason = "the gain is within the spread of seeds"
-    elif isfinite(runs) and window <= runs:
-        reason = "the gain is within what the choice of judged runs makes of it"
-    elif restart < -restart_spread / sqrt(len(good)):
-        reason = "the 100 s restarts became worse beyond the standard error over seeds"
+    worst = restart_spread / sqrt(len(good))
+    faults = (
+        (not window >= MINIMUM_GAIN, f"less than {MINIMUM_GAIN:.0%} is gained"),
+        (window <= spread, "the gain is within the spread of seeds"),
+        (isfinite(runs) and window <= runs, "the gain is within what the choice of judged runs makes of it"),
+        (restart < -worst, "the 100 s restarts became worse beyond the standard error over seeds"),
+    )
+    reason = next((words for fails, words in faults if fails), "")
     words = f"residual NOT kept, the calibrated ship stays as it is, because {reason}" if reason else "residual kept"
     words = f"{words} ({figures})" if reason else f"{words}: {figures}"
     found = (window, spread, restart, restart_spread, among_seeds, among_folds, runs)

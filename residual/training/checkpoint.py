@@ -10,7 +10,7 @@ import hashlib
 import json
 import os
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -73,16 +73,13 @@ class Store:
 
     def discard(self) -> None:
         """Remove what a run that ended with an error has begun, unless it was there before or holds finished parts."""
-        if self.resume or any(self._finished()) or not self.folder.is_dir():
+        parts = (self.load(path.stem) for path in self.folder.glob("*.json"))
+        kept = any(found is not None and found[0].get("status") != "diverged" for found in parts)
+        if self.resume or kept or not self.folder.is_dir():
             return
         shutil.rmtree(self.folder, ignore_errors=True)
         if not any(self.folder.parent.iterdir()):
             self.folder.parent.rmdir()
-
-    def _finished(self) -> Iterator[bool]:
-        for path in self.folder.glob("*.json"):
-            found = self.load(path.stem)
-            yield found is not None and found[0].get("status") != "diverged"
 
     def save(self, name: str, words: Mapping[str, Any], arrays: Mapping[str, np.ndarray] = {}) -> None:
         """Keep a finished part. Raises UserError where it cannot be written."""
@@ -151,11 +148,10 @@ def hashes_of_trials(trials: Sequence[Trial]) -> list[str]:
 
 def save_outcome(store: Store, outcome: Outcome) -> None:
     """Keep the ``outcome`` of a seed in ``store``."""
-    o = outcome
-    words = {name: getattr(o, name) for name in _WORDS}
-    arrays = {f"state.{name}": value for name, value in o.state.items()}
+    o, arrays = outcome, {f"state.{name}": value for name, value in outcome.state.items()}
     arrays |= {"errors": np.array([o.before, o.after]), "history": np.array(o.history), "judged": o.judged}
-    store.save(f"seed_{o.seed}", words, {**arrays, "times": np.array([o.rate, o.seconds])})
+    arrays["times"] = np.array([o.rate, o.seconds])
+    store.save(f"seed_{o.seed}", {name: getattr(o, name) for name in _WORDS}, arrays)
 
 
 def load_outcome(store: Store, seed: int) -> Outcome | None:
