@@ -18,6 +18,23 @@ SIGN_CHANGING = ("v", "r", "a_y", "delta", "delta_port", "delta_starboard", "n_b
 """Features that change sign."""
 
 
+def uniform(draw: torch.Generator, rows: int, columns: int) -> nn.Parameter:
+    """Weights (rows, columns) by ``draw``, uniform within sqrt(6 / (rows + columns)) (Glorot and Bengio, 2010)."""
+    values = torch.rand(rows, columns, generator=draw, dtype=torch.float64)
+    return nn.Parameter(math.sqrt(6.0 / (rows + columns)) * (2 * values - 1))
+
+
+def normal(draw: torch.Generator, width: int) -> nn.Parameter:
+    """Biases (width,) by ``draw``, normal with a deviation of 0.5."""
+    return nn.Parameter(0.5 * torch.randn(width, generator=draw, dtype=torch.float64))
+
+
+def hidden(x: torch.Tensor, W: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
+    """A layer tanh(W x + b) - tanh(b) (rows, M), zero at the origin, of ``x`` (columns, M)."""
+    column = b[:, None]
+    return torch.tanh(torch.addmm(column, W, x)) - torch.tanh(column)
+
+
 class TwoLayers(nn.Module):
     """du, dv, dr [m/s2, rad/s2] (3, M) from the features of ``mmg.network`` (F, M): motion, actuators, relative air.
 
@@ -35,10 +52,8 @@ class TwoLayers(nn.Module):
 
     def forward(self, features: torch.Tensor) -> torch.Tensor:
         """Accelerations (3, M) at features (F, M)."""
-        b1, b2 = self.b1[:, None], self.b2[:, None]
-        h1 = torch.tanh(torch.addmm(b1, self.W1, features / self.feature_scale[:, None])) - torch.tanh(b1)
-        h2 = torch.tanh(torch.addmm(b2, self.W2, h1)) - torch.tanh(b2)
-        return self.scale[:, None] * (self.W3 @ h2)
+        h1 = hidden(features / self.feature_scale[:, None], self.W1, self.b1)
+        return self.scale[:, None] * (self.W3 @ hidden(h1, self.W2, self.b2))
 
     @torch.no_grad()
     def bound(self) -> np.ndarray:
@@ -59,16 +74,9 @@ class Residual(TwoLayers):
         super().__init__()
         F = len(feature_scale)
         draw = torch.Generator().manual_seed(seed)
-
-        def uniform(rows: int, columns: int) -> nn.Parameter:
-            limit = math.sqrt(6.0 / (rows + columns))
-            values = torch.rand(rows, columns, generator=draw, dtype=torch.float64)
-            return nn.Parameter(limit * (2 * values - 1))
-
-        self.W1, self.W2 = uniform(width, F), uniform(width, width)
+        self.W1, self.W2 = uniform(draw, width, F), uniform(draw, width, width)
         self.W3 = nn.Parameter(torch.zeros(3, width, dtype=torch.float64))
-        self.b1 = nn.Parameter(0.5 * torch.randn(width, generator=draw, dtype=torch.float64))
-        self.b2 = nn.Parameter(0.5 * torch.randn(width, generator=draw, dtype=torch.float64))
+        self.b1, self.b2 = normal(draw, width), normal(draw, width)
         self.register_buffer("scale", torch.as_tensor(np.array(scale, dtype=float)))
         self.register_buffer("feature_scale", torch.as_tensor(np.array(feature_scale, dtype=float)))
 

@@ -90,8 +90,6 @@ def step(
     which: (M,) numbers of the members; z: states (Z, M); controls: inputs (C, M); method: "rk4" or "euler". What a
     member remembers is handed on to the next one.
     """
-    if len(members) == 1:
-        return members[0].step(z, controls, h, method)
     out = torch.empty_like(z)
     for i, member in enumerate(members):
         at = (which == i).nonzero()[:, 0]

@@ -53,12 +53,8 @@ class InitialState(TrainableSystem):
     def start(self, logged: torch.Tensor, controls: torch.Tensor, past: Past | None = None) -> torch.Tensor:
         if past is None:
             raise ValueError("the estimate of the initial state needs the rows before the start")
-        z = self.inner.start(logged, controls, self._inner_past(past))
+        z = self.inner.start(logged, controls, past.latest(self.inner.past))
         return torch.cat([z[:3], z[3:6] + self.shift(logged, controls, past), z[6:]])
-
-    def _inner_past(self, past: Past | None) -> Past | None:
-        """The rows that the inner system reads."""
-        return past and past.latest(self.inner.past)
 
     def rates(self, z: torch.Tensor, controls: torch.Tensor) -> torch.Tensor:
         return self.inner.rates(z, controls)
@@ -70,7 +66,7 @@ class InitialState(TrainableSystem):
         return self.inner.columns(z)
 
     def accelerations(self, logged: torch.Tensor, controls: torch.Tensor, past: Past | None = None) -> torch.Tensor:
-        return self.inner.accelerations(logged, controls, self._inner_past(past))
+        return self.inner.accelerations(logged, controls, past and past.latest(self.inner.past))
 
     def penalty(self) -> torch.Tensor:
         return self.inner.penalty()

@@ -6,21 +6,21 @@ accelerations, which the paper leaves to the weights. A step of the network is a
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import torch
 from torch import nn
 
+from residual.bounded_network import hidden, normal, uniform
 from residual.networks.features import advance_columns, features
 from residual.networks.feedforward import squared_weights
 from residual.system import Past, TrainableSystem
 
 
-class _Recurrent(TrainableSystem):
-    """What both share: weights, one row of the hidden layer, the layers after it, the step of the ship.
+class Standard(TrainableSystem):
+    """Eq. 7: all that was before is remembered in z1, which is zero ``past`` rows before the start.
 
-    Its state is the six columns and a memory, whose rows are those that ``_remember`` returns.
+    With memory = 1 it is zero at the start, as in the paper's training; with more it runs along the measured rows
+    before, as in the paper's predictions (section 4). Its state is the six columns and z1.
     """
 
     feature_scale: torch.Tensor
@@ -33,18 +33,10 @@ class _Recurrent(TrainableSystem):
         super().__init__()
         self.width, self.past = width, memory - 1
         draw, F = torch.Generator().manual_seed(seed), len(feature_scale)
-
-        def uniform(rows: int, columns: int) -> nn.Parameter:
-            limit = math.sqrt(6.0 / (rows + columns))
-            return nn.Parameter(limit * (2 * torch.rand(rows, columns, generator=draw, dtype=torch.float64) - 1))
-
-        def normal() -> nn.Parameter:
-            return nn.Parameter(0.5 * torch.randn(width, generator=draw, dtype=torch.float64))
-
-        self.W0, self.Wr = uniform(width, F), nn.Parameter(0.5 * uniform(width, width).detach())
-        self.W1, self.W2 = uniform(width, width), uniform(width, width)
+        self.W0, self.Wr = uniform(draw, width, F), nn.Parameter(0.5 * uniform(draw, width, width).detach())
+        self.W1, self.W2 = uniform(draw, width, width), uniform(draw, width, width)
         self.W3 = nn.Parameter(torch.zeros(3, width, dtype=torch.float64))
-        self.b0, self.b1, self.b2 = normal(), normal(), normal()
+        self.b0, self.b1, self.b2 = (normal(draw, width) for _ in range(3))
         self.register_buffer("feature_scale", torch.as_tensor(np.array(feature_scale, dtype=float)))
         self.register_buffer("scale", torch.as_tensor(np.array(scale, dtype=float)))
 
@@ -59,17 +51,16 @@ class _Recurrent(TrainableSystem):
 
     def _last(self, z1: torch.Tensor) -> torch.Tensor:
         """Accelerations (3, M) of a hidden layer (width, M)."""
-        for W, b in ((self.W1, self.b1), (self.W2, self.b2)):
-            z1 = torch.tanh(torch.addmm(b[:, None], W, z1)) - torch.tanh(b)[:, None]
-        return self.scale[:, None] * (self.W3 @ z1)
-
-    def _remember(self, memory: torch.Tensor, fed: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """z1 of the present row (width, M) and the memory for the next one."""
-        raise NotImplementedError
+        return self.scale[:, None] * (self.W3 @ hidden(hidden(z1, self.W1, self.b1), self.W2, self.b2))
 
     def _fresh(self, M: int) -> torch.Tensor:
         """Memory of nothing, (rows, M)."""
-        raise NotImplementedError
+        return torch.zeros(self.width, M, dtype=torch.float64)
+
+    def _remember(self, memory: torch.Tensor, fed: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """z1 of the present row (width, M) and the memory for the next one."""
+        z1 = self._row(fed, memory)
+        return z1, z1
 
     def start(self, logged: torch.Tensor, controls: torch.Tensor, past: Past | None = None) -> torch.Tensor:
         memory = self._fresh(logged.shape[1])
@@ -96,26 +87,11 @@ class _Recurrent(TrainableSystem):
         return squared_weights(self)
 
 
-class Standard(_Recurrent):
-    """Eq. 7: all that was before is remembered in z1, which is zero ``past`` rows before the start.
-
-    With memory = 1 it is zero at the start, as in the paper's training; with more it runs along the measured rows
-    before, as in the paper's predictions (section 4).
-    """
-
-    def _fresh(self, M: int) -> torch.Tensor:
-        return torch.zeros(self.width, M, dtype=torch.float64)
-
-    def _remember(self, memory: torch.Tensor, fed: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        z1 = self._row(fed, memory)
-        return z1, z1
-
-
-class Windowed(_Recurrent):
+class Windowed(Standard):
     """Eq. 9: the hidden layer runs anew along the last m rows; what was before is forgotten.
 
-    What each row feeds is remembered, so that only the recurrence is repeated. Rows before the first one feed b_0, as
-    the origin does: it leaves z1 at zero.
+    What each row feeds is remembered beside the six columns, so that only the recurrence is repeated. Rows before the
+    first one feed b_0, as the origin does: it leaves z1 at zero.
     """
 
     def _fresh(self, M: int) -> torch.Tensor:

@@ -43,8 +43,8 @@ def split_pieces(
     assert h is not None
     runs = list(dict.fromkeys(p.run for p in pieces if p.steps * h >= least - 1e-9))
     if len(runs) >= FOLDS:
-        role, fold = _role(turn, FOLDS, judge)
-        of_run = {run: role(number) for number, run in enumerate(runs)}
+        fold = turn % FOLDS
+        of_run = {run: _role(number, turn, FOLDS, judge) for number, run in enumerate(runs)}
         parts = [(p, of_run.get(p.run, 0)) for p in pieces]
     else:
         parts, fold = _blocks_by_role(pieces, turn, settings.block, h, least + GAP, judge)
@@ -53,16 +53,11 @@ def split_pieces(
     return Split(train, stop, judging, fold)
 
 
-def _role(turn: int, folds: int, judge: bool):  # type: ignore[no-untyped-def]
-    """Number of a run or block -> 0 train, 1 stop, 2 judge; and the fold. Later rounds stop by other parts."""
-    fold = turn % folds
+def _role(number: int, turn: int, folds: int, judge: bool) -> int:
+    """What a run or block serves for: 0 to train, 1 to stop, 2 to judge. Later rounds stop by other parts."""
+    part, fold = number % folds, turn % folds
     stop = (fold + 1 + turn // folds % (folds - 1)) % folds if judge else fold
-
-    def role(number: int) -> int:
-        part = number % folds
-        return 1 if part == stop else 2 if judge and part == fold else 0
-
-    return role, fold
+    return 1 if part == stop else 2 if judge and part == fold else 0
 
 
 def _blocks_by_role(
@@ -74,9 +69,11 @@ def _blocks_by_role(
         long = [b.steps * h >= least - 1e-9 for b in cut]
         if sum(long) >= FOLDS:
             break
-    role, fold = _role(turn, max(3, min(FOLDS, sum(long))), judge)
-    numbers = accumulate(long)
-    return [(b, role(n - 1) if is_long else 0) for b, is_long, n in zip(cut, long, numbers, strict=True)], fold
+    folds = max(3, min(FOLDS, sum(long)))
+    roles = [
+        _role(n - 1, turn, folds, judge) if is_long else 0 for is_long, n in zip(long, accumulate(long), strict=True)
+    ]
+    return list(zip(cut, roles, strict=True)), turn % folds
 
 
 def _with_gaps(parts: Sequence[tuple[Piece, int]], rows: int) -> list[tuple[Piece, int]]:
