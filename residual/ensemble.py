@@ -98,16 +98,6 @@ def step(
     return out
 
 
-def start(members: Sequence[TrainableSystem], which: torch.Tensor, batch: RolloutBatch) -> torch.Tensor:
-    """States (Z, P M) of P particles for each window of ``batch``, by the ``members`` that they follow first.
-
-    which: (P M,) numbers of the members.
-    """
-    every = [member.start(batch.targets[0], batch.controls[0], batch.past) for member in members]
-    windows = torch.arange(len(which)) % len(batch)
-    return torch.stack(every)[which, :, windows].T.contiguous()
-
-
 def drawn(count: int, members: int, sampling: str, draw: torch.Generator) -> torch.Tensor:
     """Numbers of members (count,) for a step of TS1, or once for all of TS-infinity: there each is taken equally often.
 
@@ -138,7 +128,8 @@ def particles(
         paths = torch.stack([rollout(member, batch, method) for member in members[:count]], dim=2)
         return paths[:, :, drawn(count, len(members), sampling, draw)].numpy()
     which = drawn(count * M, len(members), sampling, draw)
-    z = start(members, which, batch)
+    starts = torch.stack([member.start(batch.targets[0], batch.controls[0], batch.past) for member in members])
+    z = starts[which, :, torch.arange(count * M) % M].T.contiguous()
     states = [members[0].columns(z)]
     for controls in batch.controls:
         which = drawn(count * M, len(members), sampling, draw)

@@ -210,17 +210,15 @@ class TrainResult(TrainRecord):
             (folder / START).write_text(dump_ship(self.start, note), encoding="utf-8")
             save_box(folder / NETWORK, self.black_box)
             return
-        notes = {
-            HYBRID: f"{self.start.name}, calibrated ship with a residual network (network.safetensors) of mmg train.",
-            CALIBRATED: f"{self.start.name}, calibrated ship without a residual network.",
-        }
-        ships = {HYBRID: self.hybrid, CALIBRATED: self.start}
-        for name, ship in ships.items():
+        words = "calibrated ship with a residual network (network.safetensors) of mmg train."
+        ships = (HYBRID, self.hybrid, words), (CALIBRATED, self.start, "calibrated ship without a residual network.")
+        for name, ship, note in ships:
             if ship is None:
                 continue
             place = folder if name == self.recommended else folder / name
             place.mkdir(exist_ok=True)
-            (place / SHIP).write_text(dump_ship(ship.without_network(), notes[name]), encoding="utf-8")
+            text = dump_ship(ship.without_network(), f"{self.start.name}, {note}")
+            (place / SHIP).write_text(text, encoding="utf-8")
             if ship.network is not None:
                 save_network(place / NETWORK, ship.network, ship)
 

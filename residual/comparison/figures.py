@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 
 import numpy as np
@@ -35,13 +36,12 @@ def score_plot(found: Comparison) -> Figure:
 def growth_plot(found: Comparison) -> Figure:
     """Position and heading error over the horizon, of ``found``; mean and range over the seeds."""
     figure = new_figure(3.2)
-    axes, factors = figure.subplots(1, 2), (1.0, np.degrees(1.0))
-    for column, (ax, words) in enumerate(
-        zip(axes, ("position error, rms [m]", "heading error, rms [deg]"), strict=True)
-    ):
-        dress(ax, "time since the start [s]", words, "Growth of the error" if column == 0 else "")
+    axes = figure.subplots(1, 2)
+    panels = ("position error, rms [m]", 1.0, "Growth of the error"), ("heading error, rms [deg]", np.degrees(1.0), "")
+    for column, (words, factor, title) in enumerate(panels):
+        ax = dress(axes[column], "time since the start [s]", words, title)
         for model in found.study.models:
-            rows = [factors[column] * e.growth[:, column] for e in found.of(model)]
+            rows = [factor * e.growth[:, column] for e in found.of(model)]
             if rows:
                 ax.plot(HORIZONS, np.mean(rows, axis=0), color=COLOURS[model], marker=".", label=model)
                 ax.fill_between(HORIZONS, np.min(rows, axis=0), np.max(rows, axis=0), color=COLOURS[model], alpha=0.15)
@@ -54,17 +54,13 @@ def efficiency_plot(found: Comparison) -> Figure:
     """Pooled 30 s windows over the seconds of training data, of ``found``; dashed without random manoeuvres."""
     figure = new_figure(3.2)
     ax = dress(figure.subplots(), "training data [s]", "30 s windows, mean squared error", "Data efficiency")
-    for model in (m for m in found.study.models if m != "captive"):
-        for random in (True, False):
-            points = []
-            for subset in (s for s in found.study.subsets if s.random is random):
-                entries = found.of(model, subset)
-                if entries:
-                    points.append((entries[0].seconds, np.mean([e.score.window for e in entries if e.score])))
-            if points:
-                points.sort()
-                style, label = ("-", model) if random else ("--", None)
-                ax.plot(*zip(*points, strict=True), style, marker=".", color=COLOURS[model], label=label)
+    style = {True: "-", False: "--"}
+    for model, random in itertools.product((m for m in found.study.models if m != "captive"), style):
+        parts = [found.of(model, subset) for subset in found.study.subsets if subset.random is random]
+        points = sorted((p[0].seconds, np.mean([e.score.window for e in p if e.score])) for p in parts if p)
+        if points:
+            label = model if random else None
+            ax.plot(*zip(*points, strict=True), style[random], marker=".", color=COLOURS[model], label=label)
     ax.set_xscale("log")
     ax.set_yscale("log")
     ax.legend(fontsize=7.5, frameon=False, title="dashed: without random", title_fontsize=7.5)

@@ -76,10 +76,10 @@ def horizon(found: Comparison, column: int) -> list[str]:
     """Growth of the position error [m] (``column`` 0) or of the heading error [deg] (1) of ``found``."""
     models = found.study.models
     factor, digits = (1.0, 2) if column == 0 else (np.degrees(1.0), 1)
-    rows = []
-    for k, seconds in enumerate(HORIZONS):
-        values = [mean_and_std([factor * e.growth[k, column] for e in found.of(m)], digits) for m in models]
-        rows.append([f"{seconds:g}", *values])
+    rows = [
+        [f"{seconds:g}", *[mean_and_std([factor * e.growth[k, column] for e in found.of(m)], digits) for m in models]]
+        for k, seconds in enumerate(HORIZONS)
+    ]
     return markdown(["after [s]", *models], rows)
 
 
