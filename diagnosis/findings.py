@@ -145,9 +145,8 @@ class RandomSizes:
     @staticmethod
     def of(fit: Estimate) -> RandomSizes:
         """The sizes of the noise of ``fit``."""
-        n = fit.noise
-        force, white, coloured = (tuple(float(x) for x in a) for a in (n.force, n.white, n.coloured))
-        return RandomSizes((force[0], force[1], force[2]), float(n.tau), white, coloured)
+        force, white, coloured = (tuple(a.tolist()) for a in (fit.noise.force, fit.noise.white, fit.noise.coloured))
+        return RandomSizes(force, float(fit.noise.tau), white, coloured)
 
 
 @dataclass(frozen=True)

@@ -89,7 +89,8 @@ def variables_of(names: Sequence[str], data: GriddedTrials, z: np.ndarray) -> li
         found.append(Variable(name, INPUTS[name][1], values, edges, signed=signed))
         if name in RUDDERS:
             rate = (np.gradient(data.inputs[..., names.index(name)], data.h, axis=0))[inside]
-            found.append(Variable(f"rate of {name}", "rad/s", rate, _rate_edges(rate), signed=True))
+            edges = np.abs(rate).max() * np.array([-1.0001, -0.1, 0.1, 1.0001])  # to port, at rest, to starboard
+            found.append(Variable(f"rate of {name}", "rad/s", rate, edges, signed=True))
     if any(np.any(inputs.get(name, 0.0)) for name in ("wind_north", "wind_east")):
         a_x, a_y = relative_air(inputs["wind_north"], inputs["wind_east"], psi, u, v)
         speed, angle = np.hypot(a_x, a_y), in_sectors(np.arctan2(-a_y, -a_x))
@@ -101,14 +102,6 @@ def variables_of(names: Sequence[str], data: GriddedTrials, z: np.ndarray) -> li
     clock = data.t[:-1][inside]
     found.append(Variable("time since the start", "s", clock, quantile_edges(clock, 4)))
     return [f for f in found if len(f.edges) > 2 and np.ptp(f.values) > 1e-6 * np.abs(f.values).max()]
-
-
-def _rate_edges(rate: np.ndarray) -> np.ndarray:
-    """Edges between a rudder moving to port, at rest and moving to starboard."""
-    size = float(np.abs(rate).max(initial=0.0))
-    if size <= 0:
-        return np.array([0.0, 1.0])
-    return size * np.array([-1.0001, -0.1, 0.1, 1.0001])
 
 
 def phases(names: Sequence[str], data: GriddedTrials, z: np.ndarray, length: float) -> np.ndarray:
@@ -126,13 +119,15 @@ def phases(names: Sequence[str], data: GriddedTrials, z: np.ndarray, length: flo
     usual = float(np.quantile(speed[inside], 0.8))
     U = np.maximum(speed, max(SLOW_SHARE * usual, 1e-9))
     back = (data.inputs[..., [names.index(name) for name in PROPELLERS if name in names]] < 0).any(axis=-1)
-    result = np.full(inside.shape, PHASES.index(STRAIGHT))
-    result[np.abs(du) * length / U**2 > SPEED_CHANGE] = PHASES.index(ACCELERATING)
-    result[np.abs(r) * length / U > TURNING] = PHASES.index(STEADY)
-    result[np.abs(dr) * (length / U) ** 2 > TURN_CHANGE] = PHASES.index(CHANGING)
-    result[speed < SLOW_SHARE * usual] = PHASES.index(SLOW)
-    result[back | (u < -ASTERN_SHARE * usual)] = PHASES.index(STOPPING)
-    return result[inside]
+    rules = {
+        STOPPING: back | (u < -ASTERN_SHARE * usual),
+        SLOW: speed < SLOW_SHARE * usual,
+        CHANGING: np.abs(dr) * (length / U) ** 2 > TURN_CHANGE,
+        STEADY: np.abs(r) * length / U > TURNING,
+        ACCELERATING: np.abs(du) * length / U**2 > SPEED_CHANGE,
+    }
+    found = np.select(list(rules.values()), [PHASES.index(name) for name in rules], PHASES.index(STRAIGHT))
+    return found[inside]
 
 
 def _change(z: np.ndarray, reach: int, steps: np.ndarray) -> np.ndarray:

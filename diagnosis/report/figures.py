@@ -147,19 +147,11 @@ def plot_horizons(held: HeldOut, ax: Axes) -> None:
 
 
 def share_figure(d: Findings) -> Figure:
-    """``plot_shares`` of ``d`` with its legend."""
-    figure = new_figure(2.6 if any("force_rms_after" in row for row in d.where["channels"].values()) else 2.1)
-    plot_shares(d, figure.subplots())
-    figure.legend(loc="outside upper center", ncols=3, fontsize=8.5, frameon=False)
-    return figure
-
-
-def plot_shares(d: Findings, ax: Axes) -> None:
-    """Energy of the missing force by channel and band, and below it what is left after; d: with ``where``; ax: drawn
-    into."""
+    """Energy of the missing force of ``d`` by channel and band, and below it what is left after."""
     channels = d.where["channels"]
     later = any("force_rms_after" in row for row in channels.values())
-    dress(ax, "share of the energy of the missing force [%]")
+    figure = new_figure(2.6 if later else 2.1)
+    ax = dress(figure.subplots(), "share of the energy of the missing force [%]")
     labels: set[str] = set()
     for i, name in enumerate(list(channels)[::-1]):
         row = channels[name]
@@ -178,6 +170,8 @@ def plot_shares(d: Findings, ax: Axes) -> None:
             ax.text(start, i + shift, text, va="center", fontsize=8)
     ax.set_yticks(range(len(channels)), list(channels)[::-1], fontsize=9)
     ax.set_xlim(0, max(100 * row["share"] for row in channels.values()) * 1.2)
+    figure.legend(loc="outside upper center", ncols=3, fontsize=8.5, frameon=False)
+    return figure
 
 
 def band_words(band: dict) -> str:

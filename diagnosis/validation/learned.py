@@ -16,7 +16,7 @@ from cases.trial import Trial
 from diagnosis.estimation.gridded_trials import grid_trials, is_measured_rudder
 from diagnosis.findings import LearnedResidual
 from diagnosis.validation.held_out import errors, interval_of, window_length
-from fitting.nlp.grid import default_step, grids
+from fitting.nlp.grid import default_step
 from mmg.errors import UserError
 from mmg.model import Model
 from mmg.progress import OnProgress
@@ -28,7 +28,7 @@ from residual.training.hybrid import build_hybrid, hybrid_scales
 from residual.training.seeds import train_seeds
 from residual.training.tasks import training_tasks
 from residual.training.trainer import restored
-from residual.training.windows import Piece
+from residual.training.windows import pieces_of
 
 SEEDS = 3
 """Trainings. They are judged on three fifths of the runs; the five of ``mmg train`` cover all runs."""
@@ -83,7 +83,7 @@ def measure_learned_residual(
     h, seed = settings.step or default_step(trials, length), settings.seed
     settings = replace(settings, step=h)
     means = straight_means if straight else step_means
-    pieces = [Piece(i, g, 0, len(g.controls)) for i, t in enumerate(trials) for g in grids(t, h, ship.inputs, means)]
+    pieces = pieces_of(trials, h, ship.inputs, means)
     scales = hybrid_scales(ship, pieces, list(trials), h)
     data = grid_trials(tests, ship.inputs, length, h, straight)
     seconds = window_length(ship)

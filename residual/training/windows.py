@@ -6,13 +6,14 @@ Slicing and jittering follow Wakita et al. (2024, sections 3.1 to 3.4): a window
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 import torch
 
+from cases.inputs import step_means
 from cases.trial import Trial
 from fitting.nlp.grid import Grid, grids
 from residual.rollout import RolloutBatch
@@ -33,9 +34,14 @@ class Piece:
         return self.last - self.first
 
 
-def pieces_of(trials: Sequence[Trial], h: float, inputs: Sequence[str]) -> list[Piece]:
-    """The gap-free pieces of ``trials`` on a grid of ``h`` [s] with these ``inputs``, numbered by their run."""
-    return [Piece(i, g, 0, len(g.controls)) for i, trial in enumerate(trials) for g in grids(trial, h, inputs)]
+def pieces_of(
+    trials: Sequence[Trial], h: float, inputs: Sequence[str], means: Callable[..., np.ndarray] = step_means
+) -> list[Piece]:
+    """The gap-free pieces of ``trials`` on a grid of ``h`` [s] with these ``inputs``, numbered by their run.
+
+    means: how samples of the inputs (N, C) become means over steps, as of ``fitting.nlp.grid.grids``.
+    """
+    return [Piece(i, g, 0, len(g.controls)) for i, trial in enumerate(trials) for g in grids(trial, h, inputs, means)]
 
 
 def blocks(pieces: Sequence[Piece], seconds: float, h: float) -> list[Piece]:
