@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from jinja2 import ChoiceLoader, Environment, PackageLoader
+from jinja2 import ChoiceLoader, PackageLoader
 
 from diagnosis.findings import Findings, RandomSizes
 from diagnosis.location.regions import CHANNELS
@@ -42,52 +42,41 @@ def write_report(d: Findings, folder: Path) -> list[dict[str, str]]:
     return listed
 
 
-def templates() -> Environment:
-    """The templates of this package before those of ``fitting``, with their filters."""
-    found = environment()
-    found.loader = ChoiceLoader(
-        [PackageLoader("diagnosis.report", "templates"), PackageLoader("fitting.report", "templates")]
-    )
-    found.filters["plain"] = words.plain
-    found.filters["signed"] = words.signed
-    found.filters["capitalize_first"] = lambda text: text[:1].upper() + text[1:]
-    return found
-
-
 def build_report(d: Findings, folder: Path, listed: Sequence[Mapping[str, str]]) -> str:
     """The page on ``d``; listed: rows of the figures that lie in ``folder``."""
-    page = templates().get_template("diagnosis.html.j2")
+    templates = environment()
+    templates.loader = ChoiceLoader(
+        [PackageLoader(f"{floor}.report", "templates") for floor in ("diagnosis", "fitting")]
+    )
     figures = {f["name"]: f for f in figures_of(folder, listed)}
     names = ("where_on_track", "where_in_state", "ranking", "held_out", "shares")
-    return page.render(figures={name: figures.get(name) for name in names}, **_head(d), **_effects(d), **_rest(d))
+    return templates.get_template("diagnosis.html.j2").render(
+        d=d,
+        words=words,
+        where=report_where,
+        figures={name: figures.get(name) for name in names},
+        version=versions()["mmg-ident"],
+        what_words=_what(d),
+        held=held_rows(d),
+        likelihood=_likelihood(d),
+        **_candidates(d),
+        **_tables_of_where(d),
+    )
 
 
-def _head(d: Findings) -> dict[str, Any]:
-    """Title, sentence, cards."""
-    held, nearest = d.held_out, d.unnamed.strongest
-    changed = held is not None and held.mse_after != held.mse_before
-    shrinks = f"{words.signed(-100 * held.reduction)} % error" if held and changed and d.verdict == "named" else ""
-    what = "The residuals look like chance."
-    if d.verdict == "unknown":
-        what = "The cause is not in the library of effects, or several act at once."
-        for best in words.ranking(d)[:1]:
-            what += f" The nearest is {best['name']}: {best['meaning'][:1].lower()}{best['meaning'][1:]}"
-        if nearest and d.unnamed.before[nearest] > 1.1:
-            what += f" Among the unnamed forms it acts most like {words.kind_words(nearest)}."
-    return {
-        "ship": d.ship.name, "verdict": d.verdict, "badge": words.BADGE[d.verdict],
-        "sentence": words.readable(d.sentence), "verdict_words": words.verdict_words(d), "what_words": what,
-        "shrinks": shrinks, "changed": changed, "held_words": words.held_words(held, d.verdict),
-        "where_words": report_where.where_words(d), "where_big": report_where.where_big(d),
-        "learned": words.readable(d.learned.sentence) if d.learned else "",
-        "learned_words": words.learned_words(d.learned),
-        "next_test": words.next_words(d), "warnings": [words.readable(w.rstrip(".")) for w in d.warnings],
-        "version": versions()["mmg-ident"],
-        "trials": [row["name"] for row in d.inputs.data], "tests": len(held.by_run) if held is not None else 0,
-    }  # fmt: skip
+def _what(d: Findings) -> str:
+    """What is missing where no effect is named."""
+    if d.verdict == "none":
+        return "The residuals look like chance."
+    what, nearest = "The cause is not in the library of effects, or several act at once.", d.unnamed.strongest
+    for best in words.ranking(d)[:1]:
+        what += f" The nearest is {best['name']}: {best['meaning'][:1].lower()}{best['meaning'][1:]}"
+    if nearest and d.unnamed.before[nearest] > 1.1:
+        what += f" Among the unnamed forms it acts most like {words.kind_words(nearest)}."
+    return what
 
 
-def _effects(d: Findings) -> dict[str, Any]:
+def _candidates(d: Findings) -> dict[str, Any]:
     """The named effects, and the candidates in two tables: those refitted, and the others."""
     order = {words.plain(e.name): i for i, e in enumerate(d.effects)}
     rows = sorted(words.ranking(d), key=lambda row: order.get(row["name"], len(order)))
@@ -96,13 +85,11 @@ def _effects(d: Findings) -> dict[str, Any]:
         "named": [row for row in rows if row["name"] in order],
         "refitted": [row for row in rows if row["name"] in refitted],
         "others": [row for row in rows if row["name"] not in refitted],
-        "left_out": d.not_screened,
-        "unnamed_words": words.unnamed_words(d),
     }
 
 
-def _rest(d: Findings) -> dict[str, Any]:
-    """Tables of the test trials, of where, of what is random."""
+def _tables_of_where(d: Findings) -> dict[str, Any]:
+    """Tables of where the gap lies and of what is random."""
     where = d.where
     channels = [{"name": name, **row} for name, row in where.get("channels", {}).items()]
     regions = [
@@ -118,13 +105,14 @@ def _rest(d: Findings) -> dict[str, Any]:
         for row in where.get("earth", [])
     }
     return {
-        "earth": earth,
-        "held": held_rows(d), "likelihood": _likelihood(d), "channels": channels,
-        "regions": regions[:REGIONS],
+        "channels": channels,
         "later": any("force_rms_after" in row for row in channels),
-        "phases": _by_channel(where.get("phases", []), "phase"), "runs": _by_channel(where.get("runs", []), "run"),
-        "kinematics": d.kinematics, "noise": {"tau": d.noise.force_memory_s, "rows": fits}, "timings": d.timings,
-    }  # fmt: skip
+        "regions": regions[:REGIONS],
+        "phases": _by_channel(where.get("phases", []), "phase"),
+        "runs": _by_channel(where.get("runs", []), "run"),
+        "earth": earth,
+        "fits": fits,
+    }
 
 
 def held_rows(d: Findings) -> list[dict[str, Any]]:
