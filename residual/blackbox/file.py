@@ -35,9 +35,11 @@ def save_box(path: Path, box: BlackBox) -> None:
     bad = [name for name, value in arrays.items() if not torch.isfinite(value).all()]
     if bad:
         raise UserError(f"{path}: {bad[0]} of the network is not finite, so it is not written; train it again")
-    about = {"format": BLACK_BOX, "ship": box.ship, "ship_hash": box.ship_hash, "h": repr(box.h)}
-    about |= {"actuators": json.dumps(box.actuators), "members": str(len(box.systems))}
-    about["training"] = json.dumps(asdict(box.settings))
+    about = {
+        "format": BLACK_BOX, "ship": box.ship, "ship_hash": box.ship_hash, "h": repr(box.h),
+        "actuators": json.dumps(box.actuators), "members": str(len(box.systems)),
+        "training": json.dumps(asdict(box.settings)),
+    }  # fmt: skip
     try:
         save_file({name: value.clone() for name, value in arrays.items()}, path, about)
         path.chmod(0o644)

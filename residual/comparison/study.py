@@ -153,10 +153,8 @@ class Comparison:
 @dataclass(frozen=True)
 class _Job:
     study: Study
-    subset: Subset
+    entry: Entry
     trials: tuple[Trial, ...]
-    model: str
-    seed: int | None
     ship: Ship
     end: float | None
     stop: Path
@@ -179,7 +177,8 @@ def compare(study: Study, store: Store | None = None) -> Comparison:
         stop = Path(scratch) / "stop"
 
         def job(subset: Subset, model: str, ship: Ship, seed: int | None = None, keep: Store | None = store) -> _Job:
-            return _Job(study, subset, chosen[subset], model, seed, ship, end, stop, keep)
+            entry = Entry(model, subset, seed, "", sum(t.duration for t in chosen[subset]))
+            return _Job(study, entry, chosen[subset], ship, end, stop, keep)
 
         def note(made: tuple[Entry, Ship | None]) -> None:
             entry, _ = made
@@ -210,52 +209,51 @@ def compare(study: Study, store: Store | None = None) -> Comparison:
 
 def _done(job: _Job) -> tuple[Entry, Ship | None]:
     """The entry of a job and, of a calibration, the ship."""
-    began = time.time()
-    entry = Entry(job.model, job.subset, job.seed, "", sum(t.duration for t in job.trials))
+    began, entry, ship, study = time.time(), job.entry, job.ship, job.study
     left = None if job.end is None else job.end - began
-    again = job.model == "calibrated" and "hybrid" in job.study.models
+    again = entry.model == "calibrated" and "hybrid" in study.models
     known = job.store.load(entry.file) if job.store and not again else None
     if known:
         return entry.filled(known[0]), None
     if job.stop.exists() or (left is not None and left < MINIMUM_SECONDS):
         return replace(entry, status="not begun"), None
-    ship = job.ship
     model: Simulator | Forecaster | None = None
-    held_out, status = float("nan"), "finished"
     try:
-        if job.model == "calibrated":
-            start = freeing_effects(ship, [name for name in job.study.instruments if name not in ship.effects])
+        if entry.model == "captive":
+            entry = replace(entry, status="finished")
+        elif entry.model == "calibrated":
+            start = freeing_effects(ship, [name for name in study.instruments if name not in ship.effects])
             found = estimate_coefficients(start, job.trials, Settings(time_limit=left))
-            ship, status = found.ship, "finished" if found.converged else "stopped"
-        elif job.model != "captive":
-            model, status, held_out = _trained(job, left)
+            ship, entry = found.ship, replace(entry, status="finished" if found.converged else "stopped")
+        else:
+            model, entry = _trained(job, left)
     except UserError as error:
         return replace(entry, status=str(error), took=time.time() - began), None
-    model, tests = model or Simulator(ship), job.study.test
+    model, tests = model or Simulator(ship), study.test
     scored = score(model, tests, pooled_sigma(tests), "the test trials")
-    entry = replace(entry, status=status, score=scored, growth=growth(model, tests), held_out=held_out)
+    entry = replace(entry, score=scored, growth=growth(model, tests))
     entry = replace(entry, took=time.time() - began)
     if job.store and entry.status == "finished":
         job.store.save(entry.file, entry.to_dict())
     return entry, ship
 
 
-def _trained(job: _Job, left: float | None) -> tuple[Simulator | Forecaster, str, float]:
-    """A hybrid or black box of one seed, how its training ended, its held-out error."""
-    study, ship, hybrid = job.study, job.ship.without_network(), job.model == "hybrid"
-    assert job.seed is not None
+def _trained(job: _Job, left: float | None) -> tuple[Simulator | Forecaster, Entry]:
+    """A hybrid or black box of one seed, and its entry before it is scored."""
+    study, ship, entry, hybrid = job.study, job.ship.without_network(), job.entry, job.entry.model == "hybrid"
+    assert entry.seed is not None
     values: dict[str, Any] = {"seeds": study.seeds, "seed": study.seed, "step": study.step}
     values |= {"epochs": study.epochs} if study.epochs else {}
-    settings = TrainSettings(**values) if hybrid else BlackBoxSettings(kind=job.model, **values)
-    kind = HYBRID_KIND if hybrid else BOX_KIND
-    tasks = tasks_of(kind, ship, job.trials, settings, judged_apart=False)
-    task = replace(tasks[job.seed - study.seed], seconds=left, stop=job.stop)
+    settings = TrainSettings(**values) if hybrid else BlackBoxSettings(kind=entry.model, **values)
+    tasks = tasks_of(HYBRID_KIND if hybrid else BOX_KIND, ship, job.trials, settings, judged_apart=False)
+    task = replace(tasks[entry.seed - study.seed], seconds=left, stop=job.stop)
     outcome = train_one(task)
     if outcome.status == "diverged":
         raise UserError("diverged, also at lower rates")
-    if not hybrid:
-        return box_of(task, [outcome]), outcome.status, outcome.after[0]
-    return Simulator(ship.with_network(network_of(task, [outcome]))), outcome.status, outcome.after[0]
+    entry = replace(entry, status=outcome.status, held_out=outcome.after[0])
+    if hybrid:
+        return Simulator(ship.with_network(network_of(task, [outcome]))), entry
+    return box_of(task, [outcome]), entry
 
 
 def subset_of(trials: Sequence[Trial], subset: Subset) -> tuple[Trial, ...]:

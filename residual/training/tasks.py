@@ -88,11 +88,11 @@ def _check(split: Split, settings: TrainSettings, given: bool) -> None:
     assert h is not None
     shortest, rows = settings.curriculum[0][0], round(WINDOW / h)
     longest = max((p.steps * h for p in split.train), default=0.0)
-    every = {id(p): p for p in (*split.train, *split.stop, *(() if given else split.judge))}
     what = "a network" if isinstance(settings, BlackBoxSettings) else "a residual"
     if given and all(p.steps < rows for p in split.judge):
         raise UserError(f"--validate: no trial holds {WINDOW:g} s without a gap, so nothing can be held out")
     if any(all(p.steps < rows for p in part) for part in (split.stop, split.judge)):
+        every = {id(p): p for p in (*split.train, *split.stop, *(() if given else split.judge))}
         total = sum(p.steps * h for p in every.values())
         raise UserError(
             f"too little data for {what}: {total:.0f} s in pieces without gaps; {FOLDS} runs of at least {WINDOW:g} s, "

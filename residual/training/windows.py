@@ -85,9 +85,9 @@ def jittered(batch: RolloutBatch, noise: torch.Tensor, draw: torch.Generator) ->
 
     noise: (6,) standard deviations; draw: the random numbers.
     """
-    added = torch.randn(batch.targets.shape, generator=draw, dtype=torch.float64) * noise[:, None] * batch.mask
-    past = batch.past
-    if past is not None:
-        more = torch.randn(past.logged.shape, generator=draw, dtype=torch.float64) * noise[:, None]
-        past = Past(past.logged + more, past.controls)
-    return replace(batch, targets=batch.targets + added, past=past)
+
+    def noisy(states: torch.Tensor) -> torch.Tensor:
+        return torch.randn(states.shape, generator=draw, dtype=torch.float64) * noise[:, None]
+
+    targets, past = batch.targets + noisy(batch.targets) * batch.mask, batch.past
+    return replace(batch, targets=targets, past=past and Past(past.logged + noisy(past.logged), past.controls))
