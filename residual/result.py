@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import dataclass, field, fields
 from math import nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -140,24 +140,23 @@ class TrainResult(TrainRecord):
 
     def to_dict(self) -> dict[str, Any]:
         """The content of ``result.json``, as plain values."""
-        decided = {}
-        if self.decision is not None:
-            decided = {"kept": self.recommended == HYBRID, "recommended": self.recommended, "other": self.other}
-            decided["decision"] = asdict(self.decision)
-        levels = {level: getattr(self, f"{level}s") for level in LEVELS}
+        kept = self.recommended == HYBRID
+        decided = {"kept": kept, "recommended": self.recommended, "other": self.other, "decision": self.decision}
+        levels = (("warning", self.warnings), ("notice", self.notices))
         return plain(
             {
                 "kind": "training",
                 "schema_version": SCHEMA_VERSION,
                 "ship": self.start.name,
                 **{f.name: getattr(self, f.name) for f in fields(TrainRecord)},
-                **decided,
-                "settings": asdict(self.settings),
+                **(decided if self.decision else {}),
+                "settings": self.settings,
                 "seed": self.settings.seed,
                 "seeds": [row["seed"] for row in self.per_seed],
                 **self.details,
-                **{f"{level}s": [str(m) for m in some] for level, some in levels.items()},
-                "messages": [{"level": level, **row} for level, some in levels.items() for row in message_rows(some)],
+                "warnings": self.warnings,
+                "notices": self.notices,
+                "messages": [{"level": level, **row} for level, some in levels for row in message_rows(some)],
             }
         )
 
@@ -223,7 +222,6 @@ class TrainResult(TrainRecord):
                 save_network(place / NETWORK, ship.network, ship)
 
 
-LEVELS = ("warning", "notice")
 _BUILT = {
     "kind", "schema_version", "ship", "kept", "recommended", "other", "decision", "settings", "seed", "seeds",
     "warnings", "notices", "messages", *(f.name for f in fields(TrainRecord)),
@@ -254,12 +252,14 @@ def read_training(folder: str | Path) -> TrainResult:
 
             start = load_ship(folder / START)
             box = load_box(folder, start)
-        found: dict[str, Any] = {
-            f"{level}s": messages_from(row for row in content["messages"] if row["level"] == level) for level in LEVELS
-        }
+        warnings, notices = (
+            messages_from(row for row in content["messages"] if row["level"] == level)
+            for level in ("warning", "notice")
+        )
         return TrainResult(
             **vars(TypeAdapter(TrainRecord).validate_python(content)),
-            **found,
+            warnings=warnings,
+            notices=notices,
             start=start,
             network=network,
             black_box=box,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
@@ -161,29 +161,6 @@ def interval_of(a: np.ndarray, b: np.ndarray, run: np.ndarray, rng: np.random.Ge
     return float(low), float(high)
 
 
-@dataclass(frozen=True)
-class _Errors:
-    """Errors of a fit: windows and their run, whole runs, one step; negative log likelihood by window."""
-
-    windows: np.ndarray
-    run: np.ndarray
-    whole: float
-    step: float
-    nll: np.ndarray
-
-
-def _errors(steps: TransitionModel, data: GriddedTrials, found: Estimate, second_half: bool) -> _Errors | None:
-    """None without a whole window."""
-    begin = start_states(steps, data, found.theta)
-    lengths = (window_length(steps.ship), 0.0, data.h)
-    (windows, run), (whole, _), (step, _) = (errors(steps, data, found.theta, x, second_half, begin) for x in lengths)
-    if not len(windows):
-        return None
-    if second_half:
-        data = replace(data, good=data.good & (data.t >= half_times(data))[..., None])
-    return _Errors(windows, run, float(whole.mean()), float(step.mean()), one_step_likelihood(steps, data, found))
-
-
 def compare(
     steps: TransitionModel, data: GriddedTrials, before: Estimate, after: Estimate, seed: int = 0
 ) -> HeldOut | None:
@@ -191,31 +168,37 @@ def compare(
 
     steps: the transition model; data: the test trials; before, after: the fits; seed: of the draws.
     """
-    by_run = after.free.by_run
-    a = _errors(steps, data, before, by_run)
-    b = a
+    by_run, judged, fits, found = after.free.by_run, data, [before], []
+    if by_run:
+        judged = replace(data, good=data.good & (data.t >= half_times(data))[..., None])
     if after is not before:
-        b = _errors(steps, data, with_values_by_run(steps, data, after) if by_run else after, by_run)
-    if a is None or b is None:
-        return None
+        fits.append(with_values_by_run(steps, data, after) if by_run else after)
+    lengths = (window_length(steps.ship), 0.0, data.h)
+    for fit in fits:
+        begin = start_states(steps, data, fit.theta)
+        (windows, run), (whole, _), (step, _) = (errors(steps, data, fit.theta, t, by_run, begin) for t in lengths)
+        if not len(windows):
+            return None
+        nll = one_step_likelihood(steps, judged, fit)
+        found.append((windows, float(whole.mean()), float(step.mean()), nll))
+    (a, whole_a, step_a, nll_a), (b, whole_b, step_b, nll_b) = found[0], found[-1]
     rng = np.random.default_rng(seed)
-    interval = interval_of(a.windows, b.windows, a.run, rng)
-    gain = a.nll - b.nll
+    interval = interval_of(a, b, run, rng)
+    gain = nll_a - nll_b
     gains = np.array([gain[data.run == r].sum() for r in np.unique(data.run)])
     drawn = gains[rng.choice(len(gains), (DRAWS, len(gains)))].sum(axis=1)
-    low, high = (float(x) for x in np.quantile(drawn, [0.05, 0.95]))
-    mean = float(a.windows.mean()), float(b.windows.mean())
-    each = {data.trials[r]: (a.windows[a.run == r], b.windows[a.run == r]) for r in np.unique(a.run)}
+    low, high = np.quantile(drawn, [0.05, 0.95]).tolist()
+    mean = float(a.mean()), float(b.mean())
     return HeldOut(
         mse_before=mean[0],
         mse_after=mean[1],
         reduction=1 - mean[1] / max(mean[0], 1e-300),
         interval_90=interval,
-        windows=len(a.windows),
-        by_run={name: (float(x.mean()), float(y.mean())) for name, (x, y) in each.items()},
+        windows=len(a),
+        by_run={data.trials[r]: (float(a[run == r].mean()), float(b[run == r].mean())) for r in np.unique(run)},
         likelihood_gain=float(gains.sum()),
         likelihood_interval_90=(low, high) if len(gains) >= FEW else None,
-        horizons={"1 step": (a.step, b.step), "30 s": mean, "whole run": (a.whole, b.whole)},
+        horizons={"1 step": (step_a, step_b), "30 s": mean, "whole run": (whole_a, whole_b)},
     )
 
 
