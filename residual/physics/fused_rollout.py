@@ -19,7 +19,7 @@ from torch.autograd.function import once_differentiable
 from mmg.compile.batch import load_library, padded
 from mmg.compile.codegen import source
 from residual.bounded_network import TwoLayers
-from residual.physics.operator import Physics
+from residual.physics.operator import Operator, Physics
 
 FLAGS = ("-O2", "-ftree-vectorize", "-ffp-contract=off", "-fPIC", "-shared", "-fno-math-errno", "-fno-trapping-math")
 _ARRAYS = (
@@ -174,7 +174,7 @@ class FusedRollout:
     @cached_property
     def library(self) -> ctypes.CDLL | None:
         """The compiled code; None where that is not possible."""
-        advance, features = self.physics.symbolic("advance"), self.physics.symbolic("features")
+        advance, features = (Operator(self.physics.functions[name]) for name in ("advance", "features"))
         parts = [advance.function, features.function, advance.adjoint((1, 2)), features.adjoint((0,))]
         text = _LOOP.replace("@arrays@", " ".join(f"double* {name};" for name in _ARRAYS))
         for name in "SCFH":

@@ -163,13 +163,9 @@ class Physics:
         }
         return {name: ca.Function(f"physics_{name}", *both) for name, both in table.items()}
 
-    def symbolic(self, name: str) -> Operator:
-        """One of rates, features, rates_and_features, columns and advance as an operator of compiled code."""
-        return Operator(self.functions[name], self._compiled)
-
     def make(self, name: str) -> Callable[..., tuple[Tensor, ...]]:
-        """One of ``functions`` as a callable on tensors."""
-        return self.symbolic(name)
+        """One of ``functions`` as a callable on tensors: an operator of compiled code."""
+        return Operator(self.functions[name], self._compiled)
 
     def call(self, name: str, *inputs: Tensor) -> tuple[Tensor, ...]:
         """The outputs of one of ``functions`` at inputs (rows, M), or (rows, 1) for all points."""
