@@ -41,8 +41,6 @@ CARRIED = ("coefficients", "correlation", "bands", "per_run")
 """Of the calibration's result.json, what still holds of the ship inside."""
 KEEP = ("better", "always")
 """Which ship is recommended: the better one as the decision says, or always the hybrid."""
-
-
 RATES = {"du": "m/s²", "dv": "m/s²", "dr": "rad/s²"}
 """Channels of the residual and their units."""
 
