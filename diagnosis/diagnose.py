@@ -18,7 +18,7 @@ from diagnosis.estimation.candidates import find
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.findings import DiagnosisInputs, HeldOut, LearnedResidual, RandomSizes, Unnamed
-from diagnosis.hypotheses.forward_selection import LEVEL, ODDS, SearchProblem, Selection, select_effects
+from diagnosis.hypotheses.forward_selection import LEVEL, SearchProblem, Selection, select_effects
 from diagnosis.hypotheses.next_test import next_test
 from diagnosis.hypotheses.unnamed import UnnamedForms, unnamed_forms
 from diagnosis.inputs import CalibrationTrials, calibration_trials, diagnosable, independent_tests
@@ -28,7 +28,7 @@ from diagnosis.report.words import sentence_of
 from diagnosis.result import Diagnosis
 from diagnosis.sensors.kinematics import consistency
 from diagnosis.validation.held_out import compare
-from diagnosis.verdict import LINE_PROBABILITY, SINGLE_FORM_GAIN, decide, has_remainder, limits
+from diagnosis.verdict import LINE_PROBABILITY, decide, has_remainder, limits
 from fitting.report.run_folder import data_rows, versions
 from mmg.errors import UserError, needs_torch
 from mmg.messages import Message
@@ -212,8 +212,8 @@ def _judged(
     found = select_effects(p, null, options.seed, options.workers, progress)
     after = unnamed_forms(p.steps, p.data, found.final) if found.effects else before
     held = compare(p.steps, tests, found.null, found.final, options.seed) if tests is not None else None
-    there = max(before.log_bayes, before.single + ODDS - SINGLE_FORM_GAIN) - p.expected_unnamed_null
-    verdict, reasons = decide(found, there, after.log_bayes - p.expected_unnamed, held)
+    beyond = before.beyond_chance - p.expected_unnamed_null
+    verdict, reasons = decide(found, beyond, after.log_bayes - p.expected_unnamed, after.limit, held)
     return _SearchResult(found, before, after, held, verdict, tuple(reasons))
 
 

@@ -160,9 +160,13 @@ SENSOR_FAULTS = ("velocity_lag", "gyro")
 
 
 def with_sensor_faults(ship: Ship, sensors: Kinematics) -> tuple[Ship, list[Message]]:
-    """The ``ship`` with the SENSOR_FAULTS that the ``sensors`` show, their sizes free, and a sentence on them."""
+    """The ``ship`` with a free gain of the gyro, the SENSOR_FAULTS that the ``sensors`` show, and a sentence on those.
+
+    No gyro is exact: an error of its gain within the prior is none of the ship's dynamics.
+    """
     faults = [name for name in sensors.effects() if name in SENSOR_FAULTS and name not in ship.effects]
+    ship = freeing_effects(ship, {name: None for name in (*faults, "gyro") if name not in ship.effects})
     if not faults:
         return ship, []
     words = f"the logged columns disagree with each other: {' and '.join(faults)} was put into the model of the sensors"
-    return freeing_effects(ship, faults), [Message(words, "sensor_fault_modelled")]
+    return ship, [Message(words, "sensor_fault_modelled")]

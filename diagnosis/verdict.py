@@ -9,16 +9,13 @@ import numpy as np
 from cases.trial import Trial
 from diagnosis.estimation.candidates import Candidate
 from diagnosis.findings import HeldOut
-from diagnosis.hypotheses.forward_selection import AGREE, ODDS, Selection
+from diagnosis.hypotheses.forward_selection import AGREE, Selection
 from diagnosis.hypotheses.unnamed import UnnamedForms
 from diagnosis.prepare import Prepared
 from mmg.messages import Message
 
 LINE_PROBABILITY = 1e-6
 """Probability by chance below which a line in the spectrum of the residuals counts as an unexplained remainder."""
-SINGLE_FORM_GAIN = 1.0
-"""Minimum log-likelihood gain, corrected for the number of forms, for one unnamed force term to count. In 81 blind
-cases without any effect it is .1 at the most."""
 CONFIRMING_REDUCTION = 0.1
 """Reduction of the test error, with a 90 % interval above zero, that confirms a name whatever is left unexplained."""
 UNEXPLAINED_RATIO, STRICT_RATIO = 0.25, 0.05
@@ -39,21 +36,23 @@ def has_remainder(found: Selection, before: UnnamedForms, after: UnnamedForms, e
     more than the named effects do.
     """
     gain = found.null.nll - found.final.nll
-    left = after.log_bayes - expected > ODDS or after.single - expected > SINGLE_FORM_GAIN
-    return bool(left or before.single - expected > gain)
+    return bool(after.beyond_chance > expected or before.single - expected > gain)
 
 
-def decide(found: Selection, before: float, after: float, held: HeldOut | None) -> tuple[str, list[Message]]:
+def decide(
+    found: Selection, beyond: float, after: float, limit: float, held: HeldOut | None
+) -> tuple[str, list[Message]]:
     """The verdict "none", "named" or "unknown", and why a name was withdrawn.
 
-    found: the selection; before, after: log Bayes factors of unnamed forces without the effects and with them, less
-    what the trials of the calibration show as well; held: the check on test trials, None without any.
+    found: the selection; beyond: by how much the unnamed forms without any effect are beyond chance, and beyond what
+    the trials of the calibration show as well; after: log Bayes factor of those with the effects, less what those
+    trials show; limit: what it exceeds hardly by chance; held: the check on test trials, None without any.
     """
     if not found.effects:
-        return ("unknown" if before > ODDS else "none"), []
+        return ("unknown" if beyond > 0 else "none"), []
     reason = _inexact(found, after)
     if not reason and not (held is not None and _confirms(held)):
-        reason = _doubt(found, after, held)
+        reason = _doubt(found, after, limit, held)
     if not reason and held is not None and _contradicts(held):
         reason = f"{_names(found.effects)} fits the training trials but does not predict the test trials better"
     if not reason:
@@ -76,19 +75,19 @@ def _explained(found: Selection) -> tuple[float, str]:
     return gain, f"would explain a part (log likelihood {gain:.0f})"
 
 
-def _doubt(found: Selection, after: float, held: HeldOut | None) -> str:
-    """What speaks against a name that test trials do not confirm, or nothing; after: as of ``decide``."""
+def _doubt(found: Selection, after: float, limit: float, held: HeldOut | None) -> str:
+    """What speaks against a name that test trials do not confirm, or nothing; after, limit: as of ``decide``."""
     names, (gain, part) = _names(found.effects), _explained(found)
-    if after > max(ODDS, gain):
+    if after > max(limit, gain):
         return f"{names} {part}, but unnamed forms explain more of what is left ({after:.0f})"
     ratio = UNEXPLAINED_RATIO if held is None or held.reduction >= -SMALL_GROWTH else STRICT_RATIO
-    if held is not None and after > max(ODDS, ratio * gain):
+    if held is not None and after > max(limit, ratio * gain):
         return f"{names} {part}, but much is left unexplained ({after:.0f}), and the test trials do not confirm it"
     extreme = _at_bound(found)
     if extreme:
         return f"{names} {part}, but only with {extreme} at the end of what is possible"
     local = [c.effect for c in found.effects if c.by_run]
-    if local and (held is not None or after > ODDS):
+    if local and (held is not None or after > limit):
         return (
             f"{' and '.join(local)} could differ from run to run and so {part}, but so many parameters need test "
             "trials that they predict"

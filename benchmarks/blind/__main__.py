@@ -1,7 +1,7 @@
 """Blind benchmark of ``mmg diagnose``: cases whose key is sealed, answers, and only then the score.
 
 Run from the repository root: python -m benchmarks.blind [--cases 100] [--seed 1] [--workers 2]
-[--kinds mix,pair,misfit] [--sets mixed] [--out runs/blind_1] [--white] [--record].
+[--kinds mix,pair,misfit] [--sets mixed] [--world pond] [--out runs/blind_1] [--white] [--record].
 Begun again with the same arguments it goes on where it stopped.
 """
 
@@ -28,10 +28,11 @@ ROOT = Path(__file__).parents[2]
 def main(arguments: list[str] | None = None) -> int:
     """Generates, solves, scores; 2 on bad input or a key that was changed."""
     given = _parsed(arguments)
-    out = given.out or Path("runs") / f"blind_{given.seed}"
+    name = "_".join([f"blind_{given.seed}", *([given.world] if given.world != "pond" else [])])
+    out = given.out or Path("runs") / name
     parts = [(kind, chosen) for chosen in given.sets.split(",") for kind in given.kinds.split(",")]
     try:
-        digests = {part: sealed(out, *part, given.cases, given.seed) for part in parts}
+        digests = {part: sealed(out, *part, given.cases, given.seed, given.world) for part in parts}
         answers = {part: solve(_cases(out, *part), _answers(out, *part), given.workers, _say) for part in parts}
         lines = []
         for chosen in given.sets.split(","):
@@ -47,7 +48,7 @@ def main(arguments: list[str] | None = None) -> int:
     words = sys.argv[1:] if arguments is None else arguments
     if given.record:
         record(
-            f"Blind diagnosis: {given.kinds}; {given.sets} manoeuvres",
+            f"Blind diagnosis: {given.kinds}; {given.sets} manoeuvres; world {given.world}",
             shlex.join(["python", "-m", "benchmarks.blind", *words]),
             lines[:-1],
         )
@@ -63,7 +64,8 @@ def _parsed(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--kinds", default="mix", help="comma-separated: mix, library, null, foreign, pair, misfit")
     parser.add_argument("--sets", default="mixed", help="comma-separated: mixed, zigzag, turn, random, berthing")
-    parser.add_argument("--out", type=Path, help="folder (default: runs/blind_SEED)")
+    parser.add_argument("--world", default="pond", help="ship, noise and numerics: pond, basin, kvlcc2")
+    parser.add_argument("--out", type=Path, help="folder (default: runs/blind_SEED, with the world)")
     parser.add_argument("--white", action="store_true", help="also rank without the latent force (first 20 cases)")
     parser.add_argument("--record", action="store_true", help="put the table into RESULTS.md")
     return parser.parse_args(arguments)
@@ -81,18 +83,19 @@ def _say(words: str) -> None:
     print(words, flush=True)
 
 
-def sealed(out: Path, kind: str, chosen: str, count: int, seed: int) -> str:
+def sealed(out: Path, kind: str, chosen: str, count: int, seed: int, world: str = "pond") -> str:
     """Generates a benchmark in a process of its own, unless it is there; prints and returns the hash of its key.
 
     The hash is kept in ``made.json``: what is scored later is what was generated now.
     """
     folder, notes = _cases(out, kind, chosen), out / "made.json"
     made: dict[str, Any] = json.loads(notes.read_text(encoding="utf-8")) if notes.is_file() else {}
-    known, asked = made.get(folder.name), {"cases": count, "seed": seed}
+    known, asked = made.get(folder.name), {"cases": count, "seed": seed, "world": world}
     if known is not None and {k: known[k] for k in asked} != asked:
         raise Refused(f"{folder} holds {known['cases']} cases of seed {known['seed']}; choose another --out")
     if known is None:
         options = ["--cases", str(count), "--seed", str(seed), "--kind", kind, "--set", chosen]
+        options += ["--world", world]
         command = [sys.executable, "-m", "benchmarks.blind.generator", str(folder.resolve()), *options]
         done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
         if done.returncode:

@@ -14,7 +14,7 @@ import numpy as np
 
 from benchmarks.blind.rows import MISFIT, Row, opened, top1
 from benchmarks.blind.score import rate
-from benchmarks.blind.solve import blind_ship, cases_of
+from benchmarks.blind.solve import blind_ship, cases_of, ship_of
 from cases.io.read import read_trials
 from cases.io.site import read_site
 from diagnosis.estimation.candidates import FullModel, ship_with_all_effects
@@ -117,7 +117,7 @@ def own_floor(task: tuple[Path, dict[str, float]]) -> float:
 
 def _prepared(case: Path) -> tuple[FullModel, Priors, TransitionModel, GriddedTrials]:
     """The ship with all effects, the priors, the steps and the training data of a case, as the diagnosis makes them."""
-    ship, trials = blind_ship(), read_trials(case / "train")
+    ship, trials = blind_ship(ship_of(case)), read_trials(case / "train")
     full = ship_with_all_effects(ship, trials, {k: dict(v) for k, v in read_site([case], ship).held.items()})
     base = priors_before(ship)
     data = grid_trials(trials, full.ship.inputs, float(ship.particulars["L"]), None, is_measured_rudder(trials))

@@ -41,7 +41,7 @@ class Refused(Exception):
 class Row:
     """A case: its truth from the key (effects that the library holds: name -> parameters), its answer, its floor.
 
-    label: the truth in words; floor: the sealed one; own: measured as the diagnosis measures, if known.
+    label: the truth in words; floor: the sealed one; own: measured as the diagnosis measures, if known; ship: its file.
     """
 
     case: str
@@ -52,6 +52,7 @@ class Row:
     answer: Mapping[str, Any]
     floor: float
     own: float | None = None
+    ship: str = "esso_osaka_3m"
 
     @property
     def verdict(self) -> str:
@@ -115,7 +116,18 @@ def rows_of(folder: Path, digest: str, answers: Mapping[str, Mapping[str, Any]])
         sealed = json.loads((folder / "sealed" / f"{name}.json").read_text(encoding="utf-8"))
         strength = effects[0]["strength"] if effects else ""
         label = " + ".join(e["name"] for e in effects)
-        rows.append(Row(name, entry["kind"], label, strength, truth, answers[name], sealed["floor"]))
+        rows.append(
+            Row(
+                name,
+                entry["kind"],
+                label,
+                strength,
+                truth,
+                answers[name],
+                sealed["floor"],
+                ship=key.get("ship", "esso_osaka_3m"),
+            )
+        )
     return rows
 
 
@@ -172,12 +184,12 @@ def closure(row: Row, own: bool = False) -> float | None:
 
 
 @cache
-def _sizes(name: str) -> dict[str, tuple[float, float]]:
+def _sizes(name: str, ship: str) -> dict[str, tuple[float, float]]:
     """Neutral value and typical size of each parameter of an effect."""
     from benchmarks.blind.solve import blind_ship
     from diagnosis.estimation.candidates import parameters
 
-    return {p.symbol: (p.neutral, p.typical) for p in parameters(blind_ship(), name)}
+    return {p.symbol: (p.neutral, p.typical) for p in parameters(blind_ship(ship), name)}
 
 
 def errors_off(row: Row) -> float:
@@ -186,7 +198,7 @@ def errors_off(row: Row) -> float:
     found = []
     for name, values in row.truth.items():
         seen = next((c.get("visible_from", {}) for c in row.ranking if c["name"] == name), {})
-        off = [3 * abs(values[s] - _sizes(name)[s][0]) / size for s, size in seen.items() if s in values]
+        off = [3 * abs(values[s] - _sizes(name, row.ship)[s][0]) / size for s, size in seen.items() if s in values]
         found.append(max(off, default=0.0))
     return min(found, default=0.0)
 
@@ -203,7 +215,10 @@ def shared(row: Row) -> list[tuple[str, str, float, float, float]]:
 
 def size_error(row: Row) -> float | None:
     """Length of the error of the parameters over the length of the true ones (from neutral), each in typical sizes."""
-    triples = [(value - true, true - _sizes(e)[s][0], _sizes(e)[s][1]) for e, s, true, value, _ in shared(row)]
+    triples = [
+        (value - true, true - _sizes(e, row.ship)[s][0], _sizes(e, row.ship)[s][1])
+        for e, s, true, value, _ in shared(row)
+    ]
     if not triples:
         return None
     off, size, typical = np.array(triples).T

@@ -39,9 +39,15 @@ class Task:
     code: str
 
 
-def blind_ship() -> Ship:
+def ship_of(case: Path) -> str:
+    """The ship file of a case's benchmark, which is no secret."""
+    return str(json.loads((case.parent / "ship.json").read_text(encoding="utf-8"))["ship"])
+
+
+@cache
+def blind_ship(name: str = "esso_osaka_3m") -> Ship:
     """The ship as the diagnosis gets it: nominal coefficients, each known to 8 %."""
-    ship = load_ship("esso_osaka_3m")
+    ship = load_ship(name)
     rows = {s: ship.coefficients[s] for s in ship.free}
     return ship.with_coefficients({s: c.with_(std=max(PRIOR * abs(c.value), LEAST)) for s, c in rows.items()})
 
@@ -95,7 +101,7 @@ def solve_case(task: Task) -> str:
 
 def answered(case: Path) -> dict[str, Any]:
     """What ``diagnosis.json`` would hold for a case."""
-    ship = blind_ship()
+    ship = blind_ship(ship_of(case))
     site = read_site([case], ship)
     train, test = read_trials(case / "train"), read_trials(case / "test")
     return diagnose(ship, train, test, site, DiagnosisOptions(learn=False)).to_dict()

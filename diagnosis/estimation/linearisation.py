@@ -61,8 +61,9 @@ class Linearisation:
     """Model and filter about a point; P free parameters and extra columns, n states of the filter.
 
     white: (K + 1, R, 6, P + 1) whitened responses of the columns per prior std, and last the negative residual;
-    states: (K + 1, R, n, P + 1) predicted states of the same; adjoint: derivatives of 1/2 log det; logdet_gradient:
-    (R, P) of them by the columns, by window; nll: as of an ``Estimate``.
+    states: (K + 1, R, n, P + 1) predicted states of the same; adjoint: derivatives of 1/2 log det; by_rates: (K, R, A,
+    A + 3) of them by the Jacobian of the rates by states and latent force in the middle of each step [1/s];
+    logdet_gradient: (R, P) of them by the columns, by window; nll: as of an ``Estimate``.
     """
 
     linear: LinearModel
@@ -71,6 +72,7 @@ class Linearisation:
     white: np.ndarray
     states: np.ndarray
     adjoint: Adjoint
+    by_rates: np.ndarray
     logdet_gradient: np.ndarray
     nll: float
 
@@ -152,10 +154,13 @@ def linearise_and_filter(
         )
     white, states = responses(system, filter_run, *_with_residual(steps, data, at, linear, active, forcing, observed))
     derivative = adjoint(system, filter_run)
-    gradient = _logdet_gradient(steps, data, at, linear, derivative, columns, active) * size
+    by_rates = _by_rates(data, linear, derivative)
+    by_Z = np.where(data.good[..., None], derivative.by_Z[..., : len(active)], 0.0)
+    force = path.force[:-1]
+    gradient = steps.logdet_gradient(path.z, data.inputs, theta, force, by_rates, by_Z, columns, active) * size
     gradient = np.hstack([gradient, np.zeros((len(data.run), forcing.shape[3] - len(columns)))])
     nll = 0.5 * float(filter_run.log_det.sum() + (white[..., -1] ** 2).sum() + at.p @ at.p) + noise.neg_log_prior
-    return Linearisation(linear, system, filter_run, white, states, derivative, gradient, nll)
+    return Linearisation(linear, system, filter_run, white, states, derivative, by_rates, gradient, nll)
 
 
 def _with_residual(
@@ -183,23 +188,12 @@ def _with_residual(
     return pushed, np.concatenate([observed, (linear.logged - data.y)[..., None]], axis=3), start
 
 
-def _logdet_gradient(
-    steps: TransitionModel,
-    data: GriddedTrials,
-    at: Point,
-    linear: LinearModel,
-    found: Adjoint,
-    columns: np.ndarray,
-    active: np.ndarray,
-) -> np.ndarray:
-    """Derivative (R, P) of 1/2 log det by the coefficients at ``columns``, by window."""
-    K, R, A = linear.G.shape[:3]
+def _by_rates(data: GriddedTrials, linear: LinearModel, found: Adjoint) -> np.ndarray:
+    """Derivative (K, R, A, A + 3) of 1/2 log det by the Jacobian of the rates, times the step."""
+    K, R, A = linear.F.shape[:3]
     weight = np.where(data.inside[..., None, None], found.by_T[:, :, :A, : A + 3], 0.0)
     through = np.concatenate([linear.F, linear.force], axis=3)
     rest = np.broadcast_to(np.eye(A + 3)[A:], (K, R, 3, A + 3))
     # T is the exponential of the generator: a change of the generator acts equally on either side of the step
     ahead = weight @ np.concatenate([through, rest], axis=2).swapaxes(2, 3)
-    weight = 0.5 * (ahead + linear.F.swapaxes(2, 3) @ weight)
-    by_Z = np.where(data.good[..., None], found.by_Z[..., :A], 0.0)
-    z, force = at.path.z, at.path.force[:-1]
-    return steps.logdet_gradient(z, data.inputs, at.theta, force, weight, by_Z, columns, active)
+    return data.h * 0.5 * (ahead + linear.F.swapaxes(2, 3) @ weight)

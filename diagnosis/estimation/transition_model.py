@@ -169,11 +169,13 @@ class TransitionModel:
         end = end.reshape(K, R, -1)
         return LinearModel(end, J[..., :A], J[..., A : A + P], J[..., A + P :], logged, H, D)
 
-    def rate_jacobian(self, z: np.ndarray, c: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """Jacobian (M, S, S + 3) of the rates by states and latent force, at z (S, M), c (C, M), theta (all, M)."""
+    def rates(self, z: np.ndarray, c: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Rates (M, S), and their Jacobian (M, S, S + 3) by states and latent force, at z (S, M), inputs c (C, M),
+        theta (all, M)."""
+        rate, nonzeros = _at(self._jacobian, z, c, theta)
         J = np.zeros((z.shape[1], self.S, self.S + self.P))
-        J[:, self._rows, self._columns] = _at(self._jacobian, z, c, theta)[1].T
-        return J[..., np.concatenate([np.arange(self.S), self.S + self._force_columns])]
+        J[:, self._rows, self._columns] = nonzeros.T
+        return rate.T, J[..., np.concatenate([np.arange(self.S), self.S + self._force_columns])]
 
     def _step(
         self, z: np.ndarray, c: np.ndarray, theta: np.ndarray, rows: np.ndarray, columns: np.ndarray
@@ -224,7 +226,7 @@ class TransitionModel:
         """Derivative (R, P) by the ``columns``, window by window, of a weighted sum of the Jacobians of steps and
         logged columns (second derivatives of the model, contracted).
 
-        weight: (K, R, A, A + 3) of the Jacobian h d rates / d (active states, latent force) at the middle of each step;
+        weight: (K, R, A, A + 3) of the Jacobian d rates / d (active states, latent force) at the middle of each step;
         weight_logged: (K + 1, R, 6, A); z, inputs, theta, force, active: as of ``linearise``.
         """
         K, R = inputs.shape[:2]
@@ -236,7 +238,7 @@ class TransitionModel:
         chosen = np.ascontiguousarray(full[:, self._rate_hessian_at[0], self._rate_hessian_at[1]].T)
         every = self.coefficients(theta, force.reshape(M, 3).T)
         found = _at(self._rate_hessian, middle, inputs.reshape(M, -1).T, every, chosen)[0]
-        result = self.h * found.reshape(-1, K, R).sum(axis=1)
+        result = found.reshape(-1, K, R).sum(axis=1)
         M = (K + 1) * R
         full = np.zeros((M, 6, self.S))
         full[:, :, active] = weight_logged.reshape(M, 6, -1)

@@ -34,8 +34,6 @@ candidates: of 102 weak effects of benchmarks.blind 80 % come first, by BIC 72 %
 FURTHER = 9.0
 """Minimum gain in BIC of every effect after the first. Where the first differs somewhat from its model in the library,
 small further effects seem to help."""
-ODDS = float(np.log(3.0))
-"""Log Bayes factor from which an unexplained remainder is there (odds of 3 : 1)."""
 NEUTRAL = 0.05
 """Probability of an effect by its own standard errors above which it counts as neutral."""
 AGREE = 0.05
@@ -226,8 +224,8 @@ def _doubtful(problem: SearchProblem, best: RefittedEffect) -> bool:
     """Whether the runs do not agree on a further effect, or unnamed forms explain more than it does."""
     if robust_p(problem.steps, problem.data, best.fit, best.candidate) > AGREE:
         return True
-    rest = unnamed_forms(problem.steps, problem.data, best.fit).log_bayes - problem.expected_unnamed
-    return rest > max(ODDS, best.gain)
+    rest = unnamed_forms(problem.steps, problem.data, best.fit)
+    return rest.log_bayes - problem.expected_unnamed > max(rest.limit, best.gain)
 
 
 def pruned(problem: SearchProblem, named: list[Candidate], now: Estimate) -> tuple[list[Candidate], Estimate]:

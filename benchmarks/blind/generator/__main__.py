@@ -9,6 +9,7 @@ from pathlib import Path
 
 from benchmarks.blind.generator.controls import SETS
 from benchmarks.blind.generator.deal import KINDS
+from benchmarks.blind.generator.world import WORLDS
 from benchmarks.blind.generator.write import generate
 
 
@@ -20,12 +21,13 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--kind", choices=KINDS, default="mix")
     parser.add_argument("--set", choices=tuple(SETS), default="mixed", dest="chosen")
+    parser.add_argument("--world", choices=tuple(WORLDS), default="pond")
     given = parser.parse_args(arguments)
     began = time.perf_counter()
     if given.cases < 1:
         parser.error("--cases must be at least 1")
     try:
-        digest = generate(given.out, given.cases, given.seed, given.kind, given.chosen)
+        digest = generate(given.out, given.cases, given.seed, given.kind, given.chosen, WORLDS[given.world])
     except FileExistsError as error:
         print(error, file=sys.stderr)
         return 2

@@ -8,19 +8,18 @@ from typing import Any
 import numpy as np
 
 from benchmarks.blind.generator import weather
-from benchmarks.blind.generator.coefficients import ship_numbers, true_coefficients
+from benchmarks.blind.generator.coefficients import scaled_ship, true_coefficients
 from benchmarks.blind.generator.controls import DURATION, SETS, Helm, Orders, begin, orders
 from benchmarks.blind.generator.deal import Hand, draw, site_of
 from benchmarks.blind.generator.effect import Drawn, Effect, History
 from benchmarks.blind.generator.plant import DT, Array, Plant, Signals, plant_of, rollout, step
+from benchmarks.blind.generator.world import WORLDS, World, sensor_errors
 
-NOISE = np.array([0.01, 0.01, 0.0015, 0.004, 0.004, 0.0006])
-"""Standard deviations of the noise of x, y [m], psi [rad], u, v [m/s], r [rad/s]."""
 SCALES = np.array([0.3, 0.3, np.radians(5.0), 0.05, 0.05, 0.01])
 """What errors of the six columns are divided by in J."""
-SAMPLE, WINDOW = 0.5, 30.0
-"""Sampling interval of the records and length of an open-loop window [s]."""
-ROWS, EVERY = round(DURATION / DT) + 1, round(SAMPLE / DT)
+WINDOW = 30.0
+"""Length of an open-loop window [s]."""
+ROWS = round(DURATION / DT) + 1
 
 
 @dataclass
@@ -37,25 +36,37 @@ class Case:
     force: Array  # (K, 3, B)
     process: dict[str, float]
     noise: Array  # (R, 6, B)
+    gyro: float
+    gusts: Array  # (K, B), factors of the logged wind speed
     kinds: tuple[str, ...]
     training: int
+    world: World
 
     @classmethod
-    def prepared(cls, hand: Hand, chosen: str, seed: np.random.SeedSequence) -> Case:
-        """A case of a manoeuvre set, from its own seed."""
+    def prepared(cls, hand: Hand, chosen: str, seed: np.random.SeedSequence, world: World = WORLDS["pond"]) -> Case:
+        """A case of a manoeuvre set in a ``world``, from its own seed."""
         rng = np.random.default_rng(seed)
-        train, test = SETS[chosen]
+        train, test = SETS[world.sets.get(chosen, chosen)]
         kinds, runs = (*train, *test), len(train) + len(test)
         drawn = draw(hand, runs, rng)
-        coefficients, site = true_coefficients(ship_numbers()[1], rng), site_of(drawn, rng)
+        nominal = scaled_ship(world)[1]
+        coefficients, site = true_coefficients(nominal, rng, world.drawn, world.spread), site_of(drawn, rng)
         bank = next((one.bank for _, one in drawn if one.bank is not None), None)
         sides = rng.choice((-1.0, 1.0), runs)
         given = orders(kinds, ROWS, DT, sides, rng)
         start, _ = begin(kinds, bank, sides, given.n[0], rng)
-        force, process = weather.random_force(ROWS, DT, runs, rng)
+        force, process = weather.random_force(ROWS, DT, runs, rng, world.force, world.memory)
         wind = weather.wind(ROWS, DT, runs, rng)
-        noise = NOISE[:, None] * rng.standard_normal(((ROWS - 1) // EVERY + 1, 6, runs))
-        return cls(hand, drawn, coefficients, site, given, start, wind, force, process, noise, kinds, len(train))
+        noise = sensor_errors(world, (ROWS - 1) // every(world) + 1, runs, rng)
+        gyro = world.gyro * float(rng.uniform(-1, 1)) if world.gyro else 0.0
+        gusts = weather.unlogged_gusts(ROWS, DT, runs, world.gust, rng) if world.gust else np.ones((ROWS, runs))
+        random = (start, wind, force, process, noise, gyro, gusts)
+        return cls(hand, drawn, coefficients, site, given, *random, kinds, len(train), world)
+
+
+def every(world: World) -> int:
+    """Steps of the plant between two rows of the records."""
+    return round(world.sample / DT)
 
 
 @dataclass
@@ -108,17 +119,21 @@ def _actuate(plant: Plant, helm: Helm, real: list[tuple[Array, Array, dict]], si
 
 def run(cases: list[Case]) -> Runs:
     """Runs a batch of cases side by side."""
-    particulars, _ = ship_numbers()
-    plant = plant_of(particulars, [c.coefficients for c in cases], [c.drawn for c in cases], len(cases[0].kinds))
+    world = cases[0].world
+    particulars, _ = scaled_ship(world)
+    runs = len(cases[0].kinds)
+    plant = plant_of(particulars, [c.coefficients for c in cases], [c.drawn for c in cases], runs, world)
     start = np.concatenate([c.start for c in cases], axis=1)
     speed, direction = (np.concatenate([c.wind[i] for c in cases], axis=1) for i in range(2))
-    north, east = weather.air_over_ground(speed, direction)
+    north, east = weather.air_over_ground(speed * np.concatenate([c.gusts for c in cases], axis=1), direction)
     force = np.concatenate([c.force for c in cases], axis=2)
     signals = Signals(np.empty((ROWS, plant.runs)), np.empty((ROWS, plant.runs)), north, east, force)
     helm = Helm(Orders.joined([c.orders for c in cases]), start[2], DT)
     states = closed_loop(plant, start, signals, helm)
-    rows = np.arange(0, ROWS, EVERY)
-    columns = measured(plant, states, rows) + np.concatenate([c.noise for c in cases], axis=2)
+    rows = np.arange(0, ROWS, every(world))
+    columns = measured(plant, states, rows)
+    columns[:, 5] *= 1 + np.repeat([c.gyro for c in cases], runs)
+    columns += np.concatenate([c.noise for c in cases], axis=2)
     return Runs(plant, states, signals, columns, helm.n[rows], helm.delta[rows], speed[rows], direction[rows])
 
 
@@ -135,24 +150,25 @@ def floors(cases: list[Case], runs: Runs, with_effects: bool = True) -> Array:
     begins = np.arange(0, ROWS - length, length)
     columns, starts = np.repeat(held, len(begins)), np.tile(begins, len(held))
     plant = runs.plant.take(columns, with_effects)
-    source = runs.signals if with_effects else _as_logged(runs)
+    source = runs.signals if with_effects else _as_logged(runs, cases[0].world.sample)
     first = runs.states[starts, :, columns].T[: 6 + plant.states]
     ahead = rollout(plant, first, source.windows(starts, columns, length + 1), starts * DT)
-    rows = np.arange(EVERY, length + 1, EVERY)
+    apart = every(cases[0].world)
+    rows = np.arange(apart, length + 1, apart)
     past = min(int(8.0 / DT), ROWS)  # what late instruments may still show of the time before the window
     before = np.clip(starts[None, :] + np.arange(-past, 0)[:, None], 0, None)
     history = np.concatenate([runs.states[before, : 6 + plant.states, columns[None, :]].transpose(0, 2, 1), ahead])
     predicted = measured(plant, history, past + rows)
-    record = runs.columns[(starts[None, :] + rows[:, None]) // EVERY, :, columns[None, :]].transpose(0, 2, 1)
+    record = runs.columns[(starts[None, :] + rows[:, None]) // apart, :, columns[None, :]].transpose(0, 2, 1)
     error = predicted - record
     error[:, 2] = (error[:, 2] + np.pi) % (2 * np.pi) - np.pi
     J = np.mean((error / SCALES[:, None]) ** 2, axis=(0, 1))
     return J.reshape(len(cases), -1).mean(axis=1)
 
 
-def _as_logged(runs: Runs) -> Signals:
+def _as_logged(runs: Runs, sample: float) -> Signals:
     """The signals with actuators as logged, straight lines between the samples."""
     t, s = np.arange(ROWS) * DT, runs.signals
-    at = np.arange(len(runs.n)) * SAMPLE
+    at = np.arange(len(runs.n)) * sample
     n, delta = (np.stack([np.interp(t, at, a[:, i]) for i in range(a.shape[1])], 1) for a in (runs.n, runs.delta))
     return Signals(n, delta, s.north, s.east, s.force)

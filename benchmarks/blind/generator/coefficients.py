@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,28 +13,35 @@ if sys.version_info >= (3, 11):
 else:  # pragma: no cover
     import tomli as tomllib
 
-SHIP_FILE = Path(__file__).parents[3] / "cases" / "ships" / "esso_osaka_3m.toml"
+from benchmarks.blind.generator.world import ESSO, MODEL, World
 
-DRAWN = (
-    "X_0F", "X_0A", "X_vr", "Y_v", "Y_r", "N_v", "N_r", "C_D", "C_rY", "C_rN",
-    "k_0", "t_P", "w_P0", "tau",
-    "t_R", "a_H", "ell_R", "k_x", "epsilon", "gamma_P", "gamma_N",
-)  # fmt: skip
-"""Coefficients of hull, propeller and rudder whose truth differs from the ship file."""
-
+SHIPS = Path(__file__).parents[3] / "cases" / "ships"
+DRAWN = ESSO
 SPREAD = 0.05
-"""Standard deviation of the ratio of true to nominal coefficient."""
+LENGTHS = {"L": 1, "B": 1, "d": 1, "x_G": 1, "D_P": 1, "x_R": 1, "A_R": 2, "m": 3}
+"""Particulars that the plant uses, and the power of the scale that each goes with."""
 
 
-def ship_numbers() -> tuple[dict[str, float], dict[str, float]]:
-    """Particulars (SI) and nominal coefficients of the ship file."""
-    with SHIP_FILE.open("rb") as file:
+def scaled_ship(world: World) -> tuple[dict[str, float], dict[str, float]]:
+    """Particulars of the ``world``'s ship at the length that is integrated (SI), and its nominal coefficients."""
+    particulars, coefficients = ship_numbers(world.ship)
+    ratio = MODEL / particulars["L"]
+    if ratio != 1:
+        particulars = {k: v * ratio ** LENGTHS.get(k, 0) for k, v in particulars.items()}
+    return particulars, coefficients
+
+
+def ship_numbers(name: str = "esso_osaka_3m") -> tuple[dict[str, float], dict[str, float]]:
+    """Particulars (SI) and nominal coefficients of a ship file."""
+    with (SHIPS / f"{name}.toml").open("rb") as file:
         data = tomllib.load(file)
     particulars = {key: float(value) for key, value in data["ship"].items() if not isinstance(value, str)}
     return particulars, {name: float(entry["value"]) for name, entry in data["coefficients"].items()}
 
 
-def true_coefficients(nominal: dict[str, float], rng: np.random.Generator) -> dict[str, float]:
-    """Nominal values, those of DRAWN times N(1, SPREAD) each (cut at three standard deviations)."""
-    factors = np.clip(1 + SPREAD * rng.standard_normal(len(DRAWN)), 1 - 3 * SPREAD, 1 + 3 * SPREAD)
-    return {**nominal, **{name: nominal[name] * float(f) for name, f in zip(DRAWN, factors, strict=True)}}
+def true_coefficients(
+    nominal: dict[str, float], rng: np.random.Generator, drawn: Sequence[str] = DRAWN, spread: float = SPREAD
+) -> dict[str, float]:
+    """Nominal values, those ``drawn`` times N(1, spread) each (cut at three standard deviations)."""
+    factors = np.clip(1 + spread * rng.standard_normal(len(drawn)), 1 - 3 * spread, 1 + 3 * spread)
+    return {**nominal, **{name: nominal[name] * float(f) for name, f in zip(drawn, factors, strict=True)}}

@@ -18,6 +18,10 @@ SETS = {
         ("zigzag", "zigzag", "turn", "turn", "random", "random", "berthing"),
         ("zigzag", "turn", "random", "random", "berthing"),
     ),
+    "ahead": (
+        ("zigzag", "zigzag", "turn", "turn", "random", "random", "random"),
+        ("zigzag", "turn", "random", "random", "random"),
+    ),
     **{kind: ((kind,) * 7, (kind,) * 5) for kind in ("zigzag", "turn", "random", "berthing")},
 }
 """Runs for training and runs held out, by manoeuvre set."""

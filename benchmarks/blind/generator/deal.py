@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -33,13 +34,13 @@ def _cycled(pool: list[Any], count: int, rng: np.random.Generator) -> list[Any]:
     return out[:count]
 
 
-def _hands_of(kind: str, count: int, rng: np.random.Generator) -> list[Hand]:
+def _hands_of(kind: str, count: int, rng: np.random.Generator, library: Sequence[Effect] = LIBRARY) -> list[Hand]:
     if kind == "null":
         return [Hand(kind, ())] * count
     if kind == "library":
         # every block of twenty holds each effect once, and three blocks each of its strengths once
-        first = {effect.name: int(rng.integers(3)) for effect in LIBRARY}
-        blocks = [_cycled(list(LIBRARY), len(LIBRARY), rng) for _ in range(-(-count // len(LIBRARY)))]
+        first = {effect.name: int(rng.integers(3)) for effect in library}
+        blocks = [_cycled(list(library), len(library), rng) for _ in range(-(-count // len(library)))]
         hands = [
             Hand(kind, ((effect, LEVELS[(first[effect.name] + b) % 3]),))
             for b, block in enumerate(blocks)
@@ -50,18 +51,22 @@ def _hands_of(kind: str, count: int, rng: np.random.Generator) -> list[Hand]:
         pool = [(effect, level) for effect in FOREIGN for level in LEVELS[1:]]
         return [Hand(kind, (one,)) for one in _cycled(pool, count, rng)]
     if kind == "pair":
-        pairs = [(a, b) for i, a in enumerate(LIBRARY) for b in LIBRARY[i + 1 :]]
+        pairs = [(a, b) for i, a in enumerate(library) for b in library[i + 1 :]]
         return [Hand(kind, tuple((effect, "medium") for effect in pair)) for pair in _cycled(pairs, count, rng)]
-    return [Hand(kind, ((effect, "medium"), (MISFIT, "medium"))) for effect in _cycled(list(LIBRARY), count, rng)]
+    return [Hand(kind, ((effect, "medium"), (MISFIT, "medium"))) for effect in _cycled(list(library), count, rng)]
 
 
-def deal(kind: str, count: int, rng: np.random.Generator) -> list[Hand]:
-    """The hands of ``count`` cases; a mix is 10 % null, 15 % foreign, the rest library effects, shuffled."""
+def deal(kind: str, count: int, rng: np.random.Generator, without: Sequence[str] = ()) -> list[Hand]:
+    """The hands of ``count`` cases; a mix is 10 % null, 15 % foreign, the rest library effects, shuffled.
+
+    without: names of effects of the library that the ship cannot have.
+    """
+    library = tuple(effect for effect in LIBRARY if effect.name not in without)
     if kind != "mix":
-        return _hands_of(kind, count, rng)
+        return _hands_of(kind, count, rng, library)
     null, foreign = round(NULL_SHARE * count), round(FOREIGN_SHARE * count)
     hands = _hands_of("null", null, rng) + _hands_of("foreign", foreign, rng)
-    hands += _hands_of("library", count - null - foreign, rng)
+    hands += _hands_of("library", count - null - foreign, rng, library)
     return [hands[i] for i in rng.permutation(count)]
 
 

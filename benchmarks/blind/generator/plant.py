@@ -8,8 +8,8 @@ state holds x, y, psi and velocities over ground, then the states of the effects
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from types import SimpleNamespace
+from dataclasses import dataclass, replace
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ import numpy as np
 from benchmarks.blind.generator import forces as own
 from benchmarks.blind.generator.effect import Drawn, Effect, Parts
 from benchmarks.blind.generator.forces import Array, Moment
+from benchmarks.blind.generator.world import WORLDS, World
 
 DT = 0.05
 """Step of the integration and of all signals [s]."""
@@ -50,6 +51,8 @@ class Plant:
     series: dict[str, float]
     effects: list[Active]
     runs: int
+    own: ModuleType = own
+    runge_kutta: bool = False
 
     @property
     def states(self) -> int:
@@ -61,7 +64,7 @@ class Plant:
         c = {name: value[columns] for name, value in self.c.items()}
         kept = self.effects if with_effects else []
         effects = [(f, SimpleNamespace(**{k: v[columns] for k, v in vars(e).items()})) for f, e in kept]
-        return Plant(self.p, c, self.series, effects, len(columns))
+        return replace(self, c=c, effects=effects, runs=len(columns))
 
 
 def plant_of(
@@ -69,6 +72,7 @@ def plant_of(
     coefficients: Sequence[dict[str, float]],
     drawn: Sequence[list[tuple[Effect, Drawn]]],
     runs: int,
+    world: World = WORLDS["pond"],
 ) -> Plant:
     """The plant of several cases of ``runs`` runs each, side by side; an effect is neutral where it was not drawn."""
     c = {name: np.repeat([one[name] for one in coefficients], runs) for name in coefficients[0]}
@@ -81,7 +85,8 @@ def plant_of(
                 found[effect.name] = (effect, SimpleNamespace(**start))
             for key, value in draw.inside.items():
                 getattr(found[effect.name][1], key)[case * runs : (case + 1) * runs] = value
-    return Plant(dict(p), c, own.wind_series(p), [found[name] for name in sorted(found)], total)
+    effects = [found[name] for name in sorted(found)]
+    return Plant(dict(p), c, world.forces.wind_series(p), effects, total, world.forces, world.runge_kutta)
 
 
 def parts_of(plant: Plant, state: Array, inputs: Sequence[Array], t: Array) -> tuple[Parts, Moment, dict, Array, tuple]:
@@ -105,11 +110,12 @@ def parts_of(plant: Plant, state: Array, inputs: Sequence[Array], t: Array) -> t
     m.u, m.v = u - u_c, v - v_c
     for effect, e in plant.effects:
         effect.inflow(m, e)
-    parts: Parts = {"hull": own.hull(m, p, plant.c), "wind": own.wind(m, p, plant.series)}
-    one_minus_w = own.wake(m, p, plant.c)
+    model = plant.own
+    parts: Parts = {"hull": model.hull(m, p, plant.c), "wind": model.wind(m, p, plant.series)}
+    one_minus_w = model.wake(m, p, plant.c)
     m.u_P = m.u * one_minus_w
-    parts["propeller"], loading = own.propeller(m, one_minus_w, p, plant.c)
-    parts["rudder"], m.alpha = own.rudder(m, own.rudder_inflow(m, one_minus_w, loading, p, plant.c), p, plant.c)
+    parts["propeller"], loading = model.propeller(m, one_minus_w, p, plant.c)
+    parts["rudder"], m.alpha = model.rudder(m, model.rudder_inflow(m, one_minus_w, loading, p, plant.c), p, plant.c)
     rates, at = np.zeros((plant.states, plant.runs)), 0
     for effect, e in plant.effects:
         z = state[6 + at : 6 + at + effect.states]
@@ -146,10 +152,17 @@ def rates(plant: Plant, state: Array, inputs: Sequence[Array], extra: Array, t: 
 
 
 def step(plant: Plant, state: Array, signals: Signals, k: int, t: Array) -> Array:
-    """The state one Heun step after row k of the signals; t: time of row k (B,) [s]."""
+    """The state one step after row k of the signals, by Heun or Runge and Kutta; t: time of row k (B,) [s]."""
     now = (signals.n[k], signals.delta[k], signals.north[k], signals.east[k])
     then = (signals.n[k + 1], signals.delta[k + 1], signals.north[k + 1], signals.east[k + 1])
     first = rates(plant, state, now, signals.force[k], t)
+    if plant.runge_kutta:
+        half = tuple(0.5 * (a + b) for a, b in zip(now, then, strict=True))
+        push, mid = 0.5 * (signals.force[k] + signals.force[k + 1]), t + 0.5 * DT
+        two = rates(plant, state + 0.5 * DT * first, half, push, mid)
+        three = rates(plant, state + 0.5 * DT * two, half, push, mid)
+        four = rates(plant, state + DT * three, then, signals.force[k + 1], t + DT)
+        return state + DT / 6 * (first + 2 * two + 2 * three + four)
     second = rates(plant, state + DT * first, then, signals.force[k + 1], t + DT)
     return state + 0.5 * DT * (first + second)
 

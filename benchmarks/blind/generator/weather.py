@@ -8,6 +8,8 @@ Array = np.ndarray
 
 FORCE_SIZE = (0.05, 0.15, 0.10)
 """Nominal standard deviations of the random force X, Y [N] and N [N m]."""
+MEMORY = (3.0, 8.0)
+"""Range of its correlation time [s]."""
 
 
 def wander(count: int, dt: float, tau: Array, shape: tuple[int, ...], rng: np.random.Generator) -> Array:
@@ -34,14 +36,26 @@ def wind(count: int, dt: float, runs: int, rng: np.random.Generator) -> tuple[Ar
     return speed, base + np.radians(8) * wander(count, dt, np.array(25.0), (runs,), rng)
 
 
+def unlogged_gusts(count: int, dt: float, runs: int, share: float, rng: np.random.Generator) -> Array:
+    """Factors (count, runs) of the logged wind speed by gusts of 0.5 to 2 s that the log does not show."""
+    return np.maximum(1 + share * wander(count, dt, rng.uniform(0.5, 2.0, runs), (runs,), rng), 0.1)
+
+
 def air_over_ground(speed: Array, direction: Array) -> tuple[Array, Array]:
     """Velocity of the air to the north and to the east [m/s]."""
     return -speed * np.cos(direction), -speed * np.sin(direction)
 
 
-def random_force(count: int, dt: float, runs: int, rng: np.random.Generator) -> tuple[Array, dict[str, float]]:
+def random_force(
+    count: int,
+    dt: float,
+    runs: int,
+    rng: np.random.Generator,
+    nominal: tuple[float, float, float] = FORCE_SIZE,
+    memory: tuple[float, float] = MEMORY,
+) -> tuple[Array, dict[str, float]]:
     """Unmodelled force (count, 3, runs) [N, N, N m] and what it was drawn with (sizes and tau of the case)."""
-    sizes = np.array(FORCE_SIZE) * rng.uniform(0.7, 1.4, 3)
-    tau = float(rng.uniform(3.0, 8.0))
+    sizes = np.array(nominal) * rng.uniform(0.7, 1.4, 3)
+    tau = float(rng.uniform(*memory))
     force = sizes[:, None] * wander(count, dt, np.array(tau), (3, runs), rng)
     return force, {**{axis: float(s) for axis, s in zip("XYN", sizes, strict=True)}, "tau": tau}

@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.blind.generator.cases import SAMPLE, Case, Runs, floors, run
+from benchmarks.blind.generator.cases import Case, Runs, floors, run
 from benchmarks.blind.generator.deal import deal
+from benchmarks.blind.generator.world import COLUMNS, POWERS, WORLDS, World
 
 HEADER = (
     "t [s],x [m],y [m],psi [rad],u [m/s],v [m/s],r [rad/s],n [rps],delta [rad],wind_speed [m/s],wind_direction [rad]"
@@ -19,30 +20,33 @@ BATCH = 50
 """Cases that are integrated side by side."""
 
 
-def generate(out: Path, count: int, seed: int, kind: str = "mix", chosen: str = "mixed") -> str:
-    """Writes ``count`` cases of a kind and a manoeuvre set into ``out``; returns the hash of the key (SHA-256, hex).
+def generate(
+    out: Path, count: int, seed: int, kind: str = "mix", chosen: str = "mixed", world: World = WORLDS["pond"]
+) -> str:
+    """Writes ``count`` cases of a kind and a manoeuvre set in a ``world`` into ``out``; returns the SHA-256 of the key.
 
     ``out`` must not exist yet or be empty (FileExistsError). Layout: case_0000/{train,test}/*.csv and perhaps
-    site.toml; key.json (kinds, effects, parameters, strengths); key.sha256 (the hash of its bytes);
-    sealed/case_0000.json (true coefficients, floor). The key holds the hashes of all trials and sealed files, so one
-    hash commits to all.
+    site.toml; ship.json (the ship file, which is no secret); key.json (kinds, effects, parameters, strengths);
+    key.sha256 (the hash of its bytes); sealed/case_0000.json (true coefficients, floor). The key holds the hashes of
+    all trials and sealed files, so one hash commits to all.
     """
     if out.exists() and any(out.iterdir()):
         raise FileExistsError(f"{out} is not empty")
     out.mkdir(parents=True, exist_ok=True)
     dealer, *seeds = np.random.SeedSequence(seed).spawn(count + 1)
-    hands = deal(kind, count, np.random.default_rng(dealer))
+    hands = deal(kind, count, np.random.default_rng(dealer), world.without)
     entries = []
     for first in range(0, count, BATCH):
         numbers = range(first, min(first + BATCH, count))
-        cases = [Case.prepared(hands[i], chosen, seeds[i]) for i in numbers]
+        cases = [Case.prepared(hands[i], chosen, seeds[i], world) for i in numbers]
         runs = run(cases)
         floor, without = floors(cases, runs), floors(cases, runs, with_effects=False)
         for j, i in enumerate(numbers):
             entries.append(_write_case(out, i, j, cases[j], runs, float(floor[j]), float(without[j]), seed))
-    head = {"seed": seed, "kind": kind, "set": chosen, "cases": entries}
+    head = {"seed": seed, "kind": kind, "set": chosen, "world": world.name, "ship": world.ship, "cases": entries}
     content = (json.dumps(head, indent=1) + "\n").encode()
     (out / "key.json").write_bytes(content)
+    (out / "ship.json").write_text(json.dumps({"ship": world.ship}) + "\n")
     digest = hashlib.sha256(content).hexdigest()
     (out / "key.sha256").write_text(f"{digest}  key.json\n")
     return digest
@@ -59,11 +63,11 @@ def _write_case(
         role = "train" if j < case.training else "test"
         path = folder / role / f"{kind}_{j:02d}.csv"
         path.parent.mkdir(parents=True, exist_ok=True)
-        content = _table(runs, place * len(case.kinds) + j).encode()
+        content = _table(runs, place * len(case.kinds) + j, case.world).encode()
         path.write_bytes(content)
         hashes[f"{role}/{path.name}"] = hashlib.sha256(content).hexdigest()
     if case.site:
-        (folder / "site.toml").write_text(_site(case.site))
+        (folder / "site.toml").write_text(_site(case.site, case.world.scale))
         hashes["site.toml"] = hashlib.sha256((folder / "site.toml").read_bytes()).hexdigest()
     sealed = out / "sealed" / f"{name}.json"
     sealed.parent.mkdir(exist_ok=True)
@@ -75,30 +79,37 @@ def _write_case(
     }
     sealed.write_text(json.dumps(truth, indent=1) + "\n")
     hashes["sealed"] = hashlib.sha256(sealed.read_bytes()).hexdigest()
+    scale = case.world.scale
     effects = [
-        {"name": effect.name, "strength": strength, "parameters": {k: float(v) for k, v in draw.key.items()}}
+        {
+            "name": effect.name,
+            "strength": strength,
+            "parameters": {k: float(v) * scale ** POWERS.get(f"{effect.name}.{k}", 0.0) for k, v in draw.key.items()},
+        }
         for (effect, strength), (_, draw) in zip(case.hand.effects, case.drawn, strict=True)
     ]
     return {"case": name, "kind": case.hand.kind, "effects": effects, "seed": [seed, number], "sha256": hashes}
 
 
-def _table(runs: Runs, column: int) -> str:
-    """The CSV text of one run."""
+def _table(runs: Runs, column: int, world: World) -> str:
+    """The CSV text of one run, for the ship of the world's length."""
     rows = len(runs.n)
     values = np.empty((rows, 11))
-    values[:, 0] = SAMPLE * np.arange(rows)
+    values[:, 0] = world.sample * np.arange(rows)
     values[:, 1:7] = runs.columns[:, :, column]
     for at, signal in enumerate((runs.n, runs.delta, runs.speed, runs.direction), start=7):
         values[:, at] = signal[:, column]
     values[:, 10] = (values[:, 10] + np.pi) % (2 * np.pi) - np.pi
-    line = "%.1f,%.4f,%.4f" + ",%.6f" * 8 + "\n"
+    if world.scale != 1:
+        values *= world.scale ** np.array(COLUMNS)
+    line = ("%.1f" if world.scale == 1 else "%.6f") + ",%.4f,%.4f" + ",%.6f" * 8 + "\n"
     return HEADER + "\n" + (line * rows) % tuple(values.ravel().tolist())
 
 
-def _site(site: dict[str, dict[str, Any]]) -> str:
-    """The text of a site file."""
+def _site(site: dict[str, dict[str, Any]], scale: float) -> str:
+    """The text of a site file; its numbers are lengths."""
     lines = ["# what is roughly known of the place"]
     for table, entries in sorted(site.items()):
         lines.append(f"\n[{table}]")
-        lines += [f"{k} = {json.dumps(v if isinstance(v, str) else float(v))}" for k, v in entries.items()]
+        lines += [f"{k} = {json.dumps(v if isinstance(v, str) else float(v) * scale)}" for k, v in entries.items()]
     return "\n".join(lines) + "\n"

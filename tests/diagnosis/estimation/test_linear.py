@@ -163,7 +163,7 @@ def test_fewer_columns_and_states_are_a_part_of_all(steps: TransitionModel) -> N
 
 @pytest.mark.parametrize("where", ["neutral", "off neutral"])
 def test_bend_is_the_slope_of_the_weighted_jacobian(steps: TransitionModel, where: str) -> None:
-    """Of h d rates / d (states, force) in the middle of the step, and of the logged columns by the states."""
+    """Of d rates / d (states, force) in the middle of the step, and of the logged columns by the states."""
     theta = off_neutral(steps) if where == "off neutral" else steps.ship.values
     states, inputs, force = path(steps, 4)
     rng = np.random.default_rng(5)
@@ -176,8 +176,8 @@ def test_bend_is_the_slope_of_the_weighted_jacobian(steps: TransitionModel, wher
         """(windows,)."""
         each = steps.coefficients(theta, force[0].T)
         result = np.zeros(POINTS)
-        J = steps.rate_jacobian(middle, inputs[0].T, each)
-        result += steps.h * np.einsum("mij,mij->m", weight[0], J)
+        _, J = steps.rates(middle, inputs[0].T, each)
+        result += np.einsum("mij,mij->m", weight[0], J)
         zero = np.zeros((2, POINTS, 3))
         H = steps.linearise(states, inputs, theta, zero[:1], columns[:1], np.arange(S)).H
         return result + np.einsum("kmij,kmij->m", logged, H)

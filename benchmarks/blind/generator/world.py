@@ -1,0 +1,113 @@
+"""Worlds: the ship, the noise and the numerics of a benchmark. None of what follows was used to choose a limit.
+
+A world is integrated for a ship of 3 m; ``length`` is that of the ship in the files, by Froude's law.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import ModuleType
+
+import numpy as np
+
+from benchmarks.blind.generator import forces, forces_standard
+
+Array = np.ndarray
+MODEL = 3.0
+"""Length of the ship that is integrated [m]."""
+
+ESSO = (
+    "X_0F", "X_0A", "X_vr", "Y_v", "Y_r", "N_v", "N_r", "C_D", "C_rY", "C_rN",
+    "k_0", "t_P", "w_P0", "tau",
+    "t_R", "a_H", "ell_R", "k_x", "epsilon", "gamma_P", "gamma_N",
+)  # fmt: skip
+KVLCC2 = (
+    "R_0", "X_vv", "X_vvvv", "Y_v", "Y_r", "Y_vvv", "N_v", "N_r", "N_vvr", "N_rrr",
+    "k_0", "k_1", "t_P", "w_P0", "C_1", "t_R", "a_H", "ell_R", "kappa", "epsilon", "gamma_R_plus", "gamma_R_minus",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class World:
+    """What is the same in all cases of a benchmark, for a ship of 3 m.
+
+    ship: ship file; length: of the ship in the files [m]; forces: its force model; drawn: coefficients whose truth
+    differs from the ship file, with a standard deviation of ``spread`` of each; force: standard deviations of the
+    random force X, Y [N], N [N m] before a factor of 0.7 to 1.4; memory: range of its correlation time [s]; noise:
+    standard deviations of the errors of x, y [m], psi [rad], u, v [m/s], r [rad/s]; colour: range of the memory of the
+    errors of u, v and r [s], (0, 0): white; gyro: largest scale error of r; gust: wind that the log does not show, as
+    share of the mean; sample: of the records [s]; without: effects that the ship cannot have; runge_kutta: fourth order
+    with inputs in between, else Heun.
+    """
+
+    name: str
+    ship: str = "esso_osaka_3m"
+    length: float = MODEL
+    forces: ModuleType = forces
+    drawn: tuple[str, ...] = ESSO
+    spread: float = 0.05
+    force: tuple[float, float, float] = (0.05, 0.15, 0.10)
+    memory: tuple[float, float] = (3.0, 8.0)
+    noise: tuple[float, ...] = (0.01, 0.01, 0.0015, 0.004, 0.004, 0.0006)
+    colour: tuple[float, float] = (0.0, 0.0)
+    gyro: float = 0.0
+    gust: float = 0.0
+    sample: float = 0.5
+    without: tuple[str, ...] = ()
+    runge_kutta: bool = False
+    sets: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def scale(self) -> float:
+        """Length of the ship in the files over that of the ship that is integrated."""
+        return self.length / MODEL
+
+
+WORLDS = {
+    world.name: world
+    for world in (
+        World("pond"),
+        World("basin", memory=(3.5, 7.0), colour=(0.3, 0.8), gyro=0.005, gust=0.15, sample=0.2, runge_kutta=True),
+        World(
+            "kvlcc2",
+            ship="kvlcc2_l7",
+            length=7.0,
+            forces=forces_standard,
+            drawn=KVLCC2,
+            force=(0.03, 0.08, 0.06),
+            memory=(1.5, 12.0),
+            noise=(0.004, 0.004, 0.002, 0.002, 0.003, 0.0004),
+            colour=(0.05, 0.4),
+            gyro=0.002,
+            sample=0.4,
+            without=("wind_force", "wind_sensor_bias", "propeller_side_force"),
+            runge_kutta=True,
+            sets={"mixed": "ahead"},
+        ),
+    )
+}
+"""pond: the first one, by which the diagnosis was made; basin: other noise, coloured sensors, unlogged gusts, another
+integration; kvlcc2: another ship of 7 m with another force model, other sizes of everything, other manoeuvres."""
+
+POWERS = {
+    "current.x": 0.5, "current.y": 0.5, "wind_sensor_bias.x": 0.5, "wind_sensor_bias.y": 0.5, "wave_drift.x": 3.0,
+    "wave_drift.y": 3.0, "tow.X": 3.0, "tow.Y": 3.0, "tow.N": 4.0, "rudder_lag.T": 0.5, "control_delay.tau": 0.5,
+    "gnss_delay.tau": 0.5, "hull_memory.T": 0.5, "antenna_offset.x": 1.0, "antenna_offset.y": 1.0,
+    "bank.distance": 1.0, "bank.decay": 1.0,
+}  # fmt: skip
+"""Powers of the scale by which parameters of the key grow; those that are not here are numbers."""
+COLUMNS = (0.5, 1.0, 1.0, 0.0, 0.5, 0.5, -0.5, -0.5, 0.0, 0.5, 0.0)
+"""Powers of the scale of t, x, y, psi, u, v, r, n, delta, wind speed and direction."""
+
+
+def sensor_errors(world: World, rows: int, runs: int, rng: np.random.Generator) -> Array:
+    """Errors (rows, 6, runs) of the logged columns: white, or those of u, v and r half white and half with memory."""
+    out = rng.standard_normal((rows, 6, runs))
+    if world.colour[1] > 0:
+        left = np.exp(-world.sample / rng.uniform(*world.colour, 3))[:, None]
+        slow = rng.standard_normal((rows, 3, runs))
+        for k in range(1, rows):
+            slow[k] = left * slow[k - 1] + np.sqrt(1 - left**2) * slow[k]
+        out[:, 3:] = (out[:, 3:] + slow) / np.sqrt(2.0)
+    return np.asarray(world.noise)[:, None] * out
