@@ -24,6 +24,9 @@ predictions become worse."""
 BESIDE_INSTRUMENT_FAULT = (5.0, 0.1)
 """Log Bayes factor, and share of what the name explains, that may be left unexplained beside a fault of one instrument
 alone. A constant error of v, for example, is nearly one of the heading alone."""
+SURE = 0.005
+"""Probability by chance below which a name that is withdrawn leaves something unexplained, though no unnamed form does.
+"""
 SMALL_GROWTH, LARGE_GROWTH = 0.02, 0.15
 """Growth of the test error that is accepted; and that contradicts a name even if one-step predictions improve."""
 
@@ -57,7 +60,9 @@ def decide(
         reason = f"{_names(found.effects)} fits the training trials but does not predict the test trials better"
     if not reason:
         return "named", []
-    return "unknown", [Message(f"{reason}: the name is withdrawn", "name_withdrawn")]
+    first = found.searches[0].best if found.searches else None
+    chance = first is not None and first.p_value > SURE and beyond <= 0
+    return "none" if chance else "unknown", [Message(f"{reason}: the name is withdrawn", "name_withdrawn")]
 
 
 def _names(effects: Sequence[Candidate]) -> str:

@@ -59,7 +59,7 @@ class Dictionary:
     """The columns of all unnamed forms at a fitted hypothesis.
 
     steps: the transition model; data: the trials; found: the fit; active: (A,) positions of the states that take part.
-    kinds: the kind of each of C columns.
+    labels: kind and form of each of C columns; kinds: the kind alone.
     """
 
     def __init__(self, steps: TransitionModel, data: GriddedTrials, found: Point, active: np.ndarray) -> None:
@@ -86,16 +86,17 @@ class Dictionary:
         self.rate = rate[:, active].reshape(K + 1, R, -1)
         self.rate_jacobian = J[:, active][:, :, wanted].reshape(K + 1, R, len(active), -1)
         self.states = _sensor_forms(z, data)
-        self.kinds = (
-            *(f"{axis} force" for _ in self.forces.names for axis in ("surge", "sway", "yaw")),
+        self.labels = (
+            *((f"{axis} force", form) for form in self.forces.names for axis in ("surge", "sway", "yaw")),
             *(
-                f"{what} of {name}"
-                for name, action in self.actions.items()
-                for what, count in (("action", len(SHAPES)), ("delay", len(action.delayed)))
-                for _ in range(count)
+                (f"{what} of {name}", form)
+                for name in self.actions
+                for what, forms in (("action", SHAPES), ("delay", tuple(f"{d:g} s" for d in DELAYS)))
+                for form in forms
             ),
-            *(f"sensor of {SENSORS[channel]}" for channel, names in ERRORS.items() for _ in names),
+            *((f"sensor of {SENSORS[channel]}", name) for channel, names in ERRORS.items() for name in names),
         )
+        self.kinds = tuple(kind for kind, _ in self.labels)
 
     def columns(self, linear: LinearModel) -> tuple[np.ndarray, np.ndarray]:
         """The columns for ``linearise_and_filter``: what each adds to the active states over a step (K, R, A, C) and to

@@ -67,8 +67,8 @@ class SearchProblem:
 class RefittedEffect:
     """A candidate added to a hypothesis and refitted.
 
-    gain: of log likelihood; delta_bic: gain in BIC; p_value: probability that chance gives such a gain to any of the
-    candidates.
+    gain: of log likelihood, over the dispersion of its slopes; delta_bic: gain in BIC; p_value: probability that chance
+    gives such a gain to any of the candidates.
     """
 
     candidate: Candidate
@@ -188,7 +188,7 @@ def refit_candidate(
     start |= dict(zip(c.columns, first, strict=True))
     fit = refit(problem.steps, problem.data, problem.base, before, [*named, c], start)
     kept = sum(len(e.columns) for e in named)
-    gain = likelihood(before, kept) - likelihood(fit, kept + len(c.columns))
+    gain = (likelihood(before, kept) - likelihood(fit, kept + len(c.columns))) / score.dispersion
     by_chance = min(1.0, count * float(chi2.sf(max(2 * gain, 0.0), score.degrees)))
     p_value = min(score.p_value, by_chance) if c.effect not in CURVED else by_chance
     return RefittedEffect(c, fit, gain, 2 * gain - score.degrees * problem.cost, p_value)

@@ -8,13 +8,14 @@ projected out. All slopes are jointly normal with a known covariance, which give
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.stats import chi2
 
 from diagnosis.estimation.candidates import Candidate, Column
+from diagnosis.estimation.dispersion import dispersion, memory_steps
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.linearisation import Point, Trajectory, linearise_and_filter
 from diagnosis.estimation.map_estimate import Estimate
@@ -32,20 +33,22 @@ class Slopes:
     """The slopes of all candidates at a fitted hypothesis.
 
     columns: the parameters, P of them, in units of their typical size; g: (P,) slopes of the log likelihood, the
-    hypothesis projected out; S: (P, P) their covariance; own: (P,) information before the projection.
+    hypothesis projected out; S: (P, P) their covariance; own: (P,) information before the projection; dispersion: of
+    each candidate, the ratio of its slopes' variance to that covariance where residuals are correlated in time.
     """
 
     columns: tuple[Column, ...]
     g: np.ndarray
     S: np.ndarray
     own: np.ndarray
+    dispersion: Mapping[Candidate, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class ScoreTest:
     """A candidate's test: T (chi-squared with ``degrees``), its probability by itself and as the largest of all;
     phi: (p,) first-order estimates [typical sizes]; absorbed: share of its information that coefficients imitate;
-    errors: (p,) standard errors of phi, infinite where nothing is seen."""
+    errors: (p,) standard errors of phi, infinite where nothing is seen; dispersion: by which T was divided."""
 
     candidate: Candidate
     T: float
@@ -56,6 +59,7 @@ class ScoreTest:
     absorbed: float
     excited: bool
     errors: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    dispersion: float = 1.0
 
 
 def slopes(steps: TransitionModel, data: GriddedTrials, found: Estimate, candidates: Sequence[Candidate]) -> Slopes:
@@ -77,7 +81,8 @@ def slopes(steps: TransitionModel, data: GriddedTrials, found: Estimate, candida
     point = Point(found.theta, both, np.zeros(len(both.columns)), Trajectory(z, found.path.force), found.noise)
     linearised = linearise_and_filter(steps, data, point, active)
     P = len(free.symbols)
-    grams = np.einsum("krca,krcb->rab", linearised.white, linearised.white, optimize=True)
+    every = linearised.white
+    grams = np.einsum("krca,krcb->rab", every, every, optimize=True)
     logdet_gradient = np.hstack([linearised.logdet_gradient, np.zeros((len(data.run), 1))])
     # a parameter of one run has the column of the ship's parameter in that run's windows and nothing elsewhere
     pick = np.array([*range(P), *(P + symbols.index(c.symbol) for c in each), P + n])
@@ -91,7 +96,13 @@ def slopes(steps: TransitionModel, data: GriddedTrials, found: Estimate, candida
     g_all = -(gram[:-1, -1] + logdet_gradients)
     g_all[:P] -= found.p
     g = g_all[P:] - project.T @ g_all[:P]
-    return Slopes(tuple(each), g, S, own)
+    apart = every[..., pick[P:-1]] * acts[:, None, P:-1] - every[..., :P] @ project
+    lags, at, ratios = memory_steps(steps.ship.particulars["L"], data.h), 0, {}
+    for c in candidates:
+        i = slice(at, at + len(c.columns))
+        at = i.stop
+        ratios[c] = dispersion(apart[..., i], every[..., -1], g[i], S[i, i], lags)
+    return Slopes(tuple(each), g, S, own, ratios)
 
 
 def score_tests(s: Slopes, candidates: Sequence[Candidate], seed: int = 0) -> list[ScoreTest]:
@@ -123,7 +134,8 @@ def _test(s: Slopes, c: Candidate, draws: np.ndarray) -> tuple[ScoreTest, np.nda
     degrees = int(np.linalg.matrix_rank(S, tol=1e-8 * np.trace(S), hermitian=True))
     phi = np.zeros(len(at))
     phi[seen] = inverse @ s.g[at][seen]
-    T = float(phi[seen] @ s.g[at][seen])
+    ratio = s.dispersion.get(c, 1.0)
+    T = float(phi[seen] @ s.g[at][seen]) / ratio
     d = draws[:, at][:, seen]
     null = chi2.sf(np.einsum("da,ab,db->d", d, inverse, d), degrees)
     p = float(chi2.sf(T, degrees))
@@ -133,8 +145,8 @@ def _test(s: Slopes, c: Candidate, draws: np.ndarray) -> tuple[ScoreTest, np.nda
             T, p, phi = 0.0, 1.0, np.zeros(1)
     absorbed = float(np.clip(1 - np.mean(np.diag(S) / own[seen]), 0.0, 1.0))
     errors = np.full(len(at), np.inf)
-    errors[seen] = np.sqrt(np.diag(inverse))
-    return ScoreTest(c, T, degrees, p, 1.0, phi, absorbed, True, errors), null
+    errors[seen] = np.sqrt(ratio * np.diag(inverse))
+    return ScoreTest(c, T, degrees, p, 1.0, phi, absorbed, True, errors, ratio), null
 
 
 def _largest(p: float, least: np.ndarray, count: int) -> float:

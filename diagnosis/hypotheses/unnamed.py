@@ -10,20 +10,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from diagnosis.estimation.dispersion import dispersion, memory_steps
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.linearisation import linearise_and_filter
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import active_states
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.hypotheses.dictionary import Dictionary
-from mmg.motion.froude import time_scale
 
 SIZES = (0.03, 0.1, 0.3, 1.0)
 """Prior standard deviations of a column's coefficient, in the sizes of what is random."""
 
 
-MEMORY = 5.0
-"""Time [s of a 3 m model] over which residuals may be correlated."""
 DRAWS, LEVEL = 1000, 0.015
 """Draws of the law by chance, and the probability of a false alarm of either test (all kinds; the best force alone)."""
 
@@ -106,30 +104,13 @@ def unnamed_slopes(steps: TransitionModel, data: GriddedTrials, found: Estimate)
     slope = -(gram[:-1, -1] + logdet)
     slope[:P] -= found.p
     g = slope[P:] - project.T @ slope[:P]
-    lags = round(MEMORY * time_scale(steps.ship.particulars["L"]) / data.h)
+    lags = memory_steps(steps.ship.particulars["L"], data.h)
     columns = linearised.white[..., P:-1] - linearised.white[..., :P] @ project
-    dispersion = {}
+    ratios = {}
     for name in dict.fromkeys(forms.kinds):
         own = np.array([k == name for k in forms.kinds])
-        dispersion[name] = _dispersion(columns[..., own], linearised.white[..., -1], g[own], S[np.ix_(own, own)], lags)
-    return UnnamedSlopes(g, S, forms.kinds, dispersion)
-
-
-def _dispersion(columns: np.ndarray, white: np.ndarray, g: np.ndarray, S: np.ndarray, lags: int) -> float:
-    """Variance of the slopes g (c,) of ``columns`` (K + 1, R, 6, c) over their information S, in the mean.
-
-    The variance is that of Newey & West (1987) with so many lags, about what the columns explain; white: (K + 1, R, 6)
-    negative residual.
-    """
-    values, vectors = np.linalg.eigh(0.5 * (S + S.T))
-    kept = values > 1e-6 * max(values.max(), 1e-300)
-    root = vectors[:, kept] / np.sqrt(values[kept])
-    along = columns @ root
-    size = (root.T @ g) * values[kept] / (1 + values[kept])
-    each = np.einsum("krca,krc->kra", along, white + along @ size)
-    weight = 1 - np.arange(1, lags + 1) / (lags + 1)
-    covariances = [(each[lag:] * each[:-lag]).sum() for lag in range(1, lags + 1)]
-    return max(1.0, float(((each**2).sum() + 2 * weight @ covariances) / kept.sum()))
+        ratios[name] = dispersion(columns[..., own], linearised.white[..., -1], g[own], S[np.ix_(own, own)], lags)
+    return UnnamedSlopes(g, S, forms.kinds, ratios)
 
 
 def log_bayes(g: np.ndarray, S: np.ndarray, chosen: np.ndarray) -> np.ndarray:

@@ -19,7 +19,6 @@ from diagnosis.findings import HeldOut
 from diagnosis.hypotheses.forward_selection import (
     AGREE,
     LEVEL,
-    ODDS,
     SAME_CLASS,
     RefittedEffect,
     Search,
@@ -34,12 +33,15 @@ from diagnosis.verdict import (
     LARGE_GROWTH,
     SMALL_GROWTH,
     STRICT_RATIO,
+    SURE,
     UNEXPLAINED_RATIO,
     decide,
 )
 from tests.support.diagnosis_cases import FEW, WHITE, candidate, problem_of, pushed_trials, quiet
 
 NOISE = NoiseModel(np.ones(3), 5.0, np.ones(6), np.zeros(6), 4.0)
+LIMIT = 1.1
+"""What the unnamed forms hardly exceed by chance."""
 NAMES = {
     "current": {"x": 0.03, "y": -0.02},
     "antenna_offset": {"x": 0.3, "y": -0.2},
@@ -67,7 +69,7 @@ def test_a_strong_effect_is_named_and_only_it(name: str) -> None:
     assert_sizes(found, name, NAMES[name])
     assert found.final.nll < found.null.nll - 20
     left = unnamed_forms(problem.steps, problem.data, found.final)
-    assert decide(found, 99.0, left.log_bayes, None) == ("named", [])
+    assert decide(found, 99.0, left.log_bayes, left.limit, None) == ("named", [])
 
 
 @pytest.mark.parametrize("seed", [2, 3])
@@ -76,8 +78,8 @@ def test_none_is_named_by_chance(seed: int) -> None:
     found = select_effects(problem, null)
     assert found.effects == () and found.final is null and len(found.searches) == 1
     assert found.robust == {}
-    before = unnamed_forms(problem.steps, problem.data, null).log_bayes
-    assert decide(found, before, before, None) == ("none", [])
+    before = unnamed_forms(problem.steps, problem.data, null)
+    assert decide(found, before.beyond_chance, before.log_bayes, before.limit, None) == ("none", [])
 
 
 def test_two_effects_are_both_named() -> None:
@@ -164,7 +166,7 @@ def test_log_bayes_speaks_against_more_columns_under_chance_and_for_them_where_s
     root, rng = np.linalg.cholesky(S), np.random.default_rng(2)
     by_chance = np.array([log_bayes(root @ rng.standard_normal(8), S, every) for _ in range(500)])
     assert by_chance.mean() < 0 and np.median(by_chance) < 0
-    assert (by_chance > ODDS).mean() < np.exp(-ODDS)  # never wrong more often than the odds say
+    assert (by_chance > LIMIT).mean() < np.exp(-LIMIT)  # never wrong more often than the odds say
     there = np.array([log_bayes(S @ np.full(8, 0.8) + root @ rng.standard_normal(8), S, every) for _ in range(50)])
     assert there.min() > 10
     assert log_bayes(np.zeros(8), S, every) < 0
@@ -193,7 +195,7 @@ def runs() -> SearchProblem:
     return problem_of(pushed_trials(1))[0]
 
 
-@pytest.mark.parametrize(("sin_2", "low", "high"), [(0.0, -np.inf, ODDS), (0.4, ODDS, np.inf)])
+@pytest.mark.parametrize(("sin_2", "low", "high"), [(0.0, -np.inf, 0.0), (0.4, 0.0, np.inf)])
 def test_a_force_that_no_effect_of_the_library_has_is_seen(
     runs: SearchProblem, sin_2: float, low: float, high: float
 ) -> None:
@@ -202,7 +204,7 @@ def test_a_force_that_no_effect_of_the_library_has_is_seen(
     start = initial_point(steps, data, steps.ship.values, problem.base, initial_noise(steps.ship))
     null = estimate(steps, data, start, iterations=12)
     found = unnamed_forms(steps, data, null)
-    assert low < found.log_bayes < high
+    assert low < found.beyond_chance < high
     logs = list(found.by_kind.values())
     assert found.log_bayes == pytest.approx(np.log(np.mean(np.exp(logs))), rel=1e-6)
     if sin_2:
@@ -218,7 +220,7 @@ def test_a_fault_of_a_sensor_without_a_name_is_unknown(column: str, by: float, k
     assert before.log_bayes > 20 and max(before.by_kind, key=lambda k: before.by_kind[k]) == kind
     found = select_effects(problem, null)
     after = unnamed_forms(problem.steps, problem.data, found.final)
-    assert decide(found, before.log_bayes, after.log_bayes, None)[0] == "unknown"
+    assert decide(found, before.beyond_chance, after.log_bayes, after.limit, None)[0] == "unknown"
 
 
 def found_with(drop: float, *effects: str, p: float = 1e-4) -> Selection:
@@ -235,9 +237,18 @@ def held(
 
 def test_nothing_named_is_none_or_unknown_by_the_dictionary() -> None:
     nothing = found_with(0.0)
-    assert decide(nothing, ODDS - 0.01, ODDS - 0.01, None) == ("none", [])
-    assert decide(nothing, ODDS + 0.01, ODDS + 0.01, None) == ("unknown", [])
-    assert decide(nothing, ODDS - 0.01, ODDS - 0.01, held(0.0, (0.0, 0.0))) == ("none", [])
+    assert decide(nothing, -0.01, -1.0, LIMIT, None) == ("none", [])
+    assert decide(nothing, 0.01, -1.0, LIMIT, None) == ("unknown", [])
+    assert decide(nothing, -0.01, -1.0, LIMIT, held(0.0, (0.0, 0.0))) == ("none", [])
+
+
+@pytest.mark.parametrize(
+    ("p_value", "beyond", "verdict"), [(2, -0.1, "none"), (0.5, -0.1, "unknown"), (2, 0.1, "unknown")]
+)
+def test_a_name_withdrawn_that_may_be_chance_leaves_nothing(p_value: float, beyond: float, verdict: str) -> None:
+    first = Search((), (tried("bank", 3.0, p_value * SURE),), a_fit(100.0))
+    found = replace(found_with(12.0, "bank", p=1.1 * AGREE), searches=(first,))
+    assert decide(found, beyond, -1.0, LIMIT, None)[0] == verdict
 
 
 @pytest.mark.parametrize(
@@ -253,7 +264,7 @@ def test_nothing_named_is_none_or_unknown_by_the_dictionary() -> None:
     ],
 )
 def test_a_name_stands_where_nothing_speaks_against_it(test: HeldOut | None) -> None:
-    assert decide(found_with(12.0, "current"), 9.0, -1.0, test) == ("named", [])
+    assert decide(found_with(12.0, "current"), 9.0, -1.0, LIMIT, test) == ("named", [])
 
 
 @pytest.mark.parametrize(
@@ -268,16 +279,16 @@ def test_a_name_stands_where_nothing_speaks_against_it(test: HeldOut | None) -> 
 def test_a_name_that_explains_less_than_is_left_needs_support_by_test_trials(
     test: HeldOut | None, verdict: str
 ) -> None:
-    found, reasons = decide(found_with(6.0, "draft", "tow"), 9.0, 6.1, test)
+    found, reasons = decide(found_with(6.0, "draft", "tow"), 9.0, 6.1, LIMIT, test)
     assert found == verdict and bool(reasons) == (verdict == "unknown")
     if reasons:
         assert "draft and tow would explain a part" in reasons[0] and "withdrawn" in reasons[0]
-    less = decide(found_with(6.0, "draft", "tow"), 9.0, 5.9, test)[0]
+    less = decide(found_with(6.0, "draft", "tow"), 9.0, 5.9, LIMIT, test)[0]
     assert less == ("named" if test is None else verdict)  # test trials that are there must support it
     assert (
-        decide(found_with(6.0 / UNEXPLAINED_RATIO, "draft", "tow"), 9.0, 5.9, test)[0] == "named"
+        decide(found_with(6.0 / UNEXPLAINED_RATIO, "draft", "tow"), 9.0, 5.9, LIMIT, test)[0] == "named"
     )  # a remainder, no more
-    assert decide(found_with(0.5, "draft"), 9.0, ODDS - 0.01, test)[0] == "named"
+    assert decide(found_with(0.5, "draft"), 9.0, LIMIT - 0.01, LIMIT, test)[0] == "named"
 
 
 @pytest.mark.parametrize(("value", "verdict"), [(4.9, "named"), (5.0, "unknown")])
@@ -287,10 +298,10 @@ def test_a_name_that_needs_the_end_of_what_is_possible_is_withdrawn(value: float
     )
     final = replace(a_fit(80.0), free=free, p=np.array([0.0, value]))  # a coefficient of the ship's own may be there
     found = Selection((made_up("fouling"),), a_fit(100.0), final, (), {made_up("fouling"): 1e-4})
-    got, reasons = decide(found, 9.0, -1.0, None)
+    got, reasons = decide(found, 9.0, -1.0, LIMIT, None)
     assert got == verdict and bool(reasons) == (verdict == "unknown")
     assert not reasons or "fouling.share = 5 at the end of what is possible" in reasons[0]
-    assert decide(found, 9.0, -1.0, held(0.3, (0.1, 0.4), 20.0, (5.0, 30.0)))[0] == "named"
+    assert decide(found, 9.0, -1.0, LIMIT, held(0.3, (0.1, 0.4), 20.0, (5.0, 30.0)))[0] == "named"
 
 
 def test_where_longer_predictions_become_worse_less_may_be_left_without_a_name() -> None:
@@ -300,7 +311,7 @@ def test_where_longer_predictions_become_worse_less_may_be_left_without_a_name()
     ):
         test = held(reduction, (-0.2, 0.1), 20.0, (5.0, 30.0))
         for left, verdict in ((0.9, "named"), (1.1, "unknown")):
-            assert decide(found_with(100.0, "rudder_lag"), 99.0, left * share * 100.0, test)[0] == verdict
+            assert decide(found_with(100.0, "rudder_lag"), 99.0, left * share * 100.0, LIMIT, test)[0] == verdict
 
 
 def test_a_fault_of_one_instrument_alone_leaves_little_over() -> None:
@@ -308,35 +319,35 @@ def test_a_fault_of_one_instrument_alone_leaves_little_over() -> None:
     support = held(0.3, (0.1, 0.4), 20.0, (5.0, 30.0))
     for drop, left in ((30.0, BESIDE_INSTRUMENT_FAULT[0]), (200.0, 200.0 * BESIDE_INSTRUMENT_FAULT[1])):
         for test in (None, support):
-            assert decide(found_with(drop, "heading_bias alone"), 99.0, left - 0.1, test)[0] == "named"
-            verdict, reasons = decide(found_with(drop, "heading_bias alone"), 99.0, left + 0.1, test)
+            assert decide(found_with(drop, "heading_bias alone"), 99.0, left - 0.1, LIMIT, test)[0] == "named"
+            verdict, reasons = decide(found_with(drop, "heading_bias alone"), 99.0, left + 0.1, LIMIT, test)
             assert verdict == "unknown" and "leaves little over" in reasons[0]
-        assert decide(found_with(drop, "heading_bias"), 99.0, left + 0.1, support)[0] == "named"
+        assert decide(found_with(drop, "heading_bias"), 99.0, left + 0.1, LIMIT, support)[0] == "named"
 
 
 def test_a_name_on_which_the_runs_do_not_agree_is_withdrawn() -> None:
-    verdict, reasons = decide(found_with(12.0, "bank", p=1.1 * AGREE), 9.0, -1.0, None)
+    verdict, reasons = decide(found_with(12.0, "bank", p=1.1 * AGREE), 9.0, -1.0, LIMIT, None)
     assert verdict == "unknown" and reasons == [
         f"the runs do not agree on bank (p = {1.1 * AGREE:.2g}): the name is withdrawn"
     ]
-    assert decide(found_with(12.0, "bank", p=0.9 * AGREE), 9.0, -1.0, None)[0] == "named"
+    assert decide(found_with(12.0, "bank", p=0.9 * AGREE), 9.0, -1.0, LIMIT, None)[0] == "named"
     support = held(2 * CONFIRMING_REDUCTION, (0.01, 0.2), 3.0, (1.0, 5.0))
-    assert decide(found_with(12.0, "bank", p=1.1 * AGREE), 9.0, -1.0, support)[0] == "named"
+    assert decide(found_with(12.0, "bank", p=1.1 * AGREE), 9.0, -1.0, LIMIT, support)[0] == "named"
 
 
 @pytest.mark.parametrize(
     ("after", "test", "verdict"),
     [
         (-1.0, None, "named"),
-        (2 * ODDS, None, "unknown"),
+        (2 * LIMIT, None, "unknown"),
         (-1.0, held(0.01, (-0.1, 0.1), 3.0, (1.0, 5.0)), "unknown"),
-        (2 * ODDS, held(2 * CONFIRMING_REDUCTION, (0.01, 0.2), 3.0, (1.0, 5.0)), "named"),
+        (2 * LIMIT, held(2 * CONFIRMING_REDUCTION, (0.01, 0.2), 3.0, (1.0, 5.0)), "named"),
     ],
 )
 def test_an_effect_with_values_of_its_own_in_each_run_needs_support(
     after: float, test: HeldOut | None, verdict: str
 ) -> None:
-    found, reasons = decide(found_with(40.0, "current by run"), 9.0, after, test)
+    found, reasons = decide(found_with(40.0, "current by run"), 9.0, after, LIMIT, test)
     assert found == verdict and bool(reasons) == (verdict == "unknown")
     if reasons:
         assert "current could differ from run to run" in reasons[0]
@@ -355,6 +366,6 @@ def test_an_effect_with_values_of_its_own_in_each_run_needs_support(
     ],
 )
 def test_a_name_that_test_trials_contradict_is_withdrawn(test: HeldOut) -> None:
-    verdict, reasons = decide(found_with(12.0, "fouling"), 9.0, -1.0, test)
+    verdict, reasons = decide(found_with(12.0, "fouling"), 9.0, -1.0, LIMIT, test)
     assert verdict == "unknown" and len(reasons) == 1
     assert "fouling fits the training trials but does not predict the test trials better" in reasons[0]

@@ -18,7 +18,7 @@ from cases.trial import Trial
 from diagnosis.estimation.candidates import find
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import priors_of_effects
-from diagnosis.hypotheses.forward_selection import ODDS, SearchProblem, Selection, select_effects
+from diagnosis.hypotheses.forward_selection import SearchProblem, Selection, select_effects
 from diagnosis.hypotheses.reference import LEAST, STRONG, Reference, fit_reference
 from diagnosis.hypotheses.unnamed import unnamed_forms
 from diagnosis.inputs import calibration_trials
@@ -36,6 +36,10 @@ MODERATE = {"antenna_offset": "antenna_offset:x=0.3,y=-0.25", "current": "curren
 LARGE = {"antenna_offset": "antenna_offset:x=0.9,y=-0.7", "current": "current:x=0.06,y=-0.05"}
 """Effects of more than STRONG typical sizes."""
 SHOWN = "show these effects already"
+
+
+LIMIT = 1.1
+"""Log Bayes factor of the unnamed forms that chance hardly exceeds."""
 
 
 @cache
@@ -85,7 +89,7 @@ def test_trials_of_the_ship_itself_show_little_and_hardly_scatter() -> None:
     shift, scatter = np.array(list(found.shift.values())), np.array(list(found.scatter.values()))
     assert np.abs(shift).max() < 1.5 and np.sqrt((shift**2).mean()) < 0.6
     assert (scatter >= LEAST).all() and (scatter == LEAST).any() and scatter.max() < 1.2 and np.median(scatter) < 0.3
-    assert found.strong == () and 0.0 <= found.unnamed * known().problem.data.samples < ODDS
+    assert found.strong == () and 0.0 <= found.unnamed * known().problem.data.samples < LIMIT
 
 
 def test_what_is_known_is_the_fit_with_its_errors_and_the_scatter_between_runs() -> None:
@@ -184,7 +188,7 @@ def test_the_ship_as_its_trials_show_it_needs_nothing() -> None:
     assert found.effects == () and found.final is ready.null
     assert (
         unnamed_forms(ready.problem.steps, ready.problem.data, ready.null).log_bayes - ready.problem.expected_unnamed
-        < ODDS
+        < LIMIT
     )
 
 
@@ -197,11 +201,11 @@ def test_what_has_no_name_in_the_reference_either_is_usual_and_grows_with_the_nu
     few, many = (prepare(calibrated(), wrong(t), step=H, reference=wrong(before())) for t in (new()[:1], new()))
     assert many.problem.data.samples > 2.5 * few.problem.data.samples
     usual = [ready.problem.expected_unnamed / ready.problem.data.samples for ready in (few, many)]
-    assert usual[0] == pytest.approx(usual[1], rel=1e-9) and few.problem.expected_unnamed > ODDS
+    assert usual[0] == pytest.approx(usual[1], rel=1e-9) and few.problem.expected_unnamed > LIMIT
     alone = prepare(calibrated(), wrong(new()), step=H)
     assert alone.problem.expected_unnamed == 0.0
     left = [unnamed_forms(r.problem.steps, r.problem.data, r.null).log_bayes for r in (many, alone)]
-    assert min(left) > 10 * ODDS  # it is seen
+    assert min(left) > 10 * LIMIT  # it is seen
     # and mostly expected, although the fit to the reference takes it for an error of the heading alone
     assert (
         left[0] - many.problem.expected_unnamed_null < 0.5 * left[0]

@@ -1,0 +1,175 @@
+"""Unnamed forms: their slopes are those of the marginal likelihood, and their limits those of chance."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import mmg.effects
+from cases.shipfiles.effects import with_effects
+from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
+from diagnosis.estimation.kalman import NoiseModel
+from diagnosis.estimation.linearisation import Point, Trajectory, linearise_and_filter
+from diagnosis.estimation.map_estimate import Estimate
+from diagnosis.estimation.parameters import NO_PRIORS, active_states
+from diagnosis.estimation.transition_model import TransitionModel
+from diagnosis.hypotheses.dictionary import Dictionary
+from diagnosis.hypotheses.forward_selection import SearchProblem
+from diagnosis.hypotheses.unnamed import LEVEL, log_bayes, unnamed_forms, unnamed_slopes
+from mmg.effects import Effect, Parameter
+from mmg.motion.flow import Flow, Force
+from tests.support.diagnosis_cases import FEW, WHITE, problem_of, pushed_trials, quiet
+
+NOISE = NoiseModel(np.array([0.3, 0.6, 0.4]), 5.0, WHITE, np.zeros(6), 4.0)
+LENGTH = 3.0
+
+
+class Probe(Effect):
+    """Some forms of the dictionary as an effect, by which the model itself can be differentiated."""
+
+    name, enters = "probe", "force"
+
+    def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
+        return tuple(Parameter(s, 0.0, 1.0, -9.0, 9.0, "", s) for s in ("ur", "cos", "vv", "over", "crosstalk"))
+
+    def actuators(self, flow: Flow, memory: Any, e: Any, p: Any, s: Any) -> Flow:
+        return flow.with_(delta=flow.delta + e.over * flow.u)
+
+    def forces(self, parts: Any, flow: Flow, e: Any, at: Any) -> Any:
+        N = e.ur * flow.u * flow.r * LENGTH
+        return {**parts, "probe": Force(e.vv * flow.v**2, e.cos * ca.cos(flow.psi), N)}
+
+    def columns(self, y: list[Any], flow: Flow, memory: Any, e: Any, p: Any) -> list[Any]:
+        return [*y[:4], y[4] + e.crosstalk * y[5], y[5]]
+
+
+@pytest.fixture(scope="module")
+def probed() -> Any:
+    """Steps of a ship with the probe, windows, a path, and log det F by the probe's parameters."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(mmg.effects.EFFECTS, "probe", Probe())
+        ship = with_effects(FEW, ["tow:X=0.0,Y=0.0,N=0.0", "probe:ur=0.0,cos=0.0,vv=0.0,over=0.0,crosstalk=0.0"])
+        steps = TransitionModel(ship, [*FEW.free], 0.5, compiled=False)
+        trials = pushed_trials(3, runs=(("zigzag:20/20", 40.0), ("random:11", 28.0)))
+        data = grid_trials(trials, ship.inputs, LENGTH, steps.h)
+        z = [steps.settled(data.y[0].T, data.inputs[0].T, ship.values)]
+        for held in data.inputs:
+            z.append(steps.advance(z[-1], held.T, ship.values[:, None].repeat(held.shape[0], axis=1)))
+        path = np.stack(z).swapaxes(1, 2)
+        yield steps, data, Trajectory(path, np.zeros((*path.shape[:2], 3)))
+
+
+def half_log_det(steps: TransitionModel, data: GriddedTrials, path: Any, symbol: str, value: float) -> float:
+    theta = steps.ship.values.copy()
+    theta[steps.ship.symbols.index(f"probe.{symbol}")] = value
+    at = Point(theta, NO_PRIORS, np.zeros(0), path, NOISE)
+    return 0.5 * float(linearise_and_filter(steps, data, at, np.arange(6)).filter.log_det.sum())
+
+
+@pytest.mark.parametrize(
+    ("symbol", "kind", "form"),
+    [
+        ("ur", "yaw force", "ur"),
+        ("cos", "sway force", "cos"),
+        ("vv", "surge force", "vv"),
+        ("over", "action of delta", "u"),
+        ("crosstalk", "sensor of v", "r"),
+    ],
+)
+def test_the_slope_of_the_log_determinant_is_that_of_the_model(probed: Any, symbol: str, kind: str, form: str) -> None:
+    steps, data, path = probed
+    at = Point(steps.ship.values, NO_PRIORS, np.zeros(0), path, NOISE)
+    words = Dictionary(steps, data, at, np.arange(6))
+    linearised = linearise_and_filter(steps, data, at, np.arange(6), words.columns)
+    place = words.labels.index((kind, form))
+    found = words.logdet_gradient(linearised)[place]
+    small = 1e-4
+    ends = [half_log_det(steps, data, path, symbol, sign * small) for sign in (1, -1)]
+    expected = (ends[0] - ends[1]) / (2 * small)
+    forcing, observed = words.columns(linearised.linear)
+    theta = steps.ship.values.copy()
+    theta[steps.ship.symbols.index(f"probe.{symbol}")] = small
+    moved = steps.linearise(path.z, data.inputs, theta, path.force[:-1], np.zeros(0, dtype=int), np.arange(6))
+    change = np.concatenate(
+        [
+            ((moved.end - linearised.linear.end)[..., :6] * data.inside[..., None]).ravel() / small,
+            ((moved.logged - linearised.linear.logged) * data.good).ravel() / small,
+        ]
+    )
+    column = np.concatenate(
+        [(forcing[..., place] * data.inside[..., None]).ravel(), (observed[..., place] * data.good).ravel()]
+    )
+    unit = float(change @ column / (change @ change))  # of the column, in the probe's parameter
+    np.testing.assert_allclose(column, unit * change, atol=0.05 * np.abs(column).max())
+    size = float(np.linalg.norm(linearised.white[..., place]))  # standard deviation of the whole slope
+    assert found == pytest.approx(unit * expected, rel=0.05, abs=0.02 * size)
+
+
+@pytest.fixture(scope="module")
+def without_effects() -> tuple[SearchProblem, Estimate]:
+    return problem_of(pushed_trials(1, how=quiet(X=0.3, Y=0.6, N=0.4)))
+
+
+def test_a_form_that_is_a_free_coefficient_has_no_slope_at_the_optimum(
+    without_effects: tuple[SearchProblem, Estimate],
+) -> None:
+    """The data pull at N_r as strongly as the log determinant, the other way; so they must at u r in the dictionary."""
+    problem, null = without_effects
+    active = active_states(problem.steps, null.free.symbols, null.theta)
+    words = Dictionary(problem.steps, problem.data, null, active)
+    linearised = linearise_and_filter(problem.steps, problem.data, null, active, words.columns)
+    flat = linearised.white.reshape(-1, linearised.white.shape[-1])
+    P, place = len(null.p), words.labels.index(("yaw force", "ur"))
+    N_r = null.free.symbols.index("N_r")
+    assert abs(np.corrcoef(flat[:, N_r], flat[:, P + place])[0, 1]) > 0.999
+    of_data, of_log_det = -flat[:, P + place] @ flat[:, -1], -words.logdet_gradient(linearised)[place]
+    size = np.linalg.norm(flat[:, P + place])
+    assert abs(of_data) > size and of_data * of_log_det < 0  # what was left out is no trifle
+    slopes = unnamed_slopes(problem.steps, problem.data, null)
+    assert abs(slopes.g[place]) < 0.1 * size
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_nothing_is_beyond_chance_where_nothing_is_left_out(seed: int) -> None:
+    """Also where the random forces are large against the sensors, which showed the missing term most."""
+    problem, null = problem_of(pushed_trials(seed, how=quiet(X=0.3, Y=0.6, N=0.4)))
+    assert unnamed_forms(problem.steps, problem.data, null).beyond_chance < 0
+
+
+def test_a_limit_is_exceeded_as_often_as_its_level_says(without_effects: tuple[SearchProblem, Estimate]) -> None:
+    """Slopes drawn from their law, another way than the limit's own draws."""
+    problem, null = without_effects
+    found = unnamed_forms(problem.steps, problem.data, null)
+    slopes = unnamed_slopes(problem.steps, problem.data, null)
+    names, ratio = sorted(set(slopes.kinds)), np.array([slopes.dispersion[k] for k in slopes.kinds])
+    g = np.random.default_rng(99).multivariate_normal(np.zeros(len(ratio)), slopes.S, 4000, method="svd")
+    logs = [
+        log_bayes(g / np.sqrt(ratio), slopes.S / ratio, np.array([k == name for k in slopes.kinds])) for name in names
+    ]
+    share = float((np.logaddexp.reduce(logs, axis=0) - np.log(len(names)) > found.limit).mean())
+    assert 0.2 * LEVEL < share < 3 * LEVEL
+
+
+def test_residuals_correlated_in_time_are_less_news(without_effects: tuple[SearchProblem, Estimate]) -> None:
+    """White sensors: hardly any dispersion. Errors of v with a memory of 2 s: the slopes of its sensor vary more."""
+    plain = unnamed_slopes(*_parts(*without_effects)).dispersion
+    assert max(plain.values()) < 1.35
+    trials = pushed_trials(1, how=quiet(X=0.3, Y=0.6, N=0.4))
+    rng = np.random.default_rng(0)
+    rough = []
+    for t in trials:
+        error = np.zeros(len(t.t))
+        for k in range(1, len(error)):
+            left = np.exp(-(t.t[k] - t.t[k - 1]) / 2.0)
+            error[k] = left * error[k - 1] + np.sqrt(1 - left**2) * rng.standard_normal()
+        rough.append(t.with_columns(v=t["v"] + 0.008 * error))
+    coloured = unnamed_slopes(*_parts(*problem_of(rough))).dispersion
+    assert coloured["sensor of v"] > 1.5 * plain["sensor of v"]
+
+
+def _parts(problem: SearchProblem, null: Estimate) -> tuple[TransitionModel, GriddedTrials, Estimate]:
+    return problem.steps, problem.data, null
