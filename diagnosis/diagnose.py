@@ -95,7 +95,8 @@ def _diagnosed(
     """The diagnosis without what is learned; no test trial shares rows with the trials."""
     began = time.perf_counter()
     sensors = consistency(trials, ship)
-    ship, repairs = with_sensor_faults(ship, sensors)
+    given = ship
+    ship, repairs = with_sensor_faults(given, sensors)
     ready = prepare(ship, trials, site, options.step, known.other, known.reference)
     timings = {"fit": time.perf_counter() - began}
     p = ready.problem
@@ -115,6 +116,9 @@ def _diagnosed(
     effects = tuple(summary.named_effect(p, ready.full, found, c) for c in named)
     final = found.final if is_named else found.null
     same = summary.equivalence_class(found) if is_named else ()
+    instruments = summary.instrument_faults(given, ready.full, final)
+    if "gyro" not in given.effects and "gyro" not in (fault.name for fault in instruments):
+        ship = ship.without_effect("gyro")
     ship_before = summary.fitted_ship(ship, ready.full, found.null, ())
     LOGGER.info("locating the gap and planning the next test")
     place = where(p.steps.model.controls, p.data, found.null, ship, final if is_named else None)
@@ -124,6 +128,7 @@ def _diagnosed(
         verdict=verdict,
         sentence=sentence_of(verdict, effects, same, remainder, result.held, found),
         effects=effects,
+        instruments=instruments,
         equivalence_class=same,
         remainder=remainder,
         candidates=summary.ranking(ready.full, found),
@@ -137,7 +142,7 @@ def _diagnosed(
             {"all": before.log_bayes, "single": before.single, **before.by_kind},
             {"all": after.log_bayes, "single": after.single, **after.by_kind},
         ),
-        kinematics=tuple(r.sentence for r in sensors.found),
+        kinematics=(*(r.sentence for r in sensors.found), *(fault.sentence for fault in instruments)),
         timings=timings,
         inputs=DiagnosisInputs(),
         ship=summary.fitted_ship(ship, ready.full, final, named) if is_named else ship_before,

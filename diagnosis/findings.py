@@ -57,6 +57,24 @@ class NamedEffect:
 
 
 @dataclass(frozen=True)
+class InstrumentFault:
+    """A fault of an instrument that was fitted with the model of the sensors; it is no effect of the ship.
+
+    p_value: by the standard errors of its parameters.
+    """
+
+    name: str
+    parameters: Mapping[str, EstimatedParameter]
+    p_value: Real
+
+    @property
+    def sentence(self) -> str:
+        """Name and estimates in words."""
+        sizes = (f"{k} = {p.value:.3g} ± {p.std:.2g} {p.unit}".rstrip() for k, p in self.parameters.items())
+        return f"fitted with the model of the sensors: {self.name}, {', '.join(sizes)}"
+
+
+@dataclass(frozen=True)
 class RankedCandidate:
     """A row of the ranking.
 
@@ -179,14 +197,16 @@ class Unnamed:
 class DiagnosisRecord:
     """What ``diagnosis.json`` holds under the names of the attributes.
 
-    verdict: "none", "named" or "unknown"; sentence: it in words. not_screened: effects that could not be tested, and
-    why. noise: sizes of what is random. kinematics: sentences on measurement faults that need no dynamics. learned: how
-    much a learned residual closes of the remainder (None: not measured).
+    verdict: "none", "named" or "unknown"; sentence: it in words. instruments: faults of instruments, which
+    are no effects. not_screened: effects that could not be tested, and why. noise: sizes of what is random. kinematics:
+    sentences on faults of instruments. learned: how much a learned residual closes of the remainder (None: not
+    measured).
     """
 
     verdict: str
     sentence: str
     effects: tuple[NamedEffect, ...]
+    instruments: tuple[InstrumentFault, ...]
     equivalence_class: tuple[str, ...]
     remainder: bool
     candidates: tuple[RankedCandidate, ...]

@@ -10,7 +10,7 @@ import numpy as np
 from cases.io.site import Site
 from cases.shipfiles.effects import freeing_effects
 from cases.trial import Trial
-from diagnosis.estimation.candidates import LOCAL, Column, FullModel, ship_with_all_effects
+from diagnosis.estimation.candidates import FITTED_ALONG, LOCAL, Column, FullModel, ship_with_all_effects
 from diagnosis.estimation.gridded_trials import COARSE, GriddedTrials, grid_trials, is_measured_rudder
 from diagnosis.estimation.kalman import NoiseModel
 from diagnosis.estimation.map_estimate import Estimate, estimate, initial_point
@@ -155,16 +155,12 @@ def fit_without_effects(
     return data, null if noise.prior else with_correlation_time(steps, data, null), apart, correlation, line
 
 
-SENSOR_FAULTS = ("velocity_lag", "gyro")
-"""Faults of instruments that belong into the measurement model before the dynamics are tested."""
-
-
 def with_sensor_faults(ship: Ship, sensors: Kinematics) -> tuple[Ship, list[Message]]:
-    """The ``ship`` with a free gain of the gyro, the SENSOR_FAULTS that the ``sensors`` show, and a sentence on those.
+    """The ``ship`` with a free gain of the gyro, the FITTED_ALONG that the ``sensors`` show, and a sentence on those.
 
     No gyro is exact: an error of its gain within the prior is none of the ship's dynamics.
     """
-    faults = [name for name in sensors.effects() if name in SENSOR_FAULTS and name not in ship.effects]
+    faults = [name for name in sensors.effects() if name in FITTED_ALONG and name not in ship.effects]
     ship = freeing_effects(ship, {name: None for name in (*faults, "gyro") if name not in ship.effects})
     if not faults:
         return ship, []

@@ -5,13 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.stats import chi2
 
-from diagnosis.estimation.candidates import Candidate, FullModel, parameters
+from diagnosis.estimation.candidates import FITTED_ALONG, Candidate, FullModel, parameters
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import mean_over_windows
-from diagnosis.findings import EstimatedParameter, NamedEffect, RankedCandidate
+from diagnosis.findings import EstimatedParameter, InstrumentFault, NamedEffect, RankedCandidate
 from diagnosis.hypotheses.forward_selection import RefittedEffect, Search, SearchProblem, Selection
 from mmg.ship import Ship
+
+SHOWN = 1e-3
+"""Probability by chance below which a fault of an instrument is reported."""
 
 
 def fitted_ship(ship: Ship, full: FullModel, fit: Estimate, effects: Sequence[Candidate]) -> Ship:
@@ -73,6 +77,19 @@ def named_effect(problem: SearchProblem, full: FullModel, found: Selection, cand
     sizes, runs = parameters_of(full, found.final, candidate), values_by_run(problem, found.final, candidate)
     absorbed = search.score(candidate).absorbed
     return NamedEffect(candidate.effect, sizes, refitted.p_value, refitted.delta_bic, absorbed, runs)
+
+
+def instrument_faults(ship: Ship, full: FullModel, fit: Estimate) -> tuple[InstrumentFault, ...]:
+    """Faults of instruments that a ``fit`` of the ``full`` model shows beside the effects of the ``ship`` as given."""
+    faults = []
+    for name in (e for e in FITTED_ALONG if e not in ship.effects and e in full.ship.effects):
+        rows = [p for p in parameters(full.ship, name) if f"{name}.{p.symbol}" in fit.free.symbols]
+        sizes = {p.symbol: estimated(fit, f"{name}.{p.symbol}", p.unit) for p in rows}
+        off = [(sizes[p.symbol].value - p.neutral) / sizes[p.symbol].std for p in rows]
+        chance = float(chi2.sf(np.sum(np.square(off)), len(rows))) if rows else 1.0
+        if chance < SHOWN:
+            faults.append(InstrumentFault(name, sizes, chance))
+    return tuple(faults)
 
 
 def equivalence_class(found: Selection) -> tuple[str, ...]:

@@ -16,6 +16,8 @@ LOCAL = ("current", "wind_sensor_bias", "tow")
 """Effects of the surroundings that may differ from run to run."""
 EXCLUDED = ("disturbance",)
 """Effects that are no candidates: the latent force itself."""
+FITTED_ALONG = ("velocity_lag", "gyro")
+"""Faults of instruments that belong into the measurement model before the dynamics are tested."""
 
 
 class Column(NamedTuple):

@@ -20,8 +20,8 @@ from tests.diagnosis.report.test_report import case
 pytestmark = pytest.mark.usefixtures("blank_figures")
 KEYS = {
     "schema_version", "verdict", "effects", "equivalence_class", "remainder", "candidates", "where", "held_out",
-    "next_test", "warnings", "messages", "sentence", "kinematics", "not_screened", "unnamed", "noise", "learned",
-    "timings",
+    "next_test", "warnings", "messages", "sentence", "kinematics", "instruments", "not_screened", "unnamed", "noise",
+    "learned", "timings",
 }  # fmt: skip
 RESULT_KEYS = {
     "schema_version", "kind", "command", "seed", "versions", "data", "test", "figures", "warnings", "timings_s",

@@ -48,6 +48,7 @@ def case(verdict: str) -> Diagnosis:
     return Diagnosis(
         verdict=verdict,
         sentence=f"In one sentence: {verdict}, wave_drift or not, by -90%.",
+        instruments=(),
         effects=(NamedEffect("current", CURRENT, 1e-12, 280.0, 0.3),) if named else (),
         equivalence_class=("wave_drift",) if named else (),
         remainder=named,
