@@ -12,6 +12,7 @@ from diagnosis.findings import HeldOut
 from diagnosis.hypotheses.forward_selection import AGREE, Selection
 from diagnosis.hypotheses.unnamed import UnnamedForms
 from diagnosis.prepare import Prepared
+from mmg.effects import EFFECTS
 from mmg.messages import Message
 
 LINE_PROBABILITY = 1e-6
@@ -56,7 +57,7 @@ def decide(
     reason = _inexact(found, after)
     if not reason and not (held is not None and _confirms(held)):
         reason = _doubt(found, after, limit, held)
-    if not reason and held is not None and _contradicts(held):
+    if not reason and held is not None and _contradicts(found, held):
         reason = f"{_names(found.effects)} fits the training trials but does not predict the test trials better"
     if not reason:
         return "named", []
@@ -67,6 +68,17 @@ def decide(
 
 def _names(effects: Sequence[Candidate]) -> str:
     return " and ".join(c.label for c in effects)
+
+
+def _measures(found: Selection) -> bool:
+    """Whether a named effect is one of the instruments. A window of the test trials begins at a logged row, which is
+    then itself late or off: only predictions over one step, from a state filtered over the past, tell."""
+    return any(EFFECTS[c.effect].measures for c in found.effects if c.effect in EFFECTS)
+
+
+def _surely_gains(held: HeldOut) -> bool:
+    """Whether predictions of the test trials over one step become better beyond chance."""
+    return held.likelihood_interval_90 is not None and held.likelihood_interval_90[0] > 0
 
 
 def _confirms(held: HeldOut) -> bool:
@@ -85,7 +97,8 @@ def _doubt(found: Selection, after: float, limit: float, held: HeldOut | None) -
     names, (gain, part) = _names(found.effects), _explained(found)
     if after > max(limit, gain):
         return f"{names} {part}, but unnamed forms explain more of what is left ({after:.0f})"
-    ratio = UNEXPLAINED_RATIO if held is None or held.reduction >= -SMALL_GROWTH else STRICT_RATIO
+    fair = held is None or held.reduction >= -SMALL_GROWTH or (_measures(found) and _surely_gains(held))
+    ratio = UNEXPLAINED_RATIO if fair else STRICT_RATIO
     if held is not None and after > max(limit, ratio * gain):
         return f"{names} {part}, but much is left unexplained ({after:.0f}), and the test trials do not confirm it"
     extreme = _at_bound(found)
@@ -119,11 +132,13 @@ def _at_bound(found: Selection) -> str:
     return ", ".join(f"{s} = {v:.3g}" for s, v, n in rows if n and s.split(".")[0] in own)
 
 
-def _contradicts(held: HeldOut) -> bool:
+def _contradicts(found: Selection, held: HeldOut) -> bool:
     """Whether the test trials speak against the named effects: longer predictions become clearly worse, or neither
     those nor the likelihood of one-step predictions improves."""
-    gain, interval = held.likelihood_gain or 0.0, held.likelihood_interval_90
-    sure = interval is not None and interval[0] > 0
+    gain = held.likelihood_gain or 0.0
+    sure = _surely_gains(held)
+    if sure and _measures(found):
+        return False
     worse = held.interval_90[1] < 0 and (held.reduction < -LARGE_GROWTH or not sure)
     return worse or (gain < 0 and held.reduction < -SMALL_GROWTH) or (gain < -3 and held.interval_90[0] <= 0)
 

@@ -369,3 +369,19 @@ def test_a_name_that_test_trials_contradict_is_withdrawn(test: HeldOut) -> None:
     verdict, reasons = decide(found_with(12.0, "fouling"), 9.0, -1.0, LIMIT, test)
     assert verdict == "unknown" and len(reasons) == 1
     assert "fouling fits the training trials but does not predict the test trials better" in reasons[0]
+
+
+@pytest.mark.parametrize(
+    ("name", "sure", "verdict"),
+    [
+        ("gnss_delay", (20.0, 60.0), "named"),
+        ("gnss_delay", (-3.0, 60.0), "unknown"),
+        ("fouling", (20.0, 60.0), "unknown"),
+    ],
+)
+def test_windows_that_begin_at_a_late_row_do_not_speak_against_a_late_sensor(
+    name: str, sure: tuple[float, float], verdict: str
+) -> None:
+    """A window begins at a logged row, which is itself late: its error grows, though the delay is right."""
+    test = held(-0.41, (-0.6, -0.2), 40.0, sure)
+    assert decide(found_with(108.0, name), 99.0, -1.0, LIMIT, test)[0] == verdict
