@@ -30,8 +30,7 @@ from fitting.nlp.windows import Segments, cut
 from fitting.settings import Settings, Start
 from fitting.solvers.ipopt import Solution
 from fitting.solvers.multistart import solve_starts
-from fitting.solvers.noise_iteration import solve_with_noise_estimation
-from fitting.solvers.residual_noise import ResidualNoise
+from fitting.solvers.residual_noise import ResidualNoise, solve_with_noise_estimation
 from fitting.uncertainty.sandwich import Robust, robust
 from mmg.errors import UserError
 from mmg.messages import Message, as_messages
@@ -227,31 +226,22 @@ def estimate_coefficients(
 
 def _unsure(best: Solution, solved: int, settings: Settings, condition: float) -> list[Message]:
     """Warnings on starts left out and on a covariance that is nearly singular."""
-    found = []
-    if best.converged and solved < settings.starts:
-        words = f"only {solved} of {settings.starts} starts were solved before the run was stopped"
-        found.append(Message(words, "starts_left_out"))
-    if condition > 1e12:
-        words = (
-            f"condition number {condition:.1g}: some combination of coefficients is not determined at all and the "
-            "standard errors are unreliable; fix coefficients or narrow their priors"
-        )
-        found.append(Message(words, "ill_conditioned"))
-    return found
+    left_out = f"only {solved} of {settings.starts} starts were solved before the run was stopped"
+    singular = (
+        f"condition number {condition:.1g}: some combination of coefficients is not determined at all and the "
+        "standard errors are unreliable; fix coefficients or narrow their priors"
+    )
+    found = [Message(left_out, "starts_left_out")] if best.converged and solved < settings.starts else []
+    return found + ([Message(singular, "ill_conditioned")] if condition > 1e12 else [])
 
 
 def _notices(ship: Ship, trials: Sequence[Trial], segments: Segments, interpreted_because: str) -> list[Message]:
     """What was left out, assumed or done more slowly."""
     found = [*as_messages(segments.dropped, "piece_too_short"), *as_messages(ship.notices, "ship")]
-    no_wind = ", ".join(t.name for t in trials if not t.has_wind)
-    no_position = ", ".join(t.name for t in trials if not t.has_position)
-    if no_wind:
-        found.append(Message(f"calm air is assumed in {no_wind} (no complete wind columns)", "no_wind"))
-    if no_position:
-        words = f"positions cannot be fitted in {no_position} (no complete x, y columns)"
-        found.append(Message(words, "no_position"))
+    if names := ", ".join(t.name for t in trials if not t.has_wind):
+        found.append(Message(f"calm air is assumed in {names} (no complete wind columns)", "no_wind"))
+    if names := ", ".join(t.name for t in trials if not t.has_position):
+        found.append(Message(f"positions cannot be fitted in {names} (no complete x, y columns)", "no_position"))
     found += [note for trial in trials for note in model_inputs(trial, ship.inputs).notices]
-    if interpreted_because:
-        words = f"running without compiled code, several times slower: {interpreted_because}"
-        found.append(Message(words, "interpreted"))
-    return found
+    slow = f"running without compiled code, several times slower: {interpreted_because}"
+    return found + ([Message(slow, "interpreted")] if interpreted_because else [])

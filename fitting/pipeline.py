@@ -17,7 +17,6 @@ from cases.shipfiles.model_changes import with_instruments
 from cases.trial import UNITS, Trial
 from fitting.calibration import Calibration, condition_number, estimate_coefficients
 from fitting.design.next_trial import identifiability_dict, next_trial
-from fitting.identifiability.analysis import at_bound
 from fitting.model_selection import ModelSelection, select
 from fitting.nlp.captive import Captive
 from fitting.prediction.band_calibration import adaptation_worth, fit_bands
@@ -188,12 +187,11 @@ def _solved(found: Calibration, command: str) -> dict[str, Any]:
 
 def coefficient_rows(found: Calibration) -> dict[str, dict[str, Any]]:
     """What became of each free coefficient of the calibration ``found``, by symbol, as of ``CoefficientRow``."""
-    prior, kept = found.prior, {field.name for field in fields(CoefficientRow)}
-    low, high = prior.scaled_bounds
+    kept = {field.name for field in fields(CoefficientRow)}
     return {
-        symbol: {name: value for name, value in vars(found.ship.coefficients[symbol]).items() if name in kept}
-        | {"at_bound": at_bound(found.p[i], low[i], high[i]) or None, "prior_share": found.covariance[i, i]}
-        for i, symbol in enumerate(prior.symbols)
+        f.symbol: {name: value for name, value in vars(found.ship.coefficients[f.symbol]).items() if name in kept}
+        | {"at_bound": f.bound or None, "prior_share": share}
+        for f, share in zip(found.identifiability.findings, np.diag(found.covariance), strict=True)
     }
 
 

@@ -31,9 +31,13 @@ class Prediction:
     @property
     def table(self) -> np.ndarray:
         """Rows window, t, x, y, psi, u, v, r in SI units, (N, 8), or with six standard deviations, (N, 14)."""
-        from fitting.prediction.predict import prediction_rows
+        import numpy as np
 
-        return prediction_rows(self.trial, list(self.windows))
+        parts = []
+        for w in self.windows:
+            columns = [np.full(len(w.states), float(w.number)), self.trial.t[w.first : w.last + 1], w.states]
+            parts.append(np.column_stack(columns if w.std is None else [*columns, w.std]))
+        return np.vstack(parts) if parts else np.empty((0, 8))
 
     def to_pandas(self) -> pd.DataFrame:
         """``table`` as a DataFrame, with the headers of the files that ``mmg predict`` writes."""

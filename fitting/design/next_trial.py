@@ -70,19 +70,12 @@ class NextTrial:
     plan: tuple[int, ...]
     planned: tuple[float, ...]
 
-    def best(self, i: int, many: bool = False) -> tuple[Option, float] | None:
-        """The best trial for coefficient i and the part of its variance left; None when none helps by ``HELPS``.
+    def best(self, i: int | Sequence[int], many: bool = False) -> tuple[Option, float] | None:
+        """The best trial for coefficient i, or several of them, and the mean part of their variance left.
 
-        many: for ``MANY`` times the time at sea.
+        many: for ``MANY`` times the time at sea. None when no trial helps by ``HELPS``.
         """
-        return self._best((self.left_by_many if many else self.left)[:, i])
-
-    def clusters(self, found: Identifiability) -> list[tuple[Option, float] | None]:
-        """Best trial of each cluster ``found`` and the mean part of its variance left; None when none helps."""
-        symbols = [f.symbol for f in found.findings]
-        return [self._best(self.left[:, [symbols.index(s) for s in c.symbols]].mean(axis=1)) for c in found.clusters]
-
-    def _best(self, left: np.ndarray) -> tuple[Option, float] | None:
+        left = (self.left_by_many if many else self.left)[:, np.atleast_1d(i)].mean(axis=1)
         if not len(left) or left.min() > 1 - HELPS:
             return None
         k = simplest(-np.log(left))
@@ -243,7 +236,8 @@ def identifiability_dict(found: Identifiability, trial: NextTrial | None = None)
             "advice": help_,
         }
     if trial:
-        content["next_trial"] = trial.to_dict([f.symbol for f in found.findings])
-        for cluster, best in zip(content["clusters"], trial.clusters(found), strict=True):
-            cluster["best_trial"] = best_row(best)
+        symbols = [f.symbol for f in found.findings]
+        content["next_trial"] = trial.to_dict(symbols)
+        for cluster in content["clusters"]:
+            cluster["best_trial"] = best_row(trial.best([symbols.index(s) for s in cluster["symbols"]]))
     return content

@@ -25,19 +25,6 @@ class Grid:
     controls: np.ndarray
 
 
-def pieces(trial: Trial, longest_gap: float, controls: np.ndarray) -> list[slice]:
-    """Stretches of samples of ``trial`` without a gap: states and ``controls`` (N, C) present.
-
-    longest_gap: largest time step [s] within a stretch.
-    """
-    needed = np.column_stack([*(trial[c] for c in ("psi", "u", "v", "r")), controls])
-    index = np.flatnonzero(np.isfinite(needed).all(axis=1))
-    if len(index) == 0:
-        return []
-    breaks = np.flatnonzero(np.diff(trial.t[index]) > longest_gap) + 1
-    return [slice(part[0], part[-1] + 1) for part in np.split(index, breaks)]
-
-
 def grids(
     trial: Trial, h: float, inputs: Sequence[str] = STANDARD, means: Callable[..., np.ndarray] = step_means
 ) -> list[Grid]:
@@ -47,9 +34,9 @@ def grids(
     """
     result = []
     states, controls = trial.states, model_inputs(trial, inputs).array
-    for piece in pieces(trial, max(2.5 * trial.dt, 2.0 * h), controls):
-        rows = np.arange(piece.start, piece.stop)
-        rows = rows[np.isfinite(controls[rows]).all(axis=1) & np.isfinite(states[rows, 2:]).all(axis=1)]
+    good = np.flatnonzero(np.isfinite(np.column_stack([states[:, 2:], controls])).all(axis=1))
+    gaps = np.flatnonzero(np.diff(trial.t[good]) > max(2.5 * trial.dt, 2.0 * h)) + 1
+    for rows in np.split(good, gaps) if len(good) else []:
         t = trial.t[rows]
         count = int(np.floor((t[-1] - t[0]) / h + 1e-9))
         if count < 1:

@@ -175,17 +175,6 @@ def outside_share(simulator: Simulator, trial: Trial, windows: Sequence[Window])
     return float(network.outside(features[order]).mean())
 
 
-def prediction_rows(trial: Trial, windows: list[Window]) -> np.ndarray:
-    """Rows (window, t, x, y, psi, u, v, r) of ``windows`` of a ``trial``, (rows, 8), or with standard deviations (rows,
-    14).
-    """
-    parts = []
-    for w in windows:
-        columns = [np.full(len(w.states), float(w.number)), trial.t[w.first : w.last + 1], w.states]
-        parts.append(np.column_stack(columns if w.std is None else [*columns, w.std]))
-    return np.vstack(parts) if parts else np.empty((0, 8))
-
-
 HEADER = "window,t [s],x [m],y [m],psi [rad],u [m/s],v [m/s],r [rad/s]"
 STD_HEADER = ",x_std [m],y_std [m],psi_std [rad],u_std [m/s],v_std [m/s],r_std [rad/s]"
 
