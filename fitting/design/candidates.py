@@ -11,6 +11,7 @@ import numpy as np
 from cases.maneuvers.definitions import parse_maneuver
 from cases.maneuvers.self_propulsion import own_speed
 from cases.simulation.gusts import Wind
+from fitting.identifiability.verdicts import listed
 from fitting.nlp.windows import Segments
 from mmg.motion.froude import reference_speed, time_scale
 from mmg.ship import Ship
@@ -93,5 +94,4 @@ def missing(excitation: np.ndarray, own: Sequence[frozenset[str]], had: frozense
     excitation: information on the coefficient in each of K trials (K,); own: their features; had: of the others.
     """
     lacks = sorted((s - had for s, e in zip(own, excitation, strict=True) if e > 0.2 * excitation.max()), key=len)
-    names = [name for name in FEATURES if lacks and name in lacks[0]]
-    return " or ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else "".join(names)
+    return listed([name for name in FEATURES if lacks and name in lacks[0]], " or ")

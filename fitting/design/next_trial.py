@@ -17,12 +17,7 @@ from cases.maneuvers.definitions import parse_maneuver
 from cases.simulation.simulate import simulate
 from cases.trial import Trial
 from fitting.design.candidates import Option, features, library, missing
-from fitting.identifiability.analysis import (
-    DETERMINED,
-    CoefficientFinding,
-    Identifiability,
-    information_discount,
-)
+from fitting.identifiability.analysis import DETERMINED, CoefficientFinding, Identifiability, information_discount
 from fitting.identifiability.verdicts import cause, verdict
 from fitting.nlp.fisher_information import information
 from fitting.nlp.problem import Problem

@@ -88,15 +88,11 @@ class Identifiability:
     correlation: np.ndarray
     order: np.ndarray
 
-    def counts(self) -> dict[str, int]:
-        """How many coefficients are of each kind."""
-        kinds = [f.kind for f in self.findings]
-        return {kind: kinds.count(kind) for kind in KINDS if kind in kinds}
-
     def to_dict(self) -> dict[str, Any]:
-        """Plain values for result.json."""
+        """Plain values for result.json; counts: of the coefficients of each kind."""
+        kinds = [f.kind for f in self.findings]
         return {
-            "counts": self.counts(),
+            "counts": {kind: kinds.count(kind) for kind in KINDS if kind in kinds},
             "coefficients": {
                 f.symbol: {
                     "kind": f.kind,

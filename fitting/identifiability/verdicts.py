@@ -81,39 +81,31 @@ def verdict(finding: CoefficientFinding, missing: str = "") -> str:
     return f"{words} (the prior's share of the variance is {min(finding.share, 1):.0%}{tied})"
 
 
-def listed(names: Sequence[str]) -> str:
-    """ "a", "a and b" or "a, b and c" of ``names``."""
-    return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else "".join(names)
+def listed(names: Sequence[str], last: str = " and ") -> str:
+    """ "a", "a and b" or "a, b and c" of ``names``; last: what stands before the last one."""
+    return last.join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else "".join(names)
 
 
 def calibrated_ship(
-    ship: Ship,
-    prior: Prior,
-    p: np.ndarray,
-    covariance: np.ndarray,
-    found: Identifiability,
-    converged: bool,
+    ship: Ship, prior: Prior, p: np.ndarray, covariance: np.ndarray, found: Identifiability, converged: bool
 ) -> Ship:
     """The ``ship`` with estimates, standard errors, priors and verdicts.
 
     prior: of the P free coefficients; p: scaled estimate (P,); covariance: (P, P) in prior standard deviations;
     found: what decided each coefficient; converged: an estimate that did not says so.
     """
-    changed = {}
+    changed, own = {}, "calibrated by mmg fit"
     for i, finding in enumerate(found.findings):
-        symbol, words = finding.symbol, verdict(finding)
-        c, share = ship.coefficients[symbol], float(covariance[i, i])
-        value = float(np.clip(prior.mean[i] + prior.std[i] * p[i], prior.lower[i], prior.upper[i]))
-        std = float(np.sqrt(share) * prior.std[i]) if np.isfinite(share) else c.std
-        changed[symbol] = c.with_(
-            value=value,
-            std=std,
+        words = verdict(finding)
+        c, share = ship.coefficients[finding.symbol], float(covariance[i, i])
+        changed[c.symbol] = c.with_(
+            value=float(np.clip(prior.mean[i] + prior.std[i] * p[i], prior.lower[i], prior.upper[i])),
+            std=float(np.sqrt(share) * prior.std[i]) if np.isfinite(share) else c.std,
             prior_value=float(prior.mean[i]),
             prior_std=float(prior.std[i]),
             verdict=words if converged else f"NOT CONVERGED; {words}",
-            source="calibrated by mmg fit" if "calibrated by mmg fit" in c.source or not c.source
-            else f"calibrated by mmg fit; prior: {c.source}",
-        )  # fmt: skip
+            source=own if own in c.source or not c.source else f"{own}; prior: {c.source}",
+        )
     return replace(ship.with_coefficients(changed), notices=())
 
 
@@ -149,11 +141,9 @@ def implausible(prior: Prior, values: dict[str, float]) -> list[Message]:
         limits = f"{low:g} to {high:g}"
         if math.inf in (-low, high):
             limits = f"at most {high:g}" if math.isfinite(high) else f"at least {low:g}"
-        words = (
-            f"{symbol} = {value:.3g} is outside its physical range ({limits}): it stands in for something else; fix "
-            "it, narrow its prior, or free what is missing"
-        )
-        found.append(Message(words, "implausible"))
+        range_ = f"{symbol} = {value:.3g} is outside its physical range ({limits})"
+        advice = "it stands in for something else; fix it, narrow its prior, or free what is missing"
+        found.append(Message(f"{range_}: {advice}", "implausible"))
     for symbol, mean, std in zip(prior.symbols, prior.mean, prior.std, strict=True):
         shift = (values.get(symbol, mean) - mean) / std
         if symbol in ADDED_MASSES and abs(shift) > WITHIN_PRIOR:

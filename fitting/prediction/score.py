@@ -35,14 +35,7 @@ class TrialScore:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, numbers by state as {state: number}."""
-        return {
-            "name": self.name,
-            "paper": self.paper,
-            "paper_by_state": _by_name(self.paper_by_state),
-            "window": self.window,
-            "window_by_state": _by_name(self.window_by_state),
-            "windows": self.windows,
-        }
+        return {key: _by_name(v) if isinstance(v, np.ndarray) else v for key, v in vars(self).items()}
 
 
 @dataclass(frozen=True)

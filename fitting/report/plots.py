@@ -115,12 +115,9 @@ def coefficient_plot(rows: Mapping[str, CoefficientRow], components: Mapping[str
         ax.set_yticks([i for i, line in enumerate(part) if line[1]], [line[1] for line in part if line[1]], fontsize=8)
         ax.grid(axis="y", visible=False)
     axes[0].set_xlim(-extent, extent)
-    order = [k for k in (*MARKS, "bound") if k in used]
-    names = {**{k: str(v["label"]) for k, v in MARKS.items()}, "bound": "at a bound"}
-    figure.legend(
-        [used[k] for k in order], [names[k] for k in order], loc="outside upper center", ncols=5, fontsize=8,
-        frameon=False,
-    )  # fmt: skip
+    names = {kind: str(look["label"]) for kind, look in MARKS.items() if kind in used} | {"bound": "at a bound"}
+    shown = {name: used[kind] for kind, name in names.items() if kind in used}
+    figure.legend(shown.values(), shown, loc="outside upper center", ncols=5, fontsize=8, frameon=False)
     return figure
 
 

@@ -66,11 +66,7 @@ class _Buffered(ca.Callback):
     """A CasADi callback that reads and writes numpy views of CasADi's own memory."""
 
     def __init__(
-        self,
-        name: str,
-        inputs: list[ca.Sparsity],
-        outputs: list[ca.Sparsity],
-        work: Callable[..., list[Any]],
+        self, name: str, inputs: list[ca.Sparsity], outputs: list[ca.Sparsity], work: Callable[..., list[Any]]
     ) -> None:
         ca.Callback.__init__(self)
         self._in, self._out, self._work = inputs, outputs, work

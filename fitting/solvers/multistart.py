@@ -159,8 +159,8 @@ def disagreement(starts: Sequence[Start], best: float) -> list[Message]:
 
     best: the lowest objective.
     """
-    messages = []
-    other = [s for s in starts if s.converged and not same_optimum(s.objective, best)]
+    messages, solved = [], [s for s in starts if s.converged]
+    other = [s for s in solved if not same_optimum(s.objective, best)]
     if other:
         far, near = max(s.objective for s in other) - best, min(s.objective for s in other) - best
         gap = f"{near:.3g}" if len(other) == 1 else f"{near:.3g} to {far:.3g}"
@@ -174,8 +174,8 @@ def disagreement(starts: Sequence[Start], best: float) -> list[Message]:
             "objective is kept: check it against other data, or use tighter priors"
         )
         messages.append(Message(words, "starts_disagree"))
-    failed = [s for s in starts if not s.converged]
-    if failed and len(failed) < len(starts):
-        words = f"{len(failed)} of {len(starts)} starts did not converge, also after a damped restart"
+    if 0 < len(solved) < len(starts):
+        failed = len(starts) - len(solved)
+        words = f"{failed} of {len(starts)} starts did not converge, also after a damped restart"
         messages.append(Message(words, "starts_failed"))
     return messages
