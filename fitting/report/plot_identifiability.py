@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch, Rectangle
+from matplotlib.patches import Rectangle
 
 from fitting.design.next_trial import HELPS, NextTrial
 from fitting.identifiability.analysis import DETERMINED, KINDS, PARTLY, CoefficientFinding, Identifiability
@@ -77,21 +77,18 @@ def share_plot(findings: Sequence[CoefficientFinding]) -> Figure:
     figure = new_figure(0.9 + 0.155 * len(rows))
     ax = dress(figure.subplots(), "prior's share of the variance [-]: 0 the trials decided, 1 they said nothing")
     heights = range(len(rows))
-    ax.barh(heights, [min(f.share, 1) for f in rows], 0.72, color=[COLOURS[f.kind] for f in rows])
-    ax.plot([f.alone for f in rows], heights, "|", color="black", ms=6, mew=1.3)
+    for kind, words in KINDS.items():
+        if some := [(k, min(f.share, 1)) for k, f in enumerate(rows) if f.kind == kind]:
+            ax.barh(*zip(*some, strict=True), 0.72, color=COLOURS[kind], label=words)
+    alone = [f.alone for f in rows]
+    ax.plot(alone, heights, "|", color="black", ms=6, mew=1.3, label="share if all others were known")
     for line in (DETERMINED, PARTLY):
         ax.axvline(line, color=GREY, lw=0.8, ls="--")
     ax.set_yticks(heights, [f.symbol for f in rows], fontsize=7.5)
     ax.set_ylim(len(rows) - 0.3, -0.7)
     ax.set_xlim(0, 1.02)
     ax.grid(axis="y", visible=False)
-    used = [kind for kind in KINDS if any(f.kind == kind for f in rows)]
-    handles = [Patch(facecolor=COLOURS[kind]) for kind in used]
-    tick = ax.plot([], [], "|", color="black", ms=8, mew=1.3)[0]
-    ax.legend(
-        [*handles, tick], [*(KINDS[kind] for kind in used), "share if all others were known"],
-        fontsize=8, frameon=True, edgecolor="none", loc="upper right",
-    )  # fmt: skip
+    ax.legend(fontsize=8, frameon=True, edgecolor="none", loc="upper right")
     return figure
 
 

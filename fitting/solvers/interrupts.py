@@ -6,19 +6,11 @@ import signal
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any
 
-
-@dataclass
-class _Interrupted:
-    """Whether Ctrl-C is being held (active) and has been pressed since (requested)."""
-
-    active: bool = False
-    requested: bool = False
-
-
-INTERRUPTED = _Interrupted()
+INTERRUPTED = SimpleNamespace(active=False, requested=False)
+"""Whether Ctrl-C is being held (active) and has been pressed since (requested)."""
 
 
 @contextmanager

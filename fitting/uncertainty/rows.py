@@ -28,11 +28,9 @@ def uncertainty_rows(calibration: Calibration, replicates: int = 0, profiled: Se
     """Keys "uncertainty", "bootstrap" (when ``replicates`` > 0) and "profiles" (of the ``profiled``) of a
     ``calibration``.
 
-    Refits are spread over the calibration's workers. What fails is listed, never raised, except (UserError) a
-    coefficient that is not free.
+    Refits are spread over the calibration's workers. What fails is listed, never raised.
     """
     symbols, info, spread = calibration.prior.symbols, calibration.information, calibration.spread
-    check_request(replicates, profiled, symbols)
     by_run, unit, sizes = info.by_run(), calibration.prior.std, np.sqrt(np.diag(spread.covariance))
     content: dict = {
         "uncertainty": {
@@ -64,8 +62,7 @@ def uncertainty_rows(calibration: Calibration, replicates: int = 0, profiled: Se
         full = bootstrap(info, replicates, calibration.settings.seed, problem, x, workers)
         content["bootstrap"] = _drawn(full, calibration, sizes) | {"seconds": time.perf_counter() - began}
     if profiled:
-        found = profiles(problem, x, profiled, spread.covariance, spread.model, workers)
-        content["profiles"] = found
+        content["profiles"] = profiles(problem, x, profiled, spread.covariance, spread.model, workers)
     return content
 
 
