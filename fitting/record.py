@@ -227,7 +227,7 @@ def read_record(path: Path, content: Any) -> FitRecord:
         version = content.get("schema_version")
         raise UserError(f"{path}: schema_version = {version!r}, this version reads {SCHEMA_VERSION}; fit again")
     try:
-        return FitRecord.of({RENAMED.get(key, key): value for key, value in content.items()})
+        return FitRecord.of({RENAMED.get(str(key), str(key)): value for key, value in content.items()})
     except ValidationError as error:
         names = {name: key for key, name in RENAMED.items()}
         faults = []

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -66,7 +66,7 @@ class Segments:
             mask[b, measured[w] == 0] = 1.0
         return mask
 
-    def _intervals(self, chosen: np.ndarray) -> dict[str, np.ndarray]:
+    def _intervals(self, chosen: np.ndarray) -> dict[str, Any]:
         """What there is by interval, of the ``chosen`` ones."""
         names = ("steps", "start", "end", "window", "controls", "targets", "mask")
         return {name: np.ascontiguousarray(getattr(self, name)[..., chosen]) for name in names}

@@ -100,7 +100,7 @@ def _plan(
     gap = np.diff(trial.t) > LONGEST_GAP + 2 * trial.dt
     rows = window_rows(trial.t, length, stride, short_last)
     whole = [record.good[first : last + 1].all() and not gap[first:last].any() for first, last in rows]
-    kept = {number: Stretch(record, *rows[number]) for number in np.flatnonzero(whole).tolist()}
+    kept = {number: Stretch(record, *rows[number]) for number in np.flatnonzero(np.array(whole, dtype=bool)).tolist()}
     words = f"{trial.name}: {len(rows) - len(kept)} window(s) touch missing samples and were left out"
     return kept, [Message(words, "windows_left_out")] if len(kept) < len(rows) else []
 
@@ -130,8 +130,9 @@ def predict_all(
         return [([], notes) for _, notes in plans]
     std: np.ndarray | None = None
     if isinstance(simulator, Simulator):
-        batch, past = WindowBatch.of(flat), adapt(simulator, flat, adaptation) if adaptation else (None, None)
-        out = rollout(simulator, batch, *past, method)[0]
+        batch = WindowBatch.of(flat)
+        water, offset = adapt(simulator, flat, adaptation) if adaptation else (None, None)
+        out = rollout(simulator, batch, water, offset, method)[0]
         std = bands.std(simulator, batch, out, adaptation is not None) if bands else None
     else:
         out = simulator.forecast(flat)
@@ -139,8 +140,8 @@ def predict_all(
 
     def predicted(number: int, s: Stretch) -> Window:
         rows, at = slice(s.last - s.first + 1), next(column)
-        parts = (None if part is None else np.ascontiguousarray(part[rows, :, at]) for part in (out, std))
-        return Window(number, s.first, s.last, *parts)
+        deviations = None if std is None else np.ascontiguousarray(std[rows, :, at])
+        return Window(number, s.first, s.last, np.ascontiguousarray(out[rows, :, at]), deviations)
 
     return [([predicted(number, s) for number, s in kept.items()], notes) for kept, notes in plans]
 

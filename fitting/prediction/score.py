@@ -213,6 +213,8 @@ def score(
             squares, count = _squares(trial, found, whole=found is restarts)
             squares = squares / sigma**2
             pooled[j] += squares.sum(), count
-            means += [float((squares / count).sum()), squares / count]
-        rows.append(TrialScore(trial.name, *means, len(windows)))
-    return Score(tuple(rows), *(pooled[:, 0] / pooled[:, 1]).tolist(), sigma, sigma_from, tuple(notes))
+            means.append(squares / count)
+        totals = [float(mean.sum()) for mean in means]
+        rows.append(TrialScore(trial.name, totals[0], means[0], totals[1], means[1], len(windows)))
+    paper_all, window_all = (pooled[:, 0] / pooled[:, 1]).tolist()
+    return Score(tuple(rows), paper_all, window_all, sigma, sigma_from, tuple(notes))

@@ -62,7 +62,7 @@ def _empty(height: float, words: str) -> Figure:
     return figure
 
 
-def _colour_bar(ax: Axes, image: Any, label: str, **look: float) -> None:
+def _colour_bar(ax: Axes, image: Any, label: str, **look: Any) -> None:
     bar = ax.figure.colorbar(image, ax=ax, pad=0.02, **look)
     bar.set_label(label, fontsize=8)
     bar.ax.tick_params(labelsize=8)
@@ -79,7 +79,8 @@ def share_plot(findings: Sequence[CoefficientFinding]) -> Figure:
     heights = range(len(rows))
     for kind, words in KINDS.items():
         if some := [(k, min(f.share, 1)) for k, f in enumerate(rows) if f.kind == kind]:
-            ax.barh(*zip(*some, strict=True), 0.72, color=COLOURS[kind], label=words)
+            at, shares = zip(*some, strict=True)
+            ax.barh(at, shares, 0.72, color=COLOURS[kind], label=words)
     alone = [f.alone for f in rows]
     ax.plot(alone, heights, "|", color="black", ms=6, mew=1.3, label="share if all others were known")
     for line in (DETERMINED, PARTLY):

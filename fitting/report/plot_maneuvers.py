@@ -174,8 +174,8 @@ def spiral_plot(ax: Axes, run: Run) -> Axes:
     curve = spiral_curve(run.trial, run.order_time)
     if curve is not None:
         unit = run.length / run.speed
-        there = {"label": "there", "color": AFTER, "marker": "o", "markersize": 4}
-        back = {"label": "back", "color": BEFORE, "marker": "s", "markersize": 2.5}
+        there: dict[str, Any] = {"label": "there", "color": AFTER, "marker": "o", "markersize": 4}
+        back: dict[str, Any] = {"label": "back", "color": BEFORE, "marker": "s", "markersize": 2.5}
         for rows, look in ((slice(None, curve.turn + 1), there), (slice(curve.turn, None), back)):
             ax.plot(np.degrees(curve.rudder[rows]), curve.rate[rows] * unit, linewidth=1.2, **look)
         ax.legend(fontsize=7.5, frameon=False)

@@ -252,7 +252,7 @@ def write_figures(folder: Path, record: FitRecord, objects: FitObjects, most_tra
         rms = [_position_rms(trial, windows) for windows in pairs]
         words = f"Rms position error {rms[0]:.3g} m before, {rms[1]:.3g} m after." if np.isfinite(rms).all() else ""
         written.write(
-            f"track_{number + 1}", trajectory_plot(trial, *pairs, ship.particulars["L"]),
+            f"track_{number + 1}", trajectory_plot(trial, pairs[0], pairs[1], ship.particulars["L"]),
             f"{trial.name} ({'held out' if held_out else 'used in the calibration'})",
             f"Predictions restart from the measured state every {PAPER_WINDOW:g} s (dots and ship outlines on the "
             f"track; dotted lines below). {words}",

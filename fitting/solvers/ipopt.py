@@ -185,8 +185,8 @@ def solve(
     stats = solver.stats()
     status = str(stats["return_status"])
     converged = status == "Solve_Succeeded"
-    stopped_early = not converged and watch.best is not None
-    x_end = np.clip(watch.best[2] if stopped_early else np.array(out["x"]).ravel(), lower, upper)
+    end = np.array(out["x"]).ravel() if converged or watch.best is None else watch.best[2]
+    x_end = np.clip(end, lower, upper)
     return Solution(
         x=x_end,
         objective=program.objective(x_end),

@@ -12,7 +12,7 @@ from cases.simulation.sensors import SensorNoise
 from fitting.calibration import estimate_coefficients
 from fitting.nlp.fisher_information import Quadratics
 from fitting.nlp.problem import Problem
-from fitting.solvers.latent_forces import AXES, free_axes, jump_statistics, log_determinant, with_start_sizes
+from fitting.solvers.latent_forces import AXES, free_axes, jump_statistics, log_determinant, typical_sizes
 from mmg.ship import Ship
 from tests.fitting.nlp.test_fisher_information import latent
 
@@ -82,7 +82,7 @@ def test_without_forces_the_sizes_go_to_next_to_nothing_and_given_ones_stay() ->
     trials = disturbed_trials(load_ship("esso_osaka_3m"), RUNS[:2], 4, how)
     ship = freeing_effects(few_free(), ["disturbance:Y=0.2"])
     assert free_axes(ship) == ("X", "N")
-    started = with_start_sizes(ship, free_axes(ship))
+    started = ship.with_values({f"disturbance.{a}": typical_sizes(ship)[a] for a in free_axes(ship)})
     found = estimate_coefficients(ship, trials).ship
     assert found.coefficients["disturbance.Y"].value == 0.2
     for a in ("X", "N"):
