@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 
 from diagnosis import summary
 from diagnosis.estimation.candidates import Candidate
-from diagnosis.hypotheses.forward_selection import select_effects
+from diagnosis.hypotheses.forward_selection import SearchProblem, Selection, select_effects
 from diagnosis.hypotheses.next_test import next_test
 from diagnosis.hypotheses.unnamed import unnamed_forms
 from mmg.effects import EFFECTS
@@ -35,6 +36,13 @@ def candidate_of(form: str) -> Candidate:
 
 def spec(form: str) -> str:
     return f"{candidate_of(form).effect}:" + ",".join(f"{k}={v}" for k, v in FORMS[form].items())
+
+
+@cache
+def searched(form: str) -> tuple[SearchProblem, Selection]:
+    """Trials with a fault of this form as a problem, and what is found."""
+    problem, null = problem_of(pushed_trials(4, (spec(form),)))
+    return problem, select_effects(problem, null)
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -63,8 +71,7 @@ def test_finished_columns_are_those_of_some_time_ago() -> None:
 
 @pytest.mark.parametrize("form", FORMS)
 def test_it_is_named_with_its_own_parameters(form: str) -> None:
-    problem, null = problem_of(pushed_trials(4, (spec(form),)))
-    found, c = select_effects(problem, null), candidate_of(form)
+    (problem, found), c = searched(form), candidate_of(form)
     assert found.effects == (c,)
     row = summary.named_effect(problem, full_model(), found, c)
     assert row.name == c.effect and set(row.parameters) == set(FORMS[form])
@@ -83,8 +90,7 @@ def test_the_fault_that_moves_all_columns_keeps_its_parameters() -> None:
 
 
 def test_the_ranking_has_each_effect_once() -> None:
-    problem, null = problem_of(pushed_trials(4, (spec("heading_bias alone"),)))
-    ranked = summary.ranking(full_model(), select_effects(problem, null))
+    ranked = summary.ranking(full_model(), searched("heading_bias alone")[1])
     assert set(ranked[0].visible_from) == {"psi", "alone"} and ranked[0].visible_from["alone"] < 0.05
     rows = [row.name for row in ranked]
     assert len(rows) == len(set(rows)) and rows[0] == "heading_bias"
@@ -99,8 +105,7 @@ def test_other_forms_take_no_part_unless_asked_for() -> None:
 
 
 def test_what_to_test_next_is_asked_of_the_form_and_told_of_the_effect() -> None:
-    problem, null = problem_of(pushed_trials(4, (spec("heading_bias alone"),)))
-    found = select_effects(problem, null)
+    problem, found = searched("heading_bias alone")
     form = found.effects[0]
     ship = summary.fitted_ship(FEW, full_model(), found.final, found.effects)
     words = next_test(problem, summary.fit_with(found, form), [form], ship)

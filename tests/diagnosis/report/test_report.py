@@ -24,6 +24,7 @@ from diagnosis.report.where_words import first_channel, region_words, where_word
 from diagnosis.report.words import meaning, next_words, probability, quantity, ranking, readable, visible
 from diagnosis.result import Diagnosis
 from tests.diagnosis.location.test_where import INPUTS, SHIP, coloured, fitted, weaving
+from tests.support.figures import unrendered
 
 CURRENT = {"x": EstimatedParameter(0.03, 0.002, "m/s"), "y": EstimatedParameter(-0.04, 0.002, "m/s")}
 DRIFT = {"x": EstimatedParameter(0.7, 0.1, "N"), "y": EstimatedParameter(-0.9, 0.1, "N")}
@@ -114,7 +115,8 @@ def test_named_effect_and_its_class_are_told() -> None:
 def test_the_size_from_which_a_candidate_would_be_seen_is_told(tmp_path: Path) -> None:
     rows = {row["name"]: row["visible"] for row in ranking(case("none"))}
     assert list(rows.values()) == ["–", "x 0.31 N, y 0.42 N", "delta 0.57 deg", "–"]
-    write_report(case("none"), tmp_path)
+    with unrendered():
+        write_report(case("none"), tmp_path)
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "would be seen from" in page and "delta 0.57 deg" in page and "x 0.31 N, y 0.42 N" in page
     hopeless = replace(case("none").candidates[2], visible_from={"delta": 3.0})
@@ -178,7 +180,8 @@ def test_second_effect_is_told_beside_the_first(tmp_path: Path) -> None:
     d = case("named")
     lag = NamedEffect("rudder_offset", {"delta": EstimatedParameter(0.02, 0.004, "rad")}, 0.003, 9.0, 0.4)
     both = replace(d, effects=(*d.effects, lag))
-    text = text_of(build_report(both, tmp_path, write_report(both, tmp_path)))
+    with unrendered():
+        text = text_of(build_report(both, tmp_path, write_report(both, tmp_path)))
     assert "Current and rudder offset passed all tests" in text
     table = text[text.index("Which effect effect") :]
     assert table.index("rudder offset") < table.index("wave drift")

@@ -35,6 +35,7 @@ from fitting.report.run_folder import RESULT, read_result, write_json
 from fitting.settings import Settings
 from tests.fitting.report.test_report import EVIL, report, run_folder
 from tests.support.calibrated import small_result
+from tests.support.figures import unrendered
 
 SIGMA = (0.05, 0.05, 0.01, 0.01, 0.01, 0.003)
 FREE = ("X_0F", "Y_v", "N_r", "k_0", "t_P", "a_H", "ell_R", "gamma_P", "gamma_N", "X_0A", "Y_A1")
@@ -257,7 +258,8 @@ def test_the_report_shows_and_escapes_the_section(tmp_path: Path) -> None:
     content = identifiability_dict(found, scored)
     content["coefficients"]["a_H"]["advice"] = content["next_trial"]["plan"][0]["name"] = EVIL
     folder = run_folder(tmp_path / "run", identifiability=content)
-    listed = write_identifiability_figures(folder, *behind(scored))
+    with unrendered():
+        listed = write_identifiability_figures(folder, *behind(scored))
     write_json(folder / RESULT, {**read_result(folder), "figures": listed})
     page = report(folder)
     assert "<script" not in page and page.count("&lt;script") == 2
