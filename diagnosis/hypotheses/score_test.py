@@ -21,6 +21,7 @@ from diagnosis.estimation.linearisation import Point, Trajectory, linearise_and_
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import Priors, active_in_window, active_states
 from diagnosis.estimation.transition_model import TransitionModel
+from mmg.effects import EFFECTS
 
 DRAWS = 4000
 """Draws of the joint law of all slopes, for the probability of the largest."""
@@ -34,7 +35,8 @@ class Slopes:
 
     columns: the parameters, P of them, in units of their typical size; g: (P,) slopes of the log likelihood, the
     hypothesis projected out; S: (P, P) their covariance; own: (P,) information before the projection; dispersion: of
-    each candidate, the ratio of its slopes' variance to that covariance where residuals are correlated in time.
+    each fault of an instrument, the ratio of its slopes' variance to that covariance, as of sensors with a memory (the
+    memory of forces is in the model).
     """
 
     columns: tuple[Column, ...]
@@ -101,7 +103,8 @@ def slopes(steps: TransitionModel, data: GriddedTrials, found: Estimate, candida
     for c in candidates:
         i = slice(at, at + len(c.columns))
         at = i.stop
-        ratios[c] = dispersion(apart[..., i], every[..., -1], g[i], S[i, i], lags)
+        if EFFECTS[c.effect].measures:
+            ratios[c] = dispersion(apart[..., i], every[..., -1], g[i], S[i, i], lags)
     return Slopes(tuple(each), g, S, own, ratios)
 
 

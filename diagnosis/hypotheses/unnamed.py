@@ -62,7 +62,7 @@ def unnamed_forms(steps: TransitionModel, data: GriddedTrials, found: Estimate, 
     logs = []
     for name in names:
         own = np.array([k == name for k in kinds])
-        ratio[own] = slopes.dispersion[name]
+        ratio[own] = slopes.dispersion.get(name, 1.0)
         logs.append(log_bayes(np.vstack([g / ratio, drawn / np.sqrt(ratio)]), S / ratio, own))
     mixture = np.logaddexp.reduce(np.stack(logs), axis=0) - np.log(len(names))
     every = np.vstack([g / ratio, drawn / np.sqrt(ratio)])
@@ -76,8 +76,9 @@ def unnamed_forms(steps: TransitionModel, data: GriddedTrials, found: Estimate, 
 @dataclass(frozen=True)
 class UnnamedSlopes:
     """Slopes g (C,) of the log likelihood along the dictionary's columns, the free parameters projected out, their
-    information S (C, C), the kind of each, and by kind the ratio of the slopes' variance to that information, at least
-    1: it is larger where residuals are correlated in time, as by sensors with a memory."""
+    information S (C, C), the kind of each, and by kind of sensor error the ratio of the slopes' variance to that
+    information, at least 1: it is larger where residuals are correlated in time, as of sensors with a memory. The
+    memory of forces is in the model."""
 
     g: np.ndarray
     S: np.ndarray
@@ -107,7 +108,7 @@ def unnamed_slopes(steps: TransitionModel, data: GriddedTrials, found: Estimate)
     lags = memory_steps(steps.ship.particulars["L"], data.h)
     columns = linearised.white[..., P:-1] - linearised.white[..., :P] @ project
     ratios = {}
-    for name in dict.fromkeys(forms.kinds):
+    for name in (k for k in dict.fromkeys(forms.kinds) if k.startswith("sensor of")):
         own = np.array([k == name for k in forms.kinds])
         ratios[name] = dispersion(columns[..., own], linearised.white[..., -1], g[own], S[np.ix_(own, own)], lags)
     return UnnamedSlopes(g, S, forms.kinds, ratios)

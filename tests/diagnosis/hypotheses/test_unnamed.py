@@ -145,7 +145,7 @@ def test_a_limit_is_exceeded_as_often_as_its_level_says(without_effects: tuple[S
     problem, null = without_effects
     found = unnamed_forms(problem.steps, problem.data, null)
     slopes = unnamed_slopes(problem.steps, problem.data, null)
-    names, ratio = sorted(set(slopes.kinds)), np.array([slopes.dispersion[k] for k in slopes.kinds])
+    names, ratio = sorted(set(slopes.kinds)), np.array([slopes.dispersion.get(k, 1.0) for k in slopes.kinds])
     g = np.random.default_rng(99).multivariate_normal(np.zeros(len(ratio)), slopes.S, 4000, method="svd")
     logs = [
         log_bayes(g / np.sqrt(ratio), slopes.S / ratio, np.array([k == name for k in slopes.kinds])) for name in names
