@@ -155,7 +155,7 @@ class Setting:
             real = rows.controls[0][: len(physics.model.controls)].contiguous()
             seen = physics.features(z.contiguous(), real).numpy()
         feature = np.sqrt((seen**2).mean(axis=1))
-        return replace(self.scales, feature=np.where(feature > 1e-9, feature, 1.0), seen=seen)
+        return replace(self.scales, feature=np.where(feature > 1e-9, feature, 1.0), features=seen)
 
 
 @torch.no_grad()
