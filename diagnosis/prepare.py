@@ -88,7 +88,7 @@ def prepare(
     place = site or Site({}, {})
     full = ship_with_all_effects(ship, [*trials, *reference], place.held, place.start)
     base = priors_before(ship, other_trials and not reference)
-    if not base.symbols:
+    if {c.symbol.partition(".")[0] for c in base.columns} <= set(FITTED_ALONG):
         raise UserError(f"{ship.name}: every coefficient is fixed, so nothing is known of how far each may be off")
     length = float(ship.particulars["L"])
     notices: list[Message] = []
