@@ -23,7 +23,14 @@ from diagnosis.estimation.linearisation import (
 from diagnosis.estimation.noise_sizes import initial_noise, updated_noise
 from diagnosis.estimation.parameters import Priors, active_states, set_values
 from diagnosis.estimation.transition_model import TransitionModel
+from mmg.errors import UserError
 from mmg.ship import Ship
+
+
+BREAKS_DOWN = (
+    "the model breaks down along these trials from its coefficients as they are (it explodes, or a column has no noise "
+    "at all): fit it first, and check the trials with `mmg check`"
+)
 
 
 @dataclass(frozen=True)
@@ -107,6 +114,15 @@ def _iteration(
     return _Iteration(at, here.nll, dp, step, A, gain), updated_noise(at.noise, data, here.adjoint, r, u, count, floor)
 
 
+def _attempt(steps: TransitionModel, data: GriddedTrials, at: Point, active: np.ndarray) -> Linearisation | None:
+    """The model linearised at a point, or None where the ship explodes there or a column has no noise."""
+    try:
+        here = linearise_and_filter(steps, data, at, active)
+    except np.linalg.LinAlgError:
+        return None
+    return here if np.isfinite(here.nll) else None
+
+
 @np.errstate(all="ignore")
 def estimate(
     steps: TransitionModel,
@@ -119,7 +135,8 @@ def estimate(
     """Fit the free parameters of ``start``, path, latent force and noise to ``data`` by the model ``steps``.
 
     Stops when an iteration is expected to gain less than ``tolerance`` of log likelihood, after at most ``iterations``
-    linearisations. fixed_noise: the noise stays as it is. Returns the last accepted point.
+    linearisations. fixed_noise: the noise stays as it is. Returns the last accepted point. Raises UserError where the
+    model cannot be followed along the trials from its first coefficients.
     """
     active = active_states(steps, start.free.symbols, start.theta)
     typical = initial_noise(steps.ship)
@@ -131,11 +148,16 @@ def estimate(
     share, reductions, converged, used = 1.0, 0, False, 0
     while used < iterations and not converged:
         used += 1
-        here = linearise_and_filter(steps, data, now, active)
-        if best is not None and not here.nll < best.nll + 0.5 * tolerance + 0.05 * best.gain and reductions < 2:
+        here = _attempt(steps, data, now, active)
+        if here is None and best is None:
+            raise UserError(f"{steps.ship.name}: {BREAKS_DOWN}")
+        if best is not None and (
+            here is None or (not here.nll < best.nll + 0.5 * tolerance + 0.05 * best.gain and reductions < 2)
+        ):
             reductions, share = reductions + 1, 0.3 * share
             now = best.moved(steps.ship, data, share, best.at.noise)
             continue
+        assert here is not None
         share, reductions = 1.0, 0
         best, noise = _iteration(here, now, data, active, floor)
         noise = now.noise if fixed_noise else noise

@@ -18,6 +18,7 @@ from diagnosis.estimation.parameters import NO_PRIORS, Priors, active_states, pr
 from diagnosis.estimation.residual_checks import with_correlation_time
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.prepare import priors_before
+from mmg.errors import UserError
 from tests.support.diagnosis_cases import (
     FREE,
     OFF_NEUTRAL,
@@ -264,3 +265,29 @@ def test_stated_errors_are_right_over_seeds() -> None:
     assert 0.7 < np.sqrt((np.array(every) ** 2).mean()) < 1.4
     assert 300 < sum(losses) < 465, losses  # chi-squared of 366, 27 wide: 2.4 and 3.7 standard deviations
     np.testing.assert_allclose(np.mean(white, axis=0), 1.0, atol=0.1)
+
+
+@pytest.mark.parametrize("way", ["raises", "nan"])
+def test_a_step_at_which_the_filter_breaks_down_is_shortened_and_a_start_refused(
+    monkeypatch: pytest.MonkeyPatch, way: str
+) -> None:
+    """An iterate may make the ship explode; the fit goes on from the last good point, by shorter steps."""
+    steps, data = full_steps(), short_data()
+    start = initial_point(steps, data, steps.ship.values, priors_of(SHIP, FREE), NOISE)
+    calls: list[float] = []
+
+    def breaking(*args: object) -> Linearisation:
+        calls.append(0.0)
+        if len(calls) in broken and way == "raises":
+            raise np.linalg.LinAlgError("Matrix is not positive definite")
+        found = linearise_and_filter(*args)  # type: ignore[arg-type]
+        return replace(found, nll=np.nan) if len(calls) in broken else found
+
+    monkeypatch.setattr("diagnosis.estimation.map_estimate.linearise_and_filter", breaking)
+    broken = {2, 3, 4, 5}
+    found = estimate(steps, data, start, iterations=12)
+    assert np.isfinite(found.nll) and len(calls) > 6 and np.isfinite(found.theta).all()
+    calls.clear()
+    broken = {1}
+    with pytest.raises(UserError, match="breaks down along these trials"):
+        estimate(steps, data, start)
