@@ -26,7 +26,6 @@ from diagnosis.estimation.transition_model import TransitionModel
 from mmg.errors import UserError
 from mmg.ship import Ship
 
-
 BREAKS_DOWN = (
     "the model breaks down along these trials from its coefficients as they are (it explodes, or a column has no noise "
     "at all): fit it first, and check the trials with `mmg check`"
