@@ -17,7 +17,7 @@ from diagnosis import summary
 from diagnosis.estimation.candidates import find
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
 from diagnosis.estimation.map_estimate import Estimate
-from diagnosis.findings import DiagnosisInputs, HeldOut, LearnedResidual, RandomSizes, Unnamed
+from diagnosis.findings import DiagnosisInputs, HeldOut, InstrumentFault, LearnedResidual, RandomSizes, Unnamed
 from diagnosis.hypotheses.forward_selection import LEVEL, SearchProblem, Selection, select_effects
 from diagnosis.hypotheses.next_test import next_test
 from diagnosis.hypotheses.unnamed import UnnamedForms, unnamed_forms
@@ -26,9 +26,9 @@ from diagnosis.location.where import where
 from diagnosis.prepare import Prepared, prepare, with_sensor_faults
 from diagnosis.report.words import sentence_of
 from diagnosis.result import Diagnosis
-from diagnosis.sensors.kinematics import consistency
+from diagnosis.sensors.kinematics import Kinematics, consistency
 from diagnosis.validation.held_out import compare
-from diagnosis.verdict import LINE_PROBABILITY, decide, has_remainder, limits
+from diagnosis.verdict import LINE_PROBABILITY, decide, has_remainder, limits, supports
 from fitting.report.run_folder import data_rows, versions
 from mmg.errors import UserError, needs_torch
 from mmg.messages import Message
@@ -142,7 +142,7 @@ def _diagnosed(
             {"all": before.log_bayes, "single": before.single, **before.by_kind},
             {"all": after.log_bayes, "single": after.single, **after.by_kind},
         ),
-        kinematics=(*(r.sentence for r in sensors.found), *(fault.sentence for fault in instruments)),
+        kinematics=_sensor_sentences(sensors, instruments),
         timings=timings,
         inputs=DiagnosisInputs(),
         ship=summary.fitted_ship(ship, ready.full, final, named) if is_named else ship_before,
@@ -151,6 +151,12 @@ def _diagnosed(
         final=final,
         data=p.data,
     )
+
+
+def _sensor_sentences(sensors: Kinematics, instruments: Sequence[InstrumentFault]) -> tuple[str, ...]:
+    """What is wrong with the sensors, each fault once."""
+    known = {r.effect for r in sensors.found}
+    return (*(r.sentence for r in sensors.found), *(f.sentence for f in instruments if f.name not in known))
 
 
 def _like_training(tests: Sequence[Trial], ready: Prepared) -> GriddedTrials | None:
@@ -215,6 +221,12 @@ def _judged(
 ) -> _SearchResult:
     """One search and its verdict."""
     found = select_effects(p, null, options.seed, options.workers, progress)
+    while tests is not None and len(found.effects) > 1:
+        fewer = found.without_last(p)
+        if supports(compare(p.steps, tests, fewer.final, found.final, options.seed)):
+            break
+        LOGGER.info(f"{found.effects[-1].label} does not predict the test trials better: left out again")
+        found = fewer
     after = unnamed_forms(p.steps, p.data, found.final) if found.effects else before
     held = compare(p.steps, tests, found.null, found.final, options.seed) if tests is not None else None
     beyond = before.beyond_chance - p.expected_unnamed_null

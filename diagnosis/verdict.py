@@ -76,6 +76,12 @@ def _measures(found: Selection) -> bool:
     return any(EFFECTS[c.effect].measures for c in found.effects if c.effect in EFFECTS)
 
 
+def supports(held: HeldOut) -> bool:
+    """Whether test trials speak for a further effect: they become more predictable by it, from window to window or from
+    step to step."""
+    return held.reduction > 0 or _surely_gains(held)
+
+
 def _surely_gains(held: HeldOut) -> bool:
     """Whether predictions of the test trials over one step become better beyond chance."""
     return held.likelihood_interval_90 is not None and held.likelihood_interval_90[0] > 0

@@ -117,6 +117,15 @@ class Selection:
     searches: tuple[Search, ...]
     robust: Mapping[Candidate, float] = field(default_factory=dict)
 
+    def without_last(self, problem: SearchProblem) -> Selection:
+        """The selection without the effect found last, the others refitted to ``problem``."""
+        kept = self.effects[:-1]
+        start = {x: self.final.value(*x) for c in kept for x in c.columns}
+        before = without_effects(self.final, problem, kept)
+        final = refit(problem.steps, problem.data, problem.base, before, list(kept), start)
+        robust = {c: robust_p(problem.steps, problem.data, final, c) for c in kept}
+        return Selection(kept, self.null, final, self.searches, robust)
+
 
 def search(
     problem: SearchProblem,

@@ -36,6 +36,7 @@ from diagnosis.verdict import (
     SURE,
     UNEXPLAINED_RATIO,
     decide,
+    supports,
 )
 from tests.support.diagnosis_cases import FEW, WHITE, candidate, problem_of, pushed_trials, quiet
 
@@ -47,6 +48,12 @@ NAMES = {
     "antenna_offset": {"x": 0.3, "y": -0.2},
     "heading_bias": {"psi": -0.03},
 }
+
+
+def held(
+    reduction: float, interval: tuple[float, float], gain: float | None = 0.0, sure: tuple[float, float] | None = None
+) -> HeldOut:
+    return HeldOut(1.0, 1.0 - reduction, reduction, interval, 8, {}, gain, sure)
 
 
 def text_of(name: str, values: dict[str, float]) -> str:
@@ -82,6 +89,19 @@ def test_none_is_named_by_chance(seed: int) -> None:
     assert decide(found, before.beyond_chance, before.log_bayes, before.limit, None) == ("none", [])
 
 
+@pytest.mark.parametrize(
+    ("test", "expected"),
+    [
+        (held(0.01, (-0.1, 0.1), 0.5, (-2.0, 3.0)), True),
+        (held(-0.07, (-0.1, -0.02), 0.5, (-2.0, 3.0)), False),
+        (held(-0.07, (-0.1, -0.02), 9.0, (2.0, 16.0)), True),
+        (held(-0.01, (-0.1, 0.1), 9.0, None), False),
+    ],
+)
+def test_a_further_effect_must_predict_test_trials_better(test: HeldOut, expected: bool) -> None:
+    assert supports(test) is expected
+
+
 def test_two_effects_are_both_named() -> None:
     truth = {"current": {"x": 0.03, "y": -0.02}, "rudder_offset": {"delta": 0.1}}
     problem, null = problem_of(pushed_trials(2, [text_of(*e) for e in truth.items()]))
@@ -91,6 +111,9 @@ def test_two_effects_are_both_named() -> None:
     for name, values in truth.items():
         assert_sizes(found, name, values)
     assert len(found.searches) == 3  # the last one finds nothing more
+    one = found.without_last(problem)
+    assert one.effects == found.effects[:1] and found.null.nll > one.final.nll > found.final.nll + 9
+    assert {c.symbol for c in one.final.free.columns if "." in c.symbol} == set(one.effects[0].symbols)
 
 
 @pytest.mark.parametrize("truth", ["rudder_lag:T=0.4", "control_delay:tau=0.4"])
@@ -227,12 +250,6 @@ def found_with(drop: float, *effects: str, p: float = 1e-4) -> Selection:
     """A search that ended with these effects, ``drop`` of log likelihood below the start."""
     named = tuple(made_up(e) for e in effects)
     return Selection(named, a_fit(100.0), a_fit(100.0 - drop), (), dict.fromkeys(named, p))
-
-
-def held(
-    reduction: float, interval: tuple[float, float], gain: float | None = 0.0, sure: tuple[float, float] | None = None
-) -> HeldOut:
-    return HeldOut(1.0, 1.0 - reduction, reduction, interval, 8, {}, gain, sure)
 
 
 def test_nothing_named_is_none_or_unknown_by_the_dictionary() -> None:
