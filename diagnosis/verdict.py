@@ -77,8 +77,8 @@ def _measures(found: Selection) -> bool:
 
 
 def supports(held: HeldOut) -> bool:
-    """Whether test trials speak for a further effect: they become more predictable by it, from window to window or from
-    step to step."""
+    """Whether test trials speak for a further effect: with it (``held``: compared with the fit before it) they become
+    more predictable, over windows or surely over single steps."""
     return held.reduction > 0 or _surely_gains(held)
 
 
