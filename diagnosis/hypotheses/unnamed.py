@@ -18,10 +18,14 @@ from diagnosis.estimation.parameters import active_states
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.hypotheses.dictionary import Dictionary
 
+SENSOR = "sensor of "
+"""Begin of the kinds that are errors of a sensor."""
 SIZES = (0.03, 0.1, 0.3, 1.0)
 """Prior standard deviations of a column's coefficient, in the sizes of what is random."""
 
 
+TOLERANCE = 0.05
+"""Errors of a sensor of this size, in standard deviations of its noise, are none: no instrument is exact."""
 DRAWS, LEVEL = 1000, 0.015
 """Draws of the law by chance, and the probability of a false alarm of either test (all kinds; the best force alone)."""
 
@@ -55,15 +59,18 @@ def unnamed_forms(steps: TransitionModel, data: GriddedTrials, found: Estimate, 
     slopes = unnamed_slopes(steps, data, found)
     g, S, kinds = slopes.g, slopes.S, slopes.kinds
     values, vectors = np.linalg.eigh(0.5 * (S + S.T))
-    normal = np.random.default_rng(seed).standard_normal((DRAWS, len(g)))
+    normal, off = np.random.default_rng(seed).standard_normal((2, DRAWS, len(g)))
+    allowed = np.array([TOLERANCE if k.startswith(SENSOR) else 0.0 for k in kinds])
     drawn = normal * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
+    drawn += (off * allowed) @ (S * np.equal.outer(np.array(kinds), np.array(kinds)))
     ratio = np.ones(len(g))
     names = sorted(set(kinds))
     logs = []
     for name in names:
         own = np.array([k == name for k in kinds])
         ratio[own] = slopes.dispersion.get(name, 1.0)
-        logs.append(log_bayes(np.vstack([g / ratio, drawn / np.sqrt(ratio)]), S / ratio, own))
+        at = np.vstack([g / ratio, drawn / np.sqrt(ratio)])
+        logs.append(log_bayes(at, S / ratio, own, allowed[own].max()))
     mixture = np.logaddexp.reduce(np.stack(logs), axis=0) - np.log(len(names))
     every = np.vstack([g / ratio, drawn / np.sqrt(ratio)])
     forces = [i for i, kind in enumerate(kinds) if kind.endswith(" force")]
@@ -108,19 +115,24 @@ def unnamed_slopes(steps: TransitionModel, data: GriddedTrials, found: Estimate)
     lags = memory_steps(steps.ship.particulars["L"], data.h)
     columns = linearised.white[..., P:-1] - linearised.white[..., :P] @ project
     ratios = {}
-    for name in (k for k in dict.fromkeys(forms.kinds) if k.startswith("sensor of")):
+    for name in (k for k in dict.fromkeys(forms.kinds) if k.startswith(SENSOR)):
         own = np.array([k == name for k in forms.kinds])
         ratios[name] = dispersion(columns[..., own], linearised.white[..., -1], g[own], S[np.ix_(own, own)], lags)
     return UnnamedSlopes(g, S, forms.kinds, ratios)
 
 
-def log_bayes(g: np.ndarray, S: np.ndarray, chosen: np.ndarray) -> np.ndarray:
-    """Log Bayes factors (...) of the columns ``chosen`` (C,), averaged over the prior sizes SIZES.
+def log_bayes(g: np.ndarray, S: np.ndarray, chosen: np.ndarray, tolerance: float = 0.0) -> np.ndarray:
+    """Log Bayes factors (...) of the columns ``chosen`` (C,), averaged over the prior sizes SIZES above the tolerance.
 
-    g: (..., C) slopes of the log likelihood along all columns; S: (C, C) their information.
+    g: (..., C) slopes of the log likelihood along all columns; S: (C, C) their information; tolerance: standard
+    deviation of what a column may be off where nothing is wrong, too.
     """
     g, S = g[..., chosen], S[np.ix_(chosen, chosen)]
     values, vectors = np.linalg.eigh(0.5 * (S + S.T))
     values, along = np.maximum(values, 0.0), (g @ vectors) ** 2
-    logs = [0.5 * (along @ (a**2 / (1 + a**2 * values)) - np.log1p(a**2 * values).sum()) for a in SIZES]
-    return np.logaddexp.reduce(logs, axis=0) - np.log(len(SIZES))
+    null = 1 + tolerance**2 * values
+    logs = []
+    for a in (a for a in SIZES if a > tolerance):
+        other = 1 + a**2 * values
+        logs.append(0.5 * (along @ ((a**2 - tolerance**2) / (null * other)) - np.log(other / null).sum()))
+    return np.logaddexp.reduce(logs, axis=0) - np.log(len(logs))

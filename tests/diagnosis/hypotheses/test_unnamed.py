@@ -19,7 +19,7 @@ from diagnosis.estimation.parameters import NO_PRIORS, active_states
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.hypotheses.dictionary import Dictionary
 from diagnosis.hypotheses.forward_selection import SearchProblem
-from diagnosis.hypotheses.unnamed import LEVEL, log_bayes, unnamed_forms, unnamed_slopes
+from diagnosis.hypotheses.unnamed import LEVEL, SENSOR, SIZES, TOLERANCE, log_bayes, unnamed_forms, unnamed_slopes
 from mmg.effects import Effect, Parameter
 from mmg.motion.flow import Flow, Force
 from tests.support.diagnosis_cases import FEW, WHITE, problem_of, pushed_trials, quiet
@@ -146,10 +146,13 @@ def test_a_limit_is_exceeded_as_often_as_its_level_says(without_effects: tuple[S
     found = unnamed_forms(problem.steps, problem.data, null)
     slopes = unnamed_slopes(problem.steps, problem.data, null)
     names, ratio = sorted(set(slopes.kinds)), np.array([slopes.dispersion.get(k, 1.0) for k in slopes.kinds])
-    g = np.random.default_rng(99).multivariate_normal(np.zeros(len(ratio)), slopes.S, 4000, method="svd")
-    logs = [
-        log_bayes(g / np.sqrt(ratio), slopes.S / ratio, np.array([k == name for k in slopes.kinds])) for name in names
-    ]
+    allowed = np.array([TOLERANCE if k.startswith(SENSOR) else 0.0 for k in slopes.kinds])
+    rng = np.random.default_rng(99)
+    g = rng.multivariate_normal(np.zeros(len(ratio)), slopes.S, 4000, method="svd")
+    same = np.equal.outer(np.array(slopes.kinds), np.array(slopes.kinds))  # what a sensor is off shows in its own kind
+    g += (rng.standard_normal(g.shape) * allowed) @ (slopes.S * same)
+    groups = [np.array([k == name for k in slopes.kinds]) for name in names]
+    logs = [log_bayes(g / np.sqrt(ratio), slopes.S / ratio, own, allowed[own].max()) for own in groups]
     share = float((np.logaddexp.reduce(logs, axis=0) - np.log(len(names)) > found.limit).mean())
     assert 0.2 * LEVEL < share < 3 * LEVEL
 
@@ -173,3 +176,17 @@ def test_residuals_correlated_in_time_are_less_news(without_effects: tuple[Searc
 
 def _parts(problem: SearchProblem, null: Estimate) -> tuple[TransitionModel, GriddedTrials, Estimate]:
     return problem.steps, problem.data, null
+
+
+def test_what_a_sensor_may_be_off_anyway_is_no_evidence() -> None:
+    """The ratio of the marginal likelihoods with a coefficient of size a and of the tolerated size."""
+    S, tolerance = np.array([[900.0]]), 0.05
+    every = np.ones(1, dtype=bool)
+    for z in (2.0, 4.0, 9.0):
+        g = z * np.sqrt(S[0])
+        variances = [S[0, 0] + a**2 * S[0, 0] ** 2 for a in (tolerance, *(a for a in SIZES if a > tolerance))]
+        null, *others = (-0.5 * (np.log(v) + g[0] ** 2 / v) for v in variances)
+        expected = np.logaddexp.reduce(others) - np.log(len(others)) - null
+        assert log_bayes(g, S, every, tolerance) == pytest.approx(expected, rel=1e-9)
+    small, large = (log_bayes(np.array([30.0 * z]), S, every, tolerance) for z in (3.5, 9.0))
+    assert small < log_bayes(np.array([105.0]), S, every) - 2 and large > 3
