@@ -45,7 +45,9 @@ def main(arguments: list[str] | None = None) -> int:
         print(error, file=sys.stderr)
         return 2
     (out / "score.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    words = sys.argv[1:] if arguments is None else arguments
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    if "--out" in words:  # a path of this machine
+        del words[words.index("--out") : words.index("--out") + 2]
     if given.record:
         record(
             f"Blind diagnosis: {given.kinds}; {given.sets} manoeuvres; world {given.world}",
