@@ -14,12 +14,13 @@ import numpy as np
 import pytest
 
 from benchmarks.blind.generator.cases import ROWS, Case, Runs, floors, run
-from benchmarks.blind.generator.coefficients import DRAWN, ship_numbers, true_coefficients
+from benchmarks.blind.generator.coefficients import DRAWN, scaled_ship, ship_numbers, true_coefficients
 from benchmarks.blind.generator.deal import LIBRARY, NULL_SHARE, Hand, deal
 from benchmarks.blind.generator.effect import Effect
 from benchmarks.blind.generator.foreign import FOREIGN, MISFIT
 from benchmarks.blind.generator.machinery import follow
 from benchmarks.blind.generator.plant import DT, plant_of, rates
+from benchmarks.blind.generator.world import WORLDS, sensor_errors
 from benchmarks.blind.generator.write import generate
 from cases.io.read import read_trials
 from cases.shipfiles.ship_file import load_ship
@@ -96,6 +97,50 @@ def test_the_accelerations_are_those_of_the_package() -> None:
     size = np.median(np.abs(theirs), axis=1)[:, None]
     assert np.max(np.abs(ours - theirs) / (np.abs(theirs) + 0.1 * size)) < 2e-3
     assert np.median(np.abs(ours - theirs) / size) < 1e-4
+
+
+def test_the_second_ship_moves_as_the_package_has_it_by_froudes_law() -> None:
+    """The ship of 3 m that is integrated, against the KVLCC2 of 7 m: accelerations of translation are the same."""
+    world, rng, count = WORLDS["kvlcc2"], np.random.default_rng(3), 200
+    particulars, nominal = scaled_ship(world)
+    true = true_coefficients(nominal, rng, world.drawn)
+    u, v, r = rng.uniform(0.25, 0.6, count), rng.uniform(-0.1, 0.1, count), rng.uniform(-0.08, 0.08, count)
+    state = np.stack([*rng.normal(0, 10, (2, count)), rng.uniform(-4, 4, count), u, v, r])
+    n, delta = rng.uniform(5, 13, count), np.radians(rng.uniform(-35, 35, count))
+    plant = plant_of(particulars, [true], [[]], count, world)
+    none = np.zeros(count)
+    ours = rates(plant, state, (n, delta, none, none), np.zeros((3, count)), none)[3:6]
+    ship = load_ship(world.ship).with_values({name: true[name] for name in world.drawn})
+    root = np.sqrt(world.scale)
+    large = state * np.array([world.scale, world.scale, 1.0, root, root, 1 / root])[:, None]
+    package = assemble(ship, (), exact=True).rates.map(count)
+    theirs = np.array(package(large, np.stack([n / root, delta, none, none]), np.zeros((0, count))))[3:6]
+    theirs *= np.array([1.0, 1.0, world.scale])[:, None]
+    size = np.median(np.abs(theirs), axis=1)[:, None]
+    off = np.abs(ours - theirs) / (np.abs(theirs) + 0.1 * size)
+    assert np.median(off) < 2e-4 and off.max() < 0.03  # the package rounds the change from side to side
+
+
+def test_a_world_has_the_noise_that_it_says() -> None:
+    world = WORLDS["basin"]
+    errors = sensor_errors(world, 4000, 4, np.random.default_rng(0))
+    np.testing.assert_allclose(errors.std(axis=(0, 2)), world.noise, rtol=0.1)
+    next_to = [np.corrcoef(errors[1:, i, 0], errors[:-1, i, 0])[0, 1] for i in range(6)]
+    low, high = (0.5 * np.exp(-world.sample / tau) for tau in world.colour)
+    assert np.abs(next_to[:3]).max() < 0.08 and low - 0.08 < min(next_to[3:]) <= max(next_to[3:]) < high + 0.08
+
+
+def test_files_of_a_large_ship_are_scaled_by_froudes_law(tmp_path: Path) -> None:
+    generate(tmp_path / "out", 1, 3, "null", world=WORLDS["kvlcc2"])
+    case = tmp_path / "out" / "case_0000"
+    trials = read_trials(case / "train")
+    scale = WORLDS["kvlcc2"].scale
+    assert json.loads((tmp_path / "out" / "ship.json").read_text()) == {"ship": "kvlcc2_l7"}
+    assert trials[0].dt == pytest.approx(WORLDS["kvlcc2"].sample * np.sqrt(scale), rel=1e-4)
+    for t in trials:  # positions follow from velocities, also after the scaling
+        speed = np.hypot(t["u"], t["v"])[1:-1]
+        track = np.hypot(np.gradient(t["x"], t.t), np.gradient(t["y"], t.t))[1:-1]
+        assert np.median(track) == pytest.approx(np.median(speed), rel=0.02)
 
 
 def test_the_library_effects_are_those_of_the_contract() -> None:

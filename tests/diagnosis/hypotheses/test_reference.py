@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -40,6 +41,12 @@ SHOWN = "show these effects already"
 
 LIMIT = 1.1
 """Log Bayes factor of the unnamed forms that chance hardly exceeds."""
+
+
+def first_quick(names: Iterable[str]) -> list[Any]:
+    """The first of the ``names``, and the others for the slow run."""
+    first, *others = names
+    return [first, *(pytest.param(name, marks=pytest.mark.slow) for name in others)]
 
 
 @cache
@@ -159,7 +166,7 @@ def test_a_moderate_effect_of_the_reference_is_its_neutral_value(name: str) -> N
         assert value == pytest.approx(float(truth[symbol.split(".")[1]]), abs=0.5 * c.typical[0]), symbol
 
 
-@pytest.mark.parametrize("name", MODERATE)
+@pytest.mark.parametrize("name", first_quick(MODERATE))
 def test_an_effect_is_news_only_without_it_in_the_reference(name: str) -> None:
     """The same trials without a reference, with one that has it too, and with one that has not."""
     trials = new(MODERATE[name])
@@ -175,7 +182,7 @@ def test_an_effect_is_news_only_without_it_in_the_reference(name: str) -> None:
         assert abs(found.final.value(symbol) - float(value)) < 4 * found.final.std(symbol), symbol
 
 
-@pytest.mark.parametrize("name", LARGE)
+@pytest.mark.parametrize("name", first_quick(LARGE))
 def test_a_strong_effect_of_both_is_told_and_still_named(name: str) -> None:
     ready, found = diagnosed(new(LARGE[name]), before(LARGE[name]))
     told = [words for words in ready.notices if SHOWN in words]
