@@ -223,7 +223,8 @@ def _judged(
     found = select_effects(p, null, options.seed, options.workers, progress)
     while tests is not None and len(found.effects) > 1:
         fewer = found.without_last(p)
-        if supports(compare(p.steps, tests, fewer.final, found.final, options.seed)):
+        with_it = compare(p.steps, tests, fewer.final, found.final, options.seed)
+        if with_it is None or supports(with_it):
             break
         LOGGER.info(f"{found.effects[-1].label} does not predict the test trials better: left out again")
         found = fewer
