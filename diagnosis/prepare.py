@@ -156,7 +156,7 @@ def fit_without_effects(
 
 
 def with_sensor_faults(ship: Ship, sensors: Kinematics) -> tuple[Ship, list[Message]]:
-    """The ``ship`` with a free gain of the gyro, the FITTED_ALONG that the ``sensors`` show, and a sentence on those.
+    """The ``ship`` with a free gain of the gyro and the faults that the ``sensors`` show, and a sentence on these.
 
     No gyro is exact: an error of its gain within the prior is none of the ship's dynamics.
     """
