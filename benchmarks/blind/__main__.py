@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.blind.controls import own_floors, report, white_rankings
+from benchmarks.blind.generator.world import WORLDS
 from benchmarks.blind.rows import Refused, Row, rows_of, with_own
 from benchmarks.blind.score import scored
 from benchmarks.blind.solve import cases_of, solve
@@ -66,7 +67,7 @@ def _parsed(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--kinds", default="mix", help="comma-separated: mix, library, null, foreign, pair, misfit")
     parser.add_argument("--sets", default="mixed", help="comma-separated: mixed, zigzag, turn, random, berthing")
-    parser.add_argument("--world", default="pond", help="ship, noise and numerics: pond, basin, kvlcc2")
+    parser.add_argument("--world", default="pond", help="ship, noise and numerics: " + ", ".join(WORLDS))
     parser.add_argument("--out", type=Path, help="folder (default: runs/blind_SEED, with the world)")
     parser.add_argument("--white", action="store_true", help="also rank without the latent force (first 20 cases)")
     parser.add_argument("--record", action="store_true", help="put the table into RESULTS.md")

@@ -18,7 +18,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -41,7 +41,8 @@ class Refused(Exception):
 class Row:
     """A case: its truth from the key (effects that the library holds: name -> parameters), its answer, its floor.
 
-    label: the truth in words; floor: the sealed one; own: measured as the diagnosis measures, if known; ship: its file.
+    label: the truth in words; floor: the sealed one; own: measured as the diagnosis measures, if known; ship: its file;
+    conditions: what a case of a wide world drew for itself, by name.
     """
 
     case: str
@@ -53,6 +54,7 @@ class Row:
     floor: float
     own: float | None = None
     ship: str = "esso_osaka_3m"
+    conditions: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def verdict(self) -> str:
@@ -126,6 +128,7 @@ def rows_of(folder: Path, digest: str, answers: Mapping[str, Mapping[str, Any]])
                 answers[name],
                 sealed["floor"],
                 ship=key.get("ship", "esso_osaka_3m"),
+                conditions=entry.get("conditions", {}),
             )
         )
     return rows

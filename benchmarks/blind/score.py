@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from scipy.stats import beta
 
+from benchmarks.blind.generator.wide import RANGES, halves
 from benchmarks.blind.rows import (
     MISFIT,
     VISIBLE,
@@ -138,6 +139,19 @@ def _pair(rows: Sequence[Row]) -> list[list[str]]:
     ]
 
 
+def by_halves(rows: Sequence[Row]) -> list[str]:
+    """A table of the false alarms by halves of what the cases of a wide world drew; [] without such cases."""
+    null = [r for r in rows if r.kind == "null" and r.conditions]
+    lines = []
+    for name, (low, high) in RANGES.items() if null else ():
+        middle = halves(name)
+        sides = [[r for r in null if (r.conditions[name] >= middle) == upper] for upper in (False, True)]
+        rates = [cell(sum(r.verdict != "none" for r in side), len(side)) for side in sides]
+        lines.append([name, f"{low:g} to {high:g}", f"{middle:.3g}", *rates])
+    head = ["false alarms by what a case drew", "range", "halved at", "lower half", "upper half"]
+    return ["", *table(head, lines)] if lines else []
+
+
 def misses(rows: Sequence[Row]) -> list[str]:
     """A table of the cases that were not answered as they should be."""
     wrong = [r for r in rows if not right(r)]
@@ -157,6 +171,7 @@ def scored(rows: Sequence[Row]) -> list[str]:
         + ("." if len(codes) == 1 else ": THE ANSWERS WERE NOT ALL MADE BY THE SAME CODE."),
         "",
         *table(["measure", *STRENGTHS, "all"], measures(rows)),
+        *by_halves(rows),
         "",
         "Floors: the error of the true model from the true state (sealed), and that of the package's model with the "
         "true values, measured as the diagnosis measures (own); benchmarks/blind/rows.py says how they compare.",

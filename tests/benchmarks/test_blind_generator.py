@@ -13,14 +13,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.blind.generator.cases import ROWS, Case, Runs, floors, run
+from benchmarks.blind.generator.cases import WINDOW, Case, Runs, floors, run
 from benchmarks.blind.generator.coefficients import DRAWN, scaled_ship, ship_numbers, true_coefficients
+from benchmarks.blind.generator.controls import SETS
 from benchmarks.blind.generator.deal import LIBRARY, NULL_SHARE, Hand, deal
 from benchmarks.blind.generator.effect import Effect
 from benchmarks.blind.generator.foreign import FOREIGN, MISFIT
 from benchmarks.blind.generator.machinery import follow
-from benchmarks.blind.generator.plant import DT, plant_of, rates
-from benchmarks.blind.generator.world import WORLDS, sensor_errors
+from benchmarks.blind.generator.plant import plant_of, rates
+from benchmarks.blind.generator.wide import RANGES, STEP, TOTAL, halves, own_runs, own_world
+from benchmarks.blind.generator.world import WORLDS, World, sensor_errors
 from benchmarks.blind.generator.write import generate
 from cases.io.read import read_trials
 from cases.shipfiles.ship_file import load_ship
@@ -36,20 +38,17 @@ CONTRACT = (
 )
 
 
-def prepared(hand: Hand = NULL, seed: int = 5, chosen: str = "mixed") -> Case:
-    return Case.prepared(hand, chosen, np.random.SeedSequence(seed))
+SHORTER = replace(WORLDS["pond"], duration=90.0)
 
 
-@pytest.fixture
-def shorter(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Runs of 90 s in place of 150 s, for ``with_each_effect`` and ``alone``."""
-    monkeypatch.setattr("benchmarks.blind.generator.cases.ROWS", round(90.0 / DT) + 1)
+def prepared(hand: Hand = NULL, seed: int = 5, chosen: str = "mixed", world: World = WORLDS["pond"]) -> Case:
+    return Case.prepared(hand, chosen, np.random.SeedSequence(seed), world)
 
 
 @cache
 def with_each_effect() -> tuple[list[Case], Runs]:
     """The same case without an effect, then with each of them at medium, in one batch: every hook sees every run."""
-    plain, rng = prepared(), np.random.default_rng(1)
+    plain, rng = prepared(world=SHORTER), np.random.default_rng(1)
     drawn = [[(effect, effect.draw("medium", rng, len(plain.kinds)))] for effect in EFFECTS]
     cases = [plain, *(replace(plain, drawn=one) for one in drawn)]
     return cases, run(cases)
@@ -57,7 +56,7 @@ def with_each_effect() -> tuple[list[Case], Runs]:
 
 @cache
 def alone() -> Runs:
-    return run([prepared()])
+    return run([prepared(world=SHORTER)])
 
 
 @cache
@@ -130,6 +129,46 @@ def test_a_world_has_the_noise_that_it_says() -> None:
     assert np.abs(next_to[:3]).max() < 0.08 and low - 0.08 < min(next_to[3:]) <= max(next_to[3:]) < high + 0.08
 
 
+@pytest.mark.parametrize("name", ("basin_wide", "kvlcc2_wide"))
+def test_a_wide_world_draws_every_case_anew_over_the_whole_ranges(name: str) -> None:
+    world, rng = WORLDS[name], np.random.default_rng(0)
+    clock = np.sqrt(world.scale)
+    drawn = []
+    for _ in range(400):
+        own, conditions = own_world(world, rng)
+        train, test = own_runs(SETS["ahead"], conditions, rng)
+        assert 0.0 < own.step <= STEP and own.sample == pytest.approx(own.step * own.every)
+        assert own.sample * clock == pytest.approx(conditions["sample"])
+        assert own.memory[0] * clock == pytest.approx(conditions["memory"]) and own.spread == conditions["spread"]
+        assert own.force[1] == pytest.approx(conditions["force"] * world.force[1])
+        ratios = np.array(own.noise) / world.noise
+        assert ratios.min() > 0.0999 and ratios.max() < 10.001 and len(set(np.round(ratios, 9))) > 1
+        assert len(train) >= 1 and len(test) >= 1 and len(train) + len(test) == conditions["runs"]
+        assert own.duration * clock * conditions["runs"] <= TOTAL and own.duration > WINDOW
+        assert (own.rows - 1) % own.every == 0
+        drawn.append(conditions)
+    for key, (low, high) in RANGES.items():
+        values = np.array([one[key] for one in drawn])
+        assert low <= values.min() < low * (high / low) ** 0.1 and low * (high / low) ** 0.9 < values.max() <= high
+        assert 0.4 < np.mean(values < halves(key)) < 0.6
+
+
+def test_wide_cases_are_written_and_read_with_what_they_drew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("benchmarks.blind.generator.wide.TOTAL", 200.0)
+    monkeypatch.setattr("benchmarks.blind.generator.wide.RANGES", RANGES | {"runs": (2.0, 4.0)})
+    generate(tmp_path / "out", 3, 8, "null", world=WORLDS["kvlcc2_wide"])
+    entries = json.loads((tmp_path / "out" / "key.json").read_text())["cases"]
+    assert len({entry["conditions"]["sample"] for entry in entries}) == 3
+    for entry in entries:
+        case, drawn = tmp_path / "out" / entry["case"], entry["conditions"]
+        trials = [*read_trials(case / "train"), *read_trials(case / "test")]
+        assert len(trials) == drawn["runs"]
+        assert [t.dt for t in trials] == pytest.approx([drawn["sample"]] * len(trials), rel=1e-3)
+        truth = json.loads((tmp_path / "out" / "sealed" / f"{entry['case']}.json").read_text())
+        assert truth["random_force"]["tau"] * np.sqrt(7 / 3) == pytest.approx(drawn["memory"])
+        assert 0 < truth["floor"] < 2
+
+
 def test_files_of_a_large_ship_are_scaled_by_froudes_law(tmp_path: Path) -> None:
     generate(tmp_path / "out", 1, 3, "null", world=WORLDS["kvlcc2"])
     case = tmp_path / "out" / "case_0000"
@@ -148,7 +187,6 @@ def test_the_library_effects_are_those_of_the_contract() -> None:
     assert len(FOREIGN) >= 8 and len({effect.name for effect in EFFECTS}) == len(EFFECTS)
 
 
-@pytest.mark.usefixtures("shorter")
 def test_neutral_effects_leave_a_trial_as_it_is() -> None:
     _, runs = with_each_effect()
     plain = alone()
@@ -157,7 +195,6 @@ def test_neutral_effects_leave_a_trial_as_it_is() -> None:
     np.testing.assert_allclose(runs.delta[:, :B], plain.delta, atol=1e-12)
 
 
-@pytest.mark.usefixtures("shorter")
 @pytest.mark.parametrize("index", range(len(EFFECTS)), ids=[effect.name for effect in EFFECTS])
 def test_a_medium_effect_changes_the_trials(index: int) -> None:
     _, runs = with_each_effect()
@@ -169,7 +206,6 @@ def test_a_medium_effect_changes_the_trials(index: int) -> None:
     assert np.max(size / np.array([0.01, 0.01, 0.0015, 0.004, 0.004, 0.0006])) > 0.5
 
 
-@pytest.mark.usefixtures("shorter")
 def test_the_true_model_predicts_better_with_its_effects() -> None:
     cases, runs = with_each_effect()
     floor, without = floors(cases, runs), floors(cases, runs, with_effects=False)
@@ -242,4 +278,4 @@ def test_the_package_reads_the_trials(written: tuple[Path, str]) -> None:
 @pytest.mark.parametrize("chosen", ("zigzag", "turn", "random", "berthing"))
 def test_a_manoeuvre_set_holds_only_its_kind(chosen: str) -> None:
     case = prepared(chosen=chosen)
-    assert set(case.kinds) == {chosen} and len(case.kinds) == 12 and case.orders.n.shape == (ROWS, 12)
+    assert set(case.kinds) == {chosen} and len(case.kinds) == 12 and case.orders.n.shape == (case.world.rows, 12)

@@ -14,8 +14,9 @@ import pytest
 from benchmarks.blind import __main__ as blind
 from benchmarks.blind import solve as solving
 from benchmarks.blind.controls import by_chance, own_floor, report, shuffled
+from benchmarks.blind.generator.wide import RANGES
 from benchmarks.blind.rows import Refused, Row, closure, covered, rows_of, size_error, with_own
-from benchmarks.blind.score import interval, measures, misses, scored
+from benchmarks.blind.score import by_halves, interval, measures, misses, scored
 from benchmarks.blind.solve import cases_of, solve
 
 Parameters = Mapping[str, Mapping[str, float]]
@@ -135,6 +136,17 @@ def test_closure_counts_only_what_is_named() -> None:
     assert own[1].excess == pytest.approx(5.0)
     assert closure(own[0], own=True) == pytest.approx(1.5 / 1.8)
     assert closure(own[0]) == pytest.approx(0.75)
+
+
+def test_false_alarms_of_a_wide_world_are_told_by_halves() -> None:
+    quiet, loud = dict.fromkeys(RANGES, 0.0), dict.fromkeys(RANGES, 100.0)
+    null = [r for r in rows() if r.kind == "null"]  # none, unknown, named
+    wide = [replace(r, conditions=c) for r, c in zip(null, (quiet, quiet, loud), strict=True)]
+    lines = by_halves([*wide, *rows()])
+    assert len(lines) == 3 + len(RANGES)
+    assert all("50 [1, 99] 1/2 | 100 [2, 100] 1/1" in line for line in lines[3:])
+    assert "| memory | 1 to 20 | 4.47 |" in lines[5]
+    assert by_halves(rows()) == []
 
 
 def test_misses_are_listed_with_their_first_candidates() -> None:

@@ -9,22 +9,25 @@ import numpy as np
 
 from benchmarks.blind.generator import weather
 from benchmarks.blind.generator.coefficients import scaled_ship, true_coefficients
-from benchmarks.blind.generator.controls import DURATION, SETS, Helm, Orders, begin, orders
+from benchmarks.blind.generator.controls import SETS, Helm, Orders, begin, orders
 from benchmarks.blind.generator.deal import Hand, draw, site_of
 from benchmarks.blind.generator.effect import Drawn, Effect, History
-from benchmarks.blind.generator.plant import DT, Array, Plant, Signals, plant_of, rollout, step
+from benchmarks.blind.generator.plant import Array, Plant, Signals, plant_of, rollout, step
+from benchmarks.blind.generator.wide import own_runs, own_world
 from benchmarks.blind.generator.world import WORLDS, World, sensor_errors
 
 SCALES = np.array([0.3, 0.3, np.radians(5.0), 0.05, 0.05, 0.01])
 """What errors of the six columns are divided by in J."""
 WINDOW = 30.0
 """Length of an open-loop window [s]."""
-ROWS = round(DURATION / DT) + 1
 
 
 @dataclass
 class Case:
-    """One case before it is run: what it holds and all that is random about it."""
+    """One case before it is run: what it holds and all that is random about it.
+
+    world: its own, where the conditions were ``drawn`` for it (names of ``wide.RANGES``).
+    """
 
     hand: Hand
     drawn: list[tuple[Effect, Drawn]]
@@ -41,32 +44,35 @@ class Case:
     kinds: tuple[str, ...]
     training: int
     world: World
+    conditions: dict[str, float]
 
     @classmethod
     def prepared(cls, hand: Hand, chosen: str, seed: np.random.SeedSequence, world: World = WORLDS["pond"]) -> Case:
         """A case of a manoeuvre set in a ``world``, from its own seed."""
         rng = np.random.default_rng(seed)
+        train: tuple[str, ...]
+        test: tuple[str, ...]
         train, test = SETS[world.sets.get(chosen, chosen)]
+        conditions: dict[str, float] = {}
+        if world.wide:
+            world, conditions = own_world(world, rng)
+            train, test = own_runs((train, test), conditions, rng)
+        rows, dt = world.rows, world.step
         kinds, runs = (*train, *test), len(train) + len(test)
         drawn = draw(hand, runs, rng)
         nominal = scaled_ship(world)[1]
         coefficients, site = true_coefficients(nominal, rng, world.drawn, world.spread), site_of(drawn, rng)
         bank = next((one.bank for _, one in drawn if one.bank is not None), None)
         sides = rng.choice((-1.0, 1.0), runs)
-        given = orders(kinds, ROWS, DT, sides, rng)
+        given = orders(kinds, rows, dt, sides, rng)
         start, _ = begin(kinds, bank, sides, given.n[0], rng)
-        force, process = weather.random_force(ROWS, DT, runs, rng, world.force, world.memory)
-        wind = weather.wind(ROWS, DT, runs, rng)
-        noise = sensor_errors(world, (ROWS - 1) // every(world) + 1, runs, rng)
+        force, process = weather.random_force(rows, dt, runs, rng, world.force, world.memory)
+        wind = weather.wind(rows, dt, runs, rng)
+        noise = sensor_errors(world, (rows - 1) // world.every + 1, runs, rng)
         gyro = world.gyro * float(rng.uniform(-1, 1)) if world.gyro else 0.0
-        gusts = weather.unlogged_gusts(ROWS, DT, runs, world.gust, rng) if world.gust else np.ones((ROWS, runs))
+        gusts = weather.unlogged_gusts(rows, dt, runs, world.gust, rng) if world.gust else np.ones((rows, runs))
         random = (start, wind, force, process, noise, gyro, gusts)
-        return cls(hand, drawn, coefficients, site, given, *random, kinds, len(train), world)
-
-
-def every(world: World) -> int:
-    """Steps of the plant between two rows of the records."""
-    return round(world.sample / DT)
+        return cls(hand, drawn, coefficients, site, given, *random, kinds, len(train), world, conditions)
 
 
 @dataclass
@@ -88,7 +94,7 @@ class Runs:
 
 def measured(plant: Plant, states: Array, rows: Array) -> Array:
     """Columns (R, 6, B) as the instruments give them, without noise."""
-    history = History(states[:, :6], DT)
+    history = History(states[:, :6], plant.dt)
     y = history.states[rows]
     for effect, e in plant.effects:
         y = effect.columns(y, history, rows, e)
@@ -97,28 +103,29 @@ def measured(plant: Plant, states: Array, rows: Array) -> Array:
 
 def closed_loop(plant: Plant, start: Array, signals: Signals, helm: Helm) -> Array:
     """States (K, 6 + S, B) under the helm; fills the real n and delta of the signals."""
-    states = np.empty((ROWS, 6 + plant.states, plant.runs))
+    rows, dt = len(helm.n), plant.dt
+    states = np.empty((rows, 6 + plant.states, plant.runs))
     states[0] = np.vstack([start, np.zeros((plant.states, plant.runs))])
     real: list[tuple[Array, Array, dict]] = [(np.empty_like(helm.n), np.empty_like(helm.n), {}) for _ in plant.effects]
     _actuate(plant, helm, real, signals, 0)
     zero = np.zeros(plant.runs)
-    for k in range(ROWS - 1):
+    for k in range(rows - 1):
         helm.advance(k, states[k, 2])
         _actuate(plant, helm, real, signals, k + 1)
-        states[k + 1] = step(plant, states[k], signals, k, zero + k * DT)
+        states[k + 1] = step(plant, states[k], signals, k, zero + k * dt)
     return states
 
 
 def _actuate(plant: Plant, helm: Helm, real: list[tuple[Array, Array, dict]], signals: Signals, k: int) -> None:
     n, delta = helm.n, helm.delta
     for (effect, e), (out_n, out_delta, memory) in zip(plant.effects, real, strict=True):
-        out_n[k], out_delta[k] = effect.actuators(n, delta, k, DT, e, memory)
+        out_n[k], out_delta[k] = effect.actuators(n, delta, k, plant.dt, e, memory)
         n, delta = out_n, out_delta
     signals.n[k], signals.delta[k] = n[k], delta[k]
 
 
 def run(cases: list[Case]) -> Runs:
-    """Runs a batch of cases side by side."""
+    """Runs a batch of cases of the same world side by side."""
     world = cases[0].world
     particulars, _ = scaled_ship(world)
     runs = len(cases[0].kinds)
@@ -127,10 +134,10 @@ def run(cases: list[Case]) -> Runs:
     speed, direction = (np.concatenate([c.wind[i] for c in cases], axis=1) for i in range(2))
     north, east = weather.air_over_ground(speed * np.concatenate([c.gusts for c in cases], axis=1), direction)
     force = np.concatenate([c.force for c in cases], axis=2)
-    signals = Signals(np.empty((ROWS, plant.runs)), np.empty((ROWS, plant.runs)), north, east, force)
-    helm = Helm(Orders.joined([c.orders for c in cases]), start[2], DT)
+    signals = Signals(np.empty((world.rows, plant.runs)), np.empty((world.rows, plant.runs)), north, east, force)
+    helm = Helm(Orders.joined([c.orders for c in cases]), start[2], world.step)
     states = closed_loop(plant, start, signals, helm)
-    rows = np.arange(0, ROWS, every(world))
+    rows = np.arange(0, world.rows, world.every)
     columns = measured(plant, states, rows)
     columns[:, 5] *= 1 + np.repeat([c.gyro for c in cases], runs)
     columns += np.concatenate([c.noise for c in cases], axis=2)
@@ -145,17 +152,18 @@ def floors(cases: list[Case], runs: Runs, with_effects: bool = True) -> Array:
     and the six columns of the squared error against the record, by SCALES. Without effects: the same ship, taken at
     its logged actuators; what the hidden cause costs before any calibration.
     """
-    length, each = round(WINDOW / DT), len(cases[0].kinds)
+    world, each = cases[0].world, len(cases[0].kinds)
+    apart, dt, count = world.every, world.step, world.rows
+    length = apart * round(WINDOW / world.sample)
     held = np.array([i * each + j for i, c in enumerate(cases) for j in range(c.training, each)])
-    begins = np.arange(0, ROWS - length, length)
+    begins = np.arange(0, count - length, length)
     columns, starts = np.repeat(held, len(begins)), np.tile(begins, len(held))
     plant = runs.plant.take(columns, with_effects)
-    source = runs.signals if with_effects else _as_logged(runs, cases[0].world.sample)
+    source = runs.signals if with_effects else _as_logged(runs, world)
     first = runs.states[starts, :, columns].T[: 6 + plant.states]
-    ahead = rollout(plant, first, source.windows(starts, columns, length + 1), starts * DT)
-    apart = every(cases[0].world)
+    ahead = rollout(plant, first, source.windows(starts, columns, length + 1), starts * dt)
     rows = np.arange(apart, length + 1, apart)
-    past = min(int(8.0 / DT), ROWS)  # what late instruments may still show of the time before the window
+    past = min(int(8.0 / dt), count)  # what late instruments may still show of the time before the window
     before = np.clip(starts[None, :] + np.arange(-past, 0)[:, None], 0, None)
     history = np.concatenate([runs.states[before, : 6 + plant.states, columns[None, :]].transpose(0, 2, 1), ahead])
     predicted = measured(plant, history, past + rows)
@@ -166,9 +174,9 @@ def floors(cases: list[Case], runs: Runs, with_effects: bool = True) -> Array:
     return J.reshape(len(cases), -1).mean(axis=1)
 
 
-def _as_logged(runs: Runs, sample: float) -> Signals:
+def _as_logged(runs: Runs, world: World) -> Signals:
     """The signals with actuators as logged, straight lines between the samples."""
-    t, s = np.arange(ROWS) * DT, runs.signals
-    at = np.arange(len(runs.n)) * sample
+    t, s = np.arange(world.rows) * world.step, runs.signals
+    at = np.arange(len(runs.n)) * world.sample
     n, delta = (np.stack([np.interp(t, at, a[:, i]) for i in range(a.shape[1])], 1) for a in (runs.n, runs.delta))
     return Signals(n, delta, s.north, s.east, s.force)

@@ -19,9 +19,6 @@ from benchmarks.blind.generator.effect import Drawn, Effect, Parts
 from benchmarks.blind.generator.forces import Array, Moment
 from benchmarks.blind.generator.world import WORLDS, World
 
-DT = 0.05
-"""Step of the integration and of all signals [s]."""
-
 Active = tuple[Effect, SimpleNamespace]
 
 
@@ -44,7 +41,8 @@ class Signals:
 
 @dataclass
 class Plant:
-    """Truth of a batch of B runs: particulars, coefficients (numbers or (B,)), wind series, effects with numbers."""
+    """Truth of a batch of B runs: particulars, coefficients (numbers or (B,)), wind series, effects with numbers, the
+    step of the integration and of all signals [s]."""
 
     p: dict[str, Any]
     c: dict[str, Any]
@@ -53,6 +51,7 @@ class Plant:
     runs: int
     own: ModuleType = own
     runge_kutta: bool = False
+    dt: float = 0.05
 
     @property
     def states(self) -> int:
@@ -86,7 +85,7 @@ def plant_of(
             for key, value in draw.inside.items():
                 getattr(found[effect.name][1], key)[case * runs : (case + 1) * runs] = value
     effects = [found[name] for name in sorted(found)]
-    return Plant(dict(p), c, world.forces.wind_series(p), effects, total, world.forces, world.runge_kutta)
+    return Plant(dict(p), c, world.forces.wind_series(p), effects, total, world.forces, world.runge_kutta, world.step)
 
 
 def parts_of(plant: Plant, state: Array, inputs: Sequence[Array], t: Array) -> tuple[Parts, Moment, dict, Array, tuple]:
@@ -155,16 +154,17 @@ def step(plant: Plant, state: Array, signals: Signals, k: int, t: Array) -> Arra
     """The state one step after row k of the signals, by Heun or Runge and Kutta; t: time of row k (B,) [s]."""
     now = (signals.n[k], signals.delta[k], signals.north[k], signals.east[k])
     then = (signals.n[k + 1], signals.delta[k + 1], signals.north[k + 1], signals.east[k + 1])
+    dt = plant.dt
     first = rates(plant, state, now, signals.force[k], t)
     if plant.runge_kutta:
         half = tuple(0.5 * (a + b) for a, b in zip(now, then, strict=True))
-        push, mid = 0.5 * (signals.force[k] + signals.force[k + 1]), t + 0.5 * DT
-        two = rates(plant, state + 0.5 * DT * first, half, push, mid)
-        three = rates(plant, state + 0.5 * DT * two, half, push, mid)
-        four = rates(plant, state + DT * three, then, signals.force[k + 1], t + DT)
-        return state + DT / 6 * (first + 2 * two + 2 * three + four)
-    second = rates(plant, state + DT * first, then, signals.force[k + 1], t + DT)
-    return state + 0.5 * DT * (first + second)
+        push, mid = 0.5 * (signals.force[k] + signals.force[k + 1]), t + 0.5 * dt
+        two = rates(plant, state + 0.5 * dt * first, half, push, mid)
+        three = rates(plant, state + 0.5 * dt * two, half, push, mid)
+        four = rates(plant, state + dt * three, then, signals.force[k + 1], t + dt)
+        return state + dt / 6 * (first + 2 * two + 2 * three + four)
+    second = rates(plant, state + dt * first, then, signals.force[k + 1], t + dt)
+    return state + 0.5 * dt * (first + second)
 
 
 def rollout(plant: Plant, start: Array, signals: Signals, t_0: Array) -> Array:
@@ -172,5 +172,5 @@ def rollout(plant: Plant, start: Array, signals: Signals, t_0: Array) -> Array:
     states = np.empty((len(signals.n), *start.shape))
     states[0] = start
     for k in range(len(signals.n) - 1):
-        states[k + 1] = step(plant, states[k], signals, k, t_0 + k * DT)
+        states[k + 1] = step(plant, states[k], signals, k, t_0 + k * plant.dt)
     return states

@@ -6,7 +6,7 @@ A world is integrated for a ship of 3 m; ``length`` is that of the ship in the f
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import ModuleType
 
 import numpy as np
@@ -38,7 +38,8 @@ class World:
     standard deviations of the errors of x, y [m], psi [rad], u, v [m/s], r [rad/s]; colour: range of the memory of the
     errors of u, v and r [s], (0, 0): white; gyro: largest scale error of r; gust: wind that the log does not show, as
     share of the mean; sample: of the records [s]; without: effects that the ship cannot have; runge_kutta: fourth order
-    with inputs in between, else Heun.
+    with inputs in between, else Heun; step: of the integration and of all signals [s], a whole part of the sample;
+    duration: of a run [s]; wide: every case draws its own noise, memory, sample, runs and spread (wide.py).
     """
 
     name: str
@@ -57,14 +58,31 @@ class World:
     without: tuple[str, ...] = ()
     runge_kutta: bool = False
     sets: Mapping[str, str] = field(default_factory=dict)
+    step: float = 0.05
+    duration: float = 150.0
+    wide: bool = False
 
     @property
     def scale(self) -> float:
         """Length of the ship in the files over that of the ship that is integrated."""
         return self.length / MODEL
 
+    @property
+    def rows(self) -> int:
+        """Points in time of the integration of a run."""
+        return round(self.duration / self.step) + 1
 
-WORLDS = {
+    @property
+    def every(self) -> int:
+        """Steps of the integration between two rows of the records."""
+        return round(self.sample / self.step)
+
+    def widened(self) -> World:
+        """The same ship and kinds of errors, where every case draws its own conditions."""
+        return replace(self, name=f"{self.name}_wide", wide=True)
+
+
+NARROW = {
     world.name: world
     for world in (
         World("pond"),
@@ -89,6 +107,8 @@ WORLDS = {
 }
 """pond: the first one, by which the diagnosis was made; basin: other noise, coloured sensors, unlogged gusts, another
 integration; kvlcc2: another ship of 7 m with another force model, other sizes of everything, other manoeuvres."""
+WORLDS = {**NARROW, **{wide.name: wide for wide in map(World.widened, NARROW.values())}}
+"""The same and, as NAME_wide, each with conditions that every case draws anew."""
 
 POWERS = {
     "current.x": 0.5, "current.y": 0.5, "wind_sensor_bias.x": 0.5, "wind_sensor_bias.y": 0.5, "wave_drift.x": 3.0,

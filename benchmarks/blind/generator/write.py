@@ -17,7 +17,7 @@ HEADER = (
     "t [s],x [m],y [m],psi [rad],u [m/s],v [m/s],r [rad/s],n [rps],delta [rad],wind_speed [m/s],wind_direction [rad]"
 )
 BATCH = 50
-"""Cases that are integrated side by side."""
+"""Cases that are integrated side by side; one where each has a world of its own."""
 
 
 def generate(
@@ -36,8 +36,9 @@ def generate(
     dealer, *seeds = np.random.SeedSequence(seed).spawn(count + 1)
     hands = deal(kind, count, np.random.default_rng(dealer), world.without)
     entries = []
-    for first in range(0, count, BATCH):
-        numbers = range(first, min(first + BATCH, count))
+    batch = 1 if world.wide else BATCH
+    for first in range(0, count, batch):
+        numbers = range(first, min(first + batch, count))
         cases = [Case.prepared(hands[i], chosen, seeds[i], world) for i in numbers]
         runs = run(cases)
         floor, without = floors(cases, runs), floors(cases, runs, with_effects=False)
@@ -88,7 +89,8 @@ def _write_case(
         }
         for (effect, strength), (_, draw) in zip(case.hand.effects, case.drawn, strict=True)
     ]
-    return {"case": name, "kind": case.hand.kind, "effects": effects, "seed": [seed, number], "sha256": hashes}
+    entry = {"case": name, "kind": case.hand.kind, "effects": effects, "seed": [seed, number], "sha256": hashes}
+    return entry | ({"conditions": case.conditions} if case.conditions else {})
 
 
 def _table(runs: Runs, column: int, world: World) -> str:
@@ -102,7 +104,7 @@ def _table(runs: Runs, column: int, world: World) -> str:
     values[:, 10] = (values[:, 10] + np.pi) % (2 * np.pi) - np.pi
     if world.scale != 1:
         values *= world.scale ** np.array(COLUMNS)
-    line = ("%.1f" if world.scale == 1 else "%.6f") + ",%.4f,%.4f" + ",%.6f" * 8 + "\n"
+    line = ("%.6f" if world.scale != 1 or world.wide else "%.1f") + ",%.4f,%.4f" + ",%.6f" * 8 + "\n"
     return HEADER + "\n" + (line * rows) % tuple(values.ravel().tolist())
 
 
