@@ -14,6 +14,8 @@
     sign = { psi = -1, r = -1 }                     # canonical name = 1 or -1
     kind = "zigzag"
     role = "train"                                  # "train", "validate" or "test"
+    day = "2026-11-22"                              # of the trial; default: the date in the file name
+    group = "before docking"                        # any word, to compare groups of trials by
 
     [files."run_07.csv"]              # the same keys for one file, added to or replacing the default
     name = "zigzag 20/20, second"
@@ -24,10 +26,11 @@ An unknown key is an error. Tables (columns, units, sign) of a file are merged i
 from __future__ import annotations
 
 from collections.abc import Mapping
+from datetime import date
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, field_validator, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, field_validator, model_validator
 
 from cases.io.toml_file import Section, number, read_toml, validated
 from cases.io.units import is_canonical, to_si
@@ -43,6 +46,16 @@ def _canonical(column: str) -> str:
 
 
 Column = Annotated[str, AfterValidator(_canonical)]
+
+
+def _iso(day: Any) -> str:
+    try:
+        return date.fromisoformat(str(day)).isoformat() if day else ""
+    except ValueError:
+        raise ValueError(f"{day!r} is not a day; write it as 2026-11-22") from None
+
+
+Day = Annotated[str, BeforeValidator(_iso)]
 
 
 class ReferencePoint(Section):
@@ -77,6 +90,8 @@ class SidecarEntry(Section):
     kind: str = ""
     role: Literal["", "train", "validate", "test"] = ""
     name: str = ""
+    day: Day = ""
+    group: str = ""
 
     @field_validator("units")
     @classmethod

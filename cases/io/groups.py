@@ -1,0 +1,92 @@
+"""Groups of trials that can be compared: those of a day, of a folder, or with the same key in the sidecar."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import date
+
+from cases.trial import Trial
+from mmg.errors import UserError
+
+CALENDAR = {"day": 10, "month": 7, "year": 4}
+"""Length of each part of a date as ISO 8601 writes it."""
+KEYS = (*CALENDAR, "folder", "group", "kind", "role")
+"""What trials can be grouped by."""
+MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
+DATES = (
+    re.compile(r"(?<!\d)(?P<y>[12]\d{3})([-_.]?)(?P<m>\d{2})\2(?P<d>\d{2})(?!\d)"),
+    re.compile(rf"(?<!\d)(?P<d>\d{{1,2}})[-_. ]?(?P<m>{'|'.join(MONTHS)})[a-z]*[-_. ]?(?P<y>[12]\d{{3}})(?!\d)", re.I),
+)
+
+
+@dataclass(frozen=True)
+class Groups:
+    """Trials in groups. by: what they have in common; names: of the groups, sorted; number: of each trial's group."""
+
+    by: str
+    names: tuple[str, ...]
+    number: tuple[int, ...]
+
+    def members(self, trials: Sequence[Trial]) -> dict[str, list[Trial]]:
+        """The ``trials`` that were grouped, by the name of their group."""
+        return {
+            name: [t for t, k in zip(trials, self.number, strict=True) if k == i] for i, name in enumerate(self.names)
+        }
+
+
+def group_trials(trials: Sequence[Trial], by: str) -> Groups:
+    """Group ``trials`` ``by`` "day" ("month", "year"), "folder", or a key of the sidecar: "group", "kind", "role".
+
+    The day is that of the sidecar, else the first date in the file name. Returns the groups. Raises UserError for
+    another word, for a trial that belongs to none, and for fewer than two groups.
+    """
+    key = by.strip().lower()
+    if key not in KEYS:
+        raise UserError(f"--between {by}: not one of {', '.join(KEYS)}")
+    labels = _folders(trials) if key == "folder" else [_label(trial, key) for trial in trials]
+    names = tuple(sorted(set(labels)))
+    if len(names) < 2:
+        raise UserError(f"--between {by}: all trials are of one group ({names[0]}); give trials of two at least")
+    return Groups(key, names, tuple(names.index(label) for label in labels))
+
+
+def _label(trial: Trial, key: str) -> str:
+    """The group of a trial."""
+    if key in CALENDAR:
+        return _day(trial)[: CALENDAR[key]]
+    label = trial.meta.get("group", "") if key == "group" else str(getattr(trial, key))
+    if not label:
+        raise UserError(f'--between {key}: nothing is known of {trial.name}; say {key} = "..." of it in trials.toml')
+    return label
+
+
+def _folders(trials: Sequence[Trial]) -> list[str]:
+    """The folder of each trial, below the one that holds all."""
+    for trial in trials:
+        if trial.path is None:
+            raise UserError(f"--between folder: {trial.name} was not read from a file")
+    folders = [str(trial.path.resolve().parent) for trial in trials if trial.path is not None]
+    return [os.path.relpath(folder, os.path.commonpath(folders)) for folder in folders]
+
+
+def _day(trial: Trial) -> str:
+    """The day of a trial, as ISO 8601 writes it."""
+    known = trial.meta.get("day", "")
+    if known:
+        return known
+    for text in (trial.path.stem if trial.path is not None else "", trial.name):
+        for pattern in DATES:
+            for found in pattern.finditer(text):
+                month = found["m"].lower()[:3]
+                try:
+                    number = MONTHS.index(month) + 1 if month in MONTHS else int(month)
+                    return date(int(found["y"]), number, int(found["d"])).isoformat()
+                except ValueError:
+                    continue
+    raise UserError(
+        f"--between day: no date in the name of {trial.name} (as 2026-11-22, 20261122 or 22-Nov-2026); "
+        'say day = "2026-11-22" of it in trials.toml'
+    )
