@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from mmg.errors import check_name
 from mmg.messages import Message
 from mmg.notebook import html_table
 
@@ -52,7 +53,7 @@ class Trial:
 
     Attributes
     ----------
-    name: file stem, or the name given by the caller.
+    name: file stem, or the name given by the caller; UserError unless it is plain words (``mmg.errors``).
     columns: canonical name (see ``UNITS``) -> array of shape (N,), SI and radians. Always holds "t",
         strictly increasing, as stored (it need not start at zero). Missing samples are NaN. ``psi`` is
         as stored (possibly wrapped): use ``psi_unwrapped``. Optional columns that the file lacks are
@@ -72,6 +73,9 @@ class Trial:
     kind: str = ""
     role: str = ""
     meta: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        check_name(self.name, str(self.path or "trial"))
 
     def __len__(self) -> int:
         return len(self.columns["t"])

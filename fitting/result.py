@@ -21,12 +21,15 @@ from safetensors.numpy import save_file
 from cases.shipfiles.network_file import NETWORK, load_network, save_network
 from cases.shipfiles.ship_file import dump_ship, load_ship
 from fitting.calibration import Calibration
-from fitting.record import FigureRow, FitObjects, FitRecord, read_record
+from fitting.record import FigureRow, FitObjects, FitRecord, MessageRow, read_record
 from fitting.report.page import build_page, write_page
 from fitting.report.plot_identifiability import write_identifiability_figures
+from fitting.report.plot_style import FigureFolder
 from fitting.report.plots import write_figures
 from fitting.report.run_folder import (
+    FIGURES,
     ITERATE,
+    PAGE,
     RESULT,
     SHIP,
     START,
@@ -82,17 +85,17 @@ class FitResult(FitRecord):
     def save(self, folder: str | Path, replace: bool = False) -> FitResult:
         """Write the run folder ``folder``, which must not exist unless ``replace``; returns the result as it was saved.
 
-        Figures are drawn where ``objects`` are known, and copied where the result was read from another folder.
-        Raises UserError when the folder exists or cannot be written.
+        Figures are drawn where ``objects`` are known, and copied where the result was read from another folder. They
+        and the page come last: one that fails is a warning. Raises UserError when the folder exists or cannot be
+        written.
         """
-        target, saved = Path(folder), []
+        target = Path(folder)
         if not replace:
             check_target(target)
-        write_whole(target, lambda scratch: saved.append(self._fill(scratch)), replace)
-        return changed(saved[0], folder=target)
+        write_whole(target, self._fill, replace)
+        return changed(self._illustrated(target), folder=target)
 
-    def _fill(self, scratch: Path) -> FitResult:
-        began = time.perf_counter()
+    def _fill(self, scratch: Path) -> None:
         state = "calibrated" if self.converged else "NOT CONVERGED, best iterate"
         note = f"{self.ship.name}, {state} by mmg fit; std is the standard error of each estimate."
         (scratch / SHIP).write_text(dump_ship(self.ship, note), encoding="utf-8")
@@ -102,17 +105,26 @@ class FitResult(FitRecord):
             (scratch / ITERATE).chmod(0o644)
         if self.ship.network is not None:
             save_network(scratch / NETWORK, self.ship.network, self.ship)
-        done = self
+        if self.folder and (self.folder / FIGURES).is_dir() and not self.objects:
+            shutil.copytree(self.folder / FIGURES, scratch / FIGURES)
+        write_json(scratch / RESULT, (changed(self, figures=()) if self.objects else self).to_dict())
+
+    def _illustrated(self, folder: Path) -> FitResult:
+        """The result with the figures and the page that could be made in its ``folder``."""
+        began, done, written = time.perf_counter(), self, FigureFolder(folder / FIGURES)
         if self.objects:
-            listed = write_figures(scratch, self, self.objects)
-            listed += write_identifiability_figures(scratch, self, self.objects)
+            for write in (write_figures, write_identifiability_figures):
+                with written.making("figures"):
+                    write(written, self, self.objects)
             wall = self.timings_s.get("wall", 0.0) + time.perf_counter() - began
-            figures = tuple(FigureRow(**row) for row in listed)
-            done = changed(self, figures=figures, timings_s={**self.timings_s, "wall": wall})
-        elif self.folder and (self.folder / "figures").is_dir():
-            shutil.copytree(self.folder / "figures", scratch / "figures")
-        write_json(scratch / RESULT, done.to_dict())
-        write_page(build_page([(done, done.ship, scratch)]), scratch / "report.html")
+            figures = tuple(FigureRow(**row) for row in written.rows)
+            failed = tuple(MessageRow("warning", m.code, m) for m in written.failures)
+            messages = (*failed, *self.messages)
+            done = changed(self, figures=figures, messages=messages, timings_s={**self.timings_s, "wall": wall})
+            with written.making(RESULT):
+                write_json(folder / RESULT, done.to_dict())
+        with written.making(PAGE):
+            write_page(build_page([(done, done.ship, folder)]), folder / PAGE)
         return done
 
 

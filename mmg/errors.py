@@ -1,12 +1,25 @@
-"""The one error that users meet: a line that says what is wrong, where, and what to do."""
+"""The one error that users meet: a line that says what is wrong, where, and what to do; and the check of names."""
+
+from __future__ import annotations
+
+from pathlib import PureWindowsPath
+
+from mmg.messages import printable
+
+LONGEST_NAME = 200
+"""Most bytes of a name: file systems take 255, and suffixes are added."""
 
 
 class UserError(Exception):
     """Bad input or an impossible request.
 
     The command line prints its text as one line and exits with code 2; the library raises it.
-    The text says what is wrong, where (file, column, row, key), and what to do about it.
+    The text says what is wrong, where (file, column, row, key), and what to do about it; words of a file that would
+    steer a terminal are shown escaped.
     """
+
+    def __init__(self, text: object = "") -> None:
+        super().__init__(printable(str(text)))
 
 
 def needs_torch(what: str) -> None:
@@ -15,3 +28,23 @@ def needs_torch(what: str) -> None:
         import torch  # noqa: F401
     except (ImportError, OSError) as error:
         raise UserError(f"{what} needs torch, which cannot be imported ({error}); pip install torch") from None
+
+
+def name_fault(name: str) -> str:
+    """What keeps ``name`` from being the name of a trial, ship or run; "" when it is plain words.
+
+    A name may become that of a file on any system, so it holds no path, no drive, nothing that cannot be printed.
+    """
+    if PureWindowsPath(name).name != name or name == "..":
+        return "must be plain words, no path: without / and \\"
+    if not name.isprintable():
+        return "must hold characters that can be printed"
+    if len(name.encode(errors="replace")) > LONGEST_NAME:
+        return f"must have at most {LONGEST_NAME} bytes"
+    return ""
+
+
+def check_name(name: str, where: str) -> None:
+    """Raises UserError, which begins with ``where``, unless ``name`` is plain words or empty."""
+    if name and (fault := name_fault(name)):
+        raise UserError(f"{where}: name = '{name}': {fault}")

@@ -5,17 +5,26 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 
+def printable(text: str) -> str:
+    """``text`` with what would steer a terminal (escape sequences, control characters) written as \\x1b and the like;
+    line ends and tabs stay."""
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() or c in "\n\t" else c.encode("unicode_escape").decode() for c in text)
+
+
 class Message(str):
     """A sentence with a ``code``, such as ``Message("calm air is assumed in run7", "no_wind")``.
 
     It is a string, so it can be printed, joined and written as it is. Programs compare ``code`` and never the words.
-    text: the sentence; code: lower-case words joined by underscores, which stay the same when the sentence changes.
+    text: the sentence, shown as ``printable``; code: lower-case words joined by underscores, which stay the same when
+    the sentence changes.
     """
 
     code: str
 
     def __new__(cls, text: str, code: str) -> Message:
-        message = super().__new__(cls, text)
+        message = super().__new__(cls, printable(text))
         message.code = code
         return message
 

@@ -12,6 +12,7 @@ import numpy as np
 from mmg.components.catalogue import actuators
 from mmg.components.coefficients import Coefficient
 from mmg.effects import EFFECTS, effect
+from mmg.errors import check_name
 from mmg.network import Network, features_of
 from mmg.notebook import html_table
 
@@ -23,7 +24,7 @@ AIR = ("wind_north", "wind_east")
 class Ship:
     """A ship, before or after calibration.
 
-    name: short name, as in ``mmg ships``.
+    name: short name, as in ``mmg ships``; UserError unless it is plain words (``mmg.errors``).
     particulars: symbol -> value in SI (L, B, d, m, x_G, rho, D_P, A_R, ...); see the force models.
     components: role ("hull", "propeller", "rudder", "wind") -> name of the force model.
     coefficients: symbol -> Coefficient, in the order of the models' tables.
@@ -45,6 +46,7 @@ class Ship:
     network: Network | None = None
 
     def __post_init__(self) -> None:
+        check_name(self.name, "ship")
         if self.network is not None:
             self.network.check(self.name, self.actuators)
 

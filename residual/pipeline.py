@@ -25,7 +25,6 @@ from mmg.progress import OnProgress
 from mmg.ship import Ship
 from mmg.states import STATES
 from residual.blackbox.models import BOX_KIND, box_of
-from residual.report.figures import figure_rows
 from residual.result import CALIBRATED, HYBRID, TrainResult
 from residual.settings import BlackBoxSettings, TrainSettings
 from residual.training.acceptance import decide
@@ -116,7 +115,7 @@ def train(
     if len(models) == 2:
         result = replace(result, scores=score_pairs(*models, {"validation": validation, "training": chosen}))
     timings = {**result.timings_s, "wall": time.perf_counter() - began}
-    return replace(result, figures=tuple(figure_rows(result.to_dict())), timings_s=timings)
+    return replace(result, timings_s=timings)
 
 
 def _start(given: Ship | FitResult | TrainResult | str | Path) -> tuple[Ship, Mapping[str, Any], str]:

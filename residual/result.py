@@ -11,6 +11,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
+from dataclasses import replace as changed
 from math import nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,6 +24,8 @@ from cases.trial import Trial
 from fitting.prediction.score import ScorePair
 from fitting.report.page import label_of, write_page
 from fitting.report.run_folder import (
+    FIGURES,
+    PAGE,
     RESULT,
     SHIP,
     START,
@@ -177,28 +180,33 @@ class TrainResult(TrainRecord):
         return html_table(self.sentence, [str(name) for name in table], table.itertuples(index=False))
 
     def save(self, folder: str | Path, replace: bool = False) -> None:
-        """Write the run folder with figures and report, whole or not at all.
+        """Write the run folder, whole or not at all; then figures and report, of which one that fails is a warning.
 
         folder: it must not exist unless ``replace``, which keeps only its finished seeds. Raises UserError where it
         exists or cannot be written.
         """
+        from fitting.report.plot_style import FigureFolder
+        from residual.report.figures import write_figures
+
         folder = Path(folder)
         if not replace:
             check_target(folder)
+        content = self.to_dict() | {"figures": []}
 
         def fill(scratch: Path) -> None:
             if (folder / FINISHED).is_dir():
                 shutil.copytree(folder / FINISHED, scratch / FINISHED)
             self._write_models(scratch)
-            content = self.to_dict()
-            if self.figures:
-                from residual.report.figures import write_figures
-
-                write_figures(scratch, content, self.models(), self.trials or ())
             write_json(scratch / RESULT, content)
-            write_page(page_of([(label_of(folder), scratch, content)]), scratch / "report.html")
 
         write_whole(folder, fill, replace)
+        written = FigureFolder(folder / FIGURES)
+        with written.making("figures"):
+            write_figures(written, content, self.models(), self.trials or ())
+        done = changed(self, figures=tuple(written.rows), warnings=(*self.warnings, *written.failures))
+        with written.making(PAGE):
+            write_json(folder / RESULT, done.to_dict())
+            write_page(page_of([(label_of(folder), folder, done.to_dict())]), folder / PAGE)
 
     def _write_models(self, folder: Path) -> None:
         """The recommended ship and the other one, or the black box."""

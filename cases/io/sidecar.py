@@ -18,7 +18,7 @@
     group = "before docking"                        # any word, to compare groups of trials by
 
     [files."run_07.csv"]              # the same keys for one file, added to or replacing the default
-    name = "zigzag 20/20, second"
+    name = "zigzag 20-20, second"             # plain words: it names files too
 
 An unknown key is an error. Tables (columns, units, sign) of a file are merged into those of the default.
 """
@@ -32,7 +32,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, field_validator, model_validator
 
-from cases.io.toml_file import Section, number, read_toml, validated
+from cases.io.toml_file import Name, Section, number, read_toml, validated
 from cases.io.units import is_canonical, to_si
 from mmg.errors import UserError
 
@@ -89,9 +89,9 @@ class SidecarEntry(Section):
     reference_point: ReferencePoint = ReferencePoint()
     kind: str = ""
     role: Literal["", "train", "validate", "test"] = ""
-    name: str = ""
+    name: Name = ""
     day: Day = ""
-    group: str = ""
+    group: Name = ""
 
     @field_validator("units")
     @classmethod

@@ -13,11 +13,11 @@ import re
 import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any, TypeVar, get_args, get_origin
+from typing import Annotated, Any, TypeVar, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
-from mmg.errors import UserError
+from mmg.errors import UserError, name_fault
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -35,6 +35,15 @@ def number(unit: str, default: Any = ..., **limits: float) -> Any:
     """A field of a section that holds a number in ``unit``, with its ``default`` and ``limits`` (ge, gt, le, lt)."""
     return Field(default, json_schema_extra={"unit": unit}, **limits)  # type: ignore[call-overload]
 
+
+def _plain_words(name: str) -> str:
+    if name and (fault := name_fault(name)):
+        raise ValueError(fault)
+    return name
+
+
+Name = Annotated[str, AfterValidator(_plain_words)]
+"""The name of a trial or a ship: plain words, since it may become that of a file; or ""."""
 
 S = TypeVar("S", bound=Section)
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import AfterValidator, Field, create_model
 
-from cases.io.toml_file import Section, number
+from cases.io.toml_file import Name, Section, number
 from mmg.components.catalogue import MODELS
 from mmg.components.particulars import PARTICULARS
 
@@ -41,7 +41,7 @@ class CoefficientEntry(Section):
 class _Words(Section):
     """it holds the particulars, such as L = 3.0"""
 
-    name: str = ""
+    name: Name = ""
     description: str = ""
     reference: str = ""
 

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -147,28 +147,28 @@ def profile_plot(row: Mapping[str, Any], std: float | None = None, unit: str = "
     return figure
 
 
-def write_identifiability_figures(folder: Path, record: FitRecord, objects: FitObjects) -> list[dict[str, str]]:
-    """Write the figures of what trials determine as PNG into ``folder``/figures, none where that is not known.
+def write_identifiability_figures(written: FigureFolder, record: FitRecord, objects: FitObjects) -> None:
+    """Write the figures of what trials determine, none where that is not known.
 
-    record: what the calibration found; objects: what stands behind it. Returns file, title and caption of each.
+    written: where to; record: what the calibration found; objects: what stands behind it.
     """
-    found, trial, written = objects.calibration.identifiability, objects.next_trial, FigureFolder(folder)
+    found, trial = objects.calibration.identifiability, objects.next_trial
     if all(f.kind == "unknown" for f in found.findings):
-        return []
+        return
     written.write(
-        "identifiability_share", share_plot(found.findings),
+        "identifiability_share", partial(share_plot, found.findings),
         "Who decided: prior's share of each coefficient's variance",
         "Bars: posterior by prior variance. Black tick: what it would be if all other coefficients were known; a long "
         "bar with a tick far to its left is a coefficient that trials excite but cannot separate from others.",
     )  # fmt: skip
     written.write(
-        "identifiability_correlation", correlation_plot(found), "Coefficients that trials cannot separate",
+        "identifiability_correlation", partial(correlation_plot, found), "Coefficients that trials cannot separate",
         "Correlation of the estimates, prior included; red: both may rise together, blue: one may rise when the other "
         "falls. Only coefficients with a correlation of at least 0.5.",
     )  # fmt: skip
     if trial and trial.options:
         written.write(
-            "identifiability_next_trial", next_trial_plot(trial, found.findings),
+            "identifiability_next_trial", partial(next_trial_plot, trial, found.findings),
             "The trial that would determine most",
             f"Predicted fall of the standard errors when {trial.duration:.0f} s of a trial are added, best trial on "
             "top (by the mean prior's share); numbers at the best trial of each coefficient.",
@@ -176,10 +176,9 @@ def write_identifiability_figures(folder: Path, record: FitRecord, objects: FitO
     for row in record.profiles or ():
         known = record.coefficients[row["symbol"]]
         written.write(
-            f"identifiability_profile_{row['symbol']}", profile_plot(row, known.std, known.unit),
+            f"identifiability_profile_{row['symbol']}", partial(profile_plot, row, known.std, known.unit),
             f"Profile of {row['symbol']}",
             "Objective, minimised over all other coefficients and states, above its minimum and divided by the "
             f"dispersion of {row['dispersion']:.3g} (how much more the runs scatter than modelled): below the "
             "dashed lines the coefficient may lie. A parabola is what its standard error stands for.",
         )  # fmt: skip
-    return written.rows

@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from cases.criteria.figures import Since, since
 from cases.criteria.spiral import spiral_curve
 from cases.criteria.standard_runs import Run
-from fitting.report.plot_style import AFTER, ALARM, BEFORE, GREY, MEASURED, dress, new_figure
+from fitting.report.plot_style import AFTER, ALARM, BEFORE, GREY, MEASURED, dress, literal, new_figure
 
 COLOURS = (AFTER, BEFORE, "#009E73", ALARM, "#7A5AA6", MEASURED)
 TRACKS, ROW = 4.9, 2.9
@@ -41,7 +41,7 @@ def maneuver_figure(runs: Sequence[Run], title: str) -> Figure:
     others = [partial(single[run.kind], run=run) for run in runs if run.kind in single]
     heights = [TRACKS] * bool(top) + [ROW] * math.ceil(len(others) / 2)
     figure = new_figure(sum(heights) + 0.4)
-    figure.suptitle(title, fontsize=10.5, x=0.01, ha="left", fontweight="bold")
+    figure.suptitle(literal(title), fontsize=10.5, x=0.01, ha="left", fontweight="bold")
     grid = figure.add_gridspec(len(heights), 2, height_ratios=heights)
     for first, panels in ((0, top), (int(bool(top)), others)):
         for k, draw in enumerate(panels):
@@ -71,7 +71,7 @@ def turning_plot(ax: Axes, runs: Sequence[Run]) -> Axes:
     dress(ax, "to starboard / L", "ahead / L", "Turning circles")
     for run, colour in zip(runs, cycle(COLOURS), strict=False):
         motion, L, side = _cut(run), run.length, math.copysign(1.0, run.rudder)
-        label = run.name if not run.measured else f"{run.name} ({math.degrees(run.rudder):+.0f} deg)"
+        label = literal(run.name) if not run.measured else f"{literal(run.name)} ({math.degrees(run.rudder):+.0f} deg)"
         ax.plot(motion.transfer / L, motion.advance / L, color=colour, linewidth=1.3, label=label)
         if len(runs) <= 2:
             _turning_dimensions(ax, run, side, colour)
@@ -113,7 +113,7 @@ def stopping_plot(ax: Axes, runs: Sequence[Run]) -> Axes:
     dress(ax, "track / L", "u / V", "Stop: headway along the track")
     for run, colour in zip(runs, cycle(COLOURS), strict=False):
         motion = _cut(run)
-        ax.plot(motion.path / run.length, motion.u / run.speed, color=colour, linewidth=1.3, label=run.name)
+        ax.plot(motion.path / run.length, motion.u / run.speed, color=colour, linewidth=1.3, label=literal(run.name))
         reach = run.figures.get("track_reach")
         if reach is not None:
             ax.plot(reach / run.length, 0, marker="o", color=colour, markersize=4)

@@ -6,11 +6,16 @@ it blue (after Okabe & Ito: distinct for colour-blind readers and in grey print)
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Literal
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+
+from mmg.messages import Message
+from mmg.progress import LOGGER
 
 BEFORE, AFTER, MEASURED, GREY, ALARM = "#D58A00", "#0072B2", "#111111", "#8A8A8A", "#C0305A"
 STYLES: tuple[dict, ...] = (
@@ -28,24 +33,45 @@ def new_figure(height: float, layout: Literal["constrained"] | None = "constrain
 
 
 class FigureFolder:
-    """Figures written as PNG into ``folder``/figures; rows: file, title and caption of each."""
+    """Figures and pages of a run whose numbers are written already: what fails is a warning, never a loss.
+
+    folder: where PNG files go, made with the first one. rows: file, title and caption of each; failures: what could
+    not be made, said on the way.
+    """
 
     def __init__(self, folder: Path) -> None:
-        self.folder = folder / "figures"
+        self.folder = folder
         self.rows: list[dict[str, str]] = []
+        self.failures: list[Message] = []
 
-    def write(self, name: str, figure: Figure, title: str, caption: str) -> None:
-        """Write a ``figure`` as ``name``.png, with its ``title`` and ``caption``."""
-        self.folder.mkdir(parents=True, exist_ok=True)
-        figure.savefig(self.folder / f"{name}.png", dpi=DPI)
-        self.rows.append({"file": f"{name}.png", "title": title, "caption": caption})
+    @contextmanager
+    def making(self, what: str) -> Iterator[None]:
+        """While it lasts, an error ends the making of ``what`` and is kept in ``failures``."""
+        try:
+            yield
+        except Exception as error:
+            why = " ".join(f"{type(error).__name__}: {error}".split())
+            self.failures.append(Message(f"{what} could not be made ({why[:200]})", "figure_failed"))
+            LOGGER.warning("warning: %s", self.failures[-1])
+
+    def write(self, name: str, draw: Callable[[], Figure], title: str, caption: str) -> None:
+        """Write the figure that ``draw`` gives as ``name``.png, with its ``title`` and ``caption``."""
+        with self.making(f"figure {name}"):
+            self.folder.mkdir(parents=True, exist_ok=True)
+            draw().savefig(self.folder / f"{name}.png", dpi=DPI)
+            self.rows.append({"file": f"{name}.png", "title": title, "caption": caption})
+
+
+def literal(text: str) -> str:
+    """``text`` from outside, such as the name of a trial, as a figure shows it: no formula begins in it."""
+    return text.replace("$", r"\$")
 
 
 def dress(ax: Axes, x: str = "", y: str = "", title: str = "") -> Axes:
     """Axes ``ax`` with labels ``x`` and ``y`` (with units), a ``title``, a light grid and no box."""
     ax.set_xlabel(x, fontsize=9)
     ax.set_ylabel(y, fontsize=9)
-    ax.set_title(title, fontsize=9.5, loc="left", fontweight="bold")
+    ax.set_title(literal(title), fontsize=9.5, loc="left", fontweight="bold")
     ax.tick_params(labelsize=8, length=3, color=GREY)
     ax.grid(True, color="#E4E4E4", linewidth=0.6)
     ax.set_axisbelow(True)

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,7 @@ from fitting.identifiability.analysis import DETERMINED, PARTLY
 from fitting.prediction.predict import predict_all
 from fitting.prediction.score import PAPER_WINDOW
 from fitting.record import CoefficientRow, FitObjects, FitRecord
-from fitting.report.plot_style import AFTER, ALARM, BEFORE, GREY, FigureFolder, dress, new_figure
+from fitting.report.plot_style import AFTER, ALARM, BEFORE, GREY, FigureFolder, dress, literal, new_figure
 from fitting.report.plot_tracks import error_growth_plot, trajectory_plot
 from fitting.report.run_folder import plain
 from fitting.settings import Start
@@ -150,7 +150,7 @@ def score_plot(scores: Mapping[str, Mapping[str, Mapping[str, Any]]], most: int 
         ax.set_xlim(0, 1.14 * largest)
         ax.grid(axis="y", visible=False)
         ax.tick_params(axis="y", length=0)
-    labels = [heading or (row["name"] if row else "") for heading, row, _ in lines]
+    labels = [heading or literal(row["name"] if row else "") for heading, row, _ in lines]
     axes[0].set_yticks(range(len(lines)), labels, fontsize=7.5)
     for tick, (heading, *_) in zip(axes[0].get_yticklabels(), lines, strict=True):
         tick.set_fontweight("bold" if heading or tick.get_text() == "all pooled" else "normal")
@@ -223,24 +223,24 @@ def _position_rms(trial: Trial, windows: Sequence) -> float:
     return float(np.sqrt(np.nanmean((np.vstack(errors) ** 2).sum(axis=1))))
 
 
-def write_figures(folder: Path, record: FitRecord, objects: FitObjects, most_tracks: int = 4) -> list[dict[str, str]]:
-    """Write the figures of a calibration as PNG into ``folder``/figures.
+def write_figures(written: FigureFolder, record: FitRecord, objects: FitObjects, most_tracks: int = 4) -> None:
+    """Write the figures of a calibration, in the order of a report.
 
-    record: what it found; objects: trials and simulators behind it; most_tracks: trials drawn at most. Returns
-    {"file", "title", "caption"} of each figure in the order of a report, the file relative to ``folder``/figures.
+    written: where to; record: what it found; objects: trials and simulators behind it; most_tracks: trials drawn at
+    most.
     """
     models = {"before": objects.before, "after": objects.after}
-    trials, validation, written = objects.trials, objects.validation, FigureFolder(folder)
+    trials, validation = objects.trials, objects.validation
     ship, solution = objects.after.ship, objects.calibration.solution
     if record.scores:
         written.write(
-            "scores", score_plot(plain(record.scores)), "Scores per trial",
+            "scores", partial(score_plot, plain(record.scores)), "Scores per trial",
             "Mean squared error of open-loop predictions, summed over the six states, each divided by its "
             "sigma; lower is better.",
         )  # fmt: skip
     judged, which = (validation, "held-out") if validation else (trials, "training (none was held out)")
     written.write(
-        "error_growth", error_growth_plot(models, judged), "How errors grow with the length of the prediction",
+        "error_growth", partial(error_growth_plot, models, judged), "How errors grow with the length of the prediction",
         f"Rms error over windows of the {which} trials, each started from the measured state and from there on "
         "driven by the measured rudder, revolutions and wind alone.",
     )  # fmt: skip
@@ -252,13 +252,13 @@ def write_figures(folder: Path, record: FitRecord, objects: FitObjects, most_tra
         rms = [_position_rms(trial, windows) for windows in pairs]
         words = f"Rms position error {rms[0]:.3g} m before, {rms[1]:.3g} m after." if np.isfinite(rms).all() else ""
         written.write(
-            f"track_{number + 1}", trajectory_plot(trial, pairs[0], pairs[1], ship.particulars["L"]),
+            f"track_{number + 1}", partial(trajectory_plot, trial, pairs[0], pairs[1], ship.particulars["L"]),
             f"{trial.name} ({'held out' if held_out else 'used in the calibration'})",
             f"Predictions restart from the measured state every {PAPER_WINDOW:g} s (dots and ship outlines on the "
             f"track; dotted lines below). {words}",
         )  # fmt: skip
     written.write(
-        "coefficients", coefficient_plot(record.coefficients, component_of(ship)),
+        "coefficients", partial(coefficient_plot, record.coefficients, component_of(ship)),
         "Coefficients: shift from the prior",
         "Point: estimate; bar: its standard error; both in prior standard deviations. Shaded: one prior "
         "standard deviation. A short bar means that the trials decided, a bar as wide as the shading that the "
@@ -266,13 +266,12 @@ def write_figures(folder: Path, record: FitRecord, objects: FitObjects, most_tra
     )  # fmt: skip
     if solution.history:
         written.write(
-            "convergence", convergence_plot(solution.history), "Convergence of the last solve",
+            "convergence", partial(convergence_plot, solution.history), "Convergence of the last solve",
             "Objective and largest gap between shooting intervals at each iteration.",
         )  # fmt: skip
     if len(record.starts) > 1:
         written.write(
-            "starts", waterfall_plot(record.starts), "Starts",
+            "starts", partial(waterfall_plot, record.starts), "Starts",
             "Objective of each start above the best one: points below the line reached the same optimum. Numbers are "
             "those of the starts (0: the prior); a ring marks one that was solved again with damping.",
         )  # fmt: skip
-    return written.rows

@@ -24,6 +24,7 @@ from cases.trial import Trial
 from mmg.errors import UserError
 
 RESULT, SHIP, START, ITERATE = "result.json", "ship.toml", "start.toml", "iterate.safetensors"
+FIGURES, PAGE = "figures", "report.html"
 
 
 def versions() -> dict[str, str]:

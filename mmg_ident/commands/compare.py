@@ -64,6 +64,7 @@ def compare(
     if any(value is not None and not 0 < value < float("inf") for value in (step, time_limit)):
         raise UserError("--step and --time-limit must be positive numbers of seconds")
     needs_torch("mmg compare")
+    from fitting.report.plot_style import FigureFolder
     from residual.comparison.figures import write_figures
     from residual.comparison.study import MODELS, Study
     from residual.comparison.study import compare as compared
@@ -109,10 +110,14 @@ def compare(
         def fill(folder: Path) -> None:
             shutil.copytree(store.folder, folder / store.folder.name)
             (folder / "tables.md").write_text(tables_text(found), encoding="utf-8")
-            content["figures"] = write_figures(folder, found)
-            write_json(folder / RESULT, content)
+            write_json(folder / RESULT, content | {"figures": []})
 
         write_whole(out, fill, replace=True)
+        written = FigureFolder(out)
+        write_figures(written, found)
+        content["figures"] = [row["file"] for row in written.rows]
+        with written.making(RESULT):
+            write_json(out / RESULT, content)
     if json:
         print_json(content)
     else:

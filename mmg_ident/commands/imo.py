@@ -99,8 +99,11 @@ def _check_targets(plot: Path | None, out: Path | None, force: bool) -> None:
 
 def _write(plot: Path | None, out: Path | None, found: Assessment) -> None:
     """The figure, and the folder with table, figure and simulated runs."""
+    from functools import partial
+
     from cases.simulation.simulate import write_trial
-    from fitting.report.plot_maneuvers import save_figure
+    from fitting.report.plot_maneuvers import maneuver_figure, save_figure
+    from fitting.report.plot_style import FigureFolder
     from fitting.report.run_folder import write_json
 
     try:
@@ -108,11 +111,11 @@ def _write(plot: Path | None, out: Path | None, found: Assessment) -> None:
             save_figure(found.runs, found.heading, plot)
         if out is not None:
             out.mkdir(parents=True, exist_ok=True)
-            save_figure(found.runs, found.heading, out / "imo.png")
             write_json(out / "imo.json", found.to_dict())
             for run in found.runs:
                 if not run.measured:
                     write_trial(run.trial, out / f"{run.trial.name}.csv")
+            FigureFolder(out).write("imo", partial(maneuver_figure, found.runs, found.heading), found.heading, "")
     except OSError as error:
         raise UserError(f"{error.filename or out or plot}: cannot be written ({error.strerror})") from None
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import itertools
-from pathlib import Path
+from functools import partial
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from fitting.report.plot_style import DPI, MEASURED, dress, new_figure
+from fitting.report.plot_style import MEASURED, FigureFolder, dress, new_figure
 from residual.comparison.study import HORIZONS, Comparison
 
 COLOURS = {
@@ -67,11 +67,10 @@ def efficiency_plot(found: Comparison) -> Figure:
     return figure
 
 
-def write_figures(folder: Path, found: Comparison) -> list[str]:
-    """Write the figures of the comparison ``found`` as PNG into ``folder``; returns their names."""
-    plots = {"scores.png": score_plot, "growth.png": growth_plot}
+def write_figures(written: FigureFolder, found: Comparison) -> None:
+    """Write the figures of the comparison ``found``. written: where to."""
+    plots = {"scores": score_plot, "growth": growth_plot}
     if len(found.study.subsets) > 1:
-        plots["efficiency.png"] = efficiency_plot
+        plots["efficiency"] = efficiency_plot
     for name, plot in plots.items():
-        plot(found).savefig(folder / name, dpi=DPI)
-    return list(plots)
+        written.write(name, partial(plot, found), name, "")

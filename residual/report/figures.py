@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
@@ -12,7 +11,7 @@ from matplotlib.figure import Figure
 
 from cases.trial import Trial
 from fitting.prediction.predict import Forecaster
-from fitting.report.plot_style import AFTER, ALARM, BEFORE, DPI, GREY, dress, new_figure
+from fitting.report.plot_style import AFTER, ALARM, BEFORE, GREY, FigureFolder, dress, new_figure
 from fitting.report.plot_tracks import error_growth_plot
 from fitting.report.plots import score_plot
 from mmg.rollout import Simulator
@@ -96,25 +95,17 @@ def _figures(
     ]  # fmt: skip
 
 
-def figure_rows(content: Mapping[str, Any]) -> list[dict[str, str]]:
-    """File, title and caption of the figures of a training; content: of its result.json."""
-    every = _figures(content, {}, ())
-    return [{"file": f"{n}.png", "title": title, "caption": words} for n, title, there, _, words in every if there]
-
-
 def write_figures(
-    folder: Path,
+    written: FigureFolder,
     content: Mapping[str, Any],
     models: Mapping[str, Simulator | Forecaster],
     trials: Sequence[Trial],
 ) -> None:
-    """Write the figures that ``content`` of a result.json names as PNG into ``folder``/figures.
+    """Write the figures of the training whose result.json has this ``content``.
 
-    models: by their names in the figures, without and with what was trained; trials: that show how the error grows,
-    () to leave that figure out.
+    written: where to; models: by their names in the figures, without and with what was trained; trials: that show how
+    the error grows, () to leave that figure out.
     """
-    (folder / "figures").mkdir(parents=True, exist_ok=True)
-    listed = {row["file"] for row in content["figures"]}
-    for name, _, _, draw, _ in _figures(content, models, trials):
-        if f"{name}.png" in listed and (trials or name != "error_growth"):
-            draw().savefig(folder / "figures" / f"{name}.png", dpi=DPI)
+    for name, title, there, draw, words in _figures(content, models, trials):
+        if there and (trials or name != "error_growth"):
+            written.write(name, draw, title, words)

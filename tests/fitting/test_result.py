@@ -120,3 +120,22 @@ def test_results_are_tables(folder: Path) -> None:
     assert "<script>" not in evil._repr_html_() and "Y_v" in evil._repr_html_()
     assert "30 s windows" in result.scores["validation"].after._repr_html_()
     assert isinstance(result, FitResult)
+
+
+def test_a_figure_or_page_that_fails_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The numbers are in the folder before anything is drawn; what could not be made is a warning of the result."""
+
+    def broken(*_: Any) -> None:
+        assert json.loads((tmp_path / "run" / RESULT).read_text())["figures"] == []
+        raise ValueError("no such glyph")
+
+    monkeypatch.setattr("fitting.report.plots.coefficient_plot", broken)
+    monkeypatch.setattr("fitting.result.write_identifiability_figures", broken)
+    monkeypatch.setattr("fitting.result.build_page", broken)
+    saved = small_result().save(tmp_path / "run")
+    read = read_fit(tmp_path / "run")
+    assert read.coefficients == small_result().coefficients and read.ship == small_result().ship
+    failed = [str(m) for m in read.warnings if m.code == "figure_failed"]
+    assert len(failed) == 2 and "coefficients could not be made (ValueError: no such glyph)" in failed[0]
+    assert {row.file for row in read.figures} >= {"scores.png", "track_1.png"} and saved.figures == read.figures
+    assert not any(row.file == "coefficients.png" for row in read.figures)

@@ -43,6 +43,7 @@ units = { n = "rps" }
         ('[default]\nunits = { speed = "kn" }', "not a canonical column"),
         ("[default]\nsign = { r = 2 }", "must be 1 or -1"),
         ('[default]\nreference_point = "bow"', "reference_point must be"),
+        ('[files."a.csv"]\nname = "../../evil"', '"a.csv"] name = "../../evil": must be plain words'),
         ("[default\n", "not a valid TOML"),
         ("[default]\n[all]\n", "keep one"),
     ],

@@ -31,6 +31,7 @@ from fitting.report.plot_identifiability import (
     share_plot,
     write_identifiability_figures,
 )
+from fitting.report.plot_style import FigureFolder
 from fitting.report.run_folder import RESULT, read_result, write_json
 from fitting.settings import Settings
 from tests.fitting.report.test_report import EVIL, report, run_folder
@@ -153,7 +154,9 @@ def test_bounds_and_missing_uncertainty_are_said() -> None:
     result = small_result()
     assert result.objects
     blind = replace(result.objects.calibration, identifiability=analyse(prior, 0 * at, np.full((2, 2), np.nan)))
-    assert write_identifiability_figures(Path("/nowhere"), result, replace(result.objects, calibration=blind)) == []
+    nothing = FigureFolder(Path("/nowhere"))
+    write_identifiability_figures(nothing, result, replace(result.objects, calibration=blind))
+    assert nothing.rows == nothing.failures == []
 
 
 def test_the_recommended_trial_does_what_was_predicted() -> None:
@@ -249,8 +252,9 @@ def test_figures_show_what_they_claim(tmp_path: Path) -> None:
     assert {"k_0", "t_P"} <= names and len(drawn.patches) == len(found.clusters)
     assert len(share_plot(found.findings).axes[0].patches) == len(FREE)
     assert "a_H" in {t.get_text() for t in next_trial_plot(scored, found.findings).axes[0].get_xticklabels()}
-    listed = write_identifiability_figures(tmp_path, *behind(scored))
-    assert len(listed) == 3 and all((tmp_path / "figures" / f["file"]).stat().st_size > 5000 for f in listed)
+    written = FigureFolder(tmp_path)
+    write_identifiability_figures(written, *behind(scored))
+    assert len(written.rows) == 3 and all((tmp_path / f["file"]).stat().st_size > 5000 for f in written.rows)
 
 
 def test_the_report_shows_and_escapes_the_section(tmp_path: Path) -> None:
@@ -258,9 +262,10 @@ def test_the_report_shows_and_escapes_the_section(tmp_path: Path) -> None:
     content = identifiability_dict(found, scored)
     content["coefficients"]["a_H"]["advice"] = content["next_trial"]["plan"][0]["name"] = EVIL
     folder = run_folder(tmp_path / "run", identifiability=content)
+    written = FigureFolder(folder / "figures")
     with unrendered():
-        listed = write_identifiability_figures(folder, *behind(scored))
-    write_json(folder / RESULT, {**read_result(folder), "figures": listed})
+        write_identifiability_figures(written, *behind(scored))
+    write_json(folder / RESULT, {**read_result(folder), "figures": written.rows})
     page = report(folder)
     assert "<script" not in page and page.count("&lt;script") == 2
     for words in ("not excited by these trials, which have no", "Next trials.", "Trials of the library", "Condition"):

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 
 from cases.trial import Trial
 from fitting.prediction.predict import predict
+from fitting.report.plot_style import FigureFolder
 from fitting.report.plots import (
     coefficient_plot,
     component_of,
@@ -142,12 +143,25 @@ def test_figures_are_written_and_nothing_global_changes(tmp_path: Path) -> None:
     result = small_result()
     assert result.objects
     before = dict(mpl.rcParams)
-    listed = write_figures(tmp_path, result, result.objects)
+    written = FigureFolder(tmp_path)
+    write_figures(written, result, result.objects)
+    listed = written.rows
     assert dict(mpl.rcParams) == before
     names = [entry["file"] for entry in listed]
     assert {"scores.png", "error_growth.png", "coefficients.png", "track_1.png"} <= set(names)
     for entry in listed:
-        path = tmp_path / "figures" / entry["file"]
+        path = tmp_path / entry["file"]
         assert path.stat().st_size > 5000, path
         assert entry["title"] and entry["caption"]
     assert result.objects.validation[0].name in next(e["title"] for e in listed if e["file"] == "track_1.png")
+
+
+def test_a_name_with_dollars_is_no_formula(tmp_path: Path) -> None:
+    """A file cost_$1_$2.csv: its name stands in the figure as it is, and the figure is drawn."""
+    name, scores = "cost_$1_$2", plain(small_result().scores)
+    for pair in scores.values():
+        for side in pair.values():
+            side["trials"] = [row | {"name": name} for row in side["trials"]]
+    figure = score_plot(scores)
+    figure.savefig(tmp_path / "scores.png")
+    assert name in [t.get_text().replace("\\$", "$") for t in figure.axes[0].get_yticklabels()]

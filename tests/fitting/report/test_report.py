@@ -26,7 +26,7 @@ def run_folder(folder: Path, iterations: int = 100, figures: bool = False, name:
     result = small_result(iterations)
     result = replace(result, **extra) if figures else replace(result, objects=None, **extra)  # type: ignore[arg-type]
     if name:
-        result = replace(result, ship_name=name, ship=replace(result.ship, name=name))
+        result = replace(result, ship_name=name, ship=replace(result.ship, name=name.replace("/", "_")))
     result.save(folder)
     return folder
 

@@ -51,6 +51,18 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
     return lines[0]
 
 
+def test_names_of_trials_are_no_paths(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A sidecar cannot name a file above --out, nor anywhere else."""
+    for name in ("../../evil", str(tmp_path / "evil")):
+        trials = tmp_path / "trials"
+        trials.mkdir(exist_ok=True)
+        (trials / "a.csv").write_bytes((folder / "held_out.csv").read_bytes())
+        (trials / "trials.toml").write_text(f"[files.'a.csv']\nname = '{name}'\n")
+        line = refused(capsys, "predict", "esso_osaka_3m", trials, "--out", tmp_path / "out" / "deep")
+        assert "trials.toml" in line and "must be plain words" in line
+    assert not list(tmp_path.rglob("evil*")) and not (tmp_path / "out").exists()
+
+
 def test_options_that_take_several_values_are_expanded() -> None:
     given = ["fit", "ship", "a.csv", "--validate", "b.csv", "c.csv", "--out", "run"]
     assert expand(given) == [
