@@ -16,7 +16,7 @@ import numpy as np
 
 from benchmarks.record import record, table
 from cases.shipfiles.ship_file import load_ship
-from mmg.compile.batch import compile_library
+from mmg.compile.cache import compile_library
 from mmg.model import assemble
 from mmg.rollout import Simulator
 

@@ -1,25 +1,15 @@
-"""Evaluation of CasADi functions at many points: compiled where a C compiler is found, interpreted elsewhere.
-
-Compiled libraries are cached by a hash of their source, compiler, flags and processor, in the user's cache folder
-(``MMG_CACHE`` overrides it).
-"""
+"""Evaluation of CasADi functions at many points: compiled where a C compiler is found, interpreted elsewhere."""
 
 from __future__ import annotations
 
 import ctypes
-import hashlib
-import os
-import platform
-import shutil
-import subprocess
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import casadi as ca
 import numpy as np
 
+from mmg.compile.cache import load_library
 from mmg.compile.codegen import LANES, source
 
 FLAGS: tuple[str, ...] = (
@@ -27,87 +17,6 @@ FLAGS: tuple[str, ...] = (
 )  # fmt: skip
 """-ftree-vectorize makes vectors of the loops over lanes (square roots). Without contraction a product and a sum are
 rounded one by one whatever stands beside them, so equal expressions give equal bits; its cost is not measurable."""
-NATIVE = "-march=native"
-"""Tried first; compilers that do not know it compile for the generic processor."""
-
-
-def cache_folder() -> Path:
-    """Folder of compiled code: MMG_CACHE, else the platform's user cache."""
-    if os.environ.get("MMG_CACHE"):
-        return Path(os.environ["MMG_CACHE"])
-    if platform.system() == "Windows":
-        return Path(os.environ.get("LOCALAPPDATA", Path.home())) / "mmg-ident"
-    if platform.system() == "Darwin":
-        return Path.home() / "Library" / "Caches" / "mmg-ident"
-    return Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "mmg-ident"
-
-
-def compiler() -> str | None:
-    """The C compiler to use: MMG_CC, else gcc, clang or cc on the path; None if there is none.
-
-    ``MMG_CC=none`` switches compilation off.
-    """
-    wanted = os.environ.get("MMG_CC")
-    if wanted:
-        return None if wanted == "none" else shutil.which(wanted)
-    return next((found for name in ("gcc", "clang", "cc") if (found := shutil.which(name))), None)
-
-
-def _processor() -> str:
-    """Text that changes when ``-march=native`` would mean something else."""
-    try:
-        for line in Path("/proc/cpuinfo").read_text().splitlines():
-            if line.startswith("flags"):
-                return line
-    except OSError:
-        pass
-    return platform.processor() + platform.machine()
-
-
-def compile_library(text: str, flags: Sequence[str] = FLAGS) -> tuple[Path | None, str]:
-    """Compile C source into a cached shared library; returns (path, ""), or (None, why it was not possible). text: the
-    source; flags: of the compiler."""
-    cc = compiler()
-    if cc is None:
-        if os.environ.get("MMG_CC"):
-            return None, f"no C compiler, because MMG_CC is {os.environ['MMG_CC']!r}"
-        return None, "no C compiler found (gcc or clang)"
-    key = hashlib.sha256("\n".join([text, cc, *flags, _processor(), platform.platform()]).encode()).hexdigest()[:24]
-    suffix = ".dll" if platform.system() == "Windows" else ".so"
-    try:
-        folder = cache_folder()
-        folder.mkdir(parents=True, exist_ok=True)
-        library = folder / f"{key}{suffix}"
-        if library.exists():
-            return library, ""
-        with tempfile.TemporaryDirectory(dir=folder) as scratch:
-            code = Path(scratch) / "code.c"
-            code.write_text(text)
-            built = Path(scratch) / f"code{suffix}"
-            for extra in ((NATIVE,), ()):
-                command = [cc, *flags, *extra, str(code), "-o", str(built), "-lm"]
-                run = subprocess.run(command, capture_output=True, text=True)
-                if run.returncode == 0:
-                    break
-            if run.returncode:
-                lines = run.stderr.strip().splitlines() or ["no message"]
-                return None, f"{cc} failed: {next((line for line in lines if 'error' in line), lines[0])}"
-            os.replace(built, library)
-        return library, ""
-    except OSError as error:
-        return None, f"no cache folder for compiled code ({error})"
-
-
-def load_library(text: str, flags: Sequence[str] = FLAGS) -> tuple[ctypes.CDLL | None, str]:
-    """The library of C source, compiled or from the cache; (None, why) where that is not possible. text: the source;
-    flags: of the compiler."""
-    path, reason = compile_library(text, flags)
-    if path is None:
-        return None, reason
-    try:
-        return ctypes.CDLL(str(path)), ""
-    except OSError as error:
-        return None, f"compiled code does not load ({error})"
 
 
 @dataclass
@@ -187,7 +96,7 @@ def batch_functions(functions: Sequence[ca.Function], compiled: bool = True) -> 
     library, reason = None, "compilation switched off"
     if compiled:
         try:
-            library, reason = load_library(source(functions))
+            library, reason = load_library(source(functions), FLAGS)
         except NotImplementedError as error:
             reason = str(error)
     return [BatchFunction(f, library) for f in functions], reason

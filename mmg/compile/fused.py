@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 
 from mmg.compile.batch import FLAGS as BATCH_FLAGS
-from mmg.compile.batch import load_library
+from mmg.compile.cache import load_library
 from mmg.compile.codegen import constant, expression, prelude
 from mmg.runge_kutta import NODES, PARTS
 

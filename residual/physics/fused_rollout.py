@@ -16,7 +16,8 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from mmg.compile.batch import load_library, padded
+from mmg.compile.batch import padded
+from mmg.compile.cache import load_library
 from mmg.compile.codegen import source
 from residual.bounded_network import TwoLayers
 from residual.physics.operator import Operator, Physics

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cases.shipfiles.ship_file import load_ship
-from mmg.compile.batch import compiler
+from mmg.compile.cache import compiler
 from mmg.compile.codegen import LANES
 from mmg.compile.fused import compile_rollout
 from mmg.effects import effect

@@ -1,9 +1,8 @@
-"""Compiled batch kernels: every operation as CasADi gives it, the cache, and life without a compiler."""
+"""Compiled batch kernels: every operation as CasADi gives it, in vectors and one by one."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 
 import casadi as ca
 import numpy as np
@@ -11,7 +10,8 @@ import pytest
 
 from cases.shipfiles.ship_file import load_ship
 from mmg.compile import codegen
-from mmg.compile.batch import batch_functions, cache_folder, compile_library, compiler, padded
+from mmg.compile.batch import batch_functions, padded
+from mmg.compile.cache import compiler
 from mmg.compile.codegen import LANES
 from mmg.compile.fused import compile_rollout
 from mmg.rollout import Simulator
@@ -181,121 +181,6 @@ def test_one_point_gets_the_same_bits_as_many() -> None:
     for k in range(POINTS):
         alone = single(start[:, [k]], y[None, :, [k]], *rest)
         np.testing.assert_array_equal(together[:, :, [k]], alone)
-
-
-# Without a compiler
-
-
-def short_run(compiled: bool = True) -> tuple[np.ndarray, str]:
-    """Ten steps of a turn, three ships at once, and why it was interpreted."""
-    simulator = Simulator(load_ship("esso_osaka_3m"), compiled)
-    start = np.zeros((6, 3))
-    start[3] = (0.2, 0.3, -0.1)
-    inputs = np.tile(np.array([[8.0], [0.3], [0.5], [0.0]]), (10, 1, 3))
-    return simulator.run(start, inputs, 0.1), simulator.interpreted_because
-
-
-def test_without_a_compiler_it_works_and_says_so(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    expected, _ = short_run()
-    monkeypatch.setenv("MMG_CC", "none")
-    monkeypatch.setenv("MMG_CACHE", str(tmp_path))
-    got, reason = short_run()
-    assert reason.startswith("no C compiler") and "'none'" in reason
-    np.testing.assert_allclose(got, expected, rtol=1e-12, atol=1e-15)
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_compiler_that_is_not_there_counts_as_none(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("MMG_CC", "no-such-compiler-anywhere")
-    assert compiler() is None
-    assert short_run()[1].startswith("no C compiler")
-
-
-def test_switched_off_says_so() -> None:
-    assert short_run(compiled=False)[1] == "compilation switched off"
-
-
-def script(folder: Path, body: str) -> str:
-    """An executable shell script that stands in for a compiler."""
-    path = folder / "cc.sh"
-    path.write_text(f"#!/bin/sh\n{body}\n")
-    path.chmod(0o755)
-    return str(path)
-
-
-@pytest.mark.parametrize(
-    ("body", "sentence"),
-    [
-        ("echo 'fatal: out of order' >&2; echo second line >&2; exit 3", "cc.sh failed: fatal: out of order"),
-        ("exit 1", "cc.sh failed: no message"),
-        (
-            "echo 'code.c: In function f' >&2; echo 'c.c:1: error: why' >&2; exit 1",
-            "failed: c.c:1: error: why",
-        ),
-    ],
-)
-def test_a_broken_compiler_is_reported_in_one_sentence(
-    body: str, sentence: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.setenv("MMG_CC", script(tmp_path, body))
-    monkeypatch.setenv("MMG_CACHE", str(tmp_path / "cache"))
-    path, reason = compile_library("int x;")
-    assert path is None
-    assert sentence in reason and "\n" not in reason
-    assert list((tmp_path / "cache").iterdir()) == []
-    assert sentence in short_run()[1]
-
-
-def test_a_library_that_does_not_load_is_reported_and_interpreted(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    """A compiler that ends well but writes rubbish to the file after -o."""
-    body = 'while [ "$1" != "-o" ]; do shift; done; echo rubbish > "$2"'
-    expected, _ = short_run()
-    monkeypatch.setenv("MMG_CC", script(tmp_path, body))
-    monkeypatch.setenv("MMG_CACHE", str(tmp_path / "cache"))
-    got, reason = short_run()
-    assert reason.startswith("compiled code does not load")
-    np.testing.assert_allclose(got, expected, rtol=1e-12, atol=1e-15)
-
-
-def test_a_cache_that_cannot_be_written_is_reported(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("in the way")
-    monkeypatch.setenv("MMG_CC", script(tmp_path, "exit 0"))
-    monkeypatch.setenv("MMG_CACHE", str(tmp_path / "file"))
-    path, reason = compile_library("int x;")
-    assert path is None
-    assert reason.startswith("no cache folder")
-
-
-# Cache
-
-
-def test_the_cache_folder_follows_the_environment(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setenv("MMG_CACHE", str(tmp_path / "here"))
-    assert cache_folder() == tmp_path / "here"
-    monkeypatch.delenv("MMG_CACHE")
-    assert cache_folder().name == "mmg-ident"
-
-
-@needs_compiler
-def test_the_same_code_is_compiled_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """A stand-in that counts its calls; other code or other flags compile again."""
-    real, log = compiler(), tmp_path / "calls"
-    monkeypatch.setenv("MMG_CC", script(tmp_path, f'echo called >> {log}\nexec {real} "$@"'))
-    monkeypatch.setenv("MMG_CACHE", str(tmp_path / "cache"))
-
-    def calls_and_files() -> tuple[int, int]:
-        return log.read_text().count("called"), len(list((tmp_path / "cache").iterdir()))
-
-    for _ in range(3):
-        assert batch_functions([one("add")])[1] == ""
-        assert calls_and_files() == (1, 1)
-    batch_functions([one("subtract")])
-    assert calls_and_files() == (2, 2)
-    compile_library("int x;")
-    compile_library("int x;", ("-shared", "-fPIC"))
-    assert calls_and_files() == (4, 4)
 
 
 # Points

@@ -8,7 +8,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from mmg.compile.batch import BatchFunction, batch_functions, compiler
+from mmg.compile.batch import BatchFunction, batch_functions
+from mmg.compile.cache import compiler
 
 needs_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler")
 

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from cases.shipfiles.ship_file import load_ship
-from mmg.compile.batch import compiler
+from mmg.compile.cache import compiler
 from residual.bounded_network import Residual
 from residual.physics.fused_rollout import FusedRollout
 from residual.physics.operator import Physics

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from cases.shipfiles.ship_file import library, load_ship
-from mmg.compile.batch import compiler
+from mmg.compile.cache import compiler
 from mmg.model import assemble
 from mmg.rollout import Simulator
 from mmg.ship import Ship

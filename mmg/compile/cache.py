@@ -1,0 +1,133 @@
+"""Compiled C code: the compiler, and the folder that keeps what it made.
+
+A library is loaded, and so run, only from a folder and a file that belong to the user and that no one else can write,
+and only while its content has the hash in its name, which also depends on source, compiler, flags and processor.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import os
+import platform
+import shutil
+import stat
+import subprocess
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+NATIVE = "-march=native"
+"""Tried first; compilers that do not know it compile for the generic processor."""
+
+
+def cache_folder() -> Path:
+    """Folder of compiled code: MMG_CACHE, else the platform's user cache. Raises OSError where there is no home."""
+    if os.environ.get("MMG_CACHE"):
+        return Path(os.environ["MMG_CACHE"]).absolute()
+    try:
+        home = Path.home()
+    except RuntimeError:
+        raise OSError("there is no home folder; set MMG_CACHE") from None
+    if platform.system() == "Windows":
+        return Path(os.environ.get("LOCALAPPDATA") or home) / "mmg-ident"
+    if platform.system() == "Darwin":
+        return home / "Library" / "Caches" / "mmg-ident"
+    given = Path(os.environ.get("XDG_CACHE_HOME", ""))
+    return (given if given.is_absolute() else home / ".cache") / "mmg-ident"
+
+
+def compiler() -> str | None:
+    """The C compiler to use: MMG_CC, else gcc, clang or cc on the path; None if there is none.
+
+    ``MMG_CC=none`` switches compilation off.
+    """
+    wanted = os.environ.get("MMG_CC")
+    if wanted:
+        return None if wanted == "none" else shutil.which(wanted)
+    return next((found for name in ("gcc", "clang", "cc") if (found := shutil.which(name))), None)
+
+
+def _processor() -> str:
+    """Text that changes when ``-march=native`` would mean something else."""
+    try:
+        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines():
+            if line.startswith("flags"):
+                return line
+    except OSError:
+        pass
+    return platform.processor() + platform.machine()
+
+
+def _own(status: os.stat_result) -> bool:
+    """Whether a file or folder belongs to the user and no one else can write to it."""
+    if not hasattr(os, "geteuid"):  # Windows
+        return True
+    return status.st_uid == os.geteuid() and not status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+
+
+def _trusted(path: Path) -> bool:
+    """Whether a cached library is the user's and has the content that its name says; removed where it is not."""
+    try:
+        with path.open("rb") as file:
+            good = _own(os.fstat(file.fileno())) and hashlib.sha256(file.read()).hexdigest() in path.name
+    except OSError:
+        return False
+    if not good:
+        path.unlink()
+    return good
+
+
+def compile_library(text: str, flags: Sequence[str]) -> tuple[Path | None, str]:
+    """Compile C source into a cached shared library; returns (path, ""), or (None, why it was not possible). text: the
+    source; flags: of the compiler."""
+    cc = compiler()
+    if cc is None:
+        if os.environ.get("MMG_CC"):
+            return None, f"no C compiler, because MMG_CC is {os.environ['MMG_CC']!r}"
+        return None, "no C compiler found (gcc or clang)"
+    key = hashlib.sha256("\n".join([text, cc, *flags, _processor(), platform.platform()]).encode()).hexdigest()[:24]
+    suffix = ".dll" if platform.system() == "Windows" else ".so"
+    try:
+        folder = cache_folder()
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        if not _own(folder.stat()):
+            return (
+                None,
+                f"the cache {folder} is another user's or others can write to it; chmod 700 it or set MMG_CACHE",
+            )
+        known = next(filter(_trusted, folder.glob(f"{key}-*{suffix}")), None)
+        return (known, "") if known else _built(folder, text, [cc, *flags], key, suffix)
+    except OSError as error:
+        return None, f"no cache folder for compiled code ({error})"
+
+
+def _built(folder: Path, text: str, command: Sequence[str], key: str, suffix: str) -> tuple[Path | None, str]:
+    """The library of C source, newly compiled by a command without its files; or (None, why not)."""
+    with tempfile.TemporaryDirectory(dir=folder) as scratch:
+        code, built = Path(scratch) / "code.c", Path(scratch) / f"code{suffix}"
+        code.write_text(text, encoding="utf-8")
+        for extra in ((NATIVE,), ()):
+            whole = [*command, *extra, str(code), "-o", str(built), "-lm"]
+            run = subprocess.run(whole, capture_output=True, encoding="utf-8", errors="replace")
+            if run.returncode == 0:
+                break
+        if run.returncode:
+            lines = run.stderr.strip().splitlines() or ["no message"]
+            return None, f"{command[0]} failed: {next((line for line in lines if 'error' in line), lines[0])}"
+        built.chmod(0o700)
+        library = folder / f"{key}-{hashlib.sha256(built.read_bytes()).hexdigest()}{suffix}"
+        os.replace(built, library)
+    return library, ""
+
+
+def load_library(text: str, flags: Sequence[str]) -> tuple[ctypes.CDLL | None, str]:
+    """The library of C source, compiled or from the cache; (None, why) where that is not possible. text: the source;
+    flags: of the compiler."""
+    path, reason = compile_library(text, flags)
+    if path is None:
+        return None, reason
+    try:
+        return ctypes.CDLL(str(path)), ""
+    except OSError as error:
+        return None, f"compiled code does not load ({error})"

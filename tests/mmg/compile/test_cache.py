@@ -1,0 +1,233 @@
+"""Compiled code: where it is kept, whom it is taken from, and life without a compiler."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from cases.shipfiles.ship_file import load_ship
+from mmg.compile.batch import FLAGS, batch_functions
+from mmg.compile.cache import cache_folder, compile_library, compiler, load_library
+from mmg.rollout import Simulator
+
+needs_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler")
+
+
+def simple(name: str, factor: float) -> ca.Function:
+    """The function x + factor y."""
+    x, y = ca.SX.sym("x"), ca.SX.sym("y")
+    return ca.Function(name, [x, y], [x + factor * y])
+
+
+# Without a compiler
+
+
+def short_run(compiled: bool = True) -> tuple[np.ndarray, str]:
+    """Ten steps of a turn, three ships at once, and why it was interpreted."""
+    simulator = Simulator(load_ship("esso_osaka_3m"), compiled)
+    start = np.zeros((6, 3))
+    start[3] = (0.2, 0.3, -0.1)
+    inputs = np.tile(np.array([[8.0], [0.3], [0.5], [0.0]]), (10, 1, 3))
+    return simulator.run(start, inputs, 0.1), simulator.interpreted_because
+
+
+def test_without_a_compiler_it_works_and_says_so(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    expected, _ = short_run()
+    monkeypatch.setenv("MMG_CC", "none")
+    monkeypatch.setenv("MMG_CACHE", str(tmp_path))
+    got, reason = short_run()
+    assert reason.startswith("no C compiler") and "'none'" in reason
+    np.testing.assert_allclose(got, expected, rtol=1e-12, atol=1e-15)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_compiler_that_is_not_there_counts_as_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MMG_CC", "no-such-compiler-anywhere")
+    assert compiler() is None
+    assert short_run()[1].startswith("no C compiler")
+
+
+def test_switched_off_says_so() -> None:
+    assert short_run(compiled=False)[1] == "compilation switched off"
+
+
+def script(folder: Path, body: str) -> str:
+    """An executable shell script that stands in for a compiler."""
+    path = folder / "cc.sh"
+    path.write_text(f"#!/bin/sh\n{body}\n")
+    path.chmod(0o755)
+    return str(path)
+
+
+@pytest.mark.parametrize(
+    ("body", "sentence"),
+    [
+        ("echo 'fatal: out of order' >&2; echo second line >&2; exit 3", "cc.sh failed: fatal: out of order"),
+        ("exit 1", "cc.sh failed: no message"),
+        (
+            "echo 'code.c: In function f' >&2; echo 'c.c:1: error: why' >&2; exit 1",
+            "failed: c.c:1: error: why",
+        ),
+    ],
+)
+def test_a_broken_compiler_is_reported_in_one_sentence(
+    body: str, sentence: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("MMG_CC", script(tmp_path, body))
+    monkeypatch.setenv("MMG_CACHE", str(tmp_path / "cache"))
+    path, reason = compile_library("int x;", FLAGS)
+    assert path is None
+    assert sentence in reason and "\n" not in reason
+    assert list((tmp_path / "cache").iterdir()) == []
+    assert sentence in short_run()[1]
+
+
+def test_a_library_that_does_not_load_is_reported_and_interpreted(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """A compiler that ends well but writes rubbish to the file after -o."""
+    body = 'while [ "$1" != "-o" ]; do shift; done; echo rubbish > "$2"'
+    expected, _ = short_run()
+    monkeypatch.setenv("MMG_CC", script(tmp_path, body))
+    monkeypatch.setenv("MMG_CACHE", str(tmp_path / "cache"))
+    got, reason = short_run()
+    assert reason.startswith("compiled code does not load")
+    np.testing.assert_allclose(got, expected, rtol=1e-12, atol=1e-15)
+
+
+def test_a_cache_that_cannot_be_written_is_reported(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("in the way")
+    monkeypatch.setenv("MMG_CC", script(tmp_path, "exit 0"))
+    monkeypatch.setenv("MMG_CACHE", str(tmp_path / "file"))
+    path, reason = compile_library("int x;", FLAGS)
+    assert path is None
+    assert reason.startswith("no cache folder")
+
+
+# Cache
+
+
+def test_the_cache_folder_follows_the_environment(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("MMG_CACHE", str(tmp_path / "here"))
+    assert cache_folder() == tmp_path / "here"
+    monkeypatch.delenv("MMG_CACHE")
+    assert cache_folder().name == "mmg-ident"
+
+
+@needs_compiler
+def test_the_same_code_is_compiled_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A stand-in that counts its calls; other code or other flags compile again."""
+    real, log = compiler(), tmp_path / "calls"
+    monkeypatch.setenv("MMG_CC", script(tmp_path, f'echo called >> {log}\nexec {real} "$@"'))
+    monkeypatch.setenv("MMG_CACHE", str(tmp_path / "cache"))
+
+    def calls_and_files() -> tuple[int, int]:
+        return log.read_text().count("called"), len(list((tmp_path / "cache").iterdir()))
+
+    for _ in range(3):
+        assert batch_functions([simple("add", 1)])[1] == ""
+        assert calls_and_files() == (1, 1)
+    batch_functions([simple("subtract", -1)])
+    assert calls_and_files() == (2, 2)
+    compile_library("int x;", FLAGS)
+    compile_library("int x;", ("-shared", "-fPIC"))
+    assert calls_and_files() == (4, 4)
+
+
+@pytest.fixture
+def kept(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """A library that was compiled into a new cache."""
+    monkeypatch.setenv("MMG_CACHE", str(tmp_path / "cache"))
+    path, reason = compile_library(SEVEN, FLAGS)
+    assert path and not reason
+    return path
+
+
+SEVEN = "int seven(void) { return 7; }"
+
+
+@needs_compiler
+def test_only_the_user_can_write_to_the_cache(kept: Path) -> None:
+    assert kept.parent.stat().st_mode & 0o777 == 0o700
+    assert kept.stat().st_mode & 0o077 == 0
+
+
+@needs_compiler
+@pytest.mark.parametrize("mode", [0o770, 0o707, 0o777])
+def test_a_cache_that_others_can_write_to_is_not_used(kept: Path, mode: int) -> None:
+    kept.parent.chmod(mode)
+    path, reason = compile_library(SEVEN, FLAGS)
+    assert path is None and "others can write" in reason and "chmod 700" in reason
+    kept.parent.chmod(0o755)
+    assert compile_library(SEVEN, FLAGS) == (kept, "")
+
+
+@needs_compiler
+def test_a_cache_of_another_user_is_not_used(kept: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    own = os.geteuid()
+    monkeypatch.setattr(os, "geteuid", lambda: own + 1)
+    path, reason = compile_library(SEVEN, FLAGS)
+    assert path is None and "another user" in reason
+
+
+@needs_compiler
+def test_a_planted_library_is_not_run(kept: Path) -> None:
+    """Of the right name but other content, or that others can write: compiled anew, never loaded."""
+    good = kept.read_bytes()
+    other, _ = compile_library("int seven(void) { return 8; }", FLAGS)
+    assert other
+    kept.write_bytes(other.read_bytes())
+    library, _ = load_library(SEVEN, FLAGS)
+    assert library and library.seven() == 7 and kept.read_bytes() == good
+    kept.chmod(0o722)
+    assert compile_library(SEVEN, FLAGS)[0] == kept and kept.stat().st_mode & 0o022 == 0
+
+
+@needs_compiler
+@pytest.mark.parametrize("left", [0, 1, 500, -100])
+def test_a_truncated_library_is_compiled_anew(kept: Path, left: int) -> None:
+    """Loading it would end the process with SIGBUS."""
+    good = kept.read_bytes()
+    kept.write_bytes(good[:left])
+    library, reason = load_library(SEVEN, FLAGS)
+    assert library and not reason and library.seven() == 7
+    assert kept.read_bytes() == good and list(kept.parent.iterdir()) == [kept]
+
+
+@needs_compiler
+def test_a_relative_cache_and_an_empty_xdg_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MMG_CACHE", ".")
+    tmp_path.chmod(0o700)
+    assert cache_folder() == tmp_path and load_library(SEVEN, FLAGS)[0]
+    monkeypatch.setenv("MMG_CACHE", "")
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    for unset in ("", "relative"):
+        monkeypatch.setenv("XDG_CACHE_HOME", unset)
+        assert cache_folder() == tmp_path / "home" / ".cache" / "mmg-ident"
+
+
+def test_without_a_home_there_is_no_cache(monkeypatch: pytest.MonkeyPatch) -> None:
+    """HOME unset, and no entry in passwd."""
+
+    def homeless() -> Path:
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.delenv("MMG_CACHE", raising=False)
+    monkeypatch.setenv("MMG_CC", "true")
+    monkeypatch.setattr(Path, "home", homeless)
+    assert compile_library(SEVEN, FLAGS) == (
+        None,
+        "no cache folder for compiled code (there is no home folder; set MMG_CACHE)",
+    )
+
+
+def test_a_compiler_may_answer_in_any_encoding(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("MMG_CC", script(tmp_path, r"printf 'error: \351\377 \033[2J\n' >&2; exit 1"))
+    monkeypatch.setenv("MMG_CACHE", str(tmp_path / "cache"))
+    path, reason = compile_library(SEVEN, FLAGS)
+    assert path is None and reason.startswith(f"{tmp_path}/cc.sh failed: error: ")
