@@ -145,14 +145,16 @@ def fit_without_effects(
     p = (theta[[steps.ship.symbols.index(s) for s in base.symbols]] - base.mean) / base.std
     null = estimate(steps, data, initial_point(steps, data, theta, base, noise, p), MAX_FITS)
     apart = gap or max(1, round(APART * time_scale(steps.ship.particulars["L"]) / data.h))
-    remains = residuals(steps, data, null)
-    correlation, line = lag_correlation(data, remains), spectral_line(data, remains)
+    dense = (data, residuals(steps, data, null))
+    correlation = lag_correlation(*dense)
     if not (gap or correlation > CORRELATED) or data.thinned(apart).samples < (FEW if gap else LEAST):
         apart = 1
     if apart > 1:
         data = data.thinned(apart)
         null = estimate(steps, data, initial_point(steps, data, theta, base, noise, p), MAX_FITS)
-    return data, null if noise.prior else with_correlation_time(steps, data, null), apart, correlation, line
+    null = null if noise.prior else with_correlation_time(steps, data, null)
+    line = spectral_line(*dense) if apart == 1 else spectral_line(data, residuals(steps, data, null), dense)
+    return data, null, apart, correlation, line
 
 
 def with_sensor_faults(ship: Ship, sensors: Kinematics) -> tuple[Ship, list[Message]]:

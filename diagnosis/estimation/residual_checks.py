@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.ndimage import median_filter
 from scipy.signal import periodogram
-from scipy.stats import gamma
+from scipy.stats import f as f_law
 
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.linearisation import linearise_and_filter
@@ -15,8 +14,9 @@ from diagnosis.estimation.map_estimate import Estimate, estimate
 from diagnosis.estimation.parameters import active_states
 from diagnosis.estimation.transition_model import TransitionModel
 
-LEAST_ROWS, BINS, NEIGHBOURS = 60, 30, 9
-"""Grid times that a window needs for a spectrum, bands of the spectrum, and bands that a line is compared with."""
+LEAST_ROWS, BINS, NEIGHBOURS, SLOWEST = 24, 30, 3, 4
+"""Samples that a piece of a window needs for a spectrum, bands of the spectrum at most, bands on either side that a line
+is compared with (those next to it are left out), and bands of the longest periods that are not looked at."""
 
 
 @np.errstate(all="ignore")
@@ -57,28 +57,65 @@ def lag_correlation(data: GriddedTrials, w: np.ndarray) -> float:
     return float(np.max(pairs)) if len(w) > 4 else 0.0
 
 
-def spectral_line(data: GriddedTrials, w: np.ndarray) -> tuple[float, float]:
+def spectral_line(
+    data: GriddedTrials, w: np.ndarray, dense: tuple[GriddedTrials, np.ndarray] | None = None
+) -> tuple[float, float]:
     """(p, period [s]) of the sharpest line in the spectrum of whitened residuals w (K + 1, R, 6) of ``data``.
 
-    p: probability of such a line by chance (Fisher 1929), 1 where samples are left out or too few. Periodograms are
-    summed over windows and bands: by chance a sum of exponentials with about the median of the neighbouring bands (so p
-    is somewhat too small). A periodic force, as of waves, makes a line, which the latent force cannot follow.
+    dense: the same trials with all samples compared, and their residuals. A line above what the samples of ``data``
+    resolve (twice their spacing) has an alias below it. What ``dense`` does not show at the same period is none.
+    p: probability of such a line by chance, 1 where too few samples are left. Periodograms are summed over windows and
+    bands; by chance that of a band over the mean of neighbouring bands has an F distribution. It must stand out of
+    those on either side, so that a coloured spectrum has no lines. The slowest bands, which the latent force follows,
+    are left out. A periodic force, as of waves, makes a line, which the latent force cannot follow.
     """
-    compared = np.asarray(data.good.any(axis=2))
-    total, count = np.zeros((BINS, w.shape[2])), np.zeros(BINS)
-    for r in range(w.shape[1]):
-        rows = np.flatnonzero(compared[:, r])[4:]
-        if len(rows) < LEAST_ROWS or np.ptp(rows) + 1 > len(rows):
-            continue
-        power = periodogram(w[rows, r], axis=0)[1][1:-1]
-        power /= np.maximum(power.mean(axis=0), 1e-300)
-        at = np.linspace(0, BINS, len(power), endpoint=False).astype(int)
-        np.add.at(total, at, power)
-        count += np.bincount(at, minlength=BINS)
-    if not count.any():
+    spacing, pieces = _equally_spaced(data)
+    if not pieces:
         return 1.0, float("inf")
-    mean, size = total / np.maximum(count, 1)[:, None], np.maximum(count, 1)[:, None]
-    ratio = mean / np.maximum(median_filter(mean, (NEIGHBOURS, 1), mode="nearest"), 1e-300)
-    p = np.asarray(gamma.sf(size * ratio, size))
+    bands = min(BINS, (min(len(rows) for _, rows in pieces) - 1) // 2)
+    shortest = 2 * spacing * data.h
+    p = _band_probabilities(data.h * spacing, w, pieces, shortest, bands)
+    if dense is not None:
+        every, more = _equally_spaced(dense[0])
+        p = np.maximum(p, _band_probabilities(dense[0].h * every, dense[1], more, shortest, bands))
     line = int(np.argmin(p.min(axis=1)))
-    return min(1.0, p.size * float(p.min())), 2 * data.h * BINS / (line + 0.5)
+    return min(1.0, p[SLOWEST:].size * float(p.min())), shortest * bands / (line + 0.5)
+
+
+def _equally_spaced(data: GriddedTrials) -> tuple[int, list[tuple[int, np.ndarray]]]:
+    """The usual spacing [grid times] of what is compared, and windows and rows of all pieces that keep it and are long
+    enough; the first rows of a window are left out."""
+    compared = data.good.any(axis=2)
+    every = [np.flatnonzero(compared[:, r])[4:] for r in range(compared.shape[1])]
+    gaps = np.concatenate([np.diff(rows) for rows in every])
+    if not len(gaps):
+        return 1, []
+    spacing = int(np.bincount(gaps).argmax())
+    parts = [
+        (r, part)
+        for r, rows in enumerate(every)
+        for part in np.split(rows, 1 + np.flatnonzero(np.diff(rows) != spacing))
+    ]
+    return spacing, [(r, rows) for r, rows in parts if len(rows) >= LEAST_ROWS]
+
+
+def _band_probabilities(
+    step: float, w: np.ndarray, pieces: list[tuple[int, np.ndarray]], shortest: float, bands: int
+) -> np.ndarray:
+    """Probability (bands, 6) by chance of the power in each of so many bands of the spectrum of w (K + 1, R, 6) down to
+    periods of ``shortest`` [s], beside its neighbours on either side; 1 for the slowest. step: between rows [s]."""
+    total, count = np.zeros((bands, w.shape[2])), np.zeros(bands)
+    for r, rows in pieces:
+        frequency, power = periodogram(w[rows, r], 1 / step, axis=0)
+        inside = (np.arange(len(power)) > 0) & (frequency < (1 - 1e-9) / shortest)
+        power = power[inside] / np.maximum(power[inside].mean(axis=0), 1e-300)
+        at = (frequency[inside] * shortest * bands).astype(int)
+        np.add.at(total, at, power)
+        count += np.bincount(at, minlength=bands)
+    away = np.abs(np.subtract.outer(np.arange(bands), np.arange(bands)))
+    near = np.argsort(np.where(away < 2, bands, away), axis=1, kind="stable")[:, : 2 * NEIGHBOURS]
+    beside, size = total[near].sum(axis=1), count[near].sum(axis=1)
+    ratio = (total * size[:, None]) / np.maximum(beside * count[:, None], 1e-300)
+    p = f_law.sf(ratio, 2 * np.maximum(count, 1)[:, None], 2 * np.maximum(size, 1)[:, None])
+    p[:SLOWEST] = 1.0
+    return np.asarray(p)

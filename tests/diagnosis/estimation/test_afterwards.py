@@ -15,15 +15,22 @@ from tests.diagnosis.location.test_where import INPUTS, SHIP, fitted, weaving
 from tests.support.diagnosis_cases import problem_of, pushed_trials
 
 K, R, H = 150, 7, 1.0
+DRAWS = 200
 
 
-def heard(white: np.ndarray, good: np.ndarray | None = None) -> tuple[float, float]:
-    """The line in whitened residuals (K + 1, R, 6)."""
-    data = SimpleNamespace(good=np.ones(white.shape, dtype=bool) if good is None else good, h=H)
-    return spectral_line(data, white)  # type: ignore[arg-type]
+def laid_out(white: np.ndarray, every: int = 1) -> SimpleNamespace:
+    """Windows of which one in ``every`` grid times is compared."""
+    compared = np.arange(len(white)) % every == every - 1
+    return SimpleNamespace(good=np.broadcast_to(compared[:, None, None], white.shape), h=H)
 
 
-def chance(seed: int, memory: float = 0.0) -> np.ndarray:
+def heard(white: np.ndarray, every: int = 1, dense: np.ndarray | None = None) -> tuple[float, float]:
+    """The line in whitened residuals (K + 1, R, 6), of which one in ``every`` is compared; dense: those of all."""
+    more = None if dense is None else (laid_out(dense), dense)
+    return spectral_line(laid_out(white, every), white, more)  # type: ignore[arg-type]
+
+
+def chance(seed: int, memory: float = 0.0, K: int = K) -> np.ndarray:
     """Residuals that are white, or remember a share of the one before."""
     rng = np.random.default_rng(seed)
     x = rng.standard_normal((K + 1, R, 6))
@@ -32,29 +39,57 @@ def chance(seed: int, memory: float = 0.0) -> np.ndarray:
     return x
 
 
-def test_chance_and_filtered_instruments_have_no_line() -> None:
-    plain = np.array([heard(chance(seed))[0] for seed in range(60)])
-    assert (
-        plain.min() > 10 * LINE_PROBABILITY and (plain < 0.05).mean() < 0.5
-    )  # the median of few neighbours makes it eager
-    filtered = np.array([heard(chance(seed, 0.65))[0] for seed in range(30)])
-    assert filtered.min() > 10 * LINE_PROBABILITY
-
-
-@pytest.mark.parametrize("period", [2.7, 4.0, 9.0])
-def test_a_swing_in_one_sensor_is_a_line_at_its_period(period: float) -> None:
-    white = chance(1)
-    phase = np.random.default_rng(2).uniform(0, 2 * np.pi, R)
+def swinging(period: float, seed: int, K: int = K) -> np.ndarray:
+    """White residuals with a swing of this period in one sensor, of another phase in each window."""
+    white, phase = chance(seed, K=K), np.random.default_rng(seed + 1).uniform(0, 2 * np.pi, R)
     white[..., 4] += np.sin(2 * np.pi * H * np.arange(K + 1)[:, None] / period + phase)
-    p, found = heard(white)
-    assert p < 1e-8 and 1 / found == pytest.approx(1 / period, abs=1.0 / (2 * H * 30))
+    return white
 
 
-def test_short_windows_and_thinned_samples_say_nothing() -> None:
-    assert heard(chance(3)[:40]) == (1.0, float("inf"))
-    every = np.arange(K + 1) % 5 == 4
-    good = np.broadcast_to(every[:, None, None], (K + 1, R, 6))
-    assert heard(chance(3), good)[0] == 1.0
+@pytest.mark.parametrize(("every", "K"), [(1, 150), (1, 600), (5, 150), (15, 600)])
+def test_by_chance_a_line_is_as_rare_as_its_probability_says(every: int, K: int) -> None:
+    found = np.array([heard(chance(seed, K=K), every)[0] for seed in range(DRAWS)])
+    assert (found < 0.05).mean() <= 0.09 and found.min() > 10 * LINE_PROBABILITY  # 0.05 + 2.6 standard errors
+    assert (found < 0.2).mean() >= 0.05, "a probability that never falls finds nothing either"
+
+
+@pytest.mark.parametrize("memory", [0.3, 0.65, 0.9])
+def test_the_slope_of_a_coloured_spectrum_is_no_line(memory: float) -> None:
+    found = np.array([heard(chance(seed, memory))[0] for seed in range(DRAWS)])
+    assert (found < 0.05).mean() <= 0.09 and found.min() > 10 * LINE_PROBABILITY
+
+
+@pytest.mark.parametrize(
+    ("period", "every"), [(2.2, 1), (2.7, 1), (4.0, 1), (9.0, 1), (13.0, 5), (20.0, 5), (33.0, 15)]
+)
+def test_a_swing_that_the_samples_resolve_is_a_line_at_its_period(period: float, every: int) -> None:
+    length = 600 if every > 1 else K
+    p, found = heard(swinging(period, 1, length), every, swinging(period, 3, length) if every > 1 else None)
+    assert p < LINE_PROBABILITY and 1 / found == pytest.approx(1 / period, abs=1 / (2 * H * every * 17))
+
+
+@pytest.mark.parametrize(("period", "every"), [(5.5, 5), (5.5, 15), (9.0, 5), (20.0, 15)])
+def test_a_swing_faster_than_the_samples_resolve_is_not_announced_under_its_alias(period: float, every: int) -> None:
+    white = swinging(period, 1, 600)
+    alias, slow = heard(white, every)
+    assert alias < LINE_PROBABILITY and slow > 2 * H * every, "the samples alone show the alias"
+    p, announced = heard(white, every, swinging(period, 3, 600))
+    assert p > 10 * LINE_PROBABILITY and announced > 2 * H * every
+
+
+def test_gaps_leave_the_pieces_between_them() -> None:
+    white = swinging(4.0, 1)
+    data = laid_out(white)
+    data.good = data.good.copy()
+    data.good[70:73] = False
+    p, period = spectral_line(data, white)  # type: ignore[arg-type]
+    assert p < 1e-8 and period == pytest.approx(4.0, rel=0.1)
+
+
+def test_windows_of_a_few_samples_say_nothing() -> None:
+    assert heard(chance(3)[:27]) == (1.0, float("inf"))
+    assert heard(chance(3), 10) == (1.0, float("inf"))
+    assert heard(np.zeros((K + 1, R, 6)))[0] == 1.0, "a column that is exactly as predicted has no line"
 
 
 def test_a_sensor_that_swings_is_a_line_in_what_a_fit_leaves() -> None:
