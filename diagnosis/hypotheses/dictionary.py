@@ -1,8 +1,8 @@
 """Dictionary of unnamed forms: what could be wrong with a model in ways that the library of effects does not hold.
 
-Forces in the three channels as products of velocities, inputs and wind; the action of each input scaled with the state,
-or late by several times; errors of each sensor: bias, gain, lag, cross-talk, drift. Every column is scaled so that its
-typical size is that of the latent force or of the sensor's noise.
+Forces in the three channels as products of velocities, inputs and wind, and as smooth functions of them; the action of
+each input scaled with the state, or late by several times; errors of each sensor: bias, gain, lag, cross-talk, drift.
+Every column is scaled so that its typical size is that of the latent force or of the sensor's noise.
 
 A force that depends on the state changes how the ship answers to the latent force, and so the log determinant of the
 likelihood. Each column therefore has, beside its response, the slope of the log determinant along it.
@@ -10,7 +10,6 @@ likelihood. Each column therefore has, beside its response, the slope of the log
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -19,28 +18,19 @@ import numpy as np
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.linearisation import Linearisation, Point
 from diagnosis.estimation.transition_model import LinearModel, TransitionModel, spread
-from mmg.motion.frames import relative_air
+from diagnosis.hypotheses.force_forms import ForceForms, Forms, evaluated, of_unit_size, unit
+from mmg.motion.flow import INPUTS
 from mmg.motion.froude import time_scale
 
 DELAYS = (0.5, 1.0, 2.0, 4.0)
 """Times [s of a 3 m model] by which inputs may act late."""
 SHAPES = ("1", "u", "v", "r", "|r|", "delta", "n")
 """Forms by which the action of an input is scaled."""
-DIFFERENCE = {"delta": 1e-3, "n": 1e-2}
-"""Inputs whose action may be wrong, and the change of each [rad, 1/s] by which it is differentiated."""
-
-
-@dataclass(frozen=True)
-class Forms:
-    """Functions of the motion: names (m,), values (m, K, R), and their gradients (m, K, R, 6) by the logged states."""
-
-    names: tuple[str, ...]
-    values: np.ndarray
-    gradients: np.ndarray
-
-    def at(self, name: str) -> int:
-        """Position of a ``name``."""
-        return self.names.index(name)
+DIFFERENCE = {"rad": 1e-3, "rps": 1e-2}
+"""Change of an input of each unit by which its action is differentiated."""
+AXES = ("surge", "sway", "yaw")
+FORCES = tuple(f"{axis} force" for axis in AXES)
+"""Kinds of the forces that are products."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +57,8 @@ class Dictionary:
         z = found.path.z
         K, R = data.inputs.shape[:2]
         middle = 0.5 * (z[:-1] + z[1:])
-        self.forces = _force_forms(steps, data, middle)
+        self.force_forms = ForceForms(steps, data, middle)
+        self.forces = self.force_forms.on(data, middle)
         every = steps.coefficients(found.theta, found.path.force[:-1].reshape(-1, 3).T)
         points = middle.reshape(K * R, -1).T, data.inputs.reshape(K * R, -1).T, every
         wanted = np.concatenate([active, steps.S + np.arange(3)])
@@ -76,8 +67,8 @@ class Dictionary:
         begin = (z[:-1].reshape(K * R, -1).T, *points[1:])
         self.actions = {
             name: _action(steps, data, name, points, begin, active, wanted)
-            for name in DIFFERENCE
-            if name in steps.model.controls
+            for name in steps.model.controls
+            if name in INPUTS
         }
         held = np.concatenate([data.inputs, data.inputs[-1:]]).reshape((K + 1) * R, -1).T
         theta = spread(found.theta, (K + 1) * R) if found.theta.ndim > 1 else found.theta
@@ -87,7 +78,11 @@ class Dictionary:
         self.rate_jacobian = J[:, active][:, :, wanted].reshape(K + 1, R, len(active), -1)
         self.states = _sensor_forms(z, data)
         self.labels = (
-            *((f"{axis} force", form) for form in self.forces.names for axis in ("surge", "sway", "yaw")),
+            *(
+                (kind if i < self.force_forms.named else f"smooth {kind}", form)
+                for i, form in enumerate(self.forces.names)
+                for kind in FORCES
+            ),
             *(
                 (f"{what} of {name}", form)
                 for name in self.actions
@@ -103,9 +98,9 @@ class Dictionary:
         the logged columns (K + 1, R, 6, C), of the ``linear`` model."""
         forms, sizes = self.forces, self.noise.force
         pushed = [linear.force[..., c] * sizes[c] * v[..., None] for v in forms.values for c in range(3)]
-        for action, unit in self._scaled_actions(linear):
+        for action, size in self._scaled_actions(linear):
             shapes = [forms.values[forms.at(name)] for name in SHAPES]
-            pushed += [action.step * unit * value[..., None] for value in (*shapes, *action.delayed)]
+            pushed += [action.step * size * value[..., None] for value in (*shapes, *action.delayed)]
         count, total = len(pushed), len(self.kinds)
         K, R, A = linear.F.shape[:3]
         forcing, observed = np.zeros((K, R, A, total)), np.zeros((K + 1, R, 6, total))
@@ -120,13 +115,13 @@ class Dictionary:
         own = at.by_rates[..., : len(self.active)]  # (K, R, A, A)
         pull = np.einsum("kraf,krab->krfb", self.by_force, own)[..., :6]
         result = [(np.einsum("mkrb,krfb->mf", forms.gradients, pull) * sizes).ravel()]
-        for action, unit in self._scaled_actions(at.linear):
+        for action, size in self._scaled_actions(at.linear):
             whole = np.einsum("krab,krab->kr", at.by_rates, action.jacobian)
             pull = np.einsum("kra,krab->krb", action.rates, own)[..., :6]
             rows = [forms.at(name) for name in SHAPES]
             shapes = np.einsum("mkr,kr->m", forms.values[rows], whole)
             shapes += np.einsum("mkrb,krb->m", forms.gradients[rows], pull)
-            result += [unit * shapes, unit * np.einsum("mkr,kr->m", action.delayed, whole)]
+            result += [size * shapes, size * np.einsum("mkr,kr->m", action.delayed, whole)]
         by_Z = np.where(self.data.good[..., None], at.adjoint.by_Z[..., : len(self.active) + 3], 0.0)
         result.append(np.array([(by_Z[:, :, channel] * g).sum() for channel, _, g in self._errors(at.linear)]))
         return np.concatenate(result)
@@ -155,8 +150,8 @@ class Dictionary:
                     i = self.states.at(name)
                     value, gradient = self.states.values[i], np.zeros((*compared.shape, A + 3))
                     gradient[..., :6] = self.states.gradients[i]
-                unit = self.noise.white[channel] * _unit(value, compared)
-                rows.append((channel, unit * value, unit * gradient))
+                size = self.noise.white[channel] * unit(value, compared)
+                rows.append((channel, size * value, size * gradient))
         return rows
 
 
@@ -173,53 +168,6 @@ ERRORS = {
 """Forms of the error of each logged column; rate: its change over time, as of a late sensor."""
 
 
-def _unit(values: np.ndarray, mask: np.ndarray) -> float:
-    """One over the root mean square where it counts; 0 where there is nothing."""
-    size = float(np.sqrt((values[mask] ** 2).mean()))
-    return 1 / size if size > 1e-12 else 0.0
-
-
-def _evaluated(
-    expressions: dict[str, ca.SX], arguments: Sequence[ca.SX], values: Sequence[np.ndarray], mask: np.ndarray
-) -> Forms:
-    """``expressions`` of ``arguments``, the first being the six logged states, at values (K, R, ...) of unit rms."""
-    names, shape = tuple(expressions), mask.shape
-    each = ca.vertcat(*expressions.values())
-    function = ca.Function("forms", list(arguments), [each, ca.densify(ca.jacobian(each, arguments[0]))])
-    flat = [v.reshape(mask.size, -1).T for v in values]
-    value, J = (np.array(x) for x in function.map(mask.size)(*flat))
-    value = value.reshape(len(names), *shape)
-    gradients = J.reshape(len(names), mask.size, 6).reshape(len(names), *shape, 6)
-    for i, name in enumerate(names):
-        if name in ("t", "x", "y"):  # from the middle of the trials
-            value[i] -= value[i][mask].mean()
-        unit = _unit(value[i], mask)
-        value[i], gradients[i] = unit * value[i], unit * gradients[i]
-    return Forms(names, value, gradients)
-
-
-def _force_forms(steps: TransitionModel, data: GriddedTrials, middle: np.ndarray) -> Forms:
-    """Functions of state, inputs, wind and heading, each of unit root mean square; middle: (K, R, S) of each step."""
-    length, names = float(steps.ship.particulars["L"]), steps.model.controls
-    six, held, time = ca.SX.sym("six", 6), ca.SX.sym("held", len(names)), ca.SX.sym("time")
-    x, y, psi, u, v, r = ca.vertsplit(six)
-    r = r * length
-    inputs = dict(zip(names, ca.vertsplit(held), strict=True))
-    n, delta = (inputs.get(name, ca.SX(0)) for name in ("n", "delta"))
-    a_x, a_y = relative_air(inputs["wind_north"], inputs["wind_east"], psi, u, v)
-    air, back = ca.sqrt(a_x**2 + a_y**2 + 1e-12), ca.fmin(n, 0)
-    forms = {
-        "1": ca.SX(1), "u": u, "v": v, "r": r, "uu": u * u, "uv": u * v, "ur": u * r, "vr": v * r,
-        "v|v|": v * ca.fabs(v), "r|r|": r * ca.fabs(r), "v|r|": v * ca.fabs(r), "r|v|": r * ca.fabs(v), "vv": v * v,
-        "rr": r * r, "|v|": ca.fabs(v), "|r|": ca.fabs(r), "u|u|": u * ca.fabs(u), "uuu": u**3, "n": n, "nn": n * n,
-        "n|n|": n * ca.fabs(n), "un": u * n, "back": back, "back|back|": back * ca.fabs(back), "delta": delta,
-        "delta nn": delta * n * n, "delta uu": delta * u * u, "delta|delta|": delta * ca.fabs(delta), "rn": r * n,
-        "vn": v * n, "air x": a_x * air, "air y": a_y * air, "air xy": a_x * a_y, "cos": ca.cos(psi),
-        "sin": ca.sin(psi), "cos 2": ca.cos(2 * psi), "sin 2": ca.sin(2 * psi), "t": time, "x": x, "y": y,
-    }  # fmt: skip
-    return _evaluated(forms, (six, held, time), (middle[..., :6], data.inputs, data.t[:-1]), data.inside)
-
-
 def _sensor_forms(z: np.ndarray, data: GriddedTrials) -> Forms:
     """Functions of the states z (K + 1, R, S) in which sensors may err, each of unit root mean square."""
     six, time = ca.SX.sym("six", 6), ca.SX.sym("time")
@@ -228,7 +176,8 @@ def _sensor_forms(z: np.ndarray, data: GriddedTrials) -> Forms:
         "1": ca.SX(1), "u": u, "v": v, "r": r, "uu": u * u, "r|r|": r * ca.fabs(r), "t": time, "cos": ca.cos(psi),
         "sin": ca.sin(psi), "cos 2": ca.cos(2 * psi), "sin 2": ca.sin(2 * psi),
     }  # fmt: skip
-    return _evaluated(forms, (six, time), (z[..., :6], data.t), np.asarray(data.good.any(axis=2)))
+    compared = np.asarray(data.good.any(axis=2))
+    return of_unit_size(evaluated(forms, [six, time], [z[..., :6], data.t], compared), compared)[0]
 
 
 def _action(
@@ -242,7 +191,7 @@ def _action(
 ) -> Action:
     """The action of the input ``name``, by central differences; points: middles of the steps, begin: their starts."""
     K, R = data.inputs.shape[:2]
-    i, small = steps.model.controls.index(name), DIFFERENCE[name]
+    i, small = steps.model.controls.index(name), DIFFERENCE[INPUTS[name][1]]
     up, down = points[1].copy(), points[1].copy()
     up[i] += small
     down[i] -= small
@@ -254,7 +203,7 @@ def _action(
     for delay in DELAYS:
         rows = np.maximum(np.arange(len(x)) - max(1, round(delay * k / data.h)), 0)
         values = x[rows] - x
-        delayed.append(_unit(values, data.inside) * values)
+        delayed.append(unit(values, data.inside) * values)
     return Action(
         step=((ends[0] - ends[1]) / (2 * small))[active].T.reshape(K, R, -1),
         rates=((rates[0] - rates[1]) / (2 * small))[:, active].reshape(K, R, -1),

@@ -18,9 +18,9 @@ from diagnosis.estimation.candidates import Candidate, Column
 from diagnosis.estimation.dispersion import dispersion, memory_steps
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.linearisation import Point, Trajectory, linearise_and_filter
-from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import Priors, active_in_window, active_states
 from diagnosis.estimation.transition_model import TransitionModel
+from diagnosis.hypotheses.projection import projected
 from mmg.effects import EFFECTS
 
 DRAWS = 4000
@@ -64,7 +64,7 @@ class ScoreTest:
     dispersion: float = 1.0
 
 
-def slopes(steps: TransitionModel, data: GriddedTrials, found: Estimate, candidates: Sequence[Candidate]) -> Slopes:
+def slopes(steps: TransitionModel, data: GriddedTrials, found: Point, candidates: Sequence[Candidate]) -> Slopes:
     """Linearise about a fit with all candidates as further columns.
 
     steps: the transition model; data: the trials; found: the fit; candidates: those tested. Returns the slopes.
@@ -91,21 +91,16 @@ def slopes(steps: TransitionModel, data: GriddedTrials, found: Estimate, candida
     acts = np.hstack([np.ones((len(data.run), P)), active_in_window(each, data), np.ones((len(data.run), 1))])
     grams = grams[:, pick[:, None], pick[None]] * acts[:, :, None] * acts[:, None]
     gram, logdet_gradients = grams.sum(axis=0), (logdet_gradient[:, pick] * acts).sum(axis=0)[:-1]
-    A = gram[:P, :P] + np.eye(P)
-    project = np.linalg.solve(A, gram[:P, P:-1])
-    S = gram[P:-1, P:-1] - gram[P:-1, :P] @ project
     own = np.diag(gram)[P:-1].copy()
-    g_all = -(gram[:-1, -1] + logdet_gradients)
-    g_all[:P] -= found.p
-    g = g_all[P:] - project.T @ g_all[:P]
-    apart = every[..., pick[P:-1]] * acts[:, None, P:-1] - every[..., :P] @ project
+    rest = projected(gram, logdet_gradients, found.p)
+    apart = every[..., pick[P:-1]] * acts[:, None, P:-1] - every[..., :P] @ rest.taken
     lags, at, ratios = memory_steps(steps.ship.particulars["L"], data.h), 0, {}
     for c in candidates:
         i = slice(at, at + len(c.columns))
         at = i.stop
         if EFFECTS[c.effect].measures:
-            ratios[c] = dispersion(apart[..., i], every[..., -1], g[i], S[i, i], lags)
-    return Slopes(tuple(each), g, S, own, ratios)
+            ratios[c] = dispersion(apart[..., i], every[..., -1], rest.g[i], rest.S[i, i], lags)
+    return Slopes(tuple(each), rest.g, rest.S, own, ratios)
 
 
 def score_tests(s: Slopes, candidates: Sequence[Candidate], seed: int = 0) -> list[ScoreTest]:

@@ -12,18 +12,16 @@ import numpy as np
 
 from diagnosis.estimation.dispersion import dispersion, memory_steps
 from diagnosis.estimation.gridded_trials import GriddedTrials
-from diagnosis.estimation.linearisation import linearise_and_filter
-from diagnosis.estimation.map_estimate import Estimate
+from diagnosis.estimation.linearisation import Point, linearise_and_filter
 from diagnosis.estimation.parameters import active_states
 from diagnosis.estimation.transition_model import TransitionModel
-from diagnosis.hypotheses.dictionary import Dictionary
+from diagnosis.hypotheses.dictionary import FORCES, Dictionary
+from diagnosis.hypotheses.projection import projected
 
 SENSOR = "sensor of "
 """Begin of the kinds that are errors of a sensor."""
 SIZES = (0.03, 0.1, 0.3, 1.0)
 """Prior standard deviations of a column's coefficient, in the sizes of what is random."""
-
-
 TOLERANCE = 0.05
 """Errors of a sensor of this size, in standard deviations of its noise, are none: no instrument is exact."""
 DRAWS, LEVEL = 1000, 0.015
@@ -31,69 +29,100 @@ DRAWS, LEVEL = 1000, 0.015
 
 
 @dataclass(frozen=True)
+class UnnamedSlopes:
+    """Slopes g (C,) of the log likelihood along the columns of a ``dictionary``, the free parameters projected out,
+    their information S (C, C), and by kind of sensor error the ratio of the slopes' variance to that information, at
+    least 1: it is larger where residuals are correlated in time, as of sensors with a memory. The memory of forces is
+    in the model."""
+
+    g: np.ndarray
+    S: np.ndarray
+    dictionary: Dictionary
+    dispersion: dict[str, float]
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """Kind of each column."""
+        return self.dictionary.kinds
+
+    @property
+    def allowed(self) -> np.ndarray:
+        """What each column (C,) may be off where nothing is wrong."""
+        return np.array([TOLERANCE if k.startswith(SENSOR) else 0.0 for k in self.kinds])
+
+    def by_chance(self, seed: int) -> np.ndarray:
+        """Slopes (DRAWS, C) by the law of the model: normal to first order, sensors off by what is tolerated."""
+        values, vectors = np.linalg.eigh(0.5 * (self.S + self.S.T))
+        normal, off = np.random.default_rng(seed).standard_normal((2, DRAWS, len(self.g)))
+        drawn = normal * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
+        same = np.equal.outer(np.array(self.kinds), np.array(self.kinds))
+        ratio = np.array([self.dispersion.get(k, 1.0) for k in self.kinds])
+        return (drawn + (off * self.allowed) @ (self.S * same)) * np.sqrt(ratio)
+
+    def statistics(self, g: np.ndarray) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+        """Log Bayes factors (...) of all kinds in equal parts, of the best force alone less the log of their number,
+        and of each kind, at slopes ``g`` (..., C)."""
+        kinds, allowed = np.array(self.kinds), self.allowed
+        ratio = np.array([self.dispersion.get(k, 1.0) for k in self.kinds])
+        g, S = g / ratio, self.S / ratio
+        own = {name: kinds == name for name in sorted(set(self.kinds))}
+        logs = {name: log_bayes(g, S, at, allowed[at].max()) for name, at in own.items()}
+        mixture = np.logaddexp.reduce(np.stack(list(logs.values())), axis=0) - np.log(len(logs))
+        single = np.isin(kinds, FORCES)
+        each = _log_bayes_of(g[..., single, None], np.diag(S)[single, None], 0.0)
+        return mixture, each.max(axis=-1) - np.log(single.sum()), logs
+
+
+@dataclass(frozen=True)
 class UnnamedForms:
     """What the unnamed forms explain: log Bayes factor of each kind, and of their mixture in equal parts.
 
-    single: log Bayes factor of the best force alone, less the log of their number. limit, single_limit: what log_bayes
-    and single exceed by chance with the probability LEVEL, from the law of the fitted model on these trials.
+    single: log Bayes factor of the best force alone, less the log of their number. chance: (draws, 2) both by chance,
+    from the law of the fitted model on these trials; slopes: of the likelihood along all columns.
     """
 
     log_bayes: float
     by_kind: dict[str, float]
     single: float
-    limit: float
-    single_limit: float
+    chance: np.ndarray
+    slopes: UnnamedSlopes
+
+    @property
+    def limit(self) -> float:
+        """What ``log_bayes`` exceeds by chance with the probability LEVEL."""
+        return float(np.quantile(self.chance[:, 0], 1 - LEVEL))
+
+    @property
+    def single_limit(self) -> float:
+        """What ``single`` exceeds by chance with the probability LEVEL."""
+        return float(np.quantile(self.chance[:, 1], 1 - LEVEL))
 
     @property
     def beyond_chance(self) -> float:
         """By how much the mixture, or the best force alone, exceeds its limit."""
         return max(self.log_bayes - self.limit, self.single - self.single_limit)
 
+    @property
+    def p_value(self) -> float:
+        """Probability that chance leaves as much: of the smaller probability of the two tests."""
+        both = np.vstack([self.chance, [self.log_bayes, self.single]])
+        rarest = (both[None] >= both[:, None]).sum(axis=1).min(axis=1)
+        return float((rarest <= rarest[-1]).mean())
 
-def unnamed_forms(steps: TransitionModel, data: GriddedTrials, found: Estimate, seed: int = 0) -> UnnamedForms:
+
+def unnamed_forms(steps: TransitionModel, data: GriddedTrials, found: Point, seed: int = 0) -> UnnamedForms:
     """Test the unnamed forms at a fitted hypothesis.
 
     steps: the transition model; data: the trials; found: the fit; seed: of the drawn law by chance, which is that of
     the fitted model with new random forces and sensor errors, to first order. Returns log Bayes factors.
     """
     slopes = unnamed_slopes(steps, data, found)
-    g, S, kinds = slopes.g, slopes.S, slopes.kinds
-    values, vectors = np.linalg.eigh(0.5 * (S + S.T))
-    normal, off = np.random.default_rng(seed).standard_normal((2, DRAWS, len(g)))
-    allowed = np.array([TOLERANCE if k.startswith(SENSOR) else 0.0 for k in kinds])
-    drawn = normal * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
-    drawn += (off * allowed) @ (S * np.equal.outer(np.array(kinds), np.array(kinds)))
-    ratio = np.ones(len(g))
-    names = sorted(set(kinds))
-    logs = []
-    for name in names:
-        own = np.array([k == name for k in kinds])
-        ratio[own] = slopes.dispersion.get(name, 1.0)
-        at = np.vstack([g / ratio, drawn / np.sqrt(ratio)])
-        logs.append(log_bayes(at, S / ratio, own, allowed[own].max()))
-    mixture = np.logaddexp.reduce(np.stack(logs), axis=0) - np.log(len(names))
-    every = np.vstack([g / ratio, drawn / np.sqrt(ratio)])
-    forces = [i for i, kind in enumerate(kinds) if kind.endswith(" force")]
-    alone = np.max([log_bayes(every, S / ratio, np.arange(len(g)) == i) for i in forces], axis=0) - np.log(len(forces))
-    limit, single_limit = (float(np.quantile(x[1:], 1 - LEVEL)) for x in (mixture, alone))
-    by_kind = {name: float(log[0]) for name, log in zip(names, logs, strict=True)}
-    return UnnamedForms(float(mixture[0]), by_kind, float(alone[0]), limit, single_limit)
+    mixture, single, by_kind = slopes.statistics(slopes.g)
+    chance = np.stack(slopes.statistics(slopes.by_chance(seed))[:2], axis=1)
+    return UnnamedForms(float(mixture), {k: float(v) for k, v in by_kind.items()}, float(single), chance, slopes)
 
 
-@dataclass(frozen=True)
-class UnnamedSlopes:
-    """Slopes g (C,) of the log likelihood along the dictionary's columns, the free parameters projected out, their
-    information S (C, C), the kind of each, and by kind of sensor error the ratio of the slopes' variance to that
-    information, at least 1: it is larger where residuals are correlated in time, as of sensors with a memory. The
-    memory of forces is in the model."""
-
-    g: np.ndarray
-    S: np.ndarray
-    kinds: tuple[str, ...]
-    dispersion: dict[str, float]
-
-
-def unnamed_slopes(steps: TransitionModel, data: GriddedTrials, found: Estimate) -> UnnamedSlopes:
+def unnamed_slopes(steps: TransitionModel, data: GriddedTrials, found: Point) -> UnnamedSlopes:
     """The slopes along all columns of the dictionary at a fit.
 
     steps: the transition model; data: the trials; found: the fit.
@@ -102,23 +131,17 @@ def unnamed_slopes(steps: TransitionModel, data: GriddedTrials, found: Estimate)
     forms = Dictionary(steps, data, found, active)
     linearised = linearise_and_filter(steps, data, found, active, forms.columns)
     flat = linearised.white.reshape(-1, linearised.white.shape[-1])
-    gram = flat.T @ flat
-    P = len(found.free.symbols)
-    A = gram[:P, :P] + np.eye(P)
-    project = np.linalg.solve(A, gram[:P, P:-1])
-    S = gram[P:-1, P:-1] - gram[P:-1, :P] @ project
-    logdet = linearised.logdet_gradient.sum(axis=0)
-    logdet[P:] = forms.logdet_gradient(linearised)
-    slope = -(gram[:-1, -1] + logdet)
-    slope[:P] -= found.p
-    g = slope[P:] - project.T @ slope[:P]
+    P = len(found.p)
+    logdet = np.concatenate([linearised.logdet_gradient.sum(axis=0)[:P], forms.logdet_gradient(linearised)])
+    rest = projected(flat.T @ flat, logdet, found.p)
+    g, S = rest.g, rest.S
     lags = memory_steps(steps.ship.particulars["L"], data.h)
-    columns = linearised.white[..., P:-1] - linearised.white[..., :P] @ project
+    columns = linearised.white[..., P:-1] - linearised.white[..., :P] @ rest.taken
     ratios = {}
     for name in (k for k in dict.fromkeys(forms.kinds) if k.startswith(SENSOR)):
         own = np.array([k == name for k in forms.kinds])
         ratios[name] = dispersion(columns[..., own], linearised.white[..., -1], g[own], S[np.ix_(own, own)], lags)
-    return UnnamedSlopes(g, S, forms.kinds, ratios)
+    return UnnamedSlopes(g, S, forms, ratios)
 
 
 def log_bayes(g: np.ndarray, S: np.ndarray, chosen: np.ndarray, tolerance: float = 0.0) -> np.ndarray:
@@ -129,10 +152,15 @@ def log_bayes(g: np.ndarray, S: np.ndarray, chosen: np.ndarray, tolerance: float
     """
     g, S = g[..., chosen], S[np.ix_(chosen, chosen)]
     values, vectors = np.linalg.eigh(0.5 * (S + S.T))
-    values, along = np.maximum(values, 0.0), (g @ vectors) ** 2
+    return _log_bayes_of(g @ vectors, np.maximum(values, 0.0), tolerance)
+
+
+def _log_bayes_of(along: np.ndarray, values: np.ndarray, tolerance: float) -> np.ndarray:
+    """The same of slopes ``along`` (..., c) independent directions with information ``values`` (..., c)."""
     null = 1 + tolerance**2 * values
     logs = []
     for a in (a for a in SIZES if a > tolerance):
         other = 1 + a**2 * values
-        logs.append(0.5 * (along @ ((a**2 - tolerance**2) / (null * other)) - np.log(other / null).sum()))
+        gain = along**2 * ((a**2 - tolerance**2) / (null * other)) - np.log(other / null)
+        logs.append(0.5 * gain.sum(axis=-1))
     return np.logaddexp.reduce(logs, axis=0) - np.log(len(logs))

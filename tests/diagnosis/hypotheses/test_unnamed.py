@@ -22,7 +22,7 @@ from diagnosis.hypotheses.forward_selection import SearchProblem
 from diagnosis.hypotheses.unnamed import LEVEL, SENSOR, SIZES, TOLERANCE, log_bayes, unnamed_forms, unnamed_slopes
 from mmg.effects import Effect, Parameter
 from mmg.motion.flow import Flow, Force
-from tests.support.diagnosis_cases import FEW, WHITE, problem_of, pushed_trials, quiet
+from tests.support.diagnosis_cases import FEW, WHITE, full_model, problem_of, pushed_trials, quiet
 
 NOISE = NoiseModel(np.array([0.3, 0.6, 0.4]), 5.0, WHITE, np.zeros(6), 4.0)
 LENGTH = 3.0
@@ -50,6 +50,7 @@ class Probe(Effect):
 @pytest.fixture(scope="module")
 def probed() -> Any:
     """Steps of a ship with the probe, windows, a path, and log det F by the probe's parameters."""
+    full_model()  # cached before the probe is one of the effects
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(mmg.effects.EFFECTS, "probe", Probe())
         ship = with_effects(FEW, ["tow:X=0.0,Y=0.0,N=0.0", "probe:ur=0.0,cos=0.0,vv=0.0,over=0.0,crosstalk=0.0"])

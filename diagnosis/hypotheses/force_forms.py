@@ -1,0 +1,183 @@
+"""Forms of an unnamed force: products of velocities, inputs and wind, and smooth functions of them and of their past.
+
+The smooth functions are random features (Rahimi & Recht 2007) of one to three variables each, so that their span holds
+additive functions and interactions of low order (Duvenaud et al. 2011), put into the order of what they contribute on
+the trials (principal components): an orthogonal basis whose size falls from component to component.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from diagnosis.estimation.gridded_trials import GriddedTrials
+from diagnosis.estimation.transition_model import TransitionModel
+from mmg.motion.flow import INPUTS, PROPELLERS, RUDDERS
+from mmg.motion.frames import relative_air
+from mmg.motion.froude import time_scale
+
+FEATURES, COMPONENTS = 200, 16
+"""Random features, and principal components of them that are kept."""
+SCALE = 1.0
+"""Length over which a smooth function changes, in standard deviations of its variables."""
+PASTS = (4.0, 12.0)
+"""Memory [s of a 3 m model] of the past of rudders and propellers."""
+
+
+@dataclass(frozen=True)
+class Forms:
+    """Functions of the motion: names (m,), values (m, K, R), and their gradients (m, K, R, 6) by the logged states."""
+
+    names: tuple[str, ...]
+    values: np.ndarray
+    gradients: np.ndarray
+
+    def at(self, name: str) -> int:
+        """Position of a ``name``."""
+        return self.names.index(name)
+
+
+def unit(values: np.ndarray, mask: np.ndarray) -> float:
+    """One over the root mean square of ``values`` where ``mask`` counts; 0 where there is nothing."""
+    size = float(np.sqrt((values[mask] ** 2).mean()))
+    return 1 / size if size > 1e-12 else 0.0
+
+
+def evaluated(
+    expressions: Mapping[str, ca.SX], arguments: list[ca.SX], values: list[np.ndarray], mask: np.ndarray
+) -> Forms:
+    """``expressions`` of ``arguments``, the first being the six logged states, at ``values`` (K, R, ...); mask: (K, R)
+    where they exist, else 0."""
+    names, shape = tuple(expressions), mask.shape
+    each = ca.vertcat(*expressions.values())
+    function = ca.Function("forms", list(arguments), [each, ca.densify(ca.jacobian(each, arguments[0]))])
+    flat = [v.reshape(mask.size, -1).T for v in values]
+    value, J = (np.array(x) for x in function.map(mask.size)(*flat))
+    value = value.reshape(len(names), *shape)
+    # CasADi lays the blocks of its columns side by side: (m, points, 6)
+    return Forms(names, value, J.reshape(len(names), mask.size, 6).reshape(len(names), *shape, 6))
+
+
+def of_unit_size(forms: Forms, mask: np.ndarray) -> tuple[Forms, np.ndarray, np.ndarray]:
+    """The ``forms`` with unit root mean square where ``mask`` (K, R) counts, place and time from their middle.
+
+    Returns the forms, and the middle (m,) and factor (m,) of each.
+    """
+    middle = np.array(
+        [v[mask].mean() if n in ("t", "x", "y") else 0.0 for n, v in zip(forms.names, forms.values, strict=True)]
+    )
+    factor = np.array([unit(v - m, mask) for v, m in zip(forms.values, middle, strict=True)])
+    return _scaled(forms, middle, factor), middle, factor
+
+
+def _scaled(forms: Forms, middle: np.ndarray, factor: np.ndarray) -> Forms:
+    wide = factor[:, None, None]
+    return Forms(forms.names, (forms.values - middle[:, None, None]) * wide, forms.gradients * wide[..., None])
+
+
+class ForceForms:
+    """The forms, their units taken from trials.
+
+    steps: the transition model; data: the trials; middle: (K, R, S) states in the middle of each step. named: how many
+    of the forms are products; the others are smooth.
+    """
+
+    def __init__(self, steps: TransitionModel, data: GriddedTrials, middle: np.ndarray) -> None:
+        self.steps = steps
+        raw = self._products(data, middle)
+        _, self._middle, self._factor = of_unit_size(raw, data.inside)
+        self.named = len(raw.names)
+        known = self._variables(data, middle)
+        inside = known.values[:, data.inside]
+        spread = inside.std(axis=1)
+        moving = spread > 1e-3 * np.abs(inside).max(axis=1, initial=0.0) + 1e-12
+        self._centre = inside.mean(axis=1)
+        rng = np.random.default_rng(0)
+        weight = np.zeros((FEATURES, len(known.names)))
+        where = np.flatnonzero(moving)
+        for row in weight:
+            chosen = rng.choice(where, min(len(where), int(rng.integers(1, 4))), replace=False)
+            row[chosen] = rng.standard_normal(len(chosen)) / (SCALE * spread[chosen])
+        self._weight, self._phase = weight, rng.uniform(0, 2 * np.pi, FEATURES)
+        features = np.cos(self._weight @ (inside - self._centre[:, None]) + self._phase[:, None])
+        self._mean = features.mean(axis=1)
+        features -= self._mean[:, None]
+        values, vectors = np.linalg.eigh(features @ features.T / features.shape[1])
+        kept = np.argsort(-values)[:COMPONENTS]
+        kept = kept[values[kept] > 1e-9]
+        self._mix = vectors[:, kept].T / np.sqrt(values[kept].max(initial=1e-300))
+
+    def on(self, data: GriddedTrials, middle: np.ndarray) -> Forms:
+        """The forms on trials ``data`` with states ``middle`` (K, R, S), in the same units."""
+        products = _scaled(self._products(data, middle), self._middle, self._factor)
+        known = self._variables(data, middle)
+        angle = np.einsum("fv,vkr->fkr", self._weight, known.values - self._centre[:, None, None])
+        angle += self._phase[:, None, None]
+        smooth = np.einsum("cf,fkr->ckr", self._mix, np.cos(angle) - self._mean[:, None, None])
+        slope = np.einsum("cf,fkr,fv->ckrv", self._mix, -np.sin(angle), self._weight, optimize=True)
+        gradient = np.einsum("ckrv,vkrs->ckrs", slope, known.gradients, optimize=True)
+        names = tuple(f"smooth {i + 1}" for i in range(len(smooth)))
+        return Forms(
+            (*products.names, *names),
+            np.concatenate([products.values, smooth]),
+            np.concatenate([products.gradients, gradient]),
+        )
+
+    def _arguments(self) -> tuple[list[ca.SX], dict[str, ca.SX], dict[str, ca.SX]]:
+        """Symbols of states, inputs and time; the velocities (r times L) and air; the inputs by name."""
+        names = self.steps.model.controls
+        six, held, time = ca.SX.sym("six", 6), ca.SX.sym("held", len(names)), ca.SX.sym("time")
+        inputs = dict(zip(names, ca.vertsplit(held), strict=True))
+        psi, u, v, r = ca.vertsplit(six)[2:]
+        a_x, a_y = relative_air(inputs["wind_north"], inputs["wind_east"], psi, u, v)
+        motion = {"u": u, "v": v, "r": r * float(self.steps.ship.particulars["L"]), "air x": a_x, "air y": a_y}
+        return [six, held, time], motion, {name: x for name, x in inputs.items() if name in INPUTS}
+
+    def _products(self, data: GriddedTrials, middle: np.ndarray) -> Forms:
+        """The products, not scaled yet. n and delta are means over the propellers and over the rudders."""
+        (six, held, time), motion, inputs = self._arguments()
+        x, y, psi = ca.vertsplit(six)[:3]
+        u, v, r, a_x, a_y = motion.values()
+        n, delta = (_mean([inputs[name] for name in kind if name in inputs]) for kind in (PROPELLERS, RUDDERS))
+        air, back = ca.sqrt(a_x**2 + a_y**2 + 1e-12), ca.fmin(n, 0)
+        forms = {
+            "1": ca.SX(1), "u": u, "v": v, "r": r, "uu": u * u, "uv": u * v, "ur": u * r, "vr": v * r,
+            "v|v|": v * ca.fabs(v), "r|r|": r * ca.fabs(r), "v|r|": v * ca.fabs(r), "r|v|": r * ca.fabs(v), "vv": v * v,
+            "rr": r * r, "|v|": ca.fabs(v), "|r|": ca.fabs(r), "u|u|": u * ca.fabs(u), "uuu": u**3, "n": n, "nn": n * n,
+            "n|n|": n * ca.fabs(n), "un": u * n, "back": back, "back|back|": back * ca.fabs(back), "delta": delta,
+            "delta nn": delta * n * n, "delta uu": delta * u * u, "delta|delta|": delta * ca.fabs(delta), "rn": r * n,
+            "vn": v * n, "air x": a_x * air, "air y": a_y * air, "air xy": a_x * a_y, "cos": ca.cos(psi),
+            "sin": ca.sin(psi), "cos 2": ca.cos(2 * psi), "sin 2": ca.sin(2 * psi), "t": time, "x": x, "y": y,
+        }  # fmt: skip
+        single = [name for kind in (PROPELLERS, RUDDERS) for name in kind if name in inputs]
+        for name in (name for name in inputs if len(single) > 2 or name not in single):
+            forms |= {name: inputs[name], f"{name}|{name}|": inputs[name] * ca.fabs(inputs[name])}
+        return evaluated(forms, [six, held, time], [middle[..., :6], data.inputs, data.t[:-1]], data.inside)
+
+    def _variables(self, data: GriddedTrials, middle: np.ndarray) -> Forms:
+        """What the smooth forms are functions of: velocities, air, inputs, and the inputs' past."""
+        arguments, motion, inputs = self._arguments()
+        found = evaluated(
+            motion | inputs, arguments, [middle[..., :6], data.inputs, data.t[:-1]], np.asarray(data.inside)
+        )
+        pasts = {}
+        for name in (name for name in inputs if name in (*RUDDERS, *PROPELLERS)):
+            x = data.inputs[..., self.steps.model.controls.index(name)]
+            for memory in PASTS:
+                left = np.exp(-data.h / (memory * time_scale(float(self.steps.ship.particulars["L"]))))
+                past = np.empty_like(x)
+                past[0] = x[0]
+                for k in range(1, len(x)):
+                    past[k] = left * past[k - 1] + (1 - left) * x[k - 1]
+                pasts[f"{name} over {memory:g} s"] = past
+        still = np.zeros((len(pasts), *data.inside.shape, 6))
+        values = np.stack([*found.values, *pasts.values()])
+        return Forms((*found.names, *pasts), values, np.concatenate([found.gradients, still]))
+
+
+def _mean(inputs: list[ca.SX]) -> ca.SX:
+    """Mean of some inputs, 0 without any."""
+    return sum(inputs, ca.SX(0)) / max(len(inputs), 1)

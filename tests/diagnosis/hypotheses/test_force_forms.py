@@ -1,0 +1,67 @@
+"""Forms of an unnamed force: their gradients, units and the orthogonality of the smooth ones; other ships' inputs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cases.shipfiles.effects import with_effects
+from cases.shipfiles.ship_file import load_ship
+from diagnosis.estimation.gridded_trials import grid_trials
+from diagnosis.estimation.linearisation import initial_trajectory
+from diagnosis.estimation.transition_model import TransitionModel
+from diagnosis.hypotheses.force_forms import COMPONENTS, ForceForms
+from tests.support.diagnosis_cases import full_steps, pushed_trials
+
+
+@pytest.fixture(scope="module")
+def arranged() -> tuple:
+    steps = full_steps(0.5)
+    data = grid_trials(pushed_trials(3), steps.ship.inputs, 3.0, steps.h)
+    z = initial_trajectory(steps, data, steps.ship.values).z
+    middle = 0.5 * (z[:-1] + z[1:])
+    return steps, data, middle, ForceForms(steps, data, middle)
+
+
+def test_gradients_are_those_of_finite_differences(arranged: tuple) -> None:
+    steps, data, middle, forms = arranged
+    here = forms.on(data, middle)
+    smooth = slice(forms.named, None)
+    for s in range(2, 6):
+        ends = []
+        for sign in (1, -1):
+            moved = middle.copy()
+            moved[..., s] += sign * 1e-5
+            ends.append(forms.on(data, moved).values[smooth])
+        slope = (ends[0] - ends[1]) / 2e-5
+        expected = here.gradients[smooth][..., s]
+        assert np.abs(expected - slope).max() < 1e-4 * max(np.abs(slope).max(), 1e-3)
+
+
+def test_smooth_forms_are_orthogonal_and_fall_in_size(arranged: tuple) -> None:
+    _, data, middle, forms = arranged
+    values = forms.on(data, middle).values[forms.named :][:, data.inside]
+    gram = values @ values.T / values.shape[1]
+    sizes = np.sqrt(np.diag(gram))
+    assert len(values) == COMPONENTS and sizes[0] == pytest.approx(1.0) and (np.diff(sizes) < 1e-9).all()
+    assert np.abs(gram - np.diag(np.diag(gram))).max() < 1e-9
+
+
+def test_units_are_those_of_the_first_trials(arranged: tuple) -> None:
+    """On other trials a form keeps its unit, so that a coefficient means the same force there."""
+    steps, data, middle, forms = arranged
+    u = forms.on(data, middle).at("u")
+    twice = middle.copy()
+    twice[..., 3] *= 2
+    np.testing.assert_allclose(forms.on(data, twice).values[u], 2 * forms.on(data, middle).values[u])
+
+
+def test_a_ship_with_twin_rudders_and_a_thruster_has_forms_of_each_input() -> None:
+    ship = with_effects(load_ship("vectwin_3m"), ["tow:X=0.0,Y=0.0,N=0.0"])
+    steps = TransitionModel(ship, [], 0.5, compiled=False)
+    trials = pushed_trials(3, runs=(("random:11", 40.0),), ship=load_ship("vectwin_3m"))
+    data = grid_trials(trials, ship.inputs, 3.0, steps.h)
+    z = initial_trajectory(steps, data, ship.values).z
+    middle = 0.5 * (z[:-1] + z[1:])
+    names = ForceForms(steps, data, middle).on(data, middle).names
+    assert {"delta_port", "delta_starboard|delta_starboard|"} <= set(names)
