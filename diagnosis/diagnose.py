@@ -17,9 +17,18 @@ from diagnosis import summary
 from diagnosis.estimation.candidates import find
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
 from diagnosis.estimation.map_estimate import Estimate
-from diagnosis.findings import DiagnosisInputs, HeldOut, InstrumentFault, LearnedResidual, RandomSizes, Unnamed
+from diagnosis.findings import (
+    DiagnosisInputs,
+    HeldOut,
+    InstrumentFault,
+    LearnedResidual,
+    RandomSizes,
+    UnexplainedForce,
+    Unnamed,
+)
 from diagnosis.hypotheses.forward_selection import LEVEL, SearchProblem, Selection, select_effects
-from diagnosis.hypotheses.next_test import next_test
+from diagnosis.hypotheses.next_test import next_test, telling_test
+from diagnosis.hypotheses.unexplained_force import estimated_force, unexplained_force
 from diagnosis.hypotheses.unnamed import UnnamedForms, unnamed_forms
 from diagnosis.inputs import CalibrationTrials, calibration_trials, diagnosable, independent_tests
 from diagnosis.location.where import where
@@ -123,10 +132,14 @@ def _diagnosed(
     LOGGER.info("locating the gap and planning the next test")
     place = where(p.steps.model.controls, p.data, found.null, ship, final if is_named else None)
     advice = _advice(ready, found, same, is_named, ship)
+    after_all = summary.fitted_ship(ship, ready.full, final, named) if is_named else ship_before
+    unexplained = None
+    if verdict == "unknown" or remainder:
+        unexplained = _unexplained(p, final, after if is_named else before, after_all)
     timings["total"] = time.perf_counter() - began
     return Diagnosis(
         verdict=verdict,
-        sentence=sentence_of(verdict, effects, same, remainder, result.held, found),
+        sentence=sentence_of(verdict, effects, same, remainder, result.held, found, unexplained),
         effects=effects,
         instruments=instruments,
         equivalence_class=same,
@@ -143,9 +156,10 @@ def _diagnosed(
             {"all": after.log_bayes, "single": after.single, **after.by_kind},
         ),
         kinematics=_sensor_sentences(sensors, instruments),
+        unexplained_force=unexplained,
         timings=timings,
         inputs=DiagnosisInputs(),
-        ship=summary.fitted_ship(ship, ready.full, final, named) if is_named else ship_before,
+        ship=after_all,
         before=ship_before,
         null=found.null,
         final=final,
@@ -165,6 +179,12 @@ def _like_training(tests: Sequence[Trial], ready: Prepared) -> GriddedTrials | N
         return None
     ship, h = ready.full.ship, ready.problem.data.h
     return grid_trials(tests, ship.inputs, float(ship.particulars["L"]), h, ready.straight).thinned(ready.gap)
+
+
+def _unexplained(p: SearchProblem, fit: Estimate, left: UnnamedForms, ship: Ship) -> UnexplainedForce:
+    """What is left unexplained at a fit, with the manoeuvre that would tell more of it."""
+    found = estimated_force(left)
+    return unexplained_force(p.data, fit, left.p_value, found, ship, telling_test(p, fit, found, ship))
 
 
 def _advice(ready: Prepared, found: Selection, same: Sequence[str], is_named: bool, ship: Ship) -> str:

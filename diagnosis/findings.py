@@ -193,6 +193,55 @@ class Unnamed:
         return max(kinds, key=kinds.__getitem__, default="")
 
 
+@dataclass(frozen=True)
+class UnexplainedChannel:
+    """A channel of the unexplained force: rms with its 90 % interval, mean, and share of the energy of all channels."""
+
+    force_rms: Real
+    interval_90: tuple[Real, Real]
+    mean: Real
+    unit: str
+    share: Real
+
+
+@dataclass(frozen=True)
+class UnexplainedTime:
+    """A stretch of a trial in which the unexplained force is largest, in the channel that stands out most there.
+
+    start, end: since the begin of the trial [s]; force_rms, mean: in the ``unit`` of the channel.
+    """
+
+    trial: str
+    start: Real
+    end: Real
+    channel: str
+    force_rms: Real
+    mean: Real
+    unit: str
+
+
+@dataclass(frozen=True)
+class UnexplainedForce:
+    """What is left unexplained, as one force that depends on motion, inputs, wind and place in an unnamed way.
+
+    p_value: probability that chance leaves as much; follows: rows variable, channel, explained (share of the channel's
+    mean square), at, mean, the best first, of the force less its mean; times: where it is largest; advice: the
+    manoeuvre that would tell more. force, std: (K, R, 3) [N, N, N m] and standard deviation, None after reading.
+    """
+
+    p_value: Real
+    channels: Mapping[str, UnexplainedChannel]
+    follows: tuple[Mapping[str, Any], ...]
+    times: tuple[UnexplainedTime, ...]
+    advice: str
+    force: Any = None
+    std: Any = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """The part "unexplained_force" of ``diagnosis.json``."""
+        return {name: value for name, value in vars(self).items() if name not in ("force", "std")}
+
+
 @dataclass(frozen=True, kw_only=True)
 class DiagnosisRecord:
     """What ``diagnosis.json`` holds under the names of the attributes.
@@ -200,7 +249,7 @@ class DiagnosisRecord:
     verdict: "none", "named" or "unknown"; sentence: it in words. instruments: faults of instruments, which
     are no effects. not_screened: effects that could not be tested, and why. noise: sizes of what is random. kinematics:
     sentences on faults of instruments. learned: how much a learned residual closes of the remainder (None: not
-    measured).
+    measured). unexplained_force: what is left unexplained (None: nothing is).
     """
 
     verdict: str
@@ -220,6 +269,7 @@ class DiagnosisRecord:
     kinematics: tuple[str, ...]
     timings: Mapping[str, float]
     learned: LearnedResidual | None = None
+    unexplained_force: UnexplainedForce | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -41,7 +41,7 @@ class Forms:
 
 
 def unit(values: np.ndarray, mask: np.ndarray) -> float:
-    """One over the root mean square of ``values`` where ``mask`` counts; 0 where there is nothing."""
+    """One over the root mean square of ``values`` (K, R) where ``mask`` (K, R) counts; 0 where there is nothing."""
     size = float(np.sqrt((values[mask] ** 2).mean()))
     return 1 / size if size > 1e-12 else 0.0
 

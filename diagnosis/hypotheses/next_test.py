@@ -15,11 +15,13 @@ import numpy as np
 
 from cases.trial import Trial
 from diagnosis.estimation.candidates import Candidate
-from diagnosis.estimation.gridded_trials import grid_trials
+from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
 from diagnosis.estimation.linearisation import Point, Trajectory, linearise_and_filter
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import get_values, mean_over_windows, priors_of_effects
+from diagnosis.estimation.transition_model import LinearModel
 from diagnosis.hypotheses.forward_selection import SearchProblem
+from diagnosis.hypotheses.unexplained_force import ForceEstimate
 from fitting.design.candidates import Option, library
 from fitting.design.next_trial import runs
 from mmg.motion.froude import time_scale
@@ -29,8 +31,8 @@ SECONDS = 150.0
 """Time at sea of each manoeuvre [s of a 3 m model]."""
 AIM = 10.0
 """Standard error of a size that is good to have [% of it]."""
-TELLS_APART = 6.6
-"""Misfit that tells two explanations apart at 1 %."""
+TELLS_APART, MANY = 6.6, 50
+"""Misfit that tells two explanations apart at 1 %, and repetitions of a manoeuvre that nobody would run."""
 
 
 def next_test(problem: SearchProblem, first: Estimate, candidates: Sequence[Candidate], ship: Ship) -> str:
@@ -44,8 +46,7 @@ def next_test(problem: SearchProblem, first: Estimate, candidates: Sequence[Cand
         theta[problem.steps.ship.symbols.index(s)] = float(np.sqrt(np.mean(np.square(own))))
     first = replace(first, theta=theta)
     k = time_scale(ship.particulars["L"])
-    chosen = [o for o in library(ship) if not o.name.endswith("half speed") or o.maneuver.startswith("zigzag:20")]
-    options, trials, _ = runs(ship, chosen, SECONDS * k, problem.data.h)
+    options, trials = _simulated(problem, ship)
     if not options:
         return ""
     one, *others = candidates
@@ -66,9 +67,66 @@ def next_test(problem: SearchProblem, first: Estimate, candidates: Sequence[Cand
     if worst[best] >= TELLS_APART:
         return words + f" (expected misfit of the wrong one: {worst[best]:.0f}, 6.6 suffices)."
     times = TELLS_APART / max(worst[best], 1e-6)
-    if times > 50:
+    if times > MANY:
         return f"No manoeuvre of the library would tell {rivals}: look at the instruments and the place instead."
     return words + f", about {np.ceil(times):.0f} times (one is expected to bring {worst[best]:.1f} of 6.6)."
+
+
+def telling_test(problem: SearchProblem, fit: Estimate, found: ForceEstimate, ship: Ship) -> str:
+    """The manoeuvre in which the unexplained force ``found`` would show most, in a sentence.
+
+    problem: the search; fit: at which the force was estimated; ship: as fitted there. The misfit of a ship without the
+    force is what is left of its whitened response when the free coefficients have taken what they can.
+    """
+    options, trials = _simulated(problem, ship)
+    if not options:
+        return ""
+    fit = replace(fit, theta=mean_over_windows(fit.theta))
+    misfits = [_shown(problem, fit, found, trial) for trial in trials]
+    best = int(np.argmax(misfits))
+    seconds = SECONDS * time_scale(ship.particulars["L"])
+    words = f"To know more of it: {_order(options[best])} of {seconds:.0f} s, in which it would show most"
+    times = int(np.ceil(TELLS_APART / max(misfits[best], 1e-6)))
+    if times > MANY:
+        return "No manoeuvre of the library would show it clearly: repeat the trials in which it is largest."
+    return words + ("." if times == 1 else f", about {times} times.")
+
+
+def _shown(problem: SearchProblem, fit: Estimate, found: ForceEstimate, trial: Trial) -> float:
+    """Misfit in one run of a manoeuvre of the model without the force."""
+    data, path = _rolled_out(problem, fit.theta, trial)
+    force = found.on(data, 0.5 * (path.z[:-1] + path.z[1:]))
+    kept = [c.run is None for c in fit.free.columns]
+    free = fit.free.only(kept)
+    point = Point(fit.theta, free, np.zeros(len(free.columns)), path, fit.noise)
+
+    def pushed(linear: LinearModel) -> tuple[np.ndarray, np.ndarray]:
+        response = np.einsum("krac,krc->kra", linear.force, force)[..., None]
+        return response, np.zeros((*data.good.shape, 1))
+
+    linearised = linearise_and_filter(problem.steps, data, point, extra=pushed)
+    flat = np.nan_to_num(linearised.white[..., :-1]).reshape(-1, len(free.columns) + 1)
+    gram = flat.T @ flat
+    known = np.linalg.inv(fit.covariance[np.ix_(kept, kept)])
+    return float(gram[-1, -1] - gram[-1, :-1] @ np.linalg.solve(gram[:-1, :-1] + known, gram[:-1, -1]))
+
+
+def _simulated(problem: SearchProblem, ship: Ship) -> tuple[list[Option], list[Trial]]:
+    """The manoeuvres of the library that the ``ship`` can run, and a run of each."""
+    chosen = [o for o in library(ship) if not o.name.endswith("half speed") or o.maneuver.startswith("zigzag:20")]
+    seconds = SECONDS * time_scale(ship.particulars["L"])
+    return runs(ship, chosen, seconds, problem.data.h)[:2]
+
+
+def _rolled_out(problem: SearchProblem, theta: np.ndarray, trial: Trial) -> tuple[GriddedTrials, Trajectory]:
+    """A ``trial`` on the grid of the ``problem``, and the path of the model without latent force from its begin."""
+    steps = problem.steps
+    data = grid_trials([trial], steps.ship.inputs, float(steps.ship.particulars["L"]), problem.data.h)
+    K, R = data.inputs.shape[:2]
+    z = np.repeat(steps.settled(data.y[0].T, data.inputs[0].T, theta).T[None], K + 1, axis=0)
+    for k in range(K):
+        z[k + 1] = steps.advance(z[k].T, data.inputs[k].T, theta).T
+    return data, Trajectory(z, np.zeros((K + 1, R, 3)))
 
 
 def _order(option: Option) -> str:
@@ -80,13 +138,8 @@ def _misfits(
     problem: SearchProblem, first: Estimate, one: Candidate, others: Sequence[Candidate], trial: Trial
 ) -> np.ndarray:
     """Misfit of each other effect in place of the first (or of none, without others) in one run of a manoeuvre."""
-    steps, data = problem.steps, grid_trials([trial], problem.steps.ship.inputs, _length(problem), problem.data.h)
-    every = np.arange(steps.S)
-    K, R = data.inputs.shape[:2]
-    z = np.repeat(steps.settled(data.y[0].T, data.inputs[0].T, first.theta).T[None], K + 1, axis=0)
-    for k in range(K):
-        z[k + 1] = steps.advance(z[k].T, data.inputs[k].T, first.theta).T
-    nothing = np.zeros((K + 1, R, 3))
+    steps = problem.steps
+    data, path = _rolled_out(problem, first.theta, trial)
     effects = [one, *others]
     more = priors_of_effects(effects)
     by_run = {c.symbol for c in first.free.columns if c.run is not None}
@@ -94,8 +147,8 @@ def _misfits(
     kept = [s in first.free.symbols and s.partition(".")[0] not in acting for s in problem.base.symbols]
     base = problem.base.only(kept)
     P, free = len(base.symbols), base + more
-    point = Point(first.theta, free, np.zeros(len(free.mean)), Trajectory(z, nothing), first.noise)
-    linearised = linearise_and_filter(steps, data, point, every)
+    point = Point(first.theta, free, np.zeros(len(free.mean)), path, first.noise)
+    linearised = linearise_and_filter(steps, data, point, np.arange(steps.S))
     flat = np.nan_to_num(linearised.white[..., :-1]).reshape(-1, len(free.mean))
     gram = flat.T @ flat
     known = [first.free.columns.index(c) for c in base.columns]
@@ -113,8 +166,3 @@ def _misfits(
         misfit.append(float(phi @ rest @ phi))
         at += len(e.symbols)
     return np.array(misfit)
-
-
-def _length(problem: SearchProblem) -> float:
-    """Length of the ship [m]."""
-    return float(problem.steps.ship.particulars["L"])

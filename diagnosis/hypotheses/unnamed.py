@@ -6,6 +6,7 @@ prior on their sizes, averaged over SIZES: it grows only if there is something, 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -69,7 +70,7 @@ class UnnamedSlopes:
         logs = {name: log_bayes(g, S, at, allowed[at].max()) for name, at in own.items()}
         mixture = np.logaddexp.reduce(np.stack(list(logs.values())), axis=0) - np.log(len(logs))
         single = np.isin(kinds, FORCES)
-        each = _log_bayes_of(g[..., single, None], np.diag(S)[single, None], 0.0)
+        each = _log_bayes_of(g[..., single, None], np.diag(S)[single, None])
         return mixture, each.max(axis=-1) - np.log(single.sum()), logs
 
 
@@ -144,22 +145,26 @@ def unnamed_slopes(steps: TransitionModel, data: GriddedTrials, found: Point) ->
     return UnnamedSlopes(g, S, forms, ratios)
 
 
-def log_bayes(g: np.ndarray, S: np.ndarray, chosen: np.ndarray, tolerance: float = 0.0) -> np.ndarray:
-    """Log Bayes factors (...) of the columns ``chosen`` (C,), averaged over the prior sizes SIZES above the tolerance.
+def log_bayes(
+    g: np.ndarray, S: np.ndarray, chosen: np.ndarray, tolerance: float = 0.0, sizes: Sequence[float] = SIZES
+) -> np.ndarray:
+    """Log Bayes factors (...) of the columns ``chosen`` (C,), averaged over the prior ``sizes`` above the tolerance.
 
     g: (..., C) slopes of the log likelihood along all columns; S: (C, C) their information; tolerance: standard
     deviation of what a column may be off where nothing is wrong, too.
     """
     g, S = g[..., chosen], S[np.ix_(chosen, chosen)]
     values, vectors = np.linalg.eigh(0.5 * (S + S.T))
-    return _log_bayes_of(g @ vectors, np.maximum(values, 0.0), tolerance)
+    return _log_bayes_of(g @ vectors, np.maximum(values, 0.0), tolerance, sizes)
 
 
-def _log_bayes_of(along: np.ndarray, values: np.ndarray, tolerance: float) -> np.ndarray:
+def _log_bayes_of(
+    along: np.ndarray, values: np.ndarray, tolerance: float = 0.0, sizes: Sequence[float] = SIZES
+) -> np.ndarray:
     """The same of slopes ``along`` (..., c) independent directions with information ``values`` (..., c)."""
     null = 1 + tolerance**2 * values
     logs = []
-    for a in (a for a in SIZES if a > tolerance):
+    for a in (a for a in sizes if a > tolerance):
         other = 1 + a**2 * values
         gain = along**2 * ((a**2 - tolerance**2) / (null * other)) - np.log(other / null)
         logs.append(0.5 * gain.sum(axis=-1))

@@ -16,7 +16,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from diagnosis.findings import Findings, HeldOut, RankedCandidate
-from diagnosis.report.where_figures import state_figure, track_figure
+from diagnosis.report.where_figures import state_figure, track_figure, unexplained_figure
 from fitting.report.plot_style import AFTER, ALARM, BEFORE, GREY, MEASURED, dress, new_figure
 
 COLOURS = {"named": AFTER, "class": "#7FB8D8", "": "#C4C9CE"}
@@ -197,6 +197,13 @@ def figures_for(d: Findings) -> tuple[ReportFigure, ...]:
     fit, which a diagnosis read from a folder has not."""
     where, fitted = bool(d.where), d.null is not None and d.data is not None
     every = (
+        (
+            d.unexplained_force is not None and bool(d.unexplained_force.times) and fitted, "unexplained_force",
+            "The unexplained force", unexplained_figure,
+            "Left: the force that motion, inputs, wind and place explain in an unnamed way, with its 90 % band, in the "
+            "trial in which it is largest (shaded), and in grey the whole latent force of the fit, chance included. "
+            "Right: its mean over the variable that it follows most.",
+        ),
         (
             where and fitted, "where_on_track", "The missing force on the track", track_figure,
             "Tracks from above, north up. A dot marks the start, outlines show the ship. Arrows: the surge and sway "

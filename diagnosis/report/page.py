@@ -49,7 +49,7 @@ def build_report(d: Findings, folder: Path, listed: Sequence[Mapping[str, str]])
         [PackageLoader(f"{floor}.report", "templates") for floor in ("diagnosis", "fitting")]
     )
     figures = {f["name"]: f for f in figures_of(folder, listed)}
-    names = ("where_on_track", "where_in_state", "ranking", "held_out", "shares")
+    names = ("unexplained_force", "where_on_track", "where_in_state", "ranking", "held_out", "shares")
     return templates.get_template("diagnosis.html.j2").render(
         d=d,
         words=words,
@@ -71,7 +71,7 @@ def _what(d: Findings) -> str:
     what, nearest = "The cause is not in the library of effects, or several act at once.", d.unnamed.strongest
     for best in words.ranking(d)[:1]:
         what += f" The nearest is {best['name']}: {best['meaning'][:1].lower()}{best['meaning'][1:]}"
-    if nearest and d.unnamed.before[nearest] > 1.1:
+    if nearest and d.unexplained_force is not None:
         what += f" Among the unnamed forms it acts most like {words.kind_words(nearest)}."
     return what
 

@@ -140,3 +140,41 @@ def plot_variable(row: Mapping[str, Any], ax: Axes) -> None:
     share = max(0.0, row["explained"])
     weight = "bold" if share > 0.2 else "normal"
     ax.set_title(f"explains {100 * share:.0f} % of {row['channel']}", fontsize=8.5, loc="left", fontweight=weight)
+
+
+def unexplained_figure(d: Findings) -> Figure:
+    """The unexplained force of ``d`` through the trials in which it is largest, with the 90 % band and the latent force;
+    beside it what each channel follows most.
+
+    d: with its fit and data, which findings read from a folder have not.
+    """
+    missing, data, fit = d.unexplained_force, d.data, d.final if d.effects else d.null
+    assert missing is not None and data is not None and fit is not None
+    shown = [name for name, row in missing.channels.items() if row.force_rms > 0] or list(missing.channels)[:1]
+    time = missing.times[0]
+    windows = np.flatnonzero(data.run == data.trials.index(time.trial))
+    figure = new_figure(0.6 + 2.4 * len(shown))
+    axes = np.atleast_2d(figure.subplots(len(shown), 2, width_ratios=[2.0, 1.0]))
+    for (left, right), name in zip(axes, shown, strict=True):
+        c, unit = list(missing.channels).index(name), missing.channels[name].unit
+        dress(left, "time [s]", f"{name} [{unit}]", f"{time.trial}" if name == shown[0] else "")
+        left.axvspan(time.start, time.end, color="#F3EBDD", zorder=0)
+        for w in windows:
+            rows = slice(0, data.steps[w])
+            t, mean, std = data.t[rows, w], missing.force[rows, w, c], missing.std[rows, w, c]
+            first = w == windows[0]
+            label = "latent force of the fit (chance included)" if first else ""
+            left.plot(t, fit.path.force[rows, w, c], color="#B9B9B9", lw=0.9, label=label)
+            left.fill_between(t, mean - 1.64 * std, mean + 1.64 * std, color=AFTER, alpha=0.25, lw=0)
+            left.plot(t, mean, color=AFTER, lw=1.6, label="unexplained force, 90 % band" if first else "")
+        row = next((v for v in missing.follows if v["channel"] == name), None)
+        if row is None:
+            right.axis("off")
+            continue
+        factor, shown_as = shown_unit(row["unit"])
+        dress(right, f"{row['variable']} [{shown_as}]", "less its mean", f"explains {100 * row['explained']:.0f} %")
+        right.axhline(0.0, color=MEASURED, lw=0.8)
+        right.plot(factor * np.array(row["at"]), row["mean"], color=AFTER, marker="o", ms=4, lw=1.5)
+        right.xaxis.set_major_locator(MultipleLocator(90) if row["variable"] in TURN_BACK else MaxNLocator(5))
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper left", ncols=2, fontsize=9, frameon=False)
+    return figure

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from diagnosis.findings import Findings
+from diagnosis.findings import Findings, UnexplainedForce
 
 SIDES = {
     "surge": ("ahead", "astern"), "sway": ("to starboard", "to port"), "yaw": ("bow to starboard", "bow to port"),
@@ -119,3 +119,40 @@ def _extreme(v: Mapping[str, Any]) -> str:
     if unit == "deg" and v["variable"] in TURN_BACK:
         place = f"{v['variable']} {round(factor * v['at'][at]) % 360}°"
     return f"strongest at {place}: {abs(v['mean'][at]):.2g} {v['force_unit']} {side} on average"
+
+
+def unexplained_words(m: UnexplainedForce) -> list[str]:
+    """The unexplained force ``m`` in a few sentences: its channels, what it follows, when it is largest."""
+    channels = sorted(m.channels.items(), key=lambda item: -item[1].share)
+    each = [
+        f"{c.force_rms:.2g} {c.unit} rms in {name} (90 % interval {c.interval_90[0]:.2g} to {c.interval_90[1]:.2g})"
+        for name, c in channels
+        if c.share > FOLLOWED
+    ]
+    if not each:
+        return ["It does not act like a force that motion, inputs, wind or place could explain."]
+    words = [f"It acts like a force of {' and '.join(each)}."]
+    name, first = channels[0]
+    constant = first.mean**2 / max(first.force_rms**2, 1e-300)
+    if constant > 0.5:
+        words.append(f"{percent(constant)} of it in {name} is constant through the trials.")
+    own = [v for v in m.follows if v["channel"] == name and v["explained"] > FOLLOWED][:2]
+    if own:
+        names = [f"the {PLAIN.get(v['variable'], v['variable'])} ({percent(v['explained'])} of it)" for v in own]
+        words.append(f"In {name} it follows {' and '.join(names)}, {_extreme(own[0])}.")
+    if m.times:
+        t = m.times[0]
+        side = SIDES[t.channel][0 if t.mean > 0 else 1]
+        size = f"{abs(t.mean):.2g} {t.unit} {side} on average"
+        words.append(f"It is largest in {t.trial} from {t.start:.0f} to {t.end:.0f} s ({t.channel}, {size}).")
+    return words
+
+
+def unexplained_hint(m: UnexplainedForce | None) -> str:
+    """Where the unexplained force ``m`` lives, in half a sentence for the verdict, or nothing."""
+    if m is None or not m.channels:
+        return ""
+    name, first = max(m.channels.items(), key=lambda item: item[1].share)
+    own = [v for v in m.follows if v["channel"] == name and v["explained"] > FOLLOWED][:1]
+    follows = f" and follows the {PLAIN.get(own[0]['variable'], own[0]['variable'])}" if own else ""
+    return f" It acts mostly in {name}{follows}." if first.force_rms > 0 else ""

@@ -7,9 +7,17 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from diagnosis.findings import EstimatedParameter, Findings, HeldOut, LearnedResidual, NamedEffect, RankedCandidate
+from diagnosis.findings import (
+    EstimatedParameter,
+    Findings,
+    HeldOut,
+    LearnedResidual,
+    NamedEffect,
+    RankedCandidate,
+    UnexplainedForce,
+)
 from diagnosis.hypotheses.forward_selection import Selection
-from diagnosis.report.where_words import PLAIN, first_channel, percent, shown_unit
+from diagnosis.report.where_words import PLAIN, first_channel, percent, shown_unit, unexplained_hint
 from fitting.report.words import plus_minus
 from mmg.effects import EFFECTS
 from mmg.effects.effect import Parameter
@@ -165,7 +173,11 @@ def next_words(d: Findings) -> str:
     energy = {r["run"]: r["force_rms"] for r in d.where.get("runs", []) if r["channel"] == first_channel(d)}
     runs = sorted(energy, key=lambda name: -energy[name])[:2]
     follows = [v for v in d.where.get("variables", []) if v["channel"] == first_channel(d)][:1]
-    words = f"Repeat {' and '.join(runs)}, where most is missing" if runs else "Repeat the trials"
+    words, rest = "", d.unexplained_force
+    if rest is not None:
+        runs = [t.trial for t in rest.times[:2]] or runs
+        words = f"{readable(rest.advice)} " if rest.advice else ""
+    words += f"Repeat {' and '.join(runs)}, where most is missing" if runs else "Repeat the trials"
     if follows:
         words += f", with another {PLAIN.get(follows[0]['variable'], follows[0]['variable'])}"
     return words + "; if the same is missing again it belongs to the ship, otherwise to the place or the day."
@@ -239,8 +251,10 @@ def unnamed_words(d: Findings) -> str:
     )
     if d.verdict == "named" and after is not None:
         words += f" before and {signed(after, '.1f')} after the effect was added"
-    words += " (above 1.1 something is left unexplained)."
-    if top and before > 1.1:
+    if d.unexplained_force is None:
+        return words + ", no more than chance."
+    words += f"; chance leaves as much with probability {probability(d.unexplained_force.p_value)}."
+    if top:
         words += f" Strongest by itself: {top} ({signed(d.unnamed.before[top], '.1f')})."
     return words
 
@@ -258,17 +272,20 @@ def sentence_of(
     remainder: bool,
     held: HeldOut | None,
     found: Selection,
+    missing: UnexplainedForce | None = None,
 ) -> str:
     """The diagnosis in one sentence, for the top of the report.
 
     verdict: "none", "named" or "unknown"; effects: those named; same: effects that the data cannot tell from the first;
-    remainder: whether something is left unexplained; held: the check on test trials; found: the selection.
+    remainder: whether something is left unexplained; held: the check on test trials; found: the selection;
+    missing: what is left unexplained.
     """
     if verdict == "none":
         return "No effect beyond the ship's model is needed to explain these trials: what remains looks like chance."
     if verdict == "unknown":
         nearest = next((r.candidate.effect for s in found.searches[:1] for r in s.refitted), "")
         hint = f" The nearest known effect, {nearest}, does not account for it." if nearest else ""
+        hint += unexplained_hint(missing)
         return f"Something is missing in the model, but none of the known effects explains it.{hint}"
     named = "; ".join(f"{e.name} ({amount(e)})" for e in effects)
     words = f"The trials point to {named}"
@@ -279,4 +296,4 @@ def sentence_of(
             f"; with it the error of 30 s predictions of the test trials changes by {-held.reduction:+.0%} "
             f"(90 % interval {-held.interval_90[1]:+.0%} to {-held.interval_90[0]:+.0%})"
         )
-    return words + (". A part of the gap remains unexplained." if remainder else ".")
+    return words + (f". A part of the gap remains unexplained.{unexplained_hint(missing)}" if remainder else ".")

@@ -21,7 +21,7 @@ pytestmark = pytest.mark.usefixtures("blank_figures")
 KEYS = {
     "schema_version", "verdict", "effects", "equivalence_class", "remainder", "candidates", "where", "held_out",
     "next_test", "warnings", "messages", "sentence", "kinematics", "instruments", "not_screened", "unnamed", "noise",
-    "learned", "timings",
+    "learned", "unexplained_force", "timings",
 }  # fmt: skip
 RESULT_KEYS = {
     "schema_version", "kind", "command", "seed", "versions", "data", "test", "figures", "warnings", "timings_s",
@@ -58,6 +58,7 @@ def test_the_files_have_exactly_their_keys(folder: Path) -> None:
     assert keys_of(content["candidates"]) == {
         "name", "score", "p_value", "delta_bic", "excited", "absorbed_share", "parameters", "visible_from",
     }  # fmt: skip
+    assert set(content["unexplained_force"]) == {"p_value", "channels", "follows", "times", "advice"}
     assert set(content["where"]) == {"channels", "phases", "regions", "bands", "runs", "earth", "variables"}
     assert set(content["held_out"]) == {
         "mse_before", "mse_after", "reduction", "interval_90", "windows", "by_run", "likelihood_gain",

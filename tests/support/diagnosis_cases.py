@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from benchmarks.disturbed_trials import Disturbed, disturbed_trials
+from benchmarks.disturbed_trials import Disturbed, disturbed_trials, process
 from cases.shipfiles.effects import with_effects
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
@@ -143,3 +143,28 @@ def path_near(steps: TransitionModel, data: GriddedTrials, theta: np.ndarray, se
     passive = np.arange(6, steps.S)
     z = steps.with_passive_states(path.z, data.inputs, theta, path.force[:-1], passive) if len(passive) else path.z
     return Trajectory(z, path.force + 0.02 * rng.standard_normal(path.force.shape))
+
+
+FORMS = {"nn": lambda psi, n: (n / 10.0) ** 2, "cos": lambda psi, n: np.cos(psi)}
+"""Forces that none of the fitted coefficients and no random force can give, by heading and revolutions."""
+
+
+def pushed_by(
+    problem: SearchProblem, seed: int, axis: int, form: str, size: float
+) -> tuple[TransitionModel, GriddedTrials, Estimate]:
+    """The problem's windows once more with a force [N, N m] besides random ones: steps, windows, fit."""
+    steps, data, rng = problem.steps, problem.data, np.random.default_rng(seed)
+    K, R = data.inputs.shape[:2]
+    how = quiet()
+    sizes = np.array([how.X, how.Y, how.N])[:, None]
+    chance = np.array([[process(K, data.h, how.tau, rng) for _ in range(R)] for _ in range(3)])
+    y, z = data.y.copy(), steps.settled(data.y[0].T, data.inputs[0].T, steps.ship.values)
+    n = steps.model.controls.index("n")
+    for k in range(K):
+        force = sizes * chance[:, :, k]
+        force[axis] += size * FORMS[form](z[2], data.inputs[k, :, n])
+        z = steps.advance(z, data.inputs[k].T, steps.coefficients(steps.ship.values, force))
+        y[k + 1] = z[:6].T
+    seen = replace(data, y=y + WHITE * rng.standard_normal(y.shape))
+    start = initial_point(steps, seen, steps.ship.values, problem.base, initial_noise(steps.ship))
+    return steps, seen, estimate(steps, seen, start, iterations=12)

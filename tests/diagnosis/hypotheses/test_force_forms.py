@@ -24,7 +24,7 @@ def arranged() -> tuple:
 
 
 def test_gradients_are_those_of_finite_differences(arranged: tuple) -> None:
-    steps, data, middle, forms = arranged
+    _, data, middle, forms = arranged
     here = forms.on(data, middle)
     smooth = slice(forms.named, None)
     for s in range(2, 6):
@@ -49,7 +49,7 @@ def test_smooth_forms_are_orthogonal_and_fall_in_size(arranged: tuple) -> None:
 
 def test_units_are_those_of_the_first_trials(arranged: tuple) -> None:
     """On other trials a form keeps its unit, so that a coefficient means the same force there."""
-    steps, data, middle, forms = arranged
+    _, data, middle, forms = arranged
     u = forms.on(data, middle).at("u")
     twice = middle.copy()
     twice[..., 3] *= 2

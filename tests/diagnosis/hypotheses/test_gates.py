@@ -10,15 +10,13 @@ import pytest
 from scipy.stats import norm
 
 import diagnosis.hypotheses.forward_selection as hypotheses
-from benchmarks.disturbed_trials import process
 from cases.inputs import step_means, straight_means
 from cases.trial import Trial
 from diagnosis.estimation.candidates import Candidate, Column, find
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials, middle_means
 from diagnosis.estimation.kalman import NoiseModel
 from diagnosis.estimation.linearisation import Trajectory
-from diagnosis.estimation.map_estimate import Estimate, estimate, initial_point
-from diagnosis.estimation.noise_sizes import initial_noise
+from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import Priors
 from diagnosis.hypotheses.forward_selection import (
     AGREE,
@@ -31,8 +29,8 @@ from diagnosis.hypotheses.forward_selection import (
     select_effects,
 )
 from diagnosis.hypotheses.refit import BLOCK, SPARE, clusters, refit, robust_p, wald_p
-from diagnosis.hypotheses.unnamed import UnnamedForms, unnamed_forms
-from tests.support.diagnosis_cases import WHITE, full_steps, problem_of, pushed_trials, quiet, short_data
+from diagnosis.hypotheses.unnamed import unnamed_forms
+from tests.support.diagnosis_cases import full_steps, problem_of, pushed_by, pushed_trials, short_data
 
 H = 1.0
 NOISE = NoiseModel(np.ones(3), 5.0, np.ones(6), np.zeros(6), 4.0)
@@ -260,43 +258,19 @@ def test_too_few_stretches_cannot_disagree() -> None:
     assert log_off(problem, null, 15.0, 25.0)[1] == 0.0
 
 
-FORMS = {"nn": lambda psi, n: (n / 10.0) ** 2, "cos": lambda psi, n: np.cos(psi)}
-"""Forces that none of the fitted coefficients and no random force can give, by heading and revolutions."""
-
-
-def pushed_by(problem: SearchProblem, seed: int, axis: int, form: str, size: float) -> UnnamedForms:
-    """What the dictionary says of the problem's windows, once more with a force [N, N m] besides random ones."""
-    steps, data, rng = problem.steps, problem.data, np.random.default_rng(seed)
-    K, R = data.inputs.shape[:2]
-    how = quiet()
-    sizes = np.array([how.X, how.Y, how.N])[:, None]
-    chance = np.array([[process(K, data.h, how.tau, rng) for _ in range(R)] for _ in range(3)])
-    y, z = data.y.copy(), steps.settled(data.y[0].T, data.inputs[0].T, steps.ship.values)
-    n = steps.model.controls.index("n")
-    for k in range(K):
-        force = sizes * chance[:, :, k]
-        force[axis] += size * FORMS[form](z[2], data.inputs[k, :, n])
-        z = steps.advance(z, data.inputs[k].T, steps.coefficients(steps.ship.values, force))
-        y[k + 1] = z[:6].T
-    seen = replace(data, y=y + WHITE * rng.standard_normal(y.shape))
-    start = initial_point(steps, seen, steps.ship.values, problem.base, initial_noise(steps.ship))
-    null = estimate(steps, seen, start, iterations=12)
-    return unnamed_forms(steps, seen, null)
-
-
 @pytest.fixture(scope="module")
 def runs() -> SearchProblem:
     return problem_of(pushed_trials(1), H)[0]
 
 
 def test_no_single_form_is_seen_by_chance(runs: SearchProblem) -> None:
-    found = np.array([pushed_by(runs, seed, 0, "cos", 0.0).single for seed in range(6)])
+    found = np.array([unnamed_forms(*pushed_by(runs, seed, 0, "cos", 0.0)).single for seed in range(6)])
     assert found.max() < 2.0 and np.median(found) < 0.0
 
 
 @pytest.mark.parametrize(("axis", "form", "size"), [(1, "nn", 0.5), (1, "cos", 0.7), (2, "cos", 0.4)])
 def test_a_single_form_that_the_ship_lacks_is_seen(runs: SearchProblem, axis: int, form: str, size: float) -> None:
-    found = pushed_by(runs, 1, axis, form, size)
+    found = unnamed_forms(*pushed_by(runs, 1, axis, form, size))
     assert found.single > found.single_limit + 4.0
     assert max(found.by_kind, key=lambda k: found.by_kind[k]) == ("surge force", "sway force", "yaw force")[axis]
 

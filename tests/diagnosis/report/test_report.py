@@ -16,6 +16,9 @@ from diagnosis.findings import (
     NamedEffect,
     RandomSizes,
     RankedCandidate,
+    UnexplainedChannel,
+    UnexplainedForce,
+    UnexplainedTime,
     Unnamed,
 )
 from diagnosis.location.where import where
@@ -72,7 +75,21 @@ def case(verdict: str) -> Diagnosis:
         ),
         kinematics=("u and v are late by 0.7 s",),
         timings={"fit": 1.5},
+        unexplained_force=unexplained(force) if verdict != "none" else None,
     )
+
+
+def unexplained(force: np.ndarray) -> UnexplainedForce:
+    """An unexplained sway force that follows the heading."""
+    quiet, loud = (
+        UnexplainedChannel(size, (0.8 * size, 1.2 * size), 0.0, "N", share) for size, share in ((0.0, 0.0), (1.4, 1.0))
+    )
+    follows = {"variable": "heading", "unit": "rad", "channel": "sway", "force_unit": "N", "explained": 0.6}
+    follows |= {"at": [0.1, 1.5], "mean": [-1.0, 2.0]}
+    times = (UnexplainedTime("run <0>", 10.0, 30.0, "sway", 1.4, 1.1, "N"),)
+    advice = "To know more of it: turning:35, in which it would show most."
+    channels = {"surge": quiet, "sway": loud, "yaw": quiet}
+    return UnexplainedForce(0.001, channels, (follows,), times, advice, force[:-1], 0.1 + 0.0 * force[:-1])
 
 
 def text_of(html: str) -> str:
@@ -85,7 +102,7 @@ def test_page_stands_alone(tmp_path: Path, verdict: str) -> None:
     listed = write_report(case(verdict), tmp_path)
     html = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert all((tmp_path / row["file"]).read_bytes().startswith(b"\x89PNG") for row in listed)
-    assert html.count("data:image/png;base64,") == len(listed) == (5 if verdict == "named" else 4)
+    assert html.count("data:image/png;base64,") == len(listed) == {"named": 6, "unknown": 5, "none": 4}[verdict]
     assert "missing from the run folder" not in html
     assert not re.search(r'(src|href)="(?!data:|#)', html)
     text = text_of(html)
@@ -130,6 +147,8 @@ def test_verdicts_without_a_name_name_nothing() -> None:
     for text in (none, unknown):
         assert "Nothing was added" in text and "% error" not in text
     assert "no more than chance" not in unknown
+    assert "It acts like a force of 1.4 N rms in sway" in unknown and "from 10 to 30 s" in unknown
+    assert "To know more of it: turning:35" in next_words(case("unknown"))
     assert "Repeat " in next_words(case("unknown")) and "heading" in next_words(case("unknown"))
 
 
@@ -157,7 +176,13 @@ def test_a_worse_test_trial_is_marked_and_no_test_trials_are_said() -> None:
 
 def test_page_without_where_and_with_one_run(tmp_path: Path) -> None:
     d = replace(
-        case("unknown"), where={}, kinematics=(), not_screened={}, warnings=(), candidates=case("none").candidates[:1]
+        case("unknown"),
+        where={},
+        kinematics=(),
+        not_screened={},
+        warnings=(),
+        candidates=case("none").candidates[:1],
+        unexplained_force=None,
     )
     assert [row["file"] for row in write_report(d, tmp_path)] == ["figures/ranking.png"]
     assert "no lag, gain, bias or lever was seen" in (tmp_path / "report.html").read_text(encoding="utf-8")

@@ -131,7 +131,7 @@ def test_jittering_moves_states_by_the_noise_and_leaves_inputs() -> None:
     assert moved.controls is batch.controls
 
 
-def test_a_missing_force_is_learned_and_kept() -> None:
+def test_a_unexplained_force_is_learned_and_kept() -> None:
     trained = train(hybrids.ship(), hybrids.trials(hybrids.lacking()), settings=QUICK)
     assert trained.decision and trained.decision.kept, trained.decision
     batch = windows(

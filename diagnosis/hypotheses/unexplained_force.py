@@ -1,0 +1,169 @@
+"""What is left unexplained, as a force: its size by channel, what it follows, when it acts, and where it would show.
+
+The force is a sum of unnamed forms, products and smooth functions of motion, inputs and wind, whose coefficients have a
+Gaussian prior of one size in each channel. The sizes are those of the largest marginal likelihood (empirical Bayes), 0
+where that is best without any force; the force is the mean of the posterior. What the free coefficients could imitate
+is not in it.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from diagnosis.estimation.gridded_trials import GriddedTrials
+from diagnosis.estimation.linearisation import Point
+from diagnosis.findings import UnexplainedChannel, UnexplainedForce, UnexplainedTime
+from diagnosis.hypotheses.dictionary import FORCES, Dictionary
+from diagnosis.hypotheses.unnamed import UnnamedForms
+from diagnosis.location.regions import CHANNELS, UNITS, Samples, by_variable
+from diagnosis.location.situations import variables_of
+from mmg.components.rigid_body import inertia
+from mmg.motion.froude import time_scale
+from mmg.ship import Ship
+
+SIZES = (0.0, *np.geomspace(0.02, 20.0, 13).tolist())
+"""Sizes that are tried, in those of the latent force."""
+SWEEPS = 3
+"""Rounds over the channels in which the sizes are improved one by one."""
+DRAWS = 400
+"""Draws of the posterior, for intervals."""
+STRETCH = 20.0
+"""Time [s of a 3 m model] of a stretch in which the force acts most."""
+MOST = 3
+"""Stretches listed, one of each trial at the most."""
+FOLLOWED = 0.05
+"""Share of a channel that a variable must explain to be listed."""
+
+
+@dataclass(frozen=True)
+class ForceEstimate:
+    """Coefficients of the unnamed forms: mean (3, m) and joint covariance (3 m, 3 m), by channel and form, and the
+    ``dictionary`` whose forms they multiply; sizes: (3,) of the prior by channel, in those of the latent force."""
+
+    mean: np.ndarray
+    covariance: np.ndarray
+    dictionary: Dictionary
+    sizes: np.ndarray
+
+    def on(self, data: GriddedTrials, middle: np.ndarray) -> np.ndarray:
+        """The force (K, R, 3) [N, N, N m] on trials ``data`` with states ``middle`` (K, R, S) of each step."""
+        values = self.dictionary.force_forms.on(data, middle).values
+        return np.einsum("cm,mkr->krc", self.mean, values) * self.dictionary.noise.force
+
+
+def estimated_force(unnamed: UnnamedForms) -> ForceEstimate:
+    """The force that the tests of unnamed forms ``unnamed`` point to."""
+    words = unnamed.slopes.dictionary
+    chosen = np.array([kind.removeprefix("smooth ") in FORCES for kind in words.kinds])
+    # the dictionary has the channels of a form side by side
+    order = np.flatnonzero(chosen).reshape(-1, 3).T.ravel()
+    g, S = unnamed.slopes.g[order], unnamed.slopes.S[np.ix_(order, order)]
+    sizes = np.zeros(3)
+    for _, c in itertools.product(range(SWEEPS), range(3)):
+        tried = [np.where(np.arange(3) == c, a, sizes) for a in SIZES]
+        sizes = max(tried, key=lambda each: _evidence(g, S, each))
+    root = np.repeat(sizes, len(g) // 3)
+    covariance = root[:, None] * np.linalg.inv(np.eye(len(g)) + root[:, None] * S * root) * root
+    return ForceEstimate((covariance @ g).reshape(3, -1), covariance, words, sizes)
+
+
+def _evidence(g: np.ndarray, S: np.ndarray, sizes: np.ndarray) -> float:
+    """Log marginal likelihood of prior ``sizes`` (3,) against none; g: (3 m,) slopes, S: their information."""
+    root = np.repeat(sizes, len(g) // 3)
+    A = np.eye(len(g)) + root[:, None] * S * root
+    return 0.5 * float(root * g @ np.linalg.solve(A, root * g) - np.linalg.slogdet(A)[1])
+
+
+def unexplained_force(
+    data: GriddedTrials, fit: Point, p_value: float, found: ForceEstimate, ship: Ship, advice: str = ""
+) -> UnexplainedForce:
+    """The unexplained force ``found`` at a ``fit`` to ``data``, for diagnosis.json and the report.
+
+    p_value: that chance leaves as much; ship: the diagnosed one, for its masses; advice: which manoeuvre would tell
+    more, in words.
+    """
+    inside = data.inside
+    values = found.dictionary.forces.values
+    sizes = found.dictionary.noise.force
+    force = np.einsum("cm,mkr->krc", found.mean, values) * sizes
+    coefficients = {symbol: c.value for symbol, c in ship.coefficients.items()}
+    body = inertia(ship.namespace, type(ship.namespace)(**coefficients))
+    mass = np.array([body.m + body.m_x, body.m + body.m_y, body.I_z])
+    stretch = max(1, round(STRETCH * time_scale(float(ship.particulars["L"])) / data.h))
+    m = len(values)
+    spread = np.empty_like(force)
+    for c in range(3):
+        own = found.covariance[c * m : (c + 1) * m, c * m : (c + 1) * m]
+        spread[..., c] = sizes[c] * np.sqrt(np.einsum("akr,ab,bkr->kr", values, own, values, optimize=True))
+    return UnexplainedForce(
+        p_value=p_value,
+        channels=_channels(found, values[:, inside], mass),
+        follows=_follows(found, data, fit, force[inside]),
+        times=_times(data, force, mass, stretch),
+        advice=advice,
+        force=force,
+        std=spread,
+    )
+
+
+def _channels(found: ForceEstimate, values: np.ndarray, mass: np.ndarray) -> dict[str, UnexplainedChannel]:
+    """Rms by channel with its 90 % interval, and its share of the energy, from draws of the posterior; values: (m, M)
+    of the forms by sample; mass: (3,) of each channel."""
+    gram = values @ values.T / values.shape[1]
+    root = np.linalg.cholesky(found.covariance + 1e-12 * np.trace(found.covariance) * np.eye(len(found.covariance)))
+    draws = np.random.default_rng(0).standard_normal((DRAWS, len(root))) @ root.T
+    draws = draws.reshape(DRAWS, 3, -1)
+    mean = np.einsum("cm,mn,cn->c", found.mean, gram, found.mean)
+    about = np.einsum("dcm,mn,dcn->dc", found.mean + draws, gram, found.mean + draws)
+    sizes = found.dictionary.noise.force
+    rms, every = np.sqrt(mean) * sizes, np.sqrt(about) * sizes
+    low, high = np.quantile(every, [0.05, 0.95], axis=0)
+    energy = rms**2 / mass
+    means = found.mean @ values.mean(axis=1) * sizes
+    share = energy / max(energy.sum(), 1e-300)
+    return {
+        name: UnexplainedChannel(
+            float(rms[c]), (float(low[c]), float(high[c])), float(means[c]), UNITS[c], float(share[c])
+        )
+        for c, name in enumerate(CHANNELS)
+    }
+
+
+def _follows(found: ForceEstimate, data: GriddedTrials, fit: Point, force: np.ndarray) -> tuple[dict[str, Any], ...]:
+    """What the force (M, 3) less its mean follows: rows as of where["variables"], the best first."""
+    run = np.broadcast_to(data.run, data.inside.shape)[data.inside]
+    samples = Samples(force - force.mean(axis=0), None, run, data.h, found.dictionary.noise.tau)
+    square = (force**2).mean(axis=0)
+    varying = dict(zip(CHANNELS, 1 - force.mean(axis=0) ** 2 / np.maximum(square, 1e-300), strict=True))
+    variables = variables_of(list(found.dictionary.force_forms.steps.model.controls), data, fit.path.z)
+    rows = [row | {"explained": row["explained"] * varying[row["channel"]]} for row in by_variable(variables, samples)]
+    return tuple(row for row in sorted(rows, key=lambda row: -row["explained"]) if row["explained"] > FOLLOWED)
+
+
+def _times(data: GriddedTrials, force: np.ndarray, mass: np.ndarray, n: int) -> tuple[UnexplainedTime, ...]:
+    """The stretches of n steps with most energy of the force, the strongest first, one of each trial at the most."""
+    energy = force**2 / mass
+    best: dict[int, tuple[float, int, int]] = {}
+    for w, steps in enumerate(data.steps):
+        length = min(n, int(steps))
+        sums = np.concatenate([[0.0], energy[:steps, w].sum(axis=1).cumsum()])
+        means = (sums[length:] - sums[:-length]) / length
+        k = int(np.argmax(means))
+        row = (float(means[k]), w, k)
+        best[int(data.run[w])] = max(best.get(int(data.run[w]), row), row)
+    rows = []
+    for _, w, k in sorted(best.values(), reverse=True)[:MOST]:
+        part = force[k : k + n, w][: data.steps[w] - k]
+        c = int(np.argmax((part**2).mean(axis=0) / mass))
+        begin, end = data.t[k, w], data.t[min(k + n, data.steps[w]), w]
+        rms = math.sqrt(float((part[:, c] ** 2).mean()))
+        name = data.trials[data.run[w]]
+        rows.append(
+            UnexplainedTime(name, float(begin), float(end), CHANNELS[c], rms, float(part[:, c].mean()), UNITS[c])
+        )
+    return tuple(rows)

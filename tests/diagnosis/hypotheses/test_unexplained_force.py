@@ -1,0 +1,66 @@
+"""The unexplained force: it is the one that acted, in its channel, with its size and what it follows."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from diagnosis.hypotheses.forward_selection import SearchProblem
+from diagnosis.hypotheses.next_test import telling_test
+from diagnosis.hypotheses.unexplained_force import ForceEstimate, estimated_force, unexplained_force
+from diagnosis.hypotheses.unnamed import unnamed_forms
+from diagnosis.report.where_words import unexplained_hint, unexplained_words
+from tests.support.diagnosis_cases import SHIP, problem_of, pushed_by, pushed_trials
+
+SIZE = 0.6
+"""Of a sway force SIZE cos(psi) [N] that no model has."""
+
+
+@pytest.fixture(scope="module")
+def runs() -> SearchProblem:
+    return problem_of(pushed_trials(1))[0]
+
+
+@pytest.fixture(scope="module")
+def pushed(runs: SearchProblem) -> tuple:
+    steps, seen, null = pushed_by(runs, 1, 1, "cos", SIZE)
+    unnamed = unnamed_forms(steps, seen, null)
+    return seen, null, unnamed, estimated_force(unnamed)
+
+
+def test_the_force_is_that_which_acted(pushed: tuple) -> None:
+    data, null, unnamed, found = pushed
+    row = unexplained_force(data, null, unnamed.p_value, found, SHIP)
+    true = SIZE * np.cos(null.path.z[:-1, :, 2])[data.inside]
+    mine = row.force[data.inside][:, 1]
+    assert unnamed.p_value < 0.005
+    assert np.corrcoef(mine, true)[0, 1] > 0.85
+    assert row.channels["sway"].share > 0.9
+    low, high = row.channels["sway"].interval_90
+    assert low < np.sqrt((true**2).mean()) < 1.3 * high
+    inside = np.abs(mine - true) < 1.64 * row.std[data.inside][:, 1]
+    assert inside.mean() > 0.6
+    # along the track of each channel's own trial
+    assert {t.trial for t in row.times} <= set(data.trials) and row.times[0].channel == "sway"
+
+
+def test_it_is_said_in_words(pushed: tuple) -> None:
+    data, null, unnamed, found = pushed
+    row = unexplained_force(data, null, unnamed.p_value, found, SHIP)
+    words = " ".join(unexplained_words(row))
+    assert "N rms in sway (90 % interval" in words and "largest in" in words
+    assert unexplained_hint(row).startswith(" It acts mostly in sway")
+
+
+def test_nothing_is_estimated_where_nothing_acts(runs: SearchProblem) -> None:
+    steps, seen, null = pushed_by(runs, 4, 1, "cos", 0.0)
+    found = estimated_force(unnamed_forms(steps, seen, null))
+    row = unexplained_force(seen, null, 1.0, found, SHIP)
+    assert max(channel.force_rms for channel in row.channels.values()) < 0.1
+
+
+def test_a_manoeuvre_is_named_in_which_it_shows(pushed: tuple, runs: SearchProblem) -> None:
+    _, null, _, found = pushed
+    assert "mmg simulate SHIP --maneuver" in telling_test(runs, null, found, SHIP)
+    nothing = ForceEstimate(0 * found.mean, found.covariance, found.dictionary, 0 * found.sizes)
+    assert "No manoeuvre of the library" in telling_test(runs, null, nothing, SHIP)
