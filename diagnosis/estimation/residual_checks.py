@@ -15,8 +15,8 @@ from diagnosis.estimation.parameters import active_states
 from diagnosis.estimation.transition_model import TransitionModel
 
 LEAST_ROWS, BINS, NEIGHBOURS, SLOWEST = 24, 30, 3, 4
-"""Samples that a piece of a window needs for a spectrum, bands of the spectrum at most, bands on either side that a line
-is compared with (those next to it are left out), and bands of the longest periods that are not looked at."""
+"""Samples that a piece of a window needs for a spectrum, bands of the spectrum at most, bands on either side that a
+line is compared with (those next to it are left out), and bands of the longest periods that are not looked at."""
 
 
 @np.errstate(all="ignore")

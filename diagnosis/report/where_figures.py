@@ -143,8 +143,8 @@ def plot_variable(row: Mapping[str, Any], ax: Axes) -> None:
 
 
 def unexplained_figure(d: Findings) -> Figure:
-    """The unexplained force of ``d`` through the trials in which it is largest, with the 90 % band and the latent force;
-    beside it what each channel follows most.
+    """The unexplained force of ``d`` through the trials in which it is largest, with the 90 % band and the latent
+    force; beside it what each channel follows most.
 
     d: with its fit and data, which findings read from a folder have not.
     """
