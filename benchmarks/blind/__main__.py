@@ -17,7 +17,9 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.blind.controls import own_floors, report, white_rankings
+from benchmarks.blind.generator.deal import KINDS
 from benchmarks.blind.generator.world import WORLDS
+from benchmarks.blind.musts import musts
 from benchmarks.blind.rows import Refused, Row, rows_of, with_own
 from benchmarks.blind.score import scored
 from benchmarks.blind.solve import cases_of, solve
@@ -40,7 +42,7 @@ def main(arguments: list[str] | None = None) -> int:
             here = [part for part in parts if part[1] == chosen]
             rows, white = _rows(out, here, digests, answers, given)
             hashes = ", ".join(f"{kind} {digests[kind, chosen][:16]}..." for kind, _ in here)
-            lines += [f"Manoeuvres: {chosen}. Keys (SHA-256): {hashes}.", "", *scored(rows), ""]
+            lines += [f"Manoeuvres: {chosen}. Keys (SHA-256): {hashes}.", "", *musts(rows), *scored(rows), ""]
             lines += [*report(rows, white), ""]
     except Refused as error:
         print(error, file=sys.stderr)
@@ -65,7 +67,7 @@ def _parsed(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--cases", type=int, default=100, help="cases of each kind and set")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--kinds", default="mix", help="comma-separated: mix, library, null, foreign, pair, misfit")
+    parser.add_argument("--kinds", default="mix", help="comma-separated: " + ", ".join(KINDS))
     parser.add_argument("--sets", default="mixed", help="comma-separated: mixed, zigzag, turn, random, berthing")
     parser.add_argument("--world", default="pond", help="ship, noise and numerics: " + ", ".join(WORLDS))
     parser.add_argument("--out", type=Path, help="folder (default: runs/blind_SEED, with the world)")

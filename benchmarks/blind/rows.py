@@ -200,7 +200,7 @@ def errors_off(row: Row) -> float:
     effects that which shows less."""
     found = []
     for name, values in row.truth.items():
-        seen = next((c.get("visible_from", {}) for c in row.ranking if c["name"] == name), {})
+        seen: Mapping[str, float] = next((c.get("visible_from", {}) for c in row.ranking if c["name"] == name), {})
         off = [3 * abs(values[s] - _sizes(name, row.ship)[s][0]) / size for s, size in seen.items() if s in values]
         found.append(max(off, default=0.0))
     return min(found, default=0.0)

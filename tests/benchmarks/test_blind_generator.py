@@ -9,27 +9,32 @@ import sys
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from benchmarks.blind.generator.calibration import costs
 from benchmarks.blind.generator.cases import WINDOW, Case, Runs, floors, run
 from benchmarks.blind.generator.coefficients import DRAWN, scaled_ship, ship_numbers, true_coefficients
 from benchmarks.blind.generator.controls import SETS
 from benchmarks.blind.generator.deal import LIBRARY, NULL_SHARE, Hand, deal
-from benchmarks.blind.generator.effect import Effect
+from benchmarks.blind.generator.effect import Drawn, Effect
 from benchmarks.blind.generator.foreign import FOREIGN, MISFIT
 from benchmarks.blind.generator.machinery import follow
-from benchmarks.blind.generator.plant import plant_of, rates
+from benchmarks.blind.generator.plant import parts_of, plant_of, rates
+from benchmarks.blind.generator.strangers import NEW, SPELLED, STRANGERS
 from benchmarks.blind.generator.wide import RANGES, STEP, TOTAL, halves, own_runs, own_world
 from benchmarks.blind.generator.world import WORLDS, World, sensor_errors
 from benchmarks.blind.generator.write import generate
+from cases.inputs import model_inputs
 from cases.io.read import read_trials
 from cases.shipfiles.ship_file import load_ship
+from mmg.effects import EFFECTS as PACKAGE_EFFECTS
 from mmg.model import assemble
 
 ROOT = Path(__file__).parents[2]
-EFFECTS: tuple[Effect, ...] = (*LIBRARY, *FOREIGN, MISFIT)
+EFFECTS: tuple[Effect, ...] = (*LIBRARY, *FOREIGN, MISFIT, *NEW)
 NULL = Hand("null", ())
 CONTRACT = (
     "current wind_force wind_sensor_bias shallow_water bank wave_drift rudder_lag rudder_backlash rudder_offset "
@@ -38,7 +43,7 @@ CONTRACT = (
 )
 
 
-SHORTER = replace(WORLDS["pond"], duration=90.0)
+SHORTER = replace(WORLDS["pond"], duration=65.0)
 
 
 def prepared(hand: Hand = NULL, seed: int = 5, chosen: str = "mixed", world: World = WORLDS["pond"]) -> Case:
@@ -120,6 +125,25 @@ def test_the_second_ship_moves_as_the_package_has_it_by_froudes_law() -> None:
     assert np.median(off) < 2e-4 and off.max() < 0.03  # the package rounds the change from side to side
 
 
+def test_the_third_ship_moves_as_the_package_has_it() -> None:
+    """Two rudders to 105 degrees outwards, a bow thruster, ahead and astern, branch by branch."""
+    world, rng, count = WORLDS["vectwin"], np.random.default_rng(4), 3000
+    particulars, nominal = scaled_ship(world)
+    true = true_coefficients(nominal, rng, world.drawn)
+    u, v, r = rng.uniform(-0.2, 0.7, count), rng.uniform(-0.2, 0.2, count), rng.uniform(-0.1, 0.1, count)
+    state = np.stack([*rng.normal(0, 10, (2, count)), rng.uniform(-4, 4, count), u, v, r])
+    port, starboard = (np.radians(rng.uniform(*limits, count)) for limits in ((-105, 35), (-35, 105)))
+    n, bow, wind = rng.uniform(-4, 12, count), rng.uniform(-40, 40, count), rng.normal(0, 1.5, (2, count))
+    plant = plant_of(particulars, [true], [[]], count, world)
+    none = np.zeros((3, count))
+    ours = rates(plant, state, (n, starboard, *wind, port, bow), none, none[0])
+    ship = load_ship(world.ship).with_values({name: true[name] for name in world.drawn})
+    assert ship.inputs == ("n", "delta_port", "delta_starboard", "n_bow", "wind_north", "wind_east")
+    package = assemble(ship, (), exact=True).rates.map(count)
+    theirs = np.array(package(state, np.stack([n, port, starboard, bow, *wind]), np.zeros((0, count))))
+    assert np.max(np.abs(ours - theirs) / np.median(np.abs(theirs), axis=1)[:, None]) < 1e-9
+
+
 def test_a_world_has_the_noise_that_it_says() -> None:
     world = WORLDS["basin"]
     errors = sensor_errors(world, 4000, 4, np.random.default_rng(0))
@@ -154,8 +178,8 @@ def test_a_wide_world_draws_every_case_anew_over_the_whole_ranges(name: str) -> 
 
 
 def test_wide_cases_are_written_and_read_with_what_they_drew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("benchmarks.blind.generator.wide.TOTAL", 200.0)
-    monkeypatch.setattr("benchmarks.blind.generator.wide.RANGES", RANGES | {"runs": (2.0, 4.0)})
+    monkeypatch.setattr("benchmarks.blind.generator.wide.TOTAL", 160.0)
+    monkeypatch.setattr("benchmarks.blind.generator.wide.RANGES", RANGES | {"runs": (2.0, 3.0)})
     generate(tmp_path / "out", 3, 8, "null", world=WORLDS["kvlcc2_wide"])
     entries = json.loads((tmp_path / "out" / "key.json").read_text())["cases"]
     assert len({entry["conditions"]["sample"] for entry in entries}) == 3
@@ -184,7 +208,7 @@ def test_files_of_a_large_ship_are_scaled_by_froudes_law(tmp_path: Path) -> None
 
 def test_the_library_effects_are_those_of_the_contract() -> None:
     assert sorted(effect.name for effect in LIBRARY) == sorted(CONTRACT.split())
-    assert len(FOREIGN) >= 8 and len({effect.name for effect in EFFECTS}) == len(EFFECTS)
+    assert len(STRANGERS) >= 15 and len({effect.name for effect in EFFECTS}) == len(EFFECTS)
 
 
 def test_neutral_effects_leave_a_trial_as_it_is() -> None:
@@ -227,6 +251,90 @@ def test_the_lag_of_a_ramp_is_its_time_constant() -> None:
     for _ in range(200):
         y, x = follow(y, np.array([x]), np.array([x + 0.05]), T, 0.05), x + 0.05
     assert float(x - y[0]) == pytest.approx(0.4, rel=1e-6)
+
+
+def test_strangers_are_dealt_alike_and_only_where_the_ship_can_have_them() -> None:
+    hands = deal("strangers", 2 * len(STRANGERS), np.random.default_rng(0))
+    dealt = {(hand.effects[0][0].name, hand.effects[0][1]) for hand in hands}
+    assert len(dealt) == len(hands) and {level for _, level in dealt} == {"medium", "strong"}
+    assert {hand.kind for hand in hands} == {"foreign"}
+    left = deal("strangers", 200, np.random.default_rng(0), WORLDS["kvlcc2"].without)
+    assert {hand.effects[0][0].name for hand in left} == {e.name for e in STRANGERS} - {"lee_of_a_wall"}
+    assert {h.effects[0][0].name for h in deal("foreign", 200, np.random.default_rng(0))} == {e.name for e in FOREIGN}
+
+
+def form_columns(s: SimpleNamespace) -> dict[str, np.ndarray]:
+    """Products of state, inputs and wind as a dictionary of unnamed forces would hold them."""
+    a = np.hypot(s.a_x, s.a_y)
+    named = {"u": s.u, "v": s.v, "r": s.r, "n": s.n, "delta": s.delta, "|v|": np.abs(s.v), "|r|": np.abs(s.r)}
+    pairs = {f"{i} {j}": x * y for i, x in named.items() for j, y in named.items()}
+    more = {
+        "1": 0 * s.u + 1, "x": s.x, "y": s.y, "t": s.t, "u|u|": s.u * np.abs(s.u), "uuu": s.u**3,
+        "back": np.minimum(s.n, 0), "delta nn": s.delta * s.n**2, "delta uu": s.delta * s.u**2,
+        "delta|delta|": s.delta * np.abs(s.delta), "cos": np.cos(s.psi), "sin": np.sin(s.psi),
+        "cos 2": np.cos(2 * s.psi), "sin 2": np.sin(2 * s.psi), "air x": s.a_x * a, "air y": s.a_y * a,
+        "air xy": s.a_x * s.a_y,
+    }  # fmt: skip
+    return named | pairs | more
+
+
+def test_no_single_form_spells_a_stranger() -> None:
+    """Of random states no product of two of them, nor the action of an input by a shape, goes with its force."""
+    rng, count = np.random.default_rng(6), 4000
+    world = WORLDS["pond"]
+    particulars, nominal = scaled_ship(world)
+    u, v, r = rng.uniform(0.02, 0.45, count), rng.uniform(-0.12, 0.12, count), rng.uniform(-0.06, 0.06, count)
+    six = [*rng.normal(0, 6, (2, count)), rng.uniform(-3.1, 3.1, count), u, v, r]
+    n, delta, t = rng.uniform(4, 12, count), np.radians(rng.uniform(-35, 35, count)), rng.uniform(0, 150, count)
+    north, east = rng.normal(0, 1.5, (2, count))
+
+    def force(effects: list[tuple[Effect, Drawn]], off: tuple[float, float] = (0.0, 0.0)) -> np.ndarray:
+        plant = plant_of(particulars, [nominal], [effects], count, world)
+        memory = rng.normal(0, 0.3, (plant.states, count))
+        parts, *_ = parts_of(plant, np.vstack([*six, memory]), (n + off[0], delta + off[1], north, east), t)
+        return np.stack([sum(part[i] for part in parts.values()) for i in range(3)])
+
+    cosine, sine = np.cos(six[2]), np.sin(six[2])
+    air = {"a_x": north * cosine + east * sine - u, "a_y": east * cosine - north * sine - v}
+    at = SimpleNamespace(x=six[0], y=six[1], psi=six[2], u=u, v=v, r=r, n=n, delta=delta, t=t, **air)
+    forms, plain = form_columns(at), force([])
+    actions = [force([], off) - plain for off in ((1e-3, 0.0), (0.0, 1e-4))]
+    shapes = [forms[k] for k in ("1", "u", "v", "r", "|r|", "delta", "n")]
+    spelled = {}
+    for effect in (*FOREIGN, *NEW):
+        change = force([(effect, effect.draw("medium", rng, count))]) - plain
+        main = int(np.argmax(np.abs(change).mean(axis=1) / np.array([0.05, 0.2, 0.15])))
+        columns = [*forms.values(), *(action[main] * shape for action in actions for shape in shapes)]
+        if np.abs(change).max() > 1e-9:  # else it is in the actuators or the sensors
+            spelled[effect.name] = max(abs(np.corrcoef(change[main], c)[0, 1]) for c in columns if c.std() > 0)
+    assert spelled.pop(SPELLED[0]) > 0.999
+    assert len(spelled) > 20 and max(spelled.values()) < 0.97, spelled
+    assert not {effect.name for effect in STRANGERS} & {*PACKAGE_EFFECTS, *SPELLED}
+
+
+def test_twin_rudders_are_logged_and_moved_each_by_itself(tmp_path: Path) -> None:
+    offset = next(effect for effect in LIBRARY if effect.name == "rudder_offset")
+    world = replace(WORLDS["vectwin"], duration=35.0)
+    case = prepared(Hand("library", ((offset, "strong"),)), world=world)
+    runs = run([case])
+    rows = np.arange(0, world.rows, world.every)
+    for logged, real in ((runs.port, runs.signals.port), (runs.delta, runs.signals.delta)):
+        moved = (real[rows] - logged) / (0.6 + 0.4 * np.cos(logged))
+        np.testing.assert_allclose(moved, case.drawn[0][1].key["delta"], rtol=1e-9)
+    assert np.degrees(runs.port).min() < -60 and np.degrees(runs.delta).max() > 60
+    assert np.degrees(runs.port).max() < 36 and np.degrees(runs.delta).min() > -36
+    generate(tmp_path / "out", 1, 3, "null", world=world)
+    (trial, *_), ship = read_trials(tmp_path / "out" / "case_0000" / "train"), load_ship("vectwin_3m")
+    inputs, notices = model_inputs(trial, ship.inputs)
+    assert trial.dt == pytest.approx(0.25) and not notices and np.isfinite(inputs).all()
+    assert np.abs(trial["n_bow"]).max() > 10 and np.ptp(trial["n"]) == 0
+
+
+def test_what_a_cause_costs_grows_with_its_strength() -> None:
+    world = replace(WORLDS["pond"], duration=70.0)
+    effect = next(one for one in NEW if one.name == "towed_boat")
+    (ratios,) = costs([effect], world, 1).values()
+    assert 1.0 < ratios[0] < ratios[1] < ratios[2]
 
 
 def test_the_mix_is_dealt_in_its_shares() -> None:

@@ -15,6 +15,7 @@ from benchmarks.blind import __main__ as blind
 from benchmarks.blind import solve as solving
 from benchmarks.blind.controls import by_chance, own_floor, report, shuffled
 from benchmarks.blind.generator.wide import RANGES
+from benchmarks.blind.musts import musts
 from benchmarks.blind.rows import Refused, Row, closure, covered, rows_of, size_error, with_own
 from benchmarks.blind.score import by_halves, interval, measures, misses, scored
 from benchmarks.blind.solve import cases_of, solve
@@ -147,6 +148,23 @@ def test_false_alarms_of_a_wide_world_are_told_by_halves() -> None:
     assert all("50 [1, 99] 1/2 | 100 [2, 100] 1/1" in line for line in lines[3:])
     assert "| memory | 1 to 20 | 4.47 |" in lines[5]
     assert by_halves(rows()) == []
+
+
+def test_what_must_be_reached_is_compared_with_its_limits() -> None:
+    lines = {line.split(" | ")[0].strip("| "): line for line in musts(rows())}
+    assert lines["false alarms (null cases)"].endswith("| <= 0.06 | 67 [9, 99] 2/3 | no |")
+    assert lines["unknown or remainder, foreign medium and strong"].endswith("1/2 | no |")  # the weak ones not counted
+    assert lines["wrong name with nothing left over"].endswith("| <= 0.02 | 20 [4, 48] 3/15 | no |")
+    assert lines["named and right, weak"].endswith("| >= 0.60 | 33 [1, 91] 1/3 | no |")
+    assert "named and right, medium" not in lines
+    assert lines["class, mean size"].endswith("| <= 1.5 | 1.50 | yes |")
+    assert lines["pairs exact"].endswith("| >= 0.90 | 33 [1, 91] 1/3 | no |")
+    found = {"tow": {s: {"value": v, "std": 0.01} for s, v in (("X", 0.1), ("Y", 0.01), ("N", 0.0))}}
+    good = [row("library", TOW, answer("named", "tow", parameters=found), "strong")]
+    lines = {line.split(" | ")[0].strip("| "): line for line in musts(good)}
+    assert lines["named and right, strong"].endswith("1/1 | yes |")
+    assert lines["90 % intervals of size, strong"].endswith("| 0.85 to 0.95 | 100 [29, 100] 3/3 | no |")
+    assert musts([]) == []
 
 
 def test_misses_are_listed_with_their_first_candidates() -> None:

@@ -13,6 +13,7 @@ from benchmarks.blind.generator.controls import SETS, Helm, Orders, begin, order
 from benchmarks.blind.generator.deal import Hand, draw, site_of
 from benchmarks.blind.generator.effect import Drawn, Effect, History
 from benchmarks.blind.generator.plant import Array, Plant, Signals, plant_of, rollout, step
+from benchmarks.blind.generator.surroundings import DRAUGHT
 from benchmarks.blind.generator.wide import own_runs, own_world
 from benchmarks.blind.generator.world import WORLDS, World, sensor_errors
 
@@ -62,6 +63,8 @@ class Case:
         drawn = draw(hand, runs, rng)
         nominal = scaled_ship(world)[1]
         coefficients, site = true_coefficients(nominal, rng, world.drawn, world.spread), site_of(drawn, rng)
+        if "water" in site:
+            site["water"]["depth"] *= world.draught / DRAUGHT
         bank = next((one.bank for _, one in drawn if one.bank is not None), None)
         sides = rng.choice((-1.0, 1.0), runs)
         given = orders(kinds, rows, dt, sides, rng)
@@ -79,7 +82,8 @@ class Case:
 class Runs:
     """A batch that has been run: truth on the fine grid, and the records. R rows, B runs of all cases side by side.
 
-    columns: logged x, y, psi, u, v, r (R, 6, B); n, delta, speed, direction: logged actuators and wind (R, B).
+    columns: logged x, y, psi, u, v, r (R, 6, B); n, delta, speed, direction, port, bow: logged actuators and wind
+    (R, B).
     """
 
     plant: Plant
@@ -90,6 +94,8 @@ class Runs:
     delta: Array
     speed: Array
     direction: Array
+    port: Array
+    bow: Array
 
 
 def measured(plant: Plant, states: Array, rows: Array) -> Array:
@@ -106,22 +112,44 @@ def closed_loop(plant: Plant, start: Array, signals: Signals, helm: Helm) -> Arr
     rows, dt = len(helm.n), plant.dt
     states = np.empty((rows, 6 + plant.states, plant.runs))
     states[0] = np.vstack([start, np.zeros((plant.states, plant.runs))])
-    real: list[tuple[Array, Array, dict]] = [(np.empty_like(helm.n), np.empty_like(helm.n), {}) for _ in plant.effects]
-    _actuate(plant, helm, real, signals, 0)
+    gears = [Gear.of(plant, helm.n, helm.delta, signals.n, signals.delta)]
+    if plant.twin:
+        gears.append(Gear.of(plant, helm.n, helm.port, np.empty_like(helm.n), signals.port))
+    for gear in gears:
+        gear.follow(plant, 0)
+    signals.bow[0] = helm.bow[0]
     zero = np.zeros(plant.runs)
     for k in range(rows - 1):
         helm.advance(k, states[k, 2])
-        _actuate(plant, helm, real, signals, k + 1)
+        for gear in gears:
+            gear.follow(plant, k + 1)
+        signals.bow[k + 1] = helm.bow[k + 1]
         states[k + 1] = step(plant, states[k], signals, k, zero + k * dt)
     return states
 
 
-def _actuate(plant: Plant, helm: Helm, real: list[tuple[Array, Array, dict]], signals: Signals, k: int) -> None:
-    n, delta = helm.n, helm.delta
-    for (effect, e), (out_n, out_delta, memory) in zip(plant.effects, real, strict=True):
-        out_n[k], out_delta[k] = effect.actuators(n, delta, k, plant.dt, e, memory)
-        n, delta = out_n, out_delta
-    signals.n[k], signals.delta[k] = n[k], delta[k]
+@dataclass
+class Gear:
+    """Shaft and one rudder, from the handed to the real n and delta (K, B), through what the effects remember."""
+
+    n: Array
+    delta: Array
+    real: tuple[Array, Array]
+    between: list[tuple[Array, Array, dict]]
+
+    @classmethod
+    def of(cls, plant: Plant, n: Array, delta: Array, real_n: Array, real_delta: Array) -> Gear:
+        """The gear that fills ``real_n`` and ``real_delta`` from ``n`` and ``delta``."""
+        between: list[tuple[Array, Array, dict]] = [(np.empty_like(n), np.empty_like(n), {}) for _ in plant.effects]
+        return cls(n, delta, (real_n, real_delta), between)
+
+    def follow(self, plant: Plant, k: int) -> None:
+        """Fills row k, rows up to k being handed."""
+        n, delta = self.n, self.delta
+        for (effect, e), (out_n, out_delta, memory) in zip(plant.effects, self.between, strict=True):
+            out_n[k], out_delta[k] = effect.actuators(n, delta, k, plant.dt, e, memory)
+            n, delta = out_n, out_delta
+        self.real[0][k], self.real[1][k] = n[k], delta[k]
 
 
 def run(cases: list[Case]) -> Runs:
@@ -134,14 +162,16 @@ def run(cases: list[Case]) -> Runs:
     speed, direction = (np.concatenate([c.wind[i] for c in cases], axis=1) for i in range(2))
     north, east = weather.air_over_ground(speed * np.concatenate([c.gusts for c in cases], axis=1), direction)
     force = np.concatenate([c.force for c in cases], axis=2)
-    signals = Signals(np.empty((world.rows, plant.runs)), np.empty((world.rows, plant.runs)), north, east, force)
+    n, delta, port, bow = np.zeros((4, world.rows, plant.runs))
+    signals = Signals(n, delta, north, east, force, port, bow)
     helm = Helm(Orders.joined([c.orders for c in cases]), start[2], world.step)
     states = closed_loop(plant, start, signals, helm)
     rows = np.arange(0, world.rows, world.every)
     columns = measured(plant, states, rows)
     columns[:, 5] *= 1 + np.repeat([c.gyro for c in cases], runs)
     columns += np.concatenate([c.noise for c in cases], axis=2)
-    return Runs(plant, states, signals, columns, helm.n[rows], helm.delta[rows], speed[rows], direction[rows])
+    logged = (helm.n, helm.delta, speed, direction, helm.port, helm.bow)
+    return Runs(plant, states, signals, columns, *(a[rows] for a in logged))
 
 
 def floors(cases: list[Case], runs: Runs, with_effects: bool = True) -> Array:
@@ -178,5 +208,8 @@ def _as_logged(runs: Runs, world: World) -> Signals:
     """The signals with actuators as logged, straight lines between the samples."""
     t, s = np.arange(world.rows) * world.step, runs.signals
     at = np.arange(len(runs.n)) * world.sample
-    n, delta = (np.stack([np.interp(t, at, a[:, i]) for i in range(a.shape[1])], 1) for a in (runs.n, runs.delta))
-    return Signals(n, delta, s.north, s.east, s.force)
+    n, delta, port, bow = (
+        np.stack([np.interp(t, at, a[:, i]) for i in range(a.shape[1])], 1)
+        for a in (runs.n, runs.delta, runs.port, runs.bow)
+    )
+    return Signals(n, delta, s.north, s.east, s.force, port, bow)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,9 +10,11 @@ import numpy as np
 Array = np.ndarray
 
 DURATION = 150.0
-RUDDER_RATE, SHAFT_RATE = np.radians(20.0), 10.0
-"""Rate limits of the steering gear [rad/s] and of the shaft [1/s^2]."""
+RUDDER_RATE, SHAFT_RATE, BOW_RATE = np.radians(20.0), 10.0, 30.0
+"""Rate limits of the steering gear [rad/s], of the shaft and of the bow thruster [1/s^2]."""
 
+TWIN = "twin"
+"""The mixed set of a ship with two rudders; no other can run it."""
 SETS = {
     "mixed": (
         ("zigzag", "zigzag", "turn", "turn", "random", "random", "berthing"),
@@ -22,6 +24,10 @@ SETS = {
         ("zigzag", "zigzag", "turn", "turn", "random", "random", "random"),
         ("zigzag", "turn", "random", "random", "random"),
     ),
+    TWIN: (
+        ("zigzag", "zigzag", "steaming", "steaming", "harbour", "harbour", "harbour"),
+        ("zigzag", "steaming", "harbour", "harbour", "harbour"),
+    ),
     **{kind: ((kind,) * 7, (kind,) * 5) for kind in ("zigzag", "turn", "random", "berthing")},
 }
 """Runs for training and runs held out, by manoeuvre set."""
@@ -29,18 +35,21 @@ SETS = {
 
 @dataclass
 class Orders:
-    """Orders of a batch of runs on the grid: n [1/s] and delta [rad] (K, B); zigzag: rudder and heading to turn at."""
+    """Orders of a batch of runs on the grid: n [1/s] and delta [rad] (K, B); zigzag: rudder and heading to turn at;
+    the port one of two rudders and a bow thruster, which a ship with one rudder does not have."""
 
     n: Array
     delta: Array
     rudder: Array  # (B,), 0 where the run is no zigzag
     switch: Array  # (B,) [rad]
     start: Array  # (B,) time of the first execute of a zigzag [s]
+    port: Array
+    bow: Array
 
     @classmethod
     def joined(cls, several: Sequence[Orders]) -> Orders:
         """The orders of several cases side by side."""
-        names = ("n", "delta", "rudder", "switch", "start")
+        names = ("n", "delta", "rudder", "switch", "start", "port", "bow")
         return cls(*(np.concatenate([getattr(o, name) for o in several], axis=-1) for name in names))
 
 
@@ -81,14 +90,45 @@ def _berthing(count: int, dt: float, side: float, rng: np.random.Generator) -> t
     return _held(count, dt, values, seconds), _held(count, dt, delta, rng.uniform(6.0, 18.0, 30)), (0.0, 0.0, 0.0)
 
 
-_MAKERS = {"zigzag": _zigzag, "turn": _turn, "random": _random, "berthing": _berthing}
+def _steaming(count: int, dt: float, side: float, rng: np.random.Generator) -> tuple[Array, ...]:
+    """Two rudders steered together, up to 8 degrees apart, at the same revolutions throughout."""
+    both = np.radians(rng.uniform(-27.0, 27.0, 40)) * (rng.uniform(size=40) > 0.15)
+    apart, seconds = np.radians(rng.uniform(0.0, 8.0, 40)), rng.uniform(4.0, 16.0, 40)
+    pair = [_held(count, dt, both + way * apart, seconds) for way in (0.5, -0.5)]
+    return np.full(count, rng.uniform(7.0, 11.0)), pair[0], np.zeros(3), pair[1], np.zeros(count)
+
+
+def _harbour(count: int, dt: float, side: float, rng: np.random.Generator) -> tuple[Array, ...]:
+    """Two rudders by which a ship stops, hovers and turns while the propeller turns on, and a bow thruster."""
+    moves = 40
+    which, inwards = rng.integers(0, 4, moves), np.radians(rng.uniform(0.0, 35.0, moves))
+    out, other_out = np.radians(rng.uniform(45.0, 105.0, (2, moves)))
+    steer, one_side = np.radians(rng.uniform(-35.0, 35.0, moves)), rng.uniform(size=moves) < 0.5
+    starboard = np.choose(which, (steer, out, np.where(one_side, out, -inwards), 0.0 * steer))
+    port = np.choose(which, (steer, -other_out, np.where(one_side, inwards, -out), 0.0 * steer))
+    seconds = rng.uniform(6.0, 18.0, moves) * np.where(which == 1, 2.0, 1.0)
+    bow = rng.uniform(15.0, 40.0, moves) * rng.choice((-1.0, 0.0, 0.0, 1.0), moves)
+    n = np.full(count, rng.uniform(6.0, 10.0))
+    first = _held(count, dt, starboard, seconds), np.zeros(3), _held(count, dt, port, seconds)
+    return n, *first, _held(count, dt, bow, rng.uniform(6.0, 18.0, moves))
+
+
+_MAKERS: dict[str, Callable[[int, float, float, np.random.Generator], tuple]] = {
+    "zigzag": _zigzag, "turn": _turn, "random": _random, "berthing": _berthing, "steaming": _steaming,
+    "harbour": _harbour,
+}  # fmt: skip
 
 
 def orders(kinds: Sequence[str], count: int, dt: float, sides: Array, rng: np.random.Generator) -> Orders:
-    """Orders of the runs of one case; sides (B,): +1 or -1, the side of the first turn."""
+    """Orders of the runs of one case; sides (B,): +1 or -1, the side of the first turn. Where a run does not tell two
+    rudders apart the port one goes with the other."""
     made = [_MAKERS[kind](count, dt, float(side), rng) for kind, side in zip(kinds, sides, strict=True)]
-    zigzag = np.array([one[2] for one in made]).T
-    return Orders(np.stack([one[0] for one in made], 1), np.stack([one[1] for one in made], 1), *zigzag)
+    rudder, switch, start = np.array([one[2] for one in made]).T
+    pairs = [one[3:] or (one[1], np.zeros(count)) for one in made]
+    n, delta, port, bow = (
+        np.stack(columns, 1) for columns in ([m[0] for m in made], [m[1] for m in made], *zip(*pairs, strict=True))
+    )
+    return Orders(n, delta, rudder, switch, start, port, bow)
 
 
 def begin(
@@ -105,6 +145,7 @@ def begin(
     if bank is not None:
         bearing, distance = bank
         reach = {"zigzag": (2.5, 5.5), "turn": (2.5, 6.0), "random": (5.0, 11.0), "berthing": (3.0, 8.0)}
+        reach |= {"steaming": (5.0, 11.0), "harbour": (3.0, 8.0)}
         off = np.array([rng.uniform(*reach[kind]) for kind in kinds])
         along = rng.normal(0.0, 3.0, B)
         x = (distance - off) * np.cos(bearing) - along * np.sin(bearing)
@@ -125,15 +166,21 @@ class Helm:
     def __post_init__(self) -> None:
         self.n, self.delta = np.empty_like(self.orders.n), np.empty_like(self.orders.delta)
         self.n[0], self.delta[0] = self.orders.n[0], self.orders.delta[0]
+        self.port, self.bow = np.empty_like(self.n), np.empty_like(self.n)
+        self.port[0], self.bow[0] = self.orders.port[0], self.orders.bow[0]
         self._now = np.zeros(len(self.heading))
 
     def advance(self, k: int, psi: Array) -> None:
-        """Fills row k + 1 of n and delta, seeing the heading at row k."""
+        """Fills row k + 1 of n, delta, port and bow, seeing the heading at row k."""
         o, turned = self.orders, psi - self.heading
         begun = (o.rudder != 0) & (k * self.dt >= o.start)
         self._now = np.where(begun & (self._now == 0), o.rudder, self._now)
         self._now = np.where(begun & (turned * np.sign(self._now) >= o.switch), -self._now, self._now)
-        wanted = np.where(o.rudder != 0, self._now, o.delta[k])
-        most, spin = RUDDER_RATE * self.dt, SHAFT_RATE * self.dt
-        self.delta[k + 1] = self.delta[k] + np.clip(wanted - self.delta[k], -most, most)
-        self.n[k + 1] = self.n[k] + np.clip(o.n[k] - self.n[k], -spin, spin)
+        for real, ordered, rate in (
+            (self.delta, np.where(o.rudder != 0, self._now, o.delta[k]), RUDDER_RATE),
+            (self.port, np.where(o.rudder != 0, self._now, o.port[k]), RUDDER_RATE),
+            (self.n, o.n[k], SHAFT_RATE),
+            (self.bow, o.bow[k], BOW_RATE),
+        ):
+            most = rate * self.dt
+            real[k + 1] = real[k] + np.clip(ordered - real[k], -most, most)

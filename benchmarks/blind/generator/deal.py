@@ -11,9 +11,10 @@ import numpy as np
 from benchmarks.blind.generator import instruments, machinery, surroundings
 from benchmarks.blind.generator.effect import LEVELS, Drawn, Effect
 from benchmarks.blind.generator.foreign import FOREIGN, MISFIT
+from benchmarks.blind.generator.strangers import STRANGERS
 
 LIBRARY: tuple[Effect, ...] = (*surroundings.EFFECTS, *machinery.EFFECTS, *instruments.EFFECTS)
-KINDS = ("library", "null", "foreign", "pair", "misfit", "mix")
+KINDS = ("library", "null", "foreign", "strangers", "pair", "misfit", "mix")
 NULL_SHARE, FOREIGN_SHARE, DECOYS = 0.10, 0.15, 0.25
 """Shares of null and foreign cases in a mix, and of other cases with a site file that explains nothing."""
 
@@ -34,7 +35,13 @@ def _cycled(pool: list[Any], count: int, rng: np.random.Generator) -> list[Any]:
     return out[:count]
 
 
-def _hands_of(kind: str, count: int, rng: np.random.Generator, library: Sequence[Effect] = LIBRARY) -> list[Hand]:
+def _hands_of(
+    kind: str,
+    count: int,
+    rng: np.random.Generator,
+    library: Sequence[Effect] = LIBRARY,
+    strangers: Sequence[Effect] = STRANGERS,
+) -> list[Hand]:
     if kind == "null":
         return [Hand(kind, ())] * count
     if kind == "library":
@@ -47,9 +54,10 @@ def _hands_of(kind: str, count: int, rng: np.random.Generator, library: Sequence
             for effect in block
         ]
         return hands[:count]
-    if kind == "foreign":
-        pool = [(effect, level) for effect in FOREIGN for level in LEVELS[1:]]
-        return [Hand(kind, (one,)) for one in _cycled(pool, count, rng)]
+    if kind in ("foreign", "strangers"):
+        among = FOREIGN if kind == "foreign" else strangers
+        pool = [(effect, level) for effect in among for level in LEVELS[1:]]
+        return [Hand("foreign", (one,)) for one in _cycled(pool, count, rng)]
     if kind == "pair":
         pairs = [(a, b) for i, a in enumerate(library) for b in library[i + 1 :]]
         return [Hand(kind, tuple((effect, "medium") for effect in pair)) for pair in _cycled(pairs, count, rng)]
@@ -59,11 +67,11 @@ def _hands_of(kind: str, count: int, rng: np.random.Generator, library: Sequence
 def deal(kind: str, count: int, rng: np.random.Generator, without: Sequence[str] = ()) -> list[Hand]:
     """The hands of ``count`` cases; a mix is 10 % null, 15 % foreign, the rest library effects, shuffled.
 
-    without: names of effects of the library that the ship cannot have.
+    without: names of effects that the ship cannot have. The hands of the strangers are of the kind "foreign", too.
     """
-    library = tuple(effect for effect in LIBRARY if effect.name not in without)
+    library, strangers = (tuple(e for e in pool if e.name not in without) for pool in (LIBRARY, STRANGERS))
     if kind != "mix":
-        return _hands_of(kind, count, rng, library)
+        return _hands_of(kind, count, rng, library, strangers)
     null, foreign = round(NULL_SHARE * count), round(FOREIGN_SHARE * count)
     hands = _hands_of("null", null, rng) + _hands_of("foreign", foreign, rng)
     hands += _hands_of("library", count - null - foreign, rng, library)

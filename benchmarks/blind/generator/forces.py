@@ -30,7 +30,8 @@ class Moment:
 
     u, v, r: velocity through the water [m/s, rad/s]; x, y, psi: place and heading [m, rad]; n, delta: real revolutions
     [1/s] and rudder angle [rad]; a_x, a_y: air relative to the ship [m/s]; t: time since the start of the run [s];
-    alpha: inflow angle at the rudder [rad], once the rudder has been evaluated; u_P: inflow speed of the propeller.
+    alpha: inflow angle at the rudder [rad], once the rudder has been evaluated; u_P: inflow speed of the propeller;
+    port: angle of the port rudder of two [rad], delta being the starboard one; bow: revolutions of a bow thruster.
     """
 
     x: Array
@@ -46,6 +47,8 @@ class Moment:
     t: Array
     alpha: Any = 0.0
     u_P: Any = 0.0
+    port: Any = 0.0
+    bow: Any = 0.0
 
 
 def hull(m: Moment, p: Numbers, c: Numbers) -> Force:

@@ -30,7 +30,7 @@ def wake(m: Moment, p: Numbers, c: Numbers) -> Array:
     """1 - w_P (Eq. 16), by the drift angle at the propeller."""
     U = np.maximum(np.hypot(m.u, m.v), 1e-6)
     beta = np.arctan2(-m.v, m.u) - c["x_P"] * m.r * p["L"] / U
-    C_2 = np.where(beta > 0, c["C_2_plus"], c["C_2_minus"])
+    C_2: Array = np.where(beta > 0, np.asarray(c["C_2_plus"]), c["C_2_minus"])
     return (1 - c["w_P0"]) * (1 + (1 - np.exp(-c["C_1"] * np.abs(beta))) * (C_2 - 1))
 
 
@@ -53,7 +53,7 @@ def rudder_inflow(m: Moment, one_minus_w: Array, loading: Array, p: Numbers, c: 
 def rudder(m: Moment, u_R: Array, p: Numbers, c: Numbers) -> tuple[Force, Array]:
     """Rudder force with its effect on the hull (Eq. 18 to 22), and the inflow angle alpha_R [rad]."""
     side = m.v + c["ell_R"] * p["L"] * m.r
-    gamma = np.where(side < 0, c["gamma_R_plus"], c["gamma_R_minus"])  # beta_R = -side / U
+    gamma: Array = np.where(side < 0, np.asarray(c["gamma_R_plus"]), c["gamma_R_minus"])  # beta_R = -side / U
     v_R = -gamma * side
     alpha = m.delta - np.arctan2(v_R, u_R)
     F_N = 0.5 * p["rho"] * p["A_R"] * (u_R**2 + v_R**2) * c["f_alpha"] * np.sin(alpha)

@@ -10,22 +10,23 @@ from benchmarks.blind.generator.effect import Array, Drawn, Effect, scaled, sign
 from benchmarks.blind.generator.instruments import turned
 
 
-class _Sized(Effect):
-    """A foreign effect with one signed size and a few shape numbers that are drawn uniformly."""
+class Sized(Effect):
+    """A foreign effect with one signed size and a few shape numbers that are drawn uniformly, some for each run."""
 
     two_sided = True
     shape: dict[str, tuple[float, float]] = {}  # noqa: RUF012
+    per_run: dict[str, tuple[float, float]] = {}  # noqa: RUF012
 
     def draw(self, strength: str, rng: np.random.Generator, runs: int) -> Drawn:
         size = self.size(strength, rng) * (sign(rng) if self.two_sided else 1.0)
         inside = {"size": size, **{k: float(rng.uniform(*limits)) for k, limits in self.shape.items()}}
-        return Drawn(dict(inside), inside)
+        return Drawn(dict(inside), inside | {k: rng.uniform(*limits, runs) for k, limits in self.per_run.items()})
 
     def __init_subclass__(cls) -> None:
-        cls.neutral = {"size": 0.0, **{k: 0.5 * (a + b) for k, (a, b) in cls.shape.items()}}
+        cls.neutral = {"size": 0.0, **{k: 0.5 * (a + b) for k, (a, b) in (cls.shape | cls.per_run).items()}}
 
 
-class YawDrag(_Sized):
+class YawDrag(Sized):
     """Moment -size r |r| 1/2 rho L^5 d, quadratic in the yaw rate."""
 
     name, levels, two_sided = "quadratic_yaw_damping", (0.02, 0.04, 0.10), False
@@ -35,7 +36,7 @@ class YawDrag(_Sized):
         parts[self.name] = (0.0 * N, 0.0 * N, N)
 
 
-class OneSidedDrag(_Sized):
+class OneSidedDrag(Sized):
     """Resistance with speed, and a moment, only while the ship turns to one side."""
 
     name, levels = "one_sided_drag", (0.2, 0.35, 0.9)
@@ -47,7 +48,7 @@ class OneSidedDrag(_Sized):
         parts[self.name] = (X, 0.0 * X, -np.sign(e.size) * e.lever * X * 0.3)
 
 
-class WheelAhead(_Sized):
+class WheelAhead(Sized):
     """Side force and moment of the propeller going ahead, with n^2, weaker as the ship gathers way."""
 
     name, levels = "propeller_walk_ahead", (0.03, 0.06, 0.16)
@@ -58,7 +59,7 @@ class WheelAhead(_Sized):
         parts[self.name] = (0.0 * Y, Y, e.lever * Y)
 
 
-class LameRudder(_Sized):
+class LameRudder(Sized):
     """Rudder force lost at low revolutions."""
 
     name, levels, two_sided = "rudder_loss_at_low_n", (0.3, 0.55, 0.95), False
@@ -69,7 +70,7 @@ class LameRudder(_Sized):
         parts["rudder"] = scaled(parts["rudder"], left, left, left)
 
 
-class TurningThrust(_Sized):
+class TurningThrust(Sized):
     """Thrust lost at high yaw rate."""
 
     name, levels, two_sided = "thrust_drop_in_turn", (0.25, 0.5, 0.8), False
@@ -80,7 +81,7 @@ class TurningThrust(_Sized):
         parts["propeller"] = scaled(parts["propeller"], np.where(m.n > 0, 1 - lost, 1.0), 1.0, 1.0)
 
 
-class Deviation(_Sized):
+class Deviation(Sized):
     """Compass deviation with the heading; u and v are turned with it."""
 
     name, levels = "compass_deviation", tuple(np.radians((1.0, 2.5, 6.0)))
@@ -94,7 +95,7 @@ class Deviation(_Sized):
         return out
 
 
-class Swell(_Sized):
+class Swell(Sized):
     """Waves: forces at the frequency of encounter, on the bow, the side and the quarters."""
 
     name, levels, two_sided = "oscillating_waves", (1.0, 2.5, 6.0), False
@@ -109,7 +110,7 @@ class Swell(_Sized):
         parts[self.name] = (0.4 * e.size * np.cos(angle) * wave, e.size * np.sin(angle) * wave, N)
 
 
-class Dragging(_Sized):
+class Dragging(Sized):
     """Something heavy dragged over the ground at the stern: a force of constant size against the way of the stern."""
 
     name, levels, two_sided = "dragged_weight", (0.05, 0.12, 0.35), False
@@ -121,7 +122,7 @@ class Dragging(_Sized):
         parts[self.name] = (pull * u, pull * v, e.at * pull * v)
 
 
-class Eddy(_Sized):
+class Eddy(Sized):
     """Water that turns about a place: fastest at a ring around it, dying out beyond."""
 
     name, levels = "eddy", (0.006, 0.015, 0.04)
@@ -133,7 +134,7 @@ class Eddy(_Sized):
         return -y * spin, x * spin, 0.0, 0.0
 
 
-class Droop(_Sized):
+class Droop(Sized):
     """Shaft slower than logged while the rudder is over or the ship makes little way."""
 
     name, levels, two_sided = "shaft_droop", (0.05, 0.12, 0.3), False
@@ -144,7 +145,7 @@ class Droop(_Sized):
         m.n = m.n * (1 - e.size * np.minimum(load, 1.6))
 
 
-class LooseCargo(_Sized):
+class LooseCargo(Sized):
     """A swinging mass in the hold, driven by the centripetal acceleration."""
 
     name, levels, two_sided, states = "swinging_mass", (30.0, 70.0, 110.0), False, 2

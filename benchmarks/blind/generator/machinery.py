@@ -120,16 +120,16 @@ class Fouling(Effect):
     """Larger resistance in straight motion; the added part grows with a power of speed a little below two."""
 
     name, levels = "fouling", (0.3, 0.6, 1.0)
-    neutral = {"share": 0.0, "power": 2.0, "X_0": -0.02}  # noqa: RUF012
+    neutral = {"share": 0.0, "power": 2.0}  # noqa: RUF012
 
     def draw(self, strength: str, rng: np.random.Generator, runs: int) -> Drawn:
         share = self.size(strength, rng)
-        return Drawn({"share": share}, {"share": share, "power": rng.uniform(1.8, 2.0), "X_0": -0.02139})
+        return Drawn({"share": share}, {"share": share, "power": rng.uniform(1.8, 2.0)})
 
     def forces(self, parts: Any, m: Any, e: Any, z: Array, p: Any) -> None:
         speed = np.sign(m.u) * 0.0625 * (np.abs(m.u) / 0.25) ** e.power
         X, Y, N = parts["hull"]
-        parts["hull"] = (X + e.share * 0.5 * p["rho"] * p["L"] * p["d"] * e.X_0 * speed, Y, N)
+        parts["hull"] = (X + e.share * 0.5 * p["rho"] * p["L"] * p["d"] * -p["resistance"] * speed, Y, N)
 
 
 class Draft(Effect):

@@ -24,19 +24,28 @@ Active = tuple[Effect, SimpleNamespace]
 
 @dataclass
 class Signals:
-    """What acts on the runs, on the grid of the plant: real n, delta, wind over ground, unmodelled force; (K, B)."""
+    """What acts on the runs, on the grid of the plant: real n, delta, wind over ground, unmodelled force, and for twin
+    rudders the port one and the bow thruster; (K, B)."""
 
     n: Array
     delta: Array
     north: Array
     east: Array
     force: Array  # (K, 3, B)
+    port: Array
+    bow: Array
+
+    def inputs(self, k: int) -> tuple[Array, ...]:
+        """Row k of all but the force."""
+        return self.n[k], self.delta[k], self.north[k], self.east[k], self.port[k], self.bow[k]
 
     def windows(self, starts: Array, columns: Array, length: int) -> Signals:
         """Pieces of ``length`` rows that begin at ``starts`` (W,) of these columns (W,), without the force."""
         rows = starts[None, :] + np.arange(length)[:, None]
-        n, delta, north, east = (a[rows, columns[None, :]] for a in (self.n, self.delta, self.north, self.east))
-        return Signals(n, delta, north, east, np.zeros((length, 3, len(starts))))
+        n, delta, north, east, port, bow = (
+            a[rows, columns[None, :]] for a in (self.n, self.delta, self.north, self.east, self.port, self.bow)
+        )
+        return Signals(n, delta, north, east, np.zeros((length, 3, len(starts))), port, bow)
 
 
 @dataclass
@@ -52,6 +61,11 @@ class Plant:
     own: ModuleType = own
     runge_kutta: bool = False
     dt: float = 0.05
+
+    @property
+    def twin(self) -> bool:
+        """Whether there are two rudders and a bow thruster."""
+        return hasattr(self.own, "thruster")
 
     @property
     def states(self) -> int:
@@ -84,8 +98,9 @@ def plant_of(
                 found[effect.name] = (effect, SimpleNamespace(**start))
             for key, value in draw.inside.items():
                 getattr(found[effect.name][1], key)[case * runs : (case + 1) * runs] = value
-    effects = [found[name] for name in sorted(found)]
-    return Plant(dict(p), c, world.forces.wind_series(p), effects, total, world.forces, world.runge_kutta, world.step)
+    active = [found[name] for name in sorted(found)]
+    numbers = {**p, "resistance": world.resistance}
+    return Plant(numbers, c, world.forces.wind_series(p), active, total, world.forces, world.runge_kutta, world.step)
 
 
 def parts_of(plant: Plant, state: Array, inputs: Sequence[Array], t: Array) -> tuple[Parts, Moment, dict, Array, tuple]:
@@ -94,11 +109,12 @@ def parts_of(plant: Plant, state: Array, inputs: Sequence[Array], t: Array) -> t
     for effect, e in plant.effects:
         effect.particulars(p, e)
     x, y, psi, u, v, r = state[:6]
-    n, delta, north, east = inputs
+    n, delta, north, east, *more = inputs
     for effect, e in plant.effects:
         north, east = effect.air(north, east, t, e)
     cosine, sine = np.cos(psi), np.sin(psi)
     m = Moment(x, y, psi, u, v, r, n, delta, north * cosine + east * sine - u, east * cosine - north * sine - v, t)
+    m.port, m.bow = more or (delta, 0.0 * delta)
     water = np.zeros((4, plant.runs))
     for effect, e in plant.effects:
         found = effect.water(m, e)
@@ -115,6 +131,8 @@ def parts_of(plant: Plant, state: Array, inputs: Sequence[Array], t: Array) -> t
     m.u_P = m.u * one_minus_w
     parts["propeller"], loading = model.propeller(m, one_minus_w, p, plant.c)
     parts["rudder"], m.alpha = model.rudder(m, model.rudder_inflow(m, one_minus_w, loading, p, plant.c), p, plant.c)
+    if plant.twin:
+        parts["thruster"] = model.thruster(m, p, plant.c)
     rates, at = np.zeros((plant.states, plant.runs)), 0
     for effect, e in plant.effects:
         z = state[6 + at : 6 + at + effect.states]
@@ -126,7 +144,8 @@ def parts_of(plant: Plant, state: Array, inputs: Sequence[Array], t: Array) -> t
 
 
 def rates(plant: Plant, state: Array, inputs: Sequence[Array], extra: Array, t: Array) -> Array:
-    """d state / dt (6 + S, B); inputs n, delta, wind north and east (B,) each, extra force (3, B), time (B,) [s]."""
+    """d state / dt (6 + S, B); inputs n, delta, wind north and east, perhaps port rudder and bow
+    thruster, (B,) each, extra force (3, B), time (B,) [s]."""
     parts, m, p, memory, (u_c, v_c, a_u, a_v) = parts_of(plant, state, inputs, t)
     X, Y, N = (sum(part[i] for part in parts.values()) + extra[i] for i in range(3))
     unit = 0.5 * p["rho"] * p["L"] ** 2 * p["d"]
@@ -152,8 +171,7 @@ def rates(plant: Plant, state: Array, inputs: Sequence[Array], extra: Array, t: 
 
 def step(plant: Plant, state: Array, signals: Signals, k: int, t: Array) -> Array:
     """The state one step after row k of the signals, by Heun or Runge and Kutta; t: time of row k (B,) [s]."""
-    now = (signals.n[k], signals.delta[k], signals.north[k], signals.east[k])
-    then = (signals.n[k + 1], signals.delta[k + 1], signals.north[k + 1], signals.east[k + 1])
+    now, then = signals.inputs(k), signals.inputs(k + 1)
     dt = plant.dt
     first = rates(plant, state, now, signals.force[k], t)
     if plant.runge_kutta:

@@ -14,6 +14,8 @@ SIDES = {  # bearing from the origin -> axis of the line, sign of its coordinate
     2: ("x", -1.0, "less", "greater"),
     3: ("y", -1.0, "less", "greater"),
 }
+DRAUGHT = 0.20114
+"""Draught [m] by which the depth in a site file is told."""
 
 
 class Current(Effect):
@@ -83,7 +85,7 @@ class ShallowWater(Effect):
     def draw(self, strength: str, rng: np.random.Generator, runs: int) -> Drawn:
         d_h = min(self.size(strength, rng), 0.82)
         if rng.uniform() < 0.4:
-            depth = 0.20114 / d_h * rng.uniform(0.85, 1.15)
+            depth = DRAUGHT / d_h * rng.uniform(0.85, 1.15)
             return Drawn({"d_h": d_h}, {"d_h": d_h}, {"water": {"depth": round(float(depth), 2)}})
         quarter, line = int(rng.integers(4)), float(rng.uniform(-4.0, 4.0))
         axis, way, shallow, _ = SIDES[quarter]

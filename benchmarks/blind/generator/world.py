@@ -11,7 +11,9 @@ from types import ModuleType
 
 import numpy as np
 
-from benchmarks.blind.generator import forces, forces_standard
+from benchmarks.blind.generator import forces, forces_standard, forces_vectwin
+from benchmarks.blind.generator.controls import TWIN
+from benchmarks.blind.generator.surroundings import DRAUGHT
 
 Array = np.ndarray
 MODEL = 3.0
@@ -26,6 +28,11 @@ KVLCC2 = (
     "R_0", "X_vv", "X_vvvv", "Y_v", "Y_r", "Y_vvv", "N_v", "N_r", "N_vvr", "N_rrr",
     "k_0", "k_1", "t_P", "w_P0", "C_1", "t_R", "a_H", "ell_R", "kappa", "epsilon", "gamma_R_plus", "gamma_R_minus",
 )  # fmt: skip
+VECTWIN = (
+    "X_0F", "X_vr", "Y_v", "Y_r", "N_v", "N_r", "C_D", "C_rY", "C_rN",
+    "a_0", "b_0", "c_0", "c_1", "k_0", "k_1", "k_2",
+    "k_x", "k_N", "k_gamma", "e_0", "f_1", "g_0", "g_1", "K_TP_BT", "K_TN_BT", "a_Y1_BT", "a_N1_BT",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -37,7 +44,8 @@ class World:
     random force X, Y [N], N [N m] before a factor of 0.7 to 1.4; memory: range of its correlation time [s]; noise:
     standard deviations of the errors of x, y [m], psi [rad], u, v [m/s], r [rad/s]; colour: range of the memory of the
     errors of u, v and r [s], (0, 0): white; gyro: largest scale error of r; gust: wind that the log does not show, as
-    share of the mean; sample: of the records [s]; without: effects that the ship cannot have; runge_kutta: fourth order
+    share of the mean; sample: of the records [s]; without: effects that the ship cannot have; resistance: X_0' that
+    fouling adds a share of; draught: by which the depth in a site file is told [m]; runge_kutta: fourth order
     with inputs in between, else Heun; step: of the integration and of all signals [s], a whole part of the sample;
     duration: of a run [s]; wide: every case draws its own noise, memory, sample, runs and spread (wide.py).
     """
@@ -58,6 +66,8 @@ class World:
     without: tuple[str, ...] = ()
     runge_kutta: bool = False
     sets: Mapping[str, str] = field(default_factory=dict)
+    resistance: float = 0.02139
+    draught: float = DRAUGHT
     step: float = 0.05
     duration: float = 150.0
     wide: bool = False
@@ -99,14 +109,34 @@ NARROW = {
             colour=(0.05, 0.4),
             gyro=0.002,
             sample=0.4,
-            without=("wind_force", "wind_sensor_bias", "propeller_side_force"),
+            without=("wind_force", "wind_sensor_bias", "propeller_side_force", "lee_of_a_wall"),
             runge_kutta=True,
             sets={"mixed": "ahead"},
+        ),
+        World(
+            "vectwin",
+            ship="vectwin_3m",
+            forces=forces_vectwin,
+            drawn=VECTWIN,
+            force=(0.04, 0.10, 0.08),
+            memory=(2.0, 10.0),
+            noise=(0.006, 0.006, 0.001, 0.006, 0.004, 0.0008),
+            colour=(0.2, 1.0),
+            gyro=0.003,
+            gust=0.10,
+            sample=0.25,
+            step=0.0625,
+            without=("propeller_side_force", "rudder_stall", "rudder_stops_short"),
+            runge_kutta=True,
+            sets={"mixed": TWIN},
+            resistance=0.022745,
+            draught=0.1721,
         ),
     )
 }
 """pond: the first one, by which the diagnosis was made; basin: other noise, coloured sensors, unlogged gusts, another
-integration; kvlcc2: another ship of 7 m with another force model, other sizes of everything, other manoeuvres."""
+integration; kvlcc2: another ship of 7 m with another force model, other sizes of everything, other manoeuvres;
+vectwin: a ship with two rudders, a bow thruster and a propeller that never stops, in a harbour."""
 WORLDS = {**NARROW, **{wide.name: wide for wide in map(World.widened, NARROW.values())}}
 """The same and, as NAME_wide, each with conditions that every case draws anew."""
 
@@ -117,8 +147,8 @@ POWERS = {
     "bank.distance": 1.0, "bank.decay": 1.0,
 }  # fmt: skip
 """Powers of the scale by which parameters of the key grow; those that are not here are numbers."""
-COLUMNS = (0.5, 1.0, 1.0, 0.0, 0.5, 0.5, -0.5, -0.5, 0.0, 0.5, 0.0)
-"""Powers of the scale of t, x, y, psi, u, v, r, n, delta, wind speed and direction."""
+COLUMNS, AIR = (0.5, 1.0, 1.0, 0.0, 0.5, 0.5, -0.5, -0.5, 0.0), (0.5, 0.0)
+"""Powers of the scale of t, x, y, psi, u, v, r, n, delta; of wind speed and direction."""
 
 
 def sensor_errors(world: World, rows: int, runs: int, rng: np.random.Generator) -> Array:

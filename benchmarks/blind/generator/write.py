@@ -11,11 +11,11 @@ import numpy as np
 
 from benchmarks.blind.generator.cases import Case, Runs, floors, run
 from benchmarks.blind.generator.deal import deal
-from benchmarks.blind.generator.world import COLUMNS, POWERS, WORLDS, World
+from benchmarks.blind.generator.world import AIR, COLUMNS, POWERS, WORLDS, World
 
-HEADER = (
-    "t [s],x [m],y [m],psi [rad],u [m/s],v [m/s],r [rad/s],n [rps],delta [rad],wind_speed [m/s],wind_direction [rad]"
-)
+HEADER = "t [s],x [m],y [m],psi [rad],u [m/s],v [m/s],r [rad/s],n [rps],{},wind_speed [m/s],wind_direction [rad]"
+RUDDERS = {False: "delta [rad]", True: "delta_starboard [rad],delta_port [rad],n_bow [rps]"}
+"""Columns of one rudder, and of two with the bow thruster."""
 BATCH = 50
 """Cases that are integrated side by side; one where each has a world of its own."""
 
@@ -95,17 +95,19 @@ def _write_case(
 
 def _table(runs: Runs, column: int, world: World) -> str:
     """The CSV text of one run, for the ship of the world's length."""
-    rows = len(runs.n)
-    values = np.empty((rows, 11))
+    rows, twin = len(runs.n), runs.plant.twin
+    signals = (runs.n, runs.delta, *((runs.port, runs.bow) if twin else ()), runs.speed, runs.direction)
+    values = np.empty((rows, 7 + len(signals)))
     values[:, 0] = world.sample * np.arange(rows)
     values[:, 1:7] = runs.columns[:, :, column]
-    for at, signal in enumerate((runs.n, runs.delta, runs.speed, runs.direction), start=7):
+    for at, signal in enumerate(signals, start=7):
         values[:, at] = signal[:, column]
-    values[:, 10] = (values[:, 10] + np.pi) % (2 * np.pi) - np.pi
+    values[:, -1] = (values[:, -1] + np.pi) % (2 * np.pi) - np.pi
     if world.scale != 1:
-        values *= world.scale ** np.array(COLUMNS)
-    line = ("%.6f" if world.scale != 1 or world.wide else "%.1f") + ",%.4f,%.4f" + ",%.6f" * 8 + "\n"
-    return HEADER + "\n" + (line * rows) % tuple(values.ravel().tolist())
+        values *= world.scale ** np.array([*COLUMNS, *((0.0, -0.5) if twin else ()), *AIR])
+    tenths = world.scale == 1 and round(world.sample, 1) == world.sample
+    line = ("%.1f" if tenths else "%.6f") + ",%.4f,%.4f" + ",%.6f" * (4 + len(signals)) + "\n"
+    return HEADER.format(RUDDERS[twin]) + "\n" + (line * rows) % tuple(values.ravel().tolist())
 
 
 def _site(site: dict[str, dict[str, Any]], scale: float) -> str:
