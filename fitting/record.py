@@ -59,6 +59,33 @@ class ConstantRow:
 
 
 @dataclass(frozen=True)
+class EffectValue:
+    """Estimate of an effect's parameter and its standard error [unit of the coefficient]."""
+
+    value: float
+    std: float
+
+
+@dataclass(frozen=True)
+class EffectTest:
+    """Whether a freed effect is more than chance (``diagnosis.freed_effects``).
+
+    p_value: of the likelihood ratio with and without it, in which a random force acts beside the noise of the sensors,
+    for this effect alone; p_fit: by the standard errors of the fit (None where they are not known); parameters: symbol
+    -> its estimate with the random force; force_memory_s: correlation time of that; sentence: both in words; in_doubt:
+    they disagree.
+    """
+
+    name: str
+    p_value: float
+    p_fit: float | None
+    parameters: dict[str, EffectValue]
+    force_memory_s: float
+    sentence: str
+    in_doubt: bool
+
+
+@dataclass(frozen=True)
 class StateNoise:
     """Residuals of one state: rms in ``unit`` and correlation time [samples]."""
 
@@ -159,6 +186,7 @@ class FitRecord:
     identifiability: dict[str, Any]
     messages: tuple[MessageRow, ...]
     figures: tuple[FigureRow, ...] = ()
+    effects: tuple[EffectTest, ...] | None = None
     per_run: dict[str, dict[str, ConstantRow]] | None = None
     uncertainty: dict[str, Any] | None = None
     bootstrap: dict[str, Any] | None = None

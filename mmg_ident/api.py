@@ -137,12 +137,19 @@ def calibrate(
 
     validate: held-out trials to score before and after; settings: of the solver (``fitting.settings.Settings``);
     options: uncertainty, instruments, next trial and more (``fitting.pipeline.FitOptions``); progress: called at each
-    iteration. Returns the result, whose ``save(folder)`` writes the run folder. Raises UserError for input from which
-    nothing can be identified.
+    iteration. Returns the result, whose ``save(folder)`` writes the run folder; ``effects`` tests each effect that the
+    ship as given has free, by the likelihood of a diagnosis. Raises UserError for input from which nothing can be
+    identified.
     """
     from fitting import pipeline
 
-    return pipeline.calibrate(_ship(ship), _trials(trials), _trials(validate), settings, options, progress)
+    start = _ship(ship)
+    result = pipeline.calibrate(start, _trials(trials), _trials(validate), settings, options, progress)
+    if not start.effects:
+        return result
+    from diagnosis.freed_effects import with_effect_tests
+
+    return with_effect_tests(result, start)
 
 
 def score(

@@ -82,10 +82,13 @@ def figures_of(folder: Path, listed: Any) -> list[dict]:
 def _coefficients(result: dict, ship: Ship) -> list[dict]:
     """Rows for the coefficient table by component, and fixed coefficients of the same component."""
     rows: dict[str, Any] = dict.fromkeys(ship.coefficients) | result["coefficients"]
+    tests = {symbol: test for test in result.get("effects", []) for symbol in test["parameters"]}
     return [
         {
             "name": group,
-            "rows": [_coefficient(symbol, rows[symbol]) for symbol in symbols if rows[symbol]],
+            "rows": [
+                _coefficient(symbol, rows[symbol]) | {"test": tests.get(symbol)} for symbol in symbols if rows[symbol]
+            ],
             "fixed": [f"{s} = {ship.coefficients[s].value:.6g}" for s in symbols if not rows[s]],
         }
         for group, symbols in grouped(rows, component_of(ship))

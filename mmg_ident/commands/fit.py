@@ -90,9 +90,10 @@ def fit(
     from cases.io.read import read_trials
     from cases.shipfiles.model_changes import reduced_ship
     from cases.shipfiles.ship_file import load_ship
-    from fitting.pipeline import FitOptions, calibrate
+    from fitting.pipeline import FitOptions
     from fitting.report.run_folder import check_target
     from fitting.solvers.interrupts import interrupts_noted
+    from mmg_ident.api import calibrate
 
     began = time.perf_counter()
     settings = _settings(
@@ -202,6 +203,12 @@ def _summary(result: FitResult, out: Path) -> None:
     say_remarks(result)
     for row in constants.table() if constants else []:
         say(row)
+    for test in result.effects or ():
+        if not test.in_doubt:  # else it was said as a warning
+            say(test.sentence)
+    if result.effects:
+        wall = result.timings_s["wall"]
+        say(f"effects tested in {result.timings_s['effects']:.1f} s ({result.timings_s['effects'] / wall:.0%} of all)")
     for name, pair in result.scores.items():
         say(f"{name}: {scores_in_words(pair.before, pair.after)}")
     kinds = result.identifiability["counts"]

@@ -1,0 +1,147 @@
+"""Effects that a fit freed, tested as a diagnosis does: by a likelihood with a random force beside the sensors' noise.
+
+A fit knows errors of what is measured only, however long they last. Whether an effect is there is a question to the
+likelihood ratio with and without it, in which a force that wanders along each run may explain the same.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from cases.trial import Trial
+from diagnosis.estimation.candidates import EXCLUDED, Candidate, Column, parameters
+from diagnosis.estimation.gridded_trials import grid_trials, is_measured_rudder
+from diagnosis.estimation.map_estimate import Estimate
+from diagnosis.estimation.noise_sizes import initial_noise
+from diagnosis.estimation.parameters import set_values
+from diagnosis.estimation.transition_model import FORCE, TransitionModel
+from diagnosis.hypotheses.refit import likelihood, refit
+from diagnosis.prepare import fit_without_effects, priors_before
+from fitting.record import EffectTest, EffectValue, MessageRow
+from fitting.result import FitResult
+from mmg.errors import UserError
+from mmg.ship import Ship
+
+LEVEL = 0.05
+"""Probability below which an effect is more than chance."""
+APART = 3.0
+"""Standard errors of their difference from which two estimates are said to differ."""
+
+
+def with_effect_tests(result: FitResult, ship: Ship) -> FitResult:
+    """``result`` with a test of each effect that was freed in the ``ship`` as given, in ``effects``.
+
+    As given where none was, and for a result that was read. What fails is a warning, and the result stays.
+    """
+    free = set(result.coefficients)
+    names = [e for e in ship.effects if e not in EXCLUDED and any(s.startswith(f"{e}.") for s in free)]
+    if not names or result.objects is None:
+        return result
+    began = time.perf_counter()
+    try:
+        tests = effect_tests(result, names, result.objects.trials)
+    except Exception as error:  # a finished fit is not lost by a test of it
+        why = f"{', '.join(names)}: not tested by a likelihood with a random force: {error or type(error).__name__}"
+        return replace(result, messages=(*result.messages, MessageRow("warning", "effect_not_tested", why)))
+    seconds = time.perf_counter() - began
+    rows = [MessageRow("warning", "effect_in_doubt", t.sentence) for t in tests if t.in_doubt]
+    wall = result.timings_s.get("wall", 0.0) + seconds
+    timings = {**result.timings_s, "effects": seconds, "wall": wall}
+    return replace(result, effects=tuple(tests), messages=(*result.messages, *rows), timings_s=timings)
+
+
+def effect_tests(result: FitResult, names: Sequence[str], trials: Sequence[Trial]) -> list[EffectTest]:
+    """Likelihood-ratio tests of the effects ``names`` freed in ``result``, on the ``trials`` of the fit.
+
+    Raises UserError where they cannot be made.
+    """
+    if not result.converged:
+        raise UserError("the fit has not converged")
+    if result.per_run:
+        raise UserError("runs have constants of their own (--per-run)")
+    ship = result.ship.without_network() if result.ship.network is not None else result.ship
+    for name in (e for e in EXCLUDED if e in ship.effects):
+        ship = ship.without_effect(name)
+    candidates = [_freed(ship, result, name) for name in names]
+    symbols = [s for c in candidates for s in c.symbols]
+    neutral = np.concatenate([c.neutral for c in candidates])
+    rows = zip(symbols, neutral, strict=True)
+    without = ship.with_coefficients({s: ship.coefficients[s].with_(value=v, fixed=True) for s, v in rows})
+    base = priors_before(without)
+    full = without if "tow" in without.effects else without.with_effect("tow", {})
+    straight, step = is_measured_rudder(trials), result.settings.step
+    data = grid_trials(trials, full.inputs, float(full.particulars["L"]), step, straight)
+    steps = TransitionModel(full, [*base.symbols, *symbols, *FORCE], data.h)
+    data, null, *_ = fit_without_effects(steps, data, full.values, base, initial_noise(full))
+    start = {Column(s): result.coefficients[s].value for s in symbols}
+    every = refit(steps, data, base, null, candidates, start)
+    tests = []
+    for c in candidates:
+        rest = [other for other in candidates if other is not c]
+        fewer = null
+        if rest:
+            theta = set_values(full, data, every.theta, c.columns, c.neutral)
+            first = {x: every.value(*x) for other in rest for x in other.columns}
+            fewer = refit(steps, data, base, replace(every, theta=theta), rest, first)
+        lost = likelihood(fewer, len(symbols) - len(c.symbols)) - likelihood(every, len(symbols))
+        chance = float(chi2.sf(max(2 * lost, 0.0), len(c.symbols)))
+        chance *= 0.5 if len(c.symbols) == 1 and c.neutral[0] <= c.lower[0] else 1.0  # it can only be positive
+        tests.append(_test(result, c, every, chance))
+    return tests
+
+
+def _freed(ship: Ship, result: FitResult, name: str) -> Candidate:
+    """The parameters of an effect that the fit freed, as a candidate."""
+    free = [p for p in parameters(ship, name) if f"{name}.{p.symbol}" in result.coefficients]
+    sizes = (np.array([getattr(p, k) for p in free]) for k in ("neutral", "typical", "lower", "upper"))
+    return Candidate(name, "", False, tuple(Column(f"{name}.{p.symbol}") for p in free), *sizes)
+
+
+def _test(result: FitResult, c: Candidate, found: Estimate, chance: float) -> EffectTest:
+    """The test of one effect beside what the fit says of it."""
+    at = [result.correlation.symbols.index(s) for s in c.symbols]
+    rows = [result.coefficients[s] for s in c.symbols]
+    stds = np.array([math.nan if row.std is None else row.std for row in rows])
+    known = np.array([[result.correlation.matrix[i][j] for j in at] for i in at], dtype=float)
+    off = (np.array([row.value for row in rows]) - c.neutral) / stds
+    squares = float(off @ np.linalg.pinv(known) @ off) if np.isfinite(off).all() else math.nan
+    by_fit = float(chi2.sf(squares, len(off))) if math.isfinite(squares) else None
+    values = {s: EffectValue(found.value(s), found.std(s)) for s in c.symbols}
+    apart = [
+        abs(row.value - v.value) / np.hypot(std, v.std) for row, v, std in zip(rows, values.values(), stds, strict=True)
+    ]
+    words, in_doubt = _words(c, result, values, (chance, by_fit), max(apart) > APART, found.noise.tau)
+    return EffectTest(c.effect, chance, by_fit, values, float(found.noise.tau), words, in_doubt)
+
+
+def _words(
+    c: Candidate,
+    result: FitResult,
+    found: dict[str, EffectValue],
+    p: tuple[float, float | None],
+    differ: bool,
+    tau: float,
+) -> tuple[str, bool]:
+    """Both estimates in a sentence, and whether they disagree. p: by chance, with a random force and by the fit."""
+    (chance, by_fit), rows = p, {s: result.coefficients[s] for s in found}
+    sizes = (f"{s.partition('.')[2]} = {v.value:.3g} ± {v.std:.2g} {rows[s].unit}".rstrip() for s, v in found.items())
+    words = f"{c.effect}: p = {chance:.2g} by a likelihood with a random force ({', '.join(sizes)})"
+    if by_fit is None:
+        return words, False
+    fitted = ", ".join(f"{row.value:.3g} ± {row.std or math.nan:.2g}" for row in rows.values())
+    words += f", p = {by_fit:.2g} by the standard errors of the fit ({fitted})"
+    if by_fit < LEVEL <= chance:
+        why = f"a force that wanders over some {tau:.2g} s explains as much, and the fit takes that for the effect"
+    elif chance < LEVEL <= by_fit:
+        why = "the fit has no random force, and what this moves makes its estimate wide"
+    elif differ and chance < LEVEL:
+        why = "in one of them the effect stands in for something else; mmg diagnose tests it against all others"
+    else:
+        return words, False
+    return f"{words}; they disagree: {why}", True

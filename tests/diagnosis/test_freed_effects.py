@@ -1,0 +1,155 @@
+"""Effects that a fit freed are tested by the likelihood of a diagnosis, which never costs the fit."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mmg_ident
+from cases.shipfiles.effects import freeing_effects
+from cases.trial import Trial
+from diagnosis import freed_effects
+from diagnosis.estimation.candidates import find
+from diagnosis.freed_effects import effect_tests, with_effect_tests
+from diagnosis.hypotheses.refit import likelihood, refit
+from diagnosis.prepare import prepare
+from fitting.pipeline import FitOptions
+from fitting.record import EffectTest
+from fitting.report.page import build_page
+from fitting.result import FitResult
+from fitting.settings import Settings
+from mmg_ident.commands.fit import fit as fit_command
+from tests.support.diagnosis_cases import FEW, pushed_trials
+
+RUNS = (("zigzag:20/20", 60.0), ("random:11", 60.0), ("turning:-20", 60.0))
+SYMBOL = "rudder_offset.delta"
+
+
+@cache
+def trials(offset: float) -> tuple[Trial, ...]:
+    return tuple(pushed_trials(4, [f"rudder_offset:delta={offset}"] if offset else [], RUNS))
+
+
+@cache
+def fitted(offset: float, *effects: str) -> FitResult:
+    """A calibration with some effects freed, of trials with this rudder offset [rad]."""
+    options = FitOptions(next_trial=False, instruments=("none",))
+    return mmg_ident.calibrate(freeing_effects(FEW, effects), trials(offset), (), Settings(step=1.0), options)
+
+
+def only(result: FitResult) -> EffectTest:
+    assert result.effects is not None and len(result.effects) == 1
+    return result.effects[0]
+
+
+def test_an_effect_that_is_there_has_a_small_probability_and_its_size() -> None:
+    test = only(fitted(0.06, "rudder_offset"))
+    value = test.parameters[SYMBOL]
+    assert test.name == "rudder_offset" and test.p_value < 1e-4 and not test.in_doubt
+    assert value.value == pytest.approx(0.06, abs=3 * value.std) and value.std < 0.015
+    assert f"p = {test.p_value:.2g} by a likelihood with a random force" in test.sentence
+
+
+@pytest.mark.slow
+def test_the_probability_is_that_of_the_diagnosis_of_the_same_trials() -> None:
+    test = only(fitted(0.06, "rudder_offset"))
+    ready = prepare(FEW, trials(0.06), None, 1.0)
+    p = ready.problem
+    c = find(p.candidates, "rudder_offset")
+    with_it = refit(p.steps, p.data, p.base, ready.null, [c], {})
+    gain = likelihood(ready.null, 0) - likelihood(with_it, 1)
+    assert np.log(test.p_value) == pytest.approx(-gain, rel=0.15)
+    assert test.parameters[SYMBOL].value == pytest.approx(with_it.value(SYMBOL), abs=0.2 * with_it.std(SYMBOL))
+
+
+def test_of_several_effects_each_is_tested_beside_the_others() -> None:
+    result = fitted(0.06, "rudder_offset", "tow:X=0,Y,N=0")
+    assert result.effects is not None
+    offset, tow = result.effects
+    assert (offset.name, tow.name) == ("rudder_offset", "tow") and offset.p_value < 0.01 < tow.p_value
+    assert list(tow.parameters) == ["tow.X", "tow.Y", "tow.N"]
+
+
+def doubted(value: float, std: float) -> FitResult:
+    """The fit of trials without the effect, as if it had found this."""
+    result = fitted(0.0, "rudder_offset")
+    row = replace(result.coefficients[SYMBOL], value=value, std=std)
+    return replace(result, coefficients={**result.coefficients, SYMBOL: row})
+
+
+def test_where_both_disagree_a_sentence_says_so_and_why() -> None:
+    given = freeing_effects(FEW, ["rudder_offset"])
+    sure = with_effect_tests(replace(doubted(0.03, 0.004), messages=()), given)
+    test = only(sure)
+    assert test.p_fit == pytest.approx(6e-14, rel=0.1) and test.p_value > 0.05 and test.in_doubt
+    assert [(m.level, m.code, m.text) for m in sure.messages] == [("warning", "effect_in_doubt", test.sentence)]
+    assert "they disagree: a force that wanders over some" in test.sentence
+    assert not only(with_effect_tests(doubted(0.001, 0.02), given)).in_doubt
+
+
+def test_an_effect_that_the_fit_cannot_see_but_the_likelihood_does_is_said() -> None:
+    result = fitted(0.06, "rudder_offset")
+    row = replace(result.coefficients[SYMBOL], value=0.05, std=0.2)
+    (test,) = effect_tests(
+        replace(result, coefficients={**result.coefficients, SYMBOL: row}), ["rudder_offset"], trials(0.06)
+    )
+    assert test.in_doubt and "the fit has no random force" in test.sentence
+    row = replace(row, value=0.4, std=0.01)
+    (test,) = effect_tests(
+        replace(result, coefficients={**result.coefficients, SYMBOL: row}), ["rudder_offset"], trials(0.06)
+    )
+    assert test.in_doubt and "stands in for something else" in test.sentence
+
+
+def test_what_fails_is_a_warning_and_the_fit_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: object) -> None:
+        raise np.linalg.LinAlgError("Matrix is not positive definite")
+
+    result, given = replace(fitted(0.0, "rudder_offset"), effects=None), freeing_effects(FEW, ["rudder_offset"])
+    monkeypatch.setattr(freed_effects, "effect_tests", broken)
+    kept = with_effect_tests(result, given)
+    assert kept.effects is None and kept.coefficients == result.coefficients
+    assert kept.messages[-1].code == "effect_not_tested" and "not positive definite" in kept.messages[-1].text
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"), [({"converged": False}, "has not converged"), ({"per_run": {"a": {}}}, "--per-run")]
+)
+def test_what_cannot_be_tested_is_said(changed: dict[str, object], words: str) -> None:
+    result = replace(fitted(0.0, "rudder_offset"), effects=None, **changed)  # type: ignore[arg-type]
+    kept = with_effect_tests(result, freeing_effects(FEW, ["rudder_offset"]))
+    assert kept.effects is None and words in kept.messages[-1].text
+
+
+def test_a_fit_that_freed_nothing_has_no_tests(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(freed_effects, "effect_tests", None)
+    result = fitted(0.0, "rudder_offset")
+    assert with_effect_tests(replace(result, effects=None), FEW).effects is None
+    held = FEW.with_effect("rudder_offset", {"delta": 0.01}).fixing([SYMBOL])
+    rest = {s: row for s, row in result.coefficients.items() if s != SYMBOL}
+    assert with_effect_tests(replace(result, effects=None, coefficients=rest), held).effects is None
+    read = replace(result, effects=None, objects=None)
+    assert with_effect_tests(read, freeing_effects(FEW, ["rudder_offset"])) is read
+
+
+@pytest.mark.usefixtures("blank_figures")
+def test_the_folder_the_page_and_the_console_have_the_probability(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    result = fitted(0.06, "rudder_offset")
+    result.save(tmp_path / "run")
+    read = mmg_ident.load_run(tmp_path / "run")
+    assert isinstance(read, FitResult) and read.effects == result.effects and read.timings_s["effects"] > 0
+    page = build_page([(read, read.ship, tmp_path / "run")])
+    test = only(result)
+    small = f"p = {test.p_value:.2g}".replace("-", "−")
+    assert test.sentence in page and small in page.split("Effects that were freed")[0]
+    monkeypatch.setattr("mmg_ident.api.calibrate", lambda *_: result)
+    monkeypatch.setattr("cases.io.read.read_trials", lambda *_: list(trials(0.06)))
+    fit_command("esso_osaka_3m", [tmp_path], tmp_path / "again", with_=["rudder_offset"])
+    said = capsys.readouterr().err
+    assert test.sentence in " ".join(said.split()) and "effects tested in" in said
