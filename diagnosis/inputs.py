@@ -70,11 +70,14 @@ def calibration_trials(
     """What is known of the calibration behind ``ship`` and whether ``trials`` took part in it.
 
     calibrated_on: the trials of the calibration, or the folder that ``mmg fit`` wrote; a folder without result.json
-    tells nothing. Its trials are a reference only for the model that was calibrated on them.
+    tells nothing. Its trials are a reference only for the model that was calibrated on them. Trials that share rows
+    with them, under whatever name, took part.
     """
     if calibrated_on is None:
         return CalibrationTrials()
     if not isinstance(calibrated_on, (str, Path)):
+        if len(independent_tests(trials, calibrated_on)[0]) < len(calibrated_on):
+            return CalibrationTrials()
         return CalibrationTrials(bool(calibrated_on), tuple(calibrated_on))
     folder = Path(calibrated_on)
     if not (folder / RESULT).exists():
@@ -93,6 +96,8 @@ def calibration_trials(
     except UserError:
         old = []
     same = [t for t in old if t.sha256 in hashes]
+    if len(independent_tests(trials, same)[0]) < len(same):
+        return CalibrationTrials()
     if len(same) < len(rows):
         words = f"{known}; they cannot be read as they were, so they are no reference for their usual misfit"
         return CalibrationTrials(True, (), (Message(words, "calibration_trials_missing"),))

@@ -18,8 +18,9 @@ from diagnosis.estimation.noise_sizes import initial_noise
 from diagnosis.estimation.parameters import Priors
 from diagnosis.estimation.residual_checks import lag_correlation, residuals, spectral_line, with_correlation_time
 from diagnosis.estimation.transition_model import TransitionModel
-from diagnosis.hypotheses.forward_selection import SearchProblem
+from diagnosis.hypotheses.forward_selection import LEVEL, MOST, SearchProblem
 from diagnosis.hypotheses.reference import fit_reference
+from diagnosis.hypotheses.score_test import score_tests, slopes
 from diagnosis.sensors.kinematics import Kinematics
 from mmg.errors import UserError
 from mmg.messages import Message
@@ -112,6 +113,15 @@ def prepare(
         usual = np.array([known.unnamed, known.unexplained])
         words = "the ship was calibrated on other trials, which were fitted first: only what goes beyond their usual"
         notices.append(Message(f"{words} misfit and scatter counts", "reference_fitted"))
+        shown = [
+            t for t in score_tests(slopes(steps, old, null, full.candidates), full.candidates) if t.p_value < LEVEL
+        ]
+        if usual_ones := [
+            f"{t.candidate.label} (p = {t.p_value:.1g})" for t in shown if t.candidate not in known.strong
+        ]:
+            words = f"the trials of the calibration themselves show more than chance of {', '.join(usual_ones[:MOST])}"
+            words += ": here it is usual, and only a change from it counts; to have it named, diagnose those trials"
+            notices.append(Message(words, "usual_effects"))
         if known.strong:
             names = ", ".join(c.label for c in known.strong)
             words = f"the trials of the calibration show these effects already: {names}"

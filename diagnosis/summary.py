@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.stats import chi2
 
-from diagnosis.estimation.candidates import FITTED_ALONG, Candidate, FullModel, parameters
+from diagnosis.estimation.candidates import FITTED_ALONG, Candidate, FullModel, neutral, parameters
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import mean_over_windows
 from diagnosis.findings import EstimatedParameter, InstrumentFault, NamedEffect, RankedCandidate
@@ -114,6 +114,15 @@ def visible_from(first: Search, effect: str) -> dict[str, float]:
     return {parameter: float(size) for parameter, size in sizes.items() if np.isfinite(size)}
 
 
+def usual_values(full: FullModel, effect: str) -> dict[str, float]:
+    """Parameter -> value from which an ``effect`` of the ``full`` model is tested, where that is not the neutral one."""
+    rows = {
+        x: value for c in full.candidates if c.effect == effect for x, value in zip(c.symbols, c.neutral, strict=True)
+    }
+    named = {x.split(".", 1)[1]: float(value) for x, value in rows.items()}
+    return {k: value for k, value in named.items() if value != neutral(full.ship, effect, k)}
+
+
 def ranking(full: FullModel, found: Selection) -> tuple[RankedCandidate, ...]:
     """All candidates of the ``full`` model by the first search of ``found``: those refitted first, the others behind
     them by their score; each effect once."""
@@ -123,9 +132,11 @@ def ranking(full: FullModel, found: Selection) -> tuple[RankedCandidate, ...]:
         s, name = first.score(r.candidate), r.candidate.effect
         if name not in rows:
             sizes, visible = parameters_of(full, r.fit, r.candidate), visible_from(first, name)
-            rows[name] = RankedCandidate(name, s.T, r.p_value, r.delta_bic, True, s.absorbed, sizes, visible)
+            usual = usual_values(full, name)
+            rows[name] = RankedCandidate(name, s.T, r.p_value, r.delta_bic, True, s.absorbed, sizes, visible, usual)
     for s in sorted(first.scores, key=lambda s: s.candidate.by_run):
         name = s.candidate.effect
         visible = visible_from(first, name)
-        rows.setdefault(name, RankedCandidate(name, s.T, s.p_value, None, s.excited, s.absorbed, {}, visible))
+        usual = usual_values(full, name)
+        rows.setdefault(name, RankedCandidate(name, s.T, s.p_value, None, s.excited, s.absorbed, {}, visible, usual))
     return tuple(rows.values())

@@ -85,7 +85,7 @@ def spectral_line(
 def _equally_spaced(data: GriddedTrials) -> tuple[int, list[tuple[int, np.ndarray]]]:
     """The usual spacing [grid times] of what is compared, and windows and rows of all pieces that keep it and are long
     enough; the first rows of a window are left out."""
-    compared = data.good.any(axis=2)
+    compared = np.asarray(data.good.any(axis=2))
     every = [np.flatnonzero(compared[:, r])[4:] for r in range(compared.shape[1])]
     gaps = np.concatenate([np.diff(rows) for rows in every])
     if not len(gaps):
@@ -116,6 +116,6 @@ def _band_probabilities(
     near = np.argsort(np.where(away < 2, bands, away), axis=1, kind="stable")[:, : 2 * NEIGHBOURS]
     beside, size = total[near].sum(axis=1), count[near].sum(axis=1)
     ratio = (total * size[:, None]) / np.maximum(beside * count[:, None], 1e-300)
-    p = f_law.sf(ratio, 2 * np.maximum(count, 1)[:, None], 2 * np.maximum(size, 1)[:, None])
+    p = np.asarray(f_law.sf(ratio, 2 * np.maximum(count, 1)[:, None], 2 * np.maximum(size, 1)[:, None]))
     p[:SLOWEST] = 1.0
-    return np.asarray(p)
+    return p

@@ -24,6 +24,7 @@ from diagnosis.hypotheses.reference import LEAST, STRONG, Reference, fit_referen
 from diagnosis.hypotheses.unnamed import unnamed_forms
 from diagnosis.inputs import calibration_trials
 from diagnosis.prepare import Prepared, prepare
+from diagnosis.summary import usual_values
 from fitting.report.run_folder import RESULT, data_rows, write_json
 from mmg.ship import Ship
 from tests.support.diagnosis_cases import FEW, FREE, problem_of, pushed_trials
@@ -175,6 +176,9 @@ def test_an_effect_is_news_only_without_it_in_the_reference(name: str) -> None:
         assert tuple(c.label for c in found.effects) == news
         assert not any(SHOWN in words for words in ready.notices)
         assert any("calibrated on other trials" in words for words in ready.notices) is bool(reference)
+        told = [str(words) for words in ready.notices if "more than chance of" in words]
+        assert bool(told) is bool(reference and not news) and all(f"{name} (p = " in words for words in told)
+        assert bool(usual_values(ready.full, name)) is bool(reference)
     # as large as it is, not as much larger as it is than in the reference
     truth = dict(part.split("=") for part in MODERATE[name].split(":")[1].split(","))
     for k, value in truth.items():
@@ -292,6 +296,9 @@ def test_trials_of_the_calibration_are_no_reference_for_themselves(folder: Path)
     assert known_of(folder / "run", old) == (False, [], [])
     assert known_of(folder / "run", [*other, old[0]]) == (False, [], [])  # nor a part of them
     shutil.copy(folder / "old" / "zigzag.csv", folder / "new" / "renamed.csv")
+    assert known_of(folder / "run", read_trials(folder / "new")) == (False, [], [])
+    lines = (folder / "old" / "zigzag.csv").read_text().splitlines()
+    (folder / "new" / "renamed.csv").write_text("\n".join(lines[:-3]) + "\n")  # nor another file with their rows
     assert known_of(folder / "run", read_trials(folder / "new")) == (False, [], [])
 
 
