@@ -115,7 +115,7 @@ def visible_from(first: Search, effect: str) -> dict[str, float]:
 
 
 def usual_values(full: FullModel, effect: str) -> dict[str, float]:
-    """Parameter -> value from which an ``effect`` of the ``full`` model is tested, where that is not the neutral one."""
+    """Parameter -> value from which an ``effect`` of the ``full`` model is tested, where that is not neutral."""
     rows = {
         x: value for c in full.candidates if c.effect == effect for x, value in zip(c.symbols, c.neutral, strict=True)
     }

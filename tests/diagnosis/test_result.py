@@ -56,7 +56,7 @@ def test_the_files_have_exactly_their_keys(folder: Path) -> None:
     assert [set(e) for e in content["effects"]] == [effect, effect | {"by_run"}]
     assert set(content["effects"][0]["parameters"]["x"]) == {"value", "std", "unit"}
     assert keys_of(content["candidates"]) == {
-        "name", "score", "p_value", "delta_bic", "excited", "absorbed_share", "parameters", "visible_from",
+        "name", "score", "p_value", "delta_bic", "excited", "absorbed_share", "parameters", "visible_from", "usual",
     }  # fmt: skip
     assert set(content["unexplained_force"]) == {"p_value", "channels", "follows", "times", "advice"}
     assert set(content["where"]) == {"channels", "phases", "regions", "bands", "runs", "earth", "variables"}
