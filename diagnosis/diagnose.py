@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from cases.io.groups import Groups, group_trials
 from cases.io.site import Site, read_site
 from cases.trial import Trial
 from diagnosis import summary
@@ -26,6 +27,7 @@ from diagnosis.findings import (
     UnexplainedForce,
     Unnamed,
 )
+from diagnosis.hypotheses.between import compare_groups
 from diagnosis.hypotheses.forward_selection import LEVEL, SearchProblem, Selection, select_effects
 from diagnosis.hypotheses.next_test import next_test, telling_test
 from diagnosis.hypotheses.unexplained_force import estimated_force, unexplained_force
@@ -49,13 +51,15 @@ from mmg.ship import Ship
 class DiagnosisOptions:
     """How to diagnose. step: of the analysis [s] (default: as of a fit); seed: of drawn probabilities and intervals and
     of the learned residual; workers: processes; learn: whether to measure how much a learned residual closes of an
-    unexplained remainder; command: the words by which result.json says how it was made."""
+    unexplained remainder; command: the words by which result.json says how it was made; between: what groups of trials
+    are compared by ("day", "folder", ...; see cases.io.groups), or None."""
 
     step: float | None = None
     seed: int = 0
     workers: int = 1
     learn: bool = True
     command: str = "mmg_ident.diagnose"
+    between: str | None = None
 
 
 def diagnose(
@@ -81,11 +85,12 @@ def diagnose(
         raise UserError(f"--step {o.step:g}: must be a positive number of seconds below 60")
     if o.workers < 1:
         raise UserError(f"--workers {o.workers}: must be at least 1")
+    groups = group_trials(trials, o.between) if o.between else None
     ship, remarks = diagnosable(ship)
     place = site if isinstance(site, Site) else read_site(trials, ship, site)
     kept, shared = independent_tests(trials, tests)
     known = calibration_trials(ship, trials, calibrated_on)
-    found = _diagnosed(ship, trials, kept, place, o, known, progress)
+    found = _diagnosed(ship, trials, kept, place, o, known, groups, progress)
     remarks += [*shared, *known.remarks, *place.notices]
     inputs = DiagnosisInputs(tuple(data_rows(trials)), tuple(data_rows(kept)), o.command, o.seed, versions())
     found = replace(found, warnings=(*remarks, *found.warnings), inputs=inputs)
@@ -99,6 +104,7 @@ def _diagnosed(
     site: Site,
     options: DiagnosisOptions,
     known: CalibrationTrials,
+    groups: Groups | None,
     progress: OnProgress | None,
 ) -> Diagnosis:
     """The diagnosis without what is learned; no test trial shares rows with the trials."""
@@ -136,6 +142,7 @@ def _diagnosed(
     unexplained = None
     if verdict == "unknown" or remainder:
         unexplained = _unexplained(p, final, after if is_named else before, after_all)
+    between = compare_groups(p, ready.null, sensors, groups, trials) if groups is not None else None
     timings["total"] = time.perf_counter() - began
     return Diagnosis(
         verdict=verdict,
@@ -164,6 +171,7 @@ def _diagnosed(
         null=found.null,
         final=final,
         data=p.data,
+        between=between,
     )
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Annotated, Any
@@ -11,15 +10,14 @@ from pydantic import BeforeValidator
 
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.map_estimate import Estimate
-from fitting.report.run_folder import plain
+from diagnosis.group_findings import Between
+from fitting.report.run_folder import Real, plain
 from mmg.messages import message_rows
 from mmg.ship import Ship
 
 SCHEMA_VERSION = 1
 """Of ``diagnosis.json`` and of its ``result.json``; it grows when a key changes its meaning or goes."""
 
-Real = Annotated[float, BeforeValidator(lambda value: math.nan if value is None else value)]
-"""A number; JSON holds null where it is not finite."""
 Pair = Annotated[
     tuple[Real, Real], BeforeValidator(lambda v: (v.get("before"), v.get("after")) if isinstance(v, dict) else v)
 ]
@@ -252,6 +250,7 @@ class DiagnosisRecord:
     are no effects. not_screened: effects that could not be tested, and why. noise: sizes of what is random. kinematics:
     sentences on faults of instruments. learned: how much a learned residual closes of the remainder (None: not
     measured). unexplained_force: what is left unexplained (None: nothing is).
+    measured). between: differences between groups of trials (None: not asked).
     """
 
     verdict: str
@@ -272,6 +271,7 @@ class DiagnosisRecord:
     timings: Mapping[str, float]
     learned: LearnedResidual | None = None
     unexplained_force: UnexplainedForce | None = None
+    between: Between | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

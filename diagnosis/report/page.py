@@ -11,8 +11,8 @@ from jinja2 import ChoiceLoader, PackageLoader
 
 from diagnosis.findings import Findings, RandomSizes
 from diagnosis.location.regions import CHANNELS
+from diagnosis.report import between_words, words
 from diagnosis.report import where_words as report_where
-from diagnosis.report import words
 from diagnosis.report.figures import figures_for
 from fitting.report.page import environment, figures_of, write_page
 from fitting.report.run_folder import versions
@@ -57,6 +57,7 @@ def build_report(d: Findings, folder: Path, listed: Sequence[Mapping[str, str]])
         figures={name: figures.get(name) for name in names},
         version=versions()["mmg-ident"],
         what_words=_what(d),
+        between=between_words.rows(d.between) if d.between else [],
         held=held_rows(d),
         likelihood=_likelihood(d),
         **_candidates(d),

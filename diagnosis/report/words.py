@@ -24,6 +24,7 @@ from mmg.effects.effect import Parameter
 
 SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 BADGE = {"named": "cause named", "none": "no gap found", "unknown": "cause unknown"}
+BETWEEN = {"named": "difference named", "none": "no difference", "unknown": "difference without a name"}
 
 
 def plain(name: str) -> str:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import os
 import platform
 import shutil
@@ -15,9 +16,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import is_dataclass
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import BeforeValidator
 from safetensors.numpy import load_file
 
 from cases.trial import Trial
@@ -25,6 +27,8 @@ from mmg.errors import UserError
 
 RESULT, SHIP, START, ITERATE = "result.json", "ship.toml", "start.toml", "iterate.safetensors"
 FIGURES, PAGE = "figures", "report.html"
+Real = Annotated[float, BeforeValidator(lambda value: math.nan if value is None else value)]
+"""A number as it is read; JSON holds null where it is not finite (``plain``)."""
 
 
 def versions() -> dict[str, str]:

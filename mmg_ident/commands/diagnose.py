@@ -26,6 +26,10 @@ def diagnose(
     ] = None,
     without: Annotated[list[str] | None, Option(help="Leave a component out of the model, such as wind.")] = None,
     site: Annotated[Path | None, Option(help="Site file (default: site.toml beside the trials).")] = None,
+    between: Annotated[
+        str | None,
+        Option(help="Also say what differs between groups of trials: day, month, year, folder, group, kind."),
+    ] = None,
     step: Annotated[float | None, Option(help="Time step of the analysis [s].")] = None,
     workers: Annotated[int, Option(help="Processes that refit candidates side by side.")] = 1,
     seed: Annotated[int, Option(help="Seed of the drawn probabilities and intervals.")] = 0,
@@ -42,6 +46,9 @@ def diagnose(
     how much of the error of the --test trials they close. Writes diagnosis.json, report.html, figures and ship.toml
     (the ship with the named effects).
 
+    With --between day the trials of each day are a group, and every effect, instrument and coefficient is tested for
+    another value in one of them: what has changed since last year?
+
     Example: mmg diagnose runs/first trials/*.csv --test held_out/*.csv --out runs/gap
     """
     from cases.io.read import read_trials
@@ -50,7 +57,7 @@ def diagnose(
 
     check_target(out)
     ship = _ship(run, without or [])
-    options = pipeline.DiagnosisOptions(step, seed, workers, not no_learn, command_line())
+    options = pipeline.DiagnosisOptions(step, seed, workers, not no_learn, command_line(), between)
     train, tests = read_trials(trials), read_trials(test) if test else []
     found = pipeline.diagnose(ship, train, tests, site, options, run, progress())
     end_progress()
@@ -96,6 +103,7 @@ def _summary(found: Diagnosis, out: Path) -> None:
     console.print(table)
     lines = [found.sentence, found.learned.sentence if found.learned else ""]
     lines += [*(f"sensors: {line}" for line in found.kinematics), f"next: {found.next_test}" if found.next_test else ""]
+    lines += [found.between.sentence, *found.between.warnings] if found.between else []
     for line in filter(None, lines):
         console.print(line, highlight=False, soft_wrap=True)
     say(f"diagnosis: {out} (diagnosis.json, report.html, ship.toml)")

@@ -1,0 +1,258 @@
+"""Test of parameters for different values in groups of runs, such as two campaigns.
+
+About a fit that is common to all runs, the log likelihood of each run is quadratic in values of its own. A parameter is
+tested for different means in the groups while all others are the same in all runs, except surroundings, which scatter
+from run to run. What the parameter itself scatters between the runs of a group is estimated (random effects,
+DerSimonian & Laird 1986), so that a difference between groups must be larger than that between runs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import f as f_law
+
+from diagnosis.estimation.candidates import LOCAL, Candidate, Column
+from diagnosis.estimation.dispersion import dispersion, memory_steps
+from diagnosis.estimation.gridded_trials import GriddedTrials
+from diagnosis.estimation.linearisation import Point, Trajectory, linearise_and_filter
+from diagnosis.estimation.map_estimate import Estimate
+from diagnosis.estimation.parameters import Priors, active_states
+from diagnosis.estimation.transition_model import TransitionModel
+from mmg.effects import EFFECTS
+
+LEAST, ROUNDS = 0.1, 30
+"""Least standard deviation of a parameter between runs, in typical sizes; rounds of expectation-maximisation."""
+SIZES = (0.3, 1.0, 3.0)
+"""Prior standard deviations of a difference between groups, in typical sizes."""
+SEEN = 1e-3
+"""Information on a difference, in typical sizes to the power -2, below which the trials do not show it."""
+COMMON = 3.0
+"""Prior standard deviation of what an effect beside the fit may have in all runs alike, in typical sizes."""
+FLAT = 1e-6
+"""Precision of a prior that says nothing."""
+
+
+@dataclass(frozen=True)
+class RunSlopes:
+    """The log likelihood of each of n runs about a fit, g r - 1/2 r G r, for values r (C,) of its own.
+
+    columns: C parameters in typical sizes, the free ones of the fit first; g: (n, C); G: (n, C, C); pull, precision:
+    (C,) slope and precision of the priors of values that all runs share; group: (n,) number of each run's group;
+    dispersion: of a fault of an instrument, the ratio of its slopes' variance to its information.
+    """
+
+    columns: tuple[Column, ...]
+    g: np.ndarray
+    G: np.ndarray
+    pull: np.ndarray
+    precision: np.ndarray
+    group: np.ndarray
+    dispersion: Mapping[Candidate, float]
+
+    def at(self, c: Candidate) -> list[int]:
+        """Positions of the parameters of a candidate ``c``."""
+        return [self.columns.index(x) for x in c.columns]
+
+
+@dataclass(frozen=True)
+class GroupTest:
+    """A test of p parameters for different values in G groups.
+
+    statistic: chi-squared with ``degrees``; p_single: its probability by chance; log_bayes: log Bayes factor for
+    different values; values: (G p,) of each group off those of the fit, with covariance (G p, G p); scatter: (p,)
+    standard deviation between the runs of a group. All in typical sizes.
+    """
+
+    statistic: float
+    degrees: int
+    p_single: float
+    log_bayes: float
+    values: np.ndarray
+    covariance: np.ndarray
+    scatter: np.ndarray
+
+
+def run_slopes(
+    steps: TransitionModel, data: GriddedTrials, runs: np.ndarray, found: Estimate, candidates: Sequence[Candidate]
+) -> RunSlopes:
+    """Linearise about a fit.
+
+    steps: the transition model; data: the trials, whose ``run`` is the number of the group; runs: (R,) run of each
+    window; found: the fit; candidates: those to be tested. Returns the slopes of each run.
+    """
+    passive = np.setdiff1d(np.arange(steps.S), active_states(steps, found.free.symbols, found.theta))
+    z = found.path.z
+    if len(passive):
+        z = steps.with_passive_states(z, data.inputs, found.theta, found.path.force, passive)
+    sizes = {x: size for c in candidates for x, size in zip(c.columns, c.typical, strict=True)}
+    more = [x for x in sizes if x not in found.free.columns]
+    n, typical = len(more), np.array([sizes[x] for x in more])
+    free = found.free + Priors(tuple(more), np.zeros(n), typical, np.full(n, -np.inf), np.full(n, np.inf))
+    p = np.concatenate([found.p, np.zeros(n)])
+    point = Point(found.theta, free, p, Trajectory(z, found.path.force), found.noise)
+    here = linearise_and_filter(steps, data, point, np.arange(steps.S))
+    grams = np.einsum("krca,krcb->rab", here.white, here.white, optimize=True)
+    slopes = -(grams[:, :-1, -1] + here.logdet_gradient)
+    names = np.unique(runs)
+    unit = np.array([sizes.get(x, std) / std for x, std in zip(free.columns, free.std, strict=True)])
+    g = np.array([slopes[runs == r].sum(axis=0) for r in names]) * unit
+    G = np.array([grams[runs == r, :-1, :-1].sum(axis=0) for r in names]) * np.outer(unit, unit)
+    group = np.array([data.run[runs == r][0] for r in names])
+    precision = np.concatenate([unit[: len(found.p)] ** 2, np.full(n, COMMON**-2.0)])
+    s = RunSlopes(free.columns, g, G, -p * unit, precision, group, {})
+    white, lags = here.white * np.append(unit, 1.0), memory_steps(steps.ship.particulars["L"], data.h)
+    measured = [c for c in candidates if c.effect in EFFECTS and EFFECTS[c.effect].measures]
+    return replace(s, dispersion={c: _dispersion(s, white, c, len(found.p), lags) for c in measured})
+
+
+def _dispersion(s: RunSlopes, white: np.ndarray, c: Candidate, free: int, lags: int) -> float:
+    """The ratio of the variance of a candidate's slopes to their information.
+
+    white: whitened columns in typical sizes, the residual last; free: parameters of the fit."""
+    own, slope = np.array(s.at(c)), s.g.sum(axis=0) + s.pull
+    rest = np.setdiff1d(np.arange(free), own)
+    H = s.G.sum(axis=0) + np.diag(s.precision)
+    project = np.linalg.solve(H[np.ix_(rest, rest)], H[np.ix_(rest, own)])
+    S = s.G.sum(axis=0)[np.ix_(own, own)] - H[np.ix_(own, rest)] @ project
+    apart = white[..., own] - white[..., rest] @ project
+    return dispersion(apart, white[..., -1], slope[own] - project.T @ slope[rest], S, lags)
+
+
+def with_scatter(s: RunSlopes, scatter: Mapping[Column, float], but: Sequence[Column] = ()) -> RunSlopes:
+    """The slopes ``s`` with some parameters free to differ from run to run.
+
+    scatter: parameter -> standard deviation between runs, in typical sizes; but: parameters that stay the same. Returns
+    slopes along the others.
+    """
+    at = [i for i, x in enumerate(s.columns) if x in scatter and x not in but]
+    if not at:
+        return s
+    precision = np.diag([scatter[s.columns[i]] ** -2.0 for i in at])
+    part = np.linalg.solve(s.G[:, at][:, :, at] + precision, np.concatenate([s.G[:, at], s.g[:, at, None]], axis=2))
+    back = s.G[:, :, at] @ part
+    return replace(s, G=s.G - back[..., :-1], g=s.g - back[..., -1])
+
+
+def surroundings_scatter(s: RunSlopes, candidates: Sequence[Candidate]) -> dict[Column, float]:
+    """How the surroundings among ``candidates`` scatter between the runs of a group, by the slopes ``s``.
+
+    Returns parameter -> standard deviation [typical sizes].
+    """
+    out: dict[Column, float] = {}
+    for c in (c for c in candidates if c.effect in LOCAL):
+        std = _scatter(*_own(s, s.at(c)), _members(s.group, len(c.columns)), len(c.columns))
+        out |= dict(zip(c.columns, std.tolist(), strict=True))
+    return out
+
+
+def tested(s: RunSlopes, c: Candidate) -> GroupTest | None:
+    """The test of a candidate ``c`` by the slopes ``s``. Returns None where the trials do not show a difference."""
+    g, S = _own(s, s.at(c))
+    ratio = s.dispersion.get(c, 1.0)
+    return group_test(g / ratio, S / ratio, s.group, len(c.columns))
+
+
+def _own(s: RunSlopes, at: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+    """Slopes (n p,) and information (n p, n p) of values by run of p parameters, what runs share projected out."""
+    n, p = len(s.g), len(at)
+    rows = s.G[:, at].reshape(n * p, -1)
+    total = s.G.sum(axis=0) + np.diag(s.precision)
+    solved = np.linalg.solve(total, np.column_stack([rows.T, s.g.sum(axis=0) + s.pull]))
+    S = -rows @ solved[:, :-1]
+    for r in range(n):
+        k = slice(r * p, (r + 1) * p)
+        S[k, k] += s.G[r][np.ix_(at, at)]
+    return s.g[:, at].ravel() - rows @ solved[:, -1], 0.5 * (S + S.T)
+
+
+def _members(group: np.ndarray, p: int) -> np.ndarray:
+    """Which values by run (n p) are of which values by group (G p): (n p, G p) of 0 and 1."""
+    return np.kron((group[:, None] == np.unique(group)).astype(float), np.eye(p))
+
+
+def _scatter(g: np.ndarray, S: np.ndarray, members: np.ndarray, p: int) -> np.ndarray:
+    """Standard deviation (p,) of values by run about those of their group, by expectation-maximisation."""
+    n, q = len(g) // p, members.shape[1]
+    both = np.hstack([members, np.eye(n * p)])
+    info, slope, std = both.T @ S @ both, both.T @ g, np.ones(p)
+    for _ in range(ROUNDS):
+        C = np.linalg.inv(info + np.diag(np.concatenate([np.full(q, FLAT), np.tile(std**-2.0, n)])))
+        square = (C @ slope)[q:] ** 2 + np.diag(C)[q:]
+        std = np.maximum(np.sqrt(square.reshape(n, p).mean(axis=0)), LEAST)
+    return std
+
+
+def _by_group(g: np.ndarray, S: np.ndarray, members: np.ndarray, std: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Slope and information of values by group, about which those by run scatter by ``std``."""
+    precision = np.diag(np.tile(std**-2.0, len(g) // len(std)))
+    take = np.linalg.solve(S + precision, np.column_stack([S, g]))
+    return members.T @ (g - S @ take[:, -1]), members.T @ (S - S @ take[:, :-1]) @ members
+
+
+def _contrasts(slope: np.ndarray, info: np.ndarray, p: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Slope and information of differences between groups, the mean being free, and their basis (G p, (G - 1) p)."""
+    G = len(slope) // p
+    each = np.linalg.svd(np.ones((G, 1)))[0]
+    even, basis = (np.kron(x, np.eye(p)) for x in (each[:, :1], each[:, 1:]))
+    part = np.linalg.solve(even.T @ info @ even + FLAT * np.eye(p), even.T @ np.column_stack([info, slope]))
+    J = basis.T @ (info - info @ even @ part[:, :-1]) @ basis
+    return basis.T @ (slope - info @ even @ part[:, -1]), 0.5 * (J + J.T), basis
+
+
+def group_test(g: np.ndarray, S: np.ndarray, group: np.ndarray, p: int) -> GroupTest | None:
+    """Test values by run for different means in their groups.
+
+    g: (n p,) slopes and S: (n p, n p) information of the values of p parameters in n runs; group: (n,) number of each
+    run's group. Returns None where nothing is seen of a difference.
+
+    With few runs, scatter between them is not known well: the probability is that of Fisher's F with the degrees of
+    freedom of Satterthwaite (1946), by the share of the variance that the scatter makes.
+    """
+    members = _members(group, p)
+    std = _scatter(g, S, members, p)
+    slope, info = _by_group(g, S, members, std)
+    score, J, _ = _contrasts(slope, info, p)
+    values, vectors = np.linalg.eigh(J)
+    seen = values > max(SEEN, 1e-8 * values.max(initial=0.0))
+    if not seen.any():
+        return None
+    values, vectors, degrees = values[seen], vectors[:, seen], int(seen.sum())
+    along = vectors.T @ score
+    statistic = float((along**2 / values).sum())
+    known = np.linalg.pinv(_contrasts(*_by_group(g, S, members, np.full(p, LEAST)), p)[1], rcond=1e-9)
+    share = 1 - float(np.mean(np.diag(vectors.T @ known @ vectors) * values))
+    spare = max(len(group) - len(np.unique(group)), 1)
+    p_value = float(f_law.sf(statistic / degrees, degrees, spare / max(share, 1e-3) ** 2))
+    logs = [0.5 * float((along**2 / (values + a**-2)).sum() - np.log1p(a**2 * values).sum()) for a in SIZES]
+    log_bayes = float(np.logaddexp.reduce(logs) - np.log(len(logs)))
+    covariance = np.linalg.inv(info + FLAT * np.eye(len(info)))
+    return GroupTest(statistic, degrees, p_value, log_bayes, covariance @ slope, covariance, std)
+
+
+def imitated(s: RunSlopes, c: Candidate, other: Candidate) -> float:
+    """How much of the difference that a candidate ``c`` shows another one imitates.
+
+    s: slopes; other: the other one. Returns 1 where both say the same of these trials.
+    """
+    own = len(c.columns)
+    at = [*s.at(c), *s.at(other)]
+    g, S = _own(s, at)
+    members = _members(s.group, len(at))
+    score, J, _ = _contrasts(*_by_group(g, S, members, np.full(len(at), LEAST)), len(at))
+    first = np.tile(np.arange(len(at)) < own, len(J) // len(at))
+    J11, J12, J22 = J[np.ix_(first, first)], J[np.ix_(first, ~first)], J[np.ix_(~first, ~first)]
+    size = np.linalg.lstsq(J11, score[first], rcond=1e-9)[0]
+    whole = float(size @ J11 @ size)
+    return float(size @ J12 @ np.linalg.pinv(J22, rcond=1e-9) @ J12.T @ size) / whole if whole > 0 else 0.0
+
+
+def holm(p: Sequence[float]) -> np.ndarray:
+    """Probabilities ``p`` corrected for their number (Holm 1979), in the same order, shape (len(p),)."""
+    order = np.argsort(p)
+    raised = np.maximum.accumulate(np.array(p, dtype=float)[order] * np.arange(len(p), 0, -1))
+    out = np.empty(len(p))
+    out[order] = np.minimum(raised, 1.0)
+    return out
