@@ -19,12 +19,12 @@ from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import PRIOR_WIDTH, get_values
 from diagnosis.estimation.transition_model import TransitionModel
-from diagnosis.group_findings import Between, GroupDifference, GroupParameter, GroupValue
+from diagnosis.group_findings import Between, GroupDifference
 from diagnosis.hypotheses.forward_selection import LEVEL, SAME_CLASS, SearchProblem
+from diagnosis.hypotheses.group_rows import group_row, parameters_by_group
 from diagnosis.hypotheses.heterogeneity import (
     GroupTest,
     RunSlopes,
-    group_test,
     holm,
     imitated,
     run_slopes,
@@ -34,14 +34,13 @@ from diagnosis.hypotheses.heterogeneity import (
 )
 from diagnosis.hypotheses.refit import refit
 from diagnosis.report.between_words import sentence
-from diagnosis.sensors.kinematic_words import ALIKE, TRACK, TURN, Quantity
+from diagnosis.sensors.group_differences import Measured, measured_differences, without_doubles
+from diagnosis.sensors.kinematic_words import Quantity
 from diagnosis.sensors.kinematics import Kinematics
 from mmg.effects import EFFECTS
 from mmg.errors import UserError
 from mmg.messages import Message
-from mmg.motion.froude import time_scale
 from mmg.progress import LOGGER
-from mmg.ship import Ship
 
 SHARE = 0.1
 """Typical difference of a coefficient between groups, as a share of its value, if its prior is not narrower."""
@@ -55,22 +54,6 @@ UNEXPLAINED = 0.25
 """Log Bayes factor of what is left without a name, as a share of that of the names, above which they are withdrawn."""
 AGREE = 3.0
 """Standard errors by which dynamics and kinematics may disagree on an instrument."""
-
-
-@dataclass(frozen=True)
-class Measured:
-    """A test of an instrument by the kinematics: the fault, its test in units of the least size that matters, its row
-    of the result."""
-
-    fault: Quantity
-    test: GroupTest
-    row: GroupDifference
-
-    @property
-    def matters(self) -> bool:
-        """Whether the groups differ, beyond chance and by what matters."""
-        off = np.ptp(self.test.values)
-        return self.row.p_value < LEVEL and bool(off > 1.0)
 
 
 @dataclass(frozen=True)
@@ -96,7 +79,7 @@ def compare_groups(
     if unused:
         raise UserError(f"--between {groups.by}: no trial of {unused[0]} has a piece without a gap that is long enough")
     measured = measured_differences(sensors, problem.steps.ship, groups)
-    instruments = _without_doubles([m for m in measured if m.matters])
+    instruments = without_doubles([m for m in measured if m.matters])
     LOGGER.info(
         "testing every effect, instrument and coefficient for a difference between %d groups", len(groups.names)
     )
@@ -116,76 +99,6 @@ def _limits(groups: Groups) -> list[Message]:
     alone = [name for i, name in enumerate(groups.names) if groups.number.count(i) == 1]
     words = f"one run only in {', '.join(alone)}: what differs there may be a matter of that run alone"
     return [Message(words, "one_run_groups")] if alone else []
-
-
-def measured_differences(sensors: Kinematics, ship: Ship, groups: Groups) -> list[Measured]:
-    """Tests of all faults of instruments for different sizes in the ``groups``, without any model.
-
-    sensors: what each run shows; ship: whose length says which sizes matter. Returns those that can be tested.
-    """
-    k, found = time_scale(float(ship.particulars["L"])), []
-    for q in (*TRACK, *TURN):
-        readings = [run[q.symbol] for run in sensors.runs]
-        good = [
-            np.isfinite(x.value) and x.std > 0 and not run.faults for x, run in zip(readings, sensors.runs, strict=True)
-        ]
-        group = np.array(groups.number)[good]
-        if set(group) != set(groups.number):
-            continue
-        size = q.threshold * k ** (2 * q.power)
-        values, std = (np.array([getattr(x, a) for x in readings])[good] / size for a in ("value", "std"))
-        test = group_test(values / std**2, np.diag(std**-2.0), group, 1)
-        if test is not None:
-            found.append((q, test, size))
-    adjusted = holm([test.p_single for _, test, _ in found])
-    rows = []
-    for (q, test, size), p in zip(found, adjusted, strict=True):
-        nature = "surroundings" if q.symbol.startswith("drift") else "instrument"
-        words = {q.parameter or q.symbol: (q.unit, q.form.format(q.ends[0]))}
-        parts = _parameters(groups, words, size * test.values, size**2 * test.covariance)
-        name = q.effect or q.symbol
-        rows.append(Measured(q, test, _row(name, nature, "kinematics", parts, test, float(p))))
-    return rows
-
-
-def _without_doubles(found: Sequence[Measured]) -> list[Measured]:
-    """Of faults that look alike in a run, the one for which most speaks, with the others as its class."""
-    rest, kept = sorted(found, key=lambda m: -m.row.log_bayes), []
-    while rest:
-        first, *rest = rest
-        alike = set().union(*(group for group in ALIKE if first.fault.symbol in group))
-        same = tuple(dict.fromkeys(m.row.name for m in rest if m.fault.symbol in alike))
-        rest = [m for m in rest if m.fault.symbol not in alike]
-        kept.append(replace(first, row=replace(first.row, equivalence_class=same)))
-    return kept
-
-
-def _parameters(
-    groups: Groups, words: Mapping[str, tuple[str, str]], values: np.ndarray, covariance: np.ndarray
-) -> dict[str, GroupParameter]:
-    """Parameters by name, with their ``words`` (unit, meaning), from their values by group (G p,) and covariance."""
-    p, G = len(words), len(groups.names)
-    out = {}
-    for j, (name, (unit, meaning)) in enumerate(words.items()):
-        own, C = values[j::p], covariance[j::p, j::p]
-        weights = (np.eye(G) * G - 1.0) / (G - 1)
-        rows = zip(own, np.diag(C), weights @ own, np.einsum("ga,ab,gb->g", weights, C, weights), strict=True)
-        each = (GroupValue(float(v), float(c**0.5), float(d), float(max(e, 0.0) ** 0.5)) for v, c, d, e in rows)
-        out[name] = GroupParameter(unit, meaning, dict(zip(groups.names, each, strict=True)))
-    return out
-
-
-def _row(
-    name: str, nature: str, source: str, parts: Mapping[str, GroupParameter], test: GroupTest, p: float
-) -> GroupDifference:
-    """A row of the result; p: the probability corrected for the number of tests."""
-    names = tuple(next(iter(parts.values())).groups)
-    off = {
-        g: max(abs(x.groups[g].difference) / max(x.groups[g].difference_std, 1e-300) for x in parts.values())
-        for g in names
-    }
-    most = max(names[::-1], key=lambda g: round(off[g], 6))
-    return GroupDifference(name, nature, source, most, parts, test.statistic, test.degrees, p, test.log_bayes)
 
 
 def group_candidates(problem: SearchProblem) -> tuple[Candidate, ...]:
@@ -309,8 +222,8 @@ class _Search:
         """A test with its row of the result."""
         size = np.tile(c.typical, len(self.groups.names))
         values = self._values(fit, Tested(c, test, NO_ROW))
-        parts = _parameters(self.groups, self._words(c), values, test.covariance * np.outer(size, size))
-        return Tested(c, test, _row(c.effect, nature(c.effect), "dynamics", parts, test, p))
+        parts = parameters_by_group(self.groups, self._words(c), values, test.covariance * np.outer(size, size))
+        return Tested(c, test, group_row(c.effect, nature(c.effect), "dynamics", parts, test, p))
 
     def _words(self, c: Candidate) -> dict[str, tuple[str, str]]:
         """Unit and meaning of each parameter of a candidate."""
@@ -325,7 +238,7 @@ class _Search:
         runs = np.array([len(set(self.runs[self.problem.data.run == k])) for k in range(len(names))])
         covariance = fit.covariance[np.ix_(at, at)] * np.outer(fit.free.std[at], fit.free.std[at])
         covariance += np.diag(np.kron(1.0 / runs, (t.test.scatter * c.typical) ** 2))
-        return replace(t.row, parameters=_parameters(self.groups, self._words(c), values, covariance))
+        return replace(t.row, parameters=parameters_by_group(self.groups, self._words(c), values, covariance))
 
     def _judged(
         self, best: Tested, tests: Sequence[Tested], slopes: RunSlopes

@@ -250,7 +250,7 @@ def imitated(s: RunSlopes, c: Candidate, other: Candidate) -> float:
 
 
 def holm(p: Sequence[float]) -> np.ndarray:
-    """Probabilities ``p`` corrected for their number (Holm 1979), in the same order, shape (len(p),)."""
+    """The m probabilities ``p`` corrected for their number (Holm 1979), in the same order, (m,)."""
     order = np.argsort(p)
     raised = np.maximum.accumulate(np.array(p, dtype=float)[order] * np.arange(len(p), 0, -1))
     out = np.empty(len(p))

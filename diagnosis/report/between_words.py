@@ -56,7 +56,7 @@ def size(p: GroupParameter, group: str, d: GroupDifference) -> str:
 
 
 def rows(b: Between) -> list[dict[str, Any]]:
-    """Rows of the strongest tests of ``b``: name, nature, parameter, p, log Bayes factor, value ± std by group, whether named."""
+    """Rows of the strongest tests of ``b``: what, p, log Bayes factor, value ± std by group, whether named."""
     out = []
     for d in b.candidates[:SHOWN]:
         for name, p in d.parameters.items():
