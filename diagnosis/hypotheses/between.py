@@ -25,11 +25,11 @@ from diagnosis.hypotheses.group_rows import group_row, parameters_by_group
 from diagnosis.hypotheses.heterogeneity import (
     GroupTest,
     RunSlopes,
+    candidate_test,
     holm,
     imitated,
     run_slopes,
     surroundings_scatter,
-    tested,
     with_scatter,
 )
 from diagnosis.hypotheses.refit import refit
@@ -213,7 +213,9 @@ class _Search:
         )
         scatter = surroundings_scatter(slopes, local)
         still = with_scatter(slopes, scatter)
-        found = [(c, tested(with_scatter(slopes, scatter, c.columns) if c in local else still, c)) for c in rest]
+        found = [
+            (c, candidate_test(with_scatter(slopes, scatter, c.columns) if c in local else still, c)) for c in rest
+        ]
         shown = [(c, t) for c, t in found if t is not None]
         adjusted = holm([t.p_single for _, t in shown])
         return [self._tested(fit, c, t, float(p)) for (c, t), p in zip(shown, adjusted, strict=True)], still

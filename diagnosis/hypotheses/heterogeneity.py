@@ -148,7 +148,7 @@ def surroundings_scatter(s: RunSlopes, candidates: Sequence[Candidate]) -> dict[
     return out
 
 
-def tested(s: RunSlopes, c: Candidate) -> GroupTest | None:
+def candidate_test(s: RunSlopes, c: Candidate) -> GroupTest | None:
     """The test of a candidate ``c`` by the slopes ``s``. Returns None where the trials do not show a difference."""
     g, S = _own(s, s.at(c))
     ratio = s.dispersion.get(c, 1.0)

@@ -10,8 +10,9 @@ from typing import Any
 import pytest
 
 from cases.shipfiles.ship_file import dump_ship
-from diagnosis.findings import LearnedResidual
+from diagnosis.findings import Between, GroupDifference, GroupParameter, GroupValue, LearnedResidual
 from diagnosis.report.figures import figures_for
+from diagnosis.report.page import build_report
 from diagnosis.result import Diagnosis, read_diagnosis
 from mmg.errors import UserError
 from mmg.messages import Message
@@ -21,12 +22,22 @@ pytestmark = pytest.mark.usefixtures("blank_figures")
 KEYS = {
     "schema_version", "verdict", "effects", "equivalence_class", "remainder", "candidates", "where", "held_out",
     "next_test", "warnings", "messages", "sentence", "kinematics", "instruments", "not_screened", "unnamed", "noise",
-    "learned", "unexplained_force", "timings",
+    "learned", "unexplained_force", "timings", "between",
 }  # fmt: skip
 RESULT_KEYS = {
     "schema_version", "kind", "command", "seed", "versions", "data", "test", "figures", "warnings", "timings_s",
 }  # fmt: skip
 LEARNED = LearnedResidual(0.4, 0.3, 0.25, (0.1, 0.4), (0, 1), (0.2, 0.3), 0.07, 0.28, 40, True, "kept", "It closes.")
+LATE = GroupParameter("s", "lag of the logged turn rate", {
+    "2020-07-31": GroupValue(0.01, 0.02, -0.9, 0.05), "2020-11-12": GroupValue(0.91, 0.04, 0.9, float("inf")),
+})  # fmt: skip
+GYRO = GroupDifference(
+    "gyro", "instrument", "kinematics", "2020-11-12", {"T": LATE}, 400.0, 1, 1e-80, 190.0, ("r_bias",)
+)
+BETWEEN = Between(
+    "day", {"2020-07-31": ("run <0>",), "2020-11-12": ("run 2", "run 3")}, "named", "The days differ in gyro.",
+    (GYRO,), (GYRO, replace(GYRO, name="X_0F", nature="ship", source="dynamics")), False, ("one run only",),
+)  # fmt: skip
 
 
 def full() -> Diagnosis:
@@ -34,7 +45,7 @@ def full() -> Diagnosis:
     d = case("named")
     by_run = replace(d.effects[0], by_run={"run 1": {"x": 0.1}}, p_value=float("nan"))
     warnings = (Message("beware of the <tide>.", "tide"),)
-    return replace(d, effects=(*d.effects, by_run), warnings=warnings, learned=LEARNED)
+    return replace(d, effects=(*d.effects, by_run), warnings=warnings, learned=LEARNED, between=BETWEEN)
 
 
 @pytest.fixture(scope="module")
@@ -68,6 +79,9 @@ def test_the_files_have_exactly_their_keys(folder: Path) -> None:
     assert set(content["noise"]) == {"force_N_N_Nm", "force_memory_s", "white", "coloured"}
     assert set(content["unnamed"]) == {"before", "after"}
     assert set(content["learned"]) == {f.name for f in fields(LearnedResidual)}
+    assert set(content["between"]) == {f.name for f in fields(Between)}
+    assert keys_of(content["between"]["differences"]) == {f.name for f in fields(GroupDifference)}
+    assert content["between"]["differences"][0]["parameters"]["T"]["groups"]["2020-11-12"]["difference_std"] is None
     assert content["messages"] == [{"level": "warning", "code": "tide", "text": "beware of the <tide>."}]
     assert content["warnings"] == result["warnings"] == ["beware of the <tide>."]
 
@@ -84,6 +98,15 @@ def test_what_is_read_is_what_was_written(folder: Path, tmp_path: Path) -> None:
     found.save(tmp_path / "again")
     assert read_diagnosis(tmp_path / "again").to_dict() == on_disk
     assert {f.name for f in figures_for(found)} == {"where_in_state", "ranking", "held_out", "shares"}
+
+
+def test_the_page_compares_the_groups_where_that_was_asked(folder: Path) -> None:
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    part = page[page.index('<h2 id="between">') : page.index('<h2 id="how">')]
+    assert "The days differ in gyro." in part and "difference named" in part and "One run only." in part
+    assert "run &lt;0&gt;" in part and part.count("0.910 ± 0.040") == 2 and part.count('<tr class="named">') == 1
+    assert "lag of the logged turn rate (without a model)" in part and "10⁻³⁰" in part
+    assert 'id="between"' not in build_report(case("named"), Path("nowhere"), [])
 
 
 def test_a_folder_is_replaced_only_when_asked(folder: Path, tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ from tests.support.trial_files import make_trial, write_csv
     ("name", "day"),
     [
         ("zigzag_31-Jul-2020_14_10_05", "2020-07-31"),
+        ("berthing_12-Nov-2020_11_14_47", "2020-11-12"),
         ("random_06-Aug-2020_16_24_25_5", "2020-08-06"),
         ("turn_2026-11-22_run3", "2026-11-22"),
         ("run_20261122T101500", "2026-11-22"),

@@ -66,7 +66,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def content(folder: Path) -> dict[str, Any]:
     """What ``mmg diagnose`` prints of it; the folder is ``run``."""
-    where = ("--test", folder / "test", "--out", folder / "run")
+    where = ("--test", folder / "test", "--between", "KIND", "--out", folder / "run")
     return shown("diagnose", folder / "ship.toml", folder / "train", *where, *OPTIONS)
 
 
@@ -88,6 +88,15 @@ def test_the_effect_is_named_with_the_keys_of_the_contract(content: dict[str, An
     assert content["effects"][0]["parameters"]["x"]["unit"] == "m/s"
     assert all(name in EFFECTS for name in content["equivalence_class"])
     assert "mmg simulate" in content["next_test"]
+
+
+def test_groups_are_compared_where_that_is_asked(content: dict[str, Any]) -> None:
+    between = content["between"]
+    assert between["by"] == "kind" and list(between["groups"]) == ["random", "turning", "zigzag"]
+    assert between["verdict"] == "none" and between["differences"] == []
+    assert any("one run only in random, turning, zigzag" in line for line in between["warnings"])
+    names = {c["name"] for c in between["candidates"]}
+    assert {"current", "gyro", "velocity_lag", "X_0F"} <= names
 
 
 def test_candidates_are_all_that_could_be_screened(content: dict[str, Any]) -> None:
@@ -240,6 +249,9 @@ BAD: list[tuple[Callable[[Path], list[str | Path]], str]] = [
     (lambda f: [f / "ship.toml", f / "train", "--workers", "0"], "--workers 0: must be at least 1"),
     (lambda f: [f / "ship.toml", f / "train", "--site", f / "no_site.toml"], "no_site.toml: no such file"),
     (lambda f: [f / "ship.toml", f / "train", "--site", f / "ship.toml"], "unknown section"),
+    (lambda f: [f / "ship.toml", f / "train", "--between", "weather"], "--between weather: not one of day, month"),
+    (lambda f: [f / "ship.toml", f / "train", "--between", "day"], "--between day: no date in the name of random"),
+    (lambda f: [f / "ship.toml", f / "train", "--between", "folder"], "all trials are of one group"),
     (lambda f: [f / "ship.toml"], "TRIAL"),
 ]
 

@@ -1,0 +1,106 @@
+"""Differences between groups of trials: none, an instrument, surroundings, the ship, and what must not be named."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+
+import pytest
+
+from cases.io.groups import Groups
+from cases.trial import Trial
+from diagnosis.findings import Between
+from diagnosis.hypotheses.between import compare_groups
+from diagnosis.sensors.kinematics import consistency
+from mmg.errors import UserError
+from tests.support.diagnosis_cases import SHIP, problem_of, pushed_trials
+
+RUNS = (("zigzag:20/20", 80.0), ("random:11", 80.0), ("turning:-20", 80.0))
+
+
+def trials_of(seed: int, effects: Sequence[str] = (), runs: Sequence[tuple[str, float]] = RUNS) -> list[Trial]:
+    """Runs, of which the second half are of another group, in which the effects act."""
+    first, second = pushed_trials(seed, [], runs), pushed_trials(seed + 1, effects, runs)
+    return [replace(t, name=f"{g} {t.name}") for g, own in (("A", first), ("B", second)) for t in own]
+
+
+def compared(trials: Sequence[Trial], number: Sequence[int] = (0, 0, 0, 1, 1, 1)) -> Between:
+    """What differs between groups A, B, ... of trials."""
+    problem, null = problem_of(trials, 1.0)
+    names = tuple("ABC"[: max(number) + 1])
+    return compare_groups(problem, null, consistency(trials, SHIP), Groups("group", names, tuple(number)), trials)
+
+
+@cache
+def answer(*effects: str) -> Between:
+    """The answer where these effects act in the second group."""
+    return compared(trials_of(41, effects))
+
+
+def test_groups_that_agree_are_not_told_apart() -> None:
+    b = answer()
+    assert (b.verdict, b.differences, b.remainder, b.warnings) == ("none", (), False, ())
+    assert b.sentence == "between groups by group nothing differs beyond chance and the scatter of the runs"
+    assert {k: len(v) for k, v in b.groups.items()} == {"A": 3, "B": 3} and "A 0_zigzag" in b.groups["A"][0]
+    assert {"current", "fouling", "X_0F", "antenna_offset"} <= {c.name for c in b.candidates}
+    assert [c.log_bayes for c in b.candidates] == sorted((c.log_bayes for c in b.candidates), reverse=True)
+    assert min(c.p_value for c in b.candidates) > 0.03
+
+
+def test_a_turn_rate_that_is_late_in_one_group_is_an_instrument_of_it() -> None:
+    b = answer("gyro:T=0.5")
+    assert b.verdict == "named" and not b.remainder
+    (d,) = b.differences
+    assert (d.name, d.nature, d.source, d.group) == ("gyro", "instrument", "kinematics", "B")
+    late = d.parameters["T"].groups
+    assert late["B"].value == pytest.approx(0.5, abs=0.07) and late["A"].value == pytest.approx(0.0, abs=0.05)
+    assert late["B"].difference == pytest.approx(late["B"].value - late["A"].value) == -late["A"].difference
+    assert late["B"].difference > 5 * late["B"].difference_std and "gyro in B, T +0." in b.sentence
+
+
+def test_a_current_in_one_group_is_of_its_surroundings() -> None:
+    b = answer("current:x=0.05,y=-0.03")
+    (d,) = b.differences
+    assert (b.verdict, d.name, d.nature, d.source) == ("named", "current", "surroundings", "dynamics")
+    for k, truth in (("x", 0.05), ("y", -0.03)):
+        x = d.parameters[k].groups["B"]
+        assert d.parameters[k].unit == "m/s" and 0 < x.difference_std < 0.02
+        assert abs(x.difference - truth) < 3 * x.difference_std < 0.05
+
+
+def test_a_larger_resistance_is_of_the_ship_by_either_of_its_names() -> None:
+    b = answer("fouling:share=0.5")
+    (d,) = b.differences
+    assert b.verdict == "named" and d.nature == "ship" and {d.name, *d.equivalence_class} >= {"fouling", "X_0F"}
+    x = d.parameters["X_0F" if d.name == "X_0F" else "share"].groups
+    relative = x["B"].value / x["A"].value - 1 if d.name == "X_0F" else x["B"].difference
+    assert relative == pytest.approx(0.5, abs=0.2) and d.p_value < 0.01
+    assert "%" in b.sentence or d.name == "fouling"
+
+
+def test_what_differs_where_manoeuvres_differ_too_is_not_named() -> None:
+    trials = [
+        replace(t, kind="turning" if t.name[0] == "A" else "berthing")
+        for t in trials_of(41, ["current:x=0.05,y=-0.03"])
+    ]
+    b = compared(trials)
+    assert b.verdict == "unknown" and b.remainder and b.differences == ()
+    assert (
+        "B holds only berthing trials, of which no other group has any" in b.sentence
+        and "(strongest: current)" in b.sentence
+    )
+
+
+def test_groups_of_one_run_are_warned_of_and_scatter_is_no_difference() -> None:
+    trials = trials_of(43, ["current:x=0.02,y=0.0"], RUNS[:1])
+    b = compared(trials, (0, 1))
+    assert "one run only in A, B: what differs there may be a matter of that run alone" in b.warnings
+    assert b.verdict == "none"
+
+
+def test_a_group_without_a_usable_piece_is_refused() -> None:
+    trials = trials_of(43, [], RUNS[:1])
+    short = replace(trials[1], columns={k: v[:60] for k, v in trials[1].columns.items()})
+    with pytest.raises(UserError, match="--between group: no trial of B has a piece without a gap that is long enough"):
+        compared([trials[0], short], (0, 1))
