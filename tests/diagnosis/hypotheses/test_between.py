@@ -10,7 +10,7 @@ import pytest
 
 from cases.io.groups import Groups
 from cases.trial import Trial
-from diagnosis.findings import Between
+from diagnosis.group_findings import Between
 from diagnosis.hypotheses.between import compare_groups
 from diagnosis.sensors.kinematics import consistency
 from mmg.errors import UserError
