@@ -19,8 +19,8 @@ from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import PRIOR_WIDTH, get_values
 from diagnosis.estimation.transition_model import TransitionModel
-from diagnosis.group_findings import Between, GroupDifference
 from diagnosis.hypotheses.forward_selection import LEVEL, SAME_CLASS, SearchProblem
+from diagnosis.hypotheses.group_findings import Between, GroupDifference
 from diagnosis.hypotheses.group_rows import group_row, parameters_by_group
 from diagnosis.hypotheses.heterogeneity import (
     GroupTest,

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from cases.io.groups import Groups
-from diagnosis.group_findings import GroupDifference, GroupParameter, GroupValue
+from diagnosis.hypotheses.group_findings import GroupDifference, GroupParameter, GroupValue
 from diagnosis.hypotheses.heterogeneity import GroupTest
 
 

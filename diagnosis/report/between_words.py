@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from diagnosis.group_findings import Between, GroupDifference, GroupParameter
+from diagnosis.hypotheses.group_findings import Between, GroupDifference, GroupParameter
 from diagnosis.report.where_words import shown_unit
 from fitting.report.words import plus_minus
 from mmg.effects import EFFECTS

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cases.io.groups import Groups
-from diagnosis.group_findings import GroupDifference
 from diagnosis.hypotheses.forward_selection import LEVEL
+from diagnosis.hypotheses.group_findings import GroupDifference
 from diagnosis.hypotheses.group_rows import group_row, parameters_by_group
 from diagnosis.hypotheses.heterogeneity import GroupTest, group_test, holm
 from diagnosis.sensors.kinematic_words import ALIKE, TRACK, TURN, Quantity

@@ -10,8 +10,8 @@ import pytest
 
 from cases.io.groups import Groups
 from cases.trial import Trial
-from diagnosis.group_findings import Between
 from diagnosis.hypotheses.between import compare_groups
+from diagnosis.hypotheses.group_findings import Between
 from diagnosis.sensors.kinematics import consistency
 from mmg.errors import UserError
 from tests.support.diagnosis_cases import SHIP, problem_of, pushed_trials
