@@ -30,7 +30,7 @@ from fitting.nlp.windows import Segments, cut
 from fitting.settings import Settings, Start
 from fitting.solvers.ipopt import Solution
 from fitting.solvers.multistart import solve_starts
-from fitting.solvers.residual_noise import ResidualNoise, solve_with_noise_estimation
+from fitting.solvers.residual_noise import ResidualNoise, Resumption, solve_with_noise_estimation
 from fitting.uncertainty.sandwich import Robust, robust
 from mmg.errors import UserError
 from mmg.messages import Message, as_messages
@@ -46,8 +46,9 @@ class Calibration:
     (P, P) in prior standard deviations, robust to correlated residuals (fitting/uncertainty/sandwich.py), of what all
     runs share, as ``prior``; identifiability: what the trials determine. noise: estimated from the residuals of the
     last solve; solution: of that solve; passes: objective and status of every solve. information: of each window on p,
-    from which ``spread`` has the robust and the model-based covariance; problem: solved. constants: what each run has
-    of its own; solution, information, spread and problem are of all that was fitted, the shared ones first.
+    from which ``spread`` has the robust and the model-based covariance; problem: solved; resumption: how to go on with
+    the last solve. constants: what each run has of its own; solution, information, spread and problem are of all that
+    was fitted, the shared ones first.
     """
 
     ship: Ship
@@ -66,6 +67,7 @@ class Calibration:
     information: Information
     spread: Robust
     problem: Problem
+    resumption: Resumption
     constants: RunConstants | None
 
     @property
@@ -92,9 +94,10 @@ class Calibration:
     @property
     def iterate(self) -> dict[str, np.ndarray]:
         """From which a fit can be resumed: scaled estimates "p" of all that was fitted, constants of the runs last,
-        states "nodes" (B, S) and "sigma" (6,)."""
+        states "nodes" (B, S), "sigma" (6,), and where the last solve began (``Resumption``)."""
         p = np.concatenate([self.p, self.constants.p]) if self.constants else self.p
-        return {"p": p, "nodes": self.problem.split(self.solution.x)[0], "sigma": self.sigma}
+        nodes = self.problem.split(self.solution.x)[0]
+        return {"p": p, "nodes": nodes, "sigma": self.sigma, **self.resumption.arrays}
 
 
 def condition_number(covariance: np.ndarray) -> float:
@@ -176,17 +179,18 @@ def estimate_coefficients(
 
     The residual's standard deviation of each state is re-estimated from solve to solve (``ResidualNoise``) until it
     settles. settings: of windows and solver; progress: called at each iteration of the solver, with the objective and
-    the constraint violation; warm: "p" (P,), "nodes" (B, 6) and "sigma" (6,) of an interrupted run; captive: points
-    whose forces are fitted too; per_run: coefficients of effects of the ship, fixed in it, of which each run gets its
-    own (``cases.shipfiles.effects.varying_effects``). Returns the calibration, whose ship is without those effects; a
-    solver that stops early is no error: the best iterate is kept and ``converged`` is False. Raises UserError for
-    input from which nothing can be identified.
+    the constraint violation; warm: ``Calibration.iterate`` of an interrupted run, which goes on as if it had not been,
+    or its "p" (P,) alone; captive: points whose forces are fitted too; per_run: coefficients of effects of the ship,
+    fixed in it, of which each run gets its own (``cases.shipfiles.effects.varying_effects``). Returns the calibration,
+    whose ship is without those effects; a solver that stops early is no error: the best iterate is kept and
+    ``converged`` is False. Raises UserError for input from which nothing can be identified.
     """
     began = time.perf_counter()
     prepared = _prepared(ship, trials, settings or Settings(), warm, captive, per_run)
     first, x, settings, early_warnings, notices = prepared
     prior, timings = first.prior, {"prepare": time.perf_counter() - began}
-    problem, solution, noise, passes = solve_with_noise_estimation(first, x, settings, began, progress)
+    resumed = Resumption.of_arrays(warm or {}, first)
+    problem, solution, noise, passes, last = solve_with_noise_estimation(first, x, settings, began, progress, resumed)
     timings["solve"] = time.perf_counter() - began - timings["prepare"]
     best, starts = solve_starts(problem, solution, settings, began, progress)
     p = np.clip(problem.split(best.x)[1], *problem.p_bounds())
@@ -220,6 +224,7 @@ def estimate_coefficients(
         information=found,
         spread=spread,
         problem=problem.with_changes(),  # without what it has cached
+        resumption=last,
         constants=RunConstants.of(problem.ship, prior, p, spread.covariance, problem.segments.trials),
     )
 

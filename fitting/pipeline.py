@@ -22,7 +22,7 @@ from fitting.nlp.captive import Captive
 from fitting.prediction.band_calibration import adaptation_worth, fit_bands
 from fitting.prediction.bands import draws_of
 from fitting.prediction.score import score_pairs
-from fitting.record import CoefficientRow, FitObjects, FitRecord
+from fitting.record import CoefficientRow, FitObjects, FitRecord, SolveRow
 from fitting.report.run_folder import data_rows, plain, versions
 from fitting.result import FitResult
 from fitting.settings import Settings
@@ -102,6 +102,7 @@ def calibrate(
     notices = [*found.notices, *(choice.notices if choice else ())]
     content = {
         **_solved(found, options.command),
+        "passes": (*_earlier(options.resume, found), *found.passes),
         "data": data_rows(train),
         "validation_data": data_rows(validation),
         "coefficients": coefficient_rows(found),
@@ -151,6 +152,12 @@ def check_resumable(earlier: FitResult, ship: Ship, trials: Sequence[Trial], con
         raise UserError(f"{where}: --resume needs the same --per-run as the interrupted run")
     if sorted(row.sha256 or "" for row in earlier.data) != sorted(t.sha256 for t in trials):
         raise UserError(f"{where}: --resume needs the same trial files as the interrupted run")
+
+
+def _earlier(resumed: FitResult | None, found: Calibration) -> Sequence[SolveRow]:
+    """Rows of the solves of an interrupted run that came before those of the calibration."""
+    count = int(found.resumption.number[0]) + 1 - len(found.passes)
+    return resumed.passes[:count] if resumed else ()
 
 
 def _solved(found: Calibration, command: str) -> dict[str, Any]:

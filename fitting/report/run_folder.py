@@ -149,11 +149,14 @@ def read_result(folder: Path) -> dict:
 
 
 def read_iterate(folder: Path) -> dict[str, np.ndarray]:
-    """The arrays p (P,), nodes (B, 6) and sigma (6,) in ``folder``, from which a fit can be resumed.
+    """The arrays in ``folder``, from which a fit can be resumed (``fitting.calibration.Calibration.iterate``).
 
     Raises UserError when they cannot be read.
     """
     try:
-        return dict(load_file(folder / ITERATE))
+        found = dict(load_file(folder / ITERATE))
+        if not all(a.dtype == float and np.isfinite(a).all() for a in found.values()):
+            raise ValueError("numbers that are not finite")
+        return found
     except Exception as error:
         raise UserError(f"{folder / ITERATE}: cannot be read ({error}); start again without --resume") from None

@@ -112,9 +112,10 @@ def _solve_all(
     for p in points:
         if (left := time_left(settings, began)) is not None and left <= 0:
             break
-        solutions.append(_solve_one(problem, settings, damped, p, began, progress))
-        if solutions[-1].status == "User_Requested_Stop":
-            break
+        found = _solve_one(problem, settings, damped, p, began, progress)
+        if found.status == "User_Requested_Stop":
+            break  # it counts as left out
+        solutions.append(found)
     return solutions
 
 

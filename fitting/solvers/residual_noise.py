@@ -8,7 +8,8 @@ the effective number of samples, and white noise (tau = 1) is weighted as usual.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from scipy.signal import correlate
@@ -20,10 +21,13 @@ from fitting.settings import Settings
 from fitting.solvers.ipopt import ROUGH, Solution
 from fitting.solvers.latent_forces import free_axes, typical_sizes, update_sizes
 from fitting.solvers.multistart import STUCK, solve_damped, solve_in_time
+from mmg.effects.disturbance import LATENT_STATES
 from mmg.progress import OnProgress
 
 FORCE_PASSES = 3
 """Further solves when sizes of latent forces are estimated, which settle more slowly than the noise."""
+NEVER = 1e300
+"""A limit that is never wider."""
 FEW_WINDOWS = 12
 """Windows of the first solve: enough to bring the coefficients near and to see the size of the residuals."""
 
@@ -38,6 +42,68 @@ class ResidualNoise:
     @property
     def sigma(self) -> np.ndarray:
         return self.rms * np.sqrt(self.tau)
+
+
+@dataclass(frozen=True)
+class Resumption:
+    """Where the last of the solves in turn began, so that they can go on as if they had not been stopped.
+
+    number: of that solve, (1,); x, best: where it began and where it ended, (n,) of all windows; sigma, tau: noise that
+    it assumed, (6,); sizes: of the latent forces of the ship; limits: iterations and seconds (2,), those that stopped
+    it, else 0; NEVER where it cannot end better from where it began.
+    """
+
+    number: np.ndarray
+    x: np.ndarray
+    best: np.ndarray
+    sigma: np.ndarray
+    tau: np.ndarray
+    sizes: np.ndarray
+    limits: np.ndarray
+
+    @classmethod
+    def of(
+        cls, number: int, problem: Problem, x: np.ndarray, best: np.ndarray, status: str, settings: Settings
+    ) -> Resumption:
+        """That of the solve ``number`` of the whole ``problem`` from x to best, (n,) each, which ended with ``status``
+        by ``settings``."""
+        reached = {
+            "Maximum_Iterations_Exceeded": (settings.max_iterations, 0.0),
+            "Maximum_WallTime_Exceeded": (0.0, settings.time_limit or 0.0),
+        }
+        reached |= dict.fromkeys(("Solve_Succeeded", "User_Requested_Stop"), (0.0, 0.0))
+        sizes = [problem.ship.coefficients[s].value for s in _sizes(problem)]
+        values = ([number], x, best, problem.sigma, problem.loss.tau, sizes, reached.get(status, (NEVER, NEVER)))
+        return cls(*(np.array(value, dtype=float) for value in values))
+
+    @classmethod
+    def of_arrays(cls, arrays: Mapping[str, np.ndarray], problem: Problem) -> Resumption | None:
+        """That in ``arrays``, as ``arrays`` gives them; None where they are not of this ``problem``."""
+        n = (problem.n,)
+        shapes = dict(zip(_NAMES, ((1,), n, n, (6,), (6,), (len(_sizes(problem)),), (2,)), strict=True))
+        found = {name: arrays.get(f"solve.{name}", np.empty(0)) for name in _NAMES}
+        return cls(**found) if all(found[name].shape == shape for name, shape in shapes.items()) else None
+
+    @property
+    def arrays(self) -> dict[str, np.ndarray]:
+        """What ``of_arrays`` takes."""
+        return {f"solve.{name}": getattr(self, name) for name in _NAMES}
+
+    def restored(self, problem: Problem, settings: Settings) -> tuple[int, Problem, np.ndarray]:
+        """The number of the solve, the whole ``problem`` as it had it, and where it begins (n,): as before, or at the
+        best where the limits of ``settings`` would stop it there again."""
+        ship = problem.ship.with_values(dict(zip(_sizes(problem), map(float, self.sizes), strict=True)))
+        wider = (settings.max_iterations, settings.time_limit or np.inf) > self.limits
+        full = problem.with_changes(ship=ship).with_sigma(self.sigma, self.tau)
+        return int(self.number[0]), full, self.x if wider.all() else self.best
+
+
+_NAMES = tuple(field.name for field in fields(Resumption))
+
+
+def _sizes(problem: Problem) -> list[str]:
+    """Symbols of the sizes of the ship's latent forces."""
+    return [symbol for symbol in LATENT_STATES if symbol in problem.ship.coefficients]
 
 
 def residual_series(segments: Segments, node_residuals: np.ndarray, interior: np.ndarray) -> list[np.ndarray]:
@@ -99,14 +165,20 @@ def estimate_noise(
 
 
 def solve_with_noise_estimation(
-    problem: Problem, x: np.ndarray, settings: Settings, began: float, progress: OnProgress | None
-) -> tuple[Problem, Solution, ResidualNoise, list[dict]]:
+    problem: Problem,
+    x: np.ndarray,
+    settings: Settings,
+    began: float,
+    progress: OnProgress | None,
+    resumed: Resumption | None = None,
+) -> tuple[Problem, Solution, ResidualNoise, list[dict], Resumption]:
     """Rough solves that estimate the noise and the sizes of latent forces, then one to full tolerance.
 
     problem, x (n,): where to start; settings, began [s], progress: as of ``multistart.solve_in_time``. The first rough
     solve has at most FEW_WINDOWS windows, evenly spread; the estimate of each solve starts the next. One that gets
     stuck is repeated with damping. With a robust loss the rough solves use Student's t, which gives gross outliers no
-    weight. Returns the last problem, its solution, the noise of its residuals, and a row on each solve.
+    weight. resumed: the solve to go on with. Returns the last problem, its solution, the noise of its residuals, a row
+    on each solve, and how to go on from the last one.
     """
     passes: list[dict] = []
     axes = free_axes(problem.ship)
@@ -115,8 +187,12 @@ def solve_with_noise_estimation(
     if axes:
         typical = typical_sizes(problem.ship)
         full = problem.with_changes(ship=problem.ship.with_values({f"disturbance.{a}": typical[a] for a in axes}))
-    for number in range(count):
-        rough = number < count - 1
+    first = 0
+    if resumed:
+        first, full, x = resumed.restored(full, settings)
+        p = full.split(x)[1]
+    for number in range(first, count):
+        rough, start = number < count - 1, x
         windows = len(full.segments.run)
         if rough and number == 0 and windows > 1.5 * FEW_WINDOWS:
             few = np.unique(np.linspace(0, windows - 1, FEW_WINDOWS).round().astype(int))
@@ -146,6 +222,8 @@ def solve_with_noise_estimation(
             }
         )
         p = problem.split(solution.x)[1]
+        end = solution.x if problem.segments is full.segments else full.start(p)
+        last = Resumption.of(number, full, start, end, solution.status, settings)
         good = solution.converged or (rough and solution.status == "Solved_To_Acceptable_Level")
         if not good or not rough:
             break
@@ -160,4 +238,4 @@ def solve_with_noise_estimation(
         problem, x = full, full.start(p)
         violation = float(np.abs(full.defects(x)).max())
         solution = replace(solution, x=x, objective=full.objective(x), violation=violation)
-    return problem.with_changes(loss=replace(problem.loss, name=full.loss.name)), solution, noise, passes
+    return problem.with_changes(loss=replace(problem.loss, name=full.loss.name)), solution, noise, passes, last

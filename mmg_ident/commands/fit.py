@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Argument, Option
 
 from mmg.errors import UserError
+from mmg.messages import has_code
 from mmg_ident.commands.output import (
     command_line,
     names_of,
@@ -114,7 +115,7 @@ def fit(
     if auto and resume:
         raise UserError("--auto cannot be resumed: repeat the choice as options, or start again without --resume")
     earlier = _resumed(out) if resume and out.exists() else None
-    if earlier and earlier.converged:
+    if earlier and earlier.converged and not has_code(earlier.warnings, "starts_left_out"):
         say(f"{out} has converged already; nothing to resume")
         return 0
     if not earlier:
