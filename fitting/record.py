@@ -243,12 +243,10 @@ class FitObjects:
     next_trial: NextTrial | None = None
 
 
-def read_record(path: Path, content: Any) -> FitRecord:
+def read_record(path: Path, content: Mapping[str, Any]) -> FitRecord:
     """The record in ``content``, the JSON of the file ``path``. Raises UserError that names every key at fault."""
     from pydantic import ValidationError
 
-    if not isinstance(content, dict):
-        raise UserError(f"{path}: holds no result of a calibration (a JSON object with its keys)")
     if content.get("kind") != "calibration":
         raise UserError(f"{path}: kind = {content.get('kind')!r}: not that of a calibration")
     if content.get("schema_version") != SCHEMA_VERSION:

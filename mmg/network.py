@@ -19,6 +19,8 @@ from mmg.errors import UserError
 
 MOTION, RELATIVE_AIR = ("u", "v", "r"), ("a_x", "a_y")
 """Features besides the actuators: velocities through the water, air relative to the hull; body axes [m/s, rad/s]."""
+LARGEST = 1e6
+"""No weight and no output scale of a trained network is larger."""
 OTHER = "network file for another ship or another input set"
 """How every refusal of a network begins."""
 
@@ -115,4 +117,6 @@ class Network:
         arrays = [a for member in self.members for a in (*member.weights, *member.biases)]
         if not all(np.isfinite(a).all() for a in (*arrays, self.feature_scales, self.output_scales)):
             return "some of its numbers are not finite"
+        if not all((np.abs(a) <= LARGEST).all() for a in (*arrays, self.output_scales)):
+            return f"some of its weights are larger than {LARGEST:g}"
         return "" if (self.feature_scales > 0).all() else "some of its feature scales are not positive"

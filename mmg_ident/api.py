@@ -77,10 +77,10 @@ def predictor(model: Model) -> Simulator | Forecaster:
 
 def content_of(model: Model) -> dict[str, Any]:
     """What is known of ``model`` beside its ship, as in result.json; empty for a bare ship."""
-    from fitting.report.run_folder import RESULT, read_result
+    from fitting.report.run_folder import RESULT
 
     if isinstance(model, (str, Path)):
-        return read_result(Path(model)) if (Path(model) / RESULT).exists() else {}
+        return load_run(model).to_dict() if (Path(model) / RESULT).exists() else {}
     return model.to_dict() if hasattr(model, "to_dict") else {}
 
 
@@ -275,8 +275,7 @@ def load_run(folder: str | Path) -> FitResult | TrainResult | Diagnosis:
     from fitting.report.run_folder import read_result
     from mmg.errors import UserError
 
-    content = read_result(Path(folder))
-    kind = content.get("kind") if isinstance(content, dict) else None
+    kind = read_result(Path(folder))["kind"]
     if kind == "calibration":
         from fitting.result import read_fit
 
@@ -301,8 +300,7 @@ def write_report(runs: str | Path | Sequence[str | Path], out: str | Path) -> No
     from fitting.report.run_folder import read_result
 
     folders = [Path(run) for run in ([runs] if isinstance(runs, (str, Path)) else runs)]
-    content = read_result(folders[0])
-    if isinstance(content, dict) and content.get("kind") == "training":
+    if read_result(folders[0])["kind"] == "training":
         from residual.report.page import write_report as write_trainings
 
         write_trainings(folders, Path(out))

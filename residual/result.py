@@ -244,7 +244,7 @@ def read_training(folder: str | Path) -> TrainResult:
     """
     folder = Path(folder)
     content = read_result(folder)
-    if not isinstance(content, dict) or content.get("kind") != "training":
+    if content["kind"] != "training":
         raise UserError(f"{folder}: is no run of mmg train")
     box, network, decision, recommended = None, None, None, ""
     try:

@@ -10,6 +10,7 @@ import numpy as np
 
 from cases.inputs import actuator_columns
 from cases.io.conventions import converted
+from cases.io.files import read_bytes
 from cases.io.headers import FRT_NAMES, match_headers, split_header
 from cases.io.read import SUFFIXES, read_trial
 from cases.io.sidecar import sidecar_entry
@@ -40,16 +41,16 @@ def read_controls(path: str | Path, actuators: Sequence[str] = ("n", "delta")) -
 
 def _from_rest(path: Path) -> Trial | None:
     """A trial of inputs alone, its states zero; None for a file that is no table or holds one of psi, u, v, r."""
-    if path.suffix.lower() not in SUFFIXES or not path.is_file():
+    if path.suffix.lower() not in SUFFIXES:
         return None
-    header, numbers = read_table(path, path.read_bytes())
+    header, numbers = read_table(path, read_bytes(path))
     entry = sidecar_entry(path)
     if set(STATE_UNITS) & {*entry.columns, *(FRT_NAMES.get(name, name) for name, _ in map(split_header, header))}:
         return None
     notices = [Message("no states in the file: the ship starts from rest at the origin", "starts_from_rest")]
     matched = match_headers(path, header + [f"{s} [{u}]" for s, u in STATE_UNITS.items()], entry, notices)
     columns = {
-        name: numbers(index) * to_si(name, unit, f"{path}: column '{header[index]}'")
+        name: numbers(index, name == "t") * to_si(name, unit, f"{path}: column '{header[index]}'")
         for name, (index, unit) in matched.items()
         if index < len(header)
     }

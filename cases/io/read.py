@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from cases.io.conventions import converted
+from cases.io.files import check_file, read_bytes
 from cases.io.headers import match_headers
 from cases.io.sidecar import NAME, SidecarEntry, read_sidecar, sidecar_entry
 from cases.io.table import read_table
@@ -26,6 +27,8 @@ from mmg.messages import Message
 from mmg.states import STATES
 
 SUFFIXES = (".csv", ".parquet")
+LEAST_STEP = 1e-6
+"""No clock is finer [s]."""
 
 
 def read_trials(paths: Iterable[str | Path] | str | Path) -> list[Trial]:
@@ -35,7 +38,10 @@ def read_trials(paths: Iterable[str | Path] | str | Path) -> list[Trial]:
     none itself. Raises UserError for the first thing that cannot be read.
     """
     given = map(Path, [paths] if isinstance(paths, (str, Path)) else paths)
-    files = [file for path in given for file in (_files_of(path) if path.is_dir() else [path])]
+    try:
+        files = [file for path in given for file in (_files_of(path) if path.is_dir() else [path])]
+    except OSError as error:
+        raise UserError(f"{error.filename}: cannot be read ({error.strerror}); check the path") from None
     if not files:
         raise UserError("no trial files given")
     return [read_trial(file) for file in dict.fromkeys(files)]
@@ -50,14 +56,10 @@ def read_trial(path: str | Path, settings: SidecarEntry | Mapping[str, Any] | No
     not increase, a required column without values, and units that the numbers refute.
     """
     path = Path(path)
-    if not path.exists():
-        raise UserError(f"{path}: no such file or folder; check the path")
     if path.suffix.lower() not in SUFFIXES:
+        check_file(path)
         raise UserError(f"{path}: not a trial file; expected .csv or .parquet")
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise UserError(f"{path}: cannot be read ({error.strerror}); check the path") from None
+    content = read_bytes(path)
     entry = sidecar_entry(path) if settings is None else settings
     entry = entry if isinstance(entry, SidecarEntry) else validated(SidecarEntry, dict(entry), "settings")
     notices: list[Message] = []
@@ -86,16 +88,20 @@ def read_trial(path: str | Path, settings: SidecarEntry | Mapping[str, Any] | No
 
 def _files_of(folder: Path) -> list[Path]:
     """Trial files in a folder (or below it when it holds none). Raises UserError when there are none."""
-    found = sorted(p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES)
-    found = found or sorted(p for p in folder.rglob("*") if p.suffix.lower() in SUFFIXES)
+    found = _named(folder.iterdir()) or _named(folder.rglob("*"))
     if not found:
         raise UserError(f"{folder}: no .csv or .parquet files in this folder")
-    if (folder / NAME).is_file():
+    if (folder / NAME).exists():
         names = {p.name for p in found} | {p.stem for p in found}
         absent = [name for name in read_sidecar(folder / NAME).files if name not in names]
         if absent:
             raise UserError(f'{folder / NAME}: [files."{absent[0]}"] names no file of this folder')
     return found
+
+
+def _named(paths: Iterable[Path]) -> list[Path]:
+    """Those of the paths that are named as trial files and are no folders."""
+    return sorted(p for p in paths if p.suffix.lower() in SUFFIXES and not p.is_dir())
 
 
 def _si_columns(path: Path, content: bytes, entry: SidecarEntry, notices: list[Message]) -> dict[str, np.ndarray]:
@@ -104,7 +110,7 @@ def _si_columns(path: Path, content: bytes, entry: SidecarEntry, notices: list[M
     matched = match_headers(path, header, entry, notices)
     columns: dict[str, np.ndarray] = {}
     for name, (index, unit) in matched.items():
-        values = numbers(index)
+        values = numbers(index, name == "t")
         factor = to_si(name, unit, f"{path}: column '{header[index]}'")
         if factor != 1.0:
             values = values * factor
@@ -158,6 +164,8 @@ def _check_time(path: Path, t: np.ndarray, notices: list[Message]) -> None:
             f"{path}: time {word} at row {i + 2}: t = {t[i]:.10g} s, then {t[i + 1]:.10g} s "
             f"({len(bad)} such rows); sort the rows or remove the doubled ones"
         )
+    if np.median(np.diff(t)) < LEAST_STEP:
+        raise UserError(f"{path}: rows are {np.median(np.diff(t)):.3g} s apart, closer than any clock ticks")
     if t[0] != 0.0:
         notices.append(Message(f"the clock starts at {t[0]:.6g} s and is kept", "clock_offset"))
 

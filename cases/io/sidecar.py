@@ -137,4 +137,4 @@ def sidecar_entry(trial: Path) -> SidecarEntry:
     Raises UserError as ``read_sidecar`` does.
     """
     path = trial.parent / NAME
-    return read_sidecar(path).entry(trial) if path.is_file() else SidecarEntry()
+    return read_sidecar(path).entry(trial) if path.exists() else SidecarEntry()

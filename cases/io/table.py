@@ -4,27 +4,40 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 import warnings
 from collections.abc import Callable
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from cases.io.units import as_number
 from mmg.errors import UserError
+from mmg.messages import printable
 
-Numbers = Callable[[int], np.ndarray]
-"""Column index -> its values as float (N,), NaN where the cell is empty; raises UserError on text."""
+Numbers = Callable[..., np.ndarray]
+"""Column index -> its values as float (N,), NaN where the cell is empty; a second argument that is true allows a column
+of time stamps or durations, which becomes seconds. Raises UserError on text and on numbers that no trial holds."""
+
+LONGEST_HEADER, MOST_COLUMNS, MOST_ROWS = 2**20, 5000, 20_000_000
+"""Most bytes of the first line, columns, and rows of a table."""
+LARGEST = 1e13
+"""No number of a trial is larger, in any unit."""
 
 
 def read_table(path: Path, content: bytes) -> tuple[list[str], Numbers]:
     """Header cells of the file ``path`` with this ``content``, and a function that gives a column as numbers.
 
-    Raises UserError when the file is empty, holds no rows, is not a table, or names a column twice.
+    Raises UserError when the file is empty, holds no rows, is not a table, names a column twice, or is too large.
     """
-    if not content.strip():
+    if not content[:1000].strip() and not content.strip():
         raise UserError(f"{path}: the file is empty")
-    header, frame = (_parquet if path.suffix.lower() == ".parquet" else _csv)(path, content)
+    header, rows, column = (_parquet if path.suffix.lower() == ".parquet" else _csv)(path, content)
+    header = [printable(cell).strip() for cell in header]
+    if len(header) > MOST_COLUMNS:
+        raise UserError(f"{path}: has {len(header)} columns, more than {MOST_COLUMNS}; leave out what is not needed")
     if any(cell and not _is_text(cell) for cell in header):
         raise UserError(f"{path}: the first line holds numbers, not headers such as 't [s],psi [rad],...'")
     if not any(header):
@@ -32,73 +45,135 @@ def read_table(path: Path, content: bytes) -> tuple[list[str], Numbers]:
     doubled = sorted({cell for cell in header if cell and header.count(cell) > 1})
     if doubled:
         raise UserError(f"{path}: the header names '{doubled[0]}' twice; rename or remove one of them")
-    if len(frame) == 0:
+    count = rows()
+    if count == 0:
         raise UserError(f"{path}: a header but no rows")
-    return header, lambda index: _numbers(path, header[index], frame.iloc[:, index])
+    if count > MOST_ROWS:
+        raise UserError(f"{path}: has {count} rows, more than {MOST_ROWS}; divide it")
+    return header, lambda index, clock=False: _numbers(path, header[index], column(index), clock)
 
 
 def _is_text(cell: str) -> bool:
+    return math.isnan(as_number(cell)) or cell.lower() in ("inf", "infinity")
+
+
+_Parts = tuple[list[str], Callable[[], int], Callable[[int], Any]]
+"""Header cells, one that counts rows, and one that gives a column as a series: called once the header is good."""
+
+
+def _csv(path: Path, content: bytes) -> _Parts:
+    first = content[:LONGEST_HEADER].splitlines()[0]
+    if len(first) == LONGEST_HEADER:
+        raise UserError(f"{path}: the first line is longer than {LONGEST_HEADER} bytes; it must hold the headers")
+    if first.startswith((b"\xff\xfe", b"\xfe\xff")):
+        raise UserError(f"{path}: is encoded in UTF-16; save it in UTF-8")
+    if b"\0" in first:
+        raise UserError(f"{path}: is no text; trial files are comma-separated text, or Parquet")
+    line = _text(first)
     try:
-        float(cell)
-    except ValueError:
-        return True
-    return cell.lower() in ("nan", "inf", "infinity")
+        header = next(csv.reader([line]))
+    except csv.Error as error:
+        raise UserError(f"{path}: the first line is not a header ({error})") from None
+    if len(header) == 1 and (";" in line or "\t" in line):
+        raise UserError(f"{path}: cells are not separated by commas; save the file as comma-separated CSV")
+    frame = cache(partial(_csv_frame, path, content, len(header)))
+    return header, lambda: len(frame()), lambda index: frame().iloc[:, index]
 
 
-def _csv(path: Path, content: bytes) -> tuple[list[str], Any]:
+def _text(content: bytes) -> str:
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return content.decode("latin-1")
+
+
+def _csv_frame(path: Path, content: bytes, columns: int) -> Any:
+    """The rows below the header; line ends may be those of any system."""
     import pandas as pd
 
-    try:
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        text = content.decode("latin-1")
-    first = text.split("\n", 1)[0]
-    header = [cell.strip() for cell in next(csv.reader([first.rstrip("\r")]))]
-    if len(header) == 1 and (";" in first or "\t" in first):
-        raise UserError(f"{path}: cells are not separated by commas; save the file as comma-separated CSV")
+    text = io.StringIO(_text(content), newline=None)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", pd.errors.ParserWarning)
             warnings.simplefilter("ignore", pd.errors.DtypeWarning)
-            frame = pd.read_csv(
-                io.StringIO(text), header=None, skiprows=1, index_col=False, names=range(len(header)),
-                engine="c", skip_blank_lines=False,
+            return pd.read_csv(
+                text, header=None, skiprows=1, index_col=False, names=range(columns), engine="c",
+                skip_blank_lines=False,
             )  # fmt: skip
     except pd.errors.EmptyDataError:
-        return header, pd.DataFrame()
-    except (pd.errors.ParserError, pd.errors.ParserWarning, ValueError) as error:
+        return pd.DataFrame()
+    except (pd.errors.ParserError, pd.errors.ParserWarning, ValueError, OverflowError) as error:
         why = " ".join(str(error).split())
         raise UserError(f"{path}: not a table ({why}); check the commas of that row") from None
-    return header, frame
 
 
-def _parquet(path: Path, content: bytes) -> tuple[list[str], Any]:
-    import pandas as pd
+def _parquet(path: Path, content: bytes) -> _Parts:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    def refused(error: Exception) -> UserError:
+        return UserError(f"{path}: not a readable Parquet file ({' '.join(str(error).split())[:120]})")
 
     try:
-        frame = pd.read_parquet(io.BytesIO(content))
+        file = pq.ParquetFile(io.BytesIO(content))
+        header, rows = list(file.schema_arrow.names), file.metadata.num_rows
     except Exception as error:
-        why = " ".join(str(error).split())[:120]
-        raise UserError(f"{path}: not a readable Parquet file ({why})") from None
-    return [str(name).strip() for name in frame.columns], frame
+        raise refused(error) from None
+
+    def column(index: int) -> Any:
+        kind = file.schema_arrow.types[index]
+        words = f"{path}: column '{header[index]}' holds {kind}, which is no number"
+        if pa.types.is_nested(kind) or pa.types.is_binary(kind) or pa.types.is_large_binary(kind):
+            raise UserError(words)
+        try:
+            found = file.read(columns=[header[index]]).column(0)
+            if pa.types.is_decimal(kind):
+                found = found.cast(pa.float64())
+            return found.to_pandas()
+        except Exception as error:
+            raise refused(error) from None
+
+    return header, lambda: rows, column
 
 
-def _numbers(path: Path, cell: str, series: Any) -> np.ndarray:
+def _numbers(path: Path, cell: str, series: Any, clock: bool) -> np.ndarray:
     """A column as floats; text is an error that names row (1 = first below the header) and column."""
-    import pandas as pd
-
     kind = getattr(series.dtype, "kind", "O")
     if kind in "iuf":
-        return series.to_numpy(dtype=float, na_value=np.nan)
-    values = pd.to_numeric(series, errors="coerce") if kind not in "mMb" else series.astype(float) * np.nan
-    bad = np.flatnonzero((values.isna() & series.notna()).to_numpy())
-    if kind == "O" or len(bad):
-        blank = [i for i in bad if str(series.iloc[i]).strip() == ""]
-        bad = np.setdiff1d(bad, blank)
-    if len(bad):
-        row = int(bad[0])
+        values = series.to_numpy(dtype=float, na_value=np.nan)
+    elif kind in "mM" and clock:
+        since = series - series.min() if kind == "M" else series
+        values = since.dt.total_seconds().to_numpy(dtype=float)
+    elif kind in "mMb":
+        raise UserError(f"{path}: column '{cell}' holds {series.dtype}, which is no number")
+    else:
+        values = _numbers_of_text(path, cell, series.astype(object))
+    beyond = np.flatnonzero(np.isfinite(values) & (np.abs(values) > LARGEST))
+    if len(beyond):
+        row = int(beyond[0])
+        raise UserError(f"{path}: row {row + 1}, column '{cell}': {values[row]:g} is larger than anything in a trial")
+    return values
+
+
+def _numbers_of_text(path: Path, cell: str, series: Any) -> np.ndarray:
+    """A column of cells of which some are no numbers yet: text that is a number is one, blank text is a gap."""
+    import pandas as pd
+
+    given = series.notna().to_numpy()
+    try:
+        values = pd.to_numeric(series, errors="coerce").to_numpy(dtype=float, na_value=np.nan)
+    except (OverflowError, TypeError, ValueError):  # integers of hundreds of digits, and objects of other kinds
+        values = np.array([as_number(str(value)) for value in series])
+    bad = [i for i in np.flatnonzero(np.isnan(values) & given) if not _is_gap(str(series.iloc[i]))]
+    if bad:
+        row = bad[0]
+        shown = str(series.iloc[row])
         raise UserError(
-            f"{path}: row {row + 1}, column '{cell}': '{series.iloc[row]}' is not a number "
+            f"{path}: row {row + 1}, column '{cell}': '{shown[:60]}{'...' * (len(shown) > 60)}' is not a number "
             f"({len(bad)} such cells in the column); correct it or leave the cell empty"
         )
-    return values.to_numpy(dtype=float, na_value=np.nan)
+    return values
+
+
+def _is_gap(text: str) -> bool:
+    return text.strip().lower() in ("", "nan")

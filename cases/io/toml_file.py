@@ -17,6 +17,7 @@ from typing import Annotated, Any, TypeVar, get_args, get_origin
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
+from cases.io.files import decoded, read_bytes
 from mmg.errors import UserError, name_fault
 
 if sys.version_info >= (3, 11):
@@ -59,12 +60,7 @@ ALLOWED = {
 
 def read_toml(path: Path) -> dict[str, Any]:
     """The tables of the file at ``path``. Raises UserError when it cannot be read or is no TOML in UTF-8."""
-    try:
-        return parse_toml(path.read_text(encoding="utf-8-sig"), str(path))
-    except OSError as error:
-        raise UserError(f"{path}: cannot be read ({error.strerror or error})") from None
-    except UnicodeDecodeError:
-        raise UserError(f"{path}: not a valid TOML file (it is not encoded in UTF-8)") from None
+    return parse_toml(decoded(read_bytes(path), path), str(path))
 
 
 def parse_toml(text: str, where: str) -> dict[str, Any]:

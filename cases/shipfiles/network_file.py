@@ -8,12 +8,15 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
+from cases.io.files import check_file, parse_json
 from mmg.errors import UserError
 from mmg.network import OTHER, Layers, Network
 from mmg.ship import Ship
@@ -63,6 +66,7 @@ def save_network(path: str | Path, network: Network, ship: Ship) -> None:
 
 def load_network(path: str | Path, ship: Ship) -> Network:
     """The network of a ``ship`` in the file ``path``. Raises UserError when it cannot be read or is another ship's."""
+    check_file(Path(path))
     try:
         with safe_open(path, framework="numpy") as file:
             about = file.metadata() or {}
@@ -77,8 +81,8 @@ def load_network(path: str | Path, ship: Ship) -> Network:
             f"force models differ from those of {ship.name or 'this ship'}; train it again or remove the file"
         )
     try:
-        features = tuple(str(name) for name in json.loads(about["features"]))
-        members = tuple(_member(arrays, k) for k in range(int(about["members"])))
+        features = tuple(str(name) for name in parse_json(about["features"]))
+        members = tuple(_member(arrays, k) for k in range(members_in(about, arrays)))
         network = Network(features, members=members, **{name: arrays[name] for name in _PLAIN})
     except (KeyError, ValueError, TypeError) as error:
         raise UserError(f"{path}: is incomplete ({error}); train it again") from None
@@ -87,6 +91,15 @@ def load_network(path: str | Path, ship: Ship) -> Network:
     except UserError as error:
         raise UserError(f"{path}: {error}") from None
     return network
+
+
+def members_in(about: Mapping[str, str], arrays: Mapping[str, Any]) -> int:
+    """How many networks a file holds, by what it says ``about`` itself. Raises KeyError or ValueError for a number that
+    its ``arrays`` cannot be."""
+    count = int(about["members"])
+    if not 0 < count <= len(arrays):
+        raise ValueError(f"{count} members in {len(arrays)} arrays")
+    return count
 
 
 def _member(arrays: dict[str, np.ndarray], k: int) -> Layers:

@@ -13,6 +13,7 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 
+from cases.io.files import read_bytes
 from cases.io.headers import split_header
 from cases.io.table import read_table
 from cases.io.units import to_si
@@ -49,7 +50,7 @@ def read_captive(path: Path, sigma: tuple[float, ...] | None = None) -> Captive:
     """
     if not path.exists():
         raise UserError(f"{path}: no such file; --captive takes a table of captive-test points")
-    header, numbers = read_table(path, path.read_bytes())
+    header, numbers = read_table(path, read_bytes(path))
     cells = {name: (i, unit) for i, (name, unit) in enumerate(split_header(cell) for cell in header)}
     found = {"delta" if name.startswith("delta") else name for name in cells}
     if missing := [name for name in ("u", "v", "r", "n", *FORCES, "delta") if name not in found]:

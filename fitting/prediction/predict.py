@@ -11,11 +11,11 @@ from typing import Any, Protocol
 import numpy as np
 
 from cases.inputs import STANDARD, model_inputs
+from cases.io.files import replace_text
 from cases.trial import Trial
 from fitting.prediction.adaptation import Adaptation, adapt
 from fitting.prediction.bands import Bands
 from fitting.prediction.stretches import Record, Stretch, WindowBatch, rollout, wrapped_error
-from fitting.report.run_folder import replace_text
 from mmg.errors import UserError
 from mmg.messages import Message
 from mmg.model import states_behind

@@ -14,11 +14,11 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from cases.io.files import replace_text
 from cases.trial import UNITS
 from fitting.identifiability.analysis import KINDS
 from fitting.record import FitRecord
 from fitting.report.plots import component_of, determination, grouped
-from fitting.report.run_folder import replace_text
 from fitting.report.words import headline, not_in_model, per_run_table, plus_minus, report_warnings, setting_rows
 from mmg.components.catalogue import summary
 from mmg.components.particulars import PARTICULARS

@@ -5,7 +5,6 @@ A folder appears whole or not at all: it is written beside its place under anoth
 
 from __future__ import annotations
 
-import contextlib
 import json
 import math
 import os
@@ -22,6 +21,7 @@ import numpy as np
 from pydantic import BeforeValidator
 from safetensors.numpy import load_file
 
+from cases.io.files import read_json, replace_text
 from cases.trial import Trial
 from mmg.errors import UserError
 
@@ -80,19 +80,6 @@ def write_whole(folder: Path, fill: Callable[[Path], None], replace: bool = Fals
         raise
 
 
-def replace_text(path: Path, text: str) -> None:
-    """Write ``text`` to ``path``, atomically. Raises OSError, and leaves nothing behind, when it cannot be written."""
-    scratch = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        scratch.write_text(text, encoding="utf-8")
-        os.replace(scratch, path)
-    except OSError:
-        with contextlib.suppress(OSError):
-            scratch.unlink()
-        raise
-
-
 def write_json(path: Path, data: Any) -> None:
     """Write ``data`` as JSON to ``path``, atomically, numbers that are not finite as null."""
     replace_text(path, json.dumps(plain(data), indent=2, allow_nan=False) + "\n")
@@ -138,25 +125,28 @@ def data_rows(trials: Sequence[Trial]) -> list[dict]:
     ]
 
 
-def read_result(folder: Path) -> dict:
-    """The JSON of result.json in a run ``folder``. Raises UserError when there is none."""
-    try:
-        return json.loads((folder / RESULT).read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise UserError(f"{folder}: is no run folder (no {RESULT} in it)") from None
-    except (OSError, ValueError) as error:
-        raise UserError(f"{folder / RESULT}: cannot be read ({error})") from None
+def read_result(folder: Path) -> dict[str, Any]:
+    """The content of result.json in a run ``folder``: an object of some kind. Raises UserError when there is none."""
+    path = folder / RESULT
+    if not path.exists():
+        raise UserError(f"{folder}: is no run folder (no {RESULT} in it)")
+    content = read_json(path)
+    if not isinstance(content.get("kind"), str):
+        raise UserError(f"{path}: has no kind, so it is not from this program, or incomplete; make the run again")
+    return content
 
 
 def read_iterate(folder: Path) -> dict[str, np.ndarray]:
-    """The arrays in ``folder``, from which a fit can be resumed (``fitting.calibration.Calibration.iterate``).
+    """What a fit in ``folder`` can be resumed from: p (P,), nodes (B, S), sigma (6,) and more
+    (``fitting.calibration.Calibration.iterate``).
 
-    Raises UserError when they cannot be read.
+    Raises UserError when it cannot be read or holds numbers that are not finite.
     """
+    path = folder / ITERATE
     try:
-        found = dict(load_file(folder / ITERATE))
-        if not all(a.dtype == float and np.isfinite(a).all() for a in found.values()):
-            raise ValueError("numbers that are not finite")
-        return found
+        found = dict(load_file(path))
     except Exception as error:
-        raise UserError(f"{folder / ITERATE}: cannot be read ({error}); start again without --resume") from None
+        raise UserError(f"{path}: cannot be read ({error}); start again without --resume") from None
+    if not all(a.dtype == float and np.isfinite(a).all() for a in found.values()):
+        raise UserError(f"{path}: holds numbers that are not finite; start again without --resume")
+    return found

@@ -152,7 +152,7 @@ def _is_complete(out: Path) -> bool:
 
     if not (out / RESULT).exists():
         return False
-    if read_result(out).get("kind") != "training":
+    if read_result(out)["kind"] != "training":
         raise UserError(f"{out}: is no run of mmg train, so there is nothing to resume; choose another --out")
     return read_training(out).complete
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 
@@ -11,10 +12,11 @@ import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 
-from cases.shipfiles.network_file import BLACK_BOX, NETWORK, ship_hash
+from cases.io.files import check_file, parse_json
+from cases.shipfiles.network_file import BLACK_BOX, NETWORK, members_in, ship_hash
 from mmg.errors import UserError
 from mmg.motion.flow import INPUTS
-from mmg.network import OTHER
+from mmg.network import LARGEST, OTHER
 from mmg.ship import Ship
 from residual.blackbox.models import BlackBox, build_box
 from residual.settings import KINDS, BlackBoxSettings, settings_from
@@ -53,6 +55,7 @@ def load_box(where: str | Path, ship: Ship | None = None) -> BlackBox:
     Raises UserError when it cannot be read, is incomplete, or belongs to another ship or other inputs.
     """
     path = Path(where) / NETWORK if Path(where).is_dir() else Path(where)
+    check_file(path)
     try:
         with safe_open(path, framework="pt") as file:
             about = file.metadata() or {}
@@ -62,17 +65,16 @@ def load_box(where: str | Path, ship: Ship | None = None) -> BlackBox:
     if about.get("format") != BLACK_BOX:
         raise UserError(f"{path}: is no black box of this program (format {about.get('format')!r}, not {BLACK_BOX!r})")
     try:
-        settings = settings_from(json.loads(about["training"]))
-        actuators = tuple(map(str, json.loads(about["actuators"])))
-        assert isinstance(settings, BlackBoxSettings)
+        settings = _settings(about, arrays)
+        actuators = tuple(map(str, parse_json(about["actuators"])))
         scales = _scales(arrays)
-        systems = tuple(build_box(None, scales, settings, 0) for _ in range(int(about["members"])))
+        systems = tuple(build_box(None, scales, settings, 0) for _ in range(members_in(about, arrays)))
         for k, system in enumerate(systems):
             own = {name: a for name, a in arrays.items() if name.startswith(f"{k}.")}
             system.load_state_dict({name.partition(".")[2]: a for name, a in own.items()})
         box = BlackBox(settings, actuators, float(about["h"]), systems, about["ship"], about["ship_hash"], scales)
         fault = _fault(box)
-    except (KeyError, ValueError, TypeError, RuntimeError) as error:
+    except (LookupError, ValueError, TypeError, AttributeError, ArithmeticError, RuntimeError) as error:
         raise UserError(f"{path}: is incomplete ({str(error).splitlines()[0]}); train it again") from None
     if fault:
         raise UserError(f"{path}: {fault}; train it again")
@@ -82,6 +84,17 @@ def load_box(where: str | Path, ship: Ship | None = None) -> BlackBox:
             f"{ship.name} has {', '.join(ship.actuators)}"
         )
     return box
+
+
+def _settings(about: Mapping[str, str], arrays: Mapping[str, torch.Tensor]) -> BlackBoxSettings:
+    """The settings of a file, whose layers are no larger than its arrays. Raises ValueError for others."""
+    settings = settings_from(parse_json(about["training"]))
+    if not isinstance(settings, BlackBoxSettings):
+        raise ValueError("no kind of network")
+    square = settings.kind != "fnn" or settings.layers > 1
+    if settings.layers > len(arrays) or settings.width ** (1 + square) > sum(a.numel() for a in arrays.values()):
+        raise ValueError("its layers are larger than its arrays")
+    return settings
 
 
 def _scales(arrays: dict[str, torch.Tensor]) -> Scales:
@@ -99,4 +112,6 @@ def _fault(box: BlackBox) -> str:
         return f"{OTHER}: it takes {', '.join(box.actuators)}"
     if not all(torch.isfinite(a).all() for system in box.systems for a in system.state_dict().values()):
         return "some of its numbers are not finite"
+    if not all((abs(a) <= LARGEST).all() for system in box.systems for a in system.parameters()):
+        return f"some of its weights are larger than {LARGEST:g}"
     return ""

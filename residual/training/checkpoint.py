@@ -7,7 +7,6 @@ NAME.json (words; written last, so that a part with it is complete).
 from __future__ import annotations
 
 import hashlib
-import json
 import os
 import shutil
 from collections.abc import Mapping, Sequence
@@ -19,6 +18,7 @@ import numpy as np
 from safetensors import SafetensorError
 from safetensors.numpy import load_file, save_file
 
+from cases.io.files import read_json
 from cases.shipfiles.ship_file import dump_ship
 from cases.trial import Trial
 from fitting.report.run_folder import plain, write_json
@@ -58,8 +58,8 @@ class Store:
     def _compare(self, path: Path) -> None:
         where = self.folder.parent
         try:
-            earlier = json.loads(path.read_text(encoding="utf-8"))
-        except (OSError, ValueError):
+            earlier = read_json(path)
+        except UserError:
             raise UserError(f"{where}: holds no interrupted run to resume; choose another --out") from None
         for name, value in plain(dict(self.about)).items():
             before = earlier.get(name)
@@ -95,9 +95,9 @@ class Store:
     def load(self, name: str) -> tuple[dict[str, Any], dict[str, np.ndarray]] | None:
         """A finished part; None where there is none or it cannot be read, so that it is made again."""
         try:
-            words = json.loads((self.folder / f"{name}.json").read_text(encoding="utf-8"))
+            words = read_json(self.folder / f"{name}.json")
             return words, dict(load_file(self.folder / f"{name}.safetensors"))
-        except (OSError, ValueError, SafetensorError):
+        except (OSError, UserError, ValueError, SafetensorError):
             return None
 
 

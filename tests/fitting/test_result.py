@@ -81,9 +81,11 @@ def spoilt(content: dict, *path: str) -> dict:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda c: [], "holds no result of a calibration"),
-        (lambda c: "text", "holds no result of a calibration"),
-        (lambda c: {}, "kind = None"),
+        (lambda c: [], "holds no JSON object"),
+        (lambda c: "text", "holds no JSON object"),
+        (lambda c: {}, "has no kind"),
+        (lambda c: {"converged": True}, "has no kind"),
+        (lambda c: {"converged": True, "kind": "calibration", "schema_version": 1}, "created: field required"),
         (lambda c: {**c, "kind": "diagnosis"}, "kind = 'diagnosis'"),
         (lambda c: {**c, "schema_version": 2}, "schema_version = 2"),
         (lambda c: spoilt(c, "objective"), "objective: field required"),

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 from pathlib import Path
 
 import casadi as ca
 import numpy as np
 import pytest
+from safetensors import safe_open
 from safetensors.numpy import load_file, save_file
 
 from cases.shipfiles.network_file import NETWORK, load_network, save_network
@@ -188,8 +190,40 @@ def test_damaged_files_give_one_line(tmp_path):
     save_file(arrays, path)
     with pytest.raises(UserError, match="no network file of this program"):
         load_ship(tmp_path)
-    with pytest.raises(UserError, match="cannot be read"):
+    with pytest.raises(UserError, match="no such file"):
         load_network(tmp_path / "missing.safetensors", ESSO)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"members": "999999999999999999"}, "999999999999999999 members in"),
+        ({"members": "-1"}, "-1 members"),
+        ({"members": "9" * 5000}, "is incomplete"),
+        ({"features": "[" * 100_000}, "nested too deeply"),
+        ({"features": "3"}, "is incomplete"),
+    ],
+)
+def test_a_header_that_lies_is_refused_at_once(tmp_path, change, said):
+    path = run_folder(tmp_path) / NETWORK
+    with safe_open(path, framework="numpy") as file:
+        about = file.metadata()
+    save_file(dict(load_file(path)), path, about | change)
+    began = time.perf_counter()
+    with pytest.raises(UserError, match=said):
+        load_ship(tmp_path)
+    assert time.perf_counter() - began < 2
+
+
+@pytest.mark.parametrize("name", ["0.weight.0", "1.bias.0", "output_scales"])
+def test_weights_out_of_all_proportion_are_refused(tmp_path, name):
+    path = run_folder(tmp_path) / NETWORK
+    with safe_open(path, framework="numpy") as file:
+        about = file.metadata()
+    arrays = dict(load_file(path))
+    save_file(arrays | {name: arrays[name] + 1e30}, path, about)
+    with pytest.raises(UserError, match="larger than 1e"):
+        load_ship(tmp_path)
 
 
 @pytest.mark.parametrize("lost", ["upper", "0.weight.1", "1.bias.0", "1.weight.2"])

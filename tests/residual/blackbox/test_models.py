@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import json
+import time
 from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 import pytest
 import torch
+from safetensors import safe_open
+from safetensors.torch import save_file
 
 from cases.trial import Trial
 from fitting.prediction.predict import predict_all, record_of
@@ -318,6 +322,30 @@ def test_a_damaged_file_is_refused_in_one_sentence(tmp_path) -> None:  # type: i
         load_box(path)
     path.write_bytes(b"nothing")
     with pytest.raises(UserError, match="cannot be read as a black box"):
+        load_box(path)
+    good = replace(known, settings=replace(QUICK, kind="rnn-window", memory=2))
+    save_box(path, good)
+    load_box(path)
+    for change in (
+        {"members": "9" * 18},
+        {"training": "[" * 90_000},
+        {"training": "[]"},
+        {"actuators": "3"},
+        {"width": 10**6},
+    ):
+        with safe_open(path, framework="pt") as file:
+            about, arrays = file.metadata(), {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+        if "width" in change:
+            change = {"training": json.dumps(json.loads(about["training"]) | change)}
+        save_file(arrays, tmp_path / "lies.safetensors", about | change)
+        began = time.perf_counter()
+        with pytest.raises(UserError, match="is incomplete"):
+            load_box(tmp_path / "lies.safetensors")
+        assert time.perf_counter() - began < 2
+    with torch.no_grad():
+        system.b0[0] = 1e30  # type: ignore[index]
+    save_box(path, good)
+    with pytest.raises(UserError, match="larger than 1e"):
         load_box(path)
     with torch.no_grad():
         system.b0[0] = float("nan")  # type: ignore[index]

@@ -1,0 +1,83 @@
+"""Files as they are: ordinary ones read whole, JSON that is an object, texts written whole or not at all."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import stat
+from pathlib import Path
+from typing import Any
+
+from mmg.errors import UserError
+
+LARGEST = 512 * 2**20
+"""Most bytes of a file that is read; several times as much memory is needed for it."""
+
+
+def check_file(path: Path) -> None:
+    """Raises UserError unless ``path`` is an ordinary file that can be read and is no larger than LARGEST."""
+    try:
+        status = path.stat()
+    except FileNotFoundError:
+        raise UserError(f"{path}: no such file or folder; check the path") from None
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read ({error.strerror or error}); check the path") from None
+    except ValueError:
+        raise UserError(f"{str(path)!r}: is no path") from None
+    if not stat.S_ISREG(status.st_mode):
+        kind = "a folder" if stat.S_ISDIR(status.st_mode) else "not an ordinary file"
+        raise UserError(f"{path}: is {kind}; give the file itself")
+    if status.st_size > LARGEST:
+        raise UserError(f"{path}: has {status.st_size / 2**20:.0f} MB, more than {LARGEST // 2**20}; divide it")
+
+
+def read_bytes(path: Path) -> bytes:
+    """The content of the ordinary file ``path``. Raises UserError as ``check_file`` does, and when memory does not suffice."""
+    check_file(path)
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read ({error.strerror or error}); check the path") from None
+
+
+def decoded(content: bytes, where: object) -> str:
+    """The text of ``content``, UTF-8 with or without a mark. Raises UserError, which names ``where``, for others."""
+    if content.startswith((b"\xff\xfe", b"\xfe\xff")):
+        raise UserError(f"{where}: is encoded in UTF-16; save it in UTF-8")
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise UserError(f"{where}: is not encoded in UTF-8 (byte {error.start + 1}); save it in UTF-8") from None
+
+
+def parse_json(text: str) -> Any:
+    """The value that ``text`` is as JSON. Raises ValueError where it is none, however deep it is nested."""
+    try:
+        return json.loads(text)
+    except RecursionError:
+        raise ValueError("nested too deeply") from None
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """The JSON object in the file ``path``. Raises UserError where there is none."""
+    try:
+        content = parse_json(decoded(read_bytes(path), path))
+    except ValueError as error:
+        raise UserError(f"{path}: cannot be read as JSON ({error})") from None
+    if not isinstance(content, dict):
+        raise UserError(f"{path}: holds no JSON object with keys")
+    return content
+
+
+def replace_text(path: Path, text: str) -> None:
+    """Write ``text`` to ``path``, atomically. Raises OSError, and leaves nothing behind, when it cannot be written."""
+    scratch = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        scratch.write_text(text, encoding="utf-8")
+        os.replace(scratch, path)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            scratch.unlink()
+        raise
