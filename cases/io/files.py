@@ -33,7 +33,7 @@ def check_file(path: Path) -> None:
 
 
 def read_bytes(path: Path) -> bytes:
-    """The content of the ordinary file ``path``. Raises UserError as ``check_file`` does, and when memory does not suffice."""
+    """The content of the ordinary file ``path``. Raises UserError as ``check_file`` does."""
     check_file(path)
     try:
         return path.read_bytes()
