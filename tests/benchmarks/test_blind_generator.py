@@ -291,7 +291,10 @@ def test_no_single_form_spells_a_stranger() -> None:
     def force(effects: list[tuple[Effect, Drawn]], off: tuple[float, float] = (0.0, 0.0)) -> np.ndarray:
         plant = plant_of(particulars, [nominal], [effects], count, world)
         memory = rng.normal(0, 0.3, (plant.states, count))
-        parts, *_ = parts_of(plant, np.vstack([*six, memory]), (n + off[0], delta + off[1], north, east), t)
+        real = n + off[0], delta + off[1]
+        for effect, e in plant.effects:
+            real = effect.actuators(real[0][None], real[1][None], 0, 0.05, e, {})
+        parts, *_ = parts_of(plant, np.vstack([*six, memory]), (*real, north, east), t)
         return np.stack([sum(part[i] for part in parts.values()) for i in range(3)])
 
     cosine, sine = np.cos(six[2]), np.sin(six[2])
@@ -305,11 +308,23 @@ def test_no_single_form_spells_a_stranger() -> None:
         change = force([(effect, effect.draw("medium", rng, count))]) - plain
         main = int(np.argmax(np.abs(change).mean(axis=1) / np.array([0.05, 0.2, 0.15])))
         columns = [*forms.values(), *(action[main] * shape for action in actions for shape in shapes)]
-        if np.abs(change).max() > 1e-9:  # else it is in the actuators or the sensors
+        if np.abs(change).max() > 1e-9:  # else it is in the past of the actuators, or in the sensors
             spelled[effect.name] = max(abs(np.corrcoef(change[main], c)[0, 1]) for c in columns if c.std() > 0)
     assert spelled.pop(SPELLED[0]) > 0.999
     assert len(spelled) > 20 and max(spelled.values()) < 0.97, spelled
     assert not {effect.name for effect in STRANGERS} & {*PACKAGE_EFFECTS, *SPELLED}
+
+
+@pytest.mark.parametrize("name", ("rudder_rate_limit", "jammed_bearing", "steering_dropout"))
+def test_no_single_delay_spells_a_slow_rudder(name: str) -> None:
+    _, runs = with_each_effect()
+    B = alone().plant.runs
+    i = 1 + [effect.name for effect in EFFECTS].index(name)
+    logged = runs.delta[:, i * B : (i + 1) * B]
+    off = runs.signals.delta[:: SHORTER.every, i * B : (i + 1) * B] - logged
+    for seconds in (0.5, 1.0, 2.0, 4.0):
+        late = np.maximum(np.arange(len(logged)) - round(seconds / SHORTER.sample), 0)
+        assert abs(np.corrcoef(off.ravel(), (logged[late] - logged).ravel())[0, 1]) < 0.95
 
 
 def test_twin_rudders_are_logged_and_moved_each_by_itself(tmp_path: Path) -> None:
