@@ -1,8 +1,10 @@
 """Forces of a ship with one propeller, two VecTwin rudders and a bow thruster; the third force model.
 
 Hull: the unified low-speed model with its cross-flow integrals in closed form; propeller and rudders: Kang et al.
-(2008) and Hasegawa et al. (2006); bow thruster: Kobayashi (1988). The same signatures as ``forces``; the rudder angles
-are m.delta (starboard) and m.port, the inflow of the rudders is that of starboard and port together.
+(2008) and Hasegawa et al. (2006); bow thruster: Kobayashi (1988). As published the flow straightening jumps where the
+effective rudder angle changes sign; it may instead pass over some angle (particular ``soft``, 0: jump).
+The same signatures as ``forces``; the rudder angles are m.delta (starboard) and m.port, the inflow of the rudders is
+that of starboard and port together.
 """
 
 from __future__ import annotations
@@ -95,6 +97,14 @@ def rudder_inflow(m: Moment, one_minus_w: Array, loading: Array, p: Numbers, c: 
     )
 
 
+def _positive(angle: Array, soft: float) -> Array:
+    """1 from zero on and 0 below; with ``soft`` [rad] a smooth ramp of that length below zero."""
+    if soft == 0:
+        return (angle >= 0).astype(float)
+    s = np.clip(1 + angle / soft, 0.0, 1.0)
+    return s * s * (3 - 2 * s)
+
+
 def _one_inflow(
     side: str, outward: float, own: Array, other: Array, wash: tuple[Array, Array, Any], m: Moment, p: Numbers, c: Any
 ) -> Inflow:
@@ -108,15 +118,17 @@ def _one_inflow(
     kept = sum(_quadratic(c, f"{letter}{side}", slip) * angle**i for i, letter in enumerate("ghk"))
     slowed = np.where(outward * angle > 0, np.minimum(kept, 1.0), 1.0)
     u_R = slowed * np.sign(q) * np.sqrt(np.abs(q))
-    beta, starboard, positive = np.abs(np.arctan2(m.v, m.u)), m.v > 0, angle >= 0
+    beta, starboard, positive = np.abs(np.arctan2(m.v, m.u)), m.v > 0, _positive(angle, p["soft"])
     gamma = np.zeros_like(angle)
     for i, (to_starboard, turned) in zip((0, 4, 8, 12), ((0, 0), (1, 0), (0, 1), (1, 1)), strict=True):
         r = [c[f"r{side}_{i + j}"] for j in range(4)]
         found = c["k_gamma"] * (r[0] + r[1] * beta + (r[2] + r[3] * beta) * angle) * beta
         most = 1.0 if i == (12 if side == "s" else 0) else 0.8
-        gamma = np.where((starboard == to_starboard) & (positive == turned), np.clip(found, 0.0, most), gamma)
+        share = positive if turned else 1 - positive
+        gamma = gamma + (starboard == to_starboard) * share * np.clip(found, 0.0, most)
     C = [c[f"C{side}_{j}"] for j in range(4)]
-    lever = np.where(m.r >= 0, np.where(positive, C[0], C[1]), np.where(positive, C[2], C[3])) * p["x_R"]
+    one, other = (positive * C[j] + (1 - positive) * C[j + 1] for j in (0, 2))
+    lever = np.where(m.r >= 0, one, other) * p["x_R"]
     return u_R, -gamma * m.v - lever * m.r, angle
 
 

@@ -99,7 +99,7 @@ def plant_of(
             for key, value in draw.inside.items():
                 getattr(found[effect.name][1], key)[case * runs : (case + 1) * runs] = value
     active = [found[name] for name in sorted(found)]
-    numbers = {**p, "resistance": world.resistance}
+    numbers = {**p, "resistance": world.resistance, "soft": world.soft}
     return Plant(numbers, c, world.forces.wind_series(p), active, total, world.forces, world.runge_kutta, world.step)
 
 

@@ -45,7 +45,8 @@ class World:
     standard deviations of the errors of x, y [m], psi [rad], u, v [m/s], r [rad/s]; colour: range of the memory of the
     errors of u, v and r [s], (0, 0): white; gyro: largest scale error of r; gust: wind that the log does not show, as
     share of the mean; sample: of the records [s]; without: effects that the ship cannot have; resistance: X_0' that
-    fouling adds a share of; draught: by which the depth in a site file is told [m]; runge_kutta: fourth order
+    fouling adds a share of; draught: by which the depth in a site file is told [m]; soft:
+    angle over which the flow at two rudders changes sides [rad]; runge_kutta: fourth order
     with inputs in between, else Heun; step: of the integration and of all signals [s], a whole part of the sample;
     duration: of a run [s]; wide: every case draws its own noise, memory, sample, runs and spread (wide.py).
     """
@@ -68,6 +69,7 @@ class World:
     sets: Mapping[str, str] = field(default_factory=dict)
     resistance: float = 0.02139
     draught: float = DRAUGHT
+    soft: float = 0.0
     step: float = 0.05
     duration: float = 150.0
     wide: bool = False
@@ -131,6 +133,7 @@ NARROW = {
             sets={"mixed": TWIN},
             resistance=0.022745,
             draught=0.1721,
+            soft=0.06,
         ),
     )
 }
