@@ -11,13 +11,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from cases.io.groups import Groups, group_trials
 from cases.io.site import Site, read_site
 from cases.trial import Trial
 from diagnosis import summary
 from diagnosis.estimation.candidates import find
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
-from diagnosis.estimation.map_estimate import Estimate
+from diagnosis.estimation.map_estimate import BREAKS_DOWN, Estimate
 from diagnosis.findings import (
     DiagnosisInputs,
     HeldOut,
@@ -90,7 +92,10 @@ def diagnose(
     place = site if isinstance(site, Site) else read_site(trials, ship, site)
     kept, shared = independent_tests(trials, tests)
     known = calibration_trials(ship, trials, calibrated_on)
-    found = _diagnosed(ship, trials, kept, place, o, known, groups, progress)
+    try:
+        found = _diagnosed(ship, trials, kept, place, o, known, groups, progress)
+    except np.linalg.LinAlgError:
+        raise UserError(f"{ship.name}: {BREAKS_DOWN}") from None
     remarks += [*shared, *known.remarks, *place.notices]
     inputs = DiagnosisInputs(tuple(data_rows(trials)), tuple(data_rows(kept)), o.command, o.seed, versions())
     found = replace(found, warnings=(*remarks, *found.warnings), inputs=inputs)
@@ -124,6 +129,11 @@ def _diagnosed(
         words = f"the residuals oscillate with a period of {period:.2g} s, as under waves or an engine"
         reasons.append(Message(words, "oscillating_residuals"))
         verdict = "unknown" if verdict == "none" else verdict
+    if tests and result.held is None:
+        words = (
+            "the test trials hold no whole window of predictions without a gap: how far the gap closes was not checked"
+        )
+        reasons.append(Message(words, "tests_too_short"))
     is_named = verdict == "named"
     before, after = result.before, result.after
     remainder = is_named and (has_remainder(found, before, after, p.expected_unnamed) or chance < LINE_PROBABILITY)
@@ -182,11 +192,13 @@ def _sensor_sentences(sensors: Kinematics, instruments: Sequence[InstrumentFault
 
 
 def _like_training(tests: Sequence[Trial], ready: Prepared) -> GriddedTrials | None:
-    """The test trials on the grid of the training trials, or None without any."""
-    if not tests:
-        return None
+    """The test trials on the grid of the training trials, or None without any that is long enough."""
     ship, h = ready.full.ship, ready.problem.data.h
-    return grid_trials(tests, ship.inputs, float(ship.particulars["L"]), h, ready.straight).thinned(ready.gap)
+    try:
+        data = grid_trials(tests, ship.inputs, float(ship.particulars["L"]), h, ready.straight) if tests else None
+    except UserError:
+        return None
+    return data.thinned(ready.gap) if data is not None else None
 
 
 def _unexplained(p: SearchProblem, fit: Estimate, left: UnnamedForms, ship: Ship) -> UnexplainedForce:

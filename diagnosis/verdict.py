@@ -8,12 +8,14 @@ import numpy as np
 
 from cases.trial import Trial
 from diagnosis.estimation.candidates import Candidate
+from diagnosis.estimation.noise_sizes import least_noise
 from diagnosis.findings import HeldOut
 from diagnosis.hypotheses.forward_selection import AGREE, Selection
 from diagnosis.hypotheses.unnamed import UnnamedForms
 from diagnosis.prepare import Prepared
 from mmg.effects import EFFECTS
 from mmg.messages import Message
+from mmg.states import STATES
 
 LINE_PROBABILITY = 1e-6
 """Probability by chance below which a line in the spectrum of the residuals counts as an unexplained remainder."""
@@ -175,7 +177,38 @@ def limits(ready: Prepared, found: Selection, trials: Sequence[Trial], tests: Se
         rows.append(("one_trial", words))
     elif len(kinds) == 1 and "" not in kinds:
         rows.append(("one_kind", f"all trials are of one kind ({trials[0].kind}): many effects look alike in them"))
+    rows += _doubts(ready)
     if not tests:
         words = "no --test trials: how far the gap closes was not checked on trials that took no part"
         rows.append(("no_tests", words))
     return [Message(words, code) for code, words in rows]
+
+
+FAR, LONG = 3.0, 3.0
+"""Prior standard deviations from which a coefficient is far off; memories of the random force that a run lasts."""
+
+
+def _doubts(ready: Prepared) -> list[tuple[str, str]]:
+    """Code and sentence of each way in which the fit without effects is not what the tests take it for."""
+    null, data, steps = ready.null, ready.problem.data, ready.problem.steps
+    rows: list[tuple[str, str]] = []
+    far = [f"{s} ({p:+.1f})" for s, p in zip(null.free.symbols, null.p, strict=True) if abs(p) > FAR and "." not in s]
+    if far:
+        words = f"more than {FAR:g} prior standard deviations off without any effect: {', '.join(far)}"
+        advice = "is it this ship, and are units and frames right (mmg check)? An effect may make up for what is not"
+        rows.append(("far_from_prior", f"{words}: {advice}"))
+    seen = data.good.any(axis=(0, 1))
+    quiet = [
+        n
+        for n, s, w, f in zip(STATES, seen, null.noise.white, least_noise(steps.ship).white, strict=True)
+        if s and w <= 1.01 * f
+    ]
+    if quiet:
+        words = f"hardly any noise in {', '.join(quiet)}, as of simulated or smoothed records"
+        advice = "small differences of the numerics then count as effects, so doubt small ones"
+        rows.append(("no_noise", f"{words}: {advice}"))
+    longest, memory = float(data.steps.max() * data.h), null.noise.tau
+    if longest < LONG * memory:
+        words = f"no run is longer than {longest:.2g} s without a gap, and the random force remembers {memory:.2g} s"
+        rows.append(("short_trials", f"{words}: what is constant in a run can hardly be told from it"))
+    return rows

@@ -163,6 +163,17 @@ def linearise_and_filter(
     return Linearisation(linear, system, filter_run, white, states, derivative, by_rates, gradient, nll)
 
 
+def linearised_if_finite(
+    steps: TransitionModel, data: GriddedTrials, at: Point, active: np.ndarray | None = None
+) -> Linearisation | None:
+    """``linearise_and_filter``, or None where the ship explodes about the point ``at`` or a column has no noise."""
+    try:
+        here = linearise_and_filter(steps, data, at, active)
+    except np.linalg.LinAlgError:
+        return None
+    return here if np.isfinite(here.nll) else None
+
+
 def _with_residual(
     steps: TransitionModel,
     data: GriddedTrials,

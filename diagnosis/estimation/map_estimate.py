@@ -18,9 +18,9 @@ from diagnosis.estimation.linearisation import (
     Point,
     Trajectory,
     initial_trajectory,
-    linearise_and_filter,
+    linearised_if_finite,
 )
-from diagnosis.estimation.noise_sizes import initial_noise, updated_noise
+from diagnosis.estimation.noise_sizes import least_noise, updated_noise
 from diagnosis.estimation.parameters import Priors, active_states, set_values
 from diagnosis.estimation.transition_model import TransitionModel
 from mmg.errors import UserError
@@ -113,15 +113,6 @@ def _iteration(
     return _Iteration(at, here.nll, dp, step, A, gain), updated_noise(at.noise, data, here.adjoint, r, u, count, floor)
 
 
-def _attempt(steps: TransitionModel, data: GriddedTrials, at: Point, active: np.ndarray) -> Linearisation | None:
-    """The model linearised at a point, or None where the ship explodes there or a column has no noise."""
-    try:
-        here = linearise_and_filter(steps, data, at, active)
-    except np.linalg.LinAlgError:
-        return None
-    return here if np.isfinite(here.nll) else None
-
-
 @np.errstate(all="ignore")
 def estimate(
     steps: TransitionModel,
@@ -138,8 +129,7 @@ def estimate(
     model cannot be followed along the trials from its first coefficients.
     """
     active = active_states(steps, start.free.symbols, start.theta)
-    typical = initial_noise(steps.ship)
-    floor = typical.with_(force=0.02 * typical.force, white=0.02 * typical.white, coloured=0.02 * typical.white)
+    floor = least_noise(steps.ship)
     p = np.clip(start.p, *start.free.scaled_bounds)
     theta = set_values(steps.ship, data, start.theta, start.free.columns, start.free.mean + start.free.std * p)
     now = Point(theta, start.free, p, start.path, start.noise)
@@ -147,7 +137,7 @@ def estimate(
     share, reductions, converged, used = 1.0, 0, False, 0
     while used < iterations and not converged:
         used += 1
-        here = _attempt(steps, data, now, active)
+        here = linearised_if_finite(steps, data, now, active)
         if here is None and best is None:
             raise UserError(f"{steps.ship.name}: {BREAKS_DOWN}")
         if best is not None and (

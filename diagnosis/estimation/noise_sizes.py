@@ -9,6 +9,9 @@ from diagnosis.estimation.kalman import PRIOR_SAMPLES, Adjoint, NoiseModel
 from mmg.motion.froude import force_scale, length_scale, state_scale, time_scale
 from mmg.ship import Ship
 
+LEAST = 0.02
+"""Least size of what is random, in that of typical instruments and forces."""
+
 
 def initial_noise(ship: Ship) -> NoiseModel:
     """Initial sizes for a ``ship``: those of a 3 m model scaled by Froude's law."""
@@ -16,6 +19,13 @@ def initial_noise(ship: Ship) -> NoiseModel:
     force = np.array([0.2, 0.3, 0.2 * length_scale(length)]) * force_scale(length)
     white = np.array([0.02, 0.02, 0.003, 0.006, 0.006, 0.001]) * state_scale(length)
     return NoiseModel(force, 6.0 * time_scale(length), white, np.zeros(6), 4.0 * time_scale(length))
+
+
+def least_noise(ship: Ship) -> NoiseModel:
+    """Sizes below which no estimate for a ``ship`` goes: LEAST of the initial ones."""
+    typical = initial_noise(ship)
+    sizes = {name: LEAST * getattr(typical, name) for name in ("force", "white")}
+    return typical.with_(**sizes, coloured=sizes["white"])
 
 
 def updated_noise(

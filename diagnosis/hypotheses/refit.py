@@ -14,7 +14,11 @@ from diagnosis.estimation.linearisation import Point, Trajectory, linearise_and_
 from diagnosis.estimation.map_estimate import Estimate, estimate
 from diagnosis.estimation.parameters import Priors, active_states, get_values, priors_of_effects, set_values
 from diagnosis.estimation.transition_model import TransitionModel
+from mmg.errors import UserError
 from mmg.motion.froude import time_scale
+
+SHARES = (1.0, 0.3, 0.0)
+"""Shares of the first values of new effects that a fit is begun from, one after the other while the ship explodes."""
 
 
 def likelihood(found: Estimate, own: int) -> float:
@@ -36,12 +40,34 @@ def refit(
     steps: the transition model; data: the trials; base: priors of the coefficients; start: first values of the effects'
     parameters; iterations: linearisations at most. Returns the fit.
 
-    Where an effect has a prior among those of ``base``, as known from other trials, that is set aside.
+    Where an effect has a prior among those of ``base``, as known from other trials, that is set aside. Where the ship
+    explodes at the first values of new effects, these are moved towards neutral.
     """
     more = priors_of_effects(effects)
     free = base.only([s not in more.symbols for s in base.symbols]) + more
     first = np.array([start.get(c, m) for c, m in zip(more.columns, more.mean, strict=True)])
-    theta = set_values(steps.ship, data, before.theta, more.columns, first)
+    new = np.array([c not in before.free.columns for c in more.columns])
+    for share in SHARES:
+        begin = np.where(new, more.mean + share * (first - more.mean), first)
+        try:
+            return _fitted(steps, data, free, before, more.columns, begin, iterations)
+        except UserError:
+            if share == SHARES[-1]:
+                raise
+    raise AssertionError("the last share returns or raises")
+
+
+def _fitted(
+    steps: TransitionModel,
+    data: GriddedTrials,
+    free: Priors,
+    before: Estimate,
+    columns: Sequence[Column],
+    first: np.ndarray,
+    iterations: int,
+) -> Estimate:
+    """The fit of ``free`` from the fit ``before``, with first values of these columns."""
+    theta = set_values(steps.ship, data, before.theta, columns, first)
     p = (get_values(steps.ship, data, theta, free.columns) - free.mean) / free.std
     active = active_states(steps, free.symbols, theta)
     asleep = np.setdiff1d(active, active_states(steps, before.free.symbols, before.theta))

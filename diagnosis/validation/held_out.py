@@ -10,7 +10,7 @@ import numpy as np
 from diagnosis.estimation.candidates import Column
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.kalman import smoothed
-from diagnosis.estimation.linearisation import Trajectory, initial_trajectory, linearise_and_filter
+from diagnosis.estimation.linearisation import Trajectory, initial_trajectory, linearised_if_finite
 from diagnosis.estimation.map_estimate import Estimate, estimate, initial_point
 from diagnosis.estimation.parameters import Priors, active_states, mean_over_windows
 from diagnosis.estimation.transition_model import TransitionModel
@@ -196,8 +196,8 @@ def compare(
         interval_90=interval,
         windows=len(a),
         by_run={data.trials[r]: (float(a[run == r].mean()), float(b[run == r].mean())) for r in np.unique(run)},
-        likelihood_gain=float(gains.sum()),
-        likelihood_interval_90=(low, high) if len(gains) >= FEW else None,
+        likelihood_gain=float(gains.sum()) if np.isfinite(gains).all() else None,
+        likelihood_interval_90=(low, high) if len(gains) >= FEW and np.isfinite(gains).all() else None,
         horizons={"1 step": (step_a, step_b), "30 s": mean, "whole run": (whole_a, whole_b)},
     )
 
@@ -206,20 +206,24 @@ def compare(
 def one_step_likelihood(
     steps: TransitionModel, data: GriddedTrials, found: Estimate, iterations: int = 4
 ) -> np.ndarray:
-    """Negative log likelihood of one-step predictions of each window (R,) of other trials.
+    """Negative log likelihood of one-step predictions of each window (R,) of other trials, NaN where they explode.
 
     steps: the transition model; data: the trials; found: the fit; iterations: linearisations of the filter.
     """
     active = active_states(steps, found.free.symbols, found.theta)
     path = initial_trajectory(steps, data, found.theta)
-    for k in range(iterations):
-        linearised = linearise_and_filter(steps, data, replace(found.fixed(), path=path), active)
-        if k == iterations - 1:
-            break
-        mean, _, _ = smoothed(
-            linearised.system, linearised.filter, linearised.white[..., -1], linearised.states[..., -1]
-        )
-        z = path.z.copy()
-        z[..., active] += mean[..., : len(active)]
-        path = Trajectory(z, path.force + mean[..., len(active) : len(active) + 3])
-    return 0.5 * (linearised.filter.log_det + (linearised.white[..., -1] ** 2).sum(axis=(0, 2)))
+    best, share = None, 1.0
+    for _ in range(iterations):
+        here = linearised_if_finite(steps, data, replace(found.fixed(), path=path), active)
+        if here is None and best is None:
+            return np.full(len(data.run), np.nan)
+        if here is None:
+            share *= 0.3
+        else:
+            best, share, start = here, 1.0, path
+            mean, _, _ = smoothed(here.system, here.filter, here.white[..., -1], here.states[..., -1])
+        z = start.z.copy()
+        z[..., active] += share * mean[..., : len(active)]
+        path = Trajectory(z, start.force + share * mean[..., len(active) : len(active) + 3])
+    assert best is not None
+    return np.asarray(0.5 * (best.filter.log_det + (best.white[..., -1] ** 2).sum(axis=(0, 2))))

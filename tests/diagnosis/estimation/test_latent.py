@@ -283,7 +283,7 @@ def test_a_step_at_which_the_filter_breaks_down_is_shortened_and_a_start_refused
         found = linearise_and_filter(*args)  # type: ignore[arg-type]
         return replace(found, nll=np.nan) if len(calls) in broken else found
 
-    monkeypatch.setattr("diagnosis.estimation.map_estimate.linearise_and_filter", breaking)
+    monkeypatch.setattr("diagnosis.estimation.linearisation.linearise_and_filter", breaking)
     broken = {2, 3, 4, 5}
     found = estimate(steps, data, start, iterations=12)
     assert np.isfinite(found.nll) and len(calls) > 6 and np.isfinite(found.theta).all()

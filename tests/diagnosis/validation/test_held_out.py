@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
+from diagnosis.estimation.linearisation import Linearisation, linearise_and_filter
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.findings import HeldOut
@@ -185,3 +187,34 @@ def test_likelihood_of_single_steps_is_by_window_and_lower_for_a_sensor_gone_wro
     wrong[..., 1, 3] += 5 * WHITE[3] * np.sign(np.sin(np.arange(len(wrong))))
     worse = one_step_likelihood(problem.steps, replace(data, y=wrong), true)
     assert worse[0] == pytest.approx(right[0], rel=1e-9) and worse[1] > right[1] + 100
+
+
+def test_where_the_ship_explodes_single_steps_say_nothing_and_windows_stay(
+    fits: tuple[SearchProblem, Estimate, Estimate],
+) -> None:
+    problem, null, _ = fits
+    data = others(OTHERS[:2])
+    exploding = replace(null, theta=theta_of(problem.steps, {"N_r": 5.0}))
+    assert np.isnan(one_step_likelihood(problem.steps, data, exploding)).all()
+    held = compare(problem.steps, data, null, exploding)
+    assert held is not None and held.likelihood_gain is None and held.likelihood_interval_90 is None
+    assert np.isfinite([held.mse_before, held.mse_after, *held.interval_90]).all() and held.reduction < 0
+
+
+def test_a_smoothed_path_about_which_the_filter_breaks_down_is_approached_by_less(
+    fits: tuple[SearchProblem, Estimate, Estimate], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem, null, _ = fits
+    data, calls = others(OTHERS[:2]), []
+    right = one_step_likelihood(problem.steps, data, null)
+
+    def breaking(*given: Any) -> Linearisation:
+        calls.append(given)
+        if len(calls) == 2:
+            raise np.linalg.LinAlgError("Matrix is not positive definite")
+        return linearise_and_filter(*given)
+
+    monkeypatch.setattr("diagnosis.estimation.linearisation.linearise_and_filter", breaking)
+    near = one_step_likelihood(problem.steps, data, null)
+    assert len(calls) == 4
+    np.testing.assert_allclose(near, right, rtol=0.02)

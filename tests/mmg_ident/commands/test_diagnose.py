@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from cases.io.read import read_trial
@@ -21,6 +22,7 @@ from cases.trial import Trial
 from mmg.effects import EFFECTS
 from mmg.errors import UserError
 from mmg.ship import Ship
+from mmg_ident import simulate
 from mmg_ident.commands.main import main
 from tests.diagnosis.report.test_report import case
 from tests.mmg_ident.commands.test_main import refused
@@ -267,6 +269,38 @@ def test_bad_input_is_one_clear_line_and_writes_nothing(
     line = refused(capsys, "diagnose", *arguments(folder), "--out", tmp_path / "run")
     assert words.lower() in line.lower() and "Traceback" not in line
     assert not list(tmp_path.iterdir())
+
+
+def test_a_breakdown_of_the_numerics_is_one_clear_line(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def breaking(*_: object) -> None:
+        raise np.linalg.LinAlgError("Matrix is not positive definite")
+
+    monkeypatch.setattr("diagnosis.diagnose.prepare", breaking)
+    line = refused(capsys, "diagnose", folder / "ship.toml", folder / "train", "--out", tmp_path / "run")
+    assert "the model breaks down along these trials" in line and not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+def test_records_without_noise_and_tests_that_are_too_short_are_concluded_from_with_a_caveat(
+    folder: Path, tmp_path: Path
+) -> None:
+    for role, maneuver, seconds in (
+        ("train", "zigzag:20/20", 40.0),
+        ("train", "turning:25", 40.0),
+        ("test", "random:3", 8.0),
+    ):
+        (tmp_path / role).mkdir(exist_ok=True)
+        write_trial(simulate(FEW, maneuver, duration=seconds), tmp_path / role / f"{maneuver.partition(':')[0]}.csv")
+    where = ("--test", tmp_path / "test", "--out", tmp_path / "run")
+    with unrendered():
+        content = shown("diagnose", folder / "ship.toml", tmp_path / "train", *where, *OPTIONS)
+    said = {row["code"]: row["text"] for row in content["messages"]}
+    assert "hardly any noise in x, y" in said["no_noise"]
+    assert "hold no whole window" in said["tests_too_short"] and "no_tests" not in said
+    assert content["verdict"] in ("none", "named", "unknown") and content["held_out"] is None
+    assert "NaN" not in (tmp_path / "run" / "diagnosis.json").read_text()
 
 
 def test_a_folder_that_exists_is_never_overwritten(
