@@ -166,7 +166,10 @@ def linearise_and_filter(
 def linearised_if_finite(
     steps: TransitionModel, data: GriddedTrials, at: Point, active: np.ndarray | None = None
 ) -> Linearisation | None:
-    """``linearise_and_filter``, or None where the ship explodes about the point ``at`` or a column has no noise."""
+    """``linearise_and_filter`` of these arguments, or None where the ship explodes or a column has no noise.
+
+    steps: the model; data: the trials; at: the point; active: (A,) positions of the states that take part.
+    """
     try:
         here = linearise_and_filter(steps, data, at, active)
     except np.linalg.LinAlgError:
