@@ -129,11 +129,6 @@ def _diagnosed(
         words = f"the residuals oscillate with a period of {period:.2g} s, as under waves or an engine"
         reasons.append(Message(words, "oscillating_residuals"))
         verdict = "unknown" if verdict == "none" else verdict
-    if tests and result.held is None:
-        words = (
-            "the test trials hold no whole window of predictions without a gap: how far the gap closes was not checked"
-        )
-        reasons.append(Message(words, "tests_too_short"))
     is_named = verdict == "named"
     before, after = result.before, result.after
     remainder = is_named and (has_remainder(found, before, after, p.expected_unnamed) or chance < LINE_PROBABILITY)
@@ -165,7 +160,13 @@ def _diagnosed(
         where=place,
         held_out=result.held,
         next_test=advice,
-        warnings=(*repairs, *ready.notices, *reasons, *limits(ready, found, trials, tests), *sensors.warnings),
+        warnings=(
+            *repairs,
+            *ready.notices,
+            *reasons,
+            *limits(ready, found, trials, tests, result.held),
+            *sensors.warnings,
+        ),
         not_screened=ready.full.left_out,
         noise=RandomSizes.of(found.null),
         unnamed=Unnamed(

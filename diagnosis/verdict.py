@@ -151,9 +151,11 @@ def _contradicts(found: Selection, held: HeldOut) -> bool:
     return worse or (gain < 0 and held.reduction < -SMALL_GROWTH) or (gain < -3 and held.interval_90[0] <= 0)
 
 
-def limits(ready: Prepared, found: Selection, trials: Sequence[Trial], tests: Sequence[Trial]) -> list[Message]:
+def limits(
+    ready: Prepared, found: Selection, trials: Sequence[Trial], tests: Sequence[Trial], held: HeldOut | None
+) -> list[Message]:
     """What cannot be concluded from this input; ready: its fit without effects, found: the selection, trials: for
-    training, tests: to check on. Returns one sentence for each reason."""
+    training, tests: to check on, held: that check. Returns one sentence for each reason."""
     rows: list[tuple[str, str]] = []
     every = [s for s in found.searches[0].scores if not s.candidate.form and not s.candidate.by_run]
     quiet = [s.candidate.effect for s in every if not s.excited]
@@ -181,6 +183,11 @@ def limits(ready: Prepared, found: Selection, trials: Sequence[Trial], tests: Se
     if not tests:
         words = "no --test trials: how far the gap closes was not checked on trials that took no part"
         rows.append(("no_tests", words))
+    elif held is None:
+        words = (
+            "the test trials hold no whole window of predictions without a gap: how far the gap closes was not checked"
+        )
+        rows.append(("tests_too_short", words))
     return [Message(words, code) for code, words in rows]
 
 

@@ -26,17 +26,18 @@ def ready() -> Prepared:
     return Prepared(problem, full_model(), null, False, 1, (), (1.0, float("inf")))
 
 
-def said(null: Estimate) -> dict[str, str]:
+def said(null: Estimate, held: object = True) -> dict[str, str]:
     """Sentences on what these trials cannot tell, by code, with this fit without effects."""
     trials = pushed_trials(1, runs=RUNS)
     found = SimpleNamespace(searches=[SimpleNamespace(scores=())])
-    rows = limits(replace(ready(), null=null), found, trials, trials)  # type: ignore[arg-type]
+    rows = limits(replace(ready(), null=null), found, trials, trials, held)  # type: ignore[arg-type]
     return {row.code: str(row) for row in rows}
 
 
 def test_a_fit_as_it_should_be_is_not_doubted() -> None:
     noise = ready().null.noise.with_(tau=5.0)
     assert said(replace(ready().null, noise=noise)) == {}
+    assert list(said(replace(ready().null, noise=noise), None)) == ["tests_too_short"]
 
 
 def test_a_coefficient_far_from_its_prior_is_named() -> None:
