@@ -129,6 +129,7 @@ def _diagnosed(
         words = f"the residuals oscillate with a period of {period:.2g} s, as under waves or an engine"
         reasons.append(Message(words, "oscillating_residuals"))
         verdict = "unknown" if verdict == "none" else verdict
+    reasons += limits(ready, found, trials, tests, result.held)
     is_named = verdict == "named"
     before, after = result.before, result.after
     remainder = is_named and (has_remainder(found, before, after, p.expected_unnamed) or chance < LINE_PROBABILITY)
@@ -160,13 +161,7 @@ def _diagnosed(
         where=place,
         held_out=result.held,
         next_test=advice,
-        warnings=(
-            *repairs,
-            *ready.notices,
-            *reasons,
-            *limits(ready, found, trials, tests, result.held),
-            *sensors.warnings,
-        ),
+        warnings=(*repairs, *ready.notices, *reasons, *sensors.warnings),
         not_screened=ready.full.left_out,
         noise=RandomSizes.of(found.null),
         unnamed=Unnamed(
