@@ -4,17 +4,20 @@ Run from the repository root: python -m benchmarks.between [--draws 10] [--nulls
 [--workers 1] [--record]. Each draw is a ship of the blind generator (coefficients off by 5 %, random forces, its own
 numerics) with six runs of 150 s in either group, of all manoeuvres. In the second group something differs, or nothing
 does. What the trials say of each other and of the ship is compared as by the command; the forward selection for all
-trials together, which does not take part in that, is left out.
+trials together, which does not take part in that, is left out. Begun again it goes on where it stopped.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import shlex
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -130,37 +133,33 @@ def compared(scenario: Scenario, seed: int, world: World) -> Between:
     return compare_groups(ready.problem, ready.null, sensors, groups, trials)
 
 
-def answer(task: tuple[int, int, str]) -> tuple[int, str, tuple[str, ...], bool, float, str]:
-    """Number of the scenario, verdict, names, whether all are right, seconds, and a line."""
-    number, seed, world = task
-    began = time.perf_counter()
-    b = compared(SCENARIOS[number], seed, WORLDS[world])
-    names = tuple(d.name for d in b.differences)
-    right = all({d.name, *d.equivalence_class} & SCENARIOS[number].right for d in b.differences)
-    seconds = time.perf_counter() - began
-    line = f"{SCENARIOS[number].words}, draw {seed}: {b.verdict} | {b.sentence} ({seconds:.0f} s)"
-    return number, b.verdict, names, right, seconds, line
+def answer(task: tuple[int, int, str, Path]) -> dict[str, Any]:
+    """The answer to a draw: verdict, sentence, names, whether all are right, seconds; kept in a file of its own."""
+    number, seed, world, folder = task
+    path = folder / f"{number:02d}_{seed}.json"
+    if not path.is_file():
+        began = time.perf_counter()
+        b = compared(SCENARIOS[number], seed, WORLDS[world])
+        right = all({d.name, *d.equivalence_class} & SCENARIOS[number].right for d in b.differences)
+        kept = {"scenario": number, "draw": seed, "verdict": b.verdict, "sentence": b.sentence, "right": right}
+        kept |= {"names": [d.name for d in b.differences], "seconds": time.perf_counter() - began}
+        folder.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
+    found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    return found
 
 
-def rows(answers: list[tuple[int, str, tuple[str, ...], bool, float, str]]) -> list[list[str]]:
+def rows(answers: Sequence[Mapping[str, Any]]) -> list[list[str]]:
     """A row of the table per scenario."""
     out = []
     for i, s in enumerate(SCENARIOS):
-        own = [a for a in answers if a[0] == i]
-        if not own:
-            continue
-        good = sum(v == "named" and bool(n) and r for _, v, n, r, *_ in own)
-        wrong = [n for _, v, n, r, *_ in own if v == "named" and not r]
-        none, unknown = (sum(v == verdict for _, v, *_ in own) for verdict in ("none", "unknown"))
-        listed = ", ".join(sorted({" + ".join(names) for names in wrong}))
-        count = len(own)
-        cells = [
-            str(none),
-            str(unknown),
-            "" if not s.right else str(good),
-            f"{len(wrong)}" + (f" ({listed})" if listed else ""),
-        ]
-        out.append([s.words, str(count), *cells, f"{np.median([a[4] for a in own]):.0f}"])
+        own = [a for a in answers if a["scenario"] == i]
+        named = [a for a in own if a["verdict"] == "named"]
+        wrong = [" + ".join(a["names"]) for a in named if not a["right"]]
+        none, unknown = (sum(a["verdict"] == verdict for a in own) for verdict in ("none", "unknown"))
+        listed = f"{len(wrong)} ({', '.join(sorted(set(wrong)))})" if wrong else "0"
+        cells = [str(len(own)), str(none), str(unknown), str(len(named) - len(wrong)) if s.right else "", listed]
+        out += [[s.words, *cells]] if own else []
     return out
 
 
@@ -173,23 +172,28 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--only", type=int, nargs="*", help="numbers of scenarios")
     parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--out", type=Path, help="folder of the answers (default: runs/between_WORLD)")
     parser.add_argument("--record", action="store_true", help="put the table into RESULTS.md")
     given = parser.parse_args()
+    out = given.out or Path("runs") / f"between_{given.world}"
     tasks = [
-        (i, 1000 * given.seed + draw, given.world)
+        (i, 1000 * given.seed + draw, given.world, out)
         for i, s in enumerate(SCENARIOS)
         if not given.only or i in given.only
         for draw in range(given.nulls if s.null else given.draws)
     ]
-    answers = run_all(answer, tasks, given.workers, each=lambda a: print(a[-1], flush=True))
-    lines = table(["what differs", "draws", "none", "unknown", "named, and rightly", "wrong names", "s"], rows(answers))
+
+    def say(a: Mapping[str, Any]) -> None:
+        print(f"{SCENARIOS[a['scenario']].words}, {a['draw']}: {a['sentence']} ({a['seconds']:.0f} s)", flush=True)
+
+    answers = run_all(answer, tasks, given.workers, each=say)
+    lines = table(["what differs", "draws", "none", "unknown", "named, and rightly", "wrong names"], rows(answers))
+    lines += ["", f"Median {np.median([a['seconds'] for a in answers]):.0f} s of a draw."]
     if given.record:
-        record(
-            f"Differences between groups; world {given.world}",
-            shlex.join(["python", "-m", "benchmarks.between", *sys.argv[1:]]),
-            lines,
-        )
-    print("\n".join(lines))
+        words = shlex.join(["python", "-m", "benchmarks.between", *(w for w in sys.argv[1:] if w != "--record")])
+        record(f"Differences between groups of trials; world {given.world}", words, lines)
+    else:
+        print("\n".join(lines))
 
 
 if __name__ == "__main__":

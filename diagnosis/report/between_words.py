@@ -35,7 +35,8 @@ def difference(d: GroupDifference) -> str:
     """The named difference ``d`` in words, with 90 % intervals."""
     sizes = ", ".join(f"{_symbol(d, name)}{size(p, d.group, d)}" for name, p in d.parameters.items())
     alike = f" (or {', '.join(d.equivalence_class)}, which looks the same)" if d.equivalence_class else ""
-    return f"{d.name}{alike} in {d.group}, {sizes} against the others ({d.nature})"
+    meaning = "".join(f", {p.words}" for p in d.parameters.values() if p.words and len(d.parameters) == 1)
+    return f"{d.name}{alike} in {d.group}, {sizes} against the others ({d.nature}{meaning})"
 
 
 def _symbol(d: GroupDifference, name: str) -> str:
