@@ -10,6 +10,8 @@ from cases.checks.duplicates import duplicates
 from cases.io.read import read_trials
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
+from diagnosis.estimation.candidates import FITTED_ALONG
+from diagnosis.sensors.kinematics import consistency
 from fitting.report.run_folder import RESULT, SHIP, read_result
 from mmg.errors import UserError
 from mmg.messages import Message
@@ -78,7 +80,7 @@ def calibration_trials(
     if not isinstance(calibrated_on, (str, Path)):
         if len(independent_tests(trials, calibrated_on)[0]) < len(calibrated_on):
             return CalibrationTrials()
-        return CalibrationTrials(bool(calibrated_on), tuple(calibrated_on))
+        return CalibrationTrials(bool(calibrated_on), tuple(calibrated_on), _faults(ship, calibrated_on))
     folder = Path(calibrated_on)
     if not (folder / RESULT).exists():
         return CalibrationTrials()
@@ -101,4 +103,14 @@ def calibration_trials(
     if len(same) < len(rows):
         words = f"{known}; they cannot be read as they were, so they are no reference for their usual misfit"
         return CalibrationTrials(True, (), (Message(words, "calibration_trials_missing"),))
-    return CalibrationTrials(True, tuple(same))
+    return CalibrationTrials(True, tuple(same), _faults(ship, same))
+
+
+def _faults(ship: Ship, trials: Sequence[Trial]) -> tuple[Message, ...]:
+    """What columns of the ``trials`` of a calibration contradict each other, but for the usual lags and gains."""
+    if not trials:
+        return ()
+    seen = consistency(trials, ship)
+    words = [r.sentence for r in seen.found if r.effect not in FITTED_ALONG]
+    words += [f"{run.name}: {fault}" for run in seen.runs for fault in run.faults]
+    return tuple(Message(f"the trials of the calibration: {w}", "fault_in_calibration") for w in words)

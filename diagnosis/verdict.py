@@ -204,7 +204,7 @@ def _doubts(ready: Prepared) -> list[tuple[str, str]]:
         words = f"more than {FAR:g} prior standard deviations off without any effect: {', '.join(far)}"
         advice = "is it this ship, and are units and frames right (mmg check)? An effect may make up for what is not"
         rows.append(("far_from_prior", f"{words}: {advice}"))
-    seen = data.good.any(axis=(0, 1))
+    seen = np.asarray(data.good.any(axis=(0, 1)))
     quiet = [
         n
         for n, s, w, f in zip(STATES, seen, null.noise.white, least_noise(steps.ship).white, strict=True)

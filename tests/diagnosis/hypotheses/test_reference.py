@@ -272,7 +272,7 @@ def folder(tmp_path: Path) -> Path:
             write_trial(trial, tmp_path / role / f"{trial.kind}.csv")
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / "ship.toml").write_text(dump_ship(calibrated()))
-    write_json(tmp_path / "run" / RESULT, {"data": data_rows(read_trials(tmp_path / "old"))})
+    write_json(tmp_path / "run" / RESULT, {"kind": "calibration", "data": data_rows(read_trials(tmp_path / "old"))})
     return tmp_path
 
 
@@ -300,6 +300,16 @@ def test_trials_of_the_calibration_are_no_reference_for_themselves(folder: Path)
     lines = (folder / "old" / "zigzag.csv").read_text().splitlines()
     (folder / "new" / "renamed.csv").write_text("\n".join(lines[:-3]) + "\n")  # nor another file with their rows
     assert known_of(folder / "run", read_trials(folder / "new")) == (False, [], [])
+
+
+def test_columns_of_the_calibration_that_contradict_each_other_are_said(folder: Path) -> None:
+    """A ship that was calibrated in wrong frames: v with the wrong sign."""
+    old = pushed_trials(1)
+    flipped = [replace(t, columns={**t.columns, "v": -t["v"]}) for t in old]
+    new = read_trials(folder / "new")
+    said = [calibration_trials(calibrated(), new, trials) for trials in (old, flipped)]
+    assert said[0].remarks == ()
+    assert any("the trials of the calibration: logged v" in words for words in said[1].remarks)
 
 
 def test_a_ship_that_was_not_calibrated_has_no_reference(folder: Path) -> None:
