@@ -5,13 +5,17 @@ A folder appears whole or not at all: it is written beside its place under anoth
 
 from __future__ import annotations
 
+import contextlib
+import glob
 import json
 import math
 import os
 import platform
+import re
+import secrets
 import shutil
-import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import is_dataclass
 from importlib import metadata
 from pathlib import Path
@@ -24,6 +28,11 @@ from safetensors.numpy import load_file
 from cases.io.files import read_json, replace_text
 from cases.trial import Trial
 from mmg.errors import UserError
+
+try:
+    import fcntl
+except ImportError:  # Windows has no locks of this kind
+    fcntl = None  # type: ignore[assignment]
 
 RESULT, SHIP, START, ITERATE = "result.json", "ship.toml", "start.toml", "iterate.safetensors"
 FIGURES, PAGE = "figures", "report.html"
@@ -60,24 +69,73 @@ def write_whole(folder: Path, fill: Callable[[Path], None], replace: bool = Fals
     where nothing can be written.
     """
     folder = folder.absolute()
+    scratch = folder.parent / f".{folder.name}.{secrets.token_hex(4)}"
+    old = scratch.with_name(f"{scratch.name}.old")
+    with _held(scratch, folder):
+        _remove_leftovers(folder)
+        try:
+            fill(scratch)
+            scratch.chmod(0o755)
+            if replace and folder.exists():
+                with _held(old, folder):
+                    os.replace(folder, old / "run")
+                    os.replace(scratch, folder)
+                    shutil.rmtree(old, ignore_errors=True)
+            else:
+                os.replace(scratch, folder)
+        except OSError as error:
+            raise UserError(f"{folder}: cannot be written ({error.strerror or error}); choose another --out") from None
+        finally:
+            shutil.rmtree(scratch, ignore_errors=True)
+
+
+@contextmanager
+def reserved(folder: Path) -> Iterator[None]:
+    """While it lasts, no other process that asks for it works on the run ``folder``. Raises UserError where one does,
+    or nothing can be written there."""
+    folder = folder.absolute()
+    new = [parent for parent in folder.parents if not parent.exists()]
+    mark = folder.parent / f".{folder.name}.lock"
     try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        scratch = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
+        with _held(mark, folder):
+            try:
+                yield
+            finally:
+                mark.rmdir()
+    finally:
+        with contextlib.suppress(OSError):  # parents in which nothing came to be
+            for parent in new:
+                parent.rmdir()
+
+
+@contextmanager
+def _held(path: Path, folder: Path) -> Iterator[None]:
+    """While it lasts, and the process lives, it holds the folder ``path``, made if need be, beside a run folder."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        handle = os.open(path, os.O_RDONLY) if fcntl else None
     except OSError as error:
         raise UserError(f"{folder}: cannot be written ({error.strerror}); choose another --out") from None
     try:
-        fill(scratch)
-        scratch.chmod(0o755)
-        if replace and folder.exists():
-            old = Path(tempfile.mkdtemp(prefix=f".{folder.name}.old.", dir=folder.parent))
-            os.replace(folder, old / "run")
-            os.replace(scratch, folder)
-            shutil.rmtree(old, ignore_errors=True)
-        else:
-            os.replace(scratch, folder)
-    except BaseException:
-        shutil.rmtree(scratch, ignore_errors=True)
-        raise
+        if handle is not None:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        yield
+    except BlockingIOError:
+        raise UserError(f"{folder}: another process is working on it; wait, or choose another --out") from None
+    finally:
+        if handle is not None:
+            os.close(handle)
+
+
+def _remove_leftovers(folder: Path) -> None:
+    """Remove what processes that were killed while they wrote a run folder have left beside it."""
+    for path in folder.parent.glob(f".{glob.escape(folder.name)}.*") if fcntl else ():
+        if not re.fullmatch(r"[0-9a-f]{8}(\.old)?", path.name[len(folder.name) + 2 :]):
+            continue
+        with contextlib.suppress(UserError, OSError), _held(path, folder):
+            if (path / "run").is_dir() and not folder.exists():  # killed between two renames
+                os.replace(path / "run", folder)
+            shutil.rmtree(path, ignore_errors=True)
 
 
 def write_json(path: Path, data: Any) -> None:

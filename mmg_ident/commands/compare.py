@@ -53,10 +53,11 @@ def compare(
     Example: mmg compare --train train-tzrb --seeds 5 --fractions 0.1,0.3,1 --no-random --workers 2 --out comparison
     """
     import shutil
+    from contextlib import nullcontext
 
     from cases.shipfiles.model_changes import with_instruments
     from cases.shipfiles.ship_file import load_ship
-    from fitting.report.run_folder import RESULT, check_target, write_json, write_whole
+    from fitting.report.run_folder import RESULT, check_target, reserved, write_json, write_whole
 
     names = tuple(dict.fromkeys(names_of([models])))
     if seeds < 1 or workers < 1 or (epochs is not None and epochs < 1):
@@ -94,7 +95,8 @@ def compare(
     )  # fmt: skip
     store = _store(out, resume, study) if out else None
     try:
-        found = compared(study, store)
+        with reserved(out) if out else nullcontext():
+            found = compared(study, store)
     except UserError:
         if store:
             store.discard()

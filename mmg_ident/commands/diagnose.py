@@ -53,15 +53,16 @@ def diagnose(
     """
     from cases.io.read import read_trials
     from diagnosis import diagnose as pipeline
-    from fitting.report.run_folder import check_target
+    from fitting.report.run_folder import check_target, reserved
 
     check_target(out)
     ship = _ship(run, without or [])
     options = pipeline.DiagnosisOptions(step, seed, workers, not no_learn, command_line(), between)
     train, tests = read_trials(trials), read_trials(test) if test else []
-    found = pipeline.diagnose(ship, train, tests, site, options, run, progress())
-    end_progress()
-    found.save(out)
+    with reserved(out):
+        found = pipeline.diagnose(ship, train, tests, site, options, run, progress())
+        end_progress()
+        found.save(out)
     if json:
         print_json(found.to_dict())
     else:

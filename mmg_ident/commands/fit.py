@@ -92,7 +92,7 @@ def fit(
     from cases.shipfiles.model_changes import reduced_ship
     from cases.shipfiles.ship_file import load_ship
     from fitting.pipeline import FitOptions
-    from fitting.report.run_folder import check_target
+    from fitting.report.run_folder import check_target, reserved
     from fitting.solvers.interrupts import interrupts_noted
     from mmg_ident.api import calibrate
 
@@ -138,7 +138,10 @@ def fit(
     reading = time.perf_counter() - began
     for line in start.notices:
         say(line)
-    with interrupts_noted(lambda: say("interrupted: stopping at the next iterate and writing the run folder")):
+    with (
+        reserved(out),
+        interrupts_noted(lambda: say("interrupted: stopping at the next iterate and writing the run folder")),
+    ):
         result = calibrate(start, train, held_out, settings, options, progress())
         timings = {**result.timings_s, "read": reading, "wall": result.timings_s["wall"] + reading}
         result = replace(result, timings_s=timings).save(out, replace=resume)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import functools
+import importlib.util
+import multiprocessing
 import os
 import signal
 import sys
@@ -32,15 +34,24 @@ def note_interruption(*given: Any) -> None:
     signal.default_int_handler(*given)
 
 
+def _ended(*_: Any) -> None:
+    """SIGTERM ends a verb as Ctrl-C does: what can be kept is written, and nothing half-written is left."""
+    signal.raise_signal(signal.SIGINT)
+
+
 _usual = signal.getsignal(signal.SIGINT)
 if __name__ == "__main__" or sys.argv[0].endswith(("mmg", "mmg-ident")):
     signal.signal(signal.SIGINT, _stopped)
+    if multiprocessing.parent_process() is None:  # workers are ended by it at once
+        signal.signal(signal.SIGTERM, _ended)
 
 import typer
 from typer.core import TyperGroup
 
 from mmg_ident.shadow import shadowing_mmg
 
+HEAVY, LEAST_MEMORY = ("demo", "fit", "train", "compare", "diagnose"), 1.5 * 2**30
+"""Verbs that need more memory than this [bytes]; with less the libraries they use neither end nor answer Ctrl-C."""
 MANY = ("--validate", "--train", "--test", "--sigma-from", "--new")
 """Options that take several values after one name: ``--validate a.csv b.csv``."""
 
@@ -142,6 +153,20 @@ def expand(arguments: list[str]) -> list[str]:
     return [*result, current] if waiting and current else result
 
 
+def _check_memory(arguments: list[str]) -> None:
+    """Raises UserError where the memory that the process may use is too little for the verb."""
+    if not set(arguments[:1]) & set(HEAVY) or importlib.util.find_spec("resource") is None:
+        return
+    import resource
+
+    from mmg.errors import UserError
+
+    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if limit != resource.RLIM_INFINITY and limit < LEAST_MEMORY:
+        sizes = f"limited to {limit / 2**20:.0f} MB, mmg {arguments[0]} needs {LEAST_MEMORY / 2**20:.0f} MB"
+        raise UserError(f"memory is {sizes}; raise the limit (ulimit -v)")
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Run one command line; returns the exit code: 0 success, 1 unfinished, 2 bad input, 130 interrupted.
 
@@ -151,9 +176,13 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"mmg: {in_the_way}", file=sys.stderr)
         return 2
     from mmg.errors import UserError
+    from mmg.messages import printable
 
     try:
-        outcome = app(expand(sys.argv[1:] if arguments is None else arguments), standalone_mode=False)
+        given = expand(sys.argv[1:] if arguments is None else arguments)
+        _check_memory(given)
+        outcome = app(given, standalone_mode=False)
+        sys.stdout.flush()
         return outcome if isinstance(outcome, int) else 0
     except UserError as error:
         line = " ".join(str(error).split())
@@ -165,6 +194,13 @@ def main(arguments: list[str] | None = None) -> int:
     except BrokenPipeError:
         sys.stderr.close()
         return 0
+    except MemoryError:
+        print("mmg: memory does not suffice; close other programs, or give less at once", file=sys.stderr)
+        return 2
+    except OSError as error:
+        where = error.filename or "output"
+        print(f"mmg: {printable(str(where))}: {error.strerror or error}", file=sys.stderr)
+        return 2
     except typer.Exit as stop:
         return int(stop.exit_code)
     except Exception as error:

@@ -87,13 +87,11 @@ _HEAD = """Starting ship from main particulars, by regressions of the literature
 
 def _write(path: Path, text: str, force: bool) -> None:
     """Writes a ship file, whole or not at all; UserError when it exists or the folder does not."""
-    import os
+    from cases.io.files import replace_text
 
     refuse_target("--out", path, force)
-    scratch = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
-        scratch.write_text(text, encoding="utf-8")
-        scratch.replace(path)
+        replace_text(path, text)
     except OSError as error:
         raise UserError(f"--out {path}: cannot be written ({error.strerror or error})") from None
 

@@ -85,7 +85,7 @@ def train(
     from cases.checks.held_out import training_trials
     from cases.io.read import read_trials
     from cases.shipfiles.ship_file import load_ship
-    from fitting.report.run_folder import check_target
+    from fitting.report.run_folder import check_target, reserved
 
     settings = _settings(
         model, seeds=seeds, seed=seed, workers=workers, epochs=epochs, width=width, penalty=penalty, jitter=jitter,
@@ -106,8 +106,9 @@ def train(
     chosen, held_out = read_trials(trials), read_trials(validate) if validate else []
     store = training_store(out, load_ship(run), training_trials(chosen)[0], held_out, settings, resume)
     try:
-        result = trained(run, chosen, held_out, settings, keep, command_line(), progress(), store)
-        result.save(out, replace=True)
+        with reserved(out):
+            result = trained(run, chosen, held_out, settings, keep, command_line(), progress(), store)
+            result.save(out, replace=True)
     except KeyboardInterrupt:
         if not store.folder.is_dir():
             raise

@@ -48,8 +48,10 @@ def tasks_of(
     """
     h = settings.step or default_step(trials, ship.particulars["L"])
     pieces, held_out = (pieces_of(some, h, kind.inputs(ship)) for some in (trials, validation))
+    settings = replace(settings, step=h)
+    _splits(settings, pieces, held_out, judged_apart)  # too few data are refused before scales are estimated
     scales = kind.scales(ship, pieces, trials, h)
-    return training_tasks(kind.build, ship, scales, replace(settings, step=h), pieces, held_out, judged_apart)
+    return training_tasks(kind.build, ship, scales, settings, pieces, held_out, judged_apart)
 
 
 def training_tasks(
@@ -67,7 +69,15 @@ def training_tasks(
     judge by; held_out: pieces that judge instead; judged_apart: the windows that judge are not those that stop, which
     would flatter. Raises UserError where data are too few.
     """
-    tasks = []
+    splits = _splits(settings, pieces, held_out, judged_apart)
+    return [Task(build, ship, scales, settings, settings.seed + i, split) for i, split in enumerate(splits)]
+
+
+def _splits(
+    settings: TrainSettings, pieces: Sequence[Piece], held_out: Sequence[Piece], judged_apart: bool
+) -> list[Split]:
+    """What each seed is trained on, stopped by and judged by; UserError where that is too little."""
+    splits = []
     for i in range(settings.seeds):
         if held_out and not judged_apart:
             split = Split(list(pieces), list(held_out), list(held_out), 0)
@@ -78,8 +88,8 @@ def training_tasks(
             elif not judged_apart:
                 split = split._replace(judge=split.stop)
         _check(split, settings, bool(held_out))
-        tasks.append(Task(build, ship, scales, settings, settings.seed + i, split))
-    return tasks
+        splits.append(split)
+    return splits
 
 
 def _check(split: Split, settings: TrainSettings, given: bool) -> None:

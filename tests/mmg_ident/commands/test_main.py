@@ -167,6 +167,61 @@ def test_an_iteration_limit_exits_1_and_resume_finishes(folder: Path, tmp_path: 
     assert main([*arguments, "--resume"]) == 0  # already converged: nothing to do
 
 
+def shell(command: str, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    """``mmg`` as $MMG in a shell ``command`` with ``arguments``."""
+    environment = {**os.environ, "MMG": f"{sys.executable} -m mmg_ident.commands.main", "PYTHONPATH": str(ROOT)}
+    words = ["sh", "-c", command, "sh", *map(str, arguments)]
+    return subprocess.run(words, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=60)
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="needs Linux")
+@pytest.mark.parametrize(
+    ("command", "said"),
+    [
+        ("ulimit -v 600000; $MMG fit esso_osaka_3m $1 --out $2", "memory is limited to 586 MB"),
+        ("$MMG ships > /dev/full", "No space left on device"),
+        ("$MMG check /tmp/$(printf 'a%.0s' $(seq 300)).csv", "File name too long"),
+        (
+            "$MMG simulate esso_osaka_3m --maneuver turning:35 --out ${1%/*}/$(printf 'a%.0s' $(seq 300)).csv",
+            "name too long",
+        ),
+        ("MMG_CACHE= env -u HOME $MMG ships nothing", "no such ship"),
+        ("$MMG predict esso_osaka_3m $1 --out /proc/1/x.csv", "/proc/1/"),
+    ],
+)
+def test_faults_of_the_machine_are_one_line(command: str, said: str, tmp_path: Path) -> None:
+    trial = write_csv(tmp_path / "a.csv", motion_columns(60.0), rows=None)
+    done = shell(command, trial, tmp_path / "out")
+    lines = done.stderr.strip().splitlines()
+    assert done.returncode == 2 and len(lines) == 1 and said in lines[0], done
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.csv"]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="sends SIGTERM")
+@pytest.mark.slow
+def test_sigterm_is_answered_as_ctrl_c(folder: Path, tmp_path: Path) -> None:
+    """As a batch system sends it before it kills: the run is written, flagged, and nothing is left beside it."""
+    command = [sys.executable, "-m", "mmg_ident.commands.main", *fit(folder, tmp_path / "run")]
+    process = subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True)
+    while not (tmp_path / ".run.lock").exists():
+        assert process.poll() is None
+        time.sleep(0.05)
+    process.send_signal(signal.SIGTERM)
+    _, error = process.communicate(timeout=120)
+    assert process.returncode in (0, 130) and "interrupted: stopping" in error and "Traceback" not in error
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
+
+
+def test_what_memory_does_not_hold_is_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def large(*given: object, **options: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr(mmg_ident.commands.main, "app", large)
+    assert main(["ships"]) == 2 and capsys.readouterr().err.startswith("mmg: memory does not suffice")
+
+
 def test_what_a_library_makes_of_ctrl_c_is_an_interruption(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
