@@ -372,6 +372,20 @@ def test_what_a_cause_costs_grows_with_its_strength() -> None:
     assert 1.0 < ratios[0] < ratios[1] < ratios[2]
 
 
+def test_a_world_scales_the_size_of_a_stranger_and_of_nothing_else() -> None:
+    world, limit = WORLDS["kvlcc2"], next(one for one in NEW if one.name == "rudder_rate_limit")
+    hand = Hand("foreign", ((limit, "medium"),))
+    here, plain = prepared(hand, world=world), prepared(hand, world=replace(world, sizes={}))
+    for where in ("key", "inside"):
+        one, other = (getattr(case.drawn[0][1], where)["size"] for case in (here, plain))
+        assert one == pytest.approx(world.sizes["rudder_rate_limit"] * other)
+    np.testing.assert_array_equal(here.force, plain.force)
+    known = {effect.name for effect in STRANGERS}
+    older = {effect.name for effect in FOREIGN}
+    assert set(world.sizes) <= known - older  # older causes keep their cases
+    assert set(WORLDS["vectwin"].sizes) <= known and not WORLDS["pond"].sizes and not WORLDS["basin"].sizes
+
+
 def test_the_mix_is_dealt_in_its_shares() -> None:
     hands = deal("mix", 100, np.random.default_rng(0))
     kinds = [hand.kind for hand in hands]

@@ -61,6 +61,10 @@ class Case:
         rows, dt = world.rows, world.step
         kinds, runs = (*train, *test), len(train) + len(test)
         drawn = draw(hand, runs, rng)
+        for effect, one in drawn:
+            if effect.name in world.sizes:
+                one.key["size"] *= world.sizes[effect.name]
+                one.inside["size"] *= world.sizes[effect.name]
         nominal = scaled_ship(world)[1]
         coefficients, site = true_coefficients(nominal, rng, world.drawn, world.spread), site_of(drawn, rng)
         if "water" in site:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.blind.generator.controls import RUDDER_RATE
 from benchmarks.blind.generator.effect import Array, scaled
 from benchmarks.blind.generator.foreign import FOREIGN, Sized
 
@@ -53,12 +54,12 @@ class Roll(Sized):
 
 
 class RateLimit(Sized):
-    """Steering gear slower than the logged rudder; size: seconds per radian."""
+    """Steering gear slower than the logged rudder; size: seconds per radian more than the gear takes."""
 
-    name, levels, two_sided = "rudder_rate_limit", (6.0, 10.0, 25.0), False
+    name, levels, two_sided = "rudder_rate_limit", (3.0, 7.0, 22.0), False
 
     def actuators(self, n: Array, delta: Array, k: int, dt: float, e: Any, memory: Any) -> tuple[Array, Array]:
-        most = np.where(e.size > 0, dt / np.maximum(e.size, 1e-9), np.inf)
+        most = np.where(e.size > 0, dt / (e.size + 1 / RUDDER_RATE), np.inf)
         at = memory.get("at", delta[k])
         memory["at"] = at + np.clip(delta[k] - at, -most, most)
         return n[k], memory["at"]
@@ -67,10 +68,10 @@ class RateLimit(Sized):
 class JammedBearing(Sized):
     """Rudder that moves slowly to one side only."""
 
-    name, levels = "jammed_bearing", (5.0, 8.0, 18.0)
+    name, levels = "jammed_bearing", (2.0, 5.0, 15.0)
 
     def actuators(self, n: Array, delta: Array, k: int, dt: float, e: Any, memory: Any) -> tuple[Array, Array]:
-        most = np.where(e.size != 0, dt / np.maximum(np.abs(e.size), 1e-9), np.inf)
+        most = np.where(e.size != 0, dt / (np.abs(e.size) + 1 / RUDDER_RATE), np.inf)
         at = memory.get("at", delta[k])
         step = delta[k] - at
         memory["at"] = at + np.where(step * e.size > 0, np.clip(step, -most, most), step)

@@ -46,9 +46,10 @@ class World:
     errors of u, v and r [s], (0, 0): white; gyro: largest scale error of r; gust: wind that the log does not show, as
     share of the mean; sample: of the records [s]; without: effects that the ship cannot have; resistance: X_0' that
     fouling adds a share of; draught: by which the depth in a site file is told [m]; soft:
-    angle over which the flow at two rudders changes sides [rad]; runge_kutta: fourth order
-    with inputs in between, else Heun; step: of the integration and of all signals [s], a whole part of the sample;
-    duration: of a run [s]; wide: every case draws its own noise, memory, sample, runs and spread (wide.py).
+    angle over which the flow at two rudders changes sides [rad]; sizes: factors on the sizes of causes without a name,
+    which cost more or less here than in the pond; runge_kutta: fourth order with inputs in between, else Heun; step:
+    of the integration and of all signals [s], a whole part of the sample; duration: of a run [s]; wide: every case
+    draws its own noise, memory, sample, runs and spread (wide.py).
     """
 
     name: str
@@ -70,6 +71,7 @@ class World:
     resistance: float = 0.02139
     draught: float = DRAUGHT
     soft: float = 0.0
+    sizes: Mapping[str, float] = field(default_factory=dict)
     step: float = 0.05
     duration: float = 150.0
     wide: bool = False
@@ -114,6 +116,22 @@ NARROW = {
             without=("wind_force", "wind_sensor_bias", "propeller_side_force", "lee_of_a_wall"),
             runge_kutta=True,
             sets={"mixed": "ahead"},
+            sizes={
+                "thrust_loss_at_high_n": 0.45,
+                "roll_coupling": 0.65,
+                "rudder_rate_limit": 0.26,
+                "jammed_bearing": 0.35,
+                "asymmetric_rudder": 0.3,
+                "wavy_engine_map": 0.6,
+                "thrust_deduction_at_low_advance": 0.7,
+                "separation_at_large_drift": 0.45,
+                "fish_tailing": 0.6,
+                "towed_boat": 0.5,
+                "one_sided_fouling": 0.55,
+                "weed_patch": 0.6,
+                "reversing_stream": 0.6,
+                "irregular_swell": 0.6,
+            },
         ),
         World(
             "vectwin",
@@ -134,6 +152,27 @@ NARROW = {
             resistance=0.022745,
             draught=0.1721,
             soft=0.06,
+            sizes={
+                "thrust_loss_at_high_n": 0.25,
+                "roll_coupling": 0.5,
+                "rudder_rate_limit": 0.15,
+                "jammed_bearing": 0.27,
+                "steering_dropout": 0.35,
+                "passing_ships": 1.2,
+                "asymmetric_rudder": 0.4,
+                "wavy_engine_map": 0.6,
+                "thrust_deduction_at_low_advance": 0.3,
+                "ventilating_propeller": 0.45,
+                "separation_at_large_drift": 0.45,
+                "fish_tailing": 0.55,
+                "towed_boat": 0.5,
+                "one_sided_fouling": 0.6,
+                "weed_patch": 0.65,
+                "gathering_weed": 0.7,
+                "reversing_stream": 0.7,
+                "shaft_droop": 0.3,
+                "thrust_drop_in_turn": 0.25,
+            },
         ),
     )
 }
