@@ -52,6 +52,8 @@ IMITATES = 0.9
 """Share of a difference that another parameter must imitate to be the same by another name."""
 UNEXPLAINED = 0.25
 """Log Bayes factor of what is left without a name, as a share of that of the names, above which they are withdrawn."""
+SCATTERED = 1.5
+"""Typical sizes by which surroundings may differ from run to run for anything else to be told from them."""
 AGREE = 3.0
 """Standard errors by which dynamics and kinematics may disagree on an instrument."""
 
@@ -160,13 +162,16 @@ class _Search:
         named: list[Tested] = []
         table: list[Tested] = []
         while True:
-            tests, slopes = self._tests(fit, own)
+            tests, slopes, scatter = self._tests(fit, own)
             table = table or tests
             clear = [t for t in tests if t.row.p_value < LEVEL and t.row.log_bayes > 0]
             if not clear:
                 return [self._final(fit, t) for t in named], table, []
             best = max(clear, key=lambda t: t.row.log_bayes)
             same, reason = self._judged(best, tests, slopes)
+            if too_scattered(scatter):
+                words = "surroundings, such as a current, differ so much from run to run that nothing is told from them"
+                reason = Message(words, "scattered_surroundings")
             if reason is None and len(named) == MOST:
                 reason = Message(f"beside {MOST} differences the groups differ in {best.candidate.label}", "too_many")
             if reason is not None:
@@ -203,8 +208,9 @@ class _Search:
         count = len(t.test.values) // len(now)
         return np.tile(now, count) + t.test.values * np.tile(c.typical, count)
 
-    def _tests(self, fit: Estimate, own: Sequence[Candidate]) -> tuple[list[Tested], RunSlopes]:
-        """All candidates that have no values by group yet, tested about a fit, and the slopes of each run."""
+    def _tests(self, fit: Estimate, own: Sequence[Candidate]) -> tuple[list[Tested], RunSlopes, dict[Column, float]]:
+        """All candidates that have no values by group yet, tested about a fit, the slopes of each run, and the scatter
+        of the surroundings between runs."""
         gone = {s for c in own for s in c.symbols}
         rest = [c for c in self.candidates if not gone & set(c.symbols)]
         local = [c for c in self.candidates if c.effect in LOCAL]
@@ -218,7 +224,8 @@ class _Search:
         ]
         shown = [(c, t) for c, t in found if t is not None]
         adjusted = holm([t.p_single for _, t in shown])
-        return [self._tested(fit, c, t, float(p)) for (c, t), p in zip(shown, adjusted, strict=True)], still
+        rows = [self._tested(fit, c, t, float(p)) for (c, t), p in zip(shown, adjusted, strict=True)]
+        return rows, still, scatter
 
     def _tested(self, fit: Estimate, c: Candidate, test: GroupTest, p: float) -> Tested:
         """A test with its row of the result."""
@@ -269,6 +276,19 @@ class _Search:
 
 NO_ROW = GroupDifference("", "", "", "", {}, 0.0, 0, 1.0, 0.0)
 """A row without content."""
+
+
+def too_scattered(scatter: Mapping[Column, float]) -> bool:
+    """Whether surroundings differ too much from run to run, whichever of them it is.
+
+    scatter: parameter -> standard deviation between the runs of a group [typical sizes]. Returns True only if each of
+    the effects would have to, since one that differs lets the others seem to.
+    """
+    largest: dict[str, float] = {}
+    for x, std in scatter.items():
+        name = x.symbol.partition(".")[0]
+        largest[name] = max(std, largest.get(name, 0.0))
+    return bool(largest) and min(largest.values()) > SCATTERED
 
 
 def nature(effect: str) -> str:

@@ -26,7 +26,7 @@ def sentence(by: str, verdict: str, named: Sequence[GroupDifference], reasons: S
     if verdict == "none":
         return f"between groups by {by} nothing differs beyond chance and the scatter of the runs"
     if verdict == "unknown":
-        return f"the groups by {by} differ, and the cause has no name: {reasons[0]}"
+        return f"the groups by {by} do not agree, and what differs has no name: {reasons[0]}"
     words = f"between groups by {by}: {'; '.join(difference(d) for d in named)}"
     return words + ("; they differ in more, which has no name" if reasons else "")
 

@@ -10,7 +10,8 @@ import pytest
 
 from cases.io.groups import Groups
 from cases.trial import Trial
-from diagnosis.hypotheses.between import compare_groups
+from diagnosis.estimation.candidates import Column
+from diagnosis.hypotheses.between import compare_groups, too_scattered
 from diagnosis.hypotheses.group_findings import Between
 from diagnosis.sensors.kinematics import consistency
 from mmg.errors import UserError
@@ -104,3 +105,19 @@ def test_a_group_without_a_usable_piece_is_refused() -> None:
     short = replace(trials[1], columns={k: v[:60] for k, v in trials[1].columns.items()})
     with pytest.raises(UserError, match="--between group: no trial of B has a piece without a gap that is long enough"):
         compared([trials[0], short], (0, 1))
+
+
+def test_surroundings_scatter_too_much_only_if_each_of_them_would_have_to() -> None:
+    seen = {Column("current.x"): 3.0, Column("current.y"): 0.2, Column("wind_sensor_bias.x"): 2.0}
+    assert too_scattered(seen) and not too_scattered({**seen, Column("tow.X"): 0.3}) and not too_scattered({})
+
+
+def test_a_current_of_its_own_in_each_run_is_no_difference_between_groups() -> None:
+    currents = ("x=0.12,y=0.05", "x=-0.1,y=0.1", "x=0.0,y=-0.12", "x=-0.1,y=-0.08", "x=0.13,y=0.0", "x=0.05,y=0.12")
+    runs = [RUNS[i % 3] for i in range(6)]
+    each = [
+        pushed_trials(60 + i, [f"current:{c}"], [run])[0] for i, (run, c) in enumerate(zip(runs, currents, strict=True))
+    ]
+    b = compared([replace(t, name=f"run {i}") for i, t in enumerate(each)])
+    assert b.differences == () and b.verdict in ("none", "unknown")
+    assert b.verdict == "none" or "surroundings, such as a current, differ so much from run to run" in b.sentence
