@@ -10,16 +10,21 @@ LONGEST_NAME = 200
 """Most bytes of a name: file systems take 255, and suffixes are added."""
 
 
+LONGEST = 4000
+"""Most characters of the text of an error; of a longer one the middle is left out."""
+
+
 class UserError(Exception):
     """Bad input or an impossible request.
 
     The command line prints its text as one line and exits with code 2; the library raises it.
     The text says what is wrong, where (file, column, row, key), and what to do about it; words of a file that would
-    steer a terminal are shown escaped.
+    steer a terminal are shown escaped, and of more than LONGEST characters the middle is left out.
     """
 
     def __init__(self, text: object = "") -> None:
-        super().__init__(printable(str(text)))
+        words = printable(str(text))
+        super().__init__(words if len(words) <= LONGEST else f"{words[: LONGEST - 500]} ... {words[-490:]}")
 
 
 def needs_torch(what: str) -> None:

@@ -54,7 +54,7 @@ def decoded(content: bytes, where: object) -> str:
 def parse_json(text: str) -> Any:
     """The value that ``text`` is as JSON. Raises ValueError where it is none, however deep it is nested."""
     try:
-        return json.loads(text)
+        return json.loads(text, parse_int=lambda digits: int(digits) if len(digits) < 20 else float(digits))
     except RecursionError:
         raise ValueError("nested too deeply") from None
 
