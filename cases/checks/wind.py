@@ -23,10 +23,10 @@ def wind(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
     numbers: dict[str, Any] = dict.fromkeys(names)
     if not trial.has_wind:
         return numbers, []
-    speed = trial["wind_speed"]
-    ship = float(np.nanmean(np.hypot(trial["u"], trial["v"])))
-    mean = float(np.nanmean(speed))
-    vector = np.nanmean(trial.wind_vector, axis=0)
+    speed, through, air = trial["wind_speed"], np.hypot(trial["u"], trial["v"]), trial.wind_vector
+    if not all(np.isfinite(values).any() for values in (speed, through, air[:, 0])):
+        return numbers, []  # never known together
+    ship, mean, vector = float(np.nanmean(through)), float(np.nanmean(speed)), np.nanmean(air, axis=0)
     numbers.update(
         mean_m_s=mean,
         std_m_s=float(np.nanstd(speed)),

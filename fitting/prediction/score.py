@@ -157,7 +157,7 @@ def pooled_sigma(trials: Sequence[Trial]) -> np.ndarray:
     rows = [np.column_stack([t[c] for c in STATES])[usable_rows(t, [n for n in INPUTS if n in t])] for t in located]
     if not rows:
         raise UserError("sigma cannot be taken from trials without positions x and y; give it with --sigma")
-    sigma = np.vstack(rows).std(axis=0)
+    sigma = np.vstack(rows).std(axis=0) if any(map(len, rows)) else np.zeros(6)
     if not (sigma > 0).all():
         flat = ", ".join(s for s, value in zip(STATES, sigma, strict=True) if not value > 0)
         raise UserError(f"sigma of {flat} is zero in these trials; give sigma with --sigma or --sigma-from")
