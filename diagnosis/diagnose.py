@@ -21,6 +21,7 @@ from diagnosis.estimation.candidates import find
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
 from diagnosis.estimation.map_estimate import BREAKS_DOWN, Estimate
 from diagnosis.findings import (
+    Chance,
     DiagnosisInputs,
     HeldOut,
     InstrumentFault,
@@ -32,6 +33,7 @@ from diagnosis.findings import (
 from diagnosis.hypotheses.between import compare_groups
 from diagnosis.hypotheses.forward_selection import LEVEL, SearchProblem, Selection, select_effects
 from diagnosis.hypotheses.next_test import next_test, telling_test
+from diagnosis.hypotheses.simulated_chance import LEAST_CAMPAIGNS, SimulatedChance, simulated_chance
 from diagnosis.hypotheses.unexplained_force import estimated_force, unexplained_force
 from diagnosis.hypotheses.unnamed import UnnamedForms, unnamed_forms
 from diagnosis.inputs import CalibrationTrials, calibration_trials, diagnosable, independent_tests
@@ -54,7 +56,8 @@ class DiagnosisOptions:
     """How to diagnose. step: of the analysis [s] (default: as of a fit); seed: of drawn probabilities and intervals and
     of the learned residual; workers: processes; learn: whether to measure how much a learned residual closes of an
     unexplained remainder; command: the words by which result.json says how it was made; between: what groups of trials
-    are compared by ("day", "folder", ...; see cases.io.groups), or None."""
+    are compared by ("day", "folder", ...; see cases.io.groups), or None; bootstrap: simulated campaigns from which
+    probabilities are found (0: by their law to first order)."""
 
     step: float | None = None
     seed: int = 0
@@ -62,6 +65,7 @@ class DiagnosisOptions:
     learn: bool = True
     command: str = "mmg_ident.diagnose"
     between: str | None = None
+    bootstrap: int = 0
 
 
 def diagnose(
@@ -87,6 +91,8 @@ def diagnose(
         raise UserError(f"--step {o.step:g}: must be a positive number of seconds below 60")
     if o.workers < 1:
         raise UserError(f"--workers {o.workers}: must be at least 1")
+    if o.bootstrap and o.bootstrap < LEAST_CAMPAIGNS:
+        raise UserError(f"--bootstrap {o.bootstrap}: must be 0, or at least {LEAST_CAMPAIGNS} for a probability of 3 %")
     groups = group_trials(trials, o.between) if o.between else None
     ship, remarks = diagnosable(ship)
     place = site if isinstance(site, Site) else read_site(trials, ship, site)
@@ -170,6 +176,7 @@ def _diagnosed(
         ),
         kinematics=_sensor_sentences(sensors, instruments),
         unexplained_force=unexplained,
+        chance=result.chance,
         timings=timings,
         inputs=DiagnosisInputs(),
         ship=after_all,
@@ -230,6 +237,19 @@ class _SearchResult:
     held: HeldOut | None
     verdict: str
     reasons: tuple[Message, ...]
+    simulated: SimulatedChance | None
+
+    @property
+    def chance(self) -> Chance:
+        """What chance gives."""
+        scores = self.found.searches[0].scores if self.found.searches else ()
+        least = min(scores, key=lambda s: s.p_single, default=None)
+        if self.simulated is None or least is None:
+            p_value = min((s.p_value for s in scores), default=None)
+        else:
+            p_value = self.simulated.of_smallest(least.p_single)
+        by = "law" if self.simulated is None else "simulation"
+        return Chance(by, len(self.before.chance), self.before.p_value, p_value)
 
 
 def _search(
@@ -237,12 +257,16 @@ def _search(
 ) -> _SearchResult:
     """Select effects and judge them. Where values by run are withdrawn, search again with the same in all runs."""
     p = ready.problem
-    before = unnamed_forms(p.steps, p.data, ready.null)
-    result = _judged(p, ready.null, before, tests, options, progress)
+    before, simulated = unnamed_forms(p.steps, p.data, ready.null), None
+    if options.bootstrap:
+        LOGGER.info(f"simulating {options.bootstrap} campaigns in which nothing is missing")
+        simulated = simulated_chance(p, ready.null, options.bootstrap, options.seed, options.workers, progress)
+        before = replace(before, chance=simulated.unnamed)
+    result = _judged(p, ready.null, before, simulated, tests, options, progress)
     if result.verdict != "named" and any(c.by_run for c in result.found.effects):
         LOGGER.info("searching again with the same surroundings in all runs")
         alike = replace(p, candidates=tuple(c for c in p.candidates if not c.by_run))
-        again = _judged(alike, ready.null, before, tests, options, progress)
+        again = _judged(alike, ready.null, before, simulated, tests, options, progress)
         return replace(again, reasons=(*result.reasons, *again.reasons))
     return result
 
@@ -251,6 +275,7 @@ def _judged(
     p: SearchProblem,
     null: Estimate,
     before: UnnamedForms,
+    simulated: SimulatedChance | None,
     tests: GriddedTrials | None,
     options: DiagnosisOptions,
     progress: OnProgress | None,
@@ -268,7 +293,13 @@ def _judged(
     held = compare(p.steps, tests, found.null, found.final, options.seed) if tests is not None else None
     beyond = before.beyond_chance - p.expected_unnamed_null
     verdict, reasons = decide(found, beyond, after.log_bayes - p.expected_unnamed, after.limit, held)
-    return _SearchResult(found, before, after, held, verdict, tuple(reasons))
+    result = _SearchResult(found, before, after, held, verdict, tuple(reasons), simulated)
+    if verdict == "named" and simulated is not None and (result.chance.largest_candidate or 0.0) > LEVEL:
+        share = f"{result.chance.largest_candidate:.2g}"
+        words = f"simulated campaigns without any effect give a candidate as good with probability {share}"
+        reason = Message(f"{words}: the name is withdrawn", "name_withdrawn")
+        return replace(result, verdict="unknown" if beyond > 0 else "none", reasons=(*reasons, reason))
+    return result
 
 
 def with_learned(

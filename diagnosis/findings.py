@@ -194,6 +194,20 @@ class Unnamed:
 
 
 @dataclass(frozen=True)
+class Chance:
+    """Probabilities that chance leaves as much in trials of a ship that lacks nothing: of all unnamed forms
+    (anything_left), and of any candidate (largest_candidate); None without candidates.
+
+    by: "law", the law of the tests to first order, or "simulation", a parametric bootstrap; draws: of either.
+    """
+
+    by: str
+    draws: int
+    anything_left: Real
+    largest_candidate: float | None
+
+
+@dataclass(frozen=True)
 class UnexplainedChannel:
     """A channel of the unexplained force: rms with its 90 % interval, mean, and share of the energy of all channels."""
 
@@ -249,8 +263,8 @@ class DiagnosisRecord:
     verdict: "none", "named" or "unknown"; sentence: it in words. instruments: faults of instruments, which
     are no effects. not_screened: effects that could not be tested, and why. noise: sizes of what is random. kinematics:
     sentences on faults of instruments. learned: how much a learned residual closes of the remainder (None: not
-    measured). unexplained_force: what is left unexplained (None: nothing is).
-    measured). between: differences between groups of trials (None: not asked).
+    measured). unexplained_force: what is left unexplained (None: nothing is). chance: what it gives. between:
+    differences between groups of trials (None: not asked).
     """
 
     verdict: str
@@ -272,6 +286,7 @@ class DiagnosisRecord:
     learned: LearnedResidual | None = None
     unexplained_force: UnexplainedForce | None = None
     between: Between | None = None
+    chance: Chance | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -126,6 +126,14 @@ class TransitionModel:
         """States (S, M) a step after z (S, M) under ``controls`` (C, M); theta: coefficients (all,) or (all, M)."""
         return rk4_step(lambda state, _: _at(self._rates, state, controls, theta)[0], z, self.h)
 
+    def logged(self, z: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """Logged columns (K + 1, R, 6) of a path z (K + 1, R, S); theta: coefficients (all,) or by window (all, R)."""
+        rows, R = z.shape[:2]
+        every = spread(theta, rows * R) if theta.ndim > 1 else theta
+        return _at(self._logged_columns, np.ascontiguousarray(z.reshape(rows * R, -1).T), every)[0].T.reshape(
+            rows, R, 6
+        )
+
     def with_passive_states(
         self, z: np.ndarray, inputs: np.ndarray, theta: np.ndarray, force: np.ndarray, passive: np.ndarray
     ) -> np.ndarray:

@@ -247,14 +247,16 @@ def unnamed_words(d: Findings) -> str:
     before, after, top = d.unnamed.before.get("all"), d.unnamed.after.get("all"), d.unnamed.strongest
     if before is None:
         return ""
-    words = (
-        f"Unnamed forms (functions of state, inputs, wind, place) have a log Bayes factor of {signed(before, '.1f')}"
-    )
+    words = "Unnamed forms (functions of state, inputs, wind, place) have a log Bayes factor of "
+    words += f"{signed(before, '.1f')} without any effect"
     if d.verdict == "named" and after is not None:
-        words += f" before and {signed(after, '.1f')} after the effect was added"
+        words += f" and {signed(after, '.1f')} with what was named"
+    if d.chance is not None:
+        how = f"in {d.chance.draws} simulated campaigns" if d.chance.by == "simulation" else "by the law of the tests"
+        words += f"; chance leaves as much as the former with probability {probability(d.chance.anything_left)} ({how})"
+    words += "."
     if d.unexplained_force is None:
-        return words + ", no more than chance."
-    words += f"; chance leaves as much with probability {probability(d.unexplained_force.p_value)}."
+        return words
     if top:
         words += f" Strongest by itself: {top} ({signed(d.unnamed.before[top], '.1f')})."
     return words

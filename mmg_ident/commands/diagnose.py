@@ -33,6 +33,10 @@ def diagnose(
     step: Annotated[float | None, Option(help="Time step of the analysis [s].")] = None,
     workers: Annotated[int, Option(help="Processes that refit candidates side by side.")] = 1,
     seed: Annotated[int, Option(help="Seed of the drawn probabilities and intervals.")] = 0,
+    bootstrap: Annotated[
+        int,
+        Option(help="Campaigns simulated without any effect, to find probabilities (0: by their law)."),
+    ] = 0,
     no_learn: Annotated[
         bool, Option("--no-learn", help="Do not measure how much a learned residual closes of the remainder.")
     ] = False,
@@ -57,7 +61,7 @@ def diagnose(
 
     check_target(out)
     ship = _ship(run, without or [])
-    options = pipeline.DiagnosisOptions(step, seed, workers, not no_learn, command_line(), between)
+    options = pipeline.DiagnosisOptions(step, seed, workers, not no_learn, command_line(), between, bootstrap)
     train, tests = read_trials(trials), read_trials(test) if test else []
     with reserved(out):
         found = pipeline.diagnose(ship, train, tests, site, options, run, progress())

@@ -1,0 +1,112 @@
+"""What chance does to the tests, by simulation: a parametric bootstrap of the fitted model (Davison & Hinkley 1997).
+
+New random forces push the fitted ship along the same inputs, new sensor errors are added, priors are drawn again, and
+all is fitted and tested as the trials were.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from diagnosis.estimation.candidates import Candidate
+from diagnosis.estimation.gridded_trials import GriddedTrials
+from diagnosis.estimation.linearisation import Point, Trajectory
+from diagnosis.estimation.map_estimate import Estimate, estimate
+from diagnosis.estimation.transition_model import TransitionModel
+from diagnosis.hypotheses.forward_selection import SearchProblem
+from diagnosis.hypotheses.score_test import score_tests, slopes
+from diagnosis.hypotheses.unnamed import unnamed_slopes
+from fitting.parallel import run_all
+from mmg.progress import OnProgress, Progress
+
+FITS = 5
+"""Linearisations of a fit, which starts at the truth."""
+LEAST_CAMPAIGNS = 40
+"""Simulated campaigns from which a probability of 3 % can be told."""
+
+
+@dataclass(frozen=True)
+class SimulatedChance:
+    """Tests of D simulated campaigns in which nothing is missing: unnamed (D, 2), as ``UnnamedForms.chance``; smallest:
+    (D,) probability of any candidate by itself."""
+
+    unnamed: np.ndarray
+    smallest: np.ndarray
+
+    def of_smallest(self, p_single: float) -> float:
+        """Probability that chance gives a candidate as small a probability ``p_single`` by itself."""
+        return float((1 + (self.smallest <= p_single).sum()) / (1 + len(self.smallest)))
+
+
+def simulated_chance(
+    problem: SearchProblem,
+    null: Estimate,
+    draws: int,
+    seed: int = 0,
+    workers: int = 1,
+    progress: OnProgress | None = None,
+) -> SimulatedChance:
+    """Simulate, fit and test as many campaigns as ``draws`` without any effect.
+
+    problem: whose trials give inputs and masks; null: the fit that is taken for the truth; seed: of all that is drawn;
+    workers: processes; progress: called after each campaign. Returns the tests.
+    """
+    candidates = tuple(c for c in problem.candidates if not c.by_run)
+    children = np.random.SeedSequence(seed).spawn(draws)
+    done = 0
+
+    def note(_: tuple[float, float, float]) -> None:
+        nonlocal done
+        done += 1
+        if progress:
+            progress(Progress("simulated campaigns", done, draws, {}))
+
+    tasks = [(problem.steps, problem.data, null, candidates, child) for child in children]
+    rows = np.array(run_all(simulated_tests, tasks, workers, note))
+    return SimulatedChance(rows[:, :2], rows[:, 2])
+
+
+def simulated_tests(
+    task: tuple[TransitionModel, GriddedTrials, Estimate, Sequence[Candidate], np.random.SeedSequence],
+) -> tuple[float, float, float]:
+    """The tests of one simulated campaign, of the arguments in ``task`` as processes take them."""
+    steps, data, null, candidates, child = task
+    rng = np.random.default_rng(child)
+    seen, path = simulated_trials(steps, data, null, rng)
+    p = rng.standard_normal(len(null.p))  # the truth as the priors see it
+    free = replace(null.free, mean=null.free.mean + null.free.std * (null.p - p))
+    fit = estimate(steps, seen, Point(null.theta, free, p, path, null.noise), FITS)
+    words = unnamed_slopes(steps, seen, fit)
+    mixture, single, _ = words.statistics(words.g)
+    best = score_tests(slopes(steps, seen, fit, candidates), candidates)[0]
+    return float(mixture), float(single), best.p_single
+
+
+def simulated_trials(
+    steps: TransitionModel, data: GriddedTrials, found: Point, rng: np.random.Generator
+) -> tuple[GriddedTrials, Trajectory]:
+    """``data`` with logged columns drawn from the fitted model, and the true path behind them.
+
+    steps: the transition model; found: the fit; rng: of random forces and sensor errors, coloured ones included.
+    """
+    noise, h = found.noise, data.h
+    K, R = data.inputs.shape[:2]
+    force = _processes(K + 1, R, noise.force, noise.tau, h, rng)
+    z = found.path.z.copy()
+    for k in range(K):
+        z[k + 1] = steps.advance(z[k].T, data.inputs[k].T, steps.coefficients(found.theta, force[k].T)).T
+    y = steps.logged(z, found.theta) + noise.white * rng.standard_normal(data.y.shape)
+    y += _processes(K + 1, R, noise.coloured, noise.colour_tau, h, rng)
+    return replace(data, y=np.where(data.measured, y, 0.0)), Trajectory(z, force)
+
+
+def _processes(rows: int, runs: int, sizes: np.ndarray, tau: float, h: float, rng: np.random.Generator) -> np.ndarray:
+    """Stationary first-order processes (rows, runs, c) of ``sizes`` (c,) and correlation time tau [s]."""
+    x = rng.standard_normal((rows, runs, len(sizes)))
+    left = np.exp(-h / tau)
+    for k in range(1, rows):
+        x[k] = left * x[k - 1] + np.sqrt(1 - left**2) * x[k]
+    return x * sizes
