@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,9 +21,7 @@ from diagnosis.estimation.candidates import find
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
 from diagnosis.estimation.map_estimate import BREAKS_DOWN, Estimate
 from diagnosis.findings import (
-    Chance,
     DiagnosisInputs,
-    HeldOut,
     InstrumentFault,
     LearnedResidual,
     RandomSizes,
@@ -31,41 +29,23 @@ from diagnosis.findings import (
     Unnamed,
 )
 from diagnosis.hypotheses.between import compare_groups
-from diagnosis.hypotheses.forward_selection import LEVEL, SearchProblem, Selection, select_effects
+from diagnosis.hypotheses.forward_selection import LEVEL, SearchProblem, Selection
 from diagnosis.hypotheses.next_test import next_test, telling_test
-from diagnosis.hypotheses.simulated_chance import LEAST_CAMPAIGNS, SimulatedChance, simulated_chance
 from diagnosis.hypotheses.unexplained_force import estimated_force, unexplained_force
-from diagnosis.hypotheses.unnamed import UnnamedForms, unnamed_forms
-from diagnosis.inputs import CalibrationTrials, calibration_trials, diagnosable, independent_tests
+from diagnosis.hypotheses.unnamed import UnnamedForms
+from diagnosis.inputs import CalibrationTrials, DiagnosisOptions, calibration_trials, diagnosable, independent_tests
+from diagnosis.judged_search import judged_search
 from diagnosis.location.where import where
 from diagnosis.prepare import Prepared, prepare, with_sensor_faults
 from diagnosis.report.words import sentence_of
 from diagnosis.result import Diagnosis
 from diagnosis.sensors.kinematics import Kinematics, consistency
-from diagnosis.validation.held_out import compare
-from diagnosis.verdict import LINE_PROBABILITY, decide, has_remainder, limits, supports
+from diagnosis.verdict import LINE_PROBABILITY, has_remainder, limits
 from fitting.report.run_folder import data_rows, versions
 from mmg.errors import UserError, needs_torch
 from mmg.messages import Message
 from mmg.progress import LOGGER, OnProgress
 from mmg.ship import Ship
-
-
-@dataclass(frozen=True)
-class DiagnosisOptions:
-    """How to diagnose. step: of the analysis [s] (default: as of a fit); seed: of drawn probabilities and intervals and
-    of the learned residual; workers: processes; learn: whether to measure how much a learned residual closes of an
-    unexplained remainder; command: the words by which result.json says how it was made; between: what groups of trials
-    are compared by ("day", "folder", ...; see cases.io.groups), or None; bootstrap: simulated campaigns from which
-    probabilities are found (0: by their law to first order)."""
-
-    step: float | None = None
-    seed: int = 0
-    workers: int = 1
-    learn: bool = True
-    command: str = "mmg_ident.diagnose"
-    between: str | None = None
-    bootstrap: int = 0
 
 
 def diagnose(
@@ -87,12 +67,6 @@ def diagnose(
     which nothing can be concluded.
     """
     o = options or DiagnosisOptions()
-    if o.step is not None and not 0 < o.step < 60:
-        raise UserError(f"--step {o.step:g}: must be a positive number of seconds below 60")
-    if o.workers < 1:
-        raise UserError(f"--workers {o.workers}: must be at least 1")
-    if o.bootstrap and o.bootstrap < LEAST_CAMPAIGNS:
-        raise UserError(f"--bootstrap {o.bootstrap}: must be 0, or at least {LEAST_CAMPAIGNS} for a probability of 3 %")
     groups = group_trials(trials, o.between) if o.between else None
     ship, remarks = diagnosable(ship)
     place = site if isinstance(site, Site) else read_site(trials, ship, site)
@@ -126,7 +100,7 @@ def _diagnosed(
     ready = prepare(ship, trials, site, options.step, known.other, known.reference)
     timings = {"fit": time.perf_counter() - began}
     p = ready.problem
-    result = _search(ready, _like_training(tests, ready), options, progress)
+    result = judged_search(ready, _like_training(tests, ready), options, progress)
     found, verdict, reasons = result.found, result.verdict, list(result.reasons)
     timings["screen, refits, test trials"] = time.perf_counter() - began - timings["fit"]
     LOGGER.info("tested and refitted: " + (", ".join(c.label for c in found.effects) or "no effect stands out"))
@@ -224,82 +198,6 @@ def _advice(ready: Prepared, found: Selection, same: Sequence[str], is_named: bo
     return next_test(
         p, summary.fit_with(found, rivals[0]), rivals, summary.fitted_ship(ship, ready.full, found.final, found.effects)
     )
-
-
-@dataclass(frozen=True)
-class _SearchResult:
-    """Of a search: the selection, tests of unnamed forces without and with it, the check on test trials, the verdict,
-    and why a name was withdrawn."""
-
-    found: Selection
-    before: UnnamedForms
-    after: UnnamedForms
-    held: HeldOut | None
-    verdict: str
-    reasons: tuple[Message, ...]
-    simulated: SimulatedChance | None
-
-    @property
-    def chance(self) -> Chance:
-        """What chance gives."""
-        scores = self.found.searches[0].scores if self.found.searches else ()
-        least = min(scores, key=lambda s: s.p_single, default=None)
-        if self.simulated is None or least is None:
-            p_value = min((s.p_value for s in scores), default=None)
-        else:
-            p_value = self.simulated.of_smallest(least.p_single)
-        by = "law" if self.simulated is None else "simulation"
-        return Chance(by, len(self.before.chance), self.before.p_value, p_value)
-
-
-def _search(
-    ready: Prepared, tests: GriddedTrials | None, options: DiagnosisOptions, progress: OnProgress | None
-) -> _SearchResult:
-    """Select effects and judge them. Where values by run are withdrawn, search again with the same in all runs."""
-    p = ready.problem
-    before, simulated = unnamed_forms(p.steps, p.data, ready.null), None
-    if options.bootstrap:
-        LOGGER.info(f"simulating {options.bootstrap} campaigns in which nothing is missing")
-        simulated = simulated_chance(p, ready.null, options.bootstrap, options.seed, options.workers, progress)
-        before = replace(before, chance=simulated.unnamed)
-    result = _judged(p, ready.null, before, simulated, tests, options, progress)
-    if result.verdict != "named" and any(c.by_run for c in result.found.effects):
-        LOGGER.info("searching again with the same surroundings in all runs")
-        alike = replace(p, candidates=tuple(c for c in p.candidates if not c.by_run))
-        again = _judged(alike, ready.null, before, simulated, tests, options, progress)
-        return replace(again, reasons=(*result.reasons, *again.reasons))
-    return result
-
-
-def _judged(
-    p: SearchProblem,
-    null: Estimate,
-    before: UnnamedForms,
-    simulated: SimulatedChance | None,
-    tests: GriddedTrials | None,
-    options: DiagnosisOptions,
-    progress: OnProgress | None,
-) -> _SearchResult:
-    """One search and its verdict."""
-    found = select_effects(p, null, options.seed, options.workers, progress)
-    while tests is not None and len(found.effects) > 1:
-        fewer = found.without_last(p)
-        with_it = compare(p.steps, tests, fewer.final, found.final, options.seed)
-        if with_it is None or supports(with_it):
-            break
-        LOGGER.info(f"{found.effects[-1].label} does not predict the test trials better: left out again")
-        found = fewer
-    after = unnamed_forms(p.steps, p.data, found.final) if found.effects else before
-    held = compare(p.steps, tests, found.null, found.final, options.seed) if tests is not None else None
-    beyond = before.beyond_chance - p.expected_unnamed_null
-    verdict, reasons = decide(found, beyond, after.log_bayes - p.expected_unnamed, after.limit, held)
-    result = _SearchResult(found, before, after, held, verdict, tuple(reasons), simulated)
-    if verdict == "named" and simulated is not None and (result.chance.largest_candidate or 0.0) > LEVEL:
-        share = f"{result.chance.largest_candidate:.2g}"
-        words = f"simulated campaigns without any effect give a candidate as good with probability {share}"
-        reason = Message(f"{words}: the name is withdrawn", "name_withdrawn")
-        return replace(result, verdict="unknown" if beyond > 0 else "none", reasons=(*reasons, reason))
-    return result
 
 
 def with_learned(

@@ -1,4 +1,4 @@
-"""What a diagnosis is given, looked at first: test trials that are none, and what the ship was calibrated on."""
+"""What a diagnosis is given, looked at first: options, test trials that are none, what the ship was calibrated on."""
 
 from __future__ import annotations
 
@@ -16,6 +16,35 @@ from fitting.report.run_folder import RESULT, SHIP, read_result
 from mmg.errors import UserError
 from mmg.messages import Message
 from mmg.ship import Ship
+
+LEAST_CAMPAIGNS = 40
+"""Simulated campaigns from which a probability of 3 % can be told."""
+
+
+@dataclass(frozen=True)
+class DiagnosisOptions:
+    """How to diagnose. step: of the analysis [s] (default: as of a fit); seed: of drawn probabilities and intervals and
+    of the learned residual; workers: processes; learn: whether to measure how much a learned residual closes of an
+    unexplained remainder; command: the words by which result.json says how it was made; between: what groups of trials
+    are compared by ("day", "folder", ...; see cases.io.groups), or None; bootstrap: simulated campaigns from which
+    probabilities are found (0: by their law to first order)."""
+
+    step: float | None = None
+    seed: int = 0
+    workers: int = 1
+    learn: bool = True
+    command: str = "mmg_ident.diagnose"
+    between: str | None = None
+    bootstrap: int = 0
+
+    def __post_init__(self) -> None:
+        if self.step is not None and not 0 < self.step < 60:
+            raise UserError(f"--step {self.step:g}: must be a positive number of seconds below 60")
+        if self.workers < 1:
+            raise UserError(f"--workers {self.workers}: must be at least 1")
+        if self.bootstrap and self.bootstrap < LEAST_CAMPAIGNS:
+            least = f"at least {LEAST_CAMPAIGNS} for a probability of 3 %"
+            raise UserError(f"--bootstrap {self.bootstrap}: must be 0, or {least}")
 
 
 def diagnosable(ship: Ship) -> tuple[Ship, list[str]]:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from cases.checks.report import CheckReport
     from cases.trial import Trial
-    from diagnosis.diagnose import DiagnosisOptions
+    from diagnosis.inputs import DiagnosisOptions
     from diagnosis.result import Diagnosis
     from fitting.pipeline import FitOptions
     from fitting.prediction.predict import Forecaster

@@ -24,8 +24,6 @@ from mmg.progress import OnProgress, Progress
 
 FITS = 5
 """Linearisations of a fit, which starts at the truth."""
-LEAST_CAMPAIGNS = 40
-"""Simulated campaigns from which a probability of 3 % can be told."""
 
 
 @dataclass(frozen=True)

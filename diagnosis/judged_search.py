@@ -1,0 +1,98 @@
+"""Effects selected and judged: search, tests of what is left, check on test trials, chance, verdict."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from diagnosis.estimation.gridded_trials import GriddedTrials
+from diagnosis.estimation.map_estimate import Estimate
+from diagnosis.findings import Chance, HeldOut
+from diagnosis.hypotheses.forward_selection import LEVEL, SearchProblem, Selection, select_effects
+from diagnosis.hypotheses.simulated_chance import SimulatedChance, simulated_chance
+from diagnosis.hypotheses.unnamed import UnnamedForms, unnamed_forms
+from diagnosis.inputs import DiagnosisOptions
+from diagnosis.prepare import Prepared
+from diagnosis.validation.held_out import compare
+from diagnosis.verdict import decide, supports
+from mmg.messages import Message
+from mmg.progress import LOGGER, OnProgress
+
+
+@dataclass(frozen=True)
+class JudgedSearch:
+    """Of a search: the selection, tests of unnamed forces without and with it, the check on test trials, the verdict,
+    and why a name was withdrawn."""
+
+    found: Selection
+    before: UnnamedForms
+    after: UnnamedForms
+    held: HeldOut | None
+    verdict: str
+    reasons: tuple[Message, ...]
+    simulated: SimulatedChance | None
+
+    @property
+    def chance(self) -> Chance:
+        """What chance gives."""
+        scores = self.found.searches[0].scores if self.found.searches else ()
+        least = min(scores, key=lambda s: s.p_single, default=None)
+        if self.simulated is None or least is None:
+            p_value = min((s.p_value for s in scores), default=None)
+        else:
+            p_value = self.simulated.of_smallest(least.p_single)
+        by = "law" if self.simulated is None else "simulation"
+        return Chance(by, len(self.before.chance), self.before.p_value, p_value)
+
+
+def judged_search(
+    ready: Prepared, tests: GriddedTrials | None, options: DiagnosisOptions, progress: OnProgress | None
+) -> JudgedSearch:
+    """Select effects and judge them. Where values by run are withdrawn, search again with the same in all runs.
+
+    ready: the problem and its fit without effects; tests: trials to check on; options: of the diagnosis; progress:
+    called as the work goes on. Returns the selection with its verdict.
+    """
+    p = ready.problem
+    before, simulated = unnamed_forms(p.steps, p.data, ready.null), None
+    if options.bootstrap:
+        LOGGER.info(f"simulating {options.bootstrap} campaigns in which nothing is missing")
+        simulated = simulated_chance(p, ready.null, options.bootstrap, options.seed, options.workers, progress)
+        before = replace(before, chance=simulated.unnamed)
+    result = _judged(p, ready.null, before, simulated, tests, options, progress)
+    if result.verdict != "named" and any(c.by_run for c in result.found.effects):
+        LOGGER.info("searching again with the same surroundings in all runs")
+        alike = replace(p, candidates=tuple(c for c in p.candidates if not c.by_run))
+        again = _judged(alike, ready.null, before, simulated, tests, options, progress)
+        return replace(again, reasons=(*result.reasons, *again.reasons))
+    return result
+
+
+def _judged(
+    p: SearchProblem,
+    null: Estimate,
+    before: UnnamedForms,
+    simulated: SimulatedChance | None,
+    tests: GriddedTrials | None,
+    options: DiagnosisOptions,
+    progress: OnProgress | None,
+) -> JudgedSearch:
+    """One search and its verdict."""
+    found = select_effects(p, null, options.seed, options.workers, progress)
+    while tests is not None and len(found.effects) > 1:
+        fewer = found.without_last(p)
+        with_it = compare(p.steps, tests, fewer.final, found.final, options.seed)
+        if with_it is None or supports(with_it):
+            break
+        LOGGER.info(f"{found.effects[-1].label} does not predict the test trials better: left out again")
+        found = fewer
+    after = unnamed_forms(p.steps, p.data, found.final) if found.effects else before
+    held = compare(p.steps, tests, found.null, found.final, options.seed) if tests is not None else None
+    beyond = before.beyond_chance - p.expected_unnamed_null
+    verdict, reasons = decide(found, beyond, after.log_bayes - p.expected_unnamed, after.limit, held)
+    result = JudgedSearch(found, before, after, held, verdict, tuple(reasons), simulated)
+    if verdict == "named" and simulated is not None and (result.chance.largest_candidate or 0.0) > LEVEL:
+        share = f"{result.chance.largest_candidate:.2g}"
+        words = f"simulated campaigns without any effect give a candidate as good with probability {share}"
+        reason = Message(f"{words}: the name is withdrawn", "name_withdrawn")
+        return replace(result, verdict="unknown" if beyond > 0 else "none", reasons=(*reasons, reason))
+    return result
