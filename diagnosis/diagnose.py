@@ -34,13 +34,13 @@ from diagnosis.hypotheses.next_test import next_test, telling_test
 from diagnosis.hypotheses.unexplained_force import estimated_force, unexplained_force
 from diagnosis.hypotheses.unnamed import UnnamedForms
 from diagnosis.inputs import CalibrationTrials, DiagnosisOptions, calibration_trials, diagnosable, independent_tests
-from diagnosis.judged_search import judged_search
+from diagnosis.judgement.judged_search import judged_search
+from diagnosis.judgement.verdict import LINE_PROBABILITY, has_remainder, limits
 from diagnosis.location.where import where
 from diagnosis.prepare import Prepared, prepare, with_sensor_faults
 from diagnosis.report.words import sentence_of
 from diagnosis.result import Diagnosis
 from diagnosis.sensors.kinematics import Kinematics, consistency
-from diagnosis.verdict import LINE_PROBABILITY, has_remainder, limits
 from fitting.report.run_folder import data_rows, versions
 from mmg.errors import UserError, needs_torch
 from mmg.messages import Message

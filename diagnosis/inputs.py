@@ -17,8 +17,8 @@ from mmg.errors import UserError
 from mmg.messages import Message
 from mmg.ship import Ship
 
-LEAST_CAMPAIGNS = 40
-"""Simulated campaigns from which a probability of 3 % can be told."""
+LEAST_CAMPAIGNS = 99
+"""Simulated campaigns from which a probability of 1 % can be told."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class DiagnosisOptions:
         if self.workers < 1:
             raise UserError(f"--workers {self.workers}: must be at least 1")
         if self.bootstrap and self.bootstrap < LEAST_CAMPAIGNS:
-            least = f"at least {LEAST_CAMPAIGNS} for a probability of 3 %"
+            least = f"at least {LEAST_CAMPAIGNS} for a probability of 1 %"
             raise UserError(f"--bootstrap {self.bootstrap}: must be 0, or {least}")
 
 

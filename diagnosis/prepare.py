@@ -14,9 +14,15 @@ from diagnosis.estimation.candidates import FITTED_ALONG, LOCAL, Column, FullMod
 from diagnosis.estimation.gridded_trials import COARSE, GriddedTrials, grid_trials, is_measured_rudder
 from diagnosis.estimation.kalman import NoiseModel
 from diagnosis.estimation.map_estimate import Estimate, estimate, initial_point
-from diagnosis.estimation.noise_sizes import initial_noise
+from diagnosis.estimation.noise_sizes import initial_noise, swallows
 from diagnosis.estimation.parameters import Priors
-from diagnosis.estimation.residual_checks import lag_correlation, residuals, spectral_line, with_correlation_time
+from diagnosis.estimation.residual_checks import (
+    finer_step,
+    lag_correlation,
+    residuals,
+    spectral_line,
+    with_correlation_time,
+)
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.hypotheses.forward_selection import LEVEL, MOST, SearchProblem
 from diagnosis.hypotheses.reference import fit_reference
@@ -30,8 +36,9 @@ from mmg.ship import Ship
 
 CORRELATED, APART, LEAST = 0.25, 5.0, 100
 """Correlation of neighbouring whitened residuals from which only samples APART seconds [of a 3 m model] are compared,
-if at least LEAST grid times are left. On the records of the 3 m tanker the correlation is .65. The latent force is then
-three times what it is with samples every 3, 5 or 10 s, and predictions are worse. With white errors it is below .05."""
+or less so that LEAST grid times are left. On the records of the 3 m tanker the correlation is .65. The latent force is
+then three times what it is with samples every 3, 5 or 10 s, and predictions are worse. With white errors it is below
+.05."""
 FEW = 20
 """Grid times that must be left where the interval is known from other trials."""
 MAX_FITS = 12
@@ -128,6 +135,12 @@ def prepare(
             notices.append(Message(words, "effects_in_reference"))
         LOGGER.info("fitted to the trials of the calibration: %d runs, %d samples", len(old.trials), old.samples)
     data, null, gap, correlation, line = fit_without_effects(steps, data, values, base, noise, gap)
+    finer = None
+    if not (step or reference or gap > 1 or swallows(null.noise, full.ship)):
+        finer = finer_step(steps, data, null, max(t.dt for t in trials))
+    if finer is not None:
+        LOGGER.info(f"the random force changes too much over {data.h:g} s for sensors as quiet as these: {finer:g} s")
+        return prepare(ship, trials, site, finer, other_trials)
     if gap > 1:
         words = f"residuals of neighbouring samples are correlated ({correlation:.2f}), as of filtered instruments"
         notices.append(Message(f"{words}: one sample every {gap * data.h:g} s is compared", "correlated_residuals"))
@@ -157,8 +170,9 @@ def fit_without_effects(
     apart = gap or max(1, round(APART * time_scale(steps.ship.particulars["L"]) / data.h))
     dense = (data, residuals(steps, data, null))
     correlation = lag_correlation(*dense)
-    if not (gap or correlation > CORRELATED) or data.thinned(apart).samples < (FEW if gap else LEAST):
-        apart = 1
+    crowded = correlation > CORRELATED or swallows(null.noise, steps.ship)
+    least = FEW if gap else LEAST
+    apart = min(apart, max(1, data.samples // least)) if gap or crowded else 1
     if apart > 1:
         data = data.thinned(apart)
         null = estimate(steps, data, initial_point(steps, data, theta, base, noise, p), MAX_FITS)

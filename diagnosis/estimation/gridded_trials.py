@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -18,6 +18,8 @@ LONGEST, SHORTEST = 600, 20
 """Steps of a window: a longer piece of a run is divided evenly, a shorter one is left out."""
 COARSE = 0.2
 """Sampling time [s of a 3 m model] from which it matters whether inputs are held or interpolated."""
+PARTS = 8
+"""Parts of a step whose means give the change of an input over it."""
 RUN_IN = 3.0
 """Seconds [of a 3 m model] at the start of a window that are simulated but not compared: delays have no past there."""
 
@@ -31,8 +33,10 @@ class GriddedTrials:
     h: step [s]; t: (K + 1, R) time since the start of the run [s].
     y: (K + 1, R, 6) logged x, y, psi, u, v, r [m, m, rad, m/s, m/s, rad/s]; measured: (K + 1, R, 6) whether each was
     measured; good: (K + 1, R, 6) whether it is compared (measured, and not in the first RUN_IN seconds of a window).
-    inputs: (K, R, C) of the model, held over each step; steps: (R,) steps of each window.
+    inputs: (K, R, C) of the model, means over each step; steps: (R,) steps of each window.
     run: (R,) number of the trial of each window; trials: their names; dropped: sentences on what was left out.
+    changes: (K, R, C) by which inputs rise from the start to the end of each step (of the line with the same mean and
+    first moment), None: not at all.
     """
 
     h: float
@@ -45,11 +49,17 @@ class GriddedTrials:
     run: np.ndarray
     trials: tuple[str, ...]
     dropped: tuple[str, ...] = ()
+    changes: np.ndarray | None = None
 
     @property
     def inside(self) -> np.ndarray:
         """Which steps exist, (K, R)."""
         return np.arange(len(self.inputs))[:, None] < self.steps[None]
+
+    @property
+    def controls(self) -> np.ndarray:
+        """Inputs and their changes over each step, (K, R, 2 C), as ``TransitionModel`` takes them; or inputs alone."""
+        return self.inputs if self.changes is None else np.concatenate([self.inputs, self.changes], axis=2)
 
     @property
     def samples(self) -> int:
@@ -79,7 +89,7 @@ def grid_trials(
         kept = 0
         fine = trial.dt <= COARSE * time_scale(length)
         means = (middle_means if fine else straight_means) if straight else step_means
-        for grid in grids(trial, h, inputs, means):
+        for grid in grids(trial, h, inputs, with_changes(means)):
             total = len(grid.controls)
             if total < SHORTEST:
                 continue
@@ -109,12 +119,25 @@ def grid_trials(
         y=np.nan_to_num(y),
         good=good,
         measured=measured,
-        inputs=held,
+        inputs=held[..., : len(inputs)],
+        changes=held[..., len(inputs) :],
         steps=np.array([len(p[3]) for p in pieces]),
         run=np.array([p[0] for p in pieces]),
         trials=tuple(trial.name for trial in trials),
         dropped=tuple(dropped),
     )
+
+
+def with_changes(means: Callable[..., np.ndarray]) -> Callable[..., np.ndarray]:
+    """``means`` over steps with, behind them, the changes over each step, (K, 2 C), by the means over its parts."""
+
+    def both(t: np.ndarray, values: np.ndarray, edges: np.ndarray) -> np.ndarray:
+        at = np.interp(np.arange((len(edges) - 1) * PARTS + 1) / PARTS, np.arange(len(edges)), edges)
+        parts = means(t, values, at).reshape(len(edges) - 1, PARTS, -1)
+        place = (np.arange(PARTS) + 0.5) / PARTS - 0.5
+        return np.hstack([parts.mean(axis=1), np.einsum("kpc,p->kc", parts, place) / (place @ place)])
+
+    return both
 
 
 def middle_means(t: np.ndarray, values: np.ndarray, edges: np.ndarray) -> np.ndarray:

@@ -142,7 +142,7 @@ def linearise_and_filter(
     if active is None:
         active = active_states(steps, free.symbols, theta)
     columns = np.array([steps.symbols.index(s) for s in free.symbols], dtype=int)
-    linear = steps.linearise(path.z, data.inputs, theta, path.force[:-1], columns, active)
+    linear = steps.linearise(path.z, data.controls, theta, path.force[:-1], columns, active)
     start = initial_covariance(steps, data, path.z[0], theta, active)
     system = linear_system(linear, noise, start, data.good, data.inside, data.h)
     filter_run = filtered(system)

@@ -96,7 +96,7 @@ class _Iteration:
 
 
 def _iteration(
-    here: Linearisation, at: Point, data: GriddedTrials, active: np.ndarray, floor: NoiseModel
+    here: Linearisation, at: Point, data: GriddedTrials, active: np.ndarray, typical: NoiseModel
 ) -> tuple[_Iteration, NoiseModel]:
     """The Gauss-Newton step from a linearisation, and the noise updated."""
     flat = here.white.reshape(-1, len(at.p) + 1)
@@ -110,7 +110,9 @@ def _iteration(
     dz[..., active] = mean[..., :count]
     gain = -float(slope @ dp + 0.5 * dp @ A @ dp)
     step = Trajectory(dz, mean[..., count : count + 3])
-    return _Iteration(at, here.nll, dp, step, A, gain), updated_noise(at.noise, data, here.adjoint, r, u, count, floor)
+    return _Iteration(at, here.nll, dp, step, A, gain), updated_noise(
+        at.noise, data, here.adjoint, r, u, count, typical
+    )
 
 
 @np.errstate(all="ignore")
@@ -129,7 +131,7 @@ def estimate(
     model cannot be followed along the trials from its first coefficients.
     """
     active = active_states(steps, start.free.symbols, start.theta)
-    floor = least_noise(steps.ship)
+    typical = initial_noise(steps.ship)
     p = np.clip(start.p, *start.free.scaled_bounds)
     theta = set_values(steps.ship, data, start.theta, start.free.columns, start.free.mean + start.free.std * p)
     now = Point(theta, start.free, p, start.path, start.noise)
@@ -148,7 +150,7 @@ def estimate(
             continue
         assert here is not None
         share, reductions = 1.0, 0
-        best, noise = _iteration(here, now, data, active, floor)
+        best, noise = _iteration(here, now, data, active, typical)
         noise = now.noise if fixed_noise else noise
         pairs = ((noise.force, now.noise.force), (noise.white, now.noise.white))
         settled_noise = max(float(np.abs(np.log(new / old)).max()) for new, old in pairs) < 0.05

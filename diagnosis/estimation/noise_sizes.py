@@ -9,8 +9,9 @@ from diagnosis.estimation.kalman import PRIOR_SAMPLES, Adjoint, NoiseModel
 from mmg.motion.froude import force_scale, length_scale, state_scale, time_scale
 from mmg.ship import Ship
 
-LEAST = 0.02
-"""Least size of what is random, in that of typical instruments and forces."""
+LEAST, MOST = 0.02, 15.0
+"""Sizes that the noise may take, in those of ``initial_noise``. A larger force, which would swallow all that moves the
+ship, is none of chance."""
 
 
 def initial_noise(ship: Ship) -> NoiseModel:
@@ -28,14 +29,19 @@ def least_noise(ship: Ship) -> NoiseModel:
     return typical.with_(**sizes, coloured=sizes["white"])
 
 
+def swallows(noise: NoiseModel, ship: Ship) -> bool:
+    """Whether the force of ``noise`` comes near the most that is allowed for a ``ship``."""
+    return bool((noise.force > 0.5 * MOST * initial_noise(ship).force).any())
+
+
 def updated_noise(
-    noise: NoiseModel, data: GriddedTrials, found: Adjoint, r: np.ndarray, u: np.ndarray, A: int, floor: NoiseModel
+    noise: NoiseModel, data: GriddedTrials, found: Adjoint, r: np.ndarray, u: np.ndarray, A: int, typical: NoiseModel
 ) -> NoiseModel:
     """The sizes ``noise`` after one step of the fixed point q <- q sum r^2 / sum N (force, coloured errors) and R <- R
     sum u^2 / sum D; a prior counts as PRIOR_SAMPLES more samples of each.
 
-    data: windows; found: with N and D; r: (K, R, n), u: (K + 1, R, 6) of the smoother; A: number of ship states; floor:
-    least sizes.
+    data: windows; found: with N and D; r: (K, R, n), u: (K + 1, R, 6) of the smoother; A: number of ship states;
+    typical: sizes of which LEAST is the smallest and MOST the largest.
     """
     prior = noise.prior
     pull = PRIOR_SAMPLES if prior is not None else 0.0
@@ -57,7 +63,7 @@ def updated_noise(
     colours = noise.coloured.copy()
     colours[noise.coloured > 0] *= np.sqrt(grown[3:])
     return noise.with_(
-        force=np.maximum(noise.force * np.sqrt(grown[:3]), floor.force),
-        white=np.maximum(noise.white * np.sqrt(scattered), floor.white),
-        coloured=np.where(noise.coloured > 0, np.maximum(colours, floor.coloured), 0.0),
+        force=np.clip(noise.force * np.sqrt(grown[:3]), LEAST * typical.force, MOST * typical.force),
+        white=np.maximum(noise.white * np.sqrt(scattered), LEAST * typical.white),
+        coloured=np.where(noise.coloured > 0, np.maximum(colours, LEAST * typical.white), 0.0),
     )

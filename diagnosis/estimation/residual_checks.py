@@ -19,6 +19,28 @@ LEAST_ROWS, BINS, NEIGHBOURS, SLOWEST = 24, 30, 3, 4
 line is compared with (those next to it are left out), and bands of the longest periods that are not looked at."""
 
 
+HELD, FINEST = 0.3, 4
+"""Error of a velocity over a step, in the noise of its sensor, that the latent force may make by being held over it.
+Parts into which a step is divided at most."""
+
+
+def finer_step(steps: TransitionModel, data: GriddedTrials, found: Estimate, sample: float) -> float | None:
+    """The step [s] at which the fit ``found`` of ``steps`` to ``data`` should be repeated, or None.
+
+    sample: sampling time of the trials [s], of which the step stays a multiple. The mean over a step h of a process of
+    first order is off the line through its ends by its size times sqrt(h / (6 tau)), which moves a velocity by that
+    share of its response to the force. Beyond the noise of quiet sensors it would pass for an effect with memory.
+    """
+    active = active_states(steps, found.free.symbols, found.theta)
+    force = linearise_and_filter(steps, data, found.fixed(), active).linear.force[:, :, 3:6]
+    moved = force * found.noise.force * np.sqrt(data.h / (6 * found.noise.tau))
+    error = np.sqrt((moved[data.inside] ** 2).sum(axis=2).mean(axis=0)) / found.noise.white[3:]
+    worst = float(error.max())
+    share = max((HELD / max(worst, 1e-9)) ** (2 / 3), 1 / FINEST)
+    samples = max(1, int(data.h * share / sample + 1e-6))
+    return samples * sample if worst > HELD and samples * sample < 0.9 * data.h else None
+
+
 @np.errstate(all="ignore")
 def with_correlation_time(steps: TransitionModel, data: GriddedTrials, found: Estimate) -> Estimate:
     """The fit ``found`` of the model ``steps`` to ``data`` with the most likely correlation time of the latent force.

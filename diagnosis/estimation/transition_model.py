@@ -123,8 +123,14 @@ class TransitionModel:
         return every
 
     def advance(self, z: np.ndarray, controls: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """States (S, M) a step after z (S, M) under ``controls`` (C, M); theta: coefficients (all,) or (all, M)."""
-        return rk4_step(lambda state, _: _at(self._rates, state, controls, theta)[0], z, self.h)
+        """States (S, M) a step after z (S, M) under ``controls``, inputs (C, M) or with their changes behind (2 C, M);
+        theta: coefficients (all,) or (all, M)."""
+        return rk4_step(lambda state, part: _at(self._rates, state, self._during(controls, part), theta)[0], z, self.h)
+
+    def _during(self, controls: np.ndarray, part: float) -> np.ndarray:
+        """Inputs (C, M) after a part of the step; controls: as of ``advance``."""
+        mean, change = controls[: self.C], controls[self.C :]
+        return mean + (part - 0.5) * change if len(change) else mean
 
     def logged(self, z: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """Logged columns (K + 1, R, 6) of a path z (K + 1, R, S); theta: coefficients (all,) or by window (all, R)."""
@@ -139,10 +145,11 @@ class TransitionModel:
     ) -> np.ndarray:
         """The path z (K + 1, R, S) with its ``passive`` states, on which nothing depends, simulated; first settled.
 
-        inputs: (K, R, C); theta: coefficients (all,) or (all, R); force: (K, R, 3) latent [N, N, N m].
+        inputs: (K, R, C), or with their changes (K, R, 2 C); theta: coefficients (all,) or (all, R); force: (K, R, 3)
+        latent [N, N, N m].
         """
         z = z.copy()
-        z[0][:, passive] = settled(self.model, z[0][:, :6].T, inputs[0].T, theta).T[:, passive]
+        z[0][:, passive] = settled(self.model, z[0][:, :6].T, inputs[0].T[: self.C], theta).T[:, passive]
         for k in range(len(inputs)):
             end = self.advance(z[k].T, inputs[k].T, self.coefficients(theta, force[k].T))
             z[k + 1][:, passive] = end.T[:, passive]
@@ -157,7 +164,8 @@ class TransitionModel:
         columns: np.ndarray,
         active: np.ndarray,
     ) -> LinearModel:
-        """The model about a path z (K + 1, R, S) with ``inputs`` (K, R, C) and latent ``force`` (K, R, 3).
+        """The model about a path z (K + 1, R, S) with ``inputs`` (K, R, C), or with their changes over each step behind
+        them (K, R, 2 C), and latent ``force`` (K, R, 3).
 
         theta: coefficients (all,) or (all, R); columns: (P,) positions in ``symbols`` to differentiate by; active: (A,)
         positions of states, which must not depend on the others.
@@ -188,7 +196,8 @@ class TransitionModel:
     def _step(
         self, z: np.ndarray, c: np.ndarray, theta: np.ndarray, rows: np.ndarray, columns: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """End (m, S) of one step from z (S, m), and the Jacobian of its ``rows`` (the first of the ``columns``)."""
+        """End (m, S) of one step from z (S, m) under c, (C, m) or (2 C, m), and the Jacobian of its ``rows`` (the first
+        of the ``columns``)."""
         m, A, h = z.shape[1], len(rows), self.h
         rate, total = np.zeros_like(z), np.zeros_like(z)
         straight = np.zeros((m, A, len(columns)))
@@ -199,7 +208,7 @@ class TransitionModel:
         kept = (row[self._rows] >= 0) & (column[self._columns] >= 0)
         at = row[self._rows[kept]], column[self._columns[kept]]
         for fraction, weight in zip(NODES, WEIGHTS, strict=True):
-            rate, nonzeros = _at(self._jacobian, z + fraction * h * rate, c, theta)
+            rate, nonzeros = _at(self._jacobian, z + fraction * h * rate, self._during(c, fraction), theta)
             J = np.zeros((m, A, len(columns)))
             J[:, at[0], at[1]] = nonzeros[kept].T
             slope = J[:, :, :A] @ (straight + fraction * h * slope)

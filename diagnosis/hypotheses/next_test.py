@@ -122,10 +122,10 @@ def _rolled_out(problem: SearchProblem, theta: np.ndarray, trial: Trial) -> tupl
     """A ``trial`` on the grid of the ``problem``, and the path of the model without latent force from its begin."""
     steps = problem.steps
     data = grid_trials([trial], steps.ship.inputs, float(steps.ship.particulars["L"]), problem.data.h)
-    K, R = data.inputs.shape[:2]
+    (K, R), controls = data.inputs.shape[:2], data.controls
     z = np.repeat(steps.settled(data.y[0].T, data.inputs[0].T, theta).T[None], K + 1, axis=0)
     for k in range(K):
-        z[k + 1] = steps.advance(z[k].T, data.inputs[k].T, theta).T
+        z[k + 1] = steps.advance(z[k].T, controls[k].T, theta).T
     return data, Trajectory(z, np.zeros((K + 1, R, 3)))
 
 

@@ -73,7 +73,7 @@ def _fitted(
     asleep = np.setdiff1d(active, active_states(steps, before.free.symbols, before.theta))
     path = before.path
     if len(asleep):
-        path = Trajectory(steps.with_passive_states(path.z, data.inputs, theta, path.force, asleep), path.force)
+        path = Trajectory(steps.with_passive_states(path.z, data.controls, theta, path.force, asleep), path.force)
     return estimate(steps, data, Point(theta, free, p, path, before.noise), iterations)
 
 

@@ -72,7 +72,7 @@ def slopes(steps: TransitionModel, data: GriddedTrials, found: Point, candidates
     passive = np.setdiff1d(np.arange(steps.S), active_states(steps, found.free.symbols, found.theta))
     active, z = np.arange(steps.S), found.path.z  # a candidate's memory takes part in the slope of the log determinant
     if len(passive):
-        z = steps.with_passive_states(z, data.inputs, found.theta, found.path.force, passive)
+        z = steps.with_passive_states(z, data.controls, found.theta, found.path.force, passive)
     each = [x for c in candidates for x in c.columns]
     sizes = {s: size for c in candidates for s, size in zip(c.symbols, c.typical, strict=True)}
     symbols = list(sizes)

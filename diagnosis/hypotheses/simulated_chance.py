@@ -91,11 +91,11 @@ def simulated_trials(
     steps: the transition model; found: the fit; rng: of random forces and sensor errors, coloured ones included.
     """
     noise, h = found.noise, data.h
-    K, R = data.inputs.shape[:2]
+    (K, R), controls = data.inputs.shape[:2], data.controls
     force = _processes(K + 1, R, noise.force, noise.tau, h, rng)
     z = found.path.z.copy()
     for k in range(K):
-        z[k + 1] = steps.advance(z[k].T, data.inputs[k].T, steps.coefficients(found.theta, force[k].T)).T
+        z[k + 1] = steps.advance(z[k].T, controls[k].T, steps.coefficients(found.theta, force[k].T)).T
     y = steps.logged(z, found.theta) + noise.white * rng.standard_normal(data.y.shape)
     y += _processes(K + 1, R, noise.coloured, noise.colour_tau, h, rng)
     return replace(data, y=np.where(data.measured, y, 0.0)), Trajectory(z, force)

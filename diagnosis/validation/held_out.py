@@ -35,7 +35,7 @@ class Stepper(Protocol):
         """States (S, M) that are logged as (6, M) under inputs (C, M)."""
 
     def advance(self, z: np.ndarray, controls: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """States (S, M) a step later."""
+        """States (S, M) a step later, under inputs (C, M) or with their changes over the step (2 C, M)."""
 
 
 def scales(length: float) -> np.ndarray:
@@ -75,10 +75,10 @@ def errors(
     z = (start_states(steps, data, theta) if begin is None else begin)[k0, r0].T
     theta = theta[:, r0] if theta.ndim > 1 else theta
     sigma = scales(float(steps.ship.particulars["L"]))
-    total, seen = np.zeros(len(k0)), np.zeros(len(k0))
+    total, seen, controls = np.zeros(len(k0)), np.zeros(len(k0)), data.controls
     for k in range(int(count.max())):
         at = np.minimum(k0 + k, len(data.inputs) - 1)
-        z = steps.advance(z, data.inputs[at, r0].T, theta)
+        z = steps.advance(z, controls[at, r0].T, theta)
         row = np.minimum(k0 + k + 1, len(data.y) - 1)
         error = (columns(steps.model, z, theta).T - data.y[row, r0]) / sigma
         good = data.measured[row, r0] & (k < count)[:, None]
@@ -103,9 +103,9 @@ def start_states(steps: Stepper, data: GriddedTrials, theta: np.ndarray) -> np.n
     z = steps.settled(data.y.reshape(-1, 6).T, inputs.reshape((K + 1) * R, -1).T, every).T.reshape(K + 1, R, -1)
     if not len(carried):
         return z
-    logged = np.asarray(data.measured[..., 2:].all(axis=2))
+    logged, controls = np.asarray(data.measured[..., 2:].all(axis=2)), data.controls
     for k in range(K):
-        end = steps.advance(z[k].T, inputs[k].T, theta).T
+        end = steps.advance(z[k].T, controls[k].T, theta).T
         z[k + 1][:, carried] = end[:, carried]
         z[k + 1] = np.where(logged[k + 1, :, None], z[k + 1], end)
     return z

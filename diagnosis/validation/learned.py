@@ -57,8 +57,9 @@ class SteppedHybrid(TrainableSystem):
 
     @torch.no_grad()
     def advance(self, z: np.ndarray, controls: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """End states (S, M) of one step from (S, M) under inputs (C, M)."""
-        return self.step(torch.as_tensor(z), torch.as_tensor(controls), self.h).numpy()
+        """End states (S, M) of one step from (S, M) under the mean inputs, the first C rows of ``controls``."""
+        held = torch.as_tensor(controls[: len(self.model.controls)])
+        return self.step(torch.as_tensor(z), held, self.h).numpy()
 
 
 def measure_learned_residual(

@@ -63,10 +63,13 @@ def default_step(trials: Sequence[Trial], length: float) -> float:
     """Integration step [s] for ``trials`` of a ship of this ``length`` [m].
 
     A twentieth of the time to travel a ship length at rms speed, at least the sampling time, rounded to 1, 2 or 5 times
-    a power of ten.
+    a power of ten, and then to whole samples: states are compared where they were measured, not interpolated.
     """
     u2 = np.concatenate([t["u"] ** 2 + t["v"] ** 2 for t in trials])
     speed = max(float(np.sqrt(np.nanmean(u2))), 0.02 * reference_speed(length))
-    wanted = max(0.05 * length / speed, max(t.dt for t in trials))
+    dt = max(t.dt for t in trials)
+    wanted = max(0.05 * length / speed, dt)
     decade = 10 ** np.floor(np.log10(wanted))
-    return float(min((c * decade for c in (1, 2, 5, 10)), key=lambda s: abs(np.log(s / wanted))))
+    step = float(min((c * decade for c in (1, 2, 5, 10)), key=lambda s: abs(np.log(s / wanted))))
+    samples = max(1, int(np.floor(step / dt + 0.5 - 1e-6)))
+    return step if abs(step / dt - samples) < 1e-3 else samples * dt

@@ -27,7 +27,7 @@ from diagnosis.hypotheses.forward_selection import (
     select_effects,
 )
 from diagnosis.hypotheses.unnamed import SIZES, log_bayes, unnamed_forms
-from diagnosis.verdict import (
+from diagnosis.judgement.verdict import (
     BESIDE_INSTRUMENT_FAULT,
     CONFIRMING_REDUCTION,
     LARGE_GROWTH,

@@ -11,9 +11,9 @@ from diagnosis.hypotheses.forward_selection import LEVEL, SearchProblem, Selecti
 from diagnosis.hypotheses.simulated_chance import SimulatedChance, simulated_chance
 from diagnosis.hypotheses.unnamed import UnnamedForms, unnamed_forms
 from diagnosis.inputs import DiagnosisOptions
+from diagnosis.judgement.verdict import decide, supports
 from diagnosis.prepare import Prepared
 from diagnosis.validation.held_out import compare
-from diagnosis.verdict import decide, supports
 from mmg.messages import Message
 from mmg.progress import LOGGER, OnProgress
 
