@@ -20,7 +20,7 @@ from diagnosis.estimation.linearisation import (
     initial_trajectory,
     linearised_if_finite,
 )
-from diagnosis.estimation.noise_sizes import least_noise, updated_noise
+from diagnosis.estimation.noise_sizes import initial_noise, updated_noise
 from diagnosis.estimation.parameters import Priors, active_states, set_values
 from diagnosis.estimation.transition_model import TransitionModel
 from mmg.errors import UserError

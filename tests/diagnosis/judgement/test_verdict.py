@@ -13,8 +13,8 @@ from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.noise_sizes import least_noise
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.hypotheses.refit import refit
+from diagnosis.judgement.verdict import limits
 from diagnosis.prepare import Prepared
-from diagnosis.verdict import limits
 from tests.support.diagnosis_cases import candidate, full_model, problem_of, pushed_trials
 
 RUNS = (("zigzag:20/20", 40.0), ("turning:-20", 40.0))
