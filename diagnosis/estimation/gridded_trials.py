@@ -36,7 +36,7 @@ class GriddedTrials:
     inputs: (K, R, C) of the model, means over each step; steps: (R,) steps of each window.
     run: (R,) number of the trial of each window; trials: their names; dropped: sentences on what was left out.
     changes: (K, R, C) by which inputs rise from the start to the end of each step (of the line with the same mean and
-    first moment), None: not at all.
+    first moment), None: not at all; sample: longest sampling time of the trials [s], 0: not known.
     """
 
     h: float
@@ -50,6 +50,7 @@ class GriddedTrials:
     trials: tuple[str, ...]
     dropped: tuple[str, ...] = ()
     changes: np.ndarray | None = None
+    sample: float = 0.0
 
     @property
     def inside(self) -> np.ndarray:
@@ -121,6 +122,7 @@ def grid_trials(
         measured=measured,
         inputs=held[..., : len(inputs)],
         changes=held[..., len(inputs) :],
+        sample=max(t.dt for t in trials),
         steps=np.array([len(p[3]) for p in pieces]),
         run=np.array([p[0] for p in pieces]),
         trials=tuple(trial.name for trial in trials),

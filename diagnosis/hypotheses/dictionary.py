@@ -16,6 +16,7 @@ import casadi as ca
 import numpy as np
 
 from diagnosis.estimation.gridded_trials import GriddedTrials
+from diagnosis.estimation.input_timing import DIFFERENCE
 from diagnosis.estimation.linearisation import Linearisation, Point
 from diagnosis.estimation.transition_model import LinearModel, TransitionModel, spread
 from diagnosis.hypotheses.force_forms import ForceForms, Forms, evaluated, of_unit_size, unit
@@ -26,8 +27,6 @@ DELAYS = (0.5, 1.0, 2.0, 4.0)
 """Times [s of a 3 m model] by which inputs may act late."""
 SHAPES = ("1", "u", "v", "r", "|r|", "delta", "n")
 """Forms by which the action of an input is scaled."""
-DIFFERENCE = {"rad": 1e-3, "rps": 1e-2}
-"""Change of an input of each unit by which its action is differentiated."""
 AXES = ("surge", "sway", "yaw")
 FORCES = tuple(f"{axis} force" for axis in AXES)
 """Kinds of the forces that are products."""

@@ -17,6 +17,7 @@ from scipy.stats import chi2
 from diagnosis.estimation.candidates import Candidate, Column
 from diagnosis.estimation.dispersion import dispersion, memory_steps
 from diagnosis.estimation.gridded_trials import GriddedTrials
+from diagnosis.estimation.input_timing import timing_columns
 from diagnosis.estimation.linearisation import Point, Trajectory, linearise_and_filter
 from diagnosis.estimation.parameters import Priors, active_in_window, active_states
 from diagnosis.estimation.transition_model import TransitionModel
@@ -34,9 +35,9 @@ class Slopes:
     """The slopes of all candidates at a fitted hypothesis.
 
     columns: the parameters, P of them, in units of their typical size; g: (P,) slopes of the log likelihood, the
-    hypothesis projected out; S: (P, P) their covariance; own: (P,) information before the projection; dispersion: of
-    each fault of an instrument, the ratio of its slopes' variance to that covariance, as of sensors with a memory (the
-    memory of forces is in the model).
+    hypothesis projected out; S: (P, P) their covariance; own: (P,) information before the projection; dispersion: ratio
+    of the slopes' variance to that covariance where it is larger: of faults of instruments, as of sensors with a memory
+    (the memory of forces is in the model), and of what a small error in the time of the inputs looks like.
     """
 
     columns: tuple[Column, ...]
@@ -81,26 +82,41 @@ def slopes(steps: TransitionModel, data: GriddedTrials, found: Point, candidates
         tuple(Column(s) for s in symbols), np.zeros(n), typical, np.full(n, -np.inf), np.full(n, np.inf)
     )
     point = Point(found.theta, both, np.zeros(len(both.columns)), Trajectory(z, found.path.force), found.noise)
-    linearised = linearise_and_filter(steps, data, point, active)
-    P = len(free.symbols)
+    timing = timing_columns(steps, data, point, active)
+    late = timing, np.zeros((*data.good.shape, timing.shape[3]))
+    linearised = linearise_and_filter(steps, data, point, active, lambda _: late)
+    P, c = len(free.symbols), timing.shape[3]
     every = linearised.white
     grams = np.einsum("krca,krcb->rab", every, every, optimize=True)
     logdet_gradient = np.hstack([linearised.logdet_gradient, np.zeros((len(data.run), 1))])
     # a parameter of one run has the column of the ship's parameter in that run's windows and nothing elsewhere
-    pick = np.array([*range(P), *(P + symbols.index(c.symbol) for c in each), P + n])
-    acts = np.hstack([np.ones((len(data.run), P)), active_in_window(each, data), np.ones((len(data.run), 1))])
+    pick = np.array([*range(P), *range(P + n, P + n + c), *(P + symbols.index(x.symbol) for x in each), P + n + c])
+    acts = np.hstack([np.ones((len(data.run), P + c)), active_in_window(each, data), np.ones((len(data.run), 1))])
     grams = grams[:, pick[:, None], pick[None]] * acts[:, :, None] * acts[:, None]
     gram, logdet_gradients = grams.sum(axis=0), (logdet_gradient[:, pick] * acts).sum(axis=0)[:-1]
-    own = np.diag(gram)[P:-1].copy()
+    own = np.diag(gram)[P + c : -1].copy()
     rest = projected(gram, logdet_gradients, found.p)
     apart = every[..., pick[P:-1]] * acts[:, None, P:-1] - every[..., :P] @ rest.taken
-    lags, at, ratios = memory_steps(steps.ship.particulars["L"], data.h), 0, {}
-    for c in candidates:
-        i = slice(at, at + len(c.columns))
+    lags, at, ratios = memory_steps(steps.ship.particulars["L"], data.h), c, {}
+    for candidate in candidates:
+        i = slice(at, at + len(candidate.columns))
         at = i.stop
-        if EFFECTS[c.effect].measures:
-            ratios[c] = dispersion(apart[..., i], every[..., -1], rest.g[i], rest.S[i, i], lags)
-    return Slopes(tuple(each), rest.g, rest.S, own, ratios)
+        ratio = 1.0
+        if EFFECTS[candidate.effect].measures:
+            ratio = dispersion(apart[..., i], every[..., -1], rest.g[i], rest.S[i, i], lags)
+        ratio += _by_timing(rest.S[i, i], rest.S[i, :c])
+        if ratio > 1.0:
+            ratios[candidate] = ratio
+    return Slopes(tuple(each), rest.g[c:], rest.S[c:, c:], own, ratios)
+
+
+def _by_timing(S: np.ndarray, with_timing: np.ndarray) -> float:
+    """What errors in the time of the inputs add to the variance of slopes, over their information S (q, q), in the mean.
+
+    with_timing: (q, c) their information in common with those errors.
+    """
+    inverse = np.linalg.pinv(S, rcond=1e-8, hermitian=True)
+    return float(np.trace(inverse @ with_timing @ with_timing.T)) / len(S)
 
 
 def score_tests(s: Slopes, candidates: Sequence[Candidate], seed: int = 0) -> list[ScoreTest]:

@@ -13,9 +13,10 @@ import numpy as np
 
 from diagnosis.estimation.dispersion import dispersion, memory_steps
 from diagnosis.estimation.gridded_trials import GriddedTrials
+from diagnosis.estimation.input_timing import timing_columns
 from diagnosis.estimation.linearisation import Point, linearise_and_filter
 from diagnosis.estimation.parameters import active_states
-from diagnosis.estimation.transition_model import TransitionModel
+from diagnosis.estimation.transition_model import LinearModel, TransitionModel
 from diagnosis.hypotheses.dictionary import FORCES, Dictionary
 from diagnosis.hypotheses.projection import projected
 
@@ -130,11 +131,19 @@ def unnamed_slopes(steps: TransitionModel, data: GriddedTrials, found: Point) ->
     """
     active = active_states(steps, found.free.symbols, found.theta)
     forms = Dictionary(steps, data, found, active)
-    linearised = linearise_and_filter(steps, data, found, active, forms.columns)
+    timing = timing_columns(steps, data, found, active)
+
+    def columns_of(linear: LinearModel) -> tuple[np.ndarray, np.ndarray]:
+        forcing, observed = forms.columns(linear)
+        late = np.zeros((*observed.shape[:3], timing.shape[3]))
+        return np.concatenate([timing, forcing], axis=3), np.concatenate([late, observed], axis=3)
+
+    linearised = linearise_and_filter(steps, data, found, active, columns_of)
     flat = linearised.white.reshape(-1, linearised.white.shape[-1])
-    P = len(found.p)
+    p = np.concatenate([found.p, np.zeros(timing.shape[3])])  # the time of the inputs is projected out, too
+    P = len(p)
     logdet = np.concatenate([linearised.logdet_gradient.sum(axis=0)[:P], forms.logdet_gradient(linearised)])
-    rest = projected(flat.T @ flat, logdet, found.p)
+    rest = projected(flat.T @ flat, logdet, p)
     g, S = rest.g, rest.S
     lags = memory_steps(steps.ship.particulars["L"], data.h)
     columns = linearised.white[..., P:-1] - linearised.white[..., :P] @ rest.taken
