@@ -16,10 +16,10 @@ DIFFERENCE = {"rad": 1e-3, "rps": 1e-2}
 
 
 def timing_columns(steps: TransitionModel, data: GriddedTrials, at: Point, active: np.ndarray) -> np.ndarray:
-    """What each actuator adds over a step to the ``active`` states (A,) if it acts TIMING of a sample late: (K, R, A, c).
+    """What each actuator adds over a step to the ``active`` states (A,) if it acts TIMING of a sample late.
 
     steps: the transition model; data: the trials, with the changes of the inputs and their sampling time; at: the
-    point.
+    point. Returns (K, R, A, c) for c actuators.
     """
     K, R = data.inputs.shape[:2]
     names = [name for name in steps.model.controls if name in INPUTS]

@@ -111,7 +111,7 @@ def slopes(steps: TransitionModel, data: GriddedTrials, found: Point, candidates
 
 
 def _by_timing(S: np.ndarray, with_timing: np.ndarray) -> float:
-    """What errors in the time of the inputs add to the variance of slopes, over their information S (q, q), in the mean.
+    """What errors in the time of the inputs add to the variance of slopes, over their information S (q, q).
 
     with_timing: (q, c) their information in common with those errors.
     """

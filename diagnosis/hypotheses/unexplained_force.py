@@ -115,8 +115,8 @@ def _channels(found: ForceEstimate, values: np.ndarray, mass: np.ndarray) -> dic
     """Rms by channel with its 90 % interval, and its share of the energy, from draws of the posterior; values: (m, M)
     of the forms by sample; mass: (3,) of each channel."""
     gram = values @ values.T / values.shape[1]
-    root = np.linalg.cholesky(found.covariance + 1e-12 * np.trace(found.covariance) * np.eye(len(found.covariance)))
-    draws = np.random.default_rng(0).standard_normal((DRAWS, len(root))) @ root.T
+    spread, along = np.linalg.eigh(found.covariance)
+    draws = np.random.default_rng(0).standard_normal((DRAWS, len(spread))) * np.sqrt(np.maximum(spread, 0.0)) @ along.T
     draws = draws.reshape(DRAWS, 3, -1)
     mean = np.einsum("cm,mn,cn->c", found.mean, gram, found.mean)
     about = np.einsum("dcm,mn,dcn->dc", found.mean + draws, gram, found.mean + draws)
@@ -148,6 +148,8 @@ def _follows(found: ForceEstimate, data: GriddedTrials, fit: Point, force: np.nd
 def _times(data: GriddedTrials, force: np.ndarray, mass: np.ndarray, n: int) -> tuple[UnexplainedTime, ...]:
     """The stretches of n steps with most energy of the force, the strongest first, one of each trial at the most."""
     energy = force**2 / mass
+    if not energy.any():
+        return ()
     best: dict[int, tuple[float, int, int]] = {}
     for w, steps in enumerate(data.steps):
         length = min(n, int(steps))

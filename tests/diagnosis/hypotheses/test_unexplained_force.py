@@ -57,6 +57,10 @@ def test_nothing_is_estimated_where_nothing_acts(runs: SearchProblem) -> None:
     found = estimated_force(unnamed_forms(steps, seen, null))
     row = unexplained_force(seen, null, 1.0, found, SHIP)
     assert max(channel.force_rms for channel in row.channels.values()) < 0.1
+    nothing = ForceEstimate(0 * found.mean, 0 * found.covariance, found.dictionary, 0 * found.sizes)
+    none = unexplained_force(seen, null, 1.0, nothing, SHIP)
+    assert none.times == () and none.follows == () and none.channels["sway"].interval_90 == (0.0, 0.0)
+    assert unexplained_hint(none) == "" and "does not act like a force" in unexplained_words(none)[0]
 
 
 def test_a_manoeuvre_is_named_in_which_it_shows(pushed: tuple, runs: SearchProblem) -> None:
