@@ -34,11 +34,11 @@ from mmg.motion.froude import time_scale
 from mmg.progress import LOGGER
 from mmg.ship import Ship
 
-CORRELATED, APART, LEAST = 0.25, 5.0, 100
-"""Correlation of neighbouring whitened residuals from which only samples APART seconds [of a 3 m model] are compared,
-or less so that LEAST grid times are left. On the records of the 3 m tanker the correlation is .65. The latent force is
-then three times what it is with samples every 3, 5 or 10 s, and predictions are worse. With white errors it is below
-.05."""
+CORRELATED, APART, LEAST = 0.25, (2.0, 5.0), 100
+"""Correlation of neighbouring whitened residuals from which only samples APART seconds [of a 3 m model] are compared:
+the first of these at which it is less than half, or less so that LEAST grid times are left. On the records of the 3 m
+tanker the correlation is .65. The latent force is then three times what it is with samples every 3, 5 or 10 s, and
+predictions are worse. With white errors it is below .05."""
 FEW = 20
 """Grid times that must be left where the interval is known from other trials."""
 MAX_FITS = 12
@@ -167,15 +167,18 @@ def fit_without_effects(
     """
     p = (theta[[steps.ship.symbols.index(s) for s in base.symbols]] - base.mean) / base.std
     null = estimate(steps, data, initial_point(steps, data, theta, base, noise, p), MAX_FITS)
-    apart = gap or max(1, round(APART * time_scale(steps.ship.particulars["L"]) / data.h))
     dense = (data, residuals(steps, data, null))
     correlation = lag_correlation(*dense)
-    crowded = correlation > CORRELATED or swallows(null.noise, steps.ship)
-    least = FEW if gap else LEAST
-    apart = min(apart, max(1, data.samples // least)) if gap or crowded else 1
-    if apart > 1:
-        data = data.thinned(apart)
-        null = estimate(steps, data, initial_point(steps, data, theta, base, noise, p), MAX_FITS)
+    apart, crowded = 1, correlation > CORRELATED or swallows(null.noise, steps.ship)
+    for seconds in APART if gap or crowded else ():
+        wanted = gap or max(1, round(seconds * time_scale(steps.ship.particulars["L"]) / data.h))
+        apart = min(wanted, max(1, dense[0].samples // (FEW if gap else LEAST)))
+        if apart > 1:
+            data = dense[0].thinned(apart)
+            null = estimate(steps, data, initial_point(steps, data, theta, base, noise, p), MAX_FITS)
+            left = lag_correlation(data, residuals(steps, data, null))
+        if gap or apart == 1 or (left < 0.5 * CORRELATED and not swallows(null.noise, steps.ship)):
+            break
     null = null if noise.prior else with_correlation_time(steps, data, null)
     line = spectral_line(*dense) if apart == 1 else spectral_line(data, residuals(steps, data, null), dense)
     return data, null, apart, correlation, line
