@@ -94,7 +94,7 @@ def test_the_slope_of_the_log_determinant_is_that_of_the_model(probed: Any, symb
     forcing, observed = words.columns(linearised.linear)
     theta = steps.ship.values.copy()
     theta[steps.ship.symbols.index(f"probe.{symbol}")] = small
-    moved = steps.linearise(path.z, data.inputs, theta, path.force[:-1], np.zeros(0, dtype=int), np.arange(6))
+    moved = steps.linearise(path.z, data.controls, theta, path.force[:-1], np.zeros(0, dtype=int), np.arange(6))
     change = np.concatenate(
         [
             ((moved.end - linearised.linear.end)[..., :6] * data.inside[..., None]).ravel() / small,
