@@ -7,6 +7,7 @@ each unexpected outcome with the number by which it can be made again (``--input
 from __future__ import annotations
 
 import argparse
+import contextlib
 import random
 import re
 import resource
@@ -15,7 +16,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -89,7 +90,7 @@ def readers(folder: Path) -> dict[str, Reader]:
         path.parent.mkdir()
         write_trial(runs[0], path)
         target = path.with_name("trials.toml") if name == "sidecar" else path
-        add(name, target, lambda path=path: (_unless_refused(read_controls, path), check([read_trial(path)])))
+        add(name, target, partial(_read_both, path))
     (folder / "sidecar" / "trials.toml").write_text(_SIDECAR, encoding="utf-8")
     add("sidecar", folder / "sidecar" / "trials.toml", found["sidecar"].read)
     (folder / "site.toml").write_text(_SITE, encoding="utf-8")
@@ -131,11 +132,11 @@ def _network(features: Sequence[str]) -> Network:
     return Network(tuple(features), np.ones(F), (layers,), np.ones(3), -np.ones(F), np.ones(F))
 
 
-def _unless_refused(read: Callable[[Path], object], path: Path) -> object:
-    try:
-        return read(path)
-    except UserError:
-        return None
+def _read_both(path: Path) -> None:
+    """A file as inputs of a simulation, and as a trial with its checks. Raises UserError where it is no trial."""
+    with contextlib.suppress(UserError):
+        read_controls(path)
+    check([read_trial(path)])
 
 
 @cache
