@@ -180,6 +180,8 @@ def fit_without_effects(
         if gap or apart == 1 or (left < 0.5 * CORRELATED and not swallows(null.noise, steps.ship)):
             break
     null = null if noise.prior else with_correlation_time(steps, data, null)
+    if not null.converged:  # the slopes of all tests are those at the optimum
+        null = estimate(steps, data, null, MAX_FITS)
     line = spectral_line(*dense) if apart == 1 else spectral_line(data, residuals(steps, data, null), dense)
     return data, null, apart, correlation, line
 
