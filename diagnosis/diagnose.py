@@ -25,12 +25,13 @@ from diagnosis.findings import (
     InstrumentFault,
     LearnedResidual,
     RandomSizes,
-    UnexplainedForce,
     Unnamed,
 )
 from diagnosis.hypotheses.between import compare_groups
 from diagnosis.hypotheses.forward_selection import LEVEL, SearchProblem, Selection
+from diagnosis.hypotheses.left_findings import Pattern, UnexplainedForce
 from diagnosis.hypotheses.next_test import next_test, telling_test
+from diagnosis.hypotheses.pattern import LEVEL_OF_PATTERN, pattern
 from diagnosis.hypotheses.unexplained_force import estimated_force, unexplained_force
 from diagnosis.hypotheses.unnamed import UnnamedForms
 from diagnosis.inputs import CalibrationTrials, DiagnosisOptions, calibration_trials, diagnosable, independent_tests
@@ -113,6 +114,9 @@ def _diagnosed(
     is_named = verdict == "named"
     before, after = result.before, result.after
     remainder = is_named and (has_remainder(found, before, after, p.expected_unnamed) or chance < LINE_PROBABILITY)
+    fits = pattern(p.steps, p.data, found.final, found.effects) if is_named else None
+    reasons += (doubts := _doubts(fits))
+    remainder = remainder or bool(doubts)
     named = found.effects if is_named else ()
     effects = tuple(summary.named_effect(p, ready.full, found, c) for c in named)
     final = found.final if is_named else found.null
@@ -144,13 +148,11 @@ def _diagnosed(
         warnings=(*repairs, *ready.notices, *reasons, *sensors.warnings),
         not_screened=ready.full.left_out,
         noise=RandomSizes.of(found.null),
-        unnamed=Unnamed(
-            {"all": before.log_bayes, "single": before.single, **before.by_kind},
-            {"all": after.log_bayes, "single": after.single, **after.by_kind},
-        ),
+        unnamed=Unnamed(*({"all": u.log_bayes, "single": u.single, **u.by_kind} for u in (before, after))),
         kinematics=_sensor_sentences(sensors, instruments),
         unexplained_force=unexplained,
         chance=result.chance,
+        pattern=fits,
         timings=timings,
         inputs=DiagnosisInputs(),
         ship=after_all,
@@ -176,6 +178,14 @@ def _like_training(tests: Sequence[Trial], ready: Prepared) -> GriddedTrials | N
     except UserError:
         return None
     return data.thinned(ready.gap) if data is not None else None
+
+
+def _doubts(fits: Pattern | None) -> list[Message]:
+    """What the pattern says against a name."""
+    if fits is None or fits.p_value >= LEVEL_OF_PATTERN:
+        return []
+    words = f"what was named would need another size by {fits.parted_by} (p = {fits.p_value:.1g})"
+    return [Message(f"{words}: another cause may lie behind it", "pattern")]
 
 
 def _unexplained(p: SearchProblem, fit: Estimate, left: UnnamedForms, ship: Ship) -> UnexplainedForce:

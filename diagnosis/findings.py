@@ -11,6 +11,7 @@ from pydantic import BeforeValidator
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.hypotheses.group_findings import Between
+from diagnosis.hypotheses.left_findings import Chance, Pattern, UnexplainedForce
 from fitting.report.run_folder import Real, plain
 from mmg.messages import message_rows
 from mmg.ship import Ship
@@ -193,69 +194,6 @@ class Unnamed:
         return max(kinds, key=kinds.__getitem__, default="")
 
 
-@dataclass(frozen=True)
-class Chance:
-    """Probabilities that chance leaves as much in trials of a ship that lacks nothing: of all unnamed forms
-    (anything_left), and of any candidate (largest_candidate); None without candidates.
-
-    by: "law", the law of the tests to first order, or "simulation", a parametric bootstrap; draws: of either.
-    """
-
-    by: str
-    draws: int
-    anything_left: Real
-    largest_candidate: float | None
-
-
-@dataclass(frozen=True)
-class UnexplainedChannel:
-    """A channel of the unexplained force: rms with its 90 % interval, mean, and share of the energy of all channels."""
-
-    force_rms: Real
-    interval_90: tuple[Real, Real]
-    mean: Real
-    unit: str
-    share: Real
-
-
-@dataclass(frozen=True)
-class UnexplainedTime:
-    """A stretch of a trial in which the unexplained force is largest, in the channel that stands out most there.
-
-    start, end: since the begin of the trial [s]; force_rms, mean: in the ``unit`` of the channel.
-    """
-
-    trial: str
-    start: Real
-    end: Real
-    channel: str
-    force_rms: Real
-    mean: Real
-    unit: str
-
-
-@dataclass(frozen=True)
-class UnexplainedForce:
-    """What is left unexplained, as one force that depends on motion, inputs, wind and place in an unnamed way.
-
-    p_value: probability that chance leaves as much; follows: rows variable, channel, explained (share of the channel's
-    mean square), at, mean, the best first, of the force less its mean; times: where it is largest; advice: the
-    manoeuvre that would tell more. force, std: (K, R, 3) [N, N, N m] and standard deviation, None after reading.
-    """
-
-    p_value: Real
-    channels: Mapping[str, UnexplainedChannel]
-    follows: tuple[Mapping[str, Any], ...]
-    times: tuple[UnexplainedTime, ...]
-    advice: str
-    force: Any = None
-    std: Any = None
-
-    def to_dict(self) -> dict[str, Any]:
-        """The part "unexplained_force" of ``diagnosis.json``."""
-        return {name: value for name, value in vars(self).items() if name not in ("force", "std")}
-
-
 @dataclass(frozen=True, kw_only=True)
 class DiagnosisRecord:
     """What ``diagnosis.json`` holds under the names of the attributes.
@@ -263,7 +201,8 @@ class DiagnosisRecord:
     verdict: "none", "named" or "unknown"; sentence: it in words. instruments: faults of instruments, which
     are no effects. not_screened: effects that could not be tested, and why. noise: sizes of what is random. kinematics:
     sentences on faults of instruments. learned: how much a learned residual closes of the remainder (None: not
-    measured). unexplained_force: what is left unexplained (None: nothing is). chance: what it gives. between:
+    measured). unexplained_force: what is left unexplained (None: nothing is). chance: what it gives. pattern: of what
+    is named (None: nothing is). between:
     differences between groups of trials (None: not asked).
     """
 
@@ -287,6 +226,7 @@ class DiagnosisRecord:
     unexplained_force: UnexplainedForce | None = None
     between: Between | None = None
     chance: Chance | None = None
+    pattern: Pattern | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -23,7 +23,7 @@ SHORT = 6
 """Candidates refitted, the best by the score test; those in CURVED are refitted whatever it says."""
 CURVED = ("rudder_backlash",)
 """Effects whose slope at the neutral value says little: a dead band acts only when it is as large as the motion."""
-LEVEL = 0.02
+LEVEL = 0.03
 """Probability of a false alarm in one search over all candidates."""
 SAME_CLASS = 6.0
 """Candidates within this of the best in BIC cannot be told from it (odds of 20 : 1)."""

@@ -17,8 +17,8 @@ import numpy as np
 
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.linearisation import Point
-from diagnosis.findings import UnexplainedChannel, UnexplainedForce, UnexplainedTime
 from diagnosis.hypotheses.dictionary import FORCES, Dictionary
+from diagnosis.hypotheses.left_findings import UnexplainedChannel, UnexplainedForce, UnexplainedTime
 from diagnosis.hypotheses.unnamed import UnnamedForms
 from diagnosis.location.regions import CHANNELS, UNITS, Samples, by_variable
 from diagnosis.location.situations import variables_of

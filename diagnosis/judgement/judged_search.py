@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.map_estimate import Estimate
-from diagnosis.findings import Chance, HeldOut
+from diagnosis.findings import HeldOut
 from diagnosis.hypotheses.forward_selection import LEVEL, SearchProblem, Selection, select_effects
+from diagnosis.hypotheses.left_findings import Chance
 from diagnosis.hypotheses.simulated_chance import SimulatedChance, simulated_chance
 from diagnosis.hypotheses.unnamed import UnnamedForms, unnamed_forms
 from diagnosis.inputs import DiagnosisOptions

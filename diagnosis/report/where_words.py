@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from diagnosis.findings import Findings, UnexplainedForce
+from diagnosis.findings import Findings
+from diagnosis.hypotheses.left_findings import UnexplainedForce
 
 SIDES = {
     "surge": ("ahead", "astern"), "sway": ("to starboard", "to port"), "yaw": ("bow to starboard", "bow to port"),

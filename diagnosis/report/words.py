@@ -14,9 +14,9 @@ from diagnosis.findings import (
     LearnedResidual,
     NamedEffect,
     RankedCandidate,
-    UnexplainedForce,
 )
 from diagnosis.hypotheses.forward_selection import Selection
+from diagnosis.hypotheses.left_findings import UnexplainedForce
 from diagnosis.report.where_words import PLAIN, first_channel, percent, shown_unit, unexplained_hint
 from fitting.report.words import plus_minus
 from mmg.effects import EFFECTS

@@ -163,7 +163,7 @@ def pushed_by(
     for k in range(K):
         force = sizes * chance[:, :, k]
         force[axis] += size * FORMS[form](z[2], data.inputs[k, :, n])
-        z = steps.advance(z, data.inputs[k].T, steps.coefficients(steps.ship.values, force))
+        z = steps.advance(z, data.controls[k].T, steps.coefficients(steps.ship.values, force))
         y[k + 1] = z[:6].T
     seen = replace(data, y=y + WHITE * rng.standard_normal(y.shape))
     start = initial_point(steps, seen, steps.ship.values, problem.base, initial_noise(steps.ship))

@@ -207,7 +207,7 @@ def pushed_by(problem: SearchProblem, seed: int, sin_2: float) -> SearchProblem:
     for k in range(K):
         force = sizes * chance[:, :, k]
         force[2] += sin_2 * np.sin(2 * z[2])
-        z = steps.advance(z, data.inputs[k].T, steps.coefficients(steps.ship.values, force))
+        z = steps.advance(z, data.controls[k].T, steps.coefficients(steps.ship.values, force))
         y[k + 1] = z[:6].T
     noisy = y + WHITE * rng.standard_normal(y.shape)
     return replace(problem, data=replace(data, y=noisy))

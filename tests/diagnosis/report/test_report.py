@@ -16,11 +16,9 @@ from diagnosis.findings import (
     NamedEffect,
     RandomSizes,
     RankedCandidate,
-    UnexplainedChannel,
-    UnexplainedForce,
-    UnexplainedTime,
     Unnamed,
 )
+from diagnosis.hypotheses.left_findings import UnexplainedChannel, UnexplainedForce, UnexplainedTime
 from diagnosis.location.where import where
 from diagnosis.report.page import build_report, held_rows, write_report
 from diagnosis.report.where_words import first_channel, region_words, where_words

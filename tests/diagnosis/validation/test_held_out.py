@@ -51,7 +51,7 @@ def simulated(steps: TransitionModel, data: GriddedTrials, theta: np.ndarray | N
     theta = steps.ship.values if theta is None else theta
     y, z = data.y.copy(), steps.settled(data.y[0].T, data.inputs[0].T, theta)
     for k in range(len(data.inputs)):
-        z = steps.advance(z, data.inputs[k].T, theta)
+        z = steps.advance(z, data.controls[k].T, theta)
         y[k + 1] = z[:6].T
     return replace(data, y=y)
 
