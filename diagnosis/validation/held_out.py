@@ -168,11 +168,11 @@ def compare(
 
     steps: the transition model; data: the test trials; before, after: the fits; seed: of the draws.
     """
-    by_run, judged, fits, found = after.free.by_run, data, [before], []
+    each = [before] if after is before else [before, after]
+    by_run, judged, found = any(fit.free.by_run for fit in each), data, []
     if by_run:
         judged = replace(data, good=data.good & (data.t >= half_times(data))[..., None])
-    if after is not before:
-        fits.append(with_values_by_run(steps, data, after) if by_run else after)
+    fits = [with_values_by_run(steps, data, fit) if fit.free.by_run else fit for fit in each]
     lengths = (window_length(steps.ship), 0.0, data.h)
     for fit in fits:
         begin = start_states(steps, data, fit.theta)

@@ -286,6 +286,18 @@ def test_runs_that_are_all_alike_leave_nothing_to_find_and_equal_models_close_no
     assert equal.likelihood_gain == pytest.approx(0.0, abs=1e-2)
 
 
+def test_either_side_of_a_comparison_may_have_values_by_run(
+    fits: tuple[SearchProblem, Estimate, Selection], held: tuple[GriddedTrials, HeldOut]
+) -> None:
+    """As where a further effect is judged beside a current of each run."""
+    problem, null, found = fits
+    data, h = held
+    both = compare(problem.steps, data, found.final, found.final)
+    assert both is not None and both.mse_before == pytest.approx(h.mse_after) and both.reduction == 0.0
+    back = compare(problem.steps, data, found.final, null)
+    assert back is not None and back.mse_before == pytest.approx(h.mse_after) and back.reduction < 0
+
+
 def test_effects_of_the_surroundings_differ_by_run_from_three_runs_on() -> None:
     trials = short_trials()
     few, enough = (prepare(FEW, trials[:count], step=H).problem for count in (2, 3))
