@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -44,32 +45,37 @@ class Diagnosis(Findings):
         return html_table(f"{self.verdict}: {self.sentence}", list(table.columns), table.itertuples(index=False))
 
     def save(self, folder: Path | str, replace: bool = False) -> None:
-        """Write diagnosis.json, result.json, ship.toml, figures and report.html to ``folder``, whole or not at all.
+        """Write diagnosis.json, result.json and ship.toml to ``folder``, whole or not at all; then figures and page.
 
-        replace: an existing folder is replaced. Raises UserError where it exists otherwise, or cannot be written.
+        replace: an existing folder is replaced. A figure or page that fails is a warning. Raises UserError where the
+        folder exists otherwise, or cannot be written.
         """
         from diagnosis.report import page
 
+        folder = Path(folder)
         if not replace:
-            check_target(Path(folder))
+            check_target(folder)
         began = time.perf_counter()
 
-        def fill(scratch: Path) -> None:
-            (scratch / SHIP).write_text(dump_ship(self.ship, "refitted by mmg diagnose"), encoding="utf-8")
-            write_json(scratch / CONTENT, self.to_dict())
-            figures = page.write_report(self, scratch)
+        def result(figures: Sequence[Mapping[str, str]], failures: Sequence[str]) -> dict[str, Any]:
             seconds = self.timings.get("total", 0.0) + time.perf_counter() - began
-            result = {
+            return {
                 "schema_version": SCHEMA_VERSION,
                 "kind": "diagnosis",
                 **vars(self.inputs),
                 "figures": figures,
-                "warnings": self.warnings,
+                "warnings": [*self.warnings, *failures],
                 "timings_s": {**self.timings, "wall": seconds},
             }
-            write_json(scratch / RESULT, result)
 
-        write_whole(Path(folder), fill, replace)
+        def fill(scratch: Path) -> None:
+            (scratch / SHIP).write_text(dump_ship(self.ship, "refitted by mmg diagnose"), encoding="utf-8")
+            write_json(scratch / CONTENT, self.to_dict())
+            write_json(scratch / RESULT, result([], []))
+
+        write_whole(folder, fill, replace)
+        made = page.write_report(self, folder)
+        write_json(folder / RESULT, result(made.rows, made.failures))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +16,8 @@ from diagnosis.report import between_words, words
 from diagnosis.report import where_words as report_where
 from diagnosis.report.figures import figures_for
 from fitting.report.page import environment, figures_of, write_page
+from fitting.report.plot_style import FigureFolder
 from fitting.report.run_folder import versions
-from mmg.errors import UserError
 
 REPORT, FIGURES = "report.html", "figures"
 REGIONS = 12
@@ -25,21 +26,16 @@ FAINT = 0.05
 """Share of the energy up to which the regions of a channel are left to diagnosis.json."""
 
 
-def write_report(d: Findings, folder: Path) -> list[dict[str, str]]:
-    """Write the figures and ``report.html`` of ``d`` to ``folder``.
-
-    Returns rows file, title and caption of the figures. Raises UserError when they cannot be written.
-    """
-    listed = []
-    try:
-        (folder / FIGURES).mkdir(parents=True, exist_ok=True)
-        for f in figures_for(d):
-            f.draw(d).savefig(folder / FIGURES / f"{f.name}.png")
-            listed.append({"file": f"{FIGURES}/{f.name}.png", "title": f.title, "caption": f.caption})
-    except OSError as error:
-        raise UserError(f"{folder}: cannot be written ({error.strerror}); choose another --out") from None
-    write_page(build_report(d, folder, listed), folder / REPORT)
-    return listed
+def write_report(d: Findings, folder: Path) -> FigureFolder:
+    """Make the figures and ``report.html`` of ``d`` in ``folder``. Returns what was made and what could not be made."""
+    written = FigureFolder(folder / FIGURES)
+    for f in figures_for(d):
+        written.write(f.name, partial(f.draw, d), f.title, f.caption)
+    for row in written.rows:
+        row["file"] = f"{FIGURES}/{row['file']}"
+    with written.making("the report"):
+        write_page(build_report(d, folder, written.rows), folder / REPORT)
+    return written
 
 
 def build_report(d: Findings, folder: Path, listed: Sequence[Mapping[str, str]]) -> str:

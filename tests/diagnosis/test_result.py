@@ -153,3 +153,16 @@ def test_a_notebook_shows_the_sentence_and_the_candidates() -> None:
     assert list(table.index) == [c.name for c in d.candidates]
     assert list(table["role"]) == ["named", "same class", "", ""] and table.loc["current", "delta_bic"] == 280.0
     assert "In one sentence: named" in html and "propeller_side_force" in html
+
+
+def test_a_figure_that_fails_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(d: Diagnosis) -> None:
+        raise ValueError("no such colour")
+
+    monkeypatch.setattr("diagnosis.report.figures.ranking_figure", broken)
+    full().save(tmp_path / "gap")
+    assert read_diagnosis(tmp_path / "gap").verdict == "named"
+    result = json.loads((tmp_path / "gap" / "result.json").read_text())
+    assert "figure ranking could not be made (ValueError: no such colour)" in result["warnings"]
+    assert "figures/ranking.png" not in [row["file"] for row in result["figures"]] and result["figures"]
+    assert (tmp_path / "gap" / "report.html").exists()

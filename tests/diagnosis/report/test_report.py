@@ -97,7 +97,7 @@ def text_of(html: str) -> str:
 
 @pytest.mark.parametrize("verdict", ["named", "none", "unknown"])
 def test_page_stands_alone(tmp_path: Path, verdict: str) -> None:
-    listed = write_report(case(verdict), tmp_path)
+    listed = write_report(case(verdict), tmp_path).rows
     html = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert all((tmp_path / row["file"]).read_bytes().startswith(b"\x89PNG") for row in listed)
     assert html.count("data:image/png;base64,") == len(listed) == {"named": 6, "unknown": 5, "none": 4}[verdict]
@@ -182,7 +182,7 @@ def test_page_without_where_and_with_one_run(tmp_path: Path) -> None:
         candidates=case("none").candidates[:1],
         unexplained_force=None,
     )
-    assert [row["file"] for row in write_report(d, tmp_path)] == ["figures/ranking.png"]
+    assert [row["file"] for row in write_report(d, tmp_path).rows] == ["figures/ranking.png"]
     assert "no lag, gain, bias or lever was seen" in (tmp_path / "report.html").read_text(encoding="utf-8")
 
 
@@ -204,7 +204,7 @@ def test_second_effect_is_told_beside_the_first(tmp_path: Path) -> None:
     lag = NamedEffect("rudder_offset", {"delta": EstimatedParameter(0.02, 0.004, "rad")}, 0.003, 9.0, 0.4)
     both = replace(d, effects=(*d.effects, lag))
     with unrendered():
-        text = text_of(build_report(both, tmp_path, write_report(both, tmp_path)))
+        text = text_of(build_report(both, tmp_path, write_report(both, tmp_path).rows))
     assert "Current and rudder offset passed all tests" in text
     table = text[text.index("Which effect effect") :]
     assert table.index("rudder offset") < table.index("wave drift")

@@ -342,7 +342,7 @@ def test_nothing_is_left_when_writing_fails(
         raise UserError("the disk is full")
 
     made(monkeypatch, "none")
-    monkeypatch.setattr("diagnosis.report.page.write_report", full)
+    monkeypatch.setattr("diagnosis.result.write_json", full)
     where = ("--out", tmp_path / "run", "--no-learn")
     assert "the disk is full" in refused(capsys, "diagnose", folder / "ship.toml", folder / "train", *where)
     assert not list(tmp_path.iterdir())
