@@ -12,11 +12,14 @@ from diagnosis.hypotheses.left_findings import Chance
 from diagnosis.hypotheses.simulated_chance import SimulatedChance, simulated_chance
 from diagnosis.hypotheses.unnamed import UnnamedForms, unnamed_forms
 from diagnosis.inputs import DiagnosisOptions
-from diagnosis.judgement.verdict import decide, supports
+from diagnosis.judgement.verdict import confirms, decide, supports
 from diagnosis.prepare import Prepared
 from diagnosis.validation.held_out import compare
 from mmg.messages import Message
 from mmg.progress import LOGGER, OnProgress
+
+OTHERS = 2
+"""Searches without the effects whose names were withdrawn."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +51,8 @@ class JudgedSearch:
 def judged_search(
     ready: Prepared, tests: GriddedTrials | None, options: DiagnosisOptions, progress: OnProgress | None
 ) -> JudgedSearch:
-    """Select effects and judge them. Where values by run are withdrawn, search again with the same in all runs.
+    """Select effects and judge them. Where values by run are withdrawn, search again with the same in all runs; where a
+    name is withdrawn and something is left, search without it for one that test trials confirm.
 
     ready: the problem and its fit without effects; tests: trials to check on; options: of the diagnosis; progress:
     called as the work goes on. Returns the selection with its verdict.
@@ -62,9 +66,19 @@ def judged_search(
     result = _judged(p, ready.null, before, simulated, tests, options, progress)
     if result.verdict != "named" and any(c.by_run for c in result.found.effects):
         LOGGER.info("searching again with the same surroundings in all runs")
-        alike = replace(p, candidates=tuple(c for c in p.candidates if not c.by_run))
-        again = _judged(alike, ready.null, before, simulated, tests, options, progress)
-        return replace(again, reasons=(*result.reasons, *again.reasons))
+        p = replace(p, candidates=tuple(c for c in p.candidates if not c.by_run))
+        again = _judged(p, ready.null, before, simulated, tests, options, progress)
+        result = replace(again, reasons=(*result.reasons, *again.reasons))
+    other = result
+    for _ in range(OTHERS):
+        withdrawn = {c.effect for c in other.found.effects}
+        if other.verdict != "unknown" or not withdrawn or tests is None:
+            break
+        LOGGER.info(f"searching without {' and '.join(sorted(withdrawn))}")
+        p = replace(p, candidates=tuple(c for c in p.candidates if c.effect not in withdrawn))
+        other = _judged(p, ready.null, before, simulated, tests, options, progress)
+        if other.verdict == "named" and other.held is not None and confirms(other.held):
+            return replace(other, reasons=(*result.reasons, *other.reasons))
     return result
 
 

@@ -57,7 +57,7 @@ def decide(
     if not found.effects:
         return ("unknown" if beyond > 0 else "none"), []
     reason = _inexact(found, after)
-    if not reason and not (held is not None and _confirms(held)):
+    if not reason and not (held is not None and confirms(held)):
         reason = _doubt(found, after, limit, held)
     if not reason and held is not None and _contradicts(found, held):
         reason = f"{_names(found.effects)} fits the training trials but does not predict the test trials better"
@@ -89,8 +89,8 @@ def _surely_gains(held: HeldOut) -> bool:
     return held.likelihood_interval_90 is not None and held.likelihood_interval_90[0] > 0
 
 
-def _confirms(held: HeldOut) -> bool:
-    """Whether the test trials become so much more predictable that nothing else is required of a name."""
+def confirms(held: HeldOut) -> bool:
+    """Whether the test trials become by ``held`` so much more predictable that nothing else is required of a name."""
     return held.interval_90[0] > 0 and held.reduction > CONFIRMING_REDUCTION
 
 
