@@ -238,7 +238,7 @@ def test_a_missing_ship_file_names_itself_and_the_choices(tmp_path: Path) -> Non
 
 def test_a_ship_file_in_another_encoding_says_so(tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(UserError, match=r"mine\.toml: not a valid TOML file \(it is not encoded in UTF-8\)"):
+    with pytest.raises(UserError, match=r"mine\.toml: is encoded in UTF-16; save it in UTF-8"):
         load_ship(tmp_path / "mine.toml")
 
 

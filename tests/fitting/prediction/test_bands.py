@@ -18,6 +18,8 @@ from fitting.prediction.bands import Bands, bands_of, draws_of, velocity_varianc
 from fitting.prediction.predict import predict, predict_all
 from mmg.rollout import Simulator
 from mmg.states import STATES
+from tests.support.calibrated import small_result
+from tests.support.figures import unrendered
 
 RUNS = (("zigzag:20/20", 100.0), ("turning:35", 120.0), ("random:11", 120.0), ("random:12", 120.0), ("berthing", 120.0))
 
@@ -148,9 +150,11 @@ def test_predict_writes_the_standard_deviations_of_a_run_folder(tmp_path: Path) 
     from mmg_ident.commands.main import main
 
     folder = tmp_path / "run"
-    folder.mkdir()
+    with unrendered():
+        small_result(3).save(folder)
+    content = json.loads((folder / "result.json").read_text(encoding="utf-8"))
+    (folder / "result.json").write_text(json.dumps(content | {"bands": fitted()}), encoding="utf-8")
     (folder / "ship.toml").write_text(dump_ship(simulator().ship, ""), encoding="utf-8")
-    (folder / "result.json").write_text(json.dumps({"bands": fitted()}), encoding="utf-8")
     file = tmp_path / "run.csv"
     write_trial(trials(2)[0], file)
     common = [str(file), "--window", "30", "--stride", "15", "--adapt", "30", "--out"]
