@@ -102,8 +102,18 @@ def _follows(d: Findings, first: str) -> str:
     return f"{what} follows {words}, {_extreme(own[0])}."
 
 
+def unexplained_only(d: Findings) -> UnexplainedForce | None:
+    """The unexplained force of ``d`` where it is all that is known of the gap, or None."""
+    rest = d.unexplained_force
+    return rest if d.verdict == "unknown" and rest is not None and rest.times else None
+
+
 def where_big(d: Findings) -> str:
-    """The channel with most of the gap of ``d``, in a few words."""
+    """The channel with most of the gap of ``d``, or of what is unexplained where no name is, in a few words."""
+    rest = unexplained_only(d)
+    if rest is not None:
+        name, own = max(rest.channels.items(), key=lambda item: item[1].share)
+        return f"{percent(own.share)} in {name}, {own.force_rms:.2g} {own.unit} rms"
     if not d.where:
         return ""
     first = first_channel(d)

@@ -33,10 +33,10 @@ def plain(name: str) -> str:
 
 
 def readable(text: str) -> str:
-    """Effects in a text without underscores, and true minus signs."""
+    """Effects in a text without underscores, and true minus signs, but for commands in brackets and manoeuvres."""
     for name in EFFECTS:
         text = text.replace(name, plain(name))
-    return re.sub(r"(?<![\w.])-(?=\d)", "−", text)
+    return re.sub(r"\(mmg [^)]*\)|(?<![\w.:])-(?=\d)", lambda found: found[0] if len(found[0]) > 1 else "−", text)
 
 
 def meaning(name: str) -> str:

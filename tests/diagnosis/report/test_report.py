@@ -147,6 +147,9 @@ def test_verdicts_without_a_name_name_nothing() -> None:
     assert "no more than chance" not in unknown
     assert "It acts like a force of 1.4 N rms in sway" in unknown and "from 10 to 30 s" in unknown
     assert "To know more of it: turning:35" in next_words(case("unknown"))
+    assert "100 % in sway, 1.4 N rms" in unknown
+    assert readable("by -3 (mmg simulate SHIP --maneuver turning:-35 --n -7.7)").endswith("turning:-35 --n -7.7)")
+    assert readable("turning:-35 by -3") == "turning:-35 by −3"
     assert "Repeat " in next_words(case("unknown")) and "heading" in next_words(case("unknown"))
 
 
