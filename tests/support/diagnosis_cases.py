@@ -145,14 +145,16 @@ def path_near(steps: TransitionModel, data: GriddedTrials, theta: np.ndarray, se
     return Trajectory(z, path.force + 0.02 * rng.standard_normal(path.force.shape))
 
 
-FORMS = {"nn": lambda psi, n: (n / 10.0) ** 2, "cos": lambda psi, n: np.cos(psi)}
+FORMS = {
+    "nn": lambda psi, n: (n / 10.0) ** 2,
+    "cos": lambda psi, n: np.cos(psi),
+    "sin 2": lambda psi, n: np.sin(2 * psi),
+}
 """Forces that none of the fitted coefficients and no random force can give, by heading and revolutions."""
 
 
-def pushed_by(
-    problem: SearchProblem, seed: int, axis: int, form: str, size: float
-) -> tuple[TransitionModel, GriddedTrials, Estimate]:
-    """The problem's windows once more with a force [N, N m] besides random ones: steps, windows, fit."""
+def pushed_windows(problem: SearchProblem, seed: int, axis: int, form: str, size: float) -> GriddedTrials:
+    """The problem's windows once more with a force [N, N m] besides random ones, and white noise."""
     steps, data, rng = problem.steps, problem.data, np.random.default_rng(seed)
     K, R = data.inputs.shape[:2]
     how = quiet()
@@ -165,6 +167,13 @@ def pushed_by(
         force[axis] += size * FORMS[form](z[2], data.inputs[k, :, n])
         z = steps.advance(z, data.controls[k].T, steps.coefficients(steps.ship.values, force))
         y[k + 1] = z[:6].T
-    seen = replace(data, y=y + WHITE * rng.standard_normal(y.shape))
+    return replace(data, y=y + WHITE * rng.standard_normal(y.shape))
+
+
+def pushed_by(
+    problem: SearchProblem, seed: int, axis: int, form: str, size: float
+) -> tuple[TransitionModel, GriddedTrials, Estimate]:
+    """Steps, ``pushed_windows`` and the fit to them."""
+    steps, seen = problem.steps, pushed_windows(problem, seed, axis, form, size)
     start = initial_point(steps, seen, steps.ship.values, problem.base, initial_noise(steps.ship))
     return steps, seen, estimate(steps, seen, start, iterations=12)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from benchmarks.disturbed_trials import drawn_ship, process
+from benchmarks.disturbed_trials import drawn_ship
 from diagnosis.estimation.candidates import Candidate, Column
 from diagnosis.estimation.kalman import NoiseModel
 from diagnosis.estimation.linearisation import Trajectory
@@ -38,7 +38,7 @@ from diagnosis.judgement.verdict import (
     decide,
     supports,
 )
-from tests.support.diagnosis_cases import FEW, WHITE, candidate, problem_of, pushed_trials, quiet
+from tests.support.diagnosis_cases import FEW, candidate, problem_of, pushed_trials, pushed_windows
 
 NOISE = NoiseModel(np.ones(3), 5.0, np.ones(6), np.zeros(6), 4.0)
 LIMIT = 1.1
@@ -196,23 +196,6 @@ def test_log_bayes_speaks_against_more_columns_under_chance_and_for_them_where_s
     assert log_bayes(np.zeros(8), np.zeros((8, 8)), every) == pytest.approx(0.0, abs=1e-12)
 
 
-def pushed_by(problem: SearchProblem, seed: int, sin_2: float) -> SearchProblem:
-    """The problem's windows again with a yaw moment of sin_2 sin 2 psi [N m] besides random forces, and white noise."""
-    steps, data, rng = problem.steps, problem.data, np.random.default_rng(seed)
-    K, R = data.inputs.shape[:2]
-    how = quiet()
-    sizes = np.array([how.X, how.Y, how.N])[:, None]
-    chance = np.array([[process(K, data.h, how.tau, rng) for _ in range(R)] for _ in range(3)])
-    y, z = data.y.copy(), steps.settled(data.y[0].T, data.inputs[0].T, steps.ship.values)
-    for k in range(K):
-        force = sizes * chance[:, :, k]
-        force[2] += sin_2 * np.sin(2 * z[2])
-        z = steps.advance(z, data.controls[k].T, steps.coefficients(steps.ship.values, force))
-        y[k + 1] = z[:6].T
-    noisy = y + WHITE * rng.standard_normal(y.shape)
-    return replace(problem, data=replace(data, y=noisy))
-
-
 @pytest.fixture(scope="module")
 def runs() -> SearchProblem:
     return problem_of(pushed_trials(1))[0]
@@ -222,7 +205,7 @@ def runs() -> SearchProblem:
 def test_a_force_that_no_effect_of_the_library_has_is_seen(
     runs: SearchProblem, sin_2: float, low: float, high: float
 ) -> None:
-    problem = pushed_by(runs, 4, sin_2)
+    problem = replace(runs, data=pushed_windows(runs, 4, 2, "sin 2", sin_2))
     steps, data = problem.steps, problem.data
     start = initial_point(steps, data, steps.ship.values, problem.base, initial_noise(steps.ship))
     null = estimate(steps, data, start, iterations=12)
