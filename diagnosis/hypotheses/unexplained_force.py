@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 
 from diagnosis.estimation.gridded_trials import GriddedTrials
-from diagnosis.estimation.linearisation import Point
+from diagnosis.estimation.linearisation import Point, linearise_and_filter
+from diagnosis.estimation.parameters import active_in_window
 from diagnosis.hypotheses.dictionary import FORCES, Dictionary
 from diagnosis.hypotheses.left_findings import UnexplainedChannel, UnexplainedForce, UnexplainedTime
 from diagnosis.hypotheses.unnamed import UnnamedForms
@@ -43,12 +44,14 @@ FOLLOWED = 0.05
 @dataclass(frozen=True)
 class ForceEstimate:
     """Coefficients of the unnamed forms: mean (3, m) and joint covariance (3 m, 3 m), by channel and form, and the
-    ``dictionary`` whose forms they multiply; sizes: (3,) of the prior by channel, in those of the latent force."""
+    ``dictionary`` whose forms they multiply; sizes: (3,) of the prior by channel, in those of the latent force; taken:
+    (P, 3 m) multiples of the free coefficients that imitate each form."""
 
     mean: np.ndarray
     covariance: np.ndarray
     dictionary: Dictionary
     sizes: np.ndarray
+    taken: np.ndarray
 
     def on(self, data: GriddedTrials, middle: np.ndarray) -> np.ndarray:
         """The force (K, R, 3) [N, N, N m] on trials ``data`` with states ``middle`` (K, R, S) of each step."""
@@ -69,7 +72,7 @@ def estimated_force(unnamed: UnnamedForms) -> ForceEstimate:
         sizes = max(tried, key=lambda each: _evidence(g, S, each))
     root = np.repeat(sizes, len(g) // 3)
     covariance = root[:, None] * np.linalg.inv(np.eye(len(g)) + root[:, None] * S * root) * root
-    return ForceEstimate((covariance @ g).reshape(3, -1), covariance, words, sizes)
+    return ForceEstimate((covariance @ g).reshape(3, -1), covariance, words, sizes, unnamed.slopes.taken[:, order])
 
 
 def _evidence(g: np.ndarray, S: np.ndarray, sizes: np.ndarray) -> float:
@@ -87,44 +90,49 @@ def unexplained_force(
     p_value: that chance leaves as much; ship: the diagnosed one, for its masses; advice: which manoeuvre would tell
     more, in words.
     """
-    inside = data.inside
-    values = found.dictionary.forces.values
-    sizes = found.dictionary.noise.force
-    force = np.einsum("cm,mkr->krc", found.mean, values) * sizes
+    forms = _net_forms(found, data, fit)
+    force = np.einsum("n,nkrc->krc", found.mean.ravel(), forms)
     coefficients = {symbol: c.value for symbol, c in ship.coefficients.items()}
     body = inertia(ship.namespace, type(ship.namespace)(**coefficients))
     mass = np.array([body.m + body.m_x, body.m + body.m_y, body.I_z])
     stretch = max(1, round(STRETCH * time_scale(float(ship.particulars["L"])) / data.h))
-    m = len(values)
-    spread = np.empty_like(force)
-    for c in range(3):
-        own = found.covariance[c * m : (c + 1) * m, c * m : (c + 1) * m]
-        spread[..., c] = sizes[c] * np.sqrt(np.einsum("akr,ab,bkr->kr", values, own, values, optimize=True))
+    square = np.einsum("nkrc,np,pkrc->krc", forms, found.covariance, forms, optimize=True)
     return UnexplainedForce(
         p_value=p_value,
-        channels=_channels(found, values[:, inside], mass),
-        follows=_follows(found, data, fit, force[inside]),
+        channels=_channels(found, forms[:, data.inside], mass),
+        follows=_follows(found, data, fit, force[data.inside]),
         times=_times(data, force, mass, stretch),
         advice=advice,
         force=force,
-        std=spread,
+        std=np.sqrt(np.maximum(square, 0.0)),
     )
 
 
-def _channels(found: ForceEstimate, values: np.ndarray, mass: np.ndarray) -> dict[str, UnexplainedChannel]:
-    """Rms by channel with its 90 % interval, and its share of the energy, from draws of the posterior; values: (m, M)
-    of the forms by sample; mass: (3,) of each channel."""
-    gram = values @ values.T / values.shape[1]
+def _net_forms(found: ForceEstimate, data: GriddedTrials, fit: Point) -> np.ndarray:
+    """Force (3 m, K, R, 3) of a unit of each form, less that of the coefficients that would change with it."""
+    values, sizes = found.dictionary.forces.values, found.dictionary.noise.force
+    forms = np.zeros((3, *values.shape, 3))
+    for c in range(3):
+        forms[c, ..., c] = values * sizes[c]
+    forms = forms.reshape(-1, *values.shape[1:], 3)
+    linear = linearise_and_filter(found.dictionary.force_forms.steps, data, fit).linear
+    velocities = np.where(data.inside[..., None, None], linear.force[:, :, 3:6], np.eye(3))
+    unit = fit.free.std * active_in_window(fit.free.columns, data)
+    by_free = np.linalg.solve(velocities, linear.G[:, :, 3:6] * unit[None, :, None])
+    return forms - np.einsum("krcp,pn->nkrc", by_free, found.taken, optimize=True)
+
+
+def _channels(found: ForceEstimate, forms: np.ndarray, mass: np.ndarray) -> dict[str, UnexplainedChannel]:
+    """Rms by channel with its 90 % interval, and its share of the energy, from draws of the posterior; forms: (3 m, M,
+    3) net force of each by sample; mass: (3,) of each channel."""
     spread, along = np.linalg.eigh(found.covariance)
     draws = np.random.default_rng(0).standard_normal((DRAWS, len(spread))) * np.sqrt(np.maximum(spread, 0.0)) @ along.T
-    draws = draws.reshape(DRAWS, 3, -1)
-    mean = np.einsum("cm,mn,cn->c", found.mean, gram, found.mean)
-    about = np.einsum("dcm,mn,dcn->dc", found.mean + draws, gram, found.mean + draws)
-    sizes = found.dictionary.noise.force
-    rms, every = np.sqrt(mean) * sizes, np.sqrt(about) * sizes
-    low, high = np.quantile(every, [0.05, 0.95], axis=0)
+    every = np.vstack([found.mean.ravel(), found.mean.ravel() + draws])
+    grams = np.einsum("nmc,pmc->cnp", forms, forms, optimize=True) / forms.shape[1]
+    sizes = np.sqrt(np.maximum(np.einsum("dn,cnp,dp->dc", every, grams, every, optimize=True), 0.0))
+    rms, (low, high) = sizes[0], np.quantile(sizes[1:], [0.05, 0.95], axis=0)
     energy = rms**2 / mass
-    means = found.mean @ values.mean(axis=1) * sizes
+    means = found.mean.ravel() @ forms.mean(axis=1)
     share = energy / max(energy.sum(), 1e-300)
     return {
         name: UnexplainedChannel(

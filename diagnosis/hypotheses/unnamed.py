@@ -35,12 +35,13 @@ class UnnamedSlopes:
     """Slopes g (C,) of the log likelihood along the columns of a ``dictionary``, the free parameters projected out,
     their information S (C, C), and by kind of sensor error the ratio of the slopes' variance to that information, at
     least 1: it is larger where residuals are correlated in time, as of sensors with a memory. The memory of forces is
-    in the model."""
+    in the model. taken: (P, C) multiples of the free parameters that were projected out."""
 
     g: np.ndarray
     S: np.ndarray
     dictionary: Dictionary
     dispersion: dict[str, float]
+    taken: np.ndarray
 
     @property
     def kinds(self) -> tuple[str, ...]:
@@ -151,7 +152,7 @@ def unnamed_slopes(steps: TransitionModel, data: GriddedTrials, found: Point) ->
     for name in (k for k in dict.fromkeys(forms.kinds) if k.startswith(SENSOR)):
         own = np.array([k == name for k in forms.kinds])
         ratios[name] = dispersion(columns[..., own], linearised.white[..., -1], g[own], S[np.ix_(own, own)], lags)
-    return UnnamedSlopes(g, S, forms, ratios)
+    return UnnamedSlopes(g, S, forms, ratios, rest.taken[: len(found.p)])
 
 
 def log_bayes(

