@@ -87,6 +87,7 @@ VERBS = {
     "score": "Score models on trials, side by side.",
     "compare": "Compare models with the published networks on the public splits.",
     "diagnose": "Say which effect a model lacks, where the gap lies and how far it shrinks.",
+    "export": "Deliver a calibrated or hybrid ship: C and other formats that run elsewhere.",
     "report": "Write one HTML page on a run, or on several side by side.",
 }
 """Verb -> its line in ``mmg --help``, in that order; each has a module and a function of its name in this folder."""

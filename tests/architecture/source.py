@@ -1,4 +1,4 @@
-"""The source as data: modules, imports, functions and classes of the six packages, tests and benchmarks."""
+"""The source as data: modules, imports, functions and classes of the seven packages, tests and benchmarks."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from functools import cache, cached_property
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-FLOORS = ("mmg", "cases", "fitting", "residual", "diagnosis", "mmg_ident")
+FLOORS = ("mmg", "cases", "fitting", "residual", "diagnosis", "delivery", "mmg_ident")
 """From the ground up: a module imports from its own floor and from those before it."""
 BESIDE = ("tests", "benchmarks")
 

@@ -1,0 +1,1 @@
+"""What leaves the tool: exports of a calibrated or hybrid ship that run elsewhere."""

@@ -1,0 +1,287 @@
+"""The C source of a ship: stages of its equations, Runge-Kutta steps, derivatives, extrapolation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from delivery.c.equations import (
+    COEFFICIENTS,
+    COLUMNS,
+    FEATURES,
+    FEATURES_C,
+    FEATURES_Z,
+    FORCES,
+    INPUTS,
+    RATES,
+    RATES_C,
+    RATES_Z,
+    SETTLED,
+    Equations,
+)  # fmt: skip
+from delivery.c.header import about, definitions, header_c
+from delivery.c.network import network_c
+from delivery.c.text import comment
+from delivery.product import Product
+from mmg.compile.portable_c import Emitter, functions_used, prelude
+from mmg.effects import effect
+from mmg.errors import UserError
+from mmg.model import INVERSIONS
+
+EVERY = (RATES, FORCES, COLUMNS, SETTLED, FEATURES, RATES_Z, RATES_C, FEATURES_Z, FEATURES_C)
+FAILING = "the equations of this ship cannot be written as portable C"
+
+
+class Source:
+    """Writes the source of a product, part by part."""
+
+    def __init__(self, product: Product) -> None:
+        self.product, self.p, self.model = product, product.identifier, product.model
+        self.equations = Equations.of(product.ship)
+        self.program = self.equations.program
+        self.S, self.C, self.P = len(self.model.states), len(self.model.controls), len(self.model.symbols)
+        self.features = product.ship.features
+        self.network = product.ship.network
+        self.kept = {place: f"model->kept[{i}]" for i, place in enumerate(self.program.handed_on(EVERY, COEFFICIENTS))}
+        arguments = {0: "state[{0}]", 1: "inputs[{0}]", 2: "model->coefficients[{0}]"}
+        self.emitter = Emitter(self.program, arguments, self.kept)
+        self.shown = (RATES, FEATURES) if self.network else (RATES,)
+        """What a Runge-Kutta stage needs."""
+        self.held = {place: f"held[{i}]" for i, place in enumerate(self.program.handed_on(self.shown, INPUTS))}
+
+    def text(self) -> str:
+        """The whole source file. Raises UserError for equations that cannot be written."""
+        try:
+            parts = [self._init(), self._stages(), self._entries(), self._jacobians(), self._steps(), self._range()]
+        except NotImplementedError as error:
+            raise UserError(f"{FAILING} ({error}); leave the effect that needs it out with --without") from None
+        used = functions_used(self.program, EVERY)
+        networks = network_c(self.network, self._places()) if self.network else ""
+        head = f'#include "{self.p}.h"\n\n' + "".join(f"#include <{name}.h>\n" for name in ("math", "stddef", "string"))
+        macros = f"\n#define real {self.p}_real\n{prelude(used, f'{self.p.upper()}_SINGLE')}\n"
+        undo = "".join(f"#undef {name}\n" for name in ("real", "R", *(f"m_{name}" for name in used)))
+        return (
+            comment(about(self.product)) + head + macros + definitions(self.product) + networks + "".join(parts) + undo
+        )
+
+    def _places(self) -> list[int]:
+        """Where the inputs of the network stand among the features of the ship."""
+        return [self.features.index(name) for name in self.network.features] if self.network else []
+
+    def _body(self, outputs: Sequence[int], after: int, emitter: Emitter | None = None) -> list[str]:
+        """Statements of all stages later than ``after`` that lead to ``outputs``."""
+        return (emitter or self.emitter).statements(self.program.needed(outputs, after))
+
+    def _store(self, output: int, target: str, emitter: Emitter | None = None, width: int = 1) -> list[str]:
+        """Statements that store an output of ``width`` columns row by row in ``target``."""
+        places, name = self.program.results[output], (emitter or self.emitter).name
+        height = len(places) // width
+        return [
+            f"{target}[{i * width + j}] = {name(places[i + j * height])};" for i in range(height) for j in range(width)
+        ]
+
+    def _function(self, head: str, lines: Sequence[str], unused: Sequence[str] = ()) -> str:
+        body = "\n  ".join([*lines, *(f"(void){name};" for name in unused)])
+        return f"\n{head} {{\n  {body}\n}}\n"
+
+    def _init(self) -> str:
+        places = [i for i in self.program.needed(EVERY, 0) if self.program.values[i].stage == COEFFICIENTS]
+        plain = Emitter(self.program, self.emitter.arguments, {})
+        lines = [
+            "int i;",
+            f"for (i = 0; i < {self.P}; i++)",
+            f"  model->coefficients[i] = coefficients ? coefficients[i] : (real){self.p}_coefficient_defaults[i];",
+            "{",
+            *plain.statements(places),
+            *(f"{text} = {plain.name(place)};" for place, text in self.kept.items()),
+            "}",
+        ]
+        return self._function(f"void {self.p}_init({self.p}_model *model, const real *coefficients)", lines)
+
+    def _stages(self) -> str:
+        """Input stage and state stage of the rates, and the rates themselves."""
+        model, size = f"const {self.p}_model *model", max(len(self.held), 1)
+        wanted = [i for i in self.program.needed(self.shown, COEFFICIENTS) if self.program.values[i].stage == INPUTS]
+        inputs = [*self.emitter.statements(wanted), *(f"{t} = {self.emitter.name(i)};" for i, t in self.held.items())]
+        later = Emitter(self.program, self.emitter.arguments, {**self.kept, **self.held})
+        state = [*self._body(self.shown, INPUTS, later), *self._store(RATES, "rates", later)]
+        if self.network:
+            state = [f"real features[{len(self.features)}];", *state, *self._store(FEATURES, "features", later)]
+            state.append("network_add(features, rates);")
+        head = f"static void input_stage({model}, const real *inputs, real *held)"
+        text = self._function(head, inputs, ("model", "inputs", "held"))
+        head = f"static void state_stage({model}, const real *held, const real *state, const real *inputs, real *rates)"
+        text += self._function(head, state, ("model", "held", "state", "inputs"))
+        calls = ["input_stage(model, inputs, held);", "state_stage(model, held, state, inputs, rates);"]
+        head = f"void {self.p}_rates({model}, const real *state, const real *inputs, real *rates)"
+        return text + self._function(head, [f"real held[{size}];", *calls])
+
+    def _entries(self) -> str:
+        """Forces, columns and the settled state."""
+        p, model = self.p, f"const {self.p}_model *model"
+        forces = [*self._body([FORCES], COEFFICIENTS), *self._store(FORCES, "forces", width=3)]
+        columns = [*self._body([COLUMNS], COEFFICIENTS), *self._store(COLUMNS, "columns")]
+        settled = [*self._body([SETTLED], COEFFICIENTS), *self._store(SETTLED, "settled")]
+        loop = [
+            f"real six[6]{', logged[6]' if self.model.measured else ''};",
+            "int i;" + (" int k;" if self.model.measured else ""),
+            "for (i = 0; i < 6; i++) six[i] = columns[i];",
+            "settle(model, six, inputs, state);",
+        ]
+        if self.model.measured:
+            loop += [
+                f"for (k = 0; k < {INVERSIONS}; k++) {{",
+                "  real most = R(0.0);",
+                f"  {p}_columns(model, state, logged);",
+                "  for (i = 0; i < 6; i++) {",
+                "    const real error = logged[i] - columns[i];",
+                "    most = error > most ? error : (-error > most ? -error : most);",
+                "    six[i] -= error;",
+                "  }",
+                "  settle(model, six, inputs, state);",
+                "  if (!(most > R(1e-12))) break;",
+                "}",
+            ]
+        at, every = f"{model}, const real *state", ("model", "state", "inputs")
+        return (
+            self._function(f"void {p}_forces({at}, const real *inputs, real *forces)", forces, every)
+            + self._function(f"void {p}_columns({at}, real *columns)", columns, every[:1])
+            + self._function(f"static void settle({at}, const real *inputs, real *settled)", settled, every)
+            + self._function(f"void {p}_settle({model}, const real *columns, const real *inputs, real *state)", loop)
+        )
+
+    def _jacobians(self) -> str:
+        S, C, F = self.S, self.C, len(self.features)
+        outputs = [RATES_Z, RATES_C] + ([FEATURES, FEATURES_Z, FEATURES_C] if self.network else [])
+        lines = [*self._body(outputs, COEFFICIENTS)]
+        lines += [*self._store(RATES_Z, "by_state", width=S), *self._store(RATES_C, "by_inputs", width=C)]
+        if self.network:
+            places = self._places()
+            arrays = f"real features[{F}], by[{3 * len(places)}], feature_z[{F * S}], feature_c[{F * C}];"
+            where = f"static const int at[{len(places)}] = {{{', '.join(map(str, places))}}};"
+            lines = [arrays, where, "int i, j, k;", *lines]
+            lines += [*self._store(FEATURES, "features"), *self._store(FEATURES_Z, "feature_z", width=S)]
+            lines += [*self._store(FEATURES_C, "feature_c", width=C), "network_jacobian(features, by);"]
+            for target, source, width in (("by_state", "feature_z", S), ("by_inputs", "feature_c", C)):
+                lines.append(
+                    f"for (i = 0; i < 3; i++) for (k = 0; k < {len(places)}; k++) for (j = 0; j < {width}; j++)\n"
+                    f"    {target}[(3 + i) * {width} + j] += by[i * {len(places)} + k] * {source}[at[k] * {width} + j];"
+                )
+        head = f"void {self.p}_jacobians(const {self.p}_model *model, const real *state, const real *inputs,\n"
+        return self._function(f"{head}  real *by_state, real *by_inputs)", lines, ("model", "state", "inputs"))
+
+    def _steps(self) -> str:
+        p, S, C, size = self.p, self.S, self.C, max(len(self.held), 1)
+        return f"""
+/* whether a state is finite, also under -ffast-math: by the bits of its exponents */
+static int finite_state(const real *state) {{
+  int i, good = 1;
+  for (i = 0; i < {S}; i++) {{
+    const double x = (double)state[i];
+    unsigned char bytes[sizeof(double)];
+    unsigned high, low;
+    memcpy(bytes, &x, sizeof x);
+    high = bytes[sizeof(double) - 1];
+    low = bytes[sizeof(double) - 2];
+    if (bytes_reversed()) {{
+      high = bytes[0];
+      low = bytes[1];
+    }}
+    good &= !((high & 0x7fu) == 0x7fu && (low & 0xf0u) == 0xf0u);
+  }}
+  return good;
+}}
+
+static int steps_of(double h) {{
+  if (!(h >= 0.0) || h > 1e6 * {p.upper()}_LONGEST_STEP) return -1;
+  if (h <= 0.0) return 0;
+  return h <= {p.upper()}_LONGEST_STEP ? 1 : (int)ceil(h / {p.upper()}_LONGEST_STEP - 1e-9);
+}}
+
+static int advance(const {p}_model *model, real *state, const real *inputs, double h, int steps) {{
+  real held[{size}], z[{S}], at[{S}], k[{S}], sum[{S}];
+  const real step = (real)(h / steps), half = R(0.5) * step;
+  int i, n;
+  input_stage(model, inputs, held);
+  for (i = 0; i < {S}; i++) z[i] = state[i];
+  for (n = 0; n < steps; n++) {{
+    state_stage(model, held, z, inputs, k);
+    for (i = 0; i < {S}; i++) {{ sum[i] = k[i]; at[i] = z[i] + half * k[i]; }}
+    state_stage(model, held, at, inputs, k);
+    for (i = 0; i < {S}; i++) {{ sum[i] += R(2.0) * k[i]; at[i] = z[i] + half * k[i]; }}
+    state_stage(model, held, at, inputs, k);
+    for (i = 0; i < {S}; i++) {{ sum[i] += R(2.0) * k[i]; at[i] = z[i] + step * k[i]; }}
+    state_stage(model, held, at, inputs, k);
+    for (i = 0; i < {S}; i++) z[i] += step / R(6.0) * (sum[i] + k[i]);
+  }}
+  if (!finite_state(z)) return 1;
+  for (i = 0; i < {S}; i++) state[i] = z[i];
+  return 0;
+}}
+
+int {p}_step(const {p}_model *model, real *state, const real *inputs, double h) {{
+  const int steps = steps_of(h);
+  return steps < 0 ? 1 : (steps == 0 ? 0 : advance(model, state, inputs, h, steps));
+}}
+
+int {p}_step_many(const {p}_model *model, int count, real *states, const real *inputs, double h) {{
+  int i, failed = 0;
+  for (i = 0; i < count; i++) failed += {p}_step(model, states + (size_t)i * {S}, inputs + (size_t)i * {C}, h);
+  return failed;
+}}
+""".replace("static int finite_state", f"{_ORDER}static int finite_state")
+
+    def _range(self) -> str:
+        """Distance to what the trials held."""
+        p, held = self.p, self.product.held
+        head = f"double {p}_extrapolation(const {p}_model *model, const real *state, const real *inputs)"
+        if not held:
+            return self._function(head, ["(void)model; (void)state; (void)inputs;", "return -1.0;"])
+        index, places = {name: i for i, name in enumerate(self.features)}, self.program.results[FEATURES]
+        u, v = (self.emitter.name(places[index[name]]) for name in "uv")
+        lines = [*self._body([FEATURES], COEFFICIENTS), f"double x[{len(held)}], most = 0.0;", "int i;"]
+        for k, name in enumerate(held):
+            if name in index:
+                lines.append(f"x[{k}] = (double)({self.emitter.name(places[index[name]])});")
+            else:  # the drift angle, which has no meaning near rest
+                fastest = max(abs(x) for x in held["u"])
+                lines.append(f"x[{k}] = {0.5 * sum(held[name])!r};")
+                lines.append(f"if ((double)({u} * {u} + {v} * {v}) > {(0.1 * fastest) ** 2!r})")
+                lines.append(f"  x[{k}] = atan2((double)(-({v})), (double)({u}));")
+        lines += [
+            f"for (i = 0; i < {len(held)}; i++) {{",
+            f"  const double low = {p}_range_lower[i], high = {p}_range_upper[i];",
+            "  const double size = 0.1 * (fabs(low) > fabs(high) ? fabs(low) : fabs(high));",
+            "  const double width = high - low > size ? high - low : size;",
+            "  const double beyond = x[i] > high ? x[i] - high : (x[i] < low ? low - x[i] : 0.0);",
+            "  const double share = beyond > 0.0 ? beyond / (width > 1e-12 ? width : 1e-12) : 0.0;",
+            "  if (share > most) most = share;",
+            "}",
+            "(void)model;",
+            "return most;",
+        ]
+        return self._function(head, lines)
+
+
+_ORDER = """/* whether the last byte of a number comes first in memory */
+static int bytes_reversed(void) {
+  const double one = 1.0;
+  unsigned char bytes[sizeof(double)];
+  memcpy(bytes, &one, sizeof one);
+  return bytes[0] != 0;
+}
+
+"""
+
+
+def c_files(product: Product) -> dict[str, str]:
+    """Text of the header and of the source of a ``product``, by file name; the same product gives the same bytes.
+
+    Raises UserError for an effect that C cannot hold and for equations that it cannot be written in.
+    """
+    for name in product.ship.effects:
+        if effect(name).input_delay(product.ship.parameters_of(name)) is not None:
+            late = f"feed it rudder and revolutions that late, and leave it out with --without {name}"
+            raise UserError(f"the effect {name} is an exact delay, which the C code does not hold: {late}")
+    source = Source(product)
+    text, p = source.text(), product.identifier
+    return {f"{p}.h": header_c(product, len(source.kept)), f"{p}.c": text}

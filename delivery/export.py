@@ -1,0 +1,106 @@
+"""Writing a product in one of the formats: whole or not at all, over something else only by force."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import secrets
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from delivery.product import Product
+from fitting.report.run_folder import write_json, write_whole
+from mmg.errors import UserError
+
+ABOUT = "product.json"
+"""File in every folder that is delivered: what the product is. A folder without it is never replaced."""
+
+
+@dataclass(frozen=True)
+class Format:
+    """A format: the module and the function in it that write, what comes of it, and a line for the help.
+
+    writer: "module:function" of ``function(product, target, **options) -> None``; it writes to ``target``, a folder
+    that exists and is empty, or a file that does not exist yet. suffix: of a file, "" for a folder. options: names of
+    further options that the function takes.
+    """
+
+    writer: str
+    summary: str
+    suffix: str = ""
+    options: tuple[str, ...] = ()
+
+    @property
+    def function(self) -> Callable[..., None]:
+        """The writer, imported when it is first asked for. Raises UserError where an optional library is missing."""
+        module, name = self.writer.split(":")
+        found: Callable[..., None] = getattr(import_module(module), name)
+        return found
+
+
+FORMATS: dict[str, Format] = {
+    "c": Format("delivery.c.package:write_c", "C99 and C++11 source, header and example (a folder)"),
+}
+"""The formats of ``mmg export`` by name."""
+
+
+def export(product: Product, form: str, out: str | Path, force: bool = False, **options: Any) -> None:
+    """Write ``product`` in the format ``form``, one of FORMATS, to ``out``: a file or a folder that appears whole.
+
+    force: replace a file, or a folder that an export wrote. options: of the format. Raises UserError for an unknown
+    format or option, for a target that exists or cannot be written, and for what the format cannot hold.
+    """
+    if form not in FORMATS:
+        raise UserError(f"--format {form}: no such format; choose one of {', '.join(FORMATS)}")
+    chosen, target = FORMATS[form], Path(out)
+    for name in sorted(set(options) - set(chosen.options)):
+        raise UserError(f"--{name.replace('_', '-')} does not belong to the format {form}")
+    check_target(target, chosen, force)
+
+    def fill(folder: Path) -> None:
+        chosen.function(product, folder, **options)
+        write_json(folder / ABOUT, {"format": form, **product.about()})
+
+    if chosen.suffix:
+        _write_file(target, lambda path: chosen.function(product, path, **options))
+    else:
+        write_whole(target, fill, replace=force)
+
+
+def check_target(target: Path, chosen: Format, force: bool) -> None:
+    """Raises UserError unless ``target`` can come to be, or by ``force`` be replaced. chosen: the format of it."""
+    if chosen.suffix and target.suffix.lower() != chosen.suffix:
+        raise UserError(f"--out {target}: the file must end in {chosen.suffix}")
+    if target.exists() or target.is_symlink():
+        if chosen.suffix and not target.is_file():
+            raise UserError(f"--out {target}: exists and is no ordinary file; choose another name")
+        if not chosen.suffix and not target.is_dir():
+            raise UserError(f"--out {target}: exists and is no folder; choose another name")
+        if not force:
+            raise UserError(f"--out {target}: exists already; choose another name or add --force")
+        if not chosen.suffix and any(target.iterdir()) and not (target / ABOUT).is_file():
+            raise UserError(f"--out {target}: holds files that mmg export did not write; choose another name")
+    parent = target.absolute().parent
+    while not parent.exists():
+        parent = parent.parent
+    if not parent.is_dir() or not os.access(parent, os.W_OK):
+        raise UserError(f"--out {target}: cannot be written ({parent} is no writable folder); choose another place")
+
+
+def _write_file(target: Path, write: Callable[[Path], None]) -> None:
+    """Let ``write`` make a file beside ``target`` that then takes its name."""
+    scratch = target.with_name(f".{target.stem}.{secrets.token_hex(4)}{target.suffix}")
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        write(scratch)
+        os.replace(scratch, target)
+    except OSError as error:
+        raise UserError(
+            f"--out {target}: cannot be written ({error.strerror or error}); choose another place"
+        ) from None
+    finally:
+        with contextlib.suppress(OSError):
+            scratch.unlink(missing_ok=True)

@@ -1,0 +1,1 @@
+"""The ship for MATLAB and Octave: a function, a struct of parameters, a MEX source."""

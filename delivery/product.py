@@ -1,0 +1,274 @@
+"""The ship to deliver: its equations, what is known of each coefficient, where it holds, and where it comes from."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from cases.shipfiles.ship_file import load_ship
+from cases.simulation.simulate import longest_step
+from fitting.report.run_folder import RESULT, read_result, versions
+from mmg.effects import effect
+from mmg.errors import UserError
+from mmg.messages import Message
+from mmg.model import Model, assemble
+from mmg.ship import Ship
+
+RESERVED = frozenset(
+    [
+        "alignas",
+        "alignof",
+        "and",
+        "asm",
+        "auto",
+        "bool",
+        "break",
+        "case",
+        "catch",
+        "char",
+        "class",
+        "compl",
+        "const",
+        "constexpr",
+        "continue",
+        "decltype",
+        "default",
+        "delete",
+        "do",
+        "double",
+        "else",
+        "enum",
+        "explicit",
+        "export",
+        "extern",
+        "false",
+        "float",
+        "for",
+        "friend",
+        "goto",
+        "if",
+        "inline",
+        "int",
+        "long",
+        "main",
+        "mutable",
+        "namespace",
+        "new",
+        "noexcept",
+        "not",
+        "nullptr",
+        "operator",
+        "or",
+        "private",
+        "protected",
+        "public",
+        "register",
+        "restrict",
+        "return",
+        "short",
+        "signed",
+        "sizeof",
+        "static",
+        "struct",
+        "switch",
+        "template",
+        "this",
+        "throw",
+        "true",
+        "try",
+        "typedef",
+        "typeid",
+        "typename",
+        "union",
+        "unsigned",
+        "using",
+        "virtual",
+        "void",
+        "volatile",
+        "wchar_t",
+        "while",
+        "xor",
+    ]
+)
+"""Words of C99 and C++11 that no name can be."""
+NAME_CHANGED, UNCALIBRATED, NOT_CONVERGED = "name_changed", "uncalibrated", "not_converged"
+PLACE, LEFT_OUT, NO_RANGE = "belongs_to_the_place", "left_out", "range_unknown"
+"""Codes of what is said of a product."""
+BLOCKING = (UNCALIBRATED, NOT_CONVERGED)
+"""Codes of caveats with which a ship leaves only by force."""
+
+
+@dataclass(frozen=True)
+class ProductCoefficient:
+    """A coefficient as it is delivered: a plain name for code beside its symbol; ``std`` None where it is not known.
+
+    identifier: of letters, digits and underscores, distinct within a product. verdict: how well the trials determine
+    it, "" before a calibration.
+    """
+
+    symbol: str
+    identifier: str
+    value: float
+    std: float | None
+    unit: str
+    lower: float
+    upper: float
+    fixed: bool
+    verdict: str
+    description: str
+    source: str
+
+
+@dataclass(frozen=True, eq=False)
+class Product:
+    """A ship that is to be delivered.
+
+    ship: plain, hybrid, with effects, as it is delivered. identifier: its name made a C identifier in lower case. held:
+    quantity (``ship.features`` and "beta") -> the range that the trials held (lower, upper), SI; empty where none is
+    known. provenance: run folder, when and by which command it was made, versions, hashes of the data, as plain
+    values. caveats: what a user of the product must know, each with a code.
+    """
+
+    ship: Ship
+    identifier: str
+    held: Mapping[str, tuple[float, float]]
+    provenance: Mapping[str, Any]
+    caveats: tuple[Message, ...]
+
+    @cached_property
+    def model(self) -> Model:
+        """Its right-hand side, all coefficients as arguments; that of a hybrid with its network."""
+        return assemble(self.ship)
+
+    @property
+    def coefficients(self) -> tuple[ProductCoefficient, ...]:
+        """Its coefficients in the order of the model's argument."""
+        known = self.ship.coefficients.values()
+        names = identifiers([c.symbol for c in known])
+        return tuple(
+            ProductCoefficient(
+                symbol=c.symbol,
+                identifier=name,
+                value=c.value,
+                std=c.std if c.std > 0 and not c.fixed else None,
+                unit=c.unit,
+                lower=c.lower,
+                upper=c.upper,
+                fixed=c.fixed,
+                verdict=c.verdict,
+                description=c.description,
+                source=c.source,
+            )
+            for c, name in zip(known, names, strict=True)
+        )
+
+    @property
+    def longest_step(self) -> float:
+        """The longest Runge-Kutta step [s]; longer samples are divided, as in ``mmg simulate``."""
+        return longest_step(self.ship)
+
+    def about(self) -> dict[str, Any]:
+        """What is said of it in a file beside the product: names, ranges, provenance, caveats; plain values."""
+        return {
+            "ship": self.ship.name,
+            "identifier": self.identifier,
+            "components": dict(self.ship.components),
+            "effects": list(self.ship.effects),
+            "hybrid": self.ship.network is not None,
+            "longest_step_s": self.longest_step,
+            "coefficients": {c.symbol: vars(c) for c in self.coefficients},
+            "range_of_the_trials": {name: list(pair) for name, pair in self.held.items()},
+            "provenance": dict(self.provenance),
+            "caveats": [{"code": m.code, "text": str(m)} for m in self.caveats],
+        }
+
+
+def product_of(where: str | Path, force: bool = False, without: Sequence[str] = ()) -> Product:
+    """The product of a run folder of fit or train, of a ship file, or of a ship of the library.
+
+    where: as ``load_ship`` takes it. force: deliver what did not converge or was never calibrated, and say so in its
+    caveats. without: effects to leave out. Raises UserError for a ship that cannot be read, for one that only leaves
+    by force, and for an effect that it does not have.
+    """
+    place = _run_folder(Path(where))
+    content = read_result(place) if place else {}
+    ship = load_ship(place or where)
+    caveats = [*_blocking(str(where), ship, content)]
+    if caveats and not force:
+        raise UserError(f"{caveats[0]}; calibrate it with mmg fit, or export it as it is with --force")
+    for name in without:
+        if name not in ship.effects:
+            known = ", ".join(ship.effects) or "none"
+            raise UserError(f"--without {name}: the ship has no such effect; it has {known}")
+        ship = ship.without_effect(name)
+        caveats.append(Message(f"the effect {name} of the calibrated ship is left out", LEFT_OUT))
+    for name in ship.effects:
+        if effect(name).surroundings:
+            words = f"the effect {name} belongs to the place and the days of the trials; set it to zero elsewhere"
+            caveats.append(Message(words, PLACE))
+    identifier = identifiers([ship.name or "ship"])[0].lower()
+    if identifier != ship.name:
+        words = f"the ship's name '{ship.name}' is no lower-case identifier: names in the code begin with {identifier}"
+        caveats.append(Message(words, NAME_CHANGED))
+    held = _held(content)
+    if not held:
+        words = "no record says which range the trials held, so nothing can say when the ship extrapolates"
+        caveats.append(Message(words, NO_RANGE))
+    return Product(ship, identifier, held, _provenance(str(where), content), tuple(caveats))
+
+
+def identifiers(names: Sequence[str]) -> list[str]:
+    """C identifiers made of ``names``, distinct: other characters become underscores, reserved words get one more."""
+    made: list[str] = []
+    for name in names:
+        plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
+        word = re.sub(r"\W+", "_", plain, flags=re.ASCII).strip("_") or "ship"
+        word = f"ship_{word}" if word[0].isdigit() else word
+        word = f"{word}_" if word.lower() in RESERVED else word
+        taken, stem, count = {w.lower() for w in made}, word, 2
+        while word.lower() in taken and stem.lower() not in {n.lower() for n in names if n != name}:
+            word, count = f"{stem}_{count}", count + 1
+        made.append(word)
+    return made
+
+
+def _run_folder(where: Path) -> Path | None:
+    """The run folder that ``where`` is, or whose ship.toml it is; None for a ship on its own."""
+    folder = where if where.is_dir() else where.parent if where.name == "ship.toml" else None
+    return folder if folder is not None and (folder / RESULT).is_file() else None
+
+
+def _blocking(where: str, ship: Ship, content: Mapping[str, Any]) -> list[Message]:
+    """What keeps a ship from leaving unless by force."""
+    if content.get("converged") is False:
+        return [Message(f"{where}: its calibration did not converge ({content.get('status')})", NOT_CONVERGED)]
+    if not content and not any(c.verdict for c in ship.coefficients.values()):
+        return [Message(f"{where}: the ship {ship.name} is not calibrated on trials", UNCALIBRATED)]
+    return []
+
+
+def _held(content: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
+    """The range of each quantity that a run folder's record holds."""
+    found = content.get("envelope")
+    rows = found.items() if isinstance(found, dict) else ()
+    return {name: (float(low), float(high)) for name, (low, high) in rows}
+
+
+def _provenance(where: str, content: Mapping[str, Any]) -> dict[str, Any]:
+    """Where a product comes from, as plain values."""
+    rows = content.get("data")
+    data = [{k: row.get(k) for k in ("name", "sha256", "duration_s")} for row in rows] if isinstance(rows, list) else []
+    return {
+        "source": where,
+        "kind": content.get("kind", "ship file"),
+        "created": content.get("created"),
+        "command": content.get("command"),
+        "versions_of_the_run": content.get("versions", {}),
+        "versions_of_the_export": versions(),
+        "data": data,
+    }

@@ -1,0 +1,148 @@
+"""The exported C gives the numbers of Python."""
+
+from __future__ import annotations
+
+from functools import cache
+from itertools import pairwise
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from cases.shipfiles.ship_file import load_ship
+from mmg.model import columns, states_behind
+from mmg.network import Layers, Network
+from mmg.rollout import Simulator
+from mmg.ship import Ship
+from tests.support.c_products import Compiled, compiled, product
+
+REMEMBERING = ("rudder_lag", "rudder_backlash", "hull_memory", "velocity_lag", "current", "gyro")
+
+
+def hybrid(members: int = 1, widths: tuple[int, ...] = (32, 32), name: str = "esso_osaka_3m") -> Ship:
+    """A ship of the library with a network of random weights."""
+    rng, ship = np.random.default_rng(7), load_ship(name)
+    chosen = ship.features[::-1]
+    sizes = (len(chosen), *widths, 3)
+    layers = tuple(
+        Layers(
+            tuple(rng.normal(size=(b, a)) / np.sqrt(a) for a, b in pairwise(sizes)),
+            tuple(rng.normal(size=b) for b in sizes[1:-1]),
+        )
+        for _ in range(members)
+    )
+    scales, limit = rng.uniform(0.3, 2.0, len(chosen)), np.full(len(chosen), np.inf)
+    return ship.with_network(Network(chosen, scales, layers, np.array([2e-3, 2e-3, 1e-3]), -limit, limit))
+
+
+def remembering() -> Ship:
+    """A ship with effects that remember."""
+    ship = load_ship("esso_osaka_3m")
+    for name in REMEMBERING:
+        ship = ship.with_effect(name)
+        first = next(s for s in ship.symbols if s.startswith(f"{name}."))
+        c = ship.coefficients[first]
+        ship = ship.with_values({first: c.value + 0.1 * c.std})
+    return ship
+
+
+SHIPS = {
+    "esso_osaka_3m": lambda: load_ship("esso_osaka_3m"),
+    "kvlcc2_l7": lambda: load_ship("kvlcc2_l7"),
+    "kvlcc2_full": lambda: load_ship("kvlcc2_full"),
+    "mariner": lambda: load_ship("mariner"),
+    "twin rudders": lambda: load_ship("vectwin_3m"),
+    "hybrid": hybrid,
+    "hybrid of three networks of one layer": lambda: hybrid(3, (6,)),
+    "hybrid of three layers": lambda: hybrid(1, (5, 7, 4)),
+    "effects that remember": remembering,
+}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("c")
+
+
+@cache
+def ship_of(name: str) -> Ship:
+    found: Ship = SHIPS[name]()
+    return found
+
+
+@pytest.fixture(scope="module", params=list(SHIPS))
+def ship(request: pytest.FixtureRequest, folder: Path) -> Compiled:
+    return compiled(product(ship_of(request.param)), folder)
+
+
+def points(of: Ship, count: int = 20) -> tuple[np.ndarray, np.ndarray]:
+    """Logged columns (count, 6) and inputs (count, C) anywhere a ship may be, at rest and astern too."""
+    rng, L = np.random.default_rng(3), of.particulars["L"]
+    fast = np.sqrt(9.81 * L)
+    six = rng.normal(size=(count, 6)) * [L, L, 2.0, 0.15 * fast, 0.05 * fast, 0.1 * fast / L]
+    sizes = [0.5 if "delta" in name or name == "azimuth" else 4.0 if name.startswith("wind") else 10.0 * np.sqrt(3 / L)
+             for name in of.inputs]  # fmt: skip
+    inputs = rng.normal(size=(count, len(of.inputs))) * sizes
+    six[0] = inputs[0] = 0.0
+    return six, inputs
+
+
+def close(found: np.ndarray, expected: np.ndarray, tolerance: float = 1e-12) -> bool:
+    """Whether each row differs by at most ``tolerance`` of its largest number."""
+    found, expected = np.atleast_2d(found), np.atleast_2d(expected)
+    size = np.abs(expected).max(axis=-1, keepdims=True)
+    return bool((np.abs(found - expected) <= tolerance * np.maximum(size, 1e-3)).all())
+
+
+def test_rates_forces_columns_and_memory_agree_with_python(ship: Compiled) -> None:
+    model, theta = ship.of.model, ship.of.ship.values
+    for six, inputs in zip(*points(ship.of.ship), strict=True):
+        state = states_behind(model, six[:, None], inputs[:, None], theta)[:, 0]
+        assert close(ship.settle(six, inputs), state)
+        assert close(ship.rates(state, inputs), np.array(model.rates(state, inputs, theta)).ravel())
+        assert close(ship.forces(state, inputs).T, np.array(model.forces(state, inputs, theta)).T)
+        assert close(ship.columns(state), columns(model, state[:, None], theta)[:, 0])
+
+
+def test_jacobians_agree_with_python(ship: Compiled) -> None:
+    model, theta = ship.of.model, ship.of.ship.values
+    z, c = ca.SX.sym("z", len(model.states)), ca.SX.sym("c", len(model.controls))
+    rates = model.rates(z, c, theta)
+    exact = ca.Function("jacobians", [z, c], [ca.jacobian(rates, z), ca.jacobian(rates, c)])
+    for six, inputs in zip(*points(ship.of.ship), strict=True):
+        state = states_behind(model, six[:, None], inputs[:, None], theta)[:, 0]
+        for found, expected in zip(ship.jacobians(state, inputs), exact(state, inputs), strict=True):
+            assert close(found, np.array(expected))
+
+
+def test_other_coefficients_agree_with_python(ship: Compiled) -> None:
+    model, rng = ship.of.model, np.random.default_rng(5)
+    theta = ship.of.ship.values * rng.uniform(0.9, 1.1, len(model.symbols))
+    six, inputs = (a[1] for a in points(ship.of.ship))
+    state = states_behind(model, six[:, None], inputs[:, None], theta)[:, 0]
+    ship.init(theta)
+    assert close(ship.rates(state, inputs), np.array(model.rates(state, inputs, theta)).ravel())
+    ship.init()
+    assert close(ship.rates(state, inputs), np.array(model.rates(state, inputs, ship.of.ship.values)).ravel())
+
+
+@pytest.mark.parametrize("name", list(SHIPS))
+def test_600_s_agree_with_the_simulator(name: str, folder: Path) -> None:
+    ship = compiled(product(ship_of(name)), folder)
+    h, L = 0.5, ship.of.ship.particulars["L"]
+    parts = max(1, int(np.ceil(h / ship.of.longest_step - 1e-9)))
+    start = np.array([0.0, 0.0, 0.3, 0.1 * np.sqrt(9.81 * L), 0.0, 0.0])
+    rng = np.random.default_rng(11)
+    held = np.repeat(rng.normal(size=(30, len(ship.of.model.controls))), 40, axis=0)
+    names = ship.of.model.controls
+    held *= [0.3 if "delta" in n or n == "azimuth" else 1.0 if n.startswith("wind") else 0.0 for n in names]
+    held[:, [n in ("n", "n_2") for n in names]] = (
+        0.12 * np.sqrt(9.81 * L) / (0.6 * ship.of.ship.particulars.get("D_P", 1.0))
+    )
+    state = ship.settle(start, held[0])
+    python = Simulator(ship.of.ship).run(state[:, None], np.repeat(held, parts, axis=0)[:, :, None], h / parts)
+    for k, inputs in enumerate(held, 1):
+        state, code = ship.step(state, inputs, h)
+        assert code == 0
+        assert np.abs(state - python[k * parts, :, 0]).max() < 1e-9, k

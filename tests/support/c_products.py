@@ -1,0 +1,139 @@
+"""An exported ship compiled and called from Python, shared by the tests of delivery/."""
+
+from __future__ import annotations
+
+import ctypes
+import shutil
+import subprocess
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cases.shipfiles.ship_file import load_ship
+from delivery.c.source import c_files
+from delivery.product import Product, product_of
+from mmg.ship import Ship
+
+STRICT = ("-Wall", "-Wextra", "-Werror", "-pedantic", "-Wconversion")
+COMPILERS = {
+    "gcc, C": ("gcc", "-std=c99"),
+    "clang, C": ("clang", "-std=c99"),
+    "gcc, C++": ("g++", "-std=c++11", "-x", "c++"),
+    "clang, C++": ("clang++", "-std=c++11", "-x", "c++"),
+}
+HELD = {"u": (0.1, 0.9), "v": (-0.2, 0.2), "r": (-0.1, 0.1), "beta": (-0.4, 0.4)}
+
+
+def product(ship: Ship | str, held: dict[str, tuple[float, float]] | None = None) -> Product:
+    """A product of a ship as if the trials had held the range ``held``."""
+    found = load_ship(ship) if isinstance(ship, str) else ship
+    return Product(
+        found,
+        found.name.replace("-", "_") or "ship",
+        HELD if held is None else held,
+        {"source": "test", "kind": "test"},
+        (),
+    )
+
+
+def library_product(name: str) -> Product:
+    """The product of a ship of the library, by force."""
+    return product_of(name, force=True)
+
+
+def compiler(which: str) -> Sequence[str]:
+    """The command of a compiler; the test is skipped where it is missing."""
+    command = COMPILERS[which]
+    if shutil.which(command[0]) is None:
+        pytest.skip(f"{command[0]} is missing")
+    return command
+
+
+def write_files(of: Product, folder: Path) -> Path:
+    """Header and source in ``folder``; returns the path of the source."""
+    for name, text in c_files(of).items():
+        (folder / name).write_text(text, encoding="utf-8")
+    return folder / f"{of.identifier}.c"
+
+
+@dataclass
+class Compiled:
+    """A compiled ship: its functions on numpy arrays."""
+
+    of: Product
+    library: ctypes.CDLL
+    real: Any
+    model: Any
+
+    def _call(self, name: str, *given: Any, size: int = 0) -> np.ndarray:
+        out = np.full(size, np.nan, dtype=self.real)
+        arrays = [np.ascontiguousarray(a, dtype=self.real) for a in given]
+        pointers = [a.ctypes.data_as(ctypes.c_void_p) for a in (*arrays, out)]
+        getattr(self.library, f"{self.of.identifier}_{name}")(self.model, *pointers)
+        return out
+
+    def init(self, coefficients: np.ndarray | None = None) -> None:
+        array = None if coefficients is None else np.ascontiguousarray(coefficients, dtype=self.real)
+        pointer = None if array is None else array.ctypes.data_as(ctypes.c_void_p)
+        getattr(self.library, f"{self.of.identifier}_init")(self.model, pointer)
+
+    def settle(self, columns: np.ndarray, inputs: np.ndarray) -> np.ndarray:
+        return self._call("settle", columns, inputs, size=len(self.of.model.states))
+
+    def rates(self, state: np.ndarray, inputs: np.ndarray) -> np.ndarray:
+        return self._call("rates", state, inputs, size=len(self.of.model.states))
+
+    def forces(self, state: np.ndarray, inputs: np.ndarray) -> np.ndarray:
+        return self._call("forces", state, inputs, size=3 * len(self.of.model.roles)).reshape(-1, 3)
+
+    def columns(self, state: np.ndarray) -> np.ndarray:
+        return self._call("columns", state, size=6)
+
+    def jacobians(self, state: np.ndarray, inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        S, C = len(self.of.model.states), len(self.of.model.controls)
+        by_inputs = np.full(S * C, np.nan, dtype=self.real)
+        by_state = np.full(S * S, np.nan, dtype=self.real)
+        arrays = [np.ascontiguousarray(a, dtype=self.real) for a in (state, inputs)]
+        pointers = [a.ctypes.data_as(ctypes.c_void_p) for a in (*arrays, by_state, by_inputs)]
+        getattr(self.library, f"{self.of.identifier}_jacobians")(self.model, *pointers)
+        return by_state.reshape(S, S), by_inputs.reshape(S, C)
+
+    def step(self, state: np.ndarray, inputs: np.ndarray, h: float) -> tuple[np.ndarray, int]:
+        """The next state, and what the step returns."""
+        z, c = (np.array(a, dtype=self.real) for a in (state, inputs))
+        code = getattr(self.library, f"{self.of.identifier}_step")(
+            self.model, z.ctypes.data_as(ctypes.c_void_p), c.ctypes.data_as(ctypes.c_void_p), ctypes.c_double(h)
+        )
+        return z, code
+
+    def step_many(self, states: np.ndarray, inputs: np.ndarray, h: float) -> tuple[np.ndarray, int]:
+        """The next states (M, S) of ships with inputs (M, C), and what the step returns."""
+        z, c = (np.array(a, dtype=self.real) for a in (states, inputs))
+        code = getattr(self.library, f"{self.of.identifier}_step_many")(
+            self.model, len(z), z.ctypes.data_as(ctypes.c_void_p), c.ctypes.data_as(ctypes.c_void_p), ctypes.c_double(h)
+        )
+        return z, code
+
+    def extrapolation(self, state: np.ndarray, inputs: np.ndarray) -> float:
+        function = getattr(self.library, f"{self.of.identifier}_extrapolation")
+        function.restype = ctypes.c_double
+        arrays = [np.ascontiguousarray(a, dtype=self.real) for a in (state, inputs)]
+        return float(function(self.model, *[a.ctypes.data_as(ctypes.c_void_p) for a in arrays]))
+
+
+def compiled(
+    of: Product, folder: Path, which: str = "gcc, C", flags: Sequence[str] = ("-O2",), single: bool = False
+) -> Compiled:
+    """The product as a shared library of the C compiler ``which``, initialised with its own coefficients."""
+    command = compiler(which)
+    source, target = write_files(of, folder), folder / f"ship{len(list(folder.iterdir()))}.so"
+    more = [f"-D{of.identifier.upper()}_SINGLE"] if single else []
+    subprocess.run([*command, *flags, *more, "-shared", "-fPIC", str(source), "-lm", "-o", str(target)], check=True)
+    real = np.float32 if single else np.float64
+    ship = Compiled(of, ctypes.CDLL(str(target)), real, ctypes.create_string_buffer(1 << 20))
+    ship.init()
+    return ship
