@@ -3,7 +3,8 @@
 A ship file is TOML: ``[ship]`` particulars (SI), ``[model]`` the force model of each role, and one table
 ``[coefficients.NAME]`` per coefficient with ``value``, ``std``, ``lower``, ``upper``, ``unit`` or ``prime``, ``fixed``,
 ``source``, and after a fit ``verdict``, ``prior_value`` and ``prior_std``. A coefficient that is left out takes the
-default of its force model; for the wind model that is the regression on the particulars.
+default of its force model; for the wind model that is the regression on the particulars. A table ``[network]`` holds
+the learned residual of a hybrid ship (``network_table``). The same tables are read from JSON (``ship_json``).
 """
 
 from __future__ import annotations
@@ -11,10 +12,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from cases.io.files import read_json
 from cases.io.toml_file import checked, header, parse_toml, read_toml, refuse, unknown
 from cases.shipfiles.network_file import NETWORK, is_black_box, load_network
+from cases.shipfiles.network_table import NetworkTable, network_of, network_text
 from cases.shipfiles.particulars import wrong_particulars
 from cases.shipfiles.schema import CoefficientEntry, ShipFile
+from cases.shipfiles.ship_json import tables
 from mmg.components.catalogue import ROLES, coefficient_table, derived, required_particulars
 from mmg.components.coefficients import Coefficient
 from mmg.components.particulars import PARTICULARS
@@ -46,7 +50,8 @@ def load_ship(where: str | Path) -> Ship:
     if not path.is_file():
         names = ", ".join(library())
         raise UserError(f"{where}: no such ship: give a ship file, a run folder, or one of {names}")
-    ship = _ship(read_toml(path), str(path))
+    data = tables(read_json(path), str(path)) if path.suffix.lower() == ".json" else read_toml(path)
+    ship = _ship(data, str(path), path.parent)
     return ship.with_network(load_network(network, ship)) if network and network.exists() else ship
 
 
@@ -58,8 +63,23 @@ def parse_ship(text: str, where: str = "ship file") -> Ship:
     return _ship(parse_toml(text, where), where)
 
 
-def _ship(data: dict[str, Any], where: str) -> Ship:
-    """The ship in the tables of a file."""
+def _ship(data: dict[str, Any], where: str, folder: Path | None = None) -> Ship:
+    """The ship in the tables of a file, and in ``folder`` its network where it names one."""
+    network = data.get("network")
+    ship = _plain_ship({key: value for key, value in data.items() if key != "network"}, where)
+    if network is None:
+        return ship
+    table, problems = checked(NetworkTable, network)
+    refuse(where, [f"[network] {sentence}" for sentence in problems])
+    assert table is not None
+    try:
+        return ship.with_network(network_of(table, ship, folder))
+    except UserError as error:
+        raise UserError(f"{where}: {error}") from None
+
+
+def _plain_ship(data: dict[str, Any], where: str) -> Ship:
+    """The ship in the tables of a file, without a network."""
     content, problems = checked(ShipFile, data)
     if content is None:
         refuse(where, problems)
@@ -163,8 +183,17 @@ def _coefficient(entry: CoefficientEntry, default: Coefficient) -> tuple[Coeffic
     return c.with_(fixed=entry.fixed or c.std == 0 or c.lower == c.upper), [], notices
 
 
+def dump_whole_ship(ship: Ship, comment: str = "") -> str:
+    """As ``dump_ship``, with the network of a hybrid ``ship`` in a table of its own. comment: words at the top."""
+    text = dump_ship(ship, comment)
+    return text if ship.network is None else f"{text.rstrip()}\n\n{network_text(ship.network)}"
+
+
 def dump_ship(ship: Ship, comment: str = "") -> str:
-    """The text of the ship file of ``ship``, under a ``comment``; ``parse_ship`` of it gives back the same ship."""
+    """The text of the ship file of ``ship``, under a ``comment``; ``parse_ship`` of it gives back the same ship.
+
+    Its network is left out, as a run folder keeps that in a file of its own.
+    """
     import tomlkit
 
     document = tomlkit.document()

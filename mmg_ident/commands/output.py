@@ -105,14 +105,14 @@ def end_progress() -> None:
 
 
 def is_model(argument: str) -> bool:
-    """Whether ``argument`` is a library ship, a ship file (.toml), or a folder with a ship.toml or a black box."""
+    """Whether ``argument`` is a library ship, a ship file, or a folder with a ship.toml or a black box."""
     from cases.shipfiles.network_file import is_black_box
     from cases.shipfiles.ship_file import library
 
     path = Path(argument)
     if path.is_dir():
         return (path / "ship.toml").exists() or is_black_box(path)
-    return argument in library() or path.suffix.lower() == ".toml"
+    return argument in library() or path.suffix.lower() in (".toml", ".json")
 
 
 def names_of(text: Iterable[str] | None) -> list[str]:
