@@ -13,6 +13,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from cases.shipfiles.ship_file import dump_ship, load_ship
 from diagnosis.findings import SCHEMA_VERSION, DiagnosisInputs, DiagnosisRecord, Findings
+from diagnosis.report.missing_force import FILE, missing_force, missing_force_text
 from fitting.report.run_folder import check_target, write_json, write_whole
 from mmg.errors import UserError
 from mmg.messages import messages_from
@@ -45,7 +46,8 @@ class Diagnosis(Findings):
         return html_table(f"{self.verdict}: {self.sentence}", list(table.columns), table.itertuples(index=False))
 
     def save(self, folder: Path | str, replace: bool = False) -> None:
-        """Write diagnosis.json, result.json and ship.toml to ``folder``, whole or not at all; then figures and page.
+        """Write diagnosis.json, result.json, ship.toml and, where the fit is known, missing_force.csv to ``folder``,
+        whole or not at all; then figures and page.
 
         replace: an existing folder is replaced. A figure or page that fails is a warning. Raises UserError where the
         folder exists otherwise, or cannot be written.
@@ -72,6 +74,8 @@ class Diagnosis(Findings):
             (scratch / SHIP).write_text(dump_ship(self.ship, "refitted by mmg diagnose"), encoding="utf-8")
             write_json(scratch / CONTENT, self.to_dict())
             write_json(scratch / RESULT, result([], []))
+            if found := missing_force(self):
+                (scratch / FILE).write_text(missing_force_text(found), encoding="utf-8")
 
         write_whole(folder, fill, replace)
         made = page.write_report(self, folder)

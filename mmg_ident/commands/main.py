@@ -52,7 +52,7 @@ from mmg_ident.shadow import shadowing_mmg
 
 HEAVY, LEAST_MEMORY = ("demo", "fit", "train", "compare", "diagnose"), 1.5 * 2**30
 """Verbs that need more memory than this [bytes]; with less the libraries they use neither end nor answer Ctrl-C."""
-MANY = ("--validate", "--train", "--test", "--sigma-from", "--new")
+MANY = ("--validate", "--train", "--test", "--sigma-from", "--new", "--trials")
 """Options that take several values after one name: ``--validate a.csv b.csv``."""
 
 
@@ -89,6 +89,7 @@ VERBS = {
     "diagnose": "Say which effect a model lacks, where the gap lies and how far it shrinks.",
     "export": "Deliver a calibrated or hybrid ship: C and other formats that run elsewhere.",
     "report": "Write one HTML page on a run, or on several side by side.",
+    "view": "Write one interactive page: tracks, histories, bands and forces.",
 }
 """Verb -> its line in ``mmg --help``, in that order; each has a module and a function of its name in this folder."""
 

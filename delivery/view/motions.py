@@ -1,0 +1,149 @@
+"""What the page holds of a trial: measured columns, predictions of each model over windows, forces along the motion."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cases.inputs import model_inputs
+from cases.trial import Trial
+from delivery.view.encode import packed, packed_times
+from delivery.view.sources import Campaign, ViewModel
+from diagnosis.report.missing_force import MissingForce
+from fitting.prediction.predict import Window, predict_all, record_of
+from mmg.components.rigid_body import inertia
+from mmg.model import states_behind
+from mmg.rollout import Simulator
+
+NETWORK = "learned residual"
+"""Role under which the accelerations of a network, times the masses, are shown."""
+BUDGET = 10e6
+"""Bytes of all runs of a page together, about."""
+FEWEST, MOST = 120, 1000
+"""Rows of a run: fewer are not shown than the first, and more than the second no screen resolves."""
+
+
+@dataclass(frozen=True)
+class Predictions:
+    """Windows of all trials by one model: [window length][trial] -> windows; forces: [trial] -> role -> (N, 3)."""
+
+    windows: list[list[list[Window]]]
+    forces: list[dict[str, np.ndarray]]
+
+
+def predictions(model: ViewModel, trials: Sequence[Trial], lengths: Sequence[float]) -> Predictions:
+    """What ``model`` predicts of ``trials``, in windows of each of ``lengths`` [s] (0: the whole run) end to end.
+
+    Raises UserError for a trial that lacks an input of the model.
+    """
+    simulator = model.predictor
+    longest = max(trial.duration for trial in trials) + 1.0
+    windows = []
+    for length in lengths:
+        stride = length or longest
+        bands = model.bands if isinstance(simulator, Simulator) else None
+        found = predict_all(simulator, trials, length, stride, short_last=True, bands=bands)
+        windows.append([own for own, _ in found])
+    forces = [forces_along(simulator, trial) if isinstance(simulator, Simulator) else {} for trial in trials]
+    return Predictions(windows, forces)
+
+
+def forces_along(simulator: Simulator, trial: Trial) -> dict[str, np.ndarray]:
+    """Force of each component along the measured motion of ``trial``, role -> (N, 3): X, Y [N], N [N m], body axes.
+
+    simulator: of the ship; what its effects remember is taken as settled at each sample. NaN where a state or an input
+    is missing. The accelerations of a network are shown as the force that they stand for.
+    """
+    ship, model = simulator.ship, simulator.model
+    record = record_of(trial, ship.inputs)
+    good = record.good
+    logged, controls, values = record.states[good].T, record.controls[good].T, ship.values
+    if not good.any():
+        return {}
+    states = states_behind(model, logged, controls, values)
+    rows = np.array(model.forces(states, controls, values)).reshape(len(model.roles), -1, 3)
+
+    def whole(part: np.ndarray) -> np.ndarray:
+        result = np.full((len(good), 3), np.nan)
+        result[good] = part
+        return result
+
+    found = {role: whole(rows[i]) for i, role in enumerate(model.roles)}
+    if ship.network is not None:
+        without = Simulator(ship.without_network(), compiled=simulator.compiled)
+        added = simulator.rates(states, controls)[3:6] - without.rates(states, controls)[3:6]
+        mass = inertia(ship.namespace, type(ship.namespace)(**{s: c.value for s, c in ship.coefficients.items()}))
+        X, Y = (mass.m + mass.m_x) * added[0], (mass.m + mass.m_y) * added[1] + mass.moment * added[2]
+        found[NETWORK] = whole(np.column_stack([X, Y, mass.I_z * added[2] + mass.moment * added[1]]))
+    return found
+
+
+def rows_per_run(campaign: Campaign, lengths: Sequence[float], roles: Sequence[Sequence[str]]) -> int:
+    """Rows of each run for which the page stays within its budget.
+
+    campaign: what is shown; lengths: of windows; roles: of each model.
+    """
+    columns = 10.0 + sum(len(lengths) * (12 if m.bands else 6) for m in campaign.models) + 3 * sum(map(len, roles))
+    return int(np.clip(BUDGET / (len(campaign.trials) * columns * 2 * 4 / 3), FEWEST, MOST))
+
+
+def shown_rows(count: int, starts: Sequence[int], most: int) -> np.ndarray:
+    """Rows (K,) of a trial of ``count`` samples that the page shows: evenly spaced, with the ``starts`` of windows and
+    the last one; K is about ``most``."""
+    even = np.arange(0, count, max(1, -(-count // most)))
+    return np.unique(np.concatenate([even, np.asarray(starts, dtype=int), [count - 1]]))
+
+
+def run_content(
+    trial: Trial,
+    inputs: Sequence[str],
+    found: Sequence[tuple[list[list[Window]], Mapping[str, np.ndarray]]],
+    most: int,
+    missing: MissingForce | None = None,
+) -> dict[str, Any]:
+    """The columns of one ``trial``, as the script of the page reads them.
+
+    inputs: names of the inputs of the models; found: for each model the windows by window length and the forces (N, 3)
+    by role; most: rows, about; missing: force that a diagnosis found missing.
+    """
+    starts = [w.first for windows, _ in found for own in windows for w in own]
+    rows = shown_rows(len(trial), starts, most)
+    columns = dict(zip(inputs, model_inputs(trial, inputs).array.T, strict=True))
+    shown = [name for name in inputs if name != "time"]
+    content: dict[str, Any] = {
+        "t": packed_times(trial.t[rows] - trial.t[0]),
+        "measured": [packed(column) for column in trial.states[rows].T],
+        "inputs": [packed(columns[name][rows]) for name in shown],
+        "models": [
+            {
+                "windows": [_window_columns(own, rows) for own in windows],
+                "forces": [[packed(column) for column in force[rows].T] for force in forces.values()],
+            }
+            for windows, forces in found
+        ],
+    }
+    if missing is not None:
+        content["missing"] = {"t": packed_times(missing.t), "force": [packed(column) for column in missing.force.T]}
+    return content
+
+
+def _window_columns(windows: Sequence[Window], rows: np.ndarray) -> dict[str, Any]:
+    """The windows joined at the shown ``rows``: where they start, the six states, their deviations if known."""
+    states = np.full((len(rows), 6), np.nan)
+    deviations = np.full((len(rows), 6), np.nan)
+    starts = []
+    for window in windows:
+        inside = np.flatnonzero((rows >= window.first) & (rows <= window.last))
+        if not len(inside):
+            continue
+        starts.append(int(inside[0]))
+        states[inside] = window.states[rows[inside] - window.first]
+        if window.std is not None:
+            deviations[inside] = window.std[rows[inside] - window.first]
+    content: dict[str, Any] = {"starts": starts, "states": [packed(column) for column in states.T]}
+    if any(window.std is not None for window in windows):
+        content["std"] = [packed(column) for column in deviations.T]
+    return content
