@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import TypeAdapter, ValidationError
 
+from cases.io.files import read_json
 from cases.shipfiles.ship_file import dump_ship, load_ship
 from diagnosis.findings import SCHEMA_VERSION, DiagnosisInputs, DiagnosisRecord, Findings
 from diagnosis.report.missing_force import FILE, missing_force, missing_force_text
+from fitting.record import MessageRow
 from fitting.report.run_folder import check_target, write_json, write_whole
 from mmg.errors import UserError
 from mmg.messages import messages_from
@@ -88,7 +90,7 @@ class _Content(DiagnosisRecord):
 
     schema_version: Literal[1]
     verdict: Literal["none", "named", "unknown"]
-    messages: tuple[dict[str, str], ...]
+    messages: tuple[MessageRow, ...]
 
 
 def read_diagnosis(folder: Path | str) -> Diagnosis:
@@ -100,7 +102,7 @@ def read_diagnosis(folder: Path | str) -> Diagnosis:
     content = _checked(_Content, folder / CONTENT)
     record = {f.name: getattr(content, f.name) for f in fields(DiagnosisRecord)}
     return Diagnosis(
-        **record | {"warnings": messages_from(content.messages)},
+        **record | {"warnings": messages_from(vars(row) for row in content.messages)},
         inputs=_checked(DiagnosisInputs, folder / RESULT),
         ship=load_ship(folder / SHIP),
     )
@@ -108,13 +110,16 @@ def read_diagnosis(folder: Path | str) -> Diagnosis:
 
 def _checked(kind: Any, path: Path) -> Any:
     """The content of a JSON file as ``kind``."""
+    if not path.exists():
+        raise UserError(f"{path.parent}: holds no diagnosis (no {path.name} in it)")
     try:
-        return TypeAdapter(kind).validate_python(json.loads(path.read_text(encoding="utf-8")))
+        return _adapter(kind).validate_python(read_json(path))
     except ValidationError as error:
         rows = [(".".join(str(x) for x in e["loc"]) or "it", e["msg"], e["input"]) for e in error.errors()]
         wrong = [f"{key}: {words}" + ("" if isinstance(x, (dict, list)) else f", not {x!r}") for key, words, x in rows]
         raise UserError(f"{path}: {'; '.join(wrong)}") from None
-    except FileNotFoundError:
-        raise UserError(f"{path.parent}: holds no diagnosis (no {path.name} in it)") from None
-    except (OSError, ValueError) as error:
-        raise UserError(f"{path}: cannot be read ({error})") from None
+
+
+@cache
+def _adapter(kind: Any) -> TypeAdapter[Any]:
+    return TypeAdapter(kind)

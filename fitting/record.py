@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -198,9 +199,7 @@ class FitRecord:
     @classmethod
     def of(cls, content: Mapping[str, Any]) -> FitRecord:
         """The record with the attributes in ``content``, plain or typed. Raises pydantic's error for wrong ones."""
-        from pydantic import TypeAdapter
-
-        return TypeAdapter(FitRecord).validate_json(json.dumps(plain(content)), strict=True)
+        return _adapter().validate_json(json.dumps(plain(content)), strict=True)
 
     @property
     def warnings(self) -> tuple[Message, ...]:
@@ -241,6 +240,13 @@ class FitObjects:
     trials: tuple[Trial, ...]
     validation: tuple[Trial, ...] = ()
     next_trial: NextTrial | None = None
+
+
+@cache
+def _adapter() -> Any:
+    from pydantic import TypeAdapter
+
+    return TypeAdapter(FitRecord)
 
 
 def read_record(path: Path, content: Mapping[str, Any]) -> FitRecord:

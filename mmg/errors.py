@@ -19,11 +19,11 @@ class UserError(Exception):
 
     The command line prints its text as one line and exits with code 2; the library raises it.
     The text says what is wrong, where (file, column, row, key), and what to do about it; words of a file that would
-    steer a terminal are shown escaped, and of more than LONGEST characters the middle is left out.
+    steer a terminal or begin another line are shown escaped. Of more than LONGEST characters the middle is left out.
     """
 
     def __init__(self, text: object = "") -> None:
-        words = printable(str(text))
+        words = printable(str(text)).replace("\n", "\\n")
         super().__init__(words if len(words) <= LONGEST else f"{words[: LONGEST - 500]} ... {words[-490:]}")
 
 

@@ -12,6 +12,7 @@ import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from dataclasses import replace as changed
+from functools import cache
 from math import nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -237,6 +238,11 @@ _BUILT = {
 """Keys of result.json that every training may have; the others are its details."""
 
 
+@cache
+def _adapter() -> TypeAdapter[TrainRecord]:
+    return TypeAdapter(TrainRecord)
+
+
 def read_training(folder: str | Path) -> TrainResult:
     """The training in a run folder, with its ships or its black box.
 
@@ -265,7 +271,7 @@ def read_training(folder: str | Path) -> TrainResult:
             for level in ("warning", "notice")
         )
         return TrainResult(
-            **vars(TypeAdapter(TrainRecord).validate_python(content)),
+            **vars(_adapter().validate_python(content)),
             warnings=warnings,
             notices=notices,
             start=start,

@@ -11,7 +11,7 @@ from typing import Any
 
 from mmg.errors import UserError
 
-LARGEST = 512 * 2**20
+LARGEST = 256 * 2**20
 """Most bytes of a file that is read; several times as much memory is needed for it."""
 
 

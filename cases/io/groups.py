@@ -50,7 +50,8 @@ def group_trials(trials: Sequence[Trial], by: str) -> Groups:
     labels = _folders(trials) if key == "folder" else [_label(trial, key) for trial in trials]
     names = tuple(sorted(set(labels)))
     if len(names) < 2:
-        raise UserError(f"--between {by}: all trials are of one group ({names[0]}); give trials of two at least")
+        found = f"all trials are of one group ({names[0]})" if names else "no trials are given"
+        raise UserError(f"--between {by}: {found}; give trials of two at least")
     return Groups(key, names, tuple(names.index(label) for label in labels))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import csv
 import io
 import math
@@ -13,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from cases.io.files import LARGEST as LARGEST_FILE
 from cases.io.units import as_number
 from mmg.errors import UserError
 from mmg.messages import printable
@@ -21,8 +23,11 @@ Numbers = Callable[..., np.ndarray]
 """Column index -> its values as float (N,), NaN where the cell is empty; a second argument that is true allows a column
 of time stamps or durations, which becomes seconds. Raises UserError on text and on numbers that no trial holds."""
 
-LONGEST_HEADER, MOST_COLUMNS, MOST_ROWS = 2**20, 5000, 20_000_000
+LONGEST_HEADER, MOST_COLUMNS, MOST_ROWS = 2**20, 5000, 2_500_000
 """Most bytes of the first line, columns, and rows of a table."""
+LONGEST_CELL = 400
+"""Most characters of a text in Parquet; a file of a few kB can name a long one millions of times."""
+_PIECE = 2**20
 LARGEST = 1e13
 """No number of a trial is larger, in any unit."""
 
@@ -34,10 +39,11 @@ def read_table(path: Path, content: bytes) -> tuple[list[str], Numbers]:
     """
     if not content[:1000].strip() and not content.strip():
         raise UserError(f"{path}: the file is empty")
-    header, rows, column = (_parquet if path.suffix.lower() == ".parquet" else _csv)(path, content)
-    header = [printable(cell).strip() for cell in header]
+    parquet = path.suffix.lower() == ".parquet"
+    header, rows, column = (_parquet if parquet else _csv)(path, content)
     if len(header) > MOST_COLUMNS:
         raise UserError(f"{path}: has {len(header)} columns, more than {MOST_COLUMNS}; leave out what is not needed")
+    header = [printable(cell).strip() for cell in header]
     if any(cell and not _is_text(cell) for cell in header):
         raise UserError(f"{path}: the first line holds numbers, not headers such as 't [s],psi [rad],...'")
     if not any(header):
@@ -45,11 +51,11 @@ def read_table(path: Path, content: bytes) -> tuple[list[str], Numbers]:
     doubled = sorted({cell for cell in header if cell and header.count(cell) > 1})
     if doubled:
         raise UserError(f"{path}: the header names '{doubled[0]}' twice; rename or remove one of them")
-    count = rows()
-    if count == 0:
-        raise UserError(f"{path}: a header but no rows")
+    count = rows() if parquet else content.count(b"\n") - 1  # before the text is parsed
     if count > MOST_ROWS:
         raise UserError(f"{path}: has {count} rows, more than {MOST_ROWS}; divide it")
+    if rows() == 0:
+        raise UserError(f"{path}: a header but no rows")
     return header, lambda index, clock=False: _numbers(path, header[index], column(index), clock)
 
 
@@ -69,7 +75,7 @@ def _csv(path: Path, content: bytes) -> _Parts:
         raise UserError(f"{path}: is encoded in UTF-16; save it in UTF-8")
     if b"\0" in first:
         raise UserError(f"{path}: is no text; trial files are comma-separated text, or Parquet")
-    line = _text(first)
+    line = first.decode(_encoding(first))
     try:
         header = next(csv.reader([line]))
     except csv.Error as error:
@@ -80,18 +86,22 @@ def _csv(path: Path, content: bytes) -> _Parts:
     return header, lambda: len(frame()), lambda index: frame().iloc[:, index]
 
 
-def _text(content: bytes) -> str:
+def _encoding(content: bytes) -> str:
+    """UTF-8 with or without a mark, else Latin-1, which every byte is."""
+    decoder = codecs.getincrementaldecoder("utf-8")()
     try:
-        return content.decode("utf-8-sig")
+        for start in range(0, len(content), _PIECE):
+            decoder.decode(content[start : start + _PIECE], start + _PIECE >= len(content))
     except UnicodeDecodeError:
-        return content.decode("latin-1")
+        return "latin-1"
+    return "utf-8-sig"
 
 
 def _csv_frame(path: Path, content: bytes, columns: int) -> Any:
     """The rows below the header; line ends may be those of any system."""
     import pandas as pd
 
-    text = io.StringIO(_text(content), newline=None)
+    text = io.TextIOWrapper(io.BytesIO(content), _encoding(content), newline=None)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", pd.errors.ParserWarning)
@@ -121,12 +131,19 @@ def _parquet(path: Path, content: bytes) -> _Parts:
         raise refused(error) from None
 
     def column(index: int) -> Any:
-        kind = file.schema_arrow.types[index]
-        words = f"{path}: column '{header[index]}' holds {kind}, which is no number"
+        kind, name = file.schema_arrow.types[index], header[index]
+        kind = kind.value_type if pa.types.is_dictionary(kind) else kind
+        words = f"{path}: column '{name}' holds {kind}, which is no number"
         if pa.types.is_nested(kind) or pa.types.is_binary(kind) or pa.types.is_large_binary(kind):
             raise UserError(words)
         try:
-            found = file.read(columns=[header[index]]).column(0)
+            _check_sizes(file.metadata, name)
+            text = pa.types.is_string(kind) or pa.types.is_large_string(kind)
+            source = pq.ParquetFile(io.BytesIO(content), read_dictionary=[name]) if text else file
+            found = source.read(columns=[name]).column(0)
+            if pa.types.is_dictionary(found.type):  # each text once, however often the rows name it
+                _check_texts(name, found)
+                found = found.cast(kind)
             if pa.types.is_decimal(kind):
                 found = found.cast(pa.float64())
             return found.to_pandas()
@@ -134,6 +151,22 @@ def _parquet(path: Path, content: bytes) -> _Parts:
             raise refused(error) from None
 
     return header, lambda: rows, column
+
+
+def _check_sizes(metadata: Any, name: str) -> None:
+    """Raises ValueError where the column ``name`` says that it is larger, unpacked, than what is read of any file."""
+    groups = [metadata.row_group(k) for k in range(metadata.num_row_groups)]
+    chunks = [group.column(i) for group in groups for i in range(group.num_columns)]
+    size = sum(c.total_uncompressed_size for c in chunks if c.path_in_schema == name)
+    if size > LARGEST_FILE:
+        raise ValueError(f"column '{name}' has {size / 2**20:.0f} MB unpacked, more than {LARGEST_FILE // 2**20}")
+
+
+def _check_texts(name: str, found: Any) -> None:
+    """Raises ValueError where a text of the column ``name`` is longer than any number."""
+    longest = max((len(str(text)) for chunk in found.chunks for text in chunk.dictionary), default=0)
+    if longest > LONGEST_CELL:
+        raise ValueError(f"column '{name}' holds a text of {longest} characters")
 
 
 def _numbers(path: Path, cell: str, series: Any, clock: bool) -> np.ndarray:

@@ -109,6 +109,10 @@ def parse_maneuver(
     return _BUILDERS[kind](_Setup(base, argument, time_scale(length), length, seed))
 
 
+LEAST_ANGLE = 1e-3
+"""No order is smaller [deg]."""
+
+
 @dataclass(frozen=True)
 class _Setup:
     """What the builders share: the manoeuvre without its orders, argument of the text, time scale, length, seed."""
@@ -149,9 +153,9 @@ class _Setup:
         return UserError(f"manoeuvre '{self.base.name}': {words}")
 
     def angle(self, words: str, what: str = "rudder angle") -> float:
-        """An angle [rad] from degrees in the text. UserError unless 0 < |angle| <= 90 deg."""
+        """An angle [rad] from degrees in the text. UserError unless LEAST_ANGLE <= |angle| <= 90 deg."""
         degrees = as_number(words)
-        if not 0 < abs(degrees) <= 90:
+        if not LEAST_ANGLE <= abs(degrees) <= 90:
             example = FORMS.split(", crash")[0]
             raise self.refused(
                 f"{what} '{words}' must be an angle in degrees, not 0 and at most 90; for example {example}"
@@ -223,10 +227,16 @@ def _pull_out(s: _Setup) -> Maneuver:
     return _steps(s, (rudder, 0.0), rudder=rudder)
 
 
+MOST_DIGITS = 15
+"""Of a seed: more would be lost where it is kept as a number."""
+
+
 def _random(s: _Setup) -> Maneuver:
-    if s.argument and not s.argument.isdecimal():
-        raise s.refused("the seed must be a whole number, such as random:7")
+    if s.argument and not (s.argument.isdecimal() and len(s.argument) <= MOST_DIGITS):
+        raise s.refused(f"the seed must be a whole number of at most {MOST_DIGITS} digits, such as random:7")
     seed, duration = int(s.argument or s.seed), s.base.duration or 150.0 * s.scale
+    if seed >= 10**MOST_DIGITS:
+        raise s.refused(f"the seed {str(seed)[:20]}... has more than {MOST_DIGITS} digits")
     return s.maneuver(150.0, partial(orders.random_telegraph, s.base.n, duration, s.scale, seed), seed=float(seed))
 
 

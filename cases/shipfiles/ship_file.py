@@ -102,7 +102,8 @@ def _plain_ship(data: dict[str, Any], where: str) -> Ship:
         ship = ship.with_effect(name) if not lacking else ship
         problems += [f"[model] effects: {lacking}"] if lacking else []
     defaults = ship.coefficients
-    left_out = [s for s in defaults if s not in content.coefficients and s not in derived(components, particulars)]
+    follows = derived(components, particulars)
+    left_out = [s for s in defaults if s not in content.coefficients and s not in follows]
     unused = [k for k in particulars if k not in (*required_particulars(components), *OPTIONAL)]
     texts = ((f"not in the ship file, so at the model's default: {', '.join(left_out)}", "model_default", left_out),
              (f"[ship] {', '.join(unused)}: not used by any model", "unused_particular", unused))  # fmt: skip

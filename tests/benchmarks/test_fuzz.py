@@ -1,27 +1,34 @@
-"""Every reader meets damaged files: it reads them or refuses them in one line, and soon."""
+"""Every reader meets damaged files and texts: it reads them or refuses them in one line, and soon."""
 
 from __future__ import annotations
 
-import random
+from collections.abc import Iterator
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from benchmarks.fuzz import REPRODUCERS, Reader, damaged, outcome, readers, reproducers
+from benchmarks.fuzz.__main__ import piece, table
+from benchmarks.fuzz.damage import numbered
+from benchmarks.fuzz.outcome import outcome, strict_warnings
+from benchmarks.fuzz.readers import BINARY, Reader, readers
+from benchmarks.fuzz.reproducers import REPRODUCERS, reproducers
 from mmg.errors import LONGEST, UserError
+from tests.support.figures import unrendered
 
 FOUND: dict[str, Reader] = {}
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Reader]:
-    FOUND.update(readers(tmp_path_factory.mktemp("fuzz") / "files"))
-    return FOUND
+def made(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Reader]]:
+    with unrendered():
+        FOUND.update(readers(tmp_path_factory.mktemp("fuzz") / "files"))
+    with strict_warnings():
+        yield FOUND
 
 
 def test_every_reader_reads_the_good_file(made: dict[str, Reader]) -> None:
-    assert set(made) == set(REPRODUCERS)
+    assert set(made) == set(REPRODUCERS) and set(BINARY) < set(made)
     assert {name: outcome(reader, reader.seeds[0])[0] for name, reader in made.items()} == dict.fromkeys(made, "read")
 
 
@@ -34,10 +41,33 @@ def test_what_once_did_harm_is_answered(name: str, content: bytes, made: dict[st
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(number=st.integers(0, 2**32))
 def test_damaged_files_are_read_or_refused(name: str, number: int, made: dict[str, Reader]) -> None:
-    content = damaged(random.Random(number), made[name].seeds)
+    assert outcome(made[name], numbered(name, number, made[name].seeds))[0] in ("read", "refused")
+
+
+@pytest.mark.parametrize("name", sorted(REPRODUCERS))
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    content=st.one_of(st.binary(max_size=300), st.text(max_size=200).map(lambda text: text.encode("utf-8", "replace")))
+)
+def test_noise_is_read_or_refused(name: str, content: bytes, made: dict[str, Reader]) -> None:
     assert outcome(made[name], content)[0] in ("read", "refused")
+
+
+def test_a_reader_that_fails_is_seen() -> None:
+    def fails(content: bytes) -> None:
+        raise ZeroDivisionError if len(content) % 2 else UserError("one line")
+
+    row = piece("wind", Reader(fails, (b"1.5:60",)), range(5, 45))
+    assert set(row["strange"]) == {"ZeroDivisionError: "} and min(row["strange"]["ZeroDivisionError: "]) >= 5
+    wrong = len(row["strange"]["ZeroDivisionError: "])
+    assert row["refused"] == 40 - wrong and row["read"] == 0
+    assert f"| wind | 5 to 84 | 80 | 0 | {2 * row['refused']} | {2 * wrong} |" in table([row, {**row, "first": 45}])[2]
 
 
 def test_an_error_says_no_more_than_anyone_reads() -> None:
     text = str(UserError("a" * 100_000 + "end"))
     assert len(text) <= LONGEST and text.startswith("aaa") and " ... " in text and text.endswith("end")
+
+
+def test_an_error_is_one_line() -> None:
+    assert str(UserError("wind '1\n2\r3'\n")) == "wind '1\\n2\\r3'\\n"

@@ -166,3 +166,22 @@ def test_a_figure_that_fails_loses_nothing(tmp_path: Path, monkeypatch: pytest.M
     assert "figure ranking could not be made (ValueError: no such colour)" in result["warnings"]
     assert "figures/ranking.png" not in [row["file"] for row in result["figures"]] and result["figures"]
     assert (tmp_path / "gap" / "report.html").exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [({"messages": [{"level": "warning", "text": "beware"}]}, "messages.0"), ({"messages": [1]}, "messages.0")],
+)
+def test_a_message_without_its_code_is_named(change: dict[str, Any], words: str, folder: Path, tmp_path: Path) -> None:
+    for name in ("diagnosis.json", "result.json", "ship.toml"):
+        (tmp_path / name).write_bytes((folder / name).read_bytes())
+    content = json.loads((folder / "diagnosis.json").read_text())
+    (tmp_path / "diagnosis.json").write_text(json.dumps(content | change))
+    with pytest.raises(UserError, match=words):
+        read_diagnosis(tmp_path)
+
+
+def test_brackets_without_end_are_no_diagnosis(tmp_path: Path) -> None:
+    (tmp_path / "diagnosis.json").write_text("[" * 200_000)
+    with pytest.raises(UserError, match=r"diagnosis\.json: cannot be read as JSON"):
+        read_diagnosis(tmp_path)

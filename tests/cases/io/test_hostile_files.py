@@ -15,6 +15,7 @@ import pytest
 from cases.io.controls import read_controls
 from cases.io.files import LARGEST, parse_json, read_json
 from cases.io.read import read_trial, read_trials
+from cases.io.table import MOST_ROWS
 from cases.shipfiles.ship_file import load_ship
 from fitting.nlp.captive import read_captive
 from mmg.errors import UserError
@@ -202,6 +203,28 @@ def test_a_parquet_bomb_is_refused(tmp_path: Path) -> None:
         for _ in range(30):
             writer.write_table(chunk)
     refused(tmp_path / "a.parquet", "rows, more than")
+
+
+def test_a_small_parquet_of_long_texts_is_refused_before_it_is_unpacked(tmp_path: Path) -> None:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    path, plain = tmp_path / "a.parquet", pa.Table.from_pandas(frame())
+    at, N = plain.column_names.index("u [m/s]"), plain.num_rows
+    texts = pa.DictionaryArray.from_arrays(pa.array(np.zeros(N, dtype=np.int32)), pa.array(["1" * 10_000_000]))
+    pq.write_table(plain.set_column(at, "u [m/s]", texts), path, compression="zstd")
+    assert path.stat().st_size < 50_000
+    refused(path, "column 'u [m/s]' holds a text of 10000000 characters")
+    wide = pa.array([text := "7" * (LARGEST // N + 1)] * N)
+    pq.write_table(plain.set_column(at, "u [m/s]", wide), path, compression="zstd", use_dictionary=False)
+    assert path.stat().st_size < 100_000 and len(text) * N > LARGEST
+    refused(path, "column 'u [m/s]' has", "MB unpacked, more than")
+
+
+def test_rows_are_counted_before_they_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "rows.csv"
+    path.write_bytes(b"t [s],u [m/s]\n" + b"1,x\n" * (MOST_ROWS + 1))
+    refused(path, f"has {MOST_ROWS + 1} rows, more than {MOST_ROWS}")
 
 
 def test_a_million_columns_are_one_line_at_once(tmp_path: Path) -> None:

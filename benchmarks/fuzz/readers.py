@@ -1,0 +1,122 @@
+"""Every reader of the product: what it reads a content from, and good and harmful contents."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from benchmarks.fuzz.reproducers import REPRODUCERS
+from benchmarks.fuzz.samples import GROUPS, TEXTS, short_trial, write_runs, write_tables
+from cases.checks import check
+from cases.io.controls import read_controls
+from cases.io.groups import group_trials
+from cases.io.read import read_trial
+from cases.io.site import read_site
+from cases.maneuvers.definitions import parse_maneuver
+from cases.shipfiles.effects import freeing_effects, varying_effects, with_effects
+from cases.shipfiles.network_file import NETWORK
+from cases.shipfiles.ship_file import load_ship
+from cases.simulation.gusts import parse_wind
+from diagnosis.result import CONTENT, read_diagnosis
+from fitting.nlp.captive import read_captive
+from fitting.report.run_folder import ITERATE, RESULT, read_iterate
+from fitting.result import read_fit
+from mmg.errors import UserError
+from mmg.ship import Ship
+from residual.blackbox.file import load_box
+from residual.result import read_training
+
+BINARY = ("parquet", "iterate", "network", "black_box")
+"""Readers of files that are no text."""
+LARGEST_SEED = 6000
+"""Bytes of a reproducer that is damaged further."""
+
+
+@dataclass(frozen=True)
+class Reader:
+    """One reader. read: what it does with a content; seeds: good contents, the smallest first, and harmful ones."""
+
+    read: Callable[[bytes], object]
+    seeds: tuple[bytes, ...]
+
+
+def readers(folder: Path) -> dict[str, Reader]:
+    """All readers by name, on good files that are made in ``folder``, which must not exist."""
+    folder.mkdir()
+    write_tables(folder)
+    write_runs(folder)
+    ship = load_ship("esso_osaka_3m")
+    side, hybrid, box = folder / "side", folder / "hybrid", folder / "black_box"
+    files: dict[str, tuple[Path, Callable[[], object]]] = {
+        "trial": (folder / "trial" / "a.csv", lambda: check([read_trial(folder / "trial" / "a.csv")])),
+        "controls": (folder / "controls.csv", lambda: read_controls(folder / "controls.csv")),
+        "parquet": (folder / "trial" / "b.parquet", lambda: _table(folder / "trial" / "b.parquet")),
+        "sidecar": (side / "trials.toml", lambda: read_trial(side / "side.csv")),
+        "site": (folder / "site.toml", lambda: read_site([], ship, folder / "site.toml")),
+        "ship": (folder / "ship.toml", lambda: load_ship(folder / "ship.toml")),
+        "fit": (folder / "fit" / RESULT, lambda: read_fit(folder / "fit")),
+        "training": (folder / "training" / RESULT, lambda: read_training(folder / "training")),
+        "diagnosis": (folder / "diagnosis" / CONTENT, lambda: read_diagnosis(folder / "diagnosis")),
+        "iterate": (folder / "iterate" / ITERATE, lambda: read_iterate(folder / "iterate")),
+        "network": (hybrid / NETWORK, lambda: load_ship(hybrid)),
+        "black_box": (box / NETWORK, lambda: load_box(box)),
+        "captive": (folder / "captive.csv", lambda: read_captive(folder / "captive.csv")),
+    }
+    found = {name: _of_file(name, path, read) for name, (path, read) in files.items()}
+    texts = {
+        "effect": lambda text: _effect(text, ship),
+        "maneuver": lambda text: parse_maneuver(text, ship, n=9.0, speed=0.4),
+    }
+    more: dict[str, Callable[[str], object]] = {**texts, "wind": parse_wind, "groups": _groups()}
+    for name, parse in more.items():
+        good = (GROUPS,) if name == "groups" else TEXTS[name]
+        found[name] = _of_text(parse, (*(text.encode() for text in good), *_small(name)))
+    return found
+
+
+def _of_file(name: str, path: Path, read: Callable[[], object]) -> Reader:
+    def written(content: bytes) -> object:
+        path.write_bytes(content)
+        return read()
+
+    return Reader(written, (path.read_bytes(), *_small(name)))
+
+
+def _small(name: str) -> list[bytes]:
+    """The reproducers of a reader from which more are made; the others cost too much time."""
+    return [content for content in REPRODUCERS[name] if len(content) < LARGEST_SEED]
+
+
+def _of_text(parse: Callable[[str], object], seeds: tuple[bytes, ...]) -> Reader:
+    """A reader of a text of the command line, which holds no byte 0 and may be no UTF-8."""
+    return Reader(lambda content: parse(content.replace(b"\0", b"").decode("utf-8", "surrogateescape")), seeds)
+
+
+def _table(path: Path) -> None:
+    """A file as inputs of a simulation, and as a trial with its checks. Raises UserError where it is no trial."""
+    with contextlib.suppress(UserError):
+        read_controls(path)
+    check([read_trial(path)])
+
+
+def _effect(text: str, ship: Ship) -> None:
+    """A text as an effect that is switched on, freed, and freed by run. Raises UserError where none is possible."""
+    with contextlib.suppress(UserError):
+        with_effects(ship, [text])
+    with contextlib.suppress(UserError):
+        freeing_effects(ship, [text])
+    varying_effects(ship, [text])
+
+
+def _groups() -> Callable[[str], object]:
+    """What groups trials: the first line says by what, each other one names a trial."""
+    trial = short_trial()
+
+    def grouped(text: str) -> object:
+        by, *names = text.split("\n")
+        trials = [replace(trial, name=name, path=Path(f"{name}.csv"), kind=name[:3]) for name in names[:20]]
+        return group_trials(trials, by)
+
+    return grouped
