@@ -43,6 +43,16 @@ class Format:
 
 FORMATS: dict[str, Format] = {
     "c": Format("delivery.c.package:write_c", "C99 and C++11 source, header and example (a folder)"),
+    "toml": Format("delivery.ship_document:write_toml", "ship file, the network of a hybrid inside", ".toml"),
+    "json": Format("delivery.ship_document:write_json_ship", "the ship file as JSON, with units", ".json"),
+    "casadi": Format("delivery.graphs.casadi_functions:write_casadi", "serialised CasADi functions (a folder)"),
+    "onnx": Format("delivery.graphs.onnx_network:write_onnx", "the residual network of a hybrid", ".onnx"),
+    "shipmmg": Format("delivery.dictionaries.shipmmg:write_shipmmg", "parameter sets of shipmmg", ".json"),
+    "pvs": Format(
+        "delivery.dictionaries.vehicle_simulator:write_vehicle", "class for the Python Vehicle Simulator", ".py"
+    ),
+    "gazebo": Format("delivery.dictionaries.gazebo:write_gazebo", "hull for Gazebo Sim's hydrodynamics", ".sdf"),
+    "vrx": Format("delivery.dictionaries.gazebo:write_vrx", "hull for the simple hydrodynamics of VRX", ".sdf"),
 }
 """The formats of ``mmg export`` by name."""
 

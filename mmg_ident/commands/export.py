@@ -12,7 +12,7 @@ from mmg_ident.commands.output import names_of, print_json, say
 
 def export(
     model: Annotated[str, Argument(help="Run folder of mmg fit or mmg train, ship file, or ship.", metavar="RUN|SHIP")],
-    format: Annotated[str, Option(help="c; see docs/export.md.")],
+    format: Annotated[str, Option(help="c, toml, json, casadi, onnx, shipmmg, pvs, gazebo or vrx (docs/formats.md).")],
     out: Annotated[Path, Option(help="Folder or file to write.")],
     without: Annotated[list[str] | None, Option(help="Leave out this effect of the ship; may be repeated.")] = None,
     force: Annotated[
@@ -26,6 +26,8 @@ def export(
     What did not converge and what was never calibrated is refused; with --force it leaves, and says so itself.
 
     Example: mmg export runs/first --format c --out ship_c
+
+    Example: mmg export runs/first --format casadi --out ship_casadi
     """
     from delivery.export import export as write
     from delivery.product import product_of

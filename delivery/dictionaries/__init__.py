@@ -1,0 +1,1 @@
+"""Parameter sets of other simulators: the ship projected on their form by least squares, with the error said."""

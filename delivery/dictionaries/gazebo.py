@@ -1,0 +1,149 @@
+"""Hydrodynamics plugins of robot simulators: the hull projected on added mass, linear and quadratic damping.
+
+gazebo: ``gz::sim::systems::Hydrodynamics`` with its cross terms (Gazebo Sim from 7.3): force = sum of factor times
+velocity, factor times |velocity| velocity (xUabsU, yVabsR, ...) and factor times two velocities (xVR, yUR, ...),
+factors with the signs of SNAME (1950), a drag negative, and xDotU u' and so on, added masses negative; its Coriolis
+terms are switched off, as they differ between versions, and stand in xVR, yUR and nUV.
+vrx: ``vrx::SimpleHydrodynamics`` of the Virtual RobotX: -(xU + xUU |u|) u, -(yV + yVV |v|) v, -(nR + nRR |r|) r and
+added masses times the acceleration of the body in space, so that u' - v r and v' + u r take the place of u' and v'.
+In axes forward, port, up all these factors are those of forward, starboard, down.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from delivery.dictionaries.motions import Motions, masses, motions
+from delivery.dictionaries.projection import (
+    ChannelError,
+    channel_errors,
+    check_errors,
+    linear_parameters,
+    say_errors,
+)
+from delivery.product import Product
+from mmg.errors import UserError
+
+TEMPLATES = Path(__file__).parent / "templates"
+GYRATION = 0.25
+"""Radius of gyration of the ship in yaw, by L; what the yaw inertia exceeds it is added mass."""
+TERMS: dict[str, dict[str, tuple[str, ...]]] = {
+    "gazebo": {
+        "X": ("xU", "xUabsU", "xVR", "xVV", "xRR"),
+        "Y": ("yV", "yR", "yVabsV", "yVabsR", "yRabsV", "yRabsR", "yUV", "yUR"),
+        "N": ("nV", "nR", "nVabsV", "nVabsR", "nRabsV", "nRabsR", "nUV", "nUR"),
+    },
+    "vrx": {"X": ("xU", "xUU"), "Y": ("yV", "yVV"), "N": ("nR", "nRR")},
+}
+"""Factors that each plugin has, by channel."""
+PLUGINS = {
+    "gazebo": ("Gazebo Sim", "gz-sim-hydrodynamics-system", "gz::sim::systems::Hydrodynamics"),
+    "vrx": ("the Virtual RobotX", "libSimpleHydrodynamics.so", "vrx::SimpleHydrodynamics"),
+}
+
+
+def write_gazebo(product: Product, target: Path) -> None:
+    """Write the hull of ``product`` as SDF for Gazebo Sim to the file ``target``; UserError where it cannot be held."""
+    _write(product, target, "gazebo", "export the ship as fmu or c, which hold it exactly")
+
+
+def write_vrx(product: Product, target: Path) -> None:
+    """Write the hull of ``product`` as SDF for VRX to the file ``target``; UserError where it cannot be held."""
+    _write(product, target, "vrx", "its plugin couples no sway and yaw: use --format gazebo, fmu or c instead")
+
+
+def _write(product: Product, target: Path, form: str, instead: str) -> None:
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    simulator, filename, plugin = PLUGINS[form]
+    if "propeller" not in product.ship.components:
+        raise UserError(
+            f"{simulator} takes the hull alone, and that of {product.ship.name} holds its propeller and rudder: export "
+            "the ship as fmu or c"
+        )
+    moved = motions(product, simulator)
+    factors, errors = project(moved, form)
+    check_errors(errors, f"the hydrodynamics plugin of {simulator}", instead)
+    said = say_errors(errors, moved, f"the hull in the hydrodynamics plugin of {simulator}")
+    P, mass = moved.ship.particulars, masses(moved.ship)
+    coefficient, error = thrust_coefficient(moved)
+    own = P["m"] * (GYRATION * P["L"]) ** 2
+    sign = -1.0 if form == "gazebo" else 1.0
+    added = {"xDotU": mass.m_x, "yDotV": mass.m_y, "nDotR": max(mass.I_z - mass.moment * P["x_G"] - own, 0.0)}
+    parameters: dict[str, Any] = {name: repr(sign * value) for name, value in added.items()}
+    parameters |= {name: repr(value) for name, value in factors.items()}
+    if form == "gazebo":
+        parameters["disable_coriolis"] = "true"
+        parameters["water_density"] = P["rho"]
+    else:
+        parameters["max_effort"] = repr(float(f"{100 * max(e.force for e in errors):.2g}"))
+    words: dict[str, Any] = {
+        "ship": product.ship.name, "simulator": simulator, "said": [*said, *map(str, product.caveats)],
+        "name": product.identifier, "diameter": P["D_P"], "density": P["rho"], "thrust": f"{coefficient:.6g}",
+        "thrust_error": f"{100 * error:.1f}", "x_G": P["x_G"], "mass": P["m"], "filename": filename, "plugin": plugin,
+        "ixx": repr(P["m"] * (0.4 * P.get("B", 0.15 * P["L"])) ** 2), "iyy": repr(own),
+        "izz": repr(mass.I_z - mass.moment * P["x_G"] - added["nDotR"]), "parameters": parameters,
+    }  # fmt: skip
+    words["said"] = [line.replace("--", "- -") for line in words["said"]]
+    environment = Environment(
+        loader=FileSystemLoader(TEMPLATES), undefined=StrictUndefined, autoescape=True, keep_trailing_newline=True
+    )
+    target.write_text(environment.get_template("hull.sdf.j2").render(words), encoding="utf-8")
+
+
+def hull_force(moved: Motions) -> np.ndarray:
+    """X, Y [N], N [N m] (3, M) of the ship of ``moved`` without propeller and rudder."""
+    driving = [moved.forces[role] for role in ("propeller", "rudder") if role in moved.forces]
+    return moved.needed_force(masses(moved.ship)) - sum(driving, np.zeros((3, len(moved.u))))
+
+
+def wanted_force(moved: Motions, form: str) -> np.ndarray:
+    """What a plugin's velocity terms must give (3, M): the hull's force with what its added masses leave of the
+    equations of motion. moved: motions; form: "gazebo" or "vrx"."""
+    mass, force = masses(moved.ship), hull_force(moved).copy()
+    if form == "gazebo":
+        force[0] += mass.m_y * moved.v * moved.r
+        force[1] -= mass.m_x * moved.u * moved.r
+    else:
+        force[0] += (mass.m_y - mass.m_x) * moved.v * moved.r
+        force[1] += (mass.m_y - mass.m_x) * moved.u * moved.r
+    return force
+
+
+def term(name: str, form: str, velocities: dict[str, np.ndarray]) -> np.ndarray:
+    """Values (M,) of the term whose factor is called ``name``, such as xUabsU. form: "gazebo" or "vrx"; velocities: U,
+    V, R (M,)."""
+    first, rest = velocities[name[1]], name[2:]
+    if form == "vrx":
+        return -first * (np.abs(velocities[rest]) if rest else 1.0)
+    if rest.startswith("abs"):
+        return first * np.abs(velocities[rest[3:]])
+    return first * (velocities[rest] if rest else 1.0)
+
+
+def project(moved: Motions, form: str) -> tuple[dict[str, float], tuple[ChannelError, ...]]:
+    """Factors by name and the errors, by the hull's force. moved: motions; form: "gazebo" or "vrx"."""
+    velocities = {"U": moved.u, "V": moved.v, "R": moved.r}
+    wanted, found = wanted_force(moved, form), []
+    factors: dict[str, float] = {}
+    for names, row in zip(TERMS[form].values(), wanted, strict=True):
+        terms = {name: term(name, form, velocities) for name in names}
+        own = linear_parameters(terms, row)
+        factors |= own
+        found.append(np.sum([own[name] * values for name, values in terms.items()], axis=0))
+    return factors, channel_errors(wanted, np.array(found))
+
+
+def thrust_coefficient(moved: Motions) -> tuple[float, float]:
+    """T / (rho D^4 omega^2), omega in rad/s, of the propeller's push, and its error (RMS) by that push.
+
+    moved: motions of the ship.
+    """
+    P, X = moved.ship.particulars, moved.forces["propeller"][0]
+    unit = P["rho"] * P["D_P"] ** 4 * (2 * math.pi * moved.n) ** 2
+    factor = float(unit @ X / (unit @ unit))
+    return factor, float(np.sqrt(np.mean((factor * unit - X) ** 2) / np.mean(X**2)))

@@ -1,0 +1,209 @@
+"""Motions over which a ship is projected on another model: those it makes within the range that its trials held.
+
+The ship is simulated in calm air and water under rudder steps at several revolutions ahead; samples outside the range
+of the trials are left out. What a projection must reproduce is the force that the target's own equations of motion
+need to move as the ship does.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cases.maneuvers.self_propulsion import revolutions_for, speed_for
+from cases.simulation.simulate import longest_step
+from delivery.product import Product
+from mmg.components.coefficients import names
+from mmg.components.rigid_body import Inertia, inertia
+from mmg.effects import effect
+from mmg.errors import UserError
+from mmg.model import Model, assemble
+from mmg.motion.froude import reference_speed, time_scale
+from mmg.rollout import Simulator
+from mmg.ship import Ship
+
+RUDDER, RATE = math.radians(35.0), math.radians(20.0)
+"""Largest rudder angle [rad] where no range is known, and rudder rate [rad/s] of a 3 m model."""
+SPEEDS = (0.5, 0.75, 1.0)
+"""Approach speeds by the design speed, where no range is known."""
+RUNS, SAMPLES, KEPT = 8, 500, 1500
+"""Runs per approach speed, samples of each, and motions kept at most."""
+LIMITED = ("u", "v", "r", "n", "delta", "beta")
+"""Quantities of the trials' range by which motions are left out."""
+MARGIN = 0.02
+"""Share of a range by which a motion may exceed it."""
+
+
+@dataclass(frozen=True)
+class Motions:
+    """M motions of a ship and the accelerations that they bring.
+
+    u, v, r, n, delta: (M,) SI. rates: (3, M) of u, v, r. forces: role -> X, Y, N of it (3, M). limits: quantity ->
+    range of these motions. left_out: sentences on what of the ship takes no part.
+    """
+
+    ship: Ship
+    u: np.ndarray
+    v: np.ndarray
+    r: np.ndarray
+    n: np.ndarray
+    delta: np.ndarray
+    rates: np.ndarray
+    forces: Mapping[str, np.ndarray]
+    limits: Mapping[str, tuple[float, float]]
+    left_out: tuple[str, ...]
+
+    def at(self, nu: np.ndarray, n: float, delta: float) -> Motions:
+        """One motion in place of these: nu: u, v, r (3,); n [1/s]; delta [rad]. Its rates and forces are none's."""
+        u, v, r = (np.array([float(x)]) for x in nu)
+        return replace(self, u=u, v=v, r=r, n=np.array([n]), delta=np.array([delta]))
+
+    def needed_force(self, mass: Inertia) -> np.ndarray:
+        """X, Y [N], N [N m] (3, M) with which a body of this ``mass`` about midship moves as the ship does."""
+        u, v, r = self.u, self.v, self.r
+        du, dv, dr = self.rates
+        X = (mass.m + mass.m_x) * du - (mass.m + mass.m_y) * v * r - mass.moment * r * r
+        Y = (mass.m + mass.m_y) * dv + (mass.m + mass.m_x) * u * r + mass.moment * dr
+        N = mass.I_z * dr + mass.moment * (dv + u * r)
+        return np.array([X, Y, N])
+
+
+def masses(ship: Ship) -> Inertia:
+    """Masses about midship of ``ship``, as numbers."""
+    values = {s: c.value for s, c in ship.coefficients.items() if "." not in s}
+    return inertia(ship.namespace, names(values))
+
+
+def horizontal_ship(product: Product, target: str) -> tuple[Ship, tuple[str, ...]]:
+    """The ship of ``product`` as a model of forces in calm air and water, and sentences on what is left out.
+
+    Raises UserError for what the ``target`` cannot hold: an effect of the surroundings or one that remembers, and any
+    actuators but one propeller and one rudder.
+    """
+    ship, said = product.ship, []
+    for name in product.ship.effects:
+        if effect(name).measures:
+            ship = ship.without_effect(name)
+            said.append(f"the effect {name} belongs to the instruments and is left out")
+        elif effect(name).surroundings or len(assemble(ship).states) > len(assemble(ship.without_effect(name)).states):
+            why = "belongs to the surroundings" if effect(name).surroundings else "remembers"
+            raise UserError(
+                f"{target} cannot hold the effect {name}, which {why}; leave it out with --without {name}, or export "
+                "the ship as c, casadi or fmu"
+            )
+    said += [f"the effect {name} is a part of the forces" for name in ship.effects]
+    for role in ("actuators", "roll"):
+        if role in ship.components:
+            ship = _without_role(ship, role)
+            said.append(f"the model of {role} is left out")
+    thrusters = [name for name in ship.actuators if name in ("n_bow", "n_stern")]
+    if thrusters:
+        said.append(f"thrusters ({', '.join(thrusters)}) are at rest")
+    others = set(ship.actuators) - {"n", "delta", *thrusters}
+    if others or "waves" in ship.components:
+        what = ", ".join(sorted(others)) or "waves"
+        raise UserError(
+            f"{target} holds one fixed-pitch propeller and one rudder, and calm water; {ship.name} has {what}: export "
+            "it as c, casadi or fmu"
+        )
+    if "wind" in ship.components:
+        said.append("wind is left out, but for the air that the ship's own motion meets")
+    return ship, tuple(said)
+
+
+def _without_role(ship: Ship, role: str) -> Ship:
+    return replace(ship, components={k: v for k, v in ship.components.items() if k != role})
+
+
+def motions(product: Product, target: str, seed: int = 0) -> Motions:
+    """Motions of the ship of ``product`` within the range of its trials, for a projection on the model ``target``.
+
+    Raises UserError for what the target cannot hold, and where the range leaves no motion ahead. seed: of the rudder.
+    """
+    ship, said = horizontal_ship(product, target)
+    model, rng = assemble(ship, symbols=()), np.random.default_rng(seed)
+    step = longest_step(ship)
+    revolutions, speeds = _approaches(ship, product.held)
+    widest = max(map(abs, product.held.get("delta", (0.0, RUDDER))))
+    n, M = np.repeat(revolutions, RUNS), RUNS * len(revolutions)
+    delta = _rudder(rng, M, widest, RATE / time_scale(ship.particulars["L"]) * step)
+    controls = np.zeros((SAMPLES, len(model.controls), M))
+    for name, values in (("n", np.broadcast_to(n, (SAMPLES, M))), ("delta", delta)):
+        if name in model.controls:
+            controls[:, model.controls.index(name)] = values
+    start = np.zeros((6, M))
+    start[3] = np.repeat(speeds, RUNS)
+    states = Simulator(ship, compiled=False).run(start, controls, step)[:-1]
+    flat = states[:, 3:6].transpose(1, 0, 2).reshape(3, -1)
+    inputs = controls.transpose(1, 0, 2).reshape(len(model.controls), -1)
+    n, delta = np.broadcast_to(n, (SAMPLES, M)).ravel(), delta.ravel()
+    inside = _inside(product.held, *flat, n, delta)
+    if inside.sum() < 100:
+        raise UserError(
+            f"{target} needs motions ahead to be projected on; the range of the trials leaves {int(inside.sum())} of "
+            f"{len(inside)}: export the ship as c, casadi or fmu"
+        )
+    rows = np.flatnonzero(inside)
+    rows = rows if len(rows) <= KEPT else np.sort(rng.choice(rows, KEPT, replace=False))
+    return _evaluated(model, flat[:, rows], inputs[:, rows], n[rows], delta[rows], said)
+
+
+def _evaluated(
+    model: Model, nu: np.ndarray, inputs: np.ndarray, n: np.ndarray, delta: np.ndarray, said: tuple[str, ...]
+) -> Motions:
+    """Motions with the accelerations and forces of the model; nu (3, M), inputs (C, M), n, delta (M,)."""
+    states = np.vstack([np.zeros((3, nu.shape[1])), nu])
+    rates = np.array(model.rates(states, inputs, np.zeros((0, 1))))[3:6]
+    forces = np.array(model.forces.map(nu.shape[1])(states, inputs, np.zeros((0, nu.shape[1]))))
+    by_role = forces.reshape(len(model.roles), nu.shape[1], 3).transpose(0, 2, 1)
+    values = dict(zip(LIMITED, (*nu, n, delta, np.arctan2(-nu[1], nu[0])), strict=True))
+    limits = {name: (float(a.min()), float(a.max())) for name, a in values.items()}
+    return Motions(
+        model.ship, nu[0], nu[1], nu[2], n, delta, rates, dict(zip(model.roles, by_role, strict=True)), limits, said
+    )
+
+
+def _approaches(ship: Ship, held: Mapping[str, tuple[float, float]]) -> tuple[np.ndarray, np.ndarray]:
+    """Revolutions [1/s] and steady speeds [m/s] of the approaches: three each."""
+    L = ship.particulars["L"]
+    if "n" not in ship.actuators:
+        return np.zeros(3), np.array([0.9, 1.0, 1.1]) * ship.particulars["U_0"]
+    low, high = held.get("n", (0.0, 0.0))
+    if high > 0:
+        revolutions = np.linspace(max(low, 0.4 * high), high, 3)
+        return revolutions, np.array([speed_for(ship, n) for n in revolutions])
+    design = ship.particulars.get("U_0", 0.07 * reference_speed(L))
+    speeds = np.array(SPEEDS) * design
+    return np.array([revolutions_for(ship, u) for u in speeds]), speeds
+
+
+def _rudder(rng: np.random.Generator, M: int, widest: float, change: float) -> np.ndarray:
+    """Rudder angles (SAMPLES, M) [rad]: steps held for 20 to 160 samples, first to one side, then to the other, moved
+    by at most ``change`` per sample."""
+    delta, row = np.zeros((SAMPLES, M)), np.zeros(M)
+    orders = np.zeros((SAMPLES, M))
+    for m in range(M):
+        k, side = 5, 1.0 if m % 2 else -1.0
+        while k < SAMPLES:
+            hold = int(rng.integers(20, 160))
+            orders[k : k + hold, m] = side * widest * (1.0 if rng.random() < 0.3 else rng.random())
+            k, side = k + hold, -side
+    for k in range(SAMPLES):
+        row = row + np.clip(orders[k] - row, -change, change)
+        delta[k] = row
+    return delta
+
+
+def _inside(held: Mapping[str, tuple[float, float]], *values: np.ndarray) -> np.ndarray:
+    """Whether each motion lies in the range of the trials and goes ahead; values: u, v, r, n, delta (M,)."""
+    u, v = values[:2]
+    named = dict(zip(LIMITED, (*values, np.arctan2(-v, u)), strict=True))
+    good = (u > 0.05 * np.max(u)) & np.isfinite(v)
+    for name, (low, high) in held.items():
+        if name in named:
+            margin = MARGIN * (high - low)
+            good &= (named[name] >= low - margin) & (named[name] <= high + margin)
+    return good

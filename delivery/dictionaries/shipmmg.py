@@ -1,0 +1,269 @@
+"""Parameter sets of shipmmg (Python package, MIT): its 3-DOF MMG model and its KT model, by least squares.
+
+The form, as shipmmg 0.0.11 evaluates it: U = sqrt(u^2 + v_G^2), beta = asin(-v_G / U) with v_G = v - x_G r, the sign
+that it gives the centre of gravity, v' = v/U, r' = r L/U, w_P = w_P0 exp(-4 (beta - x_P' r')^2),
+J = u (1 - w_P)/(n D), K_T = k_0 + k_1 J + k_2 J^2, beta_R = beta - l_R' r', v_R = U gamma_R beta_R,
+u_R = eps u (1 - w_P) sqrt{ eta [1 + kappa (sqrt(1 + 8 K_T/(pi J^2)) - 1)]^2 + 1 - eta }, and the hull polynomial,
+rudder forces and equations of motion of Yasukawa & Yoshimura (2015), J Mar Sci Technol 20:37-52.
+KT: T r' + r = K delta (Nomoto et al. 1957), from the linear model about straight running: T = T_1 + T_2 - T_3.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from unicodedata import normalize
+
+import numpy as np
+
+from delivery.dictionaries.motions import Motions, masses, motions
+from delivery.dictionaries.projection import (
+    ChannelError,
+    channel_errors,
+    check_errors,
+    error_rows,
+    fit_parameters,
+    linear_parameters,
+    say_errors,
+)
+from delivery.dictionaries.turning import Rates, compared, in_words, ship_rates
+from delivery.product import Product
+from mmg.components.rigid_body import accelerations
+from mmg.errors import UserError
+from mmg.motion.flow import Force
+from mmg.progress import LOGGER
+
+HULL = {
+    "X": ("R_0", "X_vv", "X_vr", "X_rr", "X_vvvv"),
+    "Y": ("Y_v", "Y_r", "Y_vvv", "Y_vvr", "Y_vrr", "Y_rrr"),
+    "N": ("N_v", "N_r", "N_vvv", "N_vvr", "N_vrr", "N_rrr"),
+}
+SCREW: dict[str, tuple[float, float, float]] = {
+    "k_0": (0.3, 0.05, 0.8), "k_1": (-0.28, -1.0, 0.2), "k_2": (-0.14, -1.0, 0.5), "w_P0": (0.4, 0.0, 0.85),
+    "x_P": (-0.5, -1.5, 0.0), "t_P": (0.2, 0.0, 0.6),
+}  # fmt: skip
+BLADE: dict[str, tuple[float, float, float]] = {
+    "t_R": (0.35, -0.5, 0.95), "a_H": (0.3, -0.5, 1.5), "x_H": (-0.45, -1.5, 0.5), "l_R": (-0.8, -2.5, 0.5),
+    "gamma_R_plus": (0.45, 0.02, 1.5), "gamma_R_minus": (0.45, 0.02, 1.5), "kappa": (0.5, 0.0, 2.0),
+    "epsilon": (1.1, 0.4, 2.5), "f_alpha": (2.7, 0.3, 8.0),
+}  # fmt: skip
+"""Parameters of propeller and rudder: where a fit starts if the ship has none of that name, and its bounds."""
+OTHER_NAMES = {"l_R": "ell_R", "gamma_R_plus": "gamma_N", "gamma_R_minus": "gamma_P"}
+"""Their symbols in the ship, where these differ."""
+BASIC = {"epsilon": "ϵ", "kappa": "κ", "f_alpha": "f_α", "gamma_R_plus": "γ_R_plus", "gamma_R_minus": "γ_R_minus"}
+"""Their names in shipmmg, where these differ."""
+INSTEAD = "export the ship as c, casadi or fmu, which hold it exactly"
+
+
+def write_shipmmg(product: Product, target: Path) -> None:
+    """Write the parameter sets of ``product`` as JSON to the file ``target``, and say their error.
+
+    Raises UserError for what shipmmg cannot hold.
+    """
+    moved = shipmmg_motions(product)
+    p, errors = project(moved)
+    check_errors(errors, "shipmmg", INSTEAD)
+    said = say_errors(errors, moved, "shipmmg's 3-DOF MMG model")
+    circles = compared(moved, shipmmg_rates(moved, p))
+    LOGGER.info("%s", in_words(circles))
+    K, T, why = nomoto(moved)
+    basic, maneuvering = dictionaries(moved, p)
+    content = {
+        "format": "shipmmg 0.0.11",
+        "ship": product.ship.name,
+        "rho": moved.ship.particulars["rho"],
+        "basic_params": basic,
+        "maneuvering_params": maneuvering,
+        "kt_params": {"K": K, "T": T} if not why else None,
+        "kt_remark": why or "linear, about straight running; K [1/s], T [s]",
+        "approach": {"u0": float(moved.u.max()), "nps": float(moved.n.max())},
+        "projection": error_rows(errors),
+        "turning": circles,
+        "range": {name: list(pair) for name, pair in moved.limits.items()},
+        "remarks": [*said, *(str(words) for words in product.caveats)],
+    }
+    target.write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+def shipmmg_motions(product: Product) -> Motions:
+    """Motions of the ship of ``product``; UserError where it lacks what shipmmg needs."""
+    missing = [name for name in ("D_P", "A_R", "aspect_ratio", "x_R", "B") if name not in product.ship.particulars]
+    if missing:
+        raise UserError(
+            f"shipmmg needs a propeller and a rudder; the ship file of {product.ship.name} lacks {', '.join(missing)}: "
+            "add them, or export the ship as c, casadi or fmu"
+        )
+    return motions(product, "shipmmg")
+
+
+def _inflow(moved: Motions) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """U [m/s], beta [rad], v' and r' (M,) as shipmmg takes them."""
+    P = moved.ship.particulars
+    across = moved.v - moved.r * P["x_G"]
+    U = np.hypot(moved.u, across)
+    return U, np.arcsin(-across / U), moved.v / U, moved.r * P["L"] / U
+
+
+def propeller(moved: Motions, p: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """X_P [N], 1 - w_P and K_T (M,). moved: motions; p: parameters by symbol."""
+    P, (_, beta, _, r1) = moved.ship.particulars, _inflow(moved)
+    one_minus_w = 1 - p["w_P0"] * np.exp(-4 * (beta - p["x_P"] * r1) ** 2)
+    J = one_minus_w * moved.u / (moved.n * P["D_P"])
+    K_T = p["k_0"] + p["k_1"] * J + p["k_2"] * J**2
+    return (1 - p["t_P"]) * P["rho"] * K_T * moved.n**2 * P["D_P"] ** 4, one_minus_w, K_T
+
+
+def rudder(moved: Motions, p: Mapping[str, float], one_minus_w: np.ndarray, K_T: np.ndarray) -> np.ndarray:
+    """X_R, Y_R [N], N_R [N m] (3, M). moved: motions; p: parameters; one_minus_w, K_T: of the propeller (M,)."""
+    P, (U, beta, _, r1) = moved.ship.particulars, _inflow(moved)
+    eta = P["D_P"] / math.sqrt(P["A_R"] * P["aspect_ratio"])
+    J = one_minus_w * moved.u / (moved.n * P["D_P"])
+    beta_R = beta - p["l_R"] * r1
+    v_R = U * np.where(beta_R < 0, p["gamma_R_minus"], p["gamma_R_plus"]) * beta_R
+    jet = 1 + p["kappa"] * (np.sqrt(np.maximum(1 + 8 * K_T / (np.pi * J**2), 0.0)) - 1)
+    u_R = p["epsilon"] * moved.u * one_minus_w * np.sqrt(eta * jet**2 + 1 - eta)
+    sine = np.sin(moved.delta - np.arctan2(v_R, u_R))
+    F = 0.5 * P["rho"] * P["A_R"] * p["f_alpha"] * (u_R**2 + v_R**2) * sine
+    cosine = F * np.cos(moved.delta)
+    lever = P["x_R"] + p["a_H"] * p["x_H"] * P["L"]
+    return np.array([-(1 - p["t_R"]) * F * np.sin(moved.delta), -(1 + p["a_H"]) * cosine, -lever * cosine])
+
+
+def hull_terms(moved: Motions) -> dict[str, dict[str, np.ndarray]]:
+    """Terms of the hull polynomial by letter and symbol, (M,) each [N, N m]. moved: motions."""
+    P, (U, _, v1, r1) = moved.ship.particulars, _inflow(moved)
+    unit = 0.5 * P["rho"] * P["L"] * P["d"] * U**2
+    found: dict[str, dict[str, np.ndarray]] = {}
+    for letter, symbols in HULL.items():
+        lever = P["L"] if letter == "N" else 1.0
+        found[letter] = {}
+        for symbol in symbols:
+            powers = "" if symbol == "R_0" else symbol[2:]
+            sign = -1.0 if symbol == "R_0" else 1.0
+            found[letter][symbol] = sign * lever * unit * v1 ** powers.count("v") * r1 ** powers.count("r")
+    return found
+
+
+def force(moved: Motions, p: Mapping[str, float]) -> np.ndarray:
+    """X, Y [N], N [N m] (3, M) of the whole model. moved: motions; p: parameters by symbol."""
+    thrust, one_minus_w, K_T = propeller(moved, p)
+    total = rudder(moved, p, one_minus_w, K_T)
+    total[0] += thrust
+    for k, terms in enumerate(hull_terms(moved).values()):
+        total[k] += sum(p[symbol] * values for symbol, values in terms.items())
+    return total
+
+
+def project(moved: Motions) -> tuple[dict[str, float], tuple[ChannelError, ...]]:
+    """Parameters by symbol and the errors. Propeller and rudder are fitted to the ship's own, the hull to what is left,
+    and then all together to the whole force. moved: motions of the ship."""
+    needed = moved.needed_force(masses(moved.ship))
+    values = {s: c.value for s, c in moved.ship.coefficients.items()}
+    start = {name: values.get(name, values.get(OTHER_NAMES.get(name, ""), row[0])) for name, row in _OWN.items()}
+    if "epsilon" in values and "k_x" in values:
+        start["kappa"] = values["k_x"] / values["epsilon"]
+    bounds = {name: row[1:] for name, row in _OWN.items()}
+    fixed = {"t_P": start.pop("t_P")}
+    own_X, own_R = moved.forces["propeller"][0], moved.forces["rudder"]
+    size_X, size_R = _rms(own_X), np.array([_rms(row) for row in own_R])[:, None]
+
+    def screw(x: np.ndarray) -> np.ndarray:
+        return (propeller(moved, fixed | dict(zip(first, x, strict=True)))[0] - own_X) / size_X
+
+    first = {name: start[name] for name in SCREW if name in start}
+    found = fixed | fit_parameters(screw, first, bounds)
+    _, one_minus_w, K_T = propeller(moved, found)
+
+    def blade(x: np.ndarray) -> np.ndarray:
+        return ((rudder(moved, dict(zip(second, x, strict=True)), one_minus_w, K_T) - own_R) / size_R).ravel()
+
+    second = {name: start[name] for name in BLADE}
+    found |= fit_parameters(blade, second, bounds)
+    return _together(moved, found, needed, bounds, own_X)
+
+
+_OWN = SCREW | BLADE
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2))) or 1.0
+
+
+def _left(moved: Motions, p: Mapping[str, float], needed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What propeller and rudder leave of the force (3, M), and the thrust X_P (M,)."""
+    thrust, one_minus_w, K_T = propeller(moved, p)
+    left = needed - rudder(moved, p, one_minus_w, K_T)
+    left[0] -= thrust
+    return left, thrust
+
+
+def _together(
+    moved: Motions,
+    start: dict[str, float],
+    needed: np.ndarray,
+    bounds: Mapping[str, tuple[float, float]],
+    own_thrust: np.ndarray,
+) -> tuple[dict[str, float], tuple[ChannelError, ...]]:
+    """All parameters, the hull's linear ones inside, and the errors. The propeller's thrust is held to the ship's."""
+    size = np.array([_rms(row) for row in needed])[:, None]
+    terms = hull_terms(moved)
+    columns = [np.array(list(row.values())).T for row in terms.values()]
+    bases = [np.linalg.qr(a)[0] for a in columns]
+    free = {name: start[name] for name in _OWN if name != "t_P"}
+
+    def residual(x: np.ndarray) -> np.ndarray:
+        left, thrust = _left(moved, start | dict(zip(free, x, strict=True)), needed)
+        off = [(row - Q @ (Q.T @ row)) / s for row, Q, s in zip(left, bases, size, strict=True)]
+        return np.concatenate([*off, 0.3 * (thrust - own_thrust) / _rms(own_thrust)])
+
+    found = start | fit_parameters(residual, free, bounds)
+    left, _ = _left(moved, found, needed)
+    for row, letter in zip(left, terms, strict=True):
+        found |= linear_parameters(terms[letter], row)
+    return found, channel_errors(needed, force(moved, found))
+
+
+def dictionaries(moved: Motions, p: Mapping[str, float]) -> tuple[dict[str, float], dict[str, float]]:
+    """The arguments of Mmg3DofBasicParams and of Mmg3DofManeuveringParams. moved: motions; p: parameters by symbol."""
+    P, mass = moved.ship.particulars, masses(moved.ship)
+    basic = {
+        "L_pp": P["L"], "B": P["B"], "d": P["d"], "x_G": P["x_G"], "D_p": P["D_P"], "m": P["m"],
+        "I_zG": mass.I_z - P["x_G"] ** 2 * P["m"], "A_R": P["A_R"], "m_x": mass.m_x, "m_y": mass.m_y, "J_z": 0.0,
+        "η": P["D_P"] / math.sqrt(P["A_R"] * P["aspect_ratio"]), "x_R": P["x_R"],
+    }  # fmt: skip
+    for name in (*BLADE, "t_P", "w_P0", "x_P"):
+        basic[BASIC.get(name, name)] = p[name] * (P["L"] if name == "x_H" else 1.0)
+    maneuvering = {name: p[name] for name in ("k_0", "k_1", "k_2")}
+    maneuvering |= {f"{symbol}_dash": p[symbol] for symbols in HULL.values() for symbol in symbols}
+    return {normalize("NFKC", name): float(value) for name, value in basic.items()}, maneuvering
+
+
+def shipmmg_rates(moved: Motions, p: Mapping[str, float]) -> Rates:
+    """The rates of the projected ship by shipmmg's equations. moved: motions of the ship; p: parameters by symbol."""
+    mass = masses(moved.ship)
+
+    def rates(nu: np.ndarray, n: float, delta: float) -> np.ndarray:
+        X, Y, N = force(moved.at(nu, n, delta), p)[:, 0]
+        return np.array(accelerations(nu[0], nu[1], nu[2], Force(X, Y, N), mass))
+
+    return rates
+
+
+def nomoto(moved: Motions) -> tuple[float, float, str]:
+    """K [1/s], T [s] of the ship of ``moved`` about straight running, and why there are none, "" where there are."""
+    rates, h = ship_rates(moved), 1e-4
+    u, n, L = float(moved.u.max()), float(moved.n.max()), moved.ship.particulars["L"]
+
+    def slope(dv: float, dr: float, ddelta: float) -> np.ndarray:
+        ends = [rates(np.array([u, s * dv, s * dr]), n, s * ddelta)[1:] for s in (1.0, -1.0)]
+        return (ends[0] - ends[1]) / 2
+
+    v, r, d = slope(h * u, 0, 0) / (h * u), slope(0, h * u / L, 0) / (h * u / L), slope(0, 0, h) / h
+    determinant = float(v[0] * r[1] - r[0] * v[1])
+    K = float((v[1] * d[0] - v[0] * d[1]) / determinant)
+    T = float(-(v[0] + r[1]) / determinant) - float(d[1] / (v[1] * d[0] - v[0] * d[1]))
+    if determinant <= 0 or T <= 0:
+        return K, T, "the ship is not course-stable about straight running, so no first-order KT model follows it"
+    return K, T, ""

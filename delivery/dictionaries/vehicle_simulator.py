@@ -1,0 +1,152 @@
+"""A vehicle class for the Python Vehicle Simulator (Fossen): the ship projected on the form of its tanker.
+
+With bis-like factors, as in that class (Van Berlekom & Goddard 1972, SNAME Trans. 80), beta = v/u:
+m11 L u' = Xuu u^2 + L d11 v r + Xvv v^2 + Xccdd c^2 delta^2 + Xccbd c^2 beta delta + L g_T (1 - t)
+m22 L v' = Yuv u v + Yvv |v| v + Yccd c^2 delta + L d22 u r + Yccbbd c^2 |beta| beta |delta| + YT L g_T
+m33 L^2 r' = Nuv u v + L Nvr |v| r + Nccd c^2 delta + L d33 u r + Nccbbd c^2 |beta| beta |delta| + NT L g_T
+g_T = Tuu u^2/L + Tun u n + L Tnn |n| n, c^2 = c_uu u^2 + c_un u n + c_nn n^2 (c_uu is an addition: 0 in that class).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from delivery.dictionaries.motions import RATE, Motions, masses, motions
+from delivery.dictionaries.projection import (
+    ChannelError,
+    channel_errors,
+    check_errors,
+    fit_parameters,
+    linear_parameters,
+    say_errors,
+)
+from delivery.dictionaries.turning import Rates, compared, in_words
+from delivery.product import Product
+from mmg.errors import UserError
+from mmg.motion.froude import time_scale
+from mmg.progress import LOGGER
+
+TEMPLATES = Path(__file__).parent / "templates"
+INSTEAD = "export the ship as c, casadi or fmu, which hold it exactly"
+
+
+def write_vehicle(product: Product, target: Path) -> None:
+    """Write the vehicle class of ``product`` to the Python file ``target``, and say the error of the projection.
+
+    Raises UserError for what the form cannot hold.
+    """
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    if "n" not in product.ship.actuators:
+        raise UserError(
+            f"the Python Vehicle Simulator needs a propeller of its own; that of {product.ship.name} is inside its "
+            f"hull model: {INSTEAD}"
+        )
+    moved = motions(product, "the Python Vehicle Simulator")
+    p, errors = project(moved)
+    check_errors(errors, "the Python Vehicle Simulator", INSTEAD)
+    said = say_errors(errors, moved, "the tanker of the Python Vehicle Simulator")
+    circles = in_words(compared(moved, vehicle_rates(moved, p)))
+    LOGGER.info("%s", circles)
+    L = moved.ship.particulars["L"]
+    scale, speed = time_scale(L), float(moved.u.max())
+    words = {
+        "ship": product.ship.name,
+        "name": product.identifier,
+        "said": [*said, circles, *map(str, product.caveats)],
+        "parameters": "{\n" + "".join(f'    "{name}": {value!r},\n' for name, value in p.items()) + "}",
+        "rpm": round(60 * float(moved.n.max()), 3),
+        "speed": speed,
+        "length": L,
+        "delta_max": round(math.degrees(float(np.abs(moved.delta).max())), 3),
+        "delta_rate": round(math.degrees(RATE) / scale, 3),
+        "gain": 1.5,
+        "time": round(L / speed, 3),
+        "lead": round(10 * scale, 1),
+    }
+    environment = Environment(loader=FileSystemLoader(TEMPLATES), undefined=StrictUndefined, keep_trailing_newline=True)
+    target.write_text(environment.get_template("vehicle.py.j2").render(words), encoding="utf-8")
+
+
+def _shared(moved: Motions, p: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """beta, c^2 and g_T (M,) of the form."""
+    L, n, u = moved.ship.particulars["L"], moved.n, moved.u
+    c2 = p["c_uu"] * u * np.abs(u) + p["c_un"] * u * n + p["c_nn"] * np.abs(n) * n
+    thrust = p["Tuu"] * u**2 / L + p["Tun"] * u * n + L * p["Tnn"] * np.abs(n) * n
+    return moved.v / u, np.maximum(c2, 0.0), thrust
+
+
+def terms(moved: Motions, p: Mapping[str, float]) -> dict[str, dict[str, np.ndarray]]:
+    """Terms of the three equations by letter and parameter, (M,) each, in m^2/s^2 (yaw: by L). moved: motions; p: has
+    c_uu, c_un, c_nn and the thrust's."""
+    L, u, v, r, delta = moved.ship.particulars["L"], moved.u, moved.v, moved.r, moved.delta
+    beta, c2, thrust = _shared(moved, p)
+    turned = c2 * np.abs(beta) * beta * np.abs(delta)
+    return {
+        "X": {"Xuu": u**2, "d11": L * v * r, "Xvv": v**2, "Xccdd": c2 * delta**2, "Xccbd": c2 * beta * delta},
+        "Y": {
+            "Yuv": u * v, "Yvv": np.abs(v) * v, "Yccd": c2 * delta, "d22": L * u * r, "Yccbbd": turned,
+            "YT": L * thrust,
+        },
+        "N": {
+            "Nuv": u * v, "Nvr": L * np.abs(v) * r, "Nccd": c2 * delta, "d33": L * u * r, "Nccbbd": turned,
+            "NT": L * thrust,
+        },
+    }  # fmt: skip
+
+
+def project(moved: Motions) -> tuple[dict[str, float], tuple[ChannelError, ...]]:
+    """Parameters of the form and the errors, by ``moved``: motions of the ship."""
+    P, mass = moved.ship.particulars, masses(moved.ship)
+    L, m, u, n = P["L"], P["m"], moved.u, moved.n
+    t = moved.ship.coefficients["t_P"].value if "t_P" in moved.ship.coefficients else 0.2
+    p = {"m11": (m + mass.m_x) / m, "m22": (m + mass.m_y) / m, "m33": mass.I_z / (m * L**2), "t": t}
+    pull = {"Tuu": u**2 / L, "Tun": u * n, "Tnn": L * np.abs(n) * n}
+    p |= linear_parameters(pull, moved.forces["propeller"][0] / (m * (1 - t)))
+    rates = np.array([p["m11"], p["m22"], p["m33"] * L])[:, None] * L * moved.rates
+    D2 = P.get("D_P", 0.03 * L) ** 2
+
+    def with_slipstream(x: np.ndarray) -> dict[str, float]:
+        """All parameters for shares ``x`` of u^2 and u n D in c^2."""
+        q = p | {"c_uu": float(x[0]), "c_un": float(x[1]) * math.sqrt(D2), "c_nn": D2}
+        left = rates.copy()
+        left[0] -= L * (1 - t) * _shared(moved, q)[2]
+        for row, found in zip(left, terms(moved, q).values(), strict=True):
+            q |= linear_parameters(found, row)
+        return q
+
+    def residual(x: np.ndarray) -> np.ndarray:
+        q = with_slipstream(x)
+        off = form(moved, q) - rates
+        return (off / np.sqrt(np.mean(rates**2, axis=1))[:, None]).ravel()
+
+    shares = fit_parameters(residual, {"uu": 0.5, "un": 0.5}, {"uu": (0.0, 20.0), "un": (-2.0, 20.0)})
+    found = with_slipstream(np.array(list(shares.values())))
+    needed = moved.needed_force(replace(mass, moment=0.0))
+    unit = np.array([m / L, m / L, m])[:, None]
+    return found, channel_errors(needed, needed + unit * (form(moved, found) - rates))
+
+
+def form(moved: Motions, p: Mapping[str, float]) -> np.ndarray:
+    """Right-hand sides of the three equations (3, M), that of yaw by L. moved: motions; p: all parameters."""
+    sums = [sum(p[name] * values for name, values in row.items()) for row in terms(moved, p).values()]
+    found = np.array(sums)
+    found[0] += moved.ship.particulars["L"] * (1 - p["t"]) * _shared(moved, p)[2]
+    return found
+
+
+def vehicle_rates(moved: Motions, p: Mapping[str, float]) -> Rates:
+    """The rates of the projected ship. moved: motions of the ship; p: parameters of the form."""
+    L = moved.ship.particulars["L"]
+    inertia = L * np.array([p["m11"], p["m22"], p["m33"] * L])
+
+    def rates(nu: np.ndarray, n: float, delta: float) -> np.ndarray:
+        found: np.ndarray = form(moved.at(nu, n, delta), p)[:, 0] / inertia
+        return found
+
+    return rates

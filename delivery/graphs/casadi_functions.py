@@ -1,0 +1,113 @@
+"""The ship as serialised CasADi functions that CasADi alone loads: rates, one step, forces, columns, start.
+
+A folder: ``NAME.casadi`` per function (``casadi.Function.load``), ``model.json`` with names and units of all arguments,
+``example.py`` and, for a ship that a rudder steers, ``heading_mpc.py``. The coefficients stand inside as numbers;
+``rates_of_coefficients`` and ``step_of_coefficients`` take them as an argument, for sensitivities and for estimation.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+
+from delivery.product import Product
+from fitting.report.run_folder import plain, write_json
+from mmg.model import Model
+from mmg.motion.flow import INPUTS
+from mmg.runge_kutta import rk4_step
+
+TEMPLATES = Path(__file__).parent / "templates"
+STATE_WORDS = {
+    "x": ("position of midship, north", "m"),
+    "y": ("position of midship, east", "m"),
+    "psi": ("heading, clockwise from north, continuous", "rad"),
+    "u": ("velocity over ground of midship, forward", "m/s"),
+    "v": ("velocity over ground of midship, to starboard", "m/s"),
+    "r": ("yaw rate, clockwise", "rad/s"),
+    "phi": ("roll angle", "rad"),
+    "p": ("roll rate", "rad/s"),
+}
+"""States: words and unit; all others are what an effect or an actuator remembers."""
+INPUT_WORDS = {
+    **INPUTS,
+    "wind_north": ("velocity of the air over ground, to the north", "m/s"),
+    "wind_east": ("velocity of the air over ground, to the east", "m/s"),
+    "time": ("time, for effects that change with it", "s"),
+}
+"""Inputs: words and unit."""
+
+
+def write_casadi(product: Product, target: Path) -> None:
+    """Write the functions of ``product`` into the empty folder ``target``."""
+    functions = casadi_functions(product.model)
+    for name, function in functions.items():
+        function.save(str(target / f"{name}.casadi"))
+    write_json(target / "model.json", about(product, functions))
+    shutil.copyfile(TEMPLATES / "example.py", target / "example.py")
+    if {"n", "delta"} <= set(product.model.controls):
+        shutil.copyfile(TEMPLATES / "heading_mpc.py", target / "heading_mpc.py")
+
+
+def casadi_functions(model: Model) -> dict[str, ca.Function]:
+    """Functions by name, scalar expressions all through: of state (S,), controls (C,) and, where named so,
+    coefficients (P,). model: of the ship; the coefficients of its ship are the numbers inside."""
+    values = ca.DM([model.ship.coefficients[s].value for s in model.symbols])
+    state = ca.SX.sym("state", len(model.states))
+    controls, h = ca.SX.sym("controls", len(model.controls)), ca.SX.sym("h")
+    free, six = ca.SX.sym("coefficients", len(model.symbols)), ca.SX.sym("six", 6)
+
+    def step(theta: Any) -> Any:
+        return rk4_step(lambda z, _: model.rates(z, controls, theta), state, h)
+
+    z, c = {"state": state}, {"controls": controls}
+    arguments = {
+        "rates": (z | c, model.rates(state, controls, values), "rates"),
+        "step": (z | c | {"h": h}, step(values), "state_after"),
+        "forces": (z | c, model.forces(state, controls, values), "forces"),
+        "columns": (z, model.columns(state, values), "columns"),
+        "initial": ({"six": six} | c, model.initial(six, controls, values), "state"),
+        "rates_of_coefficients": (z | c | {"coefficients": free}, model.rates(state, controls, free), "rates"),
+        "step_of_coefficients": (z | c | {"h": h, "coefficients": free}, step(free), "state_after"),
+    }
+    functions = {}
+    for name, (given, expression, result) in arguments.items():
+        dense = [ca.densify(expression)]
+        functions[name] = ca.Function(name, list(given.values()), dense, list(given), [result], {"cse": True})
+    return functions
+
+
+def about(product: Product, functions: dict[str, ca.Function]) -> dict[str, Any]:
+    """What ``model.json`` says, as plain values: names and units of states, controls, coefficients, forces; ranges.
+
+    product: that is exported; functions: by name.
+    """
+    model = product.model
+    steered = [n for n in ("delta", "delta_port", "delta_starboard") if n in model.controls]
+    rudder = product.held.get("delta")
+    content = {
+        "ship": product.ship.name,
+        "length_m": product.ship.particulars["L"],
+        "service_speed_m_s": product.ship.particulars.get("U_0"),
+        "casadi": ca.CasadiMeta.version(),
+        "longest_step_s": product.longest_step,
+        "functions": {name: {"file": f"{name}.casadi", "signature": str(f)} for name, f in functions.items()},
+        "states": [_quantity(name, STATE_WORDS) for name in model.states],
+        "controls": [_quantity(name, INPUT_WORDS) for name in model.controls],
+        "columns": [_quantity(name, STATE_WORDS) for name in model.states[:6]],
+        "forces": {"rows": list(model.roles), "columns": ["X [N]", "Y [N]", "N [N m]"]},
+        "coefficients": [vars(c) for c in product.coefficients],
+        "range_of_the_trials": {name: list(pair) for name, pair in product.held.items()},
+        "rudders": steered,
+        "largest_rudder_rad": max(map(abs, rudder)) if rudder else None,
+        "caveats": [str(text) for text in product.caveats],
+    }
+    return json.loads(json.dumps(plain(content)))
+
+
+def _quantity(name: str, words: dict[str, tuple[str, str]]) -> dict[str, str]:
+    description, unit = words.get(name, ("remembered by an effect or an actuator; start it with initial", ""))
+    return {"name": name, "unit": unit, "description": description}

@@ -1,0 +1,53 @@
+"""Simulates the exported ship, rudder to 20 deg starboard after ten of 120 steps: python example.py
+
+Needs casadi and numpy, nothing else. Units are SI and radians; model.json names every row.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+
+FOLDER = Path(__file__).parent
+
+
+def main() -> None:
+    about = json.loads((FOLDER / "model.json").read_text(encoding="utf-8"))
+    functions = {name: ca.Function.load(str(FOLDER / f"{name}.casadi")) for name in about["functions"]}
+    names = [row["name"] for row in about["controls"]]
+    speed = about["service_speed_m_s"] or 0.07 * math.sqrt(9.81 * about["length_m"])
+    controls = np.zeros(len(names))
+    if "n" in names:
+        controls[names.index("n")] = steady_revolutions(functions["rates"], about, speed)
+    state = functions["initial"]([0, 0, 0, speed, 0, 0], controls)
+    h = about["longest_step_s"]
+    for k in range(121):
+        for name in about["rudders"]:
+            controls[names.index(name)] = math.radians(20.0) if k >= 10 else 0.0
+        if k % 10 == 0:
+            x, y, psi, u = np.array(functions["columns"](state)).ravel()[:4]
+            place = f"t {k * h:6.1f} s  x {x:8.2f} m  y {y:8.2f} m"
+            print(f"{place}  heading {math.degrees(psi):7.2f} deg  u {u:6.3f} m/s")
+        state = functions["step"](state, controls, h)
+
+
+def steady_revolutions(rates: ca.Function, about: dict, speed: float) -> float:
+    """Revolutions [1/s] that hold ``speed`` [m/s] straight ahead in calm air. rates, about: of the exported ship."""
+    names = [row["name"] for row in about["controls"]]
+    low, high = 0.0, 1000.0
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        controls = np.zeros(len(names))
+        controls[names.index("n")] = middle
+        state = np.zeros(len(about["states"]))
+        state[3] = speed
+        low, high = (middle, high) if float(rates(state, controls)[3]) < 0 else (low, middle)
+    return high
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,226 @@
+"""The ship in the parameter sets of other simulators: as good as printed, or refused with the reason."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import math
+import xml.etree.ElementTree as ET
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cases.shipfiles.ship_file import dump_ship, load_ship, parse_ship
+from delivery.dictionaries import gazebo, shipmmg, vehicle_simulator
+from delivery.dictionaries.motions import Motions, motions
+from delivery.dictionaries.turning import turning_path
+from delivery.export import export
+from mmg.errors import UserError
+from mmg.model import assemble
+from mmg.runge_kutta import rk4_step
+from mmg.ship import Ship
+from mmg_ident.commands.main import main
+from tests.support.c_products import product
+
+SHIPS = ("esso_osaka_3m", "kvlcc2_l7")
+
+
+@cache
+def moved(name: str) -> Motions:
+    return motions(product(load_ship(name), {}), "a simulator")
+
+
+def of_shipmmg() -> Ship:
+    """A ship of the very form of shipmmg: wake of Kijima, centre of gravity at midship."""
+    text = dump_ship(load_ship("kvlcc2_l7")).replace('propeller = "standard"', 'propeller = "standard_kijima"')
+    kept = [block for block in text.split("\n\n") if not block.startswith("[coefficients.C_")]
+    return parse_ship("\n\n".join(kept).replace("x_G = 0.245", "x_G = 0.0"))
+
+
+def test_a_ship_of_the_form_of_shipmmg_is_recovered() -> None:
+    ship = of_shipmmg()
+    assert ship.components["propeller"] == "standard_kijima" and ship.particulars["x_G"] == 0.0
+    p, errors = shipmmg.project(motions(product(ship, {}), "shipmmg"))
+    assert max(e.share for e in errors) < 0.01
+    own = {s: c.value for s, c in ship.coefficients.items()}
+    assert abs(p["N_r"] - own["N_r"]) < 0.03 * abs(own["N_r"]) and abs(p["Y_v"] - own["Y_v"]) < 0.03 * abs(own["Y_v"])
+
+
+@pytest.mark.parametrize("name", SHIPS)
+def test_projections_are_as_good_as_they_say(name: str, tmp_path: Path) -> None:
+    """The errors in the file are those of forces evaluated afresh on other motions of the same range."""
+    export(product(load_ship(name), {}), "shipmmg", tmp_path / "a.json")
+    content = json.loads((tmp_path / "a.json").read_text(encoding="utf-8"))
+    assert all(row["share"] < 0.08 for row in content["projection"])
+    for figure in ("advance_L", "tactical_diameter_L"):
+        assert abs(content["turning"]["projection"][figure] / content["turning"]["ship"][figure] - 1) < 0.05
+    other = motions(product(load_ship(name), {}), "shipmmg", seed=5)
+    p, errors = shipmmg.project(moved(name))
+    off = shipmmg.force(other, p) - other.needed_force(shipmmg.masses(other.ship))
+    for e, row in zip(errors, off, strict=True):
+        assert np.sqrt(np.mean(row**2)) < 1.5 * e.error, e.channel
+
+
+def test_shipmmg_itself_moves_as_the_projection_says(tmp_path: Path) -> None:
+    package = pytest.importorskip("shipmmg.mmg_3dof", reason="needs shipmmg (pip install shipmmg, Python 3.11)")
+    export(product(load_ship("kvlcc2_l7"), {}), "shipmmg", tmp_path / "a.json")
+    content = json.loads((tmp_path / "a.json").read_text(encoding="utf-8"))
+    p, _ = shipmmg.project(moved("kvlcc2_l7"))
+    rates, n, u, delta = shipmmg.shipmmg_rates(moved("kvlcc2_l7"), p), 10.0, 1.0, math.radians(35)
+    t, z, dt = np.linspace(0, 60.0, 601), np.array([0.0, 0.0, 0.0, u, 0.0, 0.0]), 0.1
+
+    def derivative(state: np.ndarray, _: float) -> np.ndarray:
+        c, s = math.cos(state[2]), math.sin(state[2])
+        moving = [state[3] * c - state[4] * s, state[3] * s + state[4] * c, state[5]]
+        return np.concatenate([moving, rates(state[3:], n, delta)])
+
+    for _ in t[1:]:
+        z = rk4_step(derivative, z, dt)
+    found = package.simulate_mmg_3dof(
+        package.Mmg3DofBasicParams(**content["basic_params"]),
+        package.Mmg3DofManeuveringParams(**content["maneuvering_params"]),
+        t, np.full(601, delta), np.full(601, n), u0=u, ρ=content["rho"], rtol=1e-10, atol=1e-12,
+    )  # fmt: skip
+    assert np.allclose(found.y[[3, 4, 5, 0, 1, 2], -1], z, rtol=1e-5, atol=1e-6)
+
+
+def test_the_first_order_model_answers_small_rudders(tmp_path: Path) -> None:
+    export(product(load_ship("esso_osaka_3m"), {}), "shipmmg", tmp_path / "a.json")
+    content = json.loads((tmp_path / "a.json").read_text(encoding="utf-8"))
+    ship = load_ship("esso_osaka_3m")
+    model, delta = assemble(ship, symbols=()), math.radians(0.01)
+    z, inputs = np.array([0, 0, 0, content["approach"]["u0"], 0, 0]), [content["approach"]["nps"], delta, 0, 0]
+    for _ in range(2000):
+        z = rk4_step(lambda s, _: np.array(model.rates(s, inputs, [])).ravel(), z, 0.5)
+    K, T = content["kt_params"]["K"], content["kt_params"]["T"]
+    assert abs(z[5] / (K * delta) - 1) < 0.25 and 1.0 < T < 200.0
+
+
+@pytest.mark.parametrize("name", SHIPS)
+def test_the_vehicle_class_has_the_rates_of_the_projection(name: str, tmp_path: Path) -> None:
+    path = tmp_path / "vehicle.py"
+    export(product(load_ship(name), {}), "pvs", path)
+    spec = importlib.util.spec_from_file_location("vehicle", path)
+    assert spec and spec.loader
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    vehicle = getattr(module, name)("headingAutopilot", 20.0)
+    p, errors = vehicle_simulator.project(moved(name))
+    rates = vehicle_simulator.vehicle_rates(moved(name), p)
+    for u, v, r, n, delta in ((1.0, 0.0, 0.0, 8.0, 0.1), (0.8, -0.1, 0.02, 10.0, 0.5), (0.5, 0.05, -0.03, 6.0, -0.6)):
+        expected = rates(np.array([u, v, r]), n, delta)
+        assert np.allclose(vehicle.accelerations(u, v, r, delta, n), expected, rtol=1e-9)
+    assert max(e.share for e in errors) < 0.3
+    eta, nu, actual, h = np.zeros(6), vehicle.nu, vehicle.u_actual, 0.2
+    for _ in range(3000):
+        control = vehicle.headingAutopilot(eta, nu, h)
+        nu, actual = vehicle.dynamics(eta, nu, actual, control, h)
+        eta = eta + h * np.array([0, 0, 0, 0, 0, nu[5]])
+    assert abs(math.degrees(eta[5]) - 20) < 1.5 and vehicle.dimU == len(actual) == len(vehicle.controls)
+
+
+def in_simulator(path: Path, form: str, m: Motions) -> np.ndarray:
+    """Accelerations u', v', r' (3, M) that a rigid body in axes forward, port, up has with the plugin of a file, as the
+    sources of the plugins say, driven by the propeller and rudder of the ship."""
+    link = ET.parse(path).getroot().find("model/link/inertial")
+    plugin = ET.parse(path).getroot().find("model/plugin")
+    assert link is not None and plugin is not None
+    mass, izz, x_G = (float(link.findtext(key, "").split()[0]) for key in ("mass", "inertia/izz", "pose"))
+    value = {row.tag: float(row.text or 0) for row in plugin if row.tag[0] in "xyn" and row.tag != "disable_coriolis"}
+    nu = {"U": m.u, "V": -m.v, "R": -m.r}
+    drive = (m.forces["propeller"] + m.forces["rudder"]) * np.array([1, -1, -1])[:, None]
+    force, rows = [*drive], "xyn"
+    for name, factor in value.items():
+        row, rest = rows.index(name[0]), name[1:]
+        if rest.startswith("Dot"):
+            continue
+        if form == "vrx":
+            force[row] = force[row] - factor * nu[rest[0]] * (np.abs(nu[rest[1]]) if rest[1:] else 1)
+        elif "abs" in rest:
+            force[row] = force[row] + factor * nu[rest[0]] * np.abs(nu[rest[-1]])
+        else:
+            force[row] = force[row] + factor * nu[rest[0]] * (nu[rest[1]] if rest[1:] else 1)
+    u, v, r = nu["U"], nu["V"], nu["R"]
+    sign = -1.0 if form == "gazebo" else 1.0
+    added = [sign * value[key] for key in ("xDotU", "yDotV", "nDotR")]
+    space = 1.0 if form == "vrx" else 0.0  # VRX takes the acceleration of the body in space
+    du = (force[0] + (mass + space * added[0]) * v * r + mass * x_G * r**2) / (mass + added[0])
+    a = np.array([[mass + added[1], mass * x_G], [mass * x_G, izz + mass * x_G**2 + added[2]]])
+    b = np.array([force[1] - (mass + space * added[1]) * u * r, force[2] - mass * x_G * u * r])
+    dv, dr = np.linalg.solve(a, b)
+    return np.array([du, -dv, -dr])
+
+
+@pytest.mark.parametrize(
+    ("name", "form"), [("esso_osaka_3m", "gazebo"), ("kvlcc2_l7", "gazebo"), ("esso_osaka_3m", "vrx")]
+)
+def test_a_plugin_moves_the_hull_as_well_as_it_says(name: str, form: str, tmp_path: Path) -> None:
+    export(product(load_ship(name), {}), form, tmp_path / "hull.sdf")
+    m = moved(name)
+    mass = gazebo.masses(m.ship)
+    off = in_simulator(tmp_path / "hull.sdf", form, m) - m.rates
+    _, errors = gazebo.project(m, form)
+    X = (mass.m + mass.m_x) * off[0]
+    Y = (mass.m + mass.m_y) * off[1] + mass.moment * off[2]
+    N = mass.I_z * off[2] + mass.moment * off[1]
+    for row, e in zip((X, Y, N), errors, strict=True):
+        assert np.isclose(np.sqrt(np.mean(row**2)), e.error, rtol=1e-6), e.channel
+    assert max(e.share for e in errors) < (0.12 if form == "gazebo" else 0.5)
+
+
+@pytest.mark.parametrize(
+    ("ship", "form", "words"),
+    [
+        ("kvlcc2_l7", "vrx", "couples no sway and yaw: use --format gazebo"),
+        ("mariner", "shipmmg", "lacks D_P, A_R"),
+        ("mariner", "pvs", "needs a propeller of its own"),
+        ("mariner", "gazebo", "holds its propeller and rudder"),
+        ("vectwin_3m", "shipmmg", "has delta_port, delta_starboard"),
+    ],
+)
+def test_what_a_target_cannot_hold_is_refused_with_the_reason(
+    ship: str, form: str, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = str(tmp_path / f"x.{'json' if form == 'shipmmg' else 'py' if form == 'pvs' else 'sdf'}")
+    assert main(["export", ship, "--force", "--format", form, "--out", out]) == 2
+    error = capsys.readouterr().err.strip().splitlines()
+    assert words in error[-1] and error[-1].startswith("mmg: ") and len(error) == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "why"), [("current", "surroundings"), ("rudder_lag", "remembers"), ("bank", "surroundings")]
+)
+def test_an_effect_that_a_target_cannot_hold_is_named(name: str, why: str, tmp_path: Path) -> None:
+    ship = load_ship("esso_osaka_3m").with_effect(name)
+    with pytest.raises(UserError, match=f"cannot hold the effect {name}, which .*{why}.*; leave it out with --without"):
+        export(product(ship, {}), "shipmmg", tmp_path / "x.json")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_effects_of_the_forces_and_of_the_instruments_are_held_or_left_out() -> None:
+    ship = load_ship("esso_osaka_3m").with_effect("fouling", {"share": 0.3}).with_effect("log_scale", {"share": 0.1})
+    found = motions(product(ship, {}), "a simulator")
+    assert "log_scale belongs to the instruments" in found.left_out[0] and "fouling" in found.left_out[1]
+    assert found.forces["hull"][0].mean() < 1.1 * moved("esso_osaka_3m").forces["hull"][0].mean() < 0
+
+
+def test_motions_stay_in_the_range_of_the_trials() -> None:
+    held = {"n": (6.0, 9.0), "delta": (-0.35, 0.35), "u": (0.2, 0.4), "r": (-0.03, 0.03)}
+    found = motions(product(load_ship("esso_osaka_3m"), held), "a simulator")
+    for name, (low, high) in held.items():
+        margin = 0.03 * (high - low)
+        assert low - margin <= found.limits[name][0] <= found.limits[name][1] <= high + margin, name
+    nowhere = {"u": (-0.3, -0.1), "n": (-9.0, -5.0)}
+    with pytest.raises(UserError, match="needs motions ahead"):
+        motions(product(load_ship("esso_osaka_3m"), nowhere), "a simulator")
+
+
+def test_a_circle_of_the_ship_is_that_of_the_simulation() -> None:
+    from delivery.dictionaries.turning import ship_rates
+
+    m = moved("esso_osaka_3m")
+    path = turning_path(m, ship_rates(m), dt=0.2)
+    assert path[0, 3] > 0.3 and path[-1, 2] > math.pi and np.ptp(path[:, 6]) == 0

@@ -1,0 +1,117 @@
+"""The serialised functions give the numbers of the model, with CasADi alone."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from cases.shipfiles.ship_file import load_ship
+from delivery.export import export
+from delivery.product import Product, product_of
+from mmg.model import settled
+from mmg.rollout import Simulator
+from mmg.ship import Ship
+from tests.support.networks import random_network
+
+
+def with_memory() -> Ship:
+    ship = load_ship("esso_osaka_3m").with_effect("rudder_lag", {"T": 0.7}).with_effect("heading_bias", {"psi": 0.02})
+    return ship.with_effect("current", {"x": 0.05})
+
+
+def hybrid() -> Ship:
+    ship = load_ship("esso_osaka_3m")
+    return ship.with_network(random_network(ship, members=2))
+
+
+SHIPS = {"plain": lambda: load_ship("kvlcc2_l7"), "hybrid": hybrid, "memory": with_memory}
+
+
+@pytest.fixture(scope="module", params=SHIPS)
+def exported(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Product, Path]:
+    product = replace(product_of("esso_osaka_3m", force=True), ship=SHIPS[request.param]())
+    folder = tmp_path_factory.mktemp("casadi") / "ship"
+    export(product, "casadi", folder)
+    return product, folder
+
+
+def functions(folder: Path) -> dict[str, ca.Function]:
+    return {path.stem: ca.Function.load(str(path)) for path in folder.glob("*.casadi")}
+
+
+def test_functions_are_those_of_the_model(exported: tuple[Product, Path]) -> None:
+    product, folder = exported
+    model, loaded, rng = product.model, functions(folder), np.random.default_rng(0)
+    theta = product.ship.values
+    for _ in range(5):
+        z, c = 0.3 * rng.normal(size=len(model.states)), 0.3 * rng.normal(size=len(model.controls))
+        c[0] += 8.0
+        for name, expected in (
+            ("rates", model.rates(z, c, theta)),
+            ("forces", model.forces(z, c, theta)),
+            ("columns", model.columns(z, theta)),
+            ("initial", model.initial(z[:6], c, theta)),
+        ):
+            given = {"columns": (z,), "initial": (z[:6], c)}.get(name, (z, c))
+            assert np.allclose(loaded[name](*given), expected, rtol=1e-12, atol=1e-14), name
+        moved = 1.1 * theta
+        free = loaded["rates_of_coefficients"](z, c, moved)
+        assert np.allclose(free, model.rates(z, c, moved), rtol=1e-12, atol=1e-14)
+        assert np.allclose(loaded["step_of_coefficients"](z, c, 0.1, theta), loaded["step"](z, c, 0.1), rtol=1e-13)
+
+
+def test_steps_are_those_of_the_simulator(exported: tuple[Product, Path]) -> None:
+    product, folder = exported
+    loaded, simulator = functions(folder), Simulator(product.ship, compiled=False)
+    controls = np.tile(np.array([8.0, 0.4, 1.0, -1.0, *np.zeros(1)])[: len(product.model.controls)], (50, 1))
+    start = np.array([0.0, 0.0, 0.1, 0.4, 0.02, 0.01])
+    path = simulator.run(settled(product.model, start[:, None], controls[0], product.ship.values), controls, 0.2)
+    z = np.array(loaded["initial"](start, controls[0])).ravel()
+    for row in controls:
+        z = np.array(loaded["step"](z, row, 0.2)).ravel()
+    assert np.allclose(z, path[-1, :, 0], rtol=1e-10, atol=1e-12)
+
+
+def test_the_description_names_every_row(exported: tuple[Product, Path]) -> None:
+    product, folder = exported
+    about = json.loads((folder / "model.json").read_text())
+    assert [row["name"] for row in about["states"]] == list(product.model.states)
+    assert [row["name"] for row in about["controls"]] == list(product.model.controls)
+    assert [row["symbol"] for row in about["coefficients"]] == list(product.model.symbols)
+    assert about["forces"]["rows"] == list(product.model.roles)
+    assert set(about["functions"]) == {path.stem for path in folder.glob("*.casadi")}
+    assert all(row["unit"] for row in about["controls"])
+
+
+SAIL = """
+import json, sys
+from pathlib import Path
+folder = Path(sys.argv[1])
+sys.path.insert(0, str(folder))
+import example, heading_mpc
+example.main()
+tuning = heading_mpc.Tuning(intervals=16)
+controller = heading_mpc.HeadingController(folder, heading_mpc.steady_revolutions(folder, 0.38), 1.0, tuning)
+calm = heading_mpc.sail(controller, 0.2, 35.0, 0.38)
+blind = heading_mpc.sail(controller, 0.0, 8.0, 0.38, (0.0, -4.0), known=False)
+floors = {name.partition(".")[0] for name in sys.modules} & {"mmg", "cases", "fitting", "delivery", "torch"}
+print(json.dumps({"heading": calm[-1, 1], "rudder": calm[:, 2].max(), "blown": blind[-1, 1], "floors": list(floors)}))
+"""
+
+
+def test_the_examples_run_with_casadi_and_numpy_alone(tmp_path: Path) -> None:
+    export(product_of("esso_osaka_3m", force=True), "casadi", tmp_path / "ship")
+    command = [sys.executable, "-c", SAIL, str(tmp_path / "ship")]
+    run = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
+    assert run.returncode == 0, run.stderr
+    found = json.loads(run.stdout.splitlines()[-1])
+    assert found["floors"] == []
+    assert abs(found["heading"] - 0.2) < 0.01 and 0.1 < found["rudder"] < 0.611
+    assert abs(found["blown"]) > 0.01
