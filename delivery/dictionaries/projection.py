@@ -45,7 +45,8 @@ def channel_errors(needed: np.ndarray, found: np.ndarray) -> tuple[ChannelError,
 
 
 def check_errors(errors: tuple[ChannelError, ...], target: str, instead: str) -> None:
-    """Raises UserError where a channel's error is too large a share. target: words; instead: what to do."""
+    """Raises UserError where a channel's error is too large a share. errors: by channel; target: words;
+    instead: what to do."""
     worst = max(errors, key=lambda e: e.share)
     if worst.share > WORST:
         raise UserError(
@@ -57,7 +58,7 @@ def check_errors(errors: tuple[ChannelError, ...], target: str, instead: str) ->
 def say_errors(errors: tuple[ChannelError, ...], moved: Motions, target: str) -> list[str]:
     """Say, and return, the sentences on a projection: error per channel, and range.
 
-    moved: motions of the ship; target: words.
+    errors: by channel; moved: motions of the ship; target: words.
     """
     shares = ", ".join(f"{e.channel} {100 * e.share:.1f} %" for e in errors)
     lines = [f"projected on {target}: error by net force (RMS) {shares}, over {len(moved.u)} motions"]
