@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import secrets
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -14,6 +14,7 @@ from typing import Any
 from delivery.product import Product
 from fitting.report.run_folder import write_json, write_whole
 from mmg.errors import UserError
+from mmg.messages import Message
 
 ABOUT = "product.json"
 """File in every folder that is delivered: what the product is. A folder without it is never replaced."""
@@ -23,21 +24,23 @@ ABOUT = "product.json"
 class Format:
     """A format: the module and the function in it that write, what comes of it, and a line for the help.
 
-    writer: "module:function" of ``function(product, target, **options) -> None``; it writes to ``target``, a folder
-    that exists and is empty, or a file that does not exist yet. suffix: of a file, "" for a folder. options: names of
-    further options that the function takes.
+    writer: "module:function" of ``function(product, target, **options)``; it writes to ``target``, a folder that exists
+    and is empty, or a file that does not exist yet, and returns messages on what it wrote, or None. suffix: of a file,
+    "" for a folder. options: names of further options that the function takes. beside: whether it writes a file beside
+    its target as well; it is then told by ``replace`` whether that may take the place of another.
     """
 
     writer: str
     summary: str
     suffix: str = ""
     options: tuple[str, ...] = ()
+    beside: bool = False
 
     @property
-    def function(self) -> Callable[..., None]:
+    def function(self) -> Callable[..., Sequence[Message] | None]:
         """The writer, imported when it is first asked for. Raises UserError where an optional library is missing."""
         module, name = self.writer.split(":")
-        found: Callable[..., None] = getattr(import_module(module), name)
+        found: Callable[..., Sequence[Message] | None] = getattr(import_module(module), name)
         return found
 
 
@@ -53,14 +56,17 @@ FORMATS: dict[str, Format] = {
     ),
     "gazebo": Format("delivery.dictionaries.gazebo:write_gazebo", "hull for Gazebo Sim's hydrodynamics", ".sdf"),
     "vrx": Format("delivery.dictionaries.gazebo:write_vrx", "hull for the simple hydrodynamics of VRX", ".sdf"),
+    "fmu": Format("delivery.fmi.write:write_fmu2", "FMI 2.0 for co-simulation", ".fmu", ("platforms",), True),
+    "fmu3": Format("delivery.fmi.write:write_fmu3", "FMI 3.0 for co-simulation", ".fmu", ("platforms",), True),
 }
 """The formats of ``mmg export`` by name."""
 
 
-def export(product: Product, form: str, out: str | Path, force: bool = False, **options: Any) -> None:
+def export(product: Product, form: str, out: str | Path, force: bool = False, **options: Any) -> list[Message]:
     """Write ``product`` in the format ``form``, one of FORMATS, to ``out``: a file or a folder that appears whole.
 
-    force: replace a file, or a folder that an export wrote. options: of the format. Raises UserError for an unknown
+    force: replace a file, or a folder that an export wrote. options: of the format. Returns what is to be said of what
+    was written, besides the caveats of the product. Raises UserError for an unknown
     format or option, for a target that exists or cannot be written, and for what the format cannot hold.
     """
     if form not in FORMATS:
@@ -69,15 +75,20 @@ def export(product: Product, form: str, out: str | Path, force: bool = False, **
     for name in sorted(set(options) - set(chosen.options)):
         raise UserError(f"--{name.replace('_', '-')} does not belong to the format {form}")
     check_target(target, chosen, force)
+    said: list[Message] = []
+    if chosen.beside:
+        options["replace"] = force
 
-    def fill(folder: Path) -> None:
-        chosen.function(product, folder, **options)
-        write_json(folder / ABOUT, {"format": form, **product.about()})
+    def fill(place: Path) -> None:
+        said.extend(chosen.function(product, place, **options) or ())
+        if not chosen.suffix:
+            write_json(place / ABOUT, {"format": form, **product.about()})
 
     if chosen.suffix:
-        _write_file(target, lambda path: chosen.function(product, path, **options))
+        _write_file(target, fill)
     else:
         write_whole(target, fill, replace=force)
+    return said
 
 
 def check_target(target: Path, chosen: Format, force: bool) -> None:

@@ -143,7 +143,11 @@ class Product:
     @cached_property
     def model(self) -> Model:
         """Its right-hand side, all coefficients as arguments; that of a hybrid with its network."""
-        return assemble(self.ship)
+        return self.model_of(self.ship)
+
+    def model_of(self, ship: Ship) -> Model:
+        """The right-hand side of ``ship``, this one or its form without network, as it is delivered."""
+        return assemble(ship)
 
     @property
     def coefficients(self) -> tuple[ProductCoefficient, ...]:

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from mmg.compile.stages import Program
-from mmg.model import Model, assemble
-from mmg.ship import Ship
+from mmg.model import Model
 
 COEFFICIENTS, INPUTS, STATE = 1, 2, 3
 """Stages: what depends on the coefficients alone, on these and the inputs, and on the state."""
@@ -30,9 +29,8 @@ class Equations:
     program: Program
 
     @classmethod
-    def of(cls, ship: Ship) -> Equations:
-        """The equations of a ``ship``, plain or hybrid."""
-        model = assemble(ship.without_network())
+    def of(cls, model: Model) -> Equations:
+        """The equations of a ``model`` without network."""
         z, c = ca.SX.sym("state", len(model.states)), ca.SX.sym("inputs", len(model.controls))
         theta = ca.SX.sym("coefficients", len(model.symbols))
         rates, features = model.rates(z, c, theta), model.features(z, c, theta)

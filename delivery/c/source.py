@@ -36,7 +36,7 @@ class Source:
 
     def __init__(self, product: Product) -> None:
         self.product, self.p, self.model = product, product.identifier, product.model
-        self.equations = Equations.of(product.ship)
+        self.equations = Equations.of(product.model_of(product.ship.without_network()))
         self.program = self.equations.program
         self.S, self.C, self.P = len(self.model.states), len(self.model.controls), len(self.model.symbols)
         self.features = product.ship.features

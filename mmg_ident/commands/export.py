@@ -7,14 +7,25 @@ from typing import Annotated
 
 from typer import Argument, Option
 
+from mmg.messages import message_rows
 from mmg_ident.commands.output import names_of, print_json, say
 
 
 def export(
     model: Annotated[str, Argument(help="Run folder of mmg fit or mmg train, ship file, or ship.", metavar="RUN|SHIP")],
-    format: Annotated[str, Option(help="c, toml, json, casadi, onnx, shipmmg, pvs, gazebo or vrx (docs/formats.md).")],
+    format: Annotated[
+        str,
+        Option(help="c, fmu, fmu3, toml, json, casadi, onnx, shipmmg, pvs, gazebo or vrx (docs/formats.md)."),
+    ],
     out: Annotated[Path, Option(help="Folder or file to write.")],
     without: Annotated[list[str] | None, Option(help="Leave out this effect of the ship; may be repeated.")] = None,
+    platforms: Annotated[
+        list[str] | None,
+        Option(
+            help="Of an FMU: libraries for these, such as x86_64-windows or aarch64-linux, or none; may be repeated. "
+            "Default: this platform, where there is a compiler."
+        ),
+    ] = None,
     force: Annotated[
         bool,
         Option("--force", help="Deliver also what did not converge or was never calibrated; replace what exists."),
@@ -33,10 +44,11 @@ def export(
     from delivery.product import product_of
 
     product = product_of(model, force, names_of(without))
-    write(product, format, out, force)
+    options = {"platforms": names_of(platforms)} if platforms else {}
+    said = write(product, format, out, force, **options)
     if json:
-        print_json({"format": format, "out": str(out), **product.about()})
+        print_json({"format": format, "out": str(out), **product.about(), "notes": message_rows(said)})
         return
-    for caveat in product.caveats:
-        say(f"note: {caveat}")
+    for line in (*product.caveats, *said):
+        say(f"note: {line}")
     say(f"written: {out}")

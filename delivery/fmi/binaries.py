@@ -1,0 +1,136 @@
+"""Shared libraries of an FMU for several platforms, by the C compilers that are there."""
+
+from __future__ import annotations
+
+import importlib.util
+import platform
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from delivery.fmi.sources import MAIN
+from mmg.compile.cache import compiler
+from mmg.errors import UserError
+
+FLAGS = ("-std=c99", "-O2", "-fno-math-errno", "-shared", "-fvisibility=hidden")
+LINKED = ("-lm",)
+
+
+@dataclass(frozen=True)
+class FmuPlatform:
+    """A platform: its folders in FMI 2.0 and 3.0, the suffix of its libraries, names of compilers for it alone, and
+    how zig calls it."""
+
+    folder_2: str
+    folder_3: str
+    suffix: str
+    compilers: tuple[str, ...]
+    zig: str
+
+
+PLATFORMS = {
+    p.folder_3: p
+    for p in (
+        FmuPlatform("linux64", "x86_64-linux", ".so", ("x86_64-linux-gnu-gcc",), "x86_64-linux-gnu.2.17"),
+        FmuPlatform("aarch64-linux", "aarch64-linux", ".so", ("aarch64-linux-gnu-gcc",), "aarch64-linux-gnu.2.17"),
+        FmuPlatform("win64", "x86_64-windows", ".dll", ("x86_64-w64-mingw32-gcc",), "x86_64-windows-gnu"),
+        FmuPlatform("win32", "x86-windows", ".dll", ("i686-w64-mingw32-gcc",), "x86-windows-gnu"),
+        FmuPlatform("darwin64", "x86_64-darwin", ".dylib", (), "x86_64-macos"),
+        FmuPlatform("darwin64", "aarch64-darwin", ".dylib", (), "aarch64-macos"),
+    )
+}
+"""By their names in FMI 3.0."""
+NONE = "none"
+"""What is said for an FMU of sources alone."""
+
+
+def this_platform() -> str:
+    """Name of the platform of this process, as in PLATFORMS; "" for one that is not among them."""
+    machine = {"amd64": "x86_64", "arm64": "aarch64", "i386": "x86", "i686": "x86"}
+    processor = machine.get(platform.machine().lower(), platform.machine().lower())
+    if processor == "x86_64" and sys.maxsize < 2**32:
+        processor = "x86"
+    name = f"{processor}-{platform.system().lower()}"
+    return name if name in PLATFORMS else ""
+
+
+def platforms_of(names: Sequence[str], version: int) -> list[str]:
+    """Platforms of PLATFORMS meant by ``names``, which may be those of FMI 2.0 as well; empty for "none".
+
+    version: of FMI. Raises UserError for an unknown one, and for two that FMI 2.0 cannot tell apart.
+    """
+    if list(names) == [NONE]:
+        return []
+    known = {**{p.folder_2: name for name, p in reversed(PLATFORMS.items())}, **{name: name for name in PLATFORMS}}
+    for name in names:
+        if name not in known:
+            raise UserError(f"--platforms {name}: no such platform; choose of {', '.join(PLATFORMS)}, or {NONE}")
+    found = list(dict.fromkeys(known[name] for name in names))
+    folders = [PLATFORMS[name].folder_2 for name in found]
+    if version == 2 and len(set(folders)) < len(folders):
+        raise UserError("--platforms: FMI 2.0 has one folder for macOS; choose one of its platforms, or --format fmu3")
+    return found
+
+
+def build(sources: dict[str, str], identifier: str, names: Sequence[str]) -> dict[str, bytes]:
+    """The library of each platform of ``names``, made of ``sources`` and named by ``identifier``.
+
+    Raises UserError where there is no compiler for one of them, or it fails.
+    """
+    return {name: _built(sources, identifier, name, _command(name)) for name in names}
+
+
+def build_here(sources: dict[str, str], identifier: str) -> tuple[dict[str, bytes], str]:
+    """The library for this platform, or none and the reason. sources, identifier: as for ``build``."""
+    name = this_platform()
+    if not name:
+        return {}, f"{platform.system()} on {platform.machine()} is no platform that this program knows"
+    try:
+        return build(sources, identifier, [name]), ""
+    except UserError as error:
+        return {}, str(error)
+
+
+def _zig() -> list[str]:
+    """The command of the zig compiler, on the path or as a Python package; empty where there is none."""
+    found = shutil.which("zig")
+    if found:
+        return [found, "cc"]
+    return [sys.executable, "-m", "ziglang", "cc"] if importlib.util.find_spec("ziglang") else []
+
+
+def _command(name: str) -> list[str]:
+    """The compiler for a platform, with the flags that only it needs."""
+    chosen, zig, position = PLATFORMS[name], _zig(), ["-fPIC"] if not name.endswith("windows") else []
+    windows = ["-static-libgcc", "-Wl,--no-insert-timestamp"]
+    own = compiler() if name == this_platform() else None
+    if own:
+        return [own, *position, *(windows if name.endswith("windows") else [])]
+    for other in chosen.compilers:
+        found = shutil.which(other)
+        if found:
+            return [found, *position, *(windows if name.endswith("windows") else [])]
+    if zig:
+        return [*zig, "-target", chosen.zig, "-s", *position]
+    wanted = [*chosen.compilers, "zig (pip install ziglang)"]
+    raise UserError(f"--platforms {name}: no C compiler for it; install {' or '.join(wanted)}, or leave it out")
+
+
+def _built(sources: dict[str, str], identifier: str, name: str, command: Sequence[str]) -> bytes:
+    """The library, compiled in a folder of its own under names that do not change from run to run."""
+    library = f"{identifier}{PLATFORMS[name].suffix}"
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch)
+        for file, text in sources.items():
+            (folder / file).write_text(text, encoding="utf-8")
+        whole = [*command, *FLAGS, "-I.", MAIN, "-o", library, *LINKED]
+        run = subprocess.run(whole, cwd=folder, capture_output=True, encoding="utf-8", errors="replace")
+        if run.returncode:
+            lines = run.stderr.strip().splitlines() or ["no message"]
+            said = next((line for line in lines if "error" in line), lines[0])
+            raise UserError(f"--platforms {name}: {command[0]} failed ({said})")
+        return (folder / library).read_bytes()

@@ -1,0 +1,367 @@
+/* See fmu-instance.h. */
+#include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "fmu-instance.h"
+
+#define FMU_LONGEST_NAME 256
+
+static void fmu_report(FmuInstance *x, FmuResult status, const char *format, ...) {
+  static const char *const categories[] = {"logAll", "logStatusWarning", "logStatusDiscard", "logStatusError"};
+  char text[512];
+  va_list arguments;
+  if (!x->say || (status == FMU_OK && !x->debug)) return;
+  va_start(arguments, format);
+  vsnprintf(text, sizeof text, format, arguments);
+  va_end(arguments);
+  x->say(x, status, categories[status], text);
+}
+
+/* An error ends the simulation: from now on the instance can be read, restored, reset and freed. */
+static FmuResult fmu_error(FmuInstance *x, const char *function, const char *why) {
+  fmu_report(x, FMU_ERROR, "%s: %s", function, why);
+  x->core.phase = FMU_FAILED;
+  return FMU_ERROR;
+}
+
+static const char *fmu_phase_name(int phase) {
+  switch (phase) {
+    case FMU_INSTANTIATED: return "instantiated";
+    case FMU_INITIALIZATION: return "in initialization mode";
+    case FMU_STEPPING: return "initialized";
+    case FMU_TERMINATED: return "terminated";
+    default: return "in error";
+  }
+}
+
+static FmuResult fmu_allowed(FmuInstance *x, const char *function, int phases) {
+  char why[96];
+  if (x->core.phase & phases) return FMU_OK;
+  snprintf(why, sizeof why, "must not be called while the instance is %s", fmu_phase_name(x->core.phase));
+  return fmu_error(x, function, why);
+}
+
+static void fmu_stale(FmuCore *c) { c->forces_stale = c->columns_stale = c->extrapolation_stale = 1; }
+
+static void fmu_reset(FmuInstance *x) {
+  FmuCore *c = &x->core;
+  memset(c, 0, sizeof *c);
+  memcpy(c->set, fmu_start, sizeof fmu_start);
+  c->phase = FMU_INSTANTIATED;
+  c->model_stale = c->state_stale = 1;
+  fmu_stale(c);
+  x->held = 0;
+}
+
+static void fmu_free(FmuInstance *x) {
+  void (*release)(void *) = x->release;
+  if (x->history) release(x->history);
+  if (x->name) release(x->name);
+  release(x);
+}
+
+static FmuInstance *fmu_new(const char *name, void *(*allocate)(size_t, size_t), void (*release)(void *)) {
+  const size_t length = strlen(name) < FMU_LONGEST_NAME ? strlen(name) : FMU_LONGEST_NAME;
+  FmuInstance *x = (FmuInstance *)allocate(1, sizeof *x);
+  if (!x) return NULL;
+  memset(x, 0, sizeof *x);
+  x->allocate = allocate;
+  x->release = release;
+  x->name = (char *)allocate(length + 1, 1);
+  if (!x->name) {
+    release(x);
+    return NULL;
+  }
+  memcpy(x->name, name, length);
+  x->name[length] = '\0';
+  fmu_reset(x);
+  return x;
+}
+
+static void fmu_model(FmuCore *c) {
+  if (!c->model_stale) return;
+  SHIP(init)(&c->model, c->set + FMU_INPUTS + 6);
+  c->model_stale = 0;
+}
+
+/* Inputs of the ship's model: the actuators as they act, the air, the water, and the time since the start. */
+static void fmu_inputs(const FmuCore *c, double *inputs) {
+  memcpy(inputs, c->acting, FMU_ACTUATORS * sizeof(double));
+  memcpy(inputs + FMU_ACTUATORS, c->set + FMU_ACTUATORS, (FMU_INPUTS - FMU_ACTUATORS) * sizeof(double));
+#if FMU_TIMED
+  inputs[FMU_INPUTS] = c->time - c->start;
+#endif
+}
+
+/* Before the first step the state follows from initial values, inputs and coefficients; its memory is settled. */
+static void fmu_settle(FmuCore *c) {
+  double inputs[FMU_INPUTS + 1];
+  fmu_model(c);
+  if (!c->state_stale) return;
+  memcpy(c->acting, c->set, FMU_ACTUATORS * sizeof(double));
+  fmu_inputs(c, inputs);
+  FMU_SETTLE(&c->model, c->set + FMU_INPUTS, inputs, c->state);
+  c->state_stale = 0;
+  fmu_stale(c);
+}
+
+static double fmu_output(FmuCore *c, size_t k) {
+  double inputs[FMU_INPUTS + 1];
+  switch (k) {
+    case FMU_POSITION + 0: return c->state[0];
+    case FMU_POSITION + 1: return c->state[1];
+    case FMU_POSITION + 5: return c->state[2];
+    case FMU_VELOCITY + 0: return c->state[3];
+    case FMU_VELOCITY + 1: return c->state[4];
+    case FMU_VELOCITY + 5: return c->state[5];
+    case FMU_POSITION + 3: return FMU_ROLL < 0 ? 0.0 : c->state[FMU_ROLL < 0 ? 0 : FMU_ROLL];
+    case FMU_VELOCITY + 3: return FMU_ROLL_RATE < 0 ? 0.0 : c->state[FMU_ROLL_RATE < 0 ? 0 : FMU_ROLL_RATE];
+    default: break;
+  }
+  if (k < FMU_LOGGED) return 0.0;
+  fmu_model(c);
+  if (k < FMU_FORCE) {
+    if (c->columns_stale) SHIP(columns)(&c->model, c->state, c->columns);
+    c->columns_stale = 0;
+    return c->columns[k - FMU_LOGGED];
+  }
+  if (k < FMU_MEMORY) {
+    if (c->forces_stale) {
+      fmu_inputs(c, inputs);
+      SHIP(forces)(&c->model, c->state, inputs, c->forces);
+    }
+    c->forces_stale = 0;
+    return c->forces[k - FMU_FORCE];
+  }
+  if (k < FMU_EXTRAPOLATION) return c->state[6 + (k - FMU_MEMORY)];
+  if (c->extrapolation_stale) {
+    fmu_inputs(c, inputs);
+    c->extrapolation = SHIP(extrapolation)(&c->model, c->state, inputs);
+  }
+  c->extrapolation_stale = 0;
+  return c->extrapolation;
+}
+
+static FmuResult fmu_get(FmuInstance *x, const char *function, const unsigned *references, size_t n, double *values) {
+  FmuCore *c = &x->core;
+  size_t i;
+  if (n && (!references || !values)) return fmu_error(x, function, "an array is missing");
+  if (c->state_stale) fmu_settle(c);
+  for (i = 0; i < n; i++) {
+    const size_t k = references[i];
+    if (k >= FMU_FIRST_OUTPUT && k < FMU_VALID) {
+      values[i] = fmu_output(c, k - FMU_FIRST_OUTPUT);
+    } else if (k >= 1 && k < FMU_FIRST_OUTPUT) {
+      values[i] = c->set[k - 1];
+    } else if (k == 0) {
+      values[i] = c->time;
+    } else {
+      return fmu_error(x, function, "there is no such real variable");
+    }
+  }
+  return FMU_OK;
+}
+
+/* Whether the state is finite and inside what the trials held. */
+static int fmu_valid(FmuInstance *x) {
+  if (x->core.state_stale) fmu_settle(&x->core);
+  return fmu_output(&x->core, FMU_EXTRAPOLATION) == 0.0;
+}
+
+static FmuResult fmu_set(FmuInstance *x, const char *function, const unsigned *references, size_t n,
+                         const double *values) {
+  FmuCore *c = &x->core;
+  FmuResult result = FMU_OK;
+  size_t i;
+  if (n && (!references || !values)) return fmu_error(x, function, "an array is missing");
+  for (i = 0; i < n; i++) { /* all or nothing */
+    const size_t k = (size_t)references[i] - 1;
+    if (references[i] == 0 || k >= FMU_SET) return fmu_error(x, function, "there is no such variable that can be set");
+    if (k >= FMU_INPUTS && k < FMU_INPUTS + 6 && c->phase == FMU_STEPPING) {
+      return fmu_error(x, function, "initial values are fixed once the instance is initialized");
+    }
+    if (!isfinite(values[i])) {
+      fmu_report(x, FMU_DISCARD, "%s: the value of #%u# is not finite; nothing is set", function, references[i]);
+      return FMU_DISCARD;
+    }
+  }
+  for (i = 0; i < n; i++) {
+    const size_t k = (size_t)references[i] - 1;
+    if (c->set[k] == values[i]) continue;
+    c->set[k] = values[i];
+    if (k >= FMU_INPUTS + 6) {
+      const size_t j = k - FMU_INPUTS - 6;
+      c->model_stale = c->columns_stale = 1;
+      if (values[i] < fmu_lower[j] || values[i] > fmu_upper[j]) {
+        fmu_report(x, FMU_WARNING, "%s: the value of #%u# lies outside its bounds %g .. %g", function, references[i],
+                   fmu_lower[j], fmu_upper[j]);
+        result = FMU_WARNING;
+      }
+    }
+    if (c->phase & (FMU_INSTANTIATED | FMU_INITIALIZATION)) c->state_stale = 1;
+#if !FMU_DELAYED
+    if (k < FMU_ACTUATORS) c->acting[k] = values[i];
+#endif
+    c->forces_stale = c->extrapolation_stale = 1;
+  }
+  return result;
+}
+
+#if FMU_DELAYED
+/* Puts the actuators at the end of the history; 0 where there is no memory for them. */
+static int fmu_remember(FmuInstance *x, double t) {
+  const FmuCore *c = &x->core;
+  FmuHeld *last = x->held ? x->history + x->held - 1 : NULL;
+  const double oldest = t - fmax(c->set[FMU_SET - 1], fmu_upper[FMU_PARAMETERS - 1]);
+  size_t drop = 0;
+  if (last && memcmp(last->actuators, c->set, FMU_ACTUATORS * sizeof(double)) == 0) return 1;
+  while (drop + 1 < x->held && x->history[drop + 1].from <= oldest) drop++;
+  if (drop) memmove(x->history, x->history + drop, (x->held - drop) * sizeof(FmuHeld));
+  x->held -= drop;
+  if (x->held == x->room) {
+    const size_t room = x->room ? 2 * x->room : 256;
+    FmuHeld *larger = (FmuHeld *)x->allocate(room, sizeof(FmuHeld));
+    if (!larger) return 0;
+    if (x->held) memcpy(larger, x->history, x->held * sizeof(FmuHeld));
+    if (x->history) x->release(x->history);
+    x->history = larger;
+    x->room = room;
+  }
+  last = x->history + x->held++;
+  memset(last, 0, sizeof *last);
+  last->from = t;
+  memcpy(last->actuators, c->set, FMU_ACTUATORS * sizeof(double));
+  return 1;
+}
+
+/* The means of the actuators over the step of h [s] from t, both `delay` ago; before the first entry they were as in
+   it. */
+static void fmu_act_late(FmuInstance *x, double t, double h) {
+  FmuCore *c = &x->core;
+  const double begin = t - c->set[FMU_SET - 1], end = begin + h;
+  double sum[FMU_ACTUATORS + 1] = {0.0};
+  size_t i, j;
+  for (i = 0; i < x->held; i++) {
+    const double from = i == 0 || x->history[i].from < begin ? begin : x->history[i].from;
+    const double to = i + 1 == x->held || x->history[i + 1].from > end ? end : x->history[i + 1].from;
+    if (to <= from) continue;
+    for (j = 0; j < FMU_ACTUATORS; j++) sum[j] += (to - from) * x->history[i].actuators[j];
+  }
+  for (j = 0; j < FMU_ACTUATORS; j++) c->acting[j] = sum[j] / h;
+}
+#endif
+
+static FmuResult fmu_step(FmuInstance *x, const char *function, double t, double h) {
+  FmuCore *c = &x->core;
+  double inputs[FMU_INPUTS + 1];
+  char why[160];
+  if (!isfinite(t) || !isfinite(h) || h <= 0.0) return fmu_error(x, function, "the step size must be positive");
+  if (fabs(t - c->time) > 1e-3 * h + 1e-9 * fabs(t)) {
+    snprintf(why, sizeof why, "begins at %.17g s, but the instance is at %.17g s", t, c->time);
+    return fmu_error(x, function, why);
+  }
+  if (c->limited && t + h > c->stop + 1e-3 * h + 1e-9 * fabs(c->stop)) {
+    snprintf(why, sizeof why, "ends at %.17g s, after the stop time %.17g s", t + h, c->stop);
+    return fmu_error(x, function, why);
+  }
+  fmu_model(c);
+  c->time = t;
+#if FMU_DELAYED
+  if (!fmu_remember(x, t)) return fmu_error(x, function, "out of memory");
+  fmu_act_late(x, t, h);
+#endif
+  fmu_inputs(c, inputs);
+  if (SHIP(step)(&c->model, c->state, inputs, h) != 0) {
+    snprintf(why, sizeof why, "the motion diverges after t = %g s; check coefficients and inputs", t);
+    return fmu_error(x, function, why);
+  }
+  c->time = t + h;
+  fmu_stale(c);
+  return FMU_OK;
+}
+
+/* Saved states: the token of the model, the core, and the history. */
+#define FMU_HEAD (sizeof FMU_TOKEN + sizeof(size_t))
+
+static FmuResult fmu_save(FmuInstance *x, const char *function, void **state) {
+  const size_t held = x->held, bytes = FMU_HEAD + sizeof(FmuCore) + held * sizeof(FmuHeld);
+  FmuState *s;
+  if (!state) return fmu_error(x, function, "the argument is missing");
+  s = (FmuState *)*state;
+  if (s && s->bytes != bytes) {
+    x->release(s);
+    s = NULL;
+  }
+  if (!s) s = (FmuState *)x->allocate(1, sizeof(FmuState) + bytes);
+  *state = s;
+  if (!s) return fmu_error(x, function, "out of memory");
+  s->bytes = bytes;
+  memcpy(s->data, FMU_TOKEN, sizeof FMU_TOKEN);
+  memcpy(s->data + sizeof FMU_TOKEN, &held, sizeof held);
+  memcpy(s->data + FMU_HEAD, &x->core, sizeof x->core);
+  if (held) memcpy(s->data + FMU_HEAD + sizeof x->core, x->history, held * sizeof(FmuHeld));
+  return FMU_OK;
+}
+
+/* Number of history entries in a saved state of this model, or -1 for bytes that are none. */
+static long fmu_state_held(const unsigned char *data, size_t bytes) {
+  size_t held;
+  if (bytes < FMU_HEAD + sizeof(FmuCore) || memcmp(data, FMU_TOKEN, sizeof FMU_TOKEN) != 0) return -1;
+  memcpy(&held, data + sizeof FMU_TOKEN, sizeof held);
+  if (held > bytes / sizeof(FmuHeld) || bytes != FMU_HEAD + sizeof(FmuCore) + held * sizeof(FmuHeld)) return -1;
+  return (long)held;
+}
+
+static FmuResult fmu_restore(FmuInstance *x, const char *function, const void *state) {
+  const FmuState *s = (const FmuState *)state;
+  const long found = s ? fmu_state_held(s->data, s->bytes) : -1;
+  const size_t held = (size_t)found;
+  if (found < 0) return fmu_error(x, function, "this is no state of this model");
+  if (held > x->room) {
+    FmuHeld *larger = (FmuHeld *)x->allocate(held, sizeof(FmuHeld));
+    if (!larger) return fmu_error(x, function, "out of memory");
+    if (x->history) x->release(x->history);
+    x->history = larger;
+    x->room = held;
+  }
+  memcpy(&x->core, s->data + FMU_HEAD, sizeof x->core);
+  if (held) memcpy(x->history, s->data + FMU_HEAD + sizeof x->core, held * sizeof(FmuHeld));
+  x->held = held;
+  return FMU_OK;
+}
+
+static FmuResult fmu_free_state(FmuInstance *x, const char *function, void **state) {
+  if (!state) return fmu_error(x, function, "the argument is missing");
+  if (*state) x->release(*state);
+  *state = NULL;
+  return FMU_OK;
+}
+
+static FmuResult fmu_state_size(FmuInstance *x, const char *function, const void *state, size_t *size) {
+  if (!state || !size) return fmu_error(x, function, "the argument is missing");
+  *size = ((const FmuState *)state)->bytes;
+  return FMU_OK;
+}
+
+static FmuResult fmu_serialize(FmuInstance *x, const char *function, const void *state, void *bytes, size_t size) {
+  const FmuState *s = (const FmuState *)state;
+  if (!s || !bytes || size < s->bytes) return fmu_error(x, function, "the array is missing or too short");
+  memcpy(bytes, s->data, s->bytes);
+  return FMU_OK;
+}
+
+static FmuResult fmu_deserialize(FmuInstance *x, const char *function, const void *bytes, size_t size, void **state) {
+  FmuState *s;
+  if (!bytes || !state || fmu_state_held((const unsigned char *)bytes, size) < 0) {
+    return fmu_error(x, function, "these bytes are no state of this model");
+  }
+  s = (FmuState *)x->allocate(1, sizeof(FmuState) + size);
+  if (!s) return fmu_error(x, function, "out of memory");
+  s->bytes = size;
+  memcpy(s->data, bytes, size);
+  *state = s;
+  return FMU_OK;
+}

@@ -1,0 +1,109 @@
+"""The ship as a co-simulation wants it: the current is an input, a delay of the actuators is left to the wrapper."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+
+import casadi as ca
+
+from delivery.product import Product, ProductCoefficient
+from mmg.effects import effect
+from mmg.errors import UserError
+from mmg.model import Model, assemble
+from mmg.ship import AIR, Ship
+
+WATER = ("current_north", "current_east")
+"""Inputs in place of the coefficients CURRENT: velocity of the water over ground [m/s]."""
+CURRENT = ("current.x", "current.y")
+RATES = ("current.x_rate", "current.y_rate")
+TIME = "time"
+
+
+@dataclass(frozen=True, eq=False)
+class CoSimulatedShip(Product):
+    """A product whose model has the current among its inputs and no delay of its actuators.
+
+    plain: the product as it was given. water: current [m/s] north, east at which these inputs start. late: the
+    coefficient of the delay of the actuators that was taken out, or None. steady: whether the current has no rates of
+    its own.
+    """
+
+    plain: Product
+    water: tuple[float, float]
+    late: ProductCoefficient | None
+    steady: bool
+
+    @classmethod
+    def of(cls, product: Product) -> CoSimulatedShip:
+        """The co-simulated form of a ``product``. Raises UserError where two effects delay the actuators."""
+        ship, late, known = product.ship, None, {c.symbol: c for c in product.coefficients}
+        for name in ship.effects:
+            if effect(name).input_delay(ship.parameters_of(name)) is None:
+                continue
+            symbols = [symbol for symbol in ship.coefficients if symbol.startswith(f"{name}.")]
+            if late is not None or len(symbols) != 1:
+                raise UserError(
+                    f"the effect {name}: an FMU holds one delay of the actuators; leave it out with --without"
+                )
+            late, ship = known[symbols[0]], ship.without_effect(name)
+        steady = "current" not in ship.effects
+        ship = ship.with_effect("current") if steady else ship
+        x, y = (ship.coefficients[symbol].value for symbol in CURRENT)
+        given = {f.name: getattr(product, f.name) for f in fields(Product)}
+        return cls(**{**given, "ship": ship}, plain=product, water=(x, y), late=late, steady=steady)
+
+    @cached_property
+    def model(self) -> Model:
+        return self.model_of(self.ship)
+
+    def model_of(self, ship: Ship) -> Model:
+        """The model of ``ship``, this one or its form without network, with the inputs of ``inputs_of``."""
+        whole = assemble(ship)
+        symbols = tuple(s for s in whole.symbols if s not in CURRENT and not (self.steady and s in RATES))
+        controls = self.inputs_of(whole.controls)
+        c, theta = ca.SX.sym("controls", len(controls)), ca.SX.sym("coefficients", len(symbols))
+        inputs, known = (
+            dict(zip(controls, ca.vertsplit(c), strict=True)),
+            dict(zip(symbols, ca.vertsplit(theta), strict=True)),
+        )
+        known |= dict(zip(CURRENT, (inputs[name] for name in WATER), strict=True))
+        old_c = ca.vertcat(*[inputs.get(name, ca.SX(0)) for name in whole.controls])
+        old_theta = ca.vertcat(*[known.get(name, ca.SX(0)) for name in whole.symbols])
+        z, six = ca.SX.sym("state", len(whole.states)), ca.SX.sym("state", 6)
+
+        def changed(function: ca.Function) -> ca.Function:
+            name, state = function.name(), six if function.name() == "initial" else z
+            if name == "columns":
+                return ca.Function(name, [z, theta], [function(z, old_theta)], {"cse": True})
+            return ca.Function(name, [state, c, theta], [function(state, old_c, old_theta)], {"cse": True})
+
+        return replace(
+            whole,
+            symbols=symbols,
+            controls=controls,
+            rates=changed(whole.rates),
+            forces=changed(whole.forces),
+            initial=changed(whole.initial),
+            columns=changed(whole.columns),
+            features=changed(whole.features),
+        )
+
+    def inputs_of(self, names: Sequence[str]) -> tuple[str, ...]:
+        """Inputs of the model: actuators, air, water, and the time where an effect besides the current needs it.
+        names: those of the ship."""
+        others = [name for name in self.ship.effects if name != "current" or not self.steady]
+        timed = (TIME,) if any(effect(name).needs_time for name in others) else ()
+        return (*(name for name in names if name not in (*AIR, TIME)), *AIR, *WATER, *timed)
+
+    @property
+    def late_columns(self) -> list[str]:
+        """Effects of its instruments that log late, which the model of the columns approximates."""
+        known = [name for name in self.ship.effects if effect(name).measures]
+        return [name for name in known if any(state.startswith(f"{name}.") for state in self.model.states)]
+
+    @property
+    def coefficients(self) -> tuple[ProductCoefficient, ...]:
+        kept = set(self.model.symbols)
+        return tuple(c for c in super().coefficients if c.symbol in kept)

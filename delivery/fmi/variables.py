@@ -1,0 +1,144 @@
+"""The variables of an FMU: one table, from which both model descriptions and the tables of the C code are written."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from delivery.fmi.ship import TIME, WATER, CoSimulatedShip
+from delivery.fmi.units import plain_unit
+from delivery.product import ProductCoefficient
+from mmg.motion.flow import INPUTS, PROPELLERS, RUDDERS
+from mmg.ship import AIR
+from mmg.states import STATES
+
+STATE_UNITS = {"x": "m", "y": "m", "psi": "rad", "u": "m/s", "v": "m/s", "r": "rad/s", "phi": "rad", "p": "rad/s"}
+STATE_WORDS = {
+    "x": "position of midship, north",
+    "y": "position of midship, east",
+    "psi": "heading, clockwise from north",
+    "u": "velocity ahead over ground, of midship",
+    "v": "velocity to starboard over ground, of midship",
+    "r": "rate of turn, positive to starboard",
+}
+_LINEAR, _ANGULAR = ("m", "m", "m"), ("rad", "rad", "rad")
+POSITION = ("north", "east", "down", "roll", "pitch", "yaw")
+VELOCITY = ("surge", "sway", "heave", "roll", "pitch", "yaw")
+FORCE = {"X": ("N", "force ahead"), "Y": ("N", "force to starboard"), "N": ("N.m", "moment about midship")}
+
+
+@dataclass(frozen=True)
+class FmuVariable:
+    """A variable: real, or Boolean where ``unit`` is None.
+
+    reference: value reference, the place in the table. causality: "independent", "input", "parameter", "output" or
+    "local". variability: as FMI names it. start: where it begins, None where it is calculated. lower, upper: bounds
+    that are stated, infinite for none.
+    """
+
+    name: str
+    reference: int
+    causality: str
+    variability: str
+    start: float | None
+    unit: str | None
+    words: str
+    lower: float = -math.inf
+    upper: float = math.inf
+
+
+@dataclass(frozen=True)
+class VariableTable:
+    """All variables in the order of their references, and the number of each kind that can be set."""
+
+    rows: tuple[FmuVariable, ...]
+    actuators: int
+    inputs: int
+    parameters: tuple[ProductCoefficient, ...]
+
+    def of(self, causality: str) -> tuple[FmuVariable, ...]:
+        """Those of one ``causality``."""
+        return tuple(row for row in self.rows if row.causality == causality)
+
+
+def input_name(actuator: str) -> str:
+    """Name of the input of an ``actuator``: its role and its symbol, such as propeller.n or rudder.delta."""
+    if actuator in RUDDERS:
+        return f"rudder.{actuator}"
+    return f"propeller.{actuator}" if actuator in (*PROPELLERS, "pitch") else f"thruster.{actuator}"
+
+
+def variable_table(ship: CoSimulatedShip) -> VariableTable:
+    """The variables of ``ship``."""
+    actuators = [name for name in ship.model.controls if name not in (*AIR, *WATER, TIME)]
+    parameters = (*ship.coefficients, *((ship.late,) if ship.late else ()))
+    rows: list[tuple[str, str, str, float | None, str | None, str]] = [
+        ("time", "independent", "continuous", None, "s", "time")
+    ]
+    for name in actuators:
+        words, unit = INPUTS[name]
+        rows.append((input_name(name), "input", "continuous", 0.0, plain_unit(unit), f"{words}; held over a step"))
+    for axis in ("north", "east"):
+        words = f"velocity of the air over ground towards {axis}; held over a step"
+        rows.append((f"wind_velocity.{axis}", "input", "continuous", 0.0, "m/s", words))
+    for axis, start in zip(("north", "east"), ship.water, strict=True):
+        words = f"velocity of the water over ground towards {axis}; held over a step"
+        rows.append((f"current_velocity.{axis}", "input", "continuous", start, "m/s", words))
+    for state in STATES:
+        rows.append(
+            (f"initial.{state}", "parameter", "fixed", 0.0, STATE_UNITS[state], f"{STATE_WORDS[state]}, at the start")
+        )
+    settable = [FmuVariable(row[0], i, *row[1:]) for i, row in enumerate(rows)]
+    known = [_parameter(c, len(settable) + i) for i, c in enumerate(parameters)]
+    outputs = _outputs(ship)
+    calculated = [
+        FmuVariable(name, len(settable) + len(known) + i, causality, "continuous", None, unit, words)
+        for i, (name, causality, unit, words) in enumerate(outputs)
+    ]
+    words = "whether the ship moves inside what the trials held, that is extrapolation = 0"
+    valid = FmuVariable("valid", len(settable) + len(known) + len(calculated), "output", "discrete", None, None, words)
+    return VariableTable((*settable, *known, *calculated, valid), len(actuators), len(actuators) + 4, parameters)
+
+
+def _parameter(c: ProductCoefficient, reference: int) -> FmuVariable:
+    """The tunable parameter of a coefficient; its words say how well it is known."""
+    words = [c.description or c.symbol]
+    if not c.unit:
+        words.append("dimensionless")
+    words.append(f"std {c.std:.3g}" if c.std is not None else "fixed" if c.fixed else "std not known")
+    words += [c.verdict] if c.verdict else ["not determined by trials"]
+    lower, upper = min(c.lower, c.value), max(c.upper, c.value)
+    name, unit = f"coefficients.{c.symbol}", plain_unit(c.unit)
+    return FmuVariable(name, reference, "parameter", "tunable", c.value, unit, "; ".join(words), lower, upper)
+
+
+def _outputs(ship: CoSimulatedShip) -> list[tuple[str, str, str, str]]:
+    """Name, causality, unit and words of what is calculated, in the order of enum FmuOutput of fmu-instance.h."""
+    rows = []
+    for axis, unit in zip(POSITION, _LINEAR + _ANGULAR, strict=True):
+        turned = {"yaw": "heading, clockwise from north, not wrapped", "roll": "roll angle, positive to starboard"}
+        text = turned.get(axis, f"position of midship, {axis}" if unit == "m" else f"{axis} angle")
+        rows.append((f"ned_position.{axis}", "output", unit, text + _absent(axis, ship)))
+    for axis, unit in zip(VELOCITY, ("m/s",) * 3 + ("rad/s",) * 3, strict=True):
+        text = f"{axis} velocity of midship over ground" if unit == "m/s" else f"{axis} rate"
+        rows.append((f"body_velocity.{axis}", "output", unit, text + _absent(axis, ship)))
+    near = "; its lateness is approximated" if ship.late_columns else ""
+    for state in STATES:
+        words = f"{STATE_WORDS[state]}, as the ship's instruments log it{near}"
+        rows.append((f"logged.{state}", "output", STATE_UNITS[state], words))
+    for role in ship.model.roles:
+        for axis, (unit, words) in FORCE.items():
+            rows.append((f"force.{role}.{axis}", "output", unit, f"{words} of the part {role}, body axes"))
+    for state in ship.model.states[6:]:
+        rows.append((f"memory.{state}", "local", STATE_UNITS.get(state, ""), f"what the ship remembers: {state}"))
+    words = "how far state and inputs lie outside what the trials held, over the width of that range; 0 inside"
+    ranges = ", ".join(f"{name} {low:.4g} .. {high:.4g}" for name, (low, high) in ship.held.items())
+    words += f" ({ranges})" if ranges else "; -1 as no record of the trials' range is known"
+    rows.append(("extrapolation", "output", "", words))
+    return rows
+
+
+def _absent(axis: str, ship: CoSimulatedShip) -> str:
+    """What is added to the words on an axis in which the ship does not move."""
+    moving = axis not in ("down", "heave", "pitch") and not (axis == "roll" and "phi" not in ship.model.states)
+    return "" if moving else "; always 0, the model has no such motion"

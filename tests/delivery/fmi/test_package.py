@@ -1,0 +1,245 @@
+"""What lies in and beside an FMU: descriptions that hold the schemas, sources, libraries; the same bytes each time."""
+
+from __future__ import annotations
+
+import math
+import shutil
+import subprocess
+import zipfile
+from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree as Xml
+
+import numpy as np
+import pytest
+
+from delivery.export import export
+from delivery.fmi.binaries import PLATFORMS, build_here, platforms_of, this_platform
+from delivery.fmi.osp import osp_groups
+from delivery.fmi.ship import CoSimulatedShip
+from delivery.fmi.units import exponents, plain_unit
+from delivery.fmi.variables import variable_table
+from delivery.fmi.write import SOURCES_ONLY, write_fmu2, write_fmu3
+from delivery.product import NOT_CONVERGED, Product
+from mmg.compile.cache import compiler
+from mmg.errors import UserError
+from mmg.messages import Message, has_code
+from mmg.states import STATES
+from tests.support.c_products import library_product, product
+from tests.support.fmus import fmu, needs_compiler, running, ship_of
+
+WRITERS = {2: write_fmu2, 3: write_fmu3}
+
+
+def members(path: Path) -> dict[str, bytes]:
+    """The files in an FMU by name."""
+    with zipfile.ZipFile(path) as archive:
+        return {name: archive.read(name) for name in archive.namelist()}
+
+
+def source_fmu(of: Product, version: int, folder: Path) -> Path:
+    """An FMU without library."""
+    WRITERS[version](of, folder / "ship.fmu", ["none"])
+    return folder / "ship.fmu"
+
+
+@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("name", ["esso_osaka_3m", "vectwin_3m", "kvlcc2_full", "mariner"])
+def test_descriptions_hold_the_schemas_of_the_standard(name: str, version: int, tmp_path: Path) -> None:
+    fmpy, validation = pytest.importorskip("fmpy"), pytest.importorskip("fmpy.validation")
+    from lxml import etree
+
+    path = source_fmu(library_product(name), version, tmp_path)
+    assert validation.validate_fmu(str(path)) == []
+    if version == 3:
+        schema = Path(fmpy.__file__).parent / "schema" / "fmi3" / "fmi3BuildDescription.xsd"
+        document = etree.fromstring(members(path)["sources/buildDescription.xml"])
+        etree.XMLSchema(etree.parse(str(schema))).assertValid(document)
+
+
+def test_inputs_are_named_by_role_and_symbol() -> None:
+    table = variable_table(CoSimulatedShip.of(library_product("vectwin_3m")))
+    names = [row.name for row in table.of("input")]
+    assert {"propeller.n", "rudder.delta_port", "rudder.delta_starboard"} <= set(names)
+    assert names[-4:] == [f"{what}_velocity.{axis}" for what in ("wind", "current") for axis in ("north", "east")]
+
+
+def test_units_have_those_that_people_read() -> None:
+    of = product("esso_osaka_3m")
+    rows = {row.name: row for row in variable_table(CoSimulatedShip.of(of)).rows}
+    assert rows["propeller.n"].unit == "1/s" and rows["rudder.delta"].unit == "rad"
+    root = Xml.fromstring(members(fmu("plain", 2))["modelDescription.xml"]) if shutil.which("gcc") else None
+    if root is not None:
+        shown = {unit.get("name"): unit.find("DisplayUnit") for unit in root.iter("Unit")}
+        factors = {name: float(shown[name].get("factor")) for name in ("rad", "m/s", "1/s")}  # type: ignore[union-attr, arg-type]
+        assert factors == pytest.approx({"rad": math.degrees(1), "m/s": 3600 / 1852, "1/s": 60.0})
+    assert plain_unit("kg/m³") == "kg/m3" and exponents("kg/m3") == {"kg": 1, "m": -3}
+    assert exponents("N.m") == {"kg": 1, "m": 2, "s": -2} and exponents("furlong") is None
+
+
+def test_coefficients_say_how_well_they_are_known() -> None:
+    ship = ship_of("plain")
+    known = ship.coefficients["Y_v"].with_(std=0.0123, verdict="well determined", fixed=False, lower=-3.0, upper=2.0)
+    rows = {
+        row.name: row
+        for row in variable_table(CoSimulatedShip.of(product(ship.with_coefficients({"Y_v": known})))).rows
+    }
+    row = rows["coefficients.Y_v"]
+    assert (row.start, row.lower, row.upper, row.variability) == (known.value, -3.0, 2.0, "tunable")
+    assert "std 0.0123" in row.words and "well determined" in row.words
+
+
+@needs_compiler
+@pytest.mark.parametrize("version", [2, 3])
+def test_the_same_ship_gives_the_same_bytes(version: int, tmp_path: Path) -> None:
+    WRITERS[version](product(ship_of("plain")), tmp_path / "again.fmu")
+    assert (tmp_path / "again.fmu").read_bytes() == fmu("plain", version).read_bytes()
+
+
+def test_a_changed_coefficient_changes_the_token(tmp_path: Path) -> None:
+    ship = ship_of("plain")
+    first = source_fmu(product(ship), 2, tmp_path).read_bytes()
+    tokens = []
+    for of in (ship, ship.with_values({"Y_v": ship.coefficients["Y_v"].value * 1.01})):
+        text = members(source_fmu(product(of), 2, tmp_path))["modelDescription.xml"]
+        tokens.append(Xml.fromstring(text).get("guid"))
+    assert tokens[0] != tokens[1]
+    assert source_fmu(product(ship), 2, tmp_path).read_bytes() == first
+
+
+@needs_compiler
+@pytest.mark.parametrize("version", [2, 3])
+def test_an_fmu_of_sources_alone_compiles_and_moves(version: int, tmp_path: Path) -> None:
+    path, name = source_fmu(product(ship_of("plain")), version, tmp_path), "esso_osaka_3m"
+    files = members(path)
+    assert not [name for name in files if name.startswith("binaries/")]
+    listed = "modelDescription.xml" if version == 2 else "sources/buildDescription.xml"
+    sources = [
+        e.get("name") or "" for e in Xml.fromstring(files[listed]).iter("File" if version == 2 else "SourceFile")
+    ]
+    for file in files:
+        (tmp_path / file).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / file).write_bytes(files[file])
+    library = tmp_path / "binaries" / (this_platform() if version == 3 else PLATFORMS[this_platform()].folder_2)
+    library.mkdir(parents=True)
+    command = [compiler() or "cc", "-std=c99", "-shared", "-fPIC", "-I.", *sources, "-lm", "-o"]
+    built = library / f"{name}{PLATFORMS[this_platform()].suffix}"
+    subprocess.run([*command, str(built)], cwd=tmp_path / "sources", check=True)
+    with zipfile.ZipFile(path, "a") as archive:
+        archive.write(built, built.relative_to(tmp_path).as_posix())
+    with running(path, version) as instance:
+        instance.begin({"initial.u": 0.4, "rudder.delta": 0.3, "propeller.n": 8.0})
+        for k in range(20):
+            instance.fmu.doStep(0.5 * k, 0.5)
+        assert instance[["ned_position.yaw"]][0] > 0.05
+
+
+def test_without_compiler_the_fmu_says_so(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("MMG_CC", "none")
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    said = write_fmu2(product(ship_of("plain")), tmp_path / "ship.fmu")
+    assert has_code(said, SOURCES_ONLY)
+    assert build_here({}, "ship")[0] == {}
+    with pytest.raises(UserError, match="no C compiler for it"):
+        write_fmu2(product(ship_of("plain")), tmp_path / "ship.fmu", ["win64"])
+
+
+@pytest.mark.parametrize("platform", ["x86_64-windows", "win64", "aarch64-linux"])
+def test_libraries_for_other_platforms(platform: str, tmp_path: Path) -> None:
+    try:
+        write_fmu3(product(ship_of("plain")), tmp_path / "ship.fmu", [platform])
+    except UserError as error:
+        pytest.skip(str(error))
+    name, begins = {"aarch64-linux": ("aarch64-linux", b"\x7fELF")}.get(platform, ("x86_64-windows", b"MZ"))
+    suffix = ".so" if name.endswith("linux") else ".dll"
+    content = members(tmp_path / "ship.fmu")[f"binaries/{name}/esso_osaka_3m{suffix}"]
+    assert content.startswith(begins)
+
+
+def test_platforms_are_known_by_both_names() -> None:
+    assert platforms_of(["win64", "x86_64-windows", "linux64"], 2) == ["x86_64-windows", "x86_64-linux"]
+    assert platforms_of(["none"], 2) == []
+    with pytest.raises(UserError, match="no such platform"):
+        platforms_of(["amiga"], 3)
+    with pytest.raises(UserError, match="one folder for macOS"):
+        platforms_of(["x86_64-darwin", "aarch64-darwin"], 2)
+
+
+def test_the_description_says_what_is_wrong_with_the_calibration(tmp_path: Path) -> None:
+    caveat = Message("its calibration did not converge (Maximum_Iterations_Exceeded)", NOT_CONVERGED)
+    of = replace(product(ship_of("plain")), caveats=(caveat,))
+    for version in (2, 3):
+        root = Xml.fromstring(members(source_fmu(of, version, tmp_path))["modelDescription.xml"])
+        assert str(caveat) in (root.get("description") or "")
+
+
+def test_osp_groups_are_of_variables_that_exist_and_of_the_size_that_a_partner_has(tmp_path: Path) -> None:
+    for name in ("esso_osaka_3m", "vectwin_3m"):
+        table = variable_table(CoSimulatedShip.of(library_product(name)))
+        groups, known = osp_groups(table), {row.name for row in table.rows}
+        assert len({name for _, name, _ in groups}) == len(groups)
+        assert all(set(variables) <= known for _, _, variables in groups)
+        sizes = {name: (kind, len(variables)) for kind, name, variables in groups}
+        assert sizes["wind_velocity"] == sizes["velocity"] == ("LinearVelocity", 2)
+        assert sizes["ned_position"] == ("LinearDisplacement", 3) and sizes["propeller.n"] == ("ShaftSpeed", 1)
+    source_fmu(product(ship_of("plain")), 2, tmp_path)
+    assert (tmp_path / "esso_osaka_3m_OspModelDescription.xml").is_file()
+    assert "OspModelDescription" not in " ".join(members(tmp_path / "ship.fmu"))
+
+
+def test_another_osp_description_is_replaced_by_force_alone(tmp_path: Path) -> None:
+    beside = tmp_path / "esso_osaka_3m_OspModelDescription.xml"
+    beside.write_text("<another/>")
+    of, options = product(ship_of("plain")), {"platforms": ["none"]}
+    with pytest.raises(UserError, match="describes another FMU"):
+        export(of, "fmu", tmp_path / "ship.fmu", **options)
+    assert not (tmp_path / "ship.fmu").exists() and beside.read_text() == "<another/>"
+    export(of, "fmu", tmp_path / "ship.fmu", force=True, **options)
+    assert "VariableGroups" in beside.read_text()
+
+
+@needs_compiler
+@pytest.mark.parametrize("version", [2, 3])
+def test_a_written_coefficient_acts_from_the_next_step_on(version: int) -> None:
+    ship = ship_of("plain")
+    symbol = "coefficients.m_x" if "m_x" in ship.symbols else f"coefficients.{ship.symbols[0]}"
+    speeds = []
+    for factor in (1.0, 1.3):
+        with running(fmu("plain", version), version) as instance:
+            instance.begin({"initial.u": 0.4, "propeller.n": 12.0})
+            instance.fmu.doStep(0.0, 0.5)
+            value = instance[[symbol]][0]
+            instance[[symbol]] = [factor * value]
+            instance.fmu.doStep(0.5, 0.5)
+            assert instance[[symbol]] == [factor * value]
+            speeds.append(instance[["body_velocity.surge"]][0])
+    assert abs(speeds[0] - speeds[1]) > 1e-6
+
+
+@needs_compiler
+def test_it_says_when_it_leaves_what_the_trials_held() -> None:
+    with running(fmu("plain", 2), 2) as instance:
+        start = {f"initial.{name}": 0.0 for name in STATES} | {"initial.u": 0.5, "propeller.n": 8.0}
+        instance.begin(start)
+        assert instance.valid() and instance[["extrapolation"]] == [0.0]
+        instance.fmu.reset()
+        instance.begin(start | {"initial.u": 1.3})
+        assert not instance.valid() and instance[["extrapolation"]][0] == pytest.approx(0.5)
+
+
+@needs_compiler
+def test_forces_are_those_of_the_model() -> None:
+    ship = ship_of("all")
+    product_ship = CoSimulatedShip.of(product(ship))
+    model = product_ship.model
+    with running(fmu("all", 2), 2) as instance:
+        instance.begin(
+            {"initial.u": 0.4, "initial.v": 0.03, "initial.r": 0.02, "propeller.n": 9.0, "rudder.delta": 0.2}
+        )
+        found = [instance[[f"force.{role}.{axis}" for axis in "XYN"]] for role in model.roles]
+    inputs = np.zeros(len(model.controls))
+    inputs[[model.controls.index("n"), model.controls.index("delta")]] = 9.0, 0.2
+    theta = [c.value for c in product_ship.coefficients]
+    state = model.initial([0, 0, 0, 0.4, 0.03, 0.02], inputs, theta)
+    assert np.allclose(found, np.array(model.forces(state, inputs, theta)), rtol=1e-11, atol=1e-11)

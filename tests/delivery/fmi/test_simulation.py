@@ -1,0 +1,156 @@
+"""An FMU moves as ``mmg simulate`` does, in FMPy and in libcosim."""
+
+from __future__ import annotations
+
+import itertools
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cases.simulation.simulate import simulate_controls
+from cases.trial import Trial
+from delivery.fmi.write import write_fmu2
+from mmg.motion.frames import earth_to_body
+from mmg.ship import Ship
+from mmg.states import STATES
+from tests.support.c_products import product
+from tests.support.fmus import fmu, input_rows, inputs_over, needs_compiler, running, ship_of
+
+pytestmark = needs_compiler
+MOTION = ["ned_position.north", "ned_position.east", "ned_position.yaw"]
+MOTION += ["body_velocity.surge", "body_velocity.sway", "body_velocity.yaw"]
+LOGGED = [f"logged.{name}" for name in STATES]
+EXACT = 1e-9
+
+
+def difference(found: np.ndarray, expected: Trial) -> float:
+    """The largest difference of columns of a motion (N, 6) from those of a trial; angles modulo a turn."""
+    error = found - expected.states
+    error[:, 2] = (error[:, 2] + np.pi) % (2 * np.pi) - np.pi
+    return float(np.abs(error).max())
+
+
+def check(kind: str, version: int, h: float, duration: float) -> None:
+    """Raises AssertionError unless the FMU moves as the ship does under the same inputs."""
+    ship, trial = ship_of(kind), inputs_over(ship_of(kind), h, duration)
+    with running(fmu(kind, version), version) as instance:
+        found = instance.run(ship, trial, MOTION)
+    assert np.ptp(found[:, 2]) > 0.5, "it hardly turns"
+    assert difference(found, simulate_controls(ship, trial)) < EXACT
+
+
+@pytest.mark.parametrize(("version", "h"), [(2, 0.07), (3, 0.5)])
+def test_a_ship_with_memory_delay_and_network_moves_as_in_simulate(version: int, h: float) -> None:
+    check("all", version, h, 120.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("kind", "version", "h"),
+    list(itertools.product(["plain", "hybrid", "memory", "all"], [2, 3], [0.07, 0.1, 0.25, 0.5])),
+)
+def test_ten_minutes_are_those_of_simulate(kind: str, version: int, h: float) -> None:
+    check(kind, version, h, 600.0)
+
+
+def compared(ship: Ship, folder: Path, wanted: list[str], trial: Trial) -> float:
+    """The difference of ``wanted`` in an FMU of ``ship`` from its simulated motion."""
+    write_fmu2(product(ship), folder / "ship.fmu")
+    with running(folder / "ship.fmu", 2) as instance:
+        return difference(instance.run(ship, trial, wanted), simulate_controls(ship, trial))
+
+
+def test_logged_columns_are_those_of_the_instruments(tmp_path: Path) -> None:
+    ship = (
+        ship_of("plain").with_effect("antenna_offset", {"x": 0.7, "y": -0.2}).with_effect("heading_bias", {"psi": 0.05})
+    )
+    assert compared(ship, tmp_path, LOGGED, inputs_over(ship, 0.25, 30.0)) < EXACT
+
+
+def test_a_current_of_the_ship_is_where_the_inputs_start(tmp_path: Path) -> None:
+    values = {"x": 0.05, "y": -0.03, "x_rate": 1e-4, "y_rate": 2e-4}
+    ship = ship_of("plain").with_effect("current", values)
+    assert compared(ship, tmp_path, MOTION, inputs_over(ship, 0.25, 30.0)) < EXACT
+
+
+def test_the_current_is_an_input_of_every_ship() -> None:
+    ship, water = ship_of("plain"), {"x": 0.06, "y": -0.04}
+    trial = inputs_over(ship, 0.25, 30.0)
+    with running(fmu("plain", 2), 2) as instance:
+        instance[["current_velocity.north", "current_velocity.east"]] = list(water.values())
+        found = instance.run(ship, trial, MOTION)
+    assert difference(found, simulate_controls(ship.with_effect("current", water), trial)) < EXACT
+
+
+def test_a_ship_adrift_goes_with_water_and_air() -> None:
+    with running(fmu("plain", 2), 2) as instance:
+        start = dict(zip(("initial.u", "initial.v"), map(float, earth_to_body(0.1, 0.05, 0.4)), strict=True))
+        water = {
+            f"{what}_velocity.{axis}": x for what in ("current", "wind") for axis, x in (("north", 0.1), ("east", 0.05))
+        }
+        instance.begin({"initial.psi": 0.4, **start, **water})
+        for k in range(100):
+            instance.fmu.doStep(0.1 * k, 0.1)
+        assert np.allclose(instance[MOTION[:3]], [1.0, 0.5, 0.4], atol=1e-9)
+
+
+SYSTEM = """<?xml version="1.0" encoding="UTF-8"?>
+<OspSystemStructure xmlns="http://opensimulationplatform.com/MSMI/OSPSystemStructure" version="0.1">
+  <StartTime>0.0</StartTime><BaseStepSize>{h}</BaseStepSize><Algorithm>fixedStep</Algorithm>
+  <Simulators>
+    <Simulator name="ship" source="ship.fmu" stepSize="{h}"><InitialValues>{starts}</InitialValues></Simulator>
+    <Simulator name="other" source="ship.fmu" stepSize="{h}"/>
+  </Simulators>
+  <Connections>
+    <VariableGroupConnection>
+      <VariableGroup simulator="ship" name="velocity"/><VariableGroup simulator="other" name="wind_velocity"/>
+    </VariableGroupConnection>
+  </Connections>
+</OspSystemStructure>
+"""
+
+
+def cosimulated(path: Path, ship: Ship, trial: Trial, folder: Path) -> tuple[np.ndarray, list[float]]:
+    """Motion (N - 1, 6) after the first sample in libcosim, and the wind on a second ship that is connected to it."""
+    from libcosimpy.CosimExecution import CosimExecution
+    from libcosimpy.CosimManipulator import CosimManipulator
+    from libcosimpy.CosimObserver import CosimObserver
+
+    for file in path.parent.iterdir():
+        shutil.copy(file, folder)
+    initial = '<InitialValue variable="initial.{}"><Real value="{!r}"/></InitialValue>'
+    starts = "".join(initial.format(s, float(trial[s][0])) for s in STATES)
+    h = float(trial.t[1] - trial.t[0])
+    (folder / "OspSystemStructure.xml").write_text(SYSTEM.format(h=h, starts=starts), encoding="utf-8")
+    execution = CosimExecution.from_osp_config_file(str(folder))
+    inputs, outputs = CosimManipulator.create_override(), CosimObserver.create_last_value()
+    execution.add_manipulator(inputs)
+    execution.add_observer(outputs)
+    first, second = (execution.slave_index_from_instance_name(name) for name in ("ship", "other"))
+    references = {v.name.decode(): v.reference for v in execution.slave_variables(first)}
+    names, rows = input_rows(ship, trial)
+    found = []
+    for row in rows[:-1]:
+        inputs.slave_real_values(first, [references[name] for name in names], row.tolist())
+        assert execution.step()
+        found.append(outputs.last_real_values(first, [references[name] for name in MOTION]))
+    air = [references["wind_velocity.north"], references["wind_velocity.east"]]
+    return np.array(found), outputs.last_real_values(second, air)
+
+
+@pytest.mark.parametrize("kind", ["plain", pytest.param("all", marks=pytest.mark.slow)])
+def test_libcosim_moves_the_ship_as_simulate_and_connects_its_groups(kind: str, tmp_path: Path) -> None:
+    pytest.importorskip("libcosimpy")
+    ship = ship_of(kind)
+    for h in (0.07, 0.1, 0.25, 0.5) if kind == "all" else (0.25,):
+        folder = tmp_path / str(h)
+        folder.mkdir()
+        trial = inputs_over(ship, h, 600.0 if kind == "all" else 30.0)
+        found, wind = cosimulated(fmu(kind, 2), ship, trial, folder)
+        expected = simulate_controls(ship, trial)
+        error = found - expected.states[1:]
+        error[:, 2] = (error[:, 2] + np.pi) % (2 * np.pi) - np.pi
+        assert np.abs(error).max() < EXACT
+        assert np.allclose(wind, found[-2, 3:5], atol=1e-12)

@@ -1,0 +1,142 @@
+"""FMUs of small ships, built once for all tests, and one that runs in FMPy."""
+
+from __future__ import annotations
+
+import math
+import shutil
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+from tempfile import mkdtemp
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cases.shipfiles.ship_file import load_ship
+from cases.trial import Trial
+from delivery.fmi.variables import input_name
+from delivery.fmi.write import write_fmu2, write_fmu3
+from mmg.compile.cache import compiler
+from mmg.motion.frames import wind_vector
+from mmg.network import Layers, Network
+from mmg.ship import Ship
+from mmg.states import STATES
+from tests.support.c_products import product
+
+needs_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler")
+MEMORY = {"control_delay": {"tau": 0.43}, "rudder_lag": {"T": 0.8}, "hull_memory": {"T": 1.2}}
+STARTS = {"x": 3.0, "y": -2.0, "psi": 0.3, "u": 0.4, "v": 0.01, "r": 0.002}
+
+
+def network(ship: Ship, width: int = 32) -> Network:
+    """A network of two hidden layers on ``ship``, random but small."""
+    draw, F = np.random.default_rng(1), len(ship.features)
+    sizes = ((width, F), (width, width), (3, width))
+    weights = tuple(0.3 * draw.normal(size=size) for size in sizes)
+    biases = tuple(0.3 * draw.normal(size=width) for _ in range(2))
+    scales = np.array([{"u": 0.5, "v": 0.1, "r": 0.1, "a_x": 2.0, "a_y": 2.0}.get(f, 10.0) for f in ship.features])
+    unknown = np.full(F, np.inf)
+    return Network(ship.features, scales, (Layers(weights, biases),), np.full(3, 2e-3), -unknown, unknown)
+
+
+@cache
+def ship_of(kind: str) -> Ship:
+    """A 3 m ship: "plain", "hybrid", with "memory", or "all" of it."""
+    ship = load_ship("esso_osaka_3m")
+    if kind in ("memory", "all"):
+        for name, values in MEMORY.items():
+            ship = ship.with_effect(name, values)
+    return ship.with_network(network(ship)) if kind in ("hybrid", "all") else ship
+
+
+@cache
+def fmu(kind: str, version: int) -> Path:
+    """The FMU of ``ship_of(kind)``, in a folder of its own, with a library for this platform."""
+    path = Path(mkdtemp(prefix="fmu")) / "ship.fmu"
+    {2: write_fmu2, 3: write_fmu3}[version](product(ship_of(kind)), path)
+    return path
+
+
+def inputs_over(ship: Ship, h: float, duration: float) -> Trial:
+    """Inputs of ``ship`` each ``h`` [s] over ``duration`` [s] that swing and jump, and the state of the start."""
+    t = h * np.arange(round(duration / h) + 1)
+    columns = {"t": t, **{name: np.full_like(t, start) for name, start in STARTS.items()}}
+    for name in ship.actuators:
+        jump = np.sign(np.sin(t / 33))
+        columns[name] = 8 + 3 * np.sin(t / 20) + 4 * jump if name.startswith("n") else 0.5 * np.sin(t / 7) + 0.1 * jump
+    columns["wind_speed"] = 2 + np.sin(t / 9)
+    columns["wind_direction"] = np.mod(t / 50, 2 * math.pi) - math.pi
+    return Trial("inputs", columns)
+
+
+def input_rows(ship: Ship, trial: Trial) -> tuple[list[str], np.ndarray]:
+    """Names of the inputs of an FMU of ``ship``, and their values (N, C) in ``trial``."""
+    air = wind_vector(trial["wind_speed"], trial["wind_direction"])
+    names = [*map(input_name, ship.actuators), "wind_velocity.north", "wind_velocity.east"]
+    return names, np.column_stack([*(trial[name] for name in ship.actuators), *air])
+
+
+class RunningFmu:
+    """An instance of an FMU in FMPy, addressed by names."""
+
+    def __init__(self, path: Path, folder: str, version: int, name: str) -> None:
+        import fmpy
+        from fmpy.fmi2 import FMU2Slave
+        from fmpy.fmi3 import FMU3Slave
+
+        known = fmpy.read_model_description(str(path))
+        self.references = {v.name: v.valueReference for v in known.modelVariables}
+        kind, token = (FMU2Slave, known.guid) if version == 2 else (FMU3Slave, known.instantiationToken)
+        identifier = known.coSimulation.modelIdentifier
+        self.fmu: Any = kind(guid=token, unzipDirectory=folder, modelIdentifier=identifier, instanceName=name)
+        self.fmu.instantiate()
+        self.two = version == 2
+
+    def __getitem__(self, names: Sequence[str]) -> list[float]:
+        read = self.fmu.getReal if self.two else self.fmu.getFloat64
+        return list(read([self.references[name] for name in names]))
+
+    def __setitem__(self, names: Sequence[str], values: Sequence[float]) -> None:
+        write = self.fmu.setReal if self.two else self.fmu.setFloat64
+        write([self.references[name] for name in names], [float(x) for x in values])
+
+    def valid(self) -> bool:
+        """The output of that name."""
+        return bool(self.fmu.getBoolean([self.references["valid"]])[0])
+
+    def begin(self, values: dict[str, float], time: float = 0.0) -> None:
+        """Through the initialization, with these ``values`` set, from ``time`` [s] on."""
+        if self.two:
+            self.fmu.setupExperiment(startTime=time)
+            self.fmu.enterInitializationMode()
+        else:
+            self.fmu.enterInitializationMode(startTime=time)
+        self[list(values)] = list(values.values())
+        self.fmu.exitInitializationMode()
+
+    def run(self, ship: Ship, trial: Trial, wanted: Sequence[str]) -> np.ndarray:
+        """Values (N, W) of ``wanted`` at the samples of ``trial``, whose inputs are held from one to the next."""
+        names, rows = input_rows(ship, trial)
+        starts = {f"initial.{s}": float(trial[s][0]) for s in STATES}
+        self.begin({**starts, **dict(zip(names, rows[0], strict=True))}, float(trial.t[0]))
+        found = [self[wanted]]
+        for k, h in enumerate(np.diff(trial.t)):
+            self[names] = rows[k]
+            self.fmu.doStep(currentCommunicationPoint=float(trial.t[k]), communicationStepSize=float(h))
+            found.append(self[wanted])
+        return np.array(found)
+
+
+@contextmanager
+def running(path: Path, version: int, name: str = "ship") -> Iterator[RunningFmu]:
+    """An instance of the FMU ``path``, freed at the end."""
+    fmpy = pytest.importorskip("fmpy")
+    folder = fmpy.extract(str(path))
+    instance = RunningFmu(path, folder, version, name)
+    try:
+        yield instance
+    finally:
+        instance.fmu.freeInstance()
+        shutil.rmtree(folder, ignore_errors=True)
