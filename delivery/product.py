@@ -10,8 +10,10 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from cases.io.read import read_trials
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.simulate import longest_step
+from fitting.prediction.envelope import trial_envelope
 from fitting.report.run_folder import RESULT, read_result, versions
 from mmg.effects import effect
 from mmg.errors import UserError
@@ -219,7 +221,7 @@ def product_of(where: str | Path, force: bool = False, without: Sequence[str] = 
     if identifier != ship.name:
         words = f"the ship's name '{ship.name}' is no lower-case identifier: names in the code begin with {identifier}"
         caveats.append(Message(words, NAME_CHANGED))
-    held = _held(content)
+    held = _held(content) or _held_again(ship, content)
     if not held:
         words = "no record says which range the trials held, so nothing can say when the ship extrapolates"
         caveats.append(Message(words, NO_RANGE))
@@ -261,6 +263,20 @@ def _held(content: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
     found = content.get("envelope")
     rows = found.items() if isinstance(found, dict) else ()
     return {name: (float(low), float(high)) for name, (low, high) in rows}
+
+
+def _held_again(ship: Ship, content: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
+    """The same from the trials themselves, for a run folder of an older version: where all are there, unchanged."""
+    rows = content.get("data")
+    if not isinstance(rows, list) or not rows or not all(row.get("path") and row.get("sha256") for row in rows):
+        return {}
+    try:
+        trials = read_trials([row["path"] for row in rows])
+        known = {row["sha256"] for row in rows}
+        found = trial_envelope(ship, trials) if all(trial.sha256 in known for trial in trials) else {}
+    except UserError:
+        return {}
+    return {name: (low, high) for name, (low, high) in found.items()}
 
 
 def _provenance(where: str, content: Mapping[str, Any]) -> dict[str, Any]:

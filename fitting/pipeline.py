@@ -21,6 +21,7 @@ from fitting.model_selection import ModelSelection, select
 from fitting.nlp.captive import Captive
 from fitting.prediction.band_calibration import adaptation_worth, fit_bands
 from fitting.prediction.bands import draws_of
+from fitting.prediction.envelope import trial_envelope
 from fitting.prediction.score import score_pairs
 from fitting.record import CoefficientRow, FitObjects, FitRecord, SolveRow
 from fitting.report.run_folder import data_rows, plain, versions
@@ -117,6 +118,7 @@ def calibrate(
         "auto": choice.table if choice else None,
         "bands": prediction_bands(found, after, train),
         "adaptation": adaptation_worth(after, validation),
+        "envelope": trial_envelope(found.ship, train),
         **uncertainty_rows(found, options.bootstrap, options.profile),
         "timings_s": {**timings, "wall": time.perf_counter() - began},
     }

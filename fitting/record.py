@@ -195,6 +195,7 @@ class FitRecord:
     auto: tuple[dict[str, Any], ...] | None = None
     bands: dict[str, Any] | None = None
     adaptation: dict[str, Any] | None = None
+    envelope: dict[str, list[float]] | None = None
 
     @classmethod
     def of(cls, content: Mapping[str, Any]) -> FitRecord:

@@ -15,6 +15,7 @@ import numpy as np
 from cases.checks.held_out import shared_rows, training_trials
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
+from fitting.prediction.envelope import envelope_of
 from fitting.prediction.score import score_pairs
 from fitting.report.run_folder import RESULT, data_rows, read_result, versions
 from fitting.result import FitResult
@@ -83,7 +84,6 @@ def train(
             store.discard()
         raise
     seconds, scales = time.perf_counter() - began, task.scales
-    ranges = zip(ship.features, scales.features.min(axis=1), scales.features.max(axis=1), strict=True)
     result = TrainResult(
         start=ship,
         settings=task.settings,
@@ -95,7 +95,7 @@ def train(
             name: dict(zip(STATES, sigma.tolist(), strict=True))
             for name, sigma in (("loss", scales.sigma), ("held_out", scales.score))
         },
-        envelope={name: [float(low), float(high)] for name, low, high in ranges},
+        envelope=envelope_of(ship.features, scales.features),
         outside=_outside(kind, task, validation),
         timings_s={"train": seconds, "seeds": [o.seconds for o in outcomes]},
         versions={**versions(), "torch": metadata.version("torch")},

@@ -156,10 +156,11 @@ int {p}_step(const {p}_model *model, {p}_real *state, const {p}_real *inputs, do
 int {p}_step_many(const {p}_model *model, int count, {p}_real *states, const {p}_real *inputs, double h);
 
 /* 0 where state and inputs lie inside what the trials held; outside the largest distance over the width of the range
- * (a width below a tenth of the values themselves counts as that); -1 where no range is known */
+ * (a width below a tenth of the values themselves counts as that); -1 where no range is known; DBL_MAX
+ * where the state is not finite */
 double {p}_extrapolation(const {p}_model *model, const {p}_real *state, const {p}_real *inputs);
 
-/* Of bounds HUGE_VAL is none; of standard deviations -1 is not known. */
+/* Of bounds DBL_MAX is none; of standard deviations -1 is not known. */
 {arrays}extern const char {p}_about[];
 
 #ifdef __cplusplus

@@ -1,11 +1,23 @@
-"""The residual network of a hybrid ship in C: loops over arrays of weights, and its derivatives."""
+"""The residual network of a hybrid ship in C: loops over arrays of weights, and its derivatives.
+
+Rows are filled up with zeros to whole blocks, whose loops have a fixed length: compilers make vector instructions of
+them, and other code stays in registers.
+"""
 
 from __future__ import annotations
+
+from functools import reduce
+from math import factorial
 
 import numpy as np
 
 from mmg.compile.portable_c import literal
-from mmg.network import Network
+from mmg.network import Layers, Network
+
+BLOCK = 8
+"""Rows of a block."""
+TERMS, DOUBLINGS = 15, 6
+"""With |y| <= 0.625 a series of 15 terms is exact to rounding; doubled six times it serves |2 x| <= 40."""
 
 
 def array(name: str, values: np.ndarray, kind: str = "real") -> str:
@@ -15,35 +27,126 @@ def array(name: str, values: np.ndarray, kind: str = "real") -> str:
     return f"static const {kind} {name}[{len(numbers)}] = {{\n  {lines}}};\n"
 
 
-TANH = """
-/* tanh of an array in place: e^(2 x) - 1 of a 64th of the argument by its series, doubled six times */
-static void network_tanh(real *x, int count) {
-  int i;
-  for (i = 0; i < count; i++) {
-    const real a = x[i] > R(20.0) ? R(20.0) : (x[i] < R(-20.0) ? R(-20.0) : x[i]);
-    const real y = a * R(0.03125);
-    real p = R(SERIES13);
-    POLYNOMIAL
-    p = p * y;
-    p = p * (p + R(2.0));
-    p = p * (p + R(2.0));
-    p = p * (p + R(2.0));
-    p = p * (p + R(2.0));
-    p = p * (p + R(2.0));
-    p = p * (p + R(2.0));
-    x[i] = p / (p + R(2.0));
-  }
-}
+def _series() -> str:
+    """Statements for p = exp(y) - 1: even and odd terms apart, so that both may be worked at once."""
+    terms = [f"R({1 / factorial(k)!r})" for k in range(1, TERMS + 1)]
+    even, odd = terms[0::2], terms[1::2]
+    horner = [reduce(lambda total, c: f"({total}) * q + {c}", reversed(some)) for some in (even, odd)]
+    return f"const real q = y * y;\n    real p = ({horner[0]}) * y + ({horner[1]}) * q;"
+
+
+def layer_c(rows: int, columns: int) -> str:
+    """C function ``network_ROWSxCOLUMNS``: one layer of ``rows`` (whole blocks) and ``columns``."""
+    doubled = " ".join(["p = p * (p + R(2.0));"] * DOUBLINGS)
+    sums = [f"s{i}" for i in range(BLOCK)]
+    return f"""
+/* y = tanh(weight x + bias) - offset. tanh is p / (p + 2) with p = exp(2 x) - 1, by the series of exp(y) - 1 at
+ * y = x / {2 ** (DOUBLINGS - 1)}, doubled {DOUBLINGS} times. */
+static void network_{rows}x{columns}(const real *weight, const real *bias, const real *offset, const real *x,
+  real *y) {{
+  int b, i, j;
+  for (b = 0; b < {rows}; b += {BLOCK}) {{
+    const real *w = weight + b * {columns};
+    real {", ".join(f"{s} = bias[b + {i}]" for i, s in enumerate(sums))};
+    for (j = 0; j < {columns}; j++) {{
+      const real a = x[j];
+      {" ".join(f"{s} += w[{i}] * a;" for i, s in enumerate(sums))}
+      w += {BLOCK};
+    }}
+    {" ".join(f"y[b + {i}] = {s};" for i, s in enumerate(sums))}
+  }}
+  for (i = 0; i < {rows}; i++) {{
+    if (y[i] > R(20.0)) y[i] = R(20.0);
+    if (y[i] < R(-20.0)) y[i] = R(-20.0);
+  }}
+  for (i = 0; i < {rows}; i++) {{
+    const real z = y[i] * R({2.0 ** (1 - DOUBLINGS)!r});
+    {_series().replace("y", "z")}
+    {doubled}
+    y[i] = p / (p + R(2.0));
+  }}
+  for (i = 0; i < {rows}; i++) y[i] -= offset[i];
+}}
 """
-"""With |y| <= 0.625 the series of 15 terms is exact to rounding."""
-TERMS = 15
 
 
-def _tanh() -> str:
-    from math import factorial
+def _filled(rows: int) -> int:
+    """The number of rows with those that fill the last block."""
+    return -(-rows // BLOCK) * BLOCK
 
-    rows = "\n    ".join(f"p = p * y + R({1 / factorial(k)!r});" for k in range(TERMS - 1, 0, -1))
-    return TANH.replace("SERIES13", repr(1 / factorial(TERMS))).replace("POLYNOMIAL", rows)
+
+def _blocks(W: np.ndarray, columns: int) -> np.ndarray:
+    """Weights (rows, columns) as blocks (B, columns, BLOCK), filled up with zeros to so many ``columns``."""
+    whole = np.zeros((_filled(len(W)), columns))
+    whole[: len(W), : W.shape[1]] = W
+    return whole.reshape(-1, BLOCK, columns).transpose(0, 2, 1)
+
+
+def _vector(values: np.ndarray) -> np.ndarray:
+    """Values (rows,) filled up with zeros."""
+    return np.concatenate([values, np.zeros(_filled(len(values)) - len(values))])
+
+
+class _Member:
+    """The code of one network of a hybrid: its arrays, and what adds its accelerations and their derivatives."""
+
+    def __init__(self, k: int, member: Layers, scales: np.ndarray, share: np.ndarray) -> None:
+        self.k, self.biases = k, member.biases
+        self.weights = [member.weights[0] / scales[None, :], *member.weights[1:-1]]
+        self.last = share[:, None] * member.weights[-1]
+        self.columns = [len(scales), *(_filled(len(b)) for b in member.biases)]
+
+    @property
+    def shapes(self) -> list[tuple[int, int]]:
+        """(rows, columns) of its layers, filled up."""
+        return list(zip(self.columns[1:], self.columns[:-1], strict=True))
+
+    def arrays(self) -> str:
+        """Weights, biases and offsets."""
+        text = []
+        for i, (W, b) in enumerate(zip(self.weights, self.biases, strict=True)):
+            text.append(array(f"network_{self.k}_weight_{i}", _blocks(W, self.columns[i])))
+            text += [array(f"network_{self.k}_bias_{i}", _vector(b)),
+                     array(f"network_{self.k}_offset_{i}", _vector(np.tanh(b)))]  # fmt: skip
+        last = np.zeros((self.columns[-1], 4))
+        last[: self.last.shape[1], :3] = self.last.T
+        return "".join(text) + array(f"network_{self.k}_last", last)
+
+    def layer(self, i: int, source: str, target: str) -> str:
+        """Statement that evaluates layer ``i``."""
+        arrays = ", ".join(f"network_{self.k}_{name}_{i}" for name in ("weight", "bias", "offset"))
+        return f"network_{self.columns[i + 1]}x{self.columns[i]}({arrays}, {source}, {target});"
+
+    def forward(self) -> list[str]:
+        """Statements that add the accelerations to a[0..2]."""
+        names = ["x", *(f"y[{i % 2}]" for i in range(len(self.biases)))]
+        lines = [self.layer(i, names[i], names[i + 1]) for i in range(len(self.biases))]
+        lines.append(f"for (j = 0; j < {self.columns[-1]}; j++)")
+        return [*lines, f"  for (i = 0; i < 4; i++) a[i] += network_{self.k}_last[4 * j + i] * {names[-1]}[j];"]
+
+    def backward(self) -> list[str]:
+        """Statements that add the derivatives to by[3 x F]: forward, then backward from the outputs."""
+        names = ["x", *(f"t[{i}]" for i in range(len(self.biases)))]
+        lines = [self.layer(i, names[i], names[i + 1]) for i in range(len(self.biases))]
+        width = self.columns[-1]
+        lines.append(f"for (j = 0; j < 3; j++) for (i = 0; i < {width}; i++)")
+        lines.append(f"  g[j * {width} + i] = network_{self.k}_last[4 * i + j];")
+        for layer in range(len(self.biases) - 1, -1, -1):
+            rows, columns, weight = self.columns[layer + 1], self.columns[layer], f"network_{self.k}_weight_{layer}"
+            lines += [
+                f"for (i = 0; i < {rows}; i++) {{",
+                f"  const real h = t[{layer}][i] + network_{self.k}_offset_{layer}[i];",
+                f"  for (j = 0; j < 3; j++) g[j * {rows} + i] *= R(1.0) - h * h;",
+                "}",
+                f"for (j = 0; j < 3; j++) for (l = 0; l < {columns}; l++) {{",
+                "  real sum = R(0.0);",
+                f"  for (i = 0; i < {rows}; i++)",
+                f"    sum += g[j * {rows} + i] * {weight}[(i / {BLOCK} * {columns} + l) * {BLOCK} + i % {BLOCK}];",
+                f"  k[j * {columns} + l] = sum;",
+                "}",
+                f"for (i = 0; i < {3 * columns}; i++) g[i] = k[i];",
+            ]
+        return [*lines, f"for (i = 0; i < {3 * self.columns[0]}; i++) by[i] += g[i];"]
 
 
 def network_c(network: Network, places: list[int]) -> str:
@@ -52,91 +155,23 @@ def network_c(network: Network, places: list[int]) -> str:
 
     places: where in the array of the ship's features each input of the network stands.
     """
-    F, text = len(places), [_tanh()]
-    widest = max(len(b) for member in network.members for b in member.biases)
     share = network.output_scales / len(network.members)
-    forward: list[str] = []
-    backward: list[str] = []
-    for k, member in enumerate(network.members):
-        weights = list(member.weights)
-        weights[0] = weights[0] / network.feature_scales[None, :]
-        weights[-1] = share[:, None] * weights[-1]
-        for i, W in enumerate(weights):
-            text.append(array(f"network_{k}_weight_{i}", W.T))
-        for i, b in enumerate(member.biases):
-            text += [array(f"network_{k}_bias_{i}", b), array(f"network_{k}_offset_{i}", np.tanh(b))]
-        forward += _forward(k, [W.shape for W in weights])
-        backward += _backward(k, [W.shape for W in weights])
+    members = [_Member(k, m, network.feature_scales, share) for k, m in enumerate(network.members)]
+    widest, deepest = max(max(m.columns) for m in members), max(len(m.biases) for m in members)
     gather = [f"x[{i}] = features[{place}];" for i, place in enumerate(places)]
-    text.append(
-        "static void network_layer(const real *weight, const real *bias, int rows, int columns, const real *x,"
-        " real *y) {\n  int i, j;\n  for (i = 0; i < rows; i++) y[i] = bias[i];\n"
-        "  for (j = 0; j < columns; j++) {\n    const real a = x[j];\n"
-        "    for (i = 0; i < rows; i++) y[i] += weight[j * rows + i] * a;\n  }\n  network_tanh(y, rows);\n}\n"
-    )
-    text.append(
-        "static void network_add(const real *features, real *rates) {\n"
-        f"  real x[{F}], a[{widest}], b[{widest}];\n  int i;\n  "
-        + "\n  ".join([*gather, *forward])
-        + ("\n  (void)b;" if all(len(m.biases) == 1 for m in network.members) else "")
-        + "\n}\n"
-    )
-    text.append(
-        "static void network_jacobian(const real *features, real *by) {\n"
-        f"  real x[{F}], t[{max(len(m.biases) for m in network.members)}][{widest}], g[{3 * max(widest, F)}],"
-        f" k[{3 * max(widest, F)}];\n  int i, j, l;\n  "
-        + "\n  ".join([*gather, f"for (i = 0; i < {3 * F}; i++) by[i] = R(0.0);", *backward])
-        + "\n}\n"
-    )
-    return "".join(text)
-
-
-def _forward(k: int, shapes: list[tuple[int, ...]]) -> list[str]:
-    """Statements that add the accelerations of member ``k``, whose weights have these shapes."""
-    source, lines = "x", []
-    for i, (rows, columns) in enumerate(shapes[:-1]):
-        target = "a" if source != "a" else "b"
-        lines += [
-            f"network_layer(network_{k}_weight_{i}, network_{k}_bias_{i}, {rows}, {columns}, {source}, {target});",
-            f"for (i = 0; i < {rows}; i++) {target}[i] -= network_{k}_offset_{i}[i];",
-        ]
-        source = target
-    last = len(shapes) - 1
-    lines += [
-        f"for (i = 0; i < {shapes[-1][1]}; i++) {{",
-        *(f"  rates[{3 + j}] += network_{k}_weight_{last}[3 * i + {j}] * {source}[i];" for j in range(3)),
-        "}",
+    add = [f"real x[{len(places)}], y[2][{widest}], a[4] = {{R(0.0), R(0.0), R(0.0), R(0.0)}};", "int i, j;", *gather]
+    add += [line for m in members for line in m.forward()]
+    add += [f"rates[{3 + i}] += a[{i}];" for i in range(3)]
+    by = [f"real x[{len(places)}], t[{deepest}][{widest}], g[{3 * widest}], k[{3 * widest}];", "int i, j, l;", *gather]
+    by += [
+        f"for (i = 0; i < {3 * len(places)}; i++) by[i] = R(0.0);",
+        *(line for m in members for line in m.backward()),
     ]
-    return lines
-
-
-def _backward(k: int, shapes: list[tuple[int, ...]]) -> list[str]:
-    """Statements that add the derivatives of member ``k``: forward with tanh kept, then backward from the outputs."""
-    lines: list[str] = []
-    for i, (rows, columns) in enumerate(shapes[:-1]):
-        source = "x" if i == 0 else "g"
-        lines.append(
-            f"network_layer(network_{k}_weight_{i}, network_{k}_bias_{i}, {rows}, {columns}, {source}, t[{i}]);"
-        )
-        if i < len(shapes) - 2:
-            lines.append(f"for (i = 0; i < {rows}; i++) g[i] = t[{i}][i] - network_{k}_offset_{i}[i];")
-    last = len(shapes) - 1
-    width = shapes[last][1]
-    lines.append(
-        f"for (j = 0; j < 3; j++) for (i = 0; i < {width}; i++)"
-        f" g[j * {width} + i] = network_{k}_weight_{last}[3 * i + j];"
-    )
-    for layer in range(last - 1, -1, -1):
-        rows, columns = shapes[layer]
-        lines += [
-            f"for (j = 0; j < 3; j++) for (i = 0; i < {rows}; i++)"
-            f" g[j * {rows} + i] *= R(1.0) - t[{layer}][i] * t[{layer}][i];",
-            f"for (j = 0; j < 3; j++) for (l = 0; l < {columns}; l++) {{",
-            "  real sum = R(0.0);",
-            f"  for (i = 0; i < {rows}; i++) sum += g[j * {rows} + i] * network_{k}_weight_{layer}[l * {rows} + i];",
-            f"  k[j * {columns} + l] = sum;",
-            "}",
-            f"for (i = 0; i < {3 * columns}; i++) g[i] = k[i];",
+    return "".join(
+        [
+            *(m.arrays() for m in members),
+            *(layer_c(*shape) for shape in sorted({shape for m in members for shape in m.shapes})),
+            "static void network_add(const real *features, real *rates) {\n  " + "\n  ".join(add) + "\n}\n",
+            "static void network_jacobian(const real *features, real *by) {\n  " + "\n  ".join(by) + "\n}\n",
         ]
-    lines.append(f"for (i = 0; i < {3 * shapes[0][1]}; i++) by[i] += g[i];")
-    return lines
+    )

@@ -56,7 +56,9 @@ class Source:
             raise UserError(f"{FAILING} ({error}); leave the effect that needs it out with --without") from None
         used = functions_used(self.program, EVERY)
         networks = network_c(self.network, self._places()) if self.network else ""
-        head = f'#include "{self.p}.h"\n\n' + "".join(f"#include <{name}.h>\n" for name in ("math", "stddef", "string"))
+        head = f'#include "{self.p}.h"\n\n' + "".join(
+            f"#include <{name}.h>\n" for name in ("float", "math", "stddef", "string")
+        )
         macros = f"\n#define real {self.p}_real\n{prelude(used, f'{self.p.upper()}_SINGLE')}\n"
         undo = "".join(f"#undef {name}\n" for name in ("real", "R", *(f"m_{name}" for name in used)))
         return (
@@ -238,7 +240,10 @@ int {p}_step_many(const {p}_model *model, int count, real *states, const real *i
             return self._function(head, ["(void)model; (void)state; (void)inputs;", "return -1.0;"])
         index, places = {name: i for i, name in enumerate(self.features)}, self.program.results[FEATURES]
         u, v = (self.emitter.name(places[index[name]]) for name in "uv")
-        lines = [*self._body([FEATURES], COEFFICIENTS), f"double x[{len(held)}], most = 0.0;", "int i;"]
+        drift = ("u", "v") if any(name not in index for name in held) else ()
+        wanted = [places[index[name]] for name in (*drift, *held) if name in index]
+        lines = self.emitter.statements(self.program.leading_to(wanted, COEFFICIENTS))
+        lines += [f"double x[{len(held)}], most = 0.0;", "int i;"]
         for k, name in enumerate(held):
             if name in index:
                 lines.append(f"x[{k}] = (double)({self.emitter.name(places[index[name]])});")
@@ -256,10 +261,9 @@ int {p}_step_many(const {p}_model *model, int count, real *states, const real *i
             "  const double share = beyond > 0.0 ? beyond / (width > 1e-12 ? width : 1e-12) : 0.0;",
             "  if (share > most) most = share;",
             "}",
-            "(void)model;",
             "return most;",
         ]
-        return self._function(head, lines)
+        return self._function(head, ["(void)model; (void)inputs;", "if (!finite_state(state)) return DBL_MAX;", *lines])
 
 
 _ORDER = """/* whether the last byte of a number comes first in memory */

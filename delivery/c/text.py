@@ -24,11 +24,11 @@ def comment(lines: Iterable[str]) -> str:
 
 
 def number(value: float | None) -> str:
-    """C text of the double ``value``; unknown (None) is -1, an infinite one HUGE_VAL."""
+    """C text of the double ``value``; unknown (None) is -1, an infinite one DBL_MAX."""
     if value is None or math.isnan(value):
         return "-1.0"
     if math.isinf(value):
-        return "HUGE_VAL" if value > 0 else "-HUGE_VAL"
+        return "DBL_MAX" if value > 0 else "-DBL_MAX"
     return repr(float(value))
 
 

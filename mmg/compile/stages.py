@@ -62,7 +62,11 @@ class Program:
 
     def needed(self, outputs: Iterable[int], after: int = CONSTANT) -> list[int]:
         """Places, in order, of the values of stages later than ``after`` that lead to these ``outputs``."""
-        todo = [place for j in outputs for place in self.results[j] if place is not None]
+        return self.leading_to((place for j in outputs for place in self.results[j]), after)
+
+    def leading_to(self, places: Iterable[int | None], after: int = CONSTANT) -> list[int]:
+        """As ``needed``, for the values at these ``places`` and those of stages later than ``after`` behind them."""
+        todo = [place for place in places if place is not None]
         found: set[int] = set()
         while todo:
             place = todo.pop()

@@ -126,6 +126,7 @@ FEATURES = {
     "a_x": ("air relative to the hull, ahead", "m/s"),
     "a_y": ("air relative to the hull, to starboard", "m/s"),
     "azimuth": ("", "deg"),
+    "beta": ("drift angle", "deg"),
 }
 """Features of a network in words, and their units in the report."""
 

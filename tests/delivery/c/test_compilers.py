@@ -1,0 +1,180 @@
+"""The exported C compiles everywhere without a warning, needs the C library alone, and survives harsh flags."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from delivery.c.package import write_c
+from mmg.ship import Ship
+from tests.delivery.c.test_source import SHIPS, ship_of
+from tests.support.c_products import COMPILERS, STRICT, compiled, compiler, product, write_files
+
+VARIED = ("esso_osaka_3m", "twin rudders", "hybrid", "effects that remember")
+FEW = ["hybrid", *(pytest.param(name, marks=pytest.mark.slow) for name in VARIED if name != "hybrid")]
+
+
+@pytest.mark.parametrize(
+    ("which", "single"), [("gcc, C", False), ("clang, C++", False), ("gcc, C++", True), ("clang, C", True)]
+)
+def test_it_compiles_without_a_warning(which: str, single: bool, tmp_path: Path) -> None:
+    command = compiler(which)
+    for name in ("hybrid", "effects that remember") if "gcc" in which else ("hybrid",):
+        of = product(ship_of(name))
+        source = write_files(of, tmp_path)
+        more = [f"-D{of.identifier.upper()}_SINGLE"] if single else []
+        for flags in (["-O0"], ["-O1", "-ffast-math"]):
+            done = subprocess.run([*command, *STRICT, *flags, *more, "-c", source, "-o", tmp_path / "ship.o"],
+                                  capture_output=True, text=True)  # fmt: skip
+            assert done.returncode == 0 and not done.stderr, done.stderr[:2000]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", list(SHIPS))
+@pytest.mark.parametrize("which", list(COMPILERS))
+def test_every_ship_compiles_without_a_warning(which: str, name: str, tmp_path: Path) -> None:
+    for held in (None, {}, {"u": (0.0, 1.0)}, {"beta": (-0.1, 0.1), "u": (0.0, 1.0)}):
+        source = write_files(product(ship_of(name), held), tmp_path)
+        done = subprocess.run([*compiler(which), *STRICT, "-O1", "-c", source, "-o", tmp_path / "ship.o"],
+                              capture_output=True, text=True)  # fmt: skip
+        assert done.returncode == 0 and not done.stderr, done.stderr[:2000]
+
+
+def test_it_needs_the_c_library_alone(tmp_path: Path) -> None:
+    command = compiler("gcc, C")
+    if shutil.which("nm") is None:
+        pytest.skip("nm is missing")
+    mathematics = {"sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "sqrt", "exp", "log", "expm1",
+                   "log1p", "erf", "floor", "ceil", "pow", "atan2", "fmod", "hypot", "sincos"}  # fmt: skip
+    for name in VARIED:
+        source = write_files(product(ship_of(name)), tmp_path)
+        subprocess.run([*command, "-O2", "-c", source, "-o", tmp_path / "ship.o"], check=True)
+        listed = subprocess.run(["nm", "-u", tmp_path / "ship.o"], capture_output=True, text=True, check=True).stdout
+        needed = {word.split("@")[0] for word in re.findall(r"U (\S+)", listed)}
+        assert needed - {"memcpy", "memset", "_GLOBAL_OFFSET_TABLE_"} <= mathematics, needed
+
+
+def test_nothing_global_is_written(tmp_path: Path) -> None:
+    command = compiler("gcc, C")
+    source = write_files(product(ship_of("hybrid")), tmp_path)
+    subprocess.run([*command, "-O2", "-fno-pic", "-fno-pie", "-c", source, "-o", tmp_path / "ship.o"], check=True)
+    listed = subprocess.run(["nm", tmp_path / "ship.o"], capture_output=True, text=True, check=True).stdout
+    assert not re.findall(r" [BbCDdSs] ", listed), listed
+
+
+def turned(name: str, folder: Path, seconds: float, **options: object) -> np.ndarray:
+    """State after a turn with the rudder to alternate sides."""
+    ship = compiled(product(ship_of(name)), folder, **options)  # type: ignore[arg-type]
+    names = ship.of.model.controls
+    inputs = np.array([10.0 if n in ("n", "n_2") else 0.3 if "delta" in n else 0.0 for n in names])
+    state = ship.settle(np.array([0.0, 0.0, 0.0, 0.4, 0.0, 0.0]), inputs)
+    for k in range(int(seconds / 0.1)):
+        side = 1.0 if (k // 300) % 2 else -1.0
+        moved = inputs * [side if "delta" in n else 1.0 for n in names]
+        state, code = ship.step(state, moved, 0.1)
+        assert code == 0
+    return state.astype(float)
+
+
+@pytest.mark.parametrize("name", FEW)
+def test_fast_mathematics_move_600_s_by_less_than_a_nanometre(name: str, tmp_path: Path) -> None:
+    exact = turned(name, tmp_path, 600.0)
+    fast = turned(name, tmp_path, 600.0, flags=("-O3", "-ffast-math"))
+    assert np.abs(fast - exact).max() < 1e-9
+
+
+def test_single_precision_follows_within_its_digits(tmp_path: Path) -> None:
+    exact, single = turned("hybrid", tmp_path, 60.0), turned("hybrid", tmp_path, 60.0, single=True)
+    assert np.abs(single - exact).max() < 1e-3 * np.abs(exact).max()
+    assert np.abs(single - exact).max() > 0.0
+
+
+HARNESS = """
+#include "{p}.h"
+#include <stdlib.h>
+#include <string.h>
+int main(void) {{
+  {p}_model *model = ({p}_model *)malloc(sizeof *model), *copy = ({p}_model *)malloc(sizeof *copy);
+  double *state = (double *)malloc({up}_STATES * sizeof(double));
+  double *rates = (double *)malloc({up}_STATES * sizeof(double));
+  double *inputs = (double *)calloc({up}_INPUTS, sizeof(double)), *columns = (double *)calloc(6, sizeof(double));
+  double *forces = (double *)malloc(3 * {up}_ROLES * sizeof(double));
+  double *by = (double *)malloc({up}_STATES * {up}_STATES * sizeof(double));
+  double *with = (double *)malloc({up}_STATES * {up}_INPUTS * sizeof(double));
+  double *many = (double *)malloc(11 * {up}_STATES * sizeof(double));
+  double *all = (double *)calloc(11 * {up}_INPUTS, sizeof(double)), total = 0.0;
+  int i, j;
+  {p}_init(model, NULL);
+  {p}_init(model, {p}_coefficient_defaults);
+  memcpy(copy, model, sizeof *model);
+  columns[3] = 0.4; inputs[0] = 10.0;
+  {p}_settle(copy, columns, inputs, state);
+  for (i = 0; i < 100; i++) if ({p}_step(copy, state, inputs, 0.07 * i)) return 1;
+  {p}_rates(copy, state, inputs, rates); {p}_forces(copy, state, inputs, forces);
+  {p}_columns(copy, state, columns); {p}_jacobians(copy, state, inputs, by, with);
+  for (i = 0; i < 11; i++) for (j = 0; j < {up}_STATES; j++) many[i * {up}_STATES + j] = state[j];
+  if ({p}_step_many(copy, 11, many, all, 0.1)) return 1;
+  total = {p}_extrapolation(copy, state, inputs) + rates[0] + forces[0] + by[0] + with[0];
+  free(model); free(copy); free(state); free(rates); free(inputs); free(columns); free(forces); free(by); free(with);
+  free(many); free(all);
+  return total == total ? 0 : 1;
+}}
+"""
+
+
+@pytest.mark.parametrize("name", FEW)
+def test_sanitizers_find_nothing(name: str, tmp_path: Path) -> None:
+    command, of = compiler("gcc, C"), product(ship_of(name))
+    source, main = write_files(of, tmp_path), tmp_path / "main.c"
+    main.write_text(HARNESS.format(p=of.identifier, up=of.identifier.upper()))
+    flags = ["-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+    done = subprocess.run(
+        [*command, *flags, source, main, "-lm", "-o", tmp_path / "run"], capture_output=True, text=True
+    )
+    if (done.returncode and "sanit" in done.stderr + done.stdout) or "lasan" in done.stderr:
+        pytest.skip("the compiler has no sanitizers")
+    assert done.returncode == 0, done.stderr
+    ran = subprocess.run([tmp_path / "run"], capture_output=True, text=True)
+    assert ran.returncode == 0, ran.stderr[:3000]
+
+
+def test_the_example_prints_a_turn(tmp_path: Path) -> None:
+    command, of = compiler("gcc, C"), product(ship_of("esso_osaka_3m"))
+    write_c(of, tmp_path)
+    assert {p.name for p in tmp_path.iterdir()} == {"esso_osaka_3m.h", "esso_osaka_3m.c", "example.c", "README.md"}
+    build = re.search(r"^cc -std=c99 .*$", (tmp_path / "README.md").read_text(), re.MULTILINE)
+    assert build
+    words = [*command, *STRICT, *build[0].split()[2:]]
+    subprocess.run(words, check=True, cwd=tmp_path)
+    rows = subprocess.run([tmp_path / "example"], capture_output=True, text=True, check=True).stdout.splitlines()
+    assert rows[0].startswith("t [s],x [m],y [m],psi [rad]") and len(rows) == 62
+    last = [float(x) for x in rows[-1].split(",")]
+    assert last[0] == 600.0 and last[3] > 6.0, "it has not turned"
+
+
+def odd_names() -> list[Ship]:
+    from dataclasses import replace
+
+    names = ("3rd ship", "Été-ro", "double", "日本丸", 'a"b?' + "?-c", "X" * 60)
+    return [replace(ship_of("esso_osaka_3m"), name=name, reference="*/ #error") for name in names]
+
+
+def test_any_name_of_a_ship_makes_an_identifier(tmp_path: Path) -> None:
+    from delivery.product import identifiers
+
+    command = compiler("gcc, C")
+    for ship in odd_names():
+        of = product(ship)
+        of = type(of)(
+            ship, identifiers([ship.name])[0].lower(), of.held, {"source": ship.name + "*/", "kind": "t\\"}, ()
+        )
+        source = write_files(of, tmp_path)
+        done = subprocess.run(
+            [*command, *STRICT, "-c", source, "-o", tmp_path / "ship.o"], capture_output=True, text=True
+        )
+        assert done.returncode == 0, done.stderr[:2000]
