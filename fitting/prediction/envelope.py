@@ -18,7 +18,7 @@ SLOW = 0.1
 
 
 def envelope_of(names: Sequence[str], features: np.ndarray) -> dict[str, list[float]]:
-    """Least and greatest value of each row of ``features`` (F, M), by its name in ``names``, and of the drift angle [rad]."""
+    """Least and greatest value of each row of ``features`` (F, M) by its name of ``names``, and of the drift angle."""
     if not features.size:
         return {}
     found = {name: [float(row.min()), float(row.max())] for name, row in zip(names, features, strict=True)}
