@@ -1,15 +1,20 @@
 """The diagnosis on real records whose effect is known, because it was taken away or put in.
 
-Run from the repository root: python -m benchmarks.real_gap [wind] [starts] [calm] [reversal] [faults] [nothing]
-(default: all; about ten minutes on two cores). Trained on Train-TZRB and, for the faults, on five other records of
+Run from the repository root: python -m benchmarks.real_gap [wind] [starts] [calm] [reversal] [components] [unlogged]
+[faults] [nothing] [days] (default: all; about half an hour on two cores).
+Trained on Train-TZRB and, for the faults, on five other records of
 Train-TZRB+; checked on the five development hold-outs, on which nothing is fitted or chosen.
 
 * wind: the ship without its wind model; wind_force must be named, and the test trials predicted better.
 * starts: the same from three other starting points of the coefficients, drawn from their priors.
 * calm: no wind columns at all: the earth-fixed part of the smoothed force, run by run, beside the measured wind.
 * reversal: a propeller model without the side force and moment of reversal, on the records that have any.
+* components: coefficients of one part of the model held where that part is gone; the library has an effect for none, so
+  the answer must be "unknown", or "none" where the other coefficients take it over.
+* unlogged: the wind model stays, the logged wind is taken for calm.
 * faults: eight faults put into five records, together and one at a time, with the ship calibrated on Train-TZRB.
 * nothing: the whole model on halves of the records: no name may come out.
+* days: the whole model on the records of each day of Train-TZRB.
 """
 
 from __future__ import annotations
@@ -22,6 +27,7 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.record import record, table
+from cases.io.groups import group_trials
 from cases.io.read import read_trials
 from cases.published_splits import DEVELOPMENT_HOLDOUT, TRAIN_TZRB, find
 from cases.shipfiles.effects import freeing_effects
@@ -117,6 +123,57 @@ def reversal(train: Sequence[Trial], test: Sequence[Trial]) -> list[list[str]]:
     return [row("reversal side force taken out", gap(bare, astern, test))]
 
 
+COMPONENTS: dict[str, dict[str, float]] = {
+    "interaction of rudder and hull (a_H)": {"a_H": 0.0},
+    "place of that interaction (x_H), at midship": {"x_H": 0.0},
+    "change of the wake with drift (tau, C_P)": {"tau": 0.0, "C_P": 0.0},
+    "straightening of the flow at the rudder (gamma_P, gamma_N), none": {"gamma_P": 1.0, "gamma_N": 1.0},
+    "cross-flow drag (C_D)": {"C_D": 0.01},
+    "coupling of sway and yaw in surge (X_vr)": {"X_vr": 0.0},
+    "added mass in sway (m_y)": {"m_y": 0.01},
+}
+"""Part of the model -> values at which it is gone."""
+
+
+def components(train: Sequence[Trial], test: Sequence[Trial]) -> list[list[str]]:
+    rows = []
+    for words, values in COMPONENTS.items():
+        ship = whole_ship()
+        held = {}
+        for s, value in values.items():
+            c = ship.coefficients[s]
+            held[s] = c.with_(value=value, lower=min(c.lower, value), upper=max(c.upper, value), fixed=True)
+        d = gap(ship.with_coefficients(held), train, test)
+        force = d.unexplained_force
+        rows.append(row(f"withheld: {words}", d))
+        if force is not None:
+            rows[-1][2] += "; unexplained: " + ", ".join(
+                f"{k} {c.force_rms:.2g} {c.unit}" for k, c in force.channels.items()
+            )
+        print(rows[-1], flush=True)
+    return rows
+
+
+def unlogged(train: Sequence[Trial], test: Sequence[Trial]) -> list[list[str]]:
+    """The same ship in winds that nobody measured."""
+
+    def calmed(trials: Sequence[Trial]) -> list[Trial]:
+        return [
+            replace(t, columns={k: v for k, v in t.columns.items() if not k.startswith(("wind", "apparent"))})
+            for t in trials
+        ]
+
+    return [row("wind not logged", gap(whole_ship(), calmed(train), calmed(test)))]
+
+
+def days(train: Sequence[Trial], test: Sequence[Trial]) -> list[list[str]]:
+    """The whole model on the records of each day."""
+    rows = []
+    for day, trials in group_trials(train, "day").members(train).items():
+        rows.append(row(f"day {day}: {len(trials)} records", gap(whole_ship(), trials, test)))
+    return rows
+
+
 def shifted(trial: Trial, names: Sequence[str], delay: float) -> Trial:
     """The trial with columns logged late by ``delay`` [s]."""
     columns = dict(trial.columns)
@@ -193,7 +250,7 @@ def nothing(train: Sequence[Trial], test: Sequence[Trial]) -> list[list[str]]:
     return rows
 
 
-PARTS = {f.__name__: f for f in (wind, starts, calm, reversal, faults, nothing)}
+PARTS = {f.__name__: f for f in (wind, starts, calm, reversal, components, unlogged, faults, nothing, days)}
 
 
 def main() -> None:

@@ -132,11 +132,12 @@ def _diagnosed(
     unexplained = None
     if verdict == "unknown" or remainder:
         unexplained = _unexplained(p, final, after if is_named else before, after_all)
+    usual = p.expected_unnamed_null > 0
     between = compare_groups(p, ready.null, sensors, groups, trials) if groups is not None else None
     timings["total"] = time.perf_counter() - began
     return Diagnosis(
         verdict=verdict,
-        sentence=sentence_of(verdict, effects, same, remainder, result.held, found, unexplained),
+        sentence=sentence_of(verdict, effects, same, remainder, result.held, found, unexplained, usual),
         effects=effects,
         instruments=instruments,
         equivalence_class=same,

@@ -276,15 +276,19 @@ def sentence_of(
     held: HeldOut | None,
     found: Selection,
     missing: UnexplainedForce | None = None,
+    usual: bool = False,
 ) -> str:
     """The diagnosis in one sentence, for the top of the report.
 
     verdict: "none", "named" or "unknown"; effects: those named; same: effects that the data cannot tell from the first;
     remainder: whether something is left unexplained; held: the check on test trials; found: the selection;
-    missing: what is left unexplained.
+    missing: what is left unexplained; usual: whether the trials of the calibration show a misfit of their own, which
+    then is no news.
     """
     if verdict == "none":
-        return "No effect beyond the ship's model is needed to explain these trials: what remains looks like chance."
+        than = " and like what the trials of its calibration show as well" if usual else ""
+        words = "No effect beyond the ship's model is needed to explain these trials: what remains looks like chance"
+        return f"{words}{than}."
     if verdict == "unknown":
         nearest = next((r.candidate.effect for s in found.searches[:1] for r in s.refitted), "")
         hint = f" The nearest known effect, {nearest}, does not account for it." if nearest else ""
