@@ -108,6 +108,8 @@ def _diagnosed(
     chance, period = ready.line
     if chance < LINE_PROBABILITY:
         words = f"the residuals oscillate with a period of {period:.2g} s, as under waves or an engine"
+        if period < 2 * ready.gap * p.data.h:
+            words += f" (seen with all samples; the tests compare one every {ready.gap * p.data.h:.2g} s)"
         reasons.append(Message(words, "oscillating_residuals"))
         verdict = "unknown" if verdict == "none" else verdict
     reasons += limits(ready, found, trials, tests, result.held)

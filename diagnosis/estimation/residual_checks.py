@@ -19,6 +19,10 @@ LEAST_ROWS, BINS, NEIGHBOURS, SLOWEST = 24, 30, 3, 4
 line is compared with (those next to it are left out), and bands of the longest periods that are not looked at."""
 
 
+IN_ANOTHER = 1e-3
+"""Probability of a line in a second sensor below which it is none of one sensor alone."""
+COARSER = 4.0
+"""Ratio of the shortest periods of spectra that follow each other; each begins to look at SLOWEST times its own."""
 HELD, FINEST = 0.3, 4
 """Error of a velocity over a step, in the noise of its sensor, that the latent force may make by being held over it.
 Parts into which a step is divided at most."""
@@ -84,24 +88,44 @@ def spectral_line(
 ) -> tuple[float, float]:
     """(p, period [s]) of the sharpest line in the spectrum of whitened residuals w (K + 1, R, 6) of ``data``.
 
-    dense: the same trials with all samples compared, and their residuals. A line above what the samples of ``data``
-    resolve (twice their spacing) has an alias below it. What ``dense`` does not show at the same period is none.
-    p: probability of such a line by chance, 1 where too few samples are left. Periodograms are summed over windows and
-    bands; by chance that of a band over the mean of neighbouring bands has an F distribution. It must stand out of
-    those on either side, so that a coloured spectrum has no lines. The slowest bands, which the latent force follows,
-    are left out. A periodic force, as of waves, makes a line, which the latent force cannot follow.
+    dense: the same trials with all samples compared, and their residuals. Where ``data`` resolve a period (twice their
+    spacing), both must show a line, since a line above that has an alias below it. A shorter period counts where
+    ``dense`` shows it in two sensors, as waves do that move the ship; in one it is the sensor's. p: probability of such
+    a line by chance, 1 where too few samples are left. Periodograms are summed over windows and bands; by chance that
+    of a band over the mean of neighbouring bands has an F distribution. It must stand out of those on either side, so
+    that a coloured spectrum has no lines. The slowest bands, which the latent force follows, are left out. A periodic
+    force, as of waves, makes a line, which the latent force cannot follow.
     """
     spacing, pieces = _equally_spaced(data)
     if not pieces:
         return 1.0, float("inf")
-    bands = min(BINS, (min(len(rows) for _, rows in pieces) - 1) // 2)
-    shortest = 2 * spacing * data.h
+    shortest, bands = 2 * spacing * data.h, _bands(pieces)
     p = _band_probabilities(data.h * spacing, w, pieces, shortest, bands)
-    if dense is not None:
-        every, more = _equally_spaced(dense[0])
-        p = np.maximum(p, _band_probabilities(dense[0].h * every, dense[1], more, shortest, bands))
+    if dense is None:
+        return _sharpest(p, shortest)
+    every, more = _equally_spaced(dense[0])
+    step, finest, parts = dense[0].h * every, 2 * dense[0].h * every, _bands(more)
+    p = np.maximum(p, _band_probabilities(step, dense[1], more, shortest, bands))
+    found, down_to = [_sharpest(p, shortest)], finest
+    while down_to < shortest:
+        q = _band_probabilities(step, dense[1], more, down_to, parts)
+        slow = down_to * parts / (np.arange(parts) + 0.5) > shortest
+        q[slow | (np.partition(q, 1, axis=1)[:, 1] > IN_ANOTHER)] = 1.0
+        found.append(_sharpest(q, down_to))
+        down_to *= COARSER
+    least, period = min(found)
+    return min(1.0, least * len(found)), period
+
+
+def _bands(pieces: list[tuple[int, np.ndarray]]) -> int:
+    """Number of bands that the shortest piece can fill."""
+    return min(BINS, (min(len(rows) for _, rows in pieces) - 1) // 2)
+
+
+def _sharpest(p: np.ndarray, shortest: float) -> tuple[float, float]:
+    """Probability by chance of the least of ``p`` (bands, 6), and the period [s] of its band, down to ``shortest``."""
     line = int(np.argmin(p.min(axis=1)))
-    return min(1.0, p[SLOWEST:].size * float(p.min())), shortest * bands / (line + 0.5)
+    return min(1.0, p[SLOWEST:].size * float(p.min())), shortest * len(p) / (line + 0.5)
 
 
 def _equally_spaced(data: GriddedTrials) -> tuple[int, list[tuple[int, np.ndarray]]]:

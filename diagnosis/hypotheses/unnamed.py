@@ -26,7 +26,7 @@ SIZES = (0.03, 0.1, 0.3, 1.0)
 """Prior standard deviations of a column's coefficient, in the sizes of what is random."""
 TOLERANCE = 0.05
 """Errors of a sensor of this size, in standard deviations of its noise, are none: no instrument is exact."""
-DRAWS, LEVEL = 2000, 0.005
+DRAWS, LEVEL = 2000, 0.01
 """Draws of the law by chance, and the probability of a false alarm of either test (all kinds; the best force alone)."""
 
 

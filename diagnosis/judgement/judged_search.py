@@ -12,7 +12,7 @@ from diagnosis.hypotheses.left_findings import Chance
 from diagnosis.hypotheses.simulated_chance import SimulatedChance, simulated_chance
 from diagnosis.hypotheses.unnamed import UnnamedForms, unnamed_forms
 from diagnosis.inputs import DiagnosisOptions
-from diagnosis.judgement.verdict import confirms, decide, supports
+from diagnosis.judgement.verdict import SURE, confirms, decide, supports
 from diagnosis.prepare import Prepared
 from diagnosis.validation.held_out import compare
 from mmg.messages import Message
@@ -105,6 +105,12 @@ def _judged(
     beyond = before.beyond_chance - p.expected_unnamed_null
     verdict, reasons = decide(found, beyond, after.log_bayes - p.expected_unnamed, after.limit, held)
     result = JudgedSearch(found, before, after, held, verdict, tuple(reasons), simulated)
+    rarest = result.chance.largest_candidate
+    if verdict == "none" and not found.effects and rarest is not None and rarest < SURE:
+        words = (
+            f"one of the known effects fits better than chance (p = {rarest:.1g}), but does not pay for its parameters"
+        )
+        return replace(result, verdict="unknown", reasons=(*reasons, Message(words, "more_than_chance")))
     if verdict == "named" and simulated is not None and (result.chance.largest_candidate or 0.0) > LEVEL:
         share = f"{result.chance.largest_candidate:.2g}"
         words = f"simulated campaigns without any effect give a candidate as good with probability {share}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -39,10 +40,11 @@ def chance(seed: int, memory: float = 0.0, K: int = K) -> np.ndarray:
     return x
 
 
-def swinging(period: float, seed: int, K: int = K) -> np.ndarray:
-    """White residuals with a swing of this period in one sensor, of another phase in each window."""
+def swinging(period: float, seed: int, K: int = K, sensors: Sequence[int] = (4,)) -> np.ndarray:
+    """White residuals with a swing of this period in some sensors, of another phase in each window."""
     white, phase = chance(seed, K=K), np.random.default_rng(seed + 1).uniform(0, 2 * np.pi, R)
-    white[..., 4] += np.sin(2 * np.pi * H * np.arange(K + 1)[:, None] / period + phase)
+    swing = np.sin(2 * np.pi * H * np.arange(K + 1)[:, None] / period + phase)
+    white[..., list(sensors)] += swing[..., None]
     return white
 
 
@@ -75,6 +77,20 @@ def test_a_swing_faster_than_the_samples_resolve_is_not_announced_under_its_alia
     assert alias < LINE_PROBABILITY and slow > 2 * H * every, "the samples alone show the alias"
     p, announced = heard(white, every, swinging(period, 3, 600))
     assert p > 10 * LINE_PROBABILITY and announced > 2 * H * every
+
+
+@pytest.mark.parametrize(("period", "every"), [(5.5, 5), (5.5, 15), (9.0, 5), (20.0, 15)])
+def test_waves_that_two_sensors_feel_are_announced_at_their_period_however_few_samples_are_compared(
+    period: float, every: int
+) -> None:
+    p, announced = heard(swinging(period, 1, 600), every, swinging(period, 3, 600, (4, 5)))
+    assert p < LINE_PROBABILITY and 1 / announced == pytest.approx(1 / period, abs=1 / (2 * H * 25))
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.65])
+def test_chance_in_the_samples_between_is_no_wave(memory: float) -> None:
+    found = np.array([heard(chance(seed, K=600), 15, chance(seed + 1000, memory, 600))[0] for seed in range(DRAWS)])
+    assert (found < 0.05).mean() <= 0.09 and found.min() > 10 * LINE_PROBABILITY
 
 
 def test_gaps_leave_the_pieces_between_them() -> None:
