@@ -23,15 +23,16 @@ CONFIRMING_REDUCTION = 0.1
 """Reduction of the test error, with a 90 % interval above zero, that confirms a name whatever is left unexplained."""
 UNEXPLAINED_RATIO, STRICT_RATIO = 0.25, 0.05
 """Unexplained-to-explained ratio of log likelihood above which test trials must confirm a name; and where their longer
-predictions become worse."""
+predictions become worse. Where test trials show no gain beyond chance at all, nothing may be left unexplained."""
 BESIDE_INSTRUMENT_FAULT = (5.0, 0.1)
 """Log Bayes factor, and share of what the name explains, that may be left unexplained beside a fault of one instrument
 alone. A constant error of v, for example, is nearly one of the heading alone."""
 SURE = 0.005
 """Probability by chance below which a name that is withdrawn leaves something unexplained, though no unnamed form does.
 """
-SMALL_GROWTH, LARGE_GROWTH = 0.02, 0.15
-"""Growth of the test error that is accepted; and that contradicts a name even if one-step predictions improve."""
+SMALL_GROWTH, NOTED_GROWTH, LARGE_GROWTH = 0.02, 0.05, 0.15
+"""Growth of the test error that is accepted; that contradicts a name unless one-step predictions surely improve; and
+even if they do."""
 
 
 def has_remainder(found: Selection, before: UnnamedForms, after: UnnamedForms, expected: float = 0.0) -> bool:
@@ -107,6 +108,8 @@ def _doubt(found: Selection, after: float, limit: float, held: HeldOut | None) -
         return f"{names} {part}, but unnamed forms explain more of what is left ({after:.0f})"
     fair = held is None or held.reduction >= -SMALL_GROWTH or (_measures(found) and _surely_gains(held))
     ratio = UNEXPLAINED_RATIO if fair else STRICT_RATIO
+    if held is not None and held.interval_90[0] <= 0 and not _surely_gains(held):
+        ratio = 0.0
     if held is not None and after > max(limit, ratio * gain):
         return f"{names} {part}, but much is left unexplained ({after:.0f}), and the test trials do not confirm it"
     extreme = _at_bound(found)
@@ -148,6 +151,7 @@ def _contradicts(found: Selection, held: HeldOut) -> bool:
     if sure and _measures(found):
         return False
     worse = held.interval_90[1] < 0 and (held.reduction < -LARGE_GROWTH or not sure)
+    worse = worse or (held.reduction < -NOTED_GROWTH and not sure)
     return worse or (gain < 0 and held.reduction < -SMALL_GROWTH) or (gain < -3 and held.interval_90[0] <= 0)
 
 

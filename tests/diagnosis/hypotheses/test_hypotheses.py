@@ -31,6 +31,7 @@ from diagnosis.judgement.verdict import (
     BESIDE_INSTRUMENT_FAULT,
     CONFIRMING_REDUCTION,
     LARGE_GROWTH,
+    NOTED_GROWTH,
     SMALL_GROWTH,
     STRICT_RATIO,
     SURE,
@@ -314,6 +315,18 @@ def test_where_longer_predictions_become_worse_less_may_be_left_without_a_name()
             assert decide(found_with(100.0, "rudder_lag"), 99.0, left * share * 100.0, LIMIT, test)[0] == verdict
 
 
+def test_where_test_trials_show_no_gain_at_all_nothing_may_be_left_without_a_name() -> None:
+    """Real records without their wind: a memory of the hull fitted them, and the test trials were no better with it."""
+    for test, verdict in (
+        (held(0.06, (-0.06, 0.14), 2.0, (-3.0, 7.0)), "unknown"),
+        (held(0.06, (-0.06, 0.14), 9.0, (2.0, 16.0)), "named"),
+        (held(0.06, (0.01, 0.14), 2.0, (-3.0, 7.0)), "named"),
+        (None, "named"),
+    ):
+        assert decide(found_with(100.0, "hull_memory"), 99.0, 1.1 * LIMIT, LIMIT, test)[0] == verdict
+        assert decide(found_with(100.0, "hull_memory"), 99.0, 0.9 * LIMIT, LIMIT, test)[0] == "named"
+
+
 def test_a_fault_of_one_instrument_alone_leaves_little_over() -> None:
     """Whatever the test trials say: they have the same fault, and a neighbour of it predicts them better, too."""
     support = held(0.3, (0.1, 0.4), 20.0, (5.0, 30.0))
@@ -361,6 +374,7 @@ def test_an_effect_with_values_of_its_own_in_each_run_needs_support(
         ),  # clearly worse over 30 s, whatever the single steps do
         held(-0.5 * LARGE_GROWTH, (-0.2, -0.01), 12.0, (-3.0, 20.0)),  # worse, and single steps not surely better
         held(-0.5 * LARGE_GROWTH, (-0.2, -0.01), None, None),
+        held(-1.1 * NOTED_GROWTH, (-0.2, 0.1), 3.0, (-3.0, 8.0)),  # worse by more than a little, and no gain elsewhere
         held(-1.1 * SMALL_GROWTH, (-0.2, 0.1), -0.1, (-3.0, 2.0)),  # a little worse in both
         held(0.01, (-0.1, 0.1), -3.1, (-6.0, -1.0)),  # single steps worse, no gain over 30 s
     ],
