@@ -105,12 +105,9 @@ def _diagnosed(
     found, verdict, reasons = result.found, result.verdict, list(result.reasons)
     timings["screen, refits, test trials"] = time.perf_counter() - began - timings["fit"]
     LOGGER.info("tested and refitted: " + (", ".join(c.label for c in found.effects) or "no effect stands out"))
-    chance, period = ready.line
+    chance = ready.line[0]
     if chance < LINE_PROBABILITY:
-        words = f"the residuals oscillate with a period of {period:.2g} s, as under waves or an engine"
-        if period < 2 * ready.gap * p.data.h:
-            words += f" (seen with all samples; the tests compare one every {ready.gap * p.data.h:.2g} s)"
-        reasons.append(Message(words, "oscillating_residuals"))
+        reasons.append(_oscillation(ready))
         verdict = "unknown" if verdict == "none" else verdict
     reasons += limits(ready, found, trials, tests, result.held)
     is_named = verdict == "named"
@@ -165,6 +162,15 @@ def _diagnosed(
         data=p.data,
         between=between,
     )
+
+
+def _oscillation(ready: Prepared) -> Message:
+    """What the line in the spectrum of the residuals says."""
+    period, apart = ready.line[1], ready.gap * ready.problem.data.h
+    words = f"the residuals oscillate with a period of {period:.2g} s, as under waves or an engine"
+    if period < 2 * apart:
+        words += f" (seen with all samples; the tests compare one every {apart:.2g} s)"
+    return Message(words, "oscillating_residuals")
 
 
 def _sensor_sentences(sensors: Kinematics, instruments: Sequence[InstrumentFault]) -> tuple[str, ...]:
