@@ -174,14 +174,19 @@ def score(
 
 
 def predict(
-    model: Model, trials: Trials, window: float = 30.0, stride: float | None = 15.0, adapt: float = 0.0
+    model: Model,
+    trials: Trials,
+    window: float = 30.0,
+    stride: float | None = 15.0,
+    adapt: float = 0.0,
+    progress: OnProgress | None = None,
 ) -> list[Prediction]:
     """Predict open-loop windows of ``trials``, each started from the measured state, as ``mmg predict`` does.
 
     window: length [s], 0: the whole run; stride: between starts [s], None: the window; adapt: seconds before each
-    window (never the window itself) from which the disturbance of the run is estimated, 0: none. Returns a prediction
-    per trial, with standard deviations where ``model`` is a result that knows them. Raises UserError where no window
-    can be predicted, and for a black box with ``adapt``.
+    window (never the window itself) from which the disturbance of the run is estimated, 0: none; progress: told before
+    each trial. Returns a prediction per trial, with standard deviations where ``model`` is a result that knows them.
+    Raises UserError where no window can be predicted, and for a black box with ``adapt``.
     """
     from fitting.prediction.adaptation import Adaptation
     from fitting.prediction.bands import bands_of
@@ -189,6 +194,7 @@ def predict(
     from fitting.prediction.predict import predict as windows_of
     from mmg.errors import UserError
     from mmg.messages import Message
+    from mmg.progress import Progress
     from mmg.rollout import Simulator
     from mmg_ident.prediction import Prediction
 
@@ -204,7 +210,10 @@ def predict(
     bands = bands_of(content_of(model), ship) if ship else None
     past = Adaptation.of(ship, adapt) if adapt and ship else None
     results = []
-    for run in _trials(trials):
+    runs = _trials(trials)
+    for number, run in enumerate(runs):
+        if progress:
+            progress(Progress("predicting", number, len(runs)))
         found, remarks = windows_of(
             simulator, run, window, step, short_last=window <= 0 or step >= window, adaptation=past, bands=bands
         )

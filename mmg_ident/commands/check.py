@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Argument, Option
 
 from mmg.errors import UserError
-from mmg_ident.commands.output import print_json
+from mmg_ident.commands.output import each, print_json, working
 
 if TYPE_CHECKING:
     from cases.checks import CheckReport
@@ -29,14 +29,15 @@ def check(
     from cases.io.read import read_trials
 
     found, unreadable = [], []
-    for path in trials:
+    for path in each(trials, "reading"):
         try:
             found += read_trials([path])
         except UserError as error:
             unreadable.append((path, error))
     if not found:
         raise unreadable[0][1]
-    reports = check_trials(found)
+    with working(f"checking {len(found)} trials"):
+        reports = check_trials(found)
     if json:
         print_json(_document(reports, unreadable))
     else:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Option
 
 from mmg.errors import UserError, needs_torch
-from mmg_ident.commands.output import command_line, names_of, print_json, say
+from mmg_ident.commands.output import command_line, names_of, print_json, progress, say
 
 if TYPE_CHECKING:
     from cases.trial import Trial
@@ -96,7 +96,7 @@ def compare(
     store = _store(out, resume, study) if out else None
     try:
         with reserved(out) if out else nullcontext():
-            found = compared(study, store)
+            found = compared(study, store, progress())
     except UserError:
         if store:
             store.discard()

@@ -123,7 +123,7 @@ def _residual(
         f"--epochs {s.epochs} --width {s.width} --penalty {s.penalty:g} --rate {s.rate:g} --out {folder / name}"
     )
     try:
-        result = train_residual(folder / "run", train, held_out, s, command=command)
+        result = train_residual(folder / "run", train, held_out, s, command=command, progress=progress())
         result.save(folder / name)
     except UserError as error:
         say(f"   nothing was learned: {error}")
@@ -143,7 +143,7 @@ def _diagnosis(folder: Path, seed: int, effect: str) -> dict[str, Any]:
     second = folder / "second"
     command = f"mmg diagnose {folder / 'run'} {second / 'train'} --test {second / 'held_out'} --workers 2 --seed {seed}"
     options, ship = DiagnosisOptions(seed=seed, workers=2, command=command), load_ship(folder / "run")
-    found = diagnose(ship, train, test, options=options, calibrated_on=folder / "run")
+    found = diagnose(ship, train, test, options=options, calibrated_on=folder / "run", progress=progress())
     found.save(folder / "diagnosis")
     say(f"   {found.sentence}")
     say(f"   (the truth behind it: {effect})")

@@ -8,14 +8,31 @@ from typing import Annotated
 from typer import Argument, Option
 
 from mmg.messages import message_rows
-from mmg_ident.commands.output import names_of, print_json, say
+from mmg_ident.commands.output import names_of, print_json, say, ship_names, working
+
+
+def _formats(incomplete: str) -> list[str]:
+    """Names of formats, for the completion of a shell."""
+    from delivery.export import FORMATS
+
+    return [name for name in FORMATS if name.startswith(incomplete)]
 
 
 def export(
-    model: Annotated[str, Argument(help="Run folder of mmg fit or mmg train, ship file, or ship.", metavar="RUN|SHIP")],
+    model: Annotated[
+        str,
+        Argument(
+            help="Run folder of mmg fit or mmg train, ship file, or ship.",
+            metavar="RUN|SHIP",
+            autocompletion=ship_names,
+        ),
+    ],
     format: Annotated[
         str,
-        Option(help="c, fmu, fmu3, toml, json, casadi, onnx, shipmmg, pvs, gazebo or vrx (docs/formats.md)."),
+        Option(
+            help="c, fmu, fmu3, toml, json, casadi, onnx, shipmmg, pvs, gazebo or vrx (docs/formats.md).",
+            autocompletion=_formats,
+        ),
     ],
     out: Annotated[Path, Option(help="Folder or file to write.")],
     without: Annotated[list[str] | None, Option(help="Leave out this effect of the ship; may be repeated.")] = None,
@@ -45,7 +62,8 @@ def export(
 
     product = product_of(model, force, names_of(without))
     options = {"platforms": names_of(platforms)} if platforms else {}
-    said = write(product, format, out, force, **options)
+    with working(f"exporting {product.ship.name}"):
+        said = write(product, format, out, force, **options)
     if json:
         print_json({"format": format, "out": str(out), **product.about(), "notes": message_rows(said)})
         return

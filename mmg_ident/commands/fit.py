@@ -18,6 +18,7 @@ from mmg_ident.commands.output import (
     say,
     say_remarks,
     scores_in_words,
+    ship_names,
 )
 
 if TYPE_CHECKING:
@@ -27,7 +28,9 @@ if TYPE_CHECKING:
 
 
 def fit(
-    ship: Annotated[str, Argument(help="Ship to start from: library name, ship file or run folder.")],
+    ship: Annotated[
+        str, Argument(help="Ship to start from: library name, ship file or run folder.", autocompletion=ship_names)
+    ],
     trials: Annotated[list[Path], Argument(help="Trial files, or folders of them.")],
     out: Annotated[Path, Option(help="Run folder to write; it must not exist.")],
     validate: Annotated[

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Argument, Option
 
 from mmg.errors import UserError
-from mmg_ident.commands.output import is_model, print_json, refuse_target, say
+from mmg_ident.commands.output import is_model, print_json, refuse_target, say, ship_names, working
 
 if TYPE_CHECKING:
     from cases.criteria.assessment import Assessment
@@ -17,7 +17,12 @@ if TYPE_CHECKING:
 
 def imo(
     ships_and_trials: Annotated[
-        list[str], Argument(help="A ship to simulate, or measured trial files and folders.", metavar="SHIP|TRIAL...")
+        list[str],
+        Argument(
+            help="A ship to simulate, or measured trial files and folders.",
+            metavar="SHIP|TRIAL...",
+            autocompletion=ship_names,
+        ),
     ],
     speed: Annotated[
         float | None, Option(help="Test speed [m/s]; default U_0 of the ship file, else Froude number 0.142.")
@@ -69,7 +74,9 @@ def imo(
         for option in [name for name, value in own.items() if value is not None]:
             raise UserError(f"{option} belongs to trial files; {models[0]} is simulated")
         rate = None if rudder_rate is None else math.radians(rudder_rate)
-        found = imo_figures(load_ship(models[0]), speed, rate, maneuver or [], scale)
+        simulated = load_ship(models[0])
+        with working(f"simulating the manoeuvres of {simulated.name}"):
+            found = imo_figures(simulated, speed, rate, maneuver or [], scale)
     else:
         own = {"--speed": speed, "--rudder-rate": rudder_rate, "--maneuver": maneuver or None}
         for option in [name for name, value in own.items() if value is not None]:

@@ -66,7 +66,7 @@ def _interruptible(verb: Callable[..., Any]) -> Callable[..., Any]:
         from mmg_ident.commands.output import narration
 
         try:
-            with narration():
+            with narration(for_machines=options.get("json") is True):
                 return verb(*given, **options)
         except KeyboardInterrupt:
             raise typer.Abort from None
@@ -116,7 +116,7 @@ class _Verbs(TyperGroup):
             formatter.write_dl(list(VERBS.items()))
 
 
-app = typer.Typer(name="mmg", cls=_Verbs, no_args_is_help=True, **_PLAIN)
+app = typer.Typer(name="mmg", cls=_Verbs, no_args_is_help=True, **{**_PLAIN, "add_completion": True})
 
 
 @app.callback()

@@ -6,10 +6,11 @@ import json
 import logging
 import shlex
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from mmg.errors import UserError
 
@@ -68,12 +69,17 @@ class _ToStderr(logging.Handler):
         say(record.getMessage())
 
 
+_for_machines: ContextVar[bool] = ContextVar("for_machines", default=False)
+"""Whether the verb that runs was asked for JSON."""
+
+
 @contextmanager
-def narration() -> Iterator[None]:
-    """While it lasts, the sentences of ``mmg.progress.LOGGER`` go to stderr."""
+def narration(for_machines: bool = False) -> Iterator[None]:
+    """While it lasts, the sentences of ``mmg.progress.LOGGER`` go to stderr, but not ``for_machines`` (--json)."""
     from mmg.progress import LOGGER
 
-    handler, level = _ToStderr(logging.INFO), LOGGER.level
+    handler, level = _ToStderr(logging.WARNING if for_machines else logging.INFO), LOGGER.level
+    before = _for_machines.set(for_machines)
     LOGGER.addHandler(handler)
     LOGGER.setLevel(logging.INFO)
     try:
@@ -82,26 +88,62 @@ def narration() -> Iterator[None]:
         LOGGER.removeHandler(handler)
         LOGGER.setLevel(level)
         end_progress()
+        _for_machines.reset(before)
 
 
 def progress() -> OnProgress | None:
-    """A one-line progress display on a terminal; None when stderr is none."""
-    if not sys.stderr.isatty():
+    """A one-line progress display on a terminal; None when stderr is none, and with --json."""
+    if _for_machines.get() or not sys.stderr.isatty():
         return None
 
     def show(event: Progress) -> None:
         values = "  ".join(f"{name} {value:.5g}" for name, value in event.values.items())
-        of = f" of {event.of}" if event.of else ""
-        sys.stderr.write(f"\r{event.task}: {event.step:3d}{of}  {values} \033[K")
-        sys.stderr.flush()
+        _show(event.task, event.step, event.of, values)
 
     return show
 
 
+def _show(task: str, step: int, of: int | None, values: str = "") -> None:
+    sys.stderr.write(f"\r{task}: {step:3d}{f' of {of}' if of else ''}  {values} \033[K")
+    sys.stderr.flush()
+
+
+T = TypeVar("T")
+
+
+def each(items: Sequence[T], task: str) -> Iterator[T]:
+    """The ``items`` of long work one by one, with a line on a terminal that says how far the ``task`` has come."""
+    show = progress()
+    for step, item in enumerate(items):
+        if show:
+            _show(task, step, len(items))
+        yield item
+    end_progress()
+
+
+@contextmanager
+def working(task: str) -> Iterator[None]:
+    """While it lasts, a line on a terminal that says what is being done: the ``task``."""
+    if progress():
+        sys.stderr.write(f"\r{task} ...\033[K")
+        sys.stderr.flush()
+    try:
+        yield
+    finally:
+        end_progress()
+
+
 def end_progress() -> None:
     """Clears the line of ``progress`` on a terminal."""
-    if sys.stderr.isatty():
+    if not _for_machines.get() and sys.stderr.isatty():
         sys.stderr.write("\r\033[K")
+
+
+def ship_names(incomplete: str) -> list[str]:
+    """Names for the completion of a shell: ships of the library that begin with ``incomplete``."""
+    from cases.shipfiles.ship_file import library
+
+    return [name for name in library() if name.startswith(incomplete)]
 
 
 def is_model(argument: str) -> bool:

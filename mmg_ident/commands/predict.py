@@ -8,11 +8,11 @@ from typing import Annotated
 from typer import Argument, Option
 
 from mmg.errors import UserError
-from mmg_ident.commands.output import print_json, say
+from mmg_ident.commands.output import print_json, progress, say, ship_names
 
 
 def predict(
-    model: Annotated[str, Argument(help="Ship or run folder.")],
+    model: Annotated[str, Argument(help="Ship or run folder.", autocompletion=ship_names)],
     trials: Annotated[list[Path], Argument(help="Trial files, or folders of them.")],
     out: Annotated[Path, Option(help="CSV file (one trial) or folder (NAME.csv for each).")],
     window: Annotated[float, Option(help="Window length [s]; 0 is the whole run.")] = 100.0,
@@ -48,7 +48,7 @@ def predict(
     existing = [str(path) for path in files.values() if path.exists()]
     if existing and not force:
         raise UserError(f"{existing[0]}: exists already; choose another --out or add --force")
-    found = api.predict(model, runs, window, stride, adapt)
+    found = api.predict(model, runs, window, stride, adapt, progress())
     notes = list(warnings_on_adaptation(api.content_of(model))) if adapt else []
     notes += [note for p in found for note in p.notes]
     write_tables({files[p.trial.name]: p.table for p in found})

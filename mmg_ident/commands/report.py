@@ -8,7 +8,7 @@ from typing import Annotated
 from typer import Argument, Option
 
 from mmg.errors import UserError
-from mmg_ident.commands.output import print_json, say
+from mmg_ident.commands.output import print_json, say, working
 
 
 def report(
@@ -31,7 +31,8 @@ def report(
         raise UserError(f"{target}: is a folder; name the HTML file to write with --out")
     if target.exists() and target.absolute() not in own:
         raise UserError(f"{target}: already exists; choose another --out")
-    write_report(folders, target)
+    with working("writing the report"):
+        write_report(folders, target)
     if json:
         print_json({"report": str(target), "runs": [str(folder) for folder in folders]})
     else:

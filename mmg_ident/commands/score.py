@@ -9,7 +9,7 @@ from typer import Argument, Option
 
 from mmg.errors import UserError
 from mmg.states import STATES
-from mmg_ident.commands.output import is_model, numbers_of, print_json
+from mmg_ident.commands.output import each, is_model, numbers_of, print_json
 
 if TYPE_CHECKING:
     from fitting.prediction.score import Score
@@ -73,7 +73,7 @@ def score(
     else:
         values, origin = pooled_sigma(trials), "the scored trials"
     scores = {}
-    for name, simulator in loaded.items():
+    for name, simulator in each(list(loaded.items()), "scoring"):
         scores[name] = scored(simulator, trials, values, origin, method)
         if adapt and isinstance(simulator, Simulator):
             scores[f"{name} --adapt {adapt:g}"] = scored(simulator, trials, values, origin, method, adapt)

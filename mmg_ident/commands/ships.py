@@ -9,14 +9,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Argument, Option
 
 from mmg.errors import UserError
-from mmg_ident.commands.output import print_json, refuse_target, say
+from mmg_ident.commands.output import print_json, refuse_target, say, ship_names
 
 if TYPE_CHECKING:
     from mmg.ship import Ship
 
 
 def ships(
-    name: Annotated[str | None, Argument(help="Ship, ship file or run folder to print as TOML.")] = None,
+    name: Annotated[
+        str | None, Argument(help="Ship, ship file or run folder to print as TOML.", autocompletion=ship_names)
+    ] = None,
     new: Annotated[
         list[str] | None,
         Option(

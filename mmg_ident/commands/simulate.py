@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Argument, Option
 
 from mmg.errors import UserError
-from mmg_ident.commands.output import print_json, refuse_target, say
+from mmg_ident.commands.output import print_json, refuse_target, say, ship_names, working
 
 if TYPE_CHECKING:
     from cases.trial import Trial
@@ -17,7 +17,9 @@ if TYPE_CHECKING:
 
 
 def simulate(
-    ship: Annotated[str, Argument(help="Library ship (see mmg ships), ship file or run folder.")],
+    ship: Annotated[
+        str, Argument(help="Library ship (see mmg ships), ship file or run folder.", autocompletion=ship_names)
+    ],
     maneuver: Annotated[
         str | None,
         Option(
@@ -97,7 +99,8 @@ def simulate(
             raise UserError(f"--scatter is a manoeuvre in calm air; leave {option} out")
         _scatter(ship, model, plan, scatter, seed, dt, out, json)
         return
-    trial = simulated_trial(model, plan, controls, wind, seed=seed, dt=dt)
+    with working("simulating"):
+        trial = simulated_trial(model, plan, controls, wind, seed=seed, dt=dt)
     found = figures_of(trial, plan) if plan else {}
     summary = _summary(model, trial, plan.name if plan else trial.name, found)
     if noise and out is None:
@@ -117,7 +120,8 @@ def _scatter(
     """Draws, prints the table, and writes the motions to ``out``."""
     from cases.criteria.scatter import scatter
 
-    found = scatter(ship, plan, count, seed, _correlation(name), dt)
+    with working(f"simulating {plan.name} {count} times"):
+        found = scatter(ship, plan, count, seed, _correlation(name), dt)
     if out is not None:
         tracks = found.tracks()
         tracks.to_parquet(out, index=False) if out.suffix.lower() == ".parquet" else tracks.to_csv(out, index=False)

@@ -8,7 +8,7 @@ from typing import Annotated
 from typer import Argument, Option
 
 from mmg.errors import UserError
-from mmg_ident.commands.output import print_json, refuse_target, say
+from mmg_ident.commands.output import print_json, refuse_target, say, working
 
 
 def view(
@@ -47,7 +47,8 @@ def view(
     campaign = gather(folders, trials or (), diagnosis)
     for note in campaign.notes:
         say(f"note: {note}")
-    size = write_view(campaign, target, tuple(dict.fromkeys(window or LENGTHS)))
+    with working("writing the page"):
+        size = write_view(campaign, target, tuple(dict.fromkeys(window or LENGTHS)))
     if json:
         print_json(
             {

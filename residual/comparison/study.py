@@ -25,7 +25,7 @@ from fitting.prediction.score import PAPER_WINDOW, Score, pooled_sigma, score
 from fitting.settings import Settings
 from fitting.solvers.interrupts import interrupts_noted
 from mmg.errors import UserError
-from mmg.progress import LOGGER
+from mmg.progress import LOGGER, OnProgress, Progress
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 from residual.blackbox.models import BOX_KIND, box_of
@@ -161,11 +161,11 @@ class _Job:
     store: Store | None
 
 
-def compare(study: Study, store: Store | None = None) -> Comparison:
+def compare(study: Study, store: Store | None = None, progress: OnProgress | None = None) -> Comparison:
     """Calibrate and train on every subset of a ``study``, score all on its test trials; returns what was done.
 
     store: what it holds is not trained again, calibrations of which a hybrid may start excepted. What is done when it
-    is stopped is kept.
+    is stopped is kept. progress: told how many calibrations and trainings have ended.
     """
     began = time.time()
     entries: list[Entry] = []
@@ -183,6 +183,8 @@ def compare(study: Study, store: Store | None = None) -> Comparison:
         def note(made: tuple[Entry, Ship | None]) -> None:
             entry, _ = made
             entries.append(entry)
+            if progress:
+                progress(Progress("comparing", len(entries)))
             figure = f"30 s windows {entry.score.window:.4f}, " if entry.score else ""
             LOGGER.info(f"{entry.name}, {entry.subset.words} of the data: {figure}{entry.status} in {entry.took:.0f} s")
 
