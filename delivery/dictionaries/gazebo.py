@@ -22,11 +22,12 @@ from delivery.dictionaries.projection import (
     ChannelError,
     channel_errors,
     check_errors,
+    error_messages,
     linear_parameters,
-    say_errors,
 )
 from delivery.product import Product
 from mmg.errors import UserError
+from mmg.messages import Message
 
 TEMPLATES = Path(__file__).parent / "templates"
 GYRATION = 0.25
@@ -46,17 +47,17 @@ PLUGINS = {
 }
 
 
-def write_gazebo(product: Product, target: Path) -> None:
+def write_gazebo(product: Product, target: Path) -> list[Message]:
     """Write the hull of ``product`` as SDF for Gazebo Sim to the file ``target``; UserError where it cannot be held."""
-    _write(product, target, "gazebo", "export the ship as fmu or c, which hold it exactly")
+    return _write(product, target, "gazebo", "export the ship as fmu or c, which hold it exactly")
 
 
-def write_vrx(product: Product, target: Path) -> None:
+def write_vrx(product: Product, target: Path) -> list[Message]:
     """Write the hull of ``product`` as SDF for VRX to the file ``target``; UserError where it cannot be held."""
-    _write(product, target, "vrx", "its plugin couples no sway and yaw: use --format gazebo, fmu or c instead")
+    return _write(product, target, "vrx", "its plugin couples no sway and yaw: use --format gazebo, fmu or c instead")
 
 
-def _write(product: Product, target: Path, form: str, instead: str) -> None:
+def _write(product: Product, target: Path, form: str, instead: str) -> list[Message]:
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     simulator, filename, plugin = PLUGINS[form]
@@ -68,7 +69,7 @@ def _write(product: Product, target: Path, form: str, instead: str) -> None:
     moved = motions(product, simulator)
     factors, errors = project(moved, form)
     check_errors(errors, f"the hydrodynamics plugin of {simulator}", instead)
-    said = say_errors(errors, moved, f"the hull in the hydrodynamics plugin of {simulator}")
+    said = error_messages(errors, moved, f"the hull in the hydrodynamics plugin of {simulator}")
     P, mass = moved.ship.particulars, masses(moved.ship)
     coefficient, error = thrust_coefficient(moved)
     own = P["m"] * (GYRATION * P["L"]) ** 2
@@ -93,6 +94,7 @@ def _write(product: Product, target: Path, form: str, instead: str) -> None:
         loader=FileSystemLoader(TEMPLATES), undefined=StrictUndefined, autoescape=True, keep_trailing_newline=True
     )
     target.write_text(environment.get_template("hull.sdf.j2").render(words), encoding="utf-8")
+    return said
 
 
 def hull_force(moved: Motions) -> np.ndarray:

@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 
 from delivery.dictionaries.motions import Motions
 from mmg.errors import UserError
-from mmg.progress import LOGGER
+from mmg.messages import Message
 
 CHANNELS = (("surge", "X", "N"), ("sway", "Y", "N"), ("yaw", "N", "N m"))
 WORST = 0.5
@@ -55,18 +55,16 @@ def check_errors(errors: tuple[ChannelError, ...], target: str, instead: str) ->
         )
 
 
-def say_errors(errors: tuple[ChannelError, ...], moved: Motions, target: str) -> list[str]:
-    """Say, and return, the sentences on a projection: error per channel, and range.
+def error_messages(errors: tuple[ChannelError, ...], moved: Motions, target: str) -> list[Message]:
+    """What is to be said of a projection: error per channel, range, what is left out.
 
     errors: by channel; moved: motions of the ship; target: words.
     """
     shares = ", ".join(f"{e.channel} {100 * e.share:.1f} %" for e in errors)
-    lines = [f"projected on {target}: error by net force (RMS) {shares}, over {len(moved.u)} motions"]
     limits = ", ".join(f"{name} {low:.3g} .. {high:.3g}" for name, (low, high) in moved.limits.items())
-    lines += [f"range (SI): {limits}", *moved.left_out]
-    for line in lines:
-        LOGGER.info("%s", line)
-    return lines
+    words = f"projected on {target}: error by net force (RMS) {shares}, over {len(moved.u)} motions"
+    messages = [Message(words, "projection_error"), Message(f"range of the projection (SI): {limits}", "range")]
+    return messages + [Message(line, "left_out") for line in moved.left_out]
 
 
 def error_rows(errors: tuple[ChannelError, ...]) -> list[dict[str, float | str]]:

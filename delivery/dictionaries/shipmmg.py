@@ -23,17 +23,17 @@ from delivery.dictionaries.projection import (
     ChannelError,
     channel_errors,
     check_errors,
+    error_messages,
     error_rows,
     fit_parameters,
     linear_parameters,
-    say_errors,
 )
 from delivery.dictionaries.turning import Rates, compared, in_words, ship_rates
 from delivery.product import Product
 from mmg.components.rigid_body import accelerations
 from mmg.errors import UserError
+from mmg.messages import Message
 from mmg.motion.flow import Force
-from mmg.progress import LOGGER
 
 HULL = {
     "X": ("R_0", "X_vv", "X_vr", "X_rr", "X_vvvv"),
@@ -57,17 +57,17 @@ BASIC = {"epsilon": "ϵ", "kappa": "κ", "f_alpha": "f_α", "gamma_R_plus": "γ_
 INSTEAD = "export the ship as c, casadi or fmu, which hold it exactly"
 
 
-def write_shipmmg(product: Product, target: Path) -> None:
-    """Write the parameter sets of ``product`` as JSON to the file ``target``, and say their error.
+def write_shipmmg(product: Product, target: Path) -> list[Message]:
+    """Write the parameter sets of ``product`` as JSON to ``target``; returns what is to be said of the error.
 
     Raises UserError for what shipmmg cannot hold.
     """
     moved = shipmmg_motions(product)
     p, errors = project(moved)
     check_errors(errors, "shipmmg", INSTEAD)
-    said = say_errors(errors, moved, "shipmmg's 3-DOF MMG model")
+    said = error_messages(errors, moved, "shipmmg's 3-DOF MMG model")
     circles = compared(moved, shipmmg_rates(moved, p))
-    LOGGER.info("%s", in_words(circles))
+    said.append(Message(in_words(circles), "projection_turning"))
     K, T, why = nomoto(moved)
     basic, maneuvering = dictionaries(moved, p)
     content = {
@@ -85,6 +85,7 @@ def write_shipmmg(product: Product, target: Path) -> None:
         "remarks": [*said, *(str(words) for words in product.caveats)],
     }
     target.write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    return said
 
 
 def shipmmg_motions(product: Product) -> Motions:

@@ -21,22 +21,22 @@ from delivery.dictionaries.projection import (
     ChannelError,
     channel_errors,
     check_errors,
+    error_messages,
     fit_parameters,
     linear_parameters,
-    say_errors,
 )
 from delivery.dictionaries.turning import Rates, compared, in_words
 from delivery.product import Product
 from mmg.errors import UserError
+from mmg.messages import Message
 from mmg.motion.froude import time_scale
-from mmg.progress import LOGGER
 
 TEMPLATES = Path(__file__).parent / "templates"
 INSTEAD = "export the ship as c, casadi or fmu, which hold it exactly"
 
 
-def write_vehicle(product: Product, target: Path) -> None:
-    """Write the vehicle class of ``product`` to the Python file ``target``, and say the error of the projection.
+def write_vehicle(product: Product, target: Path) -> list[Message]:
+    """Write the vehicle class of ``product`` to the Python file ``target``; returns what is to be said of the error.
 
     Raises UserError for what the form cannot hold.
     """
@@ -50,15 +50,14 @@ def write_vehicle(product: Product, target: Path) -> None:
     moved = motions(product, "the Python Vehicle Simulator")
     p, errors = project(moved)
     check_errors(errors, "the Python Vehicle Simulator", INSTEAD)
-    said = say_errors(errors, moved, "the tanker of the Python Vehicle Simulator")
-    circles = in_words(compared(moved, vehicle_rates(moved, p)))
-    LOGGER.info("%s", circles)
+    said = error_messages(errors, moved, "the tanker of the Python Vehicle Simulator")
+    said.append(Message(in_words(compared(moved, vehicle_rates(moved, p))), "projection_turning"))
     L = moved.ship.particulars["L"]
     scale, speed = time_scale(L), float(moved.u.max())
     words = {
         "ship": product.ship.name,
         "name": product.identifier,
-        "said": [*said, circles, *map(str, product.caveats)],
+        "said": [*map(str, said), *map(str, product.caveats)],
         "parameters": "{\n" + "".join(f'    "{name}": {value!r},\n' for name, value in p.items()) + "}",
         "rpm": round(60 * float(moved.n.max()), 3),
         "speed": speed,
@@ -71,6 +70,7 @@ def write_vehicle(product: Product, target: Path) -> None:
     }
     environment = Environment(loader=FileSystemLoader(TEMPLATES), undefined=StrictUndefined, keep_trailing_newline=True)
     target.write_text(environment.get_template("vehicle.py.j2").render(words), encoding="utf-8")
+    return said
 
 
 def _shared(moved: Motions, p: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
