@@ -48,12 +48,18 @@ PLUGINS = {
 
 
 def write_gazebo(product: Product, target: Path) -> list[Message]:
-    """Write the hull of ``product`` as SDF for Gazebo Sim to the file ``target``; UserError where it cannot be held."""
+    """Write the hull of ``product`` as SDF for Gazebo Sim to the file ``target``; returns what is to be said.
+
+    Raises UserError where it cannot be held.
+    """
     return _write(product, target, "gazebo", "export the ship as fmu or c, which hold it exactly")
 
 
 def write_vrx(product: Product, target: Path) -> list[Message]:
-    """Write the hull of ``product`` as SDF for VRX to the file ``target``; UserError where it cannot be held."""
+    """Write the hull of ``product`` as SDF for VRX to the file ``target``; returns what is to be said.
+
+    Raises UserError where it cannot be held.
+    """
     return _write(product, target, "vrx", "its plugin couples no sway and yaw: use --format gazebo, fmu or c instead")
 
 

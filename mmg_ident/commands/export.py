@@ -60,7 +60,8 @@ def export(
     from delivery.export import export as write
     from delivery.product import product_of
 
-    product = product_of(model, force, names_of(without))
+    with working("reading"):
+        product = product_of(model, force, names_of(without))
     options = {"platforms": names_of(platforms)} if platforms else {}
     with working(f"exporting {product.ship.name}"):
         said = write(product, format, out, force, **options)
