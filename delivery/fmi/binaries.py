@@ -16,7 +16,7 @@ from delivery.fmi.sources import MAIN
 from mmg.compile.cache import compiler
 from mmg.errors import UserError
 
-FLAGS = ("-std=c99", "-O2", "-fno-math-errno", "-shared", "-fvisibility=hidden")
+FLAGS = ("-std=c99", "-O2", "-fno-math-errno", "-fno-trapping-math", "-shared", "-fvisibility=hidden")
 LINKED = ("-lm",)
 
 

@@ -25,7 +25,6 @@ def exercised(kind: str, version: int, command: list[str], folder: Path) -> str:
     whole = [
         *command,
         *STRICT,
-        "-Wno-unused-variable",
         "-std=c99",
         "-I",
         str(folder / "sources"),
