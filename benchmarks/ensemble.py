@@ -38,8 +38,9 @@ from residual.rollout import RolloutBatch, state_loss
 from residual.settings import BlackBoxSettings, TrainSettings
 from residual.system import Hybrid, TrainableSystem
 from residual.training.hybrid import build_hybrid, hybrid_scales
+from residual.training.pieces import pieces_of
 from residual.training.scales import Scales
-from residual.training.windows import pieces_of, windows
+from residual.training.windows import windows
 
 MEMBERS, PARTICLES, WINDOW, STRIDE = 8, 40, 30.0, 15.0
 COUSINS = "turn_14-Sep-2020_15_58_08"

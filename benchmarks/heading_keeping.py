@@ -30,7 +30,8 @@ from residual.blackbox.models import box_scales, build_box
 from residual.ensemble import distances, particles, train_members
 from residual.settings import BlackBoxSettings
 from residual.system import TrainableSystem
-from residual.training.windows import pieces_of, windows
+from residual.training.pieces import pieces_of
+from residual.training.windows import windows
 
 MEMBERS, PARTICLES, H, RUNS = 10, 50, 1.0, 8
 KP, KD = np.geomspace(0.2, 20, 11), np.geomspace(0.5, 200, 11)

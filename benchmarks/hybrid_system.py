@@ -28,8 +28,8 @@ from residual.bounded_network import Residual, Symmetric, TwoLayers, mirror_of
 from residual.physics.operator import Physics
 from residual.settings import TrainSettings
 from residual.system import Hybrid, Past, TrainableSystem
+from residual.training.pieces import Piece
 from residual.training.scales import Scales
-from residual.training.windows import Piece
 
 LAGS = (3.0, 10.0, 30.0)
 ERRORS = ((3, 0), (10, 0), (10, 10), (10, 20))

@@ -27,13 +27,15 @@ from mmg.ship import Ship
 from residual.rollout import RolloutBatch, rollout, squares
 from residual.settings import TrainSettings
 from residual.system import TrainableSystem
+from residual.training.folds import WINDOW
 from residual.training.hybrid import hybrid_scales
+from residual.training.pieces import Piece
 from residual.training.scales import Scales
 from residual.training.tasks import training_tasks
 from residual.training.trainer import restored, train_one
-from residual.training.window_errors import RESTART, STRIDE, WINDOW
-from residual.training.windows import Piece, windows
+from residual.training.window_errors import RESTART, STRIDE
 from residual.training.windows import pieces_of as grid_pieces
+from residual.training.windows import windows
 
 PARTS = 5
 """Parts of the 21 records in the variants on more data."""

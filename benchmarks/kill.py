@@ -1,8 +1,10 @@
 """Commands that are ended at random moments: what is left is whole or absent, and resumed it is as if nothing happened.
 
-python -m benchmarks.kill --kills N --seed S [--verb fit|train]: each time a signal (SIGKILL, SIGTERM, SIGINT) at a
-random moment, once more the same command with --resume, and the values of its result.json against those of a run that
-was left alone. Prints a row per verb and signal. Without /proc, orphan processes are not looked for.
+python -m benchmarks.kill --kills N --seed S [--verb NAME]... [--cold]: each time a signal (SIGKILL, SIGTERM, SIGINT) at
+a random moment, then the same command once more with --resume (or --force, where there is nothing to resume), and what
+it made against what a run that was left alone made: the values of its JSON, the bytes of other files. Prints a row per
+verb and signal. The commands are forked from a process that has imported the libraries, so that the moments fall on the
+work itself; --cold starts Python anew for each. Needs fork; without /proc, orphan processes are not looked for.
 """
 
 from __future__ import annotations
@@ -18,22 +20,39 @@ import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
+
+from safetensors import safe_open
 
 from benchmarks.record import table
 from cases.simulation.demo_trials import demo_trials
 from cases.simulation.simulate import write_trial
 
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
-TIMES = {"created", "command", "timings_s", "seconds", "rollout_s", "path", "calibration"}
-"""Keys of result.json that may differ: times, and where things lie."""
+TIMES = {"created", "command", "timings_s", "timings", "seconds", "rollout_s", "took_s", "path", "calibration", "wall"}
+"""Keys of JSON files that may differ: times, and where things lie."""
 FEW = "--only X_0F,Y_v,N_r,k_0,gamma_P,Y_A1 --no-next-trial --measurement none --window 5"
+SMALL = "--seeds 2 --epochs 1 --width 4"
 VERBS = {
     "fit": f"fit esso_osaka_3m trials {FEW} --out OUT",
-    "train": "train esso_osaka_3m trials --seeds 2 --epochs 2 --width 4 --workers 2 --out OUT",
+    "bootstrap": f"fit esso_osaka_3m trials {FEW} --bootstrap 6 --profile N_r --out OUT",
+    "train": f"train esso_osaka_3m trials {SMALL} --out OUT",
+    "train-workers": f"train esso_osaka_3m trials {SMALL} --workers 2 --out OUT",
+    "compare": "compare --train trials --test others --models captive,fnn --epochs 1 --fractions 1 --seeds 2 "
+    "--no-random --step 1 --out OUT",
+    "compare-workers": "compare --train trials --test others --models captive,fnn --epochs 1 --fractions 1 --seeds 2 "
+    "--no-random --step 1 --workers 2 --out OUT",
+    "diagnose": "diagnose small.toml others --no-learn --step 2 --out OUT",
+    "diagnose-workers": "diagnose small.toml others --no-learn --step 2 --workers 2 --out OUT",
+    "predict": "predict esso_osaka_3m trials --window 30 --out OUT",
+    "simulate": "simulate esso_osaka_3m --maneuver zigzag:10/10 --out OUT.csv",
+    "export": "export esso_osaka_3m --format c --force --out OUT",
 }
-"""Commands in the folder of the trials; --resume goes on with each."""
+"""Commands in the folder of the trials."""
+AGAIN = {"predict": "--force", "simulate": "--force", "export": "--force"}
+"""What goes on with a command; else it is --resume."""
 
 
 @dataclass(frozen=True)
@@ -47,73 +66,184 @@ class Ended:
 
 
 def values(content: Any) -> Any:
-    """The ``content`` of result.json without what may differ between equal runs."""
+    """The ``content`` of a JSON file without what may differ between equal runs."""
     if isinstance(content, dict):
         return {key: values(value) for key, value in content.items() if key not in TIMES}
     return [values(value) for value in content] if isinstance(content, list) else content
 
 
 def trials(folder: Path) -> None:
-    """Two short trials in ``folder``/trials."""
-    (folder / "trials").mkdir(parents=True)
-    for trial in demo_trials(3, dt=0.5)[0][:2]:
-        write_trial(trial, folder / "trials" / f"{trial.name}.csv")
+    """Two short trials in ``folder``/trials, one in ``folder``/others, and a ship with few free coefficients."""
+    from cases.shipfiles.model_changes import reduced_ship
+    from cases.shipfiles.ship_file import dump_ship, load_ship
+
+    made = demo_trials(3, dt=0.5)[0][:3]
+    for trial, name in zip(made, ("trials", "trials", "others"), strict=True):
+        (folder / name).mkdir(parents=True, exist_ok=True)
+        write_trial(trial, folder / name / f"{trial.name}.csv")
+    few = reduced_ship(load_ship("esso_osaka_3m"), only=["X_0F", "Y_v", "N_r", "k_0"])
+    (folder / "small.toml").write_text(dump_ship(few, "few free coefficients"), encoding="utf-8")
 
 
-def started(folder: Path, verb: str, out: str, *more: str) -> subprocess.Popen[str]:
-    """The process of a ``verb`` in a group of its own. folder: with the trials; out: its run; more: options."""
-    words = VERBS[verb].replace("OUT", out).split()
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
-    command = [sys.executable, "-m", "mmg_ident.commands.main", *words, *more]
-    return subprocess.Popen(
-        command, cwd=folder, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
-        start_new_session=True,
-    )  # fmt: skip
+class Process:
+    """A command of its own session in a ``folder``, forked from this process or, if ``cold``, a new Python."""
+
+    def __init__(self, folder: Path, words: Sequence[str], cold: bool) -> None:
+        self.errors = folder / f".errors_{time.monotonic_ns()}"
+        if cold:
+            command = [sys.executable, "-m", "mmg_ident.commands.main", *words]
+            environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
+            with self.errors.open("wb") as file:
+                started = subprocess.Popen(
+                    command, cwd=folder, env=environment, stdout=subprocess.DEVNULL, stderr=file, start_new_session=True
+                )
+            self.pid = started.pid
+            started.returncode = 0  # it is waited for below
+            return
+        self.pid = os.fork()
+        if self.pid == 0:
+            _command(folder, words, self.errors)
+
+    def wait(self, seconds: float) -> int | None:
+        """The exit status, negative for a signal, or None where it has not ended after so many seconds."""
+        until = time.monotonic() + seconds
+        while True:
+            pid, status = os.waitpid(self.pid, os.WNOHANG)
+            if pid:
+                return os.waitstatus_to_exitcode(status)
+            if time.monotonic() > until:
+                return None
+            time.sleep(0.005)
+
+    def said(self) -> str:
+        """What it wrote to stderr."""
+        text = self.errors.read_text(encoding="utf-8", errors="replace")
+        self.errors.unlink()
+        return text
 
 
-def alone(folder: Path, verb: str) -> tuple[Any, float]:
-    """Values and seconds of a ``verb`` that is left alone in ``folder``. Raises RuntimeError where it fails."""
-    began = time.perf_counter()
-    process = started(folder, verb, f"{verb}_whole")
-    _, error = process.communicate()
-    if process.returncode:
-        raise RuntimeError(error)
-    return _values_of(folder / f"{verb}_whole"), time.perf_counter() - began
+def _command(folder: Path, words: Sequence[str], errors: Path) -> None:
+    """Be the command: this process, newly forked, ends with it."""
+    os.setsid()
+    os.chdir(folder)
+    for number, target in ((0, os.devnull), (1, os.devnull), (2, str(errors))):
+        os.dup2(os.open(target, os.O_RDWR | os.O_CREAT, 0o644), number)
+    sys.argv = ["mmg", *words]
+    from mmg_ident.commands import main
 
-
-def ended(folder: Path, verb: str, number: signal.Signals, fraction: float, whole: Any, seconds: float) -> Ended:
-    """A ``verb`` in ``folder`` to which the signal ``number`` is sent after a ``fraction`` of its ``seconds``, and
-    which is then resumed; whole: its values when it is left alone."""
-    out, faults = f"{verb}_{number.name}_{fraction:.6f}", []
-    process = started(folder, verb, out)
+    main.answer_signals()
     try:
-        process.wait(timeout=fraction * seconds)
-    except subprocess.TimeoutExpired:
-        process.send_signal(number)
-    _, error = process.communicate(timeout=60 + 2 * seconds)
-    if "Traceback" in error:
-        faults.append("traceback")
-    time.sleep(1.0)
-    if any(_in_session(process.pid)):
+        main.run()
+    except SystemExit as stop:
+        os._exit(int(stop.code or 0))
+    except BaseException:
+        sys.excepthook(*sys.exc_info())
+    os._exit(1)
+
+
+def warm_up(folder: Path, verb: str) -> None:
+    """Import what a ``verb`` needs by running it once in this process, in the ``folder`` of the trials."""
+    from mmg_ident.commands.main import main
+
+    here = Path.cwd()
+    os.chdir(folder)
+    try:
+        arguments = VERBS[verb].replace("--workers 2", "").replace("OUT", f"{verb}_warm").split()
+        if code := main(arguments):
+            raise RuntimeError(f"{verb}: exit code {code}")
+    finally:
+        os.chdir(here)
+
+
+def started(folder: Path, verb: str, out: str, *more: str, cold: bool = True) -> Process:
+    """The process of a ``verb``. folder: with the trials; out: what it writes; more: options; cold: a new Python."""
+    return Process(folder, [*VERBS[verb].replace("OUT", out).split(), *more], cold)
+
+
+def alone(folder: Path, verb: str, cold: bool = True) -> tuple[Any, float]:
+    """What a ``verb`` makes that is left alone in ``folder``, and its seconds. cold: by a new Python. Raises
+    RuntimeError where it fails."""
+    began = time.perf_counter()
+    process = started(folder, verb, f"{verb}_whole", cold=cold)
+    if process.wait(600.0) != 0:
+        raise RuntimeError(process.said())
+    process.said()
+    return made(folder, f"{verb}_whole"), time.perf_counter() - began
+
+
+def ended(
+    folder: Path, verb: str, number: signal.Signals, fraction: float, whole: Any, seconds: float, cold: bool = True
+) -> Ended:
+    """A ``verb`` in ``folder`` to which the signal ``number`` is sent after a ``fraction`` of its ``seconds``, and
+    which is then made once more; whole: what it makes when it is left alone; cold: by a new Python."""
+    out, faults = f"{verb}_{number.name}_{fraction:.6f}", []
+    process = started(folder, verb, out, cold=cold)
+    if process.wait(fraction * seconds) is None:
+        os.kill(process.pid, number)
+        if process.wait(60 + 2 * seconds) is None:
+            faults.append("deaf")
+            os.killpg(process.pid, signal.SIGKILL)
+            process.wait(5.0)
+    if "Traceback" in (error := process.said()):
+        faults.append(f"traceback: {error.strip().splitlines()[-1][:100]}")
+    until = time.monotonic() + 5.0
+    while (living := list(_in_session(process.pid))) and time.monotonic() < until:
+        time.sleep(0.1)
+    if living:
         faults.append("orphan process")
         os.killpg(process.pid, signal.SIGKILL)
-    content = _values_of(folder / out)
-    if content is not None and content.get("converged") and content != whole:
+    left = made(folder, out)
+    if _complete(left) and left != whole:
         faults.append("passes for finished")
-    again = started(folder, verb, out, "--resume")
-    _, error = again.communicate(timeout=60 + 4 * seconds)
-    if again.returncode:
-        faults.append(f"not resumed: {error.strip().splitlines()[-1][:100] if error.strip() else again.returncode}")
-    elif _values_of(folder / out) != whole:
+    again = started(folder, verb, out, AGAIN.get(verb, "--resume"), cold=cold)
+    code = again.wait(60 + 6 * seconds)
+    error = again.said()
+    if code != 0:
+        faults.append(f"not resumed: {error.strip().splitlines()[-1][:100] if error.strip() else code}")
+    elif made(folder, out) != whole:
         faults.append("other values")
-    if hidden := [p.name for p in folder.glob(f".{out}*")]:
+    if hidden := [p.name for p in [*folder.glob(f".{out}*"), *folder.glob(f"{out}/**/.*")]]:
         faults.append(f"left: {', '.join(hidden)}")
     return Ended(verb, number.name, tuple(faults), fraction)
 
 
-def _values_of(run: Path) -> Any:
-    path = run / "result.json"
-    return values(json.loads(path.read_text(encoding="utf-8"))) if path.exists() else None
+def made(folder: Path, out: str) -> Any:
+    """The files that a command made as ``out`` in ``folder``: values of JSON, text without times, else bytes. {}
+    where there is nothing."""
+    place = folder / out
+    files = [p for p in place.rglob("*") if p.is_file()] if place.is_dir() else list(folder.glob(f"{out}.*"))
+    found: dict[str, Any] = {}
+    for path in files:
+        name = str(path.relative_to(place)) if place.is_dir() else path.suffix
+        if path.suffix == ".json":
+            found[name] = values(json.loads(path.read_text(encoding="utf-8")))
+        elif path.suffix == ".safetensors" and "training" not in name:
+            found[name] = _numbers(path)
+        elif path.suffix not in (".html", ".png") and "training" not in name and "entries" not in name:
+            found[name] = sha256(path.read_bytes()).hexdigest()
+        elif path.suffix in (".html", ".png"):
+            found[name] = "there"
+    return found
+
+
+def _numbers(path: Path) -> dict[str, Any]:
+    """Arrays and words of a file of safetensors, whose order is not fixed."""
+    with safe_open(str(path), "numpy") as file:
+        arrays = {name: sha256(file.get_tensor(name).tobytes()).hexdigest() for name in file.keys()}  # noqa: SIM118
+        return arrays | dict(file.metadata() or {})
+
+
+def _complete(left: dict[str, Any]) -> bool:
+    """Whether what is left of a command says that it is all there."""
+    if not left:
+        return False
+    result = left.get("result.json")
+    if result is None:
+        return "training/settings.json" not in left and "entries/settings.json" not in left
+    if "messages" in result:
+        codes = {row.get("code") for row in result["messages"]}
+        return bool(result.get("converged", True)) and not codes & {"parts_left_out", "seeds_stopped", "seeds_missing"}
+    return bool(result.get("complete", not result.get("interrupted", False) and result.get("figures", True)))
 
 
 def _in_session(session: int) -> Iterator[int]:
@@ -142,17 +272,24 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--kills", type=int, default=6, help="per verb")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--verb", choices=sorted(VERBS))
+    parser.add_argument("--verb", choices=sorted(VERBS), action="append")
+    parser.add_argument("--cold", action="store_true", help="start Python anew for each")
     given = parser.parse_args()
     draw, found = random.Random(given.seed), []
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
         trials(folder)
-        for verb in VERBS if given.verb is None else (given.verb,):
-            whole, seconds = alone(folder, verb)
+        for verb in given.verb or VERBS:
+            if not given.cold:
+                warm_up(folder, verb)
+            whole, seconds = alone(folder, verb, given.cold)
             for k in range(given.kills):
-                found.append(ended(folder, verb, SIGNALS[k % 3], draw.uniform(0.05, 1.0), whole, seconds))
-    print("\n".join(table(["verb", "signal", "ended", "as it must be", "faults"], rows(found))))
+                one = ended(folder, verb, SIGNALS[k % 3], draw.uniform(0.02, 1.0), whole, seconds, given.cold)
+                found.append(one)
+                print(
+                    f"{verb} {k + 1}/{given.kills} {one.name} at {one.fraction:.3f}: {one.faults or 'ok'}", flush=True
+                )
+    print("\n".join(table(["command", "signal", "ended", "as it must be", "faults"], rows(found))))
 
 
 if __name__ == "__main__":

@@ -28,12 +28,14 @@ from residual.rollout import rollout, squares
 from residual.settings import TrainSettings
 from residual.system import Hybrid, Past, TrainableSystem
 from residual.training.acceptance import decide
+from residual.training.folds import WINDOW
 from residual.training.hybrid import build_hybrid, hybrid_scales
+from residual.training.pieces import pieces_of
 from residual.training.scales import Scales
 from residual.training.tasks import training_tasks
 from residual.training.trainer import BuildSystem, restored, train_one
-from residual.training.window_errors import RESTART, STRIDE, WINDOW, window_errors
-from residual.training.windows import pieces_of, windows
+from residual.training.window_errors import RESTART, STRIDE, window_errors
+from residual.training.windows import windows
 
 LAG = 10.0
 """Time constant of the memory [s]; it is settled along twice as many rows of 1 s before a start."""

@@ -261,4 +261,5 @@ def _learned(
     LOGGER.info("learning the unexplained remainder from the training trials")
     settings = TrainSettings(seeds=SEEDS, seed=options.seed, workers=options.workers)
     settings = replace(settings, step=found.data.h if found.data is not None else options.step)
-    return measure_learned_residual(found.ship, trials, tests, settings, progress)
+    store = options.store.part("learned") if options.store is not None else None
+    return measure_learned_residual(found.ship, trials, tests, settings, progress, store)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from cases.checks.duplicates import duplicates
@@ -12,7 +12,8 @@ from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
 from diagnosis.estimation.candidates import FITTED_ALONG
 from diagnosis.sensors.kinematics import consistency
-from fitting.report.run_folder import RESULT, SHIP, read_result
+from fitting.report.parts import Store, hash_of_ship, hashes_of_trials
+from fitting.report.run_folder import RESULT, SHIP, trial_rows
 from mmg.errors import UserError
 from mmg.messages import Message
 from mmg.ship import Ship
@@ -27,7 +28,8 @@ class DiagnosisOptions:
     of the learned residual; workers: processes; learn: whether to measure how much a learned residual closes of an
     unexplained remainder; command: the words by which result.json says how it was made; between: what groups of trials
     are compared by ("day", "folder", ...; see cases.io.groups), or None; bootstrap: simulated campaigns from which
-    probabilities are found (0: by their law to first order)."""
+    probabilities are found (0: by their law to first order); store: where finished campaigns and trainings are kept,
+    and taken from."""
 
     step: float | None = None
     seed: int = 0
@@ -36,6 +38,7 @@ class DiagnosisOptions:
     command: str = "mmg_ident.diagnose"
     between: str | None = None
     bootstrap: int = 0
+    store: Store | None = field(default=None, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if self.step is not None and not 0 < self.step < 60:
@@ -45,6 +48,32 @@ class DiagnosisOptions:
         if self.bootstrap and self.bootstrap < LEAST_CAMPAIGNS:
             least = f"at least {LEAST_CAMPAIGNS} for a probability of 1 %"
             raise UserError(f"--bootstrap {self.bootstrap}: must be 0, or {least}")
+
+
+def diagnosis_store(
+    out: Path,
+    ship: Ship,
+    trials: Sequence[Trial],
+    tests: Sequence[Trial],
+    options: DiagnosisOptions,
+    origin: str,
+    resume: bool = False,
+) -> Store:
+    """Where the finished campaigns and trainings of a diagnosis are kept until it ends, with what must be the same to
+    continue it.
+
+    out: its folder; ship, trials, tests, options: as given to ``diagnose``; origin: words for where the ship is from;
+    resume: continue where ``out`` is there.
+    """
+    kept = ("step", "seed", "learn", "between", "bootstrap")
+    about = {
+        "options": {name: getattr(options, name) for name in kept},
+        "ship": hash_of_ship(ship),
+        "run": origin,
+        "trial files": hashes_of_trials(trials),
+        "--test": hashes_of_trials(tests),
+    }
+    return Store(out / "parts", about, resume and out.exists())
 
 
 def diagnosable(ship: Ship) -> tuple[Ship, list[str]]:
@@ -113,7 +142,7 @@ def calibration_trials(
     folder = Path(calibrated_on)
     if not (folder / RESULT).exists():
         return CalibrationTrials()
-    rows = [row for row in read_result(folder).get("data", []) if row.get("sha256")]
+    rows = [row for row in trial_rows(folder) if row.get("sha256")]
     hashes = {row["sha256"] for row in rows}
     if not rows or {t.sha256 for t in trials} & hashes:
         return CalibrationTrials()

@@ -16,7 +16,7 @@ from cases.shipfiles.ship_file import dump_ship, load_ship
 from diagnosis.findings import SCHEMA_VERSION, DiagnosisInputs, DiagnosisRecord, Findings
 from diagnosis.report.missing_force import FILE, missing_force, missing_force_text
 from fitting.record import MessageRow
-from fitting.report.run_folder import check_target, write_json, write_whole
+from fitting.report.run_folder import check_target, read_result, write_json, write_whole
 from mmg.errors import UserError
 from mmg.messages import messages_from
 from mmg.notebook import html_table
@@ -61,11 +61,12 @@ class Diagnosis(Findings):
             check_target(folder)
         began = time.perf_counter()
 
-        def result(figures: Sequence[Mapping[str, str]], failures: Sequence[str]) -> dict[str, Any]:
+        def result(figures: Sequence[Mapping[str, str]], failures: Sequence[str], complete: bool) -> dict[str, Any]:
             seconds = self.timings.get("total", 0.0) + time.perf_counter() - began
             return {
                 "schema_version": SCHEMA_VERSION,
                 "kind": "diagnosis",
+                "complete": complete,
                 **vars(self.inputs),
                 "figures": figures,
                 "warnings": [*self.warnings, *failures],
@@ -75,13 +76,26 @@ class Diagnosis(Findings):
         def fill(scratch: Path) -> None:
             (scratch / SHIP).write_text(dump_ship(self.ship, "refitted by mmg diagnose"), encoding="utf-8")
             write_json(scratch / CONTENT, self.to_dict())
-            write_json(scratch / RESULT, result([], []))
+            write_json(scratch / RESULT, result([], [], complete=False))
             if found := missing_force(self):
                 (scratch / FILE).write_text(missing_force_text(found), encoding="utf-8")
 
         write_whole(folder, fill, replace)
         made = page.write_report(self, folder)
-        write_json(folder / RESULT, result(made.rows, made.failures))
+        write_json(folder / RESULT, result(made.rows, made.failures, complete=True))
+
+
+def is_complete(folder: Path) -> bool:
+    """Whether ``folder`` holds a diagnosis with all figures and its page, so that there is nothing to resume.
+
+    Raises UserError where it holds the run of another command.
+    """
+    if not (folder / RESULT).exists():
+        return False
+    content = read_result(folder)
+    if content["kind"] != "diagnosis":
+        raise UserError(f"{folder}: is no run of mmg diagnose, so there is nothing to resume; choose another --out")
+    return content.get("complete") is True
 
 
 @dataclass(frozen=True, kw_only=True)

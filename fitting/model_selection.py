@@ -23,6 +23,7 @@ from fitting.nlp.grid import default_step
 from fitting.parallel import run_all
 from fitting.prediction.score import pooled_sigma, score
 from fitting.settings import Settings
+from fitting.solvers.interrupts import unless_interrupted
 from mmg.errors import UserError
 from mmg.messages import Message
 from mmg.progress import LOGGER, OnProgress, Progress
@@ -129,7 +130,7 @@ Outcome = tuple[np.ndarray, bool, dict[str, float]]
 
 def run_fold(fold: Fold) -> Outcome | None:
     """Outcome of one ``fold``: fitted on the rest, scored on the trials left out; None when it is too late to begin."""
-    if time.time() > fold.deadline:
+    if time.monotonic() > fold.deadline:
         return None
     rest = [t for i, t in enumerate(fold.trials) if i not in fold.out]
     free = [fold.ship.coefficients[s] for s in fold.ship.free]
@@ -185,7 +186,9 @@ class Selector:
             if self.progress:
                 self.progress(Progress(f"model choice, {varied}", next(count), len(tasks)))
 
-        done = run_all(run_fold, tasks, self.settings.workers, fitted)
+        done = unless_interrupted(lambda: run_all(run_fold, tasks, self.settings.workers, fitted))
+        if done is None:  # a choice by a part of the folds would be another one
+            raise KeyboardInterrupt
         self.each = (time.perf_counter() - began) / len(choices)
         rows, n = [], len(self.parts)
         for k, choice in enumerate(choices):
@@ -220,7 +223,7 @@ class Selector:
         settings = replace(
             self.settings, window=choice.window, loss=choice.loss, starts=1, workers=1, tolerance=1e-4, time_limit=None
         )
-        deadline = time.time() + self.time_left if self.warm else float("inf")
+        deadline = time.monotonic() + self.time_left if self.warm else float("inf")
         ship = prepare(self.ship, choice)
         return Fold(ship, settings, self.trials, out, self.sigma, self.captive, self.warm, deadline)
 

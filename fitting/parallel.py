@@ -9,10 +9,11 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
-from typing import TypeVar
+from typing import Any, TypeVar
 
 Task = TypeVar("Task")
 Outcome = TypeVar("Outcome")
@@ -35,7 +36,8 @@ def run_all(
     if workers <= 1 or len(tasks) <= 1:
         return list(_reported(map(function, tasks), each))
     context, others = multiprocessing.get_context("spawn"), multiprocessing.active_children()
-    with _one_thread(), ProcessPoolExecutor(max_workers=min(workers, len(tasks)), mp_context=context) as pool:
+    most = min(workers, len(tasks))
+    with _one_thread(), ProcessPoolExecutor(max_workers=most, mp_context=context, initializer=end_with_parent) as pool:
         try:
             with held_back():
                 outcomes = pool.map(function, tasks)
@@ -46,6 +48,18 @@ def run_all(
             for child in children:  # what they would still do is of no use
                 child.terminate()
             raise
+
+
+def end_with_parent() -> None:
+    """From now on this process ends when the one that started it has, in whatever way that was ended."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_end_after, args=(parent,), daemon=True).start()
+
+
+def _end_after(parent: Any) -> None:
+    parent.join()
+    os._exit(1)
 
 
 @contextmanager

@@ -7,6 +7,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from datetime import datetime, timezone
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -27,7 +28,8 @@ from fitting.record import CoefficientRow, FitObjects, FitRecord, SolveRow
 from fitting.report.run_folder import data_rows, plain, versions
 from fitting.result import FitResult
 from fitting.settings import Settings
-from fitting.uncertainty.rows import check_request, uncertainty_rows
+from fitting.solvers.interrupts import Later
+from fitting.uncertainty.rows import check_request, refit_rows, uncertainty_rows
 from mmg.errors import UserError
 from mmg.messages import message_rows
 from mmg.progress import LOGGER, OnProgress
@@ -93,13 +95,22 @@ def calibrate(
     warm = options.resume.iterate if options.resume else None
     found = estimate_coefficients(model, train, settings, progress, warm, options.captive, constants)
     before, after = Simulator(ship, settings.compiled), Simulator(found.ship, settings.compiled)
-    scores = score_pairs(before, after, {"validation": validation, "training": train})
+    later = Later()
+    scores = later.made("scores", lambda: score_pairs(before, after, {"validation": validation, "training": train}), {})
     started = time.perf_counter()
     finite = np.isfinite(found.covariance).all()
-    trial = next_trial(found) if options.next_trial and found.converged and finite else None
+    wanted = options.next_trial and found.converged and finite
+    trial = later.made("next trial", lambda: next_trial(found), None) if wanted else None
     timings = {**found.timings, "identifiability": time.perf_counter() - started}
+    bands = later.made("prediction bands", lambda: prediction_bands(found, after, train), None)
+    adaptation = later.made("worth of adaptation", lambda: adaptation_worth(after, validation), None)
+    uncertainty = uncertainty_rows(found)
+    for number, name in ((options.bootstrap, "--bootstrap"), (len(options.profile), "--profile")):
+        asked = (number, ()) if name == "--bootstrap" else (0, options.profile)
+        if number:
+            uncertainty = uncertainty | later.made(name, partial(refit_rows, found, *asked), {})
     worse = [message for name, pair in scores.items() for message in pair.worse(name)]
-    warnings = [*found.warnings, *remarks, *shared_rows(train, validation), *worse]
+    warnings = [*found.warnings, *remarks, *shared_rows(train, validation), *worse, *later.left_out]
     notices = [*found.notices, *(choice.notices if choice else ())]
     content = {
         **_solved(found, options.command),
@@ -116,10 +127,10 @@ def calibrate(
             for row in message_rows(dict.fromkeys(some))
         ],
         "auto": choice.table if choice else None,
-        "bands": prediction_bands(found, after, train),
-        "adaptation": adaptation_worth(after, validation),
+        "bands": bands,
+        "adaptation": adaptation,
         "envelope": trial_envelope(found.ship, train),
-        **uncertainty_rows(found, options.bootstrap, options.profile),
+        **uncertainty,
         "timings_s": {**timings, "wall": time.perf_counter() - began},
     }
     return FitResult(

@@ -12,6 +12,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from dataclasses import replace as changed
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,7 @@ from fitting.report.run_folder import (
     FIGURES,
     ITERATE,
     PAGE,
+    PENDING,
     RESULT,
     SHIP,
     START,
@@ -39,6 +41,7 @@ from fitting.report.run_folder import (
     write_json,
     write_whole,
 )
+from fitting.solvers.interrupts import Later, left_out_message
 from mmg.notebook import html_table
 from mmg.ship import Ship
 
@@ -62,6 +65,11 @@ class FitResult(FitRecord):
     def calibration(self) -> Calibration | None:
         """The solver's own account; None for a result that was read from a folder."""
         return self.objects.calibration if self.objects else None
+
+    def without_parts(self, name: str) -> FitResult:
+        """The result with the warning that Ctrl-C left out the part ``name``."""
+        message = left_out_message([name])
+        return changed(self, messages=(MessageRow("warning", message.code, message), *self.messages))
 
     def to_pandas(self) -> Any:
         """A DataFrame with a row per free coefficient: value, std, unit, bounds, prior, its share, verdict."""
@@ -107,24 +115,33 @@ class FitResult(FitRecord):
             save_network(scratch / NETWORK, self.ship.network, self.ship)
         if self.folder and (self.folder / FIGURES).is_dir() and not self.objects:
             shutil.copytree(self.folder / FIGURES, scratch / FIGURES)
-        write_json(scratch / RESULT, (changed(self, figures=()) if self.objects else self).to_dict())
+        messages = (MessageRow("warning", PENDING.code, PENDING), *self.messages)
+        write_json(scratch / RESULT, (changed(self, figures=(), messages=messages) if self.objects else self).to_dict())
 
     def _illustrated(self, folder: Path) -> FitResult:
         """The result with the figures and the page that could be made in its ``folder``."""
         began, done, written = time.perf_counter(), self, FigureFolder(folder / FIGURES)
-        if self.objects:
+        failed: tuple[MessageRow, ...] = ()
+        missing: tuple[MessageRow, ...] = ()
+        if objects := self.objects:
+            later = Later()
             for write in (write_figures, write_identifiability_figures):
                 with written.making("figures"):
-                    write(written, self, self.objects)
+                    later.made("figures", partial(write, written, self, objects), None)
             wall = self.timings_s.get("wall", 0.0) + time.perf_counter() - began
             figures = tuple(FigureRow(**row) for row in written.rows)
             failed = tuple(MessageRow("warning", m.code, m) for m in written.failures)
-            messages = (*failed, *self.messages)
+            missing = tuple(MessageRow("warning", m.code, m) for m in later.left_out)
+            messages = (*failed, *missing, *self.messages)
             done = changed(self, figures=figures, messages=messages, timings_s={**self.timings_s, "wall": wall})
-            with written.making(RESULT):
-                write_json(folder / RESULT, done.to_dict())
         with written.making(PAGE):
             write_page(build_page([(done, done.ship, folder)]), folder / PAGE)
+        if self.objects:  # last, as it says that all is there
+            if len(written.failures) > len(failed):
+                failed = tuple(MessageRow("warning", m.code, m) for m in written.failures)
+                done = changed(done, messages=(*failed, *missing, *self.messages))
+            with written.making(RESULT):
+                write_json(folder / RESULT, done.to_dict())
         return done
 
 

@@ -148,8 +148,9 @@ def calibrate(
     if not start.effects:
         return result
     from diagnosis.freed_effects import with_effect_tests
+    from fitting.solvers.interrupts import unless_interrupted
 
-    return with_effect_tests(result, start)
+    return unless_interrupted(lambda: with_effect_tests(result, start)) or result.without_parts("tests of effects")
 
 
 def score(
@@ -310,9 +311,9 @@ def write_report(runs: str | Path | Sequence[str | Path], out: str | Path) -> No
 
     folders = [Path(run) for run in ([runs] if isinstance(runs, (str, Path)) else runs)]
     if read_result(folders[0])["kind"] == "training":
-        from residual.report.page import write_report as write_trainings
+        from residual.result import write_report as write_trainings
 
-        write_trainings(folders, Path(out))
+        write_trainings(folders, out)
     else:
         from fitting.result import write_report as write_calibrations
 

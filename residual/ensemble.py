@@ -21,10 +21,10 @@ from residual.physics.operator import Physics
 from residual.rollout import RolloutBatch, rollout
 from residual.settings import TrainSettings
 from residual.system import Hybrid, TrainableSystem
+from residual.training.pieces import Piece, blocks
 from residual.training.scales import Scales
 from residual.training.tasks import training_tasks
 from residual.training.trainer import BuildSystem, Outcome, restored, train_one
-from residual.training.windows import Piece, blocks
 
 SAMPLINGS = ("ts1", "ts-infinity")
 VELOCITIES = slice(3, 6)

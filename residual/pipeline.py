@@ -17,7 +17,9 @@ from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
 from fitting.prediction.envelope import envelope_of
 from fitting.prediction.score import score_pairs
-from fitting.report.run_folder import RESULT, data_rows, read_result, versions
+from fitting.record import read_record
+from fitting.report.parts import Store
+from fitting.report.run_folder import RESULT, data_rows, read_result, trial_rows, versions
 from fitting.result import FitResult
 from mmg.errors import UserError
 from mmg.messages import Message
@@ -26,21 +28,19 @@ from mmg.progress import OnProgress
 from mmg.ship import Ship
 from mmg.states import STATES
 from residual.blackbox.models import BOX_KIND, box_of
-from residual.result import CALIBRATED, HYBRID, TrainResult
-from residual.settings import BlackBoxSettings, TrainSettings
+from residual.result import CALIBRATED, HYBRID, TrainResult, read_training
+from residual.settings import KEEP, BlackBoxSettings, TrainSettings
 from residual.training.acceptance import decide
-from residual.training.checkpoint import Store
 from residual.training.hybrid import HYBRID_KIND, OUTPUT, network_of
+from residual.training.pieces import pieces_of
 from residual.training.scales import LEAST_SCALE, Scales
 from residual.training.seeds import train_seeds
 from residual.training.tasks import ModelKind, tasks_of
 from residual.training.trainer import Outcome, Task
-from residual.training.windows import pieces_of, windows
+from residual.training.windows import windows
 
 CARRIED = ("coefficients", "correlation", "bands", "per_run")
 """Of the calibration's result.json, what still holds of the ship inside."""
-KEEP = ("better", "always")
-"""Which ship is recommended: the better one as the decision says, or always the hybrid."""
 RATES = {"du": "m/s²", "dv": "m/s²", "dr": "rad/s²"}
 """Channels of the residual and their units."""
 
@@ -123,9 +123,21 @@ def _start(given: Ship | FitResult | TrainResult | str | Path) -> tuple[Ship, Ma
     if isinstance(given, Ship):
         return given, {}, given.name
     if isinstance(given, (str, Path)):
-        known = read_result(Path(given)) if (Path(given) / RESULT).exists() else {}
-        return load_ship(given), known, str(given)
+        return load_ship(given), _known(Path(given)), str(given)
     return given.ship, given.to_dict(), given.ship.name
+
+
+def _known(folder: Path) -> Mapping[str, Any]:
+    """The content of result.json of a run ``folder``, {} where there is none; UserError where it is not as written."""
+    if not (folder / RESULT).exists():
+        return {}
+    content = read_result(folder)
+    if content["kind"] == "training":
+        return read_training(folder).to_dict()
+    if content["kind"] == "calibration":
+        read_record(folder / RESULT, content)
+        return content
+    return {"data": trial_rows(folder)}
 
 
 def _hybrid(task: Task, outcomes: Sequence[Outcome], known: Mapping[str, Any], keep: str) -> dict[str, Any]:

@@ -27,6 +27,7 @@ from fitting.report.page import label_of, write_page
 from fitting.report.run_folder import (
     FIGURES,
     PAGE,
+    PENDING,
     RESULT,
     SHIP,
     START,
@@ -36,8 +37,9 @@ from fitting.report.run_folder import (
     write_json,
     write_whole,
 )
+from fitting.solvers.interrupts import LEFT_OUT
 from mmg.errors import UserError
-from mmg.messages import Message, message_rows, messages_from
+from mmg.messages import Message, has_code, message_rows, messages_from
 from mmg.network import Network
 from mmg.notebook import html_table
 from mmg.rollout import Simulator
@@ -131,9 +133,9 @@ class TrainResult(TrainRecord):
 
     @property
     def complete(self) -> bool:
-        """Whether every seed was trained to its end, so that there is nothing to resume."""
+        """Whether every seed was trained to its end and the folder is whole, so that there is nothing to resume."""
         ended = [row["status"] for row in self.per_seed]
-        return len(ended) == self.settings.seeds and "stopped" not in ended
+        return len(ended) == self.settings.seeds and "stopped" not in ended and not has_code(self.warnings, LEFT_OUT)
 
     def models(self) -> dict[str, Simulator | Forecaster]:
         """What predicts, by its name in figures: without, then with what was trained."""
@@ -192,7 +194,7 @@ class TrainResult(TrainRecord):
         folder = Path(folder)
         if not replace:
             check_target(folder)
-        content = self.to_dict() | {"figures": []}
+        content = changed(self, figures=(), warnings=(PENDING, *self.warnings)).to_dict()
 
         def fill(scratch: Path) -> None:
             if (folder / FINISHED).is_dir():
@@ -206,8 +208,10 @@ class TrainResult(TrainRecord):
             write_figures(written, content, self.models(), self.trials or ())
         done = changed(self, figures=tuple(written.rows), warnings=(*self.warnings, *written.failures))
         with written.making(PAGE):
-            write_json(folder / RESULT, done.to_dict())
             write_page(page_of([(label_of(folder), folder, done.to_dict())]), folder / PAGE)
+        done = changed(done, warnings=(*self.warnings, *written.failures))
+        with written.making(RESULT):  # last, as it says that all is there
+            write_json(folder / RESULT, done.to_dict())
 
     def _write_models(self, folder: Path) -> None:
         """The recommended ship and the other one, or the black box."""
@@ -288,3 +292,18 @@ def read_training(folder: str | Path) -> TrainResult:
     except (KeyError, TypeError, AttributeError, ValueError) as error:
         why = str(error)
     raise UserError(f"{folder / RESULT}: is incomplete ({why}); train again")
+
+
+def write_report(folders: Sequence[str | Path], out: str | Path) -> None:
+    """Write the report on run folders of trainings, atomically.
+
+    folders: of ``mmg train``; out: the HTML file. Raises UserError for a folder of another command, for one that was
+    changed so that it cannot be shown, and when the file cannot be written.
+    """
+    runs, where = [(label_of(Path(f)), Path(f), read_training(f).to_dict()) for f in folders], Path(out)
+    try:
+        page = page_of(runs)
+    except (LookupError, TypeError, AttributeError, ValueError) as error:
+        names = ", ".join(str(Path(f) / RESULT) for f in folders)
+        raise UserError(f"{names}: is incomplete ({type(error).__name__}: {error}); train again") from None
+    write_page(page, where)

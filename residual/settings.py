@@ -7,6 +7,8 @@ from typing import Any
 
 LOSSES = ("state", "acceleration")
 """Eq. 23 and Eq. 16 of Wakita et al. (2022)."""
+KEEP = ("better", "always")
+"""Which ship is recommended: the better one as the decision says, or always the hybrid."""
 KINDS = ("fnn", "rnn", "rnn-window")
 """Feedforward (Wakita et al. 2024, 2025), standard RNN (2022, Eq. 7), RNN with m rows of memory (2022, Eq. 9)."""
 

@@ -17,9 +17,10 @@ from cases.checks.sampling import sampling
 from cases.checks.wind import wind
 from cases.io.unit_sanity import implausible
 from cases.trial import Trial
+from mmg.errors import UserError
 from mmg.messages import message_rows
 
-__all__ = ["CheckFinding", "CheckReport", "check", "inputs_are_constant", "pooled"]
+__all__ = ["CheckFinding", "CheckReport", "check", "inputs_are_constant", "pooled", "refuse_contradictory"]
 
 
 LOOKS = {"sampling": sampling, "kinematics": kinematics, "rudder": rudder_sign, "wind": wind, "excitation": excitation}
@@ -45,6 +46,18 @@ def check(trials: Sequence[Trial]) -> list[CheckReport]:
         findings = tuple(CheckFinding(topic, *each) for topic, some in found.items() for each in some)
         reports.append(CheckReport(trial.name, str(trial.path or ""), findings, numbers))
     return reports
+
+
+def refuse_contradictory(trials: Sequence[Trial], anyway: str) -> None:
+    """Raises UserError where the data of one of ``trials`` refute what its file says of them.
+
+    anyway: how to go on all the same, in words.
+    """
+    wrong = [report for report in check(trials) if report.verdict == CONTRADICTORY]
+    if wrong:
+        text = next(f.text for f in wrong[0].findings if f.level == CONTRADICTORY).rstrip(".")
+        names = ", ".join(report.path or report.name for report in wrong)
+        raise UserError(f"{names}: contradictory, as mmg check says ({text}); correct it in trials.toml, or {anyway}")
 
 
 def _sentence(words: str) -> str:

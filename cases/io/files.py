@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 import contextlib
+import glob
 import json
 import os
+import re
+import secrets
 import stat
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from mmg.errors import UserError
+
+try:
+    import fcntl
+except ImportError:  # Windows has no locks of this kind
+    fcntl = None  # type: ignore[assignment]
 
 LARGEST = 256 * 2**20
 """Most bytes of a file that is read; several times as much memory is needed for it."""
@@ -72,12 +81,47 @@ def read_json(path: Path) -> dict[str, Any]:
 
 def replace_text(path: Path, text: str) -> None:
     """Write ``text`` to ``path``, atomically. Raises OSError, and leaves nothing behind, when it cannot be written."""
-    scratch = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with replaced(path) as scratch:
         scratch.write_text(text, encoding="utf-8")
+
+
+@contextlib.contextmanager
+def replaced(path: Path) -> Iterator[Path]:
+    """A file beside ``path`` to write to, which takes its place at the end. Raises OSError where that is not possible.
+
+    Where the writing fails nothing is left behind, and what processes have left that were killed here is removed.
+    """
+    _remove_leftovers(path)
+    scratch = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
+    lock = os.open(scratch, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666)
+    try:
+        if fcntl:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+        yield scratch
+        if not fcntl:  # Windows renames no open file
+            os.close(lock)
+            lock = -1
         os.replace(scratch, path)
-    except BaseException:
+    finally:
+        if lock >= 0:
+            os.close(lock)
         with contextlib.suppress(OSError):
             scratch.unlink()
-        raise
+
+
+def _remove_leftovers(path: Path) -> None:
+    """Remove files of ``replaced`` whose process was killed: no other one holds them."""
+    for left in path.parent.glob(f".{glob.escape(path.name)}.*.part"):
+        if not re.fullmatch(r"[0-9a-f]{8}\.part", left.name[len(path.name) + 2 :]):
+            continue
+        with contextlib.suppress(OSError):
+            if not fcntl:
+                left.unlink()  # fails on Windows while it is open
+                continue
+            handle = os.open(left, os.O_RDONLY)
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                left.unlink()
+            finally:
+                os.close(handle)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -15,6 +13,7 @@ import casadi as ca
 import numpy as np
 
 from cases.inputs import actuator_columns, step_means
+from cases.io.files import replaced
 from cases.maneuvers.definitions import Maneuver
 from cases.maneuvers.self_propulsion import actuator_positions
 from cases.simulation.gusts import Wind
@@ -230,15 +229,11 @@ def write_trial(trial: Trial, path: str | Path) -> None:
         raise UserError(f"{path}: trial files end in .csv or .parquet")
     order = [*UNITS, *(name for name in trial.columns if name not in UNITS)]
     frame = replace(trial, columns={name: trial[name] for name in order if name in trial}).to_pandas()
-    scratch = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
-        if path.suffix.lower() == ".parquet":
-            frame.to_parquet(scratch, index=False)
-        else:
-            frame.to_csv(scratch, index=False, lineterminator="\n")
-        scratch.replace(path)
+        with replaced(path) as scratch:
+            if path.suffix.lower() == ".parquet":
+                frame.to_parquet(scratch, index=False)
+            else:
+                frame.to_csv(scratch, index=False, lineterminator="\n")
     except OSError as error:
         raise UserError(f"{path}: cannot be written ({error.strerror or error}); check the folder") from None
-    finally:
-        with contextlib.suppress(OSError):
-            scratch.unlink(missing_ok=True)

@@ -20,8 +20,11 @@ from diagnosis.hypotheses.forward_selection import SearchProblem
 from diagnosis.hypotheses.score_test import score_tests, slopes
 from diagnosis.hypotheses.unnamed import unnamed_slopes
 from fitting.parallel import run_all
+from fitting.report.parts import Store
 from mmg.progress import OnProgress, Progress
 
+Task = tuple[TransitionModel, GriddedTrials, Estimate, Sequence[Candidate], np.random.SeedSequence]
+"""Model, trials, the fit that is the truth, candidates, and the seed of one campaign."""
 FITS = 5
 """Linearisations of a fit, which starts at the truth."""
 
@@ -46,11 +49,13 @@ def simulated_chance(
     seed: int = 0,
     workers: int = 1,
     progress: OnProgress | None = None,
+    store: Store | None = None,
 ) -> SimulatedChance:
     """Simulate, fit and test as many campaigns as ``draws`` without any effect.
 
     problem: whose trials give inputs and masks; null: the fit that is taken for the truth; seed: of all that is drawn;
-    workers: processes; progress: called after each campaign. Returns the tests.
+    workers: processes; progress: called after each campaign; store: of finished campaigns, which are not simulated
+    again. Returns the tests.
     """
     candidates = tuple(c for c in problem.candidates if not c.by_run)
     children = np.random.SeedSequence(seed).spawn(draws)
@@ -62,13 +67,29 @@ def simulated_chance(
         if progress:
             progress(Progress("simulated campaigns", done, draws, {}))
 
+    if store is not None:
+        store.open()
     tasks = [(problem.steps, problem.data, null, candidates, child) for child in children]
-    rows = np.array(run_all(simulated_tests, tasks, workers, note))
+    jobs = [(task, store, f"campaign_{k}") for k, task in enumerate(tasks)]
+    rows = np.array(run_all(_kept_tests, jobs, workers, note))
     return SimulatedChance(rows[:, :2], rows[:, 2])
 
 
+def _kept_tests(job: tuple[Task, Store | None, str]) -> tuple[float, float, float]:
+    """The tests of a task as a store kept them under a name, or made now and kept there."""
+    task, store, name = job
+    known = store.load(name) if store is not None else None
+    if known is not None and np.shape(known[1].get("tests")) == (3,):
+        mixture, single, smallest = known[1]["tests"].tolist()
+        return mixture, single, smallest
+    tests = simulated_tests(task)
+    if store is not None:
+        store.save(name, {}, {"tests": np.array(tests)})
+    return tests
+
+
 def simulated_tests(
-    task: tuple[TransitionModel, GriddedTrials, Estimate, Sequence[Candidate], np.random.SeedSequence],
+    task: Task,
 ) -> tuple[float, float, float]:
     """The tests of one simulated campaign, of the arguments in ``task`` as processes take them."""
     steps, data, null, candidates, child = task

@@ -61,7 +61,8 @@ def judged_search(
     before, simulated = unnamed_forms(p.steps, p.data, ready.null), None
     if options.bootstrap:
         LOGGER.info(f"simulating {options.bootstrap} campaigns in which nothing is missing")
-        simulated = simulated_chance(p, ready.null, options.bootstrap, options.seed, options.workers, progress)
+        store = options.store.part("campaigns") if options.store is not None else None
+        simulated = simulated_chance(p, ready.null, options.bootstrap, options.seed, options.workers, progress, store)
         before = replace(before, chance=simulated.unnamed)
     result = _judged(p, ready.null, before, simulated, tests, options, progress)
     if result.verdict != "named" and any(c.by_run for c in result.found.effects):

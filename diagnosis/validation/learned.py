@@ -17,6 +17,7 @@ from diagnosis.estimation.gridded_trials import grid_trials, is_measured_rudder
 from diagnosis.findings import LearnedResidual
 from diagnosis.validation.held_out import errors, interval_of, window_length
 from fitting.nlp.grid import default_step
+from fitting.report.parts import Store
 from mmg.errors import UserError
 from mmg.model import Model
 from mmg.progress import OnProgress
@@ -25,10 +26,10 @@ from residual.settings import TrainSettings
 from residual.system import Hybrid, TrainableSystem
 from residual.training.acceptance import decide
 from residual.training.hybrid import build_hybrid, hybrid_scales
+from residual.training.pieces import pieces_of
 from residual.training.seeds import train_seeds
 from residual.training.tasks import training_tasks
 from residual.training.trainer import restored
-from residual.training.windows import pieces_of
 
 SEEDS = 3
 """Trainings. They are judged on three fifths of the runs; the five of ``mmg train`` cover all runs."""
@@ -68,13 +69,14 @@ def measure_learned_residual(
     tests: Sequence[Trial],
     settings: TrainSettings | None = None,
     progress: OnProgress | None = None,
+    store: Store | None = None,
 ) -> LearnedResidual:
     """Train residuals on the training trials and measure how far the 30 s error of the test trials falls.
 
     ship: with the named effects; trials: for training; tests: only measured on; settings: how to train (default: as
-    ``mmg train`` with SEEDS seeds; its seed also draws the runs); progress: called as the training goes on. Returns the
-    errors before and after. Raises UserError for too little data and where every training diverged, KeyboardInterrupt
-    after Ctrl-C.
+    ``mmg train`` with SEEDS seeds; its seed also draws the runs); progress: called as the training goes on; store: of
+    finished seeds, which are not trained again. Returns the errors before and after. Raises UserError for too little
+    data and where every training diverged, KeyboardInterrupt after Ctrl-C.
     """
     torch.set_num_threads(1)
     ship = ship.without_network()
@@ -96,7 +98,7 @@ def measure_learned_residual(
     if not len(before):
         raise UserError(f"no test trial holds {seconds:.0f} s without a gap")
     tasks = training_tasks(build_hybrid, ship, scales, settings, pieces)
-    outcomes, interrupted = train_seeds(tasks, progress)
+    outcomes, interrupted = train_seeds(tasks, progress, store)
     if interrupted:
         raise KeyboardInterrupt
     outcomes = [o for o in outcomes if o.status != "diverged"]

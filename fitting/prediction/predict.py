@@ -16,6 +16,7 @@ from cases.trial import Trial
 from fitting.prediction.adaptation import Adaptation, adapt
 from fitting.prediction.bands import Bands
 from fitting.prediction.stretches import Record, Stretch, WindowBatch, rollout, wrapped_error
+from fitting.report.run_folder import write_whole
 from mmg.errors import UserError
 from mmg.messages import Message
 from mmg.model import states_behind
@@ -181,12 +182,19 @@ STD_HEADER = ",x_std [m],y_std [m],psi_std [rad],u_std [m/s],v_std [m/s],r_std [
 
 
 def write_tables(tables: dict[Path, np.ndarray]) -> None:
-    """Write ``tables`` {path: (rows, 8 or 14)} as CSV, each atomically. Raises UserError when a folder cannot be
-    written.
+    """Write ``tables`` {path: (rows, 8 or 14)} as CSV, each atomically; a new folder of them appears whole or not at
+    all. Raises UserError when a folder cannot be written.
     """
-    try:
+    folders = {path.parent for path in tables}
+    new = next(iter(folders)) if len(folders) == 1 and not any(folder.exists() for folder in folders) else None
+
+    def fill(folder: Path | None) -> None:
         for path, rows in tables.items():
             lines = [f"{int(row[0])}," + ",".join(repr(float(value)) for value in row[1:]) for row in rows]
-            replace_text(path, "\n".join([HEADER + (STD_HEADER if rows.shape[1] > 8 else ""), *lines, ""]))
+            text = "\n".join([HEADER + (STD_HEADER if rows.shape[1] > 8 else ""), *lines, ""])
+            replace_text(folder / path.name if folder else path, text)
+
+    try:
+        write_whole(new, fill) if new else fill(None)
     except OSError as error:
         raise UserError(f"{error.filename or 'output'}: cannot be written ({error.strerror})") from None

@@ -27,7 +27,9 @@ from safetensors.numpy import load_file
 
 from cases.io.files import read_json, replace_text
 from cases.trial import Trial
+from fitting.solvers.interrupts import LEFT_OUT
 from mmg.errors import UserError
+from mmg.messages import Message
 
 try:
     import fcntl
@@ -36,6 +38,8 @@ except ImportError:  # Windows has no locks of this kind
 
 RESULT, SHIP, START, ITERATE = "result.json", "ship.toml", "start.toml", "iterate.safetensors"
 FIGURES, PAGE = "figures", "report.html"
+PENDING = Message("figures and report.html are missing; the same command with --resume makes them", LEFT_OUT)
+"""Warning of a run folder that is whole but for these; it is gone when they are made."""
 Real = Annotated[float, BeforeValidator(lambda value: math.nan if value is None else value)]
 """A number as it is read; JSON holds null where it is not finite (``plain``)."""
 
@@ -192,6 +196,16 @@ def read_result(folder: Path) -> dict[str, Any]:
     if not isinstance(content.get("kind"), str):
         raise UserError(f"{path}: has no kind, so it is not from this program, or incomplete; make the run again")
     return content
+
+
+def trial_rows(folder: Path) -> list[dict[str, Any]]:
+    """The rows of ``data_rows`` in the result.json of a run ``folder``, [] where it has none. Raises UserError where
+    they are no such rows."""
+    rows = read_result(folder).get("data", [])
+    for row in rows if isinstance(rows, list) else [None]:
+        if not isinstance(row, dict) or not all(isinstance(row.get(k), (str, type(None))) for k in ("sha256", "path")):
+            raise UserError(f"{folder / RESULT}: data holds no rows on trials with sha256 and path; make the run again")
+    return rows
 
 
 def read_iterate(folder: Path) -> dict[str, np.ndarray]:

@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 from fitting.nlp.problem import Problem
-from fitting.solvers.interrupts import INTERRUPTED, interrupts_noted
+from fitting.solvers.interrupts import INTERRUPTED, interrupts_noted, unbroken
 from mmg.progress import OnProgress, Progress
 
 
@@ -180,7 +180,7 @@ def solve(
     solver = ca.nlpsol("solver", "ipopt", {"x": x, "f": f, "g": g}, settings)
     lower, upper = program.bounds()
     began = time.perf_counter()
-    with interrupts_noted():
+    with interrupts_noted(), unbroken():
         out = solver(lbx=lower, ubx=upper, lbg=0.0, ubg=0.0, x0=x0)
     stats = solver.stats()
     status = str(stats["return_status"])

@@ -13,6 +13,7 @@ import numpy as np
 from fitting.nlp.problem import Problem
 from fitting.parallel import run_all
 from fitting.settings import Settings, Start
+from fitting.solvers.interrupts import unless_interrupted
 from fitting.solvers.ipopt import ROUGH, Solution, solve
 from mmg.messages import Message
 from mmg.progress import OnProgress
@@ -107,7 +108,8 @@ def _solve_all(
     """Solutions from other starting points, in processes when there are several workers."""
     if settings.workers > 1 and len(points) > 1:
         timed = replace(settings, time_limit=time_left(settings, began))
-        return run_all(partial(_solve_one, problem, timed, damped), points, settings.workers)
+        work = partial(_solve_one, problem, timed, damped)
+        return unless_interrupted(lambda: run_all(work, points, settings.workers)) or []  # they count as left out
     solutions: list[Solution] = []
     for p in points:
         if (left := time_left(settings, began)) is not None and left <= 0:

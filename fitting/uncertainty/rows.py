@@ -24,15 +24,11 @@ def check_request(replicates: int, symbols: Sequence[str], free: Sequence[str]) 
         raise UserError(f"--profile: {', '.join(unknown)} is not among the free coefficients: {', '.join(free)}")
 
 
-def uncertainty_rows(calibration: Calibration, replicates: int = 0, profiled: Sequence[str] = ()) -> dict:
-    """Keys "uncertainty", "bootstrap" (when ``replicates`` > 0) and "profiles" (of the ``profiled``) of a
-    ``calibration``.
-
-    Refits are spread over the calibration's workers. What fails is listed, never raised.
-    """
+def uncertainty_rows(calibration: Calibration) -> dict:
+    """Key "uncertainty" of a ``calibration``."""
     symbols, info, spread = calibration.prior.symbols, calibration.information, calibration.spread
     by_run, unit, sizes = info.by_run(), calibration.prior.std, np.sqrt(np.diag(spread.covariance))
-    content: dict = {
+    return {
         "uncertainty": {
             "windows": spread.clusters[0],
             "runs": spread.clusters[1],
@@ -54,8 +50,15 @@ def uncertainty_rows(calibration: Calibration, replicates: int = 0, profiled: Se
             },
         }
     }
-    if not (replicates or profiled):
-        return content
+
+
+def refit_rows(calibration: Calibration, replicates: int = 0, profiled: Sequence[str] = ()) -> dict:
+    """Keys "bootstrap" (when ``replicates`` > 0) and "profiles" (of the ``profiled``) of a ``calibration``.
+
+    Refits are spread over the calibration's workers. What fails is listed, never raised.
+    """
+    info, spread, content = calibration.information, calibration.spread, {}
+    sizes = np.sqrt(np.diag(spread.covariance))
     problem, x, workers = calibration.problem, calibration.solution.x, calibration.settings.workers
     if replicates:
         began = time.perf_counter()

@@ -12,8 +12,8 @@ from mmg_ident.commands.output import command_line, names_of, print_json, progre
 
 if TYPE_CHECKING:
     from cases.trial import Trial
+    from fitting.report.parts import Store
     from residual.comparison.study import Study, Subset
-    from residual.training.checkpoint import Store
 
 
 def compare(
@@ -133,7 +133,7 @@ def compare(
 
 def _store(out: Path, resume: bool, study: Study) -> Store:
     """Where finished entries are kept, with what must be the same to continue."""
-    from residual.training import checkpoint as c
+    from fitting.report import parts as c
 
     about = {
         "--seeds": [study.seeds, study.seed],

@@ -40,8 +40,11 @@ def diagnose(
     no_learn: Annotated[
         bool, Option("--no-learn", help="Do not measure how much a learned residual closes of the remainder.")
     ] = False,
+    resume: Annotated[
+        bool, Option("--resume", help="Continue an interrupted diagnosis in --out; finished campaigns are kept.")
+    ] = False,
     json: Annotated[bool, Option("--json", help="Print diagnosis.json.")] = False,
-) -> None:
+) -> int:
     """Say which effect a ship's model lacks, judged by trials: an effect by name, none, or unknown.
 
     The coefficients, a slowly varying force and the noise of the sensors are fitted together; every effect of the
@@ -53,24 +56,48 @@ def diagnose(
     With --between day the trials of each day are a group, and every effect, instrument and coefficient is tested for
     another value in one of them: what has changed since last year?
 
+    Simulated campaigns (--bootstrap) and trainings are kept as they finish: after Ctrl-C the same command with --resume
+    goes on from there.
+
     Example: mmg diagnose runs/first trials/*.csv --test held_out/*.csv --out runs/gap
     """
+    from dataclasses import replace
+
     from cases.io.read import read_trials
     from diagnosis import diagnose as pipeline
-    from fitting.report.run_folder import check_target, reserved
+    from diagnosis.inputs import diagnosis_store
+    from diagnosis.result import is_complete
+    from fitting.report.run_folder import RESULT, check_target, reserved
 
-    check_target(out)
+    if not (resume and out.exists()):
+        check_target(out)
+    elif is_complete(out):
+        say(f"{out} has finished already; nothing to resume")
+        return 0
     ship = _ship(run, without or [])
     options = pipeline.DiagnosisOptions(step, seed, workers, not no_learn, command_line(), between, bootstrap)
     train, tests = read_trials(trials), read_trials(test) if test else []
-    with reserved(out):
-        found = pipeline.diagnose(ship, train, tests, site, options, run, progress())
-        end_progress()
-        found.save(out)
+    begun = not (out / RESULT).exists()  # one that lacks only figures and page has no parts any more
+    store = diagnosis_store(out, ship, train, tests, options, run, resume and begun)
+    if store.resume and not store.folder.is_dir() and any(out.iterdir()):
+        raise UserError(f"{out}: holds no interrupted run to resume; choose another --out")
+    try:
+        with reserved(out):
+            found = pipeline.diagnose(ship, train, tests, site, replace(options, store=store), run, progress())
+            end_progress()
+            found.save(out, replace=resume or store.folder.is_dir())
+    except (KeyboardInterrupt, UserError) as stop:
+        if isinstance(stop, UserError) or not ((out / RESULT).exists() or store.begun):
+            if not store.begun:
+                store.discard()
+            raise
+        say(f"mmg: interrupted; what was finished is in {out}: the same command with --resume continues")
+        return 130
     if json:
         print_json(found.to_dict())
     else:
         _summary(found, out)
+    return 0
 
 
 def _ship(where: str, without: Sequence[str]) -> Ship:

@@ -27,6 +27,10 @@ if TYPE_CHECKING:
     from fitting.settings import Settings
 
 
+OPEN = ("starts_left_out", "parts_left_out")
+"""Codes of warnings of a converged calibration that --resume goes on with."""
+
+
 def fit(
     ship: Annotated[
         str, Argument(help="Ship to start from: library name, ship file or run folder.", autocompletion=ship_names)
@@ -82,6 +86,9 @@ def fit(
         bool, Option("--auto", help="Choose the model by cross-validation over runs (window, priors, loss, ...).")
     ] = False,
     auto_limit: Annotated[float, Option(help="Time for the choice [s].")] = 480.0,
+    accept_contradictory: Annotated[
+        bool, Option("--accept-contradictory", help="Fit also files that mmg check calls contradictory.")
+    ] = False,
     json: Annotated[bool, Option("--json", help="Print result.json on stdout.")] = False,
 ) -> int:
     """Calibrate a ship on trials by multiple shooting and IPOPT.
@@ -91,12 +98,13 @@ def fit(
     import time
     from dataclasses import replace
 
+    from cases.checks import refuse_contradictory
     from cases.io.read import read_trials
     from cases.shipfiles.model_changes import reduced_ship
     from cases.shipfiles.ship_file import load_ship
     from fitting.pipeline import FitOptions
     from fitting.report.run_folder import check_target, reserved
-    from fitting.solvers.interrupts import interrupts_noted
+    from fitting.solvers.interrupts import LEFT_OUT, interrupts_noted
     from mmg_ident.api import calibrate
 
     began = time.perf_counter()
@@ -118,7 +126,7 @@ def fit(
     if auto and resume:
         raise UserError("--auto cannot be resumed: repeat the choice as options, or start again without --resume")
     earlier = _resumed(out) if resume and out.exists() else None
-    if earlier and earlier.converged and not has_code(earlier.warnings, "starts_left_out"):
+    if earlier and earlier.converged and not any(has_code(earlier.warnings, code) for code in OPEN):
         say(f"{out} has converged already; nothing to resume")
         return 0
     if not earlier:
@@ -126,6 +134,8 @@ def fit(
     start = earlier.start if earlier else load_ship(ship)
     start = reduced_ship(start, names_of(without), with_ or (), names_of(fix), names_of(only))
     train, held_out = read_trials(trials), read_trials(validate) if validate else []
+    if not accept_contradictory:
+        refuse_contradictory([*train, *held_out], "add --accept-contradictory")
     options = FitOptions(
         bootstrap=bootstrap,
         profile=tuple(names_of(profile)),
@@ -149,6 +159,8 @@ def fit(
         timings = {**result.timings_s, "read": reading, "wall": result.timings_s["wall"] + reading}
         result = replace(result, timings_s=timings).save(out, replace=resume)
         _summary(result, out) if not json else print_json(result.to_dict())
+    if has_code(result.warnings, LEFT_OUT):
+        return 130
     if result.converged:
         return 0
     return 130 if result.status == "User_Requested_Stop" else 1

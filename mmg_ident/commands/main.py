@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import importlib.util
 import multiprocessing
@@ -11,6 +12,8 @@ import sys
 from collections.abc import Callable
 from importlib import import_module
 from typing import Any
+
+from mmg_ident.commands.watcher import tell, watch
 
 for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
@@ -31,6 +34,7 @@ def note_interruption(*given: Any) -> None:
     given: signal and frame. Raises KeyboardInterrupt.
     """
     interruptions.append(1)
+    tell("ending")
     signal.default_int_handler(*given)
 
 
@@ -40,16 +44,26 @@ def _ended(*_: Any) -> None:
 
 
 _usual = signal.getsignal(signal.SIGINT)
-if __name__ == "__main__" or sys.argv[0].endswith(("mmg", "mmg-ident")):
+
+
+def answer_signals() -> None:
+    """From now on Ctrl-C and SIGTERM are answered with one line, and within two seconds (``watcher``)."""
     signal.signal(signal.SIGINT, _stopped)
     if multiprocessing.parent_process() is None:  # workers are ended by it at once
         signal.signal(signal.SIGTERM, _ended)
+        watch()
+
+
+if __name__ == "__main__" or sys.argv[0].endswith(("mmg", "mmg-ident")):
+    answer_signals()
 
 import typer
 from typer.core import TyperGroup
 
+from fitting.solvers.interrupts import OBSERVER
 from mmg_ident.shadow import shadowing_mmg
 
+OBSERVER.told = tell
 HEAVY, LEAST_MEMORY = ("demo", "fit", "train", "compare", "diagnose"), 1.5 * 2**30
 """Verbs that need more memory than this [bytes]; with less the libraries they use neither end nor answer Ctrl-C."""
 MANY = ("--validate", "--train", "--test", "--sigma-from", "--new", "--trials")
@@ -217,7 +231,13 @@ def main(arguments: list[str] | None = None) -> int:
 
 def run() -> None:
     """Entry point of the console script."""
-    sys.exit(main())
+    code = main()
+    if code == 130:  # at once: taking down the libraries that were loaded lasts longer than an answer may
+        for stream in (sys.stdout, sys.stderr):
+            with contextlib.suppress(OSError, ValueError):
+                stream.flush()
+        os._exit(code)
+    sys.exit(code)
 
 
 if __name__ == "__main__":

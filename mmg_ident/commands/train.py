@@ -86,25 +86,30 @@ def train(
     from cases.io.read import read_trials
     from cases.shipfiles.ship_file import load_ship
     from fitting.report.run_folder import check_target, reserved
+    from residual.settings import KEEP
+    from residual.training.folds import check_enough
 
     settings = _settings(
         model, seeds=seeds, seed=seed, workers=workers, epochs=epochs, width=width, penalty=penalty, jitter=jitter,
         rate=rate, batch=batch, step=step, time_limit=time_limit, loss=loss, augment=augment, layers=layers,
         memory=memory, zero=zero, initial=initial, symmetric=symmetric,
     )  # fmt: skip
-    from residual.pipeline import KEEP
-    from residual.pipeline import train as trained
-    from residual.training.checkpoint import training_store
-
     if keep not in KEEP:
         raise UserError(f"--keep {keep}: unknown; choose one of {', '.join(KEEP)}")
     if not (resume and out.exists()):
         check_target(out)
-    elif _is_complete(out):
+    chosen, held_out = read_trials(trials), read_trials(validate) if validate else []
+    start, trained_on = load_ship(run), training_trials(chosen)[0]
+    if trained_on:
+        check_enough(start, trained_on, settings, held_out)
+    _check_augmentation(settings)
+    if resume and out.exists() and _is_complete(out):
         say(f"{out} has finished already; nothing to resume")
         return 0
-    chosen, held_out = read_trials(trials), read_trials(validate) if validate else []
-    store = training_store(out, load_ship(run), training_trials(chosen)[0], held_out, settings, resume)
+    from residual.pipeline import train as trained
+    from residual.training.checkpoint import training_store
+
+    store = training_store(out, start, trained_on, held_out, settings, resume)
     try:
         with reserved(out):
             result = trained(run, chosen, held_out, settings, keep, command_line(), progress(), store)
@@ -134,16 +139,21 @@ def _settings(model: str, **values: Any) -> TrainSettings:
     for name in ("penalty", "jitter", "initial"):
         if not 0 <= values.get(name, 0) < float("inf"):
             raise UserError(f"--{name} {values[name]:g} must not be negative")
-    needs_torch("mmg train")
-    from residual.training.augmentation import SETS
-
-    for name, known in (("loss", LOSSES), ("augment", ("", *SETS))):
-        if values.get(name, known[0]) not in known:
-            raise UserError(f"--{name} {values[name]}: unknown; choose one of {', '.join(k for k in known if k)}")
+    if values.get("loss", LOSSES[0]) not in LOSSES:
+        raise UserError(f"--loss {values['loss']}: unknown; choose one of {', '.join(LOSSES)}")
     strange = [name for name, kinds in _ONLY.items() if name in values and model not in kinds]
     if strange:
         raise UserError(f"--{strange[0]} is not for --model {model}, only for {', '.join(_ONLY[strange[0]])}")
     return TrainSettings(**values) if model == "hybrid" else BlackBoxSettings(kind=model, **values)
+
+
+def _check_augmentation(settings: TrainSettings) -> None:
+    """Raises UserError where torch is missing, or the set of augmentation is unknown."""
+    needs_torch("mmg train")
+    from residual.training.augmentation import SETS
+
+    if settings.augment not in ("", *SETS):
+        raise UserError(f"--augment {settings.augment}: unknown; choose one of {', '.join(SETS)}")
 
 
 def _is_complete(out: Path) -> bool:

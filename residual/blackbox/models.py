@@ -24,10 +24,10 @@ from residual.networks.recurrent import Standard, Windowed
 from residual.rollout import RolloutBatch, rollout
 from residual.settings import BlackBoxSettings, TrainSettings
 from residual.system import Past, TrainableSystem
+from residual.training.pieces import Piece
 from residual.training.scales import Scales, training_scales
 from residual.training.tasks import ModelKind
 from residual.training.trainer import Outcome, Task, restored
-from residual.training.windows import Piece
 
 REACH = 0.2
 """How far an estimated initial velocity may be from the measured one, over the deviation of that velocity."""

@@ -22,6 +22,7 @@ from fitting.calibration import estimate_coefficients
 from fitting.parallel import run_all
 from fitting.prediction.predict import Forecaster, predict_all
 from fitting.prediction.score import PAPER_WINDOW, Score, pooled_sigma, score
+from fitting.report.parts import Store
 from fitting.settings import Settings
 from fitting.solvers.interrupts import interrupts_noted
 from mmg.errors import UserError
@@ -30,7 +31,6 @@ from mmg.rollout import Simulator
 from mmg.ship import Ship
 from residual.blackbox.models import BOX_KIND, box_of
 from residual.settings import KINDS, BlackBoxSettings, TrainSettings
-from residual.training.checkpoint import Store
 from residual.training.hybrid import HYBRID_KIND, network_of
 from residual.training.tasks import tasks_of
 from residual.training.trainer import train_one
@@ -167,7 +167,7 @@ def compare(study: Study, store: Store | None = None, progress: OnProgress | Non
     store: what it holds is not trained again, calibrations of which a hybrid may start excepted. What is done when it
     is stopped is kept. progress: told how many calibrations and trainings have ended.
     """
-    began = time.time()
+    began = time.monotonic()
     entries: list[Entry] = []
     end = began + study.time_limit if study.time_limit else None
     chosen = {subset: subset_of(study.train, subset) for subset in study.subsets}
@@ -205,13 +205,13 @@ def compare(study: Study, store: Store | None = None, progress: OnProgress | Non
                     keep = store if status == "finished" else None  # what starts from a part is not that of a whole run
                     later += [job(subset, model, ship, study.seed + i, keep) for i in range(study.seeds)]
             run_all(_done, later, study.workers, note)
-        broken = stop.exists() or (end is not None and time.time() > end)
-    return Comparison(study, tuple(entries), time.time() - began, broken)
+        broken = stop.exists() or (end is not None and time.monotonic() > end)
+    return Comparison(study, tuple(entries), time.monotonic() - began, broken)
 
 
 def _done(job: _Job) -> tuple[Entry, Ship | None]:
     """The entry of a job and, of a calibration, the ship."""
-    began, entry, ship, study = time.time(), job.entry, job.ship, job.study
+    began, entry, ship, study = time.monotonic(), job.entry, job.ship, job.study
     left = None if job.end is None else job.end - began
     again = entry.model == "calibrated" and "hybrid" in study.models
     known = job.store.load(entry.file) if job.store and not again else None
@@ -230,11 +230,11 @@ def _done(job: _Job) -> tuple[Entry, Ship | None]:
         else:
             model, entry = _trained(job, left)
     except UserError as error:
-        return replace(entry, status=str(error), took=time.time() - began), None
+        return replace(entry, status=str(error), took=time.monotonic() - began), None
     model, tests = model or Simulator(ship), study.test
     scored = score(model, tests, pooled_sigma(tests), "the test trials")
     entry = replace(entry, score=scored, growth=growth(model, tests))
-    entry = replace(entry, took=time.time() - began)
+    entry = replace(entry, took=time.monotonic() - began)
     if job.store and entry.status == "finished":
         job.store.save(entry.file, entry.to_dict())
     return entry, ship

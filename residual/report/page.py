@@ -6,10 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from fitting.report.page import citations_of, environment, figures_of, label_of, score_sets, write_page
-from fitting.report.run_folder import read_result
+from fitting.report.page import citations_of, environment, figures_of, score_sets
 from fitting.report.words import setting_rows
-from mmg.errors import UserError
 from residual.report.words import criteria, envelope_rows, headline, judged_table, percent
 
 TROUBLE = 0.2
@@ -25,19 +23,6 @@ def page_of(runs: Sequence[tuple[str, Path, Mapping[str, Any]]]) -> str:
     states = [(run["result"]["ship"], run["title"], run["headline"]["state"]) for run in shown]
     titles = [f"{ship}: {title}" + (f" ({state})" if state else "") for ship, title, state in states]
     return environment().get_template("training.html.j2").render(runs=shown, titles=titles, percent=percent)
-
-
-def write_report(folders: Sequence[Path], out: Path) -> None:
-    """Write the report on run folders, atomically.
-
-    folders: of trainings; out: the HTML file. Raises UserError for a folder of another command, or when it cannot be
-    written.
-    """
-    runs = [(label_of(folder), folder, read_result(folder)) for folder in folders]
-    for _, folder, content in runs:
-        if not isinstance(content, dict) or content.get("kind") != "training":
-            raise UserError(f"{folder}: its result.json is not that of a training; give run folders of one command")
-    write_page(page_of(runs), out)
 
 
 def _run(label: str, folder: Path, result: Mapping[str, Any], number: int) -> dict[str, Any]:

@@ -13,7 +13,8 @@ import torch
 
 from residual.rollout import RolloutBatch
 from residual.system import Past
-from residual.training.windows import Piece, jittered, windows
+from residual.training.pieces import Piece
+from residual.training.windows import jittered, windows
 
 
 @dataclass(frozen=True)

@@ -8,12 +8,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import accumulate
 from typing import NamedTuple
 
-from residual.settings import TrainSettings
-from residual.training.windows import Piece, blocks
+from cases.trial import Trial
+from fitting.nlp.grid import default_step
+from mmg.errors import UserError
+from mmg.ship import AIR, Ship
+from residual.settings import BlackBoxSettings, TrainSettings
+from residual.training.pieces import Piece, blocks, pieces_of
 
+WINDOW = 30.0
+"""Windows by which trainings are stopped and judged [s]."""
 FOLDS = 5
 """Parts into which the runs are split, or the blocks of fewer runs."""
 GAP = 30.0
@@ -99,3 +106,62 @@ def _joined(parts: Sequence[tuple[Piece, int]]) -> list[tuple[Piece, int]]:
         else:
             result.append((block, part))
     return result
+
+
+def check_enough(ship: Ship, trials: Sequence[Trial], settings: TrainSettings, held_out: Sequence[Trial] = ()) -> None:
+    """Raises UserError where ``trials`` are too few to train on by ``settings``. Needs no torch.
+
+    ship: whose inputs count; held_out: trials that judge instead.
+    """
+    black_box = isinstance(settings, BlackBoxSettings)
+    inputs = (*ship.actuators, *AIR) if black_box else ship.without_network().inputs
+    h = settings.step or default_step(trials, ship.particulars["L"])
+    pieces, judging = (pieces_of(some, h, inputs) for some in (trials, held_out))
+    splits_of(replace(settings, step=h), pieces, judging, judged_apart=not black_box)
+
+
+def splits_of(
+    settings: TrainSettings, pieces: Sequence[Piece], held_out: Sequence[Piece], judged_apart: bool
+) -> list[Split]:
+    """What each seed of a training is trained on, stopped by and judged by. Needs no torch.
+
+    settings: with the step; pieces: of the training trials; held_out: pieces that judge instead; judged_apart: the
+    windows that judge are not those that stop. Raises UserError where that is too little.
+    """
+    splits = []
+    for i in range(settings.seeds):
+        if held_out and not judged_apart:
+            split = Split(list(pieces), list(held_out), list(held_out), 0)
+        else:
+            split = split_pieces(pieces, i, settings, WINDOW, judge=judged_apart and not held_out)
+            if held_out:
+                split = split._replace(judge=list(held_out), fold=0)
+            elif not judged_apart:
+                split = split._replace(judge=split.stop)
+        _check(split, settings, bool(held_out))
+        splits.append(split)
+    return splits
+
+
+def _check(split: Split, settings: TrainSettings, given: bool) -> None:
+    """Raises UserError unless a window fits into each part; given: whether what judges is of other trials."""
+    h = settings.step
+    assert h is not None
+    shortest, rows = settings.curriculum[0][0], round(WINDOW / h)
+    longest = max((p.steps * h for p in split.train), default=0.0)
+    what = "a network" if isinstance(settings, BlackBoxSettings) else "a residual"
+    if given and all(p.steps < rows for p in split.judge):
+        raise UserError(f"--validate: no trial holds {WINDOW:g} s without a gap, so nothing can be held out")
+    if any(all(p.steps < rows for p in part) for part in (split.stop, split.judge)):
+        every = {id(p): p for p in (*split.train, *split.stop, *(() if given else split.judge))}
+        total = sum(p.steps * h for p in every.values())
+        raise UserError(
+            f"too little data for {what}: {total:.0f} s in pieces without gaps; {FOLDS} runs of at least {WINDOW:g} s, "
+            f"or three blocks of {WINDOW + GAP:g} s, are needed to train, to stop and to judge by different ones. Keep "
+            "the calibrated ship, or give more trials"
+        )
+    if longest < shortest:
+        raise UserError(
+            f"too little data for {what}: the longest piece to train on is {longest:.0f} s, shorter than the "
+            f"first rollouts of {shortest:g} s; keep the calibrated ship or give longer trials"
+        )

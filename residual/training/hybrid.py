@@ -16,10 +16,11 @@ from residual.bounded_network import Residual, Symmetric, TwoLayers, to_network
 from residual.physics.operator import Physics
 from residual.settings import TrainSettings
 from residual.system import Hybrid
+from residual.training.pieces import Piece
 from residual.training.scales import LEAST_SCALE, Scales, training_scales
 from residual.training.tasks import ModelKind
 from residual.training.trainer import Outcome, Task, restored
-from residual.training.windows import Piece, windows
+from residual.training.windows import windows
 
 OUTPUT = 0.3
 """Scale of the residual as a share of the rms accelerations of the ship on the training rows."""

@@ -15,7 +15,8 @@ from mmg.errors import UserError
 from mmg.motion.froude import length_scale
 from mmg.ship import Ship
 from residual.rollout import measured_accelerations
-from residual.training.windows import Piece, windows
+from residual.training.pieces import Piece
+from residual.training.windows import windows
 
 POSITION, HEADING = 1.0, 0.3
 """Sigma of the loss for x, y [m] per 3 m of ship and for psi [rad]; those of u, v, r are taken from the data."""

@@ -9,9 +9,10 @@ from functools import partial
 from pathlib import Path
 
 from fitting.parallel import run_all
+from fitting.report.parts import Store
 from fitting.solvers.interrupts import interrupts_noted
 from mmg.progress import LOGGER, OnProgress, Progress
-from residual.training.checkpoint import Store, load_outcome, save_outcome
+from residual.training.checkpoint import load_outcome, save_outcome
 from residual.training.trainer import Outcome, Task, train_one
 
 STARTED = "started_"

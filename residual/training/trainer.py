@@ -23,9 +23,9 @@ from residual.rollout import RolloutBatch, acceleration_loss, state_loss
 from residual.settings import TrainSettings
 from residual.system import TrainableSystem
 from residual.training.augmentation import SETS, augmented
-from residual.training.folds import Split
+from residual.training.folds import WINDOW, Split
 from residual.training.scales import Scales
-from residual.training.window_errors import STRIDE, WINDOW, compare_errors, window_errors
+from residual.training.window_errors import STRIDE, compare_errors, window_errors
 from residual.training.windows import jittered, windows
 
 RESTARTS, LOWER = 2, 0.2

@@ -9,10 +9,12 @@ import torch
 
 from residual.rollout import RolloutBatch, rollout, squares
 from residual.system import TrainableSystem
-from residual.training.windows import Piece, windows
+from residual.training.folds import WINDOW
+from residual.training.pieces import Piece
+from residual.training.windows import windows
 
-WINDOW, STRIDE, RESTART = 30.0, 15.0, 100.0
-"""Stop and judged windows [s] and how far apart they start; length of the restarts of the second metric."""
+STRIDE, RESTART = 15.0, 100.0
+"""Seconds between the starts of stop and judged windows; length of the restarts of the second metric."""
 
 
 def compare_errors(

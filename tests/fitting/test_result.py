@@ -138,6 +138,6 @@ def test_a_figure_or_page_that_fails_loses_nothing(tmp_path: Path, monkeypatch: 
     read = read_fit(tmp_path / "run")
     assert read.coefficients == small_result().coefficients and read.ship == small_result().ship
     failed = [str(m) for m in read.warnings if m.code == "figure_failed"]
-    assert len(failed) == 2 and "coefficients could not be made (ValueError: no such glyph)" in failed[0]
+    assert len(failed) == 3 and "coefficients could not be made (ValueError: no such glyph)" in failed[0]
     assert {row.file for row in read.figures} >= {"scores.png", "track_1.png"} and saved.figures == read.figures
     assert not any(row.file == "coefficients.png" for row in read.figures)

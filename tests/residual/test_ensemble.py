@@ -16,7 +16,8 @@ from residual.rollout import RolloutBatch, rollout
 from residual.settings import TrainSettings
 from residual.system import Hybrid, TrainableSystem
 from residual.training.hybrid import build_hybrid, hybrid_scales
-from residual.training.windows import pieces_of, windows
+from residual.training.pieces import pieces_of
+from residual.training.windows import windows
 from tests.support import hybrids
 from tests.support.yaw import Yaw
 

@@ -31,7 +31,8 @@ from residual.rollout import RolloutBatch, acceleration_loss, rollout, state_los
 from residual.settings import KINDS, BlackBoxSettings
 from residual.system import Hybrid, Past, TrainableSystem
 from residual.training.augmentation import SETS, augmented
-from residual.training.windows import pieces_of, windows
+from residual.training.pieces import pieces_of
+from residual.training.windows import windows
 from tests.support import hybrids
 
 QUICK = BlackBoxSettings(seeds=1, epochs=20, width=12, rate=1e-2, step=1.0)

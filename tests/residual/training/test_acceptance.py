@@ -17,10 +17,10 @@ from residual.system import Past, TrainableSystem
 from residual.training.acceptance import decide
 from residual.training.folds import FOLDS, GAP, Split, split_pieces
 from residual.training.hybrid import hybrid_scales
+from residual.training.pieces import Piece, pieces_of
 from residual.training.scales import Scales
 from residual.training.tasks import training_tasks
 from residual.training.trainer import Outcome, train_one
-from residual.training.windows import Piece, pieces_of
 from tests.support import hybrids
 
 ON_SECONDS = TrainSettings(step=1.0)

@@ -20,9 +20,10 @@ from residual.settings import TrainSettings
 from residual.system import Hybrid, TrainableSystem
 from residual.training.folds import Split
 from residual.training.hybrid import build_hybrid, hybrid_scales
+from residual.training.pieces import Piece, pieces_of
 from residual.training.scales import Scales
 from residual.training.trainer import Task, train_one
-from residual.training.windows import Piece, jittered, pieces_of, windows
+from residual.training.windows import jittered, windows
 from tests.support import hybrids
 
 QUICK = TrainSettings(seeds=2, epochs=25, width=12, penalty=0.001, rate=1e-2, step=1.0, stride=5.0)

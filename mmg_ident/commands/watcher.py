@@ -1,0 +1,121 @@
+"""Ctrl-C is answered within two seconds, also while a library neither returns nor fails.
+
+Python runs its handlers of signals between two instructions of its own. A library that computes for long, or that spins
+because memory does not suffice, keeps them waiting. The interpreter's handler in C writes each signal to a pipe all the
+same. A second process reads it there, says what is to be said, and ends the first one where nothing can be lost. It
+ends with the first one, whatever becomes of that.
+"""
+
+from __future__ import annotations
+
+import os
+import select
+import signal
+import time
+
+ANSWER, END = 1.5, 5.0
+"""Seconds within which a signal is answered, and within which a command that has nothing to keep must have ended."""
+WORDS = {"held": 200, "released": 201, "noted": 202, "ending": 203}
+"""What the first process tells, as a byte that no signal has."""
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+_WAITS = b"mmg: interrupted: stopping as soon as the present step is done; Ctrl-C again ends at once\n"
+_ENDS = b"mmg: interrupted; ending\n"
+_ENDED = b"mmg: interrupted; ended, as a library did not answer; nothing was written\n"
+
+
+class _Pipe:
+    """The end of the pipe that the first process writes to; none before ``watch``."""
+
+    end: int | None = None
+
+
+def watch() -> None:
+    """Start the second process, once, where there are processes of this kind (not on Windows)."""
+    if _Pipe.end is not None or not hasattr(os, "fork"):
+        return
+    read, write = os.pipe()
+    first = os.getpid()
+    try:
+        child = os.fork()
+    except OSError:  # no more processes: signals are answered as Python does
+        os.close(read)
+        os.close(write)
+        return
+    if child == 0:
+        status = 0
+        try:
+            os.close(write)
+            _attend(read, first)
+        except BaseException:
+            status = 1
+        os._exit(status)
+    os.close(read)
+    os.set_blocking(write, False)
+    _Pipe.end = write
+    signal.set_wakeup_fd(write, warn_on_full_buffer=False)
+
+
+def tell(word: str) -> None:
+    """Tell the second process, where there is one, a word of WORDS: whether signals are held, noted, or end all."""
+    if _Pipe.end is not None:
+        try:
+            os.write(_Pipe.end, bytes([WORDS[word]]))
+        except OSError:  # it is gone
+            _Pipe.end = None
+
+
+def _attend(pipe: int, first: int) -> None:
+    """Read the ``pipe`` until the process ``first`` has ended."""
+    for number in SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
+    nothing = os.open(os.devnull, os.O_RDWR)
+    os.dup2(nothing, 0)
+    os.dup2(nothing, 1)  # who reads the output of the first process must see its end
+    heard = _Heard()
+    while data := os.read(pipe, 64):
+        heard.take(data)
+        while heard.due is not None:
+            left = heard.due - time.monotonic()
+            if select.select([pipe], [], [], max(left, 0.0))[0]:
+                if not (data := os.read(pipe, 64)):
+                    return
+                heard.take(data)
+            elif heard.must_end():
+                os.kill(first, signal.SIGKILL)
+                return
+
+
+class _Heard:
+    """What was heard of the first process. due: the time at which something must be said or done, or None."""
+
+    def __init__(self) -> None:
+        self.held, self.pressed, self.ending, self.began = False, 0, False, 0.0
+        self.due: float | None = None
+
+    def take(self, data: bytes) -> None:
+        """Note what the bytes ``data`` tell."""
+        for byte in data:
+            if byte in (WORDS["held"], WORDS["released"]):
+                self.held, self.pressed = byte == WORDS["held"], 0
+            elif byte == WORDS["noted"] and self.pressed < 2:
+                self.due = None  # it has said so itself
+            elif byte == WORDS["ending"]:
+                self.ending = True
+            elif byte in SIGNALS:
+                self.pressed, self.ending = self.pressed + 1, False
+                self.began = time.monotonic()
+                self.due = self.began + ANSWER
+
+    def must_end(self) -> bool:
+        """Whether the process must be ended now; else it is said what it does."""
+        if self.held and self.pressed < 2:
+            os.write(2, _WAITS)
+            self.due = None
+            return False
+        if self.ending and time.monotonic() < self.began + END - 0.1:
+            os.write(2, _ENDS)
+            self.due = self.began + END
+            return False
+        os.write(2, _ENDED)
+        return True
