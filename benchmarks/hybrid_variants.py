@@ -30,11 +30,11 @@ from residual.system import TrainableSystem
 from residual.training.folds import WINDOW
 from residual.training.hybrid import hybrid_scales
 from residual.training.pieces import Piece
+from residual.training.pieces import pieces_of as grid_pieces
 from residual.training.scales import Scales
 from residual.training.tasks import training_tasks
 from residual.training.trainer import restored, train_one
 from residual.training.window_errors import RESTART, STRIDE
-from residual.training.windows import pieces_of as grid_pieces
 from residual.training.windows import windows
 
 PARTS = 5

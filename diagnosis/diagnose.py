@@ -7,9 +7,11 @@ chance; test what is left for unnamed forces; check on trials that took no part.
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -48,6 +50,8 @@ from mmg.messages import Message
 from mmg.progress import LOGGER, OnProgress
 from mmg.ship import Ship
 
+Value = TypeVar("Value")
+
 
 def diagnose(
     ship: Ship,
@@ -75,8 +79,8 @@ def diagnose(
     known = calibration_trials(ship, trials, calibrated_on)
     try:
         found = _diagnosed(ship, trials, kept, place, o, known, groups, progress)
-    except np.linalg.LinAlgError:
-        raise UserError(f"{ship.name}: {BREAKS_DOWN}") from None
+    except np.linalg.LinAlgError as error:
+        raise UserError(f"{ship.name}: {BREAKS_DOWN} ({error})") from error
     remarks += [*shared, *known.remarks, *place.notices]
     inputs = DiagnosisInputs(tuple(data_rows(trials)), tuple(data_rows(kept)), o.command, o.seed, versions())
     found = replace(found, warnings=(*remarks, *found.warnings), inputs=inputs)
@@ -126,12 +130,12 @@ def _diagnosed(
     ship_before = summary.fitted_ship(ship, ready.full, found.null, ())
     LOGGER.info("locating the gap and planning the next test")
     place = where(p.steps.model.controls, p.data, found.null, ship, final if is_named else None)
-    advice = _advice(ready, found, same, is_named, ship)
+    advice = _unless_impossible(lambda: _advice(ready, found, same, is_named, ship), "the next test", "", reasons)
     after_all = summary.fitted_ship(ship, ready.full, final, named) if is_named else ship_before
-    unexplained = None
-    if verdict == "unknown" or remainder:
-        unexplained = _unexplained(p, final, after if is_named else before, after_all)
     usual = p.expected_unnamed_null > 0
+    describe = partial(_unexplained, p, final, after if is_named else before, after_all)
+    is_left = verdict == "unknown" or remainder
+    unexplained = _unless_impossible(describe, "the unexplained force", None, reasons) if is_left else None
     between = compare_groups(p, ready.null, sensors, groups, trials) if groups is not None else None
     timings["total"] = time.perf_counter() - began
     return Diagnosis(
@@ -171,6 +175,16 @@ def _oscillation(ready: Prepared) -> Message:
     if period < 2 * apart:
         words += f" (seen with all samples; the tests compare one every {apart:.2g} s)"
     return Message(words, "oscillating_residuals")
+
+
+def _unless_impossible(work: Callable[[], Value], name: str, otherwise: Value, reasons: list[Message]) -> Value:
+    """The value of ``work``, which makes ``name``; where it cannot be made, ``otherwise``, and why in ``reasons``: what
+    was found is not lost by it."""
+    try:
+        return work()
+    except (UserError, np.linalg.LinAlgError) as error:
+        reasons.append(Message(f"{name} could not be found: {error}", "not_found"))
+        return otherwise
 
 
 def _sensor_sentences(sensors: Kinematics, instruments: Sequence[InstrumentFault]) -> tuple[str, ...]:

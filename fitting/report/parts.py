@@ -78,7 +78,7 @@ class Store:
             raise UserError(f"{where}: --resume needs the same {name} as the interrupted run{words}")
 
     @property
-    def begun(self) -> bool:
+    def has_parts(self) -> bool:
         """Whether it, or a store of one of its stages, holds a finished part."""
         return any(path.name != SETTINGS for path in self.folder.glob("**/*.json"))
 

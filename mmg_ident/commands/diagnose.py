@@ -87,8 +87,8 @@ def diagnose(
             end_progress()
             found.save(out, replace=resume or store.folder.is_dir())
     except (KeyboardInterrupt, UserError) as stop:
-        if isinstance(stop, UserError) or not ((out / RESULT).exists() or store.begun):
-            if not store.begun:
+        if isinstance(stop, UserError) or not ((out / RESULT).exists() or store.has_parts):
+            if not store.has_parts:
                 store.discard()
             raise
         say(f"mmg: interrupted; what was finished is in {out}: the same command with --resume continues")
