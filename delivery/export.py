@@ -46,6 +46,7 @@ class Format:
 
 FORMATS: dict[str, Format] = {
     "c": Format("delivery.c.package:write_c", "C99 and C++11 source, header and example (a folder)"),
+    "matlab": Format("delivery.matlab.package:write_matlab", "M file and MEX source for MATLAB and Octave (a folder)"),
     "toml": Format("delivery.ship_document:write_toml", "ship file, the network of a hybrid inside", ".toml"),
     "json": Format("delivery.ship_document:write_json_ship", "the ship file as JSON, with units", ".json"),
     "casadi": Format("delivery.graphs.casadi_functions:write_casadi", "serialised CasADi functions (a folder)"),

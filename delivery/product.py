@@ -237,7 +237,7 @@ def identifiers(names: Sequence[str]) -> list[str]:
         word = f"ship_{word}" if word[0].isdigit() else word
         word = f"{word}_" if word.lower() in RESERVED else word
         taken, stem, count = {w.lower() for w in made}, word, 2
-        while word.lower() in taken and stem.lower() not in {n.lower() for n in names if n != name}:
+        while word.lower() in taken:
             word, count = f"{stem}_{count}", count + 1
         made.append(word)
     return made

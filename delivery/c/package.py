@@ -21,11 +21,8 @@ def write_c(product: Product, target: Path) -> None:
 
 def example_c(product: Product) -> str:
     """A program that steers ``product`` through 600 s with the rudder held, and prints its motion as CSV."""
-    p, model = product.identifier, product.model
-    moved = {name: 0.3 for name in model.controls if name.startswith("delta")}
-    moved |= {name: _revolutions(product) for name in ("n", "n_2") if name in model.controls}
+    p, model, (speed, moved) = product.identifier, product.model, approach(product)
     settings = "".join(f"  inputs[{p}_input_{name}] = ({p}_real){value!r};\n" for name, value in moved.items())
-    speed = round(0.5 * reference_speed(product.ship.particulars["L"]), 3)
     clock = f"    inputs[{p}_input_time] = ({p}_real)(0.1 * k);\n" if "time" in model.controls else ""
     head = comment(["How to use the ship: a turn of 600 s in steps of 0.1 s.", "Compile: " + BUILD.format(p=p)])
     return f"""{head}#include "{p}.h"
@@ -53,6 +50,14 @@ int main(void) {{
   return 0;
 }}
 """
+
+
+def approach(product: Product) -> tuple[float, dict[str, float]]:
+    """Speed [m/s] and inputs by name of the turn in an example of ``product``."""
+    controls = product.model.controls
+    moved = {name: 0.3 for name in controls if name.startswith("delta")}
+    moved |= {name: _revolutions(product) for name in ("n", "n_2") if name in controls}
+    return round(0.5 * reference_speed(product.ship.particulars["L"]), 3), moved
 
 
 def _revolutions(product: Product) -> float:

@@ -65,21 +65,28 @@ class Emitter:
     """Writes statements for the values of a program.
 
     program: staged; arguments: argument -> C text of its elements, such as "state[{0}]"; kept: place -> C text of
-    what an earlier stage has left behind.
+    what an earlier stage has left behind. Another language overrides ``expressions`` and what follows: powers that need
+    no call, the form of a statement, the number of the first element of an array, literals.
     """
+
+    expressions, powers, statement, first = EXPRESSIONS, _POWERS, "const real w{0} = {1};", 0
 
     def __init__(self, program: Program, arguments: Mapping[int, str], kept: Mapping[int, str]) -> None:
         self.program, self.arguments, self.kept = program, arguments, dict(kept)
 
+    def literal(self, number: float) -> str:
+        """Text of a ``number``."""
+        return literal(number)
+
     def name(self, place: int | None) -> str:
         """C text of the value at a ``place`` that is known by now; a structural zero (None) is zero."""
         if place is None:
-            return "R(0.0)"
+            return self.literal(0.0)
         value = self.program.values[place]
         if value.stage == CONSTANT and not value.operands:
-            return literal(value.number)
+            return self.literal(value.number)
         if value.argument:
-            return self.arguments[value.argument[0]].format(value.argument[1])
+            return self.arguments[value.argument[0]].format(value.argument[1] + self.first)
         return self.kept.get(place, f"w{place}")
 
     def statements(self, places: Sequence[int]) -> list[str]:
@@ -94,7 +101,7 @@ class Emitter:
                 todo += values[place].operands
         chosen = sorted({*folded, *places})
         return [
-            f"const real w{place} = {self._expression(place)};"
+            self.statement.format(place, self._expression(place))
             for place in chosen
             if place not in self.kept and values[place].argument is None
         ]
@@ -104,11 +111,11 @@ class Emitter:
         names = [self.name(i) for i in value.operands]
         if value.operation in (ca.OP_POW, ca.OP_CONSTPOW):
             exponent = values[value.operands[1]]
-            if exponent.stage == CONSTANT and not exponent.operands and exponent.number in _POWERS:
-                return _POWERS[exponent.number].format(*names)
-        if value.operation not in EXPRESSIONS:
+            if exponent.stage == CONSTANT and not exponent.operands and exponent.number in self.powers:
+                return self.powers[exponent.number].format(*names)
+        if value.operation not in self.expressions:
             raise NotImplementedError(f"no C for CasADi operation {value.operation}")
-        return EXPRESSIONS[value.operation].format(*names)
+        return self.expressions[value.operation].format(*names)
 
 
 def prelude(functions: Sequence[str], single: str) -> str:

@@ -1,0 +1,249 @@
+"""The ship as one M file: a function of words, states and inputs, and its struct of parameters."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from delivery.c.equations import COLUMNS, FEATURES, FORCES, RATES, SETTLED, Equations
+from delivery.c.header import about, unit_of
+from delivery.product import Product, identifiers
+from mmg.compile.portable_m import WHEN, MEmitter, m_number
+from mmg.errors import UserError
+from mmg.model import INVERSIONS
+from mmg.network import Network
+
+
+def m_text(words: str) -> str:
+    """M string of these ``words``: ASCII, one line."""
+    plain = " ".join(words.split()).encode("ascii", "replace").decode()
+    return "'" + plain.replace("'", "''") + "'"
+
+
+def m_column(name: str, values: np.ndarray) -> str:
+    """Statement that gives ``name`` the matrix of ``values`` (N, M) or the column of (N,)."""
+    rows = np.atleast_2d(values.T).T
+    return f"{name} = [\n" + "\n".join(" ".join(m_number(float(x)) for x in row) for row in rows) + "];"
+
+
+def function_m(product: Product) -> str:
+    """The M file ``IDENTIFIER.m`` of a ``product``. Raises UserError for equations that cannot be written in it."""
+    p, model = product.identifier, product.model
+    equations = Equations.of(product.ship)
+    program = equations.program
+    emitter = MEmitter(program, {0: "state({0})", 1: "inputs({0})", 2: "theta({0})"})
+
+    def body(output: int, target: str, rows: int) -> list[str]:
+        places = program.results[output]
+        columns = len(places) // max(rows, 1)
+        values = [[emitter.name(places[i + j * rows]) for j in range(columns)] for i in range(rows)]
+        text = "; ...\n    ".join(", ".join(row) for row in values)
+        return [*emitter.statements(program.needed([output])), f"{target} = [{text}];"]
+
+    try:
+        S, F = len(model.states), len(product.ship.features)
+        rates = [*body(RATES, "rates", S)]
+        if product.ship.network:
+            rates.append("rates(4:6) = rates(4:6) + network(features_of(state, inputs, theta));")
+        parts = [
+            _main(product),
+            _local("rates = rates_of(state, inputs, theta)", rates),
+            _local("forces = forces_of(state, inputs, theta)", body(FORCES, "forces", len(model.roles))),
+            _local("columns = columns_of(state, theta)", body(COLUMNS, "columns", 6)),
+            _local("state = settled(state, inputs, theta)", body(SETTLED, "state", S)),
+            _local("features = features_of(state, inputs, theta)", body(FEATURES, "features", F)),
+        ]
+    except NotImplementedError as error:
+        raise UserError(f"the equations of this ship cannot be written in M ({error})") from None
+    if product.ship.network:
+        parts.append(_network(product.ship.network, product.ship.features))
+    parts += [_settle(model.measured), _range(product), _parameters(product), WHEN]
+    return "".join(parts).replace("SHIP", p)
+
+
+def _local(head: str, lines: Sequence[str]) -> str:
+    return f"\nfunction {head}\n  " + "\n  ".join(lines) + "\nend\n"
+
+
+def _main(product: Product) -> str:
+    """The function itself: what is asked for, by word."""
+    model = product.model
+    lines = [f"% {line}" for line in about(product)]
+    text = "\n".join(line.encode("ascii", "replace").decode().replace("\n", " ") for line in lines)
+    return f"""function varargout = SHIP(what, varargin)
+% The ship {product.identifier}, SI units and radians, for MATLAB and Octave.
+%
+%   p = SHIP()                                  struct of parameters: p.coefficients.NAME.value, .std (NaN: not
+%                                               known), .unit, .lower, .upper, .verdict; names, units, ranges
+%   rates = SHIP('rates', state, inputs, p)     d state / dt, {len(model.states)} x 1
+%   forces = SHIP('forces', state, inputs, p)   X, Y [N], N [N m] of each role of p.roles, {len(model.roles)} x 3
+%   columns = SHIP('columns', state, p)         x, y, psi, u, v, r as the instruments log them, 6 x 1
+%   state = SHIP('settle', columns, inputs, p)  the state behind logged columns, its memory settled
+%   state = SHIP('step', state, inputs, h, p)   the state h seconds later, inputs held
+%   e = SHIP('extrapolation', state, inputs, p) 0 inside what the trials held, else the largest distance outside over
+%                                               the width of that range; -1 where no range is known
+%
+% state: {", ".join(model.states)}
+% inputs: {", ".join(model.controls)}
+% Without p the ship has its own parameters. SHIP_mex.c does the same as compiled code.
+%
+{text}
+  if nargin == 0
+    varargout{{1}} = parameters();
+    return
+  end
+  known = struct('rates', 2, 'forces', 2, 'columns', 1, 'settle', 2, 'step', 3, 'extrapolation', 2);
+  if ~ischar(what) || ~isfield(known, what)
+    error('SHIP:what', 'ask for rates, forces, columns, settle, step or extrapolation');
+  end
+  count = known.(what);
+  if numel(varargin) < count || numel(varargin) > count + 1
+    error('SHIP:arguments', '%s takes %d arguments and the parameters; see help SHIP', what, count);
+  end
+  if numel(varargin) > count
+    p = varargin{{end}};
+  else
+    p = parameters();
+  end
+  theta = structfun(@(c) c.value, p.coefficients);
+  first = {len(model.states)};
+  if strcmp(what, 'settle')
+    first = 6;
+  end
+  if numel(varargin{{1}}) ~= first
+    error('SHIP:size', '%s needs %d numbers first', what, first);
+  end
+  state = varargin{{1}}(:);
+  if count > 1
+    inputs = varargin{{2}}(:);
+    if numel(inputs) ~= {len(model.controls)}
+      error('SHIP:size', 'there are {len(model.controls)} inputs: {", ".join(model.controls)}');
+    end
+  end
+  switch what
+    case 'rates'
+      varargout{{1}} = rates_of(state, inputs, theta);
+    case 'forces'
+      varargout{{1}} = forces_of(state, inputs, theta);
+    case 'columns'
+      varargout{{1}} = columns_of(state, theta);
+    case 'settle'
+      varargout{{1}} = settle(state, inputs, theta);
+    case 'step'
+      varargout{{1}} = step(state, inputs, varargin{{3}}, theta);
+    case 'extrapolation'
+      varargout{{1}} = extrapolation(state, inputs, theta);
+  end
+end
+
+function state = step(state, inputs, h, theta)
+  if ~isscalar(h) || ~(h >= 0) || isinf(h)
+    error('SHIP:step', 'h must be a number of seconds, 0 or more');
+  end
+  steps = max(1, ceil(h / {product.longest_step!r} - 1e-9));
+  h = h / steps;
+  for k = 1:steps
+    k1 = rates_of(state, inputs, theta);
+    k2 = rates_of(state + 0.5 * h * k1, inputs, theta);
+    k3 = rates_of(state + 0.5 * h * k2, inputs, theta);
+    k4 = rates_of(state + h * k3, inputs, theta);
+    state = state + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4);
+  end
+end
+"""
+
+
+def _settle(measured: bool) -> str:
+    """The state behind logged columns, as ``mmg.model.states_behind`` finds it."""
+    lines = ["six = logged;", "state = settled(six, inputs, theta);"]
+    if measured:
+        lines += [
+            f"for k = 1:{INVERSIONS}",
+            "  difference = columns_of(state, theta) - logged;",
+            "  six = six - difference;",
+            "  state = settled(six, inputs, theta);",
+            "  if ~(max(abs(difference)) > 1e-12)",
+            "    break",
+            "  end",
+            "end",
+        ]
+    return _local("state = settle(logged, inputs, theta)", lines)
+
+
+def _network(network: Network, features: Sequence[str]) -> str:
+    """The network as products of matrices."""
+    places = ", ".join(str(features.index(name) + 1) for name in network.features)
+    lines = [f"x = features([{places}]);", m_column("scale", network.feature_scales), "x = x ./ scale;"]
+    lines += ["total = zeros(3, 1);"]
+    for member in network.members:
+        lines.append("h = x;")
+        for W, b in zip(member.weights[:-1], member.biases, strict=True):
+            lines += [m_column("W", W), m_column("b", b), "h = tanh(W * h + b) - tanh(b);"]
+        lines += [m_column("W", member.weights[-1]), "total = total + W * h;"]
+    lines += [m_column("scale", network.output_scales), f"added = scale .* total / {len(network.members)};"]
+    return _local("added = network(features)", lines)
+
+
+def _range(product: Product) -> str:
+    """Distance to what the trials held, as the C source has it."""
+    held, features = product.held, product.ship.features
+    if not held:
+        return _local("e = extrapolation(state, inputs, theta)", ["e = -1;"])
+    u, v = (f"f({features.index(axis) + 1})" for axis in "uv")
+    lines = ["if ~all(isfinite(state))", "  e = realmax;", "  return", "end", "f = features_of(state, inputs, theta);"]
+    lines.append(f"x = zeros({len(held)}, 1);")
+    for k, name in enumerate(held, 1):
+        if name in features:
+            lines.append(f"x({k}) = f({features.index(name) + 1});")
+        else:
+            fastest = max(abs(x) for x in held["u"])
+            lines += [f"x({k}) = {m_number(0.5 * sum(held[name]))};", f"if {u}^2 + {v}^2 > {(0.1 * fastest) ** 2!r}",
+                      f"  x({k}) = atan2(-{v}, {u});", "end"]  # fmt: skip
+    low, high = (
+        m_column(word, np.array([pair[i] for pair in held.values()])) for i, word in enumerate(("low", "high"))
+    )
+    lines += [low, high, "width = max(max(high - low, 0.1 * max(abs(low), abs(high))), 1e-12);"]
+    return _local(
+        "e = extrapolation(state, inputs, theta)", [*lines, "e = max(max(max(x - high, low - x), 0) ./ width);"]
+    )
+
+
+def _parameters(product: Product) -> str:
+    """The struct of parameters."""
+    model = product.model
+
+    def cell(names: Sequence[str]) -> str:
+        return "{" + ", ".join(m_text(name) for name in names) + "}"
+
+    def known(x: float | None) -> str:
+        return "NaN" if x is None or math.isnan(x) else m_number(x)
+
+    lines = [
+        f"p.ship = {m_text(product.ship.name)};",
+        f"p.about = {m_text(' '.join(about(product)))};",
+        f"p.states = {cell(model.states)};",
+        f"p.state_units = {cell([unit_of(s) for s in model.states])};",
+        f"p.inputs = {cell(model.controls)};",
+        f"p.input_units = {cell([unit_of(s) for s in model.controls])};",
+        f"p.roles = {cell(model.roles)};",
+        f"p.longest_step = {product.longest_step!r};",
+        "p.ranges = struct();",
+    ]
+    for name, (low, high) in product.held.items():
+        lines.append(f"p.ranges.{name} = [{m_number(low)}, {m_number(high)}];")
+    for c in product.coefficients:
+        fields: Mapping[str, str] = {
+            "value": m_number(c.value), "std": known(c.std), "unit": m_text(c.unit), "lower": m_number(c.lower),
+            "upper": m_number(c.upper), "fixed": str(c.fixed).lower(), "verdict": m_text(c.verdict),
+            "description": m_text(c.description), "symbol": m_text(c.symbol),
+        }  # fmt: skip
+        content = ", ".join(f"'{name}', {value}" for name, value in fields.items())
+        lines.append(f"p.coefficients.{c.identifier} = struct({content});")
+    return _local("p = parameters()", lines)
+
+
+def names_of_coefficients(product: Product) -> list[str]:
+    """Fields of the struct of parameters of a ``product``, in the order of its model."""
+    return identifiers([c.symbol for c in product.coefficients])

@@ -1,0 +1,129 @@
+"""What is delivered knows where it comes from, what it held, and what to be careful about."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from cases.shipfiles.ship_file import dump_ship, load_ship
+from delivery.export import ABOUT, export
+from delivery.product import LEFT_OUT, NAME_CHANGED, NO_RANGE, NOT_CONVERGED, UNCALIBRATED, identifiers, product_of
+from mmg.errors import UserError
+from mmg.messages import has_code
+from mmg_ident.commands.main import main
+from tests.support.calibrated import small_result
+
+pytestmark = pytest.mark.usefixtures("blank_figures")
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("product") / "run"
+    small_result().save(path)
+    return path
+
+
+@pytest.fixture()
+def stopped(run: Path, tmp_path: Path) -> Path:
+    """A run folder whose calibration did not converge."""
+    folder = tmp_path / "stopped"
+    folder.mkdir()
+    (folder / "ship.toml").write_text((run / "ship.toml").read_text())
+    content = json.loads((run / "result.json").read_text()) | {"converged": False, "status": "Maximum_Iterations"}
+    (folder / "result.json").write_text(json.dumps(content))
+    return folder
+
+
+def refusal(capsys: pytest.CaptureFixture[str], *words: object) -> str:
+    """The one line with which the command refuses."""
+    capsys.readouterr()
+    assert main(["export", *map(str, words)]) == 2
+    said = capsys.readouterr().err.strip()
+    assert "\n" not in said and said.startswith("mmg: "), said
+    return said
+
+
+def test_a_calibrated_ship_brings_its_record(run: Path) -> None:
+    found = product_of(run)
+    assert not found.caveats and found.identifier == "esso_osaka_3m"
+    content = json.loads((run / "result.json").read_text())
+    assert found.held == {name: tuple(pair) for name, pair in content["envelope"].items()}
+    (row,) = found.provenance["data"]
+    assert row["sha256"] == content["data"][0]["sha256"] and found.provenance["created"] == content["created"]
+    by_symbol = {c.symbol: c for c in found.coefficients}
+    fitted = content["coefficients"]["Y_v"]
+    assert by_symbol["Y_v"].std == fitted["std"] and by_symbol["Y_v"].verdict == fitted["verdict"]
+    assert by_symbol["N_v"].std is None, "a fixed coefficient has no standard error"
+    assert product_of(run / "ship.toml").held == found.held
+
+
+def test_a_ship_that_was_never_calibrated_leaves_by_force_only(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    said = refusal(capsys, "esso_osaka_3m", "--format", "c", "--out", tmp_path / "c")
+    assert "is not calibrated" in said and "--force" in said and not (tmp_path / "c").exists()
+    assert main(["export", "esso_osaka_3m", "--format", "c", "--out", str(tmp_path / "c"), "--force", "--json"]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert [c["code"] for c in printed["caveats"]] == [UNCALIBRATED, NO_RANGE]
+    assert "is not calibrated" in (tmp_path / "c" / "esso_osaka_3m.c").read_text()
+    assert json.loads((tmp_path / "c" / ABOUT).read_text())["caveats"] == printed["caveats"]
+
+
+def test_a_run_that_did_not_converge_leaves_by_force_only(
+    stopped: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    said = refusal(capsys, stopped, "--format", "c", "--out", tmp_path / "c")
+    assert "did not converge (Maximum_Iterations)" in said and "--force" in said
+    assert has_code(product_of(stopped, force=True).caveats, NOT_CONVERGED)
+
+
+def test_targets_are_not_lost(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    mine = tmp_path / "mine"
+    mine.mkdir()
+    (mine / "thesis.txt").write_text("years of work")
+    words = (run, "--format", "c", "--out")
+    assert "exists already" in refusal(capsys, *words, mine)
+    assert "did not write" in refusal(capsys, *words, mine, "--force")
+    assert "no folder" in refusal(capsys, *words, mine / "thesis.txt", "--force")
+    assert (mine / "thesis.txt").read_text() == "years of work"
+    assert "no writable folder" in refusal(capsys, *words, mine / "thesis.txt" / "c")
+    assert main(["export", *map(str, words), str(tmp_path / "c")]) == 0
+    (tmp_path / "c" / "esso_osaka_3m.c").write_text("")
+    assert main(["export", *map(str, words), str(tmp_path / "c"), "--force"]) == 0
+    assert (tmp_path / "c" / "esso_osaka_3m.c").read_text() != ""
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["c", "mine"]
+
+
+def test_unknown_words_are_refused(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert "choose one of c, " in refusal(capsys, run, "--format", "fortran", "--out", tmp_path / "c")
+    said = refusal(capsys, run, "--format", "c", "--out", tmp_path / "c", "--without", "tow")
+    assert "has no such effect" in said
+    assert "no such ship" in refusal(capsys, tmp_path / "nothing", "--format", "c", "--out", tmp_path / "c")
+
+
+def test_an_exact_delay_is_refused_with_what_to_do(tmp_path: Path) -> None:
+    ship = load_ship("esso_osaka_3m").with_effect("control_delay", {"tau": 0.4})
+    (tmp_path / "late.toml").write_text(dump_ship(ship))
+    with pytest.raises(UserError, match=r"control_delay is an exact delay.*--without control_delay"):
+        export(product_of(tmp_path / "late.toml", force=True), "c", tmp_path / "c")
+    assert not (tmp_path / "c").exists()
+    left = product_of(tmp_path / "late.toml", force=True, without=["control_delay"])
+    assert has_code(left.caveats, LEFT_OUT) and "control_delay" not in left.ship.effects
+    export(left, "c", tmp_path / "c")
+
+
+def test_a_name_that_is_no_identifier_is_made_one(tmp_path: Path) -> None:
+    ship = load_ship("esso_osaka_3m")
+    text = dump_ship(ship).replace('name = "esso_osaka_3m"', 'name = "2nd Été"')
+    (tmp_path / "ship.toml").write_text(text)
+    found = product_of(tmp_path / "ship.toml", force=True)
+    assert found.identifier == "ship_2nd_ete" and has_code(found.caveats, NAME_CHANGED)
+
+
+def test_identifiers_are_distinct_and_no_reserved_words() -> None:
+    made = identifiers(["a.b", "a_b", "a b", "double", "日本", "9", "A_B"])
+    assert len({name.lower() for name in made}) == len(made)
+    assert all(name.isidentifier() and name.isascii() for name in made)
+    assert "double" not in made
