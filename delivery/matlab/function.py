@@ -67,8 +67,8 @@ def _local(head: str, lines: Sequence[str]) -> str:
     return f"\nfunction {head}\n  " + "\n  ".join(lines) + "\nend\n"
 
 
-def _main(product: Product) -> str:
-    """The function itself: what is asked for, by word."""
+def _help(product: Product) -> str:
+    """The head of the function and its help."""
     model = product.model
     lines = [f"% {line}" for line in about(product)]
     text = "\n".join(line.encode("ascii", "replace").decode().replace("\n", " ") for line in lines)
@@ -90,7 +90,13 @@ def _main(product: Product) -> str:
 % Without p the ship has its own parameters. SHIP_mex.c does the same as compiled code.
 %
 {text}
-  if nargin == 0
+"""
+
+
+def _main(product: Product) -> str:
+    """The function itself: what is asked for, by word."""
+    model = product.model
+    return f"""{_help(product)}  if nargin == 0
     varargout{{1}} = parameters();
     return
   end
