@@ -31,7 +31,7 @@ def m_column(name: str, values: np.ndarray) -> str:
 def function_m(product: Product) -> str:
     """The M file ``IDENTIFIER.m`` of a ``product``. Raises UserError for equations that cannot be written in it."""
     p, model = product.identifier, product.model
-    equations = Equations.of(product.ship)
+    equations = Equations.of(product.model_of(product.ship.without_network()))
     program = equations.program
     emitter = MEmitter(program, {0: "state({0})", 1: "inputs({0})", 2: "theta({0})"})
 
