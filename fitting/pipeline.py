@@ -110,6 +110,7 @@ def calibrate(
         if number:
             uncertainty = uncertainty | later.made(name, partial(refit_rows, found, *asked), {})
     worse = [message for name, pair in scores.items() for message in pair.worse(name)]
+    worse += scores["training"].undescribed() if "training" in scores else []
     warnings = [*found.warnings, *remarks, *shared_rows(train, validation), *worse, *later.left_out]
     notices = [*found.notices, *(choice.notices if choice else ())]
     content = {

@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
+
+import numpy as np
 
 from cases.checks.duplicates import duplicates
 from cases.trial import Trial
 from mmg.errors import UserError
 from mmg.messages import Message
 
+MOST_LISTED = 5
+"""Of names and pairs in one message."""
+
 
 def training_trials(trials: Sequence[Trial]) -> tuple[list[Trial], list[Message]]:
-    """The ``trials`` to train on, and a message on those that trials.toml keeps out by their role test or validate.
+    """The ``trials`` to train on, and messages on those that trials.toml keeps out by their role test or validate, and
+    on copies, which would count as if the run had been made again.
 
     Raises UserError when none is left.
     """
@@ -19,7 +26,33 @@ def training_trials(trials: Sequence[Trial]) -> tuple[list[Trial], list[Message]
     out = ", ".join(t.name for t in trials if t.role in ("test", "validate"))
     if out and not kept:
         raise UserError(f"{out}: trials.toml gives them the role test or validate; none is left to train on")
-    return kept, [Message(f"not trained on, by their role in trials.toml: {out}", "role_held_out")] if out else []
+    messages = [Message(f"not trained on, by their role in trials.toml: {out}", "role_held_out")] if out else []
+    once: dict[bytes, Trial] = {}
+    copies: dict[str, list[str]] = {}
+    for trial in kept:
+        first = once.setdefault(_content(trial), trial)
+        if first is not trial:
+            copies.setdefault(first.name, []).append(trial.name)
+    for name, others in copies.items():
+        words = f"{_listed(others)}: copies of {name}, which say nothing more; left out, so that no run counts twice"
+        messages.append(Message(words, "copies_left_out"))
+    return list(once.values()), messages
+
+
+def _content(trial: Trial) -> bytes:
+    """What is the same for two trials of the same numbers; a clock may begin anywhere."""
+    found = hashlib.sha256()
+    for name, column in sorted(trial.columns.items()):
+        values = column - column[0] if name == "t" else column
+        found.update(name.encode())
+        found.update(np.ascontiguousarray(np.round(values, 9) + 0.0, dtype=float).tobytes())
+    return found.digest()
+
+
+def _listed(names: Sequence[str]) -> str:
+    """The ``names``, of more than MOST_LISTED only the first and how many there are."""
+    more = f" and {len(names) - MOST_LISTED} more" if len(names) > MOST_LISTED else ""
+    return ", ".join(names[:MOST_LISTED]) + more
 
 
 def shared_rows(train: Sequence[Trial], held_out: Sequence[Trial]) -> list[Message]:
@@ -36,4 +69,12 @@ def shared_rows(train: Sequence[Trial], held_out: Sequence[Trial]) -> list[Messa
             elif other < len(train):
                 words = f"{first} and {second} share rows, which count twice in the fit: leave one of them out"
                 messages.append(Message(words, "shared_rows"))
-    return list(dict.fromkeys(messages))
+    found = list(dict.fromkeys(messages))
+    for code in ("not_held_out", "shared_rows"):
+        same = [m for m in found if m.code == code]
+        if len(same) > MOST_LISTED:
+            found = [m for m in found if m.code != code] + same[:MOST_LISTED]
+            found.append(
+                Message(f"{len(same) - MOST_LISTED} more pairs of trials share rows (mmg check lists them)", code)
+            )
+    return found

@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 from safetensors import SafetensorError, safe_open
-from safetensors.numpy import save_file
 
 from cases.io.files import check_file, parse_json
+from cases.io.tensors import save_tensors
 from mmg.errors import UserError
 from mmg.network import OTHER, Layers, Network
 from mmg.ship import Ship
@@ -58,8 +58,7 @@ def save_network(path: str | Path, network: Network, ship: Ship) -> None:
     about = {"format": FORMAT, "ship": ship.name, "ship_hash": ship_hash(ship)}
     about |= {"features": json.dumps(network.features), "members": str(len(network.members))}
     try:
-        save_file({name: np.ascontiguousarray(a, dtype=float) for name, a in arrays.items()}, path, about)
-        Path(path).chmod(0o644)
+        save_tensors(Path(path), {name: np.asarray(a, dtype=float) for name, a in arrays.items()}, about)
     except (OSError, SafetensorError) as error:
         raise UserError(f"{path}: cannot be written ({error})") from None
 

@@ -138,7 +138,8 @@ def run_residuals(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 def unexcited_astern(ship: Ship, trials: Sequence[Trial], segments: Segments) -> list[Message]:
-    """A warning on free coefficients of ``ship`` that act only going astern (n < 0 or u < 0) when no trial does.
+    """A warning on free coefficients of ``ship`` that act only going astern (n < 0 or u < 0), or only ahead, when no
+    trial does.
 
     They are found by their influence on the accelerations, over the data (``trials``, cut into ``segments``) and over
     the data with surge velocity, revolutions or both turned round. Raises UserError when they are all that is free of
@@ -148,12 +149,24 @@ def unexcited_astern(ship: Ship, trials: Sequence[Trial], segments: Segments) ->
     unmoved = [s for s, a, b in zip(ship.free, ahead, astern, strict=True) if b > 0 and a < ASTERN * b]
     if not unmoved:
         return []
-    slowest = min(float(np.nanmin(t["u"])) for t in trials)
-    text = f"{', '.join(unmoved)}: act only going astern, of which the trials have nothing (least u {slowest:.3g} m/s)"
+    names, backwards = ", ".join(unmoved), _always_astern(trials)
+    if backwards:
+        text, wanted = f"{names}: act only going ahead, of which the trials have nothing", "a trial ahead"
+    else:
+        slowest = min(float(np.nanmin(t["u"])) for t in trials)
+        text = f"{names}: act only going astern, of which the trials have nothing (least u {slowest:.3g} m/s)"
+        wanted = "a stopping or astern trial"
     instruments = tuple(f"{name}." for name in ship.effects if effect(name).measures)
     if all(s in unmoved or s.startswith(instruments) for s in ship.free):
-        raise UserError(f"{text}: nothing to identify; add a stopping or astern trial, or free other coefficients")
-    return [Message(f"{text}; the prior decides them: add a stopping or astern trial", "not_excited_astern")]
+        raise UserError(f"{text}: nothing to identify; add {wanted}, or free other coefficients")
+    code = "not_excited_ahead" if backwards else "not_excited_astern"
+    return [Message(f"{text}; the prior decides them: add {wanted}", code)]
+
+
+def _always_astern(trials: Sequence[Trial]) -> bool:
+    """Whether no sample of the ``trials`` has a propeller ahead."""
+    turning = [t[name] for t in trials for name in t.columns if name == "n" or name.startswith("n_")]
+    return bool(turning) and not any((a > 0).any() for a in turning)
 
 
 def _influence(ship: Ship, segments: Segments, most: int = 300) -> tuple[np.ndarray, np.ndarray]:

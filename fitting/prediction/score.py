@@ -20,6 +20,9 @@ from mmg.states import STATES
 
 PAPER_WINDOW = 100.0
 WINDOW, STRIDE = 30.0, 15.0
+UNDESCRIBED = 0.5
+"""A mean squared error of 30 s windows, summed over six states in units of their variance, above which a
+calibrated ship does not follow the trials; real ships of good trials have 0.1."""
 
 
 @dataclass(frozen=True)
@@ -116,6 +119,17 @@ class ScorePair:
             for label, before, after in (windows, restarts)
             if after > 1.005 * before + 1e-6
         ]
+
+    def undescribed(self) -> list[Message]:
+        """A message where the ship does not follow the trials that she was calibrated on."""
+        if not self.after.window > UNDESCRIBED:
+            return []
+        share = (self.after.window / len(STATES)) ** 0.5
+        words = (
+            f"30 s predictions of the trials err by {share:.0%} of what the states vary by (rms): this ship does not "
+            "follow them; see that they are hers and in her size, and what mmg check says of them"
+        )
+        return [Message(words, "not_described")]
 
 
 def score_pairs(

@@ -16,7 +16,7 @@ from typing import Any
 from mmg_ident.commands.watcher import tell, watch
 
 for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ.setdefault(_name, "1")
+    os.environ[_name] = "1"  # sums of several threads differ in their last bits from those of one
 
 
 def _stopped(*_: Any) -> None:

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import torch
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
 
 from cases.io.files import check_file, parse_json
+from cases.io.tensors import save_tensors
 from cases.shipfiles.network_file import BLACK_BOX, NETWORK, members_in, ship_hash
 from mmg.errors import UserError
 from mmg.motion.flow import INPUTS
@@ -40,11 +40,10 @@ def save_box(path: Path, box: BlackBox) -> None:
     about = {
         "format": BLACK_BOX, "ship": box.ship, "ship_hash": box.ship_hash, "h": repr(box.h),
         "actuators": json.dumps(box.actuators), "members": str(len(box.systems)),
-        "training": json.dumps(asdict(box.settings)),
+        "training": json.dumps({k: v for k, v in asdict(box.settings).items() if k != "workers"}),
     }  # fmt: skip
     try:
-        save_file({name: value.clone() for name, value in arrays.items()}, path, about)
-        path.chmod(0o644)
+        save_tensors(path, {name: value.numpy() for name, value in arrays.items()}, about)
     except (OSError, SafetensorError) as error:
         raise UserError(f"{path}: cannot be written ({error})") from None
 
@@ -91,6 +90,8 @@ def _settings(about: Mapping[str, str], arrays: Mapping[str, torch.Tensor]) -> B
     settings = settings_from(parse_json(about["training"]))
     if not isinstance(settings, BlackBoxSettings):
         raise ValueError("no kind of network")
+    if settings.width < 1 or settings.layers < 1:
+        raise ValueError("it has no layer")
     square = settings.kind != "fnn" or settings.layers > 1
     if settings.layers > len(arrays) or settings.width ** (1 + square) > sum(a.numel() for a in arrays.values()):
         raise ValueError("its layers are larger than its arrays")

@@ -37,6 +37,12 @@ def test_what_once_did_harm_is_answered(name: str, content: bytes, made: dict[st
     assert outcome(made[name], content)[0] in ("read", "refused")
 
 
+@pytest.mark.parametrize(("name", "number"), [("parquet", 29816), ("parquet", 35374), ("diagnosis", 28)])
+def test_what_fuzzing_found_is_answered(name: str, number: int, made: dict[str, Reader]) -> None:
+    """Columns of different lengths; statistics of a column that abort the process; brackets without end."""
+    assert outcome(made[name], numbered(name, number, made[name].seeds))[0] in ("read", "refused")
+
+
 @pytest.mark.parametrize("name", sorted(REPRODUCERS))
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(number=st.integers(0, 2**32))

@@ -45,4 +45,4 @@ def test_plain_words_are_names(name: str) -> None:
 def test_escape_sequences_are_shown() -> None:
     assert str(UserError("column '\x1b[2J\x07\x9b'")) == r"column '\x1b[2J\x07\x9b'"
     assert Message("not used: \x1b]0;x\x07", "columns_ignored") == r"not used: \x1b]0;x\x07"
-    assert str(UserError("plain: äöü\nnext")) == "plain: äöü\nnext"
+    assert str(UserError("plain: äöü\nnext")) == r"plain: äöü\nnext"
