@@ -11,7 +11,7 @@ from safetensors.numpy import save
 
 
 def save_tensors(path: Path, arrays: Mapping[str, np.ndarray], about: Mapping[str, str]) -> None:
-    """Write ``arrays`` with the metadata ``about`` to ``path``, readable by all; equal content gives equal bytes.
+    """Write ``arrays``, such as (K, N), with the metadata ``about`` to ``path``; equal content gives equal bytes.
 
     The library itself writes metadata in an order that changes from run to run: here it is that of the alphabet.
     Raises OSError where the file cannot be written, SafetensorError for arrays of a kind that the format lacks.
