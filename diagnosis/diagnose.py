@@ -145,7 +145,7 @@ def _diagnosed(
         instruments=instruments,
         equivalence_class=same,
         remainder=remainder,
-        candidates=summary.ranking(ready.full, found),
+        candidates=summary.ranking(ready.full, found, result.withdrawn),
         where=place,
         held_out=result.held,
         next_test=advice,

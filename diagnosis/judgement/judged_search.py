@@ -25,7 +25,7 @@ OTHERS = 2
 @dataclass(frozen=True)
 class JudgedSearch:
     """Of a search: the selection, tests of unnamed forces without and with it, the check on test trials, the verdict,
-    and why a name was withdrawn."""
+    and why a name was withdrawn. withdrawn: the search before, whose names were withdrawn, where another came of it."""
 
     found: Selection
     before: UnnamedForms
@@ -34,6 +34,7 @@ class JudgedSearch:
     verdict: str
     reasons: tuple[Message, ...]
     simulated: SimulatedChance | None
+    withdrawn: Selection | None = None
 
     @property
     def chance(self) -> Chance:
@@ -79,7 +80,7 @@ def judged_search(
         p = replace(p, candidates=tuple(c for c in p.candidates if c.effect not in withdrawn))
         other = _judged(p, ready.null, before, simulated, tests, options, progress)
         if other.verdict == "named" and other.held is not None and confirms(other.held):
-            return replace(other, reasons=(*result.reasons, *other.reasons))
+            return replace(other, reasons=(*result.reasons, *other.reasons), withdrawn=result.found)
     return result
 
 

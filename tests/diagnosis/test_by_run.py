@@ -17,7 +17,7 @@ from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import Priors, get_values, mean_over_windows
 from diagnosis.findings import HeldOut
-from diagnosis.hypotheses.forward_selection import SearchProblem, Selection, select_effects, without_effects
+from diagnosis.hypotheses.forward_selection import Search, SearchProblem, Selection, select_effects, without_effects
 from diagnosis.hypotheses.refit import refit, robust_p
 from diagnosis.hypotheses.score_test import score_tests, slopes
 from diagnosis.prepare import prepare
@@ -160,12 +160,22 @@ def test_without_the_effect_coefficients_are_those_of_all_runs_again(
     assert robust_p(problem.steps, problem.data, found.final, found.effects[0]) == 0.0
 
 
+def without_current(search: Search) -> Search:
+    """The same search as if currents had not been looked for."""
+    refitted = tuple(r for r in search.refitted if r.candidate.effect != "current")
+    return replace(search, refitted=refitted, scores=tuple(s for s in search.scores if s.candidate.effect != "current"))
+
+
 def test_what_is_told_has_each_effect_once_and_the_values_of_each_run(
     fits: tuple[SearchProblem, Estimate, Selection],
 ) -> None:
     problem, _, found = fits
     w = replace(full_model(), candidates=problem.candidates)
     names = [row.name for row in summary.ranking(w, found)]
+    fewer = replace(found, searches=(without_current(found.searches[0]), *found.searches[1:]))
+    again = [row.name for row in summary.ranking(w, fewer, found)]
+    assert "current" not in [row.name for row in summary.ranking(w, fewer)]
+    assert sorted(again) == sorted(names) and again[-1] == "current", "a candidate not searched again comes last"
     assert names[0] == "current" and len(names) == len(set(names))
     assert set(names) == {c.effect for c in problem.candidates}
     row = summary.named_effect(problem, w, found, found.effects[0])
