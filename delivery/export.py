@@ -11,7 +11,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from delivery.product import Product
+from delivery.product import Product, product_of
 from fitting.report.run_folder import write_json, write_whole
 from mmg.errors import UserError
 from mmg.messages import Message
@@ -90,6 +90,20 @@ def export(product: Product, form: str, out: str | Path, force: bool = False, **
     else:
         write_whole(target, fill, replace=force)
     return said
+
+
+def export_ship(
+    where: str | Path, form: str, out: str | Path, force: bool = False, without: Sequence[str] = (), **options: Any
+) -> list[Message]:
+    """Deliver a calibrated or hybrid ship for use elsewhere, as ``mmg export`` does.
+
+    where: run folder of a calibration or a training, ship file, or ship of the library; form: one of FORMATS, such as
+    "fmu", "c" or "onnx"; out: file or folder to write. force: deliver also what did not converge or was never
+    calibrated, and replace what exists. without: effects to leave out; options: of the format. Returns the caveats of
+    what was written. Raises UserError as ``product_of`` and ``export`` do.
+    """
+    product = product_of(where, force, without)
+    return [*product.caveats, *export(product, form, out, force, **options)]
 
 
 def check_target(target: Path, chosen: Format, force: bool) -> None:

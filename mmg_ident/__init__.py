@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from cases.shipfiles.new_ship import new_ship
     from cases.shipfiles.ship_file import load_ship
     from cases.trial import Trial
+    from delivery.export import export_ship
     from diagnosis.result import Diagnosis
     from fitting.prediction.score import Score
     from fitting.result import FitResult
@@ -49,6 +50,7 @@ _HOMES = {
     "TrainResult": "residual.result",
     "Trial": "cases.trial",
     "UserError": "mmg.errors",
+    "export_ship": "delivery.export",
     "load_ship": "cases.shipfiles.ship_file",
     "new_ship": "cases.shipfiles.new_ship",
     "read_trials": "cases.io.read",
@@ -72,6 +74,7 @@ __all__ = [
     "calibrate",
     "check",
     "diagnose",
+    "export_ship",
     "load_run",
     "load_ship",
     "new_ship",

@@ -123,6 +123,18 @@ def test_scores_are_those_of_the_command(folder: Path, capsys: pytest.CaptureFix
     assert "30 s windows" in ours._repr_html_()
 
 
+def test_a_calibrated_ship_leaves_as_a_file_and_a_library_ship_only_by_force(folder: Path, tmp_path: Path) -> None:
+    said = mmg_ident.export_ship(folder / "run", "toml", tmp_path / "ship.toml")
+    again = mmg_ident.load_ship(tmp_path / "ship.toml")
+    assert not said and again.symbols == mmg_ident.load_ship(folder / "run").symbols
+    assert np.array_equal(again.values, mmg_ident.load_ship(folder / "run").values)
+    with pytest.raises(mmg_ident.UserError, match="not calibrated"):
+        mmg_ident.export_ship("kvlcc2_l7", "toml", tmp_path / "other.toml")
+    assert any(
+        "not calibrated" in line for line in mmg_ident.export_ship("kvlcc2_l7", "toml", tmp_path / "b.toml", True)
+    )
+
+
 def test_predictions_are_tables(folder: Path) -> None:
     (found,) = mmg_ident.predict(folder / "run", folder / "held_out.csv")
     table = found.to_pandas()
