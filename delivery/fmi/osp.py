@@ -15,7 +15,7 @@ from delivery.fmi.variables import VariableTable
 
 NAMESPACE = "https://open-simulation-platform.com/OspModelDescription/1.0.0"
 ORDER = ("Generic", "Force", "Torque", "LinearVelocity", "AngularVelocity", "LinearDisplacement",
-         "AngularDisplacement", "ShaftSpeed", "BladePitch")  # fmt: skip
+         "AngularDisplacement")  # fmt: skip
 """Kinds of groups in the order in which the schema wants them."""
 
 
@@ -44,7 +44,8 @@ def osp_groups(table: VariableTable) -> list[tuple[str, str, tuple[str, ...]]]:
         ("Generic", "extrapolation", ("extrapolation",)),
     ]
     for row in table.of("input"):
-        kind = {"1/s": "ShaftSpeed", "rad": "AngularDisplacement"}.get(row.unit or "")
+        # a ShaftSpeed is in rad/s, and libcosim converts no units, so revolutions must not look like one
+        kind = {"1/s": "Generic", "rad": "AngularDisplacement"}.get(row.unit or "")
         if kind:
             groups.append((kind, row.name, (row.name,)))
     parts = dict.fromkeys(row.name.split(".")[1] for row in table.rows if row.name.startswith("force."))

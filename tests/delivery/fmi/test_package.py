@@ -182,7 +182,7 @@ def test_osp_groups_are_of_variables_that_exist_and_of_the_size_that_a_partner_h
         assert all(set(variables) <= known for _, _, variables in groups)
         sizes = {name: (kind, len(variables)) for kind, name, variables in groups}
         assert sizes["wind_velocity"] == sizes["velocity"] == ("LinearVelocity", 2)
-        assert sizes["ned_position"] == ("LinearDisplacement", 3) and sizes["propeller.n"] == ("ShaftSpeed", 1)
+        assert sizes["ned_position"] == ("LinearDisplacement", 3) and sizes["propeller.n"] == ("Generic", 1)
     source_fmu(product(ship_of("plain")), 2, tmp_path)
     assert (tmp_path / "esso_osaka_3m_OspModelDescription.xml").is_file()
     assert "OspModelDescription" not in " ".join(members(tmp_path / "ship.fmu"))
