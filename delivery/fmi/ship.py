@@ -19,6 +19,16 @@ WATER = ("current_north", "current_east")
 CURRENT = ("current.x", "current.y")
 RATES = ("current.x_rate", "current.y_rate")
 TIME = "time"
+LATE_LOG = "velocity_lag.tau"
+AFTER_LATE = ("velocity_lag", "heading_bias", "log_scale", "gyro")
+"""Effects of instruments with which the lateness of the logged velocity is exact: none acts before it."""
+
+
+def _logs_late_alone(ship: Ship) -> bool:
+    """Whether the logged velocity of ``ship`` is late and all else that its instruments do depends on the moment."""
+    measuring = [name for name in ship.effects if effect(name).measures]
+    gyro = ship.coefficients.get("gyro.T")
+    return "velocity_lag" in measuring and set(measuring) <= set(AFTER_LATE) and (gyro is None or gyro.value == 0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,13 +36,14 @@ class CoSimulatedShip(Product):
     """A product whose model has the current among its inputs and no delay of its actuators.
 
     plain: the product as it was given. water: current [m/s] north, east at which these inputs start. late: the
-    coefficient of the delay of the actuators that was taken out, or None. steady: whether the current has no rates of
-    its own.
+    coefficient of the delay of the actuators that was taken out, or None; late_log: that of the logged velocity.
+    steady: whether the current has no rates of its own.
     """
 
     plain: Product
     water: tuple[float, float]
     late: ProductCoefficient | None
+    late_log: ProductCoefficient | None
     steady: bool
 
     @classmethod
@@ -48,11 +59,14 @@ class CoSimulatedShip(Product):
                     f"the effect {name}: an FMU holds one delay of the actuators; leave it out with --without"
                 )
             late, ship = known[symbols[0]], ship.without_effect(name)
+        late_log = None
+        if _logs_late_alone(ship):
+            late_log, ship = known[LATE_LOG], ship.without_effect(LATE_LOG.split(".")[0])
         steady = "current" not in ship.effects
         ship = ship.with_effect("current") if steady else ship
         x, y = (ship.coefficients[symbol].value for symbol in CURRENT)
         given = {f.name: getattr(product, f.name) for f in fields(Product)}
-        return cls(**{**given, "ship": ship}, plain=product, water=(x, y), late=late, steady=steady)
+        return cls(**{**given, "ship": ship}, plain=product, water=(x, y), late=late, late_log=late_log, steady=steady)
 
     @cached_property
     def model(self) -> Model:
@@ -101,7 +115,14 @@ class CoSimulatedShip(Product):
     def late_columns(self) -> list[str]:
         """Effects of its instruments that log late, which the model of the columns approximates."""
         known = [name for name in self.ship.effects if effect(name).measures]
-        return [name for name in known if any(state.startswith(f"{name}.") for state in self.model.states)]
+        late = [name for name in known if any(state.startswith(f"{name}.") for state in self.model.states)]
+        gyro = self.ship.coefficients.get("gyro.T")
+        return [name for name in late if name != "gyro" or gyro is None or gyro.value != 0]
+
+    @property
+    def delays(self) -> tuple[ProductCoefficient, ...]:
+        """Coefficients of delays that are not in the model but in the wrapper."""
+        return tuple(c for c in (self.late, self.late_log) if c is not None)
 
     @property
     def coefficients(self) -> tuple[ProductCoefficient, ...]:

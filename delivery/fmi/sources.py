@@ -48,6 +48,9 @@ def model_header(ship: CoSimulatedShip, table: VariableTable, token: str) -> str
         "FMU_ROLES": len(ship.model.roles),
         "FMU_TIMED": int(TIME in ship.model.controls),
         "FMU_DELAYED": int(ship.late is not None),
+        "FMU_LOGS_LATE": int(ship.late_log is not None),
+        "FMU_DELAY": table.inputs + 6 + len(ship.coefficients),
+        "FMU_LOG_DELAY": table.inputs + 6 + len(table.parameters) - 1,
         "FMU_ROLL": states.index("phi") if "phi" in states else -1,
         "FMU_ROLL_RATE": states.index("p") if "p" in states else -1,
     }

@@ -71,7 +71,7 @@ def input_name(actuator: str) -> str:
 def variable_table(ship: CoSimulatedShip) -> VariableTable:
     """The variables of ``ship``."""
     actuators = [name for name in ship.model.controls if name not in (*AIR, *WATER, TIME)]
-    parameters = (*ship.coefficients, *((ship.late,) if ship.late else ()))
+    parameters = (*ship.coefficients, *ship.delays)
     rows: list[tuple[str, str, str, float | None, str | None, str]] = [
         ("time", "independent", "continuous", None, "s", "time")
     ]

@@ -26,7 +26,12 @@ from mmg.states import STATES
 from tests.support.c_products import product
 
 needs_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler")
-MEMORY = {"control_delay": {"tau": 0.43}, "rudder_lag": {"T": 0.8}, "hull_memory": {"T": 1.2}}
+MEMORY = {
+    "control_delay": {"tau": 0.43},
+    "velocity_lag": {"tau": 0.37},
+    "rudder_lag": {"T": 0.8},
+    "hull_memory": {"T": 1.2},
+}
 STARTS = {"x": 3.0, "y": -2.0, "psi": 0.3, "u": 0.4, "v": 0.01, "r": 0.002}
 
 

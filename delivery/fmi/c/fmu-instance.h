@@ -63,17 +63,20 @@ typedef struct {
   SHIP(model) model;
 } FmuCore;
 
-/* Actuators from a time on, until the next entry. */
+#define FMU_REMEMBERS (FMU_DELAYED || FMU_LOGS_LATE)
+
+/* The beginning of a step: actuators from then on, until the next entry; velocity over ground, north and east. */
 typedef struct {
   double from;
   double actuators[FMU_ACTUATORS + 1];
+  double velocity[2];
 } FmuHeld;
 
 typedef struct FmuInstance FmuInstance;
 
 struct FmuInstance {
   FmuCore core;
-  FmuHeld *history; /* of a ship whose actuators act late; oldest first */
+  FmuHeld *history; /* of a ship that acts or logs late; oldest first */
   size_t held, room;
   void *(*allocate)(size_t count, size_t size);
   void (*release)(void *memory);

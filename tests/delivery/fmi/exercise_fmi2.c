@@ -60,7 +60,7 @@ static void states(void) {
   fmi2FMUstate state = NULL, again = NULL;
   double first[OUTPUTS], second[OUTPUTS], third[OUTPUTS], start[OUTPUTS], changed;
   fmi2Byte *bytes;
-  size_t size = 0;
+  size_t size = 0, longer = 0;
   run(c, 0, 50, start);
   CLAIM(fmi2GetFMUstate(c, &state) == fmi2OK);
   CLAIM(fmi2SerializedFMUstateSize(c, state, &size) == fmi2OK && size > 0);
@@ -80,6 +80,13 @@ static void states(void) {
   CLAIM(fmi2GetFMUstate(other, &again) == fmi2OK);
   CLAIM(fmi2FreeFMUstate(other, &again) == fmi2OK && again == NULL);
   CLAIM(fmi2FreeFMUstate(c, &state) == fmi2OK && state == NULL);
+  CLAIM(fmi2Reset(c) == fmi2OK);
+  fmi2FreeInstance(c);
+  c = initialized(0.5);
+  run(c, 0, 5000, second);
+  CLAIM(fmi2GetFMUstate(c, &state) == fmi2OK);
+  CLAIM(fmi2SerializedFMUstateSize(c, state, &longer) == fmi2OK && longer < size + 400 * sizeof(FmuHeld));
+  CLAIM(fmi2FreeFMUstate(c, &state) == fmi2OK);
   bytes[0] ^= 1;
   CLAIM(fmi2DeSerializeFMUstate(other, bytes, size, &again) == fmi2Error && again == NULL);
   CLAIM(fmi2Reset(other) == fmi2OK);

@@ -65,7 +65,7 @@ static void states(void) {
   fmi3FMUState state = NULL, again = NULL;
   double first[OUTPUTS], second[OUTPUTS], third[OUTPUTS], start[OUTPUTS], changed;
   fmi3Byte *bytes;
-  size_t size = 0;
+  size_t size = 0, longer = 0;
   run(c, 0, 50, start);
   CLAIM(fmi3GetFMUState(c, &state) == fmi3OK);
   CLAIM(fmi3SerializedFMUStateSize(c, state, &size) == fmi3OK && size > 0);
@@ -85,6 +85,13 @@ static void states(void) {
   CLAIM(fmi3GetFMUState(other, &again) == fmi3OK);
   CLAIM(fmi3FreeFMUState(other, &again) == fmi3OK && again == NULL);
   CLAIM(fmi3FreeFMUState(c, &state) == fmi3OK && state == NULL);
+  CLAIM(fmi3Reset(c) == fmi3OK);
+  fmi3FreeInstance(c);
+  c = initialized(0.5);
+  run(c, 0, 5000, second);
+  CLAIM(fmi3GetFMUState(c, &state) == fmi3OK);
+  CLAIM(fmi3SerializedFMUStateSize(c, state, &longer) == fmi3OK && longer < size + 400 * sizeof(FmuHeld));
+  CLAIM(fmi3FreeFMUState(c, &state) == fmi3OK);
   bytes[0] ^= 1;
   CLAIM(fmi3DeserializeFMUState(other, bytes, size, &again) == fmi3Error && again == NULL);
   CLAIM(fmi3Reset(other) == fmi3OK);

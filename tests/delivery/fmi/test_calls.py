@@ -12,7 +12,7 @@ import pytest
 from tests.support.c_products import STRICT
 from tests.support.fmus import fmu, needs_compiler
 
-SANITIZED = ("-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+SANITIZED = ("-O0", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 HERE = Path(__file__).parent
 
 

@@ -19,7 +19,7 @@ from delivery.fmi.osp import osp_groups
 from delivery.fmi.ship import CoSimulatedShip
 from delivery.fmi.units import exponents, plain_unit
 from delivery.fmi.variables import variable_table
-from delivery.fmi.write import SOURCES_ONLY, write_fmu2, write_fmu3
+from delivery.fmi.write import LATE_COLUMNS, SOURCES_ONLY, write_fmu2, write_fmu3
 from delivery.product import NOT_CONVERGED, Product
 from mmg.compile.cache import compiler
 from mmg.errors import UserError
@@ -94,6 +94,15 @@ def test_coefficients_say_how_well_they_are_known() -> None:
 def test_the_same_ship_gives_the_same_bytes(version: int, tmp_path: Path) -> None:
     WRITERS[version](product(ship_of("plain")), tmp_path / "again.fmu")
     assert (tmp_path / "again.fmu").read_bytes() == fmu("plain", version).read_bytes()
+
+
+def test_what_is_logged_late_is_exact_or_said_to_be_near(tmp_path: Path) -> None:
+    exact = ship_of("plain").with_effect("velocity_lag", {"tau": 0.4})
+    assert CoSimulatedShip.of(product(exact)).late_columns == []
+    for name, values in (("gnss_delay", {"tau": 0.3}), ("antenna_offset", {"x": 0.5})):
+        near = exact.with_effect(name, values)
+        said = write_fmu2(product(near), tmp_path / "ship.fmu", ["none"])
+        assert has_code(said, LATE_COLUMNS)
 
 
 def test_a_changed_coefficient_changes_the_token(tmp_path: Path) -> None:
