@@ -34,7 +34,7 @@ SETTINGS = Settings(passes=2, window=20.0)
 @dataclass(frozen=True)
 class Said:
     """Statements on a case. verdicts, findings: of check, over its trials; refused: the error of the fit, "" when there
-    was none; converged; warnings: of the fit; misfit: rms over the noise of the residuals."""
+    was none; converged; warnings: of the fit."""
 
     verdicts: tuple[str, ...]
     findings: tuple[str, ...]
