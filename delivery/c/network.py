@@ -35,9 +35,14 @@ def _series() -> str:
     return f"const real q = y * y;\n    real p = ({horner[0]}) * y + ({horner[1]}) * q;"
 
 
+def tanh_statements(x: str) -> str:
+    """Statements that make p, exp(2 x) - 1, of the number with the name ``x``."""
+    doubled = " ".join(["p = p * (p + R(2.0));"] * DOUBLINGS)
+    return f"const real h = {x} * R({2.0 ** (1 - DOUBLINGS)!r});\n    {_series().replace('y', 'h')}\n    {doubled}"
+
+
 def layer_c(rows: int, columns: int) -> str:
     """C function ``network_ROWSxCOLUMNS``: one layer of ``rows`` (whole blocks) and ``columns``."""
-    doubled = " ".join(["p = p * (p + R(2.0));"] * DOUBLINGS)
     sums = [f"s{i}" for i in range(BLOCK)]
     return f"""
 /* y = tanh(weight x + bias) - offset. tanh is p / (p + 2) with p = exp(2 x) - 1, by the series of exp(y) - 1 at
@@ -60,9 +65,7 @@ static void network_{rows}x{columns}(const real *weight, const real *bias, const
     if (y[i] < R(-20.0)) y[i] = R(-20.0);
   }}
   for (i = 0; i < {rows}; i++) {{
-    const real z = y[i] * R({2.0 ** (1 - DOUBLINGS)!r});
-    {_series().replace("y", "z")}
-    {doubled}
+    {tanh_statements("y[i]")}
     y[i] = p / (p + R(2.0));
   }}
   for (i = 0; i < {rows}; i++) y[i] -= offset[i];
@@ -85,6 +88,12 @@ def _blocks(W: np.ndarray, columns: int) -> np.ndarray:
 def _vector(values: np.ndarray) -> np.ndarray:
     """Values (rows,) filled up with zeros."""
     return np.concatenate([values, np.zeros(_filled(len(values)) - len(values))])
+
+
+def layer_shapes(network: Network) -> list[list[tuple[int, int]]]:
+    """(rows, columns) of the layers of each member of ``network``, filled up to whole blocks."""
+    share = network.output_scales
+    return [_Member(k, m, network.feature_scales, share).shapes for k, m in enumerate(network.members)]
 
 
 class _Member:

@@ -83,7 +83,7 @@ coefficient's standard deviation, bounds and verdict.
 c++ -std=c++11 -O2 -x c++ {p}.c example.c -lm -o example
 ```
 
-* Fast: `-O3 -march=native`. `-ffast-math` may be used.
+* Fast: `-O3 -march=native`, which also makes `{p}_step_many` work eight ships at once. `-ffast-math` may be used.
 * Single precision: `-D {up}_SINGLE` for every file that includes the header. Positions are then good to 1e-7 of the
   distance from the origin.
 * A changed coefficient: call `{p}_init` again with all of them; the state stays.

@@ -19,7 +19,8 @@ from delivery.c.equations import (
     Equations,
 )  # fmt: skip
 from delivery.c.header import about, definitions, header_c
-from delivery.c.network import network_c
+from delivery.c.many import Many, many_c
+from delivery.c.network import layer_shapes, network_c
 from delivery.c.text import comment
 from delivery.product import Product
 from mmg.compile.portable_c import Emitter, functions_used, prelude
@@ -51,10 +52,14 @@ class Source:
     def text(self) -> str:
         """The whole source file. Raises UserError for equations that cannot be written."""
         try:
-            parts = [self._init(), self._stages(), self._entries(), self._jacobians(), self._steps(), self._range()]
+            parts = [self._init(), self._stages(), self._entries(), self._jacobians(), self._steps()]
+            shapes = layer_shapes(self.network) if self.network else []
+            sizes, network = (self.S, self.C), self.network
+            parts.append(many_c(Many(self.p, self.program, self.kept, sizes, network, self._places(), shapes)))
+            parts.append(self._range())
         except NotImplementedError as error:
             raise UserError(f"{FAILING} ({error}); leave the effect that needs it out with --without") from None
-        used = functions_used(self.program, EVERY)
+        used = sorted({*functions_used(self.program, EVERY), "fabs"})
         networks = network_c(self.network, self._places()) if self.network else ""
         head = f'#include "{self.p}.h"\n\n' + "".join(
             f"#include <{name}.h>\n" for name in ("float", "math", "stddef", "string")
@@ -172,7 +177,7 @@ class Source:
         return self._function(f"{head}  real *by_state, real *by_inputs)", lines, ("model", "state", "inputs"))
 
     def _steps(self) -> str:
-        p, S, C, size = self.p, self.S, self.C, max(len(self.held), 1)
+        p, S, size = self.p, self.S, max(len(self.held), 1)
         return f"""
 /* whether a state is finite, also under -ffast-math: by the bits of its exponents */
 static int finite_state(const real *state) {{
@@ -223,12 +228,6 @@ static int advance(const {p}_model *model, real *state, const real *inputs, doub
 int {p}_step(const {p}_model *model, real *state, const real *inputs, double h) {{
   const int steps = steps_of(h);
   return steps < 0 ? 1 : (steps == 0 ? 0 : advance(model, state, inputs, h, steps));
-}}
-
-int {p}_step_many(const {p}_model *model, int count, real *states, const real *inputs, double h) {{
-  int i, failed = 0;
-  for (i = 0; i < count; i++) failed += {p}_step(model, states + (size_t)i * {S}, inputs + (size_t)i * {C}, h);
-  return failed;
 }}
 """.replace("static int finite_state", f"{_ORDER}static int finite_state")
 

@@ -146,3 +146,30 @@ def test_600_s_agree_with_the_simulator(name: str, folder: Path) -> None:
         state, code = ship.step(state, inputs, h)
         assert code == 0
         assert np.abs(state - python[k * parts, :, 0]).max() < 1e-9, k
+
+
+def test_many_ships_move_as_one_by_one(ship: Compiled) -> None:
+    rng, (six, inputs) = np.random.default_rng(2), points(ship.of.ship, 21)
+    starts = np.array([ship.settle(a, b) for a, b in zip(six, inputs, strict=True)])
+    starts[:, 2] += rng.uniform(-300.0, 300.0, len(starts))
+    h = 0.3 * ship.of.longest_step
+    many, failed = ship.step_many(starts, inputs, h)
+    assert failed == 0
+    for start, held, found in zip(starts, inputs, many, strict=True):
+        assert close(found, ship.step(start, held, h)[0], 1e-11)
+
+
+def test_a_ship_that_fails_leaves_the_others_alone(ship: Compiled) -> None:
+    six, inputs = points(ship.of.ship, 17)
+    starts = np.array([ship.settle(a, b) for a, b in zip(six, inputs, strict=True)])
+    starts[3, 3], starts[16, 5], starts[5, 2] = np.nan, 1e200, 3e6
+    many, failed = ship.step_many(starts, inputs, 0.1)
+    alone = [ship.step(start, held, 0.1) for start, held in zip(starts, inputs, strict=True)]
+    assert failed == sum(code for _, code in alone) >= 1
+    for k, (state, code) in enumerate(alone):
+        assert np.array_equal(many[k], starts[k], equal_nan=True) if code else close(many[k], state, 1e-11)
+    for h in (-0.1, np.nan, np.inf):
+        same, failed = ship.step_many(starts, inputs, h)
+        assert failed == 17 and np.array_equal(same, starts, equal_nan=True)
+        assert ship.step(starts[0], inputs[0], h)[1] == 1
+    assert ship.step_many(starts, inputs, 0.0)[1] == 0
