@@ -44,8 +44,8 @@ VERBS = {
     "--no-random --step 1 --out OUT",
     "compare-workers": "compare --train trials --test others --models captive,fnn --epochs 1 --fractions 1 --seeds 2 "
     "--no-random --step 1 --workers 2 --out OUT",
-    "diagnose": "diagnose small.toml others --no-learn --step 2 --out OUT",
-    "diagnose-workers": "diagnose small.toml others --no-learn --step 2 --workers 2 --out OUT",
+    "diagnose": "diagnose small.toml others --no-learn --step 1 --out OUT",
+    "diagnose-workers": "diagnose small.toml others --no-learn --step 1 --workers 2 --out OUT",
     "predict": "predict esso_osaka_3m trials --window 30 --out OUT",
     "simulate": "simulate esso_osaka_3m --maneuver zigzag:10/10 --out OUT.csv",
     "export": "export esso_osaka_3m --format c --force --out OUT",
@@ -186,7 +186,7 @@ def ended(
             process.wait(5.0)
     if "Traceback" in (error := process.said()):
         faults.append(f"traceback: {error.strip().splitlines()[-1][:100]}")
-    until = time.monotonic() + 5.0
+    until = time.monotonic() + 30.0  # a process that is still importing notices it late
     while (living := list(_in_session(process.pid))) and time.monotonic() < until:
         time.sleep(0.1)
     if living:

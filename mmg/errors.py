@@ -42,6 +42,8 @@ def name_fault(name: str) -> str:
     """
     if PureWindowsPath(name).name != name or name == "..":
         return "must be plain words, no path: without / and \\"
+    if any("\udc80" <= c <= "\udcff" for c in name):
+        return "holds bytes that are no text in this locale; set PYTHONUTF8=1, or LC_ALL to one with UTF-8"
     if not name.isprintable():
         return "must hold characters that can be printed"
     if len(name.encode(errors="replace")) > LONGEST_NAME:

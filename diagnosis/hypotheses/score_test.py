@@ -86,9 +86,11 @@ def slopes(steps: TransitionModel, data: GriddedTrials, found: Point, candidates
     late = timing, np.zeros((*data.good.shape, timing.shape[3]))
     linearised = linearise_and_filter(steps, data, point, active, lambda _: late)
     P, c = len(free.symbols), timing.shape[3]
-    every = linearised.white
+    every, broken = linearised.white, ~np.isfinite(linearised.white).all(axis=(0, 1, 2))
+    broken[[*range(P), -1]] = False  # the fit itself is finite, or there is none
+    every[..., broken] = 0.0  # a candidate whose response explodes at this step is not tested
     grams = np.einsum("krca,krcb->rab", every, every, optimize=True)
-    logdet_gradient = np.hstack([linearised.logdet_gradient, np.zeros((len(data.run), 1))])
+    logdet_gradient = np.hstack([np.where(broken[:-1], 0.0, linearised.logdet_gradient), np.zeros((len(data.run), 1))])
     # a parameter of one run has the column of the ship's parameter in that run's windows and nothing elsewhere
     pick = np.array([*range(P), *range(P + n, P + n + c), *(P + symbols.index(x.symbol) for x in each), P + n + c])
     acts = np.hstack([np.ones((len(data.run), P + c)), active_in_window(each, data), np.ones((len(data.run), 1))])

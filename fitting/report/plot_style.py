@@ -6,6 +6,7 @@ it blue (after Okabe & Ito: distinct for colour-blind readers and in grey print)
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -56,8 +57,9 @@ class FigureFolder:
 
     def write(self, name: str, draw: Callable[[], Figure], title: str, caption: str) -> None:
         """Write the figure that ``draw`` gives as ``name``.png, with its ``title`` and ``caption``."""
-        with self.making(f"figure {name}"):
+        with self.making(f"figure {name}"), warnings.catch_warnings():
             self.folder.mkdir(parents=True, exist_ok=True)
+            warnings.filterwarnings("ignore", "Glyph .* missing")  # a box stands for it
             draw().savefig(self.folder / f"{name}.png", dpi=DPI)
             self.rows.append({"file": f"{name}.png", "title": title, "caption": caption})
 

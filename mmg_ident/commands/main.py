@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import _thread
 import contextlib
 import functools
 import importlib.util
@@ -43,12 +44,21 @@ def _ended(*_: Any) -> None:
     signal.raise_signal(signal.SIGINT)
 
 
+def _raised_again(found: Any) -> None:
+    """Ctrl-C that was raised where nothing can be (while an object is deleted, say) is raised once more elsewhere."""
+    if issubclass(found.exc_type, KeyboardInterrupt):
+        _thread.interrupt_main()
+    else:
+        sys.__unraisablehook__(found)
+
+
 _usual = signal.getsignal(signal.SIGINT)
 
 
 def answer_signals() -> None:
     """From now on Ctrl-C and SIGTERM are answered with one line, and within two seconds (``watcher``)."""
     signal.signal(signal.SIGINT, _stopped)
+    sys.unraisablehook = _raised_again
     if multiprocessing.parent_process() is None:  # workers are ended by it at once
         signal.signal(signal.SIGTERM, _ended)
         watch()

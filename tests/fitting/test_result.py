@@ -128,7 +128,8 @@ def test_a_figure_or_page_that_fails_loses_nothing(tmp_path: Path, monkeypatch: 
     """The numbers are in the folder before anything is drawn; what could not be made is a warning of the result."""
 
     def broken(*_: Any) -> None:
-        assert json.loads((tmp_path / "run" / RESULT).read_text())["figures"] == []
+        content = json.loads((tmp_path / "run" / RESULT).read_text())
+        assert content["figures"] == [] and content["messages"][0]["code"] == "parts_left_out"  # not yet all there
         raise ValueError("no such glyph")
 
     monkeypatch.setattr("fitting.report.plots.coefficient_plot", broken)
@@ -138,6 +139,7 @@ def test_a_figure_or_page_that_fails_loses_nothing(tmp_path: Path, monkeypatch: 
     read = read_fit(tmp_path / "run")
     assert read.coefficients == small_result().coefficients and read.ship == small_result().ship
     failed = [str(m) for m in read.warnings if m.code == "figure_failed"]
+    assert not has_code(read.warnings, "parts_left_out")
     assert len(failed) == 3 and "coefficients could not be made (ValueError: no such glyph)" in failed[0]
     assert {row.file for row in read.figures} >= {"scores.png", "track_1.png"} and saved.figures == read.figures
     assert not any(row.file == "coefficients.png" for row in read.figures)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.stats import binom, kstest
 
+import diagnosis.hypotheses.score_test as module
 from benchmarks.disturbed_trials import drawn_ship
 from diagnosis.estimation.candidates import Candidate, Column, ship_with_all_effects
 from diagnosis.estimation.map_estimate import Estimate
@@ -224,3 +226,21 @@ def test_effects_that_nothing_is_known_of_are_left_out_with_a_reason() -> None:
     assert candidate("bank").symbols == ("bank.suction", "bank.moment")
     with_current = ship_with_all_effects(SHIP.with_effect("current", {"x": 0.01}))
     assert "current" not in {c.effect for c in with_current.candidates}
+
+
+def test_a_candidate_whose_response_explodes_is_not_tested_and_the_others_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    """At a long step the memory of a candidate may be unstable along a trial."""
+    problem, null = problem_of(pushed_trials(1, runs=(("zigzag:20/20", 60.0),)), 1.0)
+    both = [candidate("current"), candidate("rudder_lag")]
+    alone = {r.candidate: r for r in score_tests(slopes(problem.steps, problem.data, null, both[1:]), both[1:])}
+    whole = module.linearise_and_filter
+
+    def explodes(*given: Any) -> Any:
+        found = whole(*given)
+        first = len(null.free.symbols)
+        found.white[..., first : first + 2] = np.nan  # both parameters of the current
+        return found
+
+    monkeypatch.setattr(module, "linearise_and_filter", explodes)
+    rows = {r.candidate: r for r in score_tests(slopes(problem.steps, problem.data, null, both), both)}
+    assert not rows[both[0]].excited and pytest.approx(alone[both[1]].T) == rows[both[1]].T

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,8 @@ from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.hypotheses.forward_selection import SearchProblem
 from diagnosis.hypotheses.simulated_chance import SimulatedChance, simulated_chance, simulated_trials
 from diagnosis.hypotheses.unnamed import unnamed_forms
+from fitting.report.parts import Store
+from mmg.errors import UserError
 from tests.support.diagnosis_cases import candidate, problem_of, pushed_trials
 
 
@@ -38,6 +42,23 @@ def test_the_tests_of_simulated_campaigns_follow_their_law(fitted: tuple[SearchP
     low, high = np.quantile(law.chance[:, 0], [0.02, 0.9])
     assert low < np.median(found.unnamed[:, 0]) < high
     assert 0.02 < np.median(found.smallest) < 0.8
+
+
+def test_a_campaign_that_was_kept_is_not_simulated_again(
+    fitted: tuple[SearchProblem, Estimate], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem, null = fitted
+    few = SearchProblem(problem.steps, problem.data, problem.base, (candidate("current"),))
+    found = simulated_chance(few, null, 2, seed=4, store=Store(tmp_path / "parts", {"seed": 4}))
+
+    def none(_: object) -> None:
+        raise AssertionError("simulated again")
+
+    monkeypatch.setattr("diagnosis.hypotheses.simulated_chance.simulated_tests", none)
+    again = simulated_chance(few, null, 2, seed=4, store=Store(tmp_path / "parts", {"seed": 4}, resume=True))
+    assert np.array_equal(again.unnamed, found.unnamed) and np.array_equal(again.smallest, found.smallest)
+    with pytest.raises(UserError, match="--resume needs the same seed"):
+        simulated_chance(few, null, 2, seed=5, store=Store(tmp_path / "parts", {"seed": 5}, resume=True))
 
 
 def test_a_probability_counts_the_campaigns_that_go_as_far() -> None:

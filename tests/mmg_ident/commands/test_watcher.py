@@ -1,0 +1,56 @@
+"""A library that does not return (here: a sum in C) does not keep Ctrl-C waiting."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")
+
+DEAF = """
+import itertools, signal, sys
+from mmg_ident.commands.watcher import tell, watch
+signal.signal(signal.SIGINT, signal.default_int_handler)
+watch()
+if sys.argv[1] == "held":
+    tell("held")
+print("ready", flush=True)
+sum(itertools.repeat(1, 2 * 10**10))
+"""
+
+
+def deaf(state: str) -> subprocess.Popen[str]:
+    command = [sys.executable, "-c", DEAF, state]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout is not None and process.stdout.readline() == "ready\n"
+    return process
+
+
+def test_a_command_with_nothing_to_keep_is_ended_with_a_line() -> None:
+    process = deaf("free")
+    process.send_signal(signal.SIGINT)
+    _, error = process.communicate(timeout=20)
+    assert process.returncode == -signal.SIGKILL and "nothing was written" in error and error.count("\n") == 1
+
+
+def test_one_with_something_to_keep_is_let_go_on_until_the_second() -> None:
+    process = deaf("held")
+    process.send_signal(signal.SIGINT)
+    assert process.stderr is not None and "as soon as the present step is done" in process.stderr.readline()
+    assert process.poll() is None
+    process.send_signal(signal.SIGINT)
+    process.communicate(timeout=20)
+    assert process.returncode == -signal.SIGKILL
+
+
+def test_the_second_process_ends_with_the_first_and_holds_no_output_open() -> None:
+    process = deaf("free")
+    process.kill()
+    began = time.monotonic()
+    assert process.communicate(timeout=20) == ("", "")  # both ends of output are closed
+    assert time.monotonic() - began < 20
