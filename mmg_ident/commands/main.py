@@ -10,6 +10,7 @@ import multiprocessing
 import os
 import signal
 import sys
+import threading
 from collections.abc import Callable
 from importlib import import_module
 from typing import Any
@@ -47,7 +48,7 @@ def _ended(*_: Any) -> None:
 def _raised_again(found: Any) -> None:
     """Ctrl-C that was raised where nothing can be (while an object is deleted, say) is raised once more elsewhere."""
     if issubclass(found.exc_type, KeyboardInterrupt):
-        _thread.interrupt_main()
+        threading.Timer(0.05, _thread.interrupt_main).start()  # not from here, where it is dropped as well
     else:
         sys.__unraisablehook__(found)
 

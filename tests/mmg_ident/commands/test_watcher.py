@@ -28,6 +28,7 @@ def deaf(state: str) -> subprocess.Popen[str]:
     command = [sys.executable, "-c", DEAF, state]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert process.stdout is not None and process.stdout.readline() == "ready\n"
+    time.sleep(0.5)  # until it is in the sum
     return process
 
 
@@ -54,3 +55,26 @@ def test_the_second_process_ends_with_the_first_and_holds_no_output_open() -> No
     began = time.monotonic()
     assert process.communicate(timeout=20) == ("", "")  # both ends of output are closed
     assert time.monotonic() - began < 20
+
+
+LOST = """
+import signal, time
+from mmg_ident.commands import main
+main.answer_signals()
+signal.signal(signal.SIGINT, main.note_interruption)
+class Deleted:
+    def __del__(self):
+        signal.raise_signal(signal.SIGINT)
+try:
+    one = Deleted()
+    del one
+    for _ in range(100):
+        time.sleep(0.02)
+except KeyboardInterrupt:
+    print("raised")
+"""
+
+
+def test_ctrl_c_that_python_drops_while_an_object_is_deleted_is_raised_once_more() -> None:
+    made = subprocess.run([sys.executable, "-c", LOST], capture_output=True, text=True, check=False)
+    assert made.stdout == "raised\n" and "Traceback" not in made.stderr
