@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import _thread
 import contextlib
+import ctypes
 import functools
 import importlib.util
 import multiprocessing
@@ -40,15 +40,19 @@ def note_interruption(*given: Any) -> None:
     signal.default_int_handler(*given)
 
 
-def _ended(*_: Any) -> None:
-    """SIGTERM ends a verb as Ctrl-C does: what can be kept is written, and nothing half-written is left."""
-    signal.raise_signal(signal.SIGINT)
+def terminated(_: int, frame: Any) -> None:
+    """SIGTERM ends a verb as Ctrl-C does: what can be kept is written, and nothing half-written is left.
+
+    frame: where it came.
+    """
+    handler = signal.getsignal(signal.SIGINT)  # called, not sent: a second signal would end it at once
+    (handler if callable(handler) else note_interruption)(signal.SIGINT, frame)
 
 
 def _raised_again(found: Any) -> None:
     """Ctrl-C that was raised where nothing can be (while an object is deleted, say) is raised once more elsewhere."""
     if issubclass(found.exc_type, KeyboardInterrupt):
-        threading.Timer(0.05, _thread.interrupt_main).start()  # not from here, where it is dropped as well
+        threading.Timer(0.05, ctypes.pythonapi.PyErr_SetInterrupt).start()  # not from here, where it is dropped as well
     else:
         sys.__unraisablehook__(found)
 
@@ -61,7 +65,7 @@ def answer_signals() -> None:
     signal.signal(signal.SIGINT, _stopped)
     sys.unraisablehook = _raised_again
     if multiprocessing.parent_process() is None:  # workers are ended by it at once
-        signal.signal(signal.SIGTERM, _ended)
+        signal.signal(signal.SIGTERM, terminated)
         watch()
 
 

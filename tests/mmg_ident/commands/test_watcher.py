@@ -10,6 +10,8 @@ import time
 
 import pytest
 
+from mmg_ident.commands import main
+
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")
 
 DEAF = """
@@ -78,3 +80,15 @@ except KeyboardInterrupt:
 def test_ctrl_c_that_python_drops_while_an_object_is_deleted_is_raised_once_more() -> None:
     made = subprocess.run([sys.executable, "-c", LOST], capture_output=True, text=True, check=False)
     assert made.stdout == "raised\n" and "Traceback" not in made.stderr
+
+
+def test_sigterm_counts_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A second signal would end at once what has something to keep."""
+    called: list[int] = []
+    monkeypatch.setattr(signal, "raise_signal", lambda number: pytest.fail("sent once more"))
+    before = signal.signal(signal.SIGINT, lambda number, _: called.append(number))
+    try:
+        main.terminated(signal.SIGTERM, None)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert called == [signal.SIGINT]
