@@ -154,6 +154,7 @@ class MessageRow:
 class FitRecord:
     """What a calibration found, as result.json holds it; ``docs/files.md`` lists the keys.
 
+    envelope: quantity -> range (lowest, highest) that the training trials held, SI (``fitting.report.limits``).
     Attributes with a default are absent from the file where they are None.
     """
 

@@ -23,6 +23,7 @@ from cases.shipfiles.network_file import NETWORK, load_network, save_network
 from cases.shipfiles.ship_file import dump_ship, load_ship
 from fitting.calibration import Calibration
 from fitting.record import FigureRow, FitObjects, FitRecord, MessageRow, read_record
+from fitting.report.delivered import Delivered, delivered
 from fitting.report.page import build_page, write_page
 from fitting.report.plot_identifiability import write_identifiability_figures
 from fitting.report.plot_style import FigureFolder
@@ -135,7 +136,8 @@ class FitResult(FitRecord):
             messages = (*failed, *missing, *self.messages)
             done = changed(self, figures=figures, messages=messages, timings_s={**self.timings_s, "wall": wall})
         with written.making(PAGE):
-            write_page(build_page([(done, done.ship, folder)]), folder / PAGE)
+            trials = (*self.objects.trials, *self.objects.validation) if self.objects else ()
+            write_page(build_page([(done, done.ship, folder)], [Delivered(trials)]), folder / PAGE)
         if self.objects:  # last, as it says that all is there
             if len(written.failures) > len(failed):
                 failed = tuple(MessageRow("warning", m.code, m) for m in written.failures)
@@ -158,10 +160,17 @@ def read_fit(folder: str | Path) -> FitResult:
     return FitResult(**vars(record), ship=load_ship(where), start=start, iterate=iterate, folder=where)
 
 
-def write_report(folders: Sequence[str | Path], out: str | Path) -> None:
-    """Write one self-contained HTML page on the run folders ``folders`` to the file ``out``.
+def write_report(
+    folders: Sequence[str | Path], out: str | Path, full_load: float | None = None, imo: bool = True
+) -> str:
+    """Write one self-contained HTML page on the run folders ``folders`` to the file ``out``; returns it.
 
-    Raises UserError for a folder that is no calibration, and for a file that cannot be written.
+    full_load: draught [m] of the fully loaded ship, to which tested figures are corrected; imo: with the form for IMO,
+    whose figures are simulated. Raises UserError for a folder that is no calibration, a draught that makes no sense,
+    and for a file that cannot be written.
     """
     results = [read_fit(folder) for folder in folders]
-    write_page(build_page([(r, r.ship, Path(f)) for r, f in zip(results, folders, strict=True)]), Path(out))
+    known = [delivered(r, r.ship, full_load, imo) for r in results]
+    text = build_page([(r, r.ship, Path(f)) for r, f in zip(results, folders, strict=True)], known)
+    write_page(text, Path(out))
+    return text

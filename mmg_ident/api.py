@@ -301,15 +301,26 @@ def load_run(folder: str | Path) -> FitResult | TrainResult | Diagnosis:
     raise UserError(f"{folder}: result.json says kind {kind!r}; known are calibration, training and diagnosis")
 
 
-def write_report(runs: str | Path | Sequence[str | Path], out: str | Path) -> None:
+def write_report(
+    runs: str | Path | Sequence[str | Path],
+    out: str | Path,
+    pdf: str | Path | None = None,
+    full_load: float | None = None,
+    imo: bool = True,
+) -> None:
     """Write one self-contained HTML page on a run folder, or on several side by side.
 
-    runs: folders of ``mmg fit``, or of ``mmg train``; out: the file. Raises UserError for a folder of another kind, and
-    for a file that cannot be written.
+    runs: folders of ``mmg fit``, or of ``mmg train``; out: the file; pdf: file for the same page as PDF (needs
+    WeasyPrint); full_load: draught [m] of the fully loaded ship, to which tested figures are corrected; imo: with the
+    form for IMO of a calibration. Raises UserError for a folder of another kind, for a file that cannot be written, and
+    where WeasyPrint is missing.
     """
+    from fitting.report.pdf import needs_weasyprint, write_pdf
     from fitting.report.run_folder import read_result
 
     folders = [Path(run) for run in ([runs] if isinstance(runs, (str, Path)) else runs)]
+    if pdf is not None:
+        needs_weasyprint()
     if read_result(folders[0])["kind"] == "training":
         from residual.result import write_report as write_trainings
 
@@ -317,4 +328,6 @@ def write_report(runs: str | Path | Sequence[str | Path], out: str | Path) -> No
     else:
         from fitting.result import write_report as write_calibrations
 
-        write_calibrations(folders, out)
+        write_calibrations(folders, out, full_load, imo)
+    if pdf is not None:
+        write_pdf(Path(out).read_text(encoding="utf-8"), Path(pdf))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -47,7 +47,7 @@ class ManeuverScatter:
     """A manoeuvre of ``count`` ships drawn about one.
 
     coefficients: symbol -> draws (count,); rows: a row per figure; runs: motions, the ship as it is first, then the
-    draws; notices: what to know of them.
+    draws; notices: what to know of them. values: figure -> (count,) its value in each draw, NaN where it has none.
     """
 
     ship: str
@@ -58,6 +58,7 @@ class ManeuverScatter:
     rows: tuple[ScatterRow, ...]
     runs: SimulatedRuns
     notices: tuple[Message, ...] = ()
+    values: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
         """What ``mmg simulate --scatter --json`` prints."""
@@ -157,13 +158,14 @@ def scatter(
     if correlation is None:
         notices.append(Message("coefficients are drawn independently of each other: no correlation is known",
                                "independent_draws"))  # fmt: skip
-    rows = []
+    rows, by_draw = [], {}
     for name in dict.fromkeys(name for found in (own, *figures.values()) for name in found):
-        values = np.array([found[name] for found in figures.values() if name in found])
+        by_draw[name] = np.array([figures.get(k + 1, {}).get(name, np.nan) for k in range(count)])
+        values = by_draw[name][np.isfinite(by_draw[name])]
         if len(values):
             low, middle, high = (float(q) for q in np.quantile(values, (0.05, 0.5, 0.95)))
             share = len(values) / len(figures)
             rows.append(ScatterRow(name, figure_unit(name), own.get(name), middle, (low, high), share))
     kept = np.concatenate([[0], good[good > 0]])
     runs = replace(runs, states=runs.states[:, :, kept], inputs=runs.inputs[:, :, kept], last=runs.last[kept])
-    return ManeuverScatter(ship.name, plan, count, seed, drawn, tuple(rows), runs, tuple(notices))
+    return ManeuverScatter(ship.name, plan, count, seed, drawn, tuple(rows), runs, tuple(notices), by_draw)

@@ -5,7 +5,6 @@ Trials are those that the result.json of a run names, where their file is still 
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,8 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from cases.io.files import read_bytes
-from cases.io.read import read_trial, read_trials
+from cases.io.read import read_trials
 from cases.trial import Trial
 from diagnosis.report.missing_force import MissingForce, read_missing_force
 from diagnosis.result import CONTENT, read_diagnosis
@@ -22,13 +20,11 @@ from fitting.prediction.bands import Bands, bands_of
 from fitting.prediction.predict import Forecaster
 from fitting.report.page import label_of
 from fitting.report.run_folder import RESULT, read_result
+from fitting.report.trial_files import trial_rows, trials_again, unique_rows
 from fitting.result import read_fit
 from mmg.errors import UserError
 from mmg.rollout import Simulator
 from mmg.ship import Ship
-
-ROLES = {"data": "calibration", "validation_data": "held out", "test": "test"}
-"""Key of result.json -> what its trials were used for."""
 
 
 @dataclass(frozen=True)
@@ -148,34 +144,22 @@ def _named(folder: Path) -> list[ViewModel]:
 
 def _rows(folder: Path) -> list[tuple[str, Mapping[str, Any]]]:
     """(role, row of result.json) of every trial that the run ``folder`` used."""
-    content = read_result(folder)
-    return [(role, row) for key, role in ROLES.items() for row in content.get(key) or [] if isinstance(row, dict)]
+    return trial_rows(read_result(folder))
 
 
 def _trials(
     rows: Iterable[tuple[str, Mapping[str, Any]]], given: Sequence[str | Path]
 ) -> tuple[list[ViewTrial], list[str]]:
     """The trials to show, each file once, and what is missing of them."""
-    known: dict[str, tuple[str, Mapping[str, Any]]] = {}
-    for role, row in rows:
-        known.setdefault(str(row.get("sha256") or row.get("name")), (role, row))
     if given:
-        read = read_trials(given)
-        return [ViewTrial(t, known.get(str(t.sha256), ("other", {}))[0]) for t in read], []
-    shown, absent = [], []
-    for key, (role, row) in known.items():
-        path = Path(str(row["path"])) if row.get("path") else None
-        if path is None or not path.is_file():
-            absent.append(f"{row.get('name')} ({'no file is named' if path is None else f'{path} is not there'})")
-        elif hashlib.sha256(read_bytes(path)).hexdigest() != key:
-            absent.append(f"{row.get('name')} ({path} has changed since)")
-        else:
-            shown.append(ViewTrial(read_trial(path), role))
-    if not shown:
+        known = unique_rows(rows)
+        return [ViewTrial(t, known.get(str(t.sha256), ("other", {}))[0]) for t in read_trials(given)], []
+    found, absent = trials_again(rows)
+    if not found:
         what = f"none of the {len(absent)} trials of the run is there as it was: {absent[0]}" if absent else "no trial"
         raise UserError(f"{what}; give the files with --trials")
     notes = [f"{len(absent)} trial(s) of the run are not shown: {'; '.join(absent)}; give them with --trials"]
-    return shown, notes if absent else []
+    return [ViewTrial(trial, role) for role, trial in found], notes if absent else []
 
 
 def _beside(folders: Sequence[Path], shown: Sequence[ViewTrial]) -> tuple[Path | None, list[str]]:

@@ -25,6 +25,11 @@ DETERMINED, PARTLY = 0.1, 0.7
 WORSE = 1.2
 """Ratio of posterior to prior variance above which the data made the estimate worse, by correlated residuals."""
 
+STRAINED = 2.0
+"""Prior standard deviations from the prior beyond which an estimate that the trials hardly tell contradicts it.
+
+A share of PARTLY leaves the estimate sqrt(1 - PARTLY) = 0.55 prior standard deviations of chance."""
+
 SILENT = 0.1
 """Information of the data, in units of the prior's, below which a coefficient counts as not excited at all."""
 
@@ -38,6 +43,7 @@ KINDS = {
     "shared": "shared with others",
     "prior": "decided by the prior",
     "silent": "not excited",
+    "strained": "in conflict with the prior",
     "bound": "at a bound",
     "unknown": "unknown",
 }
@@ -52,12 +58,12 @@ from which their combination is named at all."""
 class CoefficientFinding:
     """What decided one coefficient.
 
-    symbol: the coefficient. kind: "determined", "partly", "shared", "prior", "silent" (not excited), "bound" or
-    "unknown".
+    symbol: the coefficient. kind: "determined", "partly", "shared", "prior", "silent" (not excited), "strained" (hardly
+    told by the trials, and still far from its prior), "bound" or "unknown".
     share: prior's share of the posterior variance. alone: the share that would be left if all others were known.
     partners: coefficients it is confounded with, the most important first; together: the share that would be left
     if these were known. combination: what of it and its first partner is determined, in words, "" when not simple.
-    bound: "lower", "upper" or "".
+    bound: "lower", "upper" or "". shift: of the estimate from the prior, in prior standard deviations.
     """
 
     symbol: str
@@ -68,6 +74,7 @@ class CoefficientFinding:
     together: float = float("nan")
     combination: str = ""
     bound: str = ""
+    shift: float = float("nan")
 
 
 @dataclass(frozen=True)
@@ -201,6 +208,8 @@ def _finding(
         kind = "silent"
     else:
         kind = "partly" if share < PARTLY else "prior"
+    if kind in ("prior", "silent") and abs(float(p[i])) > STRAINED:
+        kind = "strained"
     if kind == "silent" or (not shared and together > 0.67 * share):
         partners, together = [], share
     words = ""
@@ -209,7 +218,7 @@ def _finding(
         close = abs(covariance[i, j]) >= PAIR * np.sqrt(share * covariance[j, j])
         words = combination(i, j, prior, p, covariance) if close else ""
     names = tuple(prior.symbols[j] for j in partners)
-    return CoefficientFinding(prior.symbols[i], kind, share, alone, names, together, words, where)
+    return CoefficientFinding(prior.symbols[i], kind, share, alone, names, together, words, where, float(p[i]))
 
 
 def _partners(i: int, covariance: np.ndarray) -> tuple[list[int], float]:

@@ -51,6 +51,11 @@ def cause(finding: CoefficientFinding, missing: str = "") -> str:
     """What decided a coefficient, in words, from its ``finding``; missing: what trials that excite it have and these
     have not."""
     names, kind = listed(finding.partners), finding.kind
+    if kind == "strained":
+        return (
+            f"in conflict with the prior: {abs(finding.shift):.1f} prior standard deviations away although the trials "
+            "hardly tell it; check the prior, or what the model lacks"
+        )
     if kind == "prior" and finding.share > WORSE:
         return "no better known than by its prior: correlated residuals made it worse; fix it or narrow its prior"
     if kind == "shared":

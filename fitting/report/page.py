@@ -18,8 +18,9 @@ from cases.io.files import replace_text
 from cases.trial import UNITS
 from fitting.identifiability.analysis import KINDS
 from fitting.record import FitRecord
-from fitting.report.plots import component_of, determination, grouped
-from fitting.report.words import headline, not_in_model, per_run_table, plus_minus, report_warnings, setting_rows
+from fitting.report.coefficient_table import capped, coefficient_groups, correlated_pairs, shown_number
+from fitting.report.delivered import Delivered, delivery_sections
+from fitting.report.words import headline, not_in_model, per_run_table, report_warnings, setting_rows
 from mmg.components.catalogue import summary
 from mmg.components.particulars import PARTICULARS
 from mmg.effects import effect
@@ -79,47 +80,6 @@ def figures_of(folder: Path, listed: Any) -> list[dict]:
     return figures
 
 
-def _coefficients(result: dict, ship: Ship) -> list[dict]:
-    """Rows for the coefficient table by component, and fixed coefficients of the same component."""
-    rows: dict[str, Any] = dict.fromkeys(ship.coefficients) | result["coefficients"]
-    tests = {symbol: test for test in result.get("effects", []) for symbol in test["parameters"]}
-    return [
-        {
-            "name": group,
-            "rows": [
-                _coefficient(symbol, rows[symbol]) | {"test": tests.get(symbol)} for symbol in symbols if rows[symbol]
-            ],
-            "fixed": [f"{s} = {ship.coefficients[s].value:.6g}" for s in symbols if not rows[s]],
-        }
-        for group, symbols in grouped(rows, component_of(ship))
-    ]
-
-
-def _coefficient(symbol: str, row: dict) -> dict:
-    share = row["prior_share"]
-    return row | {
-        "symbol": symbol,
-        "prior": plus_minus(row["prior_value"], row["prior_std"]),
-        "estimate": plus_minus(row["value"], row["std"]),
-        "shift": (row["value"] - (row["prior_value"] or 0.0)) / (row["prior_std"] or math.nan),
-        "share": _capped(share),
-        "kind": determination(share),
-        "limits": f"{_number(row['lower'])} to {_number(row['upper'])}",
-    }
-
-
-def _correlated(result: dict, most: int = 12, least: float = 0.7) -> list[tuple[str, str, float]]:
-    """Pairs of coefficients whose estimates are correlated by at least ``least``, strongest first."""
-    symbols = result["correlation"]["symbols"]
-    pairs = [
-        (symbols[i], symbols[j], value)
-        for i, row in enumerate(result["correlation"]["matrix"])
-        for j, value in enumerate(row[:i])
-        if value is not None and abs(value) >= least
-    ]
-    return sorted(pairs, key=lambda p: -abs(p[2]))[:most]
-
-
 def section(result: dict, most_options: int = 10) -> dict[str, Any] | None:
     """What the template shows of identifiability in ``result`` (content of result.json), None where it is missing.
 
@@ -129,7 +89,7 @@ def section(result: dict, most_options: int = 10) -> dict[str, Any] | None:
     if not isinstance(content, dict) or not isinstance(content.get("coefficients"), dict):
         return None
     rows = [
-        {"kind": "unknown", "cause": "", "advice": ""} | row | {"symbol": s, "share": _capped(row.get("prior_share"))}
+        {"kind": "unknown", "cause": "", "advice": ""} | row | {"symbol": s, "share": capped(row.get("prior_share"))}
         for s, row in content["coefficients"].items()
     ]
     rank = {kind: i for i, kind in enumerate(reversed(KINDS))}
@@ -153,10 +113,6 @@ def section(result: dict, most_options: int = 10) -> dict[str, Any] | None:
         "plan": trial.get("plan", []),
         "left_out": trial.get("left_out", []),
     }
-
-
-def _capped(share: float | None) -> float | None:
-    return None if share is None else min(max(share, 0.0), 1.0)
 
 
 def score_sets(result: dict) -> list[dict]:
@@ -206,10 +162,10 @@ def label_of(folder: Path) -> str:
     return name.lstrip(".").rsplit(".", 1)[0] if name.startswith(".") else name
 
 
-def _run(record: FitRecord, ship: Ship, folder: Path, number: int) -> dict:
+def _run(record: FitRecord, ship: Ship, folder: Path, number: int, known: Delivered) -> dict:
     """All that the template shows of one run."""
     result = record.to_dict()
-    groups = _coefficients(result, ship)
+    groups = coefficient_groups(result, ship)
     kinds = [row["kind"] for g in groups for row in g["rows"]]
     figures = figures_of(folder, result["figures"])
     by_place = {place: [f for f in figures if f["name"].startswith(starts)] for place, starts in PLACES.items()}
@@ -223,8 +179,8 @@ def _run(record: FitRecord, ship: Ship, folder: Path, number: int) -> dict:
         "warnings": report_warnings(result),
         "scores": score_sets(result),
         "groups": groups,
-        "counts": {kind: kinds.count(kind) for kind in ("determined", "partly", "prior", "unknown")},
-        "correlated": _correlated(result),
+        "counts": [(KINDS[kind], kinds.count(kind)) for kind in KINDS if kind in kinds],
+        "correlated": correlated_pairs(result),
         "identifiability": section(result),
         "per_run": per_run_table(result),
         "particulars": [(k, v, *PARTICULARS.get(k, ("", ""))) for k, v in ship.particulars.items()],
@@ -236,6 +192,7 @@ def _run(record: FitRecord, ship: Ship, folder: Path, number: int) -> dict:
         "figures": by_place | {"other": [f for f in figures if f not in placed]},
         "settings": setting_rows(result["settings"]),
         "citations": citations_of(result),
+        **delivery_sections(record, ship, known),
     }
 
 
@@ -268,31 +225,26 @@ def _differs(first: dict | None, other: dict | None) -> bool:
     return abs(first["value"] - other["value"]) > 2 * math.hypot(first["std"], other["std"])
 
 
-def _number(value: Any, digits: int = 3) -> str:
-    if value is None or (isinstance(value, float) and not math.isfinite(value)):
-        return "–"
-    return f"{value:.{digits}g}".replace("-", "−") if isinstance(value, (int, float)) else str(value)
-
-
 def environment() -> Environment:
     """Where the templates are, with their filters; what they print is escaped."""
     found = Environment(
         loader=PackageLoader("fitting.report", "templates"), autoescape=True, undefined=StrictUndefined,
         trim_blocks=True, lstrip_blocks=True,
     )  # fmt: skip
-    found.filters["number"] = _number
+    found.filters["number"] = shown_number
     found.filters["as_numbers"] = lambda names: [f"{name}|n" for name in names]
     return found
 
 
-def build_page(results: Sequence[tuple[FitRecord, Ship, Path]]) -> str:
+def build_page(results: Sequence[tuple[FitRecord, Ship, Path]], known: Sequence[Delivered] = ()) -> str:
     """One self-contained HTML page on ``results``: record, calibrated ship and folder with the figures of each.
 
-    Raises UserError for no results.
+    known: of each result its trials and its form for IMO; none by default. Raises UserError for no results.
     """
     if not results:
         raise UserError("no run folder given")
-    runs = [_run(*result, i + 1) for i, result in enumerate(results)]
+    beside = [*known, *(Delivered() for _ in results[len(known) :])]
+    runs = [_run(*result, i + 1, beside[i]) for i, result in enumerate(results)]
     labels = [run["label"] for run in runs]
     for run in runs:
         if labels.count(run["label"]) > 1:

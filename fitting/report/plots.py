@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from cases.trial import Trial
-from fitting.identifiability.analysis import DETERMINED, PARTLY
+from fitting.identifiability.analysis import DETERMINED, KINDS, PARTLY
 from fitting.prediction.predict import predict_all
 from fitting.prediction.score import PAPER_WINDOW
 from fitting.record import CoefficientRow, FitObjects, FitRecord
@@ -53,12 +53,23 @@ def determination(share: float | None) -> str:
     return "determined" if share < DETERMINED else "partly" if share < PARTLY else "prior"
 
 
+def kinds_of(result: Mapping[str, Any]) -> dict[str, str]:
+    """Kind of finding (``fitting.identifiability.analysis.KINDS``) by symbol in ``result``, content of result.json."""
+    found = result.get("identifiability") or {}
+    return {symbol: str(row.get("kind", "")) for symbol, row in found.get("coefficients", {}).items()}
+
+
 MARKS = {
-    "determined": {"marker": "o", "color": AFTER, "mfc": AFTER, "label": "determined by the data"},
-    "partly": {"marker": "o", "color": AFTER, "mfc": "white", "label": "partly determined"},
-    "prior": {"marker": "s", "color": GREY, "mfc": "white", "label": "decided by the prior"},
+    "determined": {"marker": "o", "color": AFTER, "mfc": AFTER, "label": KINDS["determined"]},
+    "partly": {"marker": "o", "color": AFTER, "mfc": "white", "label": KINDS["partly"]},
+    "shared": {"marker": "D", "color": BEFORE, "mfc": "white", "label": KINDS["shared"]},
+    "prior": {"marker": "s", "color": GREY, "mfc": "white", "label": KINDS["prior"]},
+    "silent": {"marker": "^", "color": GREY, "mfc": "white", "label": KINDS["silent"]},
+    "strained": {"marker": "v", "color": ALARM, "mfc": ALARM, "label": KINDS["strained"]},
+    "bound": {"marker": "o", "color": GREY, "mfc": "white", "label": ""},
     "unknown": {"marker": "x", "color": GREY, "mfc": GREY, "label": "uncertainty not available"},
 }
+"""Marker of a coefficient by the kind of finding; one at a bound gets another one around it."""
 
 
 def _columns(lines: list[tuple[str, str | None]]) -> list[list[tuple[str, str | None]]]:
@@ -73,11 +84,15 @@ def _columns(lines: list[tuple[str, str | None]]) -> list[list[tuple[str, str | 
     return [lines[:half], [(f"{lines[half][0]} (continued)", None), *lines[half:]]]
 
 
-def coefficient_plot(rows: Mapping[str, CoefficientRow], components: Mapping[str, str]) -> Figure:
+def coefficient_plot(
+    rows: Mapping[str, CoefficientRow], components: Mapping[str, str], kinds: Mapping[str, str] | None = None
+) -> Figure:
     """Shift of every free coefficient from its prior in prior standard deviations, with its standard error.
 
-    rows: by symbol, as of ``FitResult.coefficients``; components: symbol -> component, see ``component_of``.
+    rows: by symbol, as of ``FitResult.coefficients``; components: symbol -> component, see ``component_of``; kinds:
+    symbol -> kind of finding, see ``kinds_of``; default by the prior's share alone.
     """
+    known = kinds or {}
     lines: list[tuple[str, str | None]] = []
     for group, symbols in grouped(rows, components):
         lines += [(group, None), *((group, symbol) for symbol in symbols)]
@@ -100,7 +115,7 @@ def coefficient_plot(rows: Mapping[str, CoefficientRow], components: Mapping[str
             prior_std = row.prior_std or np.nan
             shift = (row.value - (row.prior_value or 0.0)) / prior_std
             std = row.std / prior_std if row.std is not None else np.nan
-            kind = determination(row.prior_share)
+            kind = known.get(symbol) or determination(row.prior_share)
             look = MARKS[kind]
             used[kind] = ax.errorbar(
                 shift, height, xerr=std if np.isfinite(std) else None, fmt=look["marker"],
@@ -110,13 +125,13 @@ def coefficient_plot(rows: Mapping[str, CoefficientRow], components: Mapping[str
                 extent = max(extent, abs(shift) + (std if np.isfinite(std) else 0) + 0.2)
             if row.at_bound:
                 sign = "<" if row.at_bound == "lower" else ">"
-                (used["bound"],) = ax.plot(shift, height, sign, color=ALARM, ms=9, mfc="none", mew=1.4, zorder=4)
+                (used["limit"],) = ax.plot(shift, height, sign, color=ALARM, ms=9, mfc="none", mew=1.4, zorder=4)
         ax.set_ylim(longest - 0.4, -0.8)
         ax.set_yticks([i for i, line in enumerate(part) if line[1]], [line[1] for line in part if line[1]], fontsize=8)
         ax.grid(axis="y", visible=False)
     axes[0].set_xlim(-extent, extent)
-    names = {kind: str(look["label"]) for kind, look in MARKS.items() if kind in used} | {"bound": "at a bound"}
-    shown = {name: used[kind] for kind, name in names.items() if kind in used}
+    names = {kind: str(look["label"]) for kind, look in MARKS.items() if kind in used} | {"limit": "at a bound"}
+    shown = {name: used[kind] for kind, name in names.items() if kind in used and name}
     figure.legend(shown.values(), shown, loc="outside upper center", ncols=5, fontsize=8, frameon=False)
     return figure
 
@@ -258,7 +273,7 @@ def write_figures(written: FigureFolder, record: FitRecord, objects: FitObjects,
             f"track; dotted lines below). {words}",
         )  # fmt: skip
     written.write(
-        "coefficients", partial(coefficient_plot, record.coefficients, component_of(ship)),
+        "coefficients", partial(coefficient_plot, record.coefficients, component_of(ship), kinds_of(vars(record))),
         "Coefficients: shift from the prior",
         "Point: estimate; bar: its standard error; both in prior standard deviations. Shaded: one prior "
         "standard deviation. A short bar means that the trials decided, a bar as wide as the shading that the "

@@ -48,8 +48,9 @@ def headline(result: dict) -> dict[str, str]:
         before, after, count = pair["before"], pair["after"], len(pair["after"]["trials"])
         where = f"{count} held-out trial{'s' * (count != 1)}" if "validation" in scores else "the training trials"
         better = (
-            f"On {where} the error of 30 s predictions {change(before['window'], after['window'])}; "
-            f"with restarts every 100 s it {change(before['paper'], after['paper'])}."
+            f"On {where} the mean squared normalised error [-] of 30 s predictions "
+            f"{change(before['window'], after['window'])}; with restarts every 100 s it "
+            f"{change(before['paper'], after['paper'])}."
         )
     iterations = sum(p["iterations"] for p in result["passes"])
     state = f"Converged ({result['status']}) after {iterations} iterations."

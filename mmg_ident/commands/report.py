@@ -1,7 +1,8 @@
-"""``mmg report``: a self-contained HTML page on one or several run folders."""
+"""``mmg report``: a self-contained HTML page on one or several run folders, and the same as PDF."""
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated
 
@@ -16,6 +17,12 @@ def report(
     out: Annotated[
         Path | None, Option(help="HTML file to write; default RUN/report.html, ./report.html for several runs.")
     ] = None,
+    pdf: Annotated[bool, Option("--pdf", help="Also a PDF beside it (needs WeasyPrint: the extra pdf).")] = False,
+    full_load_draught: Annotated[
+        float | None,
+        Option(help="[m], at the length of the ship file: tested IMO figures are corrected to it."),
+    ] = None,
+    imo: Annotated[bool, Option(help="With the form for IMO, whose figures are simulated: some seconds.")] = True,
     json: Annotated[bool, Option("--json", help="Print where the report is as JSON.")] = False,
 ) -> None:
     """Write one self-contained HTML page on a run, or on several side by side.
@@ -26,14 +33,21 @@ def report(
 
     folders = list({folder.absolute(): folder for folder in runs}.values())
     target = out or (folders[0] / "report.html" if len(folders) == 1 else Path("report.html"))
-    own = {(folder / "report.html").absolute() for folder in folders}
-    if target.is_dir():
-        raise UserError(f"{target}: is a folder; name the HTML file to write with --out")
-    if target.exists() and target.absolute() not in own:
-        raise UserError(f"{target}: already exists; choose another --out")
+    targets = [target, *([target.with_suffix(".pdf")] if pdf else [])]
+    own = {(folder / "report.html").absolute().with_suffix(s) for folder in folders for s in (".html", ".pdf")}
+    if pdf and target.suffix.lower() == ".pdf":
+        raise UserError(f"{target}: is the name of the HTML file; --pdf writes one beside it, with the ending .pdf")
+    for path in targets:
+        if path.is_dir():
+            raise UserError(f"{path}: is a folder; name the HTML file to write with --out")
+        if path.exists() and path.absolute() not in own:
+            raise UserError(f"{path}: already exists; choose another --out")
+    if full_load_draught is not None and not (math.isfinite(full_load_draught) and full_load_draught > 0):
+        raise UserError(f"--full-load-draught {full_load_draught:g}: must be a positive number of metres")
     with working("writing the report"):
-        write_report(folders, target)
+        write_report(folders, target, targets[1] if pdf else None, full_load_draught, imo)
     if json:
-        print_json({"report": str(target), "runs": [str(folder) for folder in folders]})
+        print_json({"report": str(target), "pdf": str(targets[1]) if pdf else None, "runs": [str(f) for f in folders]})
     else:
-        say(f"report: {target}")
+        for path in targets:
+            say(f"report: {path}")

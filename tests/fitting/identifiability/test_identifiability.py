@@ -292,3 +292,12 @@ def test_a_profile_row_is_drawn_about_its_minimum_in_dispersions() -> None:
     parabola = dict(zip(*drawn.get_lines()[1].get_data(), strict=True))
     assert parabola[1.0] == pytest.approx(2.0)
     assert drawn.get_xlabel() == "Y_v [-]"
+
+
+def test_an_estimate_far_from_its_prior_is_not_decided_by_it() -> None:
+    prior = Prior(("a", "b"), np.zeros(2), np.ones(2), np.full(2, -9.0), np.full(2, 9.0))
+    covariance = np.diag([0.9, 0.9])
+    found = analyse(prior, np.array([3.0, 0.3]), covariance, np.diag([0.5, 0.5]))
+    assert kinds(found) == {"a": "strained", "b": "prior"}
+    assert "in conflict with the prior: 3.0 prior standard deviations away" in verdict(found.findings[0])
+    assert found.to_dict()["counts"] == {"prior": 1, "strained": 1}

@@ -1,0 +1,154 @@
+"""What the report says of the use of a calibrated ship: conditions of its trials, figures for IMO, limits, advice."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cases.criteria.standard_runs import approach_speed
+from cases.shipfiles.effects import calm_and_deep
+from cases.trial import Trial
+from fitting.prediction.envelope import trial_envelope
+from fitting.record import FitRecord
+from fitting.report.conditions import Condition, condition_rows
+from fitting.report.imo_form import FormSide, FormValue, ImoForm, imo_form
+from fitting.report.limits import limit_rows, use_rows
+from fitting.report.trial_files import trial_rows, trials_again
+from mmg.errors import UserError
+from mmg.ship import Ship
+
+LATER = "mmg report RUN adds it (without --no-imo): its figures are simulated with draws of the coefficients."
+FASTER = 1.05
+"""Test speed over the largest speed of the trials above which the figures count as extrapolated."""
+
+
+@dataclass(frozen=True)
+class Delivered:
+    """What a page needs beside the record of a run.
+
+    trials: those at hand; absent: sentences on the others; form: None where it was not asked for or cannot be made,
+    with the reason in ``no_form``; full_load: draught [m] of the fully loaded ship, None where it is not known.
+    """
+
+    trials: tuple[Trial, ...] = ()
+    absent: tuple[str, ...] = ()
+    form: ImoForm | None = None
+    no_form: str = LATER
+    full_load: float | None = None
+
+
+def delivered(record: FitRecord, ship: Ship, full_load: float | None = None, imo: bool = True) -> Delivered:
+    """Trials read again and the form for IMO of a run, of whose calibrated ``ship`` the ``record`` speaks.
+
+    full_load: draught [m] of the fully loaded ship; imo: with the form. Raises UserError for a draught that the model
+    cannot be carried to.
+    """
+    found, absent = trials_again(trial_rows(record.to_dict()))
+    trials = tuple(trial for _, trial in found)
+    if not imo:
+        return Delivered(trials, tuple(absent), full_load=full_load)
+    try:
+        form, why = imo_form(ship, trials, _covariance(record, ship), full_load), ""
+    except UserError as error:
+        if full_load is not None and "--full-load-draught" in str(error):
+            raise
+        form, why = None, f"It cannot be made: {error}."
+    return Delivered(trials, tuple(absent), form, why, full_load)
+
+
+def _covariance(record: FitRecord, ship: Ship) -> tuple[Sequence[str], np.ndarray] | None:
+    """Symbols and correlation of the estimates, None where any is missing."""
+    matrix = np.array(record.correlation.matrix, dtype=float)
+    known = matrix.size and np.isfinite(matrix).all() and any(0 < ship.coefficients[s].std < np.inf for s in ship.free)
+    return (record.correlation.symbols, matrix) if known else None
+
+
+def delivery_sections(record: FitRecord, ship: Ship, known: Delivered) -> dict[str, Any]:
+    """What the template shows of a ``record`` and its calibrated ``ship`` in the sections on use; known: beside it."""
+    envelope: Mapping[str, Sequence[float]] = record.envelope or trial_envelope(ship, known.trials)
+    good, bad = use_rows(envelope, ship, any(row.has_wind for row in record.data))
+    conditions = condition_rows(ship, known.trials, known.full_load) if known.trials else []
+    return {
+        "conditions": conditions,
+        "absent": known.absent,
+        "limits": limit_rows(envelope, ship.particulars["L"]),
+        "good": good,
+        "bad": bad,
+        "form": known.form,
+        "no_form": known.no_form,
+        **(_form_sections(ship, known.form, conditions, envelope) if known.form else {}),
+    }
+
+
+def _form_sections(
+    ship: Ship, form: ImoForm, conditions: Sequence[Condition], envelope: Mapping[str, Sequence[float]]
+) -> dict[str, Any]:
+    """Head, groups and columns of the form."""
+    parts = [("tested", form.tested), ("model", True), ("corrected", form.corrected)]
+    shown = [name for name, there in parts if there]
+    words = {
+        "tested": "tested",
+        "model": "model, calm and deep" + (" [95 %]" if form.intervals else ""),
+        "corrected": "corrected to full load" + (" [95 %]" if form.intervals else ""),
+    }
+    groups: dict[str, list[dict[str, Any]]] = {}
+    for row in form.rows:
+        groups.setdefault(row.group, []).append({
+            "name": row.name,
+            "unit": row.unit,
+            "limit": "–" if row.limit is None else f"{row.limit:.3g}" + (" to 20" if row.group == "Stopping" else ""),
+            "cells": [[_words(getattr(side, name), row.unit) for side in row.sides] for name in shown],
+            "verdicts": [_verdict(side) for side in row.sides],
+        })  # fmt: skip
+    speed, _ = approach_speed(calm_and_deep(ship)[0])
+    fastest = max(map(abs, envelope.get("u", [np.inf])))
+    too_fast = (
+        f"The model runs at {speed:.3g} m/s, the trials at {fastest:.3g} m/s at most: the figures of the model are "
+        "extrapolated in speed, and their intervals do not cover that."
+    )
+    return {
+        "form_groups": list(groups.items()),
+        "form_columns": [words[name] for name in shown],
+        "form_head": _head(ship, form, conditions, speed),
+        "too_fast": too_fast if speed > FASTER * fastest else "",
+    }
+
+
+def _words(value: FormValue | None, unit: str) -> str:
+    """A value with its interval, to the figures that the form asks for."""
+    if value is None:
+        return "–"
+    digits = 1 if unit == "deg" else 2
+    text = f"{value.value:.{digits}f}"
+    if value.interval:
+        text += f" [{value.interval[0]:.{digits}f}, {value.interval[1]:.{digits}f}]"
+    return f"{text} ({value.count} runs)" if value.count > 1 else text
+
+
+def _verdict(side: FormSide) -> str:
+    return {"-": "no limit"}.get(side.verdict, side.verdict)
+
+
+def _head(ship: Ship, form: ImoForm, conditions: Sequence[Condition], speed: float) -> list[tuple[str, str]]:
+    """Ship data and trials data of the form; what no file says is "not stated"."""
+    p = ship.particulars
+    L, B, d = p["L"], p.get("B"), p["d"]
+    area = p.get("A_R")
+    loading = "full load not stated"
+    if form.full_load is not None:
+        loading = f"draught {d:g} m of {form.full_load:g} m at full load"
+    rows = [
+        ("administration, reference no., ship type, engine type", "not stated in the ship file"),
+        ("L/V", f"{L / speed:.3g} s"),
+        ("L/B, B/T, C_B", f"{L / B:.3g}, {B / d:.3g}, {p['C_b']:.3g}" if B and "C_b" in p else "not stated"),
+        ("rudder: model, total area / (L T)", f"{ship.components.get('rudder', 'none')}, "
+         + (f"{area / (L * d):.3g}" if area else "not stated")),
+        ("propeller: model", ship.components.get("propeller", "none")),
+        ("loading condition of the tests", loading),
+    ]  # fmt: skip
+    named = {c.name: c.found for c in conditions}
+    asked = (("water depth / trial draught", "water depth"), ("wind", "wind"), ("waves: sea state", "waves"))
+    return [*rows, *((words, named.get(name, "not known")) for words, name in asked)]

@@ -1,0 +1,194 @@
+"""Conditions of trials, limits of use and the form for IMO say what is known, and what is not."""
+
+from __future__ import annotations
+
+import re
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cases.shipfiles.ship_file import load_ship
+from cases.simulation.simulate import write_trial
+from cases.trial import Trial
+from fitting.prediction.envelope import trial_envelope
+from fitting.report import imo_form as module
+from fitting.report.conditions import FAILED, FULFILLED, UNKNOWN, beaufort, condition_rows
+from fitting.report.delivered import Delivered, delivery_sections
+from fitting.report.imo_form import imo_form
+from fitting.report.limits import limit_rows, use_rows
+from fitting.report.pdf import needs_weasyprint, write_pdf
+from fitting.result import read_fit, write_report
+from mmg.errors import UserError
+from mmg_ident.api import simulate
+from mmg_ident.commands.main import main
+from tests.support.calibrated import small_result
+
+pytestmark = pytest.mark.usefixtures("blank_figures")
+SHIP = load_ship("kvlcc2_full")
+
+
+def straight(name: str, seconds: int = 20, **columns: float) -> Trial:
+    """A run straight ahead with constant columns."""
+    given = {"x": 0.0, "y": 0.0, "psi": 0.0, "u": 7.0, "v": 0.0, "r": 0.0, "n": 1.5, "delta": 0.0} | columns
+    t = np.arange(seconds + 1.0)
+    return Trial(name, {"t": t, **{key: np.full(len(t), value) for key, value in given.items()}})
+
+
+def verdicts(trials: list[Trial], full_load: float | None = None) -> dict[str, str]:
+    return {c.name: c.verdict for c in condition_rows(SHIP, trials, full_load)}
+
+
+@pytest.mark.parametrize(("speed", "number"), [(0.0, 0), (1.0, 1), (9.35, 5), (11.0, 6), (40.0, 12)])
+def test_beaufort_numbers_are_those_of_the_scale(speed: float, number: int) -> None:
+    assert beaufort(speed) == number
+
+
+def test_conditions_are_judged_where_they_are_known_and_unknown_where_not(tmp_path: Path) -> None:
+    calm, storm = (straight(name, wind_speed=w, wind_direction=0.0) for name, w in (("calm", 5.0), ("storm", 15.0)))
+    assert verdicts([calm])["wind"] == FULFILLED
+    assert verdicts([calm, storm])["wind"] == FAILED
+    assert verdicts([calm, straight("silent")])["wind"] == UNKNOWN
+    assert set(verdicts([straight("silent")]).values()) == {UNKNOWN}
+    draught = SHIP.particulars["d"]
+    assert verdicts([calm], 1.04 * draught)["loading"] == FULFILLED
+    assert verdicts([calm], 1.2 * draught)["loading"] == FAILED
+    write_trial(calm, tmp_path / "calm.csv")
+    there = replace(calm, path=tmp_path / "calm.csv")
+    for depth, verdict in ((5 * draught, FULFILLED), (2 * draught, FAILED)):
+        (tmp_path / "site.toml").write_text(f"[water]\ndepth = {depth:.6g}\n")
+        assert verdicts([there])["water depth"] == verdict
+
+
+def test_limits_are_shown_in_the_units_of_the_bridge() -> None:
+    ranges = trial_envelope(SHIP, [straight("a", v=1.0, r=0.02, delta=0.3), straight("b", u=5.0, v=-1.0, n=1.0)])
+    rows = {row["name"]: row for row in limit_rows(ranges, 320.0)}
+    assert rows["delta"]["unit"] == "deg" and rows["delta"]["high"] == pytest.approx(np.degrees(0.3))
+    assert rows["r"]["unit"] == "deg/s" and rows["u"]["low"] == 5.0 and rows["n"]["unit"] == "1/s"
+    assert "0.91" in rows["r"]["more"]  # 0.02 320 / 7
+
+
+def test_the_advice_follows_from_what_the_trials_held() -> None:
+    good, bad = use_rows(trial_envelope(SHIP, [straight("a", v=0.2, delta=0.2)]), SHIP)
+    for words in ("reversed propeller", "going astern", "n hardly changed", "hard-over", "cross flow", "shallow water"):
+        assert any(words in line for line in bad), words
+    wide = [straight("a", u=-1.0, v=3.0, n=-1.0, delta=0.65), straight("b")]
+    _, fewer = use_rows(trial_envelope(SHIP, wide), SHIP)
+    for words in ("reversed propeller", "going astern", "n hardly changed", "hard-over", "cross flow"):
+        assert not any(words in line for line in fewer), words
+    assert good
+
+
+@pytest.fixture(scope="module")
+def known() -> Delivered:
+    """The form of a ship whose trials are her own standard manoeuvres."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(module, "DRAWS", 40)
+        patched.setattr(module, "STANDARD", ("turning:35", "turning:-35"))
+        fit = small_result()
+        trials = tuple(simulate(fit.ship, text) for text in ("turning:35", "turning:-35"))
+        matrix = np.array(fit.correlation.matrix, dtype=float)
+        form = imo_form(fit.ship, trials, (fit.correlation.symbols, matrix), 1.1 * fit.ship.particulars["d"])
+        return Delivered(trials, (), form, "", 1.1 * fit.ship.particulars["d"])
+
+
+def test_the_form_has_port_and_starboard_tested_model_and_corrected(known: Delivered) -> None:
+    form = known.form
+    assert form is not None and form.tested and form.corrected and form.intervals
+    rows = {(row.group.split(",")[0], row.name): row for row in form.rows}
+    assert len(form.rows) == 7 and [len(row.sides) for row in form.rows] == [2] * 6 + [1]
+    for side in rows["Turning circle", "Advance"].sides:
+        assert side.tested is not None and side.model is not None and side.corrected is not None
+        low, high = side.model.interval or (np.nan, np.nan)
+        assert low < side.model.value < high and side.model.interval != side.corrected.interval
+        assert side.tested.value == pytest.approx(side.model.value, rel=0.1)
+        assert side.corrected.value != pytest.approx(side.tested.value, rel=1e-4)
+    assert any("R = T F / B" in line for line in form.remarks)
+    zigzag = rows["Zig-zag 20°/20°", "1st overshoot angle"]
+    assert zigzag.limit == 25.0 and all(side.tested is None and side.corrected is None for side in zigzag.sides)
+
+
+def test_what_cannot_be_corrected_or_has_no_covariance_is_said() -> None:
+    fit = small_result()
+    form = imo_form(fit.ship, (), None, None)
+    assert not form.tested and not form.corrected and not form.intervals
+    words = " ".join(form.remarks)
+    assert "no covariance" in words and "--full-load-draught" in words and "none of the trials" in words
+    with pytest.raises(UserError, match=r"0\.4 to 2\.5 times"):
+        imo_form(fit.ship, (), None, 9.0)
+
+
+def test_the_page_has_the_form_the_limits_and_the_advice(known: Delivered, tmp_path: Path) -> None:
+    fit = small_result()
+    sections = delivery_sections(fit, fit.ship, known)
+    assert [words.split(" [")[0] for words in sections["form_columns"]] == [
+        "tested", "model, calm and deep", "corrected to full load",
+    ]  # fmt: skip
+    assert fit.envelope is not None and set(fit.envelope) >= {"u", "v", "r", "n", "delta", "beta"}
+    fit = replace(fit, objects=None).save(tmp_path / "run")
+    text = (tmp_path / "run" / "report.html").read_text()
+    for heading in ("11. Trial conditions", "12. Manoeuvring data for IMO", "13. Limits of use", "14. How to use"):
+        assert heading in text
+    assert "mmg report RUN adds it" in text and "6. Trial data" in text and "Benchmark data</h2>" not in text
+    assert read_fit(tmp_path / "run").envelope == fit.envelope
+
+
+def test_the_counts_of_the_page_are_those_of_the_console(tmp_path: Path) -> None:
+    replace(small_result(), objects=None).save(tmp_path / "run")
+    text = (tmp_path / "run" / "report.html").read_text()
+    own = " ".join(text[text.index("free coefficients: ") : text.index("(section 9 says why)")].split())
+    from fitting.identifiability.analysis import KINDS
+
+    counts = small_result().identifiability["counts"]
+    assert own == "free coefficients: " + ", ".join(f"{n} {KINDS[kind]}" for kind, n in counts.items() if n)
+
+
+def test_no_column_of_the_page_is_empty(tmp_path: Path) -> None:
+    replace(small_result(), objects=None).save(tmp_path / "run")
+    text = (tmp_path / "run" / "report.html").read_text()
+    assert not re.findall(r"<th[^>]*></th>", text)
+    for table in re.findall(r"(?s)<table.*?</table>", text):
+        rows = [re.findall(r"(?s)<td[^>]*>(.*?)</td>", row) for row in re.findall(r"(?s)<tr.*?</tr>", table)]
+        for column in zip(*[row for row in rows if len(row) == max(map(len, rows)) > 1], strict=True):
+            assert any(re.sub(r"<.*?>", "", cell).strip() for cell in column), (table[:300], column)
+
+
+def test_the_pdf_holds_every_heading(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    try:
+        needs_weasyprint()
+    except UserError as error:
+        pytest.skip(str(error))
+    pypdf = pytest.importorskip("pypdf")
+    replace(small_result(), objects=None).save(tmp_path / "run")
+    assert main(["report", str(tmp_path / "run"), "--pdf", "--no-imo"]) == 0
+    html = (tmp_path / "run" / "report.html").read_text()
+    reader = pypdf.PdfReader(tmp_path / "run" / "report.pdf")
+    words = " ".join(" ".join(page.extract_text() for page in reader.pages).split())
+    headings = [" ".join(re.sub(r"<.*?>", "", h).split()) for h in re.findall(r"(?s)<h[123][^>]*>(.*?)</h[123]>", html)]
+    assert len(headings) > 15
+    import html as escapes
+
+    assert [h for h in map(escapes.unescape, headings) if h.replace(" ", "") not in words.replace(" ", "")] == []
+    with pytest.raises(UserError, match="cannot be written"):
+        write_pdf("<p>x</p>", tmp_path / "nowhere" / "x.pdf")
+
+
+def test_without_weasyprint_one_line_says_what_to_do_and_nothing_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    replace(small_result(), objects=None).save(tmp_path / "run")
+    monkeypatch.setitem(sys.modules, "weasyprint", None)
+    out = tmp_path / "page.html"
+    assert main(["report", str(tmp_path / "run"), "--pdf", "--no-imo", "--out", str(out)]) == 2
+    assert "mmg-ident[pdf]" in capsys.readouterr().err
+    assert not out.exists() and not out.with_suffix(".pdf").exists()
+
+
+def test_the_report_of_a_run_makes_the_form(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "DRAWS", 30)
+    replace(small_result(), objects=None).save(tmp_path / "run")
+    text = write_report([tmp_path / "run"], tmp_path / "page.html")
+    assert "appendix 6" in text and "model, calm and deep [95 %]" in text and "starboard" in text
+    assert "Not at hand" in text or "Not known: the trial files" in text
