@@ -152,7 +152,7 @@ def _table(section: type[Section], name: str) -> tuple[type[Section], int] | Non
     field = section.model_fields.get(name)
     for kind in (field.annotation, *get_args(field.annotation)) if field else ():
         inner = get_args(kind)[-1] if get_origin(kind) is dict else kind
-        if isinstance(inner, type) and issubclass(inner, Section):
+        if get_origin(inner) is None and isinstance(inner, type) and issubclass(inner, Section):  # list[...] of 3.10
             return inner, 1 + (get_origin(kind) is dict)
     return None
 
