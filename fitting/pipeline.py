@@ -23,7 +23,7 @@ from fitting.nlp.captive import Captive
 from fitting.prediction.band_calibration import adaptation_worth, fit_bands
 from fitting.prediction.bands import draws_of
 from fitting.prediction.envelope import trial_envelope
-from fitting.prediction.score import score_pairs
+from fitting.prediction.score import ScorePair, score_pairs
 from fitting.record import CoefficientRow, FitObjects, FitRecord, SolveRow
 from fitting.report.run_folder import data_rows, plain, versions
 from fitting.result import FitResult
@@ -96,7 +96,9 @@ def calibrate(
     found = estimate_coefficients(model, train, settings, progress, warm, options.captive, constants)
     before, after = Simulator(ship, settings.compiled), Simulator(found.ship, settings.compiled)
     later = Later()
-    scores = later.made("scores", lambda: score_pairs(before, after, {"validation": validation, "training": train}), {})
+    unscored: dict[str, ScorePair] = {}
+    sets = {"validation": validation, "training": train}
+    scores = later.made("scores", lambda: score_pairs(before, after, sets), unscored)
     started = time.perf_counter()
     finite = np.isfinite(found.covariance).all()
     wanted = options.next_trial and found.converged and finite

@@ -52,12 +52,13 @@ def sampling(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
         "longest_gap_s": max((length for _, length in gaps), default=0.0),
         "nan_share": missing,
     }
-    numbers["spikes"] = {c: count for c in VELOCITIES if c in trial and (count := spikes(trial[c]))}
+    spiky = {c: count for c in VELOCITIES if c in trial and (count := spikes(trial[c]))}
+    numbers["spikes"] = spiky
     rates = trial["r"][np.isfinite(trial["r"])]
     numbers["turn_per_step_rad"] = turned = dt * float(np.quantile(np.abs(rates), 0.95)) if len(rates) else 0.0
     findings = []
-    if numbers["spikes"]:
-        words = ", ".join(f"{count} in {c}" for c, count in numbers["spikes"].items())
+    if spiky:
+        words = ", ".join(f"{count} in {c}" for c, count in spiky.items())
         text = f"Spikes: single samples far off both neighbours ({words}); leave these cells empty."
         findings.append((DOUBTFUL, "spikes", text))
     if turned > COARSE:

@@ -79,7 +79,7 @@ def _kept_tests(job: tuple[Task, Store | None, str]) -> tuple[float, float, floa
     """The tests of a task as a store kept them under a name, or made now and kept there."""
     task, store, name = job
     known = store.load(name) if store is not None else None
-    if known is not None and np.shape(known[1].get("tests")) == (3,):
+    if known is not None and "tests" in known[1] and known[1]["tests"].shape == (3,):
         mixture, single, smallest = known[1]["tests"].tolist()
         return mixture, single, smallest
     tests = simulated_tests(task)

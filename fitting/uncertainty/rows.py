@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -57,7 +58,8 @@ def refit_rows(calibration: Calibration, replicates: int = 0, profiled: Sequence
 
     Refits are spread over the calibration's workers. What fails is listed, never raised.
     """
-    info, spread, content = calibration.information, calibration.spread, {}
+    info, spread = calibration.information, calibration.spread
+    content: dict[str, Any] = {}
     sizes = np.sqrt(np.diag(spread.covariance))
     problem, x, workers = calibration.problem, calibration.solution.x, calibration.settings.workers
     if replicates:
