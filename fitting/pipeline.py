@@ -96,12 +96,10 @@ def calibrate(
     found = estimate_coefficients(model, train, settings, progress, warm, options.captive, constants)
     before, after = Simulator(ship, settings.compiled), Simulator(found.ship, settings.compiled)
     later = Later()
-    unscored: dict[str, ScorePair] = {}
-    sets = {"validation": validation, "training": train}
-    scores = later.made("scores", lambda: score_pairs(before, after, sets), unscored)
+    none, sets = dict[str, ScorePair](), {"validation": validation, "training": train}
+    scores = later.made("scores", lambda: score_pairs(before, after, sets), none)
     started = time.perf_counter()
-    finite = np.isfinite(found.covariance).all()
-    wanted = options.next_trial and found.converged and finite
+    wanted = options.next_trial and found.converged and np.isfinite(found.covariance).all()
     trial = later.made("next trial", lambda: next_trial(found), None) if wanted else None
     timings = {**found.timings, "identifiability": time.perf_counter() - started}
     bands = later.made("prediction bands", lambda: prediction_bands(found, after, train), None)

@@ -302,18 +302,14 @@ def load_run(folder: str | Path) -> FitResult | TrainResult | Diagnosis:
 
 
 def write_report(
-    runs: str | Path | Sequence[str | Path],
-    out: str | Path,
-    pdf: str | Path | None = None,
-    full_load: float | None = None,
-    imo: bool = True,
-) -> None:
+    runs: str | Path | Sequence[str | Path], out: str | Path, pdf: str | Path | None = None,
+    full_load: float | None = None, imo: bool = True,
+) -> None:  # fmt: skip
     """Write one self-contained HTML page on a run folder, or on several side by side.
 
-    runs: folders of ``mmg fit``, or of ``mmg train``; out: the file; pdf: file for the same page as PDF (needs
-    WeasyPrint); full_load: draught [m] of the fully loaded ship, to which tested figures are corrected; imo: with the
-    form for IMO of a calibration. Raises UserError for a folder of another kind, for a file that cannot be written, and
-    where WeasyPrint is missing.
+    runs: folders of ``mmg fit``, or of ``mmg train``; out: the file; pdf: file for the same as PDF (needs WeasyPrint);
+    full_load: draught [m] of the loaded ship, to which tested figures are corrected; imo: with the form for IMO of a
+    calibration. Raises UserError for a folder of another kind, an unwritable file, and a missing WeasyPrint.
     """
     from fitting.report.pdf import needs_weasyprint, write_pdf
     from fitting.report.run_folder import read_result

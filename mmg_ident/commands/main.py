@@ -75,10 +75,8 @@ if __name__ == "__main__" or sys.argv[0].endswith(("mmg", "mmg-ident")):
 import typer
 from typer.core import TyperGroup
 
-from fitting.solvers.interrupts import OBSERVER
 from mmg_ident.shadow import shadowing_mmg
 
-OBSERVER.told = tell
 HEAVY, LEAST_MEMORY = ("demo", "fit", "train", "compare", "diagnose"), 1.5 * 2**30
 """Verbs that need more memory than this [bytes]; with less the libraries they use neither end nor answer Ctrl-C."""
 MANY = ("--validate", "--train", "--test", "--sigma-from", "--new", "--trials")
@@ -206,9 +204,11 @@ def main(arguments: list[str] | None = None) -> int:
     if in_the_way := shadowing_mmg():
         print(f"mmg: {in_the_way}", file=sys.stderr)
         return 2
+    from fitting.solvers.interrupts import OBSERVER
     from mmg.errors import UserError
     from mmg.messages import printable
 
+    OBSERVER.told = tell
     try:
         given = expand(sys.argv[1:] if arguments is None else arguments)
         _check_memory(given)

@@ -27,6 +27,7 @@ KEYS = {
 }  # fmt: skip
 RESULT_KEYS = {
     "schema_version", "kind", "command", "seed", "versions", "data", "test", "figures", "warnings", "timings_s",
+    "complete",
 }  # fmt: skip
 LEARNED = LearnedResidual(0.4, 0.3, 0.25, (0.1, 0.4), (0, 1), (0.2, 0.3), 0.07, 0.28, 40, True, "kept", "It closes.")
 LATE = GroupParameter("s", "lag of the logged turn rate", {

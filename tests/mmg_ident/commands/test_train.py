@@ -323,8 +323,14 @@ def test_a_folder_without_a_training_is_not_resumed(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "notes.txt").write_text(
+        "mine"
+    )  # an empty folder is what a run leaves that was killed at once
     line = refused(capsys, "train", "esso_osaka_3m", folder / "trials", "--out", tmp_path / "other", "--resume")
-    assert "holds no interrupted run to resume" in line and not list((tmp_path / "other").iterdir())
+    assert "holds no interrupted run to resume" in line
+    assert (tmp_path / "other" / "notes.txt").read_text() == "mine" and not (
+        tmp_path / "other" / "result.json"
+    ).exists()
 
 
 def test_a_time_limit_leaves_a_folder_to_resume(
