@@ -22,8 +22,17 @@ from fitting.report.plot_style import AFTER, ALARM, BEFORE, GREY, WIDTH, FigureF
 
 COLOURS = {
     "determined": AFTER, "partly": "#7FB8D9", "shared": BEFORE, "prior": "#B8BEC4", "silent": "#5F6770",
-    "bound": ALARM, "unknown": "white",
+    "bound": ALARM, "unknown": "white", "strained": ALARM,
 }  # fmt: skip
+HATCHES = {
+    "partly": "....",
+    "shared": "////",
+    "prior": "xxxx",
+    "silent": "\\\\\\\\",
+    "bound": "----",
+    "strained": "++++",
+}
+"""Hatches of the bars beside their colours, so that they can be told apart in grey."""
 SHOWN = 0.5
 """Absolute correlation from which a coefficient appears in the correlation plot."""
 
@@ -42,7 +51,10 @@ def correlation_plot(found: Identifiability, most: int = 36) -> Figure:
     figure = new_figure(1.0 + min(WIDTH - 1.0, 2.0 + 0.17 * len(order)))
     ax = dress(figure.subplots())
     ax.grid(visible=False)
-    image = ax.imshow(found.correlation[np.ix_(order, order)], cmap="RdBu_r", vmin=-1, vmax=1, interpolation="none")
+    shown = found.correlation[np.ix_(order, order)]
+    image = ax.imshow(shown, cmap="RdBu_r", vmin=-1, vmax=1, interpolation="none")
+    for row, column in np.argwhere(shown <= -SHOWN):  # red and blue are one in grey
+        ax.text(column, row, "−", color="white", fontsize=6, ha="center", va="center")
     ax.set_xticks(range(len(order)), names, rotation=90, fontsize=7.5)
     ax.set_yticks(range(len(order)), names, fontsize=7.5)
     for cluster in found.clusters:
@@ -80,7 +92,13 @@ def share_plot(findings: Sequence[CoefficientFinding]) -> Figure:
     for kind, words in KINDS.items():
         if some := [(k, min(f.share, 1)) for k, f in enumerate(rows) if f.kind == kind]:
             at, shares = zip(*some, strict=True)
-            ax.barh(at, shares, 0.72, color=COLOURS[kind], label=words)
+            look: dict[str, Any] = {
+                "color": COLOURS[kind],
+                "hatch": HATCHES.get(kind),
+                "edgecolor": "white",
+                "linewidth": 0,
+            }
+            ax.barh(at, shares, 0.72, label=words, **look)
     alone = [f.alone for f in rows]
     ax.plot(alone, heights, "|", color="black", ms=6, mew=1.3, label="share if all others were known")
     for line in (DETERMINED, PARTLY):

@@ -22,6 +22,8 @@ from cases.criteria.standard_runs import Run
 from fitting.report.plot_style import AFTER, ALARM, BEFORE, GREY, MEASURED, dress, literal, new_figure
 
 COLOURS = (AFTER, BEFORE, "#009E73", ALARM, "#7A5AA6", MEASURED)
+DASHES = ("-", (0, (6, 2)), (0, (2, 1.5)), (0, (7, 2, 1.5, 2)), (0, (3, 1, 1, 1, 1, 1)), (0, (1, 1)))
+"""Of the lines in the same order, so that they can be told apart in grey."""
 TRACKS, ROW = 4.9, 2.9
 """Heights of a panel of tracks and of a zigzag [inch]."""
 
@@ -69,10 +71,10 @@ def turning_plot(ax: Axes, runs: Sequence[Run]) -> Axes:
     Dashed: the course before the order.
     """
     dress(ax, "to starboard / L", "ahead / L", "Turning circles")
-    for run, colour in zip(runs, cycle(COLOURS), strict=False):
+    for run, colour, dashes in zip(runs, cycle(COLOURS), cycle(DASHES), strict=False):
         motion, L, side = _cut(run), run.length, math.copysign(1.0, run.rudder)
         label = literal(run.name) if not run.measured else f"{literal(run.name)} ({math.degrees(run.rudder):+.0f} deg)"
-        ax.plot(motion.transfer / L, motion.advance / L, color=colour, linewidth=1.3, label=label)
+        ax.plot(motion.transfer / L, motion.advance / L, color=colour, linestyle=dashes, linewidth=1.3, label=label)
         if len(runs) <= 2:
             _turning_dimensions(ax, run, side, colour)
     ax.plot([0, 0], [-2, 0], color=GREY, linewidth=1.0, linestyle=(0, (4, 2)))
@@ -111,9 +113,10 @@ def stopping_plot(ax: Axes, runs: Sequence[Run]) -> Axes:
     """Speed of ``runs`` over that of the approach against the track in ship lengths, drawn on ``ax``, with the
     reach."""
     dress(ax, "track / L", "u / V", "Stop: headway along the track")
-    for run, colour in zip(runs, cycle(COLOURS), strict=False):
+    for run, colour, dashes in zip(runs, cycle(COLOURS), cycle(DASHES), strict=False):
         motion = _cut(run)
-        ax.plot(motion.path / run.length, motion.u / run.speed, color=colour, linewidth=1.3, label=literal(run.name))
+        along, speed = motion.path / run.length, motion.u / run.speed
+        ax.plot(along, speed, color=colour, linestyle=dashes, linewidth=1.3, label=literal(run.name))
         reach = run.figures.get("track_reach")
         if reach is not None:
             ax.plot(reach / run.length, 0, marker="o", color=colour, markersize=4)
