@@ -212,7 +212,7 @@ FAULTS: dict[str, tuple[str, Callable[[Trial], Trial]]] = {
 
 
 def fault_case(task: tuple[Ship, str, str | None, Sequence[Trial]]) -> list[str]:
-    """[first candidate, named effects] of records (one of them, or all) with a fault or none."""
+    """[first candidate, named effects, ...] of records (one of them, or all) with a fault or none, in that order."""
     ship, words, one, train = task
     put = FAULTS[words][1] if words in FAULTS else (lambda t: t)
     trials = [put(t) for t in read_trials(find(OTHERS)) if one in (None, t.name)]
@@ -225,7 +225,7 @@ def faults(train: Sequence[Trial], test: Sequence[Trial]) -> list[list[str]]:
     ship = estimate_coefficients(whole_ship(), train, Settings()).ship
     kinds = {"no fault": "-", **{words: name for words, (name, _) in FAULTS.items()}}
     tasks = [(ship, words, one, train) for words in kinds for one in (None, *OTHERS)]
-    answers = iter(run_all(fault_case, tasks, 2))
+    answers = iter(run_all(fault_case, tasks, 2, lambda answer: print(answer, flush=True)))
     rows = []
     for words, name in kinds.items():
         together, *alone = (next(answers) for _ in range(1 + len(OTHERS)))

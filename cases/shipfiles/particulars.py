@@ -17,6 +17,8 @@ SIGNED = (*PLACES, "y_az")
 
 LONGEST = 600.0
 """m; the longest ship built has 458."""
+LARGEST = 1e12
+"""Size in SI units that no particular of a ship reaches, and the inverse of the smallest."""
 
 
 def wrong_particulars(p: Mapping[str, float]) -> list[str]:
@@ -32,6 +34,8 @@ def wrong_particulars(p: Mapping[str, float]) -> list[str]:
             wanted = "a finite number" if name in SIGNED else "a positive number"
             size = f"{value:g}" if unit == "-" else f"{value:g} {unit}"
             wrong.append(f"{name} = {size} ({words}) must be {wanted}")
+        elif name in PARTICULARS and (abs(value) > LARGEST or 0 < abs(value) < 1 / LARGEST):
+            wrong.append(f"{name} = {value:g} {PARTICULARS[name][1]} is out of all proportion; check its unit (SI)")
     return wrong or list(_refuted(p))
 
 

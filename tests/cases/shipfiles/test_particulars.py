@@ -39,6 +39,8 @@ WRONG = {
     "lateral area in cm2": ("A_L", 5203.8, "A_L = 5203.8"),
     "rudder rate in deg/s": ("rudder_rate", 20.0, "rudder_rate = 20 rad/s"),
     "rudder that cannot move": ("rudder_rate", 0.0, "rudder_rate = 0 rad/s"),
+    "a breadth whose square is no number": ("B", 1e300, "B = 1e+300 m is out of all proportion"),
+    "a mass of next to nothing": ("m", 1e-300, "m = 1e-300 kg is out of all proportion"),
     "negative speed": ("U_0", -2.0, "U_0 = -2 m/s"),
 }
 """What is wrong -> key, value, what the line must say."""
