@@ -68,7 +68,7 @@ class RefittedEffect:
     """A candidate added to a hypothesis and refitted.
 
     gain: of log likelihood, over the dispersion of its slopes; delta_bic: gain in BIC; p_value: probability that chance
-    gives such a gain to any of the candidates.
+    gives such a gain to any of the candidates, by the score test or by the refit; p_refit: by the refit alone.
     """
 
     candidate: Candidate
@@ -76,6 +76,7 @@ class RefittedEffect:
     gain: float
     delta_bic: float
     p_value: float
+    p_refit: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -200,7 +201,7 @@ def refit_candidate(
     gain = (likelihood(before, kept) - likelihood(fit, kept + len(c.columns))) / score.dispersion
     by_chance = min(1.0, count * float(chi2.sf(max(2 * gain, 0.0), score.degrees)))
     p_value = min(score.p_value, by_chance) if c.effect not in CURVED else by_chance
-    return RefittedEffect(c, fit, gain, 2 * gain - score.degrees * problem.cost, p_value)
+    return RefittedEffect(c, fit, gain, 2 * gain - score.degrees * problem.cost, p_value, by_chance)
 
 
 def select_effects(

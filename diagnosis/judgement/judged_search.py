@@ -107,8 +107,8 @@ def _judged(
     beyond = before.beyond_chance - p.expected_unnamed_null
     verdict, reasons = decide(found, beyond, after.log_bayes - p.expected_unnamed, after.limit, held)
     result = JudgedSearch(found, before, after, held, verdict, tuple(reasons), simulated)
-    rarest = result.chance.largest_candidate
-    if verdict == "none" and not found.effects and rarest is not None and rarest < SURE:
+    rarest = _rarest(result)
+    if verdict == "none" and not found.effects and rarest < SURE:
         words = (
             f"one of the known effects fits better than chance (p = {rarest:.1g}), but does not pay for its parameters"
         )
@@ -119,3 +119,15 @@ def _judged(
         reason = Message(f"{words}: the name is withdrawn", "name_withdrawn")
         return replace(result, verdict="unknown" if beyond > 0 else "none", reasons=(*reasons, reason))
     return result
+
+
+def _rarest(result: JudgedSearch) -> float:
+    """Probability that chance gives any candidate, with one value in all runs, what the best has after its refit.
+
+    A score to first order alone does not count: that of an effect with a memory promises gains that no refit finds, and
+    values of all runs add up what each is off by.
+    """
+    refitted = result.found.searches[0].refitted if result.found.searches else ()
+    by_refit = min((r.p_refit for r in refitted if not r.candidate.by_run), default=1.0)
+    by_simulation = result.chance.largest_candidate if result.simulated is not None else None
+    return max(by_refit, by_simulation or 0.0)

@@ -1,0 +1,33 @@
+"""When nothing is named: "none" only if no effect fits better than chance after its refit."""
+
+from __future__ import annotations
+
+import pytest
+
+from diagnosis.hypotheses.forward_selection import RefittedEffect, Search, Selection
+from diagnosis.inputs import DiagnosisOptions
+from diagnosis.judgement import judged_search
+from tests.diagnosis.judgement.test_verdict import ready
+from tests.support.diagnosis_cases import candidate
+
+CASES = {
+    "chance": (0.3, False, "none"),
+    "more than chance": (1e-4, False, "unknown"),
+    "more than chance, with a value by run": (1e-4, True, "none"),
+    "a score that no refit bears out": (1.0, False, "none"),
+}
+"""What is found -> probability by its refit, with values by run, verdict."""
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_candidate_beyond_chance_that_does_not_pay_is_unknown(case: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    p_refit, by_run, verdict = CASES[case]
+    prepared = ready()
+    one = candidate("current")
+    one = one.in_each([0, 1]) if by_run else one
+    refitted = RefittedEffect(one, prepared.null, 3.0, -4.0, 1e-4, p_refit)
+    found = Selection((), prepared.null, prepared.null, (Search((), (refitted,), prepared.null),))
+    monkeypatch.setattr(judged_search, "select_effects", lambda *_: found)
+    result = judged_search.judged_search(prepared, None, DiagnosisOptions(), None)
+    assert result.verdict == verdict
+    assert [m.code for m in result.reasons] == (["more_than_chance"] if verdict == "unknown" else [])
