@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
+import shlex
 import unicodedata
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,7 +16,7 @@ from cases.io.read import read_trials
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.simulate import longest_step
 from fitting.prediction.envelope import trial_envelope
-from fitting.report.run_folder import RESULT, read_result, versions
+from fitting.report.run_folder import RESULT, SHIP, read_result, versions
 from mmg.effects import effect
 from mmg.errors import UserError
 from mmg.messages import Message
@@ -101,6 +103,8 @@ RESERVED = frozenset(
 NAME_CHANGED, UNCALIBRATED, NOT_CONVERGED = "name_changed", "uncalibrated", "not_converged"
 PLACE, LEFT_OUT, NO_RANGE = "belongs_to_the_place", "left_out", "range_unknown"
 """Codes of what is said of a product."""
+SHOWN = 12
+"""Digits of a hash that a sentence shows."""
 BLOCKING = (UNCALIBRATED, NOT_CONVERGED)
 """Codes of caveats with which a ship leaves only by force."""
 
@@ -132,8 +136,9 @@ class Product:
 
     ship: plain, hybrid, with effects, as it is delivered. identifier: its name made a C identifier in lower case. held:
     quantity (``ship.features`` and "beta") -> the range that the trials held (lower, upper), SI; empty where none is
-    known. provenance: run folder, when and by which command it was made, versions, hashes of the data, as plain
-    values. caveats: what a user of the product must know, each with a code.
+    known. provenance: hashes of the run and of its data, when and by which command it was made, versions, as plain
+    values; never a path, so that a run gives the same product wherever it lies. caveats: what a user of the product
+    must know, each with a code.
     """
 
     ship: Ship
@@ -204,9 +209,9 @@ def product_of(where: str | Path, force: bool = False, without: Sequence[str] = 
     place = _run_folder(Path(where))
     content = read_result(place) if place else {}
     ship = load_ship(place or where)
-    caveats = [*_blocking(str(where), ship, content)]
+    caveats = [*_blocking(ship, content)]
     if caveats and not force:
-        raise UserError(f"{caveats[0]}; calibrate it with mmg fit, or export it as it is with --force")
+        raise UserError(f"{where}: {caveats[0]}; calibrate it with mmg fit, or export it as it is with --force")
     for name in without:
         if name not in ship.effects:
             known = ", ".join(ship.effects) or "none"
@@ -225,7 +230,7 @@ def product_of(where: str | Path, force: bool = False, without: Sequence[str] = 
     if not held:
         words = "no record says which range the trials held, so nothing can say when the ship extrapolates"
         caveats.append(Message(words, NO_RANGE))
-    return Product(ship, identifier, held, _provenance(str(where), content), tuple(caveats))
+    return Product(ship, identifier, held, _provenance(Path(where), place, content), tuple(caveats))
 
 
 def identifiers(names: Sequence[str]) -> list[str]:
@@ -249,12 +254,12 @@ def _run_folder(where: Path) -> Path | None:
     return folder if folder is not None and (folder / RESULT).is_file() else None
 
 
-def _blocking(where: str, ship: Ship, content: Mapping[str, Any]) -> list[Message]:
+def _blocking(ship: Ship, content: Mapping[str, Any]) -> list[Message]:
     """What keeps a ship from leaving unless by force."""
     if content.get("converged") is False:
-        return [Message(f"{where}: its calibration did not converge ({content.get('status')})", NOT_CONVERGED)]
+        return [Message(f"its calibration did not converge ({content.get('status')})", NOT_CONVERGED)]
     if not content and not any(c.verdict for c in ship.coefficients.values()):
-        return [Message(f"{where}: the ship {ship.name} is not calibrated on trials", UNCALIBRATED)]
+        return [Message(f"the ship {ship.name} is not calibrated on trials", UNCALIBRATED)]
     return []
 
 
@@ -279,16 +284,35 @@ def _held_again(ship: Ship, content: Mapping[str, Any]) -> dict[str, tuple[float
     return {name: (low, high) for name, (low, high) in found.items()}
 
 
-def _provenance(where: str, content: Mapping[str, Any]) -> dict[str, Any]:
-    """Where a product comes from, as plain values."""
-    rows = content.get("data")
+def _provenance(where: Path, place: Path | None, content: Mapping[str, Any]) -> dict[str, Any]:
+    """Where a product comes from, as plain values that do not depend on the place of the run or of the ship file."""
+    rows, command = content.get("data"), content.get("command")
     data = [{k: row.get(k) for k in ("name", "sha256", "duration_s")} for row in rows] if isinstance(rows, list) else []
+    file = place / SHIP if place else where if where.is_file() else None
+    found: dict[str, Any] = {"source": "the library of ships" if file is None else f"ship file {_hash(file)[:SHOWN]}"}
+    if place:
+        found = {"source": f"run {_hash(place / RESULT)[:SHOWN]}", "result_sha256": _hash(place / RESULT)}
     return {
-        "source": where,
-        "kind": content.get("kind", "ship file"),
+        **found,
+        "ship_sha256": _hash(file) if file else None,
+        "kind": content.get("kind", "ship file" if file else "library"),
         "created": content.get("created"),
-        "command": content.get("command"),
+        "command": _without_folders(command) if isinstance(command, str) else None,
         "versions_of_the_run": content.get("versions", {}),
         "versions_of_the_export": versions(),
         "data": data,
     }
+
+
+def _hash(file: Path) -> str:
+    """SHA-256 of a file."""
+    return hashlib.sha256(file.read_bytes()).hexdigest()
+
+
+def _without_folders(command: str) -> str:
+    """A command whose paths have lost their folders, which say where things lay and nothing of the ship."""
+    try:
+        words = shlex.split(command)
+    except ValueError:
+        words = command.split()
+    return shlex.join(re.split(r"[/\\]", word.rstrip("/\\"))[-1] or word for word in words)

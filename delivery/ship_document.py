@@ -14,10 +14,11 @@ from delivery.product import Product
 
 def write_toml(product: Product, target: Path) -> None:
     """Write ``product`` to the ship file ``target``: values, standard errors, verdicts; provenance as comments."""
-    source = product.provenance.get("source", "")
-    lines = [f"{product.ship.name}, exported by mmg export from {source}; std is the standard error of each estimate."]
-    if product.provenance.get("created"):
-        lines.append(f"Calibrated {product.provenance['created']} by {product.provenance.get('command') or 'mmg'}.")
+    source = product.provenance
+    origin = f"{product.ship.name}, exported by mmg export from {source['source']}"
+    lines = [f"{origin}; std is the standard error of each estimate."]
+    if source.get("created"):
+        lines.append(f"Calibrated {source['created']} by {source.get('command') or 'mmg'}.")
     for name, (low, high) in product.held.items():
         lines.append(f"The trials held {name} from {low:.4g} to {high:.4g} (SI).")
     lines += [f"Mind: {words}." for words in product.caveats]

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from delivery.c.text import comment, number, quoted, rows
-from delivery.product import Product, identifiers
+from delivery.product import SHOWN, Product, identifiers
 from mmg.motion.flow import INPUTS
 
 UNITS = {"x": "m", "y": "m", "psi": "rad", "u": "m/s", "v": "m/s", "r": "rad/s", "phi": "rad", "p": "rad/s",
@@ -74,7 +75,9 @@ def about(product: Product) -> list[str]:
     made = f", made {source['created']}" if source.get("created") else ""
     lines.append(f"Exported by mmg export from {source['source']} ({source['kind']}{made}).")
     if source.get("data"):
-        lines.append(f"Calibrated on {', '.join(str(row['name']) for row in source['data'])}.")
+        hashes = sorted(str(row["sha256"]) for row in source["data"])
+        together = hashlib.sha256("\n".join(hashes).encode()).hexdigest()[:SHOWN]
+        lines.append(f"Calibrated on {', '.join(str(row['name']) for row in source['data'])} (data {together}).")
     return lines + [f"Caveat: {caveat}." for caveat in product.caveats]
 
 

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
+import shutil
+import zipfile
 from pathlib import Path
 
 import pytest
 
-from cases.shipfiles.ship_file import dump_ship, load_ship
-from delivery.export import ABOUT, export
+from cases.shipfiles.ship_file import dump_ship, dump_whole_ship, load_ship
+from delivery.c.header import about
+from delivery.export import ABOUT, FORMATS, export
 from delivery.product import LEFT_OUT, NAME_CHANGED, NO_RANGE, NOT_CONVERGED, UNCALIBRATED, identifiers, product_of
 from mmg.errors import UserError
 from mmg.messages import has_code
 from mmg_ident.commands.main import main
 from tests.support.calibrated import small_result
+from tests.support.fmus import network
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
 
@@ -57,6 +62,49 @@ def test_a_calibrated_ship_brings_its_record(run: Path) -> None:
     assert by_symbol["Y_v"].std == fitted["std"] and by_symbol["Y_v"].verdict == fitted["verdict"]
     assert by_symbol["N_v"].std is None, "a fixed coefficient has no standard error"
     assert product_of(run / "ship.toml").held == found.held
+
+
+def contents(target: Path) -> dict[str, bytes]:
+    """The files of a product by name, those in an FMU by their names in it and the whole beside them."""
+    files = [target] if target.is_file() else sorted(p for p in target.rglob("*") if p.is_file())
+    found = {p.name: p.read_bytes() for p in files}
+    if target.suffix == ".fmu":
+        with zipfile.ZipFile(target) as archive:
+            found |= {name: archive.read(name) for name in archive.namelist()}
+    return found
+
+
+@pytest.mark.parametrize("form", sorted(FORMATS))
+def test_a_run_gives_the_same_bytes_wherever_it_lies(form: str, run: Path, tmp_path: Path) -> None:
+    """A product holds hashes of its run and of the data, and no path of either."""
+    first, other = tmp_path / "a" / "run", tmp_path / "a longer name" / "copy"
+    shutil.copytree(run, first)
+    record = json.loads((run / "result.json").read_text())
+    record["command"] = f"mmg fit '{tmp_path}/my ship.toml' {tmp_path}/a.csv --with current --out {first}/"
+    record["data"][0]["path"] = f"{tmp_path}/a.csv"
+    (first / "result.json").write_text(json.dumps(record))
+    if form == "onnx":
+        pytest.importorskip("onnx")
+        ship = load_ship(run)
+        (first / "ship.toml").write_text(dump_whole_ship(ship.with_network(network(ship, 4)), "A ship."))
+    shutil.copytree(first, other)
+    options = {"platforms": ["none"]} if form.startswith("fmu") else {}
+    found = []
+    for folder in (first, other):
+        target = folder.parent / f"product{FORMATS[form].suffix}"
+        export(product_of(folder), form, target, **options)
+        found.append(contents(target))
+    assert found[0] == found[1] and found[0]
+    assert not any(str(tmp_path).encode() in content for content in found[0].values())
+
+
+def test_a_product_names_its_run_and_its_data_by_hashes(run: Path) -> None:
+    found = product_of(run)
+    record = hashlib.sha256((run / "result.json").read_bytes()).hexdigest()
+    assert found.provenance["result_sha256"] == record and found.provenance["source"] == f"run {record[:12]}"
+    assert found.provenance["ship_sha256"] == hashlib.sha256((run / "ship.toml").read_bytes()).hexdigest()
+    assert found.provenance["command"] == "mmg fit ship a.csv --out run"
+    assert f"run {record[:12]}" in " ".join(about(found)) and "(data " in " ".join(about(found))
 
 
 def test_a_ship_that_was_never_calibrated_leaves_by_force_only(
