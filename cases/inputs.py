@@ -17,7 +17,7 @@ STANDARD = ("n", "delta", "wind_north", "wind_east")
 """Inputs of a single-screw, single-rudder ship."""
 
 _STAND_INS = {"delta_port": "delta", "delta_starboard": "delta", "n_2": "n"}
-_AT_REST = ("n_bow", "n_stern", "n_azimuth", "azimuth")
+_AT_REST = tuple(name for name in INPUTS if name in ("n_bow", "n_stern") or "azimuth" in name)
 """Actuators that a trial may leave out: they follow another column, or are taken to be at rest."""
 
 
@@ -55,7 +55,7 @@ def actuator_columns(trial: Trial, actuators: Sequence[str]) -> tuple[np.ndarray
 
 def _check_unused(trial: Trial, actuators: Sequence[str]) -> None:
     """Raises UserError for a thruster or second propeller that moves but is not in the model."""
-    for name in ("n_bow", "n_stern", "n_azimuth", "n_2"):
+    for name in ("n_2", *(name for name in _AT_REST if INPUTS[name][1] == "rps")):
         if name in trial and name not in actuators:
             most = float(np.nanmax(np.abs(trial[name]), initial=0.0))
             if most > 0 and not (name == "n_2" and np.array_equal(trial["n_2"], trial["n"], equal_nan=True)):

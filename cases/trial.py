@@ -11,6 +11,7 @@ import numpy as np
 
 from mmg.errors import check_name
 from mmg.messages import Message
+from mmg.motion.flow import PODS
 from mmg.notebook import html_table
 
 RUDDERS = ("delta", "delta_port", "delta_starboard")
@@ -39,6 +40,7 @@ UNITS = {
     "phi": "rad",
     "p": "rad/s",
     "azimuth": "rad",
+    **{f"{name}_{i}": unit for i in range(2, PODS + 1) for name, unit in (("n_azimuth", "rps"), ("azimuth", "rad"))},
     "wind_speed": "m/s",
     "wind_direction": "rad",
     "apparent_wind_speed": "m/s",

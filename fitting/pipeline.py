@@ -18,7 +18,6 @@ from cases.shipfiles.model_changes import with_instruments
 from cases.trial import UNITS, Trial
 from fitting.calibration import Calibration, condition_number, estimate_coefficients
 from fitting.design.next_trial import identifiability_dict, next_trial
-from fitting.model_selection import ModelSelection, select
 from fitting.nlp.captive import Captive
 from fitting.prediction.band_calibration import adaptation_worth, fit_bands
 from fitting.prediction.bands import draws_of
@@ -27,6 +26,7 @@ from fitting.prediction.score import ScorePair, score_pairs
 from fitting.record import CoefficientRow, FitObjects, FitRecord, SolveRow
 from fitting.report.run_folder import data_rows, plain, versions
 from fitting.result import FitResult
+from fitting.selection.cross_validation import ModelSelection, select
 from fitting.settings import Settings
 from fitting.solvers.interrupts import Later
 from fitting.uncertainty.rows import check_request, refit_rows, uncertainty_rows

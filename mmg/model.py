@@ -73,6 +73,8 @@ def component_forces(flow: Flow, ship: Ship, p: SimpleNamespace, c: Any, s: Smoo
             result[role] = twin.combined(forces[0], forces[1], p) if len(forces) == 2 else forces[0]
             if role == "propeller":
                 flows = tuple(f.with_(slipstream=x.slipstream) for f, x in zip(flows, forces, strict=True))
+        elif role == "expansion":
+            result[role] = model.force(flow, p, c, s, ship.monomials)
         else:
             result[role] = model.force(flow, p, c, s)
     return result

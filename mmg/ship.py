@@ -11,8 +11,10 @@ import numpy as np
 
 from mmg.components.catalogue import actuators
 from mmg.components.coefficients import Coefficient
+from mmg.components.expansion.words import parse_monomial
 from mmg.effects import EFFECTS, effect
 from mmg.errors import check_name
+from mmg.motion.flow import INPUTS
 from mmg.network import Network, features_of
 from mmg.notebook import html_table
 
@@ -73,7 +75,14 @@ class Ship:
     @property
     def actuators(self) -> tuple[str, ...]:
         """Actuators that its force models listen to: names of mmg.motion.flow.INPUTS, in that order."""
-        return actuators(self.components, self.particulars)
+        needed = {*actuators(self.components, self.particulars)}
+        needed = needed.union(*(parse_monomial(text).inputs for text in self.monomials.values()))
+        return tuple(name for name in INPUTS if name in needed)
+
+    @property
+    def monomials(self) -> dict[str, str]:
+        """What each term of a generated polynomial multiplies, by symbol; empty for a ship without one."""
+        return {symbol: c.monomial for symbol, c in self.coefficients.items() if c.monomial}
 
     @property
     def inputs(self) -> tuple[str, ...]:

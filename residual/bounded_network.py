@@ -14,7 +14,10 @@ from mmg.network import Layers, Network, features_of
 
 SWAPPED = {"delta_port": "delta_starboard", "delta_starboard": "delta_port", "n": "n_2", "n_2": "n"}
 """Features that change places when port becomes starboard, where a ship has both."""
-SIGN_CHANGING = ("v", "r", "a_y", "delta", "delta_port", "delta_starboard", "n_bow", "n_stern", "azimuth")
+SIGN_CHANGING = (
+    "v", "r", "a_y", "delta", "delta_port", "delta_starboard", "n_bow", "n_stern",
+    "azimuth", "azimuth_2", "azimuth_3", "azimuth_4",
+)  # fmt: skip
 """Features that change sign."""
 
 

@@ -9,6 +9,7 @@ from cases.criteria.completeness import check_completeness
 from cases.io.controls import read_controls
 from cases.maneuvers.definitions import Maneuver, parse_maneuver
 from cases.simulation.gusts import Wind, parse_wind
+from cases.simulation.harbour_inputs import harbour_inputs, harbour_seed
 from cases.simulation.sensors import SensorNoise, add_noise
 from cases.simulation.simulate import simulate, simulate_controls
 from cases.trial import Trial
@@ -28,8 +29,9 @@ def simulated_trial(
 ) -> Trial:
     """The motion of a ship in a manoeuvre or under recorded inputs, as a trial.
 
-    maneuver: text as for ``parse_maneuver``, or its result, for another speed, duration or rudder rate; controls: a
-    trial or its file, whose inputs and wind are followed from its first state; give one of the two. wind:
+    maneuver: text as for ``parse_maneuver``, "harbour:SEED" for random use of all actuators from rest, or a
+    ``Maneuver``, for another speed, duration or rudder rate; controls: a trial or its file, whose inputs and wind are
+    followed from its first state; give one of the two. wind:
     "speed:direction[:gusty]" in m/s and degrees it comes from, default calm air, or the wind of the controls; noise:
     white sensor noise on the states; seed: of gusts, noise and random manoeuvres; dt: sampling interval [s] of a
     manoeuvre, default 0.1. Raises UserError for what cannot be read or simulated, and when a manoeuvre misses its first
@@ -38,6 +40,8 @@ def simulated_trial(
     if (maneuver is None) == (controls is None):
         raise UserError("give either a manoeuvre or controls, one of them")
     air = parse_wind(wind) if isinstance(wind, str) else wind
+    if isinstance(maneuver, str) and (own := harbour_seed(maneuver, seed)) is not None:
+        maneuver, controls = None, harbour_inputs(ship, None, own, dt)
     if maneuver is not None:
         plan = parse_maneuver(maneuver, ship, seed=seed) if isinstance(maneuver, str) else maneuver
         trial = simulate(ship, plan, 0.1 if dt is None else dt, air, seed)

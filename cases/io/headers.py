@@ -9,6 +9,7 @@ from cases.io.sidecar import SidecarEntry
 from cases.io.units import accepted, is_canonical
 from mmg.errors import UserError
 from mmg.messages import Message
+from mmg.motion.flow import INPUTS, PROPELLERS, RUDDERS
 
 FRT_NAMES = {
     "x_position_mid": "x",
@@ -27,6 +28,8 @@ FRT_NAMES = {
 """Header names of the FRT-DS-ESSO records -> canonical names (data set README, "Measurement items")."""
 
 REQUIRED = ("t", "psi", "u", "v", "r", "n")
+THRUSTERS = tuple(name for name, (_, unit) in INPUTS.items() if unit == "rps" and name not in PROPELLERS)
+"""Columns that make a craft without propeller and rudder: it then needs neither n nor delta."""
 
 
 def match_headers(
@@ -106,8 +109,10 @@ def _unit(path: Path, name: str, cell: str, unit: str, entry: SidecarEntry, noti
 
 def _require(path: Path, header: list[str], taken: dict[str, tuple[int, str]]) -> None:
     """Raises UserError naming the required columns that are missing and how to map them."""
-    missing = [name for name in REQUIRED if name not in taken]
-    if "delta" not in taken:
+    thrusters = [name for name in taken if name in THRUSTERS]
+    without = bool(thrusters) and not {"n", *RUDDERS} & set(taken)
+    missing = [name for name in REQUIRED if name not in taken and not (without and name == "n")]
+    if "delta" not in taken and not without:
         twins = [c for c in ("delta_port", "delta_starboard") if c not in taken]
         missing += [] if not twins else ["delta"] if len(twins) == 2 else twins
     if missing:

@@ -121,6 +121,10 @@ def _si_columns(path: Path, content: bytes, entry: SidecarEntry, notices: list[M
             text = f"{name}: {int(infinite.sum())} infinite values taken as missing"
             notices.append(Message(text, "infinite_values"))
         columns[name] = values
+    absent = [name for name in ("n", "delta") if name not in columns and not {"n", *RUDDERS} & set(matched)]
+    if absent:
+        columns |= {name: np.zeros(len(columns["t"])) for name in absent}
+        notices.append(Message("no propeller and no rudder: n and delta are zero", "no_propeller"))
     return columns
 
 

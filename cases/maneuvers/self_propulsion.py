@@ -38,10 +38,12 @@ def actuator_positions(ship: Ship, n: Any, delta: Any) -> dict[str, Any]:
         elif name == "pitch":
             ahead, zero = ship.particulars.get("pitch", DESIGN_PITCH), ship.coefficients["theta_0"].value
             moved[name] = np.where(n >= 0, ahead, 2 * zero - ahead)
-    if "n_azimuth" in moved and "n" not in moved:
-        moved["n_azimuth"] = n
-        if "rudder" not in ship.components:
-            moved["azimuth"] = np.copysign(delta, delta * ship.particulars["x_az"])
+    rudders = any(name.startswith("delta") for name in moved)
+    for name in [name for name in moved if name.startswith("n_azimuth") and "n" not in moved]:
+        moved[name], angle = n, name.removeprefix("n_")
+        if not rudders and angle in moved:
+            place = ship.particulars.get(angle.replace("azimuth", "x_az"), -1.0)
+            moved[angle] = np.copysign(delta, delta * place)
     return moved
 
 

@@ -20,7 +20,8 @@ def without_component(ship: Ship, role: str) -> Ship:
     """
     if role not in ship.components:
         raise UserError(f"--without {role}: {ship.name} has no such component; it has {', '.join(ship.components)}")
-    if role == "hull" or (role == "propeller" and "rudder" in ship.components):
+    alone = role in ("hull", "expansion") and not {"hull", "expansion"} & {*ship.components} - {role}
+    if role == "hull" or alone or (role == "propeller" and "rudder" in ship.components):
         raise UserError(f"--without {role}: the rest of the model needs it")
     needing = [name for name in ship.effects if role in EFFECTS[name].needs]
     if needing:
@@ -28,6 +29,7 @@ def without_component(ship: Ship, role: str) -> Ship:
     components = {r: n for r, n in ship.components.items() if r != role}
     rows = coefficient_table(components, ship.particulars)
     rows |= {s: c for s, c in ship.coefficients.items() if s.partition(".")[0] in ship.effects}
+    rows |= {s: ship.coefficients[s] for s in ship.monomials if "expansion" in components}
     needed = set(required_particulars(ship.components)) - set(required_particulars(components))
     unused = [key for key in ship.particulars if key in needed]
     words = f"[ship] {', '.join(unused)}: not used by any model"

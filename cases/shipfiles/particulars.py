@@ -9,10 +9,12 @@ import math
 from collections.abc import Iterator, Mapping
 
 from mmg.components.particulars import PARTICULARS
+from mmg.motion.flow import PODS
 from mmg.motion.froude import time_scale
 
-PLACES = ("x_G", "x_R", "C", "C_BR", "x_BT", "x_ST", "x_az")
-SIGNED = (*PLACES, "y_az")
+PODS_ASIDE = ("y_az", "y_az_2", "y_az_3", "y_az_4")
+PLACES = ("x_G", "x_R", "C", "C_BR", "x_BT", "x_ST", "x_az", "x_az_2", "x_az_3", "x_az_4")
+SIGNED = (*PLACES, *PODS_ASIDE)
 """Particulars that may be zero or negative: places relative to midship."""
 
 LONGEST = 600.0
@@ -27,7 +29,12 @@ def wrong_particulars(p: Mapping[str, float]) -> list[str]:
     p: some or all particulars [SI]; rules that need one that is absent are left out, and those that compare
     particulars are used where each is possible by itself.
     """
-    wrong = []
+    wrong = [
+        f"{name} is given without {other}: a pod needs both"
+        for i in range(2, PODS + 1)
+        for name, other in ((f"x_az_{i}", f"y_az_{i}"), (f"y_az_{i}", f"x_az_{i}"))
+        if name in p and other not in p
+    ]
     for name, value in p.items():
         if name in PARTICULARS and (not math.isfinite(value) or (name not in SIGNED and value <= 0)):
             words, unit = PARTICULARS[name]
@@ -69,7 +76,7 @@ def _refuted(p: Mapping[str, float]) -> Iterator[str]:
                 f"A_R = {p['A_R']:g} m² and aspect_ratio = {p['aspect_ratio']:g} give a rudder {height:.3g} m high, "
                 f"more than the draught d = {p['d']:g} m"
             )
-    for names, side, share in ((PLACES, "L", 0.6), (("y_P", "y_az"), "B", 0.5)):
+    for names, side, share in ((PLACES, "L", 0.6), (("y_P", *PODS_ASIDE), "B", 0.5)):
         for name in names:
             if have(name, side) and abs(p[name]) > share * p[side]:
                 yield f"{name} = {p[name]:g} m lies off the ship ({side} = {p[side]:g} m)"

@@ -36,6 +36,7 @@ class CoefficientEntry(Section):
     verdict: str = ""
     prior_value: float | None = None
     prior_std: float | None = Field(None, ge=0)
+    monomial: str = ""
 
 
 class _Words(Section):

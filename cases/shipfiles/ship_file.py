@@ -14,6 +14,7 @@ from typing import Any
 
 from cases.io.files import read_json
 from cases.io.toml_file import checked, header, parse_toml, read_toml, refuse, unknown
+from cases.shipfiles.generated_terms import generated_terms, optional_particulars
 from cases.shipfiles.network_file import NETWORK, is_black_box, load_network
 from cases.shipfiles.network_table import NetworkTable, network_of, network_text
 from cases.shipfiles.particulars import wrong_particulars
@@ -93,7 +94,10 @@ def _plain_ship(data: dict[str, Any], where: str) -> Ship:
     if contradictions or len(given) < len(data["ship"]) or len(content.model.model_fields_set) < len(data["model"]):
         refuse(where, problems)  # what the coefficients can be is not known then
     try:
-        ship = Ship("", particulars, components, coefficient_table(components, particulars))
+        table = coefficient_table(components, particulars)
+        rows, wrong = generated_terms(content.coefficients, components, table)
+        problems += wrong
+        ship = Ship("", particulars, components, {**table, **rows})
     except (ZeroDivisionError, OverflowError):
         out_of_proportion = "[ship] the particulars are out of all proportion; check their units (SI)"
         raise UserError(f"{where}: {'; '.join([*problems, out_of_proportion])}") from None
@@ -104,7 +108,11 @@ def _plain_ship(data: dict[str, Any], where: str) -> Ship:
     defaults = ship.coefficients
     follows = derived(components, particulars)
     left_out = [s for s in defaults if s not in content.coefficients and s not in follows]
-    unused = [k for k in particulars if k not in (*required_particulars(components), *OPTIONAL)]
+    unused = [
+        k
+        for k in particulars
+        if k not in (*required_particulars(components), *OPTIONAL, *optional_particulars(components))
+    ]
     texts = ((f"not in the ship file, so at the model's default: {', '.join(left_out)}", "model_default", left_out),
              (f"[ship] {', '.join(unused)}: not used by any model", "unused_particular", unused))  # fmt: skip
     notices = [Message(text, code) for text, code, any_of in texts if any_of]

@@ -206,12 +206,13 @@ def _notices(ship: Ship, windy: bool, states: np.ndarray) -> tuple[Message, ...]
     if windy and "wind" not in ship.components and "wind_force" not in ship.effects:
         words = f"{ship.name} has no wind model: the wind is recorded but exerts no force"
         found.append(Message(words, "no_wind_model"))
-    limit = getattr(module("hull", ship.components["hull"]), "LARGEST_DRIFT", None)
+    hull = ship.components.get("hull")
+    limit = getattr(module("hull", hull), "LARGEST_DRIFT", None) if hull else None
     speed = np.hypot(states[:, 3], states[:, 4])
     drift = np.abs(np.arctan2(states[:, 4], states[:, 3]))[speed > 0.1 * speed.max()]
     if limit is not None and len(drift) and drift.max() > limit:
         words = (
-            f"the drift angle reaches {math.degrees(drift.max()):.0f} deg, where the {ship.components['hull']} hull "
+            f"the drift angle reaches {math.degrees(drift.max()):.0f} deg, where the {hull} hull "
             f"(up to about {math.degrees(limit):.0f} deg) only extrapolates"
         )
         found.append(Message(words, "hull_extrapolates"))

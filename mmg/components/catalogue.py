@@ -7,6 +7,7 @@ from types import ModuleType
 
 from mmg.components.actuators import lag, rate_limited
 from mmg.components.coefficients import Coefficient, names
+from mmg.components.expansion import hard_submodels, smooth_submodels
 from mmg.components.hull import abkowitz, polynomial, unified
 from mmg.components.propeller import cpp, four_quadrant, hachii, kang, standard_hirano, standard_kijima
 from mmg.components.propeller import standard as standard_propeller
@@ -17,9 +18,9 @@ from mmg.components.rudder import standard as standard_rudder
 from mmg.components.thruster import azimuth, bow, stern
 from mmg.components.waves import drift
 from mmg.components.wind import blendermann, fujiwara, isherwood
-from mmg.motion.flow import INPUTS
+from mmg.motion.flow import INPUTS, PODS
 
-FORCES = ("hull", "propeller", "rudder", "bow_thruster", "stern_thruster", "azimuth", "wind", "waves")
+FORCES = ("hull", "propeller", "rudder", "bow_thruster", "stern_thruster", "azimuth", "expansion", "wind", "waves")
 """Roles that exert forces, in the order of evaluation: the rudder sees the propeller's slipstream."""
 
 ROLES = (*FORCES, "actuators", "roll")
@@ -40,6 +41,7 @@ MODELS: dict[str, dict[str, ModuleType]] = {
     "bow_thruster": {"kobayashi": bow},
     "stern_thruster": {"kobayashi": stern},
     "azimuth": {"azimuth": azimuth},
+    "expansion": {"smooth_submodels": smooth_submodels, "hard_submodels": hard_submodels},
     "wind": {"fujiwara": fujiwara, "blendermann": blendermann, "isherwood": isherwood},
     "waves": {"drift": drift},
     "actuators": {"rate_limited": rate_limited, "lag": lag},
@@ -98,10 +100,16 @@ def actuators(components: Mapping[str, str], particulars: Mapping[str, float]) -
     components: role -> model; particulars: symbol -> SI value.
     """
     needed = {name for item in components.items() for name in getattr(module(*item), "INPUTS", ())}
+    needed |= {name for i in pods(particulars) for name in (f"n_azimuth{i}", f"azimuth{i}") if "azimuth" in components}
     if twin_screw(particulars):
         needed |= {"n_2"} if "n" in needed else set()
         needed = (needed - {"delta"}) | {"delta_port", "delta_starboard"} if "delta" in needed else needed
     return tuple(name for name in INPUTS if name in needed)
+
+
+def pods(particulars: Mapping[str, float]) -> tuple[str, ...]:
+    """Endings of particulars and inputs of the pods after the first, such as "_2". particulars: symbol -> SI value."""
+    return tuple(f"_{i}" for i in range(2, PODS + 1) if f"x_az_{i}" in particulars)
 
 
 def twin_screw(particulars: Mapping[str, float]) -> bool:

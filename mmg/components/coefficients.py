@@ -23,6 +23,7 @@ class Coefficient:
     description: what it is, in words.
     verdict: a sentence on how well the data determine it, after a fit.
     prior_value, prior_std: the prior a calibrated value started from; None before a fit.
+    monomial: of a term of a generated polynomial, what it multiplies (mmg/components/expansion/words.py).
     """
 
     symbol: str
@@ -38,6 +39,7 @@ class Coefficient:
     verdict: str = ""
     prior_value: float | None = None
     prior_std: float | None = None
+    monomial: str = ""
 
     def with_(self, **changes: Any) -> Coefficient:
         """A copy with some attributes changed."""

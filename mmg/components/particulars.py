@@ -26,6 +26,12 @@ PARTICULARS = {
     "D_az": ("azimuth thruster diameter", "m"),
     "x_az": ("azimuth thruster, forward of midship", "m"),
     "y_az": ("azimuth thruster, to starboard of the centre plane", "m"),
+    **{
+        f"{axis}_az_{i}": (f"azimuth thruster {i}, {side}", "m")
+        for i in range(2, 5)
+        for axis, side in (("x", "forward of midship"), ("y", "to starboard of the centre plane"))
+    },
+    "delta_stall": ("nominal stall angle of the rudders, where sub-models of a generated polynomial change", "rad"),
     "A_T": ("frontal projected area above water", "m²"),
     "A_L": ("lateral projected area above water", "m²"),
     "A_OD": ("lateral area of superstructures on deck", "m²"),

@@ -21,8 +21,17 @@ INPUTS = {
     "n_stern": ("revolutions of the stern thruster, positive pushes the stern to starboard", "rps"),
     "n_azimuth": ("revolutions of the azimuth thruster", "rps"),
     "azimuth": ("direction into which the azimuth thruster pushes, clockwise from ahead", "rad"),
+    "n_azimuth_2": ("revolutions of the second azimuth thruster", "rps"),
+    "azimuth_2": ("direction into which the second azimuth thruster pushes, clockwise from ahead", "rad"),
+    "n_azimuth_3": ("revolutions of the third azimuth thruster", "rps"),
+    "azimuth_3": ("direction into which the third azimuth thruster pushes, clockwise from ahead", "rad"),
+    "n_azimuth_4": ("revolutions of the fourth azimuth thruster", "rps"),
+    "azimuth_4": ("direction into which the fourth azimuth thruster pushes, clockwise from ahead", "rad"),
 }
 """Actuators that a force model may ask for: words and unit. They are columns of trial files and fields of Flow."""
+
+PODS = 4
+"""Most azimuth thrusters of a ship."""
 
 RUDDERS, PROPELLERS = ("delta", "delta_port", "delta_starboard"), ("n", "n_2")
 """Rudders and propellers among them."""
@@ -100,6 +109,12 @@ class Flow:
     n_stern: Any = 0.0
     n_azimuth: Any = 0.0
     azimuth: Any = 0.0
+    n_azimuth_2: Any = 0.0
+    azimuth_2: Any = 0.0
+    n_azimuth_3: Any = 0.0
+    azimuth_3: Any = 0.0
+    n_azimuth_4: Any = 0.0
+    azimuth_4: Any = 0.0
     x: Any = 0.0
     y: Any = 0.0
     psi: Any = 0.0

@@ -113,6 +113,7 @@ VERBS = {
     "predict": "Predict open-loop windows of trials.",
     "score": "Score models on trials, side by side.",
     "compare": "Compare models with the published networks on the public splits.",
+    "select": "Generate models of any structure for a ship: Abkowitz-MMG hybrids.",
     "diagnose": "Say which effect a model lacks, where the gap lies and how far it shrinks.",
     "export": "Deliver a calibrated or hybrid ship: C and other formats that run elsewhere.",
     "report": "Write one HTML page on a run, or on several side by side.",

@@ -24,7 +24,8 @@ def simulate(
         str | None,
         Option(
             help="turning:35, zigzag:20/20 (rudder/heading), spiral:15/5, pull-out:20, crash-stop, random, "
-            "random:SEED, straight, berthing or acceleration; degrees, negative begins to port."
+            "random:SEED, straight, berthing or acceleration; degrees, negative begins to port; harbour:SEED uses "
+            "every actuator at random, each by itself."
         ),
     ] = None,
     controls: Annotated[
@@ -74,6 +75,7 @@ def simulate(
     from cases.maneuvers.definitions import parse_maneuver
     from cases.shipfiles.effects import with_effects
     from cases.shipfiles.ship_file import load_ship
+    from cases.simulation.harbour_inputs import harbour_inputs, harbour_seed
     from cases.simulation.sensors import SensorNoise, add_noise
     from cases.simulation.simulate import write_trial
 
@@ -92,15 +94,24 @@ def simulate(
         option = {"sampled": "sampled-helm"}.get(given[0], given[0].replace("_", "-"))
         raise UserError(f"--{option} belongs to --maneuver; with --controls the file gives times and inputs")
     model = with_effects(load_ship(ship), effect or [])
+    source: Any = controls
+    if maneuver is not None and (own := harbour_seed(maneuver, seed)) is not None:
+        if any(value is not None for value in (n, speed, rudder_rate)) or sampled_helm:
+            raise UserError(
+                f"{maneuver} starts at rest with actuators at their own rates; give --duration and --dt only"
+            )
+        maneuver, source = None, harbour_inputs(model, duration, own, dt)
     plan = parse_maneuver(maneuver, model, seed=seed, **approach) if maneuver is not None else None
     if scatter is not None:
+        if plan is None and controls is None:
+            raise UserError("--scatter is a standard manoeuvre, not random inputs; leave it out")
         others = {"--controls": controls, "--wind": wind, "--noise": noise or None}
         for option in [name for name, value in others.items() if value is not None]:
             raise UserError(f"--scatter is a manoeuvre in calm air; leave {option} out")
         _scatter(ship, model, plan, scatter, seed, dt, out, json)
         return
     with working("simulating"):
-        trial = simulated_trial(model, plan, controls, wind, seed=seed, dt=dt)
+        trial = simulated_trial(model, plan, source, wind, seed=seed, dt=dt)
     found = figures_of(trial, plan) if plan else {}
     summary = _summary(model, trial, plan.name if plan else trial.name, found)
     if noise and out is None:

@@ -135,7 +135,7 @@ def envelope_rows(result: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Range of each feature in the training rows of ``result``, and in the validation rows with the share outside."""
     beyond, rows = result["outside"].get("features", {}), []
     for name, (low, high) in result["envelope"].items():
-        words, unit = FEATURES.get(name) or (
+        words, unit = FEATURES.get("azimuth" if name.startswith("azimuth") else name) or (
             ("rudder angle", "deg") if name.startswith("delta") else ("revolutions", "rev/s")
         )
         factor = degrees(1) if unit.startswith("deg") else 1.0

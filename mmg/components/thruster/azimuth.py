@@ -1,4 +1,6 @@
-"""Azimuth thruster or pod at (x_az, y_az) that pushes into the direction a = azimuth, clockwise from ahead.
+"""Azimuth thrusters or pods at (x_az, y_az) that push into the direction a = azimuth, clockwise from ahead.
+
+Up to four alike: the second is at (x_az_2, y_az_2) and listens to n_azimuth_2 and azimuth_2, and so on.
 
 u_i = u - y r, v_i = v + x r; V_A = (1 - w_az) (u_i cos a + v_i sin a); T = (1 - t_az) k_T_az T_4Q(V_A/k_J_az, n) with
 the four-quadrant thrust of B4-70, P/D = 1.0 (propeller/four_quadrant.py), valid for every sign of V_A and n;
@@ -16,7 +18,7 @@ import casadi as ca
 
 from mmg.components.coefficients import table
 from mmg.components.propeller.four_quadrant import thrust
-from mmg.motion.flow import Flow, Force
+from mmg.motion.flow import PODS, Flow, Force
 from mmg.motion.smooth import Smoothing
 
 PARTICULARS = ("rho", "D_az", "x_az", "y_az")
@@ -33,11 +35,18 @@ COEFFICIENTS = table(
 
 
 def force(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Force:
-    """Force of the azimuth thruster [N, N, N m]. flow, p, c, s: as in mmg/motion/flow.py."""
-    u, v = flow.u - p.y_az * flow.r, flow.v + p.x_az * flow.r
-    cosine, sine = ca.cos(flow.azimuth), ca.sin(flow.azimuth)
+    """Force of all azimuth thrusters [N, N, N m]. flow, p, c, s: as in mmg/motion/flow.py."""
+    endings = ["", *(f"_{i}" for i in range(2, PODS + 1) if hasattr(p, f"x_az_{i}"))]
+    return sum((_one(flow, ending, p, c, s) for ending in endings[1:]), _one(flow, "", p, c, s))
+
+
+def _one(flow: Flow, ending: str, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Force:
+    x, y = getattr(p, f"x_az{ending}"), getattr(p, f"y_az{ending}")
+    n, direction = getattr(flow, f"n_azimuth{ending}"), getattr(flow, f"azimuth{ending}")
+    u, v = flow.u - y * flow.r, flow.v + x * flow.r
+    cosine, sine = ca.cos(direction), ca.sin(direction)
     V_A = (1 - c.w_az) * (u * cosine + v * sine)
-    T = (1 - c.t_az) * c.k_T_az * thrust(V_A / c.k_J_az, flow.n_azimuth, p.D_az, p.rho, s)
+    T = (1 - c.t_az) * c.k_T_az * thrust(V_A / c.k_J_az, n, p.D_az, p.rho, s)
     drag = 0.5 * p.rho * p.D_az**2 * c.C_pod * s.root(u**2 + v**2, 0.1 * s.speed)
     X, Y = T * cosine - drag * u, T * sine - drag * v
-    return Force(X, Y, p.x_az * Y - p.y_az * X)
+    return Force(X, Y, x * Y - y * X)

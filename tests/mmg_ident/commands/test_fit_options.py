@@ -44,7 +44,7 @@ def test_captive_points_and_a_robust_loss_go_into_the_run(folder: Path) -> None:
 
 
 def test_an_automatic_choice_is_told_in_result_and_report(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from fitting import model_selection as selection
+    from fitting.selection import cross_validation as selection
 
     monkeypatch.setattr(selection, "STEPS", (50,))
     monkeypatch.setattr(selection, "WIDTHS", ())

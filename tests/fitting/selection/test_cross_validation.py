@@ -16,8 +16,8 @@ from cases.simulation.gusts import Wind
 from cases.simulation.sensors import SensorNoise, add_noise
 from cases.simulation.simulate import simulate
 from cases.trial import Trial
-from fitting import model_selection as selection
-from fitting.model_selection import Choice, folds_of, prepare, select, standard_error, weighted_mean
+from fitting.selection import cross_validation as selection
+from fitting.selection.cross_validation import Choice, folds_of, prepare, select, standard_error, weighted_mean
 from fitting.settings import Settings
 from mmg.errors import UserError
 from mmg.messages import has_code

@@ -1,0 +1,104 @@
+"""Candidates for the structure of a ship's model: the ship as it is, and generated polynomials instead of it or on top.
+
+Their names say what they are: ``mmg`` is the ship as given, ``sm2-order3`` a polynomial of third order with two
+sub-models (Miyauchi et al. 2023), ``mmg+sm1-order2`` one on top of the ship's own forces.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from cases.shipfiles.generated_ship import generated_ship, structure_of
+from mmg.errors import UserError
+from mmg.ship import Ship
+
+GIVEN = "mmg"
+"""Name of the ship as it was given."""
+HIGHEST = 3
+"""Highest order of the polynomials where none is asked for."""
+_NAMES = {"SM-1": "sm1", "SM-2": "sm2", "SM-3": "sm3", "SM-4": "sm4", "quadrants": "quadrants"}
+
+
+@dataclass(frozen=True)
+class Rules:
+    """How the polynomials of all candidates are generated.
+
+    order: highest; actuators: list as ``parse_devices`` takes it, None: those of the ship; symmetric, duplicates,
+    moduli: as of ``Structure``; hard: sub-models switch at once.
+    """
+
+    order: int = HIGHEST
+    actuators: str | None = None
+    symmetric: bool = True
+    duplicates: str = "paper"
+    moduli: str = "paper"
+    hard: bool = False
+
+
+@dataclass(frozen=True)
+class StructureCandidate:
+    """A candidate: its name, the ship to fit, what it is in words, the order of its polynomial (0: none) and its
+    sub-models ("": none)."""
+
+    name: str
+    ship: Ship
+    words: str
+    order: int = 0
+    submodels: str = ""
+
+    @property
+    def unknowns(self) -> int:
+        """Number of coefficients that a fit may change."""
+        return len(self.ship.free)
+
+    @property
+    def counts(self) -> tuple[int, int, int]:
+        """Number of generated terms in X, Y and N."""
+        x, y, n = (sum(symbol[0] == force for symbol in self.ship.monomials) for force in "XYN")
+        return x, y, n
+
+
+def candidates(ship: Ship, rules: Rules | None = None) -> tuple[StructureCandidate, ...]:
+    """All candidates for ``ship`` by ``rules``, the one with the fewest generated terms first.
+
+    Raises UserError for rules that no structure can meet (``structure_of``), and for a ship that is generated already.
+    """
+    rules = rules or Rules()
+    if "expansion" in ship.components:
+        raise UserError(f"{ship.name} is a generated model already; give the ship that it was made from")
+    if rules.order < 1:
+        raise UserError(f"order {rules.order}: must be at least 1")
+    found = []
+    for submodels in _submodels(ship, rules):
+        for order in range(1, rules.order + 1):
+            structure = structure_of(
+                ship, order, submodels, rules.actuators, rules.symmetric, rules.duplicates, rules.moduli
+            )
+            name = f"{_NAMES[submodels]}-order{order}"
+            made = generated_ship(ship, structure, f"{ship.name}_{name.replace('-', '_')}", rules.hard)
+            found.append(StructureCandidate(name, made, structure.words, order, submodels))
+            if submodels == "SM-1" and order <= 2:
+                made = generated_ship(
+                    ship, structure, f"{ship.name}_plus_{name.replace('-', '_')}", rules.hard, offset=True
+                )
+                words = f"{structure.words}, on top of the ship's own forces"
+                found.append(StructureCandidate(f"{GIVEN}+{name}", made, words, order, submodels))
+    found.sort(key=lambda candidate: (sum(candidate.counts), candidate.name))
+    own = ", ".join(f"{role} {model}" for role, model in ship.components.items())
+    return (StructureCandidate(GIVEN, ship, f"the ship as given: {own}"), *found)
+
+
+def candidate(ship: Ship, name: str, rules: Rules | None = None) -> StructureCandidate:
+    """The candidate ``name`` among those of ``ship`` by ``rules``. Raises UserError where there is none so named."""
+    known = {one.name: one for one in candidates(ship, rules)}
+    if name not in known:
+        raise UserError(f"no candidate '{name}' for {ship.name}; known: {', '.join(known)}")
+    return known[name]
+
+
+def _submodels(ship: Ship, rules: Rules) -> tuple[str, ...]:
+    """Sub-models that the actuators allow: by the stall angle where there are rudders, quadrants with a propeller."""
+    first = structure_of(ship, 1, "SM-1", rules.actuators, rules.symmetric, rules.duplicates, rules.moduli)
+    names = [name for device in first.devices for name in device.names]
+    rudders = any(name.startswith("delta") for name in names)
+    return ("SM-1", "SM-2", *(("SM-3", "SM-4") if rudders else ()), *(("quadrants",) if "n" in names else ()))

@@ -1,0 +1,99 @@
+"""The force of a generated polynomial: the sum of its terms at a motion.
+
+X = 1/2 rho L d V^2 sum c_i w_i m_i, Y alike, N = 1/2 rho L^2 d V^2 sum c_i w_i m_i with V = 0.1 sqrt(g L), the
+monomials m_i and conditions w_i of ``words``. V is a constant of the ship, so nothing is divided by the speed, all is
+smooth at rest, and the coefficients hold for similar ships by Froude's law (Kose et al. 1985 have the same idea).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from types import SimpleNamespace
+from typing import Any
+
+import casadi as ca
+
+from mmg.components.expansion.words import Monomial, Word, parse_monomial
+from mmg.motion.flow import INPUTS, Flow, Force
+from mmg.motion.froude import reference_speed
+from mmg.motion.smooth import Exact, Smoothing
+
+STALL = 0.6545
+"""Nominal stall angle [rad] where a ship file has no delta_stall: that of Kang et al. (2008) for fish-tail rudders."""
+WIDTH = 0.02
+"""Width of a modulus in the scaled variables: 11 mm/s, 0.2 rps of a 3 m model; a change of angle is twice it [rad]."""
+REVOLUTIONS = 50.0
+"""Revolutions are by this times V/L: 9 rps at 3 m."""
+
+
+def speed_scale(length: float) -> float:
+    """V [m/s] by which velocities are divided for a ship of ``length`` [m]: 0.1 sqrt(g L), 0.54 at 3 m."""
+    return 0.1 * reference_speed(length)
+
+
+def series_force(
+    flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing, monomials: Mapping[str, str], hard: bool
+) -> Force:
+    """Force [N, N, N m] of the terms ``monomials``: symbol of the coefficient, which begins with X, Y or N, -> text.
+
+    hard: conditions are switched at once instead of blended; flow, p, c, s: as in mmg/motion/flow.py.
+    """
+    switch: Smoothing = Exact() if hard else s
+    known: dict[Any, Any] = {}
+    total: dict[str, Any] = {"X": 0.0, "Y": 0.0, "N": 0.0}
+    for symbol, text in monomials.items():
+        term = parse_monomial(text)
+        product = _product(term, flow, p, (s, switch), known)
+        total[symbol[0]] = total[symbol[0]] + getattr(c, symbol) * product
+    unit = 0.5 * p.rho * p.L * p.d * speed_scale(p.L) ** 2
+    return Force(unit * total["X"], unit * total["Y"], unit * p.L * total["N"])
+
+
+def variable(word: Word, flow: Flow, L: float) -> Any:
+    """The scaled value of the variable ``word`` at ``flow``, for a ship of length ``L`` [m]."""
+    V = speed_scale(L)
+    if not word.parts:
+        scale = {"u": V, "v": V, "r": V / L}.get(word.name)
+        if scale is None:
+            scale = REVOLUTIONS * V / L if INPUTS[word.name][1] == "rps" else 1.0
+        return getattr(flow, word.name) / scale
+    x = [variable(part, flow, L) for part in word.parts]
+    if word.name in ("sin", "cos"):
+        return ca.sin(x[0]) if word.name == "sin" else ca.cos(x[0])
+    if word.name in ("mean", "half"):
+        return 0.5 * (x[0] + x[1]) if word.name == "mean" else 0.5 * (x[0] - x[1])
+    thrust = x[0] * ca.sqrt(x[0] * x[0] + WIDTH**2)
+    return thrust if word.name == "thrust" else thrust * (ca.cos(x[1]) if word.name == "push" else ca.sin(x[1]))
+
+
+def _product(
+    term: Monomial, flow: Flow, p: SimpleNamespace, by: tuple[Smoothing, Smoothing], known: dict[Any, Any]
+) -> Any:
+    s, switch = by
+    values = []
+    for condition in term.conditions:
+        if condition not in known:
+            known[condition] = _weight(condition, flow, p, switch)
+        values.append(known[condition])
+    for word, bars in term.factors:
+        if (word, bars) not in known:
+            x = variable(word, flow, p.L)
+            known[word, bars] = s.absolute(x, WIDTH) if bars else x
+        values.append(known[word, bars])
+    return math.prod(values[1:], start=values[0])
+
+
+def _weight(condition: Word, flow: Flow, p: SimpleNamespace, s: Smoothing) -> Any:
+    """Where a condition holds: 1, elsewhere 0."""
+    scaled = [variable(part, flow, p.L) for part in condition.parts]
+    if condition.name in ("ahead", "astern"):
+        u = flow.u / speed_scale(p.L)
+        ahead = s.step_or_zero(u, WIDTH) if isinstance(s, Exact) else s.step(u, WIDTH)
+        return ahead if condition.name == "ahead" else 1 - ahead
+    if condition.name in ("driving", "reversing"):
+        driving = s.step_or_zero(sum(scaled) / len(scaled), WIDTH)
+        return driving if condition.name == "driving" else 1 - driving
+    limit = getattr(p, "delta_stall", STALL)
+    attached = math.prod((s.step(limit - s.magnitude(x, WIDTH), 2 * WIDTH) for x in scaled), start=1.0)
+    return attached if condition.name == "attached" else 1 - attached

@@ -1,0 +1,266 @@
+"""Generated polynomials: words, counts of the paper, rules, conditions, derivatives, any list of actuators."""
+
+from __future__ import annotations
+
+import itertools
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from mmg.components.coefficients import names
+from mmg.components.expansion import hard_submodels, smooth_submodels
+from mmg.components.expansion.actuators import devices_of, parse_devices, variables, without_partner
+from mmg.components.expansion.series import STALL, speed_scale, variable
+from mmg.components.expansion.structure import Powers, Structure, monomials, regimes, term_list, terms
+from mmg.components.expansion.words import parse_monomial
+from mmg.errors import UserError
+from mmg.motion.flow import INPUTS, Flow
+from mmg.motion.smooth import Smooth
+
+VECTWIN = parse_devices("n, delta_port, delta_starboard")
+PODS = parse_devices("azimuth+azimuth_2, azimuth_3+azimuth_4")
+PAPER = {"L": 3.0, "d": 0.17, "rho": 998.0}
+SMOOTH = Smooth.for_length(3.0)
+LISTS = ("n, delta", "n, delta_port, delta_starboard", "n+n_2, delta_starboard+delta_port", "n+n_2", "n_bow, n_stern",
+         "azimuth+azimuth_2, azimuth_3+azimuth_4")  # fmt: skip
+
+
+def motion(rng: np.random.Generator) -> dict[str, float]:
+    """A motion and positions of all actuators at random."""
+    speeds = dict(zip("uvr", rng.normal(size=3) * (0.3, 0.1, 0.1), strict=True))
+    return speeds | {name: rng.normal() * (8.0 if unit == "rps" else 1.0) for name, (_, unit) in INPUTS.items()}
+
+
+def mirrored(at: dict[str, float], devices: str) -> dict[str, float]:
+    """The same seen in the mirror: port becomes starboard, and pairs of the list of devices change places."""
+    swap = {"n": "n_2", "delta_starboard": "delta_port", "azimuth": "azimuth_2", "azimuth_3": "azimuth_4",
+            "n_azimuth": "n_azimuth_2", "n_azimuth_3": "n_azimuth_4"}  # fmt: skip
+    swap |= {other: name for name, other in swap.items()}
+    swap = swap if "+" in devices else {}
+    odd = [n for n in at if n in ("v", "r", "n_bow", "n_stern") or n.startswith(("delta", "azimuth"))]
+    turned = {name: -x if name in odd else x for name, x in at.items()}
+    return {name: turned[swap.get(name, name)] for name in at}
+
+
+def values(structure: Structure, at: dict[str, float], hard: bool = False, seed: int = 3) -> np.ndarray:
+    """X, Y, N of a structure with random coefficients."""
+    rows = terms(structure)
+    rng = np.random.default_rng(seed)
+    c = names(dict(zip((row.symbol for row in rows), rng.normal(size=len(rows)), strict=True)))
+    model = hard_submodels if hard else smooth_submodels
+    force = model.force(Flow(**at), names(PAPER), c, SMOOTH, {row.symbol: row.monomial for row in rows})
+    return np.array([float(ca.DM(x)) for x in (force.X, force.Y, force.N)])
+
+
+@pytest.mark.parametrize(
+    ("order", "submodels", "count"),
+    [(2, "SM-2", 120), (2, "SM-3", 180), (2, "SM-4", 240), (3, "SM-2", 400), (3, "SM-3", 600)],
+)
+def test_the_counts_are_those_of_the_paper(order: int, submodels: str, count: int) -> None:
+    """133, 193, 253, 413 and 613 with three added masses and ten wind coefficients (Miyauchi et al. 2023, Table 3)."""
+    rows = terms(Structure(VECTWIN, order, submodels))
+    assert len(rows) == count == len({row.symbol for row in rows}) == len({(r.symbol[0], r.monomial) for r in rows})
+
+
+def test_the_second_order_list_is_the_one_that_can_be_written_by_hand() -> None:
+    even, odd = (
+        ("u", "n", "cos(delta_port)", "cos(delta_starboard)"),
+        ("v", "r", "sin(delta_port)", "sin(delta_starboard)"),
+    )
+    product = {frozenset(pair) for pair in itertools.product(even, odd)}
+    sets = {f: {frozenset(map(str, (x.word for x, _ in m))) for m in monomials(Structure(VECTWIN), f)} for f in "XYN"}
+    assert sets["Y"] == sets["N"] == product | {frozenset({x}) for x in odd}
+    squares = {frozenset({x}) for x in ("u", "n", "v", "r")}
+    couples = {frozenset(pair) for group in (even, odd) for pair in itertools.combinations(group, 2)}
+    assert sets["X"] == {frozenset({x}) for x in even} | squares | couples
+    assert len(monomials(Structure(VECTWIN), "X")) == 20
+
+
+@pytest.mark.parametrize("devices", ["n, delta", "n, delta_port, delta_starboard", "n+n_2, delta_starboard+delta_port"])
+@pytest.mark.parametrize("order", [2, 3])
+def test_what_the_identity_leaves_is_independent_and_complete(devices: str, order: int) -> None:
+    """The terms that stay have full rank at random points, and the terms left out lie in their span and a constant."""
+    kept, whole = (Structure(parse_devices(devices), order, duplicates=rule) for rule in ("identity", "none"))
+    rng = np.random.default_rng(0)
+    points = [motion(rng) for _ in range(900)]
+
+    def matrix(powers: tuple[Powers, ...]) -> np.ndarray:
+        flows = [Flow(**at) for at in points]
+        known = {
+            x.word: np.array([float(ca.DM(variable(x.word, f, 3.0))) for f in flows]) for m in powers for x, _ in m
+        }
+        return np.column_stack([np.prod([known[x.word] ** k for x, k in m], axis=0) for m in powers])
+
+    for force in "XY":
+        stay, all_of_them = matrix(monomials(kept, force)), matrix(monomials(whole, force))
+        stay = np.column_stack([stay, np.ones(len(points))])
+        scaled = stay / np.linalg.norm(stay, axis=0)
+        assert np.linalg.matrix_rank(scaled, tol=1e-9) == stay.shape[1]
+        residual = all_of_them - stay @ np.linalg.lstsq(stay, all_of_them, rcond=None)[0]
+        assert np.abs(residual).max() < 1e-8 * np.abs(all_of_them).max()
+        assert stay.shape[1] - 1 < all_of_them.shape[1] or (force == "Y" and order == 2)
+
+
+@pytest.mark.parametrize("devices", LISTS)
+@pytest.mark.parametrize("submodels", ["SM-1", "SM-2"])
+def test_mirrored_motion_gives_the_mirrored_force(devices: str, submodels: str) -> None:
+    several = parse_devices(devices)
+    if not any("_" in str(d) and "+" not in str(d) and "delta" in str(d) for d in several):  # two rudders one by one
+        rng = np.random.default_rng(5)
+        for order in (2, 3):
+            structure = Structure(several, order, submodels, duplicates="identity")
+            at = motion(rng)
+            np.testing.assert_allclose(
+                values(structure, mirrored(at, devices)), values(structure, at) * (1, -1, -1), rtol=1e-9, atol=1e-9
+            )
+
+
+def test_moduli_change_squares_and_products_but_not_pure_cubes() -> None:
+    rows = terms(Structure(parse_devices("n, delta"), 3, "SM-1"))
+    texts = {row.symbol[0] + " " + row.monomial for row in rows}
+    assert {"X u |u|", "X n |n|", "X v v", "Y v v v", "Y |v| r", "Y u |u| v", "X u u u"} <= texts
+    assert "X u u" not in texts
+    plain = {row.monomial for row in terms(Structure(parse_devices("n, delta"), 3, "SM-1", moduli="none"))}
+    assert not any("|" in text for text in plain) and "v v r" in plain
+    assert "v |v|" in {row.monomial for row in terms(Structure(parse_devices("n, delta"), 3, "SM-1", moduli="full"))}
+
+
+@pytest.mark.parametrize("submodels", ["SM-1", "SM-2", "SM-3", "SM-4", "quadrants"])
+def test_conditions_add_up_to_one_and_hard_ones_are_nought_or_one(submodels: str) -> None:
+    structure = Structure(VECTWIN, 1, submodels)
+    rng = np.random.default_rng(1)
+    for _ in range(40):
+        at = motion(rng)
+        for hard in (False, True):
+            total = []
+            for conditions in regimes(structure):
+                text = " ".join([*map(str, conditions), "u"])
+                model = hard_submodels if hard else smooth_submodels
+                force = model.force(Flow(**at), names(PAPER), names({"X_a": 1.0}), SMOOTH, {"X_a": text})
+                unit = 0.5 * 998.0 * 3.0 * 0.17 * speed_scale(3.0) * at["u"]
+                total.append(float(ca.DM(force.X)) / unit)
+            assert sum(total) == pytest.approx(1.0, abs=1e-12)
+            if hard:
+                assert sorted(np.round(total, 12))[-1] == 1.0 and np.count_nonzero(np.round(total, 12)) == 1
+
+
+@pytest.mark.parametrize(
+    ("u", "port", "submodel"), [(0.3, 0.1, 0), (0.3, -STALL - 0.2, 1), (-0.3, 0.1, 2), (-0.3, STALL + 0.2, 3)]
+)
+def test_sm4_switches_by_the_sign_of_u_and_the_stall_angle_of_either_rudder(
+    u: float, port: float, submodel: int
+) -> None:
+    at = {"u": u, "v": 0.1, "r": 0.0, "delta_port": port, "delta_starboard": 0.0, "n": 5.0}
+    active = []
+    for conditions in regimes(Structure(VECTWIN, 1, "SM-4")):
+        text = " ".join([*map(str, conditions), "v"])
+        both = [
+            float(ca.DM(m.force(Flow(**at), names(PAPER), names({"Y_a": 1.0}), SMOOTH, {"Y_a": text}).Y))
+            for m in (smooth_submodels, hard_submodels)
+        ]
+        np.testing.assert_allclose(both[0], both[1], rtol=0.01, atol=5e-3)
+        active.append(both[1] != 0)
+    assert active == [i == submodel for i in range(4)]
+
+
+@pytest.mark.parametrize("devices", LISTS)
+def test_derivatives_are_finite_everywhere_and_agree_with_differences(devices: str) -> None:
+    several = parse_devices(devices)
+    rudders = any("delta" in str(device) for device in several)
+    rows = terms(Structure(several, 3, "SM-4" if rudders else "SM-2", duplicates="identity"))
+    keys = ["u", "v", "r", *INPUTS]
+    x = ca.SX.sym("x", len(keys))
+    rng = np.random.default_rng(2)
+    c = names({row.symbol: rng.normal() for row in rows})
+    flow = Flow(**{key: x[i] for i, key in enumerate(keys)})
+    force = smooth_submodels.force(flow, names(PAPER), c, SMOOTH, {row.symbol: row.monomial for row in rows})
+    y = ca.vertcat(force.X, force.Y, force.N)
+    f, J = ca.Function("f", [x], [y]), ca.Function("J", [x], [ca.jacobian(y, x)])
+    H = ca.Function("H", [x], [ca.jacobian(ca.densify(ca.vec(ca.jacobian(y, x))), x)])
+    scale = np.array([0.4, 0.2, 0.1, *(8.0 if unit == "rps" else 0.8 for _, unit in INPUTS.values())])
+    for share in (0.0, 1e-6, 1.0, 1.0):
+        point = share * rng.uniform(-1, 1, len(keys)) * scale
+        assert all(np.isfinite(np.array(function(point))).all() for function in (f, J, H))
+        direction, h = rng.normal(size=len(keys)) * scale, 1e-6
+        slope = np.array(f(point + h * direction) - f(point - h * direction)).ravel() / (2 * h)
+        exact = np.array(J(point)) @ direction
+        np.testing.assert_allclose(exact, slope, rtol=1e-4, atol=1e-4 * np.abs(exact).max() + 1e-7)
+
+
+def test_a_monomial_is_read_as_it_is_written() -> None:
+    text = "ahead attached(delta_port,delta_starboard) u |v| mean(n,n_2) half(sin(delta_starboard),sin(delta_port))"
+    assert str(parse_monomial(text)) == text
+    assert str(parse_monomial(" ahead  attached( delta_port , delta_starboard ) u |v| ")) == (
+        "ahead attached(delta_port,delta_starboard) u |v|"
+    )
+    assert parse_monomial("stalled(delta) push(n_azimuth,azimuth)").inputs == {"delta", "n_azimuth", "azimuth"}
+    assert parse_monomial("ahead |v| sin(delta_port)").short == "absv_sdp"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "is empty"), ("ahead", "no factor"), ("u q", "'q' is no variable"), ("sin(u)", "not an angle"),
+        ("cos(n)", "not an angle"), ("thrust(delta)", "not revolutions"), ("ahead(n) u", "no condition"),
+        ("stalled u", "write stalled(delta)"), ("|ahead| u", "no condition"), ("sin(delta", "no variable"),
+        ("sin(delta))", "brackets"), ("mean(u,v)", "two variables of actuators"), ("u^2", "no variable"),
+        ("tan(delta)", "no variable"),
+    ],
+)  # fmt: skip
+def test_a_wrong_monomial_is_refused_with_its_word(text: str, words: str) -> None:
+    with pytest.raises(ValueError, match="(?s)" + words.replace("(", r"\(").replace(")", r"\)")):
+        parse_monomial(text)
+
+
+def test_lists_of_actuators_are_checked() -> None:
+    for text, words in (
+        ("n, rudder", "'rudder' is none"), ("n, n", "given 2 times"), ("", "empty"), ("n+delta", "no two of a kind"),
+        ("n_azimuth", "name a pod by its angle"), ("n+n_bow", "no two of a kind"),
+    ):  # fmt: skip
+        with pytest.raises(UserError, match=words):
+            parse_devices(text)
+    assert [str(d) for d in parse_devices("n+n_2, delta")] == ["n+n_2", "delta"]
+
+
+def test_pairs_are_found_by_place_and_missing_partners_named() -> None:
+    places = {"x_az": -1.2, "y_az": 0.2, "x_az_2": -1.2, "y_az_2": -0.2, "x_az_3": 1.2, "y_az_3": 0.0}
+    inputs = ("n_azimuth", "azimuth", "n_azimuth_2", "azimuth_2", "n_azimuth_3", "azimuth_3")
+    found = devices_of(inputs, places)
+    assert [str(device) for device in found] == ["azimuth+azimuth_2", "azimuth_3"]
+    assert without_partner(found, places) == []
+    assert without_partner(parse_devices("azimuth, azimuth_3"), places) == ["azimuth"]
+    assert without_partner(parse_devices("n, delta_port"), {}) == ["delta_port"]
+    assert without_partner(parse_devices("n, n_2"), {}) == ["n_2"]
+    assert without_partner(VECTWIN, {}) == []
+
+
+def test_variables_of_a_pair_are_mean_and_difference_of_opposite_parity() -> None:
+    by_word = {str(x.word): x.odd for x in variables(parse_devices("n+n_2, delta_starboard+delta_port"))}
+    assert by_word["mean(n,n_2)"] is False and by_word["half(n,n_2)"] is True
+    assert by_word["mean(sin(delta_starboard),sin(delta_port))"] is True
+    assert by_word["half(sin(delta_starboard),sin(delta_port))"] is False
+
+
+def test_structures_that_cannot_be_are_refused_with_the_count() -> None:
+    for structure, words in (
+        (lambda: Structure(PODS, 2, "SM-3"), "none of the 4 actuators"), (lambda: Structure(VECTWIN, 0), "order 0"),
+        (lambda: Structure(VECTWIN, 2, "SM-9"), "known are SM-1"),
+        (lambda: Structure(PODS, 2, "quadrants"), "of the 4"),
+        (lambda: terms(Structure(PODS, 12)), "1352077 monomials"),
+    ):  # fmt: skip
+        with pytest.raises(UserError, match=words):
+            structure()
+
+
+def test_signs_that_are_plain_are_bounds() -> None:
+    rows = {row.symbol: row for row in terms(Structure(VECTWIN))}
+    assert rows["X_u_1"].upper == rows["Y_v_1"].upper == rows["N_r_2"].upper == 0.0
+    assert rows["X_n_1"].lower == 0.0 and rows["X_u_n_1"].lower < 0 < rows["X_u_n_1"].upper
+
+
+def test_the_printed_list_has_every_term_and_the_counts() -> None:
+    rows = terms(Structure(VECTWIN))
+    text = term_list(rows)
+    assert "X: 40 terms" in text and "Y: 40 terms" in text and "N: 40 terms" in text
+    assert all(f"  {row.symbol} " in text and row.monomial in text for row in rows)

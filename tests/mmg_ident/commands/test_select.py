@@ -1,0 +1,61 @@
+"""``mmg select``: lists, terms and ship files of generated models; bad input in one line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from cases.shipfiles.ship_file import load_ship
+from mmg_ident.commands.main import main
+
+
+def test_the_list_has_the_counts_of_the_paper(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["select", "vectwin_3m", "--list", "--json"]) == 0
+    rows = {row["name"]: row for row in json.loads(capsys.readouterr().out)["candidates"]}
+    counts = {name: rows[name]["unknowns"] for name in rows if name.startswith(("sm2", "sm3", "sm4"))}
+    wanted = {"sm2-order2": 133, "sm3-order2": 193, "sm4-order2": 253, "sm2-order3": 413, "sm3-order3": 613}
+    assert wanted.items() <= counts.items()
+    assert rows["mmg"]["unknowns"] == len(load_ship("vectwin_3m").free)
+    assert main(["select", "vectwin_3m", "--list", "--order", "2"]) == 0
+    text = capsys.readouterr().out
+    assert "sm2-order2" in text and "order3" not in text
+
+
+def test_terms_are_printed_with_their_monomials(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["select", "esso_osaka_3m", "--terms", "quadrants-order1"]) == 0
+    text = capsys.readouterr().out
+    assert "X: 12 terms" in text and "ahead reversing(n) u" in text
+    assert main(["select", "esso_osaka_3m", "--terms", "quadrants-order1", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert len(found["terms"]) == 36 and found["unknowns"] == 49
+
+
+def test_a_candidate_is_written_as_a_ship_file_that_is_read(tmp_path: Path) -> None:
+    out = tmp_path / "hybrid.toml"
+    assert main(["select", "kvlcc2_full", "--write", "sm2-order2", "--out", str(out)]) == 0
+    ship = load_ship(out)
+    assert ship.components == {"expansion": "smooth_submodels"} and len(ship.monomials) == 74
+    assert main(["select", "kvlcc2_full", "--write", "sm2-order2", "--out", str(out)]) == 2
+    assert main(["select", "kvlcc2_full", "--write", "sm2-order2", "--hard", "--out", str(out), "--force"]) == 0
+    assert load_ship(out).components == {"expansion": "hard_submodels"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["esso_osaka_3m"], "give one of --list"),
+        (["esso_osaka_3m", "--terms", "sm9"], "no candidate 'sm9'"),
+        (["esso_osaka_3m", "--write", "sm1-order1"], "belong together"),
+        (["vectwin_3m", "--list", "--actuators", "n, delta_port"], "1 of 2 lie off the centre plane"),
+        (["vectwin_3m", "--list", "--actuators", "n, sail"], "'sail' is none"),
+        (["vectwin_3m", "--list", "--order", "0"], "order 0"),
+        (["vectwin_3m", "--list", "--order", "40"], "monomials for each force"),
+        (["vectwin_3m", "--list", "--duplicates", "some"], "known are paper"),
+    ],
+)
+def test_bad_input_is_one_line(arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["select", *arguments]) == 2
+    told = capsys.readouterr().err.strip()
+    assert words in told and "\n" not in told
