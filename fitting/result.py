@@ -170,7 +170,7 @@ def write_report(
     and for a file that cannot be written.
     """
     results = [read_fit(folder) for folder in folders]
-    known = [delivered(r, r.ship, full_load, imo) for r in results]
+    known = [delivered(r.to_dict(), r.ship, full_load, imo) for r in results]
     text = build_page([(r, r.ship, Path(f)) for r, f in zip(results, folders, strict=True)], known)
     write_page(text, Path(out))
     return text

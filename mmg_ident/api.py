@@ -308,8 +308,8 @@ def write_report(
     """Write one self-contained HTML page on a run folder, or on several side by side.
 
     runs: folders of ``mmg fit``, or of ``mmg train``; out: the file; pdf: file for the same as PDF (needs WeasyPrint);
-    full_load: draught [m] of the loaded ship, to which tested figures are corrected; imo: with the form for IMO of a
-    calibration. Raises UserError for a folder of another kind, an unwritable file, and a missing WeasyPrint.
+    full_load: draught [m] of the loaded ship, to which tested figures are corrected; imo: with the form for IMO, whose
+    figures are simulated. Raises UserError for a folder of another kind, an unwritable file, and a missing WeasyPrint.
     """
     from fitting.report.pdf import needs_weasyprint, write_pdf
     from fitting.report.run_folder import read_result
@@ -320,7 +320,7 @@ def write_report(
     if read_result(folders[0])["kind"] == "training":
         from residual.result import write_report as write_trainings
 
-        write_trainings(folders, out)
+        write_trainings(folders, out, full_load, imo)
     else:
         from fitting.result import write_report as write_calibrations
 

@@ -23,6 +23,7 @@ from cases.shipfiles.network_file import NETWORK, save_network
 from cases.shipfiles.ship_file import dump_ship, load_ship
 from cases.trial import Trial
 from fitting.prediction.score import ScorePair
+from fitting.report.delivered import Delivered, delivered
 from fitting.report.page import label_of, write_page
 from fitting.report.run_folder import (
     FIGURES,
@@ -120,6 +121,11 @@ class TrainResult(TrainRecord):
         return self.hybrid if self.recommended == HYBRID and self.hybrid else self.start
 
     @property
+    def for_use(self) -> Ship | None:
+        """The recommended ship; None of a black box."""
+        return None if self.black_box is not None else self.ship
+
+    @property
     def other(self) -> str:
         """Folder of the ship that is not recommended, inside the run folder; "" where there is only one."""
         if self.network is None:
@@ -208,7 +214,7 @@ class TrainResult(TrainRecord):
             write_figures(written, content, self.models(), self.trials or ())
         done = changed(self, figures=tuple(written.rows), warnings=(*self.warnings, *written.failures))
         with written.making(PAGE):
-            write_page(page_of([(label_of(folder), folder, done.to_dict())]), folder / PAGE)
+            write_page(page_of([(label_of(folder), folder, done.to_dict(), self.for_use)]), folder / PAGE)
         done = changed(done, warnings=(*self.warnings, *written.failures))
         with written.making(RESULT):  # last, as it says that all is there
             write_json(folder / RESULT, done.to_dict())
@@ -294,15 +300,21 @@ def read_training(folder: str | Path) -> TrainResult:
     raise UserError(f"{folder / RESULT}: is incomplete ({why}); train again")
 
 
-def write_report(folders: Sequence[str | Path], out: str | Path) -> None:
+def write_report(
+    folders: Sequence[str | Path], out: str | Path, full_load: float | None = None, imo: bool = True
+) -> None:
     """Write the report on run folders of trainings, atomically.
 
-    folders: of ``mmg train``; out: the HTML file. Raises UserError for a folder of another command, for one that was
-    changed so that it cannot be shown, and when the file cannot be written.
+    folders: of ``mmg train``; out: the HTML file. full_load: draught [m] of the fully loaded ship, to which tested
+    figures are corrected; imo: with the form for IMO of the recommended ship, whose figures are simulated. Raises
+    UserError for a folder of another command, for one that was changed so that it cannot be shown, for a draught that
+    makes no sense, and when the file cannot be written.
     """
-    runs, where = [(label_of(Path(f)), Path(f), read_training(f).to_dict()) for f in folders], Path(out)
+    results, where = [read_training(f) for f in folders], Path(out)
     try:
-        page = page_of(runs)
+        runs = [(label_of(Path(f)), Path(f), r.to_dict(), r.for_use) for f, r in zip(folders, results, strict=True)]
+        known = [Delivered() if s is None else delivered(content, s, full_load, imo) for _, _, content, s in runs]
+        page = page_of(runs, known)
     except (LookupError, TypeError, AttributeError, ValueError) as error:
         names = ", ".join(str(Path(f) / RESULT) for f in folders)
         raise UserError(f"{names}: is incomplete ({type(error).__name__}: {error}); train again") from None

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -17,12 +18,16 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from diagnosis.findings import Findings, HeldOut, RankedCandidate
 from diagnosis.report.where_figures import state_figure, track_figure, unexplained_figure
-from fitting.report.plot_style import AFTER, ALARM, BEFORE, GREY, MEASURED, dress, new_figure
+from fitting.report.plot_style import AFTER, ALARM, BEFORE, GREY, HATCH, MEASURED, dress, new_figure
 
 COLOURS = {"named": AFTER, "class": "#7FB8D8", "": "#C4C9CE"}
 """Of the candidates, by their role."""
-BAND_COLOURS = ("#3B3B3B", "#6B5B95", "#0072B2", "#56B4E9", "#B9DDF0", "#DDDDDD")
-"""From the mean of a run to the fastest band."""
+HATCHES = {"named": "", "class": HATCH, "": ""}
+"""Of their bars."""
+BAND_COLOURS = ("#262626", "#4F4580", "#0072B2", "#4FA6DC", "#A5D3EE", "#ECECEC")
+"""From the mean of a run to the fastest band, ever lighter in grey too."""
+EDGE: dict[str, Any] = {"edgecolor": "white", "linewidth": 0}
+"""Of bars: the colour of their hatches."""
 SHOWN = 14
 """Candidates in the ranking."""
 
@@ -32,8 +37,10 @@ def _shown(d: Findings) -> list[RankedCandidate]:
     return list(d.candidates[:SHOWN])[::-1]
 
 
-def _colours(d: Findings) -> list[str]:
-    return [COLOURS[d.role(c.name)] for c in _shown(d)]
+def _looks(d: Findings) -> dict[str, Any]:
+    """Colours and hatches of the bars of the candidates."""
+    roles = [d.role(c.name) for c in _shown(d)]
+    return {"color": [COLOURS[r] for r in roles], "hatch": [HATCHES[r] for r in roles], **EDGE}
 
 
 def plot_scores(d: Findings, ax: Axes) -> None:
@@ -41,7 +48,7 @@ def plot_scores(d: Findings, ax: Axes) -> None:
     rows = _shown(d)
     at = np.arange(len(rows))
     dress(ax, "chi-squared of the score test (square-root scale)", title="Score test, without any effect")
-    ax.barh(at, [max(row.score, 0.0) for row in rows], color=_colours(d), height=0.66)
+    ax.barh(at, [max(row.score, 0.0) for row in rows], **_looks(d), height=0.66)
     ax.set_xscale("function", functions=(lambda x: np.sqrt(np.maximum(x, 0)), np.square))
     ax.set_yticks(at, [row.name.replace("_", " ") for row in rows], fontsize=8.5)
     top = max([row.score for row in rows] + [1.0])
@@ -57,7 +64,7 @@ def plot_gains(d: Findings, ax: Axes) -> None:
     dress(ax, "gain in BIC (symmetric-log scale)", title="Gain in BIC after the refit")
     known = {e.name: e.delta_bic for e in d.effects}
     gains = [known.get(row.name, row.delta_bic) for row in rows]
-    ax.barh(np.arange(len(rows)), [g if g is not None else 0.0 for g in gains], color=_colours(d), height=0.66)
+    ax.barh(np.arange(len(rows)), [g if g is not None else 0.0 for g in gains], **_looks(d), height=0.66)
     ax.axvline(0, color=MEASURED, lw=0.8)
     ax.set_xscale("symlog", linthresh=10.0)
     reach = [g for g in gains if g is not None] or [0.0]
@@ -77,7 +84,9 @@ def ranking_figure(d: Findings) -> Figure:
     other = "other candidates" if d.effects else "candidates, none of them named"
     items = [("named", bool(d.effects)), ("class", bool(d.equivalence_class)), ("", True)]
     names = {"named": "named", "class": "cannot be told from it", "": other}
-    handles = [Patch(color=COLOURS[role], label=names[role]) for role, used in items if used]
+    handles = [
+        Patch(facecolor=COLOURS[role], hatch=HATCHES[role], label=names[role], **EDGE) for role, used in items if used
+    ]
     figure.legend(handles=handles, loc="outside lower center", ncols=3, fontsize=8.5, frameon=False)
     return figure
 
@@ -108,7 +117,8 @@ def plot_test_trials(held: HeldOut, ax: Axes) -> None:
     rows = held.all_runs[::-1]
     dress(ax, "mean squared error of 30 s windows", title="By test trial")
     for i, (_, (before, after)) in enumerate(rows):
-        ax.plot([before, after], [i, i], color=AFTER if after <= before else ALARM, lw=2.0, zorder=1)
+        look = {"color": AFTER, "ls": "-"} if after <= before else {"color": ALARM, "ls": (0, (2, 1))}
+        ax.plot([before, after], [i, i], lw=2.0, zorder=1, **look)
     errors, at = np.array([pair for _, pair in rows]), np.arange(len(rows))  # (rows, 2)
     ax.plot(errors[:, 0], at, "o", color=BEFORE, ms=6, ls="", label="without the effect", zorder=2)
     ax.plot(errors[:, 1], at, "s", color=AFTER, ms=6, ls="", label="with it", zorder=3)
@@ -138,7 +148,9 @@ def plot_horizons(held: HeldOut, ax: Axes) -> None:
         return
     names = list(horizons)[::-1]
     shares = [horizons[n][1] / max(horizons[n][0], 1e-300) for n in names]
-    ax.barh(names, shares, color=[AFTER if s <= 1 else ALARM for s in shares], height=0.4)
+    looks = [(AFTER, "") if s <= 1 else (ALARM, HATCH) for s in shares]
+    colours, hatches = ([look[k] for look in looks] for k in (0, 1))
+    ax.barh(names, shares, color=colours, hatch=hatches, **EDGE, height=0.4)
     ax.set_ylim(-0.7, len(names) - 0.3)
     for i, share in enumerate(shares):
         ax.text(share, i, f"  {share:.2f}", va="center", fontsize=8.5)
@@ -163,7 +175,16 @@ def share_figure(d: Findings) -> Figure:
             for b, colour in zip(bands, BAND_COLOURS, strict=False):
                 width, words = scale * b[part] ** 2, band_words(b)
                 label = "_" if words in labels else words
-                ax.barh(i + shift, width, 0.34 if later else 0.5, left=start, color=colour, label=label)
+                ax.barh(
+                    i + shift,
+                    width,
+                    0.34 if later else 0.5,
+                    left=start,
+                    color=colour,
+                    label=label,
+                    edgecolor="#555555",
+                    linewidth=0.4,
+                )
                 labels.add(words)
                 start += width
             text = f" {row[part]:.2g} {row['unit']}" + (" after" if part.endswith("after") else "")

@@ -24,7 +24,9 @@ ARROWS = 26
 PANELS = 4
 """Tracks in the figure."""
 TURNING = LinearSegmentedColormap.from_list("turning", ["#7A3B9A", "#B9B9B9", "#009E73"])
-"""Colours of a moment to port, none, to starboard."""
+"""Colours of a moment to port, none, to starboard; white dashes along the line as well where it turns to port."""
+FELT = 0.1
+"""Share of the full scale from which on a moment to port is marked by them."""
 
 
 def track_figure(d: Findings) -> Figure:
@@ -48,7 +50,9 @@ def track_figure(d: Findings) -> Figure:
     if lines:
         bar = figure.colorbar(lines[-1], ax=list(axes), location="bottom", fraction=0.02, aspect=70, pad=0.02)
         bar.outline.set_visible(False)
-        bar.set_label("missing yaw moment [N m]: bow to port  ←   track   →  bow to starboard", fontsize=8.5)
+        bar.set_label(
+            "missing yaw moment [N m]: bow to port (white dashes)  ←   track   →  bow to starboard", fontsize=8.5
+        )
         bar.ax.tick_params(labelsize=8)
     return figure
 
@@ -83,6 +87,7 @@ def plot_track(
     lines.set_array(force[:, 2])
     lines.set_clim(-turn, turn)
     ax.add_collection(lines)
+    ax.plot(*to_port(points, force[:, 2], FELT * turn), color="white", lw=1.1, ls=(0, (3, 3)), zorder=2.5)
     at = np.linspace(0, steps - 1, min(ARROWS, steps)).round().astype(int)
     c, s = np.cos(z[at, 2]), np.sin(z[at, 2])
     north, east = c * force[at, 0] - s * force[at, 1], s * force[at, 0] + c * force[at, 1]
@@ -99,6 +104,13 @@ def plot_track(
         ax.fill(points[k, 0] + body @ [s, c], points[k, 1] + body @ [c, -s], fc="none", ec="#666666", lw=0.7, zorder=4)
     ax.plot(points[0, 0], points[0, 1], "o", color=MEASURED, ms=4.5, zorder=5)
     return lines
+
+
+def to_port(points: np.ndarray, moment: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray]:
+    """East and north of the parts of a track whose ``moment`` (M,) turns the bow to port by more than ``least``, nan
+    between them. points: (M + 1, 2)."""
+    marked = np.append(moment, moment[-1]) < -least
+    return np.where(marked, points[:, 0], np.nan), np.where(marked, points[:, 1], np.nan)
 
 
 def best_variables(d: Findings, most: int = 6) -> list[Mapping[str, Any]]:

@@ -12,7 +12,6 @@ from cases.criteria.standard_runs import approach_speed
 from cases.shipfiles.effects import calm_and_deep
 from cases.trial import Trial
 from fitting.prediction.envelope import trial_envelope
-from fitting.record import FitRecord
 from fitting.report.conditions import Condition, condition_rows
 from fitting.report.imo_form import FormSide, FormValue, ImoForm, imo_form
 from fitting.report.limits import limit_rows, use_rows
@@ -40,18 +39,18 @@ class Delivered:
     full_load: float | None = None
 
 
-def delivered(record: FitRecord, ship: Ship, full_load: float | None = None, imo: bool = True) -> Delivered:
-    """Trials read again and the form for IMO of a run, of whose calibrated ``ship`` the ``record`` speaks.
+def delivered(result: Mapping[str, Any], ship: Ship, full_load: float | None = None, imo: bool = True) -> Delivered:
+    """Trials read again and the form for IMO of a run, of whose calibrated or hybrid ``ship`` the ``result`` speaks.
 
-    full_load: draught [m] of the fully loaded ship; imo: with the form. Raises UserError for a draught that the model
-    cannot be carried to.
+    result: content of result.json; full_load: draught [m] of the fully loaded ship; imo: with the form. Raises
+    UserError for a draught that the model cannot be carried to.
     """
-    found, absent = trials_again(trial_rows(record.to_dict()))
+    found, absent = trials_again(trial_rows(result))
     trials = tuple(trial for _, trial in found)
     if not imo:
         return Delivered(trials, tuple(absent), full_load=full_load)
     try:
-        form, why = imo_form(ship, trials, _covariance(record, ship), full_load), ""
+        form, why = imo_form(ship, trials, _covariance(result, ship), full_load), ""
     except UserError as error:
         if full_load is not None and "--full-load-draught" in str(error):
             raise
@@ -59,22 +58,27 @@ def delivered(record: FitRecord, ship: Ship, full_load: float | None = None, imo
     return Delivered(trials, tuple(absent), form, why, full_load)
 
 
-def _covariance(record: FitRecord, ship: Ship) -> tuple[Sequence[str], np.ndarray] | None:
+def _covariance(result: Mapping[str, Any], ship: Ship) -> tuple[Sequence[str], np.ndarray] | None:
     """Symbols and correlation of the estimates, None where any is missing."""
-    matrix = np.array(record.correlation.matrix, dtype=float)
+    found = result.get("correlation") or {}
+    matrix = np.array(found.get("matrix") or [], dtype=float)
     known = matrix.size and np.isfinite(matrix).all() and any(0 < ship.coefficients[s].std < np.inf for s in ship.free)
-    return (record.correlation.symbols, matrix) if known else None
+    return (found["symbols"], matrix) if known else None
 
 
-def delivery_sections(record: FitRecord, ship: Ship, known: Delivered) -> dict[str, Any]:
-    """What the template shows of a ``record`` and its calibrated ``ship`` in the sections on use; known: beside it."""
-    envelope: Mapping[str, Sequence[float]] = record.envelope or trial_envelope(ship, known.trials)
-    good, bad = use_rows(envelope, ship, any(row.has_wind for row in record.data))
+def delivery_sections(result: Mapping[str, Any], ship: Ship, known: Delivered) -> dict[str, Any]:
+    """What the template shows of a ``result`` and its ``ship`` in the sections on use.
+
+    result: content of result.json; known: beside it.
+    """
+    envelope: Mapping[str, Sequence[float]] = result.get("envelope") or trial_envelope(ship, known.trials)
+    good, bad = use_rows(envelope, ship, any(row.get("has_wind") for row in result["data"]))
     conditions = condition_rows(ship, known.trials, known.full_load) if known.trials else []
     return {
         "conditions": conditions,
         "absent": known.absent,
         "limits": limit_rows(envelope, ship.particulars["L"]),
+        "hybrid_form": ship.network is not None,
         "good": good,
         "bad": bad,
         "form": known.form,

@@ -59,18 +59,18 @@ def use_rows(envelope: Mapping[str, Sequence[float]], ship: Ship, windy: bool = 
     ship: the calibrated one; windy: whether any of the trials logs wind. Both follow from the ranges,
     the force models and the effects alone.
     """
-    good = ["manoeuvres within the ranges of section 13, in deep and open water"]
+    good = ["manoeuvres within the limits of use above, in deep and open water"]
     if "u" in envelope:
         low, high = envelope["u"]
-        words = f"manoeuvres at u from {low:.3g} to {high:.3g} m/s within the ranges of section 13"
+        words = f"manoeuvres at u from {low:.3g} to {high:.3g} m/s within the limits of use above"
         good = [f"{words}, in deep, open water"]
     if ship.particulars["L"] < MODEL:
         words = "the model itself; the full-scale ship only after scaling: Froude's law, and other friction and wake"
         good.append(words)
     bad = [*_unseen(envelope), *_not_modelled(ship, windy)]
     bad.append(
-        "reading a single coefficient as physics where section 3 says shared, prior or not excited: only "
-        "the whole is calibrated"
+        "reading a single coefficient as physics where the calibration's report says shared, prior or not excited: "
+        "only the whole is calibrated"
     )
     return good, bad
 

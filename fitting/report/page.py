@@ -192,7 +192,10 @@ def _run(record: FitRecord, ship: Ship, folder: Path, number: int, known: Delive
         "figures": by_place | {"other": [f for f in figures if f not in placed]},
         "settings": setting_rows(result["settings"]),
         "citations": citations_of(result),
-        **delivery_sections(record, ship, known),
+        "first": 11,
+        "numbered": True,
+        "usable": bool(result["converged"]),
+        **delivery_sections(result, ship, known),
     }
 
 

@@ -19,11 +19,10 @@ from matplotlib.figure import Figure
 from cases.criteria.figures import Since, since
 from cases.criteria.spiral import spiral_curve
 from cases.criteria.standard_runs import Run
-from fitting.report.plot_style import AFTER, ALARM, BEFORE, GREY, MEASURED, dress, literal, new_figure
+from fitting.report.plot_style import AFTER, ALARM, BEFORE, DASHES, GREY, MEASURED, dress, literal, new_figure
 
 COLOURS = (AFTER, BEFORE, "#009E73", ALARM, "#7A5AA6", MEASURED)
-DASHES = ("-", (0, (6, 2)), (0, (2, 1.5)), (0, (7, 2, 1.5, 2)), (0, (3, 1, 1, 1, 1, 1)), (0, (1, 1)))
-"""Of the lines in the same order, so that they can be told apart in grey."""
+"""Of the lines, with DASHES in the same order, so that they can be told apart in grey."""
 TRACKS, ROW = 4.9, 2.9
 """Heights of a panel of tracks and of a zigzag [inch]."""
 

@@ -139,10 +139,10 @@ def setting_rows(settings: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 def _shown(value: Any) -> str:
     if isinstance(value, list):
-        return ", ".join(f"{v:g}" if isinstance(v, (int, float)) else str(v) for v in value)
+        return ", ".join(f"{v:g}" if isinstance(v, (int, float)) else str(v) for v in value) or "none"
     if value is None or isinstance(value, bool):
         return {None: "none", True: "yes", False: "no"}[value]
-    return f"{value:g}" if isinstance(value, (int, float)) else str(value)
+    return f"{value:g}" if isinstance(value, (int, float)) else str(value) or "none"
 
 
 def per_run_table(result: dict) -> dict | None:

@@ -4,17 +4,25 @@ from __future__ import annotations
 
 import itertools
 from functools import partial
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from fitting.report.plot_style import MEASURED, FigureFolder, dress, new_figure
+from fitting.report.plot_style import DASHES, MEASURED, FigureFolder, dress, new_figure
 from residual.comparison.study import HORIZONS, Comparison
 
 COLOURS = {
     "captive": "#8A8A8A", "calibrated": "#0072B2", "hybrid": "#009E73", "fnn": "#D58A00", "rnn": "#CC79A7",
     "rnn-window": "#C0305A",
 }  # fmt: skip
+DASHED = dict(zip(COLOURS, DASHES, strict=True))
+MARKERS = dict(zip(COLOURS, "oDs^vX", strict=True))
+"""Of the lines of the models: they differ without their colours too."""
+
+
+def _look(model: str) -> dict[str, Any]:
+    return {"color": COLOURS[model], "marker": MARKERS[model], "markersize": 4}
 
 
 def score_plot(found: Comparison) -> Figure:
@@ -43,7 +51,7 @@ def growth_plot(found: Comparison) -> Figure:
         for model in found.study.models:
             rows = [factor * e.growth[:, column] for e in found.of(model)]
             if rows:
-                ax.plot(HORIZONS, np.mean(rows, axis=0), color=COLOURS[model], marker=".", label=model)
+                ax.plot(HORIZONS, np.mean(rows, axis=0), linestyle=DASHED[model], label=model, **_look(model))
                 ax.fill_between(HORIZONS, np.min(rows, axis=0), np.max(rows, axis=0), color=COLOURS[model], alpha=0.15)
         ax.set_ylim(bottom=0)
     axes[0].legend(fontsize=7.5, frameon=False)
@@ -60,7 +68,7 @@ def efficiency_plot(found: Comparison) -> Figure:
         points = sorted((p[0].seconds, np.mean([e.score.window for e in p if e.score])) for p in parts if p)
         if points:
             label = model if random else None
-            ax.plot(*zip(*points, strict=True), style[random], marker=".", color=COLOURS[model], label=label)
+            ax.plot(*zip(*points, strict=True), style[random], label=label, **_look(model))
     ax.set_xscale("log")
     ax.set_yscale("log")
     ax.legend(fontsize=7.5, frameon=False, title="dashed: without random", title_fontsize=7.5)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from itertools import cycle
 from typing import Any, cast
 
 import numpy as np
@@ -11,7 +12,7 @@ from matplotlib.figure import Figure
 
 from cases.trial import Trial
 from fitting.prediction.predict import Forecaster
-from fitting.report.plot_style import AFTER, ALARM, BEFORE, GREY, FigureFolder, dress, new_figure
+from fitting.report.plot_style import AFTER, ALARM, BEFORE, DASHES, GREY, FigureFolder, dress, new_figure
 from fitting.report.plot_tracks import error_growth_plot
 from fitting.report.plots import score_plot
 from mmg.rollout import Simulator
@@ -27,11 +28,11 @@ def learning_plot(
     target = axes if axes is not None else new_figure(3.2).subplots()
     ax = dress(target, "epoch", f"30 s windows: error / {before}")
     end = max(row["history"][-1]["epoch"] for row in per_seed)
-    for row in per_seed:
+    for row, dashes in zip(per_seed, cycle(DASHES), strict=False):
         epochs = [h["epoch"] for h in row["history"]]
         errors = [h["stop"] / row["stop_window"]["before"] for h in row["history"]]
         judged = row["judged_window"]["after"] / row["judged_window"]["before"]
-        (line,) = ax.plot(epochs, errors, linewidth=1.0, label=f"seed {row['seed']}")
+        (line,) = ax.plot(epochs, errors, linewidth=1.1, linestyle=dashes, label=f"seed {row['seed']}")
         best = int(np.nanargmin(errors))
         ax.plot(epochs[best], errors[best], "o", color=line.get_color(), markersize=4)
         ax.plot(1.03 * max(end, 1), judged, "_", color=line.get_color(), markersize=9, markeredgewidth=2.0)
@@ -53,7 +54,7 @@ def size_plot(size: Mapping[str, Mapping[str, Any]]) -> Figure:
         dress(ax, f"[{row['unit']}]", label if channel == "du" else "", names[channel])
         quantiles = np.maximum(row["quantiles"], 1e-4 * row["bound"] + 1e-15)
         ax.plot(quantiles, np.linspace(100, 0, len(quantiles)), color=AFTER, linewidth=1.6, label="residual")
-        ax.axvline(row["bound"], color=ALARM, linewidth=1.4, label="its bound")
+        ax.axvline(row["bound"], color=ALARM, linestyle="-.", linewidth=1.4, label="its bound")
         ax.axvline(row["ship_rms"], color=GREY, linestyle=(0, (4, 1.5)), linewidth=1.2, label="rms of the ship's own")
         ax.set_xscale("log")
         if channel == "du":

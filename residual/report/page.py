@@ -6,20 +6,24 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from fitting.report.delivered import Delivered, delivery_sections
 from fitting.report.page import citations_of, environment, figures_of, score_sets
 from fitting.report.words import setting_rows
+from mmg.ship import Ship
 from residual.report.words import criteria, envelope_rows, headline, judged_table, percent
 
 TROUBLE = 0.2
 """Share of validation rows outside the training range from which on the report warns."""
 
 
-def page_of(runs: Sequence[tuple[str, Path, Mapping[str, Any]]]) -> str:
+def page_of(runs: Sequence[tuple[str, Path, Mapping[str, Any], Ship | None]], known: Sequence[Delivered] = ()) -> str:
     """One self-contained HTML page on trainings.
 
-    runs: of each its name, the folder that holds its figures, and the content of its result.json.
+    runs: of each its name, the folder that holds its figures, the content of its result.json, and the ship that it
+    recommends, None of a black box. known: of each its trials and its form for IMO; none by default.
     """
-    shown = [_run(*run, number + 1) for number, run in enumerate(runs)]
+    beside = [*known, *(Delivered() for _ in runs[len(known) :])]
+    shown = [_run(*run[:3], number + 1) | _use(*run[2:], beside[number]) for number, run in enumerate(runs)]
     states = [(run["result"]["ship"], run["title"], run["headline"]["state"]) for run in shown]
     titles = [f"{ship}: {title}" + (f" ({state})" if state else "") for ship, title, state in states]
     return environment().get_template("training.html.j2").render(runs=shown, titles=titles, percent=percent)
@@ -50,6 +54,15 @@ def _run(label: str, folder: Path, result: Mapping[str, Any], number: int) -> di
         "settings": setting_rows(settings),
         "citations": citations_of(dict(result)),
     }
+
+
+def _use(result: Mapping[str, Any], ship: Ship | None, known: Delivered) -> dict[str, Any]:
+    """What the template shows on the use of a ``ship``, in sections that follow the eight others."""
+    if ship is None:
+        return {"use": False}
+    usable = (result.get("calibration") or {}).get("converged") is not False
+    numbers = {"first": 9, "numbered": False, "usable": usable}
+    return {"use": True, **numbers, **delivery_sections(result, ship, known)}
 
 
 def _warnings(result: Mapping[str, Any], outside: Mapping[str, float]) -> list[str]:

@@ -149,14 +149,17 @@ function prepared(canvas) {
   return { c, width, height };
 }
 
-function arrow(c, x, y, dx, dy) {
+function arrow(c, x, y, dx, dy, dash = []) {
   const reach = Math.hypot(dx, dy);
   if (!(reach > 1.5)) return;
   const head = Math.min(8, 0.45 * reach), angle = Math.atan2(dy, dx);
-  c.setLineDash([]);
+  c.setLineDash(dash);
   c.beginPath();
   c.moveTo(x, y);
   c.lineTo(x + dx, y + dy);
+  c.stroke();
+  c.setLineDash([]);
+  c.beginPath();
   for (const side of [-1, 1]) {
     c.moveTo(x + dx, y + dy);
     c.lineTo(x + dx - head * Math.cos(angle + 0.45 * side), y + dy - head * Math.sin(angle + 0.45 * side));

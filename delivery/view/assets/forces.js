@@ -45,7 +45,7 @@ const Forces = {
       const at = y - foot * scale;
       c.strokeStyle = look.color;
       c.lineWidth = 2.4;
-      arrow(c, x, at, reach * Y * unit, -reach * X * unit);
+      arrow(c, x, at, reach * Y * unit, -reach * X * unit, look.dash);
       this.turned(c, x, y, broad + 9 + 6 * i, N * turn, look);
     });
     c.fillStyle = "#545e68";

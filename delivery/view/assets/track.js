@@ -184,7 +184,8 @@ const Track = {
       const [x, y] = this.pixel(north + foot * Math.cos(psi), east + foot * Math.sin(psi));
       c.strokeStyle = look.color;
       c.lineWidth = 2;
-      arrow(c, x, y, 60 * reach * (X * Math.sin(psi) + Y * Math.cos(psi)), -60 * reach * (X * Math.cos(psi) - Y * Math.sin(psi)));
+      const [right, up] = [X * Math.sin(psi) + Y * Math.cos(psi), X * Math.cos(psi) - Y * Math.sin(psi)];
+      arrow(c, x, y, 60 * reach * right, -60 * reach * up, look.dash);
     }
   },
 };

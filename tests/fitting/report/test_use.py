@@ -122,7 +122,7 @@ def test_what_cannot_be_corrected_or_has_no_covariance_is_said() -> None:
 
 def test_the_page_has_the_form_the_limits_and_the_advice(known: Delivered, tmp_path: Path) -> None:
     fit = small_result()
-    sections = delivery_sections(fit, fit.ship, known)
+    sections = delivery_sections(fit.to_dict(), fit.ship, known)
     assert [words.split(" [")[0] for words in sections["form_columns"]] == [
         "tested", "model, calm and deep", "corrected to full load",
     ]  # fmt: skip
