@@ -9,7 +9,7 @@ everything that led to the decision, ``training/`` the finished seeds. A black b
 from __future__ import annotations
 
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from dataclasses import replace as changed
 from functools import cache
@@ -214,7 +214,8 @@ class TrainResult(TrainRecord):
             write_figures(written, content, self.models(), self.trials or ())
         done = changed(self, figures=tuple(written.rows), warnings=(*self.warnings, *written.failures))
         with written.making(PAGE):
-            write_page(page_of([(label_of(folder), folder, done.to_dict(), self.for_use)]), folder / PAGE)
+            page = _page([(label_of(folder), folder, done.to_dict(), self.for_use)], imo=False)
+            write_page(page, folder / PAGE)
         done = changed(done, warnings=(*self.warnings, *written.failures))
         with written.making(RESULT):  # last, as it says that all is there
             write_json(folder / RESULT, done.to_dict())
@@ -300,6 +301,14 @@ def read_training(folder: str | Path) -> TrainResult:
     raise UserError(f"{folder / RESULT}: is incomplete ({why}); train again")
 
 
+def _page(
+    runs: Sequence[tuple[str, Path, Mapping[str, Any], Ship | None]], full_load: float | None = None, imo: bool = True
+) -> str:
+    """The page on ``runs``, with the trials that are at hand."""
+    known = [Delivered() if s is None else delivered(content, s, full_load, imo) for _, _, content, s in runs]
+    return page_of(runs, known)
+
+
 def write_report(
     folders: Sequence[str | Path], out: str | Path, full_load: float | None = None, imo: bool = True
 ) -> None:
@@ -313,8 +322,7 @@ def write_report(
     results, where = [read_training(f) for f in folders], Path(out)
     try:
         runs = [(label_of(Path(f)), Path(f), r.to_dict(), r.for_use) for f, r in zip(folders, results, strict=True)]
-        known = [Delivered() if s is None else delivered(content, s, full_load, imo) for _, _, content, s in runs]
-        page = page_of(runs, known)
+        page = _page(runs, full_load, imo)
     except (LookupError, TypeError, AttributeError, ValueError) as error:
         names = ", ".join(str(Path(f) / RESULT) for f in folders)
         raise UserError(f"{names}: is incomplete ({type(error).__name__}: {error}); train again") from None

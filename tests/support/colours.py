@@ -9,25 +9,26 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
+from matplotlib.typing import ColorType
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 DEUTERANOPIA = np.array([[0.29275, 0.70725, 0.0], [0.29275, 0.70725, 0.0], [-0.02234, 0.02234, 1.0]])
 """On linear RGB (Vienot, Brettel & Mollon 1999)."""
 
 
-def linear(colour: str) -> np.ndarray:
+def linear(colour: ColorType) -> np.ndarray:
     """Linear RGB of a colour (IEC 61966-2-1)."""
     rgb = np.array(to_rgb(colour))
     return np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
 
 
-def lightness(colour: str) -> float:
+def lightness(colour: ColorType) -> float:
     """CIE L* of a colour, 0 to 100."""
     y = float(LUMINANCE @ linear(colour))
     return 116 * np.cbrt(y) - 16 if y > 0.008856 else 903.3 * y
 
 
-def apart(one: str, other: str) -> bool:
+def apart(one: ColorType, other: ColorType) -> bool:
     """Whether two colours differ in grey, and to an eye without the middle cones."""
     seen = [DEUTERANOPIA @ linear(c) for c in (one, other)]
     return abs(lightness(one) - lightness(other)) > 8 and float(np.abs(seen[0] - seen[1]).max()) > 0.05

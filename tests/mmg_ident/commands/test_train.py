@@ -353,7 +353,20 @@ def test_the_report_says_what_was_decided_and_can_be_made_again(folder: Path, tm
         assert words in text, words
     assert text.count("data:image/png;base64,") == 4 and "missing from the run folder" not in text
     page.unlink()
-    assert main(["report", str(folder / "run")]) == 0 and page.read_text() == text
+    assert main(["report", str(folder / "run"), "--no-imo"]) == 0 and page.read_text() == text
+
+
+def test_the_report_of_a_hybrid_has_the_form_for_imo(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("fitting.report.imo_form.DRAWS", 20)
+    assert main(["report", str(folder / "run"), "--out", str(tmp_path / "page.html")]) == 0
+    text = (tmp_path / "page.html").read_text()
+    for heading in ("Trial conditions", "Manoeuvring data for IMO", "Limits of use", "How to use this model"):
+        assert f">{heading}" in text, heading
+    assert "appendix 6" in text and "starboard" in text and "learned residual acts in these manoeuvres" in text
+    assert "section 13" not in text
+    assert "mmg report RUN adds it" in (folder / "run" / "report.html").read_text()
 
 
 def test_the_report_of_a_declined_residual_says_why(folder: Path, tmp_path: Path) -> None:
