@@ -77,7 +77,7 @@ from typer.core import TyperGroup
 
 from mmg_ident.shadow import shadowing_mmg
 
-HEAVY, LEAST_MEMORY = ("demo", "fit", "train", "compare", "diagnose"), 1.5 * 2**30
+HEAVY, LEAST_MEMORY = ("demo", "fit", "train", "compare", "diagnose", "select"), 1.5 * 2**30
 """Verbs that need more memory than this [bytes]; with less the libraries they use neither end nor answer Ctrl-C."""
 MANY = ("--validate", "--train", "--test", "--sigma-from", "--new", "--trials")
 """Options that take several values after one name: ``--validate a.csv b.csv``."""
@@ -113,7 +113,7 @@ VERBS = {
     "predict": "Predict open-loop windows of trials.",
     "score": "Score models on trials, side by side.",
     "compare": "Compare models with the published networks on the public splits.",
-    "select": "Generate models of any structure for a ship: Abkowitz-MMG hybrids.",
+    "select": "Generate models of any structure for a ship, fit them and choose (Abkowitz-MMG hybrids).",
     "diagnose": "Say which effect a model lacks, where the gap lies and how far it shrinks.",
     "export": "Deliver a calibrated or hybrid ship: C and other formats that run elsewhere.",
     "report": "Write one HTML page on a run, or on several side by side.",

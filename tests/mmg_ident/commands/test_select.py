@@ -45,9 +45,9 @@ def test_a_candidate_is_written_as_a_ship_file_that_is_read(tmp_path: Path) -> N
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["esso_osaka_3m"], "give one of --list"),
+        (["esso_osaka_3m"], "give trials to fit on"),
         (["esso_osaka_3m", "--terms", "sm9"], "no candidate 'sm9'"),
-        (["esso_osaka_3m", "--write", "sm1-order1"], "belong together"),
+        (["esso_osaka_3m", "--write", "sm1-order1"], "both need it"),
         (["vectwin_3m", "--list", "--actuators", "n, delta_port"], "1 of 2 lie off the centre plane"),
         (["vectwin_3m", "--list", "--actuators", "n, sail"], "'sail' is none"),
         (["vectwin_3m", "--list", "--order", "0"], "order 0"),

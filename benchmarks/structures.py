@@ -1,0 +1,130 @@
+"""Generated models on synthetic campaigns of four kinds of actuators, from a start ship whose coefficients are off.
+
+``python -m benchmarks.structures [KIND...]``: vectwin, pods, thrusters, twin. Each campaign is random harbour use of
+all actuators in gusty wind with sensor noise: five runs of 600 s to fit on, two to choose by, two to test. The start
+ship has the true force models with coefficients drawn at one prior standard deviation from the true ones; it gives the
+anchor points and, calibrated, the reference: the true structure refitted. Prints errors of 30 s windows on the test
+runs by the variance of the states, the same for noise alone (the true ship), and times.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from dataclasses import replace
+
+import numpy as np
+
+from cases.shipfiles.new_ship import new_ship
+from cases.shipfiles.ship_file import load_ship, parse_ship
+from cases.simulation.gusts import Wind
+from cases.simulation.harbour_inputs import harbour_inputs
+from cases.simulation.sensors import SensorNoise, add_noise
+from cases.simulation.simulate import simulate_controls
+from cases.trial import Trial
+from fitting.prediction.score import pooled_sigma, score
+from fitting.selection.candidates import Rules, candidate
+from fitting.selection.structure_choice import StructureChoice, choose_structure
+from fitting.settings import Settings
+from mmg.rollout import Simulator
+from mmg.ship import Ship
+
+FERRY = """
+[ship]
+name = "ferry"
+L = 3.0
+B = 0.7
+d = 0.15
+m = 150.0
+x_G = 0.0
+rho = 998.0
+D_az = 0.06
+x_az = -1.2
+y_az = 0.2
+x_az_2 = -1.2
+y_az_2 = -0.2
+x_az_3 = 1.2
+y_az_3 = 0.2
+x_az_4 = 1.2
+y_az_4 = -0.2
+
+[model]
+hull = "unified"
+azimuth = "azimuth"
+"""
+MAIN = {"L": 3.0, "B": 0.5, "d": 0.17, "C_b": 0.6, "D_P": 0.07, "U_0": 0.8}
+NAMES = {
+    "vectwin": ("sm2-order2", "sm1-order3", "sm2-order3"),
+    "pods": ("sm1-order2", "sm1-order3"),
+    "thrusters": ("sm1-order2", "sm1-order3"),
+    "twin": ("sm1-order2", "sm1-order3"),
+}
+"""Polynomials that are tried."""
+
+
+def true_ship(kind: str) -> Ship:
+    """The ship of a campaign."""
+    if kind == "vectwin":
+        return load_ship("vectwin_3m")
+    if kind == "pods":
+        return parse_ship(FERRY)
+    ship = new_ship(kind, MAIN | {"y_P": 0.12})
+    if kind == "twin":
+        return ship
+    components = {role: model for role, model in ship.components.items() if role != "rudder"}
+    from mmg.components.catalogue import coefficient_table
+
+    rows = coefficient_table(components, ship.particulars)
+    return replace(ship, components=components, coefficients={s: ship.coefficients.get(s, c) for s, c in rows.items()})
+
+
+def started_from(ship: Ship, seed: int = 4) -> Ship:
+    """The ship with every free coefficient drawn at one standard deviation of its prior, within its bounds."""
+    rng = np.random.default_rng(seed)
+    rows = {s: ship.coefficients[s] for s in ship.free}
+    drawn = {s: float(np.clip(c.value + rng.choice([-1.0, 1.0]) * c.std, c.lower, c.upper)) for s, c in rows.items()}
+    return ship.with_values(drawn)
+
+
+def campaign(ship: Ship, count: int = 9, seconds: float = 600.0) -> list[Trial]:
+    """Runs of random harbour use."""
+    trials = []
+    for seed in range(count):
+        wind = Wind(0.2 * (seed % 6), 2.4 * seed, gusty=True) if "wind" in ship.components else None
+        ranges = {"n_bow": (0.0, 0.0)} if "n_bow" in ship.actuators else None
+        run = simulate_controls(ship, harbour_inputs(ship, seconds, seed, 0.5, ranges), wind, seed)
+        trials.append(add_noise(run, SensorNoise.for_length(ship.particulars["L"]), seed))
+    return trials
+
+
+def measure(kind: str) -> None:
+    """Prints the rows of one kind."""
+    ship, began = true_ship(kind), time.perf_counter()
+    runs = campaign(ship)
+    start = started_from(ship)
+    sets = (runs[:5], runs[5:7], runs[7:])
+    settings = Settings(time_limit=600.0, passes=2)
+    sigma = pooled_sigma(runs[:5])
+    noise = score(Simulator(ship), runs[7:], sigma).window
+    true = choose_structure(start, [candidate(start, "mmg", Rules(order=1))], sets, settings)
+    print(f"{kind}: {len(ship.actuators)} actuators, {noise:.4f} by the true ship (noise)", flush=True)
+    print(f"  true structure refitted: test {true.test['chosen']:.4f}", flush=True)
+    found: StructureChoice = choose_structure(start, [candidate(start, n) for n in NAMES[kind]], sets, settings)
+    for row in found.table:
+        print(
+            f"  {row.name:<22} unknowns {row.unknowns:>4}  validation {row.validation:.4f}  {row.seconds:6.1f} s  "
+            f"diverged {row.sequences - row.stable}/{row.sequences}",
+            flush=True,
+        )
+    ratio = found.test["chosen"] / true.test["chosen"]
+    print(
+        f"  chosen {found.chosen}: test {found.test['chosen']:.4f}, {ratio:.2f} x the true structure refitted, start "
+        f"{found.test['as given']:.4f}; diverged {found.stability.diverged} of {found.stability.sequences}; "
+        f"{time.perf_counter() - began:.0f} s in all",
+        flush=True,
+    )
+
+
+if __name__ == "__main__":
+    for word in sys.argv[1:] or list(NAMES):
+        measure(word)

@@ -1,0 +1,47 @@
+"""Figure of a choice of structure: number of unknowns against the error of held-out trials."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from fitting.report.plot_style import AFTER, ALARM, GREY, dress, literal, new_figure
+
+
+def structure_plot(rows: Sequence[Mapping[str, Any]], chosen: str) -> Figure:
+    """Unknowns against the validation error of each candidate in ``rows``, as in selection.json; the ``chosen`` one is
+    filled.
+
+    Errors above five times the least, and runaways, stand at the upper edge.
+    """
+    figure = new_figure(4.2)
+    ax = dress(figure.add_subplot(), "unknowns", "validation error of 30 s windows, by variance", "Structure")
+    tried = [row for row in rows if not row["left_out"]]
+    errors = [row["validation"] for row in tried if row["validation"] is not None]
+    most = 5.0 * min(errors, default=1.0)
+    for row in tried:
+        value, taken = row["validation"], row["name"] == chosen
+        off = value is None or value > most
+        runaway = row["stable"] < row["sequences"]
+        marker, color = "^" if off else "s" if runaway else "o", ALARM if off or runaway else AFTER
+        y = most if off else value
+        ax.plot(
+            row["unknowns"], y, marker=marker, color=color, markerfacecolor=color if taken else "white", markersize=8
+        )
+        label = literal(row["name"] + (" (chosen)" if taken else ""))
+        ax.annotate(label, (row["unknowns"], y), (6, 5), textcoords="offset points", fontsize=7.5)
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    ax.margins(x=0.15, y=0.12)
+    ax.xaxis.set_major_formatter("{x:.0f}")
+    ax.xaxis.set_minor_formatter("")
+    values = np.array([row["unknowns"] for row in tried])
+    if len(values):
+        ax.set_xticks(sorted({int(v) for v in np.geomspace(values.min(), values.max(), 6)}))
+    text = "circle: stable or not checked; square: diverged in a random harbour sequence; triangle: off the scale"
+    figure.text(0.01, 0.005, text, fontsize=7.5, color=GREY)
+    figure.set_layout_engine("constrained", rect=(0, 0.03, 1, 0.97))
+    return figure

@@ -1,0 +1,159 @@
+"""Choice of a structure: what trials cannot determine is refused, evidence thins out, the best is chosen and tested."""
+
+from __future__ import annotations
+
+import json
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cases.shipfiles.ship_file import load_ship
+from cases.simulation.harbour_inputs import harbour_inputs
+from cases.simulation.sensors import SensorNoise, add_noise
+from cases.simulation.simulate import simulate_controls, write_trial
+from cases.trial import Trial
+from fitting.nlp.captive import Captive
+from fitting.report.plot_structures import structure_plot
+from fitting.selection.anchors import COUNT_AS, POINTS, anchor_points
+from fitting.selection.candidates import Rules, StructureCandidate, candidate, candidates
+from fitting.selection.coverage import fault
+from fitting.selection.sparsity import eliminate
+from fitting.selection.stability import stability
+from fitting.selection.structure_choice import choose_structure
+from fitting.settings import Settings
+from mmg.errors import UserError
+from mmg.model import assemble
+from mmg_ident.commands.main import main
+
+ESSO = load_ship("esso_osaka_3m").without_network()
+
+
+@lru_cache(maxsize=4)
+def harbour(count: int = 4, seconds: float = 200.0) -> tuple[Trial, ...]:
+    """Runs of ESSO OSAKA in random harbour use, with sensor noise."""
+    noise = SensorNoise.for_length(3.0)
+    runs = [simulate_controls(ESSO, harbour_inputs(ESSO, seconds, seed, 1.0)) for seed in range(count)]
+    return tuple(add_noise(run, noise, seed) for seed, run in enumerate(runs))
+
+
+def ahead_only() -> Trial:
+    run = harbour(1)[0]
+    return Trial("ahead", {**run.columns, "u": np.abs(run["u"]) + 0.01})
+
+
+def test_trials_without_astern_motion_do_not_determine_sm4() -> None:
+    one = candidate(ESSO, "sm4-order1")
+    assert not fault(candidate(ESSO, "sm1-order1"), [ahead_only()])
+    told = fault(one, [ahead_only()])
+    assert "sm4-order1 (SM-4)" in told and "'astern attached(delta)' (0 samples)" in told and "of 201" in told
+
+
+def test_more_unknowns_than_samples_are_refused_with_both_counts() -> None:
+    told = fault(candidate(ESSO, "sm2-order3"), harbour(1))
+    assert "223 unknowns" in told and "only 201 samples" in told
+
+
+def test_a_named_candidate_that_cannot_be_determined_is_an_error() -> None:
+    runs = harbour(2)
+    with pytest.raises(UserError, match=r"'astern' \(0 samples\) of 201"):
+        choose_structure(ESSO, [candidate(ESSO, "sm2-order1")], ([ahead_only()], runs[1:], ()), named=True)
+    with pytest.raises(UserError, match="1 trials to fit on and 0 to choose by"):
+        choose_structure(ESSO, [candidate(ESSO, "sm2-order1")], (runs[:1], (), ()))
+
+
+def test_elimination_by_evidence_keeps_what_is_far_from_zero_and_one_of_two_twins() -> None:
+    p = np.array([3.0, 0.02, 0.5, 0.5, 0.1])
+    C = np.diag([0.01, 0.01, 0.2, 0.2, 0.01])
+    C[2, 3] = C[3, 2] = -0.199  # only the sum of these two is known
+    gone = eliminate(p, C, np.array([True, True, True, True, False]))
+    assert 0 not in gone and 4 not in gone and 1 in gone
+    assert len({2, 3} & set(gone)) == 1
+
+
+def test_elimination_agrees_with_the_exact_evidence_of_a_linear_model() -> None:
+    """ln B of leaving out one regressor is the difference of the log marginal likelihoods."""
+    rng = np.random.default_rng(0)
+    A = rng.normal(size=(30, 3))
+    y = A @ [1.0, 0.1, 0.0] + rng.normal(size=30)
+
+    def log_evidence(columns: list[int]) -> float:
+        S = np.eye(30) + A[:, columns] @ A[:, columns].T
+        return float(-0.5 * (np.linalg.slogdet(S)[1] + y @ np.linalg.solve(S, y)))
+
+    C = np.linalg.inv(np.eye(3) + A.T @ A)
+    p = C @ A.T @ y
+    gains = [-0.5 * (np.log(C[i, i]) + p[i] ** 2 / C[i, i]) for i in range(3)]
+    exact = [log_evidence([k for k in range(3) if k != i]) - log_evidence([0, 1, 2]) for i in range(3)]
+    np.testing.assert_allclose(gains, exact, rtol=1e-9)
+    gone = eliminate(p, C, np.ones(3, dtype=bool))
+    assert gone and gone[0] == int(np.argmax(exact)) and 0 not in gone
+
+
+def test_anchor_points_have_the_forces_of_the_ship_and_count_as_few() -> None:
+    points = anchor_points(ESSO, harbour(2))
+    assert isinstance(points, Captive) and len(points) == POINTS == 1350
+    k, model = 7, assemble(ESSO)
+    u, v, r = points.motion[:, k]
+    controls = [points.actuators["n"][k], points.actuators["delta"][k], u, v]
+    rows = np.array(model.forces([0, 0, 0, u, v, r], controls, ESSO.values))
+    still = rows[[i for i, role in enumerate(model.roles) if role != "wind"]].sum(axis=0)
+    np.testing.assert_allclose(points.forces[:, k], still, rtol=1e-9)
+    rms = np.sqrt((points.forces**2).mean(axis=1))
+    np.testing.assert_allclose(POINTS * (rms / points.sigma[:, 0]) ** 2, COUNT_AS, rtol=1e-6)
+    assert points.motion[0].min() < min(run["u"].min() for run in harbour(2))
+
+
+def test_a_physical_ship_is_stable_and_one_that_pushes_itself_is_not() -> None:
+    good = stability(ESSO, 20)
+    assert (good.sequences, good.diverged) == (20, 0) and 0.1 < good.speed < 1.0
+    made = candidate(ESSO, "sm1-order1").ship.with_values({"X_u_1": 0.0, "Y_v_1": 0.0, "N_r_1": 0.0, "X_n_1": 0.02})
+    broken = made.with_coefficients({"X_u_1": made.coefficients["X_u_1"].with_(value=2.0, upper=3.0)})
+    assert stability(broken, 20).diverged == 20
+
+
+def test_the_choice_has_less_error_than_the_start_thins_out_and_is_a_whole_run(tmp_path: Path) -> None:
+    """From a ship whose coefficients are off, the polynomial learns from trials; the table has all that was tried."""
+    runs = harbour(4)
+    wrong = ESSO.with_values({"Y_v": -0.2, "N_v": -0.08, "t_P": 0.4, "C_D": 0.6}).with_effect("velocity_lag")
+    wrong = wrong.without_effect("velocity_lag")
+    given = [candidate(wrong, name, Rules(order=2)) for name in ("sm1-order1", "sm1-order2")]
+    choice = choose_structure(wrong, given, (runs[:2], runs[2:3], runs[3:]), Settings(passes=1))
+    rows = {row.name: row for row in choice.table}
+    assert {"sm1-order1", "sm1-order2"} <= set(rows) and any(name.endswith("-thinned") for name in rows)
+    assert choice.chosen in rows and np.isfinite(rows[choice.chosen].validation)
+    thin = next(row for name, row in rows.items() if name.endswith("-thinned"))
+    assert thin.unknowns < rows[thin.name.removesuffix("-thinned")].unknowns
+    assert choice.test["chosen"] < choice.test["as given"]
+    assert choice.stability.sequences == 1000
+    best = min(row.validation for row in rows.values())
+    assert rows[choice.chosen].validation <= 1.02 * best or rows[choice.chosen].stable == 1000
+    figure = structure_plot(choice.to_dict()["candidates"], choice.chosen)
+    words = {text.get_text() for text in figure.axes[0].texts}
+    assert f"{choice.chosen} (chosen)" in words and len(words) == len(rows)
+    saved = choice.result.save(tmp_path / "run")
+    assert saved.folder is not None and load_ship(tmp_path / "run").monomials == choice.result.ship.monomials
+
+
+def test_the_command_writes_a_run_folder_that_is_a_ship(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for run in harbour(3):
+        write_trial(run, tmp_path / f"{run.name}.csv")
+    out = tmp_path / "chosen"
+    line = ["select", "esso_osaka_3m", str(tmp_path), "--only", "sm1-order1", "--out", str(out), "--json"]
+    assert main(line) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["chosen"].startswith("sm1-order1")
+    assert json.loads((out / "selection.json").read_text())["candidates"] == told["candidates"]
+    assert (out / "figures" / "structures.png").stat().st_size > 5000 and (out / "report.html").exists()
+    assert load_ship(out).monomials
+    assert main(line) == 2
+    assert "exists" in capsys.readouterr().err
+
+
+def test_candidates_go_from_few_terms_to_many_and_a_generated_ship_has_none() -> None:
+    found = candidates(ESSO)
+    assert isinstance(found[0], StructureCandidate) and found[0].name == "mmg"
+    assert list(map(sum, (one.counts for one in found))) == sorted(sum(one.counts) for one in found)
+    with pytest.raises(UserError, match="is a generated model already"):
+        candidates(found[1].ship)
