@@ -11,7 +11,7 @@ from cases.io.site import Site
 from cases.shipfiles.effects import freeing_effects
 from cases.trial import Trial
 from diagnosis.estimation.candidates import FITTED_ALONG, LOCAL, Column, FullModel, ship_with_all_effects
-from diagnosis.estimation.gridded_trials import COARSE, GriddedTrials, grid_trials, is_measured_rudder
+from diagnosis.estimation.gridded_trials import COARSE, GriddedTrials, can_divide, grid_trials, is_measured_rudder
 from diagnosis.estimation.kalman import NoiseModel
 from diagnosis.estimation.map_estimate import Estimate, estimate, initial_point
 from diagnosis.estimation.noise_sizes import initial_noise, swallows
@@ -137,7 +137,8 @@ def prepare(
     data, null, gap, correlation, line = fit_without_effects(steps, data, values, base, noise, gap)
     finer = None
     if not (step or reference or gap > 1 or swallows(null.noise, full.ship)):
-        finer = finer_step(steps, data, null, max(t.dt for t in trials))
+        sample = max(t.dt for t in trials)
+        finer = finer_step(steps, data, null, sample, can_divide(trials, sample))
     if finer is not None:
         LOGGER.info(f"the random force changes too much over {data.h:g} s for sensors as quiet as these: {finer:g} s")
         return prepare(ship, trials, site, finer, other_trials)

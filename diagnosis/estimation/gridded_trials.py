@@ -20,6 +20,8 @@ COARSE = 0.2
 """Sampling time [s of a 3 m model] from which it matters whether inputs are held or interpolated."""
 PARTS = 8
 """Parts of a step whose means give the change of an input over it."""
+EVEN = 0.02
+"""Share of the sampling time by which a sample may be off a grid that parts of it make."""
 RUN_IN = 3.0
 """Seconds [of a 3 m model] at the start of a window that are simulated but not compared: delays have no past there."""
 
@@ -67,10 +69,15 @@ class GriddedTrials:
         """Number of grid times with anything measured, over all windows."""
         return int(self.good.any(axis=2).sum())
 
+    @property
+    def steps_of_sample(self) -> int:
+        """Steps from one sample to the next, 1 where a step holds one or more."""
+        return max(1, round(self.sample / self.h))
+
     def thinned(self, every: int) -> GriddedTrials:
-        """The same with one in ``every`` grid times compared."""
-        kept = np.arange(len(self.good)) % every == every - 1
-        return replace(self, good=self.good & kept[:, None, None])
+        """The same with one in ``every`` samples on the grid compared."""
+        sample = np.arange(len(self.good)) // self.steps_of_sample
+        return replace(self, good=self.good & (sample % every == every - 1)[:, None, None])
 
 
 def grid_trials(
@@ -96,7 +103,8 @@ def grid_trials(
                 continue
             edges = np.linspace(0, total, max(1, -(-total // LONGEST)) + 1).round().astype(int)
             for a, b in pairwise(edges):
-                pieces.append((number, grid.t[a : b + 1], grid.states[a : b + 1], grid.controls[a:b]))
+                states = _at_samples(grid.t[a : b + 1], grid.states[a : b + 1], trial, h)
+                pieces.append((number, grid.t[a : b + 1], states, grid.controls[a:b]))
                 kept += b - a
         lost = trial.t[-1] - trial.t[0] - kept * h
         if lost > SHORTEST * h:
@@ -128,6 +136,22 @@ def grid_trials(
         trials=tuple(trial.name for trial in trials),
         dropped=tuple(dropped),
     )
+
+
+def can_divide(trials: Sequence[Trial], sample: float) -> bool:
+    """Whether all ``trials`` have a sample every ``sample`` [s], so that a part of it may be a step: states are
+    compared where they were measured."""
+    gaps = np.concatenate([np.diff(t.t) for t in trials])
+    return bool(np.all(np.abs(gaps / sample - np.maximum(1, np.round(gaps / sample))) < EVEN))
+
+
+def _at_samples(times: np.ndarray, states: np.ndarray, trial: Trial, h: float) -> np.ndarray:
+    """The ``states`` (N + 1, 6) on the grid ``times`` [s] of step h [s], NaN between samples of the ``trial``."""
+    if h > 0.9 * trial.dt:
+        return states
+    at = np.clip(np.searchsorted(trial.t, times), 1, len(trial.t) - 1)
+    away = np.minimum(np.abs(trial.t[at] - times), np.abs(times - trial.t[at - 1]))
+    return np.where((away < EVEN * trial.dt)[:, None], states, np.nan)
 
 
 def with_changes(means: Callable[..., np.ndarray]) -> Callable[..., np.ndarray]:

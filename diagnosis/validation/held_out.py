@@ -62,11 +62,12 @@ def errors(
     """
     half = half_times(data) if second_half else data.t[0]
     starts: list[tuple[int, int]] = []
-    rows = round(length / data.h)
+    rows, n = round(length / data.h), data.steps_of_sample
     for r, total in enumerate(data.steps.astype(int)):
         start = min(int(np.searchsorted(data.t[: total + 1, r], half[r])), total)
+        start = min(-(-start // n) * n, total)
         span = rows or max(total - start, 1)
-        first = range(start, total - span + 1, max(1, round(STRIDE / data.h)) if rows else span)
+        first = range(start, total - span + 1, n * max(1, round(STRIDE / (n * data.h))) if rows else span)
         starts += [(k, r) for k in first if data.measured[k, r, 2:].all()]
     if not starts:
         return np.zeros(0), np.zeros(0, dtype=int)
