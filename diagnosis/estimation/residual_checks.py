@@ -36,9 +36,10 @@ def finer_step(
 ) -> float | None:
     """The step [s] at which the fit ``found`` of ``steps`` to ``data`` should be repeated, or None.
 
-    sample: sampling time of the trials [s], of which the step stays a multiple; divisible: or becomes a part. The mean over a step h of a process of
-    first order is off the line through its ends by its size times sqrt(h / (6 tau)), which moves a velocity by that
-    share of its response to the force. Beyond the noise of quiet sensors it would pass for an effect with memory.
+    sample: sampling time of the trials [s], of which the step stays a multiple; divisible: or becomes a part. The mean
+    over a step h of a process of first order is off the line through its ends by its size times sqrt(h / (6 tau)),
+    which moves a velocity by that share of its response to the force. Beyond the noise of quiet sensors it would pass
+    for an effect with memory.
     """
     active = active_states(steps, found.free.symbols, found.theta)
     force = linearise_and_filter(steps, data, found.fixed(), active).linear.force[:, :, 3:6]

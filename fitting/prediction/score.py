@@ -76,7 +76,7 @@ class Score:
             )  # fmt: skip
             sigma, notes = _by_state(row["sigma"]), tuple(map(str, row["notes"]))
             return cls(trials, _number(row["paper"]), _number(row["window"]), sigma, str(row["sigma_from"]), notes)
-        except (KeyError, TypeError) as error:
+        except (KeyError, TypeError, OverflowError) as error:
             raise ValueError(f"no score: {error} is missing or of the wrong kind") from None
 
     @classmethod

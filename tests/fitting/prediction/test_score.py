@@ -8,7 +8,7 @@ import pytest
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
 from fitting.prediction.predict import predict, window_rows
-from fitting.prediction.score import pooled_sigma, score
+from fitting.prediction.score import Score, pooled_sigma, score
 from fitting.prediction.stretches import wrapped_error
 from mmg.errors import UserError
 from mmg.rollout import Simulator
@@ -88,6 +88,16 @@ def test_a_window_across_missing_samples_is_left_out_and_said() -> None:
     windows, notes = predict(Simulator(load_ship("esso_osaka_3m")), trial.with_columns(u=u), 30.0, 15.0, False)
     assert notes and "left out" in notes[0]
     assert all(not (w.first <= 505 <= w.last) for w in windows)
+
+
+def test_a_score_with_a_number_of_windows_that_is_none_is_refused() -> None:
+    """Of a result file that says 1e999 windows (found by the fuzzer)."""
+    by_state = dict.fromkeys(("x", "y", "psi", "u", "v", "r"), 1.0)
+    trial = {"name": "a", "paper": 1.0, "paper_by_state": by_state, "window": 1.0, "window_by_state": by_state}
+    row = {"sigma": by_state, "sigma_from": "these", "paper": 1.0, "window": 1.0, "notes": []}
+    assert Score.from_dict(row | {"trials": [trial | {"windows": 3}]}).trials[0].windows == 3
+    with pytest.raises(ValueError, match="no score"):
+        Score.from_dict(row | {"trials": [trial | {"windows": float("inf")}]})
 
 
 def test_scores_need_positions() -> None:
