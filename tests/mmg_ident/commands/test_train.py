@@ -27,6 +27,7 @@ from mmg.progress import Progress
 from mmg.rollout import Simulator
 from mmg_ident.commands.main import main
 from residual.pipeline import train
+from residual.report.page import page_of
 from residual.report.words import criteria, headline
 from residual.result import read_training
 from residual.settings import TrainSettings
@@ -407,3 +408,10 @@ def test_a_torch_that_cannot_be_imported_is_one_line(
     monkeypatch.setattr(builtins, "__import__", without)
     line = refused(capsys, "train", "esso_osaka_3m", folder / "held_out.csv", "--out", tmp_path / "run")
     assert "mmg train needs torch, which cannot be imported" in line and "pip install torch" in line
+
+
+def test_the_report_needs_no_figure(folder: Path) -> None:
+    """Trials without positions show no growth of the error, and a figure that failed is none."""
+    content = {**read_result(folder / "run"), "figures": []}
+    page = page_of([("run", folder / "run", content)])
+    assert "The residual is kept" in page and "<figure>" not in page and "data:image" not in page
