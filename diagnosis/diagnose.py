@@ -36,7 +36,15 @@ from diagnosis.hypotheses.next_test import next_test, telling_test
 from diagnosis.hypotheses.pattern import LEVEL_OF_PATTERN, pattern
 from diagnosis.hypotheses.unexplained_force import estimated_force, unexplained_force
 from diagnosis.hypotheses.unnamed import UnnamedForms
-from diagnosis.inputs import CalibrationTrials, DiagnosisOptions, calibration_trials, diagnosable, independent_tests
+from diagnosis.inputs import (
+    CalibrationTrials,
+    DiagnosisOptions,
+    calibration_trials,
+    diagnosable,
+    diagnosable_trials,
+    independent_tests,
+)
+from diagnosis.judgement.believable import believed
 from diagnosis.judgement.judged_search import judged_search
 from diagnosis.judgement.verdict import LINE_PROBABILITY, has_remainder, limits
 from diagnosis.location.where import where
@@ -72,6 +80,7 @@ def diagnose(
     which nothing can be concluded.
     """
     o = options or DiagnosisOptions()
+    trials, copies = diagnosable_trials(trials)
     groups = group_trials(trials, o.between) if o.between else None
     ship, remarks = diagnosable(ship)
     place = site if isinstance(site, Site) else read_site(trials, ship, site)
@@ -81,7 +90,7 @@ def diagnose(
         found = _diagnosed(ship, trials, kept, place, o, known, groups, progress)
     except np.linalg.LinAlgError as error:
         raise UserError(f"{ship.name}: {BREAKS_DOWN} ({error})") from error
-    remarks += [*shared, *known.remarks, *place.notices]
+    remarks += [*copies, *shared, *known.remarks, *place.notices]
     inputs = DiagnosisInputs(tuple(data_rows(trials)), tuple(data_rows(kept)), o.command, o.seed, versions())
     found = replace(found, warnings=(*remarks, *found.warnings), inputs=inputs)
     return with_learned(found, trials, kept, o, progress) if o.learn else found
@@ -106,7 +115,7 @@ def _diagnosed(
     timings = {"fit": time.perf_counter() - began}
     p = ready.problem
     result = judged_search(ready, _like_training(tests, ready), options, progress)
-    found, verdict, reasons = result.found, result.verdict, list(result.reasons)
+    found, (verdict, reasons, doubt) = result.found, believed(result, ready)
     timings["screen, refits, test trials"] = time.perf_counter() - began - timings["fit"]
     LOGGER.info("tested and refitted: " + (", ".join(c.label for c in found.effects) or "no effect stands out"))
     chance = ready.line[0]
@@ -140,7 +149,7 @@ def _diagnosed(
     timings["total"] = time.perf_counter() - began
     return Diagnosis(
         verdict=verdict,
-        sentence=sentence_of(verdict, effects, same, remainder, result.held, found, unexplained, usual),
+        sentence=doubt or sentence_of(verdict, effects, same, remainder, result.held, found, unexplained, usual),
         effects=effects,
         instruments=instruments,
         equivalence_class=same,

@@ -6,7 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from cases.checks import inputs_are_constant
 from cases.checks.duplicates import duplicates
+from cases.checks.held_out import without_copies
 from cases.io.read import read_trials
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
@@ -74,6 +76,17 @@ def diagnosis_store(
         "--test": hashes_of_trials(tests),
     }
     return Store(out / "parts", about, resume and out.exists())
+
+
+def diagnosable_trials(trials: Sequence[Trial]) -> tuple[list[Trial], list[Message]]:
+    """The ``trials`` without copies, and messages on these. Raises UserError without any, and where no input ever
+    changes: then no force of the ship is told from another."""
+    if not trials:
+        raise UserError("no trials to diagnose: name at least one trial file")
+    if all(inputs_are_constant(t) for t in trials):
+        words = "the inputs n and delta never change, so there is nothing to diagnose by; give trials with manoeuvres"
+        raise UserError(f"{', '.join(t.name for t in trials)}: {words}")
+    return without_copies(trials)
 
 
 def diagnosable(ship: Ship) -> tuple[Ship, list[str]]:

@@ -27,9 +27,17 @@ def training_trials(trials: Sequence[Trial]) -> tuple[list[Trial], list[Message]
     if out and not kept:
         raise UserError(f"{out}: trials.toml gives them the role test or validate; none is left to train on")
     messages = [Message(f"not trained on, by their role in trials.toml: {out}", "role_held_out")] if out else []
+    once, copies = without_copies(kept)
+    return once, messages + copies
+
+
+def without_copies(trials: Sequence[Trial]) -> tuple[list[Trial], list[Message]]:
+    """The ``trials`` of which each is there once, and messages on copies, which would count as if the run had been made
+    again."""
+    messages: list[Message] = []
     once: dict[bytes, Trial] = {}
     copies: dict[str, list[str]] = {}
-    for trial in kept:
+    for trial in trials:
         first = once.setdefault(_content(trial), trial)
         if first is not trial:
             copies.setdefault(first.name, []).append(trial.name)

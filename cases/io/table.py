@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import codecs
-import csv
 import io
 import math
-import warnings
 from collections.abc import Callable
-from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from cases.io.cells import floats_of_cells
+from cases.io.csv_table import count_rows, csv_columns, csv_header
 from cases.io.files import LARGEST as LARGEST_FILE
 from cases.io.units import as_number
 from mmg.errors import UserError
@@ -23,13 +21,12 @@ Numbers = Callable[..., np.ndarray]
 """Column index -> its values as float (N,), NaN where the cell is empty; a second argument that is true allows a column
 of time stamps or durations, which becomes seconds. Raises UserError on text and on numbers that no trial holds."""
 
-LONGEST_HEADER, MOST_COLUMNS, MOST_ROWS = 2**20, 5000, 2_500_000
-"""Most bytes of the first line, columns, and rows of a table."""
+MOST_COLUMNS, MOST_ROWS = 5000, 2_500_000
+"""Most columns and rows of a table."""
 MOST_UNPACKED = 2 * LARGEST_FILE
 """Most bytes of a Parquet file as it would be without compression."""
 LONGEST_CELL = 400
 """Most characters of a text in Parquet; a file of a few kB can name a long one millions of times."""
-_PIECE = 2**20
 LARGEST = 1e13
 """No number of a trial is larger, in any unit."""
 
@@ -41,8 +38,7 @@ def read_table(path: Path, content: bytes) -> tuple[list[str], Numbers]:
     """
     if not content[:1000].strip() and not content.strip():
         raise UserError(f"{path}: the file is empty")
-    parquet = path.suffix.lower() == ".parquet"
-    header, rows, column = (_parquet if parquet else _csv)(path, content)
+    header, count, rows, column = (_parquet if path.suffix.lower() == ".parquet" else _csv)(path, content)
     if len(header) > MOST_COLUMNS:
         raise UserError(f"{path}: has {len(header)} columns, more than {MOST_COLUMNS}; leave out what is not needed")
     header = [printable(cell).strip() for cell in header]
@@ -53,70 +49,26 @@ def read_table(path: Path, content: bytes) -> tuple[list[str], Numbers]:
     doubled = sorted({cell for cell in header if cell and header.count(cell) > 1})
     if doubled:
         raise UserError(f"{path}: the header names '{doubled[0]}' twice; rename or remove one of them")
-    count = rows() if parquet else content.count(b"\n") - 1  # before the text is parsed
     if count > MOST_ROWS:
         raise UserError(f"{path}: has {count} rows, more than {MOST_ROWS}; divide it")
     if rows() == 0:
         raise UserError(f"{path}: a header but no rows")
-    return header, lambda index, clock=False: _numbers(path, header[index], column(index), clock)
+    return header, lambda index, clock=False: _within(path, header[index], column(index, header[index], clock))
 
 
 def _is_text(cell: str) -> bool:
     return math.isnan(as_number(cell)) or cell.lower() in ("inf", "infinity")
 
 
-_Parts = tuple[list[str], Callable[[], int], Callable[[int], Any]]
-"""Header cells, one that counts rows, and one that gives a column as a series: called once the header is good."""
+_Parts = tuple[list[str], int, Callable[[], int], Callable[[int, str, bool], np.ndarray]]
+"""Header cells, lines or rows by what is known before anything is parsed, one that counts rows, and one that gives the
+numbers of a column by its number, its name, and whether it may be a clock: called once the header is good."""
 
 
 def _csv(path: Path, content: bytes) -> _Parts:
-    first = content[:LONGEST_HEADER].splitlines()[0]
-    if len(first) == LONGEST_HEADER:
-        raise UserError(f"{path}: the first line is longer than {LONGEST_HEADER} bytes; it must hold the headers")
-    if first.startswith((b"\xff\xfe", b"\xfe\xff")):
-        raise UserError(f"{path}: is encoded in UTF-16; save it in UTF-8")
-    if b"\0" in first:
-        raise UserError(f"{path}: is no text; trial files are comma-separated text, or Parquet")
-    line = first.decode(_encoding(first))
-    try:
-        header = next(csv.reader([line]))
-    except csv.Error as error:
-        raise UserError(f"{path}: the first line is not a header ({error})") from None
-    if len(header) == 1 and (";" in line or "\t" in line):
-        raise UserError(f"{path}: cells are not separated by commas; save the file as comma-separated CSV")
-    frame = cache(partial(_csv_frame, path, content, len(header)))
-    return header, lambda: len(frame()), lambda index: frame().iloc[:, index]
-
-
-def _encoding(content: bytes) -> str:
-    """UTF-8 with or without a mark, else Latin-1, which every byte is."""
-    decoder = codecs.getincrementaldecoder("utf-8")()
-    try:
-        for start in range(0, len(content), _PIECE):
-            decoder.decode(content[start : start + _PIECE], start + _PIECE >= len(content))
-    except UnicodeDecodeError:
-        return "latin-1"
-    return "utf-8-sig"
-
-
-def _csv_frame(path: Path, content: bytes, columns: int) -> Any:
-    """The rows below the header; line ends may be those of any system."""
-    import pandas as pd
-
-    text = io.TextIOWrapper(io.BytesIO(content), _encoding(content), newline=None)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", pd.errors.ParserWarning)
-            warnings.simplefilter("ignore", pd.errors.DtypeWarning)
-            return pd.read_csv(
-                text, header=None, skiprows=1, index_col=False, names=range(columns), engine="c",
-                skip_blank_lines=False,
-            )  # fmt: skip
-    except pd.errors.EmptyDataError:
-        return pd.DataFrame()
-    except (pd.errors.ParserError, pd.errors.ParserWarning, ValueError, OverflowError) as error:
-        why = " ".join(str(error).split())
-        raise UserError(f"{path}: not a table ({why}); check the commas of that row") from None
+    header, lines = csv_header(path, content), count_rows(path, content)
+    table = csv_columns(path, content, len(header), lines)
+    return header, lines, lambda: table().rows, lambda index, name, clock: table().numbers(index, name)
 
 
 def _parquet(path: Path, content: bytes) -> _Parts:
@@ -157,7 +109,7 @@ def _parquet(path: Path, content: bytes) -> _Parts:
         except Exception as error:
             raise refused(error) from None
 
-    return header, lambda: rows, column
+    return header, rows, lambda: rows, lambda index, name, clock: _numbers(path, name, column(index), clock)
 
 
 def _check_texts(name: str, found: Any) -> None:
@@ -170,41 +122,21 @@ def _check_texts(name: str, found: Any) -> None:
 def _numbers(path: Path, cell: str, series: Any, clock: bool) -> np.ndarray:
     """A column as floats; text is an error that names row (1 = first below the header) and column."""
     kind = getattr(series.dtype, "kind", "O")
-    if kind in "iuf":
-        values = series.to_numpy(dtype=float, na_value=np.nan)
-    elif kind in "mM" and clock:
+    if kind in "mM" and clock:
         since = series - series.min() if kind == "M" else series
-        values = since.dt.total_seconds().to_numpy(dtype=float)
-    elif kind in "mMb":
+        return np.asarray(since.dt.total_seconds().to_numpy(dtype=float))
+    if kind in "mMb":
         raise UserError(f"{path}: column '{cell}' holds {series.dtype}, which is no number")
-    else:
-        values = _numbers_of_text(path, cell, series.astype(object))
+    values, text = floats_of_cells(series)
+    if text is not None:
+        raise text.error(path, cell)
+    return values
+
+
+def _within(path: Path, cell: str, values: np.ndarray) -> np.ndarray:
+    """The ``values`` of the column called ``cell``. Raises UserError for a number that no trial holds."""
     beyond = np.flatnonzero(np.isfinite(values) & (np.abs(values) > LARGEST))
     if len(beyond):
         row = int(beyond[0])
         raise UserError(f"{path}: row {row + 1}, column '{cell}': {values[row]:g} is larger than anything in a trial")
     return values
-
-
-def _numbers_of_text(path: Path, cell: str, series: Any) -> np.ndarray:
-    """A column of cells of which some are no numbers yet: text that is a number is one, blank text is a gap."""
-    import pandas as pd
-
-    given = series.notna().to_numpy()
-    try:
-        values = pd.to_numeric(series, errors="coerce").to_numpy(dtype=float, na_value=np.nan)
-    except (OverflowError, TypeError, ValueError):  # integers of hundreds of digits, and objects of other kinds
-        values = np.array([as_number(str(value)) for value in series])
-    bad = [i for i in np.flatnonzero(np.isnan(values) & given) if not _is_gap(str(series.iloc[i]))]
-    if bad:
-        row = bad[0]
-        shown = str(series.iloc[row])
-        raise UserError(
-            f"{path}: row {row + 1}, column '{cell}': '{shown[:60]}{'...' * (len(shown) > 60)}' is not a number "
-            f"({len(bad)} such cells in the column); correct it or leave the cell empty"
-        )
-    return values
-
-
-def _is_gap(text: str) -> bool:
-    return text.strip().lower() in ("", "nan")

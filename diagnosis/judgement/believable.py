@@ -1,0 +1,100 @@
+"""Whether an answer is believed: not where the coefficients are those of another ship, and no delay that may be the way
+in which the inputs were sampled."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.stats import chi2
+
+from diagnosis.estimation.gridded_trials import COARSE
+from diagnosis.estimation.map_estimate import Estimate
+from diagnosis.judgement.judged_search import JudgedSearch
+from diagnosis.judgement.verdict import confirms
+from diagnosis.prepare import Prepared
+from mmg.messages import Message
+from mmg.motion.froude import time_scale
+from mmg.ship import Ship
+
+FAR_OFF, RARE = 5.0, 0.005
+"""Prior standard deviations of one coefficient, and probability by chance of all of them together, from which the ship
+that fits is not the ship that was given."""
+FAR_BEFORE = 4.0
+"""The same of one coefficient without any effect, where something is left beside a name that no test trial confirms."""
+SHOWN = 4
+"""Coefficients listed."""
+TIMES = {"control_delay": "tau", "rudder_lag": "T"}
+"""Effects that half a sample of the actuators looks like, and their time."""
+
+
+def believed(result: JudgedSearch, ready: Prepared) -> tuple[str, list[Message], str]:
+    """The verdict of ``result`` with its reasons, or "unknown" where it is not believed, and a sentence on why.
+
+    result: the selection judged; ready: the problem and its fit without effects. A ship whose coefficients are wrong
+    throughout still follows the trials once all of them are free, and an effect makes up for the rest: then neither
+    its name nor that nothing is missing is true. Returns (verdict, reasons, sentence or "").
+    """
+    reasons = list(result.reasons)
+    if result.verdict == "unknown":
+        return result.verdict, reasons, ""
+    ship = ready.full.ship
+    named = result.verdict == "named"
+    doubt, code = _another_ship(result, ready), "not_described"
+    if not doubt and named and ready.problem.data.sample > COARSE * time_scale(float(ship.particulars["L"])):
+        doubt, code = _half_a_sample(result, ready), "half_a_sample"
+    if not doubt:
+        return result.verdict, reasons, ""
+    outcome = "the name is withdrawn" if named else "that nothing is missing cannot be said"
+    return "unknown", [*reasons, Message(f"{doubt}: {outcome}", code)], f"No cause can be named: {doubt}."
+
+
+def deviations(fit: Estimate, ship: Ship) -> dict[str, float]:
+    """Coefficient of the ship -> how far it is by ``fit`` from its prior mean, in prior standard deviations.
+
+    ship: as given. Where its calibration is the prior, the wider one from before the calibration is the measure.
+    """
+    rows = {}
+    for symbol, p, std in zip(fit.free.symbols, fit.p, fit.free.std, strict=True):
+        if "." not in symbol and symbol in ship.coefficients:
+            before = ship.coefficients[symbol].prior_std or 0.0
+            rows[symbol] = float(p * std / max(std, before))
+    return rows
+
+
+def _another_ship(result: JudgedSearch, ready: Prepared) -> str:
+    """Why the ship that fits is another one than was given, or nothing."""
+    found, ship = result.found, ready.full.ship
+    final = deviations(found.final, ship)
+    sizes = np.abs(list(final.values()))
+    together = float(chi2.sf((sizes**2).sum(), len(sizes)))
+    advice = "see that the trials are hers, and units and frames right (mmg check), or state wider standard deviations"
+    if sizes.max(initial=0.0) > FAR_OFF or together < RARE:
+        beside = f"with {' and '.join(c.label for c in found.effects)}" if found.effects else "without any effect"
+        return f"{beside} the trials need coefficients that are not this ship's, {_listed(final)}; {advice}"
+    before = deviations(found.null, ship)
+    left = result.after.beyond_chance > ready.problem.expected_unnamed
+    confirmed = result.held is not None and confirms(result.held)
+    if result.verdict == "named" and left and not confirmed and max(map(abs, before.values()), default=0) > FAR_BEFORE:
+        names = " and ".join(c.label for c in found.effects)
+        words = f"without any effect the trials need coefficients that are not this ship's, {_listed(before)}, and with"
+        return f"{words} {names} something is left unexplained; {advice}"
+    return ""
+
+
+def _listed(rows: dict[str, float]) -> str:
+    """The coefficients that are farthest off, in words."""
+    worst = sorted(rows.items(), key=lambda row: -abs(row[1]))[:SHOWN]
+    return ", ".join(f"{symbol} ({off:+.1f})" for symbol, off in worst) + " prior standard deviations off"
+
+
+def _half_a_sample(result: JudgedSearch, ready: Prepared) -> str:
+    """Why a delay that was named may be how the actuators were sampled, or nothing."""
+    final, half = result.found.final, 0.5 * ready.problem.data.sample
+    for c in result.found.effects:
+        symbol = f"{c.effect}.{TIMES.get(c.effect, '')}"
+        if c.by_run or symbol not in final.free.symbols:
+            continue
+        value, std = final.value(symbol), final.std(symbol)
+        if abs(value) <= half + 2 * std:
+            words = f"{c.label} of {value:.2g} +- {std:.1g} s may be half a sample of the actuators ({half:.2g} s)"
+            return f"{words}, which nobody knows to be held or joined in between; log them more often"
+    return ""

@@ -1,0 +1,93 @@
+"""No name, and not that nothing is missing, where the ship that fits is not the ship that was given."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from diagnosis.estimation.map_estimate import Estimate
+from diagnosis.estimation.parameters import priors_of_effects
+from diagnosis.hypotheses.forward_selection import Selection
+from diagnosis.inputs import diagnosable_trials
+from diagnosis.judgement.believable import believed, deviations
+from diagnosis.judgement.judged_search import JudgedSearch
+from mmg.errors import UserError
+from tests.diagnosis.judgement.test_verdict import RUNS, ready
+from tests.support.diagnosis_cases import candidate, pushed_trials
+
+
+def off(fit: Estimate, *p: float) -> Estimate:
+    """The fit with its first coefficients so many prior standard deviations off, the others at their priors."""
+    return replace(fit, p=np.array([*p, *np.zeros(len(fit.p) - len(p))]))
+
+
+def judged(verdict: str, null: Estimate, final: Estimate, left: float = -1.0, held: object = None) -> JudgedSearch:
+    """A search with this verdict; left: by how much what is left is beyond chance."""
+    unnamed = SimpleNamespace(beyond_chance=left, log_bayes=left)
+    effects = (candidate("current"),) if verdict == "named" else ()
+    return JudgedSearch(Selection(effects, null, final, ()), unnamed, unnamed, held, verdict, (), None)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("verdict", ["named", "none"])
+def test_a_ship_that_is_another_one_has_no_verdict(verdict: str) -> None:
+    null = off(ready().null)
+    assert believed(judged(verdict, null, off(null, 2.0, -1.0)), ready()) == (verdict, [], "")
+    for final in (off(null, 0.0, -5.2), off(null, 2.5, -2.0, 2.0, 2.2)):
+        result, (reason,), sentence = believed(judged(verdict, null, final), ready())
+        assert result == "unknown" and reason.code == "not_described" and sentence.startswith("No cause can be named")
+    assert f"{null.free.symbols[0]} (+2.5)" in reason and "mmg check" in reason
+
+
+def test_what_has_no_verdict_stays_so() -> None:
+    null = off(ready().null, 9.0)
+    assert believed(judged("unknown", null, null), ready()) == ("unknown", [], "")
+
+
+def test_a_name_that_leaves_a_ship_far_off_unexplained_needs_test_trials() -> None:
+    null, final = off(ready().null, 4.5), off(ready().null, 1.0)
+    confirming = SimpleNamespace(interval_90=(0.2, 0.4), reduction=0.3)
+    assert believed(judged("named", null, final), ready())[0] == "named"
+    assert believed(judged("named", null, final, left=2.0), ready())[0] == "unknown"
+    assert believed(judged("named", null, final, left=2.0, held=confirming), ready())[0] == "named"
+    assert believed(judged("named", off(null, 3.5), final, left=2.0), ready())[0] == "named"
+
+
+def test_a_calibration_is_measured_by_the_priors_before_it() -> None:
+    null = off(ready().null, 8.0)
+    symbol, std = null.free.symbols[0], null.free.std[0]
+    ship = ready().full.ship
+    wider = ship.with_coefficients({symbol: ship.coefficients[symbol].with_(prior_std=4 * std, prior_value=0.0)})
+    assert deviations(null, ship)[symbol] == pytest.approx(8.0)
+    assert deviations(null, wider)[symbol] == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize(
+    ("sample", "tau", "verdict"), [(0.5, 0.27, "unknown"), (0.5, 0.6, "named"), (0.1, 0.04, "named")]
+)
+def test_a_delay_of_half_a_sample_is_no_name(sample: float, tau: float, verdict: str) -> None:
+    p, delay = ready().problem, candidate("control_delay")
+    own = priors_of_effects([delay], 1.0)
+    null = off(ready().null)
+    free = null.free + own
+    covariance = np.diag([*np.zeros(len(null.p)), (0.03 / own.std[0]) ** 2])
+    at = (tau - own.mean[0]) / own.std[0]
+    final = replace(null, free=free, p=np.array([*null.p, at]), covariance=covariance)
+    result = replace(judged("named", null, final), found=Selection((delay,), null, final, ()))
+    prepared = replace(ready(), problem=replace(p, data=replace(p.data, sample=sample)))
+    found, reasons, _ = believed(result, prepared)
+    assert found == verdict and [m.code for m in reasons] == ["half_a_sample"] * (verdict == "unknown")
+
+
+def test_trials_that_tell_nothing_are_refused_and_copies_count_once() -> None:
+    one, other = pushed_trials(1, runs=RUNS)
+    copy = replace(one, name="again")
+    kept, (message,) = diagnosable_trials([one, copy, other])
+    assert [t.name for t in kept] == [one.name, other.name] and message.code == "copies_left_out"
+    still = {name: np.full_like(one[name], one[name][0]) for name in ("n", "delta")}
+    with pytest.raises(UserError, match="the inputs n and delta never change"):
+        diagnosable_trials([replace(one, columns={**one.columns, **still})])
+    with pytest.raises(UserError, match="no trials to diagnose"):
+        diagnosable_trials([])
