@@ -21,7 +21,8 @@ from cases.trial import Trial
 from diagnosis import summary
 from diagnosis.estimation.candidates import find
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
-from diagnosis.estimation.map_estimate import BREAKS_DOWN, Estimate
+from diagnosis.estimation.map_estimate import BREAKS_DOWN, BrokenModelError, Estimate
+from diagnosis.estimation.time_limit import OutOfTimeError, check_time, time_limit, timed
 from diagnosis.findings import (
     DiagnosisInputs,
     InstrumentFault,
@@ -31,6 +32,7 @@ from diagnosis.findings import (
 )
 from diagnosis.hypotheses.between import compare_groups
 from diagnosis.hypotheses.forward_selection import LEVEL, SearchProblem, Selection
+from diagnosis.hypotheses.group_findings import Between
 from diagnosis.hypotheses.left_findings import Pattern, UnexplainedForce
 from diagnosis.hypotheses.next_test import next_test, telling_test
 from diagnosis.hypotheses.pattern import LEVEL_OF_PATTERN, pattern
@@ -48,6 +50,7 @@ from diagnosis.judgement.believable import believed
 from diagnosis.judgement.judged_search import judged_search
 from diagnosis.judgement.verdict import LINE_PROBABILITY, has_remainder, limits
 from diagnosis.location.where import where
+from diagnosis.no_answer import no_answer
 from diagnosis.prepare import Prepared, prepare, with_sensor_faults
 from diagnosis.report.words import sentence_of
 from diagnosis.result import Diagnosis
@@ -76,22 +79,43 @@ def diagnose(
     ``trials`` are left out. site: what is known of the place, or its file (default: site.toml beside the trials).
     calibrated_on: the trials that the ship was calibrated on, or the folder of that run. If those are other trials,
     what they show already is no news; otherwise the priors from before the calibration count. options: step, seed, ...;
-    progress: called as the work goes on. Returns the verdict with all that led to it. Raises UserError for input from
-    which nothing can be concluded.
+    progress: called as the work goes on. Returns the verdict with all that led to it; "unknown" with the reason where
+    the ship explodes along the trials. Raises UserError for input from which nothing can be concluded, and
+    OutOfTimeError where the time limit is reached before there is a verdict; what comes after it is left out then, with
+    a warning.
     """
     o = options or DiagnosisOptions()
+    with time_limit(o.time_limit):
+        return _within_time(ship, trials, tests, site, o, calibrated_on, timed(progress))
+
+
+def _within_time(
+    ship: Ship,
+    trials: Sequence[Trial],
+    tests: Sequence[Trial],
+    site: Site | Path | None,
+    o: DiagnosisOptions,
+    calibrated_on: Path | str | Sequence[Trial] | None,
+    progress: OnProgress,
+) -> Diagnosis:
+    """``diagnose`` with the clock running."""
+    began = time.perf_counter()
     trials, copies = diagnosable_trials(trials)
     groups = group_trials(trials, o.between) if o.between else None
     ship, remarks = diagnosable(ship)
     place = site if isinstance(site, Site) else read_site(trials, ship, site)
     kept, shared = independent_tests(trials, tests)
     known = calibration_trials(ship, trials, calibrated_on)
-    try:
-        found = _diagnosed(ship, trials, kept, place, o, known, groups, progress)
-    except np.linalg.LinAlgError as error:
-        raise UserError(f"{ship.name}: {BREAKS_DOWN} ({error})") from error
     remarks += [*copies, *shared, *known.remarks, *place.notices]
     inputs = DiagnosisInputs(tuple(data_rows(trials)), tuple(data_rows(kept)), o.command, o.seed, versions())
+    try:
+        found = _diagnosed(ship, trials, kept, place, o, known, groups, progress)
+    except (BrokenModelError, np.linalg.LinAlgError) as error:
+        why = str(error) if isinstance(error, UserError) else f"{ship.name}: {BREAKS_DOWN} ({error})"
+        return no_answer(ship, why, remarks, inputs, time.perf_counter() - began)
+    except OutOfTimeError as error:
+        words = "before anything could be concluded; give more time, or fewer trials, or a coarser --step"
+        raise OutOfTimeError(f"{ship.name}: {error} {words}") from None
     found = replace(found, warnings=(*remarks, *found.warnings), inputs=inputs)
     return with_learned(found, trials, kept, o, progress) if o.learn else found
 
@@ -145,7 +169,7 @@ def _diagnosed(
     describe = partial(_unexplained, p, final, after if is_named else before, after_all)
     is_left = verdict == "unknown" or remainder
     unexplained = _unless_impossible(describe, "the unexplained force", None, reasons) if is_left else None
-    between = compare_groups(p, ready.null, sensors, groups, trials) if groups is not None else None
+    between = _between(ready, sensors, groups, trials, reasons)
     timings["total"] = time.perf_counter() - began
     return Diagnosis(
         verdict=verdict,
@@ -192,8 +216,19 @@ def _unless_impossible(work: Callable[[], Value], name: str, otherwise: Value, r
     try:
         return work()
     except (UserError, np.linalg.LinAlgError) as error:
-        reasons.append(Message(f"{name} could not be found: {error}", "not_found"))
+        code = "out_of_time" if isinstance(error, OutOfTimeError) else "not_found"
+        reasons.append(Message(f"{name} could not be found: {error}", code))
         return otherwise
+
+
+def _between(
+    ready: Prepared, sensors: Kinematics, groups: Groups | None, trials: Sequence[Trial], reasons: list[Message]
+) -> Between | None:
+    """What differs between the groups, where this was asked."""
+    if groups is None:
+        return None
+    work = partial(compare_groups, ready.problem, ready.null, sensors, groups, trials)
+    return _unless_impossible(work, "what differs between the groups", None, reasons)
 
 
 def _sensor_sentences(sensors: Kinematics, instruments: Sequence[InstrumentFault]) -> tuple[str, ...]:
@@ -258,10 +293,12 @@ def with_learned(
         return found
     began = time.perf_counter()
     try:
+        check_time()
         rest = _learned(found, trials, tests, options, progress)
     except UserError as reason:
         why = f"how much of the rest a learned residual closes was not measured: {reason}"
-        return replace(found, warnings=(*found.warnings, Message(why, "not_learned")))
+        code = "out_of_time" if isinstance(reason, OutOfTimeError) else "not_learned"
+        return replace(found, warnings=(*found.warnings, Message(why, code)))
     seconds = time.perf_counter() - began
     spent = {**found.timings, "learned residual": seconds}
     if "total" in spent:

@@ -30,8 +30,8 @@ class DiagnosisOptions:
     of the learned residual; workers: processes; learn: whether to measure how much a learned residual closes of an
     unexplained remainder; command: the words by which result.json says how it was made; between: what groups of trials
     are compared by ("day", "folder", ...; see cases.io.groups), or None; bootstrap: simulated campaigns from which
-    probabilities are found (0: by their law to first order); store: where finished campaigns and trainings are kept,
-    and taken from."""
+    probabilities are found (0: by their law to first order); time_limit: [s] of the whole (None: none); store: where
+    finished campaigns and trainings are kept, and taken from."""
 
     step: float | None = None
     seed: int = 0
@@ -40,11 +40,14 @@ class DiagnosisOptions:
     command: str = "mmg_ident.diagnose"
     between: str | None = None
     bootstrap: int = 0
+    time_limit: float | None = None
     store: Store | None = field(default=None, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if self.step is not None and not 0 < self.step < 60:
             raise UserError(f"--step {self.step:g}: must be a positive number of seconds below 60")
+        if self.time_limit is not None and not 0 < self.time_limit < float("inf"):
+            raise UserError(f"--time-limit {self.time_limit:g}: must be a positive number of seconds")
         if self.workers < 1:
             raise UserError(f"--workers {self.workers}: must be at least 1")
         if self.bootstrap and self.bootstrap < LEAST_CAMPAIGNS:

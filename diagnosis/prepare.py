@@ -13,7 +13,7 @@ from cases.trial import Trial
 from diagnosis.estimation.candidates import FITTED_ALONG, LOCAL, Column, FullModel, ship_with_all_effects
 from diagnosis.estimation.gridded_trials import COARSE, GriddedTrials, can_divide, grid_trials, is_measured_rudder
 from diagnosis.estimation.kalman import NoiseModel
-from diagnosis.estimation.map_estimate import Estimate, estimate, initial_point
+from diagnosis.estimation.map_estimate import BrokenModelError, Estimate, estimate, initial_point
 from diagnosis.estimation.noise_sizes import initial_noise, swallows
 from diagnosis.estimation.parameters import Priors
 from diagnosis.estimation.residual_checks import (
@@ -167,7 +167,7 @@ def fit_without_effects(
     (data, fit, gap, correlation of neighbouring residuals, sharpest line in their spectrum).
     """
     p = (theta[[steps.ship.symbols.index(s) for s in base.symbols]] - base.mean) / base.std
-    null = estimate(steps, data, initial_point(steps, data, theta, base, noise, p), MAX_FITS)
+    null, p = _first_fit(steps, data, theta, base, noise, p)
     dense = (data, residuals(steps, data, null))
     correlation = lag_correlation(*dense)
     apart, crowded = 1, correlation > CORRELATED or swallows(null.noise, steps.ship)
@@ -185,6 +185,21 @@ def fit_without_effects(
         null = estimate(steps, data, null, MAX_FITS)
     line = spectral_line(*dense) if apart == 1 else spectral_line(data, residuals(steps, data, null), dense)
     return data, null, apart, correlation, line
+
+
+def _first_fit(
+    steps: TransitionModel, data: GriddedTrials, theta: np.ndarray, base: Priors, noise: NoiseModel, p: np.ndarray
+) -> tuple[Estimate, np.ndarray]:
+    """The fit from coefficients ``p`` [prior std] or, where the ship explodes with them, from the prior means; and from
+    which."""
+    try:
+        return estimate(steps, data, initial_point(steps, data, theta, base, noise, p), MAX_FITS), p
+    except BrokenModelError:
+        if not p.any():
+            raise
+        LOGGER.info("the ship explodes along these trials: fitted again from the means of its priors")
+    p = np.zeros(len(p))
+    return estimate(steps, data, initial_point(steps, data, theta, base, noise, p), MAX_FITS), p
 
 
 def with_sensor_faults(ship: Ship, sensors: Kinematics) -> tuple[Ship, list[Message]]:

@@ -18,7 +18,7 @@ from diagnosis.report.missing_force import FILE, missing_force, missing_force_te
 from fitting.record import MessageRow
 from fitting.report.run_folder import check_target, read_result, write_json, write_whole
 from mmg.errors import UserError
-from mmg.messages import messages_from
+from mmg.messages import has_code, messages_from
 from mmg.notebook import html_table
 
 if TYPE_CHECKING:
@@ -82,7 +82,8 @@ class Diagnosis(Findings):
 
         write_whole(folder, fill, replace)
         made = page.write_report(self, folder)
-        write_json(folder / RESULT, result(made.rows, made.failures, complete=True))
+        whole = not has_code(self.warnings, "out_of_time")  # else --resume makes what is missing
+        write_json(folder / RESULT, result(made.rows, made.failures, complete=whole))
 
 
 def is_complete(folder: Path) -> bool:

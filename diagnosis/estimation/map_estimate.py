@@ -22,6 +22,7 @@ from diagnosis.estimation.linearisation import (
 )
 from diagnosis.estimation.noise_sizes import initial_noise, updated_noise
 from diagnosis.estimation.parameters import Priors, active_states, set_values
+from diagnosis.estimation.time_limit import check_time
 from diagnosis.estimation.transition_model import TransitionModel
 from mmg.errors import UserError
 from mmg.ship import Ship
@@ -30,6 +31,10 @@ BREAKS_DOWN = (
     "the model breaks down along these trials from its coefficients as they are (it explodes, or a column has no noise "
     "at all): fit it first, and check the trials with `mmg check`"
 )
+
+
+class BrokenModelError(UserError):
+    """The model cannot be followed along the trials from its first coefficients."""
 
 
 @dataclass(frozen=True)
@@ -127,8 +132,8 @@ def estimate(
     """Fit the free parameters of ``start``, path, latent force and noise to ``data`` by the model ``steps``.
 
     Stops when an iteration is expected to gain less than ``tolerance`` of log likelihood, after at most ``iterations``
-    linearisations. fixed_noise: the noise stays as it is. Returns the last accepted point. Raises UserError where the
-    model cannot be followed along the trials from its first coefficients.
+    linearisations. fixed_noise: the noise stays as it is. Returns the last accepted point. Raises BrokenModelError
+    where the model cannot be followed along the trials from its first coefficients, and OutOfTimeError.
     """
     active = active_states(steps, start.free.symbols, start.theta)
     typical = initial_noise(steps.ship)
@@ -138,10 +143,11 @@ def estimate(
     best: _Iteration | None = None
     share, reductions, converged, used = 1.0, 0, False, 0
     while used < iterations and not converged:
+        check_time()
         used += 1
         here = linearised_if_finite(steps, data, now, active)
         if here is None and best is None:
-            raise UserError(f"{steps.ship.name}: {BREAKS_DOWN}")
+            raise BrokenModelError(f"{steps.ship.name}: {BREAKS_DOWN}")
         if best is not None and (
             here is None or (not here.nll < best.nll + 0.5 * tolerance + 0.05 * best.gain and reductions < 2)
         ):

@@ -237,7 +237,7 @@ def figures_for(d: Findings) -> tuple[ReportFigure, ...]:
             "errors. The panels are in order of the share of the mean square that the average explains beyond chance.",
         ),
         (
-            True, "ranking", "Candidates", ranking_figure,
+            bool(d.candidates), "ranking", "Candidates", ranking_figure,
             "Left: score test of each effect at the fit without any effect. p is the probability that chance alone "
             "makes the best of all candidates score as high. Right: gain in BIC when coefficients, effect, missing "
             "force and noise are fitted together. Above 0 the effect is worth its parameters; a difference of 6 is "

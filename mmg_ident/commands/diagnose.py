@@ -37,6 +37,7 @@ def diagnose(
         int,
         Option(help="Campaigns simulated without any effect, to find probabilities (0: by their law)."),
     ] = 0,
+    time_limit: Annotated[float | None, Option(help="Wall-clock limit of the diagnosis [s].")] = None,
     no_learn: Annotated[
         bool, Option("--no-learn", help="Do not measure how much a learned residual closes of the remainder.")
     ] = False,
@@ -57,7 +58,8 @@ def diagnose(
     another value in one of them: what has changed since last year?
 
     Simulated campaigns (--bootstrap) and trainings are kept as they finish: after Ctrl-C the same command with --resume
-    goes on from there.
+    goes on from there. So it does after --time-limit, which ends in one line where there is no verdict yet, and else
+    leaves out what comes after it.
 
     Example: mmg diagnose runs/first trials/*.csv --test held_out/*.csv --out runs/gap
     """
@@ -75,7 +77,9 @@ def diagnose(
         say(f"{out} has finished already; nothing to resume")
         return 0
     ship = _ship(run, without or [])
-    options = pipeline.DiagnosisOptions(step, seed, workers, not no_learn, command_line(), between, bootstrap)
+    options = pipeline.DiagnosisOptions(
+        step, seed, workers, not no_learn, command_line(), between, bootstrap, time_limit
+    )
     train, tests = read_trials(trials), read_trials(test) if test else []
     begun = not (out / RESULT).exists()  # one that lacks only figures and page has no parts any more
     store = diagnosis_store(out, ship, train, tests, options, run, resume and begun)

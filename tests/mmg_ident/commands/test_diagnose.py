@@ -19,6 +19,8 @@ from cases.io.read import read_trial
 from cases.shipfiles.ship_file import dump_ship, load_ship
 from cases.simulation.simulate import write_trial
 from cases.trial import Trial
+from diagnosis.estimation.time_limit import OutOfTimeError
+from diagnosis.result import is_complete, read_diagnosis
 from mmg.effects import EFFECTS
 from mmg.errors import UserError
 from mmg.ship import Ship
@@ -271,15 +273,45 @@ def test_bad_input_is_one_clear_line_and_writes_nothing(
     assert not list(tmp_path.iterdir())
 
 
-def test_a_breakdown_of_the_numerics_is_one_clear_line(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+def test_a_breakdown_of_the_numerics_is_unknown_with_the_reason(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def breaking(*_: object) -> None:
         raise np.linalg.LinAlgError("Matrix is not positive definite")
 
     monkeypatch.setattr("diagnosis.diagnose.prepare", breaking)
-    line = refused(capsys, "diagnose", folder / "ship.toml", folder / "train", "--out", tmp_path / "run")
-    assert "the model breaks down along these trials" in line and not list(tmp_path.iterdir())
+    content = shown("diagnose", folder / "ship.toml", folder / "train", "--out", tmp_path / "run")
+    assert content["verdict"] == "unknown" and "the model breaks down along these trials" in content["sentence"]
+    assert content["messages"][0]["code"] == "model_breaks_down" and not content["effects"]
+    assert "the model breaks down along these trials" in (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
+    assert read_diagnosis(tmp_path / "run").verdict == "unknown"
+
+
+def test_a_time_limit_without_a_verdict_is_one_line(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = ["diagnose", folder / "ship.toml", folder / "train", "--out", tmp_path / "run", "--time-limit"]
+    assert "--time-limit -1: must be a positive number" in refused(capsys, *given, "-1")
+    line = refused(capsys, *given, "0.01")
+    assert "the time limit of 0.01 s was reached before anything could be concluded" in line
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_comes_after_the_verdict_is_left_out_at_the_limit_and_made_by_resume(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def late(*_: object) -> None:
+        raise OutOfTimeError("the time limit of 1 s was reached")
+
+    given = ["diagnose", folder / "ship.toml", folder / "train", "--out", tmp_path / "run", *OPTIONS]
+    with unrendered(), monkeypatch.context() as patched:
+        patched.setattr("diagnosis.diagnose._advice", late)
+        first = shown(*given, "--time-limit", "600")
+        assert "out_of_time" in {row["code"] for row in first["messages"]} and not is_complete(tmp_path / "run")
+    with unrendered():
+        again = shown(*given, "--resume")
+    assert again["verdict"] == first["verdict"] and is_complete(tmp_path / "run")
+    assert "out_of_time" not in {row["code"] for row in again["messages"]}
 
 
 @pytest.mark.slow
