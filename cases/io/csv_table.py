@@ -106,19 +106,24 @@ def _frames(path: Path, content: bytes, columns: int) -> Iterator[Any]:
     """The rows below the header, piece by piece; line ends may be those of any system."""
     import pandas as pd
 
+    done = 0
     text = io.TextIOWrapper(io.BytesIO(content), _encoding(content), newline=None)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", pd.errors.ParserWarning)
             warnings.simplefilter("ignore", pd.errors.DtypeWarning)
-            yield from pd.read_csv(
+            for frame in pd.read_csv(
                 text, header=None, skiprows=1, index_col=False, names=range(columns), engine="c",
                 skip_blank_lines=False, chunksize=max(_CELLS // columns, 1),
-            )  # fmt: skip
+            ):  # fmt: skip
+                yield frame
+                done += len(frame)
     except pd.errors.EmptyDataError:
         return
     except (pd.errors.ParserError, pd.errors.ParserWarning, ValueError, OverflowError) as error:
         why = " ".join(str(error).split())
+        if isinstance(error, pd.errors.ParserWarning):  # a row at the start of a piece
+            why = f"from row {done + 1} on there are more cells than the header names"
         raise UserError(f"{path}: not a table ({why}); check the commas of that row") from None
 
 

@@ -12,10 +12,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from benchmarks.fuzz.damage import numbered
 from cases.io.controls import read_controls
+from cases.io.csv_table import LONGEST_LINE, MOST_CELLS, count_rows
 from cases.io.files import LARGEST, parse_json, read_json
 from cases.io.read import read_trial, read_trials
-from cases.io.table import MOST_ROWS, MOST_UNPACKED
+from cases.io.table import MOST_ROWS, MOST_UNPACKED, read_table
 from cases.shipfiles.ship_file import load_ship
 from fitting.nlp.captive import read_captive
 from mmg.errors import UserError
@@ -225,6 +227,59 @@ def test_rows_are_counted_before_they_are_read(tmp_path: Path) -> None:
     path = tmp_path / "rows.csv"
     path.write_bytes(b"t [s],u [m/s]\n" + b"1,x\n" * (MOST_ROWS + 1))
     refused(path, f"has {MOST_ROWS + 1} rows, more than {MOST_ROWS}")
+
+
+def test_pieces_of_a_file_are_read_as_the_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "a.csv"
+    write_csv(path)
+    seed, refused_both, read_both = b"\n".join(path.read_bytes().splitlines()[:12]), 0, 0
+    for number in range(400):
+        content, found = numbered("pieces", number, (seed,)), []
+        for cells in (500_000, 27):
+            monkeypatch.setattr("cases.io.csv_table._CELLS", cells)
+            found.append(_columns_of(path, content))
+        whole, parts = found
+        assert (whole is None) == (parts is None), number
+        refused_both, read_both = refused_both + (whole is None), read_both + (whole is not None)
+        assert whole is None or whole == parts, number
+    assert refused_both > 20 and read_both > 200
+
+
+def _columns_of(path: Path, content: bytes) -> list[list[str] | str] | None:
+    """The columns of a table in words, of a column with text the error; None for what is no table."""
+    try:
+        header, numbers = read_table(path, content)
+    except UserError:
+        return None
+    columns: list[list[str] | str] = []
+    for k in range(len(header)):
+        try:
+            columns.append((numbers(k) + 0.0).astype(str).tolist())  # no -0.0
+        except UserError as error:
+            columns.append(str(error))
+    return columns
+
+
+def test_a_row_with_too_many_cells_is_told_wherever_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cases.io.csv_table._CELLS", 4)
+    rows = [b"t [s],u [m/s]", *(b"%d,1" % k for k in range(8))]
+    for at in range(2, 9):
+        content = b"\n".join([*rows[:at], rows[at] + b",7,8", *rows[at + 1 :]])
+        (tmp_path / "a.csv").write_bytes(content)
+        refused(tmp_path / "a.csv", "not a table", "check the commas of that row")
+
+
+def test_lines_and_cells_are_counted_before_they_are_parsed(tmp_path: Path) -> None:
+    path, head = tmp_path / "a.csv", b"t [s],u [m/s]\n"
+    path.write_bytes(head + b"1,2\n" * 3 + b"7" * (LONGEST_LINE + 1))
+    refused(path, f"a line is longer than {LONGEST_LINE} bytes")
+    path.write_bytes(head + b"\r" * (MOST_ROWS + 1))
+    refused(path, f"has {MOST_ROWS + 1} rows")
+    names = b",".join(b"c%d" % k for k in range(4000))
+    path.write_bytes(names + b"\n" + b"\r\n" * (MOST_CELLS // 4000 + 1))
+    refused(path, "4000 columns", "cells")
+    for content, count in ((b"a\r\nb\r\nc", 2), (b"a\nb\nc\n", 2), (b"a\rb\r", 1), (b"a", 0), (b"a\n\n", 1)):
+        assert count_rows(path, content) == count, content
 
 
 def test_a_million_columns_are_one_line_at_once(tmp_path: Path) -> None:
