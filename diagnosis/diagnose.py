@@ -48,9 +48,9 @@ from diagnosis.inputs import (
 )
 from diagnosis.judgement.believable import believed
 from diagnosis.judgement.judged_search import judged_search
+from diagnosis.judgement.no_answer import no_answer
 from diagnosis.judgement.verdict import LINE_PROBABILITY, has_remainder, limits
 from diagnosis.location.where import where
-from diagnosis.no_answer import no_answer
 from diagnosis.prepare import Prepared, prepare, with_sensor_faults
 from diagnosis.report.words import sentence_of
 from diagnosis.result import Diagnosis

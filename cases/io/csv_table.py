@@ -18,7 +18,7 @@ from mmg.errors import UserError
 
 LONGEST_LINE, MOST_CELLS = 2**20, 30_000_000
 """Most bytes of a line, and most cells of a table."""
-_BYTES, _CELLS = 2**24, 500_000
+_BYTES, AT_ONCE = 2**24, 500_000
 """Of a piece that is looked at, and that is parsed, at a time."""
 
 
@@ -114,7 +114,7 @@ def _frames(path: Path, content: bytes, columns: int) -> Iterator[Any]:
             warnings.simplefilter("ignore", pd.errors.DtypeWarning)
             for frame in pd.read_csv(
                 text, header=None, skiprows=1, index_col=False, names=range(columns), engine="c",
-                skip_blank_lines=False, chunksize=max(_CELLS // columns, 1),
+                skip_blank_lines=False, chunksize=max(AT_ONCE // columns, 1),
             ):  # fmt: skip
                 yield frame
                 done += len(frame)

@@ -236,7 +236,7 @@ def test_pieces_of_a_file_are_read_as_the_whole(tmp_path: Path, monkeypatch: pyt
     for number in range(400):
         content, found = numbered("pieces", number, (seed,)), []
         for cells in (500_000, 27):
-            monkeypatch.setattr("cases.io.csv_table._CELLS", cells)
+            monkeypatch.setattr("cases.io.csv_table.AT_ONCE", cells)
             found.append(_columns_of(path, content))
         whole, parts = found
         assert (whole is None) == (parts is None), number
@@ -261,7 +261,7 @@ def _columns_of(path: Path, content: bytes) -> list[list[str] | str] | None:
 
 
 def test_a_row_with_too_many_cells_is_told_wherever_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cases.io.csv_table._CELLS", 4)
+    monkeypatch.setattr("cases.io.csv_table.AT_ONCE", 4)
     rows = [b"t [s],u [m/s]", *(b"%d,1" % k for k in range(8))]
     for at in range(2, 9):
         content = b"\n".join([*rows[:at], rows[at] + b",7,8", *rows[at + 1 :]])

@@ -305,7 +305,7 @@ def test_what_comes_after_the_verdict_is_left_out_at_the_limit_and_made_by_resum
 
     given = ["diagnose", folder / "ship.toml", folder / "train", "--out", tmp_path / "run", *OPTIONS]
     with unrendered(), monkeypatch.context() as patched:
-        patched.setattr("diagnosis.diagnose._advice", late)
+        patched.setattr("diagnosis.diagnose.next_test", late)
         first = shown(*given, "--time-limit", "600")
         assert "out_of_time" in {row["code"] for row in first["messages"]} and not is_complete(tmp_path / "run")
     with unrendered():
