@@ -113,7 +113,9 @@ def _main(product: Product) -> str:
   else
     p = parameters();
   end
-  theta = structfun(@(c) c.value, p.coefficients);
+  rows = struct2cell(p.coefficients);
+  rows = [rows{:}];
+  theta = [rows.value].';
   first = {len(model.states)};
   if strcmp(what, 'settle')
     first = 6;
