@@ -114,7 +114,7 @@ def _main(product: Product) -> str:
     p = parameters();
   end
   rows = struct2cell(p.coefficients);
-  rows = [rows{:}];
+  rows = [rows{{:}}];
   theta = [rows.value].';
   first = {len(model.states)};
   if strcmp(what, 'settle')
@@ -181,17 +181,20 @@ def _settle(measured: bool) -> str:
 
 
 def _network(network: Network, features: Sequence[str]) -> str:
-    """The network as products of matrices."""
+    """The network as products of matrices, which are made once: Octave takes longer to read them than to use them."""
     places = ", ".join(str(features.index(name) + 1) for name in network.features)
-    lines = [f"x = features([{places}]);", m_column("scale", network.feature_scales), "x = x ./ scale;"]
-    lines += ["total = zeros(3, 1);"]
-    for member in network.members:
+    lines = ["persistent c", "if isempty(c)", "  c = weights_of_network();", "end"]
+    lines += [f"x = features([{places}]) ./ c.features;", "total = zeros(3, 1);"]
+    made = [m_column("c.features", network.feature_scales), m_column("c.outputs", network.output_scales)]
+    for k, member in enumerate(network.members, 1):
         lines.append("h = x;")
-        for W, b in zip(member.weights[:-1], member.biases, strict=True):
-            lines += [m_column("W", W), m_column("b", b), "h = tanh(W * h + b) - tanh(b);"]
-        lines += [m_column("W", member.weights[-1]), "total = total + W * h;"]
-    lines += [m_column("scale", network.output_scales), f"added = scale .* total / {len(network.members)};"]
-    return _local("added = network(features)", lines)
+        for i, (W, b) in enumerate(zip(member.weights[:-1], member.biases, strict=True), 1):
+            made += [m_column(f"c.W{k}_{i}", W), m_column(f"c.b{k}_{i}", b)]
+            lines.append(f"h = tanh(c.W{k}_{i} * h + c.b{k}_{i}) - tanh(c.b{k}_{i});")
+        made.append(m_column(f"c.W{k}", member.weights[-1]))
+        lines.append(f"total = total + c.W{k} * h;")
+    lines.append(f"added = c.outputs .* total / {len(network.members)};")
+    return _local("added = network(features)", lines) + _local("c = weights_of_network()", made)
 
 
 def _range(product: Product) -> str:
