@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import casadi as ca
 import numpy as np
@@ -15,7 +16,9 @@ from cases.simulation.simulate import simulate
 from fitting.calibration import estimate_coefficients
 from fitting.settings import Settings
 from mmg.components.catalogue import coefficient_table
+from mmg.components.roll import linear
 from mmg.model import assemble
+from mmg.motion.flow import Flow, Force
 from mmg.motion.froude import GRAVITY
 from mmg.motion.memory import Memory, clip, delayed, lagged, played, rate_limited
 from mmg.rollout import Simulator
@@ -150,3 +153,23 @@ def test_the_steady_heel_balances_the_moments() -> None:
     heel = K / (ROLLING.particulars["m"] * GRAVITY * 0.02)
     assert math.sin(run["phi"][-1]) == pytest.approx(heel, rel=1e-3)
     assert run["phi"][-1] != 0
+
+
+def test_the_rate_of_roll_is_that_of_its_equation() -> None:
+    """At one moving, heeled and rolling state, with a centre of gravity below the waterline, worked out by hand."""
+    p = SimpleNamespace(m=500.0, GM=0.03, B=0.6, d=0.2)
+    c = SimpleNamespace(k_x_roll=0.24, zeta_roll=0.08, z_H=0.1, z_R=0.12, z_A=-0.3, z_G=0.05)
+    parts = {
+        "hull": Force(0, 7.0, 0),
+        "rudder": Force(0, -3.0, 0),
+        "wind": Force(0, 2.0, 0),
+        "propeller": Force(0, 50.0, 0),
+    }
+    memory = Memory()
+    linear.roll(Flow(u=0.8, v=-0.1, r=0.2), parts, 0.3, memory, p, c)
+    rates = ca.Function("f", memory.symbols, [ca.vertcat(*memory.rates)])(0.2, 0.4)
+    inertia, stiffness = 500.0 * 0.24**2, 500.0 * GRAVITY * 0.03
+    K = -(0.1 * 7.0 + 0.12 * -3.0 - 0.3 * 2.0) + 500.0 * 0.05 * (0.3 + 0.8 * 0.2)
+    moment = K - 2 * 0.08 * math.sqrt(inertia * stiffness) * 0.4 - stiffness * math.sin(0.2)
+    assert np.array(rates).ravel() == pytest.approx([0.4, moment / inertia])
+    assert memory.names == ["phi", "p"] and memory.targets == [0.0, 0.0]

@@ -188,3 +188,13 @@ def test_a_ship_with_all_thrusters_assembles_and_each_one_acts() -> None:
         moved = np.array(model.rates([0.0] * 6, list({**rest, name: 15.0}.values()), ship.values)).ravel()[3:] - still
         for value, sign in zip(moved, signs, strict=True):
             assert sign == 0 or np.sign(value) == sign
+
+
+def test_a_pod_drags_with_the_square_of_the_flow_at_its_place() -> None:
+    """What C_pod adds: 1/2 rho D^2 C_pod |V| (u, v) against the flow, and its moment."""
+    motion = {"u": 0.3, "v": -0.1, "r": 0.05, "n_azimuth": 12.0, "azimuth": 2.0}
+    without = SimpleNamespace(**{**vars(AZIMUTH), "C_pod": 0.0})
+    u, v = 0.3 - 0.12 * 0.05, -0.1 - 1.4 * 0.05
+    drag = 0.5 * 998.0 * 0.06**2 * AZIMUTH.C_pod * np.hypot(u, v)
+    added = pod(s=EXACT, **motion) - pod(without, s=EXACT, **motion)
+    np.testing.assert_allclose(added, (-drag * u, -drag * v, 1.4 * drag * v + 0.12 * drag * u), rtol=1e-9)
