@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import PureWindowsPath
 
 from mmg.messages import printable
@@ -9,6 +10,10 @@ from mmg.messages import printable
 LONGEST_NAME = 200
 """Most bytes of a name: file systems take 255, and suffixes are added."""
 
+
+DEVICES = {"CON", "PRN", "AUX", "NUL", *(f"{port}{i}" for port in ("COM", "LPT") for i in range(1, 10))}
+"""What files cannot be called on Windows, whatever follows after a dot."""
+WINDOWS = os.name == "nt"
 
 LONGEST = 4000
 """Most characters of the text of an error; of a longer one the middle is left out."""
@@ -44,6 +49,10 @@ def name_fault(name: str) -> str:
         return "must be plain words, no path: without / and \\"
     if any("\udc80" <= c <= "\udcff" for c in name):
         return "holds bytes that are no text in this locale; set PYTHONUTF8=1, or LC_ALL to one with UTF-8"
+    if name.partition(".")[0].strip().upper() in DEVICES:
+        return "is a device on Windows, where no file can be called so; choose another name"
+    if WINDOWS and (bad := sorted(set(name) & set('<>:"|?*'))):
+        return f"holds {' '.join(bad)}, which no file name on Windows can; choose another name"
     if not name.isprintable():
         return "must hold characters that can be printed"
     if len(name.encode(errors="replace")) > LONGEST_NAME:

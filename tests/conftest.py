@@ -9,7 +9,9 @@ from pathlib import Path
 import pytest
 
 from tests.support.figures import unrendered
+from tests.support.without_torch import skip_what_needs_torch
 
+skip_what_needs_torch()
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as in the background of a shell: commands would inherit it
     signal.signal(signal.SIGINT, signal.default_int_handler)
 

@@ -6,6 +6,7 @@ import contextlib
 import ctypes
 import functools
 import importlib.util
+import io
 import multiprocessing
 import os
 import signal
@@ -205,6 +206,9 @@ def main(arguments: list[str] | None = None) -> int:
     if in_the_way := shadowing_mmg():
         print(f"mmg: {in_the_way}", file=sys.stderr)
         return 2
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper) and not stream.encoding.lower().startswith("utf"):  # cp1252, say
+            stream.reconfigure(errors="backslashreplace")
     from fitting.solvers.interrupts import OBSERVER
     from mmg.errors import UserError
     from mmg.messages import printable

@@ -33,6 +33,7 @@ def predict(
 
     Example: mmg predict runs/first held_out.csv --window 30 --stride 15 --out forecast.csv
     """
+    from cases.io.files import file_key
     from cases.io.read import read_trials
     from fitting.prediction.adaptation import warnings_on_adaptation
     from fitting.prediction.predict import write_tables
@@ -43,8 +44,10 @@ def predict(
     if not single and out.suffix.lower() == ".csv":
         raise UserError(f"--out {out}: {len(runs)} trials need a folder, not one CSV file")
     files = {run.name: out if single else out / f"{run.name}.csv" for run in runs}
-    if len(files) < len(runs):
-        raise UserError("two trials have the same name; rename one or predict them separately")
+    if len({file_key(name) for name in files}) < len(runs):
+        raise UserError(
+            "two trials have the same name (as files of Windows have it); rename one or predict them separately"
+        )
     existing = [str(path) for path in files.values() if path.exists()]
     if existing and not force:
         raise UserError(f"{existing[0]}: exists already; choose another --out or add --force")

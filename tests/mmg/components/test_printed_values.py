@@ -106,7 +106,7 @@ def test_the_printed_harmonics_are_all_there() -> None:
     assert sums == [79546935, -75064575, 11573665, -10054194]
 
 
-# Side force of the reversing propeller (Hachii; values of physics.md D.2)
+# Side force of the reversing propeller (Hachii 2004)
 
 
 def test_the_side_force_of_one_right_handed_screw_is_the_printed_one() -> None:

@@ -1,0 +1,172 @@
+"""Windows and macOS as far as they can be simulated: no POSIX, spawned workers, cp1252, locked files, names, CRLF."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import unicodedata
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cases.simulation.demo_trials import demo_trials
+from cases.simulation.simulate import write_trial
+from cases.trial import Trial
+from mmg.errors import UserError, check_name
+from mmg_ident.commands.main import VERBS, main
+
+ROOT = Path(__file__).parents[2]
+FEW = "--only X_0F,N_r --no-next-trial --measurement none --window 10 --max-iterations 2"
+QUICK = (
+    "ships", "ships esso_osaka_3m", "effects", "effects bank", "check trials", "check no/such/folder",
+    "simulate esso_osaka_3m --maneuver zigzag:20/20 --duration 20 --out zigzag.csv",
+    "simulate esso_osaka_3m --maneuver zigzag:20/20 --duration 20 --force --out zigzag.csv",
+    "predict esso_osaka_3m trials --window 30 --out predicted",
+    f"fit esso_osaka_3m trials {FEW} --out fit",
+)  # fmt: skip
+SLOW = (
+    f"fit esso_osaka_3m trials {FEW} --resume --out fit", "imo esso_osaka_3m", "score fit esso_osaka_3m trials",
+    "predict fit trials --window 30 --force --out predicted", "report fit --out page.html",
+    "export fit --format c --force --out source",
+)  # fmt: skip
+"""Commands in one process, one after the other; the second on what the first have made."""
+ONE_AFTER_THE_OTHER = """
+import json, sys
+import mmg_ident
+from mmg_ident.commands.main import main
+codes = []
+for line in sys.argv[1:]:
+    try:
+        codes.append(main(line.split()))
+    except BaseException as error:
+        codes.append(f"{type(error).__name__}: {error}")
+print(json.dumps(codes), file=open("codes.json", "w"))
+"""
+
+
+def as_windows(folder: Path, *words: str) -> subprocess.CompletedProcess[bytes]:
+    """Python with these words in the ``folder``, without what Windows does not have."""
+    here = os.pathsep.join([str(ROOT / "tests/support/as_windows"), str(ROOT)])
+    drive = folder.parent / f"{folder.name}_temporary"
+    drive.mkdir(exist_ok=True)
+    environment = {**os.environ, "PYTHONPATH": here, "PYTHONUTF8": "0", "TMPDIR": str(drive), "MPLBACKEND": "agg"}
+    return subprocess.run([sys.executable, *words], cwd=folder, env=environment, capture_output=True, check=False)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a trial whose name no console of cp1252 knows, its lines ended as on Windows, and its sidecar."""
+    place = tmp_path_factory.mktemp("windows")
+    (place / "trials").mkdir()
+    file = place / "trials" / "Drehkreis_ä_舵.csv"
+    write_trial(demo_trials(3, dt=0.5)[0][0], file)
+    file.write_bytes(file.read_bytes().replace(b"\r\n", b"\n").replace(b"\n", b"\r\n"))
+    (place / "trials" / "trials.toml").write_bytes(b'[all]\r\nkind = "turning"\r\n')
+    return place
+
+
+def ended(folder: Path, lines: tuple[str, ...]) -> str:
+    """What the commands print, once it is seen that each ended with its code and none with a traceback."""
+    done = as_windows(folder, "-c", ONE_AFTER_THE_OTHER, *lines)
+    said, complained = (text.decode("cp1252") for text in (done.stdout, done.stderr))
+    assert done.returncode == 0 and "Traceback" not in said + complained, complained
+    for line, code in zip(lines, json.loads((folder / "codes.json").read_text()), strict=True):
+        right = (2,) if "no/such" in line else (0, 1) if line.startswith("fit") else (0,)  # too few iterations: 1
+        assert code in right, (line, code, complained)
+    return said
+
+
+@pytest.fixture(scope="module")
+def worked(folder: Path) -> str:
+    """What the quick commands print."""
+    return ended(folder, QUICK)
+
+
+def test_commands_run_without_posix_with_locked_files_and_a_narrow_console(folder: Path, worked: str) -> None:
+    """A file is replaced while none holds it, names that the console does not know are written as escapes."""
+    assert "\\u8235" in worked and worked.encode("cp1252")
+    assert json.loads((folder / "fit/result.json").read_text())["compiled"] is False
+    assert [p.name for p in (folder / "predicted").iterdir()] == ["Drehkreis_ä_舵.csv"]
+    assert not list(folder.rglob(".*.part")), "a file that could not be renamed is left"
+
+
+@pytest.mark.slow
+def test_what_was_made_without_posix_is_gone_on_with(folder: Path, worked: str) -> None:
+    assert worked
+    ended(folder, SLOW)
+    assert (folder / "page.html").exists() and not list(folder.rglob(".*.part"))
+
+
+@pytest.mark.slow
+def test_work_is_spread_over_spawned_processes_without_posix(folder: Path) -> None:
+    """fit, train and compare with two workers; each worker is such a Python as well."""
+    small = "--seeds 2 --epochs 1 --width 4"
+    lines = (
+        f"fit esso_osaka_3m trials {FEW} --bootstrap 2 --workers 2 --out spread/fit",
+        f"train esso_osaka_3m trials {small} --workers 2 --out spread/train",
+        "compare --train trials --test trials --models captive,fnn --epochs 1 --fractions 1 --seeds 2 --no-random "
+        "--step 1 --workers 2 --out spread/compare",
+    )
+    for line in lines:
+        done = as_windows(folder, "-m", "mmg_ident.commands.main", *line.split())
+        assert done.returncode in (0, 1) and b"Traceback" not in done.stderr, done.stderr.decode("cp1252")
+        assert (folder / line.split()[-1] / "result.json").exists()
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_help_can_be_printed_on_a_console_of_cp1252(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([verb, "--help"]) == 0
+    capsys.readouterr().out.encode("cp1252")
+
+
+# Names
+
+
+@pytest.mark.parametrize("name", ["CON", "nul", "Aux", "COM1", "lpt9", "con.first", "PRN .x"])
+def test_names_of_devices_are_refused_everywhere(name: str) -> None:
+    """On Windows a file NUL.csv is no file: what is written to it is lost."""
+    with pytest.raises(UserError, match="device"):
+        check_name(name, "trial")
+
+
+@pytest.mark.parametrize("name", ["console", "nullity", "COM10", "auxiliary 3", "my CON"])
+def test_names_that_only_begin_so_are_names(name: str) -> None:
+    check_name(name, "trial")
+
+
+@pytest.mark.parametrize("name", ["10:30", "why?", "a*b", 'say "x"', "a|b", "<new>"])
+def test_windows_refuses_what_its_files_cannot_be_called(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mmg.errors.WINDOWS", False)
+    check_name(name, "trial")
+    monkeypatch.setattr("mmg.errors.WINDOWS", True)
+    with pytest.raises(UserError, match="Windows"):
+        check_name(name, "trial")
+
+
+@pytest.mark.parametrize(
+    "names", [("Run", "run"), ("Überführung", unicodedata.normalize("NFD", "Überführung"))], ids=["case", "accents"]
+)
+def test_names_that_are_one_file_on_windows_or_macos_are_not_overwritten(
+    names: tuple[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    trial = demo_trials(3, dt=0.5)[0][0]
+    for number, name in enumerate(names):
+        (tmp_path / str(number)).mkdir()
+        write_trial(Trial(name, trial.columns), tmp_path / str(number) / f"{name}.csv")
+    files = [str(tmp_path / "0"), str(tmp_path / "1")]
+    assert main(["predict", "esso_osaka_3m", *files, "--window", "30", "--out", str(tmp_path / "out")]) == 2
+    assert "same name" in capsys.readouterr().err and not (tmp_path / "out").exists()
+
+
+def test_line_ends_of_windows_change_no_value(folder: Path, tmp_path: Path) -> None:
+    from cases.io.read import read_trials
+
+    (ours,) = read_trials([folder / "trials"])
+    file = tmp_path / ours.path.name if ours.path else tmp_path
+    file.write_bytes((folder / "trials" / file.name).read_bytes().replace(b"\r\n", b"\n"))
+    (theirs,) = read_trials([file])
+    assert ours.kind == "turning" and ours.columns.keys() == theirs.columns.keys()
+    assert all(np.array_equal(ours[name], theirs[name], equal_nan=True) for name in ours.columns)
