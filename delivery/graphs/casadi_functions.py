@@ -16,10 +16,14 @@ import casadi as ca
 
 from delivery.product import Product
 from fitting.report.run_folder import plain, write_json
+from mmg.effects import effect
+from mmg.messages import Message
 from mmg.model import Model
 from mmg.motion.flow import INPUTS
 from mmg.runge_kutta import rk4_step
 
+DELAY_APPROXIMATE = "delay_approximate"
+"""Code of what is said of an effect that delays the inputs."""
 TEMPLATES = Path(__file__).parent / "templates"
 STATE_WORDS = {
     "x": ("position of midship, north", "m"),
@@ -41,8 +45,8 @@ INPUT_WORDS = {
 """Inputs: words and unit."""
 
 
-def write_casadi(product: Product, target: Path) -> None:
-    """Write the functions of ``product`` into the empty folder ``target``."""
+def write_casadi(product: Product, target: Path) -> list[Message]:
+    """Write the functions of ``product`` into the empty folder ``target``. Returns what is to be said of them."""
     functions = casadi_functions(product.model)
     for name, function in functions.items():
         function.save(str(target / f"{name}.casadi"))
@@ -50,6 +54,10 @@ def write_casadi(product: Product, target: Path) -> None:
     shutil.copyfile(TEMPLATES / "example.py", target / "example.py")
     if {"n", "delta"} <= set(product.model.controls):
         shutil.copyfile(TEMPLATES / "heading_mpc.py", target / "heading_mpc.py")
+    ship = product.ship
+    late = [name for name in ship.effects if effect(name).input_delay(ship.parameters_of(name)) is not None]
+    words = "is a smooth approximation here, as in a fit; mmg simulate and the FMU delay the inputs exactly"
+    return [Message(f"the effect {name} {words}", DELAY_APPROXIMATE) for name in late]
 
 
 def casadi_functions(model: Model) -> dict[str, ca.Function]:

@@ -14,10 +14,12 @@ import pytest
 
 from cases.shipfiles.ship_file import load_ship
 from delivery.export import export
+from delivery.graphs.casadi_functions import DELAY_APPROXIMATE, write_casadi
 from delivery.product import Product, product_of
 from mmg.model import settled
 from mmg.rollout import Simulator
 from mmg.ship import Ship
+from tests.support.c_products import product
 from tests.support.networks import random_network
 
 
@@ -119,3 +121,11 @@ def test_the_examples_run_with_casadi_and_numpy_alone(tmp_path: Path) -> None:
     assert found["floors"] == []
     assert abs(found["heading"] - 0.2) < 0.01 and 0.1 < found["rudder"] < 0.611
     assert abs(found["blown"]) > 0.01
+
+
+def test_a_delay_of_the_inputs_is_said_to_be_approximate(tmp_path: Path) -> None:
+    late = load_ship("esso_osaka_3m").with_effect("control_delay", {"tau": 0.4})
+    for ship, codes in ((late, [DELAY_APPROXIMATE]), (late.without_effect("control_delay"), [])):
+        folder = tmp_path / str(len(codes))
+        folder.mkdir()
+        assert [m.code for m in write_casadi(product(ship), folder)] == codes
