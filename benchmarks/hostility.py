@@ -1,7 +1,7 @@
 """Trials and ships that no calibration can make sense of, and what is said of each.
 
-python -m benchmarks.hostility [--case NAME ...] [--record]: check, and fit of six coefficients; prints a table of the
-statements, and with --record puts it into RESULTS.md.
+python -m benchmarks.hostility [--case NAME ...] [--record]: check, fit of six coefficients, and diagnosis with all of
+them free; prints a table of the statements, and with --record puts it into RESULTS.md.
 """
 
 from __future__ import annotations
@@ -19,6 +19,8 @@ from cases.simulation.demo_trials import demo_trials
 from cases.simulation.sensors import SensorNoise, add_noise
 from cases.simulation.simulate import simulate_controls
 from cases.trial import Trial
+from diagnosis.diagnose import diagnose
+from diagnosis.inputs import DiagnosisOptions
 from fitting.pipeline import FitOptions, calibrate
 from fitting.settings import Settings
 from mmg.errors import UserError
@@ -134,6 +136,8 @@ CASES: dict[str, Callable[[], tuple[Ship, Sequence[Trial]]]] = {
     "one run fifty times": lambda: (ship(), copies(runs(1)[0])),
 }
 """Name -> ship and trials."""
+SCALED = {"all coefficients times 3": 3.0}
+"""Case -> factor of all coefficients of its ship."""
 
 
 def said(name: str) -> Said:
@@ -149,11 +153,28 @@ def said(name: str) -> Said:
     return Said(verdicts, findings, "", fit.converged, fit.warnings)
 
 
-def row(name: str, found: Said) -> str:
+def diagnosed(name: str) -> str:
+    """What a diagnosis says of the case called ``name``, all coefficients of the ship being free: verdict, sentence."""
+    model, trials = load_ship("esso_osaka_3m"), CASES[name]()[1]
+    scale = SCALED.get(name, 1.0)
+    rows = {
+        s: c.with_(value=scale * c.value, lower=min(c.lower, scale * c.value), upper=max(c.upper, scale * c.value))
+        for s, c in model.coefficients.items()
+    }
+    try:
+        found = diagnose(model.with_coefficients(rows), trials, options=DiagnosisOptions(learn=False))
+    except UserError as error:
+        return f"refused: {error}"
+    return f"{found.verdict}: {found.sentence}"
+
+
+def row(name: str, found: Said, diagnosis: str) -> str:
     """A line of the table."""
     fit = found.refused or ("converged" if found.converged else "not converged")
     words = "; ".join(f"{w} (`{w.code}`)" for w in found.warnings) or "-"
-    return f"| {name} | {', '.join(found.verdicts)}: {', '.join(found.findings) or '-'} | {fit} | {words} |"
+    return (
+        f"| {name} | {', '.join(found.verdicts)}: {', '.join(found.findings) or '-'} | {fit} | {words} | {diagnosis} |"
+    )
 
 
 def main() -> None:
@@ -161,9 +182,9 @@ def main() -> None:
     parser.add_argument("--case", choices=sorted(CASES), nargs="*")
     parser.add_argument("--record", action="store_true")
     given = parser.parse_args()
-    lines = ["| case | check | fit | warnings |", "|---|---|---|---|"]
+    lines = ["| case | check | fit | warnings | diagnosis |", "|---|---|---|---|---|"]
     for name in given.case or CASES:
-        lines.append(row(name, said(name)))
+        lines.append(row(name, said(name), diagnosed(name)))
         print(lines[-1], flush=True)
     if given.record:
         record("Numeric hostility", "python -m benchmarks.hostility --record", lines)

@@ -1,7 +1,7 @@
 """The readers under atheris, which looks for inputs that reach new lines.
 
 python -m benchmarks.fuzz.guided READER [options of libFuzzer, such as -runs=100000 -max_len=4000]: stops at the first
-unexpected outcome and writes its input to a file. Needs ``pip install atheris`` (Linux or macOS).
+unexpected outcome and writes its input to a file. Needs atheris: ``pip install -e '.[fuzz]'`` (Linux).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ def main() -> None:
     try:
         import atheris
     except ImportError:
-        sys.exit("benchmarks.fuzz.guided needs atheris: pip install atheris")
+        sys.exit("benchmarks.fuzz.guided needs atheris (Linux): pip install -e '.[fuzz]'")
     if len(sys.argv) < 2 or sys.argv[1].startswith("-"):
         sys.exit(__doc__)
     name = sys.argv.pop(1)
