@@ -128,7 +128,8 @@ def ship_with_all_effects(
         missing = [role for role in e.needs if role not in ship.components]
         if missing:
             left_out[name] = f"the ship has no {' or '.join(missing)} model"
-        elif name in ("wind_force", "wind_sensor_bias") and not has_wind:
+            continue
+        if name in ("wind_force", "wind_sensor_bias") and not has_wind:
             left_out[name] = "no trial has wind columns"
         elif name == "bank" and "bank" not in known:
             left_out[name] = "no bank line is known (site.toml)"
