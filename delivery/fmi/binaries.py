@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 import platform
 import shutil
 import subprocess
@@ -108,6 +109,8 @@ def _command(name: str) -> list[str]:
     chosen, zig, position = PLATFORMS[name], _zig(), ["-fPIC"] if not name.endswith("windows") else []
     windows = ["-static-libgcc", "-Wl,--no-insert-timestamp"]
     own = compiler() if name == this_platform() else None
+    if name == this_platform() and os.environ.get("MMG_CC") == NONE:
+        raise UserError(f"--platforms {name}: no C compiler, because MMG_CC is {NONE!r}")
     if own:
         return [own, *position, *(windows if name.endswith("windows") else [])]
     for other in chosen.compilers:

@@ -123,14 +123,14 @@ def _net_forms(found: ForceEstimate, data: GriddedTrials, fit: Point) -> np.ndar
 
 
 def _channels(found: ForceEstimate, forms: np.ndarray, mass: np.ndarray) -> dict[str, UnexplainedChannel]:
-    """Rms by channel with its 90 % interval, and its share of the energy, from draws of the posterior; forms: (3 m, M,
-    3) net force of each by sample; mass: (3,) of each channel."""
+    """Median and 90 % interval of the rms by channel, and its share of the energy, from draws of the posterior; forms:
+    (3 m, M, 3) net force of each by sample; mass: (3,) of each channel."""
     spread, along = np.linalg.eigh(found.covariance)
     draws = np.random.default_rng(0).standard_normal((DRAWS, len(spread))) * np.sqrt(np.maximum(spread, 0.0)) @ along.T
-    every = np.vstack([found.mean.ravel(), found.mean.ravel() + draws])
+    every = found.mean.ravel() + draws
     grams = np.einsum("nmc,pmc->cnp", forms, forms, optimize=True) / forms.shape[1]
     sizes = np.sqrt(np.maximum(np.einsum("dn,cnp,dp->dc", every, grams, every, optimize=True), 0.0))
-    rms, (low, high) = sizes[0], np.quantile(sizes[1:], [0.05, 0.95], axis=0)
+    low, rms, high = np.quantile(sizes, [0.05, 0.5, 0.95], axis=0)
     energy = rms**2 / mass
     means = found.mean.ravel() @ forms.mean(axis=1)
     share = energy / max(energy.sum(), 1e-300)

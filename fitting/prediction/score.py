@@ -103,6 +103,15 @@ class Score:
         return html_table("Mean squared normalised error", header, [*rows, ("all rows", self.window, self.paper, None)])
 
 
+NOTED = 0.005
+"""Share of an error by which it must change for that to be said."""
+
+
+def is_worse(before: float, after: float) -> bool:
+    """Whether an error rose from ``before`` to ``after`` by more than is worth a word."""
+    return after > (1 + NOTED) * before + 1e-6
+
+
 @dataclass(frozen=True)
 class ScorePair:
     """Scores of the same trials, predicted by a model before and after it was changed."""
@@ -117,7 +126,7 @@ class ScorePair:
         return [
             Message(f"{label} of the {name} trials became worse: {before:.4f} -> {after:.4f}", "worse_after")
             for label, before, after in (windows, restarts)
-            if after > 1.005 * before + 1e-6
+            if is_worse(before, after)
         ]
 
     def undescribed(self) -> list[Message]:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from fitting.prediction.score import is_worse
 from mmg.ship import Ship
 
 
@@ -31,10 +32,11 @@ def change(before: float | None, after: float | None) -> str:
     if before is None or after is None:
         return "could not be computed"
     numbers = f"from {before:.3g} to {after:.3g}"
-    if after < before:
-        factor = f"{before / after:.2g} times smaller" if after > 0 else "to nothing"
-        return f"fell {numbers} ({factor})"
-    return f"ROSE {numbers}" if after > before else f"stayed at {before:.3g}"
+    if is_worse(before, after):
+        return f"ROSE {numbers}"
+    if not is_worse(after, before):
+        return f"stayed at {before:.3g}"
+    return f"fell {numbers} ({f'{before / after:.3g} times smaller' if after > 0 else 'to nothing'})"
 
 
 def headline(result: dict) -> dict[str, str]:
@@ -77,7 +79,7 @@ def report_warnings(result: dict) -> list[str]:
         worse = [
             f"{b['name']} ({b['window']:.3g} to {a['window']:.3g})"
             for b, a in rows
-            if b["window"] is not None and a["window"] is not None and a["window"] > b["window"]
+            if b["window"] is not None and a["window"] is not None and is_worse(b["window"], a["window"])
         ]
         if worse:
             words.append(

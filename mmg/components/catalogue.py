@@ -63,7 +63,7 @@ def module(role: str, name: str) -> ModuleType:
 
 def summary(role: str, name: str) -> str:
     """Docstring of the force model ``name`` of ``role``: title, equations and their source; KeyError as ``module``."""
-    return (module(role, name).__doc__ or "").strip()
+    return (module(role, name).__doc__ or "").strip().replace("``", "")
 
 
 def required_particulars(components: Mapping[str, str]) -> tuple[str, ...]:

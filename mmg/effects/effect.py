@@ -94,7 +94,7 @@ class Effect(ABC):
     @property
     def summary(self) -> str:
         """What it is, with its equations and their source: the docstring of its file, which begins with a sentence."""
-        return (sys.modules[type(self).__module__].__doc__ or "").strip()
+        return (sys.modules[type(self).__module__].__doc__ or "").strip().replace("``", "")
 
     @property
     def measures(self) -> bool:

@@ -1,6 +1,6 @@
 """Hull memory: sway force and yaw moment of the hull arrive with a lag, as of a vortex system that must form.
 
-Y_H and N_H pass a first-order lag of time constant T (``lagged`` of mmg/motion/memory.py).
+Y_H and N_H pass a first-order lag of time constant T.
 """
 
 from __future__ import annotations

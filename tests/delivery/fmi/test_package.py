@@ -154,6 +154,14 @@ def test_without_compiler_the_fmu_says_so(monkeypatch: pytest.MonkeyPatch, tmp_p
         write_fmu2(product(ship_of("plain")), tmp_path / "ship.fmu", ["win64"])
 
 
+def test_a_compiler_that_is_switched_off_makes_no_library(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One for this platform under another name was taken all the same."""
+    monkeypatch.setenv("MMG_CC", "none")
+    monkeypatch.setattr("shutil.which", lambda name: f"/usr/bin/{name}")
+    libraries, why = build_here({}, "ship")
+    assert libraries == {} and ("MMG_CC" in why or not this_platform())
+
+
 @pytest.mark.parametrize("platform", ["x86_64-windows", "win64", "aarch64-linux"])
 def test_libraries_for_other_platforms(platform: str, tmp_path: Path) -> None:
     try:

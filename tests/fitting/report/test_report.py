@@ -206,4 +206,5 @@ def test_numbers_keep_two_figures_of_their_uncertainty(value: float, std: float,
 def test_change_is_put_in_words() -> None:
     assert change(3.0, 1.0) == "fell from 3 to 1 (3 times smaller)"
     assert change(1.0, 3.0) == "ROSE from 1 to 3"
+    assert change(1.0, 1.004) == change(1.0, 0.997) == "stayed at 1"
     assert change(None, 1.0) == "could not be computed"
