@@ -102,7 +102,7 @@ def _parquet(path: Path, content: bytes) -> _Parts:
                 raise ValueError(f"column '{name}' has {len(found)} values in {rows} rows")
             if pa.types.is_dictionary(found.type):  # each text once, however often the rows name it
                 _check_texts(name, found)
-                found = found.cast(kind)
+                found = found.unify_dictionaries()
             if pa.types.is_decimal(kind):
                 found = found.cast(pa.float64())
             return found.to_pandas()

@@ -15,9 +15,12 @@ from mmg.messages import Message
 from mmg.motion.froude import time_scale
 from mmg.ship import Ship
 
-FAR_OFF, RARE = 5.0, 0.005
+FAR_OFF, RARE = 5.0, 1e-4
 """Prior standard deviations of one coefficient, and probability by chance of all of them together, from which the ship
-that fits is not the ship that was given."""
+that fits is not the ship that was given, so that no effect is named."""
+FAR_WITHOUT = 8.0
+"""The same of one coefficient from which even that nothing is missing cannot be said. Where priors are too narrow by
+half, true coefficients are four or five off."""
 FAR_BEFORE = 4.0
 """The same of one coefficient without any effect, where something is left beside a name that no test trial confirms."""
 SHOWN = 4
@@ -67,13 +70,14 @@ def _another_ship(result: JudgedSearch, ready: Prepared) -> str:
     sizes = np.abs(list(final.values()))
     together = float(chi2.sf((sizes**2).sum(), len(sizes)))
     advice = "see that the trials are hers, and units and frames right (mmg check), or state wider standard deviations"
-    if sizes.max(initial=0.0) > FAR_OFF or together < RARE:
+    named, most = result.verdict == "named", sizes.max(initial=0.0)
+    if (named and (most > FAR_OFF or together < RARE)) or most > FAR_WITHOUT:
         beside = f"with {' and '.join(c.label for c in found.effects)}" if found.effects else "without any effect"
         return f"{beside} the trials need coefficients that are not this ship's, {_listed(final)}; {advice}"
     before = deviations(found.null, ship)
     left = result.after.beyond_chance > ready.problem.expected_unnamed
     confirmed = result.held is not None and confirms(result.held)
-    if result.verdict == "named" and left and not confirmed and max(map(abs, before.values()), default=0) > FAR_BEFORE:
+    if named and left and not confirmed and max(map(abs, before.values()), default=0) > FAR_BEFORE:
         names = " and ".join(c.label for c in found.effects)
         words = f"without any effect the trials need coefficients that are not this ship's, {_listed(before)}, and with"
         return f"{words} {names} something is left unexplained; {advice}"

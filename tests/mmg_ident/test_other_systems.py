@@ -104,10 +104,13 @@ def test_what_was_made_without_posix_is_gone_on_with(folder: Path, worked: str) 
 def test_work_is_spread_over_spawned_processes_without_posix(folder: Path) -> None:
     """fit, train and compare with two workers; each worker is such a Python as well."""
     small = "--seeds 2 --epochs 1 --width 4"
+    (folder / "more").mkdir()
+    for trial in demo_trials(3)[0][1:4]:
+        write_trial(trial, folder / "more" / f"{trial.name}.csv")
     lines = (
         f"fit esso_osaka_3m trials {FEW} --bootstrap 2 --workers 2 --out spread/fit",
-        f"train esso_osaka_3m trials {small} --workers 2 --out spread/train",
-        "compare --train trials --test trials --models captive,fnn --epochs 1 --fractions 1 --seeds 2 --no-random "
+        f"train esso_osaka_3m more {small} --workers 2 --out spread/train",
+        "compare --train more --test trials --models captive,fnn --epochs 1 --fractions 1 --seeds 2 --no-random "
         "--step 1 --workers 2 --out spread/compare",
     )
     for line in lines:

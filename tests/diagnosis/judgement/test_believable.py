@@ -31,14 +31,17 @@ def judged(verdict: str, null: Estimate, final: Estimate, left: float = -1.0, he
     return JudgedSearch(Selection(effects, null, final, ()), unnamed, unnamed, held, verdict, (), None)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("verdict", ["named", "none"])
-def test_a_ship_that_is_another_one_has_no_verdict(verdict: str) -> None:
+@pytest.mark.parametrize(("verdict", "far"), [("named", 5.2), ("none", 8.5)])
+def test_a_ship_that_is_another_one_has_no_verdict(verdict: str, far: float) -> None:
+    """Priors that are too narrow by half are no other ship, where nothing is named."""
     null = off(ready().null)
     assert believed(judged(verdict, null, off(null, 2.0, -1.0)), ready()) == (verdict, [], "")
-    for final in (off(null, 0.0, -5.2), off(null, 2.5, -2.0, 2.0, 2.2)):
+    together = off(null, 3.5, -3.0, 3.0, 3.2)
+    assert believed(judged("none", null, together), ready())[0] == "none"
+    for final in (off(null, 0.0, -far), *([together] if verdict == "named" else [off(null, 8.6)])):
         result, (reason,), sentence = believed(judged(verdict, null, final), ready())
         assert result == "unknown" and reason.code == "not_described" and sentence.startswith("No cause can be named")
-    assert f"{null.free.symbols[0]} (+2.5)" in reason and "mmg check" in reason
+    assert f"{null.free.symbols[0]} (+{3.5 if verdict == 'named' else 8.6})" in reason and "mmg check" in reason
 
 
 def test_what_has_no_verdict_stays_so() -> None:
