@@ -11,7 +11,6 @@ from scipy.stats import f as f_law
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.linearisation import linearise_and_filter
 from diagnosis.estimation.map_estimate import Estimate, estimate
-from diagnosis.estimation.noise_sizes import initial_noise
 from diagnosis.estimation.parameters import active_states
 from diagnosis.estimation.transition_model import TransitionModel
 
@@ -24,10 +23,6 @@ IN_ANOTHER = 1e-3
 """Probability of a line in a second sensor below which it is none of one sensor alone."""
 COARSER = 4.0
 """Ratio of the shortest periods of spectra that follow each other; each begins to look at SLOWEST times its own."""
-SEARCHES, FEW_FITS, APART_LOG, FARTHEST, SETTLED_LOG, SPREAD_LOG = 3, 3, 0.5, 0.7, 0.2, 0.5
-"""Of the correlation time of the latent force: searches at most; linearisations at each of the three times; distance of
-these, the farthest that one search goes, the move from which another follows, and the standard deviation of its prior,
-in their natural logarithm."""
 HELD, FINEST = 0.3, 4
 """Error of a velocity over a step, in the noise of its sensor, that the latent force may make by being held over it.
 Parts into which a step is divided at most."""
@@ -59,31 +54,22 @@ def finer_step(
 def with_correlation_time(steps: TransitionModel, data: GriddedTrials, found: Estimate) -> Estimate:
     """The fit ``found`` of the model ``steps`` to ``data`` with the most likely correlation time of the latent force.
 
-    The likelihood, with the sizes of the noise most likely for each, is taken as a parabola through three values of
-    the logarithm of the time; once more, from there, where that moved it far. The usual time has a log-normal prior:
-    where sensors hide the force, its time is known badly, and one that is too short makes slow effects of chance.
+    The likelihood is taken as a parabola through three values of the logarithm of the time.
     """
-    least, most, usual = 2 * data.h, 60 * data.h, np.log(initial_noise(steps.ship).tau)
-    for _ in range(SEARCHES):
-        logs = np.log(found.noise.tau) + np.array([-APART_LOG, 0.0, APART_LOG])
-        values = [_at_time(steps, data, found, float(np.exp(log)), FEW_FITS).nll for log in logs[[0, 2]]]
-        values.insert(1, found.nll)
-        values = [nll + 0.5 * ((log - usual) / SPREAD_LOG) ** 2 for nll, log in zip(values, logs, strict=True)]
-        a, b, _ = np.polyfit(logs - logs[1], values, 2)
-        far = -b / (2 * a) if a > 0 else FARTHEST * np.sign(values[0] - values[2])
-        tau = float(np.clip(np.exp(logs[1] + np.clip(far, -FARTHEST, FARTHEST)), least, most))
-        moved = abs(np.log(tau / found.noise.tau))
-        found = _at_time(steps, data, found, tau, 6)
-        if moved < SETTLED_LOG:
-            break
-    return found
-
-
-def _at_time(steps: TransitionModel, data: GriddedTrials, found: Estimate, tau: float, iterations: int) -> Estimate:
-    """The fit after so many ``iterations`` with a correlation time ``tau`` [s]; its first size of the force is between
-    an equal size and an equal change over a second."""
-    size = found.noise.force * (tau / found.noise.tau) ** 0.25
-    return estimate(steps, data, replace(found, noise=found.noise.with_(tau=tau, force=size)), iterations=iterations)
+    active = active_states(steps, found.free.symbols, found.theta)
+    logs, values = np.log(found.noise.tau) + np.array([-0.6, 0.0, 0.6]), []
+    for log in logs:
+        tau = float(np.exp(log))
+        size = found.noise.force * (tau / found.noise.tau) ** 0.25  # between equal size and equal change over a second
+        point = replace(found.fixed(), noise=found.noise.with_(tau=tau, force=size))
+        values.append(linearise_and_filter(steps, data, point, active).nll)
+    a, b, _ = np.polyfit(logs - logs[1], values, 2)
+    if not a > 0:
+        return found
+    tau = float(np.exp(logs[1] + np.clip(-b / (2 * a), -0.7, 0.7)))
+    if not 2 * data.h <= tau <= 60 * data.h:
+        return found
+    return estimate(steps, data, replace(found, noise=found.noise.with_(tau=tau)), iterations=6)
 
 
 @np.errstate(all="ignore")

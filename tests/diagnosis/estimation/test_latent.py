@@ -152,16 +152,6 @@ def test_sizes_of_what_is_random_are_found(one: tuple) -> None:
     assert not better.noise.coloured.any()
 
 
-def test_the_memory_of_the_force_is_found_from_far_away(one: tuple) -> None:
-    """From four times the time: one parabola stopped half way, and the rest passed for unnamed forces."""
-    steps, data, found, _ = one
-    usual = with_correlation_time(steps, data, found)
-    far = estimate(steps, data, replace(found, noise=found.noise.with_(tau=12.0)), iterations=6)
-    back = with_correlation_time(steps, data, far)
-    assert abs(np.log(back.noise.tau / usual.noise.tau)) < 0.35
-    assert back.nll == pytest.approx(usual.nll, abs=1.0)
-
-
 def test_usual_sizes_of_what_is_random_count_as_so_many_samples_more(one: tuple) -> None:
     """The fit ends where the likelihood with their prior is best by each size; a short record stays near them."""
     steps, data, found, _ = one

@@ -413,5 +413,5 @@ def test_a_torch_that_cannot_be_imported_is_one_line(
 def test_the_report_needs_no_figure(folder: Path) -> None:
     """Trials without positions show no growth of the error, and a figure that failed is none."""
     content = {**read_result(folder / "run"), "figures": []}
-    page = page_of([("run", folder / "run", content)])
+    page = page_of([("run", folder / "run", content, load_ship(folder / "run"))])
     assert "The residual is kept" in page and "<figure>" not in page and "data:image" not in page
