@@ -79,11 +79,10 @@ def a_hole(path: Path) -> None:
 def zipped(path: Path) -> None:
     import zipfile
 
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        with archive.open("a.csv", "w") as file:
-            file.write(HEAD)
-            for _ in range(2**8):  # in pieces: a child begins with the peak of the process that it leaves
-                file.write(b"0" * 2**20)
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive, archive.open("a.csv", "w") as file:
+        file.write(HEAD)
+        for _ in range(2**8):  # in pieces: a child begins with the peak of the process that it leaves
+            file.write(b"0" * 2**20)
 
 
 MADE: dict[str, Callable[[], Iterator[bytes]]] = {
