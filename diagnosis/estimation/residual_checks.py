@@ -50,12 +50,28 @@ def finer_step(
     return finer if worst > HELD and finer < 0.9 * data.h else None
 
 
+FURTHEST, SHORTER = 0.7, 4
+"""Most that a parabola changes the logarithm of the correlation time, and most parabolas."""
+
+
 @np.errstate(all="ignore")
 def with_correlation_time(steps: TransitionModel, data: GriddedTrials, found: Estimate) -> Estimate:
     """The fit ``found`` of the model ``steps`` to ``data`` with the most likely correlation time of the latent force.
 
-    The likelihood is taken as a parabola through three values of the logarithm of the time.
+    The likelihood is taken as a parabola through three values of the logarithm of the time. Where its top lies at a
+    shorter time than the parabola can tell, it is sought again from there: a force taken to remember for too long
+    leaves residuals that pass for an effect. Not so for longer times, which an effect that is missing asks for.
     """
+    for _ in range(SHORTER):
+        better, ends = _better_correlation_time(steps, data, found)
+        if ends:
+            return better
+        found = better
+    return found
+
+
+def _better_correlation_time(steps: TransitionModel, data: GriddedTrials, found: Estimate) -> tuple[Estimate, bool]:
+    """One step of ``with_correlation_time``, and whether it was the last."""
     active = active_states(steps, found.free.symbols, found.theta)
     logs, values = np.log(found.noise.tau) + np.array([-0.6, 0.0, 0.6]), []
     for log in logs:
@@ -65,11 +81,13 @@ def with_correlation_time(steps: TransitionModel, data: GriddedTrials, found: Es
         values.append(linearise_and_filter(steps, data, point, active).nll)
     a, b, _ = np.polyfit(logs - logs[1], values, 2)
     if not a > 0:
-        return found
-    tau = float(np.exp(logs[1] + np.clip(-b / (2 * a), -0.7, 0.7)))
+        return found, True
+    shift = float(np.clip(-b / (2 * a), -FURTHEST, FURTHEST))
+    tau = float(np.exp(logs[1] + shift))
     if not 2 * data.h <= tau <= 60 * data.h:
-        return found
-    return estimate(steps, data, replace(found, noise=found.noise.with_(tau=tau)), iterations=6)
+        return found, True
+    better = estimate(steps, data, replace(found, noise=found.noise.with_(tau=tau)), iterations=6)
+    return better, shift > -FURTHEST or not better.nll < found.nll
 
 
 @np.errstate(all="ignore")

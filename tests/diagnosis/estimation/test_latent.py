@@ -152,6 +152,24 @@ def test_sizes_of_what_is_random_are_found(one: tuple) -> None:
     assert not better.noise.coloured.any()
 
 
+def test_the_time_of_a_force_that_remembers_for_much_less_than_the_first_guess_is_found() -> None:
+    """Further than one parabola about the first guess (6 s) reaches."""
+    true = drawn_ship(SHIP, 3)
+    strong = quiet(X=0.4, Y=1.2, N=0.8, tau=1.0)
+    trials = pushed_trials(3, ship=true, runs=LONG[:3], how=strong)
+    full_model = ship_with_all_effects(SHIP, trials)
+    data = grid_trials(trials, full_model.ship.inputs, 3.0, 0.2)
+    base = priors_before(SHIP)
+    steps = TransitionModel(full_model.ship, [*base.symbols, *full_model.symbols], 0.2)
+    start = initial_point(steps, data, full_model.ship.values, base, initial_noise(full_model.ship))
+    found = estimate(steps, data, start, iterations=12)
+    assert found.noise.tau > 5.0
+    better = with_correlation_time(steps, data, found)
+    assert 0.6 < better.noise.tau < 1.6
+    np.testing.assert_allclose(better.noise.force, [strong.X, strong.Y, strong.N], rtol=0.3)
+    assert better.nll < found.nll - 50
+
+
 def test_usual_sizes_of_what_is_random_count_as_so_many_samples_more(one: tuple) -> None:
     """The fit ends where the likelihood with their prior is best by each size; a short record stays near them."""
     steps, data, found, _ = one
