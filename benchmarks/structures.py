@@ -54,10 +54,10 @@ azimuth = "azimuth"
 """
 MAIN = {"L": 3.0, "B": 0.5, "d": 0.17, "C_b": 0.6, "D_P": 0.07, "U_0": 0.8}
 NAMES = {
-    "vectwin": ("sm2-order2", "sm1-order3", "sm2-order3"),
-    "pods": ("sm1-order2", "sm1-order3"),
-    "thrusters": ("sm1-order2", "sm1-order3"),
-    "twin": ("sm1-order2", "sm1-order3"),
+    "vectwin": ("sm2-order2", "sm2-order3", "sm3-order3", "full-order2", "full-order3", "full-order4"),
+    "pods": ("sm1-order2", "sm1-order3", "full-order2", "full-order3"),
+    "thrusters": ("sm1-order2", "sm1-order3", "full-order2", "full-order3"),
+    "twin": ("sm1-order2", "sm1-order3", "full-order2", "full-order3", "full-order4"),
 }
 """Polynomials that are tried."""
 
@@ -112,7 +112,7 @@ def measure(kind: str) -> None:
     found: StructureChoice = choose_structure(start, [candidate(start, n) for n in NAMES[kind]], sets, settings)
     for row in found.table:
         print(
-            f"  {row.name:<22} unknowns {row.unknowns:>4}  validation {row.validation:.4f}  {row.seconds:6.1f} s  "
+            f"  {row.name:<28} unknowns {row.unknowns:>4}  validation {row.validation:.4f}  {row.seconds:6.1f} s  "
             f"diverged {row.sequences - row.stable}/{row.sequences}",
             flush=True,
         )

@@ -165,6 +165,14 @@ def _started(problem: Problem, warm: dict[str, np.ndarray] | None, settings: Set
     return problem.with_sigma(warm["sigma"]) if "sigma" in warm and not settings.sigma else problem, x
 
 
+def _holding(problem: Problem, x: np.ndarray, symbols: Sequence[str]) -> Problem:
+    """The problem with the coefficients ``symbols`` bound to where they are at x (n,)."""
+    prior = problem.prior
+    here = prior.mean + prior.std * problem.split(x)[1]
+    own = np.isin(prior.symbols, symbols)
+    return problem.with_bounds(np.where(own, here, prior.lower), np.where(own, here, prior.upper))
+
+
 @np.errstate(all="ignore")
 def estimate_coefficients(
     ship: Ship,
@@ -174,6 +182,7 @@ def estimate_coefficients(
     warm: dict[str, np.ndarray] | None = None,
     captive: Captive | None = None,
     per_run: Sequence[str] = (),
+    held: Sequence[str] = (),
 ) -> Calibration:
     """Fit the free coefficients of ``ship`` to ``trials``, jointly over all of them.
 
@@ -181,18 +190,22 @@ def estimate_coefficients(
     settles. settings: of windows and solver; progress: called at each iteration of the solver, with the objective and
     the constraint violation; warm: ``Calibration.iterate`` of an interrupted run, which goes on as if it had not been,
     or its "p" (P,) alone; captive: points whose forces are fitted too; per_run: coefficients of effects of the ship,
-    fixed in it, of which each run gets its own (``cases.shipfiles.effects.varying_effects``). Returns the calibration,
+    fixed in it, of which each run gets its own (``cases.shipfiles.effects.varying_effects``); held: coefficients that
+    stay where the solver starts, their covariance being that of a fit in which they move. Returns the calibration,
     whose ship is without those effects; a solver that stops early is no error: the best iterate is kept and
     ``converged`` is False. Raises UserError for input from which nothing can be identified.
     """
     began = time.perf_counter()
     prepared = _prepared(ship, trials, settings or Settings(), warm, captive, per_run)
     first, x, settings, early_warnings, notices = prepared
-    prior, timings = first.prior, {"prepare": time.perf_counter() - began}
+    free = first.prior
+    first = _holding(first, x, held)
+    prior, timings = free, {"prepare": time.perf_counter() - began}
     resumed = Resumption.of_arrays(warm or {}, first)
     problem, solution, noise, passes, last = solve_with_noise_estimation(first, x, settings, began, progress, resumed)
     timings["solve"] = time.perf_counter() - began - timings["prepare"]
     best, starts = solve_starts(problem, solution, settings, began, progress)
+    problem = problem.with_changes(prior=free)
     p = np.clip(problem.split(best.x)[1], *problem.p_bounds())
     found = information(problem, best.x)
     spread = robust(found)

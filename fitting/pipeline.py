@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from datetime import datetime, timezone
 from functools import partial
 from typing import Any
@@ -46,8 +46,9 @@ class FitOptions:
     whether trials are named that would determine what is left open; per_run: effects of which each run has its own
     constants ("NAME" or "NAME:parameter=prior"); instruments: effects of the instruments that are fitted along;
     captive: points of captive tests that are fitted too; auto: choose the model by cross-validation, within auto_limit
-    [s]; resume: an interrupted run of the same data and ship, from whose iterate to go on; command: what is stored as
-    the command that made the result.
+    [s]; start: values from which the solver begins, by symbol; hold: these stay, and only what else is free and the
+    noise is estimated; resume: an interrupted run of the same data and ship, from whose iterate to go on; command: what
+    is stored as the command that made the result.
     """
 
     bootstrap: int = 0
@@ -58,6 +59,8 @@ class FitOptions:
     captive: Captive | None = None
     auto: bool = False
     auto_limit: float = 480.0
+    start: Mapping[str, float] = field(default_factory=dict)
+    hold: bool = False
     resume: FitResult | None = None
     command: str = ""
 
@@ -92,8 +95,9 @@ def calibrate(
         choice = select(ship, train, spread, options.captive, options.auto_limit, progress)
         ship = model = choice.ship
         settings = replace(choice.settings, workers=settings.workers)
-    warm = options.resume.iterate if options.resume else None
-    found = estimate_coefficients(model, train, settings, progress, warm, options.captive, constants)
+    warm = options.resume.iterate if options.resume else started_from(model, options.start)
+    held = tuple(options.start) if options.hold else ()
+    found = estimate_coefficients(model, train, settings, progress, warm, options.captive, constants, held)
     before, after = Simulator(ship, settings.compiled), Simulator(found.ship, settings.compiled)
     later = Later()
     none, sets = dict[str, ScorePair](), {"validation": validation, "training": train}
@@ -141,6 +145,13 @@ def calibrate(
         iterate=found.iterate,
         objects=FitObjects(found, before, after, tuple(train), tuple(validation), trial),
     )
+
+
+def started_from(ship: Ship, values: Mapping[str, float]) -> dict[str, np.ndarray]:
+    """What ``estimate_coefficients`` takes as ``warm``, "p" (P,), to begin at ``values`` of the free coefficients of
+    ``ship``, by symbol; those that are not among them begin at their prior mean."""
+    rows = [ship.coefficients[s] for s in ship.free] if values else []
+    return {"p": np.array([(values.get(c.symbol, c.value) - c.value) / c.std for c in rows])} if values else {}
 
 
 def _check_options(ship: Ship, train: Sequence[Trial], options: FitOptions) -> None:

@@ -15,11 +15,12 @@ def structure_plot(rows: Sequence[Mapping[str, Any]], chosen: str) -> Figure:
     """Unknowns against the validation error of each candidate in ``rows``, as in selection.json; the ``chosen`` one is
     filled.
 
-    Errors above five times the least, and runaways, stand at the upper edge.
+    Errors above five times the least, and runaways, stand at the upper edge. A row without unknowns, the ship as given,
+    is a line.
     """
     figure = new_figure(4.2)
     ax = dress(figure.add_subplot(), "unknowns", "validation error of 30 s windows, by variance", "Structure")
-    tried = [row for row in rows if not row["left_out"]]
+    tried = [row for row in rows if not row["left_out"] and row["unknowns"]]
     errors = [row["validation"] for row in tried if row["validation"] is not None]
     most = 5.0 * min(errors, default=1.0)
     for row in tried:
@@ -33,6 +34,11 @@ def structure_plot(rows: Sequence[Mapping[str, Any]], chosen: str) -> Figure:
         )
         label = literal(row["name"] + (" (chosen)" if taken else ""))
         ax.annotate(label, (row["unknowns"], y), (6, 5), textcoords="offset points", fontsize=7.5)
+    for row in rows:
+        if not row["unknowns"] and not row["left_out"] and (row["validation"] or np.inf) < most:
+            ax.axhline(row["validation"], color=GREY, linestyle="--", linewidth=1.0)
+            ax.annotate(literal(row["name"]), (0.01, row["validation"]), (0, 3), xycoords=("axes fraction", "data"),
+                        textcoords="offset points", fontsize=7.5, color=GREY)  # fmt: skip
     ax.set_xscale("log")
     ax.set_yscale("log")
     ax.margins(x=0.15, y=0.12)

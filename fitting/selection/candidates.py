@@ -1,14 +1,18 @@
 """Candidates for the structure of a ship's model: the ship as it is, and generated polynomials instead of it or on top.
 
 Their names say what they are: ``mmg`` is the ship as given, ``sm2-order3`` a polynomial of third order with two
-sub-models (Miyauchi et al. 2023), ``mmg+sm1-order2`` one on top of the ship's own forces.
+sub-models (Miyauchi et al. 2023), ``full-order4`` one of fourth order without sub-models, but with all moduli and only
+such terms left out as follow from others, ``mmg+full-order2`` one on top of the ship's own forces.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 from cases.shipfiles.generated_ship import generated_ship, structure_of
+from mmg.components.expansion.actuators import variables
+from mmg.components.expansion.structure import Structure
 from mmg.errors import UserError
 from mmg.ship import Ship
 
@@ -16,6 +20,12 @@ GIVEN = "mmg"
 """Name of the ship as it was given."""
 HIGHEST = 3
 """Highest order of the polynomials where none is asked for."""
+FULL = "full"
+"""Family of polynomials without sub-models, with all moduli: one order higher than the others by default."""
+WIDEST = 2500
+"""Most monomials of one force, before the rules, of a polynomial of that family."""
+ON_TOP = 2
+"""Highest order of polynomials on top of the ship's own forces."""
 _NAMES = {"SM-1": "sm1", "SM-2": "sm2", "SM-3": "sm3", "SM-4": "sm4", "quadrants": "quadrants"}
 
 
@@ -69,20 +79,11 @@ def candidates(ship: Ship, rules: Rules | None = None) -> tuple[StructureCandida
     if rules.order < 1:
         raise UserError(f"order {rules.order}: must be at least 1")
     found = []
-    for submodels in _submodels(ship, rules):
-        for order in range(1, rules.order + 1):
-            structure = structure_of(
-                ship, order, submodels, rules.actuators, rules.symmetric, rules.duplicates, rules.moduli
-            )
-            name = f"{_NAMES[submodels]}-order{order}"
-            made = generated_ship(ship, structure, f"{ship.name}_{name.replace('-', '_')}", rules.hard)
-            found.append(StructureCandidate(name, made, structure.words, order, submodels))
-            if submodels == "SM-1" and order <= 2:
-                made = generated_ship(
-                    ship, structure, f"{ship.name}_plus_{name.replace('-', '_')}", rules.hard, offset=True
-                )
-                words = f"{structure.words}, on top of the ship's own forces"
-                found.append(StructureCandidate(f"{GIVEN}+{name}", made, words, order, submodels))
+    for name, structure in _structures(ship, rules):
+        made = generated_ship(ship, structure, f"{ship.name}_{name.replace('-', '_')}", rules.hard)
+        found.append(StructureCandidate(name, made, structure.words, structure.order, structure.submodels))
+        if structure.submodels == "SM-1" and structure.order <= ON_TOP:
+            found.append(on_top(ship, name, structure, rules))
     found.sort(key=lambda candidate: (sum(candidate.counts), candidate.name))
     own = ", ".join(f"{role} {model}" for role, model in ship.components.items())
     return (StructureCandidate(GIVEN, ship, f"the ship as given: {own}"), *found)
@@ -94,6 +95,30 @@ def candidate(ship: Ship, name: str, rules: Rules | None = None) -> StructureCan
     if name not in known:
         raise UserError(f"no candidate '{name}' for {ship.name}; known: {', '.join(known)}")
     return known[name]
+
+
+def on_top(ship: Ship, name: str, structure: Structure, rules: Rules) -> StructureCandidate:
+    """The candidate whose polynomial ``structure``, of the candidate ``name`` by ``rules``, is on top of the forces of
+    ``ship``, which are fixed."""
+    made = generated_ship(ship, structure, f"{ship.name}_plus_{name.replace('-', '_')}", rules.hard, offset=True)
+    words = f"{structure.words}, on top of the ship's own forces"
+    return StructureCandidate(f"{GIVEN}+{name}", made, words, structure.order, structure.submodels)
+
+
+def _structures(ship: Ship, rules: Rules) -> list[tuple[str, Structure]]:
+    """The structures of all polynomials by their names."""
+    words = (rules.actuators, rules.symmetric, rules.duplicates, rules.moduli)
+    found = [
+        (f"{_NAMES[submodels]}-order{order}", structure_of(ship, order, submodels, *words))
+        for submodels in _submodels(ship, rules)
+        for order in range(1, rules.order + 1)
+    ]
+    first = found[0][1]
+    for order in range(2, rules.order + (2 if rules.order >= HIGHEST else 1)):
+        count = len(variables(first.devices))
+        if math.comb(count + order, order) <= WIDEST:
+            found.append((f"{FULL}-order{order}", replace(first, order=order, duplicates="identity", moduli="full")))
+    return found
 
 
 def _submodels(ship: Ship, rules: Rules) -> tuple[str, ...]:

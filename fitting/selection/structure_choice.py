@@ -1,4 +1,8 @@
-"""Choice of a model's structure: fit every candidate, thin out the best, choose by validation, test the choice once."""
+"""Choice of a model's structure: fit every candidate, choose by validation, test the choice once.
+
+The ship as given is fitted by multiple shooting. A polynomial is estimated by regression on the velocities
+(``regression``), whole and thinned out, in seconds; the best of them are also refined by multiple shooting.
+"""
 
 from __future__ import annotations
 
@@ -11,15 +15,15 @@ import numpy as np
 
 from cases.shipfiles.model_changes import with_instruments
 from cases.trial import Trial
-from fitting.calibration import Calibration, estimate_coefficients
-from fitting.nlp.captive import Captive
-from fitting.pipeline import FitOptions, calibrate
+from fitting.calibration import estimate_coefficients
+from fitting.pipeline import FitOptions, calibrate, started_from
 from fitting.prediction.score import pooled_sigma, score
+from fitting.record import MessageRow
 from fitting.result import FitResult
-from fitting.selection.anchors import anchor_points
 from fitting.selection.candidates import GIVEN, StructureCandidate
 from fitting.selection.coverage import fault
-from fitting.selection.sparsity import weak_terms
+from fitting.selection.increments import STEP, increments
+from fitting.selection.regression import regress
 from fitting.selection.stability import SEQUENCES, Stability, stability
 from fitting.settings import Settings
 from mmg.errors import UserError
@@ -28,13 +32,22 @@ from mmg.progress import LOGGER, OnProgress, Progress
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 
-WINDOW = 100.0
-"""Length of the windows fitted [s of a 3 m model], that of the paper's subsequences."""
-LARGEST = 450
+WINDOW, REFINED_WINDOW = 100.0, 30.0
+"""Length of the windows fitted [s of a 3 m model]: of the ship as given, that of the paper's subsequences; of a
+polynomial that is refined, that of the windows by which it is judged."""
+LARGEST = 1000
 """Most unknowns of a candidate that is tried without being named."""
+REFINED = 2
+"""Number of polynomials that are refined."""
+LARGEST_REFINED = 450
+"""Most unknowns of one of them."""
+START = "as given"
+"""Row of the ship as given, which is not fitted."""
 NO_LOSS = 1.02
 """Factor on the best validation error up to which a model with fewer unknowns is preferred."""
 INSTRUMENTS = ("velocity_lag",)
+THINNED, SHOT = "-thinned", "-refined"
+"""Endings of the names of candidates."""
 
 
 @dataclass(frozen=True)
@@ -85,10 +98,13 @@ class StructureChoice:
 
 @dataclass(frozen=True)
 class _Fitted:
+    """A candidate with its estimate. values: by regression, empty for the ship as given; held: no more than these."""
+
     row: Tried
     ship: Ship
     start: StructureCandidate
-    weak: tuple[str, ...]
+    values: dict[str, float]
+    held: bool
 
 
 def choose_structure(
@@ -102,19 +118,20 @@ def choose_structure(
     """The best of candidates ``given`` for ``ship``, calibrated.
 
     trials: to fit on, to choose by, to test once; settings: of the fits; named: the candidates were named by the user,
-    so that one that the trials cannot determine is an error; progress: called before each fit. The best two polynomials
-    are also tried without the terms that their evidence speaks against (``sparsity.weak_terms``). A model that diverges
-    in one of SEQUENCES random harbour sequences is not chosen while another one does not. Raises UserError where no
-    candidate can be fitted, for trials without positions, and for a named one that the trials cannot determine.
+    so that one that the trials cannot determine is an error; progress: called before each fit. Each polynomial is also
+    tried without the terms that its evidence speaks against, and the best REFINED are fitted by multiple shooting too.
+    Those on top of the ship's own forces take these as calibrated, where the ship is a candidate itself. A model that
+    diverges in one of SEQUENCES random harbour sequences is not chosen while another one does not. Raises UserError
+    where no candidate can be fitted, for trials without positions, and for a named one that the trials cannot
+    determine.
     """
     train, validate, test = trials
     _check(train, validate)
-    settings = settings or Settings()
-    settings = replace(settings, window=settings.window or WINDOW * time_scale(ship.particulars["L"]))
-    anchors, sigma = anchor_points(ship, train, settings.seed), pooled_sigma(train)
+    work = _Work.of(ship, train, validate, settings or Settings())
     fitted: list[_Fitted] = []
-    table: list[Tried] = []
-    for number, one in enumerate(given):
+    table = [work.row(given[0], ship, name=START, words="the ship as given, not fitted", unknowns=0, terms=0)]
+    calibrated: Ship | None = None
+    for number, one in enumerate(sorted(given, key=lambda one: one.name != GIVEN)):
         reason = fault(one, train) or ("" if named or one.unknowns <= LARGEST else f"more than {LARGEST} unknowns")
         if reason and named:
             raise UserError(reason)
@@ -123,23 +140,30 @@ def choose_structure(
             continue
         if progress:
             progress(Progress(f"fitting {one.name}", number, len(given)))
-        fitted.append(_fit(one, (train, validate), settings, anchors, sigma))
-    polynomials = sorted((f for f in fitted if f.start.order), key=_error)[:2]
-    thinned = [one for one in map(_thinned, polynomials) if one is not None]
-    fitted += [_fit(one, (train, validate), settings, anchors, sigma) for one in thinned]
+        if not one.order:
+            fitted.append(work.shot(one, {}))
+            calibrated = fitted[-1].ship
+        else:
+            fitted += work.regressed(_based_on(one, calibrated))
+    best_by_regression = sorted((f for f in fitted if f.start.order and f.row.unknowns <= LARGEST_REFINED), key=_error)
+    for one_fitted in best_by_regression[:REFINED]:
+        if progress:
+            progress(Progress(f"refining {one_fitted.row.name}", len(given), len(given)))
+        fitted.append(work.shot(one_fitted.start, one_fitted.values))
     if not fitted:
-        raise UserError(f"no candidate can be fitted: {'; '.join(row.left_out for row in table[:3])}")
-    best, checked = _stable_best(fitted, settings)
+        raise UserError(f"no candidate can be fitted: {'; '.join(row.left_out for row in table[1:4])}")
+    best, checked = _stable_best(fitted, work.settings)
     rows = [checked.get(f.row.name, f.row) for f in fitted]
-    own = None if best.start.name == GIVEN else anchors
-    options = FitOptions(captive=own, instruments=INSTRUMENTS, next_trial=False)
-    result = calibrate(best.start.ship, train, validate, settings, options, progress)
-    messages = tuple(row for row in result.messages if row.code != "captive_against_prior")
+    options = FitOptions(start=best.values, hold=best.held, instruments=INSTRUMENTS, next_trial=False)
+    result = calibrate(best.start.ship, train, validate, work.settings_of(best.start), options, progress)
+    if table[0].validation < best.row.validation:
+        worse = f"the ship as given predicts the validation trials better ({table[0].validation:.4g}): keep her"
+        result = replace(result, messages=(MessageRow("warning", "worse_after", worse), *result.messages))
     others = {f.row.name: f.ship for f in fitted if f.row.name == GIVEN}
-    models = {"as given": ship, **{f"{name} calibrated": own for name, own in others.items()}, "chosen": result.ship}
-    errors = {name: _window_error(model, test, sigma) for name, model in models.items()} if test else {}
-    final = stability(result.ship, SEQUENCES, settings.seed, settings.compiled)
-    return StructureChoice(best.row.name, replace(result, messages=messages), (*rows, *table), errors, final)
+    models = {START: ship, **{f"{name} calibrated": own for name, own in others.items()}, "chosen": result.ship}
+    errors = {name: _window_error(model, test, work.sigma) for name, model in models.items()} if test else {}
+    final = stability(result.ship, SEQUENCES, work.settings.seed, work.settings.compiled)
+    return StructureChoice(best.row.name, result, (*rows, *table), errors, final)
 
 
 def _check(train: Sequence[Trial], validate: Sequence[Trial]) -> None:
@@ -164,40 +188,69 @@ def _window_error(ship: Ship, trials: Sequence[Trial], sigma: np.ndarray) -> flo
     return score(Simulator(ship), list(trials), sigma).window
 
 
-def _fit(
-    one: StructureCandidate,
-    trials: tuple[Sequence[Trial], Sequence[Trial]],
-    settings: Settings,
-    anchors: Captive,
-    sigma: np.ndarray,
-) -> _Fitted:
-    """A candidate fitted on the first of the trials and scored on both; one that cannot be solved has no score."""
-    began = time.perf_counter()
-    start = with_instruments(one.ship, INSTRUMENTS)
-    found: Calibration = estimate_coefficients(
-        start, trials[0], settings, captive=None if one.name == GIVEN else anchors
-    )
-    training, validation = (_window_error(found.ship, some, sigma) for some in trials)
-    row = _row(
-        one,
-        validation=validation,
-        training=training,
-        converged=found.converged,
-        seconds=time.perf_counter() - began,
-    )
-    LOGGER.info(f"{one.name}: {one.unknowns} unknowns, validation {validation:.4g}, training {training:.4g}")
-    return _Fitted(row, found.ship, one, weak_terms(found))
+@dataclass(frozen=True)
+class _Work:
+    """What all fits share: trials to fit on and to choose by, sigma of the errors, settings."""
+
+    train: Sequence[Trial]
+    validate: Sequence[Trial]
+    sigma: np.ndarray
+    settings: Settings
+    scale: float
+
+    @classmethod
+    def of(cls, ship: Ship, train: Sequence[Trial], validate: Sequence[Trial], settings: Settings) -> _Work:
+        return cls(train, validate, pooled_sigma(train), settings, time_scale(ship.particulars["L"]))
+
+    def settings_of(self, one: StructureCandidate) -> Settings:
+        """Those of the multiple shooting of a candidate: a polynomial takes shorter windows and steps."""
+        window = self.settings.window or (REFINED_WINDOW if one.order else WINDOW) * self.scale
+        step = max(STEP * self.scale, min(t.dt for t in self.train)) if one.order else None
+        return replace(self.settings, window=window, step=self.settings.step or step)
+
+    def row(self, one: StructureCandidate, ship: Ship, began: float | None = None, **more: Any) -> Tried:
+        """The row of a candidate that became ``ship``, and what it took since ``began``."""
+        training, validation = (_window_error(ship, some, self.sigma) for some in (self.train, self.validate))
+        seconds = 0.0 if began is None else time.perf_counter() - began
+        found = replace(_row(one, validation=validation, training=training, seconds=seconds), **more)
+        LOGGER.info(f"{found.name}: {found.unknowns} unknowns, validation {validation:.4g}, training {training:.4g}")
+        return found
+
+    def regressed(self, one: StructureCandidate) -> list[_Fitted]:
+        """A polynomial by regression: whole, and without the terms that vanish."""
+        found: list[_Fitted] = []
+        one = replace(one, ship=with_instruments(one.ship, INSTRUMENTS))
+        system = None
+        for sparse in (False, True):
+            began = time.perf_counter()
+            system = system or increments(one.ship, self.train)
+            estimate = regress(one.ship, system, sparse)
+            ship = estimate.ship(one.ship)
+            if sparse and not 0 < len(ship.monomials) < len(one.ship.monomials):
+                continue
+            words = f"{one.words}, without {len(estimate.vanished)} terms that the evidence speaks against"
+            named = replace(one, name=one.name + THINNED, words=words) if sparse else one
+            start = replace(named, ship=ship)
+            model = ship.with_values(estimate.values)
+            found.append(_Fitted(self.row(start, model, began, converged=True), model, start, estimate.values, True))
+        return found
+
+    def shot(self, one: StructureCandidate, values: dict[str, float]) -> _Fitted:
+        """A candidate fitted by multiple shooting, from ``values`` by symbol."""
+        began = time.perf_counter()
+        start = with_instruments(one.ship, INSTRUMENTS)
+        found = estimate_coefficients(start, self.train, self.settings_of(one), warm=started_from(start, values))
+        named = replace(one, name=one.name + SHOT) if values else one
+        row = self.row(named, found.ship, began, converged=found.converged)
+        return _Fitted(row, found.ship, named, values, False)
 
 
-def _thinned(fitted: _Fitted) -> StructureCandidate | None:
-    """The candidate without its weak terms; None if there are none, or no others."""
-    weak = fitted.weak
-    if not weak or len(weak) == len(fitted.start.ship.monomials):
-        return None
-    ship = fitted.start.ship
-    kept = replace(ship, coefficients={s: c for s, c in ship.coefficients.items() if s not in weak})
-    words = f"{fitted.start.words}, without {len(weak)} terms that the evidence speaks against"
-    return replace(fitted.start, name=f"{fitted.start.name}-thinned", ship=kept, words=words)
+def _based_on(one: StructureCandidate, calibrated: Ship | None) -> StructureCandidate:
+    """The candidate with the coefficients of the calibrated ship where it has her own forces."""
+    if calibrated is None or not one.name.startswith(f"{GIVEN}+"):
+        return one
+    own = {s: c.value for s, c in calibrated.coefficients.items() if s in one.ship.coefficients}
+    return replace(one, ship=one.ship.with_values(own))
 
 
 def _stable_best(fitted: Sequence[_Fitted], settings: Settings) -> tuple[_Fitted, dict[str, Tried]]:

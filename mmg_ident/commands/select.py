@@ -34,7 +34,7 @@ def select(
         list[str] | None, Option(help="Try only these candidates (comma-separated), such as mmg,sm2-order3.")
     ] = None,
     time_limit: Annotated[float | None, Option(help="Wall-clock limit of each fit [s].")] = 300.0,
-    seed: Annotated[int, Option(help="Seed of anchor points and harbour sequences.")] = 0,
+    seed: Annotated[int, Option(help="Seed of the harbour sequences.")] = 0,
     compiled: Annotated[bool, Option(help="Use a C compiler if there is one.")] = True,
     list_: Annotated[bool, Option("--list", help="Print the candidates with their numbers of unknowns.")] = False,
     terms: Annotated[str | None, Option(help="Print the terms of one candidate, such as sm2-order2.")] = None,
@@ -54,7 +54,7 @@ def select(
     duplicates: Annotated[
         str, Option(help="What sin^2 + cos^2 = 1 leaves out: paper (counts of the paper), identity (exact), none.")
     ] = "paper",
-    moduli: Annotated[str, Option(help="Squares as moduli: paper, full (v^3 as v|v| too), none.")] = "paper",
+    moduli: Annotated[str, Option(help="Squares as moduli: paper, full (v|v| and the like too), none.")] = "paper",
     hard: Annotated[bool, Option("--hard", help="Sub-models switch at once; default: blended.")] = False,
     force: Annotated[bool, Option("--force", help="Overwrite an existing file.")] = False,
     json: Annotated[bool, Option("--json", help="Print as JSON.")] = False,

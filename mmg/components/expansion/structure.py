@@ -27,7 +27,8 @@ DUPLICATES = ("paper", "identity", "none")
 and cosine makes of others; none: all stay, and the coefficients are not determined."""
 MODULI = ("paper", "full", "none")
 """paper: in a square or a product, x^2 of an even variable becomes x |x| and of an odd one |x| (pure squares of odd
-variables stay), x^3 alone stays; full: x^3 alone becomes x |x| too; none: plain powers."""
+variables stay), x^3 alone stays; full: x^3 alone becomes x |x| too, and Y and N have v |v|, |v| r, v |r|, r |r|, the
+forms of cross-flow drag, from second order on; none: plain powers."""
 SUBMODELS = ("SM-1", "SM-2", "SM-3", "SM-4", "quadrants")
 """SM-1: one for all; SM-2: by the sign of u; SM-3: and ahead by the stall angle of the rudders; SM-4: by it astern too;
 quadrants: by the signs of u and of the revolutions."""
@@ -126,6 +127,9 @@ def monomials(structure: Structure, force: str) -> tuple[Powers, ...]:
                 continue
             if not _duplicate(powers, force, structure.duplicates):
                 found.append(powers)
+    if structure.moduli == "full" and structure.order == 2 and force != "X":
+        drifting = [x for x in several if x.word.name in ("v", "r")]
+        found += [tuple(Counter(product).items()) for product in itertools.combinations_with_replacement(drifting, 3)]
     return tuple(found)
 
 
