@@ -1,0 +1,213 @@
+"""The objective of Miyauchi et al. (2023), Eqs. 16 to 30, for many candidates at once and with exact derivatives.
+
+J = E + w_D D + w_1 sum |p_i|. E is the mean squared error of u, v and r, each by its standard deviation over the
+training trials, in subsequences simulated from their measured beginning; from the step on at which a subsequence leaves
+the limits each velocity counts LIMIT^2, so an earlier exit is worse. D is the mean squared excess of accelerations over
+their limits, by these, at the extremes of ``extremes_of``. p are coefficients by the standard deviations of their
+priors; those of generated terms are penalised. The paper's form of Eqs. 17, 22 and 26 was lost in conversion: squares
+and means are UNVERIFIED, and accelerations are those at the first instant. Bounds of the ship file are the domain.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from cases.trial import Trial
+from fitting.nlp.grid import default_step
+from fitting.nlp.prior import Prior
+from fitting.selection.subsequences.data import VELOCITIES, Subsequences, spread_of, subsequences
+from fitting.selection.subsequences.extremes import Extremes, extremes_of
+from mmg.compile.batch import batch_functions
+from mmg.model import Model, settled
+from mmg.motion.froude import time_scale
+from mmg.rollout import Simulator
+from mmg.runge_kutta import NODES, WEIGHTS
+from mmg.ship import Ship
+
+LENGTH = 100.0
+"""Length of a subsequence [s of a 3 m model]."""
+LIMIT = 20.0
+"""Error of a velocity, by its standard deviation, from which on a subsequence has left the limits."""
+
+
+@dataclass(frozen=True)
+class Penalties:
+    """Weights of the objective: ``deviation`` w_D and ``sparsity`` w_1."""
+
+    deviation: float = 0.01
+    sparsity: float = 0.0
+
+
+@dataclass(frozen=True)
+class Quadratic:
+    """The smooth part of the objective about a point: its ``value``, ``gradient`` (P,) and Gauss-Newton ``hessian``
+    (P, P)."""
+
+    value: float
+    gradient: np.ndarray
+    hessian: np.ndarray
+
+
+class RatesWithJacobian:
+    """Rates of the states that a ``model``'s rates depend on, with their Jacobian: at (Q, m) states, (C, m) inputs.
+
+    free: positions of the free coefficients among all; compiled: use a C compiler if there is one.
+    """
+
+    def __init__(self, model: Model, free: np.ndarray, compiled: bool) -> None:
+        self.first, self.Q, self.P = model.first, len(model.states) - model.first, len(free)
+        q, c = ca.SX.sym("q", self.Q), ca.SX.sym("c", len(model.controls))
+        theta = ca.SX.sym("theta", len(model.symbols))
+        k = ca.cse(model.rates(ca.vertcat(ca.SX.zeros(self.first), q), c, theta))[self.first :]
+        jacobian = ca.jacobian(k, ca.vertcat(q, *[theta[int(i)] for i in free]))
+        self.rows, self.columns = (np.array(a, dtype=int) for a in jacobian.sparsity().get_triplet())
+        function = ca.Function("f_slopes", [q, c, theta], [ca.densify(k), jacobian], {"cse": True})
+        (self.batch,), _ = batch_functions([function], compiled)
+
+    def at(self, q: np.ndarray, c: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Rates (Q, m) and their Jacobian (m, Q, Q + P) to states and free coefficients, for coefficients (all,)."""
+        k, nonzeros = self.batch.at(q, c, theta)
+        full = np.zeros((q.shape[1], self.Q, self.Q + self.P))
+        full[:, self.rows, self.columns] = nonzeros.T
+        return k, full
+
+
+class SubsequenceObjective:
+    """The objective for the free coefficients of ``ship`` on training trials, and its error on validation trials.
+
+    train, validate: trials, the latter perhaps none; penalties: weights; step: of simulation [s], None:
+    ``default_step``; compiled: use a C compiler if there is one; threads: over which simulations are spread. Scaled
+    coefficients p are (P,) or, for K candidates, (P, K); p = 0 are the values of the ship. Raises UserError for trials
+    without motion or without a piece long enough.
+    """
+
+    def __init__(
+        self,
+        ship: Ship,
+        train: Sequence[Trial],
+        validate: Sequence[Trial] = (),
+        penalties: Penalties | None = None,
+        step: float | None = None,
+        compiled: bool = True,
+        threads: int = 1,
+    ) -> None:
+        self.ship, self.penalties, self.threads = ship, penalties or Penalties(), threads
+        self.prior, self.trials = Prior.of(ship), tuple(train)
+        self.simulator = Simulator(ship, compiled)
+        self.free = np.array([ship.symbols.index(s) for s in self.prior.symbols], dtype=int)
+        self.slopes = RatesWithJacobian(self.simulator.model, self.free, compiled)
+        L = ship.particulars["L"]
+        self.step, self.length = step or default_step(train, L), LENGTH * time_scale(L)
+        self.sigma = spread_of(train)
+        self.train = self.cut(self.length)
+        self.validate = subsequences(validate, self.step, self.length, ship.inputs) if validate else None
+        self.extremes: Extremes = extremes_of(ship, train)
+        self.lower, self.upper = self.prior.scaled_bounds
+        own = ship.monomials
+        self.sparse = np.array([s in own for s in self.prior.symbols], dtype=float)
+        self.evaluations = 0
+
+    @property
+    def P(self) -> int:
+        """Number of unknowns."""
+        return len(self.prior.symbols)
+
+    def cut(self, length: float) -> Subsequences:
+        """The training trials in subsequences of another ``length`` [s]."""
+        return subsequences(self.trials, self.step, length, self.ship.inputs)
+
+    def coefficients(self, p: np.ndarray) -> np.ndarray:
+        """All coefficients of the ship, (all,) or (all, K), from scaled free ones ``p``."""
+        shape = (-1, *(1,) * (p.ndim - 1))
+        values = np.repeat(self.ship.values.reshape(shape), p.shape[1], axis=1) if p.ndim == 2 else +self.ship.values
+        values[self.free] = self.prior.mean.reshape(shape) + self.prior.std.reshape(shape) * p
+        return values
+
+    def ship_at(self, p: np.ndarray) -> Ship:
+        """The ship with the coefficients ``p`` (P,)."""
+        return self.ship.with_values(dict(zip(self.prior.symbols, self.coefficients(p)[self.free], strict=True)))
+
+    def values(self, p: np.ndarray, data: Subsequences | None = None) -> np.ndarray:
+        """J (K,) of the candidates ``p`` (P, K); data: other subsequences than the training ones."""
+        weights = self.penalties
+        total = self.errors(p, self.train if data is None else data)
+        if weights.deviation:
+            total = total + weights.deviation * self.deviations(p)
+        return total + weights.sparsity * (self.sparse @ np.abs(p))
+
+    @np.errstate(all="ignore")
+    def errors(self, p: np.ndarray, data: Subsequences) -> np.ndarray:
+        """E (K,) of the candidates ``p`` (P, K) on ``data``."""
+        K, W = p.shape[1], data.count
+        self.evaluations += K
+        theta = np.repeat(self.coefficients(p), W, axis=1)
+        start, controls = np.tile(data.start, K), np.tile(data.controls, (1, 1, K))
+        states = self.simulator.run(start, controls, data.h, theta, threads=self.threads)[1:, VELOCITIES]
+        e = (states.reshape(len(states), 3, K, W) - data.measured[:, :, None]) / self.sigma[:, None, None]
+        inside = (np.abs(e) < LIMIT).all(axis=1) | (data.weight == 0)[:, None]
+        squares = np.where(np.logical_and.accumulate(inside, axis=0)[:, None], e**2, LIMIT**2)
+        return (squares * data.weight[:, None, None]).sum(axis=(0, 1, 3)) / (3 * data.samples)
+
+    @np.errstate(all="ignore")
+    def deviations(self, p: np.ndarray) -> np.ndarray:
+        """D (K,) of the candidates ``p`` (P, K)."""
+        far, found = self.extremes, []
+        for theta in self.coefficients(p).T:
+            state = settled(self.simulator.model, far.state, far.controls, theta)
+            rates = self.simulator.rates(state, far.controls, np.ascontiguousarray(theta))[VELOCITIES]
+            found.append((np.maximum(np.abs(rates) / far.limit[:, None] - 1, 0) ** 2).mean())
+        return np.array(found)
+
+    @np.errstate(all="ignore")
+    def quadratic(self, p: np.ndarray, data: Subsequences | None = None) -> Quadratic:
+        """E + w_D D about ``p`` (P,), without the sparsity; data: as of ``values``."""
+        data = self.train if data is None else data
+        theta, P = self.coefficients(p), self.P
+        e, J = self._sweep(theta, data)
+        n = 3 * data.samples
+        value, gradient, hessian = float((e**2).sum()) / n, 2 / n * (e @ J), 2 / n * (J.T @ J)
+        if self.penalties.deviation:
+            far, w = self.extremes, self.penalties.deviation
+            state = settled(self.simulator.model, far.state, far.controls, theta)
+            k, full = self.slopes.at(state[self.slopes.first :], far.controls, theta)
+            own = slice(VELOCITIES.start - self.slopes.first, VELOCITIES.stop - self.slopes.first)
+            rates = k[own].T / far.limit
+            excess = np.maximum(np.abs(rates) - 1, 0)
+            over = excess > 0
+            A = (full[:, own, self.slopes.Q :] / far.limit[:, None] * np.sign(rates)[:, :, None])[over]
+            A, m = A * self.prior.std, excess.size
+            value += w * float((excess**2).sum()) / m
+            gradient = gradient + w * 2 / m * (excess[over] @ A)
+            hessian = hessian + w * 2 / m * (A.T @ A)
+        return Quadratic(value, gradient.reshape(P), hessian)
+
+    def _sweep(self, theta: np.ndarray, data: Subsequences) -> tuple[np.ndarray, np.ndarray]:
+        """Standardised errors (n,) and their Jacobian (n, P) to the scaled coefficients; constant beyond the limits."""
+        slopes, h, (N, _, W) = self.slopes, data.h, data.controls.shape
+        first, Q, P = slopes.first, slopes.Q, slopes.P
+        own = slice(VELOCITIES.start - first, VELOCITIES.stop - first)
+        begin = settled(self.simulator.model, data.start, data.controls[0], theta)[first:]
+        z, S, alive = begin.copy(), np.zeros((W, Q, P)), np.ones(W, dtype=bool)
+        errors, J = np.zeros((N, W, 3)), np.zeros((N, W, 3, P))
+        for k in range(N):
+            c, rate, dk = data.controls[k], np.zeros((Q, W)), np.zeros((W, Q, P))
+            dz, dS = np.zeros((Q, W)), np.zeros((W, Q, P))
+            for fraction, weight in zip(NODES, WEIGHTS, strict=True):
+                rate, full = slopes.at(z + fraction * h * rate, c, theta)
+                dk = full[:, :, :Q] @ (S + (fraction * h) * dk) + full[:, :, Q:]
+                dz += weight * rate
+                dS += weight * dk
+            z, S = z + h * dz, S + h * dS
+            e = (z[own].T - data.measured[k].T) / self.sigma
+            there = data.weight[k] > 0
+            alive &= (np.abs(e) < LIMIT).all(axis=1) | ~there
+            errors[k] = np.where(alive[:, None], e, LIMIT) * there[:, None]
+            good = alive & there
+            J[k, good] = S[good][:, own] / self.sigma[:, None]
+            if not good.all():  # those that have left, or ended, go on from their start without harm
+                z[:, ~good], S[~good] = begin[:, ~good], 0.0
+        return errors.reshape(-1), (J * self.prior.std).reshape(-1, P)

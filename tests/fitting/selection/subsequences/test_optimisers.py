@@ -1,0 +1,131 @@
+"""Both optimisers of the objective: the step, the descent, the path of the sparsity, and CMA-ES that can be resumed."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+from fitting.selection.subsequences.descent import descend, regression, sparsity_path
+from fitting.selection.subsequences.learning import Learning, write_learning
+from fitting.selection.subsequences.objective import Penalties
+from fitting.selection.subsequences.quadratic_step import minimise_quadratic
+from mmg.errors import UserError
+from tests.fitting.selection.subsequences.problems import problem
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_step_is_the_minimum_of_quadratic_and_moduli_in_the_box(seed: int) -> None:
+    rng, n = np.random.default_rng(seed), 12
+    B = rng.normal(size=(n, n)) * 10 ** rng.uniform(-2, 1, n)
+    H, g, p = B.T @ B + 1e-6 * np.eye(n), 5 * rng.normal(size=n), rng.uniform(-0.5, 0.5, n)
+    weight = 2 * np.abs(rng.normal(size=n)) * (np.arange(n) % 2) * (seed > 1)
+
+    def split(z: np.ndarray) -> float:  # x = positive part - negative part
+        d = z[:n] - z[n:] - p
+        return float(g @ d + 0.5 * d @ H @ d + weight @ (z[:n] + z[n:]))
+
+    x = minimise_quadratic(H, g, p, (-np.ones(n), np.ones(n)), weight)
+    least = minimize(
+        split,
+        np.concatenate([np.maximum(p, 0), np.maximum(-p, 0)]),
+        bounds=[(0, 1)] * 2 * n,
+        method="L-BFGS-B",
+        options={"maxiter": 10**5, "maxfun": 10**7, "ftol": 1e-15, "gtol": 1e-10},
+    )
+    assert split(np.concatenate([np.maximum(x, 0), np.maximum(-x, 0)])) <= least.fun + 1e-8 * abs(least.fun)
+    assert np.abs(x).max() <= 1
+
+
+def test_the_descent_converges_where_no_slope_is_left() -> None:
+    one = problem(penalties=Penalties(deviation=0.02))
+    learning = Learning(one)
+    start = regression(one)
+    found = descend(one, start, learning)
+    assert found.converged
+    first, last = one.values(np.transpose([start, found.p]))
+    assert last < 0.9 * first
+    assert last == pytest.approx(learning.best)
+    inside = (found.p > one.lower + 1e-9) & (found.p < one.upper - 1e-9)
+    about = one.quadratic(found.p)
+    gain = about.gradient[inside] @ np.linalg.lstsq(about.hessian[np.ix_(inside, inside)], about.gradient[inside])[0]
+    assert gain < 5e-3 * last  # what a further step would bring
+
+
+def test_the_regression_predicts_ten_seconds_better_than_no_force_at_all() -> None:
+    one = problem("sm2-order2")
+    nothing, found = one.errors(np.transpose([np.zeros(one.P), regression(one)]), one.cut(10.0))
+    assert found < 0.85 * nothing
+
+
+def test_more_sparsity_leaves_fewer_terms_and_none_of_it_most() -> None:
+    one = problem("sm1-order2", Penalties(deviation=0.0))
+    kept: list[int] = []
+    objectives: list[float] = []
+
+    def each(weight: float, p: np.ndarray) -> None:
+        kept.append(int((p != 0).sum()))
+        objectives.append(float(one.errors(p[:, None], one.train)[0]))
+
+    sparsity_path(one, regression(one), [1e-1, 1e-2, 1e-4], each, 12)
+    assert kept[0] < kept[1] < kept[2]
+    assert objectives[0] > objectives[1] > objectives[2]
+    assert one.penalties == Penalties(deviation=0.0)
+
+
+def test_the_learning_keeps_the_best_on_validation_and_writes_its_curve(tmp_path: Path) -> None:
+    one = problem()
+    learning = Learning(one)
+    descend(one, regression(one), learning, most=5)
+    validation = [lesson.validation for lesson in learning.lessons]
+    assert one.validate is not None
+    assert one.errors(learning.p_chosen[:, None], one.validate)[0] == pytest.approx(min(validation))
+    assert [s.evaluations for s in learning.lessons] == sorted(s.evaluations for s in learning.lessons)
+    write_learning([("sm1-order1", 0, learning.lessons)], tmp_path / "learning.csv")
+    lines = (tmp_path / "learning.csv").read_text().splitlines()
+    assert len(lines) == 1 + len(validation)
+    assert lines[0].split(",")[-1] == "validation" and lines[-1].startswith("sm1-order1,0,")
+
+
+def test_an_interrupted_evolution_goes_on_to_the_same_result(tmp_path: Path) -> None:
+    pytest.importorskip("cma")
+    from fitting.selection.subsequences.evolution import evolve
+
+    one, state = problem(), tmp_path / "evolution.safetensors"
+    whole = Learning(one)
+    evolve(whole, 3, evaluations=1000)
+    first = Learning(one)
+    evolve(first, 3, evaluations=420, state=state)
+    assert first.best > whole.best
+    second = Learning(one)
+    ended = evolve(second, 3, evaluations=1000, state=state)
+    assert ended.limited
+    assert np.array_equal(second.p, whole.p) and np.array_equal(second.p_chosen, whole.p_chosen)
+    assert [s.objective for s in second.lessons] == [s.objective for s in whole.lessons]
+    assert [s.evaluations for s in second.lessons] == [s.evaluations for s in whole.lessons]
+    assert whole.best < 0.5 * one.values(np.zeros((one.P, 1)))[0]
+    assert (whole.p >= one.lower).all() and (whole.p <= one.upper).all()
+
+
+def test_a_state_of_another_seed_or_a_broken_one_is_refused(tmp_path: Path) -> None:
+    pytest.importorskip("cma")
+    from fitting.selection.subsequences.evolution import evolve
+
+    one, state = problem(), tmp_path / "evolution.safetensors"
+    evolve(Learning(one), 3, evaluations=60, state=state)
+    with pytest.raises(UserError, match=r"another ship, seed, penalty or trials; start again without --resume"):
+        evolve(Learning(one), 4, evaluations=60, state=state)
+    state.write_bytes(b"nothing")
+    with pytest.raises(UserError, match="cannot be read"):
+        evolve(Learning(one), 3, evaluations=60, state=state)
+
+
+def test_missing_pycma_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    from fitting.selection.subsequences.evolution import evolve
+
+    monkeypatch.setitem(sys.modules, "cma", None)
+    with pytest.raises(UserError, match=r"--optimizer cmaes needs pycma, .*pip install"):
+        evolve(Learning(problem()))
