@@ -7,16 +7,20 @@ from collections.abc import Mapping
 from cases.io.toml_file import header
 from cases.shipfiles.schema import CoefficientEntry
 from mmg.components.coefficients import Coefficient
+from mmg.components.expansion.series import RANGE
 from mmg.components.expansion.words import parse_monomial
 from mmg.motion.flow import PODS
 
 PODS_OF = tuple(f"{axis}_az{ending}" for ending in ("", *(f"_{i}" for i in range(2, PODS + 1))) for axis in "xy")
 """Places of the pods, which a generated polynomial keeps for the sense in which they steer."""
 
+RANGES = tuple(dict.fromkeys(name for pair in RANGE.values() for name in pair))
+"""Particulars that give the range of the motions behind a polynomial."""
+
 
 def optional_particulars(components: Mapping[str, str]) -> tuple[str, ...]:
     """Particulars that the force models may use beside those that they need. components: role -> model."""
-    more = ("delta_stall", *PODS_OF) if "expansion" in components else ()
+    more = ("delta_stall", *RANGES, *PODS_OF) if "expansion" in components else ()
     return (*more, *PODS_OF[2:]) if "azimuth" in components else more
 
 

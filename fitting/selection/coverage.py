@@ -1,8 +1,9 @@
-"""Whether trials can determine a generated model at all: samples in each sub-model, and against its unknowns."""
+"""What trials cover: samples in each sub-model and against the unknowns of a generated model, and range of motion."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,9 +11,28 @@ from cases.trial import Trial
 from fitting.selection.candidates import StructureCandidate
 from mmg.components.expansion.series import STALL
 from mmg.components.expansion.words import Word, parse_monomial
+from mmg.motion.froude import reference_speed
+from mmg.ship import Ship
 
 LEAST = 20
 """Fewest samples in a sub-model from which anything is fitted."""
+
+BEYOND = 1.1
+"""Factor on the motions of the trials up to which a polynomial is used as it is."""
+SMALL = 0.01
+"""Least range of a motion, by sqrt(g L), of the yaw rate by sqrt(g / L)."""
+
+
+def bounded(ship: Ship, trials: Sequence[Trial]) -> Ship:
+    """A generated ``ship`` whose polynomial is bounded to the motions of the ``trials`` (``expansion/series``)."""
+    found = {}
+    L = ship.particulars["L"]
+    for name, sign, column in (("u_ahead", 1, "u"), ("u_astern", -1, "u"), ("v_most", 0, "v"), ("r_most", 0, "r")):
+        values = np.concatenate([t[column] for t in trials])
+        most = np.nanmax(np.abs(values) if sign == 0 else sign * values, initial=0.0)
+        least = SMALL * reference_speed(L) / (L if column == "r" else 1.0)
+        found[name] = float(f"{BEYOND * max(most, least):.4g}")
+    return replace(ship, particulars=ship.particulars | found)
 
 
 def fault(candidate: StructureCandidate, trials: Sequence[Trial]) -> str:

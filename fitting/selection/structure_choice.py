@@ -21,7 +21,7 @@ from fitting.prediction.score import pooled_sigma, score
 from fitting.record import MessageRow
 from fitting.result import FitResult
 from fitting.selection.candidates import GIVEN, StructureCandidate
-from fitting.selection.coverage import fault
+from fitting.selection.coverage import bounded, fault
 from fitting.selection.increments import STEP, increments
 from fitting.selection.regression import regress
 from fitting.selection.stability import SEQUENCES, Stability, stability
@@ -219,7 +219,7 @@ class _Work:
     def regressed(self, one: StructureCandidate) -> list[_Fitted]:
         """A polynomial by regression: whole, and without the terms that vanish."""
         found: list[_Fitted] = []
-        one = replace(one, ship=with_instruments(one.ship, INSTRUMENTS))
+        one = replace(one, ship=bounded(with_instruments(one.ship, INSTRUMENTS), self.train))
         system = None
         for sparse in (False, True):
             began = time.perf_counter()

@@ -32,6 +32,10 @@ PARTICULARS = {
         for axis, side in (("x", "forward of midship"), ("y", "to starboard of the centre plane"))
     },
     "delta_stall": ("nominal stall angle of the rudders, where sub-models of a generated polynomial change", "rad"),
+    "u_ahead": ("greatest speed ahead of the trials behind a generated polynomial", "m/s"),
+    "u_astern": ("greatest speed astern of the trials behind a generated polynomial", "m/s"),
+    "v_most": ("greatest lateral speed of the trials behind a generated polynomial", "m/s"),
+    "r_most": ("greatest yaw rate of the trials behind a generated polynomial", "rad/s"),
     "A_T": ("frontal projected area above water", "m²"),
     "A_L": ("lateral projected area above water", "m²"),
     "A_OD": ("lateral area of superstructures on deck", "m²"),

@@ -3,6 +3,9 @@
 X = 1/2 rho L d V^2 sum c_i w_i m_i, Y alike, N = 1/2 rho L^2 d V^2 sum c_i w_i m_i with V = 0.1 sqrt(g L), the
 monomials m_i and conditions w_i of ``words``. V is a constant of the ship, so nothing is divided by the speed, all is
 smooth at rest, and the coefficients hold for similar ships by Froude's law (Kose et al. 1985 have the same idea).
+
+A polynomial says nothing beyond the motions that it was fitted to. Where the particulars give their range (u_ahead,
+u_astern, v_most, r_most), the monomials take what lies beyond as its edge, and the rest is damped in proportion.
 """
 
 from __future__ import annotations
@@ -26,6 +29,12 @@ WIDTH = 0.02
 REVOLUTIONS = 50.0
 """Revolutions are by this times V/L: 9 rps at 3 m."""
 
+DAMPING = {"u": 0.1, "v": 0.3, "r": 0.1}
+"""Resistance to motion beyond the range, by 1/2 rho L d V^2 (of r by L more) for one scaled velocity: the usual size
+of derivatives of a hull."""
+RANGE = {"u": ("u_astern", "u_ahead"), "v": ("v_most", "v_most"), "r": ("r_most", "r_most")}
+"""Particulars that give the range: magnitudes on the negative and on the positive side [m/s, rad/s]."""
+
 
 def speed_scale(length: float) -> float:
     """V [m/s] by which velocities are divided for a ship of ``length`` [m]: 0.1 sqrt(g L), 0.54 at 3 m."""
@@ -41,13 +50,28 @@ def series_force(
     """
     switch: Smoothing = Exact() if hard else s
     known: dict[Any, Any] = {}
-    total: dict[str, Any] = {"X": 0.0, "Y": 0.0, "N": 0.0}
+    flow, total = _within(flow, p, s)
     for symbol, text in monomials.items():
         term = parse_monomial(text)
         product = _product(term, flow, p, (s, switch), known)
         total[symbol[0]] = total[symbol[0]] + getattr(c, symbol) * product
     unit = 0.5 * p.rho * p.L * p.d * speed_scale(p.L) ** 2
     return Force(unit * total["X"], unit * total["Y"], unit * p.L * total["N"])
+
+
+def _within(flow: Flow, p: SimpleNamespace, s: Smoothing) -> tuple[Flow, dict[str, Any]]:
+    """The flow with motions put back to the edge of their range, and the scaled damping of what lies beyond."""
+    inside, damping = {}, {}
+    for (name, (low, high)), force in zip(RANGE.items(), "XYN", strict=True):
+        damping[force] = 0.0
+        if not (hasattr(p, low) and hasattr(p, high)):
+            continue
+        scale = speed_scale(p.L) / (p.L if name == "r" else 1.0)
+        x, lowest, highest = getattr(flow, name) / scale, -getattr(p, low) / scale, getattr(p, high) / scale
+        beyond = s.positive(x - highest, WIDTH) - s.positive(lowest - x, WIDTH)
+        inside[name] = scale * (x - beyond)
+        damping[force] = -DAMPING[name] * beyond
+    return flow.with_(**inside), damping
 
 
 def variable(word: Word, flow: Flow, L: float) -> Any:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cases.shipfiles.ship_file import load_ship
+from cases.shipfiles.ship_file import dump_ship, load_ship
 from cases.simulation.harbour_inputs import harbour_inputs
 from cases.simulation.sensors import SensorNoise, add_noise
 from cases.simulation.simulate import simulate_controls, write_trial
@@ -18,7 +18,7 @@ from fitting.nlp.captive import Captive
 from fitting.report.plot_structures import structure_plot
 from fitting.selection.anchors import COUNT_AS, POINTS, anchor_points
 from fitting.selection.candidates import Rules, StructureCandidate, candidate, candidates
-from fitting.selection.coverage import fault
+from fitting.selection.coverage import BEYOND, bounded, fault
 from fitting.selection.stability import stability
 from fitting.selection.structure_choice import choose_structure
 from fitting.settings import Settings
@@ -74,6 +74,18 @@ def test_anchor_points_have_the_forces_of_the_ship_and_count_as_few() -> None:
     rms = np.sqrt((points.forces**2).mean(axis=1))
     np.testing.assert_allclose(POINTS * (rms / points.sigma[:, 0]) ** 2, COUNT_AS, rtol=1e-6)
     assert points.motion[0].min() < min(run["u"].min() for run in harbour(2))
+
+
+def test_a_polynomial_that_runs_away_does_not_within_the_range_of_the_trials(tmp_path: Path) -> None:
+    made = candidate(ESSO, "sm1-order3").ship.with_values({"X_n_1": 0.02, "X_u_1": -0.02})
+    row = made.coefficients["X_u_u_u_1"]
+    pushed = made.with_coefficients({"X_u_u_u_1": row.with_(value=0.5, upper=1.0)})
+    held = bounded(pushed, harbour(2))
+    most = max(run["u"].max() for run in harbour(2))
+    assert held.particulars["u_ahead"] == pytest.approx(BEYOND * most, rel=1e-3)
+    assert stability(pushed, 20).diverged > 0 and stability(held, 20).diverged == 0
+    (tmp_path / "held.toml").write_text(dump_ship(held))
+    assert load_ship(tmp_path / "held.toml").particulars == held.particulars
 
 
 def test_a_physical_ship_is_stable_and_one_that_pushes_itself_is_not() -> None:

@@ -11,7 +11,7 @@ import pytest
 from mmg.components.coefficients import names
 from mmg.components.expansion import hard_submodels, smooth_submodels
 from mmg.components.expansion.actuators import devices_of, parse_devices, variables, without_partner
-from mmg.components.expansion.series import STALL, speed_scale, variable
+from mmg.components.expansion.series import DAMPING, STALL, speed_scale, variable
 from mmg.components.expansion.structure import Powers, Structure, monomials, regimes, term_list, terms
 from mmg.components.expansion.words import parse_monomial
 from mmg.errors import UserError
@@ -124,6 +124,11 @@ def test_moduli_change_squares_and_products_but_not_pure_cubes() -> None:
     plain = {row.monomial for row in terms(Structure(parse_devices("n, delta"), 3, "SM-1", moduli="none"))}
     assert not any("|" in text for text in plain) and "v v r" in plain
     assert "v |v|" in {row.monomial for row in terms(Structure(parse_devices("n, delta"), 3, "SM-1", moduli="full"))}
+    second = terms(Structure(parse_devices("n, delta"), 2, "SM-1", moduli="full"))
+    drag = {"v |v|", "|v| r", "v |r|", "r |r|"}
+    for force in "YN":
+        assert drag <= {row.monomial for row in second if row.symbol[0] == force}
+    assert not drag & {row.monomial for row in second if row.symbol[0] == "X"}
 
 
 @pytest.mark.parametrize("submodels", ["SM-1", "SM-2", "SM-3", "SM-4", "quadrants"])
@@ -264,3 +269,24 @@ def test_the_printed_list_has_every_term_and_the_counts() -> None:
     text = term_list(rows)
     assert "X: 40 terms" in text and "Y: 40 terms" in text and "N: 40 terms" in text
     assert all(f"  {row.symbol} " in text and row.monomial in text for row in rows)
+
+
+def test_beyond_its_range_a_polynomial_stays_at_the_edge_and_the_rest_is_damped() -> None:
+    limits = {"u_ahead": 0.5, "u_astern": 0.2, "v_most": 0.2, "r_most": 0.2}
+    rows = {"X_1": "u u u", "Y_1": "v v v", "N_1": "r r r"}
+    c = names(dict.fromkeys(rows, 1.0))
+
+    def force(u: float, v: float, r: float, **particulars: float) -> np.ndarray:
+        flow = Flow(u=u, v=v, r=r, psi=0.0)
+        found = smooth_submodels.force(flow, names(PAPER | particulars), c, SMOOTH, rows)
+        return np.array([float(found.X), float(found.Y), float(found.N)])
+
+    V, unit = speed_scale(3.0), 0.5 * 998.0 * 3.0 * 0.17 * speed_scale(3.0) ** 2 * np.array([1.0, 1.0, 3.0])
+    np.testing.assert_allclose(force(0.2, 0.1, 0.1, **limits), force(0.2, 0.1, 0.1), rtol=0.03)
+    for far in (1.0, 2.0):
+        edge = np.array([0.5 / V, 0.2 / V, 0.2 * 3.0 / V]) ** 3
+        beyond = np.array([far - 0.5, far - 0.2, (far - 0.2) * 3.0]) / V
+        expected = unit * (edge - np.array([DAMPING[name] for name in "uvr"]) * beyond)
+        np.testing.assert_allclose(force(far, far, far, **limits), expected, rtol=0.02)
+    astern = force(-1.0, 0.0, 0.0, **limits)[0]
+    assert astern == pytest.approx(unit[0] * (-((0.2 / V) ** 3) + DAMPING["u"] * 0.8 / V), rel=0.02)
