@@ -26,15 +26,11 @@ from pydantic import BeforeValidator
 from safetensors.numpy import load_file
 
 from cases.io.files import read_json, replace_text
+from cases.io.locks import alone
 from cases.trial import Trial
 from fitting.solvers.interrupts import LEFT_OUT
 from mmg.errors import UserError
 from mmg.messages import Message
-
-try:
-    import fcntl
-except ImportError:  # Windows has no locks of this kind
-    fcntl = None  # type: ignore[assignment]
 
 RESULT, SHIP, START, ITERATE = "result.json", "ship.toml", "start.toml", "iterate.safetensors"
 FIGURES, PAGE = "figures", "report.html"
@@ -75,16 +71,17 @@ def write_whole(folder: Path, fill: Callable[[Path], None], replace: bool = Fals
     folder = folder.absolute()
     scratch = folder.parent / f".{folder.name}.{secrets.token_hex(4)}"
     old = scratch.with_name(f"{scratch.name}.old")
-    with _held(scratch, folder):
+    with _held(folder, "writing"):
         _remove_leftovers(folder)
         try:
+            scratch.mkdir()
             fill(scratch)
             scratch.chmod(0o755)
             if replace and folder.exists():
-                with _held(old, folder):
-                    os.replace(folder, old / "run")
-                    os.replace(scratch, folder)
-                    shutil.rmtree(old, ignore_errors=True)
+                old.mkdir()
+                os.replace(folder, old / "run")
+                os.replace(scratch, folder)
+                shutil.rmtree(old, ignore_errors=True)
             else:
                 os.replace(scratch, folder)
         except OSError as error:
@@ -99,13 +96,9 @@ def reserved(folder: Path) -> Iterator[None]:
     or nothing can be written there."""
     folder = folder.absolute()
     new = [parent for parent in folder.parents if not parent.exists()]
-    mark = folder.parent / f".{folder.name}.lock"
     try:
-        with _held(mark, folder):
-            try:
-                yield
-            finally:
-                mark.rmdir()
+        with _held(folder, "lock"):
+            yield
     finally:
         with contextlib.suppress(OSError):  # parents in which nothing came to be
             for parent in new:
@@ -113,33 +106,28 @@ def reserved(folder: Path) -> Iterator[None]:
 
 
 @contextmanager
-def _held(path: Path, folder: Path) -> Iterator[None]:
-    """While it lasts, and the process lives, it holds the folder ``path``, made if need be, beside a run folder."""
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-        handle = os.open(path, os.O_RDONLY) if fcntl else None
-    except OSError as error:
-        raise UserError(f"{folder}: cannot be written ({error.strerror}); choose another --out") from None
-    try:
-        if handle is not None:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+def _held(folder: Path, purpose: str) -> Iterator[None]:
+    """While it lasts, and the process lives, no other one has the run ``folder`` for this ``purpose``."""
+    with contextlib.ExitStack() as stack:
+        try:
+            folder.parent.mkdir(parents=True, exist_ok=True)
+            mine = stack.enter_context(alone(folder.parent / f".{folder.name}.{purpose}"))
+        except OSError as error:
+            raise UserError(f"{folder}: cannot be written ({error.strerror}); choose another --out") from None
+        if not mine:
+            raise UserError(f"{folder}: another process is working on it; wait, or choose another --out")
         yield
-    except BlockingIOError:
-        raise UserError(f"{folder}: another process is working on it; wait, or choose another --out") from None
-    finally:
-        if handle is not None:
-            os.close(handle)
 
 
 def _remove_leftovers(folder: Path) -> None:
-    """Remove what processes that were killed while they wrote a run folder have left beside it."""
-    for path in folder.parent.glob(f".{glob.escape(folder.name)}.*") if fcntl else ():
+    """Remove what processes that were killed while they wrote a run folder have left beside it. It must be held."""
+    for path in folder.parent.glob(f".{glob.escape(folder.name)}.*"):
         if not re.fullmatch(r"[0-9a-f]{8}(\.old)?", path.name[len(folder.name) + 2 :]):
             continue
-        with contextlib.suppress(UserError, OSError), _held(path, folder):
+        with contextlib.suppress(OSError):
             if (path / "run").is_dir() and not folder.exists():  # killed between two renames
                 os.replace(path / "run", folder)
-            shutil.rmtree(path, ignore_errors=True)
+        shutil.rmtree(path, ignore_errors=True)
 
 
 def write_json(path: Path, data: Any) -> None:

@@ -48,12 +48,20 @@ print(json.dumps(codes), file=open("codes.json", "w"))
 
 
 def as_windows(folder: Path, *words: str) -> subprocess.CompletedProcess[bytes]:
+    """What Python with these words in the ``folder`` ended with, without what Windows does not have."""
+    with started_as_windows(folder, *words) as process:
+        said, complained = process.communicate()
+    return subprocess.CompletedProcess(words, process.returncode, said, complained)
+
+
+def started_as_windows(folder: Path, *words: str) -> subprocess.Popen[bytes]:
     """Python with these words in the ``folder``, without what Windows does not have."""
     here = os.pathsep.join([str(ROOT / "tests/support/as_windows"), str(ROOT)])
     drive = folder.parent / f"{folder.name}_temporary"
     drive.mkdir(exist_ok=True)
     environment = {**os.environ, "PYTHONPATH": here, "PYTHONUTF8": "0", "TMPDIR": str(drive), "MPLBACKEND": "agg"}
-    return subprocess.run([sys.executable, *words], cwd=folder, env=environment, capture_output=True, check=False)
+    pipe = subprocess.PIPE
+    return subprocess.Popen([sys.executable, *words], cwd=folder, env=environment, stdout=pipe, stderr=pipe)
 
 
 @pytest.fixture(scope="module")
@@ -117,6 +125,39 @@ def test_work_is_spread_over_spawned_processes_without_posix(folder: Path) -> No
         done = as_windows(folder, "-m", "mmg_ident.commands.main", *line.split())
         assert done.returncode in (0, 1) and b"Traceback" not in done.stderr, done.stderr.decode("cp1252")
         assert (folder / line.split()[-1] / "result.json").exists()
+
+
+HOLDS = """
+import sys, time
+from pathlib import Path
+from fitting.report.run_folder import reserved
+with reserved(Path("held")):
+    print("held", flush=True)
+    time.sleep(600)
+"""
+WRITES = """
+from pathlib import Path
+from fitting.report.run_folder import reserved, write_whole
+with reserved(Path("held")):
+    for _ in range(2):
+        write_whole(Path("held"), lambda folder: (folder / "whole").write_text("written"), replace=True)
+"""
+
+
+def test_two_processes_do_not_work_on_one_folder_without_posix(tmp_path: Path) -> None:
+    """The lock of msvcrt ends with the process that is killed, and what that process left hinders none."""
+    place = tmp_path / "here"
+    place.mkdir()
+    with started_as_windows(place, "-c", HOLDS) as holder:
+        assert holder.stdout and holder.stdout.readline().strip() == b"held"
+        refused = as_windows(place, "-c", WRITES)
+        holder.kill()
+    assert refused.returncode and b"UserError: " in refused.stderr and b"another process" in refused.stderr
+    assert [p.name for p in place.iterdir()] == [".held.lock"]
+    (place / ".held.0123abcd").mkdir()
+    done = as_windows(place, "-c", WRITES)
+    assert done.returncode == 0, done.stderr.decode("cp1252")
+    assert [p.name for p in place.iterdir()] == ["held"] and [p.name for p in (place / "held").iterdir()] == ["whole"]
 
 
 @pytest.mark.parametrize("verb", VERBS)

@@ -1,18 +1,34 @@
 """Python as it is on Windows, as far as that can be simulated: in PYTHONPATH, this is run before anything else.
 
 Modules and functions of POSIX are not there, open files are neither replaced nor removed, nothing is moved from the
-drive of the temporary folder to another, there is no compiler, and the console knows the characters of cp1252 alone.
+drive of the temporary folder to another, there is no compiler, locks are those of msvcrt, and the console knows the
+characters of cp1252 alone.
 """
 
 import errno
+import fcntl
 import os
 import signal
+import subprocess  # noqa: F401  (it takes the system for Windows where msvcrt can be imported)
 import sys
 import tempfile
 from pathlib import Path
+from types import SimpleNamespace
 
 HANDLES = Path("/proc/self/fd")
 
+
+
+def locking(handle, mode, size, flock=fcntl.flock):
+    """The function of msvcrt: a lock of the open file, which another holds (EACCES) or not."""
+    assert mode == 2 and size == 1, "only what is used is simulated"
+    try:
+        flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise PermissionError(errno.EACCES, "simulated Windows: locked") from None
+
+
+sys.modules["msvcrt"] = SimpleNamespace(locking=locking, LK_NBLCK=2)
 for name in ("fcntl", "resource", "pwd", "grp", "termios", "tty"):
     sys.modules[name] = None
 for name in ("getuid", "geteuid", "getgid", "getegid", "fork", "forkpty", "setsid", "killpg", "getpgid"):

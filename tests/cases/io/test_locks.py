@@ -1,0 +1,57 @@
+"""A lock lets one in, ends with its owner, and is never that of a file which is no longer there."""
+
+from __future__ import annotations
+
+import errno
+from pathlib import Path
+
+import pytest
+
+from cases.io import locks
+from cases.io.locks import alone
+
+MARK = ".run.lock"
+
+
+def test_one_is_alone_until_it_ends(tmp_path: Path) -> None:
+    with alone(tmp_path / MARK) as first:
+        with alone(tmp_path / MARK) as second, alone(tmp_path / ".other.lock") as other:
+            assert (first, second, other) == (True, False, True)
+        assert (tmp_path / MARK).exists(), "removed by one that did not have it"
+    assert not list(tmp_path.iterdir())
+    with alone(tmp_path / MARK) as third:
+        assert third
+
+
+def test_a_file_that_its_last_owner_removed_is_no_lock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Opened while another one had it, locked after that one removed it: a third would make a new file and enter."""
+    pytest.importorskip("fcntl")
+    taken, calls = locks._taken, []
+
+    def late(handle: int) -> bool:
+        calls.append(handle)
+        if len(calls) == 1:
+            (tmp_path / MARK).unlink()
+        return taken(handle)
+
+    monkeypatch.setattr(locks, "_taken", late)
+    with alone(tmp_path / MARK) as first, alone(tmp_path / MARK) as second:
+        assert (first, second) == (True, False) and len(calls) == 3
+
+
+def test_a_file_system_without_locks_keeps_nobody_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    fcntl = pytest.importorskip("fcntl")
+
+    def no_locks(handle: int, how: int) -> None:
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr(fcntl, "flock", no_locks)
+    with alone(tmp_path / MARK) as first:
+        assert first
+
+
+def test_what_was_left_is_taken_over(tmp_path: Path) -> None:
+    (tmp_path / MARK).touch()
+    with alone(tmp_path / MARK) as mine:
+        assert mine
+    assert not list(tmp_path.iterdir())
