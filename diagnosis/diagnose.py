@@ -45,6 +45,7 @@ from diagnosis.inputs import (
     diagnosable,
     diagnosable_trials,
     independent_tests,
+    parted,
 )
 from diagnosis.judgement.believable import believed
 from diagnosis.judgement.judged_search import judged_search
@@ -75,14 +76,14 @@ def diagnose(
 ) -> Diagnosis:
     """Say which effect the model of ``ship`` lacks, judged by ``trials``; what ``mmg diagnose`` does.
 
-    ship: calibrated or not; its learned residual is left out. tests: trials to check on; those that share rows with
-    ``trials`` are left out. site: what is known of the place, or its file (default: site.toml beside the trials).
-    calibrated_on: the trials that the ship was calibrated on, or the folder of that run. If those are other trials,
-    what they show already is no news; otherwise the priors from before the calibration count. options: step, seed, ...;
-    progress: called as the work goes on. Returns the verdict with all that led to it; "unknown" with the reason where
-    the ship explodes along the trials. Raises UserError for input from which nothing can be concluded, and
-    OutOfTimeError where the time limit is reached before there is a verdict; what comes after it is left out then, with
-    a warning.
+    ship: calibrated or not; its learned residual is left out. tests: trials to check on, to which those of
+    ``trials`` with the role test or validate go over; those that share rows with the rest are left out. site: what
+    is known of the place, or its file (default: site.toml beside the trials). calibrated_on: the trials that the
+    ship was calibrated on, or the folder of that run. If those are other trials, what they show already is no news;
+    otherwise the priors from before the calibration count. options: step, seed, ...; progress: called as the work
+    goes on. Returns the verdict with all that led to it; "unknown" with the reason where the ship explodes along
+    the trials. Raises UserError for input from which nothing can be concluded, and OutOfTimeError where the time
+    limit is reached before there is a verdict; what comes after it is left out then, with a warning.
     """
     o = options or DiagnosisOptions()
     with time_limit(o.time_limit):
@@ -100,13 +101,14 @@ def _within_time(
 ) -> Diagnosis:
     """``diagnose`` with the clock running."""
     began = time.perf_counter()
+    trials, tests, by_role = parted(trials, tests, o.between)
     trials, copies = diagnosable_trials(trials)
     groups = group_trials(trials, o.between) if o.between else None
     ship, remarks = diagnosable(ship)
     place = site if isinstance(site, Site) else read_site(trials, ship, site)
     kept, shared = independent_tests(trials, tests)
     known = calibration_trials(ship, trials, calibrated_on)
-    remarks += [*copies, *shared, *known.remarks, *place.notices]
+    remarks += [*by_role, *copies, *shared, *known.remarks, *place.notices]
     inputs = DiagnosisInputs(tuple(data_rows(trials)), tuple(data_rows(kept)), o.command, o.seed, versions())
     try:
         found = _diagnosed(ship, trials, kept, place, o, known, groups, progress)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from cases.checks import inputs_are_constant
 from cases.checks.duplicates import duplicates
-from cases.checks.held_out import without_copies
+from cases.checks.held_out import by_role, without_copies
 from cases.io.read import read_trials
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
@@ -71,6 +71,7 @@ def diagnosis_store(
     resume: continue where ``out`` is there.
     """
     kept = ("step", "seed", "learn", "between", "bootstrap")
+    trials, tests, _ = parted(trials, tests, options.between)
     about = {
         "options": {name: getattr(options, name) for name in kept},
         "ship": hash_of_ship(ship),
@@ -79,6 +80,27 @@ def diagnosis_store(
         "--test": hashes_of_trials(tests),
     }
     return Store(out / "parts", about, resume and out.exists())
+
+
+def parted(
+    trials: Sequence[Trial], tests: Sequence[Trial], between: str | None = None
+) -> tuple[list[Trial], list[Trial], list[Message]]:
+    """The ``trials`` to diagnose by, those to check on, and messages on those whose role in trials.toml decides.
+
+    trials with the role test or validate take no part and are checked on with the ``tests``; where groups are compared
+    ``between`` roles, all take part. Raises UserError where none is left to diagnose by.
+    """
+    kept, out = by_role(trials) if between != "role" else (list(trials), [])
+    if not out:
+        return kept, list(tests), []
+    names = ", ".join(t.name for t in out)
+    if not kept:
+        words = (
+            "trials.toml gives them the role test or validate; none is left to diagnose by: give them the role train"
+        )
+        raise UserError(f"{names}: {words}")
+    words = f"not diagnosed by but checked on, by their role in trials.toml: {names}"
+    return kept, [*tests, *out], [Message(words, "role_held_out")]
 
 
 def diagnosable_trials(trials: Sequence[Trial]) -> tuple[list[Trial], list[Message]]:

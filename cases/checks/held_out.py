@@ -22,13 +22,19 @@ def training_trials(trials: Sequence[Trial]) -> tuple[list[Trial], list[Message]
 
     Raises UserError when none is left.
     """
-    kept = [t for t in trials if t.role not in ("test", "validate")]
-    out = ", ".join(t.name for t in trials if t.role in ("test", "validate"))
+    kept, out = by_role(trials)
+    names = ", ".join(t.name for t in out)
     if out and not kept:
-        raise UserError(f"{out}: trials.toml gives them the role test or validate; none is left to train on")
-    messages = [Message(f"not trained on, by their role in trials.toml: {out}", "role_held_out")] if out else []
+        raise UserError(f"{names}: trials.toml gives them the role test or validate; none is left to train on")
+    messages = [Message(f"not trained on, by their role in trials.toml: {names}", "role_held_out")] if out else []
     once, copies = without_copies(kept)
     return once, messages + copies
+
+
+def by_role(trials: Sequence[Trial]) -> tuple[list[Trial], list[Trial]]:
+    """Those of the ``trials`` that may train, and those that trials.toml keeps out by their role test or validate."""
+    out = [t for t in trials if t.role in ("test", "validate")]
+    return [t for t in trials if t.role not in ("test", "validate")], out
 
 
 def without_copies(trials: Sequence[Trial]) -> tuple[list[Trial], list[Message]]:

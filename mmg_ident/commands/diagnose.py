@@ -54,6 +54,8 @@ def diagnose(
     how much of the error of the --test trials they close. Writes diagnosis.json, report.html, figures and ship.toml
     (the ship with the named effects).
 
+    Trials whose role in trials.toml is test or validate take no part and are checked on, as those of --test.
+
     With --between day the trials of each day are a group, and every effect, instrument and coefficient is tested for
     another value in one of them: what has changed since last year?
 

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from cases.io import locks
 from cases.io.locks import alone
 
 MARK = ".run.lock"
@@ -25,16 +24,16 @@ def test_one_is_alone_until_it_ends(tmp_path: Path) -> None:
 
 def test_a_file_that_its_last_owner_removed_is_no_lock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Opened while another one had it, locked after that one removed it: a third would make a new file and enter."""
-    pytest.importorskip("fcntl")
-    taken, calls = locks._taken, []
+    fcntl = pytest.importorskip("fcntl")
+    lock, calls = fcntl.flock, []
 
-    def late(handle: int) -> bool:
+    def late(handle: int, how: int) -> None:
         calls.append(handle)
         if len(calls) == 1:
             (tmp_path / MARK).unlink()
-        return taken(handle)
+        lock(handle, how)
 
-    monkeypatch.setattr(locks, "_taken", late)
+    monkeypatch.setattr(fcntl, "flock", late)
     with alone(tmp_path / MARK) as first, alone(tmp_path / MARK) as second:
         assert (first, second) == (True, False) and len(calls) == 3
 

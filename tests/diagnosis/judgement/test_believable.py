@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,12 +12,12 @@ import pytest
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import priors_of_effects
 from diagnosis.hypotheses.forward_selection import Selection
-from diagnosis.inputs import diagnosable_trials
+from diagnosis.inputs import DiagnosisOptions, diagnosable_trials, diagnosis_store, parted
 from diagnosis.judgement.believable import believed, deviations
 from diagnosis.judgement.judged_search import JudgedSearch
 from mmg.errors import UserError
 from tests.diagnosis.judgement.test_verdict import RUNS, ready
-from tests.support.diagnosis_cases import candidate, pushed_trials
+from tests.support.diagnosis_cases import FEW, candidate, pushed_trials
 
 
 def off(fit: Estimate, *p: float) -> Estimate:
@@ -94,3 +95,16 @@ def test_trials_that_tell_nothing_are_refused_and_copies_count_once() -> None:
         diagnosable_trials([replace(one, columns={**one.columns, **still})])
     with pytest.raises(UserError, match="no trials to diagnose"):
         diagnosable_trials([])
+
+
+def test_trials_that_trials_toml_keeps_for_tests_take_no_part(tmp_path: Path) -> None:
+    first, second = pushed_trials(1, runs=RUNS)
+    kept, tests, (message,) = parted([replace(first, role="train"), replace(second, role="validate")], [first])
+    assert [t.name for t in kept] == [first.name] and [t.name for t in tests] == [first.name, second.name]
+    assert message.code == "role_held_out" and second.name in message
+    with pytest.raises(UserError, match="none is left to diagnose by"):
+        parted([replace(first, role="test")], [second])
+    roles = [first, replace(second, role="test")]
+    assert parted(roles, [], "role") == (roles, [], [])
+    stores = [diagnosis_store(tmp_path, FEW, trials, [], DiagnosisOptions(), "") for trials in ([first, second], roles)]
+    assert stores[0].about != stores[1].about, "parts of one would be resumed by the other"

@@ -172,7 +172,8 @@ def bare(trial: Trial, *names: str) -> Trial:
 
 @pytest.fixture(scope="module")
 def poor(folder: Path) -> Path:
-    """Three zigzags, one without positions, one without wind; tests that are the first of them, twice, and a third."""
+    """Three zigzags, one without positions, one without wind, beside a trial whose role is test; the first, twice, as
+    tests."""
     poor = folder / "poor"
     (poor / "train").mkdir(parents=True)
     (poor / "test").mkdir()
@@ -184,17 +185,19 @@ def poor(folder: Path) -> Path:
     shutil.copy(poor / "train" / "zigzag_a.csv", poor / "test" / "again.csv")
     late = {**a.columns, "t": a.t + 1000.0}
     write_trial(replace(a, columns={k: v[100:] for k, v in late.items()}), poor / "test" / "renamed.csv")
+    shutil.copy(folder / "test" / "random.csv", poor / "train")
+    (poor / "train" / "trials.toml").write_text('[files."random.csv"]\nrole = "test"\n')
     return poor
 
 
-def test_what_poor_trials_cannot_say_is_said_and_the_rest_is_concluded(folder: Path, poor: Path) -> None:
-    tests = [poor / "test", folder / "test" / "random.csv"]
-    where = ("--test", *tests, "--out", poor / "run")
+def test_what_poor_trials_cannot_say_is_said_and_the_rest_is_concluded(poor: Path) -> None:
+    where = ("--test", poor / "test", "--out", poor / "run")
     with unrendered():
         content = shown("diagnose", poor / "ship.toml", poor / "train", *where, *OPTIONS)
     said = content["warnings"]
     for words in (
         "was not calibrated",
+        "not diagnosed by but checked on, by their role in trials.toml: random",
         "no positions in zigzag_b: effects of place and of satellite sensors hardly show there",
         "no wind columns in zigzag_c: calm air is assumed",
         "all trials are of one kind (zigzag): many effects look alike in them",

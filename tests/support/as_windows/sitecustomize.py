@@ -18,7 +18,6 @@ from types import SimpleNamespace
 HANDLES = Path("/proc/self/fd")
 
 
-
 def locking(handle, mode, size, flock=fcntl.flock):
     """The function of msvcrt: a lock of the open file, which another holds (EACCES) or not."""
     assert mode == 2 and size == 1, "only what is used is simulated"
