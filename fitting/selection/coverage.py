@@ -32,7 +32,7 @@ def bounded(ship: Ship, trials: Sequence[Trial]) -> Ship:
         most = np.nanmax(np.abs(values) if sign == 0 else sign * values, initial=0.0)
         least = SMALL * reference_speed(L) / (L if column == "r" else 1.0)
         found[name] = float(f"{BEYOND * max(most, least):.4g}")
-    return replace(ship, particulars=ship.particulars | found)
+    return replace(ship, particulars={**ship.particulars, **found})
 
 
 def fault(candidate: StructureCandidate, trials: Sequence[Trial]) -> str:
