@@ -94,9 +94,11 @@ def information(problem: Problem, x: np.ndarray) -> Information:
         T, off = parts.maps[i], parts.off[i]
         price = problem.jump_weight[i][:, None] * problem.scale[problem.random] ** 2
         H, slope = minimised_over_jumps(V[w], v[w], problem.random, price)
-        pulled = np.swapaxes(T, 1, 2) @ (slope + (H @ off[:, :, None])[:, :, 0])[:, :, None]
-        V[w] = np.swapaxes(T, 1, 2) @ H @ T + parts.inside[i] + parts.nodes[start]
-        v[w] = pulled[:, :, 0] + parts.inside_slope[i] + parts.node_slope[start]
+        slope = slope + (H @ off[:, :, None])[:, :, 0]
+        pulled = (np.swapaxes(T, 1, 2) @ slope[:, :S, None])[:, :, 0]
+        pulled[:, S:] += slope[:, S:]
+        V[w] = pulled_back(H, T) + parts.inside[i] + parts.nodes[start]
+        v[w] = pulled + parts.inside_slope[i] + parts.node_slope[start]
     solved = np.linalg.solve(V[:, :S, :S], np.concatenate([V[:, :S, S:], v[:, :S, None]], axis=2))
     across = np.swapaxes(V[:, :S, S:], 1, 2) @ solved
     local = V[:, S:, S:] - across[:, :, :L]
@@ -122,8 +124,8 @@ def intervals_by_level(seg: Segments) -> list[np.ndarray]:
 @dataclass(frozen=True)
 class Quadratics:
     """Parts of the windows' cost at x, in scaled (state, p): quadratics and slopes of the samples inside each interval
-    and at each node, (M or B, S + L, S + L) and (M or B, S + L), the map of each interval from its start to its end
-    (M, S + L, S + L), and what the end is off the next node (M, S + L)."""
+    and at each node, (M or B, S + L, S + L) and (M or B, S + L), the map of each interval from (start, p) to its end
+    (M, S, S + L), and what the end is off the next node (M, S + L)."""
 
     inside: np.ndarray
     inside_slope: np.ndarray
@@ -201,20 +203,32 @@ def _at_nodes(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _transitions(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """d(end, p) / d(start, p) of the intervals; and what the end is off the next node, a latent state taken where it
+    """d end / d (start, p) of the intervals; and what the end is off the next node, a latent state taken where it
     would be without a jump."""
     S, L, random = problem.S, problem.L, problem.random
     nodes, _, end, _ = problem.evaluate(x)
     off = np.zeros((problem.M, S + L))
     off[:, :S] = (end.T - nodes[problem.segments.end]) / problem.scale
     off[:, random] = problem.process_jumps(nodes) / problem.scale[random]
-    T = np.zeros((problem.M, S + L, S + L))
     ends = np.concatenate([sweep.S_end for sweep in problem.sweep(x)])
-    T[:, :S] = ends * _unit(problem, problem.columns.interval) / problem.scale[:, None]
+    T = ends * _unit(problem, problem.columns.interval) / problem.scale[:, None]
     T[:, random] = 0.0
     T[:, random, random] = problem.decay[:, None]
-    T[:, np.arange(S, S + L), np.arange(S, S + L)] = 1.0
     return T, off
+
+
+def pulled_back(H: np.ndarray, T: np.ndarray) -> np.ndarray:
+    """Quadratics (m, n, n) in (start, p) from ``H`` (m, n, n) in (end, p), with the maps T (m, S, n) of ends.
+
+    Only S rows of the whole map are none of the identity, so the products cost S n^2 instead of n^3.
+    """
+    S, turned = T.shape[1], np.swapaxes(T, 1, 2)
+    found = turned @ (H[:, :S, :S] @ T)
+    across = turned @ H[:, :S, S:]
+    found[:, :, S:] += across
+    found[:, S:] += np.swapaxes(across, 1, 2)
+    found[:, S:, S:] += H[:, S:, S:]
+    return found
 
 
 def minimised_over_jumps(

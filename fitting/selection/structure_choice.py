@@ -35,6 +35,8 @@ from mmg.ship import Ship
 WINDOW, REFINED_WINDOW = 100.0, 30.0
 """Length of the windows fitted [s of a 3 m model]: of the ship as given, that of the paper's subsequences; of a
 polynomial that is refined, that of the windows by which it is judged."""
+INTERVAL = 10
+"""Steps of a shooting interval of a polynomial, half as long as those of others: there are as many."""
 LARGEST = 1000
 """Most unknowns of a candidate that is tried without being named."""
 REFINED = 2
@@ -190,29 +192,35 @@ def _window_error(ship: Ship, trials: Sequence[Trial], sigma: np.ndarray) -> flo
 
 @dataclass(frozen=True)
 class _Work:
-    """What all fits share: trials to fit on and to choose by, sigma of the errors, settings."""
+    """What all fits share: trials to fit on and to choose by, sigma of the errors, settings; scale of time, by a 3 m
+    model; free coefficients of the ship as given, which count as unknowns of a polynomial on top of her."""
 
     train: Sequence[Trial]
     validate: Sequence[Trial]
     sigma: np.ndarray
     settings: Settings
     scale: float
+    own: frozenset[str]
 
     @classmethod
     def of(cls, ship: Ship, train: Sequence[Trial], validate: Sequence[Trial], settings: Settings) -> _Work:
-        return cls(train, validate, pooled_sigma(train), settings, time_scale(ship.particulars["L"]))
+        scale = time_scale(ship.particulars["L"])
+        return cls(train, validate, pooled_sigma(train), settings, scale, frozenset(ship.free))
 
     def settings_of(self, one: StructureCandidate) -> Settings:
         """Those of the multiple shooting of a candidate: a polynomial takes shorter windows and steps."""
         window = self.settings.window or (REFINED_WINDOW if one.order else WINDOW) * self.scale
         step = max(STEP * self.scale, min(t.dt for t in self.train)) if one.order else None
-        return replace(self.settings, window=window, step=self.settings.step or step)
+        interval = INTERVAL if one.order else self.settings.interval
+        return replace(self.settings, window=window, step=self.settings.step or step, interval=interval)
 
     def row(self, one: StructureCandidate, ship: Ship, began: float | None = None, **more: Any) -> Tried:
         """The row of a candidate that became ``ship``, and what it took since ``began``."""
         training, validation = (_window_error(ship, some, self.sigma) for some in (self.train, self.validate))
         seconds = 0.0 if began is None else time.perf_counter() - began
         found = replace(_row(one, validation=validation, training=training, seconds=seconds), **more)
+        if one.name.startswith(f"{GIVEN}+"):
+            found = replace(found, unknowns=len(self.own | set(one.ship.free)))
         LOGGER.info(f"{found.name}: {found.unknowns} unknowns, validation {validation:.4g}, training {training:.4g}")
         return found
 

@@ -115,7 +115,12 @@ def test_the_choice_has_less_error_than_the_start_thins_out_and_is_a_whole_run(t
     assert rows[choice.chosen].validation <= 1.02 * best or rows[choice.chosen].stable == 1000
     figure = structure_plot(choice.to_dict()["candidates"], choice.chosen)
     words = {text.get_text() for text in figure.axes[0].texts}
-    assert f"{choice.chosen} (chosen)" in words and len(words) == len(rows) - ("as given" not in words)
+    named = {word.removesuffix(" (chosen)") for word in words}
+    assert f"{choice.chosen} (chosen)" in words and named <= set(rows)
+    front = [row for row in rows.values() if row.name in named - {"as given", choice.chosen}]
+    assert min((r for r in rows.values() if r.unknowns), key=lambda r: r.validation).name in named
+    for row in front:
+        assert not any(r.validation < row.validation for r in rows.values() if 0 < r.unknowns <= row.unknowns)
     saved = choice.result.save(tmp_path / "run")
     assert saved.folder is not None and load_ship(tmp_path / "run").monomials == choice.result.ship.monomials
 
