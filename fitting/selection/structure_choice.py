@@ -121,11 +121,11 @@ def choose_structure(
 
     trials: to fit on, to choose by, to test once; settings: of the fits; named: the candidates were named by the user,
     so that one that the trials cannot determine is an error; progress: called before each fit. Each polynomial is also
-    tried without the terms that its evidence speaks against, and the best REFINED are fitted by multiple shooting too.
-    Those on top of the ship's own forces take these as calibrated, where the ship is a candidate itself. A model that
-    diverges in one of SEQUENCES random harbour sequences is not chosen while another one does not. Raises UserError
-    where no candidate can be fitted, for trials without positions, and for a named one that the trials cannot
-    determine.
+    tried without the terms that its evidence speaks against, and the best REFINED are fitted by multiple shooting too;
+    that is chosen only where it predicts the trials of the fit better. Those on top of the ship's own forces take these
+    as calibrated, where the ship is a candidate itself. A model that diverges in one of SEQUENCES random harbour
+    sequences is not chosen while another one does not. Raises UserError where no candidate can be fitted, for trials
+    without positions, and for a named one that the trials cannot determine.
     """
     train, validate, test = trials
     _check(train, validate)
@@ -151,7 +151,11 @@ def choose_structure(
     for one_fitted in best_by_regression[:REFINED]:
         if progress:
             progress(Progress(f"refining {one_fitted.row.name}", len(given), len(given)))
-        fitted.append(work.shot(one_fitted.start, one_fitted.values))
+        refined = work.shot(one_fitted.start, one_fitted.values)
+        if refined.row.training <= one_fitted.row.training:
+            fitted.append(refined)
+        else:  # no refinement: better by its own measure, not by that of the choice
+            table.append(refined.row)
     if not fitted:
         raise UserError(f"no candidate can be fitted: {'; '.join(row.left_out for row in table[1:4])}")
     best, checked = _stable_best(fitted, work.settings)
@@ -219,7 +223,7 @@ class _Work:
         training, validation = (_window_error(ship, some, self.sigma) for some in (self.train, self.validate))
         seconds = 0.0 if began is None else time.perf_counter() - began
         found = replace(_row(one, validation=validation, training=training, seconds=seconds), **more)
-        if one.name.startswith(f"{GIVEN}+"):
+        if found.name.startswith(f"{GIVEN}+"):
             found = replace(found, unknowns=len(self.own | set(one.ship.free)))
         LOGGER.info(f"{found.name}: {found.unknowns} unknowns, validation {validation:.4g}, training {training:.4g}")
         return found
