@@ -141,7 +141,7 @@ def _diagnosed(
     timings = {"fit": time.perf_counter() - began}
     p = ready.problem
     result = judged_search(ready, _like_training(tests, ready), options, progress)
-    found, (verdict, reasons, doubt) = result.found, believed(result, ready)
+    found, (verdict, reasons, doubt) = result.found, believed(result, ready, trials)
     timings["screen, refits, test trials"] = time.perf_counter() - began - timings["fit"]
     LOGGER.info("tested and refitted: " + (", ".join(c.label for c in found.effects) or "no effect stands out"))
     chance = ready.line[0]

@@ -1,11 +1,15 @@
-"""Whether an answer is believed: not where the coefficients are those of another ship, and no delay that may be the way
-in which the inputs were sampled."""
+"""Whether an answer is believed: not where the coefficients are those of another ship, no delay that may be the way in
+which the inputs were sampled, and not that nothing is missing where outliers hide it."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.stats import chi2
 
+from cases.checks.sampling import VELOCITIES, spikes
+from cases.trial import Trial
 from diagnosis.estimation.gridded_trials import COARSE
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.judgement.judged_search import JudgedSearch
@@ -23,18 +27,21 @@ FAR_WITHOUT = 8.0
 half, true coefficients are four or five off."""
 FAR_BEFORE = 4.0
 """The same of one coefficient without any effect, where something is left beside a name that no test trial confirms."""
+SPIKY = 2e-3
+"""Share of single samples far off both neighbours from which they decide the noise that is found."""
 SHOWN = 4
 """Coefficients listed."""
 TIMES = {"control_delay": "tau", "rudder_lag": "T"}
 """Effects that half a sample of the actuators looks like, and their time."""
 
 
-def believed(result: JudgedSearch, ready: Prepared) -> tuple[str, list[Message], str]:
+def believed(result: JudgedSearch, ready: Prepared, trials: Sequence[Trial] = ()) -> tuple[str, list[Message], str]:
     """The verdict of ``result`` with its reasons, or "unknown" where it is not believed, and a sentence on why.
 
-    result: the selection judged; ready: the problem and its fit without effects. A ship whose coefficients are wrong
-    throughout still follows the trials once all of them are free, and an effect makes up for the rest: then neither
-    its name nor that nothing is missing is true. Returns (verdict, reasons, sentence or "").
+    result: the selection judged; ready: the problem and its fit without effects; trials: as they were logged. A
+    ship whose coefficients are wrong throughout still follows the trials once all of them are free, and an effect
+    makes up for the rest: then neither its name nor that nothing is missing is true. Outliers are taken for noise,
+    beside which no effect shows. Returns (verdict, reasons, sentence or "").
     """
     reasons = list(result.reasons)
     if result.verdict == "unknown":
@@ -42,12 +49,26 @@ def believed(result: JudgedSearch, ready: Prepared) -> tuple[str, list[Message],
     ship = ready.full.ship
     named = result.verdict == "named"
     doubt, code = _another_ship(result, ready), "not_described"
+    outliers = _outliers(trials)
+    if outliers and not doubt and not named:
+        doubt, code, outliers = outliers, "spikes", ""
+    reasons += [Message(outliers, "spikes")] if outliers else []
     if not doubt and named and ready.problem.data.sample > COARSE * time_scale(float(ship.particulars["L"])):
         doubt, code = _half_a_sample(result, ready), "half_a_sample"
     if not doubt:
         return result.verdict, reasons, ""
     outcome = "the name is withdrawn" if named else "that nothing is missing cannot be said"
     return "unknown", [*reasons, Message(f"{doubt}: {outcome}", code)], f"No cause can be named: {doubt}."
+
+
+def _outliers(trials: Sequence[Trial]) -> str:
+    """What is to be said of the outliers in ``trials``, or nothing where they are too few to matter."""
+    counts = {t.name: sum(spikes(t[c]) for c in VELOCITIES if c in t) for t in trials}
+    if sum(counts.values()) <= SPIKY * sum(len(t) for t in trials):
+        return ""
+    names = ", ".join(f"{count} in {name}" for name, count in counts.items() if count)
+    words = f"single samples of {', '.join(VELOCITIES)} are far off both neighbours ({names})"
+    return f"{words}, and so much noise hides what the model lacks; leave these cells empty"
 
 
 def deviations(fit: Estimate, ship: Ship) -> dict[str, float]:

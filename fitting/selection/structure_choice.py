@@ -26,6 +26,7 @@ from fitting.selection.increments import STEP, increments
 from fitting.selection.regression import regress
 from fitting.selection.stability import SEQUENCES, Stability, stability
 from fitting.settings import Settings
+from fitting.solvers.interrupts import INTERRUPTED
 from mmg.errors import UserError
 from mmg.motion.froude import time_scale
 from mmg.progress import LOGGER, OnProgress, Progress
@@ -162,6 +163,8 @@ def choose_structure(
     rows = [checked.get(f.row.name, f.row) for f in fitted]
     options = FitOptions(start=best.values, hold=best.held, instruments=INSTRUMENTS, next_trial=False)
     result = calibrate(best.start.ship, train, validate, work.settings_of(best.start), options, progress)
+    if INTERRUPTED.requested:
+        raise KeyboardInterrupt
     if table[0].validation < best.row.validation:
         worse = f"the ship as given predicts the validation trials better ({table[0].validation:.4g}): keep her"
         result = replace(result, messages=(MessageRow("warning", "worse_after", worse), *result.messages))
@@ -252,6 +255,8 @@ class _Work:
         began = time.perf_counter()
         start = with_instruments(one.ship, INSTRUMENTS)
         found = estimate_coefficients(start, self.train, self.settings_of(one), warm=started_from(start, values))
+        if INTERRUPTED.requested:  # the solver stopped early: no estimate to choose by
+            raise KeyboardInterrupt
         named = replace(one, name=one.name + SHOT) if values else one
         row = self.row(named, found.ship, began, converged=found.converged)
         return _Fitted(row, found.ship, named, values, False)

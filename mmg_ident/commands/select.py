@@ -89,7 +89,7 @@ def select(
         found = candidates(model, rules)
         print_json({"ship": model.name, "candidates": [_row(c) for c in found]}) if json else _print(found)
         return 0
-    one = candidate(model, str(terms or write), rules)
+    one = candidate(model, str(write if terms is None else terms), rules)
     for notice in one.ship.notices:
         say(f"note: {notice}")
     if out is not None:

@@ -9,6 +9,7 @@ even (stays) or odd (changes its sign): u, revolutions, cosines are even, v, r, 
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -62,15 +63,16 @@ def parse_devices(text: str) -> tuple[Device, ...]:
     """
     devices = [Device(tuple(name.strip() for name in item.split("+"))) for item in text.split(",") if item.strip()]
     names = [name for device in devices for name in device.names]
-    for name in names:
+    text, given = _shown(text), Counter(names)
+    for name in given:
         if name not in INPUTS or name == "pitch":
             raise UserError(
-                f"actuators '{text}': '{name}' is none; known: {', '.join(n for n in INPUTS if n != 'pitch')}"
+                f"actuators '{text}': '{_shown(name)}' is none; known: {', '.join(n for n in INPUTS if n != 'pitch')}"
             )
         if name.startswith("n_azimuth"):
             raise UserError(f"actuators '{text}': name a pod by its angle, {name.removeprefix('n_')}")
-        if names.count(name) > 1:
-            raise UserError(f"actuators '{text}': {name} is given {names.count(name)} times")
+        if given[name] > 1:
+            raise UserError(f"actuators '{text}': {name} is given {given[name]} times")
     for device in devices:
         kinds = {(INPUTS[name][1], name in TUNNELS, _is_pod(name)) for name in device.names}
         if len(device.names) > 2 or len(kinds) > 1:
@@ -78,6 +80,11 @@ def parse_devices(text: str) -> tuple[Device, ...]:
     if not devices:
         raise UserError("actuators: the list is empty; name at least one, such as n")
     return tuple(devices)
+
+
+def _shown(text: str) -> str:
+    """The ``text``, of a longer one its beginning."""
+    return text if len(text) <= 100 else f"{text[:90]} ..."
 
 
 def devices_of(inputs: Sequence[str], particulars: Mapping[str, float]) -> tuple[Device, ...]:

@@ -65,6 +65,14 @@ class Structure:
         if self.order < 1:
             raise UserError(f"order {self.order}: must be at least 1")
         regimes(self)
+        count = len(variables(self.devices))
+        terms = math.comb(count + self.order, self.order) - 1
+        if terms > MOST:
+            many = str(terms) if terms < 1e9 else f"{terms:.1e}"
+            raise UserError(
+                f"order {self.order} of {count} variables has {many} monomials for each force, more than {MOST}; lower "
+                "the order or shorten the list of actuators"
+            )
 
     @property
     def words(self) -> str:
@@ -108,17 +116,8 @@ Powers = tuple[tuple[ExpansionVariable, int], ...]
 
 
 def monomials(structure: Structure, force: str) -> tuple[Powers, ...]:
-    """The monomials of ``force`` ("X", "Y" or "N") in one sub-model of a ``structure``, by order.
-
-    Raises UserError for a structure of more than MOST monomials.
-    """
+    """The monomials of ``force`` ("X", "Y" or "N") in one sub-model of a ``structure``, by order."""
     several = variables(structure.devices)
-    count = math.comb(len(several) + structure.order, structure.order) - 1
-    if count > MOST:
-        raise UserError(
-            f"order {structure.order} of {len(several)} variables has {count} monomials for each force, more than "
-            f"{MOST}; lower the order or shorten the list of actuators"
-        )
     found = []
     for degree in range(1, structure.order + 1):
         for product in itertools.combinations_with_replacement(several, degree):

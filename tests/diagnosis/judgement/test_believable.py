@@ -108,3 +108,17 @@ def test_trials_that_trials_toml_keeps_for_tests_take_no_part(tmp_path: Path) ->
     assert parted(roles, [], "role") == (roles, [], [])
     stores = [diagnosis_store(tmp_path, FEW, trials, [], DiagnosisOptions(), "") for trials in ([first, second], roles)]
     assert stores[0].about != stores[1].about, "parts of one would be resumed by the other"
+
+
+def test_nothing_is_said_to_be_there_where_outliers_hide_it() -> None:
+    """One outlier in many trials decides no noise; one in a hundred samples does. A name stands in spite of them."""
+    trial = pushed_trials(1, runs=RUNS)[0]
+    null, u = off(ready().null), trial["u"].copy()
+    u[20::100] += 3.0
+    spiky = [replace(trial, columns={**trial.columns, "u": u})]
+    for trials, verdict in ((spiky + [trial] * 20, "none"), (spiky, "unknown")):
+        found, reasons, sentence = believed(judged("none", null, null), ready(), trials)
+        assert found == verdict and ("leave these cells empty" in sentence) == (verdict == "unknown")
+        assert [m.code for m in reasons] == ["spikes"] * (verdict == "unknown")
+    found, reasons, sentence = believed(judged("named", null, off(null, 2.0)), ready(), spiky)
+    assert (found, sentence) == ("named", "") and [m.code for m in reasons] == ["spikes"]

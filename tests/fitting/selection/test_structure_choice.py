@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from cases.simulation.harbour_inputs import harbour_inputs
 from cases.simulation.sensors import SensorNoise, add_noise
 from cases.simulation.simulate import simulate_controls, write_trial
 from cases.trial import Trial
+from fitting.calibration import Calibration, estimate_coefficients
 from fitting.nlp.captive import Captive
 from fitting.report.plot_structures import structure_plot
 from fitting.selection.anchors import COUNT_AS, POINTS, anchor_points
@@ -22,6 +24,7 @@ from fitting.selection.coverage import BEYOND, bounded, fault
 from fitting.selection.stability import stability
 from fitting.selection.structure_choice import choose_structure
 from fitting.settings import Settings
+from fitting.solvers.interrupts import INTERRUPTED
 from mmg.errors import UserError
 from mmg.model import assemble
 from mmg_ident.commands.main import main
@@ -123,6 +126,20 @@ def test_the_choice_has_less_error_than_the_start_thins_out_and_is_a_whole_run(t
         assert not any(r.validation < row.validation for r in rows.values() if 0 < r.unknowns <= row.unknowns)
     saved = choice.result.save(tmp_path / "run")
     assert saved.folder is not None and load_ship(tmp_path / "run").monomials == choice.result.ship.monomials
+
+
+def test_ctrl_c_within_one_fit_ends_the_choice(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The solver returns its best iterate then, which is no estimate to choose by."""
+
+    def interrupted(*arguments: Any, **options: Any) -> Calibration:
+        found = estimate_coefficients(*arguments, **options)
+        monkeypatch.setattr(INTERRUPTED, "requested", True)
+        return found
+
+    monkeypatch.setattr("fitting.selection.structure_choice.estimate_coefficients", interrupted)
+    runs, given = harbour(3), [candidate(ESSO, "sm1-order1")]
+    with pytest.raises(KeyboardInterrupt):
+        choose_structure(ESSO, given, (runs[:2], runs[2:], ()), Settings(passes=1, max_iterations=2))
 
 
 def test_the_command_writes_a_run_folder_that_is_a_ship(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -52,10 +52,14 @@ def test_a_candidate_is_written_as_a_ship_file_that_is_read(tmp_path: Path) -> N
         (["vectwin_3m", "--list", "--actuators", "n, sail"], "'sail' is none"),
         (["vectwin_3m", "--list", "--order", "0"], "order 0"),
         (["vectwin_3m", "--list", "--order", "40"], "monomials for each force"),
+        (["esso_osaka_3m", "--list", "--order", "99999999"], "order 13 of 6 variables has 27131 monomials"),
+        (["esso_osaka_3m", "--terms", ""], "no candidate ''"),
+        (["vectwin_3m", "--list", "--actuators", "n, " * 2000], "n is given 2000 times"),
+        (["vectwin_3m", "--list", "--actuators", "q" * 2000], "qqq ...' is none"),
         (["vectwin_3m", "--list", "--duplicates", "some"], "known are paper"),
     ],
 )
 def test_bad_input_is_one_line(arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["select", *arguments]) == 2
     told = capsys.readouterr().err.strip()
-    assert words in told and "\n" not in told
+    assert words in told and "\n" not in told and len(told) < 600
