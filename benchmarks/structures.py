@@ -24,7 +24,8 @@ from cases.simulation.simulate import simulate_controls
 from cases.trial import Trial
 from fitting.prediction.score import pooled_sigma, score
 from fitting.selection.candidates import Rules, candidate
-from fitting.selection.structure_choice import StructureChoice, choose_structure
+from fitting.selection.choice import StructureChoice
+from fitting.selection.structure_choice import choose_structure
 from fitting.settings import Settings
 from mmg.rollout import Simulator
 from mmg.ship import Ship

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,15 +17,18 @@ import numpy as np
 from cases.shipfiles.model_changes import with_instruments
 from cases.trial import Trial
 from fitting.calibration import estimate_coefficients
+from fitting.parallel import run_all
 from fitting.pipeline import FitOptions, calibrate, started_from
 from fitting.prediction.score import pooled_sigma, score
 from fitting.record import MessageRow
-from fitting.result import FitResult
 from fitting.selection.candidates import GIVEN, StructureCandidate
+from fitting.selection.choice import StructureChoice, Tried
 from fitting.selection.coverage import bounded, fault
 from fitting.selection.increments import STEP, increments
+from fitting.selection.kept import Kept
 from fitting.selection.regression import regress
-from fitting.selection.stability import SEQUENCES, Stability, stability
+from fitting.selection.stability import SEQUENCES, stability
+from fitting.selection.subsequences.learned import Learned, Method, learn_all
 from fitting.settings import Settings
 from fitting.solvers.interrupts import INTERRUPTED
 from mmg.errors import UserError
@@ -54,52 +58,6 @@ THINNED, SHOT = "-thinned", "-refined"
 
 
 @dataclass(frozen=True)
-class Tried:
-    """One candidate and what became of it.
-
-    unknowns: free coefficients; validation, training: mean squared error of 30 s windows, by the variance of the
-    trials; stable: sequences of ``stability`` that did not diverge, of those simulated; left_out: why it was not tried.
-    """
-
-    name: str
-    words: str
-    unknowns: int
-    terms: int
-    validation: float = float("nan")
-    training: float = float("nan")
-    converged: bool = False
-    seconds: float = 0.0
-    stable: int = 0
-    sequences: int = 0
-    left_out: str = ""
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values, NaN as None."""
-        return {k: None if isinstance(v, float) and not np.isfinite(v) else v for k, v in asdict(self).items()}
-
-
-@dataclass(frozen=True)
-class StructureChoice:
-    """The chosen candidate, calibrated; the table of all; errors on the test trials of some models; its stability."""
-
-    chosen: str
-    result: FitResult
-    table: tuple[Tried, ...]
-    test: dict[str, float]
-    stability: Stability
-
-    def to_dict(self) -> dict[str, Any]:
-        """Content of selection.json."""
-        test = {name: value if np.isfinite(value) else None for name, value in self.test.items()}
-        return {
-            "chosen": self.chosen,
-            "candidates": [row.to_dict() for row in self.table],
-            "test": test,
-            "stability": asdict(self.stability),
-        }
-
-
-@dataclass(frozen=True)
 class _Fitted:
     """A candidate with its estimate. values: by regression, empty for the ship as given; held: no more than these."""
 
@@ -117,6 +75,8 @@ def choose_structure(
     settings: Settings | None = None,
     named: bool = False,
     progress: OnProgress | None = None,
+    learned: Method | None = None,
+    kept: Kept | None = None,
 ) -> StructureChoice:
     """The best of candidates ``given`` for ``ship``, calibrated.
 
@@ -125,38 +85,40 @@ def choose_structure(
     tried without the terms that its evidence speaks against, and the best REFINED are fitted by multiple shooting too;
     that is chosen only where it predicts the trials of the fit better. Those on top of the ship's own forces take these
     as calibrated, where the ship is a candidate itself. A model that diverges in one of SEQUENCES random harbour
-    sequences is not chosen while another one does not. Raises UserError where no candidate can be fitted, for trials
-    without positions, and for a named one that the trials cannot determine.
+    sequences is not chosen while another one does not. learned: polynomials are learned by the objective of the paper
+    instead, and not refined; kept: finished fits, which are taken from there, and to which others are added;
+    settings.workers: processes over which fits are spread. Raises UserError where no candidate can be fitted, for
+    trials without positions, and for a named one that the trials cannot determine.
     """
     train, validate, test = trials
     _check(train, validate)
-    work = _Work.of(ship, train, validate, settings or Settings())
+    work = _Work.of(ship, train, validate, settings or Settings(), kept or Kept())
     fitted: list[_Fitted] = []
     table = [work.row(given[0], ship, name=START, words="the ship as given, not fitted", unknowns=0, terms=0)]
+    able, left_out = _able(given, train, named)
+    table += left_out
+    runs: dict[str, tuple[Learned, ...]] = {}
+    if learned:
+        if progress:
+            progress(Progress(f"learning {len(able)} candidates", 0, len(given)))
+        runs = learn_all([work.prepared(one) for one in able if one.order], (train, validate), learned, kept)
     calibrated: Ship | None = None
-    for number, one in enumerate(sorted(given, key=lambda one: one.name != GIVEN)):
-        reason = fault(one, train) or ("" if named or one.unknowns <= LARGEST else f"more than {LARGEST} unknowns")
-        if reason and named:
-            raise UserError(reason)
-        if reason:
-            table.append(_row(one, left_out=reason))
-            continue
+    for number, one in enumerate(able):
         if progress:
             progress(Progress(f"fitting {one.name}", number, len(given)))
         if not one.order:
-            fitted.append(work.shot(one, {}))
+            fitted += work.shots([(one, {})])
             calibrated = fitted[-1].ship
+        elif learned:
+            fitted.append(work.learned(one, runs[one.name][0]))
         else:
             fitted += work.regressed(_based_on(one, calibrated))
-    best_by_regression = sorted((f for f in fitted if f.start.order and f.row.unknowns <= LARGEST_REFINED), key=_error)
-    for one_fitted in best_by_regression[:REFINED]:
+    if not learned:
         if progress:
-            progress(Progress(f"refining {one_fitted.row.name}", len(given), len(given)))
-        refined = work.shot(one_fitted.start, one_fitted.values)
-        if refined.row.training <= one_fitted.row.training:
-            fitted.append(refined)
-        else:  # no refinement: better by its own measure, not by that of the choice
-            table.append(refined.row)
+            progress(Progress("refining the best polynomials", len(given), len(given)))
+        better, no_better = work.refined(fitted)
+        fitted += better
+        table += no_better
     if not fitted:
         raise UserError(f"no candidate can be fitted: {'; '.join(row.left_out for row in table[1:4])}")
     best, checked = _stable_best(fitted, work.settings)
@@ -172,7 +134,23 @@ def choose_structure(
     models = {START: ship, **{f"{name} calibrated": own for name, own in others.items()}, "chosen": result.ship}
     errors = {name: _window_error(model, test, work.sigma) for name, model in models.items()} if test else {}
     final = stability(result.ship, SEQUENCES, work.settings.seed, work.settings.compiled)
-    return StructureChoice(best.row.name, result, (*rows, *table), errors, final)
+    return StructureChoice(best.row.name, result, (*rows, *table), errors, final, runs)
+
+
+def _able(
+    given: Sequence[StructureCandidate], train: Sequence[Trial], named: bool
+) -> tuple[list[StructureCandidate], list[Tried]]:
+    """The candidates that the trials may determine, the ship as given first, and rows on the others."""
+    able, left_out = [], []
+    for one in sorted(given, key=lambda one: one.name != GIVEN):
+        reason = fault(one, train) or ("" if named or one.unknowns <= LARGEST else f"more than {LARGEST} unknowns")
+        if reason and named:
+            raise UserError(reason)
+        if reason:
+            left_out.append(_row(one, left_out=reason))
+        else:
+            able.append(one)
+    return able, left_out
 
 
 def _check(train: Sequence[Trial], validate: Sequence[Trial]) -> None:
@@ -200,7 +178,8 @@ def _window_error(ship: Ship, trials: Sequence[Trial], sigma: np.ndarray) -> flo
 @dataclass(frozen=True)
 class _Work:
     """What all fits share: trials to fit on and to choose by, sigma of the errors, settings; scale of time, by a 3 m
-    model; free coefficients of the ship as given, which count as unknowns of a polynomial on top of her."""
+    model; free coefficients of the ship as given, which count as unknowns of a polynomial on top of her; finished fits.
+    """
 
     train: Sequence[Trial]
     validate: Sequence[Trial]
@@ -208,11 +187,12 @@ class _Work:
     settings: Settings
     scale: float
     own: frozenset[str]
+    kept: Kept
 
     @classmethod
-    def of(cls, ship: Ship, train: Sequence[Trial], validate: Sequence[Trial], settings: Settings) -> _Work:
+    def of(cls, ship: Ship, train: Sequence[Trial], validate: Sequence[Trial], settings: Settings, kept: Kept) -> _Work:
         scale = time_scale(ship.particulars["L"])
-        return cls(train, validate, pooled_sigma(train), settings, scale, frozenset(ship.free))
+        return cls(train, validate, pooled_sigma(train), settings, scale, frozenset(ship.free), kept)
 
     def settings_of(self, one: StructureCandidate) -> Settings:
         """Those of the multiple shooting of a candidate: a polynomial takes shorter windows and steps."""
@@ -250,16 +230,67 @@ class _Work:
             found.append(_Fitted(self.row(start, model, began, converged=True), model, start, estimate.values, True))
         return found
 
-    def shot(self, one: StructureCandidate, values: dict[str, float]) -> _Fitted:
-        """A candidate fitted by multiple shooting, from ``values`` by symbol."""
-        began = time.perf_counter()
-        start = with_instruments(one.ship, INSTRUMENTS)
-        found = estimate_coefficients(start, self.train, self.settings_of(one), warm=started_from(start, values))
-        if INTERRUPTED.requested:  # the solver stopped early: no estimate to choose by
-            raise KeyboardInterrupt
-        named = replace(one, name=one.name + SHOT) if values else one
-        row = self.row(named, found.ship, began, converged=found.converged)
-        return _Fitted(row, found.ship, named, values, False)
+    def prepared(self, one: StructureCandidate) -> StructureCandidate:
+        """The candidate as it is learned by the objective of the paper: bounded to the motions of the trials."""
+        return replace(one, ship=bounded(one.ship, self.train))
+
+    def learned(self, one: StructureCandidate, best: Learned) -> _Fitted:
+        """A polynomial by its best run on the objective of the paper, without the terms that are zero."""
+        ship = with_instruments(self.prepared(one).ship, INSTRUMENTS)
+        rows = {s: c for s, c in ship.coefficients.items() if s not in best.vanished}
+        values = {s: x for s, x in best.values.items() if s in rows}
+        start = replace(one, ship=replace(ship, coefficients=rows))
+        model = start.ship.with_values(values)
+        row = self.row(start, model, converged=True, seconds=best.seconds)
+        return _Fitted(row, model, start, values, True)
+
+    def shots(self, given: Sequence[tuple[StructureCandidate, dict[str, float]]]) -> list[_Fitted]:
+        """Candidates fitted by multiple shooting, each from its values by symbol, unless they are kept already."""
+        named = [(replace(one, name=one.name + SHOT) if values else one, values) for one, values in given]
+        found = {one.name: self.kept.get(one.name) for one, _ in named}
+        left = [(one, values) for one, values in named if found[one.name] is None]
+        task = partial(_shot, work=self)
+        for content in run_all(task, left, self.settings.workers, lambda c: self.kept.put(c["name"], c)):
+            found[content["name"]] = content
+        return [self._taken_up(one, values, found[one.name] or {}) for one, values in named]
+
+    def refined(self, fitted: Sequence[_Fitted]) -> tuple[list[_Fitted], list[Tried]]:
+        """The best polynomials by multiple shooting: those that predict their trials better, and rows on others."""
+        small = sorted((f for f in fitted if f.start.order and f.row.unknowns <= LARGEST_REFINED), key=_error)[:REFINED]
+        found = self.shots([(f.start, f.values) for f in small])
+        better, no_better = [], []
+        for before, after in zip(small, found, strict=True):
+            if after.row.training <= before.row.training:
+                better.append(after)
+            else:  # no refinement: better by its own measure, not by that of the choice
+                no_better.append(after.row)
+        return better, no_better
+
+    def _taken_up(self, one: StructureCandidate, values: dict[str, float], content: dict[str, Any]) -> _Fitted:
+        """A candidate with the outcome of ``_shot``."""
+        try:
+            ship = with_instruments(one.ship, INSTRUMENTS).with_values(content["values"])
+            row = self.row(one, ship, converged=bool(content["converged"]), seconds=float(content["seconds"]))
+        except (KeyError, TypeError, ValueError) as error:
+            raise UserError(
+                f"{self.kept.path(one.name)}.json: cannot be read ({error}); start without --resume"
+            ) from None
+        return _Fitted(row, ship, one, values, False)
+
+
+def _shot(task: tuple[StructureCandidate, dict[str, float]], work: _Work) -> dict[str, Any]:
+    """A candidate fitted by multiple shooting from values: plain values of what came out."""
+    (one, values), began = task, time.perf_counter()
+    start = with_instruments(one.ship, INSTRUMENTS)
+    found = estimate_coefficients(start, work.train, work.settings_of(one), warm=started_from(start, values))
+    if INTERRUPTED.requested:  # the solver stopped early: no estimate to choose by
+        raise KeyboardInterrupt
+    return {
+        "name": one.name,
+        "values": {s: found.ship.coefficients[s].value for s in start.free},
+        "converged": found.converged,
+        "seconds": time.perf_counter() - began,
+    }
 
 
 def _based_on(one: StructureCandidate, calibrated: Ship | None) -> StructureCandidate:

@@ -13,7 +13,8 @@ from mmg_ident.commands.output import command_line, names_of, print_json, progre
 if TYPE_CHECKING:
     from cases.trial import Trial
     from fitting.selection.candidates import Rules, StructureCandidate
-    from fitting.selection.structure_choice import StructureChoice
+    from fitting.selection.choice import StructureChoice
+    from fitting.selection.subsequences.learned import Method
     from fitting.settings import Settings
     from mmg.ship import Ship
 
@@ -36,6 +37,24 @@ def select(
     time_limit: Annotated[float | None, Option(help="Wall-clock limit of each fit [s].")] = 300.0,
     seed: Annotated[int, Option(help="Seed of the harbour sequences.")] = 0,
     compiled: Annotated[bool, Option(help="Use a C compiler if there is one.")] = True,
+    objective: Annotated[
+        str,
+        Option(
+            help="How polynomials are fitted: regression, then windows as mmg fit; or paper, the error of simulated "
+            "subsequences of Miyauchi et al. (2023)."
+        ),
+    ] = "regression",
+    optimizer: Annotated[
+        str | None,
+        Option(help="With --objective paper: gradient (by derivatives, along a path of L1 weights) or cmaes."),
+    ] = None,
+    seeds: Annotated[
+        int | None, Option(help="With --objective paper: runs of each candidate, from --seed on. Default: 1.")
+    ] = None,
+    workers: Annotated[int, Option(help="Processes over which fits are spread.")] = 1,
+    resume: Annotated[
+        bool, Option("--resume", help="Go on with the finished fits of an interrupted choice, OUT.unfinished.")
+    ] = False,
     list_: Annotated[bool, Option("--list", help="Print the candidates with their numbers of unknowns.")] = False,
     terms: Annotated[str | None, Option(help="Print the terms of one candidate, such as sm2-order2.")] = None,
     write: Annotated[str | None, Option(help="Write one candidate as a ship file, to --out.")] = None,
@@ -64,6 +83,8 @@ def select(
     Example: mmg select vectwin_3m --list
 
     Example: mmg select ship.toml trials/ --validate held_out/ --test unseen/ --out runs/chosen
+
+    Example: mmg select ship.toml trials/ --only sm2-order2 --objective paper --out runs/paper
     """
     from cases.io.files import replace_text
     from cases.shipfiles.ship_file import dump_ship, load_ship
@@ -82,9 +103,10 @@ def select(
     if trials and out is not None:
         if time_limit is not None and not time_limit > 0:
             raise UserError(f"--time-limit {time_limit:g} must be positive")
+        method = _method(objective, optimizer, seeds, (seed, workers, time_limit, compiled))
         sets = _sets(trials, validate, test)
-        return _choose(model, rules, sets, names_of(only), Settings(time_limit=time_limit, seed=seed, passes=2,
-                       compiled=compiled), out, json)  # fmt: skip
+        settings = Settings(time_limit=time_limit, seed=seed, passes=2, compiled=compiled, workers=workers)
+        return _choose(model, rules, sets, names_of(only), (settings, method, resume), out, json)
     if list_:
         found = candidates(model, rules)
         print_json({"ship": model.name, "candidates": [_row(c) for c in found]}) if json else _print(found)
@@ -127,33 +149,68 @@ def _sets(
     return train, held, last
 
 
+def _method(
+    objective: str, optimizer: str | None, seeds: int | None, shared: tuple[int, int, float | None, bool]
+) -> Method | None:
+    """How candidates are learned by the objective of the paper; None for the other objective."""
+    from fitting.selection.subsequences.learned import Method
+
+    seed, workers, time_limit, compiled = shared
+    if workers < 1:
+        raise UserError(f"--workers {workers} must be at least 1")
+    if objective == "paper":
+        return Method(optimizer or "gradient", 1 if seeds is None else seeds, seed, workers, time_limit, None, compiled)
+    if objective != "regression":
+        raise UserError(f"--objective {objective}: must be regression or paper")
+    if optimizer is not None or seeds is not None:
+        raise UserError("--optimizer and --seeds belong to --objective paper; add it or leave them out")
+    return None
+
+
 def _choose(
     model: Ship,
     rules: Rules,
     sets: tuple[list[Trial], list[Trial], list[Trial]],
     only: list[str],
-    settings: Settings,
+    how: tuple[Settings, Method | None, bool],
     out: Path,
     json: bool,
 ) -> int:
     """Chooses, writes the run folder, says what came out."""
-    from dataclasses import replace
+    from dataclasses import asdict, replace
 
+    from fitting.report.plot_learning import learning_plot
     from fitting.report.plot_structures import structure_plot
     from fitting.report.plot_style import FigureFolder
     from fitting.report.run_folder import check_target, reserved, write_json
     from fitting.selection.candidates import candidate, candidates
+    from fitting.selection.kept import fingerprint, kept_beside
     from fitting.selection.structure_choice import choose_structure
+    from fitting.selection.subsequences.learning import write_learning
 
     check_target(out)
+    settings, method, resume = how
     tried = [candidate(model, name, rules) for name in only] if only else list(candidates(model, rules))
+    wanted = fingerprint(model, sets) | {
+        "--only": ", ".join(only),
+        "options of the candidates": list(asdict(rules).values()),
+        "--objective and --optimizer": method.optimizer if method else "regression",
+        "--seed": settings.seed,
+    }
     with reserved(out):
-        choice = choose_structure(model, tried, sets, settings, bool(only), progress())
+        kept = kept_beside(out, wanted, resume)
+        choice = choose_structure(model, tried, sets, settings, bool(only), progress(), method, kept)
         choice = replace(choice, result=replace(choice.result, command=command_line()).save(out))
         found = choice.to_dict()
         write_json(out / "selection.json", found)
         figures = FigureFolder(out / "figures")
         figures.write("structures", lambda: structure_plot(found["candidates"], choice.chosen), "Structure", "")
+        if choice.runs:
+            runs = [run for some in choice.runs.values() for run in some]
+            write_learning([(run.name, run.seed, run.lessons) for run in runs], out / "learning.csv")
+            curves = {f"{run.name}, seed {run.seed}": run.lessons for run in runs}
+            figures.write("learning", lambda: learning_plot(curves), "Learning curves", "")
+        kept.done()
     print_json(found | {"out": str(out)}) if json else _tell(choice, out)
     return 0 if choice.result.converged else 1
 
@@ -166,6 +223,13 @@ def _tell(choice: StructureChoice, out: Path) -> None:
         numbers = f"{row.validation:>10.4f}  {row.training:>8.4f}  {diverged:>8}"
         star = " *" if row.name == choice.chosen else ""
         print(f"{row.name:<{width}}  {row.unknowns:>8}  {row.left_out or numbers}{star}")
+    for runs in choice.runs.values():
+        for run in runs:
+            print(
+                f"{run.name}, seed {run.seed}: objective {run.objective:.4f}, subsequences of validation trials "
+                f"{run.validation:.4f}, {run.evaluations} evaluations in {run.seconds:.0f} s, "
+                f"{len(run.vanished)} terms left out"
+            )
     for name, error in choice.test.items():
         print(f"test trials, 30 s windows, {name}: {error:.4f}")
     s = choice.stability

@@ -102,19 +102,22 @@ def sparsity_path(
     problem: SubsequenceObjective,
     p: np.ndarray,
     weights: Sequence[float],
-    each: Callable[[float, np.ndarray], None],
+    each: Callable[[float, np.ndarray], bool | None],
     steps: int = 25,
+    limit: float = np.inf,
 ) -> None:
-    """The minima from ``p`` (P,) on for growing ``weights`` of the sparsity, each from the one before.
+    """The minima from ``p`` (P,) on for a sequence of ``weights`` of the sparsity, each from the one before.
 
-    problem: with any sparsity; each: called with the weight and its minimum; steps: most at each weight.
+    problem: with any sparsity; each: called with the weight and its minimum, ends the path by True; steps: most at each
+    weight; limit: [s] of the whole path.
     """
-    original = problem.penalties
+    original, clock = problem.penalties, Learning(problem)
     try:
         for weight in weights:
             problem.penalties = replace(original, sparsity=weight)
-            p, _, _ = _on(problem, problem.train, p, steps, Learning(problem), np.inf)
-            each(weight, p)
+            p, _, _ = _on(problem, problem.train, p, steps, clock, limit)
+            if each(weight, p):
+                break
     finally:
         problem.penalties = original
 
