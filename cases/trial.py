@@ -65,6 +65,7 @@ class Trial:
     notices: messages with codes on everything converted, derived or assumed while reading.
     kind: "turning", "zigzag", "random", "berthing", ... or "".
     role: "train", "validate", "test" or "".
+    std: standard errors of states that were derived and not measured, by column [their units].
     """
 
     name: str
@@ -75,6 +76,7 @@ class Trial:
     kind: str = ""
     role: str = ""
     meta: Mapping[str, str] = field(default_factory=dict)
+    std: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_name(self.name, str(self.path or "trial"))

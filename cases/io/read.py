@@ -79,6 +79,7 @@ def read_trial(path: str | Path, settings: SidecarEntry | Mapping[str, Any] | No
         notices=tuple(notices),
         kind=kind,
         role=entry.role,
+        std=dict(entry.std),
         meta={
             "rows_before": str(int(np.argmax(raw["t"] == columns["t"][0]))),
             **{key: value for key, value in (("day", entry.day), ("group", entry.group)) if value},

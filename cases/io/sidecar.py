@@ -16,6 +16,7 @@
     role = "train"                                  # "train", "validate" or "test"
     day = "2026-11-22"                              # of the trial; default: the date in the file name
     group = "before docking"                        # any word, to compare groups of trials by
+    std = { u = 0.02, v = 0.02 }                    # standard errors of what was derived [m, rad, m/s, rad/s]
 
     [files."run_07.csv"]              # the same keys for one file, added to or replacing the default
     name = "zigzag 20-20, second"             # plain words: it names files too
@@ -35,6 +36,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, field_validator, mo
 from cases.io.toml_file import Name, Section, number, read_toml, validated
 from cases.io.units import is_canonical, to_si
 from mmg.errors import UserError
+from mmg.states import STATES
 
 NAME = "trials.toml"
 
@@ -46,6 +48,15 @@ def _canonical(column: str) -> str:
 
 
 Column = Annotated[str, AfterValidator(_canonical)]
+
+
+def _state(column: str) -> str:
+    if column not in STATES:
+        raise ValueError(f"'{column}' is no state ({', '.join(STATES)})")
+    return column
+
+
+State = Annotated[str, AfterValidator(_state)]
 
 
 def _iso(day: Any) -> str:
@@ -87,6 +98,7 @@ class SidecarEntry(Section):
     wind_direction: Literal["from", "to"] = "from"
     velocity_frame: Literal["body", "earth"] = "body"
     reference_point: ReferencePoint = ReferencePoint()
+    std: dict[State, Annotated[float, Field(ge=0.0, le=1e3)]] = Field(default_factory=dict)
     kind: str = ""
     role: Literal["", "train", "validate", "test"] = ""
     name: Name = ""
@@ -122,7 +134,7 @@ class Sidecar(Section):
         own = self.files.get(file.name, self.files.get(file.stem, SidecarEntry()))
         values = (self.default or self.all or SidecarEntry()).model_dump(exclude_unset=True)
         for key, value in own.model_dump(exclude_unset=True).items():
-            values[key] = {**values.get(key, {}), **value} if key in ("columns", "units", "sign") else value
+            values[key] = {**values.get(key, {}), **value} if key in ("columns", "units", "sign", "std") else value
         return SidecarEntry(**values)
 
 

@@ -64,8 +64,9 @@ class Problem:
         self.D = len(self.fixed)
         self.n, self.m = self.S * self.B + self.P, self.D * self.M
         self.decay, self.jump_weight = self._latent_process()
-        self.node_weight = segments.pinned() / self.sigma**2
-        self.weight = segments.mask / self.sigma[None, :, None] ** 2
+        at_nodes, inside = self._variances()
+        self.node_weight = segments.pinned() / at_nodes
+        self.weight = segments.mask / inside
         self.measured_nodes = states_behind(kernels.model, segments.nodes.T, segments.node_controls, self.base).T
         self.memory_weight = np.zeros((self.B, self.S - 6))
         self.memory_weight[np.unique(segments.node_window, return_index=True)[1]] = 1 / kernels.model.sizes**2
@@ -73,6 +74,15 @@ class Problem:
         self.jacobian_sparsity, self._jacobian_order = jacobian
         self.hessian_sparsity, self._hessian_order = hessian
         self._values_at = self._sweep_at = np.full(self.n, np.nan)
+
+    def _variances(self) -> tuple[np.ndarray, np.ndarray]:
+        """Variances of the samples at nodes (B, 6) and inside (1, 6, M): sigma^2, and where a state was derived the
+        variance that its trial states, as often as the residuals of the channel are correlated."""
+        own, seg = self.sigma**2, self.segments
+        if seg.variance is None:
+            return np.broadcast_to(own, seg.nodes.shape), own[None, :, None]
+        more = seg.variance * self.loss.tau
+        return own + more[seg.node_window], own[None, :, None] + more[seg.window].T[None]
 
     @classmethod
     def of(

@@ -14,6 +14,7 @@ from cases.trial import Trial
 from fitting.nlp.grid import grids
 from mmg.errors import UserError
 from mmg.messages import Message
+from mmg.states import STATES
 
 
 @dataclass(frozen=True)
@@ -31,6 +32,7 @@ class Segments:
     window: (M,) and node_window: (B,) number of the window; run: (W,) number of the trial of each window.
     trials: names of the trials; duration: seconds of data in the windows.
     dropped: messages on what was left out.
+    variance: (W, 6) of the measured states where they were derived, as their trials state it; None: 0 everywhere.
     """
 
     h: float
@@ -50,6 +52,7 @@ class Segments:
     trials: tuple[str, ...]
     duration: float
     dropped: tuple[Message, ...] = ()
+    variance: np.ndarray | None = None
 
     @property
     def intervals(self) -> int:
@@ -88,6 +91,7 @@ class Segments:
             node_controls=self.node_controls[:, nodes],
             node_window=np.searchsorted(windows, self.node_window[nodes]),
             run=self.run[windows],
+            variance=None if self.variance is None else self.variance[windows],
             duration=float(part["steps"].sum() * self.h),
         )
 
@@ -165,7 +169,15 @@ def cut(
         trials=tuple(t.name for t in trials),
         duration=float(steps.sum() * h),
         dropped=tuple(dropped),
+        variance=_variance(trials, run),
     )
+
+
+def _variance(trials: Sequence[Trial], run: Sequence[int]) -> np.ndarray | None:
+    """Variance (W, 6) of the states that trials say were derived, by window; None where none were."""
+    if not any(trial.std for trial in trials):
+        return None
+    return np.array([[trials[number].std.get(name, 0.0) ** 2 for name in STATES] for number in run])
 
 
 class _Span(NamedTuple):

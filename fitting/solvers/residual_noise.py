@@ -26,6 +26,8 @@ from mmg.progress import OnProgress
 
 FORCE_PASSES = 3
 """Further solves when sizes of latent forces are estimated, which settle more slowly than the noise."""
+STAYS = 0.1
+"""Least share of the squares of residuals that is not blamed on how their states were derived."""
 NEVER = 1e300
 """A limit that is never wider."""
 FEW_WINDOWS = 12
@@ -147,7 +149,8 @@ def estimate_noise(
     """Noise of each channel from the residuals of a fit over ``segments``.
 
     node_residuals: (B, 6); interior: (K - 1, 6, M); floor: (6,) smallest rms; robust: leave out residuals beyond
-    four robust standard deviations. One degree of freedom per window and channel is given to the free initial states. A
+    four robust standard deviations. Where the states of a window were derived, their variance is taken off the squares,
+    of which at least STAYS is left. One degree of freedom per window and channel is given to the free initial states. A
     channel that is nowhere measured keeps rms = floor, tau = 1.
     """
     windows = residual_series(segments, np.where(segments.node_mask > 0, node_residuals, np.nan), interior)
@@ -159,6 +162,12 @@ def estimate_noise(
         if count <= len(e):
             continue
         total = sum(float(np.nansum(part**2)) for part in e)
+        if segments.variance is not None:
+            derived = [
+                int(np.isfinite(w[:, channel]).sum()) * v
+                for w, v in zip(windows, segments.variance[:, channel], strict=True)
+            ]
+            total = max(total - sum(derived), STAYS * total)
         rms[channel] = max(np.sqrt(total / (count - len(e))), floor[channel])
         tau[channel] = correlation_time(e, longest=max(2, max(len(part) for part in e) // 2))
     return ResidualNoise(rms, tau)

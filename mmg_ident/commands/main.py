@@ -7,6 +7,7 @@ import ctypes
 import functools
 import importlib.util
 import io
+import keyword
 import multiprocessing
 import os
 import signal
@@ -106,6 +107,7 @@ VERBS = {
     "demo": "The whole story on embedded synthetic trials, in under two minutes.",
     "ships": "List the ships that come with the package, print one, or write a starting ship of your own.",
     "effects": "List the effects that a model may leave out, or explain one.",
+    "import": "Turn raw logs (text, Excel, NMEA; any units and clocks) into trial files.",
     "check": "Check trial files: units, signs, frames, gaps, copies, lags, excitation.",
     "simulate": "Simulate a manoeuvre, or the inputs of a trial file.",
     "imo": "Judge a ship, or measured runs, by the IMO criteria.",
@@ -120,7 +122,8 @@ VERBS = {
     "report": "Write one HTML page on a run, or on several side by side.",
     "view": "Write one interactive page: tracks, histories, bands and forces.",
 }
-"""Verb -> its line in ``mmg --help``, in that order; each has a module and a function of its name in this folder."""
+"""Verb -> its line in ``mmg --help``, in that order; each has a module and a function of its name in this folder
+("import_" for import, which is a word of Python)."""
 
 
 _PLAIN: dict[str, Any] = {"add_completion": False, "pretty_exceptions_enable": False, "rich_markup_mode": None}
@@ -135,7 +138,8 @@ class _Verbs(TyperGroup):
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         if cmd_name not in VERBS:
             return None
-        verb = getattr(import_module(f"mmg_ident.commands.{cmd_name}"), cmd_name)
+        name = f"{cmd_name}_" if keyword.iskeyword(cmd_name) else cmd_name
+        verb = getattr(import_module(f"mmg_ident.commands.{name}"), name)
         one = typer.Typer(**_PLAIN)
         one.command(cmd_name)(_interruptible(verb))
         return typer.main.get_command(one)

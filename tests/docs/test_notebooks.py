@@ -24,7 +24,7 @@ NOTEBOOKS = [path for path in PAGES if cells(path)]
 
 
 def test_the_notebooks_are_known() -> None:
-    assert {path.name for path in NOTEBOOKS} == {"tutorial.md", "own_ship.md", "mpc.md", "gallery.md"}
+    assert {path.name for path in NOTEBOOKS} == {"tutorial.md", "own_ship.md", "mpc.md", "gallery.md", "import.md"}
 
 
 @pytest.mark.slow

@@ -1,0 +1,196 @@
+"""One run out of its logs: a common clock, a local frame, units found, motion derived, conventions of the product."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cases.importing.derived_motion import derived_velocities
+from cases.importing.import_map import ImportMap, conventions
+from cases.importing.local_frame import globe_positions, local_positions
+from cases.importing.log_columns import Log
+from cases.importing.unit_evidence import by_evidence, with_units_of_size
+from cases.importing.vocabulary import factor, known_units
+from cases.io.conventions import converted
+from cases.trial import RUDDERS, UNITS
+from mmg.errors import UserError
+from mmg.messages import Message
+from mmg.motion.flow import INPUTS, PROPELLERS
+
+ANGLES = ("psi", "cog", "azimuth", "wind_direction", "apparent_wind_direction")
+STATES = ("psi", "latitude", "x", "sog", "u", "r")
+GAP = 2.5
+"""Gaps of a log beyond so many of its steps stay gaps."""
+LEAST_ROWS = 20
+"""Least rows of a run, and numbers of a column."""
+LARGE = 1e5
+"""Eastings and northings beyond are counted from the first position."""
+THRUSTERS = tuple(name for name, (_, unit) in INPUTS.items() if unit == "rps" and name not in PROPELLERS)
+
+
+@dataclass(frozen=True)
+class ImportedRun:
+    """A run as it is written: canonical ``columns`` (N,) in SI and radians with "t" from zero, standard errors ``std``
+    of those that were derived, the logs it came from, its ``day`` (or ""), and what was done."""
+
+    name: str
+    columns: dict[str, np.ndarray]
+    std: dict[str, float]
+    logs: tuple[Log, ...]
+    day: str
+    notices: tuple[Message, ...]
+
+
+def assembled(name: str, logs: Sequence[Log], chosen: ImportMap, origin: tuple[float, float] | None) -> ImportedRun:
+    """The run called ``name`` of these ``logs``, by the map ``chosen``.
+
+    origin: latitude and longitude [deg] of the local frame, or None without any. Raises UserError where logs do not
+    overlap, a unit stays unknown, or heading, motion, revolutions or rudder are missing: all that is wrong, at once.
+    """
+    logs = [with_units_of_size(log) for log in logs]
+    where = " + ".join(log.name for log in logs)
+    notices = [m for log in logs for m in log.notices]
+    t, columns = _on_one_clock(logs, chosen, where, notices)
+    _place(columns, logs, origin, where, notices)
+    unitless = [(log, q) for log in logs for q in log.unitless if q in columns]
+    problems = []
+    for log, quantity in unitless:
+        unit, why = by_evidence(
+            quantity, columns[quantity], t, {k: v for k, v in columns.items() if k not in log.unitless}
+        )
+        if not unit:
+            units = ", ".join(known_units(quantity))
+            header = log.of[quantity].header
+            line = f'{quantity} = {{ from = "{header}", unit = "..." }}'
+            problems.append(
+                f"column '{header}' ({quantity}) has no unit ({units}); say it in the map: [columns] {line}"
+            )
+            continue
+        columns[quantity] = columns[quantity] * (factor(quantity, unit) or 1.0)
+        notices.append(Message(f"{quantity} from '{log.of[quantity].header}' is in {unit}: {why}", "unit_found"))
+    if problems:
+        raise UserError(f"{where}: " + "; ".join(problems))
+    std: dict[str, float] = {}
+    if "psi" in columns:
+        new, std, said = derived_velocities(t, columns)
+        columns |= new
+        notices += said
+    _require(where, columns, logs)
+    columns = {q: v for q, v in columns.items() if q in UNITS or q.startswith("n_")}
+    canonical = converted({"t": t, **columns}, conventions(chosen), notices)
+    canonical["psi"] = np.angle(np.exp(1j * canonical["psi"]))
+    first = logs[0].t[0] if logs[0].absolute else None
+    day = datetime.datetime.fromtimestamp(first, datetime.timezone.utc).date().isoformat() if first is not None else ""
+    return ImportedRun(name, canonical, std, tuple(logs), day, tuple(dict.fromkeys(notices)))
+
+
+def _on_one_clock(
+    logs: Sequence[Log], chosen: ImportMap, where: str, notices: list[Message]
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Even times from zero [s] and the columns of all logs at them, for as long as all of them run."""
+    first, last = max(log.t[0] for log in logs), min(log.t[-1] for log in logs)
+    if last <= first:
+        raise UserError(f"{where}: their clocks do not overlap; give clock_offset of one of them in the map")
+    states = [log.dt for log in logs if set(log.columns) & set(STATES)]
+    step = chosen.step or min(states or [log.dt for log in logs])
+    t = np.arange(0.0, last - first + 1e-6 * step, step)
+    columns: dict[str, np.ndarray] = {}
+    taken: dict[str, Log] = {}
+    for log in sorted(logs, key=lambda log: log.dt):
+        for quantity, values in log.columns.items():
+            if quantity in taken:
+                words = f"{quantity} is taken from {taken[quantity].name}, not from {log.name}, which is sampled slower"
+                notices.append(Message(words, "doubled"))
+                continue
+            columns[quantity], taken[quantity] = _at(first + t, log, quantity, values), log
+    if len(t) < LEAST_ROWS:
+        raise UserError(f"{where}: only {len(t)} rows that all logs hold; at least {LEAST_ROWS} are needed")
+    for quantity in [q for q, values in columns.items() if np.isfinite(values).sum() < LEAST_ROWS]:
+        del columns[quantity]
+        notices.append(Message(f"{quantity} holds fewer than {LEAST_ROWS} numbers and is left out", "column_empty"))
+    if len(logs) > 1:
+        names = ", ".join(log.table.path.name for log in logs)
+        notices.append(
+            Message(f"{names} joined on time: {last - first:.6g} s that all hold, every {step:g} s", "joined")
+        )
+    return t, columns
+
+
+def _at(times: np.ndarray, log: Log, quantity: str, values: np.ndarray) -> np.ndarray:
+    """A column at other ``times``: along a line between neighbours, the last row of an actuator held over gaps."""
+    good = np.isfinite(values)
+    if good.sum() < 2:
+        return np.full(len(times), np.nan)
+    t, y = log.t[good], values[good]
+    if quantity in ANGLES:
+        turn = 2 * np.pi / (1.0 if quantity not in log.unitless else np.pi / 180.0)
+        y = np.unwrap(y, period=turn)
+    out = np.interp(times, t, y, left=np.nan, right=np.nan)
+    at = np.clip(np.searchsorted(t, times), 1, len(t) - 1)
+    wide = (t[at] - t[at - 1]) > GAP * log.dt
+    exact = (np.abs(times - t[at]) < 1e-6) | (np.abs(times - t[at - 1]) < 1e-6)
+    out[wide & ~exact] = np.nan
+    return out
+
+
+def _place(
+    columns: dict[str, np.ndarray],
+    logs: Sequence[Log],
+    origin: tuple[float, float] | None,
+    where: str,
+    notices: list[Message],
+) -> None:
+    """x and y of the local frame in place of latitude and longitude, or of eastings and northings."""
+    zone = next((log.zone for log in logs if log.zone), "")
+    if "latitude" in columns and "longitude" in columns:
+        pass
+    elif zone and {"x", "y"} <= set(columns):
+        columns["latitude"], columns["longitude"] = globe_positions(columns["x"], columns["y"], zone, where)
+    elif {"x", "y"} <= set(columns):
+        for name in ("x", "y"):
+            if np.nanmax(np.abs(columns[name]), initial=0.0) > LARGE:
+                start = round(float(columns[name][np.isfinite(columns[name])][0]), -2)
+                columns[name] = columns[name] - start
+                notices.append(
+                    Message(f"{name} is counted from {start:.0f} m; grid north is taken for north", "offset")
+                )
+        if max(np.ptp(columns[n][np.isfinite(columns[n])]) for n in ("x", "y")) > LARGE:
+            raise UserError(
+                f"{where}: positions jump by over {LARGE / 1000:.0f} km; do they lie in two UTM zones? Divide the file"
+            )
+        return
+    else:
+        return
+    assert origin is not None
+    columns["x"], columns["y"] = local_positions(columns.pop("latitude"), columns.pop("longitude"), origin, where)
+    words = f"positions in metres north and east of {origin[0]:.6f}, {origin[1]:.6f} deg"
+    notices.append(Message(words, "local_frame"))
+
+
+def _require(where: str, columns: dict[str, np.ndarray], logs: Sequence[Log]) -> None:
+    """Raises UserError that says everything that is missing, and which headers are not known."""
+    missing = [name for name in ("psi", "u", "v", "r") if name not in columns]
+    pods = bool(set(columns) & set(THRUSTERS))
+    if "n" not in columns and not pods:
+        missing.append("n")
+    if not set(columns) & set(RUDDERS) and not pods:
+        missing.append("delta")
+    if not missing:
+        return
+    more = {"u": "u (or positions, or speed and course over ground)", "v": "v (likewise)", "r": "r (or heading)"}
+    words = f"{where}: missing {', '.join(more.get(m, m) for m in missing)}"
+    unsure = {header: what for log in logs for header, what in log.unsure.items()}
+    unknown = [header for log in logs for header in log.unknown]
+    if unsure:
+        words += "; " + ", ".join(f"'{header}' may be {what}" for header, what in unsure.items())
+    if unknown:
+        words += f"; not known: {', '.join(unknown[:12])}{' ...' if len(unknown) > 12 else ''}"
+    raise UserError(f'{words}; say it in a map: [columns] {missing[0]} = "HEADER"')
+
+
+def with_name(run: ImportedRun, name: str) -> ImportedRun:
+    """The same ``run`` with another ``name``."""
+    return replace(run, name=name)

@@ -1,0 +1,179 @@
+"""Clocks of raw logs: time stamps of any kind as seconds, absolute (since 1970, UTC) or of the log's own."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cases.importing.raw_table import RawTable
+from mmg.errors import UserError
+from mmg.messages import Message
+
+SECONDS = {
+    "s": 1.0,
+    "sec": 1.0,
+    "seconds": 1.0,
+    "ms": 1e-3,
+    "us": 1e-6,
+    "µs": 1e-6,
+    "ns": 1e-9,
+    "min": 60.0,
+    "h": 3600.0,
+}
+"""Units of a clock in seconds."""
+EPOCH = {"s": (1e8, 1e10), "ms": (1e11, 1e13), "us": (1e14, 1e16), "ns": (1e17, 1e19)}
+"""What counts since 1970 in this unit holds numbers of this size (1973 to 2286)."""
+DAYS_1899 = 25569.0
+"""Days from the epoch of spreadsheets to 1970."""
+
+
+@dataclass(frozen=True)
+class Clock:
+    """Times of the rows of a table.
+
+    t: (N,) seconds; absolute: since 1970 in UTC, else since the log's own zero; header: of the column; words: how it
+    was read.
+    """
+
+    t: np.ndarray
+    absolute: bool
+    header: str
+    words: str
+
+
+def clock_of(table: RawTable, header: str, unit: str = "", date: str | None = None, zone_hours: float = 0.0) -> Clock:
+    """The clock of ``table`` in the column ``header``.
+
+    unit: of its numbers, if known; date: header of a column with the day, or None; zone_hours: of stamps without a
+    zone, ahead of UTC. Raises UserError, which names the first row, for text that is no time, and for numbers of which
+    it is not known what they count.
+    """
+    import pandas as pd
+
+    cells = table.cells(header)
+    where = f"{table.name}: column '{header}'"
+    if getattr(cells.dtype, "kind", "O") in "mM" or _holds(cells, "datetime"):
+        return Clock(_stamps(cells, where, zone_hours), True, header, "dates and times")
+    if _holds(cells, "time"):
+        cells = cells.map(lambda value: None if value is None else str(value))
+    if table.numeric(header):
+        return _numbers(table.numbers(header), header, unit or _unit_of(table, header), where)
+    text = cells.astype(object).where(cells.notna(), None)
+    sample = next((str(value).strip() for value in text if value is not None), "")
+    if re.fullmatch(r"\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?", sample):
+        if date is not None:
+            joined = table.cells(date).astype(str).str.strip().str.slice(0, 10) + " " + text.astype(str)
+            return Clock(_stamps(joined, where, zone_hours), True, header, f"times of the days in '{date}'")
+        t = pd.to_timedelta(text.map(_full_time)).dt.total_seconds().to_numpy(dtype=float)
+        return Clock(_past_midnight(t), False, header, "times of a day")
+    return Clock(
+        _stamps(text, where, zone_hours), True, header, "ISO 8601" if sample[:4].isdigit() else "dates and times"
+    )
+
+
+def check_clock(clock: Clock, where: str) -> list[Message]:
+    """What is to be said of a clock. where: names the table. Raises UserError where it runs backwards: the first row,
+    and how often; and where no two rows have different times."""
+    t = clock.t[np.isfinite(clock.t)]
+    if len(t) < 2:
+        raise UserError(f"{where}: column '{clock.header}' holds fewer than two times")
+    back = np.flatnonzero(np.diff(t) < 0)
+    if len(back):
+        i = int(back[0])
+        far = f"by {t[i] - t[i + 1]:.3g} s"
+        raise UserError(
+            f"{where}: the clock '{clock.header}' runs backwards {far} after row {i + 1} ({len(back)} such rows); "
+            "divide the file there, or leave out the rows that were logged twice"
+        )
+    repeated = int((np.diff(t) == 0).sum())
+    if repeated == len(t) - 1:
+        raise UserError(f"{where}: the clock '{clock.header}' stands still")
+    said = [Message(f"time from '{clock.header}': {clock.words}", "clock")]
+    if repeated:
+        said.append(Message(f"{repeated} rows with the time of the row before are averaged with it", "time_repeated"))
+    return said
+
+
+def _numbers(values: np.ndarray, header: str, unit: str, where: str) -> Clock:
+    """A clock of numbers: by its unit, or since 1970 where the size of the numbers says so."""
+    middle = float(np.nanmedian(values))
+    for name, (low, high) in EPOCH.items():
+        if low <= middle < high and (not unit or unit.lower() == name or (name == "s" and unit.lower() == "sec")):
+            return Clock(values * SECONDS[name], True, header, f"{name} since 1970")
+    if not unit and 2e4 < middle < 8e4 and np.ptp(values[np.isfinite(values)]) < 1.0:
+        return Clock((values - DAYS_1899) * 86400.0, True, header, "days of a spreadsheet")
+    if not unit:
+        raise UserError(f'{where}: numbers without a unit; say it: [columns] t = {{ from = "{header}", unit = "s" }}')
+    factor = SECONDS.get(unit.lower())
+    if factor is None:
+        raise UserError(f"{where}: unknown unit '{unit}' of time; known: {', '.join(SECONDS)}")
+    return Clock(values * factor, False, header, f"in {unit}")
+
+
+def _unit_of(table: RawTable, header: str) -> str:
+    """The unit of a clock that the header gives, or the words of the header themselves (``time_ms``)."""
+    unit = table.units[table.headers.index(header)].lower()
+    if unit in SECONDS:
+        return unit
+    ending = re.search(r"(?:^|[_\s.])(seconds|sec|ms|us|ns|min|s)$", header.lower())
+    return ending[1] if ending else ""
+
+
+def _holds(cells: Any, kind: str) -> bool:
+    """Whether the first cell that is not empty is a datetime or a time of a day."""
+    import datetime
+
+    first = next((value for value in cells if value is not None and value == value), None)
+    return isinstance(first, datetime.datetime if kind == "datetime" else datetime.time)
+
+
+def _full_time(text: Any) -> Any:
+    """ "12:05" as "12:05:00"."""
+    if text is None:
+        return None
+    text = str(text).strip().replace(",", ".")
+    return text if text.count(":") == 2 else f"{text}:00"
+
+
+def _past_midnight(t: np.ndarray) -> np.ndarray:
+    """Times of a day that go on after midnight."""
+    steps = np.diff(t, prepend=t[:1])
+    return t + 86400.0 * np.cumsum(np.where(np.nan_to_num(steps) < -43200.0, 1.0, 0.0))
+
+
+def _stamps(cells: Any, where: str, zone_hours: float) -> np.ndarray:
+    """Dates and times as seconds since 1970, UTC. Raises UserError for the first that is none, and where day and month
+    could be either."""
+    import pandas as pd
+
+    text = cells if getattr(cells.dtype, "kind", "O") == "M" else cells.map(_normal_stamp)
+    given = text[text.notna()]
+    dotted = given.astype(str).str.extract(r"^(\d{1,2})([./-])(\d{1,2})[./-]\d{4}")
+    order: dict[str, Any] = {"format": "ISO8601"}
+    if dotted[0].notna().any():
+        first, second = dotted[0].dropna().astype(int), dotted[2].dropna().astype(int)
+        if (first > 12).any() or (dotted[1].dropna() == ".").all():
+            order = {"dayfirst": True}
+        elif (second > 12).any():
+            order = {"dayfirst": False}
+        else:
+            raise UserError(f"{where}: '{given.iloc[0]}': day and month could be either; write dates as 2026-11-22")
+        order["format"] = "mixed"
+    parsed = pd.to_datetime(text, utc=True, errors="coerce", **order)
+    bad = parsed.isna() & text.notna()
+    if bad.any():
+        row = int(np.flatnonzero(bad.to_numpy())[0])
+        raise UserError(f"{where}: row {row + 1}: '{text.iloc[row]}' is no time ({int(bad.sum())} such cells)")
+    naive = not given.astype(str).str.contains(r"(?:Z|[+-]\d{2}:?\d{2})$", regex=True).any()
+    values = (parsed - pd.Timestamp(0, tz="UTC")).dt.total_seconds().to_numpy(dtype=float)
+    return values - (3600.0 * zone_hours if naive else 0.0)
+
+
+def _normal_stamp(value: Any) -> Any:
+    """A stamp as pandas reads it: a comma before the part of a second becomes a point."""
+    if value is None or value != value:
+        return None
+    return re.sub(r"(:\d{2}),(\d+)", r"\1.\2", value.strip()) if isinstance(value, str) else value

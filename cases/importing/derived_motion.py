@@ -1,0 +1,192 @@
+"""Surge, sway and turn rate from positions and heading where they were not logged, with their standard errors.
+
+A smoother: the path on even times has third differences that are normal with an unknown size; so has the noise of the
+positions and, where speed and course over ground were logged, of the velocities. The three sizes are those of largest
+marginal likelihood (Rasmussen & Williams 2006, eq. 2.30, with banded matrices); the standard error is the posterior's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_solve_banded, cholesky_banded
+from scipy.optimize import minimize
+
+from mmg.messages import Message
+
+BAND = 3
+"""Diagonals beside the main one: those of squared third differences."""
+SIZES = [(np.log(1e-13), 2.0), (np.log(1e-17), 2.0), (np.log(1e-13), 4.0)]
+"""Limits of the logarithms of three variances: noise, third differences, noise of the rates; in the range of the values
+and steps of one."""
+PLACES = 9
+"""Places along the record at which the standard error is taken; their median is said."""
+LONGEST_GAP = 5.0
+"""Gap in the positions [s] over which no velocity is derived."""
+
+
+@dataclass(frozen=True)
+class Smoothed:
+    """value (N,), rate (N,) per second, and the standard error of the rate."""
+
+    value: np.ndarray
+    rate: np.ndarray
+    rate_std: float
+
+
+def smoothed(h: float, value: np.ndarray, rate: np.ndarray | None = None) -> Smoothed:
+    """A smooth path through ``value`` (N,) every h [s], NaN where nothing was measured, and its measured ``rate``.
+
+    h: step [s]; rate: (N,) per second, or None. Of the sizes of noise and motion the most likely are taken.
+    """
+    n = len(value)
+    known = np.isfinite(value)
+    centre, unit = float(np.nanmean(value)), max(float(np.nanmax(value) - np.nanmin(value)), 1e-9)
+    y = np.where(known, (value - centre) / unit, 0.0)  # steps and ranges of one
+    slope = np.zeros(n) if rate is None else np.where(np.isfinite(rate), rate * h / unit, 0.0)
+    with_rate = np.zeros(n, dtype=bool) if rate is None else np.isfinite(rate)
+    with_rate[[0, -1]] = False
+    D = _differences(n)
+    R = _rates(n, with_rate)
+
+    def parts(logs: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+        noise, jerk, rates = np.exp(-logs)
+        A = D * jerk + R * rates
+        A[-1] += known * noise
+        b = known * y * noise + _transposed_rate(with_rate * slope) * rates
+        total = noise * float(y @ y) + rates * float((with_rate * slope) @ slope)
+        return A, b, total
+
+    def cost(logs: np.ndarray) -> float:
+        A, b, total = parts(logs)
+        try:
+            root = cholesky_banded(A)
+        except np.linalg.LinAlgError:
+            return 1e300
+        x = cho_solve_banded((root, False), b)
+        sizes = known.sum() * logs[0] + (n - BAND) * logs[1] + with_rate.sum() * logs[2]
+        return float(2 * np.log(root[-1]).sum() + sizes + total - b @ x)
+
+    rough = float(np.nanvar(np.diff(y[known], 2))) / 6
+    spread = float(np.nanvar(np.diff(slope[with_rate]))) / 2 if with_rate.any() else 1.0
+    start = np.clip(np.log([max(rough, 1e-300), max(rough * 1e-4, 1e-300), max(spread, 1e-300)]), *np.transpose(SIZES))
+    free = [0, 1, 2] if with_rate.any() else [0, 1]
+
+    def of_free(q: np.ndarray) -> float:
+        logs = start.copy()
+        logs[free] = q
+        return cost(logs)
+
+    limits = [SIZES[i] for i in free]
+    best = minimize(
+        of_free, start[free], method="Nelder-Mead", bounds=limits, options={"xatol": 0.02, "fatol": 0.05, "maxfev": 160}
+    )
+    logs = start.copy()
+    logs[free] = best.x
+    A, b, _ = parts(logs)
+    root = cholesky_banded(A)
+    x = cho_solve_banded((root, False), b)
+    error = _rate_std(root, known)
+    return Smoothed(x * unit + centre, np.gradient(x) * unit / h, error * unit / h)
+
+
+def derived_velocities(
+    t: np.ndarray, columns: dict[str, np.ndarray]
+) -> tuple[dict[str, np.ndarray], dict[str, float], list[Message]]:
+    """What is missing of u, v and r, from x and y or ``sog`` and ``cog``, and psi.
+
+    t: (N,) even times [s]; columns: quantities (N,) in SI and radians. Returns the new columns, their standard errors
+    and what was done.
+    """
+    h = float(np.median(np.diff(t)))
+    new: dict[str, np.ndarray] = {}
+    std: dict[str, float] = {}
+    said: list[Message] = []
+    psi = columns["psi"]
+    heading = psi.copy()
+    good = np.isfinite(heading)
+    heading[good] = np.unwrap(heading[good])
+    if "r" not in columns:
+        found = smoothed(h, heading)
+        new["r"], std["r"] = _where_near(good, found.rate, h), found.rate_std
+        said.append(Message(f"r derived from the heading, standard error {found.rate_std:.2g} rad/s", "derived"))
+    if "u" in columns and "v" in columns:
+        return new, std, said
+    ground = None
+    if "sog" in columns and "cog" in columns:
+        ground = columns["sog"] * np.cos(columns["cog"]), columns["sog"] * np.sin(columns["cog"])
+    if "x" in columns and "y" in columns:
+        both = [smoothed(h, columns[name], None if ground is None else ground[i]) for i, name in enumerate(("x", "y"))]
+        known = np.isfinite(columns["x"]) & np.isfinite(columns["y"])
+        north, east = (_where_near(known, part.rate, h) for part in both)
+        error, how = float(np.mean([part.rate_std for part in both])), "positions"
+        how += "" if ground is None else ", speed and course over ground"
+    elif ground is not None:
+        both = [smoothed(h, np.cumsum(np.nan_to_num(part)) * h, part) for part in ground]
+        north, east, how = *ground, "speed and course over ground"
+        error = float(np.mean([np.nanstd(part - s.rate) for part, s in zip(ground, both, strict=True)]))
+    else:
+        return new, std, said
+    u = north * np.cos(heading) + east * np.sin(heading)
+    v = -north * np.sin(heading) + east * np.cos(heading)
+    for name, values in (("u", u), ("v", v)):
+        if name not in columns:
+            new[name], std[name] = values, error
+    said.append(
+        Message(
+            f"{' and '.join(n for n in 'uv' if n in new)} derived from {how}, standard error {error:.2g} m/s", "derived"
+        )
+    )
+    return new, std, said
+
+
+def _where_near(known: np.ndarray, values: np.ndarray, h: float) -> np.ndarray:
+    """``values`` (N,), NaN in gaps of what is ``known`` longer than LONGEST_GAP and at both ends."""
+    at = np.flatnonzero(known)
+    rows = np.arange(len(known))
+    before = at[np.clip(np.searchsorted(at, rows, "right") - 1, 0, len(at) - 1)]
+    after = at[np.clip(np.searchsorted(at, rows), 0, len(at) - 1)]
+    inside = (before <= rows) & (after >= rows) & ((after - before) * h <= LONGEST_GAP + h)
+    return np.where(inside, values, np.nan)
+
+
+def _differences(n: int) -> np.ndarray:
+    """Squared third differences of n values as an upper band (4, n)."""
+    stencil = np.array([-1.0, 3.0, -3.0, 1.0])
+    band = np.zeros((BAND + 1, n))
+    for i in range(4):
+        for j in range(i, 4):
+            band[BAND - (j - i), j : n - 3 + j] += stencil[i] * stencil[j]
+    return band
+
+
+def _rates(n: int, where: np.ndarray) -> np.ndarray:
+    """Squared central differences of n values at the rows ``where`` they are measured, as an upper band (4, n)."""
+    band = np.zeros((BAND + 1, n))
+    at = np.flatnonzero(where)
+    each = 0.25
+    np.add.at(band[BAND], at + 1, each)
+    np.add.at(band[BAND], at - 1, each)
+    np.add.at(band[BAND - 2], at + 1, -each)
+    return band
+
+
+def _transposed_rate(values: np.ndarray) -> np.ndarray:
+    """The transpose of the central difference on ``values`` (N,), zero at the ends."""
+    out = np.zeros(len(values))
+    out[2:] += values[1:-1] / 2
+    out[:-2] -= values[1:-1] / 2
+    return out
+
+
+def _rate_std(root: np.ndarray, known: np.ndarray) -> float:
+    """Posterior standard deviation of the rate, the median over places where something was measured."""
+    n = root.shape[1]
+    inside = np.flatnonzero(known[1:-1]) + 1
+    found = []
+    for i in inside[np.linspace(0, len(inside) - 1, PLACES).astype(int)] if len(inside) else []:
+        d = np.zeros(n)
+        d[i + 1], d[i - 1] = 0.5, -0.5
+        found.append(float(d @ cho_solve_banded((root, False), d)))
+    return float(np.sqrt(np.median(found))) if found else float("nan")

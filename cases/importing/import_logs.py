@@ -1,0 +1,185 @@
+"""Raw logs to canonical trials: read all, join, convert; all that is wrong is said at once, nothing is half-written."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from cases.importing.assembled_run import ImportedRun, assembled, with_name
+from cases.importing.delimited_text import read_text_table
+from cases.importing.excel_sheet import read_excel_tables
+from cases.importing.import_map import ImportMap
+from cases.importing.log_columns import Log, log_of
+from cases.importing.nmea_log import is_nmea, read_nmea
+from cases.importing.raw_table import RawTable, raw_table
+from cases.importing.runs import grouped, run_name
+from cases.importing.unit_evidence import with_units_of_size
+from cases.importing.vocabulary import known_units
+from cases.io.files import check_file
+from cases.io.sidecar import NAME as SIDECAR
+from mmg.errors import UserError
+
+SUFFIXES = (".csv", ".txt", ".tsv", ".dat", ".asc", ".log", ".nmea", ".xlsx", ".xlsm", ".parquet")
+"""Files of a folder that are logs."""
+
+
+@dataclass(frozen=True)
+class Question:
+    """What a person may be asked: of a ``file`` and its ``header``, which of the ``choices`` it is, in ``words``.
+
+    quantity: whose unit is asked for, or "" where the choices are quantities.
+    """
+
+    file: str
+    header: str
+    quantity: str
+    choices: tuple[str, ...]
+    words: str
+
+
+@dataclass(frozen=True)
+class Imported:
+    """runs: as they can be written; problems: of files and runs that cannot, one line each; origin: latitude and
+    longitude [deg] of the local frame, or None; questions: that the headers leave open."""
+
+    runs: tuple[ImportedRun, ...]
+    problems: tuple[str, ...]
+    origin: tuple[float, float] | None
+    questions: tuple[Question, ...] = ()
+
+
+def import_logs(
+    paths: Iterable[Path], chosen: ImportMap | None = None, each: Callable[[Sequence[Path]], Iterable[Path]] = iter
+) -> Imported:
+    """The runs in the logs at ``paths`` (files, or folders of them), by the map ``chosen``.
+
+    each: goes through the files, for a display. Raises UserError where there is no file at all.
+    """
+    chosen = chosen or ImportMap()
+    files = [file for path in paths for file in _files_of(Path(path)) if not chosen.of(file).skip]
+    if not files:
+        raise UserError("no logs given")
+    logs: list[Log] = []
+    problems: list[str] = []
+    for file in each(list(dict.fromkeys(files))):
+        try:
+            logs += [log_of(table, chosen) for table in _tables(file)]
+        except UserError as error:
+            problems.append(str(error))
+    unknown = [name for name in chosen.files if name not in {f.name for f in files} | {f.stem for f in files}]
+    problems += [f'the map: [files."{name}"] names none of the files' for name in unknown]
+    problems += _several_ships(logs)
+    origin = _origin(logs, chosen)
+    runs: list[ImportedRun] = []
+    try:
+        groups = grouped(logs, chosen)
+    except UserError as error:
+        groups = []
+        problems.append(str(error))
+    for group in groups:
+        try:
+            runs.append(assembled(run_name(group, chosen), group, chosen, origin))
+        except UserError as error:
+            problems.append(str(error))
+    asked = tuple(question for log in logs for question in _questions(with_units_of_size(log)))
+    return Imported(tuple(_with_own_names(runs)), tuple(dict.fromkeys(problems)), origin, asked)
+
+
+def _questions(log: Log) -> list[Question]:
+    """What the headers of ``log`` leave open."""
+    name, found = log.table.path.name, []
+    for header, may_be in log.unsure.items():
+        choices = tuple(word for word in re.split(r" or |\s*\([^)]*\)\s*", may_be) if word and word != "nothing")
+        found.append(Question(name, header, "", (*choices, "nothing"), f"'{header}' may be {may_be}"))
+    for quantity in log.unitless:
+        if quantity in ("r", "sog", "u"):  # other columns show it
+            continue
+        header = log.of[quantity].header
+        units = (*known_units(quantity), "nothing")
+        found.append(Question(name, header, quantity, units, f"'{header}' ({quantity}) has no unit"))
+    return found
+
+
+def _files_of(path: Path) -> list[Path]:
+    """The logs of a folder, also of those in it; a file itself."""
+    if not path.is_dir():
+        return [path]
+    found = sorted(p for p in path.rglob("*") if p.suffix.lower() in SUFFIXES and p.is_file() and p.name != SIDECAR)
+    if not found:
+        raise UserError(f"{path}: no logs in this folder ({', '.join(SUFFIXES)})")
+    return found
+
+
+def _tables(file: Path) -> list[RawTable]:
+    check_file(file)
+    suffix = file.suffix.lower()
+    if suffix in (".xlsx", ".xlsm"):
+        return read_excel_tables(file)
+    if suffix == ".xls":
+        raise UserError(f"{file}: an old Excel file; save it as .xlsx or CSV")
+    if suffix == ".parquet":
+        return [_parquet(file)]
+    with file.open("rb") as stream:
+        if is_nmea(stream.read(8192)):
+            return [read_nmea(file)]
+    return [read_text_table(file)]
+
+
+def _parquet(file: Path) -> RawTable:
+    import pandas as pd
+
+    try:
+        frame = pd.read_parquet(file)
+    except Exception as error:  # pyarrow raises many kinds for damaged files
+        raise UserError(f"{file}: not a readable Parquet file ({' '.join(str(error).split())[:120]})") from None
+    cells = [str(c) for c in frame.columns]
+    frame.columns = pd.RangeIndex(len(cells))
+    return raw_table(file, str(file), cells, [""] * len(cells), frame, [])
+
+
+def _several_ships(logs: Sequence[Log]) -> list[str]:
+    """A line where files name different ships."""
+    ships = sorted({log.ship for log in logs if log.ship})
+    if len(ships) < 2:
+        return []
+    own = {ship: next(log.table.path.name for log in logs if log.ship == ship) for ship in ships}
+    return ["files of different ships: " + ", ".join(f"{s} ({own[s]})" for s in ships[:4]) + "; import each ship alone"]
+
+
+def _origin(logs: Sequence[Log], chosen: ImportMap) -> tuple[float, float] | None:
+    """The origin of the map, or the first position of all logs, to a ten-thousandth of a degree."""
+    if chosen.origin:
+        return float(chosen.origin[0]), float(chosen.origin[1])
+    for log in logs:
+        if {"latitude", "longitude"} <= set(log.columns):
+            good = np.isfinite(log.columns["latitude"]) & np.isfinite(log.columns["longitude"])
+            if good.any():
+                i = int(np.argmax(good))
+                return round(float(log.columns["latitude"][i]), 4), round(float(log.columns["longitude"][i]), 4)
+        if log.zone and {"x", "y"} <= set(log.columns):
+            from cases.importing.local_frame import globe_positions
+
+            lat, lon = globe_positions(log.columns["x"][:1], log.columns["y"][:1], log.zone, log.name)
+            return round(float(lat[0]), 4), round(float(lon[0]), 4)
+    return None
+
+
+def _with_own_names(runs: Sequence[ImportedRun]) -> list[ImportedRun]:
+    """Runs of the same name get that of their folder before it, or a number behind it."""
+    names = Counter(run.name for run in runs)
+    seen: Counter[str] = Counter()
+    out = []
+    for run in runs:
+        if names[run.name] > 1:
+            parents = {r.logs[0].table.path.parent.name for r in runs if r.name == run.name}
+            seen[run.name] += 1
+            folder = run.logs[0].table.path.parent.name
+            new = f"{folder}_{run.name}" if len(parents) == names[run.name] else f"{run.name}_{seen[run.name]}"
+            run = with_name(run, new)
+        out.append(run)
+    return out

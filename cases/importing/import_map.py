@@ -1,0 +1,98 @@
+"""The map of an import: which column of the logs is which quantity, as a person says it or as it was found."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+
+from cases.importing.vocabulary import RAW, known_units
+from cases.io.sidecar import SidecarEntry
+from cases.io.toml_file import Name, Section, number, read_toml, validated
+from cases.io.units import is_canonical
+
+NAME = "import.toml"
+
+
+def _quantity(name: str) -> str:
+    if not is_canonical(name) and name not in RAW:
+        raise ValueError(f"'{name}' is no quantity of a log (t, psi, u, n, delta, latitude, longitude, sog, cog, ...)")
+    return name
+
+
+Quantity = Annotated[str, AfterValidator(_quantity)]
+
+
+class ColumnMap(Section):
+    """Where a quantity comes from: the header (``from``), its unit and its sign."""
+
+    header: str = Field(alias="from")
+    unit: str = ""
+    sign: Literal[1, -1] = 1
+
+
+def _column(value: Any) -> Any:
+    return {"from": value} if isinstance(value, str) else value
+
+
+class FileMap(Section):
+    """What holds for one file: columns over those for all; clock_offset [s] is added to its clock; run: its run."""
+
+    columns: dict[Quantity, Annotated[ColumnMap, BeforeValidator(_column)]] = Field(default_factory=dict)
+    clock_offset: float = number("s", 0.0, ge=-1e6, le=1e6)
+    run: Name = ""
+    skip: bool = False
+
+
+class ImportMap(Section):
+    """A whole map; what is left out is found by the words of the headers.
+
+    rudder_positive, wind_direction, velocity_frame: as in ``trials.toml``. zone_hours: time zone of stamps without one,
+    ahead of UTC. sentinels: further numbers that stand for nothing. origin: latitude and longitude [deg] of the local
+    frame. separate: every file is a run of its own. step: of the rows that are written [s].
+    """
+
+    columns: dict[Quantity, Annotated[ColumnMap, BeforeValidator(_column)]] = Field(default_factory=dict)
+    rudder_positive: Literal["starboard", "port"] = "starboard"
+    wind_direction: Literal["from", "to"] = "from"
+    velocity_frame: Literal["body", "earth"] = "body"
+    zone_hours: float = number("h", 0.0, ge=-14.0, le=14.0)
+    sentinels: list[float] = Field(default_factory=list)
+    origin: list[float] = Field(default_factory=list, max_length=2)
+    separate: bool = False
+    step: float | None = number("s", None, gt=1e-4, le=60.0)
+    files: dict[str, FileMap] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _units(self) -> ImportMap:
+        for columns in (self.columns, *(file.columns for file in self.files.values())):
+            for name, column in columns.items():
+                units = known_units(name)
+                if column.unit and units and column.unit not in units and name != "t":
+                    raise ValueError(f"unit '{column.unit}' does not belong to {name}; known: {', '.join(units)}")
+        if self.origin and len(self.origin) != 2:
+            raise ValueError("origin must be [latitude, longitude] in degrees")
+        return self
+
+    def of(self, file: Path) -> FileMap:
+        """What holds for ``file``, by its name or stem."""
+        return self.files.get(file.name, self.files.get(file.stem, FileMap()))
+
+    def columns_of(self, file: Path) -> dict[str, ColumnMap]:
+        """The columns of ``file``: its own over those for all."""
+        return {**self.columns, **self.of(file).columns}
+
+
+def read_map(path: Path) -> ImportMap:
+    """The map at ``path``. Raises UserError, in one line, for all that is wrong with it."""
+    return validated(ImportMap, read_toml(path), str(path))
+
+
+def conventions(chosen: ImportMap) -> SidecarEntry:
+    """What a sidecar would say of logs with the map ``chosen``."""
+    return SidecarEntry(
+        rudder_positive=chosen.rudder_positive,
+        wind_direction=chosen.wind_direction,
+        velocity_frame=chosen.velocity_frame,
+    )

@@ -1,0 +1,203 @@
+"""A raw table as a log: its clock, and its columns as quantities in SI units."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from cases.importing.bad_values import lost_satellites, stands_still, without_sentinels
+from cases.importing.clocks import Clock, check_clock, clock_of
+from cases.importing.import_map import ColumnMap, ImportMap
+from cases.importing.raw_table import RawTable
+from cases.importing.vocabulary import factor, known_units, meaning, unit_of
+from mmg.errors import UserError
+from mmg.messages import Message
+
+TEXT = ("ship", "zone", "date")
+"""Quantities that are words."""
+
+
+@dataclass(frozen=True)
+class Log:
+    """One table of a log whose columns are known.
+
+    table: as read; t: (N,) seconds, increasing; absolute: since 1970 in UTC; columns: quantity -> (N,) in the units of
+    ``unit_of``; of: quantity -> how it is mapped; unitless: quantities whose unit is not known yet; unknown: headers
+    that nobody knows; unsure: header -> what it may be; ship, zone: words that it names, or "".
+    """
+
+    table: RawTable
+    t: np.ndarray
+    absolute: bool
+    columns: dict[str, np.ndarray]
+    of: dict[str, ColumnMap]
+    unitless: tuple[str, ...] = ()
+    unknown: tuple[str, ...] = ()
+    unsure: dict[str, str] = field(default_factory=dict)
+    ship: str = ""
+    zone: str = ""
+    notices: tuple[Message, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """The name of its table, for messages."""
+        return self.table.name
+
+    @property
+    def dt(self) -> float:
+        """Median time between rows [s]."""
+        return float(np.median(np.diff(self.t)))
+
+    def with_unit(self, quantity: str, unit: str, why: str) -> Log:
+        """A copy in which ``quantity``, of unknown unit, has this ``unit``. why: what shows it."""
+        scale = factor(quantity, unit)
+        assert scale is not None
+        said = Message(f"{quantity} from '{self.of[quantity].header}' is in {unit}: {why}", "unit_found")
+        return replace(
+            self,
+            columns={**self.columns, quantity: self.columns[quantity] * scale},
+            of={**self.of, quantity: self.of[quantity].model_copy(update={"unit": unit})},
+            unitless=tuple(q for q in self.unitless if q != quantity),
+            notices=(*self.notices, said),
+        )
+
+
+def log_of(table: RawTable, chosen: ImportMap) -> Log:
+    """The log in ``table``, by the map ``chosen`` and, where it says nothing, the words of the headers.
+
+    Raises UserError for headers of the map that are absent, two columns of one quantity, no clock or two of them, a
+    clock that runs backwards, text in numbers, and a unit that does not belong to its quantity.
+    """
+    mapped, unknown, unsure = _assigned(table, chosen)
+    if "t" not in mapped:
+        found = ", ".join(table.headers)
+        raise UserError(f'{table.name}: no clock; found: {found}. Name it in the map: [columns] t = "HEADER"')
+    date = mapped["date"].header if "date" in mapped else None
+    clock = clock_of(table, mapped["t"].header, mapped["t"].unit, date, chosen.zone_hours)
+    notices = [*table.notices, *check_clock(clock, table.name)]
+    columns, unitless = {}, []
+    for quantity, column in mapped.items():
+        if quantity == "t" or quantity in TEXT:
+            continue
+        values = _numbers(table, quantity, column)
+        values = np.where(np.isfinite(values), values, np.nan)
+        values, said = without_sentinels(values, column.header, chosen.sentinels)
+        unit = column.unit or table.units[table.headers.index(column.header)] or meaning(column.header).unit
+        if quantity in ("latitude", "longitude"):
+            unit = unit or "deg"
+        scale = factor(quantity, unit) if unit else None
+        if unit and scale is None:
+            accepted = ", ".join(known_units(quantity))
+            raise UserError(
+                f"{table.name}: column '{column.header}': unknown unit '{unit}' for {quantity}; known: {accepted}"
+            )
+        if scale is None and unit_of(quantity):
+            unitless.append(quantity)
+        columns[quantity] = column.sign * values * (scale or 1.0)
+        mapped[quantity] = column.model_copy(update={"unit": unit})
+        notices += said
+    t, columns = _rows(clock, columns, chosen.of(table.path).clock_offset)
+    for clean in (lost_satellites, stands_still):
+        columns, said = clean(t, columns)
+        notices += said
+    words = {name: _word(table, mapped, name) for name in ("ship", "zone")}
+    return Log(
+        table,
+        t,
+        clock.absolute,
+        columns,
+        mapped,
+        tuple(unitless),
+        tuple(unknown),
+        unsure,
+        **words,
+        notices=tuple(notices),
+    )
+
+
+def _assigned(table: RawTable, chosen: ImportMap) -> tuple[dict[str, ColumnMap], list[str], dict[str, str]]:
+    """Quantity -> its column; headers that nobody knows; headers that may be one of several."""
+    mapped: dict[str, ColumnMap] = {}
+    own = chosen.of(table.path).columns
+    for quantity, column in chosen.columns_of(table.path).items():
+        if column.header not in table.headers:
+            if quantity in own:
+                raise UserError(
+                    f"{table.name}: column '{column.header}' of the map is absent; found: {', '.join(table.headers)}"
+                )
+            continue  # of another file
+        mapped[quantity] = column
+    taken = {column.header for column in mapped.values()}
+    unknown, unsure = [], {}
+    for header in table.headers:
+        if header in taken:
+            continue
+        found = meaning(header)
+        if found.quantity and found.quantity not in mapped:
+            mapped[found.quantity] = ColumnMap.model_validate({"from": header})
+        elif found.quantity and found.quantity not in chosen.columns_of(table.path):
+            other = mapped[found.quantity].header
+            what = "two columns hold a time" if found.quantity == "t" else f"two columns are {found.quantity}"
+            raise UserError(
+                f"{table.name}: {what}: '{other}' and '{header}'; say which in the map: [columns] "
+                f'{found.quantity} = "{other}"'
+            )
+        elif found.may_be:
+            unsure[header] = found.may_be
+        elif not found.quantity:
+            unknown.append(header)
+    return mapped, unknown, unsure
+
+
+def _numbers(table: RawTable, quantity: str, column: ColumnMap) -> np.ndarray:
+    if quantity in ("latitude", "longitude") and not table.numeric(column.header):
+        return np.array([_degrees(cell, table.name, column.header) for cell in table.cells(column.header)])
+    return table.numbers(column.header)
+
+
+def _degrees(cell: Any, where: str, header: str) -> float:
+    """Decimal degrees of "34.5N", "34 30.0 N", "34°30'00.0\\"N" or "3430.00,N"."""
+    if cell is None or cell != cell or not str(cell).strip():
+        return np.nan
+    text = str(cell).strip().upper()
+    parts = re.findall(r"\d+(?:\.\d+)?", text)
+    if not 1 <= len(parts) <= 3 or not re.fullmatch(r"[-+NSEW\d.,\s°º'′\"″:]+", text):
+        raise UserError(f"{where}: column '{header}': '{text[:40]}' is no latitude or longitude")
+    values = [float(p) for p in parts]
+    if len(values) == 1 and values[0] > 180:  # degrees and minutes in one number, as in NMEA
+        values = [float(int(values[0] // 100)), values[0] % 100]
+    total = sum(v / 60**i for i, v in enumerate(values))
+    return -total if any(c in text for c in "SW-") else total
+
+
+def _rows(clock: Clock, columns: dict[str, np.ndarray], offset: float) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Rows with a time; those with the same time averaged (angles keep the first)."""
+    known = np.isfinite(clock.t)
+    t, where = np.unique(clock.t[known], return_inverse=True)
+    out = {}
+    for name, values in columns.items():
+        values = values[known]
+        if len(t) < len(values):
+            first = np.full(len(t), np.nan)
+            good = np.flatnonzero(np.isfinite(values))[::-1]
+            first[where[good]] = values[good]
+            if name not in ("psi", "cog", "wind_direction", "apparent_wind_direction", "longitude"):
+                total = np.bincount(where, np.nan_to_num(values), len(t))
+                first = total / np.maximum(np.bincount(where, np.isfinite(values), len(t)), 1) + 0 * first
+            values = first
+        out[name] = values
+    return t + offset, out
+
+
+def _word(table: RawTable, mapped: dict[str, ColumnMap], name: str) -> str:
+    """The one word that the column of ``name`` holds, "" without. Raises UserError where it holds several."""
+    if name not in mapped:
+        return ""
+    words = sorted({str(cell).strip() for cell in table.cells(mapped[name].header).dropna()})
+    if len(words) > 1:
+        what = "ships" if name == "ship" else "UTM zones"
+        raise UserError(f"{table.name}: rows of several {what} ({', '.join(words[:4])}); divide the file")
+    return words[0] if words else ""

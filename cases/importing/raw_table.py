@@ -1,0 +1,84 @@
+"""A raw table: headers, units and cells of a log as they are, before anything is known of their meaning."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cases.io.cells import floats_of_cells
+from mmg.errors import UserError
+from mmg.messages import Message
+
+MOST_COLUMNS, MOST_CELLS = 5000, 30_000_000
+"""Most columns and cells of a raw table."""
+
+
+@dataclass(frozen=True)
+class RawTable:
+    """One table of a log.
+
+    path: of the file; name: of the table in messages; headers: (C,) unique cells without their units; units: (C,) as
+    written, or ""; frame: pandas DataFrame (N, C) of cells, text as it is (decimal points, not commas) or numbers and
+    times; notices: what was found on reading.
+    """
+
+    path: Path
+    name: str
+    headers: tuple[str, ...]
+    units: tuple[str, ...]
+    frame: Any
+    notices: tuple[Message, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.frame)
+
+    def cells(self, header: str) -> Any:
+        """The pandas series (N,) of cells below ``header``."""
+        return self.frame.iloc[:, self.headers.index(header)]
+
+    def numbers(self, header: str) -> np.ndarray:
+        """The column below ``header`` as floats (N,), NaN where cells are empty. Raises UserError on text."""
+        values, text = floats_of_cells(self.cells(header))
+        if text is not None:
+            raise text.error(Path(self.name), header)
+        return values
+
+    def numeric(self, header: str) -> bool:
+        """Whether all cells below ``header`` are numbers or empty, and at least one is a number."""
+        values, text = floats_of_cells(self.cells(header))
+        return text is None and bool(np.isfinite(values).any())
+
+
+def split_unit(cell: str) -> tuple[str, str]:
+    """("SOG", "kn") of "SOG [kn]", "SOG (kn)", "SOG / kn" or "SOG, kn"; the unit is "" when the cell has none."""
+    cell = " ".join(cell.split())
+    match = re.fullmatch(r"(.*?)\s*[\[({<]\s*([^\])}>]*?)\s*[\])}>]\s*", cell)
+    if match is None:
+        match = re.fullmatch(r"(.*?)\s*(?:,|\s/)\s+([^\s,]+(?:\s?/\s?\w+)?)", cell)
+    return (match[1].strip(), match[2].strip()) if match and match[1].strip() else (cell, "")
+
+
+def raw_table(
+    path: Path, name: str, cells: list[str], units: list[str], frame: Any, notices: list[Message]
+) -> RawTable:
+    """A table with header ``cells`` (C,), whose units are taken out of them where ``units`` (C,) has none.
+
+    path, name, frame, notices: as of ``RawTable``. Columns without header and cells are left out. Raises UserError for
+    two columns of the same name, for no column, and for more than MOST_COLUMNS.
+    """
+    if len(cells) > MOST_COLUMNS:
+        raise UserError(f"{name}: has {len(cells)} columns, more than {MOST_COLUMNS}; leave out what is not needed")
+    parts = [split_unit(cell) for cell in cells]
+    kept = [i for i, (header, _) in enumerate(parts) if header and not frame.iloc[:, i].isna().all()]
+    headers = [parts[i][0] for i in kept]
+    doubled = sorted({h for h in headers if headers.count(h) > 1})
+    if doubled:
+        raise UserError(f"{name}: two columns are called '{doubled[0]}'; rename or remove one of them")
+    if not kept or not len(frame):
+        raise UserError(f"{name}: holds no rows of data below a header")
+    found = tuple(units[i] or parts[i][1] for i in kept)
+    return RawTable(path, name, tuple(headers), found, frame.iloc[:, kept], tuple(notices))

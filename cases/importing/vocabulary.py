@@ -1,0 +1,151 @@
+"""Headers of ship logs and the quantities they mean, and the units that raw logs use."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+
+from cases.io.units import FACTORS, SPELLINGS, is_canonical, si_unit
+
+RAW = {"latitude": "deg", "longitude": "deg", "sog": "m/s", "cog": "rad", "date": "", "ship": "", "zone": ""}
+"""Quantities of raw logs that no trial file holds, and the unit they are turned into."""
+
+MORE: dict[str, dict[str, float]] = {
+    "m": {"km": 1000.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048, "nm": 1852.0},
+    "rad": {"mrad": 0.001},
+    "m/s": {"km/h": 1 / 3.6, "cm/s": 0.01, "mm/s": 0.001, "ft/s": 0.3048},
+    "rad/s": {"deg/min": math.pi / 10800.0, "rad/min": 1 / 60.0, "mrad/s": 0.001},
+    "rps": {"rad/s": 1 / (2 * math.pi)},
+    "deg": {"deg": 1.0, "rad": 180.0 / math.pi},
+}
+"""Unit of a quantity -> further units of raw logs -> factor."""
+MORE_SPELLINGS = {
+    "°/min": "deg/min", "degrees/min": "deg/min", "deg/minute": "deg/min", "dpm": "deg/min", "km/t": "km/h",
+    "kmh": "km/h",
+    "kmph": "km/h",
+    "deg.": "deg", "m/sec": "m/s", "m/s²": "", "meter/s": "m/s", "degt": "deg", "°t": "deg", "deg_t": "deg",
+    "upm": "rpm", "u/min": "rpm", "r/min": "rpm", "min-1": "rpm", "min^-1": "rpm", "s-1": "rps", "r/s": "rps",
+}  # fmt: skip
+ENDINGS = {
+    "deg": "deg", "degrees": "deg", "rad": "rad", "kn": "kn", "kt": "kn", "kts": "kn", "knots": "kn", "mps": "m/s",
+    "m_s": "m/s", "ms": "m/s", "kmh": "km/h", "deg_s": "deg/s", "degs": "deg/s", "dps": "deg/s", "deg_min": "deg/min",
+    "rad_s": "rad/s", "rads": "rad/s", "rpm": "rpm", "rps": "rps", "m": "m", "s": "s", "sec": "s", "us": "us",
+    "ns": "ns",
+}  # fmt: skip
+"""Last words of a header that are a unit."""
+
+_SIDE = {
+    "port": "port",
+    "ps": "port",
+    "stbd": "starboard",
+    "starboard": "starboard",
+    "sb": "starboard",
+    "stb": "starboard",
+}
+_WORDS: tuple[tuple[str, str], ...] = (
+    (r"(gps|gnss)?_?(lat|latitude)(_decimal)?", "latitude"),
+    (r"(gps|gnss)?_?(lon|long|lng|longitude)(_decimal)?", "longitude"),
+    (r"(utm_)?(northing|north|n)_?(position|utm)?|x_north|pos_north|x0", "x"),
+    (r"(utm_)?(easting|east|e)_?(position|utm)?|y_east|pos_east|y0", "y"),
+    (r"(utm_)?zone", "zone"),
+    (r"(true_|gyro_|ship_)?(heading|hdg|hdt|yaw)(_true|_angle|_gyro)?|gyro|psi", "psi"),
+    (r"(gps_|gnss_)?(cog|course|course_over_ground|course_made_good|cmg|track)(_true)?", "cog"),
+    (r"(gps_|gnss_)?(sog|speed_over_ground|ground_speed|gps_speed|speed_made_good)", "sog"),
+    (r"rot|rate_of_turn|turn_rate|yaw_rate|yawrate|gyro_rate|yaw_velocity|angular_velocity_z", "r"),
+    (r"surge(_velocity|_speed)?|u_velocity|longitudinal_(speed|velocity)|speed_longitudinal", "u"),
+    (r"sway(_velocity|_speed)?|v_velocity|(transverse|lateral)_(speed|velocity)|speed_transverse", "v"),
+    (r"(propeller|prop|shaft|main_engine|engine|me)?_?(rpm|rps|revs|revolutions|n_prop|shaft_speed)", "n"),
+    (r"(propeller|prop|shaft)_(speed|rate)", "n"),
+    (r"rudder(_angle|_feedback|_actual|_position|_response)?|rsa|delta|actual_rudder", "delta"),
+    (r"(true_wind_speed|wind_speed_true|tws)", "wind_speed"),
+    (r"(true_wind_(direction|dir|angle)|wind_(direction|dir)_true|twd)", "wind_direction"),
+    (r"((apparent|relative|rel|app)_wind_speed|wind_speed_(apparent|relative|rel|app)|aws|rws)", "apparent_wind_speed"),
+    (
+        r"((apparent|relative|rel|app)_wind_(direction|dir|angle)|wind_(direction|dir|angle)_(apparent|relative|rel|app)"
+        r"|awa|awd|rwd)",
+        "apparent_wind_direction",
+    ),
+    (r"bow_thruster(_rpm|_speed)?", "n_bow"),
+    (r"stern_thruster(_rpm|_speed)?", "n_stern"),
+    (r"(pitch_)?(propeller_pitch|cpp_pitch|pitch_feedback)", "pitch"),
+    (r"time|time_?stamp|date_?time|utc|utc_time|time_utc|gps_time|clock|epoch|unix_?time|elapsed(_time)?|zeit", "t"),
+    (r"date|day|datum|utc_date", "date"),
+    (r"mmsi|imo(_number)?|vessel(_name)?|ship(_name)?|call_?sign", "ship"),
+)  # fmt: skip
+UNSURE = {
+    r"wind_?(speed|velocity)|ws": "wind_speed or apparent_wind_speed",
+    r"wind_?(direction|dir|angle)|wd": "wind_direction or apparent_wind_direction",
+    r"speed|velocity|v_ship|ship_speed": "sog (over ground) or nothing (through the water)",
+}
+"""Headers that may mean one of several quantities."""
+NOT_USED = r".*(order|command|cmd|setpoint|demand|ordered|desired).*|stw|.*through_water|log_speed|water_speed"
+"""Headers of orders and of speeds through the water: no states and no actual inputs."""
+
+
+@dataclass(frozen=True)
+class Meaning:
+    """What a header means: the quantity, or "" with what it ``may_be``, and the unit that its words name, or ""."""
+
+    quantity: str
+    unit: str = ""
+    may_be: str = ""
+
+
+def meaning(header: str) -> Meaning:
+    """What the words of a ``header`` mean."""
+    if is_canonical(header) or header in RAW:
+        return Meaning(header)
+    words = re.sub(r"[^a-z0-9]+", "_", header.lower()).strip("_")
+    words, unit = _without_unit(words)
+    side = ""
+    for word in words.split("_"):
+        if word in _SIDE and words != word:
+            side = _SIDE[word]
+            words = "_".join(w for w in words.split("_") if w != word)
+    if re.fullmatch(NOT_USED, words):
+        return Meaning("", unit)
+    for pattern, quantity in _WORDS:
+        if re.fullmatch(pattern, words):
+            if words.endswith(("rpm", "rps")):
+                unit = unit or words[-3:]
+            unit = "" if quantity == "t" else unit  # the clock knows more of them
+            return Meaning(_of_side(quantity, side), unit)
+    may_be = next((what for pattern, what in UNSURE.items() if re.fullmatch(pattern, words)), "")
+    return Meaning("", unit, may_be)
+
+
+def _without_unit(words: str) -> tuple[str, str]:
+    """Words without a unit at their end, and the unit."""
+    for ending in sorted(ENDINGS, key=len, reverse=True):
+        if words.endswith(f"_{ending}") and len(words) > len(ending) + 1:
+            kept = words[: -len(ending) - 1]
+            return (words if ending in ("rpm", "rps") else kept), ENDINGS[ending]
+    return words, ""
+
+
+def _of_side(quantity: str, side: str) -> str:
+    """The column of that side: two rudders; the port one of two propellers is n_2."""
+    if quantity == "delta" and side:
+        return f"delta_{side}"
+    if quantity == "n" and side == "port":
+        return "n_2"
+    return quantity
+
+
+def unit_of(quantity: str) -> str:
+    """The unit that a ``quantity`` is turned into, "" where it has none."""
+    return RAW[quantity] if quantity in RAW else si_unit(quantity)
+
+
+def known_units(quantity: str) -> dict[str, float]:
+    """Unit that a raw log may use for a ``quantity`` -> factor to ``unit_of`` it."""
+    own = unit_of(quantity)
+    return {**FACTORS.get(own, {}), **MORE.get(own, {})}
+
+
+def factor(quantity: str, unit: str) -> float | None:
+    """Factor from ``unit`` as written to ``unit_of`` the ``quantity``, or None for one that does not belong to it."""
+    key = unit.strip().lower()
+    key = MORE_SPELLINGS.get(key, SPELLINGS.get(key, key))
+    return {name.lower(): value for name, value in known_units(quantity).items()}.get(key.lower())

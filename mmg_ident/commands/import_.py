@@ -1,0 +1,185 @@
+"""``mmg import``: raw logs, as a ship or a basin writes them, to canonical trial files."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from typer import Argument, Option
+
+from mmg.errors import UserError
+from mmg_ident.commands.output import each, print_json, say, working
+
+if TYPE_CHECKING:
+    from cases.importing.assembled_run import ImportedRun
+    from cases.importing.import_logs import Imported
+    from cases.importing.import_map import ImportMap
+
+
+def import_(
+    logs: Annotated[
+        list[Path], Argument(help="Raw logs (text, Excel, NMEA, Parquet) or folders of them.", metavar="FILE...")
+    ],
+    out: Annotated[Path, Option(help="Folder to write: a trial file for each run, trials.toml, import.toml.")],
+    map: Annotated[Path | None, Option("--map", help="What the headers leave unsaid (docs/import.md).")] = None,
+    rudder_positive: Annotated[str | None, Option(help="Side of positive rudder angles: starboard or port.")] = None,
+    wind_direction: Annotated[str | None, Option(help="Where wind directions point: from or to.")] = None,
+    velocity_frame: Annotated[str | None, Option(help="Frame of u and v: body or earth.")] = None,
+    zone_hours: Annotated[float | None, Option(help="Time zone of stamps without one, hours ahead of UTC.")] = None,
+    separate: Annotated[bool, Option("--separate", help="Every file is a run; none are joined on time.")] = False,
+    force: Annotated[bool, Option("--force", help="Write into a folder that holds files.")] = False,
+    json: Annotated[bool, Option("--json", help="Print what was done as JSON.")] = False,
+) -> None:
+    """Turn raw logs into canonical trials: separators, units, clocks, positions on the globe, derived velocities.
+
+    Example: mmg import logs/ --out trials
+
+    On a terminal it asks for what the headers leave open; import.toml in the folder repeats the answers. Nothing is
+    written while a file has a problem: all problems are said at once.
+    """
+    from cases.importing.import_logs import import_logs
+    from cases.importing.import_map import ImportMap, read_map
+    from cases.importing.written_trials import write_import
+
+    chosen = read_map(map) if map else ImportMap()
+    given = {
+        "rudder_positive": rudder_positive,
+        "wind_direction": wind_direction,
+        "velocity_frame": velocity_frame,
+        "zone_hours": zone_hours,
+        "separate": separate or None,
+    }
+    chosen = _with(chosen, {key: value for key, value in given.items() if value is not None})
+    found = import_logs(logs, chosen, lambda files: each(files, "reading"))
+    if not json and sys.stdin.isatty() and sys.stderr.isatty():
+        answered = _answered(found, chosen)
+        if answered is not chosen:
+            chosen = answered
+            found = import_logs(logs, chosen, lambda files: each(files, "reading"))
+    if found.problems:
+        if len(found.problems) > 1:
+            _print_problems(found)
+        raise UserError("; ".join(found.problems))
+    with working("writing trials"):
+        files = write_import(found, chosen, out, force)
+    checks = _checks(files)
+    if json:
+        print_json(
+            {
+                "out": str(out),
+                "origin": found.origin,
+                "runs": [_row(r, f, c) for r, f, c in zip(found.runs, files, checks, strict=True)],
+            }
+        )
+    else:
+        _print(found, files, checks)
+        say(f"next: mmg check {out}, then mmg fit SHIP {out} --out runs/first")
+
+
+def _with(chosen: ImportMap, changes: dict[str, Any]) -> ImportMap:
+    """The map with the options of the command line. Raises UserError for a value that is none."""
+    from cases.importing.import_map import ImportMap
+    from cases.io.toml_file import validated
+
+    if not changes:
+        return chosen
+    content = chosen.model_dump(exclude_unset=True, by_alias=True)
+    return validated(ImportMap, {**content, **changes}, "options")
+
+
+def _answered(found: Imported, chosen: ImportMap) -> ImportMap:
+    """The map with the answers of the person at the terminal."""
+    import typer
+
+    content = chosen.model_dump(exclude_unset=True, by_alias=True)
+    files = dict(content.get("files", {}))
+    for question in found.questions:
+        say(f"{question.file}: {question.words}")
+        answer = typer.prompt("  " + " / ".join(question.choices), default=question.choices[-1], err=True)
+        if answer not in question.choices or answer == "nothing":
+            continue
+        entry = dict(files.get(question.file, {}))
+        columns = dict(entry.get("columns", {}))
+        column = dict(columns.get(question.quantity, {"from": question.header}))
+        if question.quantity:
+            columns[question.quantity] = {**column, "unit": answer}
+        else:
+            columns[answer] = {"from": question.header}
+        files[question.file] = {**entry, "columns": columns}
+    if files == content.get("files", {}):
+        return chosen
+    return _with(chosen, {"files": files})
+
+
+def _checks(files: list[Path]) -> list[Any]:
+    from cases.checks import check
+    from cases.io.read import read_trials
+
+    return check(read_trials(files))
+
+
+def _row(run: ImportedRun, file: Path, report: Any) -> dict[str, Any]:
+    """What JSON says of a run."""
+    from mmg.messages import message_rows
+
+    return {
+        "name": run.name,
+        "file": str(file),
+        "from": [log.name for log in run.logs],
+        "rows": len(run.columns["t"]),
+        "columns": list(run.columns),
+        "std": run.std,
+        "unknown": [header for log in run.logs for header in log.unknown],
+        "notices": message_rows(run.notices),
+        "verdict": report.verdict,
+    }
+
+
+def _print_problems(found: Imported) -> None:
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    table = Table(box=None, padding=(0, 1), pad_edge=False, show_header=False)
+    for i, problem in enumerate(found.problems):
+        table.add_row(f"{i + 1}.", escape(problem))
+    console = Console(stderr=True, highlight=False)
+    console.print(f"{len(found.problems)} problems; nothing is written:")
+    console.print(table)
+
+
+def _print(found: Imported, files: list[Path], checks: list[Any]) -> None:
+    """One table of the runs, and below it what was done, once for all runs that share it."""
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        console = Console(highlight=False, width=max(console.width, 100))
+    table = Table(box=None, padding=(0, 1), pad_edge=False)
+    for title in ("trial", "from", "rows", "s", "verdict of check"):
+        table.add_column(title, justify="right" if title in ("rows", "s") else "left")
+    for run, file, report in zip(found.runs, files, checks, strict=True):
+        t = run.columns["t"]
+        sources = ", ".join(dict.fromkeys(log.table.path.name for log in run.logs))
+        table.add_row(escape(file.name), escape(sources), str(len(t)), f"{t[-1]:.0f}", report.verdict)
+    console.print(table)
+    said: dict[str, list[str]] = {}
+    for run in found.runs:
+        for notice in run.notices:
+            said.setdefault(str(notice), []).append(run.name)
+        unknown = [header for log in run.logs for header in log.unknown]
+        if unknown:
+            said.setdefault(f"columns not known, not used: {', '.join(unknown)}", []).append(run.name)
+        for log in run.logs:
+            for header, what in log.unsure.items():
+                said.setdefault(f"column '{header}' not used: it may be {what}; say it in the map", []).append(run.name)
+    for run, report in zip(found.runs, checks, strict=True):
+        for finding in report.findings:
+            if finding.level == "contradictory":
+                said.setdefault(f"[check] {finding.text}", []).append(run.name)
+    for words, names in said.items():
+        whose = "" if len(names) == len(found.runs) else f"{', '.join(names)}: "
+        console.print(escape(f"  {whose}{words}"))

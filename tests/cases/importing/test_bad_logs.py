@@ -1,0 +1,189 @@
+"""Bad logs: one line that says what, where and what to do; all of a folder at once; nothing half-written."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cases.importing.import_logs import import_logs
+from cases.importing.import_map import ImportMap, read_map
+from cases.io.toml_file import validated
+from mmg.errors import UserError
+from mmg_ident.commands.main import main
+from tests.support import raw_logs
+from tests.support.raw_logs import UNITS, plain, rows
+
+
+def problem(path: Path, chosen: ImportMap | None = None) -> str:
+    found = import_logs([path], chosen)
+    assert len(found.problems) == 1, found.problems
+    assert "\n" not in found.problems[0] and found.problems[0].startswith((str(path.parent), "files of"))
+    return found.problems[0]
+
+
+HEADER = "time;lat;lon;sog [kn];heading [deg];rpm;rudder [deg]"
+
+
+def line(i: int, **changed: str) -> str:
+    cells = {"t": raw_logs.stamp(0.5 * i), "lat": f"34.7{i:04d}", "lon": "135.4", "sog": "2.1", "psi": f"{i % 360}.5"}
+    cells |= {"rpm": "700", "delta": f"{(i % 7) - 3}.5"} | changed
+    return ";".join(cells.values())
+
+
+def lines(count: int = 60, **at: dict[str, str]) -> list[str]:
+    return [line(i, **at.get(f"row{i}", {})) for i in range(count)]
+
+
+CASES: list[tuple[str, Callable[[Path], Path], str]] = [
+    ("empty", lambda p: rows(p, "", []), "is empty"),
+    ("only a header", lambda p: rows(p, HEADER, []), "below a header|no separator"),
+    ("binary", lambda p: p.write_bytes(bytes(range(256)) * 40) and p, "is no text"),
+    ("words",
+     lambda p: rows(p, "It was a fine day", ["and we went out", "to sea again"]),
+     "no separator|below a header"),
+    ("no header", lambda p: rows(p, line(0), lines()[1:]), "not headers"),
+    ("a short row",
+     lambda p: rows(p, HEADER, [*lines(30), "2026;1;2", *lines()[31:]]),
+     "line 32 has 3 cells, the header 7"),
+    ("mixed separators",
+     lambda p: rows(p, HEADER, [*lines(30), line(30).replace(";", ","), *lines()[31:]]),
+     "separated by ','"),
+    ("two clocks",
+     lambda p: rows(p, f"{HEADER};utc", [f"{t};{i}" for i, t in enumerate(lines())]),
+     "two columns hold a time"),
+    ("no clock", lambda p: rows(p, HEADER.replace("time", "foo"), lines()), "no clock"),
+    ("backwards",
+     lambda p: rows(p, HEADER, lines(row20={"t": raw_logs.stamp(2)})),
+     "runs backwards by 7.5 s after row 20"),
+    ("no time", lambda p: rows(p, HEADER, lines(row9={"t": "noon"})), "row 10: 'noon' is no time"),
+    ("day or month",
+     lambda p: rows(p, HEADER, [line(i, t=f"03/04/2026 10:00:{i % 60:02d}") for i in range(60)]),
+     "day and month could be"),
+    ("text in numbers",
+     lambda p: rows(p, HEADER, lines(row11={"rpm": "stop"})),
+     "row 12, column 'rpm': 'stop' is not a number"),
+    ("unit", lambda p: rows(p, HEADER.replace("sog [kn]", "sog [Bft]"), lines()), "unknown unit 'Bft' for sog"),
+    ("two headings", lambda p: rows(p, f"{HEADER};gyro [deg]", [f"{t};1" for t in lines()]), "two columns are psi"),
+    ("no heading", lambda p: rows(p, HEADER.replace("heading [deg]", "foo"), lines()), "missing psi.*not known: foo"),
+    ("no propeller", lambda p: rows(p, HEADER.replace("rpm", "foo"), lines()), "missing n"),
+    ("ships in rows",
+     lambda p: rows(p, f"{HEADER};mmsi", [f"{t};{i % 2}" for i, t in enumerate(lines())]),
+     "several ships"),
+    ("zones", lambda p: rows(p, "time;northing [m];easting [m];zone;heading [deg];rpm;rudder [deg]",
+      [f"{raw_logs.stamp(i)};{5e6 + i};{4e5 + i};{32 + i // 40}N;1;700;2" for i in range(60)]), "several UTM zones"),
+    ("jump of zones", lambda p: rows(p, "time;northing [m];easting [m];heading [deg];rpm;rudder [deg]",
+      [f"{raw_logs.stamp(i)};{5e6 + i};{4e5 + i + 4e5 * (i >= 40)};1;700;2" for i in range(80)]), "two UTM zones"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("make", "words"), [case[1:] for case in CASES], ids=[case[0] for case in CASES])
+def test_a_bad_log_is_refused_in_one_line(tmp_path: Path, make: Callable[[Path], Path], words: str) -> None:
+    pytest.importorskip("pyproj", reason="needs the extra import")
+    import re
+
+    said = problem(make(tmp_path / "log.csv"))
+    assert re.search(words, said), said
+
+
+def test_all_problems_of_a_folder_are_said_and_nothing_is_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    logs = tmp_path / "logs"
+    logs.mkdir()
+    plain(logs / "good.txt", UNITS)
+    rows(logs / "one.csv", HEADER, [*lines(30), "2026;1;2", *lines()[31:]])
+    rows(logs / "two.csv", HEADER.replace("time", "foo"), lines())
+    assert main(["import", str(logs), "--out", str(tmp_path / "out")]) == 2
+    err = capsys.readouterr().err
+    assert "one.csv" in err and "two.csv" in err and "2 problems" in err
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["logs"]
+
+
+def test_files_of_different_ships(tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        truth = raw_logs.run()
+        lines = [f"{t:g} {truth['psi'][i]:.6f} {truth['u'][i]:.6f} {name}" for i, t in enumerate(truth.t)]
+        rows(tmp_path / f"{name}.txt", "time_s heading_rad surge_mps ship", lines)
+    found = import_logs([tmp_path])
+    assert any("files of different ships: a (a.txt), b (b.txt)" in p for p in found.problems)
+
+
+def test_clocks_that_do_not_overlap(tmp_path: Path) -> None:
+    paths = raw_logs.apart(tmp_path, raw_logs.run())
+    chosen = validated(ImportMap, {"files": {p.name: {"run": "seven"} for p in paths}}, "map")
+    late = validated(
+        ImportMap, {"files": {p.name: {"run": "seven", "clock_offset": 1e4 * i} for i, p in enumerate(paths)}}, "map"
+    )
+    pytest.importorskip("pyproj", reason="needs the extra import")
+    assert not import_logs(paths, chosen).problems
+    assert "do not overlap" in import_logs(paths, late).problems[0]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("columns = 3", "columns"),
+        ("[columns]\nfoo = 'bar'", "no quantity of a log"),
+        ("[columns]\nn = { from = 'rpm', unit = 'kn' }", "does not belong to n"),
+        ("rudder_positive = 'left'", "rudder_positive"),
+        ("origin = [1.0]", "origin"),
+        ("zone_hours = 99.0", "zone_hours"),
+        ("surprise = 1", "surprise"),
+    ],
+)
+def test_a_bad_map_is_refused_in_one_line(tmp_path: Path, text: str, words: str) -> None:
+    path = tmp_path / "import.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(UserError, match=words) as refused:
+        read_map(path)
+    assert str(refused.value).startswith(str(path))
+
+
+def test_a_map_for_a_file_that_is_not_there(tmp_path: Path) -> None:
+    path = plain(tmp_path / "a.txt", UNITS)
+    chosen = validated(ImportMap, {"files": {"b.txt": {"skip": True}}}, "map")
+    assert 'the map: [files."b.txt"] names none of the files' in import_logs([path], chosen).problems
+    own = validated(ImportMap, {"files": {"a.txt": {"columns": {"psi": "Kurs"}}}}, "map")
+    assert "column 'Kurs' of the map is absent" in import_logs([path], own).problems[0]
+
+
+def test_damaged_bytes_raise_nothing_but_a_line(tmp_path: Path) -> None:
+    """A thousand damaged logs: read, or refused in a line."""
+    good = [raw_logs.semicolons(tmp_path / "a.csv", raw_logs.run()).read_bytes()[:6000]]
+    good.append(raw_logs.nmea(tmp_path / "b.nmea", raw_logs.run()).read_bytes()[:6000])
+    good.append(plain(tmp_path / "c.txt", UNITS).read_bytes()[:6000])
+    rng = np.random.default_rng(8)
+    pieces = [
+        b"\0",
+        b"\xff\xfe",
+        b";;",
+        b",",
+        b"\r",
+        b'"',
+        b"-999",
+        b"1e400",
+        b"nan",
+        b"9" * 400,
+        b"$GPRMC,",
+        b"\t",
+        b"T25:61",
+    ]
+    read = 0
+    for i in range(300):
+        content = bytearray(good[i % 3])
+        for _ in range(int(rng.integers(1, 6))):
+            at = int(rng.integers(0, len(content)))
+            piece = pieces[int(rng.integers(0, len(pieces)))]
+            if rng.random() < 0.5:
+                content[at : at + len(piece)] = piece
+            else:
+                content[at:at] = piece
+        path = tmp_path / f"damaged{'.nmea' if i % 3 == 1 else '.csv'}"
+        path.write_bytes(bytes(content[: int(rng.integers(200, len(content)))]))
+        found = import_logs([path])
+        assert bool(found.problems) or bool(found.runs)
+        read += bool(found.runs)
+    assert 20 < read < 280

@@ -1,0 +1,62 @@
+"""Derived velocities are as wrong as they say."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cases.importing.derived_motion import derived_velocities, smoothed
+from tests.support import raw_logs
+
+
+@pytest.mark.parametrize("noise", [0.02, 0.5, 2.0])
+@pytest.mark.parametrize("with_rate", [False, True])
+def test_the_standard_error_of_a_rate_is_that_of_repeated_noise(noise: float, with_rate: bool) -> None:
+    h, n = 0.5, 800
+    t = np.arange(n) * h
+    path, speed = 60 * np.sin(t / 40) + 1.2 * t, 1.5 * np.cos(t / 40) + 1.2
+    squares, claims = [], []
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        rate = speed + 0.1 * rng.standard_normal(n) if with_rate else None
+        found = smoothed(h, path + noise * rng.standard_normal(n), rate)
+        squares.append(np.mean((found.rate - speed)[20:-20] ** 2))
+        claims.append(found.rate_std)
+    ratio = np.sqrt(np.mean(squares)) / np.mean(claims)
+    assert 0.5 < ratio < 1.4, ratio
+
+
+def test_a_measured_rate_makes_it_better() -> None:
+    h, n = 0.5, 600
+    t = np.arange(n) * h
+    path, speed = 60 * np.sin(t / 40), 1.5 * np.cos(t / 40)
+    rng = np.random.default_rng(0)
+    value = path + 2.0 * rng.standard_normal(n)
+    alone = smoothed(h, value)
+    both = smoothed(h, value, speed + 0.02 * rng.standard_normal(n))
+    assert np.std((both.rate - speed)[20:-20]) < 0.5 * np.std((alone.rate - speed)[20:-20])
+    assert both.rate_std < alone.rate_std
+
+
+def test_surge_and_sway_of_a_turning_ship() -> None:
+    """A ship in a zigzag: within three standard errors in nearly all rows, and gaps stay gaps."""
+    truth = raw_logs.run()
+    rng = np.random.default_rng(3)
+    x, y = (truth[c] + 0.03 * rng.standard_normal(len(truth)) for c in ("x", "y"))
+    x[120:150] = np.nan
+    new, std, said = derived_velocities(truth.t, {"x": x, "y": y, "psi": truth["psi"]})
+    gap = np.isnan(new["u"])
+    assert gap[120:150].all() and gap.sum() == 30
+    for name in "uv":
+        error = (new[name] - truth[name])[~gap][10:-10]
+        assert np.mean(np.abs(error) < 3 * std[name]) > 0.95
+        assert np.std(error) < 0.02
+    assert "r" in new and len(said) == 2
+
+
+def test_speed_and_course_alone_suffice() -> None:
+    truth = raw_logs.run()
+    sog, cog = raw_logs.ground(truth)
+    columns = {"sog": sog * raw_logs.KNOT, "cog": np.radians(cog), "psi": truth["psi"], "r": truth["r"]}
+    new, std, _ = derived_velocities(truth.t, columns)
+    assert max(np.abs(new[c] - truth[c]).max() for c in "uv") < 1e-9 and set(std) == {"u", "v"}

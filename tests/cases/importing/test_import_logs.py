@@ -1,0 +1,176 @@
+"""Runs come out of raw logs as they went in, whatever the format, the clock and the units."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cases.importing.import_logs import Imported, import_logs
+from cases.importing.import_map import ImportMap, read_map
+from cases.importing.written_trials import write_import
+from cases.io.read import read_trials
+from cases.io.toml_file import validated
+from cases.trial import Trial
+from mmg.errors import UserError
+from tests.support import raw_logs
+from tests.support.raw_logs import UNITS, plain
+
+openpyxl = pytest.importorskip("openpyxl", reason="needs the extra import")
+pytest.importorskip("pynmea2", reason="needs the extra import")
+pytest.importorskip("pyproj", reason="needs the extra import")
+
+PORT = ImportMap(rudder_positive="port")
+
+
+def imported(path: Path, chosen: ImportMap | None = None) -> Imported:
+    found = import_logs([path], chosen)
+    assert not found.problems, found.problems
+    return found
+
+
+def errors(found: Imported, truth: Trial, late: float = 0.0, inside: float = 5.0) -> dict[str, float]:
+    """Largest difference of each column from the ``truth``, whose clock is ``late`` behind, away from the ends."""
+    run = found.runs[0]
+    t = run.columns["t"]
+    rows = (t > inside) & (t < t[-1] - inside)
+    out = {}
+    for name in ("x", "y", "u", "v", "r", "n", "delta"):
+        out[name] = float(np.abs(run.columns[name] - np.interp(t + late, truth.t, truth[name]))[rows].max())
+    turned = np.interp(t + late, truth.t, truth.psi_unwrapped) - run.columns["psi"]
+    out["psi"] = float(np.abs(np.angle(np.exp(1j * turned)))[rows].max())
+    return out
+
+
+LIMITS = {"x": 0.02, "y": 0.02, "psi": 1e-3, "u": 3e-3, "v": 6e-3, "r": 8e-4, "n": 1e-4, "delta": 0.03}
+
+
+def test_semicolons_decimal_commas_knots_and_the_globe(tmp_path: Path) -> None:
+    found = imported(raw_logs.semicolons(tmp_path / "zigzag.csv", raw_logs.run()), PORT)
+    off = errors(found, raw_logs.run())
+    assert all(off[name] < LIMITS[name] for name in LIMITS), off
+    assert found.runs[0].day == "2026-05-04" and found.origin == (34.7, 135.4)
+    codes = {getattr(m, "code", "") for m in found.runs[0].notices}
+    assert {"decimal_commas", "separator", "clock", "derived", "local_frame", "lines_before_header"} <= codes
+    assert found.runs[0].logs[0].unknown == ("Mood",)
+
+
+def test_an_excel_sheet_with_a_title_and_a_line_of_units(tmp_path: Path) -> None:
+    truth = raw_logs.run("turning:35")
+    off = errors(imported(raw_logs.excel(tmp_path / "turn.xlsx", truth)), truth)
+    assert all(off[name] < LIMITS[name] for name in LIMITS), off
+
+
+def test_nmea_sentences_and_a_damaged_line(tmp_path: Path) -> None:
+    truth = raw_logs.run("zigzag:10/10")
+    found = imported(raw_logs.nmea(tmp_path / "zigzag.nmea", truth))
+    off = errors(found, truth)
+    assert all(off[name] < LIMITS[name] for name in LIMITS), off
+    assert any(getattr(m, "code", "") == "nmea_damaged" for m in found.runs[0].notices)
+
+
+def test_three_files_of_one_run_with_their_own_clocks(tmp_path: Path) -> None:
+    raw_logs.apart(tmp_path, raw_logs.run())
+    found = imported(tmp_path)
+    assert [run.name for run in found.runs] == ["run7"] and len(found.runs[0].logs) == 3
+    off = errors(found, raw_logs.run(), late=0.3)
+    assert all(off[name] < LIMITS[name] for name in LIMITS), off
+
+
+def test_the_map_that_is_written_repeats_the_import(tmp_path: Path) -> None:
+    (tmp_path / "logs").mkdir()
+    raw_logs.semicolons(tmp_path / "logs" / "a.csv", raw_logs.run())
+    raw_logs.apart(tmp_path / "logs", raw_logs.run())
+    first = import_logs([tmp_path / "logs"], PORT)
+    files = write_import(first, PORT, tmp_path / "one")
+    again = read_map(tmp_path / "one" / "import.toml")
+    second = write_import(import_logs([tmp_path / "logs"], again), again, tmp_path / "two")
+    assert [f.name for f in files] == [f.name for f in second] == ["a.csv", "run7.csv"]
+    for one, two in zip(files, second, strict=True):
+        assert one.read_bytes() == two.read_bytes()
+    trials = read_trials(tmp_path / "one")
+    assert all(set(t.std) == {"u", "v"} | ({"r"} if t.name == "a" else set()) for t in trials)
+
+
+def test_an_import_goes_into_a_folder_with_files_only_when_asked(tmp_path: Path) -> None:
+    found = imported(raw_logs.semicolons(tmp_path / "a.csv", raw_logs.run()), PORT)
+    target = tmp_path / "out"
+    write_import(found, PORT, target)
+    with pytest.raises(UserError, match="holds files already"):
+        write_import(found, PORT, target)
+    assert write_import(found, PORT, target, force=True) == [target / "a.csv"]
+    assert not list(tmp_path.glob(".out*"))
+
+
+def test_units_at_the_end_of_headers(tmp_path: Path) -> None:
+    found = imported(plain(tmp_path / "a.txt", UNITS))
+    off = errors(found, raw_logs.run())
+    assert max(off.values()) < 1e-12 and not found.runs[0].std
+
+
+@pytest.mark.parametrize(
+    ("name", "factor", "unit"),
+    [("yaw_rate", 180 / np.pi, "deg/s"), ("yaw_rate", 10800 / np.pi, "deg/min"), ("surge", 3600 / 1852, "kn"),
+     ("surge", 3.6, "km/h"), ("surge", 1.0, "m/s")],
+)  # fmt: skip
+def test_units_that_nobody_wrote_are_found_by_other_columns(
+    tmp_path: Path, name: str, factor: float, unit: str
+) -> None:
+    column = "r" if name == "yaw_rate" else "u"
+    header = UNITS.replace("yaw_rate_rad_s", "yaw_rate") if column == "r" else UNITS.replace("surge_mps", "surge")
+    found = imported(plain(tmp_path / "a.txt", header, **{column: factor * raw_logs.run()[column]}))
+    assert errors(found, raw_logs.run())[column] < 1e-9
+    said = [m for m in found.runs[0].notices if getattr(m, "code", "") == "unit_found"]
+    assert len(said) == 1 and f"in {unit}:" in said[0]
+
+
+def test_a_unit_that_nothing_shows_is_asked_for(tmp_path: Path) -> None:
+    path = plain(tmp_path / "a.txt", UNITS.replace("shaft_rps", "shaft speed").replace("shaft speed", "shaft_speed"))
+    found = import_logs([path])
+    assert len(found.problems) == 1 and "'shaft_speed' (n) has no unit (rps, rpm, rad/s)" in found.problems[0]
+    assert [(q.quantity, q.choices[:2]) for q in found.questions] == [("n", ("rps", "rpm"))]
+    chosen = validated(ImportMap, {"columns": {"n": {"from": "shaft_speed", "unit": "rps"}}}, "map")
+    assert errors(imported(path, chosen), raw_logs.run())["n"] < 1e-12
+
+
+def test_what_a_column_may_be_is_asked(tmp_path: Path) -> None:
+    truth = raw_logs.run()
+    more = {"w": np.full(len(truth), 5.0), "d": np.full(len(truth), 1.0)}
+    path = plain(tmp_path / "a.txt", f"{UNITS} wind_speed_mps wind_dir_rad", **more)
+    found = import_logs([path])
+    assert [q.choices for q in found.questions] == [
+        ("wind_speed", "apparent_wind_speed", "nothing"),
+        ("wind_direction", "apparent_wind_direction", "nothing"),
+    ]
+    assert "wind_speed" not in found.runs[0].columns
+
+
+def test_numbers_for_nothing_lost_satellites_and_a_channel_that_stands_still(tmp_path: Path) -> None:
+    truth = raw_logs.run()
+    rng = np.random.default_rng(0)
+    x, y, u, r = (
+        truth[c] + rng.normal(0, s, len(truth)) for c, s in (("x", 0.02), ("y", 0.02), ("u", 0.01), ("r", 1e-3))
+    )
+    u[50:55], x[100:103], y[100:103] = -999.0, 1e5, -2e5
+    r[200:240] = r[200]
+    found = imported(plain(tmp_path / "a.txt", UNITS, x=x, y=y, u=u, r=r))
+    columns = found.runs[0].columns
+    assert np.isnan(columns["u"][50:55]).all() and np.isfinite(columns["u"]).sum() == len(truth) - 5
+    assert np.isnan(columns["x"][100:103]).all() and np.isfinite(columns["x"]).sum() == len(truth) - 3
+    assert np.isnan(columns["r"][201:240]).all() and np.isfinite(columns["r"]).sum() == len(truth) - 39
+    codes = [getattr(m, "code", "") for m in found.runs[0].notices]
+    assert {"sentinel", "position_lost", "frozen"} <= set(codes)
+
+
+def test_sound_noisy_logs_lose_nothing(tmp_path: Path) -> None:
+    """Also coarsely rounded ones: no number is taken for nothing, no channel stands still."""
+    truth = raw_logs.run()
+    rng = np.random.default_rng(1)
+    for digits in (5, 2):
+        noisy = {
+            c: np.round(truth[c] + rng.normal(0, s, len(truth)), digits)
+            for c, s in (("x", 0.02), ("y", 0.02), ("psi", 2e-3), ("u", 0.01), ("v", 0.01), ("r", 1e-3))
+        }
+        found = imported(plain(tmp_path / f"{digits}.txt", UNITS, **noisy))
+        assert all(np.isfinite(values).all() for values in found.runs[0].columns.values())

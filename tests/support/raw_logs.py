@@ -1,0 +1,144 @@
+"""Raw logs as people have them, of a simulated run whose truth is known: other formats, clocks, units and signs."""
+
+from __future__ import annotations
+
+import datetime
+from functools import lru_cache, reduce
+from pathlib import Path
+
+import numpy as np
+
+from cases.trial import Trial
+from mmg_ident import simulate
+
+BEGIN = datetime.datetime(2026, 5, 4, 9, 30, tzinfo=datetime.timezone.utc)
+ORIGIN = (34.7, 135.4)
+KNOT = 1852.0 / 3600.0
+M_PER_DEG = 110942.0, 91565.0
+"""Metres of a degree of latitude and longitude there, on the WGS 84 ellipsoid, within 1e-4."""
+
+
+@lru_cache
+def run(maneuver: str = "zigzag:20/20", seed: int = 1) -> Trial:
+    """A run of a 7 m tanker model without noise, every 0.5 s."""
+    return simulate("kvlcc2_l7", maneuver, dt=0.5, duration=180, seed=seed)
+
+
+def stamp(t: float, begin: datetime.datetime = BEGIN) -> str:
+    """ISO 8601 of ``t`` [s] after the begin."""
+    return (begin + datetime.timedelta(seconds=float(t))).isoformat(timespec="milliseconds")
+
+
+def globe(trial: Trial) -> tuple[np.ndarray, np.ndarray]:
+    """Latitude and longitude [deg] of the positions."""
+    return ORIGIN[0] + trial["x"] / M_PER_DEG[0], ORIGIN[1] + trial["y"] / M_PER_DEG[1]
+
+
+def ground(trial: Trial) -> tuple[np.ndarray, np.ndarray]:
+    """Speed [kn] and course [deg] over ground."""
+    psi, u, v = trial["psi"], trial["u"], trial["v"]
+    north, east = u * np.cos(psi) - v * np.sin(psi), u * np.sin(psi) + v * np.cos(psi)
+    return np.hypot(north, east) / KNOT, np.degrees(np.arctan2(east, north)) % 360
+
+
+def semicolons(path: Path, trial: Trial, begin: datetime.datetime = BEGIN) -> Path:
+    """Semicolons, decimal commas, ISO times, positions on the globe, knots, degrees, rpm, rudder positive to port."""
+    lat, lon = globe(trial)
+    sog, cog = ground(trial)
+    lines = [
+        "Exported by LOGGER 3000",
+        "Time;Latitude;Longitude;SOG [kn];COG [deg];Heading [deg];RPM;Rudder Angle [deg];Mood",
+    ]
+    columns = (lat, lon, sog, cog, np.degrees(trial["psi"]) % 360, 60 * trial["n"], -np.degrees(trial["delta"]))
+    for i, t in enumerate(trial.t):
+        cells = [f"{c[i]:.8f}".replace(".", ",") for c in columns]
+        lines.append(";".join([stamp(t, begin), *cells, "good"]))
+    path.write_text("\r\n".join(lines) + "\r\n", encoding="cp1252")
+    return path
+
+
+def excel(path: Path, trial: Trial) -> Path:
+    """A workbook with a title, headers, a line of units, and times of Excel."""
+    import openpyxl
+
+    book = openpyxl.Workbook()
+    sheet = book.active
+    sheet.append(["Sea trial of the model"])
+    sheet.append(["Date and time", "North", "East", "Yaw", "Yaw rate", "Shaft speed", "Rudder"])
+    sheet["A2"] = "timestamp"
+    sheet.append(["", "m", "m", "deg", "deg/min", "rpm", "deg"])
+    for i, t in enumerate(trial.t):
+        when = (BEGIN + datetime.timedelta(seconds=float(t))).replace(tzinfo=None)
+        values = (trial["x"][i], trial["y"][i], np.degrees(trial["psi"][i]), np.degrees(trial["r"][i]) * 60)
+        sheet.append([when, *map(float, values), float(60 * trial["n"][i]), float(np.degrees(trial["delta"][i]))])
+    book.save(path)
+    return path
+
+
+def _sentence(body: str) -> str:
+    return f"${body}*{reduce(lambda a, c: a ^ ord(c), body, 0):02X}"
+
+
+def nmea(path: Path, trial: Trial, damaged: bool = True) -> Path:
+    """Sentences of a satellite receiver, a gyro, a rudder indicator and a shaft, with a damaged line."""
+    lat, lon = globe(trial)
+    sog, cog = ground(trial)
+    lines = []
+    for i, t in enumerate(trial.t):
+        now = BEGIN + datetime.timedelta(seconds=float(t))
+        a, b = (f"{int(d):02d}{60 * (d - int(d)):09.6f}" for d in (lat[i], lon[i]))
+        clock = f"{now:%H%M%S}.{now.microsecond // 10000:02d}"
+        lines.append(_sentence(f"GPRMC,{clock},A,{a},N,{b},E,{sog[i]:.4f},{cog[i]:.3f},{now:%d%m%y},,,A"))
+        lines.append(_sentence(f"HEHDT,{np.degrees(trial['psi'][i]) % 360:.3f},T"))
+        lines.append(_sentence(f"TIROT,{np.degrees(trial['r'][i]) * 60:.3f},A"))
+        lines.append(_sentence(f"AGRSA,{np.degrees(trial['delta'][i]):.3f},A,,V"))
+        lines.append(_sentence(f"IIRPM,S,1,{60 * trial['n'][i]:.3f},100,A"))
+    if damaged:
+        lines[7] = lines[7][:12] + "9" + lines[7][13:]
+    path.write_text("\n".join(lines) + "\n", encoding="ascii")
+    return path
+
+
+def apart(folder: Path, trial: Trial) -> list[Path]:
+    """One run in three files: satellites every second, gyro five times a second, actuators twice a second."""
+    lat, lon = globe(trial)
+    sog, cog = ground(trial)
+    paths = [folder / f"run7_{name}.csv" for name in ("gnss", "gyro", "actuators")]
+
+    def table(path: Path, header: str, times: np.ndarray, columns: list[np.ndarray], epoch: bool) -> None:
+        rows = [header]
+        for i, t in enumerate(times):
+            begin = f"{1000 * (BEGIN.timestamp() + t):.0f}" if epoch else stamp(t)
+            rows.append(",".join([begin, *(f"{c[i]:.8f}" for c in columns)]))
+        path.write_text("\n".join(rows) + "\n", encoding="utf-8")
+
+    def at(times: np.ndarray, values: np.ndarray) -> np.ndarray:
+        return np.interp(times, trial.t, values)
+
+    end = trial.t[-1]
+    one, two, three = np.arange(0, end, 1.0), np.arange(-3.0, end + 2, 0.2), np.arange(0.3, end, 0.5)
+    course = np.unwrap(np.radians(cog))
+    table(paths[0], "utc,lat,lon,sog_kn,cog_deg", one,
+          [at(one, lat), at(one, lon), at(one, sog), np.degrees(at(one, course)) % 360], False)  # fmt: skip
+    table(paths[1], "time,heading_deg,rot_deg_min", two,
+          [np.degrees(at(two, trial.psi_unwrapped)) % 360, np.degrees(at(two, trial["r"])) * 60], True)  # fmt: skip
+    table(paths[2], "time,rpm,rudder_deg", three,
+          [60 * at(three, trial["n"]), np.degrees(at(three, trial["delta"]))], True)  # fmt: skip
+    return paths
+
+
+def rows(path: Path, header: str, lines: list[str]) -> Path:
+    """A file of lines below a header."""
+    path.write_text("\n".join([header, *lines]) + "\n", encoding="utf-8")
+    return path
+
+
+def plain(path: Path, header: str, **changed: np.ndarray) -> Path:
+    """A run in SI with blanks between its cells and another ``header``; columns ``changed``."""
+    truth = run()
+    columns = {name: truth[name] for name in ("t", "x", "y", "psi", "u", "v", "r", "n", "delta")} | changed
+    lines = [" ".join(repr(float(c[i])) for c in columns.values()) for i in range(len(truth))]
+    return rows(path, header, lines)
+
+
+UNITS = "time_s north_m east_m heading_rad surge_mps sway_mps yaw_rate_rad_s shaft_rps rudder_rad"
