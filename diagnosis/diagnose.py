@@ -15,6 +15,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from cases.checks.trusted import remarks as remarks_on
 from cases.io.groups import Groups, group_trials
 from cases.io.site import Site, read_site
 from cases.trial import Trial
@@ -108,7 +109,7 @@ def _within_time(
     place = site if isinstance(site, Site) else read_site(trials, ship, site)
     kept, shared = independent_tests(trials, tests)
     known = calibration_trials(ship, trials, calibrated_on)
-    remarks += [*by_role, *copies, *shared, *known.remarks, *place.notices]
+    remarks += [*remarks_on([*trials, *kept]), *by_role, *copies, *shared, *known.remarks, *place.notices]
     inputs = DiagnosisInputs(tuple(data_rows(trials)), tuple(data_rows(kept)), o.command, o.seed, versions())
     try:
         found = _diagnosed(ship, trials, kept, place, o, known, groups, progress)

@@ -83,7 +83,7 @@ def calibrate(
     began = time.perf_counter()
     settings, options = settings or Settings(), options or FitOptions()
     ship = with_instruments(ship, options.instruments)
-    train, remarks = training_trials(trials)
+    train, remarks = training_trials(trials, validation)
     _check_options(ship, train, options)
     model, constants = varying_effects(ship, options.per_run)
     if options.resume:

@@ -1,7 +1,7 @@
 """The functions of ``mmg_ident``: what each command does, for a script or a notebook.
 
 A *model* is a ship, the name of one of the library, a ship file, a run folder, or the result of ``calibrate`` or
-``train``. *Trials* are what ``read_trials`` returns, or the paths that it takes.
+``train``. *Trials* are what ``read_trials`` returns, or paths; ``without_broken`` of them is what is fitted and judged.
 """
 
 from __future__ import annotations
@@ -33,13 +33,12 @@ if TYPE_CHECKING:
     Trials: TypeAlias = str | Path | Trial | Sequence[str | Path | Trial]
 
 
-def _trials(given: Trials) -> list[Trial]:
-    """Trials as they are, paths read."""
-    from cases.io.read import read_trials
-    from cases.trial import Trial
+def _sound(given: Trials) -> list[Trial]:
+    """Trials without their broken stretches, paths read."""
+    from cases.checks.trusted import without_broken
+    from cases.io.read import given_trials
 
-    several = [given] if isinstance(given, (str, Path, Trial)) else given
-    return [trial for item in several for trial in ([item] if isinstance(item, Trial) else read_trials([item]))]
+    return without_broken(given_trials(given))
 
 
 def _ship(model: Any) -> Ship:
@@ -90,8 +89,9 @@ def check(trials: Trials) -> list[CheckReport]:
     Returns a report per trial, with its verdict and findings. Raises UserError for a file that cannot be read.
     """
     from cases.checks import check as check_trials
+    from cases.io.read import given_trials
 
-    return check_trials(_trials(trials))
+    return check_trials(given_trials(trials))
 
 
 def simulate(
@@ -144,7 +144,7 @@ def calibrate(
     from fitting import pipeline
 
     start = _ship(ship)
-    result = pipeline.calibrate(start, _trials(trials), _trials(validate), settings, options, progress)
+    result = pipeline.calibrate(start, _sound(trials), _sound(validate), settings, options, progress)
     if not start.effects:
         return result
     from diagnosis.freed_effects import with_effect_tests
@@ -171,7 +171,7 @@ def score(
 
     origin = "the scored trials" if sigma is None else "the caller"
     given = None if sigma is None else np.asarray(sigma, dtype=float)
-    return scored(predictor(model), _trials(trials), given, origin, adapt=adapt)
+    return scored(predictor(model), _sound(trials), given, origin, adapt=adapt)
 
 
 def predict(
@@ -189,6 +189,7 @@ def predict(
     each trial. Returns a prediction per trial, with standard deviations where ``model`` is a result that knows them.
     Raises UserError where no window can be predicted, and for a black box with ``adapt``.
     """
+    from cases.io.read import given_trials
     from fitting.prediction.adaptation import Adaptation
     from fitting.prediction.bands import bands_of
     from fitting.prediction.predict import outside_share
@@ -211,7 +212,7 @@ def predict(
     bands = bands_of(content_of(model), ship) if ship else None
     past = Adaptation.of(ship, adapt) if adapt and ship else None
     results = []
-    runs = _trials(trials)
+    runs = given_trials(trials)
     for number, run in enumerate(runs):
         if progress:
             progress(Progress("predicting", number, len(runs)))
@@ -251,7 +252,7 @@ def train(
     """
     from residual import pipeline
 
-    return pipeline.train(model, _trials(trials), _trials(validate), settings, keep, progress=progress)  # type: ignore[arg-type]
+    return pipeline.train(model, _sound(trials), _sound(validate), settings, keep, progress=progress)  # type: ignore[arg-type]
 
 
 def diagnose(
@@ -269,12 +270,12 @@ def diagnose(
     """
     from diagnosis import diagnose as pipeline
 
-    runs = _trials(trials)
+    runs = _sound(trials)
     known: Any = model if isinstance(model, (str, Path)) else getattr(model, "folder", None)
     objects = getattr(model, "objects", None)
     if known is None and objects is not None and not any(a is b for a in objects.trials for b in runs):
         known = objects.trials
-    return pipeline.diagnose(_ship(model), runs, _trials(test), None, options, known, progress)
+    return pipeline.diagnose(_ship(model), runs, _sound(test), None, options, known, progress)
 
 
 def load_run(folder: str | Path) -> FitResult | TrainResult | Diagnosis:

@@ -68,7 +68,7 @@ def train(
     if keep not in KEEP:
         raise UserError(f"keep: {keep!r} is unknown; choose one of {', '.join(KEEP)}")
     ship, known, name = _start(ship_or_fit)
-    chosen, by_role = training_trials(trials)
+    chosen, by_role = training_trials(trials, validation)
     if not chosen:
         raise UserError("no trials to train on: name at least one trial file")
     settings = settings or TrainSettings()

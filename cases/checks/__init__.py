@@ -11,19 +11,28 @@ from typing import Any
 from cases.checks.duplicates import duplicates
 from cases.checks.excitation import excitation, inputs_are_constant, pooled
 from cases.checks.kinematics import kinematics
-from cases.checks.report import CONTRADICTORY, INFO, CheckFinding, CheckReport, Found
+from cases.checks.report import CONTRADICTORY, DOUBTFUL, INFO, CheckFinding, CheckReport, Found
 from cases.checks.rudder import rudder_sign
 from cases.checks.sampling import sampling
+from cases.checks.stretches import stretch_findings
+from cases.checks.trusted import as_they_are, with_doubt, without_broken
 from cases.checks.wind import wind
 from cases.io.unit_sanity import implausible
 from cases.trial import Trial
 from mmg.errors import UserError
 from mmg.messages import message_rows
 
-__all__ = ["CheckFinding", "CheckReport", "check", "inputs_are_constant", "pooled", "refuse_contradictory"]
+__all__ = ["CheckFinding", "CheckReport", "check", "inputs_are_constant", "pooled", "ready", "refuse_contradictory"]
 
 
-LOOKS = {"sampling": sampling, "kinematics": kinematics, "rudder": rudder_sign, "wind": wind, "excitation": excitation}
+LOOKS = {
+    "sampling": sampling,
+    "stretches": stretch_findings,
+    "kinematics": kinematics,
+    "rudder": rudder_sign,
+    "wind": wind,
+    "excitation": excitation,
+}
 """Topic -> what looks at one trial: its numbers, and level, code and sentence of each finding."""
 
 
@@ -48,16 +57,41 @@ def check(trials: Sequence[Trial]) -> list[CheckReport]:
     return reports
 
 
+def ready(*sets: Sequence[Trial], unchecked: bool = False) -> tuple[list[Trial], ...]:
+    """The ``sets`` of trials as they may be fitted and judged: without broken stretches, doubts among their notices.
+
+    unchecked: leave them as they are. Raises UserError where the data of one of them refute what its file says.
+    """
+    if unchecked:
+        return tuple(as_they_are(some) for some in sets)
+    reports = iter(_unrefuted(check([trial for some in sets for trial in some]), "add --unchecked"))
+    out = []
+    for some in sets:
+        kept = without_broken(some)
+        for i, report in zip(range(len(kept)), reports, strict=False):
+            for finding in report.findings:
+                if finding.level == DOUBTFUL and finding.topic not in ("stretches", "duplicates"):
+                    kept[i] = with_doubt(kept[i], finding.text)
+        out.append(kept)
+    return tuple(out)
+
+
 def refuse_contradictory(trials: Sequence[Trial], anyway: str) -> None:
     """Raises UserError where the data of one of ``trials`` refute what its file says of them.
 
     anyway: how to go on all the same, in words.
     """
-    wrong = [report for report in check(trials) if report.verdict == CONTRADICTORY]
+    _unrefuted(check(trials), anyway)
+
+
+def _unrefuted(reports: list[CheckReport], anyway: str) -> list[CheckReport]:
+    """The ``reports`` where none is contradictory."""
+    wrong = [report for report in reports if report.verdict == CONTRADICTORY]
     if wrong:
         text = next(f.text for f in wrong[0].findings if f.level == CONTRADICTORY).rstrip(".")
         names = ", ".join(report.path or report.name for report in wrong)
         raise UserError(f"{names}: contradictory, as mmg check says ({text}); correct it in trials.toml, or {anyway}")
+    return reports
 
 
 def _sentence(words: str) -> str:

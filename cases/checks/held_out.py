@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cases.checks.duplicates import duplicates
+from cases.checks.trusted import remarks
 from cases.trial import Trial
 from mmg.errors import UserError
 from mmg.messages import Message
@@ -16,9 +17,9 @@ MOST_LISTED = 5
 """Of names and pairs in one message."""
 
 
-def training_trials(trials: Sequence[Trial]) -> tuple[list[Trial], list[Message]]:
-    """The ``trials`` to train on, and messages on those that trials.toml keeps out by their role test or validate, and
-    on copies, which would count as if the run had been made again.
+def training_trials(trials: Sequence[Trial], judges: Sequence[Trial] = ()) -> tuple[list[Trial], list[Message]]:
+    """The ``trials`` to train on, and messages on those that trials.toml keeps out by their role test or validate, on
+    copies, which would count as if the run had been made again, and on what was left out of trials and ``judges``.
 
     Raises UserError when none is left.
     """
@@ -28,7 +29,7 @@ def training_trials(trials: Sequence[Trial]) -> tuple[list[Trial], list[Message]
         raise UserError(f"{names}: trials.toml gives them the role test or validate; none is left to train on")
     messages = [Message(f"not trained on, by their role in trials.toml: {names}", "role_held_out")] if out else []
     once, copies = without_copies(kept)
-    return once, messages + copies
+    return once, [*remarks([*once, *judges]), *messages, *copies]
 
 
 def by_role(trials: Sequence[Trial]) -> tuple[list[Trial], list[Trial]]:

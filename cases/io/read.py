@@ -7,7 +7,7 @@ derived or left out is said in the trial's notices; whatever cannot be read safe
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ import numpy as np
 from cases.io.conventions import converted
 from cases.io.files import check_file, read_bytes
 from cases.io.headers import match_headers
+from cases.io.leave_out import left_out
 from cases.io.sidecar import NAME, SidecarEntry, read_sidecar, sidecar_entry
 from cases.io.table import read_table
 from cases.io.toml_file import validated
@@ -47,6 +48,12 @@ def read_trials(paths: Iterable[str | Path] | str | Path) -> list[Trial]:
     return [read_trial(file) for file in dict.fromkeys(files)]
 
 
+def given_trials(given: str | Path | Trial | Sequence[str | Path | Trial]) -> list[Trial]:
+    """Trials as they are, and those at paths read; given: one or several of both."""
+    several = [given] if isinstance(given, (str, Path, Trial)) else given
+    return [trial for item in several for trial in ([item] if isinstance(item, Trial) else read_trials([item]))]
+
+
 def read_trial(path: str | Path, settings: SidecarEntry | Mapping[str, Any] | None = None) -> Trial:
     """One run in SI units, radians and the frames of this product.
 
@@ -71,7 +78,7 @@ def read_trial(path: str | Path, settings: SidecarEntry | Mapping[str, Any] | No
         raise UserError(f"{path}: {sentence}")
     columns = converted(columns, entry, notices)
     kind = entry.kind or _kind_from_name(path.stem, notices)
-    return Trial(
+    trial = Trial(
         name=entry.name or path.stem,
         columns=columns,
         path=path,
@@ -85,6 +92,7 @@ def read_trial(path: str | Path, settings: SidecarEntry | Mapping[str, Any] | No
             **{key: value for key, value in (("day", entry.day), ("group", entry.group)) if value},
         },
     )
+    return trial if entry.exclude is None else left_out(trial, [(b, e) for b, e in entry.exclude], "trials.toml")
 
 
 def _files_of(folder: Path) -> list[Path]:

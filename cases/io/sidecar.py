@@ -17,6 +17,7 @@
     day = "2026-11-22"                              # of the trial; default: the date in the file name
     group = "before docking"                        # any word, to compare groups of trials by
     std = { u = 0.02, v = 0.02 }                    # standard errors of what was derived [m, rad, m/s, rad/s]
+    exclude = [[125.0, 140.0], [28.0, 30.0]]        # s on the clock of the file; [] keeps every row
 
     [files."run_07.csv"]              # the same keys for one file, added to or replacing the default
     name = "zigzag 20-20, second"             # plain words: it names files too
@@ -69,6 +70,15 @@ def _iso(day: Any) -> str:
 Day = Annotated[str, BeforeValidator(_iso)]
 
 
+def _span(span: list[float]) -> list[float]:
+    if len(span) != 2 or not span[0] < span[1]:
+        raise ValueError(f"exclude holds pairs of begin and end in s, such as [125.0, 140.0]; {span} is none")
+    return span
+
+
+Span = Annotated[list[float], AfterValidator(_span)]
+
+
 class ReferencePoint(Section):
     """The measured point from midship [m], x forward, y to starboard, and what was measured there."""
 
@@ -89,6 +99,7 @@ class SidecarEntry(Section):
     """What is known of one trial file beside its header; the defaults are the conventions of this product.
 
     columns: canonical name -> header in the file. units: canonical name -> unit. sign: canonical name -> +1 or -1.
+    exclude: begin and end [s] of stretches that are left out; [] keeps every row, None leaves it to the checks.
     """
 
     columns: dict[Column, str] = Field(default_factory=dict)
@@ -104,6 +115,7 @@ class SidecarEntry(Section):
     name: Name = ""
     day: Day = ""
     group: Name = ""
+    exclude: list[Span] | None = None
 
     @field_validator("units")
     @classmethod

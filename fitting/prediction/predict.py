@@ -12,6 +12,7 @@ import numpy as np
 
 from cases.inputs import STANDARD, model_inputs
 from cases.io.files import replace_text
+from cases.io.leave_out import bridged
 from cases.trial import Trial
 from fitting.prediction.adaptation import Adaptation, adapt
 from fitting.prediction.bands import Bands
@@ -100,7 +101,11 @@ def _plan(
     record = record_of(trial, inputs)
     gap = np.diff(trial.t) > LONGEST_GAP + 2 * trial.dt
     rows = window_rows(trial.t, length, stride, short_last)
-    whole = [record.good[first : last + 1].all() and not gap[first:last].any() for first, last in rows]
+    usable = record.good | bridged(trial)
+    whole = [
+        bool(record.good[[first, last]].all() and usable[first : last + 1].all() and not gap[first:last].any())
+        for first, last in rows
+    ]
     kept = {number: Stretch(record, *rows[number]) for number in np.flatnonzero(np.array(whole, dtype=bool)).tolist()}
     words = f"{trial.name}: {len(rows) - len(kept)} window(s) touch missing samples and were left out"
     return kept, [Message(words, "windows_left_out")] if len(kept) < len(rows) else []

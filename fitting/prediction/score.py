@@ -200,6 +200,7 @@ def _squares(trial: Trial, windows: Sequence[Window], whole: bool) -> tuple[np.n
             error = error[1:]
         elif w.last < len(trial) - 1:
             error = error[:-1]
+        error = error[np.isfinite(error).all(axis=1)]  # a window may run over a broken stretch, whose rows do not count
         total += (error**2).sum(axis=0)
         rows += len(error)
     return total, rows

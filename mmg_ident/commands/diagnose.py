@@ -44,6 +44,9 @@ def diagnose(
     resume: Annotated[
         bool, Option("--resume", help="Continue an interrupted diagnosis in --out; finished campaigns are kept.")
     ] = False,
+    unchecked: Annotated[
+        bool, Option("--unchecked", help="Take also files that mmg check calls contradictory, and broken stretches.")
+    ] = False,
     json: Annotated[bool, Option("--json", help="Print diagnosis.json.")] = False,
 ) -> int:
     """Say which effect a ship's model lacks, judged by trials: an effect by name, none, or unknown.
@@ -67,6 +70,7 @@ def diagnose(
     """
     from dataclasses import replace
 
+    from cases.checks import ready
     from cases.io.read import read_trials
     from diagnosis import diagnose as pipeline
     from diagnosis.inputs import diagnosis_store
@@ -83,6 +87,7 @@ def diagnose(
         step, seed, workers, not no_learn, command_line(), between, bootstrap, time_limit
     )
     train, tests = read_trials(trials), read_trials(test) if test else []
+    train, tests = ready(train, tests, unchecked=unchecked)
     begun = not (out / RESULT).exists()  # one that lacks only figures and page has no parts any more
     store = diagnosis_store(out, ship, train, tests, options, run, resume and begun)
     if store.resume and not store.folder.is_dir() and any(out.iterdir()):

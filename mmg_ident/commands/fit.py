@@ -86,8 +86,13 @@ def fit(
         bool, Option("--auto", help="Choose the model by cross-validation over runs (window, priors, loss, ...).")
     ] = False,
     auto_limit: Annotated[float, Option(help="Time for the choice [s].")] = 480.0,
-    accept_contradictory: Annotated[
-        bool, Option("--accept-contradictory", help="Fit also files that mmg check calls contradictory.")
+    unchecked: Annotated[
+        bool,
+        Option(
+            "--unchecked",
+            "--accept-contradictory",
+            help="Fit also files that mmg check calls contradictory, and broken stretches.",
+        ),
     ] = False,
     json: Annotated[bool, Option("--json", help="Print result.json on stdout.")] = False,
 ) -> int:
@@ -98,7 +103,7 @@ def fit(
     import time
     from dataclasses import replace
 
-    from cases.checks import refuse_contradictory
+    from cases.checks import ready
     from cases.io.read import read_trials
     from cases.shipfiles.model_changes import reduced_ship
     from cases.shipfiles.ship_file import load_ship
@@ -134,8 +139,7 @@ def fit(
     start = earlier.start if earlier else load_ship(ship)
     start = reduced_ship(start, names_of(without), with_ or (), names_of(fix), names_of(only))
     train, held_out = read_trials(trials), read_trials(validate) if validate else []
-    if not accept_contradictory:
-        refuse_contradictory([*train, *held_out], "add --accept-contradictory")
+    train, held_out = ready(train, held_out, unchecked=unchecked)
     options = FitOptions(
         bootstrap=bootstrap,
         profile=tuple(names_of(profile)),

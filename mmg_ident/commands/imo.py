@@ -12,7 +12,10 @@ from mmg.errors import UserError
 from mmg_ident.commands.output import is_model, print_json, refuse_target, say, ship_names, working
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from cases.criteria.assessment import Assessment
+    from cases.trial import Trial
 
 
 def imo(
@@ -43,6 +46,9 @@ def imo(
     plot: Annotated[Path | None, Option(help="Figure to write (.png, .svg or .pdf).")] = None,
     out: Annotated[Path | None, Option(help="New folder for imo.json, imo.png and the simulated runs as CSV.")] = None,
     force: Annotated[bool, Option("--force", help="Overwrite existing files.")] = False,
+    unchecked: Annotated[
+        bool, Option("--unchecked", help="Judge also files that mmg check calls contradictory.")
+    ] = False,
     json: Annotated[bool, Option("--json", help="Print one JSON document.")] = False,
 ) -> None:
     """Judge a ship by IMO MSC.137(76): turning, initial turning, yaw checking, stopping; pass or fail per figure.
@@ -56,7 +62,6 @@ def imo(
 
     from cases.criteria.assessment import imo_figures, imo_figures_of_trials
     from cases.criteria.measured_maneuvers import KINDS
-    from cases.io.read import read_trials
     from cases.shipfiles.ship_file import load_ship
 
     models = [a for a in ships_and_trials if is_model(a)]
@@ -84,7 +89,7 @@ def imo(
         model = load_ship(ship) if ship is not None else None
         if model is None and length is None:
             raise UserError("trial files need the length of their ship: --ship SHIP or --length METRES")
-        found = imo_figures_of_trials(read_trials(files), model, length, kind, scale)
+        found = imo_figures_of_trials(_trials(files, unchecked), model, length, kind, scale)
     _write(plot, out, found)
     if json:
         print_json(found.to_dict())
@@ -92,6 +97,17 @@ def imo(
     _print(found)
     for path in filter(None, (plot, out)):
         say(f"written: {path}")
+
+
+def _trials(files: Sequence[str], unchecked: bool) -> list[Trial]:
+    """The trials in ``files``; UserError for those that the data refute, unless ``unchecked``."""
+    from cases.checks import refuse_contradictory
+    from cases.io.read import read_trials
+
+    trials = read_trials(files)
+    if not unchecked:
+        refuse_contradictory(trials, "add --unchecked")
+    return trials
 
 
 def _check_targets(plot: Path | None, out: Path | None, force: bool) -> None:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
@@ -12,7 +13,11 @@ from mmg.states import STATES
 from mmg_ident.commands.output import each, is_model, numbers_of, print_json
 
 if TYPE_CHECKING:
+    import numpy as np
+
+    from cases.trial import Trial
     from fitting.prediction.score import Score
+    from mmg.messages import Message
 
 
 def score(
@@ -28,6 +33,9 @@ def score(
     adapt: Annotated[
         float, Option(help="Score also with this many seconds before each window as a help; 0: not.")
     ] = 0.0,
+    unchecked: Annotated[
+        bool, Option("--unchecked", help="Score broken stretches too, as in published figures.")
+    ] = False,
     json: Annotated[bool, Option("--json", help="Print one JSON document.")] = False,
 ) -> None:
     """Score models on trials: Eq. 25 of Wakita et al. (2022) with 100 s restarts, and 30 s windows every 15 s.
@@ -39,6 +47,9 @@ def score(
 
     Example: mmg score esso_osaka_3m runs/first held_out/*.csv
     """
+    from dataclasses import replace
+
+    from cases.checks.trusted import as_they_are, remarks, without_broken
     from cases.io.read import read_trials
     from cases.shipfiles.ship_file import load_ship
     from fitting.prediction.score import pooled_sigma
@@ -60,7 +71,7 @@ def score(
         raise UserError("--adapt must be 0 or a positive number of seconds")
     if sigma and sigma_from:
         raise UserError("--sigma and --sigma-from exclude each other")
-    trials = read_trials(files)
+    trials = as_they_are(read_trials(files)) if unchecked else without_broken(read_trials(files))
     loaded = {name: predictor(name) for name in models}
     if sigma:
         import numpy as np
@@ -69,7 +80,7 @@ def score(
         if not (values > 0).all():
             raise UserError("--sigma: all six numbers must be positive")
     elif sigma_from:
-        values, origin = pooled_sigma(read_trials(sigma_from)), ", ".join(str(p) for p in sigma_from)
+        values, origin = pooled_sigma(without_broken(read_trials(sigma_from))), ", ".join(str(p) for p in sigma_from)
     else:
         values, origin = pooled_sigma(trials), "the scored trials"
     scores = {}
@@ -77,10 +88,43 @@ def score(
         scores[name] = scored(simulator, trials, values, origin, method)
         if adapt and isinstance(simulator, Simulator):
             scores[f"{name} --adapt {adapt:g}"] = scored(simulator, trials, values, origin, method, adapt)
+    notes = [*remarks(trials), *(_worth(scores, loaded, read_trials(files), values, method) if remarks(trials) else ())]
+    scores = {name: replace(s, notes=(*notes, *s.notes)) for name, s in scores.items()}
     if json:
         print_json({"metric": METRIC, "method": method, "models": {n: s.to_dict() for n, s in scores.items()}})
     else:
         _print(scores)
+    _refuse_nan(scores)
+
+
+def _worth(
+    scores: dict[str, Score], models: dict[str, Any], trials: list[Trial], sigma: np.ndarray, method: str
+) -> list[Message]:
+    """What the stretches left out of ``scores`` were worth: the same scores with them, of the first of the models."""
+    from cases.checks.trusted import as_they_are
+    from fitting.prediction.score import score as scored
+    from mmg.messages import Message
+
+    name, simulator = next(iter(models.items()))
+    kept = scored(simulator, as_they_are(trials), sigma, "", method)
+    words = f"with what was left out {Path(name).name} has 30 s windows {kept.window:.4f} instead of "
+    words += f"{scores[name].window:.4f}, 100 s restarts {kept.paper:.4f} instead of {scores[name].paper:.4f}"
+    return [Message(f"{words} (--unchecked scores every row)", "left_out_worth")]
+
+
+def _refuse_nan(scores: dict[str, Score]) -> None:
+    """Raises UserError for a score that is no number: it is a failure, not a result."""
+    for name, found in scores.items():
+        scored = [t for t in found.trials if t.windows]
+        diverged = [t.name for t in scored if not (math.isfinite(t.paper) and math.isfinite(t.window))]
+        if diverged:
+            names = ", ".join(diverged)
+            raise UserError(f"{Path(name).name}: no score on {names}, the prediction diverges; see mmg check")
+        if not (math.isfinite(found.paper) and math.isfinite(found.window)):
+            raise UserError(
+                f"{Path(name).name}: no score, no whole window of 30 s without missing samples is in these trials; "
+                "give longer ones, or mend them (mmg check)"
+            )
 
 
 METRIC = {

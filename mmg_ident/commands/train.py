@@ -69,6 +69,9 @@ def train(
     resume: Annotated[
         bool, Option("--resume", help="Continue an interrupted training in --out; finished seeds are kept.")
     ] = False,
+    unchecked: Annotated[
+        bool, Option("--unchecked", help="Take also files that mmg check calls contradictory, and broken stretches.")
+    ] = False,
     json: Annotated[bool, Option("--json", help="Print result.json on stdout.")] = False,
 ) -> int:
     """Learn a residual acceleration on a calibrated ship, and recommend it only if windows it never saw say so.
@@ -82,6 +85,7 @@ def train(
 
     Example: mmg train runs/first trials/*.csv --validate held_out.csv --workers 2 --out runs/hybrid
     """
+    from cases.checks import ready
     from cases.checks.held_out import training_trials
     from cases.io.read import read_trials
     from cases.shipfiles.ship_file import load_ship
@@ -99,6 +103,7 @@ def train(
     if not (resume and out.exists()):
         check_target(out)
     chosen, held_out = read_trials(trials), read_trials(validate) if validate else []
+    chosen, held_out = ready(chosen, held_out, unchecked=unchecked)
     start, trained_on = load_ship(run), training_trials(chosen)[0]
     if trained_on:
         check_enough(start, trained_on, settings, held_out)

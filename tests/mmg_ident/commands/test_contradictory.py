@@ -26,9 +26,31 @@ def test_a_rudder_of_the_other_sign_is_refused_unless_accepted(
     command = ["fit", "esso_osaka_3m", str(path), *WORDS, "--out", str(tmp_path / "run")]
     assert main(command) == 2 and not (tmp_path / "run").exists()
     line = capsys.readouterr().err.strip()
-    assert "\n" not in line and "contradictory" in line and "--accept-contradictory" in line and str(path) in line
-    assert main([*command, "--accept-contradictory"]) == 1  # a single iteration does not suffice
+    assert "\n" not in line and "contradictory" in line and "--unchecked" in line and str(path) in line
+    assert main([*command, "--unchecked"]) == 1  # a single iteration does not suffice
     assert (tmp_path / "run" / "result.json").exists()
+
+
+@pytest.mark.parametrize("verb", ["train", "diagnose"])
+def test_what_is_contradictory_is_neither_trained_on_nor_diagnosed(
+    verb: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    trial = demo_trials(3, dt=0.5)[0][0]
+    path = tmp_path / "other_sign.csv"
+    write_trial(replace(trial, columns={**trial.columns, "delta": -trial["delta"]}), path)
+    assert main([verb, "esso_osaka_3m", str(path), "--out", str(tmp_path / "run")]) == 2
+    line = capsys.readouterr().err.strip()
+    assert "\n" not in line and "rudder is positive to port" in line and not (tmp_path / "run").exists()
+    assert main(["imo", str(path), "--length", "3"]) == 2
+    assert "rudder is positive to port" in capsys.readouterr().err
+
+
+def test_a_score_that_is_no_number_is_a_failure(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    trial = demo_trials(3, dt=0.5)[0][0]
+    short = {name: column[:40] for name, column in trial.columns.items()}
+    write_trial(replace(trial, columns=short), tmp_path / "short.csv")
+    assert main(["score", "esso_osaka_3m", str(tmp_path / "short.csv")]) == 2
+    assert "no whole window of 30 s" in capsys.readouterr().err
 
 
 def test_too_little_to_train_on_is_said_without_loading_torch(tmp_path: Path) -> None:

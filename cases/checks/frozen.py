@@ -1,0 +1,57 @@
+"""Frozen channels: the same value again and again while the rest of the record says that it must change."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from cases.trial import Trial
+
+LONGEST = 4.0
+"""A value is frozen when it is repeated this many times as often as the longest repetition that is usual."""
+
+USUAL = 0.8
+"""Share of the samples that lie in repetitions of usual length."""
+
+LEAST_ROWS, LEAST_S = 5, 1.2
+"""Fewer repetitions, or fewer seconds, are a matter of rounding."""
+
+GROUPS = (("psi",), ("x", "y"), ("u", "v"), ("r",))
+
+
+def frozen(trial: Trial) -> Iterator[tuple[int, int, str, tuple[str, ...]]]:
+    """First and last row, what, and columns of each frozen stretch of ``trial``."""
+    speed, turn = np.hypot(trial["u"], trial["v"]), np.abs(trial["r"])
+    moves = {"psi": turn, "r": np.abs(np.gradient(trial.psi_unwrapped, trial.t)), "x": speed, "u": speed}
+    for group in GROUPS:
+        if any(name not in trial for name in group):
+            continue
+        same = np.all([np.diff(trial[name]) == 0 for name in group], axis=0)
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], same, [0]]).astype(int))).reshape(-1, 2)
+        if not len(edges):
+            continue
+        lengths = edges[:, 1] - edges[:, 0]
+        least = max(LEAST_ROWS, LEAST_S / trial.dt, LONGEST * _usual(lengths, len(trial)))
+        motion = moves[group[0]]
+        awake = 0.3 * float(np.nanmedian(motion))
+        for first, last in edges[lengths >= least]:
+            if float(np.nanmedian(motion[first : last + 1])) > awake and _others_move(trial, group, first, last):
+                yield int(first), int(last), f"{', '.join(group)} frozen", group
+
+
+def _usual(lengths: np.ndarray, rows: int) -> float:
+    """Length of a repetition that all but a few samples of the record do not exceed."""
+    lengths = np.sort(lengths)
+    within = rows - lengths.sum() + np.cumsum(lengths)
+    return (
+        float(lengths[np.searchsorted(within, USUAL * rows).clip(max=len(lengths) - 1)])
+        if (rows - lengths.sum() < USUAL * rows)
+        else 1.0
+    )
+
+
+def _others_move(trial: Trial, group: tuple[str, ...], first: int, last: int) -> bool:
+    """Whether columns beside those of the ``group`` change between the rows: a record that repeats is a gap."""
+    others = [name for names in GROUPS if names != group for name in names if name in trial]
+    return any(np.any(np.diff(trial[name][first : last + 1]) != 0) for name in others)

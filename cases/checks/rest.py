@@ -1,0 +1,84 @@
+"""Motion without cause: the turn rate swings while rudder, propeller and thrusters rest.
+
+With inputs at rest the turn rate of a ship goes to its steady value, past it at most once. A turn rate that swings to
+and fro, faster than her own rudder ever makes it change, was made by something that the record does not hold: a hand,
+a line, the bank.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import pairwise
+
+import numpy as np
+
+from cases.trial import RUDDERS, Trial
+
+PODS = tuple(f"{name}_{i}" for i in (2, 3, 4) for name in ("n_azimuth", "azimuth"))
+STEERING = (*RUDDERS, "n_bow", "n_stern", "n_azimuth", "azimuth", *PODS)
+"""What turns a ship. The propeller does so by its flow on the rudder, and pushes her on."""
+
+SWINGING = "the turn rate swings while rudder and propeller rest"
+"""What is said of such a spell."""
+
+SWINGS = 2
+"""So many swings beyond the first, which the last order may have caused."""
+
+SIZE = 0.5
+"""A swing changes the turn rate by this share of its root mean square over the record."""
+
+QUICKER = 1.0
+"""It does so faster, by this factor, than 95 % of the record."""
+
+
+def without_cause(trial: Trial) -> Iterator[tuple[int, int, str, tuple[str, ...]]]:
+    """First and last row, what, and columns of each spell of rest of ``trial`` in which the turn rate swings.
+
+    The spell counts from its beginning: when the hand took hold is not in the record.
+    """
+    width = max(5, round(1.0 / trial.dt)) | 1
+    r = trial["r"]
+    if not np.isfinite(r).all() or len(trial) < 10 * width:
+        return
+    moved = np.zeros(len(trial) - 1, bool)
+    for name in STEERING:
+        if name in trial:
+            values = trial[name]
+            moved |= np.abs(np.diff(values)) > 1e-3 * max(float(np.nanmax(np.abs(values))), 1e-9)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], ~moved, [0]]).astype(int))).reshape(-1, 2)
+    smooth = np.convolve(np.pad(r, width // 2, mode="edge"), np.full(width, 1.0 / width), "valid")
+    rate = np.abs(np.gradient(smooth, trial.t))
+    size, quick = SIZE * float(np.sqrt(np.mean(r**2))), QUICKER * float(np.quantile(rate, 0.95))
+    for first, last in edges:
+        if last - first < 3 * width:
+            continue
+        turns = _extrema(smooth[first : last + 1], size)
+        swings = [
+            (i, j)
+            for i, j in pairwise(turns)
+            if abs(smooth[first + j] - smooth[first + i]) > quick * (trial.t[first + j] - trial.t[first + i])
+        ]
+        if len([pair for pair in swings if pair[0] > 0]) >= SWINGS:
+            yield int(first), int(last), SWINGING, ("u", "v", "r")
+
+
+def _extrema(values: np.ndarray, size: float) -> list[int]:
+    """Rows where ``values`` turn back by more than ``size``, with the first row, and the last extremum."""
+    low = high = 0
+    found, up = [0], None
+    for i, value in enumerate(values.tolist()):
+        if value > values[high]:
+            high = i
+        if value < values[low]:
+            low = i
+        if up is not False and value < values[high] - size:
+            if up:
+                found.append(high)
+            up, low, high = False, i, i
+        elif up is not True and value > values[low] + size:
+            if up is False:
+                found.append(low)
+            up, low, high = True, i, i
+    if up is not None:
+        found.append(high if up else low)
+    return found

@@ -1,0 +1,244 @@
+"""Broken stretches: where heading, positions, velocities and inputs of a record contradict each other for a while.
+
+No ship model: the change of the heading is compared with the integrated turn rate, that of the positions with the
+integrated velocities, each channel with its own past, and the turn rate with what could cause it. What is usual is
+taken from the same record: medians of the absolute innovations, which a few broken seconds do not move.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from cases.checks.frozen import frozen
+from cases.checks.report import INFO, Found
+from cases.checks.rest import SWINGING, without_cause
+from cases.trial import Trial
+
+STEP = 10
+"""Samples on each side of a step, at the record's own rate, but at least ``LEAST`` seconds."""
+
+LEAST = 0.5
+"""s; the shortest side of a step: below it the noise of satellite positions rules."""
+
+SURE = {"psi": 8.0, "position": 45.0, "sharp position": 45.0, "u, v": 30.0, "sharp u, v": 45.0, "sharp r": 60.0}
+"""Innovation over the usual one of the record from which a channel is broken by itself.
+
+A white innovation reaches 5 once in a million samples. Satellite positions have heavy tails, which the velocities that
+come from them share; a turn rate follows a rudder order within a few samples.
+"""
+
+MATTERS = {"psi": 0.25, "position": 0.5, "sharp position": 0.5, "u, v": 0.2, "sharp u, v": 0.2, "sharp r": 1.0}
+"""Least size of a break: this share of what the ship turns or travels in one side of a step (psi, position), or of the
+root mean square of the channel. Records without noise would be broken at each rudder order otherwise."""
+
+WORDS = {
+    "psi": ("the heading jumps against the integrated turn rate", ("psi",)),
+    "position": ("the position jumps against the integrated velocities", ("x", "y")),
+    "sharp position": ("the position jumps against the integrated velocities", ("x", "y")),
+    "u, v": ("the velocities jump", ("u", "v")),
+    "sharp u, v": ("the velocities jump", ("u", "v")),
+    "sharp r": ("the turn rate jumps", ("r",)),
+}
+"""Channel -> what its step means, and its columns."""
+
+PAIR = 15
+"""A jump and one that undoes it, so many sides of a step apart or less, are one stretch."""
+
+TOGETHER = {"psi": 7.0, "u, v": 10.0}
+"""The same for a heading and velocities that break within a second of each other."""
+
+ALIKE = 0.35
+"""The stretch reaches as far as the innovation stays above this share of what it was found by."""
+
+JOIN = 3.0
+"""s, or so many sides of a step: breaks closer together are one stretch."""
+
+
+@dataclass(frozen=True)
+class BrokenStretch:
+    """A part of a record that is not to be believed.
+
+    begin_s, end_s: on the clock of the file; what: one clause in words; channels: names of the columns concerned;
+    moved: whether something beside inputs and weather moved the ship, rather than an instrument that broke.
+    """
+
+    begin_s: float
+    end_s: float
+    what: str
+    channels: tuple[str, ...]
+    moved: bool = False
+
+
+Break = tuple[int, int, str, tuple[str, ...]]
+"""First and last row, what, channels."""
+
+
+def broken_stretches(trial: Trial) -> list[BrokenStretch]:
+    """The broken stretches of ``trial`` in order of time, none of them overlapping."""
+    if len(trial) < 8 * STEP:
+        return []
+    side = max(STEP, round(LEAST / trial.dt))
+    breaks = [*_steps(trial, side), *frozen(trial), *without_cause(trial)]
+    reach = max(JOIN, side * trial.dt)
+    return [
+        BrokenStretch(float(trial.t[first]), float(trial.t[last]), what, channels, SWINGING in what)
+        for first, last, what, channels in _joined(trial.t, sorted(breaks), reach)
+    ]
+
+
+def stretch_findings(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
+    """Of a ``trial``: its broken stretches and the share of its time in them; a sentence on each.
+
+    Nothing is left to decide, as they are left out: the verdict on the rest of the record is what counts.
+    """
+    found = broken_stretches(trial)
+    rows = [
+        {"begin_s": s.begin_s, "end_s": s.end_s, "what": s.what, "channels": list(s.channels), "moved": s.moved}
+        for s in found
+    ]
+    seconds = sum(s.end_s - s.begin_s for s in found)
+    findings = [
+        (
+            INFO,
+            "broken_stretch",
+            f"Broken from {s.begin_s:.1f} to {s.end_s:.1f} s ({', '.join(s.channels)}): {s.what}; left out of fits and "
+            "scores unless exclude in trials.toml says otherwise.",
+        )
+        for s in found
+    ]
+    return {"broken": rows, "broken_share": seconds / max(trial.duration, 1e-9)}, findings
+
+
+def innovations(trial: Trial, side: int) -> dict[str, tuple[np.ndarray, float]]:
+    """Channel -> (its steps (N,), their usual size): what a step of the record adds to what the rest of it says.
+
+    trial: the record; side: samples on each side of a step. A step is the mean after a row minus the mean before it,
+    less what the means further out lead to expect, of psi - integral of r, position - integral of (u, v), and of
+    (u, v); of single samples of (u, v) and of r it is what the neighbours on both sides do not lead to expect.
+    """
+    t, psi, r, w = trial.t, trial.psi_unwrapped, _filled(trial["r"]), _filled(trial["u"]) + 1j * _filled(trial["v"])
+    psi = _filled(psi)
+    signals = {"psi": (psi - _integral(t, r), side), "u, v": (w, side), "sharp u, v": (w, 1), "sharp r": (r, 1)}
+    if trial.has_position:
+        place = _filled(trial["x"]) + 1j * _filled(trial["y"])
+        error = place - _integral(t, w * np.exp(1j * psi))
+        signals |= {"position": (error, side), "sharp position": (error, 1)}
+    moves = {"psi": (r, side * trial.dt), "u, v": (w, 1.0), "r": (r, 1.0), "position": (w, side * trial.dt)}
+    out = {}
+    for name, (signal, rows) in signals.items():
+        step = _level(signal, rows) if name == "psi" else _step(signal, rows)
+        inner = np.abs(step)[2 * rows : -2 * rows]
+        usual = max(1.4826 * float(np.median(inner)), float(np.quantile(inner, 0.9)) / 1.645, _grain(trial, name))
+        motion, seconds = moves[name.removeprefix("sharp ")]
+        least = MATTERS[name] * seconds * float(np.sqrt(np.mean(np.abs(motion) ** 2)))
+        out[name] = (step, max(usual, least / SURE[name]))
+    return out
+
+
+def _grain(trial: Trial, channel: str) -> float:
+    """Half of the least difference between values of a channel: rounded columns cannot say more."""
+    grains = []
+    for name in WORDS[channel][1]:
+        steps = np.abs(np.diff(trial[name]))
+        steps = steps[np.isfinite(steps) & (steps > 0)]
+        grains.append(float(np.quantile(steps, 0.01)) if len(steps) else 0.0)
+    return max(0.5 * max(grains), 1e-9)
+
+
+def _steps(trial: Trial, side: int) -> Iterator[Break]:
+    """Breaks of one channel by itself, or of heading and velocities together."""
+    found = innovations(trial, side)
+    ratio = {name: np.abs(step) / usual for name, (step, usual) in found.items()}
+    for name, (what, channels) in WORDS.items():
+        if name in ratio:
+            runs = _runs(ratio[name], SURE[name], 2)
+            yield from ((first, last, what, channels) for first, last in runs)
+            yield from (
+                (first, last, what, channels)
+                for first, last in _there_and_back(trial.t, found[name][0], runs, side * trial.dt * PAIR)
+            )
+    shares = [ratio[name] / limit for name, limit in TOGETHER.items()]
+    agreed = np.minimum(*(_most(share, 4 * side + 1) for share in shares)) >= 1.0
+    for first, last in _runs(np.where(agreed, np.maximum(*shares), 0.0), 1.0, 2):
+        yield first, last, "heading and velocities jump together", ("psi", "u", "v")
+
+
+def _there_and_back(
+    t: np.ndarray, step: np.ndarray, runs: Sequence[tuple[int, int]], longest: float
+) -> Iterator[tuple[int, int]]:
+    """First and last row from each of the ``runs`` to the next one, where its step (N,) undoes that of the first."""
+    peaks = [first + int(np.argmax(np.abs(step[first : last + 1]))) for first, last in runs]
+    for (here, i), (there, j) in pairwise(zip(runs, peaks, strict=True)):
+        size = max(abs(step[i]), abs(step[j]))
+        if t[j] - t[i] <= longest and abs(step[i] + step[j]) < 0.5 * size:
+            yield here[0], there[1]
+
+
+def _runs(size: np.ndarray, limit: float, margin: int) -> list[tuple[int, int]]:
+    """First and last row of each run of ``size`` (N,) that reaches ``limit``: its rows above half its peak, and half a
+    ``margin`` on both sides."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], size > ALIKE * limit, [0]]).astype(int)))
+    out = []
+    for first, last in edges.reshape(-1, 2):
+        peak = float(size[first:last].max())
+        if peak >= limit:
+            high = first + np.flatnonzero(size[first:last] >= 0.5 * peak)
+            out.append((max(int(high[0]) - margin // 2, 0), min(int(high[-1]) + margin // 2, len(size) - 1)))
+    return out
+
+
+def _joined(t: np.ndarray, breaks: Sequence[Break], reach: float) -> list[Break]:
+    """Breaks closer together than ``reach`` [s] as one; what and channels of all of them."""
+    out: list[Break] = []
+    for first, last, what, channels in breaks:
+        if out and t[first] - t[out[-1][1]] <= reach:
+            begun, ended, words, names = out[-1]
+            words = words if what in words else f"{words}; {what}"
+            out[-1] = (begun, max(ended, last), words, tuple(dict.fromkeys(names + channels)))
+        else:
+            out.append((first, last, what, channels))
+    return out
+
+
+def _integral(t: np.ndarray, rate: np.ndarray) -> np.ndarray:
+    return np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))])
+
+
+def _filled(values: np.ndarray) -> np.ndarray:
+    """Missing samples by straight lines: a gap is no break."""
+    good = np.isfinite(values)
+    if good.all() or not good.any():
+        return np.where(good, values, 0.0)
+    rows = np.arange(len(values))
+    return np.interp(rows, rows[good], values[good])
+
+
+def _step(values: np.ndarray, m: int) -> np.ndarray:
+    """Step at each row (N,): mean of m samples after minus m before, less the trend of the m beyond on both sides."""
+    total, rows = np.concatenate([[0.0], np.cumsum(values)]), np.arange(2 * m, len(values) - 2 * m)
+    means = [(total[rows + (k + 1) * m] - total[rows + k * m]) / m for k in (-2, -1, 0, 1)]
+    out = np.zeros(len(values), values.dtype)
+    out[rows] = means[2] - means[1] - 0.5 * (means[3] - means[2] + means[1] - means[0])
+    return out
+
+
+def _level(values: np.ndarray, m: int) -> np.ndarray:
+    """Change of level at each row (N,): mean of m samples after minus m before, less a third of them around the row;
+    less the median of it, the drift of the record."""
+    gap = max(m // 3, 1)
+    total, rows = np.concatenate([[0.0], np.cumsum(values)]), np.arange(m + gap, len(values) - m - gap)
+    out = np.zeros(len(values), values.dtype)
+    out[rows] = (total[rows + gap + m] - total[rows + gap] - total[rows - gap] + total[rows - gap - m]) / m
+    out[rows] -= np.median(out[rows])
+    return out
+
+
+def _most(values: np.ndarray, width: int) -> np.ndarray:
+    """Greatest of the ``width`` neighbours of each value (N,)."""
+    padded = np.pad(values, width // 2, mode="edge")
+    return np.max(np.lib.stride_tricks.sliding_window_view(padded, width), axis=1)[: len(values)]

@@ -1,0 +1,46 @@
+"""What may be fitted and scored: trials that the data do not refute, without their broken stretches."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from cases.checks.stretches import broken_stretches
+from cases.io.leave_out import CODE, left_out, looked_at
+from cases.trial import Trial
+from mmg.messages import Message
+
+DOUBT = "doubtful"
+"""Code of the notice on what mmg check doubts of a trial."""
+
+
+def without_broken(trials: Sequence[Trial]) -> list[Trial]:
+    """``trials`` without their broken stretches, each with a notice on what was left out and why.
+
+    A trial whose sidecar says what to exclude, or that was looked at before, stays as it is.
+    """
+    return [trial if looked_at(trial) else _without(trial) for trial in trials]
+
+
+def as_they_are(trials: Sequence[Trial]) -> list[Trial]:
+    """``trials`` marked as looked at, so that nothing of them is left out later."""
+    return [trial if looked_at(trial) else left_out(trial, [], "") for trial in trials]
+
+
+def with_doubt(trial: Trial, text: str) -> Trial:
+    """``trial`` with a notice on a doubt about it: its name and the sentence ``text``."""
+    return replace(trial, notices=(*trial.notices, Message(f"{trial.name}: doubtful: {text}", DOUBT)))
+
+
+def remarks(trials: Sequence[Trial]) -> list[Message]:
+    """Messages on what was left out of ``trials`` and what is doubtful about them."""
+    found = [note for trial in trials for note in trial.notices if getattr(note, "code", "") in (CODE, DOUBT)]
+    return list(dict.fromkeys(note for note in found if isinstance(note, Message)))
+
+
+def _without(trial: Trial) -> Trial:
+    found = broken_stretches(trial)
+    spans = [(s.begin_s, s.end_s) for s in found]
+    why = "; ".join(dict.fromkeys(s.what for s in found))
+    words = f"{why} (exclude in trials.toml: other stretches, or [] to keep all)"
+    return left_out(trial, spans, words, [span for span, s in zip(spans, found, strict=True) if s.moved])
