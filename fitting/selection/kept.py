@@ -45,6 +45,11 @@ class Kept:
         """A ``file`` in the folder, None where there is none."""
         return self.folder / file if self.folder else None
 
+    def done_if_empty(self) -> None:
+        """Removes the folder where it keeps no part yet."""
+        if self.folder and [path.name for path in self.folder.iterdir()] == [ASKED]:
+            self.done()
+
     def done(self) -> None:
         """Removes the folder."""
         if self.folder:

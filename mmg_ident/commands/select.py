@@ -199,7 +199,14 @@ def _choose(
     }
     with reserved(out):
         kept = kept_beside(out, wanted, resume)
-        choice = choose_structure(model, tried, sets, settings, bool(only), progress(), method, kept)
+        try:
+            choice = choose_structure(model, tried, sets, settings, bool(only), progress(), method, kept)
+        except KeyboardInterrupt:
+            say(f"finished fits are kept in {kept.folder}; the same command with --resume goes on with them")
+            raise
+        except UserError:
+            kept.done_if_empty()
+            raise
         choice = replace(choice, result=replace(choice.result, command=command_line()).save(out))
         found = choice.to_dict()
         write_json(out / "selection.json", found)

@@ -38,8 +38,8 @@ def needs_cma(what: str) -> None:
     """Raises UserError where pycma, which ``what`` needs, is missing."""
     try:
         import cma  # noqa: F401
-    except ImportError as error:
-        raise UserError(f"{what} needs pycma, which cannot be imported ({error}); pip install cma") from None
+    except ImportError:
+        raise UserError(f"{what} needs pycma, which is not installed; pip install 'mmg-ident[cma]'") from None
 
 
 def evolve(

@@ -127,5 +127,5 @@ def test_missing_pycma_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     from fitting.selection.subsequences.evolution import evolve
 
     monkeypatch.setitem(sys.modules, "cma", None)
-    with pytest.raises(UserError, match=r"--optimizer cmaes needs pycma, .*pip install"):
+    with pytest.raises(UserError, match=r"--optimizer cmaes needs pycma, .*pip install .mmg-ident"):
         evolve(Learning(problem()))

@@ -1,0 +1,102 @@
+"""An interrupted choice goes on: finished parts are taken from beside the run folder, those of another one refused."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from fitting.selection import structure_choice
+from fitting.selection.candidates import candidate
+from fitting.selection.kept import fingerprint, kept_beside
+from fitting.selection.structure_choice import choose_structure
+from fitting.selection.subsequences import learned
+from fitting.selection.subsequences.learned import Learned, Method, learn_all
+from fitting.settings import Settings
+from mmg.errors import UserError
+from tests.fitting.selection.subsequences.problems import ESSO, harbour
+
+NAMES = ("sm1-order1", "sm2-order1")
+
+
+def test_parts_of_another_choice_are_refused_and_named(tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    wanted = fingerprint(ESSO, [harbour()]) | {"--seed": 1}
+    kept = kept_beside(out, wanted, resume=False)
+    kept.put("one", {"values": [0.1 + 0.2, 1e-17]})
+    with pytest.raises(UserError, match=r"run.unfinished: an interrupted choice is there; add --resume"):
+        kept_beside(out, wanted, resume=False)
+    with pytest.raises(UserError, match="needs the same --seed as"):
+        kept_beside(out, wanted | {"--seed": 2}, resume=True)
+    with pytest.raises(UserError, match="needs the same trials as"):
+        kept_beside(out, wanted | fingerprint(ESSO, [harbour()[:2]]), resume=True)
+    again = kept_beside(out, wanted, resume=True)
+    assert again.get("one") == {"values": [0.1 + 0.2, 1e-17]}
+    assert again.get("two") is None
+    again.done()
+    assert not (tmp_path / "run.unfinished").exists()
+
+
+def test_learned_runs_are_taken_up_and_the_result_is_that_without_interruption(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(learned, "SPARSITIES", (1e-1, 1e-3))
+    runs, ones = harbour(), [candidate(ESSO, name) for name in NAMES]
+    trials, method = (runs[:2], runs[2:]), Method(seeds=2)
+    whole = learn_all(ones, trials, method)
+    kept = kept_beside(tmp_path / "run", {}, resume=False)
+    learn_all(ones[:1], trials, method, kept)
+    done: list[str] = []
+    original = learned._learn
+
+    def counted(run, **more):  # type: ignore[no-untyped-def]
+        done.append(run.name)
+        return original(run, **more)
+
+    monkeypatch.setattr(learned, "_learn", counted)
+    resumed = learn_all(ones, trials, method, kept)
+    assert done == ["sm2-order1_seed0", "sm2-order1_seed1"]
+    for name in NAMES:
+        assert [run.values for run in resumed[name]] == [run.values for run in whole[name]]
+        assert [run.validation for run in whole[name]] == sorted(run.validation for run in whole[name])
+        assert {run.seed for run in whole[name]} == {0, 1}
+
+
+def test_a_learned_run_survives_its_file_to_the_last_digit(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(learned, "SPARSITIES", (1e-1,))
+    runs = harbour()
+    one = learn_all([candidate(ESSO, "sm1-order1")], (runs[:2], runs[2:]), Method())["sm1-order1"][0]
+    assert Learned.of(json.loads(json.dumps(one.to_dict()))) == one
+    assert one.lessons and one.values.keys() == set(candidate(ESSO, "sm1-order1").ship.free)
+
+
+@pytest.mark.slow
+def test_a_finished_fit_is_not_repeated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    runs, ones = harbour(), [candidate(ESSO, name) for name in ("mmg", "sm1-order1")]
+    sets, settings = (runs[:2], runs[2:], []), Settings(passes=1, time_limit=60.0)
+    kept = kept_beside(tmp_path / "run", {}, resume=False)
+    first = choose_structure(ESSO, ones, sets, settings, kept=kept)
+
+    def never(*_: object, **__: object) -> None:
+        raise AssertionError("fitted again")
+
+    monkeypatch.setattr(structure_choice, "estimate_coefficients", never)
+    second = choose_structure(ESSO, ones, sets, settings, kept=kept)
+    keys = ("name", "unknowns", "validation", "training", "converged")
+    assert [[getattr(row, k) for k in keys] for row in second.table if row.name != "sm1-order1"] == [
+        [getattr(row, k) for k in keys] for row in first.table if row.name != "sm1-order1"
+    ]
+    assert second.chosen == first.chosen
+    (tmp_path / "run.unfinished" / "mmg.json").write_text("{}")
+    with pytest.raises(UserError, match=r"mmg.*cannot be read.*without --resume"):
+        choose_structure(ESSO, ones, sets, settings, kept=kept)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "told"),
+    [({"optimizer": "luck"}, "must be one of gradient, cmaes"), ({"seeds": 0}, "--seeds 0 must be at least 1")],
+)
+def test_methods_that_are_none_are_refused(wrong: dict, told: str) -> None:
+    with pytest.raises(UserError, match=told):
+        Method(**wrong)
