@@ -91,7 +91,9 @@ class Learned:
 
 
 @dataclass(frozen=True)
-class _SeededRun:
+class SeededRun:
+    """One run of a candidate: its seed, and the file of its state with CMA-ES, None: none."""
+
     candidate: StructureCandidate
     seed: int
     state: Path | None
@@ -114,7 +116,7 @@ def learn_all(
     """
     kept = kept or Kept()
     runs = [
-        _SeededRun(one, seed, kept.path(f"{one.name}_seed{seed}.safetensors"))
+        SeededRun(one, seed, kept.path(f"{one.name}_seed{seed}.safetensors"))
         for one in given
         for seed in range(method.seed, method.seed + method.seeds)
     ]
@@ -128,7 +130,7 @@ def learn_all(
             f"{content['validation']:.4g} after {content['seconds']:.0f} s"
         )
 
-    task = partial(_learn, trials=trials, method=method)
+    task = partial(learn_one, trials=trials, method=method)
     for run, content in zip(left, run_all(task, left, method.workers, keep), strict=True):
         found[run.name] = content
     try:
@@ -139,8 +141,8 @@ def learn_all(
     return {name: tuple(sorted(rows, key=lambda row: row.validation)) for name, rows in by_name.items()}
 
 
-def _learn(run: _SeededRun, trials: tuple[Sequence[Trial], Sequence[Trial]], method: Method) -> dict[str, Any]:
-    """One run: plain values of ``Learned``."""
+def learn_one(run: SeededRun, trials: tuple[Sequence[Trial], Sequence[Trial]], method: Method) -> dict[str, Any]:
+    """One ``run`` on ``trials`` to train on and to validate, by ``method``: plain values of ``Learned``."""
     problem = SubsequenceObjective(run.candidate.ship, *trials, compiled=method.compiled)
     learning = Learning(problem)
     limit = float("inf") if method.time_limit is None else method.time_limit

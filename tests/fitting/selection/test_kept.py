@@ -48,13 +48,13 @@ def test_learned_runs_are_taken_up_and_the_result_is_that_without_interruption(
     kept = kept_beside(tmp_path / "run", {}, resume=False)
     learn_all(ones[:1], trials, method, kept)
     done: list[str] = []
-    original = learned._learn
+    original = learned.learn_one
 
     def counted(run, **more):  # type: ignore[no-untyped-def]
         done.append(run.name)
         return original(run, **more)
 
-    monkeypatch.setattr(learned, "_learn", counted)
+    monkeypatch.setattr(learned, "learn_one", counted)
     resumed = learn_all(ones, trials, method, kept)
     assert done == ["sm2-order1_seed0", "sm2-order1_seed1"]
     for name in NAMES:
