@@ -66,7 +66,8 @@ def measure(name: str, times: float) -> list[str]:
     at = [0.2 * seconds, seconds, 5 * seconds, times * seconds]
     header = ["optimiser", *(f"{t:.1f} s" for t in at)]
     lines = [
-        f"{name}: {problem.P} unknowns; ready in {built:.1f} s (longer where no compiled code is cached); descent {seconds:.1f} s ({ended.steps} steps, "
+        f"{name}: {problem.P} unknowns; ready in {built:.1f} s (longer where no compiled code is cached); "
+        f"descent {seconds:.1f} s ({ended.steps} steps, "
         f"converged: {ended.converged}), within 1 % of its end after {near:.1f} s. E of the true ship: {floor:.4f}.",
         "Least objective until that time:",
         "",
