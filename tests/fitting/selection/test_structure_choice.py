@@ -16,9 +16,7 @@ from cases.simulation.sensors import SensorNoise, add_noise
 from cases.simulation.simulate import simulate_controls, write_trial
 from cases.trial import Trial
 from fitting.calibration import Calibration, estimate_coefficients
-from fitting.nlp.captive import Captive
 from fitting.report.plot_structures import structure_plot
-from fitting.selection.anchors import COUNT_AS, POINTS, anchor_points
 from fitting.selection.candidates import Rules, StructureCandidate, candidate, candidates
 from fitting.selection.coverage import BEYOND, bounded, fault
 from fitting.selection.stability import stability
@@ -26,7 +24,6 @@ from fitting.selection.structure_choice import choose_structure
 from fitting.settings import Settings
 from fitting.solvers.interrupts import INTERRUPTED
 from mmg.errors import UserError
-from mmg.model import assemble
 from mmg_ident.commands.main import main
 
 ESSO = load_ship("esso_osaka_3m").without_network()
@@ -63,20 +60,6 @@ def test_a_named_candidate_that_cannot_be_determined_is_an_error() -> None:
         choose_structure(ESSO, [candidate(ESSO, "sm2-order1")], ([ahead_only()], runs[1:], ()), named=True)
     with pytest.raises(UserError, match="1 trials to fit on and 0 to choose by"):
         choose_structure(ESSO, [candidate(ESSO, "sm2-order1")], (runs[:1], (), ()))
-
-
-def test_anchor_points_have_the_forces_of_the_ship_and_count_as_few() -> None:
-    points = anchor_points(ESSO, harbour(2))
-    assert isinstance(points, Captive) and len(points) == POINTS == 1350
-    k, model = 7, assemble(ESSO)
-    u, v, r = points.motion[:, k]
-    controls = [points.actuators["n"][k], points.actuators["delta"][k], u, v]
-    rows = np.array(model.forces([0, 0, 0, u, v, r], controls, ESSO.values))
-    still = rows[[i for i, role in enumerate(model.roles) if role != "wind"]].sum(axis=0)
-    np.testing.assert_allclose(points.forces[:, k], still, rtol=1e-9)
-    rms = np.sqrt((points.forces**2).mean(axis=1))
-    np.testing.assert_allclose(POINTS * (rms / points.sigma[:, 0]) ** 2, COUNT_AS, rtol=1e-6)
-    assert points.motion[0].min() < min(run["u"].min() for run in harbour(2))
 
 
 def test_a_polynomial_that_runs_away_does_not_within_the_range_of_the_trials(tmp_path: Path) -> None:
