@@ -104,7 +104,7 @@ def measure(kind: str) -> None:
     runs = campaign(ship)
     start = started_from(ship)
     sets = (runs[:5], runs[5:7], runs[7:])
-    settings = Settings(time_limit=200.0, passes=2)
+    settings = Settings(time_limit=100.0, passes=2)
     sigma = pooled_sigma(runs[:5])
     noise = score(Simulator(ship), runs[7:], sigma).window
     true = choose_structure(start, [candidate(start, "mmg", Rules(order=1))], sets, settings)

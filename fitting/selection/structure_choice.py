@@ -46,8 +46,9 @@ LARGEST = 1000
 """Most unknowns of a candidate that is tried without being named."""
 REFINED = 2
 """Number of polynomials that are refined."""
-LARGEST_REFINED = 450
-"""Most unknowns of one of them."""
+LARGEST_CHOSEN = 450
+"""Most unknowns of one of them, and of the choice while there are smaller ones: its errors by multiple shooting take
+gigabytes and minutes. Larger ones are chosen as thinned out."""
 START = "as given"
 """Row of the ship as given, which is not fitted."""
 NO_LOSS = 1.02
@@ -121,7 +122,8 @@ def choose_structure(
         table += no_better
     if not fitted:
         raise UserError(f"no candidate can be fitted: {'; '.join(row.left_out for row in table[1:4])}")
-    best, checked = _stable_best(fitted, work.settings)
+    small = [f for f in fitted if f.row.unknowns <= LARGEST_CHOSEN] or fitted
+    best, checked = _stable_best(small, work.settings)
     rows = [checked.get(f.row.name, f.row) for f in fitted]
     options = FitOptions(start=best.values, hold=best.held, instruments=INSTRUMENTS, next_trial=False)
     result = calibrate(best.start.ship, train, validate, work.settings_of(best.start), options, progress)
@@ -256,7 +258,7 @@ class _Work:
 
     def refined(self, fitted: Sequence[_Fitted]) -> tuple[list[_Fitted], list[Tried]]:
         """The best polynomials by multiple shooting: those that predict their trials better, and rows on others."""
-        small = sorted((f for f in fitted if f.start.order and f.row.unknowns <= LARGEST_REFINED), key=_error)[:REFINED]
+        small = sorted((f for f in fitted if f.start.order and f.row.unknowns <= LARGEST_CHOSEN), key=_error)[:REFINED]
         found = self.shots([(f.start, f.values) for f in small])
         better, no_better = [], []
         for before, after in zip(small, found, strict=True):
