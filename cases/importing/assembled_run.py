@@ -128,6 +128,8 @@ def _at(times: np.ndarray, log: Log, quantity: str, values: np.ndarray) -> np.nd
     if quantity in ANGLES:
         turn = 2 * np.pi / (1.0 if quantity not in log.unitless else np.pi / 180.0)
         y = np.unwrap(y, period=turn)
+    for end in (t[0], t[-1]):  # sums of steps miss the ends by their last digits
+        times = np.where(np.abs(times - end) < 1e-6, end, times)
     out = np.interp(times, t, y, left=np.nan, right=np.nan)
     at = np.clip(np.searchsorted(t, times), 1, len(t) - 1)
     wide = (t[at] - t[at - 1]) > GAP * log.dt

@@ -6,6 +6,7 @@ import math
 import re
 from dataclasses import dataclass
 
+from cases.io.headers import FRT_NAMES
 from cases.io.units import FACTORS, SPELLINGS, is_canonical, si_unit
 
 RAW = {"latitude": "deg", "longitude": "deg", "sog": "m/s", "cog": "rad", "date": "", "ship": "", "zone": ""}
@@ -94,6 +95,7 @@ class Meaning:
 
 def meaning(header: str) -> Meaning:
     """What the words of a ``header`` mean."""
+    header = FRT_NAMES.get(header, header)
     if is_canonical(header) or header in RAW:
         return Meaning(header)
     words = re.sub(r"[^a-z0-9]+", "_", header.lower()).strip("_")

@@ -109,6 +109,21 @@ def test_units_at_the_end_of_headers(tmp_path: Path) -> None:
     assert max(off.values()) < 1e-12 and not found.runs[0].std
 
 
+def test_a_trial_file_is_imported_as_it_is(tmp_path: Path) -> None:
+    """Also with the headers of the FRT-DS-ESSO records, to the last row."""
+    truth = raw_logs.run("zigzag:10/10")
+    names = {"x": "x_position_mid", "y": "y_position_mid", "psi": "psi_hat", "u": "u_velo", "v": "vm_velo"}
+    names |= {"r": "r_angvelo", "n": "n_prop", "delta": "delta_rudder"}
+    frame = truth.to_pandas()
+    for number, renamed in enumerate(({}, names)):
+        path = tmp_path / f"{number}.csv"
+        parts = [cell.split() for cell in frame.columns]
+        frame.set_axis([f"{renamed.get(name, name)} {unit}" for name, unit in parts], axis=1).to_csv(path, index=False)
+        found = imported(path)
+        assert len(found.runs[0].columns["t"]) == len(truth)
+        assert max(errors(found, truth, inside=-1.0).values()) < 1e-9 and not found.runs[0].std
+
+
 @pytest.mark.parametrize(
     ("name", "factor", "unit"),
     [("yaw_rate", 180 / np.pi, "deg/s"), ("yaw_rate", 10800 / np.pi, "deg/min"), ("surge", 3600 / 1852, "kn"),
