@@ -133,7 +133,8 @@ def _problem(schema: type[Section], error: Any) -> str:
         what = "key" if place or not all(_table(section, key) for key in section.model_fields) else "section"
         return f"{place} {unknown(what, names[-1], section.model_fields)}".strip()
     if kind == "missing":
-        hint = section.__doc__ if not keys else section.model_fields[keys].description
+        known = section.model_fields.get(keys)
+        hint = section.__doc__ if not keys else known.description if known else f"write {names[-1]} = ..."
         return f"{place} {keys + ' ' if keys else ''}is missing; {hint}"
     field = section.model_fields.get(names[tables]) if keys else None
     unit = (field.json_schema_extra or {}).get("unit") if field and isinstance(field.json_schema_extra, dict) else None

@@ -129,6 +129,7 @@ def test_clocks_that_do_not_overlap(tmp_path: Path) -> None:
         ("[columns]\nfoo = 'bar'", "no quantity of a log"),
         ("[columns]\nn = { from = 'rpm', unit = 'kn' }", "does not belong to n"),
         ("rudder_positive = 'left'", "rudder_positive"),
+        ("[columns]\nn = { unit = 'rpm' }", "columns.n.from is missing"),
         ("origin = [1.0]", "origin"),
         ("zone_hours = 99.0", "zone_hours"),
         ("surprise = 1", "surprise"),
