@@ -45,10 +45,11 @@ class Kept:
         """A ``file`` in the folder, None where there is none."""
         return self.folder / file if self.folder else None
 
-    def done_if_empty(self) -> None:
-        """Removes the folder where it keeps no part yet."""
+    def done_if_empty(self) -> bool:
+        """Removes the folder where it keeps no part yet; whether it is gone."""
         if self.folder and [path.name for path in self.folder.iterdir()] == [ASKED]:
             self.done()
+        return self.folder is None or not self.folder.exists()
 
     def done(self) -> None:
         """Removes the folder."""

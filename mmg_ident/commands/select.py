@@ -201,11 +201,9 @@ def _choose(
         kept = kept_beside(out, wanted, resume)
         try:
             choice = choose_structure(model, tried, sets, settings, bool(only), progress(), method, kept)
-        except KeyboardInterrupt:
-            say(f"finished fits are kept in {kept.folder}; the same command with --resume goes on with them")
-            raise
-        except UserError:
-            kept.done_if_empty()
+        except (KeyboardInterrupt, UserError) as error:
+            if not kept.done_if_empty() and isinstance(error, KeyboardInterrupt):
+                say(f"finished fits are kept in {kept.folder}; the same command with --resume goes on with them")
             raise
         choice = replace(choice, result=replace(choice.result, command=command_line()).save(out))
         found = choice.to_dict()

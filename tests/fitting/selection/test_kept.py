@@ -23,6 +23,7 @@ NAMES = ("sm1-order1", "sm2-order1")
 def test_parts_of_another_choice_are_refused_and_named(tmp_path: Path) -> None:
     out = tmp_path / "run"
     wanted = fingerprint(ESSO, [harbour()]) | {"--seed": 1}
+    assert kept_beside(out, wanted, resume=False).done_if_empty()
     kept = kept_beside(out, wanted, resume=False)
     kept.put("one", {"values": [0.1 + 0.2, 1e-17]})
     with pytest.raises(UserError, match=r"run.unfinished: an interrupted choice is there; add --resume"):
@@ -34,6 +35,7 @@ def test_parts_of_another_choice_are_refused_and_named(tmp_path: Path) -> None:
     again = kept_beside(out, wanted, resume=True)
     assert again.get("one") == {"values": [0.1 + 0.2, 1e-17]}
     assert again.get("two") is None
+    assert not again.done_if_empty()
     again.done()
     assert not (tmp_path / "run.unfinished").exists()
 
