@@ -23,6 +23,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
+from functools import cache
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -125,10 +126,15 @@ def room_tests(path: str) -> tuple[str, ...]:
     return ROOMS[max((place for place in ROOMS if path.startswith(place)), key=len)]
 
 
+@cache
+def _every() -> tuple[Fault, ...]:
+    """All faults of the physics."""
+    return tuple(fault for path in physics() for fault in faults(path, (ROOT / path).read_text(encoding="utf-8")))
+
+
 def drawn(seed: int, count: int) -> list[Fault]:
     """The first ``count`` of all faults of the physics in an order that ``seed`` makes."""
-    every = [fault for path in physics() for fault in faults(path, (ROOT / path).read_text(encoding="utf-8"))]
-    return sorted(every, key=lambda fault: sha256(f"{seed} {fault.key}".encode()).digest())[:count]
+    return sorted(_every(), key=lambda fault: sha256(f"{seed} {fault.key}".encode()).digest())[:count]
 
 
 def equivalent() -> dict[str, str]:

@@ -244,8 +244,9 @@ def test_a_refitted_hybrid_keeps_its_network_also_when_resumed(tmp_path: Path) -
     base.mkdir()
     (base / "ship.toml").write_text(dump_ship(ship))
     save_network(base / NETWORK, random_network(ship), ship)
-    trial = replace(runs()[0][0], name="one")
-    write_trial(trial, tmp_path / "one.csv")
+    trial = runs()[0][0]
+    short = {name: column[:400:5] for name, column in trial.columns.items()}  # 40 s
+    write_trial(replace(trial, name="one", columns=short), tmp_path / "one.csv")
     out = tmp_path / "run"
     command = ["fit", str(base), str(tmp_path / "one.csv"), "--only", "N_r,Y_v", "--no-next-trial", "--out", str(out)]
     assert main([*command, "--max-iterations", "1"]) == 1

@@ -15,6 +15,7 @@ import pytest
 
 import mmg_ident
 from cases.simulation.simulate import write_trial
+from fitting.pipeline import FitOptions
 from mmg_ident.commands.main import VERBS, main
 from tests.support.synthetic_runs import runs
 
@@ -32,7 +33,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for trial in train[:2]:
         write_trial(trial, folder / "train" / f"{trial.name}.csv")
     write_trial(held_out[0], folder / "held_out.csv")
-    fit = mmg_ident.calibrate("esso_osaka_3m", folder / "train", folder / "held_out.csv")
+    options = FitOptions(next_trial=False)
+    fit = mmg_ident.calibrate("esso_osaka_3m", folder / "train", folder / "held_out.csv", options=options)
     fit.save(folder / "run")
     return folder
 
@@ -94,7 +96,7 @@ def test_the_help_lists_every_verb_and_each_has_a_function(capsys: pytest.Captur
 
 def test_a_notebook_and_the_command_leave_the_same_folder(folder: Path, tmp_path: Path) -> None:
     arguments = ["fit", "esso_osaka_3m", str(folder / "train"), "--validate", str(folder / "held_out.csv")]
-    assert main([*arguments, "--out", str(tmp_path / "run")]) == 0
+    assert main([*arguments, "--no-next-trial", "--out", str(tmp_path / "run")]) == 0
     names = [sorted(str(p.relative_to(f)) for p in f.rglob("*")) for f in (folder / "run", tmp_path / "run")]
     assert names[0] == names[1]
     ours, theirs = (json.loads((f / "result.json").read_text()) for f in (folder / "run", tmp_path / "run"))
