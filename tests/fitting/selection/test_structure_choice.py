@@ -126,7 +126,7 @@ def test_ctrl_c_within_one_fit_ends_the_choice(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_the_command_writes_a_run_folder_that_is_a_ship(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for run in harbour(3):
+    for run in harbour(3, 120.0):
         write_trial(run, tmp_path / f"{run.name}.csv")
     out = tmp_path / "chosen"
     line = ["select", "esso_osaka_3m", str(tmp_path), "--only", "sm1-order1", "--out", str(out), "--json"]
