@@ -10,6 +10,8 @@ from pathlib import Path
 from benchmarks.fuzz.reproducers import REPRODUCERS
 from benchmarks.fuzz.samples import GROUPS, TEXTS, short_trial, write_runs, write_tables
 from cases.checks import check
+from cases.importing.import_logs import import_logs
+from cases.importing.import_map import read_map
 from cases.io.controls import read_controls
 from cases.io.groups import group_trials
 from cases.io.read import read_trial
@@ -63,6 +65,9 @@ def readers(folder: Path) -> dict[str, Reader]:
         "network": (hybrid / NETWORK, lambda: load_ship(hybrid)),
         "black_box": (box / NETWORK, lambda: load_box(box)),
         "captive": (folder / "captive.csv", lambda: read_captive(folder / "captive.csv")),
+        "log": (folder / "log.csv", lambda: _imported(folder / "log.csv")),
+        "nmea": (folder / "log.nmea", lambda: _imported(folder / "log.nmea")),
+        "import_map": (folder / "import.toml", lambda: read_map(folder / "import.toml")),
     }
     found = {name: _of_file(name, path, read) for name, (path, read) in files.items()}
     texts = {
@@ -99,6 +104,14 @@ def _table(path: Path) -> None:
     with contextlib.suppress(UserError):
         read_controls(path)
     check([read_trial(path)])
+
+
+def _imported(path: Path) -> object:
+    """The runs in a raw log. Raises UserError, with its problems, where they cannot be written."""
+    found = import_logs([path])
+    if found.problems:
+        raise UserError("; ".join(found.problems))
+    return found
 
 
 def _effect(text: str, ship: Ship) -> None:

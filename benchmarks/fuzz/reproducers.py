@@ -44,6 +44,9 @@ REPRODUCERS: dict[str, tuple[bytes, ...]] = {
         b"u [m/s]\n1\n", *_TABLES,
         b"u [m/s],v [m/s],r [rad/s],n [rps],delta [rad],X [N],Y [N],N [N m]\n1,1,1,1,1,,,\n",
     ),
+    "log": (*_TABLES, b"t;x\n1;2\n", b"t;psi;n;delta\n" + b"1e308;1e308;1;1\n" * 12, b"t,psi\n" + b"nan,inf\n" * 12),
+    "nmea": (b"$GPRMC", b"$GPRMC," + b"9" * 5000, b"$" * 3000, b"!AIVDM,1,1,,A,\xff*00\n"),
+    "import_map": (b"origin = [nan, 1e300]", b"step = nan", b"[columns]\nt = 1", b"sentinels = [1e400]", *_TOML),
     "groups": (
         b"", b"day", b"30-Feb-2020", b"99999999", b"2020-13-01", b"0000-00-00", "٢٠٢٠-٠١-٠١".encode(), b"\0",
         b"a" * 70_000,

@@ -15,6 +15,7 @@ from cases.importing.log_columns import Log
 from cases.importing.unit_evidence import by_evidence, with_units_of_size
 from cases.importing.vocabulary import factor, known_units
 from cases.io.conventions import converted
+from cases.io.table import MOST_ROWS
 from cases.trial import RUDDERS, UNITS
 from mmg.errors import UserError
 from mmg.messages import Message
@@ -96,6 +97,11 @@ def _on_one_clock(
         raise UserError(f"{where}: their clocks do not overlap; give clock_offset of one of them in the map")
     states = [log.dt for log in logs if set(log.columns) & set(STATES)]
     step = chosen.step or min(states or [log.dt for log in logs])
+    if last - first > MOST_ROWS * step:
+        raise UserError(
+            f"{where}: the clock runs over {last - first:.4g} s, in steps of {step:.4g} s more than {MOST_ROWS} rows; "
+            "see whether it jumps, divide the log, or give a longer step in the map"
+        )
     t = np.arange(0.0, last - first + 1e-6 * step, step)
     columns: dict[str, np.ndarray] = {}
     taken: dict[str, Log] = {}

@@ -20,6 +20,8 @@ BY_CHANCE = 1e-9
 """Probability of a row of equal values below which a channel stands still."""
 FROZEN_S, FROZEN_ROWS, JUMP = 2.0, 10, 3.0
 """Least time and rows that a channel stands still, and its jump afterwards, in its larger changes from row to row."""
+LARGEST = 1e15
+"""No measurement in any unit is larger."""
 STATES = ("latitude", "longitude", "x", "y", "psi", "sog", "cog", "u", "v", "r")
 """Channels that never stand still while the ship moves."""
 
@@ -33,7 +35,13 @@ def without_sentinels(
     the other values.
     """
     out, said = values.copy(), []
-    finite = values[np.isfinite(values)]
+    huge = np.abs(values) > LARGEST
+    if huge.any():
+        out[huge] = np.nan
+        said.append(
+            Message(f"{header}: {huge.sum()} cells hold over {LARGEST:g}, which stands for nothing", "sentinel")
+        )
+    finite = out[np.isfinite(out)]
     found, counts = np.unique(finite, return_counts=True)
     for number, count in zip(found.tolist(), counts.tolist(), strict=True):
         named = any(np.isclose(number, s) for s in further)

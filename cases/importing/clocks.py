@@ -44,6 +44,10 @@ class Clock:
     words: str
 
 
+LATEST = 1e21
+"""No clock of any unit shows a larger number: nanoseconds of 30,000 years."""
+
+
 def clock_of(table: RawTable, header: str, unit: str = "", date: str | None = None, zone_hours: float = 0.0) -> Clock:
     """The clock of ``table`` in the column ``header``.
 
@@ -99,7 +103,10 @@ def check_clock(clock: Clock, where: str) -> list[Message]:
 
 def _numbers(values: np.ndarray, header: str, unit: str, where: str) -> Clock:
     """A clock of numbers: by its unit, or since 1970 where the size of the numbers says so."""
-    middle = float(np.nanmedian(values))
+    known = values[np.isfinite(values)]
+    if not len(known) or np.abs(known).max() > LATEST:
+        raise UserError(f"{where}: column '{header}' holds no times, or some that no clock shows")
+    middle = float(np.median(known))
     for name, (low, high) in EPOCH.items():
         if low <= middle < high and (not unit or unit.lower() == name or (name == "s" and unit.lower() == "sec")):
             return Clock(values * SECONDS[name], True, header, f"{name} since 1970")

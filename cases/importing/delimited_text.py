@@ -125,6 +125,8 @@ def _separator(path: Path, lines: Sequence[str]) -> str:
     sample, best, score = lines[-min(len(lines), LOOKED_AT) :], "", 0.0
     for separator in SEPARATORS:
         rows = _cells(sample, separator)
+        if not rows:
+            continue
         width, count = Counter(map(len, rows)).most_common(1)[0]
         if width < 2 or count < 0.5 * len(rows):
             continue

@@ -37,7 +37,10 @@ def test_what_once_did_harm_is_answered(name: str, content: bytes, made: dict[st
     assert outcome(made[name], content)[0] in ("read", "refused")
 
 
-@pytest.mark.parametrize(("name", "number"), [("parquet", 29816), ("parquet", 35374), ("diagnosis", 28)])
+@pytest.mark.parametrize(
+    ("name", "number"),
+    [("parquet", 29816), ("parquet", 35374), ("diagnosis", 28), ("import_map", 105), ("nmea", 62), ("nmea", 1135)],
+)
 def test_what_fuzzing_found_is_answered(name: str, number: int, made: dict[str, Reader]) -> None:
     """Columns of different lengths; statistics of a column that abort the process; brackets without end."""
     assert outcome(made[name], numbered(name, number, made[name].seeds))[0] in ("read", "refused")

@@ -188,3 +188,25 @@ def test_damaged_bytes_raise_nothing_but_a_line(tmp_path: Path) -> None:
         assert bool(found.problems) or bool(found.runs)
         read += bool(found.runs)
     assert 20 < read < 280
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("far.csv", "t [s];psi [deg];n [rpm];delta [deg];u [m/s]\n" + "\n".join(
+            f"{t};1;60;{t % 7};1" for t in (*range(30), 2e9)), "the clock runs over 2e+09 s"),
+        ("ais.csv", "#AIVDM,1,1\n#AIVDM,1,2\n", "no separator"),
+        ("huge.csv", "t [s];psi [deg];n [rpm];delta [deg]\n" + "1e3;1e308;1e308;1\n" * 12, "stands still"),
+    ],
+)  # fmt: skip
+def test_what_fuzzing_found_is_one_line(name: str, text: str, words: str, tmp_path: Path) -> None:
+    """A clock that jumps by years took five minutes; comments alone and huge numbers were tracebacks."""
+    (tmp_path / name).write_text(text)
+    found = import_logs([tmp_path / name])
+    assert not found.runs and len(found.problems) == 1 and words in found.problems[0], found.problems
+
+
+def test_a_column_of_the_map_without_its_header_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "import.toml").write_text('[columns]\npsi = { unit = "deg" }\n')
+    with pytest.raises(UserError, match="from is missing"):
+        read_map(tmp_path / "import.toml")
