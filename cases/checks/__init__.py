@@ -11,6 +11,7 @@ from typing import Any
 from cases.checks.duplicates import duplicates
 from cases.checks.excitation import excitation, inputs_are_constant, pooled
 from cases.checks.kinematics import kinematics
+from cases.checks.remedies import settled
 from cases.checks.report import CONTRADICTORY, DOUBTFUL, INFO, CheckFinding, CheckReport, Found
 from cases.checks.rudder import rudder_sign
 from cases.checks.sampling import sampling
@@ -52,9 +53,13 @@ def check(trials: Sequence[Trial]) -> list[CheckReport]:
         }
         for topic, look in LOOKS.items():
             numbers[topic], found[topic] = look(trial)
+        if any(code == "frozen_channel" for _, code, _ in found["stretches"]):  # r says nothing of the rudder
+            found["rudder"] = []
+        if wrong:  # with wrong units nothing else can be refuted
+            found = {t: [f for f in some if t == "units" or f[0] != CONTRADICTORY] for t, some in found.items()}
         findings = tuple(CheckFinding(topic, *each) for topic, some in found.items() for each in some)
         reports.append(CheckReport(trial.name, str(trial.path or ""), findings, numbers))
-    return reports
+    return settled(trials, reports)
 
 
 def ready(*sets: Sequence[Trial], unchecked: bool = False) -> tuple[list[Trial], ...]:

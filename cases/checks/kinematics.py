@@ -83,6 +83,7 @@ def _channel(name: str, channel: Channel) -> list[Found]:
     if abs(scale - 1) > GAIN[name]:
         hint = " (knots labelled m/s?)" if abs(scale - 1.944) < 0.1 else ""
         hint = " (m/s labelled kn?)" if abs(scale - 0.514) < 0.03 else hint
+        hint = " (time in milliseconds labelled s?)" if abs(scale / 1000 - 1) < 0.1 else hint
         text = f"{name} is {scale:.3g} times the derivative of {SOURCE[name]}{hint}."
         findings.append((CONTRADICTORY if hint else DOUBTFUL, "unit" if hint else "gain", text))
     elif name == "r" or abs(scale - 1) > 0.03:

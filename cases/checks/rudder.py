@@ -22,7 +22,7 @@ def rudder_sign(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
     if good.sum() < 50:
         return nothing, []
     t, delta, r, u, n = trial.t[good], delta[good], r[good], u[good], n[good]
-    fast = (u > 0.4 * max(float(np.percentile(u, 95)), 1e-6)) & (n > 0)
+    fast = (u > 0.4 * max(float(np.percentile(u, 95)), 1e-6)) & ((n > 0) | (np.abs(n).max() == 0))
     if fast.sum() < 50 or float(np.abs(delta[fast]).max()) < 0.02 or u[fast].mean() <= 0:
         return nothing, []
     best, constant = 0.0, 0.0

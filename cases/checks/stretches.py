@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from cases.checks.frozen import frozen
-from cases.checks.report import INFO, Found
+from cases.checks.report import CONTRADICTORY, INFO, Found
 from cases.checks.rest import SWINGING, without_cause
 from cases.trial import Trial
 
@@ -111,6 +111,10 @@ def stretch_findings(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
         )
         for s in found
     ]
+    turned = float(np.ptp(_filled(trial.psi_unwrapped)))
+    if len(trial) >= 8 * STEP and turned > 0.1 and float(np.ptp(_filled(trial["r"]))) == 0.0:
+        text = f"r is frozen at {float(np.nanmean(trial['r'])):.3g} rad/s, while the heading turns by {turned:.2g} rad."
+        findings.append((CONTRADICTORY, "frozen_channel", text))
     return {"broken": rows, "broken_share": seconds / max(trial.duration, 1e-9)}, findings
 
 

@@ -21,6 +21,9 @@ RUDDER_LIMIT = 2.0
 SPIN_LIMIT = 1.5
 """rad/s; a ship or a metre-long model does not turn by 86 deg every second for most of a run."""
 
+REVOLUTIONS_LIMIT = 60.0
+"""rps; propellers of models of a metre or more, and of ships, turn more slowly."""
+
 _CAUSES = {
     (DEG, 1.0): "psi holds degrees but is labelled rad (or r holds rad/s but is labelled deg/s)",
     (1.0, DEG): "r holds deg/s but is labelled rad/s (or psi holds radians but is labelled deg)",
@@ -32,8 +35,16 @@ def implausible(columns: Mapping[str, np.ndarray]) -> str:
 
     columns: canonical name -> (N,) in house units; needs t, psi, r; uses x, y, u, v, delta, wind if present.
     """
-    tests = (_angles, _full_turn_jumps, _heading_and_rate, _heading_and_course, _spin)
+    tests = (_revolutions, _angles, _full_turn_jumps, _heading_and_rate, _heading_and_course, _spin)
     return next(filter(None, (test(columns) for test in tests)), "")
+
+
+def _revolutions(columns: Mapping[str, np.ndarray]) -> str:
+    """Revolutions that no propeller of a ship or a model has."""
+    n = np.abs(columns.get("n", np.zeros(1)))
+    if np.isfinite(n).any() and (typical := float(np.nanpercentile(n, 75))) > REVOLUTIONS_LIMIT:
+        return f"n is {typical:.4g} rps a quarter of the time: are these rpm labelled rps? (label the column 'n [rpm]')"
+    return ""
 
 
 def _angles(columns: Mapping[str, np.ndarray]) -> str:
