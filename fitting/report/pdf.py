@@ -25,8 +25,17 @@ def needs_weasyprint() -> None:
         ) from None
 
 
-def _inside(url: str, *_: Any, **__: Any) -> dict[str, Any]:
-    """What a page may load: pictures that it holds itself."""
+def _inside() -> Any:
+    """What fetches for a page: nothing but pictures that it holds itself."""
+    from weasyprint import urls
+
+    if hasattr(urls, "URLFetcher"):  # of WeasyPrint 68 and newer
+        return urls.URLFetcher(allowed_protocols=("data",), allow_redirects=False)
+    return _held_by_the_page
+
+
+def _held_by_the_page(url: str, *_: Any, **__: Any) -> dict[str, Any]:
+    """The same as a function, for older versions."""
     from weasyprint import default_url_fetcher
 
     if not url.startswith("data:"):
@@ -40,7 +49,7 @@ def write_pdf(text: str, out: Path) -> None:
     needs_weasyprint()
     from weasyprint import HTML
 
-    content = HTML(string=text, url_fetcher=_inside).write_pdf()
+    content = HTML(string=text, url_fetcher=_inside()).write_pdf()
     scratch = out.with_name(f".{out.name}.{os.getpid()}.part")
     try:
         scratch.write_bytes(content)
