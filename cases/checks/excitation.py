@@ -1,12 +1,13 @@
 """What the inputs and the motion of a trial can teach: quadrants, and groups of MMG coefficients.
 
-The names are those of the low-speed four-quadrant model of the ESSO OSAKA (Yoshimura 2009 hull, Hachii 2004
-propeller, Yasukawa & Yoshimura 2015 rudder); other component models read the groups, not the symbols.
+The symbols are those of the low-speed four-quadrant model (Yoshimura 2009 hull, Hachii 2004 propeller, Yasukawa &
+Yoshimura 2015 rudder). Which of them a ship has is said for the ship that is named; without one only the conditions.
 """
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable
 from typing import Any
 
@@ -14,24 +15,25 @@ import numpy as np
 
 from cases.checks.report import CONTRADICTORY, DOUBTFUL, INFO, CheckReport, Found
 from cases.trial import Trial
+from mmg.ship import Ship
 
 ENOUGH = 20.0
 """s; a group excited for less than this is weakly excited (or 2 % of the trial, if that is longer)."""
 
 
 GROUPS = {
-    "hull_ahead": ("headway (u > 0)", "X_0F"),
-    "hull_astern": ("sternway (u < 0)", "X_0A"),
-    "cross_flow": ("drift beyond 30 deg or turning nearly on the spot", "C_D, C_rY, C_rN"),
-    "sway_yaw_linear": ("sway and yaw at headway", "Y_v, Y_r, N_v, N_r, X_vr"),
-    "propeller_ahead": ("n > 0 with u > 0", "k_0..k_2, t_P, w_P0, tau, C_P"),
-    "propeller_ahead_astern_motion": ("n > 0 with u < 0", "A_6..A_8, B_6..B_8"),
-    "propeller_reversed": ("n < 0", "C_3..C_10, A_1..A_5, B_1..B_5"),
-    "rudder_ahead": ("rudder angles with n > 0 and u > 0", "t_R, a_H, x_H, ell_R, gamma_P, gamma_N, k_x, epsilon"),
-    "rudder_reversed_flow": ("rudder angles with n < 0 and u > 0, or u < 0", "k_xR, C_PR"),
-    "wind": ("true wind above the ship's speed from changing sides", "wind coefficients"),
+    "hull_ahead": ("headway (u > 0)", r"X_0F?|R_0"),
+    "hull_astern": ("sternway (u < 0)", r"X_0A"),
+    "cross_flow": ("drift beyond 30 deg or turning nearly on the spot", r"C_D|C_rY|C_rN"),
+    "sway_yaw_linear": ("sway and yaw at headway", r"Y_v|Y_r|N_v|N_r|X_vr"),
+    "propeller_ahead": ("n > 0 with u > 0", r"k_[0-2]|t_P|w_P0|tau|C_P"),
+    "propeller_ahead_astern_motion": ("n > 0 with u < 0", r"[AB]_[678]"),
+    "propeller_reversed": ("n < 0", r"C_(3|6|7|10)|[AB]_[1-5]"),
+    "rudder_ahead": ("rudder angles with n > 0 and u > 0", r"t_R|a_H|x_H|ell_R|gamma_[PN]|k_x|epsilon"),
+    "rudder_reversed_flow": ("rudder angles with n < 0 and u > 0, or u < 0", r"k_xR|C_PR"),
+    "wind": ("true wind above the ship's speed from changing sides", r"[XYN]_A\d+"),
 }
-"""Group of coefficients -> what must happen for it to matter, and the symbols."""
+"""Group of coefficients -> what must happen for it to matter, and the pattern of the symbols."""
 
 QUADRANTS = {
     "u+ n+": "ahead with n > 0",
@@ -101,11 +103,14 @@ def inputs_are_constant(trial: Trial) -> bool:
     return all(span < 1e-9 for span in spans)
 
 
-def pooled(reports: Iterable[CheckReport]) -> tuple[dict[str, float], list[str]]:
-    """Seconds per coefficient group over all reports, and sentences about groups that are not excited."""
+def pooled(reports: Iterable[CheckReport], ship: Ship | None = None) -> tuple[dict[str, float], list[str]]:
+    """Seconds per coefficient group over all ``reports``, and sentences about groups that are not excited.
+
+    ship: whose coefficients are named in these sentences; groups of which it has none are left out.
+    """
     found = [numbers for report in reports if (numbers := report.numbers.get("excitation"))]
     seconds = {name: sum((numbers["group_seconds"][name] for numbers in found), 0.0) for name in GROUPS}
-    return seconds, _missing(seconds, sum(numbers["seconds"] for numbers in found))
+    return seconds, _missing(seconds, sum(numbers["seconds"] for numbers in found), ship)
 
 
 def _sentences(numbers: dict[str, Any]) -> list[Found]:
@@ -121,15 +126,24 @@ def _sentences(numbers: dict[str, Any]) -> list[Found]:
     return findings + [(INFO, "not_excited", text) for text in _missing(numbers["group_seconds"], numbers["seconds"])]
 
 
-def _missing(seconds: dict[str, float], total: float) -> list[str]:
+def _missing(seconds: dict[str, float], total: float, ship: Ship | None = None) -> list[str]:
     """Never excited: one sentence per group; hardly excited: one sentence for all of them."""
-    never = [GROUPS[name] for name, value in seconds.items() if value <= 0]
-    few = [name for name, value in seconds.items() if 0 < value < max(ENOUGH, 0.02 * min(total, 2000.0))]
-    sentences = [f"Never {condition}: {symbols} cannot be determined." for condition, symbols in never]
+    symbols = {name: _symbols(pattern, ship) for name, (_, pattern) in GROUPS.items()}
+    asked = [name for name in seconds if ship is None or symbols[name]]
+    never = [name for name in asked if seconds[name] <= 0]
+    few = [name for name in asked if 0 < seconds[name] < max(ENOUGH, 0.02 * min(total, 2000.0))]
+    behind = {name: f": {', '.join(found)} cannot be determined" if found else "" for name, found in symbols.items()}
+    sentences = [f"Never {GROUPS[name][0]}{behind[name]}." for name in never]
     if few:
-        listed = "; ".join(f"{GROUPS[k][0]} {seconds[k]:.1f} s ({GROUPS[k][1]})" for k in few)
+        own = {name: f" ({', '.join(found)})" if found else "" for name, found in symbols.items()}
+        listed = "; ".join(f"{GROUPS[k][0]} {seconds[k]:.1f} s{own[k]}" for k in few)
         sentences.append(f"Hardly excited: {listed}.")
     return sentences
+
+
+def _symbols(pattern: str, ship: Ship | None) -> list[str]:
+    """Coefficients of the ``ship`` that are free and fit the ``pattern``."""
+    return [s for s in ship.free if re.fullmatch(pattern, s)] if ship else []
 
 
 def _windy(trial: Trial, good: np.ndarray) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,22 +13,29 @@ from mmg_ident.commands.output import each, print_json, working
 
 if TYPE_CHECKING:
     from cases.checks import CheckReport
+    from mmg.ship import Ship
 
 
 def check(
     trials: Annotated[list[Path], Argument(help="Trial files (CSV, Parquet) or folders of them.")],
+    ship: Annotated[
+        str | None, Option(help="Ship file, run folder or library ship: which of its coefficients the trials excite.")
+    ] = None,
+    every: Annotated[bool, Option("--all", help="Every sentence on every file, not only what is wrong.")] = False,
     json: Annotated[bool, Option("--json", help="Print one JSON document.")] = False,
 ) -> None:
-    """Check trial files: units, signs, frames, gaps, duplicates, lags, excitation; a verdict per file.
+    """Check trial files: units, signs, frames, gaps, duplicates, lags, excitation; a verdict per file and per folder.
 
-    Example: mmg check data/turning data/zigzag/run_07.csv
+    Example: mmg check data/turning data/zigzag/run_07.csv --ship esso_osaka_3m
 
     Exit code 0 when every file could be read, whatever its verdict; 2, after the report on the others, when one could
     not.
     """
     from cases.checks import check as check_trials
     from cases.io.read import read_trials
+    from cases.shipfiles.ship_file import load_ship
 
+    model = load_ship(ship) if ship else None
     found, unreadable = [], []
     for path in each(trials, "reading"):
         try:
@@ -39,31 +47,44 @@ def check(
     with working(f"checking {len(found)} trials"):
         reports = check_trials(found)
     if json:
-        print_json(_document(reports, unreadable))
+        print_json(_document(reports, unreadable, model))
     else:
-        _print(reports)
+        _print(reports, model, every or len(reports) == 1)
     if unreadable:
         raise UserError("; ".join(str(error) for _, error in unreadable))
 
 
-def _document(reports: list[CheckReport], unreadable: list[tuple[Path, UserError]]) -> dict[str, Any]:
-    """{"files": [report, ...], "pooled": {"group_seconds": {...}, "sentences": [...]}}.
+def _document(
+    reports: list[CheckReport], unreadable: list[tuple[Path, UserError]], ship: Ship | None
+) -> dict[str, Any]:
+    """{"files": [report, ...], "folders": [{"path", "verdict", "files"}, ...], "pooled": {"group_seconds": {...},
+    "sentences": [...]}}.
 
-    A file that could not be read is a report with the verdict "contradictory" and no numbers.
+    A file that could not be read is a report with the verdict "contradictory" and no numbers. The verdict of a folder
+    is the worst of its files.
     """
     from cases.checks import pooled
 
-    files = [report.as_dict() for report in reports]
+    files: list[dict[str, Any]] = [report.as_dict() for report in reports]
     for path, error in unreadable:
         finding = {"topic": "reading", "level": "contradictory", "code": "unreadable", "text": str(error)}
         row = {"name": path.stem, "path": str(path), "verdict": "contradictory", "findings": [finding], "numbers": {}}
         files.append(row)
-    seconds, sentences = pooled(reports)
-    return {"files": files, "pooled": {"group_seconds": seconds, "sentences": sentences}}
+    folders: dict[str, list[str]] = {}
+    for row in files:
+        folders.setdefault(str(Path(row["path"]).parent), []).append(row["verdict"])
+    seconds, sentences = pooled(reports, ship)
+    rows = [{"path": path, "verdict": worst(verdicts), "files": len(verdicts)} for path, verdicts in folders.items()]
+    return {"files": files, "folders": rows, "pooled": {"group_seconds": seconds, "sentences": sentences}}
 
 
-def _print(reports: list[CheckReport]) -> None:
-    """A table with one line per file, the sentences of each file, and what the files excite together."""
+def worst(verdicts: Sequence[str]) -> str:
+    """The verdict of a folder whose files have these ``verdicts``."""
+    return next((v for v in ("contradictory", "doubtful") if v in verdicts), "ok")
+
+
+def _print(reports: list[CheckReport], ship: Ship | None, every: bool) -> None:
+    """A table with one line per file, what is wrong (``every``: and all else), and what the files excite together."""
     from rich.console import Console
     from rich.markup import escape
     from rich.padding import Padding
@@ -84,16 +105,44 @@ def _print(reports: list[CheckReport]) -> None:
         table.add_row(escape(report.name), verdict, *_cells(report))
     console.print(table)
     marks = {"info": "  ", "doubtful": "! ", "contradictory": "!!"}
-    for report in reports:
-        console.print(f"\n[bold]{escape(report.name)}[/]: [{colours[report.verdict]}]{report.verdict}[/]")
-        for finding in sorted(report.findings, key=lambda f: f.level == "info"):
-            line = Table.grid(padding=(0, 1))
-            line.add_row(f"  {marks[finding.level]}", escape(finding.text))
-            console.print(line)
-    if len(reports) > 1:
+
+    def say_line(mark: str, text: str) -> None:
+        line = Table.grid(padding=(0, 1))
+        line.add_row(f"  {mark}", escape(text))
+        console.print(line)
+
+    if every:
+        for report in reports:
+            console.print(f"\n[bold]{escape(report.name)}[/]: [{colours[report.verdict]}]{report.verdict}[/]")
+            for finding in sorted(report.findings, key=lambda f: f.level == "info"):
+                say_line(marks[finding.level], finding.text)
+    else:
+        for (level, text), names in _together(reports).items():
+            say_line(marks[level], f"{_listed(names, len(reports))}: {text}")
+    if len(reports) > 1 or ship:
         console.print("\n[bold]All files together[/]")
-        for text in pooled(reports)[1] or ["Every coefficient group is excited."]:
+        for text in pooled(reports, ship)[1] or ["Every coefficient group is excited."]:
             console.print(Padding(escape(text), (0, 0, 0, 5)))
+    if not every:
+        console.print("\nEvery sentence on every file: --all")
+
+
+def _together(reports: list[CheckReport]) -> dict[tuple[str, str], list[str]]:
+    """What is wrong, and stretches that are left out: (level, sentence) -> names of the files, the worst first."""
+    found: dict[tuple[str, str], list[str]] = {}
+    for report in reports:
+        for finding in report.findings:
+            if finding.level != "info" or finding.code == "broken_stretch":
+                found.setdefault((finding.level, finding.text), []).append(report.name)
+    order = ("contradictory", "doubtful", "info")
+    return dict(sorted(found.items(), key=lambda item: order.index(item[0][0])))
+
+
+def _listed(names: list[str], of: int) -> str:
+    """The files with a sentence in common."""
+    if len(names) == of:
+        return "all files"
+    return ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")
 
 
 def _cells(report: CheckReport) -> list[str]:

@@ -9,6 +9,7 @@ from typer.testing import CliRunner
 
 from cases.checks import CheckReport, check, inputs_are_constant, pooled
 from cases.io.read import read_trials
+from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
 from mmg_ident.commands.check import check as command
 from tests.support.trial_files import make_trial, motion_columns, shifted, write_csv
@@ -120,11 +121,14 @@ def test_what_is_never_excited_is_said_per_file_and_together():
     n[1000:2000] = -8.0
     back = make_trial("back", n=n)
     alone, other = check([ahead, back])
-    assert "Never n < 0: C_3..C_10" in text_of(alone)
+    assert "Never n < 0." in text_of(alone)
     assert other.numbers["excitation"]["group_seconds"]["propeller_reversed"] == pytest.approx(100.0, abs=1.0)
     seconds, sentences = pooled([alone, other])
     assert seconds["propeller_reversed"] == pytest.approx(100.0, abs=1.0)
-    assert not any(text.startswith("Never n < 0:") for text in sentences)
+    assert not any(text.startswith("Never n < 0") for text in sentences)
+    osaka = pooled([alone], load_ship("esso_osaka_3m"))[1]
+    assert any(t.startswith("Never n < 0: C_3, C_6, C_7, C_10, A_1, ") for t in osaka), osaka
+    assert not any("C_3" in t for t in pooled([alone], load_ship("mariner"))[1])
     assert any(text.startswith("Never sternway") for text in sentences)
     assert sum(alone.numbers["excitation"]["quadrants"].values()) == pytest.approx(1.0)
 
@@ -219,7 +223,8 @@ def test_the_command_prints_a_table_and_one_json_document(tmp_path):
     assert max(map(len, human.output.splitlines())) <= 100
     machine = CliRunner().invoke(app(), [str(tmp_path / "run.csv"), "--json"])
     document = json.loads(machine.output)
-    assert list(document) == ["files", "pooled"]
+    assert list(document) == ["files", "folders", "pooled"]
+    assert document["folders"] == [{"path": str(tmp_path), "verdict": document["files"][0]["verdict"], "files": 1}]
     assert list(document["files"][0]) == ["name", "path", "verdict", "findings", "numbers"]
     assert all(set(f) == {"topic", "level", "code", "text"} and f["code"] for f in document["files"][0]["findings"])
 
@@ -267,3 +272,18 @@ def test_earth_fixed_velocities_and_a_flipped_sway_are_found_in_every_real_recor
         assert "earth-fixed velocities (north, east)" in text_of(earth, "contradictory"), trial.name
         flipped = text_of(one(trial.with_columns(v=-trial["v"])), "contradictory")
         assert "v is positive to port" in flipped or "v has the opposite sign" in flipped, trial.name
+
+
+def test_a_folder_is_one_table_and_what_is_wrong_once(tmp_path):
+    for name in ("a", "b", "c"):
+        columns = {k: v.copy() for k, v in motion_columns().items()}
+        columns["r"] = -columns["r"] if name != "c" else columns["r"]
+        write_csv(tmp_path / f"{name}.csv", columns, rows=None)
+    short = CliRunner().invoke(app(), [str(tmp_path)]).output
+    every = CliRunner().invoke(app(), [str(tmp_path), "--all"]).output
+    assert len(short.splitlines()) < 0.6 * len(every.splitlines())
+    assert "cannot be determined" not in short and "--all" in short
+    named = CliRunner().invoke(app(), [str(tmp_path), "--ship", "esso_osaka_3m"]).output
+    assert "cannot be determined" in named
+    document = json.loads(CliRunner().invoke(app(), [str(tmp_path), "--json"]).output)
+    assert document["folders"] == [{"path": str(tmp_path), "verdict": "contradictory", "files": 3}]
