@@ -105,7 +105,8 @@ def settled(trials: Sequence[Trial], reports: Sequence[CheckReport]) -> list[Che
             continue
         everywhere = len(rows) == sum(1 for t in trials if (t.path.parent if t.path else None) == folder)
         for i in rows:
-            where = "[default]" if everywhere else f'[files."{trials[i].path.name if trials[i].path else out[i].name}"]'
+            path = trials[i].path
+            where = "[default]" if everywhere else f'[files."{path.name if path else out[i].name}"]'
             out[i] = _explained(out[i], best, f"{folder / NAME if folder else NAME}, {where}")
     return out
 

@@ -68,8 +68,8 @@ def _document(
     files: list[dict[str, Any]] = [report.as_dict() for report in reports]
     for path, error in unreadable:
         finding = {"topic": "reading", "level": "contradictory", "code": "unreadable", "text": str(error)}
-        row = {"name": path.stem, "path": str(path), "verdict": "contradictory", "findings": [finding], "numbers": {}}
-        files.append(row)
+        head = {"name": path.stem, "path": str(path), "verdict": "contradictory"}
+        files.append({**head, "findings": [finding], "numbers": {}})
     folders: dict[str, list[str]] = {}
     for row in files:
         folders.setdefault(str(Path(row["path"]).parent), []).append(row["verdict"])
