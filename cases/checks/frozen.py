@@ -17,6 +17,14 @@ USUAL = 0.8
 LEAST_ROWS, LEAST_S = 5, 1.2
 """Fewer repetitions, or fewer seconds, are a matter of rounding."""
 
+JUMP = 3.0
+"""A velocity without noise that was frozen goes on with a jump of this many of its larger changes from row to row; one
+that does not was steady."""
+
+NOISY = 0.25
+"""Share of changes from row to row against the one before, from which a channel has noise (white noise: 2/3), so that
+it never repeats itself for long."""
+
 GROUPS = (("psi",), ("x", "y"), ("u", "v"), ("r",))
 
 
@@ -36,8 +44,23 @@ def frozen(trial: Trial) -> Iterator[tuple[int, int, str, tuple[str, ...]]]:
         motion = moves[group[0]]
         awake = 0.3 * float(np.nanmedian(motion))
         for first, last in edges[lengths >= least]:
-            if float(np.nanmedian(motion[first : last + 1])) > awake and _others_move(trial, group, first, last):
+            awoken = float(np.nanmedian(motion[first : last + 1])) > awake and _others_move(trial, group, first, last)
+            if awoken and (group[0] in ("psi", "x") or _resumes(trial, group, last)):
                 yield int(first), int(last), f"{', '.join(group)} frozen", group
+
+
+def _resumes(trial: Trial, group: tuple[str, ...], last: int) -> bool:
+    """Whether a column of the ``group`` has noise, or jumps after the row ``last``."""
+    for name in group:
+        change = np.diff(trial[name])
+        moved = change[np.abs(change) > 0]
+        if len(moved) < 2:
+            continue
+        if np.mean(np.sign(moved[1:]) != np.sign(moved[:-1])) > NOISY:
+            return True
+        if last < len(change) and np.abs(change[last]) > JUMP * np.percentile(np.abs(moved), 95):
+            return True
+    return False
 
 
 def _usual(lengths: np.ndarray, rows: int) -> float:

@@ -27,6 +27,12 @@ SWINGS = 2
 SIZE = 0.5
 """A swing changes the turn rate by this share of its root mean square over the record."""
 
+MOST = 0.9
+"""Share of the record beyond which a spell leaves no orders to compare with."""
+
+BEYOND_NOISE = 6.0
+"""And by so many standard deviations of its own noise, after smoothing."""
+
 QUICKER = 1.0
 """It does so faster, by this factor, than 95 % of the record."""
 
@@ -48,9 +54,13 @@ def without_cause(trial: Trial) -> Iterator[tuple[int, int, str, tuple[str, ...]
     edges = np.flatnonzero(np.diff(np.concatenate([[0], ~moved, [0]]).astype(int))).reshape(-1, 2)
     smooth = np.convolve(np.pad(r, width // 2, mode="edge"), np.full(width, 1.0 / width), "valid")
     rate = np.abs(np.gradient(smooth, trial.t))
-    size, quick = SIZE * float(np.sqrt(np.mean(r**2))), QUICKER * float(np.quantile(rate, 0.95))
+    noise = float(np.std(r - smooth)) / np.sqrt(width)
+    size, quick = (
+        max(SIZE * float(np.sqrt(np.mean(r**2))), BEYOND_NOISE * noise),
+        QUICKER * float(np.quantile(rate, 0.95)),
+    )
     for first, last in edges:
-        if last - first < 3 * width:
+        if last - first < 3 * width or last - first > MOST * len(r):
             continue
         turns = _extrema(smooth[first : last + 1], size)
         swings = [

@@ -15,6 +15,7 @@ from cases.trial import Trial
 from fitting.nlp.grid import grids
 from fitting.prediction.score import score
 from mmg.rollout import Simulator
+from mmg_ident import simulate
 from tests.support.trial_files import motion_columns, write_csv
 
 
@@ -100,3 +101,13 @@ def test_real_records_lose_little_and_breaks_put_into_them_are_found(frt) -> Non
         ]
     assert np.mean([found for found, _ in rows]) >= 0.85
     assert np.mean([lost for _, lost in rows]) <= 0.03
+
+
+@pytest.mark.parametrize(
+    ("ship", "maneuver", "dt"),
+    [("kvlcc2_full", "crash-stop", 1.0), ("kvlcc2_l7", "turning:35", 0.1), ("esso_osaka_3m", "zigzag:10/10", 0.1)],
+)
+@pytest.mark.parametrize("noise", [False, True])
+def test_a_simulated_run_has_no_broken_stretch(ship: str, maneuver: str, dt: float, noise: bool) -> None:
+    """Steady velocities without noise are not frozen, and noise about no turn is no hand at the ship."""
+    assert broken_stretches(simulate(ship, maneuver, noise=noise, dt=dt, duration=300)) == []
