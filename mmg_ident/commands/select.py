@@ -182,7 +182,7 @@ def _choose(
     from fitting.report.plot_learning import learning_plot
     from fitting.report.plot_structures import structure_plot
     from fitting.report.plot_style import FigureFolder
-    from fitting.report.run_folder import check_target, reserved, write_json
+    from fitting.report.run_folder import check_target, reserved
     from fitting.selection.candidates import candidate, candidates
     from fitting.selection.kept import fingerprint, kept_beside
     from fitting.selection.structure_choice import choose_structure
@@ -205,9 +205,9 @@ def _choose(
             if not kept.done_if_empty() and isinstance(error, KeyboardInterrupt):
                 say(f"finished fits are kept in {kept.folder}; the same command with --resume goes on with them")
             raise
-        choice = replace(choice, result=replace(choice.result, command=command_line()).save(out))
         found = choice.to_dict()
-        write_json(out / "selection.json", found)
+        result = replace(choice.result, command=command_line()).save(out, beside={"selection.json": found})
+        choice = replace(choice, result=result)
         figures = FigureFolder(out / "figures")
         figures.write("structures", lambda: structure_plot(found["candidates"], choice.chosen), "Structure", "")
         if choice.runs:

@@ -24,10 +24,10 @@ pytestmark = pytest.mark.slow
 ROOT = Path(__file__).parents[3]
 FEW = "--only X_0F,Y_v,N_r,k_0,gamma_P,Y_A1 --no-next-trial --window 20"
 COMMANDS = {
-    "fit": f"fit esso_osaka_3m trials {FEW} --out fit",
+    "fit": f"fit esso_osaka_3m trials {FEW} --starts 2 --bootstrap 3 --workers {{workers}} --out fit",
     "train": "train fit trials --seeds 2 --epochs 2 --width 4 --workers {workers} --out train",
     "fnn": "train fit trials --model fnn --seeds 1 --epochs 1 --width 4 --workers {workers} --out fnn",
-    "diagnose": "diagnose fit trials --out diagnose",
+    "diagnose": "diagnose fit trials --workers {workers} --out diagnose",
     "compare": "compare --train trials --test hold --seeds 1 --epochs 1 --models calibrated,fnn --workers {workers} "
     "--out compare",
     "report": "report fit --out report.html",
@@ -36,8 +36,8 @@ TIMES = {"created", "command", "seconds", "rollout_s", "path", "timings", "timin
 """Keys whose values may differ: times, and what was asked for."""
 
 
-def run(folder: Path, command: str, threads: int, **environment: str) -> None:
-    text = command.format(workers=threads).split()
+def run(folder: Path, command: str, threads: int, workers: int = 1, **environment: str) -> None:
+    text = command.format(workers=workers).split()
     names = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), str(threads))
     more = {"PYTHONPATH": str(ROOT), "PYTHONHASHSEED": str(threads), **names, **environment}
     code = [sys.executable, "-m", "mmg_ident.commands.main", *text]
@@ -47,13 +47,13 @@ def run(folder: Path, command: str, threads: int, **environment: str) -> None:
 
 @pytest.fixture(scope="module")
 def folders(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    """Two folders in which all commands were run, with one and with two threads and workers."""
+    """Two folders in which all commands were run, by one thread and worker, and by four threads and three workers."""
     made = []
-    for threads in (1, 2):
+    for threads, workers in ((1, 1), (4, 3)):
         folder = tmp_path_factory.mktemp(f"threads{threads}")
         write_trials(folder)
         for command in COMMANDS.values():
-            run(folder, command, threads)
+            run(folder, command, threads, workers)
         made.append(folder)
     return made[0], made[1]
 
