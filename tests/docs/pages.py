@@ -67,6 +67,8 @@ def make_workspace(folder: Path, with_trials: bool = True) -> None:
         (folder / name).mkdir()
         for trial in chosen:
             write_trial(trial, folder / name / f"{trial.name}.csv")
+    (folder / "logs").mkdir()
+    trials[0].to_pandas().to_csv(folder / "logs" / "day1.txt", index=False, sep=";", decimal=",")
     write_trial(trials[4], folder / "held_out" / "run7.csv")
     (folder / "held_out" / f"{trials[4].name}.csv").unlink()
     write_trial(trials[3], folder / "held_out.csv")
