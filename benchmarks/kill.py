@@ -46,6 +46,7 @@ VERBS = {
     "--no-random --step 1 --workers 2 --out OUT",
     "diagnose": "diagnose small.toml others --no-learn --step 1 --out OUT",
     "diagnose-workers": "diagnose small.toml others --no-learn --step 1 --workers 2 --out OUT",
+    "select": "select small.toml trials --validate others --only mmg,sm1-order1 --out OUT",
     "predict": "predict esso_osaka_3m trials --window 30 --out OUT",
     "simulate": "simulate esso_osaka_3m --maneuver zigzag:10/10 --out OUT.csv",
     "export": "export esso_osaka_3m --format c --force --out OUT",

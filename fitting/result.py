@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import shutil
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from dataclasses import replace as changed
 from functools import partial
@@ -92,11 +92,11 @@ class FitResult(FitRecord):
         return html_table(f"{self.ship_name}, {state}{scores}", header, rows)
 
     def save(
-        self, folder: str | Path, replace: bool = False, beside: Mapping[str, dict[str, Any]] | None = None
+        self, folder: str | Path, replace: bool = False, beside: Callable[[Path], None] | None = None
     ) -> FitResult:
         """Write the run folder ``folder``, which must not exist unless ``replace``; returns the result as it was saved.
 
-        beside: JSON files that belong to it, by name, which appear together with it.
+        beside: writes further files that belong to it, which appear together with it, into the folder that it is given.
 
         Figures are drawn where ``objects`` are known, and copied where the result was read from another folder. They
         and the page come last: one that fails is a warning. Raises UserError when the folder exists or cannot be
@@ -105,10 +105,10 @@ class FitResult(FitRecord):
         target = Path(folder)
         if not replace:
             check_target(target)
-        write_whole(target, partial(self._fill, beside=beside or {}), replace)
+        write_whole(target, partial(self._fill, beside=beside), replace)
         return changed(self._illustrated(target), folder=target)
 
-    def _fill(self, scratch: Path, beside: Mapping[str, dict[str, Any]]) -> None:
+    def _fill(self, scratch: Path, beside: Callable[[Path], None] | None) -> None:
         state = "calibrated" if self.converged else "NOT CONVERGED, best iterate"
         note = f"{self.ship.name}, {state} by mmg fit; std is the standard error of each estimate."
         (scratch / SHIP).write_text(dump_ship(self.ship, note), encoding="utf-8")
@@ -120,8 +120,8 @@ class FitResult(FitRecord):
             save_network(scratch / NETWORK, self.ship.network, self.ship)
         if self.folder and (self.folder / FIGURES).is_dir() and not self.objects:
             shutil.copytree(self.folder / FIGURES, scratch / FIGURES)
-        for name, content in beside.items():
-            write_json(scratch / name, content)
+        if beside:
+            beside(scratch)
         messages = (MessageRow("warning", PENDING.code, PENDING), *self.messages)
         write_json(scratch / RESULT, (changed(self, figures=(), messages=messages) if self.objects else self).to_dict())
 

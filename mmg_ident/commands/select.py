@@ -179,17 +179,15 @@ def _choose(
     """Chooses, writes the run folder, says what came out."""
     from dataclasses import asdict, replace
 
-    from fitting.report.plot_learning import learning_plot
-    from fitting.report.plot_structures import structure_plot
-    from fitting.report.plot_style import FigureFolder
     from fitting.report.run_folder import check_target, reserved
     from fitting.selection.candidates import candidate, candidates
     from fitting.selection.kept import fingerprint, kept_beside
     from fitting.selection.structure_choice import choose_structure
-    from fitting.selection.subsequences.learning import write_learning
 
-    check_target(out)
     settings, method, resume = how
+    done = all((out / name).is_file() for name in ("result.json", "selection.json"))
+    if not (resume and done):
+        check_target(out)
     tried = [candidate(model, name, rules) for name in only] if only else list(candidates(model, rules))
     wanted = fingerprint(model, sets) | {
         "--only": ", ".join(only),
@@ -199,6 +197,10 @@ def _choose(
     }
     with reserved(out):
         kept = kept_beside(out, wanted, resume)
+        if resume and done:  # it was ended after the run folder was whole
+            kept.done()
+            say(f"{out} is there already, whole")
+            return 0
         try:
             choice = choose_structure(model, tried, sets, settings, bool(only), progress(), method, kept)
         except (KeyboardInterrupt, UserError) as error:
@@ -206,18 +208,30 @@ def _choose(
                 say(f"finished fits are kept in {kept.folder}; the same command with --resume goes on with them")
             raise
         found = choice.to_dict()
-        result = replace(choice.result, command=command_line()).save(out, beside={"selection.json": found})
+        result = replace(choice.result, command=command_line()).save(out, beside=lambda folder: _beside(choice, folder))
         choice = replace(choice, result=result)
-        figures = FigureFolder(out / "figures")
-        figures.write("structures", lambda: structure_plot(found["candidates"], choice.chosen), "Structure", "")
-        if choice.runs:
-            runs = [run for some in choice.runs.values() for run in some]
-            write_learning([(run.name, run.seed, run.lessons) for run in runs], out / "learning.csv")
-            curves = {f"{run.name}, seed {run.seed}": run.lessons for run in runs}
-            figures.write("learning", lambda: learning_plot(curves), "Learning curves", "")
         kept.done()
     print_json(found | {"out": str(out)}) if json else _tell(choice, out)
     return 0 if choice.result.converged else 1
+
+
+def _beside(choice: StructureChoice, folder: Path) -> None:
+    """What belongs to a choice beside the run: all candidates, learning curves, figures."""
+    from fitting.report.plot_learning import learning_plot
+    from fitting.report.plot_structures import structure_plot
+    from fitting.report.plot_style import FigureFolder
+    from fitting.report.run_folder import write_json
+    from fitting.selection.subsequences.learning import write_learning
+
+    found = choice.to_dict()
+    write_json(folder / "selection.json", found)
+    figures = FigureFolder(folder / "figures")
+    figures.write("structures", lambda: structure_plot(found["candidates"], choice.chosen), "Structure", "")
+    if choice.runs:
+        runs = [run for some in choice.runs.values() for run in some]
+        write_learning([(run.name, run.seed, run.lessons) for run in runs], folder / "learning.csv")
+        curves = {f"{run.name}, seed {run.seed}": run.lessons for run in runs}
+        figures.write("learning", lambda: learning_plot(curves), "Learning curves", "")
 
 
 def _tell(choice: StructureChoice, out: Path) -> None:
