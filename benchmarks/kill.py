@@ -212,7 +212,7 @@ def made(folder: Path, out: str) -> Any:
     """The files that a command made as ``out`` in ``folder``: values of JSON, text without times, else bytes. {}
     where there is nothing."""
     place = folder / out
-    files = [p for p in place.rglob("*") if p.is_file()] if place.is_dir() else list(folder.glob(f"{out}.*"))
+    files = [p for p in (place.rglob("*") if place.is_dir() else folder.glob(f"{out}.*")) if p.is_file()]
     found: dict[str, Any] = {}
     for path in files:
         name = str(path.relative_to(place)) if place.is_dir() else path.suffix
