@@ -179,14 +179,16 @@ def _choose(
     """Chooses, writes the run folder, says what came out."""
     from dataclasses import asdict, replace
 
-    from fitting.report.run_folder import check_target, reserved
+    from fitting.report.run_folder import PENDING, check_target, reserved
+    from fitting.result import read_fit
     from fitting.selection.candidates import candidate, candidates
     from fitting.selection.kept import fingerprint, kept_beside
     from fitting.selection.structure_choice import choose_structure
 
     settings, method, resume = how
-    done = all((out / name).is_file() for name in ("result.json", "selection.json"))
-    if not (resume and done):
+    there = resume and all((out / name).is_file() for name in ("result.json", "selection.json"))
+    done = there and PENDING not in {message.text for message in read_fit(out).messages}
+    if not there:
         check_target(out)
     tried = [candidate(model, name, rules) for name in only] if only else list(candidates(model, rules))
     wanted = fingerprint(model, sets) | {
@@ -197,7 +199,7 @@ def _choose(
     }
     with reserved(out):
         kept = kept_beside(out, wanted, resume)
-        if resume and done:  # it was ended after the run folder was whole
+        if done:  # it was ended after the run folder was whole
             kept.done()
             say(f"{out} is there already, whole")
             return 0
@@ -208,7 +210,9 @@ def _choose(
                 say(f"finished fits are kept in {kept.folder}; the same command with --resume goes on with them")
             raise
         found = choice.to_dict()
-        result = replace(choice.result, command=command_line()).save(out, beside=lambda folder: _beside(choice, folder))
+        result = replace(choice.result, command=command_line()).save(
+            out, replace=there, beside=lambda folder: _beside(choice, folder)
+        )
         choice = replace(choice, result=result)
         kept.done()
     print_json(found | {"out": str(out)}) if json else _tell(choice, out)

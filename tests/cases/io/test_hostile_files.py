@@ -44,7 +44,7 @@ def refused(path: Path, *words: str) -> None:
                 read(path)
             assert "\n" not in str(error.value) and len(str(error.value)) < 1000
     assert all(word in str(error.value) for word in words), error.value
-    assert time.perf_counter() - began < 2
+    assert time.perf_counter() - began < 10
 
 
 @pytest.mark.skipif(os.name == "nt", reason="makes a FIFO")
