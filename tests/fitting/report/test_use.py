@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import io
 import re
 import sys
 from dataclasses import replace
@@ -9,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.image import imsave
 
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.simulate import write_trial
@@ -173,6 +176,25 @@ def test_the_pdf_holds_every_heading(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert [h for h in map(escapes.unescape, headings) if h.replace(" ", "") not in words.replace(" ", "")] == []
     with pytest.raises(UserError, match="cannot be written"):
         write_pdf("<p>x</p>", tmp_path / "nowhere" / "x.pdf")
+
+
+def test_a_pdf_shows_the_pictures_of_its_page_and_no_others(tmp_path: Path) -> None:
+    try:
+        needs_weasyprint()
+    except UserError as error:
+        pytest.skip(str(error))
+    pypdf = pytest.importorskip("pypdf")
+    picture = io.BytesIO()
+    imsave(picture, np.zeros((2, 3, 3)), format="png")
+    (tmp_path / "other.png").write_bytes(picture.getvalue())
+    inside = f"data:image/png;base64,{base64.b64encode(picture.getvalue()).decode()}"
+
+    def pictures(source: str) -> int:
+        write_pdf(f'<p>x</p><img src="{source}" width="30">', tmp_path / "page.pdf")
+        return sum(len(page.images) for page in pypdf.PdfReader(tmp_path / "page.pdf").pages)
+
+    assert pictures(inside) == 1
+    assert pictures((tmp_path / "other.png").as_uri()) == 0
 
 
 def test_without_weasyprint_one_line_says_what_to_do_and_nothing_is_written(
