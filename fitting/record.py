@@ -256,7 +256,9 @@ def read_record(path: Path, content: Mapping[str, Any]) -> FitRecord:
     from pydantic import ValidationError
 
     if content.get("kind") != "calibration":
-        raise UserError(f"{path}: kind = {content.get('kind')!r}: not that of a calibration")
+        raise UserError(
+            f"{path}: kind = {content.get('kind')!r}: not that of a calibration; give a run folder of mmg fit"
+        )
     if content.get("schema_version") != SCHEMA_VERSION:
         version = content.get("schema_version")
         raise UserError(f"{path}: schema_version = {version!r}, this version reads {SCHEMA_VERSION}; fit again")

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from cases.maneuvers import self_propulsion
 from delivery.c.source import c_files
 from delivery.c.text import comment
 from delivery.product import Product
-from mmg.motion.froude import reference_speed
+from mmg.errors import UserError
 
 BUILD = "cc -std=c99 -O2 {p}.c example.c -lm -o example"
+RUDDER = 0.3
+"""Rudder angle [rad] of the turn in an example."""
 
 
 def write_c(product: Product, target: Path) -> None:
@@ -53,19 +56,20 @@ int main(void) {{
 
 
 def approach(product: Product) -> tuple[float, dict[str, float]]:
-    """Speed [m/s] and inputs by name of the turn in an example of ``product``."""
-    controls = product.model.controls
-    moved = {name: 0.3 for name in controls if name.startswith("delta")}
-    moved |= {name: _revolutions(product) for name in ("n", "n_2") if name in controls}
-    return round(0.5 * reference_speed(product.ship.particulars["L"]), 3), moved
+    """Speed [m/s] and inputs by name of the turn in an example of ``product``.
 
-
-def _revolutions(product: Product) -> float:
-    """Revolutions [1/s] of the example: in the middle of what the trials held, else those of a loaded propeller."""
-    held = product.held.get("n")
-    particulars = product.ship.particulars
-    speed = 0.5 * reference_speed(particulars["L"])
-    return round(sum(held) / 2 if held else speed / (0.6 * particulars.get("D_P", 0.03 * particulars["L"])), 3)
+    It begins at the highest revolutions that the trials held and the speed that they give, else as ``mmg simulate``
+    begins: at the ship's own speed.
+    """
+    ship, highest = product.ship, product.held.get("n", (0.0, 0.0))[1]
+    try:
+        speed, n = self_propulsion.approach(ship, highest if highest > 0 else None, None)
+    except UserError:  # a ship before its calibration may hold no speed
+        speed = self_propulsion.own_speed(ship)
+        n = speed / (0.6 * ship.particulars.get("D_P", 0.03 * ship.particulars["L"]))
+    moved = self_propulsion.actuator_positions(ship, n, RUDDER)
+    named = {name: round(float(value), 3) for name, value in moved.items() if name in product.model.controls}
+    return round(speed, 3), {name: value for name, value in named.items() if value}
 
 
 def readme(product: Product) -> str:

@@ -90,6 +90,11 @@ def write_shipmmg(product: Product, target: Path) -> list[Message]:
 
 def shipmmg_motions(product: Product) -> Motions:
     """Motions of the ship of ``product``; UserError where it lacks what shipmmg needs."""
+    for role in ("propeller", "rudder"):
+        if role not in product.ship.components:
+            raise UserError(
+                f"shipmmg needs a {role} of its own; {product.ship.name} has none beside its hull model: {INSTEAD}"
+            )
     missing = [name for name in ("D_P", "A_R", "aspect_ratio", "x_R", "B") if name not in product.ship.particulars]
     if missing:
         raise UserError(

@@ -42,10 +42,10 @@ def write_vehicle(product: Product, target: Path) -> list[Message]:
     """
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-    if "n" not in product.ship.actuators:
+    if "n" not in product.ship.actuators or "propeller" not in product.ship.components:
         raise UserError(
-            f"the Python Vehicle Simulator needs a propeller of its own; that of {product.ship.name} is inside its "
-            f"hull model: {INSTEAD}"
+            f"the Python Vehicle Simulator needs a propeller of its own; {product.ship.name} has none beside its hull "
+            f"model: {INSTEAD}"
         )
     moved = motions(product, "the Python Vehicle Simulator")
     p, errors = project(moved)

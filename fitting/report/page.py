@@ -199,8 +199,9 @@ def _run(record: FitRecord, ship: Ship, folder: Path, number: int, known: Delive
     }
 
 
-def _comparison(runs: list[dict]) -> dict:
-    """Scores and coefficients of several runs side by side, and whether the scores may be compared."""
+def comparison_of(runs: list[dict]) -> dict:
+    """Scores and coefficients of several ``runs`` (each as the page shows it) side by side, and whether the scores may
+    be compared; a coefficient that one run alone has is counted, not listed."""
     sets = [{s["key"]: s for s in run["scores"]} for run in runs]
     tables = []
     for key in dict.fromkeys(key for s in sets for key in s):
@@ -212,7 +213,13 @@ def _comparison(runs: list[dict]) -> dict:
         same_start = comparable and len(started) == 1
         tables.append({"title": present[0]["name"], "rows": rows, "comparable": comparable, "same_start": same_start})
     found = _side_by_side([[r for g in run["groups"] for r in g["rows"]] for run in runs], "symbol")
-    return {"tables": tables, "coefficients": [(s, [(r, _differs(c[0], r)) for r in c]) for s, c in found]}
+    shared = [(symbol, cells) for symbol, cells in found if len(cells) - cells.count(None) > 1]
+    alone = [sum(bool(c[i]) and c.count(None) == len(c) - 1 for _, c in found) for i in range(len(runs))]
+    return {
+        "tables": tables,
+        "coefficients": [(s, [(r, _differs(c[0], r)) for r in c]) for s, c in shared],
+        "alone": [(run["label"], count) for run, count in zip(runs, alone, strict=True) if count],
+    }
 
 
 def _side_by_side(tables: list[list[dict]], key: str) -> list[tuple[str, list[dict | None]]]:
@@ -253,7 +260,7 @@ def build_page(results: Sequence[tuple[FitRecord, Ship, Path]], known: Sequence[
         if labels.count(run["label"]) > 1:
             run["label"] = f"{run['label']} ({run['id']})"
     ships = [run["result"]["ship"] + ("" if run["result"]["converged"] else " (not converged)") for run in runs]
-    comparison = _comparison(runs) if len(runs) > 1 else None
+    comparison = comparison_of(runs) if len(runs) > 1 else None
     return environment().get_template("report.html.j2").render(runs=runs, ships=ships, comparison=comparison)
 
 

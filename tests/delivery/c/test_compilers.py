@@ -10,7 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from delivery.c.package import write_c
+from cases.maneuvers.self_propulsion import speed_for
+from cases.shipfiles.ship_file import load_ship
+from delivery.c.package import approach, write_c
+from fitting.selection.candidates import candidate
 from mmg.ship import Ship
 from tests.delivery.c.test_source import SHIPS, ship_of
 from tests.support.c_products import COMPILERS, STRICT, compiled, compiler, product, write_files
@@ -32,6 +35,19 @@ def test_it_compiles_without_a_warning(which: str, single: bool, tmp_path: Path)
             done = subprocess.run([*command, *STRICT, *flags, *more, "-c", source, "-o", tmp_path / "ship.o"],
                                   capture_output=True, text=True)  # fmt: skip
             assert done.returncode == 0 and not done.stderr, done.stderr[:2000]
+
+
+def test_the_turn_of_the_example_begins_as_the_ship_runs() -> None:
+    """At the speed that the revolutions give, inside what the trials held, else at the ship's own speed."""
+    held = {"n": (-10.0, 8.0)}
+    speed, moved = approach(product("esso_osaka_3m", held))
+    assert moved["n"] == 8.0 and moved["delta"] == 0.3
+    assert abs(speed - speed_for(load_ship("esso_osaka_3m"), 8.0)) < 1e-3
+    speed, moved = approach(product("vectwin_3m", {}))
+    assert moved["delta_port"] == moved["delta_starboard"] == 0.3 and 5.0 < moved["n"] < 20.0
+    assert abs(speed - 0.07 * np.sqrt(9.81 * 3)) < 0.01
+    weak = candidate(load_ship("vectwin_3m"), "sm2-order2").ship  # no revolutions hold its speed
+    assert 0.3 < approach(product(weak, {}))[0] < 0.5
 
 
 @pytest.mark.slow

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from cases.shipfiles.ship_file import load_ship
+from fitting.selection.candidates import candidate
 from mmg.model import columns, states_behind
 from mmg.network import Layers, Network
 from mmg.rollout import Simulator
@@ -47,6 +48,12 @@ def remembering() -> Ship:
     return ship
 
 
+def generated() -> Ship:
+    """A ship of generated terms of any size, with the actuators of a library ship."""
+    ship, rng = candidate(load_ship("esso_osaka_3m"), "sm2-order2").ship, np.random.default_rng(5)
+    return ship.with_values({s: c.value + c.std * rng.normal() for s, c in ship.coefficients.items() if "_" in s[1:2]})
+
+
 SHIPS = {
     "esso_osaka_3m": lambda: load_ship("esso_osaka_3m"),
     "kvlcc2_l7": lambda: load_ship("kvlcc2_l7"),
@@ -57,6 +64,7 @@ SHIPS = {
     "hybrid of three networks of one layer": lambda: hybrid(3, (6,)),
     "hybrid of three layers": lambda: hybrid(1, (5, 7, 4)),
     "effects that remember": remembering,
+    "generated": generated,
 }
 
 

@@ -16,7 +16,8 @@ from cases.shipfiles.ship_file import dump_ship, load_ship, parse_ship
 from delivery.dictionaries import gazebo, shipmmg, vehicle_simulator
 from delivery.dictionaries.motions import Motions, motions
 from delivery.dictionaries.turning import turning_path
-from delivery.export import export
+from delivery.export import FORMATS, export
+from fitting.selection.candidates import candidate
 from mmg.errors import UserError
 from mmg.model import assemble
 from mmg.runge_kutta import rk4_step
@@ -151,6 +152,14 @@ def in_simulator(path: Path, form: str, m: Motions) -> np.ndarray:
     b = np.array([force[1] - (mass + space * added[1]) * u * r, force[2] - mass * x_G * u * r])
     dv, dr = np.linalg.solve(a, b)
     return np.array([du, -dv, -dr])
+
+
+@pytest.mark.parametrize("form", ["shipmmg", "pvs", "gazebo", "vrx"])
+def test_a_ship_of_generated_terms_is_refused_in_a_line(form: str, tmp_path: Path) -> None:
+    ship = candidate(load_ship("esso_osaka_3m"), "sm2-order2").ship
+    with pytest.raises(UserError, match=r"propeller.*export"):
+        export(product(ship, {}), form, tmp_path / f"a{FORMATS[form].suffix}")
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from fitting.record import MessageRow
+from fitting.report.page import comparison_of
 from fitting.report.run_folder import RESULT, read_result, write_json
 from fitting.report.words import change, plus_minus
 from fitting.result import write_report
@@ -150,6 +151,21 @@ def test_several_runs_stand_side_by_side(tmp_path: Path) -> None:
     content["scores"]["validation"]["after"]["sigma"]["u"] = 1.0
     write_json(folders[1] / RESULT, content)
     assert "do not compare directly" in report(*folders)
+
+
+def test_what_a_single_run_holds_alone_is_counted_and_not_listed_beside_the_others() -> None:
+    row = {"value": 1.0, "std": 0.1}
+    runs = [
+        {"label": name, "scores": [], "groups": [{"rows": [{"symbol": symbol, **row} for symbol in symbols]}]}
+        for name, symbols in (
+            ("first", ("m_x", "Y_v")),
+            ("second", ("m_x", "X_u_1", "X_n_1", "N_r")),
+            ("third", ("N_r",)),
+        )
+    ]
+    found = comparison_of(runs)
+    assert [symbol for symbol, _ in found["coefficients"]] == ["m_x", "N_r"]
+    assert found["alone"] == [("first", 1), ("second", 2)]
 
 
 def test_the_command_writes_into_the_run_and_replaces_only_its_own_report(
