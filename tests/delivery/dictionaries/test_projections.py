@@ -183,7 +183,7 @@ def test_a_plugin_moves_the_hull_as_well_as_it_says(name: str, form: str, tmp_pa
     ("ship", "form", "words"),
     [
         ("kvlcc2_l7", "vrx", "couples no sway and yaw: use --format gazebo"),
-        ("mariner", "shipmmg", "lacks D_P, A_R"),
+        ("mariner", "shipmmg", "needs a propeller of its own"),
         ("mariner", "pvs", "needs a propeller of its own"),
         ("mariner", "gazebo", "holds its propeller and rudder"),
         ("vectwin_3m", "shipmmg", "has delta_port, delta_starboard"),
