@@ -6,10 +6,10 @@ import codecs
 import csv
 import io
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from mmg.errors import UserError
 
 LONGEST_LINE, MOST_CELLS = 2**20, 30_000_000
 """Most bytes of a line, and most cells of a table."""
-_BYTES, AT_ONCE = 2**24, 500_000
+PIECE, AT_ONCE = 2**22, 500_000
 """Of a piece that is looked at, and that is parsed, at a time."""
 
 
@@ -32,7 +32,7 @@ def csv_header(path: Path, content: bytes) -> list[str]:
         raise UserError(f"{path}: is encoded in UTF-16; save it in UTF-8")
     if b"\0" in first:
         raise UserError(f"{path}: is no text; trial files are comma-separated text, or Parquet")
-    line = first.decode(_encoding(first))
+    line = first.decode(text_encoding([first]))
     try:
         header = next(csv.reader([line]))
     except csv.Error as error:
@@ -42,21 +42,39 @@ def csv_header(path: Path, content: bytes) -> list[str]:
     return header
 
 
-def count_rows(path: Path, content: bytes) -> int:
-    """Lines below the first of the ``content`` of ``path``, whatever system ended them, before it is parsed. Raises
-    UserError where one of them is longer than LONGEST_LINE."""
-    ends, last, before = 0, -1, 0
-    for start in range(0, len(content), _BYTES):
-        piece = np.frombuffer(content, np.uint8, min(_BYTES, len(content) - start), start)
+class LineCount:
+    """Counts the lines of a file that is given in pieces, whatever system ended them. path: for errors."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.seen = path, 0
+        self._ends, self._last, self._before = 0, -1, 0
+
+    def add(self, content: bytes) -> None:
+        """The next piece. Raises UserError where a line is longer than LONGEST_LINE."""
+        piece = np.frombuffer(content, np.uint8)
         new, old = piece == ord("\n"), piece == ord("\r")
         new[1:] &= ~old[:-1]  # "\r\n" counts once
-        new[:1] &= before != ord("\r")
-        at = np.flatnonzero(new | old) + start
-        longest = int(np.diff(at, prepend=last, append=start + len(piece)).max())
-        if longest > LONGEST_LINE:
-            raise UserError(f"{path}: a line is longer than {LONGEST_LINE} bytes; it is no table of trials")
-        ends, last, before = ends + len(at), int(at[-1]) if len(at) else last, int(piece[-1])
-    return ends - (before in (ord("\n"), ord("\r")))
+        new[:1] &= self._before != ord("\r")
+        at = np.flatnonzero(new | old) + self.seen
+        self.seen += len(piece)
+        if int(np.diff(at, prepend=self._last, append=self.seen).max()) > LONGEST_LINE:
+            raise UserError(f"{self.path}: a line is longer than {LONGEST_LINE} bytes; it is no table of trials")
+        self._ends, self._before = self._ends + len(at), int(piece[-1])
+        self._last = int(at[-1]) if len(at) else self._last
+
+    @property
+    def rows(self) -> int:
+        """Lines below the first."""
+        return self._ends - (self._before in (ord("\n"), ord("\r")))
+
+
+def count_rows(path: Path, content: bytes) -> int:
+    """Lines below the first of the ``content`` of ``path``, before it is parsed. Raises UserError where one of them is
+    longer than LONGEST_LINE."""
+    lines = LineCount(path)
+    for start in range(0, len(content), PIECE):
+        lines.add(content[start : start + PIECE])
+    return lines.rows
 
 
 def csv_columns(path: Path, content: bytes, columns: int, rows: int) -> Callable[[], CsvColumns]:
@@ -78,36 +96,58 @@ class CsvColumns:
     """
 
     def __init__(self, path: Path, content: bytes, columns: int) -> None:
-        self.path, self.rows = path, 0
-        self._pieces: list[list[np.ndarray]] = [[] for _ in range(columns)]
-        self._texts: dict[int, Text] = {}
-        for frame in _frames(path, content, columns):
-            for index in range(columns):
-                self._add(index, frame.iloc[:, index])
-            self.rows += len(frame)
-
-    def _add(self, index: int, series: Any) -> None:
-        values, bad = floats_of_cells(series)
-        if bad is not None:
-            first = self._texts.get(index, Text(self.rows + bad.row, bad.text, 0))
-            self._texts[index] = Text(first.row, first.text, first.count + bad.count)
-            self._pieces[index].clear()
-        if index not in self._texts:
-            self._pieces[index].append(values)
+        self.pieces = CsvPieces(path, io.BytesIO(content), text_encoding([content]), columns)
+        self._parts: list[list[np.ndarray]] = [[] for _ in range(columns)]
+        for values in self.pieces.of(range(columns)):
+            for index, part in values.items():
+                self._parts[index].append(part)
+        self.rows = self.pieces.rows
 
     def numbers(self, index: int, name: str) -> np.ndarray:
         """The column (N,) number ``index``, called ``name``, NaN where a cell is empty. Raises UserError on text."""
-        if index in self._texts:
-            raise self._texts[index].error(self.path, name)
-        return np.concatenate(self._pieces[index])
+        self.pieces.check(index, name)
+        return np.concatenate(self._parts[index])
 
 
-def _frames(path: Path, content: bytes, columns: int) -> Iterator[Any]:
+class CsvPieces:
+    """The rows of a CSV file below its header, piece by piece.
+
+    path: for errors; stream: its bytes; encoding: of them; columns: cells of the header.
+    """
+
+    def __init__(self, path: Path, stream: BinaryIO, encoding: str, columns: int) -> None:
+        self.path, self.columns, self.rows = path, columns, 0
+        self._text = io.TextIOWrapper(stream, encoding, newline=None)
+        self._found: dict[int, Text] = {}
+
+    def of(self, wanted: Iterable[int]) -> Iterator[dict[int, np.ndarray]]:
+        """Of each piece the columns ``wanted`` as floats by number, NaN for gaps; columns with text end there.
+
+        Raises UserError where it is no table.
+        """
+        for frame in _frames(self.path, self._text, self.columns):
+            values = {}
+            for index in wanted:
+                numbers, bad = floats_of_cells(frame.iloc[:, index])
+                if bad is not None:
+                    first = self._found.get(index, Text(self.rows + bad.row, bad.text, 0))
+                    self._found[index] = Text(first.row, first.text, first.count + bad.count)
+                if index not in self._found:
+                    values[index] = numbers
+            self.rows += len(frame)
+            yield values
+
+    def check(self, index: int, name: str) -> None:
+        """Raises UserError where text was in the column number ``index``, called ``name``."""
+        if index in self._found:
+            raise self._found[index].error(self.path, name)
+
+
+def _frames(path: Path, text: io.TextIOWrapper, columns: int) -> Iterator[Any]:
     """The rows below the header, piece by piece; line ends may be those of any system."""
     import pandas as pd
 
     done = 0
-    text = io.TextIOWrapper(io.BytesIO(content), _encoding(content), newline=None)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", pd.errors.ParserWarning)
@@ -127,12 +167,14 @@ def _frames(path: Path, content: bytes, columns: int) -> Iterator[Any]:
         raise UserError(f"{path}: not a table ({why}); check the commas of that row") from None
 
 
-def _encoding(content: bytes) -> str:
-    """UTF-8 with or without a mark, else Latin-1, which every byte is."""
+def text_encoding(pieces: Iterable[bytes]) -> str:
+    """UTF-8 with or without a mark, else Latin-1, which every byte is. pieces: of the text, of any length."""
     decoder = codecs.getincrementaldecoder("utf-8")()
     try:
-        for start in range(0, len(content), _BYTES):
-            decoder.decode(content[start : start + _BYTES], start + _BYTES >= len(content))
+        for piece in pieces:
+            for start in range(0, len(piece), PIECE):
+                decoder.decode(piece[start : start + PIECE])
+        decoder.decode(b"", True)
     except UnicodeDecodeError:
         return "latin-1"
     return "utf-8-sig"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import glob
+import hashlib
 import json
 import os
 import re
@@ -12,7 +13,7 @@ import stat
 import unicodedata
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from mmg.errors import UserError
 
@@ -25,8 +26,8 @@ LARGEST = 256 * 2**20
 """Most bytes of a file that is read; several times as much memory is needed for it."""
 
 
-def check_file(path: Path) -> None:
-    """Raises UserError unless ``path`` is an ordinary file that can be read and is no larger than LARGEST."""
+def check_file(path: Path, largest: int = LARGEST) -> None:
+    """Raises UserError unless ``path`` is an ordinary file that can be read and has no more than ``largest`` bytes."""
     try:
         status = path.stat()
     except FileNotFoundError:
@@ -38,8 +39,8 @@ def check_file(path: Path) -> None:
     if not stat.S_ISREG(status.st_mode):
         kind = "a folder" if stat.S_ISDIR(status.st_mode) else "not an ordinary file"
         raise UserError(f"{path}: is {kind}; give the file itself")
-    if status.st_size > LARGEST:
-        raise UserError(f"{path}: has {status.st_size / 2**20:.0f} MB, more than {LARGEST // 2**20}; divide it")
+    if status.st_size > largest:
+        raise UserError(f"{path}: has {status.st_size / 2**20:.0f} MB, more than {largest // 2**20}; divide it")
 
 
 def read_bytes(path: Path) -> bytes:
@@ -49,6 +50,27 @@ def read_bytes(path: Path) -> bytes:
         return path.read_bytes()
     except OSError as error:
         raise UserError(f"{path}: cannot be read ({error.strerror or error}); check the path") from None
+
+
+def opened(path: Path) -> BinaryIO:
+    """The bytes of the file ``path`` as a stream. Raises UserError where it cannot be read."""
+    try:
+        return path.open("rb")
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read ({error.strerror or error}); check the path") from None
+
+
+def file_hash(path: Path, largest: int = LARGEST) -> str:
+    """The SHA-256 of the ordinary file ``path``, read in pieces.
+
+    largest: most bytes that it may have. Raises UserError as ``check_file`` does.
+    """
+    check_file(path, largest)
+    digest = hashlib.sha256()
+    with opened(path) as stream:
+        while piece := stream.read(2**22):
+            digest.update(piece)
+    return digest.hexdigest()
 
 
 def decoded(content: bytes, where: object) -> str:

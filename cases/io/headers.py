@@ -30,6 +30,8 @@ FRT_NAMES = {
 REQUIRED = ("t", "psi", "u", "v", "r", "n")
 THRUSTERS = tuple(name for name, (_, unit) in INPUTS.items() if unit == "rps" and name not in PROPELLERS)
 """Columns that make a craft without propeller and rudder: it then needs neither n nor delta."""
+MOST_SHOWN = 40
+"""Most headers that a message lists."""
 
 
 def match_headers(
@@ -85,8 +87,7 @@ def _find(path: Path, wanted: str, header: list[str], parts: list[tuple[str, str
     hits = hits or [i for i, (name, _) in enumerate(parts) if name == wanted.strip()]
     if len(hits) != 1:
         problem = "is not in the file" if not hits else "fits several columns"
-        found = ", ".join(header)
-        raise UserError(f"{path}: column '{wanted}' named in the sidecar {problem}; headers: {found}")
+        raise UserError(f"{path}: column '{wanted}' named in the sidecar {problem}; headers: {_listed(header)}")
     return hits[0]
 
 
@@ -118,6 +119,11 @@ def _require(path: Path, header: list[str], taken: dict[str, tuple[int, str]]) -
     if missing:
         units = f"{missing[0]} [{accepted(missing[0])[0]}]"
         raise UserError(
-            f"{path}: missing column {', '.join(missing)}; found: {', '.join(header)}. Name it '{units}', "
+            f"{path}: missing column {', '.join(missing)}; found: {_listed(header)}. Name it '{units}', "
             f'or map it in trials.toml beside the file: columns = {{ {missing[0]} = "HEADER" }}'
         )
+
+
+def _listed(header: list[str]) -> str:
+    """The cells of a header, of a long one the first."""
+    return ", ".join(header[:MOST_SHOWN]) + (f" and {len(header) - MOST_SHOWN} more" * (len(header) > MOST_SHOWN))

@@ -6,7 +6,6 @@ derived or left out is said in the trial's notices; whatever cannot be read safe
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,12 +13,12 @@ from typing import Any
 import numpy as np
 
 from cases.io.conventions import converted
-from cases.io.files import check_file, read_bytes
+from cases.io.files import check_file
 from cases.io.headers import match_headers
 from cases.io.leave_out import left_out
 from cases.io.sidecar import NAME, SidecarEntry, read_sidecar, sidecar_entry
-from cases.io.table import read_table
 from cases.io.toml_file import validated
+from cases.io.trial_table import trial_table
 from cases.io.unit_sanity import implausible
 from cases.io.units import si_unit, to_si
 from cases.trial import RUDDERS, Trial
@@ -66,11 +65,10 @@ def read_trial(path: str | Path, settings: SidecarEntry | Mapping[str, Any] | No
     if path.suffix.lower() not in SUFFIXES:
         check_file(path)
         raise UserError(f"{path}: not a trial file; expected .csv or .parquet")
-    content = read_bytes(path)
     entry = sidecar_entry(path) if settings is None else settings
     entry = entry if isinstance(entry, SidecarEntry) else validated(SidecarEntry, dict(entry), "settings")
     notices: list[Message] = []
-    raw = _si_columns(path, content, entry, notices)
+    raw, digest = _si_columns(path, entry, notices)
     columns = _trimmed(path, raw, notices)
     _check_time(path, columns["t"], notices)
     sentence = implausible(columns)
@@ -82,7 +80,7 @@ def read_trial(path: str | Path, settings: SidecarEntry | Mapping[str, Any] | No
         name=entry.name or path.stem,
         columns=columns,
         path=path,
-        sha256=hashlib.sha256(content).hexdigest(),
+        sha256=digest,
         notices=tuple(notices),
         kind=kind,
         role=entry.role,
@@ -113,28 +111,23 @@ def _named(paths: Iterable[Path]) -> list[Path]:
     return sorted(p for p in paths if p.suffix.lower() in SUFFIXES and not p.is_dir())
 
 
-def _si_columns(path: Path, content: bytes, entry: SidecarEntry, notices: list[Message]) -> dict[str, np.ndarray]:
-    """Canonical columns of the file in SI and radians, every row of it, scaled but not yet turned or moved."""
-    header, numbers = read_table(path, content)
-    matched = match_headers(path, header, entry, notices)
-    columns: dict[str, np.ndarray] = {}
+def _si_columns(path: Path, entry: SidecarEntry, notices: list[Message]) -> tuple[dict[str, np.ndarray], str]:
+    """Canonical columns of the file in SI and radians, scaled but not yet turned or moved, every row or means of rows;
+    and the hash of the file."""
+    table = trial_table(path)
+    matched = match_headers(path, table.header, entry, notices)
+    wanted = {}
     for name, (index, unit) in matched.items():
-        values = numbers(index, name == "t")
-        factor = to_si(name, unit, f"{path}: column '{header[index]}'")
+        factor = to_si(name, unit, f"{path}: column '{table.header[index]}'")
+        wanted[name] = (index, factor)
         if factor != 1.0:
-            values = values * factor
             notices.append(Message(f"{name} converted from {unit} to {si_unit(name)}", "unit_converted"))
-        infinite = np.isinf(values)
-        if infinite.any():
-            values = np.where(infinite, np.nan, values)
-            text = f"{name}: {int(infinite.sum())} infinite values taken as missing"
-            notices.append(Message(text, "infinite_values"))
-        columns[name] = values
+    columns = table.columns(wanted, notices)
     absent = [name for name in ("n", "delta") if name not in columns and not {"n", *RUDDERS} & set(matched)]
     if absent:
         columns |= {name: np.zeros(len(columns["t"])) for name in absent}
         notices.append(Message("no propeller and no rudder: n and delta are zero", "no_propeller"))
-    return columns
+    return columns, table.sha256
 
 
 def _trimmed(path: Path, columns: dict[str, np.ndarray], notices: list[Message]) -> dict[str, np.ndarray]:

@@ -39,6 +39,17 @@ def read_table(path: Path, content: bytes) -> tuple[list[str], Numbers]:
     if not content[:1000].strip() and not content.strip():
         raise UserError(f"{path}: the file is empty")
     header, count, rows, column = (_parquet if path.suffix.lower() == ".parquet" else _csv)(path, content)
+    header = checked_header(path, header)
+    if count > MOST_ROWS:
+        raise UserError(f"{path}: has {count} rows, more than {MOST_ROWS}; divide it")
+    if rows() == 0:
+        raise UserError(f"{path}: a header but no rows")
+    return header, lambda index, clock=False: within(path, header[index], column(index, header[index], clock))
+
+
+def checked_header(path: Path, header: list[str]) -> list[str]:
+    """The cells of the ``header`` of the file ``path``, as they are shown. Raises UserError for too many columns, for
+    numbers, for nothing, and for a column that is named twice."""
     if len(header) > MOST_COLUMNS:
         raise UserError(f"{path}: has {len(header)} columns, more than {MOST_COLUMNS}; leave out what is not needed")
     header = [printable(cell).strip() for cell in header]
@@ -49,11 +60,7 @@ def read_table(path: Path, content: bytes) -> tuple[list[str], Numbers]:
     doubled = sorted({cell for cell in header if cell and header.count(cell) > 1})
     if doubled:
         raise UserError(f"{path}: the header names '{doubled[0]}' twice; rename or remove one of them")
-    if count > MOST_ROWS:
-        raise UserError(f"{path}: has {count} rows, more than {MOST_ROWS}; divide it")
-    if rows() == 0:
-        raise UserError(f"{path}: a header but no rows")
-    return header, lambda index, clock=False: _within(path, header[index], column(index, header[index], clock))
+    return header
 
 
 def _is_text(cell: str) -> bool:
@@ -134,10 +141,12 @@ def _numbers(path: Path, cell: str, series: Any, clock: bool) -> np.ndarray:
     return values
 
 
-def _within(path: Path, cell: str, values: np.ndarray) -> np.ndarray:
-    """The ``values`` of the column called ``cell``. Raises UserError for a number that no trial holds."""
+def within(path: Path, cell: str, values: np.ndarray, before: int = 0) -> np.ndarray:
+    """The ``values`` (N,) of the column ``cell`` of the file ``path``, whose rows follow ``before`` others. Raises
+    UserError for a number that no trial holds."""
     beyond = np.flatnonzero(np.isfinite(values) & (np.abs(values) > LARGEST))
     if len(beyond):
-        row = int(beyond[0])
-        raise UserError(f"{path}: row {row + 1}, column '{cell}': {values[row]:g} is larger than anything in a trial")
+        at = int(beyond[0])
+        words = f"row {before + at + 1}, column '{cell}': {values[at]:g} is larger than anything in a trial"
+        raise UserError(f"{path}: {words}")
     return values

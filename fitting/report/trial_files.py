@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from cases.io.files import read_bytes
+from cases.io.files import file_hash
 from cases.io.read import read_trial
+from cases.io.trial_table import LARGEST_CSV
 from cases.trial import Trial
 
 ROLES = {"data": "calibration", "validation_data": "held out", "test": "test"}
@@ -38,7 +38,7 @@ def trials_again(rows: Iterable[tuple[str, Mapping[str, Any]]]) -> tuple[list[tu
         path = Path(str(row["path"])) if row.get("path") else None
         if path is None or not path.is_file():
             absent.append(f"{row.get('name')} ({'no file is named' if path is None else f'{path} is not there'})")
-        elif hashlib.sha256(read_bytes(path)).hexdigest() != key:
+        elif file_hash(path, LARGEST_CSV) != key:
             absent.append(f"{row.get('name')} ({path} has changed since)")
         else:
             found.append((role, read_trial(path)))

@@ -1,4 +1,4 @@
-"""Noise and bombs as large as files may be need less than 1 GB of memory, measured in a process of their own."""
+"""Noise and bombs as large as files may be need less than 500 MB of memory, measured in a process of their own."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import pytest
 from cases.io.files import LARGEST
 from cases.io.table import MOST_ROWS
 
-LIMIT = 1000
+LIMIT = 500
 """MB."""
 HEAD = b"t [s],psi [rad],u [m/s],v [m/s],r [rad/s],n [rps],delta [rad]\n"
 PROGRAM = """

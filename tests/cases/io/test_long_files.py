@@ -1,0 +1,171 @@
+"""Long trial files are read in pieces: the same numbers, means of rows where there are too many, little memory."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cases.io.block_means import BlockMeans
+from cases.io.read import read_trial
+from cases.trial import Trial
+from mmg.errors import UserError
+from tests.support.trial_files import motion_columns, write_csv
+
+
+def columns(seconds: float = 100.0) -> dict[str, np.ndarray]:
+    found = motion_columns(seconds)
+    found["psi"] = np.angle(np.exp(1j * (found["psi"] + 3.0)))  # wraps
+    return found
+
+
+@pytest.fixture
+def few(monkeypatch: pytest.MonkeyPatch) -> Callable[[int], None]:
+    """Makes a file long that has more rows, and none small."""
+
+    def limit(rows: int) -> None:
+        monkeypatch.setattr("cases.io.block_means.MOST_KEPT", rows)
+        monkeypatch.setattr("cases.io.trial_table.MOST_KEPT", rows)
+        monkeypatch.setattr("cases.io.trial_table.SMALL", 0)
+        monkeypatch.setattr("cases.io.csv_table.AT_ONCE", 11 * 37)
+
+    return limit
+
+
+def off(trial: Trial, truth: dict[str, np.ndarray], name: str) -> np.ndarray:
+    """Difference from the ``truth`` at the times of the trial, away from its ends."""
+    values, t = truth[name], truth["t"]
+    if name == "psi":
+        wanted = np.interp(trial.t, t, np.unwrap(values))
+        return np.angle(np.exp(1j * (trial[name] - wanted)))[2:-2]
+    return (trial[name] - np.interp(trial.t, t, values))[2:-2]
+
+
+def test_a_file_read_in_pieces_is_that_read_at_once(tmp_path: Path, few: Callable[[int], None]) -> None:
+    path = write_csv(tmp_path / "zigzag.csv", columns(), rows=None)
+    whole = read_trial(path)
+    few(10_000)
+    pieces = read_trial(path)
+    assert pieces.sha256 == whole.sha256 and pieces.notices == whole.notices
+    assert all(np.array_equal(pieces[name], whole[name], equal_nan=True) for name in whole.columns)
+
+
+def test_means_of_rows_are_late_in_no_column(tmp_path: Path, few: Callable[[int], None]) -> None:
+    truth = columns()
+    few(250)
+    trial = read_trial(write_csv(tmp_path / "a.csv", truth, rows=None))
+    assert len(trial) == 250 and np.allclose(np.diff(trial.t), 0.4)
+    assert any(getattr(m, "code", "") == "rows_averaged" and "averaged by 4: 250 of 0.4 s" in m for m in trial.notices)
+    for name, least in {"x": 2e-3, "y": 2e-3, "psi": 5e-4, "u": 5e-3, "r": 2e-3}.items():
+        error = off(trial, truth, name)
+        assert np.abs(error).max() < least and abs(error.mean()) < least / 5, name
+
+
+def test_noise_is_averaged_and_a_column_that_is_logged_rarely_is_not_late(
+    tmp_path: Path, few: Callable[[int], None]
+) -> None:
+    truth = columns()
+    rng, rare = np.random.default_rng(0), dict(truth)
+    rare["u"] = truth["u"] + 0.1 * rng.standard_normal(len(truth["t"]))
+    for name in ("x", "y", "psi"):
+        rare[name] = np.where(np.arange(len(truth["t"])) % 7 == 0, truth[name], np.nan)
+    few(100)
+    trial = read_trial(write_csv(tmp_path / "a.csv", rare, rows=None))
+    assert len(trial) == 100 and np.isfinite(trial["x"]).all()
+    assert np.abs(off(trial, truth, "x")).max() < 0.02 and np.abs(off(trial, truth, "psi")).max() < 0.01
+    assert np.std(off(trial, truth, "u")) < 0.06
+
+
+def test_no_mean_is_taken_across_a_gap(tmp_path: Path, few: Callable[[int], None]) -> None:
+    truth = columns()
+    keep = (truth["t"] < 30.25) | (truth["t"] > 60)
+    few(100)
+    trial = read_trial(write_csv(tmp_path / "a.csv", {n: v[keep] for n, v in truth.items()}, rows=None))
+    assert not ((trial.t > 30.25) & (trial.t < 60)).any() and np.diff(trial.t).max() > 29
+    assert np.abs(off(trial, truth, "x")).max() < 5e-3
+
+
+def test_means_do_not_depend_on_the_pieces() -> None:
+    truth = columns()
+    found = []
+    for size in (1000, 61, 1):
+        means = BlockMeans(7, {"psi": 2 * np.pi})
+        for start in range(0, 1000, size):
+            means.add({name: values[start : start + size] for name, values in truth.items()})
+        found.append(means.columns())
+    for other in found[1:]:
+        assert all(np.allclose(other[name], found[0][name], atol=1e-12) for name in truth)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"t": (500, 3.0)}, "time runs backwards at row 501: t = 49.9 s, then 3 s"),
+        ({"t": (500, 49.900000000000006)}, "time repeats at row 501"),
+        ({"u": (700, 1e14)}, "row 701, column 'u [m/s]': 1e+14 is larger than anything"),
+    ],
+)
+def test_what_is_wrong_in_a_long_file_is_told_by_its_row(
+    tmp_path: Path, few: Callable[[int], None], change: dict[str, tuple[int, float]], words: str
+) -> None:
+    truth = columns()
+    for name, (row, value) in change.items():
+        truth[name][row] = value
+    few(250)
+    with pytest.raises(UserError) as error:
+        read_trial(write_csv(tmp_path / "a.csv", truth, rows=None))
+    assert words in str(error.value)
+
+
+def test_text_and_short_ends_of_a_long_file(tmp_path: Path, few: Callable[[int], None]) -> None:
+    few(250)
+    path = write_csv(tmp_path / "a.csv", columns(), rows=None)
+    lines = path.read_text().splitlines()
+    (tmp_path / "b.csv").write_text("\n".join([*lines[:801], lines[801].replace(",", ",ahead", 1), *lines[802:]]))
+    with pytest.raises(UserError, match=r"row 801, column 'x \[m\]': 'ahead.*' is not a number"):
+        read_trial(tmp_path / "b.csv")
+    (tmp_path / "c.csv").write_text("\n".join([*lines, "0" + "," * 10, "1" + "," * 10]))  # the clock starts anew, empty
+    assert np.abs(read_trial(tmp_path / "c.csv").t[-1] - read_trial(path).t[-1]) < 1.0
+    (tmp_path / "d.csv").write_text("\n".join([*lines[:700], lines[700] + ",1,2", *lines[701:]]))
+    with pytest.raises(UserError, match="not a table"):
+        read_trial(tmp_path / "d.csv")
+    path.write_bytes(path.read_bytes().replace(b"psi [rad]", b"psi [grad]"))
+    with pytest.raises(UserError, match="unknown unit 'grad'"):
+        read_trial(path)
+
+
+PROGRAM = """
+import resource, sys
+from cases.io.read import read_trial
+trial = read_trial(sys.argv[1])
+peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (2**20 if sys.platform == "darwin" else 2**10)
+print(f"{peak:.0f} {len(trial)}")
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name == "nt", reason="no measure of the peak")
+def test_memory_does_not_grow_with_the_file(tmp_path: Path) -> None:
+    """Four times the rows need no more memory: 200 MB of text."""
+    rows = "".join(f",{k * 1e-3:.5f},0.1,0.30001,0.40001,0.01,0.001,9.0,0.1,5.0,1.0,7,8,9\n" for k in range(1000))
+    cells = rows.splitlines()
+    head = "t [s],x [m],y [m],psi [rad],u [m/s],v [m/s],r [rad/s],n [rps],delta [rad],wind_speed [m/s],"
+    peaks = []
+    for count in (700_000, 2_800_000):
+        path = tmp_path / f"{count}.csv"
+        with path.open("w") as file:
+            file.write(head + "wind_direction [rad],a,b,c\n")
+            for start in range(0, count, 1000):
+                file.write("\n".join(f"{0.01 * (start + k):.2f}{cells[k]}" for k in range(1000)) + "\n")
+        done = subprocess.run([sys.executable, "-c", PROGRAM, str(path)], capture_output=True, text=True, check=True)
+        peak, kept = map(int, done.stdout.split())
+        assert 300_000 < kept <= 500_000
+        peaks.append(peak)
+        path.unlink()
+    print(peaks)
+    assert peaks[1] < peaks[0] + 60 and peaks[1] < 500
