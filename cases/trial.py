@@ -66,6 +66,7 @@ class Trial:
     kind: "turning", "zigzag", "random", "berthing", ... or "".
     role: "train", "validate", "test" or "".
     std: standard errors of states that were derived and not measured, by column [their units].
+    whole: the run with what was left out of this one (``cases.io.leave_out``), None where nothing was.
     """
 
     name: str
@@ -77,6 +78,7 @@ class Trial:
     role: str = ""
     meta: Mapping[str, str] = field(default_factory=dict)
     std: Mapping[str, float] = field(default_factory=dict)
+    whole: Trial | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         check_name(self.name, str(self.path or "trial"))

@@ -242,6 +242,27 @@ def estimate_coefficients(
     )
 
 
+def moved_by(
+    found: Calibration, ship: Ship, captive: Captive | None, per_run: Sequence[str], trials: Sequence[Trial]
+) -> np.ndarray:
+    """How far the estimates of ``found`` would move were it made from other ``trials``: p (P,) in standard errors.
+
+    One Gauss-Newton step on these trials, less that on the windows of the calibration, both from the estimates and the
+    measured states. ship, captive, per_run: as of ``estimate_coefficients``. Raises UserError for trials that cannot be
+    fitted.
+    """
+    p, settings = found.iterate["p"], replace(found.settings, sigma=tuple(found.sigma.tolist()))
+    other = _prepared(ship, trials, settings, {"p": p}, captive, per_run)[0]
+    if len(p) != other.P:
+        raise UserError("the runs that have constants of their own are others")
+    steps = []
+    for problem in (other, found.problem):
+        about = information(problem, problem.start(p))
+        steps.append(-np.linalg.solve(about.hessian, about.score.sum(axis=0) + about.prior_score))
+    shared = slice(len(found.p))
+    return np.asarray((steps[0] - steps[1])[shared] / np.sqrt(np.diag(found.covariance)))
+
+
 def _unsure(best: Solution, solved: int, settings: Settings, condition: float) -> list[Message]:
     """Warnings on starts left out and on a covariance that is nearly singular."""
     left_out = f"only {solved} of {settings.starts} starts were solved before the run was stopped"

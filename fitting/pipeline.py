@@ -16,7 +16,7 @@ from cases.checks.held_out import shared_rows, training_trials
 from cases.shipfiles.effects import varying_effects
 from cases.shipfiles.model_changes import with_instruments
 from cases.trial import UNITS, Trial
-from fitting.calibration import Calibration, condition_number, estimate_coefficients
+from fitting.calibration import Calibration, condition_number, estimate_coefficients, moved_by
 from fitting.design.next_trial import identifiability_dict, next_trial
 from fitting.nlp.captive import Captive
 from fitting.prediction.band_calibration import adaptation_worth, fit_bands
@@ -29,9 +29,10 @@ from fitting.result import FitResult
 from fitting.selection.cross_validation import ModelSelection, select
 from fitting.settings import Settings
 from fitting.solvers.interrupts import Later
+from fitting.uncertainty.left_out import worth_message, worth_of_left_out
 from fitting.uncertainty.rows import check_request, refit_rows, uncertainty_rows
 from mmg.errors import UserError
-from mmg.messages import message_rows
+from mmg.messages import Message, message_rows
 from mmg.progress import LOGGER, OnProgress
 from mmg.rollout import Simulator
 from mmg.ship import Ship
@@ -113,9 +114,11 @@ def calibrate(
         asked = (number, ()) if name == "--bootstrap" else (0, options.profile)
         if number:
             uncertainty = uncertainty | later.made(name, partial(refit_rows, found, *asked), {})
-    worse = [message for name, pair in scores.items() for message in pair.worse(name)]
-    worse += scores["training"].undescribed() if "training" in scores else []
-    warnings = [*found.warnings, *remarks, *shared_rows(train, validation), *worse, *later.left_out]
+    moved = partial(moved_by, found, model, options.captive, constants)
+    worth = partial(worth_of_left_out, after, sets, scores, moved, found.prior.symbols)
+    left_out = later.made("worth of what was left out", worth, None)
+    warnings = [*found.warnings, *remarks, *worth_message(left_out), *shared_rows(train, validation)]
+    warnings += [*_of_scores(scores), *later.left_out]
     notices = [*found.notices, *(choice.notices if choice else ())]
     content = {
         **_solved(found, options.command),
@@ -126,15 +129,12 @@ def calibrate(
         "correlation": correlation_of(found),
         "scores": scores,
         "identifiability": identifiability_dict(found.identifiability, trial),
-        "messages": [
-            {"level": level, **row}
-            for level, some in (("warning", warnings), ("notice", notices))
-            for row in message_rows(dict.fromkeys(some))
-        ],
+        "messages": _message_rows(warning=warnings, notice=notices),
         "auto": choice.table if choice else None,
         "bands": bands,
         "adaptation": adaptation,
         "envelope": trial_envelope(found.ship, train),
+        "left_out": left_out,
         **uncertainty,
         "timings_s": {**timings, "wall": time.perf_counter() - began},
     }
@@ -145,6 +145,18 @@ def calibrate(
         iterate=found.iterate,
         objects=FitObjects(found, before, after, tuple(train), tuple(validation), trial),
     )
+
+
+def _message_rows(**levels: Sequence[Message]) -> list[dict[str, str]]:
+    """Rows of the messages of each of the ``levels``, each message once."""
+    return [{"level": level, **row} for level, some in levels.items() for row in message_rows(dict.fromkeys(some))]
+
+
+def _of_scores(scores: Mapping[str, ScorePair]) -> list[Message]:
+    """Messages on ``scores`` by set of trials: those that are no numbers, or worse than before, or bad."""
+    failed = [message for name, pair in scores.items() for message in pair.failed(name)]
+    worse = [message for name, pair in scores.items() for message in pair.worse(name)]
+    return failed + worse + (scores["training"].undescribed() if "training" in scores else [])
 
 
 def started_from(ship: Ship, values: Mapping[str, float]) -> dict[str, np.ndarray]:

@@ -154,7 +154,8 @@ class MessageRow:
 class FitRecord:
     """What a calibration found, as result.json holds it; ``docs/files.md`` lists the keys.
 
-    envelope: quantity -> range (lowest, highest) that the training trials held, SI (``fitting.report.limits``).
+    envelope: quantity -> range (lowest, highest) that the training trials held, SI (``fitting.report.limits``);
+    left_out: what stretches left out of the trials were worth (``fitting.uncertainty.left_out``).
     Attributes with a default are absent from the file where they are None.
     """
 
@@ -197,6 +198,7 @@ class FitRecord:
     bands: dict[str, Any] | None = None
     adaptation: dict[str, Any] | None = None
     envelope: dict[str, list[float]] | None = None
+    left_out: dict[str, Any] | None = None
 
     @classmethod
     def of(cls, content: Mapping[str, Any]) -> FitRecord:

@@ -198,7 +198,7 @@ def predict(
     from mmg.messages import Message
     from mmg.progress import Progress
     from mmg.rollout import Simulator
-    from mmg_ident.prediction import Prediction
+    from mmg_ident.prediction import Prediction, remarks_on
 
     if not (0 <= adapt < float("inf")):
         raise UserError("--adapt must be 0 or a positive number of seconds")
@@ -219,11 +219,7 @@ def predict(
         found, remarks = windows_of(
             simulator, run, window, step, short_last=window <= 0 or step >= window, adaptation=past, bands=bands
         )
-        remarks = list(remarks)
-        if not run.has_position:
-            remarks.append(Message(f"{run.name}: no measured position; each window starts at x = y = 0", "no_position"))
-        if not run.has_wind:
-            remarks.append(Message(f"{run.name}: no wind columns; calm air is assumed", "no_wind"))
+        remarks = [*remarks, *remarks_on(run, found)]
         outside = outside_share(simulator, run, found) if isinstance(simulator, Simulator) else None
         if outside:
             words = f"{run.name}: {outside:.1%} of the rows lie outside the network's training range"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -27,6 +28,11 @@ class Prediction:
     windows: tuple[Window, ...]
     notes: tuple[Message, ...] = ()
     outside: float | None = None
+
+    @property
+    def diverged(self) -> int:
+        """Number of windows whose prediction ends in numbers that are not finite."""
+        return _diverged(self.windows)
 
     @property
     def table(self) -> np.ndarray:
@@ -55,3 +61,24 @@ class Prediction:
         last = [(w.number, *self.trial.t[[w.first, w.last]].tolist(), *w.states[-1].tolist()) for w in self.windows]
         header = ("window", "from [s]", "to [s]", "x [m]", "y [m]", "psi [rad]", "u [m/s]", "v [m/s]", "r [rad/s]")
         return html_table(f"{self.trial.name}: predicted states at the end of each window", header, last)
+
+
+def remarks_on(run: Trial, windows: Sequence[Window]) -> list[Message]:
+    """Messages on the predicted ``windows`` of ``run``: what she lacks, and which of them diverge."""
+    from mmg.messages import Message
+
+    remarks = []
+    if not run.has_position:
+        remarks.append(Message(f"{run.name}: no measured position; each window starts at x = y = 0", "no_position"))
+    if not run.has_wind:
+        remarks.append(Message(f"{run.name}: no wind columns; calm air is assumed", "no_wind"))
+    if count := _diverged(windows):
+        words = f"{run.name}: {count} of {len(windows)} windows diverge; their last rows are nan"
+        remarks.append(Message(words, "diverged"))
+    return remarks
+
+
+def _diverged(windows: Sequence[Window]) -> int:
+    import numpy as np
+
+    return sum(not np.isfinite(w.states[-1]).all() for w in windows)

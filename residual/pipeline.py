@@ -113,7 +113,9 @@ def train(
     )
     models = tuple(result.models().values())
     if len(models) == 2:
-        result = replace(result, scores=score_pairs(*models, {"validation": validation, "training": chosen}))
+        scores = score_pairs(*models, {"validation": validation, "training": chosen})
+        failed = [message for name, pair in scores.items() for message in pair.failed(name)]
+        result = replace(result, scores=scores, warnings=(*failed, *result.warnings))
     timings = {**result.timings_s, "wall": time.perf_counter() - began}
     return replace(result, timings_s=timings)
 

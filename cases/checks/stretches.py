@@ -107,7 +107,7 @@ def stretch_findings(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
             INFO,
             "broken_stretch",
             f"Broken from {s.begin_s:.1f} to {s.end_s:.1f} s ({', '.join(s.channels)}): {s.what}; left out of fits and "
-            "scores unless exclude in trials.toml says otherwise.",
+            "scores, unless exclude in trials.toml names other stretches ([]: none).",
         )
         for s in found
     ]

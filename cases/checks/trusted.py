@@ -38,9 +38,15 @@ def remarks(trials: Sequence[Trial]) -> list[Message]:
     return list(dict.fromkeys(note for note in found if isinstance(note, Message)))
 
 
+def keeping_line(trial: Trial) -> str:
+    """What to add to trials.toml so that nothing of ``trial`` is left out, in words."""
+    file = trial.path.name if trial.path else f"{trial.name}.csv"
+    return f'add to trials.toml: [files."{file}"] exclude = []'
+
+
 def _without(trial: Trial) -> Trial:
     found = broken_stretches(trial)
     spans = [(s.begin_s, s.end_s) for s in found]
-    why = "; ".join(dict.fromkeys(s.what for s in found))
-    words = f"{why} (exclude in trials.toml: other stretches, or [] to keep all)"
+    why = "; ".join(dict.fromkeys(part for s in found for part in s.what.split("; ")))
+    words = f"{why}; to keep all, {keeping_line(trial)}"
     return left_out(trial, spans, words, [span for span, s in zip(spans, found, strict=True) if s.moved])

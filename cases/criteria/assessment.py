@@ -7,14 +7,16 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from cases.checks.trusted import remarks
 from cases.criteria.imo import ASSUMED, OPEN, SOURCE, Row, assess, worst
 from cases.criteria.standard_runs import STANDARD, Run, approach_speed, measured_run, simulated_run
+from cases.io.leave_out import CODE
 from cases.maneuvers.controller import Limits
 from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.effects import calm_and_deep
 from cases.trial import Trial
 from mmg.errors import UserError
-from mmg.messages import Message
+from mmg.messages import Message, has_code
 from mmg.notebook import html_table
 from mmg.ship import Ship
 
@@ -131,7 +133,12 @@ def imo_figures_of_trials(
     if ship is None and length is None:
         raise UserError("trials need the length of their ship; give ship or length")
     L = length if length is not None else ship.particulars["L"] if ship else 0.0
-    runs, notices = [], []
+    runs, notices = [], remarks(trials)
+    if has_code(notices, CODE):
+        words = (
+            "what is left out of a measured manoeuvre is bridged by straight lines, where she hardly turns meanwhile"
+        )
+        notices.append(Message(words, "bridged"))
     for trial in trials:
         try:
             runs.append(measured_run(trial, L, kind))
@@ -139,8 +146,9 @@ def imo_figures_of_trials(
             if len(trials) == 1:
                 raise
             notices.append(Message(f"left out: {error}", "no_maneuver_found"))
+    refused = [note for note in notices if has_code([note], "no_maneuver_found")]
     if not runs:
-        raise UserError(f"no standard manoeuvre in any of {len(trials)} trials; first: {notices[0]}")
+        raise UserError(f"no standard manoeuvre in any of {len(trials)} trials; first: {refused[0]}")
     name = ship.name if ship else ""
     heading = f"{name or 'ship'}, measured: L {L:g} m, {len(runs)} of {len(trials)} runs"
     return _assessed(name, heading, runs, scale or (ship.particulars.get("scale") if ship else None), notices, [])

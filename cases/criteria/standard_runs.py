@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cases.criteria import figures as read
+from cases.criteria.broken_parts import without_broken_parts
 from cases.criteria.completeness import check_completeness
 from cases.criteria.measured_maneuvers import Execute, find_maneuver
 from cases.criteria.spiral import spiral_figures
@@ -99,9 +100,11 @@ def measured_run(trial: Trial, length: float, kind: str = "") -> Run:
     """A standard manoeuvre found in a measured run of a ship of this length [m].
 
     The approach is cut off (cases/criteria/measured_maneuvers.py); kind as there. Raises UserError when there is
-    none in it. trial: the run.
+    none in it, and where a broken stretch in it decides.
+    trial: the run; what was left out of it is bridged, or ends it.
     """
     execute = find_maneuver(trial, length, kind)
+    trial, execute = without_broken_parts(trial, execute)
     rows = trial.t - trial.t[0] <= execute.end + 1e-9
     used = trial.with_columns(**{name: np.asarray(values)[rows] for name, values in trial.columns.items()})
     if execute.kind == "zigzag":

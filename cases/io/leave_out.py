@@ -44,7 +44,10 @@ def left_out(trial: Trial, spans: Sequence[Span], why: str, moved: Sequence[Span
         seconds = float(rows.sum()) * trial.dt
         text = f"{trial.name}: {seconds:.1f} of {trial.duration:.0f} s left out ({words}): {why}"
         notices = (*notices, Message(text, CODE))
-    return replace(trial, columns={**trial.columns, **columns}, meta=meta, notices=notices)
+    if not rows.any():
+        return replace(trial, meta=meta)
+    columns = {**trial.columns, **columns}
+    return replace(trial, columns=columns, meta=meta, notices=notices, whole=trial.whole or trial)
 
 
 def bridged(trial: Trial) -> np.ndarray:
@@ -52,6 +55,11 @@ def bridged(trial: Trial) -> np.ndarray:
     broke there, the ship and her inputs did not."""
     marks = trial.meta.get("bridged", "")
     return np.array([mark == "1" for mark in marks]) if len(marks) == len(trial) else np.zeros(len(trial), bool)
+
+
+def spans_left_out(trial: Trial) -> list[Span]:
+    """Begin and end [s] of each stretch that was left out of ``trial``."""
+    return [(float(begin), float(end)) for begin, end in json.loads(trial.meta.get("left_out", "") or "[]")]
 
 
 def looked_at(trial: Trial) -> bool:

@@ -111,6 +111,12 @@ def _plan(
     return kept, [Message(words, "windows_left_out")] if len(kept) < len(rows) else []
 
 
+def whole_windows(trial: Trial, length: float, stride: float, inputs: Sequence[str] = STANDARD) -> int:
+    """How many whole windows of ``length`` [s] every ``stride`` [s] of ``trial`` can be predicted by a model with these
+    ``inputs``."""
+    return len(_plan(trial, inputs, length, stride, False)[0])
+
+
 def predict_all(
     simulator: Simulator | Forecaster,
     trials: Sequence[Trial],

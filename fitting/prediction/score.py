@@ -10,7 +10,7 @@ import numpy as np
 
 from cases.trial import Trial
 from fitting.prediction.adaptation import Adaptation
-from fitting.prediction.predict import Forecaster, Window, predict_all, usable_rows
+from fitting.prediction.predict import Forecaster, Window, predict_all, usable_rows, whole_windows
 from mmg.errors import UserError
 from mmg.messages import Message
 from mmg.motion.flow import INPUTS
@@ -54,6 +54,11 @@ class Score:
     sigma: np.ndarray
     sigma_from: str
     notes: tuple[str, ...] = field(default=())
+
+    @property
+    def diverged(self) -> tuple[str, ...]:
+        """Names of the trials of which windows were predicted without a finite error."""
+        return tuple(t.name for t in self.trials if t.windows and not np.isfinite([t.paper, t.window]).all())
 
     def to_dict(self) -> dict[str, Any]:
         """Both metrics as plain values, per trial and pooled, with their sigma."""
@@ -103,8 +108,19 @@ class Score:
         return html_table("Mean squared normalised error", header, [*rows, ("all rows", self.window, self.paper, None)])
 
 
+NO_SCORE = "no_score"
+"""Code of the message on a score that is no number."""
+
+MOST_NAMED = 5
+"""Of trials in one message."""
+
 NOTED = 0.005
 """Share of an error by which it must change for that to be said."""
+
+
+def in_words(error: float | None) -> str:
+    """An ``error`` with four digits behind the point, "diverges" where the prediction gave none."""
+    return "diverges" if error is None or not np.isfinite(error) else f"{error:.4f}"
 
 
 def is_worse(before: float, after: float) -> bool:
@@ -129,6 +145,15 @@ class ScorePair:
             if is_worse(before, after)
         ]
 
+    def failed(self, name: str) -> list[Message]:
+        """A message where the model after the change has no score; name: of the set of trials, such as "validation"."""
+        names = self.after.diverged
+        if not names:
+            return []
+        more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
+        where = ", ".join(names[:MOST_NAMED]) + more
+        return [Message(f"no score of the {name} trials: the prediction diverges on {where}", NO_SCORE)]
+
     def undescribed(self) -> list[Message]:
         """A message where the ship does not follow the trials that she was calibrated on."""
         if not self.after.window > UNDESCRIBED:
@@ -146,7 +171,8 @@ def score_pairs(
 ) -> dict[str, ScorePair]:
     """Scores ``before`` and ``after`` on each of ``sets`` (name -> trials) that has trials with positions.
 
-    Trials without positions are left out, and so is a set in which one state never changes, as it gives no sigma.
+    Trials without positions are left out, and so is a set in which one state never changes, as it gives no sigma, and
+    one in which no whole window of 30 s is measured.
     """
     pairs = {}
     for name, trials in sets.items():
@@ -155,7 +181,9 @@ def score_pairs(
             sigma = pooled_sigma(located)
         except UserError:
             continue
-        pairs[name] = ScorePair(*(score(model, located, sigma, f"the {name} trials") for model in (before, after)))
+        pair = ScorePair(*(score(model, located, sigma, f"the {name} trials") for model in (before, after)))
+        if any(t.windows for t in pair.after.trials):
+            pairs[name] = pair
     return pairs
 
 
@@ -180,11 +208,26 @@ def pooled_sigma(trials: Sequence[Trial]) -> np.ndarray:
     rows = [np.column_stack([t[c] for c in STATES])[usable_rows(t, [n for n in INPUTS if n in t])] for t in located]
     if not rows:
         raise UserError("sigma cannot be taken from trials without positions x and y; give it with --sigma")
-    sigma = np.vstack(rows).std(axis=0) if any(map(len, rows)) else np.zeros(6)
+    if not any(map(len, rows)):
+        names = ", ".join(t.name for t in located[:MOST_NAMED])
+        raise UserError(
+            f"{names}: no row has all six states and the inputs, so there is nothing to score; see mmg check"
+        )
+    sigma = np.vstack(rows).std(axis=0)
     if not (sigma > 0).all():
         flat = ", ".join(s for s, value in zip(STATES, sigma, strict=True) if not value > 0)
         raise UserError(f"sigma of {flat} is zero in these trials; give sigma with --sigma or --sigma-from")
     return sigma
+
+
+def check_scorable(trials: Sequence[Trial], purpose: str, inputs: Sequence[str]) -> None:
+    """Raises UserError unless a whole 30 s window of one of ``trials`` can be scored.
+
+    purpose: what they are for, in words; inputs: of the models, as of ``Ship.inputs``.
+    """
+    if not any(whole_windows(trial, WINDOW, STRIDE, inputs) for trial in trials):
+        names = ", ".join(trial.name for trial in trials[:MOST_NAMED])
+        raise UserError(f"{names}: no whole window of {WINDOW:g} s without missing samples in the trials {purpose}")
 
 
 def _squares(trial: Trial, windows: Sequence[Window], whole: bool) -> tuple[np.ndarray, int]:
@@ -195,12 +238,9 @@ def _squares(trial: Trial, windows: Sequence[Window], whole: bool) -> tuple[np.n
     """
     measured, total, rows = trial.states, np.zeros(6), 0
     for w in windows:
-        error = w.error(measured)
-        if not whole:
-            error = error[1:]
-        elif w.last < len(trial) - 1:
-            error = error[:-1]
-        error = error[np.isfinite(error).all(axis=1)]  # a window may run over a broken stretch, whose rows do not count
+        error, known = w.error(measured), np.isfinite(measured[w.first : w.last + 1]).all(axis=1)
+        counted = slice(1, None) if not whole else slice(None, -1 if w.last < len(trial) - 1 else None)
+        error = error[counted][known[counted]]  # rows of a broken stretch do not count; a prediction that is NaN does
         total += (error**2).sum(axis=0)
         rows += len(error)
     return total, rows

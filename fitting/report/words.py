@@ -29,8 +29,10 @@ def plus_minus(value: float | None, std: float | None) -> str:
 
 def change(before: float | None, after: float | None) -> str:
     """How an error changed from ``before`` to ``after``, in words."""
-    if before is None or after is None:
-        return "could not be computed"
+    if after is None:
+        return "could not be computed: the prediction diverges"
+    if before is None:
+        return f"is {after:.3g} (that of the ship before diverges)"
     numbers = f"from {before:.3g} to {after:.3g}"
     if is_worse(before, after):
         return f"ROSE {numbers}"
@@ -80,7 +82,7 @@ def report_warnings(result: dict) -> list[str]:
             f"{b['name']} ({b['window']:.3g} to {a['window']:.3g})"
             for b, a in rows
             if b["window"] is not None and a["window"] is not None and is_worse(b["window"], a["window"])
-        ]
+        ] + [f"{b['name']} (diverges)" for b, a in rows if b["window"] is not None and a["window"] is None]
         if worse:
             words.append(
                 f"30 s predictions became worse on {len(worse)} of {len(rows)} {label} trials: {', '.join(worse)}"

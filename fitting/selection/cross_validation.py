@@ -205,7 +205,7 @@ class Selector:
                 varied,
                 choice,
                 window=self.mean_window(choice),
-                paper=weighted_mean(scores[:, 1], np.array([t.duration for t in self.trials])),
+                paper=weighted_mean(scores[:, 1], np.where(scores[:, 2] > 0, [t.duration for t in self.trials], 0.0)),
                 difference=self.mean_window(choice) - self.mean_window(present or choice),
                 error=standard_error(scores - before, scores[:, 2]) if present else 0.0,
                 converged=sum(converged for _, converged, _ in mine),
@@ -234,7 +234,9 @@ class Selector:
             return present
         rows = self.cross_validate(varied, fresh, present)
         least = LEAST_GAIN * self.mean_window(present)
-        good = [r for r in rows if r.difference < -max(least, r.error) and r.converged == r.folds]
+        whole = [r for r in rows if np.isfinite(r.window) and r.converged == r.folds]
+        clear = np.isfinite(least)  # else the present choice diverges
+        good = [r for r in whole if r.difference < -max(least, r.error)] if clear else whole
         best = min(good, key=lambda r: r.window, default=None)
         self.table += [replace(r, taken=r is best) for r in rows]
         for r in rows:
@@ -253,9 +255,11 @@ class Selector:
 
 
 def weighted_mean(values: np.ndarray, weights: np.ndarray) -> float:
-    """Mean of ``values`` (R,) with ``weights`` (R,), over the runs that have a value."""
-    good = np.isfinite(values) & (weights > 0)
-    return float(np.average(values[good], weights=weights[good])) if good.any() else float("nan")
+    """Mean of ``values`` (R,) with ``weights`` (R,), over the runs that count; inf where the model diverges on one."""
+    counts = weights > 0
+    if not np.isfinite(values[counts]).all():
+        return float("inf")
+    return float(np.average(values[counts], weights=weights[counts])) if counts.any() else float("nan")
 
 
 def standard_error(difference: np.ndarray, weights: np.ndarray) -> float:

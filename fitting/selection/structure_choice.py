@@ -19,7 +19,7 @@ from cases.trial import Trial
 from fitting.calibration import estimate_coefficients
 from fitting.parallel import run_all
 from fitting.pipeline import FitOptions, calibrate, started_from
-from fitting.prediction.score import pooled_sigma, score
+from fitting.prediction.score import check_scorable, pooled_sigma, score
 from fitting.record import MessageRow
 from fitting.selection.candidates import GIVEN, StructureCandidate
 from fitting.selection.choice import StructureChoice, Tried
@@ -92,7 +92,7 @@ def choose_structure(
     trials without positions, and for a named one that the trials cannot determine.
     """
     train, validate, test = trials
-    _check(train, validate)
+    _check(train, validate, ship.inputs)
     work = _Work.of(ship, train, validate, settings or Settings(), kept or Kept())
     fitted: list[_Fitted] = []
     table = [work.row(given[0], ship, name=START, words="the ship as given, not fitted", unknowns=0, terms=0)]
@@ -129,7 +129,7 @@ def choose_structure(
     result = calibrate(best.start.ship, train, validate, work.settings_of(best.start), options, progress)
     if INTERRUPTED.requested:
         raise KeyboardInterrupt
-    if table[0].validation < best.row.validation:
+    if table[0].validation < best.row.validation:  # false where the ship as given diverges
         worse = f"the ship as given predicts the validation trials better ({table[0].validation:.4g}): keep her"
         result = replace(result, messages=(MessageRow("warning", "worse_after", worse), *result.messages))
     others = {f.row.name: f.ship for f in fitted if f.row.name == GIVEN}
@@ -155,7 +155,7 @@ def _able(
     return able, left_out
 
 
-def _check(train: Sequence[Trial], validate: Sequence[Trial]) -> None:
+def _check(train: Sequence[Trial], validate: Sequence[Trial], inputs: Sequence[str]) -> None:
     if not train or not validate:
         raise UserError(
             f"{len(train)} trials to fit on and {len(validate)} to choose by: give both, the latter with --validate"
@@ -163,6 +163,8 @@ def _check(train: Sequence[Trial], validate: Sequence[Trial]) -> None:
     without = [t.name for t in (*train, *validate) if not t.has_position]
     if without:
         raise UserError(f"{', '.join(without)}: no positions, by which candidates are judged")
+    check_scorable(train, "to fit on", inputs)
+    check_scorable(validate, "to choose by", inputs)
 
 
 def _row(one: StructureCandidate, **more: Any) -> Tried:
@@ -309,6 +311,10 @@ def _stable_best(fitted: Sequence[_Fitted], settings: Settings) -> tuple[_Fitted
     Returns it, and the rows of those that were checked. If none stays stable, the one that diverges least often.
     """
     least = min(map(_error, fitted))
+    if not np.isfinite(least):
+        raise UserError(
+            "no candidate predicts the validation trials: every one diverges; see mmg check, or give other trials"
+        )
     near = sorted((f for f in fitted if _error(f) <= NO_LOSS * least), key=lambda f: f.row.unknowns)
     order = [*near, *sorted((f for f in fitted if f not in near), key=_error)]
     checked: dict[str, Tried] = {}

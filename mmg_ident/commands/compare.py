@@ -38,6 +38,9 @@ def compare(
     step: Annotated[float | None, Option(help="Grid of the trainings [s].")] = None,
     workers: Annotated[int, Option(help="Processes over which everything is spread.")] = 1,
     time_limit: Annotated[float | None, Option(help="Of the whole [s].")] = None,
+    unchecked: Annotated[
+        bool, Option("--unchecked", help="Take also files that mmg check calls contradictory, and broken stretches.")
+    ] = False,
     out: Annotated[Path | None, Option(help="Folder for tables, result.json and figures.")] = None,
     resume: Annotated[
         bool, Option("--resume", help="Continue an interrupted comparison in --out; finished entries are kept.")
@@ -55,6 +58,7 @@ def compare(
     import shutil
     from contextlib import nullcontext
 
+    from cases.checks import ready
     from cases.shipfiles.model_changes import with_instruments
     from cases.shipfiles.ship_file import load_ship
     from fitting.report.run_folder import RESULT, check_target, reserved, write_json, write_whole
@@ -85,6 +89,7 @@ def compare(
     trained_on = [t for t in given if t.name not in tested and t.sha256 not in tested]
     if not trained_on:
         raise UserError("--train: nothing is left to train on besides the test trials")
+    trained_on, tests = ready(trained_on, tests, unchecked=unchecked)
     captive = load_ship(ship).without_network()
     instruments = tuple(
         e for e in with_instruments(captive, names_of([measurement])).effects if e not in captive.effects

@@ -15,6 +15,7 @@ from mmg_ident.commands.output import (
     numbers_of,
     print_json,
     progress,
+    refuse_no_score,
     say,
     say_remarks,
     scores_in_words,
@@ -163,6 +164,7 @@ def fit(
         timings = {**result.timings_s, "read": reading, "wall": result.timings_s["wall"] + reading}
         result = replace(result, timings_s=timings).save(out, replace=resume)
         _summary(result, out) if not json else print_json(result.to_dict())
+    refuse_no_score(result.warnings, out)
     if has_code(result.warnings, LEFT_OUT):
         return 130
     if result.converged:

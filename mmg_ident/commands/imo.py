@@ -47,7 +47,7 @@ def imo(
     out: Annotated[Path | None, Option(help="New folder for imo.json, imo.png and the simulated runs as CSV.")] = None,
     force: Annotated[bool, Option("--force", help="Overwrite existing files.")] = False,
     unchecked: Annotated[
-        bool, Option("--unchecked", help="Judge also files that mmg check calls contradictory.")
+        bool, Option("--unchecked", help="Judge also files that mmg check calls contradictory, and broken stretches.")
     ] = False,
     json: Annotated[bool, Option("--json", help="Print one JSON document.")] = False,
 ) -> None:
@@ -100,14 +100,11 @@ def imo(
 
 
 def _trials(files: Sequence[str], unchecked: bool) -> list[Trial]:
-    """The trials in ``files``; UserError for those that the data refute, unless ``unchecked``."""
-    from cases.checks import refuse_contradictory
+    """The trials in ``files`` without broken stretches, or as they are if ``unchecked``."""
+    from cases.checks import ready
     from cases.io.read import read_trials
 
-    trials = read_trials(files)
-    if not unchecked:
-        refuse_contradictory(trials, "add --unchecked")
-    return trials
+    return ready(read_trials(files), unchecked=unchecked)[0]
 
 
 def _check_targets(plot: Path | None, out: Path | None, force: bool) -> None:

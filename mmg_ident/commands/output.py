@@ -48,10 +48,22 @@ def say_remarks(result: FitResult | TrainResult) -> None:
         say(f"note: {line}")
 
 
+def refuse_no_score(warnings: Sequence[str], out: Path) -> None:
+    """Raises UserError where one of ``warnings`` says that a score is no number; the run folder ``out`` stays."""
+    from fitting.prediction.score import NO_SCORE
+    from mmg.messages import has_code
+
+    for line in warnings:
+        if has_code([line], NO_SCORE):
+            raise UserError(f"{line}; {out} is written all the same, see its report.html and mmg check")
+
+
 def scores_in_words(before: Score, after: Score) -> str:
     """Both metrics of two models on the same trials. before, after: their scores."""
-    windows = f"30 s windows {before.window:.4f} -> {after.window:.4f}"
-    return f"{windows}, 100 s restarts {before.paper:.4f} -> {after.paper:.4f}"
+    from fitting.prediction.score import in_words
+
+    windows = f"30 s windows {in_words(before.window)} -> {in_words(after.window)}"
+    return f"{windows}, 100 s restarts {in_words(before.paper)} -> {in_words(after.paper)}"
 
 
 def refuse_target(option: str, path: Path, force: bool) -> None:

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
 from mmg.errors import UserError
 from mmg_ident.commands.output import print_json, progress, say, ship_names
+
+if TYPE_CHECKING:
+    from cases.trial import Trial
+    from mmg_ident.prediction import Prediction
 
 
 def predict(
@@ -21,6 +25,9 @@ def predict(
         float, Option(help="Seconds before each window from which the run's disturbance is estimated; 0: none.")
     ] = 0.0,
     force: Annotated[bool, Option("--force", help="Overwrite existing files.")] = False,
+    unchecked: Annotated[
+        bool, Option("--unchecked", help="Predict also files that mmg check calls contradictory.")
+    ] = False,
     json: Annotated[bool, Option("--json", help="Print what was written as JSON.")] = False,
 ) -> None:
     """Predict open-loop windows of trials, each started from the measured state.
@@ -31,12 +38,18 @@ def predict(
     (never the window itself) give a current that fades and the state of the ship's lags. Of a hybrid it says which
     share of the predicted rows lies outside the range of the data that its network was trained on.
 
+    Files that mmg check calls contradictory are refused. Every row is predicted, also those of broken stretches, which
+    no score counts: it says which windows begin in one, as their measured state is not to be believed.
+
     Example: mmg predict runs/first held_out.csv --window 30 --stride 15 --out forecast.csv
     """
+    from cases.checks import ready
+    from cases.checks.trusted import DOUBT, remarks
     from cases.io.files import file_key
     from cases.io.read import read_trials
     from fitting.prediction.adaptation import warnings_on_adaptation
     from fitting.prediction.predict import write_tables
+    from mmg.messages import has_code
     from mmg_ident import api
 
     runs = read_trials(trials)
@@ -51,8 +64,13 @@ def predict(
     existing = [str(path) for path in files.values() if path.exists()]
     if existing and not force:
         raise UserError(f"{existing[0]}: exists already; choose another --out or add --force")
+    (sound,) = ready(runs, unchecked=unchecked)
     found = api.predict(model, runs, window, stride, adapt, progress())
-    notes = list(warnings_on_adaptation(api.content_of(model))) if adapt else []
+    if all(p.diverged == len(p.windows) for p in found):
+        raise UserError(f"{model}: every window diverges; nothing is written (see mmg check, and mmg score)")
+    notes: list[str] = list(warnings_on_adaptation(api.content_of(model))) if adapt else []
+    notes += [note for note in remarks(sound) if has_code([note], DOUBT)]
+    notes += [note for p, kept in zip(found, sound, strict=True) for note in _doubtful_starts(p, kept)]
     notes += [note for p in found for note in p.notes]
     write_tables({files[p.trial.name]: p.table for p in found})
     for note in notes:
@@ -64,3 +82,13 @@ def predict(
         print_json(written | ({"outside_envelope": outside} if any(v is not None for v in outside.values()) else {}))
     else:
         say(f"{sum(counts.values())} windows of {len(runs)} trial(s) written to {out}")
+
+
+def _doubtful_starts(found: Prediction, kept: Trial) -> list[str]:
+    """A note on the windows of ``found`` that begin in a stretch that is left out of the trial ``kept``."""
+    from cases.io.leave_out import inside, spans_left_out
+
+    rows = inside(kept, spans_left_out(kept))
+    begun = [str(w.number) for w in found.windows if rows[w.first]]
+    words = f"{kept.name}: window(s) {', '.join(begun)} begin in a broken stretch (mmg check), from a state that is not"
+    return [f"{words} to be believed"] if begun else []

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from cases.trial import Trial
-    from fitting.prediction.score import Score
+    from fitting.prediction.score import Score, TrialScore
     from mmg.messages import Message
 
 
@@ -34,7 +34,11 @@ def score(
         float, Option(help="Score also with this many seconds before each window as a help; 0: not.")
     ] = 0.0,
     unchecked: Annotated[
-        bool, Option("--unchecked", help="Score broken stretches too, as in published figures.")
+        bool,
+        Option(
+            "--unchecked",
+            help="Score also files that mmg check calls contradictory, and broken stretches, as published.",
+        ),
     ] = False,
     json: Annotated[bool, Option("--json", help="Print one JSON document.")] = False,
 ) -> None:
@@ -49,7 +53,8 @@ def score(
     """
     from dataclasses import replace
 
-    from cases.checks.trusted import as_they_are, remarks, without_broken
+    from cases.checks import ready
+    from cases.checks.trusted import remarks
     from cases.io.read import read_trials
     from cases.shipfiles.ship_file import load_ship
     from fitting.prediction.score import pooled_sigma
@@ -71,7 +76,7 @@ def score(
         raise UserError("--adapt must be 0 or a positive number of seconds")
     if sigma and sigma_from:
         raise UserError("--sigma and --sigma-from exclude each other")
-    trials = as_they_are(read_trials(files)) if unchecked else without_broken(read_trials(files))
+    trials, others = ready(read_trials(files), read_trials(sigma_from) if sigma_from else [], unchecked=unchecked)
     loaded = {name: predictor(name) for name in models}
     if sigma:
         import numpy as np
@@ -80,7 +85,7 @@ def score(
         if not (values > 0).all():
             raise UserError("--sigma: all six numbers must be positive")
     elif sigma_from:
-        values, origin = pooled_sigma(without_broken(read_trials(sigma_from))), ", ".join(str(p) for p in sigma_from)
+        values, origin = pooled_sigma(others), ", ".join(str(p) for p in sigma_from)
     else:
         values, origin = pooled_sigma(trials), "the scored trials"
     scores = {}
@@ -102,29 +107,37 @@ def _worth(
 ) -> list[Message]:
     """What the stretches left out of ``scores`` were worth: the same scores with them, of the first of the models."""
     from cases.checks.trusted import as_they_are
+    from fitting.prediction.score import in_words
     from fitting.prediction.score import score as scored
     from mmg.messages import Message
 
     name, simulator = next(iter(models.items()))
     kept = scored(simulator, as_they_are(trials), sigma, "", method)
-    words = f"with what was left out {Path(name).name} has 30 s windows {kept.window:.4f} instead of "
-    words += f"{scores[name].window:.4f}, 100 s restarts {kept.paper:.4f} instead of {scores[name].paper:.4f}"
+    words = f"with what was left out {Path(name).name} has 30 s windows {in_words(kept.window)} instead of "
+    words += f"{in_words(scores[name].window)}, 100 s restarts {in_words(kept.paper)} instead of "
+    words += in_words(scores[name].paper)
     return [Message(f"{words} (--unchecked scores every row)", "left_out_worth")]
 
 
 def _refuse_nan(scores: dict[str, Score]) -> None:
     """Raises UserError for a score that is no number: it is a failure, not a result."""
     for name, found in scores.items():
-        scored = [t for t in found.trials if t.windows]
-        diverged = [t.name for t in scored if not (math.isfinite(t.paper) and math.isfinite(t.window))]
-        if diverged:
-            names = ", ".join(diverged)
+        if found.diverged:
+            names = ", ".join(found.diverged)
             raise UserError(f"{Path(name).name}: no score on {names}, the prediction diverges; see mmg check")
         if not (math.isfinite(found.paper) and math.isfinite(found.window)):
             raise UserError(
                 f"{Path(name).name}: no score, no whole window of 30 s without missing samples is in these trials; "
                 "give longer ones, or mend them (mmg check)"
             )
+
+
+def _cell(found: Score | TrialScore, windows: int) -> str:
+    """Both metrics of one trial or of all, of which so many ``windows`` were predicted."""
+    from fitting.prediction.score import in_words
+
+    whole = in_words(found.window) if windows else "-"
+    return f"{in_words(found.paper) if windows or found.paper == found.paper else '-'} | {whole}"
 
 
 METRIC = {
@@ -147,10 +160,10 @@ def _print(scores: dict[str, Score]) -> None:
         table.add_column(Path(name).name, justify="right")
     table.add_column("windows", justify="right")
     for i, row in enumerate(first.trials):
-        cells = [f"{s.trials[i].paper:.4f} | {s.trials[i].window:.4f}" for s in scores.values()]
+        cells = [_cell(s.trials[i], s.trials[i].windows) for s in scores.values()]
         table.add_row(row.name, *cells, str(row.windows))
     table.add_section()
-    table.add_row("all rows pooled", *[f"{s.paper:.4f} | {s.window:.4f}" for s in scores.values()], "")
+    table.add_row("all rows pooled", *[_cell(s, sum(t.windows for t in s.trials)) for s in scores.values()], "")
     console.print(table)
     words = ", ".join(f"{s} {v:.5g} {UNITS[s]}" for s, v in zip(STATES, first.sigma, strict=True))
     console.print(f"sigma from {first.sigma_from}: {words}", highlight=False, soft_wrap=True)

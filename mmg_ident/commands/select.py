@@ -52,6 +52,9 @@ def select(
         int | None, Option(help="With --objective paper: runs of each candidate, from --seed on. Default: 1.")
     ] = None,
     workers: Annotated[int, Option(help="Processes over which fits are spread.")] = 1,
+    unchecked: Annotated[
+        bool, Option("--unchecked", help="Take also files that mmg check calls contradictory, and broken stretches.")
+    ] = False,
     resume: Annotated[
         bool, Option("--resume", help="Go on with the finished fits of an interrupted choice, OUT.unfinished.")
     ] = False,
@@ -104,7 +107,7 @@ def select(
         if time_limit is not None and not time_limit > 0:
             raise UserError(f"--time-limit {time_limit:g} must be positive")
         method = _method(objective, optimizer, seeds, (seed, workers, time_limit, compiled))
-        sets = _sets(trials, validate, test)
+        sets = _sets(trials, validate, test, unchecked)
         settings = Settings(time_limit=time_limit, seed=seed, passes=2, compiled=compiled, workers=workers)
         return _choose(model, rules, sets, names_of(only), (settings, method, resume), out, json)
     if list_:
@@ -129,10 +132,10 @@ def select(
 
 
 def _sets(
-    trials: list[Path], validate: list[Path] | None, test: list[Path] | None
+    trials: list[Path], validate: list[Path] | None, test: list[Path] | None, unchecked: bool
 ) -> tuple[list[Trial], list[Trial], list[Trial]]:
     """Trials to fit on, to choose by and to test on, by option, else by their role, else the last quarter."""
-    from cases.checks import refuse_contradictory
+    from cases.checks import ready
     from cases.io.read import read_trials
 
     given = read_trials(trials)
@@ -145,7 +148,7 @@ def _sets(
             raise UserError(f"{len(train)} trial to fit on and none to choose by: give more, or some with --validate")
         train, held = train[:-count], train[-count:]
         say(f"note: no --validate: the choice is by {', '.join(t.name for t in held)}, which no fit sees")
-    refuse_contradictory([*train, *held, *last], "leave it out")
+    train, held, last = ready(train, held, last, unchecked=unchecked)
     return train, held, last
 
 
@@ -239,22 +242,24 @@ def _beside(choice: StructureChoice, folder: Path) -> None:
 
 
 def _tell(choice: StructureChoice, out: Path) -> None:
+    from fitting.prediction.score import in_words
+
     width = max(len(row.name) for row in choice.table)
     print(f"{'candidate':<{width}}  unknowns  validation  training  diverged")
     for row in choice.table:
         diverged = f"{row.sequences - row.stable}/{row.sequences}" if row.sequences else "-"
-        numbers = f"{row.validation:>10.4f}  {row.training:>8.4f}  {diverged:>8}"
+        numbers = f"{in_words(row.validation):>10}  {in_words(row.training):>8}  {diverged:>8}"
         star = " *" if row.name == choice.chosen else ""
         print(f"{row.name:<{width}}  {row.unknowns:>8}  {row.left_out or numbers}{star}")
     for runs in choice.runs.values():
         for run in runs:
             print(
                 f"{run.name}, seed {run.seed}: objective {run.objective:.4f}, subsequences of validation trials "
-                f"{run.validation:.4f}, {run.evaluations} evaluations in {run.seconds:.0f} s, "
+                f"{in_words(run.validation)}, {run.evaluations} evaluations in {run.seconds:.0f} s, "
                 f"{len(run.vanished)} terms left out"
             )
     for name, error in choice.test.items():
-        print(f"test trials, 30 s windows, {name}: {error:.4f}")
+        print(f"test trials, 30 s windows, {name}: {in_words(error)}")
     s = choice.stability
     print(f"{choice.chosen}: {s.diverged} of {s.sequences} random harbour sequences diverge; at most {s.speed:.3g} m/s")
     say(f"run folder: {out} (ship.toml, result.json, selection.json, figures/structures.png, report.html)")

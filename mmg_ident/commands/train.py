@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Argument, Option
 
 from mmg.errors import UserError, needs_torch
-from mmg_ident.commands.output import command_line, print_json, progress, say, say_remarks, scores_in_words
+from mmg_ident.commands.output import (
+    command_line,
+    print_json,
+    progress,
+    refuse_no_score,
+    say,
+    say_remarks,
+    scores_in_words,
+)
 
 if TYPE_CHECKING:
     from residual.result import TrainResult
@@ -90,6 +98,7 @@ def train(
     from cases.io.read import read_trials
     from cases.shipfiles.ship_file import load_ship
     from fitting.report.run_folder import check_target, reserved
+    from residual.result import CALIBRATED
     from residual.settings import KEEP
     from residual.training.folds import check_enough
 
@@ -125,6 +134,8 @@ def train(
         say(f"mmg: interrupted; what was finished is in {store.folder}: {_AGAIN}")
         return 130
     _summary(result, out) if not json else print_json(result.to_dict())
+    if result.recommended != CALIBRATED:  # a residual that is declined may diverge
+        refuse_no_score(result.warnings, out)
     return 130 if result.interrupted else 0
 
 

@@ -233,6 +233,9 @@ def _done(job: _Job) -> tuple[Entry, Ship | None]:
         return replace(entry, status=str(error), took=time.monotonic() - began), None
     model, tests = model or Simulator(ship), study.test
     scored = score(model, tests, pooled_sigma(tests), "the test trials")
+    if scored.diverged:
+        status = f"no score: the prediction diverges on {', '.join(scored.diverged)}"
+        return replace(entry, status=status, took=time.monotonic() - began), ship
     entry = replace(entry, score=scored, growth=growth(model, tests))
     entry = replace(entry, took=time.monotonic() - began)
     if job.store and entry.status == "finished":

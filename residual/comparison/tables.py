@@ -6,7 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from cases.checks.trusted import remarks
 from fitting.report.run_folder import data_rows
+from mmg.messages import message_rows
 from residual.comparison.study import HORIZONS, Comparison
 
 TABLE_9 = {
@@ -38,8 +40,8 @@ METRICS = {"window": "30 s windows every 15 s", "paper": "100 s restarts, Wakita
 
 
 def mean_and_std(values: Sequence[float], digits: int = 3) -> str:
-    """Mean and standard deviation of ``values`` with so many ``digits``, "-" without any; NaN is not left out."""
-    if not len(values):
+    """Mean and standard deviation of ``values`` with so many ``digits``, "-" without any or where one is no number."""
+    if not len(values) or not np.isfinite(values).all():
         return "-"
     mean = float(np.mean(values))
     return f"{mean:.{digits}f}" + (f" ± {np.std(values, ddof=1):.{digits}f}" if len(values) > 1 else "")
@@ -110,6 +112,8 @@ def tables_text(found: Comparison) -> str:
     if len(study.subsets) > 1:
         lines += ["", "### Data efficiency: 30 s windows, all rows pooled", "", *efficiency(found)]
     lines += ["", "### Published", "", *published(), "", TABLE_9_NOTE]
+    if notes := remarks([*study.train, *study.test]):
+        lines += ["", "### What mmg check says of the trials", "", *[f"* {note}" for note in notes]]
     troubles: dict[tuple[str, str], list[str]] = {}
     for e in found.entries:
         if e.status != "finished":
@@ -121,6 +125,7 @@ def tables_text(found: Comparison) -> str:
 
 def comparison_dict(found: Comparison, command: str) -> dict:
     """The comparison ``found`` as plain values, the content of its result.json; command: that made it."""
+    trials = [*found.study.train, *found.study.test]
     return {
         "kind": "comparison",
         "command": command,
@@ -129,6 +134,7 @@ def comparison_dict(found: Comparison, command: str) -> dict:
         "epochs": found.study.epochs,
         "train": data_rows(found.study.train),
         "test": data_rows(found.study.test),
+        "messages": [{"level": "warning", **row} for row in message_rows(remarks(trials))],
         "seconds": found.seconds,
         "interrupted": found.interrupted,
         "horizons_s": list(HORIZONS),

@@ -33,8 +33,9 @@ def learning_plot(
         errors = [h["stop"] / row["stop_window"]["before"] for h in row["history"]]
         judged = row["judged_window"]["after"] / row["judged_window"]["before"]
         (line,) = ax.plot(epochs, errors, linewidth=1.1, linestyle=dashes, label=f"seed {row['seed']}")
-        best = int(np.nanargmin(errors))
-        ax.plot(epochs[best], errors[best], "o", color=line.get_color(), markersize=4)
+        if np.isfinite(errors).any():
+            best = int(np.nanargmin(errors))
+            ax.plot(epochs[best], errors[best], "o", color=line.get_color(), markersize=4)
         ax.plot(1.03 * max(end, 1), judged, "_", color=line.get_color(), markersize=9, markeredgewidth=2.0)
         if row["status"] == "diverged":
             ax.plot(epochs[-1], errors[-1], "x", color=ALARM)

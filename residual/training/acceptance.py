@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import isfinite, nan, sqrt
+from math import inf, isfinite, nan, sqrt
 
 import numpy as np
 
@@ -34,6 +34,7 @@ def decide(outcomes: Sequence[Outcome]) -> Decision:
         figures += f"; 100 s restarts {restart:+.1%} better, spread {restart_spread:.1%}"
     worst = restart_spread / sqrt(len(good))
     faults = (
+        (-inf in (window, restart), "its predictions diverge where those of the calibrated ship do not"),
         (not window >= MINIMUM_GAIN, f"less than {MINIMUM_GAIN:.0%} is gained"),
         (window <= spread, "the gain is within the spread of seeds"),
         (isfinite(runs) and window <= runs, "the gain is within what the choice of judged runs makes of it"),
@@ -56,6 +57,8 @@ def _pooled(outcomes: Sequence[Outcome], which: int) -> tuple[float, float]:
     before, after, count = np.array([row for row in rows if isfinite(row[0])]).reshape(-1, 3).T
     if not len(before):
         return nan, nan
+    if not np.isfinite(after).all():
+        return -inf, nan
     gain, share = 1 - after / before, before * count / (before * count).sum()
     pooled = float(share @ gain)
     spread = sqrt(share @ (gain - pooled) ** 2 * len(gain) / (len(gain) - 1)) if len(gain) > 1 else 0.0

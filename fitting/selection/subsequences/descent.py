@@ -140,7 +140,7 @@ def _on(
             H = about.hessian + np.diag(1e-3 * mu * size + 1e-9 * diagonal.max())
             tried.append(minimise_quadratic(H, about.gradient, p, box, weight))
         found = problem.values(np.transpose(tried), data)
-        best = int(np.argmin(found))
+        best = int(np.argmin(np.where(np.isfinite(found), found, np.inf)))
         if not found[best] < value:
             if damping > 1e8:
                 return p, step, True

@@ -85,6 +85,7 @@ def evolve(
                 return Evolved(len(log.told), restart, True)
             candidates = np.transpose(points)
             values = problem.values(candidates)
+            values = np.where(np.isfinite(values), values, np.finfo(float).max)  # as bad as a candidate can be
             strategy.tell(points, values.tolist())
             log.add(values)
             best = int(np.argmin(values))

@@ -138,7 +138,10 @@ def learn_all(
     except (KeyError, TypeError, ValueError) as error:
         raise UserError(f"{kept.folder}: holds a part that cannot be read ({error}); start without --resume") from None
     by_name = {one.name: [row for row in done if row.name == one.name] for one in given}
-    return {name: tuple(sorted(rows, key=lambda row: row.validation)) for name, rows in by_name.items()}
+    return {
+        name: tuple(sorted(rows, key=lambda row: row.validation if row.validation >= 0 else float("inf")))
+        for name, rows in by_name.items()
+    }
 
 
 def learn_one(run: SeededRun, trials: tuple[Sequence[Trial], Sequence[Trial]], method: Method) -> dict[str, Any]:

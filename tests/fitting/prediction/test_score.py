@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from cases.io.leave_out import left_out
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
 from fitting.prediction.predict import predict, window_rows
-from fitting.prediction.score import Score, pooled_sigma, score
-from fitting.prediction.stretches import wrapped_error
+from fitting.prediction.score import Score, check_scorable, in_words, pooled_sigma, score, score_pairs
+from fitting.prediction.stretches import Stretch, wrapped_error
 from mmg.errors import UserError
 from mmg.rollout import Simulator
 from tests.support.synthetic_runs import runs
@@ -38,6 +42,43 @@ def test_captive_check_values_of_both_metrics_are_reproduced_to_one_percent(frt,
         assert row.paper == pytest.approx(paper, rel=0.01)
         assert row.window == pytest.approx(window, rel=0.01)
         assert row.windows == count
+
+
+class Diverging:
+    """Predicts what was measured, and no number from the tenth row of a window on."""
+
+    inputs = ("n", "delta", "wind_north", "wind_east")
+
+    def forecast(self, stretches: Sequence[Stretch]) -> np.ndarray:
+        rows = max(s.last - s.first for s in stretches) + 1
+        out = np.full((rows, 6, len(stretches)), np.nan)
+        for i, s in enumerate(stretches):
+            out[:10, :, i] = s.logged[:10]
+        return out
+
+
+def test_a_prediction_that_diverges_has_no_score_and_is_said_to() -> None:
+    trials = runs()[0][:2]
+    found = score(Diverging(), trials)
+    assert np.isnan([found.paper, found.window]).all() and found.diverged == tuple(t.name for t in trials)
+    ship = Simulator(load_ship("esso_osaka_3m"), compiled=False)
+    worse, better = score_pairs(ship, Diverging(), {"a": trials})["a"], score_pairs(Diverging(), ship, {"a": trials})
+    (message,) = worse.failed("a")
+    assert message.code == "no_score" and trials[0].name in message and better["a"].failed("a") == []
+    assert in_words(found.window) == in_words(None) == "diverges" and in_words(0.25) == "0.2500"
+
+
+def test_a_set_without_a_whole_window_is_not_scored() -> None:
+    trial = runs()[0][0]
+    short = replace(trial, columns={name: column[:50] for name, column in trial.columns.items()})
+    ship = Simulator(load_ship("esso_osaka_3m"), compiled=False)
+    assert score_pairs(ship, ship, {"short": [short]}) == {}
+    with pytest.raises(UserError, match=r"no whole window of 30 s .* to choose by"):
+        check_scorable([short], "to choose by", ship.ship.inputs)
+    gone = left_out(trial, [(float(trial.t[0]), float(trial.t[-1]))], "test")
+    assert score_pairs(ship, ship, {"gone": [gone]}) == {}
+    with pytest.raises(UserError, match="no row has all six states"):
+        pooled_sigma([gone])
 
 
 def test_windows_are_301_rows_every_15_seconds() -> None:

@@ -3,13 +3,16 @@ short."""
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from cases.shipfiles.ship_file import dump_ship, load_ship
 from cases.simulation.demo_trials import demo_trials
 from cases.simulation.simulate import write_trial
 from mmg_ident.commands.main import main
@@ -41,8 +44,59 @@ def test_what_is_contradictory_is_neither_trained_on_nor_diagnosed(
     assert main([verb, "esso_osaka_3m", str(path), "--out", str(tmp_path / "run")]) == 2
     line = capsys.readouterr().err.strip()
     assert "\n" not in line and "rudder is positive to port" in line and not (tmp_path / "run").exists()
-    assert main(["imo", str(path), "--length", "3"]) == 2
-    assert "rudder is positive to port" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("verb", ["score", "predict", "imo", "select", "compare"])
+def test_every_command_on_trials_refuses_what_is_contradictory_and_goes_on_when_told_to(
+    verb: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    trials = demo_trials(3, dt=0.5)[0][:2]
+    paths = [str(tmp_path / f"{trial.name}.csv") for trial in trials]
+    for trial, path in zip(trials, paths, strict=True):
+        write_trial(replace(trial, columns={**trial.columns, "delta": -trial["delta"]}), Path(path))
+    out = ["--out", str(tmp_path / "out")]
+    words = {
+        "score": ["esso_osaka_3m", *paths],
+        "predict": ["esso_osaka_3m", *paths, *out],
+        "imo": [*paths, "--length", "3"],
+        "select": ["esso_osaka_3m", *paths, "--only", "sm2-order1", *out],
+        "compare": ["--train", paths[0], "--test", paths[1], "--models", "captive", *out],
+    }[verb]
+    assert main([verb, *words]) == 2 and not (tmp_path / "out").exists()
+    line = capsys.readouterr().err.strip().splitlines()[-1]
+    assert "rudder is positive to port" in line and "--unchecked" in line
+    if verb != "select":  # it would fit; that the option is there is enough
+        assert main([verb, *words, "--unchecked"]) == 0
+
+
+def test_a_ship_that_diverges_has_no_scores_and_no_predictions(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    trial = demo_trials(3, dt=0.5)[0][0]
+    write_trial(trial, tmp_path / "run.csv")
+    ship = load_ship("esso_osaka_3m").with_values({"X_0F": 2.0, "Y_v": 3.0, "N_r": 1.0})
+    (tmp_path / "bad.toml").write_text(dump_ship(ship))
+    bad, run = str(tmp_path / "bad.toml"), str(tmp_path / "run.csv")
+    assert main(["score", bad, "esso_osaka_3m", run]) == 2
+    said = capsys.readouterr()
+    assert "nan" not in said.out and "diverges" in said.out and "no score on run" in said.err
+    assert main(["predict", bad, run, "--out", str(tmp_path / "p.csv")]) == 2
+    assert "every window diverges" in capsys.readouterr().err and not (tmp_path / "p.csv").exists()
+    assert main(["fit", bad, run, *WORDS, "--max-iterations", "0", "--out", str(tmp_path / "fit")]) == 2
+    assert "no score of the training trials" in capsys.readouterr().err.splitlines()[-1]
+    page = (tmp_path / "fit" / "report.html").read_text(encoding="utf-8")
+    assert "diverges" in page and not re.search(r"(?i)>\s*nan\s*<", page)
+    assert main(["compare", "--ship", bad, "--train", run, "--test", run, "--models", "captive"]) == 2
+
+
+def test_doubts_and_what_is_left_out_are_in_the_pages(tmp_path: Path) -> None:
+    trial = demo_trials(3)[0][0]
+    rows = (trial.t > 50) & (trial.t < 56)
+    broken = trial.with_columns(psi=trial["psi"] + np.where(rows, 0.3, 0.0))
+    write_trial(broken, tmp_path / "run.csv")
+    main(["fit", "esso_osaka_3m", str(tmp_path / "run.csv"), *WORDS, "--out", str(tmp_path / "fit")])
+    page = (tmp_path / "fit" / "report.html").read_text(encoding="utf-8")
+    assert "left out" in page and "[files.&#34;run.csv&#34;] exclude = []" in page
 
 
 def test_a_score_that_is_no_number_is_a_failure(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

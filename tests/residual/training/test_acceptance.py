@@ -138,11 +138,15 @@ def test_validation_needs_something_to_stop_by() -> None:
         train(ship, short, long, TrainSettings(step=1.0))
 
 
+NO_RESTART = float("nan")
+"""Error of 100 s restarts where none fits."""
+
+
 def outcome(
     window: float, restart: float = 1.0, fold: int = 0, status: str = "finished", before: float = 1.0, runs: object = ()
 ) -> Outcome:
     judged = np.array([(run, 0, *pair) for run, pair in enumerate(runs)]).reshape(-1, 4)  # type: ignore[arg-type, var-annotated]
-    errors = (before, 1.0), (before * window, restart)
+    errors = (before, float("nan") if restart is NO_RESTART else 1.0), (before * window, restart)
     return Outcome(0, status, *errors, (), {}, 1e-3, 0, 1.0, 10, 10, judged, fold)
 
 
@@ -155,7 +159,10 @@ def outcome(
         ([outcome(0.9, 1.2), outcome(0.91, 1.21), outcome(0.89, 1.19)], False),  # restarts suffer
         ([outcome(0.9, 1.05), outcome(0.91, 0.97), outcome(0.89, 1.01)], True),  # restarts within their error
         ([outcome(0.9, 1.04), outcome(0.91, 1.00), outcome(0.89, 1.05)], False),  # beyond std / sqrt(3), not std
-        ([outcome(0.9, float("nan")), outcome(0.91, float("nan"))], True),
+        ([outcome(0.9, NO_RESTART), outcome(0.91, NO_RESTART)], True),
+        ([outcome(0.9), outcome(0.91, float("inf")), outcome(0.89)], False),  # restarts diverge
+        ([outcome(0.9), outcome(0.91, float("-nan")), outcome(0.89)], False),
+        ([outcome(0.9), outcome(float("nan")), outcome(0.89)], False),
         ([outcome(1.0, status="diverged")] * 2, False),
         ([outcome(0.9), outcome(1.5, before=1e-3), outcome(0.91)], True),  # worse where there is next to no error
     ],
