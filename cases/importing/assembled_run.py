@@ -35,7 +35,7 @@ THRUSTERS = tuple(name for name, (_, unit) in INPUTS.items() if unit == "rps" an
 @dataclass(frozen=True)
 class ImportedRun:
     """A run as it is written: canonical ``columns`` (N,) in SI and radians with "t" from zero, standard errors ``std``
-    of those that were derived, the logs it came from, its ``day`` (or ""), and what was done."""
+    of those that were derived, the logs it came from without their rows, its ``day`` (or ""), and what was done."""
 
     name: str
     columns: dict[str, np.ndarray]
@@ -85,7 +85,9 @@ def assembled(name: str, logs: Sequence[Log], chosen: ImportMap, origin: tuple[f
     canonical["psi"] = np.angle(np.exp(1j * canonical["psi"]))
     first = logs[0].t[0] if logs[0].absolute else None
     day = datetime.datetime.fromtimestamp(first, datetime.timezone.utc).date().isoformat() if first is not None else ""
-    return ImportedRun(name, canonical, std, tuple(logs), day, tuple(dict.fromkeys(notices)))
+    return ImportedRun(
+        name, canonical, std, tuple(log.without_rows() for log in logs), day, tuple(dict.fromkeys(notices))
+    )
 
 
 def _on_one_clock(
@@ -96,7 +98,7 @@ def _on_one_clock(
     if last <= first:
         raise UserError(f"{where}: their clocks do not overlap; give clock_offset of one of them in the map")
     states = [log.dt for log in logs if set(log.columns) & set(STATES)]
-    step = chosen.step or min(states or [log.dt for log in logs])
+    step = chosen.step or _round(min(states or [log.dt for log in logs]))
     if last - first > MOST_ROWS * step:
         raise UserError(
             f"{where}: the clock runs over {last - first:.4g} s, in steps of {step:.4g} s more than {MOST_ROWS} rows; "
@@ -123,6 +125,12 @@ def _on_one_clock(
             Message(f"{names} joined on time: {last - first:.6g} s that all hold, every {step:g} s", "joined")
         )
     return t, columns
+
+
+def _round(step: float) -> float:
+    """A ``step`` [s] without the last digits that a clock since 1970 does not have."""
+    near = round(step, 4)
+    return near if near and abs(near - step) < 1e-6 else step
 
 
 def _at(times: np.ndarray, log: Log, quantity: str, values: np.ndarray) -> np.ndarray:

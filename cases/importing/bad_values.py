@@ -41,23 +41,34 @@ def without_sentinels(
         said.append(
             Message(f"{header}: {huge.sum()} cells hold over {LARGEST:g}, which stands for nothing", "sentinel")
         )
-    finite = out[np.isfinite(out)]
-    found, counts = np.unique(finite, return_counts=True)
-    for number, count in zip(found.tolist(), counts.tolist(), strict=True):
-        named = any(np.isclose(number, s) for s in further)
-        if not named and not any(number == s for s in SENTINELS):
+    present = np.unique(out[np.isfinite(out)])
+    possible = np.isin(present, SENTINELS) | np.any([np.isclose(present, f) for f in further] or [False], axis=0)
+    for number in nothing_in(out, present[possible].tolist(), further):
+        where = values == number
+        out[where] = np.nan
+        said.append(Message(f"{header}: {where.sum()} cells hold {number:g}, which stands for nothing", "sentinel"))
+    return out, said
+
+
+def nothing_in(values: np.ndarray, candidates: Sequence[float], further: Sequence[float] = ()) -> list[float]:
+    """Those ``candidates`` that stand for nothing among ``values`` (N,), whether they occur there or not.
+
+    further: those that a person named. Others lie BEYOND the other values, which must be half of all at least.
+    """
+    finite = values[np.isfinite(values)]
+    found = []
+    for number in sorted(set(candidates)):
+        if any(np.isclose(number, f) for f in further):
+            found.append(number)
             continue
         rest = finite[finite != number]
-        if not named:
-            if len(rest) < 0.5 * len(finite):
-                continue
-            low, high = np.percentile(rest, [1, 99])
-            width = max(high - low, 1e-3 * max(abs(low), abs(high)), 1e-9)
-            if low - BEYOND * width <= number <= high + BEYOND * width:
-                continue
-        out[values == number] = np.nan
-        said.append(Message(f"{header}: {count} cells hold {number:g}, which stands for nothing", "sentinel"))
-    return out, said
+        if not len(rest) or len(rest) < 0.5 * len(finite):
+            continue
+        low, high = np.percentile(rest, [1, 99])
+        width = max(high - low, 1e-3 * max(abs(low), abs(high)), 1e-9)
+        if not low - BEYOND * width <= number <= high + BEYOND * width:
+            found.append(number)
+    return found
 
 
 def stands_still(t: np.ndarray, channels: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], list[Message]]:

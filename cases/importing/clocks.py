@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from cases.importing.raw_table import RawTable
+from cases.importing.raw_table import Clock, RawTable
 from mmg.errors import UserError
 from mmg.messages import Message
 
@@ -30,20 +29,6 @@ DAYS_1899 = 25569.0
 """Days from the epoch of spreadsheets to 1970."""
 
 
-@dataclass(frozen=True)
-class Clock:
-    """Times of the rows of a table.
-
-    t: (N,) seconds; absolute: since 1970 in UTC, else since the log's own zero; header: of the column; words: how it
-    was read.
-    """
-
-    t: np.ndarray
-    absolute: bool
-    header: str
-    words: str
-
-
 LATEST = 1e21
 """No clock of any unit shows a larger number: nanoseconds of 30,000 years."""
 
@@ -60,7 +45,7 @@ def clock_of(table: RawTable, header: str, unit: str = "", date: str | None = No
     cells = table.cells(header)
     where = f"{table.name}: column '{header}'"
     if getattr(cells.dtype, "kind", "O") in "mM" or _holds(cells, "datetime"):
-        return Clock(_stamps(cells, where, zone_hours), True, header, "dates and times")
+        return Clock(_stamps(cells, where, zone_hours, table.before), True, header, "dates and times")
     if _holds(cells, "time"):
         cells = cells.map(lambda value: None if value is None else str(value))
     if table.numeric(header):
@@ -70,11 +55,16 @@ def clock_of(table: RawTable, header: str, unit: str = "", date: str | None = No
     if re.fullmatch(r"\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?", sample):
         if date is not None:
             joined = table.cells(date).astype(str).str.strip().str.slice(0, 10) + " " + text.astype(str)
-            return Clock(_stamps(joined, where, zone_hours), True, header, f"times of the days in '{date}'")
+            return Clock(
+                _stamps(joined, where, zone_hours, table.before), True, header, f"times of the days in '{date}'"
+            )
         t = pd.to_timedelta(text.map(_full_time)).dt.total_seconds().to_numpy(dtype=float)
         return Clock(_past_midnight(t), False, header, "times of a day")
     return Clock(
-        _stamps(text, where, zone_hours), True, header, "ISO 8601" if sample[:4].isdigit() else "dates and times"
+        _stamps(text, where, zone_hours, table.before),
+        True,
+        header,
+        "ISO 8601" if sample[:4].isdigit() else "dates and times",
     )
 
 
@@ -87,11 +77,7 @@ def check_clock(clock: Clock, where: str) -> list[Message]:
     back = np.flatnonzero(np.diff(t) < 0)
     if len(back):
         i = int(back[0])
-        far = f"by {t[i] - t[i + 1]:.3g} s"
-        raise UserError(
-            f"{where}: the clock '{clock.header}' runs backwards {far} after row {i + 1} ({len(back)} such rows); "
-            "divide the file there, or leave out the rows that were logged twice"
-        )
+        raise backwards(where, clock.header, i + 1, float(t[i] - t[i + 1]), f" ({len(back)} such rows)")
     repeated = int((np.diff(t) == 0).sum())
     if repeated == len(t) - 1:
         raise UserError(f"{where}: the clock '{clock.header}' stands still")
@@ -99,6 +85,17 @@ def check_clock(clock: Clock, where: str) -> list[Message]:
     if repeated:
         said.append(Message(f"{repeated} rows with the time of the row before are averaged with it", "time_repeated"))
     return said
+
+
+def backwards(where: str, header: str, row: int, far: float, more: str = "") -> UserError:
+    """What is said of a clock that runs backwards.
+
+    where, header: the table and its clock; row: the last good one, 1 for the first; far: by how much [s]; more: words.
+    """
+    return UserError(
+        f"{where}: the clock '{header}' runs backwards by {far:.3g} s after row {row}{more}; "
+        "divide the file there, or leave out the rows that were logged twice"
+    )
 
 
 def _numbers(values: np.ndarray, header: str, unit: str, where: str) -> Clock:
@@ -151,7 +148,7 @@ def _past_midnight(t: np.ndarray) -> np.ndarray:
     return t + 86400.0 * np.cumsum(np.where(np.nan_to_num(steps) < -43200.0, 1.0, 0.0))
 
 
-def _stamps(cells: Any, where: str, zone_hours: float) -> np.ndarray:
+def _stamps(cells: Any, where: str, zone_hours: float, before: int) -> np.ndarray:
     """Dates and times as seconds since 1970, UTC. Raises UserError for the first that is none, and where day and month
     could be either."""
     import pandas as pd
@@ -173,7 +170,7 @@ def _stamps(cells: Any, where: str, zone_hours: float) -> np.ndarray:
     bad = parsed.isna() & text.notna()
     if bad.any():
         row = int(np.flatnonzero(bad.to_numpy())[0])
-        raise UserError(f"{where}: row {row + 1}: '{text.iloc[row]}' is no time ({int(bad.sum())} such cells)")
+        raise UserError(f"{where}: row {before + row + 1}: '{text.iloc[row]}' is no time ({int(bad.sum())} such cells)")
     naive = not given.astype(str).str.contains(r"(?:Z|[+-]\d{2}:?\d{2})$", regex=True).any()
     values = (parsed - pd.Timestamp(0, tz="UTC")).dt.total_seconds().to_numpy(dtype=float)
     return values - (3600.0 * zone_hours if naive else 0.0)

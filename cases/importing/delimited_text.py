@@ -7,7 +7,9 @@ import io
 import re
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from cases.importing.raw_table import MOST_CELLS, RawTable, raw_table
 from cases.io.files import read_bytes
@@ -21,6 +23,7 @@ COMMENT = ("#", "%", "//", "!")
 LOOKED_AT, PREAMBLE = 400, 60
 """Lines by which separator and header are found, and most lines before the header."""
 NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?")
+WITH_COMMA = r"([+-]?\d*),(\d+(?:[eE][+-]?\d+)?)"
 MORE_UNITS = {
     "s",
     "ms",
@@ -45,6 +48,21 @@ EMPTY = ("", "nan", "null", "none", "na", "n/a", "-", "--", "---", "inf", "#n/a"
 """Cells that hold nothing, in lower case."""
 
 
+@dataclass(frozen=True)
+class Layout:
+    """How a text file holds its table.
+
+    separator: of its cells; header, units: (C,) cells, units "" where there are none; first: index, among the lines
+    that are neither blank nor comments, of the first row of data; notices: what was found.
+    """
+
+    separator: str
+    header: list[str]
+    units: list[str]
+    first: int
+    notices: list[Message]
+
+
 def read_text_table(path: Path) -> RawTable:
     """The table in the text file ``path``.
 
@@ -53,47 +71,70 @@ def read_text_table(path: Path) -> RawTable:
     """
     text = _text(path, read_bytes(path))
     lines = [(i + 1, line) for i, line in enumerate(text.splitlines()) if line.strip()]
-    notices: list[Message] = []
     if not lines:
         raise UserError(f"{path}: the file is empty")
-    commented = [line for _, line in lines if line.lstrip().startswith(COMMENT)]
-    number, body = zip(*[pair for pair in lines if not pair[1].lstrip().startswith(COMMENT)] or [(0, "")], strict=True)
+    commented = [line for _, line in lines if is_comment(line)]
+    number, body = zip(*[pair for pair in lines if not is_comment(pair[1])] or [(0, "")], strict=True)
+    found, rows = layout(path, body, commented)
+    notices = list(found.notices)
+    if commented:
+        notices.append(Message(f"lines of comment, left out: {len(commented)}", "comment_lines"))
+    data, width = rows[found.first :], len(found.header)
+    check_widths(path, data, width, number[found.first :], last=True)
+    if len(data) * width > MOST_CELLS:
+        raise UserError(f"{path}: more than {MOST_CELLS} cells; divide it")
+    return table_of(path, found, data, notices)
+
+
+def is_comment(line: str) -> bool:
+    """Whether a ``line`` is a comment."""
+    return line.lstrip().startswith(COMMENT)
+
+
+def layout(path: Path, body: Sequence[str], commented: Sequence[str]) -> tuple[Layout, list[list[str]]]:
+    """How the lines ``body`` of the file ``path`` hold a table, and their cells; ``commented``: its comments.
+
+    Raises UserError where they hold none.
+    """
     separator = _separator(path, body)
-    rows = _cells(body, separator)
+    rows = cells_of(body, separator)
     first = _first_data_row(path, rows, separator)
     header, units, first = _header(path, rows, first, commented, separator)
+    notices = []
     skipped = first - 1 - bool(any(units))
     if skipped > 0:
         notices.append(Message(f"lines before the header, left out: {skipped}", "lines_before_header"))
-    if len(commented):
-        notices.append(Message(f"lines of comment, left out: {len(commented)}", "comment_lines"))
-    data = rows[first:]
-    _check_widths(path, data, len(header), number[first:])
-    if len(data) * len(header) > MOST_CELLS:
-        raise UserError(f"{path}: more than {MOST_CELLS} cells; divide it")
-    return _table(path, header, units, data, separator, notices)
+    return Layout(separator, header, units, first, notices), rows
 
 
-def _table(
-    path: Path, header: list[str], units: list[str], data: list[list[str]], separator: str, notices: list[Message]
-) -> RawTable:
+def table_of(path: Path, found: Layout, data: list[list[str]], notices: list[Message]) -> RawTable:
+    """The table of the file ``path`` with this layout ``found`` and rows of cells ``data``; ``notices`` are added to.
+
+    Raises UserError as ``raw_table`` does.
+    """
     import pandas as pd
 
-    width = len(header)
+    width, separator = len(found.header), found.separator
     data = [(row + [""] * width)[:width] for row in data]
     frame = pd.DataFrame(data, columns=range(width), dtype=object)
-    frame = frame.apply(lambda column: column.str.strip())
-    frame = frame.mask(frame.apply(lambda column: column.str.lower().isin(EMPTY)))
-    if separator != ",":
-        commas = [i for i in range(width) if _decimal_commas(frame[i])]
-        for i in commas:
-            frame[i] = frame[i].str.replace(",", ".", regex=False)
-        if commas:
-            notices.append(Message(f"decimal commas in {len(commas)} columns", "decimal_commas"))
+    frame, commas = plain_cells(frame, separator)
+    if commas:
+        notices.append(Message(f"decimal commas in {commas} columns", "decimal_commas"))
     words = {";": "semicolons", "\t": "tabs", "|": "bars", " ": "blanks", ",": "commas"}[separator]
     if separator != ",":
         notices.append(Message(f"cells are separated by {words}", "separator"))
-    return raw_table(path, str(path), header, units, frame, notices)
+    return raw_table(path, str(path), found.header, found.units, frame, notices)
+
+
+def plain_cells(frame: Any, separator: str) -> tuple[Any, int]:
+    """The pandas ``frame`` (N, C) of texts without blanks around them, None for those that hold nothing, with decimal
+    points; and in how many columns there were decimal commas. separator: of its cells."""
+    frame = frame.apply(lambda column: column.str.strip())
+    frame = frame.mask(frame.apply(lambda column: column.str.lower().isin(EMPTY)))
+    commas = [] if separator == "," else [i for i in frame.columns if _decimal_commas(frame[i])]
+    for i in commas:
+        frame[i] = frame[i].str.replace(f"^{WITH_COMMA}$", r"\1.\2", regex=True)
+    return frame, len(commas)
 
 
 def _text(path: Path, content: bytes) -> str:
@@ -111,7 +152,8 @@ def _text(path: Path, content: bytes) -> str:
         return content.decode("cp1252", errors="replace")
 
 
-def _cells(lines: Sequence[str], separator: str) -> list[list[str]]:
+def cells_of(lines: Sequence[str], separator: str) -> list[list[str]]:
+    """The cells of ``lines``, between separators; ``separator`` " " stands for any blanks."""
     if separator == " ":
         return [line.split() for line in lines]
     try:
@@ -124,7 +166,7 @@ def _separator(path: Path, lines: Sequence[str]) -> str:
     """The separator that gives most lines the same number of cells, two or more, of which most are numbers."""
     sample, best, score = lines[-min(len(lines), LOOKED_AT) :], "", 0.0
     for separator in SEPARATORS:
-        rows = _cells(sample, separator)
+        rows = cells_of(sample, separator)
         if not rows:
             continue
         width, count = Counter(map(len, rows)).most_common(1)[0]
@@ -159,14 +201,14 @@ def _first_data_row(path: Path, rows: list[list[str]], separator: str) -> int:
 
 
 def _header(
-    path: Path, rows: list[list[str]], first: int, commented: list[str], separator: str
+    path: Path, rows: list[list[str]], first: int, commented: Sequence[str], separator: str
 ) -> tuple[list[str], list[str], int]:
     """Header cells, units (or "" each) and the first row of data."""
     width = len(rows[first])
     above = [[cell.strip() for cell in row] for row in rows[max(0, first - 2) : first] if len(row) == width]
     if not above:  # the header may be a comment, as of numpy.savetxt and of Fortran programs
         for line in reversed(commented):
-            cells = [c.strip() for c in _cells([line.lstrip(" #%!/")], separator)[0]]
+            cells = [c.strip() for c in cells_of([line.lstrip(" #%!/")], separator)[0]]
             if len(cells) == width and not _is_data(cells):
                 return cells, [""] * width, first
         raise UserError(f"{path}: the first line holds numbers, not headers; give them by a line above, or by --map")
@@ -182,10 +224,14 @@ def _are_units(cells: list[str]) -> bool:
     return bool(filled) and len(known) >= 0.7 * len(filled)
 
 
-def _check_widths(path: Path, data: list[list[str]], width: int, numbers: Sequence[int]) -> None:
-    """Raises UserError for rows with another number of cells; the last one may be cut off."""
+def check_widths(path: Path, data: list[list[str]], width: int, numbers: Sequence[int], last: bool) -> None:
+    """Raises UserError for rows of ``data`` whose number of cells is not ``width``.
+
+    path, numbers: of the file and its lines, for the message; last: the last row is that of the file, which may be cut
+    off.
+    """
     other = [i for i, row in enumerate(data) if len(row) != width and not (len(row) > width and not any(row[width:]))]
-    if other and other != [len(data) - 1]:
+    if other and not (last and other == [len(data) - 1]):
         row = data[other[0]]
         mixed = next((s for s in SEPARATORS[:4] if len(row) < width and s.join(row).count(s) >= width - 1), "")
         why = f"cells look separated by {mixed!r} there" if mixed else "correct the line"
@@ -196,7 +242,7 @@ def _check_widths(path: Path, data: list[list[str]], width: int, numbers: Sequen
 
 
 def _decimal_commas(column: object) -> bool:
-    """Whether the cells (a pandas series) are numbers with decimal commas."""
+    """Whether most cells with commas (a pandas series) are numbers with decimal commas."""
     given = column.dropna()  # type: ignore[attr-defined]
     commas = given[given.str.contains(",", regex=False)]
-    return len(commas) > 0 and bool(commas.str.fullmatch(r"[+-]?\d*,\d+([eE][+-]?\d+)?").all())
+    return len(commas) > 0 and bool(commas.str.fullmatch(WITH_COMMA).mean() > 0.5)

@@ -15,17 +15,19 @@ from cases.importing.delimited_text import read_text_table
 from cases.importing.excel_sheet import read_excel_tables
 from cases.importing.import_map import ImportMap
 from cases.importing.log_columns import Log, log_of
+from cases.importing.long_text import LARGEST_LOG, SMALL, read_long_text
 from cases.importing.nmea_log import is_nmea, read_nmea
 from cases.importing.raw_table import RawTable, raw_table
 from cases.importing.runs import grouped, run_name
 from cases.importing.unit_evidence import with_units_of_size
 from cases.importing.vocabulary import known_units
-from cases.io.files import check_file
+from cases.io.files import LARGEST, check_file
 from cases.io.sidecar import NAME as SIDECAR
 from mmg.errors import UserError
 
 SUFFIXES = (".csv", ".txt", ".tsv", ".dat", ".asc", ".log", ".nmea", ".xlsx", ".xlsm", ".parquet")
 """Files of a folder that are logs."""
+BINARY = (".xlsx", ".xlsm", ".xls", ".parquet")
 
 
 @dataclass(frozen=True)
@@ -68,7 +70,7 @@ def import_logs(
     problems: list[str] = []
     for file in each(list(dict.fromkeys(files))):
         try:
-            logs += [log_of(table, chosen) for table in _tables(file)]
+            logs += [log_of(table, chosen) for table in _tables(file, chosen)]
         except UserError as error:
             problems.append(str(error))
     unknown = [name for name in chosen.files if name not in {f.name for f in files} | {f.stem for f in files}]
@@ -115,8 +117,8 @@ def _files_of(path: Path) -> list[Path]:
     return found
 
 
-def _tables(file: Path) -> list[RawTable]:
-    check_file(file)
+def _tables(file: Path, chosen: ImportMap) -> list[RawTable]:
+    check_file(file, LARGEST_LOG if file.suffix.lower() not in BINARY else LARGEST)
     suffix = file.suffix.lower()
     if suffix in (".xlsx", ".xlsm"):
         return read_excel_tables(file)
@@ -127,6 +129,8 @@ def _tables(file: Path) -> list[RawTable]:
     with file.open("rb") as stream:
         if is_nmea(stream.read(8192)):
             return [read_nmea(file)]
+    if file.stat().st_size > SMALL:
+        return [read_long_text(file, chosen)]
     return [read_text_table(file)]
 
 

@@ -24,9 +24,9 @@ TEXT = ("ship", "zone", "date")
 class Log:
     """One table of a log whose columns are known.
 
-    table: as read; t: (N,) seconds, increasing; absolute: since 1970 in UTC; columns: quantity -> (N,) in the units of
-    ``unit_of``; of: quantity -> how it is mapped; unitless: quantities whose unit is not known yet; unknown: headers
-    that nobody knows; unsure: header -> what it may be; ship, zone: words that it names, or "".
+    table: as read, without its cells; t: (N,) seconds, increasing; absolute: since 1970 in UTC; columns: quantity ->
+    (N,) in the units of ``unit_of``; of: quantity -> how it is mapped; unitless: quantities whose unit is not known
+    yet; unknown: headers that nobody knows; unsure: header -> what it may be; ship, zone: words that it names, or "".
     """
 
     table: RawTable
@@ -51,6 +51,10 @@ class Log:
         """Median time between rows [s]."""
         return float(np.median(np.diff(self.t)))
 
+    def without_rows(self) -> Log:
+        """A copy that only says where its columns came from."""
+        return replace(self, t=self.t[:0].copy(), columns={})
+
     def with_unit(self, quantity: str, unit: str, why: str) -> Log:
         """A copy in which ``quantity``, of unknown unit, has this ``unit``. why: what shows it."""
         scale = factor(quantity, unit)
@@ -71,23 +75,18 @@ def log_of(table: RawTable, chosen: ImportMap) -> Log:
     Raises UserError for headers of the map that are absent, two columns of one quantity, no clock or two of them, a
     clock that runs backwards, text in numbers, and a unit that does not belong to its quantity.
     """
-    mapped, unknown, unsure = _assigned(table, chosen)
-    if "t" not in mapped:
-        found = ", ".join(table.headers)
-        raise UserError(f'{table.name}: no clock; found: {found}. Name it in the map: [columns] t = "HEADER"')
+    mapped, unknown, unsure = assigned(table, chosen)
     date = mapped["date"].header if "date" in mapped else None
-    clock = clock_of(table, mapped["t"].header, mapped["t"].unit, date, chosen.zone_hours)
+    clock = table.clock or clock_of(table, mapped["t"].header, mapped["t"].unit, date, chosen.zone_hours)
     notices = [*table.notices, *check_clock(clock, table.name)]
     columns, unitless = {}, []
     for quantity, column in mapped.items():
         if quantity == "t" or quantity in TEXT:
             continue
-        values = _numbers(table, quantity, column)
+        values = numbers_of(table, quantity, column)
         values = np.where(np.isfinite(values), values, np.nan)
         values, said = without_sentinels(values, column.header, chosen.sentinels)
-        unit = column.unit or table.units[table.headers.index(column.header)] or meaning(column.header).unit
-        if quantity in ("latitude", "longitude"):
-            unit = unit or "deg"
+        unit = unit_in(table, quantity, column)
         scale = factor(quantity, unit) if unit else None
         if unit and scale is None:
             accepted = ", ".join(known_units(quantity))
@@ -105,7 +104,7 @@ def log_of(table: RawTable, chosen: ImportMap) -> Log:
         notices += said
     words = {name: _word(table, mapped, name) for name in ("ship", "zone")}
     return Log(
-        table,
+        table.without_cells(),
         t,
         clock.absolute,
         columns,
@@ -118,8 +117,12 @@ def log_of(table: RawTable, chosen: ImportMap) -> Log:
     )
 
 
-def _assigned(table: RawTable, chosen: ImportMap) -> tuple[dict[str, ColumnMap], list[str], dict[str, str]]:
-    """Quantity -> its column; headers that nobody knows; headers that may be one of several."""
+def assigned(table: RawTable, chosen: ImportMap) -> tuple[dict[str, ColumnMap], list[str], dict[str, str]]:
+    """Quantity -> its column in ``table``, by the map ``chosen`` and the words of the headers; headers that nobody
+    knows; headers that may be one of several.
+
+    Raises UserError for a header of the map that is absent, two columns of one quantity, and no clock.
+    """
     mapped: dict[str, ColumnMap] = {}
     own = chosen.of(table.path).columns
     for quantity, column in chosen.columns_of(table.path).items():
@@ -132,7 +135,7 @@ def _assigned(table: RawTable, chosen: ImportMap) -> tuple[dict[str, ColumnMap],
         mapped[quantity] = column
     taken = {column.header for column in mapped.values()}
     unknown, unsure = [], {}
-    for header in table.headers:
+    for header in (*table.headers, *table.others):
         if header in taken:
             continue
         found = meaning(header)
@@ -149,10 +152,20 @@ def _assigned(table: RawTable, chosen: ImportMap) -> tuple[dict[str, ColumnMap],
             unsure[header] = found.may_be
         elif not found.quantity:
             unknown.append(header)
+    if "t" not in mapped:
+        headers = ", ".join(table.headers)
+        raise UserError(f'{table.name}: no clock; found: {headers}. Name it in the map: [columns] t = "HEADER"')
     return mapped, unknown, unsure
 
 
-def _numbers(table: RawTable, quantity: str, column: ColumnMap) -> np.ndarray:
+def unit_in(table: RawTable, quantity: str, column: ColumnMap) -> str:
+    """The unit of a ``quantity`` in the ``column`` of a ``table`` as it is written, "" where nothing says it."""
+    unit = column.unit or table.units[table.headers.index(column.header)] or meaning(column.header).unit
+    return unit or ("deg" if quantity in ("latitude", "longitude") else "")
+
+
+def numbers_of(table: RawTable, quantity: str, column: ColumnMap) -> np.ndarray:
+    """The ``quantity`` in the ``column`` of a ``table``, (N,) in the unit of the file. Raises UserError on text."""
     if quantity in ("latitude", "longitude") and not table.numeric(column.header):
         return np.array([_degrees(cell, table.name, column.header) for cell in table.cells(column.header)])
     return table.numbers(column.header)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +18,27 @@ MOST_COLUMNS, MOST_CELLS = 5000, 30_000_000
 
 
 @dataclass(frozen=True)
+class Clock:
+    """Times of the rows of a table.
+
+    t: (N,) seconds; absolute: since 1970 in UTC, else since the log's own zero; header: of the column; words: how it
+    was read.
+    """
+
+    t: np.ndarray
+    absolute: bool
+    header: str
+    words: str
+
+
+@dataclass(frozen=True)
 class RawTable:
     """One table of a log.
 
     path: of the file; name: of the table in messages; headers: (C,) unique cells without their units; units: (C,) as
     written, or ""; frame: pandas DataFrame (N, C) of cells, text as it is (decimal points, not commas) or numbers and
-    times; notices: what was found on reading.
+    times; notices: what was found on reading; clock: of a table that was averaged, else None; others: headers of
+    columns that were not kept; before: rows of the log before those of the table.
     """
 
     path: Path
@@ -32,9 +47,16 @@ class RawTable:
     units: tuple[str, ...]
     frame: Any
     notices: tuple[Message, ...] = ()
+    clock: Clock | None = None
+    others: tuple[str, ...] = ()
+    before: int = 0
 
     def __len__(self) -> int:
         return len(self.frame)
+
+    def without_cells(self) -> RawTable:
+        """The same table without its rows."""
+        return replace(self, frame=self.frame.iloc[:0].copy(), clock=None)
 
     def cells(self, header: str) -> Any:
         """The pandas series (N,) of cells below ``header``."""
@@ -44,7 +66,7 @@ class RawTable:
         """The column below ``header`` as floats (N,), NaN where cells are empty. Raises UserError on text."""
         values, text = floats_of_cells(self.cells(header))
         if text is not None:
-            raise text.error(Path(self.name), header)
+            raise replace(text, row=text.row + self.before).error(Path(self.name), header)
         return values
 
     def numeric(self, header: str) -> bool:
