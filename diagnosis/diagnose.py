@@ -51,7 +51,8 @@ from diagnosis.inputs import (
 from diagnosis.judgement.believable import believed
 from diagnosis.judgement.judged_search import judged_search
 from diagnosis.judgement.no_answer import no_answer
-from diagnosis.judgement.verdict import LINE_PROBABILITY, has_remainder, limits
+from diagnosis.judgement.not_random import not_random
+from diagnosis.judgement.verdict import has_remainder, limits
 from diagnosis.location.where import where
 from diagnosis.prepare import Prepared, prepare, with_sensor_faults
 from diagnosis.report.words import sentence_of
@@ -145,14 +146,13 @@ def _diagnosed(
     found, (verdict, reasons, doubt) = result.found, believed(result, ready, trials)
     timings["screen, refits, test trials"] = time.perf_counter() - began - timings["fit"]
     LOGGER.info("tested and refitted: " + (", ".join(c.label for c in found.effects) or "no effect stands out"))
-    chance = ready.line[0]
-    if chance < LINE_PROBABILITY:
-        reasons.append(_oscillation(ready))
-        verdict = "unknown" if verdict == "none" else verdict
-    reasons += limits(ready, found, trials, tests, result.held)
     is_named = verdict == "named"
+    ordered = not_random(ready, found.final if is_named else found.null)
+    if ordered and verdict == "none":
+        verdict, doubt = "unknown", f"Something is missing in the model: {ordered[0]}."
+    reasons += [*ordered, *limits(ready, found, trials, tests, result.held)]
     before, after = result.before, result.after
-    remainder = is_named and (has_remainder(found, before, after, p.expected_unnamed) or chance < LINE_PROBABILITY)
+    remainder = is_named and (has_remainder(found, before, after, p.expected_unnamed) or bool(ordered))
     fits = pattern(p.steps, p.data, found.final, found.effects) if is_named else None
     reasons += (doubts := _doubts(fits))
     remainder = remainder or bool(doubts)
@@ -202,15 +202,6 @@ def _diagnosed(
         data=p.data,
         between=between,
     )
-
-
-def _oscillation(ready: Prepared) -> Message:
-    """What the line in the spectrum of the residuals says."""
-    period, apart = ready.line[1], ready.gap * ready.problem.data.h
-    words = f"the residuals oscillate with a period of {period:.2g} s, as under waves or an engine"
-    if period < 2 * apart:
-        words += f" (seen with all samples; the tests compare one every {apart:.2g} s)"
-    return Message(words, "oscillating_residuals")
 
 
 def _unless_impossible(work: Callable[[], Value], name: str, otherwise: Value, reasons: list[Message]) -> Value:

@@ -11,6 +11,7 @@ from cases.io.site import Site
 from cases.shipfiles.effects import freeing_effects
 from cases.trial import Trial
 from diagnosis.estimation.candidates import FITTED_ALONG, LOCAL, Column, FullModel, ship_with_all_effects
+from diagnosis.estimation.force_order import force_order
 from diagnosis.estimation.gridded_trials import COARSE, GriddedTrials, can_divide, grid_trials, is_measured_rudder
 from diagnosis.estimation.kalman import NoiseModel
 from diagnosis.estimation.map_estimate import BrokenModelError, Estimate, estimate, initial_point
@@ -51,7 +52,8 @@ RUNS = 3
 class Prepared:
     """The problem and the fit without any effect.
 
-    straight: inputs are joined by lines; gap: one in so many grid times is compared; line: of ``spectral_line``.
+    straight: inputs are joined by lines; gap: one in so many grid times is compared; line: of ``spectral_line``;
+    is_order_usual: channels of the latent force follow each other in the trials of the calibration as well.
     """
 
     problem: SearchProblem
@@ -61,6 +63,7 @@ class Prepared:
     gap: int
     notices: tuple[Message, ...]
     line: tuple[float, float]
+    is_order_usual: bool = False
 
 
 def priors_before(ship: Ship, other_trials: bool = False) -> Priors:
@@ -110,10 +113,11 @@ def prepare(
     values = full.ship.values
     at = [full.ship.symbols.index(s) for s in base.symbols]
     values[at] = [ship.coefficients[s].value for s in base.symbols]
-    usual, noise, gap = np.zeros(2), initial_noise(full.ship), 0
+    usual, noise, gap, is_order_usual = np.zeros(2), initial_noise(full.ship), 0, False
     if reference:
         old = grid_trials(reference, full.ship.inputs, length, data.h, is_measured_rudder(reference))
         old, null, gap, *_ = fit_without_effects(steps, old, values, base, initial_noise(full.ship))
+        is_order_usual = not force_order(steps, old, null).is_random
         known = fit_reference(steps, old, null, base, full.candidates, len(trials))
         base, full = known.priors, replace(full, candidates=known.candidates)
         values, noise = known.theta, known.noise.with_(prior=known.noise)
@@ -154,7 +158,7 @@ def prepare(
         own = [c.in_each(runs) for c in full.candidates if c.effect in LOCAL]
         full = replace(full, candidates=(*full.candidates, *own))
     problem = SearchProblem(steps, data, base, full.candidates, *(data.samples * usual).tolist())
-    return Prepared(problem, full, null, straight, gap, tuple(notices), line)
+    return Prepared(problem, full, null, straight, gap, tuple(notices), line, is_order_usual)
 
 
 def fit_without_effects(

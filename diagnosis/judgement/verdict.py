@@ -17,8 +17,6 @@ from mmg.effects import EFFECTS
 from mmg.messages import Message
 from mmg.states import STATES
 
-LINE_PROBABILITY = 1e-6
-"""Probability by chance below which a line in the spectrum of the residuals counts as an unexplained remainder."""
 CONFIRMING_REDUCTION = 0.1
 """Reduction of the test error, with a 90 % interval above zero, that confirms a name whatever is left unexplained."""
 UNEXPLAINED_RATIO, STRICT_RATIO = 0.25, 0.05

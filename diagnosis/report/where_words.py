@@ -15,6 +15,8 @@ SIDES = {
     "surge": ("ahead", "astern"), "sway": ("to starboard", "to port"), "yaw": ("bow to starboard", "bow to port"),
 }  # fmt: skip
 """Words for a positive and a negative force of each channel."""
+MORE_THAN_CHANCE = 0.05
+"""Probability by chance above which the forms of an unexplained force say nothing."""
 FOLLOWED = 0.15
 """Share of a missing force that a variable must explain to be mentioned."""
 TURN_BACK = ("heading", "apparent wind angle")
@@ -161,7 +163,7 @@ def unexplained_words(m: UnexplainedForce) -> list[str]:
 
 def unexplained_hint(m: UnexplainedForce | None) -> str:
     """Where the unexplained force ``m`` lives, in half a sentence for the verdict, or nothing."""
-    if m is None or not m.channels:
+    if m is None or not m.channels or m.p_value > MORE_THAN_CHANCE:
         return ""
     name, first = max(m.channels.items(), key=lambda item: item[1].share)
     own = [v for v in m.follows if v["channel"] == name and v["explained"] > FOLLOWED][:1]

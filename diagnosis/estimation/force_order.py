@@ -1,0 +1,152 @@
+"""Whether the latent force is the same forwards and backwards in time.
+
+Its model is three processes of first order that know nothing of each other, and any sum of random forces of a common
+memory looks the same when time runs backwards. A cause that was not modelled often does not: a ship that passes by
+pushes first and turns then, a stream that turns pushes along the ship before it pushes across. So a force in one
+direction that is followed by one in another is more than chance. The test is the score of a turning of the latent force
+in the plane of each pair of channels, in units of their sizes, which leaves their sizes and memory as they are (drift
+matrix I / tau + antisymmetric part; Gardiner 2009, Stochastic Methods, section 5.3.6: without detailed balance).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import expm
+from scipy.stats import f as f_law
+
+from diagnosis.estimation.gridded_trials import GriddedTrials
+from diagnosis.estimation.kalman import Filtered, LinearSystem, NoiseModel, filtered, responses
+from diagnosis.estimation.linearisation import linearise_and_filter
+from diagnosis.estimation.map_estimate import Estimate
+from diagnosis.estimation.parameters import active_states
+from diagnosis.estimation.transition_model import TransitionModel
+
+PAIRS = (("surge force", "sway force"), ("surge force", "yaw moment"), ("sway force", "yaw moment"))
+"""Channels of the latent force, two by two."""
+DRAWS, TOGETHER, STEP = 200, 25, 0.1
+"""Simulated campaigns for the law of the scores, how many are filtered at a time, and the step of their differences
+[angle over a memory of the force, rad]."""
+
+LEVEL_OF_ORDER = 0.003
+"""Probability by chance below which channels that follow each other are no random force."""
+
+
+@dataclass(frozen=True)
+class ForceOrder:
+    """How one channel of the latent force follows another.
+
+    p_value: probability that independent random forces look as ordered; turning: (3,) estimated angles over a memory of
+    the force [rad] in the planes of PAIRS; scores: (3,) each over its standard deviation by chance.
+    """
+
+    p_value: float
+    turning: np.ndarray
+    scores: np.ndarray
+
+    @property
+    def is_random(self) -> bool:
+        """Whether chance explains it."""
+        return self.p_value >= LEVEL_OF_ORDER
+
+    @property
+    def pair(self) -> tuple[str, str]:
+        """The two channels that follow each other most clearly."""
+        return PAIRS[int(np.abs(self.scores).argmax())]
+
+
+@np.errstate(all="ignore")
+def force_order(steps: TransitionModel, data: GriddedTrials, found: Estimate, seed: int = 0) -> ForceOrder:
+    """Test a fit ``found`` of ``steps`` to ``data``; seed: of the simulated campaigns. Returns the test."""
+    active = active_states(steps, found.free.symbols, found.theta)
+    here = linearise_and_filter(steps, data, found.fixed(), active)
+    return order_of(here.system, here.filter, here.white[..., -1], found.noise, data.h, seed)
+
+
+def order_of(
+    system: LinearSystem, run: Filtered, white: np.ndarray, noise: NoiseModel, h: float, seed: int = 0
+) -> ForceOrder:
+    """Test of whitened residuals.
+
+    system, run: linear model of the trials and its filter run; white: (K + 1, R, 6) residuals; noise: with the latent
+    force of the system; h: step [s]; seed: of the draws, whose scores give the law of that of the residuals. Returns
+    the test.
+    """
+
+    def parts() -> Iterator[np.ndarray]:
+        rng = np.random.default_rng(seed)
+        yield white[..., None]
+        for _ in range(DRAWS // TOGETHER):
+            yield rng.standard_normal((*white.shape, TOGETHER))
+
+    scores = turning_scores(system, run, noise, h, parts)
+    return order_by_law(scores[:, 0], scores[:, 1:])
+
+
+def order_by_law(score: np.ndarray, drawn: np.ndarray) -> ForceOrder:
+    """Test of a score (3,) whose law is that of ``drawn`` (3, draws): Hotelling's T squared with the mean known."""
+    draws = drawn.shape[1]
+    covariance = drawn @ drawn.T / draws
+    turning = -np.linalg.solve(covariance, score)
+    T2 = -float(turning @ score)
+    p = float(f_law.sf(T2 * (draws - 2) / (3 * draws), 3, draws - 2))
+    return ForceOrder(p, turning, score / np.sqrt(np.diag(covariance)))
+
+
+def turning_scores(
+    system: LinearSystem,
+    run: Filtered,
+    noise: NoiseModel,
+    h: float,
+    parts: Callable[[], Iterator[np.ndarray]],
+) -> np.ndarray:
+    """Slopes (3, c) of the negative log likelihood by the turning in the planes of PAIRS, at none.
+
+    system, run, noise, h: as of ``order_of``; parts: yields whitened residuals (K + 1, R, 6, some) of c campaigns in
+    all, the same each time.
+    """
+    slopes = []
+    for pair in np.eye(3):
+        ends = [_values(system, run, with_turning(system, noise, h, way * STEP * pair), parts()) for way in (1, -1)]
+        slopes.append((ends[0] - ends[1]) / (2 * STEP))
+    return np.array(slopes)
+
+
+def with_turning(system: LinearSystem, noise: NoiseModel, h: float, turning: np.ndarray) -> LinearSystem:
+    """The ``system`` with a latent force whose channels follow each other.
+
+    noise: sizes and memory of the force; h: step [s]; turning: (3,) angles over a memory in the planes of PAIRS [rad].
+    The force's covariance stays what it is, and so does that of what drives it.
+    """
+    skew, force = np.zeros((3, 3)), noise.force
+    skew[(0, 0, 1), (1, 2, 2)] = turning
+    block = np.exp(-h / noise.tau) * force[:, None] * expm(-h / noise.tau * (skew - skew.T)) / force
+    S = system.T.shape[2] - 3 - int((noise.coloured > 0).sum())
+    T = system.T.copy()
+    T[:, :, S : S + 3, S : S + 3] = np.where(system.inside[..., None, None], block, np.eye(3))
+    return replace(system, T=T)
+
+
+def _values(system: LinearSystem, run: Filtered, other: LinearSystem, parts: Iterator[np.ndarray]) -> np.ndarray:
+    """Negative log likelihoods (c,) under ``other`` of campaigns that have these whitened residuals in ``system``."""
+    again, K, R = filtered(other), *system.T.shape[:2]
+    values = []
+    for white in parts:
+        logged = _observations(system, run, np.where(system.good[..., None], white, 0.0))
+        found, _ = responses(other, again, np.zeros((K, R, 0, white.shape[3])), -logged)
+        values.append(0.5 * (found**2).sum(axis=(0, 1, 2)))
+    return np.concatenate(values) + 0.5 * again.log_det.sum()
+
+
+def _observations(system: LinearSystem, run: Filtered, white: np.ndarray) -> np.ndarray:
+    """The deviations (K + 1, R, 6, c) from the path without random forces whose whitened residuals are ``white``."""
+    K, R, n = system.T.shape[:3]
+    y, state = np.empty(white.shape), np.zeros((R, n, white.shape[3]))
+    for k in range(K + 1):
+        innovation = np.linalg.solve(run.root[k], white[k])
+        y[k] = system.Z[k] @ state + innovation
+        if k < K:
+            state = system.T[k] @ state + run.gain[k] @ innovation
+    return y

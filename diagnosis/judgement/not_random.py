@@ -1,0 +1,37 @@
+"""What is left at a fit that no random force leaves: lines in a spectrum, forces that follow each other."""
+
+from __future__ import annotations
+
+from diagnosis.estimation.force_order import force_order
+from diagnosis.estimation.map_estimate import Estimate
+from diagnosis.prepare import Prepared
+from mmg.messages import Message
+
+LINE_PROBABILITY = 1e-6
+"""Probability by chance below which a line in the spectrum of the residuals counts as an unexplained remainder."""
+
+
+def not_random(ready: Prepared, fit: Estimate) -> list[Message]:
+    """Sentences on what is not random in a fit.
+
+    ready: the problem with its fit without effects, whose spectrum counts; fit: with what is named, or without effects.
+    """
+    rows = [_oscillation(ready)] if ready.line[0] < LINE_PROBABILITY else []
+    if ready.is_order_usual:
+        return rows
+    order = force_order(ready.problem.steps, ready.problem.data, fit)
+    if not order.is_random:
+        first, then = order.pair
+        words = f"unexplained {first} and {then} follow each other in time (p = {order.p_value:.1g})"
+        advice = "as of a ship that passes by, a stream that turns or a force with a memory of its own"
+        rows.append(Message(f"{words}, {advice}", "ordered_forces"))
+    return rows
+
+
+def _oscillation(ready: Prepared) -> Message:
+    """What the line in the spectrum of the residuals says."""
+    period, apart = ready.line[1], ready.gap * ready.problem.data.h
+    words = f"the residuals oscillate with a period of {period:.2g} s, as under waves or an engine"
+    if period < 2 * apart:
+        words += f" (seen with all samples; the tests compare one every {apart:.2g} s)"
+    return Message(words, "oscillating_residuals")
