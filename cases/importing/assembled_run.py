@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cases.importing.clock_match import clock_problems
 from cases.importing.derived_motion import derived_velocities
 from cases.importing.import_map import ImportMap, conventions
 from cases.importing.local_frame import globe_positions, local_positions
@@ -54,10 +55,12 @@ def assembled(name: str, logs: Sequence[Log], chosen: ImportMap, origin: tuple[f
     logs = [with_units_of_size(log) for log in logs]
     where = " + ".join(log.name for log in logs)
     notices = [m for log in logs for m in log.notices]
+    problems = clock_problems(logs, chosen.clocks_said())
+    if problems:
+        raise UserError("; ".join(problems))
     t, columns = _on_one_clock(logs, chosen, where, notices)
     _place(columns, logs, origin, where, notices)
     unitless = [(log, q) for log in logs for q in log.unitless if q in columns]
-    problems = []
     for log, quantity in unitless:
         unit, why = by_evidence(
             quantity, columns[quantity], t, {k: v for k, v in columns.items() if k not in log.unitless}

@@ -37,10 +37,12 @@ def _column(value: Any) -> Any:
 
 
 class FileMap(Section):
-    """What holds for one file: columns over those for all; clock_offset [s] is added to its clock; run: its run."""
+    """What holds for one file: columns over those for all; clock_offset [s] is added to its clock, and clock_drift
+    [s per s] times the time since its first row; run: its run."""
 
     columns: dict[Quantity, Annotated[ColumnMap, BeforeValidator(_column)]] = Field(default_factory=dict)
     clock_offset: float = number("s", 0.0, ge=-1e6, le=1e6)
+    clock_drift: float = number("s/s", 0.0, ge=-0.5, le=0.5)
     run: Name = ""
     skip: bool = False
 
@@ -78,6 +80,10 @@ class ImportMap(Section):
     def of(self, file: Path) -> FileMap:
         """What holds for ``file``, by its name or stem."""
         return self.files.get(file.name, self.files.get(file.stem, FileMap()))
+
+    def clocks_said(self) -> tuple[str, ...]:
+        """Names of the files of whose clocks it says something."""
+        return tuple(n for n, file in self.files.items() if {"clock_offset", "clock_drift"} & file.model_fields_set)
 
     def columns_of(self, file: Path) -> dict[str, ColumnMap]:
         """The columns of ``file``: its own over those for all."""

@@ -98,7 +98,9 @@ def log_of(table: RawTable, chosen: ImportMap) -> Log:
         columns[quantity] = column.sign * values * (scale or 1.0)
         mapped[quantity] = column.model_copy(update={"unit": unit})
         notices += said
-    t, columns = _rows(clock, columns, chosen.of(table.path).clock_offset)
+    t, columns = _rows(clock, columns)
+    own = chosen.of(table.path)
+    t = t + own.clock_offset + own.clock_drift * (t - t[0])
     for clean in (lost_satellites, stands_still):
         columns, said = clean(t, columns)
         notices += said
@@ -186,7 +188,7 @@ def _degrees(cell: Any, where: str, header: str) -> float:
     return -total if any(c in text for c in "SW-") else total
 
 
-def _rows(clock: Clock, columns: dict[str, np.ndarray], offset: float) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+def _rows(clock: Clock, columns: dict[str, np.ndarray]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Rows with a time; those with the same time averaged (angles keep the first)."""
     known = np.isfinite(clock.t)
     t, where = np.unique(clock.t[known], return_inverse=True)
@@ -202,7 +204,7 @@ def _rows(clock: Clock, columns: dict[str, np.ndarray], offset: float) -> tuple[
                 first = total / np.maximum(np.bincount(where, np.isfinite(values), len(t)), 1) + 0 * first
             values = first
         out[name] = values
-    return t + offset, out
+    return t, out
 
 
 def _word(table: RawTable, mapped: dict[str, ColumnMap], name: str) -> str:

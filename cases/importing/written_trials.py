@@ -70,8 +70,9 @@ def map_text(found: Imported, chosen: ImportMap) -> str:
         for log in run.logs:
             table = files.get(log.table.path.name) or tomlkit.table()
             own = chosen.of(log.table.path)
-            if own.clock_offset:
-                table["clock_offset"] = own.clock_offset
+            for key in ("clock_offset", "clock_drift"):
+                if key in own.model_fields_set:
+                    table[key] = getattr(own, key)
             if len(run.logs) > 1:
                 table["run"] = run.name
             columns = table.get("columns") or tomlkit.table()
