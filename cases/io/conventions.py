@@ -1,4 +1,4 @@
-"""From the frames and signs of a file to those of the product: sign, velocity frame, reference point, wind."""
+"""From the frames and signs of a file to those of the product: sign, lag, velocity frame, reference point, wind."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from cases.io.sidecar import SidecarEntry
 from cases.trial import RUDDERS
+from mmg.errors import UserError
 from mmg.messages import Message
 from mmg.motion.frames import true_wind
 
@@ -17,10 +18,15 @@ def converted(columns: Mapping[str, np.ndarray], entry: SidecarEntry, notices: l
     """Columns with the signs, frames and reference point of the product.
 
     columns: canonical name -> (N,) in SI and radians; entry: what the sidecar says of the file; notices: each step
-    adds one. Order: signs, velocity frame, reference point, wind.
+    adds one. Order: signs, heading, lags, velocity frame, reference point, wind. Raises UserError where no row is left
+    after the lags.
     """
     out = dict(columns)
     _turn_signs(out, entry, notices)
+    if entry.heading_from == "east":
+        out["psi"] = out["psi"] + math.pi / 2
+        notices.append(Message("psi turned by 90 deg: the file counts it from east", "heading_from"))
+    out = _in_time(out, entry, notices)
     if entry.velocity_frame == "earth":
         north, east, psi = out["u"], out["v"], out["psi"]
         out["u"] = north * np.cos(psi) + east * np.sin(psi)
@@ -41,6 +47,29 @@ def _turn_signs(out: dict[str, np.ndarray], entry: SidecarEntry, notices: list[M
         if name in out:
             out[name] = -out[name]
             notices.append(Message(f"{name} changed sign{why}", "sign"))
+
+
+def _in_time(columns: dict[str, np.ndarray], entry: SidecarEntry, notices: list[Message]) -> dict[str, np.ndarray]:
+    """Columns that are late, taken back in time by straight lines between samples; rows that then lack one are cut."""
+    lags = {name: seconds for name, seconds in entry.lag.items() if name in columns and seconds}
+    if not lags:
+        return columns
+    t, out = columns["t"], dict(columns)
+    keep = np.ones(len(t), bool)
+    for name, seconds in lags.items():
+        at = t + seconds
+        keep &= (at >= t[0]) & (at <= t[-1])
+        values = np.array(columns[name], dtype=float)
+        good = np.isfinite(values)
+        if name == "psi" and good.any():
+            values[good] = np.unwrap(values[good])
+        if good.any():
+            near = np.interp(at, t, good.astype(float))
+            out[name] = np.where(near > 0.999, np.interp(at, t[good], values[good]), np.nan)
+        notices.append(Message(f"{name} taken back by {seconds:g} s (lag in trials.toml)", "lag"))
+    if keep.sum() < 2:
+        raise UserError(f"lag in trials.toml: no row is left after {max(map(abs, lags.values())):g} s of {t[-1] - t[0]:g} s")
+    return {name: values[keep] for name, values in out.items()}
 
 
 def _move_to_midship(out: dict[str, np.ndarray], entry: SidecarEntry, notices: list[Message]) -> None:

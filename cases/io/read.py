@@ -6,6 +6,7 @@ derived or left out is said in the trial's notices; whatever cannot be read safe
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from cases.io.conventions import converted
 from cases.io.files import check_file
 from cases.io.headers import match_headers
 from cases.io.leave_out import left_out
+from cases.io.sentinels import without_sentinels
 from cases.io.sidecar import NAME, SidecarEntry, read_sidecar, sidecar_entry
 from cases.io.toml_file import validated
 from cases.io.trial_table import trial_table
@@ -31,11 +33,11 @@ LEAST_STEP = 1e-6
 """No clock is finer [s]."""
 
 
-def read_trials(paths: Iterable[str | Path] | str | Path) -> list[Trial]:
+def read_trials(paths: Iterable[str | Path] | str | Path, refuse: bool = True) -> list[Trial]:
     """The trials of several files and folders, in the order given (folders: by name).
 
     paths: one or several; a folder stands for the .csv and .parquet files in it, or in its sub-folders when it holds
-    none itself. Raises UserError for the first thing that cannot be read.
+    none itself; refuse: files whose units the numbers refute. Raises UserError for the first thing that cannot be read.
     """
     given = map(Path, [paths] if isinstance(paths, (str, Path)) else paths)
     try:
@@ -44,7 +46,7 @@ def read_trials(paths: Iterable[str | Path] | str | Path) -> list[Trial]:
         raise UserError(f"{error.filename}: cannot be read ({error.strerror}); check the path") from None
     if not files:
         raise UserError("no trial files given")
-    return [read_trial(file) for file in dict.fromkeys(files)]
+    return [read_trial(file, refuse=refuse) for file in dict.fromkeys(files)]
 
 
 def given_trials(given: str | Path | Trial | Sequence[str | Path | Trial]) -> list[Trial]:
@@ -53,13 +55,15 @@ def given_trials(given: str | Path | Trial | Sequence[str | Path | Trial]) -> li
     return [trial for item in several for trial in ([item] if isinstance(item, Trial) else read_trials([item]))]
 
 
-def read_trial(path: str | Path, settings: SidecarEntry | Mapping[str, Any] | None = None) -> Trial:
+def read_trial(
+    path: str | Path, settings: SidecarEntry | Mapping[str, Any] | None = None, refuse: bool = True
+) -> Trial:
     """One run in SI units, radians and the frames of this product.
 
     path: CSV or Parquet; settings: what the header leaves unsaid, with the keys of the sidecar (cases/io/sidecar.py);
-    None takes ``trials.toml`` beside the file if there is one. Raises UserError, naming file, column and row, for
-    missing or doubled columns, unknown or missing units, text in numbers, fewer than two usable rows, time that does
-    not increase, a required column without values, and units that the numbers refute.
+    None takes ``trials.toml`` beside the file if there is one; refuse: units that the numbers refute. Raises UserError,
+    naming file, column and row, for missing or doubled columns, unknown or missing units, text in numbers, fewer than two usable rows, time that does
+    not increase, a required column without values, and, where ``refuse``, units that the numbers refute.
     """
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
@@ -68,13 +72,14 @@ def read_trial(path: str | Path, settings: SidecarEntry | Mapping[str, Any] | No
     entry = sidecar_entry(path) if settings is None else settings
     entry = entry if isinstance(entry, SidecarEntry) else validated(SidecarEntry, dict(entry), "settings")
     notices: list[Message] = []
-    raw, digest = _si_columns(path, entry, notices)
+    labels: dict[str, tuple[str, str]] = {}
+    raw, digest = _si_columns(path, entry, notices, labels)
     columns = _trimmed(path, raw, notices)
     _check_time(path, columns["t"], notices)
-    sentence = implausible(columns)
+    sentence = implausible(columns) if refuse else ""
     if sentence:
         raise UserError(f"{path}: {sentence}")
-    columns = converted(columns, entry, notices)
+    columns = _converted(path, columns, entry, notices)
     kind = entry.kind or _kind_from_name(path.stem, notices)
     trial = Trial(
         name=entry.name or path.stem,
@@ -86,6 +91,7 @@ def read_trial(path: str | Path, settings: SidecarEntry | Mapping[str, Any] | No
         role=entry.role,
         std=dict(entry.std),
         meta={
+            "labels": json.dumps(labels),
             "rows_before": str(int(np.argmax(raw["t"] == columns["t"][0]))),
             **{key: value for key, value in (("day", entry.day), ("group", entry.group)) if value},
         },
@@ -111,23 +117,37 @@ def _named(paths: Iterable[Path]) -> list[Path]:
     return sorted(p for p in paths if p.suffix.lower() in SUFFIXES and not p.is_dir())
 
 
-def _si_columns(path: Path, entry: SidecarEntry, notices: list[Message]) -> tuple[dict[str, np.ndarray], str]:
+def _si_columns(
+    path: Path, entry: SidecarEntry, notices: list[Message], labels: dict[str, tuple[str, str]]
+) -> tuple[dict[str, np.ndarray], str]:
     """Canonical columns of the file in SI and radians, scaled but not yet turned or moved, every row or means of rows;
-    and the hash of the file."""
+    and the hash of the file. labels: to which the header and the unit of each column are added."""
     table = trial_table(path)
     matched = match_headers(path, table.header, entry, notices)
     wanted = {}
     for name, (index, unit) in matched.items():
         factor = to_si(name, unit, f"{path}: column '{table.header[index]}'")
         wanted[name] = (index, factor)
+        labels[name] = (table.header[index], unit)
         if factor != 1.0:
             notices.append(Message(f"{name} converted from {unit} to {si_unit(name)}", "unit_converted"))
     columns = table.columns(wanted, notices)
+    if entry.sentinels != []:
+        columns = without_sentinels(columns, wanted, entry.sentinels or (), notices)
     absent = [name for name in ("n", "delta") if name not in columns and not {"n", *RUDDERS} & set(matched)]
     if absent:
         columns |= {name: np.zeros(len(columns["t"])) for name in absent}
         notices.append(Message("no propeller and no rudder: n and delta are zero", "no_propeller"))
     return columns, table.sha256
+
+
+def _converted(
+    path: Path, columns: dict[str, np.ndarray], entry: SidecarEntry, notices: list[Message]
+) -> dict[str, np.ndarray]:
+    try:
+        return converted(columns, entry, notices)
+    except UserError as error:
+        raise UserError(f"{path}: {error}") from None
 
 
 def _trimmed(path: Path, columns: dict[str, np.ndarray], notices: list[Message]) -> dict[str, np.ndarray]:

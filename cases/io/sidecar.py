@@ -12,6 +12,9 @@
     columns = { u = "SOG long", n = "RPM" }         # canonical name = header in the file
     units = { u = "kn", n = "rpm", t = "s" }        # canonical name = unit, wins over the header
     sign = { psi = -1, r = -1 }                     # canonical name = 1 or -1
+    heading_from = "east"                           # "north" (default) or "east": psi is counted from there
+    lag = { u = 1.2, v = 1.2 }                      # canonical name = s by which the column is late
+    sentinels = [-999.0]                            # numbers that stand for no value; [] keeps every number
     kind = "zigzag"
     role = "train"                                  # "train", "validate" or "test"
     day = "2026-11-22"                              # of the trial; default: the date in the file name
@@ -70,6 +73,15 @@ def _iso(day: Any) -> str:
 Day = Annotated[str, BeforeValidator(_iso)]
 
 
+def _late(column: str) -> str:
+    if _canonical(column) == "t":
+        raise ValueError("lag.t: the clock cannot be late against itself; name the columns that are late")
+    return column
+
+
+Late = Annotated[str, AfterValidator(_late)]
+
+
 def _span(span: list[float]) -> list[float]:
     if len(span) != 2 or not span[0] < span[1]:
         raise ValueError(f"exclude holds pairs of begin and end in s, such as [125.0, 140.0]; {span} is none")
@@ -99,6 +111,8 @@ class SidecarEntry(Section):
     """What is known of one trial file beside its header; the defaults are the conventions of this product.
 
     columns: canonical name -> header in the file. units: canonical name -> unit. sign: canonical name -> +1 or -1.
+    heading_from: where psi is counted from. lag: canonical name -> how late the column is [s]. sentinels: numbers of the
+    file that stand for no value, None for those that are well known.
     exclude: begin and end [s] of stretches that are left out; [] keeps every row, None leaves it to the checks.
     """
 
@@ -108,6 +122,9 @@ class SidecarEntry(Section):
     rudder_positive: Literal["starboard", "port"] = "starboard"
     wind_direction: Literal["from", "to"] = "from"
     velocity_frame: Literal["body", "earth"] = "body"
+    heading_from: Literal["north", "east"] = "north"
+    lag: dict[Late, Annotated[float, Field(ge=-600.0, le=600.0)]] = Field(default_factory=dict)
+    sentinels: list[float] | None = None
     reference_point: ReferencePoint = ReferencePoint()
     std: dict[State, Annotated[float, Field(ge=0.0, le=1e3)]] = Field(default_factory=dict)
     kind: str = ""
@@ -146,7 +163,7 @@ class Sidecar(Section):
         own = self.files.get(file.name, self.files.get(file.stem, SidecarEntry()))
         values = (self.default or self.all or SidecarEntry()).model_dump(exclude_unset=True)
         for key, value in own.model_dump(exclude_unset=True).items():
-            values[key] = {**values.get(key, {}), **value} if key in ("columns", "units", "sign", "std") else value
+            values[key] = {**values.get(key, {}), **value} if key in ("columns", "units", "sign", "lag", "std") else value
         return SidecarEntry(**values)
 
 

@@ -24,6 +24,8 @@ SPIN_LIMIT = 1.5
 REVOLUTIONS_LIMIT = 60.0
 """rps; propellers of models of a metre or more, and of ships, turn more slowly."""
 
+_DIRECTIONS = ("wind_direction", "apparent_wind_direction")
+
 _CAUSES = {
     (DEG, 1.0): "psi holds degrees but is labelled rad (or r holds rad/s but is labelled deg/s)",
     (1.0, DEG): "r holds deg/s but is labelled rad/s (or psi holds radians but is labelled deg)",
@@ -56,7 +58,7 @@ def _angles(columns: Mapping[str, np.ndarray]) -> str:
                 f"{name} reaches {largest:.4g} rad = {largest / DEG:.0f} deg, more than any rudder: "
                 f"are these degrees labelled rad? (label the column '{name} [deg]')"
             )
-    for name in ("wind_direction", "apparent_wind_direction"):
+    for name in _DIRECTIONS:
         if name in known and (typical := float(np.nanpercentile(known[name], 90))) > 4 * math.pi:
             return (
                 f"{name} reaches {typical:.4g} rad: are these degrees labelled rad? (label the column '{name} [deg]')"
@@ -122,6 +124,10 @@ def _heading_and_course(columns: Mapping[str, np.ndarray]) -> str:
     lag = max(1, min(20, len(t) // 10))
     usable = (t[lag:] - t[:-lag]) < 3 * lag * np.median(np.diff(t))
     moved = (place[lag:] - place[:-lag])[usable]
+    turned = _integral(t, columns["r"][good])
+    heading = np.unwrap(psi)
+    if _misfit((heading[lag:] - heading[:-lag])[usable], (turned[lag:] - turned[:-lag])[usable]) < 0.5:
+        return ""  # the turn rate says that these are radians: something else is wrong
     scale = math.sqrt(float(np.mean(np.abs(moved) ** 2)))
     misfit = []
     for unit in (1.0, DEG):
@@ -152,3 +158,14 @@ def _misfit(change: np.ndarray, turn: np.ndarray) -> float:
     if size < 1e-9:
         return 0.0
     return min(math.sqrt(float(np.mean(error**2))) for error in (change - turn, change + turn)) / size
+
+
+def mislabelled(columns: Mapping[str, np.ndarray]) -> list[tuple[str, float, str]]:
+    """(column, factor that makes it true, sentence) of revolutions, rudders and wind directions in a unit that no ship
+    allows; columns: as ``implausible`` takes them."""
+    out = []
+    for names, test, factor in ((("n", "n_2"), _revolutions, 1 / 60), ((*RUDDERS, *_DIRECTIONS), _angles, DEG)):
+        for name in names:
+            if name in columns and (sentence := test({"n" if test is _revolutions else name: columns[name]})):
+                out.append((name, factor, sentence))
+    return out

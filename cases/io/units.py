@@ -15,22 +15,22 @@ KNOT = 1852.0 / 3600.0
 """Metres per second in one knot (exact, BIPM)."""
 
 FACTORS: dict[str, dict[str, float]] = {
-    "s": {"s": 1.0},
+    "s": {"s": 1.0, "ms": 1e-3, "min": 60.0},
     "m": {"m": 1.0},
     "rad": {"rad": 1.0, "deg": math.pi / 180.0},
-    "m/s": {"m/s": 1.0, "kn": KNOT},
-    "rad/s": {"rad/s": 1.0, "deg/s": math.pi / 180.0},
+    "m/s": {"m/s": 1.0, "kn": KNOT, "km/h": 1.0 / 3.6},
+    "rad/s": {"rad/s": 1.0, "deg/s": math.pi / 180.0, "deg/min": math.pi / 10800.0},
     "rps": {"rps": 1.0, "rpm": 1.0 / 60.0},
 }
 """Unit in a Trial -> accepted unit -> factor: value in the file times factor = value in the Trial."""
 
 SPELLINGS = {
-    "sec": "s", "seconds": "s",
+    "sec": "s", "seconds": "s", "msec": "ms", "milliseconds": "ms", "minutes": "min",
     "metre": "m", "meter": "m", "metres": "m", "meters": "m",
     "radian": "rad", "radians": "rad", "degree": "deg", "degrees": "deg", "°": "deg",
     "mps": "m/s", "ms-1": "m/s", "m s-1": "m/s", "m s^-1": "m/s",
     "kt": "kn", "kts": "kn", "knot": "kn", "knots": "kn",
-    "degree/s": "deg/s", "degrees/s": "deg/s", "°/s": "deg/s", "dps": "deg/s",
+    "degree/s": "deg/s", "degrees/s": "deg/s", "°/s": "deg/s", "dps": "deg/s", "°/min": "deg/min", "kmh": "km/h", "km/hr": "km/h",
     "1/s": "rps", "rev/s": "rps", "hz": "rps", "rev/min": "rpm", "1/min": "rpm",
 }  # fmt: skip
 """Other spellings, in lower case -> the unit as it is named here."""
@@ -77,3 +77,9 @@ def as_number(text: str) -> float:
         return float(text)
     except ValueError:
         return math.nan
+
+
+def unit_by_factor(column: str, factor: float) -> str:
+    """The unit that values of a canonical ``column`` have when they become those of a Trial by this ``factor``; "" when
+    no accepted unit does."""
+    return next((u for u, f in FACTORS[si_unit(column)].items() if math.isclose(f, factor, rel_tol=0.01)), "")

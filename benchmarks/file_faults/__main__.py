@@ -1,0 +1,158 @@
+"""Does ``mmg check`` say of files what is wrong with them, and is what it advises right?
+
+``python -m benchmarks.file_faults --seeds 1 2 3``: each fault in each of 8 sets of ship and manoeuvres (3 m to 320 m,
+zigzags of 5 to 20 deg and turns, 1 to 20 Hz, wind, current, rounded columns) of a plant that is not the package's, in
+CSV files. Named: among what is contradictory or doubtful is a code of the fault and no other, in files that have it.
+Harmful: the lines that are printed for trials.toml, written there, leave the data no nearer to the truth than they
+were. False alarm: anything contradictory or doubtful in files that are as they should be.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import tempfile
+import zlib
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.file_faults.faults import FAULTS, Fault
+from benchmarks.file_faults.fleet import SETS, drawn
+from cases.checks import CheckReport, check
+from cases.io.read import read_trials
+from cases.trial import UNITS, Trial
+from mmg.errors import UserError
+
+ADVICE = re.compile(r'trials\.toml, (\[default\]|\[files\."[^"]+"\]): (.+?)(?:\.$|\. |$)', re.MULTILINE)
+SCALES = {"x": "x", "y": "y", "psi": "psi", "u": "u", "v": "v", "r": "r", "delta": "delta", "n": "n", "t": "t"}
+Files = list[dict[str, np.ndarray]]
+
+
+def written(folder: Path, files: Files) -> None:
+    """A CSV file for each of ``files``, run_0.csv and so on, in ``folder``."""
+    for number, columns in enumerate(files):
+        header = ",".join(f"{name} [{UNITS[name]}]" for name in columns)
+        rows = np.column_stack(list(columns.values()))
+        np.savetxt(folder / f"run_{number}.csv", rows, "%.7g", ",", header=header, comments="")
+
+
+def said(folder: Path) -> list[CheckReport]:
+    """What ``mmg check`` says of the files of ``folder``."""
+    try:
+        return check(read_trials(folder))
+    except UserError as error:
+        print("   unread:", error)
+        return []
+
+
+def far(trials: list[Trial], truth: Files) -> float:
+    """Greatest difference of a column of ``trials`` from the ``truth``, over the size of that column."""
+    worst = 0.0
+    for trial, columns in zip(trials, truth, strict=True):
+        for name in SCALES:
+            want, got = columns[name], trial[name]
+            if name == "t":
+                worst = max(worst, abs(float(np.ptp(got) / np.ptp(want)) - 1))
+                continue
+            if name == "psi":
+                off = np.angle(np.exp(1j * (got - want)))
+            else:
+                off = np.interp(columns["t"], trial.t, got) - want if len(got) != len(want) else got - want
+            size = 0.3 if name == "psi" else float(np.std(want)) if name in "xy" else float(np.sqrt(np.mean(want**2)))
+            known = np.isfinite(off)
+            worst = max(worst, float(np.sqrt(np.mean(off[known] ** 2))) / size)
+    return worst
+
+
+def judged(files: Files, truth: Files, fault: Fault | None) -> tuple[str, str]:
+    """("named", "other", "missed", "alarm" or "quiet", " harmful" or ""), and what was said, of ``files``."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        written(folder, files)
+        reports = said(folder)
+        loud = [[f for f in report.findings if f.level in ("contradictory", "doubtful")] for report in reports]
+        loud = [[f for f in some if f.code not in ("duplicate",)] for some in loud]
+        soft = [[f for f in report.findings if f.code == "broken_stretch"] for report in reports]
+        advice = dict.fromkeys(pair for some in loud for f in some for pair in ADVICE.findall(f.text))
+        harm = harmful(folder, truth, list(advice)) if advice else ""
+    codes = [{f.code for f in some} for some in loud]
+    words = "; ".join(f"{i}: {', '.join(sorted(c))}" for i, c in enumerate(codes) if c) + harm
+    if fault is None:
+        return ("alarm" if any(codes) else "quiet"), words
+    has = [k for k in range(len(files)) if not fault.one or k == 0]
+    allowed = set(fault.codes)
+    if "broken_stretch" in allowed:
+        codes = [c | {f.code for f in s} for c, s in zip(codes, soft, strict=True)]
+    if not any(codes):
+        return "missed" + (" harmful" if harm else ""), words
+    found = [k for k, c in enumerate(codes) if c & allowed]
+    stray = any(c - allowed for c in codes) or (fault.one and found != has)
+    kind = "other" if stray or not found else "named"
+    return kind + (" harmful" if harm else ""), words
+
+
+def harmful(folder: Path, truth: Files, advice: list[tuple[str, str]]) -> str:
+    """What is wrong with an ``advice`` (table and line) that was followed, in words; "" where it was right."""
+    before = far(read_trials(folder), truth)
+    tables: dict[str, list[str]] = {}
+    for table, line in advice:
+        tables.setdefault(table, []).extend(part.strip() for part in line.split(" and "))
+    text = "\n".join("\n".join([table, *dict.fromkeys(lines)]) for table, lines in tables.items())
+    (folder / "trials.toml").write_text(text + "\n", encoding="utf-8")
+    try:
+        after = far(read_trials(folder), truth)
+    except UserError as error:
+        return f" HARM {text!r}: {error}"
+    return "" if after < 0.5 * before else f" HARM {text!r}: {before:.3g} -> {after:.3g}"
+
+
+def broken(truth: Files, fault: Fault, name: str, seed: int, title: str) -> Files:
+    """The files of the set ``name`` with the ``fault``."""
+    hull = SETS[name].hull
+    out = []
+    for number, columns in enumerate(truth):
+        rng = np.random.default_rng([seed, zlib.crc32(title.encode()), 0 if not fault.one else number])
+        hit = not fault.one or number == 0
+        out.append({**columns, **fault.change(columns, hull.length, hull.speed, rng)} if hit else columns)
+    return out
+
+
+def main() -> None:
+    """Prints a row per fault: in how many sets it is named, missed, taken for something else; and what harms."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--seeds", type=int, nargs="+", default=[1])
+    parser.add_argument("--faults", default="", help="only those whose name holds these words")
+    parser.add_argument("--sets", default="", help="only those whose name holds these words")
+    args = parser.parse_args()
+    names = [name for name in SETS if args.sets in name]
+    worlds = {(name, seed): drawn(name, seed) for seed in args.seeds for name in names}
+    alarms: Counter[str] = Counter()
+    for (name, seed), truth in worlds.items():
+        kind, words = judged(truth, truth, None)
+        alarms[kind] += 1
+        if kind == "alarm":
+            print(f"ALARM {name}, seed {seed}: {words}", flush=True)
+    print(f"as they should be: {alarms['alarm']} alarms in {sum(alarms.values())} folders", flush=True)
+    total: Counter[str] = Counter()
+    for title, fault in FAULTS.items():
+        if args.faults not in title:
+            continue
+        row: Counter[str] = Counter()
+        notes = []
+        for (name, seed), truth in worlds.items():
+            kind, words = judged(broken(truth, fault, name, seed, title), truth, fault)
+            row[kind] += 1
+            if kind != "named":
+                notes.append(f"     {kind}: {name}, seed {seed}: {words or 'nothing said'}")
+        total += row
+        print(f"{title:38s} named {row['named']} of {len(worlds)}", *notes, sep="\n", flush=True)
+    count, harms = sum(total.values()), sum(v for k, v in total.items() if "harmful" in k)
+    named = sum(v for k, v in total.items() if k.startswith("named"))
+    missed = sum(v for k, v in total.items() if k.startswith("missed"))
+    print(f"named {named} of {count} ({named / max(count, 1):.1%}), missed {missed}, harmful {harms}, {dict(total)}")
+
+
+if __name__ == "__main__":
+    main()

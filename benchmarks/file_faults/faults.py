@@ -1,0 +1,146 @@
+"""Faults of logged files: what makes each, the codes that name it, and which files of a folder have it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+Columns = Mapping[str, np.ndarray]
+Change = Callable[[Columns, float, float, np.random.Generator], dict[str, np.ndarray]]
+"""Columns, length [m] and speed [m/s] of the ship, generator -> the columns that change."""
+
+KNOT, DEG = 3600 / 1852, 180 / math.pi
+
+
+@dataclass(frozen=True)
+class Fault:
+    """What it does to the columns of a file; codes that name it; whether only one file of the folder has it."""
+
+    change: Change
+    codes: tuple[str, ...]
+    one: bool = False
+
+
+def scaled(**by: float) -> Change:
+    return lambda c, *_: {name: c[name] * factor for name, factor in by.items()}
+
+
+def earth(swap: bool) -> Change:
+    def change(c: Columns, *_: object) -> dict[str, np.ndarray]:
+        w = (c["u"] + 1j * c["v"]) * np.exp(1j * c["psi"])
+        return {"u": w.imag, "v": w.real} if swap else {"u": w.real, "v": w.imag}
+
+    return change
+
+
+def swapped(c: Columns, *_: object) -> dict[str, np.ndarray]:
+    return {"x": c["y"], "y": c["x"]}
+
+
+def late(seconds: Callable[[float], float], *names: str) -> Change:
+    """The columns ``names`` late by ``seconds`` of the ship's time length over speed."""
+
+    def change(c: Columns, length: float, speed: float, rng: np.random.Generator) -> dict[str, np.ndarray]:
+        back = seconds(length / speed) * rng.uniform(0.8, 1.25)
+        return {name: np.interp(c["t"] - back, c["t"], c[name]) for name in names}
+
+    return change
+
+
+def lever(ahead: float, across: float) -> Change:
+    """An antenna so many lengths forward of midship and to starboard."""
+
+    def change(c: Columns, length: float, speed: float, rng: np.random.Generator) -> dict[str, np.ndarray]:
+        arm = (ahead * rng.uniform(0.8, 1.2) + 1j * across) * length
+        place = c["x"] + 1j * c["y"] + arm * np.exp(1j * c["psi"])
+        return {"x": place.real, "y": place.imag}
+
+    return change
+
+
+def lost(number: float, *names: str) -> Change:
+    """The same ``number`` in the columns ``names`` in bursts, 3 % of the rows."""
+
+    def change(c: Columns, length: float, speed: float, rng: np.random.Generator) -> dict[str, np.ndarray]:
+        count = len(c["t"])
+        rows = np.zeros(count, bool)
+        for first in rng.integers(0, count - 8, max(3, count // 150)):
+            rows[first : first + rng.integers(1, 8)] = True
+        return {name: np.where(rows, number, c[name]) for name in names}
+
+    return change
+
+
+def stuck(part: float, *names: str) -> Change:
+    """The columns ``names`` keep one value over a ``part`` of the file, from its first third on, or all of it."""
+
+    def change(c: Columns, *_: object) -> dict[str, np.ndarray]:
+        count = len(c["t"])
+        first = 0 if part == 1 else count // 3
+        rows = slice(first, first + round(part * count))
+        out = {name: c[name].copy() for name in names}
+        for values in out.values():
+            values[rows] = values[first]
+        return out
+
+    return change
+
+
+def both(first: Change, then: Change) -> Change:
+    def change(c: Columns, length: float, speed: float, rng: np.random.Generator) -> dict[str, np.ndarray]:
+        once = first(c, length, speed, rng)
+        return {**once, **then({**c, **once}, length, speed, rng)}
+
+    return change
+
+
+def quarter(unit: float) -> float:
+    return max(2.0, 0.4 * unit)
+
+
+FAULTS: dict[str, Fault] = {
+    "velocities earth-fixed": Fault(earth(False), ("velocity_frame",)),
+    "velocities earth-fixed, east first": Fault(earth(True), ("velocity_frame",)),
+    "v positive to port": Fault(scaled(v=-1), ("sway_sign", "v_sign")),
+    "r positive to port": Fault(scaled(r=-1), ("r_sign",)),
+    "psi counter-clockwise": Fault(scaled(psi=-1), ("heading_sign",)),
+    "psi and r counter-clockwise": Fault(scaled(psi=-1, r=-1), ("heading_sign",)),
+    "y positive to west": Fault(scaled(y=-1), ("mirrored_frame",)),
+    "psi, v, r mirrored": Fault(scaled(psi=-1, v=-1, r=-1), ("mirrored_frame",)),
+    "rudder positive to port": Fault(scaled(delta=-1), ("rudder_sign",)),
+    "u positive astern": Fault(scaled(u=-1), ("u_sign",)),
+    "x and y swapped": Fault(swapped, ("swapped_positions",)),
+    "heading from east, counter-clockwise": Fault(
+        lambda c, *_: {"psi": math.pi / 2 - c["psi"], "r": -c["r"]}, ("heading_from_east",)
+    ),
+    "heading from east, clockwise": Fault(lambda c, *_: {"psi": c["psi"] - math.pi / 2}, ("heading_from_east",)),
+    "milliseconds as s": Fault(scaled(t=1000.0), ("unit",)),
+    "knots as m/s": Fault(scaled(u=KNOT, v=KNOT), ("unit",)),
+    "m/s as knots": Fault(scaled(u=1 / KNOT, v=1 / KNOT), ("unit",)),
+    "psi in deg as rad": Fault(lambda c, *_: {"psi": np.mod(c["psi"] * DEG, 360.0)}, ("unit",)),
+    "r in deg/s as rad/s": Fault(scaled(r=DEG), ("unit",)),
+    "r in deg/min as deg/s": Fault(scaled(r=60.0), ("unit",)),
+    "delta in deg as rad": Fault(scaled(delta=DEG), ("unit",)),
+    "rpm as rps": Fault(scaled(n=60.0), ("unit",)),
+    "r frozen": Fault(stuck(1, "r"), ("frozen_channel",)),
+    "psi frozen": Fault(stuck(1, "psi"), ("frozen_channel",)),
+    "u, v frozen for half the file": Fault(stuck(0.5, "u", "v"), ("frozen_channel", "broken_stretch")),
+    "-999 in u, v, r": Fault(lost(-999.0, "u", "v", "r"), ("sentinel",)),
+    "9999 in x, y": Fault(lost(9999.0, "x", "y"), ("sentinel",)),
+    "u, v late": Fault(late(quarter, "u", "v"), ("lag",)),
+    "r late": Fault(late(quarter, "r"), ("lag",)),
+    "positions late": Fault(late(quarter, "x", "y"), ("lag",)),
+    "antenna 0.35 L forward": Fault(lever(0.35, 0.0), ("lever_arm",)),
+    "antenna 0.35 L aft, 0.1 L to port": Fault(lever(-0.35, -0.1), ("lever_arm",)),
+    "one file: earth-fixed": Fault(earth(False), ("velocity_frame",), True),
+    "one file: rudder to port": Fault(scaled(delta=-1), ("rudder_sign",), True),
+    "one file: knots as m/s": Fault(scaled(u=KNOT, v=KNOT), ("unit",), True),
+    "earth-fixed and rudder to port": Fault(
+        both(earth(False), scaled(delta=-1)), ("velocity_frame", "rudder_sign")
+    ),
+    "earth-fixed knots": Fault(both(earth(False), scaled(u=KNOT, v=KNOT)), ("velocity_frame", "unit")),
+}  # fmt: skip
+"""Name -> fault."""

@@ -1,0 +1,201 @@
+"""Lags of channels, lever arms, gains and heading offsets: they compete, per folder, once frames and units are right.
+
+The misfits are those of competition.py. A lag is tried on a grid; the lever arm of the positions, the gains of u, v and
+r and the offset of the heading are those of least squares. A folder has one value, and a trial that differs from it
+pays for that.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from cases.evidence.signals import AT_REST, STEPS, Signals, Stats
+
+COST = 8.0
+"""Nats by which a lag, an arm, a gain or an offset has to be better than none."""
+
+APART = 10.0
+"""What a trial pays that differs from its folder."""
+
+CLOSE = 4.0
+"""Explanations that are closer than so many nats cannot be told apart."""
+
+LEAST = 0.004
+"""Relative misfit below which nothing is compared: rounding."""
+
+LAGS = {"w": ("w",), "place": ("place",), "psi": ("psi",), "psi, r": ("psi", "r"), "r": ("r",)}
+"""Name -> signals that are late together."""
+
+TRIED, FINER = 16, 4
+"""Steps of the grid of lags on each side of zero, and of its refinement."""
+
+Value = complex | float
+
+
+@dataclass(frozen=True)
+class Shift:
+    """An explanation of what is left over, of one trial.
+
+    name: a key of LAGS, or "arm", "gain r", "gain u", "gain v", "heading"; value: lag [s], arm x + i y [m], gain, or
+    angle [rad]; gained: nats of its folder; rivals: names of explanations that are as good.
+    """
+
+    name: str
+    value: Value
+    gained: float
+    rivals: tuple[str, ...] = ()
+
+
+def shifts(found: Sequence[Signals], longest: float) -> list[Shift | None]:
+    """The best explanation of each of the trials of a folder, None where there is none.
+
+    found: their signals; longest: lag [s] up to which is searched.
+    """
+    usable = [k for k, s in enumerate(found) if s.has_track]
+    out: list[Shift | None] = [None] * len(found)
+    if not usable:
+        return out
+    some = [found[k] for k in usable]
+    candidates = {name: _lag(some, names, longest) for name, names in LAGS.items()}
+    candidates |= {name: _fitted(some, name) for name in ("arm", "gain r", "gain u", "gain v", "heading")}
+    gains = {name: float(-total) for name, (_, total) in candidates.items()}
+    best = max(gains, key=lambda name: gains[name])
+    if gains[best] <= 0:
+        return out
+    rivals = tuple(name for name in gains if name != best and gains[best] - gains[name] < CLOSE and gains[name] > 0)
+    for k, value in zip(usable, candidates[best][0], strict=True):
+        if value is not None:
+            out[k] = Shift(best, value, gains[best], rivals)
+    return out
+
+
+def without(s: Signals, shift: Shift) -> Signals:
+    """The signals ``s`` without what ``shift`` says of them."""
+    if shift.name in LAGS:
+        return s.shifted(float(np.real(shift.value)), *LAGS[shift.name])
+    changes = {
+        "arm": lambda: {"place": s.place - shift.value * np.exp(1j * s.psi)},
+        "gain r": lambda: {"r": s.r / np.real(shift.value)},
+        "gain u": lambda: {"w": s.w.real / np.real(shift.value) + 1j * s.w.imag},
+        "gain v": lambda: {"w": s.w.real + 1j * s.w.imag / np.real(shift.value)},
+        "heading": lambda: {"psi": s.psi + np.real(shift.value)},
+    }
+    return replace(s, **changes[shift.name]())
+
+
+def nats(s: Signals, value: Value = 0.0, name: str = "") -> float:
+    """Misfit of positions against velocities and of heading against turn rate of ``s``, where ``name`` has ``value``."""
+    changed = without(s, Shift(name, value, 0.0)) if name else s
+    turn = changed.stats(changed.psi[STEPS:] - changed.psi[:-STEPS], changed.summed(changed.r))
+    way = changed.stats(changed.way(), changed.summed(changed.w * np.exp(1j * changed.psi)))
+    return _logged(way, True) + _logged(turn, False)
+
+
+def _logged(stats: Stats, turns: bool) -> float:
+    """Nats of a misfit, with the gain, and where it ``turns`` the angle, left free within what is usual."""
+    a, b, c = stats
+    total = float(np.sum(c))
+    if not total > 0:
+        return 0.0
+    factor = complex(np.sum(b)) / total
+    gain = min(max(abs(factor), 0.9), 1.1)
+    angle = min(max(math.atan2(factor.imag, factor.real), -0.05), 0.05) if turns else 0.0
+    best = gain * complex(math.cos(angle), math.sin(angle))
+    rest = np.maximum(a - 2 * np.real(np.conj(best) * b) + gain**2 * c, 0.0)
+    mean = float(np.mean(a))
+    prior = 0.5 * (math.log(gain) / 0.03) ** 2 + 0.5 * (angle / 0.035) ** 2
+    return float(np.sum(np.log(rest / (a + AT_REST * mean + 1e-30) + LEAST**2))) + prior
+
+
+def _together(costs: np.ndarray) -> tuple[list[int | None], float]:
+    """Index of the value of each trial, and the total, where ``costs`` (trials, values) are over those of none."""
+    if not len(costs):
+        return [], 0.0
+    own = costs.min(axis=1) + APART
+    alone = np.minimum(own, 0.0)
+    shared = COST + np.minimum(costs, np.minimum(own, APART)[:, None]).sum(axis=0)
+    value = int(np.argmin(shared))
+    if shared[value] < alone.sum():
+        best = np.argmin(np.stack([costs[:, value], own, np.full(len(costs), APART)]), axis=0)
+        picks = {0: lambda k: value, 1: lambda k: int(np.argmin(costs[k])), 2: lambda k: None}
+        return [picks[int(way)](k) for k, way in enumerate(best)], float(shared[value])
+    return [int(np.argmin(row)) if mine < 0 else None for row, mine in zip(costs, own, strict=True)], float(alone.sum())
+
+
+def _lag(some: Sequence[Signals], names: tuple[str, ...], longest: float) -> tuple[list[Value | None], float]:
+    """Lag [s] of each trial or None, and what they gain together (negative)."""
+    name = next(key for key, value in LAGS.items() if value == names)
+    plain = np.array([nats(s) for s in some])
+
+    def costs(grid: np.ndarray) -> np.ndarray:
+        return np.array([[nats(s, float(lag), name) for lag in grid] for s in some]) - plain[:, None]
+
+    grid = np.linspace(-longest, longest, 2 * TRIED + 1)
+    table = costs(grid)
+    for _ in range(2):
+        step = (grid[1] - grid[0]) if len(grid) == 2 * TRIED + 1 else step / FINER
+        centres = {float(grid[i]) for i in (int(np.argmin(table.sum(axis=0))), *np.argmin(table, axis=1)[:6].tolist())}
+        more = np.array(sorted({round(c + k * step / FINER, 9) for c in centres for k in range(-FINER, FINER + 1)}))
+        more = more[np.abs(more) <= longest]
+        grid, table = np.concatenate([grid, more]), np.concatenate([table, costs(more)], axis=1)
+    inner = np.abs(np.abs(grid) - longest) > 1e-9
+    chosen, total = _together(np.where(inner, table, np.maximum(table, 0.0)))
+    return [None if i is None else float(grid[i]) for i in chosen], total
+
+
+def _fitted(some: Sequence[Signals], name: str) -> tuple[list[Value | None], float]:
+    """Value of least squares of each trial, or of all of them, or None; and what they gain together (negative)."""
+    normal = [_normal(s, name) for s in some]
+    joint = sum(n[0] for n in normal), sum(n[1] for n in normal)
+    values: list[Value] = [_solved(joint, name), *(_solved(n, name) for n in normal)]
+    plain = np.array([nats(s) for s in some])
+    costs = np.array([[nats(s, value, name) for value in values] for s in some]) - plain[:, None]
+    costs[:, 1:] = np.where(np.eye(len(some), dtype=bool), costs[:, 1:], np.inf)
+    chosen, total = _together(costs)
+    return [None if i is None else values[i] for i in chosen], total
+
+
+def _solved(normal: tuple[complex | float, float], name: str) -> Value:
+    across, power = normal
+    if not power > 0:
+        return 0.0 if name in ("arm", "heading") else 1.0
+    if name == "arm":
+        return complex(across / power)
+    if name == "heading":
+        angle = complex(across)
+        return math.atan2(angle.imag, angle.real)
+    return 1.0 / min(max(float(np.real(across)) / power, 0.2), 5.0)
+
+
+def _normal(s: Signals, name: str) -> tuple[complex | float, float]:
+    """Numerator and denominator of a least-squares value, those of several trials to be added."""
+    turn = np.exp(1j * s.psi)
+    way, made = s.way(), s.summed(s.w * turn)
+    mean = partial(_sum, s)
+    if name == "heading":
+        return mean(way, made), mean(made, made).real
+    if name == "gain r":
+        turned, rate = s.psi[STEPS:] - s.psi[:-STEPS], s.summed(s.r)
+        return mean(turned, rate).real, mean(rate, rate).real
+    if name == "arm":
+        swung = turn[STEPS:] - turn[:-STEPS]
+        power = mean(made, made).real
+        free = _less(mean, swung, made, power)
+        return mean(_less(mean, way, made, power), free), mean(free, free).real
+    ahead, across = s.summed(s.w.real * turn), s.summed(1j * s.w.imag * turn)
+    one, other = (ahead, across) if name == "gain u" else (across, ahead)
+    return mean(way - other, one).real, mean(one, one).real
+
+
+def _sum(s: Signals, a: np.ndarray, b: np.ndarray) -> complex:
+    """Sum over windows of a times the conjugate of b, each piece by its own share of the whole."""
+    return complex(np.sum(s.stats(a, b)[1]))
+
+
+def _less(mean: Callable[..., complex], a: np.ndarray, of: np.ndarray, power: float) -> np.ndarray:
+    return a - of * (mean(a, of) / power if power > 0 else 0.0)

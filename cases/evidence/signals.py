@@ -1,0 +1,158 @@
+"""The columns of a trial on a coarse clock, and the misfit of what is integrated over windows of it, piece by piece."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cases.trial import Trial
+
+PIECES = 12
+"""A record speaks once in each of so many pieces, however many samples it has: neighbours say the same."""
+
+WINDOW_ROWS, WINDOW_S = 5, 1.1
+"""Least length of a window in rows of the record and in seconds."""
+
+NOISE = 0.01
+"""A window is so long that the noise of two positions is at most this share of the way made in it."""
+
+LONGEST = 40
+"""At most this part of the record is one window."""
+
+FLOOR = 0.02
+"""Relative error that instruments leave in any case: compass, log and clocks are no better."""
+
+AT_REST = 0.01
+"""Share of the mean square of a record that counts as motion in each piece."""
+
+STEPS = 4
+"""Steps of the coarse clock in a window."""
+
+Stats = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Per piece: sum of |measured|^2, of measured times the conjugate of the predicted, of |predicted|^2."""
+
+
+@dataclass(frozen=True)
+class Signals:
+    """A record on a uniform clock of ``step`` [s]: arrays (M,), missing samples filled by straight lines.
+
+    place: x + i y [m], NaN where none is logged; psi: unwrapped [rad]; w: u + i v [m/s]; r [rad/s]; good: rows that
+    were measured. window: length of a window [s].
+    """
+
+    step: float
+    place: np.ndarray
+    psi: np.ndarray
+    w: np.ndarray
+    r: np.ndarray
+    good: np.ndarray
+
+    @property
+    def has_track(self) -> bool:
+        """Whether positions, heading and velocities are there, and the ship moves."""
+        moved = np.abs(np.diff(self.place))
+        return len(moved) >= 3 * STEPS and bool(np.isfinite(moved).all()) and float(moved.sum()) > 1e-6
+
+    def way(self) -> np.ndarray:
+        """Way made in each window (M - STEPS,), complex [m]."""
+        return self.place[STEPS:] - self.place[:-STEPS]
+
+    def summed(self, rate: np.ndarray) -> np.ndarray:
+        """Integral of a ``rate`` (M,) over each window (M - STEPS,)."""
+        total = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]))]) * self.step
+        return total[STEPS:] - total[:-STEPS]
+
+    def stats(self, measured: np.ndarray, predicted: np.ndarray) -> Stats:
+        """Sums per piece of two quantities of windows (M - STEPS,); windows with missing rows do not count."""
+        count = np.concatenate([[0], np.cumsum(~self.good)])
+        use = count[STEPS + 1 :] - count[: -STEPS - 1] == 0
+        a, b = np.where(use, measured, 0.0), np.where(use, predicted, 0.0)
+        edges = np.linspace(0, len(a), PIECES + 1).astype(int)[:-1]
+        sums = (np.abs(a) ** 2, a * np.conj(b), np.abs(b) ** 2)
+        return tuple(np.add.reduceat(s, edges) for s in sums)  # type: ignore[return-value]
+
+    def shifted(self, seconds: float, *names: str) -> Signals:
+        """These signals with the arrays ``names`` as they were so many ``seconds`` later: what is late, mended."""
+        rows = np.arange(len(self.psi))
+        at = rows + seconds / self.step
+        inside = (at >= 0) & (at <= len(rows) - 1)
+        moved = {name: np.interp(at, rows, getattr(self, name)) for name in names}
+        return replace(self, **moved, good=self.good & inside & (np.interp(at, rows, self.good.astype(float)) > 0.999))
+
+
+def signals(trial: Trial, degrees: float = 1.0) -> Signals | None:
+    """The signals of ``trial``, its heading times ``degrees``; None where it is too short."""
+    seconds = window(trial)
+    step = seconds / STEPS
+    count = int(trial.duration / step) + 1
+    if count < 6 * STEPS or len(trial) < 20:
+        return None
+    clock = trial.t[0] + step * np.arange(count)
+    columns = {name: trial[name] for name in ("x", "y", "u", "v", "r") if name in trial}
+    columns["psi"] = _unwrapped(trial["psi"] * degrees)
+    used = {name: values for name, values in columns.items() if np.isfinite(values).sum() >= 2}
+    if not {"u", "v", "r", "psi"} <= set(used):
+        return None
+    known = np.all([np.isfinite(values) for values in used.values()], axis=0)
+    on = {name: _coarse(trial.t, values, clock, step) for name, values in used.items()}
+    nothing = np.full(count, np.nan)
+    place = on.get("x", nothing) + 1j * on.get("y", nothing)
+    good = np.interp(clock, trial.t, known.astype(float)) > 0.999
+    gap = np.flatnonzero(np.diff(trial.t) > max(3 * trial.dt, seconds))
+    for i in gap:
+        good &= ~((clock > trial.t[i]) & (clock < trial.t[i + 1]))
+    return Signals(step, place, on["psi"], on["u"] + 1j * on["v"], on["r"], good)
+
+
+def window(trial: Trial) -> float:
+    """Length [s] of the windows in which the motion of ``trial`` is looked at: short for the motion, long enough for the
+    noise and the rounding of its positions."""
+    least = max(WINDOW_ROWS * trial.dt, WINDOW_S)
+    longest = max(trial.duration / LONGEST, WINDOW_ROWS * trial.dt)
+    if not trial.has_position:
+        return min(least, longest)
+    place = trial["x"] + 1j * trial["y"]
+    place = place[np.isfinite(place)]
+    if len(place) < 20:
+        return min(least, longest)
+    rows = max(len(place) // LONGEST, 1)
+    speed = float(np.median(np.abs(place[rows:] - place[:-rows]))) / (rows * trial.dt)
+    thirds = np.abs(np.diff(place, n=3))
+    noise = float(np.median(thirds)) / math.sqrt(40 * math.log(2))
+    steps = np.abs(np.diff(trial["x"]))
+    steps = steps[steps > 0]
+    grain = float(np.quantile(steps, 0.01)) / math.sqrt(12) if len(steps) and len(np.unique(steps)) < 50 else 0.0
+    wanted = math.sqrt(2) * max(noise, grain) / (NOISE * speed) if speed > 0 else least
+    return min(max(least, wanted), longest)
+
+
+def evidence(misfit: np.ndarray) -> np.ndarray:
+    """What mean square relative misfits (..., PIECES) are worth in nats; less is better. Misfits below FLOOR are none."""
+    return np.sum(np.log(np.maximum(misfit, 0.0) + FLOOR**2), axis=-1)
+
+
+def relative(stats: Stats, factor: complex) -> np.ndarray:
+    """Mean square misfit per piece (PIECES,) of ``factor`` times what is predicted, over that of what was measured."""
+    a, b, c = stats
+    rest = a - 2 * np.real(np.conj(factor) * b) + abs(factor) ** 2 * c
+    return np.asarray(np.maximum(rest, 0.0) / (a + AT_REST * float(np.mean(a)) + 1e-30))
+
+
+def _unwrapped(values: np.ndarray) -> np.ndarray:
+    out = np.array(values, dtype=float)
+    good = np.isfinite(out)
+    out[good] = np.unwrap(out[good])
+    return out
+
+
+def _coarse(t: np.ndarray, values: np.ndarray, clock: np.ndarray, step: float) -> np.ndarray:
+    """``values`` (N,) at ``t`` [s] as means over a ``step`` [s] around each point of the ``clock`` (M,)."""
+    good = np.isfinite(values)
+    t, values = t[good], values[good]
+    total = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(t))])
+    low, high = np.clip(clock - step / 2, t[0], t[-1]), np.clip(clock + step / 2, t[0], t[-1])
+    inside = high - low > 0.25 * step
+    mean = (np.interp(high, t, total) - np.interp(low, t, total)) / np.where(inside, high - low, 1.0)
+    return np.where(inside, mean, np.interp(clock, t, values))

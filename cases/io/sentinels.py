@@ -1,0 +1,71 @@
+"""Numbers that stand for no value, such as -999: found in the columns of a trial file as they are written."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from mmg.messages import Message
+
+CODE = "sentinel"
+"""Of the notice on such numbers."""
+
+_NINES = (99.0, 99.9, 99.99, 999.0, 999.9, 999.99, 9999.0, 9999.9, 9999.99, 99999.0, 999999.0)
+WELL_KNOWN = (*(sign * nines for nines in _NINES for sign in (-1, 1)), 32767.0, -32768.0, 65535.0, -1e30, 1e30)
+"""Numbers that loggers write where they have none."""
+
+JUMP = 20.0
+"""Such a number stands for none where the column jumps there by so many times its larger changes from row to row."""
+
+LARGER = 0.95
+"""The larger changes from row to row: this quantile of them."""
+
+
+def without_sentinels(
+    columns: Mapping[str, np.ndarray],
+    wanted: Mapping[str, tuple[int, float]],
+    further: Sequence[float],
+    notices: list[Message],
+) -> dict[str, np.ndarray]:
+    """``columns``, name -> (N,), in which what stands for no value is missing; each adds one of the ``notices``.
+
+    wanted: name -> (number of the column, factor by which its values were multiplied); further: as in ``found``.
+    """
+    out = dict(columns)
+    for name, values in columns.items():
+        factor = wanted[name][1]
+        if name == "t" or not np.isfinite(values).any() or float(np.nanmax(np.abs(values))) < 90 * factor:
+            continue
+        for number, rows in found(values if factor == 1 else np.round(values / factor, 6), further).items():
+            out[name] = np.where(rows, np.nan, out[name])
+            text = f"{name}: {int(rows.sum())} samples hold {number:g}, which stands for no value; taken as missing"
+            notices.append(Message(text, CODE))
+    return out
+
+
+def found(values: np.ndarray, further: Sequence[float] = ()) -> dict[float, np.ndarray]:
+    """Number that stands for no value -> rows (N,) of ``values`` (N,) that hold it.
+
+    further: numbers that are known to stand for none. One that is only well known counts where the column jumps to it
+    and back, and never where most rows hold it.
+    """
+    out = {}
+    known = np.unique(values[np.isin(values, WELL_KNOWN)]).tolist()
+    for number in dict.fromkeys([*further, *known]):
+        rows = values == number
+        if number in further:
+            if rows.any():
+                out[float(number)] = rows
+            continue
+        rest = values[~rows & np.isfinite(values)]
+        if len(rest) < max(10, 0.5 * len(values)):
+            continue
+        changes = np.abs(np.diff(rest))
+        usual = max(float(np.quantile(changes, LARGER)), 1e-9 * abs(number))
+        edges = np.flatnonzero(np.diff(rows.astype(int)))
+        beside = np.where(rows[edges], values[edges + 1], values[edges])
+        off = np.abs(beside[np.isfinite(beside)] - number)
+        if len(off) and float(np.median(off)) > JUMP * usual:
+            out[float(number)] = rows
+    return out
