@@ -1,1 +1,1 @@
-"""Faults of trial files made by a generator of their own, judged and mended as a user would do it, from files on disk."""
+"""Faults of trial files that a generator of its own makes, judged and mended from files on disk as by a user."""

@@ -14,6 +14,7 @@ import re
 import tempfile
 import zlib
 from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -30,10 +31,10 @@ SCALES = {"x": "x", "y": "y", "psi": "psi", "u": "u", "v": "v", "r": "r", "delta
 Files = list[dict[str, np.ndarray]]
 
 
-def written(folder: Path, files: Files) -> None:
-    """A CSV file for each of ``files``, run_0.csv and so on, in ``folder``."""
+def written(folder: Path, files: Files, labels: Mapping[str, str]) -> None:
+    """A CSV file for each of ``files``, run_0.csv and so on, in ``folder``, with these ``labels`` for units."""
     for number, columns in enumerate(files):
-        header = ",".join(f"{name} [{UNITS[name]}]" for name in columns)
+        header = ",".join(f"{name} [{labels.get(name, UNITS[name])}]" for name in columns)
         rows = np.column_stack(list(columns.values()))
         np.savetxt(folder / f"run_{number}.csv", rows, "%.7g", ",", header=header, comments="")
 
@@ -41,7 +42,7 @@ def written(folder: Path, files: Files) -> None:
 def said(folder: Path) -> list[CheckReport]:
     """What ``mmg check`` says of the files of ``folder``."""
     try:
-        return check(read_trials(folder))
+        return check(read_trials(folder, refuse=False))
     except UserError as error:
         print("   unread:", error)
         return []
@@ -57,9 +58,16 @@ def far(trials: list[Trial], truth: Files) -> float:
                 worst = max(worst, abs(float(np.ptp(got) / np.ptp(want)) - 1))
                 continue
             if name == "psi":
+                got = trial.psi_unwrapped
+                if len(got) != len(want):
+                    got = np.interp(columns["t"], trial.t, got, np.nan, np.nan)
                 off = np.angle(np.exp(1j * (got - want)))
             else:
-                off = np.interp(columns["t"], trial.t, got) - want if len(got) != len(want) else got - want
+                off = (
+                    np.interp(columns["t"], trial.t, got, np.nan, np.nan) - want
+                    if len(got) != len(want)
+                    else got - want
+                )
             size = 0.3 if name == "psi" else float(np.std(want)) if name in "xy" else float(np.sqrt(np.mean(want**2)))
             known = np.isfinite(off)
             worst = max(worst, float(np.sqrt(np.mean(off[known] ** 2))) / size)
@@ -70,7 +78,7 @@ def judged(files: Files, truth: Files, fault: Fault | None) -> tuple[str, str]:
     """("named", "other", "missed", "alarm" or "quiet", " harmful" or ""), and what was said, of ``files``."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        written(folder, files)
+        written(folder, files, fault.labels if fault else {})
         reports = said(folder)
         loud = [[f for f in report.findings if f.level in ("contradictory", "doubtful")] for report in reports]
         loud = [[f for f in some if f.code not in ("duplicate",)] for some in loud]
@@ -83,6 +91,8 @@ def judged(files: Files, truth: Files, fault: Fault | None) -> tuple[str, str]:
         return ("alarm" if any(codes) else "quiet"), words
     has = [k for k in range(len(files)) if not fault.one or k == 0]
     allowed = set(fault.codes)
+    if "sentinel" in allowed:  # what is then missing is a gap
+        codes = [c - {"gaps", "missing_samples"} for c in codes]
     if "broken_stretch" in allowed:
         codes = [c | {f.code for f in s} for c, s in zip(codes, soft, strict=True)]
     if not any(codes):
@@ -95,7 +105,7 @@ def judged(files: Files, truth: Files, fault: Fault | None) -> tuple[str, str]:
 
 def harmful(folder: Path, truth: Files, advice: list[tuple[str, str]]) -> str:
     """What is wrong with an ``advice`` (table and line) that was followed, in words; "" where it was right."""
-    before = far(read_trials(folder), truth)
+    before = far(read_trials(folder, refuse=False), truth)
     tables: dict[str, list[str]] = {}
     for table, line in advice:
         tables.setdefault(table, []).extend(part.strip() for part in line.split(" and "))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -17,11 +17,13 @@ KNOT, DEG = 3600 / 1852, 180 / math.pi
 
 @dataclass(frozen=True)
 class Fault:
-    """What it does to the columns of a file; codes that name it; whether only one file of the folder has it."""
+    """What it does to the columns of a file; codes that name it; whether only one file of the folder has it; units that
+    are written into the headers."""
 
     change: Change
     codes: tuple[str, ...]
     one: bool = False
+    labels: Mapping[str, str] = field(default_factory=dict)
 
 
 def scaled(**by: float) -> Change:
@@ -119,10 +121,10 @@ FAULTS: dict[str, Fault] = {
     "heading from east, clockwise": Fault(lambda c, *_: {"psi": c["psi"] - math.pi / 2}, ("heading_from_east",)),
     "milliseconds as s": Fault(scaled(t=1000.0), ("unit",)),
     "knots as m/s": Fault(scaled(u=KNOT, v=KNOT), ("unit",)),
-    "m/s as knots": Fault(scaled(u=1 / KNOT, v=1 / KNOT), ("unit",)),
+    "m/s as knots": Fault(scaled(), ("unit",), labels={"u": "kn", "v": "kn"}),
     "psi in deg as rad": Fault(lambda c, *_: {"psi": np.mod(c["psi"] * DEG, 360.0)}, ("unit",)),
     "r in deg/s as rad/s": Fault(scaled(r=DEG), ("unit",)),
-    "r in deg/min as deg/s": Fault(scaled(r=60.0), ("unit",)),
+    "r in deg/min as deg/s": Fault(scaled(r=60.0 * DEG), ("unit",), labels={"r": "deg/s"}),
     "delta in deg as rad": Fault(scaled(delta=DEG), ("unit",)),
     "rpm as rps": Fault(scaled(n=60.0), ("unit",)),
     "r frozen": Fault(stuck(1, "r"), ("frozen_channel",)),

@@ -6,22 +6,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 from cases.checks.duplicates import duplicates
 from cases.checks.excitation import excitation, inputs_are_constant, pooled
+from cases.checks.folders import decided
 from cases.checks.kinematics import kinematics
-from cases.checks.remedies import settled
 from cases.checks.report import CONTRADICTORY, DOUBTFUL, INFO, CheckFinding, CheckReport, Found
 from cases.checks.rudder import rudder_sign
 from cases.checks.sampling import sampling
 from cases.checks.stretches import stretch_findings
 from cases.checks.trusted import as_they_are, with_doubt, without_broken
 from cases.checks.wind import wind
-from cases.io.unit_sanity import implausible
+from cases.io.sentinels import CODE, without_sentinels
 from cases.trial import Trial
 from mmg.errors import UserError
-from mmg.messages import message_rows
+from mmg.messages import Message, message_rows
 
 __all__ = ["CheckFinding", "CheckReport", "check", "inputs_are_constant", "pooled", "ready", "refuse_contradictory"]
 
@@ -43,23 +44,21 @@ def check(trials: Sequence[Trial]) -> list[CheckReport]:
     Notices of the reading come first.
     """
     reports = []
+    trials = [_known(trial) for trial in trials]
     for trial, (copies, shared) in zip(trials, duplicates(trials), strict=True):
-        wrong = implausible(trial.columns)
         numbers: dict[str, Any] = {"duplicates": copies}
         found: dict[str, list[Found]] = {
-            "reading": [(INFO, row["code"], _sentence(row["text"])) for row in message_rows(trial.notices)],
-            "units": [(CONTRADICTORY, "unit", _sentence(wrong))] if wrong else [],
+            "reading": [
+                (DOUBTFUL if row["code"] == CODE else INFO, row["code"], _sentence(row["text"]))
+                for row in message_rows(trial.notices)
+            ],
             "duplicates": shared,
         }
         for topic, look in LOOKS.items():
             numbers[topic], found[topic] = look(trial)
-        if any(code == "frozen_channel" for _, code, _ in found["stretches"]):  # r says nothing of the rudder
-            found["rudder"] = []
-        if wrong:  # with wrong units nothing else can be refuted
-            found = {t: [f for f in some if t == "units" or f[0] != CONTRADICTORY] for t, some in found.items()}
         findings = tuple(CheckFinding(topic, *each) for topic, some in found.items() for each in some)
         reports.append(CheckReport(trial.name, str(trial.path or ""), findings, numbers))
-    return settled(trials, reports)
+    return decided(trials, reports)
 
 
 def ready(*sets: Sequence[Trial], unchecked: bool = False) -> tuple[list[Trial], ...]:
@@ -67,6 +66,7 @@ def ready(*sets: Sequence[Trial], unchecked: bool = False) -> tuple[list[Trial],
 
     unchecked: leave them as they are. Raises UserError where the data of one of them refute what its file says.
     """
+    sets = tuple([_known(trial) for trial in some] for some in sets)
     if unchecked:
         return tuple(as_they_are(some) for some in sets)
     reports = iter(_unrefuted(check([trial for some in sets for trial in some]), "add --unchecked"))
@@ -97,6 +97,15 @@ def _unrefuted(reports: list[CheckReport], anyway: str) -> list[CheckReport]:
         names = ", ".join(report.path or report.name for report in wrong)
         raise UserError(f"{names}: contradictory, as mmg check says ({text}); correct it in trials.toml, or {anyway}")
     return reports
+
+
+def _known(trial: Trial) -> Trial:
+    """``trial`` without numbers that stand for no value, where it was not read from a file."""
+    if trial.path is not None:
+        return trial
+    notices: list[Message] = []
+    columns = without_sentinels(trial.columns, {name: (0, 1.0) for name in trial.columns}, (), notices)
+    return replace(trial, columns=columns, notices=(*trial.notices, *notices)) if notices else trial
 
 
 def _sentence(words: str) -> str:

@@ -40,13 +40,25 @@ def frozen(trial: Trial) -> Iterator[tuple[int, int, str, tuple[str, ...]]]:
         if not len(edges):
             continue
         lengths = edges[:, 1] - edges[:, 0]
-        least = max(LEAST_ROWS, LEAST_S / trial.dt, LONGEST * _usual(lengths, len(trial)))
+        least = max(LEAST_ROWS, LEAST_S / trial.dt)
         motion = moves[group[0]]
         awake = 0.3 * float(np.nanmedian(motion))
-        for first, last in edges[lengths >= least]:
+        for k in np.flatnonzero(lengths >= least):
+            first, last = edges[k]
+            if lengths[k] < LONGEST * _usual(np.delete(lengths, k), len(trial) - lengths[k]):
+                continue
             awoken = float(np.nanmedian(motion[first : last + 1])) > awake and _others_move(trial, group, first, last)
             if awoken and (group[0] in ("psi", "x") or _resumes(trial, group, last)):
                 yield int(first), int(last), f"{', '.join(group)} frozen", group
+
+
+def frozen_share(trial: Trial) -> dict[str, float]:
+    """Columns, in words, that stand still for a part of ``trial`` -> share of its time."""
+    out: dict[str, float] = {}
+    for first, last, _, group in frozen(trial):
+        name = ", ".join(group)
+        out[name] = out.get(name, 0.0) + float(trial.t[last] - trial.t[first]) / max(trial.duration, 1e-9)
+    return out
 
 
 def _resumes(trial: Trial, group: tuple[str, ...], last: int) -> bool:
@@ -64,7 +76,9 @@ def _resumes(trial: Trial, group: tuple[str, ...], last: int) -> bool:
 
 
 def _usual(lengths: np.ndarray, rows: int) -> float:
-    """Length of a repetition that all but a few samples of the record do not exceed."""
+    """Length of a repetition that all but a few samples of the ``rows`` beside it do not exceed."""
+    if not len(lengths):
+        return 1.0
     lengths = np.sort(lengths)
     within = rows - lengths.sum() + np.cumsum(lengths)
     return (

@@ -1,131 +1,106 @@
-"""What to write into trials.toml so that a folder's contradictions go: each remedy is tried before it is advised."""
+"""What to write into trials.toml so that a folder's contradictions go: the line, and the trials as it makes them."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
-from cases.checks.kinematics import kinematics
-from cases.checks.report import CONTRADICTORY, CheckReport
-from cases.checks.rudder import rudder_sign
-from cases.io.sidecar import NAME
-from cases.io.unit_sanity import implausible
+from cases.evidence.readings import Keys
+from cases.io.conventions import converted
+from cases.io.read import read_trial
+from cases.io.sidecar import NAME, SidecarEntry, sidecar_entry
+from cases.io.units import si_unit, to_si, unit_by_factor
 from cases.trial import Trial
+from mmg.errors import UserError
 
-TRIED = 4
-"""So many contradictory files of a folder a remedy is tried on."""
-
-
-@dataclass(frozen=True)
-class Remedy:
-    """A correction of files: the line of trials.toml, what it makes of the columns, and the findings it explains."""
-
-    line: str
-    codes: tuple[str, ...]
-    change: Callable[[Trial], Mapping[str, np.ndarray]]
+OPPOSITE = {"rudder_positive": ("starboard", "port"), "velocity_frame": ("body", "earth")}
+"""Key -> its values, of which the other one is meant."""
 
 
-def _signs(*names: str) -> Callable[[Trial], Mapping[str, np.ndarray]]:
-    return lambda trial: {name: -trial[name] for name in names if name in trial}
+def labels(trial: Trial) -> dict[str, tuple[str, str]]:
+    """Column -> its header and unit in the file of ``trial``; names and units of a Trial where it has none."""
+    found = json.loads(trial.meta.get("labels", "{}"))
+    return {name: tuple(found.get(name, (name, si_unit(name)))) for name in trial.columns}
 
 
-def _sign_line(*names: str) -> str:
-    return "sign = { " + ", ".join(f"{name} = -1" for name in names) + " }"
+def settings(trial: Trial, keys: Keys) -> dict[str, Any] | None:
+    """What has to stand in the sidecar so that ``keys`` are true of ``trial``, over what stands there; None where no
+    accepted unit makes it so.
 
-
-def _turned(swap: bool) -> Callable[[Trial], Mapping[str, np.ndarray]]:
-    def change(trial: Trial) -> Mapping[str, np.ndarray]:
-        north, east = (trial["v"], trial["u"]) if swap else (trial["u"], trial["v"])
-        body = (north + 1j * east) * np.exp(-1j * trial["psi"])
-        return {"u": body.real, "v": body.imag}
-
-    return change
-
-
-REMEDIES = (
-    Remedy('velocity_frame = "earth"', ("velocity_frame",), _turned(False)),
-    Remedy(
-        'velocity_frame = "earth" and columns = { u = HEADER OF v, v = HEADER OF u }',
-        ("velocity_frame",),
-        _turned(True),
-    ),
-    Remedy(_sign_line("v"), ("sway_sign", "v_sign"), _signs("v")),
-    Remedy(_sign_line("u"), ("u_sign",), _signs("u")),
-    Remedy(_sign_line("r"), ("r_sign",), _signs("r")),
-    Remedy('rudder_positive = "port"', ("rudder_sign",), _signs("delta", "delta_port", "delta_starboard")),
-    Remedy(_sign_line("psi"), ("heading_sign",), _signs("psi")),
-    Remedy(_sign_line("psi", "r"), ("heading_sign",), _signs("psi", "r")),
-    Remedy(_sign_line("y"), ("mirrored_frame",), _signs("y")),
-    Remedy(_sign_line("psi", "v", "r"), ("mirrored_frame",), _signs("psi", "v", "r")),
-    Remedy(
-        "columns = { x = HEADER OF y, y = HEADER OF x }",
-        ("swapped_positions",),
-        lambda trial: {"x": trial["y"], "y": trial["x"]},
-    ),
-    Remedy(
-        f"psi as the compass heading, 90 deg - psi, and {_sign_line('r')}",
-        ("heading_from_east",),
-        lambda trial: {"psi": math.pi / 2 - trial["psi"], "r": -trial["r"]},
-    ),
-    Remedy(
-        "psi as the compass heading, 90 deg - psi",
-        ("heading_from_east",),
-        lambda trial: {"psi": math.pi / 2 - trial["psi"]},
-    ),
-    Remedy(
-        "psi as the compass heading, psi + 90 deg",
-        ("heading_from_east",),
-        lambda trial: {"psi": trial["psi"] + math.pi / 2},
-    ),
-)
-"""In the order in which they are tried; the first that leaves no contradiction is advised."""
-
-
-def settled(trials: Sequence[Trial], reports: Sequence[CheckReport]) -> list[CheckReport]:
-    """``reports`` on ``trials`` in which the contradictions of each folder are those of the one remedy that ends them.
-
-    What follows from the same fault (a rudder of the wrong sign beside a mirrored frame) is left out. Where no remedy
-    ends them, the reports stay as they are.
+    keys: of a reading: units as factors, columns by their canonical names.
     """
-    out = list(reports)
-    folders: dict[Path | None, list[int]] = {}
-    for i, (trial, report) in enumerate(zip(trials, reports, strict=True)):
-        if report.verdict == CONTRADICTORY:
-            folders.setdefault(trial.path.parent if trial.path else None, []).append(i)
-    for folder, rows in folders.items():
-        said = {f.code for i in rows for f in reports[i].findings if f.level == CONTRADICTORY}
-        tried = [trials[i] for i in rows[:: max(1, len(rows) // TRIED)]]
-        usable = [remedy for remedy in REMEDIES if set(remedy.codes) & said and "unit" not in said]
-        best = next((remedy for remedy in usable if not any(_refuted(_mended(t, remedy)) for t in tried)), None)
-        if best is None:
-            continue
-        everywhere = len(rows) == sum(1 for t in trials if (t.path.parent if t.path else None) == folder)
-        for i in rows:
-            path = trials[i].path
-            where = "[default]" if everywhere else f'[files."{path.name if path else out[i].name}"]'
-            out[i] = _explained(out[i], best, f"{folder / NAME if folder else NAME}, {where}")
+    known, entry = labels(trial), entry_of(trial)
+    out: dict[str, Any] = {}
+    if "columns" in keys:
+        out["columns"] = {**entry.columns, **{name: known[other][0] for name, other in keys["columns"].items()}}
+    if "units" in keys:
+        units = dict(entry.units)
+        for name, factor in keys["units"].items():
+            units[name] = unit_by_factor(name, to_si(name, known[name][1], name) * factor)
+            if not units[name]:
+                return None
+        out["units"] = units
+    if "sign" in keys:
+        out["sign"] = {**entry.sign, **{name: s * entry.sign.get(name, 1) for name, s in keys["sign"].items()}}
+    if "lag" in keys:
+        lags = {name: round(s + entry.lag.get(name, 0.0), 3) for name, s in keys["lag"].items()}
+        out["lag"] = {**entry.lag, **lags}
+    for key in ("velocity_frame", "rudder_positive", "heading_from", "reference_point"):
+        if key in keys:
+            out[key] = keys[key]
+    for key, (first, other) in OPPOSITE.items():
+        if key in out and getattr(entry, key) == out[key]:
+            out[key] = first if out[key] == other else other
+    if "reference_point" in out and (entry.reference_point.x or entry.reference_point.y):
+        return None
     return out
 
 
-def _mended(trial: Trial, remedy: Remedy) -> Trial:
-    return trial.with_columns(**remedy.change(trial))
+def line(wanted: Mapping[str, Any]) -> str:
+    """``wanted`` settings as lines of TOML, with "and" between them."""
+    return " and ".join(f"{key} = {_toml(value)}" for key, value in wanted.items())
 
 
-def _refuted(trial: Trial) -> bool:
-    """Whether units, frames, signs or rudder of ``trial`` are still contradictory."""
-    found = [*kinematics(trial)[1], *rudder_sign(trial)[1]]
-    return bool(implausible(trial.columns)) or any(level == CONTRADICTORY for level, _, _ in found)
+def mended(trial: Trial, wanted: Mapping[str, Any], keys: Keys) -> Trial | None:
+    """``trial`` as it is read with the ``wanted`` settings, or made so where it has no file; None where that fails.
+
+    keys: of the reading, from which the settings are.
+    """
+    try:
+        if trial.path is not None and trial.path.exists():
+            entry = {**entry_of(trial).model_dump(exclude_unset=True), **wanted}
+            return read_trial(trial.path, SidecarEntry(**entry), refuse=False)
+        columns = {name: np.array(values, dtype=float) for name, values in trial.columns.items()}
+        for name, other in keys.get("columns", {}).items():
+            columns[name] = trial[other]
+        for name, factor in keys.get("units", {}).items():
+            columns[name] = columns[name] * factor
+        told = {key: value for key, value in wanted.items() if key not in ("columns", "units")}
+        return Trial(trial.name, converted(columns, SidecarEntry(**told), []))
+    except UserError:
+        return None
 
 
-def _explained(report: CheckReport, remedy: Remedy, where: str) -> CheckReport:
-    """``report`` with the contradictions that ``remedy`` explains, the first of them with what to write ``where``."""
-    own = [f for f in report.findings if f.level == CONTRADICTORY and f.code in remedy.codes]
-    if not own:
-        return report
-    text = f"{own[0].text} Tried on these files, this ends the contradictions: {where}: {remedy.line}."
-    kept = [own[0]._replace(text=text), *(f for f in report.findings if f.level != CONTRADICTORY)]
-    return replace(report, findings=tuple(kept))
+def place(trial: Trial, everywhere: bool) -> str:
+    """Where in which sidecar a line on ``trial`` belongs: for all files of its folder if ``everywhere``, or its own."""
+    file = trial.path.name if trial.path else trial.name
+    where = "[default]" if everywhere else f'[files."{file}"]'
+    return f"{trial.path.parent / NAME if trial.path else NAME}, {where}"
+
+
+def entry_of(trial: Trial) -> SidecarEntry:
+    """What the sidecar says of ``trial`` so far."""
+    return sidecar_entry(trial.path) if trial.path is not None and trial.path.exists() else SidecarEntry()
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{key} = {_toml(item)}" for key, item in value.items()) + " }"
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False)
+    if isinstance(value, Sequence):
+        return "[" + ", ".join(_toml(item) for item in value) + "]"
+    return f"{value:g}" if isinstance(value, float) else str(value)

@@ -6,25 +6,32 @@ from typing import Any
 
 import numpy as np
 
-from cases.checks.report import CONTRADICTORY, Found
+from cases.checks.report import Found
 from cases.trial import Trial
 
 
 def rudder_sign(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
+    """What ``following`` gives of ``trial``; all files of a folder decide together whether a sign is wrong."""
+    return following(trial), []
+
+
+def following(trial: Trial) -> dict[str, Any]:
     """Correlation (without mean) in ``trial`` of r with the low-passed rudder angle while going ahead.
 
-    Of several time constants the one with the strongest correlation counts: a Nomoto response T r' + r = K delta. Below
-    -0.5 the sign of the rudder, or of the whole frame, is wrong. None when the ship hardly goes ahead with rudder.
+    Of several time constants the one with the strongest correlation counts: a Nomoto response T r' + r = K delta. Ahead
+    is where u is large, or, where u says nothing of that, the speed. None when the ship hardly goes ahead with rudder.
     """
     delta, r, u, n = trial.rudder, trial["r"], trial["u"], trial["n"]
     good = np.isfinite(delta) & np.isfinite(r) & np.isfinite(u) & np.isfinite(n)
     nothing: dict[str, Any] = {"correlation": None, "time_constant_s": None, "samples": 0}
     if good.sum() < 50:
-        return nothing, []
+        return nothing
     t, delta, r, u, n = trial.t[good], delta[good], r[good], u[good], n[good]
-    fast = (u > 0.4 * max(float(np.percentile(u, 95)), 1e-6)) & ((n > 0) | (np.abs(n).max() == 0))
-    if fast.sum() < 50 or float(np.abs(delta[fast]).max()) < 0.02 or u[fast].mean() <= 0:
-        return nothing, []
+    speed = np.hypot(u, np.nan_to_num(trial["v"][good]))
+    ahead = u if float(np.mean(u)) > 0.5 * float(np.mean(speed)) else speed
+    fast = (ahead > 0.4 * max(float(np.percentile(ahead, 95)), 1e-6)) & ((n > 0) | (np.abs(n).max() == 0))
+    if fast.sum() < 50 or float(np.abs(delta[fast]).max()) < 0.02:
+        return nothing
     best, constant = 0.0, 0.0
     for T in np.geomspace(2 * trial.dt, max(trial.duration / 8, 4 * trial.dt), 7):
         slow = _low_pass(t, delta, float(T))[fast]
@@ -32,15 +39,7 @@ def rudder_sign(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
         value = float(slow @ r[fast]) / size if size > 0 else 0.0
         if abs(value) > abs(best):
             best, constant = value, float(T)
-    numbers = {"correlation": best, "time_constant_s": constant, "samples": int(fast.sum())}
-    if best > -0.5:
-        return numbers, []
-    text = (
-        f"Going ahead the ship turns to port when delta is positive (correlation {best:.2f}): the rudder is "
-        'positive to port (rudder_positive = "port" in trials.toml), or y, v, psi and r are mirrored '
-        "(sign = { y = -1, v = -1, psi = -1, r = -1 })."
-    )
-    return numbers, [(CONTRADICTORY, "rudder_sign", text)]
+    return {"correlation": best, "time_constant_s": constant, "samples": int(fast.sum())}
 
 
 def _low_pass(t: np.ndarray, values: np.ndarray, T: float) -> np.ndarray:

@@ -24,7 +24,8 @@ def spikes(values: np.ndarray) -> int:
     off = np.abs(values[1:-1] - 0.5 * (values[:-2] + values[2:])) if len(values) > 2 else np.empty(0)
     if np.isfinite(off).sum() < 10:
         return 0
-    usual = 1.4826 * float(np.nanmedian(off))
+    moved = off[off > 0]
+    usual = 1.4826 * float(np.nanmedian(moved)) if len(moved) else 0.0
     low, high = np.nanquantile(values, (0.05, 0.95))
     beside = np.abs(values[2:] - values[:-2])
     return int(np.sum((off > SPIKE * usual) & (off > SPIKE_RANGE * (high - low)) & (beside < 0.5 * off)))

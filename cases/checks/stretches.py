@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from cases.checks.frozen import frozen
-from cases.checks.report import CONTRADICTORY, INFO, Found
+from cases.checks.frozen import frozen, frozen_share
+from cases.checks.report import DOUBTFUL, INFO, Found
 from cases.checks.rest import SWINGING, without_cause
 from cases.trial import Trial
 
@@ -54,6 +54,9 @@ TOGETHER = {"psi": 7.0, "u, v": 10.0}
 
 ALIKE = 0.35
 """The stretch reaches as far as the innovation stays above this share of what it was found by."""
+
+MUCH = 0.1
+"""Share of a record from which a channel that stands still is a doubt about all of it."""
 
 JOIN = 3.0
 """s, or so many sides of a step: breaks closer together are one stretch."""
@@ -111,10 +114,9 @@ def stretch_findings(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
         )
         for s in found
     ]
-    turned = float(np.ptp(_filled(trial.psi_unwrapped)))
-    if len(trial) >= 8 * STEP and turned > 0.1 and float(np.ptp(_filled(trial["r"]))) == 0.0:
-        text = f"r is frozen at {float(np.nanmean(trial['r'])):.3g} rad/s, while the heading turns by {turned:.2g} rad."
-        findings.append((CONTRADICTORY, "frozen_channel", text))
+    for names, share in frozen_share(trial).items() if len(trial) >= 8 * STEP else ():
+        if share > MUCH:
+            findings.append((DOUBTFUL, "frozen_channel", f"{names} stand still for {share:.0%} of the record."))
     return {"broken": rows, "broken_share": seconds / max(trial.duration, 1e-9)}, findings
 
 

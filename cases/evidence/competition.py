@@ -8,14 +8,15 @@ that differs from the headers costs COST for the folder; a trial that differs fr
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 
-from cases.evidence.readings import FRAMES, HEADINGS, Reading, readings
-from cases.evidence.signals import PIECES, Signals, Stats, evidence, relative, signals
+from cases.evidence.readings import CLOCKS, FRAMES, HEADINGS, RATES, SPEEDS, ColumnReading, readings
+from cases.evidence.signals import PIECES, STEPS, Stats, evidence, relative, signals
+from cases.io.units import si_unit, to_si, unit_by_factor
 from cases.trial import Trial
 
 COST = 8.0
@@ -33,6 +34,18 @@ MOST_OFF = (0.09, 0.1)
 GYRO = 0.03
 """Usual deviation of a gyro's gain from one."""
 
+APART = 10.0
+"""What a trial pays for each choice in which it differs from its folder."""
+
+STRANGE = 6.0
+"""What a unit costs beside, that no header could have hidden behind the one that is written."""
+
+ORDERS = 2
+"""Rudder orders that a turn rate answers in each piece of a record."""
+
+FLOOR_RUDDER = 0.05
+"""Of a turn rate a rudder explains no more than all but this share of the mean square."""
+
 
 @dataclass(frozen=True)
 class Scores:
@@ -47,14 +60,14 @@ class Judged:
     """The reading of one trial: itself, relative misfit of its track as labelled and with it, a rival that the folder
     cannot tell from it."""
 
-    reading: Reading
+    reading: ColumnReading
     before: float
     after: float
-    rival: Reading | None = None
+    rival: ColumnReading | None = None
 
 
 @cache
-def competitors() -> tuple[tuple[Reading, ...], np.ndarray, np.ndarray]:
+def competitors() -> tuple[tuple[ColumnReading, ...], np.ndarray, np.ndarray]:
     """The readings, that of the headers first; how many choices differ from it (H,); pairs of them (H, H)."""
     found = sorted(readings(), key=lambda reading: reading.faults)
     table = {value: i for i, value in enumerate(dict.fromkeys(v for r in found for v in r.choices))}
@@ -63,14 +76,17 @@ def competitors() -> tuple[tuple[Reading, ...], np.ndarray, np.ndarray]:
     return tuple(found), apart[0], apart
 
 
-def scores(trial: Trial, turning: float | None, standing: Sequence[str] = ()) -> Scores:
+def scores(
+    trial: Trial, turning: float | None, standing: Sequence[str] = (), labels: Mapping[str, str] | None = None
+) -> Scores:
     """What ``trial`` says of each reading.
 
     turning: correlation of its turn rate with the rudder, None where it is not known; standing: columns that stand
-    still and say nothing.
+    still and say nothing; labels: column -> unit in its header, without which they are those of a Trial.
     """
     found = competitors()[0]
     nats = np.zeros(len(found))
+    strange = _unlikely_units(labels or {})
     turned = _rudder(turning)
     track: dict[tuple[str, float, float], tuple[float, float]] = {}
     spin: dict[tuple[float, float], float] = {}
@@ -81,7 +97,7 @@ def scores(trial: Trial, turning: float | None, standing: Sequence[str] = ()) ->
         if s is None:
             continue
         if not blind:
-            stats = s.stats(s.psi[4:] - s.psi[:-4], s.summed(s.r))
+            stats = s.stats(s.psi[STEPS:] - s.psi[:-STEPS], s.summed(s.r))
             for factor in {r.rate * FRAMES[r.frame].psi * FRAMES[r.frame].r * r.clock for r in found}:
                 spin[unit, factor] = _spun(stats, factor)
         if s.has_track and not lost:
@@ -93,12 +109,12 @@ def scores(trial: Trial, turning: float | None, standing: Sequence[str] = ()) ->
         axes = FRAMES[r.frame]
         nats[i] = track.get((r.frame, r.heading, r.speed * r.clock), (0.0, 0.0))[0]
         nats[i] += spin.get((r.heading, r.rate * axes.psi * axes.r * r.clock), 0.0)
-        nats[i] += turned[r.turning]
+        nats[i] += turned[r.turning] + STRANGE * sum(pair in strange for pair in r.units)
     return Scores(nats - nats[0], {key: value[1] for key, value in track.items()})
 
 
 def judged(found: Sequence[Scores]) -> list[Judged]:
-    """The reading of each trial of a folder, from what all of them say."""
+    """The reading of each trial of a folder, from the scores that were ``found`` of all of them."""
     hypotheses, faults, apart = competitors()
     if not found:
         return []
@@ -108,12 +124,12 @@ def judged(found: Sequence[Scores]) -> list[Judged]:
 
     def each(h: int) -> np.ndarray:
         """Per trial, the reading that it has where its folder has ``h``."""
-        return np.argmin(own + COST * apart[h], axis=1)
+        return np.argmin(own + APART * apart[h], axis=1)
 
     def total(h: int) -> float:
         chosen = each(h)
         rows = np.arange(len(own))
-        return float(COST * faults[h] + np.sum(own[rows, chosen] + COST * apart[h, chosen]))
+        return float(COST * faults[h] + np.sum(own[rows, chosen] + APART * apart[h, chosen]))
 
     totals = {int(h): total(int(h)) for h in plausible}
     folder = min(totals, key=lambda h: (round(totals[h], 6), faults[h]))
@@ -132,34 +148,38 @@ def judged(found: Sequence[Scores]) -> list[Judged]:
 def _tracked(stats: Stats, factor: float) -> tuple[float, float]:
     """(nats, relative misfit) of predicted ways times ``factor``, the heading's offset and the log's gain left free
     within what is usual."""
-    a, b, c = (float(np.sum(np.abs(x))) if i != 1 else complex(np.sum(x)) for i, x in enumerate(stats))
-    if not abs(c) > 0 or not abs(b) > 0:
-        return float(evidence(np.ones(PIECES))), 1.0
-    best = complex(b) / (float(abs(c)) * factor)
+    both, predicted = complex(np.sum(stats.both)), float(np.sum(stats.predicted))
+    if not predicted > 0 or not abs(both) > 0:
+        return evidence(np.ones(PIECES)), 1.0
+    best = both / (predicted * factor)
     angle = float(np.clip(math.atan2(best.imag, best.real), -MOST_OFF[0], MOST_OFF[0]))
     gain = float(np.clip(math.log(abs(best)), -MOST_OFF[1], MOST_OFF[1]))
     prior = 0.5 * (angle / OFF[0]) ** 2 + 0.5 * (gain / OFF[1]) ** 2
     misfit = relative(stats, factor * math.exp(gain) * complex(math.cos(angle), math.sin(angle)))
     plain = relative(stats, factor)
-    return float(evidence(misfit)) + prior, math.sqrt(float(np.average(plain, weights=stats[0] + 1e-30)))
+    return evidence(misfit) + prior, math.sqrt(float(np.average(plain, weights=stats.measured + 1e-30)))
 
 
 def _spun(stats: Stats, factor: float) -> float:
     """Nats of integrated turn rates times ``factor``, the gain of the gyro left free within what is usual."""
-    b, c = float(np.real(np.sum(stats[1]))), float(np.sum(stats[2]))
-    gain = b / (c * factor) if c > 0 else 1.0
+    both, predicted = float(np.real(np.sum(stats.both))), float(np.sum(stats.predicted))
+    gain = both / (predicted * factor) if predicted > 0 else 1.0
     gain = float(np.clip(gain, 1 - 3 * GYRO, 1 + 3 * GYRO))
-    return float(evidence(relative(stats, factor * gain))) + 0.5 * ((gain - 1) / GYRO) ** 2
+    return evidence(relative(stats, factor * gain)) + 0.5 * ((gain - 1) / GYRO) ** 2
+
+
+def _unlikely_units(labels: Mapping[str, str]) -> set[tuple[str, float]]:
+    """(column, factor) of the units that its header cannot have been mistaken for."""
+    choices = {"psi": HEADINGS, "u": SPEEDS, "t": CLOCKS, "r": {abs(factor) for factor in RATES}}
+    out = set()
+    for column, factors in choices.items():
+        own = to_si(column, labels.get(column) or si_unit(column), column)
+        out |= {(column, factor) for factor in factors if not unit_by_factor(column, own * factor)}
+    return out
 
 
 def _rudder(correlation: float | None) -> dict[int, float]:
     """Sign of the rudder -> nats, of a turn rate that follows it with this ``correlation``."""
     if correlation is None:
         return {1: 0.0, -1: 0.0}
-    return {sign: PIECES * math.log(1 - max(sign * correlation, 0.0) ** 2 + FLOOR_RUDDER) for sign in (1, -1)}
-
-
-FLOOR_RUDDER = 0.05
-"""Of a turn rate a rudder explains no more than all but this share of the mean square."""
-
-__all__ = ["COST", "Judged", "Scores", "Signals", "competitors", "judged", "scores"]
+    return {sign: ORDERS * PIECES * math.log(1 - max(sign * correlation, 0.0) ** 2 + FLOOR_RUDDER) for sign in (1, -1)}

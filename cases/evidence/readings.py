@@ -1,4 +1,4 @@
-"""What the columns of a file may be instead of what their headers say: the readings that compete, and their remedies."""
+"""What the columns of a file may be instead of what their headers say: readings that compete, and their remedies."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ FRAMES: Mapping[str, Frame] = {
         "sway_sign", "v is positive to port", lambda s: np.conj(s.w) * np.exp(1j * s.psi), 1, 1, {"sign": {"v": -1}}
     ),
     "y_to_west": Frame(
-        "mirrored_frame", "y is positive to the west", lambda s: np.conj(_turned(s)), 1, 1, {"sign": {"y": -1}}
+        "mirrored_frame", "y is positive to port (west)", lambda s: np.conj(_turned(s)), 1, 1, {"sign": {"y": -1}}
     ),
     "mirrored": Frame(
         "mirrored_frame", "psi, v and r are positive to port", lambda s: np.conj(_turned(s)), -1, -1,
@@ -132,7 +132,7 @@ RUDDERS: Mapping[int, str] = {1: "", -1: "delta is positive to port"}
 
 
 @dataclass(frozen=True)
-class Reading:
+class ColumnReading:
     """One choice for each question: name of the frame, factors of psi, of (u, v), of t, of r and of delta."""
 
     frame: str = "body"
@@ -150,9 +150,9 @@ class Reading:
     @property
     def faults(self) -> int:
         """How many choices differ from what the headers say."""
-        return self.differs(Reading())
+        return self.differs(ColumnReading())
 
-    def differs(self, other: Reading) -> int:
+    def differs(self, other: ColumnReading) -> int:
         """In how many choices it differs from another."""
         return sum(a != b for a, b in zip(self.choices, other.choices, strict=True))
 
@@ -160,6 +160,12 @@ class Reading:
     def turning(self) -> int:
         """Sign that makes r over delta true."""
         return FRAMES[self.frame].r * (-1 if self.rate < 0 else 1) * self.rudder
+
+    @property
+    def units(self) -> list[tuple[str, float]]:
+        """(column, factor) of the units that differ from what the headers say."""
+        factors = {"psi": self.heading, "u": self.speed, "t": self.clock, "r": abs(self.rate)}
+        return [pair for pair in factors.items() if pair[1] != 1.0]
 
     def statements(self) -> list[tuple[str, str]]:
         """(code, what is mistaken) for each choice that differs from what the headers say."""
@@ -175,29 +181,28 @@ class Reading:
         """Keys of the sidecar that make the columns true."""
         frame = FRAMES[self.frame].keys
         out: Keys = {**frame}
-        factors = {"psi": self.heading, "u": self.speed, "v": self.speed, "t": self.clock, "r": abs(self.rate)}
         if self.rate == -1:
             out["sign"] = {**frame.get("sign", {}), "r": -1}
-        units = {name: factor for name, factor in factors.items() if factor != 1.0}
+        units = dict(self.units)
         if units:
-            out["units"] = units
+            out["units"] = {**units, **({"v": units["u"]} if "u" in units else {})}
         if self.rudder == -1:
             out["rudder_positive"] = "port"
         return out
 
 
-def readings() -> list[Reading]:
+def readings() -> list[ColumnReading]:
     """All readings that compete: frame, unit of the heading, of the speeds and of the clock, two of them at most, each
     with every reading of r and of the rudder."""
     bases = [
-        Reading(frame, heading, speed, clock)
+        ColumnReading(frame, heading, speed, clock)
         for frame in FRAMES
         for heading in HEADINGS
         for speed in SPEEDS
         for clock in CLOCKS
     ]
     return [
-        Reading(b.frame, b.heading, b.speed, b.clock, rate, rudder)
+        ColumnReading(b.frame, b.heading, b.speed, b.clock, rate, rudder)
         for b in bases
         if b.faults <= 2
         for rate in RATES

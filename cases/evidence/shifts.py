@@ -14,7 +14,7 @@ from functools import partial
 
 import numpy as np
 
-from cases.evidence.signals import AT_REST, STEPS, Signals, Stats
+from cases.evidence.signals import STEPS, Signals, Stats, evidence, relative
 
 COST = 8.0
 """Nats by which a lag, an arm, a gain or an offset has to be better than none."""
@@ -30,6 +30,12 @@ LEAST = 0.004
 
 LAGS = {"w": ("w",), "place": ("place",), "psi": ("psi",), "psi, r": ("psi", "r"), "r": ("r",)}
 """Name -> signals that are late together."""
+
+MOST_CENTRES = 4
+"""Of so many trials the grid is refined around their own best lag."""
+
+LINEAR = ("arm", "gain r", "gain u", "gain v", "heading")
+"""What follows from least squares."""
 
 TRIED, FINER = 16, 4
 """Steps of the grid of lags on each side of zero, and of its refinement."""
@@ -56,13 +62,14 @@ def shifts(found: Sequence[Signals], longest: float) -> list[Shift | None]:
 
     found: their signals; longest: lag [s] up to which is searched.
     """
-    usable = [k for k, s in enumerate(found) if s.has_track]
+    usable = list(range(len(found)))
+    tracks = all(s.has_track for s in found)
     out: list[Shift | None] = [None] * len(found)
     if not usable:
         return out
     some = [found[k] for k in usable]
-    candidates = {name: _lag(some, names, longest) for name, names in LAGS.items()}
-    candidates |= {name: _fitted(some, name) for name in ("arm", "gain r", "gain u", "gain v", "heading")}
+    candidates = {name: _lag(some, name, longest) for name in (LAGS if tracks else ("r",))}
+    candidates |= {name: _fitted(some, name) for name in (LINEAR if tracks else ("gain r",))}
     gains = {name: float(-total) for name, (_, total) in candidates.items()}
     best = max(gains, key=lambda name: gains[name])
     if gains[best] <= 0:
@@ -89,27 +96,25 @@ def without(s: Signals, shift: Shift) -> Signals:
 
 
 def nats(s: Signals, value: Value = 0.0, name: str = "") -> float:
-    """Misfit of positions against velocities and of heading against turn rate of ``s``, where ``name`` has ``value``."""
+    """Nats of positions against velocities and of heading against turn rate of ``s``, where ``name`` has ``value``."""
     changed = without(s, Shift(name, value, 0.0)) if name else s
     turn = changed.stats(changed.psi[STEPS:] - changed.psi[:-STEPS], changed.summed(changed.r))
+    if not s.has_track:
+        return _logged(turn, False, name != "gain r")
     way = changed.stats(changed.way(), changed.summed(changed.w * np.exp(1j * changed.psi)))
-    return _logged(way, True) + _logged(turn, False)
+    return _logged(way, True) + _logged(turn, False, name != "gain r")
 
 
-def _logged(stats: Stats, turns: bool) -> float:
-    """Nats of a misfit, with the gain, and where it ``turns`` the angle, left free within what is usual."""
-    a, b, c = stats
-    total = float(np.sum(c))
+def _logged(stats: Stats, turns: bool, free: bool = True) -> float:
+    """Nats of a misfit, with the gain where it is ``free``, and where it ``turns`` the angle, as they are usual."""
+    total = float(np.sum(stats.predicted))
     if not total > 0:
         return 0.0
-    factor = complex(np.sum(b)) / total
-    gain = min(max(abs(factor), 0.9), 1.1)
+    factor = complex(np.sum(stats.both)) / total
+    gain = min(max(abs(factor), 0.9), 1.1) if free else 1.0
     angle = min(max(math.atan2(factor.imag, factor.real), -0.05), 0.05) if turns else 0.0
-    best = gain * complex(math.cos(angle), math.sin(angle))
-    rest = np.maximum(a - 2 * np.real(np.conj(best) * b) + gain**2 * c, 0.0)
-    mean = float(np.mean(a))
-    prior = 0.5 * (math.log(gain) / 0.03) ** 2 + 0.5 * (angle / 0.035) ** 2
-    return float(np.sum(np.log(rest / (a + AT_REST * mean + 1e-30) + LEAST**2))) + prior
+    misfit = relative(stats, gain * complex(math.cos(angle), math.sin(angle)))
+    return evidence(misfit, LEAST) + 0.5 * (math.log(gain) / 0.03) ** 2 + 0.5 * (angle / 0.035) ** 2
 
 
 def _together(costs: np.ndarray) -> tuple[list[int | None], float]:
@@ -127,9 +132,8 @@ def _together(costs: np.ndarray) -> tuple[list[int | None], float]:
     return [int(np.argmin(row)) if mine < 0 else None for row, mine in zip(costs, own, strict=True)], float(alone.sum())
 
 
-def _lag(some: Sequence[Signals], names: tuple[str, ...], longest: float) -> tuple[list[Value | None], float]:
+def _lag(some: Sequence[Signals], name: str, longest: float) -> tuple[list[Value | None], float]:
     """Lag [s] of each trial or None, and what they gain together (negative)."""
-    name = next(key for key, value in LAGS.items() if value == names)
     plain = np.array([nats(s) for s in some])
 
     def costs(grid: np.ndarray) -> np.ndarray:
@@ -137,9 +141,9 @@ def _lag(some: Sequence[Signals], names: tuple[str, ...], longest: float) -> tup
 
     grid = np.linspace(-longest, longest, 2 * TRIED + 1)
     table = costs(grid)
-    for _ in range(2):
-        step = (grid[1] - grid[0]) if len(grid) == 2 * TRIED + 1 else step / FINER
-        centres = {float(grid[i]) for i in (int(np.argmin(table.sum(axis=0))), *np.argmin(table, axis=1)[:6].tolist())}
+    for step in (longest / TRIED, longest / TRIED / FINER):
+        apart = table.min(axis=1) < -APART
+        centres = {float(grid[int(np.argmin(row))]) for row in (table.sum(axis=0), *table[apart][:MOST_CENTRES])}
         more = np.array(sorted({round(c + k * step / FINER, 9) for c in centres for k in range(-FINER, FINER + 1)}))
         more = more[np.abs(more) <= longest]
         grid, table = np.concatenate([grid, more]), np.concatenate([table, costs(more)], axis=1)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -30,8 +31,18 @@ AT_REST = 0.01
 STEPS = 4
 """Steps of the coarse clock in a window."""
 
-Stats = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""Per piece: sum of |measured|^2, of measured times the conjugate of the predicted, of |predicted|^2."""
+FEW = 0.3
+"""A piece with fewer windows than this share of the fullest one says nothing by itself."""
+
+
+class Stats(NamedTuple):
+    """Per piece (PIECES,): sum of |measured|^2, of measured times the conjugate of the predicted, of |predicted|^2, and
+    number of windows."""
+
+    measured: np.ndarray
+    both: np.ndarray
+    predicted: np.ndarray
+    windows: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -70,8 +81,8 @@ class Signals:
         use = count[STEPS + 1 :] - count[: -STEPS - 1] == 0
         a, b = np.where(use, measured, 0.0), np.where(use, predicted, 0.0)
         edges = np.linspace(0, len(a), PIECES + 1).astype(int)[:-1]
-        sums = (np.abs(a) ** 2, a * np.conj(b), np.abs(b) ** 2)
-        return tuple(np.add.reduceat(s, edges) for s in sums)  # type: ignore[return-value]
+        sums = (np.abs(a) ** 2, a * np.conj(b), np.abs(b) ** 2, use.astype(float))
+        return Stats(*(np.add.reduceat(s, edges) for s in sums))
 
     def shifted(self, seconds: float, *names: str) -> Signals:
         """These signals with the arrays ``names`` as they were so many ``seconds`` later: what is late, mended."""
@@ -107,8 +118,8 @@ def signals(trial: Trial, degrees: float = 1.0) -> Signals | None:
 
 
 def window(trial: Trial) -> float:
-    """Length [s] of the windows in which the motion of ``trial`` is looked at: short for the motion, long enough for the
-    noise and the rounding of its positions."""
+    """Length [s] of the windows in which the motion of ``trial`` is looked at: short for the motion, long for the noise
+    and the rounding of its positions."""
     least = max(WINDOW_ROWS * trial.dt, WINDOW_S)
     longest = max(trial.duration / LONGEST, WINDOW_ROWS * trial.dt)
     if not trial.has_position:
@@ -128,16 +139,20 @@ def window(trial: Trial) -> float:
     return min(max(least, wanted), longest)
 
 
-def evidence(misfit: np.ndarray) -> np.ndarray:
-    """What mean square relative misfits (..., PIECES) are worth in nats; less is better. Misfits below FLOOR are none."""
-    return np.sum(np.log(np.maximum(misfit, 0.0) + FLOOR**2), axis=-1)
+def evidence(misfit: np.ndarray, floor: float = FLOOR) -> float:
+    """What a mean square relative ``misfit`` (PIECES,) is worth in nats; less is better. Misfits below ``floor``
+    are none, and what misses by more than all explains nothing."""
+    return float(np.sum(np.log(np.clip(misfit, 0.0, 1.0) + floor**2)))
 
 
 def relative(stats: Stats, factor: complex) -> np.ndarray:
-    """Mean square misfit per piece (PIECES,) of ``factor`` times what is predicted, over that of what was measured."""
-    a, b, c = stats
-    rest = a - 2 * np.real(np.conj(factor) * b) + abs(factor) ** 2 * c
-    return np.asarray(np.maximum(rest, 0.0) / (a + AT_REST * float(np.mean(a)) + 1e-30))
+    """Mean square misfit per piece (PIECES,) of ``factor`` times what is predicted in ``stats``, over the measured."""
+    a, b, c, windows = stats
+    rest = np.maximum(a - 2 * np.real(np.conj(factor) * b) + abs(factor) ** 2 * c, 0.0)
+    usual = float(np.sum(a)) / max(float(np.sum(windows)), 1.0)
+    share = rest / (a + AT_REST * usual * windows + 1e-30)
+    full = windows >= FEW * max(float(windows.max()), 1.0)
+    return np.asarray(np.where(full, share, float(np.sum(rest[full])) / (float(np.sum(a[full])) + 1e-30)))
 
 
 def _unwrapped(values: np.ndarray) -> np.ndarray:

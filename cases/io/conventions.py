@@ -68,7 +68,9 @@ def _in_time(columns: dict[str, np.ndarray], entry: SidecarEntry, notices: list[
             out[name] = np.where(near > 0.999, np.interp(at, t[good], values[good]), np.nan)
         notices.append(Message(f"{name} taken back by {seconds:g} s (lag in trials.toml)", "lag"))
     if keep.sum() < 2:
-        raise UserError(f"lag in trials.toml: no row is left after {max(map(abs, lags.values())):g} s of {t[-1] - t[0]:g} s")
+        raise UserError(
+            f"lag in trials.toml: no row is left after {max(map(abs, lags.values())):g} s of {t[-1] - t[0]:g} s"
+        )
     return {name: values[keep] for name, values in out.items()}
 
 

@@ -62,8 +62,9 @@ def read_trial(
 
     path: CSV or Parquet; settings: what the header leaves unsaid, with the keys of the sidecar (cases/io/sidecar.py);
     None takes ``trials.toml`` beside the file if there is one; refuse: units that the numbers refute. Raises UserError,
-    naming file, column and row, for missing or doubled columns, unknown or missing units, text in numbers, fewer than two usable rows, time that does
-    not increase, a required column without values, and, where ``refuse``, units that the numbers refute.
+    naming file, column and row, for missing or doubled columns, unknown or missing units, text in numbers, fewer than
+    two usable rows, time that does not increase, a required column without values, lags that leave no row, and, where
+    ``refuse``, units that the numbers refute.
     """
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:

@@ -35,7 +35,7 @@ def without_sentinels(
     out = dict(columns)
     for name, values in columns.items():
         factor = wanted[name][1]
-        if name == "t" or not np.isfinite(values).any() or float(np.nanmax(np.abs(values))) < 90 * factor:
+        if name == "t" or not np.isfinite(values).any():
             continue
         for number, rows in found(values if factor == 1 else np.round(values / factor, 6), further).items():
             out[name] = np.where(rows, np.nan, out[name])

@@ -111,8 +111,8 @@ class SidecarEntry(Section):
     """What is known of one trial file beside its header; the defaults are the conventions of this product.
 
     columns: canonical name -> header in the file. units: canonical name -> unit. sign: canonical name -> +1 or -1.
-    heading_from: where psi is counted from. lag: canonical name -> how late the column is [s]. sentinels: numbers of the
-    file that stand for no value, None for those that are well known.
+    heading_from: where psi is counted from. lag: canonical name -> how late the column is [s]. sentinels: numbers of
+    the file that stand for no value, None for those that are well known.
     exclude: begin and end [s] of stretches that are left out; [] keeps every row, None leaves it to the checks.
     """
 
@@ -163,7 +163,9 @@ class Sidecar(Section):
         own = self.files.get(file.name, self.files.get(file.stem, SidecarEntry()))
         values = (self.default or self.all or SidecarEntry()).model_dump(exclude_unset=True)
         for key, value in own.model_dump(exclude_unset=True).items():
-            values[key] = {**values.get(key, {}), **value} if key in ("columns", "units", "sign", "lag", "std") else value
+            values[key] = (
+                {**values.get(key, {}), **value} if key in ("columns", "units", "sign", "lag", "std") else value
+            )
         return SidecarEntry(**values)
 
 

@@ -126,7 +126,8 @@ def _heading_and_course(columns: Mapping[str, np.ndarray]) -> str:
     moved = (place[lag:] - place[:-lag])[usable]
     turned = _integral(t, columns["r"][good])
     heading = np.unwrap(psi)
-    if _misfit((heading[lag:] - heading[:-lag])[usable], (turned[lag:] - turned[:-lag])[usable]) < 0.5:
+    change, turn = (heading[lag:] - heading[:-lag])[usable], (turned[lag:] - turned[:-lag])[usable]
+    if float(np.std(turn)) > 0.01 and _misfit(change, turn) < 0.5:
         return ""  # the turn rate says that these are radians: something else is wrong
     scale = math.sqrt(float(np.mean(np.abs(moved) ** 2)))
     misfit = []

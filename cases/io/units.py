@@ -30,7 +30,8 @@ SPELLINGS = {
     "radian": "rad", "radians": "rad", "degree": "deg", "degrees": "deg", "°": "deg",
     "mps": "m/s", "ms-1": "m/s", "m s-1": "m/s", "m s^-1": "m/s",
     "kt": "kn", "kts": "kn", "knot": "kn", "knots": "kn",
-    "degree/s": "deg/s", "degrees/s": "deg/s", "°/s": "deg/s", "dps": "deg/s", "°/min": "deg/min", "kmh": "km/h", "km/hr": "km/h",
+    "degree/s": "deg/s", "degrees/s": "deg/s", "°/s": "deg/s", "dps": "deg/s",
+    "°/min": "deg/min", "kmh": "km/h", "km/hr": "km/h",
     "1/s": "rps", "rev/s": "rps", "hz": "rps", "rev/min": "rpm", "1/min": "rpm",
 }  # fmt: skip
 """Other spellings, in lower case -> the unit as it is named here."""

@@ -39,7 +39,7 @@ def check(
     found, unreadable = [], []
     for path in each(trials, "reading"):
         try:
-            found += read_trials([path])
+            found += read_trials([path], refuse=False)
         except UserError as error:
             unreadable.append((path, error))
     if not found:

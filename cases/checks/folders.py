@@ -1,0 +1,221 @@
+"""What the files of a folder contradict, decided together, and the line of trials.toml that mends it, tried before."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from cases.checks.remedies import labels, line, mended, place, settings
+from cases.checks.report import CONTRADICTORY, DOUBTFUL, CheckFinding, CheckReport
+from cases.checks.rudder import following
+from cases.evidence.competition import Judged, Scores, judged, scores
+from cases.evidence.readings import FRAMES, Keys
+from cases.evidence.shifts import LAGS, Shift, shifts
+from cases.evidence.signals import signals
+from cases.evidence.standing import standing
+from cases.io.leave_out import left_out
+from cases.io.unit_sanity import mislabelled
+from cases.trial import Trial
+
+TRIED = 4
+"""So many of the files that a remedy is for are read again with it before it is advised."""
+
+LATE = 1.5
+"""Lag [s] of a channel beyond which the verdict is no longer "ok"."""
+
+GAIN = {"gain u": 0.06, "gain v": 0.1, "gain r": 0.075}
+"""Deviation of a channel's gain from one beyond which the verdict is no longer "ok"."""
+
+TURNED, LEAST_ARM = math.radians(5.0), 0.05
+"""The same for the offset of a heading [rad] and for a lever arm [m]."""
+
+DISAGREE = 0.8
+"""Relative misfit of the track beyond which positions and velocities have nothing to do with each other."""
+
+TOPICS = {"unit": "units", "rudder_sign": "rudder"}
+
+LATE_WORDS = {
+    "w": ("u and v are", ("u", "v")),
+    "place": ("x and y are", ("x", "y")),
+    "psi": ("psi is", ("psi",)),
+    "psi, r": ("psi and r are", ("psi", "r")),
+    "r": ("r is", ("r",)),
+}
+"""Name of a lag -> what is said to be late, and its columns."""
+
+
+class Said(NamedTuple):
+    """What is said of one trial: findings as (level, code, sentence), and the keys that mend it."""
+
+    findings: list[tuple[str, str, str]]
+    keys: Keys
+
+
+def decided(trials: Sequence[Trial], reports: Sequence[CheckReport]) -> list[CheckReport]:
+    """``reports`` on ``trials`` with what their folders show together: frames, signs, units, channels that stand still,
+    lags, lever arms, gains and offsets. What follows from a contradiction is not said beside it."""
+    out = list(reports)
+    folders: dict[Path | None, list[int]] = {}
+    for i, trial in enumerate(trials):
+        folders.setdefault(trial.path.parent if trial.path else None, []).append(i)
+    for rows in folders.values():
+        some = [_whole(trials[i], reports[i].numbers) for i in rows]
+        still = [standing(trial) for trial in some]
+        found = [_scored(trial, names) for trial, names in zip(some, still, strict=True)]
+        own = [trials[i] for i in rows]
+        said = [_contradicted(*each) for each in zip(own, still, judged(found), strict=True)]
+        quiet = [k for k, each in enumerate(said) if not each.findings]
+        for k, shift in zip(quiet, _shifted([some[k] for k in quiet]), strict=True):
+            said[k] = _shift_said(shift) if shift else said[k]
+        for k, (i, each) in enumerate(zip(rows, _with_lines(own, said), strict=True)):
+            out[i] = _joined(out[i], each, found[k])
+    return out
+
+
+def _whole(trial: Trial, numbers: Mapping[str, Any]) -> Trial:
+    """``trial`` without its broken stretches."""
+    spans = [(s["begin_s"], s["end_s"]) for s in numbers["stretches"].get("broken", [])]
+    return left_out(trial, spans, "") if spans else trial
+
+
+def _scored(trial: Trial, still: Mapping[str, str]) -> Scores:
+    blind = {"r", "delta"} & set(still)
+    turning = None if blind else following(trial)["correlation"]
+    return scores(trial, turning, tuple(still), {name: unit for name, (_, unit) in labels(trial).items()})
+
+
+def _contradicted(trial: Trial, still: Mapping[str, str], found: Judged) -> Said:
+    """What refutes the labels of ``trial``: columns that stand ``still``, and the reading that was ``found``."""
+    said = [(CONTRADICTORY, "frozen_channel", _stuck(trial, name, why)) for name, why in still.items()]
+    keys: Keys = {}
+    for code, meaning in [] if still else found.reading.statements():
+        said.append((CONTRADICTORY, code, _sentence(code, meaning, found)))
+        keys = found.reading.keys()
+    if found.rival and not still:
+        other = " and ".join(text for _, text in found.rival.statements()) or "the headers are right"
+        said = [(level, code, f"{text} (or {other}: the data cannot tell)") for level, code, text in said]
+        keys = {}
+    if not said and found.after > DISAGREE:
+        text = (
+            f"Velocities and positions disagree (misfit {found.after:.0%}) and no other frame, sign or unit explains it"
+        )
+        said.append((CONTRADICTORY, "velocity_mismatch", f"{text}; check units, clocks and axes"))
+    for name, factor, text in mislabelled(trial.columns):
+        said.append((CONTRADICTORY, "unit", text[0].upper() + text[1:]))
+        keys = {**keys, "units": {**keys.get("units", {}), name: factor}}
+    return Said(said, keys)
+
+
+def _stuck(trial: Trial, name: str, why: str) -> str:
+    return f"{name} is frozen at {float(np.nanmedian(trial[name])):.3g}, while {why}"
+
+
+def _sentence(code: str, meaning: str, found: Judged) -> str:
+    fits = f"misfit {found.after:.1%} against {found.before:.1%} as labelled"
+    if code == "rudder_sign":
+        also = "" if found.reading.faults > 1 else ", or y, psi, v and r are all mirrored"
+        return f"Going ahead the ship turns to port when delta is positive: {meaning}{also}"
+    if code == "r_sign" or meaning.startswith("r "):
+        return meaning
+    if code == "unit":
+        return f"{meaning}: {fits} of velocities and track" if np.isfinite(found.after) else meaning
+    return f"The track says that {meaning}: {fits}"
+
+
+def _shifted(trials: Sequence[Trial]) -> list[Shift | None]:
+    """The shift of each of the ``trials``, None where there is none that matters."""
+    kept = [(k, s) for k, trial in enumerate(trials) if (s := signals(trial)) is not None]
+    out: list[Shift | None] = [None] * len(trials)
+    for track in (True, False):
+        some = [(k, s) for k, s in kept if s.has_track == track]
+        if not some:
+            continue
+        own = [trials[k] for k, _ in some]
+        longest = max(5.0, *(20 * t.dt for t in own), min(60.0, 0.1 * min(t.duration for t in own)))
+        for (k, _), shift in zip(some, shifts([s for _, s in some], longest), strict=True):
+            out[k] = shift if shift and _matters(shift) else None
+    return out
+
+
+def _matters(shift: Shift) -> bool:
+    size = abs(shift.value)
+    if shift.name in GAIN:
+        return abs(float(np.real(shift.value)) - 1.0) > GAIN[shift.name]
+    return size >= (LATE if shift.name in LAGS else LEAST_ARM if shift.name == "arm" else TURNED)
+
+
+def _shift_said(shift: Shift) -> Said:
+    """A doubt and, where one key mends it, that key."""
+    value, real = shift.value, float(np.real(shift.value))
+    keys: Keys = {}
+    if shift.name in LAGS:
+        who, columns = LATE_WORDS[shift.name]
+        code, text = "lag", f"{who} {abs(real):.3g} s {'late' if real > 0 else 'early'} against the other columns"
+        keys = {"lag": dict.fromkeys(columns, float(f"{real:.3g}"))}
+        if shift.name == "place" and real < 0:
+            text = f"u and v, in the earth frame, are {-real:.3g} s late against the positions"
+            keys = {}
+    elif shift.name == "arm":
+        x, y = float(f"{real:.3g}"), float(f"{np.imag(value):.3g}")
+        code, text = "lever_arm", f"The positions are those of a point ({x:g}, {y:g}) m from midship (lever arm)"
+        keys = {"reference_point": {"x": x, "y": y, "applies_to": "position"}}
+    elif shift.name == "heading":
+        side = "clockwise" if real > 0 else "counter-clockwise"
+        words = "from heading and velocities: heading offset or axes?"
+        code, text = "heading_offset", f"The track is turned {abs(math.degrees(real)):.1f} deg {side} {words}"
+    else:
+        name = shift.name.removeprefix("gain ")
+        code, text = "gain", f"{name} is {real:.3g} times what {'heading' if name == 'r' else 'track'} says"
+    if shift.rivals:
+        other = {**{name: "a lag" for name in LAGS}, "arm": "a lever arm", "heading": "a heading offset"}
+        names = dict.fromkeys(other.get(name, f"a {name}") for name in shift.rivals)
+        text, keys = f"{text} (or {' or '.join(names)}: the data cannot tell)", {}
+    return Said([(DOUBTFUL, code, text)], keys)
+
+
+def _with_lines(trials: Sequence[Trial], said: Sequence[Said]) -> list[Said]:
+    """What is ``said`` of the ``trials`` of a folder, with the lines that mend it where they were tried and do."""
+    out = [Said([(level, code, f"{text.rstrip('.')}.") for level, code, text in each.findings], {}) for each in said]
+    groups: dict[str, list[int]] = {}
+    for k, (trial, each) in enumerate(zip(trials, said, strict=True)):
+        wanted = settings(trial, each.keys) if each.keys else None
+        if wanted:
+            groups.setdefault(line(wanted), []).append(k)
+    for text, rows in groups.items():
+        if not all(_ends(trials[k], said[k]) for k in rows[:: max(1, len(rows) // TRIED)]):
+            continue
+        for k in rows:
+            level, code, sentence = out[k].findings[0]
+            where = place(trials[k], len(rows) == len(trials))
+            tried = f"{sentence} Tried on these files, this ends the contradiction: {where}: {text}."
+            out[k] = Said([(level, code, tried), *out[k].findings[1:]], said[k].keys)
+    return out
+
+
+def _ends(trial: Trial, said: Said) -> bool:
+    """Whether nothing is left of what is ``said`` of ``trial`` once it is read as its keys want it."""
+    wanted = settings(trial, said.keys)
+    after = mended(trial, wanted, said.keys) if wanted else None
+    if after is None or mislabelled(after.columns):
+        return False
+    if judged([_scored(after, standing(after))])[0].reading.faults:
+        return False
+    return all(level == CONTRADICTORY for level, *_ in said.findings) or not any(_shifted([after]))
+
+
+def _joined(report: CheckReport, said: Said, found: Scores) -> CheckReport:
+    """``report`` with what is ``said``; its own sentences on motion, which then follow from it, are left out."""
+    follows = ("kinematics", "rudder", "units")
+    codes = {code for _, code, _ in said.findings}
+    kept = [f for f in report.findings if not (said.findings and (f.topic in follows or f.code in codes))]
+    if codes & {"unit", "frozen_channel"}:  # of a wrong clock, or of turn rates in a wrong unit
+        kept = [f for f in kept if f.topic != "sampling" or f.code not in ("coarse_sampling", "gaps")]
+    own = [CheckFinding(TOPICS.get(code, "kinematics"), level, code, text) for level, code, text in said.findings]
+    misfit = {name: found.misfit.get((name, 1.0, 1.0)) for name in FRAMES}
+    kinematics = {**report.numbers["kinematics"], "frame_misfit": misfit}
+    return replace(report, findings=(*own, *kept), numbers={**report.numbers, "kinematics": kinematics})
