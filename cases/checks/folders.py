@@ -19,6 +19,7 @@ from cases.evidence.shifts import LAGS, Shift, shifts
 from cases.evidence.signals import signals
 from cases.evidence.standing import standing
 from cases.io.leave_out import left_out
+from cases.io.read import SUFFIXES
 from cases.io.unit_sanity import mislabelled
 from cases.trial import Trial
 
@@ -191,10 +192,19 @@ def _with_lines(trials: Sequence[Trial], said: Sequence[Said]) -> list[Said]:
             continue
         for k in rows:
             level, code, sentence = out[k].findings[0]
-            where = place(trials[k], len(rows) == len(trials))
+            where = place(trials[k], len(rows) == len(trials) and _all_there(trials))
             tried = f"{sentence} Tried on these files, this ends the contradiction: {where}: {text}."
             out[k] = Said([(level, code, tried), *out[k].findings[1:]], said[k].keys)
     return out
+
+
+def _all_there(trials: Sequence[Trial]) -> bool:
+    """Whether the ``trials`` are all that their folder holds: what nobody looked at must not be changed with them."""
+    path = trials[0].path
+    if path is None or not path.parent.is_dir():
+        return True
+    inside = {file.name for file in path.parent.iterdir() if file.suffix.lower() in SUFFIXES}
+    return inside <= {trial.path.name for trial in trials if trial.path}
 
 
 def _ends(trial: Trial, said: Said) -> bool:

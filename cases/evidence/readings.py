@@ -127,7 +127,7 @@ RATES: Mapping[float, str] = {
 }
 """Factor that makes r true -> what was mistaken."""
 
-RUDDERS: Mapping[int, str] = {1: "", -1: "delta is positive to port"}
+RUDDERS: Mapping[int, str] = {1: "", -1: "the rudder is positive to port"}
 """Factor that makes the rudder angle true -> what was mistaken."""
 
 
