@@ -48,7 +48,7 @@ from diagnosis.inputs import (
     independent_tests,
     parted,
 )
-from diagnosis.judgement.believable import believed
+from diagnosis.judgement.believable import believed, beyond_reported
 from diagnosis.judgement.judged_search import judged_search
 from diagnosis.judgement.no_answer import no_answer
 from diagnosis.judgement.not_random import not_random
@@ -154,10 +154,10 @@ def _diagnosed(
     before, after = result.before, result.after
     remainder = is_named and (has_remainder(found, before, after, p.expected_unnamed) or bool(ordered))
     fits = pattern(p.steps, p.data, found.final, found.effects) if is_named else None
-    reasons += (doubts := _doubts(fits))
-    remainder = remainder or bool(doubts)
     named = found.effects if is_named else ()
     effects = tuple(summary.named_effect(p, ready.full, found, c) for c in named)
+    reasons += (doubts := [*_doubts(fits), *beyond_reported(effects, ship)])
+    remainder = remainder or bool(doubts)
     final = found.final if is_named else found.null
     same = summary.equivalence_class(found) if is_named else ()
     instruments = summary.instrument_faults(given, ready.full, final)

@@ -12,9 +12,11 @@ from cases.checks.sampling import VELOCITIES, spikes
 from cases.trial import Trial
 from diagnosis.estimation.gridded_trials import COARSE
 from diagnosis.estimation.map_estimate import Estimate
+from diagnosis.findings import NamedEffect
 from diagnosis.judgement.judged_search import JudgedSearch
 from diagnosis.judgement.verdict import confirms
 from diagnosis.prepare import Prepared
+from mmg.effects import EFFECTS
 from mmg.messages import Message
 from mmg.motion.froude import time_scale
 from mmg.ship import Ship
@@ -69,6 +71,19 @@ def _outliers(trials: Sequence[Trial]) -> str:
     names = ", ".join(f"{count} in {name}" for name, count in counts.items() if count)
     words = f"single samples of {', '.join(VELOCITIES)} are far off both neighbours ({names})"
     return f"{words}, and so much noise hides what the model lacks; leave these cells empty"
+
+
+def beyond_reported(effects: Sequence[NamedEffect], ship: Ship) -> list[Message]:
+    """A sentence on each of the named ``effects`` of a ``ship`` that is surely larger than any that is known of."""
+    rows = []
+    for e in effects:
+        for p in EFFECTS[e.name].parameters(ship.namespace, dict(ship.components)):
+            found = e.parameters.get(p.symbol)
+            if found is not None and abs(found.value - p.neutral) - 2 * found.std > p.reported:
+                size = f"{found.value:.3g} +- {found.std:.2g} {found.unit}".rstrip()
+                words = f"{e.name} of {p.symbol} {size} is more than any that is known of ({p.reported:g})"
+                rows.append(Message(f"{words}: something else adds to it, or stands behind it", "beyond_reported"))
+    return rows
 
 
 def deviations(fit: Estimate, ship: Ship) -> dict[str, float]:

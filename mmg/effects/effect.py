@@ -8,6 +8,7 @@ attribute, ``p`` the particulars.
 
 from __future__ import annotations
 
+import math
 import sys
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -30,7 +31,7 @@ class Parameter:
 
     neutral: the value at which the effect is absent; typical: a size that shows in a trial (an offset from neutral);
     lower, upper: bounds of a fit; held: not freed unless asked for by name (places, widths); form: of another form of
-    the effect, which a diagnosis asks about in place of the usual one.
+    the effect, which a diagnosis asks about in place of the usual one; reported: largest size that is known of [unit].
     """
 
     symbol: str
@@ -42,6 +43,7 @@ class Parameter:
     description: str
     held: bool = False
     form: str = ""
+    reported: float = math.inf
 
     def coefficient(self, effect: str) -> Coefficient:
         """The coefficient ``effect.symbol`` of a ship, at its neutral value, with a wide prior."""

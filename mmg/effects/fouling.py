@@ -8,6 +8,9 @@ from mmg.components.catalogue import module
 from mmg.effects.effect import Effect, Parameter, Parts, Setting
 from mmg.motion.flow import Flow, Force
 
+REPORTED = 1.0
+"""Heavy calcareous fouling costs a frigate up to 86 % of her power (Schultz 2007, Biofouling 23:331-341)."""
+
 
 class Fouling(Effect):
     """Larger resistance."""
@@ -15,7 +18,7 @@ class Fouling(Effect):
     name, enters, needs = "fouling", "force", ("hull",)
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
-        return (Parameter("share", 0.0, 0.3, -0.6, 5.0, "", "resistance larger by this share"),)
+        return (Parameter("share", 0.0, 0.3, -0.6, 5.0, "", "resistance larger by this share", reported=REPORTED),)
 
     def forces(self, parts: Parts, flow: Flow, e: SimpleNamespace, at: Setting) -> Parts:
         hull = module("hull", at.components["hull"])

@@ -11,9 +11,10 @@ import pytest
 
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import priors_of_effects
+from diagnosis.findings import EstimatedParameter, NamedEffect
 from diagnosis.hypotheses.forward_selection import Selection
 from diagnosis.inputs import DiagnosisOptions, diagnosable_trials, diagnosis_store, parted
-from diagnosis.judgement.believable import believed, deviations
+from diagnosis.judgement.believable import believed, beyond_reported, deviations
 from diagnosis.judgement.judged_search import JudgedSearch
 from mmg.errors import UserError
 from tests.diagnosis.judgement.test_verdict import RUNS, ready
@@ -122,3 +123,12 @@ def test_nothing_is_said_to_be_there_where_outliers_hide_it() -> None:
         assert [m.code for m in reasons] == ["spikes"] * (verdict == "unknown")
     found, reasons, sentence = believed(judged("named", null, off(null, 2.0)), ready(), spiky)
     assert (found, sentence) == ("named", "") and [m.code for m in reasons] == ["spikes"]
+
+
+@pytest.mark.parametrize(("share", "std", "said"), [(1.5, 0.2, True), (1.5, 0.3, False), (0.9, 0.01, False)])
+def test_more_fouling_than_any_ship_had_is_not_all_fouling(share: float, std: float, said: bool) -> None:
+    size = EstimatedParameter(share, std, "")
+    other = NamedEffect("current", {"x": EstimatedParameter(9.0, 0.1, "m/s")}, 0.0, 10.0, 0.1)
+    rows = beyond_reported([other, NamedEffect("fouling", {"share": size}, 0.0, 10.0, 0.1)], ready().full.ship)
+    assert [row.code for row in rows] == ["beyond_reported"] * said
+    assert all("fouling of share 1.5 +- 0.2 is more" in row and "(1)" in row for row in rows)
