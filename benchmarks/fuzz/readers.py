@@ -11,7 +11,9 @@ from benchmarks.fuzz.reproducers import REPRODUCERS
 from benchmarks.fuzz.samples import GROUPS, TEXTS, short_trial, write_runs, write_tables
 from cases.checks import check
 from cases.importing.import_logs import import_logs
-from cases.importing.import_map import read_map
+from cases.importing.import_map import ImportMap, read_map
+from cases.importing.log_columns import log_of
+from cases.importing.long_text import read_long_text
 from cases.io.controls import read_controls
 from cases.io.groups import group_trials
 from cases.io.read import read_trial
@@ -66,6 +68,10 @@ def readers(folder: Path) -> dict[str, Reader]:
         "black_box": (box / NETWORK, lambda: load_box(box)),
         "captive": (folder / "captive.csv", lambda: read_captive(folder / "captive.csv")),
         "log": (folder / "log.csv", lambda: _imported(folder / "log.csv")),
+        "long_log": (
+            folder / "long.csv",
+            lambda: log_of(read_long_text(folder / "long.csv", ImportMap()), ImportMap()),
+        ),
         "nmea": (folder / "log.nmea", lambda: _imported(folder / "log.nmea")),
         "import_map": (folder / "import.toml", lambda: read_map(folder / "import.toml")),
     }

@@ -45,6 +45,7 @@ REPRODUCERS: dict[str, tuple[bytes, ...]] = {
         b"u [m/s],v [m/s],r [rad/s],n [rps],delta [rad],X [N],Y [N],N [N m]\n1,1,1,1,1,,,\n",
     ),
     "log": (*_TABLES, b"t;x\n1;2\n", b"t;psi;n;delta\n" + b"1e308;1e308;1;1\n" * 12, b"t,psi\n" + b"nan,inf\n" * 12),
+    "long_log": (*_TABLES, b"t;x\n1;2\n", b"t,psi\n" + b"nan,inf\n" * 12, b"t;psi\n#1;2\n" + b"1;2\n" * 30 + b"0;2\n"),
     "nmea": (b"$GPRMC", b"$GPRMC," + b"9" * 5000, b"$" * 3000, b"!AIVDM,1,1,,A,\xff*00\n"),
     "import_map": (b"origin = [nan, 1e300]", b"step = nan", b"[columns]\nt = 1", b"sentinels = [1e400]", *_TOML),
     "groups": (

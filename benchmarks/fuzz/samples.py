@@ -66,7 +66,7 @@ n = "RPM"
 clock_offset = 1.5
 run = "first"
 """
-LOGS = (("log.csv", LOG), ("log.nmea", NMEA), ("import.toml", IMPORT_MAP))
+LOGS = (("log.csv", LOG), ("long.csv", LOG), ("log.nmea", NMEA), ("import.toml", IMPORT_MAP))
 GROUPS = "day\nrun_07_2020-11-12\nrun_08_31-Jul-2020\nsea 20201112_zigzag"
 TEXTS = {
     "effect": (

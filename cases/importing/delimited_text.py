@@ -6,8 +6,8 @@ import csv
 import io
 import re
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from mmg.messages import Message
 SEPARATORS = (";", "\t", "|", ",", " ")
 """Tried in this order; " " stands for any blanks."""
 COMMENT = ("#", "%", "//", "!")
+CUT_OFF = "the last line is cut off and left out"
 LOOKED_AT, PREAMBLE = 400, 60
 """Lines by which separator and header are found, and most lines before the header."""
 NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?")
@@ -44,6 +45,8 @@ MORE_UNITS = {
     "e",
 }
 KNOWN_UNITS = {u.lower() for known in FACTORS.values() for u in known} | set(SPELLINGS) | MORE_UNITS
+SHIP = r"\W*(?:vessel|ship|mmsi|imo)(?:[ _]?(?:name|number|no\.?))?\W*[:=;,|\t]\s*(\S.{0,60})"
+"""A line that names a ship."""
 EMPTY = ("", "nan", "null", "none", "na", "n/a", "-", "--", "---", "inf", "#n/a", "nat")
 """Cells that hold nothing, in lower case."""
 
@@ -53,7 +56,8 @@ class Layout:
     """How a text file holds its table.
 
     separator: of its cells; header, units: (C,) cells, units "" where there are none; first: index, among the lines
-    that are neither blank nor comments, of the first row of data; notices: what was found.
+    that are neither blank nor comments, of the first row of data; notices: what was found; ship: that a line above the
+    table names.
     """
 
     separator: str
@@ -61,6 +65,7 @@ class Layout:
     units: list[str]
     first: int
     notices: list[Message]
+    ship: str = ""
 
 
 def read_text_table(path: Path) -> RawTable:
@@ -74,13 +79,19 @@ def read_text_table(path: Path) -> RawTable:
     if not lines:
         raise UserError(f"{path}: the file is empty")
     commented = [line for _, line in lines if is_comment(line)]
-    number, body = zip(*[pair for pair in lines if not is_comment(pair[1])] or [(0, "")], strict=True)
+    kept = [pair for pair in lines if not is_comment(pair[1])]
+    if not kept:
+        raise UserError(f"{path}: holds nothing but comments; is it a table?")
+    number, body = zip(*kept, strict=True)
     found, rows = layout(path, body, commented)
     notices = list(found.notices)
     if commented:
         notices.append(Message(f"lines of comment, left out: {len(commented)}", "comment_lines"))
     data, width = rows[found.first :], len(found.header)
     check_widths(path, data, width, number[found.first :], last=True)
+    if len(data[-1]) < width:
+        data = data[:-1]
+        notices.append(Message(CUT_OFF, "last_line_cut"))
     if len(data) * width > MOST_CELLS:
         raise UserError(f"{path}: more than {MOST_CELLS} cells; divide it")
     return table_of(path, found, data, notices)
@@ -104,7 +115,17 @@ def layout(path: Path, body: Sequence[str], commented: Sequence[str]) -> tuple[L
     skipped = first - 1 - bool(any(units))
     if skipped > 0:
         notices.append(Message(f"lines before the header, left out: {skipped}", "lines_before_header"))
-    return Layout(separator, header, units, first, notices), rows
+    ship = ship_named([*commented, *body[: max(skipped, 0)]])
+    return Layout(separator, header, units, first, notices, ship), rows
+
+
+def ship_named(lines: Iterable[str]) -> str:
+    """The ship, or its number, that one of the ``lines`` above a table names, as "Vessel: AURORA" does; else ""."""
+    for line in lines:
+        match = re.fullmatch(SHIP, line, re.IGNORECASE)
+        if match:
+            return match[1].strip(" ;,|\t\"'")
+    return ""
 
 
 def table_of(path: Path, found: Layout, data: list[list[str]], notices: list[Message]) -> RawTable:
@@ -123,7 +144,8 @@ def table_of(path: Path, found: Layout, data: list[list[str]], notices: list[Mes
     words = {";": "semicolons", "\t": "tabs", "|": "bars", " ": "blanks", ",": "commas"}[separator]
     if separator != ",":
         notices.append(Message(f"cells are separated by {words}", "separator"))
-    return raw_table(path, str(path), found.header, found.units, frame, notices)
+    table = raw_table(path, str(path), found.header, found.units, frame, notices)
+    return replace(table, ship=found.ship)
 
 
 def plain_cells(frame: Any, separator: str) -> tuple[Any, int]:
@@ -206,6 +228,12 @@ def _header(
     """Header cells, units (or "" each) and the first row of data."""
     width = len(rows[first])
     above = [[cell.strip() for cell in row] for row in rows[max(0, first - 2) : first] if len(row) == width]
+    if not above and first > 0:
+        line = separator.join(rows[first - 1])
+        other = next((s for s in SEPARATORS[:4] if s != separator and len(cells_of([line], s)[0]) == width), "")
+        if other:
+            words = f"the header's cells are separated by {other!r}, those of the rows by {separator!r}"
+            raise UserError(f"{path}: {words}; write one of them throughout")
     if not above:  # the header may be a comment, as of numpy.savetxt and of Fortran programs
         for line in reversed(commented):
             cells = [c.strip() for c in cells_of([line.lstrip(" #%!/")], separator)[0]]

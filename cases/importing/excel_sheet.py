@@ -5,10 +5,11 @@ from __future__ import annotations
 import io
 import warnings
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from cases.importing.delimited_text import EMPTY, KNOWN_UNITS, PREAMBLE
+from cases.importing.delimited_text import EMPTY, KNOWN_UNITS, PREAMBLE, ship_named
 from cases.importing.raw_table import MOST_CELLS, RawTable, raw_table
 from cases.io.files import LARGEST, read_bytes
 from mmg.errors import UserError
@@ -38,6 +39,8 @@ def read_excel_tables(path: Path) -> list[RawTable]:
         sheets = [(str(sheet.title), _rows(path, sheet)) for sheet in book.worksheets]
     except UserError:
         raise
+    except zipfile.BadZipFile:
+        raise UserError(f"{path}: is cut off, damaged or no Excel workbook (.xlsx)") from None
     except Exception as error:  # openpyxl raises many kinds for damaged files
         raise UserError(f"{path}: not a readable Excel workbook ({' '.join(str(error).split())[:120]})") from None
     tables = [table for title, rows in sheets if (table := _table(path, title, len(sheets) > 1, rows)) is not None]
@@ -71,7 +74,8 @@ def _table(path: Path, title: str, several: bool, rows: list[list[Any]]) -> RawT
     cells = ["" if c is None else str(c) for c in rows[header]]
     notices = [Message(f"lines before the header, left out: {header}", "lines_before_header")] if header else []
     frame = pd.DataFrame(rows[first:], dtype=object)
-    return raw_table(path, f"{path}, sheet '{title}'" if several else str(path), cells, units, frame, notices)
+    table = raw_table(path, f"{path}, sheet '{title}'" if several else str(path), cells, units, frame, notices)
+    return replace(table, ship=ship_named("; ".join(str(c) for c in row if c is not None) for row in rows[:header]))
 
 
 def _is_data(row: list[Any]) -> bool:

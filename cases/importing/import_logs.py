@@ -119,6 +119,8 @@ def _files_of(path: Path) -> list[Path]:
 
 def _tables(file: Path, chosen: ImportMap) -> list[RawTable]:
     check_file(file, LARGEST_LOG if file.suffix.lower() not in BINARY else LARGEST)
+    if not file.stat().st_size:
+        raise UserError(f"{file}: the file is empty")
     suffix = file.suffix.lower()
     if suffix in (".xlsx", ".xlsm"):
         return read_excel_tables(file)
@@ -140,7 +142,9 @@ def _parquet(file: Path) -> RawTable:
     try:
         frame = pd.read_parquet(file)
     except Exception as error:  # pyarrow raises many kinds for damaged files
-        raise UserError(f"{file}: not a readable Parquet file ({' '.join(str(error).split())[:120]})") from None
+        why = " ".join(str(error).split())
+        why = "it is cut off, damaged or none" if "magic bytes" in why else why[:120]
+        raise UserError(f"{file}: not a readable Parquet file ({why})") from None
     cells = [str(c) for c in frame.columns]
     frame.columns = pd.RangeIndex(len(cells))
     return raw_table(file, str(file), cells, [""] * len(cells), frame, [])

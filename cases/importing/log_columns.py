@@ -105,6 +105,7 @@ def log_of(table: RawTable, chosen: ImportMap) -> Log:
         columns, said = clean(t, columns)
         notices += said
     words = {name: _word(table, mapped, name) for name in ("ship", "zone")}
+    words["ship"] = words["ship"] or table.ship
     return Log(
         table.without_cells(),
         t,

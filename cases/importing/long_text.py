@@ -16,6 +16,7 @@ import numpy as np
 from cases.importing.bad_values import LARGEST, SENTINELS, nothing_in
 from cases.importing.clocks import backwards, clock_of
 from cases.importing.delimited_text import (
+    CUT_OFF,
     EMPTY,
     cells_of,
     check_widths,
@@ -96,7 +97,7 @@ class _LongText:
         self.sample = self.sample.without_cells()
         self.masked: Counter[tuple[str, float]] = Counter()
         self.words: dict[str, set[str]] = {q: set() for q in self.mapped if q in ("ship", "zone")}
-        self.end, self.days, self.rows, self.comments = -math.inf, 0.0, 0, 0
+        self.end, self.days, self.rows, self.comments, self.cut = -math.inf, 0.0, 0, 0, False
         self.clock: Clock | None = None
 
     def table(self) -> RawTable:
@@ -182,6 +183,8 @@ class _LongText:
                 cells_of([line.rstrip("\n") for line in lines], self.layout.separator),
             )
             check_widths(self.path, rows, width, numbers, last)
+            if last and len(rows[-1]) < width:
+                rows, self.cut = rows[:-1], True
             frame = pd.DataFrame([(row + [""] * width)[:width] for row in rows], dtype=object)
         table = self.sample
         kept = {c.header: frame[self.at[c.header]] for c in self.mapped.values()}
@@ -277,6 +280,8 @@ class _LongText:
         notices = [*self.layout.notices, *self.sample.notices]
         if self.comments:
             notices.append(Message(f"lines of comment, left out: {self.comments}", "comment_lines"))
+        if self.cut:
+            notices.append(Message(CUT_OFF, "last_line_cut"))
         for (header, number), count_of in self.masked.items():
             words = (
                 f"{header}: {count_of} cells hold {'over ' * (number == LARGEST)}{number:g}, which stands for nothing"
@@ -288,9 +293,8 @@ class _LongText:
         clock = Clock(t, clock.absolute, clock.header, clock.words)
         frame = pd.DataFrame(series)
         frame.columns = pd.RangeIndex(len(series))
-        return RawTable(
-            self.path, str(self.path), tuple(series), tuple(units), frame, tuple(notices), clock, self.others
-        )
+        name, headers, said = str(self.path), tuple(series), tuple(notices)
+        return RawTable(self.path, name, headers, tuple(units), frame, said, clock, self.others, ship=self.layout.ship)
 
 
 def _text(cell: Any) -> Any:

@@ -38,7 +38,7 @@ class RawTable:
     path: of the file; name: of the table in messages; headers: (C,) unique cells without their units; units: (C,) as
     written, or ""; frame: pandas DataFrame (N, C) of cells, text as it is (decimal points, not commas) or numbers and
     times; notices: what was found on reading; clock: of a table that was averaged, else None; others: headers of
-    columns that were not kept; before: rows of the log before those of the table.
+    columns that were not kept; before: rows of the log before those of the table; ship: that lines above it name.
     """
 
     path: Path
@@ -50,6 +50,7 @@ class RawTable:
     clock: Clock | None = None
     others: tuple[str, ...] = ()
     before: int = 0
+    ship: str = ""
 
     def __len__(self) -> int:
         return len(self.frame)

@@ -37,8 +37,24 @@ def read_trials(paths: Iterable[str | Path] | str | Path, refuse: bool = True) -
     """The trials of several files and folders, in the order given (folders: by name).
 
     paths: one or several; a folder stands for the .csv and .parquet files in it, or in its sub-folders when it holds
-    none itself; refuse: files whose units the numbers refute. Raises UserError for the first thing that cannot be read.
+    none itself; refuse: files whose units the numbers refute. Raises UserError for all that cannot be read.
     """
+    trials, problems = [], []
+    files = trial_files(paths)
+    for file in files:
+        try:
+            trials.append(read_trial(file, refuse=refuse))
+        except UserError as error:
+            problems.append(str(error))
+    if problems:
+        several = f"{len(problems)} of {len(files)} files cannot be read: " if len(problems) > 1 else ""
+        raise UserError(several + "; ".join(dict.fromkeys(problems)))
+    return trials
+
+
+def trial_files(paths: Iterable[str | Path] | str | Path) -> list[Path]:
+    """The trial files that ``paths`` stand for, as ``read_trials`` reads them, each once. Raises UserError for a folder
+    without any, and where there is none at all."""
     given = map(Path, [paths] if isinstance(paths, (str, Path)) else paths)
     try:
         files = [file for path in given for file in (_files_of(path) if path.is_dir() else [path])]
@@ -46,7 +62,7 @@ def read_trials(paths: Iterable[str | Path] | str | Path, refuse: bool = True) -
         raise UserError(f"{error.filename}: cannot be read ({error.strerror}); check the path") from None
     if not files:
         raise UserError("no trial files given")
-    return [read_trial(file, refuse=refuse) for file in dict.fromkeys(files)]
+    return list(dict.fromkeys(files))
 
 
 def given_trials(given: str | Path | Trial | Sequence[str | Path | Trial]) -> list[Trial]:

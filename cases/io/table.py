@@ -84,7 +84,9 @@ def _parquet(path: Path, content: bytes) -> _Parts:
     import pyarrow.parquet as pq
 
     def refused(error: Exception) -> UserError:
-        return UserError(f"{path}: not a readable Parquet file ({' '.join(str(error).split())[:120]})")
+        why = " ".join(str(error).split())
+        why = "it is cut off, damaged or none" if "magic bytes" in why else why[:120]
+        return UserError(f"{path}: not a readable Parquet file ({why})")
 
     try:
         file = pq.ParquetFile(io.BytesIO(content))

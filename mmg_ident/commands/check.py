@@ -32,26 +32,39 @@ def check(
     not.
     """
     from cases.checks import check as check_trials
-    from cases.io.read import read_trials
+    from cases.io.read import read_trial, trial_files
     from cases.shipfiles.ship_file import load_ship
 
     model = load_ship(ship) if ship else None
-    found, unreadable = [], []
-    for path in each(trials, "reading"):
+    found, unreadable, files = [], [], []
+    for path in trials:
         try:
-            found += read_trials([path], refuse=False)
+            files += trial_files([path])
+        except UserError as error:
+            unreadable.append((path, error))
+    for path in each(list(dict.fromkeys(files)), "reading"):
+        try:
+            found.append(read_trial(path, refuse=False))
         except UserError as error:
             unreadable.append((path, error))
     if not found:
-        raise unreadable[0][1]
+        raise UserError(_of_all(unreadable))
     with working(f"checking {len(found)} trials"):
         reports = check_trials(found)
     if json:
         print_json(_document(reports, unreadable, model))
     else:
-        _print(reports, model, every or len(reports) == 1)
+        _print(reports, model, every or len(reports) == 1, unreadable)
+    if len(unreadable) > 1 and not json:
+        raise UserError(f"{len(unreadable)} files cannot be read, as said above")
     if unreadable:
-        raise UserError("; ".join(str(error) for _, error in unreadable))
+        raise UserError(_of_all(unreadable))
+
+
+def _of_all(unreadable: list[tuple[Path, UserError]]) -> str:
+    """What is wrong with all files that could not be read, each sentence once."""
+    many = f"{len(unreadable)} files cannot be read: " if len(unreadable) > 1 else ""
+    return many + "; ".join(dict.fromkeys(str(error) for _, error in unreadable))
 
 
 def _document(
@@ -83,7 +96,9 @@ def worst(verdicts: Sequence[str]) -> str:
     return next((v for v in ("contradictory", "doubtful") if v in verdicts), "ok")
 
 
-def _print(reports: list[CheckReport], ship: Ship | None, every: bool) -> None:
+def _print(
+    reports: list[CheckReport], ship: Ship | None, every: bool, unreadable: list[tuple[Path, UserError]]
+) -> None:
     """A table with one line per file, what is wrong (``every``: and all else), and what the files excite together."""
     from rich.console import Console
     from rich.markup import escape
@@ -103,6 +118,8 @@ def _print(reports: list[CheckReport], ship: Ship | None, every: bool) -> None:
     for report in reports:
         verdict = f"[{colours[report.verdict]}]{report.verdict}[/]"
         table.add_row(escape(report.name), verdict, *_cells(report))
+    for path, _ in unreadable:
+        table.add_row(escape(path.stem), "[red]unreadable[/]")
     console.print(table)
     marks = {"info": "  ", "doubtful": "! ", "contradictory": "!!"}
 
@@ -111,6 +128,8 @@ def _print(reports: list[CheckReport], ship: Ship | None, every: bool) -> None:
         line.add_row(f"  {mark}", escape(text))
         console.print(line)
 
+    for _, error in unreadable if len(unreadable) > 1 else ():
+        say_line("!!", str(error))
     if every:
         for report in reports:
             console.print(f"\n[bold]{escape(report.name)}[/]: [{colours[report.verdict]}]{report.verdict}[/]")

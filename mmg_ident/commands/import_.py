@@ -58,8 +58,9 @@ def import_(
             chosen = answered
             found = import_logs(logs, chosen, lambda files: each(files, "reading"))
     if found.problems:
-        if len(found.problems) > 1:
+        if len(found.problems) > 1 and not json:
             _print_problems(found)
+            raise UserError(f"{len(found.problems)} problems, listed above; nothing is written")
         raise UserError("; ".join(found.problems))
     with working("writing trials"):
         files = write_import(found, chosen, out, force)
@@ -145,8 +146,11 @@ def _print_problems(found: Imported) -> None:
     for i, problem in enumerate(found.problems):
         table.add_row(f"{i + 1}.", escape(problem))
     console = Console(stderr=True, highlight=False)
-    console.print(f"{len(found.problems)} problems; nothing is written:")
-    console.print(table)
+    if console.is_terminal:
+        console.print(table)
+        return
+    for i, problem in enumerate(found.problems):  # in a file each stays one line
+        console.print(escape(f"{i + 1}. {problem}"), soft_wrap=True)
 
 
 def _print(found: Imported, files: list[Path], checks: list[Any]) -> None:

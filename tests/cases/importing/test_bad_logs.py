@@ -51,6 +51,10 @@ CASES: list[tuple[str, Callable[[Path], Path], str]] = [
     ("mixed separators",
      lambda p: rows(p, HEADER, [*lines(30), line(30).replace(";", ","), *lines()[31:]]),
      "separated by ','"),
+    ("another separator in the header",
+     lambda p: rows(p, HEADER.replace(";", ","), lines()),
+     "header's cells are separated by ',', those of the rows by ';'"),
+    ("only comments", lambda p: rows(p, "# a", ["# b", "% c"]), "nothing but comments"),
     ("two clocks",
      lambda p: rows(p, f"{HEADER};utc", [f"{t};{i}" for i, t in enumerate(lines())]),
      "two columns hold a time"),
@@ -98,7 +102,8 @@ def test_all_problems_of_a_folder_are_said_and_nothing_is_written(
     rows(logs / "two.csv", HEADER.replace("time", "foo"), lines())
     assert main(["import", str(logs), "--out", str(tmp_path / "out")]) == 2
     err = capsys.readouterr().err
-    assert "one.csv" in err and "two.csv" in err and "2 problems" in err
+    assert err.count("one.csv") == 1 and err.count("two.csv") == 1 and "2 problems" in err
+    assert len(err.strip().splitlines()) == 3  # one line each, and how many
     assert sorted(p.name for p in tmp_path.iterdir()) == ["logs"]
 
 
@@ -109,6 +114,54 @@ def test_files_of_different_ships(tmp_path: Path) -> None:
         rows(tmp_path / f"{name}.txt", "time_s heading_rad surge_mps ship", lines)
     found = import_logs([tmp_path])
     assert any("files of different ships: a (a.txt), b (b.txt)" in p for p in found.problems)
+
+
+@pytest.mark.parametrize("line", ["Vessel: MV {}", "# ship name = {};;;", '"MMSI";21100000{}', "// IMO no.: 900{}"])
+def test_files_whose_first_lines_name_different_ships(tmp_path: Path, line: str) -> None:
+    for i, name in enumerate(("1", "2")):
+        rows(tmp_path / f"{i}.csv", line.format(name), [HEADER, *lines()])
+    assert any("files of different ships" in p for p in import_logs([tmp_path]).problems)
+    rows(tmp_path / "1.csv", line.format("1"), [HEADER, *lines()])
+    assert not any("ships" in p for p in import_logs([tmp_path]).problems)
+
+
+def test_files_that_are_cut_off_or_empty_are_a_line_each(tmp_path: Path) -> None:
+    openpyxl = pytest.importorskip("openpyxl", reason="needs the extra import")
+    pytest.importorskip("pynmea2", reason="needs the extra import")
+    truth = raw_logs.run()
+    raw_logs.excel(tmp_path / "a.xlsx", truth)
+    truth.to_pandas().to_parquet(tmp_path / "b.parquet")
+    raw_logs.nmea(tmp_path / "c.nmea", truth)
+    for path, size in ((tmp_path / "a.xlsx", 5000), (tmp_path / "b.parquet", 2000), (tmp_path / "c.nmea", 1000)):
+        path.write_bytes(path.read_bytes()[:size])
+    for name in ("d.csv", "e.nmea", "f.parquet", "g.xlsx"):
+        (tmp_path / name).touch()
+    openpyxl.Workbook().save(tmp_path / "h.xlsx")
+    found = import_logs([tmp_path])
+    words = [
+        "is cut off, damaged or no Excel",
+        "is cut off, damaged or none",
+        *["the file is empty"] * 4,
+        "no sheet holds",
+    ]
+    assert not found.runs and len(found.problems) == 8, found.problems
+    for name, what in zip(
+        ("a.xlsx", "b.parquet", "d.csv", "e.nmea", "f.parquet", "g.xlsx", "h.xlsx"), words, strict=True
+    ):
+        assert sum(str(tmp_path / name) in p and what in p for p in found.problems) == 1, (name, found.problems)
+    assert sum("c.nmea: " in p for p in found.problems) == 1
+
+
+def test_a_last_line_that_is_cut_off_is_left_out(tmp_path: Path) -> None:
+    """Also where the cut leaves a number that is no number, or another one."""
+    path = raw_logs.semicolons(tmp_path / "a.csv", raw_logs.run())
+    whole = path.read_bytes()
+    for cut in (30, 40, 47, 60):
+        path.write_bytes(whole[:-cut])
+        found = import_logs([path])
+        assert not found.problems, found.problems
+        assert len(found.runs[0].columns["t"]) == len(raw_logs.run()) - 1
+        assert any(getattr(m, "code", "") == "last_line_cut" for m in found.runs[0].notices)
 
 
 def test_clocks_that_do_not_overlap(tmp_path: Path) -> None:
@@ -195,7 +248,7 @@ def test_damaged_bytes_raise_nothing_but_a_line(tmp_path: Path) -> None:
     [
         ("far.csv", "t [s];psi [deg];n [rpm];delta [deg];u [m/s]\n" + "\n".join(
             f"{t};1;60;{t % 7};1" for t in (*range(30), 2e9)), "the clock runs over 2e+09 s"),
-        ("ais.csv", "#AIVDM,1,1\n#AIVDM,1,2\n", "no separator"),
+        ("ais.csv", "#AIVDM,1,1\n#AIVDM,1,2\n", "nothing but comments"),
         ("huge.csv", "t [s];psi [deg];n [rpm];delta [deg]\n" + "1e3;1e308;1e308;1\n" * 12, "stands still"),
     ],
 )  # fmt: skip

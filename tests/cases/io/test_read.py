@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import hashlib
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -287,3 +288,13 @@ def test_a_heading_that_jumps_by_360_is_in_degrees_even_beside_a_rate_in_degrees
     psi = np.degrees(c["psi"] + 0.02 * c["t"])
     columns = {"t": c["t"], "psi": psi % 360.0, "r": np.degrees(c["r"] + 0.02)}
     assert "jumps by 360" in implausible(columns)
+
+
+def test_all_that_is_wrong_in_a_folder_is_said(tmp_path: Path) -> None:
+    for name in ("a", "b", "c"):
+        write_csv(tmp_path / f"{name}.csv")
+    for name, unit in (("a", "grad"), ("c", "turns")):
+        text = (tmp_path / f"{name}.csv").read_text()
+        (tmp_path / f"{name}.csv").write_text(text.replace("psi [rad]", f"psi [{unit}]"))
+    with pytest.raises(UserError, match=r"^2 of 3 files cannot be read: .*a.csv.*'grad'.*; .*c.csv.*'turns'"):
+        read_trials(tmp_path)
