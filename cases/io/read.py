@@ -17,7 +17,6 @@ from cases.io.conventions import converted
 from cases.io.files import check_file
 from cases.io.headers import match_headers
 from cases.io.leave_out import left_out
-from cases.io.sentinels import without_sentinels
 from cases.io.sidecar import NAME, SidecarEntry, read_sidecar, sidecar_entry
 from cases.io.toml_file import validated
 from cases.io.trial_table import trial_table
@@ -148,9 +147,7 @@ def _si_columns(
         labels[name] = (table.header[index], unit)
         if factor != 1.0:
             notices.append(Message(f"{name} converted from {unit} to {si_unit(name)}", "unit_converted"))
-    columns = table.columns(wanted, notices)
-    if entry.sentinels != []:
-        columns = without_sentinels(columns, wanted, entry.sentinels or (), notices)
+    columns = table.columns(wanted, None if entry.sentinels == [] else entry.sentinels or (), notices)
     absent = [name for name in ("n", "delta") if name not in columns and not {"n", *RUDDERS} & set(matched)]
     if absent:
         columns |= {name: np.zeros(len(columns["t"])) for name in absent}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -32,16 +33,33 @@ def without_sentinels(
 
     wanted: name -> (number of the column, factor by which its values were multiplied); further: as in ``found``.
     """
-    out = dict(columns)
+    out, counts = masked(columns, wanted, further)
+    notices += remarks(counts)
+    return out
+
+
+def masked(
+    columns: Mapping[str, np.ndarray], wanted: Mapping[str, tuple[int, float]], further: Sequence[float]
+) -> tuple[dict[str, np.ndarray], Counter[tuple[str, float]]]:
+    """``columns``, name -> (N,), in which what stands for no value is missing, and how often which number did.
+
+    wanted, further: as of ``without_sentinels``.
+    """
+    out, counts = dict(columns), Counter[tuple[str, float]]()
     for name, values in columns.items():
         factor = wanted[name][1]
         if name == "t" or not np.isfinite(values).any():
             continue
         for number, rows in found(values if factor == 1 else np.round(values / factor, 6), further).items():
             out[name] = np.where(rows, np.nan, out[name])
-            text = f"{name}: {int(rows.sum())} samples hold {number:g}, which stands for no value; taken as missing"
-            notices.append(Message(text, CODE))
-    return out
+            counts[name, number] += int(rows.sum())
+    return out, counts
+
+
+def remarks(counts: Mapping[tuple[str, float], int]) -> list[Message]:
+    """A notice on each column and number of the ``counts`` that ``masked`` gives."""
+    what = "which stands for no value; taken as missing"
+    return [Message(f"{name}: {n} samples hold {number:g}, {what}", CODE) for (name, number), n in counts.items()]
 
 
 def found(values: np.ndarray, further: Sequence[float] = ()) -> dict[float, np.ndarray]:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import hashlib
 import io
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
@@ -15,6 +16,7 @@ import numpy as np
 from cases.io.block_means import MOST_KEPT, BlockMeans, rows_together
 from cases.io.csv_table import PIECE, CsvPieces, LineCount, csv_header, text_encoding
 from cases.io.files import check_file, opened, read_bytes
+from cases.io.sentinels import masked, remarks, without_sentinels
 from cases.io.table import checked_header, read_table, within
 from mmg.errors import UserError
 from mmg.messages import Message
@@ -33,12 +35,16 @@ Wanted = Mapping[str, tuple[int, float]]
 
 @dataclass(frozen=True)
 class TrialTable:
-    """A trial file whose header is known. header: its cells; sha256: of its bytes; columns: the wanted ones in SI,
-    every row or means of rows; it adds to the notices, and raises UserError on text and numbers that no trial holds."""
+    """A trial file whose header is known.
+
+    header: its cells; sha256: of its bytes; columns: the wanted ones in SI, every row or means of rows, without
+    sentinels (further numbers that stand for no value; None: none are looked for). It adds to the notices, and raises
+    UserError on text and on numbers that no trial holds.
+    """
 
     header: list[str]
     sha256: str
-    columns: Callable[[Wanted, list[Message]], dict[str, np.ndarray]]
+    columns: Callable[[Wanted, Sequence[float] | None, list[Message]], dict[str, np.ndarray]]
 
 
 def trial_table(path: Path) -> TrialTable:
@@ -56,8 +62,10 @@ def trial_table(path: Path) -> TrialTable:
             return _long(path, lambda: io.BytesIO(content))
     header, numbers = read_table(path, content)
 
-    def columns(wanted: Wanted, notices: list[Message]) -> dict[str, np.ndarray]:
+    def columns(wanted: Wanted, sentinels: Sequence[float] | None, notices: list[Message]) -> dict[str, np.ndarray]:
         found = {name: numbers(index, name == "t") * factor for name, (index, factor) in wanted.items()}
+        if sentinels is not None:
+            found = without_sentinels(found, wanted, sentinels, notices)
         return _averaged(path, iter([found]), len(found["t"]), notices)
 
     return TrialTable(header, hashlib.sha256(content).hexdigest(), columns)
@@ -82,10 +90,17 @@ def _long(path: Path, stream: Callable[[], BinaryIO]) -> TrialTable:
         for _ in through():
             pass
 
-    def columns(wanted: Wanted, notices: list[Message]) -> dict[str, np.ndarray]:
+    def columns(wanted: Wanted, sentinels: Sequence[float] | None, notices: list[Message]) -> dict[str, np.ndarray]:
         with stream() as file:
             pieces = CsvPieces(path, file, encoding, len(header))
-            return _averaged(path, _scaled(path, pieces, header, wanted), lines.rows, notices)
+            scaled = _scaled(path, pieces, header, wanted)
+            if rows_together(lines.rows) == 1:
+                out = _averaged(path, scaled, lines.rows, notices)
+                return out if sentinels is None else without_sentinels(out, wanted, sentinels, notices)
+            counts: Counter[tuple[str, float]] = Counter()
+            out = _averaged(path, _without(scaled, wanted, sentinels, counts), lines.rows, notices)
+            notices += remarks(counts)
+            return out
 
     return TrialTable(header, digest.hexdigest(), columns)
 
@@ -102,6 +117,22 @@ def _scaled(path: Path, pieces: CsvPieces, header: list[str], wanted: Wanted) ->
         before = pieces.rows
     for index, _ in wanted.values():
         pieces.check(index, header[index])
+
+
+def _without(
+    pieces: Iterator[dict[str, np.ndarray]],
+    wanted: Wanted,
+    sentinels: Sequence[float] | None,
+    counts: Counter[tuple[str, float]],
+) -> Iterator[dict[str, np.ndarray]]:
+    """The ``pieces`` without numbers that stand for no value, whose ``counts`` are added to."""
+    for columns in pieces:
+        if sentinels is None:
+            yield columns
+        else:
+            kept, own = masked(columns, wanted, sentinels)
+            counts.update(own)
+            yield kept
 
 
 def _averaged(

@@ -81,6 +81,17 @@ def test_noise_is_averaged_and_a_column_that_is_logged_rarely_is_not_late(
     assert np.std(off(trial, truth, "u")) < 0.06
 
 
+def test_numbers_for_nothing_are_in_no_mean(tmp_path: Path, few: Callable[[int], None]) -> None:
+    truth = columns()
+    spoiled = {**truth, "u": np.where(np.arange(1000) % 50 == 0, -999.0, truth["u"])}
+    few(250)
+    trial = read_trial(write_csv(tmp_path / "a.csv", spoiled, rows=None))
+    assert np.abs(off(trial, truth, "u")).max() < 0.01
+    assert sum("20 samples hold -999" in notice for notice in trial.notices) == 1
+    kept = read_trial(tmp_path / "a.csv", {"sentinels": []})
+    assert kept["u"].min() < -200
+
+
 def test_no_mean_is_taken_across_a_gap(tmp_path: Path, few: Callable[[int], None]) -> None:
     truth = columns()
     keep = (truth["t"] < 30.25) | (truth["t"] > 60)
