@@ -68,6 +68,8 @@ def parse_particulars(words: Sequence[str]) -> dict[str, float]:
 
 def check_plausible(p: Mapping[str, float]) -> None:
     """Raises UserError, naming the value, for particulars ``p`` [SI] that no ship has or no regression knows."""
+    if p.get("A_R") == 0.0:
+        p = {name: value for name, value in p.items() if name != "A_R"}
     wrong = wrong_particulars(p)
     if wrong:
         raise UserError(f"--new: {'; '.join(wrong)}")
@@ -113,8 +115,9 @@ def complete(given: Mapping[str, float]) -> tuple[dict[str, float], list[str]]:
     default("pitch_ratio", 0.75, "usual for slow merchant ships")
     rudders = 2 if v.get("y_P", 0.0) > 0 else 1
     default("A_R", 0.01 * L * d * (1 + 25 * (B / L) ** 2) / rudders, "class rule on the rudder area")
-    default("aspect_ratio", (0.7 * d) ** 2 / v["A_R"], "rudder height 0.7 d")
-    default("x_R", -0.5 * L, "at the aft perpendicular")
+    if v["A_R"] > 0:
+        default("aspect_ratio", (0.7 * d) ** 2 / v["A_R"], "rudder height 0.7 d")
+        default("x_R", -0.5 * L, "at the aft perpendicular")
     whole = vars(upper_works(SimpleNamespace(**v)))
     missing = [name for name in ("A_T", "A_L", "A_OD", "C", "C_BR", "H_BR", "H_C", "rho_a") if name not in v]
     v.update({name: float(f"{whole[name]:.4g}") for name in missing})
@@ -144,15 +147,16 @@ def new_ship(name: str, given: Mapping[str, float], hull: str = "unified") -> Sh
     """A ship from main particulars (at least LEAST), ready to be simulated and calibrated.
 
     name: of the ship; given: particulars [SI]; hull: "unified" (Yoshimura et al. 2009, any drift angle, harbour) or
-    "polynomial" (Yoshimura & Masumoto 2012, ahead). Single screw or, with y_P, twin. Raises UserError for
-    particulars that no ship has.
+    "polynomial" (Yoshimura & Masumoto 2012, ahead). Single screw or, with y_P, twin; A_R = 0: without a
+    rudder. Raises UserError for particulars that no ship has.
     """
     if hull not in HULLS:
         raise UserError(f"--hull {hull}: known are {', '.join(HULLS)}")
     check_plausible(given)
     p, notices = complete(given)
     check_plausible(p)
-    components = {"hull": hull, "propeller": "hachii", "rudder": "standard", "wind": "fujiwara"}
+    components = {"hull": hull, "propeller": "hachii"} | ({"rudder": "standard"} if p["A_R"] > 0 else {})
+    components |= {"wind": "fujiwara"}
     components |= {"bow_thruster": "kobayashi"} if "D_BT" in p else {}
     components |= {"stern_thruster": "kobayashi"} if "D_ST" in p else {}
     kept = (*required_particulars(components), "C_b", "U_0", *(("y_P",) if "y_P" in p else ()))

@@ -117,9 +117,14 @@ def _plain_ship(data: dict[str, Any], where: str) -> Ship:
              (f"[ship] {', '.join(unused)}: not used by any model", "unused_particular", unused))  # fmt: skip
     notices = [Message(text, code) for text, code, any_of in texts if any_of]
     changed = {}
+    strange = [symbol for symbol in content.coefficients if symbol not in defaults]
+    if len(strange) == 1:
+        problems.append(unknown("coefficient", strange[0], defaults, f"with {_models(components)}"))
+    elif strange:
+        words = f"unknown coefficients {', '.join(strange)} with {_models(components)}"
+        problems.append(f"{words}; remove them, or name the model that has them under [model]")
     for symbol, entry in content.coefficients.items():
-        if symbol not in defaults:
-            problems.append(unknown("coefficient", symbol, defaults, f"with {_models(components)}"))
+        if symbol in strange:
             continue
         changed[symbol], wrong, repairs = _coefficient(entry, defaults[symbol])
         problems += [f"{header('coefficients', symbol)} {sentence}" for sentence in wrong]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import cycle
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -26,6 +27,9 @@ OUTLINE = np.array([[0.5, 0], [0.32, 0.08], [-0.5, 0.08], [-0.5, -0.08], [0.32, 
 TRACK_SHAPE = 1.7
 """Width over height of the track's panel."""
 
+INPUTS = (("#555555", "-"), ("#555555", "--"), ("#A0A0A0", "-"), ("#A0A0A0", "--"))
+"""Colour and line of each input of one kind."""
+
 
 def trajectory_plot(
     trial: Trial, before: Sequence[Window], after: Sequence[Window], length: float | None = None
@@ -38,10 +42,12 @@ def trajectory_plot(
     runs = [_joined(trial, before), _joined(trial, after)]
     first = [w.first for w in after]
     top = 1 if trial.has_position else 0
-    height = 10.6 if top else 6.2
+    inputs = _inputs(trial)
+    count = len(HISTORIES) + len(inputs)
+    height = (4.4 if top else 0.0) + 0.5 + 0.95 * count
     figure = new_figure(height, layout=None)
     grid = figure.add_gridspec(
-        6 + top, 1, height_ratios=[5.2] * top + [1.0] * 6, left=0.1, right=0.985, bottom=0.5 / height,
+        count + top, 1, height_ratios=[5.2] * top + [1.0] * count, left=0.1, right=0.985, bottom=0.5 / height,
         top=1 - 0.4 / height, hspace=0.14,
     )  # fmt: skip
     if top:
@@ -58,9 +64,12 @@ def trajectory_plot(
         reach = np.concatenate([states[:, state], runs[1][1][:, state]]) * factor
         ax.set_ylim(*_near(ax.get_ylim(), reach, 0.6))
         strips.append(ax)
-    for values, label in ((np.degrees(trial["delta"]), "delta [deg]"), (trial["n"], "n [1/s]")):
-        ax = figure.add_subplot(grid[top + len(strips)], sharex=strips[0])
-        dress(ax, y=label).plot(t, values, color="#555555", lw=1.0)
+    for label, rows in inputs.items():
+        ax = dress(figure.add_subplot(grid[top + len(strips)], sharex=strips[0]), y=label)
+        for (name, values), (color, dashes) in zip(rows.items(), cycle(INPUTS)):
+            ax.plot(t, values, color=color, ls=dashes, lw=1.0, label=name)
+        if len(rows) > 1:
+            ax.legend(fontsize=7, ncols=4, loc="upper right", frameon=False, borderaxespad=0.1)
         strips.append(ax)
     strips[-1].set_xlabel("time from the first sample [s]", fontsize=9)
     for ax in strips:
@@ -72,6 +81,16 @@ def trajectory_plot(
     handles, labels = strips[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="upper center", ncols=3, fontsize=9, frameon=False)
     return figure
+
+
+def _inputs(trial: Trial) -> dict[str, dict[str, np.ndarray]]:
+    """What moves the ship, by the label of its axis: angles, then revolutions, by column; none that rests."""
+    angles = {c: np.degrees(trial[c]) for c in trial.columns if c.startswith(("delta", "azimuth"))}
+    turns = {c: trial[c] for c in trial.columns if c == "n" or c.startswith("n_")}
+    labels = ("delta [deg]" if list(angles) == ["delta"] else "angles [deg]", "n [1/s]")
+    moved = [{c: x for c, x in rows.items() if np.any(x)} for rows in (angles, turns)]
+    shown = moved if any(moved) else [angles, turns]
+    return {label: rows for label, rows in zip(labels, shown, strict=True) if rows}
 
 
 def _joined(trial: Trial, windows: Sequence[Window]) -> tuple[np.ndarray, np.ndarray]:

@@ -24,7 +24,8 @@ NOTEBOOKS = [path for path in PAGES if cells(path)]
 
 
 def test_the_notebooks_are_known() -> None:
-    assert {path.name for path in NOTEBOOKS} == {"tutorial.md", "own_ship.md", "mpc.md", "gallery.md", "import.md"}
+    names = {path.stem for path in NOTEBOOKS}
+    assert names == {"tutorial", "own_ship", "mpc", "gallery", "import", "actuators"}
 
 
 @pytest.mark.slow

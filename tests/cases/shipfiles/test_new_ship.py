@@ -83,6 +83,7 @@ def test_what_is_not_given_is_said() -> None:
         ({}, {"hull", "propeller", "rudder", "wind"}),
         ({"D_BT": 2.0}, {"hull", "propeller", "rudder", "wind", "bow_thruster"}),
         ({"y_P": 6.0}, {"hull", "propeller", "rudder", "wind"}),
+        ({"y_P": 6.0, "A_R": 0.0}, {"hull", "propeller", "wind"}),
     ],
 )
 def test_a_new_ship_is_a_ship_file(extra: dict, roles: set) -> None:
@@ -91,6 +92,7 @@ def test_a_new_ship_is_a_ship_file(extra: dict, roles: set) -> None:
     back = parse_ship(dump_ship(ship))
     assert dict(back.coefficients) == dict(ship.coefficients) and not back.notices
     assert ("n_2" in assemble(ship).controls) == ("y_P" in extra)
+    assert any(c.startswith("delta") for c in assemble(ship).controls) == ("rudder" in roles)
     assert all(
         math.isfinite(c.value) and c.std >= 0 and c.lower <= c.value <= c.upper for c in ship.coefficients.values()
     )
@@ -110,6 +112,7 @@ def test_a_new_ship_is_a_ship_file(extra: dict, roles: set) -> None:
         (["320", "58", "20.8", "0.81", "U_0=0.1"], "U_0 = 0.1 m/s is Froude number"),
         (["320", "58", "20.8", "0.81", "D_P=0.00986"], "D_P = 0.00986 m is less than a tenth of the draught"),
         (["320", "58", "20.8", "0.81", "A_R=1e-4"], "A_R = 0.0001 m² is less than"),
+        (["320", "58", "20.8", "0.81", "A_R=-1"], "A_R = -1"),
         (["320000", "58000", "20800", "0.81"], "L = 320000 m"),
         (["320", "58", "20.8", "0.81", "rho=1.025"], "rho = 1.025"),
         (["320", "58", "20.8", "0.81", "m=312600"], "m = 312600 kg"),

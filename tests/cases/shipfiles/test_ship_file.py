@@ -157,6 +157,10 @@ def without(key: str) -> str:
 
 REFUSED = {
     "unknown coefficient": (coefficient("Y_q", value="1.0"), ["Y_q", "hull unified", "N_v"]),
+    "coefficients of a rudder that is gone": (
+        re.sub(r"(?m)^rudder = .*\n", "", TEXT),
+        ["unknown coefficients t_R, a_H, x_H", "remove them, or name the model that has them under [model]"],
+    ),
     "coefficient of a model the ship lacks": (coefficient("t_P", value="0.2"), ["t_P", "hull unified"]),
     "upper bound below the lower": (
         coefficient("Y_v", value="-0.3", lower="0.5", upper="-0.5"),

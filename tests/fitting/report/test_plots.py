@@ -100,6 +100,26 @@ def test_a_trial_without_positions_gets_histories_only() -> None:
     assert "north" not in words and "psi [deg]" in words
 
 
+@pytest.mark.parametrize(
+    ("inputs", "labels", "lines"),
+    [
+        ({"delta_port": 0.1, "delta_starboard": -0.1, "n": 8.0}, ["angles [deg]", "n [1/s]"], [2, 1]),
+        ({"n": 8.0, "n_2": 7.0}, ["n [1/s]"], [2]),
+        ({"n": 0.0, "delta": 0.0, "azimuth": 1.0, "n_azimuth": 3.0}, ["angles [deg]", "n [1/s]"], [1, 1]),
+        ({"n": 0.0, "delta": 0.0}, ["delta [deg]", "n [1/s]"], [1, 1]),
+    ],
+)
+def test_every_input_that_moves_is_drawn(inputs: dict[str, float], labels: list[str], lines: list[int]) -> None:
+    after, trial = held_out_run()
+    states = {c: v for c, v in trial.columns.items() if c not in ("n", "delta")}
+    other = type(trial)("twin", {**states, **{c: np.full(len(trial), v) for c, v in inputs.items()}})
+    windows = predict(after, trial, 50.0, 50.0)[0]
+    strips = trajectory_plot(other, windows, windows).axes[5:]
+    assert [ax.get_ylabel() for ax in strips] == labels
+    drawn = [[line.get_label() for line in ax.lines if str(line.get_label())[0] != "_"] for ax in strips]
+    assert [len(names) for names in drawn] == lines and {n for names in drawn for n in names} <= set(inputs)
+
+
 def test_errors_start_at_zero_and_the_end_is_the_rms_of_the_windows() -> None:
     model, trial = held_out_run()
     figure = error_growth_plot({"after": model}, [trial], horizon=40.0, stride=20.0)
