@@ -55,7 +55,7 @@ def assembled(name: str, logs: Sequence[Log], chosen: ImportMap, origin: tuple[f
     logs = [with_units_of_size(log) for log in logs]
     where = " + ".join(log.name for log in logs)
     notices = [m for log in logs for m in log.notices]
-    problems = clock_problems(logs, chosen.clocks_said())
+    problems = clock_problems(logs, chosen)
     if problems:
         raise UserError("; ".join(problems))
     t, columns = _on_one_clock(logs, chosen, where, notices)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cases.importing.import_map import ImportMap
 from cases.importing.log_columns import Log
 
 EARLIEST, LATEST, USUAL = 0.0, 0.10, 0.05
@@ -38,15 +39,15 @@ class Late:
     period: float
 
 
-def clock_problems(logs: Sequence[Log], said: Sequence[str]) -> list[str]:
-    """A line for each pair of ``logs`` of a run whose clocks differ or drift; none for files whose names are ``said``.
+def clock_problems(logs: Sequence[Log], chosen: ImportMap) -> list[str]:
+    """A line for each pair of ``logs`` of a run whose clocks differ or drift, with what to add to the map ``chosen``.
 
-    The line gives what to add to the map.
+    None for files of whose clock it says something.
     """
     found = []
     for gyro, other in itertools.permutations(logs, 2):
         names = gyro.table.path.name, other.table.path.name
-        if set(names) & set(said) or names[0] == names[1]:
+        if any(chosen.clock_said(log.table.path) for log in (gyro, other)) or names[0] == names[1]:
             continue
         late = course_late(gyro, other)
         if late is not None:

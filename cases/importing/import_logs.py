@@ -13,7 +13,7 @@ import numpy as np
 from cases.importing.assembled_run import ImportedRun, assembled, with_name
 from cases.importing.delimited_text import read_text_table
 from cases.importing.excel_sheet import read_excel_tables
-from cases.importing.import_map import ImportMap
+from cases.importing.import_map import ImportMap, names_apart
 from cases.importing.log_columns import Log, log_of
 from cases.importing.long_text import LARGEST_LOG, SMALL, read_long_text
 from cases.importing.nmea_log import is_nmea, read_nmea
@@ -47,12 +47,14 @@ class Question:
 @dataclass(frozen=True)
 class Imported:
     """runs: as they can be written; problems: of files and runs that cannot, one line each; origin: latitude and
-    longitude [deg] of the local frame, or None; questions: that the headers leave open."""
+    longitude [deg] of the local frame, or None; questions: that the headers leave open; skipped: files that were not
+    read, by the map."""
 
     runs: tuple[ImportedRun, ...]
     problems: tuple[str, ...]
     origin: tuple[float, float] | None
     questions: tuple[Question, ...] = ()
+    skipped: tuple[Path, ...] = ()
 
 
 def import_logs(
@@ -63,7 +65,8 @@ def import_logs(
     each: goes through the files, for a display. Raises UserError where there is no file at all.
     """
     chosen = chosen or ImportMap()
-    files = [file for path in paths for file in _files_of(Path(path)) if not chosen.of(file).skip]
+    all_files = [file for path in paths for file in _files_of(Path(path))]
+    files = [file for file in all_files if not chosen.of(file).skip]
     if not files:
         raise UserError("no logs given")
     logs: list[Log] = []
@@ -73,7 +76,8 @@ def import_logs(
             logs += [log_of(table, chosen) for table in _tables(file, chosen)]
         except UserError as error:
             problems.append(str(error))
-    unknown = [name for name in chosen.files if name not in {f.name for f in files} | {f.stem for f in files}]
+    ends = {f"/{f.as_posix().lstrip('/')}" for f in all_files}
+    unknown = [n for n in chosen.files if not any(e.endswith((f"/{n}", f"/{n}{Path(e).suffix}")) for e in ends)]
     problems += [f'the map: [files."{name}"] names none of the files' for name in unknown]
     problems += _several_ships(logs)
     origin = _origin(logs, chosen)
@@ -88,13 +92,15 @@ def import_logs(
             runs.append(assembled(run_name(group, chosen), group, chosen, origin))
         except UserError as error:
             problems.append(str(error))
-    asked = tuple(question for log in logs for question in _questions(with_units_of_size(log)))
-    return Imported(tuple(_with_own_names(runs)), tuple(dict.fromkeys(problems)), origin, asked)
+    named = names_apart(all_files)
+    asked = tuple(question for log in logs for question in _questions(with_units_of_size(log), named[log.table.path]))
+    skipped = tuple(file for file in all_files if file not in files)
+    return Imported(tuple(_with_own_names(runs)), tuple(dict.fromkeys(problems)), origin, asked, skipped)
 
 
-def _questions(log: Log) -> list[Question]:
-    """What the headers of ``log`` leave open."""
-    name, found = log.table.path.name, []
+def _questions(log: Log, name: str) -> list[Question]:
+    """What the headers of ``log`` leave open. name: of its file."""
+    found = []
     for header, may_be in log.unsure.items():
         choices = tuple(word for word in re.split(r" or |\s*\([^)]*\)\s*", may_be) if word and word != "nothing")
         found.append(Question(name, header, "", (*choices, "nothing"), f"'{header}' may be {may_be}"))

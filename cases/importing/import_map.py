@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -38,13 +39,14 @@ def _column(value: Any) -> Any:
 
 class FileMap(Section):
     """What holds for one file: columns over those for all; clock_offset [s] is added to its clock, and clock_drift
-    [s per s] times the time since its first row; run: its run."""
+    [s per s] times the time since its first row; run: its run; ignore: headers of columns that are not used."""
 
     columns: dict[Quantity, Annotated[ColumnMap, BeforeValidator(_column)]] = Field(default_factory=dict)
     clock_offset: float = number("s", 0.0, ge=-1e6, le=1e6)
     clock_drift: float = number("s/s", 0.0, ge=-0.5, le=0.5)
     run: Name = ""
     skip: bool = False
+    ignore: list[str] = Field(default_factory=list)
 
 
 class ImportMap(Section):
@@ -52,7 +54,8 @@ class ImportMap(Section):
 
     rudder_positive, wind_direction, velocity_frame: as in ``trials.toml``. zone_hours: time zone of stamps without one,
     ahead of UTC. sentinels: further numbers that stand for nothing. origin: latitude and longitude [deg] of the local
-    frame. separate: every file is a run of its own. step: of the rows that are written [s].
+    frame. separate: every file is a run of its own. step: of the rows that are written [s]. ignore: headers of columns
+    that are not used in any file. files: by name, or with as much of the path before it as tells them apart.
     """
 
     columns: dict[Quantity, Annotated[ColumnMap, BeforeValidator(_column)]] = Field(default_factory=dict)
@@ -64,6 +67,7 @@ class ImportMap(Section):
     origin: list[float] = Field(default_factory=list, max_length=2)
     separate: bool = False
     step: float | None = number("s", None, gt=1e-4, le=60.0)
+    ignore: list[str] = Field(default_factory=list)
     files: dict[str, FileMap] = Field(default_factory=dict)
 
     @model_validator(mode="after")
@@ -78,16 +82,35 @@ class ImportMap(Section):
         return self
 
     def of(self, file: Path) -> FileMap:
-        """What holds for ``file``, by its name or stem."""
-        return self.files.get(file.name, self.files.get(file.stem, FileMap()))
+        """What holds for ``file``, by the end of its path, its name or its stem."""
+        path = f"/{file.as_posix().lstrip('/')}"
+        keys = [key for key in self.files if path.endswith(f"/{key}")]
+        return self.files[max(keys, key=len)] if keys else self.files.get(file.stem, FileMap())
 
-    def clocks_said(self) -> tuple[str, ...]:
-        """Names of the files of whose clocks it says something."""
-        return tuple(n for n, file in self.files.items() if {"clock_offset", "clock_drift"} & file.model_fields_set)
+    def clock_said(self, file: Path) -> bool:
+        """Whether it says something of the clock of ``file``."""
+        return bool({"clock_offset", "clock_drift"} & self.of(file).model_fields_set)
+
+    def ignored_in(self, file: Path) -> set[str]:
+        """Headers of ``file`` that are not used."""
+        return {*self.ignore, *self.of(file).ignore}
 
     def columns_of(self, file: Path) -> dict[str, ColumnMap]:
         """The columns of ``file``: its own over those for all."""
         return {**self.columns, **self.of(file).columns}
+
+
+def names_apart(paths: Iterable[Path]) -> dict[Path, str]:
+    """For each of the ``paths`` its name, with as many folders before it as tell it from the others."""
+    paths, out = list(paths), {}
+    for path in paths:
+        parts = path.parts
+        for count in range(1, len(parts) + 1):
+            end = parts[-count:]
+            if sum(other.parts[-count:] == end for other in set(paths)) == 1:
+                break
+        out[path] = "/".join(end)
+    return out
 
 
 def read_map(path: Path) -> ImportMap:

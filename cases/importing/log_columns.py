@@ -11,7 +11,7 @@ import numpy as np
 from cases.importing.bad_values import lost_satellites, stands_still, without_sentinels
 from cases.importing.clocks import Clock, check_clock, clock_of
 from cases.importing.import_map import ColumnMap, ImportMap
-from cases.importing.raw_table import RawTable
+from cases.importing.raw_table import RawTable, split_unit
 from cases.importing.vocabulary import factor, known_units, meaning, unit_of
 from mmg.errors import UserError
 from mmg.messages import Message
@@ -129,6 +129,9 @@ def assigned(table: RawTable, chosen: ImportMap) -> tuple[dict[str, ColumnMap], 
     mapped: dict[str, ColumnMap] = {}
     own = chosen.of(table.path).columns
     for quantity, column in chosen.columns_of(table.path).items():
+        whole = split_unit(column.header)[0]
+        if column.header not in table.headers and whole in table.headers:  # the cell as it is in the file
+            column = column.model_copy(update={"header": whole})
         if column.header not in table.headers:
             if quantity in own:
                 raise UserError(
@@ -137,9 +140,9 @@ def assigned(table: RawTable, chosen: ImportMap) -> tuple[dict[str, ColumnMap], 
             continue  # of another file
         mapped[quantity] = column
     taken = {column.header for column in mapped.values()}
-    unknown, unsure = [], {}
+    unknown, unsure, ignored = [], {}, {split_unit(cell)[0] for cell in chosen.ignored_in(table.path)}
     for header in (*table.headers, *table.others):
-        if header in taken:
+        if header in taken or header in ignored:
             continue
         found = meaning(header)
         if found.quantity and found.quantity not in mapped:

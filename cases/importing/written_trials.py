@@ -11,11 +11,16 @@ from pathlib import Path
 from cases.importing.assembled_run import ImportedRun
 from cases.importing.import_logs import Imported
 from cases.importing.import_map import NAME as MAP
-from cases.importing.import_map import ImportMap
+from cases.importing.import_map import ImportMap, names_apart
 from cases.io.sidecar import NAME as SIDECAR
 from cases.simulation.simulate import write_trial
 from cases.trial import Trial
 from mmg.errors import UserError
+
+KEYS = (
+    "rudder_positive", "wind_direction", "velocity_frame", "zone_hours", "sentinels", "separate", "step", "ignore",
+)  # fmt: skip
+"""Of the map, for all files."""
 
 
 def write_import(found: Imported, chosen: ImportMap, folder: Path, force: bool = False) -> list[Path]:
@@ -59,20 +64,34 @@ def map_text(found: Imported, chosen: ImportMap) -> str:
 
     document = tomlkit.document()
     document.add(tomlkit.comment("What mmg import did; mmg import FILE... --map import.toml --out DIR does it again."))
-    for key in ("rudder_positive", "wind_direction", "velocity_frame", "zone_hours", "sentinels", "separate", "step"):
+    for key in (
+        "rudder_positive",
+        "wind_direction",
+        "velocity_frame",
+        "zone_hours",
+        "sentinels",
+        "separate",
+        "step",
+        "ignore",
+    ):
         value = getattr(chosen, key)
         if value is not None and value != ImportMap.model_fields[key].get_default(call_default_factory=True):
             document.add(key, value)
     if found.origin is not None:
         document.add("origin", list(found.origin))
     files = tomlkit.table(is_super_table=True)
+    named = names_apart([*(log.table.path for run in found.runs for log in run.logs), *found.skipped])
     for run in found.runs:
         for log in run.logs:
-            table = files.get(log.table.path.name) or tomlkit.table()
+            name = named[log.table.path]
+            table = files.get(name) or tomlkit.table()
             own = chosen.of(log.table.path)
             for key in ("clock_offset", "clock_drift"):
                 if key in own.model_fields_set:
                     table[key] = getattr(own, key)
+            unused = [*own.ignore, *log.unsure]
+            if unused:
+                table["ignore"] = list(dict.fromkeys([*table.get("ignore", []), *unused]))
             if len(run.logs) > 1:
                 table["run"] = run.name
             columns = table.get("columns") or tomlkit.table()
@@ -85,7 +104,10 @@ def map_text(found: Imported, chosen: ImportMap) -> str:
                     row["sign"] = -1
                 columns[quantity] = row
             table["columns"] = columns
-            files[log.table.path.name] = table
+            files[name] = table
+    for path in found.skipped:
+        files[named[path]] = tomlkit.table()
+        files[named[path]]["skip"] = True
     document.add("files", files)
     return tomlkit.dumps(document)
 

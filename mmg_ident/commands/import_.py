@@ -13,7 +13,7 @@ from mmg_ident.commands.output import each, print_json, say, working
 
 if TYPE_CHECKING:
     from cases.importing.assembled_run import ImportedRun
-    from cases.importing.import_logs import Imported
+    from cases.importing.import_logs import Imported, Question
     from cases.importing.import_map import ImportMap
 
 
@@ -52,11 +52,13 @@ def import_(
     }
     chosen = _with(chosen, {key: value for key, value in given.items() if value is not None})
     found = import_logs(logs, chosen, lambda files: each(files, "reading"))
-    if not json and sys.stdin.isatty() and sys.stderr.isatty():
-        answered = _answered(found, chosen)
-        if answered is not chosen:
-            chosen = answered
-            found = import_logs(logs, chosen, lambda files: each(files, "reading"))
+    asked: set[tuple[str, str, str]] = set()
+    while not json and sys.stdin.isatty() and sys.stderr.isatty():
+        answered = _answered(found, chosen, asked)
+        if answered is chosen:
+            break
+        chosen = answered  # an answer may leave a unit open
+        found = import_logs(logs, chosen, lambda files: each(files, "reading"))
     if found.problems:
         if len(found.problems) > 1 and not json:
             _print_problems(found)
@@ -89,28 +91,44 @@ def _with(chosen: ImportMap, changes: dict[str, Any]) -> ImportMap:
     return validated(ImportMap, {**content, **changes}, "options")
 
 
-def _answered(found: Imported, chosen: ImportMap) -> ImportMap:
-    """The map with the answers of the person at the terminal."""
-    import typer
-
+def _answered(found: Imported, chosen: ImportMap, asked: set[tuple[str, str, str]]) -> ImportMap:
+    """The map with the answers of the person at the terminal; the same map where there is nothing to ask that was not
+    ``asked``. What several files leave open alike is asked once."""
     content = chosen.model_dump(exclude_unset=True, by_alias=True)
     files = dict(content.get("files", {}))
+    together: dict[tuple[str, str, tuple[str, ...]], list[Question]] = {}
     for question in found.questions:
-        say(f"{question.file}: {question.words}")
-        answer = typer.prompt("  " + " / ".join(question.choices), default=question.choices[-1], err=True)
-        if answer not in question.choices or answer == "nothing":
-            continue
-        entry = dict(files.get(question.file, {}))
-        columns = dict(entry.get("columns", {}))
-        column = dict(columns.get(question.quantity, {"from": question.header}))
-        if question.quantity:
-            columns[question.quantity] = {**column, "unit": answer}
-        else:
-            columns[answer] = {"from": question.header}
-        files[question.file] = {**entry, "columns": columns}
-    if files == content.get("files", {}):
-        return chosen
-    return _with(chosen, {"files": files})
+        if (question.file, question.header, question.quantity) not in asked:
+            together.setdefault((question.header, question.quantity, question.choices), []).append(question)
+    for (header, quantity, choices), questions in together.items():
+        names = [question.file for question in questions]
+        asked |= {(name, header, quantity) for name in names}
+        more = f" and {len(names) - 3} more" if len(names) > 3 else ""
+        say(f"{', '.join(names[:3])}{more}: {questions[0].words}")
+        answer = _choice(choices)
+        for name in names:
+            entry = dict(files.get(name, {}))
+            columns = dict(entry.get("columns", {}))
+            if answer == "nothing":
+                columns.pop(quantity, None)
+                entry["ignore"] = [*entry.get("ignore", []), header]
+            elif quantity:
+                columns[quantity] = {**columns.get(quantity, {"from": header}), "unit": answer}
+            else:
+                columns[answer] = {"from": header}
+            files[name] = {**entry, "columns": columns}
+    return _with(chosen, {"files": files}) if together else chosen
+
+
+def _choice(choices: tuple[str, ...]) -> str:
+    """The one of the ``choices`` that the person types; an empty line is the last one."""
+    import typer
+
+    while True:
+        answer = str(typer.prompt("  " + " / ".join(choices), default=choices[-1], err=True)).strip()
+        if answer in choices:
+            return answer
+        say(f"  '{answer}' is none of them")
 
 
 def _checks(files: list[Path]) -> list[Any]:
