@@ -58,7 +58,9 @@ def clock_of(table: RawTable, header: str, unit: str = "", date: str | None = No
             return Clock(
                 _stamps(joined, where, zone_hours, table.before), True, header, f"times of the days in '{date}'"
             )
-        t = pd.to_timedelta(text.map(_full_time)).dt.total_seconds().to_numpy(dtype=float)
+        passed = pd.to_timedelta(text.map(_full_time), errors="coerce")
+        _refuse(passed.isna() & text.notna(), text, where, table.before)
+        t = passed.dt.total_seconds().to_numpy(dtype=float)
         return Clock(_past_midnight(t), False, header, "times of a day")
     return Clock(
         _stamps(text, where, zone_hours, table.before),
@@ -166,14 +168,22 @@ def _stamps(cells: Any, where: str, zone_hours: float, before: int) -> np.ndarra
         else:
             raise UserError(f"{where}: '{given.iloc[0]}': day and month could be either; write dates as 2026-11-22")
         order["format"] = "mixed"
-    parsed = pd.to_datetime(text, utc=True, errors="coerce", **order)
-    bad = parsed.isna() & text.notna()
+    try:
+        parsed = pd.to_datetime(text, utc=True, errors="coerce", **order)
+        since = (parsed - pd.Timestamp(0, tz="UTC")).dt.total_seconds().to_numpy(dtype=float)
+    except (ValueError, OverflowError, TypeError) as error:  # years before our era, among others
+        raise UserError(f"{where}: holds a time that no clock shows ({' '.join(str(error).split())[:80]})") from None
+    _refuse(parsed.isna() & text.notna(), text, where, before)
+    naive = not given.astype(str).str.contains(r"(?:Z|[+-]\d{2}:?\d{2})$", regex=True).any()
+    return since - (3600.0 * zone_hours if naive else 0.0)
+
+
+def _refuse(bad: Any, text: Any, where: str, before: int) -> None:
+    """Raises UserError for the first row where ``bad`` (N,) is true, which follows ``before`` others."""
     if bad.any():
         row = int(np.flatnonzero(bad.to_numpy())[0])
-        raise UserError(f"{where}: row {before + row + 1}: '{text.iloc[row]}' is no time ({int(bad.sum())} such cells)")
-    naive = not given.astype(str).str.contains(r"(?:Z|[+-]\d{2}:?\d{2})$", regex=True).any()
-    values = (parsed - pd.Timestamp(0, tz="UTC")).dt.total_seconds().to_numpy(dtype=float)
-    return values - (3600.0 * zone_hours if naive else 0.0)
+        words = f"row {before + row + 1}: '{text.iloc[row]}' is no time ({int(bad.sum())} such cells)"
+        raise UserError(f"{where}: {words}")
 
 
 def _normal_stamp(value: Any) -> Any:

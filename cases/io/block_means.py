@@ -7,8 +7,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-MOST_KEPT = 500_000
-"""Most rows of a trial that are kept; 14 hours at 10 Hz."""
+MOST_KEPT = 400_000
+"""Most rows of a trial that are kept; 11 hours at 10 Hz."""
 
 
 def rows_together(rows: int) -> int:

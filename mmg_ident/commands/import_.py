@@ -91,18 +91,18 @@ def _with(chosen: ImportMap, changes: dict[str, Any]) -> ImportMap:
     return validated(ImportMap, {**content, **changes}, "options")
 
 
-def _answered(found: Imported, chosen: ImportMap, asked: set[tuple[str, str, str]]) -> ImportMap:
+def _answered(found: Imported, chosen: ImportMap, before: set[tuple[str, str, str]]) -> ImportMap:
     """The map with the answers of the person at the terminal; the same map where there is nothing to ask that was not
-    ``asked``. What several files leave open alike is asked once."""
+    asked ``before``. What several files leave open alike is asked once."""
     content = chosen.model_dump(exclude_unset=True, by_alias=True)
     files = dict(content.get("files", {}))
     together: dict[tuple[str, str, tuple[str, ...]], list[Question]] = {}
     for question in found.questions:
-        if (question.file, question.header, question.quantity) not in asked:
+        if (question.file, question.header, question.quantity) not in before:
             together.setdefault((question.header, question.quantity, question.choices), []).append(question)
     for (header, quantity, choices), questions in together.items():
         names = [question.file for question in questions]
-        asked |= {(name, header, quantity) for name in names}
+        before |= {(name, header, quantity) for name in names}
         more = f" and {len(names) - 3} more" if len(names) > 3 else ""
         say(f"{', '.join(names[:3])}{more}: {questions[0].words}")
         answer = _choice(choices)
