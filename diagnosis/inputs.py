@@ -10,6 +10,7 @@ from cases.checks import inputs_are_constant
 from cases.checks.duplicates import duplicates
 from cases.checks.held_out import by_role, without_copies
 from cases.io.read import read_trials
+from cases.io.sidecar import line_for
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
 from diagnosis.estimation.candidates import FITTED_ALONG
@@ -95,8 +96,10 @@ def parted(
         return kept, list(tests), []
     names = ", ".join(t.name for t in out)
     if not kept:
+        line = line_for(out[0].path, out[0].name, 'role = "train"')
         words = (
-            "trials.toml gives them the role test or validate; none is left to diagnose by: give them the role train"
+            "trials.toml gives them the role test or validate; none is left to diagnose by: give them the role train, "
+            f"{line}"
         )
         raise UserError(f"{names}: {words}")
     words = f"not diagnosed by but checked on, by their role in trials.toml: {names}"

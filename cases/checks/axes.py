@@ -51,7 +51,8 @@ def lever_arm(m: Motion, aligned: np.ndarray) -> tuple[dict[str, float | None], 
         if abs(arm) >= max(4 * std, 0.05):
             text = (
                 f"The position fits a measured point {abs(arm):.2f} +- {std:.2f} m {ahead if arm > 0 else behind} "
-                "midship (lever arm; reference_point in trials.toml moves it)."
+                f"midship (lever arm; in trials.toml reference_point = {{ {axis} = {arm:.2f}, "
+                'applies_to = "position" } moves it).'
             )
             findings.append((INFO, "lever_arm", text))
     return numbers, findings

@@ -9,6 +9,7 @@ import numpy as np
 
 from cases.checks.duplicates import duplicates
 from cases.checks.trusted import remarks
+from cases.io.sidecar import line_for
 from cases.trial import Trial
 from mmg.errors import UserError
 from mmg.messages import Message
@@ -26,7 +27,11 @@ def training_trials(trials: Sequence[Trial], judges: Sequence[Trial] = ()) -> tu
     kept, out = by_role(trials)
     names = ", ".join(t.name for t in out)
     if out and not kept:
-        raise UserError(f"{names}: trials.toml gives them the role test or validate; none is left to train on")
+        line = line_for(out[0].path, out[0].name, 'role = "train"')
+        words = (
+            "trials.toml gives them the role test or validate; none is left to train on: write for those to train on"
+        )
+        raise UserError(f"{names}: {words}, {line}")
     messages = [Message(f"not trained on, by their role in trials.toml: {names}", "role_held_out")] if out else []
     once, copies = without_copies(kept)
     return once, [*remarks([*once, *judges]), *messages, *copies]

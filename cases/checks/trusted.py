@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from cases.checks.stretches import broken_stretches
 from cases.io.leave_out import CODE, left_out, looked_at
+from cases.io.sidecar import line_for
 from cases.trial import Trial
 from mmg.messages import Message
 
@@ -40,8 +41,7 @@ def remarks(trials: Sequence[Trial]) -> list[Message]:
 
 def keeping_line(trial: Trial) -> str:
     """What to add to trials.toml so that nothing of ``trial`` is left out, in words."""
-    file = trial.path.name if trial.path else f"{trial.name}.csv"
-    return f'add to trials.toml: [files."{file}"] exclude = []'
+    return f"add to {line_for(trial.path, trial.name, 'exclude = []')}"
 
 
 def _without(trial: Trial) -> Trial:

@@ -9,6 +9,7 @@ import numpy as np
 
 from cases.criteria.measured_maneuvers import Execute
 from cases.io.leave_out import bridged, inside, spans_left_out
+from cases.io.sidecar import line_for
 from cases.trial import Trial
 from mmg.errors import UserError
 from mmg.states import STATES
@@ -38,8 +39,8 @@ def without_broken_parts(trial: Trial, execute: Execute) -> tuple[Trial, Execute
         turns = f"she turns by more than {math.degrees(LARGEST_TURN):g} deg meanwhile"
         raise UserError(
             f"{trial.name}: {first:.1f} to {last:.1f} s are left out, in the manoeuvre that is measured, and "
-            f"{'something else moved the ship there' if moved else turns}; mend them, set exclude = [] for this file "
-            "in trials.toml, or add --unchecked"
+            f"{'something else moved the ship there' if moved else turns}; mend them, add to "
+            f"{line_for(trial.path, trial.name, 'exclude = []')}, or add --unchecked"
         )
     return (_filled(trial) if spans_left_out(trial) else trial), execute
 

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import date
 
+from cases.io.sidecar import line_for
 from cases.trial import Trial
 from mmg.errors import UserError
 
@@ -61,7 +62,8 @@ def _label(trial: Trial, key: str) -> str:
         return _day(trial)[: CALENDAR[key]]
     label = trial.meta.get("group", "") if key == "group" else str(getattr(trial, key))
     if not label:
-        raise UserError(f'--between {key}: nothing is known of {trial.name}; say {key} = "..." of it in trials.toml')
+        line = line_for(trial.path, trial.name, f'{key} = "..."')
+        raise UserError(f"--between {key}: nothing is known of {trial.name}; add to {line}")
     return label
 
 
@@ -88,7 +90,7 @@ def _day(trial: Trial) -> str:
                     return date(int(found["y"]), number, int(found["d"])).isoformat()
                 except ValueError:
                     continue
+    line = line_for(trial.path, trial.name, 'day = "2026-11-22"')
     raise UserError(
-        f"--between day: no date in the name of {trial.name} (as 2026-11-22, 20261122 or 22-Nov-2026); "
-        'say day = "2026-11-22" of it in trials.toml'
+        f"--between day: no date in the name of {trial.name} (as 2026-11-22, 20261122 or 22-Nov-2026); add to {line}"
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from cases.io.sidecar import SidecarEntry
+from cases.io.sidecar import NAME, SidecarEntry, line_for
 from cases.io.units import accepted, is_canonical
 from mmg.errors import UserError
 from mmg.messages import Message
@@ -59,10 +59,8 @@ def match_headers(
             ignored.append(header[index])
         elif canonical in taken:
             other = header[taken[canonical][0]]
-            raise UserError(
-                f"{path}: both '{other}' and '{header[index]}' are {canonical}; "
-                f'say which in trials.toml: columns = {{ {canonical} = "{other}" }}'
-            )
+            line = line_for(path, "", f'columns = {{ {canonical} = "{other}" }}')
+            raise UserError(f"{path}: both '{other}' and '{header[index]}' are {canonical}; say which: add to {line}")
         else:
             taken[canonical] = (index, unit)
     if any(ignored):
@@ -70,7 +68,7 @@ def match_headers(
     _require(path, header, taken)
     unsigned = [name for name in entry.sign if name not in taken]
     if unsigned:
-        raise UserError(f"{path}: sign.{unsigned[0]} in the sidecar: the file has no column {unsigned[0]}")
+        raise UserError(f"{path}: sign.{unsigned[0]} in {path.parent / NAME}: the file has no column {unsigned[0]}")
     return {name: (index, _unit(path, name, header[index], unit, entry, notices))
             for name, (index, unit) in taken.items()}  # fmt: skip
 
@@ -101,9 +99,10 @@ def _unit(path: Path, name: str, cell: str, unit: str, entry: SidecarEntry, noti
         return given
     if not unit:
         units = accepted(name)
+        line = f'units = {{ {name} = "{units[0]}" }}'
         raise UserError(
             f"{path}: column '{cell}' has no unit; write '{cell} [{units[0]}]' "
-            f'(accepted: {", ".join(units)}) or trials.toml: units = {{ {name} = "{units[0]}" }}'
+            f"(accepted: {', '.join(units)}), or add to {line_for(path, '', line)}"
         )
     return unit
 
@@ -118,9 +117,10 @@ def _require(path: Path, header: list[str], taken: dict[str, tuple[int, str]]) -
         missing += [] if not twins else ["delta"] if len(twins) == 2 else twins
     if missing:
         units = f"{missing[0]} [{accepted(missing[0])[0]}]"
+        line = f'columns = {{ {missing[0]} = "HEADER" }}'
         raise UserError(
             f"{path}: missing column {', '.join(missing)}; found: {_listed(header)}. Name it '{units}', "
-            f'or map it in trials.toml beside the file: columns = {{ {missing[0]} = "HEADER" }}'
+            f"or map it: add to {line_for(path, '', line)}"
         )
 
 

@@ -169,6 +169,13 @@ class Sidecar(Section):
         return SidecarEntry(**values)
 
 
+def line_for(path: Path | None, name: str, line: str) -> str:
+    """A ``line`` to add, with the sidecar and the table where it belongs: those of the trial file ``path``, or of one
+    called ``name`` without a file."""
+    file = path.name if path else f"{name}.csv"
+    return f'{path.parent / NAME if path else NAME}, [files."{file}"]: {line}'
+
+
 def read_sidecar(path: Path) -> Sidecar:
     """The sidecar at ``path``. Raises UserError, in one line, for all that is wrong with it."""
     return validated(Sidecar, read_toml(path), str(path))

@@ -64,7 +64,7 @@ def test_folders_are_told_by_what_differs_in_their_paths(tmp_path: Path) -> None
         ("weather", "--between weather: not one of day, month, year, folder, group, kind, role"),
         ("day", "no date in the name of second"),
         ("folder", "first_2020-01-01 was not read from a file"),
-        ("group", 'nothing is known of first_2020-01-01; say group = "..." of it in trials.toml'),
+        ("group", "nothing is known of first_2020-01-01; add to "),
         ("kind", "all trials are of one group"),
     ],
 )

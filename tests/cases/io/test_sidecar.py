@@ -1,11 +1,17 @@
 from __future__ import annotations
 
+import ast
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from cases.importing.import_map import FileMap, ImportMap
 from cases.io.read import read_trial, read_trials
-from cases.io.sidecar import SidecarEntry, sidecar_entry
+from cases.io.sidecar import ReferencePoint, Sidecar, SidecarEntry, sidecar_entry
 from cases.io.toml_file import validated
+from cases.trial import UNITS
 from mmg.errors import UserError
 from tests.support.trial_files import motion_columns, write_csv
 
@@ -117,3 +123,49 @@ def test_settings_without_a_file_refuse_the_same_things():
     assert (point.x, point.y, point.applies_to) == (1.0, 2.0, "both")
     with pytest.raises(UserError, match="unknown key"):
         validated(SidecarEntry, {"port": True}, "settings")
+
+
+ROOT = Path(__file__).parents[3]
+
+
+def keys_of_page(name: str) -> set[str]:
+    """Keys in the TOML examples of a page of the documentation, also those of tables on one line."""
+    blocks = re.findall(r"```toml\n(.*?)```", (ROOT / "docs" / name).read_text(encoding="utf-8"), re.S)
+    lines = [line.split("#")[0] for block in blocks for line in block.splitlines()]
+    return {key for line in lines for key in re.findall(r"(\w+) = ", line)} | {
+        table for block in blocks for table in re.findall(r"^\[(\w+)", block, re.M)
+    }
+
+
+def test_the_documentation_lists_every_key() -> None:
+    sidecar = {*SidecarEntry.model_fields, *ReferencePoint.model_fields, *Sidecar.model_fields} - {"all"}
+    assert sidecar - keys_of_page("trials.md") == set()
+    chosen = {*ImportMap.model_fields, *FileMap.model_fields, "from", "unit", "sign"}
+    assert chosen - keys_of_page("import.md") == set()
+
+
+def test_every_line_that_a_message_proposes_has_a_key_of_the_sidecar() -> None:
+    """Words of messages that name trials.toml, and lines that are given to be added."""
+    proposed: list[str] = []
+    for floor in ("cases", "fitting", "residual", "diagnosis", "mmg_ident"):
+        for path in (ROOT / floor).rglob("*.py"):
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                if isinstance(node, ast.Expr):
+                    continue
+                text = ast.unparse(node) if isinstance(node, ast.JoinedStr | ast.Constant) else ""
+                if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "line_for":
+                    proposed += re.findall(r"^[f'\"]*(\w+) = ", ast.unparse(node.args[2]))
+                elif "trials.toml" in text and "\\n" not in text:
+                    proposed += re.findall(r"(?:^|[ (:])(\w+) = (?!\.\.\.)", text.strip("f'\""))
+    known = {*SidecarEntry.model_fields, *ReferencePoint.model_fields, *UNITS}
+    assert len(proposed) > 8 and set(proposed) <= known, sorted(set(proposed) - known)
+
+
+def test_a_line_to_add_names_its_sidecar_and_table(tmp_path: Path) -> None:
+    path = write_csv(tmp_path / "run.csv", headers={"psi": "heading [rad]"})
+    with pytest.raises(UserError) as error:
+        read_trial(path)
+    table, line = re.search(r"add to .*trials\.toml, (\[files\..*?\]): (.*)$", str(error.value)).groups()
+    assert str(tmp_path / "trials.toml") in str(error.value)
+    (tmp_path / "trials.toml").write_text(f"{table}\n{line}\n".replace("HEADER", "heading"))
+    assert "psi" in read_trial(path)
