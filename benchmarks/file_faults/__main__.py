@@ -1,10 +1,10 @@
 """Does ``mmg check`` say of files what is wrong with them, and is what it advises right?
 
-``python -m benchmarks.file_faults --seeds 1 2 3``: each fault in each of 8 sets of ship and manoeuvres (3 m to 320 m,
+``python -m benchmarks.file_faults [--seeds 1 2 3]``: each fault in each of 8 sets of ship and manoeuvres (3 m to 320 m,
 zigzags of 5 to 20 deg and turns, 1 to 20 Hz, wind, current, rounded columns) of a plant that is not the package's, in
 CSV files. Named: among what is contradictory or doubtful is a code of the fault and no other, in files that have it.
-Harmful: the lines that are printed for trials.toml, written there, leave the data no nearer to the truth than they
-were. False alarm: anything contradictory or doubtful in files that are as they should be.
+Harmful: the lines that are printed for trials.toml, written there, cannot be read, or leave more than NEARER of the
+distance from the truth. False alarm: anything contradictory or doubtful in files that are as they should be.
 """
 
 from __future__ import annotations
@@ -28,6 +28,13 @@ from mmg.errors import UserError
 
 ADVICE = re.compile(r'trials\.toml, (\[default\]|\[files\."[^"]+"\]): (.+?)(?:\.$|\. |$)', re.MULTILINE)
 SCALES = {"x": "x", "y": "y", "psi": "psi", "u": "u", "v": "v", "r": "r", "delta": "delta", "n": "n", "t": "t"}
+SEALED = (1701, 1702, 1703)
+"""Seeds of the measure that counts, written down before they were run for the first time; the checks were made with the
+seeds 1 to 4."""
+
+NEARER = 0.7
+"""Advice that leaves more than this share of the distance from the truth is harmful."""
+
 Files = list[dict[str, np.ndarray]]
 
 
@@ -115,7 +122,7 @@ def harmful(folder: Path, truth: Files, advice: list[tuple[str, str]]) -> str:
         after = far(read_trials(folder), truth)
     except UserError as error:
         return f" HARM {text!r}: {error}"
-    return "" if after < 0.5 * before else f" HARM {text!r}: {before:.3g} -> {after:.3g}"
+    return "" if after < NEARER * before else f" HARM {text!r}: {before:.3g} -> {after:.3g}"
 
 
 def broken(truth: Files, fault: Fault, name: str, seed: int, title: str) -> Files:
@@ -132,7 +139,7 @@ def broken(truth: Files, fault: Fault, name: str, seed: int, title: str) -> File
 def main() -> None:
     """Prints a row per fault: in how many sets it is named, missed, taken for something else; and what harms."""
     parser = argparse.ArgumentParser()
-    parser.add_argument("--seeds", type=int, nargs="+", default=[1])
+    parser.add_argument("--seeds", type=int, nargs="+", default=list(SEALED))
     parser.add_argument("--faults", default="", help="only those whose name holds these words")
     parser.add_argument("--sets", default="", help="only those whose name holds these words")
     args = parser.parse_args()

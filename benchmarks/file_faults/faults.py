@@ -127,6 +127,9 @@ FAULTS: dict[str, Fault] = {
     "r in deg/min as deg/s": Fault(scaled(r=60.0 * DEG), ("unit",), labels={"r": "deg/s"}),
     "delta in deg as rad": Fault(scaled(delta=DEG), ("unit",)),
     "rpm as rps": Fault(scaled(n=60.0), ("unit",)),
+
+    "rps as rpm": Fault(scaled(), ("unit",), labels={"n": "rpm"}),
+    "delta in rad as deg": Fault(scaled(), ("unit",), labels={"delta": "deg"}),
     "r frozen": Fault(stuck(1, "r"), ("frozen_channel",)),
     "psi frozen": Fault(stuck(1, "psi"), ("frozen_channel",)),
     "u, v frozen for half the file": Fault(stuck(0.5, "u", "v"), ("frozen_channel", "broken_stretch")),

@@ -14,6 +14,7 @@ from cases.checks.remedies import labels, line, mended, place, settings
 from cases.checks.report import CONTRADICTORY, DOUBTFUL, CheckFinding, CheckReport
 from cases.checks.rudder import following
 from cases.evidence.competition import Judged, Scores, judged, scores
+from cases.evidence.inputs import wrong_inputs
 from cases.evidence.readings import FRAMES, Keys
 from cases.evidence.shifts import LAGS, Shift, shifts
 from cases.evidence.signals import signals
@@ -67,10 +68,12 @@ def decided(trials: Sequence[Trial], reports: Sequence[CheckReport]) -> list[Che
     for rows in folders.values():
         some = [_whole(trials[i], reports[i].numbers) for i in rows]
         still = [standing(trial) for trial in some]
-        found = [_scored(trial, names) for trial, names in zip(some, still, strict=True)]
+        turning = [reports[i].numbers["rudder"]["correlation"] for i in rows]
+        found = [_scored(*each) for each in zip(some, still, turning, strict=True)]
         own = [trials[i] for i in rows]
-        said = [_contradicted(*each) for each in zip(own, still, judged(found), strict=True)]
-        quiet = [k for k, each in enumerate(said) if not each.findings]
+        said = [_contradicted(*each) for each in zip(own, still, judged(found), turning, strict=True)]
+        whole = [all(f.code != "frozen_channel" for f in reports[i].findings) for i in rows]
+        quiet = [k for k, each in enumerate(said) if not each.findings and whole[k]]
         for k, shift in zip(quiet, _shifted([some[k] for k in quiet]), strict=True):
             said[k] = _shift_said(shift) if shift else said[k]
         for k, (i, each) in enumerate(zip(rows, _with_lines(own, said), strict=True)):
@@ -84,14 +87,16 @@ def _whole(trial: Trial, numbers: Mapping[str, Any]) -> Trial:
     return left_out(trial, spans, "") if spans else trial
 
 
-def _scored(trial: Trial, still: Mapping[str, str]) -> Scores:
-    blind = {"r", "delta"} & set(still)
-    turning = None if blind else following(trial)["correlation"]
+def _scored(trial: Trial, still: Mapping[str, str], turning: float | None) -> Scores:
+    turning = None if "r" in still else turning
     return scores(trial, turning, tuple(still), {name: unit for name, (_, unit) in labels(trial).items()})
 
 
-def _contradicted(trial: Trial, still: Mapping[str, str], found: Judged) -> Said:
-    """What refutes the labels of ``trial``: columns that stand ``still``, and the reading that was ``found``."""
+def _contradicted(trial: Trial, still: Mapping[str, str], found: Judged, turning: float | None) -> Said:
+    """What refutes the labels of ``trial``: columns that stand ``still``, and the reading that was ``found``.
+
+    turning: correlation of its turn rate with the rudder.
+    """
     said = [(CONTRADICTORY, "frozen_channel", _stuck(trial, name, why)) for name, why in still.items()]
     keys: Keys = {}
     for code, meaning in [] if still else found.reading.statements():
@@ -106,7 +111,11 @@ def _contradicted(trial: Trial, still: Mapping[str, str], found: Judged) -> Said
             f"Velocities and positions disagree (misfit {found.after:.0%}) and no other frame, sign or unit explains it"
         )
         said.append((CONTRADICTORY, "velocity_mismatch", f"{text}; check units, clocks and axes"))
-    for name, factor, text in mislabelled(trial.columns):
+    wrong = mislabelled(trial.columns)
+    if not said:  # how quickly the ship turns is known only where frames, clock and turn rates are right
+        rudder = turning if turning is not None else following(trial, 1e-4)["correlation"]
+        wrong += [each for each in wrong_inputs(trial, rudder) if each[0] not in [name for name, *_ in wrong]]
+    for name, factor, text in wrong:
         said.append((CONTRADICTORY, "unit", text[0].upper() + text[1:]))
         keys = {**keys, "units": {**keys.get("units", {}), name: factor}}
     return Said(said, keys)
@@ -213,7 +222,8 @@ def _ends(trial: Trial, said: Said) -> bool:
     after = mended(trial, wanted, said.keys) if wanted else None
     if after is None or mislabelled(after.columns):
         return False
-    if judged([_scored(after, standing(after))])[0].reading.faults:
+    turning = following(after)["correlation"]
+    if wrong_inputs(after, turning) or judged([_scored(after, standing(after), turning)])[0].reading.faults:
         return False
     return all(level == CONTRADICTORY for level, *_ in said.findings) or not any(_shifted([after]))
 

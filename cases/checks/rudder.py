@@ -15,11 +15,11 @@ def rudder_sign(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
     return following(trial), []
 
 
-def following(trial: Trial) -> dict[str, Any]:
+def following(trial: Trial, least: float = 0.02) -> dict[str, Any]:
     """Correlation (without mean) in ``trial`` of r with the low-passed rudder angle while going ahead.
 
     Of several time constants the one with the strongest correlation counts: a Nomoto response T r' + r = K delta. Ahead
-    is where u is large, or, where u says nothing of that, the speed. None when the ship hardly goes ahead with rudder.
+    is where u is large, or, where u says nothing of that, the speed. None when the ship hardly goes ahead with rudder, of ``least`` [rad] at its greatest.
     """
     delta, r, u, n = trial.rudder, trial["r"], trial["u"], trial["n"]
     good = np.isfinite(delta) & np.isfinite(r) & np.isfinite(u) & np.isfinite(n)
@@ -30,7 +30,7 @@ def following(trial: Trial) -> dict[str, Any]:
     speed = np.hypot(u, np.nan_to_num(trial["v"][good]))
     ahead = u if float(np.mean(u)) > 0.5 * float(np.mean(speed)) else speed
     fast = (ahead > 0.4 * max(float(np.percentile(ahead, 95)), 1e-6)) & ((n > 0) | (np.abs(n).max() == 0))
-    if fast.sum() < 50 or float(np.abs(delta[fast]).max()) < 0.02:
+    if fast.sum() < 50 or float(np.abs(delta[fast]).max()) < least:
         return nothing
     best, constant = 0.0, 0.0
     for T in np.geomspace(2 * trial.dt, max(trial.duration / 8, 4 * trial.dt), 7):

@@ -47,6 +47,11 @@ FLOOR_RUDDER = 0.05
 """Of a turn rate a rudder explains no more than all but this share of the mean square."""
 
 
+RIGHT = 0.25
+"""Relative misfit of the track, with the units of the headers, below which these are right: any other unit misses by
+more than half."""
+
+
 @dataclass(frozen=True)
 class Scores:
     """What one trial says: ``nats`` of each reading (less is better), of what is usual."""
@@ -76,6 +81,12 @@ def competitors() -> tuple[tuple[ColumnReading, ...], np.ndarray, np.ndarray]:
     return tuple(found), apart[0], apart
 
 
+@cache
+def _rates() -> tuple[float, ...]:
+    """Factors of the turn rate against the heading, of all readings."""
+    return tuple({r.rate * FRAMES[r.frame].psi * FRAMES[r.frame].r * r.clock for r in competitors()[0]})
+
+
 def scores(
     trial: Trial, turning: float | None, standing: Sequence[str] = (), labels: Mapping[str, str] | None = None
 ) -> Scores:
@@ -90,21 +101,26 @@ def scores(
     turned = _rudder(turning)
     track: dict[tuple[str, float, float], tuple[float, float]] = {}
     spin: dict[tuple[float, float], float] = {}
-    by_unit = {unit: signals(trial, unit) for unit in HEADINGS}
     blind = {"psi", "r"} & set(standing)
     lost = {"x", "y", "u", "v", "psi"} & set(standing)
-    for unit, s in by_unit.items():
+    factors = {r.speed * r.clock for r in found}
+    for unit in HEADINGS:
+        s = signals(trial, unit)
         if s is None:
             continue
         if not blind:
             stats = s.stats(s.psi[STEPS:] - s.psi[:-STEPS], s.summed(s.r))
-            for factor in {r.rate * FRAMES[r.frame].psi * FRAMES[r.frame].r * r.clock for r in found}:
+            for factor in _rates():
                 spin[unit, factor] = _spun(stats, factor)
         if s.has_track and not lost:
             for name, frame in FRAMES.items():
                 stats = s.stats(s.way(), s.summed(frame.guess(s)))
-                for factor in {r.speed * r.clock for r in found}:
+                for factor in factors:
                     track[name, unit, factor] = _tracked(stats, factor)
+                if len(factors) > 1 and track["body", 1.0, 1.0][1] < RIGHT:
+                    factors = {1.0}
+        if factors == {1.0}:  # these units are right; what another one makes of them explains nothing
+            break
     for i, r in enumerate(found):
         axes = FRAMES[r.frame]
         nats[i] = track.get((r.frame, r.heading, r.speed * r.clock), (0.0, 0.0))[0]

@@ -22,8 +22,12 @@ COST = 8.0
 APART = 10.0
 """What a trial pays that differs from its folder."""
 
-CLOSE = 4.0
+CLOSE = 6.0
 """Explanations that are closer than so many nats cannot be told apart."""
+
+RARE = 6.0
+"""What an explanation costs beside, that supposes the rare: a channel that is early, which needs all the others to be
+late, or compass and gyro late together. A lever arm forward, or velocities that are late, look much like these."""
 
 LEAST = 0.004
 """Relative misfit below which nothing is compared: rounding."""
@@ -37,7 +41,7 @@ MOST_CENTRES = 4
 LINEAR = ("arm", "gain r", "gain u", "gain v", "heading")
 """What follows from least squares."""
 
-TRIED, FINER = 16, 4
+TRIED, FINER = 12, 3
 """Steps of the grid of lags on each side of zero, and of its refinement."""
 
 Value = complex | float
@@ -70,7 +74,7 @@ def shifts(found: Sequence[Signals], longest: float) -> list[Shift | None]:
     some = [found[k] for k in usable]
     candidates = {name: _lag(some, name, longest) for name in (LAGS if tracks else ("r",))}
     candidates |= {name: _fitted(some, name) for name in (LINEAR if tracks else ("gain r",))}
-    gains = {name: float(-total) for name, (_, total) in candidates.items()}
+    gains = {name: float(-total) - _rare(name, values) for name, (values, total) in candidates.items()}
     best = max(gains, key=lambda name: gains[name])
     if gains[best] <= 0:
         return out
@@ -79,6 +83,12 @@ def shifts(found: Sequence[Signals], longest: float) -> list[Shift | None]:
         if value is not None:
             out[k] = Shift(best, value, gains[best], rivals)
     return out
+
+
+def _rare(name: str, values: Sequence[Value | None]) -> float:
+    known = [float(np.real(value)) for value in values if value is not None]
+    early = name in LAGS and bool(known) and float(np.median(known)) < 0
+    return RARE * (early + (name == "psi, r"))
 
 
 def without(s: Signals, shift: Shift) -> Signals:
