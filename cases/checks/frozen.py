@@ -47,7 +47,8 @@ def frozen(trial: Trial) -> Iterator[tuple[int, int, str, tuple[str, ...]]]:
             first, last = edges[k]
             if lengths[k] < LONGEST * _usual(np.delete(lengths, k), len(trial) - lengths[k]):
                 continue
-            awoken = float(np.nanmedian(motion[first : last + 1])) > awake and _others_move(trial, group, first, last)
+            moved = motion[first : last + 1][np.isfinite(motion[first : last + 1])]
+            awoken = len(moved) > 0 and float(np.median(moved)) > awake and _others_move(trial, group, first, last)
             if awoken and (group[0] in ("psi", "x") or _resumes(trial, group, last)):
                 yield int(first), int(last), f"{', '.join(group)} frozen", group
 

@@ -19,7 +19,8 @@ def following(trial: Trial, least: float = 0.02) -> dict[str, Any]:
     """Correlation (without mean) in ``trial`` of r with the low-passed rudder angle while going ahead.
 
     Of several time constants the one with the strongest correlation counts: a Nomoto response T r' + r = K delta. Ahead
-    is where u is large, or, where u says nothing of that, the speed. None when the ship hardly goes ahead with rudder, of ``least`` [rad] at its greatest.
+    is where u is large, or, where u says nothing of that, the speed. None when the ship hardly goes ahead with rudder,
+    of ``least`` [rad] at its greatest.
     """
     delta, r, u, n = trial.rudder, trial["r"], trial["u"], trial["n"]
     good = np.isfinite(delta) & np.isfinite(r) & np.isfinite(u) & np.isfinite(n)
