@@ -16,7 +16,7 @@ from cases.checks.rudder import following
 from cases.evidence.competition import Judged, Scores, judged, scores
 from cases.evidence.inputs import wrong_inputs
 from cases.evidence.readings import FRAMES, Keys
-from cases.evidence.shifts import LAGS, Shift, nats, shifts
+from cases.evidence.shifts import LAGS, Shift, shifts
 from cases.evidence.signals import signals
 from cases.evidence.standing import standing
 from cases.io.leave_out import left_out
@@ -72,7 +72,6 @@ def decided(trials: Sequence[Trial], reports: Sequence[CheckReport]) -> list[Che
         found = [_scored(*each) for each in zip(some, still, turning, strict=True)]
         own = [trials[i] for i in rows]
         said = [_contradicted(*each) for each in zip(own, still, judged(found), turning, strict=True)]
-        said = _or_shifted(own, some, said)
         whole = [all(f.code != "frozen_channel" for f in reports[i].findings) for i in rows]
         quiet = [k for k, each in enumerate(said) if not each.findings and whole[k]]
         for k, shift in zip(quiet, _shifted([some[k] for k in quiet]), strict=True):
@@ -150,22 +149,6 @@ def _shifted(trials: Sequence[Trial]) -> list[Shift | None]:
         longest = max(5.0, *(20 * t.dt for t in own), min(60.0, 0.1 * min(t.duration for t in own)))
         for (k, _), shift in zip(some, shifts([s for _, s in some], longest), strict=True):
             out[k] = shift if shift and _matters(shift) else None
-    return out
-
-
-def _or_shifted(own: Sequence[Trial], some: Sequence[Trial], said: Sequence[Said]) -> list[Said]:
-    """What is ``said`` of the trials of a folder, or nothing of those whose velocities a lag, a lever arm or another
-    shift explains better than the sign or frame that was found."""
-    out = list(said)
-    rows = [k for k, each in enumerate(said) if each.keys and not {"units", "rudder_positive"} & set(each.keys)]
-    found = [(k, s) for k in rows if (s := signals(some[k])) is not None and s.has_track]
-    best = dict(zip([k for k, _ in found], _shifted([some[k] for k, _ in found]), strict=True))
-    for k, s in found:
-        shift = best[k]
-        after = mended(own[k], settings(own[k], said[k].keys) or {}, said[k].keys)
-        read = signals(after) if after is not None else None
-        if shift and read and read.has_track and nats(s, shift.value, shift.name) < nats(read):
-            out[k] = Said([], {})
     return out
 
 
