@@ -45,7 +45,7 @@ def frozen(trial: Trial) -> Iterator[tuple[int, int, str, tuple[str, ...]]]:
         awake = 0.3 * float(np.nanmedian(motion))
         for k in np.flatnonzero(lengths >= least):
             first, last = edges[k]
-            if lengths[k] < LONGEST * _usual(np.delete(lengths, k), len(trial) - lengths[k]):
+            if lengths[k] < LONGEST * usual_length(np.delete(lengths, k), len(trial) - lengths[k]):
                 continue
             moved = motion[first : last + 1][np.isfinite(motion[first : last + 1])]
             awoken = len(moved) > 0 and float(np.median(moved)) > awake and _others_move(trial, group, first, last)
@@ -76,8 +76,11 @@ def _resumes(trial: Trial, group: tuple[str, ...], last: int) -> bool:
     return False
 
 
-def _usual(lengths: np.ndarray, rows: int) -> float:
-    """Length of a repetition that all but a few samples of the ``rows`` beside it do not exceed."""
+def usual_length(lengths: np.ndarray, rows: int) -> float:
+    """Length of a repetition that all but a few samples of the ``rows`` of a record do not exceed.
+
+    lengths: of its repetitions (M,), in rows.
+    """
     if not len(lengths):
         return 1.0
     lengths = np.sort(lengths)

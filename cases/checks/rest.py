@@ -36,6 +36,17 @@ BEYOND_NOISE = 6.0
 QUICKER = 1.0
 """It does so faster, by this factor, than 95 % of the record."""
 
+STOPPED = 0.15
+"""The same factor where the propeller is stopped as well: nothing of the ship's own is left that turns her."""
+
+SHORTER = 0.4
+"""So it is only in spells up to this share of the record: one that lies stopped in swell swings all the time."""
+
+AGREED = 0.5
+"""The heading turns with it, by at least this share: else the gyro swings, not the ship."""
+
+PROPELLERS = ("n", "n_2", "n_3", "n_4")
+
 
 def without_cause(trial: Trial) -> Iterator[tuple[int, int, str, tuple[str, ...]]]:
     """First and last row, what, and columns of each spell of rest of ``trial`` in which the turn rate swings.
@@ -52,8 +63,9 @@ def without_cause(trial: Trial) -> Iterator[tuple[int, int, str, tuple[str, ...]
             values = trial[name]
             moved |= np.abs(np.diff(values)) > 1e-3 * max(float(np.nanmax(np.abs(values))), 1e-9)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], ~moved, [0]]).astype(int))).reshape(-1, 2)
-    smooth = np.convolve(np.pad(r, width // 2, mode="edge"), np.full(width, 1.0 / width), "valid")
+    smooth = _mean(r, width)
     rate = np.abs(np.gradient(smooth, trial.t))
+    turning = _mean(np.gradient(trial.psi_unwrapped, trial.t), width)
     noise = float(np.std(r - smooth)) / np.sqrt(width)
     size, quick = (
         max(SIZE * float(np.sqrt(np.mean(r**2))), BEYOND_NOISE * noise),
@@ -62,14 +74,30 @@ def without_cause(trial: Trial) -> Iterator[tuple[int, int, str, tuple[str, ...]
     for first, last in edges:
         if last - first < 3 * width or last - first > MOST * len(r):
             continue
+        stopped = last - first <= SHORTER * len(r) and _stopped(trial, first, last)
+        fast = quick * (STOPPED / QUICKER if stopped else 1.0)
         turns = _extrema(smooth[first : last + 1], size)
         swings = [
             (i, j)
             for i, j in pairwise(turns)
-            if abs(smooth[first + j] - smooth[first + i]) > quick * (trial.t[first + j] - trial.t[first + i])
+            if abs(smooth[first + j] - smooth[first + i]) > fast * (trial.t[first + j] - trial.t[first + i])
+            and (turning[first + j] - turning[first + i]) / (smooth[first + j] - smooth[first + i]) > AGREED
         ]
         if len([pair for pair in swings if pair[0] > 0]) >= SWINGS:
             yield int(first), int(last), SWINGING, ("u", "v", "r")
+
+
+def _mean(values: np.ndarray, width: int) -> np.ndarray:
+    return np.convolve(np.pad(values, width // 2, mode="edge"), np.full(width, 1.0 / width), "valid")
+
+
+def _stopped(trial: Trial, first: int, last: int) -> bool:
+    """Whether every propeller of ``trial`` is at rest between the rows."""
+    names = [name for name in PROPELLERS if name in trial]
+    return bool(names) and all(
+        float(np.nanmax(np.abs(trial[name][first : last + 1]))) <= 0.02 * float(np.nanmax(np.abs(trial[name])))
+        for name in names
+    )
 
 
 def _extrema(values: np.ndarray, size: float) -> list[int]:

@@ -7,16 +7,19 @@ taken from the same record: medians of the absolute innovations, which a few bro
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
+from cases.checks.drifts import drifts, there_and_back, tightened
 from cases.checks.frozen import frozen, frozen_share
+from cases.checks.repeated import repeated
 from cases.checks.report import DOUBTFUL, INFO, Found
 from cases.checks.rest import SWINGING, without_cause
+from cases.checks.spikes import spike_trains
 from cases.trial import Trial
 
 STEP = 10
@@ -45,6 +48,15 @@ WORDS = {
     "sharp r": ("the turn rate jumps", ("r",)),
 }
 """Channel -> what its step means, and its columns."""
+
+DRIFTING = {
+    "psi": ("heading and turn rate drift apart", ("psi", "r")),
+    "position": ("positions and velocities drift apart", ("x", "y", "u", "v")),
+}
+"""Channel -> what its drift means, and its columns."""
+
+BACK = 20.0
+"""s; drifts that undo each other within this time are one stretch."""
 
 PAIR = 15
 """A jump and one that undoes it, so many sides of a step apart or less, are one stretch."""
@@ -86,12 +98,47 @@ def broken_stretches(trial: Trial) -> list[BrokenStretch]:
     if len(trial) < 8 * STEP:
         return []
     side = max(STEP, round(LEAST / trial.dt))
-    breaks = [*_steps(trial, side), *frozen(trial), *without_cause(trial)]
+    signals = mismatches(trial)
+    breaks = [_tight(found, signals, side // 4) for found in _steps(trial, signals, side)]
+    breaks += [*frozen(trial), *repeated(trial), *spike_trains(trial), *without_cause(trial)]
+    breaks += list(_drifting(trial, signals, breaks))
     reach = max(JOIN, side * trial.dt)
     return [
         BrokenStretch(float(trial.t[first]), float(trial.t[last]), what, channels, SWINGING in what)
         for first, last, what, channels in _joined(trial.t, sorted(breaks), reach)
     ]
+
+
+def mismatches(trial: Trial) -> dict[str, np.ndarray]:
+    """Channel of ``trial`` -> its difference from the integral of its rate, (N,).
+
+    "psi" [rad]; "position" [m], north + i east, where there are positions.
+    """
+    t, psi = trial.t, _filled(trial.psi_unwrapped)
+    found = {"psi": psi - _integral(t, _filled(trial["r"]))}
+    if trial.has_position:
+        w = _filled(trial["u"]) + 1j * _filled(trial["v"])
+        found["position"] = _filled(trial["x"]) + 1j * _filled(trial["y"]) - _integral(t, w * np.exp(1j * psi))
+    return found
+
+
+def _drifting(trial: Trial, signals: Mapping[str, np.ndarray], known: Sequence[Break]) -> Iterator[Break]:
+    """Breaks of heading or position that no step shows, besides the ``known`` ones."""
+    way = float(np.sqrt(np.mean(_filled(trial["u"]) ** 2 + _filled(trial["v"]) ** 2)))
+    rows = [(first, last) for first, last, *_ in known]
+    for name, signal in signals.items():
+        found = there_and_back(drifts(trial.t, signal, name, way, rows), trial.t, BACK)
+        yield from ((first, last, *DRIFTING[name]) for first, last in found)
+
+
+def _tight(found: Break, signals: Mapping[str, np.ndarray], margin: int) -> Break:
+    """A step of heading or position without the sound rows around, beyond a ``margin``, which its sides take in."""
+    first, last, what, channels = found
+    name = next((n for n in signals if WORDS[n][0] == what), None)
+    if name is None:
+        return found
+    begin, end = tightened(signals[name], first, last)
+    return max(begin - margin, first), min(end + margin, last), what, channels
 
 
 def stretch_findings(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
@@ -127,13 +174,11 @@ def innovations(trial: Trial, side: int) -> dict[str, tuple[np.ndarray, float]]:
     less what the means further out lead to expect, of psi - integral of r, position - integral of (u, v), and of
     (u, v); of single samples of (u, v) and of r it is what the neighbours on both sides do not lead to expect.
     """
-    t, psi, r, w = trial.t, trial.psi_unwrapped, _filled(trial["r"]), _filled(trial["u"]) + 1j * _filled(trial["v"])
-    psi = _filled(psi)
-    signals = {"psi": (psi - _integral(t, r), side), "u, v": (w, side), "sharp u, v": (w, 1), "sharp r": (r, 1)}
+    r, w = _filled(trial["r"]), _filled(trial["u"]) + 1j * _filled(trial["v"])
+    errors = mismatches(trial)
+    signals = {"psi": (errors["psi"], side), "u, v": (w, side), "sharp u, v": (w, 1), "sharp r": (r, 1)}
     if trial.has_position:
-        place = _filled(trial["x"]) + 1j * _filled(trial["y"])
-        error = place - _integral(t, w * np.exp(1j * psi))
-        signals |= {"position": (error, side), "sharp position": (error, 1)}
+        signals |= {"position": (errors["position"], side), "sharp position": (errors["position"], 1)}
     moves = {"psi": (r, side * trial.dt), "u, v": (w, 1.0), "r": (r, 1.0), "position": (w, side * trial.dt)}
     out = {}
     for name, (signal, rows) in signals.items():
@@ -156,13 +201,15 @@ def _grain(trial: Trial, channel: str) -> float:
     return max(0.5 * max(grains), 1e-9)
 
 
-def _steps(trial: Trial, side: int) -> Iterator[Break]:
+def _steps(trial: Trial, signals: Mapping[str, np.ndarray], side: int) -> Iterator[Break]:
     """Breaks of one channel by itself, or of heading and velocities together."""
     found = innovations(trial, side)
     ratio = {name: np.abs(step) / usual for name, (step, usual) in found.items()}
     for name, (what, channels) in WORDS.items():
         if name in ratio:
             runs = _runs(ratio[name], SURE[name], 2)
+            if name.removeprefix("sharp ") in signals:
+                runs = [run for run in runs if _changes(signals[name.removeprefix("sharp ")], found[name][0], *run)]
             yield from ((first, last, what, channels) for first, last in runs)
             yield from (
                 (first, last, what, channels)
@@ -172,6 +219,13 @@ def _steps(trial: Trial, side: int) -> Iterator[Break]:
     agreed = np.minimum(*(_most(share, 4 * side + 1) for share in shares)) >= 1.0
     for first, last in _runs(np.where(agreed, np.maximum(*shares), 0.0), 1.0, 2):
         yield first, last, "heading and velocities jump together", ("psi", "u", "v")
+
+
+def _changes(signal: np.ndarray, step: np.ndarray, first: int, last: int) -> bool:
+    """Whether the ``signal`` (N,) itself changes between the rows, by half of its ``step`` (N,): beside a jump the
+    trend around is wrong, and the step a jump that is not there."""
+    inside = slice(first, last + 1)
+    return bool(np.ptp(np.abs(signal[inside] - signal[first])) >= 0.5 * np.abs(step[inside]).max())
 
 
 def _there_and_back(

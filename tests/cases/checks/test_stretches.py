@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmarks import foreign_stretches
 from benchmarks.broken_stretches import KINDS, injected, judged
 from cases.checks import check, ready
 from cases.checks.stretches import broken_stretches
@@ -36,6 +37,25 @@ def test_a_break_is_found_where_it_is(kind: str, runs: list[Trial]) -> None:
     rows = [judged(trial, *injected(trial, kind, rng)) for trial in runs if trial.kind not in ("berthing",)]
     assert np.mean([found for found, _ in rows]) >= 0.8
     assert np.mean([lost for _, lost in rows]) <= 0.03
+
+
+@pytest.mark.parametrize("kind", list(foreign_stretches.KINDS))
+def test_a_break_of_another_kind_is_found_too(kind: str, runs: list[Trial]) -> None:
+    rng = np.random.default_rng(2)
+    made = [(t, foreign_stretches.broken(t, kind, 1.0, rng)) for t in runs if t.kind != "berthing"]
+    rows = [judged(trial, *one) for trial, one in made if one]
+    assert len(rows) >= 4 and np.mean([found for found, _ in rows]) >= 0.7
+    assert np.mean([lost for _, lost in rows]) <= 0.01
+
+
+def test_a_record_that_changes_rarely_or_lies_at_rest_repeats_nothing(runs: list[Trial]) -> None:
+    trial = runs[0]
+    held = np.arange(len(trial)) // 10 * 10  # a log of 1 Hz written at 10 Hz
+    columns = {name: trial[name][held] for name in ("x", "y", "psi", "u", "v", "r")}
+    assert not [s for s in broken_stretches(trial.with_columns(**columns)) if "repeated" in s.what]
+    still = {name: np.full(len(trial), trial[name][0]) for name in columns}
+    still |= {name: np.zeros(len(trial)) for name in ("u", "v", "r")}
+    assert broken_stretches(trial.with_columns(**still)) == []
 
 
 def heading_off(trial: Trial, begin: float, end: float) -> Trial:
