@@ -13,6 +13,7 @@ import numpy as np
 from cases.checks.remedies import labels, line, mended, place, settings
 from cases.checks.report import CONTRADICTORY, DOUBTFUL, CheckFinding, CheckReport
 from cases.checks.rudder import following
+from cases.checks.stretches import DRIFTING
 from cases.evidence.competition import Judged, Scores, judged, scores
 from cases.evidence.inputs import wrong_inputs
 from cases.evidence.readings import FRAMES, Keys
@@ -82,8 +83,10 @@ def decided(trials: Sequence[Trial], reports: Sequence[CheckReport]) -> list[Che
 
 
 def _whole(trial: Trial, numbers: Mapping[str, Any]) -> Trial:
-    """``trial`` without its broken stretches."""
-    spans = [(s["begin_s"], s["end_s"]) for s in numbers["stretches"].get("broken", [])]
+    """``trial`` without its broken stretches, but for those in which positions and velocities drift apart: a wrong
+    frame makes such ones, and they are what tells."""
+    broken = numbers["stretches"].get("broken", [])
+    spans = [(s["begin_s"], s["end_s"]) for s in broken if DRIFTING["position"][0] not in s["what"]]
     return left_out(trial, spans, "") if spans else trial
 
 

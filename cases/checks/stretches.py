@@ -55,6 +55,9 @@ DRIFTING = {
 }
 """Channel -> what its drift means, and its columns."""
 
+LARGEST_SHARE = {"psi": 0.7, "position": 0.25}
+"""Share of the record beyond which drifts are no stretches of it: the frame, sign or unit of a column is wrong."""
+
 BACK = 20.0
 """s; drifts that undo each other within this time are one stretch."""
 
@@ -126,9 +129,17 @@ def _drifting(trial: Trial, signals: Mapping[str, np.ndarray], known: Sequence[B
     """Breaks of heading or position that no step shows, besides the ``known`` ones."""
     way = float(np.sqrt(np.mean(_filled(trial["u"]) ** 2 + _filled(trial["v"]) ** 2)))
     rows = [(first, last) for first, last, *_ in known]
+    explained = list(rows)  # counts no more
     for name, signal in signals.items():
-        found = there_and_back(drifts(trial.t, signal, name, way, rows), trial.t, BACK)
-        yield from ((first, last, *DRIFTING[name]) for first, last in found)
+        found = list(there_and_back(drifts(trial.t, signal, name, way, rows), trial.t, BACK))
+        own = np.zeros(len(trial), bool)
+        for first, last in found:
+            own[first : last + 1] = True
+        for first, last in explained:
+            own[first : last + 1] = False
+        if own.mean() <= LARGEST_SHARE[name]:
+            yield from ((first, last, *DRIFTING[name]) for first, last in found)
+            explained += found
 
 
 def _tight(found: Break, signals: Mapping[str, np.ndarray], margin: int) -> Break:
