@@ -15,7 +15,8 @@ from diagnosis.location.regions import CHANNELS
 from diagnosis.report import between_words, words
 from diagnosis.report import where_words as report_where
 from diagnosis.report.figures import figures_for
-from fitting.report.page import environment, figures_of, write_page
+from fitting.report.page import environment, write_page
+from fitting.report.page_figures import figures_of
 from fitting.report.plot_style import FigureFolder
 from fitting.report.run_folder import versions
 

@@ -112,6 +112,7 @@ class Bands:
     process: Process
     root: np.ndarray
 
+    @np.errstate(over="ignore", invalid="ignore")  # where a prediction runs away its band is infinite, or no number
     def std(self, simulator: Simulator, batch: WindowBatch, out: np.ndarray, adapted: bool = False) -> np.ndarray:
         """Standard deviations (N + 1, 6, M) of predicted columns ``out`` (N + 1, 6, M); zero in the first row.
 

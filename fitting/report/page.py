@@ -5,7 +5,6 @@ Its sections follow the headings of ITTC 7.5-02-06-03 (validation of manoeuvring
 
 from __future__ import annotations
 
-import base64
 import math
 import re
 from collections.abc import Sequence
@@ -20,6 +19,8 @@ from fitting.identifiability.analysis import KINDS
 from fitting.record import FitRecord
 from fitting.report.coefficient_table import capped, coefficient_groups, correlated_pairs, shown_number
 from fitting.report.delivered import Delivered, delivery_sections
+from fitting.report.page_figures import figures_of
+from fitting.report.structure_section import structure_section
 from fitting.report.words import headline, not_in_model, per_run_table, report_warnings, setting_rows
 from mmg.components.catalogue import summary
 from mmg.components.particulars import PARTICULARS
@@ -28,7 +29,6 @@ from mmg.errors import UserError
 from mmg.ship import Ship
 from mmg.states import STATES
 
-PNG = b"\x89PNG\r\n\x1a\n"
 DATA_SOURCES = (
     (
         re.compile(r"^(turn|turn_cut|zigzag|random|berthing)_\d\d-[A-Z][a-z]{2}-2020_\d\d_\d\d_\d\d"),
@@ -56,28 +56,6 @@ PLACES = {
 
 LARGE = 1e12
 """Condition number of the information beyond which the numbers themselves are in doubt (MuJoCo's limit)."""
-
-
-def figures_of(folder: Path, listed: Any) -> list[dict]:
-    """The figures ``listed`` in result.json with their content, from ``folder``/figures, as a data URI.
-
-    ``image`` is None for one that is missing.
-    """
-    figures = []
-    for entry in listed or []:
-        path = folder / "figures" / Path(str(entry.get("file", ""))).name
-        try:
-            content = path.read_bytes()
-        except OSError:
-            content = b""
-        good = content.startswith(PNG)
-        uri = "data:image/png;base64," + base64.b64encode(content).decode() if good else None
-        size = (int.from_bytes(content[16:20], "big"), int.from_bytes(content[20:24], "big")) if good else (0, 0)
-        figures.append(
-            {"title": entry.get("title", path.stem), "caption": entry.get("caption", ""), "image": uri,
-             "name": path.stem, "file": path.name, "width": size[0], "height": size[1]}
-        )  # fmt: skip
-    return figures
 
 
 def section(result: dict, most_options: int = 10) -> dict[str, Any] | None:
@@ -188,6 +166,7 @@ def _run(record: FitRecord, ship: Ship, folder: Path, number: int, known: Delive
             *((role, name, summary(role, name)) for role, name in ship.components.items()),
             *(("effect", name, effect(name).summary) for name in ship.effects),
         ],
+        "choice": structure_section(folder),
         "missing": not_in_model(ship),
         "figures": by_place | {"other": [f for f in figures if f not in placed]},
         "settings": setting_rows(result["settings"]),

@@ -107,7 +107,17 @@ def test_the_choice_has_less_error_than_the_start_thins_out_and_is_a_whole_run(t
     assert min((r for r in rows.values() if r.unknowns), key=lambda r: r.validation).name in named
     for row in front:
         assert not any(r.validation < row.validation for r in rows.values() if 0 < r.unknowns <= row.unknowns)
-    saved = choice.result.save(tmp_path / "run")
+
+    def beside(folder: Path) -> None:
+        (folder / "figures").mkdir()
+        figure.savefig(folder / "figures" / "structures.png")
+        (folder / "selection.json").write_text(json.dumps(choice.to_dict()))
+
+    saved = choice.result.save(tmp_path / "run", beside=beside)
+    page = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
+    assert "How the model was chosen" in page and "Complexity and error" in page
+    assert all(f"<td>{name}</td>" in page or f"<b>{name}</b>" in page for name in rows)
+    assert f"the chosen model {choice.test['chosen']:.3g}" in page
     assert saved.folder is not None and load_ship(tmp_path / "run").monomials == choice.result.ship.monomials
 
 
