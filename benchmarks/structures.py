@@ -1,10 +1,11 @@
 """Generated models on synthetic campaigns of four kinds of actuators, from a start ship whose coefficients are off.
 
-``python -m benchmarks.structures [KIND...]``: vectwin, pods, thrusters, twin. Each campaign is random harbour use of
-all actuators in gusty wind with sensor noise: five runs of 600 s to fit on, two to choose by, two to test. The start
-ship has the true force models with coefficients drawn at one prior standard deviation from the true ones; calibrated,
-it is the reference: the true structure refitted. Then polynomials alone are candidates. Prints errors of 30 s windows
-on the test runs by the variance of the states, the same for noise alone (the true ship), and times.
+``python -m benchmarks.structures [KIND...]``: vectwin, pods, thrusters, twin; ``units``: polynomials of units by
+regression alone; ``other_hull``: a start with another hull model than the true one, twin screw. Each campaign is
+random harbour use of all actuators in gusty wind with sensor noise: five runs of 600 s to fit on, two to choose by, two
+to test. The start ship has the true force models with coefficients drawn at one prior standard deviation from the true
+ones; calibrated, it is the reference: the true structure refitted. Then polynomials alone are candidates. Prints errors
+of 30 s windows on the test runs by the variance of the states, the same for noise alone (the true ship), and times.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from cases.shipfiles.model_changes import with_instruments
 from cases.shipfiles.new_ship import new_ship
 from cases.shipfiles.ship_file import load_ship, parse_ship
 from cases.simulation.gusts import Wind
@@ -25,7 +27,10 @@ from cases.trial import Trial
 from fitting.prediction.score import pooled_sigma, score
 from fitting.selection.candidates import Rules, candidate
 from fitting.selection.choice import StructureChoice
-from fitting.selection.structure_choice import choose_structure
+from fitting.selection.coverage import bounded
+from fitting.selection.increments import increments
+from fitting.selection.regression import regress
+from fitting.selection.structure_choice import INSTRUMENTS, choose_structure
 from fitting.settings import Settings
 from mmg.rollout import Simulator
 from mmg.ship import Ship
@@ -128,6 +133,39 @@ def measure(kind: str) -> None:
     )
 
 
+def measure_units(kind: str, name: str = "units-order3") -> None:
+    """Prints errors of the candidate ``name`` by regression, whole and thinned out."""
+    ship = true_ship(kind)
+    runs = campaign(ship)
+    one = bounded(with_instruments(candidate(started_from(ship), name).ship, INSTRUMENTS), runs[:5])
+    system, sigma = increments(one, runs[:5]), pooled_sigma(runs[:5])
+    for sparse in (False, True):
+        found = regress(one, system, sparse)
+        model = found.ship(one).with_values(found.values)
+        errors = [score(Simulator(model), some, sigma).window for some in (runs[:5], runs[5:7], runs[7:])]
+        words = "training {:.4f}  validation {:.4f}  test {:.4f}".format(*errors)
+        print(f"{kind}: {name}{'-thinned' if sparse else ''}  unknowns {len(model.free)}  {words}", flush=True)
+
+
+def measure_other_hull() -> None:
+    """Prints what is chosen for a twin-screw ship whose particulars give another hull model than the true one."""
+    ship = true_ship("twin")
+    start = new_ship("twin", MAIN | {"y_P": 0.12}, hull="polynomial")
+    runs = campaign(ship)
+    names = ("mmg", "mmg+sm1-order1", "mmg+sm1-order2", "mmg+full-order2", "sm1-order2")
+    sets = (runs[:5], runs[5:7], runs[7:])
+    found = choose_structure(start, [candidate(start, n) for n in names], sets, Settings(time_limit=60.0, passes=2))
+    for row in found.table:
+        print(f"  {row.name:<28} unknowns {row.unknowns:>4}  validation {row.validation:.4f}", flush=True)
+    print(f"  chosen {found.chosen}: test {found.test}; diverged {found.stability.diverged}", flush=True)
+
+
 if __name__ == "__main__":
     for word in sys.argv[1:] or list(NAMES):
-        measure(word)
+        if word == "other_hull":
+            measure_other_hull()
+        elif word == "units":
+            for each in ("twin", "vectwin", "thrusters"):
+                measure_units(each)
+        else:
+            measure(word)

@@ -2,7 +2,8 @@
 
 Their names say what they are: ``mmg`` is the ship as given, ``sm2-order3`` a polynomial of third order with two
 sub-models (Miyauchi et al. 2023), ``full-order4`` one of fourth order without sub-models, but with all moduli and only
-such terms left out as follow from others, ``mmg+full-order2`` one on top of the ship's own forces.
+such terms left out as follow from others, ``units-order3`` one without products of actuators of two
+units of propeller and rudder, ``mmg+full-order2`` one on top of the ship's own forces.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from dataclasses import dataclass, replace
 from cases.shipfiles.generated_ship import generated_ship, structure_of
 from mmg.components.expansion.actuators import variables
 from mmg.components.expansion.structure import Structure
+from mmg.components.expansion.units import units_of
 from mmg.errors import UserError
 from mmg.ship import Ship
 
@@ -22,6 +24,8 @@ HIGHEST = 3
 """Highest order of the polynomials where none is asked for."""
 FULL = "full"
 """Family of polynomials without sub-models, with all moduli: one order higher than the others by default."""
+UNITS = "units"
+"""Family of polynomials whose units of propeller and rudder add their forces up."""
 WIDEST = 2500
 """Most monomials of one force, before the rules, of a polynomial of that family."""
 ON_TOP = 2
@@ -82,7 +86,7 @@ def candidates(ship: Ship, rules: Rules | None = None) -> tuple[StructureCandida
     for name, structure in _structures(ship, rules):
         made = generated_ship(ship, structure, f"{ship.name}_{name.replace('-', '_')}", rules.hard)
         found.append(StructureCandidate(name, made, structure.words, structure.order, structure.submodels))
-        if structure.submodels == "SM-1" and structure.order <= ON_TOP:
+        if structure.submodels == "SM-1" and structure.order <= ON_TOP and not structure.units:
             found.append(on_top(ship, name, structure, rules))
     found.sort(key=lambda candidate: (sum(candidate.counts), candidate.name))
     own = ", ".join(f"{role} {model}" for role, model in ship.components.items())
@@ -118,6 +122,8 @@ def _structures(ship: Ship, rules: Rules) -> list[tuple[str, Structure]]:
         count = len(variables(first.devices))
         if math.comb(count + order, order) <= WIDEST:
             found.append((f"{FULL}-order{order}", replace(first, order=order, duplicates="identity", moduli="full")))
+        if rules.symmetric and units_of(first.devices):
+            found.append((f"{UNITS}-order{order}", replace(first, order=order, units=True)))
     return found
 
 

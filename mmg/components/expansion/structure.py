@@ -19,6 +19,7 @@ from dataclasses import dataclass
 
 from mmg.components.coefficients import Coefficient
 from mmg.components.expansion.actuators import Device, ExpansionVariable, variables
+from mmg.components.expansion.units import unit_monomials, units_of
 from mmg.components.expansion.words import Monomial, Word
 from mmg.errors import UserError
 
@@ -47,8 +48,8 @@ class Structure:
     """What a generated polynomial consists of.
 
     devices: its actuators; order: highest degree; submodels: of SUBMODELS; symmetric: rule A; duplicates: of
-    DUPLICATES; moduli: of MODULI. Raises UserError for a word that is none of these, an order below 1 and a sub-model
-    whose actuator the list lacks.
+    DUPLICATES; moduli: of MODULI; units: the terms are those of ``unit_monomials``, without rules and sub-models.
+    Raises UserError for a word that is none of these, an order below 1 and a sub-model whose actuator the list lacks.
     """
 
     devices: tuple[Device, ...]
@@ -57,6 +58,7 @@ class Structure:
     symmetric: bool = True
     duplicates: str = "paper"
     moduli: str = "paper"
+    units: bool = False
 
     def __post_init__(self) -> None:
         for word, choices in ((self.submodels, SUBMODELS), (self.duplicates, DUPLICATES), (self.moduli, MODULI)):
@@ -78,6 +80,7 @@ class Structure:
     def words(self) -> str:
         """The structure in words: ``order 2, SM-2, actuators n, delta``."""
         unusual = [] if self.symmetric else ["asymmetric"]
+        unusual += ["forces of units that add up"] if self.units else []
         unusual += [f"duplicates {self.duplicates}"] if self.duplicates != "paper" else []
         unusual += [f"moduli {self.moduli}"] if self.moduli != "paper" else []
         return ", ".join(
@@ -138,6 +141,8 @@ def terms(structure: Structure) -> tuple[Coefficient, ...]:
     The resistance terms u of X, v of Y and r of N are bound to be no thrust, the thrust of revolutions no resistance
     (section 3.2 of the paper).
     """
+    if structure.units:
+        return _terms_of_units(structure)
     rows = []
     for number, conditions in enumerate(regimes(structure), start=1):
         for force in "XYN":
@@ -149,6 +154,21 @@ def terms(structure: Structure) -> tuple[Coefficient, ...]:
                     f"{force}_{text.short}_{number}", 0.0, std, lower, upper, source=SOURCE, monomial=str(text),
                     description=f"{_WORDS[force]}, generated term",
                 ))  # fmt: skip
+    return tuple(rows)
+
+
+def _terms_of_units(structure: Structure) -> tuple[Coefficient, ...]:
+    """The coefficients of units whose forces add up."""
+    rows = []
+    for force in "XYN":
+        for text in unit_monomials(units_of(structure.devices), structure.order, force):
+            std = SIZES[force][not any(word.name in ("v", "r") for word, _ in text.factors)]
+            plain = len(text.factors) == 1 and text.factors[0][0].name
+            upper = 0.0 if (force, plain) in (("X", "u"), ("Y", "v"), ("N", "r")) else 10 * std
+            rows.append(Coefficient(
+                f"{force}_{text.short}_1", 0.0, std, -10 * std, upper, source=SOURCE, monomial=str(text),
+                description=f"{_WORDS[force]}, generated term",
+            ))  # fmt: skip
     return tuple(rows)
 
 
