@@ -47,8 +47,8 @@ def units_of(devices: Sequence[Device]) -> tuple[Unit, ...]:
 
 def unit_monomials(units: Sequence[Unit], order: int, force: str) -> tuple[Monomial, ...]:
     """The terms of ``force`` ("X", "Y" or "N") of a hull with ``units``, motions and actions to ``order`` together."""
-    odd = force != "X"
-    found = [motion for motion in HULL if _degree(motion) <= order and _is_odd(motion) == odd]
+    sideways = force != "X"
+    found = [motion for motion in HULL if _degree(motion) <= order and _turns(motion) == sideways]
     motions = ("", *(motion for motion in HULL if _degree(motion) <= WITH_ACTUATORS))
     for screw, degree in _SCREWS:
         for angle in _ANGLES if units[0][1] else _ANGLES[:1]:
@@ -57,7 +57,7 @@ def unit_monomials(units: Sequence[Unit], order: int, force: str) -> tuple[Monom
                 if _degree(motion) + degree + len(angle) > order:
                     continue
                 for word, word_odd in _both([_action(unit, screw, angle) for unit in units], action_odd):
-                    if (_is_odd(motion) != word_odd) == odd:
+                    if (_turns(motion) != word_odd) == sideways:
                         found.append(f"{motion} {word}".strip())
     return tuple(map(parse_monomial, found))
 
@@ -69,16 +69,16 @@ def _action(unit: Unit, screw: str, angle: Sequence[str]) -> Word:
     return Word("times", tuple(parts)) if len(parts) > 1 else parts[0]
 
 
-def _both(actions: Sequence[Word], odd: bool) -> list[tuple[Word, bool]]:
+def _both(actions: Sequence[Word], mirrored: bool) -> list[tuple[Word, bool]]:
     """Words for the actions of all units, and whether they change their sign under reflection."""
     if len(set(actions)) == 1:
-        return [(actions[0], odd)]
-    return [(Word("mean", tuple(actions)), odd), (Word("half", tuple(actions)), not odd)]
+        return [(actions[0], mirrored)]
+    return [(Word("mean", tuple(actions)), mirrored), (Word("half", tuple(actions)), not mirrored)]
 
 
 def _degree(motion: str) -> int:
     return len(motion.split())
 
 
-def _is_odd(motion: str) -> bool:
+def _turns(motion: str) -> bool:
     return sum(factor in ("v", "r") for factor in motion.split()) % 2 == 1
