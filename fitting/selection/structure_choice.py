@@ -136,6 +136,10 @@ def choose_structure(
     models = {START: ship, **{f"{name} calibrated": own for name, own in others.items()}, "chosen": result.ship}
     errors = {name: _window_error(model, test, work.sigma) for name, model in models.items()} if test else {}
     final = stability(result.ship, SEQUENCES, work.settings.seed, work.settings.compiled)
+    if final.diverged:
+        words = f"the chosen model diverges in {final.diverged} of {final.sequences} random harbour sequences"
+        advice = "no candidate stays stable in all: keep to motions of the trials, or give more trials"
+        result = replace(result, messages=(MessageRow("warning", "diverges", f"{words}; {advice}"), *result.messages))
     return StructureChoice(best.row.name, result, (*rows, *table), errors, final, runs)
 
 
