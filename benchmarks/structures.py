@@ -1,11 +1,12 @@
 """Generated models on synthetic campaigns of four kinds of actuators, from a start ship whose coefficients are off.
 
 ``python -m benchmarks.structures [KIND...]``: vectwin, pods, thrusters, twin; ``units``: polynomials of units by
-regression alone; ``other_hull``: a start with another hull model than the true one, twin screw. Each campaign is
-random harbour use of all actuators in gusty wind with sensor noise: five runs of 600 s to fit on, two to choose by, two
-to test. The start ship has the true force models with coefficients drawn at one prior standard deviation from the true
-ones; calibrated, it is the reference: the true structure refitted. Then polynomials alone are candidates. Prints errors
-of 30 s windows on the test runs by the variance of the states, the same for noise alone (the true ship), and times.
+regression alone; ``other_hull``: a start with another hull model than the true one, twin screw; ``groups``: the VecTwin
+ship by groups of test runs, crash astern among them. Each campaign is random harbour use of all actuators in gusty wind
+with sensor noise: five runs of 600 s to fit on, two to choose by, two to test. The start ship has the true force models
+with coefficients drawn at one prior standard deviation from the true ones; calibrated, it is the reference: the true
+structure refitted. Then polynomials alone are candidates. Prints errors of 30 s windows on the test runs by the
+variance of the states, the same for noise alone (the true ship), and times.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from cases.shipfiles.model_changes import with_instruments
 from cases.shipfiles.new_ship import new_ship
 from cases.shipfiles.ship_file import load_ship, parse_ship
 from cases.simulation.gusts import Wind
-from cases.simulation.harbour_inputs import harbour_inputs
+from cases.simulation.harbour_inputs import harbour_inputs, ranges_of
 from cases.simulation.sensors import SensorNoise, add_noise
 from cases.simulation.simulate import simulate_controls
 from cases.trial import Trial
@@ -34,6 +35,7 @@ from fitting.selection.structure_choice import INSTRUMENTS, choose_structure
 from fitting.settings import Settings
 from mmg.rollout import Simulator
 from mmg.ship import Ship
+from mmg.states import STATES
 
 FERRY = """
 [ship]
@@ -147,6 +149,37 @@ def measure_units(kind: str, name: str = "units-order3") -> None:
         print(f"{kind}: {name}{'-thinned' if sparse else ''}  unknowns {len(model.free)}  {words}", flush=True)
 
 
+def crash_astern(ship: Ship, share: float, wait: float, seed: int) -> Trial:
+    """A VecTwin ship with ``share`` of her harbour revolutions that goes ahead for ``wait`` s and then turns both
+    rudders to full astern, at 20 deg/s."""
+    t = np.arange(0.0, wait + 160.0, 0.5)
+    most = ranges_of(ship)
+    gone = np.maximum(t - wait, 0.0) * np.radians(20.0)
+    inputs = {"n": np.full(len(t), share * most["n"][1]), "n_bow": np.zeros(len(t))}
+    inputs |= {"delta_port": np.maximum(-gone, most["delta_port"][0])}
+    inputs |= {"delta_starboard": np.minimum(gone, most["delta_starboard"][1])}
+    rest = {name: np.zeros(len(t)) for name in STATES}
+    run = simulate_controls(ship, Trial("crash_astern", {"t": t, **rest, **inputs}), Wind(0.5, 2.0 * seed, True), seed)
+    return add_noise(run, SensorNoise.for_length(ship.particulars["L"]), seed)
+
+
+def measure_groups() -> None:
+    """Prints errors of 30 s windows by group of test runs, of the VecTwin ship as given, calibrated and chosen."""
+    ship = true_ship("vectwin")
+    runs = campaign(ship)
+    groups = {"random": runs[7:], "crash astern": [crash_astern(ship, 0.5 + 0.2 * i, 70.0, 20 + i) for i in range(3)]}
+    start, sigma = started_from(ship), pooled_sigma(runs[:5])
+    sets, settings = (runs[:5], runs[5:7], runs[7:]), Settings(time_limit=100.0, passes=2)
+    names = ("mmg", "mmg+sm1-order2", "units-order3", "full-order3", "full-order4")
+    every = choose_structure(start, [candidate(start, name) for name in names], sets, settings)
+    alone = choose_structure(start, [candidate(start, name) for name in names[2:]], sets, settings)
+    models = {"true ship (noise)": ship, "as given": start}
+    models |= {f"chosen, {one.chosen}": one.result.ship for one in (every, alone)}
+    for name, model in models.items():
+        words = ", ".join(f"{k} {score(Simulator(model), some, sigma).window:.4f}" for k, some in groups.items())
+        print(f"  {name}: {words}", flush=True)
+
+
 def measure_other_hull() -> None:
     """Prints what is chosen for a twin-screw ship whose particulars give another hull model than the true one."""
     ship = true_ship("twin")
@@ -164,6 +197,8 @@ if __name__ == "__main__":
     for word in sys.argv[1:] or list(NAMES):
         if word == "other_hull":
             measure_other_hull()
+        elif word == "groups":
+            measure_groups()
         elif word == "units":
             for each in ("twin", "vectwin", "thrusters"):
                 measure_units(each)

@@ -3,6 +3,7 @@ short."""
 
 from __future__ import annotations
 
+import html
 import re
 import subprocess
 import sys
@@ -96,7 +97,8 @@ def test_doubts_and_what_is_left_out_are_in_the_pages(tmp_path: Path) -> None:
     write_trial(broken, tmp_path / "run.csv")
     main(["fit", "esso_osaka_3m", str(tmp_path / "run.csv"), *WORDS, "--out", str(tmp_path / "fit")])
     page = (tmp_path / "fit" / "report.html").read_text(encoding="utf-8")
-    assert "left out" in page and "[files.&#34;run.csv&#34;] exclude = []" in page
+    where = html.escape(f"{tmp_path / 'trials.toml'}")
+    assert "left out" in page and f"to keep all, add to {where}, [files.&#34;run.csv&#34;]: exclude = []" in page
 
 
 def test_a_score_that_is_no_number_is_a_failure(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
