@@ -15,6 +15,7 @@ from cases.importing.import_logs import import_logs
 from cases.importing.import_map import ImportMap
 from cases.importing.written_trials import write_import
 from tests.support import raw_logs
+from tests.support.peak_memory import PEAK
 from tests.support.raw_logs import UNITS, plain
 
 pytest.importorskip("pyproj", reason="needs the extra import")
@@ -188,15 +189,16 @@ def test_damaged_bytes_of_large_logs_raise_nothing_but_a_line(tmp_path: Path, pi
     assert 10 < read < 140
 
 
-PROGRAM = """
-import resource, sys
+PROGRAM = (
+    PEAK
+    + """
 from pathlib import Path
 from cases.importing.import_logs import import_logs
 found = import_logs([Path(sys.argv[1])])
 assert not found.problems, found.problems
-peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (2**20 if sys.platform == "darwin" else 2**10)
-print(f"{peak:.0f} {len(found.runs[0].columns['t'])}")
+print(f"{peak_mb():.0f} {len(found.runs[0].columns['t'])}")
 """
+)
 
 
 @pytest.mark.slow

@@ -15,6 +15,7 @@ from cases.io.block_means import BlockMeans
 from cases.io.read import read_trial
 from cases.trial import Trial
 from mmg.errors import UserError
+from tests.support.peak_memory import PEAK
 from tests.support.trial_files import motion_columns, write_csv
 
 
@@ -150,13 +151,14 @@ def test_text_and_short_ends_of_a_long_file(tmp_path: Path, few: Callable[[int],
         read_trial(path)
 
 
-PROGRAM = """
-import resource, sys
+PROGRAM = (
+    PEAK
+    + """
 from cases.io.read import read_trial
 trial = read_trial(sys.argv[1])
-peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (2**20 if sys.platform == "darwin" else 2**10)
-print(f"{peak:.0f} {len(trial)}")
+print(f"{peak_mb():.0f} {len(trial)}")
 """
+)
 
 
 @pytest.mark.slow

@@ -13,12 +13,14 @@ import pytest
 
 from cases.io.files import LARGEST
 from cases.io.table import MOST_ROWS
+from tests.support.peak_memory import PEAK
 
 LIMIT = 500
 """MB."""
 HEAD = b"t [s],psi [rad],u [m/s],v [m/s],r [rad/s],n [rps],delta [rad]\n"
-PROGRAM = """
-import resource, sys
+PROGRAM = (
+    PEAK
+    + """
 from pathlib import Path
 from cases.checks import check
 from cases.io.read import read_trial
@@ -28,9 +30,9 @@ try:
     words = "read"
 except UserError as error:
     words = str(error)
-peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (2**20 if sys.platform == "darwin" else 2**10)
-print(f"{peak:.0f} {words}")
+print(f"{peak_mb():.0f} {words}")
 """
+)
 
 
 def filled(head: bytes, block: bytes) -> Iterator[bytes]:
