@@ -117,7 +117,7 @@ def _adapt(simulator: Simulator, windows: Sequence[Stretch], a: Adaptation) -> t
     if not pieces:
         return np.zeros((2, M)), offset
     batch, K = WindowBatch.of(pieces), len(pieces)
-    probed = WindowBatch(np.tile(batch.steps, 3), np.tile(batch.inputs, 3), np.tile(batch.logged, 3))
+    probed = batch.times_over(3)
     probe = np.zeros((2, 3, K))
     probe[0, 1] = probe[1, 2] = 0.5 * a.size
     # within a restart the current hardly decays: its age is counted in the weights
@@ -132,7 +132,8 @@ def _adapt(simulator: Simulator, windows: Sequence[Stretch], a: Adaptation) -> t
             rows = piece.last - piece.first
             end = states[rows, :, k : k + 1]
             here = piece.record.controls[piece.last][:, None]
-            beyond = (end - settled(simulator.model, end[:6], here, simulator.ship.values))[6:, 0]
+            values = simulator.ship.values if piece.record.values is None else piece.record.values
+            beyond = (end - settled(simulator.model, end[:6], here, values))[6:, 0]
             offset[:, i] = beyond if np.isfinite(beyond).all() else 0.0
     return np.linalg.solve(information + np.eye(2) / a.size**2, gradient[..., None])[..., 0].T, offset
 

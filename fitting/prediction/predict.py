@@ -22,6 +22,7 @@ from mmg.errors import UserError
 from mmg.messages import Message
 from mmg.model import states_behind
 from mmg.rollout import Simulator
+from mmg.ship import Ship
 
 LONGEST_GAP = 1.0
 """Seconds, beside two samples, between samples across which a window may run."""
@@ -85,20 +86,38 @@ def usable_rows(trial: Trial, inputs: Sequence[str] = STANDARD) -> np.ndarray:
     return np.isfinite(needed).all(axis=1)
 
 
-def record_of(trial: Trial, inputs: Sequence[str]) -> Record:
-    """A ``trial`` as windows need it, for a model with these ``inputs``; x = y = 0 where no positions were measured."""
+class ShipsByTrial(Simulator):
+    """A simulator of trials in which the ship has coefficients of her own each: ``own`` (trials, P), all of them, in
+    the order of the trials that it is to predict."""
+
+    def __init__(self, ship: Ship, own: np.ndarray, compiled: bool = True) -> None:
+        super().__init__(ship, compiled)
+        self.own = np.asarray(own, dtype=float)
+
+
+def record_of(trial: Trial, inputs: Sequence[str], values: np.ndarray | None = None) -> Record:
+    """A ``trial`` as windows need it, for a model with these ``inputs``; x = y = 0 where no positions were measured.
+
+    values: all coefficients (P,) of the ship in this trial, where they are not the simulator's.
+    """
     states = trial.states
     if not trial.has_position:
         states = states.copy()
         states[:, :2] = 0.0
-    return Record(trial.t, states, model_inputs(trial, inputs).array, usable_rows(trial, inputs), trial.has_position)
+    controls, good = model_inputs(trial, inputs).array, usable_rows(trial, inputs)
+    return Record(trial.t, states, controls, good, trial.has_position, values)
 
 
 def _plan(
-    trial: Trial, inputs: Sequence[str], length: float, stride: float, short_last: bool
+    trial: Trial,
+    inputs: Sequence[str],
+    length: float,
+    stride: float,
+    short_last: bool,
+    values: np.ndarray | None = None,
 ) -> tuple[dict[int, Stretch], list[Message]]:
     """Windows of one trial by number before simulation, and a note on those left out."""
-    record = record_of(trial, inputs)
+    record = record_of(trial, inputs, values)
     gap = np.diff(trial.t) > LONGEST_GAP + 2 * trial.dt
     rows = window_rows(trial.t, length, stride, short_last)
     usable = record.good | bridged(trial)
@@ -136,7 +155,8 @@ def predict_all(
     side.
     """
     inputs = simulator.ship.inputs if isinstance(simulator, Simulator) else simulator.inputs
-    plans = [_plan(trial, inputs, length, stride, short_last) for trial in trials]
+    own = simulator.own if isinstance(simulator, ShipsByTrial) else [None] * len(trials)
+    plans = [_plan(trial, inputs, length, stride, short_last, o) for trial, o in zip(trials, own, strict=True)]
     flat = [stretch for kept, _ in plans for stretch in kept.values()]
     if not flat:
         return [([], notes) for _, notes in plans]

@@ -18,7 +18,8 @@ INVERSIONS = 30
 class Record:
     """What a prediction needs of a trial: t (N,), logged states (N, 6), inputs of the model (N, C), usable rows (N,).
 
-    has_position: whether positions were measured; without them the states' x and y are zero.
+    has_position: whether positions were measured; without them the states' x and y are zero. values: all coefficients
+    (P,) of the ship in this run, None: those of the simulator.
     """
 
     t: np.ndarray
@@ -26,6 +27,7 @@ class Record:
     controls: np.ndarray
     good: np.ndarray
     has_position: bool
+    values: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -52,15 +54,19 @@ class FadingCurrent:
 
 @dataclass(frozen=True)
 class WindowBatch:
-    """Stretches as arrays: steps (N, M) [s], 0 where a stretch has ended; inputs (N, C, M); logged start (6, M)."""
+    """Stretches as arrays: steps (N, M) [s], 0 where a stretch has ended; inputs (N, C, M); logged start (6, M).
+
+    values: all coefficients (P, M) where records have their own, else None.
+    """
 
     steps: np.ndarray
     inputs: np.ndarray
     logged: np.ndarray
+    values: np.ndarray | None = None
 
     @classmethod
     def of(cls, stretches: Sequence[Stretch]) -> WindowBatch:
-        """The ``stretches`` side by side, M of them over N steps."""
+        """The ``stretches`` side by side, M of them over N steps. All of their records have values, or none has."""
         N = max(1, max(s.last - s.first for s in stretches))
         steps = np.zeros((N, len(stretches)))
         inputs = np.zeros((N, stretches[0].record.controls.shape[1], len(stretches)))
@@ -69,7 +75,14 @@ class WindowBatch:
             steps[:rows, i] = np.diff(s.record.t[s.first : s.last + 1])
             inputs[:rows, :, i] = s.record.controls[s.first : s.last]
             inputs[0, :, i] = s.record.controls[s.first]
-        return cls(steps, inputs, np.array([s.record.states[s.first] for s in stretches]).T)
+        own = [s.record.values for s in stretches if s.record.values is not None]
+        logged = np.array([s.record.states[s.first] for s in stretches]).T
+        return cls(steps, inputs, logged, np.array(own).T if own else None)
+
+    def times_over(self, count: int) -> WindowBatch:
+        """The same stretches ``count`` times side by side."""
+        values = None if self.values is None else np.tile(self.values, count)
+        return WindowBatch(np.tile(self.steps, count), np.tile(self.inputs, count), np.tile(self.logged, count), values)
 
     @property
     def times(self) -> np.ndarray:
@@ -99,9 +112,9 @@ def rollout(
         air = simulator.model.controls.index("wind_north")
         inputs[:, air : air + 2] -= drift[:-1]
         logged[3:5] -= _body(drift[0], logged[2])
-    start = _started(simulator, logged, inputs[0], offset)
-    states = simulator.run(start, inputs, batch.steps, method=method)
-    out = np.array(simulator.columns(states))
+    start = _started(simulator, logged, inputs[0], offset, batch.values)
+    states = simulator.run(start, inputs, batch.steps, batch.values, method)
+    out = np.array(simulator.columns(states, batch.values))
     if water is not None:
         out[:, :2] += way
         out[:, 3:5] += np.moveaxis(_body(np.moveaxis(drift, 1, 0), out[:, 2]), 0, 1)
@@ -121,11 +134,17 @@ def _body(earth: np.ndarray, psi: np.ndarray) -> np.ndarray:
     return np.array([c * earth[0] + s * earth[1], -s * earth[0] + c * earth[1]])
 
 
-def _started(simulator: Simulator, logged: np.ndarray, controls: np.ndarray, offset: np.ndarray | None) -> np.ndarray:
-    """States (S, M) logged as (6, M), their memory settled or beyond that by ``offset``."""
+def _started(
+    simulator: Simulator,
+    logged: np.ndarray,
+    controls: np.ndarray,
+    offset: np.ndarray | None,
+    own: np.ndarray | None,
+) -> np.ndarray:
+    """States (S, M) logged as (6, M), their memory settled or beyond that by ``offset``; own: coefficients (P, M)."""
     if offset is None or len(simulator.model.states) == 6:
-        return simulator.start(logged, controls)
-    model, values = simulator.model, simulator.ship.values
+        return simulator.start(logged, controls, own)
+    model, values = simulator.model, simulator.ship.values if own is None else own
     six = np.array(logged)
     for _ in range(INVERSIONS):
         start = settled(model, six, controls, values)
