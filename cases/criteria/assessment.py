@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from cases.checks.trusted import remarks
 from cases.criteria.imo import ASSUMED, OPEN, SOURCE, Row, assess, worst
-from cases.criteria.standard_runs import STANDARD, Run, approach_speed, measured_run, simulated_run
+from cases.criteria.standard_runs import STANDARD, Run, approach_speed, measured_runs, simulated_run
+from cases.criteria.trial_correction import WaterVelocity, corrected_runs
 from cases.io.leave_out import CODE
 from cases.maneuvers.controller import Limits
 from cases.maneuvers.definitions import parse_maneuver
@@ -54,6 +55,9 @@ class Assessment:
                 "length_m": run.length,
                 "figures": dict(run.figures),
                 "notes": list(run.notes),
+                "caveats": list(run.caveats),
+                "title": run.title,
+                "end_s": run.end,
             }
             for run in self.runs
         ]
@@ -122,12 +126,15 @@ def imo_figures_of_trials(
     length: float | None = None,
     kind: str = "",
     scale: float | None = None,
+    correct: bool | WaterVelocity = False,
 ) -> Assessment:
     """Measured runs judged by IMO MSC.137(76).
 
-    trials: one manoeuvre each, its approach is cut off; ship: gives its name, length and scale; length: of the ship
-    [m], where there is no ship; kind: "turning", "zigzag" or "crash-stop", default from the data; scale: ship length
-    over model length. Of several runs, one without a manoeuvre becomes a notice. Raises UserError when no length is
+    trials: with one manoeuvre or several each, the approach is cut off; ship: gives its name, length and scale;
+    length: of the ship [m], where there is no ship; kind: "turning", "zigzag" or "crash-stop", default from the data;
+    scale: ship length over model length; correct: to still water and calm air, with the current of the circles among
+    the trials or a given one (cases/criteria/trial_correction.py). Of several runs, one without a manoeuvre becomes a
+    notice. Raises UserError when no length is
     given and when there is no manoeuvre in any of the trials.
     """
     if ship is None and length is None:
@@ -141,7 +148,7 @@ def imo_figures_of_trials(
         notices.append(Message(words, "bridged"))
     for trial in trials:
         try:
-            runs.append(measured_run(trial, L, kind))
+            runs += measured_runs(trial, L, kind)
         except UserError as error:
             if len(trials) == 1:
                 raise
@@ -150,8 +157,18 @@ def imo_figures_of_trials(
     if not runs:
         raise UserError(f"no standard manoeuvre in any of {len(trials)} trials; first: {refused[0]}")
     name = ship.name if ship else ""
-    heading = f"{name or 'ship'}, measured: L {L:g} m, {len(runs)} of {len(trials)} runs"
-    return _assessed(name, heading, runs, scale or (ship.particulars.get("scale") if ship else None), notices, [])
+    several = len(trials) - len(refused) < len(runs)
+    held = f", {len(runs)} manoeuvres" if several else ""
+    heading = f"{name or 'ship'}, measured: L {L:g} m, {len(trials) - len(refused)} of {len(trials)} runs{held}"
+    size = scale or (ship.particulars.get("scale") if ship else None)
+    if not correct:
+        return _assessed(name, heading, runs, size, notices, [])
+    better, done = corrected_runs(runs, ship, correct if isinstance(correct, WaterVelocity) else None)
+    found = _assessed(name, f"{heading}, corrected for wind and current", better, size, [*notices, *done], [])
+    before = [row.value for run in runs for row in assess(run, size, name)]
+    return replace(
+        found, rows=tuple(replace(row, measured=value) for row, value in zip(found.rows, before, strict=True))
+    )
 
 
 def _assessed(

@@ -53,7 +53,8 @@ class Row:
 
     ability: of the standard, in words; run: the manoeuvre; figure: name of cases/criteria/figures.py; value, limit: in
     ``unit`` ("L" or "deg"), None where there is none; verdict: "pass", "fail", "not judged", or "-" where the standard
-    sets no limit; why: reason or remark; reference: published value for this ship, None where there is none.
+    sets no limit; why: reason or remark; reference: published value for this ship, None where there is none; measured:
+    value before it was corrected for wind and current, None where nothing was.
     """
 
     ability: str
@@ -65,6 +66,7 @@ class Row:
     verdict: str
     why: str = ""
     reference: float | None = None
+    measured: float | None = None
 
 
 def first_overshoot_limit(ratio: float) -> float:
@@ -90,8 +92,9 @@ LEAST_TURNING_RUDDER, SLACK = math.radians(33.0), math.radians(2.0)
 def assess(run: Run, scale: float | None = None, ship: str = "") -> list[Row]:
     """Rows of one run. scale: of a model, ship length over model length; ship: name for the reference values."""
     rows = {"turning": _turning, "zigzag": _zigzag, "crash-stop": _stopping}.get(run.kind, _informative)(run, scale)
-    why = _not_applicable(run, scale)
-    judged = (replace(row, verdict=OPEN, why=why) if why and row.verdict in (PASS, FAIL) else row for row in rows)
+    why, told = _not_applicable(run, scale), "; ".join(run.caveats)
+    judged = [replace(row, verdict=OPEN, why=why) if why and row.verdict in (PASS, FAIL) else row for row in rows]
+    judged = [replace(row, why="; ".join(filter(None, (row.why, told)))) if told else row for row in judged]
     return [replace(row, reference=REFERENCES.get(ship, {}).get((run.name, row.figure))) for row in judged]
 
 
@@ -143,7 +146,8 @@ def _turning(run: Run, scale: float | None) -> list[Row]:
 
 def _is_zigzag(run: Run, degrees: float) -> bool:
     angle = math.radians(degrees)
-    return abs(abs(run.rudder) - angle) <= SLACK and abs(run.heading - angle) <= SLACK
+    near = abs(abs(run.rudder) - angle) <= SLACK and abs(run.heading - angle) <= SLACK
+    return near and (not run.measured or run.steps == (degrees, degrees))
 
 
 def _zigzag(run: Run, scale: float | None) -> list[Row]:
@@ -162,7 +166,8 @@ def _zigzag(run: Run, scale: float | None) -> list[Row]:
             _row(run, "yaw checking", "overshoot_1", "deg", OVERSHOOT_20),
             _row(run, "yaw checking", "overshoot_2", "deg", None),
         ]
-    words = f"{abs(math.degrees(run.rudder)):.0f}/{math.degrees(run.heading):.0f} is no zigzag of the standard"
+    rudder, heading = run.steps
+    words = f"{rudder:g}/{heading:g} is no zigzag of the standard"
     return [_row(run, "yaw checking", f"overshoot_{k}", "deg", None, words) for k in (1, 2)]
 
 

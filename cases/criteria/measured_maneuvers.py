@@ -1,18 +1,23 @@
-"""Where a manoeuvre begins in a measured run: cutting off the approach, and what was ordered, from the data alone.
+"""Manoeuvres in a measured run, found from the data alone: where each begins and ends, and what was ordered.
 
-The rudder of an approach wanders under autopilot or helmsman; that of a manoeuvre is held. The execute is the moment
-at which the rudder begins to move to the first angle that it then holds: long enough, and as large as the angle at
-which it spends most of its time. One side held is a turning test, sides in turn are a zigzag, revolutions that go
-astern from ahead are a stop.
+The rudder of an approach wanders under autopilot or helmsman; that of a manoeuvre is held (rudder_steps.py). Holds to
+either side of one middle in turn, each reversed after the ship has turned to the rudder's side, are a zigzag of any
+rudder and heading; a hold over which the heading changes by 90 deg is a turning test; revolutions that go astern from
+ahead until the way is off are a stop. A long record may hold several of them.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
+from cases.criteria.approach import approach
+from cases.criteria.rudder_steps import RudderStep, held_stretches
+from cases.criteria.stops import Stop, find_stops
 from cases.trial import Trial
 from mmg.errors import UserError
 
@@ -21,26 +26,29 @@ KINDS = ("turning", "zigzag", "crash-stop")
 LEAST_RUDDER = math.radians(4.0)
 """Smaller rudder angles are course keeping [rad]."""
 
-LEAST_CHANGE = math.radians(2.0)
+LEAST_STEP = math.radians(3.5)
+"""Half of the way between the two sides of a zigzag is at least this [rad]."""
+
+LARGEST_OFFSET = math.radians(4.0)
+"""The middle between the two sides of a zigzag lies within this of zero [rad]: the zero of the rudder's log."""
+
+LEAST_CHANGE = math.radians(0.4)
 """A rudder that is reversed before the heading has changed by this is no zigzag [rad]."""
 
-TOLERANCE = math.radians(1.0)
-"""An angle is held while the rudder stays within 1 deg, or 4 % of it where that is more [rad]."""
+LARGEST_CHANGE = math.radians(60.0)
+"""One that is reversed later than this is a turn to one side and a turn to the other [rad]."""
 
-SHORTEST_HOLD = 0.1
-"""Share of the longest hold below which a hold is the rudder passing by."""
+LEAST_HOLDS = 3
+"""A zigzag has its second and third execute; with fewer it counts only where the run has no complete manoeuvre."""
 
-LEAST_SHARE = 0.5
+LEAST_SHARE = 0.4
 """Share of the time, from the first hold to the end of the last, in which the rudder of a manoeuvre is held."""
 
-SLOWEST_MOVE = 0.3
-"""Share of its largest rate below which the rudder's movement to an angle has not begun."""
+STEPS = (1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 35.0)
+"""Angles that are ordered as a rule [deg]."""
 
-STEADY_SPEED, STEADY_RATE = 0.05, 0.05
-"""An approach is steady when its speed changes by less than 5 % and r L / U stays below 0.05."""
-
-APPROACH_LENGTHS = 2.0
-"""Ship lengths before the execute over which the test speed is taken."""
+NAMED, SHARE = 0.6, 0.07
+"""A measured angle is called one of STEPS within this [deg], or this share of it."""
 
 
 @dataclass(frozen=True)
@@ -48,10 +56,11 @@ class Execute:
     """What was ordered in a run, and when.
 
     kind: "turning", "zigzag", "crash-stop", "spiral", "pull-out". order_time: of the order, s after the first sample.
-    rudder: first angle, signed [rad], 0 for a stop. reversals: times of the following reversals of a measured rudder
-    [s]; end: up to where the run counts [s]. heading: switch heading of a zigzag [rad], of a measured one the median
-    over its reversals, 0 else. speed: test speed V [m/s], of a measured run the mean over the stretch before the order.
-    notes: what keeps a criterion from being judged, in words.
+    rudder: first angle, signed [rad], 0 for a stop; of a measured zigzag from the middle of its two sides. reversals:
+    times of the following reversals of a measured rudder [s]; end: up to where the run counts [s]. heading: switch
+    heading of a zigzag [rad], of a measured one the median over its reversals, 0 else. speed: test speed V [m/s], of a
+    measured run the mean over the stretch before the order. notes: what keeps a criterion from being judged, in words;
+    caveats: what is to be told with its verdict. late: heading that passes within a sample at the reversals [rad].
     """
 
     kind: str
@@ -62,160 +71,218 @@ class Execute:
     heading: float
     speed: float
     notes: tuple[str, ...]
+    caveats: tuple[str, ...] = ()
+    late: float = 0.0
+
+    @property
+    def steps(self) -> tuple[float, float]:
+        """Rudder and heading [deg] as they were ordered: a usual angle within what the record can tell, else whole
+        degrees; heading 0 for other than a zigzag."""
+        return nominal(abs(self.rudder)), nominal(self.heading, self.late)
+
+    @property
+    def title(self) -> str:
+        """As a manoeuvre is named: "zigzag 10/5", "turning -35", "crash-stop"."""
+        rudder, heading = self.steps
+        side = "-" if self.rudder < 0 else ""
+        own = {"zigzag": f" {side}{rudder:g}/{heading:g}", "turning": f" {side}{rudder:g}"}
+        return self.kind + own.get(self.kind, "")
+
+
+def nominal(angle: float, late: float = 0.0) -> float:
+    """The usual angle [deg] that an ``angle`` >= 0 [rad] stands for, or its whole degrees where it is none.
+
+    late: what the order may have come too late [rad]: a heading read at samples is never reversed too early.
+    """
+    degrees, more = math.degrees(angle), math.degrees(late)
+    near, fits = max(NAMED, SHARE * degrees), []
+    for step in STEPS:
+        early = max(near, 0.5 * more) if step >= 5 else min(near, 0.4)
+        too_late = near + more if step >= 5 or step == 1 else near
+        if step - early <= degrees <= step + too_late:
+            fits.append(step)
+    return min(fits, key=lambda s: abs(s - degrees)) if fits else float(round(degrees))
 
 
 def find_maneuver(trial: Trial, length: float, kind: str = "") -> Execute:
-    """The execute of a measured (or simulated) run of a ship of this length [m].
+    """The first manoeuvre of a measured (or simulated) run of a ship of this length [m].
+
+    trial, kind and what is raised: as for ``find_maneuvers``.
+    """
+    return find_maneuvers(trial, length, kind)[0]
+
+
+def find_maneuvers(trial: Trial, length: float, kind: str = "") -> tuple[Execute, ...]:
+    """All manoeuvres of a measured (or simulated) run of a ship of this length [m], in the order of time.
 
     kind: "turning", "zigzag" or "crash-stop"; "" takes it from the data, and says so where the trial's own kind
-    differs. Raises UserError when no manoeuvre is found in the run, or one of another kind than asked for, or when
-    the trial says itself that it is something else (random, berthing, ...) and no kind is asked for.
+    differs. Raises UserError when no manoeuvre is found in the run, or none of the kind that is asked for, or when
+    the trial says itself that it is something else (random, berthing, ...) and no kind is asked for. trial: the run.
     """
     if not kind and trial.kind and trial.kind not in KINDS:
         raise UserError(f"{trial.name}: a {trial.kind} run is none of {', '.join(KINDS)}; say which to read it as one")
     t = trial.t - trial.t[0]
-    stop = None if kind in ("turning", "zigzag") else _reversal_of_propeller(t, trial["n"])
-    holds = [] if kind == "crash-stop" else _holds(t, trial.rudder)
-    if stop is not None and not any(begin < stop for begin, _, _ in holds):
-        return _execute(trial, length, "crash-stop", stop, 0.0, [], float(t[-1]))
-    if not holds:
-        held = "rudder held at an angle above 4 deg"
-        what = "revolutions that go astern from ahead" if kind == "crash-stop" else held
-        raise UserError(f"{trial.name}: no {kind or 'manoeuvre'} found: no {what}")
-    used = holds[: _turns_in_reply(trial, holds)]
-    found = "zigzag" if len(used) > 1 else "turning"
-    if kind and kind != found:
-        where = "on both sides in turn" if len(used) > 1 else "on one side"
-        raise UserError(f"{trial.name}: looked for a {kind} test, but the rudder is held {where}")
-    return _execute(trial, length, found, used[0][0], used[0][2], [h[0] for h in used[1:]], used[-1][1])
+    stops = [] if kind in ("turning", "zigzag") else find_stops(t, trial["n"], trial["u"])
+    holds = [] if kind == "crash-stop" else held_stretches(t, trial.rudder, _ship_time(trial, length))
+    found = _steered(trial, holds, [stop for stop in stops if stop.stopped])
+    if not found and not any(stop.stopped for stop in stops) and (not stops or _held_before(holds, stops[0])):
+        found = _partial(trial, holds)
+    if found and not all(stop.stopped for stop in stops):
+        stops = [stop for stop in stops if stop.stopped]
+    found += [Execute("crash-stop", stop.order_time, 0.0, (), stop.end, 0.0, math.nan, ()) for stop in stops]
+    found = [execute for execute in found if kind in ("", execute.kind)] if kind else found
+    if not found:
+        raise UserError(_nothing(trial, holds, kind))
+    result, before = [], 0.0
+    for execute in sorted(found, key=lambda e: e.order_time):
+        result.append(_approached(trial, length, execute, before))
+        before = execute.end
+    return tuple(result)
 
 
-def _turns_in_reply(trial: Trial, holds: list[tuple[float, float, float]]) -> int:
-    """How many holds, from the first on, are a zigzag: sides in turn, and the ship has turned to the rudder's side."""
-    begins = _headings(trial, [begin for begin, _, _ in holds])
-    run = 1
-    while run < len(holds):
-        side = math.copysign(1.0, holds[run - 1][2])
-        if side * holds[run][2] > 0 or side * (begins[run] - begins[0]) < LEAST_CHANGE:
+def _ship_time(trial: Trial, length: float) -> float:
+    """L/U [s] at the speed that the ship has in the faster part of the run; of a ship at rest, as at Froude 0.1."""
+    speed = np.hypot(trial["u"], trial["v"])
+    fast = float(np.nanpercentile(speed, 80)) if np.isfinite(speed).any() else 0.0
+    return length / max(fast, 0.1 * math.sqrt(9.81 * length))
+
+
+def _held_before(holds: Sequence[RudderStep], stop: Stop) -> bool:
+    return any(abs(h.angle) >= LEAST_RUDDER and h.begin < stop.order_time for h in holds)
+
+
+def _steered(trial: Trial, holds: Sequence[RudderStep], stops: Sequence[Stop]) -> list[Execute]:
+    """Complete zigzags and turning tests among ``holds``; those in a stop are part of it."""
+    holds = [h for h in holds if not any(s.order_time <= h.begin <= s.end for s in stops)]
+    found, k = [], 0
+    while k < len(holds):
+        count = _in_turn(trial, holds[k:])
+        if count >= LEAST_HOLDS:
+            found.append(_zigzag(trial, holds[k : k + count]))
+            k += count
+            continue
+        hold = holds[k]
+        if abs(hold.angle) >= LEAST_RUDDER and _turned(trial, hold) >= math.pi / 2:
+            found.append(Execute("turning", hold.begin, hold.angle, (), hold.end, 0.0, math.nan, ()))
+        k += 1
+    return found
+
+
+def _partial(trial: Trial, holds: Sequence[RudderStep]) -> list[Execute]:
+    """The manoeuvre of a run without a complete one: a zigzag of one reversal, else a turning test that ends early.
+
+    The rudder must be held there for as long as in all other holds beyond LEAST_RUDDER together.
+    """
+    beyond = [h for h in holds if abs(h.angle) >= LEAST_RUDDER]
+    if not beyond:
+        return []
+    seconds = sum(h.seconds for h in beyond)
+    for k in range(len(holds) - 1):
+        pair = holds[k : k + 2]
+        if _in_turn(trial, pair) > 1 and sum(h.seconds for h in pair) >= 0.5 * seconds:
+            return [_zigzag(trial, pair)]
+    hold = max(beyond, key=lambda h: h.seconds)
+    lasting = hold.seconds >= 0.5 * seconds
+    if not lasting or _turned(trial, hold) < 5 * LEAST_CHANGE:
+        return []
+    turned = math.degrees(_turned(trial, hold))
+    words = f"the heading changes by {turned:.0f} deg while the rudder is held: no turning test"
+    return [Execute("turning", hold.begin, hold.angle, (), hold.end, 0.0, math.nan, (words,))]
+
+
+def _turned(trial: Trial, hold: RudderStep) -> float:
+    """By how much the heading changes to the rudder's side from the order to the end of the ``hold`` [rad]."""
+    first, last = _headings(trial, [hold.begin, hold.end])
+    return math.copysign(1.0, hold.angle) * float(last - first)
+
+
+def _in_turn(trial: Trial, holds: Sequence[RudderStep]) -> int:
+    """How many of ``holds``, from the first on, are a zigzag; 1 if none are."""
+    if len(holds) < 2:
+        return 1
+    middle, half = _middle_and_size(holds[:2])
+    if abs(half) < LEAST_STEP or abs(middle) > max(LARGEST_OFFSET, 0.2 * abs(half)):
+        return 1
+    psi = _headings(trial, [h.begin for h in holds])
+    side, count = math.copysign(1.0, half), 1
+    while count < len(holds):
+        hold = holds[count]
+        size = -side * (hold.angle - middle)
+        change = side * (psi[count] - psi[count - 1])
+        least = LEAST_CHANGE * (1 if count == 1 else 2)
+        gap = hold.reached - holds[count - 1].end
+        same = abs(size - abs(half)) <= max(math.radians(2.0), 0.15 * abs(half))
+        usual = gap <= max(2.0 * min(hold.seconds, holds[count - 1].seconds), 1.5 * _way_over(holds[: count + 1]))
+        if not same or not usual or not least <= change <= LARGEST_CHANGE * (1 if count == 1 else 2):
             break
-        run += 1
-    return run
+        side, count = -side, count + 1
+    used = holds[:count]
+    held = sum(h.seconds for h in used)
+    return count if count > 1 and held >= LEAST_SHARE * (used[-1].end - used[0].reached) else 1
 
 
-def _headings(trial: Trial, times: list[float]) -> np.ndarray:
+def _way_over(holds: Sequence[RudderStep]) -> float:
+    """The shortest time in which the rudder went from one of ``holds`` to the next [s]."""
+    return min(after.reached - before.end for before, after in pairwise(holds))
+
+
+def _middle_and_size(holds: Sequence[RudderStep]) -> tuple[float, float]:
+    """Middle of the two sides of ``holds`` in turn, and the first side from there, signed [rad]."""
+    first, second = (float(np.median([h.angle for h in holds[k::2]])) for k in (0, 1))
+    return 0.5 * (first + second), 0.5 * (first - second)
+
+
+def _zigzag(trial: Trial, holds: Sequence[RudderStep]) -> Execute:
+    """The zigzag of ``holds`` in turn. Its base course lies between the headings at reversals to either side, which
+    also a record that begins with the rudder over has."""
+    middle, half = _middle_and_size(holds)
+    times = [h.begin for h in holds[1:]]
+    psi, start = _headings(trial, times), float(_headings(trial, [holds[0].begin])[0])
+    sides = math.copysign(1.0, half) * (-1.0) ** np.arange(len(times))
+    if len(times) >= 2:
+        swings = [0.5 * sides[k] * (psi[k] - psi[k + 1]) for k in range(len(times) - 1)]
+        heading = float(np.median(swings))
+    else:
+        heading = float(sides[0] * (psi[0] - start))
+    t, good = trial.t - trial.t[0], np.isfinite(trial["r"])
+    rate = float(np.median(np.abs(np.interp(times, t[good], trial["r"][good])))) if good.any() else 0.0
+    notes = ()
+    if not holds[0].began and abs(sides[0] * (psi[0] - start) - heading) > max(0.25 * heading, math.radians(1.0)):
+        notes = ("the record begins in the manoeuvre: which overshoot is the first is not known",)
+    caveats = []
+    if abs(middle) > math.radians(1.0):
+        caveats.append(f"the rudder is logged {math.degrees(middle):+.1f} deg off: the middle of its two sides")
+    return Execute("zigzag", holds[0].begin, half, tuple(times), holds[-1].end, heading, math.nan, notes,
+                   tuple(caveats), rate * trial.dt)  # fmt: skip
+
+
+def _headings(trial: Trial, times: Sequence[float]) -> np.ndarray:
     """Headings [rad] at times after the first sample [s]."""
     good = np.isfinite(trial["psi"])
     return np.interp(times, trial.t[good] - trial.t[0], trial.psi_unwrapped[good])
 
 
-def _execute(
-    trial: Trial, length: float, kind: str, time: float, rudder: float, reversals: list[float], end: float
-) -> Execute:
-    heading = 0.0
-    if reversals:
-        change = _headings(trial, reversals) - _headings(trial, [time])
-        sides = math.copysign(1.0, rudder) * (-1.0) ** np.arange(len(reversals))
-        heading = float(np.median(sides * change))
-    speed, notes = _approach(trial, length, time)
-    if trial.kind in KINDS and trial.kind != kind:
-        notes.append(f"the run is called {trial.kind}, its data show a {kind}")
-    return Execute(kind, time, rudder, tuple(reversals), end, heading, speed, tuple(notes))
+def _approached(trial: Trial, length: float, execute: Execute, earliest: float) -> Execute:
+    """``execute`` with its test speed and what is to be said of the approach and of the trial's own name."""
+    speed, blocking, told = approach(trial, length, execute.order_time, earliest)
+    notes = [*blocking, *execute.notes]
+    if trial.kind in KINDS and trial.kind != execute.kind:
+        notes.append(f"the run is called {trial.kind}, its data show a {execute.kind}")
+    return replace(execute, speed=speed, notes=tuple(notes), caveats=(*told, *execute.caveats))
 
 
-def _approach(trial: Trial, length: float, time: float) -> tuple[float, list[str]]:
-    """Test speed [m/s] over two ship lengths before the order, and what was not steady about it."""
-    t = trial.t - trial.t[0]
-    speed, r = np.hypot(trial["u"], trial["v"]), trial["r"]
-    good = np.isfinite(speed) & np.isfinite(r)
-    near = good & (t <= time) & (t >= time - 5 * trial.dt - 1e-9)
-    if not near.any():
-        return math.nan, ["no speed is recorded before the order"]
-    now = max(float(np.median(speed[near])), 1e-9)
-    stretch = APPROACH_LENGTHS * length / now
-    rows = good & (t <= time) & (t >= time - stretch)
-    mean, seconds, notes = float(speed[rows].mean()), float(np.ptp(t[rows])), []
-    if seconds < 0.5 * stretch:
-        notes.append(f"only {seconds:.3g} s of approach are recorded, two ship lengths take {stretch:.3g} s")
-    if rows.sum() > 2:
-        change = float(np.polyfit(t[rows], speed[rows], 1)[0]) * seconds / mean
-        if abs(change) > STEADY_SPEED:
-            notes.append(f"approach not steady: the speed changes by {100 * change:+.0f} % in the last {seconds:.3g} s")
-    turn = float(np.abs(r[rows]).mean()) * length / mean
-    if turn > STEADY_RATE:
-        notes.append(f"approach not straight: mean |r| L/V = {turn:.2g} in the last {seconds:.3g} s")
-    return mean, notes
-
-
-def _holds(t: np.ndarray, delta: np.ndarray) -> list[tuple[float, float, float]]:
-    """(begin of the movement [s], end [s], angle [rad]) of each stretch in which the rudder is held at the angle
-    of the manoeuvre: the absolute angle, at least 4 deg, at which it spends most time."""
-    good = np.isfinite(delta)
-    t, delta = t[good], delta[good]
-    size = np.abs(delta)
-    if len(t) < 3 or not (size >= LEAST_RUDDER).any():
-        return []
-    width = math.radians(0.5)
-    weights = np.gradient(t)[size >= LEAST_RUDDER]
-    bins = np.round(size[size >= LEAST_RUDDER] / width).astype(int)
-    time_at = np.convolve(np.bincount(bins, weights), [1, 1, 1], "same")
-    angle = float(np.median(size[np.abs(size - width * int(np.argmax(time_at))) <= 1.5 * width]))
-    side = np.where(np.abs(size - angle) <= max(TOLERANCE, 0.04 * angle), np.sign(delta), 0.0)
-    edges = np.flatnonzero(np.diff(side)) + 1
-    starts, ends = np.concatenate([[0], edges]), np.concatenate([edges, [len(t)]])
-    runs = [(a, b) for a, b in zip(starts, ends, strict=True) if side[a] != 0 and b - a > 1]
-    longest = max((t[b - 1] - t[a] for a, b in runs), default=0.0)
-    runs = _joined([(a, b) for a, b in runs if t[b - 1] - t[a] >= SHORTEST_HOLD * longest], side, t, longest)
-    if not runs or sum(t[b - 1] - t[a] for a, b in runs) < LEAST_SHARE * (t[runs[-1][1] - 1] - t[runs[0][0]]):
-        return []
-    return [(_begin(t, delta, a), float(t[b - 1]), float(np.median(delta[a:b]))) for a, b in runs]
-
-
-def _joined(runs: list[tuple[int, int]], side: np.ndarray, t: np.ndarray, longest: float) -> list[tuple[int, int]]:
-    """Neighbouring stretches of one side with a short gap between them are one: a spike, not a reversal."""
-    joined: list[tuple[int, int]] = []
-    for a, b in runs:
-        if joined and side[joined[-1][0]] == side[a] and t[a] - t[joined[-1][1] - 1] < SHORTEST_HOLD * longest:
-            joined[-1] = (joined[-1][0], b)
-        else:
-            joined.append((a, b))
-    return joined
-
-
-def _begin(t: np.ndarray, delta: np.ndarray, held: int) -> float:
-    """When the rudder began to move to the angle that it reaches at row ``held`` [s].
-
-    Back in time for as long as the rate over half a second (or three samples) before is at least 30 % of the largest
-    on the way, then from sample to sample: a helm that wanders before the order is slower than the order's movement.
-    """
-    side, span = np.sign(delta[held]), max(0.5, 3 * float(np.median(np.diff(t))))
-
-    def rate(k: int) -> float:
-        return float(side * (delta[k] - np.interp(t[k] - span, t, delta)) / span)
-
-    k, largest = held, 0.0
-    while k > 0:
-        now = rate(k)
-        largest = max(largest, now)
-        if now < SLOWEST_MOVE * largest or now <= 0:
-            break
-        k -= 1
-    while k > 0 and side * (delta[k] - delta[k - 1]) >= SLOWEST_MOVE * largest * (t[k] - t[k - 1]) > 0:
-        k -= 1
-    return float(t[k])
-
-
-def _reversal_of_propeller(t: np.ndarray, n: np.ndarray) -> float | None:
-    """When revolutions that were ahead begin to go astern and stay there [s]; None if they do not."""
-    good = np.isfinite(n)
-    t, n = t[good], n[good]
-    ahead = float(np.percentile(n, 95)) if len(n) else 0.0
-    astern = np.flatnonzero(n < -0.05 * ahead)
-    if ahead <= 0 or len(astern) == 0:
-        return None
-    first = int(astern[0])
-    before = np.flatnonzero(n[:first] > 0)
-    if len(before) == 0 or (n[first:] > 0.05 * ahead).any():
-        return None
-    level = float(np.median(n[:first][n[:first] > 0.5 * n[before].max()]))
-    steady = np.flatnonzero(n[:first] >= 0.97 * level)
-    return float(t[steady[-1]])
+def _nothing(trial: Trial, holds: Sequence[RudderStep], kind: str) -> str:
+    """Why no manoeuvre of this ``kind`` is in the run."""
+    if kind == "crash-stop":
+        return f"{trial.name}: no crash-stop found: no revolutions that go astern from ahead"
+    beyond = [h for h in holds if abs(h.angle) >= LEAST_RUDDER]
+    if not beyond:
+        return f"{trial.name}: no {kind or 'manoeuvre'} found: no rudder held at an angle above 4 deg"
+    if kind:
+        both = min(h.angle for h in beyond) < 0 < max(h.angle for h in beyond)
+        where = "on both sides in turn" if both else "on one side"
+        return f"{trial.name}: looked for a {kind} test, but the rudder is held {where}"
+    return (
+        f"{trial.name}: no manoeuvre found: of {len(beyond)} stretches of held rudder none turns the ship by 90 deg, "
+        "and none is reversed at a change of heading; --kind reads it as one kind"
+    )

@@ -11,7 +11,7 @@ import numpy as np
 from cases.criteria import figures as read
 from cases.criteria.broken_parts import without_broken_parts
 from cases.criteria.completeness import check_completeness
-from cases.criteria.measured_maneuvers import Execute, find_maneuver
+from cases.criteria.measured_maneuvers import Execute, find_maneuvers
 from cases.criteria.spiral import spiral_figures
 from cases.maneuvers.definitions import Maneuver, parse_maneuver
 from cases.simulation.simulate import simulate
@@ -31,7 +31,7 @@ STANDARD = ("turning:35", "turning:-35", *ZIGZAGS, "crash-stop")
 """What the criteria of MSC.137(76) need."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Run(Execute):
     """A standard manoeuvre and its figures.
 
@@ -97,19 +97,41 @@ def _one_order(trial: Trial, kind: str, rudder: float, order_time: float) -> dic
 
 
 def measured_run(trial: Trial, length: float, kind: str = "") -> Run:
-    """A standard manoeuvre found in a measured run of a ship of this length [m].
+    """The first of ``measured_runs`` of a ship of this length [m]. trial, kind and what is raised: as there."""
+    return measured_runs(trial, length, kind)[0]
 
-    The approach is cut off (cases/criteria/measured_maneuvers.py); kind as there. Raises UserError when there is
-    none in it, and where a broken stretch in it decides.
-    trial: the run; what was left out of it is bridged, or ends it.
+
+def measured_runs(trial: Trial, length: float, kind: str = "") -> list[Run]:
+    """The standard manoeuvres found in a measured run of a ship of this length [m], in the order of time.
+
+    The approach is cut off (cases/criteria/measured_maneuvers.py); kind as there. Several in one record are named by
+    its name, their number and what they are. Raises UserError when there is none in it, and where a broken stretch
+    decides in all of them. trial: the run; what was left out of it is bridged, or ends it.
     """
-    execute = find_maneuver(trial, length, kind)
+    executes = find_maneuvers(trial, length, kind)
+    runs, refused = [], []
+    for number, execute in enumerate(executes, 1):
+        name = f"{trial.name} {number} ({execute.title})" if len(executes) > 1 else trial.name
+        try:
+            runs.append(_measured(trial, length, execute, name))
+        except UserError as error:
+            refused.append(error)
+    if not runs:
+        raise refused[0]
+    return runs
+
+
+def _measured(trial: Trial, length: float, execute: Execute, name: str) -> Run:
     trial, execute = without_broken_parts(trial, execute)
+    figures = measured_figures(trial, execute)
+    return Run(**vars(execute), name=name, trial=trial, length=length, figures=figures, measured=True)
+
+
+def measured_figures(trial: Trial, execute: Execute) -> dict[str, float]:
+    """All figures, SI and rad, of the manoeuvre ``execute`` in the measured run ``trial``."""
     rows = trial.t - trial.t[0] <= execute.end + 1e-9
     used = trial.with_columns(**{name: np.asarray(values)[rows] for name, values in trial.columns.items()})
     if execute.kind == "zigzag":
         figures = read.overshoot_figures(used, execute.rudder, execute.reversals, execute.end)
-        figures |= read.initial_turning_figures(used, execute.rudder, execute.order_time)
-    else:
-        figures = _one_order(used, execute.kind, execute.rudder, execute.order_time)
-    return Run(**vars(execute), name=trial.name, trial=trial, length=length, figures=figures, measured=True)
+        return figures | read.initial_turning_figures(used, execute.rudder, execute.order_time)
+    return _one_order(used, execute.kind, execute.rudder, execute.order_time)

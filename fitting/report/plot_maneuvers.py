@@ -135,7 +135,8 @@ def zigzag_plot(ax: Axes, run: Run) -> Axes:
     """
     name = run.name
     if run.measured:
-        name += f" ({abs(math.degrees(run.rudder)):.0f}/{math.degrees(run.heading):.0f})"
+        rudder, heading = run.steps
+        name += "" if run.title in name else f" ({rudder:g}/{heading:g})"
     dress(ax, "time since the order / s", "heading change (blue), rudder (grey) / deg", name)
     motion = _cut(run)
     degrees = np.degrees(motion.change)

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from cases.criteria.assessment import Assessment
+    from cases.criteria.trial_correction import WaterVelocity
     from cases.trial import Trial
 
 
@@ -42,6 +43,13 @@ def imo(
     scale: Annotated[
         float | None,
         Option(help="Of a model, ship length over model length (default: the ship file's): judged at ship scale."),
+    ] = None,
+    correct: Annotated[
+        bool,
+        Option("--correct", help="Correct measured runs to still water and calm air (MSC/Circ.1053, 3.4.2)."),
+    ] = False,
+    current: Annotated[
+        str | None, Option(help="For --correct, SPEED:TOWARDS [m/s:deg]; default from the circles among the trials.")
     ] = None,
     plot: Annotated[Path | None, Option(help="Figure to write (.png, .svg or .pdf).")] = None,
     out: Annotated[Path | None, Option(help="New folder for imo.json, imo.png and the simulated runs as CSV.")] = None,
@@ -76,6 +84,7 @@ def imo(
     _check_targets(plot, out, force)
     if models:
         own: dict[str, object] = {"--ship": ship, "--length": length, "--kind": kind or None}
+        own |= {"--correct": correct or None, "--current": current}
         for option in [name for name, value in own.items() if value is not None]:
             raise UserError(f"{option} belongs to trial files; {models[0]} is simulated")
         rate = None if rudder_rate is None else math.radians(rudder_rate)
@@ -89,7 +98,8 @@ def imo(
         model = load_ship(ship) if ship is not None else None
         if model is None and length is None:
             raise UserError("trial files need the length of their ship: --ship SHIP or --length METRES")
-        found = imo_figures_of_trials(_trials(files, unchecked), model, length, kind, scale)
+        water = _current(current) if current is not None else correct
+        found = imo_figures_of_trials(_trials(files, unchecked), model, length, kind, scale, water)
     _write(plot, out, found)
     if json:
         print_json(found.to_dict())
@@ -97,6 +107,22 @@ def imo(
     _print(found)
     for path in filter(None, (plot, out)):
         say(f"written: {path}")
+
+
+def _current(text: str) -> WaterVelocity:
+    """The current that --current names: speed [m/s] and the direction it goes to [deg]."""
+    import math
+
+    from cases.criteria.trial_correction import WaterVelocity
+
+    try:
+        speed, towards = (float(part) for part in text.split(":"))
+    except ValueError:
+        speed = towards = math.nan
+    if not (math.isfinite(speed + towards) and speed >= 0):
+        raise UserError(f"--current {text}: give SPEED:TOWARDS in m/s and deg, such as 0.4:90 for 0.4 m/s to the east")
+    angle = math.radians(towards)
+    return WaterVelocity(speed * math.cos(angle), speed * math.sin(angle), 0.0, "as given")
 
 
 def _trials(files: Sequence[str], unchecked: bool) -> list[Trial]:
@@ -150,7 +176,9 @@ def _print(found: Assessment) -> None:
     known = any(row.reference is not None for row in found.rows)
     table.add_column("run", overflow="fold")
     table.add_column("figure", no_wrap=True)
-    for name in ("value", "limit", *(("reference",) if known else ())):
+    corrected = any(row.measured is not None for row in found.rows)
+    value = ("measured", "corrected") if corrected else ("value",)
+    for name in (*value, "limit", *(("reference",) if known else ())):
         table.add_column(name, justify="right", no_wrap=True)
     table.add_column("verdict", no_wrap=True)
     remarks: dict[str, int] = {}
@@ -160,7 +188,8 @@ def _print(found: Assessment) -> None:
             table.add_row()
         mark = f" [{remarks.setdefault(row.why, len(remarks) + 1)}]" if row.why else ""
         figure = WORDS.get(row.figure, row.figure.replace("_", " "))
-        cells = ["" if row.run == last else row.run, figure, _number(row.value, row.unit), _number(row.limit, row.unit)]
+        values = [_number(row.measured, row.unit)] * corrected + [_number(row.value, row.unit)]
+        cells = ["" if row.run == last else row.run, figure, *values, _number(row.limit, row.unit)]
         cells += [_number(row.reference, row.unit)] if known else []
         table.add_row(*cells, (row.verdict + mark).replace("[", "\\["), style=STYLE.get(row.verdict))
         last = row.run

@@ -1,0 +1,151 @@
+"""The rudder of a measured run as steps: stretches in which it is held, and when it began to move to each of them.
+
+Nothing is assumed of the angles: noise, a rudder that is slow to move and one that is logged with an offset are steps
+all the same.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import median_filter
+
+TOLERANCE = math.radians(1.0)
+"""An angle is held while the rudder stays within 1 deg, 4 % of it or 3.5 times its noise, what is more [rad]."""
+
+MEMORY = 0.25
+"""Ship times L/U over which the angle that is held may creep: a rudder that moves on faster is not held."""
+
+SHORTEST_HOLD = 0.1
+"""Share of the longest hold of a manoeuvre below which a gap between two holds at one angle is a spike."""
+
+FIRST, LATER = 0.1, 0.5
+"""Shares of the way between two holds through which the line goes that tells when the rudder began to move."""
+
+
+@dataclass(frozen=True)
+class RudderStep:
+    """A stretch in which the rudder is held. begin: when it began to move there; reached, end: of the stretch, all in
+    s after the first sample; angle [rad]; began: False where the record begins with it."""
+
+    begin: float
+    reached: float
+    end: float
+    angle: float
+    began: bool = True
+
+    @property
+    def seconds(self) -> float:
+        """How long the rudder is held [s]."""
+        return self.end - self.reached
+
+
+def without_spikes(delta: np.ndarray, dt: float, ship_time: float) -> np.ndarray:
+    """``delta`` (N,) without single samples that are off: a running median over a fortieth of the ship_time L/U [s], of
+    three samples at least and nine at most; dt: sampling interval [s]."""
+    size = 2 * min(max(round(0.0125 * ship_time / dt), 1), 4) + 1
+    return np.asarray(median_filter(delta, size, mode="nearest"))
+
+
+def held_stretches(t: np.ndarray, delta: np.ndarray, ship_time: float) -> list[RudderStep]:
+    """Stretches of the times ``t`` (N,) [s] in which the rudder ``delta`` (N,) [rad] is held, at any angle.
+
+    ship_time: L/U [s], the scale of what is short. Rows without a value are left out.
+    """
+    good = np.isfinite(delta)
+    t, delta = t[good], delta[good]
+    if len(t) < 4:
+        return []
+    dt = float(np.median(np.diff(t)))
+    delta = without_spikes(delta, dt, ship_time)
+    steps = np.diff(delta)
+    noise = 1.4826 * float(np.median(np.abs(steps - np.median(steps))))
+    keep = math.exp(-dt / max(MEMORY * ship_time, 2 * dt))
+    runs, first, level, count = [], 0, float(delta[0]), 1
+    for k in range(1, len(t) + 1):
+        width = max(TOLERANCE, 0.04 * abs(level), 3.5 * noise)
+        if k == len(t) or abs(delta[k] - level) > width:
+            runs.append((first, k))
+            if k == len(t):
+                break
+            first, level, count = k, float(delta[k]), 1
+            continue
+        count += 1
+        share = max(1.0 / count, 1 - keep)
+        level += share * (float(delta[k]) - level)
+    shortest = max(2.5 * dt, 0.15 * ship_time)
+    found = [(a, b, float(np.median(delta[a + (b - a) // 4 : b]))) for a, b in runs if t[b - 1] - t[a] + dt >= shortest]
+    return _with_begin(t, delta, _joined(found, t, delta))
+
+
+def _joined(runs: list[tuple[int, int, float]], t: np.ndarray, delta: np.ndarray) -> list[tuple[int, int, float]]:
+    """Neighbouring stretches at one angle with a short gap between them are one: a spike or a rudder that creeps."""
+    joined: list[tuple[int, int, float]] = []
+    for a, b, angle in runs:
+        if joined:
+            c, d, before = joined[-1]
+            longer = max(t[b - 1] - t[a], t[d - 1] - t[c])
+            close = abs(angle - before) <= max(1.5 * TOLERANCE, 0.1 * abs(before))
+            if close and t[a] - t[d - 1] <= max(SHORTEST_HOLD * longer, 3 * (t[1] - t[0])):
+                joined[-1] = (c, b, float(np.median(delta[c + (b - c) // 4 : b])))
+                continue
+        joined.append((a, b, angle))
+    return joined
+
+
+def _with_begin(t: np.ndarray, delta: np.ndarray, runs: list[tuple[int, int, float]]) -> list[RudderStep]:
+    holds: list[RudderStep] = []
+    for k, (a, b, angle) in enumerate(runs):
+        floor = runs[k - 1][1] - 1 if k else 0
+        begin = _movement(t, delta, floor, a, angle)
+        began = k > 0 or abs(delta[0] - angle) > 2 * TOLERANCE
+        holds.append(RudderStep(begin, float(t[a]), float(t[b - 1]), angle, began))
+    return holds
+
+
+def _movement(t: np.ndarray, delta: np.ndarray, floor: int, held: int, angle: float) -> float:
+    """When the rudder began to move to the ``angle`` that it has from row ``held`` on [s], not before row ``floor``.
+
+    It came the whole way from where the movement turned towards that angle; the line through a tenth and a half of
+    the way meets the angle it came from at that time.
+    """
+    if held == 0:
+        return float(t[0])
+    side = math.copysign(1.0, angle - delta[max(floor, held - 1)])
+    path = side * delta[floor : held + 1]
+    top = side * angle
+    if len(path) < 2:
+        return float(t[max(held - 1, 0)])
+    start = _start_of_way(path, top)
+    low = float(np.median(path[max(start - 4, 0) : start + 1]))
+    way = top - low
+    if way <= 0:
+        return float(t[held])
+    times, values = t[floor + start : held + 1], path[start:]
+    first, later = (_crossing(times, values, low + share * way) for share in (FIRST, LATER))
+    if later <= first:
+        return first
+    return max(float(t[floor]), first - (later - first) * FIRST / (LATER - FIRST))
+
+
+def _start_of_way(path: np.ndarray, top: float) -> int:
+    """Row from which ``path`` (M,) rises to ``top`` at its end: the last that lies within a tenth of the way of its
+    least value since."""
+    row, low = len(path) - 1, float(path[-1])
+    for k in range(len(path) - 1, -1, -1):
+        if path[k] <= low:
+            low, row = float(path[k]), k
+        elif path[k] > low + max(0.04 * (top - low), 1.5 * TOLERANCE):
+            break
+    near = np.flatnonzero(path[row:] <= low + max(0.02 * (top - low), 0.25 * TOLERANCE))
+    return row + (int(near[-1]) if len(near) else 0)
+
+
+def _crossing(t: np.ndarray, values: np.ndarray, level: float) -> float:
+    """When ``values`` first reach ``level``, by linear interpolation [s]."""
+    k = int(np.argmax(values >= level))
+    if k == 0:
+        return float(t[0])
+    return float(t[k - 1] + (level - values[k - 1]) / (values[k] - values[k - 1]) * (t[k] - t[k - 1]))
