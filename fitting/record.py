@@ -155,7 +155,8 @@ class FitRecord:
     """What a calibration found, as result.json holds it; ``docs/files.md`` lists the keys.
 
     envelope: quantity -> range (lowest, highest) that the training trials held, SI (``fitting.report.limits``);
-    left_out: what stretches left out of the trials were worth (``fitting.uncertainty.left_out``).
+    left_out: what stretches left out of the trials were worth (``fitting.uncertainty.left_out``); scaling: of a ship
+    scaled from a model, what changed and what was assumed (``delivery.full_scale.result``).
     Attributes with a default are absent from the file where they are None.
     """
 
@@ -199,6 +200,7 @@ class FitRecord:
     adaptation: dict[str, Any] | None = None
     envelope: dict[str, list[float]] | None = None
     left_out: dict[str, Any] | None = None
+    scaling: dict[str, Any] | None = None
 
     @classmethod
     def of(cls, content: Mapping[str, Any]) -> FitRecord:

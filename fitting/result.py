@@ -31,6 +31,7 @@ from fitting.report.plots import write_figures
 from fitting.report.run_folder import (
     FIGURES,
     ITERATE,
+    MODEL,
     PAGE,
     PENDING,
     RESULT,
@@ -53,7 +54,7 @@ class FitResult(FitRecord):
 
     ship, start: the ship after and before. iterate: scaled coefficients "p", node states "nodes" and "sigma", from
     which a fit can be resumed. objects: what its folder does not hold; None for a result that was read. folder: from
-    which it was read, or to which it was saved.
+    which it was read, or to which it was saved. model: what a scaled ship was scaled from.
     """
 
     ship: Ship
@@ -61,6 +62,7 @@ class FitResult(FitRecord):
     iterate: dict[str, np.ndarray] | None = None
     objects: FitObjects | None = None
     folder: Path | None = None
+    model: FitResult | None = None
 
     @property
     def calibration(self) -> Calibration | None:
@@ -111,6 +113,10 @@ class FitResult(FitRecord):
     def _fill(self, scratch: Path, beside: Callable[[Path], None] | None) -> None:
         state = "calibrated" if self.converged else "NOT CONVERGED, best iterate"
         note = f"{self.ship.name}, {state} by mmg fit; std is the standard error of each estimate."
+        if self.scaling is not None:
+            note = (
+                f"{self.ship.name}, scaled from {self.scaling['model']['ship']} by mmg scale; std: standard deviation."
+            )
         (scratch / SHIP).write_text(dump_ship(self.ship, note), encoding="utf-8")
         (scratch / START).write_text(dump_ship(self.start, "The ship before calibration."), encoding="utf-8")
         if self.iterate:
@@ -120,6 +126,9 @@ class FitResult(FitRecord):
             save_network(scratch / NETWORK, self.ship.network, self.ship)
         if self.folder and (self.folder / FIGURES).is_dir() and not self.objects:
             shutil.copytree(self.folder / FIGURES, scratch / FIGURES)
+        if self.model is not None:
+            (scratch / MODEL).mkdir()
+            changed(self.model, objects=None, figures=(), folder=None)._fill(scratch / MODEL, None)
         if beside:
             beside(scratch)
         messages = (MessageRow("warning", PENDING.code, PENDING), *self.messages)
@@ -163,7 +172,8 @@ def read_fit(folder: str | Path) -> FitResult:
     start, network = load_ship(where / START), where / NETWORK
     start = start.with_network(load_network(network, start)) if network.exists() else start
     iterate = read_iterate(where) if (where / ITERATE).exists() else None
-    return FitResult(**vars(record), ship=load_ship(where), start=start, iterate=iterate, folder=where)
+    model = read_fit(where / MODEL) if (where / MODEL).is_dir() else None
+    return FitResult(**vars(record), ship=load_ship(where), start=start, iterate=iterate, folder=where, model=model)
 
 
 def write_report(

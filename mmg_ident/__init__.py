@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from cases.shipfiles.ship_file import load_ship
     from cases.trial import Trial
     from delivery.export import export_ship
+    from delivery.full_scale.scale import scale
     from diagnosis.result import Diagnosis
     from fitting.prediction.score import Score
     from fitting.result import FitResult
@@ -54,6 +55,7 @@ _HOMES = {
     "load_ship": "cases.shipfiles.ship_file",
     "new_ship": "cases.shipfiles.new_ship",
     "read_trials": "cases.io.read",
+    "scale": "delivery.full_scale.scale",
 }
 """Public name -> the module it is taken from, where that is not ``mmg_ident.api``."""
 
@@ -80,6 +82,7 @@ __all__ = [
     "new_ship",
     "predict",
     "read_trials",
+    "scale",
     "score",
     "simulate",
     "train",

@@ -5,12 +5,11 @@ What is not given follows from rules of thumb, each named in the notices and in 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from types import SimpleNamespace
 
 from cases.shipfiles.particulars import wrong_particulars
-from mmg.components import empirical
+from mmg.components import empirical, friction
 from mmg.components.catalogue import coefficient_table, required_particulars
 from mmg.components.coefficients import Coefficient
 from mmg.components.propeller.b_series import thrust_parabola
@@ -136,11 +135,9 @@ def resistance(p: Mapping[str, float]) -> float:
     k = -0.095 + 25.6 C_b / ((L/B)^2 sqrt(B/d)) and 0.0004 for roughness and waves; 24 % low for the KVLCC2 model.
     """
     L, B, d, C_b = (p[name] for name in LEAST)
-    viscosity = 1.14e-6 if p["rho"] < 1010 else 1.19e-6
-    C_F = 0.075 / (math.log10(p["U_0"] * L / viscosity) - 2) ** 2
-    form = -0.095 + 25.6 * C_b / ((L / B) ** 2 * math.sqrt(B / d))
-    surface = 1.7 * L * d + L * B * C_b
-    return surface / (L * d) * (C_F * (1 + max(form, 0.05)) + 4e-4)
+    C_F = friction.friction_line(p["U_0"] * L / friction.viscosity(p["rho"]))
+    surface = friction.wetted_surface(L, B, d, C_b) / (L * d)
+    return surface * (C_F * (1 + friction.form_factor(L, B, d, C_b)) + 4e-4)
 
 
 def new_ship(name: str, given: Mapping[str, float], hull: str = "unified") -> Ship:

@@ -65,7 +65,7 @@ def use_rows(envelope: Mapping[str, Sequence[float]], ship: Ship, windy: bool = 
         words = f"manoeuvres at u from {low:.3g} to {high:.3g} m/s within the limits of use above"
         good = [f"{words}, in deep, open water"]
     if ship.particulars["L"] < MODEL:
-        words = "the model itself; the full-scale ship only after scaling: Froude's law, and other friction and wake"
+        words = "the model itself; the full-scale ship only after mmg scale: Froude's law, and other friction and wake"
         good.append(words)
     bad = [*_unseen(envelope), *_not_modelled(ship, windy)]
     bad.append(

@@ -34,6 +34,8 @@ from mmg.messages import Message
 
 RESULT, SHIP, START, ITERATE = "result.json", "ship.toml", "start.toml", "iterate.safetensors"
 FIGURES, PAGE = "figures", "report.html"
+MODEL = "model"
+"""Folder in the run of a scaled ship that holds the run of its model."""
 PENDING = Message("figures and report.html are missing; the same command with --resume makes them", LEFT_OUT)
 """Warning of a run folder that is whole but for these; it is gone when they are made."""
 Real = Annotated[float, BeforeValidator(lambda value: math.nan if value is None else value)]

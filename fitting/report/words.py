@@ -44,6 +44,8 @@ def change(before: float | None, after: float | None) -> str:
 def headline(result: dict) -> dict[str, str]:
     """Sentences by name on ``result`` (content of result.json): what was calibrated, how much better, convergence."""
     data, scores = result["data"], result["scores"]
+    if scaling := result.get("scaling"):
+        return _scaled_headline(result, scaling)
     free, seconds = len(result["coefficients"]), sum(row["duration_s"] for row in data)
     what = f"{free} coefficient{'s' * (free != 1)} of {result['ship']} calibrated on {len(data)} trial"
     what += f"{'s' * (len(data) != 1)} ({seconds:,.0f} s)."
@@ -64,13 +66,24 @@ def headline(result: dict) -> dict[str, str]:
     return {"what": what, "better": better, "state": state}
 
 
+def _scaled_headline(result: dict, scaling: dict) -> dict[str, str]:
+    """``headline`` of a ship that was scaled from a model."""
+    model = scaling["model"]
+    what = f"{result['ship']}: {model['ship']} of {model['length_m']:g} m scaled to {scaling['length_m']:g} m."
+    trials = len(model["trials"])
+    known = f"calibrated on {trials} trial{'s' * (trials != 1)}" if trials else "known by its priors alone"
+    better = f"The model is {known}; no trial of the ship herself took part, so no score says how good she is."
+    state = "Scaled." if result["converged"] else f"THE CALIBRATION OF THE MODEL DID NOT CONVERGE ({result['status']})."
+    return {"what": what, "better": better, "state": state}
+
+
 def report_warnings(result: dict) -> list[str]:
     """The own warnings of ``result`` (content of result.json) and those that follow from its scores.
 
     Convergence has its own place in the report.
     """
     words = [m["text"] for m in result["messages"] if m["level"] == "warning" and m["code"] != "not_converged"]
-    if "validation" not in result["scores"]:
+    if "validation" not in result["scores"] and not result.get("scaling"):
         words.append(
             "no held-out trials were scored: the fit was judged, if at all, on the trials it was made from, which "
             "says little about other manoeuvres; give some with --validate"

@@ -118,6 +118,7 @@ VERBS = {
     "compare": "Compare models with the published networks on the public splits.",
     "select": "Generate models of any structure for a ship, fit them and choose (Abkowitz-MMG hybrids).",
     "diagnose": "Say which effect a model lacks, where the gap lies and how far it shrinks.",
+    "scale": "Carry a calibrated model to the ship: friction, wake and rudder inflow at her size.",
     "export": "Deliver a calibrated or hybrid ship: C and other formats that run elsewhere.",
     "report": "Write one HTML page on a run, or on several side by side.",
     "view": "Write one interactive page: tracks, histories, bands and forces.",

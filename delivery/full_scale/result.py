@@ -1,0 +1,219 @@
+"""The run folder of a scaled ship: a result like that of a calibration, with what was assumed on the way."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cases.maneuvers.self_propulsion import revolutions_for
+from cases.shipfiles.ship_file import load_ship
+from delivery.full_scale.scaled_ship import ScaledShip, Scaling, scaled_ship
+from delivery.full_scale.similarity import dropped_effects, similar_bands, similar_envelope
+from fitting.record import CoefficientRow, Correlation, MessageRow
+from fitting.report.run_folder import RESULT, read_result, versions
+from fitting.result import FitResult, read_fit
+from fitting.settings import Settings
+from mmg.errors import UserError
+from mmg.motion.froude import reference_speed
+from mmg.ship import Ship
+
+NOT_CALIBRATED = "not calibrated"
+"""Status of a result that holds the priors of a ship."""
+
+
+def result_of(source: str | Path | Ship | FitResult) -> FitResult:
+    """What is known of a ``source``: a result, the run folder of a calibration, a ship, or what ``load_ship`` takes.
+
+    A ship without a calibration is known by its priors. Raises UserError for what is none of these.
+    """
+    if isinstance(source, FitResult):
+        return source
+    if isinstance(source, Ship):
+        return _of_ship(source)
+    folder = Path(source)
+    if (folder / RESULT).exists() and read_result(folder)["kind"] == "calibration":
+        return read_fit(folder)
+    return _of_ship(load_ship(source))
+
+
+def _of_ship(ship: Ship) -> FitResult:
+    free = [s for s in ship.free if 0 < ship.coefficients[s].std < math.inf]
+    known = tuple(tuple(float(a == b) for b in free) for a in free)
+    rows = {}
+    for s in free:
+        c = ship.coefficients[s]
+        rows[s] = CoefficientRow(c.value, c.std, c.value, c.std, _finite(c.lower), _finite(c.upper), None, 1.0,
+                                 c.verdict or "prior", c.description, c.unit, c.prime)  # fmt: skip
+    return FitResult(
+        created=_now(), command="", ship_name=ship.name, converged=True, status=NOT_CALIBRATED, advice="",
+        objective=None, constraint_violation=None, condition_number=None, iterations=0, passes=(), starts=(),
+        settings=Settings(), versions=versions(), compiled=False, timings_s={}, data=(), validation_data=(), windows=0,
+        intervals=0, seconds_used=0.0, sigma={}, noise={}, coefficients=rows,
+        fixed=tuple(s for s in ship.symbols if ship.coefficients[s].fixed), correlation=Correlation(tuple(free), known),
+        scores={}, identifiability={}, messages=(), ship=ship, start=ship,
+    )  # fmt: skip
+
+
+def scaled_result(source: str | Path | Ship | FitResult, scaling: Scaling, command: str = "") -> FitResult:
+    """The ship of ``source`` at the length of ``scaling``, with its covariance, ranges and bands.
+
+    source: as for ``result_of``; one that was scaled before is scaled from its model again, so that two steps are one.
+    command: the command line. Raises UserError as ``scaled_ship`` does.
+    """
+    model = result_of(source)
+    model = model.model or model
+    matrix = np.array(model.correlation.matrix, dtype=float)
+    fastest = max(map(abs, (model.envelope or {}).get("u", [0.0])))
+    found = scaled_ship(model.ship, scaling, model.correlation.symbols, matrix if matrix.size else None, fastest)
+    priors = scaled_ship(_prior_ship(model), scaling, fastest=fastest).ship
+    coefficients = _coefficient_rows(model, found, priors)
+    named = {
+        s: found.ship.coefficients[s].with_(verdict=row.verdict, prior_value=row.prior_value, prior_std=row.prior_std)
+        for s, row in coefficients.items()
+    }
+    symbols = tuple(s for s in found.symbols if s in coefficients)
+    at = [found.symbols.index(s) for s in symbols]
+    matrix = found.correlation[np.ix_(at, at)]
+    start = scaled_ship(model.start, scaling, fastest=fastest).ship
+    return replace(
+        model, created=_now(), command=command, ship_name=found.ship.name, ship=found.ship.with_coefficients(named),
+        start=start, model=model, iterate=None, objects=None, folder=None, objective=None, constraint_violation=None,
+        condition_number=None, iterations=0, passes=(), starts=(), versions=versions(), timings_s={}, data=(),
+        validation_data=(), windows=0, intervals=0, seconds_used=0.0, sigma={}, noise={}, coefficients=coefficients,
+        correlation=Correlation(symbols, tuple(tuple(map(float, row)) for row in matrix)), scores={},
+        identifiability={}, messages=_messages(model, found), figures=(), effects=None, per_run=None, uncertainty=None,
+        bootstrap=None, profiles=None, auto=None, bands=similar_bands(model.bands, found.law), adaptation=None,
+        envelope=similar_envelope(model.envelope, found.law), left_out=None, scaling=_account(model, found, scaling),
+    )  # fmt: skip
+
+
+def _now() -> str:
+    return datetime.now(timezone.utc).isoformat(timespec="seconds")
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _prior_ship(model: FitResult) -> Ship:
+    """The model with the priors of its coefficients in place of the estimates."""
+    rows = {}
+    for s, row in model.coefficients.items():
+        if s in model.ship.coefficients and row.prior_value is not None:
+            rows[s] = model.ship.coefficients[s].with_(value=row.prior_value, std=row.prior_std or 0.0)
+    return model.ship.without_network().with_coefficients(rows)
+
+
+def _coefficient_rows(model: FitResult, found: ScaledShip, priors: Ship) -> dict[str, CoefficientRow]:
+    rows = {}
+    for s in found.symbols:
+        c, prior = found.ship.coefficients[s], priors.coefficients[s]
+        old = model.coefficients.get(s)
+        verdict = (old.verdict if old else c.verdict) or "prior"
+        if s in found.changed:
+            verdict = f"{model.ship.coefficients[s].value:.4g} of the model, scaled by ITTC-78; there: {verdict}"
+        share = (c.std / prior.std) ** 2 if prior.std > 0 else None
+        rows[s] = CoefficientRow(
+            c.value, c.std, prior.value, prior.std, _finite(c.lower), _finite(c.upper), old.at_bound if old else None,
+            share, verdict, c.description, c.unit, c.prime,
+        )  # fmt: skip
+    return rows
+
+
+def _messages(model: FitResult, found: ScaledShip) -> tuple[MessageRow, ...]:
+    """What must be known of the ship: the model's state, what was left out, what was assumed."""
+    rows = []
+    if not model.converged:
+        rows.append(("warning", "not_converged", f"the calibration of the model did not converge ({model.status})"))
+    if gone := dropped_effects(model.ship):
+        words = "left with the model, as they belong to its place, instruments or steering gear: " + ", ".join(gone)
+        rows.append(("notice", "effects_left_out", words))
+    if found.ship.network is not None:
+        words = "the learned residual is scaled by Froude's law: it was trained at the model's Reynolds number"
+        rows.append(("warning", "residual_scaled", words))
+    rows += [("notice", "assumed", words) for words in assumptions(found)]
+    return tuple(MessageRow(*row) for row in rows)
+
+
+def assumptions(found: ScaledShip) -> list[str]:
+    """What was assumed on the way from model to ship, in sentences. found: the scaled ship."""
+    same = "hull forces, added masses, thrust deduction and open-water thrust keep their dimensionless values"
+    first = "equal Froude numbers: lengths by the scale, times and speeds by its square root"
+    if found.change is None:
+        return [first, f"{same}, and so do resistance and wake: Froude's law alone was asked for"]
+    model, ship = found.change.model, found.change.ship
+    return [
+        first,
+        same,
+        f"friction and wake are those at {ship.speed:.4g} m/s of the ship and {model.speed:.4g} m/s of the model "
+        f"(Froude number {model.froude:.3f}, Reynolds numbers {ship.reynolds:.3g} and {model.reynolds:.3g})",
+        "the boundary layer of the model is turbulent from the bow",
+        "the ship is loaded as the model is ballasted: same draught, trim and radius of gyration by L",
+        "the rudder's flow straightening and the hull's share of its force are those of the model, with wider errors",
+        "the engine holds the revolutions that are ordered, unless the ship file has an engine",
+    ]
+
+
+def _account(model: FitResult, found: ScaledShip, scaling: Scaling) -> dict[str, Any]:
+    """The section ``scaling`` of result.json."""
+    old, new = model.ship, found.ship
+    rows = []
+    for s in dict.fromkeys((*found.changed, *found.doubts)):
+        doubt, before, after = found.doubts.get(s), old.coefficients[s], new.coefficients[s]
+        rows.append({
+            "symbol": s, "model": before.value, "model_std": before.std, "ship": after.value, "ship_std": after.std,
+            "added_std": doubt.std if doubt else 0.0, "source": doubt.source if doubt else "follows from the others",
+            "changed": s in found.changed,
+        })  # fmt: skip
+    speed = found.speed * math.sqrt(found.law.scale)
+    return {
+        "model": {"ship": old.name, "length_m": old.particulars["L"], "status": model.status,
+                  "trials": [row.name for row in model.data]},
+        "length_m": new.particulars["L"],
+        "scale": found.law.scale,
+        "density_ratio": found.law.density,
+        "froude_only": scaling.froude_only,
+        "water": {"model": _water(found, 0), "ship": _water(found, 1)} if found.change else None,
+        "coefficients": rows,
+        "particulars": [{"symbol": s, "model": value, "ship": new.particulars.get(s)}
+                        for s, value in old.particulars.items()],
+        "self_propulsion": {"model": self_propulsion(old, found.speed), "ship": self_propulsion(new, speed)},
+        "assumptions": assumptions(found),
+        "left_out": list(dropped_effects(old)),
+    }  # fmt: skip
+
+
+def _water(found: ScaledShip, side: int) -> dict[str, float]:
+    assert found.change is not None
+    water = (found.change.model, found.change.ship)[side]
+    k = found.change.form_factor
+    return {
+        "speed_m_s": water.speed, "froude": water.froude, "reynolds": water.reynolds, "density": water.density,
+        "friction": water.C_F, "allowance": water.allowance, "form_factor": water.watanabe if k is None else k,
+        "wetted_surface_m2": water.surface * water.L * water.d,
+    }  # fmt: skip
+
+
+def self_propulsion(ship: Ship, speed: float) -> dict[str, float | None]:
+    """Where a ``ship`` holds a ``speed`` [m/s]: revolutions n [1/s], and J, K_T, loading C_Th = 8 K_T / (pi J^2) [-].
+
+    None for what its model does not give.
+    """
+    found: dict[str, float | None] = {"speed_m_s": speed, "froude": speed / reference_speed(ship.particulars["L"])}
+    found |= dict.fromkeys(("n", "J", "K_T", "C_Th"))
+    try:
+        n = found["n"] = revolutions_for(ship, speed)
+    except UserError:
+        return found
+    c: Mapping[str, Any] = ship.coefficients
+    if {"w_P0", "k_0", "k_1", "k_2"} <= c.keys() and "D_P" in ship.particulars:
+        J = speed * (1 - c["w_P0"].value) / (n * ship.particulars["D_P"])
+        K = c["k_0"].value + c["k_1"].value * J + c["k_2"].value * J * J
+        found |= {"J": J, "K_T": K, "C_Th": 8 * K / (math.pi * J * J)}
+    return found

@@ -1,0 +1,141 @@
+"""Froude's law on everything that has a unit: particulars, coefficients, ranges, a learned residual, prediction bands.
+
+At equal Froude number lengths grow with the scale lambda, times and speeds with sqrt(lambda), masses and forces with
+lambda^3 and the density of the water. Coefficients without a unit stay.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from fitting.prediction.bands import SIZES
+from fitting.prediction.envelope import DRIFT
+from mmg.components.particulars import PARTICULARS
+from mmg.effects import effect
+from mmg.errors import UserError
+from mmg.motion.flow import INPUTS
+from mmg.network import Network
+from mmg.ship import Ship
+
+BASE = {
+    "m": (1.0, 0), "s": (0.5, 0), "kg": (3.0, 1), "N": (3.0, 1), "W": (3.5, 1), "J": (4.0, 1), "Pa": (1.0, 1),
+    "rad": (0.0, 0), "deg": (0.0, 0), "rps": (-0.5, 0), "1": (0.0, 0), "-": (0.0, 0), "": (0.0, 0),
+    "kW": (3.5, 1), "kN": (3.0, 1), "rpm": (-0.5, 0), "rev": (0.0, 0),
+}  # fmt: skip
+"""Unit -> power of the scale, power of the ratio of densities."""
+FEATURES = {"u": "m/s", "v": "m/s", "r": "rad/s", "a_x": "m/s", "a_y": "m/s", DRIFT: "rad"}
+"""Units of what an envelope or a network knows beside the actuators."""
+KEPT = ("rho_a",)
+"""Particulars with a unit that do not scale: the air is the same."""
+
+
+@dataclass(frozen=True)
+class Similarity:
+    """Two ships of one form. scale: length of the second by that of the first; density: of their waters alike [-]."""
+
+    scale: float
+    density: float = 1.0
+
+    def factor(self, unit: str, name: str = "") -> float:
+        """By what a quantity of this ``unit``, such as "m/s^2", grows. Raises UserError for an unknown unit, with the
+        ``name`` of the quantity."""
+        length, density, sign = 0.0, 0, 1
+        for part in re.split(r"(/)|[ ·*]", unit.replace("²", "^2").replace("³", "^3")):
+            if part == "/":
+                sign = -1
+                continue
+            symbol, _, power = (part or "").partition("^")
+            if symbol not in BASE or (power and not re.fullmatch(r"-?\d+", power)):
+                raise UserError(f"{name or 'a quantity'} has the unit '{unit}', which mmg scale does not know")
+            exponent = sign * int(power or 1)
+            length, density = length + exponent * BASE[symbol][0], density + exponent * BASE[symbol][1]
+        return float(self.scale**length * self.density**density)
+
+    def feature(self, name: str) -> float:
+        """By what a quantity of an envelope or an input of a network grows, by its ``name``."""
+        unit = FEATURES.get(name) or (INPUTS[name][1] if name in INPUTS else "")
+        return self.factor(unit, name)
+
+
+def similar_particulars(given: Mapping[str, float], law: Similarity) -> dict[str, float]:
+    """Particulars at the other length. given: symbol -> value [SI]; law: of similarity. The particular ``scale``
+    becomes what is left of it and is gone at 1. Raises UserError for a unit that is not known."""
+    found = {}
+    for name, value in given.items():
+        unit = PARTICULARS[name][1] if name in PARTICULARS else ""
+        found[name] = value if name in KEPT else value * law.factor(unit, name)
+    left = found.pop("scale", 1.0) / law.scale
+    return found | ({"scale": left} if left > 1.005 else {})
+
+
+def dropped_effects(ship: Ship) -> tuple[str, ...]:
+    """Effects of a ``ship`` that stay with the model: of its place and day, its instruments and its steering gear."""
+
+    def stays(name: str) -> bool:
+        known = effect(name)
+        return (known.surroundings and name != "disturbance") or known.measures or known.enters == "actuator path"
+
+    return tuple(name for name in ship.effects if stays(name))
+
+
+def similar_ship(ship: Ship, law: Similarity, name: str) -> Ship:
+    """The ``ship`` at the other length by Froude's law alone, with the new ``name``.
+
+    Effects of place, instruments and steering gear are left out; a learned residual is scaled with the rest. law: of
+    similarity. Raises UserError for a unit that is not known.
+    """
+    for gone in dropped_effects(ship):
+        ship = ship.without_effect(gone)
+    rows = {}
+    for symbol, c in ship.coefficients.items():
+        factor = law.factor(c.unit, symbol)
+        numbers = {key: getattr(c, key) for key in ("value", "std", "lower", "upper", "prior_value", "prior_std")}
+        rows[symbol] = c.with_(**{key: None if v is None else v * factor for key, v in numbers.items()})
+    network = ship.network and similar_network(ship.network, law)
+    particulars = similar_particulars(ship.particulars, law)
+    words = f"scaled by {law.scale:.6g} from {ship.name}"
+    words = f"{words}: {ship.description}" if ship.description else words
+    bare = replace(ship, network=None, name=name, particulars=particulars, coefficients=rows, description=words)
+    return bare.with_network(network)
+
+
+def similar_network(network: Network, law: Similarity) -> Network:
+    """A learned residual of accelerations at the other length: the same ``network`` of the same Froude numbers. law:
+    of similarity."""
+    factors = np.array([law.feature(name) for name in network.features])
+    outputs = np.array([law.factor(unit) for unit in ("m/s^2", "m/s^2", "rad/s^2")])
+    return replace(
+        network, feature_scales=network.feature_scales * factors, output_scales=network.output_scales * outputs,
+        lower=network.lower * factors, upper=network.upper * factors,
+    )  # fmt: skip
+
+
+def similar_envelope(envelope: Mapping[str, Sequence[float]] | None, law: Similarity) -> dict[str, list[float]] | None:
+    """The ranges that the trials held at the other length; None stays None. envelope: quantity -> (lowest, highest),
+    SI; law: of similarity."""
+    if envelope is None:
+        return None
+    return {name: [law.feature(name) * value for value in pair] for name, pair in envelope.items()}
+
+
+def similar_bands(bands: Mapping[str, Any] | None, law: Similarity) -> dict[str, Any] | None:
+    """The process of unexplained accelerations in result.json at the other length, without noise of instruments.
+
+    bands: as ``fitting.prediction.bands.process_dict`` gives it, None stays None; law: of similarity.
+    """
+    if not bands:
+        return None
+    time = math.sqrt(law.scale)
+    found = {key: dict(value) for key, value in bands.items()}
+    for key in ("acceleration_memory_s", "error_decay_s"):
+        found[key] = {name: value * time for name, value in found[key].items()}
+    turning = found["acceleration_std"]["r"]
+    found["acceleration_std"]["r"] = {name: turning[name] / law.scale for name in SIZES}
+    found["noise"] = dict.fromkeys(found["noise"], 0.0)
+    return found

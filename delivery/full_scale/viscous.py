@@ -1,0 +1,197 @@
+"""What Froude's law leaves out: friction, wake and rudder inflow at another Reynolds number.
+
+All follow the 1978 ITTC performance prediction method (ITTC 7.5-02-03-01.4), applied to the coefficients of the
+manoeuvring model at one speed:
+  resistance  C_Ts = (1 + k) (C_Fs - C_Fm) + C_Tm + allowances of the ship
+  wake        w_s = (t + 0.04) + (w_m - t - 0.04) [(1 + k) C_Fs + allowances] / [(1 + k) C_Fm], never above w_m
+  rudder      1 - w_R = epsilon (1 - w_P0), with w_R scaled as the wake at the propeller; what the race adds, kappa
+              epsilon (k_x), is momentum theory and stays
+The form factor of a free-running model is not measured. Where none is given, the resistance is the mean of two readings
+of the model's own: all of it grows with friction (no waves below Froude number 0.16); or friction with Watanabe's
+form factor, and a remainder that stays (never negative). Half their difference is its standard deviation.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from fitting.report.plots import component_of
+from mmg.components import friction
+from mmg.motion.froude import reference_speed
+from mmg.ship import Ship
+
+WAVELESS = 0.16
+"""Froude number up to which a ship makes no waves worth mentioning."""
+RUDDER_WAKE = 0.04
+"""Part of the wake that a rudder makes and that does not scale (ITTC 7.5-02-03-01.4)."""
+RESISTANCE = ("R_0", "X_0F")
+"""The coefficient of resistance, as a drag and as a force."""
+
+
+@dataclass(frozen=True)
+class HullInWater:
+    """A hull in water at one speed.
+
+    L, B, d [m]; C_b [-]; speed [m/s]; density [kg/m^3]; roughness [m].
+    """
+
+    L: float
+    B: float
+    d: float
+    C_b: float
+    speed: float
+    density: float
+    roughness: float = friction.ROUGHNESS
+
+    @property
+    def reynolds(self) -> float:
+        """U L / nu [-]."""
+        return self.speed * self.L / friction.viscosity(self.density)
+
+    @property
+    def froude(self) -> float:
+        """U / sqrt(g L) [-]."""
+        return self.speed / reference_speed(self.L)
+
+    @property
+    def C_F(self) -> float:
+        """Friction of a plate by 1/2 rho S U^2 [-]."""
+        return friction.friction_line(self.reynolds)
+
+    @property
+    def allowance(self) -> float:
+        """Roughness and correlation allowances by 1/2 rho S U^2 [-]."""
+        return friction.allowance(self.L, self.reynolds, self.roughness)
+
+    @property
+    def surface(self) -> float:
+        """Wetted surface by L d [-]."""
+        return friction.wetted_surface(self.L, self.B, self.d, self.C_b) / (self.L * self.d)
+
+    @property
+    def watanabe(self) -> float:
+        """Form factor of the regression [-]."""
+        return friction.form_factor(self.L, self.B, self.d, self.C_b)
+
+
+@dataclass(frozen=True)
+class Change:
+    """From the water of a model to that of the ship. form_factor: k where it is known, None for an estimate."""
+
+    model: HullInWater
+    ship: HullInWater
+    form_factor: float | None = None
+
+    def resistance(self, R: float) -> float:
+        """R_0' [-] of the ship from that of the model, ``R``."""
+        total = R / self.model.surface - self.model.allowance
+        k = self.model.watanabe if self.form_factor is None else self.form_factor
+        rest = total - (1 + k) * self.model.C_F
+        kept = (1 + k) * self.ship.C_F + (max(rest, 0.0) if self.form_factor is None else rest)
+        if self.form_factor is None and self.model.froude <= WAVELESS:
+            kept = 0.5 * (kept + self._by_friction(total))
+        return self.ship.surface * (kept + self.ship.allowance)
+
+    def resistance_std(self, R: float) -> float:
+        """Standard deviation [-] of ``resistance(R)`` for a known R: the form factor's, and half the allowances."""
+        total, k = R / self.model.surface - self.model.allowance, self.model.watanabe
+        kept = (1 + k) * self.ship.C_F + max(total - (1 + k) * self.model.C_F, 0.0)
+        form = 0.5 * abs(kept - self._by_friction(total))
+        if self.form_factor is not None:
+            form = 0.05 * abs(self.model.C_F - self.ship.C_F)
+        return self.ship.surface * math.hypot(form, 0.5 * (self.ship.allowance - self.model.allowance))
+
+    def _by_friction(self, total: float) -> float:
+        return total * self.ship.C_F / self.model.C_F
+
+    def wake(self, w: float, t: float) -> float:
+        """Wake fraction of the ship from that of the model, ``w``; t: thrust deduction [-]."""
+        k = self.model.watanabe if self.form_factor is None else self.form_factor
+        thick = [(1 + k) * side.C_F + side.allowance for side in (self.ship, self.model)]
+        still = min(t + RUDDER_WAKE, w)
+        return still + (w - still) * thick[0] / thick[1]
+
+    @property
+    def fading(self) -> float:
+        """0 at one length, towards 1 for ships of very different size: weight of standard deviations by judgement."""
+        return 1 - min(self.model.L, self.ship.L) / max(self.model.L, self.ship.L)
+
+
+def ship_values(values: Mapping[str, float], change: Change) -> dict[str, float]:
+    """The coefficients that change, symbol -> value of the ship, from the ``values`` of the model [-].
+
+    change: of the water. Only symbols that the model has are in it.
+    """
+    v, found = values, {}
+    for symbol, sign in zip(RESISTANCE, (1.0, -1.0), strict=True):
+        if symbol in v:
+            found[symbol] = sign * change.resistance(sign * v[symbol])
+            if symbol == "X_0F" and "X_0A" in v:
+                found["X_0A"] = min(v["X_0A"] + found[symbol] - v[symbol], 0.5 * v["X_0A"])
+    if "w_P0" not in v:
+        if {"a_0", "c_0"} <= v.keys():  # the wake 1 - w = a_0 + a_1 J_s + ... of Kang et al. (2008), 1 - t = c_0 + ...
+            found["a_0"] = 1 - change.wake(1 - v["a_0"], 1 - v["c_0"])
+        return found
+    t = v.get("t_P", 0.0)
+    w = change.wake(v["w_P0"], t)
+    found["w_P0"] = w
+    for symbol in ("tau", "C_P"):  # the change of wake in a drift is a share of the wake
+        if symbol in v and v["w_P0"] > 0:
+            found[symbol] = v[symbol] * w / v["w_P0"]
+    if "epsilon" in v:
+        behind = change.wake(1 - v["epsilon"] * (1 - v["w_P0"]), t)
+        found["epsilon"] = (1 - behind) / (1 - w)
+        if "kappa" in v:
+            found["kappa"] = v["kappa"] * v["epsilon"] / found["epsilon"]
+    return found
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """What scaling leaves open in a coefficient: standard deviation [unit of it], and where it comes from."""
+
+    std: float
+    source: str
+
+
+JUDGEMENT = "judgement: not known from public measurements"
+SHARES = {
+    "t_P": (0.05, "share of itself: thrust deduction is taken as that of the model (ITTC 7.5-02-03-01.4)"),
+    "k_0": (0.02, "share of itself: propeller friction is not corrected, some % for a small model propeller"),
+    "gamma": (0.10, f"share of itself: flow straightening is taken as that of the model; {JUDGEMENT}"),
+    "ell_R": (0.05, f"share of itself: taken as that of the model; {JUDGEMENT}"),
+    "a_H": (0.10, f"share of itself: taken as that of the model; {JUDGEMENT}"),
+    "t_R": (0.10, f"share of itself: taken as that of the model; {JUDGEMENT}"),
+    "I_J_z": (0.03, "share of itself: the ship is taken to be loaded as the model is ballasted"),
+    "hull": (0.05, f"share of itself: hull forces are taken as those of the model; {JUDGEMENT}"),
+}
+"""Coefficients, or groups of them, that similarity keeps: standard deviation by value, and why."""
+
+
+def doubts(ship: Ship, values: Mapping[str, float], scaled: Mapping[str, float], change: Change) -> dict[str, Doubt]:
+    """Standard deviations that scaling adds, by symbol.
+
+    ship: the model; values: of its coefficients; scaled: those of the ship that change (``ship_values``); change: of
+    the water.
+    """
+    found: dict[str, Doubt] = {}
+    for symbol in RESISTANCE:
+        if symbol in scaled:
+            words = "form factor by two readings of the model's resistance, and half the allowances"
+            if change.form_factor is not None:
+                words = "0.05 of the form factor, and half the allowances"
+            found[symbol] = Doubt(change.resistance_std(abs(values[symbol])), words)
+    published = "0.03, and a quarter of the change (ITTC's 0.32 for KVLCC2 against the published 0.35)"
+    for symbol, least, share in (("w_P0", 0.03, 0.25), ("a_0", 0.03, 0.25), ("epsilon", 0, 0.5), ("kappa", 0, 0.5)):
+        if symbol in scaled:
+            std = math.hypot(least * change.fading, share * (scaled[symbol] - values[symbol]))
+            found[symbol] = Doubt(std, published if least else "half of the change")
+    part = component_of(ship)
+    for symbol in (s for s in ship.symbols if s not in scaled):
+        key = symbol if symbol in SHARES else "gamma" if symbol.startswith("gamma") else part.get(symbol, "")
+        if key in SHARES:
+            share, words = SHARES[key]
+            found[symbol] = Doubt(share * change.fading * abs(values[symbol]), f"{share:.0%}: {words}")
+    return found

@@ -1,0 +1,153 @@
+"""Friction, wake and rudder inflow of the ship: limiting cases, published values, errors carried along."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cases.criteria.imo import REFERENCES
+from cases.criteria.scatter import draw_coefficients
+from cases.shipfiles.ship_file import load_ship
+from delivery.full_scale.scaled_ship import Scaling, scaled_ship
+from delivery.full_scale.viscous import Change, HullInWater, ship_values
+from mmg.components.friction import allowance, form_factor, friction_line, wetted_surface
+from mmg.errors import UserError
+
+MODEL = load_ship("kvlcc2_l7")
+"""KVLCC2, 7 m."""
+
+
+def test_the_friction_line_has_its_published_values() -> None:
+    assert friction_line(1e7) == pytest.approx(0.0030, abs=1e-6)
+    assert friction_line(1e9) == pytest.approx(0.075 / 49, abs=1e-9)
+    assert 0.15 < form_factor(320, 58, 20.8, 0.8098) < 0.4
+    assert wetted_surface(320, 58, 20.8, 0.8098) == pytest.approx(27194 - 0.03 * 27194, rel=0.02)
+    assert allowance(7.0, 1e7) == 0 and 1e-4 < allowance(320.0, 2e9) < 4e-4
+
+
+@pytest.mark.parametrize("name", ["kvlcc2_l7", "kvlcc2_full", "esso_osaka_3m", "vectwin_3m"])
+def test_the_same_length_changes_nothing(name: str) -> None:
+    model = load_ship(name)
+    found = scaled_ship(model, Scaling(model.particulars["L"]))
+    assert found.ship.values == pytest.approx(model.values, rel=1e-12)
+    ours = [found.ship.coefficients[s].std for s in model.symbols]
+    assert ours == pytest.approx([model.coefficients[s].std for s in model.symbols], rel=1e-6)
+    assert found.correlation == pytest.approx(np.eye(len(found.symbols)), abs=1e-6)
+    same = {s: v for s, v in found.ship.particulars.items() if s != "scale"}
+    assert same == {s: v for s, v in model.particulars.items() if s != "scale"}
+
+
+def test_a_slightly_longer_ship_is_a_slightly_different_one() -> None:
+    found = scaled_ship(load_ship("kvlcc2_full"), Scaling(321.0))
+    assert found.ship.values == pytest.approx(found.model.values, rel=0.01, abs=1e-3)
+    assert all(doubt.std < 0.01 * abs(found.ship.coefficients[s].value) for s, doubt in found.doubts.items())
+
+
+def test_kvlcc2_has_the_wake_of_the_published_full_scale_ship() -> None:
+    found, full = scaled_ship(MODEL, Scaling(320.0)), load_ship("kvlcc2_full")
+    wake = found.ship.coefficients["w_P0"]
+    assert abs(wake.value - full.coefficients["w_P0"].value) < wake.std
+    assert wake.value < MODEL.coefficients["w_P0"].value
+    for name in ("L", "d", "m", "U_0", "rudder_rate", "A_R", "D_P"):
+        assert found.ship.particulars[name] == pytest.approx(full.particulars[name], rel=2e-3), name
+
+
+def test_scaling_with_the_published_changes_alone_is_the_published_ship() -> None:
+    """By Froude's law with the wake of the full-scale tests the library's two KVLCC2 are one."""
+    found = scaled_ship(MODEL, Scaling(320.0, froude_only=True)).ship.with_values({"w_P0": 0.35})
+    full = load_ship("kvlcc2_full")
+    assert {s: c.value for s, c in found.coefficients.items()} == pytest.approx(
+        {s: c.value for s, c in full.coefficients.items()}, rel=1e-3
+    )
+    assert "kvlcc2_full" in REFERENCES
+
+
+def waters(**changes: float) -> Change:
+    model = HullInWater(7.0, 1.27, 0.455, 0.81, 1.18, 1000.0)
+    ship = HullInWater(320.0, 58.0, 20.8, 0.81, 7.97, 1025.0)
+    return Change(model, replace(ship, **changes))
+
+
+def test_the_wake_never_grows_with_the_ship_and_keeps_the_part_of_rudder_and_thrust() -> None:
+    change = waters()
+    for w in np.linspace(0.0, 0.8, 9):
+        for t in (0.0, 0.2, 0.4):
+            found = change.wake(w, t)
+            assert found <= w + 1e-12
+            assert found >= min(w, t + 0.04) - 1e-12
+    assert waters(roughness=5e-3).wake(0.4, 0.2) > change.wake(0.4, 0.2)
+
+
+def test_resistance_falls_with_friction_and_grows_with_roughness() -> None:
+    smooth, rough = waters().resistance(0.022), waters(roughness=1e-3).resistance(0.022)
+    assert 0.005 < smooth < rough < 0.022
+    known = replace(waters(), form_factor=0.2)
+    total = 0.022 / known.model.surface
+    wanted = total - 1.2 * (known.model.C_F - known.ship.C_F) + known.ship.allowance
+    assert known.resistance(0.022) == pytest.approx(known.ship.surface * wanted)
+
+
+def test_what_the_race_adds_at_the_rudder_stays() -> None:
+    values = {s: c.value for s, c in MODEL.coefficients.items()}
+    found = ship_values(values, waters())
+    assert found["kappa"] * found["epsilon"] == pytest.approx(values["kappa"] * values["epsilon"])
+    assert 1.0 < found["epsilon"] < values["epsilon"]
+
+
+def test_errors_of_the_model_are_carried_to_the_ship() -> None:
+    """Draws of the model, each scaled, scatter as the covariance of the ship says without what scaling adds."""
+    model = load_ship("esso_osaka_3m")
+    symbols = tuple(model.free)
+    matrix = np.eye(len(symbols))
+    i, j = symbols.index("w_P0"), symbols.index("t_P")
+    matrix[i, j] = matrix[j, i] = -0.6
+    model = model.with_coefficients({
+        s: c.with_(std=0.1 * c.std, lower=-np.inf, upper=np.inf) for s, c in model.coefficients.items()
+    })  # fmt: skip
+    found = scaled_ship(model, Scaling(325.0), symbols, matrix)
+    assert found.change is not None
+    drawn = draw_coefficients(model, 4000, 1, (symbols, matrix))
+    values = [{s: float(drawn[s][k]) for s in symbols} for k in range(4000)]
+    scaled = [ship_values(v, found.change) for v in values]
+    for s in ("w_P0", "X_0F", "epsilon", "tau"):
+        spread = np.std([v[s] for v in scaled])
+        added = found.doubts[s].std if s in found.doubts else 0.0
+        assert found.ship.coefficients[s].std == pytest.approx(np.hypot(spread, added), rel=0.05), s
+    place = {s: k for k, s in enumerate(found.symbols)}
+    scatter = {s: np.array([v[s] for v in scaled]) for s in ("w_P0", "epsilon")}
+    std = [found.ship.coefficients[s].std for s in scatter]
+    ours = found.correlation[place["w_P0"], place["epsilon"]]
+    assert ours == pytest.approx(np.cov(*scatter.values())[0, 1] / (std[0] * std[1]), abs=0.05)
+
+
+def test_scaling_never_makes_a_coefficient_more_certain_by_itself() -> None:
+    found = scaled_ship(MODEL, Scaling(320.0))
+    kept = [s for s in found.doubts if s not in found.changed]
+    assert {"gamma_R_plus", "ell_R", "Y_v", "t_P", "k_0"} <= set(kept)
+    assert all(found.ship.coefficients[s].std > MODEL.coefficients[s].std for s in kept)
+    fixed = scaled_ship(MODEL.fixing(["Y_v"]), Scaling(320.0))
+    assert "Y_v" not in fixed.doubts
+
+
+@pytest.mark.parametrize(
+    ("length", "more", "words"),
+    [
+        (0.0, {}, "give 0.1 to 600 m"), (float("nan"), {}, "give 0.1"), (1000.0, {}, "give 0.1"),
+        (320.0, {"speed": -1.0}, "--speed -1"), (320.0, {"density": 5.0}, "--rho 5"),
+        (320.0, {"form_factor": 9.0}, "--form-factor 9"), (320.0, {"roughness": -1.0}, "--roughness -1"),
+    ],
+)  # fmt: skip
+def test_what_no_ship_has_is_refused(length: float, more: dict[str, float], words: str) -> None:
+    with pytest.raises(UserError, match=words):
+        scaled_ship(MODEL, Scaling(length, **more))  # type: ignore[arg-type]
+
+
+def test_particulars_that_are_lacking_are_named() -> None:
+    bare = replace(MODEL, particulars={s: v for s, v in MODEL.particulars.items() if s not in ("B", "C_b")})
+    with pytest.raises(UserError, match="kvlcc2_l7 lacks B, C_b for its wetted surface"):
+        scaled_ship(bare, Scaling(320.0))
+    assert scaled_ship(bare, Scaling(320.0, froude_only=True)).ship.particulars["L"] == pytest.approx(320.0)
+    with pytest.raises(UserError, match="no coefficient of resistance or wake"):
+        scaled_ship(load_ship("mariner"), Scaling(5.0))

@@ -1,0 +1,99 @@
+"""Froude's law: what has a unit grows by it, and motions of the scaled ship are those of the model."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from cases.maneuvers.definitions import parse_maneuver
+from cases.shipfiles.ship_file import load_ship
+from cases.simulation.simulate import simulate
+from delivery.full_scale.similarity import Similarity, dropped_effects, similar_bands, similar_network, similar_ship
+from fitting.prediction.bands import Process, bands_of, process_dict
+from mmg.errors import UserError
+from mmg.motion.froude import time_scale
+from tests.support.networks import random_network
+
+LAW = Similarity(100.0, 1.025)
+
+
+@pytest.mark.parametrize(
+    ("unit", "factor"),
+    [
+        ("", 1.0), ("rad", 1.0), ("m", 100.0), ("m²", 1e4), ("s", 10.0), ("m/s", 10.0), ("m/s^2", 1.0), ("rad/s", 0.1),
+        ("1/s^2", 0.01), ("rps", 0.1), ("kg", 1.025e6), ("kg/m³", 1.025), ("N", 1.025e6), ("N m", 1.025e8),
+        ("W", 1.025e7), ("kg m²", 1.025e10),
+    ],
+)  # fmt: skip
+def test_units_grow_by_froudes_law(unit: str, factor: float) -> None:
+    assert LAW.factor(unit) == pytest.approx(factor)
+
+
+def test_an_unknown_unit_is_named() -> None:
+    with pytest.raises(UserError, match="T_E has the unit 'parsec'"):
+        LAW.factor("parsec", "T_E")
+
+
+@pytest.mark.parametrize("name", ["kvlcc2_l7", "esso_osaka_3m", "vectwin_3m", "mariner"])
+@pytest.mark.parametrize("text", ["turning:35", "crash-stop"])
+def test_tracks_of_the_similar_ship_are_those_of_the_model_in_lengths(name: str, text: str) -> None:
+    model = load_ship(name)
+    if name == "mariner" and text == "crash-stop":
+        pytest.skip("no propeller in its model")
+    ship = similar_ship(model, Similarity(320 / model.particulars["L"], 1.0), "big")
+    runs = []
+    for one in (model, ship):
+        L = one.particulars["L"]
+        plan = parse_maneuver(text, one, speed=0.14 * math.sqrt(9.80665 * L), duration=60 * time_scale(L))
+        runs.append(simulate(one, plan, 0.1 * time_scale(L)).states / [L, L, 1, L**0.5, L**0.5, L**-0.5])
+    assert runs[0].shape == runs[1].shape
+    assert np.abs(runs[0] - runs[1]).max() < 1e-6 * np.abs(runs[0]).max()
+
+
+def test_effects_of_place_instruments_and_steering_gear_stay_with_the_model() -> None:
+    ship = load_ship("esso_osaka_3m")
+    for name in ("current", "rudder_lag", "antenna_offset", "disturbance", "rudder_stall", "propeller_side_force"):
+        ship = ship.with_effect(name)
+    ship = ship.with_values({"disturbance.X": 0.2, "disturbance.tau": 12.0})
+    assert set(dropped_effects(ship)) == {"current", "rudder_lag", "antenna_offset"}
+    found = similar_ship(ship, LAW, "big")
+    assert set(found.effects) == {"disturbance", "rudder_stall", "propeller_side_force"}
+    assert found.coefficients["disturbance.X"].value == pytest.approx(0.2 * 1.025e6)
+    assert found.coefficients["disturbance.tau"].value == pytest.approx(120.0)
+
+
+def test_the_scale_of_a_model_is_used_up() -> None:
+    model = load_ship("esso_osaka_3m")
+    assert "scale" not in similar_ship(model, Similarity(108.33), "big").particulars
+    assert similar_ship(model, Similarity(10.0), "larger").particulars["scale"] == pytest.approx(10.833)
+
+
+def test_a_learned_residual_is_the_same_at_equal_froude_number() -> None:
+    ship = load_ship("esso_osaka_3m")
+    network = random_network(ship)
+    x = np.random.default_rng(3).normal(size=(len(ship.features), 5))
+    scaled = similar_network(network, LAW)
+    factors = np.array([LAW.feature(name) for name in network.features])
+    wanted = network.accelerations(x) * np.array([1.0, 1.0, 0.01])[:, None]
+    assert scaled.accelerations(x * factors[:, None]) == pytest.approx(wanted)
+    assert (scaled.outside(x * factors[:, None]) == network.outside(x)).all()
+
+
+def test_bands_grow_as_the_motion_and_lose_the_noise_of_instruments() -> None:
+    model = load_ship("esso_osaka_3m")
+    ship = similar_ship(model, LAW, "big")
+    size = np.array([[0.01, 0.02, 0.1], [0.02, 0.01, 0.2], [0.005, 0.01, 0.05]])
+    process = Process(np.array([2.0, 2, 3]), np.array([15.0, 10, 5]), size, np.full(6, 0.01), np.ones(6), np.ones(6))
+    content = {"bands": process_dict(process)}
+    before, after = bands_of(content, model), bands_of({"bands": similar_bands(content["bands"], LAW)}, ship)
+    assert before and after
+    assert (after.process.noise == 0).all()
+    rng = np.random.default_rng(5)
+    times = np.linspace(0, 30, 31)[:, None]
+    states = rng.normal(0.1, 0.05, (31, 6, 1))
+    factors = np.array([100.0, 100, 1, 10, 10, 0.1])
+    ours = before.process_variance(times, states, 3.0)
+    theirs = after.process_variance(10 * times, states * factors[:, None], 300.0)
+    assert theirs == pytest.approx(ours * factors[:, None] ** 2)

@@ -1,0 +1,109 @@
+"""``mmg scale``: a run folder that the other verbs take, scaled once or twice, and bad input in one line."""
+
+from __future__ import annotations
+
+import html
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mmg_ident
+from cases.simulation.simulate import write_trial
+from fitting.result import read_fit
+from mmg_ident.commands.main import main
+from tests.support.calibrated import small_result
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Runs of a model and of the ship scaled from it."""
+    root = tmp_path_factory.mktemp("scale")
+    small_result().save(root / "model")
+    assert main(["scale", str(root / "model"), "--length", "325", "--out", str(root / "ship")]) == 0
+    return root
+
+
+def test_the_folder_says_what_changed_and_what_is_assumed(folder: Path) -> None:
+    found = json.loads((folder / "ship" / "result.json").read_text())["scaling"]
+    assert found["model"]["ship"] == "esso_osaka_3m" and found["scale"] == pytest.approx(325 / 3)
+    rows = {row["symbol"]: row for row in found["coefficients"]}
+    assert rows["X_0F"]["changed"] and rows["X_0F"]["model"] < rows["X_0F"]["ship"] < 0
+    assert rows["X_0F"]["ship_std"] >= rows["X_0F"]["added_std"] > 0
+    assert not rows["Y_v"]["changed"] and rows["Y_v"]["ship_std"] > rows["Y_v"]["model_std"]
+    assert found["self_propulsion"]["ship"]["C_Th"] < 0.6 * found["self_propulsion"]["model"]["C_Th"]
+    page = html.unescape((folder / "ship" / "report.html").read_text())
+    assert "From model to ship" in page
+    assert all(words in page for words in found["assumptions"])
+
+
+def test_the_folder_is_read_back_and_its_model_with_it(folder: Path) -> None:
+    ship, model = read_fit(folder / "ship"), read_fit(folder / "model")
+    assert ship.model is not None
+    assert ship.model.ship.values == pytest.approx(model.ship.values)
+    assert ship.ship.particulars["L"] == pytest.approx(325.0)
+    assert {c.value for c in ship.coefficients.values()} == {ship.ship.coefficients[s].value for s in ship.coefficients}
+    assert ship.envelope and model.envelope
+    assert ship.envelope["u"] == pytest.approx([v * np.sqrt(325 / 3) for v in model.envelope["u"]])
+
+
+def test_scaling_twice_is_scaling_once(folder: Path, tmp_path: Path) -> None:
+    assert main(["scale", str(folder / "model"), "--length", "30", "--out", str(tmp_path / "between")]) == 0
+    assert main(["scale", str(tmp_path / "between"), "--length", "325", "--out", str(tmp_path / "ship")]) == 0
+    once, twice = read_fit(folder / "ship"), read_fit(tmp_path / "ship")
+    assert twice.ship.values == pytest.approx(once.ship.values, rel=1e-12)
+    assert [c.std for c in twice.ship.coefficients.values()] == pytest.approx(
+        [c.std for c in once.ship.coefficients.values()]
+    )
+    assert twice.ship.name == once.ship.name and twice.correlation == once.correlation
+    again = mmg_ident.scale(mmg_ident.scale(folder / "model", 30.0), 325.0)
+    assert again.ship.values == pytest.approx(once.ship.values, rel=1e-12)
+
+
+def test_the_other_verbs_take_the_ship(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run = str(folder / "ship")
+    trial = mmg_ident.simulate(folder / "ship", "turning:20", dt=2.0, duration=600.0)
+    write_trial(trial, tmp_path / "turn.csv")
+    capsys.readouterr()
+    window = ["--window", "300", "--out", str(tmp_path / "p.csv")]
+    assert main(["predict", run, str(tmp_path / "turn.csv"), *window]) == 0
+    assert "x_std [m]" in (tmp_path / "p.csv").read_text().splitlines()[0]
+    assert main(["imo", run, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["ship"] == "esso_osaka_3m_325m"
+    assert main(["export", run, "--format", "toml", "--out", str(tmp_path / "ship.toml")]) == 0
+    assert main(["report", run, "--no-imo", "--out", str(tmp_path / "page.html")]) == 0
+    assert main(["simulate", run, "--maneuver", "turning:35", "--scatter", "4"]) == 0
+
+
+def test_a_ship_of_the_library_is_scaled_with_its_priors(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["scale", "kvlcc2_l7", "--length", "320", "--name", "KVLCC2", "--json", "--out", str(tmp_path / "run")]
+    assert main(arguments) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["ship"] == "KVLCC2" and found["scaling"]["model"]["trials"] == []
+    assert found["scaling"]["model"]["status"] == "not calibrated"
+    assert set(found["correlation"]["symbols"]) == set(found["coefficients"])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["mariner", "--length", "5"], "scale it with --froude-only"),
+        (["nothing", "--length", "5"], "nothing: no such ship"),
+        (["kvlcc2_l7", "--length", "-3"], "--length -3: give 0.1 to 600 m"),
+        (["kvlcc2_l7", "--length", "320", "--form-factor", "7"], "--form-factor 7"),
+        (["kvlcc2_l7", "--length", "320", "--name", "../x"], "name"),
+    ],
+)
+def test_bad_input_is_one_line(
+    arguments: list[str], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["scale", *arguments, "--out", str(tmp_path / "run")]) == 2
+    told = capsys.readouterr().err.strip()
+    assert words in told and "\n" not in told
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_existing_folder_is_kept(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["scale", "kvlcc2_l7", "--length", "320", "--out", str(folder / "ship")]) == 2
+    assert "already exists" in capsys.readouterr().err
