@@ -19,6 +19,7 @@ from cases.trial import UNITS, Trial
 from fitting.calibration import Calibration, condition_number, estimate_coefficients, moved_by
 from fitting.design.next_trial import identifiability_dict, next_trial
 from fitting.nlp.captive import Captive
+from fitting.parallel import width
 from fitting.prediction.band_calibration import adaptation_worth, fit_bands
 from fitting.prediction.bands import draws_of
 from fitting.prediction.envelope import trial_envelope
@@ -91,7 +92,7 @@ def calibrate(
         check_resumable(options.resume, ship, train, constants)
     choice: ModelSelection | None = None
     if options.auto:  # by all cores where ``workers`` is left at 1
-        workers = settings.workers if settings.workers > 1 else min(os.cpu_count() or 1, 8)
+        workers = settings.workers if width(settings.workers) > 1 else min(os.cpu_count() or 1, 8)
         spread = replace(settings, workers=workers)
         choice = select(ship, train, spread, options.captive, options.auto_limit, progress)
         ship = model = choice.ship

@@ -130,7 +130,7 @@ Outcome = tuple[np.ndarray, bool, dict[str, float]]
 
 def run_fold(fold: Fold) -> Outcome | None:
     """Outcome of one ``fold``: fitted on the rest, scored on the trials left out; None when it is too late to begin."""
-    if time.monotonic() > fold.deadline:
+    if time.time() > fold.deadline:
         return None
     rest = [t for i, t in enumerate(fold.trials) if i not in fold.out]
     free = [fold.ship.coefficients[s] for s in fold.ship.free]
@@ -223,7 +223,7 @@ class Selector:
         settings = replace(
             self.settings, window=choice.window, loss=choice.loss, starts=1, workers=1, tolerance=1e-4, time_limit=None
         )
-        deadline = time.monotonic() + self.time_left if self.warm else float("inf")
+        deadline = time.time() + self.time_left if self.warm else float("inf")
         ship = prepare(self.ship, choice)
         return Fold(ship, settings, self.trials, out, self.sigma, self.captive, self.warm, deadline)
 

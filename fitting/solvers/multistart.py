@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from fitting.nlp.problem import Problem
-from fitting.parallel import run_all
+from fitting.parallel import run_all, width
 from fitting.settings import Settings, Start
 from fitting.solvers.interrupts import unless_interrupted
 from fitting.solvers.ipopt import ROUGH, Solution, solve
@@ -106,7 +106,7 @@ def _solve_all(
     progress: OnProgress | None,
 ) -> list[Solution]:
     """Solutions from other starting points, in processes when there are several workers."""
-    if settings.workers > 1 and len(points) > 1:
+    if width(settings.workers) > 1 and len(points) > 1:
         timed = replace(settings, time_limit=time_left(settings, began))
         work = partial(_solve_one, problem, timed, damped)
         return unless_interrupted(lambda: run_all(work, points, settings.workers)) or []  # they count as left out

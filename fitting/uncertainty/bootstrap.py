@@ -15,7 +15,7 @@ import numpy as np
 from fitting.nlp.fisher_information import Information
 from fitting.nlp.loss import Loss
 from fitting.nlp.problem import Problem
-from fitting.parallel import run_all
+from fitting.parallel import run_all, width
 from fitting.solvers.ipopt import solve
 
 WARM = {"ipopt.mu_init": 1e-3, "ipopt.warm_start_init_point": "yes", "ipopt.bound_push": 1e-6, "ipopt.bound_frac": 1e-6}
@@ -131,7 +131,8 @@ def bootstrap(
     if problem is not None and x is not None:
         lower, upper = problem.p_bounds()
         inside = np.clip(shifts, lower, upper)  # a centre outside the bounds is no prior of this ship
-        chunks = np.array_split(np.arange(replicates), min(replicates, CHUNKS * workers if workers > 1 else 1))
+        side = width(workers)
+        chunks = np.array_split(np.arange(replicates), min(replicates, CHUNKS * side if side > 1 else 1))
         tasks = [(problem, x, counts[i], inside[i]) for i in chunks]
         outcomes = [outcome for part in run_all(refit, tasks, workers) for outcome in part]
         failures = tuple((str(i), why) for i, (_, why) in enumerate(outcomes) if why)

@@ -37,6 +37,9 @@ def compare(
     epochs: Annotated[int | None, Option(help="Of every training; default as in mmg train.")] = None,
     step: Annotated[float | None, Option(help="Grid of the trainings [s].")] = None,
     workers: Annotated[int, Option(help="Processes over which everything is spread.")] = 1,
+    scheduler: Annotated[
+        str | None, Option(help="Dask scheduler, as tcp://host:8786: its workers do the tasks.", metavar="ADDRESS")
+    ] = None,
     time_limit: Annotated[float | None, Option(help="Of the whole [s].")] = None,
     unchecked: Annotated[
         bool, Option("--unchecked", help="Take also files that mmg check calls contradictory, and broken stretches.")

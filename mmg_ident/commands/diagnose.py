@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Argument, Option
 
 from mmg.errors import UserError
-from mmg_ident.commands.output import command_line, end_progress, is_model, names_of, print_json, progress, say
+from mmg_ident.commands.output import (
+    command_line,
+    end_progress,
+    is_model,
+    names_of,
+    print_json,
+    progress,
+    say,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -32,6 +40,9 @@ def diagnose(
     ] = None,
     step: Annotated[float | None, Option(help="Time step of the analysis [s].")] = None,
     workers: Annotated[int, Option(help="Processes that refit candidates side by side.")] = 1,
+    scheduler: Annotated[
+        str | None, Option(help="Dask scheduler, as tcp://host:8786: its workers do the tasks.", metavar="ADDRESS")
+    ] = None,
     seed: Annotated[int, Option(help="Seed of the drawn probabilities and intervals.")] = 0,
     bootstrap: Annotated[
         int,

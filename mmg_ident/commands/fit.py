@@ -62,6 +62,9 @@ def fit(
     interval: Annotated[int, Option(help="Steps per shooting interval.")] = 5,
     starts: Annotated[int, Option(help="Starts of the final solve (1: the prior).")] = 1,
     workers: Annotated[int, Option(help="Processes over which further starts are spread.")] = 1,
+    scheduler: Annotated[
+        str | None, Option(help="Dask scheduler, as tcp://host:8786: its workers do the tasks.", metavar="ADDRESS")
+    ] = None,
     sigma: Annotated[str | None, Option(help="Fixed residual sigma x,y,psi,u,v,r instead of estimated ones.")] = None,
     seed: Annotated[int, Option(help="Seed of the random starts.")] = 0,
     tolerance: Annotated[float, Option(help="IPOPT's tolerance.")] = 1e-6,

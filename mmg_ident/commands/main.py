@@ -14,6 +14,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from importlib import import_module
 from typing import Any
 
@@ -85,6 +86,15 @@ MANY = ("--validate", "--train", "--test", "--sigma-from", "--new", "--trials")
 """Options that take several values after one name: ``--validate a.csv b.csv``."""
 
 
+def _scheduled(address: str | None) -> AbstractContextManager[Any]:
+    """Within this, tasks go to the Dask scheduler at ``address``; nothing changes without one."""
+    if address is None:
+        return nullcontext()
+    from fitting.parallel.dask_cluster import dask_cluster
+
+    return dask_cluster(address)
+
+
 def _interruptible(verb: Callable[..., Any]) -> Callable[..., Any]:
     """The verb with Ctrl-C as ``typer.Abort``, since typer would make a silent exit code of it."""
 
@@ -95,7 +105,7 @@ def _interruptible(verb: Callable[..., Any]) -> Callable[..., Any]:
         from mmg_ident.commands.output import narration
 
         try:
-            with narration(for_machines=options.get("json") is True):
+            with narration(for_machines=options.get("json") is True), _scheduled(options.get("scheduler")):
                 return verb(*given, **options)
         except KeyboardInterrupt:
             raise typer.Abort from None

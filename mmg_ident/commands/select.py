@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Argument, Option
 
 from mmg.errors import UserError
-from mmg_ident.commands.output import command_line, names_of, print_json, progress, refuse_target, say, ship_names
+from mmg_ident.commands.output import (
+    command_line,
+    names_of,
+    print_json,
+    progress,
+    refuse_target,
+    say,
+    ship_names,
+)
 
 if TYPE_CHECKING:
     from cases.trial import Trial
@@ -52,6 +60,9 @@ def select(
         int | None, Option(help="With --objective paper: runs of each candidate, from --seed on. Default: 1.")
     ] = None,
     workers: Annotated[int, Option(help="Processes over which fits are spread.")] = 1,
+    scheduler: Annotated[
+        str | None, Option(help="Dask scheduler, as tcp://host:8786: its workers do the tasks.", metavar="ADDRESS")
+    ] = None,
     unchecked: Annotated[
         bool, Option("--unchecked", help="Take also files that mmg check calls contradictory, and broken stretches.")
     ] = False,

@@ -47,6 +47,9 @@ def train(
     seeds: Annotated[int, Option(help="How often it is trained, from seeds one apart.")] = 5,
     seed: Annotated[int, Option(help="The first seed.")] = 0,
     workers: Annotated[int, Option(help="Processes over which the seeds are spread.")] = 1,
+    scheduler: Annotated[
+        str | None, Option(help="Dask scheduler, as tcp://host:8786: its workers do the tasks.", metavar="ADDRESS")
+    ] = None,
     epochs: Annotated[int | None, Option(help="Passes over the windows; default 40, of a black box 60.")] = None,
     width: Annotated[int | None, Option(help="Neurons of each hidden layer; default 32, of a black box 64.")] = None,
     penalty: Annotated[

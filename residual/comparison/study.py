@@ -169,7 +169,7 @@ def compare(study: Study, store: Store | None = None, progress: OnProgress | Non
     """
     began = time.monotonic()
     entries: list[Entry] = []
-    end = began + study.time_limit if study.time_limit else None
+    end = time.time() + study.time_limit if study.time_limit else None
     chosen = {subset: subset_of(study.train, subset) for subset in study.subsets}
     if store:
         store.open()
@@ -205,14 +205,14 @@ def compare(study: Study, store: Store | None = None, progress: OnProgress | Non
                     keep = store if status == "finished" else None  # what starts from a part is not that of a whole run
                     later += [job(subset, model, ship, study.seed + i, keep) for i in range(study.seeds)]
             run_all(_done, later, study.workers, note)
-        broken = stop.exists() or (end is not None and time.monotonic() > end)
+        broken = stop.exists() or (end is not None and time.time() > end)
     return Comparison(study, tuple(entries), time.monotonic() - began, broken)
 
 
 def _done(job: _Job) -> tuple[Entry, Ship | None]:
     """The entry of a job and, of a calibration, the ship."""
     began, entry, ship, study = time.monotonic(), job.entry, job.ship, job.study
-    left = None if job.end is None else job.end - began
+    left = None if job.end is None else job.end - time.time()  # of all machines alike
     again = entry.model == "calibrated" and "hybrid" in study.models
     known = job.store.load(entry.file) if job.store and not again else None
     if known:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from fitting.parallel import run_all
+from fitting.parallel import run_all, width
 from fitting.report.parts import Store
 from fitting.solvers.interrupts import interrupts_noted
 from mmg.progress import LOGGER, OnProgress, Progress
@@ -36,7 +37,7 @@ def train_seeds(
     missing = [task for task in tasks if not known.get(task.seed)]
     for seed in [task.seed for task in tasks if known.get(task.seed)]:
         LOGGER.info("seed %d: already trained", seed)
-    workers = max(1, min(settings.workers, len(missing)))
+    workers = max(1, min(width(settings.workers), len(missing)))
     if missing:
         LOGGER.info("training from seed(s) %s in %d process(es)", ", ".join(str(t.seed) for t in missing), workers)
     limit = settings.time_limit / -(-len(missing) // workers) if settings.time_limit and missing else None
@@ -78,7 +79,8 @@ def _trained(job: tuple[Task, Store | None], progress: OnProgress | None = None)
     assert task.stop is not None
     if task.stop.exists():
         return None
-    task.stop.with_name(f"{STARTED}{task.seed}").touch()
+    with contextlib.suppress(OSError):  # a worker of another machine has no such folder
+        task.stop.with_name(f"{STARTED}{task.seed}").touch()
     outcome = train_one(task, progress)
     if store and outcome.status != "stopped":
         save_outcome(store, outcome)

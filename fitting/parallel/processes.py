@@ -1,4 +1,4 @@
-"""Independent tasks handed to an executor: inline, or spread over processes. All use of processes is here.
+"""Tasks in processes of this machine. All use of processes is here.
 
 Ctrl-C reaches all processes of a terminal. The children hold it back (``held_back``) except where they note it
 (``fitting.solvers.interrupts``), so that none of them dies while it imports and none leaves a traceback.
@@ -10,7 +10,7 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from typing import Any, TypeVar
@@ -22,26 +22,15 @@ THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 """How many threads numerical libraries start, read by each when it is loaded."""
 
 
-def run_all(
-    function: Callable[[Task], Outcome],
-    tasks: Sequence[Task],
-    workers: int = 1,
-    each: Callable[[Outcome], None] = lambda _: None,
-) -> list[Outcome]:
-    """Outcomes of ``function`` for each of ``tasks``, in order; with more than one of ``workers`` in processes.
-
-    The function must be importable, and tasks and outcomes picklable. each: called with every outcome, in order, as
-    soon as it is there. An exception of a task ends all of them and is raised.
-    """
-    if workers <= 1 or len(tasks) <= 1:
-        return list(_reported(map(function, tasks), each))
+@contextmanager
+def in_processes(function: Callable[[Task], Outcome], tasks: Sequence[Task], count: int) -> Iterator[Iterator[Outcome]]:
+    """Outcomes of ``function`` for each of ``tasks``, in order, from ``count`` processes that end with this context."""
     context, others = multiprocessing.get_context("spawn"), multiprocessing.active_children()
-    most = min(workers, len(tasks))
-    with _one_thread(), ProcessPoolExecutor(max_workers=most, mp_context=context, initializer=end_with_parent) as pool:
+    with _one_thread(), ProcessPoolExecutor(max_workers=count, mp_context=context, initializer=end_with_parent) as pool:
         try:
             with held_back():
                 outcomes = pool.map(function, tasks)
-            return list(_reported(outcomes, each))
+            yield outcomes
         except BaseException:
             children = [child for child in multiprocessing.active_children() if child not in others]
             pool.shutdown(wait=False, cancel_futures=True)
@@ -73,12 +62,6 @@ def held_back() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def _reported(outcomes: Iterable[Outcome], each: Callable[[Outcome], None]) -> Iterator[Outcome]:
-    for outcome in outcomes:
-        each(outcome)
-        yield outcome
 
 
 @contextmanager

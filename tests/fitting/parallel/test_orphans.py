@@ -14,7 +14,7 @@ import pytest
 PROGRAM = """
 import os, time
 from fitting.parallel import run_all
-from tests.fitting.test_orphans import waits
+from tests.fitting.parallel.test_orphans import waits
 if __name__ == "__main__":
     run_all(waits, [1, 2], 2)
 """

@@ -1,0 +1,12 @@
+"""Independent tasks handed to an executor: inline, processes of this machine, or a Dask cluster.
+
+``run_all`` gives the same outcomes, in the order of the tasks, whichever executor does them and in whatever order they
+are done. Every list of independent tasks of the product goes through it.
+"""
+
+from __future__ import annotations
+
+from fitting.parallel.executors import Executor, executing, run_all, width
+from fitting.parallel.processes import end_with_parent, held_back
+
+__all__ = ["Executor", "end_with_parent", "executing", "held_back", "run_all", "width"]

@@ -1,0 +1,166 @@
+"""Tasks on a Dask cluster: a scheduler that is named by its address, and the workers that it has.
+
+Tasks are handed over a few at a time, so that neither the scheduler nor a worker holds more than it works on. A task
+whose worker is lost is done again by another one. Nothing is started here, and nothing listens: the cluster is the
+user's, and so are its encryption and access rights (``distributed.comm`` in Dask's own configuration).
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import itertools
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+from fitting.parallel.executors import executing
+from mmg.errors import UserError
+from mmg.progress import LOGGER
+
+PACKAGE = "mmg-ident"
+AHEAD = 2
+"""Tasks handed over for each worker: one that it does, and one that waits there."""
+TIMEOUT = 10.0
+"""Seconds within which a scheduler answers and has a worker."""
+
+_ALONE = threading.Lock()
+
+
+def _alone(function: Callable[[Any], Any], task: Any) -> Any:
+    """``function`` of a ``task``, one at a time in each worker, with one thread for torch as in a process of a pool."""
+    import sys
+
+    with _ALONE:
+        if "torch" in sys.modules:
+            sys.modules["torch"].set_num_threads(1)
+        return function(task)
+
+
+class DaskCluster:
+    """An executor on the workers of a scheduler.
+
+    client: connected ``distributed.Client``; address: of the scheduler, as it was given.
+    """
+
+    def __init__(self, client: Any, address: str) -> None:
+        self.client, self.address = client, address
+
+    @property
+    def width(self) -> int:
+        """Number of workers that the scheduler has now, one at least."""
+        return max(1, len(self.client.scheduler_info(n_workers=-1)["workers"]))
+
+    def outcomes(self, function: Callable[[Any], Any], tasks: Sequence[Any]) -> Iterator[Any]:
+        """As of ``Executor``. Raises UserError where the scheduler is lost or a task ends one worker after another."""
+        from distributed import as_completed
+
+        at: dict[Any, int] = {}
+        done: dict[int, Any] = {}
+        left = iter(enumerate(tasks))
+        running = as_completed(loop=self.client.loop)
+
+        def hand_over(most: int) -> None:
+            for number, task in itertools.islice(left, most):
+                future = self.client.submit(_alone, function, task, pure=False)
+                at[future] = number
+                running.add(future)
+
+        try:
+            hand_over(AHEAD * self.width)
+            for number in range(len(tasks)):
+                while number not in done:
+                    future, outcome = self._finished(running)
+                    done[at.pop(future)] = outcome
+                    future.release()
+                    hand_over(max(1, AHEAD * self.width - len(at)))
+                yield done.pop(number)
+        finally:
+            if at and self.client.status == "running":
+                self.client.cancel(list(at), force=True)
+
+    def _finished(self, running: Iterator[Any]) -> tuple[Any, Any]:
+        """The next future that is done, and its outcome; raises what its task raised."""
+        from distributed import CancelledError, KilledWorker
+
+        try:
+            future = next(running)
+            error = future.exception() if future.status == "error" else None
+            outcome = None if error else future.result()
+        except (CancelledError, OSError) as lost:
+            words = f"{self.address}: the scheduler was lost ({str(lost) or type(lost).__name__})"
+            raise UserError(f"{words}; start it again and repeat the command, with --resume where it has one") from None
+        if isinstance(error, KilledWorker):
+            words = f"{self.address}: a task ended one worker after another, perhaps for want of memory"
+            raise UserError(f"{words}; give the workers more memory, or use --workers")
+        if error:
+            raise error
+        return future, outcome
+
+
+@contextmanager
+def dask_cluster(address: str) -> Iterator[DaskCluster]:
+    """Within this, ``run_all`` hands its tasks to the Dask scheduler at ``address``, such as tcp://127.0.0.1:8786.
+
+    Yields the executor. Raises UserError where Dask is not installed, where no scheduler of the same version answers
+    within TIMEOUT, and for workers that are missing, lack this package or have another version of it.
+    """
+    try:
+        import distributed
+    except ImportError:
+        raise UserError("--scheduler needs Dask: pip install 'mmg-ident[dask]'") from None
+    try:
+        client = distributed.Client(address, timeout=TIMEOUT, set_as_default=False)
+    except (OSError, ValueError, TypeError, distributed.TimeoutError) as error:
+        why = " ".join(str(error).split())[:200] or type(error).__name__
+        raise UserError(f"--scheduler {address}: no Dask scheduler answers there ({why})") from None
+    try:
+        check_workers(client, address)
+        cluster = DaskCluster(client, address)
+        LOGGER.info("tasks go to %d worker(s) of %s", cluster.width, address)
+        with executing(cluster):
+            yield cluster
+    finally:
+        client.close()
+
+
+def _version() -> str:
+    """Version of this package, "" where it is not installed."""
+    try:
+        return importlib.metadata.version(PACKAGE)
+    except importlib.metadata.PackageNotFoundError:
+        return ""
+
+
+def check_workers(client: Any, address: str) -> None:
+    """Raises UserError unless scheduler and workers are there and of the versions of this process.
+
+    client: connected ``distributed.Client``; address: of the scheduler, for the message.
+    """
+    import distributed
+
+    here = _version()
+    try:
+        client.wait_for_workers(1, timeout=TIMEOUT)
+    except (OSError, distributed.TimeoutError):
+        raise UserError(
+            f"--scheduler {address}: no worker within {TIMEOUT:g} s; start one: dask worker {address} --nthreads 1"
+        ) from None
+    versions = client.get_versions()
+    theirs = versions["scheduler"]["packages"]["distributed"]
+    if theirs != distributed.__version__:
+        raise UserError(
+            f"--scheduler {address}: the scheduler has distributed {theirs}, this process {distributed.__version__}; "
+            "install the same version on all machines"
+        )
+    found = client.run(importlib.metadata.version, PACKAGE, on_error="return")
+    for worker, version in sorted(found.items()):
+        if version != here and (here or not isinstance(version, Exception)):
+            what = f"has {PACKAGE} {version}" if isinstance(version, str) else f"lacks {PACKAGE}"
+            raise UserError(f"--scheduler {address}: the worker {worker} {what}; install {PACKAGE} {here} there")
+    packages = {worker: about["packages"] for worker, about in versions["workers"].items()}
+    for worker, about in sorted(packages.items()):
+        if about["python"].rpartition(".")[0] != versions["client"]["packages"]["python"].rpartition(".")[0]:
+            raise UserError(
+                f"--scheduler {address}: the worker {worker} has Python {about['python']}, this process another"
+            )
