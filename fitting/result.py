@@ -24,10 +24,7 @@ from cases.shipfiles.ship_file import dump_ship, load_ship
 from fitting.calibration import Calibration
 from fitting.record import FigureRow, FitObjects, FitRecord, MessageRow, read_record
 from fitting.report.delivered import Delivered, delivered
-from fitting.report.page import build_page, write_page
-from fitting.report.plot_identifiability import write_identifiability_figures
 from fitting.report.plot_style import FigureFolder
-from fitting.report.plots import write_figures
 from fitting.report.run_folder import (
     FIGURES,
     ITERATE,
@@ -136,6 +133,10 @@ class FitResult(FitRecord):
 
     def _illustrated(self, folder: Path) -> FitResult:
         """The result with the figures and the page that could be made in its ``folder``."""
+        from fitting.report.page import build_page, write_page  # late: matplotlib is slow to import
+        from fitting.report.plot_identifiability import write_identifiability_figures
+        from fitting.report.plots import write_figures
+
         began, done, written = time.perf_counter(), self, FigureFolder(folder / FIGURES)
         failed: tuple[MessageRow, ...] = ()
         missing: tuple[MessageRow, ...] = ()
@@ -185,6 +186,8 @@ def write_report(
     whose figures are simulated. Raises UserError for a folder that is no calibration, a draught that makes no sense,
     and for a file that cannot be written.
     """
+    from fitting.report.page import build_page, write_page  # late: matplotlib is slow to import
+
     results = [read_fit(folder) for folder in folders]
     known = [delivered(r.to_dict(), r.ship, full_load, imo) for r in results]
     text = build_page([(r, r.ship, Path(f)) for r, f in zip(results, folders, strict=True)], known)

@@ -12,8 +12,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
-from scipy.signal import savgol_filter
 
 from cases.trial import Trial
 
@@ -49,6 +47,8 @@ class Since:
 def since(trial: Trial, order_time: float) -> Since:
     """The rows of ``trial`` with heading and speed from ``order_time`` [s after the first sample] on."""
     t = trial.t - trial.t[0]
+    from scipy.integrate import cumulative_trapezoid  # late: slow to import
+
     psi, u, v = trial.psi_unwrapped, trial["u"], trial["v"]
     good = np.isfinite(psi) & np.isfinite(u) & np.isfinite(v)
     if trial.has_position:
@@ -159,6 +159,8 @@ def overshoot_figures(trial: Trial, rudder: float, reversals: tuple[float, ...],
     good = np.isfinite(psi)
     t, psi = t[good], psi[good]
     if len(t) > SMOOTHED:
+        from scipy.signal import savgol_filter  # late: slow to import
+
         psi = savgol_filter(psi, SMOOTHED, 2)
     figures, side = {}, math.copysign(1.0, rudder)
     for k, begin in enumerate(reversals):

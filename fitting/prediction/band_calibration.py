@@ -8,7 +8,6 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize
 
 from cases.checks.motion import white_noise
 from cases.trial import Trial
@@ -153,6 +152,8 @@ def likely_sizes(parts: np.ndarray, error: np.ndarray, floor: float) -> tuple[fl
     """Least -log likelihood of ``error`` (n, M) over sizes (K,), with variance sum size^2 ``parts`` (K, n, M) +
     ``floor``.
     """
+    from scipy.optimize import minimize  # late: slow to import
+
     good = np.isfinite(error)
     A, e2 = parts[:, good], error[good] ** 2
     floor = max(floor, 1e-6 * float(e2.mean()), 1e-300)

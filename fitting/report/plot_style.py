@@ -10,13 +10,14 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Literal
-
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from typing import TYPE_CHECKING, Literal
 
 from mmg.messages import Message
 from mmg.progress import LOGGER
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 BEFORE, AFTER, MEASURED, GREY, ALARM = "#D58A00", "#0072B2", "#111111", "#8A8A8A", "#C0305A"
 STYLES: tuple[dict, ...] = (
@@ -34,6 +35,8 @@ WIDTH, DPI = 8.2, 110
 def new_figure(height: float, layout: Literal["constrained"] | None = "constrained") -> Figure:
     """A white figure 8.2 inches (900 pixels) wide and ``height`` inches high; layout: None where the caller places
     the axes."""
+    from matplotlib.figure import Figure  # late: slow to import
+
     return Figure(figsize=(WIDTH, height), dpi=DPI, layout=layout, facecolor="white")
 
 

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from scipy.signal import savgol_filter
 
 from cases.trial import Trial
 from fitting.nlp.grid import Grid, grids
@@ -108,6 +107,8 @@ class _Rates:
 
     def between(self, piece: Grid) -> tuple[np.ndarray, np.ndarray]:
         """Mean accelerations over each step of a ``piece`` (N, 3) and their derivatives (N, 3, P)."""
+        from scipy.signal import savgol_filter  # late: slow to import
+
         count, states = len(piece.controls), piece.states.copy()
         states[:, 2] = np.unwrap(states[:, 2])
         states[:, 3:6] = savgol_filter(states[:, 3:6], min(SMOOTHED, (count // 2) * 2 - 1), DEGREE, axis=0)

@@ -12,7 +12,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from scipy.signal import correlate
 
 from fitting.nlp.loss import without_outliers
 from fitting.nlp.problem import Problem
@@ -128,6 +127,8 @@ def correlation_time(residuals: list[np.ndarray], longest: int) -> float:
     Sums the pooled autocorrelation up to its first value below 0.05 (a self-consistent window, Sokal 1997), or to the
     lag ``longest``.
     """
+    from scipy.signal import correlate  # late: slow to import
+
     products, counts = np.zeros(longest), np.zeros(longest)
     for e in residuals:
         e = np.nan_to_num(e)

@@ -17,7 +17,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import t as student
 
 from fitting.nlp.fisher_information import Information
 
@@ -101,7 +100,9 @@ def robust(info: Information) -> Robust:
     variance = (SHARED_FREEDOM * dispersion * by_model + own * observed) / (SHARED_FREEDOM + own)
     known = SHARED_FREEDOM + own
     variance = np.where(known < ENOUGH, np.maximum(variance, by_model), variance)
-    variance *= (student.ppf(0.975, known) / NORMAL) ** 2
+    from scipy.special import stdtrit  # late: slow to import
+
+    variance *= (stdtrit(known, 0.975) / NORMAL) ** 2
     share = SHARED_FREEDOM / (SHARED_FREEDOM + freedom.mean())
     matrix = (1 - share) * total + share * dispersion * model @ (H - info.prior_information) @ model
     size = np.sqrt(np.maximum(variance, 0.0) / np.maximum(np.diag(matrix), 1e-300))

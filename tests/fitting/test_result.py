@@ -133,8 +133,8 @@ def test_a_figure_or_page_that_fails_loses_nothing(tmp_path: Path, monkeypatch: 
         raise ValueError("no such glyph")
 
     monkeypatch.setattr("fitting.report.plots.coefficient_plot", broken)
-    monkeypatch.setattr("fitting.result.write_identifiability_figures", broken)
-    monkeypatch.setattr("fitting.result.build_page", broken)
+    monkeypatch.setattr("fitting.report.plot_identifiability.write_identifiability_figures", broken)
+    monkeypatch.setattr("fitting.report.page.build_page", broken)
     saved = small_result().save(tmp_path / "run")
     read = read_fit(tmp_path / "run")
     assert read.coefficients == small_result().coefficients and read.ship == small_result().ship
