@@ -157,6 +157,7 @@ def _of_scores(scores: Mapping[str, ScorePair]) -> list[Message]:
     """Messages on ``scores`` by set of trials: those that are no numbers, or worse than before, or bad."""
     failed = [message for name, pair in scores.items() for message in pair.failed(name)]
     worse = [message for name, pair in scores.items() for message in pair.worse(name)]
+    worse += [message for name, pair in scores.items() for message in pair.worse_by_run(name)]
     return failed + worse + (scores["training"].undescribed() if "training" in scores else [])
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from cases.trial import Trial
 from fitting.prediction.adaptation import Adaptation
 from fitting.prediction.predict import Forecaster, Window, predict_all, usable_rows, whole_windows
+from fitting.prediction.units import UnitErrors, errors_in_units
 from mmg.errors import UserError
 from mmg.messages import Message
 from mmg.motion.flow import INPUTS
@@ -45,7 +46,8 @@ class TrialScore:
 class Score:
     """Scores of a set of trials with the sigma they were divided by.
 
-    paper, window: pooled over all rows of all trials; sigma: (6,) with ``sigma_from`` saying where it is from.
+    paper, window: pooled over all rows of all trials; sigma: (6,) with ``sigma_from`` saying where it is from; units:
+    errors in units, None where they were not asked for.
     """
 
     trials: tuple[TrialScore, ...]
@@ -54,6 +56,7 @@ class Score:
     sigma: np.ndarray
     sigma_from: str
     notes: tuple[str, ...] = field(default=())
+    units: UnitErrors | None = None
 
     @property
     def diverged(self) -> tuple[str, ...]:
@@ -69,6 +72,7 @@ class Score:
             "window": self.window,
             "trials": [t.to_dict() for t in self.trials],
             "notes": list(self.notes),
+            "units": self.units.to_dict() if self.units else None,
         }
 
     @classmethod
@@ -80,7 +84,9 @@ class Score:
                            _by_state(t["window_by_state"]), int(t["windows"])) for t in row["trials"]
             )  # fmt: skip
             sigma, notes = _by_state(row["sigma"]), tuple(map(str, row["notes"]))
-            return cls(trials, _number(row["paper"]), _number(row["window"]), sigma, str(row["sigma_from"]), notes)
+            units = UnitErrors.from_dict(row["units"]) if row.get("units") else None
+            paper, window = _number(row["paper"]), _number(row["window"])
+            return cls(trials, paper, window, sigma, str(row["sigma_from"]), notes, units)
         except (KeyError, TypeError, OverflowError) as error:
             raise ValueError(f"no score: {error} is missing or of the wrong kind") from None
 
@@ -145,6 +151,32 @@ class ScorePair:
             if is_worse(before, after)
         ]
 
+    @property
+    def worse_runs(self) -> tuple[str, ...]:
+        """Runs that became worse, with their errors in units before and after, in words.
+
+        Judged by 30 s windows, and by the share of change where the windows that suit the ship are longer.
+        """
+        units, found = (self.before.units, self.after.units), []
+        for k, (before, after) in enumerate(zip(self.before.trials, self.after.trials, strict=True)):
+            numbers, words = (before.window, after.window), f"{in_words(before.window)} -> {in_words(after.window)}"
+            if units[0] and units[1]:
+                b, a = units[0].runs[k], units[1].runs[k]
+                numbers = (b.share, a.share) if units[1].window > WINDOW else numbers
+                words = f"position {b.errors['position']:.3g} -> {a.errors['position']:.3g} m, "
+                words += f"heading {b.errors['heading']:.3g} -> {a.errors['heading']:.3g} deg"
+            if is_worse(*numbers):
+                found.append(f"{after.name} ({words})")
+        return tuple(found)
+
+    def worse_by_run(self, name: str) -> list[Message]:
+        """A message that lists the runs that became worse; name: of the set of trials, such as "validation"."""
+        runs = self.worse_runs
+        if not runs:
+            return []
+        words = f"worse than before on {len(runs)} of {len(self.after.trials)} {name} runs: {'; '.join(runs)}"
+        return [Message(words, "worse_runs")]
+
     def failed(self, name: str) -> list[Message]:
         """A message where the model after the change has no score; name: of the set of trials, such as "validation"."""
         names = self.after.diverged
@@ -181,7 +213,8 @@ def score_pairs(
             sigma = pooled_sigma(located)
         except UserError:
             continue
-        pair = ScorePair(*(score(model, located, sigma, f"the {name} trials") for model in (before, after)))
+        origin = f"the {name} trials"
+        pair = ScorePair(*(score(model, located, sigma, origin, units=0.0) for model in (before, after)))
         if any(t.windows for t in pair.after.trials):
             pairs[name] = pair
     return pairs
@@ -254,12 +287,14 @@ def score(
     sigma_from: str = "the scored trials",
     method: str = "rk4",
     adapt: float | None = None,
+    units: float | None = None,
 ) -> Score:
     """Both metrics of a ship or a black box, ``simulator``, on ``trials``.
 
     sigma: (6,) by which errors are divided, by default the pooled one of these trials; sigma_from: what is said of its
     source; method: "rk4" or "euler"; adapt: seconds before each window from which the run's disturbance is estimated,
-    of a ship only. Raises UserError when a trial has no positions, or sigma cannot be pooled.
+    of a ship only; units: add errors in units over windows of so many seconds, 0: as long as suits the ship. Raises
+    UserError when a trial has no positions, or sigma cannot be pooled.
     """
     for trial in trials:
         if not trial.has_position:
@@ -281,4 +316,5 @@ def score(
         totals = [float(mean.sum()) for mean in means]
         rows.append(TrialScore(trial.name, totals[0], means[0], totals[1], means[1], len(windows)))
     paper_all, window_all = (pooled[:, 0] / pooled[:, 1]).tolist()
-    return Score(tuple(rows), paper_all, window_all, sigma, sigma_from, tuple(notes))
+    errors = None if units is None else errors_in_units(simulator, trials, units or None, method, past)
+    return Score(tuple(rows), paper_all, window_all, sigma, sigma_from, tuple(notes), errors)

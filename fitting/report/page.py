@@ -21,6 +21,7 @@ from fitting.report.coefficient_table import capped, coefficient_groups, correla
 from fitting.report.delivered import Delivered, delivery_sections
 from fitting.report.page_figures import figures_of
 from fitting.report.structure_section import structure_section
+from fitting.report.unit_section import unit_section
 from fitting.report.words import headline, not_in_model, per_run_table, report_warnings, setting_rows
 from mmg.components.catalogue import summary
 from mmg.components.particulars import PARTICULARS
@@ -107,6 +108,7 @@ def score_sets(result: dict) -> list[dict]:
             "sigma": ", ".join(sigma),
             "sigma_from": after["sigma_from"],
             "notes": after["notes"],
+            "units": unit_section(pair),
             "by_state": [{when: _pooled(pair[when]["trials"], s) for when in ("before", "after")} for s in STATES],
         })  # fmt: skip
     return sets

@@ -20,6 +20,7 @@ from mmg_ident.commands.output import (
     say_remarks,
     scores_in_words,
     ship_names,
+    units_in_words,
 )
 
 if TYPE_CHECKING:
@@ -239,6 +240,8 @@ def _summary(result: FitResult, out: Path) -> None:
         say(f"effects tested in {result.timings_s['effects']:.1f} s ({result.timings_s['effects'] / wall:.0%} of all)")
     for name, pair in result.scores.items():
         say(f"{name}: {scores_in_words(pair.before, pair.after)}")
+        if words := units_in_words(pair.before, pair.after):
+            say(f"{name}: {words}")
     kinds = result.identifiability["counts"]
     say("coefficients: " + ", ".join(f"{count} {KINDS[kind]}" for kind, count in kinds.items()))
     plan = result.identifiability.get("next_trial", {}).get("plan", [])

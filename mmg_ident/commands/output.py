@@ -66,6 +66,18 @@ def scores_in_words(before: Score, after: Score) -> str:
     return f"{windows}, 100 s restarts {in_words(before.paper)} -> {in_words(after.paper)}"
 
 
+def units_in_words(before: Score, after: Score) -> str:
+    """Errors in units of two models on the same trials, "" where they are not known. before, after: their scores."""
+    if not (before.units and after.units and after.units.pooled.windows):
+        return ""
+    parts = []
+    for name, words, unit in (("position", "position", "m"), ("heading", "heading", "deg"), ("u", "u", "m/s"),
+                              ("r", "r", "deg/s")):  # fmt: skip
+        values = (score.units.pooled.errors[name] for score in (before, after) if score.units)
+        parts.append(f"{words} {' -> '.join(f'{value:.3g}' for value in values)} {unit}")
+    return f"rms errors over {after.units.window:g} s: {', '.join(parts)}"
+
+
 def refuse_target(option: str, path: Path, force: bool) -> None:
     """Raises UserError unless a file can be written to the ``path`` of ``option``; ``force``: over one that exists."""
     if path.exists() and (path.is_dir() or not force):

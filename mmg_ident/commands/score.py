@@ -9,19 +9,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Argument, Option
 
 from mmg.errors import UserError
-from mmg.states import STATES
 from mmg_ident.commands.output import each, is_model, numbers_of, print_json
+from mmg_ident.commands.score_tables import print_scores, worse_than_first
 
 if TYPE_CHECKING:
     import numpy as np
 
     from cases.trial import Trial
-    from fitting.prediction.score import Score, TrialScore
+    from fitting.prediction.score import Score
     from mmg.messages import Message
 
 
 def score(
-    models_and_trials: Annotated[
+    foundand_trials: Annotated[
         list[str],
         Argument(help="Ships or run folders, then trial files or folders of them.", metavar="SHIP|RUN... TRIAL..."),
     ],
@@ -32,6 +32,9 @@ def score(
     method: Annotated[str, Option(help="Integration: rk4 or euler.")] = "rk4",
     adapt: Annotated[
         float, Option(help="Score also with this many seconds before each window as a help; 0: not.")
+    ] = 0.0,
+    window: Annotated[
+        float, Option(help="Window of the errors in units [s]; 0: 30 s, or 4 L/U where 30 s are less than 2.5 of them.")
     ] = 0.0,
     unchecked: Annotated[
         bool,
@@ -45,9 +48,11 @@ def score(
     """Score models on trials: Eq. 25 of Wakita et al. (2022) with 100 s restarts, and 30 s windows every 15 s.
 
     Both are the mean squared error summed over x, y, psi, u, v, r, each divided by its sigma, by default pooled over
-    the scored trials with the heading as stored. --adapt scores every model twice: without and with the disturbance
-    estimated from the past of each window (see mmg predict), but for a black box of mmg train --model fnn, rnn or
-    rnn-window, which has its own integration as well.
+    the scored trials with the heading as stored. Beside them: rms errors by run in metres, degrees, m/s and deg/s, over
+    windows that are longer for a large ship, and errors of advance, diameters and overshoots of the runs that are
+    manoeuvres, predicted with the measured rudder. Models after the first are compared with it by run. --adapt scores
+    every model twice: without and with the disturbance estimated from the past of each window (see mmg predict), but
+    for a black box of mmg train --model fnn, rnn or rnn-window, which has its own integration as well.
 
     Example: mmg score esso_osaka_3m runs/first held_out/*.csv
     """
@@ -59,13 +64,14 @@ def score(
     from cases.shipfiles.ship_file import load_ship
     from fitting.prediction.score import pooled_sigma
     from fitting.prediction.score import score as scored
+    from fitting.prediction.units import window_for
     from mmg.rollout import Simulator
     from mmg_ident.api import predictor
 
-    models = list(dict.fromkeys(a for a in models_and_trials if is_model(a)))
-    files = [Path(a) for a in models_and_trials if not is_model(a)]
-    if not models and not Path(models_and_trials[0]).exists():
-        load_ship(models_and_trials[0])
+    models = list(dict.fromkeys(a for a in foundand_trials if is_model(a)))
+    files = [Path(a) for a in foundand_trials if not is_model(a)]
+    if not models and not Path(foundand_trials[0]).exists():
+        load_ship(foundand_trials[0])
     if not models:
         raise UserError("no model named: give a ship of mmg ships, a ship file or a run folder before the trials")
     if not files:
@@ -74,6 +80,8 @@ def score(
         raise UserError(f"--method {method!r} is unknown; use rk4 or euler")
     if not (0 <= adapt < float("inf")):
         raise UserError("--adapt must be 0 or a positive number of seconds")
+    if not (0 <= window < float("inf")):
+        raise UserError(f"--window {window:g} must be 0 or a positive number of seconds")
     if sigma and sigma_from:
         raise UserError("--sigma and --sigma-from exclude each other")
     trials, others = ready(read_trials(files), read_trials(sigma_from) if sigma_from else [], unchecked=unchecked)
@@ -88,17 +96,20 @@ def score(
         values, origin = pooled_sigma(others), ", ".join(str(p) for p in sigma_from)
     else:
         values, origin = pooled_sigma(trials), "the scored trials"
+    lengths = [s.ship.particulars["L"] for s in loaded.values() if isinstance(s, Simulator)]
+    window = window or window_for(trials, lengths[0] if lengths else None)
     scores = {}
     for name, simulator in each(list(loaded.items()), "scoring"):
-        scores[name] = scored(simulator, trials, values, origin, method)
+        scores[name] = scored(simulator, trials, values, origin, method, units=window)
         if adapt and isinstance(simulator, Simulator):
-            scores[f"{name} --adapt {adapt:g}"] = scored(simulator, trials, values, origin, method, adapt)
+            scores[f"{name} --adapt {adapt:g}"] = scored(simulator, trials, values, origin, method, adapt, window)
     notes = [*remarks(trials), *(_worth(scores, loaded, read_trials(files), values, method) if remarks(trials) else ())]
     scores = {name: replace(s, notes=(*notes, *s.notes)) for name, s in scores.items()}
     if json:
-        print_json({"metric": METRIC, "method": method, "models": {n: s.to_dict() for n, s in scores.items()}})
+        found = {n: s.to_dict() for n, s in scores.items()}
+        print_json({"metric": METRIC, "method": method, "models": found, "worse": worse_than_first(scores)})
     else:
-        _print(scores)
+        print_scores(scores)
     _refuse_nan(scores)
 
 
@@ -132,40 +143,8 @@ def _refuse_nan(scores: dict[str, Score]) -> None:
             )
 
 
-def _cell(found: Score | TrialScore, windows: int) -> str:
-    """Both metrics of one trial or of all, of which so many ``windows`` were predicted."""
-    from fitting.prediction.score import in_words
-
-    whole = in_words(found.window) if windows else "-"
-    return f"{in_words(found.paper) if windows or found.paper == found.paper else '-'} | {whole}"
-
-
 METRIC = {
     "paper": "mean squared normalised error, Eq. 25 of Wakita et al. (2022), restart every 100 s",
     "window": "the same over full 30 s windows every 15 s, first row excluded",
+    "units": "rms errors over windows of window_s, in units and as a share of what the states change by over a window",
 }
-
-
-def _print(scores: dict[str, Score]) -> None:
-    from rich.console import Console
-    from rich.table import Table
-
-    from cases.trial import UNITS
-
-    console = Console(width=None)
-    first = next(iter(scores.values()))
-    table = Table(title="100 s restarts (Eq. 25) | 30 s windows", caption_justify="left", title_justify="left")
-    table.add_column("trial", no_wrap=True)
-    for name in scores:
-        table.add_column(Path(name).name, justify="right")
-    table.add_column("windows", justify="right")
-    for i, row in enumerate(first.trials):
-        cells = [_cell(s.trials[i], s.trials[i].windows) for s in scores.values()]
-        table.add_row(row.name, *cells, str(row.windows))
-    table.add_section()
-    table.add_row("all rows pooled", *[_cell(s, sum(t.windows for t in s.trials)) for s in scores.values()], "")
-    console.print(table)
-    words = ", ".join(f"{s} {v:.5g} {UNITS[s]}" for s, v in zip(STATES, first.sigma, strict=True))
-    console.print(f"sigma from {first.sigma_from}: {words}", highlight=False, soft_wrap=True)
-    for note in first.notes:
-        console.print(f"note: {note}", highlight=False, soft_wrap=True)

@@ -1,0 +1,269 @@
+"""Errors of predictions in the customer's units: metres, degrees, m/s and deg/s per run, over windows that suit the
+ship, and the errors of her manoeuvring figures.
+
+Windows are as long as MOST ship times L/U of the trials, where 30 s are less than LEAST of them. Beside the rms errors
+stands their share of what the states change by over a window: a heading that goes round several times is wrapped there,
+so that its size does not hide the error.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from cases.criteria.figures import figure_unit
+from cases.criteria.standard_runs import Run, measured_figures, measured_runs
+from cases.trial import Trial
+from fitting.prediction.adaptation import Adaptation
+from fitting.prediction.predict import Forecaster, Window, predict_all
+from mmg.errors import UserError
+from mmg.rollout import Simulator
+from mmg.states import STATES
+
+SHORTEST, LEAST, MOST = 30.0, 2.5, 4.0
+"""Window [s] of the paper's metric for a 3 m model; ship times L/U below which it is too short, and of a longer one."""
+
+TOLD = ("advance", "transfer", "tactical_diameter", "overshoot_1", "overshoot_2", "track_reach")
+"""Figures whose errors are told of a manoeuvre."""
+
+ERRORS = {
+    "position": "m",
+    "heading": "deg",
+    "u": "m/s",
+    "v": "m/s",
+    "r": "deg/s",
+    "position_end": "m",
+    "heading_end": "deg",
+}
+"""Errors of a run and their units: rms over the rows of all windows, and at the end of the windows."""
+
+
+@dataclass(frozen=True)
+class FigureError:
+    """A manoeuvring figure as measured and as predicted with the measured rudder and revolutions, in ``unit``."""
+
+    figure: str
+    unit: str
+    measured: float
+    predicted: float
+
+    @property
+    def error(self) -> float:
+        """Predicted minus measured."""
+        return self.predicted - self.measured
+
+
+@dataclass(frozen=True)
+class ManeuverErrors:
+    """Errors of the figures of a manoeuvre in a run. title: as of ``Execute.title``."""
+
+    title: str
+    figures: tuple[FigureError, ...]
+
+
+@dataclass(frozen=True)
+class RunErrors:
+    """Errors of one run. windows: how many; errors: by the names of ERRORS, NaN without a window; share: rms over the
+    states of error / change over the window; maneuvers: those that the run holds."""
+
+    name: str
+    windows: int
+    errors: Mapping[str, float]
+    share: float
+    maneuvers: tuple[ManeuverErrors, ...] = ()
+
+
+@dataclass(frozen=True)
+class UnitErrors:
+    """Errors of a set of trials in units.
+
+    window, stride [s]; lengths: the window in ship times L/U, None where no length is known; change: rms change of each
+    state over a window, (6,), heading wrapped; runs; pooled: over the rows of all.
+    """
+
+    window: float
+    stride: float
+    lengths: float | None
+    change: np.ndarray
+    runs: tuple[RunErrors, ...]
+    pooled: RunErrors = field(repr=False)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values: a row per run with its errors by name and unit, and those of its manoeuvres."""
+        names = {name: f"{name}_{unit.replace('/', '_')}" for name, unit in ERRORS.items()}
+
+        def row(run: RunErrors) -> dict[str, Any]:
+            figures = [
+                {"title": m.title, "figures": [asdict(f) | {"error": f.error} for f in m.figures]}
+                for m in run.maneuvers
+            ]
+            own = {names[name]: value for name, value in run.errors.items()}
+            return {"name": run.name, "windows": run.windows, **own, "share_of_change": run.share, "maneuvers": figures}
+
+        head = {"window_s": self.window, "stride_s": self.stride, "ship_times": self.lengths}
+        change = dict(zip(STATES, self.change.tolist(), strict=True))
+        return {**head, "change": change, "runs": [row(run) for run in self.runs], "pooled": row(self.pooled)}
+
+    @classmethod
+    def from_dict(cls, row: Mapping[str, Any]) -> UnitErrors:
+        """The errors behind ``row``, as ``to_dict`` made it, null for NaN. Raises KeyError or TypeError for others."""
+        names = {name: f"{name}_{unit.replace('/', '_')}" for name, unit in ERRORS.items()}
+
+        def number(value: float | None) -> float:
+            return math.nan if value is None else float(value)
+
+        def run(own: Mapping[str, Any]) -> RunErrors:
+            errors = {name: number(own[key]) for name, key in names.items()}
+            maneuvers = tuple(
+                ManeuverErrors(str(m["title"]), tuple(FigureError(str(f["figure"]), str(f["unit"]),
+                               number(f["measured"]), number(f["predicted"])) for f in m["figures"]))
+                for m in own["maneuvers"]
+            )  # fmt: skip
+            return RunErrors(str(own["name"]), int(own["windows"]), errors, number(own["share_of_change"]), maneuvers)
+
+        change = np.array([number(row["change"][state]) for state in STATES])
+        lengths = None if row["ship_times"] is None else float(row["ship_times"])
+        return cls(float(row["window_s"]), float(row["stride_s"]), lengths, change, tuple(map(run, row["runs"])),
+                   run(row["pooled"]))  # fmt: skip
+
+
+def ship_time(trials: Sequence[Trial], length: float) -> float:
+    """L/U [s] of a ship of this ``length`` [m] at the speed that she has in the faster fifth of ``trials``; NaN where
+    she lies still."""
+    speeds = np.concatenate([np.hypot(t["u"], t["v"]) for t in trials])
+    fast = float(np.nanpercentile(speeds, 80)) if np.isfinite(speeds).any() else 0.0
+    return length / fast if fast > 0 else math.nan
+
+
+def window_for(trials: Sequence[Trial], length: float | None) -> float:
+    """Window [s] for predictions of ``trials`` of a ship of this ``length`` [m], None where it is not known.
+
+    30 s, but MOST ship times in tens of seconds where 30 s are less than LEAST of them; no more than half of the
+    longest trial.
+    """
+    unit = ship_time(trials, length) if length else math.nan
+    if not math.isfinite(unit) or LEAST * unit <= SHORTEST:
+        return SHORTEST
+    longest = max(trial.duration for trial in trials)
+    return max(min(10 * round(0.1 * MOST * unit), 10 * math.floor(0.05 * longest)), SHORTEST)
+
+
+def errors_in_units(
+    simulator: Simulator | Forecaster,
+    trials: Sequence[Trial],
+    window: float | None = None,
+    method: str = "rk4",
+    adaptation: Adaptation | None = None,
+) -> UnitErrors:
+    """Errors of ``simulator`` on ``trials`` in units, over windows of ``window`` [s], None: as of ``window_for``.
+
+    method: "rk4" or "euler"; adaptation: use the past of each window. Manoeuvres are predicted from their order on with
+    the measured inputs, of a ship and without adaptation only.
+    """
+    length = simulator.ship.particulars["L"] if isinstance(simulator, Simulator) else None
+    size = window or window_for(trials, length)
+    unit = ship_time(trials, length) if length else math.nan
+    found = predict_all(simulator, trials, size, 0.5 * size, False, method, adaptation=adaptation)
+    parts = [_parts(trial, windows) for trial, (windows, _) in zip(trials, found, strict=True)]
+    changes = np.vstack([part.changes for part in parts])
+    change = np.sqrt((changes**2).mean(axis=0)) if len(changes) else np.full(6, np.nan)
+    maneuvers: list[tuple[ManeuverErrors, ...]] = [()] * len(trials)
+    if isinstance(simulator, Simulator) and length and adaptation is None:
+        maneuvers = _maneuvers(simulator, trials, length, method)
+    runs = [
+        replace(_errors(trial.name, [part], change), maneuvers=own)
+        for trial, part, own in zip(trials, parts, maneuvers, strict=True)
+    ]
+    lengths = size / unit if math.isfinite(unit) else None
+    return UnitErrors(size, 0.5 * size, lengths, change, tuple(runs), _errors("all rows", parts, change))
+
+
+@dataclass(frozen=True)
+class _Parts:
+    """Errors (rows, 6) of all windows of a trial without their first rows, at their ends (windows, 6), changes of the
+    measured states since the window's first row (rows, 6)."""
+
+    rows: np.ndarray
+    ends: np.ndarray
+    changes: np.ndarray
+
+
+def _parts(trial: Trial, windows: Sequence[Window]) -> _Parts:
+    measured, rows, ends, changes = trial.states, [np.zeros((0, 6))], [np.zeros((0, 6))], [np.zeros((0, 6))]
+    for w in windows:
+        error = w.error(measured)[1:]
+        change = measured[w.first + 1 : w.last + 1] - measured[w.first]
+        change[:, 2] = np.pi - np.mod(np.pi - change[:, 2], 2 * np.pi)
+        known = np.isfinite(measured[w.first + 1 : w.last + 1]).all(axis=1)
+        rows.append(error[known])
+        changes.append(change[known])
+        if known.any():
+            ends.append(error[known][-1:])
+    return _Parts(np.vstack(rows), np.vstack(ends), np.vstack(changes))
+
+
+def _errors(name: str, parts: Sequence[_Parts], change: np.ndarray) -> RunErrors:
+    """Errors of the ``parts`` together, in units and as a share of the ``change`` (6,)."""
+    rows, ends = np.vstack([p.rows for p in parts]), np.vstack([p.ends for p in parts])
+    if not len(rows):
+        return RunErrors(name, 0, dict.fromkeys(ERRORS, math.nan), math.nan)
+    rms, end = np.sqrt((rows**2).mean(axis=0)), np.sqrt((ends**2).mean(axis=0))
+    values = {
+        "position": float(np.hypot(rms[0], rms[1])),
+        "heading": math.degrees(rms[2]),
+        "u": float(rms[3]),
+        "v": float(rms[4]),
+        "r": math.degrees(rms[5]),
+        "position_end": float(np.hypot(end[0], end[1])),
+        "heading_end": math.degrees(end[2]),
+    }
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = float(np.sqrt(np.mean((rms / change) ** 2)))
+    return RunErrors(name, len(ends), values, share)
+
+
+def _maneuvers(
+    simulator: Simulator, trials: Sequence[Trial], length: float, method: str
+) -> list[tuple[ManeuverErrors, ...]]:
+    """Of each of ``trials`` the errors of its manoeuvres, all predicted side by side."""
+    held: list[tuple[int, Run, Trial]] = []
+    for number, trial in enumerate(trials):
+        try:
+            runs = measured_runs(trial, length)
+        except UserError:
+            continue
+        held += [(number, run, _ordered(run)) for run in runs if len(_ordered(run)) > 3]
+    found: list[list[ManeuverErrors]] = [[] for _ in trials]
+    if not held:
+        return [tuple(own) for own in found]
+    predicted = predict_all(simulator, [cut for _, _, cut in held], 0.0, 0.0, False, method)
+    for (number, run, cut), (windows, _) in zip(held, predicted, strict=True):
+        if windows and np.isfinite(windows[0].states).all():
+            states = dict(zip(STATES, windows[0].states.T, strict=True))
+            begin = run.order_time - float(cut.t[0] - run.trial.t[0])
+            moved = replace(run, order_time=begin, reversals=tuple(t - run.order_time + begin for t in run.reversals),
+                            end=run.end - run.order_time + begin)  # fmt: skip
+            figures = measured_figures(cut.with_columns(**states), moved)
+            told = [name for name in TOLD if name in run.figures and name in figures]
+            rows = tuple(_figure(name, run.figures[name], figures[name]) for name in told)
+            found[number] += [ManeuverErrors(run.title, rows)] if rows else []
+    return [tuple(own) for own in found]
+
+
+def _ordered(run: Run) -> Trial:
+    """The rows of the trial of ``run`` from the last before the order to its end."""
+    t = run.trial.t - run.trial.t[0]
+    first = max(int(np.searchsorted(t, run.order_time + 1e-9)) - 1, 0)
+    rows = slice(first, int(np.searchsorted(t, run.end + 1e-9)))
+    columns = {name: values[rows] for name, values in run.trial.columns.items()}
+    return Trial(run.trial.name, columns, meta={})
+
+
+def _figure(name: str, measured: float, predicted: float) -> FigureError:
+    unit = figure_unit(name)
+    factor = math.degrees(1.0) if unit == "rad" else 1.0
+    return FigureError(name, "deg" if unit == "rad" else unit, factor * measured, factor * predicted)
