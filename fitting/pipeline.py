@@ -32,6 +32,7 @@ from fitting.settings import Settings
 from fitting.solvers.interrupts import Later
 from fitting.uncertainty.left_out import worth_message, worth_of_left_out
 from fitting.uncertainty.rows import check_request, refit_rows, uncertainty_rows
+from fitting.uncertainty.without_trials import without_trials
 from mmg.errors import UserError
 from mmg.messages import Message, message_rows
 from mmg.progress import LOGGER, OnProgress
@@ -243,6 +244,7 @@ def correlation_of(found: Calibration) -> dict[str, Any]:
 
 
 def prediction_bands(found: Calibration, simulator: Simulator, trials: Sequence[Trial]) -> dict[str, Any] | None:
-    """How far predictions of ``simulator``, that of the calibration ``found``, are off, from windows of ``trials``."""
+    """How far predictions of ``simulator``, that of the calibration ``found``, are off, from windows of its ``trials``,
+    each predicted without it."""
     known = plain({"coefficients": coefficient_rows(found), "correlation": correlation_of(found)})
-    return fit_bands(simulator, trials, draws_of(known, found.ship))
+    return fit_bands(simulator, trials, draws_of(known, found.ship), without_trials(found, trials))

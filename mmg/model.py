@@ -39,7 +39,8 @@ class Model:
     forces: Function of the same arguments -> (number of roles, 3): X, Y [N], N [N m] per role of ``roles``.
     roles: parts of the force, in the order of the rows of ``forces``: roles of the ship, then effects.
     initial: Function (x, y, psi, u, v, r (6,), controls, coefficients) -> state (S,) whose memory is settled.
-    columns: Function (state (S,), coefficients) -> the six columns as they are logged (6,).
+    columns: Function (state (S,), coefficients) -> the six columns as they are logged (6,); columns_by: the same of the
+    coefficients ``measured_by`` (numbers of them) alone.
     features: Function (state (S,), controls (C,), coefficients (P,)) -> what a network sees, ``ship.features`` (F,).
     measured: whether the columns differ from the first six states.
     """
@@ -55,6 +56,8 @@ class Model:
     roles: tuple[str, ...]
     initial: ca.Function
     columns: ca.Function
+    columns_by: ca.Function
+    measured_by: np.ndarray
     features: ca.Function
     measured: bool
 
@@ -159,6 +162,9 @@ def assemble(ship: Ship, symbols: Sequence[str] | None = None, exact: bool = Fal
     rows = ca.vertcat(*[ca.horzcat(part.X, part.Y, part.N) for part in parts.values()])
     placed = bool(ca.which_depends(derivative, six[:2], 1, True) != [False] * derivative.numel())
 
+    used = np.flatnonzero(ca.which_depends(ca.vertcat(*logged), theta, 1, False)).tolist()
+    few = theta[used] if used else ca.SX.sym("none")
+
     def function(name: str, expression: Any) -> ca.Function:
         arguments, labels = [state, controls, theta], ["state", "controls", "coefficients"]
         return ca.Function(name, arguments, [expression], labels, [name], {"cse": True})
@@ -175,6 +181,8 @@ def assemble(ship: Ship, symbols: Sequence[str] | None = None, exact: bool = Fal
         roles=tuple(parts),
         initial=ca.Function("initial", [six, controls, theta], [ca.vertcat(six, *_settled(memory))]),
         columns=ca.Function("columns", [state, theta], [ca.vertcat(*logged)], {"cse": True}),
+        columns_by=ca.Function("columns_by", [state, few], [ca.vertcat(*logged)], {"cse": True}),
+        measured_by=np.array(used, dtype=int),
         features=function("features", ca.vertcat(*features.values())),
         measured=any(effect(name).measures for name in ship.effects),
     )
@@ -214,7 +222,9 @@ def columns(model: Model, states: np.ndarray, theta: np.ndarray) -> np.ndarray:
     if not model.measured:
         return states[..., :6, :]
     flat = states.reshape(-1, *states.shape[-2:])
-    logged = np.array([np.array(model.columns(z, theta)) for z in flat])
+    # few coefficients: CasADi copies what it is given to every point
+    own = np.asarray(theta, dtype=float)[model.measured_by] if len(model.measured_by) else 0.0
+    logged = np.array([np.array(model.columns_by(z, own)) for z in flat])
     return logged.reshape(*states.shape[:-2], 6, states.shape[-1])
 
 

@@ -132,7 +132,10 @@ def similar_bands(bands: Mapping[str, Any] | None, law: Similarity) -> dict[str,
     if not bands:
         return None
     time = math.sqrt(law.scale)
-    found = {key: dict(value) for key, value in bands.items()}
+    found: dict[str, Any] = {key: dict(value) if key != "horizons_s" else value for key, value in bands.items()}
+    found.pop("held", None)  # what tank trials held does not say what a ship's voyage will
+    if "horizons_s" in found:
+        found["horizons_s"] = [value * time for value in found["horizons_s"]]
     for key in ("acceleration_memory_s", "error_decay_s"):
         found[key] = {name: value * time for name, value in found[key].items()}
     turning = found["acceleration_std"]["r"]

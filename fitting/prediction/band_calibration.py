@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
 
@@ -21,25 +21,39 @@ from fitting.prediction.bands import (
     process_dict,
     velocity_variance,
 )
+from fitting.prediction.novelty import (
+    TYPICAL,
+    held_dict,
+    held_motion,
+    inputs_at,
+    met_so_far,
+)
 from fitting.prediction.predict import record_of, window_rows
 from fitting.prediction.score import pooled_sigma, score
 from fitting.prediction.stretches import Stretch, WindowBatch, rollout, wrapped_error
 from mmg.errors import UserError
 from mmg.motion.froude import time_scale
 from mmg.rollout import Simulator
+from mmg.ship import Ship
+from mmg.states import STATES
 
 LENGTH, STRIDE, EVERY = 100.0, 15.0, 2.0
 """Seconds of a 3 m model: length of windows whose errors are used, between their starts, between counted rows."""
 MEMORIES, DECAYS = (1.0, 3.0, 10.0), (5.0, 15.0, 50.0, 200.0)
 """Times tried [s of a 3 m model]."""
-EARLY, HORIZON = 2.0, 60.0
-"""Seconds of a 3 m model: up to the first the noise of the samples, up to the second the factors are taken."""
+EARLY, HORIZONS, WIDE = 2.0, (2.0, 5.0, 15.0, 30.0, 60.0, 100.0), 1.5
+"""Seconds of a 3 m model: up to the first the noise of the samples is taken, at the others the factors, from errors
+up to WIDE times earlier and later."""
+MOST_WINDOWS = 400
+"""Windows whose errors are used, which bounds the time it takes."""
+NEW, MOST_GROWTH = 0.2, 5.0
+"""Least novelty from which errors tell how a band grows with it, and most growth."""
 PAST = 30.0
 """Seconds of past with which adaptation is tried."""
 NORMAL = 1.6448536269514722
 """Half width of the 90 % band in standard deviations."""
-COVER = 0.91
-"""Share of the training errors in that band: more than 90 %, as the coefficients were fitted to them (validation)."""
+COVER = 0.9
+"""Share of the errors of trials left out in that band."""
 
 
 def sample_noise(trials: Sequence[Trial]) -> np.ndarray:
@@ -52,21 +66,31 @@ def sample_noise(trials: Sequence[Trial]) -> np.ndarray:
     return white_noise(stretches, slice(2, None))
 
 
-def fit_bands(simulator: Simulator, trials: Sequence[Trial], root: np.ndarray | None = None) -> dict[str, Any] | None:
-    """The process behind the errors of ``simulator`` on windows of ``trials``, as ``process_dict`` gives it.
+@dataclass(frozen=True)
+class Without:
+    """All coefficients of a ship (R, P) calibrated without each of R trials: ``run``; without all of its kind:
+    ``kind``, None where all are of one kind. A row that is not finite stands for the ship's own coefficients."""
 
-    root: (P, draws) draws of the coefficients (``bands.draws_of``), whose part of the errors the factors leave out.
-    None when there are too few windows.
+    run: np.ndarray
+    kind: np.ndarray | None = None
+
+
+def fit_bands(
+    simulator: Simulator,
+    trials: Sequence[Trial],
+    root: np.ndarray | None = None,
+    without: Without | None = None,
+) -> dict[str, Any] | None:
+    """The process behind the errors of ``simulator`` on windows of ``trials``, and what motion those held, as plain
+    values.
+
+    root: (P, draws) draws of the coefficients (``bands.draws_of``), whose part of the errors the factors leave out;
+    without: coefficients by which each trial is predicted; by default those of the ship, which suits trials that she
+    was not calibrated on. None when there are too few windows.
     """
-    k = time_scale(simulator.ship.particulars["L"])
-    stretches = []
-    for trial in trials:
-        record = record_of(trial, simulator.ship.inputs)
-        for first, last in window_rows(trial.t, LENGTH * k, STRIDE * k, True):
-            bad = np.flatnonzero(~record.good[first : last + 1])
-            end = first + int(bad[0]) - 1 if len(bad) else last
-            if end > first and trial.t[end] - trial.t[first] >= EVERY * k:
-                stretches.append(Stretch(record, first, end))
+    ship, length = simulator.ship, float(simulator.ship.particulars["L"])
+    k = time_scale(length)
+    stretches = _stretches(trials, ship, None if without is None else without.run)
     if len(stretches) < 5:
         return None
     batch = WindowBatch.of(stretches)
@@ -77,15 +101,78 @@ def fit_bands(simulator: Simulator, trials: Sequence[Trial], root: np.ndarray | 
         return None
     bands = Bands(process, np.zeros((len(simulator.model.symbols), 0)) if root is None else root)
     fixed = bands.coefficient_variance(simulator, batch, coarse_rows(batch, COARSE * k))
-    rest = bands.process_variance(errors.times, errors.states, errors.length) + fixed
+    rest = bands.process_variance(errors.times, errors.states, errors.length)
     early = errors.until(EARLY)
     for s in (3, 4, 5, 2, 0, 1):  # the noise of a state counts in that of those that follow from it
-        total = rest + bands.measurement_variance(errors.times, errors.states)
+        total = rest + fixed + bands.measurement_variance(errors.times, errors.states)
         more = _wanted(errors.error[:, s][early], np.full(int(early.sum()), 2.0), total[:, s][early])
         process.noise[s] = np.sqrt(process.noise[s] ** 2 + max(0.0, float(np.nan_to_num(more))))
-    water, offset = adapt(simulator, stretches, Adaptation.of(simulator.ship, PAST * k))
+    fixed += bands.measurement_variance(errors.times, errors.states)
+    sure = few_runs(len({id(s.record) for s in stretches}))
+    water, offset = adapt(simulator, stretches, Adaptation.of(ship, PAST * k))
     adapted = _WindowErrors(simulator, stretches, batch, rollout(simulator, batch, water, offset)[0], along=out)
-    return process_dict(replace(process, factor=errors.factors(bands, fixed), adapted=adapted.factors(bands, fixed)))
+    process = replace(process, factor=sure * errors.factors(rest, fixed), adapted=sure * adapted.factors(rest, fixed))
+    held = held_motion([record_of(trial, ship.inputs) for trial in trials], ship.inputs, length)
+    if held and without is not None and without.kind is not None:
+        held = replace(held, growth=_growth(simulator, trials, without.kind, bands.with_process(process)))
+    return process_dict(process) | ({"held": held_dict(held)} if held else {})
+
+
+def few_runs(count: int) -> float:
+    """Factor on a band that ``count`` runs were used for: Student's quantile over the normal one, as a run is the unit
+    that errors are alike in."""
+    from scipy.stats import t as student
+
+    return float(student.ppf(0.95, max(count - 1, 2))) / NORMAL
+
+
+def _stretches(trials: Sequence[Trial], ship: Ship, own: np.ndarray | None, most: int = MOST_WINDOWS) -> list[Stretch]:
+    """Windows of ``trials``, evenly spread, up to ``most``; own: (R, P) coefficients by trial."""
+    k, found = time_scale(ship.particulars["L"]), []
+    values = [None] * len(trials) if own is None else [v if np.isfinite(v).all() else ship.values for v in own]
+    for trial, value in zip(trials, values, strict=True):
+        record = record_of(trial, ship.inputs, value)
+        for first, last in window_rows(trial.t, LENGTH * k, STRIDE * k, True):
+            bad = np.flatnonzero(~record.good[first : last + 1])
+            end = first + int(bad[0]) - 1 if len(bad) else last
+            if end > first and trial.t[end] - trial.t[first] >= EVERY * k:
+                found.append(Stretch(record, first, end))
+    if len(found) <= most:
+        return found
+    return [found[i] for i in np.linspace(0, len(found) - 1, most).round().astype(int)]
+
+
+def _growth(simulator: Simulator, trials: Sequence[Trial], own: np.ndarray, bands: Bands) -> np.ndarray:
+    """Growth (6,) that makes ``bands`` hold for trials of a kind that is left out, at least TYPICAL; the same for all
+    states, as that of each hangs on few runs.
+
+    own: (R, P) coefficients by which each of ``trials`` is predicted, of a ship that knew no trial of its kind.
+    """
+    ship, length = simulator.ship, float(simulator.ship.particulars["L"])
+    ratios: list[list[np.ndarray]] = [[] for _ in STATES]
+    for kind in sorted({t.kind for t in trials}):
+        apart = [i for i, t in enumerate(trials) if t.kind == kind and np.isfinite(own[i]).all()]
+        known = held_motion([record_of(t, ship.inputs) for t in trials if t.kind != kind], ship.inputs, length)
+        stretches = _stretches([trials[i] for i in apart], ship, own[apart], MOST_WINDOWS // 4) if apart else []
+        if known is None or not stretches:
+            continue
+        batch = WindowBatch.of(stretches)
+        errors = _WindowErrors(simulator, stretches, batch, rollout(simulator, batch)[0])
+        rows = coarse_rows(batch, COARSE * errors.scale)
+        met = met_so_far(errors.times, known.novelty(errors.states, inputs_at(batch, rows), length))
+        process = bands.process_variance(errors.times, errors.states, length)
+        process *= bands.process.factor_at(errors.times) ** 2
+        rest = bands.measurement_variance(errors.times, errors.states)
+        rest += bands.coefficient_variance(simulator, batch, rows)
+        new = errors.until(LENGTH) & (met > NEW**2) & (errors.times > EARLY * errors.scale)
+        for s in range(6):
+            e, p = errors.error[:, s][new], process[:, s][new]
+            square = ((e / NORMAL) ** 2 - rest[:, s][new]) / np.maximum(p, 1e-300) - 1
+            ratios[s].append(square / met[new])
+    found = [np.concatenate(parts) if parts else np.zeros(0) for parts in ratios]
+    found = [values[np.isfinite(values)] for values in found]
+    square = [float(np.quantile(v, COVER)) if len(v) >= 100 else TYPICAL**2 for v in found]
+    return np.full(6, np.sqrt(np.clip(np.median(square), TYPICAL**2, MOST_GROWTH**2)))
 
 
 class _WindowErrors:
@@ -120,15 +207,20 @@ class _WindowErrors:
         """Which errors count up to ``seconds`` of a 3 m model after the start, (n, M)."""
         return self.counted & (self.times > 0) & (self.times <= seconds * self.scale)
 
-    def factors(self, bands: Bands, fixed: np.ndarray) -> np.ndarray:
-        """Factors (6,) on the process that put COVER of the errors up to HORIZON into the 90 % band.
+    def factors(self, process: np.ndarray, rest: np.ndarray) -> np.ndarray:
+        """Factors (H, 6) on the process that put COVER of the errors about each of HORIZONS into the 90 % band.
 
-        fixed: (n, 6, M) variance by the coefficients.
+        process, rest: (n, 6, M) variance by the process without factors, and by all else. A horizon that too few
+        errors reach has the factors of the one before it.
         """
-        process = bands.process_variance(self.times, self.states, self.length)
-        rest, use = fixed + bands.measurement_variance(self.times, self.states), self.until(HORIZON)
-        square = np.array([_wanted(self.error[:, s][use], process[:, s][use], rest[:, s][use]) for s in range(6)])
-        return np.where(np.isfinite(square), np.sqrt(np.clip(square, 0.01, 100.0)), 1.0)
+        found = np.ones((len(HORIZONS), 6))
+        for h, horizon in enumerate(HORIZONS):
+            near = self.until(horizon * WIDE) & (self.times > horizon / WIDE * self.scale)
+            for s in range(6):
+                square = _wanted(self.error[:, s][near], process[:, s][near], rest[:, s][near])
+                kept = found[h - 1, s] if h else 1.0
+                found[h, s] = np.sqrt(np.clip(square, 0.01, 100.0)) if np.isfinite(square) else kept
+        return found
 
 
 def _likely_process(errors: _WindowErrors, noise: np.ndarray) -> Process | None:
@@ -145,7 +237,8 @@ def _likely_process(errors: _WindowErrors, noise: np.ndarray) -> Process | None:
             value, found = likely_sizes(parts, sampled[:, c], 2 * noise[3 + c] ** 2)
             if value < best[c]:
                 best[c], memory[c], decay[c], size[c] = value, m * k, d * k, found
-    return Process(memory, decay, size, noise, np.ones(6), np.ones(6))
+    one = np.ones((len(HORIZONS), 6))
+    return Process(memory, decay, size, noise, one, one, k * np.array(HORIZONS))
 
 
 def likely_sizes(parts: np.ndarray, error: np.ndarray, floor: float) -> tuple[float, np.ndarray]:

@@ -3,18 +3,20 @@
 Three parts. The process: accelerations that no model explains, correlated over some seconds (Ornstein-Uhlenbeck) and
 of a size that grows with speed and turning, drive errors of u, v, r that decay; heading and position follow by
 kinematics along the predicted track. Its sizes and times are the most likely ones for the errors of the training
-windows, and a factor per state makes 90 % of those fall into the 90 % band. The coefficients: draws from their
+windows, and a factor per state and horizon makes 90 % of those fall into the 90 % band; it grows where a motion is new
+to the trials (fitting/prediction/novelty.py). The coefficients: draws from their
 covariance, simulated. The measurement: noise of the start and of the sample compared with.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from fitting.prediction.novelty import HeldMotion, held_of, inputs_at
 from fitting.prediction.stretches import WindowBatch
 from mmg.motion.froude import time_scale
 from mmg.rollout import Simulator
@@ -33,8 +35,9 @@ class Process:
 
     memory, decay: (3,) decay times [s] of the accelerations, and of the velocity errors. size: (3, 3) standard
     deviation of each acceleration: a constant part, one per U^2 / L, one per U |r| (r: each over L).
-    noise: (6,) of the samples; factor: (6,) by which the process part of each state is multiplied, adapted: the same
-    for predictions that use the past of a window (fitting.prediction.adaptation).
+    noise: (6,) of the samples; factor: (H, 6) by which the process part of each state is multiplied at the
+    ``horizons`` (H,) [s], adapted: the same for predictions that use the past of a window
+    (fitting.prediction.adaptation).
     """
 
     memory: np.ndarray
@@ -43,6 +46,16 @@ class Process:
     noise: np.ndarray
     factor: np.ndarray
     adapted: np.ndarray
+    horizons: np.ndarray
+
+    def factor_at(self, times: np.ndarray, adapted: bool = False) -> np.ndarray:
+        """Factors (n, 6, M) at ``times`` (n, M) since the start, straight in log time, held beyond the horizons.
+
+        adapted: of predictions that use the past of a window.
+        """
+        known, at = np.log(self.horizons), np.log(np.maximum(times, 1e-9))
+        rows = self.adapted if adapted else self.factor
+        return np.stack([np.interp(at, known, rows[:, s]) for s in range(6)], axis=1)
 
 
 def acceleration_sizes(states: np.ndarray, length: float) -> np.ndarray:
@@ -107,10 +120,16 @@ def velocity_variance(square: np.ndarray, dt: np.ndarray, memory: float, decay: 
 
 @dataclass(frozen=True)
 class Bands:
-    """Standard deviations of predictions; ``root`` (P, draws): draws of all coefficients less their values."""
+    """Standard deviations of predictions; ``root`` (P, draws): draws of all coefficients less their values; held: the
+    motion that the trials held, None: not known."""
 
     process: Process
     root: np.ndarray
+    held: HeldMotion | None = None
+
+    def with_process(self, process: Process) -> Bands:
+        """The same with another ``process``."""
+        return replace(self, process=process)
 
     @np.errstate(over="ignore", invalid="ignore")  # where a prediction runs away its band is infinite, or no number
     def std(self, simulator: Simulator, batch: WindowBatch, out: np.ndarray, adapted: bool = False) -> np.ndarray:
@@ -121,8 +140,9 @@ class Bands:
         length = float(simulator.ship.particulars["L"])
         rows = coarse_rows(batch, COARSE * time_scale(length))
         times, states = batch.times[rows], out[rows]
-        factor = self.process.adapted if adapted else self.process.factor
-        variance = self.process_variance(times, states, length) * factor[:, None] ** 2
+        variance = self.process_variance(times, states, length) * self.process.factor_at(times, adapted) ** 2
+        if self.held is not None:
+            variance *= self.held.widening(times, states, inputs_at(batch, rows), length)
         variance += self.measurement_variance(times, states)
         variance += self.coefficient_variance(simulator, batch, rows)
         coarse = np.sqrt(variance)
@@ -218,8 +238,9 @@ def process_dict(p: Process) -> dict[str, Any]:
         "error_decay_s": dict(zip("uvr", p.decay.tolist(), strict=True)),
         "acceleration_std": {c: dict(zip(SIZES, p.size[i], strict=True)) for i, c in enumerate("uvr")},
         "noise": dict(zip(STATES, p.noise.tolist(), strict=True)),
-        "factor": dict(zip(STATES, p.factor.tolist(), strict=True)),
-        "factor_adapted": dict(zip(STATES, p.adapted.tolist(), strict=True)),
+        "horizons_s": p.horizons.tolist(),
+        "factor": dict(zip(STATES, p.factor.T.tolist(), strict=True)),
+        "factor_adapted": dict(zip(STATES, p.adapted.T.tolist(), strict=True)),
     }
 
 
@@ -231,11 +252,14 @@ def bands_of(result: Mapping[str, Any], ship: Ship) -> Bands | None:
         b = result["bands"]
         times = [[b[key][c] for c in "uvr"] for key in ("acceleration_memory_s", "error_decay_s")]
         size = [[b["acceleration_std"][c][name] for name in SIZES] for c in "uvr"]
-        by_state = [[b[key][s] for s in STATES] for key in ("noise", "factor", "factor_adapted")]
-        process = Process(*(np.array(part, dtype=float) for part in (*times, size, *by_state)))
-    except (KeyError, TypeError, ValueError):
+        noise = [b["noise"][s] for s in STATES]
+        horizons = b.get("horizons_s", [1.0])  # results before there were horizons have one factor for all
+        factors = [[np.broadcast_to(b[key][s], len(horizons)) for s in STATES] for key in ("factor", "factor_adapted")]
+        arrays = (*times, size, noise, *(np.array(part, dtype=float).T for part in factors), horizons)
+        process = Process(*(np.array(part, dtype=float) for part in arrays))
+    except (AttributeError, KeyError, TypeError, ValueError):
         return None
-    return Bands(process, draws_of(result, ship))
+    return Bands(process, draws_of(result, ship), held_of(b.get("held"), ship.inputs))
 
 
 def draws_of(result: Mapping[str, Any], ship: Ship) -> np.ndarray:

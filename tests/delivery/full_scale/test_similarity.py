@@ -85,7 +85,8 @@ def test_bands_grow_as_the_motion_and_lose_the_noise_of_instruments() -> None:
     model = load_ship("esso_osaka_3m")
     ship = similar_ship(model, LAW, "big")
     size = np.array([[0.01, 0.02, 0.1], [0.02, 0.01, 0.2], [0.005, 0.01, 0.05]])
-    process = Process(np.array([2.0, 2, 3]), np.array([15.0, 10, 5]), size, np.full(6, 0.01), np.ones(6), np.ones(6))
+    horizons, factor = np.array([5.0, 50.0]), np.array([np.full(6, 0.7), np.full(6, 1.4)])
+    process = Process(np.array([2.0, 2, 3]), np.array([15.0, 10, 5]), size, np.full(6, 0.01), factor, factor, horizons)
     content = {"bands": process_dict(process)}
     before, after = bands_of(content, model), bands_of({"bands": similar_bands(content["bands"], LAW)}, ship)
     assert before and after
@@ -97,3 +98,4 @@ def test_bands_grow_as_the_motion_and_lose_the_noise_of_instruments() -> None:
     ours = before.process_variance(times, states, 3.0)
     theirs = after.process_variance(10 * times, states * factors[:, None], 300.0)
     assert theirs == pytest.approx(ours * factors[:, None] ** 2)
+    assert after.process.factor_at(10 * times) == pytest.approx(before.process.factor_at(times))

@@ -1,0 +1,37 @@
+"""Coefficients of a calibration without each of its trials, and without all trials of a kind, for prediction bands."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cases.trial import Trial
+from fitting.calibration import Calibration
+from fitting.prediction.band_calibration import Without
+from fitting.selection.left_out_runs import each_alone, estimates_without
+
+
+def without_trials(found: Calibration, trials: Sequence[Trial]) -> Without:
+    """All coefficients of the ship of the calibration ``found`` without each of the ``trials`` (R of them, those that
+    it was made on), and without all of its kind, by one Newton step each.
+
+    Constants of single runs stay at their neutral values, as for a run that was never seen. Where too little is left
+    a row is NaN.
+    """
+    kinds = [t.kind for t in trials]
+    folds = [tuple(i for i, k in enumerate(kinds) if k == kind) for kind in dict.fromkeys(kinds)]
+    run = _coefficients(found, len(trials), each_alone(len(trials)))
+    return Without(run, _coefficients(found, len(trials), folds) if len(folds) > 1 else None)
+
+
+def _coefficients(found: Calibration, count: int, folds: Sequence[Sequence[int]]) -> np.ndarray:
+    """Coefficients (R, P) of the ship without the fold that each of so many runs is in."""
+    ship, problem = found.ship, found.problem
+    values = np.tile(np.asarray(ship.values, dtype=float), (count, 1))
+    shared = len(found.p)
+    at = [ship.symbols.index(s) for s in found.prior.symbols]
+    for out, p in zip(folds, estimates_without(found.information, folds, problem.p_bounds()), strict=True):
+        for i in out:
+            values[i, at] = found.prior.mean + found.prior.std * p[:shared]
+    return values

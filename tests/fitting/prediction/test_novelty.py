@@ -1,0 +1,107 @@
+"""Bands widen for motions that the trials did not hold, and only for those."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+
+import numpy as np
+import pytest
+
+from cases.maneuvers.definitions import parse_maneuver
+from cases.shipfiles.ship_file import load_ship
+from cases.simulation.demo_trials import hidden_ship
+from cases.simulation.simulate import simulate
+from cases.trial import Trial
+from fitting.prediction.bands import Bands, Process
+from fitting.prediction.novelty import (
+    MOST,
+    HeldMotion,
+    covering,
+    held_dict,
+    held_motion,
+    held_of,
+    met_so_far,
+    nearest,
+)
+from fitting.prediction.predict import predict, record_of
+from fitting.prediction.stretches import Record
+from mmg.rollout import Simulator
+
+
+@cache
+def run(maneuver: str, ship: str = "", n: float = 10.0, duration: float = 100.0) -> Trial:
+    model = load_ship(ship) if ship else hidden_ship()
+    return simulate(model, parse_maneuver(maneuver, model, n=n, duration=duration), dt=0.5)
+
+
+def records(*maneuvers: str, ship: str = "", n: float = 10.0) -> list[Record]:
+    inputs = (load_ship(ship) if ship else hidden_ship()).inputs
+    return [record_of(run(m, ship, n), inputs) for m in maneuvers]
+
+
+def held(*maneuvers: str, ship: str = "", n: float = 10.0) -> HeldMotion:
+    model = load_ship(ship) if ship else hidden_ship()
+    found = held_motion(records(*maneuvers, ship=ship, n=n), model.inputs, model.particulars["L"])
+    assert found is not None
+    return found
+
+
+def novelty(known: HeldMotion, maneuver: str, ship: str = "", n: float = 10.0) -> np.ndarray:
+    (record,) = records(maneuver, ship=ship, n=n)
+    length = (load_ship(ship) if ship else hidden_ship()).particulars["L"]
+    return known.novelty(record.states[:, :, None], record.controls[:, :, None], length)[:, 0]
+
+
+@pytest.mark.parametrize(("ship", "n"), [("", 10.0), ("kvlcc2_l7", 3.0)])
+def test_a_circle_is_new_to_zigzags_and_another_zigzag_is_not(ship: str, n: float) -> None:
+    known = held("zigzag:10/10", "zigzag:20/20", "zigzag:15/15", ship=ship, n=n)
+    circle, zigzag = novelty(known, "turning:35", ship, n), novelty(known, "zigzag:18/18", ship, n)
+    assert np.median(circle[len(circle) // 2 :]) > 0.5
+    assert np.quantile(zigzag, 0.9) < 0.2
+
+
+def test_other_revolutions_are_new() -> None:
+    known = held("zigzag:10/10", "zigzag:20/20")
+    (record,) = records("zigzag:20/20")
+    controls = record.controls.copy()
+    controls[:, 0] *= 2
+    assert known.novelty(record.states[:, :, None], controls[:, :, None], 3.0).min() > 1
+
+
+def test_novelty_has_an_end_and_counts_from_the_start() -> None:
+    known = held("zigzag:10/10", "zigzag:20/20")
+    far = np.full((5, 6, 2), 1e3)
+    assert (known.novelty(far, np.zeros((5, 4, 2)), 3.0) == MOST).all()
+    times = np.arange(5.0)[:, None]
+    met = met_so_far(times, np.array([0.0, 0, 2, 2, 2])[:, None])
+    np.testing.assert_allclose(met[:, 0], [0, 0, 2, 8 / 3, 3])
+
+
+def test_the_band_of_a_circle_widens_and_that_of_a_zigzag_stays() -> None:
+    one = np.ones((1, 6))
+    process = Process(np.full(3, 3.0), np.full(3, 15.0), np.full((3, 3), 0.002), np.zeros(6), one, one, np.ones(1))
+    none = np.zeros((len(hidden_ship().symbols), 0))
+    bare, wide = Bands(process, none), Bands(process, none, held("zigzag:10/10", "zigzag:20/20", "zigzag:15/15"))
+    ratio = {}
+    for maneuver in ("turning:35", "zigzag:18/18"):
+        pair = [predict(Simulator(hidden_ship()), run(maneuver), 60.0, 60.0, bands=b)[0][0].std for b in (bare, wide)]
+        assert pair[0] is not None and pair[1] is not None
+        ratio[maneuver] = (pair[1][-1] / pair[0][-1]).mean()
+    assert ratio["turning:35"] > 1.2 and ratio["zigzag:18/18"] < 1.05
+
+
+def test_points_cover_the_rows() -> None:
+    rows = np.random.default_rng(0).normal(size=(500, 3))
+    points = covering(rows, 60)
+    assert nearest(rows, points).max() < nearest(rows, rows[:60]).max()
+    assert len(covering(np.ones((5, 2)), 3)) == 1
+
+
+def test_it_is_stored_as_plain_values_and_only_for_the_same_inputs() -> None:
+    known, names = held("zigzag:10/10", "zigzag:20/20"), hidden_ship().inputs
+    again = held_of(json.loads(json.dumps(held_dict(known))), names)
+    assert again is not None and again.reach == known.reach
+    assert held_of(held_dict(known), ("n", "delta_port", "delta_starboard")) is None
+    assert held_of(None, names) is None and held_of({"points": [1]}, names) is None
+    assert held_motion(records("zigzag:10/10"), names, 3.0) is None
