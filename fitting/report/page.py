@@ -51,6 +51,7 @@ PLACES = {
     "validation": ("scores", "error_growth", "track"),
     "coefficients": ("coefficients",),
     "identifiability": ("identifiability",),
+    "scaling": ("scaling",),
 }
 """Sections of the page and how the names of their figures begin."""
 

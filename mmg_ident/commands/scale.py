@@ -48,6 +48,7 @@ def scale(
 
     Example: mmg scale runs/first --length 325 --out runs/ship
     """
+    from delivery.full_scale.figure import write_scaled
     from delivery.full_scale.result import scaled_result
     from delivery.full_scale.scaled_ship import Scaling
     from fitting.report.run_folder import check_target, reserved
@@ -56,7 +57,7 @@ def scale(
     scaling.check()
     check_target(out)
     with reserved(out), working("scaling"):
-        result = scaled_result(run, scaling, command_line()).save(out)
+        result = write_scaled(scaled_result(run, scaling, command_line()), out)
     if json:
         print_json(result.to_dict())
         return

@@ -35,6 +35,7 @@ def test_the_folder_says_what_changed_and_what_is_assumed(folder: Path) -> None:
     assert found["self_propulsion"]["ship"]["C_Th"] < 0.6 * found["self_propulsion"]["model"]["C_Th"]
     page = html.unescape((folder / "ship" / "report.html").read_text())
     assert "From model to ship" in page
+    assert (folder / "ship" / "figures" / "scaling.png").exists() and page.count("data:image/png") == 1
     assert all(words in page for words in found["assumptions"])
 
 
@@ -49,9 +50,8 @@ def test_the_folder_is_read_back_and_its_model_with_it(folder: Path) -> None:
 
 
 def test_scaling_twice_is_scaling_once(folder: Path, tmp_path: Path) -> None:
-    assert main(["scale", str(folder / "model"), "--length", "30", "--out", str(tmp_path / "between")]) == 0
-    assert main(["scale", str(tmp_path / "between"), "--length", "325", "--out", str(tmp_path / "ship")]) == 0
-    once, twice = read_fit(folder / "ship"), read_fit(tmp_path / "ship")
+    mmg_ident.scale(folder / "model", 30.0).save(tmp_path / "between")
+    once, twice = read_fit(folder / "ship"), mmg_ident.scale(tmp_path / "between", 325.0)
     assert twice.ship.values == pytest.approx(once.ship.values, rel=1e-12)
     assert [c.std for c in twice.ship.coefficients.values()] == pytest.approx(
         [c.std for c in once.ship.coefficients.values()]
@@ -61,17 +61,21 @@ def test_scaling_twice_is_scaling_once(folder: Path, tmp_path: Path) -> None:
     assert again.ship.values == pytest.approx(once.ship.values, rel=1e-12)
 
 
-def test_the_other_verbs_take_the_ship(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_ship_is_predicted_and_exported(folder: Path, tmp_path: Path) -> None:
     run = str(folder / "ship")
     trial = mmg_ident.simulate(folder / "ship", "turning:20", dt=2.0, duration=600.0)
     write_trial(trial, tmp_path / "turn.csv")
-    capsys.readouterr()
     window = ["--window", "300", "--out", str(tmp_path / "p.csv")]
     assert main(["predict", run, str(tmp_path / "turn.csv"), *window]) == 0
     assert "x_std [m]" in (tmp_path / "p.csv").read_text().splitlines()[0]
+    assert main(["export", run, "--format", "toml", "--out", str(tmp_path / "ship.toml")]) == 0
+
+
+@pytest.mark.slow
+def test_the_ship_is_judged_and_reported(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run = str(folder / "ship")
     assert main(["imo", run, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["ship"] == "esso_osaka_3m_325m"
-    assert main(["export", run, "--format", "toml", "--out", str(tmp_path / "ship.toml")]) == 0
     assert main(["report", run, "--no-imo", "--out", str(tmp_path / "page.html")]) == 0
     assert main(["simulate", run, "--maneuver", "turning:35", "--scatter", "4"]) == 0
 
