@@ -131,6 +131,9 @@ def _messages(model: FitResult, found: ScaledShip) -> tuple[MessageRow, ...]:
     rows = []
     if not model.converged:
         rows.append(("warning", "not_converged", f"the calibration of the model did not converge ({model.status})"))
+    if model.status == NOT_CALIBRATED:
+        words = "standard deviations are those of the ship file, taken as independent of each other: no run is known"
+        rows.append(("notice", "independent_priors", words))
     if gone := dropped_effects(model.ship):
         words = "left with the model, as they belong to its place, instruments or steering gear: " + ", ".join(gone)
         rows.append(("notice", "effects_left_out", words))
