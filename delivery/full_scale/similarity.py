@@ -133,7 +133,11 @@ def similar_bands(bands: Mapping[str, Any] | None, law: Similarity) -> dict[str,
         return None
     time = math.sqrt(law.scale)
     found: dict[str, Any] = {key: dict(value) if key != "horizons_s" else value for key, value in bands.items()}
-    found.pop("held", None)  # what tank trials held does not say what a ship's voyage will
+    if "held" in found:  # its points are divided by the scales of u, v, r L, actuators, air
+        actuators = [name for name in found["held"]["inputs"] if name in INPUTS]
+        units = ["m/s"] * 3 + [INPUTS[name][1] for name in actuators] + ["m/s"] * 2
+        scales = zip(found["held"]["scale"], units, strict=True)
+        found["held"]["scale"] = [value * law.factor(unit) for value, unit in scales]
     if "horizons_s" in found:
         found["horizons_s"] = [value * time for value in found["horizons_s"]]
     for key in ("acceleration_memory_s", "error_decay_s"):

@@ -11,7 +11,8 @@ from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.simulate import simulate
 from delivery.full_scale.similarity import Similarity, dropped_effects, similar_bands, similar_network, similar_ship
-from fitting.prediction.bands import Process, bands_of, process_dict
+from fitting.prediction.bands import SIZES, Process, bands_of, process_dict
+from fitting.prediction.novelty import HeldMotion, held_dict, held_of
 from mmg.errors import UserError
 from mmg.motion.froude import time_scale
 from tests.support.networks import random_network
@@ -79,6 +80,24 @@ def test_a_learned_residual_is_the_same_at_equal_froude_number() -> None:
     wanted = network.accelerations(x) * np.array([1.0, 1.0, 0.01])[:, None]
     assert scaled.accelerations(x * factors[:, None]) == pytest.approx(wanted)
     assert (scaled.outside(x * factors[:, None]) == network.outside(x)).all()
+
+
+def test_motions_are_as_new_to_the_ship_as_to_the_model() -> None:
+    rng, names = np.random.default_rng(8), load_ship("esso_osaka_3m").inputs
+    held = HeldMotion(names, np.array([0.3, 0.1, 0.2, 5.0, 0.3, 2.0, 2.0]), rng.normal(size=(20, 7)), 0.4, np.ones(6))
+    content = {"acceleration_memory_s": {}, "error_decay_s": {}, "noise": {}, "held": held_dict(held)}
+    content["acceleration_std"] = {"r": dict.fromkeys(SIZES, 1.0)}
+    scaled = similar_bands(content, LAW)
+    assert scaled is not None
+    theirs = held_of(scaled["held"], names)
+    assert theirs is not None
+    states, inputs = rng.normal(0.2, 0.2, (9, 6, 2)), rng.normal(size=(9, len(names), 2))
+    factors = np.array([100.0, 100, 1, 10, 10, 0.1])[:, None]
+    inputs_of_ship = (
+        inputs * np.array([LAW.factor({"n": "rps", "delta": "rad"}.get(name, "m/s")) for name in names])[:, None]
+    )
+    ours = held.novelty(states, inputs, 3.0)
+    assert ours.max() > 0 and theirs.novelty(states * factors, inputs_of_ship, 300.0) == pytest.approx(ours, abs=0.05)
 
 
 def test_bands_grow_as_the_motion_and_lose_the_noise_of_instruments() -> None:
