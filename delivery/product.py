@@ -187,6 +187,8 @@ class Product:
         """What is said of it in a file beside the product: names, ranges, provenance, caveats; plain values."""
         return {
             "ship": self.ship.name,
+            "title": self.ship.title,
+            "calibration": vars(self.ship.mark) if self.ship.mark else None,
             "identifier": self.identifier,
             "components": dict(self.ship.components),
             "effects": list(self.ship.effects),

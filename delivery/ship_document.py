@@ -15,7 +15,7 @@ from delivery.product import Product
 def write_toml(product: Product, target: Path) -> None:
     """Write ``product`` to the ship file ``target``: values, standard errors, verdicts; provenance as comments."""
     source = product.provenance
-    origin = f"{product.ship.name}, exported by mmg export from {source['source']}"
+    origin = f"{product.ship.title}, exported by mmg export from {source['source']}"
     lines = [f"{origin}; std is the standard error of each estimate."]
     if source.get("created"):
         lines.append(f"Calibrated {source['created']} by {source.get('command') or 'mmg'}.")

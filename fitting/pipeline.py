@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import time
 from collections.abc import Mapping, Sequence
@@ -37,7 +38,7 @@ from mmg.errors import UserError
 from mmg.messages import Message, message_rows
 from mmg.progress import LOGGER, OnProgress
 from mmg.rollout import Simulator
-from mmg.ship import Ship
+from mmg.ship import CalibrationMark, Ship
 from mmg.states import STATES
 
 
@@ -51,7 +52,8 @@ class FitOptions:
     captive: points of captive tests that are fitted too; auto: choose the model by cross-validation, within auto_limit
     [s]; start: values from which the solver begins, by symbol; hold: these stay, and only what else is free and the
     noise is estimated; resume: an interrupted run of the same data and ship, from whose iterate to go on; command: what
-    is stored as the command that made the result.
+    is stored as the command that made the result; name: of the ship and her calibration, "": the ship keeps hers, and
+    the calibration takes that of the run folder.
     """
 
     bootstrap: int = 0
@@ -66,6 +68,7 @@ class FitOptions:
     hold: bool = False
     resume: FitResult | None = None
     command: str = ""
+    name: str = ""
 
 
 def calibrate(
@@ -122,8 +125,12 @@ def calibrate(
     warnings = [*found.warnings, *remarks, *worth_message(left_out), *shared_rows(train, validation)]
     warnings += [*_of_scores(scores), *later.left_out]
     notices = [*found.notices, *(choice.notices if choice else ())]
+    solved = _solved(found, options.command)
+    mark = _mark(ship, train, options.name, solved["created"])
     content = {
-        **_solved(found, options.command),
+        **solved,
+        "ship_name": options.name or found.ship.name,
+        "mark": vars(mark),
         "passes": (*_earlier(options.resume, found), *found.passes),
         "data": data_rows(train),
         "validation_data": data_rows(validation),
@@ -142,7 +149,7 @@ def calibrate(
     }
     return FitResult(
         **vars(FitRecord.of(content)),
-        ship=found.ship,
+        ship=replace(found.ship, name=options.name or found.ship.name, mark=mark),
         start=ship,
         iterate=found.iterate,
         objects=FitObjects(found, before, after, tuple(train), tuple(validation), trial),
@@ -198,6 +205,13 @@ def _earlier(resumed: FitResult | None, found: Calibration) -> Sequence[SolveRow
     """Rows of the solves of an interrupted run that came before those of the calibration."""
     count = int(found.resumption.number[0]) + 1 - len(found.passes)
     return resumed.passes[:count] if resumed else ()
+
+
+def _mark(ship: Ship, trials: Sequence[Trial], name: str, created: str) -> CalibrationMark:
+    """Which calibration of ``ship`` on ``trials`` this is; created: ISO time."""
+    hashes = sorted(trial.sha256 for trial in trials)
+    data = hashlib.sha256("\n".join(hashes).encode()).hexdigest() if all(hashes) else ""
+    return CalibrationMark(name, created[:10], data, ship.mark.name if ship.mark else ship.name)
 
 
 def _solved(found: Calibration, command: str) -> dict[str, Any]:

@@ -23,7 +23,7 @@ from mmg.messages import Message
 from mmg.rollout import Simulator
 
 SCHEMA_VERSION = 1
-RENAMED = {"ship": "ship_name"}
+RENAMED = {"ship": "ship_name", "calibration": "mark"}
 """Keys of result.json whose attribute has another name."""
 
 
@@ -155,6 +155,7 @@ class FitRecord:
     """What a calibration found, as result.json holds it; ``docs/files.md`` lists the keys.
 
     envelope: quantity -> range (lowest, highest) that the training trials held, SI (``fitting.report.limits``);
+    mark: name, date, hash of the data, and the ship that it began from (``mmg.ship.CalibrationMark``);
     left_out: what stretches left out of the trials were worth (``fitting.uncertainty.left_out``); scaling: of a ship
     scaled from a model, what changed and what was assumed (``delivery.full_scale.result``).
     Attributes with a default are absent from the file where they are None.
@@ -190,6 +191,7 @@ class FitRecord:
     identifiability: dict[str, Any]
     messages: tuple[MessageRow, ...]
     figures: tuple[FigureRow, ...] = ()
+    mark: dict[str, str] | None = None
     effects: tuple[EffectTest, ...] | None = None
     per_run: dict[str, dict[str, ConstantRow]] | None = None
     uncertainty: dict[str, Any] | None = None

@@ -41,6 +41,7 @@ from fitting.report.run_folder import (
     write_whole,
 )
 from fitting.solvers.interrupts import Later, left_out_message
+from mmg.errors import name_fault
 from mmg.notebook import html_table
 from mmg.ship import Ship
 
@@ -88,7 +89,7 @@ class FitResult(FitRecord):
         )
         rows = [(s, c.value, c.std, c.unit, c.prior_value, c.verdict) for s, c in self.coefficients.items()]
         header = ("coefficient", "value", "std", "unit", "prior", "verdict")
-        return html_table(f"{self.ship_name}, {state}{scores}", header, rows)
+        return html_table(f"{self.ship.title}, {state}{scores}", header, rows)
 
     def save(
         self, folder: str | Path, replace: bool = False, beside: Callable[[Path], None] | None = None
@@ -104,12 +105,24 @@ class FitResult(FitRecord):
         target = Path(folder)
         if not replace:
             check_target(target)
-        write_whole(target, partial(self._fill, beside=beside), replace)
-        return changed(self._illustrated(target), folder=target)
+        named = self._named(target)
+        write_whole(target, partial(named._fill, beside=beside), replace)
+        return changed(named._illustrated(target), folder=target)
+
+    def _named(self, folder: Path) -> FitResult:
+        """The result with the name of its ``folder`` for a calibration that has none."""
+        mark = self.ship.mark
+        if mark is None or mark.name:
+            return self
+        from fitting.report.page import label_of  # late: jinja is slow to import
+
+        own = label_of(folder)
+        mark = changed(mark, name=self.ship.name if name_fault(own) else own)
+        return changed(self, ship=changed(self.ship, mark=mark), mark=dict(vars(mark)))
 
     def _fill(self, scratch: Path, beside: Callable[[Path], None] | None) -> None:
         state = "calibrated" if self.converged else "NOT CONVERGED, best iterate"
-        note = f"{self.ship.name}, {state} by mmg fit; std is the standard error of each estimate."
+        note = f"{self.ship.title}, {state} by mmg fit; std is the standard error of each estimate."
         if self.scaling is not None:
             note = (
                 f"{self.ship.name}, scaled from {self.scaling['model']['ship']} by mmg scale; std: standard deviation."

@@ -23,6 +23,29 @@ AIR = ("wind_north", "wind_east")
 
 
 @dataclass(frozen=True)
+class CalibrationMark:
+    """Which calibration a ship is of.
+
+    name: of the calibration, plain words; date: ISO; data: hash over the trials, "" where it is not known; start: name
+    of the ship or calibration that it began from.
+    """
+
+    name: str
+    date: str = ""
+    data: str = ""
+    start: str = ""
+
+    def __post_init__(self) -> None:
+        check_name(self.name, "calibration")
+
+    @property
+    def words(self) -> str:
+        """All of it in a line: "first, calibrated 2026-11-23, data 1a2b3c4d, from esso_osaka_3m"."""
+        told = (("calibrated ", self.date), ("data ", self.data[:8]), ("from ", self.start))
+        return ", ".join([self.name, *(f"{word}{value}" for word, value in told if value)])
+
+
+@dataclass(frozen=True)
 class Ship:
     """A ship, before or after calibration.
 
@@ -34,7 +57,7 @@ class Ship:
     effects: names of effects (mmg.effects) in the order in which they enter; their parameters are coefficients
     ``effect.parameter``.
     network: what adds accelerations to those of the forces, if anything: a hybrid ship. UserError if its inputs are
-    not those of the ship.
+    not those of the ship. mark: of the calibration, None for a ship that was not calibrated here.
     """
 
     name: str
@@ -46,6 +69,7 @@ class Ship:
     notices: tuple[str, ...] = field(default=())
     effects: tuple[str, ...] = field(default=())
     network: Network | None = None
+    mark: CalibrationMark | None = None
 
     def __post_init__(self) -> None:
         check_name(self.name, "ship")
@@ -66,6 +90,11 @@ class Ship:
             for c in self.coefficients.values()
         ]
         return html_table(caption, ("coefficient", "value", "std", "unit", "", "source"), rows)
+
+    @property
+    def title(self) -> str:
+        """What outputs call her: her calibration with its date and data, without one her name."""
+        return self.mark.words if self.mark else self.name
 
     @property
     def symbols(self) -> tuple[str, ...]:

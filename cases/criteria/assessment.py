@@ -106,7 +106,7 @@ def imo_figures(
     if not runs:
         raise UserError(next(iter(missed.values())))
     L = calm.particulars["L"]
-    heading = f"{calm.name}, simulated: L {L:g} m, V {V:.4g} m/s, L/V {L / V:.3g} s"
+    heading = f"{calm.title}, simulated: L {L:g} m, V {V:.4g} m/s, L/V {L / V:.3g} s"
     if "n" in calm.actuators:
         heading += f", n {runs[0].trial['n'][0]:.4g} rps"
     degrees = math.degrees(rudder_rate if rudder_rate is not None else Limits.for_ship(calm).rudder_rate)
@@ -159,7 +159,8 @@ def imo_figures_of_trials(
     name = ship.name if ship else ""
     several = len(trials) - len(refused) < len(runs)
     held = f", {len(runs)} manoeuvres" if several else ""
-    heading = f"{name or 'ship'}, measured: L {L:g} m, {len(trials) - len(refused)} of {len(trials)} runs{held}"
+    title, used = ship.title if ship else "ship", len(trials) - len(refused)
+    heading = f"{title}, measured: L {L:g} m, {used} of {len(trials)} runs{held}"
     size = scale or (ship.particulars.get("scale") if ship else None)
     if not correct:
         return _assessed(name, heading, runs, size, notices, [])

@@ -53,6 +53,15 @@ class _Effects(Section):
     effects: list[str] = Field(default_factory=list)
 
 
+class CalibrationSection(Section):
+    """it says which calibration the ship is of: name, date, data, start"""
+
+    name: Name = ""
+    date: str = ""
+    data: str = ""
+    start: str = ""
+
+
 if TYPE_CHECKING:
     ShipSection = _Words
     ModelSection = _Effects
@@ -69,3 +78,4 @@ class ShipFile(Section):
     ship: ShipSection
     model: ModelSection
     coefficients: dict[str, CoefficientEntry] = Field(default_factory=dict)
+    calibration: CalibrationSection | None = None

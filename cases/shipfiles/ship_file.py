@@ -1,10 +1,11 @@
 """Ship files: reading, checking and writing them, and the ships that come with the package.
 
 A ship file is TOML: ``[ship]`` particulars (SI), ``[model]`` the force model of each role, and one table
-``[coefficients.NAME]`` per coefficient with ``value``, ``std``, ``lower``, ``upper``, ``unit`` or ``prime``, ``fixed``,
-``source``, and after a fit ``verdict``, ``prior_value`` and ``prior_std``. A coefficient that is left out takes the
-default of its force model; for the wind model that is the regression on the particulars. A table ``[network]`` holds
-the learned residual of a hybrid ship (``network_table``). The same tables are read from JSON (``ship_json``).
+``[coefficients.NAME]`` per coefficient with ``value``, ``std``, ``lower``, ``upper``, ``unit`` or ``prime``,
+``fixed``, ``source``, and after a fit ``verdict``, ``prior_value`` and ``prior_std``. ``[calibration]`` says which fit
+that was. A coefficient that is left out takes the default of its force model; for the wind model that is the
+regression on the particulars. A table ``[network]`` holds the learned residual of a hybrid ship (``network_table``).
+The same tables are read from JSON (``ship_json``).
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from mmg.components.particulars import PARTICULARS
 from mmg.effects import EFFECTS
 from mmg.errors import UserError
 from mmg.messages import Message
-from mmg.ship import Ship
+from mmg.ship import CalibrationMark, Ship
 
 LIBRARY = Path(__file__).parents[1] / "ships"
 OPTIONAL = ("C_b", "U_0", "y_P", "pitch", "rudder_rate", "scale")
@@ -134,6 +135,7 @@ def _plain_ship(data: dict[str, Any], where: str) -> Ship:
         name=content.ship.name or Path(where).stem, description=content.ship.description,
         particulars=particulars, components=components, coefficients={**defaults, **changed},
         reference=content.ship.reference, notices=tuple(notices), effects=ship.effects,
+        mark=CalibrationMark(**vars(content.calibration)) if content.calibration else None,
     )  # fmt: skip
 
 
@@ -237,5 +239,11 @@ def dump_ship(ship: Ship, comment: str = "") -> str:
             elif value:
                 entry.add(key, value)
         tables.add(symbol, entry)
-    document.add("ship", stated).add("model", model).add("coefficients", tables)
+    document.add("ship", stated).add("model", model)
+    if ship.mark:
+        mark = tomlkit.table()
+        for key, value in vars(ship.mark).items():
+            mark.add(key, value)
+        document.add("calibration", mark)
+    document.add("coefficients", tables)
     return document.as_string()

@@ -67,7 +67,7 @@ def about(product: Product) -> list[str]:
     """Sentences on what a ``product`` is, where it comes from, and its caveats."""
     ship, source = product.ship, product.provenance
     parts = ", ".join(f"{role} {name}" for role, name in ship.components.items())
-    lines = [f"Ship {ship.name}: {parts}."]
+    lines = [f"Ship {ship.title}: {parts}."]
     if ship.effects:
         lines.append(f"Effects: {', '.join(ship.effects)}.")
     if ship.network is not None:

@@ -76,7 +76,7 @@ def readme(product: Product) -> str:
     """How to compile and use the C product of ``product``."""
     p, up = product.identifier, product.identifier.upper()
     caveats = "".join(f"* {caveat}\n" for caveat in product.caveats) or "* none\n"
-    return f"""# {product.ship.name} in C
+    return f"""# {product.ship.title} in C
 
 `{p}.h` and `{p}.c` are the whole ship: C99 and C++11, the C library's mathematics and nothing else, no allocation, no
 global that is written. `example.c` turns the ship for 600 s. `product.json` says where the ship comes from, with each

@@ -89,7 +89,8 @@ def _write(product: Product, target: Path, form: str, instead: str) -> list[Mess
     else:
         parameters["max_effort"] = repr(float(f"{100 * max(e.force for e in errors):.2g}"))
     words: dict[str, Any] = {
-        "ship": product.ship.name, "simulator": simulator, "said": [*said, *map(str, product.caveats)],
+        "ship": product.ship.name, "title": product.ship.title,
+        "simulator": simulator, "said": [*said, *map(str, product.caveats)],
         "name": product.identifier, "diameter": P["D_P"], "density": P["rho"], "thrust": f"{coefficient:.6g}",
         "thrust_error": f"{100 * error:.1f}", "x_G": P["x_G"], "mass": P["m"], "filename": filename, "plugin": plugin,
         "ixx": repr(P["m"] * (0.4 * P.get("B", 0.15 * P["L"])) ** 2), "iyy": repr(own),

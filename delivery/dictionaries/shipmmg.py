@@ -73,6 +73,7 @@ def write_shipmmg(product: Product, target: Path) -> list[Message]:
     content = {
         "format": "shipmmg 0.0.11",
         "ship": product.ship.name,
+        "title": product.ship.title,
         "rho": moved.ship.particulars["rho"],
         "basic_params": basic,
         "maneuvering_params": maneuvering,

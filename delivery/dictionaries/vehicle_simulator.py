@@ -56,6 +56,7 @@ def write_vehicle(product: Product, target: Path) -> list[Message]:
     scale, speed = time_scale(L), float(moved.u.max())
     words = {
         "ship": product.ship.name,
+        "title": product.ship.title,
         "name": product.identifier,
         "said": [*map(str, said), *map(str, product.caveats)],
         "parameters": "{\n" + "".join(f'    "{name}": {value!r},\n' for name, value in p.items()) + "}",

@@ -31,7 +31,8 @@ def fmu_page(ship: CoSimulatedShip, table: VariableTable) -> str:
     tables = "".join(f"<h2>{title}</h2>{_rows(table.of(causality))}" for title, causality in groups)
     return (
         f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(ship.identifier)}</title>'
-        f"<style>{STYLE}</style></head><body>\n<h1>{escape(ship.ship.name or ship.identifier)}</h1>\n<ul>{words}</ul>\n"
+        f"<style>{STYLE}</style></head><body>\n"
+        f"<h1>{escape(ship.ship.title or ship.identifier)}</h1>\n<ul>{words}</ul>\n"
         f"<h2>Use</h2>\n{USE.format(step=ship.longest_step)}\n<h2>What the trials held</h2>\n"
         f"{held if ranges else '<p>No record of it is known, so this FMU cannot say when it extrapolates.</p>'}\n"
         f"{tables}\n</body></html>\n"

@@ -101,7 +101,9 @@ def similar_ship(ship: Ship, law: Similarity, name: str) -> Ship:
     particulars = similar_particulars(ship.particulars, law)
     words = f"scaled by {law.scale:.6g} from {ship.name}"
     words = f"{words}: {ship.description}" if ship.description else words
-    bare = replace(ship, network=None, name=name, particulars=particulars, coefficients=rows, description=words)
+    mark = ship.mark and replace(ship.mark, name=f"{ship.mark.name} scaled to {particulars['L']:.4g} m")
+    bare = replace(ship, network=None, name=name, particulars=particulars, coefficients=rows, description=words,
+                   mark=mark)  # fmt: skip
     return bare.with_network(network)
 
 

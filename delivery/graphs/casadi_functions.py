@@ -98,6 +98,7 @@ def about(product: Product, functions: dict[str, ca.Function]) -> dict[str, Any]
     rudder = product.held.get("delta")
     content = {
         "ship": product.ship.name,
+        "title": product.ship.title,
         "length_m": product.ship.particulars["L"],
         "service_speed_m_s": product.ship.particulars.get("U_0"),
         "casadi": ca.CasadiMeta.version(),

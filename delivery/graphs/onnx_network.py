@@ -66,7 +66,15 @@ def about(ship: Ship, network: Network) -> dict[str, Any]:
         {"name": name, "unit": unit, "scale": scale, "bound": bound}
         for (name, unit), scale, bound in zip(ACCELERATIONS, network.output_scales, network.bound, strict=True)
     ]
-    return plain({"ship": ship.name, "features": rows, "accelerations": outputs, "members": len(network.members)})
+    return plain(
+        {
+            "ship": ship.name,
+            "title": ship.title,
+            "features": rows,
+            "accelerations": outputs,
+            "members": len(network.members),
+        }
+    )
 
 
 def _known(bound: float) -> float | None:

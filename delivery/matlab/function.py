@@ -233,6 +233,7 @@ def _parameters(product: Product) -> str:
 
     lines = [
         f"p.ship = {m_text(product.ship.name)};",
+        f"p.title = {m_text(product.ship.title)};",
         f"p.about = {m_text(' '.join(about(product)))};",
         f"p.states = {cell(model.states)};",
         f"p.state_units = {cell([unit_of(s) for s in model.states])};",

@@ -57,7 +57,7 @@ def readme(product: Product) -> str:
     p = product.identifier
     caveats = "".join(f"* {caveat}\n" for caveat in product.caveats) or "* none\n"
     first = product.coefficients[0].identifier
-    return f"""# {product.ship.name} for MATLAB and Octave
+    return f"""# {product.ship.title} for MATLAB and Octave
 
 `{p}.m` is the whole ship; `help {p}` says how to ask it. `{p}_mex.c` is the same as compiled code, with `{p}.h` and
 `{p}.c`; a C compiler is needed for it only:

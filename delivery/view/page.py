@@ -56,7 +56,7 @@ def _header(campaign: Campaign, lengths: Sequence[float], roles: Sequence[Sequen
     places = {"propeller": -0.5, "rudder": p.get("x_R", -0.5 * L) / L}
     places |= {"bow_thruster": p.get("x_BT", 0.4 * L) / L, "stern_thruster": p.get("x_ST", -0.4 * L) / L}
     return {
-        "ship": ship.name,
+        "ship": ship.title,
         "length": p["L"],
         "breadth": p.get("B", p["L"] / 6),
         "lengths": list(lengths),
@@ -119,7 +119,7 @@ def _rendered(campaign: Campaign, header: str, runs: Sequence[str]) -> str:
     scripts = [_asset(name).strip() for name in SCRIPTS]
     styles = [_asset(name).strip() for name in STYLES]
     return templates.get_template("view.html.j2").render(
-        ship=campaign.ship.name, policy=policy(scripts, styles), scripts=scripts, styles=styles,
+        ship=campaign.ship.title, policy=policy(scripts, styles), scripts=scripts, styles=styles,
         licence=_asset("uplot/LICENSE").strip(), header=header, runs=runs, version=versions()["mmg-ident"],
     )  # fmt: skip
 

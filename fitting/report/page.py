@@ -154,6 +154,8 @@ def _run(record: FitRecord, ship: Ship, folder: Path, number: int, known: Delive
     return {
         "id": f"run{number}",
         "label": label_of(folder),
+        "name": ship.mark.name if ship.mark else result["ship"],
+        "about": ship.title if ship.mark else "",
         "result": result,
         "ship": ship,
         "headline": headline(result),
@@ -241,7 +243,7 @@ def build_page(results: Sequence[tuple[FitRecord, Ship, Path]], known: Sequence[
     for run in runs:
         if labels.count(run["label"]) > 1:
             run["label"] = f"{run['label']} ({run['id']})"
-    ships = [run["result"]["ship"] + ("" if run["result"]["converged"] else " (not converged)") for run in runs]
+    ships = [run["name"] + ("" if run["result"]["converged"] else " (not converged)") for run in runs]
     comparison = comparison_of(runs) if len(runs) > 1 else None
     return environment().get_template("report.html.j2").render(runs=runs, ships=ships, comparison=comparison)
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
-from mmg.errors import UserError
+from mmg.errors import UserError, name_fault
 from mmg.messages import has_code
 from mmg_ident.commands.output import (
     command_line,
@@ -42,6 +42,9 @@ def fit(
     validate: Annotated[
         list[Path] | None, Option(help="Held-out trials to score before and after; several may follow.")
     ] = None,
+    name: Annotated[
+        str, Option(help="Of the ship and this calibration, in every output; default that of the run folder.")
+    ] = "",
     without: Annotated[
         list[str] | None, Option(help="Leave a component or effect out of the model, such as wind.")
     ] = None,
@@ -133,6 +136,8 @@ def fit(
         loss=loss,
     )
     points = _captive_points(captive, captive_sigma)
+    if name_fault(name):
+        raise UserError(f"--name {name!r}: {name_fault(name)}")
     if auto and resume:
         raise UserError("--auto cannot be resumed: repeat the choice as options, or start again without --resume")
     earlier = _resumed(out) if resume and out.exists() else None
@@ -156,6 +161,7 @@ def fit(
         auto_limit=auto_limit,
         resume=earlier,
         command=command_line(),
+        name=name or _own_name(earlier),
     )
     reading = time.perf_counter() - began
     for line in start.notices:
@@ -190,6 +196,11 @@ def _settings(sigma: str | None, **values: Any) -> Settings:
     if values["loss"] not in LOSSES:
         raise UserError(f"--loss {values['loss']}: unknown; choose one of {', '.join(LOSSES)}")
     return Settings(sigma=numbers_of(sigma, 6, "--sigma") if sigma else None, **values)
+
+
+def _own_name(earlier: FitResult | None) -> str:
+    """The name that an interrupted run was given, "" for none."""
+    return earlier.ship.name if earlier and earlier.ship.name != earlier.start.name else ""
 
 
 def _resumed(out: Path) -> FitResult:
@@ -247,4 +258,6 @@ def _summary(result: FitResult, out: Path) -> None:
     plan = result.identifiability.get("next_trial", {}).get("plan", [])
     if plan:
         say(f"next trial that would determine most: {plan[0]['name']}")
+    if result.ship.mark:
+        say(f"name: {result.ship.title}")
     say(f"run folder: {out} (ship.toml, result.json, report.html)")

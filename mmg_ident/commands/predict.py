@@ -78,10 +78,23 @@ def predict(
     counts = {p.trial.name: len(p.windows) for p in found}
     if json:
         outside = {p.trial.name: p.outside for p in found}
-        written = {"files": {n: str(p) for n, p in files.items()}, "windows": counts, "notes": notes}
+        written = {
+            "title": _title(model),
+            "files": {n: str(p) for n, p in files.items()},
+            "windows": counts,
+            "notes": notes,
+        }
         print_json(written | ({"outside_envelope": outside} if any(v is not None for v in outside.values()) else {}))
     else:
-        say(f"{sum(counts.values())} windows of {len(runs)} trial(s) written to {out}")
+        say(f"{sum(counts.values())} windows of {len(runs)} trial(s) by {_title(model)} written to {out}")
+
+
+def _title(model: str) -> str:
+    """What the ``model`` is called: of a ship her calibration."""
+    from cases.shipfiles.network_file import is_black_box
+    from cases.shipfiles.ship_file import load_ship
+
+    return model if is_black_box(model) else load_ship(model).title
 
 
 def _doubtful_starts(found: Prediction, kept: Trial) -> list[str]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Argument, Option
 
 from mmg.errors import UserError
-from mmg_ident.commands.output import each, is_model, numbers_of, print_json
+from mmg_ident.commands.output import each, is_model, numbers_of, print_json, say
 from mmg_ident.commands.score_tables import print_scores, worse_than_first
 
 if TYPE_CHECKING:
@@ -107,8 +107,14 @@ def score(
     scores = {name: replace(s, notes=(*notes, *s.notes)) for name, s in scores.items()}
     if json:
         found = {n: s.to_dict() for n, s in scores.items()}
-        print_json({"metric": METRIC, "method": method, "models": found, "worse": worse_than_first(scores)})
+        titles = {n: s.ship.title for n, s in loaded.items() if isinstance(s, Simulator)}
+        print_json(
+            {"titles": titles, "metric": METRIC, "method": method, "models": found, "worse": worse_than_first(scores)}
+        )
     else:
+        for model, simulator in loaded.items():
+            if isinstance(simulator, Simulator) and simulator.ship.mark:
+                say(f"{Path(model).name}: {simulator.ship.title}")
         print_scores(scores)
     _refuse_nan(scores)
 

@@ -138,11 +138,11 @@ def _scatter(
         tracks.to_parquet(out, index=False) if out.suffix.lower() == ".parquet" else tracks.to_csv(out, index=False)
         say(f"written: {out}")
     if as_json:
-        print_json(found.to_dict() | {"out": None if out is None else str(out)})
+        print_json(found.to_dict() | {"title": ship.title, "out": None if out is None else str(out)})
         return
     for notice in found.notices:
         say(f"note: {notice}")
-    print(f"{ship.name}: {plan.name}, {count} draws of {len(found.coefficients)} coefficients")
+    print(f"{ship.title}: {plan.name}, {count} draws of {len(found.coefficients)} coefficients")
     print(f"  {'figure':<28} {'as it is':>10} {'median':>10}   90 % interval")
     for row in found.rows:
         unit, factor, form = _unit(row.unit, ship.particulars["L"])
@@ -184,6 +184,7 @@ def _summary(ship: Ship, trial: Trial, run: str, found: dict[str, float]) -> dic
     lengths = {f"{name[:-2]}_L": value / L for name, value in figures.items() if name.endswith("_m")}
     return {
         "ship": ship.name,
+        "title": ship.title,
         "run": run,
         "samples": len(trial),
         "duration_s": trial.duration,
@@ -201,7 +202,7 @@ def _print(summary: dict[str, Any], figures: dict[str, float], ship: Ship) -> No
     if summary["out"]:
         say(f"{summary['samples']} samples, {summary['duration_s']:g} s, written to {summary['out']}")
         return
-    print(f"{summary['ship']}: {summary['run']}, {summary['duration_s']:g} s")
+    print(f"{summary['title']}: {summary['run']}, {summary['duration_s']:g} s")
     for word in ("start", "final"):
         state = summary[word]
         print(

@@ -1,0 +1,106 @@
+"""A ship with a name: every output of a calibration says which one it is, and old files without one are read."""
+
+from __future__ import annotations
+
+import json
+import re
+import zipfile
+from dataclasses import replace
+from datetime import datetime, timezone
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from cases.shipfiles.ship_file import dump_ship, load_ship, parse_ship
+from cases.shipfiles.ship_json import dump_ship_json
+from cases.simulation.demo_trials import demo_trials
+from cases.simulation.simulate import write_trial
+from fitting.result import read_fit
+from mmg.errors import UserError
+from mmg.ship import CalibrationMark
+from mmg_ident.commands.main import app
+
+FEW = ["--only", "X_0F,Y_v,N_r", "--no-next-trial", "--window", "20"]
+
+
+def mmg(*words: object) -> str:
+    result = CliRunner().invoke(app, [str(word) for word in words])
+    assert result.exit_code == 0, (words, result.exception, result.output)
+    return result.output
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A trial, a run with a name of its own, and the same without one, which is called after its folder."""
+    home = tmp_path_factory.mktemp("named")
+    (home / "trials").mkdir()
+    for trial in demo_trials()[0][:1]:
+        write_trial(trial, home / "trials" / f"{trial.name}.csv")
+    mmg("fit", "esso_osaka_3m", home / "trials", *FEW, "--name", "MT Aurora", "--out", home / "a")
+    first = read_fit(home / "a")
+    assert first.ship.mark is not None
+    nameless = replace(first.ship, name="esso_osaka_3m", mark=replace(first.ship.mark, name=""))
+    replace(first, ship=nameless).save(home / "second")
+    return home
+
+
+def test_a_run_is_called_by_its_name_date_data_and_start(folder: Path) -> None:
+    named, second = load_ship(folder / "a"), load_ship(folder / "second")
+    assert named.name == "MT Aurora" and second.name == "esso_osaka_3m"
+    mark = named.mark
+    assert mark is not None and mark.name == "MT Aurora" and mark.start == "esso_osaka_3m"
+    assert mark.date in datetime.now(timezone.utc).isoformat() and re.fullmatch("[0-9a-f]{64}", mark.data)
+    assert named.title == f"MT Aurora, calibrated {mark.date}, data {mark.data[:8]}, from esso_osaka_3m"
+    assert second.mark is not None and (second.mark.name, second.mark.start) == ("second", "esso_osaka_3m")
+    assert second.mark.data == mark.data
+    result = json.loads((folder / "second" / "result.json").read_text())
+    assert result["calibration"] == vars(second.mark)
+    assert read_fit(folder / "second").ship == second
+
+
+def test_every_output_says_which_calibration_it_is(folder: Path, tmp_path: Path) -> None:
+    run, title, trials = folder / "a", load_ship(folder / "a").title, folder / "trials"
+    assert title in mmg("predict", run, trials, "--out", tmp_path / "p")
+    assert title in mmg("score", run, trials)
+    assert title in json.loads(mmg("score", run, trials, "--json"))["titles"].values()
+    assert title in mmg("simulate", run, "--maneuver", "turning:35", "--duration", "60")
+    assert title in mmg("simulate", run, "--maneuver", "turning:35", "--scatter", "3")
+    page = (run / "report.html").read_text()
+    assert "<h1>MT Aurora: calibration report</h1>" in page and title in page
+    mmg("export", run, "--format", "c", "--out", tmp_path / "c")
+    for file in ("README.md", "mt_aurora.c", "product.json"):
+        assert title in (tmp_path / "c" / file).read_text(), file
+    mmg("export", run, "--format", "toml", "--out", tmp_path / "s.toml")
+    mmg("export", run, "--format", "json", "--out", tmp_path / "s.json")
+    for file in ("s.toml", "s.json"):
+        assert load_ship(tmp_path / file).title == title
+    mmg("export", run, "--format", "matlab", "--out", tmp_path / "m")
+    assert title in (tmp_path / "m" / "README.md").read_text()
+    mmg("export", run, "--format", "fmu", "--out", tmp_path / "s.fmu")
+    with zipfile.ZipFile(tmp_path / "s.fmu") as archive:
+        assert title in archive.read("modelDescription.xml").decode()
+
+
+def test_imo_figures_are_headed_by_the_calibration(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cases.criteria.assessment.STANDARD", ("turning:35",))
+    data = json.loads(mmg("imo", folder / "a", "--json"))
+    assert data["heading"].startswith(load_ship(folder / "a").title)
+
+
+def test_files_without_a_mark_are_read_and_marks_come_back_whole() -> None:
+    ship = load_ship("esso_osaka_3m")
+    assert ship.mark is None and ship.title == "esso_osaka_3m" and "[calibration]" not in dump_ship(ship)
+    marked = replace(ship, mark=CalibrationMark("first", "2026-11-23", "1a2b" * 16, "esso_osaka_3m"))
+    assert parse_ship(dump_ship(marked)) == marked
+    content = json.loads(dump_ship_json(marked))
+    assert content["calibration"]["name"] == "first"
+
+
+@pytest.mark.parametrize("name", ["../x", "a/b", "\x07"])
+def test_a_name_that_is_a_path_is_refused_before_anything_is_read(name: str, tmp_path: Path) -> None:
+    words = ["fit", "esso_osaka_3m", str(tmp_path / "none.csv"), "--out", str(tmp_path / "run"), "--name", name]
+    error = CliRunner().invoke(app, words).exception
+    assert isinstance(error, UserError) and str(error).startswith("--name") and not (tmp_path / "run").exists()
+    with pytest.raises(UserError, match="calibration: name"):
+        CalibrationMark(name)
