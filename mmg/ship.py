@@ -42,7 +42,7 @@ class CalibrationMark:
     def words(self) -> str:
         """All of it in a line: "first, calibrated 2026-11-23, data 1a2b3c4d, from esso_osaka_3m"."""
         told = (("calibrated ", self.date), ("data ", self.data[:8]), ("from ", self.start))
-        return ", ".join([self.name, *(f"{word}{value}" for word, value in told if value)])
+        return ", ".join([self.name or "unnamed", *(f"{word}{value}" for word, value in told if value)])
 
 
 @dataclass(frozen=True)

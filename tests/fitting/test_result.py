@@ -14,6 +14,7 @@ from fitting.report.run_folder import RESULT, write_json
 from fitting.result import FitResult, read_fit
 from mmg.errors import UserError
 from mmg.messages import has_code
+from mmg.ship import Ship
 from tests.support.calibrated import FREE, small_result
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
@@ -22,7 +23,7 @@ KEYS = {
     "constraint_violation", "condition_number", "iterations", "passes", "starts", "settings", "seed", "versions",
     "compiled", "timings_s", "data", "validation_data", "windows", "intervals", "seconds_used", "sigma", "noise",
     "coefficients", "fixed", "correlation", "scores", "identifiability", "warnings", "notices", "messages", "figures",
-    "uncertainty", "bands", "adaptation", "envelope",
+    "uncertainty", "bands", "adaptation", "calibration", "envelope",
 }  # fmt: skip
 """Keys of result.json of a fit with held-out trials; "per_run", "bootstrap", "profiles" and "auto" come on request."""
 
@@ -32,6 +33,12 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("result") / "run"
     small_result().save(path)
     return path
+
+
+def named(ship: Ship, name: str) -> Ship:
+    """The ship of a result that was saved in a folder of this name."""
+    assert ship.mark is not None and ship.mark.name == ""
+    return replace(ship, mark=replace(ship.mark, name=name))
 
 
 def content_of(folder: Path) -> dict[str, Any]:
@@ -50,7 +57,7 @@ def test_the_keys_of_the_file_are_these(folder: Path) -> None:
 def test_what_is_read_is_what_was_written(folder: Path) -> None:
     result, content = read_fit(folder), content_of(folder)
     assert result.to_dict() == content
-    assert result.ship == small_result().ship and result.start == small_result().start
+    assert result.ship == named(small_result().ship, "run") and result.start == small_result().start
     assert result.iterate is not None and small_result().iterate is not None
     for name, values in small_result().iterate.items():  # type: ignore[union-attr]
         np.testing.assert_array_equal(result.iterate[name], values)
@@ -137,7 +144,7 @@ def test_a_figure_or_page_that_fails_loses_nothing(tmp_path: Path, monkeypatch: 
     monkeypatch.setattr("fitting.report.page.build_page", broken)
     saved = small_result().save(tmp_path / "run")
     read = read_fit(tmp_path / "run")
-    assert read.coefficients == small_result().coefficients and read.ship == small_result().ship
+    assert read.coefficients == small_result().coefficients and read.ship == named(small_result().ship, "run")
     failed = [str(m) for m in read.warnings if m.code == "figure_failed"]
     assert not has_code(read.warnings, "parts_left_out")
     assert len(failed) == 3 and "coefficients could not be made (ValueError: no such glyph)" in failed[0]
