@@ -125,12 +125,11 @@ def calibrate(
     warnings = [*found.warnings, *remarks, *worth_message(left_out), *shared_rows(train, validation)]
     warnings += [*_of_scores(scores), *later.left_out]
     notices = [*found.notices, *(choice.notices if choice else ())]
-    solved = _solved(found, options.command)
-    mark = _mark(ship, train, options.name, solved["created"])
+    marked = _marked(found.ship, ship, train, options.name)
     content = {
-        **solved,
-        "ship_name": options.name or found.ship.name,
-        "mark": vars(mark),
+        **_solved(found, options.command),
+        "ship_name": marked.name,
+        "mark": vars(marked.mark),
         "passes": (*_earlier(options.resume, found), *found.passes),
         "data": data_rows(train),
         "validation_data": data_rows(validation),
@@ -149,7 +148,7 @@ def calibrate(
     }
     return FitResult(
         **vars(FitRecord.of(content)),
-        ship=replace(found.ship, name=options.name or found.ship.name, mark=mark),
+        ship=marked,
         start=ship,
         iterate=found.iterate,
         objects=FitObjects(found, before, after, tuple(train), tuple(validation), trial),
@@ -207,11 +206,14 @@ def _earlier(resumed: FitResult | None, found: Calibration) -> Sequence[SolveRow
     return resumed.passes[:count] if resumed else ()
 
 
-def _mark(ship: Ship, trials: Sequence[Trial], name: str, created: str) -> CalibrationMark:
-    """Which calibration of ``ship`` on ``trials`` this is; created: ISO time."""
+def _marked(found: Ship, ship: Ship, trials: Sequence[Trial], name: str) -> Ship:
+    """The calibrated ship ``found`` with the ``name`` that was given, and marked as calibrated today on ``trials``, from
+    ``ship``."""
     hashes = sorted(trial.sha256 for trial in trials)
     data = hashlib.sha256("\n".join(hashes).encode()).hexdigest() if all(hashes) else ""
-    return CalibrationMark(name, created[:10], data, ship.mark.name if ship.mark else ship.name)
+    today = datetime.now(timezone.utc).date().isoformat()
+    mark = CalibrationMark(name, today, data, ship.mark.name if ship.mark else ship.name)
+    return replace(found, name=name or found.name, mark=mark)
 
 
 def _solved(found: Calibration, command: str) -> dict[str, Any]:
