@@ -114,11 +114,7 @@ def calibrate(
     timings = {**found.timings, "identifiability": time.perf_counter() - started}
     bands = later.made("prediction bands", lambda: prediction_bands(found, after, train), None)
     adaptation = later.made("worth of adaptation", lambda: adaptation_worth(after, validation), None)
-    uncertainty = uncertainty_rows(found)
-    for number, name in ((options.bootstrap, "--bootstrap"), (len(options.profile), "--profile")):
-        asked = (number, ()) if name == "--bootstrap" else (0, options.profile)
-        if number:
-            uncertainty = uncertainty | later.made(name, partial(refit_rows, found, *asked), {})
+    uncertainty = uncertainty_rows(found) | _refitted(found, options, later)
     moved = partial(moved_by, found, model, options.captive, constants)
     worth = partial(worth_of_left_out, after, sets, scores, moved, found.prior.symbols)
     left_out = later.made("worth of what was left out", worth, None)
@@ -153,6 +149,16 @@ def calibrate(
         iterate=found.iterate,
         objects=FitObjects(found, before, after, tuple(train), tuple(validation), trial),
     )
+
+
+def _refitted(found: Calibration, options: FitOptions, later: Later) -> dict[str, Any]:
+    """Rows of the bootstrap and the profiles that ``options`` ask for."""
+    rows: dict[str, Any] = {}
+    for number, name in ((options.bootstrap, "--bootstrap"), (len(options.profile), "--profile")):
+        asked = (number, ()) if name == "--bootstrap" else (0, options.profile)
+        if number:
+            rows = rows | later.made(name, partial(refit_rows, found, *asked), {})
+    return rows
 
 
 def _message_rows(**levels: Sequence[Message]) -> list[dict[str, str]]:
@@ -207,7 +213,7 @@ def _earlier(resumed: FitResult | None, found: Calibration) -> Sequence[SolveRow
 
 
 def _marked(found: Ship, ship: Ship, trials: Sequence[Trial], name: str) -> Ship:
-    """The calibrated ship ``found`` with the ``name`` that was given, and marked as calibrated today on ``trials``, from
+    """The calibrated ship ``found`` with the ``name`` that was given, marked as calibrated today on ``trials`` from
     ``ship``."""
     hashes = sorted(trial.sha256 for trial in trials)
     data = hashlib.sha256("\n".join(hashes).encode()).hexdigest() if all(hashes) else ""
