@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import MISSING, fields, replace
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ from cases.maneuvers.self_propulsion import revolutions_for
 from cases.shipfiles.ship_file import load_ship
 from delivery.full_scale.scaled_ship import ScaledShip, Scaling, scaled_ship
 from delivery.full_scale.similarity import dropped_effects, similar_bands, similar_envelope
-from fitting.record import CoefficientRow, Correlation, MessageRow
+from fitting.record import CoefficientRow, Correlation, FitRecord, MessageRow
 from fitting.report.run_folder import RESULT, read_result, versions
 from fitting.result import FitResult, read_fit
 from fitting.settings import Settings
@@ -81,15 +81,19 @@ def scaled_result(source: str | Path | Ship | FitResult, scaling: Scaling, comma
     at = [found.symbols.index(s) for s in symbols]
     matrix = found.correlation[np.ix_(at, at)]
     start = scaled_ship(model.start, scaling, fastest=fastest).ship
+    absent = {f.name: f.default for f in fields(FitRecord) if f.default is not MISSING}  # what belongs to trials
+    known = {
+        "bands": similar_bands(model.bands, found.law),
+        "envelope": similar_envelope(model.envelope, found.law),
+        "scaling": _account(model, found, scaling),
+    }
     return replace(
         model, created=_now(), command=command, ship_name=found.ship.name, ship=found.ship.with_coefficients(named),
         start=start, model=model, iterate=None, objects=None, folder=None, objective=None, constraint_violation=None,
         condition_number=None, iterations=0, passes=(), starts=(), versions=versions(), timings_s={}, data=(),
         validation_data=(), windows=0, intervals=0, seconds_used=0.0, sigma={}, noise={}, coefficients=coefficients,
         correlation=Correlation(symbols, tuple(tuple(map(float, row)) for row in matrix)), scores={},
-        identifiability={}, messages=_messages(model, found), figures=(), effects=None, per_run=None, uncertainty=None,
-        bootstrap=None, profiles=None, auto=None, bands=similar_bands(model.bands, found.law), adaptation=None,
-        envelope=similar_envelope(model.envelope, found.law), left_out=None, scaling=_account(model, found, scaling),
+        identifiability={}, messages=_messages(model, found), **{**absent, **known},
     )  # fmt: skip
 
 

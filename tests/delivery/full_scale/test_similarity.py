@@ -8,12 +8,15 @@ import numpy as np
 import pytest
 
 from cases.maneuvers.definitions import parse_maneuver
-from cases.shipfiles.ship_file import load_ship
+from cases.shipfiles.ship_file import library, load_ship
 from cases.simulation.simulate import simulate
 from delivery.full_scale.similarity import Similarity, dropped_effects, similar_bands, similar_network, similar_ship
 from fitting.prediction.bands import SIZES, Process, bands_of, process_dict
 from fitting.prediction.novelty import HeldMotion, held_dict, held_of
+from mmg.components.particulars import PARTICULARS
+from mmg.effects import EFFECTS
 from mmg.errors import UserError
+from mmg.motion.flow import INPUTS
 from mmg.motion.froude import time_scale
 from tests.support.networks import random_network
 
@@ -30,6 +33,18 @@ LAW = Similarity(100.0, 1.025)
 )  # fmt: skip
 def test_units_grow_by_froudes_law(unit: str, factor: float) -> None:
     assert LAW.factor(unit) == pytest.approx(factor)
+
+
+def test_every_unit_of_the_physics_is_known() -> None:
+    units = {name: unit for name, (_, unit) in PARTICULARS.items()} | {name: unit for name, (_, unit) in INPUTS.items()}
+    for name in library():
+        ship = load_ship(name)
+        units |= {s: c.unit for s, c in ship.coefficients.items()}
+        for effect in (e for e in EFFECTS.values() if set(e.needs) <= set(ship.components)):
+            rows = effect.parameters(ship.namespace, dict(ship.components))
+            units |= {f"{effect.name}.{p.symbol}": p.unit for p in rows}
+    assert len(units) > 200
+    assert all(LAW.factor(unit, name) > 0 for name, unit in units.items())
 
 
 def test_an_unknown_unit_is_named() -> None:
