@@ -21,10 +21,11 @@ from fitting.calibration import Calibration, condition_number, estimate_coeffici
 from fitting.design.next_trial import identifiability_dict, next_trial
 from fitting.nlp.captive import Captive
 from fitting.parallel import width
-from fitting.prediction.band_calibration import adaptation_worth, fit_bands
+from fitting.prediction.band_calibration import fit_bands
 from fitting.prediction.bands import draws_of
 from fitting.prediction.envelope import trial_envelope
 from fitting.prediction.score import ScorePair, score_pairs
+from fitting.prediction.worth_of_past import adaptation_worth
 from fitting.record import CoefficientRow, FitObjects, FitRecord, SolveRow
 from fitting.report.run_folder import data_rows, plain, versions
 from fitting.result import FitResult
@@ -113,7 +114,7 @@ def calibrate(
     trial = later.made("next trial", lambda: next_trial(found), None) if wanted else None
     timings = {**found.timings, "identifiability": time.perf_counter() - started}
     bands = later.made("prediction bands", lambda: prediction_bands(found, after, train), None)
-    adaptation = later.made("worth of adaptation", lambda: adaptation_worth(after, validation), None)
+    adaptation = later.made("worth of adaptation", lambda: worth_of_past(found, after, train, validation), None)
     uncertainty = uncertainty_rows(found) | _refitted(found, options, later)
     moved = partial(moved_by, found, model, options.captive, constants)
     worth = partial(worth_of_left_out, after, sets, scores, moved, found.prior.symbols)
@@ -270,3 +271,13 @@ def prediction_bands(found: Calibration, simulator: Simulator, trials: Sequence[
     each predicted without it."""
     known = plain({"coefficients": coefficient_rows(found), "correlation": correlation_of(found)})
     return fit_bands(simulator, trials, draws_of(known, found.ship), without_trials(found, trials))
+
+
+def worth_of_past(
+    found: Calibration, simulator: Simulator, trials: Sequence[Trial], validation: Sequence[Trial] = ()
+) -> dict[str, Any] | None:
+    """What the past of a window brings to predictions of ``simulator``, that of the calibration ``found``, on
+    ``validation`` trials, or where there are none on its own ``trials``, each left out in turn."""
+    if any(t.has_position for t in validation):
+        return adaptation_worth(simulator, validation)
+    return adaptation_worth(simulator, trials, without_trials(found, trials).run)

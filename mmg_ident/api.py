@@ -179,14 +179,15 @@ def predict(
     trials: Trials,
     window: float = 30.0,
     stride: float | None = 15.0,
-    adapt: float = 0.0,
+    adapt: float | None = None,
     progress: OnProgress | None = None,
 ) -> list[Prediction]:
     """Predict open-loop windows of ``trials``, each started from the measured state, as ``mmg predict`` does.
 
     window: length [s], 0: the whole run; stride: between starts [s], None: the window; adapt: seconds before each
-    window (never the window itself) from which the disturbance of the run is estimated, 0: none; progress: told before
-    each trial. Returns a prediction per trial, with standard deviations where ``model`` is a result that knows them.
+    window (never the window itself) from which the disturbance of the run is estimated, 0: none, None: those that pay,
+    by the result of a calibration; progress: told before each trial. Returns a prediction per trial, with standard
+    deviations where ``model`` is a result that knows them.
     Raises UserError where no window can be predicted, and for a black box with ``adapt``.
     """
     from cases.io.read import given_trials
@@ -194,13 +195,14 @@ def predict(
     from fitting.prediction.bands import bands_of
     from fitting.prediction.predict import outside_share
     from fitting.prediction.predict import predict as windows_of
+    from fitting.prediction.worth_of_past import past_to_use
     from mmg.errors import UserError
     from mmg.messages import Message
     from mmg.progress import Progress
     from mmg.rollout import Simulator
     from mmg_ident.prediction import Prediction, remarks_on
 
-    if not (0 <= adapt < float("inf")):
+    if adapt is not None and not (0 <= adapt < float("inf")):
         raise UserError("--adapt must be 0 or a positive number of seconds")
     if not window >= 0 or (stride is not None and not stride > 0):
         raise UserError("--window must be 0 or positive and --stride positive")
@@ -209,8 +211,9 @@ def predict(
     ship = simulator.ship if isinstance(simulator, Simulator) else None
     if adapt and not ship:
         raise UserError(f"--adapt: {model} is a black box, whose disturbance cannot be estimated; leave it out")
-    bands = bands_of(content_of(model), ship) if ship else None
-    past = Adaptation.of(ship, adapt) if adapt and ship else None
+    content = content_of(model) if ship else {}
+    bands, seconds = bands_of(content, ship) if ship else None, past_to_use(content, adapt)[0]
+    past = Adaptation.of(ship, seconds) if seconds and ship else None
     results = []
     runs = given_trials(trials)
     for number, run in enumerate(runs):

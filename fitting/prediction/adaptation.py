@@ -9,14 +9,12 @@ on are never read.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from fitting.prediction.stretches import FadingCurrent, Record, Stretch, WindowBatch, rollout, wrapped_error
-from mmg.messages import Message
 from mmg.model import settled
 from mmg.motion.froude import state_scale, time_scale
 from mmg.rollout import Simulator
@@ -50,22 +48,6 @@ class Adaptation:
         """Settings for a ship, chosen on runs of a 3 m model and scaled by Froude's law."""
         k, errors = time_scale(ship.particulars["L"]), np.array(ERRORS) * state_scale(ship.particulars["L"])
         return cls(seconds, RESTART * k, FORGET * k, DECAY * k, SIZE * k, errors)
-
-
-def warnings_on_adaptation(result: Mapping[str, Any]) -> list[Message]:
-    """What adaptation brought on the validation trials, by the ``result`` of a run (result.json); empty if it paid."""
-    known = result.get("adaptation")
-    if not known:
-        words = "whether adapting pays with this model is not known: calibrate it with mmg fit --validate to find out"
-        return [Message(words, "adaptation_untested")]
-    if known["worthwhile"]:
-        return []
-    before, after = known["without"], known["with"]
-    words = (
-        f"adapting did not pay on the {known['trials']} trials of this run: 30 s windows {before['window']:.4f} -> "
-        f"{after['window']:.4f}, 100 s restarts {before['paper']:.4f} -> {after['paper']:.4f}; better leave it off"
-    )
-    return [Message(words, "adaptation_does_not_pay")]
 
 
 def past_begin(record: Record, row: int, seconds: float) -> int:

@@ -1,4 +1,4 @@
-"""Prediction bands and the benefit of adaptation, calibrated on the errors of a calibrated ship."""
+"""Prediction bands, calibrated on the errors of a calibrated ship."""
 
 from __future__ import annotations
 
@@ -29,9 +29,8 @@ from fitting.prediction.novelty import (
     met_so_far,
 )
 from fitting.prediction.predict import record_of, window_rows
-from fitting.prediction.score import pooled_sigma, score
 from fitting.prediction.stretches import Stretch, WindowBatch, rollout, wrapped_error
-from mmg.errors import UserError
+from fitting.prediction.worth_of_past import default_past
 from mmg.motion.froude import time_scale
 from mmg.rollout import Simulator
 from mmg.ship import Ship
@@ -48,8 +47,6 @@ MOST_WINDOWS = 400
 """Windows whose errors are used, which bounds the time it takes."""
 NEW, MOST_GROWTH = 0.2, 5.0
 """Least novelty from which errors tell how a band grows with it, and most growth."""
-PAST = 30.0
-"""Seconds of past with which adaptation is tried."""
 NORMAL = 1.6448536269514722
 """Half width of the 90 % band in standard deviations."""
 COVER = 0.9
@@ -109,7 +106,7 @@ def fit_bands(
         process.noise[s] = np.sqrt(process.noise[s] ** 2 + max(0.0, float(np.nan_to_num(more))))
     fixed += bands.measurement_variance(errors.times, errors.states)
     sure = few_runs(len({id(s.record) for s in stretches}))
-    water, offset = adapt(simulator, stretches, Adaptation.of(ship, PAST * k))
+    water, offset = adapt(simulator, stretches, Adaptation.of(ship, default_past(ship)))
     adapted = _WindowErrors(simulator, stretches, batch, rollout(simulator, batch, water, offset)[0], along=out)
     process = replace(process, factor=sure * errors.factors(rest, fixed), adapted=sure * adapted.factors(rest, fixed))
     held = held_motion([record_of(trial, ship.inputs) for trial in trials], ship.inputs, length)
@@ -270,25 +267,3 @@ def _wanted(e: np.ndarray, share: np.ndarray, rest: np.ndarray) -> float:
     if good.sum() < 100:
         return np.nan
     return float(np.quantile(((e[good] / NORMAL) ** 2 - rest[good]) / np.maximum(share[good], 1e-300), COVER))
-
-
-def adaptation_worth(simulator: Simulator, held_out: Sequence[Trial]) -> dict[str, Any] | None:
-    """Both metrics of ``simulator`` on ``held_out`` trials without and with the past of each window, as plain values.
-
-    Adapting is worthwhile when 30 s windows become better and 100 s restarts no worse. None where none of the trials
-    can be scored.
-    """
-    located = [t for t in held_out if t.has_position]
-    try:
-        sigma = pooled_sigma(located)
-    except UserError:
-        return None
-    without, adapted = (score(simulator, located, sigma, adapt=past) for past in (None, PAST))
-    good = adapted.window < 0.99 * without.window and not adapted.paper > without.paper
-    return {
-        "past_s": PAST,
-        "trials": "validation",
-        "without": {"window": without.window, "paper": without.paper},
-        "with": {"window": adapted.window, "paper": adapted.paper},
-        "worthwhile": bool(good),
-    }

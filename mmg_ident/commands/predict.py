@@ -22,8 +22,12 @@ def predict(
     window: Annotated[float, Option(help="Window length [s]; 0 is the whole run.")] = 100.0,
     stride: Annotated[float | None, Option(help="Seconds between window starts; default the window length.")] = None,
     adapt: Annotated[
-        float, Option(help="Seconds before each window from which the run's disturbance is estimated; 0: none.")
-    ] = 0.0,
+        float | None,
+        Option(
+            help="Seconds before each window from which the run's disturbance is estimated; 0: none. "
+            "Default: what the run folder says pays."
+        ),
+    ] = None,
     force: Annotated[bool, Option("--force", help="Overwrite existing files.")] = False,
     unchecked: Annotated[
         bool, Option("--unchecked", help="Predict also files that mmg check calls contradictory.")
@@ -34,8 +38,9 @@ def predict(
 
     A window shorter than --window is kept at the end of a run only when windows do not overlap. Rows carry the trial's
     own time stamps; the first row of a window is the measured state; psi is continuous (not wrapped). A run
-    folder with prediction bands adds x_std ... r_std. With --adapt, the seconds before a window
-    (never the window itself) give a current that fades and the state of the ship's lags. Of a hybrid it says which
+    folder with prediction bands adds x_std ... r_std. The seconds before a window (never the window itself) give a
+    current that fades and the state of the ship's lags, where that paid on trials that the run was not calibrated on,
+    which it says; --adapt 0 turns it off, --adapt A uses A seconds whatever the run says. Of a hybrid it says which
     share of the predicted rows lies outside the range of the data that its network was trained on.
 
     Files that mmg check calls contradictory are refused. Every row is predicted, also those of broken stretches, which
@@ -47,8 +52,8 @@ def predict(
     from cases.checks.trusted import DOUBT, remarks
     from cases.io.files import file_key
     from cases.io.read import read_trials
-    from fitting.prediction.adaptation import warnings_on_adaptation
     from fitting.prediction.predict import write_tables
+    from fitting.prediction.worth_of_past import past_to_use
     from mmg.messages import has_code
     from mmg_ident import api
 
@@ -68,7 +73,7 @@ def predict(
     found = api.predict(model, runs, window, stride, adapt, progress())
     if all(p.diverged == len(p.windows) for p in found):
         raise UserError(f"{model}: every window diverges; nothing is written (see mmg check, and mmg score)")
-    notes: list[str] = list(warnings_on_adaptation(api.content_of(model))) if adapt else []
+    notes: list[str] = list(past_to_use(api.content_of(model), adapt)[1])
     notes += [note for note in remarks(sound) if has_code([note], DOUBT)]
     notes += [note for p, kept in zip(found, sound, strict=True) for note in _doubtful_starts(p, kept)]
     notes += [note for p in found for note in p.notes]

@@ -31,8 +31,12 @@ def score(
     ] = None,
     method: Annotated[str, Option(help="Integration: rk4 or euler.")] = "rk4",
     adapt: Annotated[
-        float, Option(help="Score also with this many seconds before each window as a help; 0: not.")
-    ] = 0.0,
+        float | None,
+        Option(
+            help="Score also with this many seconds before each window as a help; 0: not. Default: what a run folder "
+            "says pays."
+        ),
+    ] = None,
     window: Annotated[
         float, Option(help="Window of the errors in units [s]; 0: 30 s, or 4 L/U where 30 s are less than 2.5 of them.")
     ] = 0.0,
@@ -50,9 +54,10 @@ def score(
     Both are the mean squared error summed over x, y, psi, u, v, r, each divided by its sigma, by default pooled over
     the scored trials with the heading as stored. Beside them: rms errors by run in metres, degrees, m/s and deg/s, over
     windows that are longer for a large ship, and errors of advance, diameters and overshoots of the runs that are
-    manoeuvres, predicted with the measured rudder. Models after the first are compared with it by run. --adapt scores
-    every model twice: without and with the disturbance estimated from the past of each window (see mmg predict), but
-    for a black box of mmg train --model fnn, rnn or rnn-window, which has its own integration as well.
+    manoeuvres, predicted with the measured rudder. Models after the first are compared with it by run. A run folder
+    that knows that the past of a window pays, and with --adapt every model, is scored twice: without and with the
+    disturbance estimated from that past (see mmg predict); but not a black box of mmg train --model fnn, rnn or
+    rnn-window, which has its own integration as well.
 
     Example: mmg score esso_osaka_3m runs/first held_out/*.csv
     """
@@ -65,8 +70,9 @@ def score(
     from fitting.prediction.score import pooled_sigma
     from fitting.prediction.score import score as scored
     from fitting.prediction.units import window_for
+    from fitting.prediction.worth_of_past import past_to_use
     from mmg.rollout import Simulator
-    from mmg_ident.api import predictor
+    from mmg_ident.api import content_of, predictor
 
     models = list(dict.fromkeys(a for a in foundand_trials if is_model(a)))
     files = [Path(a) for a in foundand_trials if not is_model(a)]
@@ -78,7 +84,7 @@ def score(
         raise UserError("no trial named: give trial files, or a folder of them, after the models")
     if method not in ("rk4", "euler"):
         raise UserError(f"--method {method!r} is unknown; use rk4 or euler")
-    if not (0 <= adapt < float("inf")):
+    if adapt is not None and not (0 <= adapt < float("inf")):
         raise UserError("--adapt must be 0 or a positive number of seconds")
     if not (0 <= window < float("inf")):
         raise UserError(f"--window {window:g} must be 0 or a positive number of seconds")
@@ -101,8 +107,9 @@ def score(
     scores = {}
     for name, simulator in each(list(loaded.items()), "scoring"):
         scores[name] = scored(simulator, trials, values, origin, method, units=window)
-        if adapt and isinstance(simulator, Simulator):
-            scores[f"{name} --adapt {adapt:g}"] = scored(simulator, trials, values, origin, method, adapt, window)
+        past = past_to_use(content_of(name), adapt)[0]
+        if past and isinstance(simulator, Simulator):
+            scores[f"{name} --adapt {past:g}"] = scored(simulator, trials, values, origin, method, past, window)
     notes = [*remarks(trials), *(_worth(scores, loaded, read_trials(files), values, method) if remarks(trials) else ())]
     scores = {name: replace(s, notes=(*notes, *s.notes)) for name, s in scores.items()}
     if json:

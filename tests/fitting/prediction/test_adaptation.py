@@ -16,11 +16,10 @@ from cases.simulation.demo_trials import hidden_ship
 from cases.simulation.sensors import SensorNoise, add_noise
 from cases.simulation.simulate import simulate, write_trial
 from cases.trial import Trial
-from fitting.prediction.adaptation import Adaptation, adapt, past_begin, restarts, warnings_on_adaptation
+from fitting.prediction.adaptation import Adaptation, adapt, past_begin, restarts
 from fitting.prediction.predict import predict, predict_all, record_of
 from fitting.prediction.score import score
 from fitting.prediction.stretches import FadingCurrent, Stretch, WindowBatch, rollout
-from mmg.messages import has_code
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 from mmg_ident.commands.main import main
@@ -149,14 +148,6 @@ def test_settings_scale_by_froudes_law() -> None:
     k = (load_ship("kvlcc2_full").particulars["L"] / 3.0) ** 0.5
     assert model.restart == pytest.approx(10.0) and full.restart == pytest.approx(10.0 * k)
     assert full.size == pytest.approx(0.02 * k) and full.errors[0] == pytest.approx(0.06 * k**2)
-
-
-def test_what_is_known_of_its_worth_is_said() -> None:
-    assert has_code(warnings_on_adaptation({}), "adaptation_untested")
-    rows = {"trials": "validation", "without": {"window": 1.0, "paper": 1.0}, "with": {"window": 1.1, "paper": 1.0}}
-    paid_not = warnings_on_adaptation({"adaptation": {**rows, "worthwhile": False}})
-    assert has_code(paid_not, "adaptation_does_not_pay") and "did not pay" in paid_not[0]
-    assert not warnings_on_adaptation({"adaptation": {**rows, "worthwhile": True}})
 
 
 def test_score_shows_both_side_by_side(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,0 +1,113 @@
+"""Whether the past of a window is used: by default where that paid on trials held out, which is said."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cases.maneuvers.definitions import parse_maneuver
+from cases.shipfiles.ship_file import dump_ship, load_ship
+from cases.simulation.demo_trials import hidden_ship
+from cases.simulation.sensors import SensorNoise, add_noise
+from cases.simulation.simulate import simulate, write_trial
+from cases.trial import Trial
+from fitting.prediction.worth_of_past import adaptation_worth, default_past, past_to_use, warnings_on_adaptation
+from mmg.messages import has_code
+from mmg.rollout import Simulator
+from mmg_ident.commands.main import main
+from tests.support.calibrated import small_result
+from tests.support.figures import unrendered
+
+PAID = {
+    "past_s": 30.0, "trials": "left out", "files": 4, "worthwhile": True,
+    "without": {"window": 1.0, "paper": 1.0}, "with": {"window": 0.8, "paper": 0.9},
+}  # fmt: skip
+
+
+@cache
+def runs(current: bool) -> tuple[Trial, ...]:
+    """Runs of the hidden ship, each in a current of its own or in still water."""
+    found = []
+    for number, (north, east) in enumerate(((0.04, 0.0), (0.0, -0.05), (-0.03, 0.03))):
+        ship = hidden_ship().with_effect("current", {"x": north, "y": east}) if current else hidden_ship()
+        trial = simulate(ship, parse_maneuver(f"random:{number}", ship, n=10.0, duration=120.0), dt=0.5)
+        found.append(add_noise(trial, SensorNoise.for_length(3.0), number))
+    return tuple(found)
+
+
+def test_it_pays_where_runs_differ_and_not_where_they_do_not() -> None:
+    simulator = Simulator(hidden_ship())
+    pays, not_needed = (adaptation_worth(simulator, runs(current)) for current in (True, False))
+    assert pays and not_needed
+    assert pays["worthwhile"] and pays["with"]["window"] < 0.9 * pays["without"]["window"]
+    assert not not_needed["worthwhile"]
+    assert pays["trials"] == "validation" and pays["past_s"] == 30
+
+
+def test_trials_that_were_left_out_are_predicted_by_their_own_coefficients() -> None:
+    simulator, trials = Simulator(hidden_ship()), runs(True)
+    own = np.tile(np.asarray(hidden_ship().values), (len(trials), 1))
+    same = adaptation_worth(simulator, trials, np.where(np.arange(len(trials))[:, None] == 1, np.nan, own))
+    plain = adaptation_worth(simulator, trials)
+    assert same and plain and same["trials"] == "left out"
+    assert same["without"]["window"] == pytest.approx(plain["without"]["window"], rel=1e-9)
+    own[:, hidden_ship().symbols.index("N_r")] *= 0.5
+    worse = adaptation_worth(simulator, trials, own)
+    assert worse and worse["without"]["window"] > 1.1 * plain["without"]["window"]
+
+
+def test_by_default_a_run_does_what_it_knows() -> None:
+    seconds, said = past_to_use({"adaptation": PAID}, None)
+    assert seconds == 30 and has_code(said, "adaptation_on") and "--adapt 0" in said[0]
+    seconds, said = past_to_use({"adaptation": {**PAID, "worthwhile": False}}, None)
+    assert seconds == 0 and has_code(said, "adaptation_off")
+    for old in ({"bands": {}}, {"adaptation": None}, {"adaptation": {"worthwhile": True}}, {"adaptation": 3}):
+        seconds, said = past_to_use(old, None)
+        assert seconds == 0 and has_code(said, "adaptation_untested")
+    assert past_to_use({}, None) == (0.0, [])
+    assert past_to_use({"model": "fnn"}, None) == (0.0, [])
+
+
+def test_what_is_asked_for_is_done_whatever_the_run_knows() -> None:
+    assert past_to_use({"adaptation": PAID}, 0.0) == (0.0, [])
+    assert past_to_use({"adaptation": PAID}, 12.0) == (12.0, [])
+    poor = {"adaptation": {**PAID, "worthwhile": False}}
+    seconds, said = past_to_use(poor, 12.0)
+    assert seconds == 12 and has_code(said, "adaptation_does_not_pay")
+    assert has_code(warnings_on_adaptation({}), "adaptation_untested")
+
+
+def test_the_past_scales_by_froudes_law() -> None:
+    length = load_ship("kvlcc2_full").particulars["L"]
+    assert default_past(load_ship("esso_osaka_3m")) == 30
+    assert default_past(load_ship("kvlcc2_full")) == round(30 * (length / 3.0) ** 0.5)
+
+
+def test_predict_and_score_follow_the_run_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder, file = tmp_path / "run", tmp_path / "trial.csv"
+    with unrendered():
+        small_result(3).save(folder)
+    (folder / "ship.toml").write_text(dump_ship(hidden_ship(), ""), encoding="utf-8")
+    write_trial(runs(True)[0], file)
+    content = json.loads((folder / "result.json").read_text(encoding="utf-8"))
+    tables, said = {}, {}
+    for name, known, more in (("on", PAID, []), ("off", PAID, ["--adapt", "0"]), ("old", None, [])):
+        (folder / "result.json").write_text(json.dumps(content | {"adaptation": known}), encoding="utf-8")
+        out = tmp_path / f"{name}.csv"
+        common = ["--window", "30", "--stride", "15", "--out", str(out), *more]
+        assert main(["predict", str(folder), str(file), *common, "--json"]) == 0
+        tables[name], said[name] = out.read_text(), json.loads(capsys.readouterr().out)["notes"]
+    assert tables["on"] != tables["off"] == tables["old"]
+    assert any("--adapt 0" in note for note in said["on"]) and not any("past" in note for note in said["off"])
+    assert any("does not know" in note for note in said["old"])
+    (folder / "result.json").write_text(json.dumps(content | {"adaptation": PAID}), encoding="utf-8")
+    assert main(["score", str(folder), str(file), "--json"]) == 0
+    both = json.loads(capsys.readouterr().out)["models"]
+    assert list(both) == [str(folder), f"{folder} --adapt 30"]
+    assert both[f"{folder} --adapt 30"]["window"] < both[str(folder)]["window"]
+    assert main(["score", str(folder), str(file), "--json", "--adapt", "0"]) == 0
+    assert len(json.loads(capsys.readouterr().out)["models"]) == 1
