@@ -126,7 +126,7 @@ def find_maneuvers(trial: Trial, length: float, kind: str = "") -> tuple[Execute
     holds = [] if kind == "crash-stop" else held_stretches(t, trial.rudder, _ship_time(trial, length))
     found = _steered(trial, holds, [stop for stop in stops if stop.stopped])
     if not found and not any(stop.stopped for stop in stops) and (not stops or _held_before(holds, stops[0])):
-        found = _partial(trial, holds)
+        found = _partial(trial, holds) or _against_rudder(trial, holds)
     if found and not all(stop.stopped for stop in stops):
         stops = [stop for stop in stops if stop.stopped]
     found += [Execute("crash-stop", stop.order_time, 0.0, (), stop.end, 0.0, math.nan, ()) for stop in stops]
@@ -188,6 +188,13 @@ def _partial(trial: Trial, holds: Sequence[RudderStep]) -> list[Execute]:
     turned = math.degrees(_turned(trial, hold))
     words = f"the heading changes by {turned:.0f} deg while the rudder is held: no turning test"
     return [Execute("turning", hold.begin, hold.angle, (), hold.end, 0.0, math.nan, (words,))]
+
+
+def _against_rudder(trial: Trial, holds: Sequence[RudderStep]) -> list[Execute]:
+    """Manoeuvres of a run in which the ship turns against the rudder as it is logged; none of them is judged."""
+    words = "the ship turns against the rudder as it is logged: see its sign (mmg check)"
+    found = _steered(trial, [replace(hold, angle=-hold.angle) for hold in holds], [])
+    return [replace(execute, notes=(*execute.notes, words)) for execute in found]
 
 
 def _turned(trial: Trial, hold: RudderStep) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -96,6 +97,8 @@ def _units(run: RunErrors) -> str:
     if not run.windows:
         return "-"
     e = run.errors
+    if not math.isfinite(e["position"]):
+        return "diverges"
     numbers = (e["position"], e["heading"], e["u"], e["r"], 100 * run.share)
     return " | ".join(f"{value:.3g}" for value in numbers)
 
