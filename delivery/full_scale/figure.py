@@ -56,8 +56,8 @@ def scaled_figure(result: FitResult) -> Figure:
     ships = {"model": calm_and_deep(result.model.ship)[0], "ship": calm_and_deep(result.ship)[0]}
     correlation = (result.correlation.symbols, np.array(result.correlation.matrix, dtype=float))
     drawn = draw_coefficients(ships["ship"], DRAWS, 0, correlation) if correlation[1].size else {}
-    figure = new_figure(4.6)
-    left, right = figure.subplots(1, 2, width_ratios=(1, 1.25))
+    figure = new_figure(3.6)
+    left, right = figure.subplots(1, 2, width_ratios=(1.6, 1))
     dress(left, "to starboard / L", "ahead / L", "Turning, 35 degrees")
     dress(right, "t √(g / L)", "heading [deg]", "Zigzag 20/20")
     left.set_aspect("equal", adjustable="box")

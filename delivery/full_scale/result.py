@@ -122,9 +122,10 @@ def _coefficient_rows(model: FitResult, found: ScaledShip, priors: Ship) -> dict
         verdict = (old.verdict if old else c.verdict) or "prior"
         if s in found.changed:
             verdict = f"{model.ship.coefficients[s].value:.4g} of the model, scaled by ITTC-78; there: {verdict}"
+        bound = old.at_bound if old and s not in found.changed else None
         share = (c.std / prior.std) ** 2 if prior.std > 0 else None
         rows[s] = CoefficientRow(
-            c.value, c.std, prior.value, prior.std, _finite(c.lower), _finite(c.upper), old.at_bound if old else None,
+            c.value, c.std, prior.value, prior.std, _finite(c.lower), _finite(c.upper), bound,
             share, verdict, c.description, c.unit, c.prime,
         )  # fmt: skip
     return rows

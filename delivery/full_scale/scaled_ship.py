@@ -23,7 +23,7 @@ SALT = 1025.0
 SHORTEST = 0.1
 """m; no model is shorter."""
 STEP = 1e-4
-"""Step of the derivatives of the scaled coefficients, by the size of each."""
+"""Least step of the derivatives of the scaled coefficients, by the size of each."""
 
 
 @dataclass(frozen=True)
@@ -168,14 +168,17 @@ def _covariance(
 
 
 def _jacobian(model: Ship, symbols: Sequence[str], change: Change | None) -> np.ndarray:
-    """Derivatives (P, P) of the scaled coefficients by those of the model, by central differences."""
+    """Derivatives (P, P) of the scaled coefficients by those of the model.
+
+    They are mean slopes over a standard deviation on both sides, as the laws have kinks."""
     J = np.eye(len(symbols))
     if change is None:
         return J
     values = {s: c.value for s, c in model.coefficients.items()}
     place = {s: i for i, s in enumerate(symbols)}
     for s in (s for s in place if s in ship_values(values, change) or s == "t_P"):
-        h = STEP * max(abs(values[s]), 1e-3)
+        std = model.coefficients[s].std
+        h = max(STEP * max(abs(values[s]), 1e-3), std if math.isfinite(std) else 0.0)
         up, down = (ship_values({**values, s: values[s] + sign * h}, change) for sign in (1, -1))
         for target in up.keys() & place.keys():
             J[place[target], place[s]] = (up[target] - down[target]) / (2 * h)

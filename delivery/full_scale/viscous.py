@@ -8,7 +8,8 @@ manoeuvring model at one speed:
               epsilon (k_x), is momentum theory and stays
 The form factor of a free-running model is not measured. Where none is given, the resistance is the mean of two readings
 of the model's own: all of it grows with friction (no waves below Froude number 0.16); or friction with Watanabe's
-form factor, and a remainder that stays (never negative). Half their difference is its standard deviation.
+form factor, and a remainder that stays where there is one. Half their difference is its standard deviation, with
+that of a form factor known to 0.05.
 """
 
 from __future__ import annotations
@@ -87,24 +88,28 @@ class Change:
     def resistance(self, R: float) -> float:
         """R_0' [-] of the ship from that of the model, ``R``."""
         total = R / self.model.surface - self.model.allowance
-        k = self.model.watanabe if self.form_factor is None else self.form_factor
-        rest = total - (1 + k) * self.model.C_F
-        kept = (1 + k) * self.ship.C_F + (max(rest, 0.0) if self.form_factor is None else rest)
+        remainder, friction_alone = self._readings(total)
+        kept = remainder
         if self.form_factor is None and self.model.froude <= WAVELESS:
-            kept = 0.5 * (kept + self._by_friction(total))
+            kept = 0.5 * (remainder + friction_alone)
         return self.ship.surface * (kept + self.ship.allowance)
 
     def resistance_std(self, R: float) -> float:
         """Standard deviation [-] of ``resistance(R)`` for a known R: the form factor's, and half the allowances."""
-        total, k = R / self.model.surface - self.model.allowance, self.model.watanabe
-        kept = (1 + k) * self.ship.C_F + max(total - (1 + k) * self.model.C_F, 0.0)
-        form = 0.5 * abs(kept - self._by_friction(total))
-        if self.form_factor is not None:
-            form = 0.05 * abs(self.model.C_F - self.ship.C_F)
+        remainder, friction_alone = self._readings(R / self.model.surface - self.model.allowance)
+        form = 0.05 * (self.model.C_F - self.ship.C_F)
+        if self.form_factor is None:
+            form = math.hypot(form, 0.5 * (remainder - friction_alone))
         return self.ship.surface * math.hypot(form, 0.5 * (self.ship.allowance - self.model.allowance))
 
-    def _by_friction(self, total: float) -> float:
-        return total * self.ship.C_F / self.model.C_F
+    def _readings(self, total: float) -> tuple[float, float]:
+        """Resistance of the ship without allowances by 1/2 rho S U^2, from ``total`` of the model: with a form factor
+        and a remainder that stays, and all of it by friction. The remainder is not negative unless k was given."""
+        k = self.model.watanabe if self.form_factor is None else self.form_factor
+        rest, friction_alone = total - (1 + k) * self.model.C_F, total * self.ship.C_F / self.model.C_F
+        if rest < 0 and self.form_factor is None:
+            return friction_alone, friction_alone
+        return (1 + k) * self.ship.C_F + rest, friction_alone
 
     def wake(self, w: float, t: float) -> float:
         """Wake fraction of the ship from that of the model, ``w``; t: thrust deduction [-]."""
@@ -180,7 +185,7 @@ def doubts(ship: Ship, values: Mapping[str, float], scaled: Mapping[str, float],
     found: dict[str, Doubt] = {}
     for symbol in RESISTANCE:
         if symbol in scaled:
-            words = "form factor by two readings of the model's resistance, and half the allowances"
+            words = "form factor: 0.05, and two readings of the model's resistance; half the allowances"
             if change.form_factor is not None:
                 words = "0.05 of the form factor, and half the allowances"
             found[symbol] = Doubt(change.resistance_std(abs(values[symbol])), words)

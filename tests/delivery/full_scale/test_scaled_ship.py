@@ -151,3 +151,15 @@ def test_particulars_that_are_lacking_are_named() -> None:
     assert scaled_ship(bare, Scaling(320.0, froude_only=True)).ship.particulars["L"] == pytest.approx(320.0)
     with pytest.raises(UserError, match="no coefficient of resistance or wake"):
         scaled_ship(load_ship("mariner"), Scaling(5.0))
+
+
+@pytest.mark.parametrize("speed", [0.2, 0.4, 0.8, 1.6])
+@pytest.mark.parametrize("R", [0.012, 0.018, 0.022, 0.03])
+def test_whatever_the_resistance_the_same_water_changes_nothing(speed: float, R: float) -> None:
+    model = HullInWater(3.0, 0.489, 0.201, 0.83, speed, 998.0)
+    same = Change(model, model)
+    assert same.resistance(R) == pytest.approx(R)
+    assert same.resistance_std(R) == pytest.approx(0.0, abs=1e-12)
+    assert same.wake(0.5, 0.2) == pytest.approx(0.5)
+    ship = HullInWater(325.0, 53.0, 21.8, 0.83, speed * np.sqrt(325 / 3), 1025.0)
+    assert 0.002 < Change(model, ship).resistance(R) < R
