@@ -62,7 +62,7 @@ class Assessment:
             for run in self.runs
         ]
         head = {"ship": self.ship, "heading": self.heading, "standard": "IMO MSC.137(76)", "verdict": self.verdict}
-        rows = [asdict(row) for row in self.rows]
+        rows = [asdict(row) | {"criterion": row.limit} for row in self.rows]
         return {**head, "rows": rows, "runs": runs, "notices": list(self.notices)}
 
     def to_pandas(self) -> Any:

@@ -98,7 +98,12 @@ def turning_figures(trial: Trial, rudder: float, order_time: float) -> dict[str,
 
     rudder [rad] gives the side; order_time [s] after the first sample. trial: the run.
     """
-    run, side = since(trial, order_time), math.copysign(1.0, rudder)
+    return turning_of(since(trial, order_time), rudder)
+
+
+def turning_of(run: Since, rudder: float) -> dict[str, float]:
+    """What ``turning_figures`` gives of a ``run`` from the order on; rudder [rad] gives the side."""
+    side = math.copysign(1.0, rudder)
     quarter, half = (_when(side * run.change, angle) for angle in (math.pi / 2, math.pi))
     figures = _at(quarter, advance=run.advance, transfer=side * run.transfer, time_90=run.t)
     return figures | _at(half, tactical_diameter=side * run.transfer, time_180=run.t)
@@ -129,7 +134,12 @@ def zigzag_figures(trial: Trial, rudder: float, heading: float, order_time: floa
     rudder [rad] gives the first side, heading [rad] > 0 is the switch heading. An overshoot counts once the
     heading has come back to the switch heading. trial: the run; order_time: of the order [s].
     """
-    change = since(trial, order_time).change
+    return zigzag_of(since(trial, order_time), rudder, heading)
+
+
+def zigzag_of(run: Since, rudder: float, heading: float) -> dict[str, float]:
+    """What ``zigzag_figures`` gives of a ``run`` from the order on; rudder, heading [rad]: as there."""
+    change = run.change
     side, row, figures = math.copysign(1.0, rudder), 0, {}
     for k in range(1, len(change)):
         beyond = np.flatnonzero(side * change[row:] >= heading)
@@ -182,7 +192,11 @@ def initial_turning_figures(trial: Trial, rudder: float, order_time: float) -> d
     The criterion asks for 10 deg of rudder: the first execute of a 10/10 zigzag serves.
     trial: the run; order_time: of the order [s].
     """
-    run = since(trial, order_time)
+    return initial_turning_of(since(trial, order_time), rudder)
+
+
+def initial_turning_of(run: Since, rudder: float) -> dict[str, float]:
+    """What ``initial_turning_figures`` gives of a ``run`` from the order on; rudder [rad] gives the side."""
     row = _when(math.copysign(1.0, rudder) * run.change, INITIAL_TURN)
     return _at(row, initial_turning_track=run.path, time_10=run.t)
 
@@ -190,7 +204,11 @@ def initial_turning_figures(trial: Trial, rudder: float, order_time: float) -> d
 def stopping_figures(trial: Trial, order_time: float) -> dict[str, float]:
     """track_reach (along the path), head_reach, lateral_deviation [m] and stopping_time [s] until headway is lost.
     trial: the run; order_time: of the order [s]."""
-    run = since(trial, order_time)
+    return stopping_of(since(trial, order_time))
+
+
+def stopping_of(run: Since) -> dict[str, float]:
+    """What ``stopping_figures`` gives of a ``run`` from the order on."""
     stop = _when(run.u[0] - run.u, run.u[0]) if run.u[0] > 0 else None
     return _at(stop, track_reach=run.path, head_reach=run.advance, lateral_deviation=run.transfer, stopping_time=run.t)
 

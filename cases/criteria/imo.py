@@ -54,7 +54,10 @@ class Row:
     ability: of the standard, in words; run: the manoeuvre; figure: name of cases/criteria/figures.py; value, limit: in
     ``unit`` ("L" or "deg"), None where there is none; verdict: "pass", "fail", "not judged", or "-" where the standard
     sets no limit; why: reason or remark; reference: published value for this ship, None where there is none; measured:
-    value before it was corrected for wind and current, None where nothing was.
+    value before it was corrected for wind and current, None where nothing was. Of many ships that the trials allow
+    (fitting/prediction/figure_intervals.py), None where none were drawn: median, interval_90 (5 and 95 % quantiles) of
+    the ship's figure; interval_90_trial: of a single trial of hers; probability of meeting the limit; extrapolated:
+    whether the manoeuvre leaves what the trials held.
     """
 
     ability: str
@@ -67,6 +70,11 @@ class Row:
     why: str = ""
     reference: float | None = None
     measured: float | None = None
+    median: float | None = None
+    interval_90: tuple[float, float] | None = None
+    interval_90_trial: tuple[float, ...] | None = None
+    probability: float | None = None
+    extrapolated: bool | None = None
 
 
 def first_overshoot_limit(ratio: float) -> float:

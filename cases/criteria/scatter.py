@@ -22,6 +22,9 @@ from mmg.ship import Ship
 STEP = 0.25
 """Default sampling interval [s] of a 3 m model; scales with sqrt(L)."""
 
+ROUNDS = 5
+"""Rounds in which draws beyond bounds are put on them."""
+
 MOST = 5000
 """Most draws of one call: all motions are held in memory."""
 
@@ -99,7 +102,8 @@ def draw_coefficients(
     """Coefficients drawn from normal distributions about the ``ship``'s values, symbol -> (count,).
 
     Their standard deviations are those of the ship (fixed ones stay). count: draws; seed: of the draws; correlation:
-    symbols (Q,) and matrix (Q, Q) of the estimates, None for independent ones. Draws beyond a bound are put on it.
+    symbols (Q,) and matrix (Q, Q) of the estimates, None for independent ones. Draws beyond a bound are put on it, and
+    those correlated with them follow by their regression on them.
     Raises UserError when no coefficient of the ship has a standard deviation.
     """
     free = [s for s in ship.free if 0 < ship.coefficients[s].std < math.inf]
@@ -115,11 +119,33 @@ def draw_coefficients(
     values, vectors = np.linalg.eigh(matrix)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     draws = root @ np.random.default_rng([21, seed]).standard_normal((len(free), count))
-    found = {}
-    for symbol, row in zip(free, draws, strict=True):
-        c = ship.coefficients[symbol]
-        found[symbol] = np.clip(c.value + c.std * row, c.lower, c.upper)
-    return found
+    rows = [ship.coefficients[s] for s in free]
+    value, std = (np.array([getattr(c, name) for c in rows], dtype=float)[:, None] for name in ("value", "std"))
+    lower, upper = (np.array([getattr(c, name) for c in rows], dtype=float)[:, None] for name in ("lower", "upper"))
+    inside = _within(draws, (lower - value) / std, (upper - value) / std, root @ root.T)
+    return dict(zip(free, np.clip(value + std * inside, lower, upper), strict=True))
+
+
+def _within(draws: np.ndarray, lower: np.ndarray, upper: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """Draws (Q, count) of unit variance and correlation ``matrix`` with those beyond bounds (Q, 1) put on them.
+
+    The others move to their expectation given that: by the regression on those that are held.
+    """
+    held = np.zeros(draws.shape, dtype=bool)
+    target = draws
+    for _ in range(ROUNDS):
+        beyond = (target < lower - 1e-9) | (target > upper + 1e-9)
+        if not beyond.any():
+            break
+        held |= beyond
+        target = target.copy()
+        for m in np.flatnonzero(beyond.any(axis=0)):
+            k = np.flatnonzero(held[:, m])
+            ends = np.clip(draws[k, m], lower[k, 0], upper[k, 0])
+            gain = np.linalg.solve(matrix[np.ix_(k, k)] + 1e-9 * np.eye(len(k)), ends - draws[k, m])
+            target[:, m] = draws[:, m] + matrix[:, k] @ gain
+            target[k, m] = ends
+    return np.clip(target, lower, upper)
 
 
 def scatter(

@@ -96,7 +96,7 @@ def simulate_batch(
     out = simulator.run(start, controls, steps, theta, linear=linear, keep=keep, threads=threads)
     states = out if out.shape[1] == 6 else np.ascontiguousarray(out[:, :6])
     inputs = np.broadcast_to(means[:, :, None], (*means.shape, states.shape[2]))
-    return SimulatedRuns(t, states, inputs, _last(orders, t, states))
+    return SimulatedRuns(t, states, inputs, ends_of(orders, t, states))
 
 
 def coefficient_array(ship: Ship, given: np.ndarray | Mapping[str, float | np.ndarray] | None) -> np.ndarray:
@@ -127,8 +127,11 @@ def input_array(ship: Ship, positions: np.ndarray, t: np.ndarray) -> np.ndarray:
     return out
 
 
-def _last(orders: Orders, t: np.ndarray, states: np.ndarray) -> np.ndarray:
-    """Row (M,) of the end of each run: heading changed by 540 degrees, headway lost, or the last one."""
+def ends_of(orders: Orders, t: np.ndarray, states: np.ndarray) -> np.ndarray:
+    """Row (M,) of the end of each run: heading changed by 540 degrees, headway lost, or the last one.
+
+    orders: of the manoeuvre; t: (N + 1,) times [s]; states: (N + 1, 6, M).
+    """
     N = len(states) - 1
     if isinstance(orders, Turning):
         k = min(int(np.searchsorted(t, orders.lead)), N)

@@ -6,7 +6,7 @@ One function per kind of figure, each takes runs (cases/criteria/standard_runs.p
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from itertools import cycle
 from pathlib import Path
@@ -27,15 +27,16 @@ TRACKS, ROW = 4.9, 2.9
 """Heights of a panel of tracks and of a zigzag [inch]."""
 
 
-def maneuver_figure(runs: Sequence[Run], title: str) -> Figure:
+def maneuver_figure(runs: Sequence[Run], title: str, clouds: Mapping[str, Sequence[Since]] | None = None) -> Figure:
     """All ``runs`` on one sheet under a ``title``: turning circles and stops in L side by side, a panel per zigzag,
-    spiral and pull-out.
+    spiral and pull-out. clouds: other runs of a manoeuvre by its name, drawn thin behind.
 
     Raises ValueError for no runs.
     """
     if not runs:
         raise ValueError("no runs to draw")
     single = {"zigzag": zigzag_plot, "spiral": spiral_plot, "pull-out": pull_out_plot}
+    clouds = clouds or {}
     joint = [(draw, [run for run in runs if run.kind == kind])
              for kind, draw in (("turning", turning_plot), ("crash-stop", stopping_plot))]  # fmt: skip
     top = [partial(draw, runs=some) for draw, some in joint if some]
@@ -47,13 +48,31 @@ def maneuver_figure(runs: Sequence[Run], title: str) -> Figure:
     for first, panels in ((0, top), (int(bool(top)), others)):
         for k, draw in enumerate(panels):
             alone = len(panels) % 2 == 1 and k == len(panels) - 1
-            draw(figure.add_subplot(grid[first + k // 2, :] if alone else grid[first + k // 2, k % 2]))
+            ax = draw(figure.add_subplot(grid[first + k // 2, :] if alone else grid[first + k // 2, k % 2]))
+            given = draw.keywords
+            for run in given.get("runs") or [given["run"]]:
+                _cloud(ax, run, clouds.get(run.name, ()))
     return figure
 
 
-def save_figure(runs: Sequence[Run], title: str, path: Path) -> None:
-    """``maneuver_figure`` of ``runs`` with its ``title``, written to ``path``. Raises OSError when it cannot be."""
-    maneuver_figure(runs, title).savefig(path)
+def _cloud(ax: Axes, run: Run, others: Sequence[Since]) -> None:
+    """Other runs of the same manoeuvre, thin and behind all else."""
+    L, look = run.length, {"color": GREY, "linewidth": 0.4, "alpha": 0.45, "zorder": 0.5}
+    for motion in others:
+        if run.kind == "turning":
+            ax.plot(motion.transfer / L, motion.advance / L, **look)
+        elif run.kind == "crash-stop":
+            ax.plot(motion.path / L, motion.u / run.speed, **look)
+        elif run.kind == "zigzag":
+            ax.plot(motion.t, np.degrees(motion.change), **look)
+
+
+def save_figure(
+    runs: Sequence[Run], title: str, path: Path, clouds: Mapping[str, Sequence[Since]] | None = None
+) -> None:
+    """``maneuver_figure`` of ``runs`` with its ``title`` and ``clouds``, written to ``path``. Raises OSError when it
+    cannot be."""
+    maneuver_figure(runs, title, clouds).savefig(path)
 
 
 def _cut(run: Run) -> Since:

@@ -12,11 +12,16 @@ from mmg.errors import UserError
 from mmg_ident.commands.output import is_model, print_json, refuse_target, say, ship_names, working
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from cases.criteria.assessment import Assessment
+    from cases.criteria.figures import Since
     from cases.criteria.trial_correction import WaterVelocity
     from cases.trial import Trial
+    from mmg.ship import Ship
+
+DRAWS = 500
+"""Ships drawn where nothing else is asked for."""
 
 
 def imo(
@@ -51,6 +56,11 @@ def imo(
     current: Annotated[
         str | None, Option(help="For --correct, SPEED:TOWARDS [m/s:deg]; default from the circles among the trials.")
     ] = None,
+    scatter: Annotated[
+        int | None,
+        Option(help="Ships drawn for the 90 % intervals; default 500 of a calibration, 0: none."),
+    ] = None,
+    seed: Annotated[int, Option(help="Seed of the draws.")] = 0,
     plot: Annotated[Path | None, Option(help="Figure to write (.png, .svg or .pdf).")] = None,
     out: Annotated[Path | None, Option(help="New folder for imo.json, imo.png and the simulated runs as CSV.")] = None,
     force: Annotated[bool, Option("--force", help="Overwrite existing files.")] = False,
@@ -91,22 +101,39 @@ def imo(
         simulated = load_ship(models[0])
         with working(f"simulating the manoeuvres of {simulated.name}"):
             found = imo_figures(simulated, speed, rate, maneuver or [], scale)
+        found, clouds = _with_intervals(found, models[0], simulated, scatter, seed, rate)
     else:
-        own = {"--speed": speed, "--rudder-rate": rudder_rate, "--maneuver": maneuver or None}
+        own = {"--scatter": scatter, "--speed": speed, "--rudder-rate": rudder_rate, "--maneuver": maneuver or None}
         for option in [name for name, value in own.items() if value is not None]:
             raise UserError(f"{option} belongs to a ship that is simulated; trial files have their own")
         model = load_ship(ship) if ship is not None else None
         if model is None and length is None:
             raise UserError("trial files need the length of their ship: --ship SHIP or --length METRES")
         water = _current(current) if current is not None else correct
-        found = imo_figures_of_trials(_trials(files, unchecked), model, length, kind, scale, water)
-    _write(plot, out, found)
+        found, clouds = imo_figures_of_trials(_trials(files, unchecked), model, length, kind, scale, water), {}
+    _write(plot, out, found, clouds)
     if json:
         print_json(found.to_dict())
         return
     _print(found)
     for path in filter(None, (plot, out)):
         say(f"written: {path}")
+
+
+def _with_intervals(
+    found: Assessment, model: str, ship: Ship, scatter: int | None, seed: int, rudder_rate: float | None
+) -> tuple[Assessment, dict[str, Sequence[Since]]]:
+    """The figures with 90 % intervals, where a covariance is known or draws are asked for, and runs behind them."""
+    from fitting.prediction.figure_intervals import correlation_in, with_intervals
+    from fitting.report.run_folder import RESULT, read_result
+
+    content = read_result(Path(model)) if (Path(model) / RESULT).is_file() else {}
+    count = scatter if scatter is not None else DRAWS * (correlation_in(content) is not None)
+    if count == 0:
+        return found, {}
+    with working(f"simulating each manoeuvre {count} times"):
+        judged = with_intervals(found, ship, content, count, seed, rudder_rate)
+    return judged.assessment, {name: one.shown for name, one in judged.scatter.items()}
 
 
 def _current(text: str) -> WaterVelocity:
@@ -143,7 +170,7 @@ def _check_targets(plot: Path | None, out: Path | None, force: bool) -> None:
         raise UserError(f"--out {out}: exists already; name a new folder or add --force")
 
 
-def _write(plot: Path | None, out: Path | None, found: Assessment) -> None:
+def _write(plot: Path | None, out: Path | None, found: Assessment, clouds: Mapping[str, Sequence[Since]]) -> None:
     """The figure, and the folder with table, figure and simulated runs."""
     from functools import partial
 
@@ -154,14 +181,15 @@ def _write(plot: Path | None, out: Path | None, found: Assessment) -> None:
 
     try:
         if plot is not None:
-            save_figure(found.runs, found.heading, plot)
+            save_figure(found.runs, found.heading, plot, clouds)
         if out is not None:
             out.mkdir(parents=True, exist_ok=True)
             write_json(out / "imo.json", found.to_dict())
             for run in found.runs:
                 if not run.measured:
                     write_trial(run.trial, out / f"{run.trial.name}.csv")
-            FigureFolder(out).write("imo", partial(maneuver_figure, found.runs, found.heading), found.heading, "")
+            draw = partial(maneuver_figure, found.runs, found.heading, clouds)
+            FigureFolder(out).write("imo", draw, found.heading, "")
     except OSError as error:
         raise UserError(f"{error.filename or out or plot}: cannot be written ({error.strerror})") from None
 
@@ -178,8 +206,12 @@ def _print(found: Assessment) -> None:
     table.add_column("figure", no_wrap=True)
     corrected = any(row.measured is not None for row in found.rows)
     value = ("measured", "corrected") if corrected else ("value",)
-    for name in (*value, "limit", *(("reference",) if known else ())):
+    drawn = any(row.interval_90 is not None for row in found.rows)
+    more = ("90 % interval", "of one trial") if drawn else ()
+    for name in (*value, *more, "limit", *(("reference",) if known else ())):
         table.add_column(name, justify="right", no_wrap=True)
+    if drawn:
+        table.add_column("meets", justify="right", no_wrap=True)
     table.add_column("verdict", no_wrap=True)
     remarks: dict[str, int] = {}
     last = ""
@@ -189,8 +221,10 @@ def _print(found: Assessment) -> None:
         mark = f" [{remarks.setdefault(row.why, len(remarks) + 1)}]" if row.why else ""
         figure = WORDS.get(row.figure, row.figure.replace("_", " "))
         values = [_number(row.measured, row.unit)] * corrected + [_number(row.value, row.unit)]
-        cells = ["" if row.run == last else row.run, figure, *values, _number(row.limit, row.unit)]
+        intervals = [_interval(row.interval_90, row.unit), _interval(row.interval_90_trial, row.unit)] * drawn
+        cells = ["" if row.run == last else row.run, figure, *values, *intervals, _number(row.limit, row.unit)]
         cells += [_number(row.reference, row.unit)] if known else []
+        cells += ["" if row.probability is None else f"{100 * row.probability:.0f} %"] * drawn
         table.add_row(*cells, (row.verdict + mark).replace("[", "\\["), style=STYLE.get(row.verdict))
         last = row.run
     console.print(table)
@@ -204,6 +238,13 @@ def _print(found: Assessment) -> None:
 
 WORDS = {"initial_turning_track": "initial turning"}
 STYLE = {"fail": "bold red", "not judged": "yellow"}
+
+
+def _interval(ends: Sequence[float] | None, unit: str) -> str:
+    if ends is None:
+        return ""
+    digits = 1 if unit == "deg" else 2
+    return f"{ends[0]:.{digits}f} .. {ends[1]:.{digits}f}"
 
 
 def _number(value: float | None, unit: str) -> str:

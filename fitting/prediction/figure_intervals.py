@@ -1,0 +1,225 @@
+"""Error bars of manoeuvring figures: many ships that the trials allow, each simulated through the manoeuvre.
+
+A draw has coefficients from their joint covariance. Where the manoeuvre leaves the motion that the trials held, it also
+has a constant unexplained acceleration, whose size grows with the distance (``novelty``): that is the ship's figure.
+A single trial has besides the fluctuating accelerations that no model explained in the trials (``bands.Process``). All
+draws of a manoeuvre are simulated side by side.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from cases.criteria.assessment import Assessment
+from cases.criteria.batch_figures import figures_of_each, since_each
+from cases.criteria.figures import Since
+from cases.criteria.imo import NONE, OPEN, Row
+from cases.criteria.scatter import STEP, draw_coefficients
+from cases.criteria.standard_runs import Run
+from cases.maneuvers.definitions import Maneuver, parse_maneuver
+from cases.shipfiles.effects import calm_and_deep
+from cases.simulation.pushed_batch import Push, simulate_pushed
+from cases.simulation.simulate_batch import SimulatedRuns, input_array, simulate_batch
+from fitting.prediction.bands import Bands, acceleration_sizes, bands_of
+from fitting.prediction.envelope import DRIFT
+from mmg.errors import UserError
+from mmg.messages import Message
+from mmg.motion.froude import reference_speed, time_scale
+from mmg.rollout import Simulator
+from mmg.ship import Ship
+
+MOST = 20_000
+"""Most draws of one call."""
+JUDGED = ("turning", "zigzag", "crash-stop")
+"""Manoeuvres whose figures get an interval."""
+SHOWN = 60
+"""Draws whose tracks are kept for a figure."""
+BEYOND = 0.05
+"""Share of the range of the trials by which a manoeuvre may leave it."""
+QUANTITIES = {
+    "u": "surge velocity",
+    "v": "sway velocity",
+    "r": "yaw rate",
+    DRIFT: "drift angle",
+    "n": "revolutions",
+    "delta": "rudder angle",
+}
+"""What is compared with the trials."""
+
+
+@dataclass(frozen=True)
+class FigureScatter:
+    """One manoeuvre over all draws.
+
+    ship, trial: figure -> values (count,), SI and rad, NaN where it is not reached, of the ship and of a single trial;
+    outside: what leaves the range of the trials, in words; shown: some of the draws of single trials from the order on.
+    """
+
+    ship: Mapping[str, np.ndarray]
+    trial: Mapping[str, np.ndarray]
+    outside: tuple[str, ...]
+    shown: tuple[Since, ...]
+
+
+@dataclass(frozen=True)
+class JudgedFigures:
+    """An assessment with intervals in its rows, and the scatter behind it by the name of the manoeuvre."""
+
+    assessment: Assessment
+    scatter: Mapping[str, FigureScatter]
+
+
+def with_intervals(
+    found: Assessment,
+    ship: Ship,
+    content: Mapping[str, Any],
+    count: int,
+    seed: int = 0,
+    rudder_rate: float | None = None,
+) -> JudgedFigures:
+    """An assessment of simulated runs with median, 90 % interval and probability of meeting the criterion.
+
+    found: of ``cases.criteria.assessment.imo_figures``, with the same rudder_rate [rad/s]; ship: as it was given there;
+    content: of the result.json of a calibration, {}: the standard deviations of the ship file stand alone, and are
+    independent; count, seed: of the draws. Raises UserError for a count that makes no sense, and for a ship without
+    standard deviations.
+    """
+    if not 20 <= count <= MOST:
+        raise UserError(f"--scatter {count}: give 20 to {MOST} draws, or 0 for none")
+    calm = calm_and_deep(ship)[0]
+    correlation, notices = correlation_in(content), list(found.notices)
+    drawn = draw_coefficients(calm, count, seed, correlation)
+    if correlation is None:
+        words = "coefficients are drawn independently of each other: no correlation is known"
+        notices.append(Message(words, "independent_draws"))
+    bands, simulator = bands_of(content, calm), Simulator(calm)
+    scatter: dict[str, FigureScatter] = {}
+    for run in found.runs:
+        if run.kind in JUDGED:
+            plan = parse_maneuver(run.name, calm, speed=run.speed, rudder_rate=rudder_rate)
+            scatter[run.name] = _scatter(simulator, run, plan, drawn, bands, content.get("envelope"), seed)
+            if scatter[run.name].outside:
+                notices.append(Message(_outside_words(run, scatter[run.name].outside), "outside_the_trials"))
+    runs = {run.name: run for run in found.runs}
+    rows = tuple(_judged(row, runs[row.run], scatter[row.run]) if row.run in scatter else row for row in found.rows)
+    return JudgedFigures(replace(found, rows=rows, notices=tuple(notices)), scatter)
+
+
+def correlation_in(content: Mapping[str, Any]) -> tuple[list[str], np.ndarray] | None:
+    """Symbols (Q,) and correlation matrix (Q, Q) of the estimates in the ``content`` of a result.json; None where it has none."""
+    try:
+        symbols = [str(s) for s in content["correlation"]["symbols"]]
+        matrix = np.array(content["correlation"]["matrix"], dtype=float)
+    except (KeyError, TypeError, ValueError):
+        return None
+    return (symbols, matrix) if matrix.shape == (len(symbols), len(symbols)) else None
+
+
+def _scatter(
+    simulator: Simulator,
+    run: Run,
+    plan: Maneuver,
+    drawn: Mapping[str, np.ndarray],
+    bands: Bands | None,
+    envelope: Mapping[str, Sequence[float]] | None,
+    seed: int,
+) -> FigureScatter:
+    """All draws of one manoeuvre: those of the ship first, then as many single trials of the same ships."""
+    ship = simulator.ship
+    count, L = len(next(iter(drawn.values()))), ship.particulars["L"]
+    dt = STEP * time_scale(L)
+    nominal = simulate_batch(simulator, plan, dt=dt, held=True)
+    outside = outside_of(envelope, nominal) if envelope else ()
+    copies = 2 if bands is not None else 1
+    values = {symbol: np.tile(one, copies) for symbol, one in drawn.items()}
+    push = _push(bands, simulator, nominal, count, dt, seed) if bands is not None else lambda k, states: np.zeros(())
+    runs = simulate_pushed(simulator, plan, values, dt, push)
+    with np.errstate(invalid="ignore", over="ignore"):
+        lost = ~(np.abs(runs.states[:, 3:5]).max(axis=(0, 1)) < 3 * reference_speed(L))
+    states = np.where(lost, np.nan, runs.states)
+    each = figures_of_each(replace(runs, states=states), plan)
+    names = list(dict.fromkeys([*run.figures, *(name for one in each for name in one)]))
+    table = {name: np.array([one.get(name, np.nan) for one in each]) for name in names}
+    own = {name: column[:count] for name, column in table.items()}
+    trial = {name: column[-count:] for name, column in table.items()}
+    some = np.arange(len(each) - count, len(each))[:SHOWN]
+    few = SimulatedRuns(runs.t, states[:, :, some], runs.inputs[:, :, some], runs.last[some])
+    shown = tuple(s for s in since_each(few, plan.parameters["order_time"]) if s is not None)
+    return FigureScatter(own, trial, outside, shown)
+
+
+def _push(bands: Bands, simulator: Simulator, nominal: SimulatedRuns, count: int, dt: float, seed: int) -> Push:
+    """Accelerations of ``count`` ships, then of as many single trials of them."""
+    ship, process, rng = simulator.ship, bands.process, np.random.default_rng([22, seed])
+    L, times = ship.particulars["L"], np.maximum(nominal.t, dt)[:, None]
+    factor = process.factor_at(times)[:, 3:, 0]
+    growth = np.zeros((len(times), 3))
+    if bands.held is not None:
+        inputs = input_array(ship, nominal.inputs, nominal.t)
+        novelty = bands.held.novelty(nominal.states, inputs, L)[:, 0]
+        growth = novelty[:, None] * bands.held.growth[3:]
+    lasting = np.tile(rng.standard_normal((3, count)), 2)
+    left = np.exp(-dt / process.memory)[:, None]
+    passing = np.zeros((3, 2 * count))
+    passing[:, count:] = rng.standard_normal((3, count))
+
+    def push(k: int, states: np.ndarray) -> np.ndarray:
+        square = np.einsum("ck,kcm->cm", process.size**2, acceleration_sizes(states, L)[:, None].repeat(3, axis=1))
+        value = np.sqrt(square) * factor[k][:, None] * (growth[k][:, None] * lasting + passing)
+        fresh = rng.standard_normal((3, count)) * np.sqrt(1 - left**2)
+        passing[:, count:] = left * passing[:, count:] + fresh
+        return np.nan_to_num(value)
+
+    return push
+
+
+def outside_of(envelope: Mapping[str, Sequence[float]], runs: SimulatedRuns) -> tuple[str, ...]:
+    """Which quantities of the first of ``runs`` leave the ranges of an ``envelope``, in words with the worst value."""
+    rows = slice(0, int(runs.last[0]) + 1)
+    u, v, r = runs.states[rows, 3:, 0].T
+    moving = np.hypot(u, v) > 0.1 * np.abs(u).max()
+    n, delta = np.asarray(runs.inputs[rows, :, 0]).T
+    beta = np.arctan2(-v[moving], u[moving])
+    known = {"u": u, "v": v, "r": r, DRIFT: beta, "n": n, "delta": delta}
+    found = []
+    for name, words in QUANTITIES.items():
+        if name not in envelope or not len(known[name]):
+            continue
+        low, high = (float(x) for x in envelope[name])
+        slack = BEYOND * max(high - low, 1e-9)
+        least, most = float(known[name].min()), float(known[name].max())
+        unit, factor = {"u": ("m/s", 1.0), "v": ("m/s", 1.0), "n": ("1/s", 1.0), "r": ("deg/s", 57.29578)}.get(
+            name, ("deg", 57.29578)
+        )
+        for reached, limit, over in ((least, low, least < low - slack), (most, high, most > high + slack)):
+            if over:
+                found.append(f"{words} {factor * reached:.3g} {unit}, in the trials {factor * limit:.3g}")
+    return tuple(found)
+
+
+def _outside_words(run: Run, outside: Sequence[str]) -> str:
+    """A sentence on a run that leaves what the trials held."""
+    if run.kind == "crash-stop" and any(words.startswith("revolutions -") for words in outside):
+        return f"{run.name}: stopping was not in the trials: these figures are the prior's ({'; '.join(outside)})"
+    return f"{run.name}: outside the trials, so its intervals are wider: {'; '.join(outside)}"
+
+
+def _judged(row: Row, run: Run, scatter: FigureScatter) -> Row:
+    """A row with what its draws say."""
+    factor = {"L": 1 / run.length, "deg": 57.29577951308232}.get(row.unit)
+    values, trial = scatter.ship.get(row.figure), scatter.trial.get(row.figure)
+    if factor is None or values is None or trial is None or not np.isfinite(values).any():
+        return replace(row, extrapolated=bool(scatter.outside))
+    low, middle, high = (float(factor * q) for q in np.nanquantile(values, (0.05, 0.5, 0.95)))
+    once = tuple(float(factor * q) for q in np.nanquantile(trial, (0.05, 0.95))) if np.isfinite(trial).any() else None
+    chance = None
+    if row.limit is not None and row.verdict not in (OPEN, NONE):
+        chance = float((np.nan_to_num(factor * values, nan=np.inf) <= row.limit).mean())
+    return replace(
+        row, median=middle, interval_90=(low, high), interval_90_trial=once, probability=chance,
+        extrapolated=bool(scatter.outside),
+    )  # fmt: skip

@@ -1,0 +1,138 @@
+"""Error bars of manoeuvring figures: what widens them, what they are called, and what is refused."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cases.criteria.assessment import Assessment, imo_figures
+from cases.criteria.scatter import draw_coefficients
+from cases.shipfiles.ship_file import dump_ship, load_ship
+from fitting.prediction.bands import Process, process_dict
+from fitting.prediction.figure_intervals import with_intervals
+from mmg.errors import UserError
+from mmg_ident.commands.main import main
+
+SPEED = 0.5
+WIDE = {"u": [-0.3, 0.8], "v": [-0.4, 0.4], "r": [-0.3, 0.3], "n": [-30.0, 30.0], "delta": [-1.0, 1.0],
+        "beta": [-3.2, 3.2]}  # fmt: skip
+
+
+def some_ship() -> Any:
+    """The model with a few uncertain coefficients, the others fixed."""
+    ship = load_ship("esso_osaka_3m")
+    kept = ship.free[:4]
+    rows = {s: ship.coefficients[s].with_(std=0.03 * abs(ship.coefficients[s].value)) for s in kept}
+    return ship.fixing([s for s in ship.free if s not in kept]).with_coefficients(rows)
+
+
+def content(ship: Any, size: float = 0.002, envelope: dict | None = None) -> dict[str, Any]:
+    """What a result.json says of the ship: correlation, process, envelope."""
+    free, one, sizes = list(ship.free), np.ones((1, 6)), np.zeros((3, 3))
+    sizes[:, 0] = (size, size, size / 3)
+    process = Process(np.full(3, 5.0), np.full(3, 20.0), sizes, np.zeros(6), one, one, np.array([30.0]))
+    return {
+        "correlation": {"symbols": free, "matrix": np.eye(len(free)).tolist()},
+        "bands": process_dict(process),
+        "envelope": envelope or WIDE,
+    }
+
+
+@pytest.fixture(scope="module")
+def figures() -> tuple[Any, Assessment]:
+    ship = some_ship()
+    found = imo_figures(ship, SPEED, scale=325 / 3)
+    kept = ("turning:35", "zigzag:10/10", "crash-stop")
+    rows, runs = (tuple(x for x in part if getattr(x, name) in kept)
+                  for part, name in ((found.rows, "run"), (found.runs, "name")))  # fmt: skip
+    return ship, replace(found, rows=rows, runs=runs)
+
+
+def test_intervals_hold_the_figure_and_grow_with_what_is_not_known(figures: tuple[Any, Assessment]) -> None:
+    ship, found = figures
+    known = content(ship)
+    judged = with_intervals(found, ship, known, 80).assessment
+    sure = with_intervals(found, ship, {k: v for k, v in known.items() if k != "bands"}, 80).assessment
+    doubled = ship.with_coefficients(
+        {s: ship.coefficients[s].with_(std=2 * ship.coefficients[s].std) for s in ship.free}
+    )
+    wider = with_intervals(found, doubled, known, 80).assessment
+    assert len(judged.rows) == len(found.rows) == 8
+    for row, plain, wide in zip(judged.rows, sure.rows, wider.rows, strict=True):
+        low, high = row.interval_90
+        assert low < row.value < high and low < row.median < high
+        assert row.extrapolated is False
+        assert np.ptp(row.interval_90_trial) > np.ptp(row.interval_90)  # gusts belong to a single trial
+        assert plain.interval_90_trial == plain.interval_90 == pytest.approx(row.interval_90, rel=1e-6)
+        assert 1.5 < np.ptp(wide.interval_90) / np.ptp(row.interval_90) < 2.7
+        assert (row.probability is None) == (row.limit is None)
+    again = with_intervals(found, ship, known, 80).assessment
+    assert [r.interval_90_trial for r in again.rows] == [r.interval_90_trial for r in judged.rows]  # by the seed alone
+
+
+def test_a_probability_counts_the_draws_that_meet_the_limit(figures: tuple[Any, Assessment]) -> None:
+    ship, found = figures
+    judged = with_intervals(found, ship, content(ship), 100)
+    row = next(r for r in judged.assessment.rows if r.figure == "tactical_diameter")
+    values = judged.scatter[row.run].ship["tactical_diameter"] / 3.0
+    limit = float(np.quantile(values, 0.3))
+    tight = replace(found, rows=tuple(replace(r, limit=limit) if r.figure == row.figure else r for r in found.rows))
+    rows = with_intervals(tight, ship, content(ship), 100).assessment.rows
+    again = next(r for r in rows if r.figure == row.figure)
+    assert again.probability == pytest.approx(0.3, abs=0.011)
+
+
+def test_a_manoeuvre_outside_the_trials_is_said_to_be(figures: tuple[Any, Assessment]) -> None:
+    ship, found = figures
+    narrow = WIDE | {"n": [0.0, 30.0], "r": [-0.02, 0.02]}
+    judged = with_intervals(found, ship, content(ship, envelope=narrow), 20).assessment
+    words = [str(note) for note in judged.notices if note.code == "outside_the_trials"]
+    assert all(row.extrapolated for row in judged.rows if row.run in ("turning:35", "crash-stop"))
+    assert any(w.startswith("crash-stop: stopping was not in the trials: these figures are the prior's") for w in words)
+    assert any(w.startswith("turning:35: outside the trials") and "yaw rate" in w for w in words)
+
+
+def test_draws_beyond_a_bound_take_their_partners_along() -> None:
+    ship = some_ship()
+    a, b = ship.free[:2]
+    c = ship.coefficients[a]
+    bounded = ship.with_coefficients({a: c.with_(lower=c.value - 0.1 * c.std)})
+    matrix = np.eye(len(ship.free))
+    matrix[0, 1] = matrix[1, 0] = 0.99
+    drawn = draw_coefficients(bounded, 4000, 0, (list(ship.free), matrix))
+    first, second = ((drawn[s] - ship.coefficients[s].value) / ship.coefficients[s].std for s in (a, b))
+    assert first.min() == pytest.approx(-0.1)
+    on_bound = first < -0.0999
+    assert on_bound.mean() == pytest.approx(0.46, abs=0.03)  # Phi(-0.1)
+    # given that the first is at its bound, the second is about 0.99 times that, with little left of its own
+    assert second[on_bound].mean() == pytest.approx(-0.099, abs=0.02) and second[on_bound].std() < 0.2
+
+
+@pytest.mark.parametrize(("count", "words"), [(5, "give 20 to"), (10**6, "give 20 to")])
+def test_counts_that_make_no_sense_are_one_line(figures: tuple[Any, Assessment], count: int, words: str) -> None:
+    ship, found = figures
+    with pytest.raises(UserError, match=words):
+        with_intervals(found, ship, content(ship), count)
+
+
+def test_the_command_prints_intervals_where_a_covariance_is_known(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ship = some_ship()
+    run = tmp_path / "run"
+    run.mkdir()
+    (run / "ship.toml").write_text(dump_ship(ship, "a run"), encoding="utf-8")
+    (run / "result.json").write_text(json.dumps({"kind": "calibration", **content(ship)}), encoding="utf-8")
+    assert main(["imo", str(run), "--speed", "0.5", "--scatter", "20", "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)["rows"]
+    assert all({"value", "interval_90", "criterion", "probability", "extrapolated"} <= set(row) for row in rows)
+    assert all(row["interval_90"][0] < row["value"] < row["interval_90"][1] for row in rows)
+    assert main(["imo", str(run), "--speed", "0.5", "--scatter", "0", "--json"]) == 0
+    assert all(row["interval_90"] is None for row in json.loads(capsys.readouterr().out)["rows"])
+    assert main(["imo", str(run), "--scatter", "3"]) == 2
+    assert "--scatter 3: give 20 to" in capsys.readouterr().err
