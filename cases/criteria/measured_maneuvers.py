@@ -253,7 +253,7 @@ def _zigzag(trial: Trial, holds: Sequence[RudderStep]) -> Execute:
         heading = float(sides[0] * (psi[0] - start))
     t, good = trial.t - trial.t[0], np.isfinite(trial["r"])
     rate = float(np.median(np.abs(np.interp(times, t[good], trial["r"][good])))) if good.any() else 0.0
-    notes = ()
+    notes: tuple[str, ...] = ()
     if not holds[0].began and abs(sides[0] * (psi[0] - start) - heading) > max(0.25 * heading, math.radians(1.0)):
         notes = ("the record begins in the manoeuvre: which overshoot is the first is not known",)
     caveats = []

@@ -119,9 +119,9 @@ def draw_coefficients(
     values, vectors = np.linalg.eigh(matrix)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     draws = root @ np.random.default_rng([21, seed]).standard_normal((len(free), count))
-    rows = [ship.coefficients[s] for s in free]
-    value, std = (np.array([getattr(c, name) for c in rows], dtype=float)[:, None] for name in ("value", "std"))
-    lower, upper = (np.array([getattr(c, name) for c in rows], dtype=float)[:, None] for name in ("lower", "upper"))
+    drawn = [ship.coefficients[s] for s in free]
+    value, std = (np.array([getattr(c, name) for c in drawn], dtype=float)[:, None] for name in ("value", "std"))
+    lower, upper = (np.array([getattr(c, name) for c in drawn], dtype=float)[:, None] for name in ("lower", "upper"))
     inside = _within(draws, (lower - value) / std, (upper - value) / std, root @ root.T)
     return dict(zip(free, np.clip(value + std * inside, lower, upper), strict=True))
 

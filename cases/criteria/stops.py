@@ -64,7 +64,7 @@ def _stop(t: np.ndarray, n: np.ndarray, u: np.ndarray, first: int, last: int) ->
 def _level_before(n: np.ndarray, rows: np.ndarray) -> float:
     """The revolutions that were held ahead before they fell: the median of the faster ones of the last stretch ahead,
     whose ``rows`` run back in time."""
-    ahead = []
+    ahead: list[float] = []
     for k in rows:
         if n[k] <= 0 and ahead:
             break

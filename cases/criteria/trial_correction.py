@@ -99,7 +99,8 @@ def mean_current(currents: Sequence[WaterVelocity]) -> WaterVelocity | None:
     origin = f"mean of {len(currents)} circles, which differ by {std:.2g} m/s"
     if len(currents) == 1:
         origin = currents[0].origin
-    return WaterVelocity(*parts.mean(axis=0).tolist(), std, origin)
+    north, east = (float(x) for x in parts.mean(axis=0))
+    return WaterVelocity(north, east, std, origin)
 
 
 def in_still_water(run: Run, current: WaterVelocity) -> Run:

@@ -110,7 +110,7 @@ def with_intervals(
 
 
 def correlation_in(content: Mapping[str, Any]) -> tuple[list[str], np.ndarray] | None:
-    """Symbols (Q,) and correlation matrix (Q, Q) of the estimates in the ``content`` of a result.json; None where it has none."""
+    """Symbols (Q,) and correlation matrix (Q, Q) of the estimates in the ``content`` of a result.json, or None."""
     try:
         symbols = [str(s) for s in content["correlation"]["symbols"]]
         matrix = np.array(content["correlation"]["matrix"], dtype=float)

@@ -151,9 +151,11 @@ def held_dict(held: HeldMotion) -> dict[str, Any]:
 
 def held_of(content: Mapping[str, Any] | None, names: Sequence[str]) -> HeldMotion | None:
     """What ``held_dict`` made of it, ``content``, for a ship with inputs of these ``names``; None for anything else."""
+    if content is None:
+        return None
     try:
-        arrays = [np.array(content[key], dtype=float) for key in ("scale", "points", "growth")]  # type: ignore[index]
-        reach, inputs = float(content["reach"]), tuple(content["inputs"])  # type: ignore[index]
+        arrays = [np.asarray(content[key], dtype=np.float64) for key in ("scale", "points", "growth")]
+        reach, inputs = float(content["reach"]), tuple(content["inputs"])
     except (KeyError, TypeError, ValueError):
         return None
     scale, points, growth = arrays

@@ -57,7 +57,8 @@ def maneuver_figure(runs: Sequence[Run], title: str, clouds: Mapping[str, Sequen
 
 def _cloud(ax: Axes, run: Run, others: Sequence[Since]) -> None:
     """Other runs of the same manoeuvre, thin and behind all else."""
-    L, look = run.length, {"color": GREY, "linewidth": 0.4, "alpha": 0.45, "zorder": 0.5}
+    L = run.length
+    look: dict[str, Any] = {"color": GREY, "linewidth": 0.4, "alpha": 0.45, "zorder": 0.5}
     for motion in others:
         if run.kind == "turning":
             ax.plot(motion.transfer / L, motion.advance / L, **look)

@@ -54,7 +54,7 @@ def _row(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, Any]:
     for key, _ in COLUMNS:
         b, a = before.get(key), after.get(key)
         factor = 100.0 if key == "share_of_change" else 1.0
-        worse = None not in (b, a) and b < LESS * a
+        worse = b is not None and a is not None and b < LESS * a
         cells.append({"before": _number(b, factor), "after": _number(a, factor), "worse": worse})
     return {"name": after["name"], "windows": after["windows"], "cells": cells}
 
