@@ -2,7 +2,8 @@
 
 The seconds before a window are cut into short restarts from the measured state. Their errors, younger ones counting
 more, are explained by a current with a Gaussian prior: one Gauss-Newton step, all windows and both directions in one
-batch. In the forecast the current decays: on shared measurements, estimates 30 s apart hardly correlate. States of
+batch. In the forecast the current decays. (A Kalman filter with latent accelerations of two memories and a current,
+its sizes chosen on the same records, was no better.) States of
 lags and filters start at their values at the end of the last restart, relative to settled. Rows from a window's start
 on are never read.
 """
@@ -20,8 +21,9 @@ from mmg.motion.froude import state_scale, time_scale
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 
-RESTART, FORGET, DECAY = 10.0, 15.0, 45.0
-"""Seconds: length of a restart, time in which an error's weight falls to 1/e^2, decay time of the current."""
+RESTART, FORGET, DECAY = 8.0, 15.0, 120.0
+"""Seconds: length of a restart, time in which an error's weight falls to 1/e^2, decay time of the current; chosen by
+30 records, each predicted without its fold."""
 SIZE = 0.02
 """Prior standard deviation of the current [m/s]."""
 ERRORS = (0.06, 0.04, 0.017, 0.011, 0.0066, 0.003)

@@ -146,7 +146,7 @@ def test_a_lag_starts_from_what_the_past_left_in_it() -> None:
 def test_settings_scale_by_froudes_law() -> None:
     model, full = Adaptation.of(load_ship("esso_osaka_3m"), 30.0), Adaptation.of(load_ship("kvlcc2_full"), 300.0)
     k = (load_ship("kvlcc2_full").particulars["L"] / 3.0) ** 0.5
-    assert model.restart == pytest.approx(10.0) and full.restart == pytest.approx(10.0 * k)
+    assert model.restart == pytest.approx(8.0) and full.restart == pytest.approx(8.0 * k)
     assert full.size == pytest.approx(0.02 * k) and full.errors[0] == pytest.approx(0.06 * k**2)
 
 
