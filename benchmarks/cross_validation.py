@@ -1,8 +1,8 @@
 """Runs left out of a calibration, refitted in full: mean of files by kind of manoeuvre, with jackknife errors.
 
 All 35 records of Train-TZRB+ in folds that spread each day and kind (``--folds 5``), or whole days and kinds left out
-(``--folds day-kind``); records that share rows stay together. Each fold is what ``mmg fit`` does by default, or with the
-options named, on the other records; its ship predicts the records left out, 30 s windows and 100 s restarts, with the
+(``--folds day-kind``); records that share rows stay together. Each fold is what ``mmg fit`` does by default, or with
+the options named, on the other records; its ship predicts the records left out, 30 s windows and 100 s restarts, with the
 sigma of all records. Variants are compared with the first one, file by file.
 This is a measure and trains nothing that is judged on the five hold-outs; ``--without-hold-outs`` leaves them out
 altogether, which choices of method must do; ``--hold-outs`` scores them once by ships fitted on Train-TZRB and on the
@@ -198,8 +198,8 @@ def main() -> None:
             found[variant], seconds, converged = cross_validated(rows, given.mark, variant, trials, folds)
             remarks.append(f"{variant}: {seconds:.0f} s a fit, {'all' if converged else 'NOT all'} converged")
         lines = [
-            f"{len(trials)} records in {len(folds)} folds, refitted in full; mean of files ± jackknife error over files; "
-            "in brackets the change against the first variant and its error. " + "; ".join(remarks) + ".",
+            f"{len(trials)} records in {len(folds)} folds, refitted in full; mean of files ± jackknife error over "
+            "files; in brackets the change against the first variant and its error. " + "; ".join(remarks) + ".",
             "",
             *lines_of(found),
         ]
