@@ -2,8 +2,8 @@
 
 All 35 records of Train-TZRB+ in folds that spread each day and kind (``--folds 5``), or whole days and kinds left out
 (``--folds day-kind``); records that share rows stay together. Each fold is what ``mmg fit`` does by default, or with
-the options named, on the other records; its ship predicts the records left out, 30 s windows and 100 s restarts, with the
-sigma of all records. Variants are compared with the first one, file by file.
+the options named, on the other records; its ship predicts the records left out, 30 s windows and 100 s restarts, in
+units of the sigma of all records. Variants are compared with the first one, file by file.
 This is a measure and trains nothing that is judged on the five hold-outs; ``--without-hold-outs`` leaves them out
 altogether, which choices of method must do; ``--hold-outs`` scores them once by ships fitted on Train-TZRB and on the
 rest of Train-TZRB+, with the sigma of Train-TZRB.
@@ -28,19 +28,18 @@ import numpy as np
 
 from benchmarks.record import record, table
 from cases import published_splits as splits
-from cases.checks.duplicates import duplicates
 from cases.io.groups import group_trials
 from cases.io.read import read_trials
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
 from fitting.pipeline import FitOptions, calibrate
 from fitting.prediction.score import pooled_sigma, score
-from fitting.selection.left_out_runs import METRICS, Jackknifed, RunScores, folds_by
+from fitting.selection.left_out_runs import METRICS, Jackknifed, RunScores, folds_by, sharing_rows
 from fitting.settings import Settings
 
 ROWS = Path(tempfile.gettempdir()) / "mmg_cross_validation.jsonl"
 LABELS = {"window": "30 s windows", "paper": "100 s restarts"}
-SETTINGS = {"loss": str, "window": float, "step": float, "horizon": float, "passes": int}
+SETTINGS = {"loss": str, "weight": float, "window": float, "step": float, "horizon": float, "passes": int}
 """Options of a variant that are settings of the calibration; "adapt" and "measurement" are the others."""
 
 
@@ -64,12 +63,7 @@ def grouped(trials: Sequence[Trial]) -> tuple[list[str], list[int]]:
     """Day and kind of each of ``trials``, and a number that those share which hold the same rows."""
     days = group_trials(trials, "day")
     labels = [f"{days.names[k]} {t.kind}" for t, k in zip(trials, days.number, strict=True)]
-    groups = list(range(len(trials)))
-    for i, (copies, _) in enumerate(duplicates(trials)):
-        for copy in copies:
-            j = next(k for k, t in enumerate(trials) if t.name == copy["other"])
-            groups = [min(groups[i], groups[j]) if g in (groups[i], groups[j]) else g for g in groups]
-    return labels, groups
+    return labels, sharing_rows(trials)
 
 
 def fold_score(variant: str, train: Sequence[Trial], out: Sequence[Trial], sigma: np.ndarray) -> dict[str, Any]:
@@ -79,7 +73,9 @@ def fold_score(variant: str, train: Sequence[Trial], out: Sequence[Trial], sigma
     options = FitOptions(next_trial=False)
     if "measurement" in chosen:
         options = replace(options, instruments=chosen.pop("measurement"))
-    found = calibrate(load_ship("esso_osaka_3m"), train, (), Settings(**chosen), options)
+    found = calibrate(
+        load_ship("esso_osaka_3m"), train, (), Settings(**{"loss": None, "weight": None} | chosen), options
+    )
     assert found.objects is not None
     seconds = time.perf_counter() - began
     rows = score(found.objects.after, out, sigma, adapt=adapt).trials

@@ -23,14 +23,15 @@ from fitting.identifiability.verdicts import calibrated_ship, estimate_warnings
 from fitting.nlp.captive import Captive
 from fitting.nlp.fisher_information import Information, information
 from fitting.nlp.grid import default_step
-from fitting.nlp.loss import Loss
+from fitting.nlp.loss import LOSSES, Loss
 from fitting.nlp.problem import Prior, Problem
 from fitting.nlp.run_constants import RunConstants, neutral_values, without_constants
 from fitting.nlp.windows import Segments, cut
+from fitting.selection.robust_choice import Weighting, choose_weighting
 from fitting.settings import Settings, Start
 from fitting.solvers.ipopt import Solution
 from fitting.solvers.multistart import solve_starts
-from fitting.solvers.residual_noise import ResidualNoise, Resumption, solve_with_noise_estimation
+from fitting.solvers.residual_noise import Choose, ResidualNoise, Resumption, solve_with_noise_estimation
 from fitting.uncertainty.sandwich import Robust, robust
 from mmg.errors import UserError
 from mmg.messages import Message, as_messages
@@ -48,7 +49,7 @@ class Calibration:
     last solve; solution: of that solve; passes: objective and status of every solve. information: of each window on p,
     from which ``spread`` has the robust and the model-based covariance; problem: solved; resumption: how to go on with
     the last solve. constants: what each run has of its own; solution, information, spread and problem are of all that
-    was fitted, the shared ones first.
+    was fitted, the shared ones first. weighting: how loss and weight of the runs were chosen, None where given.
     """
 
     ship: Ship
@@ -69,6 +70,7 @@ class Calibration:
     problem: Problem
     resumption: Resumption
     constants: RunConstants | None
+    weighting: Weighting | None = None
 
     @property
     def converged(self) -> bool:
@@ -144,7 +146,7 @@ def _prepared(
     sigma = np.asarray(settings.sigma or rough, dtype=float)
     if sigma.shape != (6,) or not (sigma > 0).all():
         raise UserError("sigma must be six positive numbers: x, y [m], psi [rad], u, v [m/s], r [rad/s]")
-    problem = Problem.of(ship, prior, segments, sigma, Loss(settings.loss), captive, settings.compiled)
+    problem = Problem.of(ship, prior, segments, sigma, Loss(settings.loss or LOSSES[0]), captive, settings.compiled)
     if problem.captive:
         own = prior.positions(ship)[: prior.shared]
         warnings += against_captive(problem.captive, neutral_values(ship, per_run), own, prior.common)
@@ -202,7 +204,13 @@ def estimate_coefficients(
     first = _holding(first, x, held)
     prior, timings = free, {"prepare": time.perf_counter() - began}
     resumed = Resumption.of_arrays(warm or {}, first)
-    problem, solution, noise, passes, last = solve_with_noise_estimation(first, x, settings, began, progress, resumed)
+    deciding = _Deciding(trials, settings)
+    solved = solve_with_noise_estimation(first, x, settings, began, progress, resumed, deciding.choose)
+    problem, solution, noise, passes, last = solved
+    weighting = deciding.weighting(solution)
+    if weighting:
+        settings = replace(settings, loss=weighting.loss, weight=weighting.weight)
+        notices = [*notices, Message(weighting.sentence, "weighting_chosen")]
     timings["solve"] = time.perf_counter() - began - timings["prepare"]
     best, starts = solve_starts(problem, solution, settings, began, progress)
     problem = problem.with_changes(prior=free)
@@ -239,7 +247,33 @@ def estimate_coefficients(
         problem=problem.with_changes(),  # without what it has cached
         resumption=last,
         constants=RunConstants.of(problem.ship, prior, p, spread.covariance, problem.segments.trials),
+        weighting=weighting,
     )
+
+
+class _Deciding:
+    """The choice of what the ``settings`` leave open of loss and weight of the runs, of ``trials``."""
+
+    def __init__(self, trials: Sequence[Trial], settings: Settings) -> None:
+        self.trials, self.settings = trials, settings
+        self.made: Weighting | None = None
+        self.open = settings.loss is None or settings.weight is None
+
+    @property
+    def choose(self) -> Choose | None:
+        return self._choose if self.open else None
+
+    def _choose(self, problem: Problem, x: np.ndarray) -> tuple[str, float]:
+        self.made = choose_weighting(problem, x, self.trials, self.settings.loss, self.settings.weight)
+        return self.made.loss, self.made.weight
+
+    def weighting(self, solution: Solution) -> Weighting | None:
+        """What was chosen; None where nothing was open, and for a solver that was stopped before the choice."""
+        if self.made or not self.open or not solution.converged:
+            return self.made
+        s, why = self.settings, "a single pass has no rough solution to choose from"
+        weight = 1.0 if s.weight is None else s.weight
+        return Weighting(s.loss or LOSSES[0], weight, why="sigma is given" if s.sigma else why)
 
 
 def moved_by(

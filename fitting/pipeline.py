@@ -82,24 +82,24 @@ def calibrate(
 ) -> FitResult:
     """Calibrate the free coefficients of ``ship`` on ``trials`` and judge the result, also on ``validation`` trials.
 
-    Trials whose sidecar gives them the role test or validate are not trained on. settings: of the solver; options: what
+    Trials whose sidecar gives them the role test or validate are not trained on. settings: of the solver, by default
+    with loss and weight of the runs chosen by runs left out; options: what
     else is wanted; progress: called at each iteration. Returns the result, whose ``converged`` is False for a solver
     that stopped early. Raises UserError for input from which nothing can be identified, for options that contradict
     each other, and for an interrupted run of other data.
     """
     began = time.perf_counter()
-    settings, options = settings or Settings(), options or FitOptions()
+    settings, options = settings or Settings(loss=None, weight=None), options or FitOptions()
     ship = with_instruments(ship, options.instruments)
     train, remarks = training_trials(trials, validation)
     _check_options(ship, train, options)
     model, constants = varying_effects(ship, options.per_run)
     if options.resume:
         check_resumable(options.resume, ship, train, constants)
+        settings = _as_chosen(settings, options.resume.settings)
     choice: ModelSelection | None = None
-    if options.auto:  # by all cores where ``workers`` is left at 1
-        workers = settings.workers if width(settings.workers) > 1 else min(os.cpu_count() or 1, 8)
-        spread = replace(settings, workers=workers)
-        choice = select(ship, train, spread, options.captive, options.auto_limit, progress)
+    if options.auto:
+        choice = select(ship, train, _spread(settings), options.captive, options.auto_limit, progress)
         ship = model = choice.ship
         settings = replace(choice.settings, workers=settings.workers)
     warm = options.resume.iterate if options.resume else started_from(model, options.start)
@@ -136,6 +136,7 @@ def calibrate(
         "identifiability": identifiability_dict(found.identifiability, trial),
         "messages": _message_rows(warning=warnings, notice=notices),
         "auto": choice.table if choice else None,
+        "weighting": _weighting(found, options.resume),
         "bands": bands,
         "adaptation": adaptation,
         "envelope": trial_envelope(found.ship, train),
@@ -205,6 +206,22 @@ def check_resumable(earlier: FitResult, ship: Ship, trials: Sequence[Trial], con
         raise UserError(f"{where}: --resume needs the same --per-run as the interrupted run")
     if sorted(row.sha256 or "" for row in earlier.data) != sorted(t.sha256 for t in trials):
         raise UserError(f"{where}: --resume needs the same trial files as the interrupted run")
+
+
+def _spread(settings: Settings) -> Settings:
+    """The ``settings`` with all cores where ``workers`` is left at 1."""
+    return settings if width(settings.workers) > 1 else replace(settings, workers=min(os.cpu_count() or 1, 8))
+
+
+def _as_chosen(settings: Settings, made: Settings) -> Settings:
+    """The ``settings`` with what an interrupted run, ``made`` by others, had chosen already."""
+    weight = made.weight if settings.weight is None else settings.weight
+    return replace(settings, loss=settings.loss or made.loss, weight=weight)
+
+
+def _weighting(found: Calibration, resumed: FitResult | None) -> Mapping[str, Any] | None:
+    """How loss and weight of the runs were chosen, now or before the run was interrupted."""
+    return found.weighting.to_dict() if found.weighting else resumed.weighting if resumed else None
 
 
 def _earlier(resumed: FitResult | None, found: Calibration) -> Sequence[SolveRow]:

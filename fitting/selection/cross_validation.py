@@ -20,6 +20,7 @@ from cases.trial import Trial
 from fitting.calibration import estimate_coefficients
 from fitting.nlp.captive import Captive
 from fitting.nlp.grid import default_step
+from fitting.nlp.loss import LOSSES
 from fitting.parallel import run_all
 from fitting.prediction.score import pooled_sigma, score
 from fitting.settings import Settings
@@ -221,7 +222,14 @@ class Selector:
 
     def fold(self, choice: Choice, out: tuple[int, ...]) -> Fold:
         settings = replace(
-            self.settings, window=choice.window, loss=choice.loss, starts=1, workers=1, tolerance=1e-4, time_limit=None
+            self.settings,
+            window=choice.window,
+            loss=choice.loss,
+            weight=self.settings.weight or 1.0,
+            starts=1,
+            workers=1,
+            tolerance=1e-4,
+            time_limit=None,
         )
         deadline = time.time() + self.time_left if self.warm else float("inf")
         ship = prepare(self.ship, choice)
@@ -288,7 +296,7 @@ def select(
     step = settings.step or default_step(trials, ship.particulars["L"])
     given = tuple(e for e in MANAGED if e in ship.effects)
     selector = Selector(ship, trials, settings, captive, limit, progress)
-    now = Choice(given, window=settings.window or 100 * step, loss=settings.loss)
+    now = Choice(given, window=settings.window or 100 * step, loss=settings.loss or LOSSES[0])
     selector.table += selector.cross_validate("start", [now], None)
     LOGGER.info(f"auto, start: {now.words()}: {selector.table[0].window:.4f}")
     instruments = ((), *(() if "gnss_delay" in ship.effects else INSTRUMENTS))
@@ -305,7 +313,7 @@ def select(
     return ModelSelection(
         choice=now,
         ship=prepare(ship, now),
-        settings=replace(settings, window=now.window, loss=now.loss),
+        settings=replace(settings, window=now.window, loss=now.loss, weight=settings.weight or 1.0),
         table=tuple(selector.table),
         notices=tuple(notices),
     )

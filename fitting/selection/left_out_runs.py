@@ -12,12 +12,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
+from cases.checks.duplicates import duplicates
 from cases.trial import Trial
-from fitting.calibration import Calibration
 from fitting.nlp.fisher_information import Information
+from fitting.nlp.problem import Problem
 from fitting.prediction.predict import ShipsByTrial
 from fitting.prediction.score import pooled_sigma, score
 
@@ -25,6 +27,16 @@ METRICS = ("window", "paper")
 """30 s windows, and restarts every 100 s."""
 ROUNDS = 8
 """Most times that a step is made again with coefficients held at their bounds."""
+
+
+class Estimated(Protocol):
+    """A calibration: the problem solved, and information and score of its windows at the estimate."""
+
+    @property
+    def problem(self) -> Problem: ...
+
+    @property
+    def information(self) -> Information: ...
 
 
 @dataclass(frozen=True)
@@ -137,26 +149,35 @@ def folds_by(labels: Sequence[str], groups: Sequence[int], count: int) -> list[t
     return [part for part in parts if part]
 
 
+def sharing_rows(trials: Sequence[Trial]) -> list[int]:
+    """A number for each of ``trials`` that those have in common which hold the same rows."""
+    groups, position = list(range(len(trials))), {t.name: i for i, t in enumerate(trials)}
+    for i, (copies, _) in enumerate(duplicates(trials)):
+        for copy in copies:
+            pair = (groups[i], groups[position[copy["other"]]])
+            groups = [min(pair) if g in pair else g for g in groups]
+    return groups
+
+
 def each_alone(count: int) -> list[tuple[int, ...]]:
     """Folds that leave out each of ``count`` runs alone."""
     return [(i,) for i in range(count)]
 
 
 def scores_of_folds(
-    found: Calibration,
+    problem: Problem,
     trials: Sequence[Trial],
     folds: Sequence[Sequence[int]],
     estimates: np.ndarray,
     sigma: np.ndarray | None = None,
     adapt: float | None = None,
 ) -> RunScores:
-    """Scores of ``trials``, those of the calibration ``found`` in their order, each by the estimate without its fold.
+    """Scores of ``trials``, those of ``problem`` in their order, each by the estimate without its fold.
 
     folds: numbers of the trials left out, together all; estimates: (folds, P) scaled, as of ``estimates_without``;
     sigma: (6,) by which errors are divided, by default pooled over the trials; adapt: seconds of past that a
     prediction may use. Raises UserError for trials without positions.
     """
-    problem = found.problem
     own = np.full((len(trials), len(problem.ship.symbols)), np.nan)
     group = dict(zip(problem.segments.run.tolist(), problem.columns.window.tolist(), strict=True))
     for out, p in zip(folds, estimates, strict=True):
@@ -164,7 +185,7 @@ def scores_of_folds(
         for i in out:
             own[i] = theta[group.get(i, 0)]
     sigma = pooled_sigma(trials) if sigma is None else sigma
-    simulator = ShipsByTrial(problem.ship, own, found.settings.compiled)
+    simulator = ShipsByTrial(problem.ship, own, not problem.kernels.interpreted_because)
     return run_scores(trials, score(simulator, trials, sigma, adapt=adapt).trials, sigma)
 
 
@@ -182,7 +203,7 @@ def run_scores(trials: Sequence[Trial], rows: Sequence, sigma: np.ndarray) -> Ru
 
 
 def leave_out(
-    found: Calibration,
+    found: Estimated,
     trials: Sequence[Trial],
     folds: Sequence[Sequence[int]] | None = None,
     sigma: np.ndarray | None = None,
@@ -197,4 +218,4 @@ def leave_out(
     """
     chosen = each_alone(len(trials)) if folds is None else folds
     estimates = estimates_without(info or found.information, chosen, found.problem.p_bounds())
-    return scores_of_folds(found, trials, chosen, estimates, sigma, adapt)
+    return scores_of_folds(found.problem, trials, chosen, estimates, sigma, adapt)

@@ -8,7 +8,7 @@ the effective number of samples, and white noise (tau = 1) is weighted as usual.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -43,6 +43,10 @@ class ResidualNoise:
     @property
     def sigma(self) -> np.ndarray:
         return self.rms * np.sqrt(self.tau)
+
+    def counted(self, weight: float) -> tuple[np.ndarray, np.ndarray]:
+        """sigma and tau (6,) with which all residuals count with the share ``weight`` of their information."""
+        return self.sigma / np.sqrt(weight), self.tau / weight
 
 
 @dataclass(frozen=True)
@@ -174,6 +178,31 @@ def estimate_noise(
     return ResidualNoise(rms, tau)
 
 
+Choose = Callable[[Problem, np.ndarray], tuple[str, float]]
+"""From a problem and its rough solution x (n,): the loss, and the share of its information with which a run counts."""
+
+
+def _row(problem: Problem, solution: Solution, restarted: bool) -> dict:
+    """What is kept of a solve."""
+    return {
+        "objective": solution.objective,
+        "status": solution.status,
+        "iterations": solution.iterations,
+        "seconds": solution.seconds,
+        "windows": len(problem.segments.run),
+        "sigma": problem.sigma.tolist(),
+        "restarted": restarted,
+    }
+
+
+def reweighed(problem: Problem, x: np.ndarray, loss: str, weight: float = 1.0) -> Problem:
+    """The ``problem`` with a ``loss``, and the noise that its residuals at x (n,) have for it, all counting with the
+    share ``weight`` of their information."""
+    floor, changed = 1e-6 * problem.scale[:6], replace(problem.loss, name=loss)
+    noise = estimate_noise(problem.segments, *problem.errors(x), floor=floor, robust=changed.robust)
+    return problem.with_changes(loss=changed).with_sigma(*noise.counted(weight))
+
+
 def solve_with_noise_estimation(
     problem: Problem,
     x: np.ndarray,
@@ -181,27 +210,30 @@ def solve_with_noise_estimation(
     began: float,
     progress: OnProgress | None,
     resumed: Resumption | None = None,
+    choose: Choose | None = None,
 ) -> tuple[Problem, Solution, ResidualNoise, list[dict], Resumption]:
     """Rough solves that estimate the noise and the sizes of latent forces, then one to full tolerance.
 
     problem, x (n,): where to start; settings, began [s], progress: as of ``multistart.solve_in_time``. The first rough
     solve has at most FEW_WINDOWS windows, evenly spread; the estimate of each solve starts the next. One that gets
     stuck is repeated with damping. With a robust loss the rough solves use Student's t, which gives gross outliers no
-    weight. resumed: the solve to go on with. Returns the last problem, its solution, the noise of its residuals, a row
-    on each solve, and how to go on from the last one.
+    weight. resumed: the solve to go on with; choose: called before the last solve; where it names another loss than the
+    problem has, a rough solve more settles the noise. Returns the last problem, its solution, the noise of its
+    residuals, a row on each solve, and how to go on from the last one.
     """
     passes: list[dict] = []
     axes = free_axes(problem.ship)
     count = 1 if settings.sigma and not axes else max(1, settings.passes) + (FORCE_PASSES if axes else 0)
     full, p = problem, problem.split(x)[1]
+    weight, choose = settings.weight or 1.0, None if settings.sigma else choose
     if axes:
         typical = typical_sizes(problem.ship)
         full = problem.with_changes(ship=problem.ship.with_values({f"disturbance.{a}": typical[a] for a in axes}))
-    first = 0
+    number = 0
     if resumed:
-        first, full, x = resumed.restored(full, settings)
-        p = full.split(x)[1]
-    for number in range(first, count):
+        number, full, x = resumed.restored(full, settings)
+        p, count = full.split(x)[1], max(count, number + 1)
+    while number < count:
         rough, start = number < count - 1, x
         windows = len(full.segments.run)
         if rough and number == 0 and windows > 1.5 * FEW_WINDOWS:
@@ -220,17 +252,7 @@ def solve_with_noise_estimation(
         noise = estimate_noise(
             problem.segments, *problem.errors(solution.x), floor=1e-6 * problem.scale[:6], robust=problem.loss.robust
         )
-        passes.append(
-            {
-                "objective": solution.objective,
-                "status": solution.status,
-                "iterations": solution.iterations,
-                "seconds": solution.seconds,
-                "windows": len(problem.segments.run),
-                "sigma": problem.sigma.tolist(),
-                "restarted": restarted,
-            }
-        )
+        passes.append(_row(problem, solution, restarted))
         p = problem.split(solution.x)[1]
         end = solution.x if problem.segments is full.segments else full.start(p)
         last = Resumption.of(number, full, start, end, solution.status, settings)
@@ -243,7 +265,14 @@ def solve_with_noise_estimation(
             full = full.with_changes(ship=problem.ship)
         x = x if problem.segments is full.segments else full.start(p)
         if not settings.sigma:
-            full = full.with_sigma(noise.sigma, noise.tau)
+            full = full.with_sigma(*noise.counted(weight))
+        number += 1
+        if choose and number == count - 1 and problem.segments is not full.segments:
+            count += 1  # a choice needs a rough solution of all windows
+        elif choose and number == count - 1:
+            name, weight = choose(full, x)
+            count += name != full.loss.name
+            full, choose = reweighed(full, x, name, weight), None
     if problem.segments is not full.segments:  # stopped early: carried over with nodes on the measurements
         problem, x = full, full.start(p)
         violation = float(np.abs(full.defects(x)).max())

@@ -82,8 +82,15 @@ def fit(
     compiled: Annotated[bool, Option(help="Use a C compiler if there is one.")] = True,
     next_trial: Annotated[bool, Option(help="Name the trials that would determine what is left open.")] = True,
     loss: Annotated[
-        str, Option(help="What a residual costs: gaussian, or robust to outliers huber or student.")
-    ] = "gaussian",
+        str,
+        Option(
+            help="What a residual costs: gaussian, huber or student; auto: chosen by runs left out, in a few steps."
+        ),
+    ] = "auto",
+    run_weight: Annotated[
+        float | None,
+        Option(help="Share of its information with which a run counts, 0 to 1; default chosen by runs left out."),
+    ] = None,
     captive: Annotated[
         Path | None, Option(help="Table of captive-test points u,v,r,n,delta,X,Y,N whose forces are fitted too.")
     ] = None,
@@ -134,6 +141,7 @@ def fit(
         time_limit=time_limit,
         compiled=compiled,
         loss=loss,
+        weight=run_weight,
     )
     points = _captive_points(captive, captive_sigma)
     if name_fault(name):
@@ -193,8 +201,14 @@ def _settings(sigma: str | None, **values: Any) -> Settings:
     for name, least in (("interval", 1), ("starts", 1), ("workers", 1), ("max_iterations", 0)):
         if values[name] < least:
             raise UserError(f"--{name.replace('_', '-')} {values[name]} must be at least {least}")
-    if values["loss"] not in LOSSES:
-        raise UserError(f"--loss {values['loss']}: unknown; choose one of {', '.join(LOSSES)}")
+    if values["loss"] not in ("auto", *LOSSES):
+        raise UserError(f"--loss {values['loss']}: unknown; choose one of auto, {', '.join(LOSSES)}")
+    if (weight := values["weight"]) is not None:
+        if not 0 < weight <= 1:
+            raise UserError(f"--run-weight {weight:g} must be above 0 and at most 1")
+        if sigma:
+            raise UserError("--run-weight: with --sigma the weight of the runs is given; leave one of them out")
+    values["loss"] = None if values["loss"] == "auto" else values["loss"]
     return Settings(sigma=numbers_of(sigma, 6, "--sigma") if sigma else None, **values)
 
 

@@ -43,6 +43,23 @@ def test_captive_points_and_a_robust_loss_go_into_the_run(folder: Path) -> None:
     assert (folder / "run" / "figures" / "starts.png").stat().st_size > 5000
 
 
+def test_the_loss_chosen_by_runs_left_out_is_told_in_result_and_report(tmp_path: Path) -> None:
+    (tmp_path / "train").mkdir()
+    for trial in runs()[0][:5]:
+        part = replace(trial, columns={name: values[:801] for name, values in trial.columns.items()})
+        write_trial(part, tmp_path / "train" / f"{trial.name}.csv")
+    arguments = ["fit", "esso_osaka_3m", str(tmp_path / "train"), "--only", FREE, "--out", str(tmp_path / "run")]
+    with unrendered():
+        assert main([*arguments, "--no-next-trial"]) == 0
+    result = json.loads((tmp_path / "run" / "result.json").read_text())
+    found = result["weighting"]
+    assert found["runs"] == 5 and len({row["loss"] for row in found["tried"]}) == 3
+    assert result["settings"]["loss"] == found["loss"] and result["settings"]["weight"] == found["weight"]
+    assert found["sentence"] in result["notices"]
+    page = (tmp_path / "run" / "report.html").read_text()
+    assert "Loss and weight of the runs" in page and "jackknife" in page
+
+
 def test_an_automatic_choice_is_told_in_result_and_report(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from fitting.selection import cross_validation as selection
 
@@ -64,7 +81,9 @@ def test_an_automatic_choice_is_told_in_result_and_report(folder: Path, monkeypa
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--loss", "absolute"], "--loss absolute: unknown; choose one of gaussian, huber, student"),
+        (["--loss", "absolute"], "--loss absolute: unknown; choose one of auto, gaussian, huber, student"),
+        (["--run-weight", "0"], "--run-weight 0 must be above 0 and at most 1"),
+        (["--run-weight", "0.5", "--sigma", "1,1,1,1,1,1"], "with --sigma the weight of the runs is given"),
         (["--captive", "nowhere.csv"], "nowhere.csv: no such file"),
         (["--captive-sigma", "1,1,1"], "there is no --captive"),
         (["--auto", "--resume"], "--auto cannot be resumed"),
