@@ -167,6 +167,7 @@ def _push(bands: Bands, simulator: Simulator, nominal: SimulatedRuns, count: int
     passing = np.zeros((3, 2 * count))
     passing[:, count:] = rng.standard_normal((3, count))
 
+    @np.errstate(over="ignore", invalid="ignore")  # a draw that runs away is left out afterwards
     def push(k: int, states: np.ndarray) -> np.ndarray:
         square = np.einsum("ck,kcm->cm", process.size**2, acceleration_sizes(states, L)[:, None].repeat(3, axis=1))
         value = np.sqrt(square) * factor[k][:, None] * (growth[k][:, None] * lasting + passing)
