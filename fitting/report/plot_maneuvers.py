@@ -66,6 +66,9 @@ def _cloud(ax: Axes, run: Run, others: Sequence[Since]) -> None:
             ax.plot(motion.path / L, motion.u / run.speed, **look)
         elif run.kind == "zigzag":
             ax.plot(motion.t, np.degrees(motion.change), **look)
+    if others and run.kind == "crash-stop":
+        ax.autoscale(axis="x")
+        ax.set_xlim(left=0)
 
 
 def save_figure(
