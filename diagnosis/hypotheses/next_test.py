@@ -25,7 +25,7 @@ from diagnosis.hypotheses.unexplained_force import ForceEstimate
 from fitting.design.candidates import Option, library
 from fitting.design.next_trial import runs
 from mmg.motion.froude import time_scale
-from mmg.ship import Ship
+from mmg.ship import AIR, Ship
 
 SECONDS = 150.0
 """Time at sea of each manoeuvre [s of a 3 m model]."""
@@ -113,7 +113,11 @@ def _shown(problem: SearchProblem, fit: Estimate, found: ForceEstimate, trial: T
 
 def _simulated(problem: SearchProblem, ship: Ship) -> tuple[list[Option], list[Trial]]:
     """The manoeuvres of the library that the ``ship`` can run, and a run of each."""
-    chosen = [o for o in library(ship) if not o.name.endswith("half speed") or o.maneuver.startswith("zigzag:20")]
+    air = [i for i, name in enumerate(problem.steps.ship.inputs) if name in AIR]
+    windy = bool(np.nan_to_num(problem.data.inputs[:, :, air]).any())  # never in a towing tank
+    chosen = [
+        o for o in library(ship, windy) if not o.name.endswith("half speed") or o.maneuver.startswith("zigzag:20")
+    ]
     seconds = SECONDS * time_scale(ship.particulars["L"])
     return runs(ship, chosen, seconds, problem.data.h)[:2]
 

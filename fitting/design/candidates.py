@@ -49,10 +49,11 @@ class Option:
         return " ".join(words)
 
 
-def library(ship: Ship) -> tuple[Option, ...]:
+def library(ship: Ship, wind: bool = True) -> tuple[Option, ...]:
     """The trials to choose from, simple ones first: manoeuvres at full and half speed, some astern, some in wind.
 
-    Wind only where the ship has wind forces, astern only where her propeller can be reversed.
+    wind: whether there may be wind where trials are run: not in a towing tank, whose records have no wind. In wind only
+    where the ship has wind forces, astern only where her propeller can be reversed.
     """
     full = own_speed(ship)
     options = [Option(name, name) for name in MANEUVERS]
@@ -61,7 +62,7 @@ def library(ship: Ship) -> tuple[Option, ...]:
         n = parse_maneuver("straight", ship).n
         going_astern = ("straight", "turning:35", "turning:-35")
         options += [Option(f"{name} astern", name, -full / 2, -0.8 * n) for name in going_astern]
-    if "wind" in ship.components or "wind_force" in ship.effects:
+    if wind and ("wind" in ship.components or "wind_force" in ship.effects):
         speed = WIND_SPEED * time_scale(ship.particulars["L"])
         wind = Wind(speed, math.radians(WIND_FROM))
         options += [Option(f"{name} in wind", name, wind=wind) for name in IN_WIND]

@@ -100,20 +100,20 @@ def next_trial(
 ) -> NextTrial:
     """Score possible trials by what they would add to a calibration.
 
-    options: default ``library`` of its ship; duration: time at sea of each [s], default 300 s of a 3 m model, Froude
-    scaled. Noise levels, windows and step are those of the calibration. Returns what each would add, without options
-    where the covariance is not finite. Takes seconds.
+    options: default ``library`` of its ship, in wind only where her trials had wind; duration: time at sea of each
+    [s], default 300 s of a 3 m model, Froude scaled. Noise levels, windows and step are those of the calibration.
+    Returns what each would add, without options where the covariance is not finite. Takes seconds.
     """
     ship, prior = calibration.ship, calibration.prior
     P, C = len(prior.symbols), calibration.covariance
     seconds = duration or DURATION * time_scale(ship.particulars["L"])
-    chosen, trials, left_out = runs(ship, options or library(ship), seconds, calibration.segments.h)
+    had = features(calibration.segments, ship)
+    chosen, trials, left_out = runs(ship, options or library(ship, "wind" in had), seconds, calibration.segments.h)
     empty = np.empty((0, P))
     if not trials or not np.isfinite(C).all():
         return NextTrial(
             (), seconds, tuple(left_out), empty, empty, np.empty(0), np.nan, np.diag(C), 1.0, ("",) * P, (), ()
         )
-    had = features(calibration.segments, ship)
     F, own_features = fisher(calibration, trials, seconds)
     data = calibration.information.of_data()
     worth = information_discount(data, C)

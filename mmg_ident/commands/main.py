@@ -122,6 +122,7 @@ VERBS = {
     "simulate": "Simulate a manoeuvre, or the inputs of a trial file.",
     "imo": "Judge a ship, or measured runs, by the IMO criteria.",
     "fit": "Calibrate a ship on trials.",
+    "plan": "Design the next trial: rudder and revolutions inside an area that tell most.",
     "train": "Learn a residual on a calibrated ship, or a black box.",
     "predict": "Predict open-loop windows of trials.",
     "score": "Score models on trials, side by side.",

@@ -1,0 +1,263 @@
+"""A trial of one's own design: rudder and revolutions that lower the uncertainty of what is wanted most.
+
+The trial's Fisher information, by the right-hand side, noise and windows of the calibration, is added to her present
+precision; the mean log variance of what is wanted is minimised (Bayesian design, Chaloner & Verdinelli 1995). The
+search goes on from the best manoeuvre of the library that fits into the area, and from random sequences. Tracks of
+draws of the coefficients must stay inside the area too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from cases.maneuvers.controller import Limits
+from cases.maneuvers.self_propulsion import own_speed, revolutions_for
+from cases.simulation.simulate_batch import input_array
+from cases.trial import Trial
+from fitting.design.area import Area, Placing
+from fitting.design.candidates import Option, library
+from fitting.design.evolution import Evolution
+from fitting.design.next_trial import runs
+from fitting.design.sequences import Sequences
+from fitting.design.trial_information import Present, TrialInformation
+from mmg.errors import UserError
+from mmg.motion.froude import time_scale
+from mmg.progress import OnProgress, Progress
+from mmg.ship import Ship
+
+STRETCH, ENGINES = 12.0, 3
+"""Mean length of a stretch of rudder [s of a 3 m model], and stretches of rudder for one of revolutions."""
+FEWEST, MOST = 4, 14
+"""Stretches of rudder in a trial."""
+RUDDER = 35.0
+"""Largest rudder angle ordered [deg] unless the trials held more."""
+ASTERN = 0.8
+"""Part of the highest revolutions that is ordered astern."""
+COUNT, FIRST, THEN = 16, 25, 140
+"""Sequences of a generation; generations of each start; of the best one after that."""
+STARTS = 3
+RUN_UP = 2.0
+"""Straight way behind the start that must be inside the area too [ship lengths]."""
+
+
+@dataclass(frozen=True)
+class PlanTask:
+    """What is planned: a trial of ``seconds`` [s] in an ``area``, no faster than ``speed`` [m/s].
+
+    start: x, y [m], psi [rad] if given; ahead: the propeller is not reversed; envelope: what the trials held; seed: of
+    the search; draws: (all, D) differences of coefficients from the ship's, whose tracks must stay inside.
+    """
+
+    seconds: float
+    area: Area
+    speed: float
+    start: tuple[float, float, float] | None
+    ahead: bool
+    envelope: dict[str, list[float]]
+    seed: int
+    draws: np.ndarray
+
+
+@dataclass(frozen=True)
+class LibraryRow:
+    """A manoeuvre of the library beside the plan: mean log variance by it, whether it stays in the area, its run."""
+
+    option: Option
+    gain: float
+    fits: bool
+    fisher: np.ndarray
+    trial: Trial
+
+
+@dataclass(frozen=True)
+class SequenceFound:
+    """The best sequence found.
+
+    orders, inputs: n [1/s] and delta [rad] (N + 1, 2), ordered and as means over the step that follows; states: (N + 1,
+    6) logged columns, placed in the area; std: (N + 1, 6) of them by the draws; fisher: (P, P); gain: mean log variance
+    less that of now; rows: of the library; pair: names of the best two manoeuvres, and their gain together, of all and
+    of those that stay inside; evaluated: sequences tried.
+    """
+
+    orders: np.ndarray
+    inputs: np.ndarray
+    states: np.ndarray
+    std: np.ndarray
+    fisher: np.ndarray
+    gain: float
+    rows: tuple[LibraryRow, ...]
+    pairs: dict[str, tuple[tuple[str, str], float]]
+    evaluated: int
+
+
+def sequences_for(ship: Ship, task: PlanTask, dt: float) -> Sequences:
+    """The sequences of orders that a ``task`` allows a ``ship``, in steps of ``dt`` [s]."""
+    k = time_scale(ship.particulars["L"])
+    rudders = int(np.clip(round(task.seconds / (STRETCH * k)), FEWEST, MOST))
+    speeds = task.speed * np.linspace(0.4, 1.0, 7)
+    revolutions = np.array([revolutions_for(ship, u) for u in speeds])
+    held = [abs(v) for name, both in task.envelope.items() if name.startswith("delta") for v in both]
+    rudder = min(np.radians(RUDDER), max(held)) if held and max(held) > np.radians(10) else np.radians(RUDDER)
+    highest = float(revolutions[-1])
+    reversible = "n" in ship.actuators and "pitch" not in ship.actuators and not task.ahead
+    lowest = -ASTERN * highest if reversible else 0.3 * highest
+    if reversible:
+        speeds = np.concatenate([task.speed * np.array([-0.5, -0.25]), speeds])
+        revolutions = np.concatenate([[lowest, 0.5 * lowest], revolutions])
+    steps = int(np.floor(task.seconds / dt + 1e-9))
+    engines = max(2, rudders // ENGINES)
+    limits = Limits.for_ship(ship)
+    return Sequences(steps, dt, rudders, engines, float(rudder), (lowest, highest), speeds, revolutions, limits)
+
+
+class SequenceSearch:
+    """Judges sequences for a ``task``: first whether they stay inside, then what they gain.
+
+    info: information of trials; present: what is known now; sequences: what orders there are.
+    """
+
+    def __init__(self, info: TrialInformation, present: Present, task: PlanTask, sequences: Sequences) -> None:
+        self.info, self.present, self.task, self.sequences = info, present, task, sequences
+        self.ship, self.evaluated = info.simulator.ship, 0
+        values = self.ship.values[:, None] + np.hstack([np.zeros((len(self.ship.values), 1)), task.draws])
+        bounds = [(c.lower, c.upper) if not c.fixed else (-np.inf, np.inf) for c in self.ship.coefficients.values()]
+        low, high = np.array(bounds, dtype=float).T
+        self.theta = np.clip(values, np.minimum(low, self.ship.values)[:, None],
+                             np.maximum(high, self.ship.values)[:, None])  # fmt: skip
+
+    def inputs(self, orders: np.ndarray, revolutions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Positions (N + 1, 2, K) and inputs of the model (N, C, K) that follow ``orders`` (N + 1, 2, K) from
+        ``revolutions`` (K,)."""
+        positions = self.sequences.positions(orders, revolutions)
+        t = self.info.dt * np.arange(len(positions) - 1)
+        return positions, input_array(self.ship, positions[:-1], t)
+
+    @np.errstate(all="ignore")
+    def motions(self, inputs: np.ndarray, speed: np.ndarray) -> np.ndarray:
+        """States (N + 1, S, D, K) of every draw under ``inputs`` (N, C, K) from approaches at ``speed`` (K,)."""
+        D, K = self.theta.shape[1], len(speed)
+        start = np.zeros((6, D * K))
+        start[3] = np.tile(speed, D)
+        theta = np.repeat(self.theta, K, axis=1)
+        states = self.info.motions(start, np.tile(inputs, (1, 1, D)), theta)
+        return states.reshape(len(states), -1, D, K)
+
+    def placing(self, states: np.ndarray) -> Placing:
+        """Where motions (N + 1, S, D, K) begin."""
+        before = np.zeros((1, 3, *states.shape[2:]))
+        before[:, 0] = -RUN_UP * self.ship.particulars["L"] if self.task.start is None else 0.0
+        tracks = np.concatenate([before, states[::2, :3]])
+        return self.task.area.placing(tracks, self.ship, self.task.start, "current" not in self.ship.effects)
+
+    def cost(self, x: np.ndarray) -> np.ndarray:
+        """Cost (K,) of sequences (K, size): the gain of those that stay inside and are not too fast, else above 0."""
+        orders, speed, revolutions = self.sequences.orders(x)
+        _, inputs = self.inputs(orders, revolutions)
+        states = self.motions(inputs, speed)
+        with np.errstate(all="ignore"):
+            fast = np.hypot(states[:, 3, 0], states[:, 4, 0]).max(axis=0) / self.task.speed - 1.02
+        diverged = ~np.isfinite(states[:, :, 0]).all(axis=(0, 1))
+        over = self.placing(states).excess / self.ship.particulars["L"] + 10 * np.maximum(np.nan_to_num(fast), 0)
+        cost = np.where(diverged, 1e6, 10.0 + over)
+        good = np.flatnonzero((over <= 1e-9) & ~diverged)
+        if len(good):
+            fisher = self.info.of(np.ascontiguousarray(states[:, :, 0, good]), np.ascontiguousarray(inputs[..., good]))
+            cost[good] = self.present.gain(fisher)
+        self.evaluated += len(x)
+        return cost
+
+
+def library_rows(search: SequenceSearch) -> tuple[LibraryRow, ...]:
+    """The manoeuvres of the library in calm air, of the time of the task of a ``search``, the best first."""
+    ship, task, info = search.ship, search.task, search.info
+    options = [o for o in library(ship, wind=False) if (o.speed or own_speed(ship)) <= 1.02 * task.speed]
+    chosen, trials, _ = runs(ship, options, task.seconds, info.dt)
+    rows = []
+    for option, trial in zip(chosen, trials, strict=True):
+        positions = np.stack(
+            [trial[name] if name in trial else np.zeros(len(trial)) for name in ("n", "delta")], axis=1
+        )
+        inputs = input_array(ship, positions[:-1, :, None], trial.t[:-1])
+        start = trial.states[0][:, None] * np.array([0, 0, 0, 1, 1, 1])[:, None]
+        states = info.motions(start, inputs)
+        fisher = info.of(states, inputs)[0] * max(1.0, task.seconds // max(trial.duration, 1e-9))
+        placing = search.placing(states[:, :, None, :])
+        gain = float(search.present.gain(fisher))
+        rows.append(LibraryRow(option, gain, bool(placing.excess[0] <= 1e-9), fisher, trial))
+    return tuple(sorted(rows, key=lambda row: row.gain))
+
+
+def best_pairs(rows: Sequence[LibraryRow], present: Present) -> dict[str, tuple[tuple[str, str], float]]:
+    """The best two different manoeuvres of ``rows`` together, of all and of those that stay inside, and their gain.
+
+    present: what is known now.
+    """
+    found = {}
+    for words, some in (("library", list(rows)), ("inside", [row for row in rows if row.fits])):
+        pairs = list(combinations(some, 2))
+        if pairs:
+            gains = present.gain(np.array([a.fisher + b.fisher for a, b in pairs]))
+            k = int(np.argmin(gains))
+            found[words] = ((pairs[k][0].option.name, pairs[k][1].option.name), float(gains[k]))
+    return found
+
+
+def search_plan(
+    info: TrialInformation, present: Present, task: PlanTask, effort: float = 1.0, progress: OnProgress | None = None
+) -> SequenceFound:
+    """The trial that gains most for a ``task``.
+
+    info: information of trials; present: what is known now, and what is wanted; effort: factor on the generations of
+    the search; progress: called at each of them. Raises UserError where no sequence found stays inside the area.
+    """
+    search = SequenceSearch(info, present, task, sequences_for(info.simulator.ship, task, info.dt))
+    rows = library_rows(search)
+    rng = np.random.default_rng(task.seed)
+    starts = [0.5 + 0.3 * rng.uniform(-1, 1, search.sequences.size) for _ in range(STARTS)]
+    fitting = [row for row in rows if row.fits] or list(rows)
+    if fitting:
+        best = fitting[0]
+        delta = best.trial["delta"] if "delta" in best.trial else np.zeros(len(best.trial))
+        starts[0] = search.sequences.like(best.trial["n"], delta, float(best.trial["u"][0]))
+    first, then = (max(1, round(effort * count)) for count in (FIRST, THEN))
+    evolutions = [Evolution(start, 0.25, COUNT, rng) for start in starts]
+    total = first * len(starts) + then
+    for k in range(total):
+        own = evolutions[k // first] if k < first * len(starts) else min(evolutions, key=lambda e: e.cost)
+        own.advance(search.cost)
+        if progress:
+            progress(Progress("planning", k + 1, {"mean log variance": min(e.cost for e in evolutions)}, of=total))
+    winner = min(evolutions, key=lambda e: e.cost)
+    if winner.cost >= 9:
+        area = task.area
+        raise UserError(
+            f"no sequence of {task.seconds:g} s was found that stays inside {area.length:g} x {area.width:g} m with a "
+            f"margin of {area.margin:g} m; give a larger --area, a shorter --time, a lower --speed-limit or another "
+            "--start"
+        )
+    return _found(search, winner.best, rows)
+
+
+def _found(search: SequenceSearch, x: np.ndarray, rows: tuple[LibraryRow, ...]) -> SequenceFound:
+    """The sequence ``x`` (size,) with its motion, placed."""
+    orders, speed, revolutions = search.sequences.orders(x[None])
+    positions, inputs = search.inputs(orders, revolutions)
+    states = search.motions(inputs, speed)
+    place = search.placing(states)
+    D = states.shape[2]
+    logged = np.stack([search.info.logged(states[:, :, d, :])[:, :, 0] for d in range(D)], axis=2)
+    c, s = np.cos(place.psi[0]), np.sin(place.psi[0])
+    x_, y_ = logged[:, 0].copy(), logged[:, 1].copy()
+    logged[:, 0], logged[:, 1] = place.x[0] + c * x_ - s * y_, place.y[0] + s * x_ + c * y_
+    logged[:, 2] += place.psi[0]
+    with np.errstate(all="ignore"):
+        std = np.sqrt(np.nanmean((logged[:, :, 1:] - logged[:, :, :1]) ** 2, axis=2)) if D > 1 else 0 * logged[:, :, 0]
+    fisher = search.info.of(np.ascontiguousarray(states[:, :, 0]), inputs)[0]
+    gain, pairs = float(search.present.gain(fisher)), best_pairs(rows, search.present)
+    return SequenceFound(
+        orders[:, :, 0], positions[:, :, 0], logged[:, :, 0], std, fisher, gain, rows, pairs, search.evaluated
+    )

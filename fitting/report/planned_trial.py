@@ -1,0 +1,271 @@
+"""The planned trial of a run: how it is asked for, what it is expected to bring, its file and its map."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patches import Polygon, Rectangle
+
+from cases.io.files import replaced
+from cases.maneuvers.self_propulsion import actuator_positions, own_speed
+from cases.simulation.sensors import SensorNoise, wrap
+from cases.simulation.simulate import longest_step
+from fitting.design.area import Area, corners
+from fitting.design.plan import PlanTask, SequenceFound, search_plan
+from fitting.design.sequences import table_of
+from fitting.design.trial_information import Present, TrialInformation
+from fitting.design.wanted import coefficients_wanted, figure_slopes
+from fitting.nlp.prior import Prior
+from fitting.prediction.bands import draws_of
+from fitting.report.plot_style import AFTER, BEFORE, GREY, dress, new_figure
+from fitting.result import FitResult
+from mmg.errors import UserError
+from mmg.motion.froude import reference_speed
+from mmg.progress import OnProgress
+from mmg.rollout import Simulator
+from mmg.ship import Ship
+from mmg.states import STATES
+
+DRAWS = 8
+"""Draws of the coefficients whose tracks must stay inside the area."""
+
+
+@dataclass(frozen=True)
+class Wish:
+    """What is asked of a planned trial.
+
+    area: "60x25" [m]; seconds: how long [s]; coefficients: symbols, parts of the ship or "all"; figures: of
+    ``fitting.design.wanted.FIGURES``, instead of coefficients; speed_limit [m/s], None: what the trials held; margin:
+    that the hull keeps from the edges [m], None: half a beam; start: x, y [m], psi [rad], None: chosen; ahead: the
+    propeller is not reversed; seed: of the search; effort: factor on its length.
+    """
+
+    area: str
+    seconds: float
+    coefficients: tuple[str, ...] = ()
+    figures: tuple[str, ...] = ()
+    speed_limit: float | None = None
+    margin: float | None = None
+    start: tuple[float, float, float] | None = None
+    ahead: bool = False
+    seed: int = 0
+    effort: float = 1.0
+
+
+@dataclass(frozen=True)
+class PlannedTrial:
+    """A trial that was planned for a ``ship``: the ``task``, what was ``found``, and what is known now (``present``).
+
+    dt: step [s]; notes: what was assumed.
+    """
+
+    ship: Ship
+    task: PlanTask
+    found: SequenceFound
+    present: Present
+    dt: float
+    notes: tuple[str, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values: gains as standard deviations before and after, orders, the library beside it."""
+        f, task, present = self.found, self.task, self.present
+        before, after = np.sqrt(present.variances()), np.sqrt(present.variances(f.fisher))
+        both = {name: {"std_before": float(a), "std_after": float(b), "left": float(b / a)}
+                for name, a, b in zip(present.names, before, after, strict=True)}  # fmt: skip
+        x, y, psi = f.states[0, :3].tolist()
+        return {
+            "kind": "planned_trial",
+            "ship": self.ship.name,
+            "title": self.ship.title,
+            "time_s": task.seconds,
+            "area_m": {"length": task.area.length, "width": task.area.width, "margin": task.area.margin},
+            "speed_limit_m_s": task.speed,
+            "seed": task.seed,
+            "start": {"x_m": x, "y_m": y, "heading_deg": math.degrees(psi) % 360, "speed_m_s": float(f.states[0, 3]),
+                      "n_rps": float(f.inputs[0, 0])},
+            "orders": table_of(f.orders, self.dt),
+            "wanted": both,
+            "mean_log_variance": f.gain,
+            "library": [{"name": r.option.name, "simulate": r.option.arguments, "mean_log_variance": r.gain,
+                         "stays_inside": r.fits} for r in f.rows],
+            "best_two_of_the_library": {key: {"names": list(names), "mean_log_variance": gain}
+                                        for key, (names, gain) in f.pairs.items()},
+            "worth": present.worth,
+            "sequences_tried": f.evaluated,
+            "notes": list(self.notes),
+        }  # fmt: skip
+
+    def write(self, path: Path) -> None:
+        """The file for the autopilot: t, n, delta (all actuators), predicted motion and its std. path: a CSV file.
+
+        ``n`` and ``delta`` are means over the step that follows, ``n_order`` and ``delta_order`` what is ordered.
+        """
+        import pandas as pd
+
+        f, t = self.found, self.dt * np.arange(len(self.found.states))
+        states = f.states.copy()
+        states[:, 2] = wrap(states[:, 2])
+        columns = {"t": np.round(t, 9), **dict(zip(STATES, states.T, strict=True))}
+        moved = actuator_positions(self.ship, f.inputs[:, 0], f.inputs[:, 1])
+        columns |= {name: np.broadcast_to(values, len(t)) for name, values in moved.items()}
+        columns |= {"n": f.inputs[:, 0]} if "n" not in columns else {}
+        columns |= {"delta": f.inputs[:, 1]} if not any(name.startswith("delta") for name in columns) else {}
+        columns |= {"n_order": f.orders[:, 0], "delta_order": f.orders[:, 1]}
+        columns |= {f"{name}_std": f.std[:, i] for i, name in enumerate(STATES)}
+        with replaced(path) as scratch:
+            pd.DataFrame(columns).to_csv(scratch, index=False, lineterminator="\n")
+
+
+def known_now(result: FitResult, ship: Ship) -> tuple[Prior, np.ndarray]:
+    """The prior of what a ``result`` fitted on ``ship``, and the covariance (P, P) in its standard deviations.
+
+    Raises UserError for a run without one.
+    """
+    rows, symbols = result.coefficients, result.correlation.symbols
+    std = [rows[s].std for s in symbols]
+    matrix = np.array([[math.nan if v is None else v for v in row] for row in result.correlation.matrix], dtype=float)
+    prior_std = [rows[s].prior_std for s in symbols]
+    numbers = np.array([math.nan if v is None else v for v in (*std, *prior_std)], dtype=float)
+    if not len(symbols) or not (np.isfinite(matrix).all() and np.isfinite(numbers).all() and (numbers > 0).all()):
+        raise UserError(
+            f"{result.folder}: the run has no covariance of its coefficients, from which a trial could be planned; "
+            "fit it until it converges"
+        )
+    own = Prior.of(ship.fixing([s for s in ship.free if s not in symbols]))
+    order = [symbols.index(s) for s in own.symbols]
+    scale = np.array(prior_std, dtype=float)
+    share = np.array(std, dtype=float) / scale
+    values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
+    matrix = (vectors * np.maximum(values, 1e-6)) @ vectors.T  # four digits are stored
+    covariance = (share[:, None] * matrix * share)[np.ix_(order, order)]
+    return Prior(own.symbols, own.mean, scale[order], own.lower, own.upper), covariance
+
+
+def plan_trial(result: FitResult, wish: Wish, progress: OnProgress | None = None) -> PlannedTrial:
+    """The trial of ``wish`` that would tell most beside the trials of the calibration ``result``.
+
+    progress: called at each generation of the search. Raises UserError for a run without covariance, an area that the
+    ship does not fit into, unknown names, and a time or speed that makes no sense.
+    """
+    ship, notes = result.ship, []
+    if not {"n", "n_azimuth"} & set(ship.actuators):
+        raise UserError(f"{ship.name} has no propeller in its model that could be ordered; no trial can be planned")
+    if wish.coefficients and wish.figures:
+        raise UserError("give either --coefficients or --figures, one of them")
+    if wish.seed < 0:
+        raise UserError(f"--seed {wish.seed} must not be negative")
+    area = Area.parse(wish.area, ship, wish.margin)
+    prior, covariance = known_now(result, ship)
+    speed = _speed(result, wish)
+    step = result.settings.step or longest_step(ship)
+    dt = min(step, longest_step(ship))
+    window = max(20, round((result.settings.window or 100 * step) / dt))
+    if not (math.isfinite(wish.seconds) and 40 * dt <= wish.seconds <= 20000 * dt):
+        raise UserError(f"--time {wish.seconds:g} s: give {40 * dt:g} to {20000 * dt:g} s for {ship.name}")
+    simulator = Simulator(ship, result.settings.compiled)
+    info = TrialInformation(simulator, prior, _sigma(result, ship), dt, window)
+    if wish.figures:
+        wanted, names = figure_slopes(simulator, prior, wish.figures), tuple(wish.figures)
+    else:
+        default = ("hull",) if "hull" in ship.components else ("all",)
+        names = coefficients_wanted(ship, prior.symbols, wish.coefficients or default)
+        wanted = np.eye(len(prior.symbols))[[prior.symbols.index(s) for s in names]]
+        wanted = wanted * prior.std
+    worth = (result.identifiability.get("next_trial") or {}).get("worth")
+    if worth is None:
+        worth = 1.0
+        notes.append("how much the noise of these trials is correlated was not stored (fit without --no-next-trial)")
+    present = Present(np.linalg.inv(covariance), float(worth), wanted, names)
+    draws = draws_of(result.to_dict(), ship)[:, :DRAWS]
+    task = PlanTask(wish.seconds, area, speed, wish.start, wish.ahead, result.envelope or {}, wish.seed, draws)
+    found = search_plan(info, present, task, wish.effort, progress)
+    return PlannedTrial(ship, task, found, present, dt, tuple(notes))
+
+
+def _speed(result: FitResult, wish: Wish) -> float:
+    """Highest speed [m/s]: as given, else the higher one of the ship's own and that which the trials held."""
+    if wish.speed_limit is not None:
+        limit = reference_speed(result.ship.particulars["L"])
+        if not (math.isfinite(wish.speed_limit) and 0.005 * limit <= wish.speed_limit <= limit):
+            raise UserError(f"--speed-limit {wish.speed_limit:g} m/s: give {0.005 * limit:.2g} to {limit:.3g} m/s")
+        return wish.speed_limit
+    return max(own_speed(result.ship), *((result.envelope or {}).get("u") or [0.0]))
+
+
+def _sigma(result: FitResult, ship: Ship) -> np.ndarray:
+    """Noise (6,) of the states in the fit; infinite for positions that no trial has."""
+    from dataclasses import astuple
+
+    usual = astuple(SensorNoise.for_length(ship.particulars["L"]))
+    scaled = result.scaling is not None
+    sigma = [usual[i] if scaled or not (value := result.sigma.get(s)) else value for i, s in enumerate(STATES)]
+    if not scaled and not any(row.has_position for row in result.data):
+        sigma[:2] = [math.inf, math.inf]
+    return np.array(sigma, dtype=float)
+
+
+def plan_map(planned: PlannedTrial) -> Figure:
+    """A figure of the ``planned`` trial: map with the hull at equal times, and the orders over time below."""
+    f, area, ship = planned.found, planned.task.area, planned.ship
+    figure = new_figure(8.0)
+    figure.suptitle(f"Planned trial of {planned.task.seconds:g} s: {ship.title}"[:110], fontsize=10, x=0.01, ha="left")
+    grid = figure.add_gridspec(3, 1, height_ratios=(3.6, 1, 1))
+    ax = dress(figure.add_subplot(grid[0]), "x, north [m]", "y, east [m]", "Track, hull, 2 standard deviations")
+    ax.add_patch(Rectangle((0, 0), area.length, area.width, fill=False, ec="black", lw=1.5))
+    m = area.margin
+    ax.add_patch(Rectangle((m, m), area.length - 2 * m, area.width - 2 * m, fill=False, ec=GREY, lw=0.8, ls="--"))
+    x, y = f.states[:, 0], f.states[:, 1]
+    every = max(1, len(x) // 12)
+    for k in range(0, len(x), every):
+        cx, cy = corners(f.states[k : k + 1, :3, None], ship)
+        outline = [(cx[i, 0, 0], cy[i, 0, 0]) for i in (0, 1, 3, 2)]
+        ax.add_patch(Polygon(outline, closed=True, fill=k == 0, fc=BEFORE, ec=BEFORE, lw=0.8, alpha=0.8))
+        ax.add_patch(_ellipse(x[k], y[k], f.std[k]))
+    ax.plot(x, y, color=AFTER, lw=1.6)
+    ax.set_aspect("equal")
+    ax.invert_yaxis()  # north to the right, east down: starboard is to the right of the track
+    t = planned.dt * np.arange(len(x))
+    for row, (values, words) in enumerate(
+        ((np.degrees(f.orders[:, 1]), "rudder [deg]"), (f.orders[:, 0], "revolutions [1/s]")), 1
+    ):
+        ax = dress(figure.add_subplot(grid[row]), "t [s]" if row == 2 else "", words)
+        ax.step(t, values, where="post", color=AFTER, lw=1.4)
+        ax.axhline(0, color=GREY, lw=0.6)
+    return figure
+
+
+def _ellipse(x: float, y: float, std: np.ndarray) -> Any:
+    """Two standard deviations about a place x, y [m]; std: (6,)."""
+    from matplotlib.patches import Ellipse
+
+    return Ellipse((x, y), 4 * min(std[0], 1e3), 4 * min(std[1], 1e3), fc=AFTER, ec="none", alpha=0.15)
+
+
+def in_words(content: Mapping[str, Any], most: int = 12) -> Sequence[str]:
+    """Lines for a person on a planned trial. content: its ``to_dict``; most: rows of a table."""
+    start, area = content["start"], content["area_m"]
+    lines = [
+        f"{content['title']}: {content['time_s']:g} s in {area['length']:g} x {area['width']:g} m",
+        f"start at x {start['x_m']:.2f} m, y {start['y_m']:.2f} m, heading {start['heading_deg']:.0f} deg, "
+        f"{start['speed_m_s']:.3g} m/s, {start['n_rps']:.3g} rps",
+        "    t [s]   n [1/s]   rudder [deg]",
+    ]
+    lines += [f"  {o['t_s']:7.1f} {o['n_rps']:9.2f} {o['delta_deg']:14.0f}" for o in content["orders"]]
+    lines.append("standard deviation before -> after")
+    rows = sorted(content["wanted"].items(), key=lambda item: item[1]["left"])
+    lines += [f"  {name:20s} {r['std_before']:10.3g} -> {r['std_after']:10.3g}  ({r['left']:.0%})" for name, r in rows]
+    lines.append(f"mean log variance: {content['mean_log_variance']:+.3f} by this trial")
+    for row in content["library"][: most // 4]:
+        inside = "" if row["stays_inside"] else "  (leaves the area)"
+        lines.append(f"  {row['mean_log_variance']:+.3f} by {row['name']}{inside}")
+    for key, words in (("inside", "of those that stay inside"), ("library", "of the library, wherever there is room")):
+        if key in content["best_two_of_the_library"]:
+            pair = content["best_two_of_the_library"][key]
+            lines.append(f"  {pair['mean_log_variance']:+.3f} by the best two {words}: {' and '.join(pair['names'])}")
+    return lines

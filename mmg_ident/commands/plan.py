@@ -1,0 +1,103 @@
+"""``mmg plan``: the next trial, designed."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from typer import Argument, Option
+
+from mmg.errors import UserError
+from mmg_ident.commands.output import print_json, progress, refuse_target, say, working
+
+if TYPE_CHECKING:
+    from fitting.report.planned_trial import PlannedTrial
+
+
+def plan(
+    run: Annotated[Path, Argument(help="Run folder of mmg fit.")],
+    area: Annotated[str, Option(help="Basin or sea area, length x width [m], such as 60x25.")],
+    time: Annotated[float, Option(help="Length of the trial [s].")],
+    out: Annotated[Path, Option(help="CSV file for the autopilot; the map is written beside it.")],
+    coefficients: Annotated[
+        str | None, Option(help="Symbols, parts of the ship (hull, propeller, rudder) or all; default the hull's.")
+    ] = None,
+    figures: Annotated[
+        str | None,
+        Option(
+            help="Instead: advance, transfer, tactical_diameter, first_overshoot_10, second_overshoot_10, "
+            "first_overshoot_20, track_reach."
+        ),
+    ] = None,
+    speed_limit: Annotated[float | None, Option(help="Highest speed [m/s]; default that of the trials.")] = None,
+    margin: Annotated[float | None, Option(help="That the hull keeps from the edges [m]; default half a beam.")] = None,
+    start: Annotated[
+        str | None, Option(help="x:y:heading [m, m, deg] of the start; default where there is most room.")
+    ] = None,
+    ahead: Annotated[bool, Option("--ahead", help="The propeller is not reversed.")] = False,
+    seed: Annotated[int, Option(help="Seed of the search.")] = 0,
+    effort: Annotated[float, Option(help="Factor on the length of the search.")] = 1.0,
+    force: Annotated[bool, Option("--force", help="Overwrite existing files.")] = False,
+    json: Annotated[bool, Option("--json", help="Print the plan as JSON.")] = False,
+) -> None:
+    """Design the next trial: rudder and revolutions that make chosen coefficients or figures known best.
+
+    The ship stays inside the area (x north from 0 to the length, y east from 0 to the width), also by draws of the
+    coefficients from their covariance; calm air. mmg simulate RUN --controls takes the file.
+
+    Example: mmg plan runs/first --area 60x25 --time 180 --out next.csv
+    """
+    from fitting.report.planned_trial import Wish, in_words, plan_trial
+    from fitting.result import read_fit
+
+    if out.suffix.lower() != ".csv":
+        raise UserError(f"--out {out}: the file for the autopilot ends in .csv")
+    for path in (out, out.with_suffix(".png")):
+        refuse_target("--out", path, force)
+    if not (math.isfinite(effort) and 0 < effort <= 100):
+        raise UserError(f"--effort {effort:g}: give a number above 0, at most 100")
+    wish = Wish(
+        area, time, _names(coefficients), _names(figures), speed_limit, margin, _start(start), ahead, seed, effort
+    )
+    result = read_fit(run)
+    with working("planning"):
+        planned = plan_trial(result, wish, progress())
+    _write(planned, out)
+    content = planned.to_dict()
+    if json:
+        print_json(content | {"out": str(out), "map": str(out.with_suffix(".png"))})
+        return
+    for note in planned.notes:
+        say(f"note: {note}")
+    print("\n".join(in_words(content)))
+    say(f"written: {out}, {out.with_suffix('.png')}")
+
+
+def _names(text: str | None) -> tuple[str, ...]:
+    """The words of a list separated by commas."""
+    return tuple(word.strip() for word in (text or "").split(",") if word.strip())
+
+
+def _start(text: str | None) -> tuple[float, float, float] | None:
+    """x, y [m], psi [rad] of words such as 5:12:90."""
+    if text is None:
+        return None
+    try:
+        x, y, heading = (float(word) for word in text.split(":"))
+    except ValueError:
+        x = y = heading = math.nan
+    if not all(math.isfinite(v) for v in (x, y, heading)):
+        raise UserError(f"--start {text}: give x:y:heading in metres and degrees, such as 5:12:90")
+    return x, y, math.radians(heading)
+
+
+def _write(planned: PlannedTrial, out: Path) -> None:
+    """The file for the autopilot and the map beside it."""
+    from fitting.report.planned_trial import plan_map
+
+    try:
+        planned.write(out)
+        plan_map(planned).savefig(out.with_suffix(".png"), dpi=120)
+    except OSError as error:
+        raise UserError(f"{error.filename or out}: cannot be written ({error.strerror or error})") from None

@@ -1,0 +1,106 @@
+"""Parts of a planned trial: placing in an area, orders within limits, information by another way, the search."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cases.maneuvers.controller import Limits
+from cases.shipfiles.ship_file import load_ship
+from cases.simulation.simulate_batch import simulate_batch
+from cases.trial import Trial
+from fitting.design.area import Area, corners
+from fitting.design.candidates import library
+from fitting.design.evolution import Evolution
+from fitting.design.sequences import Sequences, table_of
+from fitting.design.trial_information import Present, TrialInformation
+from fitting.nlp.fisher_information import information
+from fitting.nlp.prior import Prior
+from fitting.nlp.problem import Problem
+from fitting.nlp.windows import cut
+from mmg.errors import UserError
+from mmg.rollout import Simulator
+from mmg.ship import Ship
+
+FREE = ("X_0F", "Y_v", "N_r", "t_P")
+
+
+@pytest.fixture(scope="module")
+def ship() -> Ship:
+    model = load_ship("esso_osaka_3m")
+    return model.fixing([s for s in model.symbols if s not in FREE])
+
+
+def test_a_track_is_placed_so_that_the_hull_stays_inside(ship: Ship) -> None:
+    area = Area.parse("60x25", ship, 0.5)
+    t = np.linspace(0, 1, 50)
+    track = np.stack([10 * t, 40 * t, np.full(50, 1.3)], axis=1)[:, :, None, None]  # too wide unless turned
+    place = area.placing(track, ship)
+    assert place.excess[0] == 0
+    c, s = np.cos(place.psi[0]), np.sin(place.psi[0])
+    x, y = track[:, 0, 0, 0], track[:, 1, 0, 0]
+    put = np.stack([place.x[0] + c * x - s * y, place.y[0] + s * x + c * y, track[:, 2, 0, 0] + place.psi[0]], axis=1)
+    cx, cy = corners(put[..., None], ship)
+    assert cx.min() >= 0.5 - 1e-9 and cx.max() <= 59.5 + 1e-9 and cy.min() >= 0.5 - 1e-9 and cy.max() <= 24.5 + 1e-9
+    assert area.placing(track, ship, (1.0, 1.0, 0.0)).excess[0] > 10
+
+
+@pytest.mark.parametrize("text", ["60", "60x", "ax25", "-60x25", "60xnan", "2.5x2.5", "60x0.2"])
+def test_an_area_that_is_none_or_too_small_is_refused(ship: Ship, text: str) -> None:
+    with pytest.raises(UserError, match="--area"):
+        Area.parse(text, ship)
+
+
+def test_orders_stay_within_limits_and_rates() -> None:
+    limits = Limits(0.1, 2.0)
+    s = Sequences(100, 0.5, 5, 2, 0.6, (-5.0, 10.0), np.array([0.2, 0.4]), np.array([4.0, 9.0]), limits)
+    orders, speed, revolutions = s.orders(np.random.default_rng(0).uniform(-0.5, 1.5, (20, s.size)))
+    assert np.abs(orders[:, 1]).max() <= 0.6 + np.radians(0.5) and orders[:, 0].min() >= -5 and orders[:, 0].max() <= 10
+    assert speed.min() >= 0.2 and speed.max() <= 0.4
+    moved = s.positions(orders, revolutions)
+    assert np.abs(np.diff(moved[:, 1], axis=0)).max() <= 0.1 * 0.5 + 1e-12
+    assert np.abs(np.diff(moved[:, 0], axis=0)).max() <= 2.0 * 0.5 + 1e-12
+    assert all(1 <= len(table_of(orders[:, :, k], 0.5)) <= 6 for k in range(20))
+
+
+def test_the_information_is_that_of_a_fit(ship: Ship) -> None:
+    """The same windows by ``fitting.nlp.fisher_information``, its states eliminated by another recursion."""
+    from cases.maneuvers.definitions import parse_maneuver
+
+    simulator, prior, h = Simulator(ship, compiled=False), Prior.of(ship), 0.5
+    run = simulate_batch(simulator, parse_maneuver("zigzag:20/20", ship, duration=30.0), dt=h, held=True)
+    trial: Trial = run.trial(0)
+    sigma = np.array([0.01, 0.01, 0.0015, 0.004, 0.004, 0.0006])
+    problem = Problem.of(ship, prior, cut([trial], h, 15.0, 5, inputs=ship.inputs), sigma, compiled=False)
+    expected = information(problem, problem.join(problem.measured_nodes, np.zeros(problem.P))).fisher.sum(axis=0)
+    info = TrialInformation(simulator, prior, sigma, h, 30)
+    held = np.zeros((len(run.inputs) - 1, len(ship.inputs), 1))
+    held[:, :2] = run.inputs[:-1]
+    states = info.motions(run.states[0], held)
+    assert states[:, :6] == pytest.approx(run.states, abs=1e-9)
+    assert info.of(states, held)[0] == pytest.approx(expected, rel=1e-4, abs=1e-4 * np.abs(expected).max())
+
+
+def test_what_a_trial_gains_is_the_mean_log_of_the_variances() -> None:
+    present = Present(np.diag([1.0, 4.0]), 0.5, np.eye(2), ("a", "b"))
+    assert present.variances() == pytest.approx([1.0, 0.25])
+    assert present.gain(np.diag([2.0, 0.0])) == pytest.approx(0.5 * np.log(0.5))
+
+
+def test_the_search_finds_the_least_of_a_tilted_valley() -> None:
+    aim = np.array([0.2, 0.7, 0.4, 0.9])
+
+    def cost(x: np.ndarray) -> np.ndarray:
+        d = x - aim
+        return (d**2).sum(axis=1) + 100 * (d[:, 0] + d[:, 1]) ** 2
+
+    found = Evolution(np.full(4, 0.5), 0.3, 12, np.random.default_rng(1))
+    for _ in range(120):
+        found.advance(cost)
+    assert found.best == pytest.approx(aim, abs=0.01)
+
+
+def test_a_towing_tank_is_given_no_trial_in_wind() -> None:
+    ship = load_ship("esso_osaka_3m")
+    assert any("in wind" in option.name for option in library(ship))
+    assert not any(option.wind for option in library(ship, wind=False))
