@@ -16,6 +16,7 @@ from cases.io.files import replaced
 from cases.maneuvers.self_propulsion import actuator_positions, own_speed
 from cases.simulation.sensors import SensorNoise, wrap
 from cases.simulation.simulate import longest_step
+from cases.trial import UNITS
 from fitting.design.area import Area, corners
 from fitting.design.plan import PlanTask, SequenceFound, search_plan
 from fitting.design.sequences import table_of
@@ -26,6 +27,7 @@ from fitting.prediction.bands import draws_of
 from fitting.report.plot_style import AFTER, BEFORE, GREY, dress, new_figure
 from fitting.result import FitResult
 from mmg.errors import UserError
+from mmg.motion.flow import INPUTS
 from mmg.motion.froude import reference_speed
 from mmg.progress import OnProgress
 from mmg.rollout import Simulator
@@ -118,6 +120,9 @@ class PlannedTrial:
         columns |= {"delta": f.inputs[:, 1]} if not any(name.startswith("delta") for name in columns) else {}
         columns |= {"n_order": f.orders[:, 0], "delta_order": f.orders[:, 1]}
         columns |= {f"{name}_std": f.std[:, i] for i, name in enumerate(STATES)}
+        units = {name: UNITS.get(name) or INPUTS.get(name, ("", ""))[1] for name in columns}
+        units |= {name: units[name.rpartition("_")[0]] for name in columns if name.endswith(("_order", "_std"))}
+        columns = {f"{name} [{units[name]}]": values for name, values in columns.items()}
         with replaced(path) as scratch:
             pd.DataFrame(columns).to_csv(scratch, index=False, lineterminator="\n")
 
