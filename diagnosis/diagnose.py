@@ -16,6 +16,7 @@ from typing import TypeVar
 import numpy as np
 
 from cases.checks.trusted import remarks as remarks_on
+from cases.io.campaigns import ship_in
 from cases.io.groups import Groups, group_trials
 from cases.io.site import Site, read_site
 from cases.trial import Trial
@@ -106,7 +107,9 @@ def _within_time(
     trials, tests, by_role = parted(trials, tests, o.between)
     trials, copies = diagnosable_trials(trials)
     groups = group_trials(trials, o.between) if o.between else None
+    ship, of_campaign = ship_in(ship, trials)
     ship, remarks = diagnosable(ship)
+    remarks += of_campaign
     place = site if isinstance(site, Site) else read_site(trials, ship, site)
     kept, shared = independent_tests(trials, tests)
     known = calibration_trials(ship, trials, calibrated_on)

@@ -25,7 +25,15 @@ from fitting.nlp.fisher_information import Information, information
 from fitting.nlp.grid import default_step
 from fitting.nlp.loss import LOSSES, Loss
 from fitting.nlp.problem import Prior, Problem
-from fitting.nlp.run_constants import RunConstants, neutral_values, without_constants
+from fitting.nlp.run_constants import (
+    ByCampaign,
+    Own,
+    RunConstants,
+    neutral_values,
+    prior_with,
+    ship_of_all,
+    symbols_of,
+)
 from fitting.nlp.windows import Segments, cut
 from fitting.selection.robust_choice import Weighting, choose_weighting
 from fitting.settings import Settings, Start
@@ -128,7 +136,7 @@ def _prepared(
     settings: Settings,
     warm: dict[str, np.ndarray] | None,
     captive: Captive | None,
-    per_run: Sequence[str],
+    per_run: Own,
 ) -> tuple[Problem, np.ndarray, Settings, list[Message], list[Message]]:
     """A problem, where to start, the settings used, and the warnings and notices on the way."""
     _check_inputs(ship, trials)
@@ -138,8 +146,10 @@ def _prepared(
         raise UserError(f"a window of {window:g} s holds fewer than ten steps of {step:g} s; use a longer --window")
     refuse_outliers(trials, step)
     segments = cut(trials, step, window, settings.interval, inputs=ship.inputs)
-    segments = segments.by_run() if per_run else segments
-    prior = Prior.of(ship, per_run, segments.trials)
+    own = symbols_of(per_run)
+    campaign = per_run.number if isinstance(per_run, ByCampaign) else ()
+    segments = segments.by_run(campaign) if own else segments
+    prior = prior_with(ship, per_run, segments.trials)
     warnings = [*contradictions(prior), *unexcited_astern(ship, trials, segments)]
     speed, length = np.sqrt((segments.nodes[:, 3:5] ** 2).sum(axis=1).mean()) + 1e-6, ship.particulars["L"]
     rough = (length / 3, length / 3, 0.1, 0.1 * speed, 0.1 * speed, 0.1 * speed / length)
@@ -148,8 +158,8 @@ def _prepared(
         raise UserError("sigma must be six positive numbers: x, y [m], psi [rad], u, v [m/s], r [rad/s]")
     problem = Problem.of(ship, prior, segments, sigma, Loss(settings.loss or LOSSES[0]), captive, settings.compiled)
     if problem.captive:
-        own = prior.positions(ship)[: prior.shared]
-        warnings += against_captive(problem.captive, neutral_values(ship, per_run), own, prior.common)
+        shared = prior.positions(ship)[: prior.shared]
+        warnings += against_captive(problem.captive, neutral_values(ship, own), shared, prior.common)
     problem, x = _started(problem, warm, settings)
     notices = _notices(ship, trials, segments, problem.kernels.interpreted_because)
     used = replace(settings, step=step, window=window)
@@ -183,7 +193,7 @@ def estimate_coefficients(
     progress: OnProgress | None = None,
     warm: dict[str, np.ndarray] | None = None,
     captive: Captive | None = None,
-    per_run: Sequence[str] = (),
+    per_run: Own = (),
     held: Sequence[str] = (),
 ) -> Calibration:
     """Fit the free coefficients of ``ship`` to ``trials``, jointly over all of them.
@@ -192,10 +202,11 @@ def estimate_coefficients(
     settles. settings: of windows and solver; progress: called at each iteration of the solver, with the objective and
     the constraint violation; warm: ``Calibration.iterate`` of an interrupted run, which goes on as if it had not been,
     or its "p" (P,) alone; captive: points whose forces are fitted too; per_run: coefficients of effects of the ship,
-    fixed in it, of which each run gets its own (``cases.shipfiles.effects.varying_effects``); held: coefficients that
-    stay where the solver starts, their covariance being that of a fit in which they move. Returns the calibration,
-    whose ship is without those effects; a solver that stops early is no error: the best iterate is kept and
-    ``converged`` is False. Raises UserError for input from which nothing can be identified.
+    fixed in it, of which each run, or each campaign, gets its own (``cases.shipfiles.effects.varying_effects``); held:
+    coefficients that stay where the solver starts, their covariance being that of a fit in which they move. Returns the
+    calibration, whose ship is without those effects of runs, and has those of campaigns at their mean; a solver that
+    stops early is no error: the best iterate is kept and ``converged`` is False. Raises UserError for input from which
+    nothing can be identified.
     """
     began = time.perf_counter()
     prepared = _prepared(ship, trials, settings or Settings(), warm, captive, per_run)
@@ -227,7 +238,9 @@ def estimate_coefficients(
     ]
     timings["total"] = time.perf_counter() - began
     findings = analyse(common, p[shared], covariance, found.of_data())
-    own_ship = without_constants(problem.ship, per_run)
+    names = per_run.names if isinstance(per_run, ByCampaign) else problem.segments.trials
+    constants = RunConstants.of(problem.ship, prior, p, spread.covariance, names)
+    own_ship = ship_of_all(problem.ship, per_run, constants)
     return Calibration(
         ship=calibrated_ship(own_ship, common, p[shared], covariance, findings, best.converged),
         prior=common,
@@ -246,7 +259,7 @@ def estimate_coefficients(
         spread=spread,
         problem=problem.with_changes(),  # without what it has cached
         resumption=last,
-        constants=RunConstants.of(problem.ship, prior, p, spread.covariance, problem.segments.trials),
+        constants=constants,
         weighting=weighting,
     )
 
@@ -277,7 +290,7 @@ class _Deciding:
 
 
 def moved_by(
-    found: Calibration, ship: Ship, captive: Captive | None, per_run: Sequence[str], trials: Sequence[Trial]
+    found: Calibration, ship: Ship, captive: Captive | None, per_run: Own, trials: Sequence[Trial]
 ) -> np.ndarray:
     """How far the estimates of ``found`` would move were it made from other ``trials``: p (P,) in standard errors.
 

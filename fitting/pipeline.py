@@ -29,9 +29,10 @@ from fitting.prediction.worth_of_past import adaptation_worth
 from fitting.record import CoefficientRow, FitObjects, FitRecord, SolveRow
 from fitting.report.run_folder import data_rows, plain, versions
 from fitting.result import FitResult
+from fitting.selection.campaigns.by_campaign import CampaignFit, CampaignQuestion, by_campaign
 from fitting.selection.cross_validation import ModelSelection, select
 from fitting.settings import Settings
-from fitting.solvers.interrupts import Later
+from fitting.solvers.interrupts import Later, unless_interrupted
 from fitting.uncertainty.left_out import worth_message, worth_of_left_out
 from fitting.uncertainty.rows import check_request, refit_rows, uncertainty_rows
 from fitting.uncertainty.without_trials import without_trials
@@ -49,18 +50,20 @@ class FitOptions:
 
     bootstrap: refits to runs drawn with replacement; profile: coefficients whose likelihood is profiled; next_trial:
     whether trials are named that would determine what is left open; per_run: effects of which each run has its own
-    constants ("NAME" or "NAME:parameter=prior"); instruments: effects of the instruments that are fitted along;
-    captive: points of captive tests that are fitted too; auto: choose the model by cross-validation, within auto_limit
-    [s]; start: values from which the solver begins, by symbol; hold: these stay, and only what else is free and the
-    noise is estimated; resume: an interrupted run of the same data and ship, from whose iterate to go on; command: what
-    is stored as the command that made the result; name: of the ship and her calibration, "": the ship keeps hers, and
-    the calibration takes that of the run folder.
+    constants ("NAME" or "NAME:parameter=prior"); per_campaign: instruments that may differ between campaigns, () for
+    the usual ones, ("none",) for none; instruments: effects of the instruments that are fitted along; captive: points
+    of captive tests that are fitted too; auto: choose the model by cross-validation, within auto_limit [s]; start:
+    values from which the solver begins, by symbol; hold: these stay, and only what else is free and the noise is
+    estimated; resume: an interrupted run of the same data and ship, from whose iterate to go on; command: what is
+    stored as the command that made the result; name: of the ship and her
+    calibration, "": the ship keeps hers, and the calibration takes that of the run folder.
     """
 
     bootstrap: int = 0
     profile: tuple[str, ...] = ()
     next_trial: bool = True
     per_run: tuple[str, ...] = ()
+    per_campaign: tuple[str, ...] = ()
     instruments: tuple[str, ...] = ("velocity_lag",)
     captive: Captive | None = None
     auto: bool = False
@@ -102,9 +105,8 @@ def calibrate(
         choice = select(ship, train, _spread(settings), options.captive, options.auto_limit, progress)
         ship = model = choice.ship
         settings = replace(choice.settings, workers=settings.workers)
-    warm = options.resume.iterate if options.resume else started_from(model, options.start)
-    held = tuple(options.start) if options.hold else ()
-    found = estimate_coefficients(model, train, settings, progress, warm, options.captive, constants, held)
+    by_day = _estimated(model, constants, train, settings, options, progress)
+    found, model, constants = by_day.calibration, by_day.ship, by_day.own
     before, after = Simulator(ship, settings.compiled), Simulator(found.ship, settings.compiled)
     later = Later()
     none, sets = dict[str, ScorePair](), {"validation": validation, "training": train}
@@ -112,7 +114,7 @@ def calibrate(
     started = time.perf_counter()
     wanted = options.next_trial and found.converged and np.isfinite(found.covariance).all()
     trial = later.made("next trial", lambda: next_trial(found), None) if wanted else None
-    timings = {**found.timings, "identifiability": time.perf_counter() - started}
+    timings = {**found.timings, "campaigns": by_day.seconds, "identifiability": time.perf_counter() - started}
     bands = later.made("prediction bands", lambda: prediction_bands(found, after, train), None)
     adaptation = later.made("worth of adaptation", lambda: worth_of_past(found, after, train, validation), None)
     uncertainty = uncertainty_rows(found) | _refitted(found, options, later)
@@ -121,7 +123,7 @@ def calibrate(
     left_out = later.made("worth of what was left out", worth, None)
     warnings = [*found.warnings, *remarks, *worth_message(left_out), *shared_rows(train, validation)]
     warnings += [*_of_scores(scores), *later.left_out]
-    notices = [*found.notices, *(choice.notices if choice else ())]
+    notices = [*found.notices, *by_day.messages, *(choice.notices if choice else ())]
     marked = _marked(found.ship, ship, train, options.name)
     content = {
         **_solved(found, options.command),
@@ -141,6 +143,7 @@ def calibrate(
         "adaptation": adaptation,
         "envelope": trial_envelope(found.ship, train),
         "left_out": left_out,
+        "campaigns": by_day.content,
         **uncertainty,
         "timings_s": {**timings, "wall": time.perf_counter() - began},
     }
@@ -161,6 +164,26 @@ def _refitted(found: Calibration, options: FitOptions, later: Later) -> dict[str
         if number:
             rows = rows | later.made(name, partial(refit_rows, found, *asked), {})
     return rows
+
+
+def _estimated(
+    model: Ship,
+    constants: tuple[str, ...],
+    train: Sequence[Trial],
+    settings: Settings,
+    options: FitOptions,
+    progress: OnProgress | None,
+) -> CampaignFit:
+    """The calibration of ``model``, with values by campaign where they pay; without with constants of runs, or with
+    coefficients that are held."""
+    warm = options.resume.iterate if options.resume else started_from(model, options.start)
+    held = tuple(options.start) if options.hold else ()
+    found = estimate_coefficients(model, train, settings, progress, warm, options.captive, constants, held)
+    as_it_is = CampaignFit(found, model, constants)
+    if constants or held:
+        return as_it_is
+    question = CampaignQuestion(model, train, settings, options.captive, options.per_campaign, progress)
+    return unless_interrupted(lambda: by_campaign(found, question)) or as_it_is
 
 
 def _message_rows(**levels: Sequence[Message]) -> list[dict[str, str]]:
@@ -264,7 +287,7 @@ def _solved(found: Calibration, command: str) -> dict[str, Any]:
             for i, s in enumerate(STATES)
         },
         "fixed": [s for s in found.ship.symbols if s not in found.prior.symbols],
-        "per_run": found.constants.rows() if found.constants else None,
+        "per_run": found.constants.rows() if found.constants and not found.problem.prior.campaign else None,
     }
 
 

@@ -157,7 +157,8 @@ class FitRecord:
     envelope: quantity -> range (lowest, highest) that the training trials held, SI (``fitting.report.limits``);
     mark: name, date, hash of the data, and the ship that it began from (``mmg.ship.CalibrationMark``);
     weighting: the loss and the weight of the runs, chosen by runs left out (``fitting.selection.robust_choice``);
-    left_out: what stretches left out of the trials were worth (``fitting.uncertainty.left_out``); scaling: of a ship
+    left_out: what stretches left out of the trials were worth (``fitting.uncertainty.left_out``);
+    campaigns: their runs, values and what was tried (``fitting.selection.campaigns``); scaling: of a ship
     scaled from a model, what changed and what was assumed (``delivery.full_scale.result``).
     Attributes with a default are absent from the file where they are None.
     """
@@ -204,6 +205,7 @@ class FitRecord:
     adaptation: dict[str, Any] | None = None
     envelope: dict[str, list[float]] | None = None
     left_out: dict[str, Any] | None = None
+    campaigns: dict[str, Any] | None = None
     scaling: dict[str, Any] | None = None
 
     @classmethod

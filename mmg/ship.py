@@ -58,6 +58,8 @@ class Ship:
     ``effect.parameter``.
     network: what adds accelerations to those of the forces, if anything: a hybrid ship. UserError if its inputs are
     not those of the ship. mark: of the calibration, None for a ship that was not calibrated here.
+    campaigns: name of a campaign -> symbol -> value of the coefficients that its trials have for themselves; the
+    coefficients hold the mean of all.
     """
 
     name: str
@@ -70,6 +72,7 @@ class Ship:
     effects: tuple[str, ...] = field(default=())
     network: Network | None = None
     mark: CalibrationMark | None = None
+    campaigns: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_name(self.name, "ship")
@@ -177,6 +180,11 @@ class Ship:
         return self.with_coefficients(
             {name: self.coefficients[name].with_(value=float(value)) for name, value in values.items()}
         )
+
+    def of_campaign(self, name: str) -> Ship:
+        """A copy as the trials of the campaign ``name`` have it, which knows no campaigns. Raises KeyError."""
+        own = {symbol: value for symbol, value in self.campaigns[name].items() if symbol in self.coefficients}
+        return replace(self.with_values(own), campaigns={})
 
     def with_coefficients(self, changed: Mapping[str, Coefficient]) -> Ship:
         """A copy with some coefficients replaced (their order is kept)."""

@@ -193,6 +193,7 @@ def predict(
     from cases.io.read import given_trials
     from fitting.prediction.adaptation import Adaptation
     from fitting.prediction.bands import bands_of
+    from fitting.prediction.campaign_bands import bands_in
     from fitting.prediction.predict import outside_share
     from fitting.prediction.predict import predict as windows_of
     from fitting.prediction.worth_of_past import past_to_use
@@ -214,14 +215,12 @@ def predict(
     content = content_of(model) if ship else {}
     bands, seconds = bands_of(content, ship) if ship else None, past_to_use(content, adapt)[0]
     past = Adaptation.of(ship, seconds) if seconds and ship else None
-    results = []
-    runs = given_trials(trials)
+    results, runs, short = [], given_trials(trials), window <= 0 or step >= window
     for number, run in enumerate(runs):
         if progress:
             progress(Progress("predicting", number, len(runs)))
-        found, remarks = windows_of(
-            simulator, run, window, step, short_last=window <= 0 or step >= window, adaptation=past, bands=bands
-        )
+        own = bands_in(bands, ship, content, run) if ship else None
+        found, remarks = windows_of(simulator, run, window, step, short_last=short, adaptation=past, bands=own)
         remarks = [*remarks, *remarks_on(run, found)]
         outside = outside_share(simulator, run, found) if isinstance(simulator, Simulator) else None
         if outside:

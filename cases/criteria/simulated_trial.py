@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from cases.criteria.completeness import check_completeness
+from cases.io.campaigns import ship_in
 from cases.io.controls import read_controls
 from cases.maneuvers.definitions import Maneuver, parse_maneuver
 from cases.simulation.gusts import Wind, parse_wind
@@ -48,7 +49,7 @@ def simulated_trial(
         trial = replace(trial, notices=trial.notices + check_completeness(trial, plan))
     else:
         source = controls if isinstance(controls, Trial) else read_controls(Path(str(controls)), ship.actuators)
-        trial = simulate_controls(ship, source, air, seed)
+        trial = simulate_controls(ship_in(ship, [source])[0], source, air, seed)
         replaced = air is not None and source.has_wind
         more = (Message("the wind of the file is replaced by --wind", "wind_replaced"),) if replaced else ()
         trial = replace(trial, notices=(*source.notices, *more, *trial.notices))

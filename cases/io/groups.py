@@ -76,20 +76,38 @@ def _folders(trials: Sequence[Trial]) -> list[str]:
     return [os.path.relpath(folder, os.path.commonpath(folders)) for folder in folders]
 
 
+def dates_in(text: str) -> list[str]:
+    """The days that ``text`` names, as ISO 8601 writes them; what is no day of the calendar is passed over."""
+    return [day for day, _ in _found(text) if day]
+
+
+def no_dates_in(text: str) -> list[str]:
+    """What in ``text`` is written as a date with its parts apart, and is no day of the calendar (2026-02-30)."""
+    return [words for day, words in _found(text) if not day and not words.isdigit()]
+
+
+def _found(text: str) -> list[tuple[str, str]]:
+    """Dates in a text: the day, "" for what is none, and how it is written."""
+    found = []
+    for pattern in DATES:
+        for match in pattern.finditer(text):
+            month = match["m"].lower()[:3]
+            number = MONTHS.index(month) + 1 if month in MONTHS else int(month)
+            try:
+                found.append((date(int(match["y"]), number, int(match["d"])).isoformat(), match[0]))
+            except ValueError:
+                found.append(("", match[0]))
+    return found
+
+
 def _day(trial: Trial) -> str:
     """The day of a trial, as ISO 8601 writes it."""
     known = trial.meta.get("day", "")
     if known:
         return known
     for text in (trial.path.stem if trial.path is not None else "", trial.name):
-        for pattern in DATES:
-            for found in pattern.finditer(text):
-                month = found["m"].lower()[:3]
-                try:
-                    number = MONTHS.index(month) + 1 if month in MONTHS else int(month)
-                    return date(int(found["y"]), number, int(found["d"])).isoformat()
-                except ValueError:
-                    continue
+        if found := dates_in(text):
+            return found[0]
     line = line_for(trial.path, trial.name, 'day = "2026-11-22"')
     raise UserError(
         f"--between day: no date in the name of {trial.name} (as 2026-11-22, 20261122 or 22-Nov-2026); add to {line}"

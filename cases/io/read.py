@@ -96,6 +96,7 @@ def read_trial(
     if sentence:
         raise UserError(f"{path}: {sentence}")
     columns = _converted(path, columns, entry, notices)
+    known = {"day": entry.day, "group": entry.group, "campaign": entry.campaign}
     kind = entry.kind or _kind_from_name(path.stem, notices)
     trial = Trial(
         name=entry.name or path.stem,
@@ -109,7 +110,7 @@ def read_trial(
         meta={
             "labels": json.dumps(labels),
             "rows_before": str(int(np.argmax(raw["t"] == columns["t"][0]))),
-            **{key: value for key, value in (("day", entry.day), ("group", entry.group)) if value},
+            **{key: value for key, value in known.items() if value},
         },
     )
     return trial if entry.exclude is None else left_out(trial, [(b, e) for b, e in entry.exclude], "trials.toml")

@@ -19,6 +19,7 @@
     role = "train"                                  # "train", "validate" or "test"
     day = "2026-11-22"                              # of the trial; default: the date in the file name
     group = "before docking"                        # any word, to compare groups of trials by
+    campaign = "spring"                             # runs with the same instruments and loading; default: the day
     std = { u = 0.02, v = 0.02 }                    # standard errors of what was derived [m, rad, m/s, rad/s]
     exclude = [[125.0, 140.0], [28.0, 30.0]]        # s on the clock of the file; [] keeps every row
 
@@ -30,6 +31,7 @@ An unknown key is an error. Tables (columns, units, sign) of a file are merged i
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from datetime import date
 from pathlib import Path
@@ -71,6 +73,18 @@ def _iso(day: Any) -> str:
 
 
 Day = Annotated[str, BeforeValidator(_iso)]
+
+
+def _campaign(name: str) -> str:
+    if re.fullmatch(r"\d{4}-\d{1,2}-\d{1,2}", name):
+        try:
+            date.fromisoformat(name)
+        except ValueError:
+            raise ValueError(f"campaign = {name!r} is no day of the calendar; write it as 2026-11-22") from None
+    return name
+
+
+Campaign = Annotated[Name, AfterValidator(_campaign)]
 
 
 def _late(column: str) -> str:
@@ -132,6 +146,7 @@ class SidecarEntry(Section):
     name: Name = ""
     day: Day = ""
     group: Name = ""
+    campaign: Campaign = ""
     exclude: list[Span] | None = None
 
     @field_validator("units")

@@ -18,6 +18,7 @@ def _not_nan(value: float) -> float:
     return value
 
 
+Finite = Annotated[float, Field(allow_inf_nan=False)]
 Bound = Annotated[float, Field(allow_inf_nan=True), AfterValidator(_not_nan)]
 
 
@@ -79,3 +80,4 @@ class ShipFile(Section):
     model: ModelSection
     coefficients: dict[str, CoefficientEntry] = Field(default_factory=dict)
     calibration: CalibrationSection | None = None
+    campaigns: dict[Name, dict[str, Finite]] = Field(default_factory=dict)

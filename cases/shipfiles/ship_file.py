@@ -3,8 +3,9 @@
 A ship file is TOML: ``[ship]`` particulars (SI), ``[model]`` the force model of each role, and one table
 ``[coefficients.NAME]`` per coefficient with ``value``, ``std``, ``lower``, ``upper``, ``unit`` or ``prime``,
 ``fixed``, ``source``, and after a fit ``verdict``, ``prior_value`` and ``prior_std``. ``[calibration]`` says which fit
-that was. A coefficient that is left out takes the default of its force model; for the wind model that is the
-regression on the particulars. A table ``[network]`` holds the learned residual of a hybrid ship (``network_table``).
+that was; ``[campaigns.NAME]`` holds values that the trials of a campaign have for themselves. A coefficient that is
+left out takes the default of its force model; for the wind model that is the regression on the particulars. A table
+``[network]`` holds the learned residual of a hybrid ship (``network_table``).
 The same tables are read from JSON (``ship_json``).
 """
 
@@ -130,13 +131,29 @@ def _plain_ship(data: dict[str, Any], where: str) -> Ship:
         changed[symbol], wrong, repairs = _coefficient(entry, defaults[symbol])
         problems += [f"{header('coefficients', symbol)} {sentence}" for sentence in wrong]
         notices += repairs
+    problems += _strange_campaigns(content.campaigns, {**defaults, **changed})
     refuse(where, problems)
     return Ship(
         name=content.ship.name or Path(where).stem, description=content.ship.description,
         particulars=particulars, components=components, coefficients={**defaults, **changed},
         reference=content.ship.reference, notices=tuple(notices), effects=ship.effects,
         mark=CalibrationMark(**vars(content.calibration)) if content.calibration else None,
+        campaigns=content.campaigns,
     )  # fmt: skip
+
+
+def _strange_campaigns(campaigns: dict[str, dict[str, float]], known: dict[str, Coefficient]) -> list[str]:
+    """Sentences on values of ``campaigns`` that are no coefficients of the ship or lie outside their bounds."""
+    found = []
+    for name, values in campaigns.items():
+        where = header("campaigns", name)
+        for symbol, value in values.items():
+            c = known.get(symbol)
+            if c is None:
+                found.append(f"{where} {unknown('coefficient', symbol, known)}")
+            elif not c.lower <= value <= c.upper:
+                found.append(f"{where} {symbol} = {value:g}: outside its bounds [{c.lower:g}, {c.upper:g}]")
+    return found
 
 
 def check_needs(ship: Ship, name: str, where: str) -> None:
@@ -246,4 +263,12 @@ def dump_ship(ship: Ship, comment: str = "") -> str:
             mark.add(key, value)
         document.add("calibration", mark)
     document.add("coefficients", tables)
+    if ship.campaigns:
+        own = tomlkit.table(is_super_table=True)
+        for name, values in ship.campaigns.items():
+            row = tomlkit.table()
+            for symbol, value in values.items():
+                row.add(symbol, float(value))
+            own.add(name, row)
+        document.add("campaigns", own)
     return document.as_string()

@@ -25,7 +25,7 @@ class Information:
     fisher: (W, P, P); score: (W, P) gradient of the cost (minus the log likelihood); p: (P,) where it was taken; run:
     (W,) number of the run of each window; symbols: of the coefficients. prior_information: (P, P) of the prior (the
     identity) and of captive tests; prior_score: (P,) of the same. owner: (P,) run of a constant of one run, -1 of what
-    all share; None if all share all.
+    all share, less for those of campaigns; None if all share all.
     """
 
     fisher: np.ndarray
@@ -59,14 +59,18 @@ class Information:
     def shared(self) -> Information:
         """Information of each run on the shared coefficients, its own constants eliminated under their prior.
 
-        One row per run, or this itself if all coefficients are shared.
+        One row per run, or this itself if all coefficients are shared; one row in all if campaigns have constants,
+        which tie their runs together.
         """
         if self.owner is None:
             return self
-        runs, kept = self.by_run(), np.flatnonzero(self.owner < 0)
+        together = bool((self.owner < -1).any())
+        runs, kept = self.by_run(), np.flatnonzero(self.owner == -1)
+        if together:
+            runs = replace(self, run=np.zeros_like(self.run)).by_run()
         fisher, score = np.empty((len(runs.run), len(kept), len(kept))), np.empty((len(runs.run), len(kept)))
         for k, run in enumerate(runs.run):
-            own = np.flatnonzero(self.owner == run)
+            own = np.flatnonzero(self.owner != -1 if together else self.owner == run)
             across = runs.fisher[k][np.ix_(kept, own)]
             gain = np.linalg.solve(
                 runs.fisher[k][np.ix_(own, own)] + self.prior_information[np.ix_(own, own)], across.T

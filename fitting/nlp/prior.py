@@ -15,7 +15,8 @@ class Prior:
     """Gaussian prior and bounds of the free coefficients, each of shape (P,).
 
     constants: coefficients of which each of ``runs`` runs has its own (fitting/nlp/run_constants.py); they come
-    last, run by run.
+    last, run by run. campaign: (trials,) of which of ``runs`` campaigns each trial is, where the runs of a campaign
+    share its constants; empty: each run has its own.
     """
 
     symbols: tuple[str, ...]
@@ -25,6 +26,7 @@ class Prior:
     upper: np.ndarray
     constants: tuple[str, ...] = ()
     runs: int = 0
+    campaign: tuple[int, ...] = ()
 
     @property
     def shared(self) -> int:
@@ -52,10 +54,17 @@ class Prior:
         return Prior(self.symbols[own], self.mean[own], self.std[own], self.lower[own], self.upper[own])
 
     @classmethod
-    def of(cls, ship: Ship, constants: Sequence[str] = (), runs: Sequence[str] = ()) -> Prior:
+    def of(
+        cls,
+        ship: Ship,
+        constants: Sequence[str] = (),
+        runs: Sequence[str] = (),
+        campaign: Sequence[int] = (),
+    ) -> Prior:
         """The prior that a ship file states of what is free: value +- std within its bounds.
 
-        constants: further coefficients, of which each of ``runs`` has its own, named "current.x@RUN".
+        constants: further coefficients, of which each of ``runs`` has its own, named "current.x@RUN"; campaign: which
+        of ``runs``, then names of campaigns, each trial is of.
         """
         own = [(f"{symbol}@{run}", symbol) for run in runs for symbol in constants]
         symbols = (*ship.free, *(name for name, _ in own))
@@ -63,4 +72,4 @@ class Prior:
         mean, std, lower, upper = (
             np.array([getattr(c, k) for c in chosen]) for k in ("value", "std", "lower", "upper")
         )
-        return cls(symbols, mean, std, lower, upper, tuple(constants), len(runs) if constants else 0)
+        return cls(symbols, mean, std, lower, upper, tuple(constants), len(runs) if constants else 0, tuple(campaign))

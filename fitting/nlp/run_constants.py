@@ -1,14 +1,15 @@
-"""Constants that each run has for itself (a current, a rudder's zero), estimated along with what all runs share.
+"""Constants that each run or campaign has for itself (a current, a gyro's lag), beside what all runs share.
 
 The scaled coefficients of a fit are p = (shared, constants of run 0, constants of run 1, ...), each constant with the
 same prior N(centre, typical size^2) in every run. The model of one run depends on the shared ones and on its own: L of
-the P. All sums over samples are therefore made by run in L columns, and put together in P at the end.
+the P. All sums over samples are therefore made by run in L columns, and put together in P at the end. The same holds
+for campaigns, whose runs share the constants.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,10 +20,11 @@ from mmg.ship import Ship
 
 @dataclass(frozen=True)
 class Columns:
-    """The coefficients of a fit by group of intervals: a group is a run, or all runs if none has constants of its own.
+    """The coefficients of a fit by group of intervals: a group is a run or a campaign, or all runs if none has
+    constants of its own.
 
     at: (G, L) where those of each group lie in p (P,), the ``shared`` first ones in all groups; window (W,),
-    interval (M,), node (B,): group of each.
+    interval (M,), node (B,): group of each; campaigns: whether groups are campaigns.
     """
 
     at: np.ndarray
@@ -30,15 +32,18 @@ class Columns:
     window: np.ndarray
     interval: np.ndarray
     node: np.ndarray
+    campaigns: bool = False
 
     @classmethod
     def of(cls, prior: Prior, segments: Segments) -> Columns:
         """Those of a prior; with constants, intervals sorted by run (``Segments.by_run``) make the fewest blocks."""
         group = segments.run if prior.constants else np.zeros_like(segments.run)
+        campaigns = bool(prior.constants and prior.campaign)
+        group = np.asarray(prior.campaign)[group] if campaigns else group
         shared, own = prior.shared, len(prior.constants)
         runs = np.arange(prior.runs if own else 1)
         at = np.hstack([np.tile(np.arange(shared), (len(runs), 1)), shared + own * runs[:, None] + np.arange(own)])
-        return cls(at, shared, group, group[segments.window], group[segments.node_window])
+        return cls(at, shared, group, group[segments.window], group[segments.node_window], campaigns)
 
     @property
     def groups(self) -> int:
@@ -46,11 +51,13 @@ class Columns:
 
     @property
     def owner(self) -> np.ndarray | None:
-        """Run that each coefficient belongs to, -1 for shared ones, (P,); None if all are shared."""
+        """Run that each coefficient belongs to, -1 for shared ones, -2 - c for those of campaign c, (P,); None if all
+        are shared."""
         if self.at.shape[1] == self.shared:
             return None
         owner = np.full(int(self.at.max()) + 1, -1)
-        owner[self.at[:, self.shared :]] = np.arange(self.groups)[:, None]
+        numbers = np.arange(self.groups)[:, None]
+        owner[self.at[:, self.shared :]] = -2 - numbers if self.campaigns else numbers
         return owner
 
     def each(self, values: np.ndarray, group: np.ndarray) -> np.ndarray:
@@ -81,6 +88,44 @@ class Columns:
         for at, part in zip(self.at, parts, strict=True):
             whole[np.ix_(at, at)] += part
         return whole
+
+
+@dataclass(frozen=True)
+class ByCampaign:
+    """Constants that each campaign has for itself: symbols; names: of the campaigns; number: (trials,) of which
+    campaign each trial is."""
+
+    symbols: tuple[str, ...]
+    names: tuple[str, ...]
+    number: tuple[int, ...]
+
+
+Own = Sequence[str] | ByCampaign
+"""Constants that each run has for itself, by symbol, or each campaign."""
+
+
+def symbols_of(own: Own) -> tuple[str, ...]:
+    """Symbols of the constants ``own``."""
+    return own.symbols if isinstance(own, ByCampaign) else tuple(own)
+
+
+def prior_with(ship: Ship, own: Own, trials: Sequence[str]) -> Prior:
+    """The prior of what is free in ``ship`` and of the constants ``own`` of ``trials`` (names) or of campaigns."""
+    if isinstance(own, ByCampaign):
+        return Prior.of(ship, own.symbols, own.names, own.number)
+    return Prior.of(ship, own, trials)
+
+
+def ship_of_all(ship: Ship, own: Own, constants: RunConstants | None) -> Ship:
+    """What all runs share of ``ship`` with the constants ``own``: without the effects of runs; with those of campaigns
+    at their mean, the estimates of each campaign beside it."""
+    if not isinstance(own, ByCampaign):
+        return without_constants(ship, own)
+    if constants is None:
+        return ship
+    values = constants.value.tolist()
+    rows = {name: dict(zip(own.symbols, row, strict=True)) for name, row in zip(own.names, values, strict=True)}
+    return replace(ship, campaigns=rows)
 
 
 def without_constants(ship: Ship, symbols: Sequence[str]) -> Ship:

@@ -74,9 +74,13 @@ class Segments:
         names = ("steps", "start", "end", "window", "controls", "targets", "mask")
         return {name: np.ascontiguousarray(getattr(self, name)[..., chosen]) for name in names}
 
-    def by_run(self) -> Segments:
-        """The same with its intervals sorted by run, and longest first within each."""
-        return replace(self, **self._intervals(np.argsort(self.run[self.window], kind="stable")))
+    def by_run(self, campaign: Sequence[int] = ()) -> Segments:
+        """The same with its intervals sorted by run, and longest first within each.
+
+        campaign: of each trial (trials,), by which they are then sorted instead.
+        """
+        group = np.asarray(campaign)[self.run] if len(campaign) else self.run
+        return replace(self, **self._intervals(np.argsort(group[self.window], kind="stable")))
 
     def subset(self, windows: np.ndarray) -> Segments:
         """Only these windows (numbers in increasing order), renumbered from 0."""

@@ -11,6 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from cases.inputs import STANDARD, model_inputs
+from cases.io.campaigns import campaign_among
 from cases.io.files import replace_text
 from cases.io.leave_out import bridged
 from cases.trial import Trial
@@ -95,6 +96,15 @@ class ShipsByTrial(Simulator):
         self.own = np.asarray(own, dtype=float)
 
 
+def values_of(ship: Ship, trial: Trial) -> np.ndarray | None:
+    """All coefficients (P,) of ``ship`` in the campaign of a ``trial``, those of all where that is not known; None for
+    a ship without campaigns."""
+    if not ship.campaigns:
+        return None
+    campaign = campaign_among(trial, ship.campaigns)
+    return ship.values if campaign is None else ship.of_campaign(campaign).values
+
+
 def record_of(trial: Trial, inputs: Sequence[str], values: np.ndarray | None = None) -> Record:
     """A ``trial`` as windows need it, for a model with these ``inputs``; x = y = 0 where no positions were measured.
 
@@ -155,7 +165,11 @@ def predict_all(
     side.
     """
     inputs = simulator.ship.inputs if isinstance(simulator, Simulator) else simulator.inputs
-    own = simulator.own if isinstance(simulator, ShipsByTrial) else [None] * len(trials)
+    own: Sequence[np.ndarray | None] = [None] * len(trials)
+    if isinstance(simulator, ShipsByTrial):
+        own = list(simulator.own)
+    elif isinstance(simulator, Simulator):
+        own = [values_of(simulator.ship, trial) for trial in trials]
     plans = [_plan(trial, inputs, length, stride, short_last, o) for trial, o in zip(trials, own, strict=True)]
     flat = [stretch for kept, _ in plans for stretch in kept.values()]
     if not flat:

@@ -16,8 +16,8 @@ def without_trials(found: Calibration, trials: Sequence[Trial]) -> Without:
     """All coefficients of the ship of the calibration ``found`` without each of the ``trials`` (R of them, those that
     it was made on), and without all of its kind, by one Newton step each.
 
-    Constants of single runs stay at their neutral values, as for a run that was never seen. Where too little is left
-    a row is NaN.
+    Constants of single runs stay at their neutral values, as for a run that was never seen; those of campaigns are as
+    the rest of the campaign says. Where too little is left a row is NaN.
     """
     kinds = [t.kind for t in trials]
     folds = [tuple(i for i, k in enumerate(kinds) if k == kind) for kind in dict.fromkeys(kinds)]
@@ -31,7 +31,11 @@ def _coefficients(found: Calibration, count: int, folds: Sequence[Sequence[int]]
     values = np.tile(np.asarray(ship.values, dtype=float), (count, 1))
     shared = len(found.p)
     at = [ship.symbols.index(s) for s in found.prior.symbols]
+    own = [ship.symbols.index(s) for s in found.problem.prior.constants] if problem.prior.campaign else []
     for out, p in zip(folds, estimates_without(found.information, folds, problem.p_bounds()), strict=True):
         for i in out:
             values[i, at] = found.prior.mean + found.prior.std * p[:shared]
+            if own:
+                columns = shared + len(own) * problem.prior.campaign[i] + np.arange(len(own))
+                values[i, own] = problem.prior.mean[columns] + problem.prior.std[columns] * p[columns]
     return values

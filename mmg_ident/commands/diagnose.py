@@ -38,6 +38,9 @@ def diagnose(
         str | None,
         Option(help="Also say what differs between groups of trials: day, month, year, folder, group, kind."),
     ] = None,
+    campaign: Annotated[
+        str | None, Option(help="Campaign of the trials, where the file, day or folder does not tell it.")
+    ] = None,
     step: Annotated[float | None, Option(help="Time step of the analysis [s].")] = None,
     workers: Annotated[int, Option(help="Processes that refit candidates side by side.")] = 1,
     scheduler: Annotated[
@@ -82,6 +85,7 @@ def diagnose(
     from dataclasses import replace
 
     from cases.checks import ready
+    from cases.io.campaigns import said_campaign
     from cases.io.read import read_trials
     from diagnosis import diagnose as pipeline
     from diagnosis.inputs import diagnosis_store
@@ -99,6 +103,7 @@ def diagnose(
     )
     train, tests = read_trials(trials), read_trials(test) if test else []
     train, tests = ready(train, tests, unchecked=unchecked)
+    train, tests = (said_campaign(some, campaign, ship) for some in (train, tests))
     begun = not (out / RESULT).exists()  # one that lacks only figures and page has no parts any more
     store = diagnosis_store(out, ship, train, tests, options, run, resume and begun)
     if store.resume and not store.folder.is_dir() and any(out.iterdir()):

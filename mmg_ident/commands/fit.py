@@ -59,6 +59,10 @@ def fit(
         list[str] | None,
         Option(help="Give each run its own constants of an effect: current, or NAME:parameter=prior. May be repeated."),
     ] = None,
+    per_campaign: Annotated[
+        list[str] | None,
+        Option(help="Instruments that may differ by campaign: gyro, fouling, ... or none; default: the usual ones."),
+    ] = None,
     fix: Annotated[list[str] | None, Option(help="Coefficients to leave alone (comma-separated).")] = None,
     only: Annotated[list[str] | None, Option(help="Free only these coefficients (comma-separated).")] = None,
     window: Annotated[float | None, Option(help="Window length [s]; default 100 steps.")] = None,
@@ -163,6 +167,7 @@ def fit(
         profile=tuple(names_of(profile)),
         next_trial=next_trial,
         per_run=tuple(per_run or ()),
+        per_campaign=tuple(names_of(per_campaign)),
         instruments=tuple(names_of([measurement])),
         captive=points,
         auto=auto,
@@ -247,7 +252,8 @@ def _summary(result: FitResult, out: Path) -> None:
 
     words = "converged" if result.converged else "NOT CONVERGED"
     constants = result.calibration.constants if result.calibration else None
-    own = f" and {len(constants.p)} constants of runs" if constants else ""
+    whose = "campaigns" if result.campaigns and result.campaigns["values"] else "runs"
+    own = f" and {len(constants.p)} constants of {whose}" if constants else ""
     say(
         f"{words} ({result.status}) after {sum(p.iterations for p in result.passes)} iterations "
         f"in {result.timings_s['total']:.1f} s; objective {result.objective or float('nan'):.6g}; "

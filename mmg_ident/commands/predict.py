@@ -28,6 +28,9 @@ def predict(
             "Default: what the run folder says pays."
         ),
     ] = None,
+    campaign: Annotated[
+        str | None, Option(help="Campaign of the trials, where the file, day or folder does not tell it.")
+    ] = None,
     force: Annotated[bool, Option("--force", help="Overwrite existing files.")] = False,
     unchecked: Annotated[
         bool, Option("--unchecked", help="Predict also files that mmg check calls contradictory.")
@@ -50,8 +53,10 @@ def predict(
     """
     from cases.checks import ready
     from cases.checks.trusted import DOUBT, remarks
+    from cases.io.campaigns import said_campaign
     from cases.io.files import file_key
     from cases.io.read import read_trials
+    from cases.shipfiles.ship_file import load_ship
     from fitting.prediction.predict import write_tables
     from fitting.prediction.worth_of_past import past_to_use
     from mmg.messages import has_code
@@ -70,6 +75,7 @@ def predict(
     if existing and not force:
         raise UserError(f"{existing[0]}: exists already; choose another --out or add --force")
     (sound,) = ready(runs, unchecked=unchecked)
+    runs = said_campaign(runs, campaign, load_ship(model)) if campaign is not None else runs
     found = api.predict(model, runs, window, stride, adapt, progress())
     if all(p.diverged == len(p.windows) for p in found):
         raise UserError(f"{model}: every window diverges; nothing is written (see mmg check, and mmg score)")

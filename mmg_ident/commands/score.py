@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from cases.trial import Trial
     from fitting.prediction.score import Score
     from mmg.messages import Message
+    from mmg.ship import Ship
 
 
 def score(
@@ -40,6 +41,9 @@ def score(
     window: Annotated[
         float, Option(help="Window of the errors in units [s]; 0: 30 s, or 4 L/U where 30 s are less than 2.5 of them.")
     ] = 0.0,
+    campaign: Annotated[
+        str | None, Option(help="Campaign of the trials, where the file, day or folder does not tell it.")
+    ] = None,
     unchecked: Annotated[
         bool,
         Option(
@@ -102,6 +106,8 @@ def score(
         values, origin = pooled_sigma(others), ", ".join(str(p) for p in sigma_from)
     else:
         values, origin = pooled_sigma(trials), "the scored trials"
+    if campaign is not None:
+        trials = _said(trials, campaign, [s.ship for s in loaded.values() if isinstance(s, Simulator)])
     lengths = [s.ship.particulars["L"] for s in loaded.values() if isinstance(s, Simulator)]
     window = window or window_for(trials, lengths[0] if lengths else None)
     scores = {}
@@ -124,6 +130,16 @@ def score(
                 say(f"{Path(model).name}: {simulator.ship.title}")
         print_scores(scores)
     _refuse_nan(scores)
+
+
+def _said(trials: list[Trial], campaign: str, ships: list[Ship]) -> list[Trial]:
+    """The ``trials`` as of the ``campaign``, which one of the ``ships`` at least must know."""
+    from cases.io.campaigns import said_campaign
+
+    knowing = [ship for ship in ships if ship.campaigns] or ships
+    if not knowing:
+        raise UserError(f"--campaign {campaign}: no model named knows campaigns")
+    return said_campaign(trials, campaign, knowing[0])
 
 
 def _worth(

@@ -51,6 +51,9 @@ def simulate(
     ] = False,
     dt: Annotated[float | None, Option(help="Sampling interval [s]; default 0.1.")] = None,
     seed: Annotated[int, Option(help="Seed of gusts, noise and random manoeuvres.")] = 0,
+    campaign: Annotated[
+        str | None, Option(help="Campaign whose instruments log the run; default the mean of all.")
+    ] = None,
     scatter: Annotated[
         int | None,
         Option(
@@ -72,6 +75,7 @@ def simulate(
     """
     from cases.criteria.simulated_trial import simulated_trial
     from cases.criteria.standard_runs import figures_of
+    from cases.io.campaigns import ship_of_campaign
     from cases.maneuvers.definitions import parse_maneuver
     from cases.shipfiles.effects import with_effects
     from cases.shipfiles.ship_file import load_ship
@@ -93,7 +97,7 @@ def simulate(
     if controls is not None and given:
         option = {"sampled": "sampled-helm"}.get(given[0], given[0].replace("_", "-"))
         raise UserError(f"--{option} belongs to --maneuver; with --controls the file gives times and inputs")
-    model = with_effects(load_ship(ship), effect or [])
+    model = with_effects(ship_of_campaign(load_ship(ship), campaign), effect or [])
     source: Any = controls
     if maneuver is not None and (own := harbour_seed(maneuver, seed)) is not None:
         if any(value is not None for value in (n, speed, rudder_rate)) or sampled_helm:

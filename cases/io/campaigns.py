@@ -1,0 +1,191 @@
+"""Campaigns: runs with the same instruments and loading, told apart by the sidecar, the day or the folder.
+
+What a run belongs to is said by the key ``campaign`` of its sidecar; else it is the day (of the sidecar, of the file
+name, or of a clock that counts seconds since 1970); else, where trials lie in several folders, its folder.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime, timezone
+from pathlib import Path
+
+from cases.io.groups import dates_in, no_dates_in
+from cases.io.sidecar import line_for
+from cases.trial import Trial
+from mmg.errors import UserError
+from mmg.messages import Message
+from mmg.ship import Ship
+
+CLOCK = (631_152_000.0, 4_102_444_800.0)
+"""Seconds since 1970 of the years 1990 and 2100: a clock between them tells the day."""
+UNKNOWN = "no campaign"
+"""Name of what trials belong to of which nothing is known."""
+
+
+@dataclass(frozen=True)
+class Campaigns:
+    """Trials by campaign. names: of the campaigns, sorted; number: (trials,) of each trial's; messages: on trials of
+    which none is known, and on copies."""
+
+    names: tuple[str, ...]
+    number: tuple[int, ...]
+    messages: tuple[Message, ...] = ()
+
+    def runs(self, name: str) -> int:
+        """How many trials the campaign ``name`` has."""
+        return sum(self.names[k] == name for k in self.number)
+
+    @property
+    def comparable(self) -> tuple[str, ...]:
+        """Names of those with two runs at least."""
+        return tuple(name for name in self.names if self.runs(name) > 1)
+
+
+def campaigns_of(trials: Sequence[Trial]) -> Campaigns:
+    """The campaigns of ``trials``.
+
+    Raises UserError where the sidecar names for a campaign another day than the file name, or another folder of
+    these trials than that in which the file lies.
+    """
+    folders = _folders(trials)
+    labels = []
+    messages: list[Message] = []
+    for trial, folder in zip(trials, folders, strict=True):
+        said, day = trial.meta.get("campaign", ""), _day(trial)
+        _refuse_contradiction(trial, said, day, folder, folders)
+        labels.append(said or day or folder or UNKNOWN)
+        if not said and not day:
+            messages += _no_dates(trial, labels[-1])
+    names = tuple(sorted(set(labels)))
+    messages += _copies(trials, labels)
+    return Campaigns(names, tuple(names.index(label) for label in labels), tuple(messages))
+
+
+def campaign_among(trial: Trial, known: Iterable[str]) -> str | None:
+    """Which of the ``known`` campaigns a ``trial`` belongs to: by its sidecar, its day or its folder; None for none.
+
+    A trial whose sidecar names a campaign is of no other one.
+    """
+    names = list(known)
+    if said := trial.meta.get("campaign", ""):
+        return said if said in names else None
+    if (day := _day(trial)) in names:
+        return day
+    if trial.path is None:
+        return None
+    parts = trial.path.resolve().parent.parts
+    tails = [Path(*parts[-k:]).as_posix() for k in range(1, len(parts))]
+    return next((tail for tail in tails if tail in names), None)
+
+
+def said_campaign(trials: Sequence[Trial], name: str | None, ship: Ship) -> list[Trial]:
+    """The ``trials`` as of the campaign ``name`` of a ``ship``, as they are for None.
+
+    Raises UserError for a campaign that the ship does not know.
+    """
+    if name is None:
+        return list(trials)
+    _known(ship, name)
+    return [replace(trial, meta={**trial.meta, "campaign": name}) for trial in trials]
+
+
+def ship_of_campaign(ship: Ship, name: str | None) -> Ship:
+    """The ``ship`` as the campaign ``name`` has it, as it is for None. Raises UserError for one it does not know."""
+    if name is None:
+        return ship
+    _known(ship, name)
+    return ship.of_campaign(name)
+
+
+def _known(ship: Ship, name: str) -> None:
+    if not ship.campaigns:
+        raise UserError(f"--campaign {name}: {ship.name} knows no campaigns: its instruments have one value for all")
+    if name not in ship.campaigns:
+        raise UserError(f"--campaign {name}: unknown; {ship.name} knows {', '.join(ship.campaigns)}")
+
+
+def ship_in(ship: Ship, trials: Sequence[Trial]) -> tuple[Ship, list[Message]]:
+    """The one ship that serves all ``trials``: as their campaign has it where that is one and known, else the mean.
+
+    And a message that says which.
+    """
+    if not ship.campaigns:
+        return ship, []
+    found = {campaign_among(trial, ship.campaigns) for trial in trials}
+    name = found.pop() if len(found) == 1 else None
+    if name is not None:
+        return ship.of_campaign(name), [Message(f"instruments as in campaign {name}", "campaign")]
+    words = "the trials are of several campaigns, or of none that is known: instruments as in the mean of all"
+    return replace(ship, campaigns={}), [Message(words, "campaign_mean")]
+
+
+def _day(trial: Trial) -> str:
+    """The day of a trial as ISO 8601 writes it, or ""."""
+    if known := trial.meta.get("day", ""):
+        return known
+    if found := _dates(trial):
+        return found
+    start = float(trial.t[0])
+    return datetime.fromtimestamp(start, timezone.utc).date().isoformat() if CLOCK[0] < start < CLOCK[1] else ""
+
+
+def _dates(trial: Trial) -> str:
+    """The first day in the name of a trial, or ""."""
+    texts = (trial.path.stem if trial.path is not None else "", trial.name)
+    return next((day for text in texts for day in dates_in(text)), "")
+
+
+def _folders(trials: Sequence[Trial]) -> list[str]:
+    """The folder of each trial below the one that holds all; "" where all lie in one, or one has none."""
+    parents = [trial.path.resolve().parent for trial in trials if trial.path is not None]
+    if len(parents) < len(trials) or len(set(parents)) < 2:
+        return [""] * len(trials)
+    base = os.path.commonpath([str(p) for p in parents])
+    below = [Path(os.path.relpath(p, base)).as_posix() for p in parents]
+    return [Path(base).name if name == "." else name for name in below]
+
+
+def _refuse_contradiction(trial: Trial, said: str, day: str, folder: str, folders: Sequence[str]) -> None:
+    """Raises UserError where the sidecar, the day and the folder of a ``trial`` name different campaigns."""
+    if not said:
+        return
+    where = line_for(trial.path, trial.name, f'campaign = "{said}"')
+    as_day = dates_in(said)
+    if as_day and day and as_day[0] != day:
+        raise UserError(
+            f"{trial.name}: the sidecar says campaign {said}, but the trial is of {day} (file name, day or clock); "
+            f"correct {where}"
+        )
+    if folder and said != folder and said in folders:
+        raise UserError(
+            f"{trial.name}: the sidecar says campaign {said}, but the file lies in folder {folder}, and {said} is "
+            f"another folder of these trials; move the file, or correct {where}"
+        )
+
+
+def _no_dates(trial: Trial, label: str) -> list[Message]:
+    """A message where the name of a ``trial`` holds a date that is none of the calendar."""
+    wrong = no_dates_in(trial.path.stem if trial.path is not None else trial.name)
+    if not wrong:
+        return []
+    line = line_for(trial.path, trial.name, 'campaign = "..."')
+    words = f"{trial.name}: {wrong[0]} in its name is no day of the calendar; it counts to {label}; else add to {line}"
+    return [Message(words, "no_date")]
+
+
+def _copies(trials: Sequence[Trial], labels: Sequence[str]) -> list[Message]:
+    """Messages on files that are in two campaigns."""
+    first: dict[str, int] = {}
+    found = []
+    for i, trial in enumerate(trials):
+        k = first.setdefault(trial.sha256, i) if trial.sha256 else i
+        if labels[k] != labels[i]:
+            words = (
+                f"{trials[k].name} of campaign {labels[k]} and {trial.name} of campaign {labels[i]} are the same file; "
+                f"it counts once, for {labels[k]}: remove the one that is wrong"
+            )
+            found.append(Message(words, "same_file_in_two_campaigns"))
+    return found

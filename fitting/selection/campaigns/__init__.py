@@ -1,0 +1,1 @@
+"""Which instruments differ between campaigns, and by how much."""

@@ -1,0 +1,199 @@
+"""A calibration whose instruments have a value of their own in each campaign, where that makes left-out runs better."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from cases.io.campaigns import Campaigns, campaigns_of
+from cases.trial import Trial
+from fitting.calibration import Calibration, estimate_coefficients
+from fitting.nlp.captive import Captive
+from fitting.nlp.run_constants import ByCampaign
+from fitting.prediction.score import pooled_sigma
+from fitting.selection.campaigns.candidates import Beside, candidates, constants_of, with_constants
+from fitting.selection.campaigns.choice import InstrumentTried, KeptInstruments, better, choose
+from fitting.selection.campaigns.sentences import differences, why_not
+from fitting.selection.campaigns.spread import Reduced, Widths, with_prior
+from fitting.selection.left_out_runs import RunScores, estimates_without, leave_out
+from fitting.settings import Settings
+from mmg.messages import Message
+from mmg.progress import OnProgress
+from mmg.ship import Ship
+
+AGAIN = 1.5
+"""Factor by which a width must have changed at the new estimate for one more solve."""
+SOLVES = 2
+"""Most solves with constants of campaigns."""
+
+
+@dataclass(frozen=True)
+class CampaignFit:
+    """A calibration and what became of campaigns.
+
+    calibration: with constants of campaigns, or as it was; ship, own: of ``estimate_coefficients`` that made it;
+    content: of "campaigns" in result.json, None where there is nothing to say; messages: for a person; seconds: what it
+    took.
+    """
+
+    calibration: Calibration
+    ship: Ship
+    own: ByCampaign | tuple[str, ...] = ()
+    content: dict[str, Any] | None = None
+    messages: tuple[Message, ...] = ()
+    seconds: float = 0.0
+
+
+@dataclass(frozen=True)
+class CampaignQuestion:
+    """What a calibration with campaigns needs to know.
+
+    ship: as of ``estimate_coefficients``; trials: calibrated on; settings, captive, progress: of it; wanted: names of
+    instruments, () for the usual ones, ("none",) for none.
+    """
+
+    ship: Ship
+    trials: Sequence[Trial]
+    settings: Settings
+    captive: Captive | None = None
+    wanted: tuple[str, ...] = ()
+    progress: OnProgress | None = field(default=None)
+
+
+def by_campaign(found: Calibration, question: CampaignQuestion) -> CampaignFit:
+    """The calibration ``found`` with a value per campaign of each instrument for which that pays, else as it is.
+
+    question: of what ship and trials.
+    Needs two campaigns with two runs each at least. Raises UserError where the campaigns of trials contradict each
+    other, or an instrument wanted for is unknown.
+    """
+    began = time.perf_counter()
+    same = CampaignFit(found, question.ship)
+    if question.wanted == ("none",):
+        return same
+    campaigns = campaigns_of(question.trials)
+    chosen = candidates(found.problem.ship, question.trials, question.wanted)
+    reason = why_not(campaigns, bool(question.wanted))
+    if reason is not None or not chosen or not found.converged or found.constants is not None:
+        told = (*campaigns.messages, *([reason] if reason else []))
+        return replace(same, messages=told)
+    beside = Beside.of(found, campaigns, chosen)
+    started = [i for i, c in enumerate(chosen) if c.symbols[0] in found.prior.symbols]
+    kept = choose(found, beside, question.trials, started)
+    content = _content(campaigns, kept.table)
+    same = replace(same, content=content, messages=campaigns.messages)
+    if kept.numbers:
+        better_fit, scores = _refitted(found, beside, kept, campaigns, question)
+        if better_fit is None:
+            return replace(same, seconds=time.perf_counter() - began)
+        same = _with_values(better_fit, scores, campaigns, content, list(campaigns.messages))
+    return replace(same, seconds=time.perf_counter() - began)
+
+
+def _refitted(
+    found: Calibration, beside: Beside, kept: KeptInstruments, campaigns: Campaigns, question: CampaignQuestion
+) -> tuple[CampaignFit | None, tuple[RunScores, RunScores] | None]:
+    """The calibration with the constants ``kept``, if it converges and left-out runs confirm it; and their scores."""
+    own = constants_of(beside, kept.numbers, campaigns)
+    at = [beside.symbols.index(s) for s in own.symbols]
+    widths, start = kept.widths, _start(beside, kept.widths)
+    block = [next(i for i in kept.numbers if s in beside.candidates[i].symbols) for s in own.symbols]
+    size = beside.unit[at] * np.array(widths.width)[block]
+    means = widths.means(start[beside.constants])
+    mean = beside.centre[at] + beside.unit[at] * np.array([means[beside.symbol == k][0] for k in at])
+    values = beside.centre[at] + beside.unit[at] * np.array([start[beside.constants][beside.symbol == k] for k in at]).T
+    shared = dict(zip(beside.problem.prior.symbols[: beside.problem.prior.shared], start, strict=False))
+    for k, s in enumerate(beside.symbols):  # one value for all, as before
+        if s in question.ship.free and s not in own.symbols:
+            c = question.ship.coefficients[s]
+            value = beside.centre[k] + beside.unit[k] * means[beside.symbol == k][0]
+            shared[s] = (np.clip(value, c.lower, c.upper) - c.value) / c.std
+    sigma, nodes = found.sigma, beside.nodes_of(own.symbols)
+    new: Calibration | None = None
+    passes = min(question.settings.passes, 1 if found.settings.loss == "gaussian" else 2)
+    settings = replace(found.settings, starts=1, passes=passes)
+    for _ in range(SOLVES):
+        ship = with_constants(question.ship, own.symbols, mean, size)
+        p = np.concatenate([[shared[s] for s in ship.free], ((values - mean) / size).reshape(-1)])
+        warm = {"p": p, "sigma": sigma, "nodes": nodes}
+        new = estimate_coefficients(ship, question.trials, settings, question.progress, warm, question.captive, own)
+        if not new.converged or new.constants is None:
+            return None, None
+        wider, moved = _widths_again(new, block)
+        factor = wider / size
+        if max(factor.max(), 1 / factor.min()) < AGAIN:
+            break
+        size, mean, values = wider, mean + size * moved, new.constants.value
+        sigma, nodes = new.sigma, new.iterate["nodes"]
+        shared = dict(zip(new.prior.symbols, new.p, strict=True))
+    assert new is not None
+    judged = [t for t in question.trials if t.has_position]
+    unit = pooled_sigma(judged)
+    before, after = (leave_out(f, list(question.trials), sigma=unit) for f in (found, new))
+    if not better(before.window, after.window):
+        return None, None
+    return CampaignFit(replace(new, weighting=found.weighting), ship, own), (before, after)
+
+
+def _start(beside: Beside, widths: Widths) -> np.ndarray:
+    """Scaled coefficients (P,) of all that is beside a calibration, one Newton step from it under ``widths``."""
+    info, columns = with_prior(beside.info, beside.constants, widths)
+    lower, upper = beside.problem.p_bounds()
+    whole = np.zeros(len(lower))
+    whole[columns] = estimates_without(info, [()], (lower[columns], upper[columns]))[0]
+    return np.clip(whole, lower, upper)
+
+
+def _widths_again(new: Calibration, block: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+    """Widths (Q,), in their units, that are most likely at the calibration ``new``, and its means (Q,) in widths.
+
+    block: (Q,) candidate of each symbol.
+    """
+    assert new.constants is not None
+    prior, Q, shared = new.problem.prior, len(block), len(new.p)
+    constants = np.arange(shared, new.problem.P)
+    order = {b: k for k, b in enumerate(dict.fromkeys(block))}
+    number = np.tile(np.arange(Q), prior.runs)
+    blocks = np.array([order[b] for b in block])
+    start = Widths((1.0,) * len(order), blocks[number], number)
+    reduced = Reduced.of(new.information, constants, new.spread.dispersion)
+    found = start.fitted(reduced, list(range(len(order))))
+    means = found.means(reduced.mean(found.covariance()))
+    unit = prior.std[constants][:Q]
+    return unit * np.array(found.width)[blocks], np.array([means[number == k][0] for k in range(Q)])
+
+
+def _content(campaigns: Campaigns, table: Sequence[InstrumentTried]) -> dict[str, Any]:
+    """What result.json says of campaigns of which nothing was kept."""
+    return {
+        "runs": {name: campaigns.runs(name) for name in campaigns.names},
+        "tried": [asdict(row) for row in table],
+        "values": None,
+        "left_out": None,
+        "sentences": [],
+    }
+
+
+def _with_values(
+    fit: CampaignFit,
+    scores: tuple[RunScores, RunScores] | None,
+    campaigns: Campaigns,
+    content: dict[str, Any],
+    messages: list[Message],
+) -> CampaignFit:
+    """The ``fit`` with its values in words and numbers."""
+    constants = fit.calibration.constants
+    assert constants is not None and scores is not None
+    own = np.sqrt(np.diag(fit.calibration.spread.model)[len(fit.calibration.p) :]).reshape(constants.value.shape)
+    sentences = differences(constants, campaigns, own)
+    change = scores[0].change(scores[1])
+    content = content | {
+        "values": constants.rows(),
+        "left_out": {"without": scores[0].mean().value, "with": scores[1].mean().value, "error": change.error},
+        "sentences": [str(message) for message in sentences],
+    }
+    return replace(fit, content=content, messages=(*messages, *sentences))

@@ -1,0 +1,74 @@
+"""Which campaign a trial belongs to: sidecar, day, clock, folder; contradictions in one clear line."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cases.io.campaigns import UNKNOWN, campaign_among, campaigns_of
+from cases.io.sidecar import read_sidecar
+from cases.trial import Trial
+from mmg.errors import UserError
+
+
+def trial(path: str, t0: float = 0.0, sha256: str = "", **meta: str) -> Trial:
+    where = Path("/data") / path
+    return Trial(where.stem, {"t": t0 + np.arange(3.0)}, path=where, meta=meta, sha256=sha256)
+
+
+def names(*trials: Trial) -> list[str]:
+    found = campaigns_of(trials)
+    return [found.names[k] for k in found.number]
+
+
+def test_the_sidecar_comes_before_the_day_and_the_day_before_the_folder() -> None:
+    runs = (trial("a/x_12-Nov-2020.csv", campaign="autumn"), trial("b/x_12-Nov-2020_2.csv"), trial("b/y.csv"))
+    assert names(*runs) == ["autumn", "2020-11-12", "b"]
+    assert names(trial("a/y.csv", day="2021-01-02"), trial("a/z.csv")) == ["2021-01-02", UNKNOWN]
+    assert names(trial("a/y.csv", t0=1.6e9), trial("a/z.csv", t0=5e3)) == ["2020-09-13", UNKNOWN]
+
+
+def test_folders_tell_campaigns_only_where_there_are_several() -> None:
+    assert names(trial("a/x.csv"), trial("a/y.csv")) == [UNKNOWN, UNKNOWN]
+    assert names(trial("a/x.csv"), trial("b/y.csv")) == ["a", "b"]
+
+
+def test_two_runs_a_campaign_make_it_comparable() -> None:
+    found = campaigns_of([trial("a/x.csv"), trial("b/y.csv"), trial("b/z.csv")])
+    assert found.comparable == ("b",) and found.runs("a") == 1
+
+
+def test_a_sidecar_that_contradicts_the_day_or_the_folder_is_refused() -> None:
+    with pytest.raises(UserError, match=r"says campaign 2020-11-13, but the trial is of 2020-11-12 .*trials.toml"):
+        names(trial("a/x_12-Nov-2020.csv", campaign="2020-11-13"))
+    with pytest.raises(UserError, match="says campaign b, but the file lies in folder a"):
+        names(trial("a/x.csv", campaign="b"), trial("b/y.csv"))
+    assert names(trial("a/x_12-Nov-2020.csv", campaign="2020-11-12")) == ["2020-11-12"]
+
+
+def test_a_date_that_is_none_is_said(tmp_path: Path) -> None:
+    found = campaigns_of([trial("a/run_2026-02-30.csv"), trial("a/run_2026-02-27.csv")])
+    assert [m for m in found.messages if "2026-02-30 in its name is no day of the calendar" in str(m)]
+    assert not campaigns_of([trial("a/run_20261399.csv")]).messages
+    sidecar = tmp_path / "trials.toml"
+    sidecar.write_text('[default]\ncampaign = "2026-02-30"\n', encoding="utf-8")
+    with pytest.raises(UserError, match="'2026-02-30' is no day of the calendar"):
+        read_sidecar(sidecar)
+
+
+def test_a_file_in_two_campaigns_is_said() -> None:
+    found = campaigns_of([trial("a/x.csv", sha256="1"), trial("b/y.csv", sha256="1"), trial("b/z.csv", sha256="2")])
+    assert ["same file" in str(m) and "x of campaign a" in str(m) for m in found.messages] == [True]
+
+
+def test_a_trial_finds_its_campaign_among_those_that_are_known() -> None:
+    known = ("autumn", "2020-11-12", "day two", "north/a")
+    assert campaign_among(trial("a/x.csv", campaign="autumn"), known) == "autumn"
+    assert campaign_among(trial("a/x_12-Nov-2020.csv"), known) == "2020-11-12"
+    assert campaign_among(trial("a/x_12-Nov-2020.csv", campaign="spring"), known) is None
+    assert campaign_among(trial("day two/x.csv"), known) == "day two"
+    assert campaign_among(trial("north/a/x.csv"), known) == "north/a"
+    assert campaign_among(replace(trial("b/x.csv"), path=None), known) is None

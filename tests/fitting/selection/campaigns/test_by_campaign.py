@@ -1,0 +1,120 @@
+"""Instruments that differ by day: found, told in words, kept in files; equal ones change nothing."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cases.io.campaigns import said_campaign, ship_in
+from cases.shipfiles.ship_file import dump_ship, load_ship, parse_ship
+from cases.shipfiles.ship_json import dump_ship_json
+from fitting.calibration import Calibration, estimate_coefficients
+from fitting.nlp.fisher_information import Information
+from fitting.prediction.predict import predict_all, values_of
+from fitting.selection.campaigns.by_campaign import CampaignFit, CampaignQuestion, by_campaign
+from fitting.selection.campaigns.choice import better
+from fitting.selection.campaigns.spread import Reduced, Widths
+from fitting.settings import Settings
+from mmg.errors import UserError
+from mmg.rollout import Simulator
+from tests.support.fleets import DAYS, fleet
+
+ESSO = load_ship("esso_osaka_3m")
+FREE = ("Y_v", "N_v", "Y_r", "N_r", "k_0")
+HIDDEN = ESSO.with_values({s: 1.08 * ESSO.coefficients[s].value for s in FREE})
+RUNS = ("zigzag:20/20", "turning:35", "zigzag:10/10")
+LAGS = (0.0, 0.9)
+
+
+@lru_cache(maxsize=2)
+def calibrated(differ: bool) -> tuple[Calibration, CampaignFit]:
+    lags = LAGS if differ else (0.0, 0.0)
+    instruments = {day: [f"gyro:T={lag}"] for day, lag in zip(DAYS, lags, strict=False)}
+    trials = fleet(HIDDEN, instruments, RUNS, 5, 10.0, 100.0)
+    ship, settings = ESSO.fixing([s for s in ESSO.symbols if s not in FREE]), Settings()
+    found = estimate_coefficients(ship, trials, settings)
+    return found, by_campaign(found, CampaignQuestion(ship, trials, settings, wanted=("gyro", "log_scale")))
+
+
+def test_a_turn_rate_that_is_late_on_one_day_is_found_there_and_named() -> None:
+    found, fit = calibrated(True)
+    constants = fit.calibration.constants
+    assert constants is not None and "gyro.T" in constants.symbols and "log_scale.share" not in constants.symbols
+    k = constants.symbols.index("gyro.T")
+    off = (constants.value[:, k] - np.array(LAGS)) / constants.std[:, k]
+    assert np.abs(off).max() < 3 and np.ptp(constants.value[:, k]) > 0.7
+    assert any("turn rate (gyro.T) differs between campaigns" in str(m) and DAYS[1] in str(m) for m in fit.messages)
+    truth = np.array([HIDDEN.coefficients[s].value for s in FREE])
+    error = [np.abs(np.array([f.ship.coefficients[s].value for s in FREE]) - truth) for f in (found, fit.calibration)]
+    std = np.array([fit.calibration.ship.coefficients[s].std for s in FREE])
+    assert (error[1] < 3 * std).all()
+    assert fit.content is not None and fit.content["left_out"]["with"] < fit.content["left_out"]["without"]
+
+
+def test_equal_instruments_leave_the_calibration_as_it_is() -> None:
+    found, fit = calibrated(False)
+    assert fit.calibration is found and not found.ship.campaigns and fit.content is not None
+    assert fit.content["values"] is None and not any(row["taken"] for row in fit.content["tried"])
+
+
+def test_the_ship_file_holds_the_campaigns_and_predictions_take_that_of_the_trial() -> None:
+    _, fit = calibrated(True)
+    ship, trials = fit.calibration.ship, fleet(HIDDEN, {DAYS[1]: ["gyro:T=0.9"]}, RUNS[:1], 50, 10.0, 100.0)
+    again = parse_ship(dump_ship(ship))
+    assert again.campaigns == {name: dict(values) for name, values in ship.campaigns.items()}
+    assert f'"{DAYS[0]}"' in dump_ship_json(ship)
+    own = ship.campaigns[DAYS[1]]["gyro.T"]
+    assert values_of(ship, trials[0])[ship.symbols.index("gyro.T")] == own  # type: ignore[index]
+    known = predict_all(Simulator(ship), trials, 30.0, 30.0)[0][0]
+    other = predict_all(Simulator(ship), said_campaign(trials, DAYS[0], ship), 30.0, 30.0)[0][0]
+    miss = [np.mean(np.vstack([w.error(trials[0].states) for w in windows])[:, 5] ** 2) for windows in (known, other)]
+    assert miss[0] < 0.5 * miss[1]
+    assert ship_in(ship, trials)[0].coefficients["gyro.T"].value == own
+    with pytest.raises(UserError, match=r"--campaign summer: unknown; .* knows 2026-03-02, 2026-03-09"):
+        said_campaign(trials, "summer", ship)
+
+
+def test_a_ship_file_with_a_campaign_of_another_ship_is_refused(tmp_path: Path) -> None:
+    text = dump_ship(ESSO) + '\n[campaigns."spring"]\n"gyro.Tt" = 0.1\nY_v = 99.0\n'
+    with pytest.raises(UserError, match=r"campaigns.*unknown coefficient 'gyro.Tt'.*outside its bounds"):
+        parse_ship(text, str(tmp_path / "ship.toml"))
+
+
+def test_the_width_of_constants_is_recovered_and_small_where_they_are_equal() -> None:
+    rng = np.random.default_rng(3)
+    C, noise = 40, 0.2
+    widths = Widths((1.0,), np.zeros(C, dtype=int), np.zeros(C, dtype=int))
+    found = []
+    for width in (0.0, 0.8):
+        measured = 0.5 + width * rng.standard_normal(C) + noise * rng.standard_normal(C)
+        A = np.eye(C) / noise**2
+        found.append(widths.fitted(Reduced(A, -A @ measured), [0]).width[0])
+    assert found[0] < 0.12 and 0.6 < found[1] < 1.05
+
+
+def test_the_reduced_cost_is_that_of_a_minimum_over_the_rest() -> None:
+    rng = np.random.default_rng(0)
+    root = rng.standard_normal((6, 9))
+    H, g, p = root @ root.T, rng.standard_normal(6), rng.standard_normal(6)
+    info = Information(H[None], g[None], p, np.zeros(1, dtype=int), tuple("abcdef"), np.eye(6), p)
+    reduced = Reduced.of(info, np.array([4, 5]))
+    for d in rng.standard_normal((3, 2)):
+        change = np.zeros(6)
+        change[4:] = d - p[4:]
+        full = H.copy()
+        full[:4, :4] += np.eye(4)
+        slope = g.copy()
+        slope[:4] += p[:4]
+        change[:4] = -np.linalg.solve(full[:4, :4], slope[:4] + full[:4, 4:] @ change[4:])
+        gradient = slope[4:] + full[4:] @ change
+        np.testing.assert_allclose(reduced.A @ d + reduced.b, gradient, rtol=1e-9, atol=1e-9)
+
+
+def test_only_a_gain_beyond_chance_counts() -> None:
+    before = np.array([1.0, 1.0, 1.0, 1.0])
+    assert better(before, before - np.array([0.1, 0.12, 0.08, 0.1]))
+    assert not better(before, before - np.array([0.4, -0.3, 0.2, -0.2]))
+    assert not better(before, before - 1e-4) and not better(before[:1], before[:1] - 0.5)
