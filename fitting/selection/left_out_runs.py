@@ -171,12 +171,14 @@ def scores_of_folds(
     estimates: np.ndarray,
     sigma: np.ndarray | None = None,
     adapt: float | None = None,
+    compiled: bool | None = None,
 ) -> RunScores:
     """Scores of ``trials``, those of ``problem`` in their order, each by the estimate without its fold.
 
     folds: numbers of the trials left out, together all; estimates: (folds, P) scaled, as of ``estimates_without``;
     sigma: (6,) by which errors are divided, by default pooled over the trials; adapt: seconds of past that a
-    prediction may use. Raises UserError for trials without positions.
+    prediction may use; compiled: whether to use a C compiler, by default as the problem did. Raises UserError for
+    trials without positions.
     """
     own = np.full((len(trials), len(problem.ship.symbols)), np.nan)
     group = dict(zip(problem.segments.run.tolist(), problem.columns.window.tolist(), strict=True))
@@ -185,7 +187,9 @@ def scores_of_folds(
         for i in out:
             own[i] = theta[group.get(i, 0)]
     sigma = pooled_sigma(trials) if sigma is None else sigma
-    simulator = ShipsByTrial(problem.ship, own, not problem.kernels.interpreted_because)
+    simulator = ShipsByTrial(
+        problem.ship, own, not problem.kernels.interpreted_because if compiled is None else compiled
+    )
     return run_scores(trials, score(simulator, trials, sigma, adapt=adapt).trials, sigma)
 
 

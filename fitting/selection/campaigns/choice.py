@@ -52,7 +52,7 @@ class LeftOut:
     """Scores of runs left out, by run, under widths of the candidates."""
 
     def __init__(self, found: Calibration, beside: Beside, trials: Sequence[Trial]) -> None:
-        self.found, self.beside, self.trials = replace(found, problem=beside.problem), beside, list(trials)
+        self.compiled, self.beside, self.trials = found.settings.compiled, beside, list(trials)
         self.judged = [i for i, t in enumerate(trials) if t.has_position]
         self.sigma = pooled_sigma([trials[i] for i in self.judged])
 
@@ -64,7 +64,8 @@ class LeftOut:
         own = estimates_without(info, folds, (lower[columns], upper[columns]))
         whole = np.zeros((len(folds), len(lower)))
         whole[:, columns] = own
-        return scores_of_folds(self.found, self.trials, folds, whole, self.sigma).window
+        problem = self.beside.problem
+        return scores_of_folds(problem, self.trials, folds, whole, self.sigma, compiled=self.compiled).window
 
 
 def choose(found: Calibration, beside: Beside, trials: Sequence[Trial], started: Sequence[int]) -> KeptInstruments:
