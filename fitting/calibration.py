@@ -26,6 +26,7 @@ from fitting.nlp.grid import default_step
 from fitting.nlp.loss import LOSSES, Loss
 from fitting.nlp.problem import Prior, Problem
 from fitting.nlp.run_constants import ByCampaign, Own, RunConstants, neutral_values, prior_with
+
 from fitting.nlp.run_constants import ship_of_all, symbols_of  # isort: skip
 from fitting.nlp.windows import Segments, cut
 from fitting.selection.robust_choice import Weighting, choose_weighting
