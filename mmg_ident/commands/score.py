@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def score(
-    foundand_trials: Annotated[
+    runs_and_trials: Annotated[
         list[str],
         Argument(help="Ships or run folders, then trial files or folders of them.", metavar="SHIP|RUN... TRIAL..."),
     ],
@@ -78,10 +78,10 @@ def score(
     from mmg.rollout import Simulator
     from mmg_ident.api import content_of, predictor
 
-    models = list(dict.fromkeys(a for a in foundand_trials if is_model(a)))
-    files = [Path(a) for a in foundand_trials if not is_model(a)]
-    if not models and not Path(foundand_trials[0]).exists():
-        load_ship(foundand_trials[0])
+    models = list(dict.fromkeys(a for a in runs_and_trials if is_model(a)))
+    files = [Path(a) for a in runs_and_trials if not is_model(a)]
+    if not models and not Path(runs_and_trials[0]).exists():
+        load_ship(runs_and_trials[0])
     if not models:
         raise UserError("no model named: give a ship of mmg ships, a ship file or a run folder before the trials")
     if not files:
