@@ -20,6 +20,10 @@ MEMORY = 0.25
 SHORTEST_HOLD = 0.1
 """Share of the longest hold of a manoeuvre below which a gap between two holds at one angle is a spike."""
 
+SLOWEST, FASTER = 0.3, 3.0
+"""Share of its largest rate below which the rudder's movement to an angle has not begun; by how much it is faster than
+a helm that wanders before."""
+
 FIRST, LATER = 0.1, 0.5
 """Shares of the way between two holds through which the line goes that tells when the rudder began to move."""
 
@@ -121,6 +125,9 @@ def _movement(t: np.ndarray, delta: np.ndarray, floor: int, held: int, angle: fl
         return float(t[max(held - 1, 0)])
     start = _start_of_way(path, top)
     low = float(np.median(path[max(start - 4, 0) : start + 1]))
+    order = _first_fast(t[floor : held + 1], path, start)
+    if _is_wander(t[floor : held + 1], path, start, order):
+        start, low = order, float(path[order])
     way = top - low
     if way <= 0:
         return float(t[held])
@@ -129,6 +136,31 @@ def _movement(t: np.ndarray, delta: np.ndarray, floor: int, held: int, angle: fl
     if later <= first:
         return first
     return max(float(t[floor]), first - (later - first) * FIRST / (LATER - FIRST))
+
+
+def _is_wander(t: np.ndarray, path: np.ndarray, start: int, order: int) -> bool:
+    """Whether the movement of ``path`` (M,) at ``t`` (M,) from row ``start`` to row ``order`` is not yet the order's: a
+    tenth of the way and more, and FASTER times slower than the rest."""
+    before, after = float(path[order] - path[start]), float(path[-1] - path[order])
+    if start >= order or order >= len(path) - 1 or before <= FIRST * (before + after):
+        return False
+    return after / (t[-1] - t[order]) > FASTER * before / (t[order] - t[start])
+
+
+def _first_fast(t: np.ndarray, path: np.ndarray, start: int) -> int:
+    """Row of ``path`` (M,) at ``t`` (M,), not before ``start``, from which it moves on without falling below SLOWEST of
+    its largest rate: a helm that wanders before the order is slower than the order's movement."""
+    span = max(0.5, 3 * float(np.median(np.diff(t)))) if len(t) > 1 else 0.5
+    k, largest = len(path) - 1, 0.0
+    while k > start:
+        rate = float(path[k] - np.interp(t[k] - span, t, path)) / span
+        largest = max(largest, rate)
+        if rate < SLOWEST * largest or rate <= 0:
+            break
+        k -= 1
+    while k > start and path[k] - path[k - 1] >= SLOWEST * largest * (t[k] - t[k - 1]) > 0:
+        k -= 1
+    return k
 
 
 def _start_of_way(path: np.ndarray, top: float) -> int:

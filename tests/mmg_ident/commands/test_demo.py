@@ -39,9 +39,11 @@ def test_the_command_and_a_notebook_leave_the_same_folder(tmp_path: Path) -> Non
         (tmp_path / name).mkdir()
         for trial in trials:
             write_trial(trial, tmp_path / name / f"{trial.name}.csv")
+    for name in ("command", "notebook"):
+        (tmp_path / name).mkdir()
     data = [str(tmp_path / "train"), "--validate", str(tmp_path / "held_out")]
     chosen = ["--only", "X_0F,Y_v,N_r", "--no-next-trial"]
-    assert main(["fit", "esso_osaka_3m", *data, *chosen, "--out", str(tmp_path / "command")]) == 0
+    assert main(["fit", "esso_osaka_3m", *data, *chosen, "--out", str(tmp_path / "command" / "run")]) == 0
     ship = load_ship("esso_osaka_3m")
     ship = ship.fixing([s for s in ship.symbols if s not in ("X_0F", "Y_v", "N_r")])
     result = calibrate(
@@ -51,10 +53,11 @@ def test_the_command_and_a_notebook_leave_the_same_folder(tmp_path: Path) -> Non
         Settings(),
         FitOptions(next_trial=False),
     )
-    result.save(tmp_path / "notebook")
-    assert files_of(tmp_path / "command") == files_of(tmp_path / "notebook")
-    assert content_of(tmp_path / "command") == content_of(tmp_path / "notebook")
-    ships = [(tmp_path / name / "ship.toml").read_text() for name in ("command", "notebook")]
+    result.save(tmp_path / "notebook" / "run")
+    command, notebook = (tmp_path / name / "run" for name in ("command", "notebook"))
+    assert files_of(command) == files_of(notebook)
+    assert content_of(command) == content_of(notebook)
+    ships = [(folder / "ship.toml").read_text() for folder in (command, notebook)]
     assert ships[0] == ships[1]
 
 
