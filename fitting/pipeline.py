@@ -106,7 +106,7 @@ def calibrate(
         ship = model = choice.ship
         settings = replace(choice.settings, workers=settings.workers)
     by_day = _estimated(model, constants, train, settings, options, progress)
-    found, model, constants = by_day.calibration, by_day.ship, by_day.own
+    found, model = by_day.calibration, by_day.ship
     before, after = Simulator(ship, settings.compiled), Simulator(found.ship, settings.compiled)
     later = Later()
     none, sets = dict[str, ScorePair](), {"validation": validation, "training": train}
@@ -118,7 +118,7 @@ def calibrate(
     bands = later.made("prediction bands", lambda: prediction_bands(found, after, train), None)
     adaptation = later.made("worth of adaptation", lambda: worth_of_past(found, after, train, validation), None)
     uncertainty = uncertainty_rows(found) | _refitted(found, options, later)
-    moved = partial(moved_by, found, model, options.captive, constants)
+    moved = partial(moved_by, found, model, options.captive, by_day.own)
     worth = partial(worth_of_left_out, after, sets, scores, moved, found.prior.symbols)
     left_out = later.made("worth of what was left out", worth, None)
     warnings = [*found.warnings, *remarks, *worth_message(left_out), *shared_rows(train, validation)]

@@ -64,8 +64,8 @@ def library(ship: Ship, wind: bool = True) -> tuple[Option, ...]:
         options += [Option(f"{name} astern", name, -full / 2, -0.8 * n) for name in going_astern]
     if wind and ("wind" in ship.components or "wind_force" in ship.effects):
         speed = WIND_SPEED * time_scale(ship.particulars["L"])
-        wind = Wind(speed, math.radians(WIND_FROM))
-        options += [Option(f"{name} in wind", name, wind=wind) for name in IN_WIND]
+        air = Wind(speed, math.radians(WIND_FROM))
+        options += [Option(f"{name} in wind", name, wind=air) for name in IN_WIND]
     return tuple(options)
 
 

@@ -230,7 +230,7 @@ def search_plan(
         own = evolutions[k // first] if k < first * len(starts) else min(evolutions, key=lambda e: e.cost)
         own.advance(search.cost)
         if progress:
-            progress(Progress("planning", k + 1, {"mean log variance": min(e.cost for e in evolutions)}, of=total))
+            progress(Progress("planning", k + 1, total, {"mean log variance": min(e.cost for e in evolutions)}))
     winner = min(evolutions, key=lambda e: e.cost)
     if winner.cost >= 9:
         area = task.area

@@ -125,7 +125,7 @@ class Beside:
         rows = {f"{name}.{p.symbol}": p for name in {s.split(".")[0] for s in symbols} for p in parameters(ship, name)}
         centre = np.array([known.get(s, rows[s].neutral) for s in symbols])
         unit = np.array([abs(rows[s].typical) for s in symbols])
-        wider = with_constants(ship, symbols, centre, unit)
+        wider = with_constants(ship, symbols, centre.tolist(), unit.tolist())
         prior = Prior.of(wider, symbols, campaigns.names, campaigns.number)
         old = found.problem
         segments = replace(old.segments).by_run(campaigns.number)
