@@ -56,8 +56,9 @@ class Row:
     sets no limit; why: reason or remark; reference: published value for this ship, None where there is none; measured:
     value before it was corrected for wind and current, None where nothing was. Of many ships that the trials allow
     (fitting/prediction/figure_intervals.py), None where none were drawn: median, interval_90 (5 and 95 % quantiles) of
-    the ship's figure; interval_90_trial: of a single trial of hers; probability of meeting the limit; extrapolated:
-    whether the manoeuvre leaves what the trials held.
+    the ship's figure, infinite where more draws than that never reach it; interval_90_trial: of a single trial of hers;
+    probability of meeting the limit; reached: share of the draws that reach the figure; extrapolated: whether the
+    manoeuvre leaves what the trials held.
     """
 
     ability: str
@@ -74,6 +75,7 @@ class Row:
     interval_90: tuple[float, float] | None = None
     interval_90_trial: tuple[float, ...] | None = None
     probability: float | None = None
+    reached: float | None = None
     extrapolated: bool | None = None
 
 

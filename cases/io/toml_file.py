@@ -130,7 +130,9 @@ def _problem(schema: type[Section], error: Any) -> str:
     table, keys = names[:tables], ".".join(names[tables:])
     place, kind, value = header(*table) if table else "", error["type"], error["input"]
     if kind == "extra_forbidden":
-        what = "key" if place or not all(_table(section, key) for key in section.model_fields) else "section"
+        plain = [key for key, field in section.model_fields.items()
+                 if not (_table(section, key) or get_origin(field.annotation) is dict)]  # fmt: skip
+        what = "key" if place or plain else "section"
         return f"{place} {unknown(what, names[-1], section.model_fields)}".strip()
     if kind == "missing":
         known = section.model_fields.get(keys)

@@ -8,6 +8,7 @@ draws of a manoeuvre are simulated side by side.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -39,7 +40,9 @@ JUDGED = ("turning", "zigzag", "crash-stop")
 SHOWN = 60
 """Draws whose tracks are kept for a figure."""
 BEYOND = 0.05
-"""Share of the range of the trials by which a manoeuvre may leave it."""
+"""Share of the range of the trials, and of its greatest value, by which a manoeuvre may leave it."""
+ANGLE = math.radians(2.0)
+"""Least excess of a rudder or drift angle that is said [rad]."""
 QUANTITIES = {
     "u": "surge velocity",
     "v": "sway velocity",
@@ -56,12 +59,14 @@ class FigureScatter:
     """One manoeuvre over all draws.
 
     ship, trial: figure -> values (count,), SI and rad, NaN where it is not reached, of the ship and of a single trial;
-    outside: what leaves the range of the trials, in words; shown: some of the draws of single trials from the order on.
+    outside: what leaves the range of the trials, in words, None where that range is not known; lost: draws that
+    diverge; shown: some of the draws of single trials from the order on.
     """
 
     ship: Mapping[str, np.ndarray]
     trial: Mapping[str, np.ndarray]
-    outside: tuple[str, ...]
+    outside: tuple[str, ...] | None
+    lost: int
     shown: tuple[Since, ...]
 
 
@@ -102,10 +107,14 @@ def with_intervals(
         if run.kind in JUDGED:
             plan = parse_maneuver(run.name, calm, speed=run.speed, rudder_rate=rudder_rate)
             scatter[run.name] = _scatter(simulator, run, plan, drawn, bands, content.get("envelope"), seed)
-            if scatter[run.name].outside:
-                notices.append(Message(_outside_words(run, scatter[run.name].outside), "outside_the_trials"))
+            one = scatter[run.name]
+            if one.outside:
+                notices.append(Message(_outside_words(run, one.outside), "outside_the_trials"))
+            if one.lost:
+                words = f"{run.name}: {one.lost} of {count} drawn ships run away, and count as never reaching a figure"
+                notices.append(Message(words, "diverging_draws"))
     runs = {run.name: run for run in found.runs}
-    rows = tuple(_judged(row, runs[row.run], scatter[row.run]) if row.run in scatter else row for row in found.rows)
+    rows = tuple(judged_row(row, runs[row.run], scatter[row.run]) if row.run in scatter else row for row in found.rows)
     return JudgedFigures(replace(found, rows=rows, notices=tuple(notices)), scatter)
 
 
@@ -133,10 +142,12 @@ def _scatter(
     count, L = len(next(iter(drawn.values()))), ship.particulars["L"]
     dt = STEP * time_scale(L)
     nominal = simulate_batch(simulator, plan, dt=dt, held=True)
-    outside = outside_of(envelope, nominal) if envelope else ()
+    outside = outside_of(envelope, nominal) if envelope else None
     copies = 2 if bands is not None else 1
     values = {symbol: np.tile(one, copies) for symbol, one in drawn.items()}
-    push = _push(bands, simulator, nominal, count, dt, seed) if bands is not None else lambda k, states: np.zeros(())
+    push: Push = (
+        _push(bands, simulator, nominal, count, dt, seed) if bands is not None else lambda k, states: np.zeros(())
+    )
     runs = simulate_pushed(simulator, plan, values, dt, push)
     with np.errstate(invalid="ignore", over="ignore"):
         lost = ~(np.abs(runs.states[:, 3:5]).max(axis=(0, 1)) < 3 * reference_speed(L))
@@ -149,7 +160,7 @@ def _scatter(
     some = np.arange(len(each) - count, len(each))[:SHOWN]
     few = SimulatedRuns(runs.t, states[:, :, some], runs.inputs[:, :, some], runs.last[some])
     shown = tuple(s for s in since_each(few, plan.parameters["order_time"]) if s is not None)
-    return FigureScatter(own, trial, outside, shown)
+    return FigureScatter(own, trial, outside, int(lost[:count].sum()), shown)
 
 
 def _push(bands: Bands, simulator: Simulator, nominal: SimulatedRuns, count: int, dt: float, seed: int) -> Push:
@@ -191,7 +202,7 @@ def outside_of(envelope: Mapping[str, Sequence[float]], runs: SimulatedRuns) -> 
         if name not in envelope or not len(known[name]):
             continue
         low, high = (float(x) for x in envelope[name])
-        slack = BEYOND * max(high - low, 1e-9)
+        slack = max(BEYOND * max(high - low, abs(low), abs(high)), ANGLE if name in (DRIFT, "delta") else 0.0)
         least, most = float(known[name].min()), float(known[name].max())
         unit, factor = {"u": ("m/s", 1.0), "v": ("m/s", 1.0), "n": ("1/s", 1.0), "r": ("deg/s", 57.29578)}.get(
             name, ("deg", 57.29578)
@@ -209,18 +220,21 @@ def _outside_words(run: Run, outside: Sequence[str]) -> str:
     return f"{run.name}: outside the trials, so its intervals are wider: {'; '.join(outside)}"
 
 
-def _judged(row: Row, run: Run, scatter: FigureScatter) -> Row:
-    """A row with what its draws say."""
+def judged_row(row: Row, run: Run, scatter: FigureScatter) -> Row:
+    """The ``row`` of a ``run`` with what its draws, ``scatter``, say."""
     factor = {"L": 1 / run.length, "deg": 57.29577951308232}.get(row.unit)
     values, trial = scatter.ship.get(row.figure), scatter.trial.get(row.figure)
+    outside = None if scatter.outside is None else bool(scatter.outside)
     if factor is None or values is None or trial is None or not np.isfinite(values).any():
-        return replace(row, extrapolated=bool(scatter.outside))
-    low, middle, high = (float(factor * q) for q in np.nanquantile(values, (0.05, 0.5, 0.95)))
-    once = tuple(float(factor * q) for q in np.nanquantile(trial, (0.05, 0.95))) if np.isfinite(trial).any() else None
+        return replace(row, extrapolated=outside)
+    # a draw that never comes so far lies beyond every value
+    never, once = (np.where(np.isfinite(x), factor * x, np.inf) for x in (values, trial))
+    low, middle, high = (float(q) for q in np.quantile(never, (0.05, 0.5, 0.95), method="inverted_cdf"))
+    ends = tuple(float(q) for q in np.quantile(once, (0.05, 0.95), method="inverted_cdf"))
     chance = None
     if row.limit is not None and row.verdict not in (OPEN, NONE):
-        chance = float((np.nan_to_num(factor * values, nan=np.inf) <= row.limit).mean())
+        chance = float((never <= row.limit).mean())
     return replace(
-        row, median=middle, interval_90=(low, high), interval_90_trial=once, probability=chance,
-        extrapolated=bool(scatter.outside),
+        row, median=middle, interval_90=(low, high), interval_90_trial=ends, probability=chance,
+        reached=float(np.isfinite(values).mean()), extrapolated=outside,
     )  # fmt: skip

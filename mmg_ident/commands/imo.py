@@ -124,12 +124,18 @@ def _with_intervals(
     found: Assessment, model: str, ship: Ship, scatter: int | None, seed: int, rudder_rate: float | None
 ) -> tuple[Assessment, dict[str, Sequence[Since]]]:
     """The figures with 90 % intervals, where a covariance is known or draws are asked for, and runs behind them."""
+    from dataclasses import replace
+
     from fitting.prediction.figure_intervals import correlation_in, with_intervals
     from fitting.report.run_folder import RESULT, read_result
+    from mmg.messages import Message
 
     content = read_result(Path(model)) if (Path(model) / RESULT).is_file() else {}
     count = scatter if scatter is not None else DRAWS * (correlation_in(content) is not None)
     if count == 0:
+        if content and scatter is None:
+            words = f"no 90 % intervals: {model} holds no covariance; fit again, or give --scatter for its priors"
+            found = replace(found, notices=(*found.notices, Message(words, "no_covariance")))
         return found, {}
     with working(f"simulating each manoeuvre {count} times"):
         judged = with_intervals(found, ship, content, count, seed, rudder_rate)
@@ -244,7 +250,7 @@ def _interval(ends: Sequence[float] | None, unit: str) -> str:
     if ends is None:
         return ""
     digits = 1 if unit == "deg" else 2
-    return f"{ends[0]:.{digits}f} .. {ends[1]:.{digits}f}"
+    return " .. ".join(f"{end:.{digits}f}" if end < float("inf") else "never" for end in ends)
 
 
 def _number(value: float | None, unit: str) -> str:

@@ -14,7 +14,7 @@ from cases.criteria.assessment import Assessment, imo_figures
 from cases.criteria.scatter import draw_coefficients
 from cases.shipfiles.ship_file import dump_ship, load_ship
 from fitting.prediction.bands import Process, process_dict
-from fitting.prediction.figure_intervals import with_intervals
+from fitting.prediction.figure_intervals import judged_row, with_intervals
 from mmg.errors import UserError
 from mmg_ident.commands.main import main
 
@@ -97,6 +97,28 @@ def test_a_manoeuvre_outside_the_trials_is_said_to_be(figures: tuple[Any, Assess
     assert any(w.startswith("turning:35: outside the trials") and "yaw rate" in w for w in words)
 
 
+def test_held_revolutions_a_hair_off_are_not_outside(figures: tuple[Any, Assessment]) -> None:
+    ship, found = figures
+    n = float(found.runs[0].trial["n"][0])
+    held = WIDE | {"n": [1.002 * n, 1.002 * n]}
+    turning = replace(found, rows=found.rows[:3], runs=found.runs[:1])
+    judged = with_intervals(turning, ship, content(ship, envelope=held), 20).assessment
+    assert all(row.extrapolated is False for row in judged.rows)
+    unknown = {key: value for key, value in content(ship).items() if key != "envelope"}
+    assert all(row.extrapolated is None for row in with_intervals(turning, ship, unknown, 20).assessment.rows)
+
+
+def test_draws_that_never_come_so_far_count_as_beyond(figures: tuple[Any, Assessment]) -> None:
+    ship, found = figures
+    turning = replace(found, rows=found.rows[:3], runs=found.runs[:1])
+    judged = with_intervals(turning, ship, content(ship), 40)
+    one = judged.scatter["turning:35"]
+    values = np.where(np.arange(40) < 6, np.nan, one.ship["tactical_diameter"])  # six of forty never turn so far
+    row = judged_row(turning.rows[2], turning.runs[0], replace(one, ship={**one.ship, "tactical_diameter": values}))
+    assert row.reached == pytest.approx(34 / 40) and row.interval_90[1] == float("inf")
+    assert row.interval_90[0] < row.median < 10 and row.probability == pytest.approx(34 / 40)
+
+
 def test_draws_beyond_a_bound_take_their_partners_along() -> None:
     ship = some_ship()
     a, b = ship.free[:2]
@@ -134,5 +156,8 @@ def test_the_command_prints_intervals_where_a_covariance_is_known(
     assert all(row["interval_90"][0] < row["value"] < row["interval_90"][1] for row in rows)
     assert main(["imo", str(run), "--speed", "0.5", "--scatter", "0", "--json"]) == 0
     assert all(row["interval_90"] is None for row in json.loads(capsys.readouterr().out)["rows"])
+    (run / "result.json").write_text(json.dumps({"kind": "calibration"}), encoding="utf-8")
+    assert main(["imo", str(run), "--speed", "0.5"]) == 0
+    assert "holds no covariance; fit again" in " ".join(capsys.readouterr().out.split())
     assert main(["imo", str(run), "--scatter", "3"]) == 2
     assert "--scatter 3: give 20 to" in capsys.readouterr().err

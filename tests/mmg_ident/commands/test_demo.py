@@ -50,7 +50,7 @@ def test_the_command_and_a_notebook_leave_the_same_folder(tmp_path: Path) -> Non
         ship,
         read_trials([tmp_path / "train"]),
         read_trials([tmp_path / "held_out"]),
-        Settings(),
+        Settings(loss=None, weight=None),  # what the command does
         FitOptions(next_trial=False),
     )
     result.save(tmp_path / "notebook" / "run")
