@@ -149,7 +149,8 @@ class SequenceSearch:
     def placing(self, states: np.ndarray) -> Placing:
         """Where motions (N + 1, S, D, K) begin."""
         before = np.zeros((1, 3, *states.shape[2:]))
-        before[:, 0] = -RUN_UP * self.ship.particulars["L"] if self.task.start is None else 0.0
+        if self.task.start is None:  # the run-up lies behind a ship that goes ahead, before one that goes astern
+            before[:, 0] = -RUN_UP * self.ship.particulars["L"] * np.where(states[0, 3] < 0, -1.0, 1.0)
         tracks = np.concatenate([before, states[::2, :3]])
         return self.task.area.placing(tracks, self.ship, self.task.start, "current" not in self.ship.effects)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -12,6 +14,7 @@ from cases.trial import Trial
 from fitting.design.area import Area, corners
 from fitting.design.candidates import library
 from fitting.design.evolution import Evolution
+from fitting.design.plan import RUN_UP, SequenceSearch
 from fitting.design.sequences import Sequences, table_of
 from fitting.design.trial_information import Present, TrialInformation
 from fitting.nlp.fisher_information import information
@@ -43,6 +46,16 @@ def test_a_track_is_placed_so_that_the_hull_stays_inside(ship: Ship) -> None:
     cx, cy = corners(put[..., None], ship)
     assert cx.min() >= 0.5 - 1e-9 and cx.max() <= 59.5 + 1e-9 and cy.min() >= 0.5 - 1e-9 and cy.max() <= 24.5 + 1e-9
     assert area.placing(track, ship, (1.0, 1.0, 0.0)).excess[0] > 10
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_the_run_up_lies_where_the_ship_comes_from(ship: Ship, side: float) -> None:
+    area = Area.parse("60x25", ship, 0.5)
+    states = np.zeros((3, 6, 1, 1))
+    states[:, 0, 0, 0], states[:, 3] = side * np.array([0.0, 22.5, 45.0]), side * 0.5
+    place = SequenceSearch.placing(SimpleNamespace(ship=ship, task=SimpleNamespace(start=None, area=area)), states)
+    at = place.x[0] - side * RUN_UP * 3.0 * np.cos(place.psi[0])
+    assert place.excess[0] == 0 and 0.5 + 1.5 <= at <= 59.5 - 1.5  # the hull, with the margin, half a length each way
 
 
 @pytest.mark.parametrize("text", ["60", "60x", "ax25", "-60x25", "60xnan", "2.5x2.5", "60x0.2"])
