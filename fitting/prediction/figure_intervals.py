@@ -19,7 +19,7 @@ from cases.criteria.assessment import Assessment
 from cases.criteria.batch_figures import figures_of_each, since_each
 from cases.criteria.figures import Since
 from cases.criteria.imo import NONE, OPEN, Row
-from cases.criteria.scatter import STEP, draw_coefficients
+from cases.criteria.scatter import draw_coefficients
 from cases.criteria.standard_runs import Run
 from cases.maneuvers.definitions import Maneuver, parse_maneuver
 from cases.shipfiles.effects import calm_and_deep
@@ -33,6 +33,8 @@ from mmg.motion.froude import reference_speed, time_scale
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 
+STEP = 0.5
+"""Sampling interval [s] of a 3 m model; scales with sqrt(L)."""
 MOST = 20_000
 """Most draws of one call."""
 JUDGED = ("turning", "zigzag", "crash-stop")
