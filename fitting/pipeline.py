@@ -123,7 +123,8 @@ def calibrate(
     left_out = later.made("worth of what was left out", worth, None)
     warnings = [*found.warnings, *remarks, *worth_message(left_out), *shared_rows(train, validation)]
     warnings += [*_of_scores(scores), *later.left_out]
-    notices = [*found.notices, *by_day.messages, *(choice.notices if choice else ())]
+    weighting = _weighting(found, options.resume)
+    notices = [*found.notices, *_said_before(found, weighting), *by_day.messages, *(choice.notices if choice else ())]
     marked = _marked(found.ship, ship, train, options.name)
     content = {
         **_solved(found, options.command),
@@ -138,7 +139,7 @@ def calibrate(
         "identifiability": identifiability_dict(found.identifiability, trial),
         "messages": _message_rows(warning=warnings, notice=notices),
         "auto": choice.table if choice else None,
-        "weighting": _weighting(found, options.resume),
+        "weighting": weighting,
         "bands": bands,
         "adaptation": adaptation,
         "envelope": trial_envelope(found.ship, train),
@@ -245,6 +246,11 @@ def _as_chosen(settings: Settings, made: Settings) -> Settings:
 def _weighting(found: Calibration, resumed: FitResult | None) -> Mapping[str, Any] | None:
     """How loss and weight of the runs were chosen, now or before the run was interrupted."""
     return found.weighting.to_dict() if found.weighting else resumed.weighting if resumed else None
+
+
+def _said_before(found: Calibration, weighting: Mapping[str, Any] | None) -> list[Message]:
+    """The notice of a ``weighting`` that was chosen before the run was interrupted."""
+    return [Message(weighting["sentence"], "weighting_chosen")] if weighting and not found.weighting else []
 
 
 def _earlier(resumed: FitResult | None, found: Calibration) -> Sequence[SolveRow]:
