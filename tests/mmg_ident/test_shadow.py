@@ -25,7 +25,7 @@ def test_another_mmg_before_ours_stops_every_command_in_one_line(tmp_path: Path)
     other = tmp_path / "site" / "mmg"
     other.mkdir(parents=True)
     (other / "__init__.py").write_text("raise SystemExit('the other package was executed')\n")
-    done = run(["-m", "mmg_ident.commands.main", "ships"], tmp_path, tmp_path / "site")
+    done = run(["-m", "mmg_ident", "ships"], tmp_path, tmp_path / "site")
     assert done.returncode == 2 and done.stdout == ""
     (line,) = done.stderr.strip().splitlines()
     assert line.startswith("mmg: ") and str(other) in line and "virtual environment" in line

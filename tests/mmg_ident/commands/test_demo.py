@@ -86,6 +86,7 @@ def test_the_demo_names_what_matters_and_keeps_one_residual_of_two(
     assert pair["after"]["window"] < 0.6 * pair["before"]["window"]
     assert "In a sentence: on the trials of the calibration" in printed.err
     data = [str(folder / "trials" / "train"), "--validate", str(folder / "trials" / "held_out")]
-    assert main(["fit", "esso_osaka_3m", *data, "--seed", "1", "--out", str(tmp_path / "fit")]) == 0
-    assert files_of(folder / "run") == files_of(tmp_path / "fit")
-    assert content_of(folder / "run") == content_of(tmp_path / "fit")
+    alone = tmp_path / "alone" / "run"
+    assert main(["fit", "esso_osaka_3m", *data, "--seed", "1", "--out", str(alone)]) == 0
+    assert files_of(folder / "run") == files_of(alone)
+    assert content_of(folder / "run") == content_of(alone)
