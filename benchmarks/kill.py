@@ -33,7 +33,7 @@ from cases.simulation.simulate import write_trial
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
 TIMES = {"created", "command", "timings_s", "timings", "seconds", "rollout_s", "took_s", "path", "calibration", "wall"}
 """Keys of JSON files that may differ: times, and where things lie."""
-FEW = "--only X_0F,Y_v,N_r,k_0,gamma_P,Y_A1 --no-next-trial --measurement none --window 5"
+FEW = "--name one --only X_0F,Y_v,N_r,k_0,gamma_P,Y_A1 --no-next-trial --measurement none --window 5"
 SMALL = "--seeds 2 --epochs 1 --width 4"
 VERBS = {
     "fit": f"fit esso_osaka_3m trials {FEW} --out OUT",
