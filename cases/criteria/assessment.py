@@ -14,6 +14,7 @@ from cases.criteria.trial_correction import WaterVelocity, corrected_runs
 from cases.io.leave_out import CODE
 from cases.maneuvers.controller import Limits
 from cases.maneuvers.definitions import parse_maneuver
+from cases.maneuvers.stopping import CODES
 from cases.shipfiles.effects import calm_and_deep
 from cases.trial import Trial
 from mmg.errors import UserError
@@ -95,7 +96,7 @@ def imo_figures(
     V, origin = approach_speed(calm, speed)
     for text in maneuvers:
         if "order_time" not in parse_maneuver(text, calm, speed=V, rudder_rate=rudder_rate).parameters:
-            kinds = "turning, zigzag, spiral, pull-out, crash-stop"
+            kinds = "turning, zigzag, spiral, pull-out, crash-stop, coasting"
             raise UserError(f"manoeuvre '{text}' has no order to judge; use {kinds}")
     runs, missed = [], {}
     for text in dict.fromkeys((*STANDARD, *maneuvers)):
@@ -113,6 +114,7 @@ def imo_figures(
     finite = math.isfinite(degrees)
     helm = f"rudder rate {degrees:.3g} deg/s" if finite else "the rudder moves as the ship's actuators do"
     notices = [Message(f"test speed V: {origin}; {helm}", "test_conditions")]
+    notices += dict.fromkeys(m for run in runs for m in run.trial.notices if m.code in CODES)
     if left_out:
         words = "left out, as the tests are in calm, deep water and free of sensor errors: "
         notices.append(Message(words + ", ".join(left_out), "effects_left_out"))

@@ -7,12 +7,13 @@ import math
 import numpy as np
 
 from cases.criteria.figures import Since, initial_turning_of, stopping_of, turning_of, zigzag_of
-from cases.maneuvers.definitions import Maneuver
+from cases.maneuvers.definitions import STOPS, Maneuver
 from cases.simulation.simulate_batch import SimulatedRuns
 
 
 def figures_of_each(runs: SimulatedRuns, plan: Maneuver) -> list[dict[str, float]]:
-    """Figures, SI and rad, of each of the ``runs`` of the manoeuvre ``plan``: turning, zigzag or crash stop.
+    """Figures, SI and rad, of each of the ``runs`` of the manoeuvre ``plan``: turning, zigzag, crash stop or
+    coasting.
 
     They are those of ``cases.criteria.standard_runs.figures_of`` but for the means of a steady turn. Empty for a run
     that diverged. Raises KeyError for another manoeuvre.
@@ -24,7 +25,9 @@ def figures_of_each(runs: SimulatedRuns, plan: Maneuver) -> list[dict[str, float
     def figures(run: Since) -> dict[str, float]:
         if plan.kind == "zigzag":
             return zigzag_of(run, rudder, p["heading"]) | (initial_turning_of(run, rudder) if ten else {})
-        return {"turning": lambda: turning_of(run, rudder), "crash-stop": lambda: stopping_of(run)}[plan.kind]()
+        if plan.kind in STOPS:
+            return stopping_of(run, p.get("least", 0.0))
+        return {"turning": turning_of}[plan.kind](run, rudder)
 
     return [figures(run) if run is not None else {} for run in since_each(runs, p["order_time"])]
 

@@ -20,7 +20,14 @@ def check_completeness(trial: Trial, maneuver: Maneuver) -> tuple[Message, ...]:
     would silently be absent. A run of given duration may end early; then the same sentence is a notice.
     trial: the run; maneuver: what was ordered.
     """
-    judge = {"turning": _turning, "zigzag": _zigzag, "crash-stop": _crash_stop, "spiral": _steps, "pull-out": _steps}
+    judge = {
+        "turning": _turning,
+        "zigzag": _zigzag,
+        "crash-stop": _crash_stop,
+        "coasting": _crash_stop,
+        "spiral": _steps,
+        "pull-out": _steps,
+    }
     if maneuver.kind not in judge:
         return ()
     order_time = maneuver.parameters["order_time"]
@@ -70,11 +77,12 @@ def _zigzag(run: Since, m: Maneuver) -> tuple[bool, str]:
 def _crash_stop(run: Since, m: Maneuver) -> tuple[bool, str]:
     if run.u[0] <= 0:
         return True, f"{m.name}: the ship has no headway at the order (u = {run.u[0]:.3g} m/s); give --speed or --n"
-    if run.u.min() <= 0:
+    if run.u.min() <= m.parameters.get("least", 0.0) * run.u[0] * (1 + 1e-9):
         return False, ""
+    why = ", or check the thrust astern" if m.kind == "crash-stop" else ""
     words = (
         f"{m.name}: the ship still makes {run.u[-1]:.3g} m/s of {run.u[0]:.3g} m/s {run.t[-1]:.4g} s after the order; "
-        "give --duration, or check the thrust astern"
+        f"give --duration{why}"
     )
     return True, words
 

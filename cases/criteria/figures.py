@@ -201,15 +201,15 @@ def initial_turning_of(run: Since, rudder: float) -> dict[str, float]:
     return _at(row, initial_turning_track=run.path, time_10=run.t)
 
 
-def stopping_figures(trial: Trial, order_time: float) -> dict[str, float]:
+def stopping_figures(trial: Trial, order_time: float, least: float = 0.0) -> dict[str, float]:
     """track_reach (along the path), head_reach, lateral_deviation [m] and stopping_time [s] until headway is lost.
-    trial: the run; order_time: of the order [s]."""
-    return stopping_of(since(trial, order_time))
+    trial: the run; order_time: of the order [s]; least: share of the speed at the order that is the end of it."""
+    return stopping_of(since(trial, order_time), least)
 
 
-def stopping_of(run: Since) -> dict[str, float]:
-    """What ``stopping_figures`` gives of a ``run`` from the order on."""
-    stop = _when(run.u[0] - run.u, run.u[0]) if run.u[0] > 0 else None
+def stopping_of(run: Since, least: float = 0.0) -> dict[str, float]:
+    """What ``stopping_figures`` gives of a ``run`` from the order on. least: as there."""
+    stop = _when(run.u[0] - run.u, (1 - least) * run.u[0]) if run.u[0] > 0 else None
     return _at(stop, track_reach=run.path, head_reach=run.advance, lateral_deviation=run.transfer, stopping_time=run.t)
 
 

@@ -101,7 +101,9 @@ LEAST_TURNING_RUDDER, SLACK = math.radians(33.0), math.radians(2.0)
 
 def assess(run: Run, scale: float | None = None, ship: str = "") -> list[Row]:
     """Rows of one run. scale: of a model, ship length over model length; ship: name for the reference values."""
-    rows = {"turning": _turning, "zigzag": _zigzag, "crash-stop": _stopping}.get(run.kind, _informative)(run, scale)
+    rows = {"turning": _turning, "zigzag": _zigzag, "crash-stop": _stopping, "coasting": _coasting}.get(
+        run.kind, _informative
+    )(run, scale)
     why, told = _not_applicable(run, scale), "; ".join(run.caveats)
     judged = [replace(row, verdict=OPEN, why=why) if why and row.verdict in (PASS, FAIL) else row for row in rows]
     judged = [replace(row, why="; ".join(filter(None, (row.why, told)))) if told else row for row in judged]
@@ -187,6 +189,11 @@ def _stopping(run: Run, scale: float | None) -> list[Row]:
         why = f"an Administration may allow {LONGEST_TRACK_REACH:g} L for a ship of large displacement"
         row = replace(row, why=why)
     return [row, _row(run, "stopping", "head_reach", "L", None)]
+
+
+def _coasting(run: Run, scale: float | None) -> list[Row]:
+    """A stop by the engine alone has no limit."""
+    return [_row(run, "coasting", "track_reach", "L", None), _row(run, "coasting", "head_reach", "L", None)]
 
 
 def _informative(run: Run, scale: float | None) -> list[Row]:

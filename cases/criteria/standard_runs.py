@@ -14,14 +14,12 @@ from cases.criteria.completeness import check_completeness
 from cases.criteria.measured_maneuvers import Execute, find_maneuvers
 from cases.criteria.spiral import spiral_figures
 from cases.maneuvers.definitions import Maneuver, parse_maneuver
+from cases.maneuvers.self_propulsion import TEST_FROUDE
 from cases.simulation.simulate import simulate
 from cases.trial import Trial
 from mmg.errors import UserError
 from mmg.motion.froude import reference_speed, time_scale
 from mmg.ship import Ship
-
-TEST_FROUDE = 0.142
-"""Froude number of the test speed of a ship whose file gives none: 15.5 kn for 320 m."""
 
 STEP = 0.05
 """Sampling and integration step [s] for a 3 m model; Froude scaled."""
@@ -85,6 +83,8 @@ def figures_of(trial: Trial, plan: Maneuver) -> dict[str, float]:
         found = read.zigzag_figures(trial, p["rudder"], p["heading"], p["order_time"])
         ten = math.isclose(abs(p["rudder"]), math.radians(10), rel_tol=1e-6)
         return found | (read.initial_turning_figures(trial, p["rudder"], p["order_time"]) if ten else {})
+    if plan.kind == "coasting":
+        return read.stopping_figures(trial, p["order_time"], p["least"])
     return _one_order(trial, plan.kind, p.get("rudder", 0.0), p["order_time"]) if "order_time" in p else {}
 
 

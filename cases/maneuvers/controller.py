@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cases.maneuvers.engine import Shaft
 from cases.maneuvers.orders import FromLead, Orders
 from mmg.motion.froude import length_scale, time_scale
 from mmg.ship import Ship
@@ -43,7 +44,8 @@ class Controller:
     """Follows the orders of one run within the limits; ``over`` tells that the manoeuvre has ended.
 
     n [1/s] and delta [rad] are the positions reached. ``located``: orders change at the very moment of their event;
-    otherwise at the next sample, as those of a digital autopilot.
+    otherwise at the next sample, as those of a digital autopilot. shaft: what turns the propeller, where the ship has
+    an engine; else the revolutions follow their order at a limited rate.
     """
 
     orders: Orders
@@ -52,6 +54,7 @@ class Controller:
     delta: float = 0.0
     over: bool = False
     located: bool = True
+    shaft: Shaft | None = None
 
     def held(
         self, t: float, dt: float, state: np.ndarray, advance: Callable[[tuple[float, float]], np.ndarray]
@@ -69,21 +72,25 @@ class Controller:
             self.over = True
             return self.n, self.delta
         if self.located and isinstance(self.orders, FromLead) and self.orders.watches(t, t + dt):
-            before = self.n, self.delta
-            after = advance(self._travel(order, dt))
+            before = self.n, self.delta, self.shaft
+            after = advance(self._travel(order, dt, state))
             fraction = self.orders.event(t, state, t + dt, after)
-            self.n, self.delta = before
+            self.n, self.delta, self.shaft = before
             if fraction is not None:
-                first = self._travel(order, fraction * dt)
+                first = self._travel(order, fraction * dt, state)
                 order = self.orders(t + fraction * dt, state + fraction * (after - state)) or order
-                second = self._travel(order, (1 - fraction) * dt)
+                second = self._travel(order, (1 - fraction) * dt, state)
                 n, delta = (fraction * a + (1 - fraction) * b for a, b in zip(first, second, strict=True))
                 return n, delta
-        return self._travel(order, dt)
+        return self._travel(order, dt, state)
 
-    def _travel(self, order: tuple[float, float], dt: float) -> tuple[float, float]:
-        """Moves the actuators towards ``order`` for dt [s]; their mean positions on the way."""
-        self.n, n = _ramp(self.n, order[0], self.limits.propeller_rate, dt)
+    def _travel(self, order: tuple[float, float], dt: float, state: np.ndarray) -> tuple[float, float]:
+        """Moves the actuators towards ``order`` for dt [s] at a ``state``; their mean positions on the way."""
+        if self.shaft is not None:
+            self.shaft, mean = self.shaft.moved(order[0], np.array([state[3]]), dt)
+            self.n, n = float(self.shaft.n[0]), float(mean[0])
+        else:
+            self.n, n = _ramp(self.n, order[0], self.limits.propeller_rate, dt)
         self.delta, delta = _ramp(self.delta, order[1], self.limits.rudder_rate, dt)
         return n, delta
 

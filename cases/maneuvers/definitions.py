@@ -18,17 +18,20 @@ import numpy as np
 from cases.io.units import as_number
 from cases.maneuvers import orders
 from cases.maneuvers.controller import Controller, Limits
+from cases.maneuvers.engine import Engine, engine_of, stopping_factors
 from cases.maneuvers.orders import Orders
-from cases.maneuvers.self_propulsion import approach
+from cases.maneuvers.self_propulsion import TEST_FROUDE, approach, own_speed
 from mmg.errors import UserError
 from mmg.motion.froude import reference_speed, time_scale
 from mmg.ship import Ship
 
 FORMS = (
-    "turning:35, zigzag:20/20, zigzag:-10/10, crash-stop, crash-stop:0.6, spiral:15/5, pull-out:20, random, "
+    "turning:35, zigzag:20/20, zigzag:-10/10, crash-stop, crash-stop:0.6, coasting, spiral:15/5, pull-out:20, random, "
     "random:SEED, straight, berthing, acceleration"
 )
 """What ``parse_maneuver`` understands; a negative angle begins to port."""
+STOPS = ("crash-stop", "coasting")
+"""Manoeuvres in which the engine is stopped or reversed."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +47,8 @@ class Maneuver:
     orders: makes the orders of a fresh run, a function of (t, state).
     parameters: angles [rad] and times [s] that evaluations need, such as "rudder", "heading", "order_time".
     partial: a duration was asked for, so the manoeuvre may end before its events. sampled: orders change at samples
-    only.
+    only. engine: that obeys orders of revolutions in a crash stop or coasting; None: an electric motor at a limited
+    rate. factors: symbol -> factor on that coefficient in this manoeuvre.
     """
 
     name: str
@@ -57,15 +61,30 @@ class Maneuver:
     parameters: Mapping[str, float] = field(default_factory=dict)
     partial: bool = False
     sampled: bool = False
+    engine: Engine | None = None
+    factors: Mapping[str, float] = field(default_factory=dict)
+
+    def ship_of(self, ship: Ship) -> Ship:
+        """The ``ship`` with the coefficients that she has in this manoeuvre."""
+        return _with_factors(ship, self.factors)
 
     def controller(self) -> Controller:
         """A controller for one run; each run needs its own, it remembers rudder executes and actuator positions."""
-        return Controller(self.orders(), self.limits, self.n, located=not self.sampled)
+        shaft = self.engine.shaft() if self.engine else None
+        return Controller(self.orders(), self.limits, self.n, located=not self.sampled, shaft=shaft)
 
     @property
     def start(self) -> np.ndarray:
         """Initial state (6,): at the origin heading north with the approach speed."""
         return np.array([0.0, 0.0, 0.0, self.speed, 0.0, 0.0])
+
+
+def _with_factors(ship: Ship, factors: Mapping[str, float]) -> Ship:
+    """The ``ship`` with some coefficients times their ``factors``."""
+    c = ship.coefficients
+    return (
+        ship.with_coefficients({s: c[s].with_(value=f * c[s].value) for s, f in factors.items()}) if factors else ship
+    )
 
 
 def parse_maneuver(
@@ -82,7 +101,8 @@ def parse_maneuver(
     """The manoeuvre that a text such as "turning:35" names, for a ship.
 
     n [1/s], speed [m/s]: approach; one follows from the other by the ship's surge balance, both may be given,
-    by default the speed is the ship's U_0 or that of Froude number 0.07 (7.7 kn for 320 m). duration [s] replaces the
+    by default the speed is the ship's U_0 or that of Froude number 0.07 (7.7 kn for 320 m), in a crash stop or
+    coasting 0.142. duration [s] replaces the
     default time limit; a zigzag of given duration goes on until then, otherwise it ends with the sixth execute.
     rudder_rate [rad/s] replaces the Froude-scaled 20 deg/s. seed serves "random" when the text has none.
     Raises UserError for an unknown or ill-formed text and for an approach that the ship cannot hold.
@@ -91,7 +111,7 @@ def parse_maneuver(
     kind, _, argument = text.strip().partition(":")
     if kind not in _BUILDERS:
         raise UserError(f"unknown manoeuvre '{text}'; known: {FORMS}")
-    if kind in ("crash-stop", "acceleration") and not {"n", "n_azimuth"} & set(ship.actuators):
+    if kind in (*STOPS, "acceleration") and not {"n", "n_azimuth"} & set(ship.actuators):
         raise UserError(f"manoeuvre '{text}': {ship.name} has no propeller in its model that could be ordered")
     given = (("duration", duration, "s"), ("rudder rate", rudder_rate and math.degrees(rudder_rate), "deg/s"))
     for name, value, unit in given:
@@ -102,10 +122,15 @@ def parse_maneuver(
     limits, length = Limits.for_ship(ship), ship.particulars["L"]
     if rudder_rate is not None:
         limits = Limits(rudder_rate, limits.propeller_rate)
+    factors = stopping_factors(ship) if kind in STOPS else {}
+    ship = _with_factors(ship, factors)
+    if kind in STOPS and n is None and speed is None and {"n", "n_azimuth"} & set(ship.actuators):
+        speed = own_speed(ship, TEST_FROUDE)  # that of the standard's test
     steady, revolutions = approach(ship, n, speed, at_rest=kind == "acceleration")
     midships = partial(orders.constant, revolutions)
     base = Maneuver(text.strip(), kind, duration or 0.0, steady, revolutions, limits, midships)
-    base = replace(base, partial=duration is not None, sampled=sampled)
+    engine = engine_of(ship, steady, revolutions) if kind in STOPS else None
+    base = replace(base, partial=duration is not None, sampled=sampled, engine=engine, factors=factors)
     return _BUILDERS[kind](_Setup(base, argument, time_scale(length), length, seed))
 
 
@@ -194,7 +219,17 @@ def _crash_stop(s: _Setup) -> Maneuver:
             f"'{s.argument}' must be the revolutions astern by those of the approach, more than 0 and at most 2, "
             "such as crash-stop:0.6"
         )
-    return s.maneuver(600.0, partial(orders.CrashStop, s.base.n, s.lead, share), order_time=s.lead)
+    return s.maneuver(600.0, partial(orders.StopOrders, s.base.n, s.lead, -share * s.base.n), order_time=s.lead)
+
+
+def _coasting(s: _Setup) -> Maneuver:
+    least = as_number(s.argument or "0.3")
+    if not 0.05 <= least < 1:
+        raise s.refused(
+            f"'{s.argument}' must be the share of the speed where it ends, from 0.05 to below 1, such as coasting:0.3"
+        )
+    stop = partial(orders.StopOrders, s.base.n, s.lead, 0.0, least)
+    return s.maneuver(2000.0, stop, order_time=s.lead, least=least)
 
 
 STEADY_WINDOW, STEADY_CHANGE = 3.0, 0.0002
@@ -256,6 +291,7 @@ _BUILDERS: dict[str, Callable[[_Setup], Maneuver]] = {
     "turning": _turning,
     "zigzag": _zigzag,
     "crash-stop": _crash_stop,
+    "coasting": _coasting,
     "spiral": _spiral,
     "pull-out": _pull_out,
     "random": _random,

@@ -110,13 +110,18 @@ class Zigzag(FromLead):
 
 
 @dataclass
-class CrashStop(FromLead):
-    """``share`` of the revolutions astern, rudder midships, until headway is lost."""
+class StopOrders(FromLead):
+    """Other revolutions from the order on, ``after`` [1/s], rudder midships, until the speed ahead has fallen to
+    ``least`` of that at the order."""
 
-    share: float
+    after: float
+    least: float = 0.0
+    speed: float | None = field(default=None, init=False)
 
     def ordered(self, t: float, state: np.ndarray) -> tuple[float, float] | None:
-        return None if state[3] <= 0 else (-self.share * self.n, 0.0)
+        if self.speed is None:
+            self.speed = float(state[3])
+        return None if state[3] <= self.least * self.speed else (self.after, 0.0)
 
 
 @dataclass

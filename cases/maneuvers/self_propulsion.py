@@ -16,6 +16,8 @@ from mmg.ship import Ship
 FROUDE = 0.07
 """Froude number of the default approach: harbour speed, 7.7 kn for 320 m, 0.38 m/s for 3 m."""
 
+TEST_FROUDE = 0.142
+"""Froude number of the test speed of a ship whose file gives none: 15.5 kn for 320 m."""
 
 DESIGN_PITCH = math.radians(20.0)
 """Blade angle [rad] of a controllable-pitch propeller ahead, where the ship file gives no particular ``pitch``."""
@@ -90,9 +92,9 @@ def _root(function: Callable[[float], float], first: float, failure: str) -> flo
     return float(brentq(function, low, high, xtol=1e-12, rtol=1e-12))
 
 
-def own_speed(ship: Ship) -> float:
-    """Approach speed where none is asked for [m/s]: the ship's U_0, else that of Froude number 0.07."""
-    return ship.particulars.get("U_0", FROUDE * reference_speed(ship.particulars["L"]))
+def own_speed(ship: Ship, froude: float = FROUDE) -> float:
+    """Approach speed of a ``ship`` where none is asked for [m/s]: her U_0, else that of a number ``froude``."""
+    return ship.particulars.get("U_0", froude * reference_speed(ship.particulars["L"]))
 
 
 def approach(ship: Ship, n: float | None, speed: float | None, at_rest: bool = False) -> tuple[float, float]:

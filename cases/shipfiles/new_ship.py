@@ -12,6 +12,7 @@ from cases.shipfiles.particulars import wrong_particulars
 from mmg.components import empirical, friction
 from mmg.components.catalogue import coefficient_table, required_particulars
 from mmg.components.coefficients import Coefficient
+from mmg.components.particulars import ENGINE
 from mmg.components.propeller.b_series import thrust_parabola
 from mmg.effects.wind_force import upper_works
 from mmg.errors import UserError
@@ -27,7 +28,7 @@ WORDS = {"Cb": "C_b", "CB": "C_b", "T": "d", "Lpp": "L", "P/D": "pitch_ratio", "
 
 OPTIONAL = (
     "rho", "x_G", "m", "aspect_ratio", "x_R", "y_P", "A_T", "A_L", "A_OD", "C", "C_BR", "H_BR", "H_C", "rho_a",
-    "D_BT", "x_BT", "D_ST", "x_ST",
+    "D_BT", "x_BT", "D_ST", "x_ST", *ENGINE,
 )  # fmt: skip
 """Particulars that may be added as NAME=VALUE."""
 

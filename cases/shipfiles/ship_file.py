@@ -24,14 +24,14 @@ from cases.shipfiles.schema import CoefficientEntry, ShipFile
 from cases.shipfiles.ship_json import tables
 from mmg.components.catalogue import ROLES, coefficient_table, derived, required_particulars
 from mmg.components.coefficients import Coefficient
-from mmg.components.particulars import PARTICULARS
+from mmg.components.particulars import ENGINE, PARTICULARS
 from mmg.effects import EFFECTS
 from mmg.errors import UserError
 from mmg.messages import Message
 from mmg.ship import CalibrationMark, Ship
 
 LIBRARY = Path(__file__).parents[1] / "ships"
-OPTIONAL = ("C_b", "U_0", "y_P", "pitch", "rudder_rate", "scale")
+OPTIONAL = ("C_b", "U_0", "y_P", "pitch", "rudder_rate", "scale", "stopping_resistance")
 """Particulars that no force model needs but every ship file may state."""
 
 
@@ -113,7 +113,7 @@ def _plain_ship(data: dict[str, Any], where: str) -> Ship:
     unused = [
         k
         for k in particulars
-        if k not in (*required_particulars(components), *OPTIONAL, *optional_particulars(components))
+        if k not in (*required_particulars(components), *OPTIONAL, *ENGINE, *optional_particulars(components))
     ]
     texts = ((f"not in the ship file, so at the model's default: {', '.join(left_out)}", "model_default", left_out),
              (f"[ship] {', '.join(unused)}: not used by any model", "unused_particular", unused))  # fmt: skip

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cases.maneuvers.definitions import Maneuver
-from cases.maneuvers.orders import FromLead, Orders, Zigzag
+from cases.maneuvers.orders import FromLead, Orders, StopOrders, Zigzag
 
 TINY = 1e-9
 """Slack in comparisons of times [s]."""
@@ -89,6 +89,39 @@ def _ramp(
         times.append(when + abs(way) / rate if arrives else until)
         values.append(position)
     return np.array(times), np.array(values)
+
+
+class EngineRevolutions:
+    """Revolutions of M ships whose engines are stopped or reversed (``cases.maneuvers.engine``), as ``Controller`` of
+    cases.maneuvers makes them for one. n: revolutions reached (M,) [1/s]."""
+
+    def __init__(self, maneuver: Maneuver, orders: StopOrders, ships: int) -> None:
+        assert maneuver.engine is not None
+        self.orders, self.shaft = orders, maneuver.engine.shaft(ships)
+        self.speed: np.ndarray | None = None
+
+    @property
+    def n(self) -> np.ndarray:
+        return self.shaft.n
+
+    def means(self, t: float, dt: float, state: np.ndarray) -> np.ndarray:
+        """Mean revolutions (M,) over the step from t to t + dt at states (S, M); the order acts from its own moment."""
+        before = min(max(self.orders.lead - t, 0.0), dt)
+        if before <= TINY:
+            self.shaft, mean = self.shaft.moved(self.orders.after, state[3], dt)
+            return mean
+        self.shaft, first = self.shaft.moved(self.orders.n, state[3], before)
+        if dt - before <= TINY:
+            return first
+        self.shaft, second = self.shaft.moved(self.orders.after, state[3], dt - before)
+        return (before * first + (dt - before) * second) / dt
+
+    def all_over(self, t: float, state: np.ndarray) -> bool:
+        """Whether at t [s] every ship has lost her way, states (S, M), or her motion is no number."""
+        if t < self.orders.lead - TINY:
+            return False
+        self.speed = state[3] if self.speed is None else self.speed
+        return bool((~(state[3] > self.orders.least * self.speed)).all())
 
 
 class ZigzagRudders:

@@ -11,10 +11,10 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from cases.maneuvers.definitions import Maneuver
-from cases.maneuvers.orders import CrashStop, Orders, StepOrders, Turning, Zigzag
-from cases.simulation.actuator_ramps import TINY, ZigzagRudders, ramps
+from cases.maneuvers.orders import Orders, StepOrders, StopOrders, Turning, Zigzag
+from cases.simulation.actuator_ramps import TINY, EngineRevolutions, ZigzagRudders, ramps
 from cases.simulation.simulate import integration_steps
-from cases.simulation.simulate_batch import SimulatedRuns, coefficient_array, ends_of, input_array
+from cases.simulation.simulate_batch import SimulatedRuns, coefficients_in, ends_of, input_array
 from mmg.errors import UserError
 from mmg.model import settled
 from mmg.rollout import Simulator
@@ -46,7 +46,7 @@ def simulate_pushed(
     ship, orders = simulator.ship, maneuver.orders()
     if isinstance(orders, StepOrders):
         raise UserError(f"{maneuver.name}: its orders wait for a steady turn; simulate one ship at a time")
-    theta = coefficient_array(ship, coefficients)
+    theta = coefficients_in(maneuver, ship, coefficients)
     M, N = theta.shape[1], math.floor(maneuver.duration / dt + TINY)
     t, parts = np.round(dt * np.arange(N + 1), 9), integration_steps(ship, dt)
     keep = np.arange(1, parts + 1) == parts
@@ -54,8 +54,9 @@ def simulate_pushed(
     state = settled(simulator.model, six, input_array(ship, np.array([[maneuver.n, 0.0]]), np.zeros(1))[0], theta)
     states, inputs = np.empty((N + 1, 6, M)), np.empty((N + 1, 2, M))
     rudders = ZigzagRudders(orders, maneuver.limits.rudder_rate, M) if isinstance(orders, Zigzag) else None
+    engines = EngineRevolutions(maneuver, orders, M) if isinstance(orders, StopOrders) and maneuver.engine else None
     known = None
-    if rudders is None:
+    if rudders is None and engines is None:
         moves = ramps(maneuver, orders, t)
         known = np.vstack([moves.means(t), moves.at(t[-1:])])
     inputs[:, 0], last = maneuver.n, np.full(M, N)
@@ -71,6 +72,8 @@ def simulate_pushed(
             rudders.observe(float(t[k]), state)
             last = np.where(rudders.over & (last == N), k, last)
             inputs[k, 1] = rudders.delta
+        elif engines is not None:
+            inputs[k] = engines.n, np.zeros(M)
         elif known is not None:
             inputs[k] = known[k][:, None]
         if k == N or _all_read(orders, float(t[k]), states[: k + 1], rudders):
@@ -79,6 +82,8 @@ def simulate_pushed(
         if rudders is not None:
             inputs[k, 1], state = rudders.means(float(t[k]), dt, state, advance)
         else:
+            if engines is not None:
+                inputs[k, 0] = engines.means(float(t[k]), dt, state)
             state = advance(inputs[k, 1])
         state = state.copy()
         state[3:6] += kick
@@ -91,8 +96,8 @@ def _all_read(orders: Orders, now: float, states: np.ndarray, rudders: ZigzagRud
     lost = ~np.isfinite(states[-1]).all(axis=0)
     if rudders is not None:
         return bool((lost | (rudders.count >= READ)).all())
-    if now <= orders.lead + TINY if isinstance(orders, (Turning, CrashStop)) else True:
+    if now <= orders.lead + TINY if isinstance(orders, (Turning, StopOrders)) else True:
         return False
-    if isinstance(orders, CrashStop):
-        return bool((lost | (states[-1, 3] <= 0)).all())
+    if isinstance(orders, StopOrders):
+        return bool((lost | (states[-1, 3] <= orders.least * states[0, 3])).all())
     return bool((lost | (np.abs(states[-1, 2] - states[0, 2]) >= HALF_TURN)).all())

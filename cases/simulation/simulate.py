@@ -16,6 +16,7 @@ from cases.inputs import actuator_columns, step_means
 from cases.io.files import replaced
 from cases.maneuvers.definitions import Maneuver
 from cases.maneuvers.self_propulsion import actuator_positions
+from cases.maneuvers.stopping import stopping_notices
 from cases.simulation.gusts import Wind
 from cases.simulation.sensors import logged, wrap
 from cases.trial import UNITS, Trial
@@ -86,7 +87,7 @@ def simulate(
         raise UserError(f"dt = {dt:g} s must be positive")
     if not 1 <= maneuver.duration / dt <= MOST_STEPS:
         raise UserError(f"{maneuver.duration:g} s in steps of {dt:g} s: give 1 to {MOST_STEPS} steps")
-    count = math.floor(maneuver.duration / dt + 1e-9)
+    ship, count = maneuver.ship_of(ship), math.floor(maneuver.duration / dt + 1e-9)
     t = np.round(dt * np.arange(count + 1), 9)
     air = (wind or Wind(0.0)).series(t, seed)
     flow = np.column_stack(wind_vector(air[:, 0], air[:, 1]))
@@ -117,7 +118,7 @@ def simulate(
     columns = _columns(ship, model.states, t[rows], states[rows], moved, None if wind is None else air[rows])
     meta = {"ship": ship.name, "maneuver": maneuver.name, "seed": str(seed)}
     stem = maneuver.name.replace(":", "_").replace("/", "_")
-    notices = _notices(ship, wind is not None, states[rows])
+    notices = (*_notices(ship, wind is not None, states[rows]), *stopping_notices(maneuver))
     return Trial(stem, columns, notices=notices, kind=maneuver.kind, meta=meta)
 
 

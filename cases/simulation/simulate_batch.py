@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from cases.maneuvers.definitions import Maneuver
-from cases.maneuvers.orders import FULL_TURN, CrashStop, Orders, StepOrders, Turning, Zigzag
+from cases.maneuvers.orders import FULL_TURN, Orders, StepOrders, StopOrders, Turning, Zigzag
 from cases.maneuvers.self_propulsion import actuator_positions
-from cases.simulation.actuator_ramps import TINY, ZigzagRudders, ramps
+from cases.simulation.actuator_ramps import TINY, EngineRevolutions, ZigzagRudders, ramps
 from cases.simulation.simulate import integration_steps, longest_step
 from cases.trial import Trial
 from mmg.errors import UserError
@@ -73,7 +73,7 @@ def simulate_batch(
     ship = simulator.ship
     if not (math.isfinite(dt) and 0 < dt <= maneuver.duration):
         raise UserError(f"dt = {dt:g} s must be positive and no longer than the manoeuvre ({maneuver.duration:g} s)")
-    theta = coefficient_array(ship, coefficients)
+    theta = coefficients_in(maneuver, ship, coefficients)
     six = np.repeat(maneuver.start[:, None], theta.shape[1] if theta.ndim == 2 else 1, axis=1)
     start = settled(simulator.model, six, input_array(ship, np.array([[maneuver.n, 0.0]]), np.zeros(1))[0], theta)
     orders, N = maneuver.orders(), math.floor(maneuver.duration / dt + TINY)
@@ -82,6 +82,8 @@ def simulate_batch(
         raise UserError(f"{maneuver.name}: its orders wait for a steady turn; simulate one ship at a time")
     if isinstance(orders, Zigzag):
         return _zigzag(simulator, maneuver, orders, start, theta, t, threads)
+    if isinstance(orders, StopOrders) and maneuver.engine is not None:
+        return _stopping(simulator, maneuver, orders, start, theta, t, threads)
     moves = ramps(maneuver, orders, t)
     means = np.vstack([moves.means(t), moves.at(t[-1:])])
     if held or "pitch" in ship.actuators:
@@ -114,6 +116,17 @@ def coefficient_array(ship: Ship, given: np.ndarray | Mapping[str, float | np.nd
     return theta
 
 
+def coefficients_in(
+    maneuver: Maneuver, ship: Ship, given: np.ndarray | Mapping[str, float | np.ndarray] | None
+) -> np.ndarray:
+    """Coefficients (P,) or (P, M) that a ``ship`` has in a ``maneuver``. given: as for ``coefficient_array``."""
+    theta = coefficient_array(ship, given)
+    if not maneuver.factors:
+        return theta
+    factors = np.array([maneuver.factors.get(symbol, 1.0) for symbol in ship.symbols])
+    return theta * (factors[:, None] if theta.ndim == 2 else factors)
+
+
 def input_array(ship: Ship, positions: np.ndarray, t: np.ndarray) -> np.ndarray:
     """Inputs (N, C) or (N, C, M) from n and delta (N, 2) or (N, 2, M) in calm air.
 
@@ -138,11 +151,38 @@ def ends_of(orders: Orders, t: np.ndarray, states: np.ndarray) -> np.ndarray:
         share = (orders.lead - t[k - 1]) / (t[k] - t[k - 1])
         origin = states[k - 1, 2] + share * (states[k, 2] - states[k - 1, 2])
         over = np.abs(states[:, 2] - origin) >= FULL_TURN
-    elif isinstance(orders, CrashStop):
-        over = (states[:, 3] <= 0) & (t >= orders.lead - TINY)[:, None]
+    elif isinstance(orders, StopOrders):
+        first = states[min(int(np.searchsorted(t, orders.lead - TINY)), N), 3]
+        over = (states[:, 3] <= orders.least * first) & (t >= orders.lead - TINY)[:, None]
     else:
         return np.full(states.shape[2], N)
     return np.where(over.any(axis=0), np.argmax(over, axis=0), N)
+
+
+def _stopping(
+    simulator: Simulator,
+    maneuver: Maneuver,
+    orders: StopOrders,
+    start: np.ndarray,
+    theta: np.ndarray,
+    t: np.ndarray,
+    threads: int,
+) -> SimulatedRuns:
+    """All ships side by side, a sample at a time, their engines with them, until all have stopped."""
+    ship, M, N, dt = simulator.ship, start.shape[1], len(t) - 1, float(t[1] - t[0])
+    parts = integration_steps(ship, dt)
+    keep = np.arange(1, parts + 1) == parts
+    states, inputs = np.empty((N + 1, 6, M)), np.zeros((N + 1, 2, M))
+    engines, state = EngineRevolutions(maneuver, orders, M), start
+    for k in range(N + 1):
+        states[k], inputs[k, 0] = state[:6], engines.n
+        if k == N or engines.all_over(float(t[k]), state):
+            break
+        inputs[k, 0] = engines.means(float(t[k]), dt, state)
+        held = np.repeat(input_array(ship, inputs[[k]], t[[k]]), parts, axis=0)
+        state = simulator.run(state, held, dt / parts, theta, keep=keep, threads=threads)[-1]
+    t, states, inputs = t[: k + 1], states[: k + 1], inputs[: k + 1]
+    return SimulatedRuns(t, states, inputs, ends_of(orders, t, states))
 
 
 def _zigzag(

@@ -164,7 +164,7 @@ def assumptions(found: ScaledShip) -> list[str]:
         "the boundary layer of the model is turbulent from the bow",
         "the ship is loaded as the model is ballasted: same draught, trim and radius of gyration by L",
         "the rudder's flow straightening and the hull's share of its force are those of the model, with wider errors",
-        "the engine holds the revolutions that are ordered, unless the ship file has an engine",
+        "the engine holds the revolutions that are ordered; a direct-reversible diesel obeys in a crash stop",
     ]
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cases.criteria.standard_runs import TEST_FROUDE
+from cases.maneuvers.self_propulsion import TEST_FROUDE
 from cases.shipfiles.particulars import LONGEST
 from delivery.full_scale.similarity import Similarity, similar_ship
 from delivery.full_scale.viscous import RESISTANCE, Change, Doubt, HullInWater, doubts, ship_values

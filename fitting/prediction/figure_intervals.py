@@ -150,6 +150,8 @@ def _scatter(
     push: Push = (
         _push(bands, simulator, nominal, count, dt, seed) if bands is not None else lambda k, states: np.zeros(())
     )
+    if plan.engine is not None:
+        plan = replace(plan, engine=plan.engine.drawn(count, seed).repeated(copies))
     runs = simulate_pushed(simulator, plan, values, dt, push)
     with np.errstate(invalid="ignore", over="ignore"):
         lost = ~(np.abs(runs.states[:, 3:5]).max(axis=(0, 1)) < 3 * reference_speed(L))

@@ -1,5 +1,10 @@
 """Particulars that the force models use, in words and with their units."""
 
+ENGINE = (
+    "n_MCR", "engine_delay", "restart", "astern_revolutions", "astern_torque", "engine_rise", "engine_inertia",
+)  # fmt: skip
+"""Particulars of a main engine."""
+
 PARTICULARS = {
     "L": ("length between perpendiculars", "m"),
     "B": ("breadth", "m"),
@@ -12,6 +17,17 @@ PARTICULARS = {
     "U_0": ("service or test speed; an Abkowitz polynomial is expanded about it", "m/s"),
     "scale": ("length of the ship that a model stands for, by that of the model", "-"),
     "rudder_rate": ("greatest rate of the steering gear", "rad/s"),
+    "n_MCR": ("revolutions of the engine at maximum continuous rating", "1/s"),
+    "engine_delay": ("from an order astern until the fuel is cut", "s"),
+    "restart": ("revolutions at which the engine can be reversed, by n_MCR", "-"),
+    "astern_revolutions": ("most revolutions astern, by n_MCR", "-"),
+    "astern_torque": ("most torque of the engine astern, by that at maximum continuous rating", "-"),
+    "engine_rise": ("time in which the revolutions rise by n_MCR", "s"),
+    "engine_inertia": ("2 pi I n_MCR / Q_MCR of shaft line and propeller", "s"),
+    "stopping_resistance": (
+        "resistance in a stopping test by that of the coefficients, where these are a model's",
+        "-",
+    ),
     "y_P": ("propellers of a twin-screw ship, from the centre plane", "m"),
     "pitch": ("blade angle ahead of a controllable-pitch propeller", "rad"),
     "D_P": ("propeller diameter", "m"),
