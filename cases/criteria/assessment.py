@@ -114,7 +114,8 @@ def imo_figures(
     finite = math.isfinite(degrees)
     helm = f"rudder rate {degrees:.3g} deg/s" if finite else "the rudder moves as the ship's actuators do"
     notices = [Message(f"test speed V: {origin}; {helm}", "test_conditions")]
-    notices += dict.fromkeys(m for run in runs for m in run.trial.notices if m.code in CODES)
+    said = (m for run in runs for m in run.trial.notices if isinstance(m, Message) and m.code in CODES)
+    notices += dict.fromkeys(said)
     if left_out:
         words = "left out, as the tests are in calm, deep water and free of sensor errors: "
         notices.append(Message(words + ", ".join(left_out), "effects_left_out"))

@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -85,7 +86,8 @@ class Engine:
     def drawn(self, count: int, seed: int) -> Engine:
         """``count`` engines, (count,) each: what is assumed is drawn from its normal distribution within its limits.
         seed: of the draws."""
-        rng, values = np.random.default_rng([31, seed]), {}
+        rng = np.random.default_rng([31, seed])
+        values: dict[str, Any] = {}
         for name, (_, std, low, high) in USUAL.items():
             draw = rng.standard_normal(count)
             own = np.full(count, float(getattr(self, _FIELDS[name])))
@@ -94,7 +96,8 @@ class Engine:
 
     def repeated(self, copies: int) -> Engine:
         """The M engines one after the other, ``copies`` times: (copies M,)."""
-        return replace(self, **{name: np.tile(np.atleast_1d(getattr(self, name)), copies) for name in _FIELDS.values()})
+        tiled: dict[str, Any] = {n: np.tile(np.atleast_1d(getattr(self, n)), copies) for n in _FIELDS.values()}
+        return replace(self, **tiled)
 
     def torque(self, share: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Q_P / Q_MCR (M,) at n = ``share`` n_mcr and u [m/s], (M,) each."""

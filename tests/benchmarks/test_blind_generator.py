@@ -197,6 +197,7 @@ def test_a_wide_world_draws_every_case_anew_over_the_whole_ranges(name: str) -> 
         assert 0.4 < np.mean(values < halves(key)) < 0.6
 
 
+@pytest.mark.slow
 def test_wide_cases_are_written_and_read_with_what_they_drew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("benchmarks.blind.generator.wide.TOTAL", 160.0)
     monkeypatch.setattr("benchmarks.blind.generator.wide.RANGES", RANGES | {"runs": (2.0, 3.0)})
@@ -231,6 +232,7 @@ def test_the_library_effects_are_those_of_the_contract() -> None:
     assert len(STRANGERS) >= 15 and len({effect.name for effect in EFFECTS}) == len(EFFECTS)
 
 
+@pytest.mark.slow
 def test_neutral_effects_leave_a_trial_as_it_is() -> None:
     _, runs = with_each_effect()
     plain = alone()

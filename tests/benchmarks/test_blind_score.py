@@ -245,6 +245,7 @@ def test_solving_goes_on_where_it_stopped_and_needs_no_key(tmp_path: Path, monke
     assert asked == ["case_0000", "case_0002"]
 
 
+@pytest.mark.slow
 def test_the_whole_run_on_two_cases(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -318,6 +318,7 @@ def test_effects_of_the_surroundings_differ_by_run_from_three_runs_on() -> None:
     assert tow.columns == tuple((f"tow.{k}", r) for r in range(3) for k in ("X", "Y", "N"))
 
 
+@pytest.mark.slow
 def test_the_whole_diagnosis_names_the_current_once_with_its_value_in_each_run() -> None:
     trials, tests = in_currents(10, RUNS, TRUTH), in_currents(50, OTHERS, ELSEWHERE)
     d = diagnose(FEW, trials, tests, options=DiagnosisOptions(step=H, learn=False))

@@ -73,6 +73,7 @@ def test_every_option_that_a_page_names_exists(path: Path, capsys: pytest.Captur
             assert option in page or option == "--help", text
 
 
+@pytest.mark.slow
 def test_python_of_the_readme_uses_one_import_and_works(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

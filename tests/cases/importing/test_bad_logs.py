@@ -204,6 +204,7 @@ def test_a_map_for_a_file_that_is_not_there(tmp_path: Path) -> None:
     assert "column 'Kurs' of the map is absent" in import_logs([path], own).problems[0]
 
 
+@pytest.mark.slow
 def test_damaged_bytes_raise_nothing_but_a_line(tmp_path: Path) -> None:
     """A thousand damaged logs: read, or refused in a line."""
     good = [raw_logs.semicolons(tmp_path / "a.csv", raw_logs.run()).read_bytes()[:6000]]

@@ -155,6 +155,7 @@ def test_a_last_line_that_was_cut_off_is_read_as_far_as_it_goes(tmp_path: Path, 
     assert len(small.runs[0].columns["t"]) == len(large.runs[0].columns["t"])
 
 
+@pytest.mark.slow
 def test_damaged_bytes_of_large_logs_raise_nothing_but_a_line(tmp_path: Path, pieces: Callable[..., None]) -> None:
     pieces(60)
     good = [raw_logs.semicolons(tmp_path / "a.csv", raw_logs.run()).read_bytes()[:9000]]

@@ -61,6 +61,7 @@ def test_every_ship_compiles_without_a_warning(which: str, name: str, tmp_path: 
         assert done.returncode == 0 and not done.stderr, done.stderr[:2000]
 
 
+@pytest.mark.slow
 def test_it_needs_the_c_library_alone(tmp_path: Path) -> None:
     command = compiler("gcc, C")
     if shutil.which("nm") is None:
@@ -97,6 +98,7 @@ def turned(name: str, folder: Path, seconds: float, **options: object) -> np.nda
     return state.astype(float)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FEW)
 def test_fast_mathematics_move_600_s_by_less_than_a_nanometre(name: str, tmp_path: Path) -> None:
     exact = turned(name, tmp_path, 600.0)
@@ -104,6 +106,7 @@ def test_fast_mathematics_move_600_s_by_less_than_a_nanometre(name: str, tmp_pat
     assert np.abs(fast - exact).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_single_precision_follows_within_its_digits(tmp_path: Path) -> None:
     exact, single = turned("hybrid", tmp_path, 60.0), turned("hybrid", tmp_path, 60.0, single=True)
     assert np.abs(single - exact).max() < 1e-3 * np.abs(exact).max()
@@ -143,6 +146,7 @@ int main(void) {{
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FEW)
 def test_sanitizers_find_nothing(name: str, tmp_path: Path) -> None:
     command, of = compiler("gcc, C"), product(ship_of(name))

@@ -162,6 +162,7 @@ def test_a_compiler_that_is_switched_off_makes_no_library(monkeypatch: pytest.Mo
     assert libraries == {} and ("MMG_CC" in why or not this_platform())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("platform", ["x86_64-windows", "win64", "aarch64-linux"])
 def test_libraries_for_other_platforms(platform: str, tmp_path: Path) -> None:
     try:

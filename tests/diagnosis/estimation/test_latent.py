@@ -152,6 +152,7 @@ def test_sizes_of_what_is_random_are_found(one: tuple) -> None:
     assert not better.noise.coloured.any()
 
 
+@pytest.mark.slow
 def test_the_time_of_a_force_that_remembers_for_much_less_than_the_first_guess_is_found() -> None:
     """Further than one parabola about the first guess (6 s) reaches."""
     true = drawn_ship(SHIP, 3)

@@ -208,6 +208,7 @@ def wrong(trials: Sequence[Trial]) -> list[Trial]:
     return [t.with_columns(v=t["v"] + 0.015) for t in trials]
 
 
+@pytest.mark.slow
 def test_what_has_no_name_in_the_reference_either_is_usual_and_grows_with_the_number_of_samples() -> None:
     few, many = (prepare(calibrated(), wrong(t), step=H, reference=wrong(before())) for t in (new()[:1], new()))
     assert many.problem.data.samples > 2.5 * few.problem.data.samples

@@ -63,6 +63,7 @@ def test_nothing_is_estimated_where_nothing_acts(runs: SearchProblem) -> None:
     assert unexplained_hint(none) == "" and "does not act like a force" in unexplained_words(none)[0]
 
 
+@pytest.mark.slow
 def test_a_manoeuvre_is_named_in_which_it_shows(pushed: tuple, runs: SearchProblem) -> None:
     _, null, _, found = pushed
     assert "mmg simulate SHIP --maneuver" in telling_test(runs, null, found, SHIP)

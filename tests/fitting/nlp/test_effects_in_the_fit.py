@@ -109,6 +109,7 @@ def test_derivatives_with_memory_place_and_measurement_agree_with_finite_differe
     np.testing.assert_allclose(H @ d, bent, atol=2e-5 * np.abs(bent).max())
 
 
+@pytest.mark.slow
 def test_gauss_newton_on_single_shooting_finds_the_same_optimum_with_effects() -> None:
     p, whole = crowded(5), crowded(200)
     ours = solve(p, p.start())

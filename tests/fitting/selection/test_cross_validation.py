@@ -71,6 +71,7 @@ def test_a_choice_is_put_on_the_ship() -> None:
     assert back.effects == ship.effects
 
 
+@pytest.mark.slow
 def test_a_velocity_lag_in_the_data_is_found_by_cross_validation(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:

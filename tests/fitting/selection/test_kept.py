@@ -40,6 +40,7 @@ def test_parts_of_another_choice_are_refused_and_named(tmp_path: Path) -> None:
     assert not (tmp_path / "run.unfinished").exists()
 
 
+@pytest.mark.slow
 def test_learned_runs_are_taken_up_and_the_result_is_that_without_interruption(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -135,6 +135,7 @@ def test_ctrl_c_within_one_fit_ends_the_choice(monkeypatch: pytest.MonkeyPatch) 
         choose_structure(ESSO, given, (runs[:2], runs[2:], ()), Settings(passes=1, max_iterations=2))
 
 
+@pytest.mark.slow
 def test_the_command_writes_a_run_folder_that_is_a_ship(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for run in harbour(3, 120.0):
         write_trial(run, tmp_path / f"{run.name}.csv")

@@ -15,6 +15,7 @@ from fitting.settings import Settings
 from tests.support.calibrated import FREE, small_result
 
 
+@pytest.mark.slow
 def test_a_calibration_says_what_it_left_out_and_what_that_was_worth(tmp_path) -> None:  # type: ignore[no-untyped-def]
     start = load_ship("esso_osaka_3m")
     start = start.fixing([s for s in start.symbols if s not in FREE])

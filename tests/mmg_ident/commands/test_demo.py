@@ -33,6 +33,7 @@ def files_of(folder: Path) -> list[str]:
     return sorted(str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file())
 
 
+@pytest.mark.slow
 def test_the_command_and_a_notebook_leave_the_same_folder(tmp_path: Path) -> None:
     train, held_out = runs()
     for name, trials in (("train", train[:1]), ("held_out", held_out[:1])):

@@ -190,6 +190,7 @@ def poor(folder: Path) -> Path:
     return poor
 
 
+@pytest.mark.slow
 def test_what_poor_trials_cannot_say_is_said_and_the_rest_is_concluded(poor: Path) -> None:
     where = ("--test", poor / "test", "--out", poor / "run")
     with unrendered():
@@ -300,6 +301,7 @@ def test_a_time_limit_without_a_verdict_is_one_line(
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_what_comes_after_the_verdict_is_left_out_at_the_limit_and_made_by_resume(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -32,6 +32,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_captive_points_and_a_robust_loss_go_into_the_run(folder: Path) -> None:
     arguments = ["fit", "esso_osaka_3m", str(folder / "train"), "--only", FREE, "--out", str(folder / "run"),
                  "--captive", str(folder / "tank.csv"), "--captive-sigma", "0.5,0.5,0.3", "--loss", "student",
@@ -60,6 +61,7 @@ def test_the_loss_chosen_by_runs_left_out_is_told_in_result_and_report(tmp_path:
     assert "Loss and weight of the runs" in page and "jackknife" in page
 
 
+@pytest.mark.slow
 def test_an_automatic_choice_is_told_in_result_and_report(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from fitting.selection import cross_validation as selection
 

@@ -49,6 +49,7 @@ def test_what_is_open_is_asked_once_and_the_map_repeats_it_to_the_bit(tmp_path: 
     assert same_folders(tmp_path / "one", tmp_path / "two")
 
 
+@pytest.mark.slow
 def test_what_is_not_wanted_is_left_out_for_good(tmp_path: Path) -> None:
     open_logs(tmp_path / "logs")
     code, shown, left = talk(["import", "logs", "--out", "one"], ["", "", "rps", ""], tmp_path)

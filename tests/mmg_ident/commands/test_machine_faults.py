@@ -71,6 +71,7 @@ def test_without_a_temporary_folder_what_needs_none_goes_on(folder: Path) -> Non
     assert made.returncode == 0, made.stderr
 
 
+@pytest.mark.slow
 def test_a_clock_that_jumps_changes_nothing(folder: Path) -> None:
     """Durations are by clocks that never jump: a wall clock that goes back a year ends nothing early."""
     jumps = "import itertools, time; back = itertools.count(); time.time = lambda: 1e9 - 3e7 * next(back)"

@@ -152,6 +152,7 @@ def test_a_component_can_be_left_out_and_coefficients_fixed(folder: Path, tmp_pa
     assert content["fixed"] == ["m_x", "m_y"]
 
 
+@pytest.mark.slow
 def test_an_iteration_limit_exits_1_and_resume_finishes(folder: Path, tmp_path: Path) -> None:
     run = tmp_path / "run"
     arguments = fit(folder, run)
@@ -240,6 +241,7 @@ def test_what_a_library_makes_of_ctrl_c_is_an_interruption(
     assert main(["ships"]) == 130 and capsys.readouterr().err == "mmg: interrupted\n"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="sends SIGINT")
 def test_ctrl_c_leaves_a_flagged_folder_that_resume_continues(folder: Path, tmp_path: Path) -> None:
     run = tmp_path / "run"
@@ -340,6 +342,7 @@ def test_wrong_usage_exits_2_in_one_line(capsys: pytest.CaptureFixture[str], fol
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.slow
 def test_rows_on_both_sides_of_a_split_are_said(folder: Path, tmp_path: Path) -> None:
     one = sorted((folder / "train").glob("*.csv"))[0]
     main(fit(folder, tmp_path / "run", "--validate", one, "--max-iterations", "1"))
@@ -347,6 +350,7 @@ def test_rows_on_both_sides_of_a_split_are_said(folder: Path, tmp_path: Path) ->
     assert any("shares rows" in w and "not held out" in w for w in warnings)
 
 
+@pytest.mark.slow
 def test_a_role_in_the_sidecar_keeps_a_trial_out_of_the_training(folder: Path, tmp_path: Path) -> None:
     import shutil
 

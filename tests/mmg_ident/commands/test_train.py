@@ -178,6 +178,7 @@ def test_a_run_folder_is_read_as_the_result_that_was_written(folder: Path, decli
         result.save(tmp_path / "copy")
 
 
+@pytest.mark.slow
 def test_the_command_and_the_function_leave_the_same_folder(folder: Path, tmp_path: Path) -> None:
     trials, held_out = read_trials([folder / "trials"]), [read_trial(folder / "held_out.csv")]
     settings = TrainSettings(seeds=2, epochs=12, width=8, rate=1e-2, penalty=0.001, step=1.0)
@@ -209,6 +210,7 @@ def test_options_that_make_no_sense(
     assert words in line and not (tmp_path / "run").exists()
 
 
+@pytest.mark.slow
 def test_ctrl_c_keeps_the_best_weights_so_far(folder: Path, tmp_path: Path) -> None:
     arguments = ["train", "esso_osaka_3m", str(folder / "trials"), *QUICK[:2], "--epochs", "3000", "--step", "1"]
     process = subprocess.Popen(
@@ -288,6 +290,7 @@ def resumable(folder: Path, tmp_path: Path) -> tuple[Path, list[str]]:
     return out, [*arguments, "--out", str(out), "--resume"]
 
 
+@pytest.mark.slow
 def test_resume_trains_what_is_missing_and_gives_the_same_weights(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -334,6 +337,7 @@ def test_a_folder_without_a_training_is_not_resumed(
     ).exists()
 
 
+@pytest.mark.slow
 def test_a_time_limit_leaves_a_folder_to_resume(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

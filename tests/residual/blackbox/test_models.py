@@ -282,6 +282,7 @@ def test_any_system_can_be_started_from_an_estimate() -> None:
     assert isinstance(grad, torch.Tensor) and grad.abs().min() > 0.0, "the estimate is trained through the physics"
 
 
+@pytest.mark.slow
 def test_an_initial_state_network_finds_velocities_under_noise() -> None:
     """Starts are measured with much noise; rows before them tell better where the ship is going."""
     noise, rng = np.array([0, 0, 0, 0.05, 0.03, 0.004]), np.random.default_rng(0)

@@ -123,6 +123,7 @@ def test_a_run_shorter_than_the_rollout_is_one_line(
     assert "shorter than the first rollouts of 10 s" in line
 
 
+@pytest.mark.slow
 def test_the_comparison_is_written_whole(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arguments = [
         "compare",
@@ -171,6 +172,7 @@ def test_calibrated_and_hybrid_are_trained_on_the_same_trials_as_the_networks() 
     assert calibrated < captive and hybrid < 1.2 * calibrated
 
 
+@pytest.mark.slow
 def test_the_time_limit_keeps_what_is_done() -> None:
     trials = tuple(hybrids.trials(hybrids.ship(), 5, 150))
     study = Study(
@@ -186,6 +188,7 @@ def test_the_time_limit_keeps_what_is_done() -> None:
     assert "fnn seed 1 on 100%: not begun" in tables_text(found)
 
 
+@pytest.mark.slow
 def test_ctrl_c_keeps_what_is_done(folder: Path, tmp_path: Path) -> None:
     arguments = ["compare", "--train", str(folder / "train"), "--test", str(folder / "test.csv"), "--seeds", "2"]
     arguments += ["--models", "captive,rnn", "--epochs", "3000", "--step", "1", "--out", str(tmp_path / "cmp")]

@@ -27,6 +27,7 @@ def files(tmp_path: Path) -> list[str]:
     return found
 
 
+@pytest.mark.slow
 def test_a_chosen_polynomial_has_a_run_folder_with_its_learning_curves(
     tmp_path: Path, files: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
