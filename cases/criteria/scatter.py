@@ -34,7 +34,8 @@ class ScatterRow:
     """A figure of the manoeuvre over all draws, SI and rad.
 
     value: of the ship as it is, None where it has no such figure; median and interval_90 (5 and 95 % quantiles) over
-    the draws that reach the figure; share: of the draws that do.
+    the draws that reach the figure; share: of the draws that do. Of a calibration: interval_90_trial of a single trial;
+    limit of the criterion and probability of meeting it, None where there is none.
     """
 
     figure: str
@@ -43,6 +44,9 @@ class ScatterRow:
     median: float
     interval_90: tuple[float, float]
     share: float
+    interval_90_trial: tuple[float, float] | None = None
+    limit: float | None = None
+    probability: float | None = None
 
 
 @dataclass(frozen=True)
@@ -50,7 +54,8 @@ class ManeuverScatter:
     """A manoeuvre of ``count`` ships drawn about one.
 
     coefficients: symbol -> draws (count,); rows: a row per figure; runs: motions, the ship as it is first, then the
-    draws; notices: what to know of them. values: figure -> (count,) its value in each draw, NaN where it has none.
+    draws; notices: what to know of them. values: figure -> (count,) its value in each draw, NaN where it has none;
+    trials: motions of single trials of the drawn ships, of a calibration.
     """
 
     ship: str
@@ -62,6 +67,7 @@ class ManeuverScatter:
     runs: SimulatedRuns
     notices: tuple[Message, ...] = ()
     values: Mapping[str, np.ndarray] = field(default_factory=dict)
+    trials: SimulatedRuns | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """What ``mmg simulate --scatter --json`` prints."""
@@ -87,7 +93,11 @@ class ManeuverScatter:
         """A DataFrame of all motions: run (0: the ship as it is), t [s], x, y [m], psi [rad], u, v, r, n, delta."""
         import pandas as pd
 
-        parts = {m: self.runs.trial(m).to_pandas() for m in range(len(self.runs.last))}
+        parts = {0: self.runs.trial(0).to_pandas()}
+        if self.trials is None:
+            parts |= {m: self.runs.trial(m).to_pandas() for m in range(1, len(self.runs.last))}
+        else:
+            parts |= {m + 1: self.trials.trial(m).to_pandas() for m in range(len(self.trials.last))}
         return pd.concat(parts, names=["run"]).reset_index("run").reset_index(drop=True)
 
     def _repr_html_(self) -> str:
@@ -169,7 +179,8 @@ def scatter(
     plan = parse_maneuver(maneuver, ship, seed=seed) if isinstance(maneuver, str) else maneuver
     drawn = draw_coefficients(ship, count, seed, correlation)
     given = {s: np.concatenate([[ship.coefficients[s].value], values]) for s, values in drawn.items()}
-    runs = simulate_batch(ship, plan, given, STEP * time_scale(L) if dt is None else dt)
+    each = replace(plan, engine=plan.engine.drawn(count, seed, itself=True)) if plan.engine else plan
+    runs = simulate_batch(ship, each, given, STEP * time_scale(L) if dt is None else dt)
     with np.errstate(invalid="ignore", over="ignore"):
         fast = np.abs(runs.states[:, 3:5]).max(axis=(0, 1)) > 3 * reference_speed(L)
     good = np.flatnonzero(np.isfinite(runs.states).all(axis=(0, 1)) & ~fast)

@@ -67,6 +67,11 @@ def simulated_run(ship: Ship, text: str, speed: float, n: float | None = None, r
     [rad/s]. Raises UserError when the manoeuvre does not reach its event.
     """
     plan = parse_maneuver(text, ship, speed=speed, n=n, rudder_rate=rudder_rate)
+    return planned_run(ship, plan)
+
+
+def planned_run(ship: Ship, plan: Maneuver) -> Run:
+    """The manoeuvre ``plan`` of a ``ship``, one that has an order. Raises UserError as ``simulated_run``."""
     trial = simulate(ship, plan, STEP * time_scale(ship.particulars["L"]))
     notes, p = check_completeness(trial, plan), plan.parameters
     rudder, heading = p.get("rudder", 0.0), p.get("heading", 0.0)

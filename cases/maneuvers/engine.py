@@ -83,15 +83,17 @@ class Engine:
     inertia: float | np.ndarray
     assumed: tuple[str, ...] = ()
 
-    def drawn(self, count: int, seed: int) -> Engine:
+    def drawn(self, count: int, seed: int, itself: bool = False) -> Engine:
         """``count`` engines, (count,) each: what is assumed is drawn from its normal distribution within its limits.
-        seed: of the draws."""
+        seed: of the draws; itself: goes first, as one more."""
         rng = np.random.default_rng([31, seed])
         values: dict[str, Any] = {}
         for name, (_, std, low, high) in USUAL.items():
             draw = rng.standard_normal(count)
             own = np.full(count, float(getattr(self, _FIELDS[name])))
             values[_FIELDS[name]] = np.clip(own + std * draw, low, high) if name in self.assumed else own
+            if itself:
+                values[_FIELDS[name]] = np.append(own[:1], values[_FIELDS[name]])
         return replace(self, **values)
 
     def repeated(self, copies: int) -> Engine:

@@ -21,7 +21,7 @@ from cases.criteria.figures import Since
 from cases.criteria.imo import NONE, OPEN, Row
 from cases.criteria.scatter import draw_coefficients
 from cases.criteria.standard_runs import Run
-from cases.maneuvers.definitions import Maneuver, parse_maneuver
+from cases.maneuvers.definitions import STOPS, Maneuver, parse_maneuver
 from cases.shipfiles.effects import calm_and_deep
 from cases.simulation.pushed_batch import Push, simulate_pushed
 from cases.simulation.simulate_batch import SimulatedRuns, input_array, simulate_batch
@@ -37,7 +37,7 @@ STEP = 0.5
 """Sampling interval [s] of a 3 m model; scales with sqrt(L)."""
 MOST = 20_000
 """Most draws of one call."""
-JUDGED = ("turning", "zigzag", "crash-stop")
+JUDGED = ("turning", "zigzag", *STOPS)
 """Manoeuvres whose figures get an interval."""
 SHOWN = 60
 """Draws whose tracks are kept for a figure."""
@@ -103,15 +103,14 @@ def with_intervals(
     if correlation is None:
         words = "coefficients are drawn independently of each other: no correlation is known"
         notices.append(Message(words, "independent_draws"))
-    bands, simulator = bands_of(content, calm), Simulator(calm)
+    simulator = Simulator(calm)
     scatter: dict[str, FigureScatter] = {}
     for run in found.runs:
         if run.kind in JUDGED:
             plan = parse_maneuver(run.name, calm, speed=run.speed, rudder_rate=rudder_rate)
-            scatter[run.name] = _scatter(simulator, run, plan, drawn, bands, content.get("envelope"), seed)
-            one = scatter[run.name]
+            one = scatter[run.name] = drawn_figures(simulator, plan, drawn, content, seed)[0]
             if one.outside:
-                notices.append(Message(_outside_words(run, one.outside), "outside_the_trials"))
+                notices.append(Message(outside_words(run.name, run.kind, one.outside), "outside_the_trials"))
             if one.lost:
                 words = f"{run.name}: {one.lost} of {count} drawn ships run away, and count as never reaching a figure"
                 notices.append(Message(words, "diverging_draws"))
@@ -130,19 +129,24 @@ def correlation_in(content: Mapping[str, Any]) -> tuple[list[str], np.ndarray] |
     return (symbols, matrix) if matrix.shape == (len(symbols), len(symbols)) else None
 
 
-def _scatter(
+def drawn_figures(
     simulator: Simulator,
-    run: Run,
     plan: Maneuver,
     drawn: Mapping[str, np.ndarray],
-    bands: Bands | None,
-    envelope: Mapping[str, Sequence[float]] | None,
+    content: Mapping[str, Any],
     seed: int,
-) -> FigureScatter:
-    """All draws of one manoeuvre: those of the ship first, then as many single trials of the same ships."""
+    dt: float | None = None,
+) -> tuple[FigureScatter, SimulatedRuns]:
+    """All draws of one manoeuvre: of the ship, and of as many single trials of the same ships, whose motions come too.
+
+    simulator: of the ship; plan: what is ordered; drawn: symbol -> (count,); content: of the result.json of a
+    calibration, {}: no unexplained accelerations are known; seed: of the accelerations; dt: sampling interval [s],
+    default 0.5 s of a 3 m model. Raises UserError for spiral and pull-out.
+    """
     ship = simulator.ship
+    bands, envelope = bands_of(content, ship), content.get("envelope")
     count, L = len(next(iter(drawn.values()))), ship.particulars["L"]
-    dt = STEP * time_scale(L)
+    dt = dt or STEP * time_scale(L)
     nominal = simulate_batch(simulator, plan, dt=dt, held=True)
     outside = outside_of(envelope, nominal) if envelope else None
     copies = 2 if bands is not None else 1
@@ -157,14 +161,15 @@ def _scatter(
         lost = ~(np.abs(runs.states[:, 3:5]).max(axis=(0, 1)) < 3 * reference_speed(L))
     states = np.where(lost, np.nan, runs.states)
     each = figures_of_each(replace(runs, states=states), plan)
-    names = list(dict.fromkeys([*run.figures, *(name for one in each for name in one)]))
+    names = list(dict.fromkeys(name for one in each for name in one))
     table = {name: np.array([one.get(name, np.nan) for one in each]) for name in names}
     own = {name: column[:count] for name, column in table.items()}
     trial = {name: column[-count:] for name, column in table.items()}
-    some = np.arange(len(each) - count, len(each))[:SHOWN]
-    few = SimulatedRuns(runs.t, states[:, :, some], runs.inputs[:, :, some], runs.last[some])
+    kept = np.arange(len(each) - count, len(each))
+    trials = SimulatedRuns(runs.t, states[:, :, kept], runs.inputs[:, :, kept], runs.last[kept])
+    few = SimulatedRuns(runs.t, *(x[:, :, :SHOWN] for x in (trials.states, trials.inputs)), trials.last[:SHOWN])
     shown = tuple(s for s in since_each(few, plan.parameters["order_time"]) if s is not None)
-    return FigureScatter(own, trial, outside, int(lost[:count].sum()), shown)
+    return FigureScatter(own, trial, outside, int(lost[:count].sum()), shown), trials
 
 
 def _push(bands: Bands, simulator: Simulator, nominal: SimulatedRuns, count: int, dt: float, seed: int) -> Push:
@@ -217,11 +222,12 @@ def outside_of(envelope: Mapping[str, Sequence[float]], runs: SimulatedRuns) -> 
     return tuple(found)
 
 
-def _outside_words(run: Run, outside: Sequence[str]) -> str:
-    """A sentence on a run that leaves what the trials held."""
-    if run.kind == "crash-stop" and any(words.startswith("revolutions -") for words in outside):
-        return f"{run.name}: stopping was not in the trials: these figures are the prior's ({'; '.join(outside)})"
-    return f"{run.name}: outside the trials, so its intervals are wider: {'; '.join(outside)}"
+def outside_words(name: str, kind: str, outside: Sequence[str]) -> str:
+    """A sentence on a manoeuvre of this ``name`` and ``kind`` that leaves what the trials held. outside: how."""
+    turns = [words.split() for words in outside if words.startswith(QUANTITIES["n"])]
+    if kind in STOPS and any(float(words[1]) < float(words[-1]) for words in turns):
+        return f"{name}: stopping was not in the trials: these figures are the prior's ({'; '.join(outside)})"
+    return f"{name}: outside the trials, so its intervals are wider: {'; '.join(outside)}"
 
 
 def judged_row(row: Row, run: Run, scatter: FigureScatter) -> Row:

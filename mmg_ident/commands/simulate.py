@@ -23,7 +23,7 @@ def simulate(
     maneuver: Annotated[
         str | None,
         Option(
-            help="turning:35, zigzag:20/20 (rudder/heading), spiral:15/5, pull-out:20, crash-stop, random, "
+            help="turning:35, zigzag:20/20 (rudder/heading), spiral:15/5, pull-out:20, crash-stop, coasting, random, "
             "random:SEED, straight, berthing or acceleration; degrees, negative begins to port; harbour:SEED uses "
             "every actuator at random, each by itself."
         ),
@@ -57,9 +57,13 @@ def simulate(
     scatter: Annotated[
         int | None,
         Option(
-            help="Draw the coefficients so often from their standard errors (and the correlation of a run folder); "
-            "prints median and 90 % interval of each figure."
+            help="Draw the ship so often from the standard errors of her coefficients, of a run folder also from their "
+            "correlation and the unexplained accelerations of its trials; prints median and 90 % interval of each "
+            "figure, and the probability of meeting its criterion."
         ),
+    ] = None,
+    plot: Annotated[
+        Path | None, Option(help="With --scatter of a calibration, figure of the tracks (.png, .svg or .pdf).")
     ] = None,
     out: Annotated[
         Path | None, Option(help="Trial file to write (.csv or .parquet), with --scatter the motions of all draws.")
@@ -91,6 +95,10 @@ def simulate(
         if out.suffix.lower() not in (".csv", ".parquet"):
             raise UserError(f"--out {out}: trial files end in .csv or .parquet")
         refuse_target("--out", out, force)
+    if plot is not None:
+        if plot.suffix.lower() not in (".png", ".svg", ".pdf"):
+            raise UserError(f"--plot {plot}: figures end in .png, .svg or .pdf")
+        refuse_target("--plot", plot, force)
     approach: dict[str, Any] = {"n": n, "speed": speed, "duration": duration}
     approach |= {"rudder_rate": None if rudder_rate is None else math.radians(rudder_rate), "sampled": sampled_helm}
     given = [name for name, value in {**approach, "dt": dt}.items() if value not in (None, False)]
@@ -112,8 +120,10 @@ def simulate(
         others = {"--controls": controls, "--wind": wind, "--noise": noise or None}
         for option in [name for name, value in others.items() if value is not None]:
             raise UserError(f"--scatter is a manoeuvre in calm air; leave {option} out")
-        _scatter(ship, model, plan, scatter, seed, dt, out, json)
+        _scatter(ship, model, plan, (scatter, seed), dt, (out, plot), json)
         return
+    if plot is not None:
+        raise UserError("--plot belongs to --scatter; mmg imo --plot draws the manoeuvres of the standard")
     with working("simulating"):
         trial = simulated_trial(model, plan, source, wind, seed=seed, dt=dt)
     found = figures_of(trial, plan) if plan else {}
@@ -130,13 +140,28 @@ def simulate(
 
 
 def _scatter(
-    name: str, ship: Ship, plan: Any, count: int, seed: int, dt: float | None, out: Path | None, as_json: bool
+    name: str,
+    ship: Ship,
+    plan: Any,
+    draws: tuple[int, int],
+    dt: float | None,
+    files: tuple[Path | None, Path | None],
+    as_json: bool,
 ) -> None:
-    """Draws, prints the table, and writes the motions to ``out``."""
-    from cases.criteria.scatter import scatter
+    """Draws (how many and their seed), prints the table, and writes the motions and the figure to ``files``."""
+    from fitting.prediction.maneuver_scatter import maneuver_scatter
+    from fitting.report.plot_maneuvers import save_figure
+    from fitting.report.run_folder import RESULT, read_result
 
-    with working(f"simulating {plan.name} {count} times"):
-        found = scatter(ship, plan, count, seed, _correlation(name), dt)
+    content = read_result(Path(name)) if (Path(name) / RESULT).is_file() else {}
+    with working(f"simulating {plan.name} {draws[0]} times"):
+        found, run, drawn = maneuver_scatter(ship, plan, content, *draws, dt)
+    out, plot = files
+    if plot is not None:
+        if run is None or drawn is None:
+            raise UserError("--plot draws the tracks of a calibration's turning, zigzag, crash-stop or coasting")
+        save_figure((run,), f"{ship.title}: {plan.name}, {draws[0]} draws", plot, {run.name: drawn.shown})
+        say(f"written: {plot}")
     if out is not None:
         tracks = found.tracks()
         tracks.to_parquet(out, index=False) if out.suffix.lower() == ".parquet" else tracks.to_csv(out, index=False)
@@ -146,30 +171,28 @@ def _scatter(
         return
     for notice in found.notices:
         say(f"note: {notice}")
-    print(f"{ship.title}: {plan.name}, {count} draws of {len(found.coefficients)} coefficients")
-    print(f"  {'figure':<28} {'as it is':>10} {'median':>10}   90 % interval")
+    print(f"{ship.title}: {plan.name}, {found.count} draws of {len(found.coefficients)} coefficients")
+    single = "   of a single trial   criterion" if run is not None else ""
+    print(f"  {'figure':<28} {'as it is':>10} {'median':>10}   90 % interval{single}")
     for row in found.rows:
-        unit, factor, form = _unit(row.unit, ship.particulars["L"])
-        value, middle, low, high = (
-            "-" if x is None else f"{factor * x:{form}}" for x in (row.value, row.median, *row.interval_90)
-        )
-        share = "" if row.share == 1 else f"  ({100 * row.share:.0f} % of the draws)"
-        print(f"  {row.figure.replace('_', ' ') + f' [{unit}]':<28} {value:>10} {middle:>10}   {low} .. {high}{share}")
+        print(f"  {_scatter_line(row, ship.particulars['L'])}")
 
 
-def _correlation(name: str) -> tuple[tuple[str, ...], Any] | None:
-    """Symbols and correlation matrix of the calibration in a run folder; None for other ships."""
-    import numpy as np
+def _scatter_line(row: Any, length: float) -> str:
+    """A line of the table of draws."""
+    unit, factor, form = _unit(row.unit, length)
 
-    from fitting.result import read_fit
+    def shown(*values: float | None) -> list[str]:
+        return ["-" if x is None or math.isnan(x) else f"{factor * x:{form}}" for x in values]
 
-    if not (Path(name) / "result.json").is_file():
-        return None
-    try:
-        known = read_fit(name).correlation
-    except UserError:
-        return None
-    return known.symbols, np.array(known.matrix, dtype=float)
+    value, middle = shown(row.value, row.median)
+    line = f"{row.figure.replace('_', ' ') + f' [{unit}]':<28} {value:>10} {middle:>10}   "
+    line += " .. ".join(shown(*row.interval_90))
+    if row.interval_90_trial is not None:
+        line += "   " + " .. ".join(shown(*row.interval_90_trial))
+    if row.probability is not None:
+        line += f"   <= {shown(row.limit)[0]}: {100 * row.probability:.0f} %"
+    return line if row.share == 1 else f"{line}  ({100 * row.share:.0f} % of the draws)"
 
 
 def _unit(unit: str, length: float) -> tuple[str, float, str]:

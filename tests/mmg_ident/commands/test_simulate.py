@@ -154,7 +154,6 @@ def test_scatter_prints_median_and_interval_of_each_figure_and_writes_the_motion
     assert shown.exit_code == 0 and "overshoot 1 [deg]" in shown.stdout and "90 % interval" in shown.stdout
     assert out.read_text().splitlines()[0].startswith("run,t [s],x [m],y [m],psi [rad]")
     data = json.loads(mmg(*options, "--json").stdout)
-    assert data["scatter"] == 8 and {"figure", "unit", "value", "median", "interval_90", "share"} == set(
-        data["figures"][0]
-    )
+    assert data["scatter"] == 8
+    assert {"figure", "unit", "value", "median", "interval_90", "share"} <= set(data["figures"][0])
     assert isinstance(mmg(*options, "--noise").exception, UserError)
