@@ -28,12 +28,12 @@ from benchmarks.blind.generator.foreign import FOREIGN, MISFIT
 from benchmarks.blind.generator.world import AIR, COLUMNS, WORLDS, World
 from benchmarks.blind.solve import blind_ship
 from benchmarks.record import record, table
+from cases.evidence.kinematics import consistency
 from cases.io.groups import Groups
 from cases.trial import Trial
 from diagnosis.hypotheses.between import compare_groups
 from diagnosis.hypotheses.group_findings import Between
 from diagnosis.prepare import prepare, with_sensor_faults
-from diagnosis.sensors.kinematics import consistency
 from fitting.parallel import run_all
 
 NAMES = ("t", "x", "y", "psi", "u", "v", "r", "n", "delta", "wind_speed", "wind_direction")

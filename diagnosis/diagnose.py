@@ -16,6 +16,7 @@ from typing import TypeVar
 import numpy as np
 
 from cases.checks.trusted import remarks as remarks_on
+from cases.evidence.kinematics import Kinematics, consistency
 from cases.io.campaigns import ship_in
 from cases.io.groups import Groups, group_trials
 from cases.io.site import Site, read_site
@@ -58,7 +59,6 @@ from diagnosis.location.where import where
 from diagnosis.prepare import Prepared, prepare, with_sensor_faults
 from diagnosis.report.words import sentence_of
 from diagnosis.result import Diagnosis
-from diagnosis.sensors.kinematics import Kinematics, consistency
 from fitting.report.run_folder import data_rows, versions
 from mmg.errors import UserError, needs_torch
 from mmg.messages import Message

@@ -9,12 +9,12 @@ from pathlib import Path
 from cases.checks import inputs_are_constant
 from cases.checks.duplicates import duplicates
 from cases.checks.held_out import by_role, without_copies
+from cases.evidence.kinematics import consistency
 from cases.io.read import read_trials
 from cases.io.sidecar import line_for
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
 from diagnosis.estimation.candidates import FITTED_ALONG
-from diagnosis.sensors.kinematics import consistency
 from fitting.report.parts import Store, hash_of_ship, hashes_of_trials
 from fitting.report.run_folder import RESULT, SHIP, trial_rows
 from mmg.errors import UserError

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cases.evidence.kinematics import Kinematics
 from cases.io.site import Site
 from cases.shipfiles.effects import freeing_effects
 from cases.trial import Trial
@@ -28,7 +29,6 @@ from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.hypotheses.forward_selection import LEVEL, MOST, SearchProblem
 from diagnosis.hypotheses.reference import fit_reference
 from diagnosis.hypotheses.score_test import score_tests, slopes
-from diagnosis.sensors.kinematics import Kinematics
 from mmg.errors import UserError
 from mmg.messages import Message
 from mmg.motion.froude import time_scale

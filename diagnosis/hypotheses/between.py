@@ -12,6 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cases.evidence.kinematic_words import Quantity
+from cases.evidence.kinematics import Kinematics
 from cases.io.groups import Groups
 from cases.trial import Trial
 from diagnosis.estimation.candidates import FITTED_ALONG, LOCAL, Candidate, Column, parameters
@@ -23,20 +25,17 @@ from diagnosis.hypotheses.forward_selection import LEVEL, SAME_CLASS, SearchProb
 from diagnosis.hypotheses.group_findings import Between, GroupDifference
 from diagnosis.hypotheses.group_rows import group_row, parameters_by_group
 from diagnosis.hypotheses.heterogeneity import (
-    GroupTest,
     RunSlopes,
     candidate_test,
-    holm,
     imitated,
     run_slopes,
     surroundings_scatter,
     with_scatter,
 )
+from diagnosis.hypotheses.measured_differences import Measured, measured_differences, without_doubles
 from diagnosis.hypotheses.refit import refit
 from diagnosis.report.between_words import sentence
-from diagnosis.sensors.group_differences import Measured, measured_differences, without_doubles
-from diagnosis.sensors.kinematic_words import Quantity
-from diagnosis.sensors.kinematics import Kinematics
+from fitting.uncertainty.group_test import GroupTest, holm
 from mmg.effects import EFFECTS
 from mmg.errors import UserError
 from mmg.messages import Message

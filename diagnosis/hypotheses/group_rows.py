@@ -8,7 +8,7 @@ import numpy as np
 
 from cases.io.groups import Groups
 from diagnosis.hypotheses.group_findings import GroupDifference, GroupParameter, GroupValue
-from diagnosis.hypotheses.heterogeneity import GroupTest
+from fitting.uncertainty.group_test import GroupTest
 
 
 def parameters_by_group(

@@ -12,7 +12,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import f as f_law
 
 from diagnosis.estimation.candidates import LOCAL, Candidate, Column
 from diagnosis.estimation.dispersion import dispersion, memory_steps
@@ -21,18 +20,19 @@ from diagnosis.estimation.linearisation import Point, Trajectory, linearise_and_
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import Priors, active_states
 from diagnosis.estimation.transition_model import TransitionModel
+from fitting.uncertainty.group_test import (
+    LEAST,
+    GroupTest,
+    by_group,
+    contrasts,
+    group_test,
+    members_of,
+    scatter_between,
+)
 from mmg.effects import EFFECTS
 
-LEAST, ROUNDS = 0.1, 30
-"""Least standard deviation of a parameter between runs, in typical sizes; rounds of expectation-maximisation."""
-SIZES = (0.3, 1.0, 3.0)
-"""Prior standard deviations of a difference between groups, in typical sizes."""
-SEEN = 1e-3
-"""Information on a difference, in typical sizes to the power -2, below which the trials do not show it."""
 COMMON = 3.0
 """Prior standard deviation of what an effect beside the fit may have in all runs alike, in typical sizes."""
-FLAT = 1e-6
-"""Precision of a prior that says nothing."""
 
 
 @dataclass(frozen=True)
@@ -55,24 +55,6 @@ class RunSlopes:
     def at(self, c: Candidate) -> list[int]:
         """Positions of the parameters of a candidate ``c``."""
         return [self.columns.index(x) for x in c.columns]
-
-
-@dataclass(frozen=True)
-class GroupTest:
-    """A test of p parameters for different values in G groups.
-
-    statistic: chi-squared with ``degrees``; p_single: its probability by chance; log_bayes: log Bayes factor for
-    different values; values: (G p,) of each group off those of the fit, with covariance (G p, G p); scatter: (p,)
-    standard deviation between the runs of a group. All in typical sizes.
-    """
-
-    statistic: float
-    degrees: int
-    p_single: float
-    log_bayes: float
-    values: np.ndarray
-    covariance: np.ndarray
-    scatter: np.ndarray
 
 
 def run_slopes(
@@ -143,7 +125,7 @@ def surroundings_scatter(s: RunSlopes, candidates: Sequence[Candidate]) -> dict[
     """
     out: dict[Column, float] = {}
     for c in (c for c in candidates if c.effect in LOCAL):
-        std = _scatter(*_own(s, s.at(c)), _members(s.group, len(c.columns)), len(c.columns))
+        std = scatter_between(*_own(s, s.at(c)), members_of(s.group, len(c.columns)), len(c.columns))
         out |= dict(zip(c.columns, std.tolist(), strict=True))
     return out
 
@@ -168,70 +150,6 @@ def _own(s: RunSlopes, at: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
     return s.g[:, at].ravel() - rows @ solved[:, -1], 0.5 * (S + S.T)
 
 
-def _members(group: np.ndarray, p: int) -> np.ndarray:
-    """Which values by run (n p) are of which values by group (G p): (n p, G p) of 0 and 1."""
-    return np.kron((group[:, None] == np.unique(group)).astype(float), np.eye(p))
-
-
-def _scatter(g: np.ndarray, S: np.ndarray, members: np.ndarray, p: int) -> np.ndarray:
-    """Standard deviation (p,) of values by run about those of their group, by expectation-maximisation."""
-    n, q = len(g) // p, members.shape[1]
-    both = np.hstack([members, np.eye(n * p)])
-    info, slope, std = both.T @ S @ both, both.T @ g, np.ones(p)
-    for _ in range(ROUNDS):
-        C = np.linalg.inv(info + np.diag(np.concatenate([np.full(q, FLAT), np.tile(std**-2.0, n)])))
-        square = (C @ slope)[q:] ** 2 + np.diag(C)[q:]
-        std = np.maximum(np.sqrt(square.reshape(n, p).mean(axis=0)), LEAST)
-    return std
-
-
-def _by_group(g: np.ndarray, S: np.ndarray, members: np.ndarray, std: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Slope and information of values by group, about which those by run scatter by ``std``."""
-    precision = np.diag(np.tile(std**-2.0, len(g) // len(std)))
-    take = np.linalg.solve(S + precision, np.column_stack([S, g]))
-    return members.T @ (g - S @ take[:, -1]), members.T @ (S - S @ take[:, :-1]) @ members
-
-
-def _contrasts(slope: np.ndarray, info: np.ndarray, p: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Slope and information of differences between groups, the mean being free, and their basis (G p, (G - 1) p)."""
-    G = len(slope) // p
-    each = np.linalg.svd(np.ones((G, 1)))[0]
-    even, basis = (np.kron(x, np.eye(p)) for x in (each[:, :1], each[:, 1:]))
-    part = np.linalg.solve(even.T @ info @ even + FLAT * np.eye(p), even.T @ np.column_stack([info, slope]))
-    J = basis.T @ (info - info @ even @ part[:, :-1]) @ basis
-    return basis.T @ (slope - info @ even @ part[:, -1]), 0.5 * (J + J.T), basis
-
-
-def group_test(g: np.ndarray, S: np.ndarray, group: np.ndarray, p: int) -> GroupTest | None:
-    """Test values by run for different means in their groups.
-
-    g: (n p,) slopes and S: (n p, n p) information of the values of p parameters in n runs; group: (n,) number of each
-    run's group. Returns None where nothing is seen of a difference.
-
-    With few runs, scatter between them is not known well: the probability is that of Fisher's F with the degrees of
-    freedom of Satterthwaite (1946), by the share of the variance that the scatter makes.
-    """
-    members = _members(group, p)
-    std = _scatter(g, S, members, p)
-    slope, info = _by_group(g, S, members, std)
-    score, J, _ = _contrasts(slope, info, p)
-    values, vectors = np.linalg.eigh(J)
-    seen = values > max(SEEN, 1e-8 * values.max(initial=0.0))
-    if not seen.any():
-        return None
-    values, vectors, degrees = values[seen], vectors[:, seen], int(seen.sum())
-    along = vectors.T @ score
-    statistic = float((along**2 / values).sum())
-    known = np.linalg.pinv(_contrasts(*_by_group(g, S, members, np.full(p, LEAST)), p)[1], rcond=1e-9)
-    share = 1 - float(np.mean(np.diag(vectors.T @ known @ vectors) * values))
-    spare = max(len(group) - len(np.unique(group)), 1)
-    p_value = float(f_law.sf(statistic / degrees, degrees, spare / max(share, 1e-3) ** 2))
-    logs = [0.5 * float((along**2 / (values + a**-2)).sum() - np.log1p(a**2 * values).sum()) for a in SIZES]
-    log_bayes = float(np.logaddexp.reduce(logs) - np.log(len(logs)))
-    covariance = np.linalg.inv(info + FLAT * np.eye(len(info)))
-    return GroupTest(statistic, degrees, p_value, log_bayes, covariance @ slope, covariance, std)
-
-
 def imitated(s: RunSlopes, c: Candidate, other: Candidate) -> float:
     """How much of the difference that a candidate ``c`` shows another one imitates.
 
@@ -240,19 +158,10 @@ def imitated(s: RunSlopes, c: Candidate, other: Candidate) -> float:
     own = len(c.columns)
     at = [*s.at(c), *s.at(other)]
     g, S = _own(s, at)
-    members = _members(s.group, len(at))
-    score, J, _ = _contrasts(*_by_group(g, S, members, np.full(len(at), LEAST)), len(at))
+    members = members_of(s.group, len(at))
+    score, J, _ = contrasts(*by_group(g, S, members, np.full(len(at), LEAST)), len(at))
     first = np.tile(np.arange(len(at)) < own, len(J) // len(at))
     J11, J12, J22 = J[np.ix_(first, first)], J[np.ix_(first, ~first)], J[np.ix_(~first, ~first)]
     size = np.linalg.lstsq(J11, score[first], rcond=1e-9)[0]
     whole = float(size @ J11 @ size)
     return float(size @ J12 @ np.linalg.pinv(J22, rcond=1e-9) @ J12.T @ size) / whole if whole > 0 else 0.0
-
-
-def holm(p: Sequence[float]) -> np.ndarray:
-    """The m probabilities ``p`` corrected for their number (Holm 1979), in the same order, (m,)."""
-    order = np.argsort(p)
-    raised = np.maximum.accumulate(np.array(p, dtype=float)[order] * np.arange(len(p), 0, -1))
-    out = np.empty(len(p))
-    out[order] = np.minimum(raised, 1.0)
-    return out

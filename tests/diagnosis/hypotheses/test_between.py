@@ -8,12 +8,12 @@ from functools import cache
 
 import pytest
 
+from cases.evidence.kinematics import consistency
 from cases.io.groups import Groups
 from cases.trial import Trial
 from diagnosis.estimation.candidates import Column
 from diagnosis.hypotheses.between import compare_groups, too_scattered
 from diagnosis.hypotheses.group_findings import Between
-from diagnosis.sensors.kinematics import consistency
 from mmg.errors import UserError
 from tests.support.diagnosis_cases import SHIP, problem_of, pushed_trials
 

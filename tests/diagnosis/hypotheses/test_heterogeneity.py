@@ -11,18 +11,9 @@ from scipy.stats import chi2
 from diagnosis.estimation.candidates import Candidate, Column, find
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.hypotheses.forward_selection import SearchProblem
-from diagnosis.hypotheses.heterogeneity import (
-    LEAST,
-    GroupTest,
-    RunSlopes,
-    candidate_test,
-    group_test,
-    holm,
-    imitated,
-    run_slopes,
-    with_scatter,
-)
+from diagnosis.hypotheses.heterogeneity import RunSlopes, candidate_test, imitated, run_slopes, with_scatter
 from diagnosis.hypotheses.score_test import slopes
+from fitting.uncertainty.group_test import LEAST, GroupTest, group_test, holm
 from tests.support.diagnosis_cases import FREE, SHIP, problem_of, pushed_trials
 
 GROUP = np.array([0, 0, 0, 0, 1, 1, 1, 1])

@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cases.evidence.kinematic_words import ALIKE, TRACK, TURN, Quantity
+from cases.evidence.kinematics import Kinematics
 from cases.io.groups import Groups
 from diagnosis.hypotheses.forward_selection import LEVEL
 from diagnosis.hypotheses.group_findings import GroupDifference
 from diagnosis.hypotheses.group_rows import group_row, parameters_by_group
-from diagnosis.hypotheses.heterogeneity import GroupTest, group_test, holm
-from diagnosis.sensors.kinematic_words import ALIKE, TRACK, TURN, Quantity
-from diagnosis.sensors.kinematics import Kinematics
+from fitting.uncertainty.group_test import GroupTest, group_test, holm
 from mmg.motion.froude import time_scale
 from mmg.ship import Ship
 

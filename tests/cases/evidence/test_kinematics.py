@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from benchmarks.disturbed_trials import Disturbed, disturbed_trials
+from cases.evidence.kinematics import consistency
 from cases.io.read import read_trials
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.demo_trials import TRAIN, demo_trials
 from cases.simulation.sensors import logged
 from cases.trial import Trial
-from diagnosis.sensors.kinematics import consistency
 from mmg.states import STATES
 from tests.support.trial_files import make_trial, motion_columns, shifted
 

@@ -21,9 +21,9 @@ from functools import partial
 import numpy as np
 
 from cases.checks.motion import SMOOTHING, delayed, smooth, uniform
+from cases.evidence.kinematic_fit import Fit, Rows, fit
+from cases.evidence.kinematic_words import TRACK, TURN, UNSEEN, Quantity, Reading, pooled_with, reading
 from cases.trial import Trial
-from diagnosis.sensors.kinematic_fit import Fit, Rows, fit
-from diagnosis.sensors.kinematic_words import TRACK, TURN, UNSEEN, Quantity, Reading, pooled_with, reading
 from mmg.motion.froude import time_scale
 from mmg.ship import Ship
 

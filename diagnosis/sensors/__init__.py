@@ -1,1 +1,0 @@
-"""Instruments against kinematics: heading against turn rate, position against velocity."""
