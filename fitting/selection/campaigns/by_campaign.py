@@ -16,7 +16,8 @@ from fitting.nlp.captive import Captive
 from fitting.nlp.run_constants import ByCampaign
 from fitting.prediction.score import pooled_sigma
 from fitting.selection.campaigns.candidates import Beside, candidates, constants_of, with_constants
-from fitting.selection.campaigns.choice import InstrumentTried, KeptInstruments, better, choose
+from fitting.selection.campaigns.chance import chances
+from fitting.selection.campaigns.choice import InstrumentTried, KeptInstruments, better, choose, gains
 from fitting.selection.campaigns.sentences import differences, why_not
 from fitting.selection.campaigns.spread import Reduced, Widths, with_prior
 from fitting.selection.left_out_runs import RunScores, estimates_without, leave_out
@@ -83,7 +84,8 @@ def by_campaign(found: Calibration, question: CampaignQuestion) -> CampaignFit:
         return replace(same, messages=told)
     beside = Beside.of(found, campaigns, chosen)
     started = [i for i, c in enumerate(chosen) if c.symbols[0] in found.prior.symbols]
-    kept = choose(found, beside, question.trials, started)
+    differing = chances(beside, question.trials, campaigns.number, started, found.spread.dispersion)
+    kept = choose(found, beside, question.trials, started, differing)
     content = _content(campaigns, kept.table)
     same = replace(same, content=content, messages=campaigns.messages)
     if kept.numbers:
@@ -134,7 +136,8 @@ def _refitted(
     judged = [t for t in question.trials if t.has_position]
     unit = pooled_sigma(judged)
     before, after = (leave_out(f, list(question.trials), sigma=unit) for f in (found, new))
-    if not better(before.window, after.window):
+    measured = any(row.taken and row.measured for row in kept.table)
+    if not (gains if measured else better)(before.window, after.window):
         return None, None
     return CampaignFit(replace(new, weighting=found.weighting), ship, own), (before, after)
 

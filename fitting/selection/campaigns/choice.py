@@ -1,9 +1,12 @@
 """Which instruments get a value of their own in each campaign: those that make runs better that were left out.
 
-One linearisation beside the calibration (``candidates``) serves every question. A candidate has the width that makes
-the data most likely (``spread``); each run is then left out in turn, those of its campaign stay in, and it is
-predicted with what they say of its instruments (``left_out_runs``). What is taken must predict better than without it,
-and better than one value that all campaigns share: days that do not differ change nothing.
+One linearisation beside the calibration (``candidates``) serves every question. First a test says whether the values
+by run differ between campaigns more than within them (``chance``): days that do not differ change nothing, but for one
+case in twenty. Then a candidate has the width that makes the data most likely (``spread``); each run is left out in
+turn, those of its campaign stay in, and it is predicted with what they say of its instruments (``left_out_runs``).
+What is taken must predict better than without it. The kinematics of the logs say of an instrument that it differs
+whatever the model lacks, so the gain may lie in one campaign. What only the model says is held to more: the gain must
+exceed its standard error over runs, also against one value that all campaigns share.
 """
 
 from __future__ import annotations
@@ -17,6 +20,7 @@ from cases.trial import Trial
 from fitting.calibration import Calibration
 from fitting.prediction.score import pooled_sigma
 from fitting.selection.campaigns.candidates import Beside
+from fitting.selection.campaigns.chance import ByChance
 from fitting.selection.campaigns.spread import NARROW, Reduced, Widths, with_prior
 from fitting.selection.left_out_runs import each_alone, estimates_without, scores_of_folds
 
@@ -26,11 +30,15 @@ LEAST_GAIN = 0.005
 
 @dataclass(frozen=True)
 class InstrumentTried:
-    """A row of the table: instrument; its width in units of the scale; evidence: twice the log likelihood ratio against
-    one value that all campaigns share; without, shared, own: mean squared error of runs left out without it, with one
-    value for all, with one for each campaign (NaN: not looked at); taken."""
+    """A row of the table: instrument; chance: probability that it is the same in all campaigns and differs by chance;
+    measured: whether that is by the kinematics of the logs, else by the model; its width in units of the scale;
+    evidence: twice the log likelihood ratio against one value that all campaigns share; without, shared, own: mean
+    squared error of runs left out without it, with one value for all, with one for each campaign (NaN: not looked at);
+    taken."""
 
     name: str
+    chance: float
+    measured: bool
     width: float
     evidence: float
     without: float
@@ -68,36 +76,35 @@ class LeftOut:
         return scores_of_folds(problem, self.trials, folds, whole, self.sigma, compiled=self.compiled).window
 
 
-def choose(found: Calibration, beside: Beside, trials: Sequence[Trial], started: Sequence[int]) -> KeptInstruments:
+def choose(
+    found: Calibration, beside: Beside, trials: Sequence[Trial], started: Sequence[int], chances: Sequence[ByChance]
+) -> KeptInstruments:
     """What to keep of the candidates of ``beside`` the calibration ``found`` of ``trials``, by forward selection.
 
-    started: numbers of the candidates that the calibration has already, with one value for all. What does not help at
-    first is not wanted again.
+    started: numbers of the candidates that the calibration has already, with one value for all; chances: of the
+    candidates. What does not differ beyond chance, or does not help at first, is not wanted again.
     """
     reduced = Reduced.of(beside.info, beside.constants, found.spread.dispersion)
-    left_out = LeftOut(found, beside, trials)
     width = tuple(NARROW if i in started else 0.0 for i in range(len(beside.candidates)))
     now = Widths(width, beside.block, beside.symbol)
-    present = left_out.scores(now)
+    rows = {i: _untried(beside, reduced, now, i, chance) for i, chance in enumerate(chances)}
+    open_ = [i for i, chance in enumerate(chances) if chance.differs]
     kept: list[int] = []
-    rows: dict[int, InstrumentTried] = {}
-    open_ = list(range(len(beside.candidates)))
-    while open_:
+    left_out = LeftOut(found, beside, trials) if open_ else None
+    present = left_out.scores(now) if left_out else np.array([])
+    while open_ and left_out:
         found_better: list[tuple[float, int, Widths, np.ndarray]] = []
         for i in open_:
             wide = now.with_width(i, 1.0).fitted(reduced, [*kept, i])
-            one = now.with_width(i, NARROW)
-            gain = reduced.log_likelihood(wide.covariance()) - reduced.log_likelihood(one.covariance())
             own = left_out.scores(wide)
-            row = InstrumentTried(
-                beside.candidates[i].name, wide.width[i], 2 * gain, _mean(present), np.nan, _mean(own), False
-            )
-            if better(present, own):
-                shared = present if i in started else left_out.scores(one)
-                row = replace(row, shared=_mean(shared))
-                if better(shared, own):
-                    found_better.append((_mean(own), i, wide, own))
-            rows[i] = row
+            rows[i] = replace(rows[i], width=wide.width[i], without=_mean(present), own=_mean(own))
+            good = gains(present, own) if chances[i].measured else better(present, own)
+            if good and not chances[i].measured:
+                shared = present if i in started else left_out.scores(now.with_width(i, NARROW))
+                rows[i] = replace(rows[i], shared=_mean(shared))
+                good = better(shared, own)
+            if good:
+                found_better.append((_mean(own), i, wide, own))
         if not found_better:
             break
         _, best, now, present = min(found_better, key=lambda row: row[:2])
@@ -105,6 +112,21 @@ def choose(found: Calibration, beside: Beside, trials: Sequence[Trial], started:
         rows[best] = replace(rows[best], taken=True)
         open_ = [i for _, i, _, _ in found_better if i != best]
     return KeptInstruments(tuple(kept), now, tuple(rows.values()))
+
+
+def _untried(beside: Beside, reduced: Reduced, now: Widths, number: int, chance: ByChance) -> InstrumentTried:
+    """The row of the candidate of this ``number`` before runs are left out."""
+    wide = now.with_width(number, 1.0).fitted(reduced, [number])
+    one = now.with_width(number, NARROW)
+    gain = reduced.log_likelihood(wide.covariance()) - reduced.log_likelihood(one.covariance())
+    name, nan = beside.candidates[number].name, float("nan")
+    return InstrumentTried(name, chance.p, chance.measured, wide.width[number], 2 * gain, nan, nan, nan, False)
+
+
+def gains(before: np.ndarray, after: np.ndarray) -> bool:
+    """Whether scores of runs ``after`` (R,) are lower in the mean than those ``before`` by LEAST_GAIN."""
+    good = np.isfinite(before) & np.isfinite(after)
+    return bool(good.any() and after[good].mean() < (1 - LEAST_GAIN) * before[good].mean())
 
 
 def better(before: np.ndarray, after: np.ndarray) -> bool:
@@ -115,7 +137,7 @@ def better(before: np.ndarray, after: np.ndarray) -> bool:
     if len(change) < 2:
         return False
     error = change.std(ddof=1) / np.sqrt(len(change))
-    return bool(change.mean() < -LEAST_GAIN * before[good].mean() and change.mean() < -error)
+    return gains(before, after) and bool(change.mean() < -error)
 
 
 def _mean(scores: np.ndarray) -> float:

@@ -15,7 +15,8 @@ from fitting.calibration import Calibration, estimate_coefficients
 from fitting.nlp.fisher_information import Information
 from fitting.prediction.predict import predict_all, values_of
 from fitting.selection.campaigns.by_campaign import CampaignFit, CampaignQuestion, by_campaign
-from fitting.selection.campaigns.choice import better
+from fitting.selection.campaigns.chance import LEVEL
+from fitting.selection.campaigns.choice import better, gains
 from fitting.selection.campaigns.spread import Reduced, Widths
 from fitting.settings import Settings
 from mmg.errors import UserError
@@ -58,6 +59,7 @@ def test_equal_instruments_leave_the_calibration_as_it_is() -> None:
     found, fit = calibrated(False)
     assert fit.calibration is found and not found.ship.campaigns and fit.content is not None
     assert fit.content["values"] is None and not any(row["taken"] for row in fit.content["tried"])
+    assert all(row["measured"] and row["chance"] > LEVEL for row in fit.content["tried"])
 
 
 def test_the_ship_file_holds_the_campaigns_and_predictions_take_that_of_the_trial() -> None:
@@ -118,3 +120,5 @@ def test_only_a_gain_beyond_chance_counts() -> None:
     assert better(before, before - np.array([0.1, 0.12, 0.08, 0.1]))
     assert not better(before, before - np.array([0.4, -0.3, 0.2, -0.2]))
     assert not better(before, before - 1e-4) and not better(before[:1], before[:1] - 0.5)
+    one_day = before - np.array([0.0, 0.0, 0.0, 0.3])
+    assert gains(before, one_day) and not better(before, one_day + 1e-3) and not gains(before, before - 1e-4)
