@@ -1,9 +1,9 @@
 """Instruments that differ between campaigns: are their values and the ship's coefficients found, and is nothing found
 where days are alike?
 
-Three campaigns of eight runs each, from two worlds. "own": ships drawn from the prior, pushed by random forces in gusty
-wind, logged with coloured noise (benchmarks/disturbed_trials.py). "foreign": a plant with another hull structure, solved
-by RK45 (benchmarks/file_faults/plant.py), logged with coloured and white noise and a turn rate that is late as a whole,
+Three campaigns of eight runs each, from two worlds. "own": ships drawn from the prior, pushed by random forces in
+gusty wind, logged with coloured noise (benchmarks/disturbed_trials.py). "foreign": a plant with another hull structure,
+solved by RK45 (benchmarks/file_faults/plant.py), logged with coloured and white noise and a turn rate that is late as a whole,
 calibrated as an Esso Osaka of that length; no coefficient has a true value there. Lag and scale of the turn rate and
 scale of the log are drawn for each campaign, or once for all of them ("alike").
 
@@ -162,8 +162,8 @@ def differing_lines(world: str, found: Sequence[Outcome]) -> list[str]:
         if not rows:
             body.append([symbol, f"0 of {len(found)}", "", "", ""])
             continue
-        z, error, truth = np.concatenate(rows, axis=1)
-        apart = [np.ptp(r[1] - r[1].mean() + r[2]) / np.ptp(r[2]) for r in rows]
+        z, _, truth = np.concatenate(rows, axis=1)
+        apart = [np.ptp(r[1] + r[2]) / np.ptp(r[2]) for r in rows]
         each = np.concatenate([r[1] - r[1].mean() for r in rows])
         body.append([
             symbol, f"{len(rows)} of {len(found)}", f"{np.mean(np.abs(z) < 1.96):.0%}",
@@ -189,8 +189,8 @@ def alike_line(world: str, found: Sequence[Outcome]) -> str:
     words = "; ".join(f"seed {o.seed}: {', '.join(o.kept)}" for o in kept)
     seconds = np.mean([o.seconds for o in found], axis=0)
     return (
-        f"World {world}, {len(found)} fleets with the same instruments on all days: {len(found) - len(kept)} stay as they "
-        f"are{f' ({words})' if words else ''}; {seconds[0]:.1f} s of {seconds[1]:.0f} s for the question."
+        f"World {world}, {len(found)} fleets with the same instruments on all days: {len(found) - len(kept)} stay as "
+        f"they are{f' ({words})' if words else ''}; {seconds[0]:.1f} s of {seconds[1]:.0f} s for the question."
     )
 
 
