@@ -3,7 +3,7 @@ where days are alike?
 
 Three campaigns of eight runs each, from two worlds. "own": ships drawn from the prior, pushed by random forces in
 gusty wind, logged with coloured noise (benchmarks/disturbed_trials.py). "foreign": a plant with another hull structure,
-solved by RK45 (benchmarks/file_faults/plant.py), logged with coloured and white noise and a turn rate that is late as a whole,
+solved by RK45 (benchmarks/file_faults/plant.py), logged with coloured and white noise and a turn rate that is late,
 calibrated as an Esso Osaka of that length; no coefficient has a true value there. Lag and scale of the turn rate and
 scale of the log are drawn for each campaign, or once for all of them ("alike").
 
