@@ -9,7 +9,8 @@ altogether, which choices of method must do; ``--hold-outs`` scores them once by
 rest of Train-TZRB+, with the sigma of Train-TZRB.
 
 Run from the repository root: python -m benchmarks.cross_validation [VARIANT ...], VARIANT being "default" or options as
-"loss=student,window=50,adapt=30,measurement=velocity_lag+gyro". Finished folds are kept in --rows and not made again.
+"loss=student,window=50,adapt=30,measurement=velocity_lag+gyro,campaigns=none". Finished folds are kept in --rows and
+not made again.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ from fitting.settings import Settings
 ROWS = Path(tempfile.gettempdir()) / "mmg_cross_validation.jsonl"
 LABELS = {"window": "30 s windows", "paper": "100 s restarts"}
 SETTINGS = {"loss": str, "weight": float, "window": float, "step": float, "horizon": float, "passes": int}
-"""Options of a variant that are settings of the calibration; "adapt" and "measurement" are the others."""
+"""Options of a variant that are settings of the calibration; "adapt", "measurement" and "campaigns" are the others."""
 
 
 def options_of(variant: str) -> dict[str, Any]:
@@ -52,10 +53,14 @@ def options_of(variant: str) -> dict[str, Any]:
             found[key] = float(value)
         elif key == "measurement":
             found[key] = tuple(v for v in value.split("+") if v != "none")
+        elif key == "campaigns":
+            found[key] = tuple(value.split("+"))
         elif key in SETTINGS and hasattr(Settings(), key):
             found[key] = SETTINGS[key](value)
         else:
-            raise SystemExit(f"{variant}: {key!r} is none of {', '.join([*SETTINGS, 'adapt', 'measurement'])}")
+            raise SystemExit(
+                f"{variant}: {key!r} is none of {', '.join([*SETTINGS, 'adapt', 'measurement', 'campaigns'])}"
+            )
     return found
 
 
@@ -73,6 +78,8 @@ def fold_score(variant: str, train: Sequence[Trial], out: Sequence[Trial], sigma
     options = FitOptions(next_trial=False)
     if "measurement" in chosen:
         options = replace(options, instruments=chosen.pop("measurement"))
+    if "campaigns" in chosen:
+        options = replace(options, per_campaign=chosen.pop("campaigns"))
     found = calibrate(
         load_ship("esso_osaka_3m"), train, (), Settings(**{"loss": None, "weight": None} | chosen), options
     )

@@ -8,8 +8,8 @@ for campaigns, whose runs share the constants.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -93,11 +93,12 @@ class Columns:
 @dataclass(frozen=True)
 class ByCampaign:
     """Constants that each campaign has for itself: symbols; names: of the campaigns; number: (trials,) of which
-    campaign each trial is."""
+    campaign each trial is; told: by symbol, value and standard error of each campaign from another source."""
 
     symbols: tuple[str, ...]
     names: tuple[str, ...]
     number: tuple[int, ...]
+    told: Mapping[str, tuple[tuple[float, float], ...]] = field(default_factory=dict)
 
 
 Own = Sequence[str] | ByCampaign
@@ -112,8 +113,20 @@ def symbols_of(own: Own) -> tuple[str, ...]:
 def prior_with(ship: Ship, own: Own, trials: Sequence[str]) -> Prior:
     """The prior of what is free in ``ship`` and of the constants ``own`` of ``trials`` (names) or of campaigns."""
     if isinstance(own, ByCampaign):
-        return Prior.of(ship, own.symbols, own.names, own.number)
+        return _told(Prior.of(ship, own.symbols, own.names, own.number), own)
     return Prior.of(ship, own, trials)
+
+
+def _told(prior: Prior, own: ByCampaign) -> Prior:
+    """The ``prior`` with what is told of the constants ``own``: the product of both normal distributions."""
+    mean, std = prior.mean.copy(), prior.std.copy()
+    for symbol, rows in own.told.items():
+        at = prior.shared + len(own.symbols) * np.arange(len(own.names)) + own.symbols.index(symbol)
+        value, error = np.array(rows).T
+        known = std[at] ** -2 + error**-2
+        mean[at] = (mean[at] * std[at] ** -2 + value * error**-2) / known
+        std[at] = known**-0.5
+    return replace(prior, mean=np.clip(mean, prior.lower, prior.upper), std=std)
 
 
 def ship_of_all(ship: Ship, own: Own, constants: RunConstants | None) -> Ship:
@@ -177,8 +190,8 @@ class RunConstants:
             units=tuple(ship.coefficients[s].unit for s in prior.constants),
             value=mean + unit * p[own].reshape(shape),
             std=unit * np.sqrt(np.diag(covariance)[own]).reshape(shape),
-            prior_value=mean[0],
-            prior_std=unit[0],
+            prior_value=np.array([ship.coefficients[s].value for s in prior.constants]),
+            prior_std=np.array([ship.coefficients[s].std for s in prior.constants]),
             p=p[own].copy(),
         )
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
@@ -13,11 +13,12 @@ from cases.io.campaigns import Campaigns, campaigns_of
 from cases.trial import Trial
 from fitting.calibration import Calibration, estimate_coefficients
 from fitting.nlp.captive import Captive
-from fitting.nlp.run_constants import ByCampaign
+from fitting.nlp.run_constants import ByCampaign, prior_with
 from fitting.prediction.score import pooled_sigma
 from fitting.selection.campaigns.candidates import Beside, candidates, constants_of, with_constants
 from fitting.selection.campaigns.chance import chances
 from fitting.selection.campaigns.choice import InstrumentTried, KeptInstruments, better, choose, gains
+from fitting.selection.campaigns.readings import RunReadings, readings_as_rows
 from fitting.selection.campaigns.sentences import differences, why_not
 from fitting.selection.campaigns.spread import Reduced, Widths, with_prior
 from fitting.selection.left_out_runs import RunScores, estimates_without, leave_out
@@ -89,7 +90,12 @@ def by_campaign(found: Calibration, question: CampaignQuestion) -> CampaignFit:
     content = _content(campaigns, kept.table)
     same = replace(same, content=content, messages=campaigns.messages)
     if kept.numbers:
-        better_fit, scores = _refitted(found, beside, kept, campaigns, question)
+        readings = {
+            beside.candidates[i].symbols[0]: r for i in kept.numbers if (r := differing[i].readings) is not None
+        }
+        better_fit, scores = _refitted(
+            found, beside, kept, constants_of(beside, kept.numbers, campaigns), readings, question
+        )
         if better_fit is None:
             return replace(same, seconds=time.perf_counter() - began)
         same = _with_values(better_fit, scores, campaigns, content, list(campaigns.messages))
@@ -97,12 +103,19 @@ def by_campaign(found: Calibration, question: CampaignQuestion) -> CampaignFit:
 
 
 def _refitted(
-    found: Calibration, beside: Beside, kept: KeptInstruments, campaigns: Campaigns, question: CampaignQuestion
+    found: Calibration,
+    beside: Beside,
+    kept: KeptInstruments,
+    own: ByCampaign,
+    readings: Mapping[str, RunReadings],
+    question: CampaignQuestion,
 ) -> tuple[CampaignFit | None, tuple[RunScores, RunScores] | None]:
-    """The calibration with the constants ``kept``, if it converges and left-out runs confirm it; and their scores."""
-    own = constants_of(beside, kept.numbers, campaigns)
+    """The calibration with the constants ``own`` of what was ``kept``, if it converges and left-out runs confirm it;
+    and their scores. readings: of those constants that the kinematics measured."""
+    told = {symbol: r.of_campaigns(len(own.names)) for symbol, r in readings.items()}
+    own = replace(own, told=told)
     at = [beside.symbols.index(s) for s in own.symbols]
-    widths, start = kept.widths, _start(beside, kept.widths)
+    widths, start = kept.widths, _start(beside, kept)
     block = [next(i for i in kept.numbers if s in beside.candidates[i].symbols) for s in own.symbols]
     size = beside.unit[at] * np.array(widths.width)[block]
     means = widths.means(start[beside.constants])
@@ -118,9 +131,13 @@ def _refitted(
     new: Calibration | None = None
     passes = min(question.settings.passes, 1 if found.settings.loss == "gaussian" else 2)
     settings = replace(found.settings, starts=1, passes=passes)
-    for _ in range(SOLVES):
+    for _ in range(1 if told else SOLVES):
         ship = with_constants(question.ship, own.symbols, mean, size)
-        p = np.concatenate([[shared[s] for s in ship.free], ((values - mean) / size).reshape(-1)])
+        prior = prior_with(ship, own, ())
+        place = slice(prior.shared, None)
+        p = np.concatenate(
+            [[shared[s] for s in ship.free], (values.reshape(-1) - prior.mean[place]) / prior.std[place]]
+        )
         warm = {"p": p, "sigma": sigma, "nodes": nodes}
         new = estimate_coefficients(ship, question.trials, settings, question.progress, warm, question.captive, own)
         if not new.converged or new.constants is None:
@@ -133,18 +150,30 @@ def _refitted(
         sigma, nodes = new.sigma, new.iterate["nodes"]
         shared = dict(zip(new.prior.symbols, new.p, strict=True))
     assert new is not None
-    judged = [t for t in question.trials if t.has_position]
-    unit = pooled_sigma(judged)
-    before, after = (leave_out(f, list(question.trials), sigma=unit) for f in (found, new))
-    measured = any(row.taken and row.measured for row in kept.table)
-    if not (gains if measured else better)(before.window, after.window):
-        return None, None
-    return CampaignFit(replace(new, weighting=found.weighting), ship, own), (before, after)
+    scores = _confirmed(found, new, own, readings, question.trials)
+    return (CampaignFit(replace(new, weighting=found.weighting), ship, own), scores) if scores else (None, None)
 
 
-def _start(beside: Beside, widths: Widths) -> np.ndarray:
-    """Scaled coefficients (P,) of all that is beside a calibration, one Newton step from it under ``widths``."""
-    info, columns = with_prior(beside.info, beside.constants, widths)
+def _confirmed(
+    found: Calibration,
+    new: Calibration,
+    own: ByCampaign,
+    readings: Mapping[str, RunReadings],
+    trials: Sequence[Trial],
+) -> tuple[RunScores, RunScores] | None:
+    """Scores of the ``trials`` left out of the calibration ``found`` and of the ``new`` one with the constants ``own``;
+    None unless they become better. readings: that the new one was told of."""
+    unit = pooled_sigma([t for t in trials if t.has_position])
+    info = readings_as_rows(new.information, new.problem.prior, own, readings)
+    before = leave_out(found, list(trials), sigma=unit)
+    after = leave_out(new, list(trials), sigma=unit, info=info)
+    good = (gains if readings else better)(before.window, after.window)
+    return (before, after) if good else None
+
+
+def _start(beside: Beside, kept: KeptInstruments) -> np.ndarray:
+    """Scaled coefficients (P,) of all that is beside a calibration, one Newton step from it with what was ``kept``."""
+    info, columns = with_prior(kept.info, beside.constants, kept.widths)
     lower, upper = beside.problem.p_bounds()
     whole = np.zeros(len(lower))
     whole[columns] = estimates_without(info, [()], (lower[columns], upper[columns]))[0]
@@ -191,8 +220,9 @@ def _with_values(
     """The ``fit`` with its values in words and numbers."""
     constants = fit.calibration.constants
     assert constants is not None and scores is not None
-    own = np.sqrt(np.diag(fit.calibration.spread.model)[len(fit.calibration.p) :]).reshape(constants.value.shape)
-    sentences = differences(constants, campaigns, own)
+    own, prior = slice(len(fit.calibration.p), None), fit.calibration.problem.prior
+    std = prior.std[own] * np.sqrt(np.diag(fit.calibration.spread.model)[own])
+    sentences = differences(constants, campaigns, std.reshape(constants.value.shape) / constants.prior_std)
     change = scores[0].change(scores[1])
     content = content | {
         "values": constants.rows(),

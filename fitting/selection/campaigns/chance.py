@@ -19,6 +19,7 @@ from cases.evidence.kinematic_words import TRACK, TURN, Quantity
 from cases.evidence.kinematics import Kinematics, consistency
 from cases.trial import Trial
 from fitting.selection.campaigns.candidates import Beside, Instrument
+from fitting.selection.campaigns.readings import RunReadings
 from fitting.uncertainty.group_test import GroupTest, group_test, holm
 from mmg.errors import UserError
 from mmg.motion.froude import time_scale
@@ -31,11 +32,16 @@ SEEN_BY = {"velocity_lag.tau": "lag", "gyro.T": "lag_r", "gyro.share": "gain_r",
 
 @dataclass(frozen=True)
 class ByChance:
-    """Of an instrument: the probability p by chance, corrected for their number, and whether it was measured by the
-    kinematics, else by the model."""
+    """Of an instrument: the probability p by chance, corrected for their number, and its readings by run where it was
+    measured by the kinematics, None where by the model."""
 
     p: float
-    measured: bool
+    readings: RunReadings | None
+
+    @property
+    def measured(self) -> bool:
+        """Whether the kinematics show it."""
+        return self.readings is not None
 
     @property
     def differs(self) -> bool:
@@ -53,14 +59,15 @@ def chances(
     """
     group = np.array(number)
     logs = _kinematics(beside, trials)
-    p, measured = [], []
+    p: list[float] = []
+    readings: list[RunReadings | None] = []
     for i, candidate in enumerate(beside.candidates):
         quantity = _quantity(candidate) if logs else None
-        test = _measured_test(logs, quantity, beside, group) if logs and quantity else None
-        measured.append(test is not None)
-        test = test or _model_test(beside, i, group, started, dispersion)
+        measured = _measured_test(logs, quantity, beside, group) if logs and quantity else None
+        test = measured[0] if measured else _model_test(beside, i, group, started, dispersion)
+        readings.append(measured[1] if measured else None)
         p.append(test.p_single if test else 1.0)
-    return [ByChance(float(q), m) for q, m in zip(holm(p), measured, strict=True)]
+    return [ByChance(float(q), r) for q, r in zip(holm(p), readings, strict=True)]
 
 
 def _kinematics(beside: Beside, trials: Sequence[Trial]) -> Kinematics | None:
@@ -78,9 +85,11 @@ def _quantity(candidate: Instrument) -> Quantity | None:
     return next((q for q in (*TRACK, *TURN) if q.symbol == name), None)
 
 
-def _measured_test(logs: Kinematics, q: Quantity, beside: Beside, group: np.ndarray) -> GroupTest | None:
-    """The test of the readings of ``q`` by run, in units of the least size that matters; None where too few runs have
-    one."""
+def _measured_test(
+    logs: Kinematics, q: Quantity, beside: Beside, group: np.ndarray
+) -> tuple[GroupTest, RunReadings] | None:
+    """The test of the readings of ``q`` by run, in units of the least size that matters, and the readings; None where
+    too few runs have one."""
     size = q.threshold * time_scale(float(beside.problem.ship.particulars["L"])) ** (2 * q.power)
     readings = [run[q.symbol] for run in logs.runs]
     value, std = (np.array([getattr(x, a) for x in readings]) / size for a in ("value", "std"))
@@ -88,7 +97,11 @@ def _measured_test(logs: Kinematics, q: Quantity, beside: Beside, group: np.ndar
     good = np.isfinite(value) & np.isfinite(std) & (std > 0) & np.array(usable)
     if len(np.unique(group[good])) < 2 or good.sum() <= len(np.unique(group[good])):
         return None
-    return group_test(value[good] / std[good] ** 2, np.diag(std[good] ** -2.0), group[good], 1)
+    test = group_test(value[good] / std[good] ** 2, np.diag(std[good] ** -2.0), group[good], 1)
+    if test is None:
+        return None
+    both = np.where(good, size * np.sqrt(std**2 + test.scatter[0] ** 2), np.nan)
+    return test, RunReadings(np.where(good, size * value, np.nan), both, group)
 
 
 def _model_test(

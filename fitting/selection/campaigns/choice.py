@@ -18,9 +18,11 @@ import numpy as np
 
 from cases.trial import Trial
 from fitting.calibration import Calibration
+from fitting.nlp.fisher_information import Information
 from fitting.prediction.score import pooled_sigma
 from fitting.selection.campaigns.candidates import Beside
 from fitting.selection.campaigns.chance import ByChance
+from fitting.selection.campaigns.readings import ReadConstant, reduced_with, with_readings
 from fitting.selection.campaigns.spread import NARROW, Reduced, Widths, with_prior
 from fitting.selection.left_out_runs import each_alone, estimates_without, scores_of_folds
 
@@ -49,24 +51,26 @@ class InstrumentTried:
 
 @dataclass(frozen=True)
 class KeptInstruments:
-    """What was kept: numbers of the candidates, widths of all, and the table."""
+    """What was kept: numbers of the candidates, widths of all, the table; info: of the windows beside the calibration,
+    with rows of the readings."""
 
     numbers: tuple[int, ...]
     widths: Widths
     table: tuple[InstrumentTried, ...]
+    info: Information
 
 
 class LeftOut:
     """Scores of runs left out, by run, under widths of the candidates."""
 
-    def __init__(self, found: Calibration, beside: Beside, trials: Sequence[Trial]) -> None:
-        self.compiled, self.beside, self.trials = found.settings.compiled, beside, list(trials)
+    def __init__(self, found: Calibration, beside: Beside, trials: Sequence[Trial], info: Information) -> None:
+        self.compiled, self.beside, self.trials, self.info = found.settings.compiled, beside, list(trials), info
         self.judged = [i for i, t in enumerate(trials) if t.has_position]
         self.sigma = pooled_sigma([trials[i] for i in self.judged])
 
     def scores(self, widths: Widths) -> np.ndarray:
         """Mean squared error of 30 s windows of each run when it is left out, (runs,)."""
-        info, columns = with_prior(self.beside.info, self.beside.constants, widths)
+        info, columns = with_prior(self.info, self.beside.constants, widths)
         lower, upper = self.beside.problem.p_bounds()
         folds = each_alone(len(self.trials))
         own = estimates_without(info, folds, (lower[columns], upper[columns]))
@@ -84,13 +88,15 @@ def choose(
     started: numbers of the candidates that the calibration has already, with one value for all; chances: of the
     candidates. What does not differ beyond chance, or does not help at first, is not wanted again.
     """
-    reduced = Reduced.of(beside.info, beside.constants, found.spread.dispersion)
+    read = read_constants(beside, chances)
+    reduced = reduced_with(beside.info, read, beside.constants, found.spread.dispersion)
+    info = with_readings(beside.info, read)
     width = tuple(NARROW if i in started else 0.0 for i in range(len(beside.candidates)))
     now = Widths(width, beside.block, beside.symbol)
     rows = {i: _untried(beside, reduced, now, i, chance) for i, chance in enumerate(chances)}
     open_ = [i for i, chance in enumerate(chances) if chance.differs]
     kept: list[int] = []
-    left_out = LeftOut(found, beside, trials) if open_ else None
+    left_out = LeftOut(found, beside, trials, info) if open_ else None
     present = left_out.scores(now) if left_out else np.array([])
     while open_ and left_out:
         found_better: list[tuple[float, int, Widths, np.ndarray]] = []
@@ -111,7 +117,20 @@ def choose(
         kept.append(best)
         rows[best] = replace(rows[best], taken=True)
         open_ = [i for _, i, _, _ in found_better if i != best]
-    return KeptInstruments(tuple(kept), now, tuple(rows.values()))
+    return KeptInstruments(tuple(kept), now, tuple(rows.values()), info)
+
+
+def read_constants(beside: Beside, chances: Sequence[ByChance]) -> list[ReadConstant]:
+    """Those constants of ``beside`` that differ and that the kinematics measured, by the ``chances`` of the
+    candidates."""
+    found = []
+    for i, chance in enumerate(chances):
+        if chance.differs and chance.readings is not None:
+            columns = beside.constants[beside.block == i]
+            k = beside.symbols.index(beside.candidates[i].symbols[0])
+            each = np.ones(len(columns))
+            found.append(ReadConstant(chance.readings, columns, beside.centre[k] * each, beside.unit[k] * each))
+    return found
 
 
 def _untried(beside: Beside, reduced: Reduced, now: Widths, number: int, chance: ByChance) -> InstrumentTried:
