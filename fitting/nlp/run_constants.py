@@ -113,11 +113,11 @@ def symbols_of(own: Own) -> tuple[str, ...]:
 def prior_with(ship: Ship, own: Own, trials: Sequence[str]) -> Prior:
     """The prior of what is free in ``ship`` and of the constants ``own`` of ``trials`` (names) or of campaigns."""
     if isinstance(own, ByCampaign):
-        return _told(Prior.of(ship, own.symbols, own.names, own.number), own)
+        return _with_readings(Prior.of(ship, own.symbols, own.names, own.number), own)
     return Prior.of(ship, own, trials)
 
 
-def _told(prior: Prior, own: ByCampaign) -> Prior:
+def _with_readings(prior: Prior, own: ByCampaign) -> Prior:
     """The ``prior`` with what is told of the constants ``own``: the product of both normal distributions."""
     mean, std = prior.mean.copy(), prior.std.copy()
     for symbol, rows in own.told.items():
