@@ -1,0 +1,165 @@
+"""What a ship's model leaves unexplained in short stretches of a long log, and how each candidate would change it.
+
+A stretch begins at the measured state and lasts as long as the ship takes for ``LENGTHS`` ship lengths. The motion is
+predicted under the logged inputs. The error of the prediction in six channels, along and across the heading at the
+start, heading, u, v and r, is averaged over each quarter of the stretch: 24 numbers. A candidate is a parameter of an
+effect that may change over the months. Its sensitivity is the change of the prediction when it has its typical size,
+divided by that size.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cases.inputs import model_inputs
+from cases.operation.cutting import USUAL
+from cases.shipfiles.effects import parameters, with_effects
+from cases.shipfiles.ship_file import check_needs
+from cases.trial import Trial
+from mmg.effects import EFFECTS
+from mmg.errors import UserError
+from mmg.motion.froude import reference_speed
+from mmg.rollout import Simulator
+from mmg.ship import Ship
+
+CANDIDATES = ("fouling.share", "draft.share", "gyro.T", "gyro.share", "log_scale.share", "heading_bias.psi",
+              "heading_bias.alone", "rudder_offset.delta", "control_delay.tau")  # fmt: skip
+"""Parameters that change with the months: of hull and loading, of instruments, of the steering gear."""
+
+LENGTHS = 5.0
+"""Ship lengths travelled in a stretch at the usual speed."""
+
+QUARTERS = 4
+CHANNELS = ("along", "across", "psi", "u", "v", "r")
+BATCH = 600
+"""Windows that are predicted at a time."""
+
+
+@dataclass(frozen=True)
+class Innovations:
+    """Of S stretches, F = 24 errors, J candidates.
+
+    t: middle of each [s], (S,); window: number of its window, (S,); errors: measured less predicted, (S, F), SI;
+    gains: errors by candidate, (S, F, J); candidates: their names; typical: their typical sizes (J,).
+    """
+
+    t: np.ndarray
+    window: np.ndarray
+    errors: np.ndarray
+    gains: np.ndarray
+    candidates: tuple[str, ...]
+    typical: np.ndarray
+
+
+def candidates_of(ship: Ship) -> tuple[str, ...]:
+    """Those of CANDIDATES that ``ship`` can have, and does not have already."""
+    found = []
+    for name in CANDIDATES:
+        effect, _, symbol = name.partition(".")
+        if effect in ship.effects:
+            continue
+        try:
+            check_needs(ship, effect, name)
+        except UserError:
+            continue
+        if symbol in {p.symbol for p in parameters(ship, effect)}:
+            found.append(name)
+    return tuple(found)
+
+
+class Stretches:
+    """Predicts the stretches of windows with a ``ship`` and its ``candidates``, one batch of windows after the other.
+
+    symbols: coefficients of the ship that are candidates instead, with their prior standard deviations as typical sizes.
+    """
+
+    def __init__(
+        self, ship: Ship, candidates: Sequence[str], lengths: float = LENGTHS, symbols: Sequence[str] = ()
+    ) -> None:
+        names = list(dict.fromkeys(name.partition(".")[0] for name in candidates))
+        rows = [f"{name}:{','.join(f'{p.symbol}={p.neutral}' for p in parameters(ship, name))}" for name in names]
+        self.candidates, self.lengths = (*candidates, *symbols), lengths
+        self.simulator = Simulator(with_effects(ship, rows))
+        sizes = {f"{name}.{p.symbol}": p.typical for name in names for p in parameters(ship, name)}
+        self.typical = np.array([sizes.get(name) or ship.coefficients[name].std for name in self.candidates])
+        self.duration = lengths * ship.particulars["L"] / (USUAL * reference_speed(ship.particulars["L"]))
+
+    def of(self, rows: Iterable[tuple[int, Mapping[str, np.ndarray]]]) -> Innovations:
+        """Innovations of windows given as (number, columns (N,)). Raises UserError where no stretch fits into any."""
+        parts, batch = [], []
+        for item in rows:
+            batch.append(item)
+            if len(batch) == BATCH:
+                parts, batch = [*parts, self._batch(batch)], []
+        if batch:
+            parts.append(self._batch(batch))
+        parts = [part for part in parts if part is not None]
+        if not parts:
+            raise UserError("the log has no stretch under way that is long enough to compare with the model")
+        joined = [np.concatenate(values) for values in zip(*parts, strict=True)]
+        return Innovations(*joined, self.candidates, self.typical)
+
+    def _batch(self, windows: Sequence[tuple[int, Mapping[str, np.ndarray]]]) -> tuple[np.ndarray, ...] | None:
+        """t, window, errors and gains of a batch of windows; None where none is long enough."""
+        step, cut = 0.0, []
+        for number, columns in windows:
+            t = columns["t"]
+            step = step or float(np.median(np.diff(t)))
+            cut += [(number, piece) for piece in self._cut(columns, step)]
+        if not cut:
+            return None
+        t = np.array([piece[0] for _, piece in cut])
+        start, controls, measured = (np.stack([piece[i] for _, piece in cut], axis=-1) for i in (1, 2, 3))
+        h = self._step(step)[1]
+        predicted = [self._predicted(start, controls, h, j) for j in (None, *range(len(self.candidates)))]
+        errors = _quarters(measured - predicted[0], start[2])
+        gains = np.stack(
+            [_quarters(p - predicted[0], start[2]) / size for p, size in zip(predicted[1:], self.typical, strict=True)],
+            axis=-1,
+        ) if self.typical.size else np.zeros((*errors.shape, 0))  # fmt: skip
+        good = np.isfinite(errors).all(axis=1) & np.isfinite(gains).all(axis=(1, 2))
+        return t[good], np.array([n for n, _ in cut])[good], errors[good], gains[good]
+
+    def _step(self, step: float) -> tuple[int, float, int]:
+        """Rows that make a step of the integration, its length [s], and steps of a stretch."""
+        together = max(1, round(self.duration / (100 * step)))
+        return together, together * step, max(QUARTERS, round(self.duration / (together * step)) // QUARTERS * QUARTERS)
+
+    def _cut(self, columns: Mapping[str, np.ndarray], step: float) -> list[tuple[float, np.ndarray, np.ndarray, np.ndarray]]:
+        """Middle [s], start (6,), inputs (N, C) and measured states (N, 6) of each stretch of a window."""
+        together, h, N = self._step(step)
+        trial = Trial("window", dict(columns))
+        states, controls = trial.states, model_inputs(trial, self.simulator.ship.inputs).array
+        side = max(1, round(0.015 * N)) * together
+        need, found = N * together + 2 * side, []
+        kernel = np.ones(2 * (together // 2) + 1)
+        for first in range(0, len(trial) - need + 1, N * together):
+            begin = first + side
+            start = states[first : first + 2 * side + 1].mean(axis=0)
+            nodes = begin + together * np.arange(1, N + 1)
+            reach = np.arange(len(kernel)) - together // 2
+            measured = states[nodes[:, None] + reach].mean(axis=1)
+            held = controls[begin : begin + N * together].reshape(N, together, -1).mean(axis=1)
+            found.append((float(trial.t[begin] + 0.5 * N * h), start, held, measured))
+        return found
+
+    def _predicted(self, start: np.ndarray, controls: np.ndarray, h: float, j: int | None) -> np.ndarray:
+        """Logged columns (N, 6, S) that the model predicts with the candidate ``j`` at its typical size."""
+        theta = self.simulator.ship.values.copy()
+        if j is not None:
+            theta[self.simulator.ship.symbols.index(self.candidates[j])] += self.typical[j]
+        states = self.simulator.start(start, controls[0], theta)
+        out = self.simulator.run(states, controls, h, theta)[1:]
+        return self.simulator.columns(out, theta)
+
+
+def _quarters(difference: np.ndarray, heading: np.ndarray) -> np.ndarray:
+    """Means (S, 24) over quarters of ``difference`` (N, 6, S), positions turned by the ``heading`` at the start (S,)."""
+    d = difference.copy()
+    c, s = np.cos(heading), np.sin(heading)
+    d[:, 0], d[:, 1] = c * difference[:, 0] + s * difference[:, 1], -s * difference[:, 0] + c * difference[:, 1]
+    means = d.reshape(QUARTERS, -1, *d.shape[1:]).mean(axis=1)
+    return means.transpose(2, 0, 1).reshape(len(heading), -1)
