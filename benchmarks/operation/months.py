@@ -32,10 +32,12 @@ class Change:
 
 @dataclass(frozen=True)
 class Month:
-    """What is generated: days, seed, and what changes by name of the parameter ("fouling.share")."""
+    """What is generated: days, seed of the month, seed of the ship, and what changes by name of the parameter
+    ("fouling.share")."""
 
     days: int = 30
     seed: int = 0
+    ship: int = 1
     changes: Mapping[str, Change] = field(default_factory=dict)
 
     def value(self, name: str, days: np.ndarray) -> np.ndarray:

@@ -22,10 +22,9 @@ RATIOS = (0.0, 1.0, 4.0, 16.0, 64.0, 256.0, 1024.0)
 """Its variance over the median variance of a spell."""
 
 DRAWS = 200
-STEP_BETTER = 2.0
-"""A change is a step unless a ramp has a log likelihood larger by more than this."""
-
-STEP = -1
+SIMPLER = 2.0
+"""A change is a step, or a ramp that lasts until the end of the log, unless a ramp that ends before has a log likelihood
+larger by more than this."""
 
 
 @dataclass(frozen=True)
@@ -120,9 +119,9 @@ class ChangeTest:
         along = noise.profiles @ z
         rest = np.maximum((z**2).sum() - along**2, 1e-300)
         log = -0.5 * B * np.log(rest / B)
-        steps = np.arange(len(log)) < B - 1
-        step = bool(log[steps].max() >= log.max() - STEP_BETTER)
-        log = np.where(steps == step, log, -np.inf)
+        log = log - SIMPLER * ((self.end > self.begin) & (self.end < self.end.max()))
+        step = bool(self.end[int(log.argmax())] == self.begin[int(log.argmax())])
+        log = np.where((self.end == self.begin) == step, log, -np.inf)
         at = int(log.argmax())
         weight = np.exp(log - log.max())
         weight /= weight.sum()

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from diagnosis.hypotheses.over_time.change_test import Change, ChangeTest
-from diagnosis.hypotheses.over_time.innovations import Innovations
+from fitting.prediction.innovations import Innovations
 from diagnosis.hypotheses.over_time.weights import Spells, spells
 
 LEVEL = 0.002
@@ -19,26 +19,35 @@ LEAST = 0.1
 MOST = 3
 """Changes that are looked for in one log."""
 
+INFORMED = 0.05
+"""Share of the median information below which a spell is left out."""
+
+APART = 1.0
+"""Days between changes of several candidates that are one event: the strongest is named, the others are its company."""
+
 FEWEST = 8
 """Spells without which no change can be told."""
 
 
 @dataclass(frozen=True)
 class Tested:
-    """A candidate and its best change, given those that were named before. name: of the parameter; estimate, std: of it
-    in each spell (B,)."""
+    """A candidate and its best change, given those that were named before. name: of the parameter; day: of its
+    spells (B,); estimate, std: in each of them (B,)."""
 
     name: str
     change: Change
+    day: np.ndarray
     estimate: np.ndarray
     std: np.ndarray
 
 
 @dataclass(frozen=True)
 class Changes:
-    """What changed: named, strongest first; tested: every candidate before anything was named; spells: of both."""
+    """What changed: named, strongest first; company: names of candidates that seem to change along with each of these;
+    tested: every candidate before anything was named; spells: of all."""
 
     named: tuple[Tested, ...]
+    company: tuple[tuple[str, ...], ...]
     tested: tuple[Tested, ...]
     spells: Spells
 
@@ -48,10 +57,11 @@ def find_changes(found: Innovations, begin: float, end: float, seed: int = 0) ->
     at = spells(found, begin)
     J, last = len(found.candidates), (end - begin) / 86400.0
     if len(at.day) < FEWEST:
-        return Changes((), (), at)
+        return Changes((), (), (), at)
     score, named, first = at.score.copy(), list[Tested](), tuple[Tested, ...]()
+    company: list[set[str]] = []
     own = np.einsum("bjj->bj", at.information)
-    good = own > 1e-6 * np.median(own, axis=0)
+    good = own > INFORMED * np.median(own, axis=0)
     tests = {j: ChangeTest(at.day[good[:, j]], 1 / own[good[:, j], j], last) for j in range(J) if good[:, j].sum() >= FEWEST}
     while len(named) < MOST:
         rows = []
@@ -59,14 +69,23 @@ def find_changes(found: Innovations, begin: float, end: float, seed: int = 0) ->
             keep = good[:, j]
             y = score[keep, j] / own[keep, j]
             change = test(y, np.random.default_rng([seed, j, len(named)]))
-            rows.append((j, Tested(found.candidates[j], change, y, 1 / np.sqrt(own[keep, j]))))
+            rows.append((j, Tested(found.candidates[j], change, at.day[keep], y, 1 / np.sqrt(own[keep, j]))))
         first = first or tuple(row for _, row in rows)
         sure = [(j, row) for j, row in rows if row.change.p_value * J <= LEVEL
                 and abs(row.change.size) >= LEAST * found.typical[j]]  # fmt: skip
-        if not sure:
+        apart = [(j, row) for j, row in sure if not any(_together(row.change, other.change) for other in named)]
+        for k, other in enumerate(named):
+            company[k] |= {row.name for _, row in sure if _together(row.change, other.change)} - {other.name}
+        if not apart:
             break
-        j, best = max(sure, key=lambda item: item[1].change.gain)
+        j, best = max(apart, key=lambda item: item[1].change.gain)
         named.append(best)
+        company.append(set())
         profile = np.interp(at.day, at.day[good[:, j]], best.change.profile)
         score = score - at.information[:, :, j] * (best.change.size * profile)[:, None]
-    return Changes(tuple(named), first, at)
+    return Changes(tuple(named), tuple(tuple(sorted(names)) for names in company), first, at)
+
+
+def _together(a: Change, b: Change) -> bool:
+    """Whether two changes cannot be told apart by their dates."""
+    return min(a.end_90[1], b.end_90[1]) + APART >= max(a.begin_90[0], b.begin_90[0])

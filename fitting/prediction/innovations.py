@@ -3,8 +3,8 @@
 A stretch begins at the measured state and lasts as long as the ship takes for ``LENGTHS`` ship lengths. The motion is
 predicted under the logged inputs. The error of the prediction in six channels, along and across the heading at the
 start, heading, u, v and r, is averaged over each quarter of the stretch: 24 numbers. A candidate is a parameter of an
-effect that may change over the months. Its sensitivity is the change of the prediction when it has its typical size,
-divided by that size.
+effect that may change over the months. Its sensitivity is the change of the prediction at half its typical size, divided
+by that half.
 """
 
 from __future__ import annotations
@@ -34,16 +34,23 @@ LENGTHS = 5.0
 
 QUARTERS = 4
 CHANNELS = ("along", "across", "psi", "u", "v", "r")
-BATCH = 600
+FREEDOM, PASSES = 4.0, 20
+"""Degrees of freedom of Student's t that the errors of stretches are taken to follow, and passes of its estimate."""
+
+SIZE = 0.5
+"""Share of its typical size at which the sensitivity to a candidate is taken."""
+
+BATCH = 300
 """Windows that are predicted at a time."""
 
 
 @dataclass(frozen=True)
 class Innovations:
-    """Of S stretches, F = 24 errors, J candidates.
+    """Of S stretches, F errors, J candidates.
 
     t: middle of each [s], (S,); window: number of its window, (S,); errors: measured less predicted, (S, F), SI;
-    gains: errors by candidate, (S, F, J); candidates: their names; typical: their typical sizes (J,).
+    gains: errors by candidate, (S, F, J); candidates: their names; typical: their typical sizes (J,);
+    channels: number of the channel of each error in CHANNELS (F,), fewer than 24 where a log has no positions.
     """
 
     t: np.ndarray
@@ -52,6 +59,7 @@ class Innovations:
     gains: np.ndarray
     candidates: tuple[str, ...]
     typical: np.ndarray
+    channels: np.ndarray
 
 
 def candidates_of(ship: Ship) -> tuple[str, ...]:
@@ -99,8 +107,12 @@ class Stretches:
         parts = [part for part in parts if part is not None]
         if not parts:
             raise UserError("the log has no stretch under way that is long enough to compare with the model")
-        joined = [np.concatenate(values) for values in zip(*parts, strict=True)]
-        return Innovations(*joined, self.candidates, self.typical)
+        t, window, errors, gains = (np.concatenate(values) for values in zip(*parts, strict=True))
+        there = np.isfinite(errors).any(axis=0)
+        good = np.isfinite(errors[:, there]).all(axis=1) & np.isfinite(gains[:, there]).all(axis=(1, 2))
+        channels = np.arange(errors.shape[1])[there] % len(CHANNELS)
+        errors, gains = errors[good][:, there], gains[good][:, there]
+        return Innovations(t[good], window[good], errors, gains, self.candidates, self.typical, channels)
 
     def _batch(self, windows: Sequence[tuple[int, Mapping[str, np.ndarray]]]) -> tuple[np.ndarray, ...] | None:
         """t, window, errors and gains of a batch of windows; None where none is long enough."""
@@ -117,11 +129,10 @@ class Stretches:
         predicted = [self._predicted(start, controls, h, j) for j in (None, *range(len(self.candidates)))]
         errors = _quarters(measured - predicted[0], start[2])
         gains = np.stack(
-            [_quarters(p - predicted[0], start[2]) / size for p, size in zip(predicted[1:], self.typical, strict=True)],
+            [_quarters(p - predicted[0], start[2]) / (SIZE * size) for p, size in zip(predicted[1:], self.typical, strict=True)],
             axis=-1,
         ) if self.typical.size else np.zeros((*errors.shape, 0))  # fmt: skip
-        good = np.isfinite(errors).all(axis=1) & np.isfinite(gains).all(axis=(1, 2))
-        return t[good], np.array([n for n, _ in cut])[good], errors[good], gains[good]
+        return t, np.array([n for n, _ in cut]), errors, gains
 
     def _step(self, step: float) -> tuple[int, float, int]:
         """Rows that make a step of the integration, its length [s], and steps of a stretch."""
@@ -150,7 +161,7 @@ class Stretches:
         """Logged columns (N, 6, S) that the model predicts with the candidate ``j`` at its typical size."""
         theta = self.simulator.ship.values.copy()
         if j is not None:
-            theta[self.simulator.ship.symbols.index(self.candidates[j])] += self.typical[j]
+            theta[self.simulator.ship.symbols.index(self.candidates[j])] += SIZE * self.typical[j]
         states = self.simulator.start(start, controls[0], theta)
         out = self.simulator.run(states, controls, h, theta)[1:]
         return self.simulator.columns(out, theta)
@@ -163,3 +174,17 @@ def _quarters(difference: np.ndarray, heading: np.ndarray) -> np.ndarray:
     d[:, 0], d[:, 1] = c * difference[:, 0] + s * difference[:, 1], -s * difference[:, 0] + c * difference[:, 1]
     means = d.reshape(QUARTERS, -1, *d.shape[1:]).mean(axis=1)
     return means.transpose(2, 0, 1).reshape(len(heading), -1)
+
+
+def scatter(errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Covariance (F, F) and squared distances (S,) of ``errors`` (S, F) under Student's t about their
+    median (Lange, Little and Taylor 1989, J Am Stat Assoc 84:881-896)."""
+    centred = errors - np.median(errors, axis=0)
+    size = 1.4826 * np.median(np.abs(centred), axis=0) + 1e-300
+    z, F = centred / size, errors.shape[1]
+    cov = np.eye(F)
+    for _ in range(PASSES):
+        distance = np.einsum("sf,sf->s", z @ np.linalg.inv(cov + 1e-9 * np.eye(F)), z)
+        weight = (FREEDOM + F) / (FREEDOM + distance)
+        cov = (z * weight[:, None]).T @ z / len(z)
+    return cov * np.outer(size, size), distance

@@ -1,0 +1,111 @@
+"""The run folder of a study of months: ship, numbers, windows, one figure and one page."""
+
+from __future__ import annotations
+
+import json
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from jinja2 import ChoiceLoader, PackageLoader
+from matplotlib.figure import Figure
+
+from cases.shipfiles.ship_file import dump_ship
+from diagnosis.hypotheses.over_time.changes import Tested
+from diagnosis.hypotheses.over_time.month_study import MonthStudy
+from fitting.report.page import environment, write_page
+from fitting.report.page_figures import figures_of
+from fitting.report.plot_style import AFTER, BEFORE, FigureFolder, dress, new_figure
+from fitting.report.run_folder import SHIP, plain, versions, write_whole
+from fitting.result import FitResult
+
+PAGE, NUMBERS, WINDOWS = "months.html", "months.json", "windows.parquet"
+SHOWN = 4
+"""Candidates in the figure where fewer changed."""
+
+
+def write_study(study: MonthStudy, result: FitResult | None, folder: Path) -> None:
+    """Write the run ``folder`` of ``study``, with the calibration ``result`` where there is one; it must not exist."""
+    if result:
+        result.save(folder, beside=partial(_numbers, study))
+    else:
+        write_whole(folder, partial(_fill, study))
+    figures = FigureFolder(folder / "figures")
+    rows = shown(study)
+    if rows:
+        figures.write("changes", partial(changes_figure, study), "What changed", CAPTION)
+    figures.write("days", partial(days_figure, study), "What became of each day", "Hours of windows by day.")
+    with figures.making("the page"):
+        write_page(_page(study, folder, figures), folder / PAGE)
+
+
+CAPTION = "Estimates of each candidate in spells of six hours, one by one, and the best change."
+
+
+def _fill(study: MonthStudy, scratch: Path) -> None:
+    (scratch / SHIP).write_text(dump_ship(study.ship, f"{study.ship.title}, as it was given."), encoding="utf-8")
+    _numbers(study, scratch)
+
+
+def _numbers(study: MonthStudy, scratch: Path) -> None:
+    import pandas as pd
+
+    text = json.dumps(plain(study.to_dict()), indent=2)
+    (scratch / NUMBERS).write_text(text + "\n", encoding="utf-8")
+    pd.DataFrame(dict(study.by_window)).to_parquet(scratch / WINDOWS)
+
+
+def shown(study: MonthStudy) -> list[Tested]:
+    """Candidates in the figure of ``study``: those that changed, then those with the largest gains."""
+    named = {row.name for row in study.changes.named}
+    rest = sorted(study.changes.tested, key=lambda row: -row.change.gain)
+    return [*study.changes.named, *[row for row in rest if row.name not in named]][: max(SHOWN, len(named))]
+
+
+def changes_figure(study: MonthStudy) -> Figure:
+    """Estimates in spells and the best change of the ``shown`` candidates of ``study``."""
+    rows, named = shown(study), {id(row) for row in study.changes.named}
+    figure = new_figure(1.7 * len(rows) + 0.4)
+    for ax, row in zip(np.atleast_1d(figure.subplots(len(rows), 1, sharex=True)), rows, strict=True):
+        changed = id(row) in named
+        ax.plot(row.day, row.estimate, ".", color="#8A8A8A", markersize=4)
+        level = float(np.median(row.estimate - row.change.size * row.change.profile))
+        ax.plot(row.day, level + row.change.size * row.change.profile, color=AFTER if changed else BEFORE,
+                linestyle="-" if changed else (0, (4, 1.5)))  # fmt: skip
+        if changed:
+            ax.axvspan(*row.change.begin_90, color=AFTER, alpha=0.15, linewidth=0)
+        low, high = np.quantile(row.estimate, (0.02, 0.98))
+        ax.set_ylim(low - 0.3 * (high - low), high + 0.3 * (high - low))
+        unit = study.unit(row.name)
+        dress(ax, "", f"[{unit or '-'}]", f"{row.name}: {'changed' if changed else 'no change found'}")
+    ax.set_xlabel("days since the log began", fontsize=9)
+    return figure
+
+
+def days_figure(study: MonthStudy) -> Figure:
+    """Hours of manoeuvring and of steady windows of each day of ``study``, and of those that the model does not explain."""
+    day = ((study.by_window["begin_s"] - study.cut.begin) // 86400).astype(int)
+    count, hours = int(day.max()) + 1, study.cut.length / 3600
+    moved, strange = study.by_window["manoeuvring"], study.by_window["unexplained"]
+    figure = new_figure(2.4)
+    ax, base = figure.subplots(), np.zeros(count)
+    for name, chosen, colour in (("steady", ~moved & ~strange, "#BBD5E8"), ("manoeuvring", moved & ~strange, AFTER),
+                                 ("not explained by the model", strange, BEFORE)):  # fmt: skip
+        height = hours * np.bincount(day[chosen], minlength=count)
+        ax.bar(np.arange(count) + 0.5, height, 0.85, base, color=colour, label=name)
+        base = base + height
+    ax.legend(fontsize=8, frameon=False, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
+    return dress(ax, "days since the log began", "hours under way").figure  # type: ignore[return-value]
+
+
+def _page(study: MonthStudy, folder: Path, figures: FigureFolder) -> str:
+    templates = environment()
+    loaders = [PackageLoader(f"{floor}.report", "templates") for floor in ("diagnosis", "fitting")]
+    templates.loader = ChoiceLoader(loaders)
+    return templates.get_template("months.html.j2").render(
+        s=study,
+        content=plain(study.to_dict()),
+        sentences=[study.words(row) for row in study.changes.named],
+        figures=figures_of(folder, figures.rows),
+        version=versions()["mmg-ident"],
+    )
