@@ -34,7 +34,7 @@ class MonthOptions:
     """What to do with a log.
 
     fit: whether the ship is calibrated on the chosen windows; most: of them; seed: of the bootstrap; settings: of the
-    calibration; command: that is stored.
+    calibration; command: that is stored; name: of the calibration.
     """
 
     fit: bool = True
@@ -42,6 +42,7 @@ class MonthOptions:
     seed: int = 0
     settings: Settings = Settings(loss="huber")
     command: str = ""
+    name: str = ""
 
 
 def study_months(
@@ -67,7 +68,7 @@ def study_months(
         choice, trials = _subset(log, cut, ship, options.most)
         clock.lap("choose")
         LOGGER.info(f"{len(trials)} of {choice.of} manoeuvring windows are fitted")
-        chosen = FitOptions(next_trial=False, per_campaign=("none",), command=options.command)
+        chosen = FitOptions(next_trial=False, per_campaign=("none",), command=options.command, name=options.name)
         result = calibrate(ship, trials, [], options.settings, chosen, progress)
         ship = result.ship
         clock.lap("fit")
@@ -78,7 +79,7 @@ def study_months(
     scores["after" if options.fit else "before"] = pooled(by_window)
     clock.lap("score and date")
     if not changes.tested:
-        warnings.append("the log is too short to say what changed: it needs two days under way at least")
+        warnings.append("the log is too short to say what changed: it needs more spells under way")
     fitted = np.zeros(len(cut.windows), bool)
     fitted[list(choice.windows) if choice else []] = True
     columns = {

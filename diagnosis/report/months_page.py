@@ -77,7 +77,9 @@ def changes_figure(study: MonthStudy) -> Figure:
         low, high = np.quantile(row.estimate, (0.02, 0.98))
         ax.set_ylim(low - 0.3 * (high - low), high + 0.3 * (high - low))
         unit = study.unit(row.name)
-        dress(ax, "", f"[{unit or '-'}]", f"{row.name}: {'changed' if changed else 'no change found'}")
+        company = any(row.name in names for names in study.changes.company)
+        what = "changed" if changed else "changes with what is named" if company else "no change found"
+        dress(ax, "", f"[{unit or '-'}]", f"{row.name}: {what}")
     ax.set_xlabel("days since the log began", fontsize=9)
     return figure
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
-from mmg.errors import UserError
+from mmg.errors import UserError, name_fault
 from mmg_ident.commands.output import command_line, print_json, progress, say, say_remarks, ship_names
 
 if TYPE_CHECKING:
@@ -34,6 +33,7 @@ def months(
     """
     from cases.shipfiles.ship_file import load_ship
     from diagnosis.report.months_page import write_study
+    from fitting.report.page import label_of
     from fitting.report.run_folder import check_target, reserved
     from fitting.settings import Settings
     from mmg_ident.months import MonthOptions, study_months
@@ -46,14 +46,14 @@ def months(
     start = load_ship(ship)
     settings = Settings(loss="huber", time_limit=time_limit, compiled=compiled)
     with reserved(out):
-        options = MonthOptions(fit, windows, seed, settings, command_line())
+        options = MonthOptions(fit, windows, seed, settings, command_line(), "" if name_fault(label_of(out)) else label_of(out))
         study, result = study_months(folder, start, options, progress())
         write_study(study, result, out)
     if json:
         print_json(study)
     else:
         if result:
-            say_remarks(replace(result, folder=out) if hasattr(result, "folder") else result)
+            say_remarks(result)
         _summary(study, out)
     return 0 if result is None or result.converged else 1
 

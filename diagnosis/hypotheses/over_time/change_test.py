@@ -16,7 +16,10 @@ import numpy as np
 from scipy.stats import gamma
 
 TIMES = (0.3, 1.0, 3.0)
-"""Durations of the error that lasts [days]."""
+"""Durations of the error that lasts [days], in a log of MONTH days or more; in proportion in a shorter one."""
+
+MONTH, EDGES = 30.0, 31
+"""Days of a month, and possible first and last days of a ramp."""
 
 RATIOS = (0.0, 1.0, 4.0, 16.0, 64.0, 256.0, 1024.0)
 """Its variance over the median variance of a spell."""
@@ -73,9 +76,9 @@ class ChangeTest:
     """
 
     def __init__(self, day: np.ndarray, variance: np.ndarray, last: float) -> None:
-        days = np.arange(0.0, np.floor(last) + 1.0)
+        days = np.linspace(0.0, last, EDGES)
         edges = 0.5 * (day[1:] + day[:-1])
-        ramps = [(a, b) for a, b in combinations(days, 2) if b - a >= 2.0]
+        ramps = [(a, b) for a, b in combinations(days, 2) if b - a >= 1.5 * days[1]]
         self.begin = np.array([*edges, *(a for a, _ in ramps)])
         self.end = np.array([*edges, *(b for _, b in ramps)])
         span = np.maximum(self.end - self.begin, 1e-9)[:, None]
@@ -83,8 +86,9 @@ class ChangeTest:
         apart = np.abs(day[:, None] - day[None])
         typical = float(np.median(variance))
         self.noises = []
+        times = [time * min(1.0, last / MONTH) for time in TIMES]
         for ratio in RATIOS:
-            for time in TIMES if ratio else TIMES[:1]:
+            for time in times if ratio else times[:1]:
                 lower = np.linalg.cholesky(np.diag(variance / typical) + ratio * np.exp(-apart / time))
                 whiten = np.linalg.inv(lower)
                 level = whiten.sum(axis=1)

@@ -6,12 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from diagnosis.hypotheses.over_time.change_test import Change, ChangeTest
+from diagnosis.hypotheses.over_time.change_test import MONTH, Change, ChangeTest
 from fitting.prediction.innovations import Innovations
 from diagnosis.hypotheses.over_time.weights import Spells, spells
 
-LEVEL = 0.002
-"""Chance of any change that is invented in a log: a month a year for forty years."""
+LEVEL = 0.0005
+"""Chance of any change that is invented in a log. With an error that lasts for a day and is larger than that of a spell,
+small chances come out up to three times too small, so that it is 0.15 % at most."""
 
 LEAST = 0.1
 """Share of a candidate's typical size below which a change does not matter."""
@@ -23,7 +24,7 @@ INFORMED = 0.05
 """Share of the median information below which a spell is left out."""
 
 APART = 1.0
-"""Days between changes of several candidates that are one event: the strongest is named, the others are its company."""
+"""Days, in a month, between changes of several candidates that are one event: the strongest is named, the others are its company."""
 
 FEWEST = 8
 """Spells without which no change can be told."""
@@ -54,7 +55,7 @@ class Changes:
 
 def find_changes(found: Innovations, begin: float, end: float, seed: int = 0) -> Changes:
     """What changed between ``begin`` and ``end`` [s] of a log with these innovations; ``seed`` of the bootstrap."""
-    at = spells(found, begin)
+    at = spells(found, begin, end)
     J, last = len(found.candidates), (end - begin) / 86400.0
     if len(at.day) < FEWEST:
         return Changes((), (), (), at)
@@ -73,9 +74,9 @@ def find_changes(found: Innovations, begin: float, end: float, seed: int = 0) ->
         first = first or tuple(row for _, row in rows)
         sure = [(j, row) for j, row in rows if row.change.p_value * J <= LEVEL
                 and abs(row.change.size) >= LEAST * found.typical[j]]  # fmt: skip
-        apart = [(j, row) for j, row in sure if not any(_together(row.change, other.change) for other in named)]
+        apart = [(j, row) for j, row in sure if not any(_together(row.change, other.change, APART * last / MONTH) for other in named)]
         for k, other in enumerate(named):
-            company[k] |= {row.name for _, row in sure if _together(row.change, other.change)} - {other.name}
+            company[k] |= {row.name for _, row in sure if _together(row.change, other.change, APART * last / MONTH)} - {other.name}
         if not apart:
             break
         j, best = max(apart, key=lambda item: item[1].change.gain)
@@ -86,6 +87,6 @@ def find_changes(found: Innovations, begin: float, end: float, seed: int = 0) ->
     return Changes(tuple(named), tuple(tuple(sorted(names)) for names in company), first, at)
 
 
-def _together(a: Change, b: Change) -> bool:
-    """Whether two changes cannot be told apart by their dates."""
-    return min(a.end_90[1], b.end_90[1]) + APART >= max(a.begin_90[0], b.begin_90[0])
+def _together(a: Change, b: Change, apart: float) -> bool:
+    """Whether two changes, less than so many days ``apart``, cannot be told apart by their dates."""
+    return min(a.end_90[1], b.end_90[1]) + apart >= max(a.begin_90[0], b.begin_90[0])

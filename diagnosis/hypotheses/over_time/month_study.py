@@ -17,6 +17,7 @@ from diagnosis.hypotheses.over_time.changes import Changes, Tested
 from fitting.design.informative_windows import Choice
 from fitting.prediction.innovations import CHANNELS, Innovations
 from fitting.report.run_folder import versions
+from mmg.effects import Parameter
 from mmg.ship import Ship
 
 SINCE_1970 = 3e8
@@ -59,16 +60,21 @@ class MonthStudy:
         """A sentence on the change ``row``."""
         c, unit = row.change, self.unit(row.name)
         size = f"{c.size:+.3g} {unit}".rstrip() + f" (standard error {c.std:.2g})"
+        name = f"{row.name} ({self.parameter(row.name).description})"
         if c.step:
             low, high = (self.date(d) for d in c.begin_90)
-            return f"{row.name} changed at once on {self.date(c.begin)} (90 %: {low} to {high}) by {size}"
+            return f"{name} changed at once on {self.date(c.begin)} (90 %: {low} to {high}) by {size}"
         begin = f"{self.date(c.begin)} (90 %: {self.date(c.begin_90[0])} to {self.date(c.begin_90[1])})"
-        return f"{row.name} changed slowly from {begin} to {self.date(c.end)} by {size}"
+        return f"{name} changed slowly from {begin} to {self.date(c.end)} by {size}"
+
+    def parameter(self, name: str) -> Parameter:
+        """The parameter of an effect by its ``name``."""
+        effect, _, symbol = name.partition(".")
+        return next(p for p in parameters(self.ship, effect) if p.symbol == symbol)
 
     def unit(self, name: str) -> str:
         """Unit of the parameter ``name``."""
-        effect, _, symbol = name.partition(".")
-        return next(p.unit for p in parameters(self.ship, effect) if p.symbol == symbol)
+        return self.parameter(name).unit
 
     def to_dict(self) -> dict[str, Any]:
         """The content of months.json."""

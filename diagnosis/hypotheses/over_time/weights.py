@@ -11,8 +11,8 @@ from fitting.prediction.innovations import Innovations, scatter
 UNEXPLAINED = 8.0
 """A stretch whose squared distance is so many times the usual one was moved by something that the log does not hold."""
 
-SPELL = 0.25
-"""Length of a spell [days]."""
+SPELL, PARTS = 0.25, 100
+"""Longest spell [days]; one of a log shorter than 25 days is this part of it."""
 
 DAY = 86400.0
 
@@ -33,8 +33,9 @@ class Spells:
     distance: np.ndarray
 
 
-def spells(found: Innovations, begin: float) -> Spells:
-    """Estimates in spells of SPELL days from innovations; ``begin`` of the log [s]."""
+def spells(found: Innovations, begin: float, end: float) -> Spells:
+    """Estimates in spells of at most SPELL days from innovations ``found``; ``begin`` and ``end`` of the log [s]."""
+    length = min(SPELL * DAY, (end - begin) / PARTS)
     cov, distance = scatter(found.errors)
     usual = float(np.median(distance))
     weight = (distance < UNEXPLAINED * usual).astype(float)
@@ -44,7 +45,7 @@ def spells(found: Innovations, begin: float) -> Spells:
     g = found.gains / size[None, :, None]
     pulled = np.einsum("sfj,fk->skj", g, inverse) * weight[:, None, None]
     information, score = np.einsum("skj,ski->sji", pulled, g), np.einsum("skj,sk->sj", pulled, e)
-    number = np.floor((found.t - begin) / (SPELL * DAY)).astype(int)
+    number = np.floor((found.t - begin) / length).astype(int)
     kinds, position = np.unique(number, return_inverse=True)
     J = g.shape[2]
     A, b, day, count = np.zeros((len(kinds), J, J)), np.zeros((len(kinds), J)), np.zeros(len(kinds)), np.zeros(len(kinds))

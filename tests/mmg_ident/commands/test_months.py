@@ -1,0 +1,90 @@
+"""mmg months, from parts of a log to a page: on hours of a model, with a change, a damaged part, and bad input."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from mmg_ident.commands.main import main
+from tests.support.operation_logs import sailed, write_log
+
+HOURS, CHANGED = 6.0, 3.0
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Six hours in which the resistance becomes larger by 40 % after three; the fifth of six parts is damaged."""
+    folder = tmp_path_factory.mktemp("months") / "log"
+    paths = write_log(folder, sailed(HOURS, 0.4, CHANGED), 6)
+    paths[4].write_bytes(paths[4].read_bytes()[:5000])
+    return folder
+
+
+@pytest.fixture(scope="module")
+def run(log: Path) -> Path:
+    out = log.parent / "run"
+    assert main(["months", str(log), "--ship", "esso_osaka_3m", "--out", str(out), "--no-fit"]) == 0
+    return out
+
+
+def test_a_change_is_named_and_dated(run: Path) -> None:
+    content = json.loads((run / "months.json").read_text())
+    first = content["changes"][0]
+    assert first["name"] == "fouling.share" and first["kind"] == "step"
+    assert abs(24 * first["begin_day"] - CHANGED) < 0.3 and first["size"] == pytest.approx(0.4, rel=0.3)
+    assert len(content["log"]["left_out"]) == 1 and "day=05" in content["log"]["left_out"][0]
+
+
+def test_the_folder_holds_ship_windows_and_page(run: Path) -> None:
+    windows = pd.read_parquet(run / "windows.parquet")
+    content = json.loads((run / "months.json").read_text())
+    assert len(windows) == content["cut"]["windows"] > 200 and windows["u"].median() < 0.05
+    page = (run / "months.html").read_text()
+    assert "fouling.share" in page and "day=05" in page and page.count("data:image/png") == 2
+    assert (run / "ship.toml").exists()
+
+
+def test_the_same_command_finds_the_same(log: Path, run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["months", str(log), "--ship", "esso_osaka_3m", "--out", str(log.parent / "again"), "--no-fit", "--json"]
+    assert main(words) == 0
+    again, first = json.loads(capsys.readouterr().out), json.loads((run / "months.json").read_text())
+    assert again["changes"] == first["changes"] and again["scores"] == first["scores"]
+
+
+@pytest.mark.slow
+def test_windows_that_tell_most_are_fitted(log: Path) -> None:
+    out = log.parent / "fitted"
+    words = ["months", str(log), "--ship", "esso_osaka_3m", "--out", str(out), "--windows", "6"]
+    assert main(words) == 0
+    content = json.loads((out / "months.json").read_text())
+    assert len(content["subset"]["windows"]) <= 6 and content["subset"]["log_det"] < content["subset"]["log_det_all"]
+    assert content["scores"]["after"]["u"] < 1.2 * content["scores"]["before"]["u"]
+    assert {"ship.toml", "result.json", "report.html", "months.html"} <= {path.name for path in out.iterdir()}
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["absent"], "no such folder"),
+        (["."], "holds no .parquet files"),
+        ([".", "--windows", "0"], "--windows 0 must be at least 1"),
+        ([".", "--time-limit", "-1"], "--time-limit -1 must be positive"),
+    ],
+)
+def test_bad_input_is_one_line(
+    words: list[str], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["months", *words, "--ship", "esso_osaka_3m", "--out", "run"]) == 2
+    err = capsys.readouterr().err
+    assert said in err and len(err.strip().splitlines()) == 1 and not (tmp_path / "run").exists()
+
+
+def test_a_log_of_other_units_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    columns = sailed(0.5)
+    write_log(tmp_path / "log", {**columns, "delta": 57.3 * columns["delta"]}, 1)
+    assert main(["months", str(tmp_path / "log"), "--ship", "esso_osaka_3m", "--out", str(tmp_path / "run")]) == 2
+    assert "labelled rad" in capsys.readouterr().err
