@@ -96,7 +96,15 @@ def size(work: Path) -> list[str]:
         seconds, memory, text = measured(["-c", CHECK, str(data), str(ship().particulars["L"])])
         count, windows, _ = text.split()
         rows.append([generator, "check and cut", count, windows, f"{seconds:.1f}", f"{memory:.0f}"])
-        words = ["months", str(data), "--ship", str(calibrated(generator, work)), "--out", str(work / "kept"), "--no-fit"]
+        words = [
+            "months",
+            str(data),
+            "--ship",
+            str(calibrated(generator, work)),
+            "--out",
+            str(work / "kept"),
+            "--no-fit",
+        ]
         shutil.rmtree(work / "kept", ignore_errors=True)
         seconds, memory, _ = measured(["-m", "mmg_ident", *words, "--json"])
         rows.append([generator, "`mmg months --no-fit`", count, windows, f"{seconds:.1f}", f"{memory:.0f}"])

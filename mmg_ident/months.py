@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,7 @@ from cases.trial import Trial
 from diagnosis.hypotheses.over_time.changes import find_changes
 from diagnosis.hypotheses.over_time.month_study import MonthStudy, pooled, window_scores
 from diagnosis.hypotheses.over_time.weights import UNEXPLAINED
-from fitting.design.informative_windows import Choice, choose_windows
+from fitting.design.informative_windows import ChosenWindows, choose_windows
 from fitting.pipeline import FitOptions, calibrate
 from fitting.prediction.innovations import Stretches, candidates_of, scatter
 from fitting.result import FitResult
@@ -40,7 +40,7 @@ class MonthOptions:
     fit: bool = True
     most: int = 24
     seed: int = 0
-    settings: Settings = Settings(loss="huber")
+    settings: Settings = field(default_factory=lambda: Settings(loss="huber"))
     command: str = ""
     name: str = ""
 
@@ -54,7 +54,7 @@ def study_months(
     each stretch and candidate. options: what to do; progress: of the calibration. Raises UserError for a folder without
     a readable part, units that the numbers refute, and a log in which the ship is never under way.
     """
-    options, clock = options or MonthOptions(), _Clock()
+    options, clock = options or MonthOptions(), _Laps()
     log = read_log(folder)
     cut = cut_log(checked(log), ship.particulars["L"])
     clock.lap("check and cut")
@@ -93,7 +93,7 @@ def study_months(
     return study, result
 
 
-class _Clock:
+class _Laps:
     """Seconds that each part of the work lasted."""
 
     def __init__(self) -> None:
@@ -106,7 +106,7 @@ class _Clock:
 
 
 def checked(log: OperationLog) -> Iterator[dict[str, np.ndarray]]:
-    """The pieces of the ``log``. Raises UserError where the numbers of one refute its units."""
+    """The pieces of the ``log``, columns (N,) by name. Raises UserError where the numbers of one refute its units."""
     for piece in log.pieces():
         if sentence := implausible(piece):
             raise UserError(f"{log.folder}: at t = {piece['t'][0]:.0f} s: {sentence}")
@@ -125,7 +125,7 @@ def _scores(log: OperationLog, cut: Cut, ship: Ship) -> dict[str, float]:
     return pooled(window_scores(found, len(cut.windows), distance / np.median(distance), UNEXPLAINED))
 
 
-def _subset(log: OperationLog, cut: Cut, ship: Ship, most: int) -> tuple[Choice, list[Trial]]:
+def _subset(log: OperationLog, cut: Cut, ship: Ship, most: int) -> tuple[ChosenWindows, list[Trial]]:
     """The windows that tell most about the free coefficients of ``ship``, by their numbers in the cut, as trials."""
     numbers = [k for k, w in enumerate(cut.windows) if w.manoeuvring]
     if not numbers:

@@ -37,7 +37,9 @@ def coaster(seed: int | None = None) -> Ship:
 
 def coaster_month(folder: Path, month: Month) -> dict[str, np.ndarray]:
     """Write the ``month`` below ``folder``; returns times that are touched or moored: "touched", "moored" (N,) bool."""
-    truth = with_effects(coaster(month.ship), ["fouling:share=0", "draft:share=0", "current:x=0,y=0", "tow:X=0,Y=0,N=0"])
+    truth = with_effects(
+        coaster(month.ship), ["fouling:share=0", "draft:share=0", "current:x=0,y=0", "tow:X=0,Y=0,N=0"]
+    )
     rng, days = np.random.default_rng([1, month.seed]), month.days
     plan = [_day(rng) for _ in range(days)]
     wanted, rps, moored, touched = (np.array([p[i] for p in plan]) for i in range(4))

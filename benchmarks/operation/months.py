@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -86,7 +87,7 @@ def write_parts(folder: Path, columns: Mapping[str, np.ndarray], edges: Sequence
     import pyarrow.parquet as pq
 
     names = {name: f"{name} [{UNITS[name]}]" for name in columns}
-    for k, (first, last) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
+    for k, (first, last) in enumerate(pairwise(edges)):
         path = folder / (f"day={k + 1:02d}/part-0.parquet" if hive else f"log_{k + 1:04d}.parquet")
         path.parent.mkdir(parents=True, exist_ok=True)
         rows = {names[name]: values[first:last] for name, values in columns.items()}

@@ -18,7 +18,14 @@ from mmg.rollout import Simulator
 from mmg.ship import Ship
 
 NOISE = {"x": 2.0, "y": 2.0, "psi": 0.001, "u": 0.04, "v": 0.04, "r": 5e-5, "n": 0.002, "delta": 0.002}
-ROUNDED = {"psi": 0.1 * np.pi / 180, "r": 0.01 * np.pi / 180, "u": 0.02, "v": 0.02, "n": 1 / 600, "delta": 0.1 * np.pi / 180}
+ROUNDED = {
+    "psi": 0.1 * np.pi / 180,
+    "r": 0.01 * np.pi / 180,
+    "u": 0.02,
+    "v": 0.02,
+    "n": 1 / 600,
+    "delta": 0.1 * np.pi / 180,
+}
 
 
 def tanker(seed: int | None = None) -> Ship:
@@ -39,7 +46,9 @@ def tanker_month(folder: Path, month: Month) -> None:
     rng, days = np.random.default_rng([2, month.seed]), month.days
     states, n, delta = _sailed(Simulator(ship), month, rng)
     t = np.arange(days * DAY, dtype=float)
-    columns = dict(zip(("x", "y", "psi", "u", "v", "r"), (np.ascontiguousarray(s.T).ravel() for s in states), strict=True))
+    columns = dict(
+        zip(("x", "y", "psi", "u", "v", "r"), (np.ascontiguousarray(s.T).ravel() for s in states), strict=True)
+    )
     columns |= {"n": n.T.ravel(), "delta": delta.T.ravel()}
     columns["r"] = late(columns["r"], month.value("gyro.T", t / DAY), 1.0) * (1 + month.value("gyro.share", t / DAY))
     for name, size in NOISE.items():
@@ -77,7 +86,10 @@ def _sailed(simulator: Simulator, month: Month, rng: np.random.Generator) -> tup
         rudder = rudder + np.clip(aim - rudder, -0.04, 0.04)
         shaft = shaft + np.clip(rps[:, k] - shaft, -0.005, 0.005)
         when = np.arange(days) + k / DAY
-        theta[row["fouling.share"]], theta[row["draft.share"]] = month.value("fouling.share", when), month.value("draft.share", when)
+        theta[row["fouling.share"]], theta[row["draft.share"]] = (
+            month.value("fouling.share", when),
+            month.value("draft.share", when),
+        )
         for name, values in push.items():
             theta[row[name]] = values[:, k]
         given = {"n": shaft, "delta": rudder}

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 
@@ -36,7 +37,7 @@ NEEDED = ("psi", "u", "v", "r", "n")
 
 
 @dataclass(frozen=True)
-class Window:
+class LogWindow:
     """A window of a log. begin, end: [s] on its clock; manoeuvring: whether the ship was manoeuvred in it."""
 
     begin: float
@@ -55,7 +56,7 @@ class Cut:
 
     step: float = 0.0
     length: float = 0.0
-    windows: list[Window] = field(default_factory=list)
+    windows: list[LogWindow] = field(default_factory=list)
     seconds: dict[str, float] = field(default_factory=dict)
     speed: float = 0.0
     rows: int = 0
@@ -68,7 +69,7 @@ class Cut:
 
 
 def cut_log(pieces: Iterable[Mapping[str, np.ndarray]], length: float, revolutions: float = 0.0) -> Cut:
-    """Cut a log given in ``pieces`` of canonical columns (N,), with a ship of this ``length`` [m], into windows.
+    """Returns how a log given in ``pieces`` of canonical columns (N,), of a ship of this ``length`` [m], is cut.
 
     revolutions: largest usual ones [1/s]; 0: those of what was read so far. What is left over at the end of a piece is
     cut with the next one.
@@ -82,7 +83,9 @@ def cut_log(pieces: Iterable[Mapping[str, np.ndarray]], length: float, revolutio
             cut.step, cut.begin = float(np.median(np.diff(t))) if len(t) > 1 else 1.0, float(t[0])
             cut.length = max(WINDOW * length / (USUAL * reference_speed(length)), 30 * cut.step)
         cut.rows, cut.end = cut.rows + len(t), float(t[-1])
-        columns = {name: np.concatenate([rest[name], values]) for name, values in piece.items()} if rest else dict(piece)
+        columns = (
+            {name: np.concatenate([rest[name], values]) for name, values in piece.items()} if rest else dict(piece)
+        )
         fast = np.hypot(piece["u"], piece["v"])
         fast = fast[fast > 5 * slowest]
         if len(fast):
@@ -145,7 +148,7 @@ def _windows_of(
             rows = slice(first + a + k * count, first + a + (k + 1) * count)
             moved = _manoeuvring({name: values[rows] for name, values in columns.items()}, revolutions)
             begin = float(columns["t"][rows.start])
-            cut.windows.append(Window(begin, float(columns["t"][rows.stop - 1]), moved))
+            cut.windows.append(LogWindow(begin, float(columns["t"][rows.stop - 1]), moved))
             cut.add("manoeuvring" if moved else "steady", count * cut.step)
         if open_end and b == len(bad):
             left = first + a + whole * count
@@ -173,7 +176,7 @@ def _runs(state: np.ndarray, gap: np.ndarray) -> Iterator[tuple[int, int]]:
     """First row and row after the last of each stretch of equal ``state`` (N,) without a ``gap`` (N - 1,)."""
     edges = np.flatnonzero((np.diff(state) != 0) | gap) + 1
     bounds = [0, *edges.tolist(), len(state)]
-    yield from ((a, b) for a, b in zip(bounds[:-1], bounds[1:], strict=True) if b > a)
+    yield from ((a, b) for a, b in pairwise(bounds) if b > a)
 
 
 def _mean(values: np.ndarray, width: int) -> np.ndarray:
@@ -185,14 +188,16 @@ def _mean(values: np.ndarray, width: int) -> np.ndarray:
 
 
 def window_rows(
-    pieces: Iterable[Mapping[str, np.ndarray]], windows: Sequence[Window]
-) -> Iterator[tuple[Window, dict[str, np.ndarray]]]:
+    pieces: Iterable[Mapping[str, np.ndarray]], windows: Sequence[LogWindow]
+) -> Iterator[tuple[LogWindow, dict[str, np.ndarray]]]:
     """Each of the ``windows``, in order of time, with its columns (N,), from a log given in ``pieces``."""
     rest, at = dict[str, np.ndarray](), 0
     for piece in pieces:
         if at == len(windows):
             return
-        columns = {name: np.concatenate([rest[name], values]) for name, values in piece.items()} if rest else dict(piece)
+        columns = (
+            {name: np.concatenate([rest[name], values]) for name, values in piece.items()} if rest else dict(piece)
+        )
         t = columns["t"]
         while at < len(windows) and windows[at].end <= t[-1]:
             rows = slice(int(np.searchsorted(t, windows[at].begin)), int(np.searchsorted(t, windows[at].end, "right")))

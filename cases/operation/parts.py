@@ -90,8 +90,11 @@ class OperationLog:
             factors = {name: to_si(name, unit, f"{path}: column '{wanted[name]}'")
                        for name, (_, unit) in matched.items()}  # fmt: skip
             for batch in file.iter_batches(PIECE, columns=list(wanted.values())):
-                columns = {name: _numbers(path, cell, batch.column(cell)) * (1.0 if name == "t" and pa.types.is_timestamp(
-                    batch.column(cell).type) else factors[name]) for name, cell in wanted.items()}  # fmt: skip
+                if pa.types.is_timestamp(batch.column(wanted["t"]).type):
+                    factors["t"] = 1.0
+                columns = {
+                    name: _numbers(path, cell, batch.column(cell)) * factors[name] for name, cell in wanted.items()
+                }
                 if entry.sentinels:
                     for name, values in columns.items():
                         values[np.isin(values, np.array(entry.sentinels) * factors[name])] = np.nan
@@ -136,7 +139,7 @@ def read_log(folder: str | Path) -> OperationLog:
         try:
             file = pq.ParquetFile(path)
             if not file.metadata.num_rows:
-                raise ValueError("it has no rows")
+                raise UserError(f"{path}: is damaged or empty (it has no rows)")
             header = checked_header(path, list(file.schema_arrow.names))
             index, unit = match_headers(path, header, _entry(folder, path), [])["t"]
             first = next(file.iter_batches(1000, columns=[header[index]])).column(0)

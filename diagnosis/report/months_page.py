@@ -11,7 +11,7 @@ from jinja2 import ChoiceLoader, PackageLoader
 from matplotlib.figure import Figure
 
 from cases.shipfiles.ship_file import dump_ship
-from diagnosis.hypotheses.over_time.changes import Tested
+from diagnosis.hypotheses.over_time.changes import CandidateChange
 from diagnosis.hypotheses.over_time.month_study import MonthStudy
 from fitting.report.page import environment, write_page
 from fitting.report.page_figures import figures_of
@@ -55,7 +55,7 @@ def _numbers(study: MonthStudy, scratch: Path) -> None:
     pd.DataFrame(dict(study.by_window)).to_parquet(scratch / WINDOWS)
 
 
-def shown(study: MonthStudy) -> list[Tested]:
+def shown(study: MonthStudy) -> list[CandidateChange]:
     """Candidates in the figure of ``study``: those that changed, then those with the largest gains."""
     named = {row.name for row in study.changes.named}
     rest = sorted(study.changes.tested, key=lambda row: -row.change.gain)
@@ -85,7 +85,7 @@ def changes_figure(study: MonthStudy) -> Figure:
 
 
 def days_figure(study: MonthStudy) -> Figure:
-    """Hours of manoeuvring and of steady windows of each day of ``study``, and of those that the model does not explain."""
+    """Hours of manoeuvring and steady windows of each day of ``study``, and of those the model does not explain."""
     day = ((study.by_window["begin_s"] - study.cut.begin) // 86400).astype(int)
     count, hours = int(day.max()) + 1, study.cut.length / 3600
     moved, strange = study.by_window["manoeuvring"], study.by_window["unexplained"]

@@ -16,7 +16,7 @@ LEAST = 0.02
 
 
 @dataclass(frozen=True)
-class Choice:
+class ChosenWindows:
     """Chosen windows. windows: their numbers, the one that tells most first; gains: log determinant of the information
     that each adds; of: windows that were looked at; all: log determinant that all of them together add."""
 
@@ -42,7 +42,7 @@ def window_information(found: Innovations) -> tuple[np.ndarray, np.ndarray]:
     return windows[sound], total[sound]
 
 
-def choose_windows(found: Innovations, most: int) -> Choice:
+def choose_windows(found: Innovations, most: int) -> ChosenWindows:
     """At most so many windows of ``found``, whose candidates are coefficients: each adds most to the log determinant of
     the information that those before it have, beginning with the prior (typical sizes are its standard deviations)."""
     numbers, information = window_information(found)
@@ -58,4 +58,4 @@ def choose_windows(found: Innovations, most: int) -> Choice:
         chosen.append(int(numbers[best]))
         gains.append(float(gain[best]))
         known, left[best] = known + information[best], False
-    return Choice(tuple(chosen), tuple(gains), len(numbers), whole)
+    return ChosenWindows(tuple(chosen), tuple(gains), len(numbers), whole)

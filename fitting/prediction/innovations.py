@@ -3,8 +3,8 @@
 A stretch begins at the measured state and lasts as long as the ship takes for ``LENGTHS`` ship lengths. The motion is
 predicted under the logged inputs. The error of the prediction in six channels, along and across the heading at the
 start, heading, u, v and r, is averaged over each quarter of the stretch: 24 numbers. A candidate is a parameter of an
-effect that may change over the months. Its sensitivity is the change of the prediction at half its typical size, divided
-by that half.
+effect that may change over the months. Its sensitivity is the change of the prediction at half its typical size,
+divided by that half.
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ from cases.operation.cutting import USUAL
 from cases.shipfiles.effects import parameters, with_effects
 from cases.shipfiles.ship_file import check_needs
 from cases.trial import Trial
-from mmg.effects import EFFECTS
 from mmg.errors import UserError
 from mmg.motion.froude import reference_speed
 from mmg.rollout import Simulator
@@ -81,7 +80,7 @@ def candidates_of(ship: Ship) -> tuple[str, ...]:
 class Stretches:
     """Predicts the stretches of windows with a ``ship`` and its ``candidates``, one batch of windows after the other.
 
-    symbols: coefficients of the ship that are candidates instead, with their prior standard deviations as typical sizes.
+    symbols: coefficients of the ship that are candidates too; their prior standard deviations are the typical sizes.
     """
 
     def __init__(
@@ -126,12 +125,11 @@ class Stretches:
         t = np.array([piece[0] for _, piece in cut])
         start, controls, measured = (np.stack([piece[i] for _, piece in cut], axis=-1) for i in (1, 2, 3))
         h = self._step(step)[1]
-        predicted = [self._predicted(start, controls, h, j) for j in (None, *range(len(self.candidates)))]
-        errors = _quarters(measured - predicted[0], start[2])
-        gains = np.stack(
-            [_quarters(p - predicted[0], start[2]) / (SIZE * size) for p, size in zip(predicted[1:], self.typical, strict=True)],
-            axis=-1,
-        ) if self.typical.size else np.zeros((*errors.shape, 0))  # fmt: skip
+        base = self._predicted(start, controls, h, None)
+        errors = _quarters(measured - base, start[2])
+        gains = np.empty((*errors.shape, len(self.candidates)))
+        for j, size in enumerate(self.typical):
+            gains[:, :, j] = _quarters(self._predicted(start, controls, h, j) - base, start[2]) / (SIZE * size)
         return t, np.array([n for n, _ in cut]), errors, gains
 
     def _step(self, step: float) -> tuple[int, float, int]:
@@ -139,7 +137,9 @@ class Stretches:
         together = max(1, round(self.duration / (100 * step)))
         return together, together * step, max(QUARTERS, round(self.duration / (together * step)) // QUARTERS * QUARTERS)
 
-    def _cut(self, columns: Mapping[str, np.ndarray], step: float) -> list[tuple[float, np.ndarray, np.ndarray, np.ndarray]]:
+    def _cut(
+        self, columns: Mapping[str, np.ndarray], step: float
+    ) -> list[tuple[float, np.ndarray, np.ndarray, np.ndarray]]:
         """Middle [s], start (6,), inputs (N, C) and measured states (N, 6) of each stretch of a window."""
         together, h, N = self._step(step)
         trial = Trial("window", dict(columns))
@@ -168,7 +168,7 @@ class Stretches:
 
 
 def _quarters(difference: np.ndarray, heading: np.ndarray) -> np.ndarray:
-    """Means (S, 24) over quarters of ``difference`` (N, 6, S), positions turned by the ``heading`` at the start (S,)."""
+    """Means (S, 24) over quarters of ``difference`` (N, 6, S), positions turned by the first ``heading`` (S,)."""
     d = difference.copy()
     c, s = np.cos(heading), np.sin(heading)
     d[:, 0], d[:, 1] = c * difference[:, 0] + s * difference[:, 1], -s * difference[:, 0] + c * difference[:, 1]

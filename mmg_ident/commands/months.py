@@ -20,7 +20,9 @@ def months(
         str, Option(help="Ship to start from: library name, ship file or run folder.", autocompletion=ship_names)
     ],
     out: Annotated[Path, Option(help="Run folder to write; it must not exist.")],
-    fit: Annotated[bool, Option(help="Calibrate the ship on the windows that tell most; else she is taken as she is.")] = True,
+    fit: Annotated[
+        bool, Option(help="Calibrate the ship on the windows that tell most; else she is taken as she is.")
+    ] = True,
     windows: Annotated[int, Option(help="Most windows to fit.")] = 24,
     time_limit: Annotated[float | None, Option(help="Wall-clock limit of the calibration [s].")] = None,
     seed: Annotated[int, Option(help="Seed of the bootstrap of the dates.")] = 0,
@@ -46,7 +48,9 @@ def months(
     start = load_ship(ship)
     settings = Settings(loss="huber", time_limit=time_limit, compiled=compiled)
     with reserved(out):
-        options = MonthOptions(fit, windows, seed, settings, command_line(), "" if name_fault(label_of(out)) else label_of(out))
+        options = MonthOptions(
+            fit, windows, seed, settings, command_line(), "" if name_fault(label_of(out)) else label_of(out)
+        )
         study, result = study_months(folder, start, options, progress())
         write_study(study, result, out)
     if json:

@@ -26,17 +26,17 @@ RATIOS = (0.0, 1.0, 4.0, 16.0, 64.0, 256.0, 1024.0)
 
 DRAWS = 200
 SIMPLER = 2.0
-"""A change is a step, or a ramp that lasts until the end of the log, unless a ramp that ends before has a log likelihood
-larger by more than this."""
+"""A change is a step, or a ramp that lasts until the end of the log, unless a ramp that ends before has a log
+likelihood larger by more than this."""
 
 
 @dataclass(frozen=True)
-class Change:
+class DatedChange:
     """A change of a candidate.
 
-    begin, end: first and last day of it, with their 90 % intervals; half: day when half of it was reached; step: whether
-    both are one; size: of the change, std: its standard error; gain: of the log likelihood; p_value: of it, for this
-    candidate alone; profile: share of the change that was reached in each spell (B,).
+    begin, end: first and last day of it, with their 90 % intervals; half: day when half of it was reached; step:
+    whether both are one; size: of the change, std: its standard error; gain: of the log likelihood; p_value: of it,
+    for this candidate alone; profile: share of the change that was reached in each spell (B,).
     """
 
     begin: float
@@ -112,7 +112,7 @@ class ChangeTest:
             best.append(-0.5 * (B * np.log(np.maximum(rest - most, 1e-12 * rest) / B) + noise.log_det))
         return np.array(none), np.array(best)
 
-    def __call__(self, y: np.ndarray, rng: np.random.Generator) -> Change:
+    def __call__(self, y: np.ndarray, rng: np.random.Generator) -> DatedChange:
         """The best change of the series ``y`` (B,); ``rng`` draws the bootstrap."""
         none, best = self.likelihoods(y[:, None])
         gain = float(best.max() - none.max())
@@ -130,7 +130,7 @@ class ChangeTest:
         weight = np.exp(log - log.max())
         weight /= weight.sum()
         p_value = max(self._chance(y, gain, k, rng) for k in {chosen, int(none[:, 0].argmax())})
-        return Change(
+        return DatedChange(
             float(self.begin[at]),
             float(self.end[at]),
             _interval(self.begin, weight),

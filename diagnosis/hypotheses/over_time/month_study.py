@@ -12,9 +12,9 @@ import numpy as np
 from cases.operation.cutting import Cut
 from cases.operation.parts import OperationLog
 from cases.shipfiles.effects import parameters
-from diagnosis.hypotheses.over_time.change_test import Change
-from diagnosis.hypotheses.over_time.changes import Changes, Tested
-from fitting.design.informative_windows import Choice
+from diagnosis.hypotheses.over_time.change_test import DatedChange
+from diagnosis.hypotheses.over_time.changes import CandidateChange, Changes
+from fitting.design.informative_windows import ChosenWindows
 from fitting.prediction.innovations import CHANNELS, Innovations
 from fitting.report.run_folder import versions
 from mmg.effects import Parameter
@@ -29,15 +29,15 @@ class MonthStudy:
     """All that was found in a long log.
 
     log, cut: what was read and how it was cut; ship: that was compared with it; choice: windows that were fitted, by
-    their numbers in ``cut.windows``, None where nothing was; scores: root mean square errors at the end of stretches, by
-    "before" and "after" the fit, and channel; by_window: name of a column -> values (W,); changes: what changed;
+    their numbers in ``cut.windows``, None where nothing was; scores: root mean square errors at the end of stretches,
+    by "before" and "after" the fit, and channel; by_window: name of a column -> values (W,); changes: what changed;
     timings: [s]; seed: of the bootstrap; warnings: sentences.
     """
 
     log: OperationLog
     cut: Cut
     ship: Ship
-    choice: Choice | None
+    choice: ChosenWindows | None
     scores: Mapping[str, Mapping[str, float]]
     by_window: Mapping[str, np.ndarray]
     changes: Changes
@@ -56,7 +56,7 @@ class MonthStudy:
             return f"day {day:.1f}"
         return datetime.fromtimestamp(self.cut.begin + 86400 * day, timezone.utc).strftime("%Y-%m-%d %H:%M")
 
-    def words(self, row: Tested) -> str:
+    def words(self, row: CandidateChange) -> str:
         """A sentence on the change ``row``."""
         c, unit = row.change, self.unit(row.name)
         size = f"{c.size:+.3g} {unit}".rstrip() + f" (standard error {c.std:.2g})"
@@ -109,7 +109,7 @@ class MonthStudy:
             "versions": versions(),
         }
 
-    def _named(self) -> list[tuple[Tested, tuple[str, ...]]]:
+    def _named(self) -> list[tuple[CandidateChange, tuple[str, ...]]]:
         return list(zip(self.changes.named, self.changes.company, strict=True))
 
     def _subset(self) -> dict[str, Any] | None:
@@ -124,8 +124,8 @@ class MonthStudy:
             "log_det_all": self.choice.all,
         }
 
-    def _row(self, row: Tested) -> dict[str, Any]:
-        c: Change = row.change
+    def _row(self, row: CandidateChange) -> dict[str, Any]:
+        c: DatedChange = row.change
         return {
             "name": row.name,
             "unit": self.unit(row.name),
@@ -144,8 +144,9 @@ class MonthStudy:
 
 
 def window_scores(found: Innovations, count: int, distance: np.ndarray, limit: float) -> dict[str, np.ndarray]:
-    """Root mean square errors of each of ``count`` windows at the end of its stretches, NaN for one without: name of the
-    channel -> (count,); "unexplained": whether a stretch has a ``distance`` (S,) beyond the ``limit``."""
+    """Root mean square errors of each of ``count`` windows at the end of its stretches, from innovations ``found``, NaN
+    for one without: name of the channel -> (count,); "unexplained": whether the ``distance`` (S,) of a stretch is
+    beyond the ``limit``."""
     out = {}
     number = np.bincount(found.window, minlength=count)
     for k, name in enumerate(CHANNELS):

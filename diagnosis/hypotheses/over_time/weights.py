@@ -48,7 +48,12 @@ def spells(found: Innovations, begin: float, end: float) -> Spells:
     number = np.floor((found.t - begin) / length).astype(int)
     kinds, position = np.unique(number, return_inverse=True)
     J = g.shape[2]
-    A, b, day, count = np.zeros((len(kinds), J, J)), np.zeros((len(kinds), J)), np.zeros(len(kinds)), np.zeros(len(kinds))
+    A, b, day, count = (
+        np.zeros((len(kinds), J, J)),
+        np.zeros((len(kinds), J)),
+        np.zeros(len(kinds)),
+        np.zeros(len(kinds)),
+    )
     np.add.at(A, position, information)
     np.add.at(b, position, score)
     np.add.at(day, position, (found.t - begin) / DAY)
