@@ -2,8 +2,8 @@
 
 python -m benchmarks.task_sizes [--tasks 400] [--record]
 
-A task is a refit of a bootstrap as `mmg fit` hands it over, pickled as it is sent; its seconds are measured on a campaign
-of synthetic trials. The time that the scheduler takes for a task is measured with tasks of the same bytes that do
+A task is refits of a bootstrap as `mmg fit` hands them over, pickled as they are sent; their seconds are measured on a
+campaign of synthetic trials. The time of the scheduler for a task is measured with tasks of the same bytes that do
 nothing, on a Dask scheduler and one worker on loopback. The rest is arithmetic, printed with its numbers.
 """
 
@@ -83,15 +83,20 @@ def main() -> None:
         [f"a task of {CHUNK} refits, sent / returned", f"{sent / 1e6:.2f} / {back / 1e6:.4f} MB"],
         ["scheduler, network and worker for a task that does nothing", f"{1e3 * per_task:.1f} ms"],
     ]
+    each, mega = f"{1e3 * per_task:.1f} ms", f"{sent / 1e6:.2f} MB"
     paper = [
         ["compute", f"{compute:.1f} h", f"{refits:.0e} refits x {seconds:.2f} s / {CORES}"],
         ["first fits", f"{SHIPS * whole / CORES / 3600:.2f} h", f"{SHIPS} x {whole:.1f} s / {CORES}"],
-        ["scheduler, one task after another", f"{tasks * per_task / 3600:.2f} h", f"{tasks:.0e} x {1e3 * per_task:.1f} ms"],
-        ["network, 10 Gbit/s at the client", f"{network:.2f} h", f"{tasks:.0e} x {sent / 1e6:.2f} MB"],
+        ["scheduler, one task after another", f"{tasks * per_task / 3600:.2f} h", f"{tasks:.0e} x {each}"],
+        ["network, 10 Gbit/s at the client", f"{network:.2f} h", f"{tasks:.0e} x {mega}"],
         ["disk, results at 200 MB/s", f"{tasks * back / DISK:.0f} s", f"{tasks:.0e} x {back / 1e3:.1f} kB"],
-        ["cores that one scheduler keeps busy", f"{CHUNK * seconds / per_task:.0f}", f"{CHUNK} x {seconds:.2f} s / {1e3 * per_task:.1f} ms"],
+        [
+            "cores that one scheduler keeps busy",
+            f"{CHUNK * seconds / per_task:.0f}",
+            f"{CHUNK * seconds:.1f} s / {each}",
+        ],
         ["memory at the scheduler", f"{2 * CORES * sent / 1e9:.2f} GB", f"two tasks for each of {CORES} workers"],
-    ]  # fmt: skip
+    ]
     lines = [*table(["measured", "value"], measured), "", *table(["1,000 ships x 1,000 fits", "value", "from"], paper)]
     if given.record:
         record("Tasks on paper: 1,000 ships x 1,000 fits", "python -m benchmarks.task_sizes", lines)
