@@ -1,0 +1,134 @@
+"""The real records with and without values by campaign: runs left out in five folds, and the five hold-outs.
+
+Each calibration on some of the 35 records of Train-TZRB+ is made once; from it follow the ship without campaigns and,
+if the choice keeps an instrument, the one with them, which predicts a record by the values of its day where it knows
+that. Folds spread each day and kind, as in benchmarks/cross_validation.py. The measure trains nothing that is judged on
+the five hold-outs: these are predicted by ships calibrated on Train-TZRB, and on the rest of Train-TZRB+.
+
+Run from the repository root: python -m benchmarks.campaign_records [--parts folds hold-outs] [--rows FILE]. Finished
+calibrations are kept in the file and not made again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.cross_validation import grouped, lines_of
+from benchmarks.record import record, table
+from cases import published_splits as splits
+from cases.io.read import read_trials
+from cases.shipfiles.model_changes import with_instruments
+from cases.shipfiles.ship_file import load_ship
+from cases.trial import Trial
+from fitting.calibration import estimate_coefficients
+from fitting.prediction.score import pooled_sigma, score
+from fitting.selection.campaigns.by_campaign import CampaignQuestion, by_campaign
+from fitting.selection.left_out_runs import RunScores, folds_by
+from fitting.settings import Settings
+from mmg.rollout import Simulator
+
+VARIANTS = ("without campaigns", "with campaigns")
+PAST = 30.0
+"""s of past that a prediction may use."""
+ROWS = Path(tempfile.gettempdir()) / "mmg_campaign_records.jsonl"
+
+
+def row_of(name: str, train: Sequence[Trial], out: Sequence[Trial], sigma: np.ndarray) -> dict[str, Any]:
+    """Scores of the trials ``out`` by both variants of a calibration on ``train``, without and with a past; sigma (6,)
+    is their unit."""
+    began = time.perf_counter()
+    ship, settings = with_instruments(load_ship("esso_osaka_3m"), ("velocity_lag",)), Settings(loss=None, weight=None)
+    found = estimate_coefficients(ship, train, settings)
+    fit = by_campaign(found, CampaignQuestion(ship, train, settings))
+    files: dict[str, dict[str, list[float]]] = {}
+    for words, calibration in zip(VARIANTS, (found, fit.calibration), strict=True):
+        simulator = Simulator(calibration.ship)
+        for past in (None, PAST):
+            rows = score(simulator, out, sigma, adapt=past).trials
+            files[words + ("" if past is None else ", past")] = {r.name: [r.window, r.paper, r.windows] for r in rows}
+    kept = list(fit.calibration.constants.symbols) if fit.calibration.constants else []
+    return {
+        "name": name,
+        "kept": kept,
+        "sentences": [str(message) for message in fit.messages],
+        "seconds": time.perf_counter() - began,
+        "files": files,
+    }
+
+
+def made(path: Path, name: str, train: Sequence[Trial], out: Sequence[Trial], sigma: np.ndarray) -> dict[str, Any]:
+    """The row called ``name``, from the file at ``path`` or made now and added to it."""
+    known = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()] if path.exists() else []
+    for row in known:
+        if row["name"] == name:
+            return dict(row)
+    row = row_of(name, train, out, sigma)
+    with path.open("a", encoding="utf-8") as file:
+        file.write(json.dumps(row) + "\n")
+    print(f"{name}: {len(train)} records, kept {row['kept']}, {row['seconds']:.0f} s", flush=True)
+    return row
+
+
+def fold_lines(path: Path, past: bool) -> list[str]:
+    """Tables of the runs left out in five folds, by kind; past: with 30 s of past."""
+    trials = read_trials(splits.find(splits.TRAIN_TZRB_PLUS))
+    labels, groups = grouped(trials)
+    sigma, files, kept = pooled_sigma(trials), {words: dict[str, list[float]]() for words in VARIANTS}, []
+    for k, out in enumerate(folds_by(labels, groups, 5)):
+        rest = [t for i, t in enumerate(trials) if i not in out]
+        row = made(path, f"fold {k}", rest, [trials[i] for i in out], sigma)
+        kept.append(" and ".join(row["kept"]) or "nothing")
+        for words in VARIANTS:
+            files[words] |= row["files"][words + (", past" if past else "")]
+    scores = {}
+    for words, found in files.items():
+        window, paper, count = np.array([found[t.name] for t in trials]).T
+        bare = [np.where(count > 0, v, np.nan) for v in (window, paper)]
+        scores[words] = RunScores(tuple(t.name for t in trials), tuple(t.kind for t in trials), *bare, count, sigma)
+    head = f"{len(trials)} records in 5 folds{', with 30 s of past' if past else ''}; kept: {', '.join(kept)}."
+    return [head, "", *lines_of(scores)]
+
+
+def hold_out_lines(path: Path) -> list[str]:
+    """Tables of the five hold-outs."""
+    held, small = read_trials(splits.find(splits.DEVELOPMENT_HOLDOUT)), read_trials(splits.find(splits.TRAIN_TZRB))
+    large = read_trials(splits.find(n for n in splits.TRAIN_TZRB_PLUS if n not in splits.DEVELOPMENT_HOLDOUT))
+    columns: dict[str, dict[str, list[float]]] = {}
+    told = []
+    for words, train in (("Train-TZRB", small), ("Train-TZRB+ without them", large)):
+        row = made(path, words, train, held, pooled_sigma(small))
+        columns |= {f"{words}, {variant}": files for variant, files in row["files"].items()}
+        told += [f"{words}: {sentence}" for sentence in row["sentences"]]
+    body = [[t.name, *(f"{c[t.name][0]:.4f}" for c in columns.values())] for t in held]
+    body.append(["mean of files", *(f"{np.mean([v[0] for v in c.values()]):.4f}" for c in columns.values())])
+    return ["30 s windows, in units of the sigma of Train-TZRB:", "", *table(["hold-out", *columns], body), "", *told]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.campaign_records", description=__doc__)
+    parser.add_argument("--parts", nargs="+", default=["hold-outs", "folds"], choices=("folds", "hold-outs"))
+    parser.add_argument("--rows", type=Path, default=ROWS, help="file of finished calibrations")
+    parser.add_argument("--record", action="store_true", help="keep the tables in RESULTS.md")
+    given = parser.parse_args()
+    lines: list[str] = []
+    if "hold-outs" in given.parts:
+        lines += [*hold_out_lines(given.rows), ""]
+    if "folds" in given.parts:
+        lines += [*fold_lines(given.rows, False), *fold_lines(given.rows, True)]
+    command = f"python -m benchmarks.campaign_records --parts {' '.join(given.parts)}"
+    if given.record:
+        record("Campaigns on the real records", command, lines)
+    else:
+        print("\n".join(lines))
+
+
+if __name__ == "__main__":
+    main()
