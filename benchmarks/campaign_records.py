@@ -91,8 +91,9 @@ def fold_lines(path: Path, past: bool) -> list[str]:
     scores = {}
     for words, found in files.items():
         window, paper, count = np.array([found[t.name] for t in trials]).T
-        bare = [np.where(count > 0, v, np.nan) for v in (window, paper)]
-        scores[words] = RunScores(tuple(t.name for t in trials), tuple(t.kind for t in trials), *bare, count, sigma)
+        window, paper = (np.where(count > 0, v, np.nan) for v in (window, paper))
+        names, kinds = tuple(t.name for t in trials), tuple(t.kind for t in trials)
+        scores[words] = RunScores(names, kinds, window, paper, count, sigma)
     head = f"{len(trials)} records in 5 folds{', with 30 s of past' if past else ''}; kept: {', '.join(kept)}."
     return [head, "", *lines_of(scores)]
 

@@ -83,6 +83,7 @@ def train(
         if store:
             store.discard()
         raise
+    own["notices"] = (*own.get("notices", ()), *_campaign_mean(ship, black_box))
     seconds, scales = time.perf_counter() - began, task.scales
     result = TrainResult(
         start=ship,
@@ -161,6 +162,18 @@ def _hybrid(task: Task, outcomes: Sequence[Outcome], known: Mapping[str, Any], k
         },
         "notices": (notice,) if always else (),
     }
+
+
+def _campaign_mean(ship: Ship, black_box: bool) -> tuple[Message, ...]:
+    """A notice on the instruments of a ``ship`` that knows campaigns; none for a black box, which is without them."""
+    if black_box or not ship.campaigns:
+        return ()
+    names = ", ".join(next(iter(ship.campaigns.values())))
+    words = (
+        f"the residual is learned with {names} at the mean of {len(ship.campaigns)} campaigns; predictions of a trial "
+        "take the values of its campaign"
+    )
+    return (Message(words, "campaign_mean"),)
 
 
 def _black_box(task: Task, outcomes: Sequence[Outcome], name: str) -> dict[str, Any]:

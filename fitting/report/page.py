@@ -22,7 +22,14 @@ from fitting.report.delivered import Delivered, delivery_sections
 from fitting.report.page_figures import figures_of
 from fitting.report.structure_section import structure_section
 from fitting.report.unit_section import unit_section
-from fitting.report.words import headline, not_in_model, per_run_table, report_warnings, setting_rows
+from fitting.report.words import (
+    campaign_section,
+    headline,
+    not_in_model,
+    per_run_table,
+    report_warnings,
+    setting_rows,
+)
 from mmg.components.catalogue import summary
 from mmg.components.particulars import PARTICULARS
 from mmg.effects import effect
@@ -166,6 +173,7 @@ def _run(record: FitRecord, ship: Ship, folder: Path, number: int, known: Delive
         "correlated": correlated_pairs(result),
         "identifiability": section(result),
         "per_run": per_run_table(result),
+        "campaigns": campaign_section(result),
         "particulars": [(k, v, *PARTICULARS.get(k, ("", ""))) for k, v in ship.particulars.items()],
         "models": [
             *((role, name, summary(role, name)) for role, name in ship.components.items()),

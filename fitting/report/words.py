@@ -164,7 +164,34 @@ def _shown(value: Any) -> str:
 
 def per_run_table(result: dict) -> dict | None:
     """Table of the constants of each run in ``result`` (content of result.json), None where runs have none."""
-    table = result.get("per_run")
+    return _constants(result.get("per_run"))
+
+
+def campaign_section(result: dict) -> dict | None:
+    """What the template shows of campaigns in ``result`` (content of result.json), None where trials are of one."""
+    content = result.get("campaigns")
+    if not content:
+        return None
+    left_out = content.get("left_out") or {}
+    return {
+        "runs": list(content["runs"].items()),
+        "sentences": content["sentences"],
+        "table": _constants(content["values"]),
+        "without": left_out.get("without"),
+        "own": left_out.get("with"),
+        "tried": [
+            row | {"measured": row.get("measured"), "chance": _chance(row.get("chance"))} for row in content["tried"]
+        ],
+    }
+
+
+def _chance(p: float | None) -> str:
+    """A probability in two digits."""
+    return "" if p is None else "< 0.0001" if p < 1e-4 else f"{p:.2g}"
+
+
+def _constants(table: dict | None) -> dict | None:
+    """Names, rows and prior of constants by run or campaign; None for none."""
     if not table:
         return None
     first = next(iter(table.values()))

@@ -57,6 +57,33 @@ class Page(HTMLParser):
         self.words += data + " "
 
 
+def test_what_differs_between_campaigns_is_a_sentence_and_tables(
+    tmp_path: Path,
+) -> None:
+    row = {"value": 0.9, "std": 0.08, "unit": "s", "prior_value": 0.3, "prior_std": 0.4}
+    tried = {
+        "name": "gyro lag", "chance": 1e-9, "measured": True, "width": 1.0, "evidence": 9.0,
+        "without": 0.1393, "shared": None, "own": 0.1254, "taken": True,
+    }  # fmt: skip
+    content = {
+        "runs": {"2020-07-31": 2, EVIL: 2},
+        "tried": [tried],
+        "values": {"2020-07-31": {"gyro.T": row}, EVIL: {"gyro.T": row | {"value": 0.0}}},
+        "left_out": {"without": 0.1393, "with": 0.1273, "error": 0.1},
+        "sentences": [f"the lag of the turn rate differs, from 0 s (2020-07-31) to 0.9 s ({EVIL})"],
+    }
+    words = Page(text := report(run_folder(tmp_path / "differ", campaigns=content))).words
+    assert (
+        EVIL not in text and "What differs between campaigns" in words and "the lag of the turn rate differs" in words
+    )
+    for part in ("0.1393", "0.1273", "gyro.T [s]", plus_minus(0.9, 0.08), "< 0.0001", "kinematics", "taken"):
+        assert part in words, part
+    alike = content | {"values": None, "left_out": None, "sentences": [], "tried": [tried | {"taken": False}]}
+    words = Page(report(run_folder(tmp_path / "alike", campaigns=alike))).words
+    assert "no instrument differs beyond chance" in words and "2020-07-31: 2 runs" in words
+    assert "What differs between campaigns" not in Page(report(run_folder(tmp_path / "one"))).words
+
+
 def test_all_of_a_run_is_in_the_page(tmp_path: Path) -> None:
     folder = run_folder(tmp_path / "run", figures=True)
     page = Page(report(folder))
