@@ -80,7 +80,8 @@ def by_campaign(found: Calibration, question: CampaignQuestion) -> CampaignFit:
     campaigns = campaigns_of(question.trials)
     chosen = candidates(found.problem.ship, question.trials, question.wanted)
     reason = why_not(campaigns, bool(question.wanted))
-    if reason is not None or not chosen or not found.converged or found.constants is not None:
+    alone = len(campaigns.comparable) < 2
+    if alone or not chosen or not found.converged or found.constants is not None:
         told = (*campaigns.messages, *([reason] if reason else []))
         return replace(same, messages=told)
     beside = Beside.of(found, campaigns, chosen)
