@@ -55,13 +55,18 @@ class OperationLog:
     def pieces(self) -> Iterator[dict[str, np.ndarray]]:
         """Canonical columns (N,) of at most PIECE rows: SI, radians, frames of the product, time increasing.
 
-        A part that turns out to be damaged is left out from there on, which is said in ``left_out``. Raises UserError
+        All have the columns of the first part; one that a later part lacks is NaN there. A part that turns out to be
+        damaged is left out from there on, which is said in ``left_out``. Raises UserError
         where no row is left.
         """
-        last, any_row = -math.inf, False
+        last, any_row, names = -math.inf, False, list[str]()
         for part in self.parts:
             try:
                 for columns in self._of(part):
+                    names = names or list(columns)
+                    if absent := [name for name in names if name not in columns]:
+                        self._say(f"{part.path.name} has no {', '.join(absent)}, which parts before it have")
+                    columns = {name: columns.get(name, np.full(len(columns["t"]), math.nan)) for name in names}
                     t = columns["t"]
                     good = np.isfinite(t)
                     good &= t > np.maximum.accumulate(np.concatenate([[last], np.where(good, t, -math.inf)[:-1]]))

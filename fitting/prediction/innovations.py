@@ -96,17 +96,18 @@ class Stretches:
 
     def of(self, rows: Iterable[tuple[int, Mapping[str, np.ndarray]]]) -> Innovations:
         """Innovations of windows given as (number, columns (N,)). Raises UserError where no stretch fits into any."""
-        parts, batch = [], []
+        parts: list[tuple[np.ndarray, ...] | None] = []
+        batch: list[tuple[int, Mapping[str, np.ndarray]]] = []
         for item in rows:
             batch.append(item)
             if len(batch) == BATCH:
                 parts, batch = [*parts, self._batch(batch)], []
         if batch:
             parts.append(self._batch(batch))
-        parts = [part for part in parts if part is not None]
-        if not parts:
+        there_are = [part for part in parts if part is not None]
+        if not there_are:
             raise UserError("the log has no stretch under way that is long enough to compare with the model")
-        t, window, errors, gains = (np.concatenate(values) for values in zip(*parts, strict=True))
+        t, window, errors, gains = (np.concatenate(values) for values in zip(*there_are, strict=True))
         there = np.isfinite(errors).any(axis=0)
         good = np.isfinite(errors[:, there]).all(axis=1) & np.isfinite(gains[:, there]).all(axis=(1, 2))
         channels = np.arange(errors.shape[1])[there] % len(CHANNELS)

@@ -57,6 +57,16 @@ def test_what_overlaps_is_dropped_and_said(tmp_path: Path) -> None:
     assert any("at a time that is past" in line for line in log.notices)
 
 
+def test_a_column_that_a_later_part_lacks_is_missing_there_and_said(tmp_path: Path) -> None:
+    columns = motion_columns(60.0)
+    paths = write_log(tmp_path, columns, 2)
+    pd.read_parquet(paths[1]).drop(columns=["wind_speed [m/s]", "wind_direction [rad]"]).to_parquet(paths[1])
+    log = read_log(tmp_path)
+    speed = columns_of(log)["wind_speed"]
+    assert np.isfinite(speed[:300]).all() and np.isnan(speed[300:]).all()
+    assert any("has no wind_speed, wind_direction" in line for line in log.notices)
+
+
 def test_units_time_stamps_and_the_sidecar_are_those_of_trial_files(tmp_path: Path) -> None:
     columns = motion_columns(60.0)
     frame = pd.DataFrame({f"{name} [-]": values for name, values in columns.items()})
