@@ -68,7 +68,8 @@ def _summary(study: MonthStudy, out: Path) -> None:
     say(f"{study.days:.1f} days, {cut.rows} rows in {len(study.log.parts)} parts, every {cut.step:g} s")
     say("; ".join(f"{what} {seconds / 3600:.1f} h" for what, seconds in cut.seconds.items() if seconds))
     for name, errors in study.scores.items():
-        say(f"errors of all windows {name}: " + ", ".join(f"{channel} {value:.3g}" for channel, value in errors.items()))
+        words = ", ".join(f"{channel} {value:.3g}" for channel, value in errors.items())
+        say(f"errors of all windows {name}: {words}")
     for row, company in zip(study.changes.named, study.changes.company, strict=True):
         say(study.words(row))
         if company:
