@@ -157,7 +157,7 @@ def new_ship(name: str, given: Mapping[str, float], hull: str = "unified") -> Sh
     components |= {"wind": "fujiwara"}
     components |= {"bow_thruster": "kobayashi"} if "D_BT" in p else {}
     components |= {"stern_thruster": "kobayashi"} if "D_ST" in p else {}
-    kept = (*required_particulars(components), "C_b", "U_0", *(("y_P",) if "y_P" in p else ()))
+    kept = (*required_particulars(components), "C_b", "U_0", *(name for name in ("y_P", *ENGINE) if name in p))
     particulars = {key: p[key] for key in dict.fromkeys(kept)}
     table, words = coefficient_table(components, particulars), "starting ship from main particulars"
     ship = Ship(name, particulars, components, table, description=words, notices=tuple(notices))

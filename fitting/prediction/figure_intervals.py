@@ -190,7 +190,8 @@ def _push(bands: Bands, simulator: Simulator, nominal: SimulatedRuns, count: int
     @np.errstate(over="ignore", invalid="ignore")  # a draw that runs away is left out afterwards
     def push(k: int, states: np.ndarray) -> np.ndarray:
         square = np.einsum("ck,kcm->cm", process.size**2, acceleration_sizes(states, L)[:, None].repeat(3, axis=1))
-        value = np.sqrt(square) * factor[k][:, None] * (growth[k][:, None] * lasting + passing)
+        i = min(k, len(factor) - 1)  # some draws take longer to stop than the ship as it is
+        value = np.sqrt(square) * factor[i][:, None] * (growth[i][:, None] * lasting + passing)
         fresh = rng.standard_normal((3, count)) * np.sqrt(1 - left**2)
         passing[:, count:] = left * passing[:, count:] + fresh
         return np.nan_to_num(value)

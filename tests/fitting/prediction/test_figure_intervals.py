@@ -12,10 +12,13 @@ import pytest
 
 from cases.criteria.assessment import Assessment, imo_figures
 from cases.criteria.scatter import draw_coefficients
+from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.ship_file import dump_ship, load_ship
+from cases.simulation.simulate_batch import simulate_batch
 from fitting.prediction.bands import Process, process_dict
-from fitting.prediction.figure_intervals import judged_row, with_intervals
+from fitting.prediction.figure_intervals import drawn_figures, judged_row, with_intervals
 from mmg.errors import UserError
+from mmg.rollout import Simulator
 from mmg_ident.commands.main import main
 
 SPEED = 0.5
@@ -162,3 +165,15 @@ def test_the_command_prints_intervals_where_a_covariance_is_known(
     assert "holds no covariance; fit again" in " ".join(capsys.readouterr().out.split())
     assert main(["imo", str(run), "--scatter", "3"]) == 2
     assert "--scatter 3: give 20 to" in capsys.readouterr().err
+
+
+def test_draws_that_take_longer_to_stop_than_the_ship_go_on_being_pushed() -> None:
+    ship = load_ship("kvlcc2_full")
+    kept = ("R_0", "k_0")
+    few = ship.fixing([s for s in ship.free if s not in kept])
+    plan = parse_maneuver("crash-stop", few)
+    drawn = draw_coefficients(few, 20, 1)
+    found, trials = drawn_figures(Simulator(few), plan, drawn, content(few, 1e-3), 0, dt=5.0)
+    nominal = simulate_batch(few, plan, dt=5.0, held=True)
+    assert len(trials.t) > len(nominal.t) and np.isfinite(found.trial["track_reach"]).all()
+    assert np.median(found.ship["track_reach"]) == pytest.approx(12.3 * 320, rel=0.2)
