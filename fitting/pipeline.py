@@ -26,13 +26,15 @@ from fitting.prediction.bands import draws_of
 from fitting.prediction.envelope import trial_envelope
 from fitting.prediction.score import ScorePair, score_pairs
 from fitting.prediction.worth_of_past import adaptation_worth
-from fitting.record import CoefficientRow, FitObjects, FitRecord, SolveRow
+from fitting.record import CoefficientRow, FitObjects, FitRecord
 from fitting.report.run_folder import data_rows, plain, versions
 from fitting.result import FitResult
 from fitting.selection.campaigns.by_campaign import CampaignFit, CampaignQuestion, by_campaign
+from fitting.selection.campaigns.sentences import not_asked
 from fitting.selection.cross_validation import ModelSelection, select
 from fitting.settings import Settings
-from fitting.solvers.interrupts import Later, unless_interrupted
+from fitting.solvers.interrupts import Later
+from fitting.solvers.resumed import as_chosen, check_resumable, earlier_passes, iterate_of
 from fitting.uncertainty.left_out import worth_message, worth_of_left_out
 from fitting.uncertainty.rows import check_request, refit_rows, uncertainty_rows
 from fitting.uncertainty.without_trials import without_trials
@@ -99,16 +101,16 @@ def calibrate(
     model, constants = varying_effects(ship, options.per_run)
     if options.resume:
         check_resumable(options.resume, ship, train, constants)
-        settings = _as_chosen(settings, options.resume.settings)
+        settings = as_chosen(settings, options.resume.settings)
     choice: ModelSelection | None = None
     if options.auto:
         choice = select(ship, train, _spread(settings), options.captive, options.auto_limit, progress)
         ship = model = choice.ship
         settings = replace(choice.settings, workers=settings.workers)
-    by_day = _estimated(model, constants, train, settings, options, progress)
+    later = Later()
+    by_day = _estimated(model, constants, train, settings, options, progress, later)
     found, model = by_day.calibration, by_day.ship
     before, after = Simulator(ship, settings.compiled), Simulator(found.ship, settings.compiled)
-    later = Later()
     none, sets = dict[str, ScorePair](), {"validation": validation, "training": train}
     scores = later.made("scores", lambda: score_pairs(before, after, sets), none)
     started = time.perf_counter()
@@ -130,7 +132,7 @@ def calibrate(
         **_solved(found, options.command),
         "ship_name": marked.name,
         "mark": vars(marked.mark),
-        "passes": (*_earlier(options.resume, found), *found.passes),
+        "passes": (*earlier_passes(options.resume, found), *found.passes),
         "data": data_rows(train),
         "validation_data": data_rows(validation),
         "coefficients": coefficient_rows(found),
@@ -174,17 +176,20 @@ def _estimated(
     settings: Settings,
     options: FitOptions,
     progress: OnProgress | None,
+    later: Later,
 ) -> CampaignFit:
     """The calibration of ``model``, with values by campaign where they pay; without with constants of runs, or with
     coefficients that are held."""
-    warm = options.resume.iterate if options.resume else started_from(model, options.start)
+    warm = iterate_of(options.resume, model) if options.resume else started_from(model, options.start)
     held = tuple(options.start) if options.hold else ()
     found = estimate_coefficients(model, train, settings, progress, warm, options.captive, constants, held)
     as_it_is = CampaignFit(found, model, constants)
-    if constants or held:
+    if held:
         return as_it_is
+    if constants:
+        return replace(as_it_is, messages=not_asked(train, options.per_campaign))
     question = CampaignQuestion(model, train, settings, options.captive, options.per_campaign, progress)
-    return unless_interrupted(lambda: by_campaign(found, question)) or as_it_is
+    return later.made("values by campaign", lambda: by_campaign(found, question), as_it_is)
 
 
 def _message_rows(**levels: Sequence[Message]) -> list[dict[str, str]]:
@@ -212,35 +217,20 @@ def _check_options(ship: Ship, train: Sequence[Trial], options: FitOptions) -> N
         raise UserError(
             "--auto does not choose among models with constants of their own: leave out --auto or --per-run"
         )
+    if options.per_run and options.per_campaign not in ((), ("none",)):
+        raise UserError(
+            f"--per-campaign {','.join(options.per_campaign)}: values by campaign and constants of each run are not "
+            "fitted together; leave out --per-campaign or --per-run"
+        )
     check_request(options.bootstrap, options.profile, ship.free)
     if options.per_run and len(train) == 1:
         same = f"--with {' --with '.join(options.per_run)}"
         LOGGER.info(f"a single run: its own constants are, but for the narrower prior, those of {same}")
 
 
-def check_resumable(earlier: FitResult, ship: Ship, trials: Sequence[Trial], constants: Sequence[str] = ()) -> None:
-    """Raises UserError unless ``earlier`` was of the same ``trials``, free coefficients of ``ship`` and ``constants``.
-
-    constants: symbols of which each run has its own.
-    """
-    where = earlier.folder
-    if set(earlier.coefficients) != set(ship.free):
-        raise UserError(f"{where}: --resume needs the same --without, --fix and --only as the interrupted run")
-    if {symbol for rows in (earlier.per_run or {}).values() for symbol in rows} != set(constants):
-        raise UserError(f"{where}: --resume needs the same --per-run as the interrupted run")
-    if sorted(row.sha256 or "" for row in earlier.data) != sorted(t.sha256 for t in trials):
-        raise UserError(f"{where}: --resume needs the same trial files as the interrupted run")
-
-
 def _spread(settings: Settings) -> Settings:
     """The ``settings`` with all cores where ``workers`` is left at 1."""
     return settings if width(settings.workers) > 1 else replace(settings, workers=min(os.cpu_count() or 1, 8))
-
-
-def _as_chosen(settings: Settings, made: Settings) -> Settings:
-    """The ``settings`` with what an interrupted run, ``made`` by others, had chosen already."""
-    weight = made.weight if settings.weight is None else settings.weight
-    return replace(settings, loss=settings.loss or made.loss, weight=weight)
 
 
 def _weighting(found: Calibration, resumed: FitResult | None) -> Mapping[str, Any] | None:
@@ -251,12 +241,6 @@ def _weighting(found: Calibration, resumed: FitResult | None) -> Mapping[str, An
 def _said_before(found: Calibration, weighting: Mapping[str, Any] | None) -> list[Message]:
     """The notice of a ``weighting`` that was chosen before the run was interrupted."""
     return [Message(weighting["sentence"], "weighting_chosen")] if weighting and not found.weighting else []
-
-
-def _earlier(resumed: FitResult | None, found: Calibration) -> Sequence[SolveRow]:
-    """Rows of the solves of an interrupted run that came before those of the calibration."""
-    count = int(found.resumption.number[0]) + 1 - len(found.passes)
-    return resumed.passes[:count] if resumed else ()
 
 
 def _marked(found: Ship, ship: Ship, trials: Sequence[Trial], name: str) -> Ship:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from cases.io.campaigns import Campaigns
+from cases.io.campaigns import Campaigns, campaigns_of
+from cases.trial import Trial
 from fitting.nlp.run_constants import RunConstants
 from mmg.messages import Message
 
@@ -37,6 +40,18 @@ def why_not(campaigns: Campaigns, wanted: bool) -> Message | None:
         "still be told by the others; two campaigns with two runs each are needed"
     )
     return Message(words, "one_run_a_campaign")
+
+
+def not_asked(trials: Sequence[Trial], wanted: Sequence[str]) -> tuple[Message, ...]:
+    """What to say of campaigns of ``trials`` where each run has constants of its own; nothing for a single campaign, or
+    where "none" is ``wanted``. Raises UserError for campaigns that contradict each other."""
+    if tuple(wanted) == ("none",) or len(campaigns_of(trials).comparable) < 2:
+        return ()
+    words = (
+        "trials of several campaigns, but instruments keep one value for all of them: with --per-run nothing else is "
+        "asked"
+    )
+    return (Message(words, "campaigns_not_asked"),)
 
 
 def differences(constants: RunConstants, campaigns: Campaigns, left: np.ndarray) -> list[Message]:

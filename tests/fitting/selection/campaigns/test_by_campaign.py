@@ -13,10 +13,12 @@ from cases.shipfiles.ship_file import dump_ship, load_ship, parse_ship
 from cases.shipfiles.ship_json import dump_ship_json
 from fitting.calibration import Calibration, estimate_coefficients
 from fitting.nlp.fisher_information import Information
+from fitting.pipeline import FitOptions, calibrate
 from fitting.prediction.predict import predict_all, values_of
 from fitting.selection.campaigns.by_campaign import CampaignFit, CampaignQuestion, by_campaign
 from fitting.selection.campaigns.chance import LEVEL
 from fitting.selection.campaigns.choice import better, gains
+from fitting.selection.campaigns.sentences import not_asked
 from fitting.selection.campaigns.spread import Reduced, Widths
 from fitting.settings import Settings
 from mmg.errors import UserError
@@ -113,6 +115,14 @@ def test_the_reduced_cost_is_that_of_a_minimum_over_the_rest() -> None:
         change[:4] = -np.linalg.solve(full[:4, :4], slope[:4] + full[:4, 4:] @ change[4:])
         gradient = slope[4:] + full[4:] @ change
         np.testing.assert_allclose(reduced.A @ d + reduced.b, gradient, rtol=1e-9, atol=1e-9)
+
+
+def test_constants_of_runs_are_not_fitted_together_with_values_by_campaign_and_that_is_said() -> None:
+    trials = fleet(HIDDEN, {day: () for day in DAYS[:2]}, RUNS[:2], 5, 10.0, 20.0)
+    assert [m.code for m in not_asked(trials, ())] == ["campaigns_not_asked"]
+    assert not_asked(trials, ("none",)) == () and not_asked(trials[:2], ()) == ()
+    with pytest.raises(UserError, match="--per-campaign gyro: .* leave out --per-campaign or --per-run"):
+        calibrate(ESSO, trials, options=FitOptions(per_run=("current",), per_campaign=("gyro",)))
 
 
 def test_only_a_gain_beyond_chance_counts() -> None:
