@@ -121,7 +121,7 @@ def test_constants_of_runs_are_not_fitted_together_with_values_by_campaign_and_t
     trials = fleet(HIDDEN, {day: () for day in DAYS[:2]}, RUNS[:2], 5, 10.0, 20.0)
     assert [m.code for m in not_asked(trials, ())] == ["campaigns_not_asked"]
     assert not_asked(trials, ("none",)) == () and not_asked(trials[:2], ()) == ()
-    with pytest.raises(UserError, match="--per-campaign gyro: .* leave out --per-campaign or --per-run"):
+    with pytest.raises(UserError, match=r"--per-campaign gyro: .* leave out --per-campaign or --per-run"):
         calibrate(ESSO, trials, options=FitOptions(per_run=("current",), per_campaign=("gyro",)))
 
 
