@@ -212,12 +212,12 @@ def main() -> None:
                 what = "alike" if alike else "differ"
                 print(f"{world} {what} {seed}: {o.kept}{share}, {o.seconds[1]:.0f} s", flush=True)
             if found:
-                lines += [alike_line(world, found), ""] if alike else differing_lines(world, found)
+                part = [alike_line(world, found), ""] if alike else differing_lines(world, found)
+                print("\n".join(part), flush=True)
+                lines += part
     command = f"python -m benchmarks.campaigns --seeds {given.seeds} --alike {given.alike}"
     if given.record:
         record("Campaigns: instruments that differ by day, and days that are alike", command, lines)
-    else:
-        print("\n".join(lines))
 
 
 if __name__ == "__main__":

@@ -32,7 +32,7 @@ def check_resumable(earlier: FitResult, ship: Ship, trials: Sequence[Trial], con
 
 def iterate_of(earlier: FitResult, model: Ship) -> dict[str, np.ndarray] | None:
     """Where the interrupted run ``earlier`` goes on: at its iterate; with values by campaign at the coefficients that
-    all runs of ``model`` share, from which these values are found again; None where it begins anew."""
+    all runs of ``model`` share, "p" (P,), from which these values are found again; None where it begins anew."""
     own = _by_campaign(earlier)
     if earlier.iterate is None or not own:
         return earlier.iterate

@@ -5,8 +5,8 @@ by run differ between campaigns more than within them (``chance``): days that do
 case in twenty. Then a candidate has the width that makes the data most likely (``spread``); each run is left out in
 turn, those of its campaign stay in, and it is predicted with what they say of its instruments (``left_out_runs``).
 What is taken must predict better than without it. The kinematics of the logs say of an instrument that it differs
-whatever the model lacks, so the gain may lie in one campaign. What only the model says is held to more: the gain must
-exceed its standard error over runs, also against one value that all campaigns share.
+whatever the model lacks, so any gain will do, and it may lie in one campaign. What only the model says is held to more:
+the gain must exceed LEAST_GAIN and its standard error over runs, also against one value that all campaigns share.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from fitting.selection.campaigns.spread import NARROW, Reduced, Widths, with_pri
 from fitting.selection.left_out_runs import each_alone, estimates_without, scores_of_folds
 
 LEAST_GAIN = 0.005
-"""Share by which the mean of the left-out runs must become better."""
+"""Share by which the mean of the left-out runs must become better for what only the model says."""
 
 
 @dataclass(frozen=True)
@@ -143,9 +143,9 @@ def _untried(beside: Beside, reduced: Reduced, now: Widths, number: int, chance:
 
 
 def gains(before: np.ndarray, after: np.ndarray) -> bool:
-    """Whether scores of runs ``after`` (R,) are lower in the mean than those ``before`` by LEAST_GAIN."""
+    """Whether scores of runs ``after`` (R,) are lower in the mean than those ``before``."""
     good = np.isfinite(before) & np.isfinite(after)
-    return bool(good.any() and after[good].mean() < (1 - LEAST_GAIN) * before[good].mean())
+    return bool(good.any() and after[good].mean() < before[good].mean())
 
 
 def better(before: np.ndarray, after: np.ndarray) -> bool:
@@ -156,7 +156,7 @@ def better(before: np.ndarray, after: np.ndarray) -> bool:
     if len(change) < 2:
         return False
     error = change.std(ddof=1) / np.sqrt(len(change))
-    return gains(before, after) and bool(change.mean() < -error)
+    return bool(change.mean() < -LEAST_GAIN * before[good].mean() and change.mean() < -error)
 
 
 def _mean(scores: np.ndarray) -> float:

@@ -131,4 +131,4 @@ def test_only_a_gain_beyond_chance_counts() -> None:
     assert not better(before, before - np.array([0.4, -0.3, 0.2, -0.2]))
     assert not better(before, before - 1e-4) and not better(before[:1], before[:1] - 0.5)
     one_day = before - np.array([0.0, 0.0, 0.0, 0.3])
-    assert gains(before, one_day) and not better(before, one_day + 1e-3) and not gains(before, before - 1e-4)
+    assert gains(before, one_day) and not better(before, one_day + 1e-3) and not gains(before, before + 1e-4)
