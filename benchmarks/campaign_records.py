@@ -5,8 +5,9 @@ if the choice keeps an instrument, the one with them, which predicts a record by
 that. Folds spread each day and kind, as in benchmarks/cross_validation.py. The measure trains nothing that is judged on
 the five hold-outs: these are predicted by ships calibrated on Train-TZRB, and on the rest of Train-TZRB+.
 
-Run from the repository root: python -m benchmarks.campaign_records [--parts folds hold-outs] [--rows FILE]. Finished
-calibrations are kept in the file and not made again.
+Run from the repository root: python -m benchmarks.campaign_records [--parts hold-outs fast folds] [--rows FILE].
+Finished calibrations are kept in the file and not made again. "fast" leaves each record out by one Newton step from a
+single calibration on all 35, and is made in a tenth of the time of "folds".
 """
 
 from __future__ import annotations
@@ -36,6 +37,7 @@ from fitting.settings import Settings
 from mmg.rollout import Simulator
 
 VARIANTS = ("without campaigns", "with campaigns")
+PARTS = ("hold-outs", "fast", "folds")
 PAST = 30.0
 """s of past that a prediction may use."""
 ROWS = Path(tempfile.gettempdir()) / "mmg_campaign_records.jsonl"
@@ -98,6 +100,29 @@ def fold_lines(path: Path, past: bool) -> list[str]:
     return [head, "", *lines_of(scores)]
 
 
+def fast_lines(path: Path) -> list[str]:
+    """Tables of all records left out in turn, one Newton step from a single calibration on all of them."""
+    known = path.with_suffix(".fast.json")
+    if not known.exists():
+        trials = read_trials(splits.find(splits.TRAIN_TZRB_PLUS))
+        ship, settings = (
+            with_instruments(load_ship("esso_osaka_3m"), ("velocity_lag",)),
+            Settings(loss=None, weight=None),
+        )
+        found = estimate_coefficients(ship, trials, settings)
+        fit = by_campaign(found, CampaignQuestion(ship, trials, settings))
+        if fit.left_out is None:
+            return ["All 35 records: no instrument was kept."]
+        scores = dict(zip(VARIANTS, fit.left_out, strict=True))
+        lines = [
+            "35 records left out in turn, those that share rows together, one Newton step from one calibration:",
+            "",
+        ]
+        lines += [*lines_of(scores), *(str(message) for message in fit.messages)]
+        known.write_text(json.dumps(lines), encoding="utf-8")
+    return list(json.loads(known.read_text(encoding="utf-8")))
+
+
 def hold_out_lines(path: Path) -> list[str]:
     """Tables of the five hold-outs."""
     held, small = read_trials(splits.find(splits.DEVELOPMENT_HOLDOUT)), read_trials(splits.find(splits.TRAIN_TZRB))
@@ -115,13 +140,15 @@ def hold_out_lines(path: Path) -> list[str]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.campaign_records", description=__doc__)
-    parser.add_argument("--parts", nargs="+", default=["hold-outs", "folds"], choices=("folds", "hold-outs"))
+    parser.add_argument("--parts", nargs="+", default=["hold-outs", "fast"], choices=PARTS)
     parser.add_argument("--rows", type=Path, default=ROWS, help="file of finished calibrations")
     parser.add_argument("--record", action="store_true", help="keep the tables in RESULTS.md")
     given = parser.parse_args()
     lines: list[str] = []
     if "hold-outs" in given.parts:
         lines += [*hold_out_lines(given.rows), ""]
+    if "fast" in given.parts:
+        lines += [*fast_lines(given.rows), ""]
     if "folds" in given.parts:
         lines += [*fold_lines(given.rows, False), *fold_lines(given.rows, True)]
     command = f"python -m benchmarks.campaign_records --parts {' '.join(given.parts)}"

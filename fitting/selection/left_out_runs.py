@@ -164,6 +164,12 @@ def each_alone(count: int) -> list[tuple[int, ...]]:
     return [(i,) for i in range(count)]
 
 
+def apart(trials: Sequence[Trial]) -> list[tuple[int, ...]]:
+    """Folds that leave out each of ``trials`` alone, those that share rows together."""
+    groups = sharing_rows(trials)
+    return [tuple(i for i, g in enumerate(groups) if g == k) for k in dict.fromkeys(groups)]
+
+
 def scores_of_folds(
     problem: Problem,
     trials: Sequence[Trial],

@@ -30,10 +30,10 @@ from fitting.selection.left_out_runs import (
     METRICS,
     Jackknifed,
     RunScores,
+    apart,
     estimates_without,
     jackknifed,
     scores_of_folds,
-    sharing_rows,
 )
 from fitting.solvers.residual_noise import reweighed
 from mmg.errors import UserError
@@ -132,8 +132,7 @@ class _Choice:
 
     def __init__(self, problem: Problem, x: np.ndarray, trials: Sequence[Trial]) -> None:
         self.problem, self.x, self.trials = problem, x, trials
-        groups = sharing_rows(trials)
-        self.folds = [tuple(i for i, g in enumerate(groups) if g == k) for k in dict.fromkeys(groups)]
+        self.folds = apart(trials)
         self.sigma = pooled_sigma(trials)
         self.informations: dict[str, Information] = {}
         self.rows: list[TriedWeighting] = []

@@ -21,7 +21,7 @@ from fitting.selection.campaigns.choice import InstrumentTried, KeptInstruments,
 from fitting.selection.campaigns.readings import RunReadings, readings_as_rows
 from fitting.selection.campaigns.sentences import differences, why_not
 from fitting.selection.campaigns.spread import Reduced, Widths, with_prior
-from fitting.selection.left_out_runs import RunScores, estimates_without, leave_out
+from fitting.selection.left_out_runs import RunScores, apart, estimates_without, leave_out
 from fitting.settings import Settings
 from mmg.messages import Message
 from mmg.progress import OnProgress
@@ -39,7 +39,7 @@ class CampaignFit:
 
     calibration: with constants of campaigns, or as it was; ship, own: of ``estimate_coefficients`` that made it;
     content: of "campaigns" in result.json, None where there is nothing to say; messages: for a person; seconds: what it
-    took.
+    took; left_out: scores of runs left out before and after, None where nothing was kept.
     """
 
     calibration: Calibration
@@ -48,6 +48,7 @@ class CampaignFit:
     content: dict[str, Any] | None = None
     messages: tuple[Message, ...] = ()
     seconds: float = 0.0
+    left_out: tuple[RunScores, RunScores] | None = None
 
 
 @dataclass(frozen=True)
@@ -166,8 +167,9 @@ def _confirmed(
     None unless they become better. readings: that the new one was told of."""
     unit = pooled_sigma([t for t in trials if t.has_position])
     info = readings_as_rows(new.information, new.problem.prior, own, readings)
-    before = leave_out(found, list(trials), sigma=unit)
-    after = leave_out(new, list(trials), sigma=unit, info=info)
+    folds = apart(trials)
+    before = leave_out(found, list(trials), folds, unit)
+    after = leave_out(new, list(trials), folds, unit, info=info)
     good = (gains if readings else better)(before.window, after.window)
     return (before, after) if good else None
 
@@ -230,4 +232,4 @@ def _with_values(
         "left_out": {"without": scores[0].mean().value, "with": scores[1].mean().value, "error": change.error},
         "sentences": [str(message) for message in sentences],
     }
-    return replace(fit, content=content, messages=(*messages, *sentences))
+    return replace(fit, content=content, messages=(*messages, *sentences), left_out=scores)

@@ -24,7 +24,7 @@ from fitting.selection.campaigns.candidates import Beside
 from fitting.selection.campaigns.chance import ByChance
 from fitting.selection.campaigns.readings import ReadConstant, reduced_with, with_readings
 from fitting.selection.campaigns.spread import NARROW, Reduced, Widths, with_prior
-from fitting.selection.left_out_runs import each_alone, estimates_without, scores_of_folds
+from fitting.selection.left_out_runs import apart, estimates_without, scores_of_folds
 
 LEAST_GAIN = 0.005
 """Share by which the mean of the left-out runs must become better for what only the model says."""
@@ -67,12 +67,13 @@ class LeftOut:
         self.compiled, self.beside, self.trials, self.info = found.settings.compiled, beside, list(trials), info
         self.judged = [i for i, t in enumerate(trials) if t.has_position]
         self.sigma = pooled_sigma([trials[i] for i in self.judged])
+        self.folds = apart(trials)
 
     def scores(self, widths: Widths) -> np.ndarray:
         """Mean squared error of 30 s windows of each run when it is left out, (runs,)."""
         info, columns = with_prior(self.info, self.beside.constants, widths)
         lower, upper = self.beside.problem.p_bounds()
-        folds = each_alone(len(self.trials))
+        folds = self.folds
         own = estimates_without(info, folds, (lower[columns], upper[columns]))
         whole = np.zeros((len(folds), len(lower)))
         whole[:, columns] = own
