@@ -8,14 +8,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from types import SimpleNamespace
 
+from cases.shipfiles.estimates import STARTING, estimates, trust
 from cases.shipfiles.particulars import wrong_particulars
-from mmg.components import empirical, friction
+from cases.shipfiles.unusual_particulars import impossible, unusual
 from mmg.components.catalogue import coefficient_table, required_particulars
 from mmg.components.coefficients import Coefficient
 from mmg.components.particulars import ENGINE
-from mmg.components.propeller.b_series import thrust_parabola
 from mmg.effects.wind_force import upper_works
 from mmg.errors import UserError
+from mmg.messages import Message
 from mmg.motion.froude import reference_speed
 from mmg.ship import Ship
 
@@ -92,6 +93,8 @@ def check_plausible(p: Mapping[str, float]) -> None:
     for holds, sentence in rules:
         if not holds:
             raise UserError(f"--new: {sentence}")
+    for sentence in impossible(p):
+        raise UserError(f"--new: {sentence}")
 
 
 def complete(given: Mapping[str, float]) -> tuple[dict[str, float], list[str]]:
@@ -129,18 +132,6 @@ def complete(given: Mapping[str, float]) -> tuple[dict[str, float], list[str]]:
     return v, notices
 
 
-def resistance(p: Mapping[str, float]) -> float:
-    """R_0' [-] for particulars ``p`` [SI]: viscous resistance at the service speed by 1/2 rho L d U^2.
-
-    ITTC-57 friction on the wetted surface of Mumford, S = 1.7 L d + vol/d, with Watanabe's form factor
-    k = -0.095 + 25.6 C_b / ((L/B)^2 sqrt(B/d)) and 0.0004 for roughness and waves; 24 % low for the KVLCC2 model.
-    """
-    L, B, d, C_b = (p[name] for name in LEAST)
-    C_F = friction.friction_line(p["U_0"] * L / friction.viscosity(p["rho"]))
-    surface = friction.wetted_surface(L, B, d, C_b) / (L * d)
-    return surface * (C_F * (1 + friction.form_factor(L, B, d, C_b)) + 4e-4)
-
-
 def new_ship(name: str, given: Mapping[str, float], hull: str = "unified") -> Ship:
     """A ship from main particulars (at least LEAST), ready to be simulated and calibrated.
 
@@ -153,16 +144,24 @@ def new_ship(name: str, given: Mapping[str, float], hull: str = "unified") -> Sh
     check_plausible(given)
     p, notices = complete(given)
     check_plausible(p)
+    warnings = [Message(sentence, "unusual_particular") for sentence in unusual(given)]
     components = {"hull": hull, "propeller": "hachii"} | ({"rudder": "standard"} if p["A_R"] > 0 else {})
     components |= {"wind": "fujiwara"}
     components |= {"bow_thruster": "kobayashi"} if "D_BT" in p else {}
     components |= {"stern_thruster": "kobayashi"} if "D_ST" in p else {}
     kept = (*required_particulars(components), "C_b", "U_0", *(name for name in ("y_P", *ENGINE) if name in p))
     particulars = {key: p[key] for key in dict.fromkeys(kept)}
-    table, words = coefficient_table(components, particulars), "starting ship from main particulars"
-    ship = Ship(name, particulars, components, table, description=words, notices=tuple(notices))
+    table, words = coefficient_table(components, particulars), STARTING
+    ship = Ship(
+        name,
+        particulars,
+        components,
+        table,
+        description=words,
+        notices=(*warnings, *notices, Message(trust(p, hull), "starting_ship")),
+    )
     rows = {}
-    for symbol, (value, share, source) in _estimates(p, hull).items():
+    for symbol, (value, share, source) in estimates(p, hull).items():
         if symbol in ship.coefficients:
             row, value = ship.coefficients[symbol], float(f"{value:.5g}")
             std = float(f"{share * abs(value):.3g}")
@@ -175,67 +174,3 @@ def _widened(row: Coefficient, value: float, reach: float) -> tuple[float, float
     """Bounds of the model widened to ``value`` +- ``reach``, but not across zero where they have one sign."""
     lower, upper = min(row.lower, value - reach), max(row.upper, value + reach)
     return max(lower, 0.0) if row.lower >= 0 else lower, min(upper, 0.0) if row.upper <= 0 else upper
-
-
-Estimate = tuple[float, float, str]
-"""Value, standard deviation as a share of it, source."""
-
-
-def _spread(p: Mapping[str, float], m_x: float) -> dict[str, float]:
-    """How far the regressions of the literature differ, as a share: largest deviation from the one that is used.
-
-    Linear derivatives and added masses of Kijima, Inoue and Clarke against Yoshimura & Masumoto and Motora's charts.
-    """
-    L, B, d, C_b = (p[name] for name in LEAST)
-    mass = empirical.motora_added_mass(L, B, d, C_b)
-    used = empirical.yoshimura_masumoto_2012(L, B, d, C_b, m_x, mass["m_y"]) | mass
-    clarke = empirical.clarke_1983(L, B, d, C_b)
-    others = [
-        empirical.kijima_1990(L, B, d, C_b, m_x),
-        empirical.inoue_1981(L, B, d, C_b),
-        clarke | {"m_y": -clarke["Y_vdot"], "J_z": -clarke["N_rdot"]},
-    ]
-    symbols = ("Y_v", "Y_r", "N_v", "N_r", "m_y", "J_z")
-    return {s: max(abs(other[s] / used[s] - 1) for other in others if s in other) for s in symbols}
-
-
-def _estimates(p: Mapping[str, float], hull: str) -> dict[str, Estimate]:
-    L, B, d, C_b = (p[name] for name in LEAST)
-    mass = empirical.motora_added_mass(L, B, d, C_b)
-    regression = empirical.yoshimura_masumoto_2012(L, B, d, C_b, mass["m_x"], mass["m_y"], p["x_G"])
-    spread = _spread(p, mass["m_x"])
-    radius = 0.25**2 * p["m"] / (0.5 * p["rho"] * L**2 * d)
-    R_0 = resistance(p)
-    k_0, k_1, k_2 = thrust_parabola(p["pitch_ratio"])
-    wake = 0.5 * C_b - 0.05 if "y_P" not in p else max(0.55 * C_b - 0.20, 0.05)
-    gyration = "radius of gyration 0.25 L, J_z from Motora's charts"
-    motora = "Motora's charts, regression of Zhou et al. (1983)"
-    b_series = "Wageningen B-series (4 blades, area ratio 0.6)"
-    source, friction = "Yoshimura & Masumoto (2012) on L, B, d, C_b", "ITTC-57 friction with a form factor"
-    linear = {s: (regression[s], max(0.25, spread[s]), source) for s in ("Y_v", "Y_r", "N_v", "N_r")}
-    found: dict[str, Estimate] = {
-        "m_x": (mass["m_x"], 0.3, motora),
-        "m_y": (mass["m_y"], max(0.15, spread["m_y"]), motora),
-        "I_J_z": (radius + mass["J_z"], max(0.15, 0.3 * spread["J_z"]), gyration),
-        "k_0": (k_0, 0.1, b_series),
-        "k_1": (k_1, 0.15, b_series),
-        "k_2": (k_2, 0.3, b_series),
-        "w_P0": (wake, 0.25, "0.5 C_b - 0.05, twin screw 0.55 C_b - 0.20"),
-        "t_R": (regression["t_R"], 0.3, source),
-        "ell_R": (regression["ell_R"], 0.2, source),
-        "gamma_R_plus": (regression["gamma_R"], 0.3, source),
-        "gamma_R_minus": (regression["gamma_R"], 0.3, source),
-        "a_H": (max(regression["a_H"], 0.05), 0.4, "Quadvlieg (2013): 0.627 C_b - 0.153"),
-    }
-    if hull == "polynomial":
-        derivatives = {s: (value, 0.5, source) for s, value in regression.items() if s[0] in "XYN" and "_" in s}
-        return found | {"R_0": (R_0, 0.3, friction)} | derivatives | linear
-    low = empirical.yoshimura_2009_low_speed(L, B, d)
-    return found | {
-        "X_0F": (-R_0, 0.3, friction),
-        "X_0A": (-1.3 * R_0, 0.4, "1.3 times the resistance ahead"),
-        **linear,
-        "C_D": (min(max(low["C_D"], 0.4), 1.2), 0.3, "Yoshimura et al. (2009) on L/d, within 0.4 to 1.2"),
-        "C_rY": (min(max(low["C_rY"], 0.8), 2.4), 0.3, "Yoshimura et al. (2009) on L/B, within 0.8 to 2.4"),
-        "C_rN": (min(max(low["C_rN"], 0.4), 1.5), 0.3, "Yoshimura et al. (2009) on L/d, within 0.4 to 1.5"),
-    }

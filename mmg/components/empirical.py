@@ -110,6 +110,65 @@ def clarke_1983(L: float, B: float, d: float, C_b: float) -> dict[str, float]:
     }
 
 
+def norrbin_1971(L: float, B: float, d: float, C_b: float) -> dict[str, float]:
+    """Linear derivatives of Norrbin (1971) in MMG primes, from pi (d/L)^2 times brackets as Clarke's.
+
+    UNVERIFIED: as compared with others by Clarke et al. (1983), from recollection. Y_r is the pure one.
+    L, B, d [m]: length, breadth, draught; C_b: block coefficient [-].
+    """
+    unit, full = math.pi * d / L, C_b * B / (math.pi * d)
+    return {
+        "Y_v": -unit * (1.69 + 0.08 * full),
+        "Y_r": -unit * (-0.645 + 0.38 * full),
+        "N_v": -unit * (0.64 - 0.04 * full),
+        "N_r": -unit * (0.47 - 0.18 * full),
+    }
+
+
+def wagner_smitt_1971(L: float, d: float) -> dict[str, float]:
+    """Linear derivatives of Wagner Smitt (1971) in MMG primes, from pi (d/L)^2 times numbers.
+
+    UNVERIFIED: as compared with others by Clarke et al. (1983), from recollection. Y_r is the pure one. L, d [m]:
+    length, draught.
+    """
+    unit = math.pi * d / L
+    return {"Y_v": -1.59 * unit, "Y_r": 0.32 * unit, "N_v": -0.62 * unit, "N_r": -0.21 * unit}
+
+
+def lee_1998(L: float, B: float, d: float, C_b: float, m_x: float = 0.0) -> dict[str, float]:
+    """Linear derivatives of Lee, Shin et al. (1998), "ship's manoeuvring performance in the initial design stage".
+
+    In MMG primes, as quoted in the review of MANSIM (Sukas et al. 2019, Ocean Engineering 192:106239) and coded in one
+    public port: UNVERIFIED. The Y_r of the print is Y_r - (m' + m_x'), with m' = 2 C_b B/L; here it is the pure one.
+    L, B, d [m]: length, breadth, draught; C_b: block coefficient [-]; m_x: added mass in MMG primes.
+    """
+    high, long = C_b * B / d, L / d
+    return {
+        "Y_v": -0.4545 + 0.065 * high,
+        "Y_r": -0.115 * high + 0.0024 * long + 2 * C_b * B / L + m_x,
+        "N_v": -0.23 + 0.0059 * long,
+        "N_r": -0.003724 * long + 0.10446 - 1.393 / long,
+    }
+
+
+def linear_derivatives(L: float, B: float, d: float, C_b: float, m_x: float = 0.0) -> dict[str, dict[str, float]]:
+    """Y_v, Y_r, N_v, N_r in MMG primes by the regressions of the literature, by name of the regression.
+
+    Yoshimura & Masumoto (2012) have those of Kijima et al. (1990). m_x: added mass in MMG primes.
+    L, B, d [m]: length, breadth, draught; C_b: block coefficient [-].
+    """
+    kijima, clarke = kijima_1990(L, B, d, C_b, m_x), clarke_1983(L, B, d, C_b)
+    found = {
+        "Kijima (1990)": kijima,
+        "Inoue (1981)": inoue_1981(L, B, d, C_b),
+        "Clarke (1983)": clarke,
+        "Norrbin (1971)": norrbin_1971(L, B, d, C_b),
+        "Wagner Smitt (1971)": wagner_smitt_1971(L, d),
+        "Lee (1998)": lee_1998(L, B, d, C_b, m_x),
+    }
+    return {name: {s: values[s] for s in ("Y_v", "Y_r", "N_v", "N_r")} for name, values in found.items()}
+
+
 def motora_added_mass(L: float, B: float, d: float, C_b: float) -> dict[str, float]:
     """Added masses in MMG primes: regression of Motora's charts by Zhou et al. (1983).
 

@@ -58,7 +58,7 @@ def imo(
     ] = None,
     scatter: Annotated[
         int | None,
-        Option(help="Ships drawn for the 90 % intervals; default 500 of a calibration, 0: none."),
+        Option(help="Ships drawn for the 90 % intervals; default 500 of a calibration or starting ship, 0: none."),
     ] = None,
     seed: Annotated[int, Option(help="Seed of the draws.")] = 0,
     plot: Annotated[Path | None, Option(help="Figure to write (.png, .svg or .pdf).")] = None,
@@ -126,12 +126,14 @@ def _with_intervals(
     """The figures with 90 % intervals, where a covariance is known or draws are asked for, and runs behind them."""
     from dataclasses import replace
 
+    from cases.shipfiles.estimates import is_starting_ship
     from fitting.prediction.figure_intervals import correlation_in, with_intervals
     from fitting.report.run_folder import RESULT, read_result
     from mmg.messages import Message
 
     content = read_result(Path(model)) if (Path(model) / RESULT).is_file() else {}
-    count = scatter if scatter is not None else DRAWS * (correlation_in(content) is not None)
+    known = correlation_in(content) is not None or (not content and is_starting_ship(ship))
+    count = scatter if scatter is not None else DRAWS * known
     if count == 0:
         if content and scatter is None:
             words = f"no 90 % intervals: {model} holds no covariance; fit again, or give --scatter for its priors"

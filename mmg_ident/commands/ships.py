@@ -43,6 +43,7 @@ def ships(
     """
     from cases.shipfiles.new_ship import new_ship, parse_particulars
     from cases.shipfiles.ship_file import dump_ship, library, load_ship
+    from mmg.messages import has_code
 
     if name is not None and new:
         raise UserError(f"give either a ship ({name}) or --new, one of them")
@@ -50,7 +51,7 @@ def ships(
         called = called or (out.stem if out else "my_ship")
         ship = new_ship(called, parse_particulars(new), hull) if new else load_ship(str(name))
         for notice in ship.notices if new else ():
-            say(f"note: {notice}")
+            say(f"{'warning' if has_code([notice], 'unusual_particular') else 'note'}: {notice}")
         if out is not None:
             _write(out, dump_ship(ship, _HEAD if new else ""), force)
             say(f"{ship.name}: {len(ship.coefficients)} coefficients, written to {out}")
@@ -84,8 +85,8 @@ def ships(
         print(f"{a:<{widths[0]}}  {b:>{widths[1]}}  {c:>{widths[2]}}  {models}")
 
 
-_HEAD = """Starting ship from main particulars, by regressions of the literature with wide priors: expect errors of
-20 to 40 % in nonlinear terms. Calibrate it on trials with mmg fit; correct by hand what you know better."""
+_HEAD = """Starting ship from main particulars, by regressions of the literature: expect errors of a quarter in turning
+circles and of 40 % in overshoots. Calibrate it on trials with mmg fit; correct by hand what you know better."""
 
 
 def _write(path: Path, text: str, force: bool) -> None:

@@ -44,7 +44,8 @@ def test_ankudinov_by_hand_at_twice_the_draught() -> None:
     b = 0.81 * 58 / 20.8 * (1 + 58 / 320) ** 2
     f_nv = 1.066568 - 0.0031233 * b + 0.0342 * b * b
     assert got["f_nv"] == pytest.approx(f_nv, rel=1e-6)
-    assert got["f_yv"] == pytest.approx(1.5 * f_nv - 0.5, rel=1e-6)
+    f_nr = 1.066568 - 0.0031233 * b / 2 + 0.0342 * b * b / 3
+    assert got["f_yv"] == pytest.approx(1.5 * f_nr - 0.5, rel=1e-6)
     assert got["g_v"] == pytest.approx(1.066568 - 0.0031233 * b * 2 / 3 + 0.0342 * b * b * 8 / 15, rel=1e-6)
 
 

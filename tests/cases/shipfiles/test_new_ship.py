@@ -11,7 +11,8 @@ import pytest
 
 from cases.criteria.figures import turning_figures
 from cases.maneuvers.definitions import parse_maneuver
-from cases.shipfiles.new_ship import ORDER, complete, new_ship, parse_particulars, resistance
+from cases.shipfiles.estimates import resistance
+from cases.shipfiles.new_ship import ORDER, complete, new_ship, parse_particulars
 from cases.shipfiles.ship_file import dump_ship, load_ship, parse_ship
 from cases.simulation.simulate import simulate
 from mmg.components.propeller.b_series import K_Q_TERMS, K_T_TERMS, open_water, thrust_parabola
@@ -124,8 +125,11 @@ def test_unphysical_particulars_are_refused_with_their_value(words: list[str], m
         new_ship("mine", parse_particulars(words))
 
 
-def test_the_newcomers_three_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_newcomers_three_commands(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Eight particulars to a ship file, a turning circle, an IMO table."""
+    monkeypatch.setattr("mmg_ident.commands.imo.DRAWS", 20)
     file = tmp_path / "mine.toml"
     assert (
         main(["ships", "--new", "320", "58", "20.8", "0.81", "9.86", "0.72", "112.5", "7.97", "--out", str(file)]) == 0
