@@ -15,8 +15,10 @@ from itertools import combinations
 import numpy as np
 from scipy.stats import gamma
 
-TIMES = (0.3, 1.0, 3.0)
-"""Durations of the error that lasts [days], in a log of MONTH days or more; in proportion in a shorter one."""
+TIMES = (0.3, 1.0)
+"""Durations of the error that lasts [days], in a log of MONTH days or more; in proportion in a shorter one. An error of
+three days would make slow growth over a month look like chance; without it chances are right for errors of up to a day
+and a half."""
 
 MONTH, EDGES = 30.0, 31
 """Days of a month, and possible first and last days of a ramp."""
