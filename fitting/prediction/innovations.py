@@ -119,6 +119,8 @@ class Stretches:
         step, cut = 0.0, []
         for number, columns in windows:
             t = columns["t"]
+            if len(t) < 2:  # the files changed while they were read
+                continue
             step = step or float(np.median(np.diff(t)))
             cut += [(number, piece) for piece in self._cut(columns, step)]
         if not cut:
