@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -92,5 +93,8 @@ def differences(constants: RunConstants, campaigns: Campaigns, left: np.ndarray)
 
 
 def _short(value: float, std: float) -> str:
-    """A value to about a hundredth of its standard error."""
-    return f"{value:.2g}" if abs(value) > 0.01 * std else "0"
+    """A value to the first digit of its standard error."""
+    if not 0 < std < 10:
+        return f"{value:.3g}"
+    digits = max(0, -math.floor(math.log10(std)))
+    return f"{round(value, digits) + 0.0:.{digits}f}"

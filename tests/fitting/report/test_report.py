@@ -74,7 +74,7 @@ def test_what_differs_between_campaigns_is_a_sentence_and_tables(
     }
     words = Page(text := report(run_folder(tmp_path / "differ", campaigns=content))).words
     assert (
-        EVIL not in text and "What differs between campaigns" in words and "the lag of the turn rate differs" in words
+        EVIL not in text and "What differs between campaigns" in words and "The lag of the turn rate differs" in words
     )
     for part in ("0.1393", "0.1273", "gyro.T [s]", plus_minus(0.9, 0.08), "< 0.0001", "kinematics", "taken"):
         assert part in words, part

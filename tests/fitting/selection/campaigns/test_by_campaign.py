@@ -8,17 +8,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cases.io.campaigns import said_campaign, ship_in
+from cases.io.campaigns import Campaigns, said_campaign, ship_in
 from cases.shipfiles.ship_file import dump_ship, load_ship, parse_ship
 from cases.shipfiles.ship_json import dump_ship_json
 from fitting.calibration import Calibration, estimate_coefficients
 from fitting.nlp.fisher_information import Information
+from fitting.nlp.run_constants import RunConstants
 from fitting.pipeline import FitOptions, calibrate
 from fitting.prediction.predict import predict_all, values_of
 from fitting.selection.campaigns.by_campaign import CampaignFit, CampaignQuestion, by_campaign
 from fitting.selection.campaigns.chance import LEVEL
 from fitting.selection.campaigns.choice import better, gains
-from fitting.selection.campaigns.sentences import not_asked
+from fitting.selection.campaigns.sentences import differences, not_asked
 from fitting.selection.campaigns.spread import Reduced, Widths
 from fitting.settings import Settings
 from mmg.errors import UserError
@@ -123,6 +124,16 @@ def test_constants_of_runs_are_not_fitted_together_with_values_by_campaign_and_t
     assert not_asked(trials, ("none",)) == () and not_asked(trials[:2], ()) == ()
     with pytest.raises(UserError, match=r"--per-campaign gyro: .* leave out --per-campaign or --per-run"):
         calibrate(ESSO, trials, options=FitOptions(per_run=("current",), per_campaign=("gyro",)))
+
+
+def test_values_are_said_to_the_first_digit_of_their_error() -> None:
+    values, std = np.array([[0.00046], [1.0331]]), np.array([[0.04], [0.08]])
+    bare = (np.array([0.2584]), np.array([0.6]), np.zeros(2))
+    constants = RunConstants(("gyro.T",), DAYS[:2], ("s",), values, std, *bare)
+    campaigns = Campaigns(DAYS[:2], (0, 0, 1, 1))
+    said = [str(m) for m in differences(constants, campaigns, np.array([[0.1], [0.95]]))]
+    assert said[0].endswith(f"mean 0.3 +- 0.6 s: {DAYS[0]} 0.00 +- 0.04, {DAYS[1]} 1.03 +- 0.08")
+    assert said[1].startswith(f"{DAYS[1]}: its runs tell nothing of gyro.T") and len(said) == 2
 
 
 def test_only_a_gain_beyond_chance_counts() -> None:
