@@ -208,6 +208,8 @@ def lines_of(hull: str, quick: bool) -> list[str]:
         *table(["standard deviations times", "ships left out: in 90 % intervals", "median width by figure"], rows),
         "",
     ]
+    held = next(row[1] for row in rows if row[0] == "1")
+    lines += [f"At the widths of the product, 90 % intervals hold {held} of the figures of ships left out.", ""]
     names = ", ".join(empirical.linear_derivatives(7.0, 1.27, 0.455, 0.81))
     lines += [f"Tactical diameter by L, known: by single regressions ({names}), no factors:", ""]
     return [*lines, *table(["ship", "35 deg", "15 deg"], by_regression(starts)), ""]
