@@ -9,7 +9,8 @@ from dataclasses import dataclass, field
 class Settings:
     """How to calibrate.
 
-    window: length of a window [s], None: 100 steps; step: integration and sampling step [s], None: ``default_step``;
+    window: length of a window [s], None: the horizon; horizon: time over which the calibrated ship is to predict [s],
+    None: 100 steps; step: integration and sampling step [s], None: ``default_step``;
     interval: Runge-Kutta steps per shooting interval; passes: solves, the noise being re-estimated between them;
     starts: of the last solve, all but the first random; workers: processes over which further starts are spread;
     tolerance, max_iterations, time_limit [s, of the whole calibration]: of IPOPT; sigma: fixed residual standard
@@ -19,6 +20,7 @@ class Settings:
     """
 
     window: float | None = None
+    horizon: float | None = None
     step: float | None = None
     interval: int = 5
     passes: int = 3

@@ -166,7 +166,7 @@ def fisher(calibration: Calibration, trials: Sequence[Trial], seconds: float) ->
     """
     ship, prior, settings = calibration.ship, calibration.prior, calibration.settings
     h = calibration.segments.h
-    window = settings.window or 100 * h
+    window = settings.window or settings.horizon or 100 * h
     parts = cut(trials, h, window, settings.interval, shortest=10 * h, inputs=ship.inputs)
     problem = Problem.of(ship, prior, parts, calibration.sigma, compiled=settings.compiled)
     per_window = information(problem, problem.join(problem.measured_nodes, calibration.p)).fisher
