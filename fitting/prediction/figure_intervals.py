@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -54,6 +54,21 @@ QUANTITIES = {
     "delta": "rudder angle",
 }
 """What is compared with the trials."""
+SHOWN_IN = {
+    "u": ("m/s", 1.0),
+    "v": ("m/s", 1.0),
+    "r": ("deg/s", math.degrees(1.0)),
+    DRIFT: ("deg", math.degrees(1.0)),
+    "n": ("1/s", 1.0),
+    "delta": ("deg", math.degrees(1.0)),
+}
+"""Unit in which a quantity is said, and its factor from SI and rad."""
+FAR = 2.0
+"""Yaw rate or drift angle over the greatest of the trials on that side, beyond which no trial came near: less than a
+quarter of the nonlinear forces, which go with the square or more, acted in them."""
+TITLES = {"turning": "a turn so tight", "zigzag": "a zigzag so wide", "spiral": "a spiral so wide",
+          "pull-out": "a turn so tight"}  # fmt: skip
+"""How a manoeuvre is called that no trial came near."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +77,9 @@ class FigureScatter:
 
     ship, trial: figure -> values (count,), SI and rad, NaN where it is not reached, of the ship and of a single trial;
     outside: what leaves the range of the trials, in words, None where that range is not known; lost: draws that
-    diverge; shown: some of the draws of single trials from the order on.
+    diverge; shown: some of the draws of single trials from the order on; ranges: quantity of ``QUANTITIES`` -> least
+    and greatest value of the ship as it is in this manoeuvre, SI and rad; widened: whether the figures' scatter grows
+    where the manoeuvre leaves the trials.
     """
 
     ship: Mapping[str, np.ndarray]
@@ -70,6 +87,8 @@ class FigureScatter:
     outside: tuple[str, ...] | None
     lost: int
     shown: tuple[Since, ...]
+    ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    widened: bool = True
 
 
 @dataclass(frozen=True)
@@ -110,7 +129,9 @@ def with_intervals(
             plan = parse_maneuver(run.name, calm, speed=run.speed, rudder_rate=rudder_rate)
             one = scatter[run.name] = drawn_figures(simulator, plan, drawn, content, seed)[0]
             if one.outside:
-                notices.append(Message(outside_words(run.name, run.kind, one.outside), "outside_the_trials"))
+                notices.append(
+                    Message(outside_words(run.name, run.kind, one.outside, one.widened), "outside_the_trials")
+                )
             if one.lost:
                 words = f"{run.name}: {one.lost} of {count} drawn ships run away, and count as never reaching a figure"
                 notices.append(Message(words, "diverging_draws"))
@@ -167,9 +188,11 @@ def drawn_figures(
     trial = {name: column[-count:] for name, column in table.items()}
     kept = np.arange(len(each) - count, len(each))
     trials = SimulatedRuns(runs.t, states[:, :, kept], runs.inputs[:, :, kept], runs.last[kept])
-    few = SimulatedRuns(runs.t, *(x[:, :, :SHOWN] for x in (trials.states, trials.inputs)), trials.last[:SHOWN])
+    few = SimulatedRuns(runs.t, trials.states[:, :, :SHOWN], trials.inputs[:, :, :SHOWN], trials.last[:SHOWN])
     shown = tuple(s for s in since_each(few, plan.parameters["order_time"]) if s is not None)
-    return FigureScatter(own, trial, outside, int(lost[:count].sum()), shown), trials
+    widened = bands is not None and bands.held is not None
+    found = FigureScatter(own, trial, outside, int(lost[:count].sum()), shown, ranges_of(nominal), widened)
+    return found, trials
 
 
 def _push(bands: Bands, simulator: Simulator, nominal: SimulatedRuns, count: int, dt: float, seed: int) -> Push:
@@ -199,36 +222,52 @@ def _push(bands: Bands, simulator: Simulator, nominal: SimulatedRuns, count: int
     return push
 
 
-def outside_of(envelope: Mapping[str, Sequence[float]], runs: SimulatedRuns) -> tuple[str, ...]:
-    """Which quantities of the first of ``runs`` leave the ranges of an ``envelope``, in words with the worst value."""
+def ranges_of(runs: SimulatedRuns) -> dict[str, tuple[float, float]]:
+    """Least and greatest value of each of ``QUANTITIES`` in the first of ``runs``, SI and rad."""
     rows = slice(0, int(runs.last[0]) + 1)
     u, v, r = runs.states[rows, 3:, 0].T
     moving = np.hypot(u, v) > 0.1 * np.abs(u).max()
     n, delta = np.asarray(runs.inputs[rows, :, 0]).T
     beta = np.arctan2(-v[moving], u[moving])
     known = {"u": u, "v": v, "r": r, DRIFT: beta, "n": n, "delta": delta}
+    return {name: (float(known[name].min()), float(known[name].max())) for name in QUANTITIES if len(known[name])}
+
+
+def outside_of(envelope: Mapping[str, Sequence[float]], runs: SimulatedRuns) -> tuple[str, ...]:
+    """Which quantities of the first of ``runs`` leave the ranges of an ``envelope``, in words with the worst value."""
     found = []
-    for name, words in QUANTITIES.items():
-        if name not in envelope or not len(known[name]):
+    for name, (least, most) in ranges_of(runs).items():
+        if name not in envelope:
             continue
         low, high = (float(x) for x in envelope[name])
         slack = max(BEYOND * max(high - low, abs(low), abs(high)), ANGLE if name in (DRIFT, "delta") else 0.0)
-        least, most = float(known[name].min()), float(known[name].max())
-        unit, factor = {"u": ("m/s", 1.0), "v": ("m/s", 1.0), "n": ("1/s", 1.0), "r": ("deg/s", 57.29578)}.get(
-            name, ("deg", 57.29578)
-        )
+        unit, factor = SHOWN_IN[name]
         for reached, limit, over in ((least, low, least < low - slack), (most, high, most > high + slack)):
             if over:
-                found.append(f"{words} {factor * reached:.3g} {unit}, in the trials {factor * limit:.3g}")
+                found.append(f"{QUANTITIES[name]} {factor * reached:.3g} {unit}, in the trials {factor * limit:.3g}")
     return tuple(found)
 
 
-def outside_words(name: str, kind: str, outside: Sequence[str]) -> str:
-    """A sentence on a manoeuvre of this ``name`` and ``kind`` that leaves what the trials held. outside: how."""
-    turns = [words.split() for words in outside if words.startswith(QUANTITIES["n"])]
-    if kind in STOPS and any(float(words[1]) < float(words[-1]) for words in turns):
+def outside_words(name: str, kind: str, outside: Sequence[str], widened: bool = True) -> str:
+    """A sentence on a manoeuvre of this ``name`` and ``kind`` that leaves what the trials held.
+
+    outside: how; widened: whether its intervals grow by that.
+    """
+    turns = [_reached(words) for words in outside if words.startswith(QUANTITIES["n"])]
+    if kind in STOPS and any(reached < limit for reached, limit in turns):
         return f"{name}: stopping was not in the trials: these figures are the prior's ({'; '.join(outside)})"
-    return f"{name}: outside the trials, so its intervals are wider: {'; '.join(outside)}"
+    turning = [_reached(words) for words in outside if words.startswith(tuple(QUANTITIES[q] for q in ("r", DRIFT)))]
+    if kind not in STOPS and any(abs(reached) > FAR * abs(limit) for reached, limit in turning):
+        title = TITLES.get(kind, "such a manoeuvre")
+        return f"{name}: no trial came near {title}: these figures are the prior's ({'; '.join(outside)})"
+    effect = "so its intervals are wider" if widened else "which its intervals do not cover"
+    return f"{name}: outside the trials, {effect}: {'; '.join(outside)}"
+
+
+def _reached(words: str) -> tuple[float, float]:
+    """What a manoeuvre reaches and the trials held, as ``outside_of`` words them."""
+    reached, _, held = words.partition(", ")
+    return float(reached.split()[-2]), float(held.split()[-1])
 
 
 def judged_row(row: Row, run: Run, scatter: FigureScatter) -> Row:

@@ -44,7 +44,7 @@ def maneuver_scatter(
     drawn, trials = drawn_figures(Simulator(ship), plan, found.coefficients, content, seed, dt)
     notices = list(found.notices)
     if drawn.outside:
-        notices.append(Message(outside_words(plan.name, plan.kind, drawn.outside), "outside_the_trials"))
+        notices.append(Message(outside_words(plan.name, plan.kind, drawn.outside, drawn.widened), "outside_the_trials"))
     criteria = {
         row.figure: row
         for row in assess(run, ship.particulars.get("scale"))

@@ -13,6 +13,7 @@ from cases.shipfiles.effects import calm_and_deep
 from cases.trial import Trial
 from fitting.prediction.envelope import trial_envelope
 from fitting.report.conditions import Condition, condition_rows
+from fitting.report.figure_section import FigureSection, figure_section
 from fitting.report.imo_form import FormSide, FormValue, ImoForm, imo_form
 from fitting.report.limits import limit_rows, use_rows
 from fitting.report.trial_files import trial_rows, trials_again
@@ -29,7 +30,8 @@ class Delivered:
     """What a page needs beside the record of a run.
 
     trials: those at hand; absent: sentences on the others; form: None where it was not asked for or cannot be made,
-    with the reason in ``no_form``; full_load: draught [m] of the fully loaded ship, None where it is not known.
+    with the reason in ``no_form``; full_load: draught [m] of the fully loaded ship, None where it is not known;
+    figures: with 90 % intervals, None where none are known.
     """
 
     trials: tuple[Trial, ...] = ()
@@ -37,6 +39,7 @@ class Delivered:
     form: ImoForm | None = None
     no_form: str = LATER
     full_load: float | None = None
+    figures: FigureSection | None = None
 
 
 def delivered(result: Mapping[str, Any], ship: Ship, full_load: float | None = None, imo: bool = True) -> Delivered:
@@ -55,7 +58,7 @@ def delivered(result: Mapping[str, Any], ship: Ship, full_load: float | None = N
         if full_load is not None and "--full-load-draught" in str(error):
             raise
         form, why = None, f"It cannot be made: {error}."
-    return Delivered(trials, tuple(absent), form, why, full_load)
+    return Delivered(trials, tuple(absent), form, why, full_load, figure_section(result, ship))
 
 
 def _covariance(result: Mapping[str, Any], ship: Ship) -> tuple[Sequence[str], np.ndarray] | None:
@@ -83,6 +86,7 @@ def delivery_sections(result: Mapping[str, Any], ship: Ship, known: Delivered) -
         "bad": bad,
         "form": known.form,
         "no_form": known.no_form,
+        "intervals": known.figures,
         **(_form_sections(ship, known.form, conditions, envelope) if known.form else {}),
     }
 

@@ -21,11 +21,18 @@ def figures_of(folder: Path, listed: Any) -> list[dict]:
             content = path.read_bytes()
         except OSError:
             content = b""
-        good = content.startswith(PNG)
-        uri = "data:image/png;base64," + base64.b64encode(content).decode() if good else None
-        size = (int.from_bytes(content[16:20], "big"), int.from_bytes(content[20:24], "big")) if good else (0, 0)
-        figures.append(
-            {"title": entry.get("title", path.stem), "caption": entry.get("caption", ""), "image": uri,
-             "name": path.stem, "file": path.name, "width": size[0], "height": size[1]}
-        )  # fmt: skip
+        title, caption = entry.get("title", path.stem), entry.get("caption", "")
+        figures.append(figure_entry(content, path.stem, title, caption, path.name))
     return figures
+
+
+def figure_entry(content: bytes, name: str, title: str, caption: str, file: str = "") -> dict[str, Any]:
+    """One figure as the template takes it, with ``image`` None where ``content`` is no PNG file.
+
+    name: by which it finds its section; title, caption: in words; file: its name in the run folder.
+    """
+    good = content.startswith(PNG)
+    uri = "data:image/png;base64," + base64.b64encode(content).decode() if good else None
+    size = (int.from_bytes(content[16:20], "big"), int.from_bytes(content[20:24], "big")) if good else (0, 0)
+    return {"title": title, "caption": caption, "image": uri, "name": name, "file": file,
+            "width": size[0], "height": size[1]}  # fmt: skip

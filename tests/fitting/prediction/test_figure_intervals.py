@@ -16,7 +16,7 @@ from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.ship_file import dump_ship, load_ship
 from cases.simulation.simulate_batch import simulate_batch
 from fitting.prediction.bands import Process, process_dict
-from fitting.prediction.figure_intervals import drawn_figures, judged_row, with_intervals
+from fitting.prediction.figure_intervals import drawn_figures, judged_row, outside_words, with_intervals
 from mmg.errors import UserError
 from mmg.rollout import Simulator
 from mmg_ident.commands.main import main
@@ -97,7 +97,18 @@ def test_a_manoeuvre_outside_the_trials_is_said_to_be(figures: tuple[Any, Assess
     words = [str(note) for note in judged.notices if note.code == "outside_the_trials"]
     assert all(row.extrapolated for row in judged.rows if row.run in ("turning:35", "crash-stop"))
     assert any(w.startswith("crash-stop: stopping was not in the trials: these figures are the prior's") for w in words)
-    assert any(w.startswith("turning:35: outside the trials") and "yaw rate" in w for w in words)
+    assert any(w.startswith("turning:35: no trial came near a turn so tight") and "yaw rate" in w for w in words)
+
+
+def test_what_is_said_follows_from_how_far_it_is() -> None:
+    little = ("yaw rate -3 deg/s, in the trials -2", "rudder angle -35 deg, in the trials -20")
+    assert "so its intervals are wider" in outside_words("turning:-35", "turning", little)
+    assert "which its intervals do not cover" in outside_words("turning:-35", "turning", little, widened=False)
+    far = ("drift angle 20 deg, in the trials 9",)
+    assert "no trial came near a zigzag so wide" in outside_words("zigzag:20/20", "zigzag", far)
+    assert "stopping was not" not in outside_words(
+        "crash-stop", "crash-stop", ("surge velocity 1 m/s, in the trials 2",)
+    )
 
 
 def test_held_revolutions_a_hair_off_are_not_outside(figures: tuple[Any, Assessment]) -> None:

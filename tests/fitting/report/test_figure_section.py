@@ -1,0 +1,69 @@
+"""The section of a report on figures with intervals: its rows, its sentences, its figures, and when there is none."""
+
+from __future__ import annotations
+
+import base64
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import fitting.report.figure_section as module
+from cases.criteria.assessment import imo_figures
+from cases.criteria.figures import Since
+from fitting.prediction.figure_intervals import FigureScatter, with_intervals
+from fitting.report.delivered import Delivered, delivery_sections
+from fitting.report.figure_section import FigureSection, envelope_figure, figure_section
+from fitting.report.plot_style import AFTER, ALARM
+from tests.support.calibrated import small_result
+
+
+@pytest.fixture(scope="module")
+def section() -> FigureSection:
+    fit = small_result()
+    found = imo_figures(fit.ship)
+    kept = ("turning:35", "zigzag:10/10")
+    few = replace(
+        found,
+        rows=tuple(row for row in found.rows if row.run in kept),
+        runs=tuple(run for run in found.runs if run.name in kept),
+    )
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(module, "DRAWS", 20)
+        patched.setattr(module, "imo_figures", lambda ship: few)
+        made = figure_section(fit.to_dict(), fit.ship)
+    assert made is not None
+    expected = with_intervals(few, fit.ship, fit.to_dict(), 20).assessment
+    row = next(row for row in expected.rows if row.figure == "advance")
+    low, high = row.interval_90 or (np.nan, np.nan)
+    cells = next(cells for cells in made.rows if cells["figure"].startswith("advance"))
+    assert cells["interval"] == f"{low:.2f} to {high:.2f}" and cells["value"] == f"{row.value:.2f}"
+    assert cells["chance"] == f"{100 * (row.probability or 0):.0f} %"
+    return made
+
+
+def test_the_page_gets_rows_pictures_and_sentences(section: FigureSection) -> None:
+    assert {row["run"] for row in section.rows} == {"turning:35", "zigzag:10/10"}
+    assert [image["name"] for image in section.images] == ["maneuvers", "envelope"]
+    for image in section.images:
+        content = base64.b64decode(image["image"].partition("base64,")[2])
+        assert content.startswith(b"\x89PNG") and image["width"] > 600
+    outside = {row["run"] for row in section.rows if row["inside"] == "no"}
+    assert outside == {words.rpartition(": ")[0].partition(": ")[0] for words in section.outside}
+    fit = small_result()
+    assert delivery_sections(fit.to_dict(), fit.ship, Delivered(figures=section))["intervals"] is section
+
+
+def test_a_run_without_covariance_has_no_such_section() -> None:
+    fit = small_result()
+    assert figure_section({**fit.to_dict(), "correlation": None}, fit.ship) is None
+
+
+def test_a_manoeuvre_is_red_in_the_quantity_in_which_it_leaves_the_trials() -> None:
+    shown: tuple[Since, ...] = ()
+    leaving = FigureScatter({}, {}, ("yaw rate 3 deg/s, in the trials 2",), 0, shown, {"u": (0.5, 1), "r": (0, 0.06)})
+    within = FigureScatter({}, {}, (), 0, shown, {"u": (0.6, 0.9), "r": (0.0, 0.01)})
+    figure = envelope_figure({"u": [0.4, 1.1], "r": [-0.04, 0.04]}, {"turning:35": leaving, "zigzag:10/10": within})
+    colours = [[line.get_color() for line in ax.lines] for ax in figure.axes]
+    assert colours == [[AFTER, AFTER], [ALARM, AFTER]]
+    np.testing.assert_allclose(figure.axes[1].lines[0].get_xdata(), [0.0, np.degrees(0.06)])
