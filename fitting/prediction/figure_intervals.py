@@ -253,10 +253,10 @@ def outside_words(name: str, kind: str, outside: Sequence[str], widened: bool = 
 
     outside: how; widened: whether its intervals grow by that.
     """
-    turns = [_reached(words) for words in outside if words.startswith(QUANTITIES["n"])]
+    turns = [_numbers_in(words) for words in outside if words.startswith(QUANTITIES["n"])]
     if kind in STOPS and any(reached < limit for reached, limit in turns):
         return f"{name}: stopping was not in the trials: these figures are the prior's ({'; '.join(outside)})"
-    turning = [_reached(words) for words in outside if words.startswith(tuple(QUANTITIES[q] for q in ("r", DRIFT)))]
+    turning = [_numbers_in(words) for words in outside if words.startswith(tuple(QUANTITIES[q] for q in ("r", DRIFT)))]
     if kind not in STOPS and any(abs(reached) > FAR * abs(limit) for reached, limit in turning):
         title = TITLES.get(kind, "such a manoeuvre")
         return f"{name}: no trial came near {title}: these figures are the prior's ({'; '.join(outside)})"
@@ -264,7 +264,7 @@ def outside_words(name: str, kind: str, outside: Sequence[str], widened: bool = 
     return f"{name}: outside the trials, {effect}: {'; '.join(outside)}"
 
 
-def _reached(words: str) -> tuple[float, float]:
+def _numbers_in(words: str) -> tuple[float, float]:
     """What a manoeuvre reaches and the trials held, as ``outside_of`` words them."""
     reached, _, held = words.partition(", ")
     return float(reached.split()[-2]), float(held.split()[-1])
