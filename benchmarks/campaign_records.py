@@ -7,7 +7,7 @@ the five hold-outs: these are predicted by ships calibrated on Train-TZRB, and o
 
 Run from the repository root: python -m benchmarks.campaign_records [--parts hold-outs fast folds] [--rows FILE].
 Finished calibrations are kept in the file and not made again. "fast" leaves each record out by one Newton step from a
-single calibration on all 35, and is made in a tenth of the time of "folds".
+single calibration on all 35 instead of five.
 """
 
 from __future__ import annotations
