@@ -20,7 +20,7 @@ from cases.trial import Trial
 from mmg.errors import UserError
 from mmg.messages import Message, has_code
 from mmg.notebook import html_table
-from mmg.ship import Ship
+from mmg.ship import CalibrationMark, Ship
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Assessment:
     """Figures of standard manoeuvres with limits and verdicts.
 
     ship: its name, "" where it is not known; heading: what was judged, in a line; rows: a row per figure; runs: the
-    manoeuvres; notices: what to know of them.
+    manoeuvres; notices: what to know of them; mark: which calibration the ship is of, None: of none.
     """
 
     ship: str
@@ -36,6 +36,7 @@ class Assessment:
     rows: tuple[Row, ...]
     runs: tuple[Run, ...]
     notices: tuple[Message, ...]
+    mark: CalibrationMark | None = None
 
     @property
     def verdict(self) -> str:
@@ -63,6 +64,7 @@ class Assessment:
             for run in self.runs
         ]
         head = {"ship": self.ship, "heading": self.heading, "standard": "IMO MSC.137(76)", "verdict": self.verdict}
+        head["calibration"] = asdict(self.mark) if self.mark else None
         rows = [asdict(row) | {"criterion": row.limit} for row in self.rows]
         return {**head, "rows": rows, "runs": runs, "notices": list(self.notices)}
 
@@ -120,7 +122,7 @@ def imo_figures(
         words = "left out, as the tests are in calm, deep water and free of sensor errors: "
         notices.append(Message(words + ", ".join(left_out), "effects_left_out"))
     more = [Row("", text, "no figure", None, None, "", OPEN, why) for text, why in missed.items()]
-    return _assessed(calm.name, heading, runs, scale or calm.particulars.get("scale"), notices, more)
+    return _assessed(calm, heading, runs, scale or calm.particulars.get("scale"), notices, more)
 
 
 def imo_figures_of_trials(
@@ -159,26 +161,33 @@ def imo_figures_of_trials(
     refused = [note for note in notices if has_code([note], "no_maneuver_found")]
     if not runs:
         raise UserError(f"no standard manoeuvre in any of {len(trials)} trials; first: {refused[0]}")
-    name = ship.name if ship else ""
     several = len(trials) - len(refused) < len(runs)
     held = f", {len(runs)} manoeuvres" if several else ""
     title, used = ship.title if ship else "ship", len(trials) - len(refused)
     heading = f"{title}, measured: L {L:g} m, {used} of {len(trials)} runs{held}"
     size = scale or (ship.particulars.get("scale") if ship else None)
     if not correct:
-        return _assessed(name, heading, runs, size, notices, [])
+        return _assessed(ship, heading, runs, size, notices, [])
     better, done = corrected_runs(runs, ship, correct if isinstance(correct, WaterVelocity) else None)
-    found = _assessed(name, f"{heading}, corrected for wind and current", better, size, [*notices, *done], [])
-    before = [row.value for run in runs for row in assess(run, size, name)]
+    found = _assessed(ship, f"{heading}, corrected for wind and current", better, size, [*notices, *done], [])
+    before = [row.value for run in runs for row in assess(run, size, _known_as(ship))]
     return replace(
         found, rows=tuple(replace(row, measured=value) for row, value in zip(found.rows, before, strict=True))
     )
 
 
 def _assessed(
-    name: str, heading: str, runs: list[Run], scale: float | None, notices: list[Message], more: list[Row]
+    ship: Ship | None, heading: str, runs: list[Run], scale: float | None, notices: list[Message], more: list[Row]
 ) -> Assessment:
-    rows = [*(row for run in runs for row in assess(run, scale, name)), *more]
+    rows = [*(row for run in runs for row in assess(run, scale, _known_as(ship))), *more]
     if any(row.reference is not None for row in rows):
         notices = [*notices, Message(f"reference: {SOURCE}", "reference_values")]
-    return Assessment(name, heading, tuple(rows), tuple(runs), (*notices, Message(ASSUMED, "not_checked")))
+    name, mark = (ship.name, ship.mark) if ship else ("", None)
+    return Assessment(name, heading, tuple(rows), tuple(runs), (*notices, Message(ASSUMED, "not_checked")), mark)
+
+
+def _known_as(ship: Ship | None) -> str:
+    """The name under which figures of the ``ship`` are published: of a calibration that of the ship it began from."""
+    if ship is None:
+        return ""
+    return ship.mark.start if ship.mark and ship.mark.start else ship.name

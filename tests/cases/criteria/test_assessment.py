@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from cases.criteria.assessment import imo_figures, imo_figures_of_trials
 from cases.shipfiles.ship_file import load_ship
 from mmg.errors import UserError
 from mmg.messages import has_code
+from mmg.ship import CalibrationMark
 
 
 def test_a_simulated_ship_and_her_own_runs_read_as_measured_get_one_verdict_each() -> None:
@@ -28,3 +31,16 @@ def test_what_cannot_be_judged_is_refused() -> None:
         imo_figures(ship, maneuvers=["straight"])
     with pytest.raises(UserError, match="length"):
         imo_figures_of_trials([])
+
+
+def test_a_calibration_is_named_and_keeps_the_published_values_of_the_ship_it_began_from() -> None:
+    ship = load_ship("kvlcc2_full")
+    mark = CalibrationMark("sea trial 3", "2026-01-02", "ab12", "kvlcc2_full")
+    found = imo_figures(replace(ship, name="our tanker", mark=mark))
+    content = found.to_dict()
+    assert content["ship"] == "our tanker" and content["calibration"] == {
+        "name": "sea trial 3", "date": "2026-01-02", "data": "ab12", "start": "kvlcc2_full",
+    }  # fmt: skip
+    known = {(row.run, row.figure): row.reference for row in imo_figures(ship).rows}
+    assert {(row.run, row.figure): row.reference for row in found.rows} == known and any(known.values())
+    assert imo_figures(ship).to_dict()["calibration"] is None
