@@ -64,9 +64,9 @@ class Assessment:
             for run in self.runs
         ]
         head = {"ship": self.ship, "heading": self.heading, "standard": "IMO MSC.137(76)", "verdict": self.verdict}
-        head["calibration"] = asdict(self.mark) if self.mark else None
+        mark = asdict(self.mark) if self.mark else None
         rows = [asdict(row) | {"criterion": row.limit} for row in self.rows]
-        return {**head, "rows": rows, "runs": runs, "notices": list(self.notices)}
+        return {**head, "calibration": mark, "rows": rows, "runs": runs, "notices": list(self.notices)}
 
     def to_pandas(self) -> Any:
         """A DataFrame with a row per figure: ability, run, figure, value, limit, unit, verdict, why, reference."""
