@@ -35,6 +35,8 @@ from mmg.ship import Ship
 
 STEP = 0.5
 """Sampling interval [s] of a 3 m model; scales with sqrt(L)."""
+DRAWS = 500
+"""Ships drawn where nothing else is asked for."""
 MOST = 20_000
 """Most draws of one call."""
 JUDGED = ("turning", "zigzag", *STOPS)
@@ -141,13 +143,15 @@ def with_intervals(
 
 
 def correlation_in(content: Mapping[str, Any]) -> tuple[list[str], np.ndarray] | None:
-    """Symbols (Q,) and correlation matrix (Q, Q) of the estimates in the ``content`` of a result.json, or None."""
+    """Symbols (Q,) and correlation matrix (Q, Q) of the estimates in the ``content`` of a result.json, None where
+    there is none or numbers are missing in it."""
     try:
         symbols = [str(s) for s in content["correlation"]["symbols"]]
         matrix = np.array(content["correlation"]["matrix"], dtype=float)
     except (KeyError, TypeError, ValueError):
         return None
-    return (symbols, matrix) if matrix.shape == (len(symbols), len(symbols)) else None
+    whole = matrix.shape == (len(symbols), len(symbols)) and np.isfinite(matrix).all()
+    return (symbols, matrix) if whole else None
 
 
 def drawn_figures(

@@ -13,7 +13,7 @@ from cases.shipfiles.effects import calm_and_deep
 from cases.trial import Trial
 from fitting.prediction.envelope import trial_envelope
 from fitting.report.conditions import Condition, condition_rows
-from fitting.report.figure_section import FigureSection, figure_section
+from fitting.report.figure_section import FigureSection, figure_section, standard_figures
 from fitting.report.imo_form import FormSide, FormValue, ImoForm, imo_form
 from fitting.report.limits import limit_rows, use_rows
 from fitting.report.trial_files import trial_rows, trials_again
@@ -52,21 +52,16 @@ def delivered(result: Mapping[str, Any], ship: Ship, full_load: float | None = N
     trials = tuple(trial for _, trial in found)
     if not imo:
         return Delivered(trials, tuple(absent), full_load=full_load)
+    figures = None
     try:
-        form, why = imo_form(ship, trials, _covariance(result, ship), full_load), ""
+        model = standard_figures(result, ship)
+        form, why = imo_form(ship, trials, model, result, full_load), ""
+        figures = figure_section(result, model)
     except UserError as error:
         if full_load is not None and "--full-load-draught" in str(error):
             raise
         form, why = None, f"It cannot be made: {error}."
-    return Delivered(trials, tuple(absent), form, why, full_load, figure_section(result, ship))
-
-
-def _covariance(result: Mapping[str, Any], ship: Ship) -> tuple[Sequence[str], np.ndarray] | None:
-    """Symbols and correlation of the estimates, None where any is missing."""
-    found = result.get("correlation") or {}
-    matrix = np.array(found.get("matrix") or [], dtype=float)
-    known = matrix.size and np.isfinite(matrix).all() and any(0 < ship.coefficients[s].std < np.inf for s in ship.free)
-    return (found["symbols"], matrix) if known else None
+    return Delivered(trials, tuple(absent), form, why, full_load, figures)
 
 
 def delivery_sections(result: Mapping[str, Any], ship: Ship, known: Delivered) -> dict[str, Any]:
@@ -99,8 +94,8 @@ def _form_sections(
     shown = [name for name, there in parts if there]
     words = {
         "tested": "tested",
-        "model": "model, calm and deep" + (" [95 %]" if form.intervals else ""),
-        "corrected": "corrected to full load" + (" [95 %]" if form.intervals else ""),
+        "model": "model, calm and deep" + (" [90 %]" if form.intervals else ""),
+        "corrected": "corrected to full load" + (" [90 %]" if form.intervals else ""),
     }
     groups: dict[str, list[dict[str, Any]]] = {}
     for row in form.rows:
@@ -113,9 +108,10 @@ def _form_sections(
         })  # fmt: skip
     speed, _ = approach_speed(calm_and_deep(ship)[0])
     fastest = max(map(abs, envelope.get("u", [np.inf])))
+    cover = "which widens their intervals" if form.widened else "and their intervals do not cover that"
     too_fast = (
         f"The model runs at {speed:.3g} m/s, the trials at {fastest:.3g} m/s at most: the figures of the model are "
-        "extrapolated in speed, and their intervals do not cover that."
+        f"extrapolated in speed, {cover if form.intervals else 'and no interval covers that'}."
     )
     return {
         "form_groups": list(groups.items()),
@@ -132,7 +128,8 @@ def _words(value: FormValue | None, unit: str) -> str:
     digits = 1 if unit == "deg" else 2
     text = f"{value.value:.{digits}f}"
     if value.interval:
-        text += f" [{value.interval[0]:.{digits}f}, {value.interval[1]:.{digits}f}]"
+        low, high = (f"{end:.{digits}f}" if end < np.inf else "never" for end in value.interval)
+        text += f" [{low}, {high}]"
     return f"{text} ({value.count} runs)" if value.count > 1 else text
 
 

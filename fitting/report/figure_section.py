@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from matplotlib.axes import Axes
@@ -12,16 +12,21 @@ from matplotlib.figure import Figure
 
 from cases.criteria.assessment import imo_figures
 from cases.criteria.imo import Row
-from fitting.prediction.figure_intervals import QUANTITIES, SHOWN_IN, FigureScatter, correlation_in, with_intervals
+from fitting.prediction.figure_intervals import (
+    DRAWS,
+    QUANTITIES,
+    SHOWN_IN,
+    FigureScatter,
+    JudgedFigures,
+    correlation_in,
+    with_intervals,
+)
 from fitting.report.page_figures import figure_entry
 from fitting.report.plot_maneuvers import maneuver_figure
 from fitting.report.plot_style import AFTER, ALARM, DPI, GREY, dress, literal, new_figure
 from mmg.errors import UserError
-from mmg.messages import has_code
+from mmg.messages import Message, has_code
 from mmg.ship import Ship
-
-DRAWS = 200
-"""Ships drawn for the page."""
 
 
 @dataclass(frozen=True)
@@ -35,16 +40,29 @@ class FigureSection:
     images: tuple[dict[str, Any], ...]
 
 
-def figure_section(result: Mapping[str, Any], ship: Ship) -> FigureSection | None:
-    """The figures of the standard manoeuvres with intervals, None where no covariance is known or none can be drawn.
+def standard_figures(result: Mapping[str, Any], ship: Ship) -> JudgedFigures:
+    """The standard manoeuvres of a ship with the draws of which a page shows intervals, the same as ``mmg imo``.
 
-    result: content of result.json; ship: the calibrated or hybrid ship of which it speaks.
+    result: content of result.json; ship: the calibrated or hybrid ship of which it speaks. Where no covariance is known
+    or none can be drawn there are no draws, and a notice says why. Raises UserError when no manoeuvre reaches its
+    event.
     """
-    if correlation_in(result) is None:
-        return None
-    try:
-        judged = with_intervals(imo_figures(ship), ship, result, DRAWS)
-    except UserError:  # the form beside it says why
+    found = imo_figures(ship)
+    why = "no covariance of the coefficients is known"
+    if correlation_in(result) is not None:
+        try:
+            return with_intervals(found, ship, result, DRAWS)
+        except UserError as error:
+            why = str(error)
+    return JudgedFigures(replace(found, notices=(*found.notices, Message(f"no intervals: {why}", "no_covariance"))), {})
+
+
+def figure_section(result: Mapping[str, Any], judged: JudgedFigures) -> FigureSection | None:
+    """The figures of the standard manoeuvres with intervals, None where there are no draws.
+
+    result: content of result.json; judged: of ``standard_figures``.
+    """
+    if not judged.scatter:
         return None
     found = judged.assessment
     clouds = {name: one.shown for name, one in judged.scatter.items()}

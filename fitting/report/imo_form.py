@@ -1,29 +1,28 @@
-"""Manoeuvring data of a ship in the form that IMO asks for (MSC/Circ.1053, appendix 6), with 95 % intervals.
+"""Manoeuvring data of a ship in the form that IMO asks for (MSC/Circ.1053, appendix 6), with 90 % intervals.
 
 Tested: the standard manoeuvres among the trials. Model: the calibrated ship in calm air and deep water. Corrected to
-full load: R = T F / B (3.4.1, option 1), with T tested, and F and B the model at full load and as tested.
+full load: R = T F / B (3.4.1, option 1), with T tested, and F and B the model at full load and as tested. The intervals
+are those of ``fitting.prediction.figure_intervals``, as ``mmg imo`` gives them.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from cases.criteria.assessment import Assessment, imo_figures, imo_figures_of_trials
-from cases.criteria.scatter import scatter
-from cases.criteria.standard_runs import STANDARD, approach_speed
-from cases.maneuvers.definitions import parse_maneuver
-from cases.shipfiles.effects import calm_and_deep
+from cases.criteria.imo import Row
 from cases.trial import Trial
+from fitting.prediction.figure_intervals import DRAWS, FigureScatter, JudgedFigures, with_intervals
 from mmg.errors import UserError
+from mmg.messages import has_code
 from mmg.ship import Ship
 
-DRAWS, SEED = 200, 0
-LOW, HIGH = 0.025, 0.975
+LOW, HIGH = 0.05, 0.95
 FORM = (
     ("Turning circle, 35° rudder", "turning:35", (("advance", "Advance"), ("tactical_diameter", "Tactical diameter"))),
     ("Zig-zag 10°/10°", "zigzag:10/10",
@@ -33,13 +32,16 @@ FORM = (
     ("Stopping", "crash-stop", (("track_reach", "Track reach"),)),
 )  # fmt: skip
 """Groups of the form: title, manoeuvre to starboard, figures with their words."""
+ELSEWHERE = ("not_checked", "outside_the_trials")
+"""Codes of notices on the model's runs that other parts of a page say."""
 UNITS = {"L": "L", "deg": "deg"}
 """Units of the form; L: ship lengths."""
 
 
 @dataclass(frozen=True)
 class FormValue:
-    """A figure in the unit of the form. interval: 95 %, None where no covariance is known; count: of runs behind it."""
+    """A figure in the unit of the form. interval: 90 %, its upper end infinite where more than 5 % of the draws never
+    reach the figure, None where no covariance is known; count: of runs behind it."""
 
     value: float
     interval: tuple[float, float] | None = None
@@ -71,13 +73,15 @@ class FormRow:
 
 @dataclass(frozen=True)
 class ImoForm:
-    """The form. heading: of the model's runs; rows; remarks: what is to be known of it."""
+    """The form. heading: of the model's runs; rows; remarks: what is to be known of it; full_load: draught [m];
+    intervals: whether the model's figures have any; widened: whether they grow where a manoeuvre leaves the trials."""
 
     heading: str
     rows: tuple[FormRow, ...]
     remarks: tuple[str, ...]
     full_load: float | None = None
-    intervals: bool = field(default=False)
+    intervals: bool = False
+    widened: bool = False
 
     @property
     def tested(self) -> bool:
@@ -93,26 +97,24 @@ class ImoForm:
 def imo_form(
     ship: Ship,
     trials: Sequence[Trial],
-    correlation: tuple[Sequence[str], np.ndarray] | None = None,
+    model: JudgedFigures,
+    result: Mapping[str, Any] | None = None,
     full_load: float | None = None,
 ) -> ImoForm:
     """The form of a calibrated ``ship``.
 
-    trials: measured, of which the standard manoeuvres are the tested figures; correlation: symbols (Q,) and matrix
-    (Q, Q) of the estimates, None: no intervals; full_load: draught of the fully loaded ship [m]. Raises UserError for a
-    draught that the model cannot be carried to, and when no manoeuvre of the model reaches its event.
+    trials: measured, of which the standard manoeuvres are the tested figures; model: her standard manoeuvres with the
+    draws behind their intervals, none where no covariance is known; result: content of her result.json, of which the
+    loaded ship is drawn too; full_load: draught of the fully loaded ship [m]. Raises UserError for a draught that the
+    model cannot be carried to, and when no manoeuvre of the model reaches its event.
     """
     remarks: list[str] = []
-    model = imo_figures(ship)
+    found = model.assessment
     loaded = _loaded(ship, full_load) if full_load is not None else None
     tested = _tested(ship, trials, remarks)
-    draws = _draws(ship, correlation, remarks) if correlation is not None else {}
-    factors: dict[tuple[str, str], np.ndarray] = {}
-    if loaded is not None and tested:
-        later = _draws(loaded, correlation, remarks) if correlation is not None and draws else {}
-        factors = _factors(loaded, model, draws, later)
-    remarks += _of_intervals(bool(draws), correlation is not None) + _of_correction(full_load, bool(tested))
-    by_name = {(row.run, row.figure): row for row in model.rows}
+    factors = _factors(loaded, model, result or {}, remarks) if loaded is not None and tested else {}
+    remarks += _of_intervals(model) + _of_correction(full_load, bool(tested))
+    by_name = {(row.run, row.figure): row for row in found.rows}
     rows = []
     for group, text, figures in FORM:
         sides = (text,) if text == "crash-stop" else (text.replace(":", ":-"), text)
@@ -120,22 +122,25 @@ def imo_form(
             known = [by_name.get((side, figure)) for side in sides]
             first = next((row for row in known if row is not None), None)
             cells = tuple(
-                _side(row, tested.get((side, figure)), draws.get((side, figure)), factors.get((side, figure)))
+                _side(row, tested.get((side, figure)), factors.get((side, figure)))
                 for side, row in zip(sides, known, strict=True)
             )
             unit = first.unit if first else "L"
             rows.append(FormRow(group, words, UNITS.get(unit, unit), first.limit if first else None, cells))
-    remarks += [str(notice) for notice in model.notices if getattr(notice, "code", "") != "not_checked"]
-    return ImoForm(model.heading, tuple(rows), tuple(dict.fromkeys(remarks)), full_load, bool(draws))
+    remarks += [str(note) for note in found.notices if not any(has_code([note], code) for code in ELSEWHERE)]
+    drawn = model.scatter.values()
+    widened = bool(drawn) and all(one.widened for one in drawn)
+    return ImoForm(found.heading, tuple(rows), tuple(dict.fromkeys(remarks)), full_load, bool(drawn), widened)
 
 
-def _of_intervals(known: bool, covariance: bool) -> list[str]:
-    if not known:
-        return [] if covariance else ["no intervals: no covariance of the coefficients is known"]
+def _of_intervals(model: JudgedFigures) -> list[str]:
+    if not model.scatter:
+        return []
+    outside = ", ".join(name for name, one in model.scatter.items() if one.outside)
     return [
-        f"intervals: 95 % of {DRAWS} draws from the covariance of the coefficients; what the model lacks, and a test's "
-        "own scatter, come on top"
-    ]
+        f"intervals: 90 % of {DRAWS} ships that the trials allow, the same draws as in the table of figures below; a "
+        "test's own scatter comes on top"
+    ] + ([f"the manoeuvre leaves what the trials held, so its figures are extrapolated: {outside}"] if outside else [])
 
 
 def _of_correction(full_load: float | None, tested: bool) -> list[str]:
@@ -149,11 +154,11 @@ def _of_correction(full_load: float | None, tested: bool) -> list[str]:
     ]
 
 
-def _side(row: Any, tested: FormValue | None, ratios: np.ndarray | None, factor: np.ndarray | None) -> FormSide:
-    """One side from the model's ``row``, the tested value, draws over the model's value, and F / B over the draws."""
+def _side(row: Row | None, tested: FormValue | None, factor: np.ndarray | None) -> FormSide:
+    """One side from the model's ``row``, the tested value, and F / B of the ship and of the draws."""
     model = corrected = None
     if row is not None and row.value is not None:
-        model = FormValue(row.value, _interval(row.value * ratios) if ratios is not None else None)
+        model = FormValue(row.value, row.interval_90)
     if tested is not None and factor is not None:
         interval = _interval(tested.value * factor[1:]) if len(factor) > 1 else None
         corrected = FormValue(tested.value * float(factor[0]), interval, tested.count)
@@ -169,7 +174,7 @@ def _side(row: Any, tested: FormValue | None, ratios: np.ndarray | None, factor:
 
 
 def _interval(values: np.ndarray) -> tuple[float, float] | None:
-    """The 95 % interval of the finite ``values`` (M,), None for fewer than half of them."""
+    """The 90 % interval of the finite ``values`` (M,), None for fewer than half of them."""
     good = values[np.isfinite(values)]
     if len(good) < max(20, len(values) // 2):
         return None
@@ -216,26 +221,6 @@ def _measured(found: Assessment) -> dict[tuple[str, str], float]:
     }
 
 
-Draws = Mapping[tuple[str, str], np.ndarray]
-"""Figures over draws of the coefficients, by manoeuvre and name, each by that of the ship as it is, (DRAWS,)."""
-
-
-def _draws(ship: Ship, correlation: tuple[Sequence[str], np.ndarray], remarks: list[str]) -> Draws:
-    """The figures of the model over draws."""
-    calm, _ = calm_and_deep(ship)
-    speed, _ = approach_speed(calm)
-    found: dict[tuple[str, str], np.ndarray] = {}
-    try:
-        for text in STANDARD:
-            many = scatter(calm, parse_maneuver(text, calm, speed=speed), DRAWS, SEED, correlation)
-            own = {row.figure: row.value for row in many.rows}
-            found |= {(text, name): values / own[name] for name, values in many.values.items() if own.get(name)}
-    except UserError as error:
-        remarks.append(f"no intervals: {error}")
-        return {}
-    return found
-
-
 def _loaded(ship: Ship, full_load: float) -> Ship:
     """The ``ship`` at another draught [m]: draught and mass by their ratio, primed coefficients as they are."""
     own = ship.particulars["d"]
@@ -247,17 +232,30 @@ def _loaded(ship: Ship, full_load: float) -> Ship:
     return ship.with_effect("draft", {"share": share}).fixing(["draft.share"])
 
 
-def _factors(loaded: Ship, model: Assessment, before: Draws, after: Draws) -> dict[tuple[str, str], np.ndarray]:
+def _factors(
+    loaded: Ship, model: JudgedFigures, result: Mapping[str, Any], remarks: list[str]
+) -> dict[tuple[str, str], np.ndarray]:
     """F / B of each figure of the ships as they are, then over the draws, the same ones for both.
 
-    loaded: at full load; model: figures B of the ship as tested; before, after: draws of B and of F, or none.
+    loaded: at full load; model: figures B of the ship as tested; result: content of result.json; remarks: to add to.
     """
-    own = {(row.run, row.figure): row.value for row in model.rows}
+    full = JudgedFigures(imo_figures(loaded), {})
+    if model.scatter:
+        try:
+            full = with_intervals(full.assessment, loaded, result, DRAWS)
+        except UserError as error:
+            remarks.append(f"no intervals of what is corrected to full load: {error}")
+    own = {(row.run, row.figure): row.value for row in model.assessment.rows}
     found: dict[tuple[str, str], np.ndarray] = {}
-    for row in imo_figures(loaded).rows:
-        key, B = (row.run, row.figure), own.get((row.run, row.figure))
+    for row in full.assessment.rows:
+        B = own.get((row.run, row.figure))
         if B and row.value is not None:
-            ratio = row.value / B
-            draws = ratio * after[key] / before[key] if key in before and key in after else np.empty(0)
-            found[key] = np.concatenate([[ratio], draws])
+            before, after = (_drawn(some.scatter.get(row.run), row.figure) for some in (model, full))
+            draws = after / before if before is not None and after is not None else np.empty(0)
+            found[row.run, row.figure] = np.concatenate([[row.value / B], draws])
     return found
+
+
+def _drawn(scatter: FigureScatter | None, figure: str) -> np.ndarray | None:
+    """A figure over the draws (count,), None where there are none."""
+    return scatter.ship.get(figure) if scatter is not None else None

@@ -20,9 +20,6 @@ if TYPE_CHECKING:
     from cases.trial import Trial
     from mmg.ship import Ship
 
-DRAWS = 500
-"""Ships drawn where nothing else is asked for."""
-
 
 def imo(
     ships_and_trials: Annotated[
@@ -127,7 +124,7 @@ def _with_intervals(
     from dataclasses import replace
 
     from cases.shipfiles.estimates import is_starting_ship
-    from fitting.prediction.figure_intervals import correlation_in, with_intervals
+    from fitting.prediction.figure_intervals import DRAWS, correlation_in, with_intervals
     from fitting.report.run_folder import RESULT, read_result
     from mmg.messages import Message
 

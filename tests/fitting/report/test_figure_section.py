@@ -11,9 +11,9 @@ import pytest
 import fitting.report.figure_section as module
 from cases.criteria.assessment import imo_figures
 from cases.criteria.figures import Since
-from fitting.prediction.figure_intervals import FigureScatter, with_intervals
+from fitting.prediction.figure_intervals import FigureScatter, correlation_in, with_intervals
 from fitting.report.delivered import Delivered, delivery_sections
-from fitting.report.figure_section import FigureSection, envelope_figure, figure_section
+from fitting.report.figure_section import FigureSection, envelope_figure, figure_section, standard_figures
 from fitting.report.plot_style import AFTER, ALARM
 from tests.support.calibrated import small_result
 
@@ -31,7 +31,7 @@ def section() -> FigureSection:
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(module, "DRAWS", 20)
         patched.setattr(module, "imo_figures", lambda ship: few)
-        made = figure_section(fit.to_dict(), fit.ship)
+        made = figure_section(fit.to_dict(), standard_figures(fit.to_dict(), fit.ship))
     assert made is not None
     expected = with_intervals(few, fit.ship, fit.to_dict(), 20).assessment
     row = next(row for row in expected.rows if row.figure == "advance")
@@ -54,9 +54,13 @@ def test_the_page_gets_rows_pictures_and_sentences(section: FigureSection) -> No
     assert delivery_sections(fit.to_dict(), fit.ship, Delivered(figures=section))["intervals"] is section
 
 
-def test_a_run_without_covariance_has_no_such_section() -> None:
-    fit = small_result()
-    assert figure_section({**fit.to_dict(), "correlation": None}, fit.ship) is None
+@pytest.mark.parametrize("damage", ["none", "number"])
+def test_a_run_without_covariance_has_no_draws(damage: str) -> None:
+    content = dict(small_result().to_dict())
+    matrix = [list(row) for row in content["correlation"]["matrix"]]
+    matrix[0][1] = None
+    content["correlation"] = None if damage == "none" else {**content["correlation"], "matrix": matrix}
+    assert correlation_in(content) is None
 
 
 def test_a_manoeuvre_is_red_in_the_quantity_in_which_it_leaves_the_trials() -> None:

@@ -13,18 +13,22 @@ import numpy as np
 import pytest
 from matplotlib.image import imsave
 
+from cases.criteria.assessment import Assessment, imo_figures
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.simulate import write_trial
 from cases.trial import Trial
 from fitting.prediction.envelope import trial_envelope
+from fitting.report import figure_section
 from fitting.report import imo_form as module
 from fitting.report.conditions import FAILED, FULFILLED, UNKNOWN, beaufort, condition_rows
 from fitting.report.delivered import Delivered, delivery_sections
+from fitting.report.figure_section import standard_figures
 from fitting.report.imo_form import imo_form
 from fitting.report.limits import limit_rows, use_rows
 from fitting.report.pdf import needs_weasyprint, write_pdf
 from fitting.result import read_fit, write_report
 from mmg.errors import UserError
+from mmg.ship import Ship
 from mmg_ident.api import simulate
 from mmg_ident.commands.main import main
 from tests.support.calibrated import small_result
@@ -88,13 +92,22 @@ def test_the_advice_follows_from_what_the_trials_held() -> None:
 def known() -> Delivered:
     """The form of a ship whose trials are her own standard manoeuvres."""
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(module, "DRAWS", 40)
-        patched.setattr(module, "STANDARD", ("turning:35", "turning:-35"))
+        for where in (module, figure_section):
+            patched.setattr(where, "DRAWS", 40)
+            patched.setattr(where, "imo_figures", turns_of)
         fit = small_result()
         trials = tuple(simulate(fit.ship, text) for text in ("turning:35", "turning:-35"))
-        matrix = np.array(fit.correlation.matrix, dtype=float)
-        form = imo_form(fit.ship, trials, (fit.correlation.symbols, matrix), 1.1 * fit.ship.particulars["d"])
-        return Delivered(trials, (), form, "", 1.1 * fit.ship.particulars["d"])
+        model = standard_figures(fit.to_dict(), fit.ship)
+        form = imo_form(fit.ship, trials, model, fit.to_dict(), 1.1 * fit.ship.particulars["d"])
+        drawn = figure_section.figure_section(fit.to_dict(), model)
+        return Delivered(trials, (), form, "", 1.1 * fit.ship.particulars["d"], drawn)
+
+
+def turns_of(ship: Ship) -> Assessment:
+    """The standard manoeuvres of a ship, with only the turns among those that are drawn."""
+    found = imo_figures(ship)
+    return replace(found, runs=tuple(run for run in found.runs if run.kind == "turning"),
+                   rows=tuple(row for row in found.rows if row.run.startswith("turning")))  # fmt: skip
 
 
 def test_the_form_has_port_and_starboard_tested_model_and_corrected(known: Delivered) -> None:
@@ -102,6 +115,11 @@ def test_the_form_has_port_and_starboard_tested_model_and_corrected(known: Deliv
     assert form is not None and form.tested and form.corrected and form.intervals
     rows = {(row.group.split(",")[0], row.name): row for row in form.rows}
     assert len(form.rows) == 7 and [len(row.sides) for row in form.rows] == [2] * 6 + [1]
+    assert known.figures is not None and known.figures.count > 0
+    shown = {(row["run"], row["figure"]): row["interval"] for row in known.figures.rows}
+    for run, side in zip(("turning:-35", "turning:35"), rows["Turning circle", "Advance"].sides, strict=True):
+        low, high = side.model.interval if side.model and side.model.interval else (np.nan, np.nan)
+        assert shown[run, "advance [L]"] == f"{low:.2f} to {high:.2f}"  # one interval of a figure on the whole page
     for side in rows["Turning circle", "Advance"].sides:
         assert side.tested is not None and side.model is not None and side.corrected is not None
         low, high = side.model.interval or (np.nan, np.nan)
@@ -110,17 +128,20 @@ def test_the_form_has_port_and_starboard_tested_model_and_corrected(known: Deliv
         assert side.corrected.value != pytest.approx(side.tested.value, rel=1e-4)
     assert any("R = T F / B" in line for line in form.remarks)
     zigzag = rows["Zig-zag 20°/20°", "1st overshoot angle"]
-    assert zigzag.limit == 25.0 and all(side.tested is None and side.corrected is None for side in zigzag.sides)
+    assert all(side.tested is None and side.corrected is None for side in zigzag.sides)
 
 
 def test_what_cannot_be_corrected_or_has_no_covariance_is_said() -> None:
     fit = small_result()
-    form = imo_form(fit.ship, (), None, None)
+    model = standard_figures({**fit.to_dict(), "correlation": None}, fit.ship)
+    assert not model.scatter and figure_section.figure_section(fit.to_dict(), model) is None
+    form = imo_form(fit.ship, (), model)
+    assert next(row for row in form.rows if row.group.startswith("Zig-zag 20")).limit == 25.0
     assert not form.tested and not form.corrected and not form.intervals
     words = " ".join(form.remarks)
     assert "no covariance" in words and "--full-load-draught" in words and "none of the trials" in words
     with pytest.raises(UserError, match=r"0\.4 to 2\.5 times"):
-        imo_form(fit.ship, (), None, 9.0)
+        imo_form(fit.ship, (), model, full_load=9.0)
 
 
 def test_the_page_has_the_form_the_limits_and_the_advice(known: Delivered, tmp_path: Path) -> None:
@@ -209,8 +230,8 @@ def test_without_weasyprint_one_line_says_what_to_do_and_nothing_is_written(
 
 
 def test_the_report_of_a_run_makes_the_form(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "DRAWS", 30)
+    monkeypatch.setattr(figure_section, "DRAWS", 30)
     replace(small_result(), objects=None).save(tmp_path / "run")
     text = write_report([tmp_path / "run"], tmp_path / "page.html")
-    assert "appendix 6" in text and "model, calm and deep [95 %]" in text and "starboard" in text
+    assert "appendix 6" in text and "model, calm and deep [90 %]" in text and "starboard" in text
     assert "Not at hand" in text or "Not known: the trial files" in text
