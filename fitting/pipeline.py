@@ -32,6 +32,7 @@ from fitting.result import FitResult
 from fitting.selection.campaigns.by_campaign import CampaignFit, CampaignQuestion, by_campaign
 from fitting.selection.campaigns.sentences import not_asked
 from fitting.selection.cross_validation import ModelSelection, select
+from fitting.selection.sisters.start import UncertainMean, with_uncertain_mean
 from fitting.settings import Settings
 from fitting.solvers.interrupts import Later
 from fitting.solvers.resumed import as_chosen, check_resumable, earlier_passes, iterate_of
@@ -58,7 +59,8 @@ class FitOptions:
     values from which the solver begins, by symbol; hold: these stay, and only what else is free and the noise is
     estimated; resume: an interrupted run of the same data and ship, from whose iterate to go on; command: what is
     stored as the command that made the result; name: of the ship and her
-    calibration, "": the ship keeps hers, and the calibration takes that of the run folder.
+    calibration, "": the ship keeps hers, and the calibration takes that of the run folder; prior_mean: how uncertain
+    the mean of the prior is, where other ships told it.
     """
 
     bootstrap: int = 0
@@ -75,6 +77,7 @@ class FitOptions:
     resume: FitResult | None = None
     command: str = ""
     name: str = ""
+    prior_mean: UncertainMean | None = None
 
 
 def calibrate(
@@ -109,7 +112,7 @@ def calibrate(
         settings = replace(choice.settings, workers=settings.workers)
     later = Later()
     by_day = _estimated(model, constants, train, settings, options, progress, later)
-    found, model = by_day.calibration, by_day.ship
+    found, model = with_uncertain_mean(by_day.calibration, options.prior_mean), by_day.ship
     before, after = Simulator(ship, settings.compiled), Simulator(found.ship, settings.compiled)
     none, sets = dict[str, ScorePair](), {"validation": validation, "training": train}
     scores = later.made("scores", lambda: score_pairs(before, after, sets), none)

@@ -80,7 +80,7 @@ from typer.core import TyperGroup
 
 from mmg_ident.shadow import shadowing_mmg
 
-HEAVY, LEAST_MEMORY = ("demo", "fit", "months", "train", "compare", "diagnose", "select"), 1.5 * 2**30
+HEAVY, LEAST_MEMORY = ("demo", "fit", "fleet", "months", "train", "compare", "diagnose", "select"), 1.5 * 2**30
 """Verbs that need more memory than this [bytes]; with less the libraries they use neither end nor answer Ctrl-C."""
 MANY = ("--validate", "--train", "--test", "--sigma-from", "--new", "--trials")
 """Options that take several values after one name: ``--validate a.csv b.csv``."""
@@ -130,6 +130,7 @@ VERBS = {
     "select": "Generate models of any structure for a ship, fit them and choose (Abkowitz-MMG hybrids).",
     "diagnose": "Say which effect a model lacks, where the gap lies and how far it shrinks.",
     "months": "Study months of operational data: cut, fit what tells most, date what changed.",
+    "fleet": "Fit, judge, diagnose and compare many ships; sisters share a prior.",
     "scale": "Carry a calibrated model to the ship: friction, wake and rudder inflow at her size.",
     "export": "Deliver a calibrated or hybrid ship: C and other formats that run elsewhere.",
     "report": "Write one HTML page on a run, or on several side by side.",

@@ -1,0 +1,91 @@
+"""``mmg fleet``: many ships and campaigns in one run: fit, judge, diagnose, compare."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from typer import Argument, Option
+
+from mmg.errors import UserError
+from mmg_ident.commands.output import command_line, end_progress, print_json, progress, say
+
+if TYPE_CHECKING:
+    from mmg_ident.fleet.run import Fleet
+
+
+def fleet(
+    plan: Annotated[Path, Argument(help="Plan of the fleet, a TOML file: ships, trials, campaigns, sisters.")],
+    out: Annotated[Path, Option(help="Folder to write: ships/NAME, fleet.parquet, fleet.html.")],
+    workers: Annotated[int, Option(help="Processes over which the ships are spread.")] = 1,
+    scheduler: Annotated[
+        str | None, Option(help="Dask scheduler, as tcp://host:8786: its workers do the tasks.", metavar="ADDRESS")
+    ] = None,
+    resume: Annotated[
+        bool, Option("--resume", help="Go on in --out: ships that are done with the same files are kept.")
+    ] = False,
+    json: Annotated[bool, Option("--json", help="Print fleet.json on stdout.")] = False,
+) -> int:
+    """Fit, judge, diagnose and compare many ships; sister ships share a prior whose width is estimated.
+
+    The plan is checked whole first. Each ship becomes a run folder, as of mmg fit, with her diagnosis in it. A ship
+    that fails is said in the table, and the others are done. After Ctrl-C the same command with --resume goes on.
+
+    Example: mmg fleet plan.toml --workers 2 --out runs/fleet
+    """
+    from fitting.report.run_folder import check_target, reserved
+    from mmg_ident.fleet.page import write_page
+    from mmg_ident.fleet.plan import read_plan
+    from mmg_ident.fleet.run import PARTS, run_fleet
+    from mmg_ident.fleet.table import write_tables
+
+    if workers < 1:
+        raise UserError(f"--workers {workers} must be at least 1")
+    if not (resume and out.exists()):
+        check_target(out)
+    elif not (out / PARTS).is_dir() and (not out.is_dir() or any(out.iterdir())):
+        raise UserError(f"{out}: holds no run of mmg fleet to resume; choose another --out")
+    given = read_plan(plan)
+    try:
+        with reserved(out):
+            found = run_fleet(given, out, workers, command_line(), progress())
+            end_progress()
+            write_tables(found, out)
+            write_page(found, out)
+    except KeyboardInterrupt:
+        say(f"mmg: interrupted; what was finished is in {out}: the same command with --resume continues")
+        return 130
+    if json:
+        print_json(found)
+    else:
+        _summary(found, out)
+    return 1 if found.failed else 0
+
+
+def _summary(found: Fleet, out: Path) -> None:
+    """A few lines for a person."""
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(title=f"{found.name}: {len(found.rows)} ships", title_justify="left")
+    for name in ("ship", "status", "held out", "diagnosis", "drifted", "instruments", "moved"):
+        table.add_column(name, justify="right" if name in ("held out", "instruments", "moved") else "left")
+    for row in found.rows:
+        score = row["scores"].get("held_out") or row["scores"].get("training")
+        pair = score["window"] if score else None
+        words = f"{pair['before']:.3g} -> {pair['after']:.3g}" if pair and None not in pair.values() else ""
+        verdict = ", ".join(e["name"] for e in row["effects"]) or row["verdict"]
+        drifted = ", ".join(f"{d['name']} ({d['campaign']})" for d in row["drifted"])
+        counts = (str(len(row["instruments"])), str(len(row["moved"])))
+        table.add_row(row["name"], row["status"], words, verdict, drifted, *counts)
+    Console(width=None).print(table)
+    for row in found.rows:
+        if row["status"] != "done":
+            say(f"{row['name']}: {row['status']}: {row['reason']}")
+    for group in found.groups:
+        low, high = group.widths.common_90
+        say(
+            f"sisters {group.name}: coefficients differ by {group.widths.common:.2g} of the prior's standard deviation "
+            f"(90 %: {low:.2g} to {high:.2g})"
+        )
+    say(f"fleet: {out} (fleet.html, fleet.parquet, fleet.csv, ships/)")

@@ -1,0 +1,207 @@
+"""The plan of a fleet: a TOML file that lists ships, their trials and campaigns, and which ships are sisters.
+
+Everything that is wrong with it is said at once: keys, ships and files that do not exist, files that are listed twice.
+Paths are relative to the folder of the plan; ``*``, ``?`` and ``**`` stand for many files, a folder for those in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from pydantic import Field
+
+from cases.io.files import file_hash, file_key
+from cases.io.toml_file import Section, checked, header, number, read_toml, refuse
+from cases.shipfiles.model_changes import reduced_ship, with_instruments
+from cases.shipfiles.new_ship import new_ship
+from cases.shipfiles.ship_file import load_ship
+from fitting.nlp.loss import LOSSES
+from mmg.errors import UserError, name_fault
+from mmg.ship import Ship
+from mmg_ident.fleet.files import Listed, listed_files
+
+
+class FleetTable(Section):
+    """[fleet]: what is done to all ships."""
+
+    name: str = "fleet"
+    seed: int = 0
+    loss: str = "auto"
+    diagnose: bool = True
+    diagnosis_step: float | None = number("s", None, gt=0.0, lt=60.0)
+    effects: list[str] = Field(default=[])
+    without: list[str] = Field(default=[])
+    measurement: list[str] = Field(default=["velocity_lag"])
+    time_limit: float | None = number("s", None, gt=0.0)
+    compiled: bool = True
+    unchecked: bool = False
+
+
+class ShipTable(Section):
+    """Give each ship a table [ships.NAME], with ship and trials."""
+
+    ship: str | None = None
+    particulars: dict[str, float] | None = None
+    trials: list[str] = Field(default=[])
+    campaigns: dict[str, list[str]] = Field(default={})
+    held_out: list[str] = Field(default=[])
+    effects: list[str] | None = None
+    without: list[str] | None = None
+
+
+class PlanFile(Section):
+    """A plan: [fleet], [ships.NAME] and [sisters]."""
+
+    fleet: FleetTable = FleetTable()
+    ships: dict[str, ShipTable] = Field(description="add a table [ships.NAME] with ship and trials for each ship")
+    sisters: dict[str, list[str]] = Field(default={})
+
+
+@dataclass(frozen=True)
+class PlannedShip:
+    """One ship of a plan. start: from which she is calibrated; trials, held_out: files, with their
+    SHA-256; campaign: of each trial, "" where the plan does not say; sisters: name of the group, "" for none."""
+
+    name: str
+    start: Ship
+    trials: tuple[Path, ...]
+    campaign: tuple[str, ...]
+    held_out: tuple[Path, ...]
+    hashes: Mapping[str, str]
+    sisters: str = ""
+
+
+@dataclass(frozen=True)
+class FleetPlan:
+    """A plan that was checked. path: of the file; options: of all ships; ships: in the order of the plan; sisters: name
+    of a group -> names of its ships."""
+
+    path: Path
+    options: FleetTable
+    ships: tuple[PlannedShip, ...]
+    sisters: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+
+
+def read_plan(path: str | Path) -> FleetPlan:
+    """The plan in the TOML file ``path``.
+
+    Raises UserError, in one line, for all that is wrong with it: the file itself, keys, ships that do not exist, files
+    that are missing or listed twice, sisters that are no ships of the plan or have other models.
+    """
+    path = Path(path)
+    content, problems = checked(PlanFile, read_toml(path))
+    if content is None or not content.ships:
+        refuse(str(path), problems or ["no ships: add a table [ships.NAME] with ship and trials for each ship"])
+        raise UserError(f"{path}: no ships")
+    problems += _fleet_problems(content)
+    group = {name: key for key, names in content.sisters.items() for name in names}
+    ships = []
+    for name, table in content.ships.items():
+        found, wrong = _planned(name, table, content.fleet, path.absolute().parent, group.get(name, ""))
+        problems += [f"{header('ships', name)} {sentence}" for sentence in wrong]
+        ships += [found] if found else []
+    problems += _shared_files(ships)
+    problems += _sister_problems(content, {s.name: s for s in ships})
+    count = f"{len(problems)} problems: " if len(problems) > 1 else ""
+    if problems:
+        raise UserError(f"{path}: {count}{'; '.join(dict.fromkeys(problems))}")
+    return FleetPlan(path, content.fleet, tuple(ships), {k: tuple(v) for k, v in content.sisters.items()})
+
+
+def _fleet_problems(content: PlanFile) -> list[str]:
+    """What is wrong with the options and the names."""
+    found = []
+    if content.fleet.loss not in ("auto", *LOSSES):
+        found.append(f'[fleet] loss = "{content.fleet.loss}": must be one of auto, {", ".join(LOSSES)}')
+    seen: dict[str, str] = {}
+    for name in content.ships:
+        fault = name_fault(name) or ("must not begin with a dot" if name.startswith(".") else "")
+        found += [f"{header('ships', name)}: the name {fault}"] if fault or not name.strip() else []
+        other = seen.setdefault(file_key(name), name)
+        if other != name:
+            found.append(f"{header('ships', name)} and {header('ships', other)} would be one folder: rename one")
+    return found
+
+
+def _planned(
+    name: str, table: ShipTable, fleet: FleetTable, root: Path, sisters: str
+) -> tuple[PlannedShip | None, list[str]]:
+    """The ship of a ``table`` of the plan, and sentences on what is wrong with it; None where she is not known."""
+    start, problems = _start(name, table, fleet, root)
+    trials = [Listed(files, "") for files in (table.trials,) if files]
+    trials += [Listed(files, label) for label, files in table.campaigns.items()]
+    found, wrong = listed_files(trials, root)
+    problems += wrong
+    if not trials:
+        problems.append('no trials: add trials = ["FOLDER or *.csv"], or campaigns')
+    held_out, wrong = listed_files([Listed(table.held_out, "")], root)
+    problems += wrong
+    both = [file.name for file in held_out if file in found]
+    problems += [f"held_out: {', '.join(both)} are trials as well; leave them out of one of the two"] if both else []
+    hashes = {}
+    for file in dict.fromkeys([*found, *held_out]):
+        try:
+            hashes[str(file)] = file_hash(file)
+        except UserError as error:
+            problems.append(str(error))
+    if start is None:
+        return None, problems
+    ship = PlannedShip(name, start, tuple(found), tuple(found.values()), tuple(held_out), hashes, sisters)
+    return ship, problems
+
+
+def _start(name: str, table: ShipTable, fleet: FleetTable, root: Path) -> tuple[Ship | None, list[str]]:
+    """The ship from which the one of a ``table`` is calibrated, and sentences on what is wrong with it."""
+    if (table.ship is None) == (table.particulars is None):
+        words = "give ship (library name, ship file or run folder) or particulars (L, B, d, C_b, ...)"
+        return None, [f"{words}, not both" if table.ship else words]
+    try:
+        if table.particulars is not None:
+            ship = new_ship(name, table.particulars)
+        else:
+            beside = root / str(table.ship)
+            ship = load_ship(beside if beside.exists() else str(table.ship))
+        without = fleet.without if table.without is None else table.without
+        effects = fleet.effects if table.effects is None else table.effects
+        start = reduced_ship(ship.without_network(), without, effects)
+        with_instruments(start, fleet.measurement)  # freed by the fit; what is wrong with them is said now
+        return start, []
+    except UserError as error:
+        return None, [str(error).replace("--new: ", "particulars: ")]
+
+
+def _shared_files(ships: Sequence[PlannedShip]) -> list[str]:
+    """Files that two ships of the plan have, by path or by content, and copies among those of one ship."""
+    first: dict[str, tuple[str, str]] = {}
+    found = []
+    for ship in ships:
+        for file, digest in ship.hashes.items():
+            owner, other = first.setdefault(digest, (ship.name, file))
+            if other == file and owner == ship.name:
+                continue
+            which = "are the same file" if other != file else "is one file"
+            names = f"{Path(file).name} of {ship.name}" + (f" and {Path(other).name}" if other != file else " and that")
+            found.append(f"{names} of {owner} {which}; leave it out of one of them")
+    return found
+
+
+def _sister_problems(content: PlanFile, ships: Mapping[str, PlannedShip]) -> list[str]:
+    """What is wrong with the groups of sisters."""
+    found = []
+    owner: dict[str, str] = {}
+    for group, names in content.sisters.items():
+        place = f"[sisters] {group}"
+        unknown = [name for name in names if name not in content.ships]
+        found += [f"{place}: {', '.join(unknown)}: no such ship in the plan"] if unknown else []
+        twice = sorted({name for name in names if names.count(name) > 1})
+        twice += [name for name in dict.fromkeys(names) if owner.setdefault(name, group) != group]
+        found += [f"{place}: {', '.join(twice)}: listed twice among the sisters"] if twice else []
+        if len(set(names)) < 2:
+            found.append(f"{place}: sisters are two ships at least")
+        known = [ships[name] for name in names if name in ships]
+        for one in known[1:]:
+            if one.start.components != known[0].start.components or one.start.free != known[0].start.free:
+                found.append(f"{place}: {one.name} has another model than {known[0].name}; sisters share that")
+    return found

@@ -1,0 +1,61 @@
+"""Small fleets: plans and trial files of ships with a few free coefficients, which are fitted within a second."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from cases.criteria.simulated_trial import simulated_trial
+from cases.maneuvers.definitions import parse_maneuver
+from cases.shipfiles.effects import with_effects
+from cases.shipfiles.model_changes import reduced_ship
+from cases.shipfiles.ship_file import dump_ship, load_ship
+from cases.simulation.simulate import write_trial
+from mmg.ship import Ship
+
+FREE = ("Y_v", "Y_r", "N_v", "N_r")
+SHORT = ("zigzag:20/20", "turning:35", "zigzag:-10/10")
+
+
+def small_ship() -> Ship:
+    """The 3 m tanker with the coefficients FREE alone, and without a wind model."""
+    ship = reduced_ship(load_ship("esso_osaka_3m"), ["wind"])
+    free = [s for s in FREE if s in ship.coefficients]
+    return ship.fixing([s for s in ship.symbols if s not in free])
+
+
+def sister_of(ship: Ship, changes: Mapping[str, float]) -> Ship:
+    """``ship`` with ``changes`` of coefficients, in standard deviations of their priors."""
+    rows = dict(ship.coefficients)
+    for symbol, size in changes.items():
+        rows[symbol] = rows[symbol].with_(value=rows[symbol].value + size * rows[symbol].std)
+    return replace(ship, coefficients=rows)
+
+
+def write_runs(
+    truth: Ship, folder: Path, maneuvers: Sequence[str] = SHORT, seed: int = 0, effects: Sequence[str] = ()
+) -> None:
+    """Noisy runs of ``maneuvers`` of the ship ``truth`` with ``effects``, as files in ``folder``."""
+    folder.mkdir(parents=True, exist_ok=True)
+    ship = with_effects(truth, effects)
+    for k, words in enumerate(maneuvers):
+        plan = parse_maneuver(words, ship, duration=60.0)
+        trial = simulated_trial(ship, plan, None, None, True, 100 * seed + k, 0.5)
+        write_trial(trial, folder / f"{k}_{words.replace(':', '_').replace('/', '_')}.csv")
+
+
+def write_start(folder: Path) -> Path:
+    """The ship file of ``small_ship`` in ``folder``."""
+    path = folder / "start.toml"
+    path.write_text(dump_ship(small_ship()), encoding="utf-8")
+    return path
+
+
+def write_plan(folder: Path, ships: Mapping[str, str], head: str = "diagnose = false", tail: str = "") -> Path:
+    """A plan in ``folder``: ``ships`` by name with the lines of their tables, [fleet] with the lines ``head``, and
+    ``tail`` at its end."""
+    tables = "\n".join(f"[ships.{name}]\n{lines}\n" for name, lines in ships.items())
+    path = folder / "plan.toml"
+    path.write_text(f"[fleet]\n{head}\n\n{tables}\n{tail}\n", encoding="utf-8")
+    return path
