@@ -58,6 +58,16 @@ class Area:
             )
         return cls(length, width, margin)
 
+    def check_start(self, start: tuple[float, float, float], ship: Ship) -> None:
+        """UserError where the hull of ``ship`` at ``start``, x, y [m], psi [rad], is not inside with its margin."""
+        x, y = corners(np.array([start])[..., None], ship)
+        m = self.margin - 1e-9
+        if x.min() < m or x.max() > self.length - m or y.min() < m or y.max() > self.width - m:
+            raise UserError(
+                f"--start {start[0]:g}:{start[1]:g}:{math.degrees(start[2]):g}: the hull is not inside the area of "
+                f"{self.length:g} x {self.width:g} m with a margin of {self.margin:g} m there; give another start"
+            )
+
     def placing(
         self, tracks: np.ndarray, ship: Ship, start: tuple[float, float, float] | None = None, turned: bool = True
     ) -> Placing:

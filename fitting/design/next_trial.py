@@ -2,7 +2,7 @@
 
 One such run adds its Fisher information F to the posterior precision C^-1; with it the covariance would be
 (C^-1 + F)^-1 (Bayesian D- and A-optimal design, Chaloner & Verdinelli 1995). All runs count for the same time at sea: a
-manoeuvre that is over sooner is repeated.
+manoeuvre that is over sooner is repeated, with way to gain speed again between.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from fitting.nlp.fisher_information import information
 from fitting.nlp.problem import Problem
 from fitting.nlp.windows import cut
 from mmg.errors import UserError
-from mmg.motion.froude import time_scale
+from mmg.motion.froude import reference_speed, time_scale
 from mmg.ship import Ship
 
 if TYPE_CHECKING:
@@ -31,6 +31,9 @@ if TYPE_CHECKING:
 
 DURATION = 300.0
 """Time at sea of a trial [s of a 3 m model, Froude scaled]."""
+
+REGAIN = 5.0
+"""Way between two repetitions, in which she gains the speed of the approach again [ship lengths at that speed]."""
 
 HELPS, MANY = 0.1, 10
 """Least part of a variance that a trial must remove to be recommended for it, and repetitions of a long campaign."""
@@ -172,9 +175,17 @@ def fisher(calibration: Calibration, trials: Sequence[Trial], seconds: float) ->
     per_window = information(problem, problem.join(problem.measured_nodes, calibration.p)).fisher
     F = np.zeros((len(trials), problem.P, problem.P))
     np.add.at(F, parts.run, np.nan_to_num(per_window))
-    repeats = np.array([max(1.0, seconds // max(t.duration, 1e-9)) for t in trials])
+    repeats = np.array([repetitions(t, seconds, ship) for t in trials])
     found = [features(parts.subset(np.flatnonzero(parts.run == k)), ship) for k in range(len(trials))]
     return F * repeats[:, None, None], found
+
+
+def repetitions(trial: Trial, seconds: float, ship: Ship) -> float:
+    """How often a ``trial`` of a ``ship`` is run in so many ``seconds``, with way for another approach between: 1 or
+    more."""
+    speed = max(abs(float(trial["u"][0])), 0.01 * reference_speed(ship.particulars["L"]))
+    between = REGAIN * ship.particulars["L"] / speed
+    return max(1.0, (seconds + between) // max(trial.duration + between, 1e-9))
 
 
 def simplest(gain: np.ndarray) -> int:

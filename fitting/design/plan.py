@@ -2,12 +2,14 @@
 
 The trial's Fisher information, by the right-hand side, noise and windows of the calibration, is added to her present
 precision; the mean log variance of what is wanted is minimised (Bayesian design, Chaloner & Verdinelli 1995). The
-search goes on from the best manoeuvre of the library that fits into the area, and from random sequences. Tracks of
-draws of the coefficients must stay inside the area too.
+search goes on from the best manoeuvre of the library that fits into the area, from the best two of these one after the
+other, and from a random sequence. Tracks of draws of the coefficients must stay inside the area too.
 """
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -15,13 +17,14 @@ from itertools import combinations
 import numpy as np
 
 from cases.maneuvers.controller import Limits
+from cases.maneuvers.engine import engine_of
 from cases.maneuvers.self_propulsion import own_speed, revolutions_for
 from cases.simulation.simulate_batch import input_array
 from cases.trial import Trial
 from fitting.design.area import Area, Placing
 from fitting.design.candidates import Option, library
 from fitting.design.evolution import Evolution
-from fitting.design.next_trial import runs
+from fitting.design.next_trial import repetitions, runs
 from fitting.design.sequences import Sequences
 from fitting.design.trial_information import Present, TrialInformation
 from mmg.errors import UserError
@@ -34,10 +37,10 @@ STRETCH, ENGINES = 12.0, 3
 FEWEST, MOST = 4, 14
 """Stretches of rudder in a trial."""
 RUDDER = 35.0
-"""Largest rudder angle ordered [deg] unless the trials held more."""
+"""Largest rudder angle ordered [deg] where nothing else is given."""
 ASTERN = 0.8
 """Part of the highest revolutions that is ordered astern."""
-COUNT, FIRST, THEN = 16, 25, 140
+COUNT, FIRST, THEN = 16, 30, 240
 """Sequences of a generation; generations of each start; of the best one after that."""
 STARTS = 3
 RUN_UP = 2.0
@@ -48,8 +51,9 @@ RUN_UP = 2.0
 class PlanTask:
     """What is planned: a trial of ``seconds`` [s] in an ``area``, no faster than ``speed`` [m/s].
 
-    start: x, y [m], psi [rad] if given; ahead: the propeller is not reversed; envelope: what the trials held; seed: of
-    the search; draws: (all, D) differences of coefficients from the ship's, whose tracks must stay inside.
+    start: x, y [m], psi [rad] if given; ahead: the propeller is not reversed; rudder: largest angle [rad]; seed: of the
+    search; draws: (all, D) differences of coefficients from the ship's, whose tracks must stay inside; within: longest
+    time of the search by the clock [s].
     """
 
     seconds: float
@@ -57,9 +61,17 @@ class PlanTask:
     speed: float
     start: tuple[float, float, float] | None
     ahead: bool
-    envelope: dict[str, list[float]]
+    rudder: float
     seed: int
     draws: np.ndarray
+    within: float = math.inf
+
+    def reversible(self, ship: Ship) -> bool:
+        """Whether the propeller of ``ship`` is reversed at will: not with a diesel engine, which takes its time."""
+        if self.ahead or "n" not in ship.actuators or "pitch" in ship.actuators:
+            return False
+        own = own_speed(ship)
+        return engine_of(ship, own, revolutions_for(ship, own)) is None
 
 
 @dataclass(frozen=True)
@@ -92,6 +104,7 @@ class SequenceFound:
     rows: tuple[LibraryRow, ...]
     pairs: dict[str, tuple[tuple[str, str], float]]
     evaluated: int
+    whole: bool
 
 
 def sequences_for(ship: Ship, task: PlanTask, dt: float) -> Sequences:
@@ -100,10 +113,8 @@ def sequences_for(ship: Ship, task: PlanTask, dt: float) -> Sequences:
     rudders = int(np.clip(round(task.seconds / (STRETCH * k)), FEWEST, MOST))
     speeds = task.speed * np.linspace(0.4, 1.0, 7)
     revolutions = np.array([revolutions_for(ship, u) for u in speeds])
-    held = [abs(v) for name, both in task.envelope.items() if name.startswith("delta") for v in both]
-    rudder = min(np.radians(RUDDER), max(held)) if held and max(held) > np.radians(10) else np.radians(RUDDER)
     highest = float(revolutions[-1])
-    reversible = "n" in ship.actuators and "pitch" not in ship.actuators and not task.ahead
+    reversible = task.reversible(ship)
     lowest = -ASTERN * highest if reversible else 0.3 * highest
     if reversible:
         speeds = np.concatenate([task.speed * np.array([-0.5, -0.25]), speeds])
@@ -111,7 +122,7 @@ def sequences_for(ship: Ship, task: PlanTask, dt: float) -> Sequences:
     steps = int(np.floor(task.seconds / dt + 1e-9))
     engines = max(2, rudders // ENGINES)
     limits = Limits.for_ship(ship)
-    return Sequences(steps, dt, rudders, engines, float(rudder), (lowest, highest), speeds, revolutions, limits)
+    return Sequences(steps, dt, rudders, engines, task.rudder, (lowest, highest), speeds, revolutions, limits)
 
 
 class SequenceSearch:
@@ -173,23 +184,33 @@ class SequenceSearch:
 
 
 def library_rows(search: SequenceSearch) -> tuple[LibraryRow, ...]:
-    """The manoeuvres of the library in calm air, of the time of the task of a ``search``, the best first."""
+    """The manoeuvres of the library in calm air, of the time and within the limits of the task of a ``search``, the
+    best first. One that is over sooner is repeated, with way to gain speed again between."""
     ship, task, info = search.ship, search.task, search.info
     options = [o for o in library(ship, wind=False) if (o.speed or own_speed(ship)) <= 1.02 * task.speed]
     chosen, trials, _ = runs(ship, options, task.seconds, info.dt)
     rows = []
     for option, trial in zip(chosen, trials, strict=True):
+        if not _allowed(trial, task, ship):
+            continue
         positions = np.stack(
             [trial[name] if name in trial else np.zeros(len(trial)) for name in ("n", "delta")], axis=1
         )
         inputs = input_array(ship, positions[:-1, :, None], trial.t[:-1])
         start = trial.states[0][:, None] * np.array([0, 0, 0, 1, 1, 1])[:, None]
         states = info.motions(start, inputs)
-        fisher = info.of(states, inputs)[0] * max(1.0, task.seconds // max(trial.duration, 1e-9))
+        fisher = info.of(states, inputs)[0] * repetitions(trial, task.seconds, ship)
         placing = search.placing(states[:, :, None, :])
         gain = float(search.present.gain(fisher))
         rows.append(LibraryRow(option, gain, bool(placing.excess[0] <= 1e-9), fisher, trial))
     return tuple(sorted(rows, key=lambda row: row.gain))
+
+
+def _allowed(trial: Trial, task: PlanTask, ship: Ship) -> bool:
+    """Whether the rudder angles and revolutions of a manoeuvre, ``trial``, are those that the ``task`` allows."""
+    rudder = max((float(np.abs(trial[name]).max()) for name in trial.columns if name.startswith("delta")), default=0.0)
+    astern = "n" in trial and float(trial["n"].min()) < 0
+    return rudder <= task.rudder + 1e-6 and (not astern or task.reversible(ship))
 
 
 def best_pairs(rows: Sequence[LibraryRow], present: Present) -> dict[str, tuple[tuple[str, str], float]]:
@@ -221,15 +242,19 @@ def search_plan(
     starts = [0.5 + 0.3 * rng.uniform(-1, 1, search.sequences.size) for _ in range(STARTS)]
     fitting = [row for row in rows if row.fits] or list(rows)
     if fitting:
-        best = fitting[0]
-        delta = best.trial["delta"] if "delta" in best.trial else np.zeros(len(best.trial))
-        starts[0] = search.sequences.like(best.trial["n"], delta, float(best.trial["u"][0]))
+        starts[0] = _started(search, fitting[:1])
+    if len(fitting) > 1:
+        names = best_pairs(fitting, present)["library"][0]
+        starts[1] = _started(search, [row for row in fitting if row.option.name in names])
     first, then = (max(1, round(effort * count)) for count in (FIRST, THEN))
     evolutions = [Evolution(start, 0.25, COUNT, rng) for start in starts]
-    total = first * len(starts) + then
+    total, began, made = first * len(starts) + then, time.monotonic(), 0
     for k in range(total):
+        if time.monotonic() - began > task.within:
+            break
         own = evolutions[k // first] if k < first * len(starts) else min(evolutions, key=lambda e: e.cost)
         own.advance(search.cost)
+        made += 1
         if progress:
             progress(Progress("planning", k + 1, total, {"mean log variance": min(e.cost for e in evolutions)}))
     winner = min(evolutions, key=lambda e: e.cost)
@@ -238,13 +263,24 @@ def search_plan(
         raise UserError(
             f"no sequence of {task.seconds:g} s was found that stays inside {area.length:g} x {area.width:g} m with a "
             f"margin of {area.margin:g} m; give a larger --area, a shorter --time, a lower --speed-limit or another "
-            "--start"
+            "--start" + ("" if made == total else f"; the search was ended after {task.within:g} s (--time-limit)")
         )
-    return _found(search, winner.best, rows)
+    return _found(search, winner.best, rows, made == total)
 
 
-def _found(search: SequenceSearch, x: np.ndarray, rows: tuple[LibraryRow, ...]) -> SequenceFound:
-    """The sequence ``x`` (size,) with its motion, placed."""
+def _started(search: SequenceSearch, rows: Sequence[LibraryRow]) -> np.ndarray:
+    """The numbers (size,) of a sequence near manoeuvres of the library, one after the other for equal times."""
+    parts, count = [], (search.sequences.steps + 1) // len(rows) + 1
+    for row in rows:
+        at = np.arange(count) % len(row.trial)
+        columns = [row.trial[name] if name in row.trial else np.zeros(len(row.trial)) for name in ("n", "delta")]
+        parts.append(np.stack(columns)[:, at])
+    n, delta = np.concatenate(parts, axis=1)
+    return search.sequences.like(n, delta, float(rows[0].trial["u"][0]))
+
+
+def _found(search: SequenceSearch, x: np.ndarray, rows: tuple[LibraryRow, ...], whole: bool) -> SequenceFound:
+    """The sequence ``x`` (size,) with its motion, placed. whole: whether the search went to its end."""
     orders, speed, revolutions = search.sequences.orders(x[None])
     positions, inputs = search.inputs(orders, revolutions)
     states = search.motions(inputs, speed)
@@ -260,5 +296,5 @@ def _found(search: SequenceSearch, x: np.ndarray, rows: tuple[LibraryRow, ...]) 
     fisher = search.info.of(np.ascontiguousarray(states[:, :, 0]), inputs)[0]
     gain, pairs = float(search.present.gain(fisher)), best_pairs(rows, search.present)
     return SequenceFound(
-        orders[:, :, 0], positions[:, :, 0], logged[:, :, 0], std, fisher, gain, rows, pairs, search.evaluated
+        orders[:, :, 0], positions[:, :, 0], logged[:, :, 0], std, fisher, gain, rows, pairs, search.evaluated, whole
     )

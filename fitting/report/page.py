@@ -20,6 +20,7 @@ from fitting.record import FitRecord
 from fitting.report.coefficient_table import capped, coefficient_groups, correlated_pairs, shown_number
 from fitting.report.delivered import Delivered, delivery_sections
 from fitting.report.page_figures import figures_of
+from fitting.report.plan_section import plan_section
 from fitting.report.structure_section import structure_section
 from fitting.report.unit_section import unit_section
 from fitting.report.words import (
@@ -180,6 +181,7 @@ def _run(record: FitRecord, ship: Ship, folder: Path, number: int, known: Delive
             *(("effect", name, effect(name).summary) for name in ship.effects),
         ],
         "choice": structure_section(folder),
+        "planned": plan_section(folder),
         "missing": not_in_model(ship),
         "figures": by_place | {"other": [f for f in figures if f not in placed]},
         "settings": setting_rows(result["settings"]),

@@ -1,30 +1,27 @@
-"""The planned trial of a run: how it is asked for, what it is expected to bring, its file and its map."""
+"""The planned trial of a run: how it is asked for, what it is expected to bring, its file."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
-from matplotlib.patches import Polygon, Rectangle
 
+from cases.criteria.figures import figure_unit
 from cases.io.files import replaced
 from cases.maneuvers.self_propulsion import actuator_positions, own_speed
 from cases.simulation.sensors import SensorNoise, wrap
 from cases.simulation.simulate import longest_step
 from cases.trial import UNITS
-from fitting.design.area import Area, corners
-from fitting.design.plan import PlanTask, SequenceFound, search_plan
+from fitting.design.area import Area
+from fitting.design.plan import RUDDER, RUN_UP, PlanTask, SequenceFound, search_plan
 from fitting.design.sequences import table_of
 from fitting.design.trial_information import Present, TrialInformation
-from fitting.design.wanted import coefficients_wanted, figure_slopes
+from fitting.design.wanted import FIGURES, coefficients_wanted, figure_slopes
 from fitting.nlp.prior import Prior
 from fitting.prediction.bands import draws_of
-from fitting.report.plot_style import AFTER, BEFORE, GREY, dress, new_figure
 from fitting.result import FitResult
 from mmg.errors import UserError
 from mmg.motion.flow import INPUTS
@@ -36,6 +33,10 @@ from mmg.states import STATES
 
 DRAWS = 8
 """Draws of the coefficients whose tracks must stay inside the area."""
+TIME_LIMIT = 150.0
+"""Longest search by the clock [s]."""
+STEEPEST = 60.0
+"""Largest rudder angle that may be asked for [deg]."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,8 @@ class Wish:
     area: "60x25" [m]; seconds: how long [s]; coefficients: symbols, parts of the ship or "all"; figures: of
     ``fitting.design.wanted.FIGURES``, instead of coefficients; speed_limit [m/s], None: what the trials held; margin:
     that the hull keeps from the edges [m], None: half a beam; start: x, y [m], psi [rad], None: chosen; ahead: the
-    propeller is not reversed; seed: of the search; effort: factor on its length.
+    propeller is not reversed; seed: of the search; effort: factor on its length; rudder_limit: largest angle [rad];
+    time_limit: longest search by the clock [s].
     """
 
     area: str
@@ -58,6 +60,8 @@ class Wish:
     ahead: bool = False
     seed: int = 0
     effort: float = 1.0
+    rudder_limit: float = math.radians(RUDDER)
+    time_limit: float = TIME_LIMIT
 
 
 @dataclass(frozen=True)
@@ -78,13 +82,14 @@ class PlannedTrial:
         """Plain values: gains as standard deviations before and after, orders, the library beside it."""
         f, task, present = self.found, self.task, self.present
         before, after = np.sqrt(present.variances()), np.sqrt(present.variances(f.fisher))
-        both = {name: {"std_before": float(a), "std_after": float(b), "left": float(b / a)}
+        both = {name: {"std_before": float(a), "std_after": float(b), "left": float(b / a), "unit": self._unit(name)}
                 for name, a, b in zip(present.names, before, after, strict=True)}  # fmt: skip
         x, y, psi = f.states[0, :3].tolist()
         return {
             "kind": "planned_trial",
             "ship": self.ship.name,
             "title": self.ship.title,
+            "calibration": asdict(self.ship.mark) if self.ship.mark else None,
             "time_s": task.seconds,
             "area_m": {"length": task.area.length, "width": task.area.width, "margin": task.area.margin},
             "speed_limit_m_s": task.speed,
@@ -101,7 +106,41 @@ class PlannedTrial:
             "worth": present.worth,
             "sequences_tried": f.evaluated,
             "notes": list(self.notes),
+            "assumed": list(self.assumed),
         }  # fmt: skip
+
+    def _unit(self, name: str) -> str:
+        """Unit of a coefficient or figure, "" where it has none."""
+        if name in FIGURES:
+            return figure_unit(FIGURES[name][1])
+        return self.ship.coefficients[name].unit
+
+    @property
+    def assumed(self) -> tuple[str, ...]:
+        """What the plan rests on, in sentences."""
+        task, ship, orders = self.task, self.ship, self.found.orders
+        water = "with the current of the calibration" if "current" in ship.effects else "in still water"
+        if task.reversible(ship):
+            engine = "the propeller may be reversed at any time"
+        else:
+            diesel = not task.ahead and "n" in ship.actuators and "pitch" not in ship.actuators
+            engine = "the propeller is not reversed" + (": a diesel engine takes its time for it" if diesel else "")
+        side = "before" if self.found.states[0, 3] < 0 else "behind"
+        if task.start is None:
+            run_up = f"{RUN_UP:g} ship lengths of a straight run-up {side} the start lie inside the area too"
+        else:
+            run_up = "the run-up to the start that was given is left to you"
+        share = self.present.worth
+        worth = f", {share:.0%} of that information, as her residuals are correlated" if share < 0.95 else ""
+        return (
+            f"calm air, {water}; a straight approach, rudder midships",
+            f"orders: rudder up to {math.degrees(task.rudder):.3g} deg, {np.abs(orders[:, 0]).max():.3g} 1/s at most, "
+            f"no faster than {task.speed:.3g} m/s; {engine}; the actuators follow at the rates of the ship",
+            f"the hull keeps {task.area.margin:.3g} m from the edges, also that of {task.draws.shape[1]} ships drawn "
+            f"from the covariance, as orders are open loop; {run_up}",
+            f"the gain is a prediction: the ship as calibrated, small changes of her coefficients, the noise and the "
+            f"windows of her fit{worth}",
+        )
 
     def write(self, path: Path) -> None:
         """The file for the autopilot: t, n, delta (all actuators), predicted motion and its std. path: a CSV file.
@@ -167,6 +206,9 @@ def plan_trial(result: FitResult, wish: Wish, progress: OnProgress | None = None
         raise UserError(f"--seed {wish.seed} must not be negative")
     area = Area.parse(wish.area, ship, wish.margin)
     prior, covariance = known_now(result, ship)
+    if wish.start is not None:
+        area.check_start(wish.start, ship)
+    _check_limits(wish)
     speed = _speed(result, wish)
     step = result.settings.step or longest_step(ship)
     dt = min(step, longest_step(ship))
@@ -188,9 +230,22 @@ def plan_trial(result: FitResult, wish: Wish, progress: OnProgress | None = None
         notes.append("how much the noise of these trials is correlated was not stored (fit without --no-next-trial)")
     present = Present(np.linalg.inv(covariance), float(worth), wanted, names)
     draws = draws_of(result.to_dict(), ship)[:, :DRAWS]
-    task = PlanTask(wish.seconds, area, speed, wish.start, wish.ahead, result.envelope or {}, wish.seed, draws)
+    task = PlanTask(
+        wish.seconds, area, speed, wish.start, wish.ahead, wish.rudder_limit, wish.seed, draws, wish.time_limit
+    )
     found = search_plan(info, present, task, wish.effort, progress)
+    if not found.whole:
+        notes.append(f"the search was ended after {wish.time_limit:g} s (--time-limit); a longer one may find more")
     return PlannedTrial(ship, task, found, present, dt, tuple(notes))
+
+
+def _check_limits(wish: Wish) -> None:
+    """UserError for a rudder angle or a time of the search that makes no sense."""
+    angle = math.degrees(wish.rudder_limit)
+    if not 1 <= angle <= STEEPEST:
+        raise UserError(f"--rudder-limit {angle:g} deg: give 1 to {STEEPEST:g} deg")
+    if not wish.time_limit > 0:
+        raise UserError(f"--time-limit {wish.time_limit:g} s: give a positive number of seconds")
 
 
 def _speed(result: FitResult, wish: Wish) -> float:
@@ -213,64 +268,3 @@ def _sigma(result: FitResult, ship: Ship) -> np.ndarray:
     if not scaled and not any(row.has_position for row in result.data):
         sigma[:2] = [math.inf, math.inf]
     return np.array(sigma, dtype=float)
-
-
-def plan_map(planned: PlannedTrial) -> Figure:
-    """A figure of the ``planned`` trial: map with the hull at equal times, and the orders over time below."""
-    f, area, ship = planned.found, planned.task.area, planned.ship
-    figure = new_figure(8.0)
-    figure.suptitle(f"Planned trial of {planned.task.seconds:g} s: {ship.title}"[:110], fontsize=10, x=0.01, ha="left")
-    grid = figure.add_gridspec(3, 1, height_ratios=(3.6, 1, 1))
-    ax = dress(figure.add_subplot(grid[0]), "x, north [m]", "y, east [m]", "Track, hull, 2 standard deviations")
-    ax.add_patch(Rectangle((0, 0), area.length, area.width, fill=False, ec="black", lw=1.5))
-    m = area.margin
-    ax.add_patch(Rectangle((m, m), area.length - 2 * m, area.width - 2 * m, fill=False, ec=GREY, lw=0.8, ls="--"))
-    x, y = f.states[:, 0], f.states[:, 1]
-    every = max(1, len(x) // 12)
-    for k in range(0, len(x), every):
-        cx, cy = corners(f.states[k : k + 1, :3, None], ship)
-        outline = [(cx[i, 0, 0], cy[i, 0, 0]) for i in (0, 1, 3, 2)]
-        ax.add_patch(Polygon(outline, closed=True, fill=k == 0, fc=BEFORE, ec=BEFORE, lw=0.8, alpha=0.8))
-        ax.add_patch(_ellipse(x[k], y[k], f.std[k]))
-    ax.plot(x, y, color=AFTER, lw=1.6)
-    ax.set_aspect("equal")
-    ax.invert_yaxis()  # north to the right, east down: starboard is to the right of the track
-    t = planned.dt * np.arange(len(x))
-    for row, (values, words) in enumerate(
-        ((np.degrees(f.orders[:, 1]), "rudder [deg]"), (f.orders[:, 0], "revolutions [1/s]")), 1
-    ):
-        ax = dress(figure.add_subplot(grid[row]), "t [s]" if row == 2 else "", words)
-        ax.step(t, values, where="post", color=AFTER, lw=1.4)
-        ax.axhline(0, color=GREY, lw=0.6)
-    return figure
-
-
-def _ellipse(x: float, y: float, std: np.ndarray) -> Any:
-    """Two standard deviations about a place x, y [m]; std: (6,)."""
-    from matplotlib.patches import Ellipse
-
-    return Ellipse((x, y), 4 * min(std[0], 1e3), 4 * min(std[1], 1e3), fc=AFTER, ec="none", alpha=0.15)
-
-
-def in_words(content: Mapping[str, Any], most: int = 12) -> Sequence[str]:
-    """Lines for a person on a planned trial. content: its ``to_dict``; most: rows of a table."""
-    start, area = content["start"], content["area_m"]
-    lines = [
-        f"{content['title']}: {content['time_s']:g} s in {area['length']:g} x {area['width']:g} m",
-        f"start at x {start['x_m']:.2f} m, y {start['y_m']:.2f} m, heading {start['heading_deg']:.0f} deg, "
-        f"{start['speed_m_s']:.3g} m/s, {start['n_rps']:.3g} rps",
-        "    t [s]   n [1/s]   rudder [deg]",
-    ]
-    lines += [f"  {o['t_s']:7.1f} {o['n_rps']:9.2f} {o['delta_deg']:14.0f}" for o in content["orders"]]
-    lines.append("standard deviation before -> after")
-    rows = sorted(content["wanted"].items(), key=lambda item: item[1]["left"])
-    lines += [f"  {name:20s} {r['std_before']:10.3g} -> {r['std_after']:10.3g}  ({r['left']:.0%})" for name, r in rows]
-    lines.append(f"mean log variance: {content['mean_log_variance']:+.3f} by this trial")
-    for row in content["library"][: most // 4]:
-        inside = "" if row["stays_inside"] else "  (leaves the area)"
-        lines.append(f"  {row['mean_log_variance']:+.3f} by {row['name']}{inside}")
-    for key, words in (("inside", "of those that stay inside"), ("library", "of the library, wherever there is room")):
-        if key in content["best_two_of_the_library"]:
-            pair = content["best_two_of_the_library"][key]
-            lines.append(f"  {pair['mean_log_variance']:+.3f} by the best two {words}: {' and '.join(pair['names'])}")
-    return lines

@@ -36,6 +36,8 @@ def plan(
         str | None, Option(help="x:y:heading [m, m, deg] of the start; default where there is most room.")
     ] = None,
     ahead: Annotated[bool, Option("--ahead", help="The propeller is not reversed.")] = False,
+    rudder_limit: Annotated[float, Option(help="Largest rudder angle ordered [deg].")] = 35.0,
+    time_limit: Annotated[float, Option(help="The search ends after so many seconds by the clock.")] = 150.0,
     seed: Annotated[int, Option(help="Seed of the search.")] = 0,
     effort: Annotated[float, Option(help="Factor on the length of the search.")] = 1.0,
     force: Annotated[bool, Option("--force", help="Overwrite existing files.")] = False,
@@ -44,11 +46,12 @@ def plan(
     """Design the next trial: rudder and revolutions that make chosen coefficients or figures known best.
 
     The ship stays inside the area (x north from 0 to the length, y east from 0 to the width), also by draws of the
-    coefficients from their covariance; calm air. mmg simulate RUN --controls takes the file.
+    coefficients from their covariance; calm air. mmg simulate RUN --controls takes the file, mmg report RUN shows it.
 
     Example: mmg plan runs/first --area 60x25 --time 180 --out next.csv
     """
-    from fitting.report.planned_trial import Wish, in_words, plan_trial
+    from fitting.report.plan_section import in_words
+    from fitting.report.planned_trial import Wish, plan_trial
     from fitting.result import read_fit
 
     if out.suffix.lower() != ".csv":
@@ -58,12 +61,13 @@ def plan(
     if not (math.isfinite(effort) and 0 < effort <= 100):
         raise UserError(f"--effort {effort:g}: give a number above 0, at most 100")
     wish = Wish(
-        area, time, _names(coefficients), _names(figures), speed_limit, margin, _start(start), ahead, seed, effort
-    )
+        area, time, _names(coefficients), _names(figures), speed_limit, margin, _start(start), ahead, seed, effort,
+        math.radians(rudder_limit), time_limit,
+    )  # fmt: skip
     result = read_fit(run)
     with working("planning"):
         planned = plan_trial(result, wish, progress())
-    _write(planned, out)
+    _write(planned, out, run)
     content = planned.to_dict()
     if json:
         print_json(content | {"out": str(out), "map": str(out.with_suffix(".png"))})
@@ -92,12 +96,16 @@ def _start(text: str | None) -> tuple[float, float, float] | None:
     return x, y, math.radians(heading)
 
 
-def _write(planned: PlannedTrial, out: Path) -> None:
-    """The file for the autopilot and the map beside it."""
-    from fitting.report.planned_trial import plan_map
+def _write(planned: PlannedTrial, out: Path, run: Path) -> None:
+    """The file for the autopilot and the map beside it; the run keeps the plan for its report."""
+    from fitting.report.plan_map import keep_plan, plan_map
 
     try:
         planned.write(out)
         plan_map(planned).savefig(out.with_suffix(".png"), dpi=120)
     except OSError as error:
         raise UserError(f"{error.filename or out}: cannot be written ({error.strerror or error})") from None
+    try:
+        keep_plan(planned, run, out)
+    except OSError as error:
+        say(f"note: the report of {run} will not show this plan: {error.strerror or error}")

@@ -14,7 +14,8 @@ from cases.trial import Trial
 from fitting.design.area import Area, corners
 from fitting.design.candidates import library
 from fitting.design.evolution import Evolution
-from fitting.design.plan import RUN_UP, SequenceSearch
+from fitting.design.next_trial import repetitions
+from fitting.design.plan import RUN_UP, PlanTask, SequenceSearch
 from fitting.design.sequences import Sequences, table_of
 from fitting.design.trial_information import Present, TrialInformation
 from fitting.nlp.fisher_information import information
@@ -111,6 +112,26 @@ def test_the_search_finds_the_least_of_a_tilted_valley() -> None:
     for _ in range(120):
         found.advance(cost)
     assert found.best == pytest.approx(aim, abs=0.01)
+
+
+def test_a_short_manoeuvre_is_repeated_with_way_between(ship: Ship) -> None:
+    def lasting(seconds: float, u: float) -> Trial:
+        t = np.arange(0.0, seconds + 0.5)
+        return Trial("a", {"t": t, **{name: np.full(len(t), u if name == "u" else 0.0) for name in "xyuvr"}})
+
+    length, u = ship.particulars["L"], 0.5
+    between = 5 * length / u  # 30 s
+    assert repetitions(lasting(20.0, u), 20.0 + 2 * (20.0 + between) + 1.0, ship) == 3
+    assert repetitions(lasting(100.0, u), 100.0, ship) == 1 and repetitions(lasting(10.0, 0.0), 200.0, ship) == 1
+
+
+def test_a_ship_with_a_diesel_engine_does_not_reverse(ship: Ship) -> None:
+    def task(model: Ship) -> PlanTask:
+        return PlanTask(600.0, Area.parse("9000x9000", model), 0.4, None, False, 0.6, 0, np.zeros((1, 1)))
+
+    assert task(ship).reversible(ship)
+    full = load_ship("kvlcc2_full")
+    assert not task(full).reversible(full)
 
 
 def test_a_towing_tank_is_given_no_trial_in_wind() -> None:
