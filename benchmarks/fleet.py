@@ -11,6 +11,7 @@ ships are fouled in their second campaign, and some have a gyro that shows too m
 from __future__ import annotations
 
 import argparse
+import json
 import math
 import os
 import shutil
@@ -18,14 +19,16 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from benchmarks.file_faults.plant import Hull, Order, Plant, Weather, circle, run, zigzag
 from benchmarks.foreign_figures import drawn_hull, start_ship
+from benchmarks.record import record, table
 from cases.criteria.simulated_trial import simulated_trial
 from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.effects import with_effects
@@ -39,7 +42,7 @@ CIRCLES = (("zigzag", 20.0, 20.0), ("turning", 35.0, 0.0), ("zigzag", -10.0, 10.
            ("zigzag", 10.0, 5.0))  # fmt: skip
 FOULED, GYRO = (1, 6), (3, 8)
 """Ships that are fouled by 25 % in their second campaign, and whose gyro shows 6 % too much in it."""
-WIDTH = {"Y_v": 0.6, "N_r": 0.6, "N_v": 0.6, "X_0": 0.6, "t_P": 0.6, "w_P0": 0.6, "ell_R": 0.6, "gamma_R": 0.6}
+WIDTH = {"Y_v": 0.6, "N_r": 0.6, "N_v": 0.6, "t_P": 0.6, "w_P0": 0.6, "ell_R": 0.6}
 """Standard deviations of coefficients between sisters, in those of the start's prior; nothing else differs."""
 
 
@@ -129,6 +132,86 @@ def measured(plan: Path, out: Path, workers: int) -> tuple[float, float, int]:
     return time.perf_counter() - began, used, code
 
 
+def made_sisters(folder: Path, generator: str, widths: dict[str, float], seed: int) -> tuple[Path, list[Ship]]:
+    """A plan of six sisters of a ``generator``, "own" or "foreign", and the true ships of the first; the first three
+    have two runs each, the others five. widths: of "own"; foreign hulls differ by 2 % in beam, draught and block."""
+    start, lines, truths = load_ship("esso_osaka_3m"), ["[fleet]", "diagnose = false", ""], []
+    mean, hull = moved(start, np.random.default_rng([9, seed]), 0.3), drawn_hull(30 + seed)
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "start.toml").write_text(dump_ship(start if generator == "own" else start_ship(hull)), encoding="utf-8")
+    for number in range(6):
+        name, where = f"sister_{number}", folder / f"sister_{number}"
+        rng = np.random.default_rng([10, seed, number])
+        if generator == "own":
+            truths.append(moved(start, rng, widths, mean))
+            own_runs(truths[-1], where, (), 100 * seed + number)
+        else:
+            by = np.exp(rng.normal(0.0, 0.02, 3))
+            own = replace(hull, beam=hull.beam * by[0], draught=hull.draught * by[1], block=hull.block * by[2])
+            foreign_runs(own, where, 100 * seed + number)
+        runs = "[0-1]" if number < 3 else "[0-3]"
+        files = f'trials = ["{name}/{runs}_*.csv"]', f'held_out = ["{name}/4_*.csv"]'
+        lines += [f"[ships.{name}]", 'ship = "start.toml"', *files, ""]
+    lines += ["[sisters]", "class = [" + ", ".join(f'"sister_{k}"' for k in range(6)) + "]"]
+    plan = folder / "plan.toml"
+    plan.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return plan, truths
+
+
+def shared(work: Path, keep: bool) -> None:
+    """What a shared prior brings, by generator and width; keep: in RESULTS.md."""
+    from mmg_ident.fleet.plan import read_plan
+    from mmg_ident.fleet.run import run_fleet
+
+    cases: tuple[tuple[str, dict[str, float], str], ...] = (
+        ("own", WIDTH, "0.6 in 6 of 61"),
+        ("own", {}, "0"),
+        ("foreign", {}, "not known"),
+    )
+    rows = []
+    for number, (generator, widths, words) in enumerate(cases):
+        folder = work / f"sisters_{number}"
+        shutil.rmtree(folder, ignore_errors=True)
+        plan, truths = made_sisters(folder, generator, widths, number)
+        found = run_fleet(read_plan(plan), folder / "out")
+        w = found.groups[0].widths
+        told = [k for k, s in enumerate(w.symbols) if s in WIDTH]
+        size = np.sqrt((w.width[told] ** 2).mean()) if truths else np.nan
+        rest = np.median(np.delete(w.width, told))
+        alone, together = (errors(found.rows[:3], truths, key, w.unit) for key in ("alone", "value"))
+        scores = [[r["scores"]["held_out"]["alone"], r["scores"]["held_out"]["window"]["after"]] for r in found.rows]
+        few, many = np.mean(scores[:3], axis=0), np.mean(scores[3:], axis=0)
+        rows.append([
+            generator, words, f"{w.common:.2f} ({w.common_90[0]:.2f} to {w.common_90[1]:.2f})",
+            f"{size:.2f}" if truths and widths else "", f"{rest:.3f}",
+            f"{alone:.3f} -> {together:.3f}" if truths else "",
+            f"{few[0]:.3f} -> {few[1]:.3f}", f"{many[0]:.3f} -> {many[1]:.3f}",
+        ])  # fmt: skip
+        print(rows[-1], flush=True)
+    header = ["generator", "true width", "one width for all (90 %)", "width of those that differ, rms",
+              "median of the others", "rms error of coefficients, 2 runs", "held-out error, 2 runs",
+              "held-out error, 4 runs"]  # fmt: skip
+    lines = [
+        "Six sisters with a run held out each; three have two runs, three have four. Widths and errors of coefficients "
+        "are in standard deviations of the start's prior; held-out errors are of 30 s windows. alone -> with sisters.",
+        "", *table(header, rows),
+    ]  # fmt: skip
+    if keep:
+        record("Sister ships", "python -m benchmarks.fleet sisters", lines)
+
+
+def errors(rows: Sequence[Mapping[str, Any]], truths: Sequence[Ship], key: str, unit: np.ndarray) -> float:
+    """Root mean square error of the coefficients of ``rows``, "alone" or "value" by ``key``, against the ``truths``, in
+    units of the prior (``unit``, in the order of the coefficients)."""
+    found = []
+    for row, truth in zip(rows, truths, strict=False):
+        symbols = [s for s, c in row["coefficients"].items() if key in c and "sister_mean" in c]
+        found += [
+            (row["coefficients"][s][key] - truth.coefficients[s].value) / u for s, u in zip(symbols, unit, strict=True)
+        ]
+    return float(np.sqrt(np.mean(np.square(found)))) if found else math.nan
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=("time", "sisters"))
@@ -137,18 +220,40 @@ def main() -> None:
     parser.add_argument("--work", type=Path, default=Path(tempfile.gettempdir()) / "mmg_fleet")
     parser.add_argument("--record", action="store_true")
     given = parser.parse_args()
-    timed(given.work, given.ships, given.workers, given.record)
+    if given.what == "sisters":
+        shared(given.work, given.record)
+    else:
+        timed(given.work, given.ships, given.workers, given.record)
 
 
 def timed(work: Path, ships: int, workers: int, keep: bool) -> None:
     """Make the fleet in ``work`` and measure ``mmg fleet`` on it; keep: in RESULTS.md."""
-    folder = work / f"fleet_{ships}"
+    folder, out = work / f"fleet_{ships}", work / f"out_{ships}"
     plan = folder / "plan.toml"
     if not plan.exists():
         plan = made_fleet(folder, ships)
-    print(f"load before: {os.getloadavg()[0]:.1f}", flush=True)
-    wall, used, code = measured(plan, work / f"out_{ships}", workers)
-    print(wall, used, code, f"load after: {os.getloadavg()[0]:.1f}")
+    before = os.getloadavg()[0]
+    wall, used, code = measured(plan, out, workers)
+    content = json.loads((out / "fleet.json").read_text(encoding="utf-8"))
+    rows = {row["name"]: row for row in content["ships"]}
+    own = [f"ship_{k:02d}" for k in range((ships + 1) // 2)]
+    drifted = [name for name, row in rows.items() if any(d["name"] == "fouling" for d in row["drifted"])]
+    gyro = [name for name, row in rows.items() if any("gyro" in words for words in row["instruments"])]
+    planted = [[f"ship_{k:02d}" for k in some if k < len(own)] for some in (FOULED, GYRO)]
+    lines = [
+        f"{ships} ships with 10 runs each (8 fitted, 2 held out), half of them of a foreign generator; {workers} "
+        f"processes; load of the machine by other work before it began: {before:.1f}.", "",
+        *table(["seconds", "processor seconds", "processor seconds / workers", "exit code", "failed"],
+               [[f"{wall:.0f}", f"{used:.0f}", f"{used / workers:.0f}", str(code), str(len(content["failed"]))]]), "",
+        *table(["planted", "in", "named in"], [
+            ["fouling by 25 % in the second campaign", ", ".join(planted[0]), ", ".join(drifted)],
+            ["gyro that shows 6 % too much in the second campaign", ", ".join(planted[1]), ", ".join(gyro)],
+        ]),
+    ]  # fmt: skip
+    if keep:
+        record("Fleets", "python -m benchmarks.fleet time", lines)
+    else:
+        print("\n".join(lines))
 
 
 if __name__ == "__main__":

@@ -16,7 +16,9 @@ if TYPE_CHECKING:
 
 def fleet(
     plan: Annotated[Path, Argument(help="Plan of the fleet, a TOML file: ships, trials, campaigns, sisters.")],
-    out: Annotated[Path, Option(help="Folder to write: ships/NAME, fleet.parquet, fleet.html.")],
+    out: Annotated[
+        Path | None, Option(help="Folder to write; default: beside the plan, with its name (plan.toml: plan/).")
+    ] = None,
     workers: Annotated[int, Option(help="Processes over which the ships are spread.")] = 1,
     scheduler: Annotated[
         str | None, Option(help="Dask scheduler, as tcp://host:8786: its workers do the tasks.", metavar="ADDRESS")
@@ -39,6 +41,7 @@ def fleet(
     from mmg_ident.fleet.run import PARTS, run_fleet
     from mmg_ident.fleet.table import write_tables
 
+    out = plan.with_suffix("") if out is None else out
     if workers < 1:
         raise UserError(f"--workers {workers} must be at least 1")
     if not (resume and out.exists()):

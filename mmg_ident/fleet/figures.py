@@ -50,7 +50,7 @@ def moved_figure(rows: Sequence[Mapping[str, Any]]) -> Figure:
     """By how many standard deviations of the start each of the ``moved_symbols`` moved in each ship of ``rows``."""
     symbols = moved_symbols(rows)
     values = np.array([[_number(row["coefficients"].get(s, {}).get("moved")) for s in symbols] for row in rows])
-    figure = new_figure(0.24 * len(rows) + 1.5)
+    figure = new_figure(0.24 * len(rows) + 1.7)
     ax = figure.subplots()
     image = ax.imshow(np.clip(values, -3, 3), cmap="RdBu_r", vmin=-3, vmax=3, aspect="auto")
     for i, row in enumerate(rows):
@@ -63,7 +63,7 @@ def moved_figure(rows: Sequence[Mapping[str, Any]]) -> Figure:
     ax.set_yticks(range(len(rows)), [literal(row["name"]) for row in rows], fontsize=8)
     bar = figure.colorbar(image, ax=ax, fraction=0.03, pad=0.01)
     bar.ax.tick_params(labelsize=8)
-    bar.set_label("standard deviations of the start", fontsize=8)
+    bar.set_label("std of the start", fontsize=8)
     return figure
 
 

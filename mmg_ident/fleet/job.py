@@ -30,10 +30,10 @@ from diagnosis.result import Diagnosis
 from fitting.nlp.grid import default_step
 from fitting.pipeline import FitOptions
 from fitting.report.parts import Store
-from fitting.report.run_folder import plain
+from fitting.report.run_folder import plain, versions
 from fitting.result import FitResult
 from fitting.selection.sisters.evidence import SisterEvidence
-from fitting.selection.sisters.start import UncertainMean
+from fitting.selection.sisters.start import UncertainMean, with_whole_prior
 from fitting.settings import Settings
 from mmg.errors import UserError
 from mmg.ship import Ship
@@ -98,6 +98,7 @@ def key_of(ship: PlannedShip, options: FleetTable, more: Any = None) -> str:
         "beside": [file_hash(path) for path in beside],
         "options": options.model_dump(),
         "more": more,
+        "version": versions()["mmg-ident"],
     }  # fmt: skip
     return hashlib.sha256(json.dumps(plain(about), sort_keys=True).encode()).hexdigest()
 
@@ -192,7 +193,8 @@ def _diagnosed(
     step = task.options.diagnosis_step or COARSER * default_step(train, result.ship.particulars["L"])
     options = DiagnosisOptions(step, task.options.seed, 1, False, task.command, "group" if several else None)
     try:
-        found = diagnosing.diagnose(result.ship, train, held_out, None, options, folder)
+        ship = with_whole_prior(result.ship, task.sister.mean) if task.sister else result.ship
+        found = diagnosing.diagnose(ship, train, held_out, None, options, folder)
     except (UserError, np.linalg.LinAlgError) as error:
         return None, f"not diagnosed: {error}"
     target = folder / DIAGNOSIS

@@ -39,6 +39,17 @@ def sister_start(start: Ship, widths: SisterWidths, names: Sequence[str]) -> Shi
     return replace(start, coefficients=rows)
 
 
+def with_whole_prior(ship: Ship, mean: UncertainMean) -> Ship:
+    """A calibrated ``ship`` whose priors are as wide as sisters differ and their ``mean`` is uncertain: what a refit
+    may use that does not know of the other sisters."""
+    rows = dict(ship.coefficients)
+    for symbol, variance in zip(mean.symbols, np.diag(mean.covariance).tolist(), strict=True):
+        c = rows[symbol]
+        if c.prior_std is not None:
+            rows[symbol] = c.with_(prior_std=float(np.hypot(c.prior_std, np.sqrt(variance))))
+    return replace(ship, coefficients=rows)
+
+
 def mean_of(widths: SisterWidths) -> UncertainMean:
     """How uncertain the mean of the ``widths`` is."""
     return UncertainMean(widths.symbols, widths.unit[:, None] * widths.mean_covariance * widths.unit)
