@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.disturbed_trials import Disturbed, disturbed_trials, drawn_ship
-from benchmarks.foreign_figures import HULLS, drawn_hull, foreign_trials, start_ship, true_figures
+from benchmarks.foreign_figures import HULLS, drawn_hull, foreign_trials, machinery_of, start_ship, true_figures
 from benchmarks.record import record, table
 from cases.criteria.assessment import imo_figures
 from cases.shipfiles.ship_file import load_ship
@@ -67,9 +67,10 @@ def one(name: str, seed: int) -> dict[str, Any]:
 def foreign(seed: int) -> dict[str, Any]:
     """Figures of a foreign plant and intervals of a fit to its trials, by run and figure."""
     hull = drawn_hull(seed)
-    rate = math.sqrt(hull.length / 3.0)
-    at = true_figures(hull)
-    made = judged_fit(start_ship(hull), foreign_trials(hull, seed), rate, hull.speed, at, seed)
+    rate, machinery = math.sqrt(hull.length / 3.0), machinery_of(hull, seed)
+    at = true_figures(hull, machinery)
+    trials = foreign_trials(hull, machinery, seed)
+    made = judged_fit(start_ship(hull, machinery), trials, rate, hull.speed, at, seed)
     return {"ship": FOREIGN, "length": hull.length, **made}
 
 

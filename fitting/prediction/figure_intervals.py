@@ -1,7 +1,7 @@
 """Error bars of manoeuvring figures: many ships that the trials allow, each simulated through the manoeuvre.
 
 A draw has coefficients from their joint covariance. Where the manoeuvre leaves the motion that the trials held, it also
-has a constant unexplained acceleration, whose size grows with the distance (``novelty``): that is the ship's figure.
+has a lasting unexplained acceleration, whose size grows with the distance (``unexplained``): that is the ship's figure.
 A single trial has besides the fluctuating accelerations that no model explained in the trials (``bands.Process``). All
 draws of a manoeuvre are simulated side by side.
 """
@@ -24,9 +24,10 @@ from cases.criteria.standard_runs import Run
 from cases.maneuvers.definitions import STOPS, Maneuver, parse_maneuver
 from cases.shipfiles.effects import calm_and_deep
 from cases.simulation.pushed_batch import Push, simulate_pushed
-from cases.simulation.simulate_batch import SimulatedRuns, input_array, simulate_batch
-from fitting.prediction.bands import Bands, acceleration_sizes, bands_of
+from cases.simulation.simulate_batch import SimulatedRuns, simulate_batch
+from fitting.prediction.bands import bands_of
 from fitting.prediction.envelope import DRIFT
+from fitting.prediction.unexplained import accelerations, drawn_resistance
 from mmg.errors import UserError
 from mmg.messages import Message
 from mmg.motion.froude import reference_speed, time_scale
@@ -175,10 +176,11 @@ def drawn_figures(
     nominal = simulate_batch(simulator, plan, dt=dt, held=True)
     outside = outside_of(envelope, nominal) if envelope else None
     copies = 2 if bands is not None else 1
+    drawn = drawn_resistance(ship, plan, dict(drawn), count, seed)
     values = {symbol: np.tile(one, copies) for symbol, one in drawn.items()}
-    push: Push = (
-        _push(bands, simulator, nominal, count, dt, seed) if bands is not None else lambda k, states: np.zeros(())
-    )
+    push: Push = lambda k, states: np.zeros(())  # noqa: E731
+    if bands is not None:
+        push = accelerations(bands, ship, plan, nominal, count, dt, seed)
     if plan.engine is not None:
         plan = replace(plan, engine=plan.engine.drawn(count, seed).repeated(copies))
     runs = simulate_pushed(simulator, plan, values, dt, push)
@@ -197,33 +199,6 @@ def drawn_figures(
     widened = bands is not None and bands.held is not None
     found = FigureScatter(own, trial, outside, int(lost[:count].sum()), shown, ranges_of(nominal), widened)
     return found, trials
-
-
-def _push(bands: Bands, simulator: Simulator, nominal: SimulatedRuns, count: int, dt: float, seed: int) -> Push:
-    """Accelerations of ``count`` ships, then of as many single trials of them."""
-    ship, process, rng = simulator.ship, bands.process, np.random.default_rng([22, seed])
-    L, times = ship.particulars["L"], np.maximum(nominal.t, dt)[:, None]
-    factor = process.factor_at(times)[:, 3:, 0]
-    growth = np.zeros((len(times), 3))
-    if bands.held is not None:
-        inputs = input_array(ship, nominal.inputs, nominal.t)
-        novelty = bands.held.novelty(nominal.states, inputs, L)[:, 0]
-        growth = novelty[:, None] * bands.held.growth[3:]
-    lasting = np.tile(rng.standard_normal((3, count)), 2)
-    left = np.exp(-dt / process.memory)[:, None]
-    passing = np.zeros((3, 2 * count))
-    passing[:, count:] = rng.standard_normal((3, count))
-
-    @np.errstate(over="ignore", invalid="ignore")  # a draw that runs away is left out afterwards
-    def push(k: int, states: np.ndarray) -> np.ndarray:
-        square = np.einsum("ck,kcm->cm", process.size**2, acceleration_sizes(states, L)[:, None].repeat(3, axis=1))
-        i = min(k, len(factor) - 1)  # some draws take longer to stop than the ship as it is
-        value = np.sqrt(square) * factor[i][:, None] * (growth[i][:, None] * lasting + passing)
-        fresh = rng.standard_normal((3, count)) * np.sqrt(1 - left**2)
-        passing[:, count:] = left * passing[:, count:] + fresh
-        return np.nan_to_num(value)
-
-    return push
 
 
 def ranges_of(runs: SimulatedRuns) -> dict[str, tuple[float, float]]:
