@@ -149,7 +149,8 @@ def _growth(simulator: Simulator, trials: Sequence[Trial], own: np.ndarray, band
     ratios: list[list[np.ndarray]] = [[] for _ in STATES]
     for kind in sorted({t.kind for t in trials}):
         apart = [i for i, t in enumerate(trials) if t.kind == kind and np.isfinite(own[i]).all()]
-        known = held_motion([record_of(t, ship.inputs) for t in trials if t.kind != kind], ship.inputs, length)
+        others = [record_of(t, ship.inputs) for t in trials if t.kind != kind]
+        known = held_motion(others, ship.inputs, length) if len(others) > 1 else None
         stretches = _stretches([trials[i] for i in apart], ship, own[apart], MOST_WINDOWS // 4) if apart else []
         if known is None or not stretches:
             continue

@@ -97,7 +97,8 @@ def inputs_at(batch: WindowBatch, rows: np.ndarray) -> np.ndarray:
 
 
 def held_motion(records: Sequence[Record], names: Sequence[str], length: float) -> HeldMotion | None:
-    """What ``records`` of trials held, with TYPICAL growth; None for less than two trials.
+    """What ``records`` of trials held, with TYPICAL growth; None where they hold nothing. The halves of a single trial
+    stand for two.
 
     names: inputs of the ship; length: of the ship [m].
     """
@@ -107,6 +108,8 @@ def held_motion(records: Sequence[Record], names: Sequence[str], length: float) 
         good = np.flatnonzero(record.good)[::every]
         parts.append(motion(record.states[good].T, record.controls[good].T, names, length).T)
     parts = [part for part in parts if len(part)]
+    if len(parts) == 1:
+        parts = [part for part in np.array_split(parts[0], 2) if len(part)]
     if len(parts) < 2:
         return None
     rows = np.vstack(parts)

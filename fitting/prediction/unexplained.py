@@ -18,8 +18,10 @@ from mmg.ship import Ship
 SLOW = 0.1
 """Share of the points of the trials whose speed is less than that below which a lasting acceleration falls with U^2."""
 UNTRIED = 1 / 3
-"""Standard deviation of the mean deceleration of a stop that no trial held, by that deceleration: of this library.
-A lasting acceleration beyond it would say that a reversed propeller, or water, drives a ship on."""
+"""Standard deviation of the mean deceleration of a stop that no trial held, by that deceleration: an estimate of this
+library for reversed propellers, about which trials ahead say nothing. Sway and yaw have no more than such a force."""
+LEVER = 4.0
+"""Yaw acceleration by that force over mass and length, at a quarter of the length: so is the radius of gyration."""
 RESISTANCE = 0.1
 """Standard deviation of ``stopping_resistance`` by its value: form factor and allowance of ITTC 7.5-02-03-01.4 (2017)
 are each known to some 5 to 10 % of the total."""
@@ -35,18 +37,19 @@ def accelerations(
     """
     process, rng = bands.process, np.random.default_rng([22, seed])
     L, times = ship.particulars["L"], np.maximum(nominal.t, dt)[:, None]
-    factor = process.factor_at(times)[:, 3:, 0]
-    growth = np.zeros((len(times), 3))
-    most, slow = np.full((3, 1), np.inf), 0.0
+    # along the ship's own track: where a draw's own motion gave the size, what pushes it would feed on itself
+    size = np.sqrt(np.einsum("ck,kct->tc", process.size**2, _sizes_along(nominal, L)))
+    size *= process.factor_at(times)[:, 3:, 0]
+    own, slow = np.zeros_like(size), 0.0
     if bands.held is not None:
         inputs = input_array(ship, nominal.inputs, nominal.t)
-        novelty = bands.held.novelty(nominal.states, inputs, L)[:, 0]
-        growth = novelty[:, None] * bands.held.growth[3:]
+        novelty = bands.held.novelty(nominal.states, inputs, L)
+        own = size * novelty * bands.held.growth[3:]
         slow = slow_speed(bands.held)
         if plan.kind in STOPS:
-            most[0] = UNTRIED * mean_deceleration(nominal, plan.parameters["order_time"])
-    # along the ship's own track: where a draw's own motion gave the size, what pushes it would feed on itself
-    size = factor * np.sqrt(np.einsum("ck,kct->tc", process.size**2, _sizes_along(nominal, L)))
+            force = UNTRIED * mean_deceleration(nominal, plan.parameters["order_time"])
+            own = np.minimum(own, [force, force, force * LEVER / L])
+            own[:, 0] = force * np.minimum(novelty[:, 0], 1.0)
     lasting = np.tile(rng.standard_normal((3, count)), 2)
     left = np.exp(-dt / process.memory)[:, None]
     passing = np.zeros((3, 2 * count))
@@ -54,8 +57,7 @@ def accelerations(
 
     def push(k: int, states: np.ndarray) -> np.ndarray:
         i = min(k, len(size) - 1)  # some draws take longer to stop than the ship as it is
-        own = np.minimum((growth[i] * size[i])[:, None], most) * fading(states, slow)
-        value = own * lasting + size[i][:, None] * passing
+        value = own[i][:, None] * fading(states, slow) * lasting + size[i][:, None] * passing
         fresh = rng.standard_normal((3, count)) * np.sqrt(1 - left**2)
         passing[:, count:] = left * passing[:, count:] + fresh
         return np.nan_to_num(value)

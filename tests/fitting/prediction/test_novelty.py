@@ -104,4 +104,10 @@ def test_it_is_stored_as_plain_values_and_only_for_the_same_inputs() -> None:
     assert again is not None and again.reach == known.reach
     assert held_of(held_dict(known), ("n", "delta_port", "delta_starboard")) is None
     assert held_of(None, names) is None and held_of({"points": [1]}, names) is None
-    assert held_motion(records("zigzag:10/10"), names, 3.0) is None
+    assert held_motion([], names, 3.0) is None
+
+
+def test_a_single_trial_says_what_it_held_by_its_halves() -> None:
+    """A turning circle is new to a ship that was tried in one zigzag, and that zigzag is not."""
+    one = held("zigzag:20/20")
+    assert np.mean(novelty(one, "zigzag:20/20") > 0) < 0.2 < 0.5 < np.mean(novelty(one, "turning:35") > 0)
