@@ -149,12 +149,12 @@ def stop(plant: DrivenPlant) -> tuple[float, float]:
     return way / hull.length, float(state[0]) / hull.length
 
 
-def _moved(plant: DrivenPlant, kind: str, rudder: float, heading: float) -> dict[str, np.ndarray]:
-    """The true columns of one run, to the north; n is that of the approach."""
+def _moved(plant: DrivenPlant, kind: str, rudder: float, heading: float, helm: float = 0.05) -> dict[str, np.ndarray]:
+    """The true columns of one run, to the north; n is that of the approach. helm: as of ``run``."""
     unit = plant.hull.length / plant.hull.speed
     begin = LEAD * unit
     order: Order = circle(rudder, 0.0, begin) if kind == "turning" else zigzag(rudder, 0.0, begin, heading)
-    columns = run(plant, order, (LEAD + LONG) * unit, 0.05 * unit, 0.0)
+    columns = run(plant, order, (LEAD + LONG) * unit, 0.05 * unit, 0.0, helm)
     return columns | {"n": np.full(len(columns["t"]), plant.n)}
 
 
@@ -164,7 +164,7 @@ def true_figures(hull: Hull, machinery: Machinery) -> dict[tuple[str, str], floa
     found = {}
     for kind, rudder, heading in STANDARD:
         name = f"{kind}:{rudder:g}" + (f"/{heading:g}" if kind == "zigzag" else "")
-        trial = Trial(name.replace("/", "_"), _moved(plant, kind, rudder, heading), kind=kind)
+        trial = Trial(name.replace("/", "_"), _moved(plant, kind, rudder, heading, 0.01), kind=kind)
         for row in assess(measured_run(trial, hull.length, kind)):
             if row.value is not None and row.unit in ("L", "deg"):
                 found[name, row.figure] = row.value

@@ -115,14 +115,17 @@ class Plant:
         return x + front, y + side, n + 0.08 * hull.length * side
 
 
-def run(plant: Plant, order: Order, seconds: float, dt: float, heading: float) -> dict[str, np.ndarray]:
+def run(
+    plant: Plant, order: Order, seconds: float, dt: float, heading: float, helm: float = 0.05
+) -> dict[str, np.ndarray]:
     """True columns every ``dt`` [s] for ``seconds``: t, x, y, psi, u, v (over ground), r, delta; steered by ``order``.
 
-    heading: of approach [rad], which the ship keeps for a tenth of the time.
+    heading: of approach [rad], which the ship keeps for a tenth of the time; helm: longest time between two looks at
+    the compass, in lengths run at the speed of approach.
     """
     begin = np.array([0.0, 0.0, heading, plant.hull.speed, 0.0, 0.0, 0.0])
     now = [0.0]
-    step = 0.05 * plant.hull.length / plant.hull.speed
+    step = helm * plant.hull.length / plant.hull.speed
     solver = RK45(lambda t, s: plant.rates(t, s, now[0]), 0.0, begin, seconds, max_step=step, rtol=1e-5)
     clock = np.arange(0.0, seconds, dt)
     states = np.zeros((len(clock), 7))
