@@ -210,7 +210,8 @@ def estimate_coefficients(
     prior, timings = free, {"prepare": time.perf_counter() - began}
     resumed = Resumption.of_arrays(warm or {}, first)
     deciding = _Deciding(trials, settings)
-    solved = solve_with_noise_estimation(first, x, settings, began, progress, resumed, deciding.choose)
+    near = resumed is None and len((warm or {}).get("nodes", ())) == first.B
+    solved = solve_with_noise_estimation(first, x, settings, began, progress, resumed, deciding.choose, near)
     problem, solution, noise, passes, last = solved
     weighting = deciding.weighting(solution)
     if weighting:

@@ -211,11 +211,13 @@ def solve_with_noise_estimation(
     progress: OnProgress | None,
     resumed: Resumption | None = None,
     choose: Choose | None = None,
+    near: bool = False,
 ) -> tuple[Problem, Solution, ResidualNoise, list[dict], Resumption]:
     """Rough solves that estimate the noise and the sizes of latent forces, then one to full tolerance.
 
     problem, x (n,): where to start; settings, began [s], progress: as of ``multistart.solve_in_time``. The first rough
-    solve has at most FEW_WINDOWS windows, evenly spread; the estimate of each solve starts the next. One that gets
+    solve has at most FEW_WINDOWS windows, evenly spread, unless x is ``near`` a solution; the estimate of each solve
+    starts the next. One that gets
     stuck is repeated with damping. With a robust loss the rough solves use Student's t, which gives gross outliers no
     weight. resumed: the solve to go on with; choose: called before the last solve; where it names another loss than the
     problem has, a rough solve more settles the noise. Returns the last problem, its solution, the noise of its
@@ -236,7 +238,7 @@ def solve_with_noise_estimation(
     while number < count:
         rough, start = number < count - 1, x
         windows = len(full.segments.run)
-        if rough and number == 0 and windows > 1.5 * FEW_WINDOWS:
+        if rough and number == 0 and windows > 1.5 * FEW_WINDOWS and not near:
             few = np.unique(np.linspace(0, windows - 1, FEW_WINDOWS).round().astype(int))
             problem = full.with_changes(segments=full.segments.subset(few))
             x = problem.start(p)
