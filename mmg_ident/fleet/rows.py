@@ -11,11 +11,14 @@ from diagnosis.report.between_words import difference
 from fitting.report.run_folder import plain
 
 if TYPE_CHECKING:
+    from diagnosis.hypotheses.group_findings import Between
     from diagnosis.result import Diagnosis
     from fitting.prediction.score import ScorePair
     from fitting.result import FitResult
     from mmg_ident.fleet.plan import PlannedShip
 
+ALIKE, CHANCE = 2.0, 0.01
+"""Difference in log Bayes factor below which two names of a difference are alike; chance below which it is one."""
 MOVED, SURE = 1.0, 2.576
 """A coefficient has moved against its start by so many standard deviations of that, and of its own (99 %)."""
 
@@ -103,6 +106,7 @@ def _diagnosed(row: Mapping[str, Any], found: Diagnosis) -> dict[str, Any]:
         for d in differences
         if d.nature == "ship"
     ]
+    drifted += one_of_several(between) if between else []
     other = [f"between campaigns: {difference(d)}" for d in differences if d.nature == "instrument"]
     named = [e for e in found.effects if nature(e.name) == "instrument"]
     instruments = [
@@ -126,6 +130,26 @@ def _diagnosed(row: Mapping[str, Any], found: Diagnosis) -> dict[str, Any]:
         "reduction": found.held_out.reduction if found.held_out else None,
         "warnings": [*row["warnings"], *found.warnings, *(between.warnings if between else ())],
     }
+
+
+def one_of_several(between: Between) -> list[dict[str, Any]]:
+    """What drifted by the comparison ``between`` campaigns where several names explain it equally well, of which one at
+    least is of the ship. Returns rows, [] where there is none."""
+    if between.verdict != "unknown" or not between.candidates:
+        return []
+    best = between.candidates[0]
+    alike = [
+        d
+        for d in between.candidates
+        if best.log_bayes - d.log_bayes < ALIKE and d.p_value < CHANCE and d.log_bayes > ALIKE
+    ]
+    if not any(d.nature == "ship" for d in alike):
+        return []
+    rest = ", ".join(d.name for d in alike[1:])
+    words = difference(best) + (f"; {rest} would explain it as well" if rest else "; it explains a part of it")
+    return [
+        {"name": " or ".join(d.name for d in alike), "campaign": best.group, "p_value": best.p_value, "text": words}
+    ]
 
 
 def _between_words(sentence: str, *named: Sequence[Any]) -> str:

@@ -12,6 +12,7 @@ import pytest
 from mmg_ident.commands.main import main
 from mmg_ident.fleet import run as fleet_run
 from mmg_ident.fleet.job import fit_alone
+from tests.support.dask_processes import scheduler, worker
 from tests.support.small_fleets import sister_of, small_ship, write_plan, write_runs, write_start
 
 SISTERS = {"anna": 0.0, "berta": 1.0}
@@ -108,3 +109,11 @@ def test_processes_give_the_same_as_one(out: Path, plan: Path, tmp_path: Path) -
 def test_a_folder_of_something_else_is_not_resumed(plan: Path, tmp_path: Path) -> None:
     (tmp_path / "note.txt").write_text("mine")
     assert main(["fleet", str(plan), "--out", str(tmp_path), "--resume"]) == 2
+
+
+@pytest.mark.slow
+def test_workers_of_a_cluster_give_the_same(out: Path, plan: Path, tmp_path: Path) -> None:
+    pytest.importorskip("distributed")
+    with scheduler(tmp_path) as (address, _), worker(address, tmp_path, "one"), worker(address, tmp_path, "two"):
+        assert main(["fleet", str(plan), "--out", str(tmp_path / "run"), "--scheduler", address]) == 1
+    same(out, tmp_path / "run")
