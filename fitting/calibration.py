@@ -29,6 +29,7 @@ from fitting.nlp.run_constants import ByCampaign, Own, RunConstants, neutral_val
 
 from fitting.nlp.run_constants import ship_of_all, symbols_of  # isort: skip
 from fitting.nlp.windows import Segments, cut
+from fitting.parallel import with_one_thread
 from fitting.selection.robust_choice import Weighting, choose_weighting
 from fitting.settings import Settings, Start
 from fitting.solvers.ipopt import Solution
@@ -179,6 +180,7 @@ def _holding(problem: Problem, x: np.ndarray, symbols: Sequence[str]) -> Problem
     return problem.with_bounds(np.where(own, here, prior.lower), np.where(own, here, prior.upper))
 
 
+@with_one_thread
 @np.errstate(all="ignore")
 def estimate_coefficients(
     ship: Ship,

@@ -20,7 +20,7 @@ from cases.trial import UNITS, Trial
 from fitting.calibration import Calibration, condition_number, estimate_coefficients, moved_by
 from fitting.design.next_trial import identifiability_dict, next_trial
 from fitting.nlp.captive import Captive
-from fitting.parallel import width
+from fitting.parallel import width, with_one_thread
 from fitting.prediction.band_calibration import fit_bands
 from fitting.prediction.bands import draws_of
 from fitting.prediction.envelope import trial_envelope
@@ -80,6 +80,7 @@ class FitOptions:
     prior_mean: UncertainMean | None = None
 
 
+@with_one_thread
 def calibrate(
     ship: Ship,
     trials: Sequence[Trial],

@@ -8,5 +8,6 @@ from __future__ import annotations
 
 from fitting.parallel.executors import Executor, executing, run_all, width
 from fitting.parallel.processes import end_with_parent, held_back
+from fitting.parallel.threads import with_one_thread
 
-__all__ = ["Executor", "end_with_parent", "executing", "held_back", "run_all", "width"]
+__all__ = ["Executor", "end_with_parent", "executing", "held_back", "run_all", "width", "with_one_thread"]

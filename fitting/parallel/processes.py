@@ -15,11 +15,10 @@ from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
+from fitting.parallel.threads import THREADS
+
 Task = TypeVar("Task")
 Outcome = TypeVar("Outcome")
-
-THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
-"""How many threads numerical libraries start, read by each when it is loaded."""
 
 
 @contextmanager
