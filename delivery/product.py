@@ -186,7 +186,7 @@ class Product:
     def about(self) -> dict[str, Any]:
         """What is said of it in a file beside the product: names, ranges, provenance, caveats; plain values."""
         return {
-            "ship": self.ship.name,
+            "ship": self.ship.called,
             "title": self.ship.title,
             "calibration": vars(self.ship.mark) if self.ship.mark else None,
             "identifier": self.identifier,

@@ -100,6 +100,11 @@ class Ship:
         return self.mark.words if self.mark else self.name
 
     @property
+    def called(self) -> str:
+        """The name of her calibration, without one her own."""
+        return self.mark.name if self.mark and self.mark.name else self.name
+
+    @property
     def symbols(self) -> tuple[str, ...]:
         """All coefficient symbols in their fixed order."""
         return tuple(self.coefficients)

@@ -36,7 +36,7 @@ def head(ship: CoSimulatedShip, version: str) -> dict[str, str]:
     """Attributes of the root of a description of ``ship`` that both versions have. version: of FMI."""
     return {
         "fmiVersion": version,
-        "modelName": ship.identifier,
+        "modelName": printable_words(ship.plain.ship.called),
         "description": printable_words(" ".join(about(ship.plain))),
         "version": versions()["mmg-ident"],
         "generationTool": f"mmg-ident {versions()['mmg-ident']}",

@@ -97,7 +97,7 @@ def about(product: Product, functions: dict[str, ca.Function]) -> dict[str, Any]
     steered = [n for n in ("delta", "delta_port", "delta_starboard") if n in model.controls]
     rudder = product.held.get("delta")
     content = {
-        "ship": product.ship.name,
+        "ship": product.ship.called,
         "title": product.ship.title,
         "length_m": product.ship.particulars["L"],
         "service_speed_m_s": product.ship.particulars.get("U_0"),

@@ -68,7 +68,7 @@ def about(ship: Ship, network: Network) -> dict[str, Any]:
     ]
     return plain(
         {
-            "ship": ship.name,
+            "ship": ship.called,
             "title": ship.title,
             "features": rows,
             "accelerations": outputs,

@@ -232,7 +232,7 @@ def _parameters(product: Product) -> str:
         return "NaN" if x is None or math.isnan(x) else m_number(x)
 
     lines = [
-        f"p.ship = {m_text(product.ship.name)};",
+        f"p.ship = {m_text(product.ship.called)};",
         f"p.title = {m_text(product.ship.title)};",
         f"p.about = {m_text(' '.join(about(product)))};",
         f"p.states = {cell(model.states)};",

@@ -104,7 +104,8 @@ def gather(folders: Sequence[Path], trials: Sequence[str | Path] = (), diagnosis
         notes += more
     distinct = _distinct(models)
     ships = [model.ship for model in distinct if model.ship is not None] or [_start_of(folders)]
-    return Campaign(ships[0], distinct, tuple(shown), _found(own) if own else None, tuple(notes))
+    ship = next((one for one in ships if one.mark), ships[0])  # a calibration before the ship that it began from
+    return Campaign(ship, distinct, tuple(shown), _found(own) if own else None, tuple(notes))
 
 
 def _models(folder: Path, kind: str) -> list[ViewModel]:

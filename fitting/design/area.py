@@ -53,7 +53,7 @@ class Area:
             raise UserError(f"--margin {margin:g} m must not be negative")
         if max(length, width) < L + 2 * margin or min(length, width) < B + 2 * margin:
             raise UserError(
-                f"--area {text}: {ship.name} ({L:g} m long, {B:g} m wide) with a margin of {margin:g} m does not fit "
+                f"--area {text}: {ship.called} ({L:g} m long, {B:g} m wide) with a margin of {margin:g} m does not fit "
                 "into it; give a larger area"
             )
         return cls(length, width, margin)

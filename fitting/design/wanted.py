@@ -50,7 +50,7 @@ def coefficients_wanted(ship: Ship, free: Sequence[str], names: Sequence[str]) -
         else:
             roles = ", ".join(ship.components)
             raise UserError(
-                f"--coefficients {name}: {ship.name} has no such coefficient; give symbols (mmg ships {ship.name} "
+                f"--coefficients {name}: {ship.called} has no such coefficient; give symbols (mmg ships RUN "
                 f"lists them), all, or a part of her: {roles}"
             )
         if not own:
@@ -83,5 +83,5 @@ def figure_slopes(simulator: Simulator, prior: Prior, names: Sequence[str]) -> n
                 slopes[name] = (values[:P] - values[P:]) / (2 * STEP)
     for name, slope in slopes.items():
         if not np.isfinite(slope).all() or not slope.any():
-            raise UserError(f"--figures {name}: {ship.name} does not reach it in {FIGURES[name][0]}; ask for another")
+            raise UserError(f"--figures {name}: {ship.called} does not reach it in {FIGURES[name][0]}; ask for another")
     return np.array([slopes[name] for name in names])

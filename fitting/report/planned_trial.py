@@ -87,7 +87,7 @@ class PlannedTrial:
         x, y, psi = f.states[0, :3].tolist()
         return {
             "kind": "planned_trial",
-            "ship": self.ship.name,
+            "ship": self.ship.called,
             "title": self.ship.title,
             "calibration": asdict(self.ship.mark) if self.ship.mark else None,
             "time_s": task.seconds,
@@ -199,7 +199,7 @@ def plan_trial(result: FitResult, wish: Wish, progress: OnProgress | None = None
     """
     ship, notes = result.ship, []
     if not {"n", "n_azimuth"} & set(ship.actuators):
-        raise UserError(f"{ship.name} has no propeller in its model that could be ordered; no trial can be planned")
+        raise UserError(f"{ship.called} has no propeller in its model that could be ordered; no trial can be planned")
     if wish.coefficients and wish.figures:
         raise UserError("give either --coefficients or --figures, one of them")
     if wish.seed < 0:
@@ -214,7 +214,7 @@ def plan_trial(result: FitResult, wish: Wish, progress: OnProgress | None = None
     dt = min(step, longest_step(ship))
     window = max(20, round((result.settings.window or 100 * step) / dt))
     if not (math.isfinite(wish.seconds) and 40 * dt <= wish.seconds <= 20000 * dt):
-        raise UserError(f"--time {wish.seconds:g} s: give {40 * dt:g} to {20000 * dt:g} s for {ship.name}")
+        raise UserError(f"--time {wish.seconds:g} s: give {40 * dt:g} to {20000 * dt:g} s for {ship.called}")
     simulator = Simulator(ship, result.settings.compiled)
     info = TrialInformation(simulator, prior, _sigma(result, ship), dt, window)
     if wish.figures:

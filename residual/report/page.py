@@ -25,7 +25,7 @@ def page_of(runs: Sequence[tuple[str, Path, Mapping[str, Any], Ship | None]], kn
     """
     beside = [*known, *(Delivered() for _ in runs[len(known) :])]
     shown = [_run(*run[:3], number + 1) | _use(*run[2:], beside[number]) for number, run in enumerate(runs)]
-    states = [(run["result"]["ship"], run["title"], run["headline"]["state"]) for run in shown]
+    states = [(run.get("name", run["result"]["ship"]), run["title"], run["headline"]["state"]) for run in shown]
     titles = [f"{ship}: {title}" + (f" ({state})" if state else "") for ship, title, state in states]
     return environment().get_template("training.html.j2").render(runs=shown, titles=titles, percent=percent)
 
@@ -63,7 +63,13 @@ def _use(result: Mapping[str, Any], ship: Ship | None, known: Delivered) -> dict
         return {"use": False}
     usable = (result.get("calibration") or {}).get("converged") is not False
     numbers = {"first": 9, "numbered": False, "usable": usable}
-    return {"use": True, **numbers, **delivery_sections(result, ship, known)}
+    return {
+        "use": True,
+        "name": ship.called,
+        "about": ship.title if ship.mark else "",
+        **numbers,
+        **delivery_sections(result, ship, known),
+    }
 
 
 def _warnings(result: Mapping[str, Any], outside: Mapping[str, float]) -> list[str]:

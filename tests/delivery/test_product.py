@@ -162,6 +162,16 @@ def test_an_exact_delay_is_refused_with_what_to_do(tmp_path: Path) -> None:
     export(left, "c", tmp_path / "c")
 
 
+def test_a_product_is_called_as_its_calibration(run: Path) -> None:
+    from delivery.fmi.description import head
+    from delivery.fmi.ship import CoSimulatedShip
+
+    found = product_of(run)
+    mark = found.ship.mark
+    assert mark is not None and mark.name != found.ship.name and found.about()["ship"] == mark.name
+    assert head(CoSimulatedShip.of(found), "2.0")["modelName"] == mark.name
+
+
 def test_a_name_that_is_no_identifier_is_made_one(tmp_path: Path) -> None:
     ship = load_ship("esso_osaka_3m")
     text = dump_ship(ship).replace('name = "esso_osaka_3m"', 'name = "2nd Été"')

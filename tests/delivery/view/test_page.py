@@ -69,6 +69,12 @@ def content(text: str) -> tuple[dict, list[dict]]:
     return header, [json.loads(scripts[f"run-{i}"]) for i in range(len(header["runs"]))]
 
 
+def test_the_page_says_which_calibration_it_is_and_not_the_ship_that_it_began_from(run: Path, text: str) -> None:
+    mark = gather([run]).ship.mark
+    assert mark is not None and mark.name == "run"
+    assert f"<h1>{mark.words}" in text and content(text)[0]["ship"] == mark.words
+
+
 def test_the_policy_names_each_script_and_style_and_allows_nothing_else(text: str) -> None:
     page = Parsed(text)
     (policy,) = [a["content"] for a, _ in page.of("meta") if a.get("http-equiv") == "Content-Security-Policy"]
