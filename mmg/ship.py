@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from types import SimpleNamespace
 from typing import Any
 
@@ -109,7 +110,7 @@ class Ship:
         """All coefficient symbols in their fixed order."""
         return tuple(self.coefficients)
 
-    @property
+    @cached_property
     def actuators(self) -> tuple[str, ...]:
         """Actuators that its force models listen to: names of mmg.motion.flow.INPUTS, in that order."""
         needed = {*actuators(self.components, self.particulars)}

@@ -129,7 +129,7 @@ def test_the_newcomers_three_commands(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Eight particulars to a ship file, a turning circle, an IMO table."""
-    monkeypatch.setattr("mmg_ident.commands.imo.DRAWS", 20)
+    monkeypatch.setattr("fitting.prediction.figure_intervals.DRAWS", 20)
     file = tmp_path / "mine.toml"
     assert (
         main(["ships", "--new", "320", "58", "20.8", "0.81", "9.86", "0.72", "112.5", "7.97", "--out", str(file)]) == 0
