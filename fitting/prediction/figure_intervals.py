@@ -23,7 +23,7 @@ from cases.criteria.scatter import draw_coefficients
 from cases.criteria.standard_runs import Run
 from cases.maneuvers.definitions import STOPS, Maneuver, parse_maneuver
 from cases.shipfiles.effects import calm_and_deep
-from cases.simulation.pushed_batch import Push, simulate_pushed
+from cases.simulation.pushed_batch import simulate_pushed
 from cases.simulation.simulate_batch import SimulatedRuns, simulate_batch
 from fitting.prediction.bands import bands_of
 from fitting.prediction.envelope import DRIFT
@@ -178,9 +178,7 @@ def drawn_figures(
     copies = 2 if bands is not None else 1
     drawn = drawn_resistance(ship, plan, dict(drawn), count, seed)
     values = {symbol: np.tile(one, copies) for symbol, one in drawn.items()}
-    push: Push = lambda k, states: np.zeros(())  # noqa: E731
-    if bands is not None:
-        push = accelerations(bands, ship, plan, nominal, count, dt, seed)
+    push = accelerations(bands, ship, plan, nominal, count, dt, seed)
     if plan.engine is not None:
         plan = replace(plan, engine=plan.engine.drawn(count, seed).repeated(copies))
     runs = simulate_pushed(simulator, plan, values, dt, push)

@@ -15,7 +15,7 @@ import numpy as np
 from cases.criteria.imo import NONE, OPEN, assess
 from cases.criteria.scatter import ManeuverScatter, ScatterRow, scatter
 from cases.criteria.standard_runs import Run, planned_run
-from cases.maneuvers.definitions import Maneuver
+from cases.maneuvers.definitions import STOPS, Maneuver
 from fitting.prediction.figure_intervals import JUDGED, FigureScatter, correlation_in, drawn_figures, outside_words
 from mmg.effects import EFFECTS
 from mmg.messages import Message
@@ -28,13 +28,13 @@ def maneuver_scatter(
 ) -> tuple[ManeuverScatter, Run | None, FigureScatter | None]:
     """A manoeuvre ``plan`` of ``count`` ships drawn about one, with medians, intervals and criteria of its figures.
 
-    ship: as it is, without her instruments; content: of the result.json of its calibration, {} for a ship that has
-    none: her coefficients alone are drawn then, as for a manoeuvre that is none of ``figure_intervals.JUDGED``; seed:
-    of the draws; dt: sampling interval [s]. Returns the scatter, and of a calibration the manoeuvre of the ship as it
-    is and the draws behind it.
+    ship: as it is, without her instruments; content: of the result.json of her calibration, {} where she has none: her
+    coefficients alone are drawn then, but in a stop also its deceleration, as for a manoeuvre that is none of
+    ``figure_intervals.JUDGED``; seed: of the draws; dt: sampling interval [s]. Returns the scatter, and where the draws
+    are those of ``figure_intervals`` the manoeuvre of the ship as it is and the draws behind it.
     Raises UserError as ``cases.criteria.scatter.scatter``.
     """
-    judged = bool(content) and plan.kind in JUDGED
+    judged = plan.kind in (JUDGED if content else STOPS)
     if judged:
         ship = _seen_exactly(ship)
     found = scatter(ship, plan, count, seed, correlation_in(content), dt)

@@ -18,8 +18,10 @@ from mmg.ship import Ship
 SLOW = 0.1
 """Share of the points of the trials whose speed is less than that below which a lasting acceleration falls with U^2."""
 UNTRIED = 1 / 3
-"""Standard deviation of the mean deceleration of a stop that no trial held, by that deceleration: an estimate of this
-library for reversed propellers, about which trials ahead say nothing. Sway and yaw have no more than such a force."""
+"""Standard deviation of the deceleration in a stop that no trial held, by that deceleration: an estimate of this
+library for reversed propellers, of which trials ahead say nothing. Sway and yaw have no more than such a force."""
+MOST_SHARE = 0.9
+"""Greatest error of a deceleration, by it: water and a reversed propeller do not drive a ship on."""
 LEVER = 4.0
 """Yaw acceleration by that force over mass and length, at a quarter of the length: so is the radius of gyration."""
 RESISTANCE = 0.1
@@ -28,38 +30,51 @@ are each known to some 5 to 10 % of the total."""
 
 
 def accelerations(
-    bands: Bands, ship: Ship, plan: Maneuver, nominal: SimulatedRuns, count: int, dt: float, seed: int
+    bands: Bands | None, ship: Ship, plan: Maneuver, nominal: SimulatedRuns, count: int, dt: float, seed: int
 ) -> Push:
     """Accelerations of ``count`` ships, then of as many single trials of them, in the manoeuvre ``plan``.
 
-    bands: of the calibration of the ``ship``; nominal: the manoeuvre of the ship as she is; dt: sampling interval [s];
-    seed: of the draws.
+    bands: of the calibration of the ``ship``; None: no trial is known, so there are no single trials, and a stop alone
+    has a lasting part; nominal: the manoeuvre of the ship as she is; dt: sampling interval [s]; seed: of the draws.
     """
-    process, rng = bands.process, np.random.default_rng([22, seed])
+    rng, copies = np.random.default_rng([22, seed]), 1 if bands is None else 2
     L, times = ship.particulars["L"], np.maximum(nominal.t, dt)[:, None]
-    # along the ship's own track: where a draw's own motion gave the size, what pushes it would feed on itself
-    size = np.sqrt(np.einsum("ck,kct->tc", process.size**2, _sizes_along(nominal, L)))
-    size *= process.factor_at(times)[:, 3:, 0]
-    own, slow = np.zeros_like(size), 0.0
-    if bands.held is not None:
-        inputs = input_array(ship, nominal.inputs, nominal.t)
-        novelty = bands.held.novelty(nominal.states, inputs, L)
+    size, memory = np.zeros((len(nominal.t), 3)), np.ones(3)
+    if bands is not None:
+        # along the ship's own track: where a draw's own motion gave the size, what pushes it would feed on itself
+        size = np.sqrt(np.einsum("ck,kct->tc", bands.process.size**2, _sizes_along(nominal, L)))
+        size *= bands.process.factor_at(times)[:, 3:, 0]
+        memory = bands.process.memory
+    own, slow = np.zeros_like(size), 0.5 * float(np.abs(nominal.states[0, 3, 0]))
+    tried = plan.kind not in STOPS
+    novelty = np.full((len(size), 1), 0.0 if tried else 1.0)
+    if bands is not None and bands.held is not None:
+        novelty = bands.held.novelty(nominal.states, input_array(ship, nominal.inputs, nominal.t), L)
         own = size * novelty * bands.held.growth[3:]
         slow = slow_speed(bands.held)
-        if plan.kind in STOPS:
-            force = UNTRIED * mean_deceleration(nominal, plan.parameters["order_time"])
-            own = np.minimum(own, [force, force, force * LEVER / L])
-            own[:, 0] = force * np.minimum(novelty[:, 0], 1.0)
-    lasting = np.tile(rng.standard_normal((3, count)), 2)
-    left = np.exp(-dt / process.memory)[:, None]
-    passing = np.zeros((3, 2 * count))
-    passing[:, count:] = rng.standard_normal((3, count))
+    share = np.zeros(len(size))
+    if not tried:
+        order = plan.parameters["order_time"]
+        force = UNTRIED * mean_deceleration(nominal, order)
+        own = np.minimum(own, [0.0, force, force * LEVER / L])
+        share = UNTRIED * np.minimum(novelty[:, 0], 1.0) * (nominal.t > order)
+    before: list[np.ndarray] = []
+    lasting = np.tile(rng.standard_normal((3, count)), copies)
+    left = np.exp(-dt / memory)[:, None]
+    passing = np.zeros((3, copies * count))
+    if copies == 2:
+        passing[:, count:] = rng.standard_normal((3, count))
 
     def push(k: int, states: np.ndarray) -> np.ndarray:
         i = min(k, len(size) - 1)  # some draws take longer to stop than the ship as it is
         value = own[i][:, None] * fading(states, slow) * lasting + size[i][:, None] * passing
-        fresh = rng.standard_normal((3, count)) * np.sqrt(1 - left**2)
-        passing[:, count:] = left * passing[:, count:] + fresh
+        if before:  # what the ship herself lost in the last step
+            slowing = np.maximum(before[0] - states[3], 0.0) / dt
+            value[0] += np.clip(share[i] * lasting[0], -MOST_SHARE, MOST_SHARE) * slowing
+        before[:] = [states[3] + dt * value[0]]
+        if copies == 2:
+            fresh = rng.standard_normal((3, count)) * np.sqrt(1 - left**2)
+            passing[:, count:] = left * passing[:, count:] + fresh
         return np.nan_to_num(value)
 
     return push

