@@ -37,7 +37,8 @@ def section() -> FigureSection:
     row = next(row for row in expected.rows if row.figure == "advance")
     low, high = row.interval_90 or (np.nan, np.nan)
     cells = next(cells for cells in made.rows if cells["figure"].startswith("advance"))
-    assert cells["interval"] == f"{low:.2f} to {high:.2f}" and cells["value"] == f"{row.value:.2f}"
+    upper = f"{high:.2f}" if np.isfinite(high) else "never"
+    assert cells["interval"] == f"{low:.2f} to {upper}" and cells["value"] == f"{row.value:.2f}"
     assert cells["chance"] == f"{100 * (row.probability or 0):.0f} %"
     return made
 
