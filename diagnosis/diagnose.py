@@ -59,6 +59,7 @@ from diagnosis.location.where import where
 from diagnosis.prepare import Prepared, prepare, with_sensor_faults
 from diagnosis.report.words import sentence_of
 from diagnosis.result import Diagnosis
+from fitting.parallel import with_one_thread
 from fitting.report.run_folder import data_rows, versions
 from mmg.errors import UserError, needs_torch
 from mmg.messages import Message
@@ -68,6 +69,7 @@ from mmg.ship import Ship
 Value = TypeVar("Value")
 
 
+@with_one_thread
 def diagnose(
     ship: Ship,
     trials: Sequence[Trial],

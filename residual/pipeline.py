@@ -15,6 +15,7 @@ import numpy as np
 from cases.checks.held_out import shared_rows, training_trials
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
+from fitting.parallel import with_one_thread
 from fitting.prediction.envelope import envelope_of
 from fitting.prediction.score import score_pairs
 from fitting.record import read_record
@@ -45,6 +46,7 @@ RATES = {"du": "m/s²", "dv": "m/s²", "dr": "rad/s²"}
 """Channels of the residual and their units."""
 
 
+@with_one_thread
 def train(
     ship_or_fit: Ship | FitResult | TrainResult | str | Path,
     trials: Sequence[Trial],
