@@ -116,11 +116,12 @@ class DrivenPlant(Plant):
         return rates
 
 
-def start_ship(hull: Hull, machinery: Machinery) -> Ship:
-    """The ship of these particulars that the package makes. hull, machinery: of the plant."""
+def start_ship(hull: Hull, machinery: Machinery | None = None) -> Ship:
+    """The ship of these particulars that the package makes. hull, machinery: of the plant, None: not known."""
     p = {"L": hull.length, "B": hull.beam, "d": hull.draught, "C_b": hull.block, "U_0": hull.speed}
     p |= {"A_R": hull.rudder_area * hull.length * hull.draught, "x_G": 0.0, "rho": 1025.0}
-    p |= {"D_P": machinery.diameter, "pitch_ratio": machinery.pitch}
+    if machinery is not None:
+        p |= {"D_P": machinery.diameter, "pitch_ratio": machinery.pitch}
     ship = new_ship("foreign", p)
     return replace(ship, particulars={**ship.particulars, "rudder_rate": hull.rudder_rate})
 
