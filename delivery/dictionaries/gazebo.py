@@ -89,7 +89,7 @@ def _write(product: Product, target: Path, form: str, instead: str) -> list[Mess
     else:
         parameters["max_effort"] = repr(float(f"{100 * max(e.force for e in errors):.2g}"))
     words: dict[str, Any] = {
-        "ship": product.ship.name, "title": product.ship.title,
+        "title": product.ship.title.replace("--", "- -"),
         "simulator": simulator, "said": [*said, *map(str, product.caveats)],
         "name": product.identifier, "diameter": P["D_P"], "density": P["rho"], "thrust": f"{coefficient:.6g}",
         "thrust_error": f"{100 * error:.1f}", "x_G": P["x_G"], "mass": P["m"], "filename": filename, "plugin": plugin,

@@ -55,10 +55,10 @@ def write_vehicle(product: Product, target: Path) -> list[Message]:
     L = moved.ship.particulars["L"]
     scale, speed = time_scale(L), float(moved.u.max())
     words = {
-        "ship": product.ship.name,
-        "title": product.ship.title,
+        "called": repr(f"{product.ship.title}, projected by mmg-ident"),
+        "title": _in_docstring(product.ship.title),
         "name": product.identifier,
-        "said": [*map(str, said), *map(str, product.caveats)],
+        "said": [_in_docstring(str(line)) for line in (*said, *product.caveats)],
         "parameters": "{\n" + "".join(f'    "{name}": {value!r},\n' for name, value in p.items()) + "}",
         "rpm": round(60 * float(moved.n.max()), 3),
         "speed": speed,
@@ -72,6 +72,11 @@ def write_vehicle(product: Product, target: Path) -> list[Message]:
     environment = Environment(loader=FileSystemLoader(TEMPLATES), undefined=StrictUndefined, keep_trailing_newline=True)
     target.write_text(environment.get_template("vehicle.py.j2").render(words), encoding="utf-8")
     return said
+
+
+def _in_docstring(text: str) -> str:
+    """A ``text`` that no name in it can end: a ship may be called anything."""
+    return text.replace("\\", "/").replace('"', "'")
 
 
 def _shared(moved: Motions, p: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

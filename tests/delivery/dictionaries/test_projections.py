@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import ast
 import importlib.util
 import json
 import math
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -97,6 +99,18 @@ def test_the_first_order_model_answers_small_rudders(tmp_path: Path) -> None:
         z = rk4_step(lambda s, _: np.array(model.rates(s, inputs, [])).ravel(), z, 0.5)
     K, T = content["kt_params"]["K"], content["kt_params"]["T"]
     assert abs(z[5] / (K * delta) - 1) < 0.25 and 1.0 < T < 200.0
+
+
+def test_no_name_of_a_ship_ends_the_words_about_it(tmp_path: Path) -> None:
+    name = 'A""" + print(1) + """ -- of "B"'
+    named = replace(product(replace(load_ship("esso_osaka_3m"), name=name), {}), identifier="a")
+    export(named, "pvs", tmp_path / "vehicle.py")
+    tree = ast.parse((tmp_path / "vehicle.py").read_text(encoding="utf-8"))
+    assert ast.get_docstring(tree).startswith("A''' + print(1)")
+    assert any(isinstance(x, ast.Constant) and str(x.value).startswith(name) for x in ast.walk(tree))
+    export(named, "gazebo", tmp_path / "hull.sdf")
+    text = (tmp_path / "hull.sdf").read_text(encoding="utf-8")
+    assert ET.fromstring(text).tag == "sdf" and "- - of" in text.splitlines()[1]
 
 
 @pytest.mark.parametrize("name", SHIPS)
