@@ -80,7 +80,7 @@ def one(name: str, seed: int) -> dict[str, Any]:
     base = load_ship(name)
     k, size = time_scale(base.particulars["L"]), base.particulars["L"] / 3.0
     true, noise = true_ship(base, seed), SensorNoise.for_length(base.particulars["L"])
-    settings = Settings(step=k, window=50.0 * k)
+    settings = Settings(window=50.0 * k)  # a coarser step than the default adds errors of its own to the noise
 
     def run(text: str, seconds: float, number: int, speed: float | None = None, n: float | None = None) -> Trial:
         trial = simulate(true, parse_maneuver(text, true, n=n, speed=speed, duration=seconds), 0.2 * k)

@@ -50,9 +50,9 @@ def since_each(runs: SimulatedRuns, order_time: float) -> list[Since | None]:
     advance, transfer, change = x * c + y * s, y * c - x * s, psi - psi[0]
     delta = cut(np.asarray(runs.inputs[:, 1]))
     found: list[Since | None] = []
+    columns = [np.ascontiguousarray(values.T) for values in (advance, transfer, path, change, u, r, delta)]
     for m, last in enumerate(runs.last):
         rows = slice(0, max(int(last) - k + 2, 2))
-        columns = (advance, transfer, path, change, u, r, delta)
-        one = Since(times[rows], *(np.ascontiguousarray(values[rows, m]) for values in columns))
+        one = Since(times[rows], *(values[m, rows].copy() for values in columns))
         found.append(one if all(np.isfinite(values).all() for values in (one.change, one.path)) else None)
     return found

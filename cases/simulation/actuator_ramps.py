@@ -145,21 +145,23 @@ class ZigzagRudders:
             self._reverse(self._beyond(state) >= -TINY)
 
     def means(
-        self, t: float, dt: float, state: np.ndarray, advance: Callable[[np.ndarray], np.ndarray]
+        self, t: float, dt: float, state: np.ndarray, advance: Callable[[np.ndarray, np.ndarray], np.ndarray]
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Mean angles (M,) over the step from t to t + dt, and the states that ``advance`` gives under them.
+        """Mean angles (M,) over the step from t to t + dt, and the states (S, M) that follow.
 
-        The first execute and reversals within the step act from their own moment, located by interpolation.
+        advance: states (S, K) at the end of the step of the K ships that a mask (M,) names, from angles (M,). The first
+        execute and reversals within the step act from their own moment, located by interpolation.
         """
         lead, before = self.orders.lead, self.delta
         waiting = t < lead - TINY
         order = np.zeros_like(before) if waiting else self.side * self.orders.rudder
         mean = self._travel(order, dt)
-        after = advance(mean)
+        everyone = np.ones(len(mean), dtype=bool)
+        after = advance(mean, everyone)
         if waiting and lead >= t + dt - TINY:
             return mean, after
         if waiting:
-            fraction = np.full_like(mean, (lead - t) / dt)
+            crosses, fraction = everyone, np.full_like(mean, (lead - t) / dt)
             self.origin = state[2] + fraction * (after[2] - state[2])
         else:
             a, b = self._beyond(state), self._beyond(after)
@@ -171,8 +173,9 @@ class ZigzagRudders:
         self.delta = before
         first = self._travel(order, fraction * dt)
         second = self._travel(self.side * self.orders.rudder, (1 - fraction) * dt)
-        mean = fraction * first + (1 - fraction) * second
-        return mean, advance(mean)
+        mean, after = fraction * first + (1 - fraction) * second, after.copy()
+        after[:, crosses] = advance(mean, crosses)
+        return mean, after
 
     def _beyond(self, state: np.ndarray) -> np.ndarray:
         """Heading past the switch heading, to the side of the rudder [rad]."""

@@ -41,7 +41,8 @@ def simulate_pushed(
 
     simulator: of the ship; maneuver: what is ordered; dt: sampling [s]; threads: over which the runs are spread. With
     accelerations of zero it is ``simulate_batch`` with held inputs, but ends when all runs have been through half a
-    turn, two overshoots, or lost their headway. Raises UserError for spiral and pull-out.
+    turn, two overshoots, or lost their headway, and each zigzag stands still once it has been read. Raises
+    UserError for spiral and pull-out.
     """
     ship, orders = simulator.ship, maneuver.orders()
     if isinstance(orders, StepOrders):
@@ -55,22 +56,17 @@ def simulate_pushed(
     states, inputs = np.empty((N + 1, 6, M)), np.empty((N + 1, 2, M))
     rudders = ZigzagRudders(orders, maneuver.limits.rudder_rate, M) if isinstance(orders, Zigzag) else None
     engines = EngineRevolutions(maneuver, orders, M) if isinstance(orders, StopOrders) and maneuver.engine else None
-    known = None
+    known, done = None, np.zeros(M, dtype=bool)
     if rudders is None and engines is None:
         moves = ramps(maneuver, orders, t)
         known = np.vstack([moves.means(t), moves.at(t[-1:])])
     inputs[:, 0], last = maneuver.n, np.full(M, N)
     for k in range(N + 1):
-
-        def advance(delta: np.ndarray, state: np.ndarray = state, k: int = k) -> np.ndarray:
-            held = np.stack([inputs[k, 0], delta])[None]
-            controls = np.repeat(input_array(ship, held, t[[k]]), parts, axis=0)
-            return simulator.run(state, controls, dt / parts, theta, keep=keep, threads=threads)[-1]
-
         states[k] = state[:6]
         if rudders is not None:
             rudders.observe(float(t[k]), state)
-            last = np.where(rudders.over & (last == N), k, last)
+            done = rudders.count >= READ
+            last = np.where(done & (last == N), k, last)
             inputs[k, 1] = rudders.delta
         elif engines is not None:
             inputs[k] = engines.n, np.zeros(M)
@@ -78,14 +74,27 @@ def simulate_pushed(
             inputs[k] = known[k][:, None]
         if k == N or _all_read(orders, float(t[k]), states[: k + 1], rudders):
             break
+
+        def advance(
+            delta: np.ndarray, which: np.ndarray, state: np.ndarray = state, k: int = k, done: np.ndarray = done
+        ) -> np.ndarray:
+            moving = which & ~done
+            held = np.stack([inputs[k, 0], delta])[None, :, moving]
+            controls = np.repeat(input_array(ship, held, t[[k]]), parts, axis=0)
+            found = state[:, which]
+            found[:, moving[which]] = simulator.run(
+                state[:, moving], controls, dt / parts, theta[:, moving], keep=keep, threads=threads
+            )[-1]
+            return found
+
         kick = dt * push(k, state[:6])
         if rudders is not None:
+            kick[:, done] = 0.0
             inputs[k, 1], state = rudders.means(float(t[k]), dt, state, advance)
         else:
             if engines is not None:
                 inputs[k, 0] = engines.means(float(t[k]), dt, state)
-            state = advance(inputs[k, 1])
-        state = state.copy()
+            state = advance(inputs[k, 1], np.ones(M, dtype=bool))
         state[3:6] += kick
     t, states, inputs = t[: k + 1], states[: k + 1], inputs[: k + 1]
     return SimulatedRuns(t, states, inputs, np.minimum(last, k) if rudders is not None else ends_of(orders, t, states))

@@ -202,10 +202,12 @@ def _zigzag(
     inputs[:, 0], last, state = maneuver.n, np.full(M, N), start
     for k in range(N + 1):
 
-        def advance(delta: np.ndarray, state: np.ndarray = state, when: np.ndarray = t[[k]]) -> np.ndarray:
-            held = input_array(ship, np.stack([np.full(M, maneuver.n), delta])[None], when)
-            held = np.repeat(held, parts, axis=0)
-            return simulator.run(state, held, dt / parts, theta, keep=keep, threads=threads)[-1]
+        def advance(
+            delta: np.ndarray, which: np.ndarray, state: np.ndarray = state, when: np.ndarray = t[[k]]
+        ) -> np.ndarray:
+            held = input_array(ship, np.stack([np.full(M, maneuver.n), delta])[None, :, which], when)
+            held, own = np.repeat(held, parts, axis=0), theta if theta.ndim == 1 else theta[:, which]
+            return simulator.run(state[:, which], held, dt / parts, own, keep=keep, threads=threads)[-1]
 
         states[k] = state[:6]
         rudders.observe(float(t[k]), state)

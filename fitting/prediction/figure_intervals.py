@@ -42,6 +42,8 @@ MOST = 20_000
 """Most draws of one call."""
 JUDGED = ("turning", "zigzag", *STOPS)
 """Manoeuvres whose figures get an interval."""
+NEAR = 0.25
+"""Share of their distance from the ship at which draws of a calibrated ship are simulated."""
 SHOWN = 60
 """Draws whose tracks are kept for a figure."""
 BEYOND = 0.05
@@ -162,41 +164,82 @@ def drawn_figures(
     content: Mapping[str, Any],
     seed: int,
     dt: float | None = None,
+    tracks: int = SHOWN,
 ) -> tuple[FigureScatter, SimulatedRuns]:
-    """All draws of one manoeuvre: of the ship, and of as many single trials of the same ships, whose motions come too.
+    """All draws of one manoeuvre: of the ship, and of as many single trials of the same ships.
 
     simulator: of the ship; plan: what is ordered; drawn: symbol -> (count,); content: of the result.json of a
     calibration, {}: no unexplained accelerations are known; seed: of the accelerations; dt: sampling interval [s],
-    default 0.5 s of a 3 m model. Raises UserError for spiral and pull-out.
+    default 0.5 s of a 3 m model; tracks: single trials whose motions are returned, of the first draws. Figures of a
+    calibrated ship are linear in the draws but in stops (``linearised``). Raises UserError for spiral and pull-out.
     """
     ship = simulator.ship
     bands, envelope = bands_of(content, ship), content.get("envelope")
     count, L = len(next(iter(drawn.values()))), ship.particulars["L"]
-    dt = dt or STEP * time_scale(L)
+    dt, tracks = dt or STEP * time_scale(L), min(tracks, count)
     nominal = simulate_batch(simulator, plan, dt=dt, held=True)
     outside = outside_of(envelope, nominal) if envelope else None
-    copies = 2 if bands is not None else 1
     drawn = drawn_resistance(ship, plan, dict(drawn), count, seed)
-    values = {symbol: np.tile(one, copies) for symbol, one in drawn.items()}
-    push = accelerations(bands, ship, plan, nominal, count, dt, seed)
-    if plan.engine is not None:
-        plan = replace(plan, engine=plan.engine.drawn(count, seed).repeated(copies))
-    runs = simulate_pushed(simulator, plan, values, dt, push)
-    with np.errstate(invalid="ignore", over="ignore"):
-        lost = ~(np.abs(runs.states[:, 3:5]).max(axis=(0, 1)) < 3 * reference_speed(L))
-    states = np.where(lost, np.nan, runs.states)
-    each = figures_of_each(replace(runs, states=states), plan)
+    own = figures_of_each(nominal, plan)[0]
+    near = NEAR if bands is not None and plan.kind not in STOPS and all(map(math.isfinite, own.values())) else 1.0
+
+    def moved(many: int, share: float) -> SimulatedRuns:
+        copies = 2 if bands is not None else 1
+        push = accelerations(bands, ship, plan, nominal, many, dt, seed, share)
+        values = {s: np.tile(_towards(ship.coefficients[s].value, x[:many], share), copies) for s, x in drawn.items()}
+        order = plan if plan.engine is None else replace(plan, engine=plan.engine.drawn(many, seed).repeated(copies))
+        runs = simulate_pushed(simulator, order, values, dt, push)
+        with np.errstate(invalid="ignore", over="ignore"):
+            lost = ~(np.abs(runs.states[:, 3:5]).max(axis=(0, 1)) < 3 * reference_speed(L))
+        return replace(runs, states=np.where(lost, np.nan, runs.states))
+
+    runs = moved(count, near)
+    each = figures_of_each(runs, plan)
     names = list(dict.fromkeys(name for one in each for name in one))
     table = {name: np.array([one.get(name, np.nan) for one in each]) for name in names}
-    own = {name: column[:count] for name, column in table.items()}
-    trial = {name: column[-count:] for name, column in table.items()}
-    kept = np.arange(len(each) - count, len(each))
-    trials = SimulatedRuns(runs.t, states[:, :, kept], runs.inputs[:, :, kept], runs.last[kept])
-    few = SimulatedRuns(runs.t, trials.states[:, :, :SHOWN], trials.inputs[:, :, :SHOWN], trials.last[:SHOWN])
+    ships, trials = ({name: column[part] for name, column in table.items()}
+                     for part in (slice(count), slice(-count, None)))  # fmt: skip
+    if near < 1:
+        ships, trials = linearised(own, ships, trials, near)
+    whole = runs if near == 1 else moved(tracks, 1.0)
+    kept = np.arange(len(whole.last) - (count if near == 1 else tracks), len(whole.last))[:tracks]
+    motions = SimulatedRuns(whole.t, whole.states[:, :, kept], whole.inputs[:, :, kept], whole.last[kept])
+    few = SimulatedRuns(whole.t, *(x[..., :SHOWN] for x in (motions.states, motions.inputs, motions.last)))
     shown = tuple(s for s in since_each(few, plan.parameters["order_time"]) if s is not None)
+    lost = int(np.isnan(runs.states[-1, 0, :count]).sum())
     widened = bands is not None and bands.held is not None
-    found = FigureScatter(own, trial, outside, int(lost[:count].sum()), shown, ranges_of(nominal), widened)
-    return found, trials
+    return FigureScatter(ships, trials, outside, lost, shown, ranges_of(nominal), widened), motions
+
+
+def _towards(value: float, drawn: np.ndarray, share: float) -> np.ndarray:
+    """``drawn`` (count,) moved to a ``share`` of its distance from ``value``."""
+    return drawn if share == 1 else value + share * (drawn - value)
+
+
+def linearised(
+    own: Mapping[str, float], ships: Mapping[str, np.ndarray], trials: Mapping[str, np.ndarray], near: float
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """Figures (count,) of ``ships`` and of single ``trials`` of them, from those of draws that lie ``near`` the ship.
+
+    A covariance belongs to the model linearised in its coefficients: in directions that the trials hardly tell, draws
+    through the whole model leave what the trials allow, and figures scatter too widely (Immer, Korzepa & Bauer 2021,
+    Improving predictions of Bayesian neural nets via local linearization, AISTATS, eq. 10). So the figure's change
+    between the ship as she is, ``own``, and draws at a share ``near`` of their distance is carried on, in its
+    logarithm where it is positive. A single trial has besides what it changes of the near ship's figure.
+    """
+    found: tuple[dict[str, np.ndarray], dict[str, np.ndarray]] = {}, {}
+    for name, column in ships.items():
+        once, at = trials[name], own.get(name, math.nan)
+        positive = at > 0 and not (column <= 0).any() and not (once <= 0).any()
+        with np.errstate(over="ignore"):
+            if positive:
+                ship = at * (column / at) ** (1 / near)
+                each = ship * (once / column)
+            else:
+                ship = at + (column - at) / near
+                each = ship + (once - column)
+        found[0][name], found[1][name] = ship, each
+    return found
 
 
 def ranges_of(runs: SimulatedRuns) -> dict[str, tuple[float, float]]:

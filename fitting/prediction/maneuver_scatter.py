@@ -41,7 +41,7 @@ def maneuver_scatter(
     if not judged:
         return found, None, None
     run = planned_run(ship, plan)
-    drawn, trials = drawn_figures(Simulator(ship), plan, found.coefficients, content, seed, dt)
+    drawn, trials = drawn_figures(Simulator(ship), plan, found.coefficients, content, seed, dt, count)
     notices = list(found.notices)
     if drawn.outside:
         notices.append(Message(outside_words(plan.name, plan.kind, drawn.outside, drawn.widened), "outside_the_trials"))

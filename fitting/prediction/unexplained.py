@@ -19,7 +19,9 @@ SLOW = 0.1
 """Share of the points of the trials whose speed is less than that below which a lasting acceleration falls with U^2."""
 UNTRIED = 1 / 3
 """Standard deviation of the deceleration in a stop that no trial held, by that deceleration: an estimate of this
-library for reversed propellers, of which trials ahead say nothing. Sway and yaw have no more than such a force."""
+library for reversed propellers, of which trials ahead say nothing. Sway and yaw have no more than such a force. Nor
+have other manoeuvres a larger share of what accelerates the ship in them, however far from the trials they lie: ships
+that no trial told anything of turn within about that share (``benchmarks.own_ships``)."""
 MOST_SHARE = 0.9
 """Greatest error of a deceleration, by it: water and a reversed propeller do not drive a ship on."""
 LEVER = 4.0
@@ -30,12 +32,20 @@ are each known to some 5 to 10 % of the total."""
 
 
 def accelerations(
-    bands: Bands | None, ship: Ship, plan: Maneuver, nominal: SimulatedRuns, count: int, dt: float, seed: int
+    bands: Bands | None,
+    ship: Ship,
+    plan: Maneuver,
+    nominal: SimulatedRuns,
+    count: int,
+    dt: float,
+    seed: int,
+    near: float = 1.0,
 ) -> Push:
     """Accelerations of ``count`` ships, then of as many single trials of them, in the manoeuvre ``plan``.
 
     bands: of the calibration of the ``ship``; None: no trial is known, so there are no single trials, and a stop alone
-    has a lasting part; nominal: the manoeuvre of the ship as she is; dt: sampling interval [s]; seed: of the draws.
+    has a lasting part; nominal: the manoeuvre of the ship as she is; dt: sampling interval [s]; seed: of the draws;
+    near: share of the lasting part, that of a single trial is whole.
     """
     rng, copies = np.random.default_rng([22, seed]), 1 if bands is None else 2
     L, times = ship.particulars["L"], np.maximum(nominal.t, dt)[:, None]
@@ -53,13 +63,15 @@ def accelerations(
         own = size * novelty * bands.held.growth[3:]
         slow = slow_speed(bands.held)
     share = np.zeros(len(size))
-    if not tried:
+    if tried:
+        own = np.minimum(own, UNTRIED * greatest_accelerations(nominal))
+    else:
         order = plan.parameters["order_time"]
         force = UNTRIED * mean_deceleration(nominal, order)
         own = np.minimum(own, [0.0, force, force * LEVER / L])
         share = UNTRIED * np.minimum(novelty[:, 0], 1.0) * (nominal.t > order)
     before: list[np.ndarray] = []
-    lasting = np.tile(rng.standard_normal((3, count)), copies)
+    lasting = near * np.tile(rng.standard_normal((3, count)), copies)
     left = np.exp(-dt / memory)[:, None]
     passing = np.zeros((3, copies * count))
     if copies == 2:
@@ -78,6 +90,16 @@ def accelerations(
         return np.nan_to_num(value)
 
     return push
+
+
+def greatest_accelerations(nominal: SimulatedRuns) -> np.ndarray:
+    """Greatest accelerations (3,) by forces ahead or abeam [m/s^2], alike, and in yaw [rad/s^2], in the first of
+    ``nominal``."""
+    rows = slice(0, max(int(nominal.last[0]) + 1, 2))
+    t, (u, v, r) = nominal.t[rows], nominal.states[rows, 3:, 0].T
+    du, dv, dr = (np.gradient(x, t) for x in (u, v, r))
+    force = float(np.hypot(du - v * r, dv + u * r).max())
+    return np.array([force, force, float(np.abs(dr).max())])
 
 
 def _sizes_along(nominal: SimulatedRuns, length: float) -> np.ndarray:

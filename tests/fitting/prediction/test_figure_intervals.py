@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 
 from cases.criteria.assessment import Assessment, imo_figures
+from cases.criteria.batch_figures import figures_of_each
 from cases.criteria.scatter import draw_coefficients
 from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.ship_file import dump_ship, load_ship
 from cases.simulation.simulate_batch import simulate_batch
 from fitting.prediction.bands import Process, process_dict
-from fitting.prediction.figure_intervals import drawn_figures, judged_row, outside_words, with_intervals
+from fitting.prediction.figure_intervals import drawn_figures, judged_row, linearised, outside_words, with_intervals
 from mmg.errors import UserError
 from mmg.rollout import Simulator
 from mmg_ident.commands.main import main
@@ -70,7 +71,9 @@ def test_intervals_hold_the_figure_and_grow_with_what_is_not_known(figures: tupl
         low, high = row.interval_90
         assert low < row.value < high and low < row.median < high
         assert row.extrapolated is False
-        assert plain.interval_90_trial == plain.interval_90 == pytest.approx(row.interval_90, rel=1e-6)
+        assert plain.interval_90_trial == plain.interval_90
+        # so little is not known that the linear figures of a calibrated ship are those of whole draws
+        assert plain.interval_90 == pytest.approx(row.interval_90, rel=1e-6 if row.run == "crash-stop" else 5e-3)
         if row.run != "crash-stop":  # where the coefficients are not what makes it wide
             assert np.ptp(row.interval_90_trial) > np.ptp(row.interval_90)  # gusts belong to a single trial
             assert 1.5 < np.ptp(wide.interval_90) / np.ptp(row.interval_90) < 2.7
@@ -132,6 +135,40 @@ def test_draws_that_never_come_so_far_count_as_beyond(figures: tuple[Any, Assess
     row = judged_row(turning.rows[2], turning.runs[0], replace(one, ship={**one.ship, "tactical_diameter": values}))
     assert row.reached == pytest.approx(34 / 40) and row.interval_90[1] == float("inf")
     assert row.interval_90[0] < row.median < 10 and row.probability == pytest.approx(34 / 40)
+
+
+def test_figures_of_a_calibrated_ship_are_linear_in_the_draws() -> None:
+    """Also where the coefficient is hardly known, and the manoeuvre far from linear in it."""
+    ship = load_ship("esso_osaka_3m")
+    few = ship.fixing([s for s in ship.free if s != "N_r"])
+    value = few.coefficients["N_r"].value
+    few = few.with_coefficients({"N_r": few.coefficients["N_r"].with_(std=0.4 * abs(value))})
+    plan = parse_maneuver("zigzag:10/10", few, speed=SPEED)
+    drawn = draw_coefficients(few, 60, 2)
+    wide = content(few, 1e-9)
+    found, motions = drawn_figures(Simulator(few), plan, drawn, wide, 0, tracks=60)
+    steps = {"N_r": value * (1 + 0.01 * np.array([-1.0, 1.0]))}
+    few_steps, _ = drawn_figures(Simulator(few), plan, steps, {}, 0)
+    whole = figures_of_each(motions, plan)
+    for name in ("overshoot_1", "overshoot_2"):
+        slope = np.diff(np.log(few_steps.ship[name]))[0] / np.diff(steps["N_r"])[0]
+        expected = few_steps.ship[name].mean() * np.exp(slope * (drawn["N_r"] - value))
+        assert np.log(found.ship[name]) == pytest.approx(np.log(expected), abs=0.15)
+        assert np.ptp(np.log(found.ship[name])) > 0.5
+        nonlinear = np.array([one.get(name, np.nan) for one in whole])  # their motions are those of whole draws
+        assert np.nanmax(np.abs(np.log(nonlinear / expected))) > 0.2
+        assert np.nanmedian(np.abs(np.log(nonlinear / expected))) < 0.2
+
+
+def test_linear_figures_add_what_a_single_trial_changes() -> None:
+    ships, trials = linearised(
+        {"a": 2.0, "b": -1.0},
+        {"a": np.array([2.0, 2.0 * 1.1]), "b": np.array([-0.9, 0.2])},
+        {"a": np.array([2.2, 2.0 * 1.1]), "b": np.array([-0.8, 0.2])},
+        0.5,
+    )
+    assert ships["a"] == pytest.approx([2.0, 2.0 * 1.21]) and trials["a"] == pytest.approx([2.2, 2.0 * 1.21])
+    assert ships["b"] == pytest.approx([-0.8, 1.4]) and trials["b"] == pytest.approx([-0.7, 1.4])  # signs differ: added
 
 
 def test_draws_beyond_a_bound_take_their_partners_along() -> None:

@@ -21,6 +21,7 @@ from fitting.prediction.unexplained import (
     accelerations,
     drawn_resistance,
     fading,
+    greatest_accelerations,
     slow_speed,
 )
 from mmg.rollout import Simulator
@@ -59,6 +60,23 @@ def test_a_stop_never_tried_has_a_share_of_its_deceleration_as_error() -> None:
             expected = UNTRIED * loss if step else 0.0
             assert value[0, :COUNT].std() == pytest.approx(expected, rel=0.1, abs=1e-6)
             states[3] += STEP * (value[0] - loss)
+
+
+def test_no_lasting_part_exceeds_a_share_of_what_turns_the_ship() -> None:
+    """However large the errors of the trials grow outside them."""
+    ship = load_ship("esso_osaka_3m")
+    plan = parse_maneuver("turning:35", ship, speed=1.2)
+    nominal = simulate_batch(Simulator(ship), plan, dt=STEP, held=True)
+    most = greatest_accelerations(nominal)
+    t, u, r = nominal.t, nominal.states[:, 3, 0], nominal.states[:, 5, 0]
+    k = int(np.argmax(np.abs(u * r)))
+    assert most[0] == most[1] >= 0.9 * abs(u[k] * r[k]) and 0 < most[2] < 1.0
+    assert most[2] == pytest.approx(np.abs(np.diff(r) / np.diff(t)).max(), rel=0.2)
+    states = np.tile(nominal.states[k, :, 0][:, None], (1, 2 * COUNT))
+    stds = [accelerations(bands(size), ship, plan, nominal, COUNT, STEP, 1)(k, states)[:, :COUNT].std(axis=1)
+            for size in (1e-5, 0.1, 10.0)]  # fmt: skip
+    assert stds[1] == pytest.approx(UNTRIED * most, rel=0.1) and stds[2] == pytest.approx(stds[1])
+    assert (stds[0] < 0.05 * stds[1]).all()
 
 
 def test_the_lasting_part_fades_with_the_square_of_the_speed() -> None:
