@@ -16,6 +16,7 @@ import numpy as np
 from benchmarks.file_faults.plant import RHO, Hull, Order, Plant, Weather, circle, run, zigzag
 from cases.criteria.imo import assess
 from cases.criteria.standard_runs import measured_run
+from cases.inputs import SAMPLED
 from cases.shipfiles.new_ship import new_ship
 from cases.trial import Trial
 from mmg.ship import Ship
@@ -175,7 +176,7 @@ def true_figures(hull: Hull, machinery: Machinery) -> dict[tuple[str, str], floa
 
 def foreign_trials(hull: Hull, machinery: Machinery, seed: int) -> list[Trial]:
     """Noisy runs of ``TRIALS`` in a light wind of which the mean alone is logged. hull, machinery: of the plant; seed:
-    of all."""
+    of all. The rudder is logged as it is at each sample."""
     made = []
     for number, (kind, rudder, heading) in enumerate(TRIALS):
         rng = np.random.default_rng([62, seed, number])
@@ -191,5 +192,5 @@ def foreign_trials(hull: Hull, machinery: Machinery, seed: int) -> list[Trial]:
                 noise[k] = keep * noise[k - 1] + math.sqrt(1 - keep**2) * fresh[k]
             columns[name] = columns[name] + size * noise
         wind = {"wind_speed": np.full(count, weather.wind), "wind_direction": np.full(count, weather.direction)}
-        made.append(Trial(f"{kind}_{number}", columns | wind, kind=kind))
+        made.append(Trial(f"{kind}_{number}", columns | wind, kind=kind, meta={"inputs": SAMPLED}))
     return made

@@ -16,6 +16,9 @@ from mmg.motion.flow import INPUTS
 STANDARD = ("n", "delta", "wind_north", "wind_east")
 """Inputs of a single-screw, single-rudder ship."""
 
+SAMPLED = "sampled"
+"""Value of ``inputs`` in a sidecar: actuators are as they are at each sample, not held from there to the next."""
+
 _STAND_INS = {"delta_port": "delta", "delta_starboard": "delta", "n_2": "n"}
 _AT_REST = tuple(name for name in INPUTS if name in ("n_bow", "n_stern") or "azimuth" in name)
 """Actuators that a trial may leave out: they follow another column, or are taken to be at rest."""
@@ -23,6 +26,9 @@ _AT_REST = tuple(name for name in INPUTS if name in ("n_bow", "n_stern") or "azi
 
 def actuator_columns(trial: Trial, actuators: Sequence[str]) -> tuple[np.ndarray, list[Message]]:
     """Columns (N, A) of the ``actuators`` of a model from a ``trial``, and notices on what was assumed.
+
+    They are held from each sample to the next; of a file with ``inputs = "sampled"`` they are means from each to the
+    next.
 
     Raises UserError when the trial lacks one for which nothing can stand in, or moves one that the model does not have.
     """
@@ -50,7 +56,25 @@ def actuator_columns(trial: Trial, actuators: Sequence[str]) -> tuple[np.ndarray
     if ignored:
         text = f"{trial.name}: {', '.join(ignored)}: the ship's model has no such input, so it is ignored"
         notices.append(Message(text, "input_ignored"))
-    return np.column_stack([*columns]) if columns else np.empty((len(trial), 0)), notices
+    found = np.column_stack([*columns]) if columns else np.empty((len(trial), 0))
+    angles = np.array([INPUTS[name][1] != "rps" for name in actuators], dtype=bool)
+    return (_over_each_sample(found, angles) if is_sampled(trial) else found), notices
+
+
+def is_sampled(trial: Trial) -> bool:
+    """Whether the actuators of a ``trial`` are logged as they are at each sample, by its sidecar (``inputs``)."""
+    return trial.meta.get("inputs") == SAMPLED
+
+
+def _over_each_sample(values: np.ndarray, angles: np.ndarray) -> np.ndarray:
+    """Means (N, A) from each sample of ``values`` (N, A) to the next, which a straight line joins.
+
+    angles: which of them are angles (A,), that of an azimuth thruster is held where it passes half a turn. Where the
+    next sample is missing, it is held too.
+    """
+    change = np.diff(values, axis=0, append=values[-1:])
+    change[angles & (np.abs(change) > np.pi)] = 0.0
+    return values + 0.5 * np.nan_to_num(change)
 
 
 def _check_unused(trial: Trial, actuators: Sequence[str]) -> None:

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from cases.inputs import SAMPLED
 from cases.io.conventions import converted
 from cases.io.files import check_file
 from cases.io.headers import match_headers
@@ -97,6 +98,9 @@ def read_trial(
         raise UserError(f"{path}: {sentence}")
     columns = _converted(path, columns, entry, notices)
     known = {"day": entry.day, "group": entry.group, "campaign": entry.campaign}
+    if entry.inputs == SAMPLED:
+        known["inputs"] = SAMPLED
+        notices.append(Message("actuators are taken as they are at each sample, with straight lines between", "inputs"))
     kind = entry.kind or _kind_from_name(path.stem, notices)
     trial = Trial(
         name=entry.name or path.stem,

@@ -14,6 +14,7 @@
     sign = { psi = -1, r = -1 }                     # canonical name = 1 or -1
     heading_from = "east"                           # "north" (default) or "east": psi is counted from there
     lag = { u = 1.2, v = 1.2 }                      # canonical name = s by which the column is late
+    inputs = "sampled"                              # "held" (default) or "sampled": actuators as they are at a sample
     sentinels = [-999.0]                            # numbers that stand for no value; [] keeps every number
     kind = "zigzag"
     role = "train"                                  # "train", "validate" or "test"
@@ -125,8 +126,9 @@ class SidecarEntry(Section):
     """What is known of one trial file beside its header; the defaults are the conventions of this product.
 
     columns: canonical name -> header in the file. units: canonical name -> unit. sign: canonical name -> +1 or -1.
-    heading_from: where psi is counted from. lag: canonical name -> how late the column is [s]. sentinels: numbers of
-    the file that stand for no value, None for those that are well known.
+    heading_from: where psi is counted from. lag: canonical name -> how late the column is [s]. inputs: whether
+    actuators are held from sample to sample, or logged as they are at each. sentinels: numbers of the file that stand
+    for no value, None for those that are well known.
     exclude: begin and end [s] of stretches that are left out; [] keeps every row, None leaves it to the checks.
     """
 
@@ -138,6 +140,7 @@ class SidecarEntry(Section):
     velocity_frame: Literal["body", "earth"] = "body"
     heading_from: Literal["north", "east"] = "north"
     lag: dict[Late, Annotated[float, Field(ge=-600.0, le=600.0)]] = Field(default_factory=dict)
+    inputs: Literal["held", "sampled"] = "held"
     sentinels: list[float] | None = None
     reference_point: ReferencePoint = ReferencePoint()
     std: dict[State, Annotated[float, Field(ge=0.0, le=1e3)]] = Field(default_factory=dict)

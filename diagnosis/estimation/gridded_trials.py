@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from cases.inputs import step_means, straight_means
+from cases.inputs import is_sampled, step_means, straight_means
 from cases.trial import Trial
 from fitting.nlp.grid import default_step, grids
 from mmg.errors import UserError
@@ -174,7 +174,10 @@ def middle_means(t: np.ndarray, values: np.ndarray, edges: np.ndarray) -> np.nda
 
 def is_measured_rudder(trials: Sequence[Trial]) -> bool:
     """Whether the rudder logged in ``trials`` is a measured angle, which moves over several samples, and not an order,
-    which moves in single steps. A measured angle is interpolated between samples, an order is held."""
+    which moves in single steps. A measured angle is interpolated between samples, an order is held. False where a
+    sidecar says what the samples are (``inputs``)."""
+    if any(is_sampled(trial) for trial in trials):
+        return False
     alone, whole = 0.0, 0.0
     for trial in trials:
         for name in ("delta", "delta_port"):

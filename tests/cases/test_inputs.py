@@ -1,0 +1,47 @@
+"""What a model takes from the columns of a trial: held from sample to sample, or as they are at each."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cases.inputs import SAMPLED, actuator_columns, model_inputs
+from cases.io.read import read_trial
+from cases.trial import Trial
+from diagnosis.estimation.gridded_trials import is_measured_rudder
+from mmg.errors import UserError
+
+HEADER = "t [s],psi [deg],u [m/s],v [m/s],r [rad/s],n [rps],delta [deg]\n"
+
+
+def file_with(tmp_path: Path, sidecar: str) -> Path:
+    rows = "".join(f"{k},0,1,0,0,{10 + k},{3 * k}\n" for k in range(5))
+    (tmp_path / "run.csv").write_text(HEADER + rows, encoding="utf-8")
+    (tmp_path / "trials.toml").write_text(sidecar, encoding="utf-8")
+    return tmp_path / "run.csv"
+
+
+def test_a_sidecar_says_that_actuators_are_as_they_are_at_each_sample(tmp_path: Path) -> None:
+    held = read_trial(file_with(tmp_path, '[default]\ninputs = "held"\n'))
+    assert model_inputs(held).array[:, 0] == pytest.approx([10, 11, 12, 13, 14])
+    sampled = read_trial(file_with(tmp_path, '[default]\ninputs = "sampled"\n'))
+    found = model_inputs(sampled).array
+    assert found[:, 0] == pytest.approx([10.5, 11.5, 12.5, 13.5, 14])  # the last has no next one
+    assert np.degrees(found[:, 1]) == pytest.approx([1.5, 4.5, 7.5, 10.5, 12])
+    assert np.degrees(sampled["delta"]) == pytest.approx([0, 3, 6, 9, 12])  # the column stays as it was logged
+    assert any(note.code == "inputs" for note in sampled.notices) and not any(n.code == "inputs" for n in held.notices)
+    assert is_measured_rudder([held]) and not is_measured_rudder([sampled])  # not joined by lines twice
+    with pytest.raises(UserError, match="inputs"):
+        read_trial(file_with(tmp_path, '[default]\ninputs = "later"\n'))
+
+
+def test_a_missing_sample_and_an_angle_past_half_a_turn_are_held() -> None:
+    azimuth = np.array([3.0, -3.1, -3.0, -2.8])
+    n = np.array([1.0, 9.0, np.nan, 2.0])
+    columns = {name: np.zeros(4) for name in ("psi", "u", "v", "r")}
+    trial = Trial("run", columns | {"t": np.arange(4.0), "n": n, "azimuth": azimuth}, meta={"inputs": SAMPLED})
+    found, _ = actuator_columns(trial, ["n", "azimuth"])
+    assert found[:, 0] == pytest.approx([5.0, 9.0, np.nan, 2.0], nan_ok=True)
+    assert found[:, 1] == pytest.approx([3.0, -3.05, -2.9, -2.8])
