@@ -2,17 +2,44 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 
-from cases.checks.report import Found
+from cases.checks.report import INFO, Found
+from cases.inputs import is_sampled
 from cases.trial import Trial
+
+TURNED = math.radians(1.0)
+"""Heading passed in a sample from which on it matters whether a rudder is held over it: half of it is the error of an
+overshoot."""
 
 
 def rudder_sign(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
-    """What ``following`` gives of ``trial``; all files of a folder decide together whether a sign is wrong."""
-    return following(trial), []
+    """What ``following`` gives of ``trial``; all files of a folder decide together whether a sign is wrong.
+
+    A rudder that is taken as held although it moves over several samples is told of where that matters.
+    """
+    return following(trial), _held(trial)
+
+
+def _held(trial: Trial) -> list[Found]:
+    """Whether the heading turns by TURNED and more over a sample in which the rudder on its way is held."""
+    if is_sampled(trial) or "delta" not in trial:
+        return []
+    delta, rate = np.nan_to_num(trial["delta"]), trial["r"][np.isfinite(trial["r"])]
+    turned = trial.dt * float(np.quantile(np.abs(rate), 0.95)) if len(rate) else 0.0
+    moves = np.abs(np.diff(delta)) > math.radians(0.1)
+    several = float((moves[1:] & moves[:-1]).sum())
+    if turned < TURNED or several < 0.5 * moves.sum() or not several:
+        return []
+    text = (
+        f"Held rudder: the heading turns by up to {math.degrees(turned):.1f} deg from one sample to the next, and the "
+        "rudder, which moves over several samples, is taken as held in between; if it is the angle at the sample, say "
+        'inputs = "sampled" in trials.toml.'
+    )
+    return [(INFO, "held_rudder", text)]
 
 
 def following(trial: Trial, least: float = 0.02) -> dict[str, Any]:

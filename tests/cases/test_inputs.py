@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from cases.checks import check
 from cases.inputs import SAMPLED, actuator_columns, model_inputs
 from cases.io.read import read_trial
+from cases.maneuvers.definitions import parse_maneuver
+from cases.shipfiles.ship_file import load_ship
+from cases.simulation.simulate import simulate
 from cases.trial import Trial
 from diagnosis.estimation.gridded_trials import is_measured_rudder
 from mmg.errors import UserError
@@ -45,3 +50,15 @@ def test_a_missing_sample_and_an_angle_past_half_a_turn_are_held() -> None:
     found, _ = actuator_columns(trial, ["n", "azimuth"])
     assert found[:, 0] == pytest.approx([5.0, 9.0, np.nan, 2.0], nan_ok=True)
     assert found[:, 1] == pytest.approx([3.0, -3.05, -2.9, -2.8])
+
+
+def test_a_check_asks_whether_a_rudder_on_its_way_is_held() -> None:
+    ship = load_ship("esso_osaka_3m")
+    plan = parse_maneuver("zigzag:20/20", ship, speed=0.8)
+    codes = {}
+    for dt in (0.05, 0.4):
+        trial = simulate(ship, plan, dt)
+        codes[dt] = [f.code for f in check([trial])[0].findings]
+        said = check([replace(trial, meta={"inputs": SAMPLED})])[0]
+        assert "held_rudder" not in [f.code for f in said.findings]
+    assert "held_rudder" in codes[0.4] and "held_rudder" not in codes[0.05]
