@@ -111,9 +111,7 @@ def information(problem: Problem, x: np.ndarray) -> Information:
     window = np.arange(len(seg.run))[:, None]
     fisher[window[:, :, None], at[:, :, None], at[:, None, :]] = 0.5 * (local + np.swapaxes(local, 1, 2))
     score[window, at] = v[:, S:] - across[:, :, L]
-    return Information(
-        fisher, score, p, seg.run.copy(), problem.prior.symbols, *_prior_parts(problem, p), columns.owner
-    )
+    return Information(fisher, score, p, seg.run.copy(), problem.prior.symbols, *prior_parts(problem, p), columns.owner)
 
 
 def intervals_by_level(seg: Segments) -> list[np.ndarray]:
@@ -140,11 +138,11 @@ class Quadratics:
 
     @classmethod
     def of(cls, problem: Problem, x: np.ndarray) -> Quadratics:
-        return cls(*_inside(problem, x), *_at_nodes(problem, x), *_transitions(problem, x))
+        return cls(*_inside(problem, x), *_at_nodes(problem, x), *transitions(problem, x))
 
 
-def _prior_parts(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Information and score of the prior and of captive tests."""
+def prior_parts(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Information (P, P) and score (P,) of the prior and of captive tests of ``problem`` at scaled p (P,)."""
     information, score = np.eye(problem.P), p.copy()
     if problem.captive:
         shared = slice(problem.columns.shared)
@@ -206,9 +204,9 @@ def _at_nodes(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return H, slope
 
 
-def _transitions(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """d end / d (start, p) of the intervals; and what the end is off the next node, a latent state taken where it
-    would be without a jump."""
+def transitions(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """d end / d (start, p) of the intervals of ``problem`` at x (n,), (M, S, S + L); and what the end is off the next
+    node, (M, S + L), a latent state taken where it would be without a jump."""
     S, L, random = problem.S, problem.L, problem.random
     nodes, _, end, _ = problem.evaluate(x)
     off = np.zeros((problem.M, S + L))

@@ -72,7 +72,7 @@ class Problem:
         self.memory_weight[np.unique(segments.node_window, return_index=True)[1]] = 1 / kernels.model.sizes**2
         jacobian, hessian = sparsity_patterns(segments, self.S, self.P, self.fixed, self.random, self.columns)
         self.jacobian_sparsity, self._jacobian_order = jacobian
-        self.hessian_sparsity, self._hessian_order = hessian
+        self.hessian_sparsity, self.hessian_order = hessian
         self._values_at = self._sweep_at = np.full(self.n, np.nan)
 
     def _variances(self) -> tuple[np.ndarray, np.ndarray]:
@@ -291,7 +291,7 @@ class Problem:
         border = nodes[:, :, S:] * columns.each(s[:, None] * t, columns.node)
         shared = columns.matrix(shared * (np.swapaxes(t, 1, 2) * t), self.P) + factor * np.eye(self.P)
         parts = (own, border, across, shared[np.triu_indices(self.P)])
-        return np.concatenate([part.reshape(-1) for part in parts])[self._hessian_order]
+        return np.concatenate([part.reshape(-1) for part in parts])[self.hessian_order]
 
     def _sample_cost(self, x: np.ndarray, factor: float) -> SampleCost:
         """Derivatives of factor times the cost of the samples inside the intervals."""

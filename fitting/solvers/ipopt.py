@@ -62,6 +62,26 @@ An iterate that is nearly feasible is accepted once the objective has twice chan
 """
 
 
+CERTIFY = {
+    "ipopt.warm_start_init_point": "yes",
+    "ipopt.mu_init": 1e-9,
+    "ipopt.warm_start_bound_push": 1e-9,
+    "ipopt.warm_start_bound_frac": 1e-9,
+    "ipopt.warm_start_mult_bound_push": 1e-9,
+}
+"""IPOPT options for a start that is nearly optimal, with its multipliers."""
+
+
+@dataclass(frozen=True)
+class Guess:
+    """Where another method ended: x (n,), multipliers of the defects (m,), and bound (P,) of the coefficients' bounds,
+    positive at upper ones."""
+
+    x: np.ndarray
+    multipliers: np.ndarray
+    bound: np.ndarray
+
+
 class _Buffered(ca.Callback):
     """A CasADi callback that reads and writes numpy views of CasADi's own memory."""
 
@@ -141,7 +161,7 @@ def _functions(program: Problem, watch: _Watch) -> tuple[Any, dict[str, Any]]:
 
 def solve(
     program: Problem,
-    x0: np.ndarray,
+    x0: np.ndarray | Guess,
     tolerance: float = 1e-6,
     max_iterations: int = 300,
     time_limit: float | None = None,
@@ -149,7 +169,8 @@ def solve(
     task: str = "solve",
     options: Mapping[str, Any] | None = None,
 ) -> Solution:
-    """Solve ``program`` from ``x0`` (n,). Never raises for a failure of the solver: the solution says so.
+    """Solve ``program`` from ``x0`` (n,), or a ``Guess``. Never raises for a failure of the solver: the solution says
+    so.
 
     tolerance, max_iterations, time_limit [s]: of IPOPT; progress: called at every iterate, under the name ``task``,
     with the objective and the constraint violation; options: further ones of IPOPT, such as ROUGH. Ctrl-C (in the main
@@ -176,12 +197,17 @@ def solve(
     }
     if time_limit is not None:
         settings["ipopt.max_wall_time"] = max(time_limit, 1e-3)
+    first: dict[str, Any] = {"x0": x0}
+    if isinstance(x0, Guess):
+        settings.update(CERTIFY)
+        bound = np.concatenate([np.zeros(program.S * program.B), x0.bound])
+        first = {"x0": x0.x, "lam_g0": x0.multipliers, "lam_x0": bound}
     settings.update(options or {})
     solver = ca.nlpsol("solver", "ipopt", {"x": x, "f": f, "g": g}, settings)
     lower, upper = program.bounds()
     began = time.perf_counter()
     with interrupts_noted(), unbroken():
-        out = solver(lbx=lower, ubx=upper, lbg=0.0, ubg=0.0, x0=x0)
+        out = solver(lbx=lower, ubx=upper, lbg=0.0, ubg=0.0, **first)
     stats = solver.stats()
     status = str(stats["return_status"])
     converged = status == "Solve_Succeeded"

@@ -19,6 +19,7 @@ from fitting.nlp.windows import Segments
 from fitting.settings import Settings
 from fitting.solvers.ipopt import ROUGH, Solution
 from fitting.solvers.latent_forces import free_axes, typical_sizes, update_sizes
+from fitting.solvers.leading import led_in_time
 from fitting.solvers.multistart import STUCK, solve_damped, solve_in_time
 from mmg.effects.disturbance import LATENT_STATES
 from mmg.progress import OnProgress
@@ -217,11 +218,11 @@ def solve_with_noise_estimation(
 
     problem, x (n,): where to start; settings, began [s], progress: as of ``multistart.solve_in_time``. The first rough
     solve has at most FEW_WINDOWS windows, evenly spread, unless x is ``near`` a solution; the estimate of each solve
-    starts the next. One that gets
-    stuck is repeated with damping. With a robust loss the rough solves use Student's t, which gives gross outliers no
-    weight. resumed: the solve to go on with; choose: called before the last solve; where it names another loss than the
-    problem has, a rough solve more settles the noise. Returns the last problem, its solution, the noise of its
-    residuals, a row on each solve, and how to go on from the last one.
+    starts the next. IPOPT alone makes the first one, far from any solution; the
+    others are those of ``leading``. One that gets stuck is repeated with damping. With a robust loss the rough solves
+    use Student's t, which gives gross outliers no weight. resumed: the solve to go on with; choose: called before the
+    last solve; where it names another loss than the problem has, a rough solve more settles the noise. Returns the last
+    problem, its solution, the noise of its residuals, a row on each solve, and how to go on from the last one.
     """
     passes: list[dict] = []
     axes = free_axes(problem.ship)
@@ -247,7 +248,8 @@ def solve_with_noise_estimation(
         if rough and problem.loss.robust:
             problem = problem.with_changes(loss=replace(problem.loss, name="student"))
         name = f"pass {number + 1} of {count}"
-        solution = solve_in_time(problem, x, settings, began, progress, name, ROUGH if rough else None)
+        solver = led_in_time if number or near else solve_in_time
+        solution = solver(problem, x, settings, began, progress, name, ROUGH if rough else None)
         restarted = solution.status in STUCK
         if restarted:
             solution = solve_damped(problem, p, settings, began, progress)

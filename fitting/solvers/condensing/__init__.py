@@ -1,0 +1,1 @@
+"""A sequential quadratic method that eliminates the nodes of each window before the coefficients meet."""

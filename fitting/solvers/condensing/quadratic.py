@@ -1,0 +1,181 @@
+"""The quadratic subproblem of a calibration, by blocks, and its solution with the nodes of all windows eliminated.
+
+The nodes of a window meet those of the others only in the coefficients p. From the last node of each window backwards
+the cost-to-go is a quadratic in the state there and p; the linearised interval carries it to the interval's start
+(Riccati recursion without controls, Bellman 1957; condensing of Bock & Plitt 1984), for all windows at once. What is
+left is dense: the first state of each window, then p under its bounds. A forward pass gives the steps of all nodes, and
+the multiplier of each continuity constraint is the slope of the cost-to-go at the interval's end.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fitting.nlp.fisher_information import Quadratics, intervals_by_level, prior_parts, pulled_back, transitions
+from fitting.nlp.problem import Problem
+
+LEAST = 1e-8
+"""Least eigenvalue of a block that is inverted, relative to its largest."""
+
+
+@dataclass(frozen=True)
+class Subproblem:
+    """Objective and linearised constraints at x, in scaled (state, p).
+
+    rows: (B, S, S + L) Hessian rows of the nodes; slope: (B, S) gradient; shared: (P, P) and shared_slope: (P,) of the
+    coefficients; maps: (M, S, S + L) derivative of the end of each interval to (start, p); off: (M, S) what the end is
+    off the next node.
+    """
+
+    rows: np.ndarray
+    slope: np.ndarray
+    shared: np.ndarray
+    shared_slope: np.ndarray
+    maps: np.ndarray
+    off: np.ndarray
+
+
+@dataclass(frozen=True)
+class Step:
+    """nodes: (B, S) and p: (P,), steps of the scaled variables; multipliers: (M S,) of the defects there; bound: (P,)
+    multipliers of the bounds, positive at upper ones; decrease: what the quadratic model of the objective changes by,
+    along the slope alone; changed: whether a block had to be made positive."""
+
+    nodes: np.ndarray
+    p: np.ndarray
+    multipliers: np.ndarray
+    bound: np.ndarray
+    decrease: float
+    changed: bool
+
+
+def gauss_newton(problem: Problem, x: np.ndarray) -> Subproblem:
+    """That of ``problem`` with the Hessian of Gauss and Newton at x (n,): a robust loss counts by its weights, which
+    majorise it."""
+    seg, S, columns = problem.segments, problem.S, problem.columns
+    parts, p = Quadratics.of(problem, x), problem.split(x)[1]
+    rows, slope = parts.nodes[:, :S].copy(), parts.node_slope[:, :S].copy()
+    rows[seg.start] += parts.inside[:, :S]
+    slope[seg.start] += parts.inside_slope[:, :S]
+    known, score = prior_parts(problem, p)
+    both = columns.total(parts.nodes[:, S:, S:], columns.node) + columns.total(
+        parts.inside[:, S:, S:], columns.interval
+    )
+    pulls = columns.total(parts.node_slope[:, S:], columns.node)
+    pulls = pulls + columns.total(parts.inside_slope[:, S:], columns.interval)
+    P = problem.P
+    shared, pull = columns.matrix(both, P) + known, columns.vector(pulls, P) + score
+    return Subproblem(rows, slope, shared, pull, parts.maps, parts.off[:, :S])
+
+
+def exact(problem: Problem, x: np.ndarray, multipliers: np.ndarray) -> Subproblem:
+    """That of ``problem`` with the Hessian of the Lagrangian at x (n,) and the ``multipliers`` (m,) of the defects."""
+    S, L, B, P = problem.S, problem.L, problem.B, problem.P
+    nonzeros = problem.hessian(x, 1.0, multipliers)
+    values = np.empty_like(nonzeros)
+    values[problem.hessian_order] = nonzeros
+    pairs = S * (S + 1) // 2
+    own, border = values[: B * pairs].reshape(B, pairs), values[B * pairs :][: B * S * L].reshape(B, S, L)
+    rows, shared = np.empty((B, S, S + L)), np.empty((P, P))
+    i, j = np.triu_indices(S)
+    rows[:, i, j] = rows[:, j, i] = own
+    rows[:, :, S:] = border
+    i, j = np.triu_indices(P)
+    shared[i, j] = shared[j, i] = values[len(values) - len(i) :]
+    g = problem.gradient(x)
+    maps, off = transitions(problem, x)
+    return Subproblem(rows, g[: S * B].reshape(B, S), shared, g[S * B :], maps, off[:, :S])
+
+
+def solved(problem: Problem, sub: Subproblem, p: np.ndarray) -> Step | None:
+    """The step that minimises ``sub`` from p (P,) within the bounds of ``problem``; None for numbers not finite."""
+    seg, S, L, P, columns = problem.segments, problem.S, problem.L, problem.P, problem.columns
+    W, at = len(seg.run), columns.each(columns.at, columns.window)
+    V, v = np.zeros((W, S + L, S + L)), np.zeros((W, S + L))
+    ahead, pull = np.empty((problem.M, S, S + L)), np.empty((problem.M, S))
+
+    def add(w: np.ndarray, node: np.ndarray) -> None:
+        V[w, :S] += sub.rows[node]
+        V[w, S:, :S] += np.swapaxes(sub.rows[node][:, :, S:], 1, 2)
+        v[w, :S] += sub.slope[node]
+
+    for depth, i in enumerate(intervals_by_level(seg)):
+        w = seg.window[i]
+        if depth == 0:
+            add(w, seg.end[i])
+        T, H = sub.maps[i], V[w]
+        slope = v[w] + (H[:, :, :S] @ sub.off[i][:, :, None])[:, :, 0]
+        ahead[i], pull[i] = H[:, :S], v[w, :S]
+        v[w] = (np.swapaxes(T, 1, 2) @ slope[:, :S, None])[:, :, 0]
+        v[w, S:] += slope[:, S:]
+        V[w] = pulled_back(H, T)
+        add(w, seg.start[i])
+    if not (np.isfinite(V).all() and np.isfinite(sub.shared).all()):
+        return None
+    first, changed = _positive(V[:, :S, :S])
+    gain = np.linalg.solve(first, np.concatenate([V[:, :S, S:], v[:, :S, None]], axis=2))
+    across = np.swapaxes(V[:, :S, S:], 1, 2) @ gain
+    whole, whole_slope = sub.shared.copy(), sub.shared_slope.copy()
+    local, local_slope = V[:, S:, S:] - across[:, :, :L], v[:, S:] - across[:, :, L]
+    whole += columns.matrix(columns.total(local, columns.window), P)
+    whole_slope += columns.vector(columns.total(local_slope, columns.window), P)
+    dense, more = _positive(0.5 * (whole + whole.T)[None])
+    lower, upper = problem.p_bounds()
+    dp = within_bounds(dense[0], whole_slope, lower - p, upper - p)
+    local_dp = dp[at]
+    if len(local_dp) != W:
+        local_dp = np.broadcast_to(local_dp, (W, L))
+    first_state = -(gain[:, :, :L] @ local_dp[:, :, None])[:, :, 0] - gain[:, :, L]
+    nodes = carried(problem, sub.maps, sub.off, first_state, local_dp)
+    end = np.concatenate([nodes[seg.end], local_dp[seg.window]], axis=1)
+    multipliers = (ahead @ end[:, :, None])[:, :, 0] + pull
+    decrease = float((sub.slope * nodes).sum() + sub.shared_slope @ dp)
+    bound = -(dense[0] @ dp + whole_slope)
+    bound[(dp > lower - p) & (dp < upper - p)] = 0.0
+    return Step(nodes, dp, multipliers.reshape(-1), bound, decrease, changed or more)
+
+
+def carried(problem: Problem, maps: np.ndarray, off: np.ndarray, first: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """Steps of all nodes (B, S) of the ``problem`` that the linearised intervals make of the steps of the ``first``
+    nodes of the windows (W, S) and of the coefficients p (W, L): maps, off as of ``Subproblem``."""
+    seg, S = problem.segments, problem.S
+    nodes = np.zeros((problem.B, S))
+    shared = (maps[:, :, S:] @ p[seg.window][:, :, None])[:, :, 0] + off
+    for number, i in enumerate(reversed(intervals_by_level(seg))):
+        w, start = seg.window[i], seg.start[i]
+        begins = ~np.isin(start, seg.end) if number else np.ones(len(start), dtype=bool)
+        nodes[start[begins]] = first[w[begins]]
+        nodes[seg.end[i]] = (maps[i, :, :S] @ nodes[start][:, :, None])[:, :, 0] + shared[i]
+    return nodes
+
+
+def _positive(blocks: np.ndarray) -> tuple[np.ndarray, bool]:
+    """The symmetric ``blocks`` (m, k, k) with negative eigenvalues turned round, and whether there were any."""
+    values, vectors = np.linalg.eigh(blocks)
+    least = LEAST * np.abs(values).max(axis=1, keepdims=True)
+    if (values > least).all():
+        return blocks, False
+    values = np.maximum(np.abs(values), least)
+    return (vectors * values[:, None, :]) @ np.swapaxes(vectors, 1, 2), True
+
+
+def within_bounds(H: np.ndarray, g: np.ndarray, lower: np.ndarray, upper: np.ndarray, most: int = 60) -> np.ndarray:
+    """The d (P,) that minimises g . d + d . H d / 2 between ``lower`` and ``upper`` (P,), for H (P, P) positive.
+
+    Primal-dual active set (Hintermueller, Ito & Kunisch 2002), at most ``most`` changes of the set; then clipped.
+    """
+    at_lower, at_upper = np.zeros(len(g), dtype=bool), np.zeros(len(g), dtype=bool)
+    d = np.zeros(len(g))
+    for _ in range(most):
+        d = np.where(at_lower, lower, np.where(at_upper, upper, 0.0))
+        free = ~(at_lower | at_upper)
+        d[free] = np.linalg.solve(H[np.ix_(free, free)], -(g + H @ d)[free])
+        push = -(H @ d + g)
+        now_lower = np.where(at_lower, push < 0, free & (d < lower))
+        now_upper = np.where(at_upper, push > 0, free & (d > upper))
+        if (now_lower == at_lower).all() and (now_upper == at_upper).all():
+            break
+        at_lower, at_upper = now_lower, now_upper
+    return np.clip(d, lower, upper)

@@ -1,0 +1,130 @@
+"""The condensing sequence: optimality where it ends, the same optimum as IPOPT's, and when it leaves IPOPT alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+
+from fitting.nlp.fisher_information import information
+from fitting.nlp.loss import LOSSES
+from fitting.nlp.problem import Problem
+from fitting.solvers import leading
+from fitting.solvers.condensing.sequence import lead
+from fitting.solvers.ipopt import ROUGH, solve
+from fitting.solvers.leading import solve_led
+from tests.fitting.nlp.test_effects_in_the_fit import crowded
+from tests.fitting.nlp.test_fisher_information import latent
+from tests.fitting.nlp.test_run_constants import small
+from tests.fitting.nlp.test_shooting import matrix
+from tests.support.synthetic_runs import problem
+
+NEVER = 300
+
+
+def tight() -> Problem:
+    p = problem()
+    return p.with_bounds(p.prior.mean - 0.2 * p.prior.std, p.prior.mean + 0.2 * p.prior.std)
+
+
+def held() -> Problem:
+    p = problem()
+    still = np.arange(p.P) < 5
+    here = p.prior.mean
+    return p.with_bounds(np.where(still, here, p.prior.lower), np.where(still, here, p.prior.upper))
+
+
+def robust(name: str) -> Problem:
+    p = problem()
+    return p.with_changes(loss=replace(p.loss, name=name))
+
+
+PROBLEMS: dict[str, Callable[[], Problem]] = {"crowded": lambda: crowded(5), "runs": lambda: small(7, True), "tight": tight, "held": held,
+            **{name: partial(robust, name) for name in LOSSES}}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", list(PROBLEMS))
+def test_it_ends_at_a_point_that_is_optimal(kind: str) -> None:
+    p = PROBLEMS[kind]()
+    found = lead(p, p.start(), 1e-9, 60)
+    assert found.reached
+    slope = p.gradient(found.x) + matrix(p.jacobian_sparsity, p.jacobian(found.x)).T @ found.multipliers
+    slope[p.S * p.B :] += found.bound
+    assert np.abs(slope).max() < 1e-3 * np.abs(p.gradient(found.x)).max()
+    assert np.abs(p.defects(found.x)).max() < 1e-5
+    at, (lower, upper) = p.split(found.x)[1], p.p_bounds()
+    assert (at >= lower).all() and (at <= upper).all()
+    assert np.abs(found.bound[(at > lower + 1e-9) & (at < upper - 1e-9)]).max(initial=0.0) == 0.0
+
+
+@pytest.mark.parametrize("kind", list(PROBLEMS))
+def test_led_and_alone_ipopt_find_the_same_optimum_and_covariance(kind: str) -> None:
+    p = PROBLEMS[kind]()
+    alone, led = solve(p, p.start()), solve_led(p, p.start(), 1e-6, NEVER, None, None, "test")
+    assert alone.converged and led.converged
+    assert led.objective == pytest.approx(alone.objective, rel=1e-6)
+    ours, theirs = (np.linalg.inv(information(p, s.x).hessian) for s in (led, alone))
+    size = np.sqrt(np.diag(theirs))
+    np.testing.assert_allclose(ours / np.outer(size, size), theirs / np.outer(size, size), atol=1e-4)
+    assert led.history[-1][0] == pytest.approx(led.objective, rel=1e-6)
+    assert led.iterations == len(led.history) - 1
+
+
+def test_random_starts_reach_the_same_optimum() -> None:
+    p, rng = problem(), np.random.default_rng(3)
+    reference = solve(p, p.start())
+    for _ in range(5):
+        end = solve_led(p, p.start(rng.normal(scale=0.5, size=p.P)), 1e-6, NEVER, None, None, "test")
+        assert end.converged and end.objective == pytest.approx(reference.objective, rel=1e-6)
+
+
+def test_a_rough_solve_ends_without_ipopt(monkeypatch: pytest.MonkeyPatch) -> None:
+    p = problem()
+    best = solve(p, p.start())
+    monkeypatch.setattr(leading, "solve", None)
+    rough = solve_led(p, p.start(), 1e-6, NEVER, None, None, "test", ROUGH)
+    assert rough.status == "Solved_To_Acceptable_Level" and not rough.converged
+    assert rough.objective == pytest.approx(best.objective, rel=3e-3) and rough.violation < 1e-2
+
+
+def test_where_it_does_not_come_to_its_end_ipopt_begins_as_if_it_had_not_been(monkeypatch: pytest.MonkeyPatch) -> None:
+    p = problem()
+    alone = solve(p, p.start())
+    monkeypatch.setattr(leading, "STEPS", 2)
+    led = solve_led(p, p.start(), 1e-6, NEVER, None, None, "test")
+    np.testing.assert_array_equal(led.x, alone.x)
+    assert (led.iterations, led.history) == (alone.iterations, alone.history)
+
+
+def test_limits_stop_as_without_it() -> None:
+    p = problem()
+    alone, led = solve(p, p.start(), max_iterations=3), solve_led(p, p.start(), 1e-6, 3, None, None, "test")
+    assert led.status == alone.status == "Maximum_Iterations_Exceeded"
+    np.testing.assert_array_equal(led.x, alone.x)
+    late = solve_led(p, p.start(), 1e-6, NEVER, 1e-9, None, "test")
+    assert late.status == "Maximum_WallTime_Exceeded"
+
+
+def test_states_that_jump_and_a_model_that_is_not_finite_are_left_to_ipopt() -> None:
+    p = latent()
+    found = lead(p, p.start(), 1e-7, 40)
+    assert not found.reached and not found.history
+    q = problem()
+    x = q.start()
+    x[0] = np.nan
+    broken = lead(q, x, 1e-7, 40)
+    assert not broken.reached and len(broken.history) == 1
+
+
+def test_each_iterate_is_told_and_can_stop_it() -> None:
+    p, seen = problem(), list[tuple[float, float]]()
+
+    def stop(objective: float, violation: float) -> bool:
+        seen.append((objective, violation))
+        return len(seen) == 3
+
+    found = lead(p, p.start(), 1e-7, 40, stop)
+    assert not found.reached and found.history == seen and len(seen) == 3
