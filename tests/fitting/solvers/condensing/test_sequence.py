@@ -42,8 +42,13 @@ def robust(name: str) -> Problem:
     return p.with_changes(loss=replace(p.loss, name=name))
 
 
-PROBLEMS: dict[str, Callable[[], Problem]] = {"crowded": lambda: crowded(5), "runs": lambda: small(7, True), "tight": tight, "held": held,
-            **{name: partial(robust, name) for name in LOSSES}}  # fmt: skip
+PROBLEMS: dict[str, Callable[[], Problem]] = {
+    "crowded": lambda: crowded(5),
+    "runs": lambda: small(7, True),
+    "tight": tight,
+    "held": held,
+    **{name: partial(robust, name) for name in LOSSES},
+}
 
 
 @pytest.mark.parametrize("kind", list(PROBLEMS))
