@@ -4,8 +4,9 @@ python -m benchmarks.fleet time [--ships 20] [--record]       fit, score, diagno
 python -m benchmarks.fleet sisters [--record]                 what a shared prior brings to ships with few runs
 
 Half of the ships are of the package's equations (the 3 m tanker with other coefficients), half of a generator that
-shares nothing with it (``benchmarks.file_faults.plant``, by ``benchmarks.foreign_figures``). In the first half some
-ships are fouled in their second campaign, and some have a gyro that shows too much in it. Seeds: numbers of the ships.
+shares nothing with it (``benchmarks.foreign_figures``, with propellers whose diameter and pitch are known). In the
+first half some ships are fouled in their second campaign, and some have a gyro that shows too much in it. Seeds:
+numbers of the ships.
 """
 
 from __future__ import annotations
@@ -26,8 +27,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.file_faults.plant import Hull, Order, Plant, Weather, circle, run, zigzag
-from benchmarks.foreign_figures import drawn_hull, start_ship
+from benchmarks.file_faults.plant import Hull, Order, Weather, circle, run, zigzag
+from benchmarks.foreign_figures import DrivenPlant, Machinery, drawn_hull, machinery_of, start_ship
 from benchmarks.record import record, table
 from cases.criteria.simulated_trial import simulated_trial
 from cases.maneuvers.definitions import parse_maneuver
@@ -69,22 +70,25 @@ def own_runs(
         write_trial(trial, folder / f"{k}_{words.replace(':', '_').replace('/', '_')}.csv")
 
 
-def foreign_runs(hull: Hull, folder: Path, seed: int) -> None:
-    """Noisy runs of CIRCLES of the plant with this ``hull``, written to ``folder``."""
+def foreign_runs(hull: Hull, machinery: Machinery, folder: Path, seed: int) -> None:
+    """Noisy runs of CIRCLES of the plant with this ``hull`` and ``machinery``, written to ``folder``: its rudder is
+    logged as it is at each sample."""
     folder.mkdir(parents=True, exist_ok=True)
+    (folder / "trials.toml").write_text('[default]\ninputs = "sampled"\n', encoding="utf-8")
     unit = hull.length / hull.speed
     for k, (kind, rudder, heading) in enumerate(CIRCLES):
         rng = np.random.default_rng([63, seed, k])
         weather = Weather(0.4 * hull.speed, float(rng.uniform(-math.pi, math.pi)), 0.3)
         begin = 4 * unit
         order: Order = circle(rudder, 0.0, begin) if kind == "turning" else zigzag(rudder, 0.0, begin, heading)
-        columns = run(Plant(hull, weather, rng), order, 30 * unit, 0.05 * unit, 0.0)
+        plant = DrivenPlant(hull, weather, rng, machinery)
+        columns = run(plant, order, 30 * unit, 0.05 * unit, 0.0)
         count = len(columns["t"])
         sizes = {"x": 5e-4 * hull.length, "y": 5e-4 * hull.length, "psi": 2e-3, "u": 4e-3 * hull.speed,
                  "v": 4e-3 * hull.speed, "r": 2e-3 / unit}  # fmt: skip
         for name, size in sizes.items():
             columns[name] = columns[name] + size * rng.standard_normal(count)
-        columns |= {"n": np.full(count, hull.revolutions), "wind_speed": np.full(count, weather.wind)}
+        columns |= {"n": np.full(count, plant.n), "wind_speed": np.full(count, weather.wind)}
         columns["wind_direction"] = np.full(count, weather.direction % (2 * math.pi))
         write_trial(Trial(f"{k}_{kind}", columns, kind=kind), folder / f"{k}_{kind}.csv")
 
@@ -104,10 +108,10 @@ def made_fleet(folder: Path, ships: int) -> Path:
             own_runs(truth, where / "second", later, 2 * number + 1)
             line = 'ship = "esso_osaka_3m"'
         else:
-            hull = drawn_hull(number)
-            foreign_runs(hull, where / "first", 2 * number)
-            foreign_runs(hull, where / "second", 2 * number + 1)
-            (where / "start.toml").write_text(dump_ship(start_ship(hull)), encoding="utf-8")
+            hull, machinery = drawn_hull(number), machinery_of(drawn_hull(number), number)
+            foreign_runs(hull, machinery, where / "first", 2 * number)
+            foreign_runs(hull, machinery, where / "second", 2 * number + 1)
+            (where / "start.toml").write_text(dump_ship(start_ship(hull, machinery)), encoding="utf-8")
             line = f'ship = "{name}/start.toml"'
         campaigns = "\n".join(f'{c} = ["{name}/{c}/[0-3]_*.csv"]' for c in ("first", "second"))
         held_out = f'held_out = ["{name}/*/4_*.csv"]'
@@ -138,7 +142,9 @@ def made_sisters(folder: Path, generator: str, widths: dict[str, float], seed: i
     start, lines, truths = load_ship("esso_osaka_3m"), ["[fleet]", "diagnose = false", ""], []
     mean, hull = moved(start, np.random.default_rng([9, seed]), 0.3), drawn_hull(30 + seed)
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "start.toml").write_text(dump_ship(start if generator == "own" else start_ship(hull)), encoding="utf-8")
+    machinery = machinery_of(hull, seed)
+    began = start if generator == "own" else start_ship(hull, machinery)
+    (folder / "start.toml").write_text(dump_ship(began), encoding="utf-8")
     for number in range(6):
         name, where = f"sister_{number}", folder / f"sister_{number}"
         rng = np.random.default_rng([10, seed, number])
@@ -148,7 +154,7 @@ def made_sisters(folder: Path, generator: str, widths: dict[str, float], seed: i
         else:
             by = np.exp(rng.normal(0.0, 0.02, 3))
             own = replace(hull, beam=hull.beam * by[0], draught=hull.draught * by[1], block=hull.block * by[2])
-            foreign_runs(own, where, 100 * seed + number)
+            foreign_runs(own, machinery, where, 100 * seed + number)
         runs = "[0-1]" if number < 3 else "[0-3]"
         files = f'trials = ["{name}/{runs}_*.csv"]', f'held_out = ["{name}/4_*.csv"]'
         lines += [f"[ships.{name}]", 'ship = "start.toml"', *files, ""]
