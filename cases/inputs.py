@@ -61,9 +61,11 @@ def actuator_columns(trial: Trial, actuators: Sequence[str]) -> tuple[np.ndarray
     return (_over_each_sample(found, angles) if is_sampled(trial) else found), notices
 
 
-def is_sampled(trial: Trial) -> bool:
-    """Whether the actuators of a ``trial`` are logged as they are at each sample, by its sidecar (``inputs``)."""
-    return trial.meta.get("inputs") == SAMPLED
+def is_sampled(trial: Trial) -> bool | None:
+    """Whether the actuators of a ``trial`` are logged as they are at each sample, by its sidecar (``inputs``); None
+    where it does not say."""
+    said = trial.meta.get("inputs", "")
+    return said == SAMPLED if said else None
 
 
 def _over_each_sample(values: np.ndarray, angles: np.ndarray) -> np.ndarray:

@@ -26,7 +26,7 @@ def rudder_sign(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
 
 def _held(trial: Trial) -> list[Found]:
     """Whether the heading turns by TURNED and more over a sample in which the rudder on its way is held."""
-    if is_sampled(trial) or "delta" not in trial:
+    if is_sampled(trial) is not None or "delta" not in trial:
         return []
     delta, rate = np.nan_to_num(trial["delta"]), trial["r"][np.isfinite(trial["r"])]
     turned = trial.dt * float(np.quantile(np.abs(rate), 0.95)) if len(rate) else 0.0
@@ -37,7 +37,7 @@ def _held(trial: Trial) -> list[Found]:
     text = (
         f"Held rudder: the heading turns by up to {math.degrees(turned):.1f} deg from one sample to the next, and the "
         "rudder, which moves over several samples, is taken as held in between; if it is the angle at the sample, say "
-        'inputs = "sampled" in trials.toml.'
+        'inputs = "sampled" in trials.toml, else "held".'
     )
     return [(INFO, "held_rudder", text)]
 

@@ -98,8 +98,8 @@ def read_trial(
         raise UserError(f"{path}: {sentence}")
     columns = _converted(path, columns, entry, notices)
     known = {"day": entry.day, "group": entry.group, "campaign": entry.campaign}
+    known["inputs"] = entry.inputs if "inputs" in entry.model_fields_set else ""
     if entry.inputs == SAMPLED:
-        known["inputs"] = SAMPLED
         notices.append(Message("actuators are taken as they are at each sample, with straight lines between", "inputs"))
     kind = entry.kind or _kind_from_name(path.stem, notices)
     trial = Trial(

@@ -37,7 +37,10 @@ def test_a_sidecar_says_that_actuators_are_as_they_are_at_each_sample(tmp_path: 
     assert np.degrees(found[:, 1]) == pytest.approx([1.5, 4.5, 7.5, 10.5, 12])
     assert np.degrees(sampled["delta"]) == pytest.approx([0, 3, 6, 9, 12])  # the column stays as it was logged
     assert any(note.code == "inputs" for note in sampled.notices) and not any(n.code == "inputs" for n in held.notices)
-    assert is_measured_rudder([held]) and not is_measured_rudder([sampled])  # not joined by lines twice
+    silent = read_trial(file_with(tmp_path, ""))
+    assert model_inputs(silent).array == pytest.approx(model_inputs(held).array)
+    assert is_measured_rudder([silent])  # by its moves, where nobody says
+    assert not is_measured_rudder([held]) and not is_measured_rudder([sampled])  # not joined by lines twice
     with pytest.raises(UserError, match="inputs"):
         read_trial(file_with(tmp_path, '[default]\ninputs = "later"\n'))
 
@@ -59,6 +62,7 @@ def test_a_check_asks_whether_a_rudder_on_its_way_is_held() -> None:
     for dt in (0.05, 0.4):
         trial = simulate(ship, plan, dt)
         codes[dt] = [f.code for f in check([trial])[0].findings]
-        said = check([replace(trial, meta={"inputs": SAMPLED})])[0]
-        assert "held_rudder" not in [f.code for f in said.findings]
+        for words in (SAMPLED, "held"):
+            said = check([replace(trial, meta={"inputs": words})])[0]
+            assert "held_rudder" not in [f.code for f in said.findings]
     assert "held_rudder" in codes[0.4] and "held_rudder" not in codes[0.05]
