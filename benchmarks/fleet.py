@@ -63,7 +63,6 @@ def own_runs(
 ) -> None:
     """Noisy runs of ``maneuvers`` of the ship ``truth`` with ``effects``, written to ``folder``."""
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "trials.toml").write_text('[default]\ninputs = "held"\n', encoding="utf-8")
     ship = with_effects(truth, effects)
     for k, words in enumerate(maneuvers):
         plan = parse_maneuver(words, ship, seed=seed, duration=150.0)

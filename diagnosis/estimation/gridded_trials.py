@@ -175,8 +175,8 @@ def middle_means(t: np.ndarray, values: np.ndarray, edges: np.ndarray) -> np.nda
 def is_measured_rudder(trials: Sequence[Trial]) -> bool:
     """Whether the rudder logged in ``trials`` is a measured angle, which moves over several samples, and not an order,
     which moves in single steps. A measured angle is interpolated between samples, an order is held. False where a
-    sidecar says what the samples are (``inputs``)."""
-    if any(is_sampled(trial) is not None for trial in trials):
+    sidecar says that actuators are sampled: they have been joined then (``cases.inputs``)."""
+    if any(is_sampled(trial) for trial in trials):
         return False
     alone, whole = 0.0, 0.0
     for trial in trials:

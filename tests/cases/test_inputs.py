@@ -39,8 +39,8 @@ def test_a_sidecar_says_that_actuators_are_as_they_are_at_each_sample(tmp_path: 
     assert any(note.code == "inputs" for note in sampled.notices) and not any(n.code == "inputs" for n in held.notices)
     silent = read_trial(file_with(tmp_path, ""))
     assert model_inputs(silent).array == pytest.approx(model_inputs(held).array)
-    assert is_measured_rudder([silent])  # by its moves, where nobody says
-    assert not is_measured_rudder([held]) and not is_measured_rudder([sampled])  # not joined by lines twice
+    assert is_measured_rudder([silent]) and is_measured_rudder([held])  # by its moves
+    assert not is_measured_rudder([sampled])  # not joined by lines twice
     with pytest.raises(UserError, match="inputs"):
         read_trial(file_with(tmp_path, '[default]\ninputs = "later"\n'))
 
