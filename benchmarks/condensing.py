@@ -22,8 +22,7 @@ from fitting.nlp.problem import Problem
 from fitting.parallel import with_one_thread
 from fitting.pipeline import FitOptions, calibrate
 from fitting.solvers.ipopt import Solution, solve
-from fitting.solvers.leading import led_in_time, solve_led
-from fitting.solvers.multistart import solve_in_time
+from fitting.solvers.leading import solve_led
 from fitting.uncertainty.sandwich import robust
 
 HEADER = ["solve", "objective, led", "steps", "s", "objective, IPOPT alone", "iterations", "s",
@@ -47,8 +46,8 @@ def both(rows: list[list[str]], last: list[Problem]) -> Callable[..., Solution]:
     """What solves as a fit does and compares IPOPT alone with it: adds to ``rows``, and each problem to ``last``."""
 
     def solver(problem: Problem, x: np.ndarray, *rest: Any) -> Solution:
-        led, alone = led_in_time(problem, x, *rest), solve_in_time(problem, x, *rest)
-        rows.append(compared(f"{rest[3]}, {len(problem.segments.run)} windows", problem, led, alone))
+        led, alone = solve_led(problem, x, *rest), solve(problem, x, *rest)
+        rows.append(compared(f"{rest[4]}, {len(problem.segments.run)} windows", problem, led, alone))
         last.append(problem)
         return led
 
@@ -60,7 +59,7 @@ def main() -> None:
     number = int(sys.argv[1]) if len(sys.argv) > 1 else 0
     trials = read_trials(splits.find(list(splits.TRAIN_TZRB)))
     rows, problems = list[list[str]](), list[Problem]()
-    solves.led_in_time = both(rows, problems)
+    solves.solve_led = both(rows, problems)
     calibrate(load_ship("esso_osaka_3m"), trials, options=FitOptions(next_trial=False))
     last, rng = next(p for p in reversed(problems) if p.columns.groups == 1), np.random.default_rng(0)
     for k in range(number + 1):

@@ -10,11 +10,9 @@ from typing import Any
 import numpy as np
 
 from fitting.nlp.problem import Problem
-from fitting.settings import Settings
 from fitting.solvers.condensing.sequence import Lead, lead
 from fitting.solvers.interrupts import INTERRUPTED, interrupts_noted
 from fitting.solvers.ipopt import ROUGH, Guess, Solution, solve
-from fitting.solvers.multistart import time_left
 from mmg.progress import OnProgress, Progress
 
 STEPS = 30
@@ -70,23 +68,6 @@ def solve_led(
     whole = [*found.history, *last.history] if found.reached else last.history
     seconds = time.perf_counter() - began
     return replace(last, iterations=last.iterations + steps, seconds=seconds, history=whole)
-
-
-def led_in_time(
-    problem: Problem,
-    x: np.ndarray,
-    settings: Settings,
-    began: float,
-    progress: OnProgress | None,
-    task: str,
-    options: Mapping[str, Any] | None = None,
-) -> Solution:
-    """Where ``solve_led`` ends for ``problem`` from x (n,), by ``settings`` and in the time that they leave.
-
-    began: when the calibration did (``time.perf_counter``) [s]; progress, task, options: as of ``ipopt.solve``.
-    """
-    left = time_left(settings, began)
-    return solve_led(problem, x, settings.tolerance, settings.max_iterations, left, progress, task, options)
 
 
 def _rough(problem: Problem, found: Lead, seconds: float) -> Solution:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -45,13 +45,15 @@ def solve_in_time(
     progress: OnProgress | None,
     task: str,
     options: Mapping[str, Any] | None = None,
+    method: Callable[..., Solution] = solve,
 ) -> Solution:
-    """Where ``ipopt.solve`` ends for ``problem`` from x (n,), by ``settings`` and in the time that they leave.
+    """Where ``method`` ends for ``problem`` from x (n,), by ``settings`` and in the time that they leave.
 
-    began: when the calibration did (``time.perf_counter``) [s]; progress, task, options: as of ``ipopt.solve``.
+    began: when the calibration did (``time.perf_counter``) [s]; progress, task, options: as of ``ipopt.solve``; method:
+    that, or ``leading.solve_led``.
     """
     left = time_left(settings, began)
-    return solve(problem, x, settings.tolerance, settings.max_iterations, left, progress, task, options)
+    return method(problem, x, settings.tolerance, settings.max_iterations, left, progress, task, options)
 
 
 def same_optimum(objective: float, best: float) -> bool:

@@ -17,9 +17,9 @@ from fitting.nlp.loss import without_outliers
 from fitting.nlp.problem import Problem
 from fitting.nlp.windows import Segments
 from fitting.settings import Settings
-from fitting.solvers.ipopt import ROUGH, Solution
+from fitting.solvers.ipopt import ROUGH, Solution, solve
 from fitting.solvers.latent_forces import free_axes, typical_sizes, update_sizes
-from fitting.solvers.leading import led_in_time
+from fitting.solvers.leading import solve_led
 from fitting.solvers.multistart import STUCK, solve_damped, solve_in_time
 from mmg.effects.disturbance import LATENT_STATES
 from mmg.progress import OnProgress
@@ -248,8 +248,9 @@ def solve_with_noise_estimation(
         if rough and problem.loss.robust:
             problem = problem.with_changes(loss=replace(problem.loss, name="student"))
         name = f"pass {number + 1} of {count}"
-        solver = led_in_time if number or near else solve_in_time
-        solution = solver(problem, x, settings, began, progress, name, ROUGH if rough else None)
+        method = solve_led if number or near else solve
+        rest = (settings, began, progress, name, ROUGH if rough else None)
+        solution = solve_in_time(problem, x, *rest, method)
         restarted = solution.status in STUCK
         if restarted:
             solution = solve_damped(problem, p, settings, began, progress)
