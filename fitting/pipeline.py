@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from cases.checks.held_out import shared_rows, training_trials
+from cases.checks.propulsion import doubtful_revolutions
 from cases.shipfiles.effects import varying_effects
 from cases.shipfiles.model_changes import with_instruments
 from cases.trial import UNITS, Trial
@@ -129,6 +130,8 @@ def calibrate(
     left_out = later.made("worth of what was left out", worth, None)
     warnings = [*found.warnings, *remarks, *worth_message(left_out), *shared_rows(train, validation)]
     warnings += [*_of_scores(scores), *later.left_out]
+    if doubt := doubtful_revolutions(ship, train):
+        warnings.append(Message(doubt, "revolutions"))
     weighting = _weighting(found, options.resume)
     notices = [*found.notices, *_said_before(found, weighting), *by_day.messages, *(choice.notices if choice else ())]
     marked = _marked(found.ship, ship, train, options.name)

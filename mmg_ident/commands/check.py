@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,7 +13,6 @@ from mmg_ident.commands.output import each, print_json, working
 
 if TYPE_CHECKING:
     from cases.checks import CheckReport
-    from mmg.ship import Ship
 
 
 def check(
@@ -32,6 +31,8 @@ def check(
     not.
     """
     from cases.checks import check as check_trials
+    from cases.checks import pooled
+    from cases.checks.propulsion import doubtful_revolutions
     from cases.io.read import read_trial, trial_files
     from cases.shipfiles.ship_file import load_ship
 
@@ -51,10 +52,14 @@ def check(
         raise UserError(_of_all(unreadable))
     with working(f"checking {len(found)} trials"):
         reports = check_trials(found)
+        seconds, sentences = pooled(reports, model)
+        if model and (doubt := doubtful_revolutions(model, found)):
+            sentences = [f"{doubt[0].upper()}{doubt[1:]}.", *sentences]
     if json:
-        print_json(_document(reports, unreadable, model))
+        print_json(_document(reports, unreadable, seconds, sentences))
     else:
-        _print(reports, model, every or len(reports) == 1, unreadable)
+        together = sentences if len(reports) > 1 or model else None
+        _print(reports, together, every or len(reports) == 1, unreadable)
     if len(unreadable) > 1 and not json:
         raise UserError(f"{len(unreadable)} files cannot be read, as said above")
     if unreadable:
@@ -68,7 +73,10 @@ def _of_all(unreadable: list[tuple[Path, UserError]]) -> str:
 
 
 def _document(
-    reports: list[CheckReport], unreadable: list[tuple[Path, UserError]], ship: Ship | None
+    reports: list[CheckReport],
+    unreadable: list[tuple[Path, UserError]],
+    seconds: Mapping[str, float],
+    sentences: Sequence[str],
 ) -> dict[str, Any]:
     """{"files": [report, ...], "folders": [{"path", "verdict", "files"}, ...], "pooled": {"group_seconds": {...},
     "sentences": [...]}}.
@@ -76,8 +84,6 @@ def _document(
     A file that could not be read is a report with the verdict "contradictory" and no numbers. The verdict of a folder
     is the worst of its files.
     """
-    from cases.checks import pooled
-
     files: list[dict[str, Any]] = [report.as_dict() for report in reports]
     for path, error in unreadable:
         finding = {"topic": "reading", "level": "contradictory", "code": "unreadable", "text": str(error)}
@@ -86,9 +92,8 @@ def _document(
     folders: dict[str, list[str]] = {}
     for row in files:
         folders.setdefault(str(Path(row["path"]).parent), []).append(row["verdict"])
-    seconds, sentences = pooled(reports, ship)
     rows = [{"path": path, "verdict": worst(verdicts), "files": len(verdicts)} for path, verdicts in folders.items()]
-    return {"files": files, "folders": rows, "pooled": {"group_seconds": seconds, "sentences": sentences}}
+    return {"files": files, "folders": rows, "pooled": {"group_seconds": dict(seconds), "sentences": list(sentences)}}
 
 
 def worst(verdicts: Sequence[str]) -> str:
@@ -97,15 +102,16 @@ def worst(verdicts: Sequence[str]) -> str:
 
 
 def _print(
-    reports: list[CheckReport], ship: Ship | None, every: bool, unreadable: list[tuple[Path, UserError]]
+    reports: list[CheckReport],
+    together: Sequence[str] | None,
+    every: bool,
+    unreadable: list[tuple[Path, UserError]],
 ) -> None:
-    """A table with one line per file, what is wrong (``every``: and all else), and what the files excite together."""
+    """A table with one line per file, what is wrong (``every``: and all else), and sentences on all files together."""
     from rich.console import Console
     from rich.markup import escape
     from rich.padding import Padding
     from rich.table import Table
-
-    from cases.checks import pooled
 
     console = Console(highlight=False)
     if not console.is_terminal:
@@ -138,9 +144,9 @@ def _print(
     else:
         for (level, text), names in _together(reports).items():
             say_line(marks[level], f"{_listed(names, len(reports))}: {text}")
-    if len(reports) > 1 or ship:
+    if together is not None:
         console.print("\n[bold]All files together[/]")
-        for text in pooled(reports, ship)[1] or ["Every coefficient group is excited."]:
+        for text in together or ["Every coefficient group is excited."]:
             console.print(Padding(escape(text), (0, 0, 0, 5)))
     if not every:
         console.print("\nEvery sentence on every file: --all")
