@@ -129,9 +129,7 @@ def calibrate(
     worth = partial(worth_of_left_out, after, sets, scores, moved, found.prior.symbols)
     left_out = later.made("worth of what was left out", worth, None)
     warnings = [*found.warnings, *remarks, *worth_message(left_out), *shared_rows(train, validation)]
-    warnings += [*_of_scores(scores), *later.left_out]
-    if doubt := doubtful_revolutions(ship, train):
-        warnings.append(Message(doubt, "revolutions"))
+    warnings += [*_of_scores(scores), *later.left_out, *doubtful_revolutions(ship, train)]
     weighting = _weighting(found, options.resume)
     notices = [*found.notices, *_said_before(found, weighting), *by_day.messages, *(choice.notices if choice else ())]
     marked = _marked(found.ship, ship, train, options.name)

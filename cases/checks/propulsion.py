@@ -10,6 +10,7 @@ import numpy as np
 from cases.maneuvers.self_propulsion import revolutions_for
 from cases.trial import Trial
 from mmg.errors import UserError
+from mmg.messages import Message
 from mmg.ship import Ship
 
 STRAIGHT = math.radians(5.0)
@@ -47,11 +48,11 @@ def steady_ahead(trial: Trial, length: float) -> tuple[float, float] | None:
     return float(np.median(n[ahead])), float(np.median(u[ahead]))
 
 
-def doubtful_revolutions(ship: Ship, trials: Sequence[Trial]) -> str:
-    """A sentence where the revolutions of ``trials`` do not give their speeds with the propeller of the ``ship``, or
+def doubtful_revolutions(ship: Ship, trials: Sequence[Trial]) -> list[Message]:
+    """A sentence, code "revolutions", where the revolutions of ``trials`` do not give their speeds with the propeller of the ``ship``, or
     nothing."""
     if "n" not in ship.actuators:
-        return ""
+        return []
     found = [row for t in trials if "n" in t and (row := steady_ahead(t, float(ship.particulars["L"]))) is not None]
     ratios = []
     for n, u in found:
@@ -60,9 +61,10 @@ def doubtful_revolutions(ship: Ship, trials: Sequence[Trial]) -> str:
         except UserError:
             continue
     if not ratios or 1 / TWICE < np.median(ratios) < TWICE:
-        return ""
+        return []
     n, u = found[int(np.argsort(ratios)[len(ratios) // 2])] if len(ratios) == len(found) else found[0]
-    return (
+    words = (
         f"the propeller does not fit: at {u:.3g} m/s straight ahead {ship.name} needs {revolutions_for(ship, u):.3g} "
         f"revolutions per second, the trials have {n:.3g}; check the unit of n, a gear ratio, D_P and pitch_ratio"
     )
+    return [Message(words, "revolutions")]

@@ -53,8 +53,8 @@ def check(
     with working(f"checking {len(found)} trials"):
         reports = check_trials(found)
         seconds, sentences = pooled(reports, model)
-        if model and (doubt := doubtful_revolutions(model, found)):
-            sentences = [f"{doubt[0].upper()}{doubt[1:]}.", *sentences]
+        doubts = doubtful_revolutions(model, found) if model else []
+        sentences = [*(f"{doubt[0].upper()}{doubt[1:]}." for doubt in doubts), *sentences]
     if json:
         print_json(_document(reports, unreadable, seconds, sentences))
     else:

@@ -31,9 +31,9 @@ def test_a_steady_approach_has_the_revolutions_of_self_propulsion() -> None:
 
 @pytest.mark.parametrize(("factor", "said"), [(1.0, False), (1.3, False), (0.8, False), (0.5, True), (60.0, True)])
 def test_revolutions_that_do_not_fit_are_told_of(factor: float, said: bool) -> None:
-    words = doubtful_revolutions(SHIP, [zigzag(factor)])
-    assert bool(words) is said
-    if said:
+    found = doubtful_revolutions(SHIP, [zigzag(factor)])
+    assert [doubt.code for doubt in found] == ["revolutions"] * said
+    for words in found:
         needed, logged = zigzag()["n"][0], factor * zigzag()["n"][0]
         assert f"needs {needed:.3g} revolutions per second" in words and f"have {logged:.3g}" in words
 
@@ -46,10 +46,10 @@ def test_a_ship_made_of_particulars_fits_a_foreign_plant_and_trials_that_never_g
     still = {name: np.zeros(len(t)) for name in ("x", "y", "psi", "v", "r", "delta")}
     n = revolutions_for(ship, hull.speed)
     ahead = Trial("ahead", {"t": t, **still, "u": np.full(len(t), hull.speed), "n": np.full(len(t), n)})
-    assert doubtful_revolutions(ship, [ahead]) == ""
-    assert "needs" in doubtful_revolutions(ship, [ahead.with_columns(n=ahead["n"] / 2.4)])
+    assert doubtful_revolutions(ship, [ahead]) == []
+    assert len(doubtful_revolutions(ship, [ahead.with_columns(n=ahead["n"] / 2.4)])) == 1
     turning = ahead.with_columns(n=ahead["n"] / 2.4, delta=np.full(len(t), 0.5))
-    assert steady_ahead(turning, hull.length) is None and doubtful_revolutions(ship, [turning]) == ""
+    assert steady_ahead(turning, hull.length) is None and doubtful_revolutions(ship, [turning]) == []
 
 
 def test_the_check_says_it_with_a_ship(tmp_path) -> None:
