@@ -49,8 +49,8 @@ def steady_ahead(trial: Trial, length: float) -> tuple[float, float] | None:
 
 
 def doubtful_revolutions(ship: Ship, trials: Sequence[Trial]) -> list[Message]:
-    """A sentence, code "revolutions", where the revolutions of ``trials`` do not give their speeds with the propeller of the ``ship``, or
-    nothing."""
+    """A sentence, code "revolutions", where the revolutions of ``trials`` do not give their speeds with the propeller
+    of the ``ship``; or none."""
     if "n" not in ship.actuators:
         return []
     found = [row for t in trials if "n" in t and (row := steady_ahead(t, float(ship.particulars["L"]))) is not None]
