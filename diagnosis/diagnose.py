@@ -238,9 +238,9 @@ def _sensor_sentences(sensors: Kinematics, instruments: Sequence[InstrumentFault
 
 def _like_training(tests: Sequence[Trial], ready: Prepared) -> GriddedTrials | None:
     """The test trials on the grid of the training trials, or None without any that is long enough."""
-    ship, h = ready.full.ship, ready.problem.data.h
+    ship, like = ready.full.ship, ready.problem.data
     try:
-        data = grid_trials(tests, ship.inputs, float(ship.particulars["L"]), h, ready.straight) if tests else None
+        data = grid_trials(tests, ship.inputs, float(ship.particulars["L"]), like.h, like.straight) if tests else None
     except UserError:
         return None
     return data.thinned(ready.gap) if data is not None else None
@@ -319,6 +319,8 @@ def _learned(
 
     LOGGER.info("learning the unexplained remainder from the training trials")
     settings = TrainSettings(seeds=SEEDS, seed=options.seed, workers=options.workers)
-    settings = replace(settings, step=found.data.h if found.data is not None else options.step)
+    like = found.data
+    settings = replace(settings, step=like.h if like is not None else options.step)
     store = options.store.part("learned") if options.store is not None else None
-    return measure_learned_residual(found.ship, trials, tests, settings, progress, store)
+    straight = like is not None and like.straight
+    return measure_learned_residual(found.ship, trials, tests, settings, progress, store, straight)

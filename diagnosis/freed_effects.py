@@ -16,13 +16,13 @@ from scipy.stats import chi2
 
 from cases.trial import Trial
 from diagnosis.estimation.candidates import EXCLUDED, Candidate, Column, parameters
-from diagnosis.estimation.gridded_trials import grid_trials, is_measured_rudder
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.noise_sizes import initial_noise
 from diagnosis.estimation.parameters import set_values
 from diagnosis.estimation.transition_model import FORCE, TransitionModel
 from diagnosis.hypotheses.refit import likelihood, refit
-from diagnosis.prepare import fit_without_effects, priors_before
+from diagnosis.prepare import fit_as_read, priors_before
+from fitting.nlp.grid import default_step
 from fitting.record import EffectTest, EffectValue, MessageRow
 from fitting.result import FitResult
 from mmg.errors import UserError
@@ -75,10 +75,9 @@ def effect_tests(result: FitResult, names: Sequence[str], trials: Sequence[Trial
     without = ship.with_coefficients({s: ship.coefficients[s].with_(value=v, fixed=True) for s, v in rows})
     base = priors_before(without)
     full = without if "tow" in without.effects else without.with_effect("tow", {})
-    straight, step = is_measured_rudder(trials), result.settings.step
-    data = grid_trials(trials, full.inputs, float(full.particulars["L"]), step, straight)
-    steps = TransitionModel(full, [*base.symbols, *symbols, *FORCE], data.h)
-    data, null, *_ = fit_without_effects(steps, data, full.values, base, initial_noise(full))
+    step = result.settings.step or default_step(trials, float(full.particulars["L"]))
+    steps = TransitionModel(full, [*base.symbols, *symbols, *FORCE], step)
+    data, null, *_ = fit_as_read(steps, trials, full.values, base, initial_noise(full))[0]
     start = {Column(s): result.coefficients[s].value for s in symbols}
     every = refit(steps, data, base, null, candidates, start)
     tests = []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -13,7 +14,7 @@ from cases.shipfiles.effects import freeing_effects
 from cases.trial import Trial
 from diagnosis.estimation.candidates import FITTED_ALONG, LOCAL, Column, FullModel, ship_with_all_effects
 from diagnosis.estimation.force_order import force_order
-from diagnosis.estimation.gridded_trials import COARSE, GriddedTrials, can_divide, grid_trials, is_measured_rudder
+from diagnosis.estimation.gridded_trials import COARSE, GriddedTrials, can_divide, grid_trials, possible_readings
 from diagnosis.estimation.kalman import NoiseModel
 from diagnosis.estimation.map_estimate import BrokenModelError, Estimate, estimate, initial_point
 from diagnosis.estimation.noise_sizes import initial_noise, swallows
@@ -29,6 +30,7 @@ from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.hypotheses.forward_selection import LEVEL, MOST, SearchProblem
 from diagnosis.hypotheses.reference import fit_reference
 from diagnosis.hypotheses.score_test import score_tests, slopes
+from fitting.nlp.grid import default_step
 from mmg.errors import UserError
 from mmg.messages import Message
 from mmg.motion.froude import time_scale
@@ -49,17 +51,44 @@ RUNS = 3
 
 
 @dataclass(frozen=True)
+class InputReading:
+    """How samples of the actuators were read.
+
+    straight: joined by lines, not held; gain: how much more likely than the other way (logarithm), None where
+    there was no choice; sample: longest sampling time [s]; length: of the ship [m].
+    """
+
+    straight: bool
+    gain: float | None
+    sample: float
+    length: float
+
+    @property
+    def is_doubtful(self) -> bool:
+        """Whether half a sample matters and nobody said how the samples are to be read."""
+        return self.gain is not None and self.sample > COARSE * time_scale(self.length)
+
+    @property
+    def words(self) -> str:
+        """A sentence on it."""
+        how = "joined by straight lines" if self.straight else "held until the next one"
+        words = f"samples of the actuators are taken as {how}, which is more likely (log likelihood + {self.gain:.1f})"
+        return f"{words}; a delay of half a sample cannot be told from the other way (say inputs in trials.toml)"
+
+
+@dataclass(frozen=True)
 class Prepared:
     """The problem and the fit without any effect.
 
-    straight: inputs are joined by lines; gap: one in so many grid times is compared; line: of ``spectral_line``;
-    is_order_usual: channels of the latent force follow each other in the trials of the calibration as well.
+    reading: how samples of the actuators were read; gap: one in so many grid times is compared; line: of
+    ``spectral_line``; is_order_usual: channels of the latent force follow each other in the trials of the calibration
+    as well.
     """
 
     problem: SearchProblem
     full: FullModel
     null: Estimate
-    straight: bool
+    reading: InputReading
     gap: int
     notices: tuple[Message, ...]
     line: tuple[float, float]
@@ -103,20 +132,13 @@ def prepare(
         raise UserError(f"{ship.name}: every coefficient is fixed, so nothing is known of how far each may be off")
     length = float(ship.particulars["L"])
     notices: list[Message] = []
-    straight = is_measured_rudder(trials)
-    if max(t.dt for t in trials) > COARSE * time_scale(length):
-        how = "joined by straight lines" if straight else "held until the next one"
-        words = f"samples of the actuators are {how}; a delay of half a sample cannot be told from the other way"
-        notices.append(Message(words, "coarse_samples"))
-    data = grid_trials(trials, full.ship.inputs, length, step, straight)
-    steps = TransitionModel(full.ship, [*base.symbols, *full.symbols], data.h)
+    steps = TransitionModel(full.ship, [*base.symbols, *full.symbols], step or default_step(trials, length))
     values = full.ship.values
     at = [full.ship.symbols.index(s) for s in base.symbols]
     values[at] = [ship.coefficients[s].value for s in base.symbols]
     usual, noise, gap, is_order_usual = np.zeros(2), initial_noise(full.ship), 0, False
     if reference:
-        old = grid_trials(reference, full.ship.inputs, length, data.h, is_measured_rudder(reference))
-        old, null, gap, *_ = fit_without_effects(steps, old, values, base, initial_noise(full.ship))
+        old, null, gap, *_ = fit_as_read(steps, reference, values, base, initial_noise(full.ship))[0]
         is_order_usual = not force_order(steps, old, null).is_random
         known = fit_reference(steps, old, null, base, full.candidates, len(trials))
         base, full = known.priors, replace(full, candidates=known.candidates)
@@ -138,7 +160,8 @@ def prepare(
             words = f"the trials of the calibration show these effects already: {names}"
             notices.append(Message(words, "effects_in_reference"))
         LOGGER.info("fitted to the trials of the calibration: %d runs, %d samples", len(old.trials), old.samples)
-    data, null, gap, correlation, line = fit_without_effects(steps, data, values, base, noise, gap)
+    (data, null, gap, correlation, line), reading = fit_as_read(steps, trials, values, base, noise, gap)
+    notices += [Message(reading.words, "coarse_samples")] if reading.is_doubtful else []
     finer = None
     if not (step or reference or gap > 1 or swallows(null.noise, full.ship)):
         sample = max(t.dt for t in trials)
@@ -158,7 +181,33 @@ def prepare(
         own = [c.in_each(runs) for c in full.candidates if c.effect in LOCAL]
         full = replace(full, candidates=(*full.candidates, *own))
     problem = SearchProblem(steps, data, base, full.candidates, *(data.samples * usual).tolist())
-    return Prepared(problem, full, null, straight, gap, tuple(notices), line, is_order_usual)
+    return Prepared(problem, full, null, reading, gap, tuple(notices), line, is_order_usual)
+
+
+def fit_as_read(
+    steps: TransitionModel, trials: Sequence[Trial], theta: np.ndarray, base: Priors, noise: NoiseModel, gap: int = 0
+) -> tuple[tuple[GriddedTrials, Estimate, int, float, tuple[float, float]], InputReading]:
+    """The fit without effects of ``trials``, whose actuators are held from sample to sample, or joined by lines where
+    both may be and that is more likely.
+
+    steps: the transition model; theta: (all,) first coefficients; base: their priors; noise: first sizes; gap: as of
+    ``fit_without_effects``. Returns what that does, and how the actuators were read. Raises UserError where
+    all trials are too short.
+    """
+    length, sample = float(steps.ship.particulars["L"]), max(t.dt for t in trials)
+    ways = [grid_trials(trials, steps.ship.inputs, length, steps.h, way) for way in possible_readings(trials)]
+    fitted = fit_without_effects(steps, ways[0], theta, base, noise, gap)
+    if len(ways) == 1:
+        return fitted, InputReading(False, None, sample, length)
+    _, held, apart, *_ = fitted
+    try:
+        joined = estimate(steps, ways[1].thinned(apart), held, MAX_FITS)
+    except BrokenModelError:
+        return fitted, InputReading(False, math.inf, sample, length)
+    gain = held.nll - joined.nll
+    if gain > 0:
+        fitted = fit_without_effects(steps, ways[1], joined.theta, base, joined.noise, gap)
+    return fitted, InputReading(gain > 0, abs(gain), sample, length)
 
 
 def fit_without_effects(

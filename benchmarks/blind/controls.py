@@ -18,7 +18,7 @@ from benchmarks.blind.solve import blind_ship, cases_of, ship_of
 from cases.io.read import read_trials
 from cases.io.site import read_site
 from diagnosis.estimation.candidates import FullModel, ship_with_all_effects
-from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials, is_measured_rudder
+from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials, possible_readings
 from diagnosis.estimation.map_estimate import Estimate, estimate, initial_point
 from diagnosis.estimation.noise_sizes import initial_noise
 from diagnosis.estimation.parameters import Priors
@@ -102,10 +102,8 @@ def own_floor(task: tuple[Path, dict[str, float]]) -> float:
     """The same of one case: its folder and the true values by symbol."""
     case, true = task
     full, _, steps, data = _prepared(case)
-    straight = is_measured_rudder(read_trials(case / "train"))
-    tests = grid_trials(
-        read_trials(case / "test"), full.ship.inputs, float(full.ship.particulars["L"]), data.h, straight
-    )
+    length = float(full.ship.particulars["L"])
+    tests = grid_trials(read_trials(case / "test"), full.ship.inputs, length, data.h, data.straight)
     theta = full.ship.values.copy()
     unknown = [s for s in true if s not in full.ship.symbols]
     if unknown:
@@ -120,7 +118,7 @@ def _prepared(case: Path) -> tuple[FullModel, Priors, TransitionModel, GriddedTr
     ship, trials = blind_ship(ship_of(case)), read_trials(case / "train")
     full = ship_with_all_effects(ship, trials, {k: dict(v) for k, v in read_site([case], ship).held.items()})
     base = priors_before(ship)
-    data = grid_trials(trials, full.ship.inputs, float(ship.particulars["L"]), None, is_measured_rudder(trials))
+    data = grid_trials(trials, full.ship.inputs, float(ship.particulars["L"]), None, possible_readings(trials)[-1])
     return full, base, TransitionModel(full.ship, [*base.symbols, *full.symbols], data.h), data
 
 

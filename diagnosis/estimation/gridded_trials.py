@@ -17,7 +17,7 @@ from mmg.motion.froude import time_scale
 LONGEST, SHORTEST = 600, 20
 """Steps of a window: a longer piece of a run is divided evenly, a shorter one is left out."""
 COARSE = 0.2
-"""Sampling time [s of a 3 m model] from which it matters whether inputs are held or interpolated."""
+"""Sampling time [s of a 3 m model] beyond which half a sample of the actuators is as long as a delay."""
 PARTS = 8
 """Parts of a step whose means give the change of an input over it."""
 EVEN = 0.02
@@ -38,7 +38,8 @@ class GriddedTrials:
     inputs: (K, R, C) of the model, means over each step; steps: (R,) steps of each window.
     run: (R,) number of the trial of each window; trials: their names; dropped: sentences on what was left out.
     changes: (K, R, C) by which inputs rise from the start to the end of each step (of the line with the same mean and
-    first moment), None: not at all; sample: longest sampling time of the trials [s], 0: not known.
+    first moment), None: not at all; sample: longest sampling time of the trials [s], 0: not known; straight:
+    inputs were joined by lines between samples, not held.
     """
 
     h: float
@@ -53,6 +54,7 @@ class GriddedTrials:
     dropped: tuple[str, ...] = ()
     changes: np.ndarray | None = None
     sample: float = 0.0
+    straight: bool = False
 
     @property
     def inside(self) -> np.ndarray:
@@ -86,8 +88,7 @@ def grid_trials(
     """The ``trials`` on a grid for a model with these ``inputs``.
 
     length: of the ship [m]; step: of the grid [s] (default: that of the calibration); straight: the inputs are
-    interpolated linearly instead of held between samples; where they are not COARSE, the mean of both is taken, which
-    is wrong by a quarter of a sample at most.
+    interpolated linearly instead of held between samples.
 
     Raises UserError when no piece without a gap is long enough.
     """
@@ -95,9 +96,7 @@ def grid_trials(
     pieces, dropped = [], []
     for number, trial in enumerate(trials):
         kept = 0
-        fine = trial.dt <= COARSE * time_scale(length)
-        means = (middle_means if fine else straight_means) if straight else step_means
-        for grid in grids(trial, h, inputs, with_changes(means)):
+        for grid in grids(trial, h, inputs, with_changes(straight_means if straight else step_means)):
             total = len(grid.controls)
             if total < SHORTEST:
                 continue
@@ -135,6 +134,7 @@ def grid_trials(
         run=np.array([p[0] for p in pieces]),
         trials=tuple(trial.name for trial in trials),
         dropped=tuple(dropped),
+        straight=straight,
     )
 
 
@@ -166,18 +166,12 @@ def with_changes(means: Callable[..., np.ndarray]) -> Callable[..., np.ndarray]:
     return both
 
 
-def middle_means(t: np.ndarray, values: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Mean of ``step_means`` and ``straight_means``, (K, C), of ``values`` (M, C) at ``t`` (M,) [s] between ``edges``
-    (K + 1,) [s]."""
-    return 0.5 * (step_means(t, values, edges) + straight_means(t, values, edges))
-
-
-def is_measured_rudder(trials: Sequence[Trial]) -> bool:
-    """Whether the rudder logged in ``trials`` is a measured angle, which moves over several samples, and not an order,
-    which moves in single steps. A measured angle is interpolated between samples, an order is held. False where a
-    sidecar says that actuators are sampled: they have been joined then (``cases.inputs``)."""
-    if any(is_sampled(trial) for trial in trials):
-        return False
+def possible_readings(trials: Sequence[Trial]) -> tuple[bool, ...]:
+    """Whether the actuators of ``trials`` may be joined by straight lines between samples: (False,) where a sidecar
+    says what they are (``cases.inputs`` has joined those that are sampled), and of an order, which moves in single
+    steps; (False, True) of angles that move over several samples."""
+    if all(is_sampled(trial) is not None for trial in trials) or any(is_sampled(trial) for trial in trials):
+        return (False,)
     alone, whole = 0.0, 0.0
     for trial in trials:
         for name in ("delta", "delta_port"):
@@ -187,4 +181,4 @@ def is_measured_rudder(trials: Sequence[Trial]) -> bool:
             moves = np.concatenate([[False], d > 1e-6, [False]])
             single = moves[1:-1] & ~moves[:-2] & ~moves[2:]
             alone, whole = alone + float(d[single].sum()), whole + float(d.sum())
-    return not alone > 0.5 * whole
+    return (False,) if alone > 0.5 * whole else (False, True)

@@ -10,8 +10,12 @@ from mmg.motion.froude import force_scale, length_scale, state_scale, time_scale
 from mmg.ship import Ship
 
 LEAST, MOST = 0.02, 15.0
-"""Sizes that the noise may take, in those of ``initial_noise``. A larger force, which would swallow all that moves the
-ship, is none of chance."""
+"""Least size of a sensor's errors and largest of the latent force, in those of ``initial_noise``. A larger force, which
+would swallow all that moves the ship, is none of chance."""
+LEAST_FORCE = 1e-3
+"""Least size of the latent force, in that of ``initial_noise``. One that is larger than the truth makes the residuals
+smaller than the filter expects, and then the likelihood grows with the masses, which such a force moves less: in trials
+without any random force 0.02 named ``draft``."""
 
 
 def initial_noise(ship: Ship) -> NoiseModel:
@@ -23,10 +27,10 @@ def initial_noise(ship: Ship) -> NoiseModel:
 
 
 def least_noise(ship: Ship) -> NoiseModel:
-    """Sizes below which no estimate for a ``ship`` goes: LEAST of the initial ones."""
+    """Sizes below which no estimate for a ``ship`` goes: LEAST and LEAST_FORCE of the initial ones."""
     typical = initial_noise(ship)
-    sizes = {name: LEAST * getattr(typical, name) for name in ("force", "white")}
-    return typical.with_(**sizes, coloured=sizes["white"])
+    white = LEAST * typical.white
+    return typical.with_(force=LEAST_FORCE * typical.force, white=white, coloured=white)
 
 
 def swallows(noise: NoiseModel, ship: Ship) -> bool:
@@ -41,7 +45,7 @@ def updated_noise(
     sum u^2 / sum D; a prior counts as PRIOR_SAMPLES more samples of each.
 
     data: windows; found: with N and D; r: (K, R, n), u: (K + 1, R, 6) of the smoother; A: number of ship states;
-    typical: sizes of which LEAST is the smallest and MOST the largest.
+    typical: sizes of which LEAST and LEAST_FORCE are the smallest and MOST the largest force.
     """
     prior = noise.prior
     pull = PRIOR_SAMPLES if prior is not None else 0.0
@@ -63,7 +67,7 @@ def updated_noise(
     colours = noise.coloured.copy()
     colours[noise.coloured > 0] *= np.sqrt(grown[3:])
     return noise.with_(
-        force=np.clip(noise.force * np.sqrt(grown[:3]), LEAST * typical.force, MOST * typical.force),
+        force=np.clip(noise.force * np.sqrt(grown[:3]), LEAST_FORCE * typical.force, MOST * typical.force),
         white=np.maximum(noise.white * np.sqrt(scattered), LEAST * typical.white),
         coloured=np.where(noise.coloured > 0, np.maximum(colours, LEAST * typical.white), 0.0),
     )

@@ -10,7 +10,6 @@ from scipy.stats import chi2
 
 from cases.checks.sampling import VELOCITIES, spikes
 from cases.trial import Trial
-from diagnosis.estimation.gridded_trials import COARSE
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.findings import NamedEffect
 from diagnosis.judgement.judged_search import JudgedSearch
@@ -18,7 +17,6 @@ from diagnosis.judgement.verdict import confirms
 from diagnosis.prepare import Prepared
 from mmg.effects import EFFECTS
 from mmg.messages import Message
-from mmg.motion.froude import time_scale
 from mmg.ship import Ship
 
 FAR_OFF, RARE = 5.0, 1e-4
@@ -48,14 +46,13 @@ def believed(result: JudgedSearch, ready: Prepared, trials: Sequence[Trial] = ()
     reasons = list(result.reasons)
     if result.verdict == "unknown":
         return result.verdict, reasons, ""
-    ship = ready.full.ship
     named = result.verdict == "named"
     doubt, code = _another_ship(result, ready), "not_described"
     outliers = _outliers(trials)
     if outliers and not doubt and not named:
         doubt, code, outliers = outliers, "spikes", ""
     reasons += [Message(outliers, "spikes")] if outliers else []
-    if not doubt and named and ready.problem.data.sample > COARSE * time_scale(float(ship.particulars["L"])):
+    if not doubt and named and ready.reading.is_doubtful:
         doubt, code = _half_a_sample(result, ready), "half_a_sample"
     if not doubt:
         return result.verdict, reasons, ""
@@ -136,5 +133,5 @@ def _half_a_sample(result: JudgedSearch, ready: Prepared) -> str:
         value, std = final.value(symbol), final.std(symbol)
         if abs(value) <= half + 2 * std:
             words = f"{c.label} of {value:.2g} +- {std:.1g} s may be half a sample of the actuators ({half:.2g} s)"
-            return f"{words}, which nobody knows to be held or joined in between; log them more often"
+            return f"{words}, which nobody says to be held or joined in between (inputs in trials.toml)"
     return ""

@@ -13,7 +13,7 @@ import torch
 
 from cases.inputs import step_means, straight_means
 from cases.trial import Trial
-from diagnosis.estimation.gridded_trials import grid_trials, is_measured_rudder
+from diagnosis.estimation.gridded_trials import grid_trials
 from diagnosis.findings import LearnedResidual
 from diagnosis.validation.held_out import errors, interval_of, window_length
 from fitting.nlp.grid import default_step
@@ -70,17 +70,18 @@ def measure_learned_residual(
     settings: TrainSettings | None = None,
     progress: OnProgress | None = None,
     store: Store | None = None,
+    straight: bool = False,
 ) -> LearnedResidual:
     """Train residuals on the training trials and measure how far the 30 s error of the test trials falls.
 
     ship: with the named effects; trials: for training; tests: only measured on; settings: how to train (default: as
     ``mmg train`` with SEEDS seeds; its seed also draws the runs); progress: called as the training goes on; store: of
-    finished seeds, which are not trained again. Returns the errors before and after. Raises UserError for too little
-    data and where every training diverged, KeyboardInterrupt after Ctrl-C.
+    finished seeds, which are not trained again; straight: inputs are joined by lines between samples, not held. Returns
+    the errors before and after. Raises UserError for too little data and where every training diverged,
+    KeyboardInterrupt after Ctrl-C.
     """
     torch.set_num_threads(1)
     ship = ship.without_network()
-    straight = is_measured_rudder(trials)
     length = float(ship.particulars["L"])
     settings = settings or TrainSettings(seeds=SEEDS)
     h, seed = settings.step or default_step(trials, length), settings.seed

@@ -15,7 +15,7 @@ from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.simulate import simulate
 from cases.trial import Trial
-from diagnosis.estimation.gridded_trials import is_measured_rudder
+from diagnosis.estimation.gridded_trials import possible_readings
 from mmg.errors import UserError
 
 HEADER = "t [s],psi [deg],u [m/s],v [m/s],r [rad/s],n [rps],delta [deg]\n"
@@ -39,8 +39,9 @@ def test_a_sidecar_says_that_actuators_are_as_they_are_at_each_sample(tmp_path: 
     assert any(note.code == "inputs" for note in sampled.notices) and not any(n.code == "inputs" for n in held.notices)
     silent = read_trial(file_with(tmp_path, ""))
     assert model_inputs(silent).array == pytest.approx(model_inputs(held).array)
-    assert is_measured_rudder([silent]) and is_measured_rudder([held])  # by its moves
-    assert not is_measured_rudder([sampled])  # not joined by lines twice
+    assert possible_readings([silent]) == (False, True)  # by its moves
+    assert possible_readings([held]) == possible_readings([sampled]) == (False,)  # not joined by lines twice
+    assert possible_readings([silent, sampled]) == (False,)
     with pytest.raises(UserError, match="inputs"):
         read_trial(file_with(tmp_path, '[default]\ninputs = "later"\n'))
 

@@ -10,10 +10,9 @@ import pytest
 from scipy.stats import norm
 
 import diagnosis.hypotheses.forward_selection as hypotheses
-from cases.inputs import step_means, straight_means
 from cases.trial import Trial
 from diagnosis.estimation.candidates import Candidate, Column, find
-from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials, middle_means
+from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
 from diagnosis.estimation.kalman import NoiseModel
 from diagnosis.estimation.linearisation import Trajectory
 from diagnosis.estimation.map_estimate import Estimate
@@ -283,26 +282,14 @@ def ramp(dt: float) -> Trial:
     return cut.with_columns(delta=0.004 * (cut.t - cut.t[0]))
 
 
-def test_means_half_way_between_held_and_joined_samples_are_off_by_a_quarter_of_a_sample_at_most() -> None:
-    """A ramp that was really straight, and the same samples really held."""
-    rng = np.random.default_rng(0)
-    t, edges = np.arange(0.0, 20.01, 0.1), np.arange(0.0, 20.01, 0.5)
-    values = np.column_stack([0.3 * t, rng.standard_normal(len(t))])
-    middle, held, joined = (f(t, values, edges) for f in (middle_means, step_means, straight_means))
-    assert (middle >= np.minimum(held, joined)).all() and (middle <= np.maximum(held, joined)).all()
-    np.testing.assert_allclose(middle - held, joined - middle, atol=1e-12)
-    np.testing.assert_allclose(joined[:, 0] - middle[:, 0], 0.3 * 0.025)
-    np.testing.assert_allclose(middle[:, 0] - held[:, 0], 0.3 * 0.025)
-    assert np.abs(held[:, 1] - joined[:, 1]).max() > 0.01
-
-
-@pytest.mark.parametrize(("dt", "late"), [(0.1, 0.025), (0.5, 0.0)])
-def test_straight_inputs_are_half_way_where_samples_are_dense_and_joined_else(dt: float, late: float) -> None:
+def test_inputs_are_held_or_joined_as_they_are_read() -> None:
     steps = full_steps(H)
-    data = grid_trials([ramp(dt)], steps.ship.inputs, 3.0, H, straight=True)
-    delta = data.inputs[:, 0, steps.ship.inputs.index("delta")]
-    middle = 0.5 * (data.t[1:, 0] + data.t[:-1, 0]) - data.t[0, 0]
-    np.testing.assert_allclose(delta, 0.004 * (middle - late), rtol=1e-6, atol=1e-9)
+    for straight, late in ((False, 0.05), (True, 0.0)):
+        data = grid_trials([ramp(0.1)], steps.ship.inputs, 3.0, H, straight=straight)
+        delta = data.inputs[:, 0, steps.ship.inputs.index("delta")]
+        middle = 0.5 * (data.t[1:, 0] + data.t[:-1, 0]) - data.t[0, 0]
+        np.testing.assert_allclose(delta, 0.004 * (middle - late), rtol=1e-6, atol=1e-9)
+        assert data.straight is straight
 
 
 def test_a_search_that_finds_nothing_leaves_the_fit_as_it_is(fits: Fits, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -16,6 +16,7 @@ from diagnosis.hypotheses.forward_selection import Selection
 from diagnosis.inputs import DiagnosisOptions, diagnosable_trials, diagnosis_store, parted
 from diagnosis.judgement.believable import believed, beyond_reported, deviations
 from diagnosis.judgement.judged_search import JudgedSearch
+from diagnosis.prepare import InputReading
 from mmg.errors import UserError
 from tests.diagnosis.judgement.test_verdict import RUNS, ready
 from tests.support.diagnosis_cases import FEW, candidate, pushed_trials
@@ -70,9 +71,10 @@ def test_a_calibration_is_measured_by_the_priors_before_it() -> None:
 
 
 @pytest.mark.parametrize(
-    ("sample", "tau", "verdict"), [(0.5, 0.27, "unknown"), (0.5, 0.6, "named"), (0.1, 0.04, "named")]
+    ("sample", "tau", "gain", "verdict"),
+    [(0.5, 0.27, 3.0, "unknown"), (0.5, 0.27, None, "named"), (0.5, 0.6, 3.0, "named"), (0.1, 0.04, 3.0, "named")],
 )
-def test_a_delay_of_half_a_sample_is_no_name(sample: float, tau: float, verdict: str) -> None:
+def test_a_delay_of_half_a_sample_is_no_name(sample: float, tau: float, gain: float | None, verdict: str) -> None:
     p, delay = ready().problem, candidate("control_delay")
     own = priors_of_effects([delay], 1.0)
     null = off(ready().null)
@@ -81,7 +83,8 @@ def test_a_delay_of_half_a_sample_is_no_name(sample: float, tau: float, verdict:
     at = (tau - own.mean[0]) / own.std[0]
     final = replace(null, free=free, p=np.array([*null.p, at]), covariance=covariance)
     result = replace(judged("named", null, final), found=Selection((delay,), null, final, ()))
-    prepared = replace(ready(), problem=replace(p, data=replace(p.data, sample=sample)))
+    reading = InputReading(False, gain, sample, 3.0)
+    prepared = replace(ready(), problem=replace(p, data=replace(p.data, sample=sample)), reading=reading)
     found, reasons, _ = believed(result, prepared)
     assert found == verdict and [m.code for m in reasons] == ["half_a_sample"] * (verdict == "unknown")
 

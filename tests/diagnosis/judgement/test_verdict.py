@@ -14,7 +14,7 @@ from diagnosis.estimation.noise_sizes import least_noise
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.hypotheses.refit import refit
 from diagnosis.judgement.verdict import limits
-from diagnosis.prepare import Prepared
+from diagnosis.prepare import InputReading, Prepared
 from tests.support.diagnosis_cases import candidate, full_model, problem_of, pushed_trials
 
 RUNS = (("zigzag:20/20", 40.0), ("turning:-20", 40.0))
@@ -23,7 +23,7 @@ RUNS = (("zigzag:20/20", 40.0), ("turning:-20", 40.0))
 @cache
 def ready() -> Prepared:
     problem, null = problem_of(pushed_trials(1, runs=RUNS), 1.0)
-    return Prepared(problem, full_model(), null, False, 1, (), (1.0, float("inf")))
+    return Prepared(problem, full_model(), null, InputReading(False, None, 0.1, 3.0), 1, (), (1.0, float("inf")))
 
 
 def said(null: Estimate, held: object = True) -> dict[str, str]:

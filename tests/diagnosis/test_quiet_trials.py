@@ -1,0 +1,50 @@
+"""Trials of a ship on which no random force acts and that lacks nothing: their actuators held from sample to sample, or
+as they are at each sample."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cases.criteria.simulated_trial import simulated_trial
+from cases.shipfiles.ship_file import load_ship
+from cases.simulation.sensors import SensorNoise, add_noise
+from cases.trial import Trial
+from diagnosis.hypotheses.score_test import score_tests, slopes
+from diagnosis.prepare import prepare
+from mmg.ship import Ship
+
+SAMPLE, FINE = 0.2, 0.02
+RUNS = ("zigzag:20/20", "turning:35", "turning:-20")
+
+
+def drawn(ship: Ship, rng: np.random.Generator) -> Ship:
+    """``ship`` with coefficients drawn about hers, 0.4 standard deviations of the prior wide."""
+    rows = {s: ship.coefficients[s] for s in ship.free}
+    moved = {s: float(np.clip(c.value + 0.4 * c.std * rng.normal(), c.lower, c.upper)) for s, c in rows.items()}
+    return ship.with_coefficients({s: rows[s].with_(value=value) for s, value in moved.items()})
+
+
+def trials(ship: Ship, held: bool, seed: int) -> list[Trial]:
+    """Noisy runs in steady wind, sampled every SAMPLE seconds."""
+    found = []
+    for k, words in enumerate(RUNS):
+        dt = SAMPLE if held else FINE
+        run = simulated_trial(ship, words, None, f"1.5:{110 * k}", False, seed, dt)
+        every = round(SAMPLE / dt)
+        run = replace(run, columns={name: values[::every] for name, values in run.columns.items()}, name=f"run_{k}")
+        found.append(add_noise(run, SensorNoise.for_length(ship.particulars["L"]), 10 * seed + k))
+    return found
+
+
+@pytest.mark.parametrize("held", [True, False])
+def test_nothing_is_seen_in_trials_without_random_forces_however_actuators_are_sampled(held: bool) -> None:
+    start = load_ship("esso_osaka_3m")
+    ready = prepare(start, trials(drawn(start, np.random.default_rng(5)), held, 5))
+    assert ready.reading.straight is not held and ready.problem.data.straight is not held
+    assert ready.reading.gain > 2.0
+    tests = score_tests(slopes(ready.problem.steps, ready.problem.data, ready.null, ready.full.candidates),
+                        ready.full.candidates)  # fmt: skip
+    assert tests[0].p_value > 0.01
+    draft = next(t for t in tests if t.candidate.effect == "draft")
+    assert draft.p_single > 0.01
