@@ -46,6 +46,8 @@ FEW = 20
 """Grid times that must be left where the interval is known from other trials."""
 MAX_FITS = 12
 """Linearisations of the first fit."""
+CLEAR = 3.0
+"""Gain in log likelihood from which one way of reading the actuators is clearly the better one (a ratio of 20)."""
 RUNS = 3
 """Runs from which effects of the surroundings may differ from run to run."""
 
@@ -69,11 +71,15 @@ class InputReading:
         return self.gain is not None and self.sample > COARSE * time_scale(self.length)
 
     @property
-    def words(self) -> str:
-        """A sentence on it."""
+    def notices(self) -> tuple[Message, ...]:
+        """What is to be said of it: where half a sample matters, or a calibration, which holds samples, differs."""
+        if self.gain is None or not (self.is_doubtful or (self.straight and self.gain > CLEAR)):
+            return ()
         how = "joined by straight lines" if self.straight else "held until the next one"
         words = f"samples of the actuators are taken as {how}, which is more likely (log likelihood + {self.gain:.1f})"
-        return f"{words}; a delay of half a sample cannot be told from the other way (say inputs in trials.toml)"
+        said = f'say inputs = "{"sampled" if self.straight else "held"}" in trials.toml if that is so'
+        tail = "; a delay of half a sample cannot be told from the other way" if self.is_doubtful else ""
+        return (Message(f"{words}: {said}{tail}", "coarse_samples"),)
 
 
 @dataclass(frozen=True)
@@ -161,7 +167,7 @@ def prepare(
             notices.append(Message(words, "effects_in_reference"))
         LOGGER.info("fitted to the trials of the calibration: %d runs, %d samples", len(old.trials), old.samples)
     (data, null, gap, correlation, line), reading = fit_as_read(steps, trials, values, base, noise, gap)
-    notices += [Message(reading.words, "coarse_samples")] if reading.is_doubtful else []
+    notices += reading.notices
     finer = None
     if not (step or reference or gap > 1 or swallows(null.noise, full.ship)):
         sample = max(t.dt for t in trials)
