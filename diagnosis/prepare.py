@@ -194,7 +194,7 @@ def fit_as_read(
     steps: TransitionModel, trials: Sequence[Trial], theta: np.ndarray, base: Priors, noise: NoiseModel, gap: int = 0
 ) -> tuple[tuple[GriddedTrials, Estimate, int, float, tuple[float, float]], InputReading]:
     """The fit without effects of ``trials``, whose actuators are held from sample to sample, or joined by lines where
-    both may be and that is more likely.
+    both may be and that is more likely, or leaves residuals that are correlated over fewer samples.
 
     steps: the transition model; theta: (all,) first coefficients; base: their priors; noise: first sizes; gap: as of
     ``fit_without_effects``. Returns what that does, and how the actuators were read. Raises UserError where
@@ -202,18 +202,15 @@ def fit_as_read(
     """
     length, sample = float(steps.ship.particulars["L"]), max(t.dt for t in trials)
     ways = [grid_trials(trials, steps.ship.inputs, length, steps.h, way) for way in possible_readings(trials)]
-    fitted = fit_without_effects(steps, ways[0], theta, base, noise, gap)
+    held = fit_without_effects(steps, ways[0], theta, base, noise, gap)
     if len(ways) == 1:
-        return fitted, InputReading(False, None, sample, length)
-    _, held, apart, *_ = fitted
-    try:
-        joined = estimate(steps, ways[1].thinned(apart), held, MAX_FITS)
+        return held, InputReading(False, None, sample, length)
+    try:  # from the same start: from the fit before, coefficients that the trials hardly tell would creep
+        joined = fit_without_effects(steps, ways[1], theta, base, noise, gap)
     except BrokenModelError:
-        return fitted, InputReading(False, math.inf, sample, length)
-    gain = held.nll - joined.nll
-    if gain > 0:
-        fitted = fit_without_effects(steps, ways[1], joined.theta, base, joined.noise, gap)
-    return fitted, InputReading(gain > 0, abs(gain), sample, length)
+        return held, InputReading(False, math.inf, sample, length)
+    gain = held[1].nll - joined[1].nll if held[2] == joined[2] else math.inf * (held[2] - joined[2])
+    return (joined if gain > 0 else held), InputReading(gain > 0, abs(gain), sample, length)
 
 
 def fit_without_effects(
