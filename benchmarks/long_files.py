@@ -6,16 +6,14 @@ python -m benchmarks.long_files [--megabytes 1024] [--hertz 100] [--record]
 from __future__ import annotations
 
 import argparse
-import os
 import shutil
-import subprocess
-import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
+from benchmarks.process import measured
 from benchmarks.record import record, table
 
 ROWS = 100_000
@@ -74,21 +72,6 @@ def _logged(columns: dict[str, np.ndarray]) -> dict[str, object]:
     }  # fmt: skip
 
 
-def measured(arguments: list[str]) -> tuple[float, float, str]:
-    """Peak memory [MB] and time [s] of ``mmg`` with these ``arguments``, and what it printed."""
-    program = "import sys; from mmg_ident.commands.main import main; sys.exit(main(sys.argv[1:]))"
-    with tempfile.TemporaryFile("w+") as out:
-        began = os.times().elapsed
-        child = subprocess.Popen([sys.executable, "-c", program, *arguments], stdout=out, stderr=subprocess.STDOUT)
-        _, status, used = os.wait4(child.pid, 0)
-        child.returncode = os.waitstatus_to_exitcode(status)
-        out.seek(0)
-        words = out.read()
-    if child.returncode:
-        raise SystemExit(words)
-    return used.ru_maxrss / (2**20 if sys.platform == "darwin" else 2**10), os.times().elapsed - began, words
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--megabytes", type=float, default=1024)
@@ -102,7 +85,7 @@ def main() -> None:
             path = folder / ("log.csv" if raw else "trial.csv")
             count = written(path, given.megabytes, given.hertz, raw)
             command = ["import", str(path), "--out", str(folder / "out")] if raw else ["check", str(path)]
-            peak, seconds, words = measured(command)
+            seconds, peak, words = measured(["-m", "mmg_ident", *command], errors=True)
             kept = next((line.strip() for line in words.splitlines() if "averaged" in line), "every row is kept")
             size = f"{path.stat().st_size / 2**20:.0f}"
             rows.append([f"mmg {command[0]}", size, str(count), f"{peak:.0f}", f"{seconds:.0f}", kept])

@@ -12,17 +12,14 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import shutil
-import subprocess
-import sys
 import tempfile
-import time
 from pathlib import Path
 
 from benchmarks.operation.coaster import coaster, coaster_month
 from benchmarks.operation.months import Change, Month
 from benchmarks.operation.tanker import tanker, tanker_month
+from benchmarks.process import measured
 from benchmarks.record import record, table
 from cases.shipfiles.ship_file import dump_ship
 
@@ -42,19 +39,6 @@ began = time.perf_counter()
 cut = cut_log(checked(read_log(sys.argv[1])), float(sys.argv[2]))
 print(cut.rows, len(cut.windows), time.perf_counter() - began)
 """
-
-
-def measured(arguments: list[str]) -> tuple[float, float, str]:
-    """Seconds and peak memory [MB] of a process of Python with these ``arguments``, and what it printed."""
-    with tempfile.TemporaryFile("w+") as out:
-        began = time.perf_counter()
-        process = subprocess.Popen([sys.executable, *arguments], stdout=out)
-        _, status, usage = os.wait4(process.pid, 0)
-        seconds = time.perf_counter() - began
-        out.seek(0)
-        if status:
-            raise RuntimeError(f"{arguments[:3]} ended with {status}")
-        return seconds, usage.ru_maxrss / 1024, out.read()
 
 
 def made(generator: str, folder: Path, month: Month) -> Path:

@@ -71,6 +71,11 @@ class InputReading:
         return self.gain is not None and self.sample > COARSE * time_scale(self.length)
 
     @property
+    def chosen(self) -> bool | None:
+        """How they are read where that is clear, None where a finer step may tell."""
+        return self.straight if self.gain is None or self.gain > CLEAR else None
+
+    @property
     def notices(self) -> tuple[Message, ...]:
         """What is to be said of it: where half a sample matters, or a calibration, which holds samples, differs."""
         if self.gain is None or not (self.is_doubtful or (self.straight and self.gain > CLEAR)):
@@ -123,13 +128,14 @@ def prepare(
     step: float | None = None,
     other_trials: bool = False,
     reference: Sequence[Trial] = (),
+    straight: bool | None = None,
 ) -> Prepared:
     """Put the trials on a grid, choose how inputs are interpolated, and fit without any effect.
 
     ship: with its priors; trials: to diagnose; site: what is known of the place; step: of the grid [s]; other_trials:
-    the ship was calibrated on others; reference: those trials, beyond whose usual misfit an effect must go. Returns
-    the problem with its first fit. Raises UserError where every coefficient is fixed, or all trials
-    are too short.
+    the ship was calibrated on others; reference: those trials, beyond whose usual misfit an effect must go; straight:
+    whether the actuators of ``trials`` are joined, where it is known. Returns the problem with its first fit. Raises
+    UserError where every coefficient is fixed, or all trials are too short.
     """
     place = site or Site({}, {})
     full = ship_with_all_effects(ship, [*trials, *reference], place.held, place.start)
@@ -166,7 +172,7 @@ def prepare(
             words = f"the trials of the calibration show these effects already: {names}"
             notices.append(Message(words, "effects_in_reference"))
         LOGGER.info("fitted to the trials of the calibration: %d runs, %d samples", len(old.trials), old.samples)
-    (data, null, gap, correlation, line), reading = fit_as_read(steps, trials, values, base, noise, gap)
+    (data, null, gap, correlation, line), reading = fit_as_read(steps, trials, values, base, noise, gap, straight)
     notices += reading.notices
     finer = None
     if not (step or reference or gap > 1 or swallows(null.noise, full.ship)):
@@ -174,7 +180,9 @@ def prepare(
         finer = finer_step(steps, data, null, sample, can_divide(trials, sample))
     if finer is not None:
         LOGGER.info(f"the random force changes too much over {data.h:g} s for sensors as quiet as these: {finer:g} s")
-        return prepare(ship, trials, site, finer, other_trials)
+        finely = prepare(ship, trials, site, finer, other_trials, straight=reading.chosen)
+        same = replace(finely, reading=reading, notices=(*reading.notices, *finely.notices))
+        return finely if reading.chosen is None else same
     if gap > 1:
         words = f"residuals of neighbouring samples are correlated ({correlation:.2f}), as of filtered instruments"
         notices.append(Message(f"{words}: one sample every {gap * data.h:g} s is compared", "correlated_residuals"))
@@ -191,20 +199,27 @@ def prepare(
 
 
 def fit_as_read(
-    steps: TransitionModel, trials: Sequence[Trial], theta: np.ndarray, base: Priors, noise: NoiseModel, gap: int = 0
+    steps: TransitionModel,
+    trials: Sequence[Trial],
+    theta: np.ndarray,
+    base: Priors,
+    noise: NoiseModel,
+    gap: int = 0,
+    straight: bool | None = None,
 ) -> tuple[tuple[GriddedTrials, Estimate, int, float, tuple[float, float]], InputReading]:
     """The fit without effects of ``trials``, whose actuators are held from sample to sample, or joined by lines where
     both may be and that is more likely, or leaves residuals that are correlated over fewer samples.
 
     steps: the transition model; theta: (all,) first coefficients; base: their priors; noise: first sizes; gap: as of
-    ``fit_without_effects``. Returns what that does, and how the actuators were read. Raises UserError where
-    all trials are too short.
+    ``fit_without_effects``; straight: how the actuators are read, where it is known. Returns what that does, and how
+    they were read. Raises UserError where all trials are too short.
     """
     length, sample = float(steps.ship.particulars["L"]), max(t.dt for t in trials)
-    ways = [grid_trials(trials, steps.ship.inputs, length, steps.h, way) for way in possible_readings(trials)]
+    known = possible_readings(trials) if straight is None else (straight,)
+    ways = [grid_trials(trials, steps.ship.inputs, length, steps.h, way) for way in known]
     held = fit_without_effects(steps, ways[0], theta, base, noise, gap)
     if len(ways) == 1:
-        return held, InputReading(False, None, sample, length)
+        return held, InputReading(known[0], None, sample, length)
     try:  # from the same start: from the fit before, coefficients that the trials hardly tell would creep
         joined = fit_without_effects(steps, ways[1], theta, base, noise, gap)
     except BrokenModelError:
