@@ -11,6 +11,7 @@ import numpy as np
 from mmg.errors import UserError
 from mmg.model import assemble
 from mmg.motion.froude import reference_speed
+from mmg.same_ship import once_per_ship
 from mmg.ship import Ship
 
 FROUDE = 0.07
@@ -49,6 +50,7 @@ def actuator_positions(ship: Ship, n: Any, delta: Any) -> dict[str, Any]:
     return moved
 
 
+@once_per_ship
 def surge_balance(ship: Ship) -> Callable[[float, float], float]:
     """Surge acceleration [m/s^2] of a ``ship`` at u [m/s] and n [1/s]: straight, rudder midships, calm, still water."""
     still = ship
