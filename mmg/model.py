@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
@@ -204,6 +204,8 @@ def _settled(memory: Memory) -> list[Any]:
     return known
 
 
+POINTS = 50_000
+"""Points at which logged columns are asked for in one call: a call costs as much as a thousand of them."""
 INVERSIONS = 30
 """Most fixed-point steps from logged columns to the state behind them."""
 
@@ -216,16 +218,28 @@ def settled(model: Model, six: np.ndarray, controls: np.ndarray, theta: np.ndarr
     return np.array(model.initial(six, controls, theta))
 
 
-def columns(model: Model, states: np.ndarray, theta: np.ndarray) -> np.ndarray:
+def columns(
+    model: Model,
+    states: np.ndarray,
+    theta: np.ndarray,
+    at: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
+) -> np.ndarray:
     """The six columns as they are logged, (..., 6, M), of states (..., S, M). model: of the ship; theta: coefficients
-    (P,) or (P, M)."""
+    (P,) or (P, M); at: the same as ``model.columns_by`` of many points, compiled (default: that)."""
     if not model.measured:
         return states[..., :6, :]
     flat = states.reshape(-1, *states.shape[-2:])
     # few coefficients: CasADi copies what it is given to every point
-    own = np.asarray(theta, dtype=float)[model.measured_by] if len(model.measured_by) else 0.0
-    logged = np.array([np.array(model.columns_by(z, own)) for z in flat])
-    return logged.reshape(*states.shape[:-2], 6, states.shape[-1])
+    own = np.asarray(theta, dtype=float)[model.measured_by]
+    M, logged = states.shape[-1], np.empty((len(flat), 6, states.shape[-1]))
+    many = max(1, POINTS // max(M, 1))
+    for first in range(0, len(flat), many):
+        z = flat[first : first + many]
+        each = np.tile(own, (1, len(z))) if np.ndim(own) == 2 else own
+        points = z.transpose(1, 0, 2).reshape(z.shape[1], -1)
+        found = at(points, each) if at else np.array(model.columns_by(points, each if len(own) else 0.0))
+        logged[first : first + many] = found.reshape(6, len(z), M).transpose(1, 0, 2)
+    return logged.reshape(*states.shape[:-2], 6, M)
 
 
 def states_behind(model: Model, logged: np.ndarray, controls: np.ndarray, theta: np.ndarray) -> np.ndarray:

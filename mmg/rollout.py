@@ -37,6 +37,11 @@ class Simulator:
         return batch, reason
 
     @cached_property
+    def _logged(self) -> BatchFunction | None:
+        (batch,), _ = batch_functions([self.model.columns_by], self.compiled)
+        return batch if batch.library else None
+
+    @cached_property
     def _many(self) -> Rollout | None:
         return compile_rollout(self._function, self.model.first, LANES) if self.compiled else None
 
@@ -56,7 +61,10 @@ class Simulator:
 
     def columns(self, states: np.ndarray, theta: np.ndarray | None = None) -> np.ndarray:
         """The six columns as they are logged, (..., 6, M), of states (..., S, M)."""
-        return columns(self.model, states, self.ship.values if theta is None else theta)
+        theta = self.ship.values if theta is None else theta
+        if self._logged is None or not self.model.measured:
+            return columns(self.model, states, theta)
+        return columns(self.model, states, theta, lambda z, own: self._logged.at(z, own)[0])
 
     def start(self, logged: np.ndarray, controls: np.ndarray, theta: np.ndarray | None = None) -> np.ndarray:
         """States (S, M) that are logged as (6, M) under inputs (C, M), their memory settled."""
