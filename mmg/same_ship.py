@@ -16,9 +16,9 @@ KEPT = 8
 
 
 def once_per_ship(make: Callable[[Ship], Made]) -> Callable[[Ship], Made]:
-    """``make`` of a ship, which takes from milliseconds to seconds, remembered for the last KEPT ships.
+    """Returns ``make``, which takes long for a ship, with what it made of the last KEPT ships remembered.
 
-    A ship never changes, so that the same object stands for the same model; an equal copy is made anew.
+    A ship never changes, so that the same object stands for the same model; of an equal copy it is made anew.
     """
     known: deque[tuple[Ship, Made]] = deque(maxlen=KEPT)
 
