@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from mmg.compile.same_ship import once_per_ship
 from mmg.errors import UserError
 from mmg.model import assemble
 from mmg.motion.froude import reference_speed
-from mmg.same_ship import once_per_ship
 from mmg.ship import Ship
 
 FROUDE = 0.07

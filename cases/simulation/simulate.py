@@ -20,6 +20,7 @@ from cases.maneuvers.stopping import stopping_notices
 from cases.simulation.gusts import Wind
 from cases.simulation.sensors import logged, wrap
 from cases.trial import UNITS, Trial
+from mmg.compile.same_ship import once_per_ship
 from mmg.components.catalogue import module
 from mmg.effects import effect
 from mmg.errors import UserError
@@ -28,7 +29,6 @@ from mmg.model import Model, assemble
 from mmg.motion.frames import earth_to_body, wind_vector
 from mmg.motion.froude import GRAVITY, reference_speed, time_scale
 from mmg.runge_kutta import rk4_step
-from mmg.same_ship import once_per_ship
 from mmg.ship import Ship
 from mmg.states import STATES
 

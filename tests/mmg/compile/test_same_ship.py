@@ -7,9 +7,9 @@ import pytest
 
 from cases.shipfiles.effects import with_effects
 from cases.shipfiles.ship_file import load_ship
+from mmg.compile.same_ship import KEPT, once_per_ship
 from mmg.model import columns
 from mmg.rollout import Simulator
-from mmg.same_ship import KEPT, once_per_ship
 from mmg.ship import Ship
 
 SHIP = load_ship("esso_osaka_3m")
