@@ -62,9 +62,10 @@ class Simulator:
     def columns(self, states: np.ndarray, theta: np.ndarray | None = None) -> np.ndarray:
         """The six columns as they are logged, (..., 6, M), of states (..., S, M)."""
         theta = self.ship.values if theta is None else theta
-        if self._logged is None or not self.model.measured:
+        compiled = self._logged if self.model.measured else None
+        if compiled is None:
             return columns(self.model, states, theta)
-        return columns(self.model, states, theta, lambda z, own: self._logged.at(z, own)[0])
+        return columns(self.model, states, theta, lambda z, own: compiled.at(z, own)[0])
 
     def start(self, logged: np.ndarray, controls: np.ndarray, theta: np.ndarray | None = None) -> np.ndarray:
         """States (S, M) that are logged as (6, M) under inputs (C, M), their memory settled."""

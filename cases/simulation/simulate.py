@@ -59,17 +59,15 @@ def _buffered(step: ca.Function) -> Callable[[np.ndarray, np.ndarray, float], np
     """``step`` of ``_plant`` with arrays of its own for what goes in and out: the same values in half the time."""
     state, inputs, h = (np.zeros(step.numel_in(i)) for i in range(3))
     end = np.zeros(step.numel_out(0))
-    buffer, evaluate = step.buffer()
+    kept: Any = step.buffer()  # the buffer too, which evaluating does not keep
     for i, values in enumerate((state, inputs, h)):
-        buffer.set_arg(i, memoryview(values))
-    buffer.set_res(0, memoryview(end))
+        kept[0].set_arg(i, values.data)
+    kept[0].set_res(0, end.data)
 
     def advanced(z: np.ndarray, c: np.ndarray, seconds: float) -> np.ndarray:
         state[:], inputs[:], h[0] = z, c, seconds
-        evaluate()
+        kept[1]()
         return end.copy()
-
-    advanced.buffer = buffer  # type: ignore[attr-defined]  # casadi does not keep it
 
     return advanced
 
