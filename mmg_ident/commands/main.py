@@ -9,6 +9,7 @@ import importlib.util
 import io
 import keyword
 import multiprocessing
+import multiprocessing.util
 import os
 import signal
 import sys
@@ -274,6 +275,8 @@ def run() -> None:
         for stream in (sys.stdout, sys.stderr):
             with contextlib.suppress(OSError, ValueError):
                 stream.flush()
+        with contextlib.suppress(Exception):  # semaphores of processes that were ended, or their tracker warns of them
+            multiprocessing.util._run_finalizers(0)  # type: ignore[attr-defined]
         os._exit(code)
     sys.exit(code)
 
