@@ -5,11 +5,11 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import functools
+import gc
 import importlib.util
 import io
 import keyword
 import multiprocessing
-import multiprocessing.util
 import os
 import signal
 import sys
@@ -275,8 +275,7 @@ def run() -> None:
         for stream in (sys.stdout, sys.stderr):
             with contextlib.suppress(OSError, ValueError):
                 stream.flush()
-        with contextlib.suppress(Exception):  # semaphores of processes that were ended, or their tracker warns of them
-            multiprocessing.util._run_finalizers(0)  # type: ignore[attr-defined]
+        gc.collect()  # semaphores of processes that were ended go with their queues, or their tracker warns of them
         os._exit(code)
     sys.exit(code)
 
