@@ -26,6 +26,9 @@ LEAST, ROUNDS = 0.1, 20
 """Least standard deviation of an effect between runs, in typical sizes; rounds of expectation-maximisation."""
 MAX_FITS = 12
 """Linearisations of the fit."""
+USUAL = 4.0
+"""Standard deviations within which an effect is the usual misfit in other trials. Without this limit trials with hardly
+any random force had a current fitted 79 of them off before it was looked for."""
 STRONG = 2.0
 """Typical sizes from which an effect in the trials of the calibration is a gap there already, no usual misfit."""
 
@@ -98,6 +101,8 @@ def fit_reference(
         )
         whole /= data.samples
     priors = replace(free, mean=value, std=free.std * std)
+    reach = np.where(np.arange(len(value)) < P, np.inf, USUAL * priors.std)
+    priors = replace(priors, lower=np.maximum(free.lower, value - reach), upper=np.minimum(free.upper, value + reach))
     return Reference(priors, tuple(moved), tuple(strong), theta, shift, scatter, rest, whole, found.noise)
 
 

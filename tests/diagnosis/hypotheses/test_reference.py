@@ -20,7 +20,7 @@ from diagnosis.estimation.candidates import find
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import priors_of_effects
 from diagnosis.hypotheses.forward_selection import SearchProblem, Selection, select_effects
-from diagnosis.hypotheses.reference import LEAST, STRONG, Reference, fit_reference
+from diagnosis.hypotheses.reference import LEAST, STRONG, USUAL, Reference, fit_reference
 from diagnosis.hypotheses.unnamed import unnamed_forms
 from diagnosis.inputs import calibration_trials
 from diagnosis.prepare import Prepared, prepare
@@ -109,8 +109,11 @@ def test_what_is_known_is_the_fit_with_its_errors_and_the_scatter_between_runs()
     shift, scatter = (np.array(list(x.values())) for x in (found.shift, found.scatter))
     np.testing.assert_allclose(found.priors.mean[P:], prior.mean + prior.std * shift, rtol=1e-12)
     assert (found.priors.std[P:] >= prior.std * scatter * (1 - 1e-12)).all()
+    reach = USUAL * found.priors.std[P:]  # farther off an effect is no usual misfit
+    np.testing.assert_array_equal(found.priors.lower[P:], np.maximum(prior.lower, found.priors.mean[P:] - reach))
+    np.testing.assert_array_equal(found.priors.upper[P:], np.minimum(prior.upper, found.priors.mean[P:] + reach))
     for k in ("lower", "upper"):
-        np.testing.assert_array_equal(getattr(found.priors, k)[P:], getattr(prior, k))
+        np.testing.assert_array_equal(getattr(found.priors, k)[:P], getattr(problem.base, k))
     at = [problem.steps.ship.symbols.index(s) for s in found.priors.symbols]
     np.testing.assert_array_equal(found.theta[at], found.priors.mean)
     for c in found.candidates:
