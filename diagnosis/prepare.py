@@ -17,7 +17,7 @@ from diagnosis.estimation.force_order import force_order
 from diagnosis.estimation.gridded_trials import COARSE, GriddedTrials, can_divide, grid_trials, possible_readings
 from diagnosis.estimation.kalman import NoiseModel
 from diagnosis.estimation.map_estimate import BrokenModelError, Estimate, estimate, initial_point
-from diagnosis.estimation.noise_sizes import initial_noise, swallows
+from diagnosis.estimation.noise_sizes import initial_noise, swallows, wider
 from diagnosis.estimation.parameters import Priors
 from diagnosis.estimation.residual_checks import (
     finer_step,
@@ -154,7 +154,7 @@ def prepare(
         is_order_usual = not force_order(steps, old, null).is_random
         known = fit_reference(steps, old, null, base, full.candidates, len(trials))
         base, full = known.priors, replace(full, candidates=known.candidates)
-        values, noise = known.theta, known.noise.with_(prior=known.noise)
+        values, noise = known.theta, wider(known.noise, full.ship)
         usual = np.array([known.unnamed, known.unexplained])
         words = "the ship was calibrated on other trials, which were fitted first: only what goes beyond their usual"
         notices.append(Message(f"{words} misfit and scatter counts", "reference_fitted"))

@@ -33,6 +33,18 @@ def least_noise(ship: Ship) -> NoiseModel:
     return typical.with_(force=LEAST_FORCE * typical.force, white=white, coloured=white)
 
 
+def wider(known: NoiseModel, ship: Ship) -> NoiseModel:
+    """First sizes for trials of a ``ship`` whose instruments and surroundings had the sizes ``known`` in others: none
+    below the initial ones.
+
+    A fit that begins with hardly any random force or error makes the coefficients explain all that an unmodelled effect
+    does, and ends far from the ship.
+    """
+    first = initial_noise(ship)
+    force, white = np.maximum(known.force, first.force), np.maximum(known.white, first.white)
+    return known.with_(force=force, white=white, prior=known)
+
+
 def swallows(noise: NoiseModel, ship: Ship) -> bool:
     """Whether the force of ``noise`` comes near the most that is allowed for a ``ship``."""
     return bool((noise.force > 0.5 * MOST * initial_noise(ship).force).any())

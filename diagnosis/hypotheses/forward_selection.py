@@ -10,7 +10,7 @@ from scipy.stats import chi2
 
 from diagnosis.estimation.candidates import Candidate
 from diagnosis.estimation.gridded_trials import GriddedTrials
-from diagnosis.estimation.map_estimate import Estimate
+from diagnosis.estimation.map_estimate import Estimate, estimate
 from diagnosis.estimation.parameters import Priors
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.hypotheses.refit import likelihood, refit, robust_p, wald_p
@@ -40,6 +40,8 @@ AGREE = 0.05
 """Largest probability, by the agreement of the runs, with which an effect is named."""
 MOST = 3
 """Effects named at the most."""
+MAX_FITS = 12
+"""Further linearisations of the fit with the effects selected, where it has not converged."""
 
 
 @dataclass(frozen=True)
@@ -222,6 +224,8 @@ def select_effects(
         if named and _doubtful(problem, s.best):
             break
         named, now = pruned(problem, [*named, s.best.candidate], s.best.fit)
+        if not now.converged:  # else the next effect gains what this one's fit had left
+            now = estimate(problem.steps, problem.data, now, MAX_FITS)
         if not named:
             null = now
         if len(named) >= MOST:
