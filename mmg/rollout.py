@@ -31,6 +31,9 @@ class Simulator:
         rates = ca.cse(self.model.rates(ca.vertcat(ca.SX.zeros(first), q), c, theta))
         self._function = ca.Function("f_rates", [q, c, theta], [ca.densify(rates)], {"cse": True})
 
+    def __reduce__(self) -> tuple:
+        return Simulator, (self.ship, self.compiled)  # code that was loaded stays here
+
     @cached_property
     def _batch(self) -> tuple[BatchFunction, str]:
         (batch,), reason = batch_functions([self._function], self.compiled)

@@ -70,7 +70,7 @@ def train_members(
     if bootstrap:
         own = [bootstrapped(task.split.train, settings.block, task.h, task.seed) for task in tasks]
         tasks = [replace(t, split=t.split._replace(train=blocks)) for t, blocks in zip(tasks, own, strict=True)]
-    outcomes = run_all(train_one, tasks, settings.workers)
+    outcomes = run_all(train_one, tasks, settings.workers, name="members")
     members = restored(tasks[0], outcomes)
     if not members:
         raise UserError("every member of the ensemble diverged in training; give a lower --rate or more data")

@@ -1,6 +1,6 @@
 """Blind benchmark of ``mmg diagnose``: cases whose key is sealed, answers, and only then the score.
 
-Run from the repository root: python -m benchmarks.blind [--cases 100] [--seed 1] [--workers 2]
+Run from the repository root: python -m benchmarks.blind [--cases 100] [--seed 1] [--workers 2] [--scheduler ADDRESS]
 [--kinds mix,pair,misfit] [--sets mixed] [--world pond] [--out runs/blind_1] [--white] [--record].
 Begun again with the same arguments it goes on where it stopped.
 """
@@ -12,6 +12,7 @@ import json
 import shlex
 import subprocess
 import sys
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,8 @@ from benchmarks.blind.rows import Refused, Row, rows_of, with_own
 from benchmarks.blind.score import scored
 from benchmarks.blind.solve import cases_of, solve
 from benchmarks.record import record
+from fitting.parallel.dask_cluster import dask_cluster
+from mmg.errors import UserError
 
 ROOT = Path(__file__).parents[2]
 
@@ -35,22 +38,16 @@ def main(arguments: list[str] | None = None) -> int:
     out = given.out or Path("runs") / name
     parts = [(kind, chosen) for chosen in given.sets.split(",") for kind in given.kinds.split(",")]
     try:
-        digests = {part: sealed(out, *part, given.cases, given.seed, given.world) for part in parts}
-        answers = {part: solve(_cases(out, *part), _answers(out, *part), given.workers, _say) for part in parts}
-        lines = []
-        for chosen in given.sets.split(","):
-            here = [part for part in parts if part[1] == chosen]
-            rows, white = _rows(out, here, digests, answers, given)
-            hashes = ", ".join(f"{kind} {digests[kind, chosen][:16]}..." for kind, _ in here)
-            lines += [f"Manoeuvres: {chosen}. Keys (SHA-256): {hashes}.", "", *musts(rows), *scored(rows), ""]
-            lines += [*report(rows, white), ""]
-    except Refused as error:
+        with dask_cluster(given.scheduler) if given.scheduler else nullcontext():
+            lines = _answered(out, parts, given)
+    except (Refused, UserError) as error:
         print(error, file=sys.stderr)
         return 2
     (out / "score.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
     words = list(sys.argv[1:] if arguments is None else arguments)
-    if "--out" in words:  # a path of this machine
-        del words[words.index("--out") : words.index("--out") + 2]
+    for option in ("--out", "--scheduler"):  # a path of this machine, an address
+        if option in words:
+            del words[words.index(option) : words.index(option) + 2]
     if given.record:
         record(
             f"Blind diagnosis: {given.kinds}; {given.sets} manoeuvres; world {given.world}",
@@ -62,11 +59,26 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
+def _answered(out: Path, parts: list[tuple[str, str]], given: argparse.Namespace) -> list[str]:
+    """Generates and solves the cases of all ``parts``; returns the lines of the score."""
+    digests = {part: sealed(out, *part, given.cases, given.seed, given.world) for part in parts}
+    answers = {part: solve(_cases(out, *part), _answers(out, *part), given.workers, _say) for part in parts}
+    lines = []
+    for chosen in given.sets.split(","):
+        here = [part for part in parts if part[1] == chosen]
+        rows, white = _rows(out, here, digests, answers, given)
+        hashes = ", ".join(f"{kind} {digests[kind, chosen][:16]}..." for kind, _ in here)
+        lines += [f"Manoeuvres: {chosen}. Keys (SHA-256): {hashes}.", "", *musts(rows), *scored(rows), ""]
+        lines += [*report(rows, white), ""]
+    return lines
+
+
 def _parsed(arguments: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.blind", description="Blind benchmark of mmg diagnose.")
     parser.add_argument("--cases", type=int, default=100, help="cases of each kind and set")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--scheduler", help="Dask scheduler whose workers solve the cases, as tcp://host:8786")
     parser.add_argument("--kinds", default="mix", help="comma-separated: " + ", ".join(KINDS))
     parser.add_argument("--sets", default="mixed", help="comma-separated: mixed, zigzag, turn, random, berthing")
     parser.add_argument("--world", default="pond", help="ship, noise and numerics: " + ", ".join(WORLDS))

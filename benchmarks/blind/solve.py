@@ -75,7 +75,8 @@ def solve(
     A case that failed counts as answered; delete its file to have it tried again.
     """
     answers.mkdir(parents=True, exist_ok=True)
-    tasks = [Task(case, answers / f"{case.name}.json", code_version()) for case in cases_of(folder)]
+    there = answers.absolute()  # a worker of a cluster began elsewhere
+    tasks = [Task(case, there / f"{case.name}.json", code_version()) for case in cases_of(folder.absolute())]
     todo = [task for task in tasks if not task.answer.exists()]
     say(f"{folder.name}: {len(todo)} of {len(tasks)} cases to solve")
     run_all(solve_case, todo, workers, each=say)

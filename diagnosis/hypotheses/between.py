@@ -166,7 +166,7 @@ class _Search:
             clear = [t for t in tests if t.row.p_value < LEVEL and t.row.log_bayes > 0]
             if not clear:
                 return [self._final(fit, t) for t in named], table, []
-            best = max(clear, key=lambda t: t.row.log_bayes)
+            best = physical(max(clear, key=lambda t: t.row.log_bayes), clear)
             same, reason = self._judged(best, tests, slopes)
             if too_scattered(scatter):
                 words = "surroundings, such as a current, differ so much from run to run that nothing is told from them"
@@ -254,6 +254,8 @@ class _Search:
         """What says the same as the best difference by another name, and why it cannot be named, if so."""
         rivals = [t for t in tests if t is not best and t.row.log_bayes > best.row.log_bayes - 0.5 * SAME_CLASS]
         other = [t for t in rivals if imitated(slopes, best.candidate, t.candidate) < IMITATES]
+        if is_cause(best):  # coefficients that say the same are what it changes
+            other = [t for t in other if t.candidate.effect in EFFECTS]
         same = tuple(dict.fromkeys(t.row.name for t in rivals if t not in other))
         k, group = self.groups.names.index(best.row.group), best.row.group
         elsewhere = frozenset().union(*(kinds for i, kinds in enumerate(self.kinds) if i != k))
@@ -271,6 +273,20 @@ class _Search:
                     words = f"the kinematics of the trials do not show the difference in {best.candidate.label}"
                     return same, Message(f"{words} that the dynamics ask for", "sensors_disagree")
         return same, None
+
+
+def is_cause(t: Tested) -> bool:
+    """Whether a difference is an effect in the ship, such as fouling: coefficients change by such a cause only."""
+    return t.candidate.effect in EFFECTS and t.row.nature == "ship"
+
+
+def physical(best: Tested, clear: Sequence[Tested]) -> Tested:
+    """The difference to name where ``best``, of those that are ``clear``, is a coefficient: a cause in the ship, if one
+    explains as much."""
+    if best.candidate.effect in EFFECTS:
+        return best
+    causes = [t for t in clear if is_cause(t) and t.row.log_bayes > best.row.log_bayes - 0.5 * SAME_CLASS]
+    return max(causes, key=lambda t: t.row.log_bayes, default=best)
 
 
 NO_ROW = GroupDifference("", "", "", "", {}, 0.0, 0, 1.0, 0.0)

@@ -34,7 +34,7 @@ def sentence(by: str, verdict: str, named: Sequence[GroupDifference], reasons: S
 def difference(d: GroupDifference) -> str:
     """The named difference ``d`` in words, with 90 % intervals."""
     sizes = ", ".join(f"{_symbol(d, name)}{size(p, d.group, d)}" for name, p in d.parameters.items())
-    alike = f" (or {', '.join(d.equivalence_class)}, which looks the same)" if d.equivalence_class else ""
+    alike = f" (or {', '.join(d.equivalence_class)}, which would explain it as well)" if d.equivalence_class else ""
     meaning = "".join(f", {p.words}" for p in d.parameters.values() if p.words and len(d.parameters) == 1)
     return f"{d.name}{alike} in {d.group}, {sizes} against the others ({d.nature}{meaning})"
 

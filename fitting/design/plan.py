@@ -27,6 +27,7 @@ from fitting.design.evolution import Evolution
 from fitting.design.next_trial import repetitions, runs
 from fitting.design.sequences import Sequences
 from fitting.design.trial_information import Present, TrialInformation
+from fitting.parallel import Shared, kept_workers, run_all, width
 from mmg.errors import UserError
 from mmg.motion.froude import time_scale
 from mmg.progress import OnProgress, Progress
@@ -133,7 +134,7 @@ class SequenceSearch:
 
     def __init__(self, info: TrialInformation, present: Present, task: PlanTask, sequences: Sequences) -> None:
         self.info, self.present, self.task, self.sequences = info, present, task, sequences
-        self.ship, self.evaluated = info.simulator.ship, 0
+        self.ship = info.simulator.ship
         values = self.ship.values[:, None] + np.hstack([np.zeros((len(self.ship.values), 1)), task.draws])
         bounds = [(c.lower, c.upper) if not c.fixed else (-np.inf, np.inf) for c in self.ship.coefficients.values()]
         low, high = np.array(bounds, dtype=float).T
@@ -179,31 +180,34 @@ class SequenceSearch:
         if len(good):
             fisher = self.info.of(np.ascontiguousarray(states[:, :, 0, good]), np.ascontiguousarray(inputs[..., good]))
             cost[good] = self.present.gain(fisher)
-        self.evaluated += len(x)
         return cost
 
 
-def library_rows(search: SequenceSearch) -> tuple[LibraryRow, ...]:
-    """The manoeuvres of the library in calm air, of the time and within the limits of the task of a ``search``, the
-    best first. One that is over sooner is repeated, with way to gain speed again between."""
-    ship, task, info = search.ship, search.task, search.info
+def library_rows(shared: Shared[SequenceSearch]) -> tuple[LibraryRow, ...]:
+    """The manoeuvres of the library in calm air, of the time and within the limits of the task of a ``shared`` search,
+    the best first. One that is over sooner is repeated, with way to gain speed again between."""
+    ship, task = shared.value.ship, shared.value.task
     options = [o for o in library(ship, wind=False) if (o.speed or own_speed(ship)) <= 1.02 * task.speed]
-    chosen, trials, _ = runs(ship, options, task.seconds, info.dt)
-    rows = []
-    for option, trial in zip(chosen, trials, strict=True):
-        if not _allowed(trial, task, ship):
-            continue
-        positions = np.stack(
-            [trial[name] if name in trial else np.zeros(len(trial)) for name in ("n", "delta")], axis=1
-        )
-        inputs = input_array(ship, positions[:-1, :, None], trial.t[:-1])
-        start = trial.states[0][:, None] * np.array([0, 0, 0, 1, 1, 1])[:, None]
-        states = info.motions(start, inputs)
-        fisher = info.of(states, inputs)[0] * repetitions(trial, task.seconds, ship)
-        placing = search.placing(states[:, :, None, :])
-        gain = float(search.present.gain(fisher))
-        rows.append(LibraryRow(option, gain, bool(placing.excess[0] <= 1e-9), fisher, trial))
-    return tuple(sorted(rows, key=lambda row: row.gain))
+    rows = run_all(_library_row, [(shared, option) for option in options], name="manoeuvres of the library")
+    return tuple(sorted((row for row in rows if row is not None), key=lambda row: row.gain))
+
+
+def _library_row(job: tuple[Shared[SequenceSearch], Option]) -> LibraryRow | None:
+    """A manoeuvre for a search, None where the ship cannot run it or the task does not allow it."""
+    search, option = job[0].value, job[1]
+    ship, task, info = search.ship, search.task, search.info
+    chosen, trials, _ = runs(ship, [option], task.seconds, info.dt)
+    if not chosen or not _allowed(trials[0], task, ship):
+        return None
+    trial = trials[0]
+    positions = np.stack([trial[name] if name in trial else np.zeros(len(trial)) for name in ("n", "delta")], axis=1)
+    inputs = input_array(ship, positions[:-1, :, None], trial.t[:-1])
+    start = trial.states[0][:, None] * np.array([0, 0, 0, 1, 1, 1])[:, None]
+    states = info.motions(start, inputs)
+    fisher = info.of(states, inputs)[0] * repetitions(trial, task.seconds, ship)
+    placing = search.placing(states[:, :, None, :])
+    gain = float(search.present.gain(fisher))
+    return LibraryRow(option, gain, bool(placing.excess[0] <= 1e-9), fisher, trial)
 
 
 def _allowed(trial: Trial, task: PlanTask, ship: Ship) -> bool:
@@ -229,15 +233,38 @@ def best_pairs(rows: Sequence[LibraryRow], present: Present) -> dict[str, tuple[
 
 
 def search_plan(
-    info: TrialInformation, present: Present, task: PlanTask, effort: float = 1.0, progress: OnProgress | None = None
+    info: TrialInformation,
+    present: Present,
+    task: PlanTask,
+    effort: float = 1.0,
+    workers: int = 1,
+    progress: OnProgress | None = None,
 ) -> SequenceFound:
     """The trial that gains most for a ``task``.
 
     info: information of trials; present: what is known now, and what is wanted; effort: factor on the generations of
-    the search; progress: called at each of them. Raises UserError where no sequence found stays inside the area.
+    the search; workers: processes over which the sequences of a generation and the manoeuvres of the library are
+    spread; progress: called at each generation. Raises UserError where no sequence found stays inside the area.
     """
     search = SequenceSearch(info, present, task, sequences_for(info.simulator.ship, task, info.dt))
-    rows = library_rows(search)
+    with kept_workers(workers):
+        return _searched(search, effort, progress)
+
+
+def _costs(job: tuple[Shared[SequenceSearch], np.ndarray]) -> np.ndarray:
+    """Cost (K,) of some sequences (K, size) of a generation, of a search."""
+    return job[0].value.cost(job[1])
+
+
+def _searched(search: SequenceSearch, effort: float, progress: OnProgress | None) -> SequenceFound:
+    """The best sequence of a ``search``, as of ``search_plan``."""
+    task, present, shared = search.task, search.present, Shared(search)
+
+    def cost(x: np.ndarray) -> np.ndarray:
+        parts = np.array_split(x, min(width(1), len(x)))
+        return np.concatenate(run_all(_costs, [(shared, part) for part in parts]))
+
+    rows = library_rows(shared)
     rng = np.random.default_rng(task.seed)
     starts = [0.5 + 0.3 * rng.uniform(-1, 1, search.sequences.size) for _ in range(STARTS)]
     fitting = [row for row in rows if row.fits] or list(rows)
@@ -253,7 +280,7 @@ def search_plan(
         if time.monotonic() - began > task.within:
             break
         own = evolutions[k // first] if k < first * len(starts) else min(evolutions, key=lambda e: e.cost)
-        own.advance(search.cost)
+        own.advance(cost)
         made += 1
         if progress:
             progress(Progress("planning", k + 1, total, {"mean log variance": min(e.cost for e in evolutions)}))
@@ -265,7 +292,7 @@ def search_plan(
             f"margin of {area.margin:g} m; give a larger --area, a shorter --time, a lower --speed-limit or another "
             "--start" + ("" if made == total else f"; the search was ended after {task.within:g} s (--time-limit)")
         )
-    return _found(search, winner.best, rows, made == total)
+    return _found(search, winner.best, rows, (made * COUNT, made == total))
 
 
 def _started(search: SequenceSearch, rows: Sequence[LibraryRow]) -> np.ndarray:
@@ -279,8 +306,10 @@ def _started(search: SequenceSearch, rows: Sequence[LibraryRow]) -> np.ndarray:
     return search.sequences.like(n, delta, float(rows[0].trial["u"][0]))
 
 
-def _found(search: SequenceSearch, x: np.ndarray, rows: tuple[LibraryRow, ...], whole: bool) -> SequenceFound:
-    """The sequence ``x`` (size,) with its motion, placed. whole: whether the search went to its end."""
+def _found(
+    search: SequenceSearch, x: np.ndarray, rows: tuple[LibraryRow, ...], done: tuple[int, bool]
+) -> SequenceFound:
+    """The sequence ``x`` (size,) with its motion, placed. done: sequences tried, whether the search went to its end."""
     orders, speed, revolutions = search.sequences.orders(x[None])
     positions, inputs = search.inputs(orders, revolutions)
     states = search.motions(inputs, speed)
@@ -295,6 +324,4 @@ def _found(search: SequenceSearch, x: np.ndarray, rows: tuple[LibraryRow, ...], 
         std = np.sqrt(np.nanmean((logged[:, :, 1:] - logged[:, :, :1]) ** 2, axis=2)) if D > 1 else 0 * logged[:, :, 0]
     fisher = search.info.of(np.ascontiguousarray(states[:, :, 0]), inputs)[0]
     gain, pairs = float(search.present.gain(fisher)), best_pairs(rows, search.present)
-    return SequenceFound(
-        orders[:, :, 0], positions[:, :, 0], logged[:, :, 0], std, fisher, gain, rows, pairs, search.evaluated, whole
-    )
+    return SequenceFound(orders[:, :, 0], positions[:, :, 0], logged[:, :, 0], std, fisher, gain, rows, pairs, *done)

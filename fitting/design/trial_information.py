@@ -27,6 +27,9 @@ class TrialInformation:
     dt: float
     window: int
 
+    def __reduce__(self) -> tuple:
+        return TrialInformation, (self.simulator, self.prior, self.sigma, self.dt, self.window)
+
     @cached_property
     def kernels(self) -> Kernels:
         """Right-hand side and Jacobian of the ship."""

@@ -6,8 +6,20 @@ are done. Every list of independent tasks of the product goes through it.
 
 from __future__ import annotations
 
-from fitting.parallel.executors import Executor, executing, run_all, width
+from fitting.parallel.executors import Executor, executing, kept_workers, listening, run_all, width
 from fitting.parallel.processes import end_with_parent, held_back
+from fitting.parallel.shared import Shared
 from fitting.parallel.threads import with_one_thread
 
-__all__ = ["Executor", "end_with_parent", "executing", "held_back", "run_all", "width", "with_one_thread"]
+__all__ = [
+    "Executor",
+    "Shared",
+    "end_with_parent",
+    "executing",
+    "held_back",
+    "kept_workers",
+    "listening",
+    "run_all",
+    "width",
+    "with_one_thread",
+]

@@ -10,11 +10,14 @@ from __future__ import annotations
 import importlib.metadata
 import itertools
 import threading
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
 from fitting.parallel.executors import executing
+from fitting.parallel.memory import PROCESS, own_memory
+from fitting.parallel.threads import one_thread_environment
 from mmg.errors import UserError
 from mmg.progress import LOGGER
 
@@ -28,10 +31,13 @@ _ALONE = threading.Lock()
 
 
 def _alone(function: Callable[[Any], Any], task: Any) -> Any:
-    """``function`` of a ``task``, one at a time in each worker, with one thread for torch as in a process of a pool."""
+    """``function`` of a ``task``, one at a time in each worker, with one thread as in a process of a pool: libraries
+    that a worker loaded before have as many as Dask or the machine gave them."""
     import sys
 
-    with _ALONE:
+    from threadpoolctl import threadpool_limits
+
+    with _ALONE, one_thread_environment(), threadpool_limits(1):
         if "torch" in sys.modules:
             sys.modules["torch"].set_num_threads(1)
         return function(task)
@@ -48,10 +54,23 @@ class DaskCluster:
 
     @property
     def width(self) -> int:
-        """Number of workers that the scheduler has now, one at least."""
-        return max(1, len(self.client.scheduler_info(n_workers=-1)["workers"]))
+        """Number of workers that the scheduler has now, one at least. Raises UserError where it is lost."""
+        try:
+            if self.client.status != "running":
+                raise ConnectionError(f"the connection is {self.client.status}")
+            return max(1, len(self.client.scheduler_info(n_workers=-1)["workers"]))
+        except (KeyError, OSError) as error:  # what is left of a scheduler that is gone says nothing of workers
+            raise self._lost(error) from None
 
-    def outcomes(self, function: Callable[[Any], Any], tasks: Sequence[Any]) -> Iterator[Any]:
+    def _lost(self, error: BaseException) -> UserError:
+        """What to say where the scheduler is gone, by the ``error`` that this gave."""
+        why = "it does not answer" if isinstance(error, KeyError) else str(error) or type(error).__name__
+        words = f"{self.address}: the scheduler was lost ({why})"
+        return UserError(f"{words}; start it again and repeat the command, with --resume where it has one")
+
+    def outcomes(
+        self, function: Callable[[Any], Any], tasks: Sequence[Any], finished: Callable[[], None] = lambda: None
+    ) -> Iterator[Any]:
         """As of ``Executor``. Raises UserError where the scheduler is lost or a task ends one worker after another."""
         from distributed import as_completed
 
@@ -73,6 +92,7 @@ class DaskCluster:
                     future, outcome = self._finished(running)
                     done[at.pop(future)] = outcome
                     future.release()
+                    finished()
                     hand_over(max(1, AHEAD * self.width - len(at)))
                 yield done.pop(number)
         finally:
@@ -88,8 +108,7 @@ class DaskCluster:
             error = future.exception() if future.status == "error" else None
             outcome = None if error else future.result()
         except (CancelledError, OSError) as lost:
-            words = f"{self.address}: the scheduler was lost ({str(lost) or type(lost).__name__})"
-            raise UserError(f"{words}; start it again and repeat the command, with --resume where it has one") from None
+            raise self._lost(lost) from None
         if isinstance(error, KilledWorker):
             words = f"{self.address}: a task ended one worker after another, perhaps for want of memory"
             raise UserError(f"{words}; give the workers more memory, or use --workers")
@@ -110,18 +129,55 @@ def dask_cluster(address: str) -> Iterator[DaskCluster]:
     except ImportError:
         raise UserError("--scheduler needs Dask: pip install 'mmg-ident[dask]'") from None
     try:
-        client = distributed.Client(address, timeout=TIMEOUT, set_as_default=False)
-    except (OSError, ValueError, TypeError, distributed.TimeoutError) as error:
+        check_scheduler(_greeted(address), address)
+        with warnings.catch_warnings():  # what differs is said in a line, or does not matter
+            warnings.simplefilter("ignore", distributed.versions.VersionMismatchWarning)
+            client = distributed.Client(address, timeout=TIMEOUT, set_as_default=False)
+    except (OSError, ValueError, TypeError, KeyError, distributed.TimeoutError) as error:
         why = " ".join(str(error).split())[:200] or type(error).__name__
         raise UserError(f"--scheduler {address}: no Dask scheduler answers there ({why})") from None
     try:
         check_workers(client, address)
+        warn_of_memory(client, address)
         cluster = DaskCluster(client, address)
         LOGGER.info("tasks go to %d worker(s) of %s", cluster.width, address)
         with executing(cluster):
             yield cluster
     finally:
         client.close()
+
+
+def _greeted(address: str) -> str:
+    """The version of Dask of the scheduler at ``address``, asked before a client is made: that waits for ever where
+    something else listens, and an old scheduler does not understand it. Raises what Dask raises, or TimeoutError."""
+    import asyncio
+    from concurrent.futures import ThreadPoolExecutor
+
+    from distributed.comm import connect
+    from distributed.core import send_recv
+    from distributed.security import Security
+
+    async def said() -> str:
+        comm = await connect(address, timeout=TIMEOUT, **Security().get_connection_args("client"))
+        try:
+            return str((await send_recv(comm, op="versions"))["packages"]["distributed"])
+        finally:
+            await comm.close()
+
+    with ThreadPoolExecutor(1) as apart:  # a notebook has a loop of its own in this thread
+        return apart.submit(asyncio.run, asyncio.wait_for(said(), TIMEOUT + 2)).result()
+
+
+def check_scheduler(theirs: str, address: str) -> None:
+    """Raises UserError where ``theirs``, the version of Dask of the scheduler at ``address``, is not that of this
+    process."""
+    import distributed
+
+    if theirs != distributed.__version__:
+        raise UserError(
+            f"--scheduler {address}: the scheduler has distributed {theirs}, this process {distributed.__version__}; "
+            "install the same version on all machines"
+        )
 
 
 def _version() -> str:
@@ -147,12 +203,7 @@ def check_workers(client: Any, address: str) -> None:
             f"--scheduler {address}: no worker within {TIMEOUT:g} s; start one: dask worker {address} --nthreads 1"
         ) from None
     versions = client.get_versions()
-    theirs = versions["scheduler"]["packages"]["distributed"]
-    if theirs != distributed.__version__:
-        raise UserError(
-            f"--scheduler {address}: the scheduler has distributed {theirs}, this process {distributed.__version__}; "
-            "install the same version on all machines"
-        )
+    check_scheduler(versions["scheduler"]["packages"]["distributed"], address)
     found = client.run(importlib.metadata.version, PACKAGE, on_error="return")
     for worker, version in sorted(found.items()):
         if version != here and (here or not isinstance(version, Exception)):
@@ -163,4 +214,19 @@ def check_workers(client: Any, address: str) -> None:
         if about["python"].rpartition(".")[0] != versions["client"]["packages"]["python"].rpartition(".")[0]:
             raise UserError(
                 f"--scheduler {address}: the worker {worker} has Python {about['python']}, this process another"
+            )
+
+
+def warn_of_memory(client: Any, address: str) -> None:
+    """Says which workers may hold less memory than this process does, whose libraries and trials a task needs too.
+
+    client: connected ``distributed.Client``; address: of the scheduler, for the message.
+    """
+    need = max(own_memory(), PROCESS)
+    workers = client.scheduler_info(n_workers=-1)["workers"]
+    for worker, about in sorted(workers.items()):
+        if 0 < (limit := float(about.get("memory_limit") or 0.0)) < need:
+            LOGGER.warning(
+                f"--scheduler {address}: the worker {worker} may hold {limit / 1e6:.0f} MB, and a task takes about "
+                f"{need / 1e6:.0f} MB; start it with a larger --memory-limit, or fewer workers on that machine"
             )

@@ -11,25 +11,66 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from typing import Any, TypeVar
+from typing import Any
 
-from fitting.parallel.threads import THREADS
+from fitting.parallel.threads import one_thread_environment
+from mmg.errors import UserError
 
-Task = TypeVar("Task")
-Outcome = TypeVar("Outcome")
+LOST = (
+    "a process that did a task was ended from outside, perhaps for want of memory; "
+    "use fewer --workers or less data at once"
+)
+
+
+class ProcessCrew:
+    """An executor on processes of this machine.
+
+    pool: of them; width: how many.
+    """
+
+    def __init__(self, pool: ProcessPoolExecutor, width: int) -> None:
+        self.pool, self.width = pool, width
+
+    def outcomes(
+        self, function: Callable[[Any], Any], tasks: Sequence[Any], finished: Callable[[], None] = lambda: None
+    ) -> Iterator[Any]:
+        """As of ``Executor``. Raises UserError where a process is ended from outside."""
+        with held_back():
+            futures = [self.pool.submit(function, task) for task in tasks]
+        at = {future: number for number, future in enumerate(futures)}
+        done: dict[int, Any] = {}
+        following = as_completed(futures)
+        del futures
+        try:
+            for number in range(len(tasks)):
+                while number not in done:
+                    future = next(following)
+                    done[at.pop(future)] = future.result()
+                    finished()
+                yield done.pop(number)
+        except BrokenProcessPool:
+            raise UserError(LOST) from None
+        finally:
+            for future in at:
+                future.cancel()
 
 
 @contextmanager
-def in_processes(function: Callable[[Task], Outcome], tasks: Sequence[Task], count: int) -> Iterator[Iterator[Outcome]]:
-    """Outcomes of ``function`` for each of ``tasks``, in order, from ``count`` processes that end with this context."""
+def process_crew(count: int) -> Iterator[ProcessCrew]:
+    """At most ``count`` processes, as many as there is memory for, that do tasks and end with this context."""
+    from fitting.parallel.memory import affordable
+
+    count = affordable(count)
     context, others = multiprocessing.get_context("spawn"), multiprocessing.active_children()
-    with _one_thread(), ProcessPoolExecutor(max_workers=count, mp_context=context, initializer=end_with_parent) as pool:
+    with (
+        one_thread_environment(),
+        ProcessPoolExecutor(max_workers=count, mp_context=context, initializer=end_with_parent) as pool,
+    ):
         try:
-            with held_back():
-                outcomes = pool.map(function, tasks)
-            yield outcomes
+            yield ProcessCrew(pool, count)
         except BaseException:
             children = [child for child in multiprocessing.active_children() if child not in others]
             pool.shutdown(wait=False, cancel_futures=True)
@@ -61,18 +102,3 @@ def held_back() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    """An environment in which processes begin with one thread each: several of them only get in each other's way."""
-    before = {name: os.environ.get(name) for name in THREADS}
-    os.environ.update(dict.fromkeys(THREADS, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value

@@ -25,6 +25,7 @@ from cases.maneuvers.definitions import STOPS, Maneuver, parse_maneuver
 from cases.shipfiles.effects import calm_and_deep
 from cases.simulation.pushed_batch import simulate_pushed
 from cases.simulation.simulate_batch import SimulatedRuns, simulate_batch
+from fitting.parallel import Shared, run_all
 from fitting.prediction.bands import bands_of
 from fitting.prediction.envelope import DRIFT
 from fitting.prediction.unexplained import accelerations, drawn_resistance
@@ -111,13 +112,14 @@ def with_intervals(
     count: int,
     seed: int = 0,
     rudder_rate: float | None = None,
+    workers: int = 1,
 ) -> JudgedFigures:
     """An assessment of simulated runs with median, 90 % interval and probability of meeting the criterion.
 
     found: of ``cases.criteria.assessment.imo_figures``, with the same rudder_rate [rad/s]; ship: as it was given there;
     content: of the result.json of a calibration, {}: the standard deviations of the ship file stand alone, and are
-    independent; count, seed: of the draws. Raises UserError for a count that makes no sense, and for a ship without
-    standard deviations.
+    independent; count, seed: of the draws; workers: processes over which the manoeuvres are spread. Raises UserError
+    for a count that makes no sense, and for a ship without standard deviations.
     """
     if not 20 <= count <= MOST:
         raise UserError(f"--scatter {count}: give 20 to {MOST} draws, or 0 for none")
@@ -127,22 +129,26 @@ def with_intervals(
     if correlation is None:
         words = "coefficients are drawn independently of each other: no correlation is known"
         notices.append(Message(words, "independent_draws"))
-    simulator = Simulator(calm)
-    scatter: dict[str, FigureScatter] = {}
-    for run in found.runs:
-        if run.kind in JUDGED:
-            plan = parse_maneuver(run.name, calm, speed=run.speed, rudder_rate=rudder_rate)
-            one = scatter[run.name] = drawn_figures(simulator, plan, drawn, content, seed)[0]
-            if one.outside:
-                notices.append(
-                    Message(outside_words(run.name, run.kind, one.outside, one.widened), "outside_the_trials")
-                )
-            if one.lost:
-                words = f"{run.name}: {one.lost} of {count} drawn ships run away, and count as never reaching a figure"
-                notices.append(Message(words, "diverging_draws"))
+    shared, judged = Shared((Simulator(calm), drawn, content)), [run for run in found.runs if run.kind in JUDGED]
+    plans = [parse_maneuver(run.name, calm, speed=run.speed, rudder_rate=rudder_rate) for run in judged]
+    made = run_all(_drawn_plan, [(shared, plan, seed) for plan in plans], workers, name="manoeuvres")
+    scatter = {run.name: one for run, one in zip(judged, made, strict=True)}
+    for run, one in zip(judged, made, strict=True):
+        if one.outside:
+            notices.append(Message(outside_words(run.name, run.kind, one.outside, one.widened), "outside_the_trials"))
+        if one.lost:
+            words = f"{run.name}: {one.lost} of {count} drawn ships run away, and count as never reaching a figure"
+            notices.append(Message(words, "diverging_draws"))
     runs = {run.name: run for run in found.runs}
     rows = tuple(judged_row(row, runs[row.run], scatter[row.run]) if row.run in scatter else row for row in found.rows)
     return JudgedFigures(replace(found, rows=rows, notices=tuple(notices)), scatter)
+
+
+def _drawn_plan(job: tuple[Shared, Maneuver, int]) -> FigureScatter:
+    """All draws of one manoeuvre, of simulator, draws and content of the result that tasks share, and a seed."""
+    shared, plan, seed = job
+    simulator, drawn, content = shared.value
+    return drawn_figures(simulator, plan, drawn, content, seed)[0]
 
 
 def correlation_in(content: Mapping[str, Any]) -> tuple[list[str], np.ndarray] | None:

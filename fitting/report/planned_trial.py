@@ -47,7 +47,7 @@ class Wish:
     ``fitting.design.wanted.FIGURES``, instead of coefficients; speed_limit [m/s], None: what the trials held; margin:
     that the hull keeps from the edges [m], None: half a beam; start: x, y [m], psi [rad], None: chosen; ahead: the
     propeller is not reversed; seed: of the search; effort: factor on its length; rudder_limit: largest angle [rad];
-    time_limit: longest search by the clock [s].
+    time_limit: longest search by the clock [s]; workers: processes over which the search is spread.
     """
 
     area: str
@@ -62,6 +62,7 @@ class Wish:
     effort: float = 1.0
     rudder_limit: float = math.radians(RUDDER)
     time_limit: float = TIME_LIMIT
+    workers: int = 1
 
 
 @dataclass(frozen=True)
@@ -233,7 +234,7 @@ def plan_trial(result: FitResult, wish: Wish, progress: OnProgress | None = None
     task = PlanTask(
         wish.seconds, area, speed, wish.start, wish.ahead, wish.rudder_limit, wish.seed, draws, wish.time_limit
     )
-    found = search_plan(info, present, task, wish.effort, progress)
+    found = search_plan(info, present, task, wish.effort, wish.workers, progress)
     if not found.whole:
         notes.append(f"the search was ended after {wish.time_limit:g} s (--time-limit); a longer one may find more")
     return PlannedTrial(ship, task, found, present, dt, tuple(notes))
@@ -244,6 +245,8 @@ def _check_limits(wish: Wish) -> None:
     angle = math.degrees(wish.rudder_limit)
     if not 1 <= angle <= STEEPEST:
         raise UserError(f"--rudder-limit {angle:g} deg: give 1 to {STEEPEST:g} deg")
+    if wish.workers < 1:
+        raise UserError(f"--workers {wish.workers} must be at least 1")
     if not wish.time_limit > 0:
         raise UserError(f"--time-limit {wish.time_limit:g} s: give a positive number of seconds")
 

@@ -258,7 +258,7 @@ class _Work:
         found = {one.name: self.kept.get(one.name) for one, _ in named}
         left = [(one, values) for one, values in named if found[one.name] is None]
         task = partial(_shot, work=self)
-        for content in run_all(task, left, self.settings.workers, lambda c: self.kept.put(c["name"], c)):
+        for content in run_all(task, left, self.settings.workers, lambda c: self.kept.put(c["name"], c), "models"):
             found[content["name"]] = content
         return [self._taken_up(one, values, found[one.name] or {}) for one, values in named]
 

@@ -111,7 +111,8 @@ def _solve_all(
     if width(settings.workers) > 1 and len(points) > 1:
         timed = replace(settings, time_limit=time_left(settings, began))
         work = partial(_solve_one, problem, timed, damped)
-        return unless_interrupted(lambda: run_all(work, points, settings.workers)) or []  # they count as left out
+        spread = unless_interrupted(lambda: run_all(work, points, settings.workers, name="starts"))
+        return spread or []  # they count as left out
     solutions: list[Solution] = []
     for p in points:
         if (left := time_left(settings, began)) is not None and left <= 0:

@@ -134,7 +134,7 @@ def bootstrap(
         side = width(workers)
         chunks = np.array_split(np.arange(replicates), min(replicates, CHUNKS * side if side > 1 else 1))
         tasks = [(problem, x, counts[i], inside[i]) for i in chunks]
-        outcomes = [outcome for part in run_all(refit, tasks, workers) for outcome in part]
+        outcomes = [outcome for part in run_all(refit, tasks, workers, name="bootstrap, parts") for outcome in part]
         failures = tuple((str(i), why) for i, (_, why) in enumerate(outcomes) if why)
         return Replicates(np.array([p for p, _ in outcomes]), failures, "refit")
     H = np.einsum("bw,wij->bij", counts.astype(float), info.fisher, optimize=True) + info.prior_information

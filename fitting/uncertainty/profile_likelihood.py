@@ -88,7 +88,7 @@ def profiles(
             held = held[np.abs(held - p[i]) > 1e-9]
             held = held[np.r_[True, np.abs(np.diff(held)) > 1e-9]] if len(held) else held
             tasks.append((problem, x, i, held))
-    outcomes, found = run_all(refit_along, tasks, workers), []
+    outcomes, found = run_all(refit_along, tasks, workers, name="profiles"), []
     for k, symbol in enumerate(symbols):
         sides, i = slice(2 * k, 2 * k + 2), names.index(symbol)
         ratio = covariance[i, i] / model[i, i]

@@ -58,6 +58,10 @@ def imo(
         Option(help="Ships drawn for the 90 % intervals; default 500 of a calibration or starting ship, 0: none."),
     ] = None,
     seed: Annotated[int, Option(help="Seed of the draws.")] = 0,
+    workers: Annotated[int, Option(help="Processes over which the manoeuvres of the draws are spread.")] = 1,
+    scheduler: Annotated[
+        str | None, Option(help="Dask scheduler, as tcp://host:8786: its workers do the tasks.", metavar="ADDRESS")
+    ] = None,
     plot: Annotated[Path | None, Option(help="Figure to write (.png, .svg or .pdf).")] = None,
     out: Annotated[Path | None, Option(help="New folder for imo.json, imo.png and the simulated runs as CSV.")] = None,
     force: Annotated[bool, Option("--force", help="Overwrite existing files.")] = False,
@@ -88,6 +92,8 @@ def imo(
             raise UserError(f"--{option} {value:g} must be positive")
     if kind and kind not in KINDS:
         raise UserError(f"--kind {kind!r} is unknown; use {', '.join(KINDS)}")
+    if workers < 1:
+        raise UserError(f"--workers {workers} must be at least 1")
     _check_targets(plot, out, force)
     if models:
         own: dict[str, object] = {"--ship": ship, "--length": length, "--kind": kind or None}
@@ -98,7 +104,7 @@ def imo(
         simulated = load_ship(models[0])
         with working(f"simulating the manoeuvres of {simulated.name}"):
             found = imo_figures(simulated, speed, rate, maneuver or [], scale)
-        found, clouds = _with_intervals(found, models[0], simulated, scatter, seed, rate)
+        found, clouds = _with_intervals(found, models[0], simulated, (scatter, seed, workers), rate)
     else:
         own = {"--scatter": scatter, "--speed": speed, "--rudder-rate": rudder_rate, "--maneuver": maneuver or None}
         for option in [name for name, value in own.items() if value is not None]:
@@ -118,9 +124,10 @@ def imo(
 
 
 def _with_intervals(
-    found: Assessment, model: str, ship: Ship, scatter: int | None, seed: int, rudder_rate: float | None
+    found: Assessment, model: str, ship: Ship, draws: tuple[int | None, int, int], rudder_rate: float | None
 ) -> tuple[Assessment, dict[str, Sequence[Since]]]:
-    """The figures with 90 % intervals, where a covariance is known or draws are asked for, and runs behind them."""
+    """The figures with 90 % intervals, where a covariance is known or draws are asked for, and runs behind them; draws:
+    how many, their seed, and processes."""
     from dataclasses import replace
 
     from cases.shipfiles.estimates import is_starting_ship
@@ -128,6 +135,7 @@ def _with_intervals(
     from fitting.report.run_folder import RESULT, read_result
     from mmg.messages import Message
 
+    scatter, seed, workers = draws
     content = read_result(Path(model)) if (Path(model) / RESULT).is_file() else {}
     known = correlation_in(content) is not None or (not content and is_starting_ship(ship))
     count = scatter if scatter is not None else DRAWS * known
@@ -137,7 +145,7 @@ def _with_intervals(
             found = replace(found, notices=(*found.notices, Message(words, "no_covariance")))
         return found, {}
     with working(f"simulating each manoeuvre {count} times"):
-        judged = with_intervals(found, ship, content, count, seed, rudder_rate)
+        judged = with_intervals(found, ship, content, count, seed, rudder_rate, workers)
     return judged.assessment, {name: one.shown for name, one in judged.scatter.items()}
 
 

@@ -14,8 +14,8 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from importlib import import_module
 from typing import Any
 
@@ -87,13 +87,24 @@ MANY = ("--validate", "--train", "--test", "--sigma-from", "--new", "--trials")
 """Options that take several values after one name: ``--validate a.csv b.csv``."""
 
 
-def _scheduled(address: str | None) -> AbstractContextManager[Any]:
-    """Within this, tasks go to the Dask scheduler at ``address``; nothing changes without one."""
-    if address is None:
-        return nullcontext()
-    from fitting.parallel.dask_cluster import dask_cluster
+@contextmanager
+def _spread(options: Mapping[str, Any]) -> Iterator[None]:
+    """Within this, lists of tasks of a verb with the option --workers are counted on a terminal as they are done, and
+    go to the Dask scheduler of ``options`` where one is named."""
+    if "workers" not in options:
+        yield
+        return
+    from fitting.parallel import listening
+    from mmg_ident.commands.output import progress
 
-    return dask_cluster(address)
+    with listening(progress()):
+        if options.get("scheduler") is None:
+            yield
+            return
+        from fitting.parallel.dask_cluster import dask_cluster
+
+        with dask_cluster(str(options["scheduler"])):
+            yield
 
 
 def _interruptible(verb: Callable[..., Any]) -> Callable[..., Any]:
@@ -106,7 +117,7 @@ def _interruptible(verb: Callable[..., Any]) -> Callable[..., Any]:
         from mmg_ident.commands.output import narration
 
         try:
-            with narration(for_machines=options.get("json") is True), _scheduled(options.get("scheduler")):
+            with narration(for_machines=options.get("json") is True), _spread(options):
                 return verb(*given, **options)
         except KeyboardInterrupt:
             raise typer.Abort from None

@@ -40,6 +40,10 @@ def plan(
     time_limit: Annotated[float, Option(help="The search ends after so many seconds by the clock.")] = 150.0,
     seed: Annotated[int, Option(help="Seed of the search.")] = 0,
     effort: Annotated[float, Option(help="Factor on the length of the search.")] = 1.0,
+    workers: Annotated[int, Option(help="Processes over which the sequences of the search are spread.")] = 1,
+    scheduler: Annotated[
+        str | None, Option(help="Dask scheduler, as tcp://host:8786: its workers do the tasks.", metavar="ADDRESS")
+    ] = None,
     force: Annotated[bool, Option("--force", help="Overwrite existing files.")] = False,
     json: Annotated[bool, Option("--json", help="Print the plan as JSON.")] = False,
 ) -> None:
@@ -62,7 +66,7 @@ def plan(
         raise UserError(f"--effort {effort:g}: give a number above 0, at most 100")
     wish = Wish(
         area, time, _names(coefficients), _names(figures), speed_limit, margin, _start(start), ahead, seed, effort,
-        math.radians(rudder_limit), time_limit,
+        math.radians(rudder_limit), time_limit, workers,
     )  # fmt: skip
     result = read_fit(run)
     with working("planning"):

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from diagnosis.hypotheses.between import nature
 from diagnosis.report.between_words import difference
 from fitting.report.run_folder import plain
+from mmg.effects import EFFECTS
 
 if TYPE_CHECKING:
     from diagnosis.hypotheses.group_findings import Between
@@ -145,6 +146,8 @@ def one_of_several(between: Between) -> list[dict[str, Any]]:
     ]
     if not any(d.nature == "ship" for d in alike):
         return []
+    alike.sort(key=lambda d: d.name not in EFFECTS)  # causes before the coefficients that they change
+    best = alike[0]
     rest = ", ".join(d.name for d in alike[1:])
     words = difference(best) + (f"; {rest} would explain it as well" if rest else "; it explains a part of it")
     return [

@@ -1,6 +1,7 @@
 """The objective minimised as Miyauchi et al. (2023) do: CMA-ES with restarts and a box, through pycma.
 
-Restarts double the population (Auger & Hansen 2005). A population is simulated at once. What CMA-ES knows follows from
+Restarts double the population (Auger & Hansen 2005). A population is simulated at once, in parts by the workers of an
+executor where one is in force. What CMA-ES knows follows from
 the seed and the values it was told, so that these are kept; an interrupted run is told them again and goes on.
 """
 
@@ -14,7 +15,9 @@ import numpy as np
 from safetensors.numpy import load_file, save_file
 
 from cases.io.files import replaced
+from fitting.parallel import Shared, run_all, width
 from fitting.selection.subsequences.learning import Learning, Lesson
+from fitting.selection.subsequences.objective import SubsequenceObjective
 from mmg.errors import UserError
 
 SIGMA = 0.3
@@ -62,6 +65,7 @@ def evolve(
     import cma
 
     problem, log = learning.objective, _ValuesTold(learning, seed, state)
+    population = _Population(problem)
     rng, first = np.random.default_rng([31, seed]), np.zeros(problem.P) if start is None else start
     for restart in range(restarts + 1):
         size = int(4 + 3 * np.log(problem.P)) * 2**restart
@@ -84,7 +88,7 @@ def evolve(
                 log.save(strategy.mean)
                 return Evolved(len(log.told), restart, True)
             candidates = np.transpose(points)
-            values = problem.values(candidates)
+            values = population.values(candidates)
             values = np.where(np.isfinite(values), values, np.finfo(float).max)  # as bad as a candidate can be
             strategy.tell(points, values.tolist())
             log.add(values)
@@ -95,6 +99,28 @@ def evolve(
             log.save(strategy.mean, SAVED)
         learning.note(learning.p)
     return Evolved(len(log.told), restarts, False)
+
+
+class _Population:
+    """Values of a generation, spread over the workers of the executor in force; without one this process does all."""
+
+    def __init__(self, problem: SubsequenceObjective) -> None:
+        self.problem = problem
+        self.shared = Shared(problem) if width(1) > 1 else None
+
+    def values(self, candidates: np.ndarray) -> np.ndarray:
+        """J (K,) of ``candidates`` (P, K), the same however they are spread."""
+        if self.shared is None:
+            return self.problem.values(candidates)
+        parts = np.array_split(candidates, min(width(1), candidates.shape[1]), axis=1)
+        values = np.concatenate(run_all(_values, [(self.shared, part) for part in parts]))
+        self.problem.evaluations += len(values)
+        return values
+
+
+def _values(job: tuple[Shared[SubsequenceObjective], np.ndarray]) -> np.ndarray:
+    """J (K,) of a part (P, K) of a generation."""
+    return job[0].value.values(job[1])
 
 
 class _ValuesTold:

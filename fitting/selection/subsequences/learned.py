@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from cases.trial import Trial
-from fitting.parallel import run_all
+from fitting.parallel import kept_workers, run_all
 from fitting.selection.candidates import StructureCandidate
 from fitting.selection.kept import Kept
 from fitting.selection.subsequences.descent import descend, regression, sparsity_path
@@ -131,7 +131,12 @@ def learn_all(
         )
 
     task = partial(learn_one, trials=trials, method=method)
-    for run, content in zip(left, run_all(task, left, method.workers, keep), strict=True):
+    if len(left) == 1 and method.optimizer == "cmaes":  # its generations are spread instead
+        with kept_workers(method.workers):
+            found[left[0].name] = content = task(left[0])
+        keep(content)
+        left = []
+    for run, content in zip(left, run_all(task, left, method.workers, keep, "models"), strict=True):
         found[run.name] = content
     try:
         done = [Learned.of(found[run.name]) for run in runs]

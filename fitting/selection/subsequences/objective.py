@@ -96,7 +96,7 @@ class SubsequenceObjective:
         threads: int = 1,
     ) -> None:
         self.ship, self.penalties, self.threads = ship, penalties or Penalties(), threads
-        self.prior, self.trials = Prior.of(ship), tuple(train)
+        self.prior, self.trials, self.judged_by = Prior.of(ship), tuple(train), tuple(validate)
         self.simulator = Simulator(ship, compiled)
         self.free = np.array([ship.symbols.index(s) for s in self.prior.symbols], dtype=int)
         self.slopes = RatesWithJacobian(self.simulator.model, self.free, compiled)
@@ -110,6 +110,10 @@ class SubsequenceObjective:
         own = ship.monomials
         self.sparse = np.array([s in own for s in self.prior.symbols], dtype=float)
         self.evaluations = 0
+
+    def __reduce__(self) -> tuple:
+        given = (self.ship, self.trials, self.judged_by, self.penalties, self.step)
+        return SubsequenceObjective, (*given, self.simulator.compiled, self.threads)
 
     @property
     def P(self) -> int:

@@ -6,13 +6,15 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 
+import numpy as np
 import pytest
 
 from cases.evidence.kinematics import consistency
 from cases.io.groups import Groups
 from cases.trial import Trial
-from diagnosis.estimation.candidates import Column
-from diagnosis.hypotheses.between import compare_groups, too_scattered
+from diagnosis.estimation.candidates import Candidate, Column
+from diagnosis.hypotheses import between
+from diagnosis.hypotheses.between import NO_ROW, compare_groups, nature, physical, too_scattered
 from diagnosis.hypotheses.group_findings import Between
 from mmg.errors import UserError
 from tests.support.diagnosis_cases import SHIP, problem_of, pushed_trials
@@ -70,14 +72,24 @@ def test_a_current_in_one_group_is_of_its_surroundings() -> None:
         assert abs(x.difference - truth) < 3 * x.difference_std < 0.05
 
 
-def test_a_larger_resistance_is_of_the_ship_by_either_of_its_names() -> None:
+def test_a_larger_resistance_is_named_by_its_cause_with_the_coefficient_that_says_the_same() -> None:
     b = answer("fouling:share=0.5")
     (d,) = b.differences
-    assert b.verdict == "named" and d.nature == "ship" and {d.name, *d.equivalence_class} >= {"fouling", "X_0F"}
-    x = d.parameters["X_0F" if d.name == "X_0F" else "share"].groups
-    relative = x["B"].value / x["A"].value - 1 if d.name == "X_0F" else x["B"].difference
-    assert relative == pytest.approx(0.5, abs=0.2) and d.p_value < 0.01
-    assert "%" in b.sentence or d.name == "fouling"
+    assert (b.verdict, d.name, d.nature) == ("named", "fouling", "ship") and "X_0F" in d.equivalence_class
+    assert d.parameters["share"].groups["B"].difference == pytest.approx(0.5, abs=0.2) and d.p_value < 0.01
+
+
+def test_a_coefficient_gives_way_to_a_cause_in_the_ship_that_explains_as_much() -> None:
+    def tested(effect: str, log_bayes: float) -> between.Tested:
+        row = replace(NO_ROW, name=effect, nature=nature(effect), log_bayes=log_bayes)
+        return between.Tested(Candidate(effect, "", False, (), *(np.zeros(0),) * 4), None, row)  # type: ignore[arg-type]
+
+    thrust, fouled, loaded = tested("t_P", 9.0), tested("fouling", 7.0), tested("draft", 6.5)
+    towed, far, logged = tested("tow", 8.9), tested("draft", 3.0), tested("log_scale", 8.8)
+    assert physical(thrust, [thrust, fouled, loaded]) is fouled
+    assert physical(thrust, [thrust, far]) is thrust  # much less likely
+    assert physical(thrust, [thrust, towed, logged]) is thrust  # not of the ship
+    assert physical(towed, [towed, fouled]) is towed
 
 
 def test_what_differs_where_manoeuvres_differ_too_is_not_named() -> None:

@@ -91,6 +91,8 @@ def test_a_scheduler_that_dies_is_one_line(tmp_path: Path) -> None:
         with pytest.raises(UserError, match=f"{at}: the scheduler was lost .* start it again"):
             run_all(noted, [(i, str(marks)) for i in range(100)])
         assert time.monotonic() - began < 60
+        with pytest.raises(UserError, match=f"{at}: the scheduler was lost"):  # also before a list is begun
+            width(1)
 
 
 def test_an_absent_scheduler_and_one_without_workers_are_one_line(
@@ -140,3 +142,21 @@ def test_without_dask_a_line_says_what_to_install(
     monkeypatch.setitem(sys.modules, "distributed", None)
     assert main(["select", "esso_osaka_3m", "--list", "--scheduler", "tcp://127.0.0.1:1"]) == 2
     assert capsys.readouterr().err == "mmg: --scheduler needs Dask: pip install 'mmg-ident[dask]'\n"
+
+
+def test_something_else_that_listens_there_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    import socket
+
+    monkeypatch.setattr(module, "TIMEOUT", 1.0)
+    with socket.create_server(("127.0.0.1", 0)) as silent:  # takes the connection and says nothing
+        at = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
+        with pytest.raises(UserError, match=f"--scheduler {at}: no Dask scheduler answers there"):
+            dask_cluster(at).__enter__()
+
+
+def test_a_worker_with_little_memory_is_told_of(address: str, caplog: pytest.LogCaptureFixture) -> None:
+    limits = {"tcp://small": 100e6, "tcp://large": 64e9, "tcp://unlimited": 0}
+    found = {"workers": {name: {"memory_limit": limit} for name, limit in limits.items()}}
+    with caplog.at_level("WARNING", "mmg_ident"):
+        module.warn_of_memory(SimpleNamespace(scheduler_info=lambda **_: found), address)
+    assert len(caplog.messages) == 1 and "the worker tcp://small may hold 100 MB" in caplog.messages[0]

@@ -22,7 +22,7 @@ if __name__ == "__main__":
 
 def waits(_: int) -> None:
     """What a process of the pool does here."""
-    print(os.getpid(), flush=True)
+    os.write(1, f"{os.getpid()}\n".encode())  # at once: print may write the end of the line apart
     time.sleep(120)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
+from fitting.parallel import kept_workers
 from fitting.selection.subsequences.descent import descend, regression, sparsity_path
 from fitting.selection.subsequences.learning import Learning, write_learning
 from fitting.selection.subsequences.objective import Penalties
@@ -129,3 +130,16 @@ def test_missing_pycma_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "cma", None)
     with pytest.raises(UserError, match=r"--optimizer cmaes needs pycma, .*pip install .mmg-ident"):
         evolve(Learning(problem()))
+
+
+def test_generations_are_the_same_on_processes() -> None:
+    pytest.importorskip("cma")
+    from fitting.selection.subsequences.evolution import evolve
+
+    found = []
+    for workers in (1, 2):
+        learning = Learning(problem())
+        with kept_workers(workers):
+            evolve(learning, 3, evaluations=60)
+        found.append((learning.p, learning.best, [(s.evaluations, s.objective) for s in learning.lessons]))
+    assert np.array_equal(found[0][0], found[1][0]) and found[0][1:] == found[1][1:]

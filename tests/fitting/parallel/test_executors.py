@@ -1,0 +1,145 @@
+"""Lists of tasks: the same values on one process and on several, told as they finish, with a line where one is lost."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import signal
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cases.criteria.assessment import imo_figures
+from cases.shipfiles.ship_file import load_ship
+from fitting.design.area import Area
+from fitting.design.plan import PlanTask, SequenceFound, search_plan
+from fitting.design.trial_information import Present, TrialInformation
+from fitting.nlp.prior import Prior
+from fitting.parallel import Shared, kept_workers, listening, memory, run_all, width
+from fitting.prediction.figure_intervals import with_intervals
+from mmg.errors import UserError
+from mmg.progress import Progress
+from mmg.rollout import Simulator
+
+
+def late(job: tuple[int, str]) -> tuple[int, int]:
+    """A task: the first of several waits, where a folder is named, until the last one has left its mark there."""
+    number, folder = job
+    if folder and number == 4:
+        (Path(folder) / "last").touch()
+    until = time.monotonic() + 60
+    while folder and number == 0 and not (Path(folder) / "last").exists() and time.monotonic() < until:
+        time.sleep(0.02)
+    return number, os.getpid()
+
+
+def ends_itself(number: int) -> int:
+    """A task whose process is ended as the system does for want of memory."""
+    if number == 1:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return number
+
+
+@dataclass
+class Opened:
+    """A value that notes how often it was unpickled in a process."""
+
+    marks: Path
+    content: np.ndarray = field(default_factory=lambda: np.arange(5.0))
+
+    def __setstate__(self, state: dict) -> None:
+        self.__dict__ = state
+        (self.marks / f"{os.getpid()}_{time.monotonic_ns()}").touch()
+
+
+def seen(job: tuple[Shared[Opened], int]) -> float:
+    """A task on a shared value."""
+    return float(job[0].value.content[job[1]])
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_the_listener_hears_of_each_task_as_it_finishes(workers: int, tmp_path: Path) -> None:
+    told: list[Progress] = []
+    order: list[int] = []
+    with listening(told.append):
+        jobs = [(k, str(tmp_path) if workers > 1 else "") for k in range(5)]
+        found = run_all(late, jobs, workers, lambda one: order.append(len(told)), "numbers")
+        run_all(late, [(1, ""), (2, "")], 1)  # a list without a name is not told
+    assert [number for number, _ in found] == list(range(5))
+    assert [(p.task, p.step, p.of) for p in told] == [("numbers", k + 1, 5) for k in range(5)]
+    assert order == [1, 2, 3, 4, 5] if workers == 1 else order[0] >= 4  # the first outcome came among the last
+
+
+def test_kept_workers_serve_one_list_after_the_other_and_open_what_is_shared_once(tmp_path: Path) -> None:
+    shared = Shared(Opened(tmp_path))
+    assert run_all(seen, [(shared, k) for k in range(5)]) == list(range(5)) and not list(tmp_path.iterdir())
+    with kept_workers(2):
+        assert width(1) == 2
+        pids = {pid for _ in range(3) for _, pid in run_all(late, [(k, "") for k in (1, 2, 3)])}
+        for _ in range(4):
+            assert run_all(seen, [(shared, k) for k in range(5)]) == list(range(5))
+    assert len(pids) <= 2 and os.getpid() not in pids
+    opened = [path.name.split("_")[0] for path in tmp_path.iterdir()]
+    assert 1 <= len(opened) <= 2 and len(set(opened)) == len(opened)
+    assert width(1) == 1
+    assert pickle.loads(pickle.dumps(pickle.loads(pickle.dumps(shared)))).value.content[3] == 3.0
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="ends a process by SIGKILL")
+def test_a_process_that_is_ended_from_outside_is_one_line() -> None:
+    with pytest.raises(UserError, match="ended from outside, perhaps for want of memory; use fewer --workers"):
+        run_all(ends_itself, list(range(4)), 2)
+
+
+def test_no_more_processes_than_there_is_memory_for(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(memory, "own_memory", lambda: 400e6)
+    for free, expected in ((10e9, 4), (1.3e9, 3), (0.0, 1), (float("inf"), 4)):
+        monkeypatch.setattr(memory, "free_memory", lambda free=free: free)
+        caplog.clear()
+        with caplog.at_level("WARNING", "mmg_ident"):
+            assert memory.affordable(4) == expected
+        assert bool(caplog.messages) == (expected < 4)
+    monkeypatch.setattr(memory, "free_memory", lambda: 0.0)
+    assert run_all(late, [(1, ""), (2, ""), (3, "")], 4)[0][0] == 1  # one process is always there
+
+
+def test_free_memory_is_that_of_the_machine_or_the_control_group(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "meminfo").write_text("MemTotal: 9000 kB\nMemAvailable:    5000 kB\n")
+    monkeypatch.setattr(memory, "MEMINFO", tmp_path / "meminfo")
+    monkeypatch.setattr(memory, "CGROUP", tmp_path)
+    assert memory.free_memory() == 5000 * 1024
+    for name, text in (("max", "3000000\n"), ("current", "2000000\n"), ("stat", "anon 5\ninactive_file 500000\n")):
+        (tmp_path / f"memory.{name}").write_text(text)
+    assert memory.free_memory() == 1.5e6
+    (tmp_path / "memory.max").write_text("max\n")
+    assert memory.free_memory() == 5000 * 1024
+    monkeypatch.setattr(memory, "MEMINFO", tmp_path / "none")
+    assert memory.free_memory() == float("inf")
+
+
+def test_a_planned_trial_is_the_same_on_processes() -> None:
+    ship = load_ship("esso_osaka_3m")
+    ship = ship.fixing([s for s in ship.symbols if s not in ("X_0F", "Y_v", "N_r")])
+    prior, draws = Prior.of(ship), np.zeros((len(ship.values), 2))
+    info = TrialInformation(Simulator(ship), prior, np.array([0.01, 0.01, 0.0015, 0.004, 0.004, 0.0006]), 0.5, 60)
+    present = Present(3 * np.eye(3), 0.5, np.eye(3), ("X_0F", "Y_v", "N_r"))
+    task = PlanTask(60.0, Area.parse("60x25", ship), 0.4, None, False, 0.6, 0, draws)
+    one, two = (search_plan(info, present, task, 0.05, workers) for workers in (1, 2))
+    for name in SequenceFound.__annotations__:
+        a, b = getattr(one, name), getattr(two, name)
+        assert np.array_equal(a, b) if isinstance(a, np.ndarray) else name == "rows" or a == b, name
+    assert [(r.option, r.gain, r.fits) for r in one.rows] == [(r.option, r.gain, r.fits) for r in two.rows]
+
+
+def test_intervals_of_figures_are_the_same_on_processes() -> None:
+    ship = load_ship("esso_osaka_3m")
+    found = imo_figures(ship)
+    one, two = (with_intervals(found, ship, {}, 20, 0, None, workers) for workers in (1, 2))
+    assert one.assessment.rows == two.assessment.rows and any(row.interval_90 for row in one.assessment.rows)
