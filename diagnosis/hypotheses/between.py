@@ -276,7 +276,7 @@ class _Search:
 
 
 def is_cause(t: Tested) -> bool:
-    """Whether a difference is an effect in the ship, such as fouling: coefficients change by such a cause only."""
+    """Whether the tested ``t`` is an effect in the ship, such as fouling: coefficients change by such a cause only."""
     return t.candidate.effect in EFFECTS and t.row.nature == "ship"
 
 
