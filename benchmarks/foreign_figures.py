@@ -9,6 +9,7 @@ hull has another structure.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -174,11 +175,18 @@ def true_figures(hull: Hull, machinery: Machinery) -> dict[tuple[str, str], floa
     return found
 
 
-def foreign_trials(hull: Hull, machinery: Machinery, seed: int) -> list[Trial]:
-    """Noisy runs of ``TRIALS`` in a light wind of which the mean alone is logged. hull, machinery: of the plant; seed:
-    of all. The rudder is logged as it is at each sample."""
+def foreign_trials(
+    hull: Hull,
+    machinery: Machinery,
+    seed: int,
+    runs: Sequence[tuple[str, float, float]] = TRIALS,
+    first: int = 0,
+) -> list[Trial]:
+    """Noisy ``runs`` (kind, rudder, heading) [deg] in a light wind of which the mean alone is logged. hull, machinery:
+    of the plant; seed: of all; first: number of the first run, of whose wind and noise it decides. The rudder is logged
+    as it is at each sample."""
     made = []
-    for number, (kind, rudder, heading) in enumerate(TRIALS):
+    for number, (kind, rudder, heading) in enumerate(runs, first):
         rng = np.random.default_rng([62, seed, number])
         weather = Weather(0.4 * hull.speed, float(rng.uniform(-math.pi, math.pi)), 0.3)
         columns = _moved(DrivenPlant(hull, weather, rng, machinery), kind, rudder, heading)

@@ -31,7 +31,7 @@ from mmg.states import STATES
 from residual.blackbox.models import BOX_KIND, box_of
 from residual.result import CALIBRATED, HYBRID, TrainResult, read_training
 from residual.settings import KEEP, BlackBoxSettings, TrainSettings
-from residual.training.acceptance import decide
+from residual.training.acceptance import Judges, decide
 from residual.training.hybrid import HYBRID_KIND, OUTPUT, network_of
 from residual.training.pieces import pieces_of
 from residual.training.scales import LEAST_SCALE, Scales
@@ -79,8 +79,8 @@ def train(
     try:
         tasks = tasks_of(kind, ship, chosen, settings, validation, judged_apart=not black_box)
         outcomes, interrupted = train_seeds(tasks, progress, store)
-        task = tasks[0]
-        own = _black_box(task, outcomes, name) if black_box else _hybrid(task, outcomes, known, keep)
+        task, judges = tasks[0], Judges.of(validation or chosen, tasks, bool(validation))
+        own = _black_box(task, outcomes, name) if black_box else _hybrid(tasks, outcomes, judges, known, keep)
     except UserError:
         if store:
             store.discard()
@@ -145,9 +145,11 @@ def _known(folder: Path) -> Mapping[str, Any]:
     return {"data": trial_rows(folder)}
 
 
-def _hybrid(task: Task, outcomes: Sequence[Outcome], known: Mapping[str, Any], keep: str) -> dict[str, Any]:
+def _hybrid(
+    tasks: Sequence[Task], outcomes: Sequence[Outcome], judges: Judges, known: Mapping[str, Any], keep: str
+) -> dict[str, Any]:
     """What only a hybrid has, as fields of ``TrainResult``."""
-    decision, network, scales = decide(outcomes), network_of(task, outcomes), task.scales
+    decision, network, scales = decide(outcomes, judges), network_of(tasks[0], outcomes), tasks[0].scales
     always = keep == "always" and network is not None and not decision.kept
     notice = Message(f"the hybrid is recommended by --keep always, although {decision.reason}", "kept_always")
     return {

@@ -23,6 +23,10 @@ CLOCK = (631_152_000.0, 4_102_444_800.0)
 """Seconds since 1970 of the years 1990 and 2100: a clock between them tells the day."""
 UNKNOWN = "no campaign"
 """Name of what trials belong to of which nothing is known."""
+TAKEN, MEAN = "campaign", "campaign_mean"
+"""Codes of messages: instruments as in a campaign, as in the mean of all."""
+MOST_LISTED = 3
+"""Trials named in one message."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +66,12 @@ def campaigns_of(trials: Sequence[Trial]) -> Campaigns:
     names = tuple(sorted(set(labels)))
     messages += _copies(trials, labels)
     return Campaigns(names, tuple(names.index(label) for label in labels), tuple(messages))
+
+
+def campaign_labels(trials: Sequence[Trial]) -> list[str]:
+    """The campaign of each of ``trials``, UNKNOWN where nothing tells it; contradictions are passed over."""
+    labels = zip(trials, _folders(trials), strict=True)
+    return [trial.meta.get("campaign", "") or _day(trial) or folder or UNKNOWN for trial, folder in labels]
 
 
 def campaign_among(trial: Trial, known: Iterable[str]) -> str | None:
@@ -117,9 +127,35 @@ def ship_in(ship: Ship, trials: Sequence[Trial]) -> tuple[Ship, list[Message]]:
     found = {campaign_among(trial, ship.campaigns) for trial in trials}
     name = found.pop() if len(found) == 1 else None
     if name is not None:
-        return ship.of_campaign(name), [Message(f"instruments as in campaign {name}", "campaign")]
+        return ship.of_campaign(name), [Message(f"instruments as in campaign {name}", TAKEN)]
     words = "the trials are of several campaigns, or of none that is known: instruments as in the mean of all"
-    return replace(ship, campaigns={}), [Message(words, "campaign_mean")]
+    return replace(ship, campaigns={}), [Message(words, MEAN)]
+
+
+def campaigns_taken(ship: Ship, trials: Sequence[Trial]) -> list[Message]:
+    """Which campaigns' instruments predictions of ``trials`` by ``ship`` take, and which trials are of none that is
+    known; nothing for a ship without campaigns."""
+    if not ship.campaigns:
+        return []
+    names = ", ".join(next(iter(ship.campaigns.values())))
+    of: dict[str | None, list[str]] = {}
+    for trial in trials:
+        of.setdefault(campaign_among(trial, ship.campaigns), []).append(trial.name)
+    unknown = of.pop(None, [])
+    messages = [
+        Message(f"{_listed(of[name])}: {names} as in campaign {name}", TAKEN) for name in sorted(filter(None, of))
+    ]
+    if unknown:
+        words = (
+            f"{_listed(unknown)}: of no campaign that the calibration knows ({', '.join(ship.campaigns)}): {names} at "
+            "the mean of all, with wider bands; --campaign NAME says which one"
+        )
+        messages.append(Message(words, MEAN))
+    return messages
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(names) if len(names) <= MOST_LISTED else f"{names[0]} and {len(names) - 1} others"
 
 
 def _day(trial: Trial) -> str:

@@ -24,7 +24,7 @@ from mmg.progress import OnProgress
 from mmg.ship import Ship
 from residual.settings import TrainSettings
 from residual.system import Hybrid, TrainableSystem
-from residual.training.acceptance import decide
+from residual.training.acceptance import Judges, decide
 from residual.training.hybrid import build_hybrid, hybrid_scales
 from residual.training.pieces import pieces_of
 from residual.training.seeds import train_seeds
@@ -108,7 +108,7 @@ def measure_learned_residual(
     members = [m for m in restored(tasks[0], outcomes) if isinstance(m, Hybrid)]
     one, together = np.array([measured([m])[0] for m in members]), measured(members)[0]
     reductions = 1 - one.sum(axis=1) / before.sum()
-    after, decision = one.mean(axis=0), decide(outcomes)
+    after, decision = one.mean(axis=0), decide(outcomes, Judges.of(trials, tasks, False))
     several = len(np.unique(run)) > 1
     found = LearnedResidual(
         mse_before=float(before.mean()),

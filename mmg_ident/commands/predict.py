@@ -53,9 +53,10 @@ def predict(
     """
     from cases.checks import ready
     from cases.checks.trusted import DOUBT, remarks
-    from cases.io.campaigns import said_campaign
+    from cases.io.campaigns import MEAN, TAKEN, campaigns_taken, said_campaign
     from cases.io.files import file_key
     from cases.io.read import read_trials
+    from cases.shipfiles.network_file import is_black_box
     from cases.shipfiles.ship_file import load_ship
     from fitting.prediction.predict import write_tables
     from fitting.prediction.worth_of_past import past_to_use
@@ -82,7 +83,8 @@ def predict(
     notes: list[str] = list(past_to_use(api.content_of(model), adapt)[1])
     notes += [note for note in remarks(sound) if has_code([note], DOUBT)]
     notes += [note for p, kept in zip(found, sound, strict=True) for note in _doubtful_starts(p, kept)]
-    notes += [note for p in found for note in p.notes]
+    notes += campaigns_taken(load_ship(model), runs) if not is_black_box(model) else []
+    notes += [note for p in found for note in p.notes if not (has_code([note], TAKEN) or has_code([note], MEAN))]
     write_tables({files[p.trial.name]: p.table for p in found})
     for note in notes:
         say(f"note: {note}")

@@ -116,7 +116,11 @@ def score(
         past = past_to_use(content_of(name), adapt)[0]
         if past and isinstance(simulator, Simulator):
             scores[f"{name} --adapt {past:g}"] = scored(simulator, trials, values, origin, method, past, window)
-    notes = [*remarks(trials), *(_worth(scores, loaded, read_trials(files), values, method) if remarks(trials) else ())]
+    notes = [
+        *_campaigns(loaded, trials),
+        *remarks(trials),
+        *(_worth(scores, loaded, read_trials(files), values, method) if remarks(trials) else ()),
+    ]
     scores = {name: replace(s, notes=(*notes, *s.notes)) for name, s in scores.items()}
     if json:
         found = {n: s.to_dict() for n, s in scores.items()}
@@ -140,6 +144,15 @@ def _said(trials: list[Trial], campaign: str, ships: list[Ship]) -> list[Trial]:
     if not knowing:
         raise UserError(f"--campaign {campaign}: no model named knows campaigns")
     return said_campaign(trials, campaign, knowing[0])
+
+
+def _campaigns(models: dict[str, Any], trials: list[Trial]) -> list[Message]:
+    """Which campaigns' instruments the ``models`` take for the ``trials``, each message once."""
+    from cases.io.campaigns import campaigns_taken
+    from mmg.rollout import Simulator
+
+    ships = [model.ship for model in models.values() if isinstance(model, Simulator)]
+    return list(dict.fromkeys(message for ship in ships for message in campaigns_taken(ship, trials)))
 
 
 def _worth(

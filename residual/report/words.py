@@ -45,8 +45,9 @@ def _sentence(decision: Mapping[str, Any], kept: bool) -> str:
     if gain is None:
         return "The residual is declined and the calibrated ship stays as it is: every training diverged."
     chance = [f"{percent(decision['spread'], False)} among the trainings"]
-    if decision["runs_error"] is not None:
-        chance.append(f"{percent(decision['runs_error'], False)} by the choice of the judging runs")
+    ends = decision.get("lowest"), decision.get("highest")
+    if None not in ends:
+        chance.append(f"on other runs {percent(ends[0])} to {percent(ends[1])}, 90 %")
     longer = "" if far is None else f"; 100 s predictions {changed(far)}"
     figures = f"30 s predictions of windows it had never seen {changed(gain)} (chance: {', '.join(chance)}){longer}"
     if decision["kept"]:
@@ -77,20 +78,24 @@ def criteria(result: Mapping[str, Any]) -> list[dict[str, Any]]:
     if not d or d["improvement"] is None:
         return []
     found = {name: nan if value is None else value for name, value in d.items()}
-    gain, spread, runs, far = (found[name] for name in ("improvement", "spread", "runs_error", "restarts"))
+    gain, spread, far = (found[name] for name in ("improvement", "spread", "restarts"))
+    chance = gain - found.get("lowest", nan)
     count = sum(row["status"] != "diverged" for row in result["per_seed"])
     allowed = -found["restarts_spread"] / sqrt(max(1, count))
     rows = [("30 s predictions improve", gain, MINIMUM_GAIN, gain >= MINIMUM_GAIN, "at least")]
     rows.append(("by more than the standard deviation among the trainings", gain, spread, gain > spread, "more than"))
-    if isfinite(runs):
-        rows.append(("by more than the standard error by the choice of runs", gain, runs, gain > runs, "more than"))
+    if isfinite(chance):
+        rows.append(("by more than chance by the choice of runs (95 %)", gain, chance, gain > chance, "more than"))
     if isfinite(far):
         words = "100 s predictions become no worse than by their standard error"
         rows.append((words, far, allowed, not far < allowed, "at least"))
-    return [
+    table = [
         {"words": w, "found": percent(value), "needed": f"{relation} {percent(need)}", "good": good}
         for w, value, need, good, relation in rows
     ]
+    if d["reason"] and all(row["good"] for row in table):
+        table.append({"words": "nothing else speaks against it", "found": d["reason"], "needed": "", "good": False})
+    return table
 
 
 def judged_table(result: Mapping[str, Any]) -> list[dict[str, Any]]:

@@ -17,7 +17,9 @@ class Decision:
     windows; restarts: of the 100 s restarts (NaN: none fits); spread, restarts_spread: their standard deviations over
     the trainings, each from another seed and judged by its part; of these, seed_spread: among trainings judged by the
     same part, fold_spread: among the means of parts (NaN where they cannot be separated); runs_error: standard error
-    of the improvement by the choice of judged runs (NaN for fewer than three); reason: why it is not kept, as a clause.
+    of the improvement by the choice of judged runs, or of their days or kinds where that is more (NaN for fewer than
+    two); lowest, highest: ends of the 90 % interval of the improvement on other runs, by that error (NaN where it is);
+    groups: how many runs, days or kinds it rests on; reason: why it is not kept, as a clause.
     """
 
     kept: bool
@@ -30,3 +32,6 @@ class Decision:
     fold_spread: float = nan
     runs_error: float = nan
     reason: str = ""
+    lowest: float = nan
+    highest: float = nan
+    groups: int = 0

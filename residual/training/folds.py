@@ -1,7 +1,8 @@
-"""What a seed trains on, stops by and is judged by: rotating fifths of the runs, or of blocks of time of a few runs.
+"""What a seed trains on, stops by and is judged by: rotating fifths of the runs, or single runs of a few.
 
 What judges takes no part in the training, not even in the choice of the weights: those chosen on the windows that then
-decide look better than they are (Cawley and Talbot, 2010, J Mach Learn Res 11).
+decide look better than they are (Cawley and Talbot, 2010, J Mach Learn Res 11). Of fewer than WHOLE
+runs blocks of time judge, which cannot tell how another run would be predicted.
 """
 
 from __future__ import annotations
@@ -23,6 +24,8 @@ WINDOW = 30.0
 """Windows by which trainings are stopped and judged [s]."""
 FOLDS = 5
 """Parts into which the runs are split, or the blocks of fewer runs."""
+WHOLE = 3
+"""Fewest runs of which whole ones judge."""
 GAP = 30.0
 """Seconds left out between blocks of one run that serve differently: a run's next seconds know its motion and wind."""
 SHORTER = (120.0, 90.0, 75.0)
@@ -43,8 +46,9 @@ def split_pieces(
 ) -> Split:
     """The split of the training number ``turn`` = 0, 1, ..., in which one part of ``pieces`` judges after the other.
 
-    Of FOLDS runs with a piece of ``least`` [s] or more, whole runs; of fewer, blocks as long as ``settings`` say, GAP
-    apart. judge: without it only one part is taken away, to stop by. A part is empty where the data are too few.
+    Of FOLDS runs with a piece of ``least`` [s] or more, whole runs; of WHOLE, one run judges and blocks of the
+    others, as long as ``settings`` say, stop; of fewer all are blocks, GAP apart. judge: without it only one part is
+    taken away, to stop by. A part is empty where the data are too few.
     """
     h = settings.step
     assert h is not None
@@ -53,11 +57,20 @@ def split_pieces(
         fold = turn % FOLDS
         of_run = {run: _role(number, turn, FOLDS, judge) for number, run in enumerate(runs)}
         parts = [(p, of_run.get(p.run, 0)) for p in pieces]
+    elif len(runs) >= WHOLE and judge:
+        fold = turn % len(runs)
+        others = [p for p in pieces if p.run != runs[fold]]
+        cut, _ = _blocks_by_role(others, turn, settings.block, h, least + GAP, judge=False)
+        parts = [*_joined(_with_gaps(cut, _half_gap(h))), *((p, 2) for p in pieces if p.run == runs[fold])]
     else:
         parts, fold = _blocks_by_role(pieces, turn, settings.block, h, least + GAP, judge)
-        parts = _joined(_with_gaps(parts, math.ceil(GAP / 2 / h - 1e-9)))
+        parts = _joined(_with_gaps(parts, _half_gap(h)))
     train, stop, judging = ([p for p, part in parts if part == number] for number in range(3))
     return Split(train, stop, judging, fold)
+
+
+def _half_gap(h: float) -> int:
+    return math.ceil(GAP / 2 / h - 1e-9)
 
 
 def _role(number: int, turn: int, folds: int, judge: bool) -> int:

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cases.io.campaigns import UNKNOWN, campaign_among, campaigns_of
+from cases.io.campaigns import MEAN, TAKEN, UNKNOWN, campaign_among, campaigns_of, campaigns_taken
 from cases.io.sidecar import read_sidecar
+from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
 from mmg.errors import UserError
 
@@ -72,3 +73,15 @@ def test_a_trial_finds_its_campaign_among_those_that_are_known() -> None:
     assert campaign_among(trial("day two/x.csv"), known) == "day two"
     assert campaign_among(trial("north/a/x.csv"), known) == "north/a"
     assert campaign_among(replace(trial("b/x.csv"), path=None), known) is None
+
+
+def test_predictions_say_which_campaign_they_take_and_which_trials_are_of_none() -> None:
+    ship = load_ship("esso_osaka_3m").with_effect("gyro")
+    trials = [trial("x_12-Nov-2020.csv"), trial("y_12-Nov-2020.csv"), trial("z_01-Jan-2021.csv")]
+    assert campaigns_taken(ship, trials) == []
+    knowing = replace(ship, campaigns={"2020-11-12": {"gyro.T": 1.0}, "2020-08-06": {"gyro.T": 0.0}})
+    taken, mean = campaigns_taken(knowing, trials)
+    assert taken.code == TAKEN and taken == "x_12-Nov-2020, y_12-Nov-2020: gyro.T as in campaign 2020-11-12"
+    assert mean.code == MEAN and mean.startswith("z_01-Jan-2021: of no campaign that the calibration knows")
+    many = campaigns_taken(knowing, [trial(f"{k}_12-Nov-2020.csv") for k in range(9)])
+    assert many == ["0_12-Nov-2020 and 8 others: gyro.T as in campaign 2020-11-12"]

@@ -155,7 +155,7 @@ def test_the_keys_of_result_json_are_these(folder: Path, tmp_path: Path) -> None
     }  # fmt: skip
     assert set(content["decision"]) == {
         "kept", "words", "improvement", "spread", "restarts", "restarts_spread", "seed_spread", "fold_spread",
-        "runs_error", "reason",
+        "runs_error", "reason", "lowest", "highest", "groups",
     }  # fmt: skip
     box = ["train", "esso_osaka_3m", str(folder / "trials"), "--model", "fnn", "--seeds", "1", "--epochs", "2"]
     assert main([*box, "--step", "1", "--out", str(tmp_path / "box")]) == 0

@@ -14,7 +14,7 @@ from mmg.ship import Ship
 from residual.pipeline import train
 from residual.settings import TrainSettings
 from residual.system import Past, TrainableSystem
-from residual.training.acceptance import decide
+from residual.training.acceptance import BLOCK, Judges, decide
 from residual.training.folds import FOLDS, GAP, Split, split_pieces
 from residual.training.hybrid import hybrid_scales
 from residual.training.pieces import Piece, pieces_of
@@ -68,6 +68,17 @@ def test_blocks_all_judge_once() -> None:
     given = pieces(2, 800)
     judged = [p for turn in range(FOLDS) for p in split_pieces(given, turn, ON_SECONDS, 30.0).judge]
     assert len(judged) == len({(p.run, p.first) for p in judged}) == 10
+
+
+@pytest.mark.parametrize("runs", [3, 4])
+def test_of_three_or_four_runs_a_whole_one_judges(runs: int) -> None:
+    given = pieces(runs, 400)
+    turns = [split_pieces(given, turn, ON_SECONDS, 30.0) for turn in range(runs)]
+    for turn, split in enumerate(turns):
+        assert rows(split.judge) == {(turn, k) for k in range(401)}
+        trained, stopped = rows(split.train), rows(split.stop)
+        assert {run for run, _ in trained | stopped} == set(range(runs)) - {turn} and stopped
+        assert not trained & stopped and min(abs(a - b) for r, a in stopped for q, b in trained if r == q) >= GAP
 
 
 def test_with_validation_only_a_part_to_stop_by_is_taken_away() -> None:
@@ -179,6 +190,60 @@ def test_a_gain_that_one_run_makes_is_no_gain() -> None:
         assert found.kept is kept, found.words
     assert "choice of judged runs" in found.words
     assert found.runs_error == pytest.approx(np.std([0.6, -0.02, -0.03, -0.02, -0.03], ddof=1) / np.sqrt(5))
+
+
+def test_few_runs_need_a_larger_gain_than_many() -> None:
+    """0.1 +- 0.05: three runs leave it to chance (Student's t with 2 degrees of freedom), twelve do not."""
+    errors = np.sqrt([3, 12]) * 0.05
+    for count, error, kept in ((3, errors[0], False), (12, errors[1], True)):
+        gains = np.linspace(-1, 1, count)
+        gains = 0.1 + error * gains / np.std(gains, ddof=1)
+        found = decide([outcome(0.9, runs=[(1.0, 1 - gain) for gain in gains])] * 2)
+        assert found.runs_error == pytest.approx(0.05) and found.kept is kept and found.groups == count
+    assert found.lowest == pytest.approx(0.1 - 1.7959 * 0.05, abs=1e-4)
+    assert found.highest == pytest.approx(0.1 + 1.7959 * 0.05, abs=1e-4)
+
+
+def test_runs_of_a_day_are_one_observation_where_days_differ() -> None:
+    gains = [0.30, 0.29, 0.31, 0.30, -0.02, 0.01, 0.00, 0.01, 0.02, 0.0, -0.01, 0.01]
+    runs = [(1.0, 1 - gain) for gain in gains]
+    outcomes = [outcome(1 - float(np.mean(gains)), runs=runs)] * 2
+    days = Judges(days=tuple("aaaabbbbcccc"))
+    assert decide(outcomes).kept and not decide(outcomes, days).kept
+    assert decide(outcomes, days).groups == 3 and "by 3 days" in decide(outcomes, days).words
+    mixed = Judges(days=tuple("abcabcabcabc"))
+    assert decide(outcomes, mixed).kept, "a gain that does not go with the day is judged by runs"
+
+
+def test_a_kind_of_manoeuvre_that_suffers_forbids_it() -> None:
+    gains = [0.2, 0.21, 0.19, 0.2, 0.2, 0.2, -0.1, -0.11, -0.09]
+    outcomes = [outcome(1 - float(np.mean(gains)), runs=[(1.0, 1 - gain) for gain in gains])] * 2
+    found = decide(outcomes, Judges(kinds=("zigzag",) * 6 + ("turning",) * 3))
+    assert not found.kept and found.reason == "the 30 s windows of turning became worse"
+    assert decide(outcomes).kept
+
+
+def test_parts_of_runs_that_were_trained_on_decide_nothing() -> None:
+    even = [(1.0, 0.9), (1.0, 0.91), (1.0, 0.89), (1.0, 0.92), (1.0, 0.88)]
+    found = decide([outcome(0.9, runs=even)] * 2, Judges(whole=False))
+    assert not found.kept and "no whole run judged it" in found.words
+    trials = hybrids.trials(hybrids.lacking(), 2, 600)
+    trained = train(hybrids.ship(), trials, settings=TrainSettings(seeds=1, step=1.0, epochs=1))
+    assert trained.decision and not trained.decision.kept
+    given = hybrids.trials(hybrids.ship(), 3, 400)
+    tasks = training_tasks(
+        ballast, hybrids.ship(), hybrid_scales(hybrids.ship(), pieces(3, 400), given, 1.0), ON_SECONDS, pieces(3, 400)
+    )
+    assert Judges.of(given, tasks, False).whole
+
+
+def test_a_single_run_judges_by_blocks_of_its_windows() -> None:
+    rng = np.random.default_rng(3)
+    judged = np.column_stack([np.zeros((60, 2)), np.ones(60), 0.9 + 0.02 * rng.standard_normal(60)])
+    one = replace(outcome(0.9), judged=judged)
+    assert decide([one]).kept and decide([one]).groups == 60 // BLOCK
+    short = replace(outcome(0.9), judged=judged[:BLOCK])
+    assert decide([short]).reason == "too little judged it to tell the gain from chance"
 
 
 def test_seed_and_part_are_told_apart_where_parts_repeat() -> None:
