@@ -9,6 +9,7 @@ import numpy as np
 
 from cases.checks.duplicates import duplicates
 from cases.checks.trusted import remarks
+from cases.io.campaigns import campaign_labels
 from cases.io.sidecar import line_for
 from cases.trial import Trial
 from mmg.errors import UserError
@@ -47,16 +48,24 @@ def without_copies(trials: Sequence[Trial]) -> tuple[list[Trial], list[Message]]
     """The ``trials`` of which each is there once, and messages on copies, which would count as if the run had been made
     again."""
     messages: list[Message] = []
-    once: dict[bytes, Trial] = {}
-    copies: dict[str, list[str]] = {}
-    for trial in trials:
-        first = once.setdefault(_content(trial), trial)
-        if first is not trial:
-            copies.setdefault(first.name, []).append(trial.name)
-    for name, others in copies.items():
-        words = f"{_listed(others)}: copies of {name}, which say nothing more; left out, so that no run counts twice"
+    once: dict[bytes, int] = {}
+    copies: dict[int, list[int]] = {}
+    for i, trial in enumerate(trials):
+        first = once.setdefault(_content(trial), i)
+        if first != i:
+            copies.setdefault(first, []).append(i)
+    campaign = campaign_labels(trials) if copies else []
+    for first, others in copies.items():
+        name = trials[first].name
+        words = f"{_listed([trials[i].name for i in others])}: copies of {name}, which say nothing more; left out, so "
+        words += "that no run counts twice"
         messages.append(Message(words, "copies_left_out"))
-    return list(once.values()), messages
+        for i in others:
+            if campaign[i] != campaign[first]:
+                words = f"{name} of campaign {campaign[first]} and {trials[i].name} of campaign {campaign[i]} are the "
+                words += f"same file; it counts for {campaign[first]}: remove the one that is wrong"
+                messages.append(Message(words, "same_file_in_two_campaigns"))
+    return [trials[i] for i in once.values()], messages
 
 
 def _content(trial: Trial) -> bytes:

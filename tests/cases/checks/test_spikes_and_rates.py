@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -58,3 +60,10 @@ def test_many_pairs_that_share_rows_are_few_lines() -> None:
     trials = [make_trial(f"run {k}", x=make_trial()["x"] + k) for k in range(8)]
     messages = shared_rows(trials, ())
     assert len(messages) == MOST_LISTED + 1 and "23 more pairs of trials share rows" in messages[-1]
+
+
+def test_a_file_that_lies_in_two_campaigns_counts_for_the_first_which_is_said() -> None:
+    first, again = (replace(make_trial(f"run_{day}"), path=None) for day in ("2026-03-01", "2026-03-02"))
+    kept, (_, message) = training_trials([first, again, make_trial("other", u=make_trial()["u"] + 0.01)])
+    assert [trial.name for trial in kept] == ["run_2026-03-01", "other"]
+    assert message.code == "same_file_in_two_campaigns" and "it counts for 2026-03-01" in message
