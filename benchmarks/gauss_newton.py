@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from diagnosis.estimation.map_estimate import bounded_step
+from fitting.nlp.portable_intervals import Blocks
 from fitting.nlp.problem import Problem
 
 
@@ -72,11 +73,13 @@ def linearise(problem: Problem, z0: np.ndarray, p: np.ndarray) -> Linearised:
     if problem.prior.constants:
         raise ValueError("single shooting knows no constants of single runs")
     theta = problem.coefficients(p)
-    sweeps = problem.shooting.sweep(z0[seg.window].T, theta)
+    held = (seg.steps, seg.controls, seg.h, np.zeros(seg.intervals, dtype=int), seg.window)
+    blocks, start = Blocks(problem.kernels.functions, *held), z0[seg.window].T
+    sweeps = [b.sweep(start[:, s], theta) for b, s in zip(blocks.blocks, blocks.slices, strict=True)]
     unit = np.concatenate([problem.scale, problem.prior.std])
     W = seg.intervals
     H, g = np.zeros((W, size + P, size + P)), np.zeros((W, size + P))
-    for s, sweep in zip(problem.shooting.slices, sweeps, strict=True):
+    for s, sweep in zip(blocks.slices, sweeps, strict=True):
         at_start = np.zeros((len(seg.start[s]), size, size + P))
         at_start[:, np.arange(size), np.arange(size)] = 1.0
         samples = [

@@ -8,7 +8,8 @@ from functools import cached_property
 import numpy as np
 
 from fitting.nlp.prior import Prior
-from fitting.nlp.shooting import Intervals, Kernels
+from fitting.nlp.sample_cost import SampleCost
+from fitting.nlp.shooting import Kernels, Shooting
 from mmg.model import columns
 from mmg.rollout import Simulator
 
@@ -52,20 +53,40 @@ class TrialInformation:
         begin = np.concatenate([states[k] for k in first], axis=1)
         held = np.concatenate([inputs[k : k + m] for k in first], axis=2)
         theta = self.simulator.ship.values
-        sweep = Intervals(self.kernels, np.full(W * K, m), np.ascontiguousarray(held), self.dt).sweep(begin, theta)
+        each = np.arange(W * K)
+        held = np.ascontiguousarray(held)
+        shooting = Shooting(
+            self.kernels, np.full(W * K, m), held, self.dt, np.zeros(W * K, dtype=int), each, self.kernels.interval
+        )
+        end, interior = shooting.values(begin, theta)
+        found = shooting.quadratics(begin, theta, self._cost(interior, theta))
         V = np.zeros((W * K, S + P, S + P))
-        V[:, np.arange(S), np.arange(S)] += np.append(np.full(6, 1e-9), 1 / self.simulator.model.sizes**2)
+        V[:, :S], V[:, S:, S:] = found.rows, found.shared
+        V[:, S:, :S] = np.swapaxes(found.rows[:, :, S:], 1, 2)
         still = np.zeros((W * K, S, S + P))
         still[:, np.arange(S), np.arange(S)] = 1.0
-        points = [(begin, still), *zip(sweep.interior, sweep.S_interior, strict=True), (sweep.end, sweep.S_end)]
-        unit = np.append(np.ones(S), self.prior.std)
-        for z, sensitivity in points:
-            J = self._columns(z, sensitivity, theta) * unit / self.sigma[:, None]
+        for z, sensitivity in ((begin, still), (end, found.ends)):
+            J = self._columns(z, sensitivity, theta) / self.sigma[:, None]
             V += np.swapaxes(J, 1, 2) @ J
+        unit = np.append(np.ones(S), self.prior.std)
+        V *= np.outer(unit, unit)
+        V[:, np.arange(S), np.arange(S)] += np.append(np.full(6, 1e-9), 1 / self.simulator.model.sizes**2)
         across = np.linalg.solve(V[:, :S, :S], V[:, :S, S:])
         F = V[:, S:, S:] - np.swapaxes(V[:, :S, S:], 1, 2) @ across
         F = np.nan_to_num(0.5 * (F + np.swapaxes(F, 1, 2)), nan=0.0, posinf=0.0, neginf=0.0)
         return F.reshape(W, K, P, P).sum(axis=0)
+
+    def _cost(self, interior: np.ndarray, theta: np.ndarray) -> SampleCost:
+        """Information (K - 1, ...) of the logged columns on the interior states (K - 1, S, M)."""
+        h, (steps, S, M) = self.kernels.measurement, interior.shape
+        pull = np.zeros(interior.shape)
+        if h.identity or not steps:
+            weight = np.zeros((steps, S, M))
+            weight[:, :6] = self.sigma[:, None] ** -2.0
+            return SampleCost(pull, weight)
+        J = h.jacobian(np.moveaxis(interior, 1, 0).reshape(S, -1), theta) / self.sigma[:, None]
+        full = (np.swapaxes(J, 1, 2) @ J).reshape(steps, M, S + len(h.own), S + len(h.own))
+        return SampleCost(pull, pull, full, h.own)
 
     def _columns(self, z: np.ndarray, sensitivity: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """Sensitivities (m, 6, S + P) of the logged columns from those of the states (m, S, S + P)."""

@@ -94,15 +94,18 @@ def information(problem: Problem, x: np.ndarray) -> Information:
     for depth, i in enumerate(intervals_by_level(seg)):
         w, start = seg.window[i], seg.start[i]
         if depth == 0:
-            V[w], v[w] = parts.nodes[seg.end[i]], parts.node_slope[seg.end[i]]
+            add_rows(V, w, parts.nodes[seg.end[i]])
+            v[w] = parts.node_slope[seg.end[i]]
         T, off = parts.maps[i], parts.off[i]
         price = problem.jump_weight[i][:, None] * problem.scale[problem.random] ** 2
         H, slope = minimised_over_jumps(V[w], v[w], problem.random, price)
         slope = slope + (H @ off[:, :, None])[:, :, 0]
         pulled = (np.swapaxes(T, 1, 2) @ slope[:, :S, None])[:, :, 0]
         pulled[:, S:] += slope[:, S:]
-        V[w] = pulled_back(H, T) + parts.inside[i] + parts.nodes[start]
+        V[w] = pulled_back(H, T)
+        add_rows(V, w, parts.inside[i] + parts.nodes[start])
         v[w] = pulled + parts.inside_slope[i] + parts.node_slope[start]
+    V[:, S:, S:] += parts.shared
     solved = np.linalg.solve(V[:, :S, :S], np.concatenate([V[:, :S, S:], v[:, :S, None]], axis=2))
     across = np.swapaxes(V[:, :S, S:], 1, 2) @ solved
     local = V[:, S:, S:] - across[:, :, :L]
@@ -112,6 +115,13 @@ def information(problem: Problem, x: np.ndarray) -> Information:
     fisher[window[:, :, None], at[:, :, None], at[:, None, :]] = 0.5 * (local + np.swapaxes(local, 1, 2))
     score[window, at] = v[:, S:] - across[:, :, L]
     return Information(fisher, score, p, seg.run.copy(), problem.prior.symbols, *prior_parts(problem, p), columns.owner)
+
+
+def add_rows(V: np.ndarray, w: np.ndarray, rows: np.ndarray) -> None:
+    """Adds ``rows`` (m, S, n) of symmetric matrices, the quadratics of states in (state, p), to V[w] (m, n, n)."""
+    S = rows.shape[1]
+    V[w, :S] += rows
+    V[w, S:, :S] += np.swapaxes(rows[:, :, S:], 1, 2)
 
 
 def intervals_by_level(seg: Segments) -> list[np.ndarray]:
@@ -125,20 +135,24 @@ def intervals_by_level(seg: Segments) -> list[np.ndarray]:
 
 @dataclass(frozen=True)
 class Quadratics:
-    """Parts of the windows' cost at x, in scaled (state, p): quadratics and slopes of the samples inside each interval
-    and at each node, (M or B, S + L, S + L) and (M or B, S + L), the map of each interval from (start, p) to its end
-    (M, S, S + L), and what the end is off the next node (M, S + L)."""
+    """Parts of the windows' cost at x, in scaled (state, p): rows of the states' quadratics (M or B, S, S + L) and
+    slopes (M or B, S + L) of the samples inside each interval and at each node, the quadratics in p alone, by window
+    (W, L, L), the map of each interval from (start, p) to its end (M, S, S + L), and what the end is off the next node
+    (M, S + L)."""
 
     inside: np.ndarray
     inside_slope: np.ndarray
     nodes: np.ndarray
     node_slope: np.ndarray
+    shared: np.ndarray
     maps: np.ndarray
     off: np.ndarray
 
     @classmethod
     def of(cls, problem: Problem, x: np.ndarray) -> Quadratics:
-        return cls(*_inside(problem, x), *_at_nodes(problem, x), *transitions(problem, x))
+        nodes, node_slope, at_nodes = _at_nodes(problem, x)
+        inside, inside_slope, shared = _inside(problem, x)
+        return cls(inside, inside_slope, nodes, node_slope, shared + at_nodes, *transitions(problem, x))
 
 
 def prior_parts(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -158,50 +172,43 @@ def _unit(problem: Problem, group: np.ndarray) -> np.ndarray:
     return np.hstack([np.tile(problem.scale, (len(std), 1)), std])[:, None, :]
 
 
-def _columns(
-    problem: Problem, z: np.ndarray, sensitivity: np.ndarray, theta: np.ndarray, group: np.ndarray
-) -> np.ndarray:
-    """Scaled sensitivities (m, 6, S + L) of the logged columns from those of the states (m, S, S + L), SI.
+def _inside(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Quadratics of the samples inside each interval: rows (M, S, S + L) and slope (M, S + L) in (start node, p), and
+    those in p alone by window (W, L, L)."""
+    nodes, p, _, _ = problem.evaluate(x)
+    pull, _ = problem.sample_pull(x)
+    cost = problem.sample_cost(x, pull, problem.weights_at(x)[1], 0.0)
+    found = problem.shooting.quadratics(nodes[problem.segments.start].T, problem.coefficients(p), cost)
+    unit, S = _unit(problem, problem.columns.interval), problem.S
+    of_window = _unit(problem, problem.columns.window)[:, :, S:]
+    slope = problem.slopes(x)[1] * unit[:, 0]
+    return found.rows * problem.scale[:, None] * unit, slope, found.shared * np.swapaxes(of_window, 1, 2) * of_window
 
-    theta: all coefficients (all,), or of points (all, m) of these groups (m,).
-    """
-    h, unit = problem.kernels.measurement, _unit(problem, group)
+
+def _at_nodes(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The same of the samples at the nodes: (B, S, S + L), (B, S + L), (W, L, L)."""
+    (nodes, p), S, L, group = problem.split(x), problem.S, problem.L, problem.columns.node
+    h, own, unit = problem.kernels.measurement, problem.kernels.measurement.own, _unit(problem, group)[:, 0]
+    weight, error = problem.weights_at(x)[0], problem.errors(x)[0]
+    rows, slope = np.zeros((problem.B, S, S + L)), np.zeros((problem.B, S + L))
+    shared, measured = np.zeros((len(problem.segments.run), L, L)), np.arange(6)
     if h.identity:
-        return sensitivity[:, :6] * unit
-    J = h.jacobian(z, theta)
-    total = J[:, :, : problem.S] @ sensitivity
-    total[:, :, problem.S + h.own] += J[:, :, problem.S :]
-    return total * unit
-
-
-def _inside(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Quadratic (M, S + L, S + L) and slope (M, S + L) in (start node, p) of the samples inside each interval."""
-    size, columns = problem.S + problem.L, problem.columns
-    q, g = np.zeros((problem.M, size, size)), np.zeros((problem.M, size))
-    theta, error, weight = problem.coefficients(problem.split(x)[1]), problem.errors(x)[1], problem.weights_at(x)[1]
-    for sweep, s in zip(problem.sweep(x), problem.shooting.slices, strict=True):
-        for k, sensitivity in enumerate(sweep.S_interior):
-            m = len(sensitivity)
-            group = columns.interval[s][:m]
-            J = _columns(problem, sweep.interior[k, :, :m], sensitivity, columns.points(theta, group), group)
-            weighted = weight[k, :, s][:, :m].T[:, :, None] * J
-            q[s][:m] += np.swapaxes(J, 1, 2) @ weighted
-            g[s][:m] += (error[k, :, s][:, :m].T[:, None, :] @ weighted)[:, 0]
-    return q, g
-
-
-def _at_nodes(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Quadratics and slopes in (node, p) of the samples at the nodes."""
-    (nodes, p), S, group = problem.split(x), problem.S, problem.columns.node
-    still = np.zeros((problem.B, S, S + problem.L))
-    still[:, np.arange(S), np.arange(S)] = 1.0
-    J = _columns(problem, nodes.T, still, problem.columns.points(problem.coefficients(p), group), group)
-    weighted = problem.weights_at(x)[0][:, :, None] * J
-    H, slope = np.swapaxes(J, 1, 2) @ weighted, (problem.errors(x)[0][:, None, :] @ weighted)[:, 0]
+        rows[:, measured, measured] = weight * problem.scale[:6] ** 2
+        slope[:, :6] = weight * error * problem.scale[:6]
+    else:
+        at = np.concatenate([np.arange(S), S + own])
+        J = h.jacobian(nodes.T, problem.columns.points(problem.coefficients(p), group)) * unit[:, None, at]
+        weighted = weight[:, :, None] * J
+        H = np.swapaxes(J, 1, 2) @ weighted
+        rows[:, :, at] = H[:, :S]
+        slope[:, at] = (error[:, None, :] @ weighted)[:, 0]
+        both = np.zeros((len(shared), len(own), len(own)))
+        np.add.at(both, problem.segments.node_window, H[:, S:, S:])
+        shared[:, own[:, None], own] = both
     memory, remembered = problem.memory_weight * problem.scale[6:], np.arange(6, S)
-    H[:, remembered, remembered] += memory * problem.scale[6:]
+    rows[:, remembered, remembered] += memory * problem.scale[6:]
     slope[:, 6:S] += memory * (nodes[:, 6:] - problem.measured_nodes[:, 6:])
-    return H, slope
+    return rows, slope, shared
 
 
 def transitions(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -212,8 +219,7 @@ def transitions(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray
     off = np.zeros((problem.M, S + L))
     off[:, :S] = (end.T - nodes[problem.segments.end]) / problem.scale
     off[:, random] = problem.process_jumps(nodes) / problem.scale[random]
-    ends = np.concatenate([sweep.S_end for sweep in problem.sweep(x)])
-    T = ends * _unit(problem, problem.columns.interval) / problem.scale[:, None]
+    T = problem.slopes(x)[0] * _unit(problem, problem.columns.interval) / problem.scale[:, None]
     T[:, random] = 0.0
     T[:, random, random] = problem.decay[:, None]
     return T, off

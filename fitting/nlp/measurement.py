@@ -49,3 +49,24 @@ class Measurement:
         """Second derivative of mu . y with respect to (z, own coefficients), mu (6, m): (m, S + O, S + O)."""
         size = self.S + len(self.own)
         return np.ascontiguousarray(self._batch[2].at(z, theta, mu)[0].T.reshape(-1, size, size))
+
+    def slope(self, z: np.ndarray, we: np.ndarray, theta: np.ndarray, free: int) -> tuple[np.ndarray, np.ndarray]:
+        """Gradient of 1/2 sum w e^2 with respect to states z (m, S) and, directly, the ``free`` coefficients (m, free).
+
+        we: (m, 6) weighted residuals. The latter has one row of zeros if the measurement model depends on none.
+        """
+        if self.identity:
+            return np.hstack([we, np.zeros((len(we), self.S - 6))]), np.zeros((1, free))
+        direct = np.zeros((len(we), free))
+        pull = (we[:, None, :] @ self.jacobian(z.T, theta))[:, 0]
+        direct[:, self.own] = pull[:, self.S :]
+        return pull[:, : self.S], direct
+
+    def curvature(self, z: np.ndarray, w: np.ndarray, we: np.ndarray | None, theta: np.ndarray) -> np.ndarray:
+        """Hessian of 1/2 sum w e^2 with respect to states z (m, S) and own coefficients, (m, S + O, S + O).
+
+        w, we: (m, 6) weights and weighted residuals; None: to first order in the columns.
+        """
+        J = self.jacobian(z.T, theta)
+        first = np.swapaxes(J, 1, 2) @ (w[:, :, None] * J)
+        return first if we is None else first + self.hessian(z.T, theta, we.T)

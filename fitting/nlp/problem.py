@@ -10,6 +10,7 @@ equals the next node. (Multiple shooting, Bock & Plitt 1984.)
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -19,7 +20,8 @@ from fitting.nlp.captive import Captive, CaptiveForces
 from fitting.nlp.loss import Loss
 from fitting.nlp.prior import Prior as Prior
 from fitting.nlp.run_constants import Columns, neutral_values
-from fitting.nlp.shooting import Kernels, SampleCost, Shooting, Sweep
+from fitting.nlp.sample_cost import SampleCost
+from fitting.nlp.shooting import Kernels, Shooting
 from fitting.nlp.sparsity import sparsity_patterns
 from fitting.nlp.windows import Segments
 from mmg.effects.disturbance import LATENT_STATES
@@ -54,7 +56,8 @@ class Problem:
         self.scale = np.concatenate([scale, kernels.model.sizes])
         self.kernels, self.S = kernels, kernels.S
         self.columns = Columns.of(prior, segments)
-        self.shooting = Shooting(kernels, segments, self.columns)
+        held = (segments.steps, segments.controls, segments.h, self.columns.interval, segments.window)
+        self.shooting = Shooting(kernels, *held, kernels.interval)
         self.base, self.std = ship.values, prior.std[self.columns.at]
         self.L = self.columns.at.shape[1]
         self.B, self.P, self.M = len(segments.nodes), len(prior.mean), segments.intervals
@@ -64,7 +67,7 @@ class Problem:
         self.D = len(self.fixed)
         self.n, self.m = self.S * self.B + self.P, self.D * self.M
         self.decay, self.jump_weight = self._latent_process()
-        at_nodes, inside = self._variances()
+        at_nodes, inside = segments.variances(self.sigma, self.loss.tau)
         self.node_weight = segments.pinned() / at_nodes
         self.weight = segments.mask / inside
         self.measured_nodes = states_behind(kernels.model, segments.nodes.T, segments.node_controls, self.base).T
@@ -73,16 +76,7 @@ class Problem:
         jacobian, hessian = sparsity_patterns(segments, self.S, self.P, self.fixed, self.random, self.columns)
         self.jacobian_sparsity, self._jacobian_order = jacobian
         self.hessian_sparsity, self.hessian_order = hessian
-        self._values_at = self._sweep_at = np.full(self.n, np.nan)
-
-    def _variances(self) -> tuple[np.ndarray, np.ndarray]:
-        """Variances of the samples at nodes (B, 6) and inside (1, 6, M): sigma^2, and where a state was derived the
-        variance that its trial states, as often as the residuals of the channel are correlated."""
-        own, seg = self.sigma**2, self.segments
-        if seg.variance is None:
-            return np.broadcast_to(own, seg.nodes.shape), own[None, :, None]
-        more = seg.variance * self.loss.tau
-        return own + more[seg.node_window], own[None, :, None] + more[seg.window].T[None]
+        self._values_at = self._slopes_at = np.full(self.n, np.nan)
 
     @classmethod
     def of(
@@ -188,41 +182,54 @@ class Problem:
         nodes, _, end, _ = self.evaluate(x)
         return ((end.T - nodes[self.segments.end]) / self.scale)[:, self.fixed].reshape(-1)
 
-    def sweep(self, x: np.ndarray) -> list[Sweep]:
-        """Forward sweeps with sensitivities at x, one per block of intervals."""
-        if not np.array_equal(x, self._sweep_at):
-            x = x.copy()
-            nodes, p = self.split(x)
-            self._sweep = self.shooting.sweep(nodes[self.segments.start].T, self.coefficients(p))
-            end = np.concatenate([s.end for s in self._sweep], axis=1)
-            interior = np.concatenate([s.interior for s in self._sweep], axis=2)
-            self._values = (nodes, p, end, interior)
-            self._values_at = self._sweep_at = x
-        return self._sweep
+    def slopes(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Sensitivities of the interval ends (M, S, S + L) to start node and coefficients, and the gradient (M, S + L)
+        of the cost of the samples inside each interval, SI, at x, cached."""
+        if not np.array_equal(x, self._slopes_at):
+            nodes, p, _, _ = self.evaluate(x)
+            pull, own = self.sample_pull(x)
+            ends, slope = self.shooting.linearise(nodes[self.segments.start].T, self.coefficients(p), pull)
+            self._keep_slopes(x, ends, slope, own)
+        return self._slopes
+
+    def _keep_slopes(self, x: np.ndarray, ends: np.ndarray, slope: np.ndarray, own: np.ndarray) -> None:
+        slope[:, self.S :] += own
+        self._slopes, self._slopes_at = (ends, slope), x.copy()
+
+    def sample_pull(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Gradient of the cost of the samples inside the intervals: to the states (K - 1, S, M) and, through the
+        measurement alone, to the coefficients (M, L), SI."""
+        _, p, _, interior = self.evaluate(x)
+        ei = self.errors(x)[1]
+        we = self.loss.weight(self.weight, ei) * ei
+        if self.kernels.measurement.identity or not len(we):
+            return np.pad(we, ((0, 0), (0, self.S - 6), (0, 0))), np.zeros((self.M, self.L))
+        z, theta, back = self._inside(interior, p)
+        pull, own = self.kernels.measurement.slope(z.T, np.moveaxis(we, 1, 2).reshape(-1, 6), theta, self.L)
+        return np.moveaxis(back(pull), 2, 1), back(own).sum(axis=0)
+
+    def _inside(self, interior: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, Callable]:
+        """Interior states as points (S, m), all coefficients of them, and what shapes values (m, ...) of them as
+        (K - 1, M, ...)."""
+        theta, steps = self._theta(p)[1], len(interior)
+        theta = theta if theta.ndim == 1 else np.tile(theta, (1, steps))
+        points = np.ascontiguousarray(np.moveaxis(interior, 1, 0)).reshape(self.S, -1)
+        return points, theta, lambda values: values.reshape(steps, self.M, *values.shape[1:])
 
     def gradient(self, x: np.ndarray) -> np.ndarray:
-        sweeps, seg, S = self.sweep(x), self.segments, self.S
+        (_, slope), seg, S, columns = self.slopes(x), self.segments, self.S, self.columns
         nodes, p = self.split(x)
-        e, ei = self.errors(x)
-        theta, shooting, columns = self.coefficients(p), self.shooting, self.columns
-        pull_in = self.loss.weight(self.weight, ei) * ei
-        pull_at = self.loss.weight(self.node_weight, e) * e
-        d_nodes, direct = self._measurement_gradient(nodes, pull_at, self._theta(p)[0])
-        d_theta = columns.total(direct, columns.node)
+        e = self.errors(x)[0]
+        pulled = self.loss.weight(self.node_weight, e) * e
+        d_nodes, direct = self.kernels.measurement.slope(nodes, pulled, self._theta(p)[0], self.L)
+        d_theta = columns.total(direct, columns.node) + columns.total(slope[:, S:], columns.interval)
         if self.captive:
             d_theta[0, : columns.shared] += self.captive.gradient(self.captive_coefficients(p))
         d_nodes[:, 6:] += self.memory_weight * (nodes[:, 6:] - self.measured_nodes[:, 6:])
         pushed = self.jump_weight[:, None] * self.process_jumps(nodes)
         d_nodes[seg.start[:, None], self.random] += self.decay[:, None] * pushed
         d_nodes[seg.end[:, None], self.random] -= pushed
-        for sweep, s, g in zip(sweeps, shooting.slices, shooting.group, strict=True):
-            start, own_theta = seg.start[s], theta if theta.ndim == 1 else theta[g]
-            for k, Sk in enumerate(sweep.S_interior):
-                m = len(Sk)
-                pull, own = self._measurement_gradient(sweep.interior[k, :, :m].T, pull_in[k, :, s][:, :m].T, own_theta)
-                pulled = (pull[:, None, :] @ Sk)[:, 0]
-                d_nodes[start[:m]] += pulled[:, :S]
-                d_theta[g] += pulled[:, S:].sum(axis=0) + own.sum(axis=0)
+        d_nodes[seg.start] += slope[:, :S]
         return np.concatenate([(d_nodes * self.scale).reshape(-1), columns.vector(d_theta * self.std, self.P) + p])
 
     def _theta(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -230,27 +237,9 @@ class Problem:
         theta = self.coefficients(p)
         return self.columns.points(theta, self.columns.node), self.columns.points(theta, self.columns.interval)
 
-    def _measurement_gradient(self, z: np.ndarray, we: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Gradient of 1/2 sum w e^2 with respect to states z (m, S) and, directly, the coefficients (m, L).
-
-        The latter has one row of zeros if the measurement model depends on none.
-        """
-        if self.kernels.measurement.identity:
-            return np.hstack([we, np.zeros((len(we), self.S - 6))]), np.zeros((1, self.L))
-        h, direct = self.kernels.measurement, np.zeros((len(we), self.L))
-        pull = (we[:, None, :] @ h.jacobian(z.T, theta))[:, 0]
-        direct[:, h.own] = pull[:, self.S :]
-        return pull[:, : self.S], direct
-
-    def _measurement_hessian(self, z: np.ndarray, w: np.ndarray, we: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """Hessian of 1/2 sum w e^2 with respect to (z, own coefficients of h), (m, S + O, S + O); w, we: (m, 6)."""
-        h = self.kernels.measurement
-        J = h.jacobian(z.T, theta)
-        return np.swapaxes(J, 1, 2) @ (w[:, :, None] * J) + h.hessian(z.T, theta, we.T)
-
     def jacobian(self, x: np.ndarray) -> np.ndarray:
         """Nonzeros of d defects / dx in the order of ``jacobian_sparsity``."""
-        sensitivity = np.concatenate([sweep.S_end[:, self.fixed] for sweep in self.sweep(x)])
+        sensitivity = self.slopes(x)[0][:, self.fixed]
         scale = self.scale[self.fixed]
         block = sensitivity[:, :, : self.S] * (self.scale[None, :] / scale[:, None])
         std = self.columns.each(self.std, self.columns.interval)[:, None, :]
@@ -260,13 +249,11 @@ class Problem:
 
     def hessian(self, x: np.ndarray, factor: float, multipliers: np.ndarray) -> np.ndarray:
         """Nonzeros of the upper triangle of the Hessian of factor objective + multipliers . defects."""
-        sweeps, seg, S, columns = self.sweep(x), self.segments, self.S, self.columns
+        seg, S, columns = self.segments, self.S, self.columns
         at_nodes, p, _, _ = self.evaluate(x)
         lam = np.zeros((S, self.M))
         lam[self.fixed] = (multipliers.reshape(self.M, self.D) / self.scale[self.fixed]).T
-        rows, shared = self.shooting.hessian(sweeps, self.coefficients(p), lam, self._sample_cost(x, factor))
-        nodes = np.zeros((self.B, S, S + self.L))
-        nodes[seg.start] += rows
+        shared, nodes = self._curved(x, factor, lam)
         if self.captive:
             shared[0, : columns.shared, : columns.shared] += factor * self.captive.hessian(self.captive_coefficients(p))
         e = self.errors(x)[0]
@@ -275,7 +262,7 @@ class Problem:
             nodes[:, np.arange(6), np.arange(6)] += factor * second
         else:
             pull = self.loss.weight(self.node_weight, e) * e
-            H = factor * self._measurement_hessian(at_nodes, second, pull, self._theta(p)[0])
+            H = factor * self.kernels.measurement.curvature(at_nodes, second, pull, self._theta(p)[0])
             own = self.kernels.measurement.own
             nodes[:, :, :S] += H[:, :S, :S]
             nodes[:, :, S + own] += H[:, :S, S:]
@@ -293,22 +280,33 @@ class Problem:
         parts = (own, border, across, shared[np.triu_indices(self.P)])
         return np.concatenate([part.reshape(-1) for part in parts])[self.hessian_order]
 
-    def _sample_cost(self, x: np.ndarray, factor: float) -> SampleCost:
-        """Derivatives of factor times the cost of the samples inside the intervals."""
-        _, p, _, interior = self.evaluate(x)
-        ei = self.errors(x)[1]
-        weight = factor * self.loss.second_derivative(self.weight, ei)
-        we = factor * self.loss.weight(self.weight, ei) * ei
-        room = ((0, 0), (0, self.S - 6), (0, 0))
-        if self.kernels.measurement.identity:
-            return SampleCost(np.pad(we, room), np.pad(weight, room))
-        theta, own = self._theta(p)[1], self.kernels.measurement.own
-        size = self.S + len(own)
-        pull, full = np.zeros(interior.shape), np.zeros((len(interior), self.M, size, size))
-        for k, z in enumerate(interior):
-            pull[k] = self._measurement_gradient(z.T, we[k].T, theta)[0].T
-            full[k] = self._measurement_hessian(z.T, weight[k].T, we[k].T, theta)
-        return SampleCost(pull, weight, full, own)
+    def _curved(self, x: np.ndarray, factor: float, lam: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Hessian of lam (S, M) . ends + factor times the cost of the samples inside the intervals: by group (G, L, L),
+        and rows of the nodes (B, S, S + L), SI."""
+        nodes, p, _, _ = self.evaluate(x)
+        ei, (pull, own) = self.errors(x)[1], self.sample_pull(x)
+        cost = self.sample_cost(x, factor * pull, factor * self.loss.second_derivative(self.weight, ei), factor)
+        found = self.shooting.hessian(nodes[self.segments.start].T, self.coefficients(p), cost, lam)
+        if factor == 1.0:
+            self._keep_slopes(x, found.ends, found.slope, own)
+        rows = np.zeros((self.B, self.S, self.S + self.L))
+        rows[self.segments.start] += found.rows
+        return found.shared, rows
+
+    def sample_cost(self, x: np.ndarray, pull: np.ndarray, weight: np.ndarray, bending: float) -> SampleCost:
+        """Derivatives of the cost of the samples inside the intervals at x (n,).
+
+        pull: (K - 1, S, M) gradient; weight: (K - 1, 6, M) second derivative by the residuals; bending: factor on what
+        the curvature of the measurement adds, 0 for the Hessian of Gauss and Newton.
+        """
+        h, (_, p, _, interior) = self.kernels.measurement, self.evaluate(x)
+        if h.identity or not len(weight):
+            return SampleCost(pull, np.pad(weight, ((0, 0), (0, self.S - 6), (0, 0))))
+        z, theta, back = self._inside(interior, p)
+        flat, ei = np.moveaxis(weight, 1, 2).reshape(-1, 6), self.errors(x)[1]
+        we = bending * np.moveaxis(self.loss.weight(self.weight, ei) * ei, 1, 2).reshape(-1, 6)
+        full = self.kernels.measurement.curvature(z.T, flat, we if bending else None, theta)
+        return SampleCost(pull, weight, back(full), h.own)
 
     def weights_at(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """1 / sigma^2 of the samples at the nodes (B, 6) and inside (K - 1, 6, M), reduced by a robust loss."""

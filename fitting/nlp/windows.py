@@ -58,6 +58,16 @@ class Segments:
     def intervals(self) -> int:
         return len(self.steps)
 
+    def variances(self, sigma: np.ndarray, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Variances of the samples at nodes (B, 6) and inside (1, 6, M): ``sigma`` (6,) squared, and where a state was
+        derived the variance that its trial states, as often as the residuals of the channel are correlated, ``tau`` (6,).
+        """
+        own = sigma**2
+        if self.variance is None:
+            return np.broadcast_to(own, self.nodes.shape), own[None, :, None]
+        more = self.variance * tau
+        return own + more[self.node_window], own[None, :, None] + more[self.window].T[None]
+
     def pinned(self) -> np.ndarray:
         """Node mask (B, 6) in which a channel that a window never measures is pinned at the window's first node."""
         mask = self.node_mask.copy()

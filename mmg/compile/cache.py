@@ -14,7 +14,7 @@ import shutil
 import stat
 import subprocess
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 NATIVE = "-march=native"
@@ -78,9 +78,13 @@ def _trusted(path: Path) -> bool:
     return good
 
 
-def compile_library(text: str, flags: Sequence[str]) -> tuple[Path | None, str]:
+Check = Callable[[ctypes.CDLL], str]
+"""Says what is wrong with a newly compiled library, "" for nothing."""
+
+
+def compile_library(text: str, flags: Sequence[str], check: Check | None = None) -> tuple[Path | None, str]:
     """Compile C source into a cached shared library; returns (path, ""), or (None, why it was not possible). text: the
-    source; flags: of the compiler."""
+    source; flags: of the compiler; check: asked of a new library before it is kept."""
     cc = compiler()
     if cc is None:
         if os.environ.get("MMG_CC"):
@@ -97,14 +101,16 @@ def compile_library(text: str, flags: Sequence[str]) -> tuple[Path | None, str]:
                 f"the cache {folder} is another user's or others can write to it; chmod 700 it or set MMG_CACHE",
             )
         known = next(filter(_trusted, folder.glob(f"{key}-*{suffix}")), None)
-        return (known, "") if known else _built(folder, text, [cc, *flags], key, suffix)
+        return (known, "") if known else _built(folder, text, [cc, *flags], key, suffix, check)
     except OSError as error:
         return None, f"no cache folder for compiled code ({error})"
 
 
-def _built(folder: Path, text: str, command: Sequence[str], key: str, suffix: str) -> tuple[Path | None, str]:
+def _built(
+    folder: Path, text: str, command: Sequence[str], key: str, suffix: str, check: Check | None
+) -> tuple[Path | None, str]:
     """The library of C source, newly compiled by a command without its files; or (None, why not)."""
-    with tempfile.TemporaryDirectory(dir=folder) as scratch:
+    with tempfile.TemporaryDirectory(dir=folder, ignore_cleanup_errors=True) as scratch:
         code, built = Path(scratch) / "code.c", Path(scratch) / f"code{suffix}"
         code.write_text(text, encoding="utf-8")
         for extra in ((NATIVE,), ()):
@@ -116,15 +122,28 @@ def _built(folder: Path, text: str, command: Sequence[str], key: str, suffix: st
             lines = run.stderr.strip().splitlines() or ["no message"]
             return None, f"{command[0]} failed: {next((line for line in lines if 'error' in line), lines[0])}"
         built.chmod(0o700)
+        try:
+            wrong = check(_copied(built)) if check else ""
+        except OSError as error:
+            return None, f"compiled code does not load ({error})"
+        if wrong:
+            return None, f"what {Path(command[0]).name} made of the equations is wrong: {wrong}"
         library = folder / f"{key}-{hashlib.sha256(built.read_bytes()).hexdigest()}{suffix}"
         os.replace(built, library)
     return library, ""
 
 
-def load_library(text: str, flags: Sequence[str]) -> tuple[ctypes.CDLL | None, str]:
+def _copied(built: Path) -> ctypes.CDLL:
+    """A copy of a library, loaded: Windows does not let go of a file that is loaded."""
+    copy = built.with_stem("tried")
+    shutil.copy2(built, copy)
+    return ctypes.CDLL(str(copy))
+
+
+def load_library(text: str, flags: Sequence[str], check: Check | None = None) -> tuple[ctypes.CDLL | None, str]:
     """The library of C source, compiled or from the cache; (None, why) where that is not possible. text: the source;
-    flags: of the compiler."""
-    path, reason = compile_library(text, flags)
+    flags: of the compiler; check: asked of a new library before it is kept."""
+    path, reason = compile_library(text, flags, check)
     if path is None:
         return None, reason
     try:

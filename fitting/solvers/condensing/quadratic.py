@@ -13,7 +13,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fitting.nlp.fisher_information import Quadratics, intervals_by_level, prior_parts, pulled_back, transitions
+from fitting.nlp.fisher_information import (
+    Quadratics,
+    add_rows,
+    intervals_by_level,
+    prior_parts,
+    pulled_back,
+    transitions,
+)
 from fitting.nlp.problem import Problem
 
 LEAST = 1e-8
@@ -56,13 +63,11 @@ def gauss_newton(problem: Problem, x: np.ndarray) -> Subproblem:
     majorise it."""
     seg, S, columns = problem.segments, problem.S, problem.columns
     parts, p = Quadratics.of(problem, x), problem.split(x)[1]
-    rows, slope = parts.nodes[:, :S].copy(), parts.node_slope[:, :S].copy()
-    rows[seg.start] += parts.inside[:, :S]
+    rows, slope = parts.nodes.copy(), parts.node_slope[:, :S].copy()
+    rows[seg.start] += parts.inside
     slope[seg.start] += parts.inside_slope[:, :S]
     known, score = prior_parts(problem, p)
-    both = columns.total(parts.nodes[:, S:, S:], columns.node) + columns.total(
-        parts.inside[:, S:, S:], columns.interval
-    )
+    both = columns.total(parts.shared, columns.window)
     pulls = columns.total(parts.node_slope[:, S:], columns.node)
     pulls = pulls + columns.total(parts.inside_slope[:, S:], columns.interval)
     P = problem.P
@@ -97,8 +102,7 @@ def solved(problem: Problem, sub: Subproblem, p: np.ndarray) -> Step | None:
     ahead, pull = np.empty((problem.M, S, S + L)), np.empty((problem.M, S))
 
     def add(w: np.ndarray, node: np.ndarray) -> None:
-        V[w, :S] += sub.rows[node]
-        V[w, S:, :S] += np.swapaxes(sub.rows[node][:, :, S:], 1, 2)
+        add_rows(V, w, sub.rows[node])
         v[w, :S] += sub.slope[node]
 
     for depth, i in enumerate(intervals_by_level(seg)):

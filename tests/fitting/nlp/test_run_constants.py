@@ -147,7 +147,7 @@ def test_sorting_intervals_by_run_changes_nothing() -> None:
     prior, segments = Prior.of(ship), cut(list(trials()), 1.0, 30.0, 7, inputs=ship.inputs)
     kernel = Kernels(assemble(ship), prior.positions(ship), False)
     one, other = (Problem(ship, prior, kernel, s, SIGMA) for s in (segments, segments.by_run()))
-    assert len(one.shooting.slices) == 1 and one.columns.groups == 1 and one.P == one.L
+    assert len(one.shooting.blocks.slices) == 1 and one.columns.groups == 1 and one.P == one.L
     x = somewhere(one)
     assert other.objective(x) == pytest.approx(one.objective(x), rel=1e-12)
     np.testing.assert_allclose(other.gradient(x), one.gradient(x), rtol=1e-9, atol=1e-9)
@@ -164,7 +164,7 @@ def test_blocks_of_unsorted_intervals_are_right_too() -> None:
     kernel = Kernels(assemble(ship), prior.positions(ship), False)
     one, other = (Problem(ship, prior, kernel, s, SIGMA) for s in (segments, segments.by_run()))
     x = somewhere(one)
-    assert len(other.shooting.slices) == 3 < len(one.shooting.slices)
+    assert len(other.shooting.blocks.slices) == 3 < len(one.shooting.blocks.slices)
     assert other.objective(x) == pytest.approx(one.objective(x), rel=1e-12)
     np.testing.assert_allclose(other.gradient(x), one.gradient(x), rtol=1e-9, atol=1e-9)
 

@@ -1,0 +1,275 @@
+"""C text of shooting intervals that is the same for all ships; ``interval_source`` adds a ship's equations."""
+
+TYPES = """
+#include <stdlib.h>
+typedef struct {
+  long long lanes, steps, groups, extra;
+  const double *start, *controls, *theta, *h;
+  const long long *count, *group, *slot;
+  double *end, *interior;
+  const double *pull;
+  double *ends, *slope;
+  const double *cost, *weight;
+  const long long* own;
+  double *rows, *shared;
+} Run;
+/* start S x lanes, controls steps x C x lanes, theta ALL x groups; count, group, slot by lane, a slot of -1 is none;
+   end S x lanes, interior (steps - 1) x S x lanes; pull (steps - 1) x S x lanes: gradient of the samples' cost;
+   ends S x N x lanes and slope N x lanes; cost (steps - 1) x (S + extra) (S + extra + 1) / 2 x lanes: upper triangle by
+   rows of their Hessian to the state and to the coefficients own[extra]; weight S x lanes of the end, or null for none;
+   rows S x N x lanes; shared slots x P x P, upper triangle. */
+#ifdef __FMA__
+static inline V more(V a, V b, V c) {
+  V y;
+  for (int i = 0; i < LANES; i++) y[i] = __builtin_fma(a[i], b[i], c[i]);
+  return y;
+}
+#else
+static inline V more(V a, V b, V c) { return a * b + c; }
+#endif
+
+typedef struct { V p[ALL + 1], z[S], steps, shared_r[KEPT], shared_j[KEPT], shared_h[KEPT]; } Block;
+
+/* Scratch of one block: G (steps x 4 x Q x W) sensitivities of the stages' arguments, F (steps + 1) x FIRST x W those
+   of the leading states before each step, J (steps x 4 x NJ), q (steps x 4 x Q), c (steps x C). */
+typedef struct {
+  Block b;
+  V *G, *F, *J, *q, *c, *A, *B, *X, *sum, *Z, *D, *T, *product;
+  long long panel;
+  int state[S + 1];
+} Work;
+
+/* Where element (a, b) of the product lies: tiles of TILE x TILE, row by row. */
+#define AB(a, b) (((a) / TILE * (W / TILE) + (b) / TILE) * TILE * TILE + (a) % TILE * TILE + (b) % TILE)
+/* Adds x times a row of all columns to the product's row c. */
+static void across(Work* w, int c, V x, const V* row) {
+  for (int a = 0; a < W; a++) w->product[AB(c, a)] = more(x, row[a], w->product[AB(c, a)]);
+}
+/* Adds x times a row of all columns to the product's column c. */
+static void column(Work* w, int c, V x, const V* row) {
+  V* sum = w->product + c / TILE * TILE * TILE + c % TILE;
+  for (int a = 0; a < W; a += TILE, sum += W * TILE)
+    for (int e = 0; e < TILE; e++) sum[e * TILE] = more(x, row[a + e], sum[e * TILE]);
+}
+"""
+"""What the ship's own functions need: arguments, vectors, scratch, places of the product."""
+
+LOOPS = """
+static void begin_block(const Run* r, long long i, Block* b, int order) {
+  for (int j = 0; j < ALL; j++) for (int l = 0; l < LANES; l++) b->p[j][l] = r->theta[j * r->groups + r->group[i + l]];
+  for (int l = 0; l < LANES; l++) b->steps[l] = (double)r->count[i + l];
+  for (int s = 0; s < S; s++) b->z[s] = load(r->start + s * r->lanes + i);
+  if (order == 0) rates_shared(b->p, b->shared_r); else jacobian_shared(b->p, b->shared_j);
+  if (order == 2) hessian_shared(b->p, b->shared_h);
+}
+static void read_inputs(const Run* r, long long k, long long i, V* c) {
+  for (int j = 0; j < C; j++) c[j] = load(r->controls + (k * C + j) * r->lanes + i);
+}
+static void keep_states(const Run* r, long long k, long long i, const V* z) {
+  double* to = k == r->steps - 1 ? r->end : r->interior + k * S * r->lanes;
+  if (to) for (int s = 0; s < S; s++) store(to + s * r->lanes + i, z[s]);
+}
+
+static void* aligned(size_t size, void** base) {
+  *base = malloc(size + sizeof(V));
+  return *base ? (char*)*base + sizeof(V) - (size_t)*base % sizeof(V) : 0;
+}
+
+EXPORT int values(const Run* r, long long begin, long long end) {
+  void* base;
+  Block* b = aligned(sizeof *b, &base);
+  if (!b) return 1;
+  const V h = fill(*r->h);
+  V c[C + 1], held[HELD], rate[S], total[S], q[S];
+  for (long long i = begin * LANES; i < end * LANES; i += LANES) {
+    begin_block(r, i, b, 0);
+    for (long long k = 0; k < r->steps; k++) {
+      const M active = b->steps > (double)k;
+      read_inputs(r, k, i, c);
+      rates_inputs(c, b->p, b->shared_r, held);
+      for (int s = 0; s < S; s++) rate[s] = total[s] = fill(0.0);
+      for (int g = 0; g < 4; g++) {
+        for (int s = 0; s < S; s++) q[s] = b->z[s] + AT[g] * h * rate[s];
+        rates_at(q + FIRST, c, b->p, q, b->shared_r, held, rate);
+        for (int s = 0; s < S; s++) total[s] = total[s] + PART[g] * rate[s];
+      }
+      for (int s = 0; s < S; s++) b->z[s] = choose(active, b->z[s] + h * total[s], b->z[s]);
+      keep_states(r, k, i, b->z);
+    }
+  }
+  free(base);
+  return 0;
+}
+
+static V* room(V** at, long long size) { V* here = *at; *at += size; return here; }
+static Work* work(const Run* r, int order, void** base) {
+  const long long K = r->steps, L = order == 2 ? r->extra : 0, panel = (4 * R + S + L) * TILE;
+  const long long size = K * 4 * (Q * W + NJ + Q) + (K + 1) * FIRST * W + K * C + 3 * S * W + NH + OWN + 1
+    + (order == 2 ? 2 * panel * (W / TILE) + W * W : 0);
+  Work* w = aligned(sizeof *w + sizeof(V) * (size_t)size, base);
+  if (!w) return 0;
+  V* at = (V*)(w + 1);
+  w->panel = panel;
+  w->G = room(&at, K * 4 * Q * W); w->F = room(&at, (K + 1) * FIRST * W); w->J = room(&at, K * 4 * NJ);
+  w->q = room(&at, K * 4 * Q); w->c = room(&at, K * C); w->Z = room(&at, S * W); w->D = room(&at, S * W);
+  w->T = room(&at, S * W); w->X = room(&at, NH); w->sum = room(&at, OWN + 1);
+  if (order < 2) return w;
+  w->A = room(&at, panel * (W / TILE)); w->B = room(&at, panel * (W / TILE)); w->product = room(&at, W * W);
+  return w;
+}
+
+static void one_step(const Run* r, Work* w, long long k, long long i) {
+  const V h = fill(*r->h);
+  const M active = w->b.steps > (double)k;
+  V held[HELD], rate[S], total[S], d[S + NJ], *c = w->c + k * C;
+  read_inputs(r, k, i, c);
+  jacobian_inputs(c, w->b.p, w->b.shared_j, held);
+  for (int s = 0; s < S; s++) rate[s] = total[s] = fill(0.0);
+  memcpy(w->F + k * FIRST * W, w->Z, sizeof(V) * FIRST * W);
+  for (int g = 0; g < 4; g++) {
+    V *G = w->G + (k * 4 + g) * Q * W, *q = w->q + (k * 4 + g) * Q, *J = w->J + (k * 4 + g) * NJ;
+    for (int s = 0; s < Q; s++) q[s] = w->b.z[FIRST + s] + AT[g] * h * rate[FIRST + s];
+    if (g == 0) memcpy(G, w->Z + FIRST * W, sizeof(V) * Q * W);
+    else {
+      const V f = AT[g] * h;
+      const V *Z = w->Z + FIRST * W, *D = w->D + FIRST * W;
+      for (int j = 0; j < Q * W; j++) G[j] = more(f, D[j], Z[j]);
+    }
+    jacobian_at(q, c, w->b.p, q, w->b.shared_j, held, d);
+    memcpy(rate, d, sizeof(V) * S);
+    memcpy(J, d + S, sizeof(V) * NJ);
+    through(J, G, w->D);
+    const V part = fill(PART[g]);
+    if (g == 0) for (int j = 0; j < S * W; j++) w->T[j] = part * w->D[j];
+    else for (int j = 0; j < S * W; j++) w->T[j] = more(part, w->D[j], w->T[j]);
+    for (int s = 0; s < S; s++) total[s] = total[s] + PART[g] * rate[s];
+  }
+  for (int s = 0; s < S; s++) w->b.z[s] = choose(active, w->b.z[s] + h * total[s], w->b.z[s]);
+  for (int s = 0; s < S; s++)
+    for (int j = s * W + FIRST; j < (s + 1) * W; j++) w->Z[j] = choose(active, more(h, w->T[j], w->Z[j]), w->Z[j]);
+  keep_states(r, k, i, w->b.z);
+}
+
+static void sweep(const Run* r, Work* w, long long i, int order) {
+  V slope[W];
+  begin_block(r, i, &w->b, order);
+  memset(w->Z, 0, sizeof(V) * S * W);
+  memset(w->D, 0, sizeof(V) * S * W);
+  for (int s = 0; s < S; s++) w->Z[s * W + s] = fill(1.0);
+  memset(slope, 0, sizeof slope);
+  for (long long k = 0; k < r->steps; k++) {
+    one_step(r, w, k, i);
+    if (k == r->steps - 1) continue;
+    for (int s = 0; s < S; s++) {
+      const V pull = load(r->pull + (k * S + s) * r->lanes + i);
+      for (int j = 0; j < N; j++) slope[j] = more(pull, w->Z[s * W + j], slope[j]);
+    }
+  }
+  memcpy(w->F + r->steps * FIRST * W, w->Z, sizeof(V) * FIRST * W);
+  for (int s = 0; s < S; s++)
+    for (int j = 0; j < N; j++) store(r->ends + (s * N + j) * r->lanes + i, w->Z[s * W + j]);
+  for (int j = 0; j < N; j++) store(r->slope + j * r->lanes + i, slope[j]);
+}
+
+EXPORT int linearise(const Run* r, long long begin, long long end) {
+  void* base;
+  Work* w = work(r, 1, &base);
+  for (long long i = begin; w && i < end; i++) sweep(r, w, i * LANES, 1);
+  free(base);
+  return w == 0;
+}
+
+static const V* sensitivity(const Work* w, long long k, int s) {
+  return s < FIRST ? w->F + (k * FIRST + s) * W : w->G + (k * 4 * Q + s - FIRST) * W;
+}
+
+/* Rows of the cost of the samples after step k: the sensitivities of the states, then the own coefficients. */
+static int add_samples(const Run* r, Work* w, long long k, long long i, int row) {
+  const int size = S + (int)r->extra;
+  const long long panel = w->panel;
+  const double* cost = r->cost + k * (size * (size + 1) / 2) * r->lanes + i;
+  for (int a = 0; a < size; a++) {
+    V each[S + 1];
+    int used = 0;
+    for (int b = 0; b < size; b++) {  /* row a of the symmetric matrix, of which the upper triangle is given */
+      const int low = a < b ? a : b, high = a < b ? b : a;
+      const V f = 0.5 * load(cost + (low * (2 * size - low - 1) / 2 + high) * r->lanes);
+      if (!any(f != 0.0)) continue;
+      if (b < S) { each[used] = f; w->state[used++] = b; continue; }
+      if (a < S) column(w, S + (int)r->own[b - S], f, sensitivity(w, k + 1, a));
+      else w->product[AB(S + r->own[a - S], S + r->own[b - S])] += f;
+    }
+    if (a >= S) {
+      for (int n = 0; n < used; n++) across(w, S + (int)r->own[a - S], each[n], sensitivity(w, k + 1, w->state[n]));
+      continue;
+    }
+    if (!used) continue;
+    const V *Z = sensitivity(w, k + 1, a), *other[S + 1];
+    for (int n = 0; n < used; n++) other[n] = sensitivity(w, k + 1, w->state[n]);
+    V *A = w->A + row * TILE, *B = w->B + row * TILE;
+    for (int t = 0; t < W; t += TILE, A += panel, B += panel)
+      for (int e = 0; e < TILE; e++) {
+        V sum = each[0] * other[0][t + e];
+        for (int n = 1; n < used; n++) sum = more(each[n], other[n][t + e], sum);
+        A[e] = Z[t + e];
+        B[e] = sum;
+      }
+    row++;
+  }
+  return row;
+}
+
+/* Rows of step k from the adjoints of its end, which are moved to its begin. */
+static int add_stages(const Run* r, Work* w, long long k, V* adjoint, int row) {
+  const V h = fill(*r->h);
+  const M active = w->b.steps > (double)k;
+  V held[HELD], later[S], back[S], u[S], moved[Q];
+  hessian_inputs(w->c + k * C, w->b.p, w->b.shared_h, held);
+  for (int s = 0; s < S; s++) { later[s] = fill(0.0); back[s] = adjoint[s]; }
+  for (int g = 3; g >= 0; g--, row += R) {
+    const V *G = w->G + (k * 4 + g) * Q * W, *J = w->J + (k * 4 + g) * NJ;
+    for (int s = 0; s < S; s++) u[s] = choose(active, h * PART[g] * adjoint[s] + later[s], fill(0.0));
+    pulled(J, u, moved);
+    for (int s = 0; s < Q; s++) { back[FIRST + s] += moved[s]; later[FIRST + s] = h * AT[g] * moved[s]; }
+    hessian_at(w->q + (k * 4 + g) * Q, w->c + k * C, w->b.p, u, w->b.shared_h, held, w->X);
+    bent(w->X, G, w->A + row * TILE, w->B + row * TILE, w->panel, w->sum);
+    edge(w->X, G, w);
+  }
+  for (int s = 0; s < S; s++) adjoint[s] = back[s];
+  return row;
+}
+
+static V twice(const Work* w, int a, int b) { return w->product[AB(a, b)] + w->product[AB(b, a)]; }
+
+static void add_shared(const Run* r, long long i, int a, int b, V x) {
+  for (int l = 0; l < LANES; l++) if (r->slot[i + l] >= 0) r->shared[(r->slot[i + l] * P + a) * P + b] += x[l];
+}
+
+EXPORT int curve(const Run* r, long long begin, long long end) {
+  void* base;
+  Work* w = work(r, 2, &base);
+  for (long long at = begin; w && at < end; at++) {
+    const long long i = at * LANES;
+    sweep(r, w, i, 2);
+    V adjoint[S];
+    for (int s = 0; s < S; s++) adjoint[s] = r->weight ? load(r->weight + s * r->lanes + i) : fill(0.0);
+    for (int e = 0; e < OWN; e++) w->sum[e] = fill(0.0);
+    memset(w->product, 0, sizeof(V) * W * W);
+    for (long long k = r->steps - 1; k >= 0; k--) {
+      int row = 0;
+      if (k < r->steps - 1) {
+        row = add_samples(r, w, k, i, row);
+        if (r->weight) for (int s = 0; s < S; s++) adjoint[s] += load(r->pull + (k * S + s) * r->lanes + i);
+      }
+      if (r->weight) row = add_stages(r, w, k, adjoint, row);
+      multiply(w, row);
+    }
+    for (int a = 0; a < S; a++) for (int b = 0; b < N; b++) store(r->rows + (a * N + b) * r->lanes + i, twice(w, a, b));
+    for (int a = S; a < N; a++) for (int b = a; b < N; b++) add_shared(r, i, a - S, b - S, twice(w, a, b));
+    for (int e = 0; e < OWN; e++) add_shared(r, i, own_at[e][0], own_at[e][1], w->sum[e]);
+  }
+  free(base);
+  return w == 0;
+}
+"""
+"""The loops over steps and blocks, and the functions that Python calls."""

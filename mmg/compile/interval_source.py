@@ -1,0 +1,161 @@
+"""C source of shooting intervals: states, sensitivities, adjoints and second derivatives, LANES intervals at once.
+
+An interval integrates at most K Runge-Kutta steps from its start state with inputs held over each step. ``values``
+gives its states. ``linearise`` also carries the sensitivities Z (S, N) of the state, N = S + P columns for the start
+state and the P free coefficients, through the stages. ``curve`` goes back over the steps with the adjoints of a
+weighted sum and collects its Hessian. What is summed there has the form A^T B + B^T A: with the sensitivities Q of a
+stage's arguments and the Hessian (H_qq, H_qc, H_cc) of the weighted rates, A = Q and B = 1/2 H_qq Q + H_qc; with the
+Hessian F of the samples' cost, A = Z and B = 1/2 F Z. The rows of A and B of all stages and steps stay in the
+processor's cache, and the products run in registers. Everything is emitted from the one symbolic expression of the
+rates.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from mmg.compile.codegen import prelude
+from mmg.compile.interval_loops import LOOPS, TYPES
+from mmg.compile.staged_lanes import staged_bodies
+from mmg.compile.stages import Program
+from mmg.runge_kutta import NODES, WEIGHTS
+
+TILE = 4
+"""Rows and columns of the products that are kept in registers; columns are padded to whole tiles."""
+
+NEWLINE = "\n  "
+_STAGES = (3, 2, 1, 3)
+"""Of the arguments state, inputs, coefficients, multipliers."""
+_ARGUMENTS = {0: "q", 1: "c", 2: "p", 3: "u"}
+_ARRAYS = {1: "K", 2: "H"}
+
+
+def interval_source(whole: ca.Function) -> str:
+    """C file with ``values``, ``linearise`` and ``curve``, all ``(const Run*, long long begin, long long end)`` for the
+    blocks of LANES intervals from begin to end.
+
+    whole: SXFunction (q (Q,), inputs (C,), coefficients, multipliers (S,)) -> dense rates (S,) of which q are the last
+    states, their Jacobian (S, Q + P) to q and the P free coefficients, upper triangle of the Hessian (Q + P, Q + P) of
+    multipliers . rates. Raises NotImplementedError for an operation without C.
+    """
+    S, Q, J, H = whole.size1_out(0), whole.size1_in(0), whole.sparsity_out(1), whole.sparsity_out(2)
+    sizes = {
+        "S": S, "FIRST": S - Q, "Q": Q, "P": J.size2() - Q, "C": whole.size1_in(1), "ALL": whole.size1_in(2),
+        "NJ": J.nnz(), "NH": H.nnz(), "N": S + J.size2() - Q, "W": -(-(S + J.size2() - Q) // TILE) * TILE, "TILE": TILE,
+    }  # fmt: skip
+    program = Program.of(whole, _STAGES)
+    text, kept = [prelude(), _head(sizes)], [0, 0]
+    for name, outputs in (("rates", [0]), ("jacobian", [0, 1]), ("hessian", [2])):
+        bodies = staged_bodies(program, outputs, _ARGUMENTS, _ARRAYS, "d")
+        kept = [max(a, bodies[stage].handed) for a, stage in zip(kept, _ARRAYS, strict=True)]
+        text.append(
+            f"static void {name}_shared(const V* p, V* K) {{\n  {bodies[1].text}\n}}\n"
+            f"static void {name}_inputs(const V* c, const V* p, const V* K, V* H) {{\n  {bodies[2].text}\n}}\n"
+            f"static void {name}_at(const V* q, const V* c, const V* p, const V* u, const V* K, const V* H, V* d) {{\n"
+            f"  {bodies[3].text}\n}}\n"
+        )
+    text += [f"#define KEPT {kept[0] + 1}\n#define HELD {kept[1] + 1}\n", _through(J, S, Q)]
+    return "".join([*text, TYPES, _bent(H, Q, S), _multiply(), LOOPS])
+
+
+def _head(sizes: dict[str, int]) -> str:
+    """Sizes and the numbers of the Runge-Kutta method."""
+    tables = "".join(
+        f"static const double {name}[4] = {{{', '.join(repr(float(v)) for v in values)}}};\n"
+        for name, values in (("AT", NODES), ("PART", WEIGHTS))
+    )
+    return "".join(f"#define {name} {value}\n" for name, value in sizes.items()) + tables
+
+
+def _through(J: ca.Sparsity, S: int, Q: int) -> str:
+    """C functions that apply the Jacobian: D = J_q Q + J_c over all columns, and back = J_q^T u."""
+    rows, columns = J.get_triplet()
+    ahead: list[list[str]] = [[] for _ in range(S)]
+    back: list[list[str]] = [[] for _ in range(Q)]
+    own = []
+    for at, (r, c) in enumerate(zip(rows, columns, strict=True)):
+        if c < Q:
+            ahead[r].append(f"J[{at}] * G[{c} * W + j]")
+            back[c].append(f"J[{at}] * u[{r}]")
+        else:
+            own.append(f"D[{r} * W + {S + c - Q}] += J[{at}];")
+    lines = [f"D[{r} * W + j] = {' + '.join(terms) or 'fill(0.0)'};" for r, terms in enumerate(ahead)]
+    pulled = [f"b[{c}] = {' + '.join(terms) or 'fill(0.0)'};" for c, terms in enumerate(back)]
+    return (
+        "static void through(const V* J, const V* G, V* D) {\n  for (int j = FIRST; j < W; j++) {\n    "
+        + "\n    ".join(lines)
+        + "\n  }\n  "
+        + "\n  ".join(own)
+        + "\n}\nstatic void pulled(const V* J, const V* u, V* b) {\n  "
+        + "\n  ".join(pulled)
+        + "\n}\n"
+    )
+
+
+def _bent(H: ca.Sparsity, Q: int, S: int) -> str:
+    """C functions of the second derivatives X of a stage: ``bent`` for the rows B = 1/2 H_qq G + H_qc of the states on
+    which the rates depend nonlinearly (R of them, as ``chosen`` copies those of A) and for adding H_cc to its sums; and
+    ``edge`` for H_qc of the other states, lags for instance, which is a few columns of the product.
+    """
+    rows, columns = H.get_triplet()
+    dense = sorted({i for r, c in zip(rows, columns, strict=True) if c < Q for i in (r, c)})
+    terms: dict[int, list[str]] = {r: [] for r in dense}
+    mixed, edge, own = [], [], []
+    where: list[tuple[int, int]] = []
+    for at, (r, c) in enumerate(zip(rows, columns, strict=True)):
+        if c < Q:
+            terms[r].append(f"X[{at}] * G[{c} * W + j]")
+            if r != c:
+                terms[c].append(f"X[{at}] * G[{r} * W + j]")
+        elif r in terms:
+            mixed.append(f"B[PANEL({dense.index(r)}, {S + c - Q})] += X[{at}];")
+        elif r < Q:
+            edge.append(f"column(w, {S + c - Q}, X[{at}], G + {r} * W);")
+        else:
+            own.append(f"sum[{len(where)}] += X[{at}];")
+            where.append((r - Q, c - Q))
+    lines = [f"B[{k} * TILE + e] = 0.5 * ({' + '.join(terms[r])});" for k, r in enumerate(dense)]
+    copies = [f"A[{k} * TILE + e] = G[{r} * W + j];" for k, r in enumerate(dense)]
+    pairs = ", ".join(f"{{{r}, {c}}}" for r, c in where) or "{0, 0}"
+    inside = "\n    ".join([*copies, *lines])
+    return f"""#define OWN {len(where)}
+#define R {len(dense)}
+static const short own_at[OWN + 1][2] = {{{pairs}}};
+#define PANEL(r, j) ((j) / TILE * panel + (r) * TILE + (j) % TILE)
+static void bent(const V* X, const V* G, V* A, V* B, long long panel, V* sum) {{
+  V* first = B;
+  for (int t = 0; t < W; t += TILE, A += panel, B += panel) for (int e = 0; e < TILE; e++) {{
+    const int j = t + e;
+    {inside}
+  }}
+  B = first;
+  {NEWLINE.join(mixed + own)}
+}}
+static void edge(const V* X, const V* G, Work* w) {{
+  {NEWLINE.join(edge)}
+}}
+"""
+
+
+def _multiply() -> str:
+    """C function that adds A^T B to the product, a tile in registers at a time: written out, since compilers leave
+    arrays of vectors in memory."""
+    each = [(e, f) for e in range(TILE) for f in range(TILE)]
+    read = " ".join(f"V t{e}{f} = sum[{e * TILE + f}];" for e, f in each)
+    loads = " ".join(f"const V x{e} = x[{e}], y{e} = y[{e}];" for e in range(TILE))
+    add = " ".join(f"t{e}{f} = more(x{e}, y{f}, t{e}{f});" for e, f in each)
+    write = " ".join(f"sum[{e * TILE + f}] = t{e}{f};" for e, f in each)
+    return f"""static void multiply(const Work* w, int rows) {{
+  V* sum = w->product;
+  for (int a = 0; a < W / TILE; a++)
+    for (int b = 0; b < W / TILE; b++, sum += TILE * TILE) {{
+      const V *x = w->A + a * w->panel, *y = w->B + b * w->panel;
+      {read}
+      for (int n = 0; n < rows; n++, x += TILE, y += TILE) {{
+        {loads}
+        {add}
+      }}
+      {write}
+    }}
+}}
+"""

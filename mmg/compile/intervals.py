@@ -1,0 +1,235 @@
+"""Shooting intervals by compiled code: many at once, over threads, with the same numbers whatever their count."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from mmg.compile.batch import FLAGS as BATCH_FLAGS
+from mmg.compile.batch import padded
+from mmg.compile.cache import load_library
+from mmg.compile.codegen import LANES
+from mmg.compile.interval_source import interval_source
+
+FLAGS = (*BATCH_FLAGS, "-O2")
+SHARE = 16
+"""Blocks of LANES intervals that one thread takes at least."""
+
+
+class _IntervalRun(ctypes.Structure):
+    """The struct Run of the C code."""
+
+    _fields_ = (
+        [(name, ctypes.c_longlong) for name in ("lanes", "steps", "groups", "extra")]
+        + [(name, ctypes.c_void_p) for name in ("start", "controls", "theta", "h", "count", "group", "slot")]
+        + [(name, ctypes.c_void_p) for name in ("end", "interior", "pull", "ends", "slope", "cost", "weight", "own")]
+        + [(name, ctypes.c_void_p) for name in ("rows", "shared")]
+    )
+
+
+@dataclass(frozen=True)
+class Lanes:
+    """M intervals in the order in which they are calculated, in whole vectors.
+
+    interval: (lanes,) number of the interval of each lane; steps: (lanes,) of it, 0 where a lane only fills a vector;
+    controls: (K, C, lanes) held over each step; group: (lanes,) which coefficients it has; slot: (lanes,) where what
+    belongs to the coefficients is added up, -1 for none; shares: first and last block of each share of the work, at
+    the borders of slots; M: number of intervals; h: step [s].
+    """
+
+    interval: np.ndarray
+    steps: np.ndarray
+    controls: np.ndarray
+    group: np.ndarray
+    slot: np.ndarray
+    shares: tuple[tuple[int, int], ...]
+    M: int
+    h: float
+
+    @classmethod
+    def of(cls, steps: np.ndarray, controls: np.ndarray, h: float, group: np.ndarray, slot: np.ndarray) -> Lanes:
+        """From the steps (M,), controls (K, C, M), groups (M,) and slots (M,) of the intervals, and the step h [s]."""
+        M = len(steps)
+        order = np.lexsort((-steps, slot))
+        borders = np.flatnonzero(np.diff(slot[order])) + 1
+        wanted = np.arange(SHARE * LANES, M, SHARE * LANES)
+        near = borders[np.clip(np.searchsorted(borders, wanted), 0, len(borders) - 1)] if len(borders) else borders
+        parts = np.split(order, np.unique(near))
+        lanes, real, shares, blocks = [], [], [], 0
+        for part in parts:
+            size = padded(len(part))
+            lanes.append(np.concatenate([part, np.repeat(part[-1:], size - len(part))]))
+            real.append(np.arange(size) < len(part))
+            shares.append((blocks, blocks + size // LANES))
+            blocks += size // LANES
+        interval, is_real = np.concatenate(lanes), np.concatenate(real)
+        whole = [np.where(is_real, values[interval], filler) for values, filler in ((steps, 0), (slot, -1))]
+        return cls(
+            interval,
+            np.ascontiguousarray(whole[0], dtype=np.int64),
+            np.ascontiguousarray(controls[:, :, interval], dtype=float),
+            np.ascontiguousarray(group[interval], dtype=np.int64),
+            np.ascontiguousarray(whole[1], dtype=np.int64),
+            tuple(shares),
+            M,
+            float(h),
+        )
+
+    @cached_property
+    def position(self) -> np.ndarray:
+        """Lane of each interval, (M,)."""
+        first = np.zeros(self.M, dtype=int)
+        real = np.flatnonzero(self.slot >= 0)
+        first[self.interval[real]] = real
+        return first
+
+    @cached_property
+    def beyond(self) -> np.ndarray:
+        """Which interior states an interval does not have, (K - 1, M)."""
+        return np.arange(len(self.controls) - 1)[:, None] >= self.steps[self.position]
+
+    def spread(self, values: np.ndarray) -> np.ndarray:
+        """Values (..., M) of the intervals in the order of the lanes."""
+        return np.ascontiguousarray(values[..., self.interval], dtype=float)
+
+    def gathered(self, values: np.ndarray) -> np.ndarray:
+        """Values (..., lanes) as those of the intervals (M, ...)."""
+        flat = values.reshape(-1, values.shape[-1]).T[self.position]
+        return np.ascontiguousarray(flat).reshape(self.M, *values.shape[:-1])
+
+
+@dataclass(frozen=True)
+class IntervalKernel:
+    """Compiled intervals of a right-hand side of S states and P free coefficients."""
+
+    library: ctypes.CDLL
+    S: int
+    P: int
+
+    @classmethod
+    def of(
+        cls, whole: ca.Function, check: Callable[[IntervalKernel], str] | None = None
+    ) -> tuple[IntervalKernel | None, str]:
+        """The kernel of the function ``whole`` (see ``interval_source``), or None and why there is none.
+
+        check: what is wrong with a kernel, "" for nothing; asked of a newly compiled one before it is kept.
+        """
+
+        def made(library: ctypes.CDLL) -> IntervalKernel:
+            return cls(library, whole.size1_out(0), whole.size2_out(1) - whole.size1_in(0))
+
+        try:
+            text = interval_source(whole)
+        except NotImplementedError as error:
+            return None, str(error)
+        library, reason = load_library(text, FLAGS, (lambda new: check(made(new))) if check else None)
+        return (None if library is None else made(library)), reason
+
+    def values(
+        self, lanes: Lanes, start: np.ndarray, theta: np.ndarray, threads: int = 1
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """End states (S, M) and interior states (K - 1, S, M) from start states (S, M) and coefficients (G, all)."""
+        run = self._states(lanes, start, theta)
+        self._work("values", lanes, run, threads)
+        return self._ends(lanes, run)
+
+    def linearise(
+        self, lanes: Lanes, start: np.ndarray, theta: np.ndarray, pull: np.ndarray, threads: int = 1
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Sensitivities of the end (M, S, S + P) to start and free coefficients; and (M, S + P) of the samples' cost.
+
+        start, theta: as of ``values``; pull: (K - 1, S, M) gradient of the cost to the interior states.
+        """
+        run = self._sensitivities(lanes, start, theta, pull)
+        self._work("linearise", lanes, run, threads)
+        return lanes.gathered(run["ends"]), lanes.gathered(run["slope"])
+
+    def curve(
+        self,
+        lanes: Lanes,
+        start: np.ndarray,
+        theta: np.ndarray,
+        pull: np.ndarray,
+        cost: tuple[np.ndarray, np.ndarray],
+        weight: np.ndarray | None,
+        slots: int,
+        threads: int = 1,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """What ``linearise`` gives, then the Hessian of weight . end + cost of the interior states: rows of the start
+        nodes (M, S, S + P) and, summed by slot, the block of the coefficients (slots, P, P).
+
+        cost: upper triangles (K - 1, n (n + 1) / 2, M), row by row, of the cost's Hessian to the n = S + O of states
+        and O of the free coefficients, and the positions (O,) of these; weight: (S, M), or None for the cost's Hessian
+        to first order in the states (Gauss and Newton); slots: how many there are.
+        """
+        S, N, P = self.S, self.S + self.P, self.P
+        run = self._sensitivities(lanes, start, theta, pull)
+        run |= {"cost": lanes.spread(cost[0]), "own": np.ascontiguousarray(cost[1], dtype=np.int64)}
+        run |= {"rows": np.empty((S, N, len(lanes.interval))), "shared": np.zeros((slots, P, P))}
+        if weight is not None:
+            run["weight"] = lanes.spread(weight)
+        self._work("curve", lanes, run, threads)
+        shared, lower = run["shared"], np.tril_indices(P, -1)
+        shared[:, lower[0], lower[1]] = shared[:, lower[1], lower[0]]
+        rows = lanes.gathered(run["rows"])
+        return lanes.gathered(run["ends"]), lanes.gathered(run["slope"]), rows, shared
+
+    def _states(self, lanes: Lanes, start: np.ndarray, theta: np.ndarray) -> dict[str, np.ndarray]:
+        size, K = len(lanes.interval), len(lanes.controls)
+        return {
+            "start": lanes.spread(start),
+            "theta": np.ascontiguousarray(theta.T, dtype=float),
+            "end": np.empty((self.S, size)),
+            "interior": np.empty((K - 1, self.S, size)),
+        }
+
+    def _sensitivities(
+        self, lanes: Lanes, start: np.ndarray, theta: np.ndarray, pull: np.ndarray
+    ) -> dict[str, np.ndarray]:
+        size, N = len(lanes.interval), self.S + self.P
+        more = {"pull": lanes.spread(pull), "ends": np.empty((self.S, N, size)), "slope": np.empty((N, size))}
+        return self._states(lanes, start, theta) | more
+
+    def _ends(self, lanes: Lanes, run: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+        interior = run["interior"][:, :, lanes.position]
+        if lanes.beyond.any():
+            interior = np.where(lanes.beyond[:, None, :], 0.0, interior)
+        return run["end"][:, lanes.position], interior
+
+    def _work(self, name: str, lanes: Lanes, arrays: dict[str, np.ndarray], threads: int) -> None:
+        h, call = np.array([lanes.h]), getattr(self.library, name)
+        whole = arrays | {
+            "controls": lanes.controls,
+            "count": lanes.steps,
+            "group": lanes.group,
+            "slot": lanes.slot,
+            "h": h,
+        }
+        sizes = {
+            "lanes": len(lanes.interval),
+            "steps": len(lanes.controls),
+            "groups": arrays["theta"].shape[1],
+            "extra": len(arrays.get("own", ())),
+        }
+        run = _IntervalRun(**sizes, **{key: value.ctypes.data for key, value in whole.items()})
+
+        def part(share: tuple[int, int]) -> int:
+            return int(call(ctypes.byref(run), ctypes.c_longlong(share[0]), ctypes.c_longlong(share[1])))
+
+        if any(_each(part, lanes.shares, threads)):
+            raise MemoryError("no memory for the sensitivities of a block of intervals")
+
+
+def _each(work: Callable[[Any], int], shares: tuple[tuple[int, int], ...], threads: int) -> list[int]:
+    """What ``work`` returns for all ``shares``, in as many threads as there is work for."""
+    if threads <= 1 or len(shares) == 1:
+        return [work((shares[0][0], shares[-1][1]))]
+    with ThreadPoolExecutor(min(threads, len(shares))) as pool:
+        return list(pool.map(work, shares))

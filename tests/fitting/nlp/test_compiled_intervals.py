@@ -1,0 +1,122 @@
+"""The compiled kernel of shooting intervals gives the numbers of the portable path for any ship, and is tried first."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cases.shipfiles.ship_file import load_ship
+from fitting.nlp.sample_cost import SampleCost
+from fitting.nlp.shooting import Kernels, Shooting
+from mmg.compile import intervals
+from mmg.compile.cache import compiler
+from mmg.compile.intervals import Lanes
+from mmg.model import assemble
+from mmg.ship import Ship
+
+pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler")
+
+SHIPS = {
+    "plain": lambda: load_ship("esso_osaka_3m"),
+    "lags of instruments and of the hull": lambda: (
+        load_ship("esso_osaka_3m").with_effect("gyro").with_effect("velocity_lag").with_effect("hull_memory")
+    ),
+    "twin rudders": lambda: load_ship("vectwin_3m"),
+    "depends on its position": lambda: load_ship("kvlcc2_l7").with_effect("bank"),
+}
+
+
+def case(ship: Ship, seed: int = 0) -> tuple[Kernels, tuple, tuple]:
+    """Kernels of all coefficients, arguments of Shooting for 37 intervals of unequal length in five windows and two
+    groups, and start, coefficients, cost, weight."""
+    rng, M, K = np.random.default_rng(seed), 37, 4
+    kernels = Kernels(assemble(ship), np.arange(len(ship.symbols)))
+    steps = np.sort(rng.integers(1, K + 1, M))[::-1]
+    window = np.arange(M) % 5
+    order = np.argsort(window >= 3, kind="stable")  # longest first within each group
+    steps, window = steps[order], window[order]
+    group = (window >= 3).astype(int)
+    controls = 0.2 * rng.standard_normal((K, len(kernels.model.controls), M))
+    theta = np.array([ship.values, ship.values * (1 + 0.02 * rng.standard_normal(len(ship.values)))])
+    start, weight = 0.1 * rng.standard_normal((2, kernels.S, M))
+    inside = (steps > np.arange(1, K)[:, None])[:, None, :]
+    own = kernels.measurement.own
+    n = kernels.S + len(own)
+    half = rng.standard_normal((K - 1, M, n, n)) * np.moveaxis(inside, 2, 1)[..., None]
+    pull = rng.standard_normal((K - 1, kernels.S, M)) * inside
+    cost = SampleCost(pull, pull, half + np.swapaxes(half, 2, 3), own)
+    return kernels, (steps, controls, 0.2, group, window), (start, theta, cost, weight)
+
+
+@pytest.mark.parametrize("ship", SHIPS)
+def test_kernel_and_portable_path_agree(ship: str) -> None:
+    kernels, held, (start, theta, cost, weight) = case(SHIPS[ship]())
+    assert kernels.interval is not None
+    compiled, portable = (Shooting(kernels, *held, way) for way in (kernels.interval, None))
+    pairs = [
+        *zip(compiled.values(start, theta), portable.values(start, theta), strict=True),
+        *zip(compiled.linearise(start, theta, cost.pull), portable.linearise(start, theta, cost.pull), strict=True),
+    ]
+    for ours, theirs in (
+        (compiled.quadratics(start, theta, cost), portable.quadratics(start, theta, cost)),
+        (compiled.hessian(start, theta, cost, weight), portable.hessian(start, theta, cost, weight)),
+    ):
+        pairs += [(getattr(ours, name), getattr(theirs, name)) for name in ("ends", "slope", "rows", "shared")]
+    for ours, theirs in pairs:
+        assert np.isfinite(theirs).all() and np.abs(theirs).max() > 0
+        np.testing.assert_allclose(ours, theirs, rtol=1e-11, atol=1e-12 * np.abs(theirs).max())
+
+
+def test_a_weight_on_few_samples_is_the_same_with_and_without_the_other_rows() -> None:
+    kernels, held, (start, theta, cost, weight) = case(load_ship("esso_osaka_3m"))
+    diagonal = SampleCost(cost.pull, np.where(np.arange(kernels.S)[:, None] == 4, cost.pull, 0.0))
+    assert kernels.interval is not None
+    ours, theirs = (
+        Shooting(kernels, *held, way).hessian(start, theta, diagonal, weight) for way in (kernels.interval, None)
+    )
+    np.testing.assert_allclose(ours.shared, theirs.shared, rtol=1e-11, atol=1e-12 * np.abs(theirs.shared).max())
+    np.testing.assert_allclose(ours.rows, theirs.rows, rtol=1e-11, atol=1e-12 * np.abs(theirs.rows).max())
+
+
+def test_the_number_of_threads_changes_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(intervals, "SHARE", 1)
+    kernels, (steps, controls, h, group, window), (start, theta, cost, weight) = case(load_ship("esso_osaka_3m"))
+    assert kernels.interval is not None
+    lanes = Lanes.of(steps, controls, h, group, window)
+    assert len(lanes.shares) > 2
+    arguments = (lanes, start, theta, cost.pull, (cost.triangles(), cost.own), weight, 5)
+    for one, many in zip(
+        kernels.interval.curve(*arguments), kernels.interval.curve(*arguments, threads=256), strict=True
+    ):
+        np.testing.assert_array_equal(one, many)
+
+
+def test_every_interval_is_calculated_once_and_each_window_in_one_share() -> None:
+    rng = np.random.default_rng(1)
+    window = np.sort(rng.integers(0, 40, 500))
+    steps = rng.integers(1, 6, 500)
+    lanes = Lanes.of(steps, np.zeros((5, 1, 500)), 0.1, np.zeros(500, dtype=int), window)
+    assert sorted(lanes.interval[lanes.slot >= 0]) == list(range(500))
+    assert (lanes.steps[lanes.slot < 0] == 0).all()
+    np.testing.assert_array_equal(lanes.interval[lanes.position], np.arange(500))
+    seen = [set(lanes.slot[8 * a : 8 * b]) - {-1} for a, b in lanes.shares]
+    assert len(seen) > 1 and sum(map(len, seen)) == len(set(window))
+
+
+def test_wrong_code_of_a_compiler_is_found_and_not_kept(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A compiler that turns one product of the sensitivities into another: everything still runs."""
+    wrong = tmp_path / "cc.sh"
+    wrong.write_text(
+        "#!/bin/sh\nfor a; do case $a in *.c) sed -i 's/adjoint\\[s\\] + later/adjoint[s] - later/' $a;; esac; done\n"
+        f'exec {compiler()} "$@"\n'
+    )
+    wrong.chmod(0o700)
+    monkeypatch.setenv("MMG_CC", str(wrong))
+    monkeypatch.setenv("MMG_CACHE", str(tmp_path / "cache"))
+    ship = load_ship("kvlcc2_l7")
+    kernels = Kernels(assemble(ship), np.arange(3))
+    assert kernels.interval is None
+    assert "cc.sh made of the equations is wrong" in kernels.interpreted_because
+    assert not list((tmp_path / "cache").glob("*.so"))
