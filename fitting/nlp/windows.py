@@ -59,8 +59,8 @@ class Segments:
         return len(self.steps)
 
     def variances(self, sigma: np.ndarray, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Variances of the samples at nodes (B, 6) and inside (1, 6, M): ``sigma`` (6,) squared, and where a state was
-        derived the variance that its trial states, as often as the residuals of the channel are correlated, ``tau`` (6,).
+        """Variances of samples at nodes (B, 6) and inside (1, 6, M): ``sigma`` (6,) squared, and where a state was
+        derived the variance that its trial states, as often as residuals of the channel are correlated, ``tau`` (6,).
         """
         own = sigma**2
         if self.variance is None:
