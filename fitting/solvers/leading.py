@@ -37,7 +37,8 @@ def solve_led(
 ) -> Solution:
     """Where ``ipopt.solve`` ends for ``problem`` from where the condensing method came from x (n,).
 
-    tolerance, max_iterations, time_limit [s], progress, task, options: as of ``ipopt.solve``.
+    tolerance, max_iterations, time_limit [s], progress, task, options: as of ``ipopt.solve``; options are of a solve
+    that is not led.
 
     A rough solve (options are ROUGH) ends with that method. Where it does not come to its end, IPOPT begins at x as if
     it had not been; after Ctrl-C, where it came to.
@@ -63,7 +64,8 @@ def solve_led(
         elif INTERRUPTED.requested and len(found.history) > 1:
             start = found.x
         left = None if time_limit is None else time_limit - (time.perf_counter() - began)
-        last = solve(problem, start, tolerance, max_iterations, left, progress, task, options)
+        more = None if isinstance(start, Guess) else options
+        last = solve(problem, start, tolerance, max_iterations, left, progress, task, more)
     steps = len(found.history) if found.reached else 0
     whole = [*found.history, *last.history] if found.reached else last.history
     seconds = time.perf_counter() - began

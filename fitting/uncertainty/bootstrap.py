@@ -16,7 +16,7 @@ from fitting.nlp.fisher_information import Information
 from fitting.nlp.loss import Loss
 from fitting.nlp.problem import Problem
 from fitting.parallel import run_all, width
-from fitting.solvers.ipopt import solve
+from fitting.solvers.leading import solve_led
 
 WARM = {"ipopt.mu_init": 1e-3, "ipopt.warm_start_init_point": "yes", "ipopt.bound_push": 1e-6, "ipopt.bound_frac": 1e-6}
 """IPOPT options for a refit that starts near its optimum."""
@@ -95,7 +95,7 @@ def _refit_one(problem: Problem, x: np.ndarray, counts: np.ndarray, shift: np.nd
         part, kept = reweighted(problem, x, counts, shift)
         start = part.join(nodes[kept], np.clip(p - shift, *part.p_bounds()))
         with np.errstate(all="ignore"):
-            s = solve(part, start, REFIT_TOLERANCE, REFIT_ITERATIONS, options=WARM)
+            s = solve_led(part, start, REFIT_TOLERANCE, REFIT_ITERATIONS, None, None, "refit", WARM)
     except Exception as error:  # a replicate that breaks is a result, not the end of the others
         return nothing, f"{type(error).__name__}: {error}"
     if not s.converged and s.status != "Solved_To_Acceptable_Level":

@@ -14,7 +14,7 @@ import numpy as np
 
 from fitting.nlp.problem import Problem
 from fitting.parallel import run_all
-from fitting.solvers.ipopt import solve
+from fitting.solvers.leading import solve_led
 from fitting.uncertainty.bootstrap import WARM
 
 LIMIT = 1.9207
@@ -56,7 +56,8 @@ def refit_along(side: tuple[Problem, np.ndarray, int, np.ndarray]) -> list[tuple
             held = problem.with_bounds(lower, upper)
             nodes, p = held.split(x)
             with np.errstate(all="ignore"):
-                s = solve(held, held.join(nodes, np.clip(p, *held.p_bounds())), 1e-5, 100, options=WARM)
+                start = held.join(nodes, np.clip(p, *held.p_bounds()))
+                s = solve_led(held, start, 1e-5, 100, None, None, "profile", WARM)
         except Exception as error:
             found.append((np.nan, f"{type(error).__name__}: {error}"))
             continue

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -17,10 +18,22 @@ from mmg.compile.batch import padded
 from mmg.compile.cache import load_library
 from mmg.compile.codegen import LANES
 from mmg.compile.interval_source import interval_source
+from mmg.errors import UserError
 
 FLAGS = (*BATCH_FLAGS, "-O2")
 SHARE = 16
 """Blocks of LANES intervals that one thread takes at least."""
+
+
+def kernel_threads() -> int:
+    """Threads that calculate intervals: MMG_THREADS, but not more than there are processors; 1 where it is not set.
+
+    Raises UserError where it is no positive number.
+    """
+    asked = os.environ.get("MMG_THREADS") or "1"
+    if not asked.isdecimal() or int(asked) < 1:
+        raise UserError(f"MMG_THREADS={asked}: not a number of threads; set it to 1 or more")
+    return min(int(asked), os.cpu_count() or 1)
 
 
 class _IntervalRun(ctypes.Structure):
@@ -137,18 +150,18 @@ class IntervalKernel:
     ) -> tuple[np.ndarray, np.ndarray]:
         """End states (S, M) and interior states (K - 1, S, M) from start states (S, M) and coefficients (G, all)."""
         run = self._states(lanes, start, theta)
-        self._work("values", lanes, run, threads)
+        self._work("values", lanes, run)
         return self._ends(lanes, run)
 
     def linearise(
-        self, lanes: Lanes, start: np.ndarray, theta: np.ndarray, pull: np.ndarray, threads: int = 1
+        self, lanes: Lanes, start: np.ndarray, theta: np.ndarray, pull: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Sensitivities of the end (M, S, S + P) to start and free coefficients; and (M, S + P) of the samples' cost.
 
         start, theta: as of ``values``; pull: (K - 1, S, M) gradient of the cost to the interior states.
         """
         run = self._sensitivities(lanes, start, theta, pull)
-        self._work("linearise", lanes, run, threads)
+        self._work("linearise", lanes, run)
         return lanes.gathered(run["ends"]), lanes.gathered(run["slope"])
 
     def curve(
@@ -160,7 +173,6 @@ class IntervalKernel:
         cost: tuple[np.ndarray, np.ndarray],
         weight: np.ndarray | None,
         slots: int,
-        threads: int = 1,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """What ``linearise`` gives, then the Hessian of weight . end + cost of the interior states: rows of the start
         nodes (M, S, S + P) and, summed by slot, the block of the coefficients (slots, P, P).
@@ -175,7 +187,7 @@ class IntervalKernel:
         run |= {"rows": np.empty((S, N, len(lanes.interval))), "shared": np.zeros((slots, P, P))}
         if weight is not None:
             run["weight"] = lanes.spread(weight)
-        self._work("curve", lanes, run, threads)
+        self._work("curve", lanes, run)
         shared, lower = run["shared"], np.tril_indices(P, -1)
         shared[:, lower[0], lower[1]] = shared[:, lower[1], lower[0]]
         rows = lanes.gathered(run["rows"])
@@ -203,7 +215,7 @@ class IntervalKernel:
             interior = np.where(lanes.beyond[:, None, :], 0.0, interior)
         return run["end"][:, lanes.position], interior
 
-    def _work(self, name: str, lanes: Lanes, arrays: dict[str, np.ndarray], threads: int) -> None:
+    def _work(self, name: str, lanes: Lanes, arrays: dict[str, np.ndarray]) -> None:
         h, call = np.array([lanes.h]), getattr(self.library, name)
         whole = arrays | {
             "controls": lanes.controls,
@@ -223,12 +235,13 @@ class IntervalKernel:
         def part(share: tuple[int, int]) -> int:
             return int(call(ctypes.byref(run), ctypes.c_longlong(share[0]), ctypes.c_longlong(share[1])))
 
-        if any(_each(part, lanes.shares, threads)):
+        if any(_each(part, lanes.shares)):
             raise MemoryError("no memory for the sensitivities of a block of intervals")
 
 
-def _each(work: Callable[[Any], int], shares: tuple[tuple[int, int], ...], threads: int) -> list[int]:
-    """What ``work`` returns for all ``shares``, in as many threads as there is work for."""
+def _each(work: Callable[[Any], int], shares: tuple[tuple[int, int], ...]) -> list[int]:
+    """What ``work`` returns for all ``shares``, in as many threads as are allowed and there is work for."""
+    threads = kernel_threads()
     if threads <= 1 or len(shares) == 1:
         return [work((shares[0][0], shares[-1][1]))]
     with ThreadPoolExecutor(min(threads, len(shares))) as pool:

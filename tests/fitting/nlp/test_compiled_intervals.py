@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from fitting.nlp.shooting import Kernels, Shooting
 from mmg.compile import intervals
 from mmg.compile.cache import compiler
 from mmg.compile.intervals import Lanes
+from mmg.errors import UserError
 from mmg.model import assemble
 from mmg.ship import Ship
 
@@ -86,11 +88,28 @@ def test_the_number_of_threads_changes_no_bit(monkeypatch: pytest.MonkeyPatch) -
     assert kernels.interval is not None
     lanes = Lanes.of(steps, controls, h, group, window)
     assert len(lanes.shares) > 2
-    arguments = (lanes, start, theta, cost.pull, (cost.triangles(), cost.own), weight, 5)
-    for one, many in zip(
-        kernels.interval.curve(*arguments), kernels.interval.curve(*arguments, threads=256), strict=True
-    ):
+    found = []
+    for threads in ("1", "2", "256"):
+        monkeypatch.setenv("MMG_THREADS", threads)
+        arguments = (lanes, start, theta, cost.pull, (cost.triangles(), cost.own), weight, 5)
+        found.append(kernels.interval.curve(*arguments))
+    for one, two, many in zip(*found, strict=True):
+        np.testing.assert_array_equal(one, two)
         np.testing.assert_array_equal(one, many)
+
+
+@pytest.mark.parametrize("asked", ["0", "-1", "two", "1.5"])
+def test_threads_that_are_no_number_are_refused(asked: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MMG_THREADS", asked)
+    with pytest.raises(UserError, match=f"MMG_THREADS={asked}: not a number of threads"):
+        intervals.kernel_threads()
+
+
+def test_threads_are_no_more_than_processors(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MMG_THREADS", "256")
+    assert intervals.kernel_threads() == (os.cpu_count() or 1)
+    monkeypatch.delenv("MMG_THREADS")
+    assert intervals.kernel_threads() == 1
 
 
 def test_every_interval_is_calculated_once_and_each_window_in_one_share() -> None:

@@ -161,14 +161,14 @@ def test_a_refit_that_fails_is_reported_and_the_others_stand(monkeypatch: pytest
     import fitting.uncertainty.bootstrap as module
 
     p, s, info = small()
-    calls = iter([0, 1])
+    calls, module_solve = iter([0, 1]), module.solve_led
 
     def sometimes(*args, **kwargs):  # type: ignore[no-untyped-def]
         if next(calls) == 0:
             raise FloatingPointError("made up")
-        return solve(*args, **kwargs)
+        return module_solve(*args, **kwargs)
 
-    monkeypatch.setattr(module, "solve", sometimes)
+    monkeypatch.setattr(module, "solve_led", sometimes)
     found = bootstrap(info, 2, 0, p, s.x)
     assert [label for label, _ in found.failures] == ["0"] and "made up" in found.failures[0][1]
     assert np.isnan(found.p[0]).all() and len(found.good) == 1
