@@ -34,6 +34,7 @@ from fitting.selection.campaigns.by_campaign import CampaignFit, CampaignQuestio
 from fitting.selection.campaigns.sentences import not_asked
 from fitting.selection.cross_validation import ModelSelection, select
 from fitting.selection.sisters.start import UncertainMean, with_uncertain_mean
+from fitting.selection.window_choice import choose_window
 from fitting.settings import Settings
 from fitting.solvers.interrupts import Later
 from fitting.solvers.resumed import as_chosen, check_resumable, earlier_passes, iterate_of
@@ -188,6 +189,12 @@ def _estimated(
     warm = iterate_of(options.resume, model) if options.resume else started_from(model, options.start)
     held = tuple(options.start) if options.hold else ()
     found = estimate_coefficients(model, train, settings, progress, warm, options.captive, constants, held)
+    told: tuple[Message, ...] = ()
+    if not (held or constants or settings.window or options.resume):
+        found, told = later.made(
+            "windows", lambda: choose_window(found, model, train, options.captive, progress), (found, ())
+        )
+        found = replace(found, notices=(*found.notices, *told))
     as_it_is = CampaignFit(found, model, constants)
     if held:
         return as_it_is

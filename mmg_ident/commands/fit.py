@@ -67,7 +67,8 @@ def fit(
     only: Annotated[list[str] | None, Option(help="Free only these coefficients (comma-separated).")] = None,
     window: Annotated[float | None, Option(help="Window length [s]; default the horizon, else 100 steps.")] = None,
     horizon: Annotated[
-        float | None, Option(help="Time over which the ship is to predict [s]: windows are as long.")
+        float | None,
+        Option(help="Time over which the ship is to predict [s]: windows as long, or as runs left out say."),
     ] = None,
     step: Annotated[float | None, Option(help="Integration and sampling step [s]; default a twentieth of L/U.")] = None,
     interval: Annotated[int, Option(help="Steps per shooting interval.")] = 5,
