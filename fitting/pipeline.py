@@ -189,12 +189,9 @@ def _estimated(
     warm = iterate_of(options.resume, model) if options.resume else started_from(model, options.start)
     held = tuple(options.start) if options.hold else ()
     found = estimate_coefficients(model, train, settings, progress, warm, options.captive, constants, held)
-    told: tuple[Message, ...] = ()
     if not (held or constants or settings.window or options.resume):
-        found, told = later.made(
-            "windows", lambda: choose_window(found, model, train, options.captive, progress), (found, ())
-        )
-        found = replace(found, notices=(*found.notices, *told))
+        ask = partial(choose_window, found, model, train, options.captive, progress)
+        found = later.made("windows", ask, found)
     as_it_is = CampaignFit(found, model, constants)
     if held:
         return as_it_is

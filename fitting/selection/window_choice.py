@@ -63,22 +63,22 @@ def choose_window(
     trials: Sequence[Trial],
     captive: Captive | None = None,
     progress: OnProgress | None = None,
-) -> tuple[Calibration, tuple[Message, ...]]:
+) -> Calibration:
     """The calibration ``found``, whose windows are as long as its horizon, or one with other windows whose predictions
-    over the horizon are clearly better on runs left out, and a message on the choice.
+    over the horizon are clearly better on runs left out, with a notice on the choice.
 
-    ship, trials, captive: of ``found``; progress: of further solves. Returns ``found`` where too few runs can be left
-    out.
+    ship, trials, captive: of ``found``; progress: of further solves. Returns ``found`` as it is where too few runs can
+    be left out.
     """
     horizon = found.settings.horizon
     if not horizon or not found.converged or found.constants is not None or len(trials) < FEWEST:
-        return found, ()
+        return found
     try:
         first = errors_over(found, trials, horizon)
     except UserError:
-        return found, ()
+        return found
     if int(np.isfinite(first).sum()) < FEWEST:
-        return found, ()
+        return found
     best, least = found, -LEAST_GAIN
     rows = [TriedWindow(horizon, float(np.nanmean(first)), Jackknifed(0.0, 0.0), True)]
     for window in candidates_for(found.settings)[1:]:
@@ -93,8 +93,10 @@ def choose_window(
             best, least = other, change.value
             rows = [replace(row, taken=False) for row in rows]
         rows.append(TriedWindow(window, float(np.nanmean(errors)), change, good))
-    best = replace(best, weighting=found.weighting, notices=tuple(dict.fromkeys((*found.notices, *best.notices))))
-    return best, (Message(sentence_of(rows, horizon), "window_chosen"),) if len(rows) > 1 else ()
+    if len(rows) == 1:
+        return found
+    notices = (*found.notices, *best.notices, Message(sentence_of(rows, horizon), "window_chosen"))
+    return replace(best, weighting=found.weighting, notices=tuple(dict.fromkeys(notices)))
 
 
 def errors_over(found: Calibration, trials: Sequence[Trial], horizon: float) -> np.ndarray:
