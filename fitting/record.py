@@ -10,17 +10,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cases.trial import Trial
-from fitting.calibration import Calibration
-from fitting.design.next_trial import NextTrial
 from fitting.prediction.score import ScorePair
 from fitting.report.run_folder import plain
 from fitting.settings import Settings, Start
 from mmg.errors import UserError
 from mmg.messages import Message
 from mmg.rollout import Simulator
+
+if TYPE_CHECKING:  # slow to import, and not needed to read a result
+    from fitting.calibration import Calibration
+    from fitting.design.next_trial import NextTrial
 
 SCHEMA_VERSION = 1
 RENAMED = {"ship": "ship_name", "calibration": "mark"}

@@ -14,16 +14,14 @@ from dataclasses import dataclass
 from dataclasses import replace as changed
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from safetensors.numpy import save_file
 
 from cases.shipfiles.network_file import NETWORK, load_network, save_network
 from cases.shipfiles.ship_file import dump_ship, load_ship
-from fitting.calibration import Calibration
 from fitting.record import FigureRow, FitObjects, FitRecord, MessageRow, read_record
-from fitting.report.delivered import Delivered, delivered
 from fitting.report.plot_style import FigureFolder
 from fitting.report.run_folder import (
     FIGURES,
@@ -44,6 +42,9 @@ from fitting.solvers.interrupts import Later, left_out_message
 from mmg.errors import name_fault
 from mmg.notebook import html_table
 from mmg.ship import Ship
+
+if TYPE_CHECKING:
+    from fitting.calibration import Calibration
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -146,7 +147,8 @@ class FitResult(FitRecord):
 
     def _illustrated(self, folder: Path) -> FitResult:
         """The result with the figures and the page that could be made in its ``folder``."""
-        from fitting.report.page import build_page, write_page  # late: matplotlib is slow to import
+        from fitting.report.delivered import Delivered  # late: matplotlib is slow to import
+        from fitting.report.page import build_page, write_page
         from fitting.report.plot_identifiability import write_identifiability_figures
         from fitting.report.plots import write_figures
 
@@ -199,7 +201,8 @@ def write_report(
     whose figures are simulated. Raises UserError for a folder that is no calibration, a draught that makes no sense,
     and for a file that cannot be written.
     """
-    from fitting.report.page import build_page, write_page  # late: matplotlib is slow to import
+    from fitting.report.delivered import delivered  # late: matplotlib is slow to import
+    from fitting.report.page import build_page, write_page
 
     results = [read_fit(folder) for folder in folders]
     known = [delivered(r.to_dict(), r.ship, full_load, imo) for r in results]

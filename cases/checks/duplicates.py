@@ -47,9 +47,7 @@ def duplicates(trials: Sequence[Trial]) -> list[tuple[list[dict[str, Any]], list
 
 def _matches(trials: Sequence[Trial], grid: float) -> dict[Pair, tuple[np.ndarray, np.ndarray]]:
     """Pair of trials -> row indices of equal rows in the first and in the second: complete rows, each of them
-    unique within its trial."""
-    import pandas as pd
-
+    unique within its trial. Pairs in the order of their trials."""
     keys, parts = np.array(MULTIPLIERS, np.uint64), []
     for i, trial in enumerate(trials):
         values = np.column_stack([trial[c] for c in COLUMNS])
@@ -57,11 +55,27 @@ def _matches(trials: Sequence[Trial], grid: float) -> dict[Pair, tuple[np.ndarra
         whole_values = np.rint(values[whole] / grid).astype(np.int64).view(np.uint64)
         mixed = (whole_values * keys) ^ ((whole_values * keys) >> np.uint64(29))
         hashed = (mixed * keys[::-1]).sum(axis=1, dtype=np.uint64)
-        parts.append(pd.DataFrame({"hash": hashed, "trial": i, "row": whole}).drop_duplicates("hash", keep=False))
-    rows = pd.concat(parts, ignore_index=True)
-    equal = rows.merge(rows, on="hash", suffixes=("_a", "_b")).query("trial_a < trial_b")
-    pairs: Any = equal.groupby(["trial_a", "trial_b"])
-    return {pair: (both["row_a"].to_numpy(), both["row_b"].to_numpy()) for pair, both in pairs}
+        once, first, count = np.unique(hashed, return_index=True, return_counts=True)
+        once, first = once[count == 1], first[count == 1]
+        parts.append((once, np.full(len(once), i), whole[first]))
+    hashes, number, row = (np.concatenate(some) for some in zip(*parts, strict=True))
+    order = np.argsort(hashes, kind="stable")  # equal ones side by side, by trial
+    hashes, number, row = hashes[order], number[order], row[order]
+    found: dict[Pair, list[tuple[np.ndarray, np.ndarray]]] = {}
+    for apart in range(1, len(trials)):
+        at = np.flatnonzero(hashes[apart:] == hashes[:-apart])
+        if not len(at):
+            break
+        both = number[at] * len(trials) + number[at + apart]
+        for code in np.unique(both):
+            one, pair = at[both == code], divmod(int(code), len(trials))
+            found.setdefault(pair, []).append((row[one], row[one + apart]))
+    return {pair: _joined(found[pair]) for pair in sorted(found)}
+
+
+def _joined(parts: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
+    first, second = (np.concatenate(some) for some in zip(*parts, strict=True))
+    return first, second
 
 
 def _overlap(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -44,21 +45,28 @@ def motion(trial: Trial) -> Motion:
 
 def smooth(values: np.ndarray, width: int) -> np.ndarray:
     """Centred moving average of ``values`` (N,) over ``width`` samples, (N,), NaN where the window is not complete."""
+    out = np.full(len(values), np.nan, dtype=np.result_type(values, float))
     if len(values) < width:
-        return np.full(len(values), np.nan)
-    mean = np.convolve(values, np.full(width, 1.0 / width), "valid")
-    return np.pad(mean, width // 2, constant_values=np.nan)
+        return out
+    kernel, whole = np.full(width, 1.0 / width), slice(width // 2, len(values) - width // 2)
+    if np.iscomplexobj(values):  # by parts: for real numbers there is a quicker way
+        out.real[whole], out.imag[whole] = (np.convolve(part, kernel, "valid") for part in (values.real, values.imag))
+    else:
+        out[whole] = np.convolve(values, kernel, "valid")
+    return out
 
 
 def delayed(values: np.ndarray, steps: float) -> np.ndarray:
     """``values`` (N,) late by a number of ``steps`` (linear between samples), (N,), NaN outside."""
-    at = np.arange(len(values)) - steps
-    low = np.floor(at).astype(int)
-    weight = at - low
-    inside = (low >= 0) & (low + 1 < len(values))
-    low = np.clip(low, 0, len(values) - 2)
-    out = (1 - weight) * values[low] + weight * values[low + 1]
-    return np.where(inside, out, np.nan)
+    whole = round(-steps)
+    shift = whole if abs(whole + steps) < 1e-9 else math.floor(-steps)  # in whole samples; the rest is a weight
+    weight = max(-steps - shift, 0.0)
+    first, last = max(0, -shift), min(len(values), len(values) - shift - 1)
+    out = np.full(len(values), np.nan, dtype=np.result_type(values, float))
+    if last > first:
+        low, high = (values[first + shift + k : last + shift + k] for k in (0, 1))
+        out[first:last] = (1 - weight) * low + weight * high
+    return out
 
 
 def uniform(t: np.ndarray, values: np.ndarray, clock: np.ndarray, dt: float) -> np.ndarray:

@@ -77,7 +77,9 @@ def competitors() -> tuple[tuple[ColumnReading, ...], np.ndarray, np.ndarray]:
     found = sorted(readings(), key=lambda reading: reading.faults)
     table = {value: i for i, value in enumerate(dict.fromkeys(v for r in found for v in r.choices))}
     codes = np.array([[table[value] for value in r.choices] for r in found])
-    apart = (codes[:, None, :] != codes[None, :, :]).sum(axis=2)
+    apart = np.zeros((len(found), len(found)), dtype=int)
+    for column in codes.T:
+        apart += column[:, None] != column[None, :]
     return tuple(found), apart[0], apart
 
 

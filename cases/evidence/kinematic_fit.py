@@ -11,7 +11,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import norm, t
+
+from cases.evidence.tails import normal_tail, student_quantile
 
 SIGMAS = 3.0
 """Standard errors that a found value must exceed; more (by Student's t) with few blocks."""
@@ -114,7 +115,7 @@ def fit(
             system = _normal(rows, blocks, b, prior, few)
             if active:
                 b[active] += np.clip(system.solve(active)[0] - b[active], -prior[active], prior[active])
-        crit = float(t.isf(norm.sf(SIGMAS), len(system.N) - 1)) if len(system.N) > 1 else math.inf
+        crit = -student_quantile(normal_tail(SIGMAS), len(system.N) - 1) if len(system.N) > 1 else math.inf
         values, drops = b.copy(), np.full(P, -math.inf)
         for j in range(P):
             chosen = [i for i in active if i != j] + [j]

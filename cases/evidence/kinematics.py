@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -147,22 +147,33 @@ class _Log:
         """(A (M, 10), y (M,)), complex: y = A TRACK, linear about a lag [s]."""
         at, before, after = (self._way(lag + step, frame) for step in (0.0, -self.delta, self.delta))
         slope = (sum(after) - sum(before)) / (2 * self.delta)
+        rows = np.empty((len(self.starts), len(TRACK)), dtype=complex)
+        rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 3] = slope, *at, 1j * sum(at)
+        rows[:, 4:] = self._without_lag
+        return rows, self.moved - sum(at) + slope * lag
+
+    @cached_property
+    def _without_lag(self) -> np.ndarray:
+        """Columns of the arm, of the biases and of the drift, (M, 6), complex."""
         arm, bias = self.between(smooth(self.turned, self.width)), self.integral(self.turned)
         time = np.full(len(self.starts), self.n * self.dt)
-        columns = [slope, *at, 1j * sum(at), arm, 1j * arm, -bias, -1j * bias, time, 1j * time]
-        return np.column_stack(columns), self.moved - sum(at) + slope * lag
+        return np.column_stack([arm, 1j * arm, -bias, -1j * bias, time, 1j * time])
 
     def turn_rows(self, lag: float) -> tuple[np.ndarray, np.ndarray]:
         """(A (M, 3), y (M,)): y = A TURN."""
+        return self._turn_rows
+
+    @cached_property
+    def _turn_rows(self) -> tuple[np.ndarray, np.ndarray]:
         way, swing = self.integral(self.r), self.between(smooth(self.r, self.width))
         return np.column_stack([swing, way, np.full(len(way), -self.n * self.dt)]), self.swung - way
 
     def _way(self, lag: float, frame: str) -> tuple[np.ndarray, np.ndarray]:
         """Displacements (M,) by u and by v that are late by ``lag`` [s]."""
-        steps, parts = -lag / self.dt, (self.u, 1j * self.v)
+        steps, parts = -lag / self.dt, (self.u, self.v)
         late = (delayed(self.turned * w, steps) if frame == "earth" else self.turned * delayed(w, steps) for w in parts)
         u, v = (self.integral(w) for w in late)
-        return u, v
+        return u, 1j * v
 
 
 def _correlation(a: np.ndarray, b: np.ndarray, least: float) -> float:

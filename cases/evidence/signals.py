@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -72,17 +73,25 @@ class Signals:
 
     def summed(self, rate: np.ndarray) -> np.ndarray:
         """Integral of a ``rate`` (M,) over each window (M - STEPS,)."""
-        total = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]))]) * self.step
+        total = np.zeros(len(rate), dtype=np.result_type(rate, float))
+        np.cumsum(0.5 * (rate[1:] + rate[:-1]), out=total[1:])
+        total *= self.step
         return total[STEPS:] - total[:-STEPS]
 
     def stats(self, measured: np.ndarray, predicted: np.ndarray) -> Stats:
         """Sums per piece of two quantities of windows (M - STEPS,); windows with missing rows do not count."""
+        use, edges, windows = self._counted
+        a, b = np.where(use, measured, 0.0), np.where(use, predicted, 0.0)
+        sums = (_squared(a), a * np.conj(b), _squared(b))
+        return Stats(*(np.add.reduceat(s, edges) for s in sums), windows)
+
+    @cached_property
+    def _counted(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Windows without missing rows (M - STEPS,), where the pieces begin, and how many such windows each has."""
         count = np.concatenate([[0], np.cumsum(~self.good)])
         use = count[STEPS + 1 :] - count[: -STEPS - 1] == 0
-        a, b = np.where(use, measured, 0.0), np.where(use, predicted, 0.0)
-        edges = np.linspace(0, len(a), PIECES + 1).astype(int)[:-1]
-        sums = (np.abs(a) ** 2, a * np.conj(b), np.abs(b) ** 2, use.astype(float))
-        return Stats(*(np.add.reduceat(s, edges) for s in sums))
+        edges = np.linspace(0, len(use), PIECES + 1).astype(int)[:-1]
+        return use, edges, np.add.reduceat(use.astype(float), edges)
 
     def shifted(self, seconds: float, *names: str) -> Signals:
         """These signals with the arrays ``names`` as they were so many ``seconds`` later: what is late, mended."""
@@ -91,6 +100,11 @@ class Signals:
         inside = (at >= 0) & (at <= len(rows) - 1)
         moved = {name: np.interp(at, rows, getattr(self, name)) for name in names}
         return replace(self, **moved, good=self.good & inside & (np.interp(at, rows, self.good.astype(float)) > 0.999))
+
+
+def _squared(values: np.ndarray) -> np.ndarray:
+    """Squares of the sizes of real or complex ``values``."""
+    return np.asarray(values.real**2 + values.imag**2 if np.iscomplexobj(values) else values * values)
 
 
 def signals(trial: Trial, degrees: float = 1.0) -> Signals | None:

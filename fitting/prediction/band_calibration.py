@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from cases.checks.motion import white_noise
+from cases.evidence.tails import student_quantile
 from cases.trial import Trial
 from fitting.prediction.adaptation import Adaptation, adapt
 from fitting.prediction.bands import (
@@ -118,9 +119,7 @@ def fit_bands(
 def few_runs(count: int) -> float:
     """Factor on a band that ``count`` runs were used for: Student's quantile over the normal one, as a run is the unit
     that errors are alike in."""
-    from scipy.stats import t as student
-
-    return float(student.ppf(0.95, max(count - 1, 2))) / NORMAL
+    return student_quantile(0.95, max(count - 1, 2)) / NORMAL
 
 
 def _stretches(trials: Sequence[Trial], ship: Ship, own: np.ndarray | None, most: int = MOST_WINDOWS) -> list[Stretch]:

@@ -235,7 +235,7 @@ def write_tables(tables: dict[Path, np.ndarray]) -> None:
 
     def fill(folder: Path | None) -> None:
         for path, rows in tables.items():
-            lines = [f"{int(row[0])}," + ",".join(repr(float(value)) for value in row[1:]) for row in rows]
+            lines = [f"{int(row[0])}," + ",".join(map(repr, row[1:])) for row in rows.astype(float).tolist()]
             text = "\n".join([HEADER + (STD_HEADER if rows.shape[1] > 8 else ""), *lines, ""])
             replace_text(folder / path.name if folder else path, text)
 

@@ -9,7 +9,6 @@ import numpy as np
 
 from cases.trial import Trial
 from fitting.prediction.predict import ShipsByTrial
-from fitting.prediction.score import pooled_sigma, score
 from mmg.errors import UserError
 from mmg.messages import Message
 from mmg.motion.froude import time_scale
@@ -39,6 +38,8 @@ def adaptation_worth(
     those of the calibration, each without its trial. Adapting is worthwhile when 30 s windows become better and 100 s
     restarts no worse. None where none of the trials can be scored.
     """
+    from fitting.prediction.score import pooled_sigma, score  # late: not needed to predict
+
     kept = [i for i, t in enumerate(held_out) if t.has_position]
     located = [held_out[i] for i in kept]
     if without is not None:

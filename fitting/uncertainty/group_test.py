@@ -10,7 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import f as f_law
+
+from cases.evidence.tails import f_tail
 
 LEAST, ROUNDS = 0.1, 30
 """Least standard deviation of a parameter between runs, in typical sizes; rounds of expectation-maximisation."""
@@ -109,7 +110,7 @@ def group_test(g: np.ndarray, S: np.ndarray, group: np.ndarray, p: int) -> Group
     known = np.linalg.pinv(contrasts(*by_group(g, S, members, np.full(p, LEAST)), p)[1], rcond=1e-9)
     share = 1 - float(np.mean(np.diag(vectors.T @ known @ vectors) * values))
     spare = max(len(group) - len(np.unique(group)), 1)
-    p_value = float(f_law.sf(statistic / degrees, degrees, spare / max(share, 1e-3) ** 2))
+    p_value = f_tail(statistic / degrees, degrees, spare / max(share, 1e-3) ** 2)
     logs = [0.5 * float((along**2 / (values + a**-2)).sum() - np.log1p(a**2 * values).sum()) for a in SIZES]
     log_bayes = float(np.logaddexp.reduce(logs) - np.log(len(logs)))
     covariance = np.linalg.inv(info + FLAT * np.eye(len(info)))

@@ -25,6 +25,9 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[_name] = "1"  # sums of several threads differ in their last bits from those of one
 
 
+os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "1")  # none is used, and to look for them takes time
+
+
 def _stopped(*_: Any) -> None:
     """Ctrl-C while the program is still being read: one line instead of a traceback."""
     os.write(2, b"mmg: interrupted; nothing was written\n")

@@ -12,6 +12,8 @@ from mmg_ident.commands.output import print_json, progress, say, ship_names
 
 if TYPE_CHECKING:
     from cases.trial import Trial
+    from fitting.result import FitResult
+    from mmg.ship import Ship
     from mmg_ident.prediction import Prediction
 
 
@@ -76,11 +78,12 @@ def predict(
     if existing and not force:
         raise UserError(f"{existing[0]}: exists already; choose another --out or add --force")
     (sound,) = ready(runs, unchecked=unchecked)
+    known = _read_once(model)
     runs = said_campaign(runs, campaign, load_ship(model)) if campaign is not None else runs
-    found = api.predict(model, runs, window, stride, adapt, progress())
+    found = api.predict(known, runs, window, stride, adapt, progress())
     if all(p.diverged == len(p.windows) for p in found):
         raise UserError(f"{model}: every window diverges; nothing is written (see mmg check, and mmg score)")
-    notes: list[str] = list(past_to_use(api.content_of(model), adapt)[1])
+    notes: list[str] = list(past_to_use(api.content_of(known), adapt)[1])
     notes += [note for note in remarks(sound) if has_code([note], DOUBT)]
     notes += [note for p, kept in zip(found, sound, strict=True) for note in _doubtful_starts(p, kept)]
     notes += campaigns_taken(load_ship(model), runs) if not is_black_box(model) else []
@@ -92,22 +95,39 @@ def predict(
     if json:
         outside = {p.trial.name: p.outside for p in found}
         written = {
-            "title": _title(model),
+            "title": _title(known),
             "files": {n: str(p) for n, p in files.items()},
             "windows": counts,
             "notes": notes,
         }
         print_json(written | ({"outside_envelope": outside} if any(v is not None for v in outside.values()) else {}))
     else:
-        say(f"{sum(counts.values())} windows of {len(runs)} trial(s) by {_title(model)} written to {out}")
+        say(f"{sum(counts.values())} windows of {len(runs)} trial(s) by {_title(known)} written to {out}")
 
 
-def _title(model: str) -> str:
+def _read_once(model: str) -> str | Ship | FitResult:
+    """The ship or calibration that ``model`` names, its name where it is a training."""
+    from cases.shipfiles.network_file import is_black_box
+    from cases.shipfiles.ship_file import load_ship
+    from fitting.report.run_folder import RESULT
+    from fitting.result import FitResult
+    from mmg.ship import Ship
+    from mmg_ident.api import load_run
+
+    if is_black_box(model):
+        return model
+    run = load_run(model) if (Path(model) / RESULT).exists() else load_ship(model)
+    return run if isinstance(run, (FitResult, Ship)) else model
+
+
+def _title(model: str | Ship | FitResult) -> str:
     """What the ``model`` is called: of a ship her calibration."""
     from cases.shipfiles.network_file import is_black_box
     from cases.shipfiles.ship_file import load_ship
 
-    return model if is_black_box(model) else load_ship(model).title
+    if isinstance(model, str):
+        return model if is_black_box(model) else load_ship(model).title
+    return model.ship.title if hasattr(model, "ship") else model.title
 
 
 def _doubtful_starts(found: Prediction, kept: Trial) -> list[str]:
