@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
-from datetime import datetime, timezone
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -17,8 +15,8 @@ from cases.checks.held_out import shared_rows, training_trials
 from cases.checks.propulsion import doubtful_revolutions
 from cases.shipfiles.effects import varying_effects
 from cases.shipfiles.model_changes import with_instruments
-from cases.trial import UNITS, Trial
-from fitting.calibration import Calibration, condition_number, estimate_coefficients, moved_by
+from cases.trial import Trial
+from fitting.calibration import Calibration, estimate_coefficients, moved_by
 from fitting.design.next_trial import identifiability_dict, next_trial
 from fitting.nlp.captive import Captive
 from fitting.parallel import width, with_one_thread
@@ -27,9 +25,11 @@ from fitting.prediction.bands import draws_of
 from fitting.prediction.envelope import trial_envelope
 from fitting.prediction.score import ScorePair, score_pairs
 from fitting.prediction.worth_of_past import adaptation_worth
-from fitting.record import CoefficientRow, FitObjects, FitRecord
-from fitting.report.run_folder import data_rows, plain, versions
+from fitting.record import FitObjects, FitRecord
+from fitting.report.beside import FigureProcess, ask_figures, ask_the_rest
+from fitting.report.run_folder import data_rows, plain
 from fitting.result import FitResult
+from fitting.rows import coefficient_rows, correlation_of, marked, solved
 from fitting.selection.campaigns.by_campaign import CampaignFit, CampaignQuestion, by_campaign
 from fitting.selection.campaigns.sentences import not_asked
 from fitting.selection.cross_validation import ModelSelection, select
@@ -45,8 +45,7 @@ from mmg.errors import UserError
 from mmg.messages import Message, message_rows
 from mmg.progress import LOGGER, OnProgress
 from mmg.rollout import Simulator
-from mmg.ship import CalibrationMark, Ship
-from mmg.states import STATES
+from mmg.ship import Ship
 
 
 @dataclass(frozen=True)
@@ -62,7 +61,8 @@ class FitOptions:
     estimated; resume: an interrupted run of the same data and ship, from whose iterate to go on; command: what is
     stored as the command that made the result; name: of the ship and her
     calibration, "": the ship keeps hers, and the calibration takes that of the run folder; prior_mean: how uncertain
-    the mean of the prior is, where other ships told it.
+    the mean of the prior is, where other ships told it; figures: the process that draws them while the rest is
+    computed, None: they are drawn when the result is saved.
     """
 
     bootstrap: int = 0
@@ -80,6 +80,7 @@ class FitOptions:
     command: str = ""
     name: str = ""
     prior_mean: UncertainMean | None = None
+    figures: FigureProcess | None = None
 
 
 @with_one_thread
@@ -119,10 +120,9 @@ def calibrate(
     before, after = Simulator(ship, settings.compiled), Simulator(found.ship, settings.compiled)
     none, sets = dict[str, ScorePair](), {"validation": validation, "training": train}
     scores = later.made("scores", lambda: score_pairs(before, after, sets), none)
-    started = time.perf_counter()
-    wanted = options.next_trial and found.converged and np.isfinite(found.covariance).all()
-    trial = later.made("next trial", lambda: next_trial(found), None) if wanted else None
-    timings = {**found.timings, "campaigns": by_day.seconds, "identifiability": time.perf_counter() - started}
+    content = _first_rows(found, options, scores, train, validation)
+    objects = FitObjects(found, before, after, tuple(train), tuple(validation))
+    objects = _with_next_trial(objects, content, options, later)
     bands = later.made("prediction bands", lambda: prediction_bands(found, after, train), None)
     adaptation = later.made("worth of adaptation", lambda: worth_of_past(found, after, train, validation), None)
     uncertainty = uncertainty_rows(found) | _refitted(found, options, later)
@@ -133,18 +133,11 @@ def calibrate(
     warnings += [*_of_scores(scores), *later.left_out, *doubtful_revolutions(ship, train)]
     weighting = _weighting(found, options.resume)
     notices = [*found.notices, *_said_before(found, weighting), *by_day.messages, *(choice.notices if choice else ())]
-    marked = _marked(found.ship, ship, train, options.name)
-    content = {
-        **_solved(found, options.command),
-        "ship_name": marked.name,
-        "mark": vars(marked.mark),
-        "passes": (*earlier_passes(options.resume, found), *found.passes),
-        "data": data_rows(train),
-        "validation_data": data_rows(validation),
-        "coefficients": coefficient_rows(found),
-        "correlation": correlation_of(found),
-        "scores": scores,
-        "identifiability": identifiability_dict(found.identifiability, trial),
+    named = marked(found.ship, ship, train, options.name)
+    content |= {
+        "ship_name": named.name,
+        "mark": vars(named.mark),
+        "identifiability": identifiability_dict(found.identifiability, objects.next_trial),
         "messages": _message_rows(warning=warnings, notice=notices),
         "auto": choice.table if choice else None,
         "weighting": weighting,
@@ -154,15 +147,47 @@ def calibrate(
         "left_out": left_out,
         "campaigns": by_day.content,
         **uncertainty,
-        "timings_s": {**timings, "wall": time.perf_counter() - began},
+        "timings_s": {
+            **found.timings,
+            "campaigns": by_day.seconds,
+            "identifiability": later.seconds.get("next trial", 0.0),
+            **{name.replace(" ", "_"): seconds for name, seconds in later.seconds.items()},
+            "wall": time.perf_counter() - began,
+        },
     }
-    return FitResult(
-        **vars(FitRecord.of(content)),
-        ship=marked,
-        start=ship,
-        iterate=found.iterate,
-        objects=FitObjects(found, before, after, tuple(train), tuple(validation), trial),
-    )
+    return FitResult(**vars(FitRecord.of(content)), ship=named, start=ship, iterate=found.iterate, objects=objects)
+
+
+def _first_rows(
+    found: Calibration,
+    options: FitOptions,
+    scores: Mapping[str, ScorePair],
+    train: Sequence[Trial],
+    validation: Sequence[Trial],
+) -> dict[str, Any]:
+    """What is known of a calibration with its scores, by attribute of the result: all that its figures show."""
+    return {
+        **solved(found, options.command),
+        "passes": (*earlier_passes(options.resume, found), *found.passes),
+        "data": data_rows(train),
+        "validation_data": data_rows(validation),
+        "coefficients": coefficient_rows(found),
+        "correlation": correlation_of(found),
+        "scores": scores,
+        "identifiability": identifiability_dict(found.identifiability),
+        "messages": [],
+        "timings_s": {},
+    }
+
+
+def _with_next_trial(objects: FitObjects, content: Mapping[str, Any], options: FitOptions, later: Later) -> FitObjects:
+    """The ``objects`` with the next trial, and with the figures of ``content`` where a process draws them meanwhile."""
+    found, beside = objects.calibration, options.figures if not options.profile else None
+    if beside:
+        later.made("figures", partial(ask_figures, beside, content, objects), None)
+    if options.next_trial and found.converged and np.isfinite(found.covariance).all():
+        objects = replace(objects, next_trial=later.made("next trial", lambda: next_trial(found), None))
+    return later.made("figures", partial(ask_the_rest, beside, content, objects), objects) if beside else objects
 
 
 def _refitted(found: Calibration, options: FitOptions, later: Later) -> dict[str, Any]:
@@ -250,59 +275,6 @@ def _weighting(found: Calibration, resumed: FitResult | None) -> Mapping[str, An
 def _said_before(found: Calibration, weighting: Mapping[str, Any] | None) -> list[Message]:
     """The notice of a ``weighting`` that was chosen before the run was interrupted."""
     return [Message(weighting["sentence"], "weighting_chosen")] if weighting and not found.weighting else []
-
-
-def _marked(found: Ship, ship: Ship, trials: Sequence[Trial], name: str) -> Ship:
-    """The calibrated ship ``found`` with the ``name`` that was given, marked as calibrated today on ``trials`` from
-    ``ship``."""
-    hashes = sorted(trial.sha256 for trial in trials)
-    data = hashlib.sha256("\n".join(hashes).encode()).hexdigest() if all(hashes) else ""
-    today = datetime.now(timezone.utc).date().isoformat()
-    mark = CalibrationMark(name, today, data, ship.mark.name if ship.mark else ship.name)
-    return replace(found, name=name or found.name, mark=mark)
-
-
-def _solved(found: Calibration, command: str) -> dict[str, Any]:
-    """What the solver says of itself, by attribute of the result."""
-    solution, seg, noise = found.solution, found.segments, found.noise
-    return {
-        "created": datetime.now(timezone.utc).isoformat(timespec="seconds"),
-        "command": command,
-        "ship_name": found.ship.name,
-        **{name: getattr(solution, name) for name in ("converged", "status", "advice", "objective", "iterations")},
-        "constraint_violation": solution.violation,
-        "condition_number": condition_number(found.covariance),
-        "passes": found.passes,
-        "starts": found.starts,
-        "settings": found.settings,
-        "versions": versions(),
-        "compiled": not found.problem.kernels.interpreted_because,
-        "windows": len(seg.run),
-        "intervals": seg.intervals,
-        "seconds_used": seg.duration,
-        "sigma": dict(zip(STATES, found.sigma, strict=True)),
-        "noise": {
-            s: {"rms": noise.rms[i], "correlation_time_samples": noise.tau[i], "unit": UNITS[s]}
-            for i, s in enumerate(STATES)
-        },
-        "fixed": [s for s in found.ship.symbols if s not in found.prior.symbols],
-        "per_run": found.constants.rows() if found.constants and not found.problem.prior.campaign else None,
-    }
-
-
-def coefficient_rows(found: Calibration) -> dict[str, dict[str, Any]]:
-    """What became of each free coefficient of the calibration ``found``, by symbol, as of ``CoefficientRow``."""
-    kept = {field.name for field in fields(CoefficientRow)}
-    return {
-        f.symbol: {name: value for name, value in vars(found.ship.coefficients[f.symbol]).items() if name in kept}
-        | {"at_bound": f.bound or None, "prior_share": share}
-        for f, share in zip(found.identifiability.findings, np.diag(found.covariance), strict=True)
-    }
-
-
-def correlation_of(found: Calibration) -> dict[str, Any]:
-    """Correlation of the estimates of the calibration ``found``, as of ``Correlation``."""
-    return {"symbols": found.prior.symbols, "matrix": np.round(found.identifiability.correlation, 4)}
 
 
 def prediction_bands(found: Calibration, simulator: Simulator, trials: Sequence[Trial]) -> dict[str, Any] | None:

@@ -23,6 +23,7 @@ from mmg.rollout import Simulator
 if TYPE_CHECKING:  # slow to import, and not needed to read a result
     from fitting.calibration import Calibration
     from fitting.design.next_trial import NextTrial
+    from fitting.report.beside import Asked
 
 SCHEMA_VERSION = 1
 RENAMED = {"ship": "ship_name", "calibration": "mark"}
@@ -245,7 +246,8 @@ class FitObjects:
     """What stands behind a result and is not stored: figures are drawn from it.
 
     before, after: simulators of the ship before and after; trials, validation: calibrated on, and held out;
-    next_trial: possible trials and what they would add, None where none were scored.
+    next_trial: possible trials and what they would add, None where none were scored; drawn: figures that another
+    process draws; without any they are drawn from the rest.
     """
 
     calibration: Calibration
@@ -254,6 +256,7 @@ class FitObjects:
     trials: tuple[Trial, ...]
     validation: tuple[Trial, ...] = ()
     next_trial: NextTrial | None = None
+    drawn: tuple[Asked, ...] = ()
 
 
 @cache

@@ -93,11 +93,16 @@ class FitResult(FitRecord):
         return html_table(f"{self.ship.title}, {state}{scores}", header, rows)
 
     def save(
-        self, folder: str | Path, replace: bool = False, beside: Callable[[Path], None] | None = None
+        self,
+        folder: str | Path,
+        replace: bool = False,
+        beside: Callable[[Path], None] | None = None,
+        numbers: Callable[[FitResult], None] | None = None,
     ) -> FitResult:
         """Write the run folder ``folder``, which must not exist unless ``replace``; returns the result as it was saved.
 
-        beside: writes further files that belong to it, which appear together with it, into the folder that it is given.
+        beside: writes further files that belong to it, which appear together with it, into the folder that it is given;
+        numbers: called with the result when all but figures and page is written.
 
         Figures are drawn where ``objects`` are known, and copied where the result was read from another folder. They
         and the page come last: one that fails is a warning. Raises UserError when the folder exists or cannot be
@@ -108,6 +113,8 @@ class FitResult(FitRecord):
             check_target(target)
         named = self._named(target)
         write_whole(target, partial(named._fill, beside=beside), replace)
+        if numbers:
+            numbers(named)
         return changed(named._illustrated(target), folder=target)
 
     def _named(self, folder: Path) -> FitResult:
@@ -157,9 +164,10 @@ class FitResult(FitRecord):
         missing: tuple[MessageRow, ...] = ()
         if objects := self.objects:
             later = Later()
-            for write in (write_figures, write_identifiability_figures):
+            ways = (partial(write, written, self, objects) for write in (write_figures, write_identifiability_figures))
+            for way in (partial(written.take, objects.drawn),) if objects.drawn else ways:
                 with written.making("figures"):
-                    later.made("figures", partial(write, written, self, objects), None)
+                    later.made("figures", way, None)
             wall = self.timings_s.get("wall", 0.0) + time.perf_counter() - began
             figures = tuple(FigureRow(**row) for row in written.rows)
             failed = tuple(MessageRow("warning", m.code, m) for m in written.failures)

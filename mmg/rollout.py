@@ -31,8 +31,9 @@ class Simulator:
         rates = ca.cse(self.model.rates(ca.vertcat(ca.SX.zeros(first), q), c, theta))
         self._function = ca.Function("f_rates", [q, c, theta], [ca.densify(rates)], {"cse": True})
 
-    def __reduce__(self) -> tuple:
-        return Simulator, (self.ship, self.compiled)  # code that was loaded stays here
+    def __reduce__(self) -> tuple[type[Simulator], tuple[Ship, bool]]:
+        """In another process it is made anew, its code taken from the cache."""
+        return Simulator, (self.ship, self.compiled)
 
     @cached_property
     def _batch(self) -> tuple[BatchFunction, str]:

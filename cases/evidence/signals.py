@@ -82,8 +82,8 @@ class Signals:
         """Sums per piece of two quantities of windows (M - STEPS,); windows with missing rows do not count."""
         use, edges, windows = self._counted
         a, b = np.where(use, measured, 0.0), np.where(use, predicted, 0.0)
-        sums = (_squared(a), a * np.conj(b), _squared(b))
-        return Stats(*(np.add.reduceat(s, edges) for s in sums), windows)
+        own, both, other = (np.add.reduceat(s, edges) for s in (_squared(a), a * np.conj(b), _squared(b)))
+        return Stats(own, both, other, windows)
 
     @cached_property
     def _counted(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

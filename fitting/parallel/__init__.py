@@ -7,16 +7,18 @@ are done. Every list of independent tasks of the product goes through it.
 from __future__ import annotations
 
 from fitting.parallel.executors import Executor, executing, kept_workers, listening, run_all, width
-from fitting.parallel.processes import end_with_parent, held_back
+from fitting.parallel.processes import cores, end_with_parent, held_back, helper
 from fitting.parallel.shared import Shared
 from fitting.parallel.threads import with_one_thread
 
 __all__ = [
     "Executor",
     "Shared",
+    "cores",
     "end_with_parent",
     "executing",
     "held_back",
+    "helper",
     "kept_workers",
     "listening",
     "run_all",

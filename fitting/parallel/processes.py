@@ -11,7 +11,7 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from typing import Any
@@ -77,6 +77,31 @@ def process_crew(count: int) -> Iterator[ProcessCrew]:
             for child in children:  # what they would still do is of no use
                 child.terminate()
             raise
+
+
+@contextmanager
+def helper(prepare: Callable[[], None]) -> Iterator[Executor]:
+    """A process beside this one that does what is submitted to it, in order, and ends with this context.
+
+    prepare: done there first, at once.
+    """
+    context, others = multiprocessing.get_context("spawn"), multiprocessing.active_children()
+    with ProcessPoolExecutor(max_workers=1, mp_context=context, initializer=end_with_parent) as pool:
+        with one_thread_environment(), held_back():
+            pool.submit(prepare)
+        try:
+            yield pool
+        finally:
+            children = [child for child in multiprocessing.active_children() if child not in others]
+            pool.shutdown(wait=False, cancel_futures=True)
+            for child in children:  # all that was wanted of it is there
+                child.terminate()
+
+
+def cores() -> int:
+    """How many processors this process may use."""
+    affinity = getattr(os, "sched_getaffinity", None)
+    return len(affinity(0)) if affinity else os.cpu_count() or 1
 
 
 def end_with_parent() -> None:

@@ -95,6 +95,9 @@ class ShipsByTrial(Simulator):
         super().__init__(ship, compiled)
         self.own = np.asarray(own, dtype=float)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return ShipsByTrial, (self.ship, self.own, self.compiled)
+
 
 def values_of(ship: Ship, trial: Trial) -> np.ndarray | None:
     """All coefficients (P,) of ``ship`` in the campaign of a ``trial``, those of all where that is not known; None for

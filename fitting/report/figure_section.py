@@ -5,10 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
-
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from typing import TYPE_CHECKING, Any
 
 from cases.criteria.assessment import imo_figures
 from cases.criteria.imo import Row
@@ -27,6 +24,10 @@ from fitting.report.plot_style import AFTER, ALARM, DPI, GREY, dress, literal, n
 from mmg.errors import UserError
 from mmg.messages import Message, has_code
 from mmg.ship import Ship
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True)

@@ -7,18 +7,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
 
 from fitting.design.next_trial import HELPS, NextTrial
 from fitting.identifiability.analysis import DETERMINED, KINDS, PARTLY, CoefficientFinding, Identifiability
 from fitting.identifiability.clusters import CORRELATED
 from fitting.record import FitObjects, FitRecord
-from fitting.report.plot_style import AFTER, ALARM, BEFORE, GREY, WIDTH, FigureFolder, dress, new_figure
+from fitting.report.plot_style import AFTER, ALARM, BEFORE, GREY, WIDTH, TakesFigures, dress, new_figure
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 COLOURS = {
     "determined": AFTER, "partly": "#7FB8D9", "shared": BEFORE, "prior": "#B8BEC4", "silent": "#5F6770",
@@ -42,6 +43,8 @@ def correlation_plot(found: Identifiability, most: int = 36) -> Figure:
 
     Only coefficients with a correlation of at least 0.5 with another, the ``most`` most correlated ones.
     """
+    from matplotlib.patches import Rectangle  # late: slow to import
+
     strongest = np.abs(found.correlation - np.eye(len(found.order))).max(axis=1, initial=0.0)
     chosen = set(np.argsort(-np.nan_to_num(strongest))[:most].tolist())
     order = [k for k in found.order if k in chosen and strongest[k] >= SHOWN]
@@ -165,7 +168,7 @@ def profile_plot(row: Mapping[str, Any], std: float | None = None, unit: str = "
     return figure
 
 
-def write_identifiability_figures(written: FigureFolder, record: FitRecord, objects: FitObjects) -> None:
+def write_identifiability_figures(written: TakesFigures, record: FitRecord, objects: FitObjects) -> None:
     """Write the figures of what trials determine, none where that is not known.
 
     written: where to; record: what the calibration found; objects: what stands behind it.

@@ -10,16 +10,18 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from itertools import cycle
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from cases.criteria.figures import Since, since
 from cases.criteria.spiral import spiral_curve
 from cases.criteria.standard_runs import Run
 from fitting.report.plot_style import AFTER, ALARM, BEFORE, DASHES, GREY, MEASURED, dress, literal, new_figure
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 COLOURS = (AFTER, BEFORE, "#009E73", ALARM, "#7A5AA6", MEASURED)
 """Of the lines, with DASHES in the same order, so that they can be told apart in grey."""

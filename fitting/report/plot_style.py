@@ -6,11 +6,12 @@ it blue (after Okabe & Ito: distinct for colour-blind readers and in grey print)
 
 from __future__ import annotations
 
+import io
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, Protocol
 
 from mmg.messages import Message
 from mmg.progress import LOGGER
@@ -40,6 +41,28 @@ def new_figure(height: float, layout: Literal["constrained"] | None = "constrain
     return Figure(figsize=(WIDTH, height), dpi=DPI, layout=layout, facecolor="white")
 
 
+class Drawn(Protocol):
+    """A figure that is drawn elsewhere: ``png`` gives its content, or raises what kept it from being drawn."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def title(self) -> str: ...
+
+    @property
+    def caption(self) -> str: ...
+
+    def png(self) -> bytes: ...
+
+
+class TakesFigures(Protocol):
+    """Where figures go: a ``FigureFolder``, or a process that draws them (``fitting.report.beside``)."""
+
+    def write(self, name: str, draw: Callable[[], Figure], title: str, caption: str) -> None:
+        """Take the figure ``name`` that ``draw`` gives, with its ``title`` and ``caption``."""
+
+
 class FigureFolder:
     """Figures and pages of a run whose numbers are written already: what fails is a warning, never a loss.
 
@@ -64,11 +87,36 @@ class FigureFolder:
 
     def write(self, name: str, draw: Callable[[], Figure], title: str, caption: str) -> None:
         """Write the figure that ``draw`` gives as ``name``.png, with its ``title`` and ``caption``."""
-        with self.making(f"figure {name}"), warnings.catch_warnings():
-            self.folder.mkdir(parents=True, exist_ok=True)
-            warnings.filterwarnings("ignore", "Glyph .* missing")  # a box stands for it
-            draw().savefig(self.folder / f"{name}.png", dpi=DPI)
-            self.rows.append({"file": f"{name}.png", "title": title, "caption": caption})
+        with self.making(f"figure {name}"):
+            self.put(name, png_of(draw), title, caption)
+
+    def take(self, figures: Iterable[Drawn]) -> None:
+        """Write ``figures`` that another process draws, in order."""
+        for figure in figures:
+            with self.making(f"figure {figure.name}"):
+                self.put(figure.name, figure.png(), figure.title, figure.caption)
+
+    def put(self, name: str, png: bytes, title: str, caption: str) -> None:
+        """Write the content ``png`` of a figure as ``name``.png, with its ``title`` and ``caption``."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        (self.folder / f"{name}.png").write_bytes(png)
+        self.rows.append({"file": f"{name}.png", "title": title, "caption": caption})
+
+
+def png_of(draw: Callable[[], Figure]) -> bytes:
+    """The figure that ``draw`` gives as the content of a PNG file."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg  # late: slow to import
+
+    out = io.BytesIO()
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing")  # a box stands for it
+        figure = draw()
+        canvas, layout = FigureCanvasAgg(figure), figure.get_layout_engine()
+        if layout is not None:  # by hand: for it savefig draws everything twice
+            layout.execute(figure)
+            figure.set_layout_engine("none")
+        canvas.print_png(out)
+    return out.getvalue()
 
 
 def literal(text: str) -> str:

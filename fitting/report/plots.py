@@ -7,23 +7,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
-from matplotlib.patches import Patch
 
 from cases.trial import Trial
 from fitting.identifiability.analysis import DETERMINED, KINDS, PARTLY
 from fitting.prediction.predict import predict_all
 from fitting.prediction.score import PAPER_WINDOW
 from fitting.record import CoefficientRow, FitObjects, FitRecord
-from fitting.report.plot_style import AFTER, ALARM, BEFORE, GREY, FigureFolder, dress, literal, new_figure
+from fitting.report.plot_style import AFTER, ALARM, BEFORE, GREY, TakesFigures, dress, literal, new_figure
 from fitting.report.plot_tracks import error_growth_plot, trajectory_plot
 from fitting.report.run_folder import plain
 from fitting.settings import Start
 from mmg.components.catalogue import ROLES, coefficient_table
 from mmg.ship import Ship
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 GROUPS = ("mass", *ROLES, "effects", "other")
 
@@ -142,6 +143,8 @@ def score_plot(scores: Mapping[str, Mapping[str, Mapping[str, Any]]], most: int 
 
     At most ``most`` trials are drawn, held-out ones first.
     """
+    from matplotlib.patches import Patch  # late: slow to import
+
     lines: list[tuple[str, dict | None, dict | None]] = []
     for name, pair in scores.items():
         rows = list(zip(pair["before"]["trials"], pair["after"]["trials"], strict=True))
@@ -239,7 +242,7 @@ def _position_rms(trial: Trial, windows: Sequence) -> float:
     return float(np.sqrt(np.nanmean((np.vstack(errors) ** 2).sum(axis=1))))
 
 
-def write_figures(written: FigureFolder, record: FitRecord, objects: FitObjects, most_tracks: int = 4) -> None:
+def write_figures(written: TakesFigures, record: FitRecord, objects: FitObjects, most_tracks: int = 4) -> None:
     """Write the figures of a calibration, in the order of a report.
 
     written: where to; record: what it found; objects: trials and simulators behind it; most_tracks: trials drawn at

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from types import SimpleNamespace
@@ -97,14 +98,18 @@ def unbroken() -> Iterator[None]:
 
 
 class Later:
-    """What follows the estimate, unless Ctrl-C is pressed; left_out: what it left out, as a warning."""
+    """What follows the estimate, unless Ctrl-C is pressed; left_out: what it left out, as a warning; seconds: that each
+    part took, by name."""
 
     def __init__(self) -> None:
         self.missing: list[str] = []
+        self.seconds: dict[str, float] = {}
 
     def made(self, name: str, work: Callable[[], Value], otherwise: Value) -> Value:
         """The value of ``work``, or ``otherwise`` where Ctrl-C came first; name: what it makes, in words."""
+        began = time.perf_counter()
         value = unless_interrupted(lambda: (work(),))
+        self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - began
         if value is None:
             self.missing = [*dict.fromkeys([*self.missing, name])]
             return otherwise

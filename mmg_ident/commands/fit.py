@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from fitting.nlp.captive import Captive
     from fitting.result import FitResult
     from fitting.settings import Settings
+    from mmg.messages import Message
 
 
 OPEN = ("starts_left_out", "parts_left_out")
@@ -131,6 +133,7 @@ def fit(
     from cases.shipfiles.model_changes import reduced_ship
     from cases.shipfiles.ship_file import load_ship
     from fitting.pipeline import FitOptions
+    from fitting.report.beside import figures_beside
     from fitting.report.run_folder import check_target, reserved
     from fitting.solvers.interrupts import LEFT_OUT, interrupts_noted
     from mmg_ident.api import calibrate
@@ -165,34 +168,38 @@ def fit(
         check_target(out)
     start = earlier.start if earlier else load_ship(ship)
     start = reduced_ship(start, names_of(without), with_ or (), names_of(fix), names_of(only))
-    train, held_out = read_trials(trials), read_trials(validate) if validate else []
-    train, held_out = ready(train, held_out, unchecked=unchecked)
-    options = FitOptions(
-        bootstrap=bootstrap,
-        profile=tuple(names_of(profile)),
-        next_trial=next_trial,
-        per_run=tuple(per_run or ()),
-        per_campaign=tuple(names_of(per_campaign)),
-        instruments=tuple(names_of([measurement])),
-        captive=points,
-        auto=auto,
-        auto_limit=auto_limit,
-        resume=earlier,
-        command=command_line(),
-        name=name or _own_name(earlier),
-    )
-    reading = time.perf_counter() - began
-    for line in start.notices:
-        say(line)
-    with (
-        reserved(out),
-        interrupts_noted(lambda: say("interrupted: stopping at the next iterate and writing the run folder")),
-    ):
-        result = calibrate(start, train, held_out, settings, options, progress())
-        timings = {**result.timings_s, "read": reading, "wall": result.timings_s["wall"] + reading}
-        result = replace(result, timings_s=timings).save(out, replace=resume)
-        _summary(result, out) if not json else print_json(result.to_dict())
-    refuse_no_score(result.warnings, out)
+    with figures_beside() as figures:  # begun now, so that it is ready when there is something to draw
+        train, held_out = read_trials(trials), read_trials(validate) if validate else []
+        train, held_out = ready(train, held_out, unchecked=unchecked)
+        options = FitOptions(
+            bootstrap=bootstrap,
+            profile=tuple(names_of(profile)),
+            next_trial=next_trial,
+            per_run=tuple(per_run or ()),
+            per_campaign=tuple(names_of(per_campaign)),
+            instruments=tuple(names_of([measurement])),
+            captive=points,
+            auto=auto,
+            auto_limit=auto_limit,
+            resume=earlier,
+            command=command_line(),
+            name=name or _own_name(earlier),
+            figures=figures,
+        )
+        reading = time.perf_counter() - began
+        for line in start.notices:
+            say(line)
+        with (
+            reserved(out),
+            interrupts_noted(lambda: say("interrupted: stopping at the next iterate and writing the run folder")),
+        ):
+            result = calibrate(start, train, held_out, settings, options, progress())
+            timings = {**result.timings_s, "read": reading, "wall": result.timings_s["wall"] + reading}
+            result = replace(result, timings_s=timings)
+            earlier_warnings = result.warnings
+            result = result.save(out, replace=resume, numbers=None if json else _summary)
+            _ended(result, out, earlier_warnings) if not json else print_json(result.to_dict())
+        refuse_no_score(result.warnings, out)
     if has_code(result.warnings, LEFT_OUT):
         return 130
     if result.converged:
@@ -251,8 +258,16 @@ def _captive_points(path: Path | None, sigma: str | None) -> Captive | None:
     return read_captive(path, given)
 
 
-def _summary(result: FitResult, out: Path) -> None:
-    """A few lines for a person."""
+def _ended(result: FitResult, out: Path, said: Sequence[Message]) -> None:
+    """The last lines for a person, when figures and page are made: warnings that were not ``said`` before."""
+    for line in result.warnings:
+        if line not in said:
+            say(f"warning: {line}")
+    say(f"run folder: {out} (ship.toml, result.json, report.html)")
+
+
+def _summary(result: FitResult) -> None:
+    """A few lines for a person, while the figures are still made."""
     from fitting.identifiability.analysis import KINDS
 
     words = "converged" if result.converged else "NOT CONVERGED"
@@ -285,4 +300,3 @@ def _summary(result: FitResult, out: Path) -> None:
         say(f"next trial that would determine most: {plan[0]['name']}")
     if result.ship.mark:
         say(f"name: {result.ship.title}")
-    say(f"run folder: {out} (ship.toml, result.json, report.html)")

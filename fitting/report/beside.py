@@ -1,0 +1,90 @@
+"""Figures drawn in a process of their own, while this one computes what they do not show.
+
+The process is started before anything is read, so that its libraries are there when the first figure is asked for. What
+it cannot draw, for whatever reason, is drawn by this process, which also says why where that fails too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Executor, Future
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+from fitting.parallel import cores, helper
+from fitting.record import FitObjects, FitRecord
+from fitting.report.plot_style import new_figure, png_of
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True)
+class Asked:
+    """A figure that was asked for: its name, what draws it, title and caption, and the PNG that is to come."""
+
+    name: str
+    draw: Callable[[], Figure]
+    title: str
+    caption: str
+    future: Future[bytes]
+
+    def png(self) -> bytes:
+        """The PNG, drawn here where the other process could not. Raises what drawing it raises."""
+        try:
+            return self.future.result()
+        except Exception:
+            return png_of(self.draw)
+
+
+@dataclass
+class FigureProcess:
+    """Takes figures as a ``FigureFolder`` does; asked: those that it was given, in order."""
+
+    executor: Executor
+    asked: list[Asked] = field(default_factory=list)
+
+    def write(self, name: str, draw: Callable[[], Figure], title: str, caption: str) -> None:
+        """Ask for the figure ``name`` that ``draw`` gives, which must be picklable, with ``title`` and ``caption``."""
+        self.asked.append(Asked(name, draw, title, caption, self.executor.submit(png_of, draw)))
+
+
+@contextmanager
+def figures_beside() -> Iterator[FigureProcess | None]:
+    """A process for figures that ends with this context; None where there is but one core."""
+    if cores() < 2:
+        yield None
+        return
+    with helper(_prepare) as executor:
+        yield FigureProcess(executor)
+
+
+def _prepare() -> None:
+    """Load what figures need, fonts too."""
+    import fitting.report.plot_identifiability
+    import fitting.report.plots  # noqa: F401
+
+    png_of(_first)
+
+
+def _first() -> Figure:
+    figure = new_figure(1.0)
+    figure.subplots().set_title("0")
+    return figure
+
+
+def ask_figures(process: FigureProcess, content: Mapping[str, Any], objects: FitObjects) -> None:
+    """Let the ``process`` draw what does not wait for the next trial. content: of the calibration, as
+    ``FitRecord.of`` takes it; objects: what stands behind it."""
+    from fitting.report.plots import write_figures
+
+    write_figures(process, FitRecord.of(content), objects)
+
+
+def ask_the_rest(process: FigureProcess, content: Mapping[str, Any], objects: FitObjects) -> FitObjects:
+    """As ``ask_figures``, what else is drawn; returns the ``objects`` with all figures that are being drawn."""
+    from fitting.report.plot_identifiability import write_identifiability_figures
+
+    write_identifiability_figures(process, FitRecord.of(content), objects)
+    return replace(objects, drawn=tuple(process.asked))

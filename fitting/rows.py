@@ -1,0 +1,71 @@
+"""What a calibration found as rows of result.json: the solver's account, coefficients, correlation, name and date."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import fields, replace
+from datetime import datetime, timezone
+from typing import Any
+
+import numpy as np
+
+from cases.trial import UNITS, Trial
+from fitting.calibration import Calibration, condition_number
+from fitting.record import CoefficientRow
+from fitting.report.run_folder import versions
+from mmg.ship import CalibrationMark, Ship
+from mmg.states import STATES
+
+
+def marked(found: Ship, ship: Ship, trials: Sequence[Trial], name: str) -> Ship:
+    """The calibrated ship ``found`` with the ``name`` that was given, marked as calibrated today on ``trials`` from
+    ``ship``."""
+    hashes = sorted(trial.sha256 for trial in trials)
+    data = hashlib.sha256("\n".join(hashes).encode()).hexdigest() if all(hashes) else ""
+    today = datetime.now(timezone.utc).date().isoformat()
+    mark = CalibrationMark(name, today, data, ship.mark.name if ship.mark else ship.name)
+    return replace(found, name=name or found.name, mark=mark)
+
+
+def solved(found: Calibration, command: str) -> dict[str, Any]:
+    """What the solver says of itself, by attribute of the result."""
+    solution, seg, noise = found.solution, found.segments, found.noise
+    return {
+        "created": datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        "command": command,
+        "ship_name": found.ship.name,
+        **{name: getattr(solution, name) for name in ("converged", "status", "advice", "objective", "iterations")},
+        "constraint_violation": solution.violation,
+        "condition_number": condition_number(found.covariance),
+        "passes": found.passes,
+        "starts": found.starts,
+        "settings": found.settings,
+        "versions": versions(),
+        "compiled": not found.problem.kernels.interpreted_because,
+        "windows": len(seg.run),
+        "intervals": seg.intervals,
+        "seconds_used": seg.duration,
+        "sigma": dict(zip(STATES, found.sigma, strict=True)),
+        "noise": {
+            s: {"rms": noise.rms[i], "correlation_time_samples": noise.tau[i], "unit": UNITS[s]}
+            for i, s in enumerate(STATES)
+        },
+        "fixed": [s for s in found.ship.symbols if s not in found.prior.symbols],
+        "per_run": found.constants.rows() if found.constants and not found.problem.prior.campaign else None,
+    }
+
+
+def coefficient_rows(found: Calibration) -> dict[str, dict[str, Any]]:
+    """What became of each free coefficient of the calibration ``found``, by symbol, as of ``CoefficientRow``."""
+    kept = {field.name for field in fields(CoefficientRow)}
+    return {
+        f.symbol: {name: value for name, value in vars(found.ship.coefficients[f.symbol]).items() if name in kept}
+        | {"at_bound": f.bound or None, "prior_share": share}
+        for f, share in zip(found.identifiability.findings, np.diag(found.covariance), strict=True)
+    }
+
+
+def correlation_of(found: Calibration) -> dict[str, Any]:
+    """Correlation of the estimates of the calibration ``found``, as of ``Correlation``."""
+    return {"symbols": found.prior.symbols, "matrix": np.round(found.identifiability.correlation, 4)}
