@@ -100,7 +100,8 @@ def cma_time(one: SingleShooting, goal: float, limit: float, seed: int = 1) -> t
     return time.perf_counter() - began, best
 
 
-def main() -> None:
+def problems() -> tuple[Problem, SingleShooting]:
+    """The objective of Train-TZRB by multiple shooting, and by single shooting as SciPy gets it."""
     ship = load_ship("esso_osaka_3m")
     trials = read_trials(splits.find(splits.TRAIN_TZRB))
     sigma = estimate_coefficients(ship, trials, Settings(window=WINDOW, step=STEP)).sigma
@@ -108,7 +109,12 @@ def main() -> None:
     kernel = Kernels(assemble(ship), np.array([ship.symbols.index(s) for s in prior.symbols]))
     problem = Problem(ship, prior, kernel, cut(trials, STEP, WINDOW, 5), sigma)
     whole = Problem(ship, prior, kernel, cut(trials, STEP, WINDOW, 200), sigma)
-    one = SingleShooting(whole)
+    return problem, SingleShooting(whole)
+
+
+def main() -> None:
+    problem, one = problems()
+    whole = one.problem
     began = time.perf_counter()
     ours = solve(problem, problem.start())
     seconds = time.perf_counter() - began

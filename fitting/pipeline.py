@@ -26,10 +26,11 @@ from fitting.prediction.envelope import trial_envelope
 from fitting.prediction.score import ScorePair, score_pairs
 from fitting.prediction.worth_of_past import adaptation_worth
 from fitting.record import FitObjects, FitRecord
-from fitting.report.beside import FigureProcess, ask_figures, ask_the_rest
+from fitting.report.beside import FigureProcess
+from fitting.report.drawn_ahead import ask_figures, ask_the_rest
+from fitting.report.result_rows import coefficient_rows, correlation_of, marked, solved
 from fitting.report.run_folder import data_rows, plain
 from fitting.result import FitResult
-from fitting.rows import coefficient_rows, correlation_of, marked, solved
 from fitting.selection.campaigns.by_campaign import CampaignFit, CampaignQuestion, by_campaign
 from fitting.selection.campaigns.sentences import not_asked
 from fitting.selection.cross_validation import ModelSelection, select

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from cases.trial import Trial
 from fitting.prediction.score import ScorePair
+from fitting.report.plot_style import Drawn
 from fitting.report.run_folder import plain
 from fitting.settings import Settings, Start
 from mmg.errors import UserError
@@ -23,7 +24,6 @@ from mmg.rollout import Simulator
 if TYPE_CHECKING:  # slow to import, and not needed to read a result
     from fitting.calibration import Calibration
     from fitting.design.next_trial import NextTrial
-    from fitting.report.beside import Asked
 
 SCHEMA_VERSION = 1
 RENAMED = {"ship": "ship_name", "calibration": "mark"}
@@ -256,7 +256,7 @@ class FitObjects:
     trials: tuple[Trial, ...]
     validation: tuple[Trial, ...] = ()
     next_trial: NextTrial | None = None
-    drawn: tuple[Asked, ...] = ()
+    drawn: tuple[Drawn, ...] = ()
 
 
 @cache

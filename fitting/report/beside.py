@@ -6,14 +6,13 @@ it cannot draw, for whatever reason, is drawn by this process, which also says w
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from fitting.parallel import cores, helper
-from fitting.record import FitObjects, FitRecord
 from fitting.report.plot_style import new_figure, png_of
 
 if TYPE_CHECKING:
@@ -21,7 +20,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Asked:
+class FigureAhead:
     """A figure that was asked for: its name, what draws it, title and caption, and the PNG that is to come."""
 
     name: str
@@ -43,11 +42,11 @@ class FigureProcess:
     """Takes figures as a ``FigureFolder`` does; asked: those that it was given, in order."""
 
     executor: Executor
-    asked: list[Asked] = field(default_factory=list)
+    asked: list[FigureAhead] = field(default_factory=list)
 
     def write(self, name: str, draw: Callable[[], Figure], title: str, caption: str) -> None:
         """Ask for the figure ``name`` that ``draw`` gives, which must be picklable, with ``title`` and ``caption``."""
-        self.asked.append(Asked(name, draw, title, caption, self.executor.submit(png_of, draw)))
+        self.asked.append(FigureAhead(name, draw, title, caption, self.executor.submit(png_of, draw)))
 
 
 @contextmanager
@@ -72,19 +71,3 @@ def _first() -> Figure:
     figure = new_figure(1.0)
     figure.subplots().set_title("0")
     return figure
-
-
-def ask_figures(process: FigureProcess, content: Mapping[str, Any], objects: FitObjects) -> None:
-    """Let the ``process`` draw what does not wait for the next trial. content: of the calibration, as
-    ``FitRecord.of`` takes it; objects: what stands behind it."""
-    from fitting.report.plots import write_figures
-
-    write_figures(process, FitRecord.of(content), objects)
-
-
-def ask_the_rest(process: FigureProcess, content: Mapping[str, Any], objects: FitObjects) -> FitObjects:
-    """As ``ask_figures``, what else is drawn; returns the ``objects`` with all figures that are being drawn."""
-    from fitting.report.plot_identifiability import write_identifiability_figures
-
-    write_identifiability_figures(process, FitRecord.of(content), objects)
-    return replace(objects, drawn=tuple(process.asked))

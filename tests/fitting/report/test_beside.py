@@ -13,7 +13,8 @@ import pytest
 from matplotlib.figure import Figure
 
 from fitting.parallel import helper
-from fitting.report.beside import FigureProcess, ask_figures, ask_the_rest
+from fitting.report.beside import FigureProcess
+from fitting.report.drawn_ahead import ask_figures, ask_the_rest
 from fitting.report.plot_style import FigureFolder, new_figure, png_of
 from tests.support.calibrated import small_result
 

@@ -29,7 +29,7 @@ def marked(found: Ship, ship: Ship, trials: Sequence[Trial], name: str) -> Ship:
 
 
 def solved(found: Calibration, command: str) -> dict[str, Any]:
-    """What the solver says of itself, by attribute of the result."""
+    """What the solver of the calibration ``found`` says of itself, by attribute of the result; command: its maker."""
     solution, seg, noise = found.solution, found.segments, found.noise
     return {
         "created": datetime.now(timezone.utc).isoformat(timespec="seconds"),

@@ -1,0 +1,1 @@
+"""What all the work of the tool takes on this machine, in one table, beside what it took before."""
