@@ -89,12 +89,12 @@ def helper(prepare: Callable[[], None]) -> Iterator[Executor]:
     with ProcessPoolExecutor(max_workers=1, mp_context=context, initializer=end_with_parent) as pool:
         with one_thread_environment(), held_back():
             pool.submit(prepare)
+        own = [child for child in multiprocessing.active_children() if child not in others]
         try:
             yield pool
         finally:
-            children = [child for child in multiprocessing.active_children() if child not in others]
             pool.shutdown(wait=False, cancel_futures=True)
-            for child in children:  # all that was wanted of it is there
+            for child in own:  # all that was wanted of it is there
                 child.terminate()
 
 
