@@ -98,7 +98,9 @@ def fit_bands(
     if process is None:
         return None
     bands = Bands(process, np.zeros((len(simulator.model.symbols), 0)) if root is None else root)
-    fixed = bands.coefficient_variance(simulator, batch, coarse_rows(batch, COARSE * k))
+    rows = coarse_rows(batch, COARSE * k)
+    fixed = bands.coefficient_variance(simulator, batch, rows)
+    known = _KnownVariance(stretches, rows, fixed.copy())
     rest = bands.process_variance(errors.times, errors.states, errors.length)
     early = errors.until(EARLY)
     for s in (3, 4, 5, 2, 0, 1):  # the noise of a state counts in that of those that follow from it
@@ -112,7 +114,7 @@ def fit_bands(
     process = replace(process, factor=sure * errors.factors(rest, fixed), adapted=sure * adapted.factors(rest, fixed))
     held = held_motion([record_of(trial, ship.inputs) for trial in trials], ship.inputs, length)
     if held and without is not None and without.kind is not None:
-        held = replace(held, growth=_growth(simulator, trials, without.kind, bands.with_process(process)))
+        held = replace(held, growth=_growth(simulator, trials, without.kind, bands.with_process(process), known))
     return process_dict(process) | ({"held": held_dict(held)} if held else {})
 
 
@@ -138,11 +140,38 @@ def _stretches(trials: Sequence[Trial], ship: Ship, own: np.ndarray | None, most
     return [found[i] for i in np.linspace(0, len(found) - 1, most).round().astype(int)]
 
 
-def _growth(simulator: Simulator, trials: Sequence[Trial], own: np.ndarray, bands: Bands) -> np.ndarray:
+class _KnownVariance:
+    """Variance (n, 6, M) by the draws of the coefficients at ``rows`` (n,) of M ``stretches``, to be taken again: it is
+    that of the ship's own coefficients, whatever those by which a stretch is predicted."""
+
+    def __init__(self, stretches: Sequence[Stretch], rows: np.ndarray, variance: np.ndarray) -> None:
+        self.stretches, self.rows, self.variance = stretches, rows, variance
+        self.at = {_place(s): i for i, s in enumerate(stretches)}
+
+    def of(
+        self, bands: Bands, simulator: Simulator, stretches: Sequence[Stretch], batch: WindowBatch, rows: np.ndarray
+    ) -> np.ndarray:
+        """That of these ``stretches`` at their ``rows``, computed where it is not known."""
+        at = [self.at.get(_place(s)) for s in stretches]
+        place = np.searchsorted(self.rows, rows)
+        if None in at or place[-1] == len(self.rows) or not np.array_equal(self.rows[place], rows):
+            return bands.coefficient_variance(simulator, batch, rows)
+        return self.variance[np.ix_(place, np.arange(6), np.array(at))]
+
+
+def _place(stretch: Stretch) -> tuple[int, int, int]:
+    """What two stretches of the same rows of the same trial have in common."""
+    return id(stretch.record.t), stretch.first, stretch.last
+
+
+def _growth(
+    simulator: Simulator, trials: Sequence[Trial], own: np.ndarray, bands: Bands, variance: _KnownVariance
+) -> np.ndarray:
     """Growth (6,) that makes ``bands`` hold for trials of a kind that is left out, at least TYPICAL; the same for all
     states, as that of each hangs on few runs.
 
-    own: (R, P) coefficients by which each of ``trials`` is predicted, of a ship that knew no trial of its kind.
+    own: (R, P) coefficients by which each of ``trials`` is predicted, of a ship that knew no trial of its kind;
+    variance: by the draws of the coefficients, of stretches that were looked at before.
     """
     ship, length = simulator.ship, float(simulator.ship.particulars["L"])
     ratios: list[list[np.ndarray]] = [[] for _ in STATES]
@@ -160,7 +189,7 @@ def _growth(simulator: Simulator, trials: Sequence[Trial], own: np.ndarray, band
         process = bands.process_variance(errors.times, errors.states, length)
         process *= bands.process.factor_at(errors.times) ** 2
         rest = bands.measurement_variance(errors.times, errors.states)
-        rest += bands.coefficient_variance(simulator, batch, rows)
+        rest += variance.of(bands, simulator, stretches, batch, rows)
         new = errors.until(LENGTH) & (met > NEW**2) & (errors.times > EARLY * errors.scale)
         for s in range(6):
             e, p = errors.error[:, s][new], process[:, s][new]

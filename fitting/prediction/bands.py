@@ -77,7 +77,7 @@ def coarse_rows(batch: WindowBatch, step: float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class AccelerationStep:
-    """A step of an acceleration of unit variance and the error that it drives, all (M,).
+    """A step of an acceleration of unit variance and the error that it drives, all (M,), or steps, all (n, M).
 
     left, error: shares of acceleration and error that are left; gain: error per acceleration [s]; aa, ae, ee: variances
     and covariance of what the noise within the step adds.
@@ -99,6 +99,9 @@ class AccelerationStep:
         ee = np.maximum(noise / rate**2 * (own - 2 * both + other), 0.0)
         return cls(left, error, (left - error) / rate, 1 - left**2, noise / rate * (own - both), ee)
 
+    def __getitem__(self, k: int) -> AccelerationStep:
+        return AccelerationStep(self.left[k], self.error[k], self.gain[k], self.aa[k], self.ae[k], self.ee[k])
+
 
 def velocity_variance(square: np.ndarray, dt: np.ndarray, memory: float, decay: float) -> np.ndarray:
     """Variance (n + 1, ..., M) of the velocity error that accelerations of variance ``square`` (n + 1, ..., M) leave.
@@ -109,8 +112,9 @@ def velocity_variance(square: np.ndarray, dt: np.ndarray, memory: float, decay: 
     aa = square[0].copy()
     ae, ee = np.zeros_like(aa), np.zeros_like(aa)
     out = [ee]
+    steps = AccelerationStep.of(dt, memory, decay)
     for k in range(len(dt)):
-        s = AccelerationStep.of(dt[k], memory, decay)
+        s = steps[k]
         ee = s.error**2 * ee + 2 * s.error * s.gain * ae + s.gain**2 * aa + s.ee * square[k]
         ae = s.left * (s.error * ae + s.gain * aa) + s.ae * square[k]
         aa = s.left**2 * aa + s.aa * square[k]
@@ -164,10 +168,11 @@ class Bands:
         for c in range(3):
             P[:, c, c] = square[c, 0]
         result = [np.zeros((6, M))]
+        every = [AccelerationStep.of(np.diff(times, axis=0), p.memory[c], p.decay[c]) for c in range(3)]
         for k in range(len(times) - 1):
             dt = times[k + 1] - times[k]
             F = np.tile(np.eye(9), (M, 1, 1))
-            steps = [AccelerationStep.of(dt, p.memory[c], p.decay[c]) for c in range(3)]
+            steps = [step[k] for step in every]
             for c, step in enumerate(steps):
                 F[:, c, c], F[:, 3 + c, 3 + c], F[:, 3 + c, c] = step.left, step.error, step.gain
             F[:, 6:] = kinematic_map(states[k], dt) @ F

@@ -116,11 +116,10 @@ def _built(
         for extra in ((NATIVE,), ()):
             whole = [*command, *extra, str(code), "-o", str(built), "-lm"]
             run = subprocess.run(whole, capture_output=True, encoding="utf-8", errors="replace")
-            if run.returncode == 0:
+            if run.returncode == 0 and built.is_file():
                 break
-        if run.returncode:
-            lines = run.stderr.strip().splitlines() or ["no message"]
-            return None, f"{command[0]} failed: {next((line for line in lines if 'error' in line), lines[0])}"
+        else:
+            return None, _failed(command[0], run)
         built.chmod(0o700)
         try:
             wrong = check(_copied(built)) if check else ""
@@ -131,6 +130,16 @@ def _built(
         library = folder / f"{key}-{hashlib.sha256(built.read_bytes()).hexdigest()}{suffix}"
         os.replace(built, library)
     return library, ""
+
+
+def _failed(cc: str, run: subprocess.CompletedProcess[str]) -> str:
+    """Why a run of the compiler ``cc`` gave nothing."""
+    if run.returncode < 0:
+        return f"{cc} was ended by signal {-run.returncode}"
+    if run.returncode == 0:
+        return f"{cc} made no library"
+    lines = run.stderr.strip().splitlines() or ["no message"]
+    return f"{cc} failed: {next((line for line in lines if 'error' in line), lines[0])}"
 
 
 def _copied(built: Path) -> ctypes.CDLL:

@@ -8,6 +8,7 @@ vectors of LANES points and single points (``lanes`` 1).
 from __future__ import annotations
 
 import ctypes
+import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -17,7 +18,8 @@ import numpy as np
 from mmg.compile.batch import FLAGS as BATCH_FLAGS
 from mmg.compile.cache import load_library
 from mmg.compile.codegen import constant, expression, prelude
-from mmg.runge_kutta import NODES, PARTS
+from mmg.compile.self_test import alike, by_virtual_machine, points
+from mmg.runge_kutta import NODES, PARTS, rk4_step
 
 FLAGS = (*BATCH_FLAGS, "-O2")
 """-O2 makes single points a fifth faster than -O1; it doubles the compile time of Hessians, which have none of it."""
@@ -208,7 +210,7 @@ class Rollout:
             M if theta.ndim == 2 else 1, theta.ndim == 2,
         )  # fmt: skip
         blocks = M // self.lanes  # whole blocks for each thread, the rest for the last one
-        shares = max(1, min(threads, blocks))
+        shares = max(1, min(threads, blocks, os.cpu_count() or 1))
         ends = [blocks * k // shares * self.lanes for k in range(shares)] + [M]
 
         def work(k: int) -> None:
@@ -229,5 +231,21 @@ def compile_rollout(rates: ca.Function, first: int, lanes: int) -> Rollout | Non
         text = rollout_source(rates, first, lanes)
     except NotImplementedError:
         return None
-    library, _ = load_library(text, FLAGS)
+    library, _ = load_library(text, FLAGS, lambda new: _faults(Rollout(new, lanes), rates, first))
     return None if library is None else Rollout(library, lanes)
+
+
+def _faults(rollout: Rollout, rates: ca.Function, first: int) -> str:
+    """What is wrong with two steps of a new ``rollout`` by its ``rates``, which do not see the ``first`` states; "" for
+    nothing."""
+    S, h, M = rates.size1_out(0), 1e-3, rollout.lanes
+    start, theta = points(S, M, 1), points(rates.size1_in(2), M, 2)
+    controls = np.repeat(points(rates.size1_in(1), 2, 3).T[:, :, None], M, axis=2)
+    z, expected = start, [start]
+    for held in controls:
+        z = rk4_step(lambda at, _, held=held: by_virtual_machine(rates, [at[first:], held, theta])[0], z, h)  # type: ignore[misc]
+        expected.append(z)
+    dt, keep = np.array(h), np.ones(2, dtype=bool)
+    found = rollout(start, controls, dt, theta, keep, euler=False, linear=False, threads=1)
+    steps = zip(np.diff(found, axis=0), np.diff(np.array(expected), axis=0), strict=True)
+    return "" if all(alike(a, b) for a, b in steps) else "a run differs from that of the portable path"

@@ -231,3 +231,50 @@ def test_a_compiler_may_answer_in_any_encoding(monkeypatch: pytest.MonkeyPatch, 
     monkeypatch.setenv("MMG_CACHE", str(tmp_path / "cache"))
     path, reason = compile_library(SEVEN, FLAGS)
     assert path is None and reason.startswith(f"{tmp_path}/cc.sh failed: error: ")
+
+
+WRONG = r"""for text; do
+case "$text" in *.c) sed -i 's/void store(double. p, V x) {{/& x *= 1.001;/' "$text";; esac
+done
+exec {compiler} "$@"
+"""
+"""A compiler that makes wrong code: it compiles another text than it was given."""
+
+
+@needs_compiler
+def test_code_that_gives_wrong_numbers_is_not_used(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    expected, _ = short_run(compiled=False)
+    monkeypatch.setenv("MMG_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setenv("MMG_CC", script(tmp_path, WRONG.format(compiler=compiler())))
+    x, y = ca.SX.sym("x"), ca.SX.sym("y")
+    (batch,), reason = batch_functions([ca.Function("wrong", [x, y], [3.0 * x + y])])
+    assert batch.library is None and reason.endswith("wrong: wrong differs from that of the portable path")
+    got, reason = short_run()
+    assert reason.startswith("what cc.sh made of the equations is wrong")
+    np.testing.assert_allclose(got, expected, rtol=1e-12)
+    assert not list((tmp_path / "cache").glob("*.so"))
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals")
+def test_a_compiler_that_is_killed_is_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("MMG_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setenv("MMG_CC", script(tmp_path, "kill -9 $$"))
+    expected, _ = short_run(compiled=False)
+    got, reason = short_run()
+    assert reason.endswith("cc.sh was ended by signal 9")
+    np.testing.assert_allclose(got, expected, rtol=1e-12)
+
+
+def test_a_compiler_that_makes_nothing_is_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("MMG_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setenv("MMG_CC", script(tmp_path, "exit 0"))
+    assert compile_library(SEVEN, FLAGS) == (None, f"{tmp_path}/cc.sh made no library")
+
+
+@needs_compiler
+def test_any_number_of_threads_gives_the_same_run() -> None:
+    simulator = Simulator(load_ship("esso_osaka_3m"))
+    start = np.tile(np.array([[0.0], [0.0], [0.0], [0.2], [0.01], [0.02]]), (1, 700)) * np.linspace(0.5, 1.5, 700)
+    inputs = np.tile(np.array([8.0, 0.3, 0.5, 0.0]), (10, 1))
+    one, many = (simulator.run(start, inputs, 0.1, threads=n) for n in (1, 256))
+    np.testing.assert_array_equal(one, many)
