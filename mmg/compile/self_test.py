@@ -31,7 +31,8 @@ def by_virtual_machine(function: ca.Function, inputs: Sequence[np.ndarray]) -> l
 
 
 def alike(found: np.ndarray, expected: np.ndarray) -> bool:
-    """Whether two results of the same work are the same but for rounding; what is no number must be none in both."""
+    """Whether the arrays ``found`` and ``expected``, (nnz, M) both, are the same but for rounding; what is no number in
+    one must be none in the other."""
     good = np.isfinite(expected)
     if found.shape != expected.shape or not np.array_equal(good, np.isfinite(found)):
         return False
