@@ -31,8 +31,8 @@ def by_virtual_machine(function: ca.Function, inputs: Sequence[np.ndarray]) -> l
 
 
 def alike(found: np.ndarray, expected: np.ndarray) -> bool:
-    """Whether the arrays ``found`` and ``expected``, (nnz, M) both, are the same but for rounding, where what is expected
-    is a number (what follows from none is not the same everywhere)."""
+    """Whether the arrays ``found`` and ``expected``, (nnz, M) both, are the same but for rounding, where a number is
+    expected (what follows from none is not the same everywhere)."""
     good = np.isfinite(expected)
     if found.shape != expected.shape or not np.isfinite(found[good]).all():
         return False
