@@ -90,38 +90,78 @@ def information(problem: Problem, x: np.ndarray) -> Information:
     """
     seg, S, L, columns = problem.segments, problem.S, problem.L, problem.columns
     p, parts = problem.split(x)[1].copy(), Quadratics.of(problem, x)
-    V, v = np.zeros((len(seg.run), S + L, S + L)), np.zeros((len(seg.run), S + L))
-    for depth, i in enumerate(intervals_by_level(seg)):
-        w, start = seg.window[i], seg.start[i]
-        if depth == 0:
-            add_rows(V, w, parts.nodes[seg.end[i]])
-            v[w] = parts.node_slope[seg.end[i]]
-        T, off = parts.maps[i], parts.off[i]
-        price = problem.jump_weight[i][:, None] * problem.scale[problem.random] ** 2
-        H, slope = minimised_over_jumps(V[w], v[w], problem.random, price)
-        slope = slope + (H @ off[:, :, None])[:, :, 0]
-        pulled = (np.swapaxes(T, 1, 2) @ slope[:, :S, None])[:, :, 0]
-        pulled[:, S:] += slope[:, S:]
-        V[w] = pulled_back(H, T)
-        add_rows(V, w, parts.inside[i] + parts.nodes[start])
-        v[w] = pulled + parts.inside_slope[i] + parts.node_slope[start]
-    V[:, S:, S:] += parts.shared
-    solved = np.linalg.solve(V[:, :S, :S], np.concatenate([V[:, :S, S:], v[:, :S, None]], axis=2))
-    across = np.swapaxes(V[:, :S, S:], 1, 2) @ solved
-    local = V[:, S:, S:] - across[:, :, :L]
+    price = problem.jump_weight[:, None] * problem.scale[problem.random] ** 2
+    left = Eliminated.of(seg, parts, problem.random, price)
+    shared = parts.shared + left.shared_by_window(seg)
+    solved = np.linalg.solve(
+        left.rows[:, :, :S], np.concatenate([left.rows[:, :, S:], left.slope[:, :S, None]], axis=2)
+    )
+    across = np.swapaxes(left.rows[:, :, S:], 1, 2) @ solved
+    local = shared - across[:, :, :L]
     at = columns.each(columns.at, columns.window)
     fisher, score = np.zeros((len(seg.run), problem.P, problem.P)), np.zeros((len(seg.run), problem.P))
     window = np.arange(len(seg.run))[:, None]
     fisher[window[:, :, None], at[:, :, None], at[:, None, :]] = 0.5 * (local + np.swapaxes(local, 1, 2))
-    score[window, at] = v[:, S:] - across[:, :, L]
+    score[window, at] = left.slope[:, S:] - across[:, :, L]
     return Information(fisher, score, p, seg.run.copy(), problem.prior.symbols, *prior_parts(problem, p), columns.owner)
 
 
-def add_rows(V: np.ndarray, w: np.ndarray, rows: np.ndarray) -> None:
-    """Adds ``rows`` (m, S, n) of symmetric matrices, the quadratics of states in (state, p), to V[w] (m, n, n)."""
-    S = rows.shape[1]
-    V[w, :S] += rows
-    V[w, S:, :S] += np.swapaxes(rows[:, :, S:], 1, 2)
+@dataclass(frozen=True)
+class Eliminated:
+    """Cost of each window over its first state and p, all later states eliminated from the last one backwards.
+
+    rows: (W, S, S + L) of the first states, slope: (W, S + L). The quadratic in p is what the samples alone have there
+    and, for each interval, A^T B + B^T A of ``factors`` = A, B (M, S or more, L). ahead: (M, S, S + L) rows and pull:
+    (M, S) slope of the cost-to-go at the end of each interval.
+    """
+
+    rows: np.ndarray
+    slope: np.ndarray
+    factors: tuple[np.ndarray, np.ndarray]
+    ahead: np.ndarray
+    pull: np.ndarray
+
+    @classmethod
+    def of(cls, seg: Segments, parts: Quadratics, random: np.ndarray, price: np.ndarray) -> Eliminated:
+        """random: (R,) states that may jump at a node; price: (M, R) of the squares of their jumps."""
+        S, n = parts.maps.shape[1:]
+        W, M, R, L = len(seg.run), len(parts.maps), len(random), n - S
+        rows, slope = np.zeros((W, S, n)), np.zeros((W, n))
+        ahead, pull = np.empty((M, S, n)), np.empty((M, S))
+        A, B = np.empty((2, M, S + R, L))
+        for depth, i in enumerate(intervals_by_level(seg)):
+            w, start, T = seg.window[i], seg.start[i], parts.maps[i]
+            if depth == 0:
+                rows[w], slope[w] = parts.nodes[seg.end[i]], parts.node_slope[seg.end[i]]
+            H, v = rows[w], slope[w]
+            ahead[i], pull[i] = H, v[:, :S]
+            H, v, A[i, S:], B[i, S:] = minimised_over_jumps(H, v, random, price[i])
+            v += (np.swapaxes(H, 1, 2) @ parts.off[i][:, :S, None])[:, :, 0]
+            through = H[:, :, :S] @ T
+            A[i, :S], B[i, :S] = T[:, :, S:], 0.5 * through[:, :, S:] + H[:, :, S:]
+            through[:, :, S:] += H[:, :, S:]
+            turned = np.swapaxes(T, 1, 2)
+            rows[w] = turned[:, :S] @ through + parts.inside[i] + parts.nodes[start]
+            carried = (turned @ v[:, :S, None])[:, :, 0]
+            carried[:, S:] += v[:, S:]
+            slope[w] = carried + parts.inside_slope[i] + parts.node_slope[start]
+        return cls(rows, slope, (A, B), ahead, pull)
+
+    def shared_by_window(self, seg: Segments) -> np.ndarray:
+        """What the elimination adds to the quadratic in p, by window (W, L, L)."""
+        total = np.zeros((len(self.rows), *2 * self.factors[0].shape[2:]))
+        for i in intervals_by_level(seg):
+            A, B = (factor[i] for factor in self.factors)
+            total[seg.window[i]] += np.swapaxes(A, 1, 2) @ B
+        return total + np.swapaxes(total, 1, 2)
+
+    def shared_by_group(self, group: np.ndarray, groups: int) -> np.ndarray:
+        """The same, summed over the intervals of each ``group`` (M,): (groups, L, L)."""
+        total = np.empty((groups, *2 * self.factors[0].shape[2:]))
+        for g in range(groups):
+            A, B = (f if groups == 1 else f[group == g] for f in self.factors)
+            total[g] = A.reshape(-1, A.shape[2]).T @ B.reshape(-1, B.shape[2])
+        return total + np.swapaxes(total, 1, 2)
 
 
 def intervals_by_level(seg: Segments) -> list[np.ndarray]:
@@ -176,9 +216,10 @@ def _inside(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np
     """Quadratics of the samples inside each interval: rows (M, S, S + L) and slope (M, S + L) in (start node, p), and
     those in p alone by window (W, L, L)."""
     nodes, p, _, _ = problem.evaluate(x)
-    pull, _ = problem.sample_pull(x)
+    pull, own = problem.sample_pull(x)
     cost = problem.sample_cost(x, pull, problem.weights_at(x)[1], 0.0)
     found = problem.shooting.quadratics(nodes[problem.segments.start].T, problem.coefficients(p), cost)
+    problem.keep_slopes(x, found.ends, found.slope, own)
     unit, S = _unit(problem, problem.columns.interval), problem.S
     of_window = _unit(problem, problem.columns.window)[:, :, S:]
     slope = problem.slopes(x)[1] * unit[:, 0]
@@ -225,38 +266,26 @@ def transitions(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray
     return T, off
 
 
-def pulled_back(H: np.ndarray, T: np.ndarray) -> np.ndarray:
-    """Quadratics (m, n, n) in (start, p) from ``H`` (m, n, n) in (end, p), with the maps T (m, S, n) of ends.
-
-    Only S rows of the whole map are none of the identity, so the products cost S n^2 instead of n^3.
-    """
-    S, turned = T.shape[1], np.swapaxes(T, 1, 2)
-    found = turned @ (H[:, :S, :S] @ T)
-    across = turned @ H[:, :S, S:]
-    found[:, :, S:] += across
-    found[:, S:] += np.swapaxes(across, 1, 2)
-    found[:, S:, S:] += H[:, S:, S:]
-    return found
-
-
 def minimised_over_jumps(
-    V: np.ndarray, v: np.ndarray, r: np.ndarray, price: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Quadratics (m, n, n) and slopes (m, n), V and v, after minimising over jumps of the states ``r`` (R,).
+    H: np.ndarray, v: np.ndarray, r: np.ndarray, price: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Rows H (m, S, n) of the states' quadratics in (state, p) and slopes v (m, n), after minimising over jumps of the
+    states ``r`` (R,); the quadratic in p changes by A^T B + B^T A of the last two (m, R, n - S).
 
     price: (m, R) cost of the square of each jump.
     """
+    S = H.shape[1]
     if not len(r):
-        return V, v
-    inner, own = V[:, r[:, None], r].copy(), np.arange(len(r))
+        return H, v.copy(), H[:, :0, S:], H[:, :0, S:]
+    inner, own = H[:, r[:, None], r].copy(), np.arange(len(r))
     inner[:, own, own] += price
-    K = np.linalg.inv(inner)
-    pulled = V[:, :, r] @ K
-    H = V - pulled @ V[:, r]
-    slope = v - (pulled @ v[:, r, None])[:, :, 0]
-    H[:, :, r] = pulled * price[:, None, :]
-    H[:, r, :] = np.swapaxes(H[:, :, r], 1, 2)
-    H[:, r[:, None], r] = -price[:, :, None] * K * price[:, None, :]
-    H[:, r, r] += price
-    slope[:, r] = price * (K @ v[:, r, None])[:, :, 0]
-    return H, slope
+    K, G = np.linalg.inv(inner), H[:, r]
+    KG, Kv = K @ G, (K @ v[:, r, None])[:, :, 0]
+    rows = H - H[:, :, r] @ KG
+    slope = v - (np.swapaxes(G, 1, 2) @ Kv[:, :, None])[:, :, 0]
+    rows[:, r] = price[:, :, None] * KG
+    rows[:, :, r] = np.swapaxes(rows[:, r, :S], 1, 2)
+    rows[:, r[:, None], r] = -price[:, :, None] * K * price[:, None, :]
+    rows[:, r, r] += price
+    slope[:, r] = price * Kv
+    return rows, slope, G[:, :, S:], -0.5 * KG[:, :, S:]

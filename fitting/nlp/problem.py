@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,7 @@ from fitting.nlp.prior import Prior as Prior
 from fitting.nlp.run_constants import Columns, neutral_values
 from fitting.nlp.sample_cost import SampleCost
 from fitting.nlp.shooting import Kernels, Shooting
-from fitting.nlp.sparsity import sparsity_patterns
+from fitting.nlp.sparsity import Pattern, sparsity_patterns
 from fitting.nlp.windows import Segments
 from mmg.effects.disturbance import LATENT_STATES
 from mmg.model import assemble, states_behind
@@ -66,16 +67,15 @@ class Problem:
         self.fixed = np.array([i for i in range(self.S) if i not in self.random], dtype=int)
         self.D = len(self.fixed)
         self.n, self.m = self.S * self.B + self.P, self.D * self.M
-        self.decay, self.jump_weight = self._latent_process()
+        self.decay = self.jump_weight = np.zeros(self.M)
+        if len(self.random):
+            self.decay, self.jump_weight = segments.latent_process(ship.coefficients["disturbance.tau"].value)
         at_nodes, inside = segments.variances(self.sigma, self.loss.tau)
         self.node_weight = segments.pinned() / at_nodes
         self.weight = segments.mask / inside
         self.measured_nodes = states_behind(kernels.model, segments.nodes.T, segments.node_controls, self.base).T
         self.memory_weight = np.zeros((self.B, self.S - 6))
         self.memory_weight[np.unique(segments.node_window, return_index=True)[1]] = 1 / kernels.model.sizes**2
-        jacobian, hessian = sparsity_patterns(segments, self.S, self.P, self.fixed, self.random, self.columns)
-        self.jacobian_sparsity, self._jacobian_order = jacobian
-        self.hessian_sparsity, self.hessian_order = hessian
         self._values_at = self._slopes_at = np.full(self.n, np.nan)
 
     @classmethod
@@ -99,18 +99,15 @@ class Problem:
         points, compiled = self.captive.points if self.captive else None, not self.kernels.interpreted_because
         return Problem.of, (self.ship, self.prior, self.segments, self.sigma, self.loss, points, compiled)
 
-    def _latent_process(self) -> tuple[np.ndarray, np.ndarray]:
-        """Of the latent process over each interval (M,): what is left of it, and 1 / variance of its change."""
-        if not len(self.random):
-            return np.zeros(self.M), np.zeros(self.M)
-        x = self.segments.h / self.ship.coefficients["disturbance.tau"].value
-        left = (1 - x + x**2 / 2 - x**3 / 6 + x**4 / 24) ** self.segments.steps
-        return left, 1 / (1 - left**2)
-
     def process_jumps(self, nodes: np.ndarray) -> np.ndarray:
         """Change of the latent process over each interval beyond its decay, (M, number of its states)."""
         seg = self.segments
         return self.decay[:, None] * nodes[seg.start][:, self.random] - nodes[seg.end][:, self.random]
+
+    @cached_property
+    def patterns(self) -> tuple[Pattern, Pattern]:
+        """Where the nonzeros of the constraint Jacobian and of the Hessian's upper triangle lie, and their order."""
+        return sparsity_patterns(self.segments, self.S, self.P, self.fixed, self.random, self.columns)
 
     def split(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Node states (B, S) in SI and scaled coefficients p (P,)."""
@@ -189,10 +186,12 @@ class Problem:
             nodes, p, _, _ = self.evaluate(x)
             pull, own = self.sample_pull(x)
             ends, slope = self.shooting.linearise(nodes[self.segments.start].T, self.coefficients(p), pull)
-            self._keep_slopes(x, ends, slope, own)
+            self.keep_slopes(x, ends, slope, own)
         return self._slopes
 
-    def _keep_slopes(self, x: np.ndarray, ends: np.ndarray, slope: np.ndarray, own: np.ndarray) -> None:
+    def keep_slopes(self, x: np.ndarray, ends: np.ndarray, slope: np.ndarray, own: np.ndarray) -> None:
+        """Keeps what ``slopes`` gives at x (n,): ends (M, S, S + L), and slope (M, S + L) without the part that the
+        measurement alone has in the coefficients, ``own`` (M, L)."""
         slope[:, self.S :] += own
         self._slopes, self._slopes_at = (ends, slope), x.copy()
 
@@ -238,17 +237,23 @@ class Problem:
         return self.columns.points(theta, self.columns.node), self.columns.points(theta, self.columns.interval)
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
-        """Nonzeros of d defects / dx in the order of ``jacobian_sparsity``."""
+        """Nonzeros of d defects / dx in the order of ``patterns``."""
         sensitivity = self.slopes(x)[0][:, self.fixed]
         scale = self.scale[self.fixed]
         block = sensitivity[:, :, : self.S] * (self.scale[None, :] / scale[:, None])
         std = self.columns.each(self.std, self.columns.interval)[:, None, :]
         theta = sensitivity[:, :, self.S :] * (std / scale[:, None])
         ends = np.full(self.m, -1.0)
-        return np.concatenate([block.reshape(-1), ends, theta.reshape(-1)])[self._jacobian_order]
+        return np.concatenate([block.reshape(-1), ends, theta.reshape(-1)])[self.patterns[0][1]]
 
     def hessian(self, x: np.ndarray, factor: float, multipliers: np.ndarray) -> np.ndarray:
-        """Nonzeros of the upper triangle of the Hessian of factor objective + multipliers . defects."""
+        """Nonzeros of the upper triangle of the Hessian of factor objective + multipliers . defects, in the order of
+        ``patterns``."""
+        return self.hessian_parts(x, factor, multipliers)[self.patterns[1][1]]
+
+    def hessian_parts(self, x: np.ndarray, factor: float, multipliers: np.ndarray) -> np.ndarray:
+        """The same by blocks: of each node's state, of each node with the coefficients, of latent states across the
+        intervals, of the coefficients."""
         seg, S, columns = self.segments, self.S, self.columns
         at_nodes, p, _, _ = self.evaluate(x)
         lam = np.zeros((S, self.M))
@@ -278,7 +283,7 @@ class Problem:
         border = nodes[:, :, S:] * columns.each(s[:, None] * t, columns.node)
         shared = columns.matrix(shared * (np.swapaxes(t, 1, 2) * t), self.P) + factor * np.eye(self.P)
         parts = (own, border, across, shared[np.triu_indices(self.P)])
-        return np.concatenate([part.reshape(-1) for part in parts])[self.hessian_order]
+        return np.concatenate([part.reshape(-1) for part in parts])
 
     def _curved(self, x: np.ndarray, factor: float, lam: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Hessian of lam (S, M) . ends + factor times the cost of the samples inside the intervals: by group (G, L, L),
@@ -288,7 +293,7 @@ class Problem:
         cost = self.sample_cost(x, factor * pull, factor * self.loss.second_derivative(self.weight, ei), factor)
         found = self.shooting.hessian(nodes[self.segments.start].T, self.coefficients(p), cost, lam)
         if factor == 1.0:
-            self._keep_slopes(x, found.ends, found.slope, own)
+            self.keep_slopes(x, found.ends, found.slope, own)
         rows = np.zeros((self.B, self.S, self.S + self.L))
         rows[self.segments.start] += found.rows
         return found.shared, rows
@@ -324,4 +329,7 @@ class Problem:
     def with_changes(self, **changes: Any) -> Problem:
         """The same problem with other arguments of its constructor; a ship may differ in what is not free."""
         names = ("ship", "prior", "kernels", "segments", "sigma", "loss", "captive")
-        return Problem(**{**{name: getattr(self, name) for name in names}, **changes})
+        changed = Problem(**{**{name: getattr(self, name) for name in names}, **changes})
+        if "patterns" in self.__dict__ and not changes.keys() & {"ship", "prior", "kernels", "segments"}:
+            changed.__dict__["patterns"] = self.patterns
+        return changed

@@ -140,7 +140,7 @@ def _functions(program: Problem, watch: _Watch) -> tuple[Any, dict[str, Any]]:
     n, m = program.n, program.m
     column, row, scalar = ca.Sparsity.dense(n, 1), ca.Sparsity.dense(1, n), ca.Sparsity.dense(1, 1)
     empty, constraint = ca.Sparsity(0, 0), ca.Sparsity.dense(m, 1)
-    jacobian, hessian = program.jacobian_sparsity, program.hessian_sparsity
+    (jacobian, _), (hessian, _) = program.patterns
     fg = _Buffered("fg", [column], [scalar, constraint], lambda x: [program.objective(x), program.defects(x)])
     gf = _Buffered("gf", [column, empty], [scalar, row], lambda x, _: [program.objective(x), program.gradient(x)])
     jg = _Buffered(

@@ -90,7 +90,7 @@ def log_determinant(problem: Problem, parts: Quadratics, factor: np.ndarray) -> 
         inner = V[w][:, r[:, None], r]
         inner[:, np.arange(len(r)), np.arange(len(r))] += price
         total += float(np.linalg.slogdet(inner)[1].sum())
-        H, _ = minimised_over_jumps(V[w], nothing[w], r, price)
+        H = minimised_over_jumps(V[w], nothing[w], r, price)[0]
         T = parts.maps[i][:, :S, :S]
         V[w] = np.swapaxes(T, 1, 2) @ H @ T + parts.inside[i][:, :S, :S] + at_nodes[seg.start[i]]
     return total + float(np.linalg.slogdet(V)[1].sum())

@@ -13,15 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fitting.nlp.fisher_information import (
-    Quadratics,
-    add_rows,
-    intervals_by_level,
-    prior_parts,
-    pulled_back,
-    transitions,
-)
+from fitting.nlp.fisher_information import Eliminated, Quadratics, intervals_by_level, prior_parts, transitions
 from fitting.nlp.problem import Problem
+from fitting.nlp.run_constants import Columns
 
 LEAST = 1e-8
 """Least eigenvalue of a block that is inverted, relative to its largest."""
@@ -78,9 +72,7 @@ def gauss_newton(problem: Problem, x: np.ndarray) -> Subproblem:
 def exact(problem: Problem, x: np.ndarray, multipliers: np.ndarray) -> Subproblem:
     """That of ``problem`` with the Hessian of the Lagrangian at x (n,) and the ``multipliers`` (m,) of the defects."""
     S, L, B, P = problem.S, problem.L, problem.B, problem.P
-    nonzeros = problem.hessian(x, 1.0, multipliers)
-    values = np.empty_like(nonzeros)
-    values[problem.hessian_order] = nonzeros
+    values = problem.hessian_parts(x, 1.0, multipliers)
     pairs = S * (S + 1) // 2
     own, border = values[: B * pairs].reshape(B, pairs), values[B * pairs :][: B * S * L].reshape(B, S, L)
     rows, shared = np.empty((B, S, S + L)), np.empty((P, P))
@@ -98,33 +90,20 @@ def solved(problem: Problem, sub: Subproblem, p: np.ndarray) -> Step | None:
     """The step that minimises ``sub`` from p (P,) within the bounds of ``problem``; None for numbers not finite."""
     seg, S, L, P, columns = problem.segments, problem.S, problem.L, problem.P, problem.columns
     W, at = len(seg.run), columns.each(columns.at, columns.window)
-    V, v = np.zeros((W, S + L, S + L)), np.zeros((W, S + L))
-    ahead, pull = np.empty((problem.M, S, S + L)), np.empty((problem.M, S))
-
-    def add(w: np.ndarray, node: np.ndarray) -> None:
-        add_rows(V, w, sub.rows[node])
-        v[w, :S] += sub.slope[node]
-
-    for depth, i in enumerate(intervals_by_level(seg)):
-        w = seg.window[i]
-        if depth == 0:
-            add(w, seg.end[i])
-        T, H = sub.maps[i], V[w]
-        slope = v[w] + (H[:, :, :S] @ sub.off[i][:, :, None])[:, :, 0]
-        ahead[i], pull[i] = H[:, :S], v[w, :S]
-        v[w] = (np.swapaxes(T, 1, 2) @ slope[:, :S, None])[:, :, 0]
-        v[w, S:] += slope[:, S:]
-        V[w] = pulled_back(H, T)
-        add(w, seg.start[i])
-    if not (np.isfinite(V).all() and np.isfinite(sub.shared).all()):
+    inside, still = np.zeros((problem.M, 1, 1)), np.zeros((problem.M, 1))
+    node_slope = np.hstack([sub.slope, np.zeros((problem.B, L))])
+    parts = Quadratics(inside, still, sub.rows, node_slope, sub.shared, sub.maps, sub.off)
+    left = Eliminated.of(seg, parts, problem.random, np.zeros((problem.M, 0)))
+    if not (np.isfinite(left.rows).all() and np.isfinite(left.slope).all() and np.isfinite(sub.shared).all()):
         return None
-    first, changed = _positive(V[:, :S, :S])
-    gain = np.linalg.solve(first, np.concatenate([V[:, :S, S:], v[:, :S, None]], axis=2))
-    across = np.swapaxes(V[:, :S, S:], 1, 2) @ gain
+    first, changed = _positive(left.rows[:, :, :S])
+    border = left.rows[:, :, S:]
+    gain = np.linalg.solve(first, np.concatenate([border, left.slope[:, :S, None]], axis=2))
     whole, whole_slope = sub.shared.copy(), sub.shared_slope.copy()
-    local, local_slope = V[:, S:, S:] - across[:, :, :L], v[:, S:] - across[:, :, L]
-    whole += columns.matrix(columns.total(local, columns.window), P)
-    whole_slope += columns.vector(columns.total(local_slope, columns.window), P)
+    local = left.shared_by_group(columns.interval, columns.groups)
+    whole += columns.matrix(local - _by_group(columns, border, gain[:, :, :L]), P)
+    slopes = left.slope[:, S:] - (np.swapaxes(border, 1, 2) @ gain[:, :, L:])[:, :, 0]
+    whole_slope += columns.vector(columns.total(slopes, columns.window), P)
     dense, more = _positive(0.5 * (whole + whole.T)[None])
     lower, upper = problem.p_bounds()
     dp = within_bounds(dense[0], whole_slope, lower - p, upper - p)
@@ -134,11 +113,20 @@ def solved(problem: Problem, sub: Subproblem, p: np.ndarray) -> Step | None:
     first_state = -(gain[:, :, :L] @ local_dp[:, :, None])[:, :, 0] - gain[:, :, L]
     nodes = carried(problem, sub.maps, sub.off, first_state, local_dp)
     end = np.concatenate([nodes[seg.end], local_dp[seg.window]], axis=1)
-    multipliers = (ahead @ end[:, :, None])[:, :, 0] + pull
+    multipliers = (left.ahead @ end[:, :, None])[:, :, 0] + left.pull
     decrease = float((sub.slope * nodes).sum() + sub.shared_slope @ dp)
     bound = -(dense[0] @ dp + whole_slope)
     bound[(dp > lower - p) & (dp < upper - p)] = 0.0
     return Step(nodes, dp, multipliers.reshape(-1), bound, decrease, changed or more)
+
+
+def _by_group(columns: Columns, left: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Sums by group (G, L, L) over the windows of left^T right (W, S, L)."""
+    total = np.empty((columns.groups, left.shape[2], right.shape[2]))
+    for g in range(columns.groups):
+        A, B = (f if columns.groups == 1 else f[columns.window == g] for f in (left, right))
+        total[g] = A.reshape(-1, A.shape[2]).T @ B.reshape(-1, B.shape[2])
+    return total
 
 
 def carried(problem: Problem, maps: np.ndarray, off: np.ndarray, first: np.ndarray, p: np.ndarray) -> np.ndarray:

@@ -65,9 +65,9 @@ def test_the_problem_with_captive_points_has_exact_derivatives() -> None:
     assert p.gradient(x) @ d == pytest.approx(slope, rel=1e-5)
 
     def gradient(x: np.ndarray) -> np.ndarray:
-        return 0.7 * p.gradient(x) + matrix(p.jacobian_sparsity, p.jacobian(x)).T @ lam
+        return 0.7 * p.gradient(x) + matrix(p.patterns[0][0], p.jacobian(x)).T @ lam
 
-    H = matrix(p.hessian_sparsity, p.hessian(x, 0.7, lam))
+    H = matrix(p.patterns[1][0], p.hessian(x, 0.7, lam))
     H = H + sp.triu(H, 1).T
     bent = (gradient(x + e * d) - gradient(x - e * d)) / (2 * e)
     np.testing.assert_allclose(H @ d, bent, atol=2e-5 * np.abs(bent).max())

@@ -96,14 +96,14 @@ def test_derivatives_with_memory_place_and_measurement_agree_with_finite_differe
     x, d, lam, e = away_from_kinks(p), rng.normal(size=p.n), rng.normal(size=p.m), 1e-6
     slope = (p.objective(x + e * d) - p.objective(x - e * d)) / (2 * e)
     assert p.gradient(x) @ d == pytest.approx(slope, rel=1e-5)
-    J = matrix(p.jacobian_sparsity, p.jacobian(x))
+    J = matrix(p.patterns[0][0], p.jacobian(x))
     difference = (p.defects(x + e * d) - p.defects(x - e * d)) / (2 * e)
     np.testing.assert_allclose(J @ d, difference, atol=1e-6 * np.abs(difference).max())
 
     def gradient(x: np.ndarray) -> np.ndarray:
-        return 0.7 * p.gradient(x) + matrix(p.jacobian_sparsity, p.jacobian(x)).T @ lam
+        return 0.7 * p.gradient(x) + matrix(p.patterns[0][0], p.jacobian(x)).T @ lam
 
-    H = matrix(p.hessian_sparsity, p.hessian(x, 0.7, lam))
+    H = matrix(p.patterns[1][0], p.hessian(x, 0.7, lam))
     H = H + sp.triu(H, 1).T
     bent = (gradient(x + e * d) - gradient(x - e * d)) / (2 * e)
     np.testing.assert_allclose(H @ d, bent, atol=2e-5 * np.abs(bent).max())

@@ -94,14 +94,14 @@ def test_derivatives_agree_with_finite_differences(K: int, captive: bool) -> Non
     for d in (rng.normal(size=p.n), *np.eye(p.n)[-7:]):  # all at once, then a shared one and each constant
         slope = (p.objective(x + e * d) - p.objective(x - e * d)) / (2 * e)
         assert p.gradient(x) @ d == pytest.approx(slope, rel=1e-5, abs=1e-5)
-        J = matrix(p.jacobian_sparsity, p.jacobian(x))
+        J = matrix(p.patterns[0][0], p.jacobian(x))
         difference = (p.defects(x + e * d) - p.defects(x - e * d)) / (2 * e)
         np.testing.assert_allclose(J @ d, difference, atol=1e-6 * max(np.abs(difference).max(), 1e-3))
 
         def pulled(x: np.ndarray) -> np.ndarray:
-            return 0.7 * p.gradient(x) + matrix(p.jacobian_sparsity, p.jacobian(x)).T @ lam
+            return 0.7 * p.gradient(x) + matrix(p.patterns[0][0], p.jacobian(x)).T @ lam
 
-        H = matrix(p.hessian_sparsity, p.hessian(x, 0.7, lam))
+        H = matrix(p.patterns[1][0], p.hessian(x, 0.7, lam))
         difference = (pulled(x + e * d) - pulled(x - e * d)) / (2 * e)
         np.testing.assert_allclose((H + sp.triu(H, 1).T) @ d, difference, atol=2e-5 * np.abs(difference).max())
 
@@ -151,7 +151,7 @@ def test_sorting_intervals_by_run_changes_nothing() -> None:
     x = somewhere(one)
     assert other.objective(x) == pytest.approx(one.objective(x), rel=1e-12)
     np.testing.assert_allclose(other.gradient(x), one.gradient(x), rtol=1e-9, atol=1e-9)
-    H = [matrix(p.hessian_sparsity, p.hessian(x, 1.0, np.zeros(p.m))) for p in (one, other)]
+    H = [matrix(p.patterns[1][0], p.hessian(x, 1.0, np.zeros(p.m))) for p in (one, other)]
     np.testing.assert_allclose(H[1].toarray(), H[0].toarray(), rtol=1e-9, atol=1e-6)
     assert (np.diff(other.segments.run[other.segments.window]) >= 0).all()
 

@@ -54,7 +54,7 @@ def test_first_derivatives_agree_with_finite_differences(K: int) -> None:
     x, d, e = somewhere(p), np.random.default_rng(1).normal(size=p.n), 1e-6
     slope = (p.objective(x + e * d) - p.objective(x - e * d)) / (2 * e)
     assert p.gradient(x) @ d == pytest.approx(slope, rel=1e-6)
-    J = matrix(p.jacobian_sparsity, p.jacobian(x))
+    J = matrix(p.patterns[0][0], p.jacobian(x))
     difference = (p.defects(x + e * d) - p.defects(x - e * d)) / (2 * e)
     np.testing.assert_allclose(J @ d, difference, atol=1e-6 * np.abs(difference).max())
 
@@ -66,9 +66,9 @@ def test_the_lagrangian_hessian_agrees_with_finite_differences(K: int) -> None:
     x, d, lam, e = somewhere(p), rng.normal(size=p.n), rng.normal(size=p.m), 1e-7
 
     def slope(x: np.ndarray) -> np.ndarray:
-        return 0.7 * p.gradient(x) + matrix(p.jacobian_sparsity, p.jacobian(x)).T @ lam
+        return 0.7 * p.gradient(x) + matrix(p.patterns[0][0], p.jacobian(x)).T @ lam
 
-    H = matrix(p.hessian_sparsity, p.hessian(x, 0.7, lam))
+    H = matrix(p.patterns[1][0], p.hessian(x, 0.7, lam))
     H = H + sp.triu(H, 1).T
     difference = (slope(x + e * d) - slope(x - e * d)) / (2 * e)
     np.testing.assert_allclose(H @ d, difference, atol=1e-5 * np.abs(difference).max())

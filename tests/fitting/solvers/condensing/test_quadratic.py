@@ -32,8 +32,8 @@ def test_the_exact_step_solves_the_whole_system(kind: str) -> None:
     x, lam = near.x + 1e-4 * rng.normal(size=p.n), near.multipliers
     step = solved(p, exact(p, x, lam), p.split(x)[1])
     assert step is not None and not step.changed
-    H = matrix(p.hessian_sparsity, p.hessian(x, 1.0, lam))
-    H, J = H + sp.triu(H, 1).T, matrix(p.jacobian_sparsity, p.jacobian(x))
+    H = matrix(p.patterns[1][0], p.hessian(x, 1.0, lam))
+    H, J = H + sp.triu(H, 1).T, matrix(p.patterns[0][0], p.jacobian(x))
     whole = sp.bmat([[H, J.T], [J, None]]).tocsc()
     found = sp.linalg.spsolve(whole, -np.concatenate([p.gradient(x), p.defects(x)]))
     ours = np.concatenate([step.nodes.reshape(-1), step.p, step.multipliers])
@@ -57,7 +57,7 @@ def test_both_subproblems_have_the_gradient_and_the_linearised_defects_of_the_pr
     step = solved(unbounded(p), one, p.split(x)[1])
     assert step is not None
     d = np.concatenate([step.nodes.reshape(-1), step.p])
-    linear = matrix(p.jacobian_sparsity, p.jacobian(x)) @ d + p.defects(x)
+    linear = matrix(p.patterns[0][0], p.jacobian(x)) @ d + p.defects(x)
     np.testing.assert_allclose(linear, 0, atol=1e-8 * np.abs(p.defects(x)).max())
 
 

@@ -56,7 +56,7 @@ def test_it_ends_at_a_point_that_is_optimal(kind: str) -> None:
     p = PROBLEMS[kind]()
     found = lead(p, p.start(), 1e-9, 60)
     assert found.reached
-    slope = p.gradient(found.x) + matrix(p.jacobian_sparsity, p.jacobian(found.x)).T @ found.multipliers
+    slope = p.gradient(found.x) + matrix(p.patterns[0][0], p.jacobian(found.x)).T @ found.multipliers
     slope[p.S * p.B :] += found.bound
     assert np.abs(slope).max() < 1e-3 * np.abs(p.gradient(found.x)).max()
     assert np.abs(p.defects(found.x)).max() < 1e-5
