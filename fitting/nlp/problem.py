@@ -59,8 +59,7 @@ class Problem:
         self.columns = Columns.of(prior, segments)
         held = (segments.steps, segments.controls, segments.h, self.columns.interval, segments.window)
         self.shooting = Shooting(kernels, *held, kernels.interval)
-        self.base, self.std = ship.values, prior.std[self.columns.at]
-        self.L = self.columns.at.shape[1]
+        self.base, self.std, self.L = ship.values, prior.std[self.columns.at], self.columns.at.shape[1]
         self.B, self.P, self.M = len(segments.nodes), len(prior.mean), segments.intervals
         names = kernels.model.states
         self.random = np.array([i for i, name in enumerate(names) if name in LATENT_STATES], dtype=int)
@@ -71,8 +70,7 @@ class Problem:
         if len(self.random):
             self.decay, self.jump_weight = segments.latent_process(ship.coefficients["disturbance.tau"].value)
         at_nodes, inside = segments.variances(self.sigma, self.loss.tau)
-        self.node_weight = segments.pinned() / at_nodes
-        self.weight = segments.mask / inside
+        self.node_weight, self.weight = segments.pinned() / at_nodes, segments.mask / inside
         self.measured_nodes = states_behind(kernels.model, segments.nodes.T, segments.node_controls, self.base).T
         self.memory_weight = np.zeros((self.B, self.S - 6))
         self.memory_weight[np.unique(segments.node_window, return_index=True)[1]] = 1 / kernels.model.sizes**2
@@ -190,8 +188,7 @@ class Problem:
         return self._slopes
 
     def keep_slopes(self, x: np.ndarray, ends: np.ndarray, slope: np.ndarray, own: np.ndarray) -> None:
-        """Keeps what ``slopes`` gives at x (n,): ends (M, S, S + L), and slope (M, S + L) without the part that the
-        measurement alone has in the coefficients, ``own`` (M, L)."""
+        """Keeps what ``slopes`` gives at x (n,); slope lacks ``own`` (M, L), what the measurement alone adds."""
         slope[:, self.S :] += own
         self._slopes, self._slopes_at = (ends, slope), x.copy()
 
@@ -247,13 +244,11 @@ class Problem:
         return np.concatenate([block.reshape(-1), ends, theta.reshape(-1)])[self.patterns[0][1]]
 
     def hessian(self, x: np.ndarray, factor: float, multipliers: np.ndarray) -> np.ndarray:
-        """Nonzeros of the upper triangle of the Hessian of factor objective + multipliers . defects, in the order of
-        ``patterns``."""
+        """Upper triangle of the Hessian of factor objective + multipliers . defects, nonzeros by ``patterns``."""
         return self.hessian_parts(x, factor, multipliers)[self.patterns[1][1]]
 
     def hessian_parts(self, x: np.ndarray, factor: float, multipliers: np.ndarray) -> np.ndarray:
-        """The same by blocks: of each node's state, of each node with the coefficients, of latent states across the
-        intervals, of the coefficients."""
+        """The same by blocks: states of nodes, these with coefficients, latent states across intervals, the rest."""
         seg, S, columns = self.segments, self.S, self.columns
         at_nodes, p, _, _ = self.evaluate(x)
         lam = np.zeros((S, self.M))
@@ -291,11 +286,12 @@ class Problem:
         nodes, p, _, _ = self.evaluate(x)
         ei, (pull, own) = self.errors(x)[1], self.sample_pull(x)
         cost = self.sample_cost(x, factor * pull, factor * self.loss.second_derivative(self.weight, ei), factor)
-        found = self.shooting.hessian(nodes[self.segments.start].T, self.coefficients(p), cost, lam)
+        start = self.segments.start
+        found = self.shooting.hessian(nodes[start].T, self.coefficients(p), cost, lam)
         if factor == 1.0:
             self.keep_slopes(x, found.ends, found.slope, own)
         rows = np.zeros((self.B, self.S, self.S + self.L))
-        rows[self.segments.start] += found.rows
+        rows[start] += found.rows
         return found.shared, rows
 
     def sample_cost(self, x: np.ndarray, pull: np.ndarray, weight: np.ndarray, bending: float) -> SampleCost:
@@ -329,7 +325,7 @@ class Problem:
     def with_changes(self, **changes: Any) -> Problem:
         """The same problem with other arguments of its constructor; a ship may differ in what is not free."""
         names = ("ship", "prior", "kernels", "segments", "sigma", "loss", "captive")
-        changed = Problem(**{**{name: getattr(self, name) for name in names}, **changes})
+        changed = Problem(**{name: getattr(self, name) for name in names} | changes)
         if "patterns" in self.__dict__ and not changes.keys() & {"ship", "prior", "kernels", "segments"}:
             changed.__dict__["patterns"] = self.patterns
         return changed
