@@ -51,8 +51,7 @@ class Problem:
         self.ship, self.prior, self.segments = ship, prior, segments
         self.loss, self.captive = loss or Loss(), captive
         self.sigma = np.asarray(sigma, dtype=float)
-        speed = np.sqrt(np.mean(segments.nodes[:, 3] ** 2 + segments.nodes[:, 4] ** 2)) + 1e-3
-        length = ship.particulars["L"]
+        speed, length = np.sqrt(np.mean((segments.nodes[:, 3:5] ** 2).sum(axis=1))) + 1e-3, ship.particulars["L"]
         scale = np.array([length / 3, length / 3, 0.1, 0.3 * speed, 0.1 * speed, 0.1 * speed / length])
         self.scale = np.concatenate([scale, kernels.model.sizes])
         self.kernels, self.S = kernels, kernels.S
@@ -61,11 +60,11 @@ class Problem:
         self.shooting = Shooting(kernels, *held, kernels.interval)
         self.base, self.std, self.L = ship.values, prior.std[self.columns.at], self.columns.at.shape[1]
         self.B, self.P, self.M = len(segments.nodes), len(prior.mean), segments.intervals
-        names = kernels.model.states
-        self.random = np.array([i for i, name in enumerate(names) if name in LATENT_STATES], dtype=int)
+        latent = [i for i, name in enumerate(kernels.model.states) if name in LATENT_STATES]
+        self.random = np.array(latent, dtype=int)
         self.fixed = np.array([i for i in range(self.S) if i not in self.random], dtype=int)
-        self.D = len(self.fixed)
-        self.n, self.m = self.S * self.B + self.P, self.D * self.M
+        self.D, self.n = len(self.fixed), self.S * self.B + self.P
+        self.m = self.D * self.M
         self.decay = self.jump_weight = np.zeros(self.M)
         if len(self.random):
             self.decay, self.jump_weight = segments.latent_process(ship.coefficients["disturbance.tau"].value)
