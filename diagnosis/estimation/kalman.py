@@ -215,3 +215,30 @@ def adjoint(s: LinearSystem, f: Filtered) -> Adjoint:
             N = f.L[k].swapaxes(1, 2) @ N @ f.L[k]
         N = N + ZF @ s.Z[k]
     return Adjoint(by_T, by_Z, Ns, Ds)
+
+
+def by_rates(s: LinearSystem, found: Adjoint, A: int, h: float) -> np.ndarray:
+    """Derivative (K, R, A, A + 3) of 1/2 log det by the Jacobian of the rates of the first A states by themselves and
+    the latent force, times the step h [s].
+
+    s: the system; found: its adjoint. T is the exponential of the generator: a change of the generator acts equally on
+    either side of the step.
+    """
+    K, R = s.T.shape[:2]
+    weight = np.where(s.inside[..., None, None], found.by_T[:, :, :A, : A + 3], 0.0)
+    through, rest = s.T[:, :, :A, : A + 3], np.broadcast_to(np.eye(A + 3)[A:], (K, R, 3, A + 3))
+    ahead = weight @ np.concatenate([through, rest], axis=2).swapaxes(2, 3)
+    return np.asarray(h * 0.5 * (ahead + through[..., :A].swapaxes(2, 3) @ weight))
+
+
+def observations(s: LinearSystem, f: Filtered, white: np.ndarray) -> np.ndarray:
+    """The deviations (K + 1, R, 6, c) of what is logged from the path without random forces whose whitened residuals
+    are ``white`` (K + 1, R, 6, c). s, f: system and its filter run."""
+    K, R, n = s.T.shape[:3]
+    y, state = np.empty(white.shape), np.zeros((R, n, white.shape[3]))
+    for k in range(K + 1):
+        innovation = np.linalg.solve(f.root[k], white[k])
+        y[k] = s.Z[k] @ state + innovation
+        if k < K:
+            state = s.T[k] @ state + f.gain[k] @ innovation
+    return y

@@ -7,17 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from diagnosis.estimation.filtering import Columns, adjoint, by_rates, filtered, smoothed, whitened
 from diagnosis.estimation.gridded_trials import GriddedTrials
-from diagnosis.estimation.kalman import (
-    Adjoint,
-    Filtered,
-    LinearSystem,
-    NoiseModel,
-    adjoint,
-    filtered,
-    linear_system,
-    responses,
-)
+from diagnosis.estimation.kalman import Adjoint, Filtered, LinearSystem, NoiseModel, linear_system
 from diagnosis.estimation.parameters import NO_PRIORS, Priors, active_in_window, active_states
 from diagnosis.estimation.transition_model import LinearModel, TransitionModel, spread
 from mmg.model import settled
@@ -61,7 +53,8 @@ class Linearisation:
     """Model and filter about a point; P free parameters and extra columns, n states of the filter.
 
     white: (K + 1, R, 6, P + 1) whitened responses of the columns per prior std, and last the negative residual;
-    states: (K + 1, R, n, P + 1) predicted states of the same; adjoint: derivatives of 1/2 log det; by_rates: (K, R, A,
+    states: (K + 1, R, n) predicted states of the residual, which is the column ``residual``; size: (R, P) prior std of
+    the free parameters, 0 in windows where they do not act; adjoint: derivatives of 1/2 log det; by_rates: (K, R, A,
     A + 3) of them by the Jacobian of the rates by states and latent force in the middle of each step [1/s];
     logdet_gradient: (R, P) of them by the columns, by window; nll: as of an ``Estimate``.
     """
@@ -71,10 +64,25 @@ class Linearisation:
     filter: Filtered
     white: np.ndarray
     states: np.ndarray
+    residual: Columns
+    size: np.ndarray
     adjoint: Adjoint
     by_rates: np.ndarray
     logdet_gradient: np.ndarray
     nll: float
+
+    def smoothed(self, dp: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Smoothed states (K + 1, R, n), and the smoother's r (K, R, n) and u (K + 1, R, 6), when the free parameters
+        have moved by dp (P,) [prior std] (default: not at all)."""
+        white, states = self.white[..., -1], self.states
+        if dp is not None and len(dp):
+            move = self.size * dp
+            pushed, seen = self.residual.forcing.copy(), self.residual.observed.copy()
+            pushed[:, :, : self.linear.G.shape[2], 0] += (self.linear.G @ move[:, :, None])[..., 0]
+            seen[..., 0] += np.einsum("krld,rd->krl", self.linear.observed, move[:, self.linear.observing])
+            column = Columns.dense(pushed, seen, self.residual.start)
+            white, states = (x[..., 0] for x in whitened(self.system, self.filter, column, with_states=True))
+        return smoothed(self.system, self.filter, white, states)
 
 
 def initial_trajectory(steps: TransitionModel, data: GriddedTrials, theta: np.ndarray) -> Trajectory:
@@ -147,20 +155,25 @@ def linearise_and_filter(
     system = linear_system(linear, noise, start, data.good, data.inside, data.h)
     filter_run = filtered(system)
     size = free.std * active_in_window(free.columns, data)  # (R, P)
-    forcing, observed = linear.G * size[:, None], linear.D * size[:, None]
-    if extra is not None:
-        forcing, observed = (
-            np.concatenate(pair, axis=3) for pair in zip((forcing, observed), extra(linear), strict=True)
-        )
-    white, states = responses(system, filter_run, *_with_residual(steps, data, at, linear, active, forcing, observed))
+    more = extra(linear) if extra is not None else None
+    parts = [Columns(linear.G, linear.observed, linear.observing, size)]
+    parts += [Columns.dense(*more)] if more is not None else []
+    ends = np.cumsum([0, *(part.forcing.shape[3] for part in parts)])
+    white = np.empty((*data.good.shape, ends[-1] + 1))
+    for part, begin, end in zip(parts, ends, ends[1:], strict=False):
+        whitened(system, filter_run, part, white[..., begin:end])
+    residual = _residual(steps, data, at, linear, active)
+    _, states = whitened(system, filter_run, residual, white[..., -1:], with_states=True)
     derivative = adjoint(system, filter_run)
-    by_rates = _by_rates(data, linear, derivative)
+    rates = by_rates(system, derivative, len(active), data.h)
     by_Z = np.where(data.good[..., None], derivative.by_Z[..., : len(active)], 0.0)
     force = path.force[:-1]
-    gradient = steps.logdet_gradient(path.z, data.inputs, theta, force, by_rates, by_Z, columns, active) * size
-    gradient = np.hstack([gradient, np.zeros((len(data.run), forcing.shape[3] - len(columns)))])
+    gradient = steps.logdet_gradient(path.z, data.inputs, theta, force, rates, by_Z, columns, active) * size
+    gradient = np.hstack([gradient, np.zeros((len(data.run), ends[-1] - len(columns)))])
     nll = 0.5 * float(filter_run.log_det.sum() + (white[..., -1] ** 2).sum() + at.p @ at.p) + noise.neg_log_prior
-    return Linearisation(linear, system, filter_run, white, states, derivative, by_rates, gradient, nll)
+    return Linearisation(
+        linear, system, filter_run, white, states[..., 0], residual, size, derivative, rates, gradient, nll
+    )
 
 
 def linearised_if_finite(
@@ -177,37 +190,19 @@ def linearised_if_finite(
     return here if np.isfinite(here.nll) else None
 
 
-def _with_residual(
-    steps: TransitionModel,
-    data: GriddedTrials,
-    at: Point,
-    linear: LinearModel,
-    active: np.ndarray,
-    forcing: np.ndarray,
-    observed: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Columns as ``responses`` takes them, with the latent force among the states and the negative residual as last."""
-    K, R, A, P = forcing.shape
+def _residual(
+    steps: TransitionModel, data: GriddedTrials, at: Point, linear: LinearModel, active: np.ndarray
+) -> Columns:
+    """The negative residual as a column, with the latent force among the states."""
+    K, R, A = linear.F.shape[:3]
     coloured = int((at.noise.coloured > 0).sum())
     z, force = at.path.z, at.path.force
-    pushed = np.zeros((K, R, A + 3, P + 1))
-    pushed[:, :, :A, :-1] = forcing
-    pushed[:, :, :A, -1] = (linear.end - z[1:])[..., active]
-    pushed[:, :, A:, -1] = np.exp(-data.h / at.noise.tau) * force[:-1] - force[1:]
-    start = np.zeros((R, A + 3 + coloured, P + 1))
-    start[:, A : A + 3, -1] = -force[0]
+    pushed = np.empty((K, R, A + 3, 1))
+    pushed[:, :, :A, 0] = (linear.end - z[1:])[..., active]
+    pushed[:, :, A:, 0] = np.exp(-data.h / at.noise.tau) * force[:-1] - force[1:]
+    start = np.zeros((R, A + 3 + coloured, 1))
+    start[:, A : A + 3, 0] = -force[0]
     if A > 6:
         calm = settled(steps.model, z[0, :, :6].T, data.inputs[0].T, at.theta).T
-        start[:, 6:A, -1] = (calm - z[0])[:, active[6:]]
-    return pushed, np.concatenate([observed, (linear.logged - data.y)[..., None]], axis=3), start
-
-
-def _by_rates(data: GriddedTrials, linear: LinearModel, found: Adjoint) -> np.ndarray:
-    """Derivative (K, R, A, A + 3) of 1/2 log det by the Jacobian of the rates, times the step."""
-    K, R, A = linear.F.shape[:3]
-    weight = np.where(data.inside[..., None, None], found.by_T[:, :, :A, : A + 3], 0.0)
-    through = np.concatenate([linear.F, linear.force], axis=3)
-    rest = np.broadcast_to(np.eye(A + 3)[A:], (K, R, 3, A + 3))
-    # T is the exponential of the generator: a change of the generator acts equally on either side of the step
-    ahead = weight @ np.concatenate([through, rest], axis=2).swapaxes(2, 3)
-    return data.h * 0.5 * (ahead + linear.F.swapaxes(2, 3) @ weight)
+        start[:, 6:A, 0] = (calm - z[0])[:, active[6:]]
+    return Columns.dense(pushed, (linear.logged - data.y)[..., None], start)

@@ -12,7 +12,7 @@ import numpy as np
 
 from diagnosis.estimation.candidates import Column
 from diagnosis.estimation.gridded_trials import GriddedTrials
-from diagnosis.estimation.kalman import NoiseModel, smoothed
+from diagnosis.estimation.kalman import NoiseModel
 from diagnosis.estimation.linearisation import (
     Linearisation,
     Point,
@@ -109,8 +109,7 @@ def _iteration(
     A = gram[:-1, :-1] + np.eye(len(at.p))
     slope = gram[:-1, -1] + at.p + here.logdet_gradient.sum(axis=0)
     dp = bounded_step(A, slope, at.p, *at.free.scaled_bounds)
-    white, states = (x[..., -1] + x[..., :-1] @ dp for x in (here.white, here.states))
-    mean, r, u = smoothed(here.system, here.filter, white, states)
+    mean, r, u = here.smoothed(dp)
     dz, count = np.zeros_like(at.path.z), len(active)
     dz[..., active] = mean[..., :count]
     gain = -float(slope @ dp + 0.5 * dp @ A @ dp)

@@ -13,13 +13,15 @@ import casadi as ca
 import numpy as np
 
 from mmg.compile.batch import BatchFunction, batch_functions
+from mmg.compile.path_numpy import PortablePaths, advanced, pushed, spread_over
+from mmg.compile.paths import Entries, PathCode, WindowPaths, path_code
 from mmg.model import Model, assemble, settled, states_behind
-from mmg.runge_kutta import NODES, WEIGHTS, rk4_step
+from mmg.motion.froude import state_scale
+from mmg.progress import LOGGER
 from mmg.ship import Ship
 
 FORCE = ("tow.X", "tow.Y", "tow.N")
-BLOCK = 256
-"""Points of a block: its arrays stay in the processor's cache."""
+"""Coefficients of the latent force."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +30,7 @@ class LinearModel:
     P columns.
 
     end: (K, R, S) all states; F: (K, R, A, A); G: (K, R, A, P); force: (K, R, A, 3); logged: (K + 1, R, 6);
-    H: (K + 1, R, 6, A); D: (K + 1, R, 6, P).
+    H: (K + 1, R, 6, A); observed: (K + 1, R, 6, d) the part of D by the columns ``observing`` (d,), the rest is zero.
     """
 
     end: np.ndarray
@@ -37,7 +39,15 @@ class LinearModel:
     force: np.ndarray
     logged: np.ndarray
     H: np.ndarray
-    D: np.ndarray
+    observed: np.ndarray
+    observing: np.ndarray
+
+    @property
+    def D(self) -> np.ndarray:
+        """All of D, (K + 1, R, 6, P)."""
+        D = np.zeros((*self.logged.shape, self.G.shape[3]))
+        D[..., self.observing] = self.observed
+        return D
 
 
 class TransitionModel:
@@ -58,6 +68,7 @@ class TransitionModel:
         self._force_columns = np.array([self.symbols.index(s) for s in FORCE])
         functions = [*self._rate_functions(), *self._logged_functions()]
         batch, self.interpreted_because = batch_functions(functions, compiled)
+        self._portable = PortablePaths()
         (
             self._rates,
             self._jacobian,
@@ -66,6 +77,28 @@ class TransitionModel:
             self._logged_jacobian,
             self._logged_hessian,
         ) = batch
+        self._code = None if self.interpreted_because else self._tested(path_code())
+
+    def _tested(self, code: PathCode | None) -> PathCode | None:
+        """The compiled functions on paths, where they do on a short path what those in numpy do."""
+        if code is None:
+            return None
+        rng, K, R = np.random.default_rng(0), 3, 2
+        z = np.zeros((K + 1, R, self.S))
+        z[..., :6] = 0.1 * state_scale(self.ship.particulars["L"]) * (1 + rng.random((K + 1, R, 6)))
+        inputs, force = 0.1 * rng.random((K, R, 2 * self.C)), rng.random((K, R, 3))
+        theta, every = self.ship.values, (np.arange(self.P), np.arange(self.S))
+        weights = rng.random((K, R, self.S, self.S + 3)), rng.random((K + 1, R, 6, self.S))
+        found = []
+        for self._code in (None, code):
+            linear = self.linearise(z, inputs, theta, force, *every)
+            gradient = self.logdet_gradient(z, inputs[..., : self.C], theta, force, *weights, *every)
+            found.append((*vars(linear).values(), gradient, self.follow(z, inputs, theta, None, force)))
+        for expected, own in zip(*found, strict=True):
+            if not np.allclose(own, expected, 1e-9, 1e-9 * np.abs(np.nan_to_num(expected)).max(initial=0.0), True):
+                LOGGER.warning("the compiled code of paths does not agree with numpy, which is used instead")
+                return None
+        return code
 
     def __reduce__(self) -> tuple:
         """Built again in another process, where the compiled code comes from the cache."""
@@ -118,19 +151,12 @@ class TransitionModel:
 
         theta: (all,), or (all, R) by window where the points are K times those of R windows.
         """
-        every = spread(theta, force.shape[1]).copy()
-        every[self.force] += force
-        return every
+        return pushed(theta, force, self.force, force.shape[1])
 
     def advance(self, z: np.ndarray, controls: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """States (S, M) a step after z (S, M) under ``controls``, inputs (C, M) or with their changes behind (2 C, M);
         theta: coefficients (all,) or (all, M)."""
-        return rk4_step(lambda state, part: _at(self._rates, state, self._during(controls, part), theta)[0], z, self.h)
-
-    def _during(self, controls: np.ndarray, part: float) -> np.ndarray:
-        """Inputs (C, M) after a part of the step; controls: as of ``advance``."""
-        mean, change = controls[: self.C], controls[self.C :]
-        return mean + (part - 0.5) * change if len(change) else mean
+        return advanced(self._rates, z, controls, theta, self.h, self.C)
 
     def logged(self, z: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """Logged columns (K + 1, R, 6) of a path z (K + 1, R, S); theta: coefficients (all,) or by window (all, R)."""
@@ -146,14 +172,33 @@ class TransitionModel:
         """The path z (K + 1, R, S) with its ``passive`` states, on which nothing depends, simulated; first settled.
 
         inputs: (K, R, C), or with their changes (K, R, 2 C); theta: coefficients (all,) or (all, R); force: (K, R, 3)
-        latent [N, N, N m].
+        latent [N, N, N m], whose further rows are not used.
         """
         z = z.copy()
         z[0][:, passive] = settled(self.model, z[0][:, :6].T, inputs[0].T[: self.C], theta).T[:, passive]
-        for k in range(len(inputs)):
-            end = self.advance(z[k].T, inputs[k].T, self.coefficients(theta, force[k].T))
-            z[k + 1][:, passive] = end.T[:, passive]
-        return z
+        return self.follow(z, inputs, theta, passive, force[: len(inputs)])
+
+    def follow(
+        self,
+        z: np.ndarray,
+        inputs: np.ndarray,
+        theta: np.ndarray,
+        carried: np.ndarray | None = None,
+        force: np.ndarray | None = None,
+        whole: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """Paths (K + 1, R, S) simulated from the first states of z (K + 1, R, S).
+
+        inputs, theta: as of ``linearise``; carried: positions of the states that are simulated, the others stay as
+        given (default: all); force: (K, R, 3) latent [N, N, N m], or None; whole: (K, R) steps after which all states
+        are the simulated ones.
+        """
+        K, R = inputs.shape[:2]
+        marked = np.full(self.S, carried is None)
+        marked[[] if carried is None else carried] = True
+        marks = np.zeros((K, R), dtype=bool) if whole is None else whole
+        paths = WindowPaths(z, inputs, theta, self.h, self.C, force, self.force)
+        return (self._code or self._portable).follow(paths, self._rates, marked, marks)
 
     def linearise(
         self,
@@ -170,20 +215,19 @@ class TransitionModel:
         theta: coefficients (all,) or (all, R); columns: (P,) positions in ``symbols`` to differentiate by; active: (A,)
         positions of states, which must not depend on the others.
         """
-        K, R = inputs.shape[:2]
-        M, P, A = K * R, len(columns), len(active)
-        start, held = z[:-1].reshape(M, -1).T, inputs.reshape(M, -1).T
-        every = self.coefficients(theta, force.reshape(M, 3).T)
         each, where = np.unique(np.concatenate([columns, self._force_columns]), return_inverse=True)
-        wanted = np.concatenate([active, self.S + each])
-        end, J = np.empty((M, self.S)), np.empty((M, A, len(wanted)))
-        for a in range(0, M, BLOCK):
-            s = slice(a, min(a + BLOCK, M))
-            end[s], J[s] = self._step(start[:, s], held[:, s], every[:, s], active, wanted)
-        J = J.reshape(K, R, A, -1)[..., np.concatenate([np.arange(A), A + where])]
-        logged, H, D = self._logged(z, theta, columns, active)
-        end = end.reshape(K, R, -1)
-        return LinearModel(end, J[..., :A], J[..., A : A + P], J[..., A + P :], logged, H, D)
+        sensed = np.intersect1d(columns, self._logged_at[1] - self.S)
+        observing = np.flatnonzero(np.isin(columns, sensed))
+        A, P, S = len(active), len(columns), self.S
+        of_steps, of_logged = (_places(S, self.P, active, some) for some in (each, sensed))
+        steps = Entries.chosen((self._rows, self._columns), *of_steps)
+        logged = Entries.chosen(self._logged_at, np.arange(6), of_logged[1])
+        paths = WindowPaths(z, inputs, theta, self.h, self.C, force, self.force)
+        go = self._code or self._portable
+        end, F, G, by_force = go.steps(paths, self._jacobian, steps, A, A + where[:P], A + where[P:])
+        y, H, D = go.logged(paths, self._logged_jacobian, logged, A, len(sensed))
+        D = D[..., np.searchsorted(sensed, columns[observing])]
+        return LinearModel(end, F, G, by_force, y, H, D, observing)
 
     def rates(self, z: np.ndarray, c: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Rates (M, S), and their Jacobian (M, S, S + 3) by states and latent force, at z (S, M), inputs c (C, M),
@@ -192,42 +236,6 @@ class TransitionModel:
         J = np.zeros((z.shape[1], self.S, self.S + self.P))
         J[:, self._rows, self._columns] = nonzeros.T
         return rate.T, J[..., np.concatenate([np.arange(self.S), self.S + self._force_columns])]
-
-    def _step(
-        self, z: np.ndarray, c: np.ndarray, theta: np.ndarray, rows: np.ndarray, columns: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """End (m, S) of one step from z (S, m) under c, (C, m) or (2 C, m), and the Jacobian of its ``rows`` (the first
-        of the ``columns``)."""
-        m, A, h = z.shape[1], len(rows), self.h
-        rate, total = np.zeros_like(z), np.zeros_like(z)
-        straight = np.zeros((m, A, len(columns)))
-        straight[:, np.arange(A), np.arange(A)] = 1.0
-        slope, summed = np.zeros_like(straight), np.zeros_like(straight)
-        row, column = np.full(self.S, -1), np.full(self.S + self.P, -1)
-        row[rows], column[columns] = np.arange(A), np.arange(len(columns))
-        kept = (row[self._rows] >= 0) & (column[self._columns] >= 0)
-        at = row[self._rows[kept]], column[self._columns[kept]]
-        for fraction, weight in zip(NODES, WEIGHTS, strict=True):
-            rate, nonzeros = _at(self._jacobian, z + fraction * h * rate, self._during(c, fraction), theta)
-            J = np.zeros((m, A, len(columns)))
-            J[:, at[0], at[1]] = nonzeros[kept].T
-            slope = J[:, :, :A] @ (straight + fraction * h * slope)
-            slope[:, :, A:] += J[:, :, A:]
-            total += weight * rate
-            summed += weight * slope
-        return (z + h * total).T, straight + h * summed
-
-    def _logged(
-        self, z: np.ndarray, theta: np.ndarray, columns: np.ndarray, active: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Logged columns (K + 1, R, 6) and their derivatives by active state and by coefficient."""
-        rows, R = z.shape[:2]
-        every = spread(theta, rows * R) if theta.ndim > 1 else theta
-        y, nonzeros = _at(self._logged_jacobian, np.ascontiguousarray(z.reshape(rows * R, -1).T), every)
-        J = np.zeros((rows * R, 6, self.S + self.P))
-        J[:, self._logged_at[0], self._logged_at[1]] = nonzeros.T
-        J = J.reshape(rows, R, 6, -1)
-        return y.T.reshape(rows, R, 6), J[..., active], J[..., self.S + columns]
 
     def logdet_gradient(
         self,
@@ -246,31 +254,33 @@ class TransitionModel:
         weight: (K, R, A, A + 3) of the Jacobian d rates / d (active states, latent force) at the middle of each step;
         weight_logged: (K + 1, R, 6, A); z, inputs, theta, force, active: as of ``linearise``.
         """
-        K, R = inputs.shape[:2]
-        M = K * R
-        middle = 0.5 * (z[:-1] + z[1:]).reshape(M, -1).T
-        full = np.zeros((M, self.S, self.S + 3))
-        into = np.concatenate([active, self.S + np.arange(3)])
-        full[:, active[:, None], into[None]] = weight.reshape(M, len(active), -1)
-        chosen = np.ascontiguousarray(full[:, self._rate_hessian_at[0], self._rate_hessian_at[1]].T)
-        every = self.coefficients(theta, force.reshape(M, 3).T)
-        found = _at(self._rate_hessian, middle, inputs.reshape(M, -1).T, every, chosen)[0]
-        result = found.reshape(-1, K, R).sum(axis=1)
-        M = (K + 1) * R
-        full = np.zeros((M, 6, self.S))
-        full[:, :, active] = weight_logged.reshape(M, 6, -1)
-        chosen = np.ascontiguousarray(full[:, self._logged_hessian_at[0], self._logged_hessian_at[1]].T)
-        every = spread(theta, M) if theta.ndim > 1 else theta
-        found = _at(self._logged_hessian, z.reshape(M, -1).T, every, chosen)[0]
-        result += found.reshape(-1, K + 1, R).sum(axis=1)
-        return result[columns].T
+        A, S = len(active), self.S
+        place = np.full(S + 3, -1)
+        place[active], place[S:] = np.arange(A), A + np.arange(3)
+        result = np.zeros((z.shape[1], self.P))
+        paths, go = WindowPaths(z, inputs, theta, self.h, self.C, force, self.force), self._code or self._portable
+        for function, of_rates, at, given in (
+            (self._rate_hessian, True, self._rate_hessian_at, weight),
+            (self._logged_hessian, False, self._logged_hessian_at, weight_logged),
+        ):
+            row, column = place[at[0]] if of_rates else at[0], place[at[1]]
+            source = np.where((row >= 0) & (column >= 0), row * given.shape[3] + column, -1)
+            result += go.weighted(paths, function, of_rates, given, source)
+        return result[:, columns]
+
+
+def _places(S: int, P: int, active: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Place of each of S states among the ``active`` ones, and of each of them and of P coefficients among the active
+    states and ``columns``; -1: not among them."""
+    row, column = np.full(S, -1), np.full(S + P, -1)
+    row[active] = column[active] = np.arange(len(active))
+    column[S + columns] = len(active) + np.arange(len(columns))
+    return row, column
 
 
 def spread(theta: np.ndarray, points: int) -> np.ndarray:
     """Coefficients (all, points) from ``theta`` (all,), or from (all, R) of R windows that repeat up to ``points``."""
-    return (
-        np.tile(theta, (1, points // theta.shape[1])) if theta.ndim > 1 else np.repeat(theta[:, None], points, axis=1)
-    )
+    return spread_over(theta, points)
 
 
 def _nonzeros(matrix: ca.SX) -> ca.SX:

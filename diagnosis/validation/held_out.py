@@ -9,7 +9,6 @@ import numpy as np
 
 from diagnosis.estimation.candidates import Column
 from diagnosis.estimation.gridded_trials import GriddedTrials
-from diagnosis.estimation.kalman import smoothed
 from diagnosis.estimation.linearisation import Trajectory, initial_trajectory, linearised_if_finite
 from diagnosis.estimation.map_estimate import Estimate, estimate, initial_point
 from diagnosis.estimation.parameters import Priors, active_states, mean_over_windows
@@ -222,7 +221,7 @@ def one_step_likelihood(
             share *= 0.3
         else:
             best, share, start = here, 1.0, path
-            mean, _, _ = smoothed(here.system, here.filter, here.white[..., -1], here.states[..., -1])
+            mean, _, _ = here.smoothed()
         z = start.z.copy()
         z[..., active] += share * mean[..., : len(active)]
         path = Trajectory(z, start.force + share * mean[..., len(active) : len(active) + 3])

@@ -35,7 +35,8 @@ def system() -> LinearSystem:
         force=np.tile(0.5 * np.eye(S), (K, R, 1, 1)),
         logged=np.zeros((K + 1, R, 6)),
         H=np.tile(see, (K + 1, R, 1, 1)),
-        D=np.zeros((K + 1, R, 6, 0)),
+        observed=np.zeros((K + 1, R, 6, 0)),
+        observing=np.zeros(0, dtype=int),
     )
     steps = np.array([K, K, K // 2])
     inside = np.arange(K)[:, None] < steps

@@ -43,7 +43,8 @@ def linear(seed: int = 0) -> LinearModel:
         force=rng.standard_normal((K, R, S, 3)),
         logged=rng.standard_normal((K + 1, R, 6)),
         H=rng.standard_normal((K + 1, R, 6, S)),
-        D=rng.standard_normal((K + 1, R, 6, 2)),
+        observed=rng.standard_normal((K + 1, R, 6, 2)),
+        observing=np.arange(2),
     )
 
 

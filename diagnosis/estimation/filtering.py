@@ -1,0 +1,270 @@
+"""Kalman filter, responses, smoother and adjoint of ``diagnosis.estimation.kalman``, by C code where it compiles.
+
+The functions in numpy are the portable path, and what the code must agree with on a small system before it is used.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from diagnosis.estimation import kalman
+from diagnosis.estimation.kalman import Adjoint, Filtered, LinearSystem
+from diagnosis.estimation.kalman_c import FLAGS, source
+from mmg.compile.cache import load_library
+from mmg.progress import LOGGER
+
+
+@dataclass(frozen=True)
+class Columns:
+    """c columns whose responses are wanted.
+
+    forcing: (K, R, m, c) what a column adds over a step to the first m states; observed: (K + 1, R, 6, d) what the
+    columns ``observing`` (d,) add to the logged columns, the others add nothing; scale: (R, c) by which forcing and
+    observed are multiplied (None: 1); start: (R, n, c) first states (None: 0).
+    """
+
+    forcing: np.ndarray
+    observed: np.ndarray
+    observing: np.ndarray
+    scale: np.ndarray | None = None
+    start: np.ndarray | None = None
+
+    @classmethod
+    def dense(cls, forcing: np.ndarray, observed: np.ndarray, start: np.ndarray | None = None) -> Columns:
+        """Columns that may all act on what is logged. forcing, observed, start: as of the class, with d = c."""
+        return cls(forcing, observed, np.arange(observed.shape[3]), None, start)
+
+    @property
+    def dense_observed(self) -> np.ndarray:
+        """What every column adds to the logged columns, (K + 1, R, 6, c)."""
+        out = np.zeros((*self.observed.shape[:3], self.forcing.shape[3]))
+        out[..., self.observing] = self.observed
+        return out
+
+
+def filtered(s: LinearSystem) -> Filtered:
+    """Covariances and gains of the system ``s``. Raises LinAlgError where a covariance is singular."""
+    code = _kernel()
+    return code.filtered(s) if code else kalman.filtered(s)
+
+
+def whitened(
+    s: LinearSystem, f: Filtered, columns: Columns, out: np.ndarray | None = None, with_states: bool = False
+) -> tuple[np.ndarray, np.ndarray]:
+    """Whitened responses (K + 1, R, 6, c) of ``columns``, written into ``out`` if given, and with their predicted
+    states (K + 1, R, n, c) if these are wanted (else an empty array).
+
+    s, f: system and its filter run; out: (K + 1, R, 6, c), columns of a larger array or not.
+    """
+    if out is None:
+        out = np.empty((*s.good.shape, columns.forcing.shape[3]))
+    code = _kernel()
+    if code:
+        return out, code.whitened(s, f, columns, out, with_states)
+    forcing, observed = columns.forcing, columns.dense_observed
+    if columns.scale is not None:
+        forcing, observed = forcing * columns.scale[:, None], observed * columns.scale[:, None]
+    out[...], states = kalman.responses(s, f, forcing, observed, columns.start)
+    return out, states if with_states else np.empty(0)
+
+
+def observations(s: LinearSystem, f: Filtered, white: np.ndarray) -> np.ndarray:
+    """The deviations (K + 1, R, 6, c) of what is logged from the path without random forces whose whitened residuals
+    are ``white`` (K + 1, R, 6, c). s, f: system and its filter run."""
+    code = _kernel()
+    return code.observations(s, f, white) if code else kalman.observations(s, f, white)
+
+
+def smoothed(
+    s: LinearSystem, f: Filtered, white: np.ndarray, states: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Smoothed states (K + 1, R, n), and the smoother's r (K, R, n) and u (K + 1, R, 6), from the residual's column.
+
+    s, f: system and its filter run; white: (K + 1, R, 6), states: (K + 1, R, n) of that column by ``whitened``.
+    """
+    code = _kernel()
+    return code.smoothed(s, f, white, states) if code else kalman.smoothed(s, f, white, states)
+
+
+def adjoint(s: LinearSystem, f: Filtered) -> Adjoint:
+    """Derivatives of the filter run ``f`` of the system ``s``."""
+    code = _kernel()
+    return code.adjoint(s, f) if code else kalman.adjoint(s, f)
+
+
+def by_rates(s: LinearSystem, found: Adjoint, A: int, h: float) -> np.ndarray:
+    """Derivative (K, R, A, A + 3) of 1/2 log det by the Jacobian of the rates of the first A states, times the step h
+    [s]. s: the system; found: its adjoint."""
+    code = _kernel()
+    return code.by_rates(s, found, A, h) if code else kalman.by_rates(s, found, A, h)
+
+
+class _System(ctypes.Structure):
+    """The struct System of the C code."""
+
+    _fields_ = [(name, ctypes.c_longlong) for name in ("K", "R", "n")] + [
+        (name, ctypes.c_void_p)
+        for name in ("T", "Z", "Q", "white", "first", "good", "inside", "L", "gain", "P", "inverse", "root", "log_det")
+    ]
+
+
+class _Columns(ctypes.Structure):
+    """The struct Columns of the C code."""
+
+    _fields_ = [(name, ctypes.c_longlong) for name in ("c", "m", "d", "wide")] + [
+        (name, ctypes.c_void_p) for name in ("forcing", "scale", "observed", "start", "observing", "white", "states")
+    ]
+
+
+def _real(a: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(a, dtype=float)
+
+
+class Kernel:
+    """The compiled functions of a ``library``; each does what the function of its name in this module says."""
+
+    def __init__(self, library: ctypes.CDLL) -> None:
+        self._library = library
+
+    def _run(self, name: str, s: LinearSystem, f: Filtered, *rest: object) -> None:
+        """Call a function with the system, its filter run and what else it takes."""
+        K, R, n = s.T.shape[:3]
+        arrays = [_real(a) for a in (s.T, s.Z, s.Q, s.R, s.first)]
+        arrays += [np.ascontiguousarray(a, dtype=np.uint8) for a in (s.good, s.inside)]
+        arrays += [_real(a) for a in (f.L, f.gain, f.P, f.inverse, f.root, f.log_det)]
+        system = _System(K, R, n, *(a.ctypes.data for a in arrays))
+        failed = getattr(self._library, name)(ctypes.byref(system), *rest)
+        if failed == 1:
+            raise np.linalg.LinAlgError("Matrix is not positive definite")
+        if failed == 2:
+            raise MemoryError(f"no memory for the filter of {R} windows")
+
+    def filtered(self, s: LinearSystem) -> Filtered:
+        """As the function."""
+        K, R, n = s.T.shape[:3]
+        square = [np.empty((K + 1, R, 6, 6)) for _ in range(2)]
+        f = Filtered(np.empty((K, R, n, n)), np.empty((K, R, n, 6)), np.empty((K + 1, R, n, n)), *square, np.empty(R))
+        self._run("filter", s, f)
+        return f
+
+    def whitened(
+        self, s: LinearSystem, f: Filtered, columns: Columns, out: np.ndarray, with_states: bool
+    ) -> np.ndarray:
+        """As the function; returns the states."""
+        K, R, n = s.T.shape[:3]
+        m, c = columns.forcing.shape[2:]
+        states = np.empty((K + 1, R, n, c) if with_states else 0)
+        given = (columns.forcing, columns.scale, columns.observed, columns.start)
+        arrays = [None if a is None else _real(a) for a in given]
+        at = np.ascontiguousarray(columns.observing, dtype=np.int64)
+        wide = out.strides[2] // out.itemsize
+        rows = out if out.strides == _strides(out.shape[:3], wide) else np.empty(out.shape)
+        request = _Columns(
+            c, m, len(at), rows.strides[2] // rows.itemsize,
+            *(None if a is None else a.ctypes.data for a in arrays),
+            at.ctypes.data, rows.ctypes.data, states.ctypes.data if with_states else None,
+        )  # fmt: skip
+        self._run("responses", s, f, ctypes.byref(request))
+        if rows is not out:
+            out[...] = rows
+        return states
+
+    def observations(self, s: LinearSystem, f: Filtered, white: np.ndarray) -> np.ndarray:
+        """As the function."""
+        white = _real(white)
+        y = np.empty(white.shape)
+        self._run("observations", s, f, ctypes.c_longlong(white.shape[3]), _at(white), _at(y))
+        return y
+
+    def smoothed(
+        self, s: LinearSystem, f: Filtered, white: np.ndarray, states: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """As the function."""
+        K, R, n = s.T.shape[:3]
+        white, states = _real(white), _real(states)
+        mean, r, u = np.empty((K + 1, R, n)), np.empty((K, R, n)), np.empty((K + 1, R, 6))
+        self._run("smoothed", s, f, *(_at(a) for a in (white, states, mean, r, u)))
+        return mean, r, u
+
+    def adjoint(self, s: LinearSystem, f: Filtered) -> Adjoint:
+        """As the function."""
+        K, R, n = s.T.shape[:3]
+        found = Adjoint(
+            np.empty((K, R, n, n)), np.empty((K + 1, R, 6, n)), np.zeros((K, R, n)), np.empty((K + 1, R, 6))
+        )
+        self._run("adjoint", s, f, *(_at(a) for a in (found.by_T, found.by_Z, found.N, found.D)))
+        return found
+
+    def by_rates(self, s: LinearSystem, found: Adjoint, A: int, h: float) -> np.ndarray:
+        """As the function."""
+        K, R, n = s.T.shape[:3]
+        out, by_T = np.empty((K, R, A, A + 3)), _real(found.by_T)
+        T, inside = _real(s.T), np.ascontiguousarray(s.inside, dtype=np.uint8)
+        system = _System(K=K, R=R, n=n, T=T.ctypes.data, inside=inside.ctypes.data)
+        self._library.by_rates(ctypes.byref(system), ctypes.c_longlong(A), ctypes.c_double(h), _at(by_T), _at(out))
+        return out
+
+
+def _at(array: np.ndarray) -> ctypes.c_void_p:
+    return ctypes.c_void_p(array.ctypes.data)
+
+
+def _strides(shape: tuple[int, ...], wide: int) -> tuple[int, ...]:
+    """Strides [bytes] of an array (*shape, c) whose last axis is contiguous, its rows ``wide`` numbers apart."""
+    _, R, rows = shape
+    return tuple(8 * size for size in (R * rows * wide, rows * wide, wide, 1))
+
+
+@cache
+def _kernel() -> Kernel | None:
+    """The compiled functions, or None where they do not compile or do not agree with numpy."""
+    library, _ = load_library(source(), FLAGS)
+    if library is None:
+        return None
+    code = Kernel(library)
+    if agrees(code):
+        return code
+    LOGGER.warning("the compiled filter does not agree with numpy, which is used instead")
+    return None
+
+
+def agrees(code: Kernel) -> bool:
+    """Whether compiled functions give on a small system what those in numpy do. code: them."""
+    s, columns = _example()
+    f, own = kalman.filtered(s), code.filtered(s)
+    white, states = kalman.responses(s, f, columns.forcing, columns.dense_observed, columns.start)
+    out = np.empty(white.shape)
+    moved = code.whitened(s, own, columns, out, True)
+    adjoints = kalman.adjoint(s, f), code.adjoint(s, own)
+    last, state = white[..., 0], states[..., 0]
+    pairs = [
+        *((getattr(f, name), getattr(own, name)) for name in ("L", "gain", "P", "inverse", "root", "log_det")),
+        (white, out), (states, moved),
+        *((getattr(adjoints[0], name), getattr(adjoints[1], name)) for name in ("by_T", "by_Z", "N", "D")),
+        *zip(kalman.smoothed(s, f, last, state), code.smoothed(s, own, last, state), strict=True),
+        (kalman.observations(s, f, white), code.observations(s, own, white)),
+        (kalman.by_rates(s, adjoints[0], 3, 0.5), code.by_rates(s, adjoints[0], 3, 0.5)),
+    ]  # fmt: skip
+    return all(bool(np.abs(a - b).max() <= 1e-9 * (1 + np.abs(a).max())) for a, b in pairs)
+
+
+def _example() -> tuple[LinearSystem, Columns]:
+    """A small system with samples missing and a window that ends early, and columns of it."""
+    rng, K, R, S, c = np.random.default_rng(0), 6, 2, 3, 19
+    inside = np.arange(K)[:, None] < np.array([K, K - 2])
+    good = rng.random((K + 1, R, 6)) > 0.3
+    good[2, 0] = False
+    good[:, 1] &= (np.arange(K + 1) <= K - 2)[:, None]
+    T = np.zeros((K, R, S + 6, S + 6))
+    T[..., :S, :] = 0.3 * rng.standard_normal((K, R, S, S + 6))
+    T[..., np.arange(S + 6), np.arange(S + 6)] += 0.7
+    T[~inside] = np.eye(S + 6)
+    Z = np.where(good[..., None], rng.standard_normal((K + 1, R, 6, S + 6)), 0.0)
+    Q, white = 0.1 + rng.random(S + 6), 0.1 + rng.random(6)
+    s = LinearSystem(T, Z, Q, white, np.repeat(np.eye(S + 6)[None], R, axis=0), good, inside)
+    observed, start = rng.standard_normal((K + 1, R, 6, 2)), rng.standard_normal((R, S + 6, c))
+    return s, Columns(rng.standard_normal((K, R, S, c)), observed, np.array([1, 17]), None, start)

@@ -1,0 +1,329 @@
+"""C source of filter, responses, smoother and adjoint of ``diagnosis.estimation.kalman``, for any sizes.
+
+A window is gone through alone, rows of its matrices in vectors of eight numbers; which window is with which does not
+change a bit. Arrays are those of the functions in numpy, row by row.
+"""
+
+from __future__ import annotations
+
+from mmg.compile.codegen import prelude
+
+FLAGS = ("-O3", "-fPIC", "-shared", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast", "-w")
+
+_PRODUCTS = """
+#include <stdlib.h>
+#define AT(i, j) a[(i) * si + (j) * sj]
+#define SUM(w) { V s[w]; for (int v = 0; v < w; v++) s[v] = plus ? c[at + v] : fill(0.0); \\
+  for (long long j = 0; j < inner; j++) { const V x = fill(AT(i, j)); const V* r = b + j * nv + at; \\
+    for (int v = 0; v < w; v++) s[v] += x * r[v]; } \\
+  for (int v = 0; v < w; v++) c[at + v] = s[v]; at += w; }
+static inline void product(long long rows, long long inner, long long nv, const double* a, long long si, long long sj,
+                           const V* b, V* out, int plus) {
+  for (long long i = 0; i < rows; i++) {
+    V* c = out + i * nv;
+    long long at = 0;
+    while (nv - at >= 4) SUM(4)
+    if (nv - at >= 2) SUM(2)
+    if (nv - at >= 1) SUM(1)
+  }
+}
+static V* room(void** whole, long long vectors) {
+  char* p = *whole = malloc((vectors + 1) * sizeof(V));
+  return p ? (V*)(p + (sizeof(V) - (unsigned long long)p % sizeof(V))) : 0;
+}
+static void spread(long long rows, long long n, long long np, const double* from, double* to) {
+  for (long long i = 0; i < rows; i++) for (long long j = 0; j < n; j++) to[i * np + j] = from[i * n + j];
+}
+static void narrow(long long rows, long long n, long long np, const double* from, double* to) {
+  for (long long i = 0; i < rows; i++) for (long long j = 0; j < n; j++) to[i * n + j] = from[i * np + j];
+}
+static int nothing(const unsigned char* good) {
+  return !(good[0] | good[1] | good[2] | good[3] | good[4] | good[5]);
+}
+typedef struct {
+  long long K, R, n;
+  const double *T, *Z, *Q, *white, *first;
+  const unsigned char *good, *inside;
+  double *L, *gain, *P, *inverse, *root, *log_det;
+} System;
+"""
+_FILTER = """
+static int whitened(V* F, double* inverse, double* root, double* log_det) {
+  double low[36] = {0}, inv[36] = {0};
+  for (int j = 0; j < 6; j++) {
+    for (int i = j; i < 6; i++) {
+      double x = F[i][j];
+      for (int l = 0; l < j; l++) x -= low[6 * i + l] * low[6 * j + l];
+      if (i == j) {
+        if (!(x > 0.0)) return 1;
+        low[7 * j] = sqrt(x);
+      } else low[6 * i + j] = x / low[7 * j];
+    }
+    *log_det += 2 * log(low[7 * j]);
+  }
+  for (int j = 0; j < 6; j++) {
+    inv[7 * j] = 1 / low[7 * j];
+    for (int i = j + 1; i < 6; i++) {
+      double x = 0;
+      for (int l = j; l < i; l++) x -= low[6 * i + l] * inv[6 * l + j];
+      inv[6 * i + j] = x / low[7 * i];
+    }
+  }
+  for (int i = 0; i < 6; i++) for (int j = 0; j < 6; j++) {
+    double x = 0;
+    for (int l = i > j ? i : j; l < 6; l++) x += inv[6 * l + i] * inv[6 * l + j];
+    inverse[6 * i + j] = x;
+  }
+  memcpy(root, inv, sizeof inv);
+  return 0;
+}
+EXPORT int filter(const System* s) {
+  const long long K = s->K, R = s->R, n = s->n, nv = (n + LANES - 1) / LANES, np = nv * LANES;
+  void* whole;
+  V* at = room(&whole, 5 * n * nv + 24 * nv + n + 8);
+  if (!at) return 2;
+  V *now = at, *T = now + n * nv, *Tt = T + n * nv, *L = Tt + n * nv, *M = L + n * nv, *Z = M + n * nv;
+  V *ZP = Z + 6 * nv, *B = ZP + 6 * nv, *G = B + 6 * nv, *Zt = G + 6 * nv, *F = Zt + n;
+  memset(at, 0, (5 * n * nv + 24 * nv + n + 8) * sizeof(V));
+  double *g = (double*)G, *p = (double*)now, *zt = (double*)Zt;
+  for (long long r = 0; r < R; r++) {
+    double log_det = 0;
+    spread(n, n, np, s->first + r * n * n, p);
+    for (long long k = 0; k <= K; k++) {
+      const long long i = k * R + r;
+      const unsigned char* good = s->good + 6 * i;
+      const int blind = nothing(good);
+      narrow(n, n, np, p, s->P + i * n * n);
+      if (blind) {
+        for (int j = 0; j < 36; j++) s->inverse[36 * i + j] = s->root[36 * i + j] = j % 7 == 0;
+      } else {
+        const double* z = s->Z + i * 6 * n;
+        spread(6, n, np, z, (double*)Z);
+        for (int l = 0; l < 6; l++) for (long long j = 0; j < n; j++) zt[j * LANES + l] = z[l * n + j];
+        product(6, n, nv, (double*)Z, np, 1, now, ZP, 0);
+        product(6, n, 1, (double*)ZP, np, 1, Zt, F, 0);
+        for (int l = 0; l < 6; l++) F[l][l] += good[l] ? s->white[l] : 1.0;
+        if (whitened(F, s->inverse + 36 * i, s->root + 36 * i, &log_det)) { free(whole); return 1; }
+      }
+      if (k == K) break;
+      const double* t = s->T + i * n * n;
+      spread(n, n, np, t, (double*)T);
+      for (long long a = 0; a < n; a++) for (long long b = 0; b < n; b++) ((double*)Tt)[b * np + a] = t[a * n + b];
+      memcpy(L, T, n * nv * sizeof(V));
+      if (blind) memset(s->gain + i * n * 6, 0, n * 6 * sizeof(double));
+      else {
+        product(6, n, nv, (double*)ZP, np, 1, Tt, B, 0);
+        product(6, 6, nv, s->inverse + 36 * i, 6, 1, B, G, 0);
+        for (long long a = 0; a < n; a++) for (int l = 0; l < 6; l++) s->gain[(i * n + a) * 6 + l] = g[l * np + a];
+        for (long long j = 0; j < 6 * nv; j++) G[j] = -G[j];
+        product(n, 6, nv, g, 1, np, Z, L, 1);
+      }
+      narrow(n, n, np, (double*)L, s->L + i * n * n);
+      product(n, n, nv, (double*)L, np, 1, now, M, 0);
+      product(n, n, nv, (double*)M, np, 1, Tt, now, 0);
+      for (long long a = 0; a < n; a++) {
+        for (long long b = 0; b < a; b++) p[a * np + b] = p[b * np + a] = 0.5 * (p[a * np + b] + p[b * np + a]);
+        if (s->inside[i]) p[a * np + a] += s->Q[a];
+      }
+    }
+    s->log_det[r] = log_det;
+  }
+  free(whole);
+  return 0;
+}
+"""
+_RESPONSES = """
+typedef struct {
+  long long c, m, d, wide;
+  const double *forcing, *scale, *observed, *start;
+  const long long* observing;
+  double *white, *states;
+} Columns;
+#define CHUNK 16
+EXPORT int responses(const System* s, const Columns* f) {
+  const long long K = s->K, R = s->R, n = s->n, c = f->c;
+  void* whole;
+  V* X = room(&whole, (2 * n + 13) * CHUNK);
+  if (!X) return 2;
+  V *next = X + n * CHUNK, *W = next + n * CHUNK, *U = W + 6 * CHUNK, *size = U + 6 * CHUNK;
+  for (long long r = 0; r < R; r++) for (long long from = 0; from < c; from += CHUNK * LANES) {
+    const long long own = c - from < CHUNK * LANES ? c - from : CHUNK * LANES, nv = (own + LANES - 1) / LANES;
+    const long long np = nv * LANES;
+    double *x = (double*)X, *w = (double*)W, *u = (double*)U, *scale = (double*)size;
+    memset(X, 0, n * nv * sizeof(V));
+    if (f->start) for (long long a = 0; a < n; a++) for (long long j = 0; j < own; j++)
+      x[a * np + j] = f->start[(r * n + a) * c + from + j];
+    for (long long j = 0; j < np; j++) scale[j] = j < own && f->scale ? f->scale[r * c + from + j] : 1.0;
+    for (long long k = 0; k <= K; k++) {
+      const long long i = k * R + r;
+      const unsigned char* good = s->good + 6 * i;
+      const int blind = nothing(good);
+      double* white = f->white + i * 6 * f->wide + from;
+      if (f->states) for (long long a = 0; a < n; a++)
+        memcpy(f->states + (i * n + a) * c + from, x + a * np, own * sizeof(double));
+      if (blind) for (int l = 0; l < 6; l++) memset(white + l * f->wide, 0, own * sizeof(double));
+      else {
+        product(6, n, nv, s->Z + i * 6 * n, n, 1, X, W, 0);
+        for (long long e = 0; e < f->d; e++) {
+          const long long j = f->observing[e] - from;
+          if (j >= 0 && j < own) for (int l = 0; l < 6; l++)
+            if (good[l]) w[l * np + j] += scale[j] * f->observed[(i * 6 + l) * f->d + e];
+        }
+        product(6, 6, nv, s->root + 36 * i, 6, 1, W, U, 0);
+        for (int l = 0; l < 6; l++) memcpy(white + l * f->wide, u + l * np, own * sizeof(double));
+      }
+      if (k == K) break;
+      product(n, n, nv, s->T + i * n * n, n, 1, X, next, 0);
+      if (!blind) {
+        for (long long j = 0; j < 6 * nv; j++) W[j] = -W[j];
+        product(n, 6, nv, s->gain + i * n * 6, 6, 1, W, next, 1);
+      }
+      V* spare = X; X = next; next = spare;
+      x = (double*)X;
+      if (s->inside[i]) for (long long a = 0; a < f->m; a++) {
+        const double* push = f->forcing + (i * f->m + a) * c + from;
+        long long j = 0;
+        for (; j + LANES <= own; j += LANES)
+          store(x + a * np + j, load(x + a * np + j) + size[j / LANES] * load(push + j));
+        for (; j < own; j++) x[a * np + j] += scale[j] * push[j];
+      }
+    }
+  }
+  free(whole);
+  return 0;
+}
+EXPORT int observations(const System* s, long long c, const double* white, double* y) {
+  const long long K = s->K, R = s->R, n = s->n, nv = (c + LANES - 1) / LANES, np = nv * LANES;
+  void* whole;
+  V* X = room(&whole, (2 * n + 12) * nv);
+  if (!X) return 2;
+  V *next = X + n * nv, *W = next + n * nv, *Y = W + 6 * nv;
+  memset(W, 0, 6 * nv * sizeof(V));
+  for (long long r = 0; r < R; r++) {
+    memset(X, 0, n * nv * sizeof(V));
+    for (long long k = 0; k <= K; k++) {
+      const long long i = k * R + r;
+      const double* root = s->root + 36 * i;
+      spread(6, c, np, white + i * 6 * c, (double*)W);
+      for (int l = 0; l < 6; l++) {
+        V* own = W + l * nv;
+        for (int j = 0; j < l; j++) for (long long v = 0; v < nv; v++) own[v] -= root[6 * l + j] * W[j * nv + v];
+        for (long long v = 0; v < nv; v++) own[v] = own[v] / root[7 * l];
+      }
+      memcpy(Y, W, 6 * nv * sizeof(V));
+      product(6, n, nv, s->Z + i * 6 * n, n, 1, X, Y, 1);
+      narrow(6, c, np, (double*)Y, y + i * 6 * c);
+      if (k == K) break;
+      product(n, n, nv, s->T + i * n * n, n, 1, X, next, 0);
+      product(n, 6, nv, s->gain + i * n * 6, 6, 1, W, next, 1);
+      V* spare = X; X = next; next = spare;
+    }
+  }
+  free(whole);
+  return 0;
+}
+"""
+_BACKWARD = """
+EXPORT int smoothed(const System* s, const double* white, const double* states, double* mean, double* rs, double* us) {
+  const long long K = s->K, R = s->R, n = s->n;
+  double *q = malloc(2 * n * sizeof(double)), *next = q + n;
+  if (!q) return 2;
+  for (long long r = 0; r < R; r++) {
+    memset(q, 0, n * sizeof(double));
+    for (long long k = K; k >= 0; k--) {
+      const long long i = k * R + r;
+      const double *root = s->root + 36 * i, *w = white + 6 * i, *Z = s->Z + i * 6 * n, *P = s->P + i * n * n;
+      const int blind = nothing(s->good + 6 * i);
+      double v[6] = {0}, *u = us + 6 * i;
+      for (int l = 0; l < 6; l++) for (int j = l; j < 6; j++) v[l] -= root[6 * j + l] * w[j];
+      memcpy(u, v, sizeof v);
+      if (k < K) {
+        const double *gain = s->gain + i * n * 6, *L = s->L + i * n * n;
+        memcpy(rs + i * n, q, n * sizeof(double));
+        for (long long a = 0; a < n; a++) for (int l = 0; l < 6; l++) u[l] -= gain[a * 6 + l] * q[a];
+        memset(next, 0, n * sizeof(double));
+        for (long long a = 0; a < n; a++) for (long long b = 0; b < n; b++) next[b] += L[a * n + b] * q[a];
+        memcpy(q, next, n * sizeof(double));
+      }
+      if (!blind) for (int l = 0; l < 6; l++) for (long long b = 0; b < n; b++) q[b] += Z[l * n + b] * v[l];
+      for (long long a = 0; a < n; a++) {
+        double x = states[i * n + a];
+        for (long long b = 0; b < n; b++) x += P[a * n + b] * q[b];
+        mean[i * n + a] = x;
+      }
+    }
+  }
+  free(q);
+  return 0;
+}
+EXPORT int adjoint(const System* s, double* by_T, double* by_Z, double* Ns, double* Ds) {
+  const long long K = s->K, R = s->R, n = s->n, nv = (n + LANES - 1) / LANES, np = nv * LANES;
+  void* whole;
+  V* N = room(&whole, 5 * n * nv + 24 * nv);
+  if (!N) return 2;
+  V *L = N + n * nv, *P = L + n * nv, *NL = P + n * nv, *bT = NL + n * nv, *Z = bT + n * nv;
+  V *IZ = Z + 6 * nv, *bZ = IZ + 6 * nv, *NG = bZ + 6 * nv;
+  memset(N, 0, (5 * n * nv + 24 * nv) * sizeof(V));
+  double *nn = (double*)N, *bz = (double*)bZ, *ng = (double*)NG;
+  for (long long r = 0; r < R; r++) {
+    memset(N, 0, n * nv * sizeof(V));
+    for (long long k = K; k >= 0; k--) {
+      const long long i = k * R + r;
+      const int blind = nothing(s->good + 6 * i);
+      const double *inverse = s->inverse + 36 * i, *gain = s->gain + i * n * 6;
+      double* D = Ds + 6 * i;
+      for (int l = 0; l < 6; l++) D[l] = inverse[7 * l];
+      spread(n, n, np, s->P + i * n * n, (double*)P);
+      if (blind) memset(bZ, 0, 6 * nv * sizeof(V));
+      else {
+        spread(6, n, np, s->Z + i * 6 * n, (double*)Z);
+        product(6, 6, nv, inverse, 6, 1, Z, IZ, 0);
+        product(6, n, nv, (double*)IZ, np, 1, P, bZ, 0);
+      }
+      if (k < K) {
+        for (long long a = 0; a < n; a++) Ns[i * n + a] = nn[a * np + a];
+        spread(n, n, np, s->L + i * n * n, (double*)L);
+        product(n, n, nv, nn, np, 1, L, NL, 0);
+        product(n, n, nv, (double*)NL, np, 1, P, bT, 0);
+        narrow(n, n, np, (double*)bT, by_T + i * n * n);
+        if (!blind) {
+          product(6, n, nv, gain, 1, 6, N, NG, 0);
+          for (int l = 0; l < 6; l++) for (long long a = 0; a < n; a++) D[l] += gain[a * 6 + l] * ng[l * np + a];
+          product(6, n, nv, gain, 1, 6, bT, NG, 0);
+          for (long long j = 0; j < 6 * nv; j++) bZ[j] -= NG[j];
+        }
+        product(n, n, nv, (double*)L, 1, np, NL, N, 0);
+      }
+      narrow(6, n, np, bz, by_Z + i * 6 * n);
+      if (!blind) product(n, 6, nv, (double*)Z, 1, np, IZ, N, 1);
+    }
+  }
+  free(whole);
+  return 0;
+}
+EXPORT void by_rates(const System* s, long long A, double h, const double* by_T, double* out) {
+  const long long n = s->n, B = A + 3;
+  for (long long i = 0; i < s->K * s->R; i++) {
+    const double *T = s->T + i * n * n, *weight = by_T + i * n * n;
+    double* own = out + i * A * B;
+    memset(own, 0, A * B * sizeof(double));
+    if (!s->inside[i]) continue;
+    for (long long c = 0; c < A; c++) for (long long a = 0; a < A; a++)
+      for (long long b = 0; b < B; b++) own[a * B + b] += T[c * n + a] * weight[c * n + b];
+    for (long long a = 0; a < A; a++) {
+      for (long long b = 0; b < A; b++) {
+        double x = 0;
+        for (long long c = 0; c < B; c++) x += weight[a * n + c] * T[b * n + c];
+        own[a * B + b] += x;
+      }
+      for (long long b = A; b < B; b++) own[a * B + b] += weight[a * n + b];
+    }
+    for (long long j = 0; j < A * B; j++) own[j] *= 0.5 * h;
+  }
+}
+"""
+
+
+def source() -> str:
+    """The C file with ``filter``, ``responses``, ``observations``, ``smoothed``, ``adjoint`` and ``by_rates``."""
+    return prelude() + _PRODUCTS + _FILTER + _RESPONSES + _BACKWARD
