@@ -19,7 +19,7 @@ from mmg.progress import LOGGER
 
 
 @dataclass(frozen=True)
-class Columns:
+class DrivenColumns:
     """c columns whose responses are wanted.
 
     forcing: (K, R, m, c) what a column adds over a step to the first m states; observed: (K + 1, R, 6, d) what the
@@ -34,8 +34,8 @@ class Columns:
     start: np.ndarray | None = None
 
     @classmethod
-    def dense(cls, forcing: np.ndarray, observed: np.ndarray, start: np.ndarray | None = None) -> Columns:
-        """Columns that may all act on what is logged. forcing, observed, start: as of the class, with d = c."""
+    def dense(cls, forcing: np.ndarray, observed: np.ndarray, start: np.ndarray | None = None) -> DrivenColumns:
+        """DrivenColumns that may all act on what is logged. forcing, observed, start: as of the class, with d = c."""
         return cls(forcing, observed, np.arange(observed.shape[3]), None, start)
 
     @property
@@ -53,12 +53,13 @@ def filtered(s: LinearSystem) -> Filtered:
 
 
 def whitened(
-    s: LinearSystem, f: Filtered, columns: Columns, out: np.ndarray | None = None, with_states: bool = False
+    s: LinearSystem, f: Filtered, columns: DrivenColumns, out: np.ndarray | None = None, with_states: bool = False
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Whitened responses (K + 1, R, 6, c) of ``columns``, written into ``out`` if given, and with their predicted
-    states (K + 1, R, n, c) if these are wanted (else an empty array).
+    """Whitened responses (K + 1, R, 6, c) of ``columns``, written into ``out`` if given, and their predicted states
+    (K + 1, R, n, c), an empty array where these are not wanted.
 
-    s, f: system and its filter run; out: (K + 1, R, 6, c), columns of a larger array or not.
+    s, f: system and its filter run; out: (K + 1, R, 6, c), columns of a larger array or not; with_states: whether the
+    states are wanted.
     """
     if out is None:
         out = np.empty((*s.good.shape, columns.forcing.shape[3]))
@@ -112,10 +113,10 @@ class _System(ctypes.Structure):
     ]
 
 
-class _Columns(ctypes.Structure):
+class _DrivenColumns(ctypes.Structure):
     """The struct Columns of the C code."""
 
-    _fields_ = [(name, ctypes.c_longlong) for name in ("c", "m", "d", "wide")] + [
+    _fields_ = [(name, ctypes.c_longlong) for name in ("c", "m", "d", "apart")] + [
         (name, ctypes.c_void_p) for name in ("forcing", "scale", "observed", "start", "observing", "white", "states")
     ]
 
@@ -146,13 +147,19 @@ class Kernel:
     def filtered(self, s: LinearSystem) -> Filtered:
         """As the function."""
         K, R, n = s.T.shape[:3]
-        square = [np.empty((K + 1, R, 6, 6)) for _ in range(2)]
-        f = Filtered(np.empty((K, R, n, n)), np.empty((K, R, n, 6)), np.empty((K + 1, R, n, n)), *square, np.empty(R))
+        f = Filtered(
+            L=np.empty((K, R, n, n)),
+            gain=np.empty((K, R, n, 6)),
+            P=np.empty((K + 1, R, n, n)),
+            inverse=np.empty((K + 1, R, 6, 6)),
+            root=np.empty((K + 1, R, 6, 6)),
+            log_det=np.empty(R),
+        )
         self._run("filter", s, f)
         return f
 
     def whitened(
-        self, s: LinearSystem, f: Filtered, columns: Columns, out: np.ndarray, with_states: bool
+        self, s: LinearSystem, f: Filtered, columns: DrivenColumns, out: np.ndarray, with_states: bool
     ) -> np.ndarray:
         """As the function; returns the states."""
         K, R, n = s.T.shape[:3]
@@ -161,9 +168,9 @@ class Kernel:
         given = (columns.forcing, columns.scale, columns.observed, columns.start)
         arrays = [None if a is None else _real(a) for a in given]
         at = np.ascontiguousarray(columns.observing, dtype=np.int64)
-        wide = out.strides[2] // out.itemsize
-        rows = out if out.strides == _strides(out.shape[:3], wide) else np.empty(out.shape)
-        request = _Columns(
+        apart = out.strides[2] // out.itemsize
+        rows = out if out.strides == _strides(out.shape[:3], apart) else np.empty(out.shape)
+        request = _DrivenColumns(
             c, m, len(at), rows.strides[2] // rows.itemsize,
             *(None if a is None else a.ctypes.data for a in arrays),
             at.ctypes.data, rows.ctypes.data, states.ctypes.data if with_states else None,
@@ -213,10 +220,10 @@ def _at(array: np.ndarray) -> ctypes.c_void_p:
     return ctypes.c_void_p(array.ctypes.data)
 
 
-def _strides(shape: tuple[int, ...], wide: int) -> tuple[int, ...]:
-    """Strides [bytes] of an array (*shape, c) whose last axis is contiguous, its rows ``wide`` numbers apart."""
+def _strides(shape: tuple[int, ...], apart: int) -> tuple[int, ...]:
+    """Strides [bytes] of an array (*shape, c) whose last axis is contiguous, its rows ``apart`` numbers apart."""
     _, R, rows = shape
-    return tuple(8 * size for size in (R * rows * wide, rows * wide, wide, 1))
+    return tuple(8 * size for size in (R * rows * apart, rows * apart, apart, 1))
 
 
 @cache
@@ -230,6 +237,11 @@ def _kernel() -> Kernel | None:
         return code
     LOGGER.warning("the compiled filter does not agree with numpy, which is used instead")
     return None
+
+
+def forget_code() -> None:
+    """Choose again between code and numpy when the filter is next used."""
+    _kernel.cache_clear()
 
 
 def agrees(code: Kernel) -> bool:
@@ -252,7 +264,7 @@ def agrees(code: Kernel) -> bool:
     return all(bool(np.abs(a - b).max() <= 1e-9 * (1 + np.abs(a).max())) for a, b in pairs)
 
 
-def _example() -> tuple[LinearSystem, Columns]:
+def _example() -> tuple[LinearSystem, DrivenColumns]:
     """A small system with samples missing and a window that ends early, and columns of it."""
     rng, K, R, S, c = np.random.default_rng(0), 6, 2, 3, 19
     inside = np.arange(K)[:, None] < np.array([K, K - 2])
@@ -267,4 +279,4 @@ def _example() -> tuple[LinearSystem, Columns]:
     Q, white = 0.1 + rng.random(S + 6), 0.1 + rng.random(6)
     s = LinearSystem(T, Z, Q, white, np.repeat(np.eye(S + 6)[None], R, axis=0), good, inside)
     observed, start = rng.standard_normal((K + 1, R, 6, 2)), rng.standard_normal((R, S + 6, c))
-    return s, Columns(rng.standard_normal((K, R, S, c)), observed, np.array([1, 17]), None, start)
+    return s, DrivenColumns(rng.standard_normal((K, R, S, c)), observed, np.array([1, 17]), None, start)

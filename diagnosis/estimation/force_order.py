@@ -17,8 +17,9 @@ import numpy as np
 from scipy.linalg import expm
 from scipy.stats import f as f_law
 
+from diagnosis.estimation.filtering import DrivenColumns, filtered, observations, whitened
 from diagnosis.estimation.gridded_trials import GriddedTrials
-from diagnosis.estimation.kalman import Filtered, LinearSystem, NoiseModel, filtered, responses
+from diagnosis.estimation.kalman import Filtered, LinearSystem, NoiseModel
 from diagnosis.estimation.linearisation import linearise_and_filter
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import active_states
@@ -105,13 +106,18 @@ def turning_scores(
     """Slopes (3, c) of the negative log likelihood by the turning in the planes of PAIRS, at none.
 
     system, run, noise, h: as of ``order_of``; parts: yields whitened residuals (K + 1, R, 6, some) of c campaigns in
-    all, the same each time.
+    all.
     """
-    slopes = []
-    for pair in np.eye(3):
-        ends = [_values(system, run, with_turning(system, noise, h, way * STEP * pair), parts()) for way in (1, -1)]
-        slopes.append((ends[0] - ends[1]) / (2 * STEP))
-    return np.array(slopes)
+    others = [with_turning(system, noise, h, way * STEP * pair) for pair in np.eye(3) for way in (1, -1)]
+    again = [filtered(other) for other in others]
+    (K, R), values = system.T.shape[:2], []
+    for white in parts():
+        logged = observations(system, run, np.where(system.good[..., None], white, 0.0))
+        column = DrivenColumns.dense(np.zeros((K, R, 0, white.shape[3])), -logged)
+        own = (whitened(other, one, column)[0] for other, one in zip(others, again, strict=True))
+        values.append([0.5 * (found**2).sum(axis=(0, 1, 2)) for found in own])
+    ends = np.concatenate(values, axis=1) + 0.5 * np.array([[one.log_det.sum()] for one in again])
+    return np.asarray((ends[::2] - ends[1::2]) / (2 * STEP))
 
 
 def with_turning(system: LinearSystem, noise: NoiseModel, h: float, turning: np.ndarray) -> LinearSystem:
@@ -127,26 +133,3 @@ def with_turning(system: LinearSystem, noise: NoiseModel, h: float, turning: np.
     T = system.T.copy()
     T[:, :, S : S + 3, S : S + 3] = np.where(system.inside[..., None, None], block, np.eye(3))
     return replace(system, T=T)
-
-
-def _values(system: LinearSystem, run: Filtered, other: LinearSystem, parts: Iterator[np.ndarray]) -> np.ndarray:
-    """Negative log likelihoods (c,) under ``other`` of campaigns that have these whitened residuals in ``system``."""
-    again, K, R = filtered(other), *system.T.shape[:2]
-    values = []
-    for white in parts:
-        logged = _observations(system, run, np.where(system.good[..., None], white, 0.0))
-        found, _ = responses(other, again, np.zeros((K, R, 0, white.shape[3])), -logged)
-        values.append(0.5 * (found**2).sum(axis=(0, 1, 2)))
-    return np.concatenate(values) + 0.5 * again.log_det.sum()
-
-
-def _observations(system: LinearSystem, run: Filtered, white: np.ndarray) -> np.ndarray:
-    """The deviations (K + 1, R, 6, c) from the path without random forces whose whitened residuals are ``white``."""
-    K, R, n = system.T.shape[:3]
-    y, state = np.empty(white.shape), np.zeros((R, n, white.shape[3]))
-    for k in range(K + 1):
-        innovation = np.linalg.solve(run.root[k], white[k])
-        y[k] = system.Z[k] @ state + innovation
-        if k < K:
-            state = system.T[k] @ state + run.gain[k] @ innovation
-    return y

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
-from diagnosis.estimation.filtering import Columns, adjoint, by_rates, filtered, smoothed, whitened
+from diagnosis.estimation.filtering import DrivenColumns, adjoint, by_rates, filtered, smoothed, whitened
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.kalman import Adjoint, Filtered, LinearSystem, NoiseModel, linear_system
 from diagnosis.estimation.parameters import NO_PRIORS, Priors, active_in_window, active_states
@@ -64,7 +65,7 @@ class Linearisation:
     filter: Filtered
     white: np.ndarray
     states: np.ndarray
-    residual: Columns
+    residual: DrivenColumns
     size: np.ndarray
     adjoint: Adjoint
     by_rates: np.ndarray
@@ -80,7 +81,7 @@ class Linearisation:
             pushed, seen = self.residual.forcing.copy(), self.residual.observed.copy()
             pushed[:, :, : self.linear.G.shape[2], 0] += (self.linear.G @ move[:, :, None])[..., 0]
             seen[..., 0] += np.einsum("krld,rd->krl", self.linear.observed, move[:, self.linear.observing])
-            column = Columns.dense(pushed, seen, self.residual.start)
+            column = DrivenColumns.dense(pushed, seen, self.residual.start)
             white, states = (x[..., 0] for x in whitened(self.system, self.filter, column, with_states=True))
         return smoothed(self.system, self.filter, white, states)
 
@@ -156,11 +157,11 @@ def linearise_and_filter(
     filter_run = filtered(system)
     size = free.std * active_in_window(free.columns, data)  # (R, P)
     more = extra(linear) if extra is not None else None
-    parts = [Columns(linear.G, linear.observed, linear.observing, size)]
-    parts += [Columns.dense(*more)] if more is not None else []
+    parts = [DrivenColumns(linear.G, linear.observed, linear.observing, size)]
+    parts += [DrivenColumns.dense(*more)] if more is not None else []
     ends = np.cumsum([0, *(part.forcing.shape[3] for part in parts)])
     white = np.empty((*data.good.shape, ends[-1] + 1))
-    for part, begin, end in zip(parts, ends, ends[1:], strict=False):
+    for part, (begin, end) in zip(parts, pairwise(ends), strict=True):
         whitened(system, filter_run, part, white[..., begin:end])
     residual = _residual(steps, data, at, linear, active)
     _, states = whitened(system, filter_run, residual, white[..., -1:], with_states=True)
@@ -192,7 +193,7 @@ def linearised_if_finite(
 
 def _residual(
     steps: TransitionModel, data: GriddedTrials, at: Point, linear: LinearModel, active: np.ndarray
-) -> Columns:
+) -> DrivenColumns:
     """The negative residual as a column, with the latent force among the states."""
     K, R, A = linear.F.shape[:3]
     coloured = int((at.noise.coloured > 0).sum())
@@ -205,4 +206,4 @@ def _residual(
     if A > 6:
         calm = settled(steps.model, z[0, :, :6].T, data.inputs[0].T, at.theta).T
         start[:, 6:A, 0] = (calm - z[0])[:, active[6:]]
-    return Columns.dense(pushed, (linear.logged - data.y)[..., None], start)
+    return DrivenColumns.dense(pushed, (linear.logged - data.y)[..., None], start)

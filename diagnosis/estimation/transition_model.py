@@ -68,7 +68,6 @@ class TransitionModel:
         self._force_columns = np.array([self.symbols.index(s) for s in FORCE])
         functions = [*self._rate_functions(), *self._logged_functions()]
         batch, self.interpreted_because = batch_functions(functions, compiled)
-        self._portable = PortablePaths()
         (
             self._rates,
             self._jacobian,
@@ -77,28 +76,29 @@ class TransitionModel:
             self._logged_jacobian,
             self._logged_hessian,
         ) = batch
-        self._code = None if self.interpreted_because else self._tested(path_code())
+        self._paths: PathCode | PortablePaths = PortablePaths()
+        code = None if self.interpreted_because else path_code()
+        if code is not None:
+            self._use(code)
 
-    def _tested(self, code: PathCode | None) -> PathCode | None:
-        """The compiled functions on paths, where they do on a short path what those in numpy do."""
-        if code is None:
-            return None
+    def _use(self, code: PathCode) -> None:
+        """Go along paths by compiled ``code``, if it does on a short path what numpy does."""
         rng, K, R = np.random.default_rng(0), 3, 2
         z = np.zeros((K + 1, R, self.S))
         z[..., :6] = 0.1 * state_scale(self.ship.particulars["L"]) * (1 + rng.random((K + 1, R, 6)))
         inputs, force = 0.1 * rng.random((K, R, 2 * self.C)), rng.random((K, R, 3))
         theta, every = self.ship.values, (np.arange(self.P), np.arange(self.S))
         weights = rng.random((K, R, self.S, self.S + 3)), rng.random((K + 1, R, 6, self.S))
-        found = []
-        for self._code in (None, code):
+        found, portable = [], self._paths
+        for self._paths in (portable, code):
             linear = self.linearise(z, inputs, theta, force, *every)
             gradient = self.logdet_gradient(z, inputs[..., : self.C], theta, force, *weights, *every)
-            found.append((*vars(linear).values(), gradient, self.follow(z, inputs, theta, None, force)))
+            found.append((*vars(linear).values(), gradient, self.follow(z, inputs, theta, force=force)))
         for expected, own in zip(*found, strict=True):
             if not np.allclose(own, expected, 1e-9, 1e-9 * np.abs(np.nan_to_num(expected)).max(initial=0.0), True):
                 LOGGER.warning("the compiled code of paths does not agree with numpy, which is used instead")
-                return None
-        return code
+                self._paths = portable
+                return
 
     def __reduce__(self) -> tuple:
         """Built again in another process, where the compiled code comes from the cache."""
@@ -111,9 +111,9 @@ class TransitionModel:
         k = self.model.rates(q, c, theta)
         own = ca.vertcat(*[theta[int(i)] for i in self.at])
         J = ca.jacobian(k, ca.vertcat(q, own))
-        self._rows, self._columns = (np.array(a, dtype=int) for a in J.sparsity().get_triplet())
+        self._rows, self._columns = _nonzeros_at(J)
         B = ca.jacobian(k, ca.vertcat(q, *[theta[int(i)] for i in self.force]))
-        self._rate_hessian_at = tuple(np.array(a, dtype=int) for a in B.sparsity().get_triplet())
+        self._rate_hessian_at = _nonzeros_at(B)
         weight = ca.SX.sym("weight", B.nnz())
         logdet_gradient = ca.densify(ca.gradient(ca.dot(weight, _nonzeros(B)), own))
         options = {"cse": True}
@@ -129,9 +129,9 @@ class TransitionModel:
         y = self.model.columns(z, theta)
         own = ca.vertcat(*[theta[int(i)] for i in self.at])
         J = ca.jacobian(y, ca.vertcat(z, own))
-        self._logged_at = tuple(np.array(a, dtype=int) for a in J.sparsity().get_triplet())
+        self._logged_at = _nonzeros_at(J)
         H = ca.jacobian(y, z)
-        self._logged_hessian_at = tuple(np.array(a, dtype=int) for a in H.sparsity().get_triplet())
+        self._logged_hessian_at = _nonzeros_at(H)
         weight = ca.SX.sym("weight", H.nnz())
         logdet_gradient = ca.densify(ca.gradient(ca.dot(weight, _nonzeros(H)), own))
         options = {"cse": True}
@@ -176,7 +176,7 @@ class TransitionModel:
         """
         z = z.copy()
         z[0][:, passive] = settled(self.model, z[0][:, :6].T, inputs[0].T[: self.C], theta).T[:, passive]
-        return self.follow(z, inputs, theta, passive, force[: len(inputs)])
+        return self.follow(z, inputs, theta, passive, force=force[: len(inputs)])
 
     def follow(
         self,
@@ -184,21 +184,21 @@ class TransitionModel:
         inputs: np.ndarray,
         theta: np.ndarray,
         carried: np.ndarray | None = None,
-        force: np.ndarray | None = None,
         whole: np.ndarray | None = None,
+        force: np.ndarray | None = None,
     ) -> np.ndarray:
         """Paths (K + 1, R, S) simulated from the first states of z (K + 1, R, S).
 
         inputs, theta: as of ``linearise``; carried: positions of the states that are simulated, the others stay as
-        given (default: all); force: (K, R, 3) latent [N, N, N m], or None; whole: (K, R) steps after which all states
-        are the simulated ones.
+        given (default: all); whole: (K, R) steps after which all states are the simulated ones; force: (K, R, 3) latent
+        [N, N, N m], or None.
         """
         K, R = inputs.shape[:2]
         marked = np.full(self.S, carried is None)
         marked[[] if carried is None else carried] = True
         marks = np.zeros((K, R), dtype=bool) if whole is None else whole
         paths = WindowPaths(z, inputs, theta, self.h, self.C, force, self.force)
-        return (self._code or self._portable).follow(paths, self._rates, marked, marks)
+        return self._paths.follow(paths, self._rates, marked, marks)
 
     def linearise(
         self,
@@ -223,7 +223,7 @@ class TransitionModel:
         steps = Entries.chosen((self._rows, self._columns), *of_steps)
         logged = Entries.chosen(self._logged_at, np.arange(6), of_logged[1])
         paths = WindowPaths(z, inputs, theta, self.h, self.C, force, self.force)
-        go = self._code or self._portable
+        go = self._paths
         end, F, G, by_force = go.steps(paths, self._jacobian, steps, A, A + where[:P], A + where[P:])
         y, H, D = go.logged(paths, self._logged_jacobian, logged, A, len(sensed))
         D = D[..., np.searchsorted(sensed, columns[observing])]
@@ -258,7 +258,7 @@ class TransitionModel:
         place = np.full(S + 3, -1)
         place[active], place[S:] = np.arange(A), A + np.arange(3)
         result = np.zeros((z.shape[1], self.P))
-        paths, go = WindowPaths(z, inputs, theta, self.h, self.C, force, self.force), self._code or self._portable
+        paths, go = WindowPaths(z, inputs, theta, self.h, self.C, force, self.force), self._paths
         for function, of_rates, at, given in (
             (self._rate_hessian, True, self._rate_hessian_at, weight),
             (self._logged_hessian, False, self._logged_hessian_at, weight_logged),
@@ -281,6 +281,12 @@ def _places(S: int, P: int, active: np.ndarray, columns: np.ndarray) -> tuple[np
 def spread(theta: np.ndarray, points: int) -> np.ndarray:
     """Coefficients (all, points) from ``theta`` (all,), or from (all, R) of R windows that repeat up to ``points``."""
     return spread_over(theta, points)
+
+
+def _nonzeros_at(matrix: ca.SX) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and columns of the structural nonzeros."""
+    rows, columns = (np.array(a, dtype=int) for a in matrix.sparsity().get_triplet())
+    return rows, columns
 
 
 def _nonzeros(matrix: ca.SX) -> ca.SX:

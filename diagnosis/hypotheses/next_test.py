@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -31,6 +32,8 @@ SECONDS = 150.0
 """Time at sea of each manoeuvre [s of a 3 m model]."""
 AIM = 10.0
 """Standard error of a size that is good to have [% of it]."""
+TOGETHER = 8
+"""Manoeuvres that are linearised together."""
 TELLS_APART, MANY = 6.6, 50
 """Misfit that tells two explanations apart at 1 %, and repetitions of a manoeuvre that nobody would run."""
 
@@ -50,7 +53,7 @@ def next_test(problem: SearchProblem, first: Estimate, candidates: Sequence[Cand
     if not options:
         return ""
     one, *others = candidates
-    rows = np.array([_misfits(problem, first, one, others, trial) for trial in trials])
+    rows = np.vstack([_misfits(problem, first, one, others, some) for some in _together(trials)])
     if not others:
         best = int(np.argmax(rows[:, 0]))
         percent = 100 / max(np.sqrt(rows[best, 0]), 1e-9)
@@ -82,7 +85,7 @@ def telling_test(problem: SearchProblem, fit: Estimate, found: ForceEstimate, sh
     if not options:
         return ""
     fit = replace(fit, theta=mean_over_windows(fit.theta))
-    misfits = [_shown(problem, fit, found, trial) for trial in trials]
+    misfits = np.concatenate([_shown(problem, fit, found, some) for some in _together(trials)])
     best = int(np.argmax(misfits))
     seconds = SECONDS * time_scale(ship.particulars["L"])
     words = f"To know more of it: {_order(options[best])} of {seconds:.0f} s, in which it would show most"
@@ -92,9 +95,14 @@ def telling_test(problem: SearchProblem, fit: Estimate, found: ForceEstimate, sh
     return words + ("." if times == 1 else f", about {times} times.")
 
 
-def _shown(problem: SearchProblem, fit: Estimate, found: ForceEstimate, trial: Trial) -> float:
-    """Misfit in one run of a manoeuvre of the model without the force."""
-    data, path = _rolled_out(problem, fit.theta, trial)
+def _together(trials: Sequence[Trial]) -> list[Sequence[Trial]]:
+    """The ``trials`` in parts that are linearised together."""
+    return [trials[first : first + TOGETHER] for first in range(0, len(trials), TOGETHER)]
+
+
+def _shown(problem: SearchProblem, fit: Estimate, found: ForceEstimate, trials: Sequence[Trial]) -> np.ndarray:
+    """Misfit in one run of each of some manoeuvres of the model without the force."""
+    data, path = _rolled_out(problem, fit.theta, trials)
     force = found.on(data, 0.5 * (path.z[:-1] + path.z[1:]))
     kept = [c.run is None for c in fit.free.columns]
     free = fit.free.only(kept)
@@ -105,10 +113,23 @@ def _shown(problem: SearchProblem, fit: Estimate, found: ForceEstimate, trial: T
         return response, np.zeros((*data.good.shape, 1))
 
     linearised = linearise_and_filter(problem.steps, data, point, extra=pushed)
-    flat = np.nan_to_num(linearised.white[..., :-1]).reshape(-1, len(free.columns) + 1)
-    gram = flat.T @ flat
     known = np.linalg.inv(fit.covariance[np.ix_(kept, kept)])
-    return float(gram[-1, -1] - gram[-1, :-1] @ np.linalg.solve(gram[:-1, :-1] + known, gram[:-1, -1]))
+    return np.array(
+        [
+            gram[-1, -1] - gram[-1, :-1] @ np.linalg.solve(gram[:-1, :-1] + known, gram[:-1, -1])
+            for gram in _grams(data, linearised.white[..., :-1], len(trials))
+        ]
+    )
+
+
+def _grams(data: GriddedTrials, white: np.ndarray, runs: int) -> np.ndarray:
+    """Products (runs, c, c) of the whitened columns (K + 1, R, 6, c) in each run; 0 where it is too short for a
+    window, or the ship explodes."""
+    grams = np.zeros((runs, white.shape[3], white.shape[3]))
+    for r, run in enumerate(data.run):
+        flat = np.nan_to_num(white[:, r]).reshape(-1, white.shape[3])
+        grams[run] += flat.T @ flat
+    return grams
 
 
 def _simulated(problem: SearchProblem, ship: Ship) -> tuple[list[Option], list[Trial]]:
@@ -122,15 +143,14 @@ def _simulated(problem: SearchProblem, ship: Ship) -> tuple[list[Option], list[T
     return runs(ship, chosen, seconds, problem.data.h)[:2]
 
 
-def _rolled_out(problem: SearchProblem, theta: np.ndarray, trial: Trial) -> tuple[GriddedTrials, Trajectory]:
-    """A ``trial`` on the grid of the ``problem``, and the path of the model without latent force from its begin."""
+def _rolled_out(problem: SearchProblem, theta: np.ndarray, trials: Sequence[Trial]) -> tuple[GriddedTrials, Trajectory]:
+    """The ``trials`` on the grid of the ``problem``, and the paths of the model without latent force from their
+    begin."""
     steps = problem.steps
-    data = grid_trials([trial], steps.ship.inputs, float(steps.ship.particulars["L"]), problem.data.h)
-    (K, R), controls = data.inputs.shape[:2], data.controls
+    data = grid_trials(trials, steps.ship.inputs, float(steps.ship.particulars["L"]), problem.data.h)
+    K, R = data.inputs.shape[:2]
     z = np.repeat(steps.settled(data.y[0].T, data.inputs[0].T, theta).T[None], K + 1, axis=0)
-    for k in range(K):
-        z[k + 1] = steps.advance(z[k].T, controls[k].T, theta).T
-    return data, Trajectory(z, np.zeros((K + 1, R, 3)))
+    return data, Trajectory(steps.follow(z, data.controls, theta), np.zeros((K + 1, R, 3)))
 
 
 def _order(option: Option) -> str:
@@ -139,11 +159,12 @@ def _order(option: Option) -> str:
 
 
 def _misfits(
-    problem: SearchProblem, first: Estimate, one: Candidate, others: Sequence[Candidate], trial: Trial
+    problem: SearchProblem, first: Estimate, one: Candidate, others: Sequence[Candidate], trials: Sequence[Trial]
 ) -> np.ndarray:
-    """Misfit of each other effect in place of the first (or of none, without others) in one run of a manoeuvre."""
+    """Misfit (runs, others) of each other effect in place of the first (or of none, without others) in one run of each
+    of some manoeuvres."""
     steps = problem.steps
-    data, path = _rolled_out(problem, first.theta, trial)
+    data, path = _rolled_out(problem, first.theta, trials)
     effects = [one, *others]
     more = priors_of_effects(effects)
     by_run = {c.symbol for c in first.free.columns if c.run is not None}
@@ -152,21 +173,20 @@ def _misfits(
     base = problem.base.only(kept)
     P, free = len(base.symbols), base + more
     point = Point(first.theta, free, np.zeros(len(free.mean)), path, first.noise)
-    linearised = linearise_and_filter(steps, data, point, np.arange(steps.S))
-    flat = np.nan_to_num(linearised.white[..., :-1]).reshape(-1, len(free.mean))
-    gram = flat.T @ flat
+    linearised = linearise_and_filter(steps, data, point)
     known = [first.free.columns.index(c) for c in base.columns]
-    gram[:P, :P] += np.linalg.inv(first.covariance[np.ix_(known, known)])
-    S = gram[P:, P:] - gram[P:, :P] @ np.linalg.solve(gram[:P, :P], gram[:P, P:])
+    before = np.linalg.inv(first.covariance[np.ix_(known, known)])
     q = len(one.columns)
     size = get_values(problem.steps.ship, problem.data, first.theta, one.columns)
     phi = (size - one.neutral) / more.std[:q]
-    if not others:
-        return np.array([phi @ S[:q, :q] @ phi])
-    misfit, at = [], q
-    for e in effects[1:]:
-        own = slice(at, at + len(e.symbols))
-        rest = S[:q, :q] - S[:q, own] @ np.linalg.pinv(S[own, own], rcond=1e-8, hermitian=True) @ S[own, :q]
-        misfit.append(float(phi @ rest @ phi))
-        at += len(e.symbols)
-    return np.array(misfit)
+    ends = np.cumsum([q, *(len(e.symbols) for e in others)])
+    misfits = []
+    for gram in _grams(data, linearised.white[..., :-1], len(trials)):
+        S = gram[P:, P:] - gram[P:, :P] @ np.linalg.solve(gram[:P, :P] + before, gram[:P, P:])
+        row = [] if others else [phi @ S[:q, :q] @ phi]
+        for begin, end in pairwise(ends):
+            own = slice(begin, end)
+            rest = S[:q, :q] - S[:q, own] @ np.linalg.pinv(S[own, own], rcond=1e-8, hermitian=True) @ S[own, :q]
+            row.append(float(phi @ rest @ phi))
+        misfits.append(row)
+    return np.array(misfits)

@@ -114,9 +114,7 @@ def simulated_trials(
     noise, h = found.noise, data.h
     (K, R), controls = data.inputs.shape[:2], data.controls
     force = _processes(K + 1, R, noise.force, noise.tau, h, rng)
-    z = found.path.z.copy()
-    for k in range(K):
-        z[k + 1] = steps.advance(z[k].T, controls[k].T, steps.coefficients(found.theta, force[k].T)).T
+    z = steps.follow(found.path.z, controls, found.theta, force=force[:-1])
     y = steps.logged(z, found.theta) + noise.white * rng.standard_normal(data.y.shape)
     y += _processes(K + 1, R, noise.coloured, noise.colour_tau, h, rng)
     return replace(data, y=np.where(data.measured, y, 0.0)), Trajectory(z, force)

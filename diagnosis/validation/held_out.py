@@ -33,8 +33,15 @@ class Stepper(Protocol):
     def settled(self, six: np.ndarray, controls: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """States (S, M) that are logged as (6, M) under inputs (C, M)."""
 
-    def advance(self, z: np.ndarray, controls: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """States (S, M) a step later, under inputs (C, M) or with their changes over the step (2 C, M)."""
+    def follow(
+        self,
+        z: np.ndarray,
+        inputs: np.ndarray,
+        theta: np.ndarray,
+        carried: np.ndarray | None = None,
+        whole: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """Paths (K + 1, R, S) from the first states of z, as ``TransitionModel.follow``."""
 
 
 def scales(length: float) -> np.ndarray:
@@ -72,20 +79,17 @@ def errors(
         return np.zeros(0), np.zeros(0, dtype=int)
     k0, r0 = np.array(starts).T
     count = np.full(len(k0), rows) if rows else data.steps[r0] - k0
-    z = (start_states(steps, data, theta) if begin is None else begin)[k0, r0].T
+    z = (start_states(steps, data, theta) if begin is None else begin)[k0, r0]
     theta = theta[:, r0] if theta.ndim > 1 else theta
     sigma = scales(float(steps.ship.particulars["L"]))
-    total, seen, controls = np.zeros(len(k0)), np.zeros(len(k0)), data.controls
-    for k in range(int(count.max())):
-        at = np.minimum(k0 + k, len(data.inputs) - 1)
-        z = steps.advance(z, controls[at, r0].T, theta)
-        row = np.minimum(k0 + k + 1, len(data.y) - 1)
-        error = (columns(steps.model, z, theta).T - data.y[row, r0]) / sigma
-        good = data.measured[row, r0] & (k < count)[:, None]
-        square = np.where(good, np.minimum(np.nan_to_num(error**2, nan=1e6), 1e6), 0.0)
-        total += square.sum(axis=1)
-        seen += good.sum(axis=1)
-    return total / np.maximum(seen, 1), data.run[r0]
+    along = np.arange(int(count.max()))[:, None]
+    at, row = (np.minimum(k0 + along + i, len(x) - 1) for i, x in enumerate((data.inputs, data.y)))
+    path = steps.follow(np.repeat(z[None], len(along) + 1, axis=0), data.controls[at, r0], theta)
+    # states (K, S, W) -> (K, W, 6)
+    error = (columns(steps.model, path[1:].swapaxes(1, 2), theta).swapaxes(1, 2) - data.y[row, r0]) / sigma
+    good = data.measured[row, r0] & (along < count)[..., None]
+    square = np.where(good, np.minimum(np.nan_to_num(error**2, nan=1e6), 1e6), 0.0)
+    return square.sum(axis=(0, 2)) / np.maximum(good.sum(axis=(0, 2)), 1), data.run[r0]
 
 
 def start_states(steps: Stepper, data: GriddedTrials, theta: np.ndarray) -> np.ndarray:
@@ -103,12 +107,8 @@ def start_states(steps: Stepper, data: GriddedTrials, theta: np.ndarray) -> np.n
     z = steps.settled(data.y.reshape(-1, 6).T, inputs.reshape((K + 1) * R, -1).T, every).T.reshape(K + 1, R, -1)
     if not len(carried):
         return z
-    logged, controls = np.asarray(data.measured[..., 2:].all(axis=2)), data.controls
-    for k in range(K):
-        end = steps.advance(z[k].T, controls[k].T, theta).T
-        z[k + 1][:, carried] = end[:, carried]
-        z[k + 1] = np.where(logged[k + 1, :, None], z[k + 1], end)
-    return z
+    logged = np.asarray(data.measured[..., 2:].all(axis=2))
+    return steps.follow(z, data.controls, theta, carried, whole=~logged[1:])
 
 
 def half_times(data: GriddedTrials) -> np.ndarray:

@@ -57,10 +57,23 @@ class SteppedHybrid(TrainableSystem):
         return self.members[0].start(torch.as_tensor(six), torch.as_tensor(controls)).numpy()
 
     @torch.no_grad()
-    def advance(self, z: np.ndarray, controls: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """End states (S, M) of one step from (S, M) under the mean inputs, the first C rows of ``controls``."""
-        held = torch.as_tensor(controls[: len(self.model.controls)])
-        return self.step(torch.as_tensor(z), held, self.h).numpy()
+    def follow(
+        self,
+        z: np.ndarray,
+        inputs: np.ndarray,
+        theta: np.ndarray,
+        carried: np.ndarray | None = None,
+        whole: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """Paths (K + 1, R, S) from the first states of z (K + 1, R, S) under the mean inputs, the first C of
+        ``inputs``; carried, whole: as of ``TransitionModel.follow``."""
+        z = z.copy()
+        mine = np.full(z.shape[2], carried is None)
+        mine[[] if carried is None else carried] = True
+        for k, held in enumerate(torch.as_tensor(inputs[..., : len(self.model.controls)])):
+            end = self.step(torch.as_tensor(z[k].T), held.T, self.h).numpy().T
+            z[k + 1] = np.where(mine | (False if whole is None else whole[k][:, None]), end, z[k + 1])
+        return z
 
 
 def measure_learned_residual(

@@ -10,7 +10,7 @@ import pytest
 from benchmarks.disturbed_trials import drawn_ship
 from diagnosis.estimation.candidates import Column, ship_with_all_effects
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
-from diagnosis.estimation.kalman import NoiseModel, smoothed
+from diagnosis.estimation.kalman import NoiseModel
 from diagnosis.estimation.linearisation import Linearisation, Point, Trajectory, linearise_and_filter
 from diagnosis.estimation.map_estimate import Estimate, estimate, initial_point
 from diagnosis.estimation.noise_sizes import initial_noise
@@ -52,7 +52,7 @@ def settled_path(steps: TransitionModel, data: GriddedTrials, theta: np.ndarray,
     path = path_near(steps, data, theta)
     for _ in range(12):
         a = linearise_and_filter(steps, data, Point(theta, NO_PRIORS, np.zeros(0), path, NOISE), active)
-        mean, _, _ = smoothed(a.system, a.filter, a.white[..., -1], a.states[..., -1])
+        mean, _, _ = a.smoothed()
         z = path.z.copy()
         z[..., active] += mean[..., : len(active)]
         path = Trajectory(z, path.force + mean[..., len(active) : len(active) + 3])

@@ -1,0 +1,156 @@
+"""The compiled filter against that in numpy; what happens where it is wrong or a covariance is singular."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from diagnosis.estimation import filtering, kalman
+from diagnosis.estimation.filtering import DrivenColumns, Kernel, agrees
+from diagnosis.estimation.kalman import Filtered, LinearSystem
+from diagnosis.estimation.kalman_c import FLAGS, source
+from mmg.compile.cache import load_library
+
+RUNS, STEPS = 3, 11
+
+
+@pytest.fixture(scope="module")
+def code() -> Kernel:
+    library, why = load_library(source(), FLAGS)
+    if library is None:
+        pytest.skip(why)
+    return Kernel(library)
+
+
+@pytest.fixture
+def forgotten() -> Iterator[None]:
+    """The choice between code and numpy is made again, before and after."""
+    filtering.forget_code()
+    yield
+    filtering.forget_code()
+
+
+def system(n: int, seed: int = 0) -> LinearSystem:
+    """A stable system of n states, some samples missing, the second window shorter."""
+    rng, K, R = np.random.default_rng(seed), STEPS, RUNS
+    inside = np.arange(K)[:, None] < np.array([K, K - 4, K])
+    good = rng.random((K + 1, R, 6)) > 0.2
+    good[3:5] = False
+    good[:, 1] &= (np.arange(K + 1) <= K - 4)[:, None]
+    T = 0.8 * np.eye(n) + 0.2 * rng.standard_normal((K, R, n, n)) / np.sqrt(n)
+    T[~inside] = np.eye(n)
+    Z = np.where(good[..., None], rng.standard_normal((K + 1, R, 6, n)), 0.0)
+    first = np.repeat(np.diag(1 + rng.random(n))[None], R, axis=0)
+    return LinearSystem(T, Z, 0.1 + rng.random(n), 0.1 + rng.random(6), first, good, inside)
+
+
+def close(found: np.ndarray, expected: np.ndarray) -> None:
+    """To 1e-12 of the largest."""
+    assert np.abs(found - expected).max(initial=0.0) <= 1e-12 * (1 + np.abs(expected).max(initial=0.0))
+
+
+@pytest.mark.parametrize("n", [1, 7, 8, 9, 22])
+def test_filter_smoother_and_slopes_are_those_of_numpy(code: Kernel, n: int) -> None:
+    s = system(n)
+    f, own = kalman.filtered(s), code.filtered(s)
+    for name in ("L", "gain", "P", "inverse", "root", "log_det"):
+        close(getattr(own, name), getattr(f, name))
+    a, b = kalman.adjoint(s, f), code.adjoint(s, f)
+    for name in ("by_T", "by_Z", "N", "D"):
+        close(getattr(b, name), getattr(a, name))
+    rng = np.random.default_rng(1)
+    white, states = rng.standard_normal((STEPS + 1, RUNS, 6)), rng.standard_normal((STEPS + 1, RUNS, n))
+    for x, y in zip(code.smoothed(s, f, white, states), kalman.smoothed(s, f, white, states), strict=True):
+        close(x, y)
+    if n > 4:
+        close(code.by_rates(s, a, n - 4, 0.3), kalman.by_rates(s, a, n - 4, 0.3))
+
+
+@pytest.mark.parametrize("c", [1, 8, 13, 128, 131])
+def test_responses_are_those_of_numpy_in_any_number_of_columns(code: Kernel, c: int) -> None:
+    s, rng = system(9), np.random.default_rng(2)
+    f, d = kalman.filtered(s), min(c, 3)
+    columns = DrivenColumns(
+        forcing=rng.standard_normal((STEPS, RUNS, 6, c)),
+        observed=rng.standard_normal((STEPS + 1, RUNS, 6, d)),
+        observing=rng.permutation(c)[:d],
+        scale=rng.random((RUNS, c)),
+        start=rng.standard_normal((RUNS, 9, c)),
+    )
+    assert columns.scale is not None
+    scaled = columns.forcing * columns.scale[:, None], columns.dense_observed * columns.scale[:, None]
+    white, states = kalman.responses(s, f, *scaled, columns.start)
+    wide = np.full((STEPS + 1, RUNS, 6, c + 5), np.nan)
+    own = code.whitened(s, f, columns, wide[..., 2 : c + 2], True)
+    close(wide[..., 2 : c + 2], white)
+    close(own, states)
+    assert np.isnan(wide[..., :2]).all() and np.isnan(wide[..., c + 2 :]).all(), "it wrote beside its columns"
+    close(code.observations(s, f, white), kalman.observations(s, f, white))
+
+
+def test_observations_have_the_residuals_they_were_made_of(code: Kernel) -> None:
+    s, rng = system(9), np.random.default_rng(3)
+    f = code.filtered(s)
+    white = np.where(s.good[..., None], rng.standard_normal((STEPS + 1, RUNS, 6, 10)), 0.0)
+    logged = code.observations(s, f, white)
+    again = np.empty_like(white)
+    code.whitened(s, f, DrivenColumns.dense(np.zeros((STEPS, RUNS, 0, 10)), -logged), again, False)
+    np.testing.assert_allclose(-again, white, atol=1e-10)
+
+
+def test_a_window_alone_gives_the_same_bits(code: Kernel) -> None:
+    s = system(9)
+    whole = code.filtered(s)
+    own = replace(s, **{k: getattr(s, k)[:, 1:2] for k in ("T", "Z", "good", "inside")}, first=s.first[1:2])
+    alone: Filtered = code.filtered(own)
+    assert np.array_equal(alone.P[:, 0], whole.P[:, 1]) and alone.log_det[0] == whole.log_det[1]
+
+
+@pytest.mark.parametrize("by", ["code", "numpy"])
+def test_a_singular_covariance_is_one_error_in_both(code: Kernel, by: str) -> None:
+    s = system(7)
+    broken = replace(s, R=np.array([1.0, 1.0, 1.0, -1e6, 1.0, 1.0]))
+    with pytest.raises(np.linalg.LinAlgError):
+        code.filtered(broken) if by == "code" else kalman.filtered(broken)
+
+
+@pytest.mark.usefixtures("forgotten")
+@pytest.mark.parametrize("right, wrong", [("0.5 * (p[", "0.6 * (p["), ("own[j] *= 0.5 * h", "own[j] *= h")])
+def test_wrong_code_is_not_used_and_one_line_says_so(
+    code: Kernel, right: str, wrong: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    assert agrees(code) and right in source()
+    library, _ = load_library(source().replace(right, wrong), FLAGS)
+    assert library is not None
+    monkeypatch.setattr(filtering, "load_library", lambda *_: (library, ""))
+    s = system(9)
+    with caplog.at_level(logging.WARNING):
+        found = filtering.filtered(s)
+        filtering.filtered(s)
+    assert [r.message for r in caplog.records if "does not agree" in r.message] == [
+        "the compiled filter does not agree with numpy, which is used instead"
+    ]
+    assert np.array_equal(found.P, kalman.filtered(s).P)
+
+
+@pytest.mark.usefixtures("forgotten")
+def test_without_a_compiler_numpy_does_it_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MMG_CC", "none")
+    s, rng = system(9), np.random.default_rng(4)
+    f = filtering.filtered(s)
+    assert np.array_equal(f.P, kalman.filtered(s).P)
+    columns = DrivenColumns.dense(
+        rng.standard_normal((STEPS, RUNS, 4, 2)), rng.standard_normal((STEPS + 1, RUNS, 6, 2))
+    )
+    white, none = filtering.whitened(s, f, columns)
+    whole, states = filtering.whitened(s, f, columns, np.empty((STEPS + 1, RUNS, 6, 2)), with_states=True)
+    assert not none.size and np.array_equal(white, whole) and states.shape == (STEPS + 1, RUNS, 9, 2)
+    mean, _, _ = filtering.smoothed(s, f, white[..., 0], states[..., 0])
+    found = filtering.adjoint(s, f)
+    assert np.isfinite(mean).all() and np.array_equal(found.N, kalman.adjoint(s, f).N)
+    assert np.isfinite(filtering.by_rates(s, found, 6, 0.5)).all()
+    assert np.isfinite(filtering.observations(s, f, white)).all()

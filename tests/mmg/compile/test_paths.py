@@ -1,0 +1,130 @@
+"""Paths gone along in C against numpy, of a small made-up system with memory, inputs and a force."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from mmg.compile.batch import BatchFunction, batch_functions
+from mmg.compile.path_numpy import PortablePaths
+from mmg.compile.paths import Entries, PathCode, WindowPaths, path_code
+
+S, C, ALL = 4, 2, 7
+FORCE = np.array([4, 5, 6])
+
+
+@pytest.fixture(scope="module")
+def code() -> PathCode:
+    found = path_code()
+    if found is None:
+        pytest.skip("no C compiler")
+    return found
+
+
+@pytest.fixture(scope="module")
+def functions() -> dict[str, BatchFunction]:
+    """Rates, their Jacobian by states and coefficients, what is logged, and weighted second derivatives."""
+    q, c, p = ca.SX.sym("q", S), ca.SX.sym("c", C), ca.SX.sym("p", ALL)
+    rates = ca.vertcat(
+        q[1] + p[4],
+        -p[0] * ca.sin(q[0]) * q[1] + c[0] + p[5] * q[2],
+        p[1] * ca.tanh(q[1]) - q[2] + p[6] * c[1],
+        (q[1] - q[3]) / (1 + p[2] ** 2),
+    )
+    logged = ca.vertcat(q[0] * p[3], q[1] + q[3], ca.cos(q[0]), q[2], q[3] ** 2, p[3] * q[1])
+    J, H = ca.jacobian(rates, ca.vertcat(q, p)), ca.jacobian(logged, ca.vertcat(q, p))
+    B, E = ca.jacobian(rates, ca.vertcat(q, p[4:])), ca.jacobian(logged, q)
+    wb, we = ca.SX.sym("wb", B.nnz()), ca.SX.sym("we", E.nnz())
+    second = [ca.densify(ca.gradient(ca.dot(w, M.nz[:]), p)) for w, M in ((wb, B), (we, E))]
+    made = [
+        ca.Function("rates", [q, c, p], [rates]),
+        ca.Function("jacobian", [q, c, p], [rates, J]),
+        ca.Function("logged_jacobian", [q, p], [logged, H]),
+        ca.Function("of_rates", [q, c, p, wb], [second[0]]),
+        ca.Function("of_logged", [q, p, we], [second[1]]),
+    ]
+    batch, why = batch_functions(made)
+    if why:
+        pytest.skip(why)
+    return {f.name(): b for f, b in zip(made, batch, strict=True)}
+
+
+def at(function: BatchFunction, output: int) -> tuple[np.ndarray, np.ndarray]:
+    rows, columns = (np.array(a, dtype=int) for a in function.function.sparsity_out(output).get_triplet())
+    return rows, columns
+
+
+def paths(K: int, R: int, changes: bool, by_window: bool, force: bool) -> WindowPaths:
+    rng = np.random.default_rng(10 * K + R)
+    theta = rng.random((ALL, R) if by_window else ALL)
+    inputs = rng.standard_normal((K, R, 2 * C if changes else C))
+    push = rng.standard_normal((K, R, 3)) if force else None
+    return WindowPaths(rng.standard_normal((K + 1, R, S)), inputs, theta, 0.1, C, push, FORCE)
+
+
+CASES = pytest.mark.parametrize(
+    "given",
+    [(11, 3, True, True, True), (8, 9, False, False, True), (1, 1, True, False, False), (17, 2, False, True, False)],
+    ids=["changes, by window", "held", "one step", "no force"],
+)
+
+
+@CASES
+def test_steps_and_their_derivatives(code: PathCode, functions: dict[str, BatchFunction], given: tuple) -> None:
+    active, chosen = np.array([0, 1, 2]), np.array([0, 1, 4, 5, 6])  # nothing depends on the fourth state
+    row, column = np.full(S, -1), np.full(S + ALL, -1)
+    row[active] = column[active] = np.arange(3)
+    column[S + chosen] = 3 + np.arange(5)
+    wanted = Entries.chosen(at(functions["jacobian"], 1), row, column)
+    rest = (functions["jacobian"], wanted, 3, np.array([3, 4, 3]), np.array([5, 6, 7]))
+    found, expected = (go.steps(paths(*given), *rest) for go in (code, PortablePaths()))
+    for a, b in zip(found, expected, strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-12)
+
+
+@CASES
+def test_what_is_logged_and_its_derivatives(code: PathCode, functions: dict[str, BatchFunction], given: tuple) -> None:
+    column = np.array([0, 1, -1, 2, -1, -1, -1, 3, -1, -1, -1])  # three states, and the fourth coefficient
+    wanted = Entries.chosen(at(functions["logged_jacobian"], 1), np.arange(6), column)
+    rest = (functions["logged_jacobian"], wanted, 3, 1)
+    found, expected = (go.logged(paths(*given), *rest) for go in (code, PortablePaths()))
+    for a, b in zip(found, expected, strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-12)
+    assert found[2].any()
+
+
+@CASES
+@pytest.mark.parametrize("name", ["of_rates", "of_logged"])
+def test_weighted_second_derivatives(
+    code: PathCode, functions: dict[str, BatchFunction], given: tuple, name: str
+) -> None:
+    here, of_rates = paths(*given), name == "of_rates"
+    count = functions[name].function.numel_in(3 if of_rates else 2)
+    rng = np.random.default_rng(1)
+    weight = rng.standard_normal((len(here.z) - of_rates, here.z.shape[1], 3, count))
+    source = rng.permutation(3 * count)[:count]
+    source[0] = -1
+    found, expected = (go.weighted(here, functions[name], of_rates, weight, source) for go in (code, PortablePaths()))
+    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
+    assert np.abs(found).max() > 0
+
+
+@CASES
+def test_paths_simulated_in_part_or_whole(code: PathCode, functions: dict[str, BatchFunction], given: tuple) -> None:
+    here = paths(*given)
+    K, R = here.inputs.shape[:2]
+    carried, whole = np.array([False, False, True, True]), np.random.default_rng(2).random((K, R)) < 0.5
+    for marks in (whole, np.zeros((K, R), dtype=bool)):
+        found, expected = (go.follow(here, functions["rates"], carried, marks) for go in (code, PortablePaths()))
+        np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
+        assert np.array_equal(found[1:][~marks][:, :2], here.z[1:][~marks][:, :2]), "given states were overwritten"
+
+
+def test_a_window_alone_gives_the_same_bits(code: PathCode, functions: dict[str, BatchFunction]) -> None:
+    here = paths(11, 9, True, True, True)
+    assert here.force is not None
+    own = WindowPaths(here.z[:, 4:5], here.inputs[:, 4:5], here.theta[:, 4:5], here.h, C, here.force[:, 4:5], FORCE)
+    every, none = np.ones(S, dtype=bool), np.zeros((11, 9), dtype=bool)
+    whole = code.follow(here, functions["rates"], every, none)
+    assert np.array_equal(code.follow(own, functions["rates"], every, none[:, :1])[:, 0], whole[:, 4])
