@@ -212,7 +212,9 @@ class Kernel:
         out, by_T = np.empty((K, R, A, A + 3)), _real(found.by_T)
         T, inside = _real(s.T), np.ascontiguousarray(s.inside, dtype=np.uint8)
         system = _System(K=K, R=R, n=n, T=T.ctypes.data, inside=inside.ctypes.data)
-        self._library.by_rates(ctypes.byref(system), ctypes.c_longlong(A), ctypes.c_double(h), _at(by_T), _at(out))
+        rest = (ctypes.c_longlong(A), ctypes.c_double(h), _at(by_T), _at(out))
+        if self._library.by_rates(ctypes.byref(system), *rest):
+            raise MemoryError(f"no memory for the filter of {R} windows")
         return out
 
 

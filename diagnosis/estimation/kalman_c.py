@@ -12,20 +12,20 @@ FLAGS = ("-O3", "-fPIC", "-shared", "-fno-math-errno", "-fno-trapping-math", "-f
 
 _PRODUCTS = """
 #include <stdlib.h>
-#define AT(i, j) a[(i) * si + (j) * sj]
-#define SUM(w) { V s[w]; for (int v = 0; v < w; v++) s[v] = plus ? c[at + v] : fill(0.0); \\
-  for (long long j = 0; j < inner; j++) { const V x = fill(AT(i, j)); const V* r = b + j * nv + at; \\
-    for (int v = 0; v < w; v++) s[v] += x * r[v]; } \\
-  for (int v = 0; v < w; v++) c[at + v] = s[v]; at += w; }
-static inline void product(long long rows, long long inner, long long nv, const double* a, long long si, long long sj,
-                           const V* b, V* out, int plus) {
-  for (long long i = 0; i < rows; i++) {
-    V* c = out + i * nv;
-    long long at = 0;
-    while (nv - at >= 4) SUM(4)
-    if (nv - at >= 2) SUM(2)
-    if (nv - at >= 1) SUM(1)
-  }
+/* m rows of w vectors of a product: sums that wait for each other in none of the others */
+#define BLOCK(m, w) { V sum[m][w]; \\
+  for (int e = 0; e < m; e++) for (int v = 0; v < w; v++) sum[e][v] = plus ? out[(i + e) * nv + at + v] : fill(0.0); \\
+  const double* x = a + i * si; const V* row = b + at; \\
+  for (long long j = 0; j < inner; j++, x += sj, row += nv) for (int e = 0; e < m; e++) { \\
+    const V one = fill(x[e * si]); for (int v = 0; v < w; v++) sum[e][v] += one * row[v]; } \\
+  for (int e = 0; e < m; e++) for (int v = 0; v < w; v++) out[(i + e) * nv + at + v] = sum[e][v]; }
+#define ROWS(m, w) { long long i = 0; for (; i + m <= rows; i += m) BLOCK(m, w) for (; i < rows; i++) BLOCK(1, w) }
+static void product(long long rows, long long inner, long long nv, const double* a, long long si, long long sj,
+                    const V* b, V* out, int plus) {
+  long long at = 0;
+  for (; nv - at >= 4; at += 4) ROWS(2, 4)
+  for (; nv - at >= 2; at += 2) ROWS(3, 2)
+  for (; at < nv; at++) ROWS(3, 1)
 }
 static V* room(void** whole, long long vectors) {
   char* p = *whole = malloc((vectors + 1) * sizeof(V));
@@ -301,25 +301,29 @@ EXPORT int adjoint(const System* s, double* by_T, double* by_Z, double* Ns, doub
   free(whole);
   return 0;
 }
-EXPORT void by_rates(const System* s, long long A, double h, const double* by_T, double* out) {
-  const long long n = s->n, B = A + 3;
+EXPORT int by_rates(const System* s, long long A, double h, const double* by_T, double* out) {
+  const long long n = s->n, B = A + 3, nv = (B + LANES - 1) / LANES, np = nv * LANES;
+  void* whole;
+  V* weight = room(&whole, (2 * B + A) * nv);
+  if (!weight) return 2;
+  V *ahead = weight + A * nv, *sum = ahead + B * nv;
+  double *w = (double*)weight, *f = (double*)ahead;
+  memset(weight, 0, (2 * B + A) * nv * sizeof(V));
+  for (long long a = A; a < B; a++) f[a * np + a] = 1.0;
   for (long long i = 0; i < s->K * s->R; i++) {
-    const double *T = s->T + i * n * n, *weight = by_T + i * n * n;
     double* own = out + i * A * B;
-    memset(own, 0, A * B * sizeof(double));
-    if (!s->inside[i]) continue;
-    for (long long c = 0; c < A; c++) for (long long a = 0; a < A; a++)
-      for (long long b = 0; b < B; b++) own[a * B + b] += T[c * n + a] * weight[c * n + b];
-    for (long long a = 0; a < A; a++) {
-      for (long long b = 0; b < A; b++) {
-        double x = 0;
-        for (long long c = 0; c < B; c++) x += weight[a * n + c] * T[b * n + c];
-        own[a * B + b] += x;
-      }
-      for (long long b = A; b < B; b++) own[a * B + b] += weight[a * n + b];
+    if (!s->inside[i]) { memset(own, 0, A * B * sizeof(double)); continue; }
+    const double *T = s->T + i * n * n, *by = by_T + i * n * n;
+    for (long long a = 0; a < A; a++) for (long long b = 0; b < B; b++) {
+      w[a * np + b] = 0.5 * h * by[a * n + b];
+      f[b * np + a] = T[a * n + b];
     }
-    for (long long j = 0; j < A * B; j++) own[j] *= 0.5 * h;
+    product(A, A, nv, T, 1, n, weight, sum, 0);
+    product(A, B, nv, w, np, 1, ahead, sum, 1);
+    narrow(A, B, np, (double*)sum, own);
   }
+  free(whole);
+  return 0;
 }
 """
 

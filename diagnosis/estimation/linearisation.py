@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -53,13 +54,16 @@ columns (K + 1, R, 6, c)."""
 class Linearisation:
     """Model and filter about a point; P free parameters and extra columns, n states of the filter.
 
-    white: (K + 1, R, 6, P + 1) whitened responses of the columns per prior std, and last the negative residual;
-    states: (K + 1, R, n) predicted states of the residual, which is the column ``residual``; size: (R, P) prior std of
-    the free parameters, 0 in windows where they do not act; adjoint: derivatives of 1/2 log det; by_rates: (K, R, A,
-    A + 3) of them by the Jacobian of the rates by states and latent force in the middle of each step [1/s];
-    logdet_gradient: (R, P) of them by the columns, by window; nll: as of an ``Estimate``.
+    steps, data, at, active: model, trials, point and active states that it was made of; white: (K + 1, R, 6, P + 1)
+    whitened responses of the columns per prior std, and last the negative residual; states: (K + 1, R, n) predicted
+    states of the residual, which is the column ``residual``; size: (R, P) prior std of the free parameters, 0 in
+    windows where they do not act; nll: as of an ``Estimate``. What follows is made when it is first asked for.
     """
 
+    steps: TransitionModel
+    data: GriddedTrials
+    at: Point
+    active: np.ndarray
     linear: LinearModel
     system: LinearSystem
     filter: Filtered
@@ -67,10 +71,29 @@ class Linearisation:
     states: np.ndarray
     residual: DrivenColumns
     size: np.ndarray
-    adjoint: Adjoint
-    by_rates: np.ndarray
-    logdet_gradient: np.ndarray
     nll: float
+
+    @cached_property
+    def adjoint(self) -> Adjoint:
+        """Derivatives of 1/2 log det."""
+        return adjoint(self.system, self.filter)
+
+    @cached_property
+    def by_rates(self) -> np.ndarray:
+        """Derivative (K, R, A, A + 3) of 1/2 log det by the Jacobian of the rates by states and latent force in the
+        middle of each step [1/s]."""
+        return by_rates(self.system, self.adjoint, len(self.active), self.data.h)
+
+    @cached_property
+    def logdet_gradient(self) -> np.ndarray:
+        """Derivative (R, P) of 1/2 log det by the columns, by window; 0 for extra columns."""
+        free, path, A = self.at.free, self.at.path, len(self.active)
+        by_Z = np.where(self.data.good[..., None], self.adjoint.by_Z[..., :A], 0.0)
+        given = (path.z, self.data.inputs, self.at.theta, path.force[:-1], self.by_rates, by_Z)
+        own = self.steps.logdet_gradient(*given, column_positions(self.steps, free), self.active) * self.size
+        gradient = np.zeros((len(self.data.run), self.white.shape[3] - 1))
+        gradient[:, : own.shape[1]] = own
+        return gradient
 
     def smoothed(self, dp: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Smoothed states (K + 1, R, n), and the smoother's r (K, R, n) and u (K + 1, R, 6), when the free parameters
@@ -150,8 +173,7 @@ def linearise_and_filter(
     free, path, noise, theta = at.free, at.path, at.noise, at.theta
     if active is None:
         active = active_states(steps, free.symbols, theta)
-    columns = np.array([steps.symbols.index(s) for s in free.symbols], dtype=int)
-    linear = steps.linearise(path.z, data.controls, theta, path.force[:-1], columns, active)
+    linear = steps.linearise(path.z, data.controls, theta, path.force[:-1], column_positions(steps, free), active)
     start = initial_covariance(steps, data, path.z[0], theta, active)
     system = linear_system(linear, noise, start, data.good, data.inside, data.h)
     filter_run = filtered(system)
@@ -165,16 +187,15 @@ def linearise_and_filter(
         whitened(system, filter_run, part, white[..., begin:end])
     residual = _residual(steps, data, at, linear, active)
     _, states = whitened(system, filter_run, residual, white[..., -1:], with_states=True)
-    derivative = adjoint(system, filter_run)
-    rates = by_rates(system, derivative, len(active), data.h)
-    by_Z = np.where(data.good[..., None], derivative.by_Z[..., : len(active)], 0.0)
-    force = path.force[:-1]
-    gradient = steps.logdet_gradient(path.z, data.inputs, theta, force, rates, by_Z, columns, active) * size
-    gradient = np.hstack([gradient, np.zeros((len(data.run), ends[-1] - len(columns)))])
     nll = 0.5 * float(filter_run.log_det.sum() + (white[..., -1] ** 2).sum() + at.p @ at.p) + noise.neg_log_prior
     return Linearisation(
-        linear, system, filter_run, white, states[..., 0], residual, size, derivative, rates, gradient, nll
+        steps, data, at, active, linear, system, filter_run, white, states[..., 0], residual, size, nll
     )
+
+
+def column_positions(steps: TransitionModel, free: Priors) -> np.ndarray:
+    """Positions (P,) of the ``free`` parameters among the symbols of ``steps``."""
+    return np.array([steps.symbols.index(s) for s in free.symbols], dtype=int)
 
 
 def linearised_if_finite(

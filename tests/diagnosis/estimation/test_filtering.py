@@ -119,7 +119,7 @@ def test_a_singular_covariance_is_one_error_in_both(code: Kernel, by: str) -> No
 
 
 @pytest.mark.usefixtures("forgotten")
-@pytest.mark.parametrize("right, wrong", [("0.5 * (p[", "0.6 * (p["), ("own[j] *= 0.5 * h", "own[j] *= h")])
+@pytest.mark.parametrize("right, wrong", [("0.5 * (p[", "0.6 * (p["), ("w[a * np + b] = 0.5 * h", "w[a * np + b] = h")])
 def test_wrong_code_is_not_used_and_one_line_says_so(
     code: Kernel, right: str, wrong: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
