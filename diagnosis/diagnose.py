@@ -147,7 +147,8 @@ def _diagnosed(
     ready = prepare(ship, trials, site, options.step, known.other, known.reference)
     timings = {"fit": time.perf_counter() - began}
     p = ready.problem
-    result = judged_search(ready, _like_training(tests, ready), options, progress)
+    gridded = _like_training(tests, ready)
+    result = judged_search(ready, gridded, options, progress)
     found, (verdict, reasons, doubt) = result.found, believed(result, ready, trials)
     timings["screen, refits, test trials"] = time.perf_counter() - began - timings["fit"]
     LOGGER.info("tested and refitted: " + (", ".join(c.label for c in found.effects) or "no effect stands out"))
@@ -158,7 +159,7 @@ def _diagnosed(
     reasons += [*ordered, *limits(ready, found, trials, tests, result.held)]
     before, after = result.before, result.after
     remainder = is_named and (has_remainder(found, before, after, p.expected_unnamed) or bool(ordered))
-    fits = pattern(p.steps, p.data, found.final, found.effects) if is_named else None
+    fits = pattern(p.steps, p.data, found.final, found.effects, gridded) if is_named else None
     named = found.effects if is_named else ()
     effects = tuple(summary.named_effect(p, ready.full, found, c) for c in named)
     reasons += (doubts := [*_doubts(fits), *beyond_reported(effects, ship)])

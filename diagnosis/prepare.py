@@ -27,6 +27,7 @@ from diagnosis.estimation.residual_checks import (
     with_correlation_time,
 )
 from diagnosis.estimation.transition_model import TransitionModel
+from diagnosis.hypotheses.force_steadiness import force_steadiness
 from diagnosis.hypotheses.forward_selection import LEVEL, MOST, SearchProblem
 from diagnosis.hypotheses.reference import fit_reference
 from diagnosis.hypotheses.score_test import score_tests, slopes
@@ -92,8 +93,8 @@ class Prepared:
     """The problem and the fit without any effect.
 
     reading: how samples of the actuators were read; gap: one in so many grid times is compared; line: of
-    ``spectral_line``; is_order_usual: channels of the latent force follow each other in the trials of the calibration
-    as well.
+    ``spectral_line``; is_order_usual, is_unsteady_usual: channels of the latent force follow each other, or its size
+    differs with what the ship does, in the trials of the calibration as well.
     """
 
     problem: SearchProblem
@@ -104,6 +105,7 @@ class Prepared:
     notices: tuple[Message, ...]
     line: tuple[float, float]
     is_order_usual: bool = False
+    is_unsteady_usual: bool = False
 
 
 def priors_before(ship: Ship, other_trials: bool = False) -> Priors:
@@ -148,10 +150,10 @@ def prepare(
     values = full.ship.values
     at = [full.ship.symbols.index(s) for s in base.symbols]
     values[at] = [ship.coefficients[s].value for s in base.symbols]
-    usual, noise, gap, is_order_usual = np.zeros(2), initial_noise(full.ship), 0, False
+    usual, noise, gap, is_usual = np.zeros(2), initial_noise(full.ship), 0, (False, False)
     if reference:
         old, null, gap, *_ = fit_as_read(steps, reference, values, base, initial_noise(full.ship))[0]
-        is_order_usual = not force_order(steps, old, null).is_random
+        is_usual = tuple(not test(steps, old, null).is_random for test in (force_order, force_steadiness))
         known = fit_reference(steps, old, null, base, full.candidates, len(trials))
         base, full = known.priors, replace(full, candidates=known.candidates)
         values, noise = known.theta, wider(known.noise, full.ship)
@@ -195,7 +197,7 @@ def prepare(
         own = [c.in_each(runs) for c in full.candidates if c.effect in LOCAL]
         full = replace(full, candidates=(*full.candidates, *own))
     problem = SearchProblem(steps, data, base, full.candidates, *(data.samples * usual).tolist())
-    return Prepared(problem, full, null, reading, gap, tuple(notices), line, is_order_usual)
+    return Prepared(problem, full, null, reading, gap, tuple(notices), line, *is_usual)
 
 
 def fit_as_read(

@@ -76,7 +76,7 @@ def named_effect(problem: SearchProblem, full: FullModel, found: Selection, cand
     search, refitted = _named_in(found, candidate)
     sizes, runs = parameters_of(full, found.final, candidate), values_by_run(problem, found.final, candidate)
     absorbed = search.score(candidate).absorbed
-    return NamedEffect(candidate.effect, sizes, refitted.p_value, refitted.delta_bic, absorbed, runs)
+    return NamedEffect(candidate.effect, sizes, refitted.p_both, refitted.delta_bic, absorbed, runs)
 
 
 def instrument_faults(ship: Ship, full: FullModel, fit: Estimate) -> tuple[InstrumentFault, ...]:

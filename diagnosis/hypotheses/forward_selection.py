@@ -10,11 +10,13 @@ from scipy.stats import chi2
 
 from diagnosis.estimation.candidates import Candidate
 from diagnosis.estimation.gridded_trials import GriddedTrials
-from diagnosis.estimation.map_estimate import Estimate, estimate
+from diagnosis.estimation.map_estimate import BrokenModelError, Estimate, estimate
 from diagnosis.estimation.parameters import Priors
 from diagnosis.estimation.transition_model import TransitionModel
+from diagnosis.hypotheses.found_again import other_trials
 from diagnosis.hypotheses.refit import likelihood, refit, robust_p, wald_p
 from diagnosis.hypotheses.score_test import ScoreTest, score_tests, slopes
+from diagnosis.hypotheses.second_sample import NOTHING, FoundAgain, both_by_weight
 from diagnosis.hypotheses.unnamed import unnamed_forms
 from fitting.parallel import run_all
 from mmg.progress import OnProgress, Progress
@@ -49,7 +51,8 @@ class SearchProblem:
     """What all hypotheses share: the transition model of the full ship, data, priors of its coefficients, candidates.
 
     expected_unnamed: log Bayes factor of unnamed forms that the trials of the calibration show, for as many samples;
-    expected_unnamed_null: the same without the effects that are strong in those trials.
+    expected_unnamed_null: the same without the effects that are strong in those trials; tests: trials that take no part
+    in any fit, or None.
     """
 
     steps: TransitionModel
@@ -58,6 +61,7 @@ class SearchProblem:
     candidates: tuple[Candidate, ...]
     expected_unnamed: float = 0.0
     expected_unnamed_null: float = 0.0
+    tests: GriddedTrials | None = None
 
     @property
     def cost(self) -> float:
@@ -70,7 +74,8 @@ class RefittedEffect:
     """A candidate added to a hypothesis and refitted.
 
     gain: of log likelihood, over the dispersion of its slopes; delta_bic: gain in BIC; p_value: probability that chance
-    gives such a gain to any of the candidates, by the score test or by the refit; p_refit: by the refit alone.
+    gives such a gain to any of the candidates, by the score test or by the refit; p_refit: by the refit alone; again:
+    what trials that took no part say of it.
     """
 
     candidate: Candidate
@@ -79,6 +84,17 @@ class RefittedEffect:
     delta_bic: float
     p_value: float
     p_refit: float = 1.0
+    again: FoundAgain = NOTHING
+
+    @property
+    def p_both(self) -> float:
+        """Probability by chance of what it gains in the trials and in those that took no part."""
+        return both_by_weight(self.p_value, self.gain, self.again)
+
+    @property
+    def bic_of_both(self) -> float:
+        """Gain in BIC in the trials, or in them and those that took no part if that is more."""
+        return self.delta_bic + max(2 * self.again.gain, 0.0)
 
 
 @dataclass(frozen=True)
@@ -100,8 +116,8 @@ class Search:
 
     @property
     def significant(self) -> bool:
-        """Whether the best is more than chance."""
-        return bool(self.refitted) and self.refitted[0].p_value < LEVEL and self.refitted[0].delta_bic > 0
+        """Whether the best is more than chance, by the trials and those that took no part together."""
+        return bool(self.refitted) and self.refitted[0].p_both < LEVEL and self.refitted[0].bic_of_both > 0
 
     def score(self, candidate: Candidate) -> ScoreTest:
         """The test of a ``candidate``."""
@@ -141,7 +157,7 @@ def search(
     """Test all candidates of ``problem`` that are not ``named`` yet at the fit ``before``, and refit the best.
 
     seed: of the drawn law of the largest score; workers: processes over which the refits are spread; progress: called
-    after each refit. Returns the tests and the refits.
+    after each refit. Returns the tests and the refits; the best is looked for in the problem's tests as well.
     """
     p = problem
     known = {c.effect for c in named}
@@ -160,8 +176,24 @@ def search(
             task = f"refits of search {len(named) + 1}"
             progress(Progress(task, len(done), len(chosen), {"gain in BIC": one.delta_bic}))
 
-    refitted = run_all(refit_task, [(p, before, tuple(named), s, len(excited)) for s in chosen], workers, note)
-    return Search(tuple(scores), tuple(in_order(refitted, {s.candidate: s for s in scores})), before)
+    alone = replace(p, tests=None)  # processes need no other trials
+    refitted = run_all(refit_task, [(alone, before, tuple(named), s, len(excited)) for s in chosen], workers, note)
+    ordered = in_order(refitted, {s.candidate: s for s in scores})
+    if ordered:
+        ordered[0] = replace(ordered[0], again=_found_again(p, before, ordered[0]))
+    return Search(tuple(scores), tuple(ordered), before)
+
+
+def _found_again(p: SearchProblem, before: Estimate, best: RefittedEffect) -> FoundAgain:
+    """What the test trials say of the ``best`` candidate, of the size that its refit gives it."""
+    c = best.candidate
+    if p.tests is None or c.by_run or before.free.by_run or c.effect in CURVED:
+        return NOTHING
+    phi = (np.array([best.fit.value(*x) for x in c.columns]) - c.neutral) / c.typical
+    try:
+        return other_trials(p.steps, p.tests, before).effect(c, phi)
+    except (BrokenModelError, np.linalg.LinAlgError):
+        return NOTHING
 
 
 def in_order(refitted: Sequence[RefittedEffect], scores: Mapping[Candidate, ScoreTest]) -> list[RefittedEffect]:
@@ -219,7 +251,7 @@ def select_effects(
     for _ in range(MOST + 2):
         s = search(problem, now, named, seed=seed, workers=workers, progress=progress)
         searches.append(s)
-        if s.best is None or not s.significant or (named and not s.best.delta_bic > FURTHER):
+        if s.best is None or not s.significant or (named and not s.best.bic_of_both > FURTHER):
             break
         if named and _doubtful(problem, s.best):
             break

@@ -15,24 +15,31 @@ from scipy.stats import chi2
 from diagnosis.estimation.candidates import Candidate
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.linearisation import linearise_and_filter
-from diagnosis.estimation.map_estimate import Estimate
+from diagnosis.estimation.map_estimate import BrokenModelError, Estimate
 from diagnosis.estimation.transition_model import TransitionModel
+from diagnosis.hypotheses.found_again import other_trials
 from diagnosis.hypotheses.left_findings import Pattern
-from diagnosis.location.situations import phases
-from mmg.motion.flow import INPUTS
+from diagnosis.location.partings import partings
 
-PARTS = 3
-"""Parts, of about equal time, by the size of a variable."""
+TESTS = "training and test trials"
+"""Name of the way that parts the trials from those that took no part."""
 LEAST = 20
 """Grid times of a part that counts."""
 LEVEL_OF_PATTERN = 0.002
 """Probability by chance below which something is left beside the name."""
 
 
-def pattern(steps: TransitionModel, data: GriddedTrials, found: Estimate, effects: Sequence[Candidate]) -> Pattern:
+def pattern(
+    steps: TransitionModel,
+    data: GriddedTrials,
+    found: Estimate,
+    effects: Sequence[Candidate],
+    tests: GriddedTrials | None = None,
+) -> Pattern:
     """Test the ``effects`` of the fit ``found`` of ``steps`` to ``data`` for one size in all parts.
 
-    Returns the probability over all ways of parting the trials, and the way in which the parts differ most.
+    tests: trials that took no part, which are one more part, or None. Returns the probability over all ways of parting
+    the trials, and the way in which the parts differ most.
     """
     here = linearise_and_filter(steps, data, found)
     own = np.array([found.free.columns.index(c) for e in effects for c in e.columns])
@@ -43,7 +50,7 @@ def pattern(steps: TransitionModel, data: GriddedTrials, found: Estimate, effect
     flat = white[..., :-1].reshape(-1, white.shape[-1] - 1)
     A = flat.T @ flat + np.eye(flat.shape[1])
     chances: dict[str, float] = {}
-    for name, part in _parts(steps, data, found).items():
+    for name, part in partings(steps, data, found).items():
         groups = [g for g in range(int(part.max()) + 1) if (there & (part == g)).sum() >= LEAST]
         if len(groups) < 2:
             continue
@@ -63,31 +70,17 @@ def pattern(steps: TransitionModel, data: GriddedTrials, found: Estimate, effect
         kept = values > 0.02 * max(values.max(), 1e-300)
         T = float((((s @ vectors)[kept]) ** 2 / values[kept]).sum())
         chances[name] = float(chi2.sf(T, max(int(kept.sum()), 1)))
+    if tests is not None and not found.free.by_run:
+        chances[TESTS] = _in_tests(steps, tests, found, effects)
     if not chances:
         return Pattern(1.0, "")
     worst = min(chances, key=chances.__getitem__)
     return Pattern(min(1.0, len(chances) * chances[worst]), worst)
 
 
-def _parts(steps: TransitionModel, data: GriddedTrials, found: Estimate) -> dict[str, np.ndarray]:
-    """Ways to part the grid times: (K + 1, R) number of the part of each, -1: none."""
-    z, names = found.path.z, list(steps.model.controls)
-    inside = data.inside
-    inputs = np.concatenate([data.inputs, data.inputs[-1:]])
-    runs = np.broadcast_to(data.run, data.good.shape[:2])
-    phase = np.full(data.good.shape[:2], -1)
-    phase[:-1][inside] = phases(names, data, z, float(steps.ship.particulars["L"]))
-    variables = {"u": z[..., 3], "|v|": np.abs(z[..., 4]), "|r|": np.abs(z[..., 5]), "r": z[..., 5], "v": z[..., 4]}
-    for name in (n for n in names if n in INPUTS):
-        x = inputs[..., names.index(name)]
-        variables |= {name: x, f"|{name}|": np.abs(x)}
-        if data.changes is not None:
-            change = np.concatenate([data.changes, data.changes[-1:]])[..., names.index(name)]
-            variables[f"rate of {name}"] = np.abs(change)
-    variables["time since the start"] = data.t
-    quadrant = np.floor(z[..., 2] / (np.pi / 2)).astype(int) % 4
-    found_parts = {"run": runs, "phase": phase, "heading": quadrant}
-    for name, x in variables.items():
-        edges = np.unique(np.quantile(x[:-1][inside], np.linspace(0, 1, PARTS + 1)[1:-1]))
-        found_parts[name] = np.digitize(x, edges)
-    return found_parts
+def _in_tests(steps: TransitionModel, tests: GriddedTrials, found: Estimate, effects: Sequence[Candidate]) -> float:
+    """Probability that chance has the test trials ask for other sizes; 1 where the ship cannot be followed there."""
+    try:
+        return other_trials(steps, tests, found).differs(effects)
+    except (BrokenModelError, np.linalg.LinAlgError):
+        return 1.0

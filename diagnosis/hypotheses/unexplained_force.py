@@ -58,6 +58,11 @@ class ForceEstimate:
         values = self.dictionary.force_forms.on(data, middle).values
         return np.einsum("cm,mkr->krc", self.mean, values) * self.dictionary.noise.force
 
+    def gradient_on(self, data: GriddedTrials, middle: np.ndarray) -> np.ndarray:
+        """Derivative (K, R, 3, 6) of that force by the logged states, on trials ``data`` with states ``middle``."""
+        gradients = self.dictionary.force_forms.on(data, middle).gradients
+        return np.einsum("cm,mkrs->krcs", self.mean, gradients) * self.dictionary.noise.force[:, None]
+
 
 def estimated_force(unnamed: UnnamedForms) -> ForceEstimate:
     """The force that the tests of unnamed forms ``unnamed`` point to."""

@@ -19,6 +19,7 @@ from diagnosis.estimation.parameters import active_states
 from diagnosis.estimation.transition_model import LinearModel, TransitionModel
 from diagnosis.hypotheses.dictionary import FORCES, Dictionary
 from diagnosis.hypotheses.projection import projected
+from diagnosis.hypotheses.second_sample import NOTHING, FoundAgain, both_by_product
 
 SENSOR = "sensor of "
 """Begin of the kinds that are errors of a sensor."""
@@ -28,6 +29,8 @@ TOLERANCE = 0.05
 """Errors of a sensor of this size, in standard deviations of its noise, are none: no instrument is exact."""
 DRAWS, LEVEL = 2000, 0.01
 """Draws of the law by chance, and the probability of a false alarm of either test (all kinds; the best force alone)."""
+LEVEL_AGAIN = 0.005
+"""Probability of a false alarm of both together with what trials that took no part say."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +84,8 @@ class UnnamedForms:
     """What the unnamed forms explain: log Bayes factor of each kind, and of their mixture in equal parts.
 
     single: log Bayes factor of the best force alone, less the log of their number. chance: (draws, 2) both by chance,
-    from the law of the fitted model on these trials; slopes: of the likelihood along all columns.
+    from the law of the fitted model on these trials; slopes: of the likelihood along all columns; again: what trials
+    that took no part say of the force that these point to.
     """
 
     log_bayes: float
@@ -89,6 +93,7 @@ class UnnamedForms:
     single: float
     chance: np.ndarray
     slopes: UnnamedSlopes
+    again: FoundAgain = NOTHING
 
     @property
     def limit(self) -> float:
@@ -102,12 +107,25 @@ class UnnamedForms:
 
     @property
     def beyond_chance(self) -> float:
-        """By how much the mixture, or the best force alone, exceeds its limit."""
-        return max(self.log_bayes - self.limit, self.single - self.single_limit)
+        """By how much the mixture, or the best force alone, exceeds its limit; where the force is found again in trials
+        that took no part, at least the log likelihood that these gain by it."""
+        here = max(self.log_bayes - self.limit, self.single - self.single_limit)
+        return max(here, 0.5 * self.again.z**2) if self.is_found_again else here
+
+    @property
+    def is_found_again(self) -> bool:
+        """Whether these trials and those that took no part together are beyond chance."""
+        return self.again.z > 0 and both_by_product(self.p_value_here, self.again) < LEVEL_AGAIN
 
     @property
     def p_value(self) -> float:
-        """Probability that chance leaves as much: of the smaller probability of the two tests."""
+        """Probability that chance leaves as much, in these trials or in both."""
+        both = both_by_product(self.p_value_here, self.again) if self.is_found_again else 1.0
+        return min(self.p_value_here, both)
+
+    @property
+    def p_value_here(self) -> float:
+        """Probability that chance leaves as much in these trials: of the smaller probability of the two tests."""
         both = np.vstack([self.chance, [self.log_bayes, self.single]])
         rarest = (both[None] >= both[:, None]).sum(axis=1).min(axis=1)
         return float((rarest <= rarest[-1]).mean())

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from diagnosis.estimation.gridded_trials import GriddedTrials
-from diagnosis.estimation.map_estimate import Estimate
+from diagnosis.estimation.map_estimate import BrokenModelError, Estimate
 from diagnosis.findings import HeldOut
 from diagnosis.hypotheses.forward_selection import LEVEL, SearchProblem, Selection, select_effects
+from diagnosis.hypotheses.found_again import other_trials
 from diagnosis.hypotheses.left_findings import Chance
+from diagnosis.hypotheses.second_sample import both_by_weight
 from diagnosis.hypotheses.simulated_chance import SimulatedChance, simulated_chance
+from diagnosis.hypotheses.unexplained_force import estimated_force
 from diagnosis.hypotheses.unnamed import UnnamedForms, unnamed_forms
 from diagnosis.inputs import DiagnosisOptions
 from diagnosis.judgement.verdict import SURE, confirms, decide, supports
@@ -58,8 +63,8 @@ def judged_search(
     ready: the problem and its fit without effects; tests: trials to check on; options: of the diagnosis; progress:
     called as the work goes on. Returns the selection with its verdict.
     """
-    p = ready.problem
-    before, simulated = unnamed_forms(p.steps, p.data, ready.null), None
+    p = replace(ready.problem, tests=tests)
+    before, simulated = _left(p, ready.null), None
     if options.bootstrap:
         LOGGER.info(f"simulating {options.bootstrap} campaigns in which nothing is missing")
         store = options.store.part("campaigns") if options.store is not None else None
@@ -102,7 +107,7 @@ def _judged(
             break
         LOGGER.info(f"{found.effects[-1].label} does not predict the test trials better: left out again")
         found = fewer
-    after = unnamed_forms(p.steps, p.data, found.final) if found.effects else before
+    after = _left(p, found.final) if found.effects else before
     held = compare(p.steps, tests, found.null, found.final, options.seed) if tests is not None else None
     beyond = before.beyond_chance - p.expected_unnamed_null
     verdict, reasons = decide(found, beyond, after.log_bayes - p.expected_unnamed, after.limit, held)
@@ -113,12 +118,29 @@ def _judged(
             f"one of the known effects fits better than chance (p = {rarest:.1g}), but does not pay for its parameters"
         )
         return replace(result, verdict="unknown", reasons=(*reasons, Message(words, "more_than_chance")))
-    if verdict == "named" and simulated is not None and (result.chance.largest_candidate or 0.0) > LEVEL:
-        share = f"{result.chance.largest_candidate:.2g}"
+    if verdict == "named" and simulated is not None and _by_simulation(result) > LEVEL:
+        share = f"{_by_simulation(result):.2g}"
         words = f"simulated campaigns without any effect give a candidate as good with probability {share}"
         reason = Message(f"{words}: the name is withdrawn", "name_withdrawn")
         return replace(result, verdict="unknown" if beyond > 0 else "none", reasons=(*reasons, reason))
     return result
+
+
+def _by_simulation(result: JudgedSearch) -> float:
+    """Probability that chance gives a candidate as good, by simulated campaigns and the test trials."""
+    best, share = result.found.searches[0].best, result.chance.largest_candidate or 0.0
+    return both_by_weight(share, best.gain, best.again) if best is not None else share
+
+
+def _left(p: SearchProblem, fit: Estimate) -> UnnamedForms:
+    """What unnamed forms explain at a ``fit``, and what the test trials say of the force that they point to."""
+    left = unnamed_forms(p.steps, p.data, fit)
+    if p.tests is None or fit.free.by_run:
+        return left
+    try:
+        return replace(left, again=other_trials(p.steps, p.tests, fit).force(estimated_force(left)))
+    except (BrokenModelError, np.linalg.LinAlgError):
+        return left
 
 
 def _rarest(result: JudgedSearch) -> float:

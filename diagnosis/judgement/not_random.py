@@ -1,9 +1,11 @@
-"""What is left at a fit that no random force leaves: lines in a spectrum, forces that follow each other."""
+"""What is left at a fit that no random force leaves: lines in a spectrum, forces that follow each other,
+or that are larger in a part of what the ship does."""
 
 from __future__ import annotations
 
 from diagnosis.estimation.force_order import force_order
 from diagnosis.estimation.map_estimate import Estimate
+from diagnosis.hypotheses.force_steadiness import force_steadiness
 from diagnosis.prepare import Prepared
 from mmg.messages import Message
 
@@ -16,11 +18,15 @@ def not_random(ready: Prepared, fit: Estimate) -> list[Message]:
 
     ready: the problem with its fit without effects, whose spectrum counts; fit: with what is named, or without effects.
     """
+    p = ready.problem
     rows = [_oscillation(ready)] if ready.line[0] < LINE_PROBABILITY else []
-    if ready.is_order_usual:
-        return rows
-    order = force_order(ready.problem.steps, ready.problem.data, fit)
-    if not order.is_random:
+    size = None if ready.is_unsteady_usual else force_steadiness(p.steps, p.data, fit)
+    if size is not None and not size.is_random:
+        words = f"the unexplained {size.channel} differs in size by {size.parted_by} (p = {size.p_value:.1g})"
+        advice = "as where the model errs in a part of what the ship does: no weather follows that"
+        rows.append(Message(f"{words}, {advice}", "unsteady_force"))
+    order = None if ready.is_order_usual else force_order(p.steps, p.data, fit)
+    if order is not None and not order.is_random:
         first, then = order.pair
         words = f"unexplained {first} and {then} follow each other in time (p = {order.p_value:.1g})"
         advice = "as of a ship that passes by, a stream that turns or a force with a memory of its own"

@@ -63,7 +63,7 @@ def decide(
     if not reason:
         return "named", []
     first = found.searches[0].best if found.searches else None
-    chance = first is not None and first.p_value > SURE and beyond <= 0
+    chance = first is not None and first.p_both > SURE and beyond <= 0
     return "none" if chance else "unknown", [Message(f"{reason}: the name is withdrawn", "name_withdrawn")]
 
 

@@ -1,0 +1,170 @@
+"""Whether the latent force is as large whatever the ship does.
+
+Its model is a random force of one size. Runs and headings may differ in it, as gusts and waves do. A force that is
+larger while the ship turns, drifts or steers is none of the weather: the model errs there, in a way that no form of the
+dictionary follows (vortices that are shed, a bearing that sticks, a place where the position jumps). The test is the
+score of heterogeneous variance by parts of the trials: the slope of the likelihood by the logarithm of the force's
+variance in each part, from the squares of the smoothed disturbances over their expectation (Durbin & Koopman 2012,
+section 7.3), once sizes by run and by heading make these agree in the mean. Its law is that of simulated campaigns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import f as f_law
+
+from diagnosis.estimation.gridded_trials import GriddedTrials
+from diagnosis.estimation.kalman import Filtered, LinearSystem, adjoint
+from diagnosis.estimation.linearisation import linearise_and_filter
+from diagnosis.estimation.map_estimate import Estimate
+from diagnosis.estimation.parameters import active_states
+from diagnosis.estimation.transition_model import TransitionModel
+from diagnosis.location.partings import OUTSIDE, partings
+
+CHANNELS = ("surge force", "sway force", "yaw moment")
+"""Channels of the latent force."""
+DRAWS, TOGETHER = 400, 25
+"""Simulated campaigns for the law of the scores, and how many are smoothed at a time."""
+LEAST = 20
+"""Steps of a part that counts."""
+KEPT = 0.02
+"""Least variance of a combination of scores that counts, in that of the largest."""
+ROUNDS, SMALLEST = 3, 1e-3
+"""Rounds over the sizes by run and heading, and the least of them."""
+LEVEL_OF_STEADINESS = 0.003
+"""Probability by chance below which a force that is larger in one part of the trials is none of chance."""
+
+
+@dataclass(frozen=True)
+class ForceSteadiness:
+    """How the size of the latent force differs with what the ship does.
+
+    p_value: probability that a steady random force differs as much, over all ways of parting; parted_by: the way in
+    which it differs most; channel: the channel that does.
+    """
+
+    p_value: float
+    parted_by: str
+    channel: str
+
+    @property
+    def is_random(self) -> bool:
+        """Whether chance explains it."""
+        return self.p_value >= LEVEL_OF_STEADINESS
+
+
+@np.errstate(all="ignore")
+def force_steadiness(steps: TransitionModel, data: GriddedTrials, found: Estimate, seed: int = 0) -> ForceSteadiness:
+    """Test a fit ``found`` of ``steps`` to ``data``; seed: of the simulated campaigns. Returns the test."""
+    active = active_states(steps, found.free.symbols, found.theta)
+    here = linearise_and_filter(steps, data, found.fixed(), active)
+    at = slice(len(active), len(active) + 3)
+    ways = {name: part[:-1] for name, part in partings(steps, data, found).items()}
+    weather = [ways[name] for name in OUTSIDE[:2]]
+    return steadiness_of(
+        here.system,
+        here.filter,
+        here.white[..., -1],
+        at,
+        {name: part for name, part in ways.items() if name not in OUTSIDE},
+        weather,
+        seed,
+    )
+
+
+def steadiness_of(
+    system: LinearSystem,
+    run: Filtered,
+    white: np.ndarray,
+    at: slice,
+    ways: dict[str, np.ndarray],
+    weather: list[np.ndarray],
+    seed: int = 0,
+) -> ForceSteadiness:
+    """Test of whitened residuals.
+
+    system, run: linear model of the trials and its filter run; white: (K + 1, R, 6) residuals; at: positions of the
+    latent force among the states; ways: (K, R) number of the part of each step, by the name of the way, -1: none;
+    weather: the same of ways in which the size may differ; seed: of the draws, whose scores give the law of those of
+    the residuals. Returns the test.
+    """
+    expected = adjoint(system, run).N[..., at]
+    there = system.inside.ravel()
+    groups = np.concatenate([_members(part, there) for part in weather])
+    members = {name: _members(part, there) for name, part in ways.items()}
+
+    def scores(some: np.ndarray) -> dict[str, np.ndarray]:
+        square = _squares(system, run, some, at)
+        each = system.Q[at][:, None] * 0.5 * (square / _sizes(square, expected, groups) - expected[..., None])
+        flat = each.reshape(len(there), -1)
+        return {name: (m @ flat).reshape(-1, some.shape[3]) for name, m in members.items() if len(m) > 1}
+
+    rng = np.random.default_rng(seed)
+    drawn = [scores(some) for some in _campaigns(rng, white.shape, system.good)]
+    chances: dict[str, tuple[float, int]] = {}
+    for name, score in scores(white[..., None]).items():
+        chances[name] = _chance(score, np.concatenate([d[name] for d in drawn], axis=1))
+    if not chances:
+        return ForceSteadiness(1.0, "", "")
+    worst = min(chances, key=lambda name: chances[name][0])
+    p, channel = chances[worst]
+    return ForceSteadiness(min(1.0, len(chances) * p), worst, CHANNELS[channel])
+
+
+def _campaigns(rng: np.random.Generator, shape: tuple[int, ...], good: np.ndarray) -> Iterator[np.ndarray]:
+    """Whitened residuals (K + 1, R, 6, TOGETHER) of simulated campaigns, DRAWS of them in all."""
+    for _ in range(DRAWS // TOGETHER):
+        yield np.where(good[..., None], rng.standard_normal((*shape, TOGETHER)), 0.0)
+
+
+def _members(part: np.ndarray, there: np.ndarray) -> np.ndarray:
+    """Which of the steps (K R,) belong to each part (parts, K R) of a way (K, R) that has enough of them; there: (K R,)
+    those that exist."""
+    number = np.where(there, part.ravel(), -1)
+    every = [number == g for g in np.unique(number) if g >= 0]
+    return np.array([m for m in every if m.sum() >= LEAST], dtype=float).reshape(-1, len(there))
+
+
+def _squares(system: LinearSystem, run: Filtered, white: np.ndarray, at: slice) -> np.ndarray:
+    """Squares (K, R, 3, c) of the smoother's r of the latent force, at the whitened residuals ``white`` (K + 1, R, 6,
+    c): those of its smoothed disturbances over their squared variance."""
+    K, R, n = system.T.shape[:3]
+    v = run.root.swapaxes(2, 3) @ white
+    r, square = np.zeros((R, n, white.shape[3])), np.empty((K, R, 3, white.shape[3]))
+    for k in range(K, -1, -1):
+        if k < K:
+            square[k] = r[:, at] ** 2
+            r = run.L[k].swapaxes(1, 2) @ r
+        r = r + system.Z[k].swapaxes(1, 2) @ v[k]
+    return square
+
+
+def _sizes(square: np.ndarray, expected: np.ndarray, groups: np.ndarray) -> np.ndarray:
+    """Factors (K, R, 3, c), products of one for each of the ``groups`` (G, K R) and channel, with which the
+    ``expected`` squares (K, R, 3) have the sums of ``square`` (K, R, 3, c) in each group (iterative proportional
+    fitting)."""
+    shape = square.shape
+    top, bottom = square.reshape(len(groups[0]), -1), np.repeat(expected.reshape(-1, 3), shape[3], axis=1)
+    factor = np.ones(top.shape)
+    for _ in range(ROUNDS):
+        for own in groups:
+            at = own > 0
+            ratio = top[at].sum(axis=0) / np.maximum((factor[at] * bottom[at]).sum(axis=0), 1e-300)
+            factor[at] *= np.maximum(ratio, SMALLEST)
+    return factor.reshape(shape)
+
+
+def _chance(score: np.ndarray, law: np.ndarray) -> tuple[float, int]:
+    """Probability of scores (3 parts, 1) by the ``law`` of draws (3 parts, draws), and the channel that differs most:
+    Hotelling's T squared with the mean known, in the combinations that vary."""
+    draws = law.shape[1]
+    values, vectors = np.linalg.eigh(law @ law.T / draws)
+    kept = values > KEPT * max(values.max(), 1e-300)
+    m = int(kept.sum())
+    along = (vectors.T @ score[:, 0])[kept] / np.sqrt(values[kept])
+    p = float(f_law.sf(float(along @ along) * (draws - m + 1) / (m * draws), m, draws - m + 1))
+    each = score[:, 0] / np.sqrt(np.maximum((law**2).mean(axis=1), 1e-300))
+    return p, int(np.argmax((each.reshape(-1, 3) ** 2).sum(axis=0)))

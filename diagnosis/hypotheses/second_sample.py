@@ -1,0 +1,52 @@
+"""What trials that took no part say of something found in others, and both said together."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from scipy.stats import norm
+
+
+@dataclass(frozen=True)
+class FoundAgain:
+    """The slope of the log likelihood of other trials along what was found, over its standard deviation by chance (z),
+    and what z would be if it is there as large as it was found (expected)."""
+
+    z: float
+    expected: float
+
+    @property
+    def p_value(self) -> float:
+        """Probability that chance gives such a slope in this direction."""
+        return float(norm.sf(self.z))
+
+    @property
+    def gain(self) -> float:
+        """Log likelihood that the other trials gain by what was found, as large as it was found."""
+        return self.z * self.expected - 0.5 * self.expected**2
+
+
+NOTHING = FoundAgain(0.0, 0.0)
+"""What trials say that do not show it."""
+
+
+def both_by_weight(p_value: float, gain: float, again: FoundAgain) -> float:
+    """Probability that chance gives as much in both: a probability ``p_value`` by the first trials, in which the log
+    likelihood gains ``gain``, and ``again`` in others.
+
+    The two normal deviates are added with the weights that each should have if it is true (Stouffer's method with the
+    weights of Liptak 1958). Trials that do not show it change nothing.
+    """
+    first, second = math.sqrt(max(2 * gain, 0.0)), max(again.expected, 0.0)
+    if not second > 0 or not first > 0:
+        return p_value
+    deviate = float(norm.isf(min(max(p_value, 1e-300), 1 - 1e-9)))
+    return float(norm.sf((first * deviate + second * again.z) / math.hypot(first, second)))
+
+
+def both_by_product(p_value: float, again: FoundAgain) -> float:
+    """Probability that chance gives so small a product of ``p_value`` and that of ``again`` (Fisher's method), for what
+    has no size that could weigh the two."""
+    product = max(p_value * again.p_value, 1e-300)
+    return min(1.0, product * (1 - math.log(product)))

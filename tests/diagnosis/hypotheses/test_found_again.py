@@ -1,0 +1,90 @@
+"""Trials that took no part show an effect again, with its size, where it is there; and not where it is not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
+from diagnosis.estimation.map_estimate import Estimate
+from diagnosis.hypotheses.forward_selection import SearchProblem, search
+from diagnosis.hypotheses.found_again import other_trials
+from diagnosis.hypotheses.pattern import TESTS, pattern
+from diagnosis.hypotheses.refit import refit
+from diagnosis.hypotheses.score_test import score_tests, slopes
+from diagnosis.hypotheses.second_sample import NOTHING
+from diagnosis.hypotheses.unexplained_force import estimated_force
+from diagnosis.hypotheses.unnamed import unnamed_forms
+from tests.support.diagnosis_cases import candidate, problem_of, pushed_trials
+
+DRIFT = "wave_drift:x=0.45,y=-0.35"
+
+
+def gridded(effects: list[str], seed: int, like: SearchProblem) -> GriddedTrials:
+    """Trials with these effects on the grid of a problem."""
+    return grid_trials(pushed_trials(seed, effects), like.steps.ship.inputs, 3.0, like.data.h)
+
+
+@pytest.fixture(scope="module")
+def drifting() -> tuple[SearchProblem, Estimate]:
+    return problem_of(pushed_trials(1, [DRIFT]))
+
+
+@pytest.fixture(scope="module")
+def alike(drifting: tuple[SearchProblem, Estimate]) -> GriddedTrials:
+    return gridded([DRIFT], 2, drifting[0])
+
+
+def test_an_effect_is_found_again_where_it_is_there(
+    drifting: tuple[SearchProblem, Estimate], alike: GriddedTrials
+) -> None:
+    (problem, null), effect = drifting, candidate("wave_drift")
+    (found,) = score_tests(slopes(problem.steps, problem.data, null, [effect]), [effect])
+    same = other_trials(problem.steps, alike, null).effect(effect, found.phi)
+    gone = other_trials(problem.steps, gridded([], 2, problem), null).effect(effect, found.phi)
+    assert same.expected > 4 and abs(same.z - same.expected) < 0.5 * same.expected and same.gain > 0
+    assert abs(gone.z) < 3 and gone.expected == pytest.approx(same.expected, rel=1.0) and gone.gain < 0
+    assert other_trials(problem.steps, alike, null).effect(effect, np.zeros(2)) == NOTHING
+
+
+def test_the_force_of_unnamed_forms_is_found_again_where_it_is_there(
+    drifting: tuple[SearchProblem, Estimate], alike: GriddedTrials
+) -> None:
+    problem, null = drifting
+    left = unnamed_forms(problem.steps, problem.data, null)
+    force = estimated_force(left)
+    same = other_trials(problem.steps, alike, null).force(force)
+    gone = other_trials(problem.steps, gridded([], 2, problem), null).force(force)
+    assert same.z > 2.5 and abs(gone.z) < 2.5
+    nowhere = replace(force, mean=np.zeros_like(force.mean))
+    assert other_trials(problem.steps, alike, null).force(nowhere) == NOTHING
+    before = replace(left, chance=np.tile([[left.log_bayes + 1, left.single + 1]], (20, 1)))  # nothing in these alone
+    assert before.beyond_chance < 0 < replace(before, again=same).beyond_chance
+    assert replace(before, again=same).p_value < 5e-3 < before.p_value
+
+
+def test_the_best_of_a_search_is_looked_for_in_the_test_trials(
+    drifting: tuple[SearchProblem, Estimate], alike: GriddedTrials
+) -> None:
+    problem, null = drifting
+    few = replace(problem, candidates=(candidate("wave_drift"), candidate("rudder_offset")), tests=alike)
+    best = search(few, null, []).best
+    assert best is not None and best.candidate.effect == "wave_drift"
+    assert best.again.z > 3 and best.p_both < best.p_value and best.bic_of_both > best.delta_bic
+    alone = search(replace(few, tests=None), null, []).best
+    assert alone is not None and alone.again == NOTHING and alone.p_both == alone.p_value
+
+
+def test_sizes_that_test_trials_contradict_part_the_pattern(
+    drifting: tuple[SearchProblem, Estimate], alike: GriddedTrials
+) -> None:
+    (problem, null), effect = drifting, candidate("wave_drift")
+    start = dict(zip(effect.columns, (0.45, -0.35), strict=True))
+    fit = refit(problem.steps, problem.data, problem.base, null, [effect], start)
+    opposite = gridded(["wave_drift:x=-0.45,y=0.35"], 2, problem)
+    assert other_trials(problem.steps, alike, fit).differs([effect]) > 0.002
+    assert other_trials(problem.steps, opposite, fit).differs([effect]) < 1e-6
+    assert pattern(problem.steps, problem.data, fit, [effect], alike).parted_by != TESTS
+    assert pattern(problem.steps, problem.data, fit, [effect], opposite).parted_by == TESTS

@@ -1,0 +1,40 @@
+"""What two samples say together keeps its level, and gains by what the second one shows."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import kstest, norm
+
+from diagnosis.hypotheses.second_sample import NOTHING, FoundAgain, both_by_product, both_by_weight
+
+
+def test_both_together_are_uniform_by_chance() -> None:
+    rng = np.random.default_rng(0)
+    p, z = rng.uniform(size=2000), rng.standard_normal(2000)
+    weighted = [both_by_weight(a, 3.0, FoundAgain(b, 1.7)) for a, b in zip(p, z, strict=True)]
+    product = [both_by_product(a, FoundAgain(b, 1.7)) for a, b in zip(p, z, strict=True)]
+    assert kstest(weighted, "uniform").pvalue > 0.01 and kstest(product, "uniform").pvalue > 0.01
+
+
+def test_trials_that_do_not_show_it_change_nothing() -> None:
+    assert both_by_weight(0.02, 5.0, NOTHING) == 0.02
+    assert both_by_weight(0.02, 5.0, FoundAgain(-3.0, 1e-6)) == pytest.approx(0.02, rel=1e-3)
+
+
+def test_a_weak_effect_that_is_found_again_is_more_than_chance_and_one_that_is_not_is_less() -> None:
+    there, gone = FoundAgain(2.5, 2.5), FoundAgain(-0.5, 2.5)
+    assert both_by_weight(0.2, 4.0, there) < 0.02 < 0.2 < both_by_weight(0.2, 4.0, gone)
+    equal = both_by_weight(float(norm.sf(2.0)), 2.0, FoundAgain(2.0, 2.0))
+    assert equal == pytest.approx(norm.sf(2 * np.sqrt(2.0)))
+
+
+def test_the_gain_of_other_trials_is_largest_at_the_size_that_they_show() -> None:
+    assert FoundAgain(2.0, 2.0).gain == pytest.approx(2.0) and FoundAgain(2.0, 4.0).gain == pytest.approx(0.0)
+    assert FoundAgain(-1.0, 2.0).gain < 0 and NOTHING.gain == 0
+
+
+def test_probabilities_of_nought_and_one_are_borne() -> None:
+    for again in (NOTHING, FoundAgain(40.0, 3.0), FoundAgain(-40.0, 3.0)):
+        for p in (0.0, 1.0):
+            assert 0 <= both_by_weight(p, 2.0, again) <= 1 and 0 <= both_by_product(p, again) <= 1
