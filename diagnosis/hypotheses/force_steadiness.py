@@ -34,7 +34,7 @@ KEPT = 0.02
 """Least variance of a combination of scores that counts, in that of the largest."""
 ROUNDS, SMALLEST = 3, 1e-3
 """Rounds over the sizes by run and heading, and the least of them."""
-LEVEL_OF_STEADINESS = 0.003
+LEVEL_OF_STEADINESS = 0.001
 """Probability by chance below which a force that is larger in one part of the trials is none of chance."""
 
 

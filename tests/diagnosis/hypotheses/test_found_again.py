@@ -60,7 +60,8 @@ def test_the_force_of_unnamed_forms_is_found_again_where_it_is_there(
     assert same.z > 2.5 and abs(gone.z) < 2.5
     nowhere = replace(force, mean=np.zeros_like(force.mean))
     assert other_trials(problem.steps, alike, null).force(nowhere) == NOTHING
-    before = replace(left, chance=np.tile([[left.log_bayes + 1, left.single + 1]], (20, 1)))  # nothing in these alone
+    rarer = np.where(np.arange(100) < 5, 1.0, -1.0)  # five of a hundred draws have more: not enough in these alone
+    before = replace(left, chance=np.stack([left.log_bayes + rarer, left.single + rarer], axis=1))
     assert before.beyond_chance < 0 < replace(before, again=same).beyond_chance
     assert replace(before, again=same).p_value < 5e-3 < before.p_value
 
