@@ -153,7 +153,7 @@ def prepare(
     usual, noise, gap, is_usual = np.zeros(2), initial_noise(full.ship), 0, (False, False)
     if reference:
         old, null, gap, *_ = fit_as_read(steps, reference, values, base, initial_noise(full.ship))[0]
-        is_usual = tuple(not test(steps, old, null).is_random for test in (force_order, force_steadiness))
+        is_usual = not force_order(steps, old, null).is_random, not force_steadiness(steps, old, null).is_random
         known = fit_reference(steps, old, null, base, full.candidates, len(trials))
         base, full = known.priors, replace(full, candidates=known.candidates)
         values, noise = known.theta, wider(known.noise, full.ship)
@@ -196,7 +196,8 @@ def prepare(
     if len(runs) >= RUNS:
         own = [c.in_each(runs) for c in full.candidates if c.effect in LOCAL]
         full = replace(full, candidates=(*full.candidates, *own))
-    problem = SearchProblem(steps, data, base, full.candidates, *(data.samples * usual).tolist())
+    expected, of_null = (data.samples * usual).tolist()
+    problem = SearchProblem(steps, data, base, full.candidates, expected, of_null)
     return Prepared(problem, full, null, reading, gap, tuple(notices), line, *is_usual)
 
 

@@ -88,8 +88,9 @@ class RefittedEffect:
 
     @property
     def p_both(self) -> float:
-        """Probability by chance of what it gains in the trials and in those that took no part."""
-        return both_by_weight(self.p_value, self.gain, self.again)
+        """Probability by chance of what it gains in the trials or, twice that, in them and those that took no part: the
+        smaller one, so that these may help a name, and what speaks against one is for the checks after the search."""
+        return min(self.p_value, 2 * both_by_weight(self.p_value, self.gain, self.again))
 
     @property
     def bic_of_both(self) -> float:
@@ -190,8 +191,11 @@ def _found_again(p: SearchProblem, before: Estimate, best: RefittedEffect) -> Fo
     if p.tests is None or c.by_run or before.free.by_run or c.effect in CURVED:
         return NOTHING
     phi = (np.array([best.fit.value(*x) for x in c.columns]) - c.neutral) / c.typical
+    with_it = dict(zip(best.fit.free.columns, best.fit.p, strict=True))
+    kept = dict(zip(before.free.columns, before.p, strict=True))
+    shift = np.array([with_it.get(column, value) - value for column, value in kept.items()])
     try:
-        return other_trials(p.steps, p.tests, before).effect(c, phi)
+        return other_trials(p.steps, p.tests, before).effect(c, phi, shift)
     except (BrokenModelError, np.linalg.LinAlgError):
         return NOTHING
 

@@ -2,8 +2,9 @@
 
 What is found in some trials is the most of many directions in which they may err, so that chance alone makes it large.
 Other trials are asked about that direction alone: no further correction for the number of candidates or forms is due
-(Cox 1975, A note on data-splitting for the evaluation of significance levels). Their coefficients are those of the
-first trials within what those left open, and are projected out.
+(Cox 1975, A note on data-splitting for the evaluation of significance levels). The direction holds the coefficients as
+well: what they made up for without the effect is seen nowhere. Their values by the first trials are open as far as
+those left them, which is projected out.
 """
 
 from __future__ import annotations
@@ -15,16 +16,17 @@ import numpy as np
 from scipy.stats import chi2
 
 from diagnosis.estimation.candidates import Candidate
+from diagnosis.estimation.dispersion import dispersion, memory_steps
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.input_timing import timing_columns
-from diagnosis.estimation.linearisation import Point, linearise_and_filter
+from diagnosis.estimation.linearisation import Linearisation, Point, Trajectory, linearise_and_filter
 from diagnosis.estimation.map_estimate import Estimate, estimate, initial_point
-from diagnosis.estimation.parameters import NO_PRIORS, active_states
+from diagnosis.estimation.parameters import NO_PRIORS, Priors, active_states
 from diagnosis.estimation.transition_model import LinearModel, TransitionModel
 from diagnosis.hypotheses.projection import projected
-from diagnosis.hypotheses.score_test import slopes
 from diagnosis.hypotheses.second_sample import NOTHING, FoundAgain
 from diagnosis.hypotheses.unexplained_force import ForceEstimate
+from mmg.effects import EFFECTS
 
 SEEN = 1e-6
 """Share of its information, left after the projection, from which a combination of sizes is tested."""
@@ -45,17 +47,25 @@ class OtherTrials:
     point: Point
     known: np.ndarray
 
-    def effect(self, candidate: Candidate, phi: np.ndarray) -> FoundAgain:
-        """An effect that was found with parameters ``phi`` (p,) [typical sizes], to first order."""
-        s = slopes(self.steps, self.data, self.point, [candidate], self.known)
-        at = [s.columns.index(c) for c in candidate.columns]
-        ratio = s.dispersion.get(candidate, 1.0)
-        return _along(phi, s.g[at], s.S[np.ix_(at, at)], ratio)
+    def effect(self, candidate: Candidate, phi: np.ndarray, shift: np.ndarray) -> FoundAgain:
+        """An effect that was found with parameters ``phi`` (p,) [typical sizes], and moved the coefficients by
+        ``shift`` (P,) [prior std]: what these made up for without it shows in no trial."""
+        steps, data, at = self.steps, self.data, self.point
+        c, active, z = candidate, np.arange(steps.S), at.path.z
+        passive = np.setdiff1d(active, active_states(steps, at.free.symbols, at.theta))
+        if len(passive):
+            z = steps.with_passive_states(z, data.controls, at.theta, at.path.force, passive)
+        open_ended = np.full(len(phi), np.inf)
+        free = at.free + Priors(c.columns, c.neutral, c.typical, -open_ended, open_ended)
+        point = Point(at.theta, free, np.append(at.p, phi * 0), Trajectory(z, at.path.force), at.noise)
+        timing = timing_columns(steps, data, point, active)
+        late = timing, np.zeros((*data.good.shape, timing.shape[3]))
+        here = linearise_and_filter(steps, data, point, active, lambda _: late)
+        along = np.concatenate([shift, phi, np.zeros(timing.shape[3])])
+        return self._along(here, here.logdet_gradient.sum(axis=0), along, len(phi), EFFECTS[c.effect].measures)
 
     def force(self, found: ForceEstimate) -> FoundAgain:
-        """A force that was ``found`` as a function of motion, inputs and wind."""
-        if not found.mean.any():
-            return NOTHING
+        """A force that was ``found`` as a function of motion, inputs and wind, less what coefficients make up for."""
         steps, data, at = self.steps, self.data, self.point
         active = active_states(steps, at.free.symbols, at.theta)
         timing = timing_columns(steps, data, at, active)
@@ -64,7 +74,7 @@ class OtherTrials:
 
         def columns_of(linear: LinearModel) -> tuple[np.ndarray, np.ndarray]:
             pushed = np.einsum("krac,krc->kra", linear.force, force)[..., None]
-            forcing = np.concatenate([timing, pushed], axis=3)
+            forcing = np.concatenate([pushed, timing], axis=3)
             return forcing, np.zeros((*data.good.shape, forcing.shape[3]))
 
         here = linearise_and_filter(steps, data, at, active, columns_of)
@@ -73,13 +83,40 @@ class OtherTrials:
         _, J = steps.rates(middle.reshape(K * R, -1).T, data.inputs.reshape(K * R, -1).T, every)
         by_force = J[:, active, steps.S :].reshape(K, R, -1, 3)
         pull = np.einsum("kraf,krab->krfb", by_force, here.by_rates[..., : len(active)])[..., :6]
-        P, c = len(at.p), timing.shape[3]
-        logdet = np.concatenate([here.logdet_gradient.sum(axis=0)[: P + c], [(pull * gradient).sum()]])
-        flat = here.white.reshape(-1, here.white.shape[-1])
-        known = np.eye(P + c)
-        known[:P, :P] = self.known
-        rest = projected(flat.T @ flat, logdet, np.zeros(P + c), known)
-        return _along(np.ones(1), rest.g, rest.S)
+        logdet = here.logdet_gradient.sum(axis=0)
+        logdet[len(at.p)] = (pull * gradient).sum()
+        along = np.concatenate([-found.taken @ found.mean.ravel(), [1.0], np.zeros(timing.shape[3])])
+        return self._along(here, logdet, along, 1, False)
+
+    def _along(
+        self, here: Linearisation, logdet: np.ndarray, along: np.ndarray, own: int, measures: bool
+    ) -> FoundAgain:
+        """The slope of a linearisation along a direction (C,) of its columns: P coefficients, ``own`` of what was
+        found, errors in the time of the inputs. Coefficients, as far as they are open, and times are projected out.
+
+        logdet: (C,) slopes of half the log determinant; measures: the direction is an error of instruments, whose
+        residuals may be correlated in time.
+        """
+        P, C = len(self.point.p), len(along)
+        flat = here.white.reshape(-1, C + 1)
+        gram = flat.T @ flat
+        slope = -(gram[:-1, -1] + logdet)
+        rest = np.array([*range(P), *range(P + own, C)])
+        prior = np.eye(len(rest))
+        prior[:P, :P] = self.known
+        taken = np.linalg.solve(gram[np.ix_(rest, rest)] + prior, gram[rest, :-1] @ along)
+        net = along.copy()
+        net[rest] -= taken
+        information, g = float(along @ gram[:-1, :-1] @ net), float(along @ slope - taken @ slope[rest])
+        if not information > 0:
+            return NOTHING
+        ratio = 1.0
+        if measures:
+            lags = memory_steps(float(self.steps.ship.particulars["L"]), self.data.h)
+            column = (here.white[..., :-1] @ net)[..., None]
+            ratio = dispersion(column, here.white[..., -1], np.array([g]), np.array([[information]]), lags)
+        size = float(np.sqrt(information / ratio))
+        return FoundAgain(g / ratio / size, size)
 
     def differs(self, effects: Sequence[Candidate]) -> float:
         """Probability by chance that these trials ask for other sizes of ``effects`` of the fit than the first did.
@@ -107,12 +144,3 @@ def other_trials(steps: TransitionModel, data: GriddedTrials, found: Estimate) -
     first = initial_point(steps, data, found.theta, NO_PRIORS, found.noise)
     path = estimate(steps, data, first, ITERATIONS, tolerance=0.0)  # without free coefficients none is expected to gain
     return OtherTrials(steps, data, replace(path.fixed(), free=found.free, p=found.p), np.linalg.inv(found.covariance))
-
-
-def _along(phi: np.ndarray, g: np.ndarray, S: np.ndarray, ratio: float = 1.0) -> FoundAgain:
-    """The slopes g (p,) along ``phi`` (p,), with information S (p, p) and ``ratio`` of their variance to it."""
-    information = float(phi @ S @ phi) / ratio
-    if not information > 0:
-        return NOTHING
-    size = float(np.sqrt(information))
-    return FoundAgain(float(phi @ g) / ratio / size, size)

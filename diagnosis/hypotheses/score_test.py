@@ -65,18 +65,10 @@ class ScoreTest:
     dispersion: float = 1.0
 
 
-def slopes(
-    steps: TransitionModel,
-    data: GriddedTrials,
-    found: Point,
-    candidates: Sequence[Candidate],
-    known: np.ndarray | None = None,
-) -> Slopes:
+def slopes(steps: TransitionModel, data: GriddedTrials, found: Point, candidates: Sequence[Candidate]) -> Slopes:
     """Linearise about a fit with all candidates as further columns.
 
-    steps: the transition model; data: the trials; found: the fit; candidates: those tested; known: (P, P) inverse
-    covariance of the free parameters where other trials determined them, about their values in ``found`` (default:
-    their priors). Returns the slopes.
+    steps: the transition model; data: the trials; found: the fit; candidates: those tested. Returns the slopes.
     """
     passive = np.setdiff1d(np.arange(steps.S), active_states(steps, found.free.symbols, found.theta))
     active, z = np.arange(steps.S), found.path.z  # a candidate's memory takes part in the slope of the log determinant
@@ -105,7 +97,7 @@ def slopes(
     grams = grams[:, pick[:, None], pick[None]] * acts[:, :, None] * acts[:, None]
     gram, logdet_gradients = grams.sum(axis=0), (logdet_gradient[:, pick] * acts).sum(axis=0)[:-1]
     own = np.diag(gram)[P + c : -1].copy()
-    rest = projected(gram, logdet_gradients, found.p if known is None else np.zeros(P), known)
+    rest = projected(gram, logdet_gradients, found.p)
     apart = every[..., pick[P:-1]] * acts[:, None, P:-1] - every[..., :P] @ rest.taken
     lags, at, ratios = memory_steps(steps.ship.particulars["L"], data.h), c, {}
     for candidate in candidates:

@@ -129,7 +129,7 @@ def _judged(
 def _by_simulation(result: JudgedSearch) -> float:
     """Probability that chance gives a candidate as good, by simulated campaigns and the test trials."""
     best, share = result.found.searches[0].best, result.chance.largest_candidate or 0.0
-    return both_by_weight(share, best.gain, best.again) if best is not None else share
+    return min(share, 2 * both_by_weight(share, best.gain, best.again)) if best is not None else share
 
 
 def _left(p: SearchProblem, fit: Estimate) -> UnnamedForms:

@@ -42,11 +42,12 @@ def test_an_effect_is_found_again_where_it_is_there(
 ) -> None:
     (problem, null), effect = drifting, candidate("wave_drift")
     (found,) = score_tests(slopes(problem.steps, problem.data, null, [effect]), [effect])
-    same = other_trials(problem.steps, alike, null).effect(effect, found.phi)
-    gone = other_trials(problem.steps, gridded([], 2, problem), null).effect(effect, found.phi)
+    shift = np.zeros(len(null.p))
+    same = other_trials(problem.steps, alike, null).effect(effect, found.phi, shift)
+    gone = other_trials(problem.steps, gridded([], 2, problem), null).effect(effect, found.phi, shift)
     assert same.expected > 4 and abs(same.z - same.expected) < 0.5 * same.expected and same.gain > 0
     assert abs(gone.z) < 3 and gone.expected == pytest.approx(same.expected, rel=1.0) and gone.gain < 0
-    assert other_trials(problem.steps, alike, null).effect(effect, np.zeros(2)) == NOTHING
+    assert other_trials(problem.steps, alike, null).effect(effect, np.zeros(2), np.zeros(len(null.p))) == NOTHING
 
 
 def test_the_force_of_unnamed_forms_is_found_again_where_it_is_there(
@@ -89,3 +90,15 @@ def test_sizes_that_test_trials_contradict_part_the_pattern(
     assert other_trials(problem.steps, opposite, fit).differs([effect]) < 1e-6
     assert pattern(problem.steps, problem.data, fit, [effect], alike).parted_by != TESTS
     assert pattern(problem.steps, problem.data, fit, [effect], opposite).parted_by == TESTS
+
+
+def test_what_coefficients_make_up_for_is_expected_nowhere() -> None:
+    problem, null = problem_of(pushed_trials(1))
+    effect = candidate("fouling")  # one with the resistance
+    others = other_trials(problem.steps, gridded([], 2, problem), null)
+    phi = np.array([0.5])
+    alone = others.effect(effect, phi, np.zeros(len(null.p)))
+    resistance = np.array([c.symbol == "X_0F" for c in null.free.columns])
+    column = 0.5 * effect.typical[0] * null.free.mean[resistance] / null.free.std[resistance]
+    made_up = others.effect(effect, phi, np.where(resistance, -float(column[0]), 0.0))
+    assert made_up.expected < 0.3 * alone.expected
