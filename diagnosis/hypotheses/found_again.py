@@ -21,7 +21,7 @@ from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.input_timing import timing_columns
 from diagnosis.estimation.linearisation import Linearisation, Point, Trajectory, linearise_and_filter
 from diagnosis.estimation.map_estimate import Estimate, estimate, initial_point
-from diagnosis.estimation.parameters import NO_PRIORS, Priors, active_states
+from diagnosis.estimation.parameters import NO_PRIORS, Priors, active_states, set_values
 from diagnosis.estimation.transition_model import LinearModel, TransitionModel
 from diagnosis.hypotheses.projection import projected
 from diagnosis.hypotheses.second_sample import NOTHING, FoundAgain
@@ -49,7 +49,11 @@ class OtherTrials:
 
     def effect(self, candidate: Candidate, phi: np.ndarray, shift: np.ndarray) -> FoundAgain:
         """An effect that was found with parameters ``phi`` (p,) [typical sizes], and moved the coefficients by
-        ``shift`` (P,) [prior std]: what these made up for without it shows in no trial."""
+        ``shift`` (P,) [prior std]: what these made up for without it shows in no trial.
+
+        The response is that of the effect with the coefficients as they were moved: it is strong beside a coefficient
+        that it multiplies.
+        """
         steps, data, at = self.steps, self.data, self.point
         c, active, z = candidate, np.arange(steps.S), at.path.z
         passive = np.setdiff1d(active, active_states(steps, at.free.symbols, at.theta))
@@ -59,10 +63,22 @@ class OtherTrials:
         free = at.free + Priors(c.columns, c.neutral, c.typical, -open_ended, open_ended)
         point = Point(at.theta, free, np.append(at.p, phi * 0), Trajectory(z, at.path.force), at.noise)
         timing = timing_columns(steps, data, point, active)
-        late = timing, np.zeros((*data.good.shape, timing.shape[3]))
-        here = linearise_and_filter(steps, data, point, active, lambda _: late)
-        along = np.concatenate([shift, phi, np.zeros(timing.shape[3])])
-        return self._along(here, here.logdet_gradient.sum(axis=0), along, len(phi), EFFECTS[c.effect].measures)
+        columns, along = [steps.symbols.index(s) for s in free.symbols], np.append(shift, phi)
+        moved = at.free.mean + at.free.std * (at.p + shift)
+        theta = set_values(steps.ship, data, at.theta, at.free.columns, moved)
+        there = steps.linearise(z, data.controls, theta, at.path.force[:-1], np.array(columns), active)
+
+        def columns_of(_: LinearModel) -> tuple[np.ndarray, np.ndarray]:
+            size = (free.std * along)[:, None]
+            late = np.zeros((*data.good.shape, timing.shape[3]))
+            forcing, observed = np.concatenate([timing, there.G @ size], axis=3), there.D @ size
+            return forcing, np.concatenate([late, observed], axis=3)
+
+        here = linearise_and_filter(steps, data, point, active, columns_of)
+        logdet = here.logdet_gradient.sum(axis=0)
+        logdet[-1] = logdet[: len(along)] @ along
+        rest = [*range(len(shift)), *range(len(along), len(logdet) - 1)]
+        return self._last(here, logdet, rest, EFFECTS[c.effect].measures)
 
     def force(self, found: ForceEstimate) -> FoundAgain:
         """A force that was ``found`` as a function of motion, inputs and wind, less what coefficients make up for."""
@@ -73,9 +89,11 @@ class OtherTrials:
         force, gradient = found.on(data, middle), found.gradient_on(data, middle)
 
         def columns_of(linear: LinearModel) -> tuple[np.ndarray, np.ndarray]:
-            pushed = np.einsum("krac,krc->kra", linear.force, force)[..., None]
-            forcing = np.concatenate([pushed, timing], axis=3)
-            return forcing, np.zeros((*data.good.shape, forcing.shape[3]))
+            size = at.free.std * (found.taken @ found.mean.ravel())
+            pushed = np.einsum("krac,krc->kra", linear.force, force) - linear.G @ size
+            late = np.zeros((*data.good.shape, timing.shape[3]))
+            forcing = np.concatenate([timing, pushed[..., None]], axis=3)
+            return forcing, np.concatenate([late, -(linear.D @ size)[..., None]], axis=3)
 
         here = linearise_and_filter(steps, data, at, active, columns_of)
         K, R = data.inputs.shape[:2]
@@ -83,40 +101,33 @@ class OtherTrials:
         _, J = steps.rates(middle.reshape(K * R, -1).T, data.inputs.reshape(K * R, -1).T, every)
         by_force = J[:, active, steps.S :].reshape(K, R, -1, 3)
         pull = np.einsum("kraf,krab->krfb", by_force, here.by_rates[..., : len(active)])[..., :6]
-        logdet = here.logdet_gradient.sum(axis=0)
-        logdet[len(at.p)] = (pull * gradient).sum()
-        along = np.concatenate([-found.taken @ found.mean.ravel(), [1.0], np.zeros(timing.shape[3])])
-        return self._along(here, logdet, along, 1, False)
+        logdet, P = here.logdet_gradient.sum(axis=0), len(at.p)
+        logdet[-1] = (pull * gradient).sum() - logdet[:P] @ (found.taken @ found.mean.ravel())
+        return self._last(here, logdet, [*range(len(logdet) - 1)], False)
 
-    def _along(
-        self, here: Linearisation, logdet: np.ndarray, along: np.ndarray, own: int, measures: bool
-    ) -> FoundAgain:
-        """The slope of a linearisation along a direction (C,) of its columns: P coefficients, ``own`` of what was
-        found, errors in the time of the inputs. Coefficients, as far as they are open, and times are projected out.
+    def _last(self, here: Linearisation, logdet: np.ndarray, rest: Sequence[int], measures: bool) -> FoundAgain:
+        """The slope of a linearisation along the last of its C columns, those of ``rest`` projected out: P
+        coefficients, as far as they are open, and errors in the time of the inputs.
 
-        logdet: (C,) slopes of half the log determinant; measures: the direction is an error of instruments, whose
+        logdet: (C,) slopes of half the log determinant; measures: the column is an error of instruments, whose
         residuals may be correlated in time.
         """
-        P, C = len(self.point.p), len(along)
-        flat = here.white.reshape(-1, C + 1)
-        gram = flat.T @ flat
-        slope = -(gram[:-1, -1] + logdet)
-        rest = np.array([*range(P), *range(P + own, C)])
-        prior = np.eye(len(rest))
-        prior[:P, :P] = self.known
-        taken = np.linalg.solve(gram[np.ix_(rest, rest)] + prior, gram[rest, :-1] @ along)
-        net = along.copy()
-        net[rest] -= taken
-        information, g = float(along @ gram[:-1, :-1] @ net), float(along @ slope - taken @ slope[rest])
-        if not information > 0:
+        P, C = len(self.point.p), len(logdet)
+        chosen = np.array([*rest, C - 1, C])
+        white = here.white[..., chosen]
+        flat = white.reshape(-1, len(chosen))
+        known = np.eye(len(rest))
+        known[:P, :P] = self.known
+        left = projected(flat.T @ flat, logdet[chosen[:-1]], np.zeros(len(rest)), known)
+        if not left.S[0, 0] > 0:
             return NOTHING
         ratio = 1.0
         if measures:
             lags = memory_steps(float(self.steps.ship.particulars["L"]), self.data.h)
-            column = (here.white[..., :-1] @ net)[..., None]
-            ratio = dispersion(column, here.white[..., -1], np.array([g]), np.array([[information]]), lags)
-        size = float(np.sqrt(information / ratio))
-        return FoundAgain(g / ratio / size, size)
+            column = white[..., -2:-1] - white[..., :-2] @ left.taken
+            ratio = dispersion(column, white[..., -1], left.g, left.S, lags)
+        size = float(np.sqrt(left.S[0, 0] / ratio))
+        return FoundAgain(float(left.g[0]) / ratio / size, size)
 
     def differs(self, effects: Sequence[Candidate]) -> float:
         """Probability by chance that these trials ask for other sizes of ``effects`` of the fit than the first did.
