@@ -34,6 +34,7 @@ from fitting.result import FitResult
 from fitting.selection.campaigns.by_campaign import CampaignFit, CampaignQuestion, by_campaign
 from fitting.selection.campaigns.sentences import not_asked
 from fitting.selection.cross_validation import ModelSelection, select
+from fitting.selection.disturbance_choice import choose_disturbance
 from fitting.selection.sisters.start import UncertainMean, with_uncertain_mean
 from fitting.selection.window_choice import choose_window
 from fitting.settings import Settings
@@ -56,9 +57,9 @@ class FitOptions:
     bootstrap: refits to runs drawn with replacement; profile: coefficients whose likelihood is profiled; next_trial:
     whether trials are named that would determine what is left open; per_run: effects of which each run has its own
     constants ("NAME" or "NAME:parameter=prior"); per_campaign: instruments that may differ between campaigns, () for
-    the usual ones, ("none",) for none; instruments: effects of the instruments that are fitted along; captive: points
-    of captive tests that are fitted too; auto: choose the model by cross-validation, within auto_limit [s]; start:
-    values from which the solver begins, by symbol; hold: these stay, and only what else is free and the noise is
+    the usual ones, ("none",) for none; try_disturbance: random forces along the runs are kept where runs left out
+    become better with them; instruments: effects of the instruments that are fitted along; captive: points of captive
+    tests that are fitted too; auto: choose the model by cross-validation, within auto_limit [s]; start: values from which the solver begins, by symbol; hold: these stay, and only what else is free and the noise is
     estimated; resume: an interrupted run of the same data and ship, from whose iterate to go on; command: what is
     stored as the command that made the result; name: of the ship and her
     calibration, "": the ship keeps hers, and the calibration takes that of the run folder; prior_mean: how uncertain
@@ -71,6 +72,7 @@ class FitOptions:
     next_trial: bool = True
     per_run: tuple[str, ...] = ()
     per_campaign: tuple[str, ...] = ()
+    try_disturbance: bool = False
     instruments: tuple[str, ...] = ("velocity_lag",)
     captive: Captive | None = None
     auto: bool = False
@@ -218,6 +220,9 @@ def _estimated(
     if not (held or constants or settings.window or options.resume):
         ask = partial(choose_window, found, model, train, options.captive, progress)
         found = later.made("windows", ask, found)
+    if options.try_disturbance and not (held or constants):
+        choose = partial(choose_disturbance, found, model, train, options.captive, progress)
+        found, model = later.made("random forces", choose, (found, model))
     as_it_is = CampaignFit(found, model, constants)
     if held:
         return as_it_is

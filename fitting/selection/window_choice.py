@@ -28,7 +28,7 @@ from mmg.progress import OnProgress
 from mmg.ship import Ship
 
 STEPS, HALF = 100.0, 0.5
-"""Steps of the usual windows, and share of the horizon, that are tried beside the horizon itself."""
+"""Steps of the usual windows, which are tried beside the horizon; and half of either."""
 SHORTEST = 20.0
 """Steps of the shortest windows that are tried."""
 APART = 1.2
@@ -50,7 +50,8 @@ def candidates_for(settings: Settings) -> list[float]:
     """Windows [s] to try for ``settings`` with a horizon and a step, the horizon first."""
     assert settings.horizon is not None and settings.step is not None
     chosen = [settings.horizon]
-    for window in (HALF * settings.horizon, STEPS * settings.step):
+    usual = STEPS * settings.step
+    for window in (HALF * settings.horizon, usual, HALF * usual):
         far = all(max(window / w, w / window) >= APART for w in chosen)
         if far and window >= SHORTEST * settings.step:
             chosen.append(window)

@@ -65,6 +65,9 @@ def fit(
         list[str] | None,
         Option(help="Instruments that may differ by campaign: gyro, fouling, ... or none; default: the usual ones."),
     ] = None,
+    try_disturbance: Annotated[
+        bool, Option("--try-disturbance", help="Keep random forces along the runs where runs left out become better.")
+    ] = False,
     fix: Annotated[list[str] | None, Option(help="Coefficients to leave alone (comma-separated).")] = None,
     only: Annotated[list[str] | None, Option(help="Free only these coefficients (comma-separated).")] = None,
     window: Annotated[float | None, Option(help="Window length [s]; default the horizon, else 100 steps.")] = None,
@@ -177,6 +180,7 @@ def fit(
             next_trial=next_trial,
             per_run=tuple(per_run or ()),
             per_campaign=tuple(names_of(per_campaign)),
+            try_disturbance=try_disturbance,
             instruments=tuple(names_of([measurement])),
             captive=points,
             auto=auto,

@@ -39,10 +39,10 @@ def found() -> Calibration:
 
 @pytest.mark.parametrize(
     ("horizon", "step", "expected"),
-    [(60.0, 0.3, [60, 30]), (100.0, 1.0, [100, 50]), (200.0, 1.0, [200, 100]), (300.0, 1.0, [300, 150, 100]),
-     (30.0, 1.0, [30, 100])],
+    [(60.0, 0.3, [60, 30, 15]), (100.0, 1.0, [100, 50]), (200.0, 1.0, [200, 100, 50]),
+     (300.0, 1.0, [300, 150, 100, 50]), (30.0, 1.0, [30, 100, 50])],
 )  # fmt: skip
-def test_half_the_horizon_and_the_usual_windows_are_tried(horizon: float, step: float, expected: list[float]) -> None:
+def test_the_usual_windows_and_half_of_either_are_tried(horizon: float, step: float, expected: list[float]) -> None:
     assert candidates_for(Settings(horizon=horizon, step=step)) == pytest.approx(expected)
 
 
@@ -84,6 +84,6 @@ def test_a_kind_that_becomes_worse_forbids_other_windows() -> None:
 def test_a_fit_for_a_horizon_says_its_windows_and_one_with_windows_does_not_ask() -> None:
     options = FitOptions(next_trial=False, instruments=(), per_campaign=("none",))
     asked = calibrate(ship(), trials(), (), Settings(horizon=80.0, passes=2), options)
-    assert "window_chosen" in {m.code for m in asked.messages} and asked.settings.window in (80.0, 40.0, 50.0)
+    assert "window_chosen" in {m.code for m in asked.messages} and asked.settings.window in (80.0, 40.0, 50.0, 25.0)
     given = calibrate(ship(), trials(), (), Settings(horizon=80.0, window=80.0, passes=2), options)
     assert "window_chosen" not in {m.code for m in given.messages}
