@@ -59,12 +59,12 @@ class FitOptions:
     constants ("NAME" or "NAME:parameter=prior"); per_campaign: instruments that may differ between campaigns, () for
     the usual ones, ("none",) for none; try_disturbance: random forces along the runs are kept where runs left out
     become better with them; instruments: effects of the instruments that are fitted along; captive: points of captive
-    tests that are fitted too; auto: choose the model by cross-validation, within auto_limit [s]; start: values from which the solver begins, by symbol; hold: these stay, and only what else is free and the noise is
-    estimated; resume: an interrupted run of the same data and ship, from whose iterate to go on; command: what is
-    stored as the command that made the result; name: of the ship and her
-    calibration, "": the ship keeps hers, and the calibration takes that of the run folder; prior_mean: how uncertain
-    the mean of the prior is, where other ships told it; figures: the process that draws them while the rest is
-    computed, None: they are drawn when the result is saved.
+    tests that are fitted too; auto: choose the model by cross-validation, within auto_limit [s]; start: values from
+    which the solver begins, by symbol; hold: these stay, and only what else is free and the noise is estimated; resume:
+    an interrupted run of the same data and ship, from whose iterate to go on; command: what is stored as the command
+    that made the result; name: of the ship and her calibration, "": the ship keeps hers, and the calibration takes that
+    of the run folder; prior_mean: how uncertain the mean of the prior is, where other ships told it; figures: the
+    process that draws them while the rest is computed, None: they are drawn when the result is saved.
     """
 
     bootstrap: int = 0
