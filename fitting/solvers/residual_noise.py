@@ -132,14 +132,12 @@ def correlation_time(residuals: list[np.ndarray], longest: int) -> float:
     Sums the pooled autocorrelation up to its first value below 0.05 (a self-consistent window, Sokal 1997), or to the
     lag ``longest``.
     """
-    from scipy.signal import correlate  # late: slow to import
-
     products, counts = np.zeros(longest), np.zeros(longest)
     for e in residuals:
         e = np.nan_to_num(e)
         n = len(e)
         lags = np.arange(min(longest, n))
-        products[lags] += correlate(e, e)[n - 1 :][lags]
+        products[lags] += np.correlate(e, e, "full")[n - 1 :][lags]
         counts[lags] += n - lags
     if products[0] <= 0:
         return 1.0

@@ -10,8 +10,9 @@ from functools import partial
 import casadi as ca
 import numpy as np
 
-from mmg.compile.cache import load_library
-from mmg.compile.codegen import LANES, source
+from mmg.compile import codegen, vector_math
+from mmg.compile.cache import LateSource, load_library
+from mmg.compile.codegen import LANES
 from mmg.compile.self_test import alike, by_virtual_machine, points
 
 FLAGS: tuple[str, ...] = (
@@ -98,7 +99,8 @@ def batch_functions(functions: Sequence[ca.Function], compiled: bool = True) -> 
     library, reason = None, "compilation switched off"
     if compiled:
         try:
-            library, reason = load_library(source(functions), FLAGS, partial(_faults, functions))
+            text = LateSource.of(functions, lambda: codegen.source(functions), codegen, vector_math)
+            library, reason = load_library(text, FLAGS, partial(_faults, functions))
         except NotImplementedError as error:
             reason = str(error)
     return [BatchFunction(f, library) for f in functions], reason

@@ -15,7 +15,11 @@ import stat
 import subprocess
 import tempfile
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
+
+import casadi as ca
 
 NATIVE = "-march=native"
 """Tried first; compilers that do not know it compile for the generic processor."""
@@ -82,7 +86,25 @@ Check = Callable[[ctypes.CDLL], str]
 """Says what is wrong with a newly compiled library, "" for nothing."""
 
 
-def compile_library(text: str, flags: Sequence[str], check: Check | None = None) -> tuple[Path | None, str]:
+@dataclass(frozen=True)
+class LateSource:
+    """C source that is made only where it has to be compiled. made_from: what determines it; make: makes it."""
+
+    made_from: str
+    make: Callable[[], str]
+
+    @classmethod
+    def of(cls, functions: Sequence[ca.Function], make: Callable[[], str], *generators: ModuleType) -> LateSource:
+        """Source that modules ``generators`` make of CasADi ``functions`` by ``make``."""
+        files = [Path(str(module.__file__)).read_bytes() for module in generators]
+        made_by = hashlib.sha256(b"".join(files)).hexdigest()
+        return cls("\n".join([made_by, *(f.serialize() for f in functions)]), make)
+
+
+Text = str | LateSource
+
+
+def compile_library(text: Text, flags: Sequence[str], check: Check | None = None) -> tuple[Path | None, str]:
     """Compile C source into a cached shared library; returns (path, ""), or (None, why it was not possible). text: the
     source; flags: of the compiler; check: asked of a new library before it is kept."""
     cc = compiler()
@@ -90,7 +112,9 @@ def compile_library(text: str, flags: Sequence[str], check: Check | None = None)
         if os.environ.get("MMG_CC"):
             return None, f"no C compiler, because MMG_CC is {os.environ['MMG_CC']!r}"
         return None, "no C compiler found (gcc or clang)"
-    key = hashlib.sha256("\n".join([text, cc, *flags, _processor(), platform.platform()]).encode()).hexdigest()[:24]
+    made_from = text.made_from if isinstance(text, LateSource) else text
+    all_of_it = "\n".join([made_from, cc, *flags, _processor(), platform.platform()])
+    key = hashlib.sha256(all_of_it.encode()).hexdigest()[:24]
     suffix = ".dll" if platform.system() == "Windows" else ".so"
     try:
         folder = cache_folder()
@@ -101,7 +125,9 @@ def compile_library(text: str, flags: Sequence[str], check: Check | None = None)
                 f"the cache {folder} is another user's or others can write to it; chmod 700 it or set MMG_CACHE",
             )
         known = next(filter(_trusted, folder.glob(f"{key}-*{suffix}")), None)
-        return (known, "") if known else _built(folder, text, [cc, *flags], key, suffix, check)
+        if known:
+            return known, ""
+        return _built(folder, text.make() if isinstance(text, LateSource) else text, [cc, *flags], key, suffix, check)
     except OSError as error:
         return None, f"no cache folder for compiled code ({error})"
 
@@ -149,7 +175,7 @@ def _copied(built: Path) -> ctypes.CDLL:
     return ctypes.CDLL(str(copy))
 
 
-def load_library(text: str, flags: Sequence[str], check: Check | None = None) -> tuple[ctypes.CDLL | None, str]:
+def load_library(text: Text, flags: Sequence[str], check: Check | None = None) -> tuple[ctypes.CDLL | None, str]:
     """The library of C source, compiled or from the cache; (None, why) where that is not possible. text: the source;
     flags: of the compiler; check: asked of a new library before it is kept."""
     path, reason = compile_library(text, flags, check)

@@ -13,11 +13,11 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from mmg.compile import codegen, interval_loops, interval_source, staged_lanes, stages, vector_math
 from mmg.compile.batch import FLAGS as BATCH_FLAGS
 from mmg.compile.batch import padded
-from mmg.compile.cache import load_library
+from mmg.compile.cache import LateSource, load_library
 from mmg.compile.codegen import LANES
-from mmg.compile.interval_source import interval_source
 from mmg.errors import UserError
 
 FLAGS = (*BATCH_FLAGS, "-O2")
@@ -138,11 +138,12 @@ class IntervalKernel:
         def made(library: ctypes.CDLL) -> IntervalKernel:
             return cls(library, whole.size1_out(0), whole.size2_out(1) - whole.size1_in(0))
 
+        generators = (codegen, vector_math, stages, staged_lanes, interval_loops, interval_source)
+        text = LateSource.of([whole], lambda: interval_source.interval_source(whole), *generators)
         try:
-            text = interval_source(whole)
+            library, reason = load_library(text, FLAGS, (lambda new: check(made(new))) if check else None)
         except NotImplementedError as error:
             return None, str(error)
-        library, reason = load_library(text, FLAGS, (lambda new: check(made(new))) if check else None)
         return (None if library is None else made(library)), reason
 
     def values(
