@@ -55,13 +55,18 @@ def slow(rng: np.random.Generator, count: int, step: float, time: float, size: f
 
 
 def late(values: np.ndarray, T: np.ndarray, step: float) -> np.ndarray:
-    """``values`` (N,) behind a first-order lag of T (N,) [s], which may change."""
+    """``values`` (N,) behind a first-order lag of T (N,) [s], which may change; exact for values that run straight from
+    one to the next, so that what is logged is late by T."""
     if not T.any():
         return values
-    out, past = np.empty_like(values), float(values[0])
+    out, past, before = np.empty_like(values), float(values[0]), float(values[0])
     for k, (value, time) in enumerate(zip(values.tolist(), T.tolist(), strict=True)):
-        past = value if time <= 0 else past + (value - past) * (1 - math.exp(-step / time))
-        out[k] = past
+        if time <= 0:
+            past = value
+        else:
+            behind = time * (value - before) / step
+            past = value - behind + (past - before + behind) * math.exp(-step / time)
+        out[k], before = past, value
     return out
 
 
@@ -91,4 +96,4 @@ def write_parts(folder: Path, columns: Mapping[str, np.ndarray], edges: Sequence
         path = folder / (f"day={k + 1:02d}/part-0.parquet" if hive else f"log_{k + 1:04d}.parquet")
         path.parent.mkdir(parents=True, exist_ok=True)
         rows = {names[name]: values[first:last] for name, values in columns.items()}
-        pq.write_table(pa.table(rows), path, row_group_size=50_000)
+        pq.write_table(pa.table(rows), path, row_group_size=50_000, write_page_checksum=True)

@@ -89,7 +89,7 @@ def _parquet(path: Path, content: bytes) -> _Parts:
         return UserError(f"{path}: not a readable Parquet file ({why})")
 
     try:
-        file = pq.ParquetFile(io.BytesIO(content))
+        file = pq.ParquetFile(io.BytesIO(content), page_checksum_verification=True)
         header, rows = list(file.schema_arrow.names), file.metadata.num_rows
         # sizes of single columns are not asked for: on some damaged files that aborts the process
         unpacked = sum(file.metadata.row_group(k).total_byte_size for k in range(file.num_row_groups))
@@ -106,7 +106,11 @@ def _parquet(path: Path, content: bytes) -> _Parts:
             raise UserError(words)
         try:
             text = pa.types.is_string(kind) or pa.types.is_large_string(kind)
-            source = pq.ParquetFile(io.BytesIO(content), read_dictionary=[name]) if text else file
+            source = (
+                pq.ParquetFile(io.BytesIO(content), read_dictionary=[name], page_checksum_verification=True)
+                if text
+                else file
+            )
             found = source.read(columns=[name]).column(0)
             if len(found) != rows:
                 raise ValueError(f"column '{name}' has {len(found)} values in {rows} rows")

@@ -1,7 +1,8 @@
 """A log of months in the Parquet files of a folder, read in pieces in order of time; never as a whole.
 
-A part that is damaged is left out and said; so is what overlaps or runs backwards in time. Headers, units and the
-sidecar ``trials.toml`` are those of trial files (docs/trials.md).
+A part that is damaged is left out and said: overwritten bytes are seen where its writer kept a checksum of each page
+(``write_page_checksum`` of pyarrow), else where they cannot be decoded. So is what overlaps or runs backwards in time.
+Headers, units and the sidecar ``trials.toml`` are those of trial files (docs/trials.md).
 """
 
 from __future__ import annotations
@@ -88,7 +89,7 @@ class OperationLog:
         path, notices = part.path, list[Message]()
         entry = _entry(self.folder, path)
         try:
-            file = pq.ParquetFile(path)
+            file = pq.ParquetFile(path, page_checksum_verification=True)
             header = checked_header(path, list(file.schema_arrow.names))
             matched = match_headers(path, header, entry, notices)
             wanted = {name: header[index] for name, (index, _) in matched.items()}
@@ -142,7 +143,7 @@ def read_log(folder: str | Path) -> OperationLog:
         raise UserError(f"{folder}: holds no .parquet files; write the log as Parquet, one file per day, say")
     for path in files:
         try:
-            file = pq.ParquetFile(path)
+            file = pq.ParquetFile(path, page_checksum_verification=True)
             if not file.metadata.num_rows:
                 raise UserError(f"{path}: is damaged or empty (it has no rows)")
             header = checked_header(path, list(file.schema_arrow.names))

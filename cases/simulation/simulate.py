@@ -253,7 +253,7 @@ def write_trial(trial: Trial, path: str | Path) -> None:
     try:
         with replaced(path) as scratch:
             if path.suffix.lower() == ".parquet":
-                frame.to_parquet(scratch, index=False)
+                frame.to_parquet(scratch, index=False, engine="pyarrow", write_page_checksum=True)
             else:
                 frame.to_csv(scratch, index=False, lineterminator="\n")
     except OSError as error:

@@ -52,7 +52,7 @@ def _numbers(study: MonthStudy, scratch: Path) -> None:
 
     text = json.dumps(plain(study.to_dict()), indent=2)
     (scratch / NUMBERS).write_text(text + "\n", encoding="utf-8")
-    pd.DataFrame(dict(study.by_window)).to_parquet(scratch / WINDOWS)
+    pd.DataFrame(dict(study.by_window)).to_parquet(scratch / WINDOWS, engine="pyarrow", write_page_checksum=True)
 
 
 def shown(study: MonthStudy) -> list[CandidateChange]:

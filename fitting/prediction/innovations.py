@@ -4,13 +4,16 @@ A stretch begins at the measured state and lasts as long as the ship takes for `
 predicted under the logged inputs. The error of the prediction in six channels, along and across the heading at the
 start, heading, u, v and r, is averaged over each quarter of the stretch: 24 numbers. A candidate is a parameter of an
 effect that may change over the months. Its sensitivity is the change of the prediction at half its typical size,
-divided by that half.
+divided by that half. Errors of an instrument that can be taken out of the log are: there the change is that of start
+and measured motion. Along the prediction, which runs off where the rudder holds against a force that is not modelled,
+a late turn rate would be late in turns that never were, and its size come out at a third.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -19,6 +22,7 @@ from cases.operation.cutting import USUAL
 from cases.shipfiles.effects import parameters, with_effects
 from cases.shipfiles.ship_file import check_needs
 from cases.trial import Trial
+from mmg.effects import EFFECTS
 from mmg.errors import UserError
 from mmg.motion.froude import reference_speed
 from mmg.rollout import Simulator
@@ -89,6 +93,7 @@ class Stretches:
         names = list(dict.fromkeys(name.partition(".")[0] for name in candidates))
         rows = [f"{name}:{','.join(f'{p.symbol}={p.neutral}' for p in parameters(ship, name))}" for name in names]
         self.candidates, self.lengths = (*candidates, *symbols), lengths
+        self.logs = {j: name for j, name in enumerate(candidates) if is_correctable(ship, name)}
         self.simulator = Simulator(with_effects(ship, rows))
         sizes = {f"{name}.{p.symbol}": p.typical for name in names for p in parameters(ship, name)}
         self.typical = np.array([sizes.get(name) or ship.coefficients[name].std for name in self.candidates])
@@ -126,13 +131,18 @@ class Stretches:
         if not cut:
             return None
         t = np.array([piece[0] for _, piece in cut])
-        start, controls, measured = (np.stack([piece[i] for _, piece in cut], axis=-1) for i in (1, 2, 3))
-        h = self._step(step)[1]
+        starts, controls, logs = (np.stack([piece[i] for _, piece in cut], axis=-1) for i in (1, 2, 3))
+        h, start, measured = self._step(step)[1], starts[0], logs[0]
         base = self._predicted(start, controls, h, None)
         errors = _quarters(measured - base, start[2])
         gains = np.empty((*errors.shape, len(self.candidates)))
         for j, size in enumerate(self.typical):
-            gains[:, :, j] = _quarters(self._predicted(start, controls, h, j) - base, start[2]) / (SIZE * size)
+            if j in self.logs:
+                k = 1 + list(self.logs).index(j)
+                left = _quarters(logs[k] - self._predicted(starts[k], controls, h, None), start[2])
+                gains[:, :, j] = (errors - left) / (SIZE * size)
+            else:
+                gains[:, :, j] = _quarters(self._predicted(start, controls, h, j) - base, start[2]) / (SIZE * size)
         return t, np.array([n for n, _ in cut]), errors, gains
 
     def _step(self, step: float) -> tuple[int, float, int]:
@@ -143,22 +153,33 @@ class Stretches:
     def _cut(
         self, columns: Mapping[str, np.ndarray], step: float
     ) -> list[tuple[float, np.ndarray, np.ndarray, np.ndarray]]:
-        """Middle [s], start (6,), inputs (N, C) and measured states (N, 6) of each stretch of a window."""
+        """Middle [s], start (V, 6), inputs (N, C) and measured states (V, N, 6) of each stretch of a window: the V are
+        the log as it is, and with each of ``logs`` taken out at half its typical size."""
         together, h, N = self._step(step)
         trial = Trial("window", dict(columns))
-        states, controls = trial.states, model_inputs(trial, self.simulator.ship.inputs).array
+        controls = model_inputs(trial, self.simulator.ship.inputs).array
+        states = np.stack([trial.states, *(self._corrected(trial, j) for j in self.logs)])
         side = max(1, round(0.015 * N)) * together
         need, found = N * together + 2 * side, []
         kernel = np.ones(2 * (together // 2) + 1)
         for first in range(0, len(trial) - need + 1, N * together):
             begin = first + side
-            start = states[first : first + 2 * side + 1].mean(axis=0)
+            start = states[:, first : first + 2 * side + 1].mean(axis=1)
             nodes = begin + together * np.arange(1, N + 1)
             reach = np.arange(len(kernel)) - together // 2
-            measured = states[nodes[:, None] + reach].mean(axis=1)
+            measured = states[:, nodes[:, None] + reach].mean(axis=2)
             held = controls[begin : begin + N * together].reshape(N, together, -1).mean(axis=1)
             found.append((float(trial.t[begin] + 0.5 * N * h), start, held, measured))
         return found
+
+    def _corrected(self, trial: Trial, j: int) -> np.ndarray:
+        """States (N, 6) of a ``trial`` without the error of candidate ``j`` at half its typical size."""
+        ship, (effect, _, symbol) = self.simulator.ship, self.candidates[j].partition(".")
+        size = {p.symbol: p.neutral for p in parameters(ship, effect)} | {symbol: SIZE * self.typical[j]}
+        about = SimpleNamespace(**ship.particulars)
+        found = EFFECTS[effect].corrected(trial.t, list(trial.states.T), SimpleNamespace(**size), about)
+        assert found is not None
+        return np.stack(found, axis=1)
 
     def _predicted(self, start: np.ndarray, controls: np.ndarray, h: float, j: int | None) -> np.ndarray:
         """Logged columns (N, 6, S) that the model predicts with the candidate ``j`` at its typical size."""
@@ -168,6 +189,14 @@ class Stretches:
         states = self.simulator.start(start, controls[0], theta)
         out = self.simulator.run(states, controls, h, theta)[1:]
         return self.simulator.columns(out, theta)
+
+
+def is_correctable(ship: Ship, name: str) -> bool:
+    """Whether the error of an instrument, the candidate ``name`` of a ``ship``, can be taken out of logged samples."""
+    effect = name.partition(".")[0]
+    e = SimpleNamespace(**{p.symbol: p.neutral for p in parameters(ship, effect)})
+    t = np.arange(3.0)
+    return EFFECTS[effect].corrected(t, [np.zeros(3)] * 6, e, SimpleNamespace(**ship.particulars)) is not None
 
 
 def _quarters(difference: np.ndarray, heading: np.ndarray) -> np.ndarray:

@@ -145,3 +145,7 @@ class Effect(ABC):
         To be overridden by an effect whose ``columns`` need a memory.
         """
         return self.columns(y, flow, Memory(), e, p)
+
+    def corrected(self, t: np.ndarray, y: Columns, e: SimpleNamespace, p: SimpleNamespace) -> Columns | None:
+        """The true columns from logged samples (N,) at t (N,) [s], None where that takes more than the samples."""
+        return None

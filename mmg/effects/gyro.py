@@ -32,6 +32,22 @@ class Gyro(Effect):
     def samples(self, t: np.ndarray, y: Columns, flow: Flow, e: SimpleNamespace, p: SimpleNamespace) -> Columns:
         return [*y[:5], _behind(t, y[5], e.T) * (1 + e.share)]
 
+    def corrected(self, t: np.ndarray, y: Columns, e: SimpleNamespace, p: SimpleNamespace) -> Columns:
+        return [*y[:5], (y[5] + e.T * slope(t, y[5], 1.5 * time_scale(p.L))) / (1 + e.share)]
+
+
+def slope(t: np.ndarray, x: np.ndarray, width: float) -> np.ndarray:
+    """Rates (N,) of samples x (N,) at t (N,) [s]: slopes of straight lines through what lies within ``width`` [s]."""
+    half = max(1, round(0.5 * width / float(np.median(np.diff(t)))))
+    kernel = np.ones(min(2 * half + 1, len(t)))
+
+    def summed(values: np.ndarray) -> np.ndarray:
+        return np.convolve(values, kernel, mode="same")
+
+    s = t - t[0]
+    count, st, sx = summed(np.ones(len(t))), summed(s), summed(x)
+    return (summed(s * x) - st * sx / count) / (summed(s * s) - st**2 / count)
+
 
 def _behind(t: np.ndarray, x: np.ndarray, T: float) -> np.ndarray:
     """x after a first-order lag of T [s], exact for x linear between samples; settled at the start."""

@@ -164,7 +164,10 @@ def _scatter(
         say(f"written: {plot}")
     if out is not None:
         tracks = found.tracks()
-        tracks.to_parquet(out, index=False) if out.suffix.lower() == ".parquet" else tracks.to_csv(out, index=False)
+        if out.suffix.lower() == ".parquet":
+            tracks.to_parquet(out, index=False, engine="pyarrow", write_page_checksum=True)
+        else:
+            tracks.to_csv(out, index=False)
         say(f"written: {out}")
     if as_json:
         print_json(found.to_dict() | {"title": ship.title, "out": None if out is None else str(out)})

@@ -76,7 +76,7 @@ def write_tables(fleet: Fleet, folder: Path) -> None:
     ships, coefficients = ship_table(fleet), coefficient_table(fleet)
     try:
         for name, table in ((TABLE, ships), (COEFFICIENTS, coefficients)):
-            _write(folder / f"{name}.parquet", table.to_parquet)
+            _write(folder / f"{name}.parquet", partial(table.to_parquet, engine="pyarrow", write_page_checksum=True))
             text = table.to_csv(index=name == TABLE, lineterminator="\n")
             _write(folder / f"{name}.csv", partial(_text, text))
         write_json(folder / NUMBERS, fleet)

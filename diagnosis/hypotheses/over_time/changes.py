@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from diagnosis.hypotheses.over_time.change_test import MONTH, ChangeTest, DatedChange
-from diagnosis.hypotheses.over_time.weights import Spells, spells
+from diagnosis.hypotheses.over_time.weights import DAY, Spells, spells
 from fitting.prediction.innovations import Innovations
 
 LEVEL = 0.0005
@@ -26,6 +27,9 @@ INFORMED = 0.05
 APART = 1.0
 """Days, in a month, between changes of several candidates that are one event: the strongest is named, the
 others are its company."""
+
+AGAIN = 3
+"""How often a named change is estimated again, with weights by what it leaves."""
 
 FEWEST = 8
 """Spells without which no change can be told."""
@@ -62,6 +66,7 @@ def find_changes(found: Innovations, begin: float, end: float, seed: int = 0) ->
         return Changes((), (), (), at)
     score, named, first = at.score.copy(), list[CandidateChange](), tuple[CandidateChange, ...]()
     company: list[set[str]] = []
+    numbers: list[int] = []
     own = np.einsum("bjj->bj", at.information)
     good = own > INFORMED * np.median(own, axis=0)
     tests = {
@@ -89,11 +94,43 @@ def find_changes(found: Innovations, begin: float, end: float, seed: int = 0) ->
         if not apart:
             break
         j, best = max(apart, key=lambda item: item[1].change.gain)
-        named.append(best)
         company.append(set())
-        profile = np.interp(at.day, at.day[good[:, j]], best.change.profile)
+        profile = np.interp(at.day, best.day, best.change.profile)
         score = score - at.information[:, :, j] * (best.change.size * profile)[:, None]
+        named.append(best)
+        numbers.append(j)
+    for k, j in enumerate(numbers):
+        others = [(i, row) for i, row in zip(numbers, named, strict=True) if i != j]
+        named[k] = _sized(found, (begin, end), (j, named[k]), others, np.random.default_rng([seed, j, len(named)]))
     return Changes(tuple(named), tuple(tuple(sorted(names)) for names in company), first, at)
+
+
+def _sized(
+    found: Innovations,
+    log: tuple[float, float],
+    one: tuple[int, CandidateChange],
+    others: Sequence[tuple[int, CandidateChange]],
+    rng: np.random.Generator,
+) -> CandidateChange:
+    """A named change with its number, ``one``, estimated again with weights that do not hold it, and the ``others``,
+    against the stretches that show them: where a change is large they looked as if something had moved the ship.
+
+    found: innovations of a ``log`` from a begin to an end [s]; rng: draws the bootstrap.
+    """
+    j, best = one
+    day = (found.t - log[0]) / DAY
+    for _ in range(AGAIN):
+        rows = [(i, row.change.size * np.interp(day, row.day, row.change.profile)) for i, row in [(j, best), *others]]
+        made = sum(found.gains[:, :, i] * size[:, None] for i, size in rows)
+        at = spells(found, *log, made)
+        own, score = at.information[:, j, j], at.score[:, j].copy()
+        for i, row in others:
+            score -= at.information[:, j, i] * row.change.size * np.interp(at.day, row.day, row.change.profile)
+        keep = own > INFORMED * np.median(own)
+        y = score[keep] / own[keep]
+        change = ChangeTest(at.day[keep], 1 / own[keep], (log[1] - log[0]) / DAY)(y, rng)
+        best = CandidateChange(best.name, change, at.day[keep], y, 1 / np.sqrt(own[keep]))
+    return best
 
 
 def _together(a: DatedChange, b: DatedChange, apart: float) -> bool:

@@ -33,10 +33,13 @@ class Spells:
     distance: np.ndarray
 
 
-def spells(found: Innovations, begin: float, end: float) -> Spells:
-    """Estimates in spells of at most SPELL days from innovations ``found``; ``begin`` and ``end`` of the log [s]."""
+def spells(found: Innovations, begin: float, end: float, explained: np.ndarray | None = None) -> Spells:
+    """Estimates in spells of at most SPELL days from innovations ``found``; ``begin`` and ``end`` of the log [s].
+
+    explained: errors (S, F) that a change is known to make; they do not count for the weights of their stretches.
+    """
     length = min(SPELL * DAY, (end - begin) / PARTS)
-    cov, distance = scatter(found.errors)
+    cov, distance = scatter(found.errors if explained is None else found.errors - explained)
     usual = float(np.median(distance))
     weight = (distance < UNEXPLAINED * usual).astype(float)
     size = np.sqrt(np.diag(cov))

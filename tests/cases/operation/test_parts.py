@@ -94,3 +94,27 @@ def test_folders_without_a_log_are_refused(tmp_path: Path) -> None:
     (tmp_path / "bad.parquet").write_bytes(b"nothing of the kind")
     with pytest.raises(UserError, match="no part can be read"):
         read_log(tmp_path)
+
+
+@pytest.mark.parametrize("checksums", [True, False])
+def test_bytes_that_read_as_numbers_are_seen_where_the_writer_kept_checksums(tmp_path: Path, checksums: bool) -> None:
+    import pyarrow.parquet as pq
+
+    columns = motion_columns(300.0)
+    paths = write_log(tmp_path, columns, 3)
+    table = pq.read_table(paths[1])
+    whole = {"compression": "none", "use_dictionary": False, "write_page_checksum": checksums}
+    pq.write_table(table, paths[1], row_group_size=500, **whole)
+    content = bytearray(paths[1].read_bytes())
+    value = columns["u"][1700:1720].tobytes()  # in the middle of the second part
+    at = content.find(value)
+    assert at > 0
+    content[at : at + len(value)] = (columns["u"][1700:1720] * 1.7).tobytes()
+    paths[1].write_bytes(content)
+    log = read_log(tmp_path)
+    found = columns_of(log)
+    if checksums:
+        assert len(log.left_out) == 1 and f"{paths[1]}: is damaged" in log.left_out[0]
+        assert np.isin(found["u"], columns["u"]).all() and found["t"][-1] == columns["t"][-1]
+    else:
+        assert not log.left_out and len(found["t"]) == len(columns["t"])  # nothing tells

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
+from types import SimpleNamespace
 
 import casadi as ca
 import numpy as np
@@ -335,3 +336,15 @@ def test_an_effect_needs_what_it_changes() -> None:
     bare = parse_ship(dump_ship(ESSO).replace('wind = "fujiwara"\n', "").split("[coefficients.X_A0]")[0])
     with pytest.raises(UserError, match="needs a wind model"):
         with_effects(bare, ["wind_sensor_bias"])
+
+
+def test_what_a_gyro_logs_is_corrected_back_to_the_true_turn_rate() -> None:
+    gyro, p, e = EFFECTS["gyro"], load_ship("kvlcc2_full").namespace, SimpleNamespace(T=6.0, share=0.05)
+    t = np.arange(0.0, 600.0)
+    r = 0.01 * np.tanh((t - 300) / 40) + 0.002 * np.sin(t / 60)
+    late = gyro.samples(t, [*np.zeros((5, len(t))), r], SimpleNamespace(), e, p)  # type: ignore[arg-type]
+    back = gyro.corrected(t, late, e, p)
+    assert back is not None
+    inner = slice(40, -40)  # it begins settled
+    assert np.abs(late[5] - r)[inner].max() > 1e-3 > 10 * np.abs(back[5] - r)[inner].max()
+    assert EFFECTS["fouling"].corrected(t, late, e, p) is None

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import pandas as pd
 import pytest
 
+from mmg.effects import EFFECTS
 from mmg_ident.commands.main import main
 from tests.support.operation_logs import sailed, write_log
 
@@ -36,6 +38,20 @@ def test_a_change_is_named_and_dated(run: Path) -> None:
     assert first["name"] == "fouling.share" and first["kind"] == "step"
     assert abs(24 * first["begin_day"] - CHANGED) < 0.3 and first["size"] == pytest.approx(0.4, rel=0.3)
     assert len(content["log"]["left_out"]) == 1 and "day=05" in content["log"]["left_out"][0]
+
+
+def test_the_size_of_a_lag_is_that_of_the_gyro(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    columns, late = sailed(HOURS, seed=5), 0.8
+    after = columns["t"] >= 3600 * CHANGED
+    about = SimpleNamespace(T=late, share=0.0)
+    motion = [columns[name][after] for name in ("x", "y", "psi", "u", "v", "r")]
+    columns["r"][after] = EFFECTS["gyro"].samples(columns["t"][after], motion, None, about, None)[5]  # type: ignore[arg-type]
+    write_log(tmp_path / "log", columns, 3)
+    words = ["months", str(tmp_path / "log"), "--ship", "esso_osaka_3m", "--out", str(tmp_path / "run"), "--no-fit"]
+    assert main([*words, "--json"]) == 0
+    first = json.loads(capsys.readouterr().out)["changes"][0]
+    assert (first["name"], first["kind"]) == ("gyro.T", "step") and abs(24 * first["begin_day"] - CHANGED) < 0.2
+    assert first["size"] == pytest.approx(late, rel=0.15)
 
 
 def test_the_folder_holds_ship_windows_and_page(run: Path) -> None:
