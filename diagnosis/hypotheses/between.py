@@ -22,6 +22,7 @@ from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import PRIOR_WIDTH, get_values
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.hypotheses.forward_selection import LEVEL, SAME_CLASS, SearchProblem
+from diagnosis.hypotheses.group_causes import NO_ROW, Tested, is_cause, physical, without_idle
 from diagnosis.hypotheses.group_findings import Between, GroupDifference
 from diagnosis.hypotheses.group_rows import group_row, parameters_by_group
 from diagnosis.hypotheses.heterogeneity import (
@@ -49,21 +50,14 @@ MOST = 3
 """Differences that the dynamics name at the most."""
 IMITATES = 0.9
 """Share of a difference that another parameter must imitate to be the same by another name."""
+IDLE = 1.645
+"""Standard errors from zero below which a difference is none beside one that was named after it."""
 UNEXPLAINED = 0.25
 """Log Bayes factor of what is left without a name, as a share of that of the names, above which they are withdrawn."""
 SCATTERED = 1.5
 """Typical sizes by which surroundings may differ from run to run for anything else to be told from them."""
 AGREE = 3.0
 """Standard errors by which dynamics and kinematics may disagree on an instrument."""
-
-
-@dataclass(frozen=True)
-class Tested:
-    """A test of a candidate by the dynamics, and its row of the result."""
-
-    candidate: Candidate
-    test: GroupTest
-    row: GroupDifference
 
 
 def compare_groups(
@@ -158,10 +152,11 @@ class _Search:
         wanted = {f"{q.effect}.{q.parameter}" for q in faults}
         own = [self._by_group(c) for c in self.candidates if wanted & set(c.symbols)]
         fit = self._refitted(fit, own, {}) if own else fit
+        common, first, spent = fit, tuple(own), list[Candidate]()
         named: list[Tested] = []
         table: list[Tested] = []
         while True:
-            tests, slopes, scatter = self._tests(fit, own)
+            tests, slopes, scatter = self._tests(fit, [*own, *spent])
             table = table or tests
             clear = [t for t in tests if t.row.p_value < LEVEL and t.row.log_bayes > 0]
             if not clear:
@@ -184,6 +179,12 @@ class _Search:
             named.append(replace(best, row=replace(best.row, equivalence_class=same)))
             fit = self._refitted(fit, own, dict(zip(c.columns, self._values(fit, best), strict=True)))
             LOGGER.info(f"the groups differ in {best.candidate.label}")
+            if idle := [t for t in named if self._is_idle(fit, t)]:
+                LOGGER.info(f"but not in {', '.join(t.candidate.label for t in idle)}")
+                spent += [t.candidate for t in (*idle, named[-1])]
+                named = without_idle(idle, named, [t for t in table if t.row.p_value < LEVEL and t.row.log_bayes > 0])
+                own = [*first, *(self._by_group(t.candidate) for t in named)]
+                fit = self._refitted(common, own, self._start(fit, common, named))
 
     def _by_group(self, c: Candidate) -> Candidate:
         """A candidate with values of its own in each group, for a refit: a coefficient keeps its prior, widened."""
@@ -248,6 +249,25 @@ class _Search:
         covariance += np.diag(np.kron(1.0 / runs, (t.test.scatter * c.typical) ** 2))
         return replace(t.row, parameters=parameters_by_group(self.groups, self._words(c), values, covariance))
 
+    def _is_idle(self, fit: Estimate, t: Tested) -> bool:
+        """Whether a named difference is none any more, in the fit with one that was named after it."""
+        return all(
+            abs(x.difference) < IDLE * x.difference_std
+            for p in self._final(fit, t).parameters.values()
+            for x in p.groups.values()
+        )
+
+    def _start(self, fit: Estimate, common: Estimate, named: Sequence[Tested]) -> dict[Column, float]:
+        """Where a fit with differences that are ``named`` begins: in the ``fit`` with others, or where the tests about
+        the ``common`` one point to."""
+        start: dict[Column, float] = {}
+        for t in named:
+            c = self._by_group(t.candidate)
+            known = all(x in fit.free.columns for x in c.columns)
+            values = [fit.value(*x) for x in c.columns] if known else self._values(common, t)
+            start |= dict(zip(c.columns, values, strict=True))
+        return start
+
     def _judged(
         self, best: Tested, tests: Sequence[Tested], slopes: RunSlopes
     ) -> tuple[tuple[str, ...], Message | None]:
@@ -273,24 +293,6 @@ class _Search:
                     words = f"the kinematics of the trials do not show the difference in {best.candidate.label}"
                     return same, Message(f"{words} that the dynamics ask for", "sensors_disagree")
         return same, None
-
-
-def is_cause(t: Tested) -> bool:
-    """Whether the tested ``t`` is an effect in the ship, such as fouling: coefficients change by such a cause only."""
-    return t.candidate.effect in EFFECTS and t.row.nature == "ship"
-
-
-def physical(best: Tested, clear: Sequence[Tested]) -> Tested:
-    """The difference to name where ``best``, of those that are ``clear``, is a coefficient: a cause in the ship, if one
-    explains as much."""
-    if best.candidate.effect in EFFECTS:
-        return best
-    causes = [t for t in clear if is_cause(t) and t.row.log_bayes > best.row.log_bayes - 0.5 * SAME_CLASS]
-    return max(causes, key=lambda t: t.row.log_bayes, default=best)
-
-
-NO_ROW = GroupDifference("", "", "", "", {}, 0.0, 0, 1.0, 0.0)
-"""A row without content."""
 
 
 def too_scattered(scatter: Mapping[Column, float]) -> bool:

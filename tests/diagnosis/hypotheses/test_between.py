@@ -13,8 +13,9 @@ from cases.evidence.kinematics import consistency
 from cases.io.groups import Groups
 from cases.trial import Trial
 from diagnosis.estimation.candidates import Candidate, Column
-from diagnosis.hypotheses import between
-from diagnosis.hypotheses.between import NO_ROW, compare_groups, nature, physical, too_scattered
+from diagnosis.hypotheses import group_causes
+from diagnosis.hypotheses.between import compare_groups, nature, too_scattered
+from diagnosis.hypotheses.group_causes import NO_ROW, physical, without_idle
 from diagnosis.hypotheses.group_findings import Between
 from mmg.errors import UserError
 from tests.support.diagnosis_cases import SHIP, problem_of, pushed_trials
@@ -79,13 +80,30 @@ def test_a_larger_resistance_is_named_by_its_cause_with_the_coefficient_that_say
     assert d.parameters["share"].groups["B"].difference == pytest.approx(0.5, abs=0.2) and d.p_value < 0.01
 
 
-def test_a_coefficient_gives_way_to_a_cause_in_the_ship_that_explains_as_much() -> None:
-    def tested(effect: str, log_bayes: float) -> between.Tested:
-        row = replace(NO_ROW, name=effect, nature=nature(effect), log_bayes=log_bayes)
-        return between.Tested(Candidate(effect, "", False, (), *(np.zeros(0),) * 4), None, row)  # type: ignore[arg-type]
+def found_of(effect: str, log_bayes: float) -> group_causes.Tested:
+    """A difference that was tested, of which nothing but the name and the weight is known."""
+    row = replace(NO_ROW, name=effect, nature=nature(effect), log_bayes=log_bayes)
+    return group_causes.Tested(Candidate(effect, "", False, (), *(np.zeros(0),) * 4), None, row)  # type: ignore[arg-type]
 
-    thrust, fouled, loaded = tested("t_P", 9.0), tested("fouling", 7.0), tested("draft", 6.5)
-    towed, far, logged = tested("tow", 8.9), tested("draft", 3.0), tested("log_scale", 8.8)
+
+def test_a_difference_that_another_takes_over_is_dropped_and_a_cause_stands_for_both() -> None:
+    thrust, drag, fouled, yaw = (
+        found_of("t_P", 17.0),
+        found_of("X_0F", 12.3),
+        found_of("fouling", 12.1),
+        found_of("N_r", 9.0),
+    )
+    clear = [thrust, drag, fouled, yaw]
+    (only,) = without_idle([thrust], [thrust, found_of("X_0F", 21.0)], clear)
+    assert only.candidate is fouled.candidate and only.row.equivalence_class == ("X_0F", "t_P")
+    first, last = without_idle([thrust], [yaw, thrust, found_of("Y_v", 8.0)], clear)
+    assert first is yaw and (last.row.name, last.row.log_bayes, last.row.equivalence_class) == ("Y_v", 8.0, ("t_P",))
+    assert without_idle([fouled], [yaw, fouled], clear) == [yaw]  # the last one itself is none
+
+
+def test_a_coefficient_gives_way_to_a_cause_in_the_ship_that_explains_as_much() -> None:
+    thrust, fouled, loaded = found_of("t_P", 9.0), found_of("fouling", 7.0), found_of("draft", 6.5)
+    towed, far, logged = found_of("tow", 8.9), found_of("draft", 3.0), found_of("log_scale", 8.8)
     assert physical(thrust, [thrust, fouled, loaded]) is fouled
     assert physical(thrust, [thrust, far]) is thrust  # much less likely
     assert physical(thrust, [thrust, towed, logged]) is thrust  # not of the ship
