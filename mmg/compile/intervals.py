@@ -14,13 +14,11 @@ import casadi as ca
 import numpy as np
 
 from mmg.compile import codegen, interval_loops, interval_source, staged_lanes, stages, vector_math
-from mmg.compile.batch import FLAGS as BATCH_FLAGS
-from mmg.compile.batch import padded
+from mmg.compile.batch import FLAGS, padded
 from mmg.compile.cache import LateSource, load_library
 from mmg.compile.codegen import LANES
 from mmg.errors import UserError
 
-FLAGS = (*BATCH_FLAGS, "-O2")
 SHARE = 16
 """Blocks of LANES intervals that one thread takes at least."""
 
