@@ -38,7 +38,7 @@ from fitting.selection.disturbance_choice import choose_disturbance
 from fitting.selection.sisters.start import UncertainMean, with_uncertain_mean
 from fitting.selection.window_choice import choose_window
 from fitting.settings import Settings
-from fitting.solvers.interrupts import Later
+from fitting.solvers.interrupts import Later, unless_interrupted
 from fitting.solvers.resumed import as_chosen, check_resumable, earlier_passes, iterate_of
 from fitting.uncertainty.left_out import worth_message, worth_of_left_out
 from fitting.uncertainty.rows import check_request, refit_rows, uncertainty_rows
@@ -187,10 +187,11 @@ def _with_next_trial(objects: FitObjects, content: Mapping[str, Any], options: F
     """The ``objects`` with the next trial, and with the figures of ``content`` where a process draws them meanwhile."""
     found, beside = objects.calibration, options.figures if not options.profile else None
     if beside:
-        later.made("figures", partial(ask_figures, beside, content, objects), None)
+        unless_interrupted(partial(ask_figures, beside, content, objects))
     if options.next_trial and found.converged and np.isfinite(found.covariance).all():
         objects = replace(objects, next_trial=later.made("next trial", lambda: next_trial(found), None))
-    return later.made("figures", partial(ask_the_rest, beside, content, objects), objects) if beside else objects
+    drawn = unless_interrupted(partial(ask_the_rest, beside, content, objects)) if beside else None
+    return drawn or objects  # what Ctrl-C leaves out here is said when the result is saved
 
 
 def _refitted(found: Calibration, options: FitOptions, later: Later) -> dict[str, Any]:

@@ -39,10 +39,12 @@ class FigureAhead:
 
 @dataclass
 class FigureProcess:
-    """Takes figures as a ``FigureFolder`` does; asked: those that it was given, in order."""
+    """Takes figures as a ``FigureFolder`` does; asked: those that it was given, in order; complete: none could not be
+    asked for."""
 
     executor: Executor
     asked: list[FigureAhead] = field(default_factory=list)
+    complete: bool = True
 
     def write(self, name: str, draw: Callable[[], Figure], title: str, caption: str) -> None:
         """Ask for the figure ``name`` that ``draw`` gives, which must be picklable, with ``title`` and ``caption``."""

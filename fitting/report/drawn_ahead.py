@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
@@ -17,7 +18,8 @@ def ask_figures(process: FigureProcess, content: Mapping[str, Any], objects: Fit
 
     content: of the calibration, as ``FitRecord.of`` takes it; objects: what stands behind it.
     """
-    write_figures(process, FitRecord.of(content), objects)
+    with _noted(process):
+        write_figures(process, FitRecord.of(content), objects)
 
 
 def ask_the_rest(process: FigureProcess, content: Mapping[str, Any], objects: FitObjects) -> FitObjects:
@@ -25,5 +27,15 @@ def ask_the_rest(process: FigureProcess, content: Mapping[str, Any], objects: Fi
 
     process: what draws; content, objects: as of ``ask_figures``.
     """
-    write_identifiability_figures(process, FitRecord.of(content), objects)
-    return replace(objects, drawn=tuple(process.asked))
+    with _noted(process):
+        write_identifiability_figures(process, FitRecord.of(content), objects)
+    return replace(objects, drawn=tuple(process.asked)) if process.complete else objects
+
+
+@contextmanager
+def _noted(process: FigureProcess) -> Iterator[None]:
+    """An error loses no result: figures are then drawn when it is saved, where what fails is a warning."""
+    try:
+        yield
+    except Exception:
+        process.complete = False

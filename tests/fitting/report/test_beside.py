@@ -5,7 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import partial
 from pathlib import Path
 
@@ -13,6 +13,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from fitting.parallel import helper
+from fitting.record import FitRecord
 from fitting.report.beside import FigureProcess
 from fitting.report.drawn_ahead import ask_figures, ask_the_rest
 from fitting.report.plot_style import FigureFolder, new_figure, png_of
@@ -90,8 +91,7 @@ def test_the_process_ends_with_its_context() -> None:
 def test_a_result_saved_with_drawn_figures_has_the_same_ones(process: FigureProcess, tmp_path: Path) -> None:
     result = small_result()
     assert result.objects
-    content = vars(replace(result, objects=None))
-    content = {k: v for k, v in content.items() if k not in ("ship", "start", "iterate", "objects", "folder", "model")}
+    content = {k: v for k, v in vars(result).items() if k in {field.name for field in fields(FitRecord)}}
     ask_figures(process, content, result.objects)
     objects = ask_the_rest(process, content, result.objects)
     assert len(objects.drawn) >= 5
@@ -100,3 +100,15 @@ def test_a_result_saved_with_drawn_figures_has_the_same_ones(process: FigureProc
     here, beside = (sorted((tmp_path / name / "figures").iterdir()) for name in ("here", "beside"))
     assert [p.name for p in here] == [p.name for p in beside]
     assert all(a.read_bytes() == b.read_bytes() for a, b in zip(here, beside, strict=True))
+
+
+def test_where_the_process_has_ended_the_figures_are_left_to_the_saving(process: FigureProcess, tmp_path: Path) -> None:
+    result = small_result()
+    assert result.objects
+    content = {k: v for k, v in vars(result).items() if k in {field.name for field in fields(FitRecord)}}
+    assert process.executor.submit(os._exit, 1).exception()
+    ask_figures(process, content, result.objects)
+    objects = ask_the_rest(process, content, result.objects)
+    assert not objects.drawn
+    saved = replace(result, objects=objects).save(tmp_path / "run")
+    assert len(list((tmp_path / "run" / "figures").iterdir())) == len(saved.figures) >= 5
