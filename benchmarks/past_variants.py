@@ -18,6 +18,7 @@ from functools import partial
 import numpy as np
 
 from benchmarks.record import record, table
+from benchmarks.remaining_error import validation_names
 from cases import published_splits as splits
 from cases.io.read import read_trials
 from cases.shipfiles.ship_file import load_ship
@@ -167,8 +168,7 @@ def scores(ship: Ship, trials: Sequence[Trial], sigma: np.ndarray, variant: Vari
 
 
 def main() -> None:
-    used = {*splits.TRAIN_TZRB, *splits.DEVELOPMENT_HOLDOUT}
-    trials = read_trials(splits.find(name for name in splits.TRAIN_TZRB_PLUS if name not in used))
+    trials = read_trials(splits.find(validation_names()))
     ship, sigma = load_ship(sys.argv[1]), pooled_sigma(trials)
     of = partial(scores, ship, trials, sigma)
     first, body = of(Variant()), []

@@ -28,6 +28,7 @@ import numpy as np
 from benchmarks.disturbed_trials import Disturbed, disturbed_trials, drawn_ship
 from benchmarks.foreign_figures import drawn_hull, foreign_trials, machinery_of, start_ship
 from benchmarks.record import record, table
+from benchmarks.remaining_error import validation_names
 from cases import published_splits as splits
 from cases.io.read import read_trials
 from cases.shipfiles.effects import with_effects
@@ -92,9 +93,7 @@ def library(seed: int, cross: bool) -> Case:
 
 def records() -> Case:
     """The real records."""
-    used = {*splits.TRAIN_TZRB, *splits.DEVELOPMENT_HOLDOUT}
-    others = [name for name in splits.TRAIN_TZRB_PLUS if name not in used]
-    judges = {"other records": others, "hold-outs": splits.DEVELOPMENT_HOLDOUT}
+    judges = {"other records": validation_names(), "hold-outs": splits.DEVELOPMENT_HOLDOUT}
     read = {name: read_trials(splits.find(names)) for name, names in judges.items()}
     return Case(load_ship("esso_osaka_3m"), read_trials(splits.find(splits.TRAIN_TZRB)), read)
 
