@@ -47,6 +47,7 @@ class OtherTrials:
     point: Point
     known: np.ndarray
 
+    @np.errstate(all="ignore")
     def effect(self, candidate: Candidate, phi: np.ndarray, shift: np.ndarray) -> FoundAgain:
         """An effect that was found with parameters ``phi`` (p,) [typical sizes], and moved the coefficients by
         ``shift`` (P,) [prior std]: what these made up for without it shows in no trial.
@@ -80,6 +81,7 @@ class OtherTrials:
         rest = [*range(len(shift)), *range(len(along), len(logdet) - 1)]
         return self._last(here, logdet, rest, EFFECTS[c.effect].measures)
 
+    @np.errstate(all="ignore")
     def force(self, found: ForceEstimate) -> FoundAgain:
         """A force that was ``found`` as a function of motion, inputs and wind, less what coefficients make up for."""
         steps, data, at = self.steps, self.data, self.point
@@ -129,6 +131,7 @@ class OtherTrials:
         size = float(np.sqrt(left.S[0, 0] / ratio))
         return FoundAgain(float(left.g[0]) / ratio / size, size)
 
+    @np.errstate(all="ignore")
     def differs(self, effects: Sequence[Candidate]) -> float:
         """Probability by chance that these trials ask for other sizes of ``effects`` of the fit than the first did.
 

@@ -15,11 +15,12 @@ from scipy.stats import chi2
 from diagnosis.estimation.candidates import Candidate
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.linearisation import linearise_and_filter
-from diagnosis.estimation.map_estimate import BrokenModelError, Estimate
+from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.hypotheses.found_again import other_trials
 from diagnosis.hypotheses.left_findings import Pattern
 from diagnosis.location.partings import partings
+from mmg.errors import UserError
 
 TESTS = "training and test trials"
 """Name of the way that parts the trials from those that took no part."""
@@ -79,8 +80,9 @@ def pattern(
 
 
 def _in_tests(steps: TransitionModel, tests: GriddedTrials, found: Estimate, effects: Sequence[Candidate]) -> float:
-    """Probability that chance has the test trials ask for other sizes; 1 where the ship cannot be followed there."""
+    """Probability that chance has the test trials ask for other sizes; 1 where the ship cannot be followed there, or no
+    time is left for it."""
     try:
         return other_trials(steps, tests, found).differs(effects)
-    except (BrokenModelError, np.linalg.LinAlgError):
+    except (UserError, np.linalg.LinAlgError):
         return 1.0

@@ -9,6 +9,7 @@ import pytest
 
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
 from diagnosis.estimation.map_estimate import Estimate
+from diagnosis.estimation.time_limit import OutOfTimeError
 from diagnosis.hypotheses.forward_selection import SearchProblem, search
 from diagnosis.hypotheses.found_again import other_trials
 from diagnosis.hypotheses.pattern import TESTS, pattern
@@ -102,3 +103,18 @@ def test_what_coefficients_make_up_for_is_expected_nowhere() -> None:
     column = 0.5 * effect.typical[0] * null.free.mean[resistance] / null.free.std[resistance]
     made_up = others.effect(effect, phi, np.where(resistance, -float(column[0]), 0.0))
     assert made_up.expected < 0.3 * alone.expected
+
+
+def test_a_pattern_is_found_without_test_trials_that_cannot_be_followed(
+    drifting: tuple[SearchProblem, Estimate], alike: GriddedTrials, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (problem, null), effect = drifting, candidate("wave_drift")
+
+    def late(*_: object) -> None:
+        raise OutOfTimeError("late")
+
+    fit = refit(problem.steps, problem.data, problem.base, null, [effect], {})
+    alone = pattern(problem.steps, problem.data, fit, [effect])
+    monkeypatch.setattr("diagnosis.hypotheses.pattern.other_trials", late)
+    found = pattern(problem.steps, problem.data, fit, [effect], alike)
+    assert found.parted_by == alone.parted_by and found.p_value >= alone.p_value
