@@ -5,7 +5,8 @@ larger while the ship turns, drifts or steers is none of the weather: the model 
 dictionary follows (vortices that are shed, a bearing that sticks, a place where the position jumps). The test is the
 score of heterogeneous variance by parts of the trials: the slope of the likelihood by the logarithm of the force's
 variance in each part, from the squares of the smoothed disturbances over their expectation (Durbin & Koopman 2012,
-section 7.3), once sizes by run and by heading make these agree in the mean. Its law is that of simulated campaigns.
+section 7.3), once sizes by run and by heading make these agree in the mean. Its law is that of simulated campaigns, in
+which the coefficients are fitted to first order.
 """
 
 from __future__ import annotations
@@ -32,10 +33,15 @@ LEAST = 20
 """Steps of a part that counts."""
 KEPT = 0.02
 """Least variance of a combination of scores that counts, in that of the largest."""
+TAIL = 0.25
+"""Share of the draws that tells how the law goes on beyond them: sums of few squares have longer tails than those of
+many, and the largest of several ways of parting is asked for."""
 ROUNDS, SMALLEST = 3, 1e-3
 """Rounds over the sizes by run and heading, and the least of them."""
-LEVEL_OF_STEADINESS = 0.001
-"""Probability by chance below which a force that is larger in one part of the trials is none of chance."""
+LEVEL_OF_STEADINESS = 1e-4
+"""Probability by chance below which a force that is larger in one part of the trials is none of chance. It is low since
+the law is that of the fitted model: errors of sensors with a memory and gusts are not in it, and 2 of 21 cases of
+benchmarks.blind without an effect had less than 0.01."""
 
 
 @dataclass(frozen=True)
@@ -60,14 +66,14 @@ class ForceSteadiness:
 def force_steadiness(steps: TransitionModel, data: GriddedTrials, found: Estimate, seed: int = 0) -> ForceSteadiness:
     """Test a fit ``found`` of ``steps`` to ``data``; seed: of the simulated campaigns. Returns the test."""
     active = active_states(steps, found.free.symbols, found.theta)
-    here = linearise_and_filter(steps, data, found.fixed(), active)
+    here = linearise_and_filter(steps, data, found, active)
     at = slice(len(active), len(active) + 3)
     ways = {name: part[:-1] for name, part in partings(steps, data, found).items()}
     weather = [ways[name] for name in OUTSIDE[:2]]
     return steadiness_of(
         here.system,
         here.filter,
-        here.white[..., -1],
+        here.white,
         at,
         {name: part for name, part in ways.items() if name not in OUTSIDE},
         weather,
@@ -86,10 +92,10 @@ def steadiness_of(
 ) -> ForceSteadiness:
     """Test of whitened residuals.
 
-    system, run: linear model of the trials and its filter run; white: (K + 1, R, 6) residuals; at: positions of the
-    latent force among the states; ways: (K, R) number of the part of each step, by the name of the way, -1: none;
-    weather: the same of ways in which the size may differ; seed: of the draws, whose scores give the law of those of
-    the residuals. Returns the test.
+    system, run: linear model of the trials and its filter run; white: (K + 1, R, 6, P + 1) columns of the free
+    parameters per prior std and, last, the residuals; at: positions of the latent force among the states; ways: (K, R)
+    number of the part of each step, by the name of the way, -1: none; weather: the same of ways in which the size may
+    differ; seed: of the draws, whose scores give the law of those of the residuals. Returns the test.
     """
     expected = adjoint(system, run).N[..., at]
     there = system.inside.ravel()
@@ -103,21 +109,31 @@ def steadiness_of(
         return {name: (m @ flat).reshape(-1, some.shape[3]) for name, m in members.items() if len(m) > 1}
 
     rng = np.random.default_rng(seed)
-    drawn = [scores(some) for some in _campaigns(rng, white.shape, system.good)]
-    chances: dict[str, tuple[float, int]] = {}
-    for name, score in scores(white[..., None]).items():
-        chances[name] = _chance(score, np.concatenate([d[name] for d in drawn], axis=1))
-    if not chances:
+    columns = np.where(system.good[..., None], white[..., :-1], 0.0)
+    drawn = [scores(some) for some in _campaigns(rng, columns, system.good)]
+    own, law = scores(white[..., -1:]), {n: np.concatenate([d[n] for d in drawn], axis=1) for n in drawn[0]}
+    if not own:
         return ForceSteadiness(1.0, "", "")
-    worst = min(chances, key=lambda name: chances[name][0])
-    p, channel = chances[worst]
-    return ForceSteadiness(min(1.0, len(chances) * p), worst, CHANNELS[channel])
+    rarity = {name: _rarity(np.hstack([score, law[name]]), law[name]) for name, score in own.items()}
+    most = np.max(list(rarity.values()), axis=0)
+    worst = max(rarity, key=lambda name: rarity[name][0])
+    each = own[worst][:, 0] / np.sqrt(np.maximum((law[worst] ** 2).mean(axis=1), 1e-300))
+    channel = int(np.argmax((each.reshape(-1, 3) ** 2).sum(axis=0)))
+    return ForceSteadiness(_beyond(most[0], most[1:]), worst, CHANNELS[channel])
 
 
-def _campaigns(rng: np.random.Generator, shape: tuple[int, ...], good: np.ndarray) -> Iterator[np.ndarray]:
-    """Whitened residuals (K + 1, R, 6, TOGETHER) of simulated campaigns, DRAWS of them in all."""
+def _campaigns(rng: np.random.Generator, columns: np.ndarray, good: np.ndarray) -> Iterator[np.ndarray]:
+    """Whitened residuals (K + 1, R, 6, TOGETHER) of simulated and fitted campaigns, DRAWS of them in all.
+
+    columns: (K + 1, R, 6, P) of the free parameters, which are drawn from their priors and fitted: where few samples
+    tell a parameter, it takes most of their errors.
+    """
+    J = columns.reshape(good.size, columns.shape[3])
+    A = J.T @ J + np.eye(J.shape[1])
     for _ in range(DRAWS // TOGETHER):
-        yield np.where(good[..., None], rng.standard_normal((*shape, TOGETHER)), 0.0)
+        noise = np.where(good[..., None], rng.standard_normal((*good.shape, TOGETHER)), 0.0).reshape(-1, TOGETHER)
+        seen = noise + J @ rng.standard_normal((J.shape[1], TOGETHER))
+        yield (seen - J @ np.linalg.solve(A, J.T @ seen)).reshape(*good.shape, TOGETHER)
 
 
 def _members(part: np.ndarray, there: np.ndarray) -> np.ndarray:
@@ -157,14 +173,22 @@ def _sizes(square: np.ndarray, expected: np.ndarray, groups: np.ndarray) -> np.n
     return factor.reshape(shape)
 
 
-def _chance(score: np.ndarray, law: np.ndarray) -> tuple[float, int]:
-    """Probability of scores (3 parts, 1) by the ``law`` of draws (3 parts, draws), and the channel that differs most:
+def _rarity(scores: np.ndarray, law: np.ndarray) -> np.ndarray:
+    """Negative logarithms (c,) of the probability of ``scores`` (3 parts, c) by the ``law`` of draws (3 parts, draws):
     Hotelling's T squared with the mean known, in the combinations that vary."""
     draws = law.shape[1]
     values, vectors = np.linalg.eigh(law @ law.T / draws)
     kept = values > KEPT * max(values.max(), 1e-300)
     m = int(kept.sum())
-    along = (vectors.T @ score[:, 0])[kept] / np.sqrt(values[kept])
-    p = float(f_law.sf(float(along @ along) * (draws - m + 1) / (m * draws), m, draws - m + 1))
-    each = score[:, 0] / np.sqrt(np.maximum((law**2).mean(axis=1), 1e-300))
-    return p, int(np.argmax((each.reshape(-1, 3) ** 2).sum(axis=0)))
+    along = (vectors.T @ scores)[kept] / np.sqrt(values[kept])[:, None]
+    return np.asarray(-f_law.logsf((along**2).sum(axis=0) * (draws - m + 1) / (m * draws), m, draws - m + 1))
+
+
+def _beyond(value: float, law: np.ndarray) -> float:
+    """Probability of a ``value`` by the ``law`` of draws (draws,): their share or, in the tail, that of an exponential
+    law of what is beyond the threshold of it (Pickands 1975)."""
+    threshold = float(np.quantile(law, 1 - TAIL))
+    if value <= threshold:
+        return float((law >= value).mean())
+    scale = float((law[law > threshold] - threshold).mean())
+    return TAIL * float(np.exp(-(value - threshold) / scale))

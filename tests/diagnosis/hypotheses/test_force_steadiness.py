@@ -26,7 +26,7 @@ WEATHER = [np.broadcast_to(np.arange(R), (K, R)), (TIMES // 40) % 4 + np.zeros((
 def steadiness(white: np.ndarray, seed: int = 0) -> ForceSteadiness:
     """The test of whitened residuals (K + 1, R, 6)."""
     s = system()
-    return steadiness_of(s, filtered(s), white, AT, WAYS, WEATHER, seed)
+    return steadiness_of(s, filtered(s), white[..., None], AT, WAYS, WEATHER, seed)
 
 
 def unsteady(way: np.ndarray, channel: int, factor: float, draws: int, seed: int) -> np.ndarray:
@@ -69,10 +69,22 @@ def test_runs_and_headings_may_differ_in_their_weather() -> None:
         assert p_values(unsteady(np.minimum(way, 1), 1, 3.0, 6, 3)).min() > 1e-3
 
 
+def test_a_part_in_which_parameters_take_most_errors_is_no_steadier() -> None:
+    s, rng = system(), np.random.default_rng(6)
+    fast = np.concatenate([WAYS["fast"], WAYS["fast"][-1:]]) == 1
+    J = np.where((s.good & fast[..., None])[..., None], rng.standard_normal((K + 1, R, 6, 900)), 0.0)
+    flat, white = J.reshape(-1, 900), np.where(s.good, rng.standard_normal(s.good.shape), 0.0).ravel()
+    left = white - flat @ np.linalg.solve(flat.T @ flat + np.eye(900), flat.T @ white)
+    left = left.reshape(*s.good.shape, 1)
+    assert steadiness(left[..., 0]).p_value < 1e-2
+    fitted = np.concatenate([J, left], axis=3)
+    assert steadiness_of(s, filtered(s), fitted, AT, WAYS, WEATHER).p_value > 0.02
+
+
 def test_nothing_is_said_without_two_parts() -> None:
     s = system()
     white = residuals_of(s, s, 1, 4)[..., 0]
-    alone = steadiness_of(s, filtered(s), white, AT, {"one part": WAYS["one part"]}, WEATHER)
+    alone = steadiness_of(s, filtered(s), white[..., None], AT, {"one part": WAYS["one part"]}, WEATHER)
     assert alone == ForceSteadiness(1.0, "", "") and alone.is_random
 
 
@@ -83,7 +95,7 @@ def test_a_system_of_one_run_is_tested_as_well() -> None:
     )
     white = np.where(one.good, np.random.default_rng(0).standard_normal(one.good.shape), 0.0)
     ways = {"fast": WAYS["fast"][:, :1]}
-    found = steadiness_of(one, filtered(one), white, AT, ways, [np.zeros((K, 1), dtype=int)])
+    found = steadiness_of(one, filtered(one), white[..., None], AT, ways, [np.zeros((K, 1), dtype=int)])
     assert 0 < found.p_value <= 1
 
 
