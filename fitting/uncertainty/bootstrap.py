@@ -15,14 +15,14 @@ import numpy as np
 from fitting.nlp.fisher_information import Information
 from fitting.nlp.loss import Loss
 from fitting.nlp.problem import Problem
-from fitting.parallel import run_all, width
+from fitting.parallel import Shared, run_all, width
 from fitting.solvers.leading import solve_led
 
 WARM = {"ipopt.mu_init": 1e-3, "ipopt.warm_start_init_point": "yes", "ipopt.bound_push": 1e-6, "ipopt.bound_frac": 1e-6}
 """IPOPT options for a refit that starts near its optimum."""
 REFIT_TOLERANCE, REFIT_ITERATIONS = 1e-4, 100
-CHUNKS = 3
-"""Chunks of refits per worker: each builds its kernels once."""
+CHUNK = 5
+"""Refits of a task: few, so that workers end together and little is lost with one of them."""
 
 
 @dataclass(frozen=True)
@@ -76,13 +76,13 @@ def reweighted(problem: Problem, x: np.ndarray, counts: np.ndarray, shift: np.nd
     return part, kept_nodes
 
 
-def refit(task: tuple[Problem, np.ndarray, np.ndarray, np.ndarray]) -> list[tuple[np.ndarray, str]]:
+def refit(task: tuple[Shared[tuple[Problem, np.ndarray]], np.ndarray, np.ndarray]) -> list[tuple[np.ndarray, str]]:
     """(p relative to the original prior (P,), reason of failure or "") of each replicate of a ``task``.
 
-    A task is a problem, x (n,) at its estimate, how often each window counts (replicates, W), and the shifts of the
+    A task is a problem with x (n,) at its estimate, how often each window counts (replicates, W), and the shifts of the
     prior's centres in prior standard deviations (replicates, P).
     """
-    problem, x, counts, shifts = task
+    (problem, x), counts, shifts = task[0].value, *task[1:]
     return [_refit_one(problem, x, c, s) for c, s in zip(counts, shifts, strict=True)]
 
 
@@ -131,9 +131,9 @@ def bootstrap(
     if problem is not None and x is not None:
         lower, upper = problem.p_bounds()
         inside = np.clip(shifts, lower, upper)  # a centre outside the bounds is no prior of this ship
-        side = width(workers)
-        chunks = np.array_split(np.arange(replicates), min(replicates, CHUNKS * side if side > 1 else 1))
-        tasks = [(problem, x, counts[i], inside[i]) for i in chunks]
+        parts = -(-replicates // CHUNK) if width(workers) > 1 else 1
+        shared = Shared((problem, x))
+        tasks = [(shared, counts[i], inside[i]) for i in np.array_split(np.arange(replicates), parts)]
         outcomes = [outcome for part in run_all(refit, tasks, workers, name="bootstrap, parts") for outcome in part]
         failures = tuple((str(i), why) for i, (_, why) in enumerate(outcomes) if why)
         return Replicates(np.array([p for p, _ in outcomes]), failures, "refit")

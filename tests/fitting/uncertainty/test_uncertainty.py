@@ -11,6 +11,7 @@ from cases.shipfiles.ship_file import load_ship
 from fitting.nlp.fisher_information import Information, information
 from fitting.nlp.problem import Prior, Problem
 from fitting.nlp.windows import cut
+from fitting.parallel import Shared
 from fitting.solvers.ipopt import Solution, solve
 from fitting.uncertainty.bootstrap import bootstrap, drawn_runs, refit, reweighted
 from fitting.uncertainty.profile_likelihood import LIMIT, profiles
@@ -142,7 +143,8 @@ def test_windows_that_count_twice_cost_twice() -> None:
 def test_one_step_and_refit_agree_where_the_fit_is_nearly_linear() -> None:
     p, s, info = small()
     step, runs_left = changes_without_each(info.by_run()), info.by_run().run
-    outcomes = refit((p, s.x, np.array([info.run != r for r in runs_left], dtype=int), np.zeros((len(step), p.P))))
+    counts = np.array([info.run != r for r in runs_left], dtype=int)
+    outcomes = refit((Shared((p, s.x)), counts, np.zeros((len(step), p.P))))
     assert len(step) == len(p.segments.trials) and not any(why for _, why in outcomes)
     moved = np.array([found for found, _ in outcomes]) - info.p
     assert np.abs(step - moved).max() < 0.2 * np.abs(moved).max()
