@@ -25,11 +25,10 @@ from diagnosis import summary
 from diagnosis.estimation.candidates import find
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
 from diagnosis.estimation.map_estimate import BREAKS_DOWN, BrokenModelError, Estimate
-from diagnosis.estimation.time_limit import OutOfTimeError, check_time, time_limit, timed
+from diagnosis.estimation.time_limit import OutOfTimeError, time_limit, timed
 from diagnosis.findings import (
     DiagnosisInputs,
     InstrumentFault,
-    LearnedResidual,
     RandomSizes,
     Unnamed,
 )
@@ -51,17 +50,19 @@ from diagnosis.inputs import (
     parted,
 )
 from diagnosis.judgement.believable import believed, beyond_reported
-from diagnosis.judgement.judged_search import judged_search
+from diagnosis.judgement.judged_search import JudgedSearch, judged_search
 from diagnosis.judgement.no_answer import no_answer
 from diagnosis.judgement.not_random import not_random
+from diagnosis.judgement.other_reading import read_otherwise
 from diagnosis.judgement.verdict import has_remainder, limits
+from diagnosis.learned_rest import with_learned
 from diagnosis.location.where import where
 from diagnosis.prepare import Prepared, prepare, with_sensor_faults
 from diagnosis.report.words import sentence_of
 from diagnosis.result import Diagnosis
 from fitting.parallel import with_one_thread
 from fitting.report.run_folder import data_rows, versions
-from mmg.errors import UserError, needs_torch
+from mmg.errors import UserError
 from mmg.messages import Message
 from mmg.progress import LOGGER, OnProgress
 from mmg.ship import Ship
@@ -146,9 +147,8 @@ def _diagnosed(
     ship, repairs = with_sensor_faults(given, sensors)
     ready = prepare(ship, trials, site, options.step, known.other, known.reference)
     timings = {"fit": time.perf_counter() - began}
+    ready, gridded, result = _searched(ready, trials, tests, options, progress)
     p = ready.problem
-    gridded = _like_training(tests, ready)
-    result = judged_search(ready, gridded, options, progress)
     found, (verdict, reasons, doubt) = result.found, believed(result, ready, trials)
     timings["screen, refits, test trials"] = time.perf_counter() - began - timings["fit"]
     LOGGER.info("tested and refitted: " + (", ".join(c.label for c in found.effects) or "no effect stands out"))
@@ -208,6 +208,25 @@ def _diagnosed(
         data=p.data,
         between=between,
     )
+
+
+def _searched(
+    ready: Prepared,
+    trials: Sequence[Trial],
+    tests: Sequence[Trial],
+    options: DiagnosisOptions,
+    progress: OnProgress | None,
+) -> tuple[Prepared, GriddedTrials | None, JudgedSearch]:
+    """The search and its verdict; again where what was found is likelier with the actuators read the other way. Returns
+    the problem as it was read, the test trials read so, and the search."""
+    gridded = _like_training(tests, ready)
+    result = judged_search(ready, gridded, options, progress)
+    other = read_otherwise(ready, trials, result.found)
+    if other is None:
+        return ready, gridded, result
+    LOGGER.info("what was found is likelier with the actuators read the other way: searching again so")
+    gridded = _like_training(tests, other)
+    return other, gridded, judged_search(other, gridded, options, progress)
 
 
 def _unless_impossible(work: Callable[[], Value], name: str, otherwise: Value, reasons: list[Message]) -> Value:
@@ -275,53 +294,3 @@ def _advice(ready: Prepared, found: Selection, same: Sequence[str], is_named: bo
     return next_test(
         p, summary.fit_with(found, rivals[0]), rivals, summary.fitted_ship(ship, ready.full, found.final, found.effects)
     )
-
-
-def with_learned(
-    found: Diagnosis,
-    trials: Sequence[Trial],
-    tests: Sequence[Trial],
-    options: DiagnosisOptions,
-    progress: OnProgress | None = None,
-) -> Diagnosis:
-    """``found`` with how much a residual learned from ``trials`` closes of the remainder, measured on ``tests``.
-
-    As given where nothing is left unexplained, and without test trials. Where it cannot be measured, a warning says
-    why. options, progress: as of ``diagnose``. Returns the diagnosis with ``learned``.
-    """
-    if not tests or not (found.verdict == "unknown" or found.remainder):
-        return found
-    began = time.perf_counter()
-    try:
-        check_time()
-        rest = _learned(found, trials, tests, options, progress)
-    except UserError as reason:
-        why = f"how much of the rest a learned residual closes was not measured: {reason}"
-        code = "out_of_time" if isinstance(reason, OutOfTimeError) else "not_learned"
-        return replace(found, warnings=(*found.warnings, Message(why, code)))
-    seconds = time.perf_counter() - began
-    spent = {**found.timings, "learned residual": seconds}
-    if "total" in spent:
-        spent["total"] = spent.pop("total") + seconds
-    return replace(found, learned=rest, timings=spent)
-
-
-def _learned(
-    found: Diagnosis,
-    trials: Sequence[Trial],
-    tests: Sequence[Trial],
-    options: DiagnosisOptions,
-    progress: OnProgress | None,
-) -> LearnedResidual:
-    """The measurement behind ``with_learned``, which is where torch is imported."""
-    needs_torch("a learned residual")
-    from diagnosis.validation.learned import SEEDS, measure_learned_residual
-    from residual.settings import TrainSettings
-
-    LOGGER.info("learning the unexplained remainder from the training trials")
-    settings = TrainSettings(seeds=SEEDS, seed=options.seed, workers=options.workers)
-    like = found.data
-    settings = replace(settings, step=like.h if like is not None else options.step)
-    store = options.store.part("learned") if options.store is not None else None
-    straight = like is not None and like.straight
-    return measure_learned_residual(found.ship, trials, tests, settings, progress, store, straight)

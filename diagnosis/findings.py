@@ -27,7 +27,9 @@ Pair = Annotated[
 
 @dataclass(frozen=True)
 class EstimatedParameter:
-    """Estimate of an effect's parameter: value, standard error, unit."""
+    """Estimate of an effect's parameter: value, standard error, unit.
+
+    std: of a candidate or a named effect with the uncertainty of its formula (``Effect.form_error``)."""
 
     value: Real
     std: Real

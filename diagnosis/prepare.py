@@ -211,7 +211,7 @@ def fit_as_read(
     straight: bool | None = None,
 ) -> tuple[tuple[GriddedTrials, Estimate, int, float, tuple[float, float]], InputReading]:
     """The fit without effects of ``trials``, whose actuators are held from sample to sample, or joined by lines where
-    both may be and that is more likely, or leaves residuals that are correlated over fewer samples.
+    both may be and that is more likely.
 
     steps: the transition model; theta: (all,) first coefficients; base: their priors; noise: first sizes; gap: as of
     ``fit_without_effects``; straight: how the actuators are read, where it is known. Returns what that does, and how
@@ -227,7 +227,12 @@ def fit_as_read(
         joined = fit_without_effects(steps, ways[1], theta, base, noise, gap)
     except BrokenModelError:
         return held, InputReading(False, math.inf, sample, length)
-    gain = held[1].nll - joined[1].nll if held[2] == joined[2] else math.inf * (held[2] - joined[2])
+    gap = max(held[2], joined[2])  # both are compared by the same samples
+    fits = [
+        fit if fit[2] == gap else fit_without_effects(steps, way, theta, base, noise, gap)
+        for fit, way in zip((held, joined), ways, strict=True)
+    ]
+    gain = fits[0][1].nll - fits[1][1].nll
     return (joined if gain > 0 else held), InputReading(gain > 0, abs(gain), sample, length)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.stats import chi2
@@ -12,6 +13,7 @@ from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import mean_over_windows
 from diagnosis.findings import EstimatedParameter, InstrumentFault, NamedEffect, RankedCandidate
 from diagnosis.hypotheses.forward_selection import RefittedEffect, Search, SearchProblem, Selection
+from mmg.effects import EFFECTS
 from mmg.ship import Ship
 
 SHOWN = 1e-3
@@ -31,7 +33,7 @@ def fitted_ship(ship: Ship, full: FullModel, fit: Estimate, effects: Sequence[Ca
             c = after.coefficients[s]
             keep = s.split(".")[0] in names or c.prior_std is not None
             prior = {} if keep else {"prior_value": c.value, "prior_std": c.std}
-            std = estimated(fit, s).std
+            std = _with_form(after, s, estimated(fit, s)).std if "." in s else estimated(fit, s).std
             changed[s] = c.with_(value=float(at[s]), std=std, fixed=False, source="mmg diagnose", **prior)
     return after.with_coefficients(changed)
 
@@ -47,7 +49,15 @@ def estimated(fit: Estimate, symbol: str, unit: str = "") -> EstimatedParameter:
 def parameters_of(full: FullModel, fit: Estimate, candidate: Candidate) -> dict[str, EstimatedParameter]:
     """The parameters of a ``candidate`` in a ``fit`` of the ``full`` model, by name."""
     units = {f"{candidate.effect}.{p.symbol}": p.unit for p in parameters(full.ship, candidate.effect)}
-    return {s.split(".", 1)[1]: estimated(fit, s, units[s]) for s in dict.fromkeys(candidate.symbols)}
+    rows = dict.fromkeys(candidate.symbols)
+    return {s.split(".", 1)[1]: _with_form(full.ship, s, estimated(fit, s, units[s])) for s in rows}
+
+
+def _with_form(ship: Ship, symbol: str, by_trials: EstimatedParameter) -> EstimatedParameter:
+    """The estimate of an effect's parameter with the uncertainty of the effect's formula beside that by the trials."""
+    name, parameter = symbol.split(".", 1)
+    off = by_trials.value - neutral(ship, name, parameter)
+    return replace(by_trials, std=float(np.hypot(by_trials.std, EFFECTS[name].form_error * off)))
 
 
 def values_by_run(problem: SearchProblem, fit: Estimate, candidate: Candidate) -> dict[str, dict[str, float]]:

@@ -27,6 +27,8 @@ CURVED = ("rudder_backlash",)
 """Effects whose slope at the neutral value says little: a dead band acts only when it is as large as the motion."""
 LEVEL = 0.03
 """Probability of a false alarm in one search over all candidates."""
+SURE = 0.005
+"""Probability by the trials alone below which those that took no part do not speak against an effect."""
 SAME_CLASS = 6.0
 """Candidates within this of the best in BIC cannot be told from it (odds of 20 : 1)."""
 CLEAR = 12.0
@@ -88,9 +90,11 @@ class RefittedEffect:
 
     @property
     def p_both(self) -> float:
-        """Probability by chance of what it gains in the trials or, twice that, in them and those that took no part: the
-        smaller one, so that these may help a name, and what speaks against one is for the checks after the search."""
-        return min(self.p_value, 2 * both_by_weight(self.p_value, self.gain, self.again))
+        """Probability by chance of what it gains in the trials and those that took no part. Where the trials are SURE,
+        twice that or by the trials alone, the smaller one: what the others would show of a large effect is not linear
+        in its size, so that there they may help a name only."""
+        both = both_by_weight(self.p_value, self.gain, self.again)
+        return both if self.p_value >= SURE else min(self.p_value, 2 * both)
 
     @property
     def bic_of_both(self) -> float:
@@ -117,8 +121,12 @@ class Search:
 
     @property
     def significant(self) -> bool:
-        """Whether the best is more than chance, by the trials and those that took no part together."""
-        return bool(self.refitted) and self.refitted[0].p_both < LEVEL and self.refitted[0].bic_of_both > 0
+        """Whether the best is more than chance, by the trials and those that took no part together, and is not a small
+        one that these exclude."""
+        best = self.best
+        if best is None or not (best.p_both < LEVEL and best.bic_of_both > 0):
+            return False
+        return best.p_value < SURE or not best.again.denies(best.gain)
 
     def score(self, candidate: Candidate) -> ScoreTest:
         """The test of a ``candidate``."""
@@ -252,6 +260,7 @@ def select_effects(
     """
     named: list[Candidate] = []
     now, searches = null, []
+    again: dict[Candidate, float] = {}
     for _ in range(MOST + 2):
         s = search(problem, now, named, seed=seed, workers=workers, progress=progress)
         searches.append(s)
@@ -259,7 +268,8 @@ def select_effects(
             break
         if named and _doubtful(problem, s.best):
             break
-        named, now = pruned(problem, [*named, s.best.candidate], s.best.fit)
+        again[s.best.candidate] = max(2 * s.best.again.gain, 0.0)
+        named, now = pruned(problem, [*named, s.best.candidate], s.best.fit, again)
         if not now.converged:  # else the next effect gains what this one's fit had left
             now = estimate(problem.steps, problem.data, now, MAX_FITS)
         if not named:
@@ -278,8 +288,11 @@ def _doubtful(problem: SearchProblem, best: RefittedEffect) -> bool:
     return rest.log_bayes - problem.expected_unnamed > max(rest.limit, best.gain)
 
 
-def pruned(problem: SearchProblem, named: list[Candidate], now: Estimate) -> tuple[list[Candidate], Estimate]:
-    """The effects ``named`` in ``problem`` without those that the others have made superfluous; now: the fit with all.
+def pruned(
+    problem: SearchProblem, named: list[Candidate], now: Estimate, again: Mapping[Candidate, float]
+) -> tuple[list[Candidate], Estimate]:
+    """The effects ``named`` in ``problem`` without those that the others have made superfluous; now: the fit with all;
+    again: twice the log likelihood that trials which took no part gained by an effect when it was found.
 
     Each is left out in turn, and the rest is fitted again from where the fit with it ended: a new effect may have
     helped the fit to a better place that needs no such effect.
@@ -290,8 +303,8 @@ def pruned(problem: SearchProblem, named: list[Candidate], now: Estimate) -> tup
         without = refit(problem.steps, problem.data, problem.base, without_effects(now, problem, rest), rest, start)
         every, kept = (sum(len(e.columns) for e in some) for some in (named, rest))
         lost = 2 * (likelihood(without, kept) - likelihood(now, every))
-        if lost < (every - kept) * problem.cost or wald_p(now, c) > NEUTRAL:
-            return pruned(problem, rest, without) if rest else (rest, without)
+        if lost + again.get(c, 0.0) < (every - kept) * problem.cost or wald_p(now, c) > NEUTRAL:
+            return pruned(problem, rest, without, again) if rest else (rest, without)
     return named, now
 
 

@@ -7,6 +7,10 @@ from dataclasses import dataclass
 
 from scipy.stats import norm
 
+SHOWN, OTHER_SIZE = 0.05, 0.005
+"""Probability by chance above which trials do not show what was found in others, and that below which they exclude its
+size."""
+
 
 @dataclass(frozen=True)
 class FoundAgain:
@@ -25,6 +29,17 @@ class FoundAgain:
     def gain(self) -> float:
         """Log likelihood that the other trials gain by what was found, as large as it was found."""
         return self.z * self.expected - 0.5 * self.expected**2
+
+    def denies(self, gain: float) -> bool:
+        """Whether the other trials do not show it although they would if it had the size found: that is excluded.
+
+        gain: of log likelihood in the first trials, by which the size is uncertain: its deviate there is the root of
+        twice the gain.
+        """
+        if not self.expected > 0 or self.p_value < SHOWN:
+            return False
+        spread = math.hypot(1.0, self.expected / math.sqrt(max(2 * gain, 1.0)))
+        return bool(norm.cdf((self.z - self.expected) / spread) < OTHER_SIZE)
 
 
 NOTHING = FoundAgain(0.0, 0.0)

@@ -11,6 +11,7 @@ from diagnosis.estimation.candidates import Candidate
 from diagnosis.estimation.noise_sizes import least_noise
 from diagnosis.findings import HeldOut
 from diagnosis.hypotheses.forward_selection import AGREE, Selection
+from diagnosis.hypotheses.second_sample import SHOWN
 from diagnosis.hypotheses.unnamed import UnnamedForms
 from diagnosis.prepare import Prepared
 from mmg.effects import EFFECTS
@@ -119,7 +120,9 @@ def _doubt(found: Selection, after: float, limit: float, held: HeldOut | None) -
             f"{' and '.join(local)} could differ from run to run and so {part}, but so many parameters need test "
             "trials that they predict"
         )
-    apart = [f"{c.label} (p = {p:.2g})" for c, p in found.robust.items() if p > AGREE]
+    best = [s.best for s in found.searches if s.best is not None]
+    again = {r.candidate for r in best if r.again.p_value < SHOWN}  # other trials agree on it
+    apart = [f"{c.label} (p = {p:.2g})" for c, p in found.robust.items() if p > AGREE and c not in again]
     return f"the runs do not agree on {' and '.join(apart)}" if apart else ""
 
 

@@ -21,6 +21,7 @@ class Bank(Effect):
 
     name, enters = "bank", "force"
     surroundings = True
+    form_error = 0.6
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         half = math.pi / 2

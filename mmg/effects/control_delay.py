@@ -19,6 +19,7 @@ class ControlDelay(Effect):
     """Late inputs."""
 
     name, enters = "control_delay", "actuator path"
+    form_error = 0.2
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         k = time_scale(p.L)

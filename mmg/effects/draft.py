@@ -14,6 +14,7 @@ class Draft(Effect):
     """Larger draught."""
 
     name, enters = "draft", "particulars: draught and mass, thus inertia and hull forces"
+    form_error = 0.03
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         return (Parameter("share", 0.0, 0.1, -0.6, 1.5, "", "draught and mass larger by this share"),)

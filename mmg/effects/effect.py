@@ -92,6 +92,9 @@ class Effect(ABC):
     """Roles that the ship must have."""
     surroundings: bool = False
     """Whether it belongs to a place or a day, not to the ship."""
+    form_error: float = 0.0
+    """Standard uncertainty of its sizes, as a share of them, since its formula is one of several that are possible:
+    an estimate of this library (type B, GUM 2008, 4.3), beside what the trials leave open."""
 
     @property
     def summary(self) -> str:

@@ -16,6 +16,7 @@ class Fouling(Effect):
     """Larger resistance."""
 
     name, enters, needs = "fouling", "force", ("hull",)
+    form_error = 0.03
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         return (Parameter("share", 0.0, 0.3, -0.6, 5.0, "", "resistance larger by this share", reported=REPORTED),)

@@ -17,6 +17,7 @@ class HullMemory(Effect):
     """Lag of the lateral hull force."""
 
     name, enters, needs = "hull_memory", "force", ("hull",)
+    form_error = 0.05
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         k = time_scale(p.L)

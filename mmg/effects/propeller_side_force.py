@@ -19,6 +19,7 @@ class PropellerSideForce(Effect):
     """Propeller walk by a factor."""
 
     name, enters, needs = "propeller_side_force", "force", ("propeller",)
+    form_error = 0.03
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         neutral = 1.0 if "propeller" in components and _has_side_force(components) else 0.0

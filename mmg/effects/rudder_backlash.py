@@ -22,6 +22,7 @@ class RudderBacklash(Effect):
     """Dead band of the steering gear."""
 
     name, enters, needs = "rudder_backlash", "actuator path", ("rudder",)
+    form_error = 0.03
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         return (Parameter("b", 0.0, 0.05, 0.0, 0.5, "rad", "half of the dead band between logged and real rudder"),)

@@ -15,6 +15,7 @@ class RudderLag(Effect):
     """Late rudder."""
 
     name, enters, needs = "rudder_lag", "actuator path", ("rudder",)
+    form_error = 0.05
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         k = time_scale(p.L)

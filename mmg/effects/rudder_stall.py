@@ -19,6 +19,7 @@ class RudderStall(Effect):
     """Loss of rudder force beyond the stall angle."""
 
     name, enters, needs = "rudder_stall", "force", ("rudder",)
+    form_error = 0.03
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         return (

@@ -37,6 +37,7 @@ class ShallowWater(Effect):
 
     name, enters, needs = "shallow_water", "force and inertia", ("hull",)
     surroundings = True
+    form_error = 0.03
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         return (

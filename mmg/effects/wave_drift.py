@@ -22,6 +22,7 @@ class WaveDrift(Effect):
 
     name, enters = "wave_drift", "force"
     surroundings = True
+    form_error = 0.05
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         size = 0.08 * force_scale(p.L)

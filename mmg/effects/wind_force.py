@@ -29,6 +29,7 @@ class WindForce(Effect):
 
     name, enters = "wind_force", "force"
     surroundings = True
+    form_error = 0.03
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         neutral = 1.0 if "wind" in components else 0.0

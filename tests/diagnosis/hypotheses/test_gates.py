@@ -77,7 +77,7 @@ class Fits:
         """The names that remain, and the fit, from one with ``named`` at ``nll``."""
         effects = [EFFECTS[n] for n in named]
         now = fit_of(effects, nll, [0.5 + i for i in range(sum(len(e.columns) for e in effects))])
-        kept, found = hypotheses.pruned(self.problem, effects, now)
+        kept, found = hypotheses.pruned(self.problem, effects, now, {})
         return "".join(c.label for c in kept), found
 
 

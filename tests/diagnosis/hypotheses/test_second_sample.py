@@ -38,3 +38,14 @@ def test_probabilities_of_nought_and_one_are_borne() -> None:
     for again in (NOTHING, FoundAgain(40.0, 3.0), FoundAgain(-40.0, 3.0)):
         for p in (0.0, 1.0):
             assert 0 <= both_by_weight(p, 2.0, again) <= 1 and 0 <= both_by_product(p, again) <= 1
+
+
+def test_only_a_size_that_other_trials_would_show_is_denied_by_them() -> None:
+    assert FoundAgain(-2.0, 1.8).denies(6.0)
+    assert not FoundAgain(-0.5, 1.8).denies(6.0)  # would hardly show
+    assert not FoundAgain(2.0, 9.0).denies(6.0)  # of another size, but there
+    assert not NOTHING.denies(6.0)
+    rng = np.random.default_rng(1)
+    size, first = 4.0, rng.normal(4.0, 1.0, 4000)  # found with an error of a quarter, in as many other trials
+    denied = [FoundAgain(z, f).denies(0.5 * f**2) for f, z in zip(first, rng.normal(size, 1.0, 4000), strict=True)]
+    assert np.mean(denied) <= 0.005

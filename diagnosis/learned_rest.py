@@ -1,0 +1,66 @@
+"""How much a residual learned from the training trials closes of what a diagnosis leaves unexplained."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+
+from cases.trial import Trial
+from diagnosis.estimation.time_limit import OutOfTimeError, check_time
+from diagnosis.findings import LearnedResidual
+from diagnosis.inputs import DiagnosisOptions
+from diagnosis.result import Diagnosis
+from mmg.errors import UserError, needs_torch
+from mmg.messages import Message
+from mmg.progress import LOGGER, OnProgress
+
+
+def with_learned(
+    found: Diagnosis,
+    trials: Sequence[Trial],
+    tests: Sequence[Trial],
+    options: DiagnosisOptions,
+    progress: OnProgress | None = None,
+) -> Diagnosis:
+    """``found`` with how much a residual learned from ``trials`` closes of the remainder, measured on ``tests``.
+
+    As given where nothing is left unexplained, and without test trials. Where it cannot be measured, a warning says
+    why. options, progress: as of ``diagnose``. Returns the diagnosis with ``learned``.
+    """
+    if not tests or not (found.verdict == "unknown" or found.remainder):
+        return found
+    began = time.perf_counter()
+    try:
+        check_time()
+        rest = _learned(found, trials, tests, options, progress)
+    except UserError as reason:
+        why = f"how much of the rest a learned residual closes was not measured: {reason}"
+        code = "out_of_time" if isinstance(reason, OutOfTimeError) else "not_learned"
+        return replace(found, warnings=(*found.warnings, Message(why, code)))
+    seconds = time.perf_counter() - began
+    spent = {**found.timings, "learned residual": seconds}
+    if "total" in spent:
+        spent["total"] = spent.pop("total") + seconds
+    return replace(found, learned=rest, timings=spent)
+
+
+def _learned(
+    found: Diagnosis,
+    trials: Sequence[Trial],
+    tests: Sequence[Trial],
+    options: DiagnosisOptions,
+    progress: OnProgress | None,
+) -> LearnedResidual:
+    """The measurement behind ``with_learned``, which is where torch is imported."""
+    needs_torch("a learned residual")
+    from diagnosis.validation.learned import SEEDS, measure_learned_residual
+    from residual.settings import TrainSettings
+
+    LOGGER.info("learning the unexplained remainder from the training trials")
+    settings = TrainSettings(seeds=SEEDS, seed=options.seed, workers=options.workers)
+    like = found.data
+    settings = replace(settings, step=like.h if like is not None else options.step)
+    store = options.store.part("learned") if options.store is not None else None
+    straight = like is not None and like.straight
+    return measure_learned_residual(found.ship, trials, tests, settings, progress, store, straight)

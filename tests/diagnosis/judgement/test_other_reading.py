@@ -1,0 +1,58 @@
+"""An effect that makes the ship answer late is not halved by the way in which the actuators are read."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from cases.criteria.simulated_trial import simulated_trial
+from cases.shipfiles.effects import with_effects
+from cases.simulation.sensors import SensorNoise, add_noise
+from cases.trial import Trial
+from diagnosis.estimation.candidates import find
+from diagnosis.hypotheses.forward_selection import Selection
+from diagnosis.hypotheses.refit import refit
+from diagnosis.judgement.other_reading import read_otherwise
+from diagnosis.prepare import InputReading, Prepared, prepare
+from tests.support.diagnosis_cases import FEW
+
+SAMPLE, FINE, LATE = 0.5, 0.05, 1.0
+
+
+@pytest.fixture(scope="module")
+def joined() -> list[Trial]:
+    """Runs whose actuators move between the samples, of a ship whose hull answers late."""
+    ship, found = with_effects(FEW, [f"hull_memory:T={LATE}"]), []
+    for k, words in enumerate(("zigzag:20/20", "turning:35", "turning:-20")):
+        run = simulated_trial(ship, words, None, None, False, 3, FINE)
+        thin = {name: values[:: round(SAMPLE / FINE)] for name, values in run.columns.items()}
+        found.append(add_noise(replace(run, columns=thin, name=f"run_{k}"), SensorNoise.for_length(3.0), k))
+    return found
+
+
+def found_with(trials: list[Trial], straight: bool) -> tuple[Prepared, Selection]:
+    """The problem as read so, for nobody knows how, and the effect fitted."""
+    ready = prepare(FEW, trials, straight=straight)
+    ready = replace(ready, reading=InputReading(straight, 5.0, SAMPLE, 3.0))
+    effect, p = find(ready.full.candidates, "hull_memory"), ready.problem
+    final = refit(p.steps, p.data, p.base, ready.null, [effect], {effect.columns[0]: LATE})
+    return ready, Selection((effect,), ready.null, final, ())
+
+
+def test_actuators_are_read_the_other_way_where_the_effect_is_likelier_so(joined: list[Trial]) -> None:
+    ready, found = found_with(joined, straight=False)
+    other = read_otherwise(ready, joined, found)
+    assert other is not None and other.reading.straight and other.reading.gain > 3.0 and other.problem.data.straight
+    assert [m.code for m in other.notices].count("coarse_samples") == 1
+    right, again = found_with(joined, straight=True)
+    assert abs(again.final.value("hull_memory.T") - LATE) < abs(found.final.value("hull_memory.T") - LATE)
+    assert other.null.nll == pytest.approx(right.null.nll, abs=2.0)
+    assert read_otherwise(right, joined, again) is None
+
+
+def test_actuators_are_not_read_otherwise_without_a_choice_or_an_effect(joined: list[Trial]) -> None:
+    ready, found = found_with(joined, straight=False)
+    known = replace(ready, reading=replace(ready.reading, gain=None))
+    assert read_otherwise(known, joined, found) is None
+    assert read_otherwise(ready, joined, replace(found, effects=(), final=found.null)) is None
