@@ -161,7 +161,8 @@ def _diagnosed(
     remainder = is_named and (has_remainder(found, before, after, p.expected_unnamed) or bool(ordered))
     fits = pattern(p.steps, p.data, found.final, found.effects, gridded) if is_named else None
     named = found.effects if is_named else ()
-    effects = tuple(summary.named_effect(p, ready.full, found, c) for c in named)
+    late = ready.reading.time_error
+    effects = tuple(summary.named_effect(p, ready.full, found, c, late) for c in named)
     reasons += (doubts := [*_doubts(fits), *beyond_reported(effects, ship)])
     remainder = remainder or bool(doubts)
     final = found.final if is_named else found.null
@@ -173,7 +174,7 @@ def _diagnosed(
     LOGGER.info("locating the gap and planning the next test")
     place = where(p.steps.model.controls, p.data, found.null, ship, final if is_named else None)
     advice = _unless_impossible(lambda: _advice(ready, found, same, is_named, ship), "the next test", "", reasons)
-    after_all = summary.fitted_ship(ship, ready.full, final, named) if is_named else ship_before
+    after_all = summary.fitted_ship(ship, ready.full, final, named, late) if is_named else ship_before
     usual = p.expected_unnamed_null > 0
     describe = partial(_unexplained, p, final, after if is_named else before, after_all)
     is_left = verdict == "unknown" or remainder

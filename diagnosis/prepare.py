@@ -72,6 +72,12 @@ class InputReading:
         return self.gain is not None and self.sample > COARSE * time_scale(self.length)
 
     @property
+    def time_error(self) -> float:
+        """Standard uncertainty [s] of the time of the actuators: uniform over half a sample where nobody said how they
+        are read (type B, GUM 2008, 4.3.7)."""
+        return 0.5 * self.sample / math.sqrt(3.0) if self.is_doubtful else 0.0
+
+    @property
     def chosen(self) -> bool | None:
         """How they are read where that is clear, None where a finer step may tell."""
         return self.straight if self.gain is None or self.gain > CLEAR else None

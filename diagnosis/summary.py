@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from scipy.stats import chi2
 
-from diagnosis.estimation.candidates import FITTED_ALONG, Candidate, FullModel, neutral, parameters
+from diagnosis.estimation.candidates import FITTED_ALONG, TIMES, Candidate, FullModel, neutral, parameters
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import mean_over_windows
 from diagnosis.findings import EstimatedParameter, InstrumentFault, NamedEffect, RankedCandidate
@@ -20,9 +21,11 @@ SHOWN = 1e-3
 """Probability by chance below which a fault of an instrument is reported."""
 
 
-def fitted_ship(ship: Ship, full: FullModel, fit: Estimate, effects: Sequence[Candidate]) -> Ship:
+def fitted_ship(
+    ship: Ship, full: FullModel, fit: Estimate, effects: Sequence[Candidate], time_error: float = 0.0
+) -> Ship:
     """``ship`` with the coefficients of a ``fit`` of the ``full`` model and with these ``effects``. Returns a ship in
-    which an effect that differs by run has the mean of its values."""
+    which an effect that differs by run has the mean of its values. time_error: as of ``parameters_of``."""
     at = dict(zip(full.ship.symbols, mean_over_windows(fit.theta), strict=True))
     after, names = ship, [c.effect for c in effects]
     for name in names:
@@ -33,7 +36,8 @@ def fitted_ship(ship: Ship, full: FullModel, fit: Estimate, effects: Sequence[Ca
             c = after.coefficients[s]
             keep = s.split(".")[0] in names or c.prior_std is not None
             prior = {} if keep else {"prior_value": c.value, "prior_std": c.std}
-            std = _with_form(after, s, estimated(fit, s)).std if "." in s else estimated(fit, s).std
+            by_trials = estimated(fit, s)
+            std = _with_form(after, s, by_trials, time_error).std if "." in s else by_trials.std
             changed[s] = c.with_(value=float(at[s]), std=std, fixed=False, source="mmg diagnose", **prior)
     return after.with_coefficients(changed)
 
@@ -46,18 +50,23 @@ def estimated(fit: Estimate, symbol: str, unit: str = "") -> EstimatedParameter:
     return EstimatedParameter(value, float(np.sqrt(weight @ fit.covariance[np.ix_(i, i)] @ weight)), unit)
 
 
-def parameters_of(full: FullModel, fit: Estimate, candidate: Candidate) -> dict[str, EstimatedParameter]:
-    """The parameters of a ``candidate`` in a ``fit`` of the ``full`` model, by name."""
+def parameters_of(
+    full: FullModel, fit: Estimate, candidate: Candidate, time_error: float = 0.0
+) -> dict[str, EstimatedParameter]:
+    """The parameters of a ``candidate`` in a ``fit`` of the ``full`` model, by name; time_error: standard uncertainty
+    of the time of the actuators [s]."""
     units = {f"{candidate.effect}.{p.symbol}": p.unit for p in parameters(full.ship, candidate.effect)}
     rows = dict.fromkeys(candidate.symbols)
-    return {s.split(".", 1)[1]: _with_form(full.ship, s, estimated(fit, s, units[s])) for s in rows}
+    return {s.split(".", 1)[1]: _with_form(full.ship, s, estimated(fit, s, units[s]), time_error) for s in rows}
 
 
-def _with_form(ship: Ship, symbol: str, by_trials: EstimatedParameter) -> EstimatedParameter:
-    """The estimate of an effect's parameter with the uncertainty of the effect's formula beside that by the trials."""
+def _with_form(ship: Ship, symbol: str, by_trials: EstimatedParameter, time_error: float) -> EstimatedParameter:
+    """The estimate of an effect's parameter with the uncertainty of the effect's formula beside that by the trials, and
+    of a time of the actuators with the ``time_error`` of these."""
     name, parameter = symbol.split(".", 1)
     off = by_trials.value - neutral(ship, name, parameter)
-    return replace(by_trials, std=float(np.hypot(by_trials.std, EFFECTS[name].form_error * off)))
+    late = time_error if TIMES.get(name) == parameter else 0.0
+    return replace(by_trials, std=math.hypot(by_trials.std, EFFECTS[name].form_error * off, late))
 
 
 def values_by_run(problem: SearchProblem, fit: Estimate, candidate: Candidate) -> dict[str, dict[str, float]]:
@@ -81,10 +90,14 @@ def fit_with(found: Selection, candidate: Candidate) -> Estimate:
     return next(r.fit for r in every if (r.candidate.effect, r.candidate.form) == wanted)
 
 
-def named_effect(problem: SearchProblem, full: FullModel, found: Selection, candidate: Candidate) -> NamedEffect:
-    """The result on a named effect: ``candidate`` of the selection ``found`` in ``problem`` with the ``full`` model."""
+def named_effect(
+    problem: SearchProblem, full: FullModel, found: Selection, candidate: Candidate, time_error: float = 0.0
+) -> NamedEffect:
+    """The result on a named effect: ``candidate`` of the selection ``found`` in ``problem`` with the ``full`` model;
+    time_error: as of ``parameters_of``."""
     search, refitted = _named_in(found, candidate)
-    sizes, runs = parameters_of(full, found.final, candidate), values_by_run(problem, found.final, candidate)
+    sizes = parameters_of(full, found.final, candidate, time_error)
+    runs = values_by_run(problem, found.final, candidate)
     absorbed = search.score(candidate).absorbed
     return NamedEffect(candidate.effect, sizes, refitted.p_both, refitted.delta_bic, absorbed, runs)
 

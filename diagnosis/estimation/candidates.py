@@ -18,6 +18,8 @@ EXCLUDED = ("disturbance",)
 """Effects that are no candidates: the latent force itself."""
 FITTED_ALONG = ("velocity_lag", "gyro")
 """Faults of instruments that belong into the measurement model before the dynamics are tested."""
+TIMES = {"control_delay": "tau", "rudder_lag": "T"}
+"""Effects that half a sample of the actuators looks like, and their time."""
 
 
 class Column(NamedTuple):

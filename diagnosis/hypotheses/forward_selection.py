@@ -29,6 +29,9 @@ LEVEL = 0.03
 """Probability of a false alarm in one search over all candidates."""
 SURE = 0.005
 """Probability by the trials alone below which those that took no part do not speak against an effect."""
+EXCESS = 2.0
+"""How many times better those that took no part would show an effect than the trials do from which they are not asked:
+no linear response tells so much."""
 SAME_CLASS = 6.0
 """Candidates within this of the best in BIC cannot be told from it (odds of 20 : 1)."""
 CLEAR = 12.0
@@ -93,13 +96,18 @@ class RefittedEffect:
         """Probability by chance of what it gains in the trials and those that took no part. Where the trials are SURE,
         twice that or by the trials alone, the smaller one: what the others would show of a large effect is not linear
         in its size, so that there they may help a name only."""
-        both = both_by_weight(self.p_value, self.gain, self.again)
+        both = both_by_weight(self.p_value, self.gain, self.by_others)
         return both if self.p_value >= SURE else min(self.p_value, 2 * both)
 
     @property
     def bic_of_both(self) -> float:
         """Gain in BIC in the trials, or in them and those that took no part if that is more."""
-        return self.delta_bic + max(2 * self.again.gain, 0.0)
+        return self.delta_bic + max(2 * self.by_others.gain, 0.0)
+
+    @property
+    def by_others(self) -> FoundAgain:
+        """What trials that took no part tell, where the response on which that hangs can be believed."""
+        return self.again if self.again.expected < EXCESS * np.sqrt(max(2 * self.gain, 0.0)) else NOTHING
 
 
 @dataclass(frozen=True)
@@ -126,7 +134,7 @@ class Search:
         best = self.best
         if best is None or not (best.p_both < LEVEL and best.bic_of_both > 0):
             return False
-        return best.p_value < SURE or not best.again.denies(best.gain)
+        return best.p_value < SURE or not best.by_others.denies(best.gain)
 
     def score(self, candidate: Candidate) -> ScoreTest:
         """The test of a ``candidate``."""
@@ -268,7 +276,7 @@ def select_effects(
             break
         if named and _doubtful(problem, s.best):
             break
-        again[s.best.candidate] = max(2 * s.best.again.gain, 0.0)
+        again[s.best.candidate] = max(2 * s.best.by_others.gain, 0.0)
         named, now = pruned(problem, [*named, s.best.candidate], s.best.fit, again)
         if not now.converged:  # else the next effect gains what this one's fit had left
             now = estimate(problem.steps, problem.data, now, MAX_FITS)

@@ -26,7 +26,7 @@ TESTS = "training and test trials"
 """Name of the way that parts the trials from those that took no part."""
 LEAST = 20
 """Grid times of a part that counts."""
-LEVEL_OF_PATTERN = 0.002
+LEVEL_OF_PATTERN = 0.01
 """Probability by chance below which something is left beside the name."""
 
 

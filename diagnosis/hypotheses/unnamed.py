@@ -27,13 +27,13 @@ SIZES = (0.03, 0.1, 0.3, 1.0)
 """Prior standard deviations of a column's coefficient, in the sizes of what is random."""
 TOLERANCE = 0.05
 """Errors of a sensor of this size, in standard deviations of its noise, are none: no instrument is exact."""
-DRAWS, LEVEL = 2000, 0.005
+DRAWS, LEVEL = 2000, 0.02
 """Draws of the law by chance, and the probability of a false alarm of either test (all kinds; the best force alone)."""
-LEVEL_AGAIN = 0.0025
+LEVEL_AGAIN = 0.005
 """Probability of a false alarm of both together with what trials that took no part say."""
-LEVEL_DENIED = 1e-4
-"""Probability in the trials alone below which those that took no part do not speak against a force: what they would
-show of a large one is not linear in its size."""
+LARGE = 5.0
+"""Log Bayes factor beyond chance from which trials that took no part do not speak against a force: what they would show
+of a large one is not linear in its size."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ class UnnamedForms:
         """By how much the mixture, or the best force alone, exceeds its limit; where the force is found again in trials
         that took no part, at least the log likelihood that these gain by it; at most 0 where these exclude it."""
         here = max(self.log_bayes - self.limit, self.single - self.single_limit)
-        if here > 0 and self.p_value_here > LEVEL_DENIED and self.again.denies(max(self.log_bayes, self.single)):
+        if 0 < here < LARGE and self.again.denies(max(self.log_bayes, self.single)):
             return 0.0
         return max(here, 0.5 * self.again.z**2) if self.is_found_again else here
 

@@ -10,6 +10,7 @@ from scipy.stats import chi2
 
 from cases.checks.sampling import VELOCITIES, spikes
 from cases.trial import Trial
+from diagnosis.estimation.candidates import TIMES
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.findings import NamedEffect
 from diagnosis.judgement.judged_search import JudgedSearch
@@ -31,8 +32,6 @@ SPIKY = 2e-3
 """Share of single samples far off both neighbours from which they decide the noise that is found."""
 SHOWN = 4
 """Coefficients listed."""
-TIMES = {"control_delay": "tau", "rudder_lag": "T"}
-"""Effects that half a sample of the actuators looks like, and their time."""
 
 
 def believed(result: JudgedSearch, ready: Prepared, trials: Sequence[Trial] = ()) -> tuple[str, list[Message], str]:

@@ -121,7 +121,7 @@ def _doubt(found: Selection, after: float, limit: float, held: HeldOut | None) -
             "trials that they predict"
         )
     best = [s.best for s in found.searches if s.best is not None]
-    again = {r.candidate for r in best if r.again.p_value < SHOWN}  # other trials agree on it
+    again = {r.candidate for r in best if r.by_others.p_value < SHOWN}  # other trials agree on it
     apart = [f"{c.label} (p = {p:.2g})" for c, p in found.robust.items() if p > AGREE and c not in again]
     return f"the runs do not agree on {' and '.join(apart)}" if apart else ""
 

@@ -27,3 +27,8 @@ def test_the_uncertainty_of_a_formula_is_in_the_standard_errors_of_its_sizes() -
         ship = fitted_ship(SHIP, full_model(), fit, effects)
         assert ship.coefficients[f"wave_drift.{symbol}"].std == sizes[symbol].std
     assert parameters_of(full_model(), fit, offset)["delta"].std == estimated(fit, "rudder_offset.delta").std
+    lag = candidate("rudder_lag")
+    late = refit(problem.steps, problem.data, problem.base, null, [lag], {lag.columns[0]: 0.2})
+    (sure,), (doubtful,) = (parameters_of(full_model(), late, lag, error).values() for error in (0.0, 0.3))
+    assert doubtful.std == pytest.approx(np.hypot(sure.std, 0.3))
+    assert parameters_of(full_model(), fit, drift, 0.3) == sizes
