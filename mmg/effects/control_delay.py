@@ -27,8 +27,8 @@ class ControlDelay(Effect):
 
     def actuators(self, flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace, s: Smoothing) -> Flow:
         k, size = time_scale(p.L), 0.1 * reference_speed(p.L) / (0.03 * p.L)
-        flow = flow.moved(RUDDERS, lambda name, x: delayed(memory, f"control_delay.{name}", x, e.tau, 0.6 * k, 0.3))
-        return flow.moved(PROPELLERS, lambda name, x: delayed(memory, f"control_delay.{name}", x, e.tau, 0.6 * k, size))
+        flow = flow.moved(RUDDERS, lambda name, x: delayed(memory, f"control_delay.{name}", x, e.tau, k, 0.3))
+        return flow.moved(PROPELLERS, lambda name, x: delayed(memory, f"control_delay.{name}", x, e.tau, k, size))
 
     def input_delay(self, e: SimpleNamespace) -> float:
         return float(e.tau)
