@@ -15,6 +15,7 @@ import stat
 import subprocess
 import tempfile
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -39,6 +40,10 @@ def cache_folder() -> Path:
         return home / "Library" / "Caches" / "mmg-ident"
     given = Path(os.environ.get("XDG_CACHE_HOME", ""))
     return (given if given.is_absolute() else home / ".cache") / "mmg-ident"
+
+
+UNIT = "\n/* next unit */\n"
+"""Stands between the units of C source that are compiled side by side and linked to one library."""
 
 
 def compiler() -> str | None:
@@ -137,11 +142,12 @@ def _built(
 ) -> tuple[Path | None, str]:
     """The library of C source, newly compiled by a command without its files; or (None, why not)."""
     with tempfile.TemporaryDirectory(dir=folder, ignore_cleanup_errors=True) as scratch:
-        code, built = Path(scratch) / "code.c", Path(scratch) / f"code{suffix}"
-        code.write_text(text, encoding="utf-8")
+        built = Path(scratch) / f"code{suffix}"
+        units = [Path(scratch) / f"code_{i}.c" for i in range(text.count(UNIT) + 1)]
+        for path, part in zip(units, text.split(UNIT), strict=True):
+            path.write_text(part, encoding="utf-8")
         for extra in ((NATIVE,), ()):
-            whole = [*command, *extra, str(code), "-o", str(built), "-lm"]
-            run = subprocess.run(whole, capture_output=True, encoding="utf-8", errors="replace")
+            run = _compiled([*command, *extra], units, built)
             if run.returncode == 0 and built.is_file():
                 break
         else:
@@ -156,6 +162,22 @@ def _built(
         library = folder / f"{key}-{hashlib.sha256(built.read_bytes()).hexdigest()}{suffix}"
         os.replace(built, library)
     return library, ""
+
+
+def _compiled(command: Sequence[str], units: Sequence[Path], built: Path) -> subprocess.CompletedProcess[str]:
+    """What the compiler said of the ``units``, compiled side by side, one at a time for each processor, and linked."""
+
+    def run(*more: object) -> subprocess.CompletedProcess[str]:
+        whole = [*command, *map(str, more)]
+        return subprocess.run(whole, capture_output=True, encoding="utf-8", errors="replace")
+
+    if len(units) == 1:
+        return run(units[0], "-o", built, "-lm")
+    objects = [unit.with_suffix(".o") for unit in units]
+    with ThreadPoolExecutor(min(len(units), os.cpu_count() or 1)) as pool:
+        done = list(pool.map(lambda pair: run("-c", pair[0], "-o", pair[1]), zip(units, objects, strict=True)))
+    wrong = next((one for one in done if one.returncode), None)
+    return wrong or run(*objects, "-o", built, "-lm")
 
 
 def _failed(cc: str, run: subprocess.CompletedProcess[str]) -> str:

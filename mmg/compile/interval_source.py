@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import casadi as ca
 
+from mmg.compile.cache import UNIT
 from mmg.compile.codegen import prelude
 from mmg.compile.interval_loops import LOOPS, TYPES
 from mmg.compile.staged_lanes import staged_bodies
@@ -26,13 +27,28 @@ TILE = 4
 NEWLINE = "\n  "
 _STAGES = (3, 2, 1, 3)
 """Of the arguments state, inputs, coefficients, multipliers."""
+_AT = "const V* q, const V* c, const V* p, const V* u, const V* K, const V* H, V* d"
+_DECLARED = (
+    "HIDDEN void {}_shared(const V* p, V* K)",
+    "HIDDEN void {}_inputs(const V* c, const V* p, const V* K, V* H)",
+)
+_PART = "HIDDEN void {}_{}(const V* q, const V* c, const V* p, const V* u, const V* K, const V* H, V* M, V* d)"
+UNIT_SIZE = 3000
+"""Values of the last stage in one function: compilers take more than twice the time for twice the values."""
+HIDDEN = """#if defined(_WIN32) || !defined(__GNUC__)
+#define HIDDEN
+#else
+#define HIDDEN __attribute__((visibility("hidden")))
+#endif
+"""
+"""What a function is that is called from another unit of the same library alone."""
 _ARGUMENTS = {0: "q", 1: "c", 2: "p", 3: "u"}
 _ARRAYS = {1: "K", 2: "H"}
 
 
 def interval_source(whole: ca.Function) -> str:
-    """C file with ``values``, ``linearise`` and ``curve``, all ``(const Run*, long long begin, long long end)`` for the
-    blocks of LANES intervals from begin to end.
+    """C source, in units, with ``values``, ``linearise`` and ``curve``, all ``(const Run*, long long begin, long long
+    end)`` for the blocks of LANES intervals from begin to end.
 
     whole: SXFunction (q (Q,), inputs (C,), coefficients, multipliers (S,)) -> dense rates (S,) of which q are the last
     states, their Jacobian (S, Q + P) to q and the P free coefficients, upper triangle of the Hessian (Q + P, Q + P) of
@@ -44,18 +60,27 @@ def interval_source(whole: ca.Function) -> str:
         "NJ": J.nnz(), "NH": H.nnz(), "N": S + J.size2() - Q, "W": -(-(S + J.size2() - Q) // TILE) * TILE, "TILE": TILE,
     }  # fmt: skip
     program = Program.of(whole, _STAGES)
-    text, kept = [prelude(), _head(sizes)], [0, 0]
+    head, units, known, kept = prelude() + HIDDEN, [], [], [0, 0]
     for name, outputs in (("rates", [0]), ("jacobian", [0, 1]), ("hessian", [2])):
-        bodies = staged_bodies(program, outputs, _ARGUMENTS, _ARRAYS, "d")
+        mine = program.divided(outputs, UNIT_SIZE)
+        parts = max(value.stage for value in mine.values) - 2
+        arrays = _ARRAYS | {3 + i: f"(M + {i} * MOST)" for i in range(parts - 1)}
+        bodies = staged_bodies(mine, outputs, _ARGUMENTS, arrays, "d")
         kept = [max(a, bodies[stage].handed) for a, stage in zip(kept, _ARRAYS, strict=True)]
-        text.append(
-            f"static void {name}_shared(const V* p, V* K) {{\n  {bodies[1].text}\n}}\n"
-            f"static void {name}_inputs(const V* c, const V* p, const V* K, V* H) {{\n  {bodies[2].text}\n}}\n"
-            f"static void {name}_at(const V* q, const V* c, const V* p, const V* u, const V* K, const V* H, V* d) {{\n"
-            f"  {bodies[3].text}\n}}\n"
+        most = max([bodies[3 + i].handed for i in range(parts - 1)], default=0) + 1
+        own = {line.format(name): bodies[i].text for i, line in enumerate(_DECLARED, 1)}
+        own |= {_PART.format(name, i): bodies[3 + i].text for i in range(parts)}
+        every = [f"{line} {{{NEWLINE}{body}\n}}\n" for line, body in own.items()]
+        first = len(_DECLARED) + 1
+        units += [f"{head}#define MOST {most}\n" + "".join(some) for some in (every[:first], *zip(every[first:]))]
+        known += [f"{line};\n" for line in own]
+        known.append(
+            f"static void {name}_at({_AT}) {{\n  V M[{most * parts}];\n  "
+            + " ".join(f"{name}_{i}(q, c, p, u, K, H, M, d);" for i in range(parts))
+            + "\n}\n"
         )
-    text += [f"#define KEPT {kept[0] + 1}\n#define HELD {kept[1] + 1}\n", _through(J, S, Q)]
-    return "".join([*text, TYPES, _bent(H, Q, S), _multiply(), LOOPS])
+    text = [head, _head(sizes), *known, f"#define KEPT {kept[0] + 1}\n#define HELD {kept[1] + 1}\n", _through(J, S, Q)]
+    return UNIT.join(["".join([*text, TYPES, _bent(H, Q, S), _multiply(), LOOPS]), *units])
 
 
 def _head(sizes: dict[str, int]) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 
@@ -74,6 +74,17 @@ class Program:
                 found.add(place)
                 todo += self.values[place].operands
         return sorted(found)
+
+    def divided(self, outputs: Iterable[int], size: int) -> Program:
+        """The same with the last stage divided after each ``size`` of its values behind these ``outputs``: a later
+        part is a later stage."""
+        last = max(value.stage for value in self.values)
+        values, count = list(self.values), 0
+        for place in self.needed(outputs, last - 1):
+            if values[place].argument is None:
+                values[place] = replace(values[place], stage=last + count // size)
+                count += 1
+        return replace(self, values=tuple(values))
 
     def handed_on(self, outputs: Iterable[int], stage: int) -> list[int]:
         """Places, in order, of the results of a ``stage`` that later stages or these ``outputs`` themselves take up;

@@ -11,7 +11,7 @@ import pytest
 
 from cases.shipfiles.ship_file import load_ship
 from mmg.compile.batch import FLAGS, batch_functions
-from mmg.compile.cache import cache_folder, compile_library, compiler, load_library
+from mmg.compile.cache import UNIT, cache_folder, compile_library, compiler, load_library
 from mmg.rollout import Simulator
 
 needs_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler")
@@ -278,3 +278,16 @@ def test_any_number_of_threads_gives_the_same_run() -> None:
     inputs = np.tile(np.array([8.0, 0.3, 0.5, 0.0]), (10, 1))
     one, many = (simulator.run(start, inputs, 0.1, threads=n) for n in (1, 256))
     np.testing.assert_array_equal(one, many)
+
+
+@needs_compiler
+def test_units_are_linked_to_one_library_and_an_error_in_one_is_said(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("MMG_CACHE", str(tmp_path))
+    first, second = "int more(int); int two(void) { return more(1); }", "int more(int a) { return a + 1; }"
+    library, reason = load_library(UNIT.join([first, second]), FLAGS)
+    assert library is not None and library.two() == 2, reason
+    path, reason = compile_library(UNIT.join([first, "int more(int a) { return b; }"]), FLAGS)
+    assert path is None and "failed" in reason and "undeclared" in reason
+    assert len(list(tmp_path.iterdir())) == 1
