@@ -123,7 +123,10 @@ def _listed(rows: dict[str, float]) -> str:
 
 
 def _half_a_sample(result: JudgedSearch, ready: Prepared) -> str:
-    """Why a delay that was named may be how the actuators were sampled, or nothing."""
+    """Why a delay that was named may be how the actuators were sampled, or nothing. Held samples act later than joined
+    ones: where they are taken as held, the other way would ask for a longer delay, not for none."""
+    if not ready.reading.straight:
+        return ""
     final, half = result.found.final, 0.5 * ready.problem.data.sample
     for c in result.found.effects:
         symbol = f"{c.effect}.{TIMES.get(c.effect, '')}"

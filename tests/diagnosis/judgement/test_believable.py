@@ -83,10 +83,12 @@ def test_a_delay_of_half_a_sample_is_no_name(sample: float, tau: float, gain: fl
     at = (tau - own.mean[0]) / own.std[0]
     final = replace(null, free=free, p=np.array([*null.p, at]), covariance=covariance)
     result = replace(judged("named", null, final), found=Selection((delay,), null, final, ()))
-    reading = InputReading(False, gain, sample, 3.0)
+    reading = InputReading(True, gain, sample, 3.0)
     prepared = replace(ready(), problem=replace(p, data=replace(p.data, sample=sample)), reading=reading)
     found, reasons, _ = believed(result, prepared)
     assert found == verdict and [m.code for m in reasons] == ["half_a_sample"] * (verdict == "unknown")
+    held = replace(prepared, reading=replace(reading, straight=False))  # joined, the delay would be longer still
+    assert believed(result, held)[0] == "named"
 
 
 def test_trials_that_tell_nothing_are_refused_and_copies_count_once() -> None:
