@@ -16,7 +16,7 @@ from diagnosis.estimation.gridded_trials import grid_trials
 from diagnosis.estimation.map_estimate import estimate
 from diagnosis.hypotheses.forward_selection import Selection
 from diagnosis.hypotheses.refit import refit
-from diagnosis.prepare import CLEAR, MAX_FITS, InputReading, Prepared
+from diagnosis.prepare import CLEAR, MAX_FITS, Prepared
 from mmg.errors import UserError
 
 
@@ -41,6 +41,6 @@ def read_otherwise(ready: Prepared, trials: Sequence[Trial], found: Selection) -
         null = null if null.converged else estimate(p.steps, data, null, MAX_FITS)
     except (UserError, np.linalg.LinAlgError):
         return None
-    reading = InputReading(straight, gain, ready.reading.sample, length)
+    reading = replace(ready.reading, straight=straight, gain=gain)
     known = [m for m in ready.notices if m.code != "coarse_samples"]
     return replace(ready, problem=replace(p, data=data), null=null, reading=reading, notices=(*known, *reading.notices))

@@ -191,7 +191,7 @@ def test_bend_is_the_slope_of_the_weighted_jacobian(steps: TransitionModel, wher
         if i in skip:
             continue
         small = np.zeros(len(theta))
-        small[j] = 1e-4 * max(1e-2, abs(theta[j]))
+        small[j] = 1e-5 * max(1e-2, abs(theta[j]))
         expected = (total(theta + small) - total(theta - small)) / (2 * small[j])
         scale = max(1e-3, float(np.abs(expected).max()))
         np.testing.assert_allclose(found[:, i] / scale, expected / scale, atol=2e-4, err_msg=steps.symbols[i])

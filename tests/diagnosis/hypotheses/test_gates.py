@@ -73,11 +73,11 @@ class Fits:
     wald: dict[str, float]
     calls: list[Refit]
 
-    def prune(self, named: str, nll: float) -> tuple[str, Estimate]:
-        """The names that remain, and the fit, from one with ``named`` at ``nll``."""
+    def prune(self, named: str, nll: float, again: float = 0.0) -> tuple[str, Estimate]:
+        """The names that remain, and the fit, from one with ``named`` at ``nll``; again: what test trials gain by b."""
         effects = [EFFECTS[n] for n in named]
         now = fit_of(effects, nll, [0.5 + i for i in range(sum(len(e.columns) for e in effects))])
-        kept, found = hypotheses.pruned(self.problem, effects, now, {})
+        kept, found = hypotheses.pruned(self.problem, effects, now, {EFFECTS["b"]: again})
         return "".join(c.label for c in kept), found
 
 
@@ -113,6 +113,11 @@ def test_an_effect_that_only_helped_the_fit_to_a_better_place_goes_although_it_i
     assert kept == "a" and found.nll == 60.1
     without_b = next(c for c in fits.calls if c.names == ("a",))
     assert without_b.before.nll == 60.0 and without_b.start == {Column("a.0"): 0.5}
+
+
+def test_an_effect_that_test_trials_show_again_is_not_pruned_for_what_the_training_trials_gain(fits: Fits) -> None:
+    fits.nll = {"a": 61.0, "b": 100.0, "": 120.0}
+    assert fits.prune("ab", 60.0)[0] == "a" and fits.prune("ab", 60.0, 2 * fits.problem.cost)[0] == "ab"
 
 
 def test_an_older_effect_that_a_new_one_makes_superfluous_goes(fits: Fits) -> None:

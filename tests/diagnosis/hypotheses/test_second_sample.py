@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from scipy.stats import kstest, norm
 
+from diagnosis.hypotheses.forward_selection import RefittedEffect
 from diagnosis.hypotheses.second_sample import NOTHING, FoundAgain, both_by_product, both_by_weight
+from tests.support.diagnosis_cases import candidate
 
 
 def test_both_together_are_uniform_by_chance() -> None:
@@ -49,3 +51,17 @@ def test_only_a_size_that_other_trials_would_show_is_denied_by_them() -> None:
     size, first = 4.0, rng.normal(4.0, 1.0, 4000)  # found with an error of a quarter, in as many other trials
     denied = [FoundAgain(z, f).denies(0.5 * f**2) for f, z in zip(first, rng.normal(size, 1.0, 4000), strict=True)]
     assert np.mean(denied) <= 0.005
+
+
+def refitted(p_value: float, gain: float, again: FoundAgain) -> RefittedEffect:
+    """A candidate with these probability, gain and test trials; its fit takes no part."""
+    return RefittedEffect(candidate("current"), None, gain, 1.0, p_value, p_value, again)  # type: ignore[arg-type]
+
+
+def test_test_trials_speak_against_a_weak_effect_and_may_only_help_a_sure_one() -> None:
+    gone = FoundAgain(-1.0, 3.0)
+    assert refitted(0.02, 5.0, gone).p_both > 0.03 and refitted(1e-6, 15.0, gone).p_both == 1e-6
+    there = FoundAgain(3.0, 3.0)
+    assert refitted(0.02, 5.0, there).p_both < 0.001
+    promised = FoundAgain(-1.0, 10.0)  # three times what the trials show: no linear response
+    assert refitted(0.02, 5.0, promised).p_both == 0.02 and refitted(0.02, 5.0, promised).by_others == NOTHING
