@@ -53,7 +53,7 @@ from diagnosis.judgement.believable import believed, beyond_reported
 from diagnosis.judgement.judged_search import JudgedSearch, judged_search
 from diagnosis.judgement.no_answer import no_answer
 from diagnosis.judgement.not_random import not_random
-from diagnosis.judgement.other_reading import read_otherwise
+from diagnosis.judgement.other_reading import explains_lateness, other_reading, read_otherwise
 from diagnosis.judgement.verdict import has_remainder, limits
 from diagnosis.learned_rest import with_learned
 from diagnosis.location.where import where
@@ -218,16 +218,23 @@ def _searched(
     options: DiagnosisOptions,
     progress: OnProgress | None,
 ) -> tuple[Prepared, GriddedTrials | None, JudgedSearch]:
-    """The search and its verdict; again where what was found is likelier with the actuators read the other way. Returns
-    the problem as it was read, the test trials read so, and the search."""
+    """The search and its verdict; again where what was found is likelier with the actuators read the other way, or
+    where something without a name is left of held ones. Returns the problem as it was read, the test trials read so,
+    and the search."""
     gridded = _like_training(tests, ready)
     result = judged_search(ready, gridded, options, progress)
     other = read_otherwise(ready, trials, result.found)
+    is_surer = other is not None
+    if result.verdict == "unknown" and ready.reading.is_doubtful and not ready.reading.straight:
+        other = other or other_reading(ready, trials, ready.reading.gain or 0.0)
     if other is None:
         return ready, gridded, result
-    LOGGER.info("what was found is likelier with the actuators read the other way: searching again so")
-    gridded = _like_training(tests, other)
-    return other, gridded, judged_search(other, gridded, options, progress)
+    LOGGER.info("searching again with the actuators read the other way")
+    like = _like_training(tests, other)
+    again = judged_search(other, like, options, progress)
+    if is_surer or (again.verdict == "named" and explains_lateness(result.found, again.found)):
+        return other, like, again
+    return ready, gridded, result
 
 
 def _unless_impossible(work: Callable[[], Value], name: str, otherwise: Value, reasons: list[Message]) -> Value:

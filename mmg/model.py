@@ -84,7 +84,7 @@ def component_forces(flow: Flow, ship: Ship, p: SimpleNamespace, c: Any, s: Smoo
 
 
 def _equations(
-    state: Any, controls: Mapping[str, Any], c: SimpleNamespace, ship: Ship, s: Smoothing
+    state: Any, controls: Mapping[str, Any], c: SimpleNamespace, ship: Ship, s: Smoothing, acted: bool = False
 ) -> tuple[Any, dict[str, Force], Memory, list[Any], dict[str, Any]]:
     """Rates of the six states, forces by role, memory, logged columns and what a network sees.
 
@@ -100,7 +100,7 @@ def _equations(
     north, east = controls["wind_north"], controls["wind_east"]
     for e, values in effects:
         north, east = e.air(north, east, values)
-        flow = e.actuators(flow, memory, values, p, s)
+        flow = flow if acted and e.moves else e.actuators(flow, memory, values, p, s)
     if "actuators" in ship.components:
         flow = module("actuators", ship.components["actuators"]).actuators(flow, memory, p, c, s)
     a_x, a_y = relative_air(north, east, psi, u, v)
@@ -143,11 +143,12 @@ def _through_water(flow: Flow, currents: list[tuple[Any, Any, Any, Any]]) -> tup
     return flow.with_(u=flow.u - u_c, v=flow.v - v_c), u_c, v_c, a_cx, a_cy
 
 
-def assemble(ship: Ship, symbols: Sequence[str] | None = None, exact: bool = False) -> Model:
+def assemble(ship: Ship, symbols: Sequence[str] | None = None, exact: bool = False, acted: bool = False) -> Model:
     """The model of a ship.
 
     ``symbols`` names the coefficients that become arguments (default: all); the others are put in as
-    numbers. ``exact`` evaluates the published branches instead of their smooth blends: for checking only.
+    numbers. ``exact`` evaluates the published branches instead of their smooth blends: for checking only. ``acted``:
+    what ``Effect.acted`` does was done to the inputs.
     """
     chosen = tuple(ship.symbols if symbols is None else symbols)
     six, controls = ca.SX.sym("state", 6), ca.SX.sym("controls", len(ship.inputs))
@@ -156,7 +157,7 @@ def assemble(ship: Ship, symbols: Sequence[str] | None = None, exact: bool = Fal
     values: dict[str, Any] = values_of | {name: theta[i] for i, name in enumerate(chosen)}
     s: Smoothing = Exact() if exact else Smooth.for_length(ship.particulars["L"])
     by_name = {name: controls[i] for i, name in enumerate(ship.inputs)}
-    rates, parts, memory, logged, features = _equations(six, by_name, names(values), ship, s)
+    rates, parts, memory, logged, features = _equations(six, by_name, names(values), ship, s, acted)
     state = ca.vertcat(six, *memory.symbols)
     derivative = ca.vertcat(rates, *memory.rates)
     rows = ca.vertcat(*[ca.horzcat(part.X, part.Y, part.N) for part in parts.values()])

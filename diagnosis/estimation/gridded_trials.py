@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -24,6 +25,8 @@ EVEN = 0.02
 """Share of the sampling time by which a sample may be off a grid that parts of it make."""
 RUN_IN = 3.0
 """Seconds [of a 3 m model] at the start of a window that are simulated but not compared: delays have no past there."""
+BEFORE = 20.0
+"""Seconds [of a 3 m model] before a window of which the inputs are kept: twice the longest delay or lag."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +43,8 @@ class GriddedTrials:
     changes: (K, R, C) by which inputs rise from the start to the end of each step (of the line with the same mean and
     first moment), None: not at all; sample: longest sampling time of the trials [s], 0: not known; straight:
     inputs were joined by lines between samples, not held.
+    record: (N, R, C) of the inputs, means over PARTS of each step, with what was before the first one, None: not known;
+    acting_at: values of what makes ``inputs`` and ``changes`` late of it, by window where they differ, (): nothing.
     """
 
     h: float
@@ -55,6 +60,8 @@ class GriddedTrials:
     changes: np.ndarray | None = None
     sample: float = 0.0
     straight: bool = False
+    record: np.ndarray | None = None
+    acting_at: tuple[tuple[float, ...], ...] = ()
 
     @property
     def inside(self) -> np.ndarray:
@@ -65,6 +72,16 @@ class GriddedTrials:
     def controls(self) -> np.ndarray:
         """Inputs and their changes over each step, (K, R, 2 C), as ``TransitionModel`` takes them; or inputs alone."""
         return self.inputs if self.changes is None else np.concatenate([self.inputs, self.changes], axis=2)
+
+    @property
+    def whole_record(self) -> np.ndarray:
+        """``record``, or what the means and changes say of it."""
+        if self.record is not None:
+            return self.record
+        place = ((np.arange(PARTS) + 0.5) / PARTS - 0.5)[:, None, None]
+        changes = np.zeros_like(self.inputs) if self.changes is None else self.changes
+        parts = self.inputs[:, None] + place * changes[:, None]
+        return parts.reshape(-1, *self.inputs.shape[1:])
 
     @property
     def samples(self) -> int:
@@ -93,6 +110,7 @@ def grid_trials(
     Raises UserError when no piece without a gap is long enough.
     """
     h = step or default_step(trials, length)
+    before = math.ceil(BEFORE * time_scale(length) / h)
     pieces, dropped = [], []
     for number, trial in enumerate(trials):
         kept = 0
@@ -100,10 +118,12 @@ def grid_trials(
             total = len(grid.controls)
             if total < SHORTEST:
                 continue
+            parts = grid.controls[:, 2 * len(inputs) :].reshape(PARTS * total, -1)
             edges = np.linspace(0, total, max(1, -(-total // LONGEST)) + 1).round().astype(int)
             for a, b in pairwise(edges):
                 states = _at_samples(grid.t[a : b + 1], grid.states[a : b + 1], trial, h)
-                pieces.append((number, grid.t[a : b + 1], states, grid.controls[a:b]))
+                known = parts[PARTS * max(0, a - before) : PARTS * b]
+                pieces.append((number, grid.t[a : b + 1], states, grid.controls[a:b, : 2 * len(inputs)], known))
                 kept += b - a
         lost = trial.t[-1] - trial.t[0] - kept * h
         if lost > SHORTEST * h:
@@ -114,8 +134,11 @@ def grid_trials(
     K, R = max(len(p[3]) for p in pieces), len(pieces)
     t, y = np.zeros((K + 1, R)), np.full((K + 1, R, 6), np.nan)
     held = np.zeros((K, R, pieces[0][3].shape[1]))
-    for i, (_, times, states, controls) in enumerate(pieces):
+    record = np.zeros((PARTS * (before + K), R, len(inputs)))
+    for i, (_, times, states, controls, known) in enumerate(pieces):
         n = len(controls)
+        end = PARTS * (before + n)
+        record[: end - len(known), i], record[end - len(known) : end, i], record[end:, i] = known[0], known, known[-1]
         t[: n + 1, i], y[: n + 1, i], held[:n, i] = times, states, controls
         t[n + 1 :, i], held[n:, i] = times[-1], controls[-1]
     measured = np.isfinite(y)
@@ -135,6 +158,7 @@ def grid_trials(
         trials=tuple(trial.name for trial in trials),
         dropped=tuple(dropped),
         straight=straight,
+        record=record,
     )
 
 
@@ -155,15 +179,27 @@ def _at_samples(times: np.ndarray, states: np.ndarray, trial: Trial, h: float) -
 
 
 def with_changes(means: Callable[..., np.ndarray]) -> Callable[..., np.ndarray]:
-    """``means`` over steps with, behind them, the changes over each step, (K, 2 C), by the means over its parts."""
+    """``means`` over steps with, behind them, changes over each step and means over its parts.
+
+    They are an array (K, M), M = (2 + PARTS) C.
+    """
 
     def both(t: np.ndarray, values: np.ndarray, edges: np.ndarray) -> np.ndarray:
         at = np.interp(np.arange((len(edges) - 1) * PARTS + 1) / PARTS, np.arange(len(edges)), edges)
-        parts = means(t, values, at).reshape(len(edges) - 1, PARTS, -1)
-        place = (np.arange(PARTS) + 0.5) / PARTS - 0.5
-        return np.hstack([parts.mean(axis=1), np.einsum("kpc,p->kc", parts, place) / (place @ place)])
+        parts = means(t, values, at)
+        return np.hstack([*means_and_changes(parts), parts.reshape(len(edges) - 1, -1)])
 
     return both
+
+
+def means_and_changes(parts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Means over steps and changes over each (K, ...): of the line with the same mean and first moment.
+
+    parts: (K PARTS, ...) means over PARTS of each step.
+    """
+    parts = parts.reshape(-1, PARTS, *parts.shape[1:])
+    place = (np.arange(PARTS) + 0.5) / PARTS - 0.5
+    return parts.mean(axis=1), np.einsum("kp...,p->k...", parts, place) / (place @ place)
 
 
 def possible_readings(trials: Sequence[Trial]) -> tuple[bool, ...]:

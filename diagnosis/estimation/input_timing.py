@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from diagnosis.estimation.acting_inputs import acting
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.linearisation import Point
 from diagnosis.estimation.transition_model import TransitionModel
@@ -21,6 +22,7 @@ def timing_columns(steps: TransitionModel, data: GriddedTrials, at: Point, activ
     steps: the transition model; data: the trials, with the changes of the inputs and their sampling time; at: the
     point. Returns (K, R, A, c) for c actuators.
     """
+    data = acting(steps, data, at.theta)
     K, R = data.inputs.shape[:2]
     names = [name for name in steps.model.controls if name in INPUTS]
     if data.changes is None or not data.sample:

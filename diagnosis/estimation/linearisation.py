@@ -9,6 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from diagnosis.estimation.acting_inputs import acting, linearised, logdet_gradient
 from diagnosis.estimation.filtering import DrivenColumns, adjoint, by_rates, filtered, smoothed, whitened
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.kalman import Adjoint, Filtered, LinearSystem, NoiseModel, linear_system
@@ -90,8 +91,13 @@ class Linearisation:
         free, path, A = self.at.free, self.at.path, len(self.active)
         by_Z = np.where(self.data.good[..., None], self.adjoint.by_Z[..., :A], 0.0)
         given = (path.z, self.data.inputs, self.at.theta, path.force[:-1], self.by_rates, by_Z)
-        own = self.steps.logdet_gradient(*given, column_positions(self.steps, free), self.active) * self.size
+        positions = column_positions(self.steps, free)
+        own = self.steps.logdet_gradient(*given, positions, self.active) * self.size
         gradient = np.zeros((len(self.data.run), self.white.shape[3] - 1))
+        at, late = logdet_gradient(
+            self.steps, self.data, self.at.theta, path.z, path.force[:-1], self.by_rates, positions, self.active
+        )
+        own[:, at] = late * self.size[:, at]
         gradient[:, : own.shape[1]] = own
         return gradient
 
@@ -114,6 +120,7 @@ def initial_trajectory(steps: TransitionModel, data: GriddedTrials, theta: np.nd
 
     steps: model, whose memory states are settled; theta: coefficients (all,) or by window (all, R).
     """
+    data = acting(steps, data, theta)
     y, measured = data.y.copy(), data.measured
     rows = np.arange(len(y))
     for r in range(y.shape[1]):
@@ -173,7 +180,8 @@ def linearise_and_filter(
     free, path, noise, theta = at.free, at.path, at.noise, at.theta
     if active is None:
         active = active_states(steps, free.symbols, theta)
-    linear = steps.linearise(path.z, data.controls, theta, path.force[:-1], column_positions(steps, free), active)
+    data = acting(steps, data, theta)
+    linear = linearised(steps, data, theta, path.z, path.force[:-1], column_positions(steps, free), active)
     start = initial_covariance(steps, data, path.z[0], theta, active)
     system = linear_system(linear, noise, start, data.good, data.inside, data.h)
     filter_run = filtered(system)

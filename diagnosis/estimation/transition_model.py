@@ -15,6 +15,7 @@ import numpy as np
 from mmg.compile.batch import BatchFunction, batch_functions
 from mmg.compile.path_numpy import PortablePaths, advanced, pushed, spread_over
 from mmg.compile.paths import Entries, PathCode, WindowPaths, path_code
+from mmg.effects import EFFECTS
 from mmg.model import Model, assemble, settled, states_behind
 from mmg.motion.froude import state_scale
 from mmg.progress import LOGGER
@@ -53,13 +54,15 @@ class LinearModel:
 class TransitionModel:
     """Steps of length h [s] of a ``ship`` with S states and C inputs; compiled: use generated C code.
 
-    symbols: the P coefficients that may be columns, in the order of the ship.
+    symbols: the P coefficients that may be columns, in the order of the ship; late: those of the ship that make inputs
+    late, which the model does not do (``acting_inputs``).
     """
 
     def __init__(self, ship: Ship, symbols: Sequence[str], h: float, compiled: bool = True) -> None:
         self.ship, self.h = ship, h
         self._made_of = (ship, tuple(symbols), h, compiled)
-        self.model: Model = assemble(ship)
+        self.model: Model = assemble(ship, acted=True)
+        self.late = tuple(s for s in ship.symbols if "." in s and EFFECTS[s.split(".")[0]].moves)
         chosen = set(symbols) | set(FORCE)
         self.symbols = tuple(s for s in ship.symbols if s in chosen)
         self.at = np.array([ship.symbols.index(s) for s in self.symbols])

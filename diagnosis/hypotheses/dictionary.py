@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from diagnosis.estimation.acting_inputs import acting
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.input_timing import DIFFERENCE
 from diagnosis.estimation.linearisation import Linearisation, Point
@@ -52,6 +53,7 @@ class Dictionary:
     """
 
     def __init__(self, steps: TransitionModel, data: GriddedTrials, found: Point, active: np.ndarray) -> None:
+        data = acting(steps, data, found.theta)
         self.data, self.noise, self.active = data, found.noise, active
         z = found.path.z
         K, R = data.inputs.shape[:2]

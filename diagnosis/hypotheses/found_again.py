@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2
 
+from diagnosis.estimation.acting_inputs import acting, linearised
 from diagnosis.estimation.candidates import Candidate
 from diagnosis.estimation.dispersion import dispersion, memory_steps
 from diagnosis.estimation.gridded_trials import GriddedTrials
@@ -55,7 +56,8 @@ class OtherTrials:
         The response is that of the effect with the coefficients as they were moved: it is strong beside a coefficient
         that it multiplies.
         """
-        steps, data, at = self.steps, self.data, self.point
+        steps, at = self.steps, self.point
+        data = acting(steps, self.data, at.theta)
         c, active, z = candidate, np.arange(steps.S), at.path.z
         passive = np.setdiff1d(active, active_states(steps, at.free.symbols, at.theta))
         if len(passive):
@@ -67,7 +69,7 @@ class OtherTrials:
         columns, along = [steps.symbols.index(s) for s in free.symbols], np.append(shift, phi)
         moved = at.free.mean + at.free.std * (at.p + shift)
         theta = set_values(steps.ship, data, at.theta, at.free.columns, moved)
-        there = steps.linearise(z, data.controls, theta, at.path.force[:-1], np.array(columns), active)
+        there = linearised(steps, data, theta, z, at.path.force[:-1], columns, active)
 
         def columns_of(_: LinearModel) -> tuple[np.ndarray, np.ndarray]:
             size = (free.std * along)[:, None]
@@ -84,7 +86,8 @@ class OtherTrials:
     @np.errstate(all="ignore")
     def force(self, found: ForceEstimate) -> FoundAgain:
         """A force that was ``found`` as a function of motion, inputs and wind, less what coefficients make up for."""
-        steps, data, at = self.steps, self.data, self.point
+        steps, at = self.steps, self.point
+        data = acting(steps, self.data, at.theta)
         active = active_states(steps, at.free.symbols, at.theta)
         timing = timing_columns(steps, data, at, active)
         middle = 0.5 * (at.path.z[:-1] + at.path.z[1:])

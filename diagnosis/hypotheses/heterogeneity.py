@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from diagnosis.estimation.acting_inputs import acting
 from diagnosis.estimation.candidates import LOCAL, Candidate, Column
 from diagnosis.estimation.dispersion import dispersion, memory_steps
 from diagnosis.estimation.gridded_trials import GriddedTrials
@@ -68,7 +69,9 @@ def run_slopes(
     passive = np.setdiff1d(np.arange(steps.S), active_states(steps, found.free.symbols, found.theta))
     z = found.path.z
     if len(passive):
-        z = steps.with_passive_states(z, data.inputs, found.theta, found.path.force, passive)
+        z = steps.with_passive_states(
+            z, acting(steps, data, found.theta).inputs, found.theta, found.path.force, passive
+        )
     sizes = {x: size for c in candidates for x, size in zip(c.columns, c.typical, strict=True)}
     more = [x for x in sizes if x not in found.free.columns]
     n, typical = len(more), np.array([sizes[x] for x in more])

@@ -15,6 +15,7 @@ from itertools import pairwise
 import numpy as np
 
 from cases.trial import Trial
+from diagnosis.estimation.acting_inputs import acting
 from diagnosis.estimation.candidates import Candidate
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
 from diagnosis.estimation.linearisation import Point, Trajectory, linearise_and_filter
@@ -148,6 +149,7 @@ def _rolled_out(problem: SearchProblem, theta: np.ndarray, trials: Sequence[Tria
     begin."""
     steps = problem.steps
     data = grid_trials(trials, steps.ship.inputs, float(steps.ship.particulars["L"]), problem.data.h)
+    data = acting(steps, data, theta)
     K, R = data.inputs.shape[:2]
     z = np.repeat(steps.settled(data.y[0].T, data.inputs[0].T, theta).T[None], K + 1, axis=0)
     return data, Trajectory(steps.follow(z, data.controls, theta), np.zeros((K + 1, R, 3)))

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from diagnosis.estimation.acting_inputs import acting
 from diagnosis.estimation.candidates import Candidate, Column
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.kalman import NoiseModel
@@ -74,7 +75,7 @@ def fit_reference(
     passive = np.setdiff1d(np.arange(steps.S), active_states(steps, null.free.symbols, null.theta))
     z = null.path.z
     if len(passive):
-        z = steps.with_passive_states(z, data.controls, null.theta, null.path.force, passive)
+        z = steps.with_passive_states(z, acting(steps, data, null.theta).controls, null.theta, null.path.force, passive)
     start = Point(null.theta, free, p, Trajectory(z, null.path.force), null.noise)
     found = estimate(steps, data, start, MAX_FITS)
     spread = _scatter(steps, data, found, len(base.symbols))

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.stats import chi2
 from scipy.stats import f as f_law
 
+from diagnosis.estimation.acting_inputs import acting
 from diagnosis.estimation.candidates import Candidate, Column
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.linearisation import Point, Trajectory, linearise_and_filter
@@ -73,7 +74,10 @@ def _fitted(
     asleep = np.setdiff1d(active, active_states(steps, before.free.symbols, before.theta))
     path = before.path
     if len(asleep):
-        path = Trajectory(steps.with_passive_states(path.z, data.controls, theta, path.force, asleep), path.force)
+        path = Trajectory(
+            steps.with_passive_states(path.z, acting(steps, data, theta).controls, theta, path.force, asleep),
+            path.force,
+        )
     return estimate(steps, data, Point(theta, free, p, path, before.noise), iterations)
 
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.stats import chi2
 
+from diagnosis.estimation.acting_inputs import acting
 from diagnosis.estimation.candidates import Candidate, Column
 from diagnosis.estimation.dispersion import dispersion, memory_steps
 from diagnosis.estimation.gridded_trials import GriddedTrials
@@ -70,6 +71,7 @@ def slopes(steps: TransitionModel, data: GriddedTrials, found: Point, candidates
 
     steps: the transition model; data: the trials; found: the fit; candidates: those tested. Returns the slopes.
     """
+    data = acting(steps, data, found.theta)
     passive = np.setdiff1d(np.arange(steps.S), active_states(steps, found.free.symbols, found.theta))
     active, z = np.arange(steps.S), found.path.z  # a candidate's memory takes part in the slope of the log determinant
     if len(passive):

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from diagnosis.estimation.acting_inputs import acting
 from diagnosis.estimation.candidates import Candidate
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.linearisation import Point, Trajectory
@@ -112,6 +113,7 @@ def simulated_trials(
     steps: the transition model; found: the fit; rng: of random forces and sensor errors, coloured ones included.
     """
     noise, h = found.noise, data.h
+    data = acting(steps, data, found.theta)
     (K, R), controls = data.inputs.shape[:2], data.controls
     force = _processes(K + 1, R, noise.force, noise.tau, h, rng)
     z = steps.follow(found.path.z, controls, found.theta, force=force[:-1])

@@ -1,7 +1,9 @@
-"""Whether the effects that were found are likelier with the actuators read the other way.
+"""Whether what was found is likelier with the actuators read the other way.
 
 How samples of the actuators are read is chosen by the fits without any effect. Held samples act half a sample later
-than joined ones, so that an effect which makes the ship answer late passes there for held samples.
+than joined ones, so that an effect which makes the ship answer late passes there for held samples. Where such an effect
+is needed anyway, most trials cannot tell held samples from a delay that is half a sample longer. Nothing holds an angle
+that moves from sample to sample (``possible_readings``): it is joined then, unless the trials say otherwise.
 """
 
 from __future__ import annotations
@@ -12,16 +14,17 @@ from dataclasses import replace
 import numpy as np
 
 from cases.trial import Trial
+from diagnosis.estimation.candidates import TIMES, Column
 from diagnosis.estimation.gridded_trials import grid_trials
-from diagnosis.estimation.map_estimate import estimate
 from diagnosis.hypotheses.forward_selection import Selection
 from diagnosis.hypotheses.refit import refit
-from diagnosis.prepare import CLEAR, MAX_FITS, Prepared
+from diagnosis.prepare import CLEAR, Prepared, fit_without_effects
 from mmg.errors import UserError
 
 
 def read_otherwise(ready: Prepared, trials: Sequence[Trial], found: Selection) -> Prepared | None:
-    """The problem with the actuators read the other way, where the effects ``found`` are clearly likelier so.
+    """The problem with the actuators read the other way, where the effects ``found`` are clearly likelier so; joined
+    already where something makes them late and that is not clearly less likely.
 
     ready: the problem as it was read; trials: as they were logged. Returns None where that is not so, or where there
     was no choice, half a sample does not matter, or the ship cannot be followed with the actuators read so.
@@ -30,17 +33,37 @@ def read_otherwise(ready: Prepared, trials: Sequence[Trial], found: Selection) -
         return None
     p, straight = ready.problem, not ready.reading.straight
     length = float(p.steps.ship.particulars["L"])
+    late = [Column(f"{name}.{time}") for name, time in TIMES.items() if name in {c.effect for c in found.effects}]
+    start = {x: found.final.value(*x) for c in found.effects for x in c.columns}
+    for x in late[:1]:
+        start[x] = max(start[x] + 0.5 * ready.reading.sample * (1.0 if straight else -1.0), 0.0)
     try:
         data = grid_trials(trials, p.steps.ship.inputs, length, p.data.h, straight).thinned(ready.gap)
-        start = {x: found.final.value(*x) for c in found.effects for x in c.columns}
-        with_them = refit(p.steps, data, p.base, found.final, found.effects, start)
-        gain = found.final.nll - with_them.nll
-        if not gain > CLEAR:
-            return None
-        null = estimate(p.steps, data, found.null, MAX_FITS)
-        null = null if null.converged else estimate(p.steps, data, null, MAX_FITS)
+        gain = found.final.nll - refit(p.steps, data, p.base, found.final, found.effects, start).nll
     except (UserError, np.linalg.LinAlgError):
         return None
-    reading = replace(ready.reading, straight=straight, gain=gain)
-    known = [m for m in ready.notices if m.code != "coarse_samples"]
-    return replace(ready, problem=replace(p, data=data), null=null, reading=reading, notices=(*known, *reading.notices))
+    return other_reading(ready, trials, gain) if gain > (-CLEAR if late and straight else CLEAR) else None
+
+
+def other_reading(ready: Prepared, trials: Sequence[Trial], gain: float) -> Prepared | None:
+    """The problem ``ready`` of ``trials`` with the actuators read the other way, which is likelier by ``gain``
+    (logarithm); None where the ship cannot be followed so."""
+    p, straight = ready.problem, not ready.reading.straight
+    grid = grid_trials(trials, p.steps.ship.inputs, float(p.steps.ship.particulars["L"]), p.data.h, straight)
+    try:
+        data, null, _, _, line = fit_without_effects(
+            p.steps, grid, ready.null.theta, p.base, ready.null.noise, ready.gap
+        )
+    except (UserError, np.linalg.LinAlgError):
+        return None
+    reading = replace(ready.reading, straight=straight, gain=abs(gain))
+    known = tuple(m for m in ready.notices if m.code != "coarse_samples")
+    notices = (*known, *reading.notices)
+    return replace(ready, problem=replace(p, data=data), null=null, line=line, reading=reading, notices=notices)
+
+
+def explains_lateness(held: Selection, joined: Selection) -> bool:
+    """Whether what was found with ``joined`` actuators makes them late, and is clearly likelier than what was found
+    with ``held`` ones: these are half a sample late already, which leaves a smaller lag without a name."""
+    named = {c.effect for c in joined.effects}
+    return bool(named & TIMES.keys()) and held.final.nll - joined.final.nll > CLEAR

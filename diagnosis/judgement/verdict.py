@@ -26,7 +26,7 @@ predictions become worse. Where test trials show no gain beyond chance at all, n
 BESIDE_INSTRUMENT_FAULT = (5.0, 0.1)
 """Log Bayes factor, and share of what the name explains, that may be left unexplained beside a fault of one instrument
 alone. A constant error of v, for example, is nearly one of the heading alone."""
-SURE = 0.005
+RARE = 0.005
 """Probability by chance below which a name that is withdrawn leaves something unexplained, though no unnamed form does.
 """
 SMALL_GROWTH, NOTED_GROWTH, LARGE_GROWTH = 0.02, 0.05, 0.15
@@ -64,7 +64,7 @@ def decide(
     if not reason:
         return "named", []
     first = found.searches[0].best if found.searches else None
-    chance = first is not None and first.p_both > SURE and beyond <= 0
+    chance = first is not None and first.p_both > RARE and beyond <= 0
     return "none" if chance else "unknown", [Message(f"{reason}: the name is withdrawn", "name_withdrawn")]
 
 

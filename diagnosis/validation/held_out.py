@@ -7,6 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
+from diagnosis.estimation.acting_inputs import acting
 from diagnosis.estimation.candidates import Column
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.linearisation import Trajectory, initial_trajectory, linearised_if_finite
@@ -175,8 +176,9 @@ def compare(
     fits = [with_values_by_run(steps, data, fit) if fit.free.by_run else fit for fit in each]
     lengths = (window_length(steps.ship), 0.0, data.h)
     for fit in fits:
-        begin = start_states(steps, data, fit.theta)
-        (windows, run), (whole, _), (step, _) = (errors(steps, data, fit.theta, t, by_run, begin) for t in lengths)
+        acted = acting(steps, data, fit.theta)
+        begin = start_states(steps, acted, fit.theta)
+        (windows, run), (whole, _), (step, _) = (errors(steps, acted, fit.theta, t, by_run, begin) for t in lengths)
         if not len(windows):
             return None
         nll = one_step_likelihood(steps, judged, fit)

@@ -1,12 +1,14 @@
 """Control delay: rudder and revolutions act later than they are logged, by a fixed time.
 
-Inside the model the delay is its all-pass approximation (``delayed`` of mmg/motion/memory.py). The synthetic generator
-delays the inputs themselves, so a trial made with this effect holds the true delay.
+In a fit and a prediction the delay is its all-pass approximation (``delayed`` of mmg/motion/memory.py). The synthetic
+generator and the diagnosis delay the inputs themselves.
 """
 
 from __future__ import annotations
 
 from types import SimpleNamespace
+
+import numpy as np
 
 from mmg.effects.effect import Effect, Parameter
 from mmg.motion.flow import PROPELLERS, RUDDERS, Flow
@@ -19,7 +21,7 @@ class ControlDelay(Effect):
     """Late inputs."""
 
     name, enters = "control_delay", "actuator path"
-    form_error = 0.2
+    moves, acts_before = (*RUDDERS, *PROPELLERS), True
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         k = time_scale(p.L)
@@ -29,6 +31,12 @@ class ControlDelay(Effect):
         k, size = time_scale(p.L), 0.1 * reference_speed(p.L) / (0.03 * p.L)
         flow = flow.moved(RUDDERS, lambda name, x: delayed(memory, f"control_delay.{name}", x, e.tau, k, 0.3))
         return flow.moved(PROPELLERS, lambda name, x: delayed(memory, f"control_delay.{name}", x, e.tau, k, size))
+
+    def acted(self, record: np.ndarray, step: float, time: float) -> np.ndarray:
+        at = np.clip(np.arange(len(record)) - time / step, 0.0, len(record) - 1.0)
+        low = np.minimum(at.astype(int), len(record) - 2)
+        share = (at - low).reshape(-1, *(1,) * (record.ndim - 1))
+        return (1 - share) * record[low] + share * record[low + 1]
 
     def input_delay(self, e: SimpleNamespace) -> float:
         return float(e.tau)

@@ -139,6 +139,19 @@ class Effect(ABC):
         """The columns as logged, from the true ones (or those of an earlier effect)."""
         return y
 
+    moves: tuple[str, ...] = ()
+    """Inputs that it moves by ``acted``: an effect of one parameter, a time, that acts on records alone."""
+    acts_before: bool = False
+    """Whether a negative time has a meaning: inputs that act before they are logged."""
+
+    def acted(self, record: np.ndarray, step: float, time: float) -> np.ndarray:
+        """Records of the inputs ``moves`` as they act, exactly: in place of ``actuators``, which a fit needs.
+
+        record: (N, ...) means over parts of a ``step`` [s]; time: its parameter [s]. Returns (N, ...). What was before
+        the first part is taken as that.
+        """
+        return record
+
     def input_delay(self, e: SimpleNamespace) -> float | None:
         """Time [s] by which the generator holds back rudder and revolutions, exactly, in place of ``actuators``."""
         return None

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
+import numpy as np
+from scipy.signal import lfilter
+
 from mmg.effects.effect import Effect, Parameter
 from mmg.motion.flow import RUDDERS, Flow
 from mmg.motion.froude import time_scale
@@ -16,6 +19,7 @@ class RudderLag(Effect):
 
     name, enters, needs = "rudder_lag", "actuator path", ("rudder",)
     form_error = 0.05
+    moves = RUDDERS
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         k = time_scale(p.L)
@@ -24,3 +28,10 @@ class RudderLag(Effect):
     def actuators(self, flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace, s: Smoothing) -> Flow:
         k = time_scale(p.L)
         return flow.moved(RUDDERS, lambda name, x: lagged(memory, f"rudder_lag.{name}", x, e.T, 0.5 * k, 0.3))
+
+    def acted(self, record: np.ndarray, step: float, time: float) -> np.ndarray:
+        left = np.exp(-step / time)
+        begin = left * record[:1]
+        ends = lfilter([1 - left], [1.0, -left], record, axis=0, zi=begin)[0]
+        starts = np.concatenate([record[:1], ends[:-1]])
+        return record + (starts - record) * (time / step) * (1 - left)

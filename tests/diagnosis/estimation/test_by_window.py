@@ -52,7 +52,7 @@ def three_windows() -> GriddedTrials:
 def window(data: GriddedTrials, r: int) -> GriddedTrials:
     """One window alone."""
     only = slice(r, r + 1)
-    cut = {k: getattr(data, k)[:, only] for k in ("t", "y", "good", "measured", "inputs", "changes")}
+    cut = {k: getattr(data, k)[:, only] for k in ("t", "y", "good", "measured", "inputs", "changes", "record")}
     return replace(data, steps=data.steps[only], run=data.run[only], **cut)
 
 

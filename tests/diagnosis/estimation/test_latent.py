@@ -37,7 +37,7 @@ NOISE = NoiseModel(np.array([0.06, 0.15, 0.1]), 5.0, WHITE, np.zeros(6), 4.0)
 EFFECTS_TRIED = (
     "log_scale.share", "rudder_stall.loss", "current.x", "wind_force.Y", "gyro.share", "tow.N", "draft.share",
 )  # fmt: skip
-REMEMBERING = ("hull_memory.T", "gnss_delay.tau", "rudder_lag.T", "velocity_lag.tau")
+REMEMBERING = ("hull_memory.T", "gnss_delay.tau", "rudder_lag.T", "control_delay.tau", "velocity_lag.tau")
 
 
 def columns_of(symbols: tuple[str, ...]) -> Priors:
@@ -240,8 +240,8 @@ def test_states_that_nothing_depends_on_are_left_out() -> None:
     assert list(active_states(steps, FREE, theta)) == list(range(6))
     names = [steps.model.states[i] for i in active_states(steps, ("hull_memory.T",), theta)]
     assert len(names) > 6 and all("." not in n or n.startswith("hull_memory") for n in names)
-    awake = active_states(steps, FREE, theta_of(steps, {"rudder_lag.T": 0.5}))
-    assert any(steps.model.states[i].startswith("rudder_lag") for i in awake)
+    awake = active_states(steps, FREE, theta_of(steps, {"rudder_backlash.b": 0.05}))
+    assert any(steps.model.states[i].startswith("rudder_backlash") for i in awake)
 
 
 def test_priors_are_those_before_a_calibration() -> None:

@@ -13,7 +13,7 @@ from cases.trial import Trial
 from diagnosis.estimation.candidates import find
 from diagnosis.hypotheses.forward_selection import Selection
 from diagnosis.hypotheses.refit import refit
-from diagnosis.judgement.other_reading import read_otherwise
+from diagnosis.judgement.other_reading import explains_lateness, other_reading, read_otherwise
 from diagnosis.prepare import InputReading, Prepared, prepare
 from tests.support.diagnosis_cases import FEW
 
@@ -31,12 +31,14 @@ def joined() -> list[Trial]:
     return found
 
 
-def found_with(trials: list[Trial], straight: bool) -> tuple[Prepared, Selection]:
-    """The problem as read so, for nobody knows how, and the effect fitted."""
+def found_with(
+    trials: list[Trial], straight: bool, name: str = "hull_memory", first: float = LATE
+) -> tuple[Prepared, Selection]:
+    """The problem as read so, for nobody knows how, and the effect fitted from its first value."""
     ready = prepare(FEW, trials, straight=straight)
     ready = replace(ready, reading=InputReading(straight, 5.0, SAMPLE, 3.0))
-    effect, p = find(ready.full.candidates, "hull_memory"), ready.problem
-    final = refit(p.steps, p.data, p.base, ready.null, [effect], {effect.columns[0]: LATE})
+    effect, p = find(ready.full.candidates, name), ready.problem
+    final = refit(p.steps, p.data, p.base, ready.null, [effect], {effect.columns[0]: first})
     return ready, Selection((effect,), ready.null, final, ())
 
 
@@ -56,3 +58,28 @@ def test_actuators_are_not_read_otherwise_without_a_choice_or_an_effect(joined: 
     known = replace(ready, reading=replace(ready.reading, gain=None))
     assert read_otherwise(known, joined, found) is None
     assert read_otherwise(ready, joined, replace(found, effects=(), final=found.null)) is None
+
+
+def late_rudder(late: float) -> list[Trial]:
+    """Runs whose rudder and revolutions act late, with samples of them as they are at their times."""
+    ship, found = with_effects(FEW, [f"control_delay:tau={late}"]), []
+    for k, words in enumerate(("zigzag:20/20", "turning:35", "turning:-20")):
+        run = simulated_trial(ship, words, None, None, False, 3, FINE)
+        thin = {name: values[:: round(SAMPLE / FINE)] for name, values in run.columns.items()}
+        found.append(add_noise(replace(run, columns=thin, name=f"late_{k}"), SensorNoise.for_length(3.0), k))
+    return found
+
+
+def test_what_moves_from_sample_to_sample_is_joined_where_it_is_late_anyway() -> None:
+    """Held samples fit as well with half a sample less, and would say so much too little."""
+    trials = late_rudder(LATE)
+    ready, found = found_with(trials, False, "control_delay")
+    assert found.final.value("control_delay.tau") == pytest.approx(LATE - SAMPLE / 2, abs=0.05)
+    other = read_otherwise(ready, trials, found)
+    assert other is not None and other.reading.straight
+    assert explains_lateness(replace(found, effects=(), final=found.null), found)
+    assert not explains_lateness(found, found)
+    assert not explains_lateness(replace(found, effects=(), final=found.null), replace(found, effects=()))
+    right, again = found_with(trials, True, "control_delay")
+    assert again.final.value("control_delay.tau") == pytest.approx(LATE, abs=0.05)
+    assert other_reading(ready, trials, 1.0).null.nll == pytest.approx(right.null.nll, abs=10.0)  # type: ignore[union-attr]
