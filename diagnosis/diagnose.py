@@ -232,7 +232,8 @@ def _searched(
     LOGGER.info("searching again with the actuators read the other way")
     like = _like_training(tests, other)
     again = judged_search(other, like, options, progress)
-    if is_surer or (again.verdict == "named" and explains_lateness(result.found, again.found)):
+    is_better = again.verdict == "named" or result.verdict != "named"
+    if is_better and (is_surer or explains_lateness(result.found, again.found)):
         return other, like, again
     return ready, gridded, result
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 import numpy as np
-from scipy.signal import lfilter
 
 from mmg.effects.effect import Effect, Parameter
 from mmg.motion.flow import RUDDERS, Flow
@@ -30,6 +29,8 @@ class RudderLag(Effect):
         return flow.moved(RUDDERS, lambda name, x: lagged(memory, f"rudder_lag.{name}", x, e.T, 0.5 * k, 0.3))
 
     def acted(self, record: np.ndarray, step: float, time: float) -> np.ndarray:
+        from scipy.signal import lfilter  # slow to import, and only a diagnosis needs it
+
         left = np.exp(-step / time)
         begin = left * record[:1]
         ends = lfilter([1 - left], [1.0, -left], record, axis=0, zi=begin)[0]
