@@ -53,7 +53,7 @@ from diagnosis.judgement.believable import believed, beyond_reported
 from diagnosis.judgement.judged_search import JudgedSearch, judged_search
 from diagnosis.judgement.no_answer import no_answer
 from diagnosis.judgement.not_random import not_random
-from diagnosis.judgement.other_reading import explains_lateness, other_reading, read_otherwise
+from diagnosis.judgement.other_reading import explains_lateness, read_joined, read_otherwise
 from diagnosis.judgement.verdict import has_remainder, limits
 from diagnosis.learned_rest import with_learned
 from diagnosis.location.where import where
@@ -224,16 +224,16 @@ def _searched(
     gridded = _like_training(tests, ready)
     result = judged_search(ready, gridded, options, progress)
     other = read_otherwise(ready, trials, result.found)
-    is_surer = other is not None
-    if result.verdict == "unknown" and ready.reading.is_doubtful and not ready.reading.straight:
-        other = other or other_reading(ready, trials, ready.reading.gain or 0.0)
+    is_likelier = other is not None
+    if other is None and result.verdict == "unknown":
+        other = read_joined(ready, trials)
     if other is None:
         return ready, gridded, result
     LOGGER.info("searching again with the actuators read the other way")
     like = _like_training(tests, other)
     again = judged_search(other, like, options, progress)
     is_better = again.verdict == "named" or result.verdict != "named"
-    if is_better and (is_surer or explains_lateness(result.found, again.found)):
+    if is_better and (is_likelier or explains_lateness(result.found, again.found)):
         return other, like, again
     return ready, gridded, result
 

@@ -8,26 +8,38 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Protocol
 
 import numpy as np
 
 from diagnosis.estimation.gridded_trials import PARTS, GriddedTrials, means_and_changes
 from diagnosis.estimation.transition_model import LinearModel, TransitionModel
 from mmg.effects import EFFECTS
+from mmg.model import Model
+from mmg.ship import Ship
 
 APART = 1.0 / PARTS
 """Steps of h by which an input is moved for its derivative: one part, over which the record is straight."""
 
 
-def acting(steps: TransitionModel, data: GriddedTrials, theta: np.ndarray) -> GriddedTrials:
+class Steered(Protocol):
+    """A ship of a model, and those of her coefficients that make her inputs late."""
+
+    ship: Ship
+    model: Model
+    late: tuple[str, ...]
+
+
+def acting(steps: Steered, data: GriddedTrials, theta: np.ndarray) -> GriddedTrials:
     """``data`` with the inputs as they act on a ship of coefficients ``theta`` (all,) or (all, R) by window.
 
-    steps: the transition model. The record of ``data`` stays, so that other coefficients may follow.
+    steps: the transition model. The record of ``data`` stays, so that other coefficients may follow. Whatever follows
+    the inputs (backlash, the hull, the propeller) follows those that act.
     """
     values = _values(steps, theta)
-    if values == data.acting_at or not (any(map(any, values)) or any(map(any, data.acting_at))):
+    if values == data.acting_at:
         return data
-    record = _acted(steps, data, values)
+    record = _acted(steps, data, values) if values else data.whole_record
     inputs, changes = means_and_changes(record[len(record) - PARTS * len(data.inputs) :])
     return replace(data, inputs=inputs, changes=changes, acting_at=values)
 
@@ -49,10 +61,13 @@ def linearised(
     """
     at = np.asarray(columns, dtype=int)
     linear = steps.linearise(z, acting(steps, data, theta).controls, theta, force, at, active)
+    late = _late(steps, at)
+    if not late:
+        return linear
     K, R = data.inputs.shape[:2]
     begin = z[:-1].reshape(K * R, -1).T
     every = steps.coefficients(theta, force.reshape(-1, 3).T)
-    for i, symbol in _late(steps, at):
+    for i, symbol in late:
         sides, apart = _both_sides(steps, data, theta, symbol)
         ends = [steps.advance(begin, side.controls.reshape(K * R, -1).T, every) for side in sides]
         linear.G[..., i] = (ends[1] - ends[0])[active].T.reshape(K, R, -1) / apart[..., None]
@@ -75,11 +90,13 @@ def logdet_gradient(
     as of ``linearised``. Returns their places (q,) among the columns, and values by window (R, q).
     """
     K, R = data.inputs.shape[:2]
+    late = _late(steps, np.asarray(columns, dtype=int))
+    places, values = np.array([i for i, _ in late], dtype=int), np.zeros((R, len(late)))
+    if not late:
+        return places, values
     middle = (0.5 * (z[:-1] + z[1:])).reshape(K * R, -1).T
     every = steps.coefficients(theta, force.reshape(-1, 3).T)
     wanted = np.concatenate([active, steps.S + np.arange(3)])
-    late = _late(steps, np.asarray(columns, dtype=int))
-    values = np.zeros((R, len(late)))
     for j, (_, symbol) in enumerate(late):
         sides, apart = _both_sides(steps, data, theta, symbol)
         sums = []
@@ -87,7 +104,7 @@ def logdet_gradient(
             _, J = steps.rates(middle, side.inputs.reshape(K * R, -1).T, every)
             sums.append(np.einsum("krab,krab->r", by_rates, J[:, active][:, :, wanted].reshape(K, R, len(active), -1)))
         values[:, j] = (sums[1] - sums[0]) / apart
-    return np.array([i for i, _ in late], dtype=int), values
+    return places, values
 
 
 def _late(steps: TransitionModel, columns: np.ndarray) -> list[tuple[int, str]]:
@@ -96,9 +113,12 @@ def _late(steps: TransitionModel, columns: np.ndarray) -> list[tuple[int, str]]:
     return [(i, s) for i, s in named if s in steps.late]
 
 
-def _values(steps: TransitionModel, theta: np.ndarray) -> tuple[tuple[float, ...], ...]:
-    """Values of what makes inputs late, among coefficients (all,) or (all, R): by window where they differ."""
+def _values(steps: Steered, theta: np.ndarray) -> tuple[tuple[float, ...], ...]:
+    """Values of what makes inputs late, among coefficients (all,) or (all, R): by window where they differ; () where
+    nothing does."""
     each = [np.atleast_1d(theta[steps.ship.symbols.index(s)]) for s in steps.late]
+    if not any(x.any() for x in each):
+        return ()
     return tuple(tuple((x[:1] if (x == x[0]).all() else x).tolist()) for x in each)
 
 
@@ -116,7 +136,7 @@ def _both_sides(
     return (acting(steps, data, less), acting(steps, data, more)), np.asarray(more[place] - less[place])
 
 
-def _acted(steps: TransitionModel, data: GriddedTrials, values: Sequence[Sequence[float]]) -> np.ndarray:
+def _acted(steps: Steered, data: GriddedTrials, values: Sequence[Sequence[float]]) -> np.ndarray:
     """The record (N, R, C) of ``data`` in parts of steps, as it acts."""
     names, record = list(steps.model.controls), data.whole_record.copy()
     for symbol, by_window in zip(steps.late, values, strict=True):

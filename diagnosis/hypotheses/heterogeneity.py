@@ -69,9 +69,8 @@ def run_slopes(
     passive = np.setdiff1d(np.arange(steps.S), active_states(steps, found.free.symbols, found.theta))
     z = found.path.z
     if len(passive):
-        z = steps.with_passive_states(
-            z, acting(steps, data, found.theta).inputs, found.theta, found.path.force, passive
-        )
+        controls = acting(steps, data, found.theta).controls
+        z = steps.with_passive_states(z, controls, found.theta, found.path.force, passive)
     sizes = {x: size for c in candidates for x, size in zip(c.columns, c.typical, strict=True)}
     more = [x for x in sizes if x not in found.free.columns]
     n, typical = len(more), np.array([sizes[x] for x in more])

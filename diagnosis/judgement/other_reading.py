@@ -16,8 +16,9 @@ import numpy as np
 from cases.trial import Trial
 from diagnosis.estimation.candidates import TIMES, Column
 from diagnosis.estimation.gridded_trials import grid_trials
-from diagnosis.hypotheses.forward_selection import Selection
+from diagnosis.hypotheses.forward_selection import LEVEL, Selection
 from diagnosis.hypotheses.refit import refit
+from diagnosis.hypotheses.score_test import score_tests, slopes
 from diagnosis.prepare import CLEAR, Prepared, fit_without_effects
 from mmg.errors import UserError
 
@@ -43,6 +44,24 @@ def read_otherwise(ready: Prepared, trials: Sequence[Trial], found: Selection) -
     except (UserError, np.linalg.LinAlgError):
         return None
     return other_reading(ready, trials, gain) if gain > (-CLEAR if late and straight else CLEAR) else None
+
+
+def read_joined(ready: Prepared, trials: Sequence[Trial]) -> Prepared | None:
+    """The problem with held actuators joined, where something makes them late then; to be searched where held ones
+    leave something without a name.
+
+    ready: the problem as it was read; trials: as they were logged. Returns None where they are joined already, where
+    there was no choice, where half a sample does not matter, where the ship cannot be followed so, or where neither
+    a delay nor a lag would explain more than chance.
+    """
+    if not ready.reading.is_doubtful or ready.reading.straight:
+        return None
+    other = other_reading(ready, trials, ready.reading.gain or 0.0)
+    if other is None:
+        return None
+    p, late = other.problem, [c for c in other.problem.candidates if c.effect in TIMES]
+    tests = score_tests(slopes(p.steps, p.data, other.null, late), late) if late else []
+    return other if any(t.p_value < LEVEL for t in tests) else None
 
 
 def other_reading(ready: Prepared, trials: Sequence[Trial], gain: float) -> Prepared | None:

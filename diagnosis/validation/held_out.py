@@ -30,6 +30,8 @@ class Stepper(Protocol):
 
     ship: Ship
     model: Model
+    late: tuple[str, ...]
+    """Symbols that make inputs late (``acting_inputs``)."""
 
     def settled(self, six: np.ndarray, controls: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """States (S, M) that are logged as (6, M) under inputs (C, M)."""
@@ -67,6 +69,7 @@ def errors(
     each run only; begin: (K + 1, R, S) from ``start_states`` if known. Each window begins at its logged row, STRIDE
     seconds after the one before. A channel that was not measured does not count.
     """
+    data = acting(steps, data, theta)
     half = half_times(data) if second_half else data.t[0]
     starts: list[tuple[int, int]] = []
     rows, n = round(length / data.h), data.steps_of_sample
@@ -99,6 +102,7 @@ def start_states(steps: Stepper, data: GriddedTrials, theta: np.ndarray) -> np.n
     steps: what predicts; data: the trials; theta: (all,) or (all, R) coefficients. Lagged states of actuators and
     forces follow from the inputs and the logged motion before; those of sensors are at their steady values.
     """
+    data = acting(steps, data, theta)
     names = steps.model.states
     sensors = {name for name, effect in EFFECTS.items() if effect.measures}
     carried = np.array([i for i, s in enumerate(names) if "." in s and s.split(".")[0] not in sensors], dtype=int)
@@ -176,7 +180,7 @@ def compare(
     fits = [with_values_by_run(steps, data, fit) if fit.free.by_run else fit for fit in each]
     lengths = (window_length(steps.ship), 0.0, data.h)
     for fit in fits:
-        acted = acting(steps, data, fit.theta)
+        acted = acting(steps, data, fit.theta)  # once, for the lengths
         begin = start_states(steps, acted, fit.theta)
         (windows, run), (whole, _), (step, _) = (errors(steps, acted, fit.theta, t, by_run, begin) for t in lengths)
         if not len(windows):

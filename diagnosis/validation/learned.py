@@ -48,6 +48,7 @@ class SteppedHybrid(TrainableSystem):
         self.members, self.h = members, h
         self.ship: Ship = members[0].physics.ship
         self.model: Model = members[0].physics.model
+        self.late: tuple[str, ...] = ()
 
     def rates(self, z: torch.Tensor, controls: torch.Tensor) -> torch.Tensor:
         return torch.stack([m.rates(z, controls) for m in self.members]).mean(dim=0)

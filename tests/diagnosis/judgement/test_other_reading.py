@@ -13,7 +13,7 @@ from cases.trial import Trial
 from diagnosis.estimation.candidates import find
 from diagnosis.hypotheses.forward_selection import Selection
 from diagnosis.hypotheses.refit import refit
-from diagnosis.judgement.other_reading import explains_lateness, other_reading, read_otherwise
+from diagnosis.judgement.other_reading import explains_lateness, other_reading, read_joined, read_otherwise
 from diagnosis.prepare import InputReading, Prepared, prepare
 from tests.support.diagnosis_cases import FEW
 
@@ -83,3 +83,13 @@ def test_what_moves_from_sample_to_sample_is_joined_where_it_is_late_anyway() ->
     right, again = found_with(trials, True, "control_delay")
     assert again.final.value("control_delay.tau") == pytest.approx(LATE, abs=0.05)
     assert other_reading(ready, trials, 1.0).null.nll == pytest.approx(right.null.nll, abs=10.0)  # type: ignore[union-attr]
+
+
+def test_held_actuators_are_joined_and_searched_again_only_where_something_makes_them_late() -> None:
+    late, prompt = late_rudder(LATE), late_rudder(0.0)
+    assert read_joined(found_with(late, True, "control_delay")[0], late) is None  # joined already
+    ready, _ = found_with(late, False, "control_delay")
+    other = read_joined(ready, late)
+    assert other is not None and other.reading.straight
+    assert read_joined(replace(ready, reading=replace(ready.reading, gain=None)), late) is None
+    assert read_joined(found_with(prompt, False, "control_delay")[0], prompt) is None

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from diagnosis.estimation.acting_inputs import acting
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
 from diagnosis.estimation.linearisation import Linearisation, linearise_and_filter
 from diagnosis.estimation.map_estimate import Estimate
@@ -49,9 +50,10 @@ def closed(fits: tuple[SearchProblem, Estimate, Estimate]) -> tuple[GriddedTrial
 def simulated(steps: TransitionModel, data: GriddedTrials, theta: np.ndarray | None = None) -> GriddedTrials:
     """The windows as the model itself moves from their first rows: no noise, no forces."""
     theta = steps.ship.values if theta is None else theta
-    y, z = data.y.copy(), steps.settled(data.y[0].T, data.inputs[0].T, theta)
+    acted = acting(steps, data, theta)
+    y, z = data.y.copy(), steps.settled(data.y[0].T, acted.inputs[0].T, theta)
     for k in range(len(data.inputs)):
-        z = steps.advance(z, data.controls[k].T, theta)
+        z = steps.advance(z, acted.controls[k].T, theta)
         y[k + 1] = z[:6].T
     return replace(data, y=y)
 
@@ -72,7 +74,7 @@ def test_a_window_begins_with_what_the_actuators_and_the_hull_remember_of_the_ru
     found, _ = errors(steps, data, theta, WINDOW)
     assert len(found) and found.max() < 1e-12
     middle = data.steps.min() // 2
-    settled = steps.settled(data.y[middle].T, data.inputs[middle].T, theta)
+    settled = steps.settled(data.y[middle].T, data.inputs[middle].T, theta)  # to the inputs as they were logged
     assert np.abs(start_states(steps, data, theta)[middle].T - settled).max() > 1e-4  # which being settled is not
 
 
