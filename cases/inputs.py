@@ -130,13 +130,58 @@ def step_means(t: np.ndarray, values: np.ndarray, edges: np.ndarray) -> np.ndarr
 
 
 def straight_means(t: np.ndarray, values: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """As ``step_means``, with samples joined by straight lines.
+    """As ``step_means``, with samples joined by straight lines, with ``corners`` between samples.
 
     t: times (N,) [s]; values: samples (N, C); edges: times (K + 1,) [s] between which steps lie. Returns (K, C).
     """
-    widths = np.diff(t)[:, None]
-    integral = np.vstack([np.zeros((1, values.shape[1])), np.cumsum(0.5 * (values[:-1] + values[1:]) * widths, axis=0)])
-    at = np.clip(np.searchsorted(t, edges, side="right") - 1, 0, max(len(t) - 2, 0))
-    into = (edges - t[at])[:, None]
-    slope = np.diff(values, axis=0)[at] / widths[at]
-    return np.diff(integral[at] + values[at] * into + 0.5 * slope * into**2, axis=0) / np.diff(edges)[:, None]
+    until = np.column_stack([_integral(*with_corners(t, column), edges) for column in values.T])
+    return np.diff(until, axis=0) / np.diff(edges)[:, None]
+
+
+def _integral(t: np.ndarray, values: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """The integral until each time of ``at`` (K,) [s] of a line through ``values`` (N,) at the times t (N,) [s]."""
+    known = np.concatenate([[0.0], np.cumsum(0.5 * (values[:-1] + values[1:]) * np.diff(t))])
+    i = np.clip(np.searchsorted(t, at, side="right") - 1, 0, max(len(t) - 2, 0))
+    into, slope = at - t[i], np.diff(values)[i] / np.diff(t)[i]
+    return np.asarray(known[i] + values[i] * into + 0.5 * slope * into**2)
+
+
+NEAR, LEAST, FEW, MOSTLY = 0.1, 0.01, 5, 0.8
+"""Share of an actuator's largest rate within which rates may be its limit; the least share by which rates are told from
+that limit and from none; how often it must have it, and in which share of the samples in the middle of its moves."""
+
+
+def with_corners(t: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Times and values of a line through the samples of an actuator that moves at a limited rate or stands.
+
+    t: times (N,) [s]; values: samples (N,). Between two samples of which it stands at one and moves at the other, or
+    turns round, the corner lies where the lines from both sides meet. An actuator whose rates have no limit that
+    most of its moves reach is joined by straight lines.
+    """
+    rate = np.diff(values) / np.diff(t)
+    if len(rate) < FEW or not np.isfinite(rate).all():
+        return t, values
+    size, way = np.abs(rate), np.sign(rate)
+    most = float(size.max())
+    limited = size > (1 - NEAR) * most
+    if most == 0 or limited.sum() < FEW:
+        return t, values
+    limit = float(np.median(size[limited]))
+    scatter = float(np.median(np.abs(size[limited] - limit))) / limit
+    apart = float(np.clip(5 * scatter, LEAST, NEAR))
+    full, moves = size > (1 - apart) * limit, np.where(size > apart * limit, way, 0.0)
+    inner = (moves[1:-1] != 0) & (moves[:-2] == moves[1:-1]) & (moves[2:] == moves[1:-1])
+    if not (inner & full[1:-1]).sum() > MOSTLY * inner.sum():
+        return t, values
+    part = (moves[1:-1] != 0) & ~full[1:-1]
+    sides = []
+    for near, is_full in ((moves[:-2], full[:-2]), (moves[2:], full[2:])):
+        known = (near == 0) | (near == moves[1:-1]) | is_full
+        sides.append(np.where(known, near * limit, np.nan))
+    before, after = sides
+    k = 1 + np.flatnonzero(part & np.isfinite(before) & np.isfinite(after) & (before != after))
+    before, after = before[k - 1], after[k - 1]
+    into = (values[k + 1] - values[k] - after * (t[k + 1] - t[k])) / (before - after)
+    good = (into > 0) & (into < t[k + 1] - t[k])
+    k, into, before = k[good], into[good], before[good]
+    return np.insert(t, k + 1, t[k] + into), np.insert(values, k + 1, values[k] + before * into)

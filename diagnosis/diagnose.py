@@ -25,6 +25,7 @@ from diagnosis import summary
 from diagnosis.estimation.candidates import find
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
 from diagnosis.estimation.map_estimate import BREAKS_DOWN, BrokenModelError, Estimate
+from diagnosis.estimation.prior_width import width_notices
 from diagnosis.estimation.time_limit import OutOfTimeError, time_limit, timed
 from diagnosis.findings import (
     DiagnosisInputs,
@@ -33,11 +34,12 @@ from diagnosis.findings import (
     Unnamed,
 )
 from diagnosis.hypotheses.between import compare_groups
-from diagnosis.hypotheses.forward_selection import LEVEL, SearchProblem, Selection
+from diagnosis.hypotheses.forward_selection import LEVEL, Selection
 from diagnosis.hypotheses.group_findings import Between
 from diagnosis.hypotheses.left_findings import Pattern, UnexplainedForce
 from diagnosis.hypotheses.next_test import next_test, telling_test
 from diagnosis.hypotheses.pattern import LEVEL_OF_PATTERN, pattern
+from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.unexplained_force import estimated_force, unexplained_force
 from diagnosis.hypotheses.unnamed import UnnamedForms
 from diagnosis.inputs import (
@@ -149,19 +151,20 @@ def _diagnosed(
     timings = {"fit": time.perf_counter() - began}
     ready, gridded, result = _searched(ready, trials, tests, options, progress)
     p = ready.problem
-    found, (verdict, reasons, doubt) = result.found, believed(result, ready, trials)
+    found, before, after = result.found, result.before, result.after
+    verdict, reasons, doubt = believed(result, ready, trials)
     timings["screen, refits, test trials"] = time.perf_counter() - began - timings["fit"]
     LOGGER.info("tested and refitted: " + (", ".join(c.label for c in found.effects) or "no effect stands out"))
     is_named = verdict == "named"
-    ordered = not_random(ready, found.final if is_named else found.null)
+    wide, of_width = _with_wider_priors(p, found.final if is_named else found.null)
+    ordered = not_random(ready, wide)
     if ordered and verdict == "none":
         verdict, doubt = "unknown", f"Something is missing in the model: {ordered[0]}."
-    reasons += [*ordered, *limits(ready, found, trials, tests, result.held)]
-    before, after = result.before, result.after
+    reasons += [*ordered, *limits(ready, found, trials, tests, result.held), *of_width]
     remainder = is_named and (has_remainder(found, before, after, p.expected_unnamed) or bool(ordered))
+    found = replace(found, final=wide) if is_named else found
     fits = pattern(p.steps, p.data, found.final, found.effects, gridded) if is_named else None
-    named = found.effects if is_named else ()
-    late = ready.reading.time_error
+    named, late = found.effects if is_named else (), ready.reading.time_error
     effects = tuple(summary.named_effect(p, ready.full, found, c, late) for c in named)
     reasons += (doubts := [*_doubts(fits), *beyond_reported(effects, ship)])
     remainder = remainder or bool(doubts)
@@ -175,7 +178,6 @@ def _diagnosed(
     place = where(p.steps.model.controls, p.data, found.null, ship, final if is_named else None)
     advice = _unless_impossible(lambda: _advice(ready, found, same, is_named, ship), "the next test", "", reasons)
     after_all = summary.fitted_ship(ship, ready.full, final, named, late) if is_named else ship_before
-    usual = p.expected_unnamed_null > 0
     describe = partial(_unexplained, p, final, after if is_named else before, after_all)
     is_left = verdict == "unknown" or remainder
     unexplained = _unless_impossible(describe, "the unexplained force", None, reasons) if is_left else None
@@ -183,7 +185,8 @@ def _diagnosed(
     timings["total"] = time.perf_counter() - began
     return Diagnosis(
         verdict=verdict,
-        sentence=doubt or sentence_of(verdict, effects, same, remainder, result.held, found, unexplained, usual),
+        sentence=doubt
+        or sentence_of(verdict, effects, same, remainder, result.held, found, unexplained, p.expected_unnamed_null > 0),
         effects=effects,
         instruments=instruments,
         equivalence_class=same,
@@ -236,6 +239,11 @@ def _searched(
     if is_better and (is_likelier or explains_lateness(result.found, again.found)):
         return other, like, again
     return ready, gridded, result
+
+
+def _with_wider_priors(p: SearchProblem, fit: Estimate) -> tuple[Estimate, tuple[Message, ...]]:
+    """The ``fit`` with priors as wide as the trials have them, where that is wider than stated; and a sentence."""
+    return p.with_wider(fit), width_notices(p.width(fit).factor)
 
 
 def _unless_impossible(work: Callable[[], Value], name: str, otherwise: Value, reasons: list[Message]) -> Value:

@@ -19,6 +19,7 @@ from diagnosis.estimation.kalman import NoiseModel
 from diagnosis.estimation.map_estimate import BrokenModelError, Estimate, estimate, initial_point
 from diagnosis.estimation.noise_sizes import initial_noise, swallows, wider
 from diagnosis.estimation.parameters import Priors
+from diagnosis.estimation.prior_width import narrowed
 from diagnosis.estimation.residual_checks import (
     finer_step,
     lag_correlation,
@@ -28,9 +29,10 @@ from diagnosis.estimation.residual_checks import (
 )
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.hypotheses.force_steadiness import force_steadiness
-from diagnosis.hypotheses.forward_selection import LEVEL, MOST, SearchProblem
+from diagnosis.hypotheses.forward_selection import LEVEL, MOST
 from diagnosis.hypotheses.reference import fit_reference
 from diagnosis.hypotheses.score_test import score_tests, slopes
+from diagnosis.hypotheses.search_problem import SearchProblem
 from fitting.nlp.grid import default_step
 from mmg.errors import UserError
 from mmg.messages import Message
@@ -196,6 +198,9 @@ def prepare(
         notices.append(Message(f"{words}: one sample every {gap * data.h:g} s is compared", "correlated_residuals"))
     LOGGER.info("fitted without any effect: %d runs, %d samples", len(data.trials), data.samples)
     notices += [Message(words, getattr(words, "code", "left_out")) for words in data.dropped]
+    factor = None
+    if not (reference or other_trials):
+        null, base, factor = narrowed(steps, data, null, base, MAX_FITS)
     if not null.converged:
         notices.append(Message("the fit without any effect has not fully converged", "not_converged"))
     runs = np.unique(data.run).tolist()
@@ -203,7 +208,7 @@ def prepare(
         own = [c.in_each(runs) for c in full.candidates if c.effect in LOCAL]
         full = replace(full, candidates=(*full.candidates, *own))
     expected, of_null = (data.samples * usual).tolist()
-    problem = SearchProblem(steps, data, base, full.candidates, expected, of_null)
+    problem = SearchProblem(steps, data, base, full.candidates, expected, of_null, factor=factor)
     return Prepared(problem, full, null, reading, gap, tuple(notices), line, *is_usual)
 
 

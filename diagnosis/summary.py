@@ -13,7 +13,8 @@ from diagnosis.estimation.candidates import FITTED_ALONG, TIMES, Candidate, Full
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import mean_over_windows
 from diagnosis.findings import EstimatedParameter, InstrumentFault, NamedEffect, RankedCandidate
-from diagnosis.hypotheses.forward_selection import RefittedEffect, Search, SearchProblem, Selection
+from diagnosis.hypotheses.forward_selection import RefittedEffect, Search, Selection
+from diagnosis.hypotheses.search_problem import SearchProblem
 from mmg.effects import EFFECTS
 from mmg.ship import Ship
 

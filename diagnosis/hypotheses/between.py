@@ -21,7 +21,7 @@ from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import PRIOR_WIDTH, get_values
 from diagnosis.estimation.transition_model import TransitionModel
-from diagnosis.hypotheses.forward_selection import LEVEL, SAME_CLASS, SearchProblem
+from diagnosis.hypotheses.forward_selection import LEVEL, SAME_CLASS
 from diagnosis.hypotheses.group_causes import NO_ROW, Tested, is_cause, physical, without_idle
 from diagnosis.hypotheses.group_findings import Between, GroupDifference
 from diagnosis.hypotheses.group_rows import group_row, parameters_by_group
@@ -35,6 +35,7 @@ from diagnosis.hypotheses.heterogeneity import (
 )
 from diagnosis.hypotheses.measured_differences import Measured, measured_differences, without_doubles
 from diagnosis.hypotheses.refit import refit
+from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.report.between_words import sentence
 from fitting.uncertainty.group_test import GroupTest, holm
 from mmg.effects import EFFECTS

@@ -9,13 +9,12 @@ import numpy as np
 from scipy.stats import chi2
 
 from diagnosis.estimation.candidates import Candidate
-from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.map_estimate import BrokenModelError, Estimate, estimate
-from diagnosis.estimation.parameters import Priors
-from diagnosis.estimation.transition_model import TransitionModel
+from diagnosis.estimation.prior_width import TOLD
 from diagnosis.hypotheses.found_again import other_trials
-from diagnosis.hypotheses.refit import likelihood, refit, robust_p, wald_p
+from diagnosis.hypotheses.refit import refit, robust_p, wald_p
 from diagnosis.hypotheses.score_test import ScoreTest, score_tests, slopes
+from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.second_sample import NOTHING, FoundAgain, both_by_weight
 from diagnosis.hypotheses.unnamed import unnamed_forms
 from fitting.parallel import run_all
@@ -49,29 +48,6 @@ MOST = 3
 """Effects named at the most."""
 MAX_FITS = 12
 """Further linearisations of the fit with the effects selected, where it has not converged."""
-
-
-@dataclass(frozen=True)
-class SearchProblem:
-    """What all hypotheses share: the transition model of the full ship, data, priors of its coefficients, candidates.
-
-    expected_unnamed: log Bayes factor of unnamed forms that the trials of the calibration show, for as many samples;
-    expected_unnamed_null: the same without the effects that are strong in those trials; tests: trials that take no part
-    in any fit, or None.
-    """
-
-    steps: TransitionModel
-    data: GriddedTrials
-    base: Priors
-    candidates: tuple[Candidate, ...]
-    expected_unnamed: float = 0.0
-    expected_unnamed_null: float = 0.0
-    tests: GriddedTrials | None = None
-
-    @property
-    def cost(self) -> float:
-        """ln N of the BIC."""
-        return float(np.log(self.data.samples))
 
 
 @dataclass(frozen=True)
@@ -252,9 +228,10 @@ def refit_candidate(
     start |= dict(zip(c.columns, first, strict=True))
     fit = refit(problem.steps, problem.data, problem.base, before, [*named, c], start)
     kept = sum(len(e.columns) for e in named)
-    gain = (likelihood(before, kept) - likelihood(fit, kept + len(c.columns))) / score.dispersion
+    gain = (problem.likelihood(before, kept) - problem.likelihood(fit, kept + len(c.columns))) / score.dispersion
     by_chance = min(1.0, count * float(chi2.sf(max(2 * gain, 0.0), score.degrees)))
-    p_value = min(score.p_value, by_chance) if c.effect not in CURVED else by_chance
+    by_refit = c.effect in CURVED or problem.width(before).factor > TOLD  # the score knows the stated priors alone
+    p_value = by_chance if by_refit else min(score.p_value, by_chance)
     return RefittedEffect(c, fit, gain, 2 * gain - score.degrees * problem.cost, p_value, by_chance)
 
 
@@ -310,7 +287,7 @@ def pruned(
         start = {x: now.value(*x) for e in rest for x in e.columns}
         without = refit(problem.steps, problem.data, problem.base, without_effects(now, problem, rest), rest, start)
         every, kept = (sum(len(e.columns) for e in some) for some in (named, rest))
-        lost = 2 * (likelihood(without, kept) - likelihood(now, every))
+        lost = 2 * (problem.likelihood(without, kept) - problem.likelihood(now, every))
         if lost + again.get(c, 0.0) < (every - kept) * problem.cost or wald_p(now, c) > NEUTRAL:
             return pruned(problem, rest, without, again) if rest else (rest, without)
     return named, now

@@ -22,7 +22,7 @@ from diagnosis.estimation.linearisation import Point, Trajectory, linearise_and_
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import get_values, mean_over_windows, priors_of_effects
 from diagnosis.estimation.transition_model import LinearModel
-from diagnosis.hypotheses.forward_selection import SearchProblem
+from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.unexplained_force import ForceEstimate
 from fitting.design.candidates import Option, library
 from fitting.design.next_trial import runs

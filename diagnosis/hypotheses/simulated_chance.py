@@ -17,8 +17,8 @@ from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.linearisation import Point, Trajectory
 from diagnosis.estimation.map_estimate import Estimate, estimate
 from diagnosis.estimation.transition_model import TransitionModel
-from diagnosis.hypotheses.forward_selection import SearchProblem
 from diagnosis.hypotheses.score_test import score_tests, slopes
+from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.unnamed import unnamed_slopes
 from fitting.parallel import run_all
 from fitting.report.parts import Store

@@ -11,6 +11,7 @@ from scipy.stats import chi2
 from cases.checks.sampling import VELOCITIES, spikes
 from cases.trial import Trial
 from diagnosis.estimation.candidates import TIMES
+from diagnosis.estimation.input_timing import TIMING
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.findings import NamedEffect
 from diagnosis.judgement.judged_search import JudgedSearch
@@ -20,14 +21,17 @@ from mmg.effects import EFFECTS
 from mmg.messages import Message
 from mmg.ship import Ship
 
-FAR_OFF, RARE = 5.0, 1e-4
-"""Prior standard deviations of one coefficient, and probability by chance of all of them together, from which the ship
-that fits is not the ship that was given, so that no effect is named."""
+FAR_OFF, RARE, ANOTHER = 5.0, 1e-4, 3.0
+"""Prior standard deviations of one coefficient, probability by chance of all of them together, both with priors as wide
+as the trials have them, and factor by which these are wider than stated, from which the ship that fits is not the ship
+that was given, so that no effect is named."""
 FAR_WITHOUT = 8.0
 """The same of one coefficient from which even that nothing is missing cannot be said. Where priors are too narrow by
 half, true coefficients are four or five off."""
 FAR_BEFORE = 4.0
 """The same of one coefficient without any effect, where something is left beside a name that no test trial confirms."""
+DELAYS = ("gnss_delay", "control_delay")
+"""Effects that are nothing but times."""
 SPIKY = 2e-3
 """Share of single samples far off both neighbours from which they decide the noise that is found."""
 SHOWN = 4
@@ -46,6 +50,8 @@ def believed(result: JudgedSearch, ready: Prepared, trials: Sequence[Trial] = ()
     if result.verdict == "unknown":
         return result.verdict, reasons, ""
     named = result.verdict == "named"
+    if named and (words := _within_the_clock(result, ready)):
+        return "none", [*reasons, Message(f"{words}: the name is withdrawn", "name_withdrawn")], ""
     doubt, code = _another_ship(result, ready), "not_described"
     outliers = _outliers(trials)
     if outliers and not doubt and not named:
@@ -82,31 +88,35 @@ def beyond_reported(effects: Sequence[NamedEffect], ship: Ship) -> list[Message]
     return rows
 
 
-def deviations(fit: Estimate, ship: Ship) -> dict[str, float]:
-    """Coefficient of the ship -> how far it is by ``fit`` from its prior mean, in prior standard deviations.
+def deviations(fit: Estimate, ship: Ship, factor: float = 1.0) -> dict[str, float]:
+    """Coefficient of the ship -> how far it is by ``fit`` from its prior mean, in stated prior standard deviations.
 
-    ship: as given. Where its calibration is the prior, the wider one from before the calibration is the measure.
+    ship: as given; factor: of the priors of the fit, over stated ones. Where the ship's calibration is the prior, the
+    wider one from before the calibration is the measure.
     """
     rows = {}
     for symbol, p, std in zip(fit.free.symbols, fit.p, fit.free.std, strict=True):
         if "." not in symbol and symbol in ship.coefficients:
             before = ship.coefficients[symbol].prior_std or 0.0
-            rows[symbol] = float(p * std / max(std, before))
+            rows[symbol] = float(p * std / max(std / factor, before))
     return rows
 
 
 def _another_ship(result: JudgedSearch, ready: Prepared) -> str:
     """Why the ship that fits is another one than was given, or nothing."""
     found, ship = result.found, ready.full.ship
-    final = deviations(found.final, ship)
+    stated, wide = ready.problem.factor or 1.0, ready.problem.width(found.final).factor
+    final = deviations(found.final, ship, stated)
     sizes = np.abs(list(final.values()))
-    together = float(chi2.sf((sizes**2).sum(), len(sizes)))
+    usual = sizes / max(wide, 1.0)
+    together = float(chi2.sf((usual**2).sum(), len(sizes)))
     advice = "see that the trials are hers, and units and frames right (mmg check), or state wider standard deviations"
     named, most = result.verdict == "named", sizes.max(initial=0.0)
-    if (named and (most > FAR_OFF or together < RARE)) or most > FAR_WITHOUT:
+    is_far = usual.max(initial=0.0) > FAR_OFF or together < RARE or wide > ANOTHER
+    if (named and is_far) or most > FAR_WITHOUT:
         beside = f"with {' and '.join(c.label for c in found.effects)}" if found.effects else "without any effect"
         return f"{beside} the trials need coefficients that are not this ship's, {_listed(final)}; {advice}"
-    before = deviations(found.null, ship)
+    before = deviations(found.null, ship, stated)
     left = result.after.beyond_chance > ready.problem.expected_unnamed
     confirmed = result.held is not None and confirms(result.held)
     if named and left and not confirmed and max(map(abs, before.values()), default=0) > FAR_BEFORE:
@@ -120,6 +130,19 @@ def _listed(rows: dict[str, float]) -> str:
     """The coefficients that are farthest off, in words."""
     worst = sorted(rows.items(), key=lambda row: -abs(row[1]))[:SHOWN]
     return ", ".join(f"{symbol} ({off:+.1f})" for symbol, off in worst) + " prior standard deviations off"
+
+
+def _within_the_clock(result: JudgedSearch, ready: Prepared) -> str:
+    """Why delays that were named alone are none: they are as short as times of a log are off. Or nothing."""
+    found, limit, delays = result.found, TIMING * ready.problem.data.sample, []
+    for c in found.effects:
+        if c.effect not in DELAYS or c.by_run:
+            return ""
+        delays += [found.final.value(x.symbol) for x in c.columns]
+    if not delays or max(map(abs, delays)) > limit:
+        return ""
+    names = " and ".join(c.label for c in found.effects)
+    return f"{names} of {max(delays, key=abs):.2g} s is shorter than the times of the log are sure to ({limit:.2g} s)"
 
 
 def _half_a_sample(result: JudgedSearch, ready: Prepared) -> str:

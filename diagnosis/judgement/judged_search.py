@@ -9,9 +9,10 @@ import numpy as np
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.map_estimate import BrokenModelError, Estimate
 from diagnosis.findings import HeldOut
-from diagnosis.hypotheses.forward_selection import LEVEL, SearchProblem, Selection, select_effects
+from diagnosis.hypotheses.forward_selection import LEVEL, Selection, select_effects
 from diagnosis.hypotheses.found_again import other_trials
 from diagnosis.hypotheses.left_findings import Chance
+from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.second_sample import both_by_weight
 from diagnosis.hypotheses.simulated_chance import SimulatedChance, simulated_chance
 from diagnosis.hypotheses.unexplained_force import estimated_force
@@ -133,7 +134,17 @@ def _by_simulation(result: JudgedSearch) -> float:
 
 
 def _left(p: SearchProblem, fit: Estimate) -> UnnamedForms:
-    """What unnamed forms explain at a ``fit``, and what the test trials say of the force that they point to."""
+    """What unnamed forms explain at a ``fit``, and what the test trials say of the force that they point to: with wider
+    priors of the coefficients, where these explain more."""
+    left = _forms(p, fit)
+    if 0 < left.beyond_chance <= p.width(fit).gain:
+        wider = p.with_wider(fit)
+        return left if wider is fit else _forms(p, wider)
+    return left
+
+
+def _forms(p: SearchProblem, fit: Estimate) -> UnnamedForms:
+    """``_left`` with the priors that the ``fit`` has."""
     left = unnamed_forms(p.steps, p.data, fit)
     if p.tests is None or fit.free.by_run:
         return left

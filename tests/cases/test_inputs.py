@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cases.checks import check
-from cases.inputs import SAMPLED, actuator_columns, model_inputs
+from cases.inputs import SAMPLED, actuator_columns, model_inputs, straight_means, with_corners
 from cases.io.read import read_trial
 from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.ship_file import load_ship
@@ -67,3 +67,50 @@ def test_a_check_asks_whether_a_rudder_on_its_way_is_held() -> None:
             said = check([replace(trial, meta={"inputs": words})])[0]
             assert "held_rudder" not in [f.code for f in said.findings]
     assert "held_rudder" in codes[0.4] and "held_rudder" not in codes[0.05]
+
+
+def orders_followed(
+    rate: float, seed: int, fine: float = 0.002, seconds: float = 200.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Times and angles of an actuator that follows orders at a limited ``rate``."""
+    rng, t = np.random.default_rng(seed), np.arange(0.0, seconds, fine)
+    angle, order, until = np.zeros(len(t)), 0.0, 0.0
+    for i in range(1, len(t)):
+        if t[i] >= until:
+            order, until = rng.uniform(-35, 35), t[i] + rng.uniform(3, 12)
+        angle[i] = angle[i - 1] + np.clip(order - angle[i - 1], -rate * fine, rate * fine)
+    return t, angle
+
+
+@pytest.mark.parametrize(("every", "noise", "share"), [(0.78, 0.0, 0.35), (0.3, 0.0, 0.25), (0.78, 0.1, 0.5)])
+def test_where_an_actuator_of_limited_rate_starts_and_stops_between_samples_is_found(
+    every: float, noise: float, share: float
+) -> None:
+    fine, angle = orders_followed(13.0, 1)
+    step = round(every / 0.002)
+    t, at = fine[::step], angle[::step]
+    at = at + noise * np.random.default_rng(2).standard_normal(len(at))
+    shown = fine <= t[-1]
+
+    def error(times: np.ndarray, values: np.ndarray) -> float:
+        return float(np.std(np.interp(fine[shown], times, values) - angle[shown]))
+
+    times, values = with_corners(t, at)
+    assert len(times) > len(t) and (np.diff(times) > 0).all() and np.isin(t, times).all()
+    assert error(times, values) < share * error(t, at)
+    edges = np.linspace(0, t[-1], 300)
+    means = [straight_means(t, at[:, None], edges)[:, 0], straight_means(fine, angle[:, None], edges)[:, 0]]
+    assert np.std(means[0] - means[1]) < share * error(t, at)
+
+
+def test_other_actuators_are_joined_by_straight_lines() -> None:
+    t, rng = np.arange(300) * 0.5, np.random.default_rng(1)
+    for values in (np.sin(t / 3), np.sin(t / 3) + 0.01 * rng.standard_normal(300), np.zeros(300), np.cumsum(
+        rng.standard_normal(300)), np.where(t > 50, 1.0, 0.0), np.where(t > 50, np.nan, t)):  # fmt: skip
+        times, same = with_corners(t, values)
+        assert times is t and same is values
+    edges = np.linspace(0.0, t[-1], 400)
+    own = straight_means(t, np.column_stack([np.sin(t), t]), edges)
+    inner = np.linspace(edges[:-1], edges[1:], 201)
+    np.testing.assert_allclose(own[:, 0], np.interp(inner, t, np.sin(t)).mean(axis=0), atol=2e-3)
+    np.testing.assert_allclose(own[:, 1], 0.5 * (edges[:-1] + edges[1:]), rtol=1e-12, atol=1e-12)

@@ -17,9 +17,10 @@ from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import Priors, get_values, mean_over_windows
 from diagnosis.findings import HeldOut
-from diagnosis.hypotheses.forward_selection import Search, SearchProblem, Selection, select_effects, without_effects
+from diagnosis.hypotheses.forward_selection import Search, Selection, select_effects, without_effects
 from diagnosis.hypotheses.refit import refit, robust_p
 from diagnosis.hypotheses.score_test import score_tests, slopes
+from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.prepare import prepare
 from diagnosis.validation.held_out import STRIDE, WINDOW, compare, errors, half_times, with_values_by_run
 from tests.diagnosis.estimation.test_by_window import short_trials, three_windows

@@ -20,7 +20,7 @@ from diagnosis.estimation.noise_sizes import initial_noise
 from diagnosis.estimation.parameters import priors_of
 from diagnosis.estimation.residual_checks import with_correlation_time
 from diagnosis.estimation.transition_model import TransitionModel
-from diagnosis.hypotheses.forward_selection import SearchProblem
+from diagnosis.hypotheses.search_problem import SearchProblem
 from mmg.effects import EFFECTS
 from mmg.ship import Ship
 

@@ -10,8 +10,9 @@ import pytest
 
 from diagnosis import summary
 from diagnosis.estimation.candidates import Candidate
-from diagnosis.hypotheses.forward_selection import SearchProblem, Selection, select_effects
+from diagnosis.hypotheses.forward_selection import Selection, select_effects
 from diagnosis.hypotheses.next_test import next_test
+from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.unnamed import unnamed_forms
 from mmg.effects import EFFECTS
 from tests.support.diagnosis_cases import FEW, candidate, full_model, problem_of, pushed_trials

@@ -10,11 +10,12 @@ import pytest
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.time_limit import OutOfTimeError
-from diagnosis.hypotheses.forward_selection import SearchProblem, search
+from diagnosis.hypotheses.forward_selection import search
 from diagnosis.hypotheses.found_again import other_trials
 from diagnosis.hypotheses.pattern import TESTS, pattern
 from diagnosis.hypotheses.refit import refit
 from diagnosis.hypotheses.score_test import score_tests, slopes
+from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.second_sample import NOTHING
 from diagnosis.hypotheses.unexplained_force import estimated_force
 from diagnosis.hypotheses.unnamed import unnamed_forms

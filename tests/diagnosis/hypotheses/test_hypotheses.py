@@ -22,10 +22,10 @@ from diagnosis.hypotheses.forward_selection import (
     SAME_CLASS,
     RefittedEffect,
     Search,
-    SearchProblem,
     Selection,
     select_effects,
 )
+from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.unnamed import SIZES, log_bayes, unnamed_forms
 from diagnosis.judgement.verdict import (
     BESIDE_INSTRUMENT_FAULT,

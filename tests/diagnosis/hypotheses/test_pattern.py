@@ -9,9 +9,9 @@ import pytest
 
 from diagnosis.estimation.map_estimate import estimate, initial_point
 from diagnosis.estimation.noise_sizes import initial_noise
-from diagnosis.hypotheses.forward_selection import SearchProblem
 from diagnosis.hypotheses.pattern import LEVEL_OF_PATTERN, pattern
 from diagnosis.hypotheses.refit import refit
+from diagnosis.hypotheses.search_problem import SearchProblem
 from tests.support.diagnosis_cases import WHITE, candidate, problem_of, pushed_trials, quiet
 
 

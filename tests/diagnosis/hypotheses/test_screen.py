@@ -13,8 +13,8 @@ import diagnosis.hypotheses.score_test as module
 from benchmarks.disturbed_trials import drawn_ship
 from diagnosis.estimation.candidates import Candidate, Column, ship_with_all_effects
 from diagnosis.estimation.map_estimate import Estimate
-from diagnosis.hypotheses.forward_selection import SearchProblem
 from diagnosis.hypotheses.score_test import EXCITED, ScoreTest, Slopes, score_tests, slopes
+from diagnosis.hypotheses.search_problem import SearchProblem
 from mmg.effects import EFFECTS
 from tests.support.diagnosis_cases import ASTERN, FEW, RUNS, SHIP, candidate, problem_of, pushed_trials
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from diagnosis.estimation.map_estimate import Estimate
-from diagnosis.hypotheses.forward_selection import SearchProblem
+from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.simulated_chance import SimulatedChance, simulated_chance, simulated_trials
 from diagnosis.hypotheses.unnamed import unnamed_forms
 from fitting.report.parts import Store

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from diagnosis.hypotheses.forward_selection import SearchProblem
 from diagnosis.hypotheses.next_test import telling_test
+from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.unexplained_force import ForceEstimate, estimated_force, unexplained_force
 from diagnosis.hypotheses.unnamed import unnamed_forms
 from diagnosis.report.where_words import unexplained_hint, unexplained_words

@@ -18,7 +18,7 @@ from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import NO_PRIORS, active_states
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.hypotheses.dictionary import Dictionary
-from diagnosis.hypotheses.forward_selection import SearchProblem
+from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.unnamed import LEVEL, SENSOR, SIZES, TOLERANCE, log_bayes, unnamed_forms, unnamed_slopes
 from mmg.effects import Effect, Parameter
 from mmg.motion.flow import Flow, Force

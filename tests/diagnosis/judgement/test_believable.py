@@ -91,6 +91,21 @@ def test_a_delay_of_half_a_sample_is_no_name(sample: float, tau: float, gain: fl
     assert believed(result, held)[0] == "named"
 
 
+@pytest.mark.parametrize(("tau", "verdict"), [(0.003, "none"), (-0.015, "none"), (0.03, "named")])
+def test_a_delay_within_the_clock_of_the_log_is_none(tau: float, verdict: str) -> None:
+    p, delay, null = ready().problem, candidate("gnss_delay"), off(ready().null)
+    own = priors_of_effects([delay], 1.0)
+    at = np.array([(tau - own.mean[0]) / own.std[0], *np.zeros(len(own.std) - 1)])
+    size = len(null.p) + len(at)
+    final = replace(null, free=null.free + own, p=np.array([*null.p, *at]), covariance=1e-8 * np.eye(size))
+    result = replace(judged("named", null, final), found=Selection((delay,), null, final, ()))
+    prepared = replace(ready(), problem=replace(p, data=replace(p.data, sample=0.2)))
+    found, reasons, sentence = believed(result, prepared)
+    assert (found, sentence) == (verdict, "") and [m.code for m in reasons] == ["name_withdrawn"] * (verdict == "none")
+    both = replace(result, found=replace(result.found, effects=(delay, candidate("current"))))
+    assert believed(both, prepared)[0] == "named"
+
+
 def test_trials_that_tell_nothing_are_refused_and_copies_count_once() -> None:
     one, other = pushed_trials(1, runs=RUNS)
     copy = replace(one, name="again")

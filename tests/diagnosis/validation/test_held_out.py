@@ -14,8 +14,8 @@ from diagnosis.estimation.linearisation import Linearisation, linearise_and_filt
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.findings import HeldOut
-from diagnosis.hypotheses.forward_selection import SearchProblem
 from diagnosis.hypotheses.refit import refit
+from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.validation.held_out import STRIDE, WINDOW, compare, errors, one_step_likelihood, scales, start_states
 from tests.support.diagnosis_cases import OFF_NEUTRAL, WHITE, candidate, full_steps, problem_of, pushed_trials, theta_of
 
