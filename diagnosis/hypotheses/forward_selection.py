@@ -15,7 +15,7 @@ from diagnosis.hypotheses.found_again import other_trials
 from diagnosis.hypotheses.refit import refit, robust_p, wald_p
 from diagnosis.hypotheses.score_test import ScoreTest, score_tests, slopes
 from diagnosis.hypotheses.search_problem import SearchProblem
-from diagnosis.hypotheses.second_sample import NOTHING, FoundAgain, both_by_weight
+from diagnosis.hypotheses.second_sample import EXCESS, NOTHING, FoundAgain, both_by_weight
 from diagnosis.hypotheses.unnamed import unnamed_forms
 from fitting.parallel import run_all
 from mmg.progress import OnProgress, Progress
@@ -28,9 +28,6 @@ LEVEL = 0.03
 """Probability of a false alarm in one search over all candidates."""
 SURE = 0.005
 """Probability by the trials alone below which those that took no part do not speak against an effect."""
-EXCESS = 2.0
-"""How many times better those that took no part would show an effect than the trials do from which they are not asked:
-no linear response tells so much."""
 SAME_CLASS = 6.0
 """Candidates within this of the best in BIC cannot be told from it (odds of 20 : 1)."""
 CLEAR = 12.0

@@ -11,6 +11,10 @@ SHOWN, OTHER_SIZE = 0.05, 0.005
 """Probability by chance above which trials do not show what was found in others, and that below which they exclude its
 size."""
 
+EXCESS = 2.0
+"""How many times better those that took no part would show something than the trials do from which they are not asked:
+no linear response tells so much."""
+
 
 @dataclass(frozen=True)
 class FoundAgain:

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import norm
 
 from diagnosis.estimation.dispersion import dispersion, memory_steps
 from diagnosis.estimation.gridded_trials import GriddedTrials
@@ -19,7 +20,7 @@ from diagnosis.estimation.parameters import active_states
 from diagnosis.estimation.transition_model import LinearModel, TransitionModel
 from diagnosis.hypotheses.dictionary import FORCES, Dictionary
 from diagnosis.hypotheses.projection import projected
-from diagnosis.hypotheses.second_sample import NOTHING, FoundAgain, both_by_product
+from diagnosis.hypotheses.second_sample import EXCESS, NOTHING, FoundAgain, both_by_product
 
 SENSOR = "sensor of "
 """Begin of the kinds that are errors of a sensor."""
@@ -119,7 +120,11 @@ class UnnamedForms:
 
     @property
     def is_found_again(self) -> bool:
-        """Whether these trials and those that took no part together are beyond chance."""
+        """Whether these trials and those that took no part together are beyond chance, where the response on which that
+        hangs can be believed."""
+        shown = max(float(norm.isf(self.p_value_here)), 1.0)
+        if self.again.expected > EXCESS * shown:
+            return False
         return self.again.z > 0 and both_by_product(self.p_value_here, self.again) < LEVEL_AGAIN
 
     @property

@@ -67,6 +67,8 @@ def test_the_force_of_unnamed_forms_is_found_again_where_it_is_there(
     before = replace(left, chance=np.stack([left.log_bayes + rarer, left.single + rarer], axis=1))
     assert before.beyond_chance < 0 < replace(before, again=same).beyond_chance
     assert replace(before, again=same).p_value < 5e-3 < before.p_value
+    steep = replace(same, z=6.0, expected=6.0)  # which these trials would have shown as well
+    assert not replace(before, again=steep).is_found_again and replace(before, again=steep).beyond_chance < 0
 
 
 def test_the_best_of_a_search_is_looked_for_in_the_test_trials(
