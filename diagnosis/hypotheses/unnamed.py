@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.stats import norm
@@ -133,11 +134,12 @@ class UnnamedForms:
         both = both_by_product(self.p_value_here, self.again) if self.is_found_again else 1.0
         return min(self.p_value_here, both)
 
-    @property
+    @cached_property
     def p_value_here(self) -> float:
         """Probability that chance leaves as much in these trials: of the smaller probability of the two tests."""
         both = np.vstack([self.chance, [self.log_bayes, self.single]])
-        rarest = (both[None] >= both[:, None]).sum(axis=1).min(axis=1)
+        as_large = [len(x) - np.searchsorted(np.sort(x), x) for x in both.T]
+        rarest = np.minimum(*as_large)
         return float((rarest <= rarest[-1]).mean())
 
 
